@@ -1,0 +1,71 @@
+"""What can go wrong with a campaign, named by what the operator does next."""
+
+from drivers.errors import ExplainedError
+
+
+class CampaignError(ExplainedError):
+    """Root of everything that the campaign's own work raises."""
+
+
+class NotACampaign(CampaignError):
+    """The folder holds no campaign: name another one, or make one with `pkmcal new`."""
+
+
+class ConfigInvalid(CampaignError):
+    """campaign.yaml or a robot file cannot be used as written: correct the line that is named."""
+
+
+class PlanInvalid(CampaignError):
+    """plan.csv cannot be used as written: correct the line that is named, or plan anew."""
+
+
+class ShotsInvalid(CampaignError):
+    """A file of measured shots cannot be used as written: correct the line that is named."""
+
+
+class ShotsMissing(CampaignError):
+    """The work asked for needs shots that have not been taken yet: run or import first."""
+
+
+class OutputExists(CampaignError):
+    """The file to be written is already there, and nothing is overwritten unasked."""
+
+
+class WriteFailed(CampaignError):
+    """A file could not be written (full disk, no rights). What was there before is intact."""
+
+
+class CampaignLocked(CampaignError):
+    """Another process works on the same campaign: wait for it, or stop it."""
+
+
+class JournalFailed(CampaignError):
+    """The journal cannot be written or read. Nothing moves without it."""
+
+
+class ResumeRefused(CampaignError):
+    """The campaign cannot go on as it began: another plan or device, or the robot has shifted."""
+
+
+class TargetOutOfReach(CampaignError):
+    """A pose breaks a limit of the robot or the tracker's view: change the pose or the limit."""
+
+
+class NotSettled(CampaignError):
+    """The robot did not come to rest in place in time: look at it, then at the settle limits."""
+
+
+class GateRefused(CampaignError):
+    """A shot, the drift or the temperature is too far from the expected: find out why first."""
+
+
+class IdentificationRefused(CampaignError):
+    """The shots cannot give the parameters asked for: measure more, or hold those named."""
+
+
+class LoadNotVerified(CampaignError):
+    """The controller does not hold what was written to it: load again, or roll back."""
+
+
+class VerdictBad(CampaignError):
+    """The work was done, and its result must not be used."""

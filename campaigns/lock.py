@@ -1,0 +1,71 @@
+"""One process per campaign."""
+
+import json
+import os
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from campaigns.errors import CampaignLocked, WriteFailed
+
+LOCK_FILE = "campaign.lock"
+HOLDER_FILE = "campaign.lock.holder"
+"""A file of its own: some versions of filelock empty the lock file whenever somebody tries it."""
+
+
+@contextmanager
+def campaign_lock(folder: Path, *, now_utc: Callable[[], str]) -> Iterator[None]:
+    """Hold the campaign for the time of the block; the system frees it when the process dies.
+
+    Raises `CampaignLocked`, naming the holder, when another process (or another block of this one)
+    has it, and `WriteFailed` when the folder cannot be written.
+    """
+    lock = FileLock(folder / LOCK_FILE, timeout=0)
+    try:
+        lock.acquire()
+    except Timeout as held:
+        raise CampaignLocked(
+            f"{folder}: another process works on this campaign: {_holder(folder)}",
+            remedy="wait until it has finished, or stop it",
+        ) from held
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    try:
+        with _named_holder(folder, now_utc()):
+            yield
+    finally:
+        lock.release()
+
+
+@contextmanager
+def _named_holder(folder: Path, since_utc: str) -> Iterator[None]:
+    """Leave word for others who holds the lock."""
+    note = folder / HOLDER_FILE
+    words = {"pid": os.getpid(), "host": socket.gethostname(), "since_utc": since_utc}
+    try:
+        note.write_text(json.dumps(words), encoding="utf-8")
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    try:
+        yield
+    finally:
+        note.unlink(missing_ok=True)
+
+
+def _holder(folder: Path) -> str:
+    """Who holds the lock, as far as can be told; the note may be missing for a moment."""
+    try:
+        words = json.loads((folder / HOLDER_FILE).read_text(encoding="utf-8"))
+        return f"process {words['pid']} on {words['host']}, since {words['since_utc']}"
+    except (OSError, ValueError, KeyError, TypeError):
+        return "holder unknown"
+
+
+def _unwritable(folder: Path, error: OSError) -> WriteFailed:
+    return WriteFailed(
+        f"{folder}: cannot be locked for this process: {error.strerror or error}",
+        remedy="check that the folder exists, the right to write it, and the space on the disk",
+    )

@@ -1,0 +1,1 @@
+"""Pure mathematics: arrays in, arrays out. No files, no clock, no devices."""

@@ -1,0 +1,153 @@
+"""Par4's contracted model (paper eqs. 1-13 with the errata of docs/model.md): closure, inverse, forward, Jacobians.
+
+Arrays are batched: joints (N, 4) in rad as the encoders read them; poses (N, 4) as X, Y, Z in mm and θ in rad.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from campaigns.numerics.geometry import COUNT, Array, Geometry
+
+PLATE_LEVER_MM = 100.0
+"""Turns θ's column into a length before anything looks at singular values."""
+
+
+class Assembly(IntEnum):
+    """Outcome of a kinematic solution."""
+
+    FOUND = 0
+    NONE = 1
+    """The mechanism cannot be assembled there."""
+
+
+class NoAssembly(ValueError):  # noqa: N818 - named by what it says
+    """A pose or a set of joints at which the mechanism cannot be assembled."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """Values (N, 4) with the outcome of each row; rows without an assembly hold NaN and cannot be taken unseen."""
+
+    values: Array
+    outcome: NDArray[np.uint8]
+
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        """Which rows hold an answer, (N,)."""
+        return self.outcome == Assembly.FOUND
+
+    def require(self) -> Array:
+        """All values; raises `NoAssembly` naming the first row that has none."""
+        if not np.all(self.found):
+            row = int(np.argmin(self.found))
+            raise NoAssembly(f"no assembly for row {row} of {len(self.outcome)}")
+        return self.values
+
+
+def arm_directions(geometry: Geometry) -> Array:
+    """u_i, the arm's direction at zero joint angle, (4, 3) (eq. 5)."""
+    cos, sin = np.cos(geometry.azimuth_rad), np.sin(geometry.azimuth_rad)
+    return np.column_stack([cos, sin, np.zeros_like(cos)])
+
+
+def motor_axes(geometry: Geometry) -> Array:
+    """v_i, the motor's axis, (4, 3) (eq. 6)."""
+    cos, sin = np.cos(geometry.azimuth_rad), np.sin(geometry.azimuth_rad)
+    return np.column_stack([-sin, cos, np.zeros_like(cos)])
+
+
+def elbows_mm(geometry: Geometry, joints_rad: Array) -> Array:
+    """A_i in the base frame, (N, 4, 3) (eq. 8); a positive angle lowers the elbow."""
+    angle = joints_rad + geometry.joint_offset_rad
+    reach = geometry.arm_mm * np.cos(angle)
+    elbows = geometry.motor_mm + reach[..., None] * arm_directions(geometry)
+    elbows[..., 2] -= geometry.arm_mm * np.sin(angle)
+    return elbows
+
+
+def plate_joints_mm(geometry: Geometry, poses: Array) -> Array:
+    """B'_i in the base frame, (N, 4, 3) (eq. 9)."""
+    joints = np.repeat(poses[..., None, :3], 4, axis=-2)
+    joints[..., 2:, 0] -= geometry.plate_mm * np.sin(poses[..., 3, None])
+    joints[..., 2:, 1] += geometry.plate_mm * np.cos(poses[..., 3, None])
+    return joints
+
+
+def forearms_mm(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
+    """A_iB'_i, (N, 4, 3)."""
+    return plate_joints_mm(geometry, poses) - elbows_mm(geometry, joints_rad)
+
+
+def closure_mm2(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
+    """|A_iB'_i|² - L_i², (N, 4); zero for an assembled mechanism (eq. 3 with the forearm's length)."""
+    forearms = forearms_mm(geometry, joints_rad, poses)
+    return np.asarray(np.einsum("...k,...k->...", forearms, forearms) - geometry.forearm_mm**2)
+
+
+def inverse(geometry: Geometry, poses: Array) -> Solution:
+    """Encoder angles of poses, on the branch with the elbow outward (eqs. 10-14 as corrected)."""
+    motor_to_plate = plate_joints_mm(geometry, poses) - geometry.motor_mm
+    along = np.einsum("...ik,ik->...i", motor_to_plate, arm_directions(geometry))
+    down = motor_to_plate[..., 2]
+    sine = 2.0 * geometry.arm_mm * down
+    cosine = -2.0 * geometry.arm_mm * along
+    constant = (
+        np.einsum("...k,...k->...", motor_to_plate, motor_to_plate)
+        + geometry.arm_mm**2
+        - geometry.forearm_mm**2
+    )
+    discriminant = sine**2 + cosine**2 - constant**2
+    found = np.all(discriminant >= 0.0, axis=-1)
+    root = np.sqrt(np.where(discriminant >= 0.0, discriminant, np.nan))
+    # the same root as eq. 14's half-angle form, without its 0/0 where both of its arguments vanish
+    angle = np.arctan2(sine, cosine) + np.arctan2(root, -constant) - geometry.joint_offset_rad
+    joints = np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi
+    joints[~found] = np.nan
+    return Solution(joints, np.where(found, Assembly.FOUND, Assembly.NONE).astype(np.uint8))
+
+
+def pose_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
+    """∂F/∂(X, Y, Z, θ) of the closures, (N, 4, 4), in mm (θ's column mm² per rad)."""
+    forearms = forearms_mm(geometry, joints_rad, poses)
+    jacobian = np.zeros((*poses.shape[:-1], 4, 4))
+    jacobian[..., :3] = 2.0 * forearms
+    turn = -geometry.plate_mm * np.stack([np.cos(poses[..., 3]), np.sin(poses[..., 3])], axis=-1)
+    jacobian[..., 2:, 3] = 2.0 * np.einsum("...ik,...k->...i", forearms[..., 2:, :2], turn)
+    return jacobian
+
+
+def closure_parameter_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
+    """∂F_i of arm i with respect to its own seven parameters and to the plate's length, (N, 4, 8)."""
+    forearms = forearms_mm(geometry, joints_rad, poses)
+    u, v = arm_directions(geometry), motor_axes(geometry)
+    angle = joints_rad + geometry.joint_offset_rad
+    cos, sin = np.cos(angle), np.sin(angle)
+    along = np.einsum("...ik,ik->...i", forearms, u)
+    across = np.einsum("...ik,ik->...i", forearms, v)
+    up = forearms[..., 2]
+    jacobian = np.zeros((*poses.shape[:-1], 4, 8))
+    jacobian[..., :3] = -2.0 * forearms
+    jacobian[..., 3] = -2.0 * geometry.arm_mm * cos * across
+    jacobian[..., 4] = 2.0 * geometry.arm_mm * (sin * along + cos * up)
+    jacobian[..., 5] = -2.0 * (cos * along - sin * up)
+    jacobian[..., 6] = -2.0 * geometry.forearm_mm
+    away = np.stack([-np.sin(poses[..., 3]), np.cos(poses[..., 3])], axis=-1)
+    jacobian[..., 2:, 7] = 2.0 * np.einsum("...ik,...k->...i", forearms[..., 2:, :2], away)
+    return jacobian
+
+
+def parameter_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
+    """d(X, Y, Z, θ)/dK at fixed joints, (N, 4, 29), by the implicit function theorem on the closures.
+
+    Raises `numpy.linalg.LinAlgError` at a singular pose.
+    """
+    compliance = np.linalg.inv(pose_jacobian(geometry, joints_rad, poses))
+    own = closure_parameter_jacobian(geometry, joints_rad, poses)
+    jacobian = np.empty((*poses.shape[:-1], 4, COUNT))
+    by_arm = -compliance[..., None] * own[..., None, :, :7]
+    jacobian[..., :-1] = by_arm.reshape(*poses.shape[:-1], 4, COUNT - 1)
+    jacobian[..., -1] = -np.einsum("...pi,...i->...p", compliance, own[..., 7])
+    return jacobian

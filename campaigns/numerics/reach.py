@@ -1,0 +1,140 @@
+"""Which poses a robot can take, and every reason why not."""
+
+from dataclasses import dataclass
+from enum import IntFlag
+
+import numpy as np
+from numpy.typing import NDArray
+
+from campaigns.numerics.geometry import Array, Geometry
+from campaigns.numerics.par4 import (
+    PLATE_LEVER_MM,
+    arm_directions,
+    forearms_mm,
+    inverse,
+    motor_axes,
+    pose_jacobian,
+)
+
+SINGULARITY_MARGIN = 0.2
+"""Least singular value of the closures' unit rows, θ's column divided by 100 mm."""
+ELBOW_MARGIN = 0.05
+"""Least sine of the angle between arm and forearm in the arm's plane: below, the elbow is stretched."""
+
+
+class Reason(IntFlag):
+    """Why a pose cannot be taken; several may hold at once."""
+
+    NONE = 0
+    OUT_OF_REACH = 1
+    JOINT_LIMIT = 2
+    THETA_LIMIT = 4
+    SWING_LIMIT = 8
+    SINGULAR = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a robot may do."""
+
+    joint_rad: tuple[float, float]
+    theta_rad: tuple[float, float]
+    forearm_swing_rad: float
+    singularity_margin: float = SINGULARITY_MARGIN
+    elbow_margin: float = ELBOW_MARGIN
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reach:
+    """The measures that decide, and the decision. Rows out of reach hold NaN in every measure."""
+
+    joints_rad: Array
+    """(N, 4)"""
+    swing_rad: Array
+    """Each forearm's angle out of its arm's plane, (N, 4)."""
+    singular_value: Array
+    """(N,)"""
+    elbow_sine: Array
+    """Of the elbow nearest to being stretched, (N,)."""
+    reasons: NDArray[np.uint8]
+    """`Reason` flags, (N,); zero when the pose can be taken."""
+
+    @property
+    def feasible(self) -> NDArray[np.bool_]:
+        """Which poses can be taken, (N,)."""
+        return self.reasons == Reason.NONE
+
+
+def reach(geometry: Geometry, limits: Limits, poses: Array) -> Reach:
+    """Judge poses (N, 4) by reach, joint limits, θ, forearm swing and distance from singularity."""
+    solution = inverse(geometry, poses)
+    joints = solution.values
+    forearms = forearms_mm(geometry, joints, poses)
+    swing = np.arcsin(
+        np.clip(np.einsum("nik,ik->ni", forearms, motor_axes(geometry)) / geometry.forearm_mm, -1.0, 1.0)
+    )
+    singular = np.full(len(poses), np.nan)
+    found = solution.found
+    singular[found] = least_singular_value(geometry, joints[found], poses[found])
+    elbow = _elbow_sine(geometry, joints, forearms)
+    with np.errstate(invalid="ignore"):
+        reasons = (
+            ~found * int(Reason.OUT_OF_REACH)
+            + np.any((joints < limits.joint_rad[0]) | (joints > limits.joint_rad[1]), axis=1)
+            * int(Reason.JOINT_LIMIT)
+            + ((poses[:, 3] < limits.theta_rad[0]) | (poses[:, 3] > limits.theta_rad[1]))
+            * int(Reason.THETA_LIMIT)
+            + np.any(np.abs(swing) > limits.forearm_swing_rad, axis=1) * int(Reason.SWING_LIMIT)
+            + ((singular < limits.singularity_margin) | (elbow < limits.elbow_margin))
+            * int(Reason.SINGULAR)
+        )
+    return Reach(joints, swing, singular, elbow, reasons.astype(np.uint8))
+
+
+def least_singular_value(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
+    """Of the closures' Jacobian with rows of unit length and θ's column divided by 100 mm, (N,)."""
+    jacobian = pose_jacobian(geometry, joints_rad, poses)
+    jacobian[..., 3] /= PLATE_LEVER_MM
+    jacobian /= np.linalg.norm(jacobian, axis=-1, keepdims=True)
+    return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[..., -1])
+
+
+def _elbow_sine(geometry: Geometry, joints_rad: Array, forearms: Array) -> Array:
+    """|∂F/∂q| / 2lL of the arm where it is least, (N,)."""
+    angle = joints_rad + geometry.joint_offset_rad
+    along = np.einsum("nik,ik->ni", forearms, arm_directions(geometry))
+    lever = np.sin(angle) * along + np.cos(angle) * forearms[..., 2]
+    return np.asarray(np.abs(lever / geometry.forearm_mm).min(axis=1))
+
+
+def explain(limits: Limits, judged: Reach, row: int, theta_rad: float) -> list[str]:
+    """Every reason against one pose, each with its value and limit, in degrees."""
+    reasons = Reason(int(judged.reasons[row]))
+    if Reason.OUT_OF_REACH in reasons:
+        return ["out of reach: a forearm cannot span the distance between its elbow's circle and the plate"]
+    found = []
+    if Reason.JOINT_LIMIT in reasons:
+        found += [
+            f"joint {i} at {np.degrees(q):.3f}° outside {_span(limits.joint_rad)}"
+            for i, q in enumerate(judged.joints_rad[row])
+            if not limits.joint_rad[0] <= q <= limits.joint_rad[1]
+        ]
+    if Reason.THETA_LIMIT in reasons:
+        found.append(f"theta {np.degrees(theta_rad):.3f}° outside {_span(limits.theta_rad)}")
+    if Reason.SWING_LIMIT in reasons:
+        found += [
+            f"forearm {i} swings {np.degrees(s):.2f}° out of its arm's plane, limit "
+            f"{np.degrees(limits.forearm_swing_rad):g}°"
+            for i, s in enumerate(judged.swing_rad[row])
+            if abs(s) > limits.forearm_swing_rad
+        ]
+    if Reason.SINGULAR in reasons:
+        found.append(
+            f"too near a singularity: margin {judged.singular_value[row]:.3f} (limit "
+            f"{limits.singularity_margin:g}), elbow {judged.elbow_sine[row]:.3f} (limit {limits.elbow_margin:g})"
+        )
+    return found
+
+
+def _span(interval_rad: tuple[float, float]) -> str:
+    return f"[{np.degrees(interval_rad[0]):g}°, {np.degrees(interval_rad[1]):g}°]"

@@ -1,0 +1,95 @@
+"""What a fit knows and what it cannot know: rank, condition, covariance, unobservable combinations."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from campaigns.numerics.geometry import Array
+
+RANK_TOLERANCE = 1e-8
+"""A singular value of the scaled Jacobian below this part of the largest counts as zero."""
+SHARE_NAMED = 0.1
+"""Parameters with at least this share in an unobservable combination are named in it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observability:
+    """Singular values of the Jacobian with columns of unit length, and the directions without information."""
+
+    singular_values: Array
+    rank: int
+    null_directions: Array
+    """Rows in scaled parameters, (P - rank, P)."""
+
+    @property
+    def condition(self) -> float:
+        """Largest over smallest singular value; infinite when the rank is lost."""
+        full = self.rank == len(self.singular_values)
+        return float(self.singular_values[0] / self.singular_values[-1]) if full else float("inf")
+
+
+def observability(jacobian: Array) -> Observability:
+    """Rank and null space of a Jacobian (M, P) after column scaling."""
+    norms = np.linalg.norm(jacobian, axis=0)
+    scaled = jacobian / np.where(norms > 0.0, norms, 1.0)
+    _, values, directions = np.linalg.svd(scaled, full_matrices=len(jacobian) < jacobian.shape[1])
+    values = np.concatenate([values, np.zeros(jacobian.shape[1] - len(values))])
+    rank = int(np.sum(values > RANK_TOLERANCE * values[0]))
+    return Observability(values, rank, directions[rank:])
+
+
+def unobservable_combinations(seen: Observability, names: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """The parameters that move together without any effect on the data, one tuple a lost direction.
+
+    The null space has no preferred basis: rows are reduced so that each names as few as possible.
+    """
+    combinations = []
+    for row in _sparse_rows(seen.null_directions[:, : len(names)]):
+        share = np.abs(row) / np.abs(row).max()
+        combinations.append(tuple(n for n, s in zip(names, share, strict=True) if s >= SHARE_NAMED))
+    return combinations
+
+
+def _sparse_rows(rows: Array) -> Array:
+    """Gauss-Jordan with full pivoting: the same span, with many zeros."""
+    reduced = rows.copy()
+    free = np.ones(reduced.shape[1], dtype=bool)
+    for row in range(len(reduced)):
+        column = int(np.argmax(np.where(free, np.abs(reduced[row]), -1.0)))
+        free[column] = False
+        reduced[row] /= reduced[row, column]
+        others = np.arange(len(reduced)) != row
+        reduced[others] -= np.outer(reduced[others, column], reduced[row])
+    return reduced
+
+
+def covariance(jacobian: Array) -> Array:
+    """(JᵀJ)⁻¹ by QR, for residuals of unit variance, (P, P). Raises `LinAlgError` when the rank is lost."""
+    norms = np.linalg.norm(jacobian, axis=0)
+    triangle = np.linalg.qr(jacobian / norms, mode="r")
+    root = np.linalg.inv(triangle) / norms[:, None]
+    return np.asarray(root @ root.T)
+
+
+def correlations(covariance_matrix: Array) -> Array:
+    """(P, P), ones on the diagonal."""
+    std = np.sqrt(np.diag(covariance_matrix))
+    return np.asarray(covariance_matrix / np.outer(std, std))
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """How large a set of errors is, in mm."""
+
+    mean_abs: float
+    rms: float
+    max_abs: float
+
+
+def spread(errors_mm: NDArray[np.float64]) -> Spread:
+    """Raises `ValueError` for no errors at all."""
+    if errors_mm.size == 0:
+        raise ValueError("no errors to summarise")
+    size = np.abs(errors_mm)
+    return Spread(float(size.mean()), float(np.sqrt(np.mean(size**2))), float(size.max()))

@@ -1,0 +1,153 @@
+"""What the journal holds: one frozen value per kind of record. Units: mm, mm², rad, s, °C."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from pydantic import JsonValue
+
+from drivers.values import Identity, Matrix3, Pose, Vector3, Weather
+
+Stage = Literal["run", "before", "after", "import"]
+Command = Literal["joints", "pose"]
+Ending = Literal["finished", "interrupted", "aborted"]
+EventKind = Literal[
+    "beam broken",
+    "suspended",
+    "resumed",
+    "reconnected",
+    "drift check",
+    "temperature alarm",
+    "operator note",
+]
+FindingKind = Literal["identification", "validation", "load"]
+
+
+@dataclass(frozen=True, slots=True)
+class SeriesStarted:
+    """One execution of one plan for one stage begins. An import has neither device nor weather."""
+
+    stage: Stage
+    plan_digest: str
+    configuration: Mapping[str, JsonValue]
+    software_version: str
+    robot_file_digest: str
+    robot: Identity | None
+    tracker: Identity | None
+    weather: Weather | None
+
+
+@dataclass(frozen=True, slots=True)
+class SeriesFinished:
+    """Every shot of the series' plan has an accepted outcome."""
+
+
+@dataclass(frozen=True, slots=True)
+class SessionStarted:
+    """A process takes up a series, for the first time or after a stop or a crash."""
+
+    software_version: str
+    robot: Identity | None
+    tracker: Identity | None
+    weather: Weather | None
+
+
+@dataclass(frozen=True, slots=True)
+class SessionStopped:
+    """A process leaves its series in order. Its absence is the mark of a crash."""
+
+    how: Ending
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Intent:
+    """What is about to be done; written before anything moves. `purpose` is the shot's set."""
+
+    shot: int
+    attempt: int
+    purpose: str
+    target: Pose
+    target_joints_rad: tuple[float, ...]
+    command: Command
+
+
+@dataclass(frozen=True, slots=True)
+class Durations:
+    """Where a shot's time went."""
+
+    move_s: float
+    settle_s: float
+    measure_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """An accepted shot: the joints as read, the point as measured, both raw answers beside them."""
+
+    shot: int
+    attempt: int
+    joints_rad: tuple[float, ...]
+    point_in_tracker_mm: Vector3
+    covariance_mm2: Matrix3 | None
+    weather: Weather | None
+    raw_robot: str
+    raw_tracker: str
+    durations: Durations | None
+    predicted_in_tracker_mm: Vector3 | None = None
+    residual_mm: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """A shot that does not count, and what had been measured when it got that far."""
+
+    shot: int
+    attempt: int
+    reason: str
+    measured: Outcome | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse the data of another shot."""
+        numbers = (self.shot, self.attempt)
+        if self.measured and (self.measured.shot, self.measured.attempt) != numbers:
+            raise ValueError(f"shot and attempt {numbers} are rejected with another shot's data")
+
+
+@dataclass(frozen=True, slots=True)
+class PairVoided:
+    """The outcomes that these shots have so far no longer count; the pair is measured anew."""
+
+    pair: int
+    shots: tuple[int, ...]
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened, for the reader of the report."""
+
+    kind: EventKind
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A result or decision, with the digests of what it rests on."""
+
+    kind: FindingKind
+    body: Mapping[str, JsonValue]
+
+
+Record = (
+    SeriesStarted
+    | SeriesFinished
+    | SessionStarted
+    | SessionStopped
+    | Intent
+    | Outcome
+    | Rejected
+    | PairVoided
+    | Event
+    | Finding
+)

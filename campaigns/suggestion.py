@@ -1,0 +1,34 @@
+"""What somebody meant who wrote an unknown word."""
+
+from collections.abc import Collection
+from difflib import get_close_matches
+
+UNITS = frozenset(
+    {"um", "mm", "cm", "m", "in", "inch", "mm2", "m2", "deg", "rad", "mrad", "ms", "s", "min"}
+    | {"degC", "degF", "K", "percent"}
+)
+
+
+def suggestion(word: str, known: Collection[str]) -> str:
+    """Say what to write instead: the same quantity in its unit, the nearest word, or the choice."""
+    for name in known:
+        unit = name.rpartition("_")[2]
+        if unit in UNITS and name != word and _quantity(name) == _quantity(word):
+            return f"write {name}, with the value in {unit}"
+    nearest = nearest_word(word, known)
+    if nearest:
+        return f"did you mean {nearest}?"
+    return f"known here: {', '.join(known)}"
+
+
+def nearest_word(word: str, known: Collection[str]) -> str | None:
+    """Find the known word that looks most like it, whatever the case; None when none does."""
+    by_lower = {name.lower(): name for name in known}
+    matches = get_close_matches(word.lower(), by_lower, n=1)
+    return by_lower[matches[0]] if matches else None
+
+
+def _quantity(name: str) -> str:
+    """`forearm` of `forearm_mm`, of `forearm_m` and of `forearm`."""
+    stem, _, unit = name.rpartition("_")
+    return (stem if stem and unit in UNITS else name).lower()

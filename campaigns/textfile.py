@@ -1,0 +1,91 @@
+"""Whole text files: read as UTF-8, written so that a full disk or a crash leaves the old one."""
+
+import contextlib
+import errno
+import os
+from pathlib import Path
+
+from campaigns.errors import CampaignError, OutputExists, WriteFailed
+
+
+def read_text(path: Path, invalid: type[CampaignError], *, if_missing: str) -> str:
+    """Read a file; raises `invalid`, with the remedy `if_missing` when there is no such file."""
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise invalid(f"{path}: there is no such file", remedy=if_missing) from error
+    except OSError as error:
+        raise invalid(
+            f"{path}: cannot be read ({_reason(error)})",
+            remedy="check that it is a file and that this user may read it",
+        ) from error
+    return decoded(data, str(path), invalid)
+
+
+def decoded(data: bytes, name: str, invalid: type[CampaignError]) -> str:
+    """Decode UTF-8, byte-order mark or not; raises `invalid` naming the first wrong byte's line."""
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise invalid(
+            f"{name}:{line}: byte 0x{data[error.start]:02x} is not UTF-8 text",
+            remedy="save the file as plain text in UTF-8",
+        ) from error
+
+
+def write_new_text(path: Path, text: str) -> None:
+    """Write a file that must not exist yet; raises `OutputExists` or `WriteFailed`.
+
+    Looked at first, not reserved: the campaign's lock keeps a second writer away.
+    """
+    if os.path.lexists(path):
+        raise OutputExists(
+            f"{path} already exists", remedy="name another file, or move this one away"
+        )
+    replace_text(path, text)
+
+
+def replace_text(path: Path, text: str) -> None:
+    """Write a file whole or not at all, over an older one if there is one; raises `WriteFailed`."""
+    target = path.resolve()  # through a link, to the file that it stands for
+    fresh = target.with_name(f".{target.name}.{os.getpid()}.new")
+    try:
+        _write_to_disk(fresh, text)
+        fresh.replace(target)
+        _sync_folder(target.parent)
+    except OSError as error:
+        raise WriteFailed(
+            f"{path}: cannot be written ({_reason(error)})", remedy=_write_remedy(error)
+        ) from error
+    finally:
+        with contextlib.suppress(OSError):  # after success there is none
+            fresh.unlink()
+
+
+def _write_to_disk(path: Path, text: str) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make the new name last through a power cut, where the system knows how."""
+    if os.name != "posix":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _write_remedy(error: OSError) -> str:
+    if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}:
+        return "free space on the disk, then try again"
+    return "check that the folder exists and that this user may write there"
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()

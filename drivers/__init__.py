@@ -1,0 +1,1 @@
+"""The instruments: wire grammar, transports, links, robot controllers and laser trackers."""

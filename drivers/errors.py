@@ -1,0 +1,72 @@
+"""What can go wrong with a device, named by what the operator does next."""
+
+
+class ExplainedError(Exception):
+    """An error that an operator can act on: what is wrong, and what to do next, in one line."""
+
+    def __init__(self, problem: str, *, remedy: str) -> None:
+        super().__init__(problem, remedy)
+        self.problem = problem
+        self.remedy = remedy
+
+    def __str__(self) -> str:
+        return f"{self.problem} → {self.remedy}"
+
+
+class DriverError(ExplainedError):
+    """Root of everything that a driver raises."""
+
+
+class WireError(DriverError):
+    """Bytes that are not of the protocol; the only error that garbage from a wire may raise."""
+
+    def __init__(self, problem: str, *, remedy: str = "check the cable and the device's protocol") -> None:
+        super().__init__(problem, remedy=remedy)
+
+
+class AddressInvalid(DriverError):
+    """A device's URL cannot be read or opened as it is written."""
+
+
+class LinkDown(DriverError):
+    """No connection, or no answer in time. The link is closed: a late answer is never read."""
+
+
+class Cancelled(DriverError):
+    """The operator asked to stop while a device was being waited for. The link is closed."""
+
+
+class WrongDevice(DriverError):
+    """Somebody answers, but not the device that was expected."""
+
+
+class DeviceRefused(DriverError):
+    """The device understood and said no. `code` is the device's own word for it."""
+
+    def __init__(self, problem: str, *, remedy: str, code: str = "") -> None:
+        super().__init__(problem, remedy=remedy)
+        self.code = code
+
+
+class DeviceNotReady(DeviceRefused):
+    """The device cannot work yet: not initialised, not warm, no such reflector, busy."""
+
+
+class BeamBroken(DeviceRefused):
+    """The tracker has lost its reflector."""
+
+
+class LimitViolation(DeviceRefused):
+    """The controller refuses a target outside its limits or its reach."""
+
+
+class MotionFault(DeviceRefused):
+    """The controller stopped by itself: drive fault, following error, disabled."""
+
+
+class EmergencyStop(MotionFault):
+    """The emergency stop is pressed."""
+
+
+class RobotStateUnknown(DriverError):
+    """A stop could not be confirmed. The loudest error there is."""

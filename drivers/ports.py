@@ -1,0 +1,106 @@
+"""What the work may ask of a device. Whoever drives a new controller or tracker provides one of these."""
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+from drivers.values import (
+    Identity,
+    Measurement,
+    Pose,
+    Reflector,
+    RobotState,
+    TrackerState,
+    Vector3,
+    Weather,
+)
+
+
+class Clock(Protocol):
+    """Time as the cell feels it: the wall clock, or a simulated cell's faster one."""
+
+    def now_s(self) -> float:
+        """Seconds since an arbitrary start; never goes back."""
+        ...
+
+    def sleep_s(self, seconds: float) -> None:
+        """Return after that much of this clock's time."""
+        ...
+
+
+class RobotController(Protocol):
+    """A robot's controller. Every call has a deadline; motions are started here and watched by `state`."""
+
+    def identity(self) -> Identity:
+        """Who answers, with serial number and firmware."""
+        ...
+
+    def state(self) -> RobotState:
+        """Encoder angles as read now, and whether anything is wrong."""
+        ...
+
+    def move_joints(self, joints_rad: Sequence[float], speed_fraction: float) -> None:
+        """Start a joint move; raises `LimitViolation`, `MotionFault` or `EmergencyStop` when refused."""
+        ...
+
+    def move_pose(self, pose: Pose, speed_fraction: float) -> None:
+        """Start a move to a pose by the controller's own inverse kinematics."""
+        ...
+
+    def stop(self) -> None:
+        """Stop at once. Returns only when the controller has confirmed it."""
+        ...
+
+    def read_geometry(self) -> Mapping[str, float]:
+        """The controller's active parameters by their flat names (`arm0.x_mm`, …, `plate_mm`), mm and deg."""
+        ...
+
+    def write_geometry(self, geometry: Mapping[str, float]) -> None:
+        """Replace all parameters at once, or none; the robot stands still meanwhile."""
+        ...
+
+    def close(self) -> None:
+        """Leave the robot standing and the wire free."""
+        ...
+
+
+class LaserTracker(Protocol):
+    """A laser tracker. Points are Cartesian, right-handed, in the tracker's own frame."""
+
+    def identity(self) -> Identity:
+        """Who answers, with serial number and firmware."""
+        ...
+
+    def state(self) -> TrackerState:
+        """Traffic light, warm-up, beam, reflector in use."""
+        ...
+
+    def weather(self) -> Weather:
+        """Air temperature, pressure and humidity as the instrument uses them."""
+        ...
+
+    def reflectors(self) -> tuple[Reflector, ...]:
+        """The reflectors that the instrument has definitions for."""
+        ...
+
+    def prepare(self, reflector: str, measuring_time_s: float) -> None:
+        """Bring the instrument into the state that measuring needs; repeatable after any fault.
+
+        Raises `DeviceNotReady` when it is not initialised, not warm or lacks the named reflector.
+        """
+        ...
+
+    def measure(self) -> Measurement:
+        """One stationary measurement of the reflector; raises `BeamBroken` when it is lost."""
+        ...
+
+    def go_to(self, point_in_tracker_mm: Vector3) -> None:
+        """Point there and lock onto the reflector found near; raises `BeamBroken` when there is none."""
+        ...
+
+    def find_reflector(self, distance_mm: float) -> None:
+        """Search around the present direction at about that distance."""
+        ...
+
+    def close(self) -> None:
+        """Leave the instrument as it is and the wire free."""
+        ...

@@ -1,0 +1,172 @@
+"""Byte pipes to a device: TCP and serial, opened from a URL, every call with a time limit."""
+
+import re
+import socket
+from dataclasses import dataclass
+from typing import Protocol
+from urllib.parse import SplitResult, parse_qs, urlsplit
+
+from drivers.errors import AddressInvalid, LinkDown
+
+CHUNK_BYTES = 65536
+DEFAULT_BAUD = 115200
+URL_FORMS = "use tcp://HOST:PORT or serial:///dev/ttyUSB0?baud=115200"
+SHORTEST_SEND_S = 1e-3
+"""A time limit of zero would mean a pipe that never waits, not an impatient one."""
+
+_BAUD = re.compile(r"[1-9][0-9]{0,7}")
+
+
+class Transport(Protocol):
+    """A pipe of bytes. A closed or broken pipe raises `LinkDown`, on every call."""
+
+    @property
+    def name(self) -> str:
+        """Where it leads, for messages."""
+        ...
+
+    def send(self, data: bytes, timeout_s: float) -> None:
+        """Send all of it."""
+        ...
+
+    def receive(self, timeout_s: float) -> bytes:
+        """Return what has arrived, at most `CHUNK_BYTES`; empty when nothing came in time."""
+        ...
+
+    def close(self) -> None:
+        """Close; a second time does nothing."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class TcpAddress:
+    """A socket."""
+
+    host: str
+    port: int
+
+
+@dataclass(frozen=True, slots=True)
+class SerialAddress:
+    """A serial line, 8N1."""
+
+    device: str
+    baud: int
+
+
+def parse_address(url: str) -> TcpAddress | SerialAddress:
+    """Read a device's URL; raises `AddressInvalid`."""
+    try:
+        parts = urlsplit(url)
+        if parts.scheme == "tcp":
+            return _tcp_address(parts)
+        if parts.scheme == "serial":
+            return _serial_address(parts)
+    except ValueError as error:
+        raise AddressInvalid(f"device URL '{url}': {error}", remedy=URL_FORMS) from error
+    raise AddressInvalid(f"device URL '{url}' is neither TCP nor serial", remedy=URL_FORMS)
+
+
+def _tcp_address(parts: SplitResult) -> TcpAddress:
+    if not parts.hostname or not parts.port:
+        raise ValueError("host or port is missing")
+    if parts.path not in {"", "/"} or parts.query or parts.fragment or "@" in parts.netloc:
+        raise ValueError("there is more than a host and a port")
+    try:
+        parts.hostname.encode("idna")
+    except UnicodeError as error:
+        raise ValueError(f"'{parts.hostname}' cannot be a host's name") from error
+    return TcpAddress(parts.hostname, parts.port)
+
+
+def _serial_address(parts: SplitResult) -> SerialAddress:
+    if parts.netloc or parts.path in {"", "/"}:
+        raise ValueError("the device's path needs three slashes before it")
+    options = parse_qs(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
+    if unknown := options.keys() - {"baud"}:
+        raise ValueError(f"option '{min(unknown)}' is not known")
+    baud = options.get("baud", [str(DEFAULT_BAUD)])[-1]
+    if not _BAUD.fullmatch(baud):
+        raise ValueError(f"baud is '{baud}', not a number like 115200")
+    return SerialAddress(_serial_device(parts.path), int(baud))
+
+
+def _serial_device(path: str) -> str:
+    """`/dev/ttyUSB0` as it is; `/COM3` is a Windows port without its slash."""
+    return path if path.count("/") > 1 else path.removeprefix("/")
+
+
+def open_transport(url: str, *, timeout_s: float) -> Transport:
+    """Connect to a device; raises `AddressInvalid` or `LinkDown`."""
+    address = parse_address(url)
+    if isinstance(address, TcpAddress):
+        return TcpTransport.connect(address, timeout_s=timeout_s)
+    from drivers.serial_transport import SerialTransport  # pyserial is loaded where it is used
+
+    return SerialTransport.open(address)
+
+
+class TcpTransport:
+    """A TCP connection."""
+
+    def __init__(self, connected: socket.socket, name: str) -> None:
+        self._socket = connected
+        self._name = name
+
+    @classmethod
+    def connect(cls, address: TcpAddress, *, timeout_s: float) -> "TcpTransport":
+        """Connect, or raise `LinkDown` within the time limit."""
+        name = f"tcp://{address.host}:{address.port}"
+        try:
+            connected = socket.create_connection((address.host, address.port), timeout=timeout_s)
+        except OSError as error:
+            raise LinkDown(
+                f"{name}: nobody answers ({_reason(error)})",
+                remedy="check that the device is on, its cable, its address and port",
+            ) from error
+        # A question is one small packet: it must not wait for a second one to fill it up.
+        connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return cls(connected, name)
+
+    @property
+    def name(self) -> str:
+        """Where it leads."""
+        return self._name
+
+    def send(self, data: bytes, timeout_s: float) -> None:
+        """Send all of it."""
+        try:
+            self._socket.settimeout(max(timeout_s, SHORTEST_SEND_S))
+            self._socket.sendall(data)
+        except OSError as error:
+            raise self._down(error) from error
+
+    def receive(self, timeout_s: float) -> bytes:
+        """Return what has arrived; empty when nothing came in time."""
+        try:
+            self._socket.settimeout(max(timeout_s, 0.0))
+            data = self._socket.recv(CHUNK_BYTES)
+        except (BlockingIOError, TimeoutError):
+            return b""
+        except OSError as error:
+            raise self._down(error) from error
+        if not data:
+            raise LinkDown(
+                f"{self._name}: the device closed the connection",
+                remedy="check the device, then try again",
+            )
+        return data
+
+    def close(self) -> None:
+        """Close; a second time does nothing."""
+        self._socket.close()
+
+    def _down(self, error: OSError) -> LinkDown:
+        return LinkDown(
+            f"{self._name}: the connection broke ({_reason(error)})",
+            remedy="check the cable and the device, then try again",
+        )
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error) or type(error).__name__).lower()

@@ -1,0 +1,300 @@
+"""Numbers of the emScon interface that the driver and its simulated server use."""
+
+from enum import IntEnum, IntFlag
+
+
+class DataType(IntEnum):
+    """The type field of a packet."""
+
+    COMMAND = 0
+    ERROR = 1
+    SINGLE_RESULT = 2
+    MULTI_RESULT = 3
+    STATIONARY_PROBE_RESULT = 4
+    CONTINUOUS_PROBE_RESULT = 5
+    NIVEL_RESULT = 6
+    REFLECTOR_POSITION = 7
+    STATUS_CHANGE = 8
+    SINGLE_RESULT_2 = 9
+    MULTI_RESULT_2 = 10
+    PROBE_POSITION = 11
+
+
+class Command(IntEnum):
+    """The commands that this grammar knows."""
+
+    GET_SYSTEM_STATUS = 1
+    GET_TRACKER_STATUS = 2
+    SET_UNITS = 5
+    GET_UNITS = 6
+    INITIALIZE = 7
+    SET_ENVIRONMENT_PARAMS = 20
+    GET_ENVIRONMENT_PARAMS = 21
+    SET_MEASUREMENT_MODE = 24
+    GET_MEASUREMENT_MODE = 25
+    SET_COORDINATE_SYSTEM_TYPE = 26
+    GET_COORDINATE_SYSTEM_TYPE = 27
+    SET_STATIONARY_MODE_PARAMS = 28
+    GET_STATIONARY_MODE_PARAMS = 29
+    SET_REFLECTOR = 40
+    GET_REFLECTOR = 41
+    GET_REFLECTORS = 42
+    SET_SEARCH_PARAMS = 43
+    GET_SEARCH_PARAMS = 44
+    SET_SYSTEM_SETTINGS = 47
+    GET_SYSTEM_SETTINGS = 48
+    START_MEASUREMENT = 49
+    STOP_MEASUREMENT = 52
+    GO_POSITION = 55
+    FIND_REFLECTOR = 63
+    GET_DIRECTION = 66
+    SET_STATISTIC_MODE = 80
+    GET_STATISTIC_MODE = 81
+    GET_MEASUREMENT_STATUS_INFO = 122
+    GET_TRACKER_INFO = 132
+
+    @property
+    def title(self) -> str:
+        """As people who know the interface write it: GoPosition."""
+        return "".join(word.capitalize() for word in self.name.split("_"))
+
+
+class ResultStatus(IntEnum):
+    """Status values that a driver meets; an instrument may send others."""
+
+    ALL_OK = 0
+    SERVER_BUSY = 1
+    NOT_IMPLEMENTED = 2
+    WRONG_PARAMETER = 3
+    WRONG_PARAMETER_1 = 4
+    WRONG_PARAMETER_2 = 5
+    WRONG_PARAMETER_3 = 6
+    WRONG_PARAMETER_4 = 7
+    WRONG_PARAMETER_5 = 8
+    WRONG_PARAMETER_6 = 9
+    WRONG_PARAMETER_7 = 10
+    PARAMETER_1_OUT_OF_RANGE_OK = 11
+    PARAMETER_1_OUT_OF_RANGE_NOK = 12
+    PARAMETER_2_OUT_OF_RANGE_OK = 13
+    PARAMETER_2_OUT_OF_RANGE_NOK = 14
+    PARAMETER_3_OUT_OF_RANGE_OK = 15
+    PARAMETER_3_OUT_OF_RANGE_NOK = 16
+    PARAMETER_4_OUT_OF_RANGE_OK = 17
+    PARAMETER_4_OUT_OF_RANGE_NOK = 18
+    PARAMETER_5_OUT_OF_RANGE_OK = 19
+    PARAMETER_5_OUT_OF_RANGE_NOK = 20
+    PARAMETER_6_OUT_OF_RANGE_OK = 21
+    PARAMETER_6_OUT_OF_RANGE_NOK = 22
+    WRONG_CURRENT_REFLECTOR = 23
+    NO_TRACKER_PROCESSOR_FOUND = 26
+    NO_WEATHER_MONITOR_FOUND = 27
+    NO_LAST_MEASURED_POINT = 28
+    NO_ADM = 30
+    NO_NIVEL = 31
+    USAGE_CONFLICT = 35
+    UNKNOWN = 36
+    NO_DISTANCE_SET = 37
+    NO_TRACKER_CONNECTED = 38
+    TRACKER_NOT_INITIALIZED = 39
+    MODULE_NOT_STARTED = 40
+    MODULE_TIMED_OUT = 41
+    EXTERNAL_CONTROL = 46
+    NO_SUCH_COMPENSATION = 56
+    METEO_DATA_OUT_OF_RANGE = 57
+    IN_COMPENSATION_MODE = 58
+    INTERNAL_PROCESS_ACTIVE = 59
+    NO_TEMPERATURE_FROM_WEATHER_MONITOR = 94
+    NO_PRESSURE_FROM_WEATHER_MONITOR = 95
+    NO_HUMIDITY_FROM_WEATHER_MONITOR = 96
+    INVALID_INPUT_DATA = 98
+    NO_VALID_ADM_COMPENSATION = 10002
+    PRESSURE_SENSOR_PROBLEM = 10003
+    MEASUREMENT_STATUS_NOT_READY = 10004
+    ADM_START_UP_BUSY = 10005
+    NO_ATR = 10007
+    NO_OVERVIEW_CAMERA = 10008
+    NO_STATIONARY_RESULT = 10009
+    SENSOR_NOT_LEVELED = 10010
+    MULTI_CONNECTIONS_NOT_ALLOWED = 10011
+    SENSOR_NOT_WARMED_UP = 10012
+    SENSOR_NOT_STABLE = 10013
+    SYSTEM_NOT_READY_FOR_MEASUREMENT = 10014
+    COMMUNICATION_WITH_SENSOR_FAILED = 10015
+    NO_SENSOR_BATTERY = 10016
+    COMPENSATOR_NOT_ALLOWED = 10017
+    WARMED_UP_STATE_REACHED = 10018
+    NOT_LEVELED_FOR_INITIALIZATION = 10019
+    ADM_HARDWARE_PROBLEM = 10020
+    ATR_HARDWARE_PROBLEM = 10021
+    MAX_ENTRIES_EXCEEDED = 10022
+    INVALID_MEASUREMENT_PROFILE = 10023
+    SIX_D_MODE_SETTING_FAILED = 10024
+    ITEM_SELECTION_FAILED = 10025
+
+
+def status_text(status: int) -> str:
+    """`emScon error 39 (tracker not initialized)`; a bare number when it is not in the table."""
+    try:
+        words = ResultStatus(status).name.replace("_", " ").lower()
+    except ValueError:
+        return f"emScon error {status}"
+    return f"emScon error {status} ({words})"
+
+
+class SystemChange(IntEnum):
+    """Codes of unsolicited status changes that mean something to us."""
+
+    LASER_WARMED_UP = 1
+    ENVIRONMENT_PARAMS = 2
+    SEARCH_PARAMS = 4
+    UNITS = 6
+    REFLECTOR = 7
+    SYSTEM_SETTINGS = 8
+    COMPENSATION = 11
+    COORDINATE_SYSTEM_TYPE = 12
+    STATION_ORIENTATION = 15
+    TRANSFORMATION = 16
+    MEASUREMENT_MODE = 17
+    STATIONARY_MODE_PARAMS = 18
+    STATISTIC_MODE = 24
+    LIGHT_NOT_READY = 25
+    LIGHT_BUSY = 26
+    LIGHT_READY = 27
+    INITIALIZATION = 151
+
+
+class LengthUnit(IntEnum):
+    """Units of length."""
+
+    METRE = 0
+    MILLIMETRE = 1
+    MICRON = 2
+    FOOT = 3
+    YARD = 4
+    INCH = 5
+
+
+class AngleUnit(IntEnum):
+    """Units of angle."""
+
+    RADIAN = 0
+    DEGREE = 1
+    GON = 2
+
+
+class TemperatureUnit(IntEnum):
+    """Units of temperature."""
+
+    CELSIUS = 0
+    FAHRENHEIT = 1
+
+
+class PressureUnit(IntEnum):
+    """Units of air pressure."""
+
+    MILLIBAR = 0
+    HECTOPASCAL = 1
+    KILOPASCAL = 2
+    MM_MERCURY = 3
+    PSI = 4
+    INCH_WATER = 5
+    INCH_MERCURY = 6
+
+
+class HumidityUnit(IntEnum):
+    """Units of air humidity."""
+
+    RELATIVE_PERCENT = 0
+
+
+class CoordinateSystemType(IntEnum):
+    """Of eight systems, the one that we use: right-handed, rectangular."""
+
+    RIGHT_HANDED_RECTANGULAR = 0
+
+
+class Mode(IntEnum):
+    """Of the measurement modes, the one that we use."""
+
+    STATIONARY = 0
+
+
+class TrackerLight(IntEnum):
+    """The traffic light, as GetTrackerStatus says it."""
+
+    NOT_READY = 0
+    BUSY = 1
+    READY = 2
+    SIX_D_INVALID = 3
+
+
+class ProcessorStatus(IntEnum):
+    """Steps of the start-up ladder that matter here."""
+
+    BOOTED = 3
+    INITIALIZED = 5
+
+
+class LaserStatus(IntEnum):
+    """State of the interferometer's laser."""
+
+    COMMUNICATION_FAILED = 0
+    NOT_AVAILABLE = 1
+    HEATING_UP = 2
+    READY = 3
+    UNABLE_TO_STABILIZE = 4
+    OFF = 5
+
+
+class AdmStatus(IntEnum):
+    """State of the absolute distance meter."""
+
+    READY = 2
+
+
+class WeatherMonitor(IntEnum):
+    """What the instrument does with its weather station."""
+
+    NOT_CONNECTED = 0
+    READ_ONLY = 1
+    READ_AND_REFRACT = 2
+
+
+class Statistics(IntEnum):
+    """How much a result says about its uncertainty."""
+
+    STANDARD = 0
+    EXTENDED = 1
+
+
+class StatusBit(IntFlag):
+    """Bits of GetMeasurementStatusInfo."""
+
+    TRACKER_FOUND = 1
+    TRACKER_COMPENSATION = 2
+    ADM_FOUND = 4
+    ADM_COMPENSATION = 8
+    REFLECTOR_FOUND = 2048
+    IN_FACE_1 = 4096
+    INITIALIZED = 65536
+
+
+SENSOR_NAMES: dict[int, str] = {
+    3: "LTD500",
+    4: "LT300",
+    5: "LT301",
+    6: "LTD800",
+    7: "LTD700",
+    8: "LTD600",
+    9: "LTD640",
+    10: "LTD706",
+    11: "LTD709",
+    12: "LTD840",
+    13: "AT901-B",
+    14: "AT901-MR",
+    15: "AT901-LR",
+    70: "AT401",
+    72: "AT402",
+    73: "AT403",
+}
+"""Sensor type numbers of the instruments that speak emScon."""

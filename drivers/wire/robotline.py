@@ -1,0 +1,180 @@
+"""Lines of robotline, our protocol for robot controllers: checksum, question and answer.
+
+The specification is docs/robotline.md. The client and the simulated controller share this grammar.
+"""
+
+import re
+from binascii import crc_hqx
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from drivers.errors import WireError
+from drivers.wire.lines import LineFramer
+from drivers.wire.robotline_answers import READ_ANSWER, Answer
+from drivers.wire.robotline_commands import READ_COMMAND, Command
+from drivers.wire.robotline_words import Words
+
+LINE_BYTES = 255
+"""The longest line; line feed and carriage return count."""
+LAST_SEQUENCE = 999_999_999
+UNREAD_VERB = "?"
+"""Stands for the verb in the refusal of a line whose verb cannot be read."""
+CLIENT_MARK, CONTROLLER_MARK = ">", "<"
+
+_REFUSAL_CHARACTERS = 200
+_SHOWN_BYTES = 80
+_CHECKSUM_START = 0xFFFF
+_CHECKED_LINE = re.compile(rb"([!-~]+(?: [!-~]+)*) \*([0-9A-F]{4})")
+_NUMBERED = re.compile(r"([<>])([1-9][0-9]{0,8})")
+_DAMAGED_QUESTION = re.compile(rb">([1-9][0-9]{0,8}) ")
+_CODE = re.compile(r"[A-Z]+")
+_NOT_PRINTABLE = re.compile(r"[^ -~]")
+
+Message = TypeVar("Message")
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A numbered command."""
+
+    sequence: int
+    command: Command
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """The controller says no; `code` is a word of the specification, `text` is for people."""
+
+    code: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """What is said to the question of that number and verb; `line` is it as it came."""
+
+    sequence: int
+    verb: str
+    outcome: Answer | Refused
+    line: str = field(default="", compare=False)
+
+
+class BadRequest(WireError):
+    """A line that no controller can act on. `reply` is what it must say; None: nothing."""
+
+    def __init__(self, problem: str, reply: Reply | None) -> None:
+        super().__init__(problem)
+        self.reply = reply
+
+
+def next_sequence(sequence: int) -> int:
+    """Return the number that follows; after the last one comes 1."""
+    return sequence % LAST_SEQUENCE + 1
+
+
+def checksum(text: bytes) -> int:
+    """CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected or inverted."""
+    return crc_hqx(text, _CHECKSUM_START)
+
+
+def encode_request(request: Request) -> bytes:
+    """Write a question as a line; raises `WireError` for a number that is not finite."""
+    command = request.command
+    return _pack([f"{CLIENT_MARK}{request.sequence}", command.verb, *command.words()])
+
+
+def encode_reply(reply: Reply) -> bytes:
+    """Write an answer as a line; a refusal's text is cleaned and cut to what a line can hold."""
+    head = [f"{CONTROLLER_MARK}{reply.sequence}", reply.verb]
+    if isinstance(reply.outcome, Refused):
+        text = _NOT_PRINTABLE.sub("?", reply.outcome.text)[:_REFUSAL_CHARACTERS]
+        return _pack([*head, "NO", reply.outcome.code, *text.split()])
+    return _pack([*head, "OK", *reply.outcome.words()])
+
+
+def decode_request(line: bytes) -> Request:
+    """Read a line without its line feed; raises `BadRequest`."""
+    try:
+        sequence, words = _unpack(line, CLIENT_MARK)
+    except WireError as error:
+        raise BadRequest(error.problem, _reply_to_damaged(line, error.problem)) from error
+    verb = words[0] if words else ""
+    read = READ_COMMAND.get(verb)
+    if read is None:
+        problem = f"verb '{verb}' is not known"
+        raise BadRequest(problem, Reply(sequence, UNREAD_VERB, Refused("VERB", problem)))
+    try:
+        return Request(sequence, _read_all(words[1:], read))
+    except WireError as error:
+        reply = Reply(sequence, verb, Refused("ARGUMENT", error.problem))
+        raise BadRequest(error.problem, reply) from error
+
+
+def decode_reply(line: bytes) -> Reply:
+    """Read a line without its line feed; raises `WireError`."""
+    sequence, words = _unpack(line, CONTROLLER_MARK)
+    match words:
+        case [verb, "OK", *rest] if read := READ_ANSWER.get(verb):
+            return Reply(sequence, verb, _read_all(rest, read), line.decode("ascii"))
+        case [verb, "NO", code, *rest] if _is_refusal(verb, code):
+            return Reply(sequence, verb, Refused(code, " ".join(rest)), line.decode("ascii"))
+    raise WireError(f"neither 'VERB OK …' nor 'VERB NO CODE …': {line[:_SHOWN_BYTES]!r}")
+
+
+class ReplyFramer:
+    """Bytes to replies; empty lines are passed over; raises only `WireError`."""
+
+    def __init__(self) -> None:
+        self._lines = line_framer()
+
+    def feed(self, data: bytes) -> list[Reply]:
+        """Return the replies completed by these bytes."""
+        return [decode_reply(line) for line in self._lines.feed(data) if line]
+
+
+def line_framer() -> LineFramer:
+    """Cut a stream into lines of robotline."""
+    return LineFramer(LINE_BYTES - len(b"\n"))
+
+
+def _pack(words: Sequence[str]) -> bytes:
+    body = " ".join(words).encode("ascii")
+    line = b"%s *%04X\n" % (body, checksum(body))
+    if len(line) > LINE_BYTES:
+        raise WireError(f"a line of {len(line)} bytes cannot be sent, the limit is {LINE_BYTES}")
+    return line
+
+
+def _unpack(line: bytes, mark: str) -> tuple[int, list[str]]:
+    """Check a line and return its number and the words behind it."""
+    if len(line) >= LINE_BYTES:
+        raise WireError(f"a line of more than {LINE_BYTES} bytes: {line[:_SHOWN_BYTES]!r}")
+    checked = _CHECKED_LINE.fullmatch(line)
+    if checked is None:
+        raise WireError(f"not words and a checksum: {line[:_SHOWN_BYTES]!r}")
+    if checksum(checked[1]) != int(checked[2], 16):
+        raise WireError(f"the checksum does not fit: {line[:_SHOWN_BYTES]!r}")
+    head, *words = checked[1].decode("ascii").split(" ")
+    numbered = _NUMBERED.fullmatch(head)
+    if numbered is None or numbered[1] != mark:
+        raise WireError(f"does not begin with '{mark}' and a number: {line[:_SHOWN_BYTES]!r}")
+    return int(numbered[2]), words
+
+
+def _read_all(words: Sequence[str], read: Callable[[Words], Message]) -> Message:
+    to_take = Words(words)
+    message = read(to_take)
+    to_take.end()
+    return message
+
+
+def _is_refusal(verb: str, code: str) -> bool:
+    return (verb in READ_ANSWER or verb == UNREAD_VERB) and _CODE.fullmatch(code) is not None
+
+
+def _reply_to_damaged(line: bytes, problem: str) -> Reply | None:
+    damaged = _DAMAGED_QUESTION.match(line)
+    if damaged is None:
+        return None
+    return Reply(int(damaged[1]), UNREAD_VERB, Refused("CHECKSUM", problem))

@@ -1,0 +1,66 @@
+"""Chance that can be repeated: each draw depends on the seed, what it is for, and which try it is."""
+
+from collections.abc import Mapping, Sequence
+from enum import IntEnum
+
+import numpy as np
+
+WORD = 2**64
+
+
+class Purpose(IntEnum):
+    """What a draw is for. The numbers are part of what a seed means: never renumber."""
+
+    MANUFACTURE = 1
+    ARRIVAL = 2
+    SHOT = 3
+    RODS = 4
+    TILTS = 5
+    GARBAGE = 6
+
+
+def generator(seed: int, purpose: Purpose, *keys: int) -> np.random.Generator:
+    """A generator of its own for this seed, purpose and keys (any whole numbers)."""
+    words = [key % WORD for key in (seed, purpose, *keys)]
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(words)))
+
+
+def target_key(joints_rad: Sequence[float]) -> tuple[int, ...]:
+    """A joint target as whole microdegrees, which names it for ever."""
+    return tuple(round(float(np.degrees(joint)) * 1e6) for joint in joints_rad)
+
+
+class Attempts:
+    """Counts how often something was done at each target."""
+
+    def __init__(self, counts: Mapping[str, int]) -> None:
+        self._counts = dict(counts)
+
+    def next(self, key: tuple[int, ...]) -> int:
+        """The number of this attempt at that target: 1, 2, …"""
+        name = ",".join(map(str, key))
+        self._counts[name] = self._counts.get(name, 0) + 1
+        return self._counts[name]
+
+    def memory(self) -> dict[str, int]:
+        """The counts so far."""
+        return dict(self._counts)
+
+
+class WorkedTime:
+    """Nominal seconds that the cell has moved and measured; what slow effects follow.
+
+    Not the wall clock, so that a slow machine draws the same figures.
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+
+    @property
+    def seconds(self) -> float:
+        """So far, over all restarts."""
+        return self._seconds
+
+    def add(self, seconds: float) -> None:
+        """Account for one motion or measurement."""
+        self._seconds += seconds

@@ -1,0 +1,30 @@
+"""What can go wrong in the simulated cell itself, named by what its user does next."""
+
+from drivers.errors import ExplainedError
+
+
+class SimError(ExplainedError):
+    """Root of everything that the simulator raises to its user."""
+
+
+class ScenarioInvalid(SimError):
+    """A scenario cannot be read, or describes no cell that can be built."""
+
+
+class MemoryInvalid(SimError):
+    """What a cell remembered from its last run is damaged or belongs to another cell."""
+
+
+class ServerFailed(SimError):
+    """The simulated cell's server could not start, or broke."""
+
+
+class AssemblyLost(SimError):
+    """The mechanism cannot be moved there.
+
+    `part` is how much of the straight joint path, 0 to 1, it can follow.
+    """
+
+    def __init__(self, problem: str, *, remedy: str, part: float = 0.0) -> None:
+        super().__init__(problem, remedy=remedy)
+        self.part = part

@@ -1,0 +1,190 @@
+"""Which files are opened as a journal, which are left alone, and how an old one is read."""
+
+import os
+import shutil
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from journal_story import SESSION, beginning, imported, intent, outcome, ticking, write_story
+
+from campaigns import journal_schema as schema
+from campaigns.errors import JournalFailed
+from campaigns.journal import open_journal
+from campaigns.journal_reader import read_journal
+
+GOLDEN = Path(__file__).parent.parent / "data" / "journal-v1.db"
+GOLDEN_DIGEST = "?"
+
+
+def opened_for_writing(path: Path) -> None:
+    open_journal(path, now_utc=ticking(), create=True).close()
+
+
+def opened_for_reading(path: Path) -> None:
+    read_journal(path).close()
+
+
+both_doors = pytest.mark.parametrize("door", [opened_for_writing, opened_for_reading])
+
+
+def database(path: Path, *statements: str) -> Path:
+    with closing(sqlite3.connect(path)) as connection:
+        for statement in statements:
+            connection.execute(statement)
+    return path
+
+
+def test_the_golden_file_of_version_1_reads_as_it_was_told(tmp_path: Path) -> None:
+    golden = Path(shutil.copy(GOLDEN, tmp_path))
+    write_story(tmp_path / "today.db")
+    with read_journal(golden) as old, read_journal(tmp_path / "today.db") as today:
+        assert old.records()[:-1] == today.records()[:-1]
+        assert old.digest() == GOLDEN_DIGEST
+        assert [series.finished for series in old.series()] == [True, False]
+        assert [shot.outcome for shot in old.shots(1)] == [
+            outcome(1, 3, x_mm=1000.3),
+            outcome(2, 3),
+        ]
+        assert [shot.outcome for shot in old.shots(2)] == [imported(1)]
+        assert [crash.record for crash in old.crashed_sessions()] == [SESSION]
+        assert old.unanswered_intents(1) == (intent(1, 2),)
+
+
+def test_the_golden_file_can_be_written_on(tmp_path: Path) -> None:
+    golden = Path(shutil.copy(GOLDEN, tmp_path))
+    with open_journal(golden, now_utc=ticking()) as journal:
+        assert journal.start_series(beginning("after")) == 3
+
+
+@both_doors
+def test_a_newer_file_is_refused_and_left_as_it_was(tmp_path: Path, door: object) -> None:
+    newer = database(
+        Path(shutil.copy(GOLDEN, tmp_path)), f"PRAGMA user_version = {schema.VERSION + 1}"
+    )
+    assert_left_alone(newer, door, "newer pkmcal")
+
+
+@both_doors
+def test_another_programs_database_is_refused_and_left_as_it_was(
+    tmp_path: Path, door: object
+) -> None:
+    assert_left_alone(database(tmp_path / "a.db", "CREATE TABLE t (x)"), door, "not a journal")
+
+
+@both_doors
+def test_another_programs_marked_but_empty_database_is_refused(
+    tmp_path: Path, door: object
+) -> None:
+    assert_left_alone(database(tmp_path / "a.db", "PRAGMA application_id = 7"), door, "not a journal")
+
+
+@both_doors
+def test_a_file_that_is_no_database_is_refused_and_left_as_it_was(
+    tmp_path: Path, door: object
+) -> None:
+    path = tmp_path / "campaign.db"
+    path.write_text("pair,q0_deg\n" * 200, encoding="utf-8")
+    assert_left_alone(path, door, "not a database")
+
+
+def assert_left_alone(path: Path, door: object, reason: str) -> None:
+    assert callable(door)
+    before = path.read_bytes()
+    with pytest.raises(JournalFailed, match=reason):
+        door(path)
+    assert path.read_bytes() == before
+    assert os.listdir(path.parent) == [path.name]
+
+
+def test_a_missing_journal_is_said_and_none_is_made(tmp_path: Path) -> None:
+    with pytest.raises(JournalFailed, match="no journal"):
+        open_journal(tmp_path / "campaign.db", now_utc=ticking())
+    with pytest.raises(JournalFailed, match="no journal"):
+        read_journal(tmp_path / "campaign.db")
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_missing_folder_is_said(tmp_path: Path) -> None:
+    with pytest.raises(JournalFailed, match="check that the folder exists"):
+        opened_for_writing(tmp_path / "nowhere" / "campaign.db")
+
+
+@pytest.mark.parametrize("leavings", [(), ("PRAGMA journal_mode = WAL",)])
+def test_a_file_whose_making_was_cut_short_is_made_anew(
+    tmp_path: Path, leavings: tuple[str, ...]
+) -> None:
+    path = tmp_path / "campaign.db"
+    path.touch()
+    database(path, *leavings)
+    with pytest.raises(JournalFailed, match="not a journal"):
+        read_journal(path)
+    write_story(path)
+
+
+def test_a_path_with_url_signs_is_taken_literally(tmp_path: Path) -> None:
+    folder = tmp_path / "50% of #2?mode=memory"
+    folder.mkdir()
+    write_story(folder / "campaign.db")
+    assert os.listdir(folder) == ["campaign.db"]
+
+
+def test_a_reader_cannot_write(tmp_path: Path) -> None:
+    write_story(tmp_path / "campaign.db")
+    with read_journal(tmp_path / "campaign.db") as journal:
+        before = journal.digest()
+        with pytest.raises(sqlite3.OperationalError, match="readonly"):
+            journal._connection.execute("INSERT INTO record (kind) VALUES ('event')")
+        assert journal.digest() == before
+    assert os.listdir(tmp_path) == ["campaign.db"]
+
+
+def test_a_write_protected_journal_is_read_without_a_trace(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_story(tmp_path / "campaign.db")
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
+    with read_journal(tmp_path / "campaign.db") as journal:
+        assert len(journal.shots(1)) == 2
+        assert os.listdir(tmp_path) == ["campaign.db"]
+
+
+def test_a_write_protected_journal_is_not_read_without_its_latest_records(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "campaign.db"
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
+    with open_journal(path, now_utc=ticking(), create=True) as journal:
+        journal.start_series(beginning())
+        with pytest.raises(JournalFailed, match=r"campaign\.db-wal"):
+            read_journal(path)
+
+
+def test_an_older_file_is_brought_up_step_by_step(tmp_path: Path) -> None:
+    upgraders = {
+        1: ("ALTER TABLE record ADD COLUMN remark TEXT",),
+        2: ("CREATE TABLE remark (text TEXT)",),
+    }
+    with closing(old_connection(tmp_path)) as connection:
+        schema.upgrade(connection, to_version=3, upgraders=upgraders)
+        assert schema.version(connection) == 3
+        connection.execute("SELECT remark.text, record.remark FROM record, remark")
+
+
+def test_an_upgrade_that_fails_leaves_the_file_as_it_was(tmp_path: Path) -> None:
+    upgraders = {1: ("ALTER TABLE record ADD COLUMN remark TEXT", "UPDATE record SET remark = ''")}
+    with closing(old_connection(tmp_path)) as connection:
+        with pytest.raises(sqlite3.IntegrityError):
+            schema.upgrade(connection, to_version=2, upgraders=upgraders)
+        assert schema.version(connection) == 1
+        with pytest.raises(sqlite3.OperationalError, match="no such column"):
+            connection.execute("SELECT remark FROM record")
+
+
+def test_every_older_version_has_its_upgrader() -> None:
+    assert sorted(schema.UPGRADERS) == list(range(1, schema.VERSION))
+
+
+def old_connection(folder: Path) -> sqlite3.Connection:
+    return sqlite3.connect(shutil.copy(GOLDEN, folder), isolation_level=None)
