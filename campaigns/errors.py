@@ -69,3 +69,7 @@ class LoadNotVerified(CampaignError):
 
 class VerdictBad(CampaignError):
     """The work was done, and its result must not be used."""
+
+
+class Interrupted(CampaignError):
+    """The operator asked to stop, and the robot has been stopped. Everything measured is kept."""

@@ -35,15 +35,26 @@ def decoded(data: bytes, name: str, invalid: type[CampaignError]) -> str:
 
 
 def write_new_text(path: Path, text: str) -> None:
-    """Write a file that must not exist yet; raises `OutputExists` or `WriteFailed`.
+    """Write a file that must not exist yet; raises `OutputExists` or `WriteFailed`."""
+    refuse_existing(path)
+    replace_text(path, text)
 
-    Looked at first, not reserved: the campaign's lock keeps a second writer away.
+
+def refuse_existing(path: Path) -> None:
+    """Raise `OutputExists` when there is something by that name.
+
+    It is looked at, not reserved: the campaign's lock keeps a second writer away.
     """
     if os.path.lexists(path):
-        raise OutputExists(
-            f"{path} already exists", remedy="name another file, or move this one away"
-        )
-    replace_text(path, text)
+        raise OutputExists(f"{path} already exists", remedy="name another, or move this one away")
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder unless it is there; raises `WriteFailed`."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _not_written(path, error) from error
 
 
 def replace_text(path: Path, text: str) -> None:
@@ -55,9 +66,7 @@ def replace_text(path: Path, text: str) -> None:
         fresh.replace(target)
         _sync_folder(target.parent)
     except OSError as error:
-        raise WriteFailed(
-            f"{path}: cannot be written ({_reason(error)})", remedy=_write_remedy(error)
-        ) from error
+        raise _not_written(path, error) from error
     finally:
         with contextlib.suppress(OSError):  # after success there is none
             fresh.unlink()
@@ -81,10 +90,12 @@ def _sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def _write_remedy(error: OSError) -> str:
+def _not_written(path: Path, error: OSError) -> WriteFailed:
     if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}:
-        return "free space on the disk, then try again"
-    return "check that the folder exists and that this user may write there"
+        remedy = "free space on the disk, then try again"
+    else:
+        remedy = "check that the folder exists and that this user may write there"
+    return WriteFailed(f"{path}: cannot be written ({_reason(error)})", remedy=remedy)
 
 
 def _reason(error: OSError) -> str:

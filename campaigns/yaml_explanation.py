@@ -50,18 +50,17 @@ def broken_rule(message: str) -> PydanticCustomError:
 
 
 def explained(
-    error: ValidationError, name: str, tree: CommentedMap, model: type[BaseModel]
+    error: ValidationError, model: type[BaseModel], name: str, tree: CommentedMap | None = None
 ) -> ConfigInvalid:
-    """Word the finding to correct first: an unknown key often is the missing one, misspelt."""
-    findings = sorted(
-        error.errors(include_url=False),
-        key=lambda found: (found["type"] != "extra_forbidden", _line(tree, found["loc"])),
-    )
-    first = findings[0]
+    """Word the finding to correct first: an unknown key often is the missing one, misspelt.
+
+    Without a tree, `name` alone says where the contents are from.
+    """
+    findings = error.errors(include_url=False)
+    first = min(findings, key=lambda found: found["type"] != "extra_forbidden")
+    where = name if tree is None else f"{name}:{_line(tree, first['loc'])}"
     more = f" (and {len(findings) - 1} more)" if len(findings) > 1 else ""
-    return ConfigInvalid(
-        f"{name}:{_line(tree, first['loc'])}: {_problem(first)}{more}", remedy=_remedy(first, model)
-    )
+    return ConfigInvalid(f"{where}: {_problem(first)}{more}", remedy=_remedy(first, model))
 
 
 def key_path(location: Location) -> str:

@@ -5,6 +5,7 @@ Whatever is wrong with a file raises `ConfigInvalid`: one line that names the pl
 
 import io
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -57,13 +58,7 @@ def read_document(path: Path, *, if_missing: str) -> YamlDocument:
 
 def parse_document(text: str, name: str) -> YamlDocument:
     """Read a YAML text that must be a mapping."""
-    try:
-        tree: object = _yaml().load(text)
-    except MarkedYAMLError as error:
-        raise _not_yaml(error, name) from error
-    except (YAMLError, ValueError, RecursionError, AssertionError) as error:
-        problem = " ".join(str(error).split())
-        raise ConfigInvalid(f"{name}: is not YAML: {problem}", remedy="correct the file") from error
+    tree = _loaded(text, name)
     if tree is None:
         raise ConfigInvalid(f"{name}: is empty", remedy="write the file anew or restore it")
     if not isinstance(tree, CommentedMap):
@@ -86,11 +81,37 @@ def checked(document: YamlDocument, schema: str, model: type[Model]) -> Model:
     try:
         return model.model_validate_json(_plain_json(document))
     except ValidationError as error:
-        raise explained(error, document.name, document.tree, model) from error
+        raise explained(error, model, document.name, document.tree) from error
+
+
+def checked_settings(settings: Mapping[str, object], name: str, model: type[Model]) -> Model:
+    """Check what was not read from a file but said otherwise; `name` says where, for messages."""
+    try:
+        return model.model_validate_json(json.dumps(settings))
+    except ValidationError as error:
+        raise explained(error, model, name) from error
+
+
+def _loaded(text: str, name: str) -> object:
+    try:
+        tree: object = _yaml().load(text)
+    except MarkedYAMLError as error:
+        raise _not_yaml(error, name) from error
+    except (YAMLError, ValueError) as error:
+        problem = " ".join(str(error).split())
+        raise ConfigInvalid(f"{name}: is not YAML: {problem}", remedy="correct the file") from error
+    except (AssertionError, AttributeError, LookupError, RecursionError) as error:
+        # what ruamel lets slip on unusual tags and directives, found by feeding it garbage
+        raise ConfigInvalid(
+            f"{name}: has tags, directives or nesting that cannot be read",
+            remedy="write plain keys, lists and values",
+        ) from error
+    return tree
 
 
 def _yaml() -> YAML:
     yaml = YAML()
+    yaml.composer.warn_double_anchors = False
     yaml.preserve_quotes = True
     yaml.width = UNBROKEN_LINE
     yaml.indent(mapping=2, sequence=4, offset=2)
@@ -116,7 +137,7 @@ def _plain_json(document: YamlDocument) -> str:
     except (TypeError, ValueError, RecursionError) as error:
         raise ConfigInvalid(
             f"{document.name}: holds more than plain keys, lists and values ({error})",
-            remedy="write it without tags, references and compound keys",
+            remedy="write it without compound keys",
         ) from error
 
 

@@ -1,39 +1,29 @@
 """A robot controller that speaks robotline (docs/robotline.md): units and meaning."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees, isfinite, radians
 from typing import TypeVar
 
 from drivers.errors import (
-    DeviceNotReady,
     DeviceRefused,
     DriverError,
-    EmergencyStop,
-    LimitViolation,
     LinkDown,
     MotionFault,
     RobotStateUnknown,
     WireError,
     WrongDevice,
 )
-from drivers.link import Link, never
+from drivers.line_conversation import Conversation, open_conversation
+from drivers.link import never
 from drivers.ports import Clock
 from drivers.transport import Transport
 from drivers.values import Identity, Pose, RobotState
-from drivers.wire.robotline import (
-    EMPTY_LINE,
-    Refused,
-    Reply,
-    ReplyFramer,
-    Request,
-    encode_request,
-    is_reply_to,
-    sequence_from,
-)
+from drivers.wire.robotline import sequence_from
 from drivers.wire.robotline_answers import Answer, Done, Greeting, Motion, Status
 from drivers.wire.robotline_commands import (
     AXES,
+    FASTEST_PERCENT,
     VERSION,
     Abandon,
     AskState,
@@ -57,16 +47,6 @@ from drivers.wire.robotline_geometry import (
 
 AnswerKind = TypeVar("AnswerKind", bound=Answer)
 
-REFUSALS: Mapping[str, tuple[type[DeviceRefused], str]] = {
-    "LIMIT": (LimitViolation, "compare the plan's limits with the controller's"),
-    "REACH": (LimitViolation, "compare the plan's robot file with the controller's parameters"),
-    "FAULT": (MotionFault, "clear the fault at the controller, then start again"),
-    "ESTOP": (EmergencyStop, "release the emergency stop when it is safe, then start again"),
-    "BUSY": (DeviceNotReady, "wait until the robot stands still, then try again"),
-    "GEOMETRY": (DeviceRefused, "check the robot file; the controller keeps its old parameters"),
-}
-OTHER_REFUSAL = (DeviceRefused, "compare the controller's program with docs/robotline.md")
-
 
 @dataclass(frozen=True, slots=True)
 class Deadlines:
@@ -77,6 +57,9 @@ class Deadlines:
     stop_answer_s: float = 0.5
     standstill_s: float = 5.0
     poll_s: float = 0.01
+
+
+DEADLINES = Deadlines()
 
 
 class LineRobot:
@@ -93,7 +76,7 @@ class LineRobot:
         *,
         clock: Clock,
         first_sequence: int,
-        deadlines: Deadlines = Deadlines(),  # noqa: B008 - frozen
+        deadlines: Deadlines = DEADLINES,
         cancelled: Callable[[], bool] = never,
     ) -> None:
         self._open_transport = open_transport
@@ -102,7 +85,7 @@ class LineRobot:
         self._deadlines = deadlines
         self._cancelled = cancelled
         self._stopping = False
-        self._wire: _Conversation | None = None
+        self._conversation: Conversation | None = None
         self._identity: Identity | None = None
 
     def connect(self) -> None:
@@ -111,7 +94,7 @@ class LineRobot:
         From the second time on it must be the same controller that answers.
         """
         self.close()
-        self._wire = self._opened()
+        self._conversation = self._opened()
         try:
             self._identity = self.identity()
         except DriverError:
@@ -127,19 +110,148 @@ class LineRobot:
         identity = _identity(self._ask(Hello(VERSION), Greeting))
         if self._identity not in {None, identity}:
             raise WrongDevice(
-                f"{self._name}: {identity} answers, it was {self._identity} before",
-                remedy="check the address, and start again with the controller that is there",
+                f"{identity} answers where it was {self._identity} before",
+                remedy="check the address; for another controller, start again from the beginning",
             )
         return identity
 
     def state(self) -> RobotState:
         """Ask for the encoder angles as read now, and whether anything is wrong."""
-        reply = self._asked().ask(AskState(), self._deadlines.answer_s)
-        status = _of_kind(reply, Status)
+        status, line = self._opened_before().ask(AskState(), Status, self._deadlines.answer_s)
         return RobotState(
             joints_rad=tuple(map(radians, status.joints_deg)),
             moving=status.moving,
             fault=status.fault,
             emergency_stop=status.emergency_stop,
-            raw=reply.line,
+            raw=line,
+        )
+
+    def move_joints(self, joints_rad: Sequence[float], speed_fraction: float) -> None:
+        """Start a joint move; raises `LimitViolation`, `MotionFault` or `EmergencyStop`."""
+        joints_deg = tuple(map(degrees, joints_rad))
+        self._ask(MoveJoints(joints_deg, speed_fraction * FASTEST_PERCENT), Motion)
+
+    def move_pose(self, pose: Pose, speed_fraction: float) -> None:
+        """Start a move to a pose by the controller's own kinematics; raises like a joint move."""
+        theta_deg = degrees(pose.theta_rad)
+        speed_percent = speed_fraction * FASTEST_PERCENT
+        self._ask(MovePose(pose.x_mm, pose.y_mm, pose.z_mm, theta_deg, speed_percent), Motion)
+
+    def stop(self) -> None:
+        """Stop at once, also when the wire is down or the operator has asked to stop.
+
+        Returns when the controller has said that the robot stands; raises `RobotStateUnknown`.
+        """
+        greeted = self._conversation
+        self._stopping = True
+        try:
+            self._stop_within(self._deadlines.standstill_s)
+        finally:
+            self._stopping = False
+            if self._conversation is not greeted:
+                self.close()
+
+    def read_geometry(self) -> Mapping[str, float]:
+        """Read the parameters that the controller works with, by their flat names, mm and deg."""
+        parts = [self._ask(ReadArm(arm), ArmGeometry).flat() for arm in range(ARMS)]
+        parts.append(self._ask(ReadPlate(), PlateGeometry).flat())
+        geometry = {name: value for part in parts for name, value in part.items()}
+        if len(geometry) != len(GEOMETRY_NAMES):
+            self.close()
+            raise WireError("the controller answered for another arm than it was asked for")
+        return geometry
+
+    def write_geometry(self, geometry: Mapping[str, float]) -> None:
+        """Replace all parameters at once, or none; raises `DeviceRefused`.
+
+        When the wire breaks here, only reading back tells which parameters the controller has.
+        """
+        _check_geometry(geometry)
+        try:
+            for part in parts_of(geometry):
+                self._ask(Stage(part), Done)
+            self._ask(Commit(), Done, self._deadlines.commit_s)
+        except DeviceRefused:
+            self._ask(Abandon(), Done)
+            raise
+
+    def close(self) -> None:
+        """Close the wire; a motion that is going on is stopped by the controller."""
+        if self._conversation is not None:
+            self._conversation.close()
+
+    def _ask(
+        self, command: Command, kind: type[AnswerKind], within_s: float | None = None
+    ) -> AnswerKind:
+        answer, _ = self._opened_before().ask(command, kind, within_s or self._deadlines.answer_s)
+        return answer
+
+    def _opened_before(self) -> Conversation:
+        if self._conversation is None or not self._conversation.is_open:
+            raise LinkDown("the controller is not connected", remedy="connect again")
+        return self._conversation
+
+    def _opened(self) -> Conversation:
+        return open_conversation(
+            self._open_transport(),
+            self._numbers,
+            clock_s=self._clock.now_s,
+            cancelled=self._is_cancelled,
+            within_s=self._deadlines.answer_s,
+        )
+
+    def _is_cancelled(self) -> bool:
+        """Look at the operator's wish to stop, but never abandon the stop itself for it."""
+        return not self._stopping and self._cancelled()
+
+    def _stop_within(self, within_s: float) -> None:
+        deadline_s = self._clock.now_s() + within_s
+        while True:
+            try:
+                return self._stop_and_watch(deadline_s)
+            except DriverError as error:
+                if self._clock.now_s() >= deadline_s:
+                    raise RobotStateUnknown(
+                        "robot state unknown: the stop was not confirmed "
+                        f"within {within_s:g} s ({error.problem})",
+                        remedy="use the hardware stop",
+                    ) from error
+            self._clock.sleep_s(self._deadlines.poll_s)
+
+    def _stop_and_watch(self, deadline_s: float) -> None:
+        if self._conversation is None or not self._conversation.is_open:
+            self._conversation = self._opened()
+        self._ask(Stop(), Done, self._deadlines.stop_answer_s)
+        while self._ask(AskState(), Status, self._deadlines.stop_answer_s).moving:
+            if self._clock.now_s() >= deadline_s:
+                raise MotionFault("it still moves", remedy="use the hardware stop")
+            self._clock.sleep_s(self._deadlines.poll_s)
+
+
+def _identity(greeting: Greeting) -> Identity:
+    identity = Identity(
+        vendor=greeting.vendor,
+        model=greeting.model,
+        serial=greeting.serial,
+        firmware=greeting.firmware,
+        protocol=f"robotline {greeting.version}",
+    )
+    if (greeting.version, greeting.axes) != (VERSION, AXES):
+        raise WrongDevice(
+            f"{identity} answers with {greeting.axes} axes; "
+            f"robotline {VERSION} with {AXES} axes is needed",
+            remedy="check the address and the controller's program",
+        )
+    return identity
+
+
+def _check_geometry(geometry: Mapping[str, float]) -> None:
+    """Refuse, before anything is sent, what the controller could only refuse half way."""
+    wrong = sorted(geometry.keys() ^ set(GEOMETRY_NAMES))
+    wrong += [name for name, value in geometry.items() if not isfinite(value)]
+    if wrong:
+        raise DeviceRefused(
+            f"the parameter set has '{wrong[0]}' missing, unknown or without a finite value",
+            remedy="check the robot file",
+            code="GEOMETRY",
         )

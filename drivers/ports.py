@@ -58,6 +58,10 @@ class RobotController(Protocol):
         """Replace all parameters at once, or none; the robot stands still meanwhile."""
         ...
 
+    def reconnect(self) -> None:
+        """Open anew after a fault of the wire; raises `WrongDevice` when somebody else answers."""
+        ...
+
     def close(self) -> None:
         """Leave the robot standing and the wire free."""
         ...
@@ -99,6 +103,10 @@ class LaserTracker(Protocol):
 
     def find_reflector(self, distance_mm: float) -> None:
         """Search around the present direction at about that distance."""
+        ...
+
+    def reconnect(self) -> None:
+        """Open anew after a fault of the wire and set the instrument's state as it was prepared."""
         ...
 
     def close(self) -> None:

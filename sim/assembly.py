@@ -10,7 +10,7 @@ from sim.geometry import ARMS, Array, Geometry
 from sim.inverse import joints_for
 from sim.rods import SETTLED_MM, EightRods, Plate
 
-STEP_RAD = math.radians(12.0)
+STEP_RAD = math.radians(5.0)
 SMALLEST_STEP_RAD = math.radians(0.05)
 ON_THE_WAY_MM = 0.1
 """How far the plate is settled between the ends of a motion, where only the way matters."""
@@ -22,7 +22,7 @@ JUMP_LIMIT_MM = 100.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Assembly:
-    """One solved state of the mechanism. `side` tells the two assemblies of the same joints apart."""
+    """One solved state of the mechanism. `side` tells two assemblies of the same joints apart."""
 
     joints_rad: Array
     plate: Plate
@@ -95,7 +95,7 @@ def _is_whole(plate: Plate, misfits_mm: Array) -> bool:
 
 
 def _side(jacobian: Array) -> float:
-    """The sign that changes only in a singularity: of the forearms' determinant by x, y, z and θ."""
+    """The sign of the forearms' determinant by x, y, z and θ: changes only in a singularity."""
     forearms = jacobian.reshape(ARMS, 2, 7).sum(axis=1)[:, [0, 1, 2, 6]]
     return float(np.sign(np.linalg.det(forearms)))
 

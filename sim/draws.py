@@ -1,4 +1,4 @@
-"""Chance that can be repeated: each draw depends on the seed, what it is for, and which try it is."""
+"""Chance that can be repeated: a draw depends on the seed, what it is for, and which try it is."""
 
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
@@ -16,7 +16,6 @@ class Purpose(IntEnum):
     SHOT = 3
     RODS = 4
     TILTS = 5
-    GARBAGE = 6
 
 
 def generator(seed: int, purpose: Purpose, *keys: int) -> np.random.Generator:
@@ -37,7 +36,7 @@ class Attempts:
         self._counts = dict(counts)
 
     def next(self, key: tuple[int, ...]) -> int:
-        """The number of this attempt at that target: 1, 2, …"""
+        """The number of this attempt at that target, from 1."""
         name = ",".join(map(str, key))
         self._counts[name] = self._counts.get(name, 0) + 1
         return self._counts[name]

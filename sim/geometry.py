@@ -62,8 +62,12 @@ class Geometry:
 
 def _prototype() -> dict[str, float]:
     """Table I read as a robot that works: radial arms and forearms of 700 mm."""
-    corners = ((-172.5, -222.5, 225.0), (172.5, -222.5, 315.0), (172.5, 222.5, 45.0))
-    corners = (*corners, (-172.5, 222.5, 135.0))
+    corners = (
+        (-172.5, -222.5, 225.0),
+        (172.5, -222.5, 315.0),
+        (172.5, 222.5, 45.0),
+        (-172.5, 222.5, 135.0),
+    )
     flat = {}
     for arm, (x_mm, y_mm, azimuth_deg) in enumerate(corners):
         values = (x_mm, y_mm, 0.0, azimuth_deg, 0.0, 350.0, 700.0)

@@ -13,6 +13,7 @@ import numpy as np
 
 from sim.errors import AssemblyLost
 from sim.geometry import ARMS, UP, Array, Geometry
+from sim.rotations import rotation, rotation_and_rates
 
 RODS = 2 * ARMS
 UNKNOWNS = 7
@@ -52,35 +53,12 @@ class Plate:
     @property
     def rotation(self) -> Array:
         """(3, 3): base_from_plate."""
-        return _rotation(*self.unknowns[3:6])
+        return rotation(*self.unknowns[3:6])
 
     @property
     def theta_rad(self) -> float:
         """The bar's angle on half 1."""
         return float(self.unknowns[6])
-
-
-def _about(axis: int, angle_rad: float) -> tuple[Array, Array]:
-    """The rotation about one axis and its derivative."""
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
-    turn, rate = np.eye(3), np.zeros((3, 3))
-    turn[first, first] = turn[second, second] = cosine
-    turn[first, second], turn[second, first] = -sine, sine
-    rate[first, first] = rate[second, second] = -sine
-    rate[first, second], rate[second, first] = -cosine, cosine
-    return turn, rate
-
-
-def _rotation(about_x: float, about_y: float, about_z: float) -> Array:
-    return np.asarray(_about(2, about_z)[0] @ _about(1, about_y)[0] @ _about(0, about_x)[0])
-
-
-def _rotation_and_rates(about_x: float, about_y: float, about_z: float) -> tuple[Array, Array]:
-    """(3, 3) and its derivatives (3, 3, 3) by the three angles."""
-    (x, dx), (y, dy), (z, dz) = _about(0, about_x), _about(1, about_y), _about(2, about_z)
-    zy = z @ y
-    return zy @ x, np.stack([zy @ dx, z @ dy @ x, dz @ y @ x])
 
 
 class EightRods:
@@ -109,18 +87,18 @@ class EightRods:
 
     def misfit(self, elbows_mm: Array, unknowns: Array) -> tuple[Array, Array]:
         """How much longer than the rods the gaps are, (8,) mm, and its derivative (8, 7)."""
-        rotation, rates = _rotation_and_rates(*unknowns[3:6])
+        turn, rates = rotation_and_rates(*unknowns[3:6])
         sine, cosine = math.sin(unknowns[6]), math.cos(unknowns[6])
         bar_mm = self._plate_mm * np.array([-sine, cosine, 0.0])
         bar_rate_mm = self._plate_mm * np.array([-cosine, -sine, 0.0])
         on_plate_mm = self._anchors_mm + ON_HALF_2[:, None] * bar_mm
-        gaps_mm = unknowns[:3] + on_plate_mm @ rotation.T - elbows_mm
+        gaps_mm = unknowns[:3] + on_plate_mm @ turn.T - elbows_mm
         lengths_mm = np.sqrt(np.einsum("ij,ij->i", gaps_mm, gaps_mm))
         along = gaps_mm / lengths_mm[:, None]
         jacobian = np.empty((RODS, UNKNOWNS))
         jacobian[:, :3] = along
         jacobian[:, 3:6] = np.einsum("ri,kij,rj->rk", along, rates, on_plate_mm)
-        jacobian[:, 6] = ON_HALF_2 * (along @ (rotation @ bar_rate_mm))
+        jacobian[:, 6] = ON_HALF_2 * (along @ (turn @ bar_rate_mm))
         return lengths_mm - self._rods_mm, jacobian
 
     def settle(
@@ -152,7 +130,7 @@ class EightRods:
 def _pairs(centres_mm: Array, half_bars_mm: Array) -> Array:
     """(8, 3): both ends of four bars, arm by arm."""
     ends = np.stack([centres_mm - half_bars_mm, centres_mm + half_bars_mm], axis=1)
-    return ends.reshape(RODS, 3)
+    return np.reshape(ends, (RODS, 3))
 
 
 def _degrees(joints_rad: Array) -> str:

@@ -24,7 +24,15 @@ CONVERGED_MM = 1e-7
 RESIDUAL_MM = 1e-6
 
 Triple = tuple[Array, Array, Array]
-STARTS = ((0.0, 0.0), (0.6, -40.0), (-0.6, -40.0), (0.0, -150.0), (0.9, 60.0), (-0.9, 60.0), (0.0, 150.0))
+STARTS = (
+    (0.0, 0.0),
+    (0.6, -40.0),
+    (-0.6, -40.0),
+    (0.0, -150.0),
+    (0.9, 60.0),
+    (-0.9, 60.0),
+    (0.0, 150.0),
+)
 """θ in rad and height above the guessed one in mm, tried in turn."""
 
 
@@ -57,7 +65,9 @@ def forward(geometry: Geometry, joints_rad: Array, start: Array | None = None) -
     return Solution(poses, outcome)
 
 
-def _solve(geometry: Geometry, joints: Array, start: Array | None) -> tuple[Array, NDArray[np.uint8]]:
+def _solve(
+    geometry: Geometry, joints: Array, start: Array | None
+) -> tuple[Array, NDArray[np.uint8]]:
     elbows = elbows_mm(geometry, joints)
     legs = _Legs(
         *(np.ascontiguousarray(elbows[:, :, axis].T) for axis in range(3)),
@@ -141,7 +151,9 @@ def _newton_step(legs: _Legs, poses: Array) -> tuple[Array, Array, Array]:
         r = -f[2:] - (px * wx[2:] + py * wy[2:] + pz * wz[2:])
         determinant = m[0] * g[1] - m[1] * g[0]
         t = (r[0] * g[1] - r[1] * g[0]) / determinant
-        step = np.stack([px + t * nx, py + t * ny, pz + t * nz, (m[0] * r[1] - m[1] * r[0]) / determinant])
+        step = np.stack(
+            [px + t * nx, py + t * ny, pz + t * nz, (m[0] * r[1] - m[1] * r[0]) / determinant]
+        )
         excess = np.maximum(np.abs(step[:3]).max(axis=0) / STEP_MM, np.abs(step[3]) / STEP_RAD)
         step /= np.maximum(excess, 1.0)
     residual = np.abs(f).max(axis=0) / legs.forearm_mm.max()

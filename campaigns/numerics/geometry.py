@@ -6,20 +6,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.parameters import ARM_FIELDS, ARMS, PARAMETER_NAMES
+
 Array = NDArray[np.float64]
 
-ARMS = 4
-ARM_FIELDS = ("x_mm", "y_mm", "z_mm", "azimuth_deg", "joint_offset_deg", "arm_mm", "forearm_mm")
-PLATE = "plate_mm"
-NAMES: tuple[str, ...] = (*(f"arm{i}.{field}" for i in range(ARMS) for field in ARM_FIELDS), PLATE)
-"""Order of every parameter vector in this package: arm by arm, then the plate."""
+NAMES = PARAMETER_NAMES
 
 COUNT = len(NAMES)
 IS_ANGLE: NDArray[np.bool_] = np.array([name.endswith("_deg") for name in NAMES])
 FILE_UNIT = np.where(IS_ANGLE, np.pi / 180.0, 1.0)
 """Multiplies a value in file units (mm, deg) to give inner units (mm, rad)."""
 
-HELD_BY_DEFAULT = ("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", *(f"arm{i}.azimuth_deg" for i in range(ARMS)))
+HELD_BY_DEFAULT = (
+    "arm0.x_mm",
+    "arm0.y_mm",
+    "arm0.z_mm",
+    *(f"arm{i}.azimuth_deg" for i in range(ARMS)),
+)
 """The first motor places the frame; the azimuths are hypothesis (iii) of the paper."""
 
 FREE_BY_DEFAULT = tuple(name for name in NAMES if name not in HELD_BY_DEFAULT)

@@ -71,7 +71,9 @@ def reach(geometry: Geometry, limits: Limits, poses: Array) -> Reach:
     joints = solution.values
     forearms = forearms_mm(geometry, joints, poses)
     swing = np.arcsin(
-        np.clip(np.einsum("nik,ik->ni", forearms, motor_axes(geometry)) / geometry.forearm_mm, -1.0, 1.0)
+        np.clip(
+            np.einsum("nik,ik->ni", forearms, motor_axes(geometry)) / geometry.forearm_mm, -1.0, 1.0
+        )
     )
     singular = np.full(len(poses), np.nan)
     found = solution.found
@@ -111,7 +113,9 @@ def explain(limits: Limits, judged: Reach, row: int, theta_rad: float) -> list[s
     """Every reason against one pose, each with its value and limit, in degrees."""
     reasons = Reason(int(judged.reasons[row]))
     if Reason.OUT_OF_REACH in reasons:
-        return ["out of reach: a forearm cannot span the distance between its elbow's circle and the plate"]
+        return [
+            "out of reach: a forearm cannot span the distance between its elbow's circle and the plate"
+        ]
     found = []
     if Reason.JOINT_LIMIT in reasons:
         found += [

@@ -40,7 +40,9 @@ class PositionModel:
     Keeps the last solution: it is the next one's start, and residual and Jacobian share it.
     """
 
-    def __init__(self, nominal: Geometry, free: Index, joints_rad: Array, start: Array | None = None) -> None:
+    def __init__(
+        self, nominal: Geometry, free: Index, joints_rad: Array, start: Array | None = None
+    ) -> None:
         self._vector = nominal.vector()
         self._free = free
         self._joints = joints_rad
@@ -91,7 +93,8 @@ class DistanceResiduals:
         """(pairs,)"""
         positions = self.model.positions_mm(x)
         return np.asarray(
-            np.linalg.norm(positions[self.second] - positions[self.first], axis=1) - self.measured_mm
+            np.linalg.norm(positions[self.second] - positions[self.first], axis=1)
+            - self.measured_mm
         )
 
     def jacobian(self, x: Array) -> Array:
@@ -100,7 +103,9 @@ class DistanceResiduals:
         between = positions[self.second] - positions[self.first]
         direction = between / np.linalg.norm(between, axis=1, keepdims=True)
         jacobian = self.model.jacobian(x)
-        return np.asarray(np.einsum("mk,mkf->mf", direction, jacobian[self.second] - jacobian[self.first]))
+        return np.asarray(
+            np.einsum("mk,mkf->mf", direction, jacobian[self.second] - jacobian[self.first])
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +122,9 @@ class PointResiduals:
     guess: Transform
 
     @classmethod
-    def from_points(cls, model: PositionModel, points_mm: Array, covariance_mm2: Array) -> "PointResiduals":
+    def from_points(
+        cls, model: PositionModel, points_mm: Array, covariance_mm2: Array
+    ) -> "PointResiduals":
         """With the frame guessed from the nominal model; raises `LinAlgError` for an indefinite covariance."""
         guess = fit_transform(model.positions_mm(model.nominal), points_mm)
         whitening = np.linalg.inv(np.linalg.cholesky(covariance_mm2))
@@ -134,7 +141,10 @@ class PointResiduals:
 
     def residual(self, x: Array) -> Array:
         """(3 N,)"""
-        misfit = self.tracker_from_base(x).apply(self.model.positions_mm(x[:-6])) - self.points_in_tracker_mm
+        misfit = (
+            self.tracker_from_base(x).apply(self.model.positions_mm(x[:-6]))
+            - self.points_in_tracker_mm
+        )
         return np.asarray(np.einsum("nij,nj->ni", self.whitening, misfit).ravel())
 
     def jacobian(self, x: Array) -> Array:
@@ -143,7 +153,9 @@ class PointResiduals:
         turn, turn_by_angle = small_rotation(x[-6:-3])
         jacobian = np.empty((len(positions), 3, len(x)))
         jacobian[:, :, :count] = (self.guess.rotation @ turn) @ self.model.jacobian(x[:-6])
-        jacobian[:, :, count:-3] = np.einsum("ij,ajk,nk->nia", self.guess.rotation, turn_by_angle, positions)
+        jacobian[:, :, count:-3] = np.einsum(
+            "ij,ajk,nk->nia", self.guess.rotation, turn_by_angle, positions
+        )
         jacobian[:, :, -3:] = np.eye(3)
         return np.asarray((self.whitening @ jacobian).reshape(-1, len(x)))
 
@@ -172,4 +184,11 @@ class WithPriors:
         return np.vstack([self.data.jacobian(x), rows])
 
 
-__all__ = ["DistanceResiduals", "NoAssembly", "PointResiduals", "PositionModel", "Residuals", "WithPriors"]
+__all__ = [
+    "DistanceResiduals",
+    "NoAssembly",
+    "PointResiduals",
+    "PositionModel",
+    "Residuals",
+    "WithPriors",
+]

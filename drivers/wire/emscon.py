@@ -4,10 +4,10 @@ import struct
 from dataclasses import dataclass, field
 
 from drivers.errors import WireError
-from drivers.wire.emscon_constants import Command, DataType, ResultStatus
+from drivers.wire.emscon_body import Body, decode_body, encode_body
+from drivers.wire.emscon_constants import Command, DataType
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
-    Body,
     CoordinateSystem,
     Direction,
     Environment,
@@ -30,9 +30,8 @@ from drivers.wire.emscon_messages import (
     TrackerInfo,
     TrackerStatus,
     Units,
-    decode_body,
-    encode_body,
 )
+from drivers.wire.emscon_status import ResultStatus
 from drivers.wire.packets import Packet, PacketFramer, encode_packet
 
 NOTHING = Nothing()

@@ -5,8 +5,9 @@ The specification is docs/robotline.md. The client and the simulated controller 
 
 import re
 from binascii import crc_hqx
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from typing import TypeVar
 
 from drivers.errors import WireError
@@ -21,6 +22,8 @@ LAST_SEQUENCE = 999_999_999
 UNREAD_VERB = "?"
 """Stands for the verb in the refusal of a line whose verb cannot be read."""
 CLIENT_MARK, CONTROLLER_MARK = ">", "<"
+EMPTY_LINE = b"\n"
+"""Says nothing, but ends a line that was left half sent."""
 
 _REFUSAL_CHARACTERS = 200
 _SHOWN_BYTES = 80
@@ -68,9 +71,9 @@ class BadRequest(WireError):
         self.reply = reply
 
 
-def next_sequence(sequence: int) -> int:
-    """Return the number that follows; after the last one comes 1."""
-    return sequence % LAST_SEQUENCE + 1
+def sequence_from(first: int) -> Iterator[int]:
+    """Count up without an end; after the last number comes 1."""
+    return ((number - 1) % LAST_SEQUENCE + 1 for number in count(first))
 
 
 def checksum(text: bytes) -> int:
@@ -135,7 +138,7 @@ class ReplyFramer:
 
 def line_framer() -> LineFramer:
     """Cut a stream into lines of robotline."""
-    return LineFramer(LINE_BYTES - len(b"\n"))
+    return LineFramer(LINE_BYTES - len(EMPTY_LINE))
 
 
 def _pack(words: Sequence[str]) -> bytes:

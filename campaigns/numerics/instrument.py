@@ -1,0 +1,45 @@
+"""The laser tracker's uncertainty (spherical instrument) as covariance of a point."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.numerics.geometry import Array
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerUncertainty:
+    """Standard uncertainties (1 σ): a constant in mm and a part per length, along the beam and across it.
+
+    The defaults are an AT500's ± (10 µm + 0.3 µm/m) and ± (15 µm + 6 µm/m) by ISO 10360-10, each over √3.
+    """
+
+    along_mm: float = 0.010 / 3**0.5
+    along_per_mm: float = 0.3e-6 / 3**0.5
+    across_mm: float = 0.015 / 3**0.5
+    across_per_mm: float = 6e-6 / 3**0.5
+
+
+def point_covariance_mm2(points_from_tracker_mm: Array, uncertainty: TrackerUncertainty) -> Array:
+    """Covariance (N, 3, 3) of points (N, 3) given from the tracker's origin, in the same axes.
+
+    Across the beam both directions are taken alike, so no axis of the instrument is needed.
+    """
+    distance = np.linalg.norm(points_from_tracker_mm, axis=1)
+    beam = points_from_tracker_mm / distance[:, None]
+    along = (uncertainty.along_mm + uncertainty.along_per_mm * distance) ** 2
+    across = (uncertainty.across_mm + uncertainty.across_per_mm * distance) ** 2
+    projector = beam[:, :, None] * beam[:, None, :]
+    return np.asarray(
+        across[:, None, None] * np.eye(3) + (along - across)[:, None, None] * projector
+    )
+
+
+def distance_variance_mm2(
+    points_mm: Array, covariance_mm2: Array, first: Array, second: Array
+) -> Array:
+    """Variance of the distances between rows `first` and `second` of points (N, 3), (M,)."""
+    between = points_mm[second] - points_mm[first]
+    direction = between / np.linalg.norm(between, axis=1, keepdims=True)
+    together = covariance_mm2[first] + covariance_mm2[second]
+    return np.asarray(np.einsum("mi,mij,mj->m", direction, together, direction))

@@ -1,0 +1,213 @@
+"""campaign.yaml: a new one explains itself, a wrong one is answered with one line."""
+
+import math
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from campaigns.commented_yaml import commented_yaml
+from campaigns.config import (
+    SCHEMA,
+    CampaignConfig,
+    new_config,
+    read_campaign,
+    read_campaign_robot,
+    write_new_campaign,
+)
+from campaigns.errors import ConfigInvalid, NotACampaign, OutputExists, WriteFailed
+from campaigns.robot import find_robot
+from campaigns.yamlfile import FileModel, checked, parse_document
+
+PROTOTYPE = find_robot("par4-prototype")
+TOLD = {
+    "name": "spring",
+    "controller": {"url": "tcp://192.168.1.2:5010"},
+    "tracker": {"url": "tcp://192.168.1.3:700", "reflector": "RRR 1.5in"},
+}
+MINIMAL = f"""schema: {SCHEMA}
+name: spring
+controller:
+  url: tcp://192.168.1.2:5010
+tracker:
+  url: tcp://192.168.1.3:700
+  reflector: RRR 1.5in
+"""
+
+
+def read(text):
+    return checked(parse_document(text, "campaign.yaml"), SCHEMA, CampaignConfig)
+
+
+def complaint(text):
+    with pytest.raises(ConfigInvalid) as caught:
+        read(text)
+    said = str(caught.value)
+    assert "\n" not in said
+    return said
+
+
+def test_new_campaign_reads_back_as_it_was_told(tmp_path):
+    config = new_config(TOLD | {"gate": {"attempts": 5}, "people": {"operator": "A. Smith"}})
+    write_new_campaign(tmp_path / "spring", config, PROTOTYPE)
+    assert read_campaign(tmp_path / "spring") == config
+    assert read_campaign_robot(tmp_path / "spring", config).robot == PROTOTYPE.robot
+
+
+def test_new_campaign_holds_the_robot_file_byte_by_byte(tmp_path):
+    write_new_campaign(tmp_path, new_config(TOLD), PROTOTYPE)
+    assert (tmp_path / "robot.yaml").read_bytes() == PROTOTYPE.document.text.encode()
+
+
+def test_every_key_of_a_new_file_stands_below_its_explanation():
+    lines = commented_yaml(SCHEMA, new_config(TOLD)).splitlines()
+    keys = [number for number, line in enumerate(lines) if re.match(r" *\w+:", line)][1:]
+    assert len(keys) > 40
+    for number in keys:
+        assert lines[number - 1].lstrip().startswith("# "), lines[number]
+
+
+def sections_of(model):
+    for field in model.model_fields.values():
+        yield field
+        if isinstance(field.annotation, type) and issubclass(field.annotation, FileModel):
+            yield from sections_of(field.annotation)
+
+
+def test_every_key_has_a_description():
+    assert all(field.description for field in sections_of(CampaignConfig))
+
+
+def test_only_names_and_addresses_must_be_given():
+    assert read(MINIMAL) == new_config(TOLD)
+
+
+def test_defaults_are_the_papers_recipe():
+    config = read(MINIMAL)
+    assert (config.plan.shots, config.plan.validation_pairs) == (120, 20)
+    assert config.plan.placement == "boundary"
+    assert config.validation.repeatability_approaches == 28
+    assert config.validation.line_lengths_mm == (800.0, 800.0, 500.0)
+    assert config.validation.centre_mm == (0.0, 0.0, -575.0)
+
+
+def test_angles_are_given_in_deg_and_used_in_rad():
+    config = read(MINIMAL + "  acceptance_deg: 20\nsettle: {still_deg: 0.001, in_place_deg: 0.1}\n")
+    assert config.tracker.acceptance_rad == math.radians(20.0)
+    assert config.settle.still_rad == math.radians(0.001)
+    assert config.settle.in_place_rad == math.radians(0.1)
+
+
+def test_folder_without_settings_is_no_campaign(tmp_path):
+    with pytest.raises(NotACampaign, match="pkmcal new") as caught:
+        read_campaign(tmp_path)
+    assert str(tmp_path) in str(caught.value)
+
+
+def test_campaign_is_not_made_over_another(tmp_path):
+    write_new_campaign(tmp_path, new_config(TOLD), PROTOTYPE)
+    before = (tmp_path / "campaign.yaml").read_bytes()
+    with pytest.raises(OutputExists, match=r"campaign\.yaml already exists"):
+        write_new_campaign(tmp_path, new_config(TOLD | {"name": "other"}), PROTOTYPE)
+    assert (tmp_path / "campaign.yaml").read_bytes() == before
+
+
+def test_robot_file_of_somebodys_own_is_not_overwritten(tmp_path):
+    (tmp_path / "robot.yaml").write_text("mine\n")
+    with pytest.raises(OutputExists, match=r"robot\.yaml already exists"):
+        write_new_campaign(tmp_path, new_config(TOLD), PROTOTYPE)
+    assert (tmp_path / "robot.yaml").read_text() == "mine\n"
+
+
+def test_campaign_that_broke_off_after_its_robot_file_can_be_made(tmp_path):
+    (tmp_path / "robot.yaml").write_text(PROTOTYPE.document.text)
+    write_new_campaign(tmp_path, new_config(TOLD), PROTOTYPE)
+    assert read_campaign(tmp_path).name == "spring"
+
+
+def test_file_in_the_folders_place_is_said(tmp_path):
+    (tmp_path / "spring").write_text("")
+    with pytest.raises(WriteFailed, match="cannot be written"):
+        write_new_campaign(tmp_path / "spring", new_config(TOLD), PROTOTYPE)
+
+
+def test_missing_robot_file_is_named(tmp_path):
+    write_new_campaign(tmp_path, new_config(TOLD), PROTOTYPE)
+    (tmp_path / "robot.yaml").unlink()
+    with pytest.raises(ConfigInvalid, match=r"robot\.yaml: there is no such file"):
+        read_campaign_robot(tmp_path, read_campaign(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("name: spring", "name: ''", 'campaign.yaml:2: name is "", must not be empty'),
+        ("  reflector: RRR 1.5in\n", "", "campaign.yaml:5: tracker.reflector is missing"),
+        ("reflector", "reflektor", "did you mean reflector?"),
+        ("tcp://192.168.1.2:5010", "192.168.1.2", "campaign.yaml:4: controller.url is"),
+        ("tcp://192.168.1.2:5010", "tcp://192.168.1.2", "give its address: tcp://HOST:PORT"),
+        ("tcp://192.168.1.3:700", "http://tracker", "give its address: tcp://HOST:PORT"),
+    ],
+)
+def test_wrong_value_is_answered_with_its_line_and_what_to_give(old, new, words):
+    assert old in MINIMAL
+    assert words in complaint(MINIMAL.replace(old, new, 1))
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ("  place_m: [2.5, 0, 0]", "write place_mm, with the value in mm"),
+        ("  place_mm: [2500, 0]", "tracker.place_mm[2] is missing"),
+        ("  reflector_facing: [0, 0, 0]", "tracker.reflector_facing is [0, 0, 0], which is no"),
+        ("  serial: 390123", "tracker.serial is 390123, must be text: put it in quotes"),
+        ("  driver: faro", "tracker.driver is \"faro\", must be 'emscon'"),
+        ("  acceptance_deg: 90", "must be below 90"),
+        ("  measuring_time_s: 0", "must be above 0"),
+        ("plan: {shots: 121}", "plan.shots is 121, must be a multiple of 2"),
+        ("plan: {shots: 120.5}", "plan.shots is 120.5, must be a whole number"),
+        ("plan: {placement: random}", "must be 'boundary' or 'optimal'"),
+        ("plan: {seed: -1}", "plan.seed is -1, must be at least 0"),
+        ("settle: {timeout_s: 0.1}", "settle.timeout_s is 0.1, must be above time_s, which is 0.2"),
+        ("settle: {time_ms: 5}", "write time_s, with the value in s"),
+        ("gate: {attempts: 0}", "gate.attempts is 0, must be at least 1"),
+        ("gate: {distance_mm: .inf}", "must be a finite number"),
+        ("gate:\n", "gate is empty, must hold keys with values"),
+        ("acceptance: {distance_max_mm: '1'}", 'acceptance.distance_max_mm is "1", must be'),
+        ("robot: ../robot.yaml", "give the name of the file in this folder"),
+        ("controler: {}", "campaign.yaml:8: controler is not a known key → did you mean controller?"),
+    ],
+)
+def test_wrong_addition_is_answered_with_its_key_and_limit(more, words):
+    assert words in complaint(f"{MINIMAL}{more}\n")
+
+
+def test_address_told_to_new_is_checked_like_one_in_the_file():
+    with pytest.raises(ConfigInvalid) as caught:
+        new_config(TOLD | {"controller": {"url": "nowhere"}})
+    assert str(caught.value).startswith('new campaign: controller.url is "nowhere"')
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "tcp://localhost:5010",
+        "tcp://[::1]:5010",
+        "serial:///dev/ttyUSB0?baud=115200",
+        "serial:///COM3",
+        "sim://paper-simulation",
+    ],
+)
+def test_all_forms_of_address_are_taken(url):
+    assert new_config(TOLD | {"controller": {"url": url}}).controller.url == url
+
+
+words = st.text(min_size=1).filter(lambda text: not re.search(r"[\ud800-\udfff]", text))
+
+
+@given(name=words, notes=words, reflector=words)
+def test_any_text_comes_back_from_a_new_file(name, notes, reflector):
+    tracker = TOLD["tracker"] | {"reflector": reflector}
+    config = new_config(TOLD | {"name": name, "tracker": tracker, "people": {"notes": notes}})
+    assert read(commented_yaml(SCHEMA, config)) == config

@@ -1,0 +1,254 @@
+"""Robot files: read, checked, compensated, written."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from campaigns.errors import ConfigInvalid, OutputExists
+from campaigns.parameters import PARAMETER_NAMES
+from campaigns.robot import (
+    Compensation,
+    RobotFile,
+    compensated,
+    find_robot,
+    read_robot,
+    write_new_robot,
+)
+
+VECTORS = Path(__file__).parents[1] / "data" / "vectors"
+PROTOTYPE = find_robot("par4-prototype")
+LINE_OF_ARM_0 = 18
+LINE_OF_ARM_2 = 20
+LAST_LINE = "  forearm_swing_deg: 45.0\n"
+
+
+def geometry_in(vectors_geometry):
+    arms = vectors_geometry["arms"]
+    flat = {f"arm{i}.{key}": value for i, arm in enumerate(arms) for key, value in arm.items()}
+    return flat | {"plate_mm": vectors_geometry["plate_mm"]}
+
+
+def written(folder, text):
+    path = folder / "robot.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def complaint(folder, old, new):
+    """What reading says of the prototype's file with one passage replaced."""
+    assert old in PROTOTYPE.document.text
+    path = written(folder, PROTOTYPE.document.text.replace(old, new, 1))
+    with pytest.raises(ConfigInvalid) as caught:
+        read_robot(path)
+    said = str(caught.value)
+    assert "\n" not in said
+    return said.removeprefix(f"{path}:")
+
+
+def compensation(**changes):
+    settings = {
+        "name": "par4-prototype compensated",
+        "geometry": PROTOTYPE.robot.geometry_flat(),
+        "uncertainty": {"arm1.x_mm": 0.05, "arm0.joint_offset_deg": 0.002},
+        "provenance": {"campaign": "spring", "shots": 120, "before_mm": {"max_abs": 7.25}},
+    }
+    return Compensation(**(settings | changes))
+
+
+def test_shipped_prototype_is_the_robot_of_the_reference_vectors():
+    cases = json.loads((VECTORS / "kinematics.json").read_text())["cases"]
+    assert PROTOTYPE.robot.geometry_flat() == geometry_in(cases["nominal"]["geometry"])
+
+
+def test_prototype_allows_what_the_validation_lines_need():
+    limits = PROTOTYPE.robot.limits
+    assert limits.joint_rad == (math.radians(-45.0), math.radians(90.0))
+    assert limits.theta_rad == (math.radians(-45.0), math.radians(45.0))
+    assert limits.forearm_swing_rad == math.radians(45.0)
+
+
+def test_table1_is_shipped_as_printed():
+    robot = find_robot("par4-table1").robot
+    flat = robot.geometry_flat()
+    printed_rule = [45.0 + (3 - arm) * 90.0 for arm in range(4)]
+    assert [flat[f"arm{arm}.azimuth_deg"] for arm in range(4)] == printed_rule
+    assert [flat[f"arm{arm}.forearm_mm"] for arm in range(4)] == [350.0] * 4
+    assert robot.limits.joint_rad == (math.radians(-45.0), math.radians(45.0))
+
+
+def test_there_are_29_parameters_and_numerics_has_them_in_the_same_order():
+    from campaigns.numerics.geometry import NAMES
+
+    assert len(PARAMETER_NAMES) == 29
+    assert tuple(NAMES) == PARAMETER_NAMES
+    assert tuple(PROTOTYPE.robot.geometry_flat()) == PARAMETER_NAMES
+
+
+def test_robot_is_found_by_path(tmp_path):
+    path = written(tmp_path, PROTOTYPE.document.text)
+    assert find_robot(str(path)).robot == PROTOTYPE.robot
+
+
+def test_unknown_robot_names_the_nearest_and_the_shipped_ones():
+    with pytest.raises(ConfigInvalid, match="did you mean par4-prototype") as caught:
+        find_robot("par4-protype")
+    assert "par4-prototype, par4-table1" in str(caught.value)
+
+
+def test_absent_robot_file_is_said_to_be_absent(tmp_path):
+    with pytest.raises(ConfigInvalid, match="there is no such file"):
+        read_robot(tmp_path / "robot.yaml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("arm_mm: 350.0", "arm_mm: -350.0", 18, "arms[0].arm_mm is -350.0, must be above 0"),
+        ("arm_mm: 350.0", "arm_mm: 0", 18, "must be above 0"),
+        ("plate_mm: 100.0", "plate_mm: -1", 23, "geometry.plate_mm is -1, must be above 0"),
+        ("arm_mm: 350.0", "arm_mm: .nan", 18, "must be a finite number"),
+        ("arm_mm: 350.0", "arm_mm: .inf", 18, "must be a finite number"),
+        ("arm_mm: 350.0", "arm_mm: '350'", 18, 'is "350", must be a number'),
+        ("arm_mm: 350.0", "arm_mm: 350 mm", 18, "must be a number"),
+        ("arm_mm: 350.0", "arm_mm: true", 18, "is true, must be a number"),
+        ("plate_mm: 100.0", "plate_mm:", 23, "geometry.plate_mm is empty"),
+        ("arm_mm: 350.0", "arm_mm: 350,5", 18, "write a decimal point, not a comma"),
+        ("arm_mm: 350.0, ", "", 18, "geometry.arms[0].arm_mm is missing"),
+        ("forearm_mm: 700.0", "forearm_m: 0.7", 18, "write forearm_mm, with the value in mm"),
+        ("azimuth_deg", "azimuth_rad", 18, "write azimuth_deg, with the value in deg"),
+        ("plate_mm", "plat_mm", 23, "did you mean plate_mm?"),
+        ("    - {x_mm: -172.5, y_mm: 222.5", "    # {", 15, "geometry.arms[3] is missing"),
+        ("[-45.0, 90.0]", "[90, -45]", 26, "the lowest must be below the highest"),
+        ("[-45.0, 90.0]", "[-45]", 26, "limits.joint_deg[1] is missing"),
+        ("[-45.0, 90.0]", "[-45, 0, 90]", 26, "has 3 entries, must have 2"),
+        ("[-45.0, 90.0]", "90", 26, "limits.joint_deg is 90, must be a list"),
+        ("mechanism: par4", "mechanism: delta", 12, "mechanism is \"delta\", must be 'par4'"),
+        ("name: par4-prototype", "name: 12", 13, "must be text: put it in quotes"),
+        ("name: par4", "name: x\nname: par4", 14, 'duplicate key "name"'),
+        ("robot/1", "robot/2", 11, "a newer pkmcal wrote the file"),
+        ("robot/1", "campaign/1", 11, "give a pkmcal/robot file here"),
+        ("schema: pkmcal/robot/1\n", "", 1, "begin with 'schema: pkmcal/robot/1'"),
+        ("[-45.0, 90.0]", "[-45.0, 90.0", 27, "is not YAML"),
+        (LAST_LINE, f"{LAST_LINE}uncertainty: {{arm0.x: 1.0}}", 30, "write arm0.x_mm"),
+        (LAST_LINE, f"{LAST_LINE}uncertainty: {{plate_mm: -1.0}}", 30, "must be at least 0"),
+        (LAST_LINE, f"{LAST_LINE}provenance: {{a: [.nan]}}", 30, "not finite"),
+    ],
+)
+def test_wrong_file_is_answered_with_line_key_value_and_remedy(tmp_path, old, new, line, words):
+    said = complaint(tmp_path, old, new)
+    assert said.startswith(f"{line}: ")
+    assert words in said
+    assert " → " in said
+
+
+def test_key_path_names_the_arm(tmp_path):
+    second_arm = "{x_mm: 172.5, y_mm: 222.5, z_mm: 0.0"
+    said = complaint(tmp_path, second_arm, second_arm.replace("0.0", "low"))
+    assert said.startswith(f'{LINE_OF_ARM_2}: geometry.arms[2].z_mm is "low", must be a number')
+
+
+def test_digest_tells_parameters_that_differ_by_one_unit_in_the_last_place():
+    flat = PROTOTYPE.robot.geometry_flat()
+    changed = flat | {"arm2.arm_mm": math.nextafter(flat["arm2.arm_mm"], math.inf)}
+    digests = [
+        RobotFile.from_flat(each, name="x", limits=PROTOTYPE.robot.limits).digest()
+        for each in (flat, changed, flat)
+    ]
+    assert digests[0] == digests[2] != digests[1]
+
+
+def test_digest_does_not_tell_minus_zero_from_zero():
+    flat = PROTOTYPE.robot.geometry_flat()
+    robot = RobotFile.from_flat(
+        flat | {"arm0.z_mm": -0.0}, name="x", limits=PROTOTYPE.robot.limits
+    )
+    assert robot.digest() == PROTOTYPE.robot.digest()
+
+
+def test_changed_geometry_under_an_old_digest_is_refused_naming_both(tmp_path):
+    text = compensated(PROTOTYPE, compensation()).document.text
+    digest = PROTOTYPE.robot.digest()
+    path = written(tmp_path, text.replace("plate_mm: 100.0", "plate_mm: 100.5"))
+    with pytest.raises(ConfigInvalid) as caught:
+        read_robot(path)
+    said = str(caught.value)
+    assert f"sha256 is {digest}" in said
+    assert said.count("sha256") == 2
+    assert "restore the file, or delete the line" in said
+
+
+@pytest.mark.parametrize(
+    ("flat", "words"),
+    [
+        ({"plate_mm": 1.0}, "arm0.x_mm is missing"),
+        (PROTOTYPE.robot.geometry_flat() | {"arm4.x_mm": 1.0}, "arm4.x_mm is not a parameter"),
+        (PROTOTYPE.robot.geometry_flat() | {"plate_mm": math.nan}, "plate_mm is nan"),
+    ],
+)
+def test_parameters_that_are_not_the_29_make_no_robot(flat, words):
+    with pytest.raises(ConfigInvalid, match=words):
+        RobotFile.from_flat(flat, name="x", limits=PROTOTYPE.robot.limits)
+
+
+def test_compensated_file_keeps_the_comments_and_changes_only_what_differs(tmp_path):
+    geometry = PROTOTYPE.robot.geometry_flat() | {"arm1.x_mm": 171.25}
+    text = compensated(PROTOTYPE, compensation(geometry=geometry)).document.text
+    before = PROTOTYPE.document.text.splitlines()
+    after = text.splitlines()[: len(before)]
+    changed = [(old, new) for old, new in zip(before, after, strict=True) if old != new]
+    assert changed == [
+        ("name: par4-prototype", "name: par4-prototype compensated"),
+        (before[LINE_OF_ARM_0], before[LINE_OF_ARM_0].replace("172.5", "171.25")),
+    ]
+
+
+def test_compensated_file_tells_uncertainty_provenance_and_digest(tmp_path):
+    path = tmp_path / "compensated.yaml"
+    write_new_robot(path, compensated(PROTOTYPE, compensation()))
+    robot = read_robot(path).robot
+    assert robot.uncertainty == compensation().uncertainty
+    assert robot.provenance == compensation().provenance
+    assert f"sha256: {robot.digest()}" in path.read_text(encoding="utf-8")
+
+
+def test_compensated_robot_can_be_the_next_nominal_one():
+    first = compensated(PROTOTYPE, compensation())
+    geometry = PROTOTYPE.robot.geometry_flat() | {"plate_mm": 101.5}
+    second = compensated(first, compensation(geometry=geometry, uncertainty={"plate_mm": 0.1}))
+    assert second.robot.geometry_flat() == geometry
+    assert second.robot.uncertainty == {"plate_mm": 0.1}
+    assert second.document.text.startswith("# Par4, the prototype")
+
+
+def test_compensation_with_a_negative_length_makes_no_file():
+    geometry = PROTOTYPE.robot.geometry_flat() | {"arm0.arm_mm": -1.0}
+    with pytest.raises(ConfigInvalid, match="must be above 0"):
+        compensated(PROTOTYPE, compensation(geometry=geometry))
+
+
+def test_existing_robot_file_is_not_overwritten(tmp_path):
+    path = written(tmp_path, "mine\n")
+    with pytest.raises(OutputExists, match=r"robot\.yaml already exists"):
+        write_new_robot(path, PROTOTYPE)
+    assert path.read_text() == "mine\n"
+
+
+lengths = st.floats(min_value=1e-6, max_value=1e5)
+places = st.floats(min_value=-1e5, max_value=1e5)
+turns = st.floats(min_value=-360.0, max_value=360.0)
+
+
+def any_value_of(name):
+    if name.endswith("_deg"):
+        return turns
+    return places if name[-4:] in {"x_mm", "y_mm", "z_mm"} else lengths
+
+
+@given(geometry=st.fixed_dictionaries({name: any_value_of(name) for name in PARAMETER_NAMES}))
+def test_any_parameters_come_back_from_the_file_bit_by_bit(geometry):
+    robot = compensated(PROTOTYPE, compensation(geometry=geometry)).robot
+    assert robot.geometry_flat() == geometry

@@ -1,0 +1,81 @@
+"""Text files are written whole or not at all."""
+
+import errno
+import os
+import resource
+
+import pytest
+
+from campaigns.errors import OutputExists, WriteFailed
+from campaigns.textfile import make_folder, replace_text, write_new_text
+
+
+def test_new_text_takes_the_place_of_the_old(tmp_path):
+    path = tmp_path / "plan.csv"
+    replace_text(path, "old\n")
+    replace_text(path, "new ±\n")
+    assert path.read_text(encoding="utf-8") == "new ±\n"
+    assert os.listdir(tmp_path) == ["plan.csv"]
+
+
+def test_full_disk_is_said_and_leaves_the_old_file_intact(tmp_path, monkeypatch):
+    path = tmp_path / "plan.csv"
+    replace_text(path, "old\n")
+
+    def full(_descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(WriteFailed, match=r"no space left on device\) → free space"):
+        replace_text(path, "new\n")
+    assert path.read_text() == "old\n"
+    assert os.listdir(tmp_path) == ["plan.csv"]
+
+
+@pytest.fixture
+def files_of_at_most_100_bytes():
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_write_that_the_system_cuts_short_leaves_the_old_file_intact(
+    tmp_path, files_of_at_most_100_bytes
+):
+    path = tmp_path / "plan.csv"
+    replace_text(path, "old\n")
+    with pytest.raises(WriteFailed, match="free space"):
+        replace_text(path, "new" * 100)
+    assert path.read_text() == "old\n"
+    assert os.listdir(tmp_path) == ["plan.csv"]
+
+
+def test_existing_file_is_not_overwritten_unasked(tmp_path):
+    path = tmp_path / "shots.csv"
+    write_new_text(path, "mine\n")
+    with pytest.raises(OutputExists):
+        write_new_text(path, "theirs\n")
+    assert path.read_text() == "mine\n"
+
+
+def test_link_is_written_through_and_stays_a_link(tmp_path):
+    (tmp_path / "real.csv").write_text("old\n")
+    link = tmp_path / "plan.csv"
+    link.symlink_to("real.csv")
+    replace_text(link, "new\n")
+    assert link.is_symlink()
+    assert (tmp_path / "real.csv").read_text() == "new\n"
+
+
+@pytest.mark.parametrize("place", ["missing/plan.csv", "file/plan.csv"])
+def test_place_that_is_no_folder_is_said(tmp_path, place):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(WriteFailed, match="check that the folder exists"):
+        replace_text(tmp_path / place, "text")
+
+
+def test_file_in_the_way_of_a_folder_is_said(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(WriteFailed, match="cannot be written"):
+        make_folder(tmp_path / "file")

@@ -1,0 +1,156 @@
+"""YAML files: whatever is in them is either read or answered with one line."""
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from pydantic import Field
+
+from campaigns.errors import ConfigInvalid
+from campaigns.yamlfile import (
+    FileModel,
+    checked,
+    checked_settings,
+    parse_document,
+    read_document,
+    yaml_text,
+)
+
+SCHEMA = "pkmcal/test/1"
+
+
+class Inner(FileModel):
+    count: int = Field(default=1, ge=0, description="a count")
+
+
+class Sample(FileModel):
+    size_mm: float = Field(description="the size, mm")
+    inner: Inner | None = Field(default=None, description="something inside")
+    label: str = Field(default="", description="a label")
+
+
+def read(text):
+    return checked(parse_document(text, "sample.yaml"), SCHEMA, Sample)
+
+
+def complaint(text):
+    with pytest.raises(ConfigInvalid) as caught:
+        read(text)
+    return str(caught.value)
+
+
+def with_schema(text):
+    return f"schema: {SCHEMA}\n{text}"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "sample.yaml: is empty"),
+        ("# nothing but a comment\n", "sample.yaml: is empty"),
+        ("- 1\n- 2\n", "holds no keys with values"),
+        ("just text\n", "holds no keys with values"),
+        ("a: [1, 2\n", "is not YAML"),
+        ("a:\n\tb: 1\n", "sample.yaml:2: is not YAML"),
+        ("a: *nowhere\n", "sample.yaml:1: is not YAML"),
+        ("a: 1\n---\nb: 2\n", "is not YAML"),
+        ("a: \x00\n", "is not YAML"),
+        ("[" * 5000, "nesting that cannot be read"),
+        ("%YAML 1.3\n---\na: 1\n", "directives"),
+        ("a: !!float\n", "has tags"),
+        ("day: 2024-13-45\n", "month must be in"),
+        (with_schema("? [1, 2]\n: 3\n"), "more than plain keys"),
+    ],
+)
+def test_what_is_no_plain_yaml_mapping_is_refused_in_one_line(text, words):
+    said = complaint(text)
+    assert words in said
+    assert "\n" not in said
+
+
+def test_yaml_1_2_takes_yes_as_a_word():
+    assert read(with_schema("size_mm: 1.0\nlabel: yes\n")).label == "yes"
+
+
+def test_whole_number_serves_as_a_number_but_not_the_other_way_round():
+    assert read(with_schema("size_mm: 1\n")).size_mm == 1.0
+    said = complaint(with_schema("size_mm: 1\ninner: {count: 1.0}\n"))
+    assert "inner.count is 1.0, must be a whole number" in said
+
+
+def test_several_findings_are_counted_and_the_unknown_key_is_named_first():
+    said = complaint(with_schema("size_m: 1.0\nlabel: 3\n"))
+    assert said.startswith("sample.yaml:2: size_m is not a known key (and 2 more)")
+
+
+def test_key_in_an_optional_section_is_explained_by_its_own_description():
+    said = complaint(with_schema("size_mm: 1.0\ninner:\n  count: -1\n"))
+    assert said == "sample.yaml:4: inner.count is -1, must be at least 0 → give a count"
+
+
+def test_long_value_is_shown_shortened():
+    said = complaint(with_schema(f"size_mm: {'long ' * 100}\n"))
+    assert len(said) < 150
+
+
+def test_file_that_is_not_utf_8_is_refused_with_its_line(tmp_path):
+    path = tmp_path / "sample.yaml"
+    path.write_bytes(b"schema: x\nlabel: caf\xe9\n")
+    with pytest.raises(ConfigInvalid, match=r"sample\.yaml:2: byte 0xe9 is not UTF-8"):
+        read_document(path, if_missing="make it")
+
+
+def test_byte_order_mark_and_windows_line_ends_are_tolerated(tmp_path):
+    path = tmp_path / "sample.yaml"
+    path.write_bytes(b"\xef\xbb\xbf" + with_schema("size_mm: 2.5\n").replace("\n", "\r\n").encode())
+    assert checked(read_document(path, if_missing="make it"), SCHEMA, Sample).size_mm == 2.5
+
+
+def test_absent_file_is_answered_with_the_remedy_given(tmp_path):
+    with pytest.raises(ConfigInvalid, match="make it with a spell"):
+        read_document(tmp_path / "sample.yaml", if_missing="make it with a spell")
+
+
+def test_folder_in_a_files_place_is_refused(tmp_path):
+    with pytest.raises(ConfigInvalid, match="cannot be read"):
+        read_document(tmp_path, if_missing="make it")
+
+
+def test_edited_tree_keeps_its_comments():
+    text = "# above\na: 1.50  # beside\n\n# between\nb: {c: 2, d: 3}\n# below\n"
+    tree = parse_document(text, "sample.yaml").editable_tree()
+    tree["b"]["c"] = 7
+    assert yaml_text(tree) == text.replace("c: 2", "c: 7")
+
+
+def test_settings_from_elsewhere_are_checked_like_a_file():
+    with pytest.raises(ConfigInvalid) as caught:
+        checked_settings({"size_mm": -1, "inner": {"count": -2}}, "command line", Sample)
+    assert str(caught.value).startswith("command line: inner.count is -2, must be at least 0")
+
+
+@given(st.text())
+@example("?")
+@example("- - -")
+@example("!!set {a, b}")
+@example("{a: 1, a: 2}")
+@example("%YAML 9.9\n---\n")
+@example("a: 2024-13-45")
+def test_any_text_is_read_or_refused_with_config_invalid(text):
+    try:
+        read(with_schema(text))
+    except ConfigInvalid as error:
+        assert "\n" not in str(error)
+
+
+yaml_like = st.lists(
+    st.sampled_from([*"{}[]:,-?&*!|>'\"%@`#~\n \t", "a", "1", "size_mm", ": ", "- ", "<<", "!!int"]),
+    max_size=25,
+).map("".join)
+
+
+@given(yaml_like)
+def test_any_yaml_like_text_is_read_or_refused_with_config_invalid(text):
+    try:
+        read(with_schema(text))
+    except ConfigInvalid as error:
+        assert "\n" not in str(error)

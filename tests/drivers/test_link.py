@@ -1,0 +1,258 @@
+"""One question at a time: what counts as its answer, and what closes the link."""
+
+import socket
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from timed_pipe import HandClock, TimedPipe
+
+from drivers.errors import Cancelled, DriverError, LinkDown, WireError
+from drivers.link import EVENTS_KEPT, PATIENCE_S, Link
+from drivers.transport import TcpTransport
+from drivers.wire.lines import LineFramer
+
+
+def is_event(line: bytes) -> bool:
+    return line.startswith(b"event")
+
+
+def is_answer(line: bytes) -> bool:
+    return line.startswith(b"answer")
+
+
+def link_over(pipe, clock_s, cancelled=lambda: False):
+    return Link(pipe, LineFramer(100), clock_s=clock_s, is_event=is_event, cancelled=cancelled)
+
+
+class Cell:
+    """A link over a pipe whose other end does what the test says."""
+
+    def __init__(self, *answers, cancelled=lambda: False):
+        self.clock = HandClock()
+        self.pipe = TimedPipe(self.clock, lambda _: answers)
+        self.link = link_over(self.pipe, self.clock.now_s, cancelled)
+
+    def ask(self, request=b"question\n", within_s=1.0):
+        return self.link.ask(request, answers=is_answer, within_s=within_s, what="QUESTION")
+
+    def assert_closed(self):
+        assert not self.link.is_open
+        assert self.pipe.is_closed
+        with pytest.raises(LinkDown, match="closed"):
+            self.ask()
+
+
+def test_question_is_sent_and_its_answer_returned():
+    cell = Cell((0.2, b"answer 1\n"))
+    assert cell.ask() == b"answer 1"
+    assert cell.pipe.sent == [b"question\n"]
+    assert cell.clock.now_s() == pytest.approx(0.2)
+    assert cell.link.is_open
+
+
+def test_late_answer_closes_the_link():
+    cell = Cell((1.1, b"answer 1\n"))
+    with pytest.raises(LinkDown, match=r"no answer to QUESTION within 1 s"):
+        cell.ask()
+    cell.assert_closed()
+
+
+@pytest.mark.parametrize("pause_s", [0.0, 0.5])
+def test_late_answer_is_never_read_as_the_answer_to_the_next_question(pause_s):
+    cell = Cell((1.1, b"answer to first\n"))
+    with pytest.raises(LinkDown):
+        cell.ask(b"first\n")
+    cell.clock.sleep_s(pause_s)
+    with pytest.raises(LinkDown):
+        cell.ask(b"second\n")
+    assert cell.pipe.sent == [b"first\n"]
+
+
+def test_late_answer_over_a_real_socket_is_never_read_as_the_next():
+    here, there = socket.socketpair()
+    with there:
+        link = link_over(TcpTransport(here, "tcp://test"), time.monotonic)
+        with pytest.raises(LinkDown):
+            link.ask(b"first\n", answers=is_answer, within_s=0.005, what="FIRST")
+        with pytest.raises((BrokenPipeError, ConnectionResetError)):
+            there.sendall(b"answer to first\n")
+        with pytest.raises(LinkDown):
+            link.ask(b"second\n", answers=is_answer, within_s=0.005, what="SECOND")
+
+
+def test_answer_that_came_in_time_counts_even_if_looked_at_late():
+    pipe = TimedPipe(HandClock(), lambda _: ((0.0, b"answer 1\n"),))
+    question_and_awakening_s = iter([0.0, 2.0])
+    link = link_over(pipe, lambda: next(question_and_awakening_s))
+    assert link.ask(b"q\n", answers=is_answer, within_s=1.0, what="Q") == b"answer 1"
+
+
+def test_deadline_counts_from_the_question_not_from_the_last_byte():
+    cell = Cell(*((0.3 * n, b"a") for n in range(1, 20)))
+    with pytest.raises(LinkDown):
+        cell.ask()
+    assert cell.clock.now_s() == pytest.approx(1.0)
+
+
+def test_events_do_not_put_the_deadline_off():
+    cell = Cell(*((0.3 * n, b"event\n") for n in range(1, 20)))
+    with pytest.raises(LinkDown):
+        cell.ask()
+    assert cell.clock.now_s() == pytest.approx(1.0)
+
+
+def test_answer_to_nothing_that_was_asked_closes_the_link():
+    cell = Cell()
+    cell.pipe.arrives(0.0, b"answer 0\n")
+    with pytest.raises(WireError, match="nobody asked"):
+        cell.ask()
+    assert cell.pipe.sent == []
+    cell.assert_closed()
+
+
+def test_second_answer_to_one_question_closes_the_link():
+    cell = Cell((0.1, b"answer 1\nanswer 1\n"))
+    with pytest.raises(WireError, match="nobody asked"):
+        cell.ask()
+    cell.assert_closed()
+
+
+def test_message_that_is_neither_answer_nor_event_closes_the_link():
+    cell = Cell((0.1, b"something else\n"), (0.2, b"answer 1\n"))
+    with pytest.raises(WireError, match="something else"):
+        cell.ask()
+    cell.assert_closed()
+
+
+def test_error_of_the_framer_closes_the_link():
+    class Strict:
+        def feed(self, data):
+            if data:
+                raise WireError("garbage")
+            return []
+
+    clock = HandClock()
+    pipe = TimedPipe(clock, lambda _: ((0.1, b"\xff\x00"),))
+    link = Link(pipe, Strict(), clock_s=clock.now_s, is_event=is_event)
+    with pytest.raises(WireError, match="garbage"):
+        link.ask(b"q\n", answers=is_answer, within_s=1.0, what="Q")
+    assert pipe.is_closed
+
+
+def test_peer_that_closes_closes_the_link():
+    cell = Cell((0.1, b""))
+    with pytest.raises(LinkDown, match="the device closed"):
+        cell.ask()
+    cell.assert_closed()
+
+
+def test_events_before_and_after_the_answer_are_kept_in_order():
+    cell = Cell((0.1, b"event 2\nanswer 1\nevent 3\n"))
+    cell.pipe.arrives(0.0, b"event 1\n")
+    assert cell.ask() == b"answer 1"
+    assert cell.link.events() == [b"event 1", b"event 2", b"event 3"]
+    assert cell.link.events() == []
+
+
+def test_events_are_read_without_waiting():
+    cell = Cell()
+    cell.pipe.arrives(0.0, b"event 1\n")
+    cell.pipe.arrives(0.5, b"event 2\n")
+    assert cell.link.events() == [b"event 1"]
+    assert cell.clock.now_s() == 0.0
+
+
+def test_reading_events_of_a_closed_peer_closes_the_link():
+    cell = Cell()
+    cell.pipe.arrives(0.0, b"")
+    with pytest.raises(LinkDown):
+        cell.link.events()
+    cell.assert_closed()
+
+
+def test_flood_of_events_is_bounded_and_the_newest_are_kept():
+    count = EVENTS_KEPT + 5
+    cell = Cell(*((0.0, b"event %d\n" % n) for n in range(count)), (0.1, b"answer 1\n"))
+    assert cell.ask() == b"answer 1"
+    kept = cell.link.events()
+    assert len(kept) == EVENTS_KEPT
+    assert kept[-1] == b"event %d" % (count - 1)
+
+
+def test_event_that_came_earlier_is_found_and_the_others_stay():
+    cell = Cell((0.0, b"event 1\nevent 2\nanswer 1\n"))
+    cell.ask()
+    found = cell.link.await_event(lambda e: e == b"event 2", within_s=1.0, what="EVENT")
+    assert found == b"event 2"
+    assert cell.link.events() == [b"event 1"]
+
+
+def test_event_is_waited_for():
+    cell = Cell()
+    cell.pipe.arrives(0.7, b"event 1\n")
+    assert cell.link.await_event(is_event, within_s=1.0, what="EVENT") == b"event 1"
+    assert cell.clock.now_s() == pytest.approx(0.7)
+
+
+def test_event_that_does_not_come_closes_the_link():
+    cell = Cell()
+    with pytest.raises(LinkDown, match="no answer to EVENT within 1 s"):
+        cell.link.await_event(is_event, within_s=1.0, what="EVENT")
+    cell.assert_closed()
+
+
+def test_wish_to_stop_ends_the_wait_soon_and_closes_the_link():
+    clock_s = []
+    cell = Cell(cancelled=lambda: bool(clock_s) and clock_s[0]() >= 0.3)
+    clock_s.append(cell.clock.now_s)
+    with pytest.raises(Cancelled, match="QUESTION was abandoned"):
+        cell.ask(within_s=60.0)
+    assert cell.clock.now_s() <= 0.3 + PATIENCE_S + 1e-9
+    assert not cell.link.is_open
+
+
+def test_question_is_not_even_sent_once_somebody_wants_to_stop():
+    cell = Cell((0.1, b"answer 1\n"), cancelled=lambda: True)
+    with pytest.raises(Cancelled):
+        cell.ask()
+    assert cell.pipe.sent == []
+
+
+def test_interrupt_closes_the_link():
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    cell = Cell()
+    cell.pipe.respond = interrupted
+    with pytest.raises(KeyboardInterrupt):
+        cell.ask()
+    assert not cell.link.is_open
+
+
+def test_link_is_named_after_its_transport():
+    assert Cell().link.name == "pipe://test"
+
+
+@given(st.data())
+def test_answer_is_the_same_however_it_is_cut(data):
+    whole = b"event 1\nanswer 1\r\nevent 2\n"
+    cuts = sorted(data.draw(st.sets(st.integers(1, len(whole) - 1))))
+    pieces = [whole[a:b] for a, b in zip([0, *cuts], [*cuts, len(whole)], strict=True)]
+    cell = Cell(*((0.01 * n, piece) for n, piece in enumerate(pieces)))
+    assert cell.ask() == b"answer 1"
+    cell.clock.sleep_s(1.0)
+    events = [event for _ in pieces for event in cell.link.events()]
+    assert events == [b"event 1", b"event 2"]
+
+
+@given(st.lists(st.binary(min_size=1), max_size=20))
+def test_garbage_ends_in_an_answer_or_a_driver_error(pieces):
+    cell = Cell(*((0.01 * n, piece) for n, piece in enumerate(pieces)))
+    try:
+        answer = cell.ask()
+    except DriverError:
+        assert cell.pipe.is_closed
+    else:
+        assert is_answer(answer)

@@ -1,0 +1,216 @@
+"""The grammar of robotline: what is written reads the same again, and garbage does no harm."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import WireError
+from drivers.wire import robotline_answers as answers
+from drivers.wire import robotline_commands as commands
+from drivers.wire import robotline_geometry as geometry
+from drivers.wire.robotline import (
+    LAST_SEQUENCE,
+    LINE_BYTES,
+    BadRequest,
+    Refused,
+    Reply,
+    ReplyFramer,
+    Request,
+    checksum,
+    decode_reply,
+    decode_request,
+    encode_reply,
+    encode_request,
+    line_framer,
+    sequence_from,
+)
+from drivers.wire.robotline_words import Words, name_word, number_word
+
+
+def checksum_by_bits(data):
+    """The checksum once more, as the specification describes it."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1 ^ 0x1021 if crc & 0x8000 else crc << 1) & 0xFFFF
+    return crc
+
+
+def checked(body):
+    return b"%s *%04X" % (body, checksum_by_bits(body))
+
+
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+speeds = st.floats(min_value=0.0, exclude_min=True, max_value=100.0)
+sequences = st.integers(1, LAST_SEQUENCE)
+arms = st.integers(0, 3)
+joints = st.tuples(*[numbers] * 4)
+names = st.text(max_size=5).filter(str.isprintable)
+arm_geometries = st.builds(geometry.ArmGeometry, arms, st.tuples(*[numbers] * 7))
+parts = arm_geometries | st.builds(geometry.PlateGeometry, numbers)
+any_command = st.one_of(
+    st.builds(commands.Hello, st.integers(0, 999)),
+    st.builds(commands.MoveJoints, joints, speeds),
+    st.builds(commands.MovePose, numbers, numbers, numbers, numbers, speeds),
+    st.builds(commands.ReadArm, arms),
+    st.builds(commands.Stage, parts),
+    st.sampled_from([commands.AskState(), commands.Stop(), commands.ReadPlate()]),
+    st.sampled_from([commands.Commit(), commands.Abandon()]),
+)
+any_outcome = st.one_of(
+    st.tuples(
+        st.just("HELLO"), st.builds(answers.Greeting, arms, names, names, names, names, arms)
+    ),
+    st.tuples(
+        st.just("STATE"), st.builds(answers.Status, st.booleans(), st.booleans(), names, joints)
+    ),
+    st.tuples(st.just("MOVEP"), st.builds(answers.Motion, numbers)),
+    st.tuples(st.just("GEOM"), parts),
+    st.tuples(st.sampled_from(["STOP", "STAGE", "COMMIT"]), st.just(answers.Done())),
+)
+
+
+@given(sequences, any_command)
+def test_request_reads_as_it_was_written(sequence, command):
+    request = Request(sequence, command)
+    written = encode_request(request)
+    assert written.endswith(b"\n")
+    assert len(written) <= LINE_BYTES
+    assert decode_request(written[:-1]) == request
+
+
+@given(sequences, any_outcome)
+def test_reply_reads_as_it_was_written(sequence, verb_and_outcome):
+    reply = Reply(sequence, *verb_and_outcome)
+    assert decode_reply(encode_reply(reply)[:-1]) == reply
+
+
+@given(sequences, st.text(max_size=600))
+def test_any_text_of_a_refusal_fits_into_a_line(sequence, text):
+    written = encode_reply(Reply(sequence, "ABANDON", Refused("GEOMETRY", text)))
+    assert len(written) <= LINE_BYTES
+    assert decode_reply(written[:-1]).outcome.code == "GEOMETRY"
+
+
+@given(st.binary())
+def test_checksum_is_the_one_that_is_specified(data):
+    assert checksum(data) == checksum_by_bits(data)
+
+
+@given(numbers)
+def test_number_reads_as_the_same_double(value):
+    word = number_word(value)
+    assert "." in word
+    assert repr(Words([word]).number("it")) == repr(value)
+
+
+@given(names)
+def test_name_reads_as_it_was_written(text):
+    assert Words([name_word(text)]).name("it") == text
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_number_that_is_not_finite_is_never_sent(value):
+    with pytest.raises(WireError, match="not a finite number"):
+        encode_request(Request(1, commands.MoveJoints((0.0, value, 0.0, 0.0), 10.0)))
+
+
+def test_line_that_would_be_too_long_is_never_sent():
+    with pytest.raises(WireError, match="limit is 255"):
+        encode_reply(Reply(1, "STATE", answers.Status(False, False, "x" * 300, (0.0,) * 4)))
+
+
+def test_longest_line_is_read_and_one_byte_more_is_not():
+    room = LINE_BYTES - len(b"<1 STOP NO FAULT  *0000\n")
+    longest = checked(b"<1 STOP NO FAULT " + b"x" * room)
+    assert decode_reply(longest).outcome.code == "FAULT"
+    with pytest.raises(WireError, match="more than 255 bytes"):
+        decode_reply(checked(b"<1 STOP NO FAULT " + b"x" * (room + 1)))
+
+
+def test_number_of_a_question_starts_again_after_the_last():
+    numbers = sequence_from(LAST_SEQUENCE - 1)
+    assert [next(numbers) for _ in range(4)] == [LAST_SEQUENCE - 1, LAST_SEQUENCE, 1, 2]
+
+
+def test_parameters_keep_their_names_through_the_parts():
+    flat = {name: float(n) for n, name in enumerate(geometry.GEOMETRY_NAMES)}
+    assert len(flat) == 29
+    again = {}
+    for part in geometry.parts_of(flat):
+        again |= part.flat()
+    assert again == flat
+
+
+# Garbage
+
+almost_lines = st.builds(
+    lambda start, words: checked(b" ".join([start, *words])),
+    st.sampled_from([b"<1", b"<999999999", b">1", b">0", b"<"]),
+    st.lists(
+        st.sampled_from(b"HELLO STATE MOVEJ GEOM STAGE ARM PLATE OK NO ? - 0 1 4 1.0 -0.5".split())
+        | st.binary(max_size=8).map(lambda raw: raw.replace(b"\n", b"")),
+        max_size=12,
+    ),
+)
+streams = st.lists(almost_lines | st.binary()).map(b"\n".join)
+
+
+@given(almost_lines | st.binary())
+def test_any_bytes_are_a_request_or_a_bad_one(data):
+    try:
+        assert isinstance(decode_request(data), Request)
+    except BadRequest as bad:
+        if bad.reply is not None:
+            decode_reply(encode_reply(bad.reply)[:-1])
+
+
+@given(almost_lines | st.binary())
+def test_any_bytes_are_a_reply_or_a_wire_error(data):
+    try:
+        assert isinstance(decode_reply(data), Reply)
+    except WireError:
+        return
+
+
+def read_until_error(pieces):
+    """The replies of a stream, and whether it ended in an error."""
+    framer, replies = ReplyFramer(), []
+    try:
+        for piece in pieces:
+            replies += framer.feed(piece)
+    except WireError:
+        return replies, True
+    return replies, False
+
+
+@given(streams)
+def test_stream_byte_by_byte_ends_as_it_does_whole(stream):
+    replies, failed = read_until_error(bytes([byte]) for byte in stream)
+    replies_of_whole, whole_failed = read_until_error([stream])
+    assert failed == whole_failed
+    assert failed or replies == replies_of_whole
+
+
+@given(sequences, any_outcome, st.binary())
+def test_reply_is_read_whatever_trails_behind_its_line(sequence, verb_and_outcome, trailing):
+    reply = Reply(sequence, *verb_and_outcome)
+    first, *_ = line_framer().feed(encode_reply(reply) + trailing)
+    assert decode_reply(first) == reply
+
+
+@given(st.data())
+def test_no_damage_of_two_bytes_goes_unseen(data):
+    whole = bytearray(checked(b">103 MOVEJ 12.5 -7.25 0.0 90.0 25.0"))
+    at = data.draw(st.integers(0, len(whole) - 2))
+    damaged = bytes(whole[:at]) + data.draw(st.binary(min_size=2, max_size=2)) + whole[at + 2 :]
+    if damaged != bytes(whole):
+        with pytest.raises(BadRequest):
+            decode_request(damaged)
+
+
+def test_empty_lines_are_passed_over():
+    assert ReplyFramer().feed(b"\n\r\n\n") == []
