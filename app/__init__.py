@@ -1,0 +1,1 @@
+"""The door: commands, wiring of real or simulated devices, the terminal."""

@@ -1,6 +1,7 @@
 """Settings as a YAML file that explains each of its keys."""
 
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from campaigns.yamlfile import FileModel, yaml_text
 
@@ -32,4 +33,6 @@ def _value(value: object, column: int) -> object:
         entries = CommentedSeq(value)
         entries.fa.set_flow_style()
         return entries
+    if isinstance(value, str) and not value.isprintable():
+        return DoubleQuotedScalarString(value)  # with escapes, so that no sign gets lost
     return value

@@ -148,7 +148,7 @@ class GateConfig(FileModel):
         default=3.0,
         description="the largest distance from the point that a running fit predicts, mm",
     )
-    temperature_change_degC: float = Field(  # noqa: N815 - the unit's sign
+    temperature_change_degC: float = Field(
         default=1.0,
         gt=0.0,
         le=50.0,

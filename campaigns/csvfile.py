@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from campaigns.errors import CampaignError
-from campaigns.suggestion import suggestion
+from campaigns.wording import shown, suggestion
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _WHOLE_NUMBER = re.compile(r"[+-]?\d+", re.ASCII)
@@ -64,7 +64,7 @@ class CsvRow:
         return self.form.invalid(f"{self.where}: {problem}", remedy=remedy)
 
     def _not_a_number(self, column: str, wanted: str) -> CampaignError:
-        text = self.text(column)
+        text = shown(self.text(column))
         if not text:
             return self.wrong(f"{column} is empty", remedy=f"give {wanted}")
         if _WITH_COMMA.fullmatch(text):
@@ -84,11 +84,11 @@ def parse_csv(text: str, name: str, form: CsvForm) -> Iterator[CsvRow]:
 
 
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Write a header and rows as a file's text."""
+    """Write a header and rows as a file's text, each row on one line."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(header)
-    writer.writerows(rows)
+    writer.writerows([_one_line(value) for value in row] for row in rows)
     return stream.getvalue()
 
 
@@ -97,15 +97,21 @@ def _filled_lines(
 ) -> Iterator[tuple[str, list[str]]]:
     """Yield each line that is not empty as its place and its values."""
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    line = 1
     try:
         for values in reader:
-            stripped = [value.strip() for value in values]
-            if any(stripped):
-                yield f"{name}:{reader.line_num}", stripped
+            texts = [_one_line(value) for value in values]
+            if any(texts):
+                yield f"{name}:{line}", texts
+            line = reader.line_num + 1
     except csv.Error as error:
         raise invalid(
-            f"{name}:{reader.line_num}: is not CSV ({error})", remedy="correct the line's quotes"
+            f"{name}:{line}: is not CSV ({error})", remedy="correct the line's quotes"
         ) from error
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.strip().splitlines())
 
 
 def _check_header(header: list[str], where: str, form: CsvForm) -> None:
@@ -121,7 +127,7 @@ def _check_header(header: list[str], where: str, form: CsvForm) -> None:
         if column not in form.columns:
             absent = [each for each in form.columns if each not in header]
             raise form.invalid(
-                f"{where}: unknown column '{column}'", remedy=suggestion(column, absent)
+                f"{where}: unknown column '{shown(column)}'", remedy=suggestion(column, absent)
             )
         if header.count(column) > 1:
             raise form.invalid(f"{where}: column {column} stands twice", remedy="keep one")

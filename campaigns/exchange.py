@@ -45,7 +45,7 @@ class ShotRow:
     purpose: ShotSet = ShotSet.IDENTIFICATION
     theta_rad: float | None = None
     covariance_mm2: Matrix3 | None = None
-    temperature_degC: float | None = None  # noqa: N815 - the unit's sign
+    temperature_degC: float | None = None
     time: str | None = None
 
 

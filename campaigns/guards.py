@@ -9,6 +9,9 @@ from campaigns.numerics.running import RunningFit
 from campaigns.rules import GateRules
 from drivers.values import Vector3, Weather
 
+SIGMAS = 4.0
+WRONG = "a wrong target or a wrong pose"
+
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
@@ -27,22 +30,23 @@ class Gate:
         self._running = running
 
     def judge(self, joints_rad: tuple[float, ...], point_mm: Vector3) -> Judgement:
-        """A point too far from where it should be is a wrong target or a wrong pose, never data."""
+        """A point too far from where it should be is a wrong target or a wrong pose, never data.
+
+        The limit follows what is known: near once the shots so far fix robot and frame.
+        """
         joints, point = np.array(joints_rad), np.array(point_mm)
-        predicted = self._running.predict_mm(joints)
-        if predicted is None:
+        predicted = self._running.predict(joints)
+        if predicted is None or predicted.std_mm > self._rules.distance_mm:
             return self._by_distances(joints, point)
-        residual = float(np.linalg.norm(point - predicted))
-        limit = (
-            self._rules.fitted_mm if self._running.knows_the_geometry else self._rules.distance_mm
-        )
+        residual = float(np.linalg.norm(point - predicted.point_mm))
+        near_mm = self._rules.fitted_mm + SIGMAS * predicted.std_mm
+        limit_mm = min(near_mm, self._rules.distance_mm)
         refusal = (
-            f"{residual:.2f} mm from the predicted point, limit {limit:g} mm: "
-            "a wrong target or a wrong pose"
-            if residual > limit
+            f"{residual:.2f} mm from the predicted point, limit {limit_mm:.2f} mm: {WRONG}"
+            if residual > limit_mm
             else ""
         )
-        return Judgement(vector(predicted), residual, refusal)
+        return Judgement(vector(predicted.point_mm), residual, refusal)
 
     def accept(self, joints_rad: tuple[float, ...], point_mm: Vector3) -> None:
         """Let an accepted shot teach the next prediction."""
@@ -50,15 +54,15 @@ class Gate:
 
     def expected_point_mm(self, joints_rad: tuple[float, ...]) -> Vector3 | None:
         """Where to point the tracker for these joints; None while the frame is unknown."""
-        predicted = self._running.predict_mm(np.array(joints_rad))
-        return None if predicted is None else vector(predicted)
+        predicted = self._running.predict(np.array(joints_rad))
+        return None if predicted is None else vector(predicted.point_mm)
 
     def _by_distances(self, joints: Array, point: Array) -> Judgement:
-        fault = self._running.distance_fault_mm(joints, point)
+        fault_mm = self._running.distance_fault_mm(joints, point)
+        limit_mm = self._rules.distance_mm
         refusal = (
-            f"a distance to an earlier shot is {fault:.2f} mm off, limit {self._rules.distance_mm:g} mm: "
-            "a wrong target or a wrong pose"
-            if fault > self._rules.distance_mm
+            f"a distance to an earlier shot is {fault_mm:.2f} mm off, limit {limit_mm:g} mm: {WRONG}"
+            if fault_mm > limit_mm
             else ""
         )
         return Judgement(None, None, refusal)

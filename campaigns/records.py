@@ -70,6 +70,7 @@ class Intent:
     target: Pose
     target_joints_rad: tuple[float, ...]
     command: Command
+    pair: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,8 @@ from ruamel.yaml.comments import CommentedMap
 from campaigns.errors import ConfigInvalid
 from campaigns.parameters import ARM_FIELDS, PARAMETER_NAMES
 from campaigns.robot_schema import SCHEMA, LimitsContents, RobotContents
-from campaigns.suggestion import nearest_word, suggestion
 from campaigns.textfile import write_new_text
+from campaigns.wording import nearest_word, suggestion
 from campaigns.yamlfile import YamlDocument, checked, parse_document, read_document, yaml_text
 
 Range = tuple[float, float]
@@ -158,9 +158,8 @@ def _robot_of(document: YamlDocument) -> RobotDocument:
     contents = checked(document, SCHEMA, RobotContents)
     robot = _robot(contents)
     if contents.sha256 not in {None, robot.digest()}:
-        line = document.tree.lc.key("sha256")[0] + 1
         raise ConfigInvalid(
-            f"{document.name}:{line}: sha256 is {contents.sha256}, "
+            f"{document.place_of('sha256')}: sha256 is {contents.sha256}, "
             f"but of the geometry it is {robot.digest()}",
             remedy="somebody changed the geometry: restore the file, or delete the line sha256",
         )

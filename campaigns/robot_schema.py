@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, JsonValue
 
 from campaigns.parameters import PARAMETER_NAMES
-from campaigns.suggestion import suggestion
+from campaigns.wording import shown, suggestion
 from campaigns.yaml_explanation import broken_rule
 from campaigns.yamlfile import FileModel
 
@@ -23,7 +23,7 @@ def _known_parameters(uncertainty: dict[str, float]) -> dict[str, float]:
     for name in uncertainty:
         if name not in PARAMETER_NAMES:
             hint = suggestion(name, PARAMETER_NAMES)
-            raise broken_rule(f"names {name}, which is not a parameter ({hint})")
+            raise broken_rule(f"names {shown(name)}, which is not a parameter ({hint})")
     return uncertainty
 
 

@@ -118,7 +118,13 @@ class Shooter:
 def _intent(step: Step, attempt: int) -> Intent:
     planned = step.planned
     return Intent(
-        planned.shot, attempt, planned.purpose.value, planned.pose, planned.joints_rad, step.command
+        planned.shot,
+        attempt,
+        planned.purpose.value,
+        planned.pose,
+        planned.joints_rad,
+        step.command,
+        planned.pair,
     )
 
 

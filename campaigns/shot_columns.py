@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from campaigns.csvfile import CsvRow
 from campaigns.shot_sets import ShotSet
-from campaigns.suggestion import suggestion
+from campaigns.wording import shown, suggestion
 
 JOINT_COLUMNS = ("q0_deg", "q1_deg", "q2_deg", "q3_deg")
 POINT_COLUMNS = ("x_mm", "y_mm", "z_mm")
@@ -50,7 +50,7 @@ def shot_set(row: CsvRow) -> ShotSet:
     word = row.text("set")
     if word in SET_WORDS:
         return ShotSet(word)
-    raise row.wrong(f"unknown set '{word}'", remedy=suggestion(word, SET_WORDS))
+    raise row.wrong(f"unknown set '{shown(word)}'", remedy=suggestion(word, SET_WORDS))
 
 
 def pair_number(row: CsvRow, purpose: ShotSet) -> int | None:
@@ -60,7 +60,7 @@ def pair_number(row: CsvRow, purpose: ShotSet) -> int | None:
     if not row.text("pair"):
         return None
     raise row.wrong(
-        f"pair is {row.text('pair')}, but a shot for {purpose.value} has no pair",
+        f"pair is {shown(row.text('pair'))}, but a shot for {purpose.value} has no pair",
         remedy="leave it empty",
     )
 

@@ -11,11 +11,10 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from campaigns.errors import ConfigInvalid
-from campaigns.suggestion import suggestion
+from campaigns.wording import shown, suggestion
 
 Location = Sequence[int | str]
 
-SHOWN_CHARACTERS = 40
 BROKEN_RULE = "broken_rule"
 
 WORDS: Mapping[str, str] = {
@@ -65,7 +64,7 @@ def explained(
 
 def key_path(location: Location) -> str:
     """Write a place as `geometry.arms[2].forearm_mm`."""
-    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in location)
+    parts = (f"[{part}]" if isinstance(part, int) else f".{shown(part)}" for part in location)
     return "".join(parts).removeprefix(".")
 
 
@@ -90,8 +89,7 @@ def _instead_of(key: str, known: tuple[str, ...]) -> str:
 
 
 def _shown(value: object) -> str:
-    text = "empty" if value is None else json.dumps(value, ensure_ascii=False, default=str)
-    return text if len(text) <= SHOWN_CHARACTERS else f"{text[:SHOWN_CHARACTERS]}…"
+    return "empty" if value is None else shown(json.dumps(value, ensure_ascii=False, default=str))
 
 
 def _line(tree: CommentedMap, location: Location) -> int:

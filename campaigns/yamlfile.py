@@ -17,6 +17,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from campaigns.errors import ConfigInvalid
 from campaigns.textfile import read_text
+from campaigns.wording import shown
 from campaigns.yaml_explanation import explained
 
 UNBROKEN_LINE = 4096
@@ -45,6 +46,10 @@ class YamlDocument:
     name: str
     text: str
     tree: CommentedMap
+
+    def place_of(self, key: str) -> str:
+        """Return the file's name and the line of a key of the outermost mapping."""
+        return f"{self.name}:{self.tree.lc.key(key)[0] + 1}"
 
     def editable_tree(self) -> CommentedMap:
         """Return a tree of one's own, comments and all; a deep copy of a tree loses some."""
@@ -150,8 +155,7 @@ def _check_schema(document: YamlDocument, wanted: str) -> None:
             f"{document.name}:1: schema is missing", remedy=f"begin with 'schema: {wanted}'"
         )
     raise ConfigInvalid(
-        f"{document.name}:{document.tree.lc.key('schema')[0] + 1}: schema is '{found}', "
-        f"this must be '{wanted}'",
+        f"{document.place_of('schema')}: schema is '{shown(str(found))}', must be '{wanted}'",
         remedy=_schema_remedy(str(found), wanted),
     )
 

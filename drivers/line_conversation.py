@@ -116,11 +116,18 @@ def open_conversation(
     *,
     clock_s: Callable[[], float],
     cancelled: Callable[[], bool],
+    blindly: Command | None = None,
     within_s: float,
 ) -> Conversation:
-    """Begin on a fresh transport; an empty line ends what an earlier client left half sent."""
+    """Begin on a fresh transport; an empty line ends what an earlier client left half sent.
+
+    A command can be sent `blindly`, before anything is read: noise on the line cannot keep it back.
+    """
+    opening = EMPTY_LINE
+    if blindly is not None:
+        opening += encode_request(Request(next(numbers), blindly))
     try:
-        transport.send(EMPTY_LINE, within_s)
+        transport.send(opening, within_s)
     except DriverError:
         transport.close()
         raise

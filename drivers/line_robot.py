@@ -191,12 +191,13 @@ class LineRobot:
             raise LinkDown("the controller is not connected", remedy="connect again")
         return self._conversation
 
-    def _opened(self) -> Conversation:
+    def _opened(self, blindly: Command | None = None) -> Conversation:
         return open_conversation(
             self._open_transport(),
             self._numbers,
             clock_s=self._clock.now_s,
             cancelled=self._is_cancelled,
+            blindly=blindly,
             within_s=self._deadlines.answer_s,
         )
 
@@ -220,7 +221,7 @@ class LineRobot:
 
     def _stop_and_watch(self, deadline_s: float) -> None:
         if self._conversation is None or not self._conversation.is_open:
-            self._conversation = self._opened()
+            self._conversation = self._opened(blindly=Stop())
         self._ask(Stop(), Done, self._deadlines.stop_answer_s)
         while self._ask(AskState(), Status, self._deadlines.stop_answer_s).moving:
             if self._clock.now_s() >= deadline_s:

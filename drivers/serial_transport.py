@@ -2,8 +2,12 @@
 
 import serial
 
+from drivers.address import SerialAddress
 from drivers.errors import LinkDown
-from drivers.transport import CHUNK_BYTES, SHORTEST_SEND_S, SerialAddress
+
+CHUNK_BYTES = 4096
+SHORTEST_SEND_S = 1e-3
+"""A time limit of zero would mean a port that never waits, not an impatient one."""
 
 
 class SerialTransport:

@@ -73,21 +73,20 @@ class EmsconSession:
         self._next_position_s = 0.0
 
     def received(self, data: bytes, now_s: float) -> None:
-        """Obey what these bytes complete; raises `WireError` for what is not of the protocol."""
+        """Obey what these bytes complete; raises `WireError` for what is not of the protocol.
+
+        What that changes is told by `advance`, which is to be called next.
+        """
         for request in self._framer.feed(data):
-            self.advance(now_s)
+            self._catch_up(now_s)
             self._obey(request, now_s)
 
     def advance(self, now_s: float) -> None:
         """End what is due, and tell what has happened by now."""
-        if self._is_second:
-            return
-        self._tracker.advance(now_s)
-        self._tell_events()
-        if self._pending is not None and now_s >= self._pending.due_s:
-            self._finish(self._pending.command, now_s)
-        self._tell_light(now_s)
-        self._tell_position(now_s)
+        self._catch_up(now_s)
+        if not self._is_second:
+            self._show(self._light(now_s))
+            self._tell_position(now_s)
 
     def next_due_s(self) -> float | None:
         """When something will happen by itself next."""
@@ -104,13 +103,20 @@ class EmsconSession:
         """Forget what was under way; the head finishes its motion."""
         self._pending = None
 
+    def _catch_up(self, now_s: float) -> None:
+        if self._is_second:
+            return
+        self._tracker.advance(now_s)
+        self._tell_events()
+        if self._pending is not None and now_s >= self._pending.due_s:
+            self._finish(self._pending.command, now_s)
+
     def _obey(self, request: FromClient, now_s: float) -> None:
         status = self._obstacle(request, now_s)
         if status != ResultStatus.ALL_OK:
             self._send(refusal(request.command, status))
         elif isinstance(request, Request):
             self._act(request, now_s)
-            self._tell_light(now_s)
 
     def _obstacle(self, request: FromClient, now_s: float) -> ResultStatus:
         """Say why a command cannot even be looked at."""
@@ -238,9 +244,6 @@ class EmsconSession:
             failed, self._pending = self._pending.command, None
         if failed != UNKNOWN_COMMAND or self._desk.settings.send_unsolicited_messages:
             self._send(encode(ErrorResponse(failed, BEAM_LOST_STATUS)))
-
-    def _tell_light(self, now_s: float) -> None:
-        self._show(self._light(now_s))
 
     def _show(self, light: TrackerLight) -> None:
         """Tell the light when it changes; the first one is what the client finds."""

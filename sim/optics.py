@@ -72,7 +72,8 @@ class SphericalNoise:
         distance_mm = float(np.linalg.norm(point_in_tracker_mm))
         limits = (self.along, self.azimuth, self.elevation)
         sigmas_mm = np.array([limit.sigma_mm(distance_mm) for limit in limits])
-        return np.multiply(_beam_axes(point_in_tracker_mm), sigmas_mm)
+        spread_mm: Array = _beam_axes(point_in_tracker_mm) * sigmas_mm
+        return spread_mm
 
 
 def _beam_axes(point_in_tracker_mm: Array) -> Array:

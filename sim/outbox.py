@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from sim.faults import Fault
 
-LATE_S = 30.0
+LATE_S = 600.0
 GARBLED = bytes(code ^ 0xA5 for code in range(256))
 
 

@@ -2,6 +2,7 @@
 
 import selectors
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 from drivers.errors import WireError
@@ -10,6 +11,7 @@ from sim.outbox import Outbox
 
 PAUSE_ABOVE_BYTES = 256 * 1024
 """A client that asks without reading is not listened to until it has read."""
+READS_A_TURN = 4
 GIVE_UP_ABOVE_BYTES = 1024 * 1024
 
 
@@ -55,14 +57,10 @@ class Peer:
         self._session = factory(self._say, already_open)
 
     def ready(self) -> None:
-        """Take what has come, unless there is too much to say yet."""
-        if self._is_paused():
-            return
-        data = self.channel.read()
-        if data is None:
-            self.hang_up()
-        elif data:
-            self._let(lambda now_s: self._session.received(data, now_s))
+        """Take what has come, the client's leaving too, unless there is too much to say yet."""
+        for _ in range(READS_A_TURN):
+            if self.is_over or self._is_paused() or not self._take():
+                return
 
     def turn(self) -> None:
         """Let the session say what is due, and write what goes out."""
@@ -91,6 +89,15 @@ class Peer:
         self.is_over = True
         self._session.closed(self._now_s())
         self._flush()
+
+    def _take(self) -> bool:
+        """Take one piece; false when there is no more."""
+        data = self.channel.read()
+        if data is None:
+            self.hang_up()
+        elif data:
+            self._let(partial(self._session.received, data))
+        return bool(data)
 
     def _is_paused(self) -> bool:
         return len(self._outbox.due(self._now_s())) > PAUSE_ABOVE_BYTES

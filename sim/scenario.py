@@ -11,7 +11,8 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from sim.errors import ScenarioInvalid
-from sim.scenario_schema import Scenario, nearest
+from sim.scenario_schema import Scenario
+from sim.scenario_section import nearest
 
 SCHEMA = "pkmcal/cell/1"
 VALUE_SHOWN = 40

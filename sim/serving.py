@@ -10,7 +10,7 @@ from contextlib import suppress
 from functools import partial
 from queue import SimpleQueue
 from types import TracebackType
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from sim.channels import Channel, PtyChannel, TcpChannel
 from sim.clock import CellClock
@@ -30,6 +30,13 @@ SHORTEST_WAIT_S = 0.0005
 Result = TypeVar("Result")
 
 
+class _Watch(NamedTuple):
+    """What to do when something has come; `admits` if that lets a new client in."""
+
+    step: Callable[[], None]
+    admits: bool = False
+
+
 class CellServer:
     """All devices of a cell. Name them before `start`; `stop` closes everything."""
 
@@ -45,7 +52,7 @@ class CellServer:
         self._stopping = False
         self._stopped = False
         self._failure: BaseException | None = None
-        self._selector.register(self._wake_end, selectors.EVENT_READ, self._woken)
+        self._selector.register(self._wake_end, selectors.EVENT_READ, _Watch(self._woken))
 
     def serve_tcp(self, factory: SessionFactory, device_name: DeviceName, port: int = 0) -> str:
         """Listen on loopback and say where: tcp://127.0.0.1:PORT; raises `ServerFailed`."""
@@ -59,7 +66,7 @@ class CellServer:
         listener.settimeout(0.0)
         self._listeners.append(listener)
         accept = partial(self._accept, listener, factory, device_name)
-        self._selector.register(listener, selectors.EVENT_READ, accept)
+        self._selector.register(listener, selectors.EVENT_READ, _Watch(accept, admits=True))
         return f"tcp://{LOOPBACK}:{listener.getsockname()[1]}"
 
     def serve_pty(self, factory: SessionFactory, device_name: DeviceName) -> str:
@@ -131,8 +138,9 @@ class CellServer:
             self._close()
 
     def _turn(self) -> None:
-        for key, _ in self._selector.select(self._patience_s()):
-            key.data()
+        ready: list[_Watch] = [key.data for key, _ in self._selector.select(self._patience_s())]
+        for watch in sorted(ready, key=lambda watch: watch.admits):  # who left makes room first
+            watch.step()
         while not self._calls.empty():
             self._calls.get()()
         for peer in list(self._peers):
@@ -153,17 +161,20 @@ class CellServer:
             accepted, _ = listener.accept()
         except OSError:  # the client has gone again
             return
-        if list(self._peers.values()).count(device_name) >= CLIENTS_LIMIT:
+        if self._open_count(device_name) >= CLIENTS_LIMIT:
             accepted.close()
             return
         self._add(TcpChannel(accepted), factory, device_name)
 
     def _add(self, channel: Channel, factory: SessionFactory, device_name: DeviceName) -> None:
-        already_open = list(self._peers.values()).count(device_name)
         outbox = Outbox(partial(self._next_fault, device_name))
-        peer = Peer(channel, outbox, factory, already_open, self._clock.now_s)
+        peer = Peer(channel, outbox, factory, self._open_count(device_name), self._clock.now_s)
         self._peers[peer] = device_name
-        self._selector.register(channel, selectors.EVENT_READ, peer.ready)
+        self._selector.register(channel, selectors.EVENT_READ, _Watch(peer.ready))
+
+    def _open_count(self, device_name: DeviceName) -> int:
+        """How many clients a device has that have not just left."""
+        return sum(n == device_name and not peer.is_over for peer, n in self._peers.items())
 
     def _next_fault(self, device_name: DeviceName) -> Fault | None:
         return self._faults.next(ANSWERS_OF[device_name])
@@ -173,7 +184,7 @@ class CellServer:
         if peer.is_over:
             self._forget(peer)
         else:
-            self._selector.modify(peer.channel, peer.interest(), peer.ready)
+            self._selector.modify(peer.channel, peer.interest(), _Watch(peer.ready))
 
     def _forget(self, peer: Peer) -> None:
         del self._peers[peer]

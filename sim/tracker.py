@@ -103,8 +103,8 @@ class SimulatedTracker:
         self._seed = seed
         self._faults = faults
         self._worked = worked
-        self._initialised = settings.initialised
-        self._was_warm = settings.warm_up_s <= 0.0
+        self.is_initialised = settings.initialised
+        self.is_warm = settings.warm_up_s <= 0.0
         self._action: _Action | None = None
         self._measuring_s: float | None = None
         self._events: list[str] = []
@@ -112,12 +112,12 @@ class SimulatedTracker:
     def initialised(self, now_s: float) -> bool:
         """Whether it has been initialised."""
         self.advance(now_s)
-        return self._initialised
+        return self.is_initialised
 
     def laser_warm(self, now_s: float) -> bool:
         """Whether the laser is stable."""
         self.advance(now_s)
-        return self._was_warm
+        return self.is_warm
 
     def beam_locked(self, now_s: float) -> bool:
         """Whether the beam is on a reflector: any reflector."""
@@ -156,7 +156,7 @@ class SimulatedTracker:
 
     def next_event_s(self) -> float | None:
         """When something will happen by itself next, if so; `advance` then makes it happen."""
-        warm_s = None if self._was_warm else self._settings.warm_up_s
+        warm_s = None if self.is_warm else self._settings.warm_up_s
         end_s = None if self._action is None else self._action.end_s
         times = [t for t in (warm_s, end_s, self.beam.next_cut_s()) if t is not None]
         return min(times, default=None)
@@ -176,10 +176,10 @@ class SimulatedTracker:
         self.advance(now_s)
         aim = self._aim_here(now_s)
         self.beam.release()
-        self._initialised = False
+        self.is_initialised = False
 
         def finish(end_s: float) -> None:
-            self._initialised = True
+            self.is_initialised = True
             self._events.append("initialised")
             self._lock(aim, end_s)
 
@@ -221,8 +221,8 @@ class SimulatedTracker:
 
     def advance(self, now_s: float) -> None:
         """Let happen what is due by now."""
-        if not self._was_warm and now_s >= self._settings.warm_up_s:
-            self._was_warm = True
+        if not self.is_warm and now_s >= self._settings.warm_up_s:
+            self.is_warm = True
             self._events.append("warmed_up")
         if self.beam.is_lost(now_s):
             self._measuring_s = None

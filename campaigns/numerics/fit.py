@@ -1,4 +1,4 @@
-"""The solver: Levenberg-Marquardt with analytic Jacobian, and an answer that says how it ended."""
+"""The solver: Levenberg-Marquardt by analytic Jacobian, and an answer that says how it ended."""
 
 from dataclasses import dataclass
 
@@ -9,10 +9,12 @@ from campaigns.numerics.geometry import Array
 from campaigns.numerics.par4 import NoAssembly
 from campaigns.numerics.residuals import Residuals
 
-TOLERANCE = 1e-12
+STEP_TOLERANCE = 1e-12
+COST_TOLERANCE = 1e-11
+"""Just above the rounding of a cost of micrometres made of distances of metres."""
 EVALUATIONS = 100
-OUT_OF_THE_MODEL_MM = 1e6
-"""Residual reported where the mechanism cannot be assembled, so that the solver turns back."""
+OUT_OF_THE_MODEL = 1e6
+"""Every residual, mm or whitened, where the mechanism has no assembly: the solver turns back."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,16 +22,22 @@ class Fit:
     """Where the solver ended."""
 
     x: Array
+    """(P,), mm and rad."""
     residual: Array
+    """(M,)"""
     jacobian: Array
+    """(M, P)"""
     converged: bool
     evaluations: int
     message: str
     """One sentence of explanation."""
 
 
-def solve(problem: Residuals) -> Fit:
-    """Least squares from the problem's own start. Raises `NoAssembly` when that has no answer."""
+def solve(problem: Residuals, evaluations: int = EVALUATIONS) -> Fit:
+    """Least squares from the problem's own start, within a number of evaluations.
+
+    Raises `NoAssembly` when that start has no answer.
+    """
     start = problem.start()
     rows = len(problem.residual(start))
 
@@ -37,7 +45,7 @@ def solve(problem: Residuals) -> Fit:
         try:
             return problem.residual(x)
         except NoAssembly:
-            return np.full(rows, OUT_OF_THE_MODEL_MM)
+            return np.full(rows, OUT_OF_THE_MODEL)
 
     answer = least_squares(
         residual,
@@ -45,15 +53,15 @@ def solve(problem: Residuals) -> Fit:
         jac=problem.jacobian,
         method="lm",
         x_scale="jac",
-        xtol=TOLERANCE,
-        ftol=TOLERANCE,
-        gtol=TOLERANCE,
-        max_nfev=EVALUATIONS,
+        xtol=STEP_TOLERANCE,
+        ftol=COST_TOLERANCE,
+        gtol=STEP_TOLERANCE,
+        max_nfev=evaluations,
     )
     return Fit(
         np.asarray(answer.x),
         np.asarray(answer.fun),
-        problem.jacobian(answer.x),
+        np.asarray(answer.jac),
         bool(answer.status > 0),
         int(answer.nfev),
         _explain(int(answer.status), int(answer.nfev)),

@@ -1,9 +1,9 @@
-"""Par4's forward model (paper eq. 18): a guarded Newton iteration that knows when there is no assembly.
+"""Par4's forward model (paper eq. 18): a guarded Newton that knows when there is no assembly.
 
-For given joints two real assemblies lie in the working region. The wanted one has |θ| < 90° and is the
-lower; at the other the determinant of the closures' Jacobian has the opposite sign. Newton alone ends
-on the wrong one, or far away, for about one pose in a hundred, so every answer is checked for residual,
-angle and branch, and what fails is started again from elsewhere.
+For given joints two real assemblies lie in the working region. The wanted one has |θ| < 90° and is
+the lower; at the other the determinant of the closures' Jacobian has the opposite sign. Newton
+alone ends on the wrong one, or far away, for about one pose in a hundred, so every answer is
+checked for residual, angle and branch, and what fails is started again from elsewhere.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.numerics.geometry import Array, Geometry
+from campaigns.numerics.geometry import Array, Geometry, Mask
 from campaigns.numerics.par4 import Assembly, Solution, elbows_mm
 
 CHUNK = 4096
@@ -22,8 +22,11 @@ STEP_RAD = 0.35
 CONVERGED_MM = 1e-7
 """A Newton step shorter than this leaves an error of the order of its square."""
 RESIDUAL_MM = 1e-6
+LEVER_MM = 100.0
+"""Compares a step in θ with one in position."""
+NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+"""The component after each of x, y, z, and the one after that."""
 
-Triple = tuple[Array, Array, Array]
 STARTS = (
     (0.0, 0.0),
     (0.6, -40.0),
@@ -38,48 +41,44 @@ STARTS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Legs:
-    """Elbows by component, each (4, N), and the constants that go with them."""
+    """Elbows by component, (3, 4, N), and the constants that go with them."""
 
-    x: Array
-    y: Array
-    z: Array
+    elbows_mm: Array
     forearm_mm: Array
+    """(4, 1)"""
     plate_mm: float
 
-    def rows(self, chosen: NDArray[np.bool_]) -> "_Legs":
-        return _Legs(
-            self.x[:, chosen], self.y[:, chosen], self.z[:, chosen], self.forearm_mm, self.plate_mm
-        )
+    def rows(self, chosen: Mask) -> "_Legs":
+        return _Legs(self.elbows_mm[:, :, chosen], self.forearm_mm, self.plate_mm)
 
 
 def forward(geometry: Geometry, joints_rad: Array, start: Array | None = None) -> Solution:
-    """Poses of joints, both (N, 4). `start` (N, 4) is a pose near each answer, such as the commanded one."""
+    """Poses of joints, both (N, 4).
+
+    `start` (N, 4) is a pose near each answer, such as the commanded one.
+    """
     joints = np.atleast_2d(np.asarray(joints_rad, dtype=np.float64))
+    near = None if start is None else np.atleast_2d(start)
     poses = np.empty_like(joints)
     outcome = np.empty(len(joints), dtype=np.uint8)
     for first in range(0, len(joints), CHUNK):
         rows = slice(first, first + CHUNK)
-        poses[rows], outcome[rows] = _solve(
-            geometry, joints[rows], None if start is None else np.atleast_2d(start)[rows]
-        )
+        some_near = None if near is None else near[rows]
+        poses[rows], outcome[rows] = _solve(geometry, joints[rows], some_near)
     return Solution(poses, outcome)
 
 
 def _solve(
     geometry: Geometry, joints: Array, start: Array | None
 ) -> tuple[Array, NDArray[np.uint8]]:
-    elbows = elbows_mm(geometry, joints)
-    legs = _Legs(
-        *(np.ascontiguousarray(elbows[:, :, axis].T) for axis in range(3)),
-        geometry.forearm_mm[:, None],
-        geometry.plate_mm,
-    )
-    poses = np.full((4, len(joints)), np.nan)
-    pending = np.ones(len(joints), dtype=bool)
-    if start is not None:
+    elbows = np.ascontiguousarray(elbows_mm(geometry, joints).transpose(2, 1, 0))
+    legs = _Legs(elbows, geometry.forearm_mm[:, None], geometry.plate_mm)
+    if start is None:
+        poses, good = _newton(legs, _guess(legs, *STARTS[0]))
+    else:
         poses, good = _newton(legs, np.ascontiguousarray(start.T))
-        pending = ~good
-    for theta_rad, lift_mm in STARTS:
+    pending = ~good
+    for theta_rad, lift_mm in STARTS if start is not None else STARTS[1:]:
         if not pending.any():
             break
         some = legs.rows(pending)
@@ -92,32 +91,41 @@ def _solve(
 
 
 def _guess(legs: _Legs, theta_rad: float, lift_mm: float) -> Array:
-    """A plate hanging under the middle of its elbows."""
-    x, y = legs.x.mean(axis=0), legs.y.mean(axis=0)
-    radius2 = (legs.x - x) ** 2 + (legs.y - y) ** 2
-    drop2 = np.maximum(legs.forearm_mm**2 - radius2, 0.0).mean(axis=0)
-    z = legs.z.mean(axis=0) - np.sqrt(drop2) + lift_mm
-    half = 0.5 * legs.plate_mm
-    theta = np.full_like(x, theta_rad)
-    return np.stack([x + half * np.sin(theta), y - half * np.cos(theta), z, theta])
+    """A plate hanging under the middle of its elbows, (4, N)."""
+    middle = legs.elbows_mm.mean(axis=1)
+    outward = legs.elbows_mm[:2] - middle[:2, None]
+    drop2_mm2 = legs.forearm_mm**2 - (outward * outward).sum(axis=0)
+    drop_mm = np.sqrt(np.maximum(drop2_mm2, 0.0).mean(axis=0))
+    half_mm = 0.5 * legs.plate_mm
+    return np.stack(
+        [
+            middle[0] + half_mm * np.sin(theta_rad),
+            middle[1] - half_mm * np.cos(theta_rad),
+            middle[2] - drop_mm + lift_mm,
+            np.full_like(drop_mm, theta_rad),
+        ]
+    )
 
 
-def _newton(legs: _Legs, start: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Poses (4, N) and which of them passed the checks."""
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")
+def _newton(legs: _Legs, start: Array) -> tuple[Array, Mask]:
+    """Poses (4, N) and which of them passed the checks; singular rows are dropped."""
     poses = start.copy()
     good = np.zeros(poses.shape[1], dtype=bool)
     active = np.arange(poses.shape[1])
     some, current = legs, poses.copy()
     for _ in range(ITERATIONS):
-        step, branch, residual = _newton_step(some, current)
-        current += step
-        size = np.abs(step[:3]).max(axis=0) + 100.0 * np.abs(step[3])
-        done = size < CONVERGED_MM
-        if done.any() or not np.isfinite(size).all():
-            right = (np.abs(current[3]) < 0.5 * np.pi) & (branch > 0.0) & (residual < RESIDUAL_MM)
+        step, branch, misfit_mm = _newton_step(some, current)
+        move_mm, turn_rad = np.abs(step[:3]).max(axis=0), np.abs(step[3])
+        current += step / np.maximum(np.maximum(move_mm / STEP_MM, turn_rad / STEP_RAD), 1.0)
+        size_mm = move_mm + LEVER_MM * turn_rad
+        done, finite = size_mm < CONVERGED_MM, np.isfinite(size_mm)
+        if done.any() or not finite.all():
+            assembled = (np.abs(misfit_mm) < RESIDUAL_MM).all(axis=0)
+            wanted = (np.abs(current[3]) < 0.5 * np.pi) & (branch > 0.0)
             poses[:, active] = current
-            good[active] = done & right
-            keep = ~done & np.isfinite(size)
+            good[active] = done & assembled & wanted
+            keep = ~done & finite
             if not keep.any():
                 break
             active, current, some = active[keep], current[:, keep], some.rows(keep)
@@ -125,36 +133,40 @@ def _newton(legs: _Legs, start: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def _newton_step(legs: _Legs, poses: Array) -> tuple[Array, Array, Array]:
-    """Limited step (4, N), the branch's determinant and the residual before the step in mm.
+    """Step (4, N), the branch's determinant (N,) and by how much forearms are too long, (4, N).
 
-    The first two closures don't know θ: they leave one free direction, their forearms' normal, along
-    which the other two are solved. This is the 4 x 4 system by hand, some ten times faster in batch.
+    The first two closures don't know θ: they leave one free direction, their forearms' normal,
+    along which the other two are solved. This is the 4 x 4 system by hand, some ten times faster
+    in batch.
     """
-    sin, cos = np.sin(poses[3]), np.cos(poses[3])
-    h = legs.plate_mm
-    wx, wy, wz = poses[0] - legs.x, poses[1] - legs.y, poses[2] - legs.z
-    wx[2:] -= h * sin
-    wy[2:] += h * cos
-    f = 0.5 * (wx * wx + wy * wy + wz * wz - legs.forearm_mm**2)
-    nx = wy[0] * wz[1] - wz[0] * wy[1]
-    ny = wz[0] * wx[1] - wx[0] * wz[1]
-    nz = wx[0] * wy[1] - wy[0] * wx[1]
-    # particular solution of the first two rows: (-f0 w1 + f1 w0) x n / |n|^2
-    ax, ay, az = (f[1] * w[0] - f[0] * w[1] for w in (wx, wy, wz))
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        scale = 1.0 / (nx * nx + ny * ny + nz * nz)
-        px = (ay * nz - az * ny) * scale
-        py = (az * nx - ax * nz) * scale
-        pz = (ax * ny - ay * nx) * scale
-        g = -h * (cos * wx[2:] + sin * wy[2:])
-        m = nx * wx[2:] + ny * wy[2:] + nz * wz[2:]
-        r = -f[2:] - (px * wx[2:] + py * wy[2:] + pz * wz[2:])
-        determinant = m[0] * g[1] - m[1] * g[0]
-        t = (r[0] * g[1] - r[1] * g[0]) / determinant
-        step = np.stack(
-            [px + t * nx, py + t * ny, pz + t * nz, (m[0] * r[1] - m[1] * r[0]) / determinant]
-        )
-        excess = np.maximum(np.abs(step[:3]).max(axis=0) / STEP_MM, np.abs(step[3]) / STEP_RAD)
-        step /= np.maximum(excess, 1.0)
-    residual = np.abs(f).max(axis=0) / legs.forearm_mm.max()
-    return step, determinant, residual
+    sin, cos, h = np.sin(poses[3]), np.cos(poses[3]), legs.plate_mm
+    w = poses[:3, None] - legs.elbows_mm
+    w[0, 2:] -= h * sin
+    w[1, 2:] += h * cos
+    square = _dot(w, w)
+    f = 0.5 * (square - legs.forearm_mm**2)
+    w0, w1, last_two = w[:, 0], w[:, 1], w[:, 2:]
+    normal, product = _cross(w0, w1), _dot(w0, w1)
+    # the shortest step that satisfies the first two rows: it has no part along the normal
+    part0, part1 = f[1] * product - f[0] * square[1], f[0] * product - f[1] * square[0]
+    fixed = (part0 * w0 + part1 * w1) / _dot(normal, normal)
+    by_theta = -h * (cos * last_two[0] + sin * last_two[1])
+    by_free = _dot(last_two, normal[:, None])
+    wanted = -f[2:] - _dot(last_two, fixed[:, None])
+    determinant = by_free[0] * by_theta[1] - by_free[1] * by_theta[0]
+    free = (wanted[0] * by_theta[1] - wanted[1] * by_theta[0]) / determinant
+    turn = (by_free[0] * wanted[1] - by_free[1] * wanted[0]) / determinant
+    step = np.concatenate([fixed + free * normal, turn[None]])
+    return step, determinant, f / legs.forearm_mm
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Scalar products of vectors by component, (3, …)."""
+    return np.asarray(np.einsum("k...,k...->...", a, b))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Vector products of vectors by component, (3, N)."""
+    return np.asarray(
+        a.take(NEXT, axis=0) * b.take(LAST, axis=0) - a.take(LAST, axis=0) * b.take(NEXT, axis=0)
+    )

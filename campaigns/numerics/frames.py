@@ -1,4 +1,4 @@
-"""Rigid transforms between frames. `b_from_a` turns coordinates in frame a into coordinates in frame b."""
+"""Rigid transforms between frames: `b_from_a` turns coordinates in frame a into those in frame b."""
 
 from dataclasses import dataclass
 
@@ -6,6 +6,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from campaigns.numerics.geometry import Array
+
+LINE_TOLERANCE = 1e-9
+"""Points whose second spread is below this part of the first lie on a line."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,13 +30,14 @@ class Transform:
 def fit_transform(points_in_a_mm: Array, points_in_b_mm: Array) -> Transform:
     """`b_from_a` with the least sum of squared distances, from (N, 3) points each (paper eq. 25).
 
-    Closed form by SVD (Kabsch 1976). Raises `ValueError` for fewer than three points or points on a line.
+    Closed form by SVD (Kabsch 1976). Raises `ValueError` for fewer than three points and for
+    points on a line.
     """
     if len(points_in_a_mm) < 3:
         raise ValueError(f"{len(points_in_a_mm)} points fix no frame: three are needed")
     centre_a, centre_b = points_in_a_mm.mean(axis=0), points_in_b_mm.mean(axis=0)
     u, spread, vt = np.linalg.svd((points_in_b_mm - centre_b).T @ (points_in_a_mm - centre_a))
-    if spread[1] <= 1e-9 * max(spread[0], 1e-300):
+    if spread[1] <= LINE_TOLERANCE * spread[0]:
         raise ValueError("points on one line fix no frame")
     mirror = np.sign(np.linalg.det(u @ vt))
     rotation = u @ np.diag([1.0, 1.0, mirror]) @ vt

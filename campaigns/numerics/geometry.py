@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from campaigns.parameters import ARM_FIELDS, ARMS, PARAMETER_NAMES
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 NAMES = PARAMETER_NAMES
 
 COUNT = len(NAMES)
-IS_ANGLE: NDArray[np.bool_] = np.array([name.endswith("_deg") for name in NAMES])
+IS_ANGLE: Mask = np.array([name.endswith("_deg") for name in NAMES])
 FILE_UNIT = np.where(IS_ANGLE, np.pi / 180.0, 1.0)
 """Multiplies a value in file units (mm, deg) to give inner units (mm, rad)."""
 
@@ -68,6 +70,6 @@ class Geometry:
         return dict(zip(NAMES, (self.vector() / FILE_UNIT).tolist(), strict=True))
 
 
-def indices(names: tuple[str, ...]) -> NDArray[np.intp]:
+def indices(names: tuple[str, ...]) -> Index:
     """Places of the named parameters in a vector; raises `ValueError` for an unknown name."""
     return np.array([NAMES.index(name) for name in names], dtype=np.intp)

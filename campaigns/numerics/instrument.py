@@ -4,14 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from campaigns.numerics.geometry import Array
+from campaigns.numerics.geometry import Array, Index
+from campaigns.numerics.pairs import directions
 
 
 @dataclass(frozen=True, slots=True)
 class TrackerUncertainty:
-    """Standard uncertainties (1 σ): a constant in mm and a part per length, along the beam and across it.
+    """Standard uncertainties (1 σ), along the beam and across it: a constant and a part per length.
 
-    The defaults are an AT500's ± (10 µm + 0.3 µm/m) and ± (15 µm + 6 µm/m) by ISO 10360-10, each over √3.
+    The defaults are an AT500's ± (10 µm + 0.3 µm/m) and ± (15 µm + 6 µm/m) by ISO 10360-10, each
+    over √3.
     """
 
     along_mm: float = 0.010 / 3**0.5
@@ -36,10 +38,9 @@ def point_covariance_mm2(points_from_tracker_mm: Array, uncertainty: TrackerUnce
 
 
 def distance_variance_mm2(
-    points_mm: Array, covariance_mm2: Array, first: Array, second: Array
+    points_mm: Array, covariance_mm2: Array, first: Index, second: Index
 ) -> Array:
     """Variance of the distances between rows `first` and `second` of points (N, 3), (M,)."""
-    between = points_mm[second] - points_mm[first]
-    direction = between / np.linalg.norm(between, axis=1, keepdims=True)
+    direction = directions(points_mm, first, second)
     together = covariance_mm2[first] + covariance_mm2[second]
     return np.asarray(np.einsum("mi,mij,mj->m", direction, together, direction))

@@ -1,6 +1,7 @@
-"""Par4's contracted model (paper eqs. 1-13 with the errata of docs/model.md): closure, inverse, forward, Jacobians.
+"""Par4's contracted model (paper eqs. 1-13, corrected): closure, inverse, Jacobians.
 
-Arrays are batched: joints (N, 4) in rad as the encoders read them; poses (N, 4) as X, Y, Z in mm and θ in rad.
+Arrays are batched: joints (N, 4) in rad as the encoders read them; poses (N, 4) as X, Y, Z in mm
+and θ in rad. The corrections of the printed equations are in docs/model.md.
 """
 
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.numerics.geometry import COUNT, Array, Geometry
+from campaigns.numerics.geometry import ARM_FIELDS, ARMS, COUNT, Array, Geometry, Mask
 
 PLATE_LEVER_MM = 100.0
 """Turns θ's column into a length before anything looks at singular values."""
@@ -29,15 +30,18 @@ class NoAssembly(ValueError):  # noqa: N818 - named by what it says
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """Values (N, 4) with the outcome of each row; rows without an assembly hold NaN and cannot be taken unseen."""
+    """Values (N, 4) and each row's outcome; rows without an assembly hold NaN.
+
+    Whoever has not looked at the outcomes takes the values by `require`.
+    """
 
     values: Array
     outcome: NDArray[np.uint8]
 
     @property
-    def found(self) -> NDArray[np.bool_]:
+    def found(self) -> Mask:
         """Which rows hold an answer, (N,)."""
-        return self.outcome == Assembly.FOUND
+        return np.asarray(self.outcome == Assembly.FOUND)
 
     def require(self) -> Array:
         """All values; raises `NoAssembly` naming the first row that has none."""
@@ -111,43 +115,55 @@ def inverse(geometry: Geometry, poses: Array) -> Solution:
 
 def pose_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
     """∂F/∂(X, Y, Z, θ) of the closures, (N, 4, 4), in mm (θ's column mm² per rad)."""
-    forearms = forearms_mm(geometry, joints_rad, poses)
-    jacobian = np.zeros((*poses.shape[:-1], 4, 4))
-    jacobian[..., :3] = 2.0 * forearms
-    turn = -geometry.plate_mm * np.stack([np.cos(poses[..., 3]), np.sin(poses[..., 3])], axis=-1)
-    jacobian[..., 2:, 3] = 2.0 * np.einsum("...ik,...k->...i", forearms[..., 2:, :2], turn)
-    return jacobian
+    return _by_pose(geometry, poses, forearms_mm(geometry, joints_rad, poses))
 
 
 def closure_parameter_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
-    """∂F_i of arm i with respect to its own seven parameters and to the plate's length, (N, 4, 8)."""
+    """∂F_i of arm i by its own seven parameters and by the plate's length, (N, 4, 8)."""
     forearms = forearms_mm(geometry, joints_rad, poses)
-    u, v = arm_directions(geometry), motor_axes(geometry)
+    return _by_own_parameters(geometry, joints_rad, poses, forearms)
+
+
+def parameter_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
+    """d(X, Y, Z, θ)/dK at fixed joints, (N, 4, 29): implicit function theorem on the closures.
+
+    Raises `numpy.linalg.LinAlgError` at a singular pose.
+    """
+    forearms = forearms_mm(geometry, joints_rad, poses)
+    compliance = -np.linalg.inv(_by_pose(geometry, poses, forearms))
+    own = _by_own_parameters(geometry, joints_rad, poses, forearms)
+    by_arm = compliance[..., None] * own[..., None, :, :-1]
+    jacobian = np.empty((*poses.shape[:-1], 4, COUNT))
+    jacobian[..., :-1] = by_arm.reshape(*poses.shape[:-1], 4, COUNT - 1)
+    jacobian[..., -1] = np.einsum("...pi,...i->...p", compliance, own[..., -1])
+    return jacobian
+
+
+def _by_pose(geometry: Geometry, poses: Array, forearms: Array) -> Array:
+    """∂F/∂(X, Y, Z, θ), (N, 4, 4)."""
+    sin, cos = np.sin(poses[..., 3, None]), np.cos(poses[..., 3, None])
+    jacobian = np.zeros_like(forearms, shape=(*poses.shape[:-1], ARMS, 4))
+    jacobian[..., :3] = 2.0 * forearms
+    turned = cos * forearms[..., 2:, 0] + sin * forearms[..., 2:, 1]
+    jacobian[..., 2:, 3] = -2.0 * geometry.plate_mm * turned
+    return jacobian
+
+
+def _by_own_parameters(
+    geometry: Geometry, joints_rad: Array, poses: Array, forearms: Array
+) -> Array:
+    """∂F_i by the parameters of arm i in the order of `ARM_FIELDS`, then by h, (N, 4, 8)."""
     angle = joints_rad + geometry.joint_offset_rad
     cos, sin = np.cos(angle), np.sin(angle)
-    along = np.einsum("...ik,ik->...i", forearms, u)
-    across = np.einsum("...ik,ik->...i", forearms, v)
+    along = np.einsum("...ik,ik->...i", forearms, arm_directions(geometry))
+    across = np.einsum("...ik,ik->...i", forearms, motor_axes(geometry))
     up = forearms[..., 2]
-    jacobian = np.zeros((*poses.shape[:-1], 4, 8))
+    jacobian = np.zeros_like(forearms, shape=(*poses.shape[:-1], ARMS, len(ARM_FIELDS) + 1))
     jacobian[..., :3] = -2.0 * forearms
     jacobian[..., 3] = -2.0 * geometry.arm_mm * cos * across
     jacobian[..., 4] = 2.0 * geometry.arm_mm * (sin * along + cos * up)
     jacobian[..., 5] = -2.0 * (cos * along - sin * up)
     jacobian[..., 6] = -2.0 * geometry.forearm_mm
-    away = np.stack([-np.sin(poses[..., 3]), np.cos(poses[..., 3])], axis=-1)
-    jacobian[..., 2:, 7] = 2.0 * np.einsum("...ik,...k->...i", forearms[..., 2:, :2], away)
-    return jacobian
-
-
-def parameter_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
-    """d(X, Y, Z, θ)/dK at fixed joints, (N, 4, 29), by the implicit function theorem on the closures.
-
-    Raises `numpy.linalg.LinAlgError` at a singular pose.
-    """
-    compliance = np.linalg.inv(pose_jacobian(geometry, joints_rad, poses))
-    own = closure_parameter_jacobian(geometry, joints_rad, poses)
-    jacobian = np.empty((*poses.shape[:-1], 4, COUNT))
-    by_arm = -compliance[..., None] * own[..., None, :, :7]
-    jacobian[..., :-1] = by_arm.reshape(*poses.shape[:-1], 4, COUNT - 1)
-    jacobian[..., -1] = -np.einsum("...pi,...i->...p", compliance, own[..., 7])
+    sin, cos = np.sin(poses[..., 3, None]), np.cos(poses[..., 3, None])
+    jacobian[..., 2:, 7] = 2.0 * (cos * forearms[..., 2:, 1] - sin * forearms[..., 2:, 0])
     return jacobian

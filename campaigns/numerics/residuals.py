@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from campaigns.numerics.forward import forward
 from campaigns.numerics.frames import Transform, fit_transform, small_rotation
-from campaigns.numerics.geometry import Array, Geometry
+from campaigns.numerics.geometry import Array, Geometry, Index
+from campaigns.numerics.pairs import directions, distances_mm
 from campaigns.numerics.par4 import NoAssembly, parameter_jacobian
-
-Index = NDArray[np.intp]
 
 
 class Residuals(Protocol):
@@ -34,10 +32,24 @@ class Residuals(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Expansion:
+    """Poses about x to first order."""
+
+    x: Array
+    poses: Array
+    by_x: Array
+    """(N, 4, F)"""
+
+    def at(self, x: Array) -> Array:
+        return np.asarray(self.poses + self.by_x @ (x - self.x))
+
+
 class PositionModel:
     """Positions of the controlled point as functions of the free parameters, at fixed joints.
 
-    Keeps the last solution: it is the next one's start, and residual and Jacobian share it.
+    Keeps its last answer, which residual and Jacobian share, and its last Jacobian, which predicts
+    the next answer so well that the forward model has little left to do.
     """
 
     def __init__(
@@ -48,6 +60,7 @@ class PositionModel:
         self._joints = joints_rad
         self._poses = start
         self._at: Array | None = None
+        self._expansion: _Expansion | None = None
 
     @property
     def nominal(self) -> Array:
@@ -60,20 +73,25 @@ class PositionModel:
         vector[self._free] = x
         return Geometry.from_vector(vector)
 
-    def positions_mm(self, x: Array) -> Array:
-        """(N, 3); raises `NoAssembly`."""
-        return self._solved(x)[:, :3]
-
-    def jacobian(self, x: Array) -> Array:
-        """∂(X, Y, Z)/∂x, (N, 3, F)."""
-        poses = self._solved(x)
-        return parameter_jacobian(self.geometry(x), self._joints, poses)[:, :3, self._free]
-
-    def _solved(self, x: Array) -> Array:
+    def poses(self, x: Array) -> Array:
+        """(N, 4), mm and rad; raises `NoAssembly`."""
         if self._poses is None or self._at is None or not np.array_equal(x, self._at):
-            self._poses = forward(self.geometry(x), self._joints, self._poses).require()
+            near = self._poses if self._expansion is None else self._expansion.at(x)
+            self._poses = forward(self.geometry(x), self._joints, near).require()
             self._at = np.array(x)
         return self._poses
+
+    def positions_mm(self, x: Array) -> Array:
+        """(N, 3); raises `NoAssembly`."""
+        return self.poses(x)[:, :3]
+
+    def jacobian(self, x: Array) -> Array:
+        """∂(X, Y, Z)/∂x, (N, 3, F); raises `NoAssembly`."""
+        poses = self.poses(x)
+        if self._expansion is None or self._expansion.poses is not poses:
+            by_all = parameter_jacobian(self.geometry(x), self._joints, poses)
+            self._expansion = _Expansion(np.array(x), poses, by_all[:, :, self._free])
+        return self._expansion.by_x[:, :3]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,27 +108,21 @@ class DistanceResiduals:
         return self.model.nominal
 
     def residual(self, x: Array) -> Array:
-        """(pairs,)"""
+        """One row a pair, (M,)."""
         positions = self.model.positions_mm(x)
-        return np.asarray(
-            np.linalg.norm(positions[self.second] - positions[self.first], axis=1)
-            - self.measured_mm
-        )
+        return distances_mm(positions, self.first, self.second) - self.measured_mm
 
     def jacobian(self, x: Array) -> Array:
-        """(pairs, F)"""
-        positions = self.model.positions_mm(x)
-        between = positions[self.second] - positions[self.first]
-        direction = between / np.linalg.norm(between, axis=1, keepdims=True)
+        """One row a pair, (M, F)."""
+        direction = directions(self.model.positions_mm(x), self.first, self.second)
         jacobian = self.model.jacobian(x)
-        return np.asarray(
-            np.einsum("mk,mkf->mf", direction, jacobian[self.second] - jacobian[self.first])
-        )
+        apart = jacobian[self.second] - jacobian[self.first]
+        return np.asarray(np.einsum("mk,mkf->mf", direction, apart))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointResiduals:
-    """Whitened coordinates of every shot, with the tracker's frame as six more unknowns (paper eqs. 22-25).
+    """Whitened coordinates of every shot, the tracker's frame being six more unknowns (eqs. 22-25).
 
     x holds the free parameters, then three small angles and a translation that correct `guess`.
     """
@@ -125,7 +137,11 @@ class PointResiduals:
     def from_points(
         cls, model: PositionModel, points_mm: Array, covariance_mm2: Array
     ) -> "PointResiduals":
-        """With the frame guessed from the nominal model; raises `LinAlgError` for an indefinite covariance."""
+        """With the frame guessed from the nominal model.
+
+        Raises `NoAssembly`, `ValueError` for points that fix no frame and `LinAlgError` for an
+        indefinite covariance.
+        """
         guess = fit_transform(model.positions_mm(model.nominal), points_mm)
         whitening = np.linalg.inv(np.linalg.cholesky(covariance_mm2))
         return cls(model, points_mm, whitening, guess)
@@ -140,32 +156,30 @@ class PointResiduals:
         return Transform(self.guess.rotation @ turn, self.guess.translation_mm + x[-3:])
 
     def residual(self, x: Array) -> Array:
-        """(3 N,)"""
-        misfit = (
-            self.tracker_from_base(x).apply(self.model.positions_mm(x[:-6]))
-            - self.points_in_tracker_mm
-        )
+        """Three rows a shot, (3 N,)."""
+        modelled = self.tracker_from_base(x).apply(self.model.positions_mm(x[:-6]))
+        misfit = modelled - self.points_in_tracker_mm
         return np.asarray(np.einsum("nij,nj->ni", self.whitening, misfit).ravel())
 
     def jacobian(self, x: Array) -> Array:
-        """(3 N, F + 6)"""
+        """Three rows a shot, (3 N, F + 6)."""
         positions, count = self.model.positions_mm(x[:-6]), len(x) - 6
         turn, turn_by_angle = small_rotation(x[-6:-3])
         jacobian = np.empty((len(positions), 3, len(x)))
         jacobian[:, :, :count] = (self.guess.rotation @ turn) @ self.model.jacobian(x[:-6])
-        jacobian[:, :, count:-3] = np.einsum(
-            "ij,ajk,nk->nia", self.guess.rotation, turn_by_angle, positions
-        )
+        turned = (self.guess.rotation @ turn_by_angle) @ positions.T
+        jacobian[:, :, count:-3] = turned.transpose(2, 1, 0)
         jacobian[:, :, -3:] = np.eye(3)
         return np.asarray((self.whitening @ jacobian).reshape(-1, len(x)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WithPriors:
-    """Residuals with Gaussian knowledge about the first parameters' nominal values added as rows."""
+    """Residuals with Gaussian knowledge about some of the parameters added as rows."""
 
     data: Residuals
     places: Index
+    """Which parameters are known, (K,)."""
     mean: Array
     std: Array
 
@@ -174,11 +188,11 @@ class WithPriors:
         return self.data.start()
 
     def residual(self, x: Array) -> Array:
-        """(M + priors,)"""
+        """The data's rows, then one a prior, (M + K,)."""
         return np.concatenate([self.data.residual(x), (x[self.places] - self.mean) / self.std])
 
     def jacobian(self, x: Array) -> Array:
-        """(M + priors, P)"""
+        """The data's rows, then one a prior, (M + K, P)."""
         rows = np.zeros((len(self.places), len(x)))
         rows[np.arange(len(self.places)), self.places] = 1.0 / self.std
         return np.vstack([self.data.jacobian(x), rows])

@@ -1,4 +1,6 @@
-"""The fit while measuring: what is predicted for the next shot, and how far the last one was from it."""
+"""The fit while measuring: where the next shot should be, and how surely that is known."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +14,25 @@ PRIOR_ANGLE_RAD = np.radians(3.0)
 """Broad knowledge about nominal values, so that the first shots already give an answer."""
 MEASURING_STD_MM = 0.05
 SHOTS_FOR_A_FRAME = 4
-SHOTS_FOR_THE_GEOMETRY = 20
+SPREAD_FOR_A_FRAME_MM = 50.0
+"""Least root mean square extent of the points across their main direction: less fixes no frame."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PredictedPoint:
+    """Where the reflector should be in the tracker's frame, (3,), and its standard deviation."""
+
+    point_mm: Array
+    std_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Knowledge:
+    """Parameters (F,), frame, and a root of the covariance of both, (F + 6, F + 6)."""
+
+    parameters: Array
+    frame: Transform
+    covariance_root: Array
 
 
 class RunningFit:
@@ -24,36 +44,29 @@ class RunningFit:
         self._prior = np.where(IS_ANGLE[self._free], PRIOR_ANGLE_RAD, PRIOR_LENGTH_MM)
         self._joints: list[Array] = []
         self._points: list[Array] = []
-        self._x: Array | None = None
-        self._frame: Transform | None = None
+        self._known: _Knowledge | None = None
 
     @property
     def shots(self) -> int:
         """How many shots it rests on."""
         return len(self._joints)
 
-    @property
-    def knows_the_frame(self) -> bool:
-        """Whether a point in the tracker's frame can be predicted at all."""
-        return self._frame is not None
-
-    @property
-    def knows_the_geometry(self) -> bool:
-        """Whether residuals are those of a fitted robot, not of the nominal one."""
-        return self.shots >= SHOTS_FOR_THE_GEOMETRY
-
-    def predict_mm(self, joints_rad: Array) -> Array | None:
-        """Where the reflector should be in the tracker's frame, (3,); None while that is unknown."""
-        if self._frame is None:
+    def predict(self, joints_rad: Array) -> PredictedPoint | None:
+        """The reflector's place at joints (4,); None while the frame is unknown."""
+        if self._known is None:
             return None
+        known = self._known
         model = PositionModel(self._nominal, self._free, joints_rad[None])
+        point = PointResiduals(model, np.zeros((1, 3)), np.eye(3)[None], known.frame)
+        x = np.concatenate([known.parameters, np.zeros(6)])
         try:
-            return self._frame.apply(model.positions_mm(self._parameters()))[0]
+            place, jacobian = point.residual(x), point.jacobian(x)
         except NoAssembly:
             return None
+        return PredictedPoint(place, float(np.linalg.norm(jacobian @ known.covariance_root)))
 
     def distance_fault_mm(self, joints_rad: Array, point_mm: Array) -> float:
-        """Largest difference between measured and modelled distances to the shots so far; needs no frame."""
+        """Largest difference of a measured distance to an earlier shot from the modelled one."""
         if not self._joints:
             return 0.0
         model = PositionModel(self._nominal, self._free, np.vstack([*self._joints, joints_rad]))
@@ -70,19 +83,28 @@ class RunningFit:
             self._update()
 
     def _parameters(self) -> Array:
-        return self._nominal.vector()[self._free] if self._x is None else self._x
+        if self._known is None:
+            return np.asarray(self._nominal.vector()[self._free])
+        return self._known.parameters
 
     def _update(self) -> None:
-        """One Gauss-Newton step from the last answer; points on one line leave things as they are."""
+        """One Gauss-Newton step from the last answer, once the points fix a frame."""
         model = PositionModel(self._nominal, self._free, np.array(self._joints))
         points = np.array(self._points)
-        try:
-            guess = fit_transform(model.positions_mm(self._parameters()), points)
-        except ValueError:
+        positions = model.positions_mm(self._parameters())
+        if _spread_mm(positions) < SPREAD_FOR_A_FRAME_MM:
             return
         whitening = np.broadcast_to(np.eye(3) / MEASURING_STD_MM, (len(points), 3, 3))
-        data = PointResiduals(model, points, whitening, guess)
+        data = PointResiduals(model, points, whitening, fit_transform(positions, points))
         problem = WithPriors(data, np.arange(len(self._free)), model.nominal, self._prior)
         x = np.concatenate([self._parameters(), np.zeros(6)])
-        step, *_ = np.linalg.lstsq(problem.jacobian(x), -problem.residual(x), rcond=None)
-        self._x, self._frame = (x + step)[:-6], data.tracker_from_base(x + step)
+        q, r = np.linalg.qr(problem.jacobian(x))
+        root = np.linalg.inv(r)
+        x = x - root @ (q.T @ problem.residual(x))
+        self._known = _Knowledge(x[:-6], data.tracker_from_base(x), root)
+
+
+def _spread_mm(points: Array) -> float:
+    """Root mean square extent in the second of the three main directions."""
+    extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return float(extents[1] / np.sqrt(len(points)))

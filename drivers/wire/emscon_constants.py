@@ -63,15 +63,11 @@ class SystemChange(IntEnum):
     """Codes of unsolicited status changes that mean something to us."""
 
     LASER_WARMED_UP = 1
-    ENVIRONMENT_PARAMS = 2
     SEARCH_PARAMS = 4
     UNITS = 6
     REFLECTOR = 7
     SYSTEM_SETTINGS = 8
-    COMPENSATION = 11
     COORDINATE_SYSTEM_TYPE = 12
-    STATION_ORIENTATION = 15
-    TRANSFORMATION = 16
     MEASUREMENT_MODE = 17
     STATIONARY_MODE_PARAMS = 18
     STATISTIC_MODE = 24

@@ -176,7 +176,10 @@ def test_wrong_value_is_answered_with_its_line_and_what_to_give(old, new, words)
         ("gate:\n", "gate is empty, must hold keys with values"),
         ("acceptance: {distance_max_mm: '1'}", 'acceptance.distance_max_mm is "1", must be'),
         ("robot: ../robot.yaml", "give the name of the file in this folder"),
-        ("controler: {}", "campaign.yaml:8: controler is not a known key → did you mean controller?"),
+        (
+            "controler: {}",
+            "campaign.yaml:8: controler is not a known key → did you mean controller?",
+        ),
     ],
 )
 def test_wrong_addition_is_answered_with_its_key_and_limit(more, words):

@@ -10,12 +10,16 @@ from campaigns.errors import OutputExists, WriteFailed
 from campaigns.textfile import make_folder, replace_text, write_new_text
 
 
+def names_in(folder):
+    return [path.name for path in folder.iterdir()]
+
+
 def test_new_text_takes_the_place_of_the_old(tmp_path):
     path = tmp_path / "plan.csv"
     replace_text(path, "old\n")
     replace_text(path, "new ±\n")
     assert path.read_text(encoding="utf-8") == "new ±\n"
-    assert os.listdir(tmp_path) == ["plan.csv"]
+    assert names_in(tmp_path) == ["plan.csv"]
 
 
 def test_full_disk_is_said_and_leaves_the_old_file_intact(tmp_path, monkeypatch):
@@ -29,7 +33,7 @@ def test_full_disk_is_said_and_leaves_the_old_file_intact(tmp_path, monkeypatch)
     with pytest.raises(WriteFailed, match=r"no space left on device\) → free space"):
         replace_text(path, "new\n")
     assert path.read_text() == "old\n"
-    assert os.listdir(tmp_path) == ["plan.csv"]
+    assert names_in(tmp_path) == ["plan.csv"]
 
 
 @pytest.fixture
@@ -48,7 +52,7 @@ def test_write_that_the_system_cuts_short_leaves_the_old_file_intact(
     with pytest.raises(WriteFailed, match="free space"):
         replace_text(path, "new" * 100)
     assert path.read_text() == "old\n"
-    assert os.listdir(tmp_path) == ["plan.csv"]
+    assert names_in(tmp_path) == ["plan.csv"]
 
 
 def test_existing_file_is_not_overwritten_unasked(tmp_path):

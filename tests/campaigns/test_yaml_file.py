@@ -32,6 +32,15 @@ def read(text):
     return checked(parse_document(text, "sample.yaml"), SCHEMA, Sample)
 
 
+def answer_to(text):
+    """What is said of a text; nothing when it can be read."""
+    try:
+        read(text)
+    except ConfigInvalid as error:
+        return str(error)
+    return ""
+
+
 def complaint(text):
     with pytest.raises(ConfigInvalid) as caught:
         read(text)
@@ -54,7 +63,7 @@ def with_schema(text):
         ("a: *nowhere\n", "sample.yaml:1: is not YAML"),
         ("a: 1\n---\nb: 2\n", "is not YAML"),
         ("a: \x00\n", "is not YAML"),
-        ("[" * 5000, "nesting that cannot be read"),
+        ("[" * 500, "nesting that cannot be read"),
         ("%YAML 1.3\n---\na: 1\n", "directives"),
         ("a: !!float\n", "has tags"),
         ("day: 2024-13-45\n", "month must be in"),
@@ -136,21 +145,17 @@ def test_settings_from_elsewhere_are_checked_like_a_file():
 @example("%YAML 9.9\n---\n")
 @example("a: 2024-13-45")
 def test_any_text_is_read_or_refused_with_config_invalid(text):
-    try:
-        read(with_schema(text))
-    except ConfigInvalid as error:
-        assert "\n" not in str(error)
+    assert "\n" not in answer_to(with_schema(text))
 
 
 yaml_like = st.lists(
-    st.sampled_from([*"{}[]:,-?&*!|>'\"%@`#~\n \t", "a", "1", "size_mm", ": ", "- ", "<<", "!!int"]),
+    st.sampled_from(
+        [*"{}[]:,-?&*!|>'\"%@`#~\n \t", "a", "1", "size_mm", ": ", "- ", "<<", "!!int"]
+    ),
     max_size=25,
 ).map("".join)
 
 
 @given(yaml_like)
 def test_any_yaml_like_text_is_read_or_refused_with_config_invalid(text):
-    try:
-        read(with_schema(text))
-    except ConfigInvalid as error:
-        assert "\n" not in str(error)
+    assert "\n" not in answer_to(with_schema(text))

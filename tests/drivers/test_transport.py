@@ -1,19 +1,13 @@
-"""Device addresses, and TCP as a byte pipe over loopback."""
+"""TCP as a byte pipe over loopback."""
 
 import socket
 import time
 
 import pytest
 
-from drivers.errors import AddressInvalid, LinkDown
-from drivers.transport import (
-    CHUNK_BYTES,
-    SerialAddress,
-    TcpAddress,
-    TcpTransport,
-    open_transport,
-    parse_address,
-)
+from drivers.address import TcpAddress
+from drivers.errors import LinkDown
+from drivers.transport import CHUNK_BYTES, TcpTransport, open_transport
 
 
 @pytest.fixture
@@ -34,52 +28,6 @@ def ends(listener):
 
 def url_of(server):
     return f"tcp://127.0.0.1:{server.getsockname()[1]}"
-
-
-@pytest.mark.parametrize(
-    ("url", "address"),
-    [
-        ("tcp://robot.local:5020", TcpAddress("robot.local", 5020)),
-        ("tcp://192.168.0.7:1/", TcpAddress("192.168.0.7", 1)),
-        ("tcp://[::1]:65535", TcpAddress("::1", 65535)),
-        ("serial:///dev/ttyUSB0", SerialAddress("/dev/ttyUSB0", 115200)),
-        ("serial:///dev/ttyUSB0?baud=9600", SerialAddress("/dev/ttyUSB0", 9600)),
-        ("serial:///COM3?baud=57600", SerialAddress("COM3", 57600)),
-    ],
-)
-def test_address_is_read(url, address):
-    assert parse_address(url) == address
-
-
-@pytest.mark.parametrize(
-    ("url", "reason"),
-    [
-        ("", "neither TCP nor serial"),
-        ("robot:5020", "neither TCP nor serial"),
-        ("http://robot:80", "neither TCP nor serial"),
-        ("tcp://robot", "host or port is missing"),
-        ("tcp://:5020", "host or port is missing"),
-        ("tcp://robot:0", "host or port is missing"),
-        ("tcp://robot:65536", "range"),
-        ("tcp://robot:five", "five"),
-        ("tcp://[::1:5020", "IPv6"),
-        ("tcp://robot..local:5020", "cannot be a host's name"),
-        ("tcp://me@robot:5020", "more than a host and a port"),
-        ("tcp://robot:5020/arm", "more than a host and a port"),
-        ("tcp://robot:5020?baud=9600", "more than a host and a port"),
-        ("serial://COM3", "three slashes"),
-        ("serial:///", "three slashes"),
-        ("serial:///dev/ttyUSB0?bauds=9600", "'bauds' is not known"),
-        ("serial:///dev/ttyUSB0?baud=fast", "baud is 'fast'"),
-        ("serial:///dev/ttyUSB0?baud=0", "baud is '0'"),
-        ("serial:///dev/ttyUSB0?baud=" + "9" * 5000, "baud is"),
-        ("serial:///dev/ttyUSB0?baud", "baud"),
-    ],
-)
-def test_wrong_address_is_refused_with_its_reason_and_the_right_form(url, reason):
-    with pytest.raises(AddressInvalid, match="use tcp://HOST:PORT or serial://") as refused:
-        parse_address(url)
-    assert reason in refused.value.problem
 
 
 def test_bytes_go_both_ways(ends):

@@ -1,4 +1,4 @@
-"""What somebody meant who wrote an unknown word."""
+"""How errors show what was written, and say what was probably meant."""
 
 from collections.abc import Collection
 from difflib import get_close_matches
@@ -7,6 +7,14 @@ UNITS = frozenset(
     {"um", "mm", "cm", "m", "in", "inch", "mm2", "m2", "deg", "rad", "mrad", "ms", "s", "min"}
     | {"degC", "degF", "K", "percent"}
 )
+
+SHOWN_CHARACTERS = 40
+
+
+def shown(text: str) -> str:
+    """Make a text fit to stand in an error line: short, on one line, printable."""
+    line = "".join(sign if sign.isprintable() else "?" for sign in " ".join(text.split()))
+    return line if len(line) <= SHOWN_CHARACTERS else f"{line[:SHOWN_CHARACTERS]}…"
 
 
 def suggestion(word: str, known: Collection[str]) -> str:

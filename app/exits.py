@@ -1,0 +1,42 @@
+"""Which failure ends with which exit code, in one table."""
+
+from enum import IntEnum
+
+
+class Exit(IntEnum):
+    """The codes that scripts may rely on."""
+
+    DONE = 0
+    NOT_GOOD = 1
+    BAD_INPUT = 2
+    DEVICE = 3
+    JOURNAL = 4
+    INTERRUPTED = 130
+
+
+def exit_code(error: Exception) -> Exit:
+    """The code of a designed error; the most particular class in the table decides."""
+    from campaigns import errors as campaign
+    from drivers import errors as driver
+    from sim.errors import SimError
+
+    table: dict[type[Exception], Exit] = {
+        campaign.CampaignError: Exit.BAD_INPUT,
+        campaign.JournalFailed: Exit.JOURNAL,
+        campaign.WriteFailed: Exit.JOURNAL,
+        campaign.NotSettled: Exit.DEVICE,
+        campaign.TargetOutOfReach: Exit.DEVICE,
+        campaign.GateRefused: Exit.DEVICE,
+        campaign.LoadNotVerified: Exit.DEVICE,
+        campaign.IdentificationRefused: Exit.NOT_GOOD,
+        campaign.VerdictBad: Exit.NOT_GOOD,
+        campaign.Interrupted: Exit.INTERRUPTED,
+        driver.DriverError: Exit.DEVICE,
+        driver.AddressInvalid: Exit.BAD_INPUT,
+        driver.Cancelled: Exit.INTERRUPTED,
+        SimError: Exit.BAD_INPUT,
+    }
+    for kind in type(error).__mro__:
+        if kind in table:
+            return table[kind]
+    raise LookupError(f"{type(error).__name__} is no designed error")

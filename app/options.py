@@ -1,0 +1,14 @@
+"""Arguments and options that several commands share, worded once."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The campaign's folder.")]
+Json = Annotated[bool, typer.Option("--json", help="One JSON document on stdout, talk on stderr.")]
+Yes = Annotated[bool, typer.Option("--yes", "-y", help="Don't ask before the robot moves.")]
+Dry = Annotated[bool, typer.Option("--dry", help="Say what would happen, and do nothing.")]
+Anew = Annotated[
+    bool, typer.Option("--anew", help="Begin a new series instead of resuming an unfinished one.")
+]

@@ -1,0 +1,161 @@
+"""Real or simulated: the one place that knows concrete drivers and the simulator."""
+
+import json
+import random
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.folder import CELL_MEMORY, Campaign
+from campaigns.config import CampaignConfig
+from campaigns.errors import ConfigInvalid
+from campaigns.shooting import Cell as Devices
+from campaigns.textfile import replace_text
+from drivers.clock import SystemClock
+from drivers.emscon_tracker import EmsconTracker
+from drivers.errors import WrongDevice
+from drivers.line_robot import LineRobot
+from drivers.link import never
+from drivers.ports import Clock, LaserTracker, RobotController
+from drivers.transport import Transport, open_transport
+from drivers.values import Identity
+from drivers.wire.robotline import LAST_SEQUENCE
+from sim.cell import Cell
+from sim.clock import ScaledClock
+from sim.embedded import EmbeddedCell
+from sim.errors import MemoryInvalid
+from sim.scenario import load_scenario
+from sim.scenario_schema import Scenario
+
+SIMULATED = "sim://"
+CONNECT_S = 5.0
+
+StopRequested = Callable[[], bool]
+
+
+@dataclass(frozen=True, slots=True)
+class Addresses:
+    """Where the devices answer, and the time they live in."""
+
+    controller: str
+    tracker: str
+    clock: Clock
+
+
+def scenario_of(campaign_folder: Path, url: str) -> Scenario:
+    """The scenario that a sim:// URL names: a file of the campaign's folder, or a shipped one."""
+    name = url.removeprefix(SIMULATED)
+    own = campaign_folder / f"{name}.yaml"
+    return load_scenario(str(own) if own.is_file() else name)
+
+
+@contextmanager
+def connected_cell(campaign: Campaign, stop_requested: StopRequested = never) -> Iterator[Devices]:
+    """Both devices, connected, the tracker ready to measure; closed at the end of the block.
+
+    Raises a driver's error when one is not there, not the expected one, or not ready.
+    """
+    with (
+        _addresses(campaign) as at,
+        _robot(campaign.config, at.controller) as robot,
+        _tracker(campaign.config, at.tracker, stop_requested) as tracker,
+    ):
+        yield Devices(robot, tracker, at.clock)
+
+
+@contextmanager
+def connected_robot(campaign: Campaign) -> Iterator[RobotController]:
+    """The controller alone."""
+    with _addresses(campaign) as at, _robot(campaign.config, at.controller) as robot:
+        yield robot
+
+
+def prepare_tracker(config: CampaignConfig, tracker: LaserTracker) -> None:
+    """Bring the tracker into the state that measuring needs."""
+    tracker.prepare(config.tracker.reflector, config.tracker.measuring_time_s)
+
+
+@contextmanager
+def _addresses(campaign: Campaign) -> Iterator[Addresses]:
+    """The URLs to connect to; a simulated cell is started for the time of the block."""
+    controller, tracker = campaign.config.controller.url, campaign.config.tracker.url
+    simulated = [url for url in (controller, tracker) if url.startswith(SIMULATED)]
+    if not simulated:
+        yield Addresses(controller, tracker, SystemClock())
+        return
+    if len(set(simulated)) > 1:
+        raise ConfigInvalid(
+            f"controller and tracker are of two simulated cells: {' and '.join(simulated)}",
+            remedy="give both the same sim:// address",
+        )
+    with _embedded(campaign, simulated[0]) as cell:
+        yield Addresses(
+            cell.controller_url if controller in simulated else controller,
+            cell.tracker_url if tracker in simulated else tracker,
+            cell.clock,
+        )
+
+
+@contextmanager
+def _embedded(campaign: Campaign, url: str) -> Iterator[EmbeddedCell]:
+    """A simulated cell that remembers, in the campaign's folder, what a real one would remember."""
+    path = campaign.path(CELL_MEMORY)
+    scenario = scenario_of(campaign.folder, url)
+    cell = Cell(scenario, memory=_remembered(path))
+    with EmbeddedCell(cell, ScaledClock(scenario.speed_up)) as embedded:
+        try:
+            yield embedded
+        finally:
+            replace_text(path, json.dumps(embedded.memory(), indent=1))
+
+
+def _remembered(path: Path) -> dict[str, object] | None:
+    if not path.exists():
+        return None
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise MemoryInvalid(
+            f"{path}: cannot be read ({error})", remedy="delete the file"
+        ) from error
+    if not isinstance(found, dict):
+        raise MemoryInvalid(f"{path}: holds no memory of a cell", remedy="delete the file")
+    return found
+
+
+def _opener(url: str) -> Callable[[], Transport]:
+    return lambda: open_transport(url, timeout_s=CONNECT_S)
+
+
+@contextmanager
+def _robot(config: CampaignConfig, url: str) -> Iterator[RobotController]:
+    first = random.SystemRandom().randint(1, LAST_SEQUENCE)
+    robot = LineRobot(_opener(url), clock=SystemClock(), first_sequence=first)
+    try:
+        robot.connect()
+        _check_serial("controller", robot.identity(), config.controller.serial)
+        yield robot
+    finally:
+        robot.close()
+
+
+@contextmanager
+def _tracker(
+    config: CampaignConfig, url: str, stop_requested: StopRequested
+) -> Iterator[LaserTracker]:
+    tracker = EmsconTracker(_opener(url), clock=SystemClock(), cancelled=stop_requested)
+    try:
+        tracker.connect()
+        _check_serial("tracker", tracker.identity(), config.tracker.serial)
+        yield tracker
+    finally:
+        tracker.close()
+
+
+def _check_serial(device: str, found: Identity, expected: str | None) -> None:
+    if expected is not None and found.serial != expected:
+        raise WrongDevice(
+            f"the {device} has serial number {found.serial}, campaign.yaml expects {expected}",
+            remedy=f"connect the right {device}, or correct {device}.serial in campaign.yaml",
+        )

@@ -1,0 +1,80 @@
+"""Writes what was identified as a robot file: parameters, uncertainty, and where they come from."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from pydantic import JsonValue
+
+from campaigns.errors import ShotsMissing, VerdictBad
+from campaigns.journal_reader import JournalReader
+from campaigns.records import Finding
+from campaigns.robot import Compensation, RobotDocument, compensated, write_new_robot
+from campaigns.version import VERSION
+
+FILE_NAME = "robot-compensated.yaml"
+
+
+def latest_identification(journal: JournalReader) -> Mapping[str, JsonValue]:
+    """The last identification of a campaign; raises `ShotsMissing` when there is none."""
+    found = [e.record for e in journal.records_of(Finding) if e.record.kind == "identification"]
+    if not found:
+        raise ShotsMissing("nothing has been identified yet", remedy="run `pkmcal identify` first")
+    return found[-1].body
+
+
+def compensated_robot(
+    campaign: str, nominal: RobotDocument, finding: Mapping[str, JsonValue]
+) -> RobotDocument:
+    """The nominal robot with the identified parameters, their 1 σ and their provenance.
+
+    Raises `VerdictBad` for a result that did not pass, or that rests on another nominal robot.
+    """
+    if finding["verdict"] != "pass":
+        raise VerdictBad(
+            f"the identification's verdict is '{finding['verdict']}': {_reasons(finding)}",
+            remedy="measure more or correct the campaign, then identify again",
+        )
+    if finding["robot_digest"] != nominal.robot.digest():
+        raise VerdictBad(
+            "the identification rests on another nominal robot than the campaign's file holds now",
+            remedy="bring the robot file back, or identify again",
+        )
+    parameters = finding["parameters"]
+    assert isinstance(parameters, Mapping), "an identification always has them"
+    return compensated(
+        nominal,
+        Compensation(
+            f"{nominal.robot.name}-compensated",
+            {name: entry["value"] for name, entry in parameters.items()},
+            {name: e["std"] for name, e in parameters.items() if e["std"] is not None},
+            _provenance(campaign, finding),
+        ),
+    )
+
+
+def write_compensated(path: Path, robot: RobotDocument, *, overwrite: bool) -> None:
+    """Write the file; raises `OutputExists` unless `overwrite`, or `WriteFailed`."""
+    if overwrite:
+        path.unlink(missing_ok=True)
+    write_new_robot(path, robot)
+
+
+def _provenance(campaign: str, finding: Mapping[str, JsonValue]) -> dict[str, JsonValue]:
+    kept = (
+        "plan_digest",
+        "journal_digest",
+        "estimator",
+        "shots",
+        "residuals_mm",
+        "unseen_mm",
+        "verdict",
+        "at_utc",
+    )
+    return {"campaign": campaign, "software": f"pkmcal {VERSION}"} | {
+        key: finding[key] for key in kept
+    }
+
+
+def _reasons(finding: Mapping[str, JsonValue]) -> str:
+    reasons = finding["reasons"]
+    return "; ".join(str(r) for r in reasons) if isinstance(reasons, list) else ""

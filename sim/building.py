@@ -1,0 +1,145 @@
+"""Builds the parts of a cell from its scenario, drawing what manufacture left to chance."""
+
+import math
+
+import numpy as np
+
+from sim.controller import ControllerSettings
+from sim.draws import Purpose, generator
+from sim.driven_robot import Behaviour, Mount, Thermal
+from sim.faults import ANSWERS_OF, Counted, Fault
+from sim.geometry import ARMS, FLAT_NAMES, Array, geometry_of
+from sim.optics import IsotropicNoise, Limit, Noise, SphericalNoise, Station
+from sim.rods import Build, EightRods
+from sim.rotations import rotation
+from sim.scenario_robot import ControllerSection, RobotSection, Tolerances
+from sim.scenario_schema import FaultSection
+from sim.scenario_tracker import LimitSection, StationSection, TrackerSection
+from sim.tracker import Air, SimulatedReflector, TrackerSettings
+
+WORKSPACE_CENTRE_MM = np.array([0.0, 0.0, -575.0])
+RAD_PER_ARCMIN = math.radians(1.0 / 60.0)
+RAD_PER_ARCSEC = math.radians(1.0 / 3600.0)
+RAD_PER_MRAD = 1e-3
+PPM = 1e-6
+
+
+def true_geometry(robot: RobotSection, seed: int) -> dict[str, float]:
+    """The robot as it was really made, by flat names, mm and deg."""
+    draw = generator(seed, Purpose.MANUFACTURE).standard_normal(len(FLAT_NAMES))
+    flat = robot.true_flat()
+    return {
+        name: flat[name] + _sigma(robot.tolerances, name) * float(draw[index])
+        for index, name in enumerate(FLAT_NAMES)
+    }
+
+
+def _sigma(tolerances: Tolerances, name: str) -> float:
+    """A parameter's standard deviation of manufacture, in the unit of its name."""
+    arm, _, field = name.rpartition(".")
+    if field in {"x_mm", "y_mm", "z_mm"}:
+        return 0.0 if arm == "arm0" else tolerances.position_mm
+    if field == "joint_offset_deg":
+        return tolerances.joint_offset_deg
+    if field == "azimuth_deg":
+        return math.degrees(tolerances.azimuth_mrad * RAD_PER_MRAD)
+    return tolerances.length_mm
+
+
+def eight_rods(robot: RobotSection, true_flat: dict[str, float], seed: int) -> EightRods:
+    """The mechanism, with what no parameter of its model describes."""
+    rods = generator(seed, Purpose.RODS).standard_normal((ARMS, 2))
+    tilts = generator(seed, Purpose.TILTS).standard_normal(ARMS)
+    rod_errors_mm = np.reshape(robot.rod_errors_mm, (ARMS, 2)) + robot.tolerances.rod_mm * rods
+    tilts_mrad = np.array(robot.axis_tilts_mrad) + robot.tolerances.axis_tilt_mrad * tilts
+    build = Build(
+        plate_joints_mm=np.array(robot.plate_joints_mm),
+        rod_spacing_mm=robot.rod_spacing_mm,
+        rod_errors_mm=rod_errors_mm,
+        axis_tilts_rad=tilts_mrad * RAD_PER_MRAD,
+    )
+    return EightRods(geometry_of(true_flat), build)
+
+
+def behaviour(robot: RobotSection) -> Behaviour:
+    """What comes between the encoders and the mechanism."""
+    thermal = robot.thermal
+    growth = thermal.arm_ppm_per_degC * PPM * thermal.rise_degC
+    return Behaviour(
+        backlash_rad=np.array(robot.backlash_arcmin) * RAD_PER_ARCMIN,
+        joint_noise_rad=robot.repeatability.joint_arcsec * RAD_PER_ARCSEC,
+        position_noise_mm=robot.repeatability.position_mm,
+        thermal=Thermal(growth, thermal.time_constant_s),
+    )
+
+
+def mount(robot: RobotSection, station: Station) -> Mount:
+    """The reflector, facing the tracker from the workspace's centre unless told otherwise."""
+    told = robot.reflector.facing
+    facing = station.origin_in_base_mm - WORKSPACE_CENTRE_MM if told is None else np.array(told)
+    return Mount(np.array(robot.reflector.offset_mm), facing / np.linalg.norm(facing))
+
+
+def controller_settings(controller: ControllerSection) -> ControllerSettings:
+    """What the controller is delivered with."""
+    lowest_deg, highest_deg = controller.joint_limits_deg
+    return ControllerSettings(
+        serial=controller.serial,
+        lowest_rad=math.radians(lowest_deg),
+        highest_rad=math.radians(highest_deg),
+        speed_rad_per_s=math.radians(controller.joint_speed_deg_per_s),
+        resolution_rad=math.radians(controller.encoder_step_deg),
+        emergency_stop=controller.emergency_stop,
+    )
+
+
+def station_of(place: StationSection) -> Station:
+    """Where the tracker stands."""
+    turns_rad = np.radians([place.roll_deg, place.pitch_deg, place.yaw_deg])
+    return Station(np.array([place.x_mm, place.y_mm, place.z_mm]), rotation(*turns_rad))
+
+
+def noise_of(tracker: TrackerSection) -> Noise:
+    """How its shots scatter."""
+    noise = tracker.noise
+    if noise.along is None or noise.azimuth is None or noise.elevation is None:
+        return IsotropicNoise(noise.coordinate_mm or 0.0)
+    return SphericalNoise(_limit(noise.along), _limit(noise.azimuth), _limit(noise.elevation))
+
+
+def _limit(limit: LimitSection) -> Limit:
+    return Limit(limit.constant_um, limit.per_metre_um)
+
+
+def tracker_settings(
+    tracker: TrackerSection, *, initialised: bool, warm: bool, selected: int
+) -> TrackerSettings:
+    """What the tracker is delivered with, and the state in which it is found."""
+    return TrackerSettings(
+        serial=tracker.serial,
+        reflectors=tuple(
+            SimulatedReflector(r.id, r.name, r.target_type, r.surface_offset_mm)
+            for r in tracker.reflectors
+        ),
+        noise=noise_of(tracker),
+        air=Air(**tracker.air.model_dump()),
+        initialise_s=tracker.initialise_s,
+        warm_up_s=0.0 if warm else tracker.warm_up_s,
+        initialised=initialised,
+        selected=selected,
+    )
+
+
+def other_reflector_mm(tracker: TrackerSection) -> Array | None:
+    """(3,): the second reflector in the base frame, if one stands there."""
+    place = tracker.other_reflector_mm
+    return None if place is None else np.array(place)
+
+
+def fault_of(fault: FaultSection) -> Fault:
+    """One entry of the fault script."""
+    if fault.device is not None and fault.at_answer is not None:
+        return Fault(ANSWERS_OF[fault.device], fault.at_answer, fault.kind, fault.seconds)
+    if fault.at_move is not None:
+        return Fault(Counted.MOVE, fault.at_move, fault.kind, fault.seconds)
+    return Fault(Counted.MEASUREMENT, fault.at_measurement or 0, fault.kind, fault.seconds)

@@ -1,0 +1,213 @@
+"""One simulated cell: the true robot, its controller and the tracker, wired together."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from sim import building
+from sim.assembly import Assembly, assemble, follow, restore
+from sim.beam import Beam, Target
+from sim.controller import SimulatedController
+from sim.draws import Attempts, WorkedTime, target_key
+from sim.driven_robot import DrivenRobot, SeenReflector, Standing
+from sim.errors import AssemblyLost, MemoryInvalid, ScenarioInvalid
+from sim.faults import FaultScript
+from sim.geometry import ARMS, Array, geometry_of
+from sim.inverse import OutOfReach, joints_for
+from sim.memory import REMEDY, CellMemory, remembered
+from sim.rods import EightRods, Plate
+from sim.scenario_schema import Scenario
+from sim.tracker import SimulatedTracker
+
+REMEMBERED_WITHIN_MM = 0.1
+"""More than arms can have grown since the robot came to rest."""
+
+
+class RobotScene:
+    """The robot as the tracker sees it."""
+
+    def __init__(self, controller: SimulatedController, robot: DrivenRobot) -> None:
+        self._controller = controller
+        self._robot = robot
+
+    def robot_reflector(self, now_s: float) -> SeenReflector:
+        """The reflector on the plate, in the base frame."""
+        return self._robot.reflector(self._controller.encoders_rad(now_s))
+
+    def robot_is_still(self, now_s: float) -> bool:
+        """Whether the robot stands."""
+        return not self._controller.state(now_s).moving
+
+    def robot_target(self) -> tuple[int, ...]:
+        """What names the place where the robot rests."""
+        return target_key(self._robot.standing.encoders_rad.tolist())
+
+
+class Cell:
+    """A scenario come alive. `memory` continues an earlier cell; `seed` overrides the scenario's.
+
+    Raises `ScenarioInvalid` when no such robot can be put together, `MemoryInvalid` when the memory
+    is damaged or another cell's.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        *,
+        seed: int | None = None,
+        memory: Mapping[str, object] | None = None,
+    ) -> None:
+        self.scenario = scenario
+        past = None if memory is None else remembered(memory, scenario=scenario.name)
+        self.seed = _agreed_seed(scenario, seed, past)
+        self.true_geometry = building.true_geometry(scenario.robot, self.seed)
+        self._worked = WorkedTime(0.0 if past is None else past.worked_s)
+        self.faults = FaultScript(
+            map(building.fault_of, scenario.faults), {} if past is None else past.fault_counts
+        )
+        self.station = building.station_of(scenario.tracker.station)
+        self.robot = self._built_robot(past)
+        self.controller = self._built_controller(past)
+        self._scene = RobotScene(self.controller, self.robot)
+        self.tracker = self._built_tracker(past)
+
+    def true_reflector_mm(self, now_s: float) -> Array:
+        """(3,): where the reflector really is, in the base frame. A back door for tests."""
+        return self._scene.robot_reflector(now_s).point_mm
+
+    def advance(self, now_s: float) -> None:
+        """Let happen what is due by now."""
+        self.controller.state(now_s)
+        self.tracker.advance(now_s)
+
+    def memory(self) -> dict[str, object]:
+        """What the next cell of this scenario should be given, as plain values for JSON."""
+        standing = self.robot.standing
+        return CellMemory(
+            schema="pkmcal/cell-memory/1",
+            scenario=self.scenario.name,
+            seed=self.seed,
+            worked_s=self._worked.seconds,
+            geometry=self.controller.geometry(),
+            encoders_rad=_tuple4(standing.encoders_rad),
+            play_rad=_tuple4(standing.play_rad),
+            joints_rad=_tuple4(standing.assembly.joints_rad),
+            plate=tuple(standing.assembly.plate.unknowns.tolist()),
+            displaced_mm=tuple(standing.displaced_mm.tolist()),
+            arrivals=self.robot.arrivals.memory(),
+            shots=self.tracker.attempts.memory(),
+            fault_counts=self.faults.memory(),
+            tracker_initialised=self.tracker.is_initialised,
+            tracker_warm=self.tracker.is_warm,
+            selected_reflector=self.tracker.selected,
+            beam_on=self.tracker.beam.locked_on,
+        ).as_dict()
+
+    def _built_robot(self, past: CellMemory | None) -> DrivenRobot:
+        section = self.scenario.robot
+        rods = building.eight_rods(section, self.true_geometry, self.seed)
+        behaviour = building.behaviour(section)
+        growth = behaviour.thermal.growth(self._worked.seconds)
+        standing = (
+            self._first_standing(rods, growth) if past is None else _restored(past, rods, growth)
+        )
+        return DrivenRobot(
+            rods,
+            behaviour,
+            building.mount(section, self.station),
+            standing,
+            seed=self.seed,
+            worked=self._worked,
+            arrivals=Attempts({} if past is None else past.arrivals),
+        )
+
+    def _first_standing(self, rods: EightRods, growth: float) -> Standing:
+        """At the start pose as the controller understands it, reached by the true robot."""
+        start = self.scenario.controller.start
+        position_mm = np.array([start.x_mm, start.y_mm, start.z_mm])
+        theta_rad = math.radians(start.theta_deg)
+        commanded = geometry_of(self.scenario.controller_flat())
+        truth = geometry_of(self.true_geometry)
+        step_rad = math.radians(self.scenario.controller.encoder_step_deg)
+        try:
+            encoders_rad = (
+                np.round(joints_for(commanded, position_mm, theta_rad) / step_rad) * step_rad
+            )
+            near = assemble(rods, truth, position_mm, theta_rad, growth)
+            assembly = follow(rods, near, encoders_rad, growth)
+        except (OutOfReach, AssemblyLost) as error:
+            raise ScenarioInvalid(
+                f"{self.scenario.name}: the robot cannot stand at controller.start ({error})",
+                remedy="choose a start pose in its workspace, or smaller errors",
+            ) from error
+        return Standing(encoders_rad, np.zeros(ARMS), assembly, np.zeros(3))
+
+    def _built_controller(self, past: CellMemory | None) -> SimulatedController:
+        return SimulatedController(
+            building.controller_settings(self.scenario.controller),
+            self.robot,
+            geometry=self.scenario.controller_flat() if past is None else past.geometry,
+            joints_rad=self.robot.standing.encoders_rad,
+            faults=self.faults,
+            worked=self._worked,
+        )
+
+    def _built_tracker(self, past: CellMemory | None) -> SimulatedTracker:
+        section = self.scenario.tracker
+        settings = building.tracker_settings(
+            section,
+            initialised=section.initialised if past is None else past.tracker_initialised,
+            warm=past is not None and past.tracker_warm,
+            selected=section.selected if past is None else past.selected_reflector,
+        )
+        locked_on = Target.ROBOT if section.beam_locked else None
+        beam = Beam(
+            self._scene,
+            self.station,
+            standing_in_base_mm=building.other_reflector_mm(section),
+            acceptance_rad=math.radians(section.acceptance_deg),
+            locked_on=locked_on if past is None else past.beam_on,
+        )
+        return SimulatedTracker(
+            settings,
+            self._scene,
+            beam,
+            seed=self.seed,
+            faults=self.faults,
+            worked=self._worked,
+            attempts=Attempts({} if past is None else past.shots),
+        )
+
+
+def _agreed_seed(scenario: Scenario, seed: int | None, past: CellMemory | None) -> int:
+    """The seed asked for, the one remembered, or the scenario's."""
+    if past is None:
+        return scenario.seed if seed is None else seed
+    if seed is not None and seed != past.seed:
+        raise MemoryInvalid(f"the cell's memory is of seed {past.seed}, not {seed}", remedy=REMEDY)
+    return past.seed
+
+
+def _restored(past: CellMemory, rods: EightRods, growth: float) -> Standing:
+    """As it was to the last bit, so that everything goes on unchanged."""
+    joints_rad, plate = np.array(past.joints_rad), Plate(np.array(past.plate))
+    try:
+        found = restore(rods, joints_rad, plate, growth)
+    except AssemblyLost as error:
+        raise MemoryInvalid(
+            f"the cell's memory is damaged: {error.problem}", remedy=REMEDY
+        ) from error
+    if np.abs(found.plate.unknowns - plate.unknowns).max() > REMEMBERED_WITHIN_MM:
+        raise MemoryInvalid("the cell's memory is damaged: its plate is elsewhere", remedy=REMEDY)
+    return Standing(
+        np.array(past.encoders_rad),
+        np.array(past.play_rad),
+        Assembly(joints_rad, plate, found.side),
+        np.array(past.displaced_mm),
+    )
+
+
+def _tuple4(values: Array) -> tuple[float, float, float, float]:
+    a, b, c, d = map(float, values)
+    return a, b, c, d

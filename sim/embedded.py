@@ -1,0 +1,75 @@
+"""A simulated cell served on loopback inside this process, as if it stood in the next room."""
+
+from collections.abc import Callable
+from types import TracebackType
+from typing import Literal
+
+from sim.cell import Cell
+from sim.clock import CellClock
+from sim.emscon_server import EmsconSession
+from sim.peers import Session
+from sim.robotline_server import RobotlineSession
+from sim.serving import CellServer
+
+Send = Callable[[bytes], None]
+
+
+class EmbeddedCell:
+    """A context manager: inside it, a controller and a tracker answer at their URLs.
+
+    Raises `ServerFailed` when a port is taken, and on leaving when the cell broke meanwhile.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        clock: CellClock,
+        *,
+        controller_on: Literal["tcp", "pty"] = "tcp",
+        controller_port: int = 0,
+        tracker_port: int = 0,
+    ) -> None:
+        self.cell = cell
+        self.clock = clock
+        self._server = CellServer(clock, cell.faults)
+        try:
+            self.tracker_url = self._server.serve_tcp(self._emscon, "tracker", tracker_port)
+            self.controller_url = self._controller_url(controller_on, controller_port)
+        except BaseException:
+            self._server.stop()
+            raise
+
+    def memory(self) -> dict[str, object]:
+        """What the next cell should be given, as plain values for JSON; at any time."""
+        return self._server.call(self._memory_now)
+
+    def close(self) -> None:
+        """Close all connections and end the server; a second time does nothing."""
+        self._server.stop()
+
+    def __enter__(self) -> "EmbeddedCell":
+        self._server.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _memory_now(self) -> dict[str, object]:
+        self.cell.advance(self.clock.now_s())
+        return self.cell.memory()
+
+    def _controller_url(self, controller_on: Literal["tcp", "pty"], port: int) -> str:
+        if controller_on == "pty":
+            return self._server.serve_pty(self._robotline, "controller")
+        return self._server.serve_tcp(self._robotline, "controller", port)
+
+    def _robotline(self, send: Send, already_open: int) -> Session:  # noqa: ARG002 - takes several
+        return RobotlineSession(self.cell.controller, send)
+
+    def _emscon(self, send: Send, already_open: int) -> Session:
+        return EmsconSession(self.cell.tracker, send, is_second=already_open > 0)

@@ -1,0 +1,26 @@
+"""What all sections of a scenario file have in common."""
+
+import difflib
+from collections.abc import Iterable
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+Count = Annotated[int, Field(ge=1)]
+PerArm = tuple[float, float, float, float]
+Point = tuple[float, float, float]
+
+
+def nearest(unknown: str, known: Iterable[str]) -> str:
+    """A remedy for a word that is not known: the nearest one that is, or all of them."""
+    words = list(known)
+    close = difflib.get_close_matches(unknown, words, n=1)
+    return f"did you mean {close[0]}?" if close else f"known here: {', '.join(words)}"
+
+
+class Section(BaseModel):
+    """Nothing unknown, nothing converted, no NaN; fixed once read."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)

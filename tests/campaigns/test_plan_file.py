@@ -1,0 +1,180 @@
+"""plan.csv: what is written is read again; what somebody broke is answered with its line."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from campaigns.errors import PlanInvalid, WriteFailed
+from campaigns.plan_file import (
+    PlannedShot,
+    ShotSet,
+    parse_plan,
+    plan_digest,
+    plan_text,
+    read_plan,
+    write_plan,
+)
+from drivers.values import Pose
+
+HEADER = "shot,set,pair,x_mm,y_mm,z_mm,theta_deg,q0_deg,q1_deg,q2_deg,q3_deg\n"
+PLAN = HEADER + (
+    "0,drift,,0,0,-575,0,10,10,10,10\n"
+    "1,identification,0,100.5,-20,-600,15,1,2,3,4\n"
+    "2,identification,0,-100,20,-700,-15,5,6,7,8\n"
+    "3,validation,1,50,-20,-600,0,9,10,11,12\n"
+    "4,validation,1,-50,20,-700,0,13,14,15,16\n"
+)
+
+
+def read(text):
+    return parse_plan(text, "plan.csv")
+
+
+def complaint(text):
+    with pytest.raises(PlanInvalid) as caught:
+        read(text)
+    said = str(caught.value)
+    assert "\n" not in said
+    assert said.startswith("plan.csv:")
+    return said
+
+
+def test_rows_are_read_in_their_order_with_angles_in_rad():
+    shots = read(PLAN)
+    assert [shot.shot for shot in shots] == [0, 1, 2, 3, 4]
+    assert shots[0].purpose is ShotSet.DRIFT
+    assert shots[0].pair is None
+    assert shots[1] == PlannedShot(
+        shot=1,
+        purpose=ShotSet.IDENTIFICATION,
+        pair=0,
+        pose=Pose(100.5, -20.0, -600.0, math.radians(15.0)),
+        joints_rad=tuple(math.radians(angle) for angle in (1.0, 2.0, 3.0, 4.0)),
+    )
+
+
+def test_written_file_begins_with_the_agreed_header(tmp_path):
+    path = tmp_path / "plan.csv"
+    write_plan(path, read(PLAN))
+    assert path.read_text().startswith(HEADER)
+    assert read_plan(path) == read(PLAN)
+
+
+def test_new_plan_takes_the_place_of_the_old(tmp_path):
+    path = tmp_path / "plan.csv"
+    write_plan(path, read(PLAN))
+    write_plan(path, read(PLAN)[:1])
+    assert len(read_plan(path)) == 1
+
+
+def test_plan_that_cannot_be_written_is_said(tmp_path):
+    with pytest.raises(WriteFailed):
+        write_plan(tmp_path / "missing" / "plan.csv", read(PLAN))
+
+
+def test_missing_plan_says_how_to_make_one(tmp_path):
+    with pytest.raises(PlanInvalid, match="make one with `pkmcal plan`"):
+        read_plan(tmp_path / "plan.csv")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("theta_deg,", "", 1, "column theta_deg is missing"),
+        ("theta_deg", "theta_rad", 1, "write theta_deg, with the value in deg"),
+        ("q3_deg", "q3_deg,colour", 1, "unknown column 'colour'"),
+        ("y_mm", "x_mm", 1, "column x_mm stands twice"),
+        ("100.5", "far", 3, "x_mm is 'far', must be a number"),
+        ("100.5", "nan", 3, "x_mm is 'nan', must be a number"),
+        ("100.5", "inf", 3, "x_mm is 'inf', must be a number"),
+        ("100.5", "1e999", 3, "x_mm is '1e999', must be a number"),
+        ("100.5", "1_000", 3, "x_mm is '1_000', must be a number"),
+        ("100.5", "", 3, "x_mm is empty"),
+        ("100.5", "100,5", 3, "12 values for 11 columns: perhaps decimal commas"),
+        ("100.5", '"100,5"', 3, "x_mm is '100,5', a decimal comma"),
+        ("100.5", '"100.5', 3, "is not CSV"),
+        (",9,10,11,12", ",9,10,11", 5, "10 values for 11 columns"),
+        ("2,identification", "1,identification", 4, "shot 1 stands twice"),
+        ("2,identification", "2.5,identification", 4, "shot is '2.5', must be a whole number"),
+        ("2,identification", "-2,identification", 4, "shot is '-2', must be a whole number"),
+        ("4,validation", "4,validatoin", 6, "unknown set 'validatoin' → did you mean validation?"),
+        ("4,validation", "4,identification", 6, "pair 1 is half validation, half identification"),
+        ("4,validation,1", "4,validation,2", 5, "pair 1 has one shot, must have two"),
+        ("4,validation,1", "4,validation,", 6, "pair is empty"),
+        ("3,validation,1", "3,identification,0", 5, "pair 0 has 3 shots, must have two"),
+        ("drift,,", "drift,0,", 2, "a shot for drift has no pair"),
+        ("15,1,2,3,4", "15,1,2,3,4000", 3, "q3_deg is 4000, must be within ±360"),
+    ],
+)
+def test_broken_row_is_answered_with_its_line(old, new, line, words):
+    assert old in PLAN
+    said = complaint(PLAN.replace(old, new, 1))
+    assert said.startswith(f"plan.csv:{line}: ")
+    assert words in said
+    assert " → " in said
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "the file is empty"),
+        (HEADER, "holds no shots"),
+        (PLAN.replace(",", ";"), "the columns are separated by semicolons"),
+        (PLAN.replace(",", "\t"), "the columns are separated by tabs"),
+        (PLAN.split("\n", 1)[1], "unknown column '0'"),
+    ],
+)
+def test_file_of_another_form_is_refused(text, words):
+    assert words in complaint(text)
+
+
+def test_columns_may_stand_in_another_order():
+    turned = "\n".join(",".join(reversed(line.split(","))) for line in PLAN.splitlines())
+    assert read(turned) == read(PLAN)
+
+
+def test_digest_does_not_depend_on_how_the_file_was_laid_out():
+    laid_out = PLAN.replace(",", " , ").replace("\n", "\r\n\r\n").replace("100.5", "+1.005e2")
+    assert plan_digest(read(laid_out)) == plan_digest(read(PLAN))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [("100.5", "100.50000000001"), ("3,4\n", "3,4.00000001\n")]
+)
+def test_digest_tells_the_smallest_edit(old, new):
+    assert plan_digest(read(PLAN.replace(old, new, 1))) != plan_digest(read(PLAN))
+
+
+def test_digest_tells_the_order_of_the_shots():
+    shots = read(PLAN)
+    assert plan_digest(shots[::-1]) != plan_digest(shots)
+
+
+angles_rad = st.floats(min_value=-6.28, max_value=6.28)
+lengths_mm = st.floats(min_value=-1e6, max_value=1e6)
+poses = st.builds(Pose, lengths_mm, lengths_mm, lengths_mm, angles_rad)
+joints = st.tuples(angles_rad, angles_rad, angles_rad, angles_rad)
+
+
+@st.composite
+def plans(draw):
+    """Plans of one pair and one drift shot, with any numbers."""
+    sets = [(ShotSet.VALIDATION, 7), (ShotSet.VALIDATION, 7), (ShotSet.DRIFT, None)]
+    numbers = draw(st.lists(st.integers(0, 10**6), min_size=3, max_size=3, unique=True))
+    return tuple(
+        PlannedShot(number, purpose, pair, draw(poses), draw(joints))
+        for number, (purpose, pair) in zip(numbers, sets, strict=True)
+    )
+
+
+@given(plans())
+def test_any_plan_is_the_same_plan_after_writing_and_reading(plan):
+    again = read(plan_text(plan))
+    assert plan_digest(again) == plan_digest(plan)
+    for shot, back in zip(plan, again, strict=True):
+        position = (shot.pose.x_mm, shot.pose.y_mm, shot.pose.z_mm)
+        assert (back.pose.x_mm, back.pose.y_mm, back.pose.z_mm) == position
+        assert back.joints_rad == pytest.approx(shot.joints_rad, rel=0.0, abs=2e-14)
+        assert back.pose.theta_rad == pytest.approx(shot.pose.theta_rad, rel=0.0, abs=2e-14)

@@ -1,0 +1,212 @@
+"""The emScon driver: sessions, preparing, what it says about the tracker's state."""
+
+import pytest
+from scripted_emscon import NAMES, RESULT, Instrument, Station, system_status
+
+from drivers.errors import (
+    DeviceRefused,
+    LinkDown,
+    WireError,
+    WrongDevice,
+)
+from drivers.values import Readiness, Weather
+from drivers.wire.emscon import Answer, encode, refusal
+from drivers.wire.emscon_constants import Command
+from drivers.wire.emscon_messages import (
+    ErrorResponse,
+    MeasurementStatusInfo,
+    ReflectorEntry,
+    TrackerStatus,
+    Units,
+)
+from drivers.wire.emscon_status import ResultStatus
+
+
+class TestSession:
+    def test_connecting_sets_our_units_before_anything_is_read(self):
+        station = Station().connected()
+        first = station.instrument.asked[0]
+        assert (first.command, first.body) == (Command.SET_UNITS, Units(1, 1, 0, 0, 0))
+
+    def test_identity_is_model_serial_and_firmware(self):
+        identity = Station().connected().tracker.identity()
+        assert str(identity) == "Leica AT401 serial 390793 (emScon, firmware 3.8.500)"
+
+    def test_instrument_without_tracker_info_is_still_identified(self):
+        instrument = Instrument()
+        instrument.refuses[Command.GET_TRACKER_INFO] = ResultStatus.NOT_IMPLEMENTED
+        assert Station(instrument).connected().tracker.identity().model == "laser tracker"
+
+    def test_every_call_before_connecting_says_so(self):
+        tracker = Station().tracker
+        for call in (tracker.identity, tracker.state, tracker.weather, tracker.measure):
+            with pytest.raises(LinkDown, match="not connected"):
+                call()
+
+    def test_another_program_on_the_tracker_is_named_as_the_reason(self):
+        instrument = Instrument()
+        instrument.refuses[Command.SET_UNITS] = ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED
+        with pytest.raises(DeviceRefused, match="10011.*→ end the other program") as caught:
+            Station(instrument).connected()
+        assert caught.value.code == "10011"
+
+    def test_another_program_told_by_an_error_packet_is_named_too(self):
+        station = Station().connected()
+        station.comes(ErrorResponse(64, ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED))
+        with pytest.raises(DeviceRefused, match="end the other program"):
+            station.tracker.reflectors()
+        assert station.pipe.is_closed
+
+    def test_another_program_told_instead_of_an_answer_is_named_too(self):
+        instrument = Instrument()
+        error = ErrorResponse(64, ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED)
+        instrument.says[Command.SET_UNITS] = [(0.1, error)]
+        with pytest.raises(DeviceRefused, match="end the other program"):
+            Station(instrument).connected()
+
+    def test_closing_never_ends_the_trackers_server(self):
+        station = Station().prepared()
+        sent_before = len(station.pipe.sent)
+        station.tracker.close()
+        station.tracker.close()
+        assert station.pipe.is_closed
+        assert len(station.pipe.sent) == sent_before
+
+    def test_failed_connect_leaves_no_wire_open(self):
+        instrument = Instrument()
+        instrument.refuses[Command.SET_UNITS] = ResultStatus.UNKNOWN
+        station = Station(instrument)
+        with pytest.raises(DeviceRefused):
+            station.connected()
+        assert station.pipe.is_closed
+
+
+class TestReconnect:
+    def test_state_is_established_anew(self):
+        station = Station().prepared()
+        before = dict(station.instrument.state)
+        station.instrument.state |= Instrument().state
+        station.tracker.reconnect()
+        assert station.instrument.state == before
+        assert len(station.pipes) == 2
+        assert station.pipes[0].is_closed
+        assert station.tracker.measure().point_in_tracker_mm == RESULT.point
+
+    def test_another_tracker_at_the_same_address_is_refused(self):
+        station = Station().prepared()
+        station.instrument.state[Command.GET_SYSTEM_STATUS] = system_status(serial=390794)
+        with pytest.raises(WrongDevice, match="390794.*it was.*390793"):
+            station.tracker.reconnect()
+        assert station.pipe.is_closed
+
+    def test_old_connection_that_is_still_held_is_waited_for(self):
+        station = Station().prepared()
+        instrument = station.instrument
+        busy_until_s = station.clock.now_s() + 2.0
+
+        def refuse(request):
+            if station.clock.now_s() < busy_until_s:
+                return [(0.0, refusal(request.command, 10011))]
+            return None
+
+        instrument.says[Command.SET_UNITS] = refuse
+        station.tracker.reconnect()
+        assert station.tracker.measure()
+
+    def test_connection_that_stays_held_is_given_up(self):
+        station = Station().prepared()
+        station.instrument.refuses[Command.SET_UNITS] = 10011
+        with pytest.raises(DeviceRefused, match="end the other program"):
+            station.tracker.reconnect()
+        assert station.clock.now_s() == pytest.approx(5.0, abs=1.0)
+
+    def test_preparation_that_broke_off_is_done_again(self):
+        station = Station().connected()
+        station.instrument.says[Command.GET_REFLECTORS] = []
+        with pytest.raises(LinkDown):
+            station.tracker.prepare("CCR-1.5in", 2.0)
+        del station.instrument.says[Command.GET_REFLECTORS]
+        station.tracker.reconnect()
+        assert station.tracker.measure()
+
+
+class TestReflectors:
+    def test_every_packet_of_the_list_is_read_in_any_pieces(self):
+        station = Station().connected()
+        packets = b"".join(
+            encode(Answer(Command.GET_REFLECTORS, 0, ReflectorEntry(3, n, 1, 19.05, name)))
+            for n, name in NAMES.items()
+        )
+        station.instrument.says[Command.GET_REFLECTORS] = [
+            (0.1 * index, packets[start : start + 70])
+            for index, start in enumerate(range(0, len(packets), 70))
+        ]
+        reflectors = station.tracker.reflectors()
+        assert {r.identifier: r.name for r in reflectors} == NAMES
+        assert reflectors[0].surface_offset_mm == 19.05
+
+    def test_list_that_breaks_off_closes_the_wire(self):
+        station = Station().connected()
+        entry = ReflectorEntry(3, 1, 1, 19.05, "CCR-1.5in")
+        station.instrument.says[Command.GET_REFLECTORS] = [
+            (0.0, Answer(Command.GET_REFLECTORS, 0, entry))
+        ]
+        with pytest.raises(LinkDown, match="the list of reflectors"):
+            station.tracker.reflectors()
+        assert station.pipe.is_closed
+
+    def test_list_that_claims_too_much_is_not_read(self):
+        station = Station().connected()
+        entry = ReflectorEntry(2**31 - 1, 1, 1, 19.05, "CCR-1.5in")
+        station.instrument.says[Command.GET_REFLECTORS] = [
+            (0.0, Answer(Command.GET_REFLECTORS, 0, entry))
+        ]
+        with pytest.raises(WireError, match="claims 2147483647 reflectors"):
+            station.tracker.reflectors()
+        assert station.pipe.is_closed
+
+
+class TestState:
+    def test_ready_tracker(self):
+        state = Station().prepared().tracker.state()
+        assert state.readiness is Readiness.READY
+        assert state.initialised
+        assert state.laser_warm
+        assert state.beam_locked
+        assert state.reflector == "CCR-1.5in"
+
+    def test_lost_beam(self):
+        station = Station().prepared()
+        station.instrument.lose_the_beam()
+        state = station.tracker.state()
+        assert state.readiness is Readiness.NOT_READY
+        assert not state.beam_locked
+
+    @pytest.mark.parametrize(("light", "bits"), [(0, 2048), (2, 0)])
+    def test_lock_needs_both_the_light_and_the_reflector(self, light, bits):
+        station = Station().prepared()
+        station.instrument.state[Command.GET_TRACKER_STATUS] = TrackerStatus(light)
+        info = MeasurementStatusInfo(0, bits)
+        station.instrument.state[Command.GET_MEASUREMENT_STATUS_INFO] = info
+        assert not station.tracker.state().beam_locked
+
+    def test_instrument_without_status_bits_is_judged_by_its_light(self):
+        station = Station().prepared()
+        station.instrument.refuses[Command.GET_MEASUREMENT_STATUS_INFO] = 2
+        assert station.tracker.state().beam_locked
+
+    @pytest.mark.parametrize(
+        ("light", "readiness"), [(1, Readiness.BUSY), (3, Readiness.NOT_READY), (99, None)]
+    )
+    def test_lights(self, light, readiness):
+        station = Station().prepared()
+        station.instrument.state[Command.GET_TRACKER_STATUS] = TrackerStatus(light)
+        assert station.tracker.state().readiness is (readiness or Readiness.NOT_READY)
+
+    def test_no_reflector_chosen(self):
+        station = Station().connected()
+        station.instrument.refuses[Command.GET_REFLECTOR] = 36
+        assert station.tracker.state().reflector == ""
+
+    def test_weather(self):
+        assert Station().connected().tracker.weather() == Weather(20.5, 1001.0, 45.0)

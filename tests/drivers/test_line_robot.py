@@ -1,0 +1,222 @@
+"""A robot over robotline: units, refusals, faults of the wire."""
+
+from math import nan, pi, radians
+
+import pytest
+from scripted_controller import ANSWER_S, ScriptedController, checked, connected
+
+from drivers.errors import (
+    Cancelled,
+    DeviceNotReady,
+    DeviceRefused,
+    EmergencyStop,
+    LimitViolation,
+    LinkDown,
+    MotionFault,
+    WireError,
+    WrongDevice,
+)
+from drivers.values import Identity, Pose
+
+IDENTITY = Identity("Example Robotics", "Par4", "SN-0042", "2.1", "robotline 1")
+
+
+def test_connection_begins_with_an_empty_line_and_hello():
+    controller = ScriptedController()
+    controller.robot.connect()
+    assert controller.pipes[0].sent == [b"\n", checked(">7 HELLO 1")]
+
+
+def test_identity_is_what_the_controller_says():
+    assert connected().robot.identity() == IDENTITY
+
+
+def test_questions_are_numbered_on_over_reconnections():
+    controller = ScriptedController()
+    controller.robot.connect()
+    controller.robot.state()
+    controller.robot.reconnect()
+    controller.robot.state()
+    assert controller.numbers == [7, 8, 9, 10]
+
+
+def test_state_comes_in_radians_with_the_line_as_it_was():
+    controller = connected()
+    state = controller.robot.state()
+    assert state.joints_rad == pytest.approx((0.0, -pi / 4, pi / 2, pi), abs=1e-15)
+    assert (state.moving, state.emergency_stop, state.fault) == (False, False, "")
+    assert checked("<8 STATE OK 0 0 - 0.0 -45.0 90.0 180.0") == state.raw.encode() + b"\n"
+
+
+def test_state_tells_motion_fault_and_emergency_stop():
+    controller = connected()
+    controller.answers["STATE"] = "OK 1 1 drive%202 0.0 0.0 0.0 0.0"
+    state = controller.robot.state()
+    assert (state.moving, state.emergency_stop, state.fault) == (True, True, "drive 2")
+
+
+def test_joint_move_is_sent_in_degrees_and_per_cent():
+    controller = connected()
+    controller.robot.move_joints([0.0, pi / 2, -pi / 4, pi], 0.25)
+    assert controller.questions == [">8 MOVEJ 0.0 90.0 -45.0 180.0 25.0"]
+
+
+def test_pose_move_is_sent_in_millimetres_degrees_and_per_cent():
+    controller = connected()
+    controller.robot.move_pose(Pose(1.5, -2.5, -575.0, pi / 4), 1.0)
+    assert controller.questions == [">8 MOVEP 1.5 -2.5 -575.0 45.0 100.0"]
+
+
+def test_target_that_is_not_a_number_is_never_sent():
+    controller = connected()
+    with pytest.raises(WireError, match="not a finite number"):
+        controller.robot.move_joints([0.0, nan, 0.0, 0.0], 0.25)
+    assert controller.questions == []
+
+
+@pytest.mark.parametrize(
+    ("code", "error"),
+    [
+        ("LIMIT", LimitViolation),
+        ("REACH", LimitViolation),
+        ("FAULT", MotionFault),
+        ("ESTOP", EmergencyStop),
+        ("BUSY", DeviceNotReady),
+        ("GEOMETRY", DeviceRefused),
+        ("ARGUMENT", DeviceRefused),
+        ("VERB", DeviceRefused),
+        ("TIRED", DeviceRefused),
+    ],
+)
+def test_refusal_is_the_error_of_its_code_and_leaves_the_wire_open(code, error):
+    controller = connected()
+    controller.answers["MOVEJ"] = f"NO {code} joint 2 to 95.0 deg"
+    with pytest.raises(DeviceRefused, match=f"MOVEJ refused, {code}: joint 2 to 95.0 deg") as no:
+        controller.robot.move_joints([0.0] * 4, 0.5)
+    assert type(no.value) is error
+    assert no.value.code == code
+    assert no.value.remedy
+    assert controller.robot.state().moving is False
+
+
+def test_question_that_was_damaged_on_its_way_closes_the_wire():
+    controller = connected()
+    controller.pipes[0].respond = lambda _: [(ANSWER_S, checked("<8 ? NO CHECKSUM"))]
+    with pytest.raises(WireError, match="check the cable"):
+        controller.robot.state()
+    assert controller.pipes[0].is_closed
+
+
+@pytest.mark.parametrize(
+    "hello",
+    ["NO VERSION 2 is spoken here", "OK 2 Ex Par4 1 1 4", "OK 1 Ex Par4 1 1 3"],
+)
+def test_other_version_or_other_robot_is_the_wrong_device(hello):
+    controller = ScriptedController()
+    controller.answers["HELLO"] = hello
+    with pytest.raises(WrongDevice):
+        controller.robot.connect()
+    assert controller.pipes[0].is_closed
+    with pytest.raises(LinkDown):
+        controller.robot.state()
+
+
+def test_another_controller_after_a_reconnection_is_the_wrong_device():
+    controller = connected()
+    controller.answers["HELLO"] = "OK 1 Example%20Robotics Par4 SN-0043 2.1 4"
+    with pytest.raises(WrongDevice, match=r"SN-0043.*SN-0042"):
+        controller.robot.reconnect()
+    assert controller.pipes[-1].is_closed
+
+
+def test_nothing_works_before_connecting():
+    with pytest.raises(LinkDown, match="not connected"):
+        ScriptedController().robot.state()
+
+
+def test_silence_closes_the_wire_until_it_is_opened_anew():
+    controller = connected()
+    controller.answers["STATE"] = None
+    with pytest.raises(LinkDown, match="no answer to STATE within 2 s"):
+        controller.robot.state()
+    controller.answers["STATE"] = "OK 0 0 - 1.0 0.0 0.0 0.0"
+    with pytest.raises(LinkDown, match="not connected"):
+        controller.robot.state()
+    controller.robot.reconnect()
+    assert controller.robot.state().joints_rad[0] == radians(1.0)
+
+
+def test_late_answer_that_waits_in_the_line_is_never_believed():
+    controller = connected()
+    controller.answers["STATE"] = None
+    with pytest.raises(LinkDown):
+        controller.robot.state()
+    controller.waiting = checked("<8 STATE OK 0 0 - 77.0 0.0 0.0 0.0")
+    controller.answers["STATE"] = "OK 0 0 - 1.0 0.0 0.0 0.0"
+    controller.robot.reconnect()
+    assert controller.robot.state().joints_rad[0] == radians(1.0)
+
+
+def test_late_answer_that_comes_between_question_and_answer_is_never_believed():
+    controller = connected()
+    stale = checked("<3 STATE OK 0 0 - 77.0 0.0 0.0 0.0")
+    right = checked("<8 STATE OK 0 0 - 1.0 0.0 0.0 0.0")
+    controller.pipes[0].respond = lambda _: [(ANSWER_S, stale), (2 * ANSWER_S, right)]
+    assert controller.robot.state().joints_rad[0] == radians(1.0)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        checked("<8 STOP OK"),
+        checked("<8 MOVEJ NO BUSY the robot moves"),
+        checked("<8 STATE OK 0 0 - 1.0 0.0 0.0 0.0").replace(b"1.0", b"9.0"),
+        checked("<8 STATE OK 0 0 - 1.0 0.0"),
+        checked(">8 STATE"),
+        b"Welcome to the wrong port\n",
+        b"\x00" * 400,
+    ],
+    ids=[
+        "other verb",
+        "refusal of other verb",
+        "damaged",
+        "too short",
+        "echo",
+        "other protocol",
+        "noise",
+    ],
+)
+def test_answer_that_is_none_closes_the_wire(answer):
+    controller = connected()
+    controller.pipes[0].respond = lambda _: [(ANSWER_S, answer)]
+    with pytest.raises(WireError):
+        controller.robot.state()
+    assert controller.pipes[0].is_closed
+
+
+def test_transport_that_breaks_at_the_first_byte_is_closed():
+    controller = ScriptedController()
+
+    def broken(_):
+        raise LinkDown("pipe://test: broken", remedy="-")
+
+    controller.respond = broken
+    with pytest.raises(LinkDown, match="broken"):
+        controller.robot.connect()
+    assert controller.pipes[0].is_closed
+
+
+def test_wish_to_stop_abandons_a_question():
+    wishes = []
+    controller = connected(cancelled=lambda: bool(wishes))
+    wishes.append("stop")
+    with pytest.raises(Cancelled):
+        controller.robot.move_joints([0.0] * 4, 0.5)
+    assert controller.questions == []
+
+
+def test_closing_closes_the_wire_and_may_be_repeated():
+    controller = connected()
+    controller.robot.close()
+    controller.robot.close()
+    assert controller.pipes[0].is_closed

@@ -1,0 +1,90 @@
+"""The controller's parameters over robotline: all of them, or none."""
+
+from math import nan
+
+import pytest
+from scripted_controller import connected
+
+from drivers.errors import DeviceRefused, LinkDown, WireError
+
+ARM = "{arm}.5 -222.5 0.0 225.0 0.25 350.0 700.0"
+FLAT = {
+    f"arm{arm}.{name}": value
+    for arm in range(4)
+    for name, value in {
+        "x_mm": arm + 0.5,
+        "y_mm": -222.5,
+        "z_mm": 0.0,
+        "azimuth_deg": 225.0,
+        "joint_offset_deg": 0.25,
+        "arm_mm": 350.0,
+        "forearm_mm": 700.0,
+    }.items()
+} | {"plate_mm": 100.0}
+
+
+def test_geometry_is_read_by_its_flat_names():
+    controller = connected()
+    for arm in range(4):
+        controller.answers[f"GEOM ARM {arm}"] = f"OK ARM {arm} " + ARM.format(arm=arm)
+    controller.answers["GEOM PLATE"] = "OK PLATE 100.0"
+    assert controller.robot.read_geometry() == FLAT
+
+
+def test_geometry_of_another_arm_than_asked_closes_the_wire():
+    controller = connected()
+    controller.answers["GEOM"] = "OK ARM 0 " + ARM.format(arm=0)
+    controller.answers["GEOM PLATE"] = "OK PLATE 100.0"
+    with pytest.raises(WireError, match="another arm"):
+        controller.robot.read_geometry()
+    assert controller.pipes[0].is_closed
+
+
+def test_plate_where_an_arm_was_asked_closes_the_wire():
+    controller = connected()
+    controller.answers["GEOM"] = "OK PLATE 100.0"
+    with pytest.raises(WireError):
+        controller.robot.read_geometry()
+    assert controller.pipes[0].is_closed
+
+
+def test_geometry_is_staged_whole_and_then_committed():
+    controller = connected()
+    controller.robot.write_geometry(FLAT)
+    staged = [f"STAGE ARM {arm} " + ARM.format(arm=arm) for arm in range(4)]
+    expected = [*staged, "STAGE PLATE 100.0", "COMMIT"]
+    assert [question.split(" ", 1)[1] for question in controller.questions] == expected
+
+
+def test_committing_may_take_longer_than_other_questions():
+    controller = connected()
+    controller.delays_s = {"COMMIT": 10.0}
+    controller.robot.write_geometry(FLAT)
+    controller.delays_s = {"STAGE": 10.0}
+    with pytest.raises(LinkDown):
+        controller.robot.write_geometry(FLAT)
+
+
+@pytest.mark.parametrize("refusing", ["STAGE ARM 2 " + ARM.format(arm=2), "COMMIT"])
+def test_refused_geometry_is_abandoned(refusing):
+    controller = connected()
+    controller.answers[refusing] = "NO GEOMETRY forearm 2"
+    with pytest.raises(DeviceRefused, match="GEOMETRY: forearm 2"):
+        controller.robot.write_geometry(FLAT)
+    assert controller.verbs[-1] == "ABANDON"
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"arm2.x_mm": None}, "arm2.x_mm"),
+        ({"arm4.x_mm": 1.0}, "arm4.x_mm"),
+        ({"plate_mm": nan}, "plate_mm"),
+    ],
+)
+def test_geometry_that_is_not_whole_is_never_sent(change, name):
+    controller = connected()
+    geometry = {key: value for key, value in (FLAT | change).items() if value is not None}
+    with pytest.raises(DeviceRefused, match=f"'{name}'"):
+        controller.robot.write_geometry(geometry)
+    assert controller.questions == []

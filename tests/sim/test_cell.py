@@ -1,0 +1,161 @@
+"""The whole cell without wires: repeatable, restartable, as good or bad as its scenario says."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from sim.cell import Cell
+from sim.errors import MemoryInvalid
+from sim.scenario import load_scenario
+
+CENTRE = (0.0, 0.0, -575.0, 0.0)
+
+
+def visited(cell, poses, now_s=0.0):
+    """Move to each pose and measure; the shots, and the time when all is done."""
+    shots = []
+    for pose in poses:
+        now_s += cell.controller.move_pose(*pose, 1.0, now_s)
+        end_s = cell.tracker.begin_measurement(0.5, now_s)
+        shots.append(np.array(cell.tracker.finish_measurement(end_s).point_in_tracker_mm))
+        now_s = end_s
+    return np.array(shots), now_s
+
+
+def around(count, seed):
+    draw = np.random.default_rng(seed)
+    steps = draw.standard_normal((count, 3))
+    steps *= 60.0 / np.linalg.norm(steps, axis=1)[:, None]
+    return [(*(np.array(CENTRE[:3]) + step), draw.uniform(-0.3, 0.3)) for step in steps]
+
+
+def approaches(cell, seed):
+    """28 shots at the centre, each reached from another direction."""
+    poses = [pose for other in around(28, seed) for pose in (other, CENTRE)]
+    shots, _ = visited(cell, poses)
+    return shots[1::2]
+
+
+def radius_mm(shots):
+    return np.linalg.norm(shots - shots.mean(axis=0), axis=1).max()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_papers_prototype_repeats_within_about_0_4_mm(seed):
+    cell = Cell(load_scenario("paper-prototype"), seed=seed)
+    assert 0.3 < radius_mm(approaches(cell, seed)) < 0.5
+
+
+def test_the_papers_simulated_robot_repeats_within_the_trackers_noise():
+    cell = Cell(load_scenario("paper-simulation"))
+    assert radius_mm(approaches(cell, 1)) < 5 * 0.015 / math.sqrt(3)
+
+
+def test_a_realistic_robot_repeats_within_a_tenth_of_a_millimetre():
+    cell = Cell(load_scenario("realistic"))
+    assert 0.02 < radius_mm(approaches(cell, 1)) < 0.2
+
+
+def test_the_same_seed_measures_the_same_and_another_seed_does_not():
+    scenario, poses = load_scenario("realistic"), around(10, seed=3)
+    first, _ = visited(Cell(scenario, seed=5), poses)
+    again, _ = visited(Cell(scenario, seed=5), poses)
+    other, _ = visited(Cell(scenario, seed=6), poses)
+    assert np.array_equal(first, again)
+    assert not np.allclose(first, other, atol=1e-3)
+
+
+def test_how_long_somebody_waits_does_not_change_what_is_measured():
+    scenario, poses = load_scenario("realistic"), around(6, seed=4)
+    quick, slow = Cell(scenario), Cell(scenario)
+    first, _ = visited(quick, poses)
+    second, now_s = [], 0.0
+    for pose in poses:
+        now_s += 7.7 + slow.controller.move_pose(*pose, 1.0, now_s)
+        slow.tracker.live_point(now_s - 7.9)
+        end_s = slow.tracker.begin_measurement(0.5, now_s)
+        now_s = end_s + 3.3
+        second.append(np.array(slow.tracker.finish_measurement(now_s).point_in_tracker_mm))
+    assert np.array_equal(first, second)
+
+
+def test_the_reflector_is_seen_where_it_really_is():
+    cell = Cell(load_scenario("paper-simulation"))
+    shots, now_s = visited(cell, around(5, seed=2))
+    back_mm = cell.station.base_from_tracker @ shots[-1] + cell.station.origin_in_base_mm
+    assert back_mm == pytest.approx(cell.true_reflector_mm(now_s), abs=0.05)
+
+
+def test_a_restart_goes_on_as_if_nothing_had_happened():
+    scenario, poses = load_scenario("realistic"), around(8, seed=9)
+    unbroken, _ = visited(Cell(scenario, seed=4), poses)
+    before = Cell(scenario, seed=4)
+    first, _ = visited(before, poses[:5])
+    after = Cell(scenario, memory=json.loads(json.dumps(before.memory())))
+    assert after.memory() == before.memory()
+    assert after.seed == 4
+    second, _ = visited(after, poses[5:])
+    assert np.array_equal(unbroken, [*first, *second])
+
+
+def test_a_controller_keeps_its_parameters_over_a_restart():
+    scenario = load_scenario("paper-simulation")
+    cell = Cell(scenario)
+    cell.controller.replace_geometry(cell.true_geometry, 0.0)
+    assert Cell(scenario, memory=cell.memory()).controller.geometry() == cell.true_geometry
+
+
+def test_with_the_true_parameters_loaded_the_robot_goes_where_it_is_told():
+    cell = Cell(load_scenario("paper-simulation"))
+    cell.controller.replace_geometry(cell.true_geometry, 0.0)
+    poses = [(100.0, 0.0, -575.0, 0.0), (-150.0, 60.0, -700.0, 0.3), (0.0, -200.0, -500.0, -0.5)]
+    shots, _ = visited(cell, poses)
+    gaps = np.linalg.norm(np.diff(shots, axis=0), axis=1)
+    wanted = np.linalg.norm(np.diff(np.array(poses)[:, :3], axis=0), axis=1)
+    assert gaps == pytest.approx(wanted, abs=0.06)
+
+
+def test_a_fault_that_has_happened_does_not_happen_again_after_a_restart():
+    scenario = load_scenario("hostile")
+    cell = Cell(scenario)
+    now_s = 0.0
+    for _ in range(12):
+        end_s = cell.tracker.begin_measurement(0.5, now_s)
+        lost = cell.tracker.finish_measurement(end_s) is None
+        now_s = end_s
+    assert lost
+    after = Cell(scenario, memory=cell.memory())
+    assert not after.tracker.beam_locked(0.0)
+    assert after.tracker.beam_locked(10.0 + after.tracker.find(2500.0, 0.0))
+    end_s = after.tracker.begin_measurement(0.5, 20.0)
+    assert after.tracker.finish_measurement(end_s) is not None
+
+
+def remembered(**changes):
+    return Cell(load_scenario("realistic")).memory() | changes
+
+
+@pytest.mark.parametrize(
+    "memory",
+    [
+        {},
+        remembered(schema="pkmcal/cell-memory/9"),
+        remembered(worked_s="long"),
+        remembered(encoders_rad=[0.0, 0.0, 0.0]),
+        remembered(geometry={"plate_mm": 100.0}),
+        remembered(plate=[0.0, 0.0, 5000.0, 0.0, 0.0, 0.0, 0.0]),
+        remembered(scenario="paper-simulation"),
+        remembered(unknown=1),
+        remembered(worked_s=math.nan),
+    ],
+)
+def test_a_damaged_memory_is_refused(memory):
+    with pytest.raises(MemoryInvalid, match="delete the simulated cell's memory"):
+        Cell(load_scenario("realistic"), memory=memory)
+
+
+def test_the_memory_of_another_seed_is_refused():
+    with pytest.raises(MemoryInvalid, match="seed 1, not 2"):
+        Cell(load_scenario("realistic"), seed=2, memory=remembered())

@@ -1,0 +1,199 @@
+"""The simulated emScon instrument's settings and readings, in the client's units."""
+
+import math
+
+import pytest
+from emscon_client_stub import Client
+from fake_tracker import COVARIANCE_MM2, FakeTracker
+
+from drivers.wire.emscon import Answer
+from drivers.wire.emscon_constants import Command, SystemChange
+from drivers.wire.emscon_messages import (
+    ApproximateDistance,
+    CoordinateSystem,
+    Direction,
+    Environment,
+    MeasurementMode,
+    MeasurementStatusInfo,
+    ReflectorChoice,
+    SearchParams,
+    SingleResult2,
+    StationaryMode,
+    StatisticMode,
+    StatusChange,
+    SystemSettings,
+    Target,
+    TrackerInfo,
+    TrackerStatus,
+    Units,
+)
+from drivers.wire.emscon_status import ResultStatus
+
+MILLIMETRES = Units(1, 1, 0, 0, 0)
+QUIET = SystemSettings(2, 0, 0, 1, 0, 0, 0, 0, 0)
+STREAMING = SystemSettings(2, 0, 0, 1, 1, 1, 0, 0, 0)
+BUSY, READY, NOT_READY = (
+    StatusChange(SystemChange.LIGHT_BUSY),
+    StatusChange(SystemChange.LIGHT_READY),
+    StatusChange(SystemChange.LIGHT_NOT_READY),
+)
+
+
+def ok(command):
+    return Answer(command, ResultStatus.ALL_OK)
+
+
+def refused(command, status):
+    return Answer(command, status)
+
+
+def test_a_set_command_is_answered_and_its_event_told():
+    assert Client().send(Command.SET_UNITS, MILLIMETRES) == [
+        ok(Command.SET_UNITS),
+        StatusChange(SystemChange.UNITS),
+    ]
+
+
+def test_no_event_is_told_to_a_client_that_wants_none():
+    client = Client()
+    client.send(Command.SET_SYSTEM_SETTINGS, QUIET)
+    assert client.send(Command.SET_UNITS, MILLIMETRES) == [ok(Command.SET_UNITS)]
+
+
+@pytest.mark.parametrize(
+    ("setting", "getting", "body"),
+    [
+        (Command.SET_UNITS, Command.GET_UNITS, Units(5, 2, 1, 6, 0)),
+        (Command.SET_MEASUREMENT_MODE, Command.GET_MEASUREMENT_MODE, MeasurementMode(0)),
+        (
+            Command.SET_COORDINATE_SYSTEM_TYPE,
+            Command.GET_COORDINATE_SYSTEM_TYPE,
+            CoordinateSystem(0),
+        ),
+        (
+            Command.SET_STATIONARY_MODE_PARAMS,
+            Command.GET_STATIONARY_MODE_PARAMS,
+            StationaryMode(2500, 1),
+        ),
+        (Command.SET_REFLECTOR, Command.GET_REFLECTOR, ReflectorChoice(7)),
+        (Command.SET_SEARCH_PARAMS, Command.GET_SEARCH_PARAMS, SearchParams(0.25, 3000)),
+        (Command.SET_STATISTIC_MODE, Command.GET_STATISTIC_MODE, StatisticMode(1, 0)),
+        (Command.SET_SYSTEM_SETTINGS, Command.GET_SYSTEM_SETTINGS, STREAMING),
+    ],
+)
+def test_what_is_set_is_read_back(setting, getting, body):
+    client = Client()
+    assert client.status(setting, body) == ResultStatus.ALL_OK
+    assert client.ask(getting).body == body
+
+
+@pytest.mark.parametrize(
+    ("command", "body", "status"),
+    [
+        (Command.SET_UNITS, Units(6, 0, 0, 0, 0), ResultStatus.WRONG_PARAMETER_1),
+        (Command.SET_UNITS, Units(0, 0, 0, 7, 0), ResultStatus.WRONG_PARAMETER_4),
+        (Command.SET_COORDINATE_SYSTEM_TYPE, CoordinateSystem(6), ResultStatus.NOT_IMPLEMENTED),
+        (Command.SET_MEASUREMENT_MODE, MeasurementMode(1), ResultStatus.NOT_IMPLEMENTED),
+        (
+            Command.SET_STATIONARY_MODE_PARAMS,
+            StationaryMode(0, 1),
+            ResultStatus.WRONG_PARAMETER_1,
+        ),
+        (Command.SET_STATISTIC_MODE, StatisticMode(0, 2), ResultStatus.WRONG_PARAMETER_2),
+        (Command.SET_REFLECTOR, ReflectorChoice(1), ResultStatus.WRONG_PARAMETER_1),
+        (Command.SET_SEARCH_PARAMS, SearchParams(math.nan, 1), ResultStatus.WRONG_PARAMETER_1),
+        (Command.SET_SEARCH_PARAMS, SearchParams(1.0, 0), ResultStatus.WRONG_PARAMETER_2),
+        (
+            Command.SET_SYSTEM_SETTINGS,
+            SystemSettings(2, 1, 0, 1, 1, 0, 0, 0, 0),
+            ResultStatus.NOT_IMPLEMENTED,
+        ),
+        (Command.GO_POSITION, Target((0.0, math.inf, 0.0), 1), ResultStatus.WRONG_PARAMETER_1),
+        (Command.GO_POSITION, Target((0.0, 1e308, 0.0), 1), ResultStatus.WRONG_PARAMETER_1),
+        (Command.FIND_REFLECTOR, ApproximateDistance(math.nan), ResultStatus.WRONG_PARAMETER_1),
+    ],
+)
+def test_what_cannot_be_set_is_refused(command, body, status):
+    assert Client().status(command, body) == status
+
+
+def test_reflectors_come_one_packet_each_in_the_clients_unit():
+    client = Client()
+    client.send(Command.SET_UNITS, Units(5, 0, 0, 0, 0))
+    entries = [answer.body for answer in client.send(Command.GET_REFLECTORS)]
+    assert [(e.total, e.identifier, e.name) for e in entries] == [
+        (2, 3, "CCR-1.5in"),
+        (2, 7, "CCR-0.5in"),
+    ]
+    assert [e.surface_offset for e in entries] == pytest.approx([0.75, 0.25])
+
+
+def test_no_reflectors_is_one_packet_that_says_none():
+    client = Client()
+    client.tracker.reflectors = ()
+    assert client.ask(Command.GET_REFLECTORS).body.total == 0
+
+
+def test_result_is_in_the_clients_units():
+    client = Client()
+    client.send(Command.SET_UNITS, Units(5, 2, 1, 2, 0))
+    result = client.measure()[2]
+    assert result.point == pytest.approx((1000 / 25.4, -2000 / 25.4, 10.0))
+    assert result.std == pytest.approx((0.02 / 25.4, 0.03 / 25.4, 0.01 / 25.4))
+    assert (result.temperature, result.pressure) == pytest.approx((68.0, 101.325))
+
+
+def test_result_has_covariances_only_with_extended_statistics():
+    client = Client()
+    client.send(Command.SET_UNITS, MILLIMETRES)
+    client.send(Command.SET_STATISTIC_MODE, StatisticMode(1, 0))
+    result = client.measure()[2]
+    assert isinstance(result, SingleResult2)
+    (_, xy, xz), (_, _, yz), _ = COVARIANCE_MM2
+    assert result.covariance == result.apriori_covariance == (xy, xz, yz)
+    assert result.std == pytest.approx((0.02, 0.03, 0.01))
+    assert result.std_total == pytest.approx(math.sqrt(14e-4))
+
+
+def test_search_parameters_reach_the_tracker_in_its_units():
+    client = Client()
+    client.send(Command.SET_SEARCH_PARAMS, SearchParams(0.1, 2500))
+    assert client.tracker.search_radius_mm == pytest.approx(100.0)
+    assert client.tracker.search_timeout_s == 2.5
+
+
+def test_readings_are_in_the_clients_units():
+    client = Client()
+    client.send(Command.SET_UNITS, Units(1, 2, 0, 3, 0))
+    assert client.ask(Command.GET_ENVIRONMENT_PARAMS).body == Environment(
+        20.0, pytest.approx(760.0, abs=0.01), 50.0
+    )
+    assert client.ask(Command.GET_DIRECTION).body == Direction(
+        pytest.approx(0.5 * 200 / math.pi), pytest.approx(1.5 * 200 / math.pi)
+    )
+
+
+def test_environment_may_be_set_though_its_own_weather_station_goes_on():
+    client = Client()
+    body = Environment(30.0, 900.0, 10.0)
+    assert client.status(Command.SET_ENVIRONMENT_PARAMS, body) == ResultStatus.ALL_OK
+    assert client.ask(Command.GET_ENVIRONMENT_PARAMS).body.temperature == 20.0
+
+
+@pytest.mark.parametrize(("locked", "light"), [(True, 2), (False, 0)])
+def test_light_follows_the_beam(locked, light):
+    client = Client(FakeTracker(locked=locked))
+    assert client.ask(Command.GET_TRACKER_STATUS).body == TrackerStatus(light)
+
+
+@pytest.mark.parametrize(("locked", "bits"), [(True, 2048), (False, 0)])
+def test_status_bits_tell_reflector_and_initialisation(locked, bits):
+    info = Client(FakeTracker(locked=locked)).ask(Command.GET_MEASUREMENT_STATUS_INFO).body
+    assert isinstance(info, MeasurementStatusInfo)
+    assert info.bits & (2048 | 65536) == bits | 65536
+
+
+def test_tracker_info_tells_the_name():
+    info = Client().ask(Command.GET_TRACKER_INFO).body
+    assert isinstance(info, TrackerInfo)
+    assert (info.name, info.serial) == ("SIM-LT", 42)

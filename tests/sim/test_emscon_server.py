@@ -1,0 +1,245 @@
+"""The simulated emScon server: what it answers, when, and in which units."""
+
+import pytest
+from emscon_client_stub import Client
+from fake_tracker import FakeTracker
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import WireError
+from drivers.wire.emscon import Answer, Request, UnknownRequest, encode
+from drivers.wire.emscon_constants import Command, SystemChange
+from drivers.wire.emscon_messages import (
+    ApproximateDistance,
+    ErrorResponse,
+    ReflectorPosition,
+    SingleResult,
+    StationaryMode,
+    StatusChange,
+    SystemSettings,
+    SystemStatus,
+    Target,
+    Units,
+)
+from drivers.wire.emscon_status import ResultStatus
+
+MILLIMETRES = Units(1, 1, 0, 0, 0)
+QUIET = SystemSettings(2, 0, 0, 1, 0, 0, 0, 0, 0)
+STREAMING = SystemSettings(2, 0, 0, 1, 1, 1, 0, 0, 0)
+BUSY, READY, NOT_READY = (
+    StatusChange(SystemChange.LIGHT_BUSY),
+    StatusChange(SystemChange.LIGHT_READY),
+    StatusChange(SystemChange.LIGHT_NOT_READY),
+)
+
+
+def ok(command):
+    return Answer(command, ResultStatus.ALL_OK)
+
+
+def refused(command, status):
+    return Answer(command, status)
+
+
+def test_unknown_command_is_not_implemented():
+    client = Client()
+    client.session.received(bytes.fromhex("0c0000000000000038000000"), 0.0)
+    assert bytes.fromhex("10000000000000003800000002000000") in client._bytes
+
+
+def test_system_status_climbs_the_ladder_with_initialise():
+    client = Client(FakeTracker(initialised=False))
+    assert client.ask(Command.GET_SYSTEM_STATUS).body == SystemStatus(
+        0, 3, 3, 2, 1, 2, 0, 2, 0, serial=42
+    )
+    assert client.send(Command.INITIALIZE) == [BUSY]
+    assert client.later(1.0) == [
+        StatusChange(SystemChange.INITIALIZATION),
+        ok(Command.INITIALIZE),
+        READY,
+    ]
+    assert client.ask(Command.GET_SYSTEM_STATUS).body.processor_status == 5
+
+
+@pytest.mark.parametrize(
+    "command", [Command.START_MEASUREMENT, Command.GO_POSITION, Command.FIND_REFLECTOR]
+)
+def test_nothing_moves_before_it_is_initialised(command):
+    client = Client(FakeTracker(initialised=False))
+    body = {
+        Command.GO_POSITION: [Target((1.0, 0.0, 0.0), 1)],
+        Command.FIND_REFLECTOR: [ApproximateDistance(1.0)],
+    }.get(command, [])
+    assert client.status(command, *body) == ResultStatus.TRACKER_NOT_INITIALIZED
+
+
+@pytest.mark.parametrize("command", [Command.START_MEASUREMENT, Command.INITIALIZE])
+def test_cold_laser_is_waited_for(command):
+    client = Client(FakeTracker(warm=False))
+    assert client.ask(Command.GET_SYSTEM_STATUS).body.laser_status == 2
+    assert client.status(command) == ResultStatus.SENSOR_NOT_WARMED_UP
+
+
+def test_measurement_is_answered_at_once_and_its_result_comes_when_it_ends():
+    client = Client()
+    client.send(Command.SET_STATIONARY_MODE_PARAMS, StationaryMode(2000, 1))
+    assert client.send(Command.START_MEASUREMENT) == [ok(Command.START_MEASUREMENT), BUSY]
+    assert client.tracker.measured_s == 2.0
+    assert client.session.next_due_s() == 2.0
+    assert client.later(1.99) == []
+    result, light = client.later(0.01)
+    assert isinstance(result, SingleResult)
+    assert light == READY
+
+
+def test_measurement_without_a_lock_is_refused_and_no_result_follows():
+    client = Client(FakeTracker(locked=False))
+    status = ResultStatus.MEASUREMENT_STATUS_NOT_READY
+    assert client.measure() == [refused(Command.START_MEASUREMENT, status)]
+
+
+def test_beam_break_ends_the_measurement_with_an_error_instead_of_a_result():
+    client = Client()
+    client.send(Command.START_MEASUREMENT)
+    client.tracker.lose_the_beam()
+    assert client.later(0.1) == [
+        NOT_READY,
+        ErrorResponse(Command.START_MEASUREMENT, ResultStatus.NO_STATIONARY_RESULT),
+    ]
+    assert client.later(5.0) == []
+
+
+def test_beam_lost_and_not_noticed_until_the_end_still_gives_no_result():
+    client = Client()
+    client.send(Command.START_MEASUREMENT)
+    client.tracker.is_locked = False
+    assert ErrorResponse(49, ResultStatus.NO_STATIONARY_RESULT) in client.later(0.5)
+
+
+def test_beam_break_between_measurements_is_told_unasked():
+    client = Client()
+    client.send(Command.GET_UNITS)
+    client.tracker.lose_the_beam()
+    assert client.later(1.0) == [NOT_READY, ErrorResponse(64, ResultStatus.NO_STATIONARY_RESULT)]
+    client.tracker.is_locked = True
+    assert client.later(1.0) == [READY]
+
+
+def test_warmed_up_is_told():
+    client = Client(FakeTracker(warm=False))
+    client.send(Command.GET_UNITS)
+    client.tracker.is_warm = True
+    client.tracker.happens("warmed_up")
+    assert client.later(1.0) == [StatusChange(SystemChange.LASER_WARMED_UP), READY]
+
+
+def test_stop_ends_a_measurement_without_a_result():
+    client = Client()
+    client.send(Command.START_MEASUREMENT)
+    assert client.send(Command.STOP_MEASUREMENT) == [ok(Command.STOP_MEASUREMENT), READY]
+    assert client.later(5.0) == []
+
+
+def test_one_command_at_a_time():
+    client = Client()
+    client.send(Command.GO_POSITION, Target((1.0, 0.0, 0.0), 1))
+    for command in (Command.GET_UNITS, Command.STOP_MEASUREMENT, Command.START_MEASUREMENT):
+        assert client.status(command) == ResultStatus.SERVER_BUSY
+    assert client.later(1.0) == [ok(Command.GO_POSITION), READY]
+    assert client.status(Command.GET_UNITS) == ResultStatus.ALL_OK
+
+
+def test_head_that_a_lost_client_left_moving_keeps_the_next_one_waiting():
+    tracker = FakeTracker()
+    first = Client(tracker)
+    first.send(Command.GO_POSITION, Target((1.0, 0.0, 0.0), 1))
+    first.session.closed(0.1)
+    second = Client(tracker)
+    assert second.status(Command.GET_UNITS) == ResultStatus.SERVER_BUSY
+    second.later(1.0)
+    assert second.status(Command.GET_UNITS) == ResultStatus.ALL_OK
+
+
+def test_go_position_is_in_the_clients_unit_and_answered_when_the_head_is_there():
+    client = Client()
+    client.send(Command.GET_UNITS)
+    assert client.send(Command.GO_POSITION, Target((1.0, 2.0, -0.3), 1)) == [BUSY]
+    assert client.tracker.went_to_mm == (1000.0, 2000.0, -300.0)
+    assert client.session.next_due_s() == 1.0
+    assert client.later(1.0) == [ok(Command.GO_POSITION), READY]
+
+
+def test_search_that_finds_nothing_is_answered_with_an_error():
+    client = Client()
+    client.tracker.finds = False
+    client.send(Command.FIND_REFLECTOR, ApproximateDistance(3.0))
+    assert client.tracker.searched_at_mm == 3000.0
+    assert client.later(1.0) == [
+        refused(Command.FIND_REFLECTOR, ResultStatus.UNKNOWN),
+        NOT_READY,
+    ]
+
+
+def test_live_positions_stream_while_wanted_and_locked():
+    client = Client()
+    assert ReflectorPosition(0, (1.0, -2.0, 0.254)) not in client.later(1.0)
+    client.send(Command.SET_SYSTEM_SETTINGS, STREAMING)
+    assert client.later(0.4) == [ReflectorPosition(0, (1.0, -2.0, 0.254))]
+    assert client.session.next_due_s() == pytest.approx(client.now_s + 1 / 3)
+    assert client.later(0.1) == []
+    client.tracker.is_locked = False
+    assert client.later(1.0) == [NOT_READY]
+
+
+def test_second_client_is_refused_every_command_and_disturbs_nothing():
+    client = Client(is_second=True)
+    status = ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED
+    client.tracker.happens("warmed_up")
+    for command in (Command.GET_UNITS, Command.INITIALIZE):
+        assert client.send(command) == [refused(command, status)]
+    assert client.later(1.0) == []
+    assert client.session.next_due_s() is None
+    assert client.tracker.events() == ["warmed_up"]
+
+
+def test_nothing_is_due_while_nothing_is_under_way():
+    assert Client().session.next_due_s() is None
+
+
+def test_size_out_of_bounds_hangs_up():
+    with pytest.raises(WireError):
+        Client().session.received(bytes(8), 0.0)
+
+
+def test_requests_torn_anywhere_are_obeyed():
+    client = Client()
+    stream = encode(Request(Command.SET_UNITS, MILLIMETRES)) + encode(Request(Command.GET_UNITS))
+    for byte in stream:
+        client.session.received(bytes([byte]), 0.0)
+    assert client.taken()[-1] == Answer(Command.GET_UNITS, body=MILLIMETRES)
+
+
+@given(st.lists(st.binary(max_size=60), max_size=4))
+def test_garbage_is_answered_or_hung_up(chunks):
+    client = Client()
+    try:
+        for chunk in chunks:
+            client.session.received(chunk, 0.0)
+    except WireError:
+        return
+
+
+@given(st.sampled_from(Command), st.binary(max_size=60))
+def test_a_known_command_with_garbage_behind_it_is_answered_or_hung_up(command, body):
+    client = Client()
+    head = (12 + len(body)).to_bytes(4, "little") + bytes(4) + command.to_bytes(4, "little")
+    try:
+        client.session.received(head + body, 0.0)
+    except WireError:
+        return
+
+
+def test_exit_application_does_not_end_the_server():
+    client = Client()
+    client.session.received(encode(UnknownRequest(0)), 0.0)
+    assert client._bytes == [bytes.fromhex("10000000000000000000000002000000")]
