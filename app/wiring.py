@@ -61,7 +61,7 @@ def connected_cell(campaign: Campaign, stop_requested: StopRequested = never) ->
         _robot(campaign.config, at.controller) as robot,
         _tracker(campaign.config, at.tracker, stop_requested) as tracker,
     ):
-        yield Devices(robot, tracker, at.clock)
+        yield Devices(robot, tracker, at.clock, SystemClock())
 
 
 @contextmanager

@@ -96,10 +96,10 @@ class Engine:
         )
 
     def _take(self, step: Step) -> None:
-        started_s = self._cell.clock.now_s()
+        started_s = self._cell.wall_clock.now_s()
         outcome = self._shooter.take(step)
         drift = self._drift_mm(outcome) if step.planned.purpose is ShotSet.DRIFT else None
-        seconds = self._cell.clock.now_s() - started_s
+        seconds = self._cell.wall_clock.now_s() - started_s
         self._tally.accept(ShotNews(seconds, outcome.residual_mm, drift))
         self._watch_weather(outcome.weather)
         if drift is not None:

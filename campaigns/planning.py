@@ -25,6 +25,9 @@ from drivers.values import Pose, Vector3
 JOINT_RESERVE_RAD = np.radians(0.5)
 """Planned poses keep off the limits by this, so that the real robot's errors don't carry it over."""
 POSE_RESERVE_RAD = np.radians(1.0)
+UNSEEN_JOINT_RESERVE_RAD = np.radians(5.0)
+"""Validation poses keep further off: with other parameters in the controller the same pose takes
+other encoder angles, and it should still be there to be compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +112,7 @@ def make_plan(
         )
     try:
         fitted = boundary_poses(region, request.identification_shots, rng)
-        unseen = inner_poses(region, 2 * request.validation_pairs, rng)
+        unseen = inner_poses(_inner(region), 2 * request.validation_pairs, rng)
     except WorkspaceTooSmall as error:
         raise PlanInvalid(
             f"too small a part of the workspace can be measured: {error}",
@@ -122,6 +125,14 @@ def make_plan(
     tour = order_pairs(joints, pairs, centre_joints)
     drift = (region.centre, centre_joints)
     return _numbered(tour, poses, joints, len(fitted), drift, request.drift_shots)
+
+
+def _inner(region: Region) -> Region:
+    """Where validation poses may be placed."""
+    low, high = region.limits.joint_rad
+    further = UNSEEN_JOINT_RESERVE_RAD - JOINT_RESERVE_RAD
+    limits = replace(region.limits, joint_rad=(low + further, high - further))
+    return replace(region, limits=limits)
 
 
 def _numbered(

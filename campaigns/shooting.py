@@ -29,6 +29,9 @@ class Cell:
     robot: RobotController
     tracker: LaserTracker
     clock: Clock
+    """Time as the cell lives it: settling and deadlines of motions."""
+    wall_clock: Clock
+    """Time as the operator lives it: what is left."""
 
 
 class Shooter:

@@ -22,20 +22,6 @@ SHRINKS = 20
 AXES = ("x", "y", "z")
 
 
-@dataclass(frozen=True, slots=True)
-class Trimmed:
-    """A test that had to be made smaller than asked for."""
-
-    test: str
-    asked: float
-    used: float
-    unit: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.test} shortened from {self.asked:g} to {self.used:.4g} {self.unit}: {self.reason}"
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Reachable:
     """The robot as the controller believes it to be: that is what takes its pose commands."""
@@ -54,10 +40,10 @@ class Reachable:
 
 @dataclass(frozen=True, slots=True)
 class ValidationSteps:
-    """What will be measured, and what was made smaller."""
+    """What will be measured; `notes` say what was shortened or left out, and why."""
 
     steps: tuple[Step, ...]
-    trimmed: tuple[Trimmed, ...]
+    notes: tuple[str, ...]
 
 
 def validation_steps(
@@ -74,25 +60,27 @@ def validation_steps(
     """
     centre = np.array([*config.centre_mm, 0.0])
     poses: list[tuple[ShotSet, int | None, Array]] = []
-    trimmed: list[Trimmed] = []
+    notes: list[str] = []
     if ShotSet.ROTATION in only:
         turn, cut = _rotation(centre, config.rotation_steps, robot)
         poses += [(ShotSet.ROTATION, None, pose) for pose in turn]
-        trimmed += cut
+        notes += cut
     if ShotSet.STRAIGHTNESS in only:
         for axis, length in enumerate(config.line_lengths_mm):
             line, cut = _line(centre, axis, length, config.line_points, robot)
             poses += [(ShotSet.STRAIGHTNESS, None, pose) for pose in line]
-            trimmed += cut
+            notes += cut
     if ShotSet.VALIDATION in only:
-        poses += [(ShotSet.VALIDATION, s.pair, pose_row(s.pose)) for s in pairs]
+        taken, left_out = _possible_pairs(pairs, robot)
+        poses += [(ShotSet.VALIDATION, s.pair, pose_row(s.pose)) for s in taken]
+        notes += left_out
     if ShotSet.REPEATABILITY in only:
         approaches = _approaches(centre, config.repeatability_approaches, rng)
         poses += [(ShotSet.REPEATABILITY, None, centre)] * len(approaches)
     else:
         approaches = np.empty((0, 4))
     steps = _steps(poses, robot, approaches)
-    return ValidationSteps(steps, tuple(trimmed))
+    return ValidationSteps(steps, tuple(notes))
 
 
 def _steps(
@@ -117,6 +105,24 @@ def _steps(
     return tuple(steps)
 
 
+def _possible_pairs(
+    shots: Sequence[PlannedShot], robot: Reachable
+) -> tuple[list[PlannedShot], list[str]]:
+    """The shots of pairs that the controller can take whole, and why the others are left out."""
+    pairs: dict[int | None, list[PlannedShot]] = {}
+    for shot in shots:
+        pairs.setdefault(shot.pair, []).append(shot)
+    taken: list[PlannedShot] = []
+    notes: list[str] = []
+    for pair, both in pairs.items():
+        reason = robot.first_reason(np.array([pose_row(shot.pose) for shot in both]))
+        if reason:
+            notes.append(f"validation pair {pair} left out: {reason}")
+        else:
+            taken += both
+    return taken, notes
+
+
 def _joint_tuples(robot: Reachable, poses: Array) -> Iterator[tuple[float, ...]]:
     if len(poses):
         for joints in reach(robot.geometry, robot.limits, poses).joints_rad:
@@ -135,7 +141,7 @@ def _approaches(centre: Array, count: int, rng: np.random.Generator) -> Array:
     return poses
 
 
-def _rotation(centre: Array, steps: int, robot: Reachable) -> tuple[Array, list[Trimmed]]:
+def _rotation(centre: Array, steps: int, robot: Reachable) -> tuple[Array, list[str]]:
     low, high = robot.limits.theta_rad
     angles = np.linspace(low, high, steps)
 
@@ -150,7 +156,7 @@ def _rotation(centre: Array, steps: int, robot: Reachable) -> tuple[Array, list[
 
 def _line(
     centre: Array, axis: int, length_mm: float, points: int, robot: Reachable
-) -> tuple[Array, list[Trimmed]]:
+) -> tuple[Array, list[str]]:
     offsets = np.linspace(-0.5, 0.5, points) * length_mm
 
     def along(part: float) -> Array:
@@ -163,15 +169,15 @@ def _line(
 
 def _fitted(
     make: Callable[[float], Array], robot: Reachable, test: str, asked: float, unit: str
-) -> tuple[Array, list[Trimmed]]:
+) -> tuple[Array, list[str]]:
     """The largest version of a test that the robot can do, down to two thirds of what was asked."""
     part, first_reason = 1.0, ""
     for _ in range(SHRINKS):
         poses = make(part)
         reason = robot.first_reason(poses)
         if not reason:
-            cut = [Trimmed(test, asked, part * asked, unit, first_reason)] if first_reason else []
-            return poses, cut
+            used = f"{test} shortened from {asked:g} to {part * asked:.4g} {unit}: {first_reason}"
+            return poses, [used] if first_reason else []
         first_reason = first_reason or reason
         part *= SHRINK
     raise PlanInvalid(

@@ -7,7 +7,7 @@ from drivers.wire.emscon_status import ResultStatus, status_text
 
 NOT_READY: Mapping[int, str] = {
     ResultStatus.SERVER_BUSY: "wait until the tracker has finished, then try again",
-    ResultStatus.WRONG_CURRENT_REFLECTOR: "name the reflector that is mounted in campaign.yaml",
+    ResultStatus.WRONG_CURRENT_REFLECTOR: "prepare the tracker with the reflector that is mounted",
     ResultStatus.NO_TRACKER_PROCESSOR_FOUND: "check the cable between controller and tracker head",
     ResultStatus.NO_ADM: "this tracker has no absolute distance meter, which measuring needs",
     ResultStatus.NO_TRACKER_CONNECTED: "check the cable between controller and tracker head",
@@ -59,8 +59,6 @@ def failed_with_beam(where: str, doing: str, status: int, *, beam_lost: bool) ->
     numbers that are in no public table, which a tracker's controller passes on.
     """
     error = refused(where, doing, status)
-    if isinstance(error, DeviceNotReady):
-        return error
     if status in BEAM_LOST or (beam_lost and status not in set(ResultStatus)):
         return BeamBroken(
             f"{where}: the beam is lost: {doing} failed: {status_text(status)}",

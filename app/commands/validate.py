@@ -133,8 +133,8 @@ def validation_work(
         _sets(tests),
         np.random.default_rng(campaign.config.plan.seed),
     )
-    for trimmed in planned.trimmed:
-        terminal.note(f"! {trimmed}", "yellow")
+    for note in planned.notes:
+        terminal.note(f"! {note}", "yellow")
     return Work(
         stage.value,
         planned.steps,
@@ -181,14 +181,14 @@ def result_rows(found: "Validation") -> list[tuple[str, str]]:
     distances, repeated, frame = found.distances, found.repeatability, found.frame
     straight = found.straightness_mm or {}
     return [
-        ("distances: mean error", _mm(distances and distances.mean_abs)),
-        ("distances: max error", _mm(distances and distances.max_abs)),
+        ("distances: mean error", _mm(distances.mean_abs if distances else None)),
+        ("distances: max error", _mm(distances.max_abs if distances else None)),
         ("rotation", _mm(found.rotation_mm)),
         *((f"straightness {axis}", _mm(straight.get(axis))) for axis in ("x", "y", "z")),
-        ("repeatability: radius", _mm(repeated and repeated.radius_mm)),
-        ("repeatability: RP", _mm(repeated and repeated.rp_mm)),
-        ("in the tracker's frame: mean", _mm(frame and frame.mean)),
-        ("in the tracker's frame: max", _mm(frame and frame.max)),
+        ("repeatability: radius", _mm(repeated.radius_mm if repeated else None)),
+        ("repeatability: RP", _mm(repeated.rp_mm if repeated else None)),
+        ("in the tracker's frame: mean", _mm(frame.mean if frame else None)),
+        ("in the tracker's frame: max", _mm(frame.max if frame else None)),
     ]
 
 

@@ -1,4 +1,4 @@
-"""Rigid transforms between frames: `b_from_a` turns coordinates in frame a into those in frame b."""
+"""Rigid transforms: `b_from_a` turns coordinates in frame a into those in frame b."""
 
 from dataclasses import dataclass
 

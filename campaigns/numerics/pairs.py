@@ -1,4 +1,4 @@
-"""Distances between rows of points (N, 3); pairs are given by the rows of their two ends, (M,) each."""
+"""Distances between rows of points (N, 3); pairs are two arrays of rows, (M,) each."""
 
 import numpy as np
 

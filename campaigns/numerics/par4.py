@@ -10,7 +10,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.numerics.geometry import ARM_FIELDS, ARMS, COUNT, Array, Geometry, Mask
+from campaigns.numerics.geometry import COUNT, Array, Geometry, Mask
+from campaigns.parameters import ARM_FIELDS, ARMS
 
 PLATE_LEVER_MM = 100.0
 """Turns θ's column into a length before anything looks at singular values."""
@@ -24,7 +25,7 @@ class Assembly(IntEnum):
     """The mechanism cannot be assembled there."""
 
 
-class NoAssembly(ValueError):  # noqa: N818 - named by what it says
+class NoAssembly(ValueError):
     """A pose or a set of joints at which the mechanism cannot be assembled."""
 
 
@@ -66,10 +67,12 @@ def motor_axes(geometry: Geometry) -> Array:
 def elbows_mm(geometry: Geometry, joints_rad: Array) -> Array:
     """A_i in the base frame, (N, 4, 3) (eq. 8); a positive angle lowers the elbow."""
     angle = joints_rad + geometry.joint_offset_rad
-    reach = geometry.arm_mm * np.cos(angle)
-    elbows = geometry.motor_mm + reach[..., None] * arm_directions(geometry)
-    elbows[..., 2] -= geometry.arm_mm * np.sin(angle)
-    return elbows
+    arms = np.zeros_like(angle, shape=(*angle.shape, 3))
+    outward = geometry.arm_mm * np.cos(angle)
+    arms[..., 0] = outward * np.cos(geometry.azimuth_rad)
+    arms[..., 1] = outward * np.sin(geometry.azimuth_rad)
+    arms[..., 2] = -geometry.arm_mm * np.sin(angle)
+    return geometry.motor_mm + arms
 
 
 def plate_joints_mm(geometry: Geometry, poses: Array) -> Array:
@@ -86,7 +89,7 @@ def forearms_mm(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
 
 
 def closure_mm2(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
-    """|A_iB'_i|² - L_i², (N, 4); zero for an assembled mechanism (eq. 3 with the forearm's length)."""
+    """|A_iB'_i|² - L_i², (N, 4); zero when assembled (eq. 3 with L_i for the printed l_i)."""
     forearms = forearms_mm(geometry, joints_rad, poses)
     return np.asarray(np.einsum("...k,...k->...", forearms, forearms) - geometry.forearm_mm**2)
 
@@ -130,22 +133,22 @@ def parameter_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> A
     Raises `numpy.linalg.LinAlgError` at a singular pose.
     """
     forearms = forearms_mm(geometry, joints_rad, poses)
-    compliance = -np.linalg.inv(_by_pose(geometry, poses, forearms))
     own = _by_own_parameters(geometry, joints_rad, poses, forearms)
-    by_arm = compliance[..., None] * own[..., None, :, :-1]
-    jacobian = np.empty((*poses.shape[:-1], 4, COUNT))
-    jacobian[..., :-1] = by_arm.reshape(*poses.shape[:-1], 4, COUNT - 1)
-    jacobian[..., -1] = np.einsum("...pi,...i->...p", compliance, own[..., -1])
-    return jacobian
+    by_all = np.zeros((*poses.shape[:-1], ARMS, COUNT))
+    for arm in range(ARMS):
+        columns = slice(arm * len(ARM_FIELDS), (arm + 1) * len(ARM_FIELDS))
+        by_all[..., arm, columns] = own[..., arm, :-1]
+    by_all[..., -1] = own[..., -1]
+    return np.asarray(-np.linalg.inv(_by_pose(geometry, poses, forearms)) @ by_all)
 
 
 def _by_pose(geometry: Geometry, poses: Array, forearms: Array) -> Array:
     """∂F/∂(X, Y, Z, θ), (N, 4, 4)."""
-    sin, cos = np.sin(poses[..., 3, None]), np.cos(poses[..., 3, None])
     jacobian = np.zeros_like(forearms, shape=(*poses.shape[:-1], ARMS, 4))
     jacobian[..., :3] = 2.0 * forearms
-    turned = cos * forearms[..., 2:, 0] + sin * forearms[..., 2:, 1]
-    jacobian[..., 2:, 3] = -2.0 * geometry.plate_mm * turned
+    x, y = forearms[..., 2:, 0], forearms[..., 2:, 1]
+    sin, cos = np.sin(poses[..., 3, None]), np.cos(poses[..., 3, None])
+    jacobian[..., 2:, 3] = -2.0 * geometry.plate_mm * (cos * x + sin * y)
     return jacobian
 
 
@@ -153,11 +156,11 @@ def _by_own_parameters(
     geometry: Geometry, joints_rad: Array, poses: Array, forearms: Array
 ) -> Array:
     """∂F_i by the parameters of arm i in the order of `ARM_FIELDS`, then by h, (N, 4, 8)."""
+    x, y, up = forearms[..., 0], forearms[..., 1], forearms[..., 2]
+    cos, sin = np.cos(geometry.azimuth_rad), np.sin(geometry.azimuth_rad)
+    along, across = cos * x + sin * y, cos * y - sin * x
     angle = joints_rad + geometry.joint_offset_rad
     cos, sin = np.cos(angle), np.sin(angle)
-    along = np.einsum("...ik,ik->...i", forearms, arm_directions(geometry))
-    across = np.einsum("...ik,ik->...i", forearms, motor_axes(geometry))
-    up = forearms[..., 2]
     jacobian = np.zeros_like(forearms, shape=(*poses.shape[:-1], ARMS, len(ARM_FIELDS) + 1))
     jacobian[..., :3] = -2.0 * forearms
     jacobian[..., 3] = -2.0 * geometry.arm_mm * cos * across
@@ -165,5 +168,5 @@ def _by_own_parameters(
     jacobian[..., 5] = -2.0 * (cos * along - sin * up)
     jacobian[..., 6] = -2.0 * geometry.forearm_mm
     sin, cos = np.sin(poses[..., 3, None]), np.cos(poses[..., 3, None])
-    jacobian[..., 2:, 7] = 2.0 * (cos * forearms[..., 2:, 1] - sin * forearms[..., 2:, 0])
+    jacobian[..., 2:, 7] = 2.0 * (cos * y[..., 2:] - sin * x[..., 2:])
     return jacobian

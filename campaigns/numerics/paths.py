@@ -2,17 +2,18 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import Array, Geometry
-from campaigns.numerics.par4 import forearms_mm, inverse, motor_axes
-from campaigns.numerics.reach import Limits, least_singular_value
+from campaigns.numerics.geometry import Array, Geometry, Mask
+from campaigns.numerics.par4 import forearms_mm, inverse
+from campaigns.numerics.reach import Limits, least_singular_value, outside, swing_rad
 
 PATH_STEP_RAD = np.radians(5.0)
 SLACK_RAD = np.radians(3.0)
-"""A passing pose may exceed θ's and the forearms' limits by this; a pose that is measured may not."""
+"""A passing pose may exceed θ's and the forearms' limits by this; one that is measured may not."""
 PASSING_SINGULARITY_MARGIN = 0.1
 
 
@@ -27,36 +28,31 @@ class PathFault:
 def path_fault(
     geometry: Geometry, limits: Limits, from_rad: Array, to_rad: Array
 ) -> PathFault | None:
-    """What first goes wrong on the coordinated joint move between two sets of joints (4,), if anything."""
+    """What goes wrong on the coordinated move from joints to joints, (4,) each, if anything."""
     steps = max(2, int(np.ceil(np.abs(to_rad - from_rad).max() / PATH_STEP_RAD)) + 1)
     part = np.linspace(0.0, 1.0, steps)
     joints = from_rad + part[:, None] * (to_rad - from_rad)
     solution = forward(geometry, joints)
     if not solution.found.all():
-        return PathFault(
-            "the mechanism cannot be assembled", float(part[np.argmin(solution.found)])
-        )
-    poses = solution.values
-    forearms = forearms_mm(geometry, joints, poses)
-    swing = np.abs(
-        np.arcsin(np.einsum("nik,ik->ni", forearms, motor_axes(geometry)) / geometry.forearm_mm)
-    )
-    theta = poses[:, 3]
-    checks = (
-        (
-            "theta leaves its limits",
-            (theta < limits.theta_rad[0] - SLACK_RAD) | (theta > limits.theta_rad[1] + SLACK_RAD),
-        ),
-        ("a forearm swings too far", (swing > limits.forearm_swing_rad + SLACK_RAD).any(axis=1)),
-        (
-            "it passes near a singularity",
-            least_singular_value(geometry, joints, poses) < PASSING_SINGULARITY_MARGIN,
-        ),
-    )
-    for reason, wrong in checks:
+        lost = float(part[np.argmin(solution.found)])
+        return PathFault("the mechanism cannot be assembled", lost)
+    for reason, wrong in _passing_faults(geometry, limits, joints, solution.values):
         if wrong.any():
             return PathFault(reason, float(part[np.argmax(wrong)]))
     return None
+
+
+def _passing_faults(
+    geometry: Geometry, limits: Limits, joints: Array, poses: Array
+) -> Iterator[tuple[str, Mask]]:
+    """What a passing pose may not do, and which of the poses (N, 4) do it, (N,)."""
+    theta, (low, high) = poses[:, 3], limits.theta_rad
+    yield "theta leaves its limits", (theta < low - SLACK_RAD) | (theta > high + SLACK_RAD)
+    swing = np.abs(swing_rad(geometry, forearms_mm(geometry, joints, poses)))
+    too_far = (swing > limits.forearm_swing_rad + SLACK_RAD).any(axis=1)
+    yield "a forearm swings too far", np.asarray(too_far)
+    margin = least_singular_value(geometry, joints, poses)
+    yield "it passes near a singularity", margin < PASSING_SINGULARITY_MARGIN
 
 
 def route(
@@ -71,14 +67,17 @@ def route(
     ends = forward(geometry, np.stack([from_rad, to_rad]))
     if not ends.found.all():
         return None
-    for poses in _detours(*ends.values, centre):
+    for poses in _detours(ends.values[0], ends.values[1], centre):
         via = inverse(geometry, poses)
         way = [from_rad, *via.values, to_rad]
-        if via.found.all() and all(
-            path_fault(geometry, limits, a, b) is None for a, b in zip(way, way[1:], strict=False)
-        ):
+        within = not outside(via.values, limits.joint_rad).any()
+        if via.found.all() and within and _is_safe(geometry, limits, way):
             return way[1:]
     return None
+
+
+def _is_safe(geometry: Geometry, limits: Limits, way: list[Array]) -> bool:
+    return all(path_fault(geometry, limits, here, there) is None for here, there in pairwise(way))
 
 
 def _detours(from_pose: Array, to_pose: Array, centre: Array) -> Iterator[Array]:

@@ -1,12 +1,12 @@
-"""Where to measure: poses near the workspace's boundary (the paper's recipe), poses inside it, pairs and their order."""
+"""Where to measure: poses near the workspace's boundary or all over it, their pairs and order."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from campaigns.numerics.geometry import Array, Geometry
+from campaigns.numerics.geometry import Array, Geometry, Index, Mask
+from campaigns.numerics.pairs import distances_mm
 from campaigns.numerics.reach import Limits, reach
 
 FURTHER = 1.05
@@ -16,10 +16,11 @@ BATCHES = 200
 BOX_HALF = np.array([700.0, 700.0, 700.0, np.pi / 4])
 """Half size of a box about the centre that surely holds the workspace, mm and rad."""
 SHORTEST_PAIR_MM = 100.0
-SWAPS_PER_PAIR = 40
+LEAST_GAIN_RAD = 1e-9
+"""A shorter way counts only above the rounding of the longer one."""
 
 
-class WorkspaceTooSmall(ValueError):  # noqa: N818 - named by what it says
+class WorkspaceTooSmall(ValueError):
     """Too few feasible poses were found for what was asked."""
 
 
@@ -37,7 +38,7 @@ class Region:
     """Direction of the reflector's axis in the base frame, unit length, (3,)."""
     acceptance_rad: float
 
-    def allows(self, poses: Array) -> NDArray[np.bool_]:
+    def allows(self, poses: Array) -> Mask:
         """Which poses can be taken and seen, (N,)."""
         seen = (
             incidence_rad(poses[:, :3], self.view_from_mm, self.reflector_facing)
@@ -53,12 +54,12 @@ def incidence_rad(points_mm: Array, tracker_mm: Array, facing: Array) -> Array:
 
 
 def boundary_poses(region: Region, count: int, rng: np.random.Generator) -> Array:
-    """Poses that could not be taken 5 % further from the centre, (count, 4).
+    """Poses that could not be taken 5 % further from the centre (the paper's recipe), (count, 4).
 
     Raises `WorkspaceTooSmall`.
     """
 
-    def near_the_boundary(poses: Array) -> NDArray[np.bool_]:
+    def near_the_boundary(poses: Array) -> Mask:
         near = region.allows(poses)
         further = region.centre + FURTHER * (poses[near] - region.centre)
         near[near] = ~region.allows(further)
@@ -76,7 +77,7 @@ def _drawn(
     region: Region,
     count: int,
     rng: np.random.Generator,
-    wanted: Callable[[Array], NDArray[np.bool_]],
+    wanted: Callable[[Array], Mask],
 ) -> Array:
     """Even draws from a box about the centre, until enough of them are wanted."""
     found = np.empty((0, 4))
@@ -90,30 +91,36 @@ def _drawn(
     )
 
 
-def pair_up(poses: Array, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Random pairs (N/2, 2) of rows of poses (N, 4), swapped until none is shorter than 100 mm."""
+def pair_up(poses: Array, rng: np.random.Generator) -> Index:
+    """Random pairs (N/2, 2) of rows of poses (N, 4).
+
+    A pair shorter than 100 mm swaps an end with another pair, if there is one with which both
+    become long enough. An odd pose is left over.
+    """
     pairs = rng.permutation(len(poses) - len(poses) % 2).reshape(-1, 2)
-    for row in range(len(pairs)):
-        for _ in range(SWAPS_PER_PAIR):
-            if _length_mm(poses, pairs[row]) >= SHORTEST_PAIR_MM:
-                break
-            other = int(rng.integers(len(pairs)))
-            pairs[row, 1], pairs[other, 1] = pairs[other, 1], pairs[row, 1]
+    for row in np.flatnonzero(~_long_enough(poses, pairs[:, 0], pairs[:, 1])).tolist():
+        first, second = pairs[row]
+        swappable = np.flatnonzero(
+            _long_enough(poses, first, pairs[:, 1]) & _long_enough(poses, pairs[:, 0], second)
+        )
+        if swappable.size:
+            other = rng.choice(swappable)
+            pairs[row, 1], pairs[other, 1] = pairs[other, 1], second
     return pairs
 
 
-def _length_mm(poses: Array, pair: NDArray[np.intp]) -> float:
-    return float(np.linalg.norm(poses[pair[1], :3] - poses[pair[0], :3]))
+def _long_enough(poses: Array, first: Index, second: Index) -> Mask:
+    """Which pairs of rows count, (M,)."""
+    return np.asarray(distances_mm(poses[:, :3], first, second) >= SHORTEST_PAIR_MM)
 
 
-def order_pairs(joints_rad: Array, pairs: NDArray[np.intp], start_rad: Array) -> NDArray[np.intp]:
+def order_pairs(joints_rad: Array, pairs: Index, start_rad: Array) -> Index:
     """The same pairs (M, 2) in an order, and each in a sense, that keeps the joints' travel short.
 
-    Nearest neighbour from `start_rad`, then reversal of stretches (2-opt) while that helps. A stretch
-    reversed turns its pairs round too, so only the two joins change.
+    Nearest neighbour from `start_rad`, then reversal of stretches (2-opt) while that helps. A
+    stretch reversed turns its pairs round too, so only the two joins change.
     """
-    ends = _two_opt(_nearest_neighbour(joints_rad, pairs, start_rad), joints_rad, start_rad)
-    return ends.reshape(-1, 2)
+    return _two_opt(_nearest_neighbour(joints_rad, pairs, start_rad), joints_rad, start_rad)
 
 
 def travel_rad(from_rad: Array, to_rad: Array) -> Array:
@@ -121,7 +128,7 @@ def travel_rad(from_rad: Array, to_rad: Array) -> Array:
     return np.asarray(np.abs(to_rad - from_rad).max(axis=-1))
 
 
-def _nearest_neighbour(joints: Array, pairs: NDArray[np.intp], start: Array) -> NDArray[np.intp]:
+def _nearest_neighbour(joints: Array, pairs: Index, start: Array) -> Index:
     left, here, ordered = list(range(len(pairs))), start, []
     while left:
         to_ends = travel_rad(here, joints[pairs[left]])
@@ -132,26 +139,25 @@ def _nearest_neighbour(joints: Array, pairs: NDArray[np.intp], start: Array) -> 
     return np.array(ordered, dtype=np.intp).reshape(-1, 2)
 
 
-def _two_opt(pairs: NDArray[np.intp], joints: Array, start: Array) -> NDArray[np.intp]:
-    count = len(pairs)
+def _two_opt(pairs: Index, joints: Array, start: Array) -> Index:
     improved = True
     while improved:
         improved = False
-        for i in range(count - 1):
-            before = joints[pairs[i - 1, 1]] if i else start
-            last = np.arange(i + 1, count)
-            after = joints[pairs[np.minimum(last + 1, count - 1), 0]]
-            closing = (last < count - 1).astype(float)
-            old = travel_rad(before, joints[pairs[i, 0]]) + closing * travel_rad(
-                joints[pairs[last, 1]], after
-            )
-            new = travel_rad(before, joints[pairs[last, 1]]) + closing * travel_rad(
-                joints[pairs[i, 0]], after
-            )
-            gain = old - new
-            best = int(np.argmax(gain))
-            if gain[best] > 1e-9:
-                j = int(last[best])
-                pairs[i : j + 1] = pairs[i : j + 1][::-1, ::-1]
+        for first in range(len(pairs) - 1):
+            gains = _gains_rad(pairs, joints, start, first)
+            best = int(np.argmax(gains))
+            if gains[best] > LEAST_GAIN_RAD:
+                stretch = slice(first, first + best + 2)
+                pairs[stretch] = pairs[stretch][::-1, ::-1]
                 improved = True
     return pairs
+
+
+def _gains_rad(pairs: Index, joints: Array, start: Array, first: int) -> Array:
+    """How much shorter the way gets if the pairs from `first` to each later one are reversed."""
+    before = joints[pairs[first - 1, 1]] if first else start
+    entry, exits = joints[pairs[first, 0]], joints[pairs[first + 1 :, 1]]
+    after = joints[pairs[first + 2 :, 0]]
+    gains = travel_rad(before, entry) - travel_rad(before, exits)
+    gains[:-1] += travel_rad(exits[:-1], after) - travel_rad(entry, after)
+    return gains

@@ -1,22 +1,25 @@
-"""What a plan will tell before anything has moved: predicted standard deviations and observability."""
+"""What a plan will tell before anything has moved: standard deviations and observability."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from campaigns.numerics.geometry import Array, Geometry, indices
+from campaigns.numerics.geometry import Array, Geometry, Index, indices
+from campaigns.numerics.pairs import directions
 from campaigns.numerics.par4 import parameter_jacobian
 from campaigns.numerics.statistics import covariance, observability
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """Standard deviations in mm and rad, (F,), and the observability indices (Sun & Hollerbach 2008)."""
+    """What a plan tells of the free parameters."""
 
     std: Array
+    """1 σ in mm and rad, (F,)."""
     rank: int
     condition: float
     indices: dict[str, float]
+    """O1…O5 (Sun & Hollerbach 2008)."""
 
 
 def predict_distances(
@@ -24,7 +27,7 @@ def predict_distances(
     free: tuple[str, ...],
     joints_rad: Array,
     poses: Array,
-    pairs: Array,
+    pairs: Index,
     variance_mm2: Array,
 ) -> Prediction:
     """What distances of pairs (M, 2) with variances (M,) will tell of the free parameters.
@@ -32,9 +35,9 @@ def predict_distances(
     Lost rank gives infinite standard deviations.
     """
     by_shot = parameter_jacobian(geometry, joints_rad, poses)[:, :3, indices(free)]
-    between = poses[pairs[:, 1], :3] - poses[pairs[:, 0], :3]
-    direction = between / np.linalg.norm(between, axis=1, keepdims=True)
-    jacobian = np.einsum("mk,mkf->mf", direction, by_shot[pairs[:, 1]] - by_shot[pairs[:, 0]])
+    first, second = pairs.T
+    direction = directions(poses[:, :3], first, second)
+    jacobian = np.einsum("mk,mkf->mf", direction, by_shot[second] - by_shot[first])
     whitened = jacobian / np.sqrt(variance_mm2)[:, None]
     seen = observability(whitened)
     full = seen.rank == len(free)

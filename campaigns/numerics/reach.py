@@ -6,7 +6,7 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.numerics.geometry import Array, Geometry
+from campaigns.numerics.geometry import Array, Geometry, Mask
 from campaigns.numerics.par4 import (
     PLATE_LEVER_MM,
     arm_directions,
@@ -19,7 +19,7 @@ from campaigns.numerics.par4 import (
 SINGULARITY_MARGIN = 0.2
 """Least singular value of the closures' unit rows, θ's column divided by 100 mm."""
 ELBOW_MARGIN = 0.05
-"""Least sine of the angle between arm and forearm in the arm's plane: below, the elbow is stretched."""
+"""Least sine of the angle between arm and forearm in the arm's plane: below, it is stretched."""
 
 
 class Reason(IntFlag):
@@ -60,37 +60,35 @@ class Reach:
     """`Reason` flags, (N,); zero when the pose can be taken."""
 
     @property
-    def feasible(self) -> NDArray[np.bool_]:
+    def feasible(self) -> Mask:
         """Which poses can be taken, (N,)."""
-        return self.reasons == Reason.NONE
+        return np.asarray(self.reasons == Reason.NONE)
 
 
 def reach(geometry: Geometry, limits: Limits, poses: Array) -> Reach:
     """Judge poses (N, 4) by reach, joint limits, θ, forearm swing and distance from singularity."""
     solution = inverse(geometry, poses)
-    joints = solution.values
+    joints, found = solution.values, solution.found
     forearms = forearms_mm(geometry, joints, poses)
-    swing = np.arcsin(
-        np.clip(
-            np.einsum("nik,ik->ni", forearms, motor_axes(geometry)) / geometry.forearm_mm, -1.0, 1.0
-        )
-    )
-    singular = np.full(len(poses), np.nan)
-    found = solution.found
-    singular[found] = least_singular_value(geometry, joints[found], poses[found])
+    swing = swing_rad(geometry, forearms)
     elbow = _elbow_sine(geometry, joints, forearms)
-    with np.errstate(invalid="ignore"):
-        reasons = (
-            ~found * int(Reason.OUT_OF_REACH)
-            + np.any((joints < limits.joint_rad[0]) | (joints > limits.joint_rad[1]), axis=1)
-            * int(Reason.JOINT_LIMIT)
-            + ((poses[:, 3] < limits.theta_rad[0]) | (poses[:, 3] > limits.theta_rad[1]))
-            * int(Reason.THETA_LIMIT)
-            + np.any(np.abs(swing) > limits.forearm_swing_rad, axis=1) * int(Reason.SWING_LIMIT)
-            + ((singular < limits.singularity_margin) | (elbow < limits.elbow_margin))
-            * int(Reason.SINGULAR)
-        )
+    singular = np.full(len(poses), np.nan)
+    singular[found] = least_singular_value(geometry, joints[found], poses[found])
+    too_near = (singular < limits.singularity_margin) | (elbow < limits.elbow_margin)
+    reasons = (
+        ~found * int(Reason.OUT_OF_REACH)
+        | outside(joints, limits.joint_rad).any(axis=1) * int(Reason.JOINT_LIMIT)
+        | outside(poses[:, 3], limits.theta_rad) * int(Reason.THETA_LIMIT)
+        | (np.abs(swing) > limits.forearm_swing_rad).any(axis=1) * int(Reason.SWING_LIMIT)
+        | too_near * int(Reason.SINGULAR)
+    )
     return Reach(joints, swing, singular, elbow, reasons.astype(np.uint8))
+
+
+def swing_rad(geometry: Geometry, forearms: Array) -> Array:
+    """Angles of forearms (N, 4, 3) out of their arms' planes, (N, 4)."""
+    sine = np.einsum("nik,ik->ni", forearms, motor_axes(geometry)) / geometry.forearm_mm
+    return np.asarray(np.arcsin(np.clip(sine, -1.0, 1.0)))
 
 
 def least_singular_value(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
@@ -101,43 +99,44 @@ def least_singular_value(geometry: Geometry, joints_rad: Array, poses: Array) ->
     return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[..., -1])
 
 
+def explain(limits: Limits, judged: Reach, row: int, theta_rad: float) -> list[str]:
+    """Every reason against one pose, each with its value and limit, in degrees."""
+    reasons = Reason(int(judged.reasons[row]))
+    if Reason.OUT_OF_REACH in reasons:
+        return ["out of reach: a forearm cannot span from its elbow's circle to the plate"]
+    found = [
+        f"joint {i} at {np.degrees(q):.3f}° outside {_span(limits.joint_rad)}"
+        for i, q in enumerate(judged.joints_rad[row])
+        if outside(q, limits.joint_rad)
+    ]
+    if Reason.THETA_LIMIT in reasons:
+        found.append(f"theta {np.degrees(theta_rad):.3f}° outside {_span(limits.theta_rad)}")
+    found += [
+        f"forearm {i} swings {np.degrees(swing):.2f}° out of its arm's plane, limit "
+        f"{np.degrees(limits.forearm_swing_rad):g}°"
+        for i, swing in enumerate(judged.swing_rad[row])
+        if abs(swing) > limits.forearm_swing_rad
+    ]
+    if Reason.SINGULAR in reasons:
+        found.append(
+            f"too near a singularity: margin {judged.singular_value[row]:.3f} "
+            f"(limit {limits.singularity_margin:g}), "
+            f"elbow {judged.elbow_sine[row]:.3f} (limit {limits.elbow_margin:g})"
+        )
+    return found
+
+
+def outside(values: Array, interval: tuple[float, float]) -> Mask:
+    """Which values leave an interval; NaN does not."""
+    return np.asarray((values < interval[0]) | (values > interval[1]))
+
+
 def _elbow_sine(geometry: Geometry, joints_rad: Array, forearms: Array) -> Array:
     """|∂F/∂q| / 2lL of the arm where it is least, (N,)."""
     angle = joints_rad + geometry.joint_offset_rad
     along = np.einsum("nik,ik->ni", forearms, arm_directions(geometry))
     lever = np.sin(angle) * along + np.cos(angle) * forearms[..., 2]
     return np.asarray(np.abs(lever / geometry.forearm_mm).min(axis=1))
-
-
-def explain(limits: Limits, judged: Reach, row: int, theta_rad: float) -> list[str]:
-    """Every reason against one pose, each with its value and limit, in degrees."""
-    reasons = Reason(int(judged.reasons[row]))
-    if Reason.OUT_OF_REACH in reasons:
-        return [
-            "out of reach: a forearm cannot span the distance between its elbow's circle and the plate"
-        ]
-    found = []
-    if Reason.JOINT_LIMIT in reasons:
-        found += [
-            f"joint {i} at {np.degrees(q):.3f}° outside {_span(limits.joint_rad)}"
-            for i, q in enumerate(judged.joints_rad[row])
-            if not limits.joint_rad[0] <= q <= limits.joint_rad[1]
-        ]
-    if Reason.THETA_LIMIT in reasons:
-        found.append(f"theta {np.degrees(theta_rad):.3f}° outside {_span(limits.theta_rad)}")
-    if Reason.SWING_LIMIT in reasons:
-        found += [
-            f"forearm {i} swings {np.degrees(s):.2f}° out of its arm's plane, limit "
-            f"{np.degrees(limits.forearm_swing_rad):g}°"
-            for i, s in enumerate(judged.swing_rad[row])
-            if abs(s) > limits.forearm_swing_rad
-        ]
-    if Reason.SINGULAR in reasons:
-        found.append(
-            f"too near a singularity: margin {judged.singular_value[row]:.3f} (limit "
-            f"{limits.singularity_margin:g}), elbow {judged.elbow_sine[row]:.3f} (limit {limits.elbow_margin:g})"
-        )
-    return found
 
 
 def _span(interval_rad: tuple[float, float]) -> str:

@@ -56,7 +56,7 @@ class RunningFit:
         if self._known is None:
             return None
         known = self._known
-        model = PositionModel(self._nominal, self._free, joints_rad[None])
+        model = self._model([joints_rad])
         point = PointResiduals(model, np.zeros((1, 3)), np.eye(3)[None], known.frame)
         x = np.concatenate([known.parameters, np.zeros(6)])
         try:
@@ -66,14 +66,17 @@ class RunningFit:
         return PredictedPoint(place, float(np.linalg.norm(jacobian @ known.covariance_root)))
 
     def distance_fault_mm(self, joints_rad: Array, point_mm: Array) -> float:
-        """Largest difference of a measured distance to an earlier shot from the modelled one."""
-        if not self._joints:
-            return 0.0
-        model = PositionModel(self._nominal, self._free, np.vstack([*self._joints, joints_rad]))
-        positions = model.positions_mm(self._parameters())
+        """Largest difference of a measured distance to an earlier shot from the modelled one.
+
+        Infinite where the joints have no assembly.
+        """
+        try:
+            positions = self._model([*self._joints, joints_rad]).positions_mm(self._parameters())
+        except NoAssembly:
+            return np.inf
         modelled = np.linalg.norm(positions[:-1] - positions[-1], axis=1)
-        measured = np.linalg.norm(np.array(self._points) - point_mm, axis=1)
-        return float(np.abs(modelled - measured).max())
+        measured = np.linalg.norm(np.reshape(self._points, (-1, 3)) - point_mm, axis=1)
+        return float(np.abs(modelled - measured).max(initial=0.0))
 
     def add(self, joints_rad: Array, point_mm: Array) -> None:
         """Take an accepted shot in."""
@@ -87,20 +90,26 @@ class RunningFit:
             return np.asarray(self._nominal.vector()[self._free])
         return self._known.parameters
 
+    def _model(self, joints_rad: list[Array]) -> PositionModel:
+        return PositionModel(self._nominal, self._free, np.array(joints_rad))
+
     def _update(self) -> None:
         """One Gauss-Newton step from the last answer, once the points fix a frame."""
-        model = PositionModel(self._nominal, self._free, np.array(self._joints))
-        points = np.array(self._points)
-        positions = model.positions_mm(self._parameters())
+        model, points = self._model(self._joints), np.array(self._points)
+        try:
+            positions = model.positions_mm(self._parameters())
+        except NoAssembly:
+            return
         if _spread_mm(positions) < SPREAD_FOR_A_FRAME_MM:
             return
         whitening = np.broadcast_to(np.eye(3) / MEASURING_STD_MM, (len(points), 3, 3))
         data = PointResiduals(model, points, whitening, fit_transform(positions, points))
         problem = WithPriors(data, np.arange(len(self._free)), model.nominal, self._prior)
         x = np.concatenate([self._parameters(), np.zeros(6)])
-        q, r = np.linalg.qr(problem.jacobian(x))
-        root = np.linalg.inv(r)
-        x = x - root @ (q.T @ problem.residual(x))
+        # the residual as a last column comes out multiplied by Qᵀ, so that Q itself is not needed
+        triangle = np.linalg.qr(np.column_stack([problem.jacobian(x), problem.residual(x)]), "r")
+        root = np.linalg.inv(triangle[:-1, :-1])
+        x = x - root @ triangle[:-1, -1]
         self._known = _Knowledge(x[:-6], data.tracker_from_base(x), root)
 
 

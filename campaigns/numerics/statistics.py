@@ -1,9 +1,8 @@
-"""What a fit knows and what it cannot know: rank, condition, covariance, unobservable combinations."""
+"""What a fit knows and what it cannot: rank, condition, covariance, unobservable combinations."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from campaigns.numerics.geometry import Array
 
@@ -15,9 +14,10 @@ SHARE_NAMED = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observability:
-    """Singular values of the Jacobian with columns of unit length, and the directions without information."""
+    """What a Jacobian with columns of unit length tells, and the directions it tells nothing of."""
 
     singular_values: Array
+    """(P,), from the largest."""
     rank: int
     null_directions: Array
     """Rows in scaled parameters, (P - rank, P)."""
@@ -65,7 +65,13 @@ def _sparse_rows(rows: Array) -> Array:
 
 
 def covariance(jacobian: Array) -> Array:
-    """(JᵀJ)⁻¹ by QR, for residuals of unit variance, (P, P). Raises `LinAlgError` when the rank is lost."""
+    """(JᵀJ)⁻¹ by QR, for residuals of unit variance, (P, P).
+
+    Raises `LinAlgError` when the rank is lost.
+    """
+    rank, count = observability(jacobian).rank, jacobian.shape[1]
+    if rank < count:
+        raise np.linalg.LinAlgError(f"rank {rank} of {count}: no finite covariance")
     norms = np.linalg.norm(jacobian, axis=0)
     triangle = np.linalg.qr(jacobian / norms, mode="r")
     root = np.linalg.inv(triangle) / norms[:, None]
@@ -87,7 +93,7 @@ class Spread:
     max_abs: float
 
 
-def spread(errors_mm: NDArray[np.float64]) -> Spread:
+def spread(errors_mm: Array) -> Spread:
     """Raises `ValueError` for no errors at all."""
     if errors_mm.size == 0:
         raise ValueError("no errors to summarise")

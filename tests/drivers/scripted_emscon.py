@@ -53,7 +53,7 @@ def system_status(processor=5, laser=3, serial=390793):
 
 
 class Instrument:
-    """Answers as a willing AT401. A test puts other answers into `says`, or statuses into `refuses`.
+    """Answers as a willing AT401, unless a test puts something into `says` or `refuses`.
 
     `says[command]` is a list of (seconds, message or bytes), or a function of the request.
     """

@@ -91,7 +91,7 @@ class TestMeasure:
         station = Station().prepared()
         station.instrument.lose_the_beam()
         station.instrument.refuses[START] = ResultStatus.MEASUREMENT_STATUS_NOT_READY
-        with pytest.raises(BeamBroken, match="10004 .measurement status not ready. → clear"):
+        with pytest.raises(BeamBroken, match=r"10004 .measurement status not ready. → clear"):
             station.tracker.measure()
 
     def test_beam_that_breaks_during_the_measurement_is_a_broken_beam(self):

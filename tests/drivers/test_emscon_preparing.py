@@ -159,7 +159,7 @@ class TestSettingsChangedByOthers:
     def test_units_changed_before_a_measurement_stop_it(self):
         station = Station().prepared()
         station.instrument.state[Command.GET_UNITS] = Units(5, 1, 0, 0, 0)
-        station.comes(StatusChange(SystemChange.UNITS))
+        station.comes(StatusChange(SystemChange.UNITS), StatusChange(SystemChange.LIGHT_BUSY))
         with pytest.raises(DeviceNotReady, match="another program changed the tracker's units"):
             station.tracker.measure()
         assert START not in station.instrument.commands()

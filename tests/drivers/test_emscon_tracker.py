@@ -46,7 +46,7 @@ class TestSession:
     def test_another_program_on_the_tracker_is_named_as_the_reason(self):
         instrument = Instrument()
         instrument.refuses[Command.SET_UNITS] = ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED
-        with pytest.raises(DeviceRefused, match="10011.*→ end the other program") as caught:
+        with pytest.raises(DeviceRefused, match=r"10011.*→ end the other program") as caught:
             Station(instrument).connected()
         assert caught.value.code == "10011"
 
@@ -95,7 +95,7 @@ class TestReconnect:
     def test_another_tracker_at_the_same_address_is_refused(self):
         station = Station().prepared()
         station.instrument.state[Command.GET_SYSTEM_STATUS] = system_status(serial=390794)
-        with pytest.raises(WrongDevice, match="390794.*it was.*390793"):
+        with pytest.raises(WrongDevice, match=r"390794.*it was.*390793"):
             station.tracker.reconnect()
         assert station.pipe.is_closed
 

@@ -204,6 +204,15 @@ def test_a_stalled_robot_claims_to_move_until_it_is_stopped():
     assert not robot.state(1e6).moving
 
 
+def test_a_robot_that_is_stopped_before_its_fault_has_none():
+    robot = controller(faults=[Fault(Counted.MOVE, 1, "drive_fault", None)])
+    takes_s = robot.move_joints(THERE, 0.1, 0.0)
+    robot.stop(0.2 * takes_s)
+    state = robot.state(takes_s)
+    assert not state.moving
+    assert state.fault == ""
+
+
 def test_a_mechanism_that_cannot_follow_trips_the_drives_where_it_holds():
     robot = controller(axes=Axes(part=0.25))
     takes_s = robot.move_joints(THERE, 1.0, 0.0)

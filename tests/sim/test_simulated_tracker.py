@@ -186,6 +186,15 @@ def test_go_to_finds_within_the_search_radius_only():
         assert instrument.beam_locked(takes_s) is found
 
 
+def test_a_head_on_its_way_is_on_no_reflector():
+    stage = Stage()
+    instrument = tracker(stage)
+    takes_s = instrument.go_to(seen_mm(stage.point_mm), 0.0)
+    assert not instrument.beam_locked(0.9 * takes_s)
+    assert instrument.begin_measurement(1.0, 0.9 * takes_s) is None
+    assert instrument.beam_locked(takes_s)
+
+
 def test_find_does_not_care_about_the_distance():
     stage = Stage()
     instrument = tracker(stage, locked=False)

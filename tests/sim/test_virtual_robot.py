@@ -106,6 +106,20 @@ def test_unequal_rods_and_tilted_axes_shift_and_tilt_the_plate():
     assert 1.5 < np.quantile(tilts_mrad, 0.9) < 5.0
 
 
+def test_a_tilted_motor_swings_its_arm_square_to_its_axis():
+    geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+    rods = mechanism(geometry, tilt_mrad=200.0)
+    motors_mm = geometry.motors_mm + PLATE_JOINTS_MM
+    for joints_deg in (-30.0, 0.0, 50.0):
+        ends_mm = rods.elbows_mm(np.radians([joints_deg] * 4), 0.0).reshape(4, 2, 3)
+        bars_mm = ends_mm[:, 1] - ends_mm[:, 0]
+        arms_mm = ends_mm.mean(axis=1) - motors_mm
+        assert np.linalg.norm(bars_mm, axis=1) == pytest.approx(np.full(4, 80.0))
+        assert np.linalg.norm(arms_mm, axis=1) == pytest.approx(geometry.arms_mm)
+        assert np.einsum("ij,ij->i", arms_mm, bars_mm) == pytest.approx(np.zeros(4), abs=1e-9)
+    assert abs(bars_mm[:, 2]).max() > 10.0
+
+
 def test_arms_that_grow_spread_the_elbows_and_raise_the_plate():
     geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
     rods = mechanism(geometry)
