@@ -70,6 +70,20 @@ class Standing:
     """(3,): what repeatability moved the plate by."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    """What was seen, and of what."""
+
+    standing: Standing
+    growth: float
+    encoders_rad: Array
+    seen: SeenReflector
+
+    def is_of(self, standing: Standing, growth: float, encoders_rad: Array) -> bool:
+        same_robot = self.standing is standing and self.growth == growth
+        return same_robot and np.array_equal(self.encoders_rad, encoders_rad)
+
+
 class DrivenRobot:
     """From encoder angles to the reflector in space."""
 
@@ -92,6 +106,7 @@ class DrivenRobot:
         self.arrivals = arrivals
         self.standing = standing
         self._ahead = standing.assembly
+        self._last_view: _View | None = None
 
     def passable_part(self, encoders_rad: Array) -> float:
         """How much of the straight joint path to there, 0 to 1, the mechanism follows freely."""
@@ -120,7 +135,18 @@ class DrivenRobot:
         self._ahead = assembly
 
     def reflector(self, encoders_rad: Array) -> SeenReflector:
-        """Where the reflector is at rest, or at these encoders on the way to somewhere."""
+        """Where the reflector is at rest, or at these encoders on the way to somewhere.
+
+        A tracker looks many times at a robot that stands: the last view is kept.
+        """
+        last, growth = self._last_view, self._growth()
+        if last and last.is_of(self.standing, growth, encoders_rad):
+            return last.seen
+        seen = self._view(encoders_rad)
+        self._last_view = _View(self.standing, growth, np.array(encoders_rad), seen)
+        return seen
+
+    def _view(self, encoders_rad: Array) -> SeenReflector:
         standing = self.standing
         if np.array_equal(encoders_rad, standing.encoders_rad):
             at_rest = standing.assembly

@@ -107,7 +107,8 @@ class RunningFit:
         problem = WithPriors(data, np.arange(len(self._free)), model.nominal, self._prior)
         x = np.concatenate([self._parameters(), np.zeros(6)])
         # the residual as a last column comes out multiplied by Qᵀ, so that Q itself is not needed
-        triangle = np.linalg.qr(np.column_stack([problem.jacobian(x), problem.residual(x)]), "r")
+        rows = np.column_stack([problem.jacobian(x), problem.residual(x)])
+        triangle = np.asarray(np.linalg.qr(rows, mode="r"))
         root = np.linalg.inv(triangle[:-1, :-1])
         x = x - root @ triangle[:-1, -1]
         self._known = _Knowledge(x[:-6], data.tracker_from_base(x), root)

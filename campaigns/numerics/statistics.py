@@ -1,10 +1,12 @@
 """What a fit knows and what it cannot: rank, condition, covariance, unobservable combinations."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 
-from campaigns.numerics.geometry import Array
+from campaigns.numerics.geometry import Array, Mask
 
 RANK_TOLERANCE = 1e-8
 """A singular value of the scaled Jacobian below this part of the largest counts as zero."""
@@ -46,13 +48,22 @@ def unobservable_combinations(seen: Observability, names: tuple[str, ...]) -> li
     """
     combinations = []
     for row in _sparse_rows(seen.null_directions[:, : len(names)]):
-        share = np.abs(row) / np.abs(row).max()
-        combinations.append(tuple(n for n, s in zip(names, share, strict=True) if s >= SHARE_NAMED))
+        named = np.flatnonzero(_named(row))
+        combinations.append(tuple(names[place] for place in named))
     return combinations
 
 
 def _sparse_rows(rows: Array) -> Array:
-    """Gauss-Jordan with full pivoting: the same span, with many zeros."""
+    """The same span with many zeros: Gauss-Jordan, then what each row gains from each other one."""
+    sparse = _gauss_jordan(rows)
+    for row, other in permutations(range(len(sparse)), 2):
+        sparse[row] = min(
+            _combined(sparse[row], sparse[other]), key=lambda candidate: _named(candidate).sum()
+        )
+    return sparse
+
+
+def _gauss_jordan(rows: Array) -> Array:
     reduced = rows.copy()
     free = np.ones(reduced.shape[1], dtype=bool)
     for row in range(len(reduced)):
@@ -62,6 +73,18 @@ def _sparse_rows(rows: Array) -> Array:
         others = np.arange(len(reduced)) != row
         reduced[others] -= np.outer(reduced[others, column], reduced[row])
     return reduced
+
+
+def _combined(row: Array, other: Array) -> Iterator[Array]:
+    """A row as it is, then with each of its entries cancelled by the other row."""
+    yield row.copy()
+    for column in np.flatnonzero(_named(other)):
+        yield row - row[column] / other[column] * other
+
+
+def _named(row: Array) -> Mask:
+    """Which parameters have a share in a combination worth naming, (P,)."""
+    return np.asarray(np.abs(row) >= SHARE_NAMED * np.abs(row).max())
 
 
 def covariance(jacobian: Array) -> Array:
