@@ -2,43 +2,71 @@
 
 import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import typer
+from rich import box
 from rich.console import Console
 from rich.table import Table
+
+from app.errors import NotConfirmed
 
 if TYPE_CHECKING:
     from app.progress_bar import RunDisplay
 
 GOOD, BAD, OPEN = "bold green", "bold red", "bold yellow"
+TALK, WARNING = "dim", "yellow"
+
+
+def terminal_of(context: typer.Context, *, as_json: bool) -> "Terminal":
+    """The terminal as the global options want it."""
+    return Terminal(as_json=as_json, verbose=context.obj is True)
 
 
 class Terminal:
     """With `as_json` everything for people goes to stderr, and one document to stdout."""
 
-    def __init__(self, *, as_json: bool) -> None:
+    def __init__(self, *, as_json: bool, verbose: bool = False) -> None:
         self._as_json = as_json
-        self.talk = Console(stderr=True, highlight=False)
-        self._answers = self.talk if as_json else Console(highlight=False)
+        self._verbose = verbose
+        self._talk = Console(stderr=True, highlight=False)
+        self._answers = self._talk if as_json else Console(highlight=False)
 
     def say(self, text: str, style: str = "") -> None:
         """A line of the answer."""
         self._answers.print(text, style=style, markup=False, soft_wrap=True)
 
-    def note(self, text: str, style: str = "dim") -> None:
+    def note(self, text: str, style: str = TALK) -> None:
         """A line of talk."""
-        self.talk.print(text, style=style, markup=False, soft_wrap=True)
+        self._talk.print(text, style=style, markup=False, soft_wrap=True)
+
+    def detail(self, text: str) -> None:
+        """A line of talk for those who asked for more."""
+        if self._verbose:
+            self.note(text)
 
     def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """A table; all columns but the first are numbers or short words, set to the right."""
-        table = Table(title=title, title_justify="left", header_style="bold", title_style="bold")
+        table = Table(
+            title=title,
+            title_justify="left",
+            title_style="bold",
+            box=box.SIMPLE_HEAD,
+            show_edge=False,
+        )
         for place, column in enumerate(columns):
             table.add_column(column, justify="right" if place else "left", no_wrap=place > 0)
         for row in rows:
             table.add_row(*row)
         self._answers.print(table)
+
+    def listing(self, title: str, lines: Mapping[str, str]) -> None:
+        """Names with texts that may be long."""
+        self.say(title, "bold")
+        width = max(map(len, lines), default=0)
+        for name, text in lines.items():
+            self.say(f"  {name:<{width}}  {text}")
 
     def document(self, document: Mapping[str, object]) -> None:
         """The answer for programs; only with `as_json`."""
@@ -46,18 +74,25 @@ class Terminal:
             sys.stdout.write(json.dumps(document, allow_nan=False) + "\n")
             sys.stdout.flush()
 
-    def confirm(self, question: str) -> bool:
-        """Ask the operator; without a terminal the answer is no."""
+    def asks(self, question: str) -> bool:
+        """Whether the operator says yes; without a terminal nobody does."""
         if not sys.stdin.isatty():
             return False
-        self.talk.print(f"{question} [y/N] ", style="bold", end="", markup=False)
+        self._talk.print(f"{question} [y/N] ", style="bold", end="", markup=False)
         return sys.stdin.readline().strip().lower() in {"y", "yes"}
 
-    @contextmanager
-    def watching(self, title: str) -> Iterator["RunDisplay"]:
-        """Show a run while it runs."""
+    def require_yes(self, question: str, *, yes: bool) -> None:
+        """Go on only with the operator's yes, given before or now; raises `NotConfirmed`."""
+        if not yes and not self.asks(question):
+            raise NotConfirmed(
+                "not confirmed, nothing was done",
+                remedy="answer y on a terminal, or give --yes when the cell is clear",
+            )
+
+    def watching(self, title: str) -> "RunDisplay":
+        """Shows a run while the block runs."""
+        from time import monotonic
+
         from app.progress_bar import RunDisplay
 
-        display = RunDisplay(self.talk, title)
-        with display:
-            yield display
+        return RunDisplay(self._talk, title, now_s=monotonic, verbose=self._verbose)

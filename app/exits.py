@@ -11,16 +11,19 @@ class Exit(IntEnum):
     BAD_INPUT = 2
     DEVICE = 3
     JOURNAL = 4
+    BUG = 70
     INTERRUPTED = 130
 
 
 def exit_code(error: Exception) -> Exit:
     """The code of a designed error; the most particular class in the table decides."""
+    from app import errors as door
     from campaigns import errors as campaign
     from drivers import errors as driver
     from sim.errors import SimError
 
     table: dict[type[Exception], Exit] = {
+        door.AppError: Exit.BAD_INPUT,
         campaign.CampaignError: Exit.BAD_INPUT,
         campaign.JournalFailed: Exit.JOURNAL,
         campaign.WriteFailed: Exit.JOURNAL,

@@ -17,6 +17,7 @@ PLAN = "plan.csv"
 JOURNAL = "campaign.db"
 SCENARIO = "cell.yaml"
 CELL_MEMORY = "cell-memory.json"
+SIMULATED = "sim://"
 
 
 def now_utc() -> str:
@@ -37,6 +38,17 @@ class Campaign:
         """plan.csv."""
         return self.folder / PLAN
 
+    @property
+    def journal_path(self) -> Path:
+        """campaign.db."""
+        return self.folder / JOURNAL
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether no real device is meant."""
+        urls = (self.config.controller.url, self.config.tracker.url)
+        return all(url.startswith(SIMULATED) for url in urls)
+
     def path(self, name: str) -> Path:
         """A file of this campaign."""
         return self.folder / name
@@ -49,21 +61,46 @@ def open_campaign(folder: Path) -> Campaign:
 
 
 @contextmanager
+def held(campaign: Campaign) -> Iterator[None]:
+    """Keep other processes from changing the campaign meanwhile; raises `CampaignLocked`."""
+    with campaign_lock(campaign.folder, now_utc=now_utc):
+        yield
+
+
+@contextmanager
 def journal_of(campaign: Campaign) -> Iterator[Journal]:
-    """The campaign's journal, held by this process alone."""
-    path = campaign.path(JOURNAL)
-    with (
-        campaign_lock(campaign.folder, now_utc=now_utc),
-        open_journal(path, now_utc=now_utc, create=not path.exists()) as journal,
-    ):
+    """The campaign's journal, made if there is none, and held by this process alone."""
+    with held(campaign), opened_journal(campaign) as journal:
         yield journal
 
 
-def measured_series(journal: Journal) -> Series:
-    """The series to identify from: the latest run or import; raises `ShotsMissing`."""
-    found = [s for s in (journal.latest_series("run"), journal.latest_series("import")) if s]
+def opened_journal(campaign: Campaign) -> Journal:
+    """The journal, made if there is none; the caller holds the campaign."""
+    path = campaign.journal_path
+    return open_journal(path, now_utc=now_utc, create=not path.exists())
+
+
+def require_journal(campaign: Campaign) -> Path:
+    """Where the journal is; raises `ShotsMissing` when nothing was ever written to it."""
+    if not campaign.journal_path.exists():
+        raise _nothing_measured(campaign)
+    return campaign.journal_path
+
+
+def measured_series(campaign: Campaign, journal: Journal) -> Series:
+    """The series to identify from: the latest run or import; raises `ShotsMissing`.
+
+    A run may be unfinished, an import that broke off counts for nothing.
+    """
+    runs, imports = journal.series("run"), journal.series("import")
+    found = [*runs, *(series for series in imports if series.finished)]
     if not found:
-        raise ShotsMissing(
-            "nothing has been measured yet", remedy="`pkmcal run` or `pkmcal import`"
-        )
+        raise _nothing_measured(campaign)
     return max(found, key=lambda series: series.number)
+
+
+def _nothing_measured(campaign: Campaign) -> ShotsMissing:
+    return ShotsMissing(
+        f"{campaign.folder}: nothing has been measured yet",
+        remedy="measure with `pkmcal run`, or take shots in with `pkmcal import`",
+    )

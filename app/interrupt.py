@@ -1,43 +1,67 @@
 """Ctrl-C as a wish that the work looks at, so that the robot is stopped in order."""
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from queue import SimpleQueue
 from types import FrameType
+
+WATCHED = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
+"""Ctrl-C, a polite kill, and the loss of the terminal. Windows has no SIGHUP."""
 
 
 class StopWish:
-    """Whether the operator has asked to stop. Asking twice interrupts whatever is going on."""
+    """Whether the operator has asked to stop.
+
+    Asking again changes nothing: a stop is under way, and what it waits for has a deadline.
+    """
 
     def __init__(self) -> None:
-        self._asked = False
+        self._asked_by: int | None = None
 
     def __call__(self) -> bool:
         """Whether it was asked for."""
-        return self._asked
+        return self._asked_by is not None
 
-    def ask(self) -> None:
-        """Ask to stop; raises `KeyboardInterrupt` when that had been asked before."""
-        if self._asked:
-            raise KeyboardInterrupt
-        self._asked = True
+    @property
+    def may_go_on(self) -> bool:
+        """Whether the operator can be asked: only Ctrl-C comes from somebody at the terminal."""
+        return self._asked_by == signal.SIGINT
 
-    def forget(self) -> None:
-        """Go on as if nothing had been asked."""
-        self._asked = False
+    def ask(self, number: int) -> None:
+        """Ask to stop, by the number of a signal."""
+        self._asked_by = number
 
 
 @contextmanager
 def stop_on_signals(wish: StopWish) -> Iterator[None]:
-    """Turn Ctrl-C and a polite kill into the wish to stop, for the time of the block."""
+    """Turn signals into the wish to stop, for the time of the block."""
+    with _handled(wish.ask):
+        yield
 
-    def ask(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the system's signature
-        wish.ask()
 
-    watched = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, ask) for number in watched]
+@contextmanager
+def awaited_signal() -> Iterator[Callable[[], None]]:
+    """Give a function that returns when a signal has come, also one that came before it."""
+    came: SimpleQueue[int] = SimpleQueue()  # its `put` may be called from a signal handler
+
+    def wait() -> None:
+        came.get()
+
+    with _handled(came.put):
+        yield wait
+
+
+@contextmanager
+def _handled(handle: Callable[[int], None]) -> Iterator[None]:
+    def called(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - Python's signature
+        handle(number)
+
+    before = [signal.signal(number, called) for number in WATCHED]
     try:
         yield
     finally:
-        for number, handler in zip(watched, before, strict=True):
+        for number, handler in zip(WATCHED, before, strict=True):
             signal.signal(number, handler)

@@ -1,6 +1,10 @@
 """The command line: global options, all commands, and one place where errors become exit codes."""
 
+import os
+import signal
 import sys
+import traceback
+from itertools import takewhile
 from typing import Annotated
 
 import typer
@@ -26,19 +30,32 @@ HELP = """Calibrates parallel robots with a laser tracker.
 
 A campaign is a folder. The usual way through it:
 
-  new → devices → plan → validate --stage before → run → identify → export → load →
-  validate --stage after
+\b
+  new, devices, plan                   where to measure
+  validate --stage before, run         measure
+  identify, export, load               find the parameters, put them in
+  validate --stage after               see what was gained
 
-Try it without hardware: pkmcal dry-run
+Try it all without hardware: pkmcal dry-run
 """
+
+EXIT_CODES = """Exit codes: 0 done and good; 1 done, but the result is not good; 2 bad input or
+usage; 3 a device failed or refused; 4 the journal or another file could not be written;
+70 an error in pkmcal itself; 130 interrupted. Every error is one line on stderr: what, where,
+value and limit, what to do next.
+"""
+
+LINEAR_ALGEBRA_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""Read when NumPy is imported. Our matrices are small: threads that wait for each other make a
+decomposition of 0.1 ms take 10 ms, once for every shot."""
 
 app = typer.Typer(
     name="pkmcal",
     help=HELP,
-    no_args_is_help=True,
+    epilog=EXIT_CODES,
     add_completion=False,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     rich_markup_mode=None,
 )
 app.command("new")(new.command)
@@ -64,43 +81,73 @@ def _print_version(asked: bool) -> None:  # noqa: FBT001 - Typer's signature for
 
 @app.callback()
 def main_options(
+    context: typer.Context,
     *,
     verbose: Annotated[
-        bool, typer.Option("--verbose", help="Tell also what devices are asked and answer.")
+        bool,
+        typer.Option(
+            "--verbose", help="Tell also who the devices are and each state of each shot."
+        ),
     ] = False,
-    debug: Annotated[
+    debug: Annotated[  # noqa: ARG001 - `run_command` looks for it itself
         bool, typer.Option("--debug", help="On an error show where in the software it arose.")
     ] = False,
-    version: Annotated[
+    version: Annotated[  # noqa: ARG001 - its callback does it all
         bool,
         typer.Option(
             "--version", help="Say the version and leave.", callback=_print_version, is_eager=True
         ),
     ] = False,
 ) -> None:
-    """Take the options that stand before the command; `main` looks at --debug itself."""
+    """Take the options that stand before the command."""
+    context.obj = verbose
 
 
 def main() -> None:
     """Run the command line and leave with the exit code that scripts may rely on."""
-    sys.exit(run_command(sys.argv[1:]))
+    for variable in LINEAR_ALGEBRA_THREADS:
+        os.environ.setdefault(variable, "1")
+    code = run_command(sys.argv[1:])
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is over: the code says how, and stays so
+    sys.exit(code)
 
 
 def run_command(arguments: list[str]) -> int:
-    """Run one command; gives its exit code. Designed errors become one line on stderr."""
+    """Run one command; gives its exit code. Errors become one line on stderr."""
     try:
-        code = app(arguments, standalone_mode=False)
+        code = app(arguments or ["--help"], standalone_mode=False)
     except (Abort, KeyboardInterrupt):
-        return _told("interrupted", Exit.INTERRUPTED)
-    except TyperException as error:
-        return _told(f"{error.format_message()} → see `pkmcal --help`", Exit.BAD_INPUT)
-    except ExplainedError as error:
-        if "--debug" in arguments:
-            raise
-        return _told(str(error), exit_code(error))
+        return _told("interrupted → start the command again when ready", Exit.INTERRUPTED)
+    except BrokenPipeError:
+        return _nobody_reads()
+    except Exception as error:  # noqa: BLE001 - the last resort: a line rather than a traceback
+        if "--debug" in takewhile(lambda word: word.startswith("-"), arguments):
+            traceback.print_exception(error)
+        return _explained(error)
     return code if isinstance(code, int) else Exit.DONE
 
 
+def _explained(error: Exception) -> Exit:
+    if isinstance(error, TyperException):
+        context = getattr(error, "ctx", None)
+        command = context.command_path if context else "pkmcal"
+        return _told(f"{error.format_message()} → see `{command} --help`", Exit.BAD_INPUT)
+    if isinstance(error, ExplainedError):
+        return _told(str(error), exit_code(error))
+    problem = f"unforeseen {type(error).__name__}: {error}"
+    return _told(f"{problem} → report it, with what `pkmcal --debug …` shows", Exit.BUG)
+
+
 def _told(line: str, code: Exit) -> Exit:
-    typer.echo(f"pkmcal: {line}", err=True)
+    typer.echo(f"pkmcal: {' '.join(line.split())}", err=True)
     return code
+
+
+def _nobody_reads() -> Exit:
+    """Whoever read our output has left; nothing more is written to it, not even at the exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return Exit.NOT_GOOD
+
+
+if __name__ == "__main__":
+    main()

@@ -1,9 +1,11 @@
-"""Runs a series on the cell: asks first, shows progress, and asks again after Ctrl-C."""
+"""Runs a series on the cell: shows progress, and asks again after Ctrl-C."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TypeVar
 
-from app.console import Terminal
-from app.folder import Campaign, journal_of
+from app.console import WARNING, Terminal
+from app.folder import Campaign, held, opened_journal
 from app.interrupt import StopWish, stop_on_signals
 from app.wiring import connected_cell, prepare_tracker
 from campaigns.errors import Interrupted
@@ -13,36 +15,60 @@ from campaigns.shooting import Cell
 from drivers.errors import Cancelled
 
 Prepare = Callable[[Cell], Work]
-Finish = Callable[[Journal, int], None]
+Result = TypeVar("Result")
+Finish = Callable[[Journal, int], Result]
 
 
 def measure(
     campaign: Campaign,
     prepare: Prepare,
-    finish: Finish,
+    finish: Finish[Result],
     terminal: Terminal,
     *,
     title: str,
     anew: bool,
-) -> None:
+) -> Result:
     """Connect, prepare the work, measure it, and finish with the journal still held.
 
     Raises `Interrupted` when the operator stopped and does not want to go on.
     """
-    wish = StopWish()
-    with journal_of(campaign) as journal, stop_on_signals(wish):
+    with held(campaign):
         while True:
+            wish = StopWish()
             try:
-                with connected_cell(campaign, wish) as cell:
-                    prepare_tracker(campaign.config, cell.tracker)
+                with (
+                    stop_on_signals(wish),
+                    terminal.watching(title) as display,
+                    _ready_cell(campaign, wish, terminal) as cell,
+                ):
                     work = prepare(cell)
-                    with terminal.watching(title) as display:
+                    with opened_journal(campaign) as journal:
                         series = measure_series(cell, journal, work, display, wish, anew=anew)
-                finish(journal, series)
-                return
-            except (Interrupted, Cancelled):
-                wish.forget()
-                terminal.note("stopped: the robot stands still, everything measured is kept", "")
-                if not terminal.confirm("Go on where it was?"):
-                    raise
+                        return finish(journal, series)
+            except (Interrupted, Cancelled) as stopped:
+                # Out here the signals do what they always do: Ctrl-C at the question means no.
+                if not (wish.may_go_on and _goes_on(terminal)):
+                    raise _interrupted(title) from stopped
                 anew = False
+
+
+@contextmanager
+def _ready_cell(campaign: Campaign, wish: StopWish, terminal: Terminal) -> Iterator[Cell]:
+    """Both devices, connected, the tracker ready to measure."""
+    with connected_cell(campaign, wish) as cell:
+        terminal.detail(f"controller: {cell.robot.identity()}")
+        terminal.detail(f"tracker: {cell.tracker.identity()}")
+        prepare_tracker(campaign.config, cell.tracker)
+        yield cell
+
+
+def _goes_on(terminal: Terminal) -> bool:
+    terminal.note("stopped: the robot stands still, everything measured is kept", WARNING)
+    return terminal.asks("Go on where it was?")
+
+
+def _interrupted(title: str) -> Interrupted:
+    return Interrupted(
+        f"{title}: stopped by the operator; everything measured is kept",
+        remedy="the same command takes up where it was",
+    )

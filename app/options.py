@@ -6,9 +6,19 @@ from typing import Annotated
 import typer
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The campaign's folder.")]
-Json = Annotated[bool, typer.Option("--json", help="One JSON document on stdout, talk on stderr.")]
-Yes = Annotated[bool, typer.Option("--yes", "-y", help="Don't ask before the robot moves.")]
+Json = Annotated[
+    bool,
+    typer.Option(
+        "--json", help="One JSON document on stdout, talk on stderr; on an error no document."
+    ),
+]
+Yes = Annotated[
+    bool, typer.Option("--yes", "-y", help="Don't ask whether the cell is clear: it is.")
+]
 Dry = Annotated[bool, typer.Option("--dry", help="Say what would happen, and do nothing.")]
 Anew = Annotated[
     bool, typer.Option("--anew", help="Begin a new series instead of resuming an unfinished one.")
+]
+Seed = Annotated[
+    int | None, typer.Option(min=0, metavar="N", help="Another seed than the scenario's.")
 ]

@@ -3,12 +3,11 @@
 import numpy as np
 
 from app.folder import Campaign
-from campaigns.motion import Mechanism
 from campaigns.numerics.geometry import Geometry
-from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.plan_check import CheckedPlan, Pace, check_plan
 from campaigns.plan_file import PlannedShot
 from campaigns.planning import PlanRequest, View, numeric_geometry, numeric_limits, pose_row
+from campaigns.ways import Mechanism
 from drivers.values import Pose, Vector3
 
 FULL_JOINT_SPEED_RAD_S = float(np.radians(180.0))
@@ -60,11 +59,6 @@ def checked_plan(campaign: Campaign, shots: tuple[PlannedShot, ...]) -> CheckedP
         centre_of(campaign),
         pace_of(campaign),
     )
-
-
-def tracker_uncertainty_of(campaign: Campaign) -> TrackerUncertainty:  # noqa: ARG001 - one instrument so far
-    """The instrument's uncertainty for predictions."""
-    return TrackerUncertainty()
 
 
 def _towards(from_mm: Vector3, to_mm: Vector3) -> Vector3:

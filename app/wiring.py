@@ -3,13 +3,13 @@
 import json
 import random
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.folder import CELL_MEMORY, Campaign
+from app.folder import CELL_MEMORY, SIMULATED, Campaign
 from campaigns.config import CampaignConfig
-from campaigns.errors import ConfigInvalid
+from campaigns.errors import ConfigInvalid, WriteFailed
 from campaigns.shooting import Cell as Devices
 from campaigns.textfile import replace_text
 from drivers.clock import SystemClock
@@ -28,7 +28,6 @@ from sim.errors import MemoryInvalid
 from sim.scenario import load_scenario
 from sim.scenario_schema import Scenario
 
-SIMULATED = "sim://"
 CONNECT_S = 5.0
 
 StopRequested = Callable[[], bool]
@@ -52,9 +51,9 @@ def scenario_of(campaign_folder: Path, url: str) -> Scenario:
 
 @contextmanager
 def connected_cell(campaign: Campaign, stop_requested: StopRequested = never) -> Iterator[Devices]:
-    """Both devices, connected, the tracker ready to measure; closed at the end of the block.
+    """Both devices, connected; closed at the end of the block.
 
-    Raises a driver's error when one is not there, not the expected one, or not ready.
+    Raises a driver's error when one is not there or not the expected one.
     """
     with (
         _addresses(campaign) as at,
@@ -106,8 +105,15 @@ def _embedded(campaign: Campaign, url: str) -> Iterator[EmbeddedCell]:
     with EmbeddedCell(cell, ScaledClock(scenario.speed_up)) as embedded:
         try:
             yield embedded
-        finally:
-            replace_text(path, json.dumps(embedded.memory(), indent=1))
+        except BaseException:
+            with suppress(WriteFailed):  # what went wrong first is what counts
+                _remember(path, embedded)
+            raise
+        _remember(path, embedded)
+
+
+def _remember(path: Path, embedded: EmbeddedCell) -> None:
+    replace_text(path, json.dumps(embedded.memory(), indent=1))
 
 
 def _remembered(path: Path) -> dict[str, object] | None:

@@ -1,57 +1,61 @@
-"""The run engine: one small loop over groups of shots. Whatever goes wrong, the robot is stopped first."""
+"""The run engine: one small loop over groups of shots. When anything goes wrong the robot stops."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from math import dist
+from typing import TypeVar
 
 from campaigns.errors import GateRefused
-from campaigns.guards import moved_mm, temperature_alarm
+from campaigns.guards import AirWatch, DriftWatch, Gate
 from campaigns.progress import EngineState
 from campaigns.records import Event, Outcome, PairVoided, Rejected
-from campaigns.rules import GateRules
+from campaigns.series_log import SeriesLog, problem_of
 from campaigns.shooting import Cell, Shooter, ShotLost
 from campaigns.shot_sets import ShotSet
 from campaigns.steps import Group, Step
 from campaigns.tally import ShotNews, Tally
-from drivers.errors import DriverError, RobotStateUnknown
-from drivers.values import Vector3, Weather
+from drivers.errors import RobotStateUnknown
+from drivers.values import Vector3
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
-class Memory:
-    """What a run compares its shots with: the first of its series, from whatever session."""
+class Watches:
+    """What the engine watches from shot to shot."""
 
-    first_drift_mm: Vector3 | None = None
-    first_weather: Weather | None = None
+    gate: Gate
+    drift: DriftWatch
+    air: AirWatch
+    attempts: int
 
 
 class Engine:
     """Measures groups of steps: pairs whole or again, and everything watched."""
 
     def __init__(
-        self, cell: Cell, shooter: Shooter, rules: GateRules, tally: Tally, memory: Memory
+        self, cell: Cell, log: SeriesLog, shooter: Shooter, watches: Watches, tally: Tally
     ) -> None:
         self._cell = cell
+        self._log = log
         self._shooter = shooter
-        self._rules = rules
+        self._watches = watches
         self._tally = tally
-        self._first_drift_mm = memory.first_drift_mm
-        self._first_weather = memory.first_weather
-        self._alarm = ""
 
     def run(self, groups: Sequence[Group]) -> None:
         """Measure all groups; raises whatever made it stop, once the robot has been stopped.
 
         `RobotStateUnknown` when that could not be confirmed.
         """
-        self._tally.expect(sum(len(group) for group in groups))
         self._guarded(lambda: self._measure_all(groups))
 
-    def check_drift(self, step: Step) -> None:
-        """Measure the drift pose again after a restart; raises `GateRefused` when it has moved.
+    def check_place(self, step: Step, first_mm: Vector3) -> None:
+        """Measure a step again after a restart; raises `GateRefused` when the point has moved.
 
-        The shot is kept in the journal, but is none of the plan's.
+        The shot is kept in the journal, but is none of the plan's. Stops the robot like `run`.
         """
-        self._guarded(lambda: self._compare_drift(step))
+        self._guarded(lambda: self._compare(step, first_mm))
 
     def _guarded(self, work: Callable[[], None]) -> None:
         try:
@@ -62,48 +66,62 @@ class Engine:
 
     def _stop(self, because: BaseException) -> None:
         try:
-            self._cell.robot.stop()
-        except DriverError as error:
+            self._insist_on_stop()
+        except BaseException as error:
             raise RobotStateUnknown(
-                f"the robot could not be stopped ({error.problem}) after: {because}",
-                remedy="robot state unknown: use the hardware stop",
-            ) from because
+                f"robot state unknown: the stop failed ({problem_of(error)}), "
+                f"after: {problem_of(because)}",
+                remedy="use the hardware stop",
+            ) from error
         finally:
             self._tally.enter(EngineState.STOPPED)
 
+    def _insist_on_stop(self) -> None:
+        try:
+            self._cell.robot.stop()
+        except KeyboardInterrupt:  # an impatient operator: the robot comes first
+            self._cell.robot.stop()
+
     def _measure_all(self, groups: Sequence[Group]) -> None:
         for group in groups:
-            self._measure_group(group)
+            self._insist(partial(self._measure_group, group))
         self._tally.enter(EngineState.FINISHED)
 
-    def _measure_group(self, group: Group) -> None:
-        """A pair or a single shot, as a whole, as often as it takes and is allowed."""
+    def _insist(self, attempt: Callable[[], Result]) -> Result:
+        """Try as often as is allowed; raises `GateRefused` when no attempt gave data."""
         reasons: list[str] = []
-        while len(reasons) < self._rules.attempts:
-            taken: list[Step] = []
+        for _ in range(self._watches.attempts):
             try:
-                for step in group:
-                    self._take(step)
-                    taken.append(step)
+                return attempt()
             except ShotLost as lost:
                 reasons.append(str(lost))
-                self._void(taken, str(lost))
-            else:
-                return
         raise GateRefused(
-            f"shot {group[-1].planned.shot} failed {len(reasons)} times, last: {reasons[-1]}",
-            remedy="look at the reflector, the beam and the robot there; the next run resumes",
+            f"{len(reasons)} attempts failed, the last one: {reasons[-1]}",
+            remedy="look at the reflector, the beam and the robot there; then run again, it "
+            "resumes. If an earlier shot took the wrong reflector: begin anew with --anew",
         )
 
-    def _take(self, step: Step) -> None:
+    def _measure_group(self, group: Group) -> None:
+        """A pair or a single shot, as a whole."""
+        taken: list[Step] = []
+        try:
+            for step in group:
+                self._measure(step)
+                taken.append(step)
+        except ShotLost as lost:
+            self._void(taken, str(lost))
+            raise
+
+    def _measure(self, step: Step) -> None:
         started_s = self._cell.wall_clock.now_s()
-        outcome = self._shooter.take(step)
-        drift = self._drift_mm(outcome) if step.planned.purpose is ShotSet.DRIFT else None
+        outcome = self._shooter.measure(step)
+        drift_mm = self._drift_mm(outcome) if step.planned.purpose is ShotSet.DRIFT else None
+        self._shooter.accept(outcome)
         seconds = self._cell.wall_clock.now_s() - started_s
-        self._tally.accept(ShotNews(seconds, outcome.residual_mm, drift))
-        self._watch_weather(outcome.weather)
-        if drift is not None:
-            self._judge_drift(drift)
+        self._tally.accept(ShotNews(seconds, outcome.residual_mm, drift_mm))
+        if news := self._watches.air.news(outcome.weather):
+            self._log.write(Event("temperature alarm", news))
+            self._tally.event(news)
 
     def _void(self, taken: Sequence[Step], reason: str) -> None:
         """The other shot of a pair does not count without its partner."""
@@ -111,47 +129,35 @@ class Engine:
             return
         pair = taken[0].planned.pair
         assert pair is not None, "only pairs have more than one step"
-        self._shooter.write(PairVoided(pair, tuple(s.planned.shot for s in taken), reason))
-        self._tally.void(len(taken))
+        shots = tuple(step.planned.shot for step in taken)
+        self._log.write(PairVoided(pair, shots, reason))
+        self._watches.gate.forget(shots)
+        self._tally.void(len(shots))
 
-    def _drift_mm(self, outcome: Outcome) -> float:
-        if self._first_drift_mm is None:
-            self._first_drift_mm = outcome.point_in_tracker_mm
-        return moved_mm(self._first_drift_mm, outcome.point_in_tracker_mm)
+    def _drift_mm(self, outcome: Outcome) -> float | None:
+        """How far a drift shot is from the first one; one too far is rejected and ends the run."""
+        moved_mm = self._watches.drift.moved_mm(outcome.point_in_tracker_mm)
+        if moved_mm is not None:
+            self._judge_drift(outcome, moved_mm, "the drift pose is")
+        return moved_mm
 
-    def _judge_drift(self, drift_mm: float) -> None:
-        text = f"drift pose {drift_mm:.3f} mm from where it was first, limit {self._rules.drift_mm:g} mm"
-        self._shooter.write(Event("drift check", text))
-        if drift_mm > self._rules.drift_mm:
-            raise GateRefused(
-                text,
-                remedy="the tracker, the robot or its base has moved: fix it, "
-                "then begin anew with `pkmcal run --anew`",
-            )
-
-    def _compare_drift(self, step: Step) -> None:
-        try:
-            outcome = self._shooter.measure(step)
-        except ShotLost as lost:
-            raise GateRefused(
-                f"the drift pose could not be measured after the restart: {lost}",
-                remedy="look at the reflector and the beam, then run again",
-            ) from lost
-        drift = self._drift_mm(outcome)
-        reason = f"drift check after a restart: {drift:.3f} mm"
-        self._shooter.write(Rejected(outcome.shot, outcome.attempt, reason, outcome))
+    def _compare(self, step: Step, first_mm: Vector3) -> None:
+        outcome = self._insist(lambda: self._shooter.measure(step))
+        moved_mm = dist(first_mm, outcome.point_in_tracker_mm)
+        self._judge_drift(outcome, moved_mm, "after the restart the pose is")
+        reason = f"only compared with the first one, {moved_mm:.3f} mm away"
+        self._log.write(Rejected(outcome.shot, outcome.attempt, reason, outcome))
         self._tally.enter(EngineState.IDLE)
-        self._judge_drift(drift)
 
-    def _watch_weather(self, weather: Weather | None) -> None:
-        """Tell the operator, once for each new text of the alarm's beginning or end."""
-        if weather is None:
+    def _judge_drift(self, outcome: Outcome, moved_mm: float, what: str) -> None:
+        limit_mm = self._watches.drift.limit_mm
+        text = f"{what} {moved_mm:.3f} mm from where it was first, limit {limit_mm:g} mm"
+        self._log.write(Event("drift check", f"shot {outcome.shot}: {text}"))
+        if moved_mm <= limit_mm:
             return
-        self._first_weather = self._first_weather or weather
-        limit = self._rules.temperature_change_degC
-        alarm = temperature_alarm(self._first_weather, weather, limit)
-        if bool(alarm) != bool(self._alarm):
-            text = alarm or "the air is back within its limit"
-            self._shooter.write(Event("temperature alarm", text))
-            self._tally.event(text)
-        self._alarm = alarm
+        self._log.write(Rejected(outcome.shot, outcome.attempt, text, outcome))
+        raise GateRefused(
+            f"shot {outcome.shot}: {text}",
+            remedy="the tracker, the robot or its base has moved: fix it, then begin anew "
+            "with --anew",
+        )

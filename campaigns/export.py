@@ -3,15 +3,30 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from pydantic import JsonValue
+from pydantic import JsonValue, TypeAdapter
 
 from campaigns.errors import ShotsMissing, VerdictBad
+from campaigns.identification_document import ParameterEntry
 from campaigns.journal_reader import JournalReader
 from campaigns.records import Finding
 from campaigns.robot import Compensation, RobotDocument, compensated, write_new_robot
+from campaigns.textfile import replace_text
 from campaigns.version import VERSION
 
 FILE_NAME = "robot-compensated.yaml"
+
+KEPT_AS_PROVENANCE = (
+    "plan_digest",
+    "journal_digest",
+    "estimator",
+    "shots",
+    "residuals_mm",
+    "unseen_mm",
+    "verdict",
+    "at_utc",
+)
+
+_PARAMETERS = TypeAdapter(dict[str, ParameterEntry])
 
 
 def latest_identification(journal: JournalReader) -> Mapping[str, JsonValue]:
@@ -29,6 +44,31 @@ def compensated_robot(
 
     Raises `VerdictBad` for a result that did not pass, or that rests on another nominal robot.
     """
+    _check_usable(nominal, finding)
+    parameters = _PARAMETERS.validate_python(finding["parameters"])
+    return compensated(
+        nominal,
+        Compensation(
+            f"{nominal.robot.name}-compensated",
+            {name: entry.value for name, entry in parameters.items()},
+            {name: e.std for name, e in parameters.items() if e.std is not None},
+            _provenance(campaign, finding),
+        ),
+    )
+
+
+def write_compensated(path: Path, robot: RobotDocument, *, overwrite: bool) -> None:
+    """Write the file; raises `OutputExists` unless `overwrite`, or `WriteFailed`.
+
+    A file that could not be replaced is left as it was.
+    """
+    if overwrite:
+        replace_text(path, robot.document.text)
+    else:
+        write_new_robot(path, robot)
+
+
+def _check_usable(nominal: RobotDocument, finding: Mapping[str, JsonValue]) -> None:
     if finding["verdict"] != "pass":
         raise VerdictBad(
             f"the identification's verdict is '{finding['verdict']}': {_reasons(finding)}",
@@ -39,40 +79,11 @@ def compensated_robot(
             "the identification rests on another nominal robot than the campaign's file holds now",
             remedy="bring the robot file back, or identify again",
         )
-    parameters = finding["parameters"]
-    assert isinstance(parameters, Mapping), "an identification always has them"
-    return compensated(
-        nominal,
-        Compensation(
-            f"{nominal.robot.name}-compensated",
-            {name: entry["value"] for name, entry in parameters.items()},
-            {name: e["std"] for name, e in parameters.items() if e["std"] is not None},
-            _provenance(campaign, finding),
-        ),
-    )
-
-
-def write_compensated(path: Path, robot: RobotDocument, *, overwrite: bool) -> None:
-    """Write the file; raises `OutputExists` unless `overwrite`, or `WriteFailed`."""
-    if overwrite:
-        path.unlink(missing_ok=True)
-    write_new_robot(path, robot)
 
 
 def _provenance(campaign: str, finding: Mapping[str, JsonValue]) -> dict[str, JsonValue]:
-    kept = (
-        "plan_digest",
-        "journal_digest",
-        "estimator",
-        "shots",
-        "residuals_mm",
-        "unseen_mm",
-        "verdict",
-        "at_utc",
-    )
-    return {"campaign": campaign, "software": f"pkmcal {VERSION}"} | {
-        key: finding[key] for key in kept
-    }
+    of_finding = {key: finding[key] for key in KEPT_AS_PROVENANCE}
+    return {"campaign": campaign, "software": f"pkmcal {VERSION}", **of_finding}
 
 
 def _reasons(finding: Mapping[str, JsonValue]) -> str:

@@ -1,6 +1,6 @@
 """Identifies a robot's geometry from measured shots, and says honestly what came of it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,7 +10,17 @@ from campaigns.dataset import Dataset
 from campaigns.errors import ShotsMissing
 from campaigns.numerics.fit import Fit, solve
 from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import FILE_UNIT, FREE_BY_DEFAULT, NAMES, Array, Geometry, indices
+from campaigns.numerics.geometry import (
+    FILE_UNIT,
+    FREE_BY_DEFAULT,
+    NAMES,
+    Array,
+    Geometry,
+    Index,
+    Mask,
+    indices,
+)
+from campaigns.numerics.pairs import distances_mm
 from campaigns.numerics.residuals import DistanceResiduals, PositionModel
 from campaigns.numerics.statistics import (
     Observability,
@@ -77,13 +87,22 @@ class Identification:
     verdict: Verdict
     reasons: tuple[str, ...]
 
-    def geometry_flat(self) -> dict[str, float]:
-        """The identified parameter set in file units."""
-        return {parameter.name: parameter.value for parameter in self.parameters}
 
-    def std_flat(self) -> dict[str, float]:
-        """Standard deviations of the free parameters in file units."""
-        return {p.name: p.std for p in self.parameters if p.std is not None}
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pairs:
+    """Rows (M, 2) of the pairs that can be used, and those that cannot."""
+
+    fitted: Index
+    unseen: Index
+    excluded: tuple[Excluded, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Unseen:
+    """The pairs that were never fitted: their errors, and those that the new model cannot take."""
+
+    errors: BeforeAfter | None
+    lost: tuple[Excluded, ...]
 
 
 def identify_distances(
@@ -95,20 +114,18 @@ def identify_distances(
     than parameters.
     """
     names = tuple(free)
-    pairs = data.pair_rows(ShotSet.IDENTIFICATION)
+    pairs = _usable_pairs(nominal, data)
     _check_enough(pairs, names)
-    rows = pairs.ravel()
-    first, second = np.arange(0, len(rows), 2), np.arange(1, len(rows), 2)
-    measured = data.measured_distances_mm(pairs)
-    model = PositionModel(nominal, indices(names), data.joints_rad[rows])
-    problem = DistanceResiduals(model, first, second, measured)
+    problem = _problem(nominal, data, pairs.fitted, names)
     before = problem.residual(problem.start())
     fit = solve(problem)
     seen = observability(fit.jacobian)
-    identified = model.geometry(fit.x)
-    unseen = _unseen(nominal, identified, data)
+    identified = problem.model.geometry(fit.x)
+    unseen = _unseen(nominal, identified, data, pairs.unseen)
     residuals = BeforeAfter(spread(before), spread(fit.residual))
-    verdict, reasons = _verdict(fit, seen, residuals, unseen)
+    unobservable = tuple(unobservable_combinations(seen, names))
+    against = tuple(_reasons_against(fit, unobservable, unseen))
+    verdict, reasons = _verdict(against, residuals, unseen.errors)
     return Identification(
         "distances",
         fit.converged,
@@ -116,32 +133,79 @@ def identify_distances(
         fit.evaluations,
         seen.rank,
         seen.condition,
-        len(pairs) - seen.rank,
-        _parameters(nominal, identified, names, _std(fit, seen, len(pairs))),
+        len(pairs.fitted) - seen.rank,
+        _parameters(nominal, identified, names, _std(fit, seen)),
         residuals,
-        unseen,
-        (),
-        tuple(unobservable_combinations(seen, names)),
+        unseen.errors,
+        pairs.excluded + unseen.lost,
+        unobservable,
         verdict,
         reasons,
     )
 
 
-def _check_enough(pairs: Array, names: tuple[str, ...]) -> None:
-    if len(pairs) < len(names):
-        raise ShotsMissing(
-            f"{len(pairs)} pairs cannot give {len(names)} parameters",
-            remedy=f"measure at least {len(names)} pairs, better 60; or hold parameters",
+def _usable_pairs(nominal: Geometry, data: Dataset) -> _Pairs:
+    """Whole pairs of shots at which the nominal robot can be assembled."""
+    found = forward(nominal, data.joints_rad).found
+    usable: list[Index] = []
+    excluded: list[Excluded] = []
+    for purpose in (ShotSet.IDENTIFICATION, ShotSet.VALIDATION):
+        halves = data.half_pairs(purpose)
+        excluded += [
+            Excluded(_pair(data, row), f"shot {data.numbers[row]} has no partner") for row in halves
+        ]
+        rows = data.pair_rows(purpose)
+        whole = found[rows].all(axis=1)
+        excluded += _without_assembly(data, rows[~whole], found, "nominal")
+        usable.append(rows[whole])
+    return _Pairs(usable[0], usable[1], tuple(excluded))
+
+
+def _without_assembly(data: Dataset, pairs: Index, found: Mask, which: str) -> list[Excluded]:
+    """Say of pairs (M, 2) at which of their shots there is no assembly."""
+    return [
+        Excluded(
+            _pair(data, row),
+            f"the {which} robot cannot be assembled at the joints of shot {data.numbers[row]}",
         )
+        for pair in pairs.tolist()
+        for row in pair
+        if not found[row]
+    ]
 
 
-def _std(fit: Fit, seen: Observability, rows: int) -> Array | None:
+def _pair(data: Dataset, row: int) -> int:
+    pair = data.pairs[row]
+    assert pair is not None, "only shots of pairs are asked for"
+    return pair
+
+
+def _check_enough(pairs: _Pairs, names: tuple[str, ...]) -> None:
+    if len(pairs.fitted) >= len(names):
+        return
+    left_out = f" ({len(pairs.excluded)} left out)" if pairs.excluded else ""
+    raise ShotsMissing(
+        f"{len(pairs.fitted)} pairs{left_out} cannot give {len(names)} parameters",
+        remedy=f"measure at least {len(names)} pairs, better 60; or hold parameters",
+    )
+
+
+def _problem(
+    nominal: Geometry, data: Dataset, pairs: Index, names: tuple[str, ...]
+) -> DistanceResiduals:
+    places = np.arange(pairs.size).reshape(pairs.shape)
+    model = PositionModel(nominal, indices(names), data.joints_rad[pairs.ravel()])
+    measured_mm = data.measured_distances_mm(pairs)
+    return DistanceResiduals(model, places[:, 0], places[:, 1], measured_mm)
+
+
+def _std(fit: Fit, seen: Observability) -> Array | None:
     """Standard deviations in mm and rad; None where the data cannot give them."""
-    free = rows - len(fit.x)
-    if seen.rank < len(fit.x) or free == 0:
+    dof = len(fit.residual) - len(fit.x)
+    if seen.rank < len(fit.x) or dof == 0:
         return None
-    variance = float(fit.residual @ fit.residual) / free
-    return np.sqrt(variance * np.diag(covariance(fit.jacobian)))
+    variance = float(fit.residual @ fit.residual) / dof
+    return np.asarray(np.sqrt(variance * np.diag(covariance(fit.jacobian))))
 
 
 def _parameters(
@@ -156,46 +220,51 @@ def _parameters(
     )
 
 
-def distance_errors_mm(geometry: Geometry, data: Dataset, pairs: Array) -> Array:
-    """Modelled minus measured distances of pairs (M, 2), (M,). Raises `NoAssembly`."""
-    positions = forward(geometry, data.joints_rad[pairs.ravel()]).require()[:, :3].reshape(-1, 2, 3)
-    modelled = np.linalg.norm(positions[:, 1] - positions[:, 0], axis=1)
-    return np.asarray(modelled - data.measured_distances_mm(pairs))
-
-
-def _unseen(nominal: Geometry, identified: Geometry, data: Dataset) -> BeforeAfter | None:
-    pairs = data.pair_rows(ShotSet.VALIDATION)
-    if len(pairs) == 0:
-        return None
-    return BeforeAfter(
-        spread(distance_errors_mm(nominal, data, pairs)),
-        spread(distance_errors_mm(identified, data, pairs)),
+def _unseen(nominal: Geometry, identified: Geometry, data: Dataset, pairs: Index) -> _Unseen:
+    """Errors of the pairs (M, 2) that were not fitted, with both geometries."""
+    solution = forward(identified, data.joints_rad)
+    whole = solution.found[pairs].all(axis=1)
+    lost = tuple(_without_assembly(data, pairs[~whole], solution.found, "identified"))
+    kept = pairs[whole]
+    if len(kept) == 0:
+        return _Unseen(None, lost)
+    measured_mm = data.measured_distances_mm(kept)
+    poses = forward(nominal, data.joints_rad).values, solution.values
+    before, after = (
+        spread(distances_mm(values[:, :3], kept[:, 0], kept[:, 1]) - measured_mm)
+        for values in poses
     )
+    return _Unseen(BeforeAfter(before, after), lost)
+
+
+def _reasons_against(
+    fit: Fit, unobservable: tuple[tuple[str, ...], ...], unseen: _Unseen
+) -> Iterator[str]:
+    """Why the result must not be used."""
+    if not fit.converged:
+        yield fit.message
+    for names in unobservable:
+        yield f"the data cannot tell apart: {', '.join(names)}"
+    for lost in unseen.lost:
+        yield f"unseen pair {lost.pair}: {lost.reason}"
+    errors = unseen.errors
+    if errors is not None and not errors.after.rms <= errors.before.rms:
+        yield f"unseen pairs got worse: rms {errors.before.rms:.4f} → {errors.after.rms:.4f} mm"
 
 
 def _verdict(
-    fit: Fit, seen: Observability, residuals: BeforeAfter, unseen: BeforeAfter | None
+    against: tuple[str, ...], residuals: BeforeAfter, unseen: BeforeAfter | None
 ) -> tuple[Verdict, tuple[str, ...]]:
     """Whether the result may be used; the reasons against it, or for it."""
-    against = []
-    if not fit.converged:
-        against.append(fit.message)
-    if seen.rank < len(fit.x):
-        against.append(
-            f"rank {seen.rank} of {len(fit.x)}: the data cannot tell all parameters apart"
-        )
-    if unseen is not None and unseen.after.rms >= unseen.before.rms:
-        against.append(
-            f"unseen pairs got worse: rms {unseen.before.rms:.3f} → {unseen.after.rms:.3f} mm"
-        )
     if against:
-        return "fail", tuple(against)
+        return "fail", against
     if unseen is None:
-        return "not decided", (
-            "no validation pairs: nothing shows that the result holds elsewhere",
-        )
-    return "pass", (
-        f"unseen pairs: mean {unseen.before.mean_abs:.3f} → {unseen.after.mean_abs:.3f} mm, "
-        f"max {unseen.before.max_abs:.3f} → {unseen.after.max_abs:.3f} mm",
-        f"fitted pairs: rms {residuals.before.rms:.3f} → {residuals.after.rms:.4f} mm",
+        nothing_shown = "no validation pairs: nothing shows that the result holds elsewhere"
+        return "not decided", (nothing_shown,)
+    before, after = unseen.before, unseen.after
+    gain = (
+        f"unseen pairs: mean {before.mean_abs:.3f} → {after.mean_abs:.3f} mm, "
+        f"max {before.max_abs:.3f} → {after.max_abs:.3f} mm"
     )
+    fitted = f"fitted pairs: rms {residuals.before.rms:.3f} → {residuals.after.rms:.4f} mm"
+    return "pass", (gain, fitted)

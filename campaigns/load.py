@@ -1,4 +1,4 @@
-"""Puts a parameter set into a controller so that it is either there, verified, or as it was before."""
+"""Puts parameters into a controller so that they are there, verified, or the old ones are back."""
 
 import math
 from collections.abc import Mapping
@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from campaigns.errors import LoadNotVerified
 from campaigns.parameters import PARAMETER_NAMES
 from campaigns.robot import RobotFile
-from drivers.errors import DriverError
+from drivers.errors import DeviceRefused, DriverError
 from drivers.ports import RobotController
 
-RELATIVE_TOLERANCE = 1e-9
-"""How far a value read back may be from the one written: a controller may keep it in radians."""
+TOLERANCE = 1e-9
+"""How far, absolutely or relatively, a value read back may be from the one written: a controller
+may keep it in other units."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,30 +46,21 @@ def write_verified(
 ) -> None:
     """Write a geometry and read it back; what does not verify is taken back.
 
-    Raises `LoadNotVerified`, saying what the controller holds then, or a driver's error.
+    Raises `DeviceRefused` when the controller did not take it, and `LoadNotVerified` when something
+    else went wrong, saying what the controller holds then.
     """
-    robot.write_geometry(wanted)
-    wrong = differing(robot.read_geometry(), wanted)
-    if not wrong:
+    problem = _written(robot, wanted)
+    if not problem:
         return
-    name, held = wrong[0]
-    problem = f"the controller holds {name} = {held!r} after {wanted[name]!r} was written"
-    try:
-        robot.write_geometry(old)
-        restored = not differing(robot.read_geometry(), old)
-    except DriverError as error:
+    still_wrong = _restored(robot, old)
+    if still_wrong:
         raise LoadNotVerified(
-            f"{problem}; the old parameters could not be written back ({error.problem})",
-            remedy="don't move the robot; `pkmcal load --rollback` when the controller answers again",
-        ) from error
-    if restored:
-        raise LoadNotVerified(
-            f"{problem}; the old parameters are back",
-            remedy="check the controller's geometry store",
+            f"{problem}; the old parameters are not back either ({still_wrong})",
+            remedy="don't move the robot; restore the controller's parameters by its own means",
         )
     raise LoadNotVerified(
-        f"{problem}; the old parameters did not verify either",
-        remedy="don't move the robot; restore the controller's parameters by its own means",
+        f"{problem}; the controller holds the old parameters",
+        remedy="check the controller and its connection, then load again",
     )
 
 
@@ -78,9 +70,52 @@ def differing(held: Mapping[str, float], wanted: Mapping[str, float]) -> list[tu
         (name, held.get(name, math.nan))
         for name in PARAMETER_NAMES
         if not math.isclose(
-            held.get(name, math.nan),
-            wanted[name],
-            rel_tol=RELATIVE_TOLERANCE,
-            abs_tol=RELATIVE_TOLERANCE,
+            held.get(name, math.nan), wanted[name], rel_tol=TOLERANCE, abs_tol=TOLERANCE
         )
     ]
+
+
+def _written(robot: RobotController, wanted: Mapping[str, float]) -> str:
+    """Write and read back; gives what is wrong then, nothing when it verified.
+
+    A wire that broke meanwhile is opened anew: only reading back tells what the controller holds.
+    """
+    interruption = ""
+    try:
+        robot.write_geometry(wanted)
+        held = robot.read_geometry()
+    except DeviceRefused:
+        raise
+    except DriverError as error:
+        interruption = f" ({error.problem})"
+        held = _read_anew(robot, error)
+    wrong = differing(held, wanted)
+    if not wrong:
+        return ""
+    name, value = wrong[0]
+    return (
+        f"{len(wrong)} of {len(PARAMETER_NAMES)} parameters are not as written{interruption}: "
+        f"{name} is {value!r}, not {wanted[name]!r}"
+    )
+
+
+def _restored(robot: RobotController, old: Mapping[str, float]) -> str:
+    """Write the old parameters back unless they are there; gives what is wrong then."""
+    try:
+        return _written(robot, old) if differing(robot.read_geometry(), old) else ""
+    except DriverError as error:
+        return error.problem
+
+
+def _read_anew(robot: RobotController, broken: DriverError) -> Mapping[str, float]:
+    """Connect again and read; raises `LoadNotVerified` when nobody can tell what is held."""
+    try:
+        robot.reconnect()
+        return robot.read_geometry()
+    except DriverError as error:
+        raise LoadNotVerified(
+            f"the connection broke while parameters were written ({broken.problem}), and what the "
+            f"controller holds cannot be read ({error.problem})",
+            remedy="don't move the robot; when the controller answers again, "
+            "`pkmcal load` or `pkmcal load --rollback`",
+        ) from error

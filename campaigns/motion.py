@@ -6,25 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
-from campaigns.numerics.geometry import Array, Geometry
-from campaigns.numerics.paths import route
-from campaigns.numerics.reach import Limits
 from campaigns.progress import EngineState
 from campaigns.rules import MotionRules
 from campaigns.steps import Step
+from campaigns.ways import Mechanism, safe_way
 from drivers.errors import EmergencyStop, MotionFault
 from drivers.ports import Clock, RobotController
 from drivers.values import RobotState
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Mechanism:
-    """What ways are checked against."""
-
-    geometry: Geometry
-    limits: Limits
-    centre: Array
-    """A pose well inside the workspace, (4,)."""
+Joints = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +27,7 @@ class Arrival:
 
 
 class Mover:
-    """Drives one robot. Every wait looks at faults, at the deadline and at the operator's wish to stop."""
+    """Drives one robot. Every wait looks at faults, at the deadline and at the wish to stop."""
 
     def __init__(
         self,
@@ -59,25 +49,33 @@ class Mover:
         Raises `TargetOutOfReach` before anything moves when no safe way is known, `NotSettled`,
         `Interrupted`, or a driver's error.
         """
-        self.check_stop()
-        started_s = self._clock.now_s()
-        way = self._way(self.standing(), step)
+        way = self._way(self._at_rest().joints_rad, step)
         entering(EngineState.MOVING)
-        for joints in way[:-1]:
-            self._robot.move_joints(joints, self._rules.speed_fraction)
-            self._await_arrival(joints)
-        if step.command == "pose":
-            self._robot.move_pose(step.planned.pose, self._rules.speed_fraction)
-        else:
-            self._robot.move_joints(way[-1], self._rules.speed_fraction)
-        self._await_arrival(way[-1])
+        started_s = self._clock.now_s()
+        for passed in way[:-1]:
+            self._start_joints(passed)
+            self._await_arrival(passed, self._deadline_s())
+        self._start(step)
+        deadline_s = self._deadline_s()
+        self._await_arrival(step.planned.joints_rad, deadline_s)
         arrived_s = self._clock.now_s()
         entering(EngineState.SETTLING)
-        state = self._settled(np.array(way[-1]))
+        state = self._settled(step.planned.joints_rad, deadline_s)
         return Arrival(state, arrived_s - started_s, self._clock.now_s() - arrived_s)
 
-    def standing(self) -> RobotState:
-        """The robot's state, checked for faults."""
+    def has_moved(self, since: RobotState) -> bool:
+        """Whether the robot has left the place where it was read before; raises its faults."""
+        now = self._state()
+        return now.moving or not _within(_apart(now, since.joints_rad), self._rules.still_rad)
+
+    def _check_stop(self) -> None:
+        if self._stop_requested():
+            raise Interrupted(
+                "stopped by the operator", remedy="the same command takes up where it was"
+            )
+
+    def _state(self) -> RobotState:
+        """The robot's state; raises `EmergencyStop` or `MotionFault`."""
         state = self._robot.state()
         if state.emergency_stop:
             raise EmergencyStop(
@@ -91,83 +89,129 @@ class Mover:
             )
         return state
 
-    def has_moved(self, since: RobotState) -> bool:
-        """Whether the robot has left the place where it was read before."""
-        now = self.standing()
-        away = np.abs(np.subtract(now.joints_rad, since.joints_rad)).max()
-        return now.moving or bool(away > self._rules.still_rad)
-
-    def check_stop(self) -> None:
-        """Raise `Interrupted` when the operator has asked to stop."""
-        if self._stop_requested():
-            raise Interrupted(
-                "stopped by the operator", remedy="`pkmcal run` takes up where it was"
-            )
-
-    def _way(self, state: RobotState, step: Step) -> list[tuple[float, ...]]:
-        here = np.array(state.joints_rad)
-        way: list[tuple[float, ...]] = []
-        for target in (*step.approach_rad, step.planned.joints_rad):
-            legs = route(
-                self._mechanism.geometry,
-                self._mechanism.limits,
-                here,
-                np.array(target),
-                self._mechanism.centre,
-            )
-            if legs is None:
-                raise TargetOutOfReach(
-                    f"no safe way to shot {step.planned.shot} from joints "
-                    f"{np.round(np.degrees(here), 2).tolist()}°",
-                    remedy="jog the robot near the workspace's centre, then run again",
-                )
-            way += [tuple(leg.tolist()) for leg in legs]
-            here = np.array(target)
-        return way
-
-    def _await_arrival(self, target_rad: Sequence[float]) -> None:
-        """Wait until the controller says that it has stopped moving."""
-        deadline_s = self._clock.now_s() + self._rules.timeout_s
-        while self.standing().moving:
-            self.check_stop()
-            if self._clock.now_s() > deadline_s:
+    def _at_rest(self) -> RobotState:
+        """The robot's state before a motion: somebody else may still be moving it."""
+        deadline_s = self._deadline_s()
+        while True:
+            self._check_stop()
+            now_s, state = self._clock.now_s(), self._state()
+            if not state.moving:
+                return state
+            if now_s > deadline_s:
                 raise NotSettled(
-                    f"still moving to {_degrees(target_rad)} after {self._rules.timeout_s:g} s",
-                    remedy="look at the robot; raise settle.timeout_s if it is only slow",
+                    f"the robot has been moving for {self._rules.timeout_s:g} s unasked",
+                    remedy="stop it at the controller, then run again",
                 )
             self._clock.sleep_s(self._rules.poll_s)
 
-    def _settled(self, target: Array) -> RobotState:
-        """Wait until the joints have been still, and in place, for the settling time."""
-        rules = self._rules
-        deadline_s = self._clock.now_s() + rules.timeout_s
-        still_since_s, reference = self._clock.now_s(), self.standing()
+    def _way(self, here: Joints, step: Step) -> list[Joints]:
+        """Joint targets of a safe way, the last one being the step's."""
+        way: list[Joints] = []
+        for target in (*step.approach_rad, step.planned.joints_rad):
+            way += self._legs(here, target, step.planned.shot)
+            here = target
+        return way
+
+    def _legs(self, here: Joints, target: Joints, shot: int) -> list[Joints]:
+        legs = safe_way(self._mechanism, np.array(here), np.array(target))
+        if legs is None:
+            raise TargetOutOfReach(
+                f"no safe way to shot {shot} from joints {_degrees(here)}",
+                remedy="jog the robot near the workspace's centre, then run again",
+            )
+        return [*(tuple(leg.tolist()) for leg in legs[:-1]), target]
+
+    def _deadline_s(self) -> float:
+        """When a move that begins now must have ended and settled."""
+        return self._clock.now_s() + self._rules.timeout_s
+
+    def _start(self, step: Step) -> None:
+        if step.command == "joints":
+            self._start_joints(step.planned.joints_rad)
+            return
+        self._check_stop()
+        self._robot.move_pose(step.planned.pose, self._rules.speed_fraction)
+
+    def _start_joints(self, target: Joints) -> None:
+        self._check_stop()
+        self._robot.move_joints(target, self._rules.speed_fraction)
+
+    def _await_arrival(self, target: Joints, deadline_s: float) -> None:
+        """Wait until the controller has stopped moving, and in place: the next way starts there."""
         while True:
-            self._clock.sleep_s(rules.poll_s)
-            self.check_stop()
-            now_s, state = self._clock.now_s(), self.standing()
-            joints = np.array(state.joints_rad)
-            if np.abs(joints - reference.joints_rad).max() > rules.still_rad:
-                still_since_s, reference = now_s, state
-            in_place = np.abs(joints - target).max() <= rules.in_place_rad
-            if in_place and now_s - still_since_s >= rules.settle_s:
+            self._check_stop()
+            now_s, state = self._clock.now_s(), self._state()
+            if not state.moving and self._in_place(state, target):
+                return
+            if now_s > deadline_s:
+                raise self._not_settled(_why_not_there(state, target, self._rules))
+            self._clock.sleep_s(self._rules.poll_s)
+
+    def _settled(self, target: Joints, deadline_s: float) -> RobotState:
+        """Wait until the joints have been still, and in place, for the settling time."""
+        since_s, reference = self._clock.now_s(), self._state()
+        last_motion = (0, 0.0)
+        while True:
+            self._clock.sleep_s(self._rules.poll_s)
+            self._check_stop()
+            now_s, state = self._clock.now_s(), self._state()
+            motion = _apart(state, reference.joints_rad)
+            still = not state.moving and _within(motion, self._rules.still_rad)
+            if not still:
+                since_s, reference, last_motion = now_s, state, _worst(motion)
+            in_place = self._in_place(state, target)
+            if still and in_place and now_s - since_s >= self._rules.settle_s:
                 return state
             if now_s > deadline_s:
-                raise NotSettled(_why_not_settled(joints, target, rules), remedy=NOT_SETTLED_REMEDY)
+                there = state.moving or not in_place
+                raise self._not_settled(
+                    _why_not_there(state, target, self._rules)
+                    if there
+                    else _why_not_still(last_motion, self._rules)
+                )
 
+    def _in_place(self, state: RobotState, target: Joints) -> bool:
+        return _within(_apart(state, target), self._rules.in_place_rad)
 
-NOT_SETTLED_REMEDY = "look for what holds or shakes the robot, then at `settle` in campaign.yaml"
-
-
-def _why_not_settled(joints: Array, target: Array, rules: MotionRules) -> str:
-    away = np.abs(joints - target)
-    joint = int(np.argmax(away))
-    if away[joint] > rules.in_place_rad:
-        return (
-            f"joint {joint} stands {np.degrees(away[joint]):.4f}° from its target "
-            f"(limit {np.degrees(rules.in_place_rad):g}°)"
+    def _not_settled(self, why: str) -> NotSettled:
+        return NotSettled(
+            f"{why}, {self._rules.timeout_s:g} s after the move began",
+            remedy="look for what holds or shakes the robot, then at `settle` in campaign.yaml",
         )
-    return f"the joints were not still within {np.degrees(rules.still_rad):g}° for {rules.settle_s:g} s"
+
+
+def _apart(state: RobotState, others_rad: Joints) -> list[float]:
+    """How far each joint is from another angle."""
+    return [abs(q - other) for q, other in zip(state.joints_rad, others_rad, strict=True)]
+
+
+def _within(angles_rad: Sequence[float], limit_rad: float) -> bool:
+    """Whether none exceeds the limit; NaN, which is no angle, does."""
+    return all(angle <= limit_rad for angle in angles_rad)
+
+
+def _worst(angles_rad: Sequence[float]) -> tuple[int, float]:
+    """The joint with the largest angle, and that angle."""
+    return max(enumerate(angles_rad), key=lambda entry: entry[1])
+
+
+def _why_not_there(state: RobotState, target: Joints, rules: MotionRules) -> str:
+    joint, away_rad = _worst(_apart(state, target))
+    if away_rad <= rules.in_place_rad:
+        return "the controller still reports motion"
+    moves = "and still moves" if state.moving else "and stands there"
+    return (
+        f"joint {joint} is {np.degrees(away_rad):.4f}° from its target "
+        f"(limit {np.degrees(rules.in_place_rad):g}°) {moves}"
+    )
+
+
+def _why_not_still(last_motion: tuple[int, float], rules: MotionRules) -> str:
+    joint, moved_rad = last_motion
+    return (
+        f"joint {joint} moved {np.degrees(moved_rad):.4f}° within the settling time of "
+        f"{rules.settle_s:g} s (limit {np.degrees(rules.still_rad):g}°)"
+    )
 
 
 def _degrees(joints_rad: Sequence[float]) -> str:

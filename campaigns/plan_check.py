@@ -1,23 +1,22 @@
 """Judges a plan, made or edited, before anything moves."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from campaigns.errors import PlanInvalid
-from campaigns.numerics.forward import forward
 from campaigns.numerics.geometry import Array, Geometry
-from campaigns.numerics.paths import path_fault, route
-from campaigns.numerics.placement import incidence_rad, travel_rad
-from campaigns.numerics.reach import Limits, explain, reach
+from campaigns.numerics.placement import incidence_rad
+from campaigns.numerics.reach import Limits, Reach, explain, reach
 from campaigns.plan_file import PlannedShot
 from campaigns.planning import View, joints_of, pose_row, poses_of
+from campaigns.shot_sets import ShotSet
+from campaigns.ways import Mechanism, check_ways, named_stops
 from drivers.values import Pose
 
-AGREEMENT_MM = 0.01
-AGREEMENT_RAD = np.radians(0.01)
-"""How far a row's pose may be from the pose of its joints."""
+AGREEMENT_RAD = float(np.radians(0.01))
+"""How far a row's joints may be from those that its pose takes."""
 TOLERANCE_RAD = 1e-9
 FAULTS_NAMED = 5
 
@@ -52,85 +51,88 @@ def check_plan(
 ) -> CheckedPlan:
     """Check reach, limits, swing, singularity, the tracker's view and every way between shots.
 
-    Raises `PlanInvalid` naming each shot at fault with value and limit.
+    Raises `PlanInvalid` naming the shots at fault with value and limit.
     """
-    faults = _pose_faults(shots, geometry, limits) + _view_faults(shots, view)
+    refuse(
+        [
+            *_pose_faults(shots, geometry, limits),
+            *_view_faults(shots, view),
+            *_drift_faults(shots),
+        ],
+        remedy="correct plan.csv, or plan anew with `pkmcal plan`",
+    )
+    stops = named_stops([f"shot {shot.shot}" for shot in shots], joints_of(shots))
+    ways = check_ways(stops, Mechanism(geometry, limits, pose_row(centre)))
+    refuse(ways.faults, remedy="move one of the two poses, or plan anew with `pkmcal plan`")
+    seconds = ways.travel_rad / pace.joint_speed_rad_s
+    seconds += len(shots) * (pace.settle_s + pace.measure_s)
+    return CheckedPlan(tuple(shots), ways.detours, seconds, ways.travel_rad)
+
+
+def refuse(faults: Sequence[str], *, remedy: str) -> None:
+    """Raise `PlanInvalid` with the first faults, if there are any."""
     if not faults:
-        faults = _agreement_faults(shots, geometry)
-    if faults:
-        raise PlanInvalid(
-            _listed(faults), remedy="correct plan.csv, or plan anew with `pkmcal plan`"
-        )
-    joints = joints_of(shots)
-    detours, travel, faults = _ways(shots, joints, pose_row(centre), geometry, limits)
-    if faults:
-        raise PlanInvalid(_listed(faults), remedy="move one of the two poses, or plan anew")
-    seconds = travel / pace.joint_speed_rad_s + len(shots) * (pace.settle_s + pace.measure_s)
-    return CheckedPlan(tuple(shots), detours, seconds, travel)
+        return
+    more = f" … and {len(faults) - FAULTS_NAMED} more" if len(faults) > FAULTS_NAMED else ""
+    raise PlanInvalid(" | ".join(faults[:FAULTS_NAMED]) + more, remedy=remedy)
 
 
-def _ways(
-    shots: Sequence[PlannedShot], joints: Array, centre: Array, geometry: Geometry, limits: Limits
-) -> tuple[int, float, list[str]]:
-    detours, travel, faults = 0, 0.0, []
-    for row in range(len(joints) - 1):
-        way = route(geometry, limits, joints[row], joints[row + 1], centre)
-        if way is None:
-            fault = path_fault(geometry, limits, joints[row], joints[row + 1])
-            why = fault.reason if fault else "every way is blocked"
-            faults.append(
-                f"no safe way from shot {shots[row].shot} to {shots[row + 1].shot}: {why}"
-            )
-            continue
-        detours += len(way) > 1
-        travel += float(
-            sum(travel_rad(a, b) for a, b in zip([joints[row], *way], way, strict=False))
-        )
-    return detours, travel, faults
+def view_fault(point_mm: Array, view: View) -> str:
+    """Why a point (3,) in the base frame cannot be seen; empty when it can."""
+    facing = np.array(view.facing) / np.linalg.norm(view.facing)
+    (angle,) = incidence_rad(point_mm[None], np.array(view.tracker_mm), facing)
+    if angle <= view.acceptance_rad:
+        return ""
+    return (
+        f"reflector turned {np.degrees(angle):.1f}° from the tracker, "
+        f"limit {np.degrees(view.acceptance_rad):g}°"
+    )
 
 
-def _pose_faults(shots: Sequence[PlannedShot], geometry: Geometry, limits: Limits) -> list[str]:
+def _pose_faults(shots: Sequence[PlannedShot], geometry: Geometry, limits: Limits) -> Iterator[str]:
+    """Poses that cannot be taken, and joints that are not those of their pose."""
     poses = poses_of(shots)
     judged = reach(geometry, _tolerant(limits), poses)
-    return [
-        f"shot {shots[row].shot}: {'; '.join(explain(limits, judged, row, float(poses[row, 3])))}"
-        for row in np.flatnonzero(~judged.feasible).tolist()
-    ]
+    for row, shot in enumerate(shots):
+        if not judged.feasible[row]:
+            reasons = explain(limits, judged, row, shot.pose.theta_rad)
+            yield f"shot {shot.shot}: {'; '.join(reasons)}"
+        else:
+            yield from _disagreement(shot, judged, row)
+
+
+def _disagreement(shot: PlannedShot, judged: Reach, row: int) -> Iterator[str]:
+    """The joint that is furthest from where the shot's pose wants it, if that is too far."""
+    away = np.abs(np.array(shot.joints_rad) - judged.joints_rad[row])
+    joint = int(np.argmax(away))
+    if not away[joint] <= AGREEMENT_RAD:
+        yield (
+            f"shot {shot.shot}: q{joint}_deg is {np.degrees(shot.joints_rad[joint]):.4f}, but its "
+            f"pose takes {np.degrees(judged.joints_rad[row, joint]):.4f} "
+            f"(limit {np.degrees(AGREEMENT_RAD):g} away)"
+        )
 
 
 def _tolerant(limits: Limits) -> Limits:
     """Limits that a pose exactly on them keeps."""
     (low, high), (left, right) = limits.joint_rad, limits.theta_rad
-    return Limits(
-        (low - TOLERANCE_RAD, high + TOLERANCE_RAD),
-        (left - TOLERANCE_RAD, right + TOLERANCE_RAD),
-        limits.forearm_swing_rad + TOLERANCE_RAD,
-        limits.singularity_margin,
-        limits.elbow_margin,
+    return replace(
+        limits,
+        joint_rad=(low - TOLERANCE_RAD, high + TOLERANCE_RAD),
+        theta_rad=(left - TOLERANCE_RAD, right + TOLERANCE_RAD),
+        forearm_swing_rad=limits.forearm_swing_rad + TOLERANCE_RAD,
     )
 
 
-def _view_faults(shots: Sequence[PlannedShot], view: View) -> list[str]:
-    facing = np.array(view.facing) / np.linalg.norm(view.facing)
-    angle = incidence_rad(poses_of(shots)[:, :3], np.array(view.tracker_mm), facing)
-    return [
-        f"shot {shots[row].shot}: reflector turned {np.degrees(angle[row]):.1f}° from the tracker, "
-        f"limit {np.degrees(view.acceptance_rad):g}°"
-        for row in np.flatnonzero(angle > view.acceptance_rad).tolist()
-    ]
+def _view_faults(shots: Sequence[PlannedShot], view: View) -> Iterator[str]:
+    for shot in shots:
+        if fault := view_fault(pose_row(shot.pose)[:3], view):
+            yield f"shot {shot.shot}: {fault}"
 
 
-def _agreement_faults(shots: Sequence[PlannedShot], geometry: Geometry) -> list[str]:
-    poses, joints = poses_of(shots), joints_of(shots)
-    away = np.abs(forward(geometry, joints, poses).values - poses)
-    wrong = ~((away[:, :3].max(axis=1) <= AGREEMENT_MM) & (away[:, 3] <= AGREEMENT_RAD))
-    return [
-        f"shot {shots[row].shot}: its joints lead {away[row, :3].max():.3g} mm away from its pose "
-        f"(limit {AGREEMENT_MM} mm)"
-        for row in np.flatnonzero(wrong).tolist()
-    ]
-
-
-def _listed(faults: list[str]) -> str:
-    more = f" … and {len(faults) - FAULTS_NAMED} more" if len(faults) > FAULTS_NAMED else ""
-    return " | ".join(faults[:FAULTS_NAMED]) + more
+def _drift_faults(shots: Sequence[PlannedShot]) -> Iterator[str]:
+    """Drift is seen only where the robot comes back to one and the same pose."""
+    drifts = [shot for shot in shots if shot.purpose is ShotSet.DRIFT]
+    for shot in drifts[1:]:
+        if shot.pose != drifts[0].pose:
+            yield f"shot {shot.shot}: its drift pose is not that of shot {drifts[0].shot}"

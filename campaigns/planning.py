@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.errors import PlanInvalid
-from campaigns.numerics.geometry import Array, Geometry
+from campaigns.numerics.geometry import Array, Geometry, Index
 from campaigns.numerics.par4 import inverse
 from campaigns.numerics.placement import (
     Region,
@@ -22,10 +22,10 @@ from campaigns.robot import RobotFile
 from campaigns.shot_sets import ShotSet
 from drivers.values import Pose, Vector3
 
-JOINT_RESERVE_RAD = np.radians(0.5)
-"""Planned poses keep off the limits by this, so that the real robot's errors don't carry it over."""
-POSE_RESERVE_RAD = np.radians(1.0)
-UNSEEN_JOINT_RESERVE_RAD = np.radians(5.0)
+JOINT_RESERVE_RAD = float(np.radians(0.5))
+"""Planned poses keep off the limits by this, so that the real robot's errors don't break them."""
+POSE_RESERVE_RAD = float(np.radians(1.0))
+UNSEEN_JOINT_RESERVE_RAD = float(np.radians(5.0))
 """Validation poses keep further off: with other parameters in the controller the same pose takes
 other encoder angles, and it should still be there to be compared."""
 
@@ -136,7 +136,7 @@ def _inner(region: Region) -> Region:
 
 
 def _numbered(
-    tour: Array,
+    tour: Index,
     poses: Array,
     joints: Array,
     fitted: int,
@@ -167,7 +167,7 @@ def poses_of(shots: Sequence[PlannedShot]) -> Array:
     return np.array([pose_row(shot.pose) for shot in shots])
 
 
-def pairs_of(shots: Sequence[PlannedShot], purpose: ShotSet) -> Array:
+def pairs_of(shots: Sequence[PlannedShot], purpose: ShotSet) -> Index:
     """Rows of the shots that stand in pairs for that purpose, (M, 2)."""
     rows: dict[int, list[int]] = {}
     for row, shot in enumerate(shots):

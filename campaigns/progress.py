@@ -50,7 +50,7 @@ class Watcher(Protocol):
 
 
 def time_left_s(shot_seconds: Sequence[float], shots_left: int) -> tuple[float, float] | None:
-    """An interval for the rest, from the shots so far: the mean, give or take two standard errors."""
+    """An interval for the rest, from the shots so far: the mean ± two standard deviations."""
     if len(shot_seconds) < SHOTS_FOR_AN_ESTIMATE:
         return None
     seconds = np.array(shot_seconds)

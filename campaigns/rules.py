@@ -1,6 +1,7 @@
 """The numbers a run keeps to, from the campaign's settings."""
 
 from dataclasses import dataclass
+from math import dist
 
 from campaigns.config import CampaignConfig
 
@@ -25,9 +26,11 @@ class GateRules:
 
     distance_mm: float
     fitted_mm: float
-    temperature_change_degC: float  # noqa: N815 - the unit's sign
+    temperature_change_degC: float
     drift_mm: float
     attempts: int
+    search_mm: float
+    """How far from the tracker to search while the robot's place is not known to it."""
 
 
 def motion_rules(config: CampaignConfig) -> MotionRules:
@@ -42,8 +45,13 @@ def motion_rules(config: CampaignConfig) -> MotionRules:
 
 
 def gate_rules(config: CampaignConfig) -> GateRules:
-    """From `gate`."""
+    """From `gate`, and the rough places of tracker and workspace."""
     gate = config.gate
     return GateRules(
-        gate.distance_mm, gate.fitted_mm, gate.temperature_change_degC, gate.drift_mm, gate.attempts
+        gate.distance_mm,
+        gate.fitted_mm,
+        gate.temperature_change_degC,
+        gate.drift_mm,
+        gate.attempts,
+        search_mm=dist(config.tracker.place_mm, config.validation.centre_mm),
     )

@@ -1,24 +1,21 @@
-"""One attempt at one shot: intent, move, settle, measure, judge, outcome."""
+"""One attempt at one shot: intent, move, settle, measure, judge."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NoReturn
 
-from campaigns.guards import Gate
-from campaigns.journal import Journal
+from campaigns.guards import Gate, Judgement
 from campaigns.motion import Arrival, Mover
 from campaigns.progress import EngineState
-from campaigns.records import Durations, Event, Intent, Outcome, Record, Rejected
+from campaigns.records import Durations, Event, Intent, Outcome, Rejected
+from campaigns.series_log import SeriesLog
 from campaigns.steps import Step
 from campaigns.tally import Tally
 from drivers.errors import BeamBroken
 from drivers.ports import Clock, LaserTracker, RobotController
 from drivers.values import Measurement
 
-FIND_DISTANCE_MM = 2500.0
-"""Where to search for the reflector while nothing is known about the tracker's frame."""
 
-
-class ShotLost(Exception):  # noqa: N818 - an outcome inside the engine, not an error of it
+class ShotLost(Exception):
     """An attempt gave no data, and why. The tracker has been asked to find its reflector again."""
 
 
@@ -34,114 +31,113 @@ class Cell:
     """Time as the operator lives it: what is left."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Taken:
+    """What the devices said at one settled pose, and what that took."""
+
+    arrival: Arrival
+    measurement: Measurement
+    measure_s: float
+    moved: bool
+    """Whether the robot moved while it was measured."""
+
+
 class Shooter:
-    """Takes shots into one series of the journal."""
+    """Measures shots of one series, each attempt with its intent before and its end after it."""
 
     def __init__(
-        self, cell: Cell, journal: Journal, series: int, mover: Mover, gate: Gate, tally: Tally
+        self, cell: Cell, log: SeriesLog, mover: Mover, gate: Gate, tally: Tally, search_mm: float
     ) -> None:
         self._cell = cell
-        self._journal = journal
-        self._series = series
+        self._log = log
         self._mover = mover
         self._gate = gate
         self._tally = tally
-
-    def take(self, step: Step) -> Outcome:
-        """Measure a step and write its outcome; raises `ShotLost` when the attempt gave no data."""
-        outcome = self.measure(step)
-        self.write(outcome)
-        self._gate.accept(outcome.joints_rad, outcome.point_in_tracker_mm)
-        self._tally.enter(EngineState.IDLE)
-        return outcome
+        self._search_mm = search_mm
 
     def measure(self, step: Step) -> Outcome:
-        """Measure a step; its outcome has passed the gate, but is not written yet."""
+        """Measure a step; its outcome has passed the gate, and nobody has written it yet.
+
+        Raises `ShotLost` when the attempt gave no data, or whatever ends the run.
+        """
         self._tally.begin(step)
-        attempt = self._journal.next_attempt(self._series, step.planned.shot)
-        self.write(_intent(step, attempt))
+        intent = self._log.begin(step)
+        taken = self._take(step, intent)
+        outcome, refusal = self._judged(intent, taken)
+        if refusal:
+            self._lose(Rejected(intent.shot, intent.attempt, refusal, outcome), taken.arrival)
+        return outcome
+
+    def accept(self, outcome: Outcome) -> None:
+        """Write an outcome: the shot counts, and teaches what to expect of the next one."""
+        self._log.write(outcome)
+        self._gate.accept(outcome)
+        self._tally.enter(EngineState.IDLE)
+
+    def _take(self, step: Step, intent: Intent) -> _Taken:
         arrival = self._mover.go(step, self._tally.enter)
         self._tally.enter(EngineState.MEASURING)
         started_s = self._cell.clock.now_s()
         try:
             measurement = self._cell.tracker.measure()
         except BeamBroken as error:
-            self._lose(
-                Rejected(step.planned.shot, attempt, f"beam broken: {error.problem}"), arrival
-            )
-        moved = self._mover.has_moved(arrival.state)
+            self._tally.see_beam(locked=False)
+            reason = f"beam broken: {error.problem}"
+            self._lose(Rejected(intent.shot, intent.attempt, reason), arrival)
         measure_s = self._cell.clock.now_s() - started_s
-        durations = Durations(arrival.move_s, arrival.settle_s, measure_s)
-        outcome, refusal = self._judged(_outcome(step, attempt, arrival, measurement, durations))
-        if moved:
-            refusal = "the robot moved while it was measured"
-        if refusal:
-            self._lose(Rejected(step.planned.shot, attempt, refusal, outcome), arrival)
-        return outcome
+        self._tally.see_beam(locked=True)
+        return _Taken(arrival, measurement, measure_s, self._mover.has_moved(arrival.state))
 
-    def write(self, record: Record) -> None:
-        """Put a record into this series."""
-        self._journal.append(record, series=self._series)
-
-    def _judged(self, outcome: Outcome) -> tuple[Outcome, str]:
+    def _judged(self, intent: Intent, taken: _Taken) -> tuple[Outcome, str]:
         """The outcome with its prediction, and why it cannot count if it cannot."""
-        judgement = self._gate.judge(outcome.joints_rad, outcome.point_in_tracker_mm)
-        predicted, residual = judgement.predicted_in_tracker_mm, judgement.residual_mm
-        told = replace(outcome, predicted_in_tracker_mm=predicted, residual_mm=residual)
-        return told, judgement.refusal
+        judgement = self._gate.judge(
+            taken.arrival.state.joints_rad, taken.measurement.point_in_tracker_mm
+        )
+        refusal = "the robot moved while it was measured" if taken.moved else judgement.refusal
+        return _outcome(intent, taken, judgement), refusal
 
     def _lose(self, rejected: Rejected, arrival: Arrival) -> NoReturn:
         """Write the rejection, have the tracker find its reflector again, and raise `ShotLost`."""
-        self.write(rejected)
+        self._log.write(rejected)
         self._tally.enter(EngineState.SUSPENDED)
         text = f"shot {rejected.shot}, attempt {rejected.attempt}: {rejected.reason}"
         self._announce(Event("suspended", text))
         self._reacquire(arrival)
         self._tally.enter(EngineState.IDLE)
-        raise ShotLost(rejected.reason)
+        raise ShotLost(text)
 
     def _reacquire(self, arrival: Arrival) -> None:
         """Point the tracker where the reflector should be; a failure here is the next attempt's."""
-        expected = self._gate.expected_point_mm(arrival.state.joints_rad)
+        expected_mm = self._gate.expected_point_mm(arrival.state.joints_rad)
         try:
-            if expected is None:
-                self._cell.tracker.find_reflector(FIND_DISTANCE_MM)
+            if expected_mm is None:
+                self._cell.tracker.find_reflector(self._search_mm)
             else:
-                self._cell.tracker.go_to(expected)
+                self._cell.tracker.go_to(expected_mm)
         except BeamBroken as error:
+            self._tally.see_beam(locked=False)
             self._announce(Event("beam broken", f"no reflector found again: {error.problem}"))
         else:
+            self._tally.see_beam(locked=True)
             self._announce(Event("resumed", "the tracker has its reflector again"))
 
     def _announce(self, event: Event) -> None:
-        self.write(event)
+        self._log.write(event)
         self._tally.event(event.text)
 
 
-def _intent(step: Step, attempt: int) -> Intent:
-    planned = step.planned
-    return Intent(
-        planned.shot,
-        attempt,
-        planned.purpose.value,
-        planned.pose,
-        planned.joints_rad,
-        step.command,
-        planned.pair,
-    )
-
-
-def _outcome(
-    step: Step, attempt: int, arrival: Arrival, measurement: Measurement, durations: Durations
-) -> Outcome:
+def _outcome(intent: Intent, taken: _Taken, judgement: Judgement) -> Outcome:
+    arrival, measurement = taken.arrival, taken.measurement
     return Outcome(
-        step.planned.shot,
-        attempt,
+        intent.shot,
+        intent.attempt,
         arrival.state.joints_rad,
         measurement.point_in_tracker_mm,
         measurement.covariance_mm2,
         measurement.weather,
         arrival.state.raw,
         measurement.raw,
-        durations,
+        Durations(arrival.move_s, arrival.settle_s, taken.measure_s),
+        judgement.predicted_in_tracker_mm,
+        judgement.residual_mm,
     )

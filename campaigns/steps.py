@@ -21,7 +21,7 @@ Group = tuple[Step, ...]
 
 
 def joint_steps(shots: Iterable[PlannedShot]) -> tuple[Step, ...]:
-    """Shots commanded by joint angles: what identification wants, whatever the controller believes."""
+    """Shots commanded by joint angles: independent of the geometry that the controller holds."""
     return tuple(Step(shot, "joints") for shot in shots)
 
 
@@ -39,9 +39,3 @@ def groups(steps: Sequence[Step]) -> tuple[Group, ...]:
         elif partners[pair][0] is step:
             found.append(tuple(partners[pair]))
     return tuple(found)
-
-
-def pending(all_groups: Sequence[Group], accepted: Iterable[int]) -> tuple[Group, ...]:
-    """The groups of which at least one shot is still missing."""
-    done = set(accepted)
-    return tuple(g for g in all_groups if any(step.planned.shot not in done for step in g))

@@ -1,9 +1,21 @@
 """Keeps count of a run and tells whoever watches it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from campaigns.progress import EngineState, Progress, Watcher, time_left_s
 from campaigns.steps import Step
+
+FOLLOWERS: Mapping[EngineState, frozenset[EngineState]] = {
+    EngineState.IDLE: frozenset({EngineState.MOVING, EngineState.FINISHED}),
+    EngineState.MOVING: frozenset({EngineState.SETTLING}),
+    EngineState.SETTLING: frozenset({EngineState.MEASURING}),
+    EngineState.MEASURING: frozenset({EngineState.IDLE, EngineState.SUSPENDED}),
+    EngineState.SUSPENDED: frozenset({EngineState.IDLE}),
+    EngineState.STOPPED: frozenset(),
+    EngineState.FINISHED: frozenset(),
+}
+"""What may come after what; `STOPPED` may come after anything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,45 +30,40 @@ class ShotNews:
 class Tally:
     """The state of a run, checked against what may follow what."""
 
-    def __init__(self, watcher: Watcher, accepted: int) -> None:
+    def __init__(self, watcher: Watcher, *, done: int, total: int) -> None:
         self._watcher = watcher
-        self._progress = Progress(accepted, accepted, EngineState.IDLE)
+        self._progress = Progress(done, total, EngineState.IDLE)
         self._seconds: list[float] = []
-
-    @property
-    def accepted(self) -> int:
-        """How many shots count so far."""
-        return self._progress.done
-
-    def expect(self, shots: int) -> None:
-        """That many shots are still to come."""
-        self._tell(replace(self._progress, total=self._progress.done + shots))
 
     def begin(self, step: Step) -> None:
         """A shot's attempt begins."""
         planned = step.planned
-        self._progress = replace(
-            self._progress, shot=planned.shot, purpose=planned.purpose.value, beam_locked=True
-        )
+        self._progress = replace(self._progress, shot=planned.shot, purpose=planned.purpose.value)
 
     def enter(self, state: EngineState) -> None:
-        """The engine goes on to another state; a step that may not follow is a bug and says so."""
-        if state is not EngineState.STOPPED and state not in FOLLOWERS[self._progress.state]:
-            raise AssertionError(f"{state} cannot follow {self._progress.state}")
-        locked = state is not EngineState.SUSPENDED
-        self._tell(replace(self._progress, state=state, beam_locked=locked))
+        """The engine goes on to another state; one that may not follow is a bug and says so."""
+        now = self._progress.state
+        if state is not EngineState.STOPPED and state not in FOLLOWERS[now]:
+            raise AssertionError(f"{state.value} cannot follow {now.value}")
+        self._tell(replace(self._progress, state=state))
+
+    def see_beam(self, *, locked: bool) -> None:
+        """Whether the tracker has its reflector, as far as is known."""
+        self._progress = replace(self._progress, beam_locked=locked)
 
     def accept(self, news: ShotNews) -> None:
         """A shot counts."""
         self._seconds.append(news.seconds)
         done = self._progress.done + 1
         drift = self._progress.drift_mm if news.drift_mm is None else news.drift_mm
-        self._progress = replace(
-            self._progress,
-            done=done,
-            eta_s=time_left_s(self._seconds, self._progress.total - done),
-            residual_mm=news.residual_mm,
-            drift_mm=drift,
+        self._tell(
+            replace(
+                self._progress,
+                done=done,
+                eta_s=time_left_s(self._seconds, self._progress.total - done),
+                residual_mm=news.residual_mm,
+                drift_mm=drift,
+            )
         )
 
     def void(self, shots: int) -> None:
@@ -70,15 +77,3 @@ class Tally:
     def _tell(self, progress: Progress) -> None:
         self._progress = progress
         self._watcher.progress(progress)
-
-
-FOLLOWERS: dict[EngineState, frozenset[EngineState]] = {
-    EngineState.IDLE: frozenset({EngineState.MOVING, EngineState.FINISHED}),
-    EngineState.MOVING: frozenset({EngineState.SETTLING}),
-    EngineState.SETTLING: frozenset({EngineState.MEASURING}),
-    EngineState.MEASURING: frozenset({EngineState.IDLE, EngineState.SUSPENDED}),
-    EngineState.SUSPENDED: frozenset({EngineState.IDLE}),
-    EngineState.STOPPED: frozenset(),
-    EngineState.FINISHED: frozenset(),
-}
-"""What may come after what; `STOPPED` may come after anything."""

@@ -1,4 +1,4 @@
-"""What a validation series shows (paper section IV.E, ISO 9283): the robot as its user commands it."""
+"""What a validation series shows (paper section IV.E, ISO 9283): the robot as it is commanded."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,16 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import JsonValue
 
-from campaigns.config import AcceptanceConfig
+from campaigns.config_sections import AcceptanceConfig
 from campaigns.journal_views import AcceptedShot
 from campaigns.numerics.frames import fit_transform
-from campaigns.numerics.geometry import Array
+from campaigns.numerics.geometry import Array, Index
 from campaigns.numerics.statistics import Spread, spread
 from campaigns.planning import pose_row
 from campaigns.shot_sets import ShotSet
 
 SHOTS_FOR_A_FRAME = 4
 AXES = ("x", "y", "z")
+NO_AXIS = -1
+SAME_MM = 1e-6
+"""Below this a commanded coordinate has not changed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,25 +112,27 @@ def rotation_mm(points: Array) -> float | None:
 
 
 def _straightness(shots: Sequence[AcceptedShot]) -> dict[str, float] | None:
-    """By the axis along which each line was commanded."""
-    lines: dict[str, list[AcceptedShot]] = {}
-    for axis, shot in zip(_line_axes(shots), shots, strict=True):
-        lines.setdefault(axis, []).append(shot)
-    found = {axis: straightness_mm(_points(line)) for axis, line in lines.items() if len(line) > 2}
+    """By the axis along which each line was commanded; a line needs three points."""
+    points, axes = _points(shots), line_axes(_commanded(shots))
+    lines = {name: points[axes == axis] for axis, name in enumerate(AXES)}
+    found = {name: straightness_mm(line) for name, line in lines.items() if len(line) > 2}
     return found or None
 
 
-def _line_axes(shots: Sequence[AcceptedShot]) -> list[str]:
-    """Which line each shot belongs to: the commanded lines meet only in their common centre."""
-    if not shots:
-        return []
-    commanded = _commanded(shots)
-    offsets = np.abs(commanded - np.median(commanded, axis=0))
-    axes = np.argmax(offsets, axis=1)
-    at_centre = offsets.max(axis=1) < 1e-9
-    for row in np.flatnonzero(at_centre):
-        axes[row] = axes[row - 1] if row else axes[row + 1]
-    return [AXES[axis] for axis in axes]
+def line_axes(commanded_mm: Array) -> Index:
+    """The axis (0, 1, 2) of the line to which each commanded point belongs, (N,).
+
+    Points (N, 3) come line by line, and along each line only one coordinate changes: a point is of
+    the line of its predecessor as long as it differs from it along one axis alone.
+    """
+    steps = np.abs(np.diff(commanded_mm, axis=0)) > SAME_MM
+    axes = np.full(len(commanded_mm), NO_AXIS, dtype=np.intp)
+    for row, changed in enumerate(steps, start=1):
+        if np.count_nonzero(changed) == 1:
+            axes[row] = int(np.argmax(changed))
+            begins = axes[row - 1] == NO_AXIS
+            axes[row - 1] = axes[row] if begins else axes[row - 1]
+    return axes
 
 
 def straightness_mm(points: Array) -> float:
@@ -139,7 +144,10 @@ def straightness_mm(points: Array) -> float:
 
 
 def repeatability(points: Array) -> Repeatability | None:
-    """Of points (N, 3) measured at one commanded pose: radius, and RP = l̄ + 3 S_l (ISO 9283, 7.2.2)."""
+    """Of points (N, 3) measured at one commanded pose: radius, and RP = l̄ + 3 S_l.
+
+    ISO 9283, 7.2.2. None for fewer than two points.
+    """
     if len(points) < 2:
         return None
     lengths = np.linalg.norm(points - points.mean(axis=0), axis=1)
@@ -148,7 +156,7 @@ def repeatability(points: Array) -> Repeatability | None:
 
 
 def frame_errors(commanded_in_base_mm: Array, measured_in_tracker_mm: Array) -> FrameErrors | None:
-    """Absolute accuracy in the tracker's frame; None with too few points for a frame."""
+    """Absolute accuracy in the tracker's frame; None for fewer than four points."""
     if len(commanded_in_base_mm) < SHOTS_FOR_A_FRAME:
         return None
     tracker_from_base = fit_transform(commanded_in_base_mm, measured_in_tracker_mm)
@@ -160,13 +168,21 @@ def frame_errors(commanded_in_base_mm: Array, measured_in_tracker_mm: Array) -> 
 def broken_limits(found: Validation, limits: AcceptanceConfig) -> list[str]:
     """Every acceptance limit that the results break, with value and limit."""
     distances, repeated = found.distances, found.repeatability
-    straight = max(found.straightness_mm.values()) if found.straightness_mm else None
+    straight = found.straightness_mm
     checks = (
-        ("mean distance error", distances and distances.mean_abs, limits.distance_mean_mm),
-        ("largest distance error", distances and distances.max_abs, limits.distance_max_mm),
+        (
+            "mean distance error",
+            distances.mean_abs if distances else None,
+            limits.distance_mean_mm,
+        ),
+        (
+            "largest distance error",
+            distances.max_abs if distances else None,
+            limits.distance_max_mm,
+        ),
         ("rotation", found.rotation_mm, limits.rotation_mm),
-        ("straightness", straight, limits.straightness_mm),
-        ("repeatability", repeated and repeated.radius_mm, limits.repeatability_mm),
+        ("straightness", max(straight.values()) if straight else None, limits.straightness_mm),
+        ("repeatability", repeated.radius_mm if repeated else None, limits.repeatability_mm),
     )
     return [
         f"{name} {value:.3f} mm, limit {limit:g} mm"

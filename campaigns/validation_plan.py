@@ -1,18 +1,23 @@
-"""The tests of the paper's section IV.E as steps: repeatability, rotation, straightness, distances."""
+"""The tests of the paper's section IV.E as poses to command: the controller's model counts.
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+Repeatability, rotation, straightness and distances.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from campaigns.config import ValidationConfig
+from campaigns.config_sections import ValidationConfig
 from campaigns.errors import PlanInvalid
 from campaigns.numerics.geometry import Array, Geometry
 from campaigns.numerics.reach import Limits, explain, reach
+from campaigns.plan_check import refuse, view_fault
 from campaigns.plan_file import PlannedShot
-from campaigns.planning import pose_of, pose_row
+from campaigns.planning import View, pose_of, pose_row
 from campaigns.shot_sets import ShotSet
 from campaigns.steps import Step
+from campaigns.ways import Mechanism, Stop, check_ways
 
 APPROACH_MM = 80.0
 """From how far away the repeated point is approached."""
@@ -24,18 +29,29 @@ AXES = ("x", "y", "z")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reachable:
-    """The robot as the controller believes it to be: that is what takes its pose commands."""
+    """The robot as its controller believes it to be, for that is what takes pose commands.
+
+    `view` is how the tracker sees it; None when that need not be looked at.
+    """
 
     geometry: Geometry
     limits: Limits
+    view: View | None = None
 
     def first_reason(self, poses: Array) -> str:
-        """Why the first impossible one of poses (N, 4) is impossible; empty when all are possible."""
+        """Why the first impossible one of poses (N, 4) is impossible; empty when none is."""
         judged = reach(self.geometry, self.limits, poses)
-        if judged.feasible.all():
+        if not judged.feasible.all():
+            row = int(np.argmin(judged.feasible))
+            return explain(self.limits, judged, row, float(poses[row, 3]))[0]
+        if self.view is None:
             return ""
-        row = int(np.argmin(judged.feasible))
-        return explain(self.limits, judged, row, float(poses[row, 3]))[0]
+        faults = (view_fault(pose[:3], self.view) for pose in poses)
+        return next(filter(None, faults), "")
+
+    def joints_rad(self, poses: Array) -> Array:
+        """Encoder angles of poses (N, 4), (N, 4)."""
+        return reach(self.geometry, self.limits, poses).joints_rad
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +62,18 @@ class ValidationSteps:
     notes: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Test:
+    """The poses (N, 4) of one test, and what was changed to make them possible."""
+
+    purpose: ShotSet
+    poses: Array
+    pairs: Sequence[int | None]
+    notes: tuple[str, ...] = ()
+    approaches: Array | None = None
+    """Poses from which each is approached, (N, 4)."""
+
+
 def validation_steps(
     config: ValidationConfig,
     pairs: Sequence[PlannedShot],
@@ -53,62 +81,61 @@ def validation_steps(
     only: frozenset[ShotSet],
     rng: np.random.Generator,
 ) -> ValidationSteps:
-    """The steps of the tests asked for, each commanded as a pose so that the controller's model counts.
+    """The steps of the tests asked for; `pairs` are the plan's validation shots.
 
-    `pairs` are the plan's validation shots. Raises `PlanInvalid` when the centre or a validation pose
-    cannot be taken.
+    Raises `PlanInvalid` when a test cannot be done at all, or a way between poses is not safe.
     """
     centre = np.array([*config.centre_mm, 0.0])
-    poses: list[tuple[ShotSet, int | None, Array]] = []
-    notes: list[str] = []
-    if ShotSet.ROTATION in only:
-        turn, cut = _rotation(centre, config.rotation_steps, robot)
-        poses += [(ShotSet.ROTATION, None, pose) for pose in turn]
-        notes += cut
-    if ShotSet.STRAIGHTNESS in only:
-        for axis, length in enumerate(config.line_lengths_mm):
-            line, cut = _line(centre, axis, length, config.line_points, robot)
-            poses += [(ShotSet.STRAIGHTNESS, None, pose) for pose in line]
-            notes += cut
-    if ShotSet.VALIDATION in only:
-        taken, left_out = _possible_pairs(pairs, robot)
-        poses += [(ShotSet.VALIDATION, s.pair, pose_row(s.pose)) for s in taken]
-        notes += left_out
-    if ShotSet.REPEATABILITY in only:
-        approaches = _approaches(centre, config.repeatability_approaches, rng)
-        poses += [(ShotSet.REPEATABILITY, None, centre)] * len(approaches)
-    else:
-        approaches = np.empty((0, 4))
-    steps = _steps(poses, robot, approaches)
-    return ValidationSteps(steps, tuple(notes))
+    makers: Mapping[ShotSet, Callable[[], list[_Test]]] = {
+        ShotSet.ROTATION: lambda: [_rotation(centre, config.rotation_steps, robot)],
+        ShotSet.STRAIGHTNESS: lambda: _lines(centre, config, robot),
+        ShotSet.VALIDATION: lambda: [_possible_pairs(pairs, robot)],
+        ShotSet.REPEATABILITY: lambda: [
+            _repetitions(centre, config.repeatability_approaches, robot, rng)
+        ],
+    }
+    tests = [test for purpose, make in makers.items() if purpose in only for test in make()]
+    notes = tuple(note for test in tests for note in test.notes)
+    steps = tuple(step for test in tests for step in _steps(test, robot))
+    if not steps:
+        why = "; ".join(notes) or "no test was named, or the plan holds no validation pairs"
+        raise PlanInvalid(f"nothing to validate: {why}", remedy="name a test, or plan anew")
+    numbered = tuple(
+        replace(step, planned=replace(step.planned, shot=number))
+        for number, step in enumerate(steps)
+    )
+    _check_ways(numbered, Mechanism(robot.geometry, robot.limits, centre))
+    return ValidationSteps(numbered, notes)
 
 
-def _steps(
-    poses: Sequence[tuple[ShotSet, int | None, Array]], robot: Reachable, approaches: Array
-) -> tuple[Step, ...]:
-    if not poses:
-        raise PlanInvalid("nothing to validate", remedy="name at least one test with --only")
-    rows = np.array([pose for _, _, pose in poses])
-    why = robot.first_reason(np.vstack([rows, approaches]))
-    if why:
-        raise PlanInvalid(
-            f"a validation pose cannot be taken with the controller's geometry: {why}",
-            remedy="correct `validation` in campaign.yaml, or plan anew",
-        )
-    joints = reach(robot.geometry, robot.limits, rows).joints_rad
-    via = iter(_joint_tuples(robot, approaches))
-    steps = []
-    for number, ((purpose, pair, pose), joint) in enumerate(zip(poses, joints, strict=True)):
-        planned = PlannedShot(number, purpose, pair, pose_of(pose), tuple(joint.tolist()))
-        approach = (next(via),) if purpose is ShotSet.REPEATABILITY else ()
-        steps.append(Step(planned, "pose", approach))
-    return tuple(steps)
+def _steps(test: _Test, robot: Reachable) -> list[Step]:
+    """A test's steps, each still with the number 0."""
+    joints = robot.joints_rad(test.poses)
+    via = [()] * len(joints) if test.approaches is None else _vias(robot, test.approaches)
+    return [
+        Step(PlannedShot(0, test.purpose, pair, pose_of(pose), tuple(q.tolist())), "pose", passed)
+        for pose, pair, q, passed in zip(test.poses, test.pairs, joints, via, strict=True)
+    ]
 
 
-def _possible_pairs(
-    shots: Sequence[PlannedShot], robot: Reachable
-) -> tuple[list[PlannedShot], list[str]]:
-    """The shots of pairs that the controller can take whole, and why the others are left out."""
+def _vias(robot: Reachable, poses: Array) -> list[tuple[tuple[float, ...], ...]]:
+    return [(tuple(q.tolist()),) for q in robot.joints_rad(poses)]
+
+
+def _check_ways(steps: Sequence[Step], mechanism: Mechanism) -> None:
+    stops: list[Stop] = []
+    for step in steps:
+        name = f"{step.planned.purpose.value} shot {step.planned.shot}"
+        stops += [Stop(f"the approach to {name}", np.array(q)) for q in step.approach_rad]
+        stops.append(Stop(name, np.array(step.planned.joints_rad)))
+    refuse(
+        check_ways(stops, mechanism).faults,
+        remedy="correct `validation` in campaign.yaml, or plan anew",
+    )
+
+
+def _possible_pairs(shots: Sequence[PlannedShot], robot: Reachable) -> _Test:
+    """The pairs that the controller can take whole, and why the others are left out."""
     pairs: dict[int | None, list[PlannedShot]] = {}
     for shot in shots:
         pairs.setdefault(shot.pair, []).append(shot)
@@ -120,28 +147,25 @@ def _possible_pairs(
             notes.append(f"validation pair {pair} left out: {reason}")
         else:
             taken += both
-    return taken, notes
+    poses = np.array([pose_row(shot.pose) for shot in taken]).reshape(-1, 4)
+    return _Test(ShotSet.VALIDATION, poses, [shot.pair for shot in taken], tuple(notes))
 
 
-def _joint_tuples(robot: Reachable, poses: Array) -> Iterator[tuple[float, ...]]:
-    if len(poses):
-        for joints in reach(robot.geometry, robot.limits, poses).joints_rad:
-            yield tuple(joints.tolist())
-
-
-def _approaches(centre: Array, count: int, rng: np.random.Generator) -> Array:
-    """Poses around the centre, evenly over the sphere with a random turn, (count, 4)."""
+def _repetitions(centre: Array, count: int, robot: Reachable, rng: np.random.Generator) -> _Test:
+    """One pose again and again, from all around it: evenly over a sphere with a random turn."""
     place = np.arange(count) + 0.5
     height = 1.0 - 2.0 * place / count
     around = np.pi * (1.0 + 5.0**0.5) * place + rng.uniform(0.0, 2.0 * np.pi)
     radius = np.sqrt(1.0 - height**2)
     directions = np.column_stack([radius * np.cos(around), radius * np.sin(around), height])
-    poses = np.tile(centre, (count, 1))
-    poses[:, :3] += APPROACH_MM * directions
-    return poses
+    poses, approaches = np.tile(centre, (count, 1)), np.tile(centre, (count, 1))
+    approaches[:, :3] += APPROACH_MM * directions
+    if reason := robot.first_reason(np.vstack([poses, approaches])):
+        raise _impossible("repeatability", reason)
+    return _Test(ShotSet.REPEATABILITY, poses, [None] * count, approaches=approaches)
 
 
-def _rotation(centre: Array, steps: int, robot: Reachable) -> tuple[Array, list[str]]:
+def _rotation(centre: Array, steps: int, robot: Reachable) -> _Test:
     low, high = robot.limits.theta_rad
     angles = np.linspace(low, high, steps)
 
@@ -151,12 +175,17 @@ def _rotation(centre: Array, steps: int, robot: Reachable) -> tuple[Array, list[
         return poses
 
     asked = float(np.degrees(high - low))
-    return _fitted(turned, robot, "rotation", asked, "°")
+    poses, notes = _shortened(turned, robot, "rotation", asked, "°")
+    return _Test(ShotSet.ROTATION, poses, [None] * steps, notes)
 
 
-def _line(
-    centre: Array, axis: int, length_mm: float, points: int, robot: Reachable
-) -> tuple[Array, list[str]]:
+def _lines(centre: Array, config: ValidationConfig, robot: Reachable) -> list[_Test]:
+    """The lines along x, y and z through the centre."""
+    lengths = enumerate(config.line_lengths_mm)
+    return [_line(centre, axis, length, config.line_points, robot) for axis, length in lengths]
+
+
+def _line(centre: Array, axis: int, length_mm: float, points: int, robot: Reachable) -> _Test:
     offsets = np.linspace(-0.5, 0.5, points) * length_mm
 
     def along(part: float) -> Array:
@@ -164,23 +193,28 @@ def _line(
         poses[:, axis] += part * offsets
         return poses
 
-    return _fitted(along, robot, f"line along {AXES[axis]}", length_mm, "mm")
+    poses, notes = _shortened(along, robot, f"line along {AXES[axis]}", length_mm, " mm")
+    return _Test(ShotSet.STRAIGHTNESS, poses, [None] * points, notes)
 
 
-def _fitted(
+def _shortened(
     make: Callable[[float], Array], robot: Reachable, test: str, asked: float, unit: str
-) -> tuple[Array, list[str]]:
+) -> tuple[Array, tuple[str, ...]]:
     """The largest version of a test that the robot can do, down to two thirds of what was asked."""
-    part, first_reason = 1.0, ""
-    for _ in range(SHRINKS):
-        poses = make(part)
+    first_reason = ""
+    for part in SHRINK ** np.arange(SHRINKS):
+        poses = make(float(part))
         reason = robot.first_reason(poses)
         if not reason:
-            used = f"{test} shortened from {asked:g} to {part * asked:.4g} {unit}: {first_reason}"
-            return poses, [used] if first_reason else []
+            used = f"{test} shortened from {asked:g} to {part * asked:.4g}{unit}: {first_reason}"
+            return poses, (used,) if first_reason else ()
         first_reason = first_reason or reason
-        part *= SHRINK
-    raise PlanInvalid(
-        f"{test} of {asked:g} {unit} cannot be done: {first_reason}",
-        remedy="move validation.centre_mm, or shorten it in campaign.yaml",
+    raise _impossible(f"{test} of {asked:g}{unit}", first_reason)
+
+
+def _impossible(test: str, reason: str) -> PlanInvalid:
+    return PlanInvalid(
+        f"{test} cannot be done with the controller's geometry: {reason}",
+        remedy="move validation.centre_mm or shorten the test in campaign.yaml, or validate "
+        "without it",
     )

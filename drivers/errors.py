@@ -20,7 +20,9 @@ class DriverError(ExplainedError):
 class WireError(DriverError):
     """Bytes that are not of the protocol; the only error that garbage from a wire may raise."""
 
-    def __init__(self, problem: str, *, remedy: str = "check the cable and the device's protocol") -> None:
+    def __init__(
+        self, problem: str, *, remedy: str = "check the cable and the device's protocol"
+    ) -> None:
         super().__init__(problem, remedy=remedy)
 
 

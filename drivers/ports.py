@@ -1,4 +1,4 @@
-"""What the work may ask of a device. Whoever drives a new controller or tracker provides one of these."""
+"""What the work may ask of a device; a new controller or tracker is driven by providing one."""
 
 from collections.abc import Mapping, Sequence
 from typing import Protocol
@@ -28,7 +28,7 @@ class Clock(Protocol):
 
 
 class RobotController(Protocol):
-    """A robot's controller. Every call has a deadline; motions are started here and watched by `state`."""
+    """A robot's controller. Every call has a deadline; `state` watches what `move_*` started."""
 
     def identity(self) -> Identity:
         """Who answers, with serial number and firmware."""
@@ -39,7 +39,10 @@ class RobotController(Protocol):
         ...
 
     def move_joints(self, joints_rad: Sequence[float], speed_fraction: float) -> None:
-        """Start a joint move; raises `LimitViolation`, `MotionFault` or `EmergencyStop` when refused."""
+        """Start a joint move.
+
+        Raises `LimitViolation`, `MotionFault` or `EmergencyStop` when it is refused.
+        """
         ...
 
     def move_pose(self, pose: Pose, speed_fraction: float) -> None:
@@ -51,7 +54,7 @@ class RobotController(Protocol):
         ...
 
     def read_geometry(self) -> Mapping[str, float]:
-        """The controller's active parameters by their flat names (`arm0.x_mm`, …, `plate_mm`), mm and deg."""
+        """The active parameters by flat name (`arm0.x_mm`, …, `plate_mm`), mm and deg."""
         ...
 
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
@@ -98,7 +101,7 @@ class LaserTracker(Protocol):
         ...
 
     def go_to(self, point_in_tracker_mm: Vector3) -> None:
-        """Point there and lock onto the reflector found near; raises `BeamBroken` when there is none."""
+        """Point there and lock onto the reflector found near; `BeamBroken` when there is none."""
         ...
 
     def find_reflector(self, distance_mm: float) -> None:

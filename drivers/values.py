@@ -18,7 +18,8 @@ class Identity:
     protocol: str
 
     def __str__(self) -> str:
-        return f"{self.vendor} {self.model} serial {self.serial} ({self.protocol}, firmware {self.firmware})"
+        version = f"{self.protocol}, firmware {self.firmware}"
+        return f"{self.vendor} {self.model} serial {self.serial} ({version})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +34,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
-    """One reading of a controller. `fault` is empty when there is none; `raw` is the answer as sent."""
+    """One reading of a controller: `fault` is empty without one, `raw` is the answer as sent."""
 
     joints_rad: tuple[float, ...]
     moving: bool

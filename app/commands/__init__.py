@@ -1,1 +1,1 @@
-"""One command a file: what Typer shows above, the work below. Heavy libraries are imported inside."""
+"""One command a file: what Typer shows above, the work below; heavy imports are inside."""

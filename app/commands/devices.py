@@ -2,63 +2,79 @@
 
 from typing import TYPE_CHECKING
 
+import typer
+
 from app.options import Folder, Json
 
 if TYPE_CHECKING:
-    from campaigns.shooting import Cell
+    from collections.abc import Mapping
+
+    from drivers.ports import LaserTracker, RobotController
 
 
-def command(folder: Folder, *, json: Json = False) -> None:
-    """Connect to controller and tracker; say who answers, state, weather, reflectors.
+def command(context: typer.Context, folder: Folder, *, json: Json = False) -> None:
+    """Say who answers, and in what state; nothing moves.
 
-    Nothing moves.
+    Connects to controller and tracker and shows identities, joints, faults, the tracker's
+    start-up, beam, reflectors and weather. What campaign.yaml needs can be read off here: serial
+    numbers and the reflector's name.
     """
-    from app.console import Terminal
+    from app.console import terminal_of
     from app.folder import open_campaign
     from app.wiring import connected_cell
 
-    terminal = Terminal(as_json=json)
-    with connected_cell(open_campaign(folder)) as cell:
-        found = survey(cell)
-    for device, lines in found.items():
-        terminal.table(device, ("", "value"), [(k, _text(v)) for k, v in lines.items()])
+    terminal = terminal_of(context, as_json=json)
+    campaign = open_campaign(folder)
+    with connected_cell(campaign) as cell:
+        found = {"controller": of_controller(cell.robot), "tracker": of_tracker(cell.tracker)}
+    urls = {"controller": campaign.config.controller.url, "tracker": campaign.config.tracker.url}
+    for device, facts in found.items():
+        terminal.listing(f"{device} at {urls[device]}", _texts(facts))
     terminal.document(found)
 
 
-def survey(cell: "Cell") -> dict[str, dict[str, object]]:
-    """What both devices say of themselves."""
+def of_controller(robot: "RobotController") -> dict[str, object]:
+    """What the controller says of itself."""
     from math import degrees
 
-    robot, state = cell.robot.identity(), cell.robot.state()
-    tracker, seen, air = cell.tracker.identity(), cell.tracker.state(), cell.tracker.weather()
+    identity, state = robot.identity(), robot.state()
     return {
-        "controller": {
-            "identity": str(robot),
-            "serial": robot.serial,
-            "joints_deg": [round(degrees(q), 6) for q in state.joints_rad],
-            "moving": state.moving,
-            "fault": state.fault,
-            "emergency_stop": state.emergency_stop,
-        },
-        "tracker": {
-            "identity": str(tracker),
-            "serial": tracker.serial,
-            "readiness": seen.readiness.value,
-            "initialised": seen.initialised,
-            "laser_warm": seen.laser_warm,
-            "beam_locked": seen.beam_locked,
-            "reflector": seen.reflector,
-            "reflectors": [reflector.name for reflector in cell.tracker.reflectors()],
-            "temperature_degC": air.temperature_degC,
-            "pressure_hPa": air.pressure_hPa,
-            "humidity_percent": air.humidity_percent,
-        },
+        "identity": str(identity),
+        "serial": identity.serial,
+        "joints_deg": [round(degrees(q), 6) for q in state.joints_rad],
+        "moving": state.moving,
+        "fault": state.fault,
+        "emergency_stop": state.emergency_stop,
     }
+
+
+def of_tracker(tracker: "LaserTracker") -> dict[str, object]:
+    """What the tracker says of itself and of the air."""
+    identity, state, air = tracker.identity(), tracker.state(), tracker.weather()
+    return {
+        "identity": str(identity),
+        "serial": identity.serial,
+        "readiness": state.readiness.value,
+        "initialised": state.initialised,
+        "laser_warm": state.laser_warm,
+        "beam_locked": state.beam_locked,
+        "reflector": state.reflector,
+        "reflectors": [reflector.name for reflector in tracker.reflectors()],
+        "temperature_degC": air.temperature_degC,
+        "pressure_hPa": air.pressure_hPa,
+        "humidity_percent": air.humidity_percent,
+    }
+
+
+def _texts(facts: "Mapping[str, object]") -> dict[str, str]:
+    return {name.replace("_", " "): _text(value) for name, value in facts.items()}
 
 
 def _text(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list):
-        return ", ".join(map(str, value))
-    return str(value) or "-"
+        return ", ".join(map(str, value)) or "none"
+    if isinstance(value, float):
+        return f"{value:g}"
+    return str(value) or "none"

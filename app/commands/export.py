@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 
 def command(
+    context: typer.Context,
     folder: Folder,
     *,
     to: Annotated[
@@ -22,25 +23,25 @@ def command(
     ] = False,
     json: Json = False,
 ) -> None:
-    """Write the identified parameters as a robot file: values, 1 σ, provenance, digest.
+    """Write the identified parameters as a robot file.
 
-    Only an identification whose verdict is "pass" is exported. The file can be the next campaign's
-    nominal robot.
+    It holds the parameters, 1 σ of each that was identified, where they come from, and the
+    sha256 of the geometry. Only an identification whose verdict is "pass" is written. The file
+    can be the nominal robot of a next campaign.
     """
-    from app.console import Terminal
+    from app.console import terminal_of
     from app.folder import open_campaign
 
-    terminal = Terminal(as_json=json)
+    terminal = terminal_of(context, as_json=json)
     path = export(open_campaign(folder), to, overwrite=overwrite)
     terminal.say(f"written: {path}")
-    terminal.document({"path": str(path)})
     terminal.note(f"next: pkmcal load {folder}")
+    terminal.document({"path": str(path)})
 
 
 def export(campaign: "Campaign", to: Path | None = None, *, overwrite: bool = False) -> Path:
     """Write the latest identification; raises `VerdictBad`, `OutputExists` or `WriteFailed`."""
-    from app.folder import JOURNAL
-    from campaigns.errors import ShotsMissing
+    from app.folder import require_journal
     from campaigns.export import (
         FILE_NAME,
         compensated_robot,
@@ -50,10 +51,7 @@ def export(campaign: "Campaign", to: Path | None = None, *, overwrite: bool = Fa
     from campaigns.journal_reader import read_journal
 
     path = to or campaign.path(FILE_NAME)
-    journal_path = campaign.path(JOURNAL)
-    if not journal_path.exists():
-        raise ShotsMissing("nothing has been measured yet", remedy="`pkmcal run` first")
-    with read_journal(journal_path) as journal:
+    with read_journal(require_journal(campaign)) as journal:
         finding = latest_identification(journal)
     robot = compensated_robot(campaign.config.name, campaign.nominal, finding)
     write_compensated(path, robot, overwrite=overwrite)

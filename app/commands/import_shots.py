@@ -12,23 +12,31 @@ if TYPE_CHECKING:
 
 
 def command(
+    context: typer.Context,
     folder: Folder,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="shots.csv (docs/files.md).")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A shots.csv, see above.")],
     *,
     json: Json = False,
 ) -> None:
-    """Take shots measured elsewhere into the campaign: two rows of one pair number are a pair.
+    """Take in shots measured with other software.
 
-    Rows with set "validation" are kept unseen by the fit.
+    A CSV file with one row a shot: encoder angles, and the reflector's place in the tracker's
+    frame. Two rows with one pair number are a pair. The header is
+
+    pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm
+
+    and may go on with set, theta_deg, sxx, sxy, sxz, syy, syz, szz (mm²), temperature_degC, time.
+    Pairs of the set "validation" stay unseen by the fit and prove it; "identification" is the
+    default.
     """
-    from app.console import Terminal
+    from app.console import terminal_of
     from app.folder import open_campaign
 
-    terminal = Terminal(as_json=json)
+    terminal = terminal_of(context, as_json=json)
     series, shots = import_shots(open_campaign(folder), file)
-    terminal.say(f"{shots} shots taken in as series {series}")
-    terminal.document({"series": series, "shots": shots})
+    terminal.say(f"taken in: {shots} shots, as series {series}")
     terminal.note(f"next: pkmcal identify {folder}")
+    terminal.document({"series": series, "shots": shots})
 
 
 def import_shots(campaign: "Campaign", file: Path) -> tuple[int, int]:

@@ -1,11 +1,12 @@
 """pkmcal load: the compensated parameters into the controller."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.options import Dry, Folder, Json, Yes
+from app.options import Dry, Folder, Json
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -13,73 +14,105 @@ if TYPE_CHECKING:
     from app.console import Terminal
     from app.folder import Campaign
     from campaigns.load import Change
+    from campaigns.robot import RobotFile
+    from drivers.ports import RobotController
 
 KEPT = "controller-before-{number}.yaml"
+SURE = "Write these parameters? The robot must stand still."
+
+Approve = Callable[["tuple[Change, ...]"], bool]
 
 
 def command(
+    context: typer.Context,
     folder: Folder,
     *,
     file: Annotated[
-        Path | None, typer.Option(help="Another robot file than DIR/robot-compensated.yaml.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Another robot file than DIR/robot-compensated.yaml."),
     ] = None,
     rollback: Annotated[
         bool, typer.Option("--rollback", help="Put back what the last load replaced.")
     ] = False,
     dry: Dry = False,
-    yes: Yes = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="Don't ask: the robot stands still.")
+    ] = False,
     json: Json = False,
 ) -> None:
-    """Load parameters into the controller: read back what it holds, keep that as a file, show the
-    difference, ask, write, read back and verify.
+    """Put the compensated parameters into the controller.
 
-    What does not verify is taken back. The robot must stand still.
+    Reads what the controller holds, keeps it as controller-before-N.yaml, shows the difference
+    with Δ/σ, asks, writes all parameters at once, reads them back and compares. What does not
+    verify is taken back. Ctrl-C is heard before and after, never in between.
     """
-    from app.console import Terminal
+    from app.console import terminal_of
+    from app.errors import UsageInvalid
     from app.folder import open_campaign
     from campaigns.export import FILE_NAME
 
-    terminal = Terminal(as_json=json)
+    if rollback and file is not None:
+        raise UsageInvalid("--rollback and --file contradict each other", remedy="give one")
+    terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     source = last_kept(campaign) if rollback else file or campaign.path(FILE_NAME)
-    kept = load(campaign, source, terminal, dry=dry, yes=yes)
-    terminal.document(
-        {"loaded": None if dry else str(source), "kept": None if kept is None else str(kept)}
-    )
+
+    def approve(found: "tuple[Change, ...]") -> bool:
+        show(terminal, found)
+        if not dry:
+            terminal.require_yes(SURE, yes=yes)
+        return not dry
+
+    kept = load(campaign, source, approve)
+    if kept is None:
+        terminal.say("nothing was written" if dry else "the controller holds these already")
+    else:
+        terminal.say(f"loaded and verified: {source}", "green")
+        terminal.say(f"what it held before: {kept}")
+    loaded = None if kept is None else str(source)
+    terminal.document({"loaded": loaded, "kept": None if kept is None else str(kept)})
 
 
-def load(
-    campaign: "Campaign",
-    source: Path,
-    terminal: "Terminal",
-    *,
-    dry: bool = False,
-    yes: bool = False,
-) -> Path | None:
-    """Load a robot file; gives where the old parameters are kept, None when nothing was done."""
+def load(campaign: "Campaign", source: Path, approve: Approve) -> Path | None:
+    """Load a robot file; gives where the old parameters are kept, None when nothing was done.
+
+    `approve` is shown the changes and says whether to go on.
+    """
     from app.folder import journal_of
+    from app.interrupt import StopWish, stop_on_signals
     from app.wiring import connected_robot
-    from campaigns.load import changes, differing, write_verified
+    from campaigns.load import changes, differing
     from campaigns.records import Finding
     from campaigns.robot import read_robot
 
     robot = read_robot(source).robot
     with journal_of(campaign) as journal, connected_robot(campaign) as controller:
         old = dict(controller.read_geometry())
-        show(terminal, changes(old, robot))
         if not differing(old, robot.geometry_flat()):
-            terminal.say("the controller holds these parameters already")
             return None
-        if dry:
-            terminal.say("nothing was written")
+        if not approve(changes(old, robot)):
             return None
-        if not yes and not terminal.confirm("Write these parameters? The robot must stand still."):
-            raise typer.BadParameter("not confirmed: answer y, or give --yes")
-        kept = keep(campaign, old)
-        write_verified(controller, robot.geometry_flat(), old)
-        body = {"source": source.name, "digest": robot.digest(), "kept": kept.name}
-        journal.append(Finding("load", body))
-    terminal.say(f"loaded and verified: {source.name}; the old parameters: {kept.name}", "green")
+        wish = StopWish()
+        with stop_on_signals(wish):
+            kept = _replace(campaign, controller, robot, old)
+            body = {"source": source.name, "digest": robot.digest(), "kept": kept.name}
+            journal.append(Finding("load", body))
+    if wish():
+        raise KeyboardInterrupt
+    return kept
+
+
+def _replace(
+    campaign: "Campaign",
+    controller: "RobotController",
+    robot: "RobotFile",
+    old: "Mapping[str, float]",
+) -> Path:
+    """Keep what the controller holds, then write and verify."""
+    from campaigns.load import write_verified
+
+    kept = keep(campaign, old)
+    write_verified(controller, robot.geometry_flat(), old)
     return kept
 
 
@@ -100,7 +133,10 @@ def last_kept(campaign: "Campaign") -> Path:
 
     kept = _kept(campaign)
     if not kept:
-        raise ShotsMissing("nothing was loaded here yet", remedy="there is nothing to roll back")
+        raise ShotsMissing(
+            f"{campaign.folder}: nothing was loaded here yet",
+            remedy="there is nothing to roll back; name a robot file with --file",
+        )
     return max(kept, key=_number)
 
 

@@ -5,93 +5,127 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.options import Folder
+from app.options import Folder, Json
 
 if TYPE_CHECKING:
-    from campaigns.config_sections import ControllerConfig, TrackerConfig
+    from campaigns.config import CampaignConfig
 
 DEFAULT_ROBOT = "par4-prototype"
 DEFAULT_SCENARIO = "paper-prototype"
 DEFAULT_REFLECTOR = "CCR-1.5in"
-NEXT_ON_A_CELL = "correct campaign.yaml (tracker.place_mm, reflector), then: pkmcal devices"
+SIMULATED_SPEED_PERCENT = 50.0
 
 
 def command(
+    context: typer.Context,
     folder: Folder,
+    *,
     robot: Annotated[
-        str, typer.Option(help="The nominal robot: a shipped one's name, or a robot file.")
+        str, typer.Option(metavar="NAME", help="The nominal robot: a shipped one, or a robot file.")
     ] = DEFAULT_ROBOT,
     scenario: Annotated[
-        str | None, typer.Option(help="Simulated cell: a shipped scenario, or a cell file.")
+        str | None,
+        typer.Option(
+            metavar="NAME", help="The simulated cell: a shipped scenario, or a cell file."
+        ),
     ] = None,
     controller: Annotated[
-        str | None, typer.Option(metavar="URL", help="Real controller: tcp://… or serial://…")
+        str | None,
+        typer.Option(
+            metavar="URL", help="The controller: tcp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200"
+        ),
     ] = None,
     tracker: Annotated[
-        str | None, typer.Option(metavar="URL", help="Real tracker: tcp://HOST:700")
+        str | None, typer.Option(metavar="URL", help="The tracker: tcp://HOST:700")
     ] = None,
+    json: Json = False,
 ) -> None:
-    """Make a campaign's folder: its settings, each explained, and the nominal robot.
+    """Make a campaign's folder: settings and nominal robot.
 
-    Without addresses it gets a simulated cell to practise on.
+    campaign.yaml explains each of its keys; robot.yaml is the robot as it was designed. With
+    --controller and --tracker it is for a real cell, otherwise it gets a simulated one, whose
+    every error stands in cell.yaml.
+
+    pkmcal new first-try
+
+    pkmcal new cell-3 --controller tcp://192.168.0.10:5020 --tracker tcp://192.168.0.1:700
     """
-    from app.console import Terminal
+    from app.console import terminal_of
+    from app.errors import UsageInvalid
 
     if (controller is None) != (tracker is None):
-        raise typer.BadParameter("give both --controller and --tracker, or neither")
+        raise UsageInvalid(
+            "one of --controller and --tracker is missing", remedy="give both, or neither"
+        )
     if controller is not None and scenario is not None:
-        raise typer.BadParameter("give either addresses or a --scenario, not both")
-    terminal = Terminal(as_json=False)
+        raise UsageInvalid(
+            "--scenario is for a simulated cell, --controller for a real one", remedy="give one"
+        )
+    terminal = terminal_of(context, as_json=json)
     if controller is not None and tracker is not None:
-        create_for_devices(folder, robot, controller, tracker)
-        terminal.say(f"{folder}: made for {controller} and {tracker}")
-        terminal.note(f"next: {NEXT_ON_A_CELL} {folder}")
-        return
-    create_simulated(folder, robot, scenario or DEFAULT_SCENARIO)
-    terminal.say(f"{folder}: made with the simulated cell '{scenario or DEFAULT_SCENARIO}'")
-    terminal.note(f"next: pkmcal devices {folder}, or pkmcal plan {folder}")
+        config = create_for_devices(folder, robot, controller, tracker)
+        todo = f"look through campaign.yaml (tracker.place_mm!), then: pkmcal devices {folder}"
+    else:
+        config = create_simulated(folder, robot, scenario or DEFAULT_SCENARIO)
+        todo = f"pkmcal plan {folder}"
+    urls = {"controller": config.controller.url, "tracker": config.tracker.url}
+    terminal.say(f"made: {folder}, with {urls['controller']} and {urls['tracker']}")
+    terminal.note(f"next: {todo}")
+    terminal.document({"folder": str(folder), **urls})
 
 
-def create_for_devices(folder: Path, robot: str, controller: str, tracker: str) -> None:
+def create_for_devices(folder: Path, robot: str, controller: str, tracker: str) -> "CampaignConfig":
     """A campaign on real devices; raises `ConfigInvalid`, `OutputExists` or `WriteFailed`."""
-    from campaigns.config_sections import ControllerConfig, TrackerConfig
-    from campaigns.yamlfile import checked_settings
+    from campaigns.config import new_config, write_new_campaign
+    from campaigns.robot import find_robot
 
-    controller_config = checked_settings({"url": controller}, "--controller", ControllerConfig)
-    settings = {"url": tracker, "reflector": DEFAULT_REFLECTOR}
-    tracker_config = checked_settings(settings, "--tracker", TrackerConfig)
-    _write(folder, robot, controller_config, tracker_config)
+    config = new_config(
+        {
+            "name": folder.resolve().name,
+            "controller": {"url": controller},
+            "tracker": {"url": tracker, "reflector": DEFAULT_REFLECTOR},
+        }
+    )
+    write_new_campaign(folder, config, find_robot(robot))
+    return config
 
 
-def create_simulated(folder: Path, robot: str, scenario: str, seed: int | None = None) -> None:
+def create_simulated(
+    folder: Path, robot: str, scenario: str, seed: int | None = None
+) -> "CampaignConfig":
     """A campaign on a simulated cell, whose scenario is kept in the folder as cell.yaml."""
-    from app.folder import SCENARIO
-    from app.wiring import SIMULATED
-    from campaigns.config_sections import ControllerConfig, TrackerConfig
-    from campaigns.textfile import make_folder, refuse_existing, write_new_text
+    from app.folder import SCENARIO, SIMULATED
+    from campaigns.config import new_config, write_new_campaign
+    from campaigns.robot import find_robot
+    from campaigns.textfile import make_folder, refuse_existing
     from sim.scenario import load_scenario
     from sim.scenario_text import scenario_text
 
-    cell = load_scenario(scenario)
+    tracker = load_scenario(scenario).tracker
     url = SIMULATED + SCENARIO.removesuffix(".yaml")
-    station = cell.tracker.station
-    tracker = TrackerConfig(
-        url=url,
-        reflector=cell.tracker.reflectors[0].name,
-        place_mm=(station.x_mm, station.y_mm, station.z_mm),
+    config = new_config(
+        {
+            "name": folder.resolve().name,
+            "controller": {"url": url, "speed_percent": SIMULATED_SPEED_PERCENT},
+            "tracker": {
+                "url": url,
+                "reflector": tracker.reflectors[0].name,
+                "place_mm": [tracker.station.x_mm, tracker.station.y_mm, tracker.station.z_mm],
+            },
+        }
     )
+    nominal = find_robot(robot)
     refuse_existing(folder / "campaign.yaml")
     make_folder(folder)
-    write_new_text(folder / SCENARIO, scenario_text(scenario, seed))
-    _write(folder, robot, ControllerConfig(url=url, speed_percent=50.0), tracker)
+    _write_unless_same(folder / SCENARIO, scenario_text(scenario, seed))
+    write_new_campaign(folder, config, nominal)
+    return config
 
 
-def _write(
-    folder: Path, robot: str, controller: "ControllerConfig", tracker: "TrackerConfig"
-) -> None:
-    from campaigns.config import CampaignConfig, write_new_campaign
-    from campaigns.robot import find_robot
+def _write_unless_same(path: Path, text: str) -> None:
+    """Write a new file; one that an attempt before has left is taken as it is."""
+    from campaigns.errors import OutputExists
+    from campaigns.textfile import read_text, write_new_text
 
-    name = folder.resolve().name
-    config = CampaignConfig(name=name, controller=controller, tracker=tracker)
-    write_new_campaign(folder, config, find_robot(robot))
+    if not path.exists() or read_text(path, OutputExists, if_missing="try again") != text:
+        write_new_text(path, text)

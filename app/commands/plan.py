@@ -1,6 +1,6 @@
 """pkmcal plan: where to measure."""
 
-from pathlib import Path
+from enum import Enum
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -8,44 +8,76 @@ import typer
 from app.options import Folder, Json
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from app.console import Terminal
     from app.folder import Campaign
     from campaigns.numerics.prediction import Prediction
     from campaigns.plan_check import CheckedPlan
+    from campaigns.plan_file import PlannedShot
 
 MINUTE_S = 60.0
 
 
+class Placement(Enum):
+    """Where poses are placed; the value is the word on the command line and in campaign.yaml."""
+
+    BOUNDARY = "boundary"
+    OPTIMAL = "optimal"
+
+
 def command(
+    context: typer.Context,
     folder: Folder,
     *,
     shots: Annotated[
-        int | None, typer.Option(min=2, help="Identification shots, two a pair; others on top.")
+        int | None,
+        typer.Option(min=2, metavar="N", help="Shots to identify from, two a pair; others on top."),
     ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of what is drawn.")] = None,
+    placement: Annotated[
+        Placement | None,
+        typer.Option(help="boundary: near the limits of the workspace, as in the paper."),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, metavar="N", help="Another seed than campaign.yaml's.")
+    ] = None,
     json: Json = False,
 ) -> None:
-    """Choose poses and write plan.csv: pairs near the workspace's boundary for identification,
-    pairs all over it for validation, and a drift pose at start, middle and end.
+    """Choose the poses and write plan.csv.
 
-    The plan is checked for reach, limits, swing, singularity, view and every way between poses.
-    An older plan is kept beside it.
+    Pairs near the workspace's boundary to identify from, pairs all over it that stay unseen by
+    the fit, and one pose at start, middle and end that shows drift. Every pose and every way is
+    checked: reach, joint limits, swing, singularity, the reflector's angle to the tracker.
+
+    Says before anything moves how well each parameter will be known. Defaults stand under `plan`
+    in campaign.yaml; plan.csv may be edited and is checked again; an older one is kept.
     """
-    from app.console import Terminal
+    from app.console import terminal_of
+    from app.errors import UsageInvalid
     from app.folder import open_campaign
 
     if shots is not None and shots % 2:
-        raise typer.BadParameter(f"--shots is {shots}: two make a pair, give an even number")
-    terminal = Terminal(as_json=json)
+        raise UsageInvalid(f"--shots is {shots}, but two make a pair", remedy="give an even number")
+    terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
+    check_placement(campaign, placement)
     checked, predicted = make(campaign, shots, seed)
-    document = plan_document(campaign, checked, predicted)
-    terminal.table("What the plan will tell (1 σ)", ("parameter", "predicted σ"), _rows(predicted))
-    terminal.say(
-        f"{len(checked.shots)} shots, about {checked.seconds / MINUTE_S:.0f} min, "
-        f"condition {predicted.condition:.0f}, {checked.detours} ways not straight"
-    )
+    show(terminal, checked, predicted)
     terminal.say(f"written: {campaign.plan_path}")
-    terminal.document(document)
+    terminal.note(f"next: pkmcal validate {folder} --stage before, pkmcal run {folder}")
+    terminal.document(plan_document(campaign, checked, predicted))
+
+
+def check_placement(campaign: "Campaign", asked: Placement | None) -> None:
+    """Raise `ConfigInvalid` for what cannot be done yet."""
+    from campaigns.errors import ConfigInvalid
+
+    chosen = asked or Placement(campaign.config.plan.placement)
+    if chosen is Placement.OPTIMAL:
+        where = "--placement" if asked else f"{campaign.path('campaign.yaml')}: plan.placement"
+        raise ConfigInvalid(
+            f"{where} is 'optimal', which is not available yet", remedy="write 'boundary'"
+        )
 
 
 def make(
@@ -54,26 +86,30 @@ def make(
     """Make, check and write a plan; raises `PlanInvalid` or `WriteFailed`."""
     import numpy as np
 
+    from app.folder import held
     from app.setup import checked_plan, plan_request_of, view_of
-    from campaigns.plan_file import write_plan
     from campaigns.planning import make_plan
 
     rng = np.random.default_rng(campaign.config.plan.seed if seed is None else seed)
     request = plan_request_of(campaign, shots)
     planned = make_plan(campaign.nominal.robot, view_of(campaign), request, rng)
     checked = checked_plan(campaign, planned)
-    _keep_older(campaign.plan_path)
-    write_plan(campaign.plan_path, planned)
-    return checked, predict(campaign, checked)
+    predicted = predict(campaign, checked)
+    with held(campaign):
+        _write_beside_older(campaign.plan_path, checked.shots)
+    return checked, predicted
 
 
 def predict(campaign: "Campaign", checked: "CheckedPlan") -> "Prediction":
     """What the plan's identification pairs will tell, at the tracker's uncertainty."""
     import numpy as np
 
-    from app.setup import tracker_uncertainty_of
     from campaigns.numerics.geometry import FREE_BY_DEFAULT
-    from campaigns.numerics.instrument import distance_variance_mm2, point_covariance_mm2
+    from campaigns.numerics.instrument import (
+        TrackerUncertainty,
+        distance_variance_mm2,
+        point_covariance_mm2,
+    )
     from campaigns.numerics.prediction import predict_distances
     from campaigns.planning import joints_of, numeric_geometry, pairs_of, poses_of
     from campaigns.shot_sets import ShotSet
@@ -81,7 +117,7 @@ def predict(campaign: "Campaign", checked: "CheckedPlan") -> "Prediction":
     poses = poses_of(checked.shots)
     pairs = pairs_of(checked.shots, ShotSet.IDENTIFICATION)
     from_tracker = poses[:, :3] - np.array(campaign.config.tracker.place_mm)
-    covariance = point_covariance_mm2(from_tracker, tracker_uncertainty_of(campaign))
+    covariance = point_covariance_mm2(from_tracker, TrackerUncertainty())
     variance = distance_variance_mm2(poses[:, :3], covariance, pairs[:, 0], pairs[:, 1])
     geometry = numeric_geometry(campaign.nominal.robot)
     joints = joints_of(checked.shots)
@@ -99,12 +135,38 @@ def plan_document(
     return {
         "shots": 2 * pairs,
         "pairs": pairs,
-        "shots_in_all": len(checked.shots),
         "predicted_std": std_by_name(predicted),
         "observability": predicted.indices | {"condition": _finite(predicted.condition)},
         "seconds_estimated": checked.seconds,
         "path": str(campaign.plan_path),
     }
+
+
+def show(terminal: "Terminal", checked: "CheckedPlan", predicted: "Prediction") -> None:
+    """The plan for people: picture, what it will tell, what it takes."""
+    from app.picture import plan_picture
+
+    for line in plan_picture(checked.shots):
+        terminal.say(line)
+    rows = [
+        (name, "unknown" if std is None else f"{std:.4f} {name.rsplit('_', 1)[1]}")
+        for name, std in std_by_name(predicted).items()
+    ]
+    terminal.table("What the plan will tell", ("parameter", "predicted σ"), rows)
+    terminal.say(plan_line(checked))
+    terminal.say(f"condition {predicted.condition:.0f}, {checked.detours} ways go round something")
+
+
+def plan_line(checked: "CheckedPlan") -> str:
+    """What a plan holds and takes, in one line."""
+    from collections import Counter
+
+    from app.progress_bar import interval
+
+    counts = Counter(shot.purpose.value for shot in checked.shots)
+    sets = ", ".join(f"{count} {purpose}" for purpose, count in counts.items())
+    took = interval((checked.seconds, checked.seconds))
+    return f"{len(checked.shots)} shots ({sets}), about {took}"
 
 
 def std_by_name(predicted: "Prediction") -> dict[str, float | None]:
@@ -119,18 +181,32 @@ def _finite(value: float) -> float | None:
     return value if value < float("inf") else None
 
 
-def _rows(predicted: "Prediction") -> list[tuple[str, str]]:
-    return [
-        (name, "unknown" if std is None else f"{std:.4f} {name.rsplit('_', 1)[1]}")
-        for name, std in std_by_name(predicted).items()
-    ]
+def _write_beside_older(path: "Path", shots: "tuple[PlannedShot, ...]") -> None:
+    """Write a plan; an older one is kept under the first free number, or stays if that fails."""
+    from campaigns.errors import CampaignError
+    from campaigns.plan_file import write_plan
+
+    older = _moved_aside(path)
+    try:
+        write_plan(path, shots)
+    except CampaignError:
+        if older is not None:
+            older.rename(path)
+        raise
 
 
-def _keep_older(path: Path) -> None:
-    """Move an existing plan aside under the first free number."""
+def _moved_aside(path: "Path") -> "Path | None":
+    from campaigns.errors import WriteFailed
+
     if not path.exists():
-        return
+        return None
     number = 1
     while (older := path.with_name(f"plan-older-{number}.csv")).exists():
         number += 1
-    path.rename(older)
+    try:
+        return path.rename(older)
+    except OSError as error:
+        raise WriteFailed(
+            f"{path}: cannot be renamed to {older.name} ({error.strerror})",
+            remedy="check that this user may write the folder",
+        ) from error

@@ -14,32 +14,43 @@ if TYPE_CHECKING:
     from campaigns.session import Work
     from campaigns.shooting import Cell
 
-MINUTE_S = 60.0
+CLEAR = "The robot will move. Is the cell clear?"
 
 
 def command(
-    folder: Folder, *, dry: Dry = False, yes: Yes = False, anew: Anew = False, json: Json = False
+    context: typer.Context,
+    folder: Folder,
+    *,
+    dry: Dry = False,
+    yes: Yes = False,
+    anew: Anew = False,
+    json: Json = False,
 ) -> None:
-    """Measure what the plan still lacks; a second run resumes.
+    """Measure what the plan still lacks.
 
-    Every shot is in the journal (campaign.db) before the next motion. Ctrl-C stops the robot at
-    once and then asks. After a restart the drift pose is measured first and compared.
+    Every shot is in the journal, campaign.db, before the next motion: whatever happens, the next
+    run takes up where this one ended. It then measures the drift pose first and compares it.
+
+    Ctrl-C stops the robot at once, and then asks. A broken beam suspends the run, the tracker
+    looks for its reflector, and the pair is measured again.
     """
-    from app.console import Terminal
+    from app.commands.plan import plan_line
+    from app.console import terminal_of
     from app.folder import open_campaign
 
-    terminal = Terminal(as_json=json)
+    terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     checked = read_checked_plan(campaign)
-    minutes = checked.seconds / MINUTE_S
-    terminal.note(f"{len(checked.shots)} shots, about {minutes:.0f} min on {_devices(campaign)}")
+    terminal.note(plan_line(checked))
     if dry:
         terminal.say("the plan can be run; nothing was moved")
         terminal.document({"shots": len(checked.shots), "seconds_estimated": checked.seconds})
         return
-    if not yes and not terminal.confirm("The robot will move. Is the cell clear?"):
-        raise typer.BadParameter("not confirmed: answer y, or give --yes")
-    terminal.document(run_plan(campaign, checked, terminal, anew=anew))
+    terminal.require_yes(CLEAR, yes=yes)
+    series, shots = run_plan(campaign, checked, terminal, anew=anew)
+    terminal.say(f"measured: series {series} has all {shots} shots")
+    terminal.note(f"next: pkmcal identify {folder}")
+    terminal.document({"series": series, "shots": shots})
 
 
 def read_checked_plan(campaign: "Campaign") -> "CheckedPlan":
@@ -52,27 +63,22 @@ def read_checked_plan(campaign: "Campaign") -> "CheckedPlan":
 
 def run_plan(
     campaign: "Campaign", checked: "CheckedPlan", terminal: "Terminal", *, anew: bool = False
-) -> dict[str, object]:
-    """Measure the plan, or say that nothing is left; gives what `--json` prints."""
+) -> tuple[int, int]:
+    """Measure what is missing, if anything is; gives the series and how many shots it has."""
     from app.measuring import measure
 
     done = None if anew else _already_measured(campaign, checked)
     if done is not None:
-        terminal.say(f"nothing left to measure: series {done} has all {len(checked.shots)} shots")
-        return {"series": done, "shots": len(checked.shots), "measured_now": 0}
-    result: dict[str, object] = {}
-
-    def finish(journal: "Journal", series: int) -> None:
-        shots = journal.shots(series)
-        result.update({"series": series, "shots": len(shots)})
-        terminal.say(f"series {series}: {len(shots)} shots measured", "green")
-        terminal.note(f"next: pkmcal identify {campaign.folder}")
+        terminal.note("nothing is left to measure; --anew measures all of it again")
+        return done, len(checked.shots)
 
     def prepare(cell: "Cell") -> "Work":  # noqa: ARG001 - the plan asks nothing of the devices
         return plan_work(campaign, checked)
 
-    measure(campaign, prepare, finish, terminal, title="run", anew=anew)
-    return result
+    def finish(journal: "Journal", series: int) -> tuple[int, int]:
+        return series, len(journal.shots(series))
+
+    return measure(campaign, prepare, finish, terminal, title="run", anew=anew)
 
 
 def plan_work(campaign: "Campaign", checked: "CheckedPlan") -> "Work":
@@ -98,17 +104,12 @@ def plan_work(campaign: "Campaign", checked: "CheckedPlan") -> "Work":
 
 
 def _already_measured(campaign: "Campaign", checked: "CheckedPlan") -> int | None:
-    from app.folder import JOURNAL
+    """The series that has all of this plan."""
     from campaigns.journal_reader import read_journal
     from campaigns.session import nothing_left
 
-    path = campaign.path(JOURNAL)
-    if not path.exists():
+    if not campaign.journal_path.exists():
         return None
-    with read_journal(path) as journal:
+    with read_journal(campaign.journal_path) as journal:
         done = nothing_left(journal, plan_work(campaign, checked))
     return done.number if done else None
-
-
-def _devices(campaign: "Campaign") -> str:
-    return f"{campaign.config.controller.url} and {campaign.config.tracker.url}"

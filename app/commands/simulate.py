@@ -4,32 +4,38 @@ from typing import Annotated
 
 import typer
 
+from app.options import Seed
+
+Port = Annotated[int, typer.Option(min=0, max=65535, metavar="N", help="0: any free one.")]
+
 
 def command(
-    scenario: Annotated[str, typer.Argument(help="A shipped scenario's name, or a cell file.")],
+    context: typer.Context,
+    scenario: Annotated[
+        str, typer.Argument(metavar="SCENARIO", help="A shipped scenario's name, or a cell file.")
+    ],
     *,
-    seed: Annotated[int | None, typer.Option(min=0, help="Instead of the scenario's.")] = None,
-    controller_port: Annotated[int, typer.Option(min=0, max=65535, help="0: any free one.")] = 0,
-    tracker_port: Annotated[int, typer.Option(min=0, max=65535, help="0: any free one.")] = 0,
+    seed: Seed = None,
+    controller_port: Port = 0,
+    tracker_port: Port = 0,
     serial: Annotated[
-        bool, typer.Option("--serial", help="Controller on a pseudo-terminal instead of TCP.")
+        bool, typer.Option("--serial", help="The controller on a pseudo-terminal instead of TCP.")
     ] = False,
 ) -> None:
-    """Serve a simulated cell on loopback: a controller that speaks robotline, a tracker that
-    speaks emScon. Prints one JSON line with the addresses, then serves until Ctrl-C.
-    """
-    import json
-    import signal
-    import sys
+    """Serve a simulated cell on loopback.
 
-    from app.interrupt import StopWish, stop_on_signals
+    A controller that speaks robotline and a tracker that speaks emScon, for `pkmcal new
+    --controller URL --tracker URL` or for software of your own. Prints one JSON line with the
+    addresses, then serves until Ctrl-C or SIGTERM.
+    """
+    from app.console import terminal_of
+    from app.interrupt import awaited_signal
     from sim.cell import Cell
     from sim.clock import ScaledClock
     from sim.embedded import EmbeddedCell
     from sim.scenario import load_scenario
 
     loaded = load_scenario(scenario)
-    wish = StopWish()
     cell = EmbeddedCell(
         Cell(loaded, seed=seed),
         ScaledClock(loaded.speed_up),
@@ -37,14 +43,13 @@ def command(
         controller_port=controller_port,
         tracker_port=tracker_port,
     )
-    with stop_on_signals(wish), cell:
-        addresses = {
-            "scenario": loaded.name,
-            "controller": cell.controller_url,
-            "tracker": cell.tracker_url,
-            "speed_up": loaded.speed_up,
-        }
-        sys.stdout.write(json.dumps(addresses) + "\n")
-        sys.stdout.flush()
-        while not wish():
-            signal.pause()
+    addresses = {
+        "controller": cell.controller_url,
+        "tracker": cell.tracker_url,
+        "scenario": loaded.name,
+        "seed": cell.cell.seed,
+        "speed_up": loaded.speed_up,
+    }
+    with awaited_signal() as wait, cell:
+        terminal_of(context, as_json=True).document(addresses)
+        wait()

@@ -9,7 +9,7 @@ from app.exits import Exit
 from app.options import Anew, Dry, Folder, Json, Yes
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Sequence
 
     from app.console import Terminal
     from app.folder import Campaign
@@ -38,9 +38,10 @@ class Test(Enum):
 
 
 def command(
+    context: typer.Context,
     folder: Folder,
     *,
-    stage: Annotated[When, typer.Option(help="Before or after loading the identified parameters.")],
+    stage: Annotated[When, typer.Option(help="Before or after `pkmcal load`.")],
     only: Annotated[
         list[Test] | None, typer.Option(help="Only this test; may be given several times.")
     ] = None,
@@ -49,26 +50,33 @@ def command(
     anew: Anew = False,
     json: Json = False,
 ) -> None:
-    """Measure distances, rotation, straightness and repeatability with the controller's own model.
+    """Measure how good the robot is, as its user commands it.
 
-    Poses are commanded, so what is tested is what a user of the robot gets. Limits under
-    `acceptance` in campaign.yaml decide about the exit code.
+    Distances between the plan's validation pairs; how far the point strays while only the plate
+    turns; how straight lines along x, y and z are; repeatability of approaches from all sides;
+    and, from the same shots as the distances, absolute accuracy in the tracker's frame. Poses
+    are commanded, so the controller's own parameters are put to the test.
+
+    Exit code 1: a limit under `acceptance` in campaign.yaml is broken, or distances after loading
+    are worse than before.
     """
-    from app.console import Terminal
+    from app.commands.run import CLEAR
+    from app.console import terminal_of
     from app.folder import open_campaign
 
-    terminal = Terminal(as_json=json)
+    terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     tests = tuple(only or Test)
+    names = [test.value for test in tests]
     if dry:
-        terminal.say(f"{stage.value}: would measure {', '.join(t.value for t in tests)}")
-        terminal.document({"stage": stage.value, "tests": [t.value for t in tests]})
+        terminal.say(f"would measure, as '{stage.value}': {', '.join(names)}; nothing was moved")
+        terminal.document({"stage": stage.value, "tests": names})
         return
-    if not yes and not terminal.confirm("The robot will move. Is the cell clear?"):
-        raise typer.BadParameter("not confirmed: answer y, or give --yes")
-    found, broken = validate(campaign, stage, tests, terminal, anew=anew)
+    terminal.require_yes(CLEAR, yes=yes)
+    found, against = validate(campaign, stage, tests, terminal, anew=anew)
+    show(terminal, stage, found, against)
     terminal.document(found.document())
-    if broken:
+    if against:
         raise typer.Exit(Exit.NOT_GOOD)
 
 
@@ -80,27 +88,41 @@ def validate(
     *,
     anew: bool = False,
 ) -> "tuple[Validation, list[str]]":
-    """Measure and evaluate; gives the results and the acceptance limits they break."""
+    """Measure and evaluate; gives the results and what speaks against them."""
     from app.measuring import measure
     from campaigns.records import Finding
     from campaigns.validate import broken_limits, evaluate
 
-    results: list[Validation] = []
-
     def prepare(cell: "Cell") -> "Work":
         return validation_work(campaign, stage, tests, cell, terminal)
 
-    def finish(journal: "Journal", series: int) -> None:
-        results.append(evaluate(journal.shots(series)))
-        body = {"stage": stage.value, "series": series, **results[0].document()}
+    def finish(journal: "Journal", series: int) -> "tuple[Validation, list[str]]":
+        found = evaluate(journal.shots(series))
+        against = broken_limits(found, campaign.config.acceptance)
+        if stage is When.AFTER:
+            against += worse_than_before(found, journal)
+        body = {"stage": stage.value, "series": series, **found.document()}
         journal.append(Finding("validation", body), series=series)
+        return found, against
 
     title = f"validate {stage.value}"
-    measure(campaign, prepare, finish, terminal, title=title, anew=anew)
-    found = results[0]
-    broken = broken_limits(found, campaign.config.acceptance)
-    show(terminal, stage, found, broken)
-    return found, broken
+    return measure(campaign, prepare, finish, terminal, title=title, anew=anew)
+
+
+def worse_than_before(found: "Validation", journal: "Journal") -> list[str]:
+    """Whether distances are worse than the latest validation before loading found them."""
+    from campaigns.records import Finding
+
+    bodies = [entry.record.body for entry in journal.records_of(Finding)]
+    known = [b["distances_mm"] for b in bodies if b.get("stage") == When.BEFORE.value]
+    before = next((distances for distances in reversed(known) if distances is not None), None)
+    if before is None or found.distances is None:
+        return []
+    assert isinstance(before, dict), "so it was written"
+    mean_before, mean_after = float(str(before["mean_abs"])), found.distances.mean_abs
+    if mean_after <= mean_before:
+        return []
+    return [f"mean distance error {mean_after:.3f} mm, before loading it was {mean_before:.3f} mm"]
 
 
 def validation_work(
@@ -113,13 +135,13 @@ def validation_work(
     """The tests as work for the engine, planned with the geometry that the controller holds."""
     import numpy as np
 
-    from app.setup import mechanism_of
+    from app.console import WARNING
+    from app.setup import mechanism_of, view_of
     from campaigns.numerics.geometry import Geometry
     from campaigns.plan_file import plan_digest
     from campaigns.planning import numeric_limits
     from campaigns.robot import RobotFile
     from campaigns.rules import gate_rules, motion_rules
-    from campaigns.plan_file import PlannedShot
     from campaigns.session import Work
     from campaigns.validation_plan import Reachable, validation_steps
 
@@ -128,13 +150,13 @@ def validation_work(
     limits = campaign.nominal.robot.limits
     planned = validation_steps(
         campaign.config.validation,
-        _validation_shots(campaign),
-        Reachable(geometry, numeric_limits(campaign.nominal.robot)),
+        _pairs(campaign, tests),
+        Reachable(geometry, numeric_limits(campaign.nominal.robot), view_of(campaign)),
         _sets(tests),
         np.random.default_rng(campaign.config.plan.seed),
     )
     for note in planned.notes:
-        terminal.note(f"! {note}", "yellow")
+        terminal.note(f"! {note}", WARNING)
     return Work(
         stage.value,
         planned.steps,
@@ -150,7 +172,7 @@ def validation_work(
 def _sets(tests: tuple[Test, ...]) -> "frozenset[ShotSet]":
     from campaigns.shot_sets import ShotSet
 
-    of_test: Mapping[Test, ShotSet] = {
+    of_test = {
         Test.DISTANCES: ShotSet.VALIDATION,
         Test.ROTATION: ShotSet.ROTATION,
         Test.STRAIGHTNESS: ShotSet.STRAIGHTNESS,
@@ -159,38 +181,42 @@ def _sets(tests: tuple[Test, ...]) -> "frozenset[ShotSet]":
     return frozenset(of_test[test] for test in tests)
 
 
-def _validation_shots(campaign: "Campaign") -> "list[PlannedShot]":
+def _pairs(campaign: "Campaign", tests: tuple[Test, ...]) -> "list[PlannedShot]":
+    """The plan's validation shots, where they are wanted."""
     from campaigns.plan_file import read_plan
     from campaigns.shot_sets import ShotSet
 
+    if Test.DISTANCES not in tests:
+        return []
     return [s for s in read_plan(campaign.plan_path) if s.purpose is ShotSet.VALIDATION]
 
 
-def show(terminal: "Terminal", stage: When, found: "Validation", broken: list[str]) -> None:
+def show(terminal: "Terminal", stage: When, found: "Validation", against: "Sequence[str]") -> None:
     """The results for people."""
     from app.console import BAD
 
-    rows = result_rows(found)
+    rows = [(name, in_mm(value)) for name, value in figures(found).items()]
     terminal.table(f"Validation, {stage.value} (mm)", ("", stage.value), rows)
-    for line in broken:
-        terminal.say(f"beyond the acceptance limit: {line}", BAD)
+    for line in against:
+        terminal.say(f"not good: {line}", BAD)
 
 
-def result_rows(found: "Validation") -> list[tuple[str, str]]:
-    """One row a figure; `-` for a test that was not run."""
+def figures(found: "Validation") -> dict[str, float | None]:
+    """All figures in mm, by their names on the screen; None for a test that was not run."""
     distances, repeated, frame = found.distances, found.repeatability, found.frame
     straight = found.straightness_mm or {}
-    return [
-        ("distances: mean error", _mm(distances.mean_abs if distances else None)),
-        ("distances: max error", _mm(distances.max_abs if distances else None)),
-        ("rotation", _mm(found.rotation_mm)),
-        *((f"straightness {axis}", _mm(straight.get(axis))) for axis in ("x", "y", "z")),
-        ("repeatability: radius", _mm(repeated.radius_mm if repeated else None)),
-        ("repeatability: RP", _mm(repeated.rp_mm if repeated else None)),
-        ("in the tracker's frame: mean", _mm(frame.mean if frame else None)),
-        ("in the tracker's frame: max", _mm(frame.max if frame else None)),
-    ]
+    return {
+        "distances: mean error": distances.mean_abs if distances else None,
+        "distances: max error": distances.max_abs if distances else None,
+        "rotation": found.rotation_mm,
+        **{f"straightness {axis}": straight.get(axis) for axis in ("x", "y", "z")},
+        "repeatability: radius": repeated.radius_mm if repeated else None,
+        "repeatability: RP": repeated.rp_mm if repeated else None,
+        "in the tracker's frame: mean": frame.mean if frame else None,
+        "in the tracker's frame: max": frame.max if frame else None,
+    }
 
 
-def _mm(value: float | None) -> str:
+def in_mm(value: float | None) -> str:
+    """A figure as it is shown."""
     return "-" if value is None else f"{value:.3f}"

@@ -3,7 +3,8 @@
 For given joints two real assemblies lie in the working region. The wanted one has |θ| < 90° and is
 the lower; at the other the determinant of the closures' Jacobian has the opposite sign. Newton
 alone ends on the wrong one, or far away, for about one pose in a hundred, so every answer is
-checked for residual, angle and branch, and what fails is started again from elsewhere.
+checked for residual, angle, branch and for hanging below its elbows, and what fails is started
+again from elsewhere.
 """
 
 from dataclasses import dataclass
@@ -122,7 +123,8 @@ def _newton(legs: _Legs, start: Array) -> tuple[Array, Mask]:
         done, finite = size_mm < CONVERGED_MM, np.isfinite(size_mm)
         if done.any() or not finite.all():
             assembled = (np.abs(misfit_mm) < RESIDUAL_MM).all(axis=0)
-            wanted = (np.abs(current[3]) < 0.5 * np.pi) & (branch > 0.0)
+            hangs = current[2] < some.elbows_mm[2].mean(axis=0)
+            wanted = hangs & (np.abs(current[3]) < 0.5 * np.pi) & (branch > 0.0)
             poses[:, active] = current
             good[active] = done & assembled & wanted
             keep = ~done & finite

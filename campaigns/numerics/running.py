@@ -44,6 +44,7 @@ class RunningFit:
         self._prior = np.where(IS_ANGLE[self._free], PRIOR_ANGLE_RAD, PRIOR_LENGTH_MM)
         self._joints: list[Array] = []
         self._points: list[Array] = []
+        self._poses: Array | None = None
         self._known: _Knowledge | None = None
 
     @property
@@ -90,16 +91,24 @@ class RunningFit:
             return np.asarray(self._nominal.vector()[self._free])
         return self._known.parameters
 
-    def _model(self, joints_rad: list[Array]) -> PositionModel:
-        return PositionModel(self._nominal, self._free, np.array(joints_rad))
+    def _model(self, joints_rad: list[Array], near: Array | None = None) -> PositionModel:
+        return PositionModel(self._nominal, self._free, np.array(joints_rad), near)
+
+    def _near(self) -> Array | None:
+        """Poses near those of the shots: where they were last, and the last one for newer shots."""
+        if self._poses is None:
+            return None
+        newer = len(self._joints) - len(self._poses)
+        return np.vstack([self._poses, np.repeat(self._poses[-1:], newer, axis=0)])
 
     def _update(self) -> None:
         """One Gauss-Newton step from the last answer, once the points fix a frame."""
-        model, points = self._model(self._joints), np.array(self._points)
+        model, points = self._model(self._joints, self._near()), np.array(self._points)
         try:
-            positions = model.positions_mm(self._parameters())
+            self._poses = model.poses(self._parameters())
         except NoAssembly:
             return
+        positions = self._poses[:, :3]
         if _spread_mm(positions) < SPREAD_FOR_A_FRAME_MM:
             return
         whitening = np.broadcast_to(np.eye(3) / MEASURING_STD_MM, (len(points), 3, 3))

@@ -1,1 +1,1 @@
-"""Wire grammar without any I/O: bytes in, messages out, and back. Clients and simulated servers share it."""
+"""Wire grammar without I/O: bytes to messages and back, for drivers and simulated servers alike."""

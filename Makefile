@@ -1,0 +1,53 @@
+# Set-up and checks. README.md says what to type on a machine without make.
+#
+#   make demo    the whole chain against a simulated cell, from nothing
+#   make test    the whole test suite
+#   make lint    style, format, types and layers
+#   make bench   the yardsticks, printed
+#
+# PYTHON names the interpreter that the environment is made with (3.11 or newer), VENV where it
+# lies: make test PYTHON=python3.12
+
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+DEMO := demo/$(shell date +%Y-%m-%d-%H%M%S)
+
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: demo test lint bench
+.DELETE_ON_ERROR:
+
+demo: $(VENV)/installed
+	@mkdir -p demo
+	$(BIN)/pkmcal dry-run $(DEMO)
+	@echo "Results: $(DEMO) (what is in it: README.md, \"Files of a campaign\")"
+
+test: $(VENV)/installed-dev
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/installed-dev
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(VENV)/installed-dev
+	@for yardstick in benchmarks/*.py; do \
+		echo "== $$yardstick"; \
+		$(BIN)/python "$$yardstick" || exit 1; \
+	done
+
+# Whatever is installed is installed again when what it depends on has changed.
+$(VENV)/installed: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+$(VENV)/installed-dev: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	@touch $@ $(VENV)/installed
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "$(PYTHON) is missing or older than 3.11: name another one, make PYTHON=…" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)

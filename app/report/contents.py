@@ -1,0 +1,86 @@
+"""Everything that the page shows, computed once from the evidence."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from app.report.checks import Check, integrity_checks
+from app.report.conformity import Verdict, verdict
+from app.report.evidence import Evidence, MeasuredSeries
+from app.report.explained import Correlations, Remainder, correlations_of, remainder
+from app.report.model_errors import ModelErrors, model_errors, models_of
+from app.report.over_time import Course, course
+from app.report.stages import StageView, stage_view
+from campaigns.numerics.instrument import TrackerUncertainty
+from campaigns.planning import numeric_geometry
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contents:
+    """None: the campaign does not have it yet."""
+
+    evidence: Evidence
+    before: StageView | None
+    after: StageView | None
+    errors: ModelErrors | None
+    correlations: Correlations | None
+    remainder: Remainder | None
+    checks: tuple[Check, ...]
+    verdict: Verdict
+    courses: tuple[Course, ...]
+
+
+def contents_of(evidence: Evidence, instrument: TrackerUncertainty) -> Contents:
+    """Compute it; `instrument` stands in for shots of which the tracker stated no uncertainty."""
+    before = None if evidence.before is None else stage_view(evidence.before, instrument)
+    after = None if evidence.after is None else stage_view(evidence.after, instrument)
+    errors = _errors(evidence, instrument)
+    checks = integrity_checks(evidence)
+    limits = evidence.campaign.config.acceptance
+    return Contents(
+        evidence,
+        before,
+        after,
+        errors,
+        _correlations(evidence, instrument),
+        _remainder(evidence, errors, after or before),
+        checks,
+        verdict(evidence.identification, after, limits, checks),
+        tuple(_courses(evidence)),
+    )
+
+
+def _errors(evidence: Evidence, instrument: TrackerUncertainty) -> ModelErrors | None:
+    if evidence.run is None:
+        return None
+    found = evidence.identification
+    models = models_of(found, numeric_geometry(evidence.campaign.nominal.robot))
+    return model_errors(evidence.run, models, found.excluded if found else (), instrument)
+
+
+def _correlations(evidence: Evidence, instrument: TrackerUncertainty) -> Correlations | None:
+    if evidence.run is None or evidence.identification is None:
+        return None
+    return correlations_of(evidence.run, evidence.identification, instrument)
+
+
+def _remainder(
+    evidence: Evidence, errors: ModelErrors | None, stage: StageView | None
+) -> Remainder | None:
+    found = evidence.identification
+    if found is None or errors is None or errors.fitted is None:
+        return None
+    repeated = stage.cloud.away_mm if stage and stage.cloud else None
+    return remainder(errors.fitted, found, repeated)
+
+
+def _courses(evidence: Evidence) -> Iterator[Course]:
+    named: tuple[tuple[str, MeasuredSeries | None], ...] = (
+        ("before", evidence.before),
+        ("run", evidence.run),
+        ("after", evidence.after),
+    )
+    for name, measured in named:
+        if measured is not None:
+            found = course(name, measured)
+            if not found.is_empty:
+                yield found

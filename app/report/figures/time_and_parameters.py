@@ -1,0 +1,53 @@
+"""Drift and temperature over time; how the identified parameters hang together."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from app.report.explained import Correlations
+from app.report.figures.drawing import AFTER, INK, QUIET, in_house_style, new_figure, zero_line
+from app.report.over_time import Course
+from campaigns.numerics.geometry import Array
+
+
+@in_house_style
+def over_time(courses: Sequence[Course]) -> Figure:
+    """Above the air's temperature, below the drift pose; a column a series."""
+    figure = new_figure(84.0)
+    rows = figure.subplots(2, len(courses), sharex="col", sharey="row", squeeze=False)
+    for course, warm, drift in zip(courses, *rows, strict=True):
+        warm.set_title(course.name)
+        _plot(warm, course.temperature_minutes, course.temperature_degC, ".")
+        _plot(drift, course.drift_minutes, course.drift_mm, "o-")
+        zero_line(drift)
+        drift.set_xlabel("minutes since the first shot")
+    rows[0, 0].set_ylabel("air, °C")
+    rows[0, 0].ticklabel_format(useOffset=False)
+    rows[0, 0].margins(y=0.3)
+    rows[1, 0].set_ylabel("drift pose moved, mm")
+    return figure
+
+
+@in_house_style
+def correlation_map(correlations: Correlations) -> Figure:
+    """|ρ| of every two parameters as shades of grey."""
+    names, size = correlations.names, np.abs(correlations.matrix)
+    figure = new_figure(118.0)
+    axes = figure.subplots()
+    below = np.ma.array(size, mask=np.triu(np.ones_like(size, dtype=bool)))
+    image = axes.imshow(below, cmap="Greys", vmin=0.0, vmax=1.0)
+    axes.set_xticks(range(len(names)), names, rotation=90, fontsize=6.5)
+    axes.set_yticks(range(len(names)), names, fontsize=6.5)
+    axes.grid(visible=False)
+    bar = figure.colorbar(image, shrink=0.6, label="|ρ|")
+    bar.outline.set_edgecolor(QUIET)
+    return figure
+
+
+def _plot(axes: Axes, minutes: Array, values: Array, style: str) -> None:
+    if len(values) == 0:
+        axes.text(0.5, 0.5, "not recorded here", transform=axes.transAxes, ha="center", color=QUIET)
+        return
+    axes.plot(minutes, values, style, color=AFTER, markeredgecolor=INK, markeredgewidth=0.3)

@@ -1,0 +1,118 @@
+"""Pictures in the workspace: where was measured, and by how much the model misses there."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from app.report.figures.drawing import (
+    AFTER,
+    BEFORE,
+    INK,
+    QUIET,
+    in_house_style,
+    legend_above,
+    new_figure,
+    zero_line,
+)
+from app.report.figures.space import draw_box, flat
+from campaigns.numerics.geometry import Array, Mask
+from campaigns.shot_sets import ShotSet
+
+ARROW_MM = 130.0
+"""Length at which the longest arrow is drawn."""
+ROUND_FACTORS = (1, 2, 5)
+BINS = 6
+COORDINATES = ("x, mm", "y, mm", "z, mm", "θ, °")
+MARKERS: Mapping[ShotSet, tuple[str, str]] = {
+    ShotSet.IDENTIFICATION: ("o", AFTER),
+    ShotSet.VALIDATION: ("D", BEFORE),
+    ShotSet.DRIFT: ("*", INK),
+}
+
+
+@in_house_style
+def plan_picture(poses: Array, purposes: tuple[ShotSet, ...]) -> Figure:
+    """Poses (N, 4) of a plan, in space and from above, by what they are for."""
+    figure = new_figure(88.0)
+    space, above = figure.subplots(1, 2)
+    draw_box(space, poses[:, :3])
+    for purpose, (marker, colour) in MARKERS.items():
+        rows = [row for row, kind in enumerate(purposes) if kind is purpose]
+        if rows:
+            space.plot(*flat(poses[rows, :3]).T, marker, color=colour)
+            above.plot(*poses[rows, :2].T, marker, color=colour, label=purpose.value)
+    space.set_title("in the base frame, mm")
+    above.set(xlabel="x, mm", ylabel="y, mm", aspect="equal", title="from above")
+    legend_above(figure, above, len(MARKERS))
+    return figure
+
+
+@in_house_style
+def error_arrows(poses: Array, before_mm: Array | None, after_mm: Array | None) -> Figure:
+    """Measured minus modelled position at each pose, each panel with its own magnification."""
+    figure = new_figure(84.0)
+    every = figure.subplots(1, 2)
+    panels = (("before", BEFORE, before_mm), ("after", AFTER, after_mm))
+    for space, (name, colour, errors) in zip(every, panels, strict=True):
+        draw_box(space, poses[:, :3])
+        if errors is None:
+            space.set_title(f"{name}: not known")
+            continue
+        factor = magnification(errors)
+        place, arrow = flat(poses[:, :3]).T, flat(factor * errors).T
+        space.plot(*place, ".", color=QUIET, markersize=2.0)
+        space.quiver(
+            *place, *arrow, color=colour, angles="xy", scale_units="xy", scale=1.0, width=0.0045
+        )
+        space.set_title(f"{name}: arrows {factor:g} times the error")
+    return figure
+
+
+@in_house_style
+def errors_against_position(poses: Array, errors_mm: Array, fitted: Mask) -> Figure:
+    """Length of the error of position, against each coordinate of the pose."""
+    figure = new_figure(98.0)
+    size = np.linalg.norm(errors_mm, axis=1)
+    values = np.column_stack([poses[:, :3], np.degrees(poses[:, 3])])
+    every = figure.subplots(2, 2, sharey=True).ravel()
+    for axes, column, name in zip(
+        every, values.T, ("x, mm", "y, mm", "z, mm", "θ, °"), strict=True
+    ):
+        axes.plot(column[fitted], size[fitted], "o", color=AFTER, label="fitted")
+        axes.plot(
+            column[~fitted],
+            size[~fitted],
+            "D",
+            color=BEFORE,
+            markerfacecolor="white",
+            label="unseen",
+        )
+        axes.plot(
+            *binned_medians(column, size), color=INK, linewidth=1.3, label="median of a sixth"
+        )
+        axes.set_xlabel(name)
+        zero_line(axes)
+    for axes in every[::2]:
+        axes.set_ylabel("error of position, mm")
+    legend_above(figure, every[0], 3)
+    return figure
+
+
+def magnification(errors_mm: Array) -> float:
+    """A round factor that makes the longest of vectors (N, 3) about `ARROW_MM` long."""
+    longest = float(np.linalg.norm(errors_mm, axis=1).max())
+    if longest == 0.0:
+        return 1.0
+    wanted = ARROW_MM / longest
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(max(f * power for f in ROUND_FACTORS if f * power <= wanted))
+
+
+def binned_medians(values: Array, sizes: Array) -> tuple[Array, Array]:
+    """Median place and median size of equally many values each, (bins,)."""
+    parts = np.array_split(np.argsort(values), min(BINS, len(values)))
+    return (
+        np.array([np.median(values[part]) for part in parts]),
+        np.array([np.median(sizes[part]) for part in parts]),
+    )

@@ -1,0 +1,161 @@
+"""What the nominal and the identified model miss of the measured shots."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.report.evidence import MeasuredSeries
+from app.report.findings import ExcludedFinding, IdentificationFinding
+from campaigns.dataset import Dataset
+from campaigns.numerics.forward import forward
+from campaigns.numerics.frames import fit_transform
+from campaigns.numerics.geometry import Array, Geometry, Index, Mask
+from campaigns.numerics.instrument import TrackerUncertainty, distance_variance_mm2
+from campaigns.numerics.pairs import distances_mm
+from campaigns.shot_sets import ShotSet
+from campaigns.validate import SHOTS_FOR_A_FRAME
+from campaigns.validation_traces import stated_covariance_mm2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairErrors:
+    """Modelled minus measured distances of pairs, (M,) each, mm."""
+
+    pairs: tuple[int, ...]
+    before_mm: Array
+    after_mm: Array | None
+    instrument_mm: Array
+    """Standard uncertainty of each measured distance."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PositionErrors:
+    """Measured minus modelled positions in the base frame, the frame fitted for each model."""
+
+    poses: Array
+    """As modelled, X, Y, Z in mm and θ in rad, (N, 4)."""
+    before_mm: Array
+    """(N, 3)"""
+    after_mm: Array | None
+    fitted: Mask
+    """Shots that were identified from; the others were never fitted."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelErrors:
+    """All of them; None where there are too few shots."""
+
+    fitted: PairErrors | None
+    unseen: PairErrors | None
+    positions: PositionErrors | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Models:
+    """The parameter sets to compare."""
+
+    before: Geometry
+    after: Geometry | None
+
+
+def models_of(finding: IdentificationFinding | None, nominal: Geometry) -> Models:
+    """Those of the identification, or the campaign's nominal robot alone."""
+    if finding is None:
+        return Models(nominal, None)
+    return Models(
+        Geometry.from_flat(finding.nominal_flat()), Geometry.from_flat(finding.identified_flat())
+    )
+
+
+def model_errors(
+    measured: MeasuredSeries,
+    models: Models,
+    excluded: tuple[ExcludedFinding, ...],
+    instrument: TrackerUncertainty,
+) -> ModelErrors:
+    """Errors of the shots that count and at which every model can be assembled."""
+    data = measured.data
+    solved = _Solved.of(models, data)
+    usable = solved.found & ~excluded_rows(data, excluded)
+    points = data.points_in_tracker_mm
+    covariance = stated_covariance_mm2(measured.shots, points, instrument)
+
+    def pair_errors(purpose: ShotSet) -> PairErrors | None:
+        rows = usable_pairs(data, purpose, usable)
+        if len(rows) == 0:
+            return None
+        first, second = rows.T
+        missed = _missed_distances(points, first, second)
+        return PairErrors(
+            tuple(data.pairs[row] or 0 for row in first.tolist()),
+            missed(solved.before),
+            None if solved.after is None else missed(solved.after),
+            np.sqrt(distance_variance_mm2(points, covariance, first, second)),
+        )
+
+    return ModelErrors(
+        pair_errors(ShotSet.IDENTIFICATION),
+        pair_errors(ShotSet.VALIDATION),
+        _position_errors(data, solved, usable),
+    )
+
+
+def excluded_rows(data: Dataset, excluded: tuple[ExcludedFinding, ...]) -> Mask:
+    """Which shots the identification left out, (N,)."""
+    pairs = {left.pair for left in excluded if left.pair is not None}
+    shots = {left.shot for left in excluded if left.shot is not None}
+    both = zip(data.numbers, data.pairs, strict=True)
+    return np.array([shot in shots or pair in pairs for shot, pair in both], dtype=bool)
+
+
+def usable_pairs(data: Dataset, purpose: ShotSet, usable: Mask) -> Index:
+    """Rows (M, 2) of the pairs both shots of which are usable."""
+    rows = data.pair_rows(purpose)
+    return np.asarray(rows[usable[rows].all(axis=1)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solved:
+    """Poses (N, 4) of every shot by each model; NaN where one cannot be assembled."""
+
+    before: Array
+    after: Array | None
+    found: Mask
+
+    @classmethod
+    def of(cls, models: Models, data: Dataset) -> "_Solved":
+        before = forward(models.before, data.joints_rad)
+        if models.after is None:
+            return cls(before.values, None, before.found)
+        after = forward(models.after, data.joints_rad)
+        return cls(before.values, after.values, before.found & after.found)
+
+
+def _missed_distances(points: Array, first: Index, second: Index) -> Callable[[Array], Array]:
+    measured = distances_mm(points, first, second)
+
+    def missed(poses: Array) -> Array:
+        return distances_mm(poses[:, :3], first, second) - measured
+
+    return missed
+
+
+def _position_errors(data: Dataset, solved: _Solved, usable: Mask) -> PositionErrors | None:
+    counted = {ShotSet.IDENTIFICATION, ShotSet.VALIDATION}
+    rows = np.flatnonzero(usable & np.array([p in counted for p in data.purposes], dtype=bool))
+    if len(rows) < SHOTS_FOR_A_FRAME:
+        return None
+    points = data.points_in_tracker_mm[rows]
+    try:
+        before = _missed_positions(solved.before[rows], points)
+        after = None if solved.after is None else _missed_positions(solved.after[rows], points)
+    except ValueError:  # the points lie on one line and fix no frame
+        return None
+    poses = solved.before if solved.after is None else solved.after
+    fitted = [data.purposes[row] is ShotSet.IDENTIFICATION for row in rows.tolist()]
+    return PositionErrors(poses[rows], before, after, np.array(fitted, dtype=bool))
+
+
+def _missed_positions(poses: Array, points: Array) -> Array:
+    return np.asarray(fit_transform(points, poses[:, :3]).apply(points) - poses[:, :3])

@@ -1,0 +1,130 @@
+"""The sections on the model: its parameters, how surely they are known, what it leaves over."""
+
+from collections.abc import Iterator
+
+from app.report.contents import Contents
+from app.report.explained import Remainder
+from app.report.findings import IdentificationFinding, ParameterFinding
+from app.report.parts import (
+    NOTHING,
+    Column,
+    Paragraph,
+    Part,
+    Row,
+    Section,
+    Table,
+    number,
+    words,
+)
+from app.report.pictures import correlation_picture
+from app.report.results_sections import NO_IDENTIFICATION
+
+PARAMETER_DECIMALS = 4
+STRONGEST = 8
+INSTRUMENT_EXPLAINS = 1.5
+"""Up to this ratio of residuals to stated uncertainty nothing else needs to be looked for."""
+ASSUMED = (
+    "What the model assumes, and no parameter can express: the plate stays parallel to the base; "
+    "the motor axes are horizontal; the two rods of a forearm are alike; parts do not bend and do "
+    "not grow with heat; gears have no play. Azimuths and the first motor's place are held, since "
+    "they fix the base frame."
+)
+
+
+def parameters_section(contents: Contents) -> Section:
+    """Old, new, and how surely."""
+    found = contents.evidence.identification
+    if found is None:
+        missing = Paragraph(NO_IDENTIFICATION, "missing")
+        return Section("parameters", "Parameters", (missing,))
+    return Section("parameters", "Parameters", tuple(_parameter_parts(contents, found)))
+
+
+def remainder_section(contents: Contents) -> Section:
+    """What is left when the model has said all it can."""
+    parts: list[Part] = []
+    if contents.remainder is None:
+        text = "Without an identification and pairs to spare, nothing can be said of what is left."
+        parts.append(Paragraph(text, "missing"))
+    else:
+        parts += _remainder_parts(contents.remainder)
+    return Section("remainder", "What the model does not explain", (*parts, Paragraph(ASSUMED)))
+
+
+def _parameter_parts(contents: Contents, found: IdentificationFinding) -> Iterator[Part]:
+    state = "converged" if found.converged else "did not converge"
+    condition = "" if found.condition is None else f", condition {found.condition:.0f}"
+    yield Paragraph(
+        f"Estimator: {found.estimator}; it {state} after {found.iterations} evaluations with rank "
+        f"{found.rank} of {len(found.free)}{condition} and {found.dof} degrees of freedom. "
+        "σ is one standard deviation, from the scatter of the residuals."
+    )
+    columns = (
+        *words("parameter", "unit"),
+        *(Column(title) for title in ("old", "new", "Δ", "σ", "Δ ÷ σ")),
+    )
+    rows = tuple(_parameter_row(name, each) for name, each in found.parameters.items())
+    yield Table("Parameters old and new", columns, rows, "held: not identified, kept as it was.")
+    for names in found.unobservable:
+        text = f"Cannot be told apart with these shots: {', '.join(names)}."
+        yield Paragraph(text, "missing")
+    if contents.correlations is None:
+        text = "Correlations cannot be computed: the shots do not fix all parameters."
+        yield Paragraph(text, "missing")
+        return
+    strongest = tuple(
+        (each.first, each.second, number(each.value, 2, signed=True))
+        for each in contents.correlations.strongest(STRONGEST)
+    )
+    yield Table("Strongest correlations", (*words("", ""), Column("ρ")), strongest)
+    picture = correlation_picture(contents)
+    if picture is not None:
+        yield picture
+
+
+def _parameter_row(name: str, found: ParameterFinding) -> Row:
+    stem, _, unit = name.rpartition("_")
+    values = [number(value, PARAMETER_DECIMALS) for value in (found.nominal, found.value)]
+    if not found.free:
+        return stem, _unit(unit), *values, "held", NOTHING, NOTHING
+    delta = number(found.delta, PARAMETER_DECIMALS, signed=True)
+    std = number(found.std, PARAMETER_DECIMALS)
+    ratio = number(found.delta / found.std, 1, signed=True) if found.std else NOTHING
+    return stem, _unit(unit), *values, delta, std, ratio
+
+
+def _unit(suffix: str) -> str:
+    return {"deg": "°"}.get(suffix, suffix)
+
+
+def _remainder_parts(left: Remainder) -> Iterator[Part]:
+    rows: list[Row] = [
+        ("residuals of the fitted distances, √(Σ r² / ν)", number(left.residual_mm)),
+        ("the tracker's stated uncertainty alone", number(left.instrument_mm)),
+    ]
+    if left.repeatability_mm is None:
+        rows.append(("the robot's repeatability alone", "not measured"))
+    else:
+        rows.append(("the robot's repeatability alone", number(left.repeatability_mm)))
+    rows.append(("left beyond the larger of the two", number(left.unexplained_mm)))
+    columns = (*words("one distance, 1 σ"), Column("", "mm"))
+    note = f"ν = {left.dof} degrees of freedom."
+    yield Paragraph(_in_words(left))
+    yield Table("Residuals and their known causes", columns, tuple(rows), note)
+
+
+def _in_words(left: Remainder) -> str:
+    ratio = f"The residuals are {left.chi:.1f} times what the tracker's stated uncertainty explains"
+    if left.chi <= INSTRUMENT_EXPLAINS:
+        return f"{ratio}: the model leaves nothing that this tracker could see."
+    if left.repeatability_mm is None:
+        return f"{ratio}. Repeatability was not measured, so nothing is known of the rest."
+    if left.unexplained_mm == 0.0:
+        return (
+            f"{ratio}; the robot's repeatability accounts for the rest. A better model would not "
+            "make this robot more accurate."
+        )
+    return (
+        f"{ratio}, and more than its repeatability accounts for. {left.unexplained_mm:.3f} mm (1 σ) "
+        "remain that neither explains: look at the assumptions below."
+    )

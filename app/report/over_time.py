@@ -1,0 +1,57 @@
+"""What changed while it was measured: the air, and the place of the drift pose."""
+
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+
+from app.report.evidence import MeasuredSeries
+from campaigns.journal_views import AcceptedShot
+from campaigns.numerics.geometry import Array
+from campaigns.shot_sets import ShotSet
+
+MINUTE_S = 60.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Course:
+    """A series over its time; minutes count from its first shot."""
+
+    name: str
+    temperature_minutes: Array
+    temperature_degC: Array
+    drift_minutes: Array
+    drift_mm: Array
+    """Distance of each drift shot from the first one."""
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether it says nothing at all."""
+        return len(self.temperature_degC) == 0 and len(self.drift_mm) < 2
+
+
+def course(name: str, measured: MeasuredSeries) -> Course:
+    """Read it off the shots, in the order in which they were measured."""
+    shots = sorted(measured.shots, key=lambda shot: shot.measured_utc)
+    with_air = [(shot, shot.outcome.weather) for shot in shots]
+    known = [(shot, air.temperature_degC) for shot, air in with_air if air is not None]
+    drift = [shot for shot in shots if shot.intent.purpose == ShotSet.DRIFT.value]
+    points = np.array([s.outcome.point_in_tracker_mm for s in drift]).reshape(-1, 3)
+    return Course(
+        name,
+        _minutes([shot for shot, _ in known], shots[0]),
+        np.array([temperature for _, temperature in known]),
+        _minutes(drift, shots[0]),
+        np.linalg.norm(points - points[:1], axis=1),
+    )
+
+
+def _minutes(shots: list[AcceptedShot], first: AcceptedShot) -> Array:
+    start = datetime.fromisoformat(first.measured_utc)
+    return np.array(
+        [
+            (datetime.fromisoformat(shot.measured_utc) - start).total_seconds() / MINUTE_S
+            for shot in shots
+        ],
+        dtype=np.float64,
+    )

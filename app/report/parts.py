@@ -1,0 +1,104 @@
+"""What a page is made of, and how numbers are written on it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+Row = tuple[str, ...]
+Tone = Literal["text", "missing", "note"]
+
+NOTHING = "–"
+"""Stands where there is no number."""
+
+
+@dataclass(frozen=True, slots=True)
+class Paragraph:
+    """A sentence or two; `missing` says what is not there and what would bring it."""
+
+    text: str
+    tone: Tone = "text"
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column's head; numbers are set to the right, words to the left."""
+
+    title: str
+    unit: str = ""
+    words: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows of texts. `note` stands below in small print."""
+
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[Row, ...]
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        """A row with a cell too many or too few would shift its meaning."""
+        if any(len(row) != len(self.columns) for row in self.rows):
+            raise ValueError(f"table '{self.title}': rows don't fit {len(self.columns)} columns")
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure as SVG, and what is to be seen in it."""
+
+    name: str
+    title: str
+    caption: str
+    svg: str
+
+
+Part = Paragraph | Table | Picture
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A numbered section of the page."""
+
+    name: str
+    title: str
+    parts: tuple[Part, ...]
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """What this section would have shown and cannot."""
+        return tuple(
+            part.text
+            for part in self.parts
+            if isinstance(part, Paragraph) and part.tone == "missing"
+        )
+
+
+def words(*titles: str) -> tuple[Column, ...]:
+    """Columns of words."""
+    return tuple(Column(title, words=True) for title in titles)
+
+
+def numbers(unit: str, titles: Sequence[str]) -> tuple[Column, ...]:
+    """Columns of numbers of one unit."""
+    return tuple(Column(title, unit) for title in titles)
+
+
+def number(value: float | None, decimals: int = 3, *, signed: bool = False) -> str:
+    """With a true minus sign; a dash for None."""
+    if value is None:
+        return NOTHING
+    text = f"{value:{'+' if signed else ''}.{decimals}f}"
+    return text.replace("-", "−")
+
+
+def percent_gained(before: float | None, after: float | None) -> str:
+    """How much smaller something has become."""
+    if before is None or after is None or before == 0.0:
+        return NOTHING
+    return f"{number(100.0 * (1.0 - after / before), 0)} %"
+
+
+def moment(utc: str) -> str:
+    """A time of the journal as people read it: `2026-03-02 08:15 UTC`."""
+    return f"{utc[:10]} {utc[11:16]} UTC"

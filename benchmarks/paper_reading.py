@@ -1,0 +1,145 @@
+"""Why `par4-prototype` reads the paper's Table I as it does (docs/model.md, adr/0002).
+
+For each reading of the table: a robot whose truth is Table II's estimates, commanded with the
+nominal values, does the paper's tests without any noise. Beside it what the paper measured.
+
+python benchmarks/paper_reading.py
+"""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from campaigns.numerics.forward import forward
+from campaigns.numerics.geometry import NAMES, Array, Geometry
+from campaigns.numerics.pairs import distances_mm
+from campaigns.numerics.par4 import NoAssembly, inverse
+from campaigns.numerics.placement import Region, boundary_poses, pair_up
+from campaigns.numerics.reach import Limits, reach
+from campaigns.parameters import ARMS
+from campaigns.planning import numeric_limits
+from campaigns.robot import find_robot
+from campaigns.validate import rotation_mm, straightness_mm
+from sim.scenario import load_scenario
+
+CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
+LINES_MM = (800.0, 800.0, 500.0)
+POINTS = 17
+GRID_MM = 25.0
+SEEDS = 7
+PAIRS = 60
+PAPER = ("paper, measured", "5.48", "5.62", "0.91", "about 2")
+
+Flat = Mapping[str, float]
+
+
+def main() -> None:
+    prototype, printed = flat_of("par4-prototype"), flat_of("par4-table1")
+    table2 = load_scenario("paper-prototype").robot.errors
+    print(f"poses on a {GRID_MM:g} mm grid with every joint within ±45°, θ = 0")
+    print(f"  as printed      {reachable_on_grid(printed):5d}")
+    print(f"  par4-prototype  {reachable_on_grid(prototype):5d}")
+    print("\nstraightness along x, y, z and motion in the rotation test, mm (- : out of reach)")
+    row(*PAPER)
+    row("as printed", *tests(printed, table2))
+    for length_mm in (650.0, 700.0, 750.0):
+        radial = with_forearms(prototype, length_mm)
+        row(f"radial arms, L = {length_mm:g}", *tests(radial, table2))
+    for length_mm in (650.0, 700.0, 750.0):
+        flipped = with_forearms(mirrored(printed), length_mm)
+        row(f"printed α, x of motors flipped, L = {length_mm:g}", *tests(flipped, table2))
+    print(f"\nlargest distance error of {PAIRS} pairs before calibration, mm, {SEEDS} draws")
+    for table, scenario, paper in (
+        ("Table I", "paper-simulation", "about 10"),
+        ("Table II", "paper-prototype", "above 20"),
+    ):
+        found = largest_errors_mm(prototype, load_scenario(scenario).robot.errors)
+        print(f"  {table:9} {min(found):4.1f} … {max(found):4.1f}   paper: {paper}")
+
+
+def row(name: str, *values: str) -> None:
+    print(f"  {name:42}" + "".join(f"{value:>9}" for value in values))
+
+
+def flat_of(robot: str) -> dict[str, float]:
+    return find_robot(robot).robot.geometry_flat()
+
+
+def with_forearms(flat: Flat, length_mm: float) -> dict[str, float]:
+    return {**flat, **{f"arm{arm}.forearm_mm": length_mm for arm in range(ARMS)}}
+
+
+def mirrored(flat: Flat) -> dict[str, float]:
+    return {**flat, **{f"arm{arm}.x_mm": -flat[f"arm{arm}.x_mm"] for arm in range(ARMS)}}
+
+
+def reachable_on_grid(flat: Flat) -> int:
+    """Poses that the inverse model has an answer for, whatever else would stand against them."""
+    axis = np.arange(-1000.0, 1000.0 + GRID_MM, GRID_MM)
+    x, y = (values.ravel() for values in np.meshgrid(axis, axis))
+    limit_rad, found = np.radians(45.0), 0
+    for z in axis:
+        poses = np.column_stack([x, y, np.full_like(x, z), np.zeros_like(x)])
+        joints = inverse(Geometry.from_flat(flat), poses).values
+        found += int((np.abs(joints) <= limit_rad).all(axis=1).sum())  # NaN is not within
+    return found
+
+
+def tests(nominal: Flat, errors: Flat) -> list[str]:
+    """Three lines and the rotation, commanded with nominal parameters."""
+    return [
+        *(tested(nominal, errors, line(axis), straightness_mm) for axis in range(3)),
+        tested(nominal, errors, turn(), rotation_mm),
+    ]
+
+
+def line(axis: int) -> Array:
+    poses = np.tile(CENTRE, (POINTS, 1))
+    poses[:, axis] += np.linspace(-0.5, 0.5, POINTS) * LINES_MM[axis]
+    return poses
+
+
+def turn() -> Array:
+    poses = np.tile(CENTRE, (POINTS, 1))
+    poses[:, 3] = np.radians(np.linspace(-45.0, 45.0, POINTS))
+    return poses
+
+
+def tested(
+    nominal: Flat, errors: Flat, poses: Array, figure: Callable[[Array], float | None]
+) -> str:
+    try:
+        value = figure(reached(nominal, errors, poses)[:, :3])
+    except NoAssembly:
+        return "-"
+    return f"{value:.2f}"
+
+
+def reached(nominal: Flat, errors: Flat, poses: Array) -> Array:
+    """Where a robot with these errors goes when its controller believes the nominal parameters."""
+    true = {name: nominal[name] + errors.get(name, 0.0) for name in NAMES}
+    joints = inverse(Geometry.from_flat(nominal), poses).require()
+    return forward(Geometry.from_flat(true), joints, poses).require()
+
+
+def largest_errors_mm(nominal: Flat, errors: Flat) -> list[float]:
+    """Commanded against true distances of the paper's recipe, drawn several times."""
+    limits = numeric_limits(find_robot("par4-prototype").robot)
+    return [largest_error_mm(nominal, errors, limits, seed) for seed in range(SEEDS)]
+
+
+def largest_error_mm(nominal: Flat, errors: Flat, limits: Limits, seed: int) -> float:
+    geometry, rng = Geometry.from_flat(nominal), np.random.default_rng(seed)
+    seen_from_everywhere = Region(
+        geometry, limits, CENTRE, np.array([2500.0, 0.0, -500.0]), np.array([1.0, 0.0, 0.0]), np.pi
+    )
+    poses = boundary_poses(seen_from_everywhere, 2 * PAIRS, rng)
+    assert reach(geometry, limits, poses).feasible.all()
+    first, second = pair_up(poses, rng).T
+    commanded = distances_mm(poses[:, :3], first, second)
+    true = distances_mm(reached(nominal, errors, poses)[:, :3], first, second)
+    return float(np.abs(commanded - true).max())
+
+
+if __name__ == "__main__":
+    main()

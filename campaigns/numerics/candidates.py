@@ -1,0 +1,111 @@
+"""Shots and pairs that could be taken, each as the rows it would add to a whitened Jacobian."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.numerics.frames import Transform
+from campaigns.numerics.geometry import Array, Geometry, Index, indices
+from campaigns.numerics.residuals import DistanceResiduals, PointResiduals, PositionModel
+
+FRAME_COLUMNS = 6
+"""Three small angles and a translation, which stand after the free parameters."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """What each of M measurements would tell of P unknowns, of which the first F are parameters."""
+
+    rows: Array
+    """∂(whitened measurement)/∂(scaled unknowns), (M, k, P); columns of root mean square 1."""
+    scale: Array
+    """Scaled unknown over unknown in mm or rad, (P,)."""
+    names: tuple[str, ...]
+    """Of the parameters, (F,); the unknowns after them are nuisance."""
+    mean_information: Array
+    """JᵀJ of an average candidate in scaled unknowns, (P, P)."""
+
+    @classmethod
+    def from_rows(cls, rows: Array, names: tuple[str, ...]) -> "Candidates":
+        """From whitened rows (M, k, P) by unknowns in mm and rad."""
+        size = np.sqrt(np.mean(rows**2, axis=(0, 1)))
+        scale = np.where(size > 0.0, size, 1.0)
+        scaled = rows / scale
+        jacobian = scaled.reshape(-1, len(scale))
+        return cls(scaled, scale, names, jacobian.T @ jacobian / len(rows))
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def parameters(self) -> int:
+        """F."""
+        return len(self.names)
+
+    def jacobian(self, chosen: Index) -> Array:
+        """Of the chosen ones together, by unknowns in mm and rad, (N k, P)."""
+        return np.asarray((self.rows[chosen] * self.scale).reshape(-1, len(self.scale)))
+
+    def information(self, chosen: Index) -> Array:
+        """JᵀJ of the chosen ones in scaled unknowns, (P, P)."""
+        jacobian = self.rows[chosen].reshape(-1, len(self.scale))
+        return np.asarray(jacobian.T @ jacobian)
+
+
+def shot_candidates(
+    geometry: Geometry,
+    free: tuple[str, ...],
+    joints_rad: Array,
+    poses: Array,
+    covariance_mm2: Array,
+) -> Candidates:
+    """Shots with covariances (N, 3, 3) in the base frame's axes; the tracker's frame is unknown."""
+    whitening = np.linalg.inv(np.linalg.cholesky(covariance_mm2))
+    rows = whitening @ point_rows(geometry, free, joints_rad, poses)
+    return Candidates.from_rows(rows, free)
+
+
+def pair_candidates(
+    geometry: Geometry,
+    free: tuple[str, ...],
+    joints_rad: Array,
+    poses: Array,
+    pairs: Index,
+    variance_mm2: Array,
+) -> Candidates:
+    """Distances between rows of poses, pairs (M, 2) with variances (M,); no frame is involved."""
+    rows = distance_rows(geometry, free, joints_rad, poses, pairs)
+    return Candidates.from_rows((rows / np.sqrt(variance_mm2)[:, None])[:, None, :], free)
+
+
+def point_rows(geometry: Geometry, free: tuple[str, ...], joints_rad: Array, poses: Array) -> Array:
+    """∂(point in a frame to be estimated)/∂(free parameters, frame), (N, 3, F + 6), mm and rad."""
+    model = PositionModel(geometry, indices(free), joints_rad, poses)
+    unturned = Transform(np.eye(3), np.zeros(3))
+    points = np.zeros((len(poses), 3))
+    problem = PointResiduals(
+        model, points, np.broadcast_to(np.eye(3), (len(poses), 3, 3)), unturned
+    )
+    return problem.jacobian(problem.start()).reshape(len(poses), 3, -1)
+
+
+def distance_rows(
+    geometry: Geometry, free: tuple[str, ...], joints_rad: Array, poses: Array, pairs: Index
+) -> Array:
+    """∂(distance of each pair)/∂(free parameters), (M, F), mm and rad."""
+    model = PositionModel(geometry, indices(free), joints_rad, poses)
+    problem = DistanceResiduals(model, pairs[:, 0], pairs[:, 1], np.zeros(len(pairs)))
+    return problem.jacobian(problem.start())
+
+
+def without_frame(rows: Array) -> Array:
+    """Rows (N, 3, F + 6) of points after the best fit of their frame, (N, 3, F).
+
+    Least squares with these gives the parameters the same values and covariance as with the frame
+    among the unknowns (Frisch, Waugh and Lovell).
+    """
+    jacobian = rows.reshape(-1, rows.shape[-1])
+    parameters, frame = jacobian[:, :-FRAME_COLUMNS], jacobian[:, -FRAME_COLUMNS:]
+    basis, _ = np.linalg.qr(frame)
+    left = parameters - basis @ (basis.T @ parameters)
+    return np.asarray(left.reshape(len(rows), rows.shape[1], -1))

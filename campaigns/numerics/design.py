@@ -1,0 +1,171 @@
+"""Optimal plans: the best so many of many candidate measurements, by exchange (Fedorov 1972).
+
+Every member is in turn taken out and replaced by the candidate that then tells most (the variant
+of Cook and Nachtsheim 1980), until a whole round brings nothing.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.numerics.appraisal import Appraisal, Appraiser
+from campaigns.numerics.candidates import Candidates
+from campaigns.numerics.criteria import Criterion
+from campaigns.numerics.geometry import Array, Index
+from campaigns.numerics.statistics import Observability, observability, unobservable_combinations
+
+BEGINNER = 0.3
+"""What a greedy choice pretends to know at first, in shares of a mean candidate's information."""
+GROUND = 1e-4
+"""The same while exchanging: keeps the covariance finite when a shot is out, and weighs nothing."""
+LEAST_GAIN = 1e-7
+"""An exchange counts when the value falls by more than this part of it."""
+FRAGILE = 100.0
+"""Replacing a member without which the value is so many times worse leaves rounding behind."""
+ROUNDS = 40
+MEASUREMENTS_TRIED = 240
+MOST_STARTS = 12
+"""Small designs end in local optima more often, and cost little to start again."""
+
+
+class WrongCount(ValueError):
+    """More measurements are asked for than there are candidates, or fewer than unknowns need."""
+
+
+class Unobservable(ValueError):
+    """No choice of the candidates can tell the parameters apart."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Design:
+    """Rows of the chosen candidates, (N,), all different, and the criterion's value."""
+
+    chosen: Index
+    value: float
+
+
+def optimal_design(
+    candidates: Candidates,
+    criterion: Criterion,
+    count: int,
+    rng: np.random.Generator,
+    starts: int | None = None,
+) -> Design:
+    """The best of several exchanges, the first from a greedy choice, the others from random ones.
+
+    Raises `WrongCount` and `Unobservable`.
+    """
+    _check_count(candidates, count)
+    if starts is None:
+        starts = int(np.clip(MEASUREMENTS_TRIED // count, 1, MOST_STARTS))
+    nothing = np.empty(0, dtype=np.intp)
+    begun = [greedily_grown(candidates, criterion, nothing, count)]
+    begun += [rng.choice(len(candidates), count, replace=False) for _ in range(starts - 1)]
+    designs = [exchanged(candidates, criterion, chosen) for chosen in begun]
+    return min(designs, key=lambda design: design.value)
+
+
+def grown_design(candidates: Candidates, criterion: Criterion, chosen: Index, count: int) -> Design:
+    """A larger design from a smaller one: greedy additions, then exchange. Raises `WrongCount`."""
+    _check_count(candidates, count)
+    return exchanged(candidates, criterion, greedily_grown(candidates, criterion, chosen, count))
+
+
+def greedily_grown(
+    candidates: Candidates, criterion: Criterion, chosen: Index, count: int
+) -> Index:
+    """`chosen` and, one after the other, the candidates that tell most, (count,)."""
+    members = chosen.tolist()
+    covariance = _covariance(candidates, chosen, BEGINNER)
+    appraiser = Appraiser.of(candidates, criterion.weight(covariance))
+    known = appraiser.appraise(covariance)
+    while len(members) < count:
+        members.append(_best(criterion, known, members))
+        known = appraiser.added(known, members[-1])
+    return np.array(members, dtype=np.intp)
+
+
+def exchanged(candidates: Candidates, criterion: Criterion, chosen: Index) -> Design:
+    """Members replaced one by one until a round lowers the criterion's value by nothing."""
+    design = Design(chosen, criterion.value(_covariance(candidates, chosen, GROUND)))
+    for _ in range(ROUNDS):
+        members = _after_a_round(candidates, criterion, design)
+        value = criterion.value(_covariance(candidates, members, GROUND))
+        if value >= (1.0 - LEAST_GAIN) * design.value:
+            break
+        design = Design(members, value)
+    return design
+
+
+def _after_a_round(candidates: Candidates, criterion: Criterion, design: Design) -> Index:
+    """Its members, each replaced if another candidate in its place gives a better value."""
+    members, value = design.chosen.copy(), design.value
+    appraiser, known = _appraised(candidates, criterion, members)
+    for place, member in enumerate(members):
+        without = appraiser.removed(known, int(member))
+        best = _best(criterion, without, np.delete(members, place))
+        found = criterion.value(appraiser.covariance_with(without, best))
+        if found >= (1.0 - LEAST_GAIN) * value:
+            continue
+        members[place], value = best, found
+        known = appraiser.added(without, best)
+        if criterion.value(without.covariance) > FRAGILE * value:
+            appraiser, known = _appraised(candidates, criterion, members)
+    return members
+
+
+def _appraised(
+    candidates: Candidates, criterion: Criterion, members: Index
+) -> tuple[Appraiser, Appraisal]:
+    """From the information itself, free of the rounding of all updates before."""
+    covariance = _covariance(candidates, members, GROUND)
+    appraiser = Appraiser.of(candidates, criterion.weight(covariance))
+    return appraiser, appraiser.appraise(covariance)
+
+
+def _best(criterion: Criterion, known: Appraisal, taken: Sequence[int] | Index) -> int:
+    gains = criterion.gains(known.spread, known.effect)
+    gains[np.asarray(taken, dtype=np.intp)] = -np.inf
+    return int(np.argmax(gains))
+
+
+def _covariance(candidates: Candidates, chosen: Index, pretended: float) -> Array:
+    """Of scaled unknowns, as if that share of a mean candidate were known besides."""
+    information = candidates.information(chosen) + pretended * candidates.mean_information
+    return np.asarray(np.linalg.inv(information))
+
+
+def least_count(candidates: Candidates) -> int:
+    """How many measurements it takes to tell all unknowns apart, if they are not chosen badly.
+
+    That is more than equations over unknowns: after some shots another one tells little but its own
+    θ. Raises `Unobservable`.
+    """
+    triangle = np.linalg.qr(candidates.jacobian(np.arange(len(candidates))), mode="r")
+    _check_observable(observability(np.asarray(triangle)), candidates.names)
+    unknowns = len(candidates.scale)
+    counts = range(-(-unknowns // candidates.rows.shape[1]), len(candidates) + 1)
+    return next(
+        count
+        for count in counts
+        if observability(candidates.jacobian(np.arange(count))).rank == unknowns
+    )
+
+
+def _check_observable(seen: Observability, names: tuple[str, ...]) -> None:
+    if seen.rank < len(seen.singular_values):
+        together = unobservable_combinations(seen, names)
+        listed = "; ".join(" and ".join(names) for names in together)
+        raise Unobservable(f"no measurements can tell these apart: {listed}")
+
+
+def _check_count(candidates: Candidates, count: int) -> None:
+    if count > len(candidates):
+        raise WrongCount(f"{count} measurements to choose, but only {len(candidates)} candidates")
+    least = least_count(candidates)
+    if count < least:
+        raise WrongCount(
+            f"{count} measurements cannot tell {len(candidates.scale)} unknowns apart: "
+            f"{least} or more are needed"
+        )

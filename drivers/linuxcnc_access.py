@@ -1,0 +1,93 @@
+"""Comes to LinuxCNC and leaves it: the same machine as before, in control, with nothing moving."""
+
+from collections.abc import Callable
+
+from drivers.errors import LinkDown, WrongDevice
+from drivers.linuxcnc_conversation import LinuxcncConversation
+from drivers.linuxcnc_motion import MDI, PER_MINUTE
+from drivers.linuxcnc_settings import LinuxcncSettings
+from drivers.linuxcnc_setup import LinuxcncSetup
+from drivers.ports import Clock
+from drivers.transport import Transport
+from drivers.values import Identity
+
+
+class LinuxcncAccess:
+    """Opens one connection after another to the same controller."""
+
+    def __init__(
+        self,
+        open_transport: Callable[[], Transport],
+        clock: Clock,
+        settings: LinuxcncSettings,
+        cancelled: Callable[[], bool],
+    ) -> None:
+        self._open_transport = open_transport
+        self._clock = clock
+        self._settings = settings
+        self._cancelled = cancelled
+        self._identity: Identity | None = None
+
+    @property
+    def identity(self) -> Identity:
+        """Who answered; raises `LinkDown` when nobody has yet."""
+        if self._identity is None:
+            raise LinkDown("LinuxCNC is not connected", remedy="connect again")
+        return self._identity
+
+    def enter(self) -> LinuxcncConversation:
+        """Connect, see that it is ours, take control, and first of all stop what moves.
+
+        LinuxCNC finishes a motion whose client was lost. Raises `LinkDown`, `WrongDevice`, or
+        `DeviceRefused` when the motion cannot be stopped.
+        """
+        conversation = LinuxcncConversation(
+            self._open_transport(),
+            clock_s=self._clock.now_s,
+            patience=self._settings.deadlines.patience,
+            cancelled=self._cancelled,
+        )
+        try:
+            self._identify(conversation)
+            self.setup(conversation).check_machine()
+            self.take_control(conversation)
+            if conversation.is_on("machine"):
+                conversation.order("abort")
+        except BaseException:  # also an interrupt: what it leaves behind is closed
+            conversation.close()
+            raise
+        return conversation
+
+    def take_control(self, conversation: LinuxcncConversation) -> None:
+        """Take control, also from another client; raises `WrongDevice`."""
+        conversation.take_control(self._settings.passwords)
+
+    def setup(self, conversation: LinuxcncConversation) -> LinuxcncSetup:
+        """The steps of bringing it up, on this connection."""
+        return LinuxcncSetup(conversation, self._clock, self._settings.deadlines.setup)
+
+    def leave(self, conversation: LinuxcncConversation) -> None:
+        """Stop and give control back; the caller closes. Another client's motion is left alone."""
+        if not conversation.is_on("enable"):
+            return
+        if conversation.is_on("machine"):
+            conversation.order("abort")
+            if conversation.get("mode").text == "MDI":
+                conversation.order(MDI, PER_MINUTE)
+        conversation.order("enable", "off")
+
+    def _identify(self, conversation: LinuxcncConversation) -> None:
+        greeting = conversation.greet(self._settings.passwords)
+        found = Identity(
+            vendor="LinuxCNC",
+            model=f"Par4 in {self._settings.coordinates.value}",
+            serial=greeting.name,
+            firmware="not told",
+            protocol=f"linuxcncrsh {greeting.version}",
+        )
+        if self._identity not in {None, found}:
+            raise WrongDevice(
+                f"{found} answers where it was {self._identity} before",
+                remedy="check the address; for another controller, start again from the beginning",
+            )
+        self._identity = found

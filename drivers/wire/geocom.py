@@ -1,0 +1,180 @@
+"""Lines of GeoCOM, Leica's protocol for total stations: request, reply, checksum.
+
+The simulated instrument and the byte log read and write by this grammar; for the driver geocompy
+writes the requests, and this grammar guards what comes back.
+"""
+
+import re
+from dataclasses import dataclass
+
+from drivers.errors import WireError
+from drivers.wire.lines import LineFramer
+
+LINE_BYTES = 1024
+"""The longest line; carriage return counts. Nothing that measuring needs comes near it."""
+TERMINATOR = b"\r\n"
+ABORT = b"c"
+"""A single character that stops a motion; answered by `ABORTED`."""
+ABORTED = b"?"
+
+_SHOWN_BYTES = 80
+_CRC_POLYNOMIAL = 0xA001
+_NUMBER = rb"0|[1-9][0-9]{0,8}"
+_HEAD = rb"(?P<transaction>%b)(?:,(?P<crc>[0-9]{1,5}))?" % _NUMBER
+_REQUEST = re.compile(rb"%%R1Q,(?P<rpc>%b)(?:,%b)?:(?P<rest>[ -~]*)" % (_NUMBER, _HEAD))
+_REPLY = re.compile(
+    rb"%%R1P,(?P<communication>%b),%b:(?P<result>%b)(?:,(?P<rest>[ -~]*))?"
+    % (_NUMBER, _HEAD, _NUMBER)
+)
+_PARAMETER = re.compile(r'(?:"(?:[^"\\]|\\.)*"|[^",])*')
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A call of a remote procedure; its parameters are words as on the wire.
+
+    `checked` asks for a checksum, in the answer too.
+    """
+
+    rpc: int
+    transaction: int = 0
+    parameters: tuple[str, ...] = ()
+    checked: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Abort:
+    """Stops a motion."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """What is said to a request: whether it could be carried, what came of it, and the values."""
+
+    communication: int
+    transaction: int
+    result: int
+    parameters: tuple[str, ...] = ()
+    checked: bool = False
+
+
+class BadChecksum(WireError):
+    """A request that was damaged on the way; `transaction` is its number as it came."""
+
+    def __init__(self, problem: str, transaction: int) -> None:
+        super().__init__(problem)
+        self.transaction = transaction
+
+
+def crc16(text: bytes) -> int:
+    """CRC-16/ARC: polynomial 0x8005 reflected, start 0."""
+    crc = 0
+    for byte in text:
+        crc ^= byte
+        for _ in range(8):
+            crc = (crc >> 1) ^ (_CRC_POLYNOMIAL if crc & 1 else 0)
+    return crc
+
+
+def encode_request(request: Request) -> bytes:
+    """Write a request as a line with its end; raises `WireError` for what cannot be sent."""
+    body = ",".join(request.parameters)
+    head = f"%R1Q,{request.rpc},{request.transaction}"
+    return _line(head, f":{body}", checked=request.checked)
+
+
+def encode_reply(reply: Reply) -> bytes:
+    """Write a reply as a line with its end; raises `WireError` for what cannot be sent."""
+    body = ",".join((str(reply.result), *reply.parameters))
+    head = f"%R1P,{reply.communication},{reply.transaction}"
+    return _line(head, f":{body}", checked=reply.checked)
+
+
+def decode_request(line: bytes) -> Request | Abort:
+    """Read a line without its end; raises `WireError`, `BadChecksum` among them."""
+    if line == ABORT:
+        return Abort()
+    found = _matched(_REQUEST, line)
+    transaction = int(found["transaction"] or 0)
+    _check(found, line, transaction)
+    parameters = _split(found["rest"] or None)
+    return Request(int(found["rpc"]), transaction, parameters, checked=found["crc"] is not None)
+
+
+def decode_reply(line: bytes) -> Reply:
+    """Read a line without its end; raises `WireError`, `BadChecksum` among them."""
+    found = _matched(_REPLY, line)
+    transaction = int(found["transaction"])
+    _check(found, line, transaction)
+    return Reply(
+        int(found["communication"]),
+        transaction,
+        int(found["result"]),
+        _split(found["rest"]),
+        checked=found["crc"] is not None,
+    )
+
+
+class ReplyFramer:
+    """Bytes to replies; empty lines and answers to an abort are passed over.
+
+    Raises only `WireError`.
+    """
+
+    def __init__(self) -> None:
+        self._lines = line_framer()
+
+    def feed(self, data: bytes) -> list[Reply]:
+        """Return the replies completed by these bytes."""
+        lines = self._lines.feed(data)
+        return [decode_reply(line) for line in lines if line not in {b"", ABORTED}]
+
+
+def line_framer() -> LineFramer:
+    """Cut a stream into lines of GeoCOM."""
+    return LineFramer(LINE_BYTES)
+
+
+def _line(head: str, tail: str, *, checked: bool) -> bytes:
+    try:
+        plain = (head + tail).encode("ascii")
+    except UnicodeEncodeError as error:
+        raise WireError(f"{head}{tail!r:.80} cannot be sent: it is not ASCII") from error
+    if checked:
+        plain = f"{head},{crc16(plain)}{tail}".encode("ascii")
+    if len(plain) >= LINE_BYTES:
+        raise WireError(f"a line of {len(plain)} bytes cannot be sent, the limit is {LINE_BYTES}")
+    return plain + TERMINATOR
+
+
+def _matched(form: re.Pattern[bytes], line: bytes) -> re.Match[bytes]:
+    found = form.fullmatch(line) if len(line) <= LINE_BYTES else None
+    if found is None:
+        raise WireError(f"not a line of GeoCOM: {line[:_SHOWN_BYTES]!r}")
+    return found
+
+
+def _check(found: re.Match[bytes], line: bytes, transaction: int) -> None:
+    """Compare the checksum, if there is one, with that of the line without it."""
+    if found["crc"] is None:
+        return
+    without = line[: found.start("crc") - 1] + line[found.end("crc") :]
+    if crc16(without) != int(found["crc"]):
+        raise BadChecksum(f"the checksum does not fit: {line[:_SHOWN_BYTES]!r}", transaction)
+
+
+def _split(text: bytes | None) -> tuple[str, ...]:
+    """Cut at the commas that are in no string."""
+    if text is None:
+        return ()
+    rest, words = text.decode("ascii"), []
+    while True:
+        found = _PARAMETER.match(rest)
+        assert found is not None  # it matches the empty word too
+        words.append(found[0])
+        rest = rest[found.end() :]
+        if not rest:
+            return tuple(words)
+        if not rest.startswith(","):
+            raise WireError(f"a string without its end: {text[:_SHOWN_BYTES]!r}")
+        rest = rest[1:]

@@ -1,0 +1,136 @@
+"""The grammar of linuxcncrsh, LinuxCNC's line protocol: requests out, answers in, no I/O.
+
+Facts that shape it, of LinuxCNC 2.9 and of the rewrite that will be 2.10:
+
+- A request is one line of at most 255 bytes. 2.9 has no bounds check: a longer one crashes it.
+- Answers end in CR LF, in LF CR, or in both twice. So lines are cut at either sign, and empty ones
+  are dropped.
+- Once `verbose` is on, `set` is answered by `SET WORD ACK` or `SET WORD NAK`. `get` is answered by
+  its word and values.
+- Newer versions say `error: …` on a line of its own before a NAK, and also before an ACK that is
+  none because its time ran out.
+"""
+
+import math
+import re
+from dataclasses import dataclass
+
+from drivers.errors import WireError
+from drivers.wire.lines import LineFramer
+
+PROTOCOL = "1.1"
+LONGEST_REQUEST = 255
+"""Bytes, the line feed among them."""
+LONGEST_ANSWER = 1024
+"""Far above what 2.9 can say (255), and enough for a newer one's path of an INI file."""
+
+_REQUEST = re.compile(r"[ -~]+")
+_ANSWER_WORD = re.compile(r"[A-Z][A-Z0-9_]*")
+
+
+@dataclass(frozen=True, slots=True)
+class Greeting:
+    """The answer to `hello`: the server's name and protocol version if it accepts."""
+
+    accepted: bool
+    name: str
+    version: str
+    line: str
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """`SET WORD ACK` and its like. `word` is empty where a newer version leaves it out."""
+
+    verb: str
+    word: str
+    accepted: bool
+    line: str
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """The answer to `get`: its word, and the rest of the line."""
+
+    word: str
+    text: str
+    line: str
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """A line that answers nothing: a newer version's `error:`, an echo, a message's second line."""
+
+    line: str
+
+
+Message = Greeting | Verdict | Value | Remark
+
+
+class AnswerFramer:
+    """Bytes to messages; raises only `WireError`."""
+
+    def __init__(self) -> None:
+        self._lines = LineFramer(LONGEST_ANSWER)
+
+    def feed(self, data: bytes) -> list[Message]:
+        """Return the messages completed by these bytes."""
+        lines = self._lines.feed(data.replace(b"\r", b"\n"))
+        return [read_message(line) for line in lines if line.strip()]
+
+
+def encode(request: str) -> bytes:
+    """Write a request as its line; raises `WireError` for one that would not arrive as it is."""
+    if not _REQUEST.fullmatch(request):
+        raise WireError(
+            f"{request!r} cannot be sent to LinuxCNC",
+            remedy="use printable ASCII, in one line",
+        )
+    line = request.encode("ascii") + b"\n"
+    if len(line) > LONGEST_REQUEST:
+        raise WireError(
+            f"a request of {len(line)} bytes, at most {LONGEST_REQUEST} are safe: {request:.40}…",
+            remedy="shorten the password or the command",
+        )
+    return line
+
+
+def read_message(line: bytes) -> Message:
+    """Read one line; raises `WireError` when it is none of this protocol's."""
+    if len(line) > LONGEST_ANSWER:
+        raise WireError(f"LinuxCNC answers more than {LONGEST_ANSWER} bytes in one line")
+    text = line.decode("utf-8", errors="replace").replace("\t", " ").strip()
+    if not text.isprintable():
+        raise WireError(f"LinuxCNC answers what is no text: {text!r:.60}")
+    words = text.split()
+    if words[0] == "HELLO":
+        return _greeting(words, text)
+    if words[-1] in {"ACK", "NAK"} and len(words) <= 3 and _are_answer_words(words):
+        word = words[1] if len(words) == 3 else ""
+        return Verdict(words[0], word, words[-1] == "ACK", text)
+    if _ANSWER_WORD.fullmatch(words[0]):
+        return Value(words[0], text[len(words[0]) :].strip(), text)
+    return Remark(text)
+
+
+def read_numbers(value: Value) -> tuple[float, ...]:
+    """Read an answer's numbers; raises `WireError`, also for one that is not finite."""
+    try:
+        numbers = tuple(map(float, value.text.split()))
+    except ValueError as error:
+        raise WireError(f"LinuxCNC answers no numbers: {value.line!r:.80}") from error
+    if not all(map(math.isfinite, numbers)):
+        raise WireError(f"LinuxCNC answers a number that is not finite: {value.line!r:.80}")
+    return numbers
+
+
+def _greeting(words: list[str], text: str) -> Greeting:
+    if words[1:] == ["NAK"]:
+        return Greeting(accepted=False, name="", version="", line=text)
+    if len(words) != 4 or words[1] != "ACK":
+        raise WireError(f"a greeting that is none of linuxcncrsh: {text!r:.80}")
+    return Greeting(accepted=True, name=words[2], version=words[3], line=text)
+
+
+def _are_answer_words(words: list[str]) -> bool:
+    return all(_ANSWER_WORD.fullmatch(word) for word in words)

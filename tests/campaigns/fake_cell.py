@@ -1,0 +1,436 @@
+"""A cell without wires: virtual time, one list of everything that was asked, faults on schedule."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import count
+from math import degrees, radians
+from pathlib import Path
+
+import numpy as np
+
+from campaigns.errors import JournalFailed
+from campaigns.journal import Journal, open_journal
+from campaigns.journal_connection import connect_to_write
+from campaigns.numerics.forward import forward
+from campaigns.numerics.frames import Transform, small_rotation
+from campaigns.numerics.geometry import Geometry
+from campaigns.numerics.par4 import inverse
+from campaigns.numerics.reach import Limits
+from campaigns.plan_file import PlannedShot, plan_digest
+from campaigns.progress import Progress
+from campaigns.record_text import KIND_OF_TYPE
+from campaigns.records import Intent, Outcome, Record, Rejected
+from campaigns.robot import find_robot
+from campaigns.rules import GateRules, MotionRules
+from campaigns.session import Work, measure_series
+from campaigns.shooting import Cell
+from campaigns.shot_sets import ShotSet
+from campaigns.steps import Step, joint_steps
+from campaigns.ways import Mechanism
+from drivers.errors import BeamBroken, Cancelled
+from drivers.values import (
+    Identity,
+    Measurement,
+    Pose,
+    Readiness,
+    Reflector,
+    RobotState,
+    TrackerState,
+    Vector3,
+    Weather,
+)
+
+Act = Callable[[], None]
+
+ROBOT = find_robot("par4-prototype").robot
+NOMINAL = Geometry.from_flat(ROBOT.geometry_flat())
+LIMITS = Limits(ROBOT.limits.joint_rad, ROBOT.limits.theta_rad, ROBOT.limits.forearm_swing_rad)
+CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
+TRACKER_FROM_BASE = Transform(
+    small_rotation(np.array([2.1, 0.02, -0.03]))[0], np.array([2500.0, 400.0, 300.0])
+)
+COVARIANCE_MM2 = ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-4))
+AIR = Weather(20.0, 1013.0, 50.0)
+MEASURING_S = 1.0
+PATIENCE_S = 0.05
+MOTION = MotionRules(
+    speed_fraction=0.3,
+    settle_s=0.2,
+    still_rad=radians(0.002),
+    in_place_rad=radians(0.02),
+    timeout_s=10.0,
+)
+GATE = GateRules(
+    distance_mm=60.0,
+    fitted_mm=3.0,
+    temperature_change_degC=1.0,
+    drift_mm=1.0,
+    attempts=3,
+    search_mm=2500.0,
+)
+
+
+class PowerCut(BaseException):
+    """The process ends here: nothing that comes after reaches the disk."""
+
+
+class VirtualClock:
+    """Time that passes only when somebody sleeps; what was scheduled happens on the way."""
+
+    def __init__(self) -> None:
+        self._now_s = 0.0
+        self._due: list[tuple[float, int, Act]] = []
+        self._numbers = count()
+
+    def now_s(self) -> float:
+        return self._now_s
+
+    def sleep_s(self, seconds: float) -> None:
+        end_s = self._now_s + seconds
+        while self._due and self._due[0][0] <= end_s:
+            self._now_s, _, act = self._due.pop(0)
+            act()
+        self._now_s = end_s
+
+    def after(self, seconds: float, act: Act) -> None:
+        self._due.append((self._now_s + seconds, next(self._numbers), act))
+        self._due.sort(key=lambda entry: entry[:2])
+
+
+@dataclass
+class StopWish:
+    """Ctrl-C, with the time at which it was pressed."""
+
+    clock: VirtualClock
+    asked_s: float | None = None
+
+    def __call__(self) -> bool:
+        return self.asked_s is not None
+
+    def ask(self) -> None:
+        self.asked_s = self.clock.now_s()
+
+
+@dataclass
+class FakeRobot:
+    """Moves its joints evenly in virtual time. `during_move` acts half way through the nth move."""
+
+    clock: VirtualClock
+    calls: list[tuple[object, ...]]
+    serial: str = "R-1"
+    joints: np.ndarray = field(default_factory=lambda: inverse(NOMINAL, CENTRE[None]).values[0])
+    full_speed_rad_s: float = 3.0
+    off_target_rad: np.ndarray = field(default_factory=lambda: np.zeros(4))
+    wobble_rad: float = 0.0
+    fault: str = ""
+    emergency_stop: bool = False
+    keeps_moving: bool = False
+    geometry: dict[str, float] = field(default_factory=ROBOT.geometry_flat)
+    during_move: dict[int, Act] = field(default_factory=dict)
+    stop_errors: list[BaseException] = field(default_factory=list)
+    state_errors: list[BaseException] = field(default_factory=list)
+    stopped_s: float | None = None
+
+    def __post_init__(self) -> None:
+        self._from = self.joints
+        self._began_s = self._ends_s = 0.0
+        self._moves = 0
+        self._readings = 0
+
+    def identity(self) -> Identity:
+        return Identity("Acme", "Par4", self.serial, "1.0", "robotline")
+
+    def true_joints(self) -> np.ndarray:
+        left_s = self._ends_s - self.clock.now_s()
+        if left_s <= 0.0:
+            return self.joints
+        part = 1.0 - left_s / (self._ends_s - self._began_s)
+        return self._from + part * (self.joints - self._from)
+
+    def state(self) -> RobotState:
+        self._log("robot.state")
+        if self.state_errors:
+            raise self.state_errors.pop()
+        self._readings += 1
+        joints = self.true_joints() + (self.wobble_rad * (self._readings % 2)) * np.eye(4)[2]
+        moving = self.keeps_moving or self.clock.now_s() < self._ends_s
+        raw = f"reading {self._readings}"
+        return RobotState(tuple(joints.tolist()), moving, self.fault, self.emergency_stop, raw)
+
+    def move_joints(self, joints_rad: Sequence[float], speed_fraction: float) -> None:
+        self._log("robot.move_joints", *rounded_deg(joints_rad))
+        self._move(np.array(joints_rad), speed_fraction)
+
+    def move_pose(self, pose: Pose, speed_fraction: float) -> None:
+        self._log("robot.move_pose", pose.x_mm, pose.y_mm, pose.z_mm, round(pose.theta_rad, 6))
+        row = np.array([[pose.x_mm, pose.y_mm, pose.z_mm, pose.theta_rad]])
+        self._move(inverse(Geometry.from_flat(self.geometry), row).require()[0], speed_fraction)
+
+    def stop(self) -> None:
+        self._log("robot.stop")
+        if self.stop_errors:
+            raise self.stop_errors.pop(0)
+        self.stopped_s = self.clock.now_s()
+        self.joints, self._ends_s = self.true_joints(), self.clock.now_s()
+
+    def read_geometry(self) -> Mapping[str, float]:
+        return dict(self.geometry)
+
+    def write_geometry(self, geometry: Mapping[str, float]) -> None:
+        self.geometry = dict(geometry)
+
+    def reconnect(self) -> None:
+        self._log("robot.reconnect")
+
+    def close(self) -> None:
+        pass
+
+    def _move(self, target: np.ndarray, speed_fraction: float) -> None:
+        self._from, self._began_s = self.true_joints(), self.clock.now_s()
+        self.joints = target + self.off_target_rad
+        takes_s = np.abs(self.joints - self._from).max() / (self.full_speed_rad_s * speed_fraction)
+        self._ends_s = self._began_s + takes_s
+        self._moves += 1
+        if act := self.during_move.pop(self._moves, None):
+            self.clock.after(0.5 * takes_s, act)
+
+    def _log(self, *call: object) -> None:
+        if not (self.calls and call == self.calls[-1] == ("robot.state",)):
+            self.calls.append(call)
+
+
+@dataclass
+class FakeTracker:
+    """Sees where the true robot's reflector is. `during_measure` acts half way through the nth."""
+
+    clock: VirtualClock
+    calls: list[tuple[object, ...]]
+    robot: FakeRobot
+    truth: Geometry = NOMINAL
+    serial: str = "T-7"
+    air: Weather = AIR
+    shifted_mm: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    on_wrong_target: bool = False
+    beam_broken: bool = False
+    finds: bool = True
+    during_measure: dict[int, Act] = field(default_factory=dict)
+    cancelled: Callable[[], bool] = lambda: False
+    measured: int = 0
+
+    def identity(self) -> Identity:
+        return Identity("Leica", "AT403", self.serial, "2.3", "emScon")
+
+    def state(self) -> TrackerState:
+        return TrackerState(Readiness.READY, True, True, not self.beam_broken, "CCR")
+
+    def weather(self) -> Weather:
+        return self.air
+
+    def reflectors(self) -> tuple[Reflector, ...]:
+        return (Reflector("CCR", 1, 19.05),)
+
+    def prepare(self, reflector: str, measuring_time_s: float) -> None:
+        pass
+
+    def measure(self) -> Measurement:
+        self.calls.append(("tracker.measure",))
+        self.measured += 1
+        if act := self.during_measure.pop(self.measured, None):
+            self.clock.after(0.5 * MEASURING_S, act)
+        self._wait(MEASURING_S)
+        if self.beam_broken:
+            raise BeamBroken("the beam is broken", remedy="find the reflector")
+        raw = f"measurement {self.measured}"
+        return Measurement(self.seen_mm(), COVARIANCE_MM2, self.air, raw)
+
+    def seen_mm(self) -> Vector3:
+        if self.on_wrong_target:
+            return (1000.0, 2000.0, 300.0)
+        plate = forward(self.truth, self.robot.true_joints()[None]).require()[:, :3]
+        point = TRACKER_FROM_BASE.apply(plate)[0] + self.shifted_mm
+        return tuple(point.tolist())
+
+    def go_to(self, point_in_tracker_mm: Vector3) -> None:
+        away_mm = np.linalg.norm(np.subtract(point_in_tracker_mm, self.seen_mm()))
+        self.calls.append(("tracker.go_to", tuple(round(v, 1) for v in point_in_tracker_mm)))
+        self._look(found=self.finds and (self.on_wrong_target or away_mm < 50.0))
+
+    def find_reflector(self, distance_mm: float) -> None:
+        self.calls.append(("tracker.find_reflector", distance_mm))
+        self._look(found=self.finds)
+
+    def reconnect(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def break_beam(self) -> None:
+        self.beam_broken = True
+
+    def take_wrong_target(self) -> None:
+        self.on_wrong_target = True
+
+    def take_right_target(self) -> None:
+        self.on_wrong_target = False
+
+    def _look(self, *, found: bool) -> None:
+        self._wait(MEASURING_S)
+        self.on_wrong_target, self.beam_broken = False, not found
+        if not found:
+            raise BeamBroken("no reflector found", remedy="look for it")
+
+    def _wait(self, seconds: float) -> None:
+        """As a link waits: looking now and then whether the operator wants to stop."""
+        end_s = self.clock.now_s() + seconds
+        while (left_s := end_s - self.clock.now_s()) > 1e-9:
+            if self.cancelled():
+                raise Cancelled("the measurement was abandoned", remedy="start again when ready")
+            self.clock.sleep_s(min(left_s, PATIENCE_S))
+
+
+@dataclass
+class FakeCell:
+    """Robot, tracker and operator of one process, and the list of all that was asked of them."""
+
+    truth: Geometry = NOMINAL
+    calls: list[tuple[object, ...]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.clock = VirtualClock()
+        self.wish = StopWish(self.clock)
+        self.robot = FakeRobot(self.clock, self.calls)
+        self.tracker = FakeTracker(self.clock, self.calls, self.robot, self.truth)
+        self.tracker.cancelled = self.wish
+        self.watcher = Listener()
+
+    @property
+    def devices(self) -> Cell:
+        return Cell(self.robot, self.tracker, self.clock, self.clock)
+
+    def measure(self, journal: Journal, work: Work, *, anew: bool = False) -> int:
+        return measure_series(self.devices, journal, work, self.watcher, self.wish, anew=anew)
+
+    def named(self, name: str) -> list[tuple[object, ...]]:
+        return [call for call in self.calls if call[0] == name]
+
+
+@dataclass
+class Listener:
+    """Remembers what it was told."""
+
+    told: list[Progress] = field(default_factory=list)
+    events: list[str] = field(default_factory=list)
+
+    def progress(self, progress: Progress) -> None:
+        self.told.append(progress)
+
+    def event(self, text: str) -> None:
+        self.events.append(text)
+
+
+class TestedJournal(Journal):
+    """A real journal that also lists what is written, and can die or fail at the nth record."""
+
+    __test__ = False
+
+    def __init__(self, path: Path, calls: list[tuple[object, ...]], now_utc: Callable[[], str]):
+        super().__init__(connect_to_write(path, create=not path.exists()), path, now_utc)
+        self._calls = calls
+        self._written = 0
+        self._dead = False
+        self.dies_before: int | None = None
+        self.fails_from: int | None = None
+
+    def append(self, record: Record, *, series: int | None = None) -> int:
+        self._written += 1
+        self._dead = self._dead or self._written == self.dies_before
+        if self._dead:
+            raise PowerCut
+        if self.fails_from is not None and self._written >= self.fails_from:
+            raise JournalFailed("the disk is full", remedy="free space")
+        place = super().append(record, series=series)
+        self._calls.append((f"journal.{KIND_OF_TYPE[type(record)]}", *_numbers(record)))
+        return place
+
+
+def _numbers(record: Record) -> tuple[int, ...]:
+    if isinstance(record, Intent | Outcome | Rejected):
+        return record.shot, record.attempt
+    return ()
+
+
+def ticking() -> Callable[[], str]:
+    """A clock that is a second later each time it is read."""
+    seconds = count()
+    return lambda: f"2026-03-02T08:{(s := next(seconds)) // 60:02d}:{s % 60:02d}Z"
+
+
+@contextmanager
+def journal_in(folder: Path, calls: list[tuple[object, ...]]) -> Iterator[TestedJournal]:
+    with TestedJournal(folder / "campaign.db", calls, ticking()) as journal:
+        yield journal
+
+
+@contextmanager
+def plain_journal(folder: Path) -> Iterator[Journal]:
+    with open_journal(folder / "j.db", now_utc=ticking(), create=True) as journal:
+        yield journal
+
+
+def rounded_deg(joints_rad: Sequence[float]) -> tuple[float, ...]:
+    return tuple(round(degrees(joint), 2) for joint in joints_rad)
+
+
+def planned(
+    shot: int, purpose: ShotSet, pair: int | None, x: float, y: float, z: float, theta: float = 0.0
+) -> PlannedShot:
+    joints = inverse(NOMINAL, np.array([[x, y, z, theta]])).require()[0]
+    return PlannedShot(shot, purpose, pair, Pose(x, y, z, theta), tuple(joints.tolist()))
+
+
+def drift(shot: int) -> PlannedShot:
+    return planned(shot, ShotSet.DRIFT, None, *CENTRE[:3].tolist())
+
+
+def pair(
+    first_shot: int, number: int, here: Sequence[float], there: Sequence[float]
+) -> tuple[PlannedShot, PlannedShot]:
+    identification = ShotSet.IDENTIFICATION
+    return (
+        planned(first_shot, identification, number, *here),
+        planned(first_shot + 1, identification, number, *there),
+    )
+
+
+TWO_PAIRS = (
+    drift(0),
+    *pair(1, 0, (150.0, 60.0, -600.0), (-120.0, 80.0, -520.0, 0.2)),
+    *pair(3, 1, (-80.0, -160.0, -650.0), (60.0, -120.0, -500.0, -0.3)),
+    drift(5),
+)
+FOUR_PAIRS = (
+    *TWO_PAIRS[:-1],
+    *pair(5, 2, (200.0, -40.0, -480.0), (20.0, 180.0, -700.0, 0.1)),
+    *pair(7, 3, (-180.0, 20.0, -640.0), (90.0, 130.0, -560.0, -0.2)),
+    drift(9),
+)
+
+
+def work(shots: Sequence[PlannedShot] = TWO_PAIRS, **changes: object) -> Work:
+    settings: dict[str, object] = {
+        "stage": "run",
+        "steps": joint_steps(shots),
+        "plan_digest": plan_digest(shots),
+        "robot_file_digest": ROBOT.digest(),
+        "configuration": {"name": "test"},
+        "mechanism": Mechanism(NOMINAL, LIMITS, CENTRE),
+        "motion": MOTION,
+        "gate": GATE,
+    }
+    return Work(**(settings | changes))
+
+
+def commanded_as_pose(shot: PlannedShot, approach: tuple[tuple[float, ...], ...] = ()) -> Step:
+    return Step(shot, "pose", approach)

@@ -1,0 +1,176 @@
+"""What the engine asks of the devices and writes into the journal, and in which order."""
+
+from pathlib import Path
+
+import pytest
+from fake_cell import FOUR_PAIRS, TWO_PAIRS, FakeCell, drift, journal_in, work
+
+from campaigns.journal_reader import read_journal
+from campaigns.progress import EngineState
+from campaigns.records import Event, Intent, Outcome
+from drivers.values import Weather
+
+GOLDEN_TWO_PAIRS = [
+    ("journal.series-started",),
+    ("journal.session-started",),
+    # the drift pose: the robot stands there already, and is still sent there
+    ("journal.intent", 0, 1),
+    ("robot.state",),
+    ("robot.move_joints", 31.34, 31.34, 21.0, 21.0),
+    ("robot.state",),
+    ("tracker.measure",),
+    ("robot.state",),
+    ("journal.outcome", 0, 1),
+    # pair 0
+    ("journal.intent", 1, 1),
+    ("robot.state",),
+    ("robot.move_joints", 55.48, 29.16, 5.3, 36.98),
+    ("robot.state",),
+    ("tracker.measure",),
+    ("robot.state",),
+    ("journal.outcome", 1, 1),
+    ("journal.intent", 2, 1),
+    ("robot.state",),
+    ("robot.move_joints", 25.37, 48.81, 26.23, -8.9),
+    ("robot.state",),
+    ("tracker.measure",),
+    ("robot.state",),
+    ("journal.outcome", 2, 1),
+    # pair 1
+    ("journal.intent", 3, 1),
+    ("robot.state",),
+    ("robot.move_joints", 17.98, 33.69, 52.36, 39.16),
+    ("robot.state",),
+    ("tracker.measure",),
+    ("robot.state",),
+    ("journal.outcome", 3, 1),
+    ("journal.intent", 4, 1),
+    ("robot.state",),
+    ("robot.move_joints", 17.49, 1.97, 17.63, 37.36),
+    ("robot.state",),
+    ("tracker.measure",),
+    ("robot.state",),
+    ("journal.outcome", 4, 1),
+    # the drift pose again, compared with the first one
+    ("journal.intent", 5, 1),
+    ("robot.state",),
+    ("robot.move_joints", 31.34, 31.34, 21.0, 21.0),
+    ("robot.state",),
+    ("tracker.measure",),
+    ("robot.state",),
+    ("journal.event",),
+    ("journal.outcome", 5, 1),
+    ("journal.series-finished",),
+    ("journal.session-stopped",),
+]
+"""Readings of the robot that follow one another are one entry."""
+
+
+def test_golden_sequence_of_a_two_pair_plan(tmp_path: Path) -> None:
+    cell = FakeCell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        cell.measure(journal, work(TWO_PAIRS))
+    assert cell.calls == GOLDEN_TWO_PAIRS
+
+
+def test_intent_is_on_the_disk_before_the_robot_moves(tmp_path: Path) -> None:
+    cell = FakeCell()
+    last_records = []
+
+    def look() -> None:
+        with read_journal(tmp_path / "campaign.db") as reader:
+            last_records.append(reader.records()[-1].record)
+
+    cell.robot.during_move = dict.fromkeys(range(2, 7), look)
+    with journal_in(tmp_path, cell.calls) as journal:
+        cell.measure(journal, work())
+    assert [type(record) for record in last_records] == [Intent] * 5
+    assert [record.shot for record in last_records] == [1, 2, 3, 4, 5]
+
+
+def test_outcome_is_on_the_disk_before_the_next_motion_and_never_before_its_measurement(
+    tmp_path: Path,
+) -> None:
+    cell = FakeCell()
+    written = []
+
+    def look() -> None:
+        with read_journal(tmp_path / "campaign.db") as reader:
+            written.append([entry.record.shot for entry in reader.records_of(Outcome)])
+
+    cell.robot.during_move = dict.fromkeys(range(2, 7), look)
+    cell.tracker.during_measure = dict.fromkeys(range(1, 7), look)
+    with journal_in(tmp_path, cell.calls) as journal:
+        cell.measure(journal, work())
+    before_measuring = [list(range(shot)) for shot in range(6)]
+    before_moving = [list(range(shot)) for shot in range(1, 6)]
+    assert sorted(written, key=len) == sorted(before_measuring + before_moving, key=len)
+
+
+def test_outcome_holds_what_was_asked_read_measured_and_how_long_it_took(tmp_path: Path) -> None:
+    cell = FakeCell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work())
+        shot = journal.shots(series)[1]
+    assert shot.intent.target == TWO_PAIRS[1].pose
+    assert shot.intent.target_joints_rad == TWO_PAIRS[1].joints_rad
+    assert (shot.intent.purpose, shot.intent.pair) == ("identification", 0)
+    assert shot.outcome.joints_rad == pytest.approx(TWO_PAIRS[1].joints_rad)
+    assert shot.outcome.raw_robot.startswith("reading")
+    assert shot.outcome.raw_tracker == "measurement 2"
+    assert shot.outcome.durations.move_s == pytest.approx(0.4, abs=0.2)
+    assert shot.outcome.durations.settle_s == pytest.approx(0.2, abs=0.03)
+    assert shot.outcome.durations.measure_s == pytest.approx(1.0)
+
+
+def test_progress_counts_shots_and_tells_residual_drift_and_time_left(tmp_path: Path) -> None:
+    cell = FakeCell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        cell.measure(journal, work(FOUR_PAIRS))
+    told = cell.watcher.told
+    assert {progress.total for progress in told} == {10}
+    assert sorted({progress.done for progress in told}) == list(range(11))
+    assert told[0].eta_s is None
+    halfway = next(progress for progress in told if progress.done == 5)
+    low_s, high_s = halfway.eta_s
+    assert low_s < 5 * 1.7 < high_s
+    assert told[-1].state is EngineState.FINISHED
+    assert told[-1].residual_mm == pytest.approx(0.0, abs=1e-3)
+    assert told[-1].drift_mm == pytest.approx(0.0, abs=1e-9)
+
+
+def test_air_that_warms_raises_one_alarm_and_ends_it_once(tmp_path: Path) -> None:
+    cell = FakeCell()
+
+    def air(temperature_degC: float):
+        def change() -> None:
+            cell.tracker.air = Weather(temperature_degC, 1013.0, 50.0)
+
+        return change
+
+    temperatures = {2: 21.1, 3: 21.4, 4: 20.95, 5: 21.2, 6: 20.5}
+    cell.tracker.during_measure = {shot: air(value) for shot, value in temperatures.items()}
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work())
+        events = [entry.record for entry in journal.records_of(Event, series)]
+    alarms = [event.text for event in events if event.kind == "temperature alarm"]
+    assert alarms == [
+        "the air has changed by +1.10 °C since the start, limit 1 °C",
+        "the air is back within its limit: +0.50 °C since the start, limit 1 °C",
+    ]
+    assert cell.watcher.events == alarms
+
+
+def test_drift_shots_after_the_first_are_noted(tmp_path: Path) -> None:
+    cell = FakeCell()
+
+    def shift() -> None:
+        cell.tracker.shifted_mm[0] = 0.4
+
+    cell.tracker.during_measure = {2: shift}
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work((drift(0), drift(1))))
+        events = [entry.record for entry in journal.records_of(Event, series)]
+    text = "shot 1: the drift pose is 0.400 mm from where it was first, limit 1 mm"
+    assert events == [Event("drift check", text)]
+    assert cell.watcher.told[-1].drift_mm == pytest.approx(0.4)

@@ -1,0 +1,153 @@
+"""Shots that give no data: kept as rejected, their pair void, and measured again as a whole."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_cell import FOUR_PAIRS, TWO_PAIRS, FakeCell, drift, journal_in, work
+
+from campaigns.errors import GateRefused
+from campaigns.journal_views import AcceptedShot
+from campaigns.records import Event, PairVoided, Rejected
+
+
+def attempts_of(shots: tuple[AcceptedShot, ...]) -> list[int]:
+    return [shot.outcome.attempt for shot in shots]
+
+
+def test_broken_beam_at_a_second_shot_repeats_the_whole_pair(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.tracker.during_measure = {3: cell.tracker.break_beam}
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work())
+        voided = [entry.record for entry in journal.records_of(PairVoided)]
+        rejected = [entry.record for entry in journal.records_of(Rejected)]
+        shots = journal.shots(series)
+    assert [(void.pair, void.shots) for void in voided] == [(0, (1,))]
+    assert [(each.shot, each.attempt, each.measured) for each in rejected] == [(2, 1, None)]
+    assert attempts_of(shots) == [1, 2, 2, 1, 1, 1]
+    assert cell.watcher.told[-1].done == cell.watcher.told[-1].total == 6
+
+
+def test_broken_beam_at_a_first_shot_repeats_only_that_shot(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.tracker.during_measure = {4: cell.tracker.break_beam}
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work())
+        assert not journal.records_of(PairVoided)
+        assert attempts_of(journal.shots(series)) == [1, 1, 1, 2, 1, 1]
+
+
+def test_tracker_searches_at_its_distance_while_the_robots_place_is_unknown(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.tracker.during_measure = {1: cell.tracker.break_beam}
+    with journal_in(tmp_path, cell.calls) as journal:
+        cell.measure(journal, work())
+    assert cell.named("tracker.find_reflector") == [("tracker.find_reflector", 2500.0)]
+    assert not cell.named("tracker.go_to")
+
+
+def test_tracker_is_pointed_where_the_reflector_should_be(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.tracker.during_measure = {8: cell.tracker.break_beam}
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work(FOUR_PAIRS))
+        lost = journal.shots(series)[7].outcome.point_in_tracker_mm
+    ((_, pointed_at_mm),) = cell.named("tracker.go_to")
+    assert np.linalg.norm(np.subtract(pointed_at_mm, lost)) < 5.0
+
+
+def test_suspension_is_told_to_the_operator_and_to_the_journal(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.tracker.during_measure = {2: cell.tracker.break_beam}
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work())
+        events = [entry.record for entry in journal.records_of(Event, series)]
+    assert [event.kind for event in events] == ["suspended", "resumed", "drift check"]
+    assert events[0].text == "shot 1, attempt 1: beam broken: the beam is broken"
+    assert cell.watcher.events == [event.text for event in events[:2]]
+    suspended = [progress for progress in cell.watcher.told if not progress.beam_locked]
+    assert {progress.shot for progress in suspended} == {1}
+
+
+def test_reflector_that_is_not_found_again_ends_the_run_after_the_allowed_attempts(
+    tmp_path: Path,
+) -> None:
+    cell = FakeCell()
+    cell.tracker.finds = False
+    cell.tracker.during_measure = {3: cell.tracker.break_beam}
+    with journal_in(tmp_path, cell.calls) as journal:
+        with pytest.raises(GateRefused, match=r"3 attempts failed.*shot 1, attempt 3: beam broken"):
+            cell.measure(journal, work())
+        rejected = [(e.record.shot, e.record.attempt) for e in journal.records_of(Rejected)]
+    assert rejected == [(2, 1), (1, 2), (1, 3)]
+    assert cell.calls[-2] == ("robot.stop",)
+    assert not cell.watcher.told[-1].beam_locked
+
+
+def test_wrong_target_is_refused_with_its_data_and_the_tracker_sent_to_the_right_one(
+    tmp_path: Path,
+) -> None:
+    cell = FakeCell()
+    cell.tracker.during_measure = {7: cell.tracker.take_wrong_target}
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work(FOUR_PAIRS))
+        (rejected,) = (entry.record for entry in journal.records_of(Rejected))
+        assert attempts_of(journal.shots(series)) == [1, 1, 1, 1, 1, 2, 2, 1, 1, 1]
+    assert "from the predicted point, limit" in rejected.reason
+    assert rejected.measured.point_in_tracker_mm == (1000.0, 2000.0, 300.0)
+    assert rejected.measured.residual_mm > 60.0
+    assert len(cell.named("tracker.go_to")) == 1
+
+
+def test_wrong_target_is_noticed_by_distances_before_the_frame_is_known(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.tracker.during_measure = {3: cell.tracker.take_wrong_target}
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work())
+        (rejected,) = (entry.record for entry in journal.records_of(Rejected))
+        assert attempts_of(journal.shots(series)) == [1, 2, 2, 1, 1, 1]
+    assert "the distance to an earlier shot is" in rejected.reason
+
+
+def test_voided_shot_teaches_nothing_to_the_shots_after_it(tmp_path: Path) -> None:
+    """A wrong first shot that nothing could contradict: only with it gone can the pair succeed."""
+    cell = FakeCell()
+    cell.tracker.during_measure = {
+        1: cell.tracker.take_wrong_target,
+        2: cell.tracker.take_right_target,
+    }
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work(TWO_PAIRS[1:5]))
+        assert attempts_of(journal.shots(series)) == [2, 2, 1, 1]
+
+
+def test_robot_that_moved_while_it_was_measured_is_measured_again(tmp_path: Path) -> None:
+    cell = FakeCell()
+
+    def push() -> None:
+        cell.robot.joints = cell.robot.joints + 1e-4
+
+    cell.tracker.during_measure = {2: push}
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work())
+        (rejected,) = (entry.record for entry in journal.records_of(Rejected))
+        assert attempts_of(journal.shots(series)) == [1, 2, 1, 1, 1, 1]
+    assert rejected.reason == "the robot moved while it was measured"
+    assert rejected.measured is not None
+
+
+def test_drift_beyond_its_limit_ends_the_run_and_does_not_count(tmp_path: Path) -> None:
+    cell = FakeCell()
+
+    def bump() -> None:
+        cell.tracker.shifted_mm[:] = (0.0, 0.9, 0.9)
+
+    cell.tracker.during_measure = {2: bump}
+    with journal_in(tmp_path, cell.calls) as journal:
+        with pytest.raises(GateRefused, match=r"1\.273 mm from where it was first, limit 1 mm"):
+            cell.measure(journal, work((drift(0), drift(1))))
+        (rejected,) = (entry.record for entry in journal.records_of(Rejected))
+        assert [shot.intent.shot for shot in journal.shots(1)] == [0]
+    assert rejected.measured is not None
+    assert cell.calls[-2:] == [("robot.stop",), ("journal.session-stopped",)]

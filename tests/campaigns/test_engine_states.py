@@ -1,0 +1,58 @@
+"""The engine's states: every step of the table, and nothing beside it."""
+
+from itertools import product
+
+import pytest
+from fake_cell import Listener
+
+from campaigns.progress import EngineState, time_left_s
+from campaigns.tally import FOLLOWERS, Tally
+
+EVERY_STEP = list(product(EngineState, EngineState))
+
+
+def way_to(state: EngineState) -> list[EngineState]:
+    """The shortest way from the beginning to a state, by the table."""
+    ways = [[EngineState.IDLE]]
+    for way in ways:
+        if way[-1] is state:
+            return way[1:]
+        followers = FOLLOWERS[way[-1]] | {EngineState.STOPPED}
+        ways += [[*way, follower] for follower in followers if follower not in way]
+    raise AssertionError(f"{state} is never reached")
+
+
+@pytest.mark.parametrize(("state", "follower"), EVERY_STEP)
+def test_only_what_the_table_says_may_follow(state: EngineState, follower: EngineState) -> None:
+    listener = Listener()
+    tally = Tally(listener, done=0, total=1)
+    for step in way_to(state):
+        tally.enter(step)
+    if follower is EngineState.STOPPED or follower in FOLLOWERS[state]:
+        tally.enter(follower)
+        assert listener.told[-1].state is follower
+    else:
+        with pytest.raises(AssertionError, match=f"{follower.value} cannot follow {state.value}"):
+            tally.enter(follower)
+
+
+def test_every_state_is_in_the_table_and_can_be_reached() -> None:
+    assert set(FOLLOWERS) == set(EngineState)
+    assert all(len(way_to(state)) < len(EngineState) for state in EngineState)
+
+
+def test_nothing_follows_the_end() -> None:
+    assert FOLLOWERS[EngineState.STOPPED] == FOLLOWERS[EngineState.FINISHED] == frozenset()
+
+
+def test_time_left_is_an_interval_that_narrows() -> None:
+    assert time_left_s([2.0, 3.0], 10) is None
+    wide = time_left_s([2.0, 3.0, 2.5], 10)
+    narrow = time_left_s([2.0, 3.0, 2.5] * 10, 10)
+    assert wide is not None
+    assert narrow is not None
+    assert wide[0] < narrow[0] < 25.0 < narrow[1] < wide[1]
+
+
+def test_no_time_is_left_when_no_shot_is() -> None:
+    assert time_left_s([2.0, 3.0, 2.5], 0) == (0.0, 0.0)

@@ -1,0 +1,256 @@
+"""Whatever goes wrong, the robot is stopped, and loudly so when that fails."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from fake_cell import PATIENCE_S, TWO_PAIRS, FakeCell, TestedJournal, journal_in, work
+
+from campaigns.errors import CampaignError, Interrupted, JournalFailed, NotSettled
+from campaigns.progress import EngineState
+from campaigns.records import Outcome, Rejected, SessionStopped
+from drivers.errors import (
+    Cancelled,
+    DeviceNotReady,
+    DriverError,
+    EmergencyStop,
+    LimitViolation,
+    LinkDown,
+    MotionFault,
+    RobotStateUnknown,
+)
+
+POLL_S = 0.02
+Break = Callable[[FakeCell], None]
+
+
+def press_emergency_stop(cell: FakeCell) -> None:
+    cell.robot.emergency_stop = True
+
+
+def fault(cell: FakeCell) -> None:
+    cell.robot.fault = "following error, joint 2"
+
+
+def lose_the_robot(cell: FakeCell) -> None:
+    cell.robot.state_errors = [LinkDown("no answer", remedy="check the cable")]
+
+
+def hold_the_arm(cell: FakeCell) -> None:
+    cell.robot.joints = cell.robot.joints - 0.01
+
+
+def raises(error: BaseException) -> Break:
+    def act(cell: FakeCell) -> None:
+        raise error
+
+    return act
+
+
+MOVING = {
+    "e-stop": (press_emergency_stop, EmergencyStop, "the emergency stop is pressed"),
+    "drive fault": (fault, MotionFault, "following error, joint 2"),
+    "lost link": (lose_the_robot, LinkDown, "no answer"),
+    "held arm": (hold_the_arm, NotSettled, "joint 0 is 0.5730° from its target"),
+}
+MEASURING = {
+    **{name: MOVING[name] for name in ("e-stop", "drive fault", "lost link")},
+    "tracker gone": (
+        raises(LinkDown("no answer", remedy="check the cable")),
+        LinkDown,
+        "no answer",
+    ),
+    "tracker not ready": (
+        raises(DeviceNotReady("laser is cold", remedy="wait")),
+        DeviceNotReady,
+        "laser is cold",
+    ),
+    "bug": (raises(ZeroDivisionError("a bug")), ZeroDivisionError, "a bug"),
+    "impatient operator": (raises(KeyboardInterrupt()), KeyboardInterrupt, "^$"),
+}
+
+
+def assert_stopped_in_order(cell: FakeCell, journal: TestedJournal, how: str) -> None:
+    """The robot first, then the journal: the attempt that was begun, and the session."""
+    assert cell.calls[-3:] == [
+        ("robot.stop",),
+        ("journal.rejected", 1, 1),
+        ("journal.session-stopped",),
+    ]
+    assert cell.watcher.told[-1].state is EngineState.STOPPED
+    *_, rejected, stopped = (entry.record for entry in journal.records())
+    assert isinstance(stopped, SessionStopped)
+    assert isinstance(rejected, Rejected)
+    assert (stopped.how, stopped.reason) == (how, rejected.reason)
+
+
+@pytest.mark.parametrize("trouble", MOVING)
+def test_trouble_while_moving_stops_the_robot(tmp_path: Path, trouble: str) -> None:
+    break_it, error, text = MOVING[trouble]
+    cell = FakeCell()
+    cell.robot.during_move = {2: lambda: break_it(cell)}
+    with journal_in(tmp_path, cell.calls) as journal:
+        with pytest.raises(error, match=text):
+            cell.measure(journal, work())
+        assert_stopped_in_order(cell, journal, "aborted")
+
+
+@pytest.mark.parametrize("trouble", MEASURING)
+def test_trouble_while_measuring_stops_the_robot_and_drops_the_shot(
+    tmp_path: Path, trouble: str
+) -> None:
+    break_it, error, text = MEASURING[trouble]
+    cell = FakeCell()
+    cell.tracker.during_measure = {2: lambda: break_it(cell)}
+    with journal_in(tmp_path, cell.calls) as journal:
+        with pytest.raises(error, match=text):
+            cell.measure(journal, work())
+        how = "interrupted" if error is KeyboardInterrupt else "aborted"
+        assert_stopped_in_order(cell, journal, how)
+        assert [entry.record.shot for entry in journal.records_of(Outcome)] == [0]
+
+
+def test_refused_move_stops_the_robot(tmp_path: Path) -> None:
+    cell = FakeCell()
+
+    def refuse(*_: object) -> None:
+        raise LimitViolation("joint 1 outside", remedy="compare limits")
+
+    cell.tracker.during_measure = {1: lambda: setattr(cell.robot, "move_joints", refuse)}
+    with journal_in(tmp_path, cell.calls) as journal:
+        with pytest.raises(LimitViolation):
+            cell.measure(journal, work())
+        assert_stopped_in_order(cell, journal, "aborted")
+
+
+def ask_to_stop_while_moving(cell: FakeCell) -> None:
+    cell.robot.during_move = {2: cell.wish.ask}
+
+
+def ask_to_stop_while_settling(cell: FakeCell) -> None:
+    def soon_after_arrival() -> None:
+        left_s = cell.robot._ends_s - cell.clock.now_s()
+        cell.clock.after(left_s + 0.1, cell.wish.ask)
+
+    cell.robot.during_move = {2: soon_after_arrival}
+
+
+def ask_to_stop_while_measuring(cell: FakeCell) -> None:
+    cell.tracker.during_measure = {2: cell.wish.ask}
+
+
+@pytest.mark.parametrize(
+    ("press_ctrl_c", "state", "error", "within_s"),
+    [
+        (ask_to_stop_while_moving, EngineState.MOVING, Interrupted, POLL_S),
+        (ask_to_stop_while_settling, EngineState.SETTLING, Interrupted, POLL_S),
+        (ask_to_stop_while_measuring, EngineState.MEASURING, Cancelled, PATIENCE_S),
+    ],
+    ids=["moving", "settling", "measuring"],
+)
+def test_ctrl_c_stops_the_robot_at_once(
+    tmp_path: Path,
+    press_ctrl_c: Break,
+    state: EngineState,
+    error: type[CampaignError | DriverError],
+    within_s: float,
+) -> None:
+    cell = FakeCell()
+    press_ctrl_c(cell)
+    with journal_in(tmp_path, cell.calls) as journal:
+        with pytest.raises(error):
+            cell.measure(journal, work())
+        assert_stopped_in_order(cell, journal, "interrupted")
+    assert cell.watcher.told[-2].state is state
+    assert cell.robot.stopped_s - cell.wish.asked_s <= within_s + 1e-9
+
+
+def test_ctrl_c_before_the_first_motion_lets_nothing_move(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.wish.ask()
+    with journal_in(tmp_path, cell.calls) as journal, pytest.raises(Interrupted):
+        cell.measure(journal, work())
+    assert not cell.named("robot.move_joints")
+
+
+def test_ctrl_c_while_the_tracker_looks_for_its_reflector_stops_the_robot(tmp_path: Path) -> None:
+    cell = FakeCell()
+
+    def break_beam_and_ask_soon() -> None:
+        cell.tracker.break_beam()
+        cell.clock.after(0.5 + 0.5, cell.wish.ask)
+
+    cell.tracker.during_measure = {2: break_beam_and_ask_soon}
+    with journal_in(tmp_path, cell.calls) as journal, pytest.raises(Cancelled):
+        cell.measure(journal, work())
+    assert cell.calls[-3:] == [
+        ("tracker.find_reflector", 2500.0),
+        ("robot.stop",),
+        ("journal.session-stopped",),
+    ]
+    assert cell.watcher.told[-2].state is EngineState.SUSPENDED
+
+
+RECORDS_OF_A_RUN = 15
+
+
+@pytest.mark.parametrize("record", range(3, RECORDS_OF_A_RUN))
+def test_journal_that_cannot_be_written_stops_the_robot_and_ends_all_motion(
+    tmp_path: Path, record: int
+) -> None:
+    cell = FakeCell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        journal.fails_from = record
+        with pytest.raises(JournalFailed, match="the disk is full"):
+            cell.measure(journal, work())
+    assert cell.calls[-1] == ("robot.stop",)
+    writes = [place for place, call in enumerate(cell.calls) if call[0].startswith("journal.")]
+    after_the_last_write = [call[0] for call in cell.calls[writes[-1] :]]
+    assert after_the_last_write.count("robot.move_joints") <= 1
+
+
+STOP_FAILURES = {
+    "no confirmation": [RobotStateUnknown("robot state unknown: no answer", remedy="use it")],
+    "refused": [MotionFault("brake does not close", remedy="call service")],
+    "bug": [OSError("descriptor closed")],
+    "interrupted twice": [KeyboardInterrupt(), KeyboardInterrupt()],
+}
+
+
+@pytest.mark.parametrize("failure", STOP_FAILURES)
+def test_stop_that_fails_is_loud(tmp_path: Path, failure: str) -> None:
+    cell = FakeCell()
+    cell.robot.stop_errors = list(STOP_FAILURES[failure])
+    cell.robot.during_move = {2: lambda: press_emergency_stop(cell)}
+    with journal_in(tmp_path, cell.calls) as journal:
+        with pytest.raises(RobotStateUnknown, match=r"robot state unknown.*emergency") as caught:
+            cell.measure(journal, work())
+        stopped = journal.records_of(SessionStopped)[-1].record
+    assert caught.value.remedy == "use the hardware stop"
+    assert (stopped.how, stopped.reason) == ("aborted", caught.value.problem)
+
+
+def test_ctrl_c_during_the_stop_does_not_keep_the_robot_from_stopping(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.robot.stop_errors = [KeyboardInterrupt()]
+    cell.robot.during_move = {2: cell.wish.ask}
+    with journal_in(tmp_path, cell.calls) as journal, pytest.raises(Interrupted):
+        cell.measure(journal, work())
+    assert len(cell.named("robot.stop")) == 2
+    assert cell.robot.stopped_s is not None
+
+
+def test_journal_that_fails_does_not_hide_an_unknown_state_of_the_robot(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.robot.stop_errors = [LinkDown("no answer", remedy="check the cable")]
+    with journal_in(tmp_path, cell.calls) as journal:
+        journal.fails_from = 5
+        with pytest.raises(RobotStateUnknown, match=r"no answer.*the disk is full"):
+            cell.measure(journal, work())
+
+
+def test_run_that_went_well_ends_without_a_stop(tmp_path: Path) -> None:
+    cell = FakeCell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        cell.measure(journal, work(TWO_PAIRS))
+    assert not cell.named("robot.stop")

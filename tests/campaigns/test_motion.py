@@ -1,0 +1,203 @@
+"""Moves by safe ways, and what counts as having arrived."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fake_cell import (
+    CENTRE,
+    LIMITS,
+    MOTION,
+    NOMINAL,
+    FakeCell,
+    commanded_as_pose,
+    planned,
+    rounded_deg,
+)
+
+from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
+from campaigns.motion import Arrival, Mover
+from campaigns.numerics.par4 import inverse
+from campaigns.numerics.paths import route
+from campaigns.progress import EngineState
+from campaigns.shot_sets import ShotSet
+from campaigns.steps import Step
+from campaigns.ways import Mechanism
+from drivers.errors import EmergencyStop
+
+MECHANISM = Mechanism(NOMINAL, LIMITS, CENTRE)
+NEAR = planned(7, ShotSet.ROTATION, None, 120.0, 40.0, -600.0, 0.1)
+
+
+def go(cell: FakeCell, step: Step, rules=MOTION) -> tuple[Arrival, list[EngineState]]:
+    states: list[EngineState] = []
+    mover = Mover(cell.robot, cell.clock, rules, MECHANISM, cell.wish)
+    return mover.go(step, states.append), states
+
+
+def moves(cell: FakeCell) -> list[tuple[object, ...]]:
+    return [call for call in cell.calls if call[0] in ("robot.move_joints", "robot.move_pose")]
+
+
+def test_arrival_is_the_robot_at_rest_at_its_target() -> None:
+    cell = FakeCell()
+    arrival, states = go(cell, Step(NEAR, "joints"))
+    assert states == [EngineState.MOVING, EngineState.SETTLING]
+    assert arrival.state.joints_rad == pytest.approx(NEAR.joints_rad)
+    assert not arrival.state.moving
+    assert arrival.settle_s >= MOTION.settle_s
+    assert arrival.move_s + arrival.settle_s == pytest.approx(cell.clock.now_s())
+
+
+def test_pose_is_commanded_as_a_pose() -> None:
+    cell = FakeCell()
+    go(cell, commanded_as_pose(NEAR))
+    assert moves(cell) == [("robot.move_pose", 120.0, 40.0, -600.0, 0.1)]
+
+
+def test_approach_is_passed_before_the_target() -> None:
+    cell = FakeCell()
+    via = planned(0, ShotSet.ROTATION, None, 60.0, 0.0, -520.0).joints_rad
+    go(cell, commanded_as_pose(NEAR, (via,)))
+    assert [call[0] for call in moves(cell)] == ["robot.move_joints", "robot.move_pose"]
+    assert moves(cell)[0][1:] == rounded_deg(via)
+
+
+def unsafe_ends() -> tuple[np.ndarray, np.ndarray]:
+    """Two poses between which the straight way is not safe, but a way round is."""
+    rng = np.random.default_rng(5)
+    poses = CENTRE + rng.uniform(-1.0, 1.0, (400, 4)) * (350.0, 350.0, 200.0, 0.75)
+    joints = inverse(NOMINAL, poses)
+    inside = joints.found & ((joints.values > -0.7) & (joints.values < 1.5)).all(axis=1)
+    ends = joints.values[inside]
+    for here, there in zip(ends[:-1], ends[1:], strict=True):
+        way = route(NOMINAL, LIMITS, here, there, CENTRE)
+        if way is not None and len(way) > 1:
+            return here, there
+    raise AssertionError("no such poses")
+
+
+def test_way_round_is_taken_leg_by_leg() -> None:
+    here, there = unsafe_ends()
+    cell = FakeCell()
+    cell.robot.joints = here
+    target = replace(NEAR, joints_rad=tuple(there.tolist()))
+    go(cell, Step(target, "joints"))
+    legs = route(NOMINAL, LIMITS, here, there, CENTRE)
+    assert [call[1:] for call in moves(cell)] == [rounded_deg(leg) for leg in legs]
+
+
+def test_next_leg_waits_until_the_robot_is_where_the_leg_before_ends() -> None:
+    here, there = unsafe_ends()
+    cell = FakeCell()
+    cell.robot.joints = here
+    cell.robot.off_target_rad = np.array([0.0, 0.01, 0.0, 0.0])
+    with pytest.raises(NotSettled, match=r"joint 1 is 0\.5730° from its target"):
+        go(cell, Step(replace(NEAR, joints_rad=tuple(there.tolist())), "joints"))
+    assert len(moves(cell)) == 1
+
+
+def test_unsafe_way_is_refused_before_anything_moves() -> None:
+    cell = FakeCell()
+    cell.robot.joints = np.radians([90.0, -90.0, 90.0, -90.0])
+    with pytest.raises(TargetOutOfReach, match="no safe way to shot 7 from joints"):
+        go(cell, Step(NEAR, "joints"))
+    assert not moves(cell)
+
+
+def test_target_that_cannot_be_assembled_is_refused_before_anything_moves() -> None:
+    cell = FakeCell()
+    nowhere = replace(NEAR, joints_rad=tuple(np.radians([90.0, -90.0, 90.0, -90.0]).tolist()))
+    with pytest.raises(TargetOutOfReach):
+        go(cell, Step(nowhere, "joints"))
+    assert not moves(cell)
+
+
+def test_robot_that_somebody_else_moves_is_waited_for() -> None:
+    cell = FakeCell()
+    cell.robot.keeps_moving = True
+    cell.clock.after(1.0, lambda: setattr(cell.robot, "keeps_moving", False))
+    go(cell, Step(NEAR, "joints"))
+    assert len(moves(cell)) == 1
+
+
+def test_robot_that_never_rests_is_not_commanded() -> None:
+    cell = FakeCell()
+    cell.robot.keeps_moving = True
+    with pytest.raises(NotSettled, match="moving for 10 s unasked"):
+        go(cell, Step(NEAR, "joints"))
+    assert not moves(cell)
+
+
+def test_emergency_stop_that_is_pressed_beforehand_lets_nothing_move() -> None:
+    cell = FakeCell()
+    cell.robot.emergency_stop = True
+    with pytest.raises(EmergencyStop):
+        go(cell, Step(NEAR, "joints"))
+    assert not moves(cell)
+
+
+def test_wish_to_stop_is_looked_at_before_each_leg() -> None:
+    here, there = unsafe_ends()
+    cell = FakeCell()
+    cell.robot.joints = here
+    ends_s = np.abs(route(NOMINAL, LIMITS, here, there, CENTRE)[0] - here).max() / 0.9
+    cell.clock.after(ends_s, cell.wish.ask)
+    with pytest.raises(Interrupted):
+        go(cell, Step(replace(NEAR, joints_rad=tuple(there.tolist())), "joints"))
+    assert len(moves(cell)) == 1
+
+
+def test_joint_off_its_target_is_named_with_value_and_limit() -> None:
+    cell = FakeCell()
+    cell.robot.off_target_rad = np.radians([0.0, 0.0, -0.03, 0.0])
+    with pytest.raises(NotSettled) as caught:
+        go(cell, Step(NEAR, "joints"))
+    assert caught.value.problem == (
+        "joint 2 is 0.0300° from its target (limit 0.02°) and stands there, "
+        "10 s after the move began"
+    )
+    assert cell.clock.now_s() == pytest.approx(MOTION.timeout_s, abs=0.05)
+
+
+def test_joint_that_shakes_is_named_with_value_and_limit() -> None:
+    cell = FakeCell()
+    cell.robot.wobble_rad = np.radians(0.0035)
+    with pytest.raises(NotSettled) as caught:
+        go(cell, Step(NEAR, "joints"))
+    assert caught.value.problem == (
+        "joint 2 moved 0.0035° within the settling time of 0.2 s (limit 0.002°), "
+        "10 s after the move began"
+    )
+
+
+def test_slow_robot_is_named_as_still_moving() -> None:
+    cell = FakeCell()
+    with pytest.raises(NotSettled, match=r"joint \d is .* from its target .* and still moves"):
+        go(cell, Step(NEAR, "joints"), replace(MOTION, speed_fraction=0.002))
+
+
+def test_shaking_that_ends_is_waited_for() -> None:
+    cell = FakeCell()
+    cell.robot.wobble_rad = np.radians(0.01)
+    cell.clock.after(3.0, lambda: setattr(cell.robot, "wobble_rad", 0.0))
+    go(cell, Step(NEAR, "joints"))
+    assert 3.0 + MOTION.settle_s - 2 * MOTION.poll_s < cell.clock.now_s() < 3.3
+
+
+def test_angle_that_is_no_number_is_never_in_place() -> None:
+    cell = FakeCell()
+    cell.robot.off_target_rad = np.array([0.0, np.nan, 0.0, 0.0])
+    with pytest.raises(NotSettled):
+        go(cell, Step(NEAR, "joints"))
+
+
+@pytest.mark.parametrize(("moved_deg", "has_moved"), [(0.001, False), (0.003, True)])
+def test_robot_has_moved_when_a_joint_leaves_its_stillness(
+    moved_deg: float, has_moved: bool
+) -> None:
+    cell = FakeCell()
+    mover = Mover(cell.robot, cell.clock, MOTION, MECHANISM, cell.wish)
+    before = cell.robot.state()
+    cell.robot.joints = cell.robot.joints + np.radians([0.0, 0.0, 0.0, moved_deg])
+    assert mover.has_moved(before) is has_moved

@@ -1,0 +1,141 @@
+"""Plans that were edited: each fault is named before anything moves."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from fake_cell import CENTRE, FOUR_PAIRS, LIMITS, NOMINAL, planned
+
+from campaigns import plan_check
+from campaigns.errors import PlanInvalid
+from campaigns.numerics.paths import route
+from campaigns.plan_check import CheckedPlan, Pace, check_plan
+from campaigns.plan_file import PlannedShot, parse_plan, plan_text
+from campaigns.planning import View
+from campaigns.shot_sets import ShotSet
+from drivers.values import Pose
+
+VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), float(np.radians(25.0)))
+MIDDLE = Pose(*CENTRE.tolist())
+PACE = Pace(1.0, 0.2, 1.0)
+
+
+def check(shots: tuple[PlannedShot, ...], view: View = VIEW, limits=LIMITS) -> CheckedPlan:
+    return check_plan(shots, NOMINAL, limits, view, MIDDLE, PACE)
+
+
+def with_shot(row: int, shot: PlannedShot) -> tuple[PlannedShot, ...]:
+    return (*FOUR_PAIRS[:row], shot, *FOUR_PAIRS[row + 1 :])
+
+
+def moved(row: int, **changes: float) -> tuple[PlannedShot, ...]:
+    shot = FOUR_PAIRS[row]
+    return with_shot(row, replace(shot, pose=replace(shot.pose, **changes)))
+
+
+def problem(shots: tuple[PlannedShot, ...], view: View = VIEW) -> str:
+    with pytest.raises(PlanInvalid) as caught:
+        check(shots, view)
+    assert "pkmcal plan" in caught.value.remedy
+    return caught.value.problem
+
+
+def test_good_plan_is_timed() -> None:
+    checked = check(FOUR_PAIRS)
+    assert checked.shots == FOUR_PAIRS
+    assert checked.detours == 0
+    assert checked.seconds == pytest.approx(checked.travel_rad + 10 * 1.2)
+    joints = np.array([shot.joints_rad for shot in FOUR_PAIRS])
+    straight_rad = np.abs(np.diff(joints, axis=0)).max(axis=1).sum()
+    assert checked.travel_rad == pytest.approx(straight_rad)
+
+
+def test_pose_out_of_reach_is_named() -> None:
+    assert problem(moved(3, x_mm=1500.0)).startswith("shot 3: out of reach")
+
+
+def test_pose_beyond_a_joint_limit_is_named_with_value_and_limit() -> None:
+    narrow = replace(LIMITS, joint_rad=(np.radians(-45.0), np.radians(50.0)))
+    with pytest.raises(PlanInvalid, match=r"^shot 1: joint 0 at 55\.483° outside \[-45°, 50°\]"):
+        check(FOUR_PAIRS, limits=narrow)
+
+
+def test_theta_beyond_its_limit_is_named() -> None:
+    assert "theta 51.566° outside [-45°, 45°]" in problem(moved(3, theta_rad=0.9))
+
+
+def test_pose_exactly_on_a_limit_is_good() -> None:
+    limit = LIMITS.theta_rad[1]
+    shot = planned(3, ShotSet.IDENTIFICATION, 1, 0.0, 0.0, -575.0, limit + 1e-12)
+    check(with_shot(3, shot))
+
+
+def test_edited_joint_is_named_with_what_the_pose_takes() -> None:
+    shot = FOUR_PAIRS[4]
+    q0, q1, q2, q3 = shot.joints_rad
+    edited = replace(shot, joints_rad=(q0, q1, q2 + np.radians(0.05), q3))
+    text = problem(with_shot(4, edited))
+    expected = f"shot 4: q2_deg is {np.degrees(q2) + 0.05:.4f}, but its pose takes"
+    assert text.startswith(expected)
+
+
+def test_edited_pose_is_refused_as_long_as_its_joints_are_the_old_ones() -> None:
+    assert problem(moved(4, y_mm=FOUR_PAIRS[4].pose.y_mm + 5.0)).startswith("shot 4: q")
+
+
+def test_joints_of_the_other_branch_are_refused_though_they_lead_to_the_same_pose() -> None:
+    """The inward elbow of arm 0: the same plate, other angles."""
+    shot = FOUR_PAIRS[4]
+    q0 = shot.joints_rad[0]
+    arm, pose = NOMINAL.motor_mm[0], np.array([shot.pose.x_mm, shot.pose.y_mm, shot.pose.z_mm])
+    along = np.array([np.cos(NOMINAL.azimuth_rad[0]), np.sin(NOMINAL.azimuth_rad[0]), 0.0])
+    d = pose - arm
+    inward = 2.0 * np.arctan2(-d[2], d @ along) - q0
+    mirrored = replace(shot, joints_rad=(float(inward), *shot.joints_rad[1:]))
+    assert problem(with_shot(4, mirrored)).startswith("shot 4: q0_deg")
+
+
+def test_reflector_turned_away_from_the_tracker_is_named() -> None:
+    turned = replace(VIEW, facing=(2500.0, 1300.0, 75.0))
+    text = problem(FOUR_PAIRS, turned)
+    assert "reflector turned" in text
+    assert "from the tracker, limit 25°" in text
+
+
+def test_several_faults_are_named_and_the_rest_counted() -> None:
+    turned = replace(VIEW, facing=(-1.0, 0.0, 0.0))
+    text = problem(FOUR_PAIRS, turned)
+    assert text.count(" | ") == plan_check.FAULTS_NAMED - 1
+    assert text.endswith("… and 5 more")
+
+
+def test_drift_shots_at_different_poses_are_refused() -> None:
+    shots = with_shot(9, planned(9, ShotSet.DRIFT, None, 10.0, 0.0, -575.0))
+    assert problem(shots) == "shot 9: its drift pose is not that of shot 0"
+
+
+def test_way_that_is_not_safe_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No two good poses of this robot lack a way round: so the way round is taken away."""
+    monkeypatch.setattr("campaigns.ways.route", lambda *_: None)
+    text = problem(FOUR_PAIRS)
+    assert text.startswith("no safe way from shot 0 to shot 1: blocked, and no way round")
+
+
+def test_detours_are_counted() -> None:
+    ends = [(-260.0, 60.0, -640.0, -0.7), (240.0, -300.0, -480.0, 0.7)]
+    shots = tuple(
+        planned(number, ShotSet.ROTATION, None, *pose) for number, pose in enumerate(ends * 2)
+    )
+    checked = check(shots)
+    joints = np.array([shot.joints_rad for shot in shots])
+    ways = [route(NOMINAL, LIMITS, a, b, CENTRE) for a, b in pairwise(joints)]
+    assert [len(way) > 1 for way in ways] == [True] * checked.detours == [True] * 3
+    legs = [leg for a, way in zip(joints, ways, strict=False) for leg in pairwise([a, *way])]
+    assert checked.travel_rad == pytest.approx(sum(np.abs(b - a).max() for a, b in legs))
+
+
+def test_pair_with_one_shot_does_not_even_become_a_plan() -> None:
+    lines = plan_text(FOUR_PAIRS).splitlines(keepends=True)
+    with pytest.raises(PlanInvalid, match="pair 1 has one shot, must have two"):
+        parse_plan("".join(lines[:4] + lines[5:]), "plan.csv")

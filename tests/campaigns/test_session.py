@@ -1,0 +1,297 @@
+"""Series that are begun, cut off and taken up again: same plan, same devices, nothing shifted."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from fake_cell import (
+    FOUR_PAIRS,
+    TWO_PAIRS,
+    FakeCell,
+    PowerCut,
+    journal_in,
+    planned,
+    work,
+)
+
+from campaigns.errors import GateRefused, Interrupted, ResumeRefused
+from campaigns.guards import Gate
+from campaigns.records import (
+    Event,
+    Intent,
+    PairVoided,
+    Rejected,
+    SeriesFinished,
+    SessionStarted,
+    SessionStopped,
+)
+from campaigns.session import nothing_left
+from campaigns.shot_sets import ShotSet
+from campaigns.steps import groups, joint_steps
+from drivers.values import Weather
+
+
+def interrupted_at_move(folder: Path, move: int, shots=TWO_PAIRS) -> None:
+    """A first session, stopped by Ctrl-C during that move."""
+    cell = FakeCell()
+    cell.robot.during_move = {move: cell.wish.ask}
+    with journal_in(folder, cell.calls) as journal, pytest.raises(Interrupted):
+        cell.measure(journal, work(shots))
+
+
+def test_second_session_measures_the_drift_pose_and_then_only_what_is_missing(
+    tmp_path: Path,
+) -> None:
+    interrupted_at_move(tmp_path, 4)
+    cell = FakeCell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work())
+        assert len(journal.shots(series)) == len(TWO_PAIRS)
+        assert len(journal.series()) == 1
+    intents = [call[1:] for call in cell.named("journal.intent")]
+    assert intents == [(0, 2), (3, 2), (4, 1), (5, 1)]
+    kinds = [call[0] for call in cell.calls if call[0].startswith("journal.")]
+    assert kinds[:5] == [
+        "journal.session-started",
+        "journal.event",
+        "journal.intent",
+        "journal.event",
+        "journal.rejected",
+    ]
+
+
+def test_comparison_after_a_restart_is_kept_but_does_not_count(tmp_path: Path) -> None:
+    interrupted_at_move(tmp_path, 4)
+    cell = FakeCell()
+    cell.tracker.shifted_mm[2] = 0.2
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work())
+        drift = journal.shots(series)[0]
+        rejected = [e.record for e in journal.records_of(Rejected) if e.record.measured]
+        events = [e.record.text for e in journal.records_of(Event)]
+    assert drift.outcome.attempt == 1
+    assert [(each.shot, each.attempt, each.reason) for each in rejected] == [
+        (0, 2, "only compared with the first one, 0.200 mm away")
+    ]
+    assert events[:2] == [
+        "run goes on after 'stopped by the operator'",
+        "shot 0: after the restart the pose is 0.200 mm from where it was first, limit 1 mm",
+    ]
+    assert cell.watcher.told[-1].drift_mm == pytest.approx(0.2)
+
+
+def test_pair_cut_in_two_is_measured_again_as_a_whole(tmp_path: Path) -> None:
+    interrupted_at_move(tmp_path, 3)
+    cell = FakeCell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work())
+        voided = [entry.record for entry in journal.records_of(PairVoided)]
+        attempts = [shot.outcome.attempt for shot in journal.shots(series)]
+    assert [(void.pair, void.shots) for void in voided] == [(0, (1,))]
+    assert attempts == [1, 2, 2, 1, 1, 1]
+    assert cell.watcher.told[0].done == 1
+    assert cell.watcher.told[0].total == cell.watcher.told[-1].done == 6
+
+
+RECORDS_OF_A_RUN = 17
+
+
+@pytest.mark.parametrize("record", range(2, RECORDS_OF_A_RUN))
+def test_crash_before_any_record_loses_nothing_and_mixes_no_pair(
+    tmp_path: Path, record: int
+) -> None:
+    first, second = FakeCell(), FakeCell()
+    with journal_in(tmp_path, first.calls) as journal:
+        journal.dies_before = record
+        with pytest.raises(PowerCut):
+            first.measure(journal, work())
+        assert len(journal.records()) == record - 1
+    with journal_in(tmp_path, second.calls) as journal:
+        series = second.measure(journal, work())
+        shots = journal.shots(series)
+        assert [shot.intent.shot for shot in shots] == [0, 1, 2, 3, 4, 5]
+        assert [entry.series for entry in journal.records_of(SeriesFinished)] == [1]
+        restart = journal.records_of(SessionStarted)[-1].number
+        places = {(e.record.shot, e.record.attempt): e.number for e in journal.records_of(Intent)}
+    after_restart = [places[s.intent.shot, s.intent.attempt] > restart for s in shots]
+    assert after_restart[1] == after_restart[2]
+    assert after_restart[3] == after_restart[4]
+
+
+def test_crash_is_named_as_one_when_the_series_goes_on(tmp_path: Path) -> None:
+    first, second = FakeCell(), FakeCell()
+    with journal_in(tmp_path, first.calls) as journal:
+        journal.dies_before = 9
+        with pytest.raises(PowerCut):
+            first.measure(journal, work())
+    with journal_in(tmp_path, second.calls) as journal:
+        second.measure(journal, work())
+        resumed = next(e.record for e in journal.records_of(Event) if e.record.kind == "resumed")
+        assert len(journal.records_of(SessionStopped)) == 1
+    assert resumed.text == "run goes on after a crash: the last session wrote no end"
+
+
+def test_robot_that_has_shifted_during_the_pause_ends_the_run(tmp_path: Path) -> None:
+    interrupted_at_move(tmp_path, 4)
+    cell = FakeCell()
+    cell.tracker.shifted_mm[0] = 1.5
+    with journal_in(tmp_path, cell.calls) as journal:
+        with pytest.raises(GateRefused, match=r"after the restart the pose is 1\.500 mm") as caught:
+            cell.measure(journal, work())
+        assert len(journal.shots(1)) == 3
+        rejected = journal.records_of(Rejected)[-1].record
+    assert "--anew" in caught.value.remedy
+    assert (rejected.shot, rejected.measured is not None) == (0, True)
+    assert len(cell.named("robot.move_joints")) == 1
+    assert len(cell.named("robot.stop")) == 1
+
+
+def test_broken_beam_during_the_comparison_is_overcome(tmp_path: Path) -> None:
+    interrupted_at_move(tmp_path, 4)
+    cell = FakeCell()
+    cell.tracker.beam_broken = True
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work())
+        assert len(journal.shots(series)) == len(TWO_PAIRS)
+
+
+def test_without_drift_shots_the_first_shot_is_compared(tmp_path: Path) -> None:
+    pairs_only = TWO_PAIRS[1:5]
+    interrupted_at_move(tmp_path, 3, pairs_only)
+    cell = FakeCell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        cell.measure(journal, work(pairs_only))
+    assert cell.named("journal.intent")[0] == ("journal.intent", 1, 2)
+
+
+def test_series_that_lacks_only_its_end_is_finished_without_a_motion(tmp_path: Path) -> None:
+    first, second = FakeCell(), FakeCell()
+    with journal_in(tmp_path, first.calls) as journal:
+        journal.dies_before = RECORDS_OF_A_RUN - 1
+        with pytest.raises(PowerCut):
+            first.measure(journal, work())
+    with journal_in(tmp_path, second.calls) as journal:
+        second.measure(journal, work())
+        assert journal.latest_series("run").finished
+    assert not second.named("robot.move_joints")
+
+
+def test_finished_series_of_the_same_plan_leaves_nothing_to_do(tmp_path: Path) -> None:
+    cell = FakeCell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        assert nothing_left(journal, work()) is None
+        series = cell.measure(journal, work())
+        assert nothing_left(journal, work()).number == series
+        assert nothing_left(journal, work(FOUR_PAIRS)) is None
+        assert nothing_left(journal, work(stage="before")) is None
+
+
+def test_stages_are_series_of_their_own(tmp_path: Path) -> None:
+    interrupted_at_move(tmp_path, 4)
+    cell = FakeCell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        before = cell.measure(journal, work(stage="before"))
+        assert not journal.latest_series("run").finished
+        assert journal.latest_series("before").number == before == 2
+
+
+def refused(folder: Path, cell: FakeCell, **changes: object) -> str:
+    with journal_in(folder, cell.calls) as journal:
+        records = journal.last_number()
+        with pytest.raises(ResumeRefused, match="--anew") as caught:
+            cell.measure(journal, work(**changes))
+        assert journal.last_number() == records
+    assert not cell.named("robot.move_joints")
+    return caught.value.problem
+
+
+def test_changed_plan_is_not_resumed(tmp_path: Path) -> None:
+    interrupted_at_move(tmp_path, 4)
+    assert "another plan" in refused(tmp_path, FakeCell(), plan_digest="0" * 64)
+
+
+def test_changed_parameters_are_not_resumed(tmp_path: Path) -> None:
+    interrupted_at_move(tmp_path, 4)
+    assert "another parameter set" in refused(tmp_path, FakeCell(), robot_file_digest="0" * 64)
+
+
+@pytest.mark.parametrize("device", ["robot", "tracker"])
+def test_other_device_is_not_resumed(tmp_path: Path, device: str) -> None:
+    interrupted_at_move(tmp_path, 4)
+    cell = FakeCell()
+    getattr(cell, device).serial = "X-9"
+    name = "controller" if device == "robot" else device
+    assert f"the {name} of serial number" in refused(tmp_path, cell)
+
+
+def test_anew_leaves_the_unfinished_series_and_begins_another(tmp_path: Path) -> None:
+    interrupted_at_move(tmp_path, 4)
+    cell = FakeCell()
+    cell.robot.serial = "X-9"
+    with journal_in(tmp_path, cell.calls) as journal:
+        assert cell.measure(journal, work(), anew=True) == 2
+        assert [series.finished for series in journal.series("run")] == [False, True]
+        assert [shot.intent.attempt for shot in journal.shots(2)] == [1] * 6
+    assert not cell.named("journal.rejected")
+
+
+def test_air_is_compared_with_that_of_the_series_beginning(tmp_path: Path) -> None:
+    interrupted_at_move(tmp_path, 4)
+    cell = FakeCell()
+    cell.tracker.air = Weather(21.5, 1013.0, 50.0)
+    with journal_in(tmp_path, cell.calls) as journal:
+        cell.measure(journal, work())
+    assert cell.watcher.events == ["the air has changed by +1.50 °C since the start, limit 1 °C"]
+
+
+def test_second_session_knows_at_once_where_the_reflector_should_be(tmp_path: Path) -> None:
+    interrupted_at_move(tmp_path, 9, FOUR_PAIRS)
+    cell = FakeCell()
+    cell.tracker.on_wrong_target = True
+    with journal_in(tmp_path, cell.calls) as journal:
+        cell.measure(journal, work(FOUR_PAIRS))
+        rejected = next(e.record for e in journal.records_of(Rejected) if e.record.measured)
+    assert "from the predicted point" in rejected.reason
+    assert len(cell.named("tracker.go_to")) == 1
+
+
+def test_voided_half_teaches_nothing_to_the_next_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interrupted_at_move(tmp_path, 3)
+    taught = []
+    accept = Gate.accept
+    monkeypatch.setattr(
+        Gate, "accept", lambda gate, outcome: (taught.append(outcome.shot), accept(gate, outcome))
+    )
+    cell = FakeCell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        cell.measure(journal, work())
+    assert taught == [0, 1, 2, 3, 4, 5]
+
+
+def test_shots_of_a_pair_stand_together_where_the_first_one_is() -> None:
+    validation = ShotSet.VALIDATION
+    alone = planned(9, ShotSet.ROTATION, None, 0.0, 0.0, -600.0)
+    first = replace(planned(1, validation, 0, 0.0, 0.0, -600.0))
+    between = planned(2, validation, 1, 0.0, 50.0, -600.0)
+    last = planned(3, validation, 0, 120.0, 0.0, -600.0)
+    partner = planned(4, validation, 1, 120.0, 50.0, -600.0)
+    sorted_groups = groups(joint_steps([first, between, alone, last, partner]))
+    numbers = [[step.planned.shot for step in group] for group in sorted_groups]
+    assert numbers == [[1, 3], [2, 4], [9]]
+
+
+def test_every_session_but_the_crashed_ones_has_its_end(tmp_path: Path) -> None:
+    interrupted_at_move(tmp_path, 4)
+    interrupted_at_move(tmp_path, 3)
+    cell = FakeCell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        cell.measure(journal, work())
+        kinds = [type(e.record) for e in journal.records()]
+        hows = [e.record.how for e in journal.records_of(SessionStopped)]
+        assert not journal.unanswered_intents(1)
+    assert hows == ["interrupted", "interrupted", "finished"]
+    marks = [kind for kind in kinds if kind in (SessionStarted, SessionStopped)]
+    assert all(here is not there for here, there in pairwise(marks))

@@ -1,0 +1,63 @@
+"""What every test keeps to: it leaves nothing running, and in CI no real peer is skipped."""
+
+import os
+import threading
+from collections.abc import Generator, Iterator
+from pathlib import Path
+
+import pytest
+
+PEERS = Path(__file__).parent / "peers"
+OWN_TASKS = Path("/proc/self/task")
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_left_running() -> Iterator[None]:
+    """Fail the test that leaves a thread or a process behind, not one of those that come after."""
+    threads, processes = set(threading.enumerate()), children()
+    yield
+    left = [thread.name for thread in threading.enumerate() if thread not in threads]
+    left += [f"process {number}" for number in sorted(children() - processes)]
+    if left:
+        pytest.fail(f"the test left running: {', '.join(left)}", pytrace=False)
+
+
+def children() -> set[int]:
+    """This process's children, also those that have ended unnoticed; none where Linux isn't."""
+    found: set[int] = set()
+    for task in OWN_TASKS.glob("*/children"):
+        try:
+            found.update(map(int, task.read_text().split()))
+        except (FileNotFoundError, ProcessLookupError):  # the thread has ended since it was listed
+            continue
+    return found
+
+
+def in_ci() -> bool:
+    """Whether this is the run that decides."""
+    return bool(os.environ.get("CI"))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """In CI a skipped test with a real peer has failed: there the peer has to be there."""
+    report = yield
+    is_peer = item.get_closest_marker("peer") is not None
+    if in_ci() and is_peer and report.skipped and not hasattr(report, "wasxfail"):
+        report.outcome = "failed"
+        report.longrepr = f"{item.nodeid}: skipped, but in CI its peer must be there"
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(
+    collector: pytest.Collector,
+) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """In CI a whole file of peers that skips itself has failed too."""
+    report = yield
+    if in_ci() and report.skipped and PEERS in collector.path.parents:
+        report.outcome = "failed"
+        report.longrepr = f"{collector.nodeid}: skipped, but in CI its peer must be there"
+    return report

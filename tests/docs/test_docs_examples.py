@@ -1,0 +1,142 @@
+"""What the pages show is what the program takes: files, commands, keys, links."""
+
+import re
+import shlex
+
+import pytest
+from pages import PAGES, ROOT, Block, blocks, name_of
+from pydantic import BaseModel
+from ruamel.yaml import YAML
+from typer.main import get_command
+
+from app.main import app
+from campaigns.config import CampaignConfig, new_config, read_campaign
+from campaigns.exchange import parse_shots
+from campaigns.numerics.forward import forward
+from campaigns.plan_file import parse_plan
+from campaigns.planning import joints_of, numeric_geometry, poses_of
+from campaigns.robot import find_robot, read_robot
+from campaigns.robot_schema import RobotContents
+from sim.scenario import parse_scenario
+from sim.scenario_schema import Scenario
+
+YAML_BLOCKS, CSV_BLOCKS, SHELL_BLOCKS = blocks("yaml"), blocks("csv"), blocks("sh")
+PART_OF_A_CELL = "# part of a cell.yaml\n"
+SCHEMA = re.compile(r"^schema: (\S+)$", re.MULTILINE)
+LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
+NEEDED = {
+    "name": "example",
+    "controller": {"url": "sim://cell"},
+    "tracker": {"url": "sim://cell", "reflector": "CCR-1.5in"},
+}
+A_CELL = """schema: pkmcal/cell/1
+name: example
+robot: {nominal: par4-prototype}
+tracker:
+  station: {x_mm: 2500.0, y_mm: 0.0, z_mm: -500.0}
+  noise: {coordinate_mm: 0.01}
+  other_reflector_mm: [900.0, 350.0, -420.0]
+"""
+
+
+def test_there_are_examples():
+    assert len(YAML_BLOCKS) > 5
+    assert len(CSV_BLOCKS) > 2
+    assert len(SHELL_BLOCKS) > 10
+
+
+@pytest.mark.parametrize("block", YAML_BLOCKS, ids=str)
+def test_yaml_example_is_taken_by_our_readers(block, tmp_path):
+    schema = SCHEMA.search(block.text)
+    if schema is None:
+        take_part(block)
+        return
+    kind = schema[1].split("/")[1]
+    (tmp_path / f"{kind}.yaml").write_text(block.text, encoding="utf-8")
+    if kind == "robot":
+        read_robot(tmp_path / "robot.yaml")
+    elif kind == "campaign":
+        read_campaign(tmp_path)
+    elif kind == "cell":
+        parse_scenario(block.text, block.where)
+    else:
+        pytest.fail(f"{block.where}: no reader for {schema[1]}")
+
+
+def take_part(block: Block) -> None:
+    """A part of a cell file when it says so, else of a campaign's settings."""
+    if block.text.startswith(PART_OF_A_CELL):
+        parse_scenario(A_CELL + block.text, block.where)
+        return
+    new_config(NEEDED | YAML(typ="safe", pure=True).load(block.text))
+
+
+@pytest.mark.parametrize("block", CSV_BLOCKS, ids=str)
+def test_csv_example_is_taken_by_our_readers(block):
+    if block.text.startswith("shot,"):
+        parse_plan(block.text, block.where)
+    else:
+        parse_shots(block.text, block.where)
+
+
+@pytest.mark.parametrize("block", [b for b in CSV_BLOCKS if b.text.startswith("shot,")], ids=str)
+def test_joints_of_a_plan_example_lead_to_its_poses(block):
+    shots = parse_plan(block.text, block.where)
+    nominal = numeric_geometry(find_robot("par4-prototype").robot)
+    found = forward(nominal, joints_of(shots)).require()
+    assert abs(found - poses_of(shots)).max() < 1e-6
+
+
+@pytest.mark.parametrize("block", SHELL_BLOCKS, ids=str)
+def test_command_in_an_example_exists(block):
+    for line in block.text.splitlines():
+        words = shlex.split(line, comments=True)
+        if words and words[0].endswith("pkmcal"):
+            check_command(words[1:])
+
+
+def check_command(words: list[str]) -> None:
+    """The command is known, and so is each of its options."""
+    commands = get_command(app).commands
+    assert words[0] in commands, f"pkmcal {words[0]}"
+    known = {option for each in commands[words[0]].params for option in each.opts}
+    used = {word for word in words[1:] if word.startswith("-")}
+    assert used <= known, f"pkmcal {words[0]}: {used - known}"
+
+
+def test_every_command_is_on_a_page():
+    text = "".join(block.text for block in SHELL_BLOCKS)
+    missing = [name for name in get_command(app).commands if f"pkmcal {name}" not in text]
+    assert missing == []
+
+
+@pytest.mark.parametrize("model", [RobotContents, CampaignConfig, Scenario])
+def test_every_key_is_on_the_page_of_files(model):
+    page = (ROOT / "docs" / "files.md").read_text(encoding="utf-8")
+    missing = [key for key in keys_of(model) if not re.search(rf"\b{key}\b", page)]
+    assert missing == []
+
+
+def keys_of(model: type[BaseModel]) -> set[str]:
+    """The keys of a file's schema, those of its sections included."""
+    definitions = model.model_json_schema()
+    sections = [definitions, *definitions.get("$defs", {}).values()]
+    return {key for section in sections for key in section.get("properties", {})}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_somewhere(page):
+    for target in LINK.findall(page.read_text(encoding="utf-8")):
+        if target.startswith(("http://", "https://")):
+            continue
+        path, _, heading = target.partition("#")
+        there = (page.parent / path).resolve() if path else page
+        assert there.exists(), target
+        if heading:
+            assert heading in headings_of(there), target
+
+
+def headings_of(page) -> set[str]:
+    """The anchors that a page's headings get: lower case, words joined by hyphens."""
+    titles = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}

@@ -1,0 +1,97 @@
+"""The command line as its users see it: a command in, exit code and both streams out."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from ruamel.yaml import YAML
+
+from app.main import run_command
+
+PKMCAL = (sys.executable, "-m", "app.main")
+PREFIX = "pkmcal: "
+UNTOUCHED = ("campaign.lock", "campaign.db-wal", "campaign.db-shm")
+"""Files that come and go with any work, and hold nothing of it."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def error_line(self):
+        """The one error line, which is the last thing said."""
+        lines = self.err.splitlines()
+        assert [line for line in lines if line.startswith(PREFIX)] == lines[-1:], self.err
+        assert "Traceback" not in self.err
+        assert " → " in lines[-1], "what to do next"
+        return lines[-1].removeprefix(PREFIX)
+
+    @property
+    def document(self):
+        """The one JSON document on stdout."""
+        return json.loads(self.out)
+
+
+class CommandLine:
+    """Runs commands in this process."""
+
+    def __init__(self, capsys):
+        self._capsys = capsys
+
+    def __call__(self, *arguments):
+        self._capsys.readouterr()
+        code = run_command([str(argument) for argument in arguments])
+        captured = self._capsys.readouterr()
+        return Ended(int(code), captured.out, captured.err)
+
+
+def started(*arguments, **options):
+    """The same in a process of its own, still running."""
+    return subprocess.Popen(
+        [*PKMCAL, *map(str, arguments)],
+        stdin=options.pop("stdin", subprocess.DEVNULL),
+        stdout=subprocess.PIPE,
+        stderr=options.pop("stderr", subprocess.PIPE),
+        text=True,
+        **options,
+    )
+
+
+def ended(process, within_s=20.0):
+    """Wait for it."""
+    out, err = process.communicate(timeout=within_s)
+    return Ended(process.returncode, out, err or "")
+
+
+def change(path: Path, settings: Mapping[str, object]):
+    """Set keys of a YAML file, named like `plan.shots`; None deletes."""
+    yaml = YAML()
+    tree = yaml.load(path.read_text(encoding="utf-8"))
+    for name, value in settings.items():
+        *sections, key = (int(step) if step.isdecimal() else step for step in name.split("."))
+        section = tree
+        for step in sections:
+            section = section[step]
+        if value is None:
+            del section[key]
+        else:
+            section[key] = value
+    with path.open("w", encoding="utf-8") as file:
+        yaml.dump(tree, file)
+
+
+def contents(folder: Path):
+    """Every file with its bytes, to see that nothing was changed."""
+    return {
+        path.name: path.read_bytes()
+        for path in sorted(folder.iterdir())
+        if path.name not in UNTOUCHED
+    }

@@ -1,0 +1,246 @@
+"""Devices that are not there, not the right ones, not ready, or fail while the robot is at work.
+
+Each ends in one line that names the device, exit code 3, and a journal that can be gone on with.
+"""
+
+import contextlib
+import shutil
+import socket
+import threading
+from functools import partial
+
+import pytest
+from command_line import change
+
+from campaigns.journal_reader import read_journal
+from campaigns.records import Intent, SessionStopped
+from drivers.emscon_client import EmsconDeadlines
+from drivers.emscon_tracker import EmsconTracker
+from drivers.line_robot import Deadlines, LineRobot
+from sim.cell import Cell
+from sim.clock import ScaledClock
+from sim.embedded import EmbeddedCell
+from sim.scenario import load_scenario
+
+IMPATIENT_ROBOT = Deadlines(answer_s=0.15, stop_answer_s=0.1, standstill_s=2.0)
+IMPATIENT_TRACKER = EmsconDeadlines(answer_s=0.15, measuring_margin_s=0.3)
+TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
+
+
+@pytest.fixture(scope="module")
+def tiny_once(planned_once, tmp_path_factory):
+    from app.main import run_command
+
+    folder = shutil.copytree(planned_once, tmp_path_factory.mktemp("campaigns") / "tiny")
+    change(folder / "campaign.yaml", TINY)
+    assert run_command(["plan", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture
+def tiny(tiny_once, tmp_path):
+    """A campaign of ten shots."""
+    return shutil.copytree(tiny_once, tmp_path / "tiny")
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    """Drivers that give up soon."""
+    robot = partial(LineRobot, deadlines=IMPATIENT_ROBOT)
+    monkeypatch.setattr("app.wiring.LineRobot", robot)
+    tracker = partial(EmsconTracker, deadlines=IMPATIENT_TRACKER)
+    monkeypatch.setattr("app.wiring.EmsconTracker", tracker)
+
+
+@contextlib.contextmanager
+def stranger(says=b""):
+    """Somebody who listens where a device should be; gives the URL."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(5.0)
+
+        def serve():
+            accepted, _ = listener.accept()
+            with accepted:
+                accepted.settimeout(5.0)
+                with contextlib.suppress(OSError):
+                    while accepted.recv(4096):
+                        accepted.sendall(says)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            yield f"tcp://127.0.0.1:{listener.getsockname()[1]}"
+        finally:
+            thread.join()
+
+
+def nobody():
+    """A URL where nobody answers."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        return f"tcp://127.0.0.1:{listener.getsockname()[1]}"
+
+
+def no_shot_is_lost(pkmcal, folder, how):
+    """The journal tells how it ended, and another run completes it."""
+    with read_journal(folder / "campaign.db") as journal:
+        assert [e.record.how for e in journal.records_of(SessionStopped)] == [how]
+    resumed = pkmcal("run", folder, "--yes")
+    assert resumed.code == 0, resumed.err
+    with read_journal(folder / "campaign.db") as journal:
+        assert len(journal.shots(1)) == 10
+        tries = [(e.record.shot, e.record.attempt) for e in journal.records_of(Intent)]
+        assert len(tries) == len(set(tries)), "no number is given twice"
+        assert not journal.crashed_sessions()
+
+
+@pytest.mark.parametrize("device", ["controller", "tracker"])
+def test_a_device_that_is_not_there(pkmcal, tiny, device):
+    url = nobody()
+    change(tiny / "campaign.yaml", {f"{device}.url": url})
+    ended = pkmcal("run", tiny, "--yes")
+    assert ended.code == 3
+    assert f"{url}: nobody answers" in ended.error_line
+    assert not (tiny / "campaign.db").exists()
+
+
+def test_a_serial_line_that_is_not_there(pkmcal, tiny):
+    change(tiny / "campaign.yaml", {"controller.url": "serial:///dev/ttyNOWHERE"})
+    ended = pkmcal("devices", tiny)
+    assert ended.code == 3
+    assert "/dev/ttyNOWHERE" in ended.error_line
+
+
+@pytest.mark.parametrize("device", ["controller", "tracker"])
+@pytest.mark.usefixtures("impatient")
+def test_somebody_who_listens_and_says_nothing(pkmcal, tiny, device):
+    with stranger() as url:
+        change(tiny / "campaign.yaml", {f"{device}.url": url})
+        ended = pkmcal("run", tiny, "--yes")
+    assert ended.code == 3
+    assert f"{url}: no answer to" in ended.error_line
+    assert not (tiny / "campaign.db").exists()
+
+
+@pytest.mark.parametrize("device", ["controller", "tracker"])
+@pytest.mark.parametrize(
+    "says",
+    [b"SSH-2.0-OpenSSH_9.6\r\n" * 20, bytes(range(256)) * 64],
+    ids=["another protocol", "garbage"],
+)
+@pytest.mark.usefixtures("impatient")
+def test_a_stranger_in_the_place_of_a_device(pkmcal, tiny, device, says):
+    with stranger(says) as url:
+        change(tiny / "campaign.yaml", {f"{device}.url": url})
+        ended = pkmcal("run", tiny, "--yes")
+    assert ended.code == 3
+    assert "check the cable and the device's protocol" in ended.error_line
+    assert not (tiny / "campaign.db").exists()
+
+
+@pytest.mark.xfail(strict=True, reason="a WireError of drivers.link does not say whose wire it is")
+@pytest.mark.parametrize("device", ["controller", "tracker"])
+@pytest.mark.usefixtures("impatient")
+def test_garbage_names_the_device_it_came_from(pkmcal, tiny, device):
+    with stranger(bytes(range(256))) as url:
+        change(tiny / "campaign.yaml", {f"{device}.url": url})
+        ended = pkmcal("devices", tiny)
+    assert url in ended.error_line
+
+
+@pytest.mark.parametrize(
+    ("device", "serial"), [("controller", "SIM-C-0001"), ("tracker", "390001")]
+)
+def test_a_device_that_is_not_the_expected_one(pkmcal, tiny, device, serial):
+    change(tiny / "campaign.yaml", {f"{device}.serial": "B-17"})
+    ended = pkmcal("run", tiny, "--yes")
+    assert ended.code == 3
+    for word in (device, serial, "B-17"):
+        assert word in ended.error_line
+    assert not (tiny / "campaign.db").exists()
+
+
+@pytest.mark.parametrize(
+    ("cell", "campaign", "words"),
+    [
+        ({"tracker.warm_up_s": 3600}, {}, ["heating up", "wait"]),
+        ({}, {"tracker.reflector": "CCR-0.5in"}, ["no reflector 'CCR-0.5in'", "CCR-1.5in"]),
+        ({"controller.emergency_stop": True}, {}, ["emergency stop is pressed"]),
+        ({"controller.joint_limits_deg": [-1, 60]}, {}, ["joint", "limits -1 deg to 60 deg"]),
+    ],
+    ids=["not warm", "without the reflector", "e-stop pressed", "refusing"],
+)
+def test_a_device_that_says_no(pkmcal, tiny, cell, campaign, words):
+    change(tiny / "cell.yaml", {"controller": {}} | cell)
+    change(tiny / "campaign.yaml", campaign)
+    ended = pkmcal("run", tiny, "--yes")
+    assert ended.code == 3
+    for word in words:
+        assert word in ended.error_line
+
+
+def test_a_tracker_that_is_not_initialised_is_initialised(pkmcal, tiny):
+    change(tiny / "cell.yaml", {"tracker.initialised": False})
+    before = pkmcal("devices", tiny, "--json")
+    assert before.document["tracker"]["initialised"] is False
+    assert pkmcal("run", tiny, "--yes").code == 0
+    assert pkmcal("devices", tiny, "--json").document["tracker"]["initialised"] is True
+
+
+def test_a_tracker_that_another_program_uses(pkmcal, tiny):
+    scenario = load_scenario(str(tiny / "cell.yaml"))
+    with EmbeddedCell(Cell(scenario), ScaledClock(1000.0)) as cell:
+        change(tiny / "campaign.yaml", {"tracker.url": cell.tracker_url})
+        port = int(cell.tracker_url.rpartition(":")[2])
+        with socket.create_connection(("127.0.0.1", port)):
+            ended = pkmcal("run", tiny, "--yes")
+    assert ended.code == 3
+    assert "end the other program" in ended.error_line
+
+
+@pytest.mark.parametrize("device", ["controller", "tracker"])
+@pytest.mark.parametrize("kind", ["late", "silent", "garbage", "torn", "close"])
+@pytest.mark.usefixtures("impatient")
+def test_a_wire_that_fails_while_the_robot_works(pkmcal, tiny, device, kind):
+    seconds = {"seconds": 300} if kind == "late" else {}
+    fault = {"device": device, "at_answer": 60, "kind": kind, **seconds}
+    change(tiny / "cell.yaml", {"faults": [fault]})
+    ended = pkmcal("run", tiny, "--yes")
+    assert ended.code == 3
+    assert " → check the" in ended.error_line
+    no_shot_is_lost(pkmcal, tiny, "aborted")
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("emergency_stop", "emergency stop is pressed"),
+        ("drive_fault", "drive fault axis 2"),
+        ("stall", "from its target"),
+    ],
+)
+def test_a_robot_that_fails_on_its_way(pkmcal, tiny, kind, words):
+    change(tiny / "cell.yaml", {"faults": [{"at_move": 4, "kind": kind, "seconds": 5}]})
+    ended = pkmcal("run", tiny, "--yes")
+    assert ended.code == 3
+    assert words in ended.error_line
+    no_shot_is_lost(pkmcal, tiny, "aborted")
+
+
+def test_a_beam_that_is_broken_for_a_moment_only_costs_time(pkmcal, tiny):
+    change(
+        tiny / "cell.yaml", {"faults": [{"at_measurement": 3, "kind": "beam_break", "seconds": 2}]}
+    )
+    ended = pkmcal("run", tiny, "--yes")
+    assert ended.code == 0
+    assert "! shot" in ended.err
+    assert "beam" in ended.err
+
+
+def test_a_run_with_another_plan_is_not_mixed(pkmcal, tiny):
+    change(tiny / "cell.yaml", {"faults": [{"at_move": 4, "kind": "drive_fault", "seconds": 5}]})
+    assert pkmcal("run", tiny, "--yes").code == 3
+    assert pkmcal("plan", tiny, "--seed", 8).code == 0
+    refused = pkmcal("run", tiny, "--yes")
+    assert refused.code == 2
+    assert "another plan" in refused.error_line
+    assert pkmcal("run", tiny, "--yes", "--anew", "--json").document == {"series": 2, "shots": 10}

@@ -1,0 +1,286 @@
+"""The whole chain, command by command and as one dry run, on a small cell."""
+
+from pathlib import Path
+
+import pytest
+from command_line import change, contents
+
+from campaigns.parameters import PARAMETER_NAMES
+from sim.scenario import load_scenario
+
+DATA = Path(__file__).parents[1] / "data" / "vectors"
+PLAN_KEYS = {"shots", "pairs", "predicted_std", "observability", "seconds_estimated", "path"}
+IDENTIFICATION_KEYS = {
+    "schema",
+    "estimator",
+    "converged",
+    "iterations",
+    "rank",
+    "condition",
+    "dof",
+    "parameters",
+    "residuals_mm",
+    "unseen_mm",
+    "excluded",
+    "unobservable",
+    "verdict",
+    "reasons",
+    "seconds",
+}
+DRY_RUN_KEYS = {
+    "scenario",
+    "seed",
+    "before",
+    "after",
+    "identification",
+    "parameter_file",
+    "report",
+    "seconds",
+}
+VALIDATION_KEYS = {"distances_mm", "rotation_mm", "straightness_mm", "repeatability", "frame_mm"}
+
+
+def assert_is_validation(document):
+    assert set(document) == VALIDATION_KEYS
+    assert set(document["distances_mm"]) == {"mean_abs", "max_abs"}
+    assert set(document["straightness_mm"]) == {"x", "y", "z"}
+    assert set(document["repeatability"]) == {"radius_mm", "rp_mm", "approaches"}
+    assert set(document["frame_mm"]) == {"mean", "max"}
+    assert document["rotation_mm"] > 0.0
+
+
+def assert_is_identification(document):
+    assert set(document) == IDENTIFICATION_KEYS
+    assert document["schema"] == "pkmcal/identification/1"
+    assert tuple(document["parameters"]) == PARAMETER_NAMES
+    for entry in document["parameters"].values():
+        assert set(entry) == {"nominal", "value", "delta", "std", "free"}
+    for errors in (document["residuals_mm"], document["unseen_mm"]):
+        for stage in (errors["before"], errors["after"]):
+            assert set(stage) == {"mean_abs", "rms", "max_abs"}
+
+
+def test_a_dry_run_finds_the_errors_and_proves_the_gain(pkmcal, planned):
+    ended = pkmcal("dry-run", planned, "--json")
+    assert ended.code == 0, ended.err
+    document = ended.document
+    assert set(document) == DRY_RUN_KEYS
+    assert (document["scenario"], document["seed"]) == ("paper-simulation", 1)
+    assert document["report"] is None
+    assert_is_identification(document["identification"])
+    assert_is_validation(document["before"])
+    assert_is_validation(document["after"])
+    assert document["before"]["distances_mm"]["mean_abs"] > 1.0
+    assert document["after"]["distances_mm"]["max_abs"] < 0.1
+    assert document["after"]["frame_mm"]["max"] < 0.1
+    assert document["after"]["rotation_mm"] < 0.1 * document["before"]["rotation_mm"]
+    truth = load_scenario(str(planned / "cell.yaml")).robot.true_flat()
+    for name, entry in document["identification"]["parameters"].items():
+        assert entry["value"] == pytest.approx(truth[name], abs=6.0 * (entry["std"] or 1e-9))
+    assert document["parameter_file"] == str(planned / "robot-compensated.yaml")
+    assert "7/7 validate after" in ended.err
+
+
+def test_a_dry_run_whose_fit_is_not_good_loads_nothing(pkmcal, planned):
+    change(planned / "campaign.yaml", {"plan.validation_pairs": 0})
+    ended = pkmcal("dry-run", planned, "--json")
+    assert ended.code == 1, "nothing shows that the result holds elsewhere"
+    assert ended.document["identification"]["verdict"] == "not decided"
+    assert ended.document["after"] is None
+    assert ended.document["parameter_file"] is None
+    assert not list(planned.glob("controller-before-*"))
+
+
+def test_a_dry_run_never_touches_real_devices(pkmcal, planned):
+    change(planned / "campaign.yaml", {"controller.url": "tcp://127.0.0.1:9"})
+    ended = pkmcal("dry-run", planned)
+    assert ended.code == 2
+    assert "real devices" in ended.error_line
+
+
+def test_a_dry_run_does_not_go_on_with_measurements(pkmcal, measured):
+    before = contents(measured)
+    ended = pkmcal("dry-run", measured)
+    assert ended.code == 2
+    assert "has measurements already" in ended.error_line
+    assert contents(measured) == before
+
+
+def test_a_dry_run_of_a_campaign_keeps_its_own_scenario(pkmcal, planned):
+    ended = pkmcal("dry-run", planned, "--seed", 4)
+    assert ended.code == 2
+    assert "seed of its own" in ended.error_line
+
+
+def test_plan_says_what_it_will_tell(pkmcal, planned):
+    ended = pkmcal("plan", planned, "--json", "--shots", 60, "--seed", 3)
+    assert ended.code == 0
+    assert set(ended.document) == PLAN_KEYS
+    assert (ended.document["shots"], ended.document["pairs"]) == (60, 30)
+    assert set(ended.document["observability"]) == {"O1", "O2", "O3", "O4", "O5", "condition"}
+    assert len(ended.document["predicted_std"]) == 22
+    assert all(0.0 < std < 1.0 for std in ended.document["predicted_std"].values())
+    assert 60.0 < ended.document["seconds_estimated"] < 600.0
+    assert ended.document["path"] == str(planned / "plan.csv")
+
+
+def test_a_second_run_has_nothing_to_do(pkmcal, measured):
+    before = (measured / "campaign.db").read_bytes()
+    ended = pkmcal("run", measured, "--yes", "--json")
+    assert ended.code == 0
+    assert ended.document == {"series": 1, "shots": 59}
+    assert "nothing is left" in ended.err
+    assert (measured / "campaign.db").read_bytes() == before
+
+
+def test_a_run_told_to_begin_anew_measures_all_again(pkmcal, measured):
+    ended = pkmcal("run", measured, "--yes", "--anew", "--json")
+    assert ended.code == 0
+    assert ended.document == {"series": 2, "shots": 59}
+
+
+def test_identify_says_it_as_people_and_as_programs_want_it(pkmcal, measured):
+    document = pkmcal("identify", measured, "--json").document
+    assert_is_identification(document)
+    assert document["verdict"] == "pass"
+    ended = pkmcal("identify", measured)
+    assert ended.code == 0
+    assert "verdict: pass" in ended.out
+    assert "arm3.forearm_mm" in ended.out
+    assert "pkmcal export" in ended.err
+
+
+def test_identify_with_what_cannot_be_told_apart_is_not_good(pkmcal, measured):
+    ended = pkmcal("identify", measured, "--free", "arm0.x_mm", "--json")
+    assert ended.code == 1
+    assert ended.document["verdict"] == "fail"
+    assert ended.document["rank"] == 22
+    assert "arm0.x_mm" in ended.document["unobservable"][0]
+    refused = pkmcal("export", measured)
+    assert refused.code == 1
+    assert "verdict is 'fail'" in refused.error_line
+    assert not (measured / "robot-compensated.yaml").exists()
+
+
+def test_a_fixed_parameter_stays_nominal(pkmcal, measured):
+    document = pkmcal("identify", measured, "--fix", "plate_mm", "--json").document
+    plate = document["parameters"]["plate_mm"]
+    assert (plate["delta"], plate["free"], plate["std"]) == (0.0, False, None)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--free", "arm0.forearm"], "write arm0.forearm_mm"),
+        (["--free", "plate_mm", "--fix", "plate_mm"], "both name plate_mm"),
+        (["--estimator", "guess"], "distances"),
+    ],
+)
+def test_identify_with_options_that_make_no_sense(pkmcal, measured, options, words):
+    ended = pkmcal("identify", measured, *options)
+    assert ended.code == 2
+    assert words in ended.error_line
+
+
+@pytest.mark.parametrize("command", ["identify", "export"])
+def test_nothing_comes_of_nothing(pkmcal, planned, command):
+    ended = pkmcal(command, planned)
+    assert ended.code == 2
+    assert "nothing has been measured yet" in ended.error_line
+    assert not (planned / "campaign.db").exists()
+
+
+def test_import_and_identify_what_others_measured(pkmcal, planned):
+    shots = planned.parent / "shots.csv"
+    shots.write_text((DATA / "table1-tracker-noise.csv").read_text())
+    ended = pkmcal("import", planned, shots, "--json")
+    assert ended.code == 0
+    assert ended.document == {"series": 1, "shots": 120}
+    found = pkmcal("identify", planned, "--json")
+    assert found.code == 1, "without validation pairs nothing is decided"
+    assert found.document["verdict"] == "not decided"
+    assert found.document["converged"]
+
+
+def test_load_keeps_the_old_and_can_be_rolled_back(pkmcal, exported):
+    shown = pkmcal("load", exported, "--dry")
+    assert shown.code == 0
+    assert "Δ/σ" in shown.out
+    assert "nothing was written" in shown.out
+    assert not list(exported.glob("controller-before-*"))
+    loaded = pkmcal("load", exported, "--yes", "--json")
+    assert loaded.document["kept"] == str(exported / "controller-before-1.yaml")
+    again = pkmcal("load", exported, "--yes")
+    assert again.code == 0
+    assert "holds these already" in again.out
+    back = pkmcal("load", exported, "--rollback", "--yes", "--json")
+    assert back.document["loaded"] == str(exported / "controller-before-1.yaml")
+    assert back.document["kept"] == str(exported / "controller-before-2.yaml")
+    nothing = pkmcal("load", exported, "--file", exported / "robot.yaml", "--yes")
+    assert "holds these already" in nothing.out
+
+
+def test_rollback_without_a_load(pkmcal, exported):
+    ended = pkmcal("load", exported, "--rollback", "--yes")
+    assert ended.code == 2
+    assert "nothing was loaded here yet" in ended.error_line
+
+
+@pytest.mark.parametrize(
+    "command", [("run",), ("load",), ("validate", "--stage", "before")], ids=lambda words: words[0]
+)
+def test_without_a_terminal_nothing_moves_unless_told(pkmcal, exported, command):
+    name, *options = command
+    if name == "run":
+        options.append("--anew")
+    before = contents(exported)
+    ended = pkmcal(name, exported, *options)
+    assert ended.code == 2
+    assert "--yes" in ended.error_line
+    memory = {"cell-memory.json": None}  # the simulated controller was asked what it holds
+    assert contents(exported) | memory == before | memory
+
+
+def test_one_test_alone_needs_no_plan(pkmcal, planned):
+    (planned / "plan.csv").unlink()
+    command = ("validate", planned, "--stage", "before", "--only", "rotation", "--yes", "--json")
+    ended = pkmcal(*command)
+    assert ended.code == 0, ended.err
+    assert ended.document["rotation_mm"] > 0.0
+    assert ended.document["distances_mm"] is None
+
+
+def test_a_broken_acceptance_limit_is_not_good(pkmcal, planned):
+    change(planned / "campaign.yaml", {"acceptance.rotation_mm": 0.001})
+    ended = pkmcal("validate", planned, "--stage", "before", "--only", "rotation", "--yes")
+    assert ended.code == 1
+    assert "rotation" in ended.out
+    assert "limit 0.001 mm" in ended.out
+
+
+def test_a_load_that_made_it_worse_is_not_good(pkmcal, exported):
+    distances = ("--only", "distances", "--yes")
+    assert pkmcal("load", exported, "--yes").code == 0
+    assert pkmcal("validate", exported, "--stage", "before", *distances).code == 0
+    assert pkmcal("load", exported, "--rollback", "--yes").code == 0
+    ended = pkmcal("validate", exported, "--stage", "after", *distances)
+    assert ended.code == 1
+    assert "not good: mean distance error" in ended.out
+
+
+def test_devices_says_who_is_there(pkmcal, planned):
+    document = pkmcal("devices", planned, "--json").document
+    assert document["controller"]["serial"] == "SIM-C-0001"
+    assert document["tracker"]["reflectors"] == ["CCR-1.5in", "CCR-75mm"]
+    shown = pkmcal("devices", planned).out
+    assert "CCR-1.5in, CCR-75mm" in shown
+    assert "sim://cell" in shown
+
+
+def test_verbose_tells_who_is_there_and_every_state(pkmcal, planned):
+    command = ("validate", planned, "--stage", "before", "--only", "rotation", "--yes")
+    quiet = pkmcal(*command).err
+    told = pkmcal("--verbose", *command).err
+    assert "SIM-C-0001" in told
+    assert "settling rotation 2" in told
+    assert "settling" not in quiet

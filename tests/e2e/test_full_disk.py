@@ -1,0 +1,133 @@
+"""A disk that is full: exit code 4, and what was there before is whole."""
+
+import contextlib
+import errno
+import os
+import resource
+
+import pytest
+from command_line import contents
+
+from campaigns.journal_reader import read_journal
+from campaigns.records import Outcome
+
+
+@contextlib.contextmanager
+def disk_with(bytes_left):
+    """No file can grow beyond that size."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (bytes_left, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.fixture
+def full(pkmcal):
+    """Runs a command on a full disk."""
+
+    def run(*arguments, bytes_left=100):
+        with disk_with(bytes_left):
+            ended = pkmcal(*arguments)
+        assert ended.code == 4, ended.err
+        assert ended.out == ""
+        return ended.error_line
+
+    return run
+
+
+def test_new_leaves_nothing_that_looks_like_a_campaign(full, pkmcal, tmp_path):
+    line = full("new", tmp_path / "cell-3")
+    assert "cell.yaml: cannot be written" in line
+    assert "free space" in line
+    assert pkmcal("plan", tmp_path / "cell-3").code == 2
+    assert pkmcal("new", tmp_path / "cell-3").code == 0
+
+
+def test_a_half_made_campaign_can_be_made_again(full, pkmcal, tmp_path):
+    assert "campaign.yaml" in full("new", tmp_path / "cell-3", bytes_left=3000)
+    assert pkmcal("new", tmp_path / "cell-3").code == 0
+
+
+def test_the_old_plan_stays(full, planned):
+    before = contents(planned)
+    assert "plan.csv: cannot be written" in full("plan", planned, "--seed", 9)
+    assert contents(planned) == before
+
+
+def test_a_run_stops_at_the_last_shot_that_could_be_written(full, pkmcal, planned):
+    line = full("run", planned, "--yes", bytes_left=300_000)
+    assert "campaign.db" in line
+    with read_journal(planned / "campaign.db") as journal:
+        written = len(journal.records_of(Outcome))
+    assert 0 < written < 59
+    assert pkmcal("run", planned, "--yes").code == 0
+    with read_journal(planned / "campaign.db") as journal:
+        assert len(journal.shots(1)) == 59
+
+
+def test_an_import_counts_whole_or_not_at_all(full, pkmcal, planned):
+    shots = planned.parent / "shots.csv"
+    rows = "".join(f"{pair},{q},0,0,0,1000,{q},{pair}\n" for pair in range(60) for q in (1, 2))
+    shots.write_text(f"pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm\n{rows}")
+    assert "campaign.db" in full("import", planned, shots, bytes_left=60_000)
+    refused = pkmcal("identify", planned)
+    assert refused.code == 2
+    assert "nothing has been measured yet" in refused.error_line
+    assert pkmcal("import", planned, shots).code == 0
+
+
+@pytest.fixture
+def no_text_fits(monkeypatch):
+    """A disk on which the journal still finds room, but no further file."""
+
+    def write(path, text):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("campaigns.textfile._write_to_disk", write)
+
+
+@pytest.mark.usefixtures("no_text_fits")
+def test_export_leaves_the_older_file(pkmcal, exported):
+    before = contents(exported)
+    ended = pkmcal("export", exported, "--overwrite")
+    assert ended.code == 4
+    assert "robot-compensated.yaml: cannot be written" in ended.error_line
+    assert contents(exported) == before
+
+
+def test_nothing_is_loaded_when_the_old_cannot_be_kept(pkmcal, exported, monkeypatch, request):
+    held = pkmcal("load", exported, "--dry").out
+    with monkeypatch.context():
+        request.getfixturevalue("no_text_fits")
+        ended = pkmcal("load", exported, "--yes")
+        assert ended.code == 4
+        assert "controller-before-1.yaml: cannot be written" in ended.error_line
+    monkeypatch.undo()
+    assert not list(exported.glob("controller-before-*"))
+    assert pkmcal("load", exported, "--dry").out == held
+
+
+def test_a_file_that_is_there_is_not_overwritten_unasked(pkmcal, exported):
+    before = contents(exported)
+    ended = pkmcal("export", exported)
+    assert ended.code == 2
+    assert "robot-compensated.yaml already exists" in ended.error_line
+    assert contents(exported) == before
+    assert pkmcal("export", exported, "--overwrite").code == 0
+
+
+def test_a_campaign_that_is_there_is_not_made_again(pkmcal, planned):
+    before = contents(planned)
+    ended = pkmcal("new", planned)
+    assert ended.code == 2
+    assert "campaign.yaml already exists" in ended.error_line
+    assert contents(planned) == before
+
+
+def test_a_folder_that_may_not_be_written(pkmcal, exported):
+    target = exported / "nowhere" / "robot.yaml"
+    ended = pkmcal("export", exported, "--to", target)
+    assert ended.code == 4
+    assert str(target) in ended.error_line

@@ -1,0 +1,182 @@
+"""Runs that are stopped, killed, or met by another process: nothing is lost, nothing done twice."""
+
+import contextlib
+import os
+import pty
+import select
+import signal
+import time
+from collections import Counter
+
+import pytest
+from command_line import change, ended, started
+
+from campaigns.errors import JournalFailed
+from campaigns.journal_reader import read_journal
+from campaigns.records import Event, Intent, Outcome, SessionStopped
+
+SLOW = {"speed_up": 60}
+FAST = {"speed_up": 1000}
+AT_WORK_SHOTS = 4
+PATIENCE_S = 20.0
+
+
+def wait_until(condition, process):
+    """Wait for something that another process does."""
+    give_up = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < give_up, "nothing happened"
+        time.sleep(0.01)
+
+
+def is_at_work(folder):
+    """Whether some shots are measured and the next one is on its way."""
+    with contextlib.suppress(JournalFailed), read_journal(folder / "campaign.db") as journal:
+        return len(journal.records_of(Outcome)) >= AT_WORK_SHOTS
+    return False
+
+
+@pytest.fixture
+def at_work(planned):
+    """A run in a process of its own, with the robot moving."""
+    change(planned / "cell.yaml", SLOW)
+    process = started("run", planned, "--yes")
+    try:
+        wait_until(lambda: is_at_work(planned), process)
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def assert_resumes(pkmcal, folder):
+    """A second run completes the first; no number is given twice and the drift is compared."""
+    change(folder / "cell.yaml", FAST)
+    resumed = pkmcal("run", folder, "--yes", "--json")
+    assert resumed.code == 0, resumed.err
+    assert resumed.document == {"series": 1, "shots": 59}
+    with read_journal(folder / "campaign.db") as journal:
+        tries = Counter((e.record.shot, e.record.attempt) for e in journal.records_of(Intent, 1))
+        assert set(tries.values()) == {1}
+        told = [entry.record for entry in journal.records(1)]
+        taken_up = next(n for n, record in enumerate(told) if is_event(record, "resumed"))
+        firsts = (
+            r for r in told[taken_up:] if isinstance(r, Outcome) or is_event(r, "drift check")
+        )
+        assert is_event(next(firsts), "drift check"), "before anything else"
+    assert pkmcal("identify", folder).code == 0
+
+
+def is_event(record, kind):
+    return isinstance(record, Event) and record.kind == kind
+
+
+def test_ctrl_c_again_and_again_stops_the_robot_in_order(at_work, planned, pkmcal):
+    for _ in range(5):
+        at_work.send_signal(signal.SIGINT)
+        time.sleep(0.002)
+    stopped = ended(at_work)
+    assert stopped.code == 130
+    assert "the same command takes up where it was" in stopped.error_line
+    assert_interrupted(planned)
+    assert_resumes(pkmcal, planned)
+
+
+def test_a_polite_kill_stops_the_robot_in_order(at_work, planned):
+    at_work.send_signal(signal.SIGTERM)
+    assert ended(at_work).code == 130
+    assert_interrupted(planned)
+
+
+def assert_interrupted(folder):
+    with read_journal(folder / "campaign.db") as journal:
+        assert [e.record.how for e in journal.records_of(SessionStopped)] == ["interrupted"]
+        assert not journal.crashed_sessions()
+
+
+def test_a_killed_run_is_taken_up(at_work, planned, pkmcal):
+    at_work.kill()
+    at_work.wait(PATIENCE_S)
+    with read_journal(planned / "campaign.db") as journal:
+        assert len(journal.crashed_sessions()) == 1
+        measured = {e.record.shot for e in journal.records_of(Outcome)}
+        assert len(measured) >= AT_WORK_SHOTS
+    assert_resumes(pkmcal, planned)
+
+
+def test_a_campaign_belongs_to_one_process(at_work, planned, pkmcal):
+    for command in (["run", planned, "--yes"], ["plan", planned], ["identify", planned]):
+        refused = pkmcal(*command)
+        assert refused.code == 2
+        assert f"process {at_work.pid}" in refused.error_line
+    assert at_work.poll() is None, "the one at work was not disturbed"
+
+
+class Screen:
+    """The operator's end of a pseudo-terminal."""
+
+    def __init__(self, controlling_end):
+        self._end = controlling_end
+        self.shown = ""
+
+    def read_until(self, text):
+        give_up = time.monotonic() + PATIENCE_S
+        while text not in self.shown:
+            assert time.monotonic() < give_up, self.shown
+            if select.select([self._end], [], [], 0.1)[0]:
+                try:
+                    self.shown += os.read(self._end, 65536).decode(errors="replace")
+                except OSError:  # the other end is closed
+                    return
+
+    def type(self, text):
+        self.shown = ""
+        os.write(self._end, text.encode())
+
+
+@pytest.fixture
+def screen_and_run(planned):
+    """A run on a terminal of its own, at work."""
+    change(planned / "cell.yaml", SLOW)
+    operator_end, program_end = pty.openpty()
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100", "LINES": "30"}
+    process = started("run", planned, stdin=program_end, stderr=program_end, env=environment)
+    os.close(program_end)
+    screen = Screen(operator_end)
+    try:
+        screen.read_until("Is the cell clear? [y/N]")
+        screen.type("y\n")
+        screen.read_until("left")
+        yield screen, process
+    finally:
+        process.kill()
+        process.communicate()
+        os.close(operator_end)
+
+
+def test_after_ctrl_c_the_operator_may_go_on(screen_and_run, planned):
+    screen, process = screen_and_run
+    for part in ("/59", "residual", "drift", "beam ok", "measuring"):
+        screen.read_until(part)
+    change(planned / "cell.yaml", FAST)  # read when the cell is connected again
+    process.send_signal(signal.SIGINT)
+    screen.read_until("Go on where it was? [y/N]")
+    assert "the robot stands still" in screen.shown
+    screen.type("y\n")
+    screen.read_until("59 of 59 shots")
+    screen.read_until("pkmcal identify")
+    assert process.wait(PATIENCE_S) == 0
+    with read_journal(planned / "campaign.db") as journal:
+        endings = [e.record.how for e in journal.records_of(SessionStopped)]
+        assert endings == ["interrupted", "finished"]
+        assert len(journal.shots(1)) == 59
+
+
+def test_ctrl_c_at_the_question_means_no(screen_and_run):
+    screen, process = screen_and_run
+    process.send_signal(signal.SIGINT)
+    screen.read_until("Go on where it was? [y/N]")
+    process.send_signal(signal.SIGINT)
+    screen.read_until("pkmcal: ")
+    assert process.wait(PATIENCE_S) == 130

@@ -1,0 +1,182 @@
+"""A LinuxCNC of its own for a test: real programs in namespaces of their own, on free ports.
+
+Nothing of it is seen outside but its port: processes, shared memory, /tmp and the folder of its
+modules are private, and killing its first process ends all of it at once. Works as root and as an
+ordinary user where the system lets users make namespaces.
+"""
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from pathlib import Path
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "linuxcnc"
+STOCK_MODULES = Path("/usr/lib/linuxcnc/modules")
+STOCK_NML = Path("/usr/share/linuxcnc/linuxcnc.nml")
+PROGRAMS = ("linuxcnc", "linuxcncrsh", "halcmd", "unshare", "nsenter", "setpriv")
+NOBODY = 65534
+READY_WITHIN_S = 30.0
+GONE_WITHIN_S = 10.0
+LOOK_AGAIN_S = 0.01
+
+NAMESPACES = ("--fork", "--pid", "--kill-child=SIGKILL", "--mount-proc", "--ipc", "--mount")
+AS_USER = ("--user", "--map-current-user", "--keep-caps")
+INSIDE = """
+set -e
+mount --rbind "$PRIVATE" /mnt
+mount --rbind /usr/lib/linuxcnc/modules /mnt/stock
+mount --bind /mnt/modules /usr/lib/linuxcnc/modules
+mount --bind /mnt/tmp /tmp
+cd "/mnt/config/$VARIANT"
+linuxcnc -r "$PWD/par4.ini" </dev/null >/mnt/run.log 2>&1 &
+wait $!
+"""
+
+
+def why_not() -> str:
+    """What this machine lacks to run LinuxCNC for a test; empty when nothing."""
+    if missing := [name for name in PROGRAMS if shutil.which(name) is None]:
+        return f"{missing[0]} is not installed"
+    probe = ["unshare", *_as_user(), *NAMESPACES, "mount", "--bind", "/tmp", "/mnt"]
+    tried = subprocess.run(probe, capture_output=True, text=True, check=False)
+    return "" if tried.returncode == 0 else f"no namespaces here: {tried.stderr.strip()}"
+
+
+class LinuxcncInstance:
+    """One LinuxCNC with one of the example configurations; `start` it, and `stop` it in the end.
+
+    `edits` are replacements in its par4.ini. `modules` are kinematics beside LinuxCNC's own.
+    """
+
+    def __init__(self, folder: Path, variant: str, *, modules=(), edits=()):
+        self.port = _free_port()
+        self.folder = folder
+        self.config = folder / "config" / variant
+        self._variant = variant
+        self._process: subprocess.Popen | None = None
+        shutil.copytree(EXAMPLES, folder / "config")
+        folder.chmod(0o755)  # its realtime part may run as another user
+        _prepare_modules(folder, modules)
+        (folder / "tmp").mkdir()
+        (folder / "tmp").chmod(0o1777)
+        self._adapt_ini(edits)
+
+    @property
+    def url(self):
+        return f"tcp://127.0.0.1:{self.port}"
+
+    @property
+    def log(self):
+        """What it has said so far."""
+        return (self.folder / "run.log").read_text(errors="replace")
+
+    @property
+    def init_pid(self):
+        """Its first process, seen from here."""
+        pid = self._process.pid
+        return int(Path(f"/proc/{pid}/task/{pid}/children").read_text().split()[0])
+
+    @property
+    def into(self):
+        """What a command must begin with to run beside its programs."""
+        user = () if os.geteuid() == 0 else ("--user", "--preserve-credentials")
+        spaces = (*user, "--ipc", "--pid", "--mount")
+        return ("nsenter", "-t", str(self.init_pid), *spaces)
+
+    def start(self):
+        """Start it and wait until it answers."""
+        command = ["setpriv", "--pdeathsig", "SIGKILL", "unshare", *_as_user(), *NAMESPACES]
+        with (self.folder / "namespaces.log").open("w") as log:
+            self._process = subprocess.Popen(
+                [*command, "bash", "-c", INSIDE], env=self._environment(), stdout=log, stderr=log
+            )
+        deadline_s = time.monotonic() + READY_WITHIN_S
+        while not self._answers():
+            assert time.monotonic() < deadline_s, self.log
+            assert self._process.poll() is None, self.log
+            time.sleep(LOOK_AGAIN_S)
+        return self
+
+    def stop(self):
+        """Kill all of it; returns when nothing is left."""
+        if self._process is None:
+            return
+        if self._process.poll() is None:
+            os.kill(self.init_pid, signal.SIGKILL)
+        self._process.wait(GONE_WITHIN_S)
+        self._process = None
+
+    def restart(self):
+        self.stop()
+        return self.start()
+
+    def kill(self, program):
+        """Kill one of its programs without any warning."""
+        self.run("sh", "-c", f"kill -9 $(pidof -x {program})")
+
+    def hal(self, *words):
+        """Run halcmd beside it; gives what it says."""
+        return self.run("halcmd", *words)
+
+    def run(self, *command):
+        done = subprocess.run([*self.into, *command], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, f"{command}: {done.stderr}"
+        return done.stdout.strip()
+
+    def __enter__(self):
+        return self.start()
+
+    def __exit__(self, *_):
+        self.stop()
+
+    def _answers(self):
+        try:
+            with socket.create_connection(("127.0.0.1", self.port), timeout=1.0) as connection:
+                connection.settimeout(1.0)
+                connection.sendall(b"hello EMC test 1.0\n")
+                return b"HELLO ACK" in connection.recv(200)
+        except OSError:
+            return False
+
+    def _adapt_ini(self, edits):
+        ini = self.config / "par4.ini"
+        nml = self.config / "own.nml"
+        nml.write_text(STOCK_NML.read_text().replace("TCP=5005", f"TCP={_free_port()}"))
+        text = ini.read_text().replace("--port 5007", f"--port {self.port}")
+        text = text.replace("[EMC]\n", "[EMC]\nNML_FILE = own.nml\n", 1)
+        for old, new in edits:
+            assert old in text, old
+            text = text.replace(old, new)
+        ini.write_text(text)
+
+    def _environment(self):
+        kept = {k: v for k, v in os.environ.items() if k not in {"DISPLAY", "WAYLAND_DISPLAY"}}
+        own = {
+            "PRIVATE": str(self.folder),
+            "VARIANT": self._variant,
+            "HOME": "/mnt",
+            "RTAPI_FIFO_PATH": "/tmp/rtapi_fifo",
+        }
+        return kept | own | ({"RTAPI_UID": str(NOBODY)} if os.geteuid() == 0 else {})
+
+
+def _as_user():
+    return () if os.geteuid() == 0 else AS_USER
+
+
+def _free_port():
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        return listener.getsockname()[1]
+
+
+def _prepare_modules(folder, modules):
+    """A folder of LinuxCNC's modules by links, and of ours: nothing is installed."""
+    (folder / "stock").mkdir()
+    (folder / "modules").mkdir()
+    for stock in STOCK_MODULES.iterdir():
+        (folder / "modules" / stock.name).symlink_to(Path("/mnt/stock") / stock.name)
+    for own in modules:
+        shutil.copy(own, folder / "modules")

@@ -1,0 +1,102 @@
+"""The rules of conftest.py, tried on test files of their own."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest_plugins = ("pytester",)
+
+RULES = Path(__file__).with_name("conftest.py").read_text(encoding="utf-8")
+SETTINGS = "[pytest]\nmarkers = peer: talks to a third-party peer\n"
+
+SKIPPED_PEER = """
+import pytest
+
+@pytest.mark.peer
+def test_session():
+    pytest.skip("no controller here")
+"""
+SKIPPED_FILE = """
+import pytest
+
+pytest.skip("no controller here", allow_module_level=True)
+"""
+SKIPPED_OTHER = """
+import pytest
+
+def test_colours():
+    pytest.skip("no terminal here")
+"""
+LEFT_THREAD = """
+import threading
+
+go_home = threading.Event()
+
+def test_forgetful():
+    threading.Thread(target=go_home.wait, name="forgotten", daemon=True).start()
+
+def test_innocent():
+    go_home.set()
+"""
+LEFT_PROCESS = """
+import subprocess
+
+left = []
+
+def test_forgetful():
+    left.append(subprocess.Popen(["sleep", "60"]))
+
+def test_tidying_up():
+    left[0].kill()
+    left[0].wait()
+"""
+
+
+@pytest.fixture
+def outcomes(pytester, monkeypatch):
+    """Runs one file by our rules and counts: passed, skipped, failed, errors."""
+    pytester.makeconftest(RULES)
+    pytester.makeini(SETTINGS)
+    monkeypatch.delenv("CI", raising=False)
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
+
+    def run(text: str, name: str = "test_file.py") -> dict[str, int]:
+        path = pytester.path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        return pytester.runpytest_inprocess("-p", "no:cacheprovider").parseoutcomes()
+
+    return run
+
+
+def test_skipped_peer_test_fails_in_ci(outcomes, monkeypatch):
+    monkeypatch.setenv("CI", "true")
+    assert outcomes(SKIPPED_PEER) == {"failed": 1}
+
+
+def test_skipped_peer_test_is_only_skipped_elsewhere(outcomes):
+    assert outcomes(SKIPPED_PEER) == {"skipped": 1}
+
+
+def test_file_of_peers_that_skips_itself_fails_in_ci(outcomes, monkeypatch):
+    monkeypatch.setenv("CI", "true")
+    assert outcomes(SKIPPED_FILE, "peers/test_file.py") == {"errors": 1}
+
+
+def test_file_of_peers_that_skips_itself_is_only_skipped_elsewhere(outcomes):
+    assert outcomes(SKIPPED_FILE, "peers/test_file.py") == {"skipped": 1}
+
+
+def test_other_skipped_test_is_skipped_in_ci_too(outcomes, monkeypatch):
+    monkeypatch.setenv("CI", "true")
+    assert outcomes(SKIPPED_OTHER) == {"skipped": 1}
+
+
+def test_thread_left_behind_fails_the_test_that_left_it(outcomes):
+    assert outcomes(LEFT_THREAD) == {"passed": 2, "errors": 1}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="children are listed under /proc")
+def test_process_left_behind_fails_the_test_that_left_it(outcomes):
+    assert outcomes(LEFT_PROCESS) == {"passed": 2, "errors": 1}
