@@ -27,10 +27,12 @@ test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest
 
 lint: $(VENV)/installed-dev
-	$(BIN)/ruff check
-	$(BIN)/ruff format --check
-	$(BIN)/mypy
-	$(BIN)/lint-imports
+	@failed=0; \
+	for check in "ruff check" "ruff format --check" mypy lint-imports; do \
+		echo "== $$check"; \
+		$(BIN)/$$check || failed=1; \
+	done; \
+	exit $$failed
 
 bench: $(VENV)/installed-dev
 	@for yardstick in benchmarks/*.py; do \

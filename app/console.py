@@ -59,7 +59,7 @@ class Terminal:
             table.add_column(column, justify="right" if place else "left", no_wrap=place > 0)
         for row in rows:
             table.add_row(*row)
-        self._answers.print(table)
+        self._answers.print("", table, "", sep="\n")
 
     def listing(self, title: str, lines: Mapping[str, str]) -> None:
         """Names with texts that may be long."""
@@ -79,7 +79,11 @@ class Terminal:
         if not sys.stdin.isatty():
             return False
         self._talk.print(f"{question} [y/N] ", style="bold", end="", markup=False)
-        return sys.stdin.readline().strip().lower() in {"y", "yes"}
+        try:
+            return sys.stdin.readline().strip().lower() in {"y", "yes"}
+        except KeyboardInterrupt:
+            self._talk.print()  # what is said next begins a line
+            raise
 
     def require_yes(self, question: str, *, yes: bool) -> None:
         """Go on only with the operator's yes, given before or now; raises `NotConfirmed`."""

@@ -115,27 +115,38 @@ def main() -> None:
 def run_command(arguments: list[str]) -> int:
     """Run one command; gives its exit code. Errors become one line on stderr."""
     try:
-        code = app(arguments or ["--help"], standalone_mode=False)
-    except (Abort, KeyboardInterrupt):
-        return _told("interrupted → start the command again when ready", Exit.INTERRUPTED)
+        code = app(arguments or ["--help"], prog_name="pkmcal", standalone_mode=False)
+    except Abort:
+        code = Exit.INTERRUPTED
     except BrokenPipeError:
         return _nobody_reads()
     except Exception as error:  # noqa: BLE001 - the last resort: a line rather than a traceback
         if "--debug" in takewhile(lambda word: word.startswith("-"), arguments):
             traceback.print_exception(error)
         return _explained(error)
+    if code == Exit.INTERRUPTED:  # Typer has turned Ctrl-C into this code, without a word
+        return _told("interrupted → start the command again when ready", Exit.INTERRUPTED)
     return code if isinstance(code, int) else Exit.DONE
 
 
 def _explained(error: Exception) -> Exit:
     if isinstance(error, TyperException):
-        context = getattr(error, "ctx", None)
-        command = context.command_path if context else "pkmcal"
-        return _told(f"{error.format_message()} → see `{command} --help`", Exit.BAD_INPUT)
+        return _told(_usage_line(error), Exit.BAD_INPUT)
     if isinstance(error, ExplainedError):
         return _told(str(error), exit_code(error))
     problem = f"unforeseen {type(error).__name__}: {error}"
     return _told(f"{problem} → report it, with what `pkmcal --debug …` shows", Exit.BUG)
+
+
+def _usage_line(error: TyperException) -> str:
+    """What is wrong with the options, with the value, which Typer leaves out."""
+    from pydantic import ValidationError
+
+    problem = error.format_message().rstrip(".")
+    if isinstance(error.__cause__, ValidationError):
+        problem += f", but is '{error.__cause__.errors()[0]['input']}'"
+    context = getattr(error, "ctx", None)
+    return f"{problem} → see `{context.command_path if context else 'pkmcal'} --help`"
 
 
 def _told(line: str, code: Exit) -> Exit:

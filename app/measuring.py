@@ -26,11 +26,13 @@ def measure(
     terminal: Terminal,
     *,
     title: str,
+    again: str,
     anew: bool,
 ) -> Result:
     """Connect, prepare the work, measure it, and finish with the journal still held.
 
-    Raises `Interrupted` when the operator stopped and does not want to go on.
+    `again` is the command that goes on later. Raises `Interrupted` when the operator stopped and
+    does not want to go on now.
     """
     with held(campaign):
         while True:
@@ -48,7 +50,7 @@ def measure(
             except (Interrupted, Cancelled) as stopped:
                 # Out here the signals do what they always do: Ctrl-C at the question means no.
                 if not (wish.may_go_on and _goes_on(terminal)):
-                    raise _interrupted(title) from stopped
+                    raise _interrupted(title, again) from stopped
                 anew = False
 
 
@@ -67,8 +69,8 @@ def _goes_on(terminal: Terminal) -> bool:
     return terminal.asks("Go on where it was?")
 
 
-def _interrupted(title: str) -> Interrupted:
+def _interrupted(title: str, again: str) -> Interrupted:
     return Interrupted(
         f"{title}: stopped by the operator; everything measured is kept",
-        remedy="the same command takes up where it was",
+        remedy=f"`{again}` takes up where it was",
     )

@@ -1,12 +1,21 @@
-"""From a campaign's files to what the work needs: view, mechanism, plan request, pace."""
+"""From a campaign's files to what the work needs: view, plan request, pace, and the work itself."""
+
+from collections.abc import Mapping
 
 import numpy as np
 
 from app.folder import Campaign
 from campaigns.numerics.geometry import Geometry
 from campaigns.plan_check import CheckedPlan, Pace, check_plan
-from campaigns.plan_file import PlannedShot
+from campaigns.plan_file import PlannedShot, plan_digest, read_plan
 from campaigns.planning import PlanRequest, View, numeric_geometry, numeric_limits, pose_row
+from campaigns.records import Stage
+from campaigns.robot import RobotFile
+from campaigns.rules import gate_rules, motion_rules
+from campaigns.session import Work
+from campaigns.shot_sets import ShotSet
+from campaigns.steps import Step, joint_steps
+from campaigns.validation_plan import Reachable, validation_steps
 from campaigns.ways import Mechanism
 from drivers.values import Pose, Vector3
 
@@ -25,12 +34,6 @@ def view_of(campaign: Campaign) -> View:
     centre = campaign.config.validation.centre_mm
     facing = tracker.reflector_facing or _towards(centre, tracker.place_mm)
     return View(tracker.place_mm, facing, tracker.acceptance_rad)
-
-
-def mechanism_of(campaign: Campaign, geometry: Geometry) -> Mechanism:
-    """What ways are checked against, with the geometry that holds now."""
-    limits = numeric_limits(campaign.nominal.robot)
-    return Mechanism(geometry, limits, pose_row(centre_of(campaign)))
 
 
 def plan_request_of(campaign: Campaign, shots: int | None) -> PlanRequest:
@@ -59,6 +62,54 @@ def checked_plan(campaign: Campaign, shots: tuple[PlannedShot, ...]) -> CheckedP
         centre_of(campaign),
         pace_of(campaign),
     )
+
+
+def plan_work(campaign: Campaign, checked: CheckedPlan) -> Work:
+    """The plan as work for the engine; the shots are commanded by joint angles."""
+    robot = campaign.nominal.robot
+    steps = joint_steps(checked.shots)
+    return _work(campaign, "run", steps, numeric_geometry(robot), robot.digest())
+
+
+def validation_work(
+    campaign: Campaign, stage: Stage, sets: frozenset[ShotSet], active: Mapping[str, float]
+) -> tuple[Work, tuple[str, ...]]:
+    """Tests as work for the engine, and what had to be shortened or left out.
+
+    Planned with the geometry that is active in the controller, which takes the pose commands.
+    """
+    nominal = campaign.nominal.robot
+    geometry = Geometry.from_flat(active)
+    planned = validation_steps(
+        campaign.config.validation,
+        _unseen_shots(campaign) if ShotSet.VALIDATION in sets else [],
+        Reachable(geometry, numeric_limits(nominal)),
+        sets,
+        np.random.default_rng(campaign.config.plan.seed),
+    )
+    digest = RobotFile.from_flat(active, name="active", limits=nominal.limits).digest()
+    return _work(campaign, stage, planned.steps, geometry, digest), planned.notes
+
+
+def _work(
+    campaign: Campaign, stage: Stage, steps: tuple[Step, ...], geometry: Geometry, digest: str
+) -> Work:
+    limits = numeric_limits(campaign.nominal.robot)
+    return Work(
+        stage,
+        steps,
+        plan_digest([step.planned for step in steps]),
+        digest,
+        campaign.config.model_dump(mode="json"),
+        Mechanism(geometry, limits, pose_row(centre_of(campaign))),
+        motion_rules(campaign.config),
+        gate_rules(campaign.config),
+    )
+
+
+def _unseen_shots(campaign: Campaign) -> list[PlannedShot]:
+    shots = read_plan(campaign.plan_path)
+    return [shot for shot in shots if shot.purpose is ShotSet.VALIDATION]
 
 
 def _towards(from_mm: Vector3, to_mm: Vector3) -> Vector3:

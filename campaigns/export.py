@@ -18,12 +18,12 @@ FILE_NAME = "robot-compensated.yaml"
 KEPT_AS_PROVENANCE = (
     "plan_digest",
     "journal_digest",
+    "journal_records",
     "estimator",
     "shots",
     "residuals_mm",
     "unseen_mm",
     "verdict",
-    "at_utc",
 )
 
 _PARAMETERS = TypeAdapter(dict[str, ParameterEntry])
@@ -52,7 +52,7 @@ def compensated_robot(
             f"{nominal.robot.name}-compensated",
             {name: entry.value for name, entry in parameters.items()},
             {name: e.std for name, e in parameters.items() if e.std is not None},
-            _provenance(campaign, finding),
+            _provenance(campaign, nominal, finding),
         ),
     )
 
@@ -81,9 +81,17 @@ def _check_usable(nominal: RobotDocument, finding: Mapping[str, JsonValue]) -> N
         )
 
 
-def _provenance(campaign: str, finding: Mapping[str, JsonValue]) -> dict[str, JsonValue]:
-    of_finding = {key: finding[key] for key in KEPT_AS_PROVENANCE}
-    return {"campaign": campaign, "software": f"pkmcal {VERSION}", **of_finding}
+def _provenance(
+    campaign: str, nominal: RobotDocument, finding: Mapping[str, JsonValue]
+) -> dict[str, JsonValue]:
+    return {
+        "campaign": campaign,
+        "software": f"pkmcal {VERSION}",
+        "nominal_robot": nominal.robot.name,
+        "nominal_digest": nominal.robot.digest(),
+        "identified_utc": finding["at_utc"],
+        **{key: finding[key] for key in KEPT_AS_PROVENANCE},
+    }
 
 
 def _reasons(finding: Mapping[str, JsonValue]) -> str:

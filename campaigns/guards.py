@@ -76,6 +76,15 @@ class Gate:
         predicted = self._running.predict(np.array(joints_rad))
         return None if predicted is None else vector(predicted.point_mm)
 
+    def nearest_point_mm(self, joints_rad: tuple[float, ...]) -> Vector3 | None:
+        """Where the accepted shot with the nearest joints was; None without any."""
+        nearest = min(
+            self._accepted.values(),
+            key=lambda outcome: float(np.abs(np.subtract(outcome.joints_rad, joints_rad)).max()),
+            default=None,
+        )
+        return None if nearest is None else nearest.point_in_tracker_mm
+
     def _teach(self, outcome: Outcome) -> None:
         self._running.add(np.array(outcome.joints_rad), np.array(outcome.point_in_tracker_mm))
 

@@ -1,7 +1,7 @@
 """Identifies a robot's geometry from measured shots, and says honestly what came of it."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -34,6 +34,10 @@ from campaigns.shot_sets import ShotSet
 
 Estimator = Literal["distances"]
 Verdict = Literal["pass", "fail", "not decided"]
+
+ROUNDING_MM = 1e-6
+STATIONARY_COSINE = 1e-3
+"""Of the angle between the residual and a column of the Jacobian; a minimum reached gives 1e-6."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +122,7 @@ def identify_distances(
     _check_enough(pairs, names)
     problem = _problem(nominal, data, pairs.fitted, names)
     before = problem.residual(problem.start())
-    fit = solve(problem)
+    fit = _honest(solve(problem))
     seen = observability(fit.jacobian)
     identified = problem.model.geometry(fit.x)
     unseen = _unseen(nominal, identified, data, pairs.unseen)
@@ -197,6 +201,23 @@ def _problem(
     model = PositionModel(nominal, indices(names), data.joints_rad[pairs.ravel()])
     measured_mm = data.measured_distances_mm(pairs)
     return DistanceResiduals(model, places[:, 0], places[:, 1], measured_mm)
+
+
+def _honest(fit: Fit) -> Fit:
+    """A solver that stopped before the edge of what can be assembled has not converged.
+
+    At a minimum the residual is perpendicular to every column of the Jacobian, unless it is so
+    small that only rounding is left of it.
+    """
+    size = float(np.linalg.norm(fit.residual))
+    if size <= ROUNDING_MM * np.sqrt(len(fit.residual)):
+        return fit
+    columns = np.linalg.norm(fit.jacobian, axis=0)
+    cosines = np.abs(fit.jacobian.T @ fit.residual) / (np.where(columns > 0.0, columns, 1.0) * size)
+    if cosines.max() <= STATIONARY_COSINE:
+        return fit
+    message = "not converged: the solver stopped where the distances still fit better nearby"
+    return replace(fit, converged=False, message=message)
 
 
 def _std(fit: Fit, seen: Observability) -> Array | None:

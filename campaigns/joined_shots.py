@@ -127,7 +127,8 @@ def _by_name(
     missing = [row for row in rows if row.name not in index]
     _check_told_apart(index, rows)
     wanted = [index[row.name][0] for row in rows if row.name in index]
-    spare = [point for point in points if point not in wanted]
+    taken = {point.name for point in wanted}
+    spare = [point for point in points if point.name not in taken]
     if missing or spare:
         raise _unmatched(missing, spare, points_name, list(index))
     return wanted

@@ -9,12 +9,10 @@ from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
 from campaigns.progress import EngineState
 from campaigns.rules import MotionRules
 from campaigns.steps import Step
-from campaigns.ways import Mechanism, safe_way
+from campaigns.ways import Joints, KnownWays
 from drivers.errors import EmergencyStop, MotionFault
 from drivers.ports import Clock, RobotController
 from drivers.values import RobotState
-
-Joints = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,14 +32,15 @@ class Mover:
         robot: RobotController,
         clock: Clock,
         rules: MotionRules,
-        mechanism: Mechanism,
+        ways: KnownWays,
         stop_requested: Callable[[], bool],
     ) -> None:
         self._robot = robot
         self._clock = clock
         self._rules = rules
-        self._mechanism = mechanism
+        self._ways = ways
         self._stop_requested = stop_requested
+        self._last_target: Joints | None = None
 
     def go(self, step: Step, entering: Callable[[EngineState], None]) -> Arrival:
         """Take the step's way and settle at its end; `entering` is told each new state.
@@ -49,7 +48,7 @@ class Mover:
         Raises `TargetOutOfReach` before anything moves when no safe way is known, `NotSettled`,
         `Interrupted`, or a driver's error.
         """
-        way = self._way(self._at_rest().joints_rad, step)
+        way = self._way(self._stop_of(self._at_rest()), step)
         entering(EngineState.MOVING)
         started_s = self._clock.now_s()
         for passed in way[:-1]:
@@ -61,6 +60,7 @@ class Mover:
         arrived_s = self._clock.now_s()
         entering(EngineState.SETTLING)
         state = self._settled(step.planned.joints_rad, deadline_s)
+        self._last_target = step.planned.joints_rad
         return Arrival(state, arrived_s - started_s, self._clock.now_s() - arrived_s)
 
     def has_moved(self, since: RobotState) -> bool:
@@ -104,6 +104,11 @@ class Mover:
                 )
             self._clock.sleep_s(self._rules.poll_s)
 
+    def _stop_of(self, state: RobotState) -> Joints:
+        """Where the robot stands: its last target if it is still there, else as it was read."""
+        last = self._last_target
+        return last if last is not None and self._in_place(state, last) else state.joints_rad
+
     def _way(self, here: Joints, step: Step) -> list[Joints]:
         """Joint targets of a safe way, the last one being the step's."""
         way: list[Joints] = []
@@ -113,13 +118,13 @@ class Mover:
         return way
 
     def _legs(self, here: Joints, target: Joints, shot: int) -> list[Joints]:
-        legs = safe_way(self._mechanism, np.array(here), np.array(target))
+        legs = self._ways.legs(here, target)
         if legs is None:
             raise TargetOutOfReach(
                 f"no safe way to shot {shot} from joints {_degrees(here)}",
                 remedy="jog the robot near the workspace's centre, then run again",
             )
-        return [*(tuple(leg.tolist()) for leg in legs[:-1]), target]
+        return legs
 
     def _deadline_s(self) -> float:
         """When a move that begins now must have ended and settled."""

@@ -1,5 +1,6 @@
 """Plans a campaign by what its shots will tell: the best few of thousands of candidates."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -83,7 +84,7 @@ class OptimalPlan:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Options:
+class Options:
     """What can be chosen from: poses and joints (N, 4), and measurements made of them."""
 
     poses: Array
@@ -137,13 +138,13 @@ def approach_shares(shots: tuple[PlannedShot, ...]) -> tuple[float, ...]:
 
 
 def _choose(region: Region, request: OptimalRequest, rng: np.random.Generator) -> _Choice:
-    options = _options(region, request, rng)
+    options = draw_options(region, request, rng)
     try:
-        chosen, curve = _design(options, request, rng)
+        chosen, curve = chosen_of(options, request, rng)
     except GoalOutOfReach as error:
         raise PlanInvalid(
             str(error),
-            remedy=f"ask for σ={error.best_mm:.3f} or more, or place the tracker nearer",
+            remedy=f"ask for σ={_next_up(error.best_mm):g} or more, or place the tracker nearer",
         ) from error
     except WrongCount as error:
         raise PlanInvalid(str(error), remedy="ask for another number of shots") from error
@@ -156,10 +157,13 @@ def _choose(region: Region, request: OptimalRequest, rng: np.random.Generator) -
     return _Choice(poses, neighbouring_pairs(joints, poses[:, :3], _start_rad(region)), curve)
 
 
-def _design(
-    options: _Options, request: OptimalRequest, rng: np.random.Generator
+def chosen_of(
+    options: Options, request: OptimalRequest, rng: np.random.Generator
 ) -> tuple[Index, tuple[CurvePoint, ...]]:
-    """Rows of the chosen measurements, and the other numbers of them that were tried."""
+    """Rows of the chosen measurements, and what other numbers of them were tried.
+
+    Raises `GoalOutOfReach`, `WrongCount` and `Unobservable`.
+    """
     candidates, poses_each = options.candidates, options.ends.shape[1]
     criterion = make_criterion(request.criterion, candidates, options.workspace_rows)
     if request.until_mm is None:
@@ -171,8 +175,11 @@ def _design(
     return enough.least.design.chosen, enough.curve
 
 
-def _options(region: Region, request: OptimalRequest, rng: np.random.Generator) -> _Options:
-    """Candidates from all over the workspace and from its boundary, where most is to be learnt."""
+def draw_options(region: Region, request: OptimalRequest, rng: np.random.Generator) -> Options:
+    """Candidates from all over the workspace and from its boundary, where most is to be learnt.
+
+    Raises `WorkspaceTooSmall`.
+    """
     near_boundary = request.candidates // 2
     inner = inner_poses(region, request.candidates - near_boundary, rng)
     poses = np.vstack([inner, boundary_poses(region, near_boundary, rng)])
@@ -183,11 +190,11 @@ def _options(region: Region, request: OptimalRequest, rng: np.random.Generator) 
     noise = point_covariance_mm2(poses[:, :3] - region.view_from_mm, request.uncertainty)
     if request.estimator == "points":
         shots = shot_candidates(region.geometry, request.free, joints, poses, noise)
-        return _Options(poses, joints, np.arange(len(poses))[:, None], shots, seen)
+        return Options(poses, joints, np.arange(len(poses))[:, None], shots, seen)
     pairs = _many_pairs(poses, rng)
     variance = distance_variance_mm2(poses[:, :3], noise, pairs[:, 0], pairs[:, 1])
     distances = pair_candidates(region.geometry, request.free, joints, poses, pairs, variance)
-    return _Options(poses, joints, pairs, distances, without_frame(seen))
+    return Options(poses, joints, pairs, distances, without_frame(seen))
 
 
 def _point_rows(geometry: Geometry, free: tuple[str, ...], poses: Array) -> Array:
@@ -198,6 +205,12 @@ def _many_pairs(poses: Array, rng: np.random.Generator) -> Index:
     """Different pairs of rows of poses, (M, 2)."""
     pairs = np.vstack([pair_up(poses, rng) for _ in range(PAIRINGS)])
     return np.unique(np.sort(pairs, axis=1), axis=0)
+
+
+def _next_up(length_mm: float) -> float:
+    """Rounded up to two figures, so that it can be reached."""
+    digit = 10.0 ** (math.floor(math.log10(length_mm)) - 1)
+    return math.ceil(length_mm / digit) * digit
 
 
 def _start_rad(region: Region) -> Array:

@@ -106,9 +106,10 @@ def make_plan(
     geometry = numeric_geometry(robot)
     region = region_of(geometry, with_reserve(numeric_limits(robot)), view, request.centre)
     if not region.allows(region.centre[None])[0]:
+        x, y, z = (f"{value:g}" for value in region.centre[:3])
         raise PlanInvalid(
-            f"the workspace's centre {request.centre} cannot be taken, or not be seen",
-            remedy="correct plan.centre, tracker.place_mm or tracker.reflector_facing",
+            f"the workspace's centre ({x}, {y}, {z}) mm cannot be taken, or not be seen",
+            remedy="correct validation.centre_mm, tracker.place_mm or tracker.reflector_facing",
         )
     try:
         fitted = boundary_poses(region, request.identification_shots, rng)

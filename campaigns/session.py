@@ -19,10 +19,10 @@ from campaigns.resuming import Remains, check_same, how_it_stopped, remains
 from campaigns.rules import GateRules, MotionRules
 from campaigns.series_log import SeriesLog, closing
 from campaigns.shooting import Cell, Shooter
-from campaigns.steps import Step
+from campaigns.steps import Step, stops_of
 from campaigns.tally import Tally
 from campaigns.version import VERSION
-from campaigns.ways import Mechanism
+from campaigns.ways import KnownWays, Mechanism
 from drivers.values import Weather
 
 
@@ -98,7 +98,8 @@ class _Run:
         for shot in found.kept:
             gate.accept(shot.outcome)
         tally = Tally(self.watcher, done=len(found.kept), total=len(work.steps))
-        mover = Mover(cell.robot, cell.clock, work.motion, work.mechanism, self.stop_requested)
+        ways = KnownWays(work.mechanism, stops_of(found.left))
+        mover = Mover(cell.robot, cell.clock, work.motion, ways, self.stop_requested)
         shooter = Shooter(cell, self.log, mover, gate, tally, work.gate.search_mm)
         watches = Watches(
             gate,

@@ -1,5 +1,6 @@
 """One attempt at one shot: intent, move, settle, measure, judge."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NoReturn
 
@@ -107,19 +108,31 @@ class Shooter:
         raise ShotLost(text)
 
     def _reacquire(self, arrival: Arrival) -> None:
-        """Point the tracker where the reflector should be; a failure here is the next attempt's."""
-        expected_mm = self._gate.expected_point_mm(arrival.state.joints_rad)
+        """Have the tracker look for its reflector; a failure here is the next attempt's."""
         try:
-            if expected_mm is None:
-                self._cell.tracker.find_reflector(self._search_mm)
-            else:
-                self._cell.tracker.go_to(expected_mm)
+            self._look_for_reflector(arrival.state.joints_rad)
         except BeamBroken as error:
             self._tally.see_beam(locked=False)
             self._announce(Event("beam broken", f"no reflector found again: {error.problem}"))
         else:
             self._tally.see_beam(locked=True)
             self._announce(Event("resumed", "the tracker has its reflector again"))
+
+    def _look_for_reflector(self, joints_rad: tuple[float, ...]) -> None:
+        """Point to where it should be; while that is unknown, near where it was, and search there.
+
+        Raises `BeamBroken` when it is not found.
+        """
+        expected_mm = self._gate.expected_point_mm(joints_rad)
+        if expected_mm is not None:
+            self._cell.tracker.go_to(expected_mm)
+            return
+        nearest_mm = self._gate.nearest_point_mm(joints_rad)
+        if nearest_mm is not None:
+            with suppress(BeamBroken):
+                self._cell.tracker.go_to(nearest_mm)
+                return
+        self._cell.tracker.find_reflector(self._search_mm)
 
     def _announce(self, event: Event) -> None:
         self._log.write(event)

@@ -28,11 +28,10 @@ def exported_shots(series: Series, shots: Sequence[AcceptedShot]) -> ExportedSho
 
     θ is that of the commanded pose; an import knows none.
     """
-    sizes = Counter(shot.intent.pair for shot in shots if shot.intent.pair is not None)
-    whole = [
-        shot for shot in shots if sizes.get(shot.intent.pair, SHOTS_OF_A_PAIR) == SHOTS_OF_A_PAIR
-    ]
-    halves = tuple(shot.intent.shot for shot in shots if shot not in whole)
+    sizes = Counter(shot.intent.pair for shot in shots)
+    lone = {pair for pair, size in sizes.items() if pair is not None and size < SHOTS_OF_A_PAIR}
+    whole = [shot for shot in shots if shot.intent.pair not in lone]
+    halves = tuple(shot.intent.shot for shot in shots if shot.intent.pair in lone)
     is_import = series.started.stage == "import"
     return ExportedShots(tuple(_row(shot, is_import=is_import) for shot in whole), halves)
 

@@ -39,3 +39,9 @@ def groups(steps: Sequence[Step]) -> tuple[Group, ...]:
         elif partners[pair][0] is step:
             found.append(tuple(partners[pair]))
     return tuple(found)
+
+
+def stops_of(all_groups: Iterable[Group]) -> list[tuple[float, ...]]:
+    """The joints at which the robot stops when it takes these groups, one after another."""
+    steps = [step for group in all_groups for step in group]
+    return [stop for step in steps for stop in (*step.approach_rad, step.planned.joints_rad)]

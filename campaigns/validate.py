@@ -130,8 +130,8 @@ def line_axes(commanded_mm: Array) -> Index:
     for row, changed in enumerate(steps, start=1):
         if np.count_nonzero(changed) == 1:
             axes[row] = int(np.argmax(changed))
-            begins = axes[row - 1] == NO_AXIS
-            axes[row - 1] = axes[row] if begins else axes[row - 1]
+            if axes[row - 1] == NO_AXIS:
+                axes[row - 1] = axes[row]
     return axes
 
 
@@ -156,10 +156,16 @@ def repeatability(points: Array) -> Repeatability | None:
 
 
 def frame_errors(commanded_in_base_mm: Array, measured_in_tracker_mm: Array) -> FrameErrors | None:
-    """Absolute accuracy in the tracker's frame; None for fewer than four points."""
+    """Absolute accuracy in the tracker's frame; None for points that don't fix one well.
+
+    These are fewer than four, or all on a line.
+    """
     if len(commanded_in_base_mm) < SHOTS_FOR_A_FRAME:
         return None
-    tracker_from_base = fit_transform(commanded_in_base_mm, measured_in_tracker_mm)
+    try:
+        tracker_from_base = fit_transform(commanded_in_base_mm, measured_in_tracker_mm)
+    except ValueError:
+        return None
     away = tracker_from_base.apply(commanded_in_base_mm) - measured_in_tracker_mm
     lengths = np.linalg.norm(away, axis=1)
     return FrameErrors(float(lengths.mean()), float(lengths.max()))

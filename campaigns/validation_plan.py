@@ -86,10 +86,11 @@ def validation_steps(
     Raises `PlanInvalid` when a test cannot be done at all, or a way between poses is not safe.
     """
     centre = np.array([*config.centre_mm, 0.0])
+    # pairs first: spread as they are, they tell the gate where the tracker stands
     makers: Mapping[ShotSet, Callable[[], list[_Test]]] = {
+        ShotSet.VALIDATION: lambda: [_possible_pairs(pairs, robot)],
         ShotSet.ROTATION: lambda: [_rotation(centre, config.rotation_steps, robot)],
         ShotSet.STRAIGHTNESS: lambda: _lines(centre, config, robot),
-        ShotSet.VALIDATION: lambda: [_possible_pairs(pairs, robot)],
         ShotSet.REPEATABILITY: lambda: [
             _repetitions(centre, config.repeatability_approaches, robot, rng)
         ],

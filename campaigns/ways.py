@@ -11,6 +11,8 @@ from campaigns.numerics.paths import path_fault, route
 from campaigns.numerics.placement import travel_rad
 from campaigns.numerics.reach import Limits
 
+Joints = tuple[float, ...]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mechanism:
@@ -53,6 +55,25 @@ def check_ways(stops: Sequence[Stop], mechanism: Mechanism) -> Ways:
         detours += len(way) > 1
         travel += sum(float(travel_rad(a, b)) for a, b in pairwise([here.joints_rad, *way]))
     return Ways(detours, travel, tuple(faults))
+
+
+class KnownWays:
+    """Safe ways, those between the stops of a plan worked out before anything moves."""
+
+    def __init__(self, mechanism: Mechanism, stops: Sequence[Joints]) -> None:
+        self._mechanism = mechanism
+        self._known: dict[tuple[Joints, Joints], list[Joints]] = {}
+        for here, there in pairwise(stops):
+            legs = self.legs(here, there)
+            if legs is not None:
+                self._known[here, there] = legs
+
+    def legs(self, here: Joints, there: Joints) -> list[Joints] | None:
+        """Joint targets of a safe way, the last being `there`; None when none was found."""
+        if (here, there) in self._known:
+            return self._known[here, there]
+        way = safe_way(self._mechanism, np.array(here), np.array(there))
+        return None if way is None else [*(tuple(leg.tolist()) for leg in way[:-1]), there]
 
 
 def safe_way(mechanism: Mechanism, from_rad: Array, to_rad: Array) -> list[Array] | None:

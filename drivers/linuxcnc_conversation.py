@@ -22,6 +22,9 @@ NO_MESSAGE = "OK"
 QUIET_ANSWERS = 3
 """How many times "no message" must be said to be believed: a queued text for the operator makes one
 answer sound like it."""
+ASKED_AT_MOST = 3
+"""LinuxCNC 2.9 takes its clients' requests apart with shared means: beside another client, a word
+that it knows is sometimes refused."""
 MOST_MESSAGES = 100
 """More in one go means that something writes faster than it can be read."""
 
@@ -118,14 +121,15 @@ class LinuxcncConversation:
 
     def get(self, word: str) -> Value:
         """Ask for a value; raises `DeviceRefused` for a word that it does not know."""
-        answer = self._link.ask(
-            encode(f"get {word}"),
-            answers=lambda message: _answers_get(message, word),
-            within_s=self._patience.answer_s,
-            what=f"get {word}",
-        )
-        if isinstance(answer, Value):
-            return answer
+        for _ in range(ASKED_AT_MOST):
+            answer = self._link.ask(
+                encode(f"get {word}"),
+                answers=lambda message: _answers_get(message, word),
+                within_s=self._patience.answer_s,
+                what=f"get {word}",
+            )
+            if isinstance(answer, Value):
+                return answer
         raise self._refusal(f"get {word}", self._complaint())
 
     def is_on(self, word: str) -> bool:

@@ -10,7 +10,7 @@ from drivers.errors import (
     LimitViolation,
     MotionFault,
 )
-from drivers.linuxcnc_state import Coordinates
+from drivers.linuxcnc_state import JOINTS, Coordinates
 
 DECIMALS = 6
 """Of mm and deg, as LinuxCNC tells positions: what was sent is read back to the digit."""
@@ -35,11 +35,6 @@ class Target:
     @classmethod
     def of(cls, coordinates: Coordinates, values: Sequence[float]) -> "Target":
         """Round to what is sent; raises `LimitViolation` for what is no place."""
-        if len(values) != len(coordinates.value):
-            raise LimitViolation(
-                f"{len(values)} coordinates were given, the robot has {len(coordinates.value)}",
-                remedy="check the plan",
-            )
         if not all(isfinite(value) and abs(value) < OVERLONG_MM for value in values):
             raise LimitViolation(f"{list(values)} is no place", remedy="check the plan")
         return cls(coordinates, tuple(round(value, DECIMALS) + 0.0 for value in values))
@@ -78,14 +73,27 @@ class JointLimits:
     lowest_rad: float
     highest_rad: float
 
+    def text(self) -> str:
+        """In degrees, for messages."""
+        return f"{degrees(self.lowest_rad):g}° to {degrees(self.highest_rad):g}°"
+
+    def wider_by(self, slack_rad: float) -> "JointLimits":
+        """What joints may do that only pass."""
+        return JointLimits(self.lowest_rad - slack_rad, self.highest_rad + slack_rad)
+
     def check(self, joints_rad: Sequence[float]) -> None:
         """Raise `LimitViolation` for a target outside, before anything is sent."""
+        if len(joints_rad) != JOINTS:
+            raise LimitViolation(
+                f"{len(joints_rad)} joints were given, the robot has {JOINTS}",
+                remedy="check the plan",
+                code="LIMIT",
+            )
         for joint, angle_rad in enumerate(joints_rad):
             low = self.lowest_rad - AT_THE_LIMIT_RAD
             if not low <= angle_rad <= self.highest_rad + AT_THE_LIMIT_RAD:
                 raise LimitViolation(
-                    f"joint {joint} to {degrees(angle_rad):.4f}°, limits "
-                    f"{degrees(self.lowest_rad):g}° to {degrees(self.highest_rad):g}°",
+                    f"joint {joint} to {degrees(angle_rad):.4f}°, limits {self.text()}",
                     remedy="check the plan against the robot file's limits",
                     code="LIMIT",
                 )

@@ -12,7 +12,6 @@ from drivers.linuxcnc_state import (
     READING_PAUSE_S,
     READINGS,
     Snapshot,
-    read_joints_deg,
     take_snapshot,
 )
 from drivers.linuxcnc_watch import MotionWatch
@@ -63,23 +62,26 @@ class LinuxcncMover:
     def start(
         self,
         conversation: LinuxcncConversation,
-        target: Target,
-        joints_rad: Sequence[float],
+        way: Sequence[Target],
+        travel_rad: float,
         speed_fraction: float,
     ) -> None:
-        """Give the order and see the motion begin; raises what LinuxCNC's refusal means."""
+        """Give the orders and see the motion begin; raises what LinuxCNC's refusal means.
+
+        `travel_rad` is how far the longest joint goes. Orders that follow each other are queued.
+        """
         self._check_ready(conversation)
         self._access.setup(conversation).enter_mdi()
-        here_deg = read_joints_deg(conversation)
-        travel = (abs(q - radians(now)) for q, now in zip(joints_rad, here_deg, strict=True))
-        pace = Pace(speed_fraction, self._settings.full_speed_rad_s)
         conversation.messages()  # old ones would be taken for reasons
-        self._watch.begin(target, self._clock.now_s())
-        try:
-            conversation.order(MDI, pace.command(target, max(travel)))
-        except DeviceRefused as error:
-            raise self._not_taken(conversation, error) from error
-        self._await_start(conversation, target)
+        self._watch.begin(way[-1], self._clock.now_s())
+        pace = Pace(speed_fraction, self._settings.full_speed_rad_s)
+        for target in way:
+            command = pace.command(target, travel_rad / len(way))
+            try:
+                conversation.order(MDI, command)
+            except DeviceRefused as error:
+                raise self._not_taken(conversation, error) from error
+        self._await_start(conversation, way[-1])
 
     def halt(self, conversation: LinuxcncConversation, deadline_s: float) -> None:
         """Have the robot stand, and see it stand; raises `DriverError` when that is not seen.

@@ -11,6 +11,7 @@ from drivers.linuxcnc_motion import Target
 from drivers.linuxcnc_mover import LinuxcncMover
 from drivers.linuxcnc_settings import Kinematics, KinematicsOf, LinuxcncSettings, ParameterStore
 from drivers.linuxcnc_state import Coordinates, position_in, read_joints_deg
+from drivers.linuxcnc_way import way_to
 from drivers.ports import Clock
 from drivers.transport import Transport
 from drivers.values import Identity, Pose, RobotState
@@ -54,7 +55,8 @@ class LinuxcncRobot:
 
         From the second time on it must be the same controller that answers.
         """
-        self.close()
+        if self._conversation is not None:
+            self._conversation.close()
         self._kinematics = None
         self._conversation = self._access.enter()
 
@@ -86,11 +88,10 @@ class LinuxcncRobot:
     def move_joints(self, joints_rad: Sequence[float], speed_fraction: float) -> None:
         """Start a move to joints; raises `LimitViolation`, `MotionFault` or `EmergencyStop`.
 
-        A controller that works in world coordinates goes the straight way to their pose.
+        A controller that works in world coordinates is led along by poses.
         """
         self._settings.limits.check(joints_rad)
-        pose = self._active().pose(joints_rad) if self._works_in_world else None
-        self._start(joints_rad, pose, speed_fraction)
+        self._start(joints_rad, None, speed_fraction)
 
     def move_pose(self, pose: Pose, speed_fraction: float) -> None:
         """Start a move to a pose; raises like a joint move.
@@ -99,7 +100,7 @@ class LinuxcncRobot:
         """
         joints_rad = self._active().joints_rad(pose)
         self._settings.limits.check(joints_rad)
-        self._start(joints_rad, pose if self._works_in_world else None, speed_fraction)
+        self._start(joints_rad, pose, speed_fraction)
 
     def stop(self) -> None:
         """Stop at once, also when the wire is down or another client has control.
@@ -166,9 +167,16 @@ class LinuxcncRobot:
         return self._kinematics
 
     def _start(self, joints_rad: Sequence[float], pose: Pose | None, speed_fraction: float) -> None:
-        numbers = _degrees(joints_rad) if pose is None else _world(pose)
-        target = Target.of(self._settings.coordinates, numbers)
-        self._mover.start(self._opened_before(), target, joints_rad, speed_fraction)
+        conversation = self._opened_before()
+        here_rad = tuple(map(radians, read_joints_deg(conversation)))
+        travel_rad = max(abs(q - now) for q, now in zip(joints_rad, here_rad, strict=True))
+        numbers = [tuple(map(degrees, joints_rad))]
+        if self._works_in_world:
+            passing = self._settings.limits.wider_by(self._settings.passing_slack_rad)
+            way = way_to(self._active(), passing, here_rad, joints_rad)
+            numbers = [*map(_world, way[:-1]), _world(pose or way[-1])]
+        targets = [Target.of(self._settings.coordinates, place) for place in numbers]
+        self._mover.start(conversation, targets, travel_rad, speed_fraction)
 
     def _check_kinematics(self, conversation: LinuxcncConversation) -> None:
         joints_deg = read_joints_deg(conversation)
@@ -205,10 +213,6 @@ class LinuxcncRobot:
 
 def _unknown(problem: str) -> RobotStateUnknown:
     return RobotStateUnknown(f"robot state unknown: {problem}", remedy="use the hardware stop")
-
-
-def _degrees(joints_rad: Sequence[float]) -> tuple[float, ...]:
-    return tuple(map(degrees, joints_rad))
 
 
 def _world(pose: Pose) -> tuple[float, ...]:

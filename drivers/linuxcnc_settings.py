@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import radians
 from typing import Protocol
 
 from drivers.linuxcnc_conversation import Passwords, Patience
@@ -12,14 +13,14 @@ from drivers.values import Pose
 
 
 class Kinematics(Protocol):
-    """A parameter set at work; what it raises for a place out of reach is its own."""
+    """A parameter set at work."""
 
     def joints_rad(self, pose: Pose) -> tuple[float, ...]:
-        """Encoder angles of a pose."""
+        """Encoder angles of a pose; raises `LimitViolation` for one out of reach."""
         ...
 
     def pose(self, joints_rad: Sequence[float]) -> Pose:
-        """Pose of encoder angles."""
+        """Pose of encoder angles; raises `LimitViolation` where nothing can be assembled."""
         ...
 
 
@@ -67,6 +68,8 @@ class LinuxcncSettings:
     full_speed_rad_s: float
     """Of the fastest joint at a speed fraction of 1."""
     passwords: Passwords = field(default_factory=Passwords)
+    passing_slack_rad: float = radians(0.5)
+    """By how much joints may exceed their limits on the way. LinuxCNC must allow it."""
     still_deg: float = 0.001
     """The largest difference between readings of a joint that stands."""
     deadlines: LinuxcncDeadlines = field(default_factory=LinuxcncDeadlines)

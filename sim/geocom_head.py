@@ -47,6 +47,8 @@ class Head:
         self, hz_rad: float, v_rad: float, now_s: float, *, to_target: bool
     ) -> Outcome | Later:
         """Turn there, and if asked for, onto the prism in view."""
+        if max(abs(hz_rad), abs(v_rad)) > math.tau:
+            return refusal(Result.INVALID_PARAMETER)
         if to_target and not self.recognition:
             return refusal(Result.AUT_NOT_ENABLED)
         here_hz, here_v = self.direction_rad(now_s)

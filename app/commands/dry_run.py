@@ -17,20 +17,22 @@ if TYPE_CHECKING:
 STAGES = 7
 
 
+NewFolder = Annotated[
+    Path | None, typer.Argument(metavar="[DIR]", help="Default: a new folder dry-run-N.")
+]
+Scenario = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME", help="A shipped scenario or a cell file.", show_default="paper-prototype"
+    ),
+]
+
+
 def command(
     context: typer.Context,
-    folder: Annotated[
-        Path | None, typer.Argument(metavar="[DIR]", help="Default: a new folder dry-run-N.")
-    ] = None,
+    folder: NewFolder = None,
     *,
-    scenario: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="A shipped scenario or a cell file.",
-            show_default="paper-prototype",
-        ),
-    ] = None,
+    scenario: Scenario = None,
     seed: Seed = None,
     json: Json = False,
 ) -> None:

@@ -23,37 +23,38 @@ SURE = "Write these parameters? The robot must stand still."
 Approve = Callable[["tuple[Change, ...]"], bool]
 
 
+File = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Another robot file than DIR/robot-compensated.yaml."),
+]
+Rollback = Annotated[bool, typer.Option("--rollback", help="Put back what the last load replaced.")]
+Standing = Annotated[bool, typer.Option("--yes", "-y", help="Don't ask: the robot stands still.")]
+
+
 def command(
     context: typer.Context,
     folder: Folder,
     *,
-    file: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Another robot file than DIR/robot-compensated.yaml."),
-    ] = None,
-    rollback: Annotated[
-        bool, typer.Option("--rollback", help="Put back what the last load replaced.")
-    ] = False,
+    file: File = None,
+    rollback: Rollback = False,
     dry: Dry = False,
-    yes: Annotated[
-        bool, typer.Option("--yes", "-y", help="Don't ask: the robot stands still.")
-    ] = False,
+    yes: Standing = False,
     json: Json = False,
 ) -> None:
     """Put the compensated parameters into the controller.
 
-    Reads what the controller holds, keeps it as controller-before-N.yaml, shows the difference
-    with Δ/σ, asks, writes all parameters at once, reads them back and compares. What does not
-    verify is taken back. Ctrl-C is heard before and after, never in between.
+    Shows the difference to what it holds, with Δ/σ, asks, keeps the old as
+    controller-before-N.yaml, writes all at once, reads back and compares. What does not verify
+    is taken back. Ctrl-C is heard before and after, never in between.
     """
     from app.console import terminal_of
     from app.errors import UsageInvalid
     from app.folder import open_campaign
     from campaigns.export import FILE_NAME
 
+    terminal = terminal_of(context, as_json=json)
     if rollback and file is not None:
         raise UsageInvalid("--rollback and --file contradict each other", remedy="give one")
-    terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     source = last_kept(campaign) if rollback else file or campaign.path(FILE_NAME)
 
@@ -69,8 +70,13 @@ def command(
     else:
         terminal.say(f"loaded and verified: {source}", "green")
         terminal.say(f"what it held before: {kept}")
-    loaded = None if kept is None else str(source)
-    terminal.document({"loaded": loaded, "kept": None if kept is None else str(kept)})
+    terminal.document(load_document(source, kept))
+
+
+def load_document(source: Path, kept: Path | None) -> dict[str, object]:
+    """What `--json` prints; nulls when nothing was done."""
+    done = kept is not None
+    return {"loaded": str(source) if done else None, "kept": str(kept) if done else None}
 
 
 def load(campaign: "Campaign", source: Path, approve: Approve) -> Path | None:

@@ -16,35 +16,36 @@ DEFAULT_REFLECTOR = "CCR-1.5in"
 SIMULATED_SPEED_PERCENT = 50.0
 
 
+Robot = Annotated[
+    str, typer.Option(metavar="NAME", help="The nominal robot: a shipped one, or a robot file.")
+]
+Scenario = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="The simulated cell: a shipped scenario, or a cell file."),
+]
+Controller = Annotated[
+    str | None,
+    typer.Option(
+        metavar="URL", help="The controller: tcp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200"
+    ),
+]
+Tracker = Annotated[str | None, typer.Option(metavar="URL", help="The tracker: tcp://HOST:700")]
+
+
 def command(
     context: typer.Context,
     folder: Folder,
     *,
-    robot: Annotated[
-        str, typer.Option(metavar="NAME", help="The nominal robot: a shipped one, or a robot file.")
-    ] = DEFAULT_ROBOT,
-    scenario: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="The simulated cell: a shipped scenario, or a cell file."
-        ),
-    ] = None,
-    controller: Annotated[
-        str | None,
-        typer.Option(
-            metavar="URL", help="The controller: tcp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200"
-        ),
-    ] = None,
-    tracker: Annotated[
-        str | None, typer.Option(metavar="URL", help="The tracker: tcp://HOST:700")
-    ] = None,
+    robot: Robot = DEFAULT_ROBOT,
+    scenario: Scenario = None,
+    controller: Controller = None,
+    tracker: Tracker = None,
     json: Json = False,
 ) -> None:
     """Make a campaign's folder: settings and nominal robot.
 
-    campaign.yaml explains each of its keys; robot.yaml is the robot as it was designed. With
-    --controller and --tracker it is for a real cell, otherwise it gets a simulated one, whose
-    every error stands in cell.yaml.
+    campaign.yaml explains each of its keys. With --controller and --tracker it is for a real
+    cell, otherwise it gets a simulated one, whose every error stands in cell.yaml.
 
     pkmcal new first-try
 
@@ -54,9 +55,7 @@ def command(
     from app.errors import UsageInvalid
 
     if (controller is None) != (tracker is None):
-        raise UsageInvalid(
-            "one of --controller and --tracker is missing", remedy="give both, or neither"
-        )
+        raise UsageInvalid("--controller or --tracker is missing", remedy="give both, or neither")
     if controller is not None and scenario is not None:
         raise UsageInvalid(
             "--scenario is for a simulated cell, --controller for a real one", remedy="give one"

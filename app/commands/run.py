@@ -66,6 +66,7 @@ def run_plan(
 ) -> tuple[int, int]:
     """Measure what is missing, if anything is; gives the series and how many shots it has."""
     from app.measuring import measure
+    from app.setup import plan_work
 
     done = None if anew else _already_measured(campaign, checked)
     if done is not None:
@@ -78,33 +79,13 @@ def run_plan(
     def finish(journal: "Journal", series: int) -> tuple[int, int]:
         return series, len(journal.shots(series))
 
-    return measure(campaign, prepare, finish, terminal, title="run", anew=anew)
-
-
-def plan_work(campaign: "Campaign", checked: "CheckedPlan") -> "Work":
-    """The plan as work for the engine."""
-    from app.setup import mechanism_of
-    from campaigns.plan_file import plan_digest
-    from campaigns.planning import numeric_geometry
-    from campaigns.rules import gate_rules, motion_rules
-    from campaigns.session import Work
-    from campaigns.steps import joint_steps
-
-    robot = campaign.nominal.robot
-    return Work(
-        "run",
-        joint_steps(checked.shots),
-        plan_digest(checked.shots),
-        robot.digest(),
-        campaign.config.model_dump(mode="json"),
-        mechanism_of(campaign, numeric_geometry(robot)),
-        motion_rules(campaign.config),
-        gate_rules(campaign.config),
-    )
+    again = f"pkmcal run {campaign.folder}"
+    return measure(campaign, prepare, finish, terminal, title="run", again=again, anew=anew)
 
 
 def _already_measured(campaign: "Campaign", checked: "CheckedPlan") -> int | None:
     """The series that has all of this plan."""
+    from app.setup import plan_work
     from campaigns.journal_reader import read_journal
     from campaigns.session import nothing_left
 

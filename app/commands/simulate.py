@@ -7,20 +7,22 @@ import typer
 from app.options import Seed
 
 Port = Annotated[int, typer.Option(min=0, max=65535, metavar="N", help="0: any free one.")]
+Name = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="A shipped scenario's name, or a cell file.")
+]
+Serial = Annotated[
+    bool, typer.Option("--serial", help="The controller on a pseudo-terminal instead of TCP.")
+]
 
 
 def command(
     context: typer.Context,
-    scenario: Annotated[
-        str, typer.Argument(metavar="SCENARIO", help="A shipped scenario's name, or a cell file.")
-    ],
+    scenario: Name,
     *,
     seed: Seed = None,
     controller_port: Port = 0,
     tracker_port: Port = 0,
-    serial: Annotated[
-        bool, typer.Option("--serial", help="The controller on a pseudo-terminal instead of TCP.")
-    ] = False,
+    serial: Serial = False,
 ) -> None:
     """Serve a simulated cell on loopback.
 

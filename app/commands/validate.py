@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from app.console import Terminal
     from app.folder import Campaign
     from campaigns.journal import Journal
-    from campaigns.plan_file import PlannedShot
     from campaigns.session import Work
     from campaigns.shooting import Cell
     from campaigns.shot_sets import ShotSet
@@ -37,14 +36,18 @@ class Test(Enum):
     REPEATABILITY = "repeatability"
 
 
+KNOWN = ", ".join(test.value for test in Test)
+Only = Annotated[
+    list[Test] | None, typer.Option(metavar="TEST", help=f"Only this test; repeatable: {KNOWN}.")
+]
+
+
 def command(
     context: typer.Context,
     folder: Folder,
     *,
     stage: Annotated[When, typer.Option(help="Before or after `pkmcal load`.")],
-    only: Annotated[
-        list[Test] | None, typer.Option(help="Only this test; may be given several times.")
-    ] = None,
+    only: Only = None,
     dry: Dry = False,
     yes: Yes = False,
     anew: Anew = False,
@@ -89,12 +92,18 @@ def validate(
     anew: bool = False,
 ) -> "tuple[Validation, list[str]]":
     """Measure and evaluate; gives the results and what speaks against them."""
+    from app.console import WARNING
     from app.measuring import measure
+    from app.setup import validation_work
     from campaigns.records import Finding
     from campaigns.validate import broken_limits, evaluate
 
     def prepare(cell: "Cell") -> "Work":
-        return validation_work(campaign, stage, tests, cell, terminal)
+        active = cell.robot.read_geometry()
+        work, notes = validation_work(campaign, stage.value, _sets(tests), active)
+        for note in notes:
+            terminal.note(f"! {note}", WARNING)
+        return work
 
     def finish(journal: "Journal", series: int) -> "tuple[Validation, list[str]]":
         found = evaluate(journal.shots(series))
@@ -106,7 +115,8 @@ def validate(
         return found, against
 
     title = f"validate {stage.value}"
-    return measure(campaign, prepare, finish, terminal, title=title, anew=anew)
+    again = f"pkmcal validate {campaign.folder} --stage {stage.value}"
+    return measure(campaign, prepare, finish, terminal, title=title, again=again, anew=anew)
 
 
 def worse_than_before(found: "Validation", journal: "Journal") -> list[str]:
@@ -125,50 +135,6 @@ def worse_than_before(found: "Validation", journal: "Journal") -> list[str]:
     return [f"mean distance error {mean_after:.3f} mm, before loading it was {mean_before:.3f} mm"]
 
 
-def validation_work(
-    campaign: "Campaign",
-    stage: When,
-    tests: tuple[Test, ...],
-    cell: "Cell",
-    terminal: "Terminal",
-) -> "Work":
-    """The tests as work for the engine, planned with the geometry that the controller holds."""
-    import numpy as np
-
-    from app.console import WARNING
-    from app.setup import mechanism_of, view_of
-    from campaigns.numerics.geometry import Geometry
-    from campaigns.plan_file import plan_digest
-    from campaigns.planning import numeric_limits
-    from campaigns.robot import RobotFile
-    from campaigns.rules import gate_rules, motion_rules
-    from campaigns.session import Work
-    from campaigns.validation_plan import Reachable, validation_steps
-
-    active = cell.robot.read_geometry()
-    geometry = Geometry.from_flat(active)
-    limits = campaign.nominal.robot.limits
-    planned = validation_steps(
-        campaign.config.validation,
-        _pairs(campaign, tests),
-        Reachable(geometry, numeric_limits(campaign.nominal.robot), view_of(campaign)),
-        _sets(tests),
-        np.random.default_rng(campaign.config.plan.seed),
-    )
-    for note in planned.notes:
-        terminal.note(f"! {note}", WARNING)
-    return Work(
-        stage.value,
-        planned.steps,
-        plan_digest([step.planned for step in planned.steps]),
-        RobotFile.from_flat(active, name="active", limits=limits).digest(),
-        campaign.config.model_dump(mode="json"),
-        mechanism_of(campaign, geometry),
-        motion_rules(campaign.config),
-        gate_rules(campaign.config),
-    )
-
-
 def _sets(tests: tuple[Test, ...]) -> "frozenset[ShotSet]":
     from campaigns.shot_sets import ShotSet
 
@@ -179,16 +145,6 @@ def _sets(tests: tuple[Test, ...]) -> "frozenset[ShotSet]":
         Test.REPEATABILITY: ShotSet.REPEATABILITY,
     }
     return frozenset(of_test[test] for test in tests)
-
-
-def _pairs(campaign: "Campaign", tests: tuple[Test, ...]) -> "list[PlannedShot]":
-    """The plan's validation shots, where they are wanted."""
-    from campaigns.plan_file import read_plan
-    from campaigns.shot_sets import ShotSet
-
-    if Test.DISTANCES not in tests:
-        return []
-    return [s for s in read_plan(campaign.plan_path) if s.purpose is ShotSet.VALIDATION]
 
 
 def show(terminal: "Terminal", stage: When, found: "Validation", against: "Sequence[str]") -> None:

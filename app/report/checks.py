@@ -16,11 +16,13 @@ class Check:
     statement: str
     holds: bool | None
     detail: str
+    decides: bool = True
+    """Whether nothing can pass when it does not hold."""
 
 
 def integrity_checks(evidence: Evidence) -> tuple[Check, ...]:
-    """Every link of the chain from plan to controller."""
-    return (*_measured(evidence), *_identified(evidence))
+    """Every link of the chain from plan to controller, and the limits."""
+    return (*_measured(evidence), *_identified(evidence), _limits(evidence))
 
 
 def identified_digest(nominal: RobotFile, flat: Mapping[str, float]) -> str:
@@ -53,6 +55,18 @@ def _identified(evidence: Evidence) -> Iterator[Check]:
     yield _same("what was loaded last is what was identified", loaded, identified)
     after = None if evidence.after is None else evidence.after.series.started.robot_file_digest
     yield _same("the controller held it when it was validated after", after, identified)
+
+
+def _limits(evidence: Evidence) -> Check:
+    """Limits may be set late, but a reader should know."""
+    statement = "the limits are those that stood when the robot was validated after"
+    recorded = None if evidence.after is None else evidence.after.series.started.configuration
+    if not recorded or "acceptance" not in recorded:
+        return Check(statement, None, "nothing to compare", decides=False)
+    now = evidence.campaign.config.acceptance.model_dump(mode="json")
+    holds = recorded["acceptance"] == now
+    detail = "as in the journal" if holds else "changed in campaign.yaml since"
+    return Check(statement, holds, detail, decides=False)
 
 
 def _same(statement: str, one: str | None, other: str | None) -> Check:

@@ -1,6 +1,6 @@
 """The verdict: every limit asked for, decided with the uncertainty of measurement."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,19 @@ from campaigns.config_sections import AcceptanceConfig
 from campaigns.decision import COVERAGE, Conformity, Decision, decide_all
 from campaigns.validation_traces import Result
 
+RULE = (
+    "Decision rule (ISO 14253-1): a limit is kept only if |e| + U ≤ limit, and broken only if "
+    "|e| − U > limit; in between nothing is decided. U = 2 u is the expanded uncertainty of "
+    "measurement (k = 2, about 95 %). All passes only if the identification passed, every limit "
+    "that is asked for is kept, and the files belong together."
+)
 NOT_DECIDED: Decision = "not decided"
+HEADLINES: Mapping[Decision, str] = {
+    "pass": "Every limit that is asked for is kept, by more than the uncertainty of measurement.",
+    "fail": "The calibration, or the robot after it, does not fulfil what is asked for.",
+    "not decided": "It is not shown that the robot keeps, or breaks, the limits asked for.",
+}
+NOTHING_ASKED = "No limit is asked for, so there is none to be kept or broken."
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +55,7 @@ class Verdict:
     """The decision as a whole, in a sentence each why."""
 
     decision: Decision
+    headline: str
     reasons: tuple[str, ...]
     requirements: tuple[Requirement, ...]
 
@@ -57,14 +70,17 @@ def verdict(
     requirements = tuple(_requirements(after, limits))
     decisions = [r.decision for r in requirements if r.decision is not None] or [NOT_DECIDED]
     broken = [check for check in checks if check.holds is False]
-    decisions += [NOT_DECIDED] * len(broken)
+    decisions += [NOT_DECIDED for check in broken if check.decides]
     decisions.append(NOT_DECIDED if finding is None else finding.verdict)
     reasons = (
         *_of_identification(finding),
         *_of_limits(requirements, after),
-        *(f"The files don't belong together; broken: {check.statement}." for check in broken),
+        *(f"Does not hold: {check.statement} ({check.detail})." for check in broken),
     )
-    return Verdict(decide_all(decisions), reasons, requirements)
+    decision = decide_all(decisions)
+    asked = any(r.limit_mm is not None for r in requirements)
+    headline = HEADLINES[decision] if asked or decision == "fail" else NOTHING_ASKED
+    return Verdict(decision, headline, reasons, requirements)
 
 
 def _requirements(after: StageView | None, limits: AcceptanceConfig) -> Iterator[Requirement]:
@@ -108,11 +124,11 @@ def _of_identification(finding: IdentificationFinding | None) -> Iterator[str]:
 def _of_limits(requirements: tuple[Requirement, ...], after: StageView | None) -> Iterator[str]:
     asked = [r for r in requirements if r.limit_mm is not None]
     if not asked:
-        yield "No acceptance limit is set in campaign.yaml, so conformity is not decided."
+        yield "No limit is set under `acceptance` in campaign.yaml."
     elif after is None:
         yield "The robot has not been validated after calibration, so no limit is decided."
     else:
         for decision in ("fail", "not decided", "pass"):
             names = [r.name for r in asked if r.decision == decision]
             if names:
-                yield f"{decision.capitalize()}: {', '.join(names)}."
+                yield f"{decision.capitalize()}: {'; '.join(names)}."

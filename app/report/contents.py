@@ -1,11 +1,10 @@
 """Everything that the page shows, computed once from the evidence."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 from app.report.checks import Check, integrity_checks
 from app.report.conformity import Verdict, verdict
-from app.report.evidence import Evidence, MeasuredSeries
+from app.report.evidence import Evidence
 from app.report.explained import Correlations, Remainder, correlations_of, remainder
 from app.report.model_errors import ModelErrors, model_errors, models_of
 from app.report.over_time import Course, course
@@ -45,7 +44,7 @@ def contents_of(evidence: Evidence, instrument: TrackerUncertainty) -> Contents:
         _remainder(evidence, errors, after or before),
         checks,
         verdict(evidence.identification, after, limits, checks),
-        tuple(_courses(evidence)),
+        _courses(evidence),
     )
 
 
@@ -73,14 +72,6 @@ def _remainder(
     return remainder(errors.fitted, found, repeated)
 
 
-def _courses(evidence: Evidence) -> Iterator[Course]:
-    named: tuple[tuple[str, MeasuredSeries | None], ...] = (
-        ("before", evidence.before),
-        ("run", evidence.run),
-        ("after", evidence.after),
-    )
-    for name, measured in named:
-        if measured is not None:
-            found = course(name, measured)
-            if not found.is_empty:
-                yield found
+def _courses(evidence: Evidence) -> tuple[Course, ...]:
+    every = (course(name, measured) for name, measured in evidence.by_stage())
+    return tuple(each for each in every if not each.is_empty)

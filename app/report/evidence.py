@@ -109,3 +109,8 @@ class Evidence:
     parameter_file: RobotFile | None
     unreadable: tuple[str, ...]
     """What is there and cannot be read, and why."""
+
+    def by_stage(self) -> tuple[tuple[str, MeasuredSeries], ...]:
+        """The series that are there, in the order in which a campaign measures them."""
+        named = (("before", self.before), ("run", self.run), ("after", self.after))
+        return tuple((name, measured) for name, measured in named if measured is not None)

@@ -16,7 +16,7 @@ NO_FRAME = "too few commanded points for a base frame"
 
 @dataclass(frozen=True, slots=True)
 class IsoRow:
-    """A figure, or why there is none. `conditions` say how the test differs from the standard's."""
+    """A figure, or why there is none. `conditions`: how it was tested; how the standard does it."""
 
     symbol: Symbol
     what: str
@@ -34,8 +34,8 @@ def _pose_rows(stage: StageView) -> Iterator[IsoRow]:
     visits = "not measured: no repeated visits"
     where = visits
     if cloud is not None:
-        visits = "visits from as many directions; the standard has 30 from one, at five poses"
-        where = f"{visits}; frame fitted to the commanded points" if stage.in_base else NO_FRAME
+        visits = "one pose, each visit from another direction; 30 from one, at five poses"
+        where = f"{visits}; frame fitted" if stage.in_base else NO_FRAME
         repeatability = iso9283.pose_repeatability(cloud.points_mm)
         if stage.in_base:
             accuracy = iso9283.pose_accuracy(
@@ -51,7 +51,7 @@ def _distance_rows(stage: StageView) -> Iterator[IsoRow]:
     trace, accuracy, conditions = stage.distances, None, "not measured: no pairs"
     if trace is not None:
         accuracy = _worst(trace)
-        conditions = f"largest of {len(trace.pairs)} pairs, each measured once; the standard has 30"
+        conditions = f"largest of {len(trace.pairs)} pairs, each measured once; one pair, 30 times"
     yield IsoRow("AD", "distance accuracy", accuracy, conditions)
     once = "not measured: each pair is measured once"
     yield IsoRow("RD", "distance repeatability", None, once)
@@ -83,6 +83,5 @@ def _path_rows(stage: StageView) -> Iterator[IsoRow]:
                 "AT",
                 what,
                 figure,
-                f"{len(line.points_mm)} standing points over {length:.0f} mm; "
-                "the standard has 10 cycles in motion",
+                f"{len(line.points_mm)} standing points over {length:.0f} mm; 10 cycles in motion",
             )

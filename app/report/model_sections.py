@@ -26,8 +26,7 @@ INSTRUMENT_EXPLAINS = 1.5
 ASSUMED = (
     "What the model assumes, and no parameter can express: the plate stays parallel to the base; "
     "the motor axes are horizontal; the two rods of a forearm are alike; parts do not bend and do "
-    "not grow with heat; gears have no play. Azimuths and the first motor's place are held, since "
-    "they fix the base frame."
+    "not grow with heat; gears have no play. Parameters marked held are assumed to be as given."
 )
 
 
@@ -125,6 +124,6 @@ def _in_words(left: Remainder) -> str:
             "make this robot more accurate."
         )
     return (
-        f"{ratio}, and more than its repeatability accounts for. {left.unexplained_mm:.3f} mm (1 σ) "
-        "remain that neither explains: look at the assumptions below."
+        f"{ratio}, and more than its repeatability accounts for. {left.unexplained_mm:.3f} mm "
+        "(1 σ) remain that neither explains: look at the assumptions below."
     )

@@ -10,19 +10,23 @@ from campaigns.journal_views import AcceptedShot
 from campaigns.numerics.geometry import Array
 from campaigns.shot_sets import ShotSet
 
-MINUTE_S = 60.0
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """A series over its time; minutes count from its first shot."""
+    """A series over its time, counted from its first shot."""
 
     name: str
-    temperature_minutes: Array
+    temperature_s: Array
+    """When each temperature was read."""
     temperature_degC: Array
-    drift_minutes: Array
+    drift_s: Array
     drift_mm: Array
     """Distance of each drift shot from the first one."""
+
+    @property
+    def longest_s(self) -> float:
+        """When the last value was read."""
+        return float(max(self.temperature_s.max(initial=0.0), self.drift_s.max(initial=0.0)))
 
     @property
     def is_empty(self) -> bool:
@@ -39,19 +43,16 @@ def course(name: str, measured: MeasuredSeries) -> Course:
     points = np.array([s.outcome.point_in_tracker_mm for s in drift]).reshape(-1, 3)
     return Course(
         name,
-        _minutes([shot for shot, _ in known], shots[0]),
+        _seconds([shot for shot, _ in known], shots[0]),
         np.array([temperature for _, temperature in known]),
-        _minutes(drift, shots[0]),
+        _seconds(drift, shots[0]),
         np.linalg.norm(points - points[:1], axis=1),
     )
 
 
-def _minutes(shots: list[AcceptedShot], first: AcceptedShot) -> Array:
+def _seconds(shots: list[AcceptedShot], first: AcceptedShot) -> Array:
     start = datetime.fromisoformat(first.measured_utc)
     return np.array(
-        [
-            (datetime.fromisoformat(shot.measured_utc) - start).total_seconds() / MINUTE_S
-            for shot in shots
-        ],
+        [(datetime.fromisoformat(shot.measured_utc) - start).total_seconds() for shot in shots],
         dtype=np.float64,
     )

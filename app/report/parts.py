@@ -1,8 +1,11 @@
 """What a page is made of, and how numbers are written on it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Row = tuple[str, ...]
 Tone = Literal["text", "missing", "note"]
@@ -21,11 +24,11 @@ class Paragraph:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column's head; numbers are set to the right, words to the left."""
+    """A column's head; numbers are set to the right, words and code to the left."""
 
     title: str
     unit: str = ""
-    words: bool = False
+    kind: Literal["number", "words", "code"] = "number"
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +48,12 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure as SVG, and what is to be seen in it."""
+    """A figure, how to draw it, and what is to be seen in it."""
 
     name: str
     title: str
     caption: str
-    svg: str
+    draw: Callable[[], "Figure"]
 
 
 Part = Paragraph | Table | Picture
@@ -76,7 +79,7 @@ class Section:
 
 def words(*titles: str) -> tuple[Column, ...]:
     """Columns of words."""
-    return tuple(Column(title, words=True) for title in titles)
+    return tuple(Column(title, kind="words") for title in titles)
 
 
 def numbers(unit: str, titles: Sequence[str]) -> tuple[Column, ...]:
@@ -88,7 +91,8 @@ def number(value: float | None, decimals: int = 3, *, signed: bool = False) -> s
     """With a true minus sign; a dash for None."""
     if value is None:
         return NOTHING
-    text = f"{value:{'+' if signed else ''}.{decimals}f}"
+    rounded = round(value, decimals) or 0.0  # what is nothing when rounded has no sign
+    text = f"{rounded:{'+' if signed and rounded else ''}.{decimals}f}"
     return text.replace("-", "−")
 
 

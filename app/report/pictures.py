@@ -1,12 +1,12 @@
-"""The figures of the page, each with what is to be seen in it."""
+"""The figures of the page, each with what is to be seen in it. None is drawn here."""
 
 from collections.abc import Iterator
+from functools import partial
 
 from app.report.contents import Contents
 from app.report.figures import distances, tests, time_and_parameters, workspace
 from app.report.figures.distances import PairGroup
-from app.report.figures.drawing import svg_text
-from app.report.model_errors import PairErrors
+from app.report.model_errors import PairErrors, PositionErrors
 from app.report.parts import Picture
 from app.report.stages import StageView
 
@@ -16,23 +16,21 @@ def distance_pictures(contents: Contents) -> Iterator[Picture]:
     groups = pair_groups(contents)
     if not groups:
         return
-    title = "Errors of distance, pair by pair"
     yield Picture(
         "pair-errors",
-        title,
+        "Errors of distance, pair by pair",
         "Each mark is a pair: its distance by the model, or as commanded, minus its measured "
         "distance. Fitted pairs were used to identify; unseen pairs never were. For commanded "
         "pairs the controller's own parameters count. After calibration all should scatter about "
-        "zero, and the unseen pairs no more than the fitted ones.",
-        svg_text(distances.pair_errors(groups), "pair-errors", title),
+        "zero, and the unseen pairs hardly more than the fitted ones.",
+        partial(distances.pair_errors, groups),
     )
-    title = "How the errors of distance are spread"
     yield Picture(
         "histogram",
-        title,
+        "How the errors of distance are spread",
         "Before, the errors lean to one side: that is what a wrong geometry does. After, they "
         "should be centred on zero, with a single hump.",
-        svg_text(distances.histogram(groups), "histogram", title),
+        partial(distances.histogram, groups),
     )
 
 
@@ -41,62 +39,50 @@ def workspace_pictures(contents: Contents) -> Iterator[Picture]:
     positions = contents.errors.positions if contents.errors else None
     if positions is None:
         return
-    title = "Errors of position in the workspace"
-    arrows = workspace.error_arrows(positions.poses, positions.before_mm, positions.after_mm)
-    yield Picture(
-        "arrows",
-        title,
-        "From the point that the model gives to the point that was measured, in the base frame as "
-        "fitted for each model. Arrows of neighbours that agree are errors of the model; arrows "
-        "that point everywhere are the robot's repeatability and the tracker's noise.",
-        svg_text(arrows, "arrows", title),
-    )
-    if positions.after_mm is None:
-        return
-    title = "Errors of position after, against place and angle"
-    against = workspace.errors_against_position(
-        positions.poses, positions.after_mm, positions.fitted
-    )
-    yield Picture(
-        "against-position",
-        title,
-        "A line that rises or bends shows something that the model does not hold, such as a load, "
-        "a bent part or heat. A level line shows that nothing depends on the place.",
-        svg_text(against, "against-position", title),
-    )
+    yield _arrows(positions)
+    if positions.after_mm is not None:
+        yield Picture(
+            "against-position",
+            "Errors of position after, against place and angle",
+            "A line that rises or bends shows something that the model does not hold, such as a "
+            "load, a bent part or heat. A level line shows that nothing depends on the place.",
+            partial(
+                workspace.errors_against_position,
+                positions.poses,
+                positions.after_mm,
+                positions.fitted,
+            ),
+        )
 
 
 def test_pictures(before: StageView | None, after: StageView | None) -> Iterator[Picture]:
     """Straightness, rotation and repeatability, as far as they were measured."""
     if any(stage and stage.lines for stage in (before, after)):
-        title = "Straightness"
         yield Picture(
             "straightness",
-            title,
+            "Straightness",
             "How far the point is from its own best straight line while the controller is told to "
             "follow one, in the two directions across it. The number is the largest distance.",
-            svg_text(tests.straightness(before, after), "straightness", title),
+            partial(tests.straightness, before, after),
         )
     turns = [stage.turn if stage else None for stage in (before, after)]
     if any(turns):
-        title = "Rotation"
         yield Picture(
             "rotation",
-            title,
+            "Rotation",
             "Where the point goes while only θ should change. The number is the largest distance "
             "between any two of its places.",
-            svg_text(tests.rotation(*turns), "rotation", title),
+            partial(tests.rotation, *turns),
         )
     clouds = [stage.cloud if stage else None for stage in (before, after)]
     if any(clouds):
-        title = "Repeatability"
         yield Picture(
             "repeatability",
-            title,
+            "Repeatability",
             "One pose, visited again and again from different directions, seen from three sides "
             "about the mean, with the smallest sphere about it that holds all visits. Calibration "
             "does not change it: no robot becomes more accurate than this.",
-            svg_text(tests.repeatability(*clouds), "repeatability", title),
+            partial(tests.repeatability, *clouds),
         )
 
 
@@ -104,14 +90,13 @@ def time_picture(contents: Contents) -> Picture | None:
     """Air and drift."""
     if not contents.courses:
         return None
-    title = "Air and drift while measuring"
     return Picture(
         "over-time",
-        title,
+        "Air and drift while measuring",
         "Above, the air's temperature at each shot; below, how far the drift pose has moved since "
         "it was first measured. A steady rise of either means that something warmed up or gave way "
         "during the measurement.",
-        svg_text(time_and_parameters.over_time(contents.courses), "over-time", title),
+        partial(time_and_parameters.over_time, contents.courses),
     )
 
 
@@ -119,13 +104,12 @@ def correlation_picture(contents: Contents) -> Picture | None:
     """The parameters' correlations."""
     if contents.correlations is None:
         return None
-    title = "Correlations of the identified parameters"
     return Picture(
         "correlations",
-        title,
+        "Correlations of the identified parameters",
         "The darker, the less two parameters can be told apart with these shots: an error in one "
         "is made good by an error in the other.",
-        svg_text(time_and_parameters.correlation_map(contents.correlations), "correlations", title),
+        partial(time_and_parameters.correlation_map, contents.correlations),
     )
 
 
@@ -143,6 +127,17 @@ def pair_groups(contents: Contents) -> tuple[PairGroup, ...]:
     if any(values is not None for values in told):
         groups.append(PairGroup("commanded pairs", "s", *told))
     return tuple(group for group in groups if group is not None)
+
+
+def _arrows(positions: PositionErrors) -> Picture:
+    return Picture(
+        "arrows",
+        "Errors of position in the workspace",
+        "From the point that the model gives to the point that was measured, in the base frame as "
+        "fitted for each model. Arrows of neighbours that agree are errors of the model; arrows "
+        "that point everywhere are the robot's repeatability and the tracker's noise.",
+        partial(workspace.error_arrows, positions.poses, positions.before_mm, positions.after_mm),
+    )
 
 
 def _group(name: str, marker: str, errors: PairErrors | None) -> PairGroup | None:

@@ -7,6 +7,7 @@ import numpy as np
 from app.report.checks import Check
 from app.report.contents import Contents
 from app.report.evidence import Evidence, MeasuredSeries, SeriesFacts
+from app.report.over_time import course
 from app.report.parts import (
     NOTHING,
     Column,
@@ -17,11 +18,12 @@ from app.report.parts import (
     Table,
     moment,
     number,
+    numbers,
     words,
 )
 from app.report.pictures import time_picture
+from campaigns.numerics.geometry import Array
 from campaigns.records import Event, Rejected
-from campaigns.version import VERSION
 from drivers.values import Identity
 
 NO_JOURNAL = "There is no journal: nothing was ever measured in this campaign."
@@ -33,18 +35,23 @@ FIELD_CHECK = (
 
 def tracker_section(contents: Contents) -> Section:
     """What the instrument said of itself, the air and the drift."""
-    rows = tuple(_tracker_rows(contents))
     parts: list[Part] = []
+    rows = tuple(_tracker_rows(contents))
     if rows:
-        columns = (*words("", "series"), Column("", ""))
-        parts.append(Table("Tracker and drift", columns, rows))
-    parts.append(Paragraph(FIELD_CHECK, "note"))
+        columns = (
+            *words("series"),
+            *numbers("mm", ("u of a point, median", "largest")),
+            *numbers("°C", ("air from", "to")),
+            Column("drift pose moved", "mm"),
+        )
+        note = f"u: the tracker's statement, 1 σ in the worst direction. {_beam_losses(contents)}"
+        parts.append(Table("Tracker, air and drift", columns, rows, note))
     picture = time_picture(contents)
     if picture is not None:
         parts.append(picture)
     else:
         parts.append(Paragraph("Neither temperature nor drift was recorded.", "missing"))
-    return Section("tracker", "Tracker, drift, temperature", tuple(parts))
+    return Section("tracker", "Tracker, drift, temperature", (*parts, Paragraph(FIELD_CHECK)))
 
 
 def incidents_section(contents: Contents) -> Section:
@@ -69,35 +76,33 @@ def provenance_section(contents: Contents) -> Section:
 
 
 def _tracker_rows(contents: Contents) -> Iterator[Row]:
-    evidence = contents.evidence
-    for name, measured in (
-        ("before", evidence.before),
-        ("run", evidence.run),
-        ("after", evidence.after),
-    ):
-        if measured is not None:
-            yield "stated uncertainty of a point, median and largest (1 σ)", name, _stated(measured)
-    for course in contents.courses:
-        if len(course.temperature_degC):
-            low, high = course.temperature_degC.min(), course.temperature_degC.max()
-            span = f"{number(float(low), 2)} to {number(float(high), 2)} °C"
-            yield "air while measuring", course.name, span
-        if len(course.drift_mm) > 1:
-            moved = number(float(course.drift_mm.max()))
-            yield "drift pose moved at most", course.name, f"{moved} mm"
-    if evidence.journal is not None:
-        losses = [i for i in evidence.journal.incidents if "beam" in i.text.lower()]
-        yield "beam lost", "all", f"{len(losses)} times"
+    for name, measured in contents.evidence.by_stage():
+        air = course(name, measured)
+        moved = float(air.drift_mm.max()) if len(air.drift_mm) > 1 else None
+        yield name, *_stated(measured), *_span(air.temperature_degC), number(moved)
 
 
-def _stated(measured: MeasuredSeries) -> str:
-    """The largest standard deviation in any direction, over the shots."""
-    stated = [s.outcome.covariance_mm2 for s in measured.shots]
+def _stated(measured: MeasuredSeries) -> Row:
+    """Median and largest of the shots' standard deviations in their worst direction."""
+    stated = [shot.outcome.covariance_mm2 for shot in measured.shots]
     known = [covariance for covariance in stated if covariance is not None]
     if not known:
-        return "not stated"
+        return "not stated", NOTHING
     largest = np.sqrt(np.linalg.eigvalsh(np.array(known))[:, -1])
-    return f"{number(float(np.median(largest)), 4)} and {number(float(largest.max()), 4)} mm"
+    return number(float(np.median(largest)), 4), number(float(largest.max()), 4)
+
+
+def _span(values: Array) -> Row:
+    if len(values) == 0:
+        return NOTHING, NOTHING
+    return number(float(values.min()), 2), number(float(values.max()), 2)
+
+
+def _beam_losses(contents: Contents) -> str:
+    journal = contents.evidence.journal
+    records = [incident.record for incident in journal.incidents] if journal else []
+    lost = sum(isinstance(r, Rejected) and r.reason.startswith("beam broken") for r in records)
+    return f"Shots lost with the beam: {lost}."
 
 
 def _left_out(evidence: Evidence) -> Part:
@@ -143,7 +148,8 @@ def _provenance_parts(contents: Contents) -> Iterator[Part]:
     )
     yield from _crashes(evidence.journal.series)
     yield Table("Instruments and air", words("", "series", ""), tuple(_identity_rows(evidence)))
-    yield Table("Digests (sha256)", words("", "digest"), tuple(_digest_rows(evidence)))
+    columns = (*words(""), Column("sha256", kind="code"))
+    yield Table("Digests", columns, tuple(_digest_rows(evidence)))
 
 
 def _check_row(check: Check) -> Row:
@@ -218,12 +224,3 @@ def _digest_rows(evidence: Evidence) -> Iterator[Row]:
         yield "compensated robot's geometry", evidence.parameter_file.digest()
     if evidence.loaded is not None:
         yield f"geometry loaded last ({evidence.loaded.source})", evidence.loaded.digest
-
-
-def rejected_shots(evidence: Evidence) -> int:
-    """How many attempts did not count."""
-    incidents = evidence.journal.incidents if evidence.journal else ()
-    return sum(isinstance(each.record, Rejected) for each in incidents)
-
-
-SOFTWARE = f"pkmcal {VERSION}"

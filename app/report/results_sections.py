@@ -1,6 +1,7 @@
 """The sections on results: verdict, before and after, tests, ISO 9283."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 from app.report.conformity import Requirement
 from app.report.contents import Contents
@@ -21,20 +22,19 @@ from app.report.parts import (
 from app.report.pictures import distance_pictures, test_pictures, workspace_pictures
 from app.report.stages import StageView
 from app.report.statistics import ErrorSummary, summary
+from campaigns.decision import COVERAGE
 from campaigns.numerics.geometry import Array
 from campaigns.validate import AXES
 from campaigns.validation_traces import Result
 
-RULE = (
-    "Decision rule (ISO 14253-1): a limit is kept only if |e| + U ≤ limit, and broken only if "
-    "|e| − U > limit; in between nothing is decided. U = 2 u is the expanded uncertainty of "
-    "measurement (k = 2, about 95 %). All passes only if the identification passed, every limit "
-    "that is asked for is kept, and the files belong together."
-)
 VALIDATE = {
     "before": "There is no validation before calibration: `pkmcal validate --stage before`.",
     "after": "There is no validation after calibration: `pkmcal validate --stage after`.",
 }
+ISO_NOTE = (
+    "A figure has its symbol only where it is formed as the standard forms it. n: repetitions; U: "
+    "k = 2; for n = 1 the robot's scatter is not in U."
+)
 NO_RUN = "Nothing has been measured to identify from: `pkmcal run`, or `pkmcal import`."
 NO_IDENTIFICATION = "Nothing has been identified yet: `pkmcal identify`."
 
@@ -44,14 +44,14 @@ def limits_section(contents: Contents) -> Section:
     rows = tuple(_requirement_row(r) for r in contents.verdict.requirements)
     columns = (
         *words("after calibration"),
-        *numbers("mm", ("e", "U (k = 2)", "limit")),
+        *numbers("mm", ("e", "U", "limit")),
         *words("decision"),
     )
     note = (
         "U holds the tracker's uncertainty as stated for each shot; the robot's own scatter is "
         "part of what is judged. Limits are those under `acceptance` in campaign.yaml."
     )
-    parts: list[Part] = [Paragraph(RULE), Table("Limits asked for", columns, rows, note)]
+    parts: list[Part] = [Table("Limits asked for", columns, rows, note)]
     if contents.after is None:
         parts.append(Paragraph(VALIDATE["after"], "missing"))
     return Section("limits", "Decision, limit by limit", tuple(parts))
@@ -84,27 +84,20 @@ def tests_section(contents: Contents) -> Section:
 
 def iso_section(contents: Contents) -> Section:
     """The figures of ISO 9283 by their symbols."""
+    stages = [iso_rows(s) if s else None for s in (contents.before, contents.after)]
+    known = [rows for rows in stages if rows is not None]
     parts: list[Part] = []
-    for name, stage in (("before", contents.before), ("after", contents.after)):
-        if stage is not None:
-            rows = tuple(_iso_row(row) for row in iso_rows(stage))
-            columns = (
-                *words("symbol", ""),
-                Column("value", "mm"),
-                Column("n"),
-                Column("U (k = 2)", "mm"),
-                *words("conditions"),
-            )
-            parts.append(Table(f"ISO 9283, {name} calibration", columns, rows))
-    if parts:
-        parts.append(
-            Paragraph(
-                "A figure keeps its symbol only where it is formed as the standard forms it; how "
-                "the test differs from the standard's stands beside it. n counts repetitions. "
-                "For n = 1 the robot's scatter is not in U.",
-                "note",
-            )
+    if known:
+        columns = (
+            *words("symbol", "figure"),
+            Column("n"),
+            *numbers("mm", ("before", "U", "after", "U")),
+            *words("tested here; in the standard"),
         )
+        nothing = tuple(replace(row, figure=None) for row in known[0])
+        pairs = zip(*(rows or nothing for rows in stages), strict=True)
+        rows = tuple(_iso_row(before, after) for before, after in pairs)
+        parts.append(Table("Before and after calibration", columns, rows, ISO_NOTE))
     return Section("iso9283", "Figures of ISO 9283", (*parts, *_missing_stages(contents)))
 
 
@@ -125,11 +118,10 @@ def _gain_parts(contents: Contents) -> Iterator[Part]:
     if tests:
         columns = (
             *words(""),
-            *numbers("mm", ("before", "after")),
+            *numbers("mm", ("before", "after", "U")),
             Column("gain"),
-            Column("U (k = 2)", "mm"),
         )
-        yield Table("Tests of the paper's section IV.E", columns, tests)
+        yield Table("Rotation, straightness, repeatability", columns, tests, "U: k = 2.")
     if contents.evidence.run is None:
         yield Paragraph(NO_RUN, "missing")
     elif contents.evidence.identification is None:
@@ -185,31 +177,49 @@ def _summary_cells(found: ErrorSummary) -> Row:
 
 
 def _test_rows(contents: Contents) -> Iterator[Row]:
-    stages = (contents.before, contents.after)
-    results = [("rotation", *(s.turn.moved if s and s.turn else None for s in stages))]
-    results += [
-        (f"straightness {axis}", *(_straightness(s, axis) for s in stages)) for axis in AXES
-    ]
-    clouds = (s.cloud.radius if s and s.cloud else None for s in stages)
-    results.append(("repeatability, radius", *clouds))
-    for name, before, after in results:
-        old, new = (None if r is None else r.value_mm for r in (before, after))
+    for name, of in _TESTS:
+        before = of(contents.before) if contents.before else None
+        after = of(contents.after) if contents.after else None
         known = after or before
         if known is not None:
-            expanded = number(2.0 * known.instrument_mm)
-            yield name, number(old), number(new), percent_gained(old, new), expanded
+            old, new = (None if result is None else result.value_mm for result in (before, after))
+            expanded = number(COVERAGE * known.instrument_mm)
+            yield name, number(old), number(new), expanded, percent_gained(old, new)
 
 
-def _straightness(stage: StageView | None, axis: str) -> Result | None:
-    line = stage.line(axis) if stage else None
-    return line.straightness if line else None
+def _rotation(stage: StageView) -> Result | None:
+    return stage.turn.moved if stage.turn else None
 
 
-def _iso_row(row: IsoRow) -> Row:
+def _straightness(axis: str) -> Callable[[StageView], Result | None]:
+    def of(stage: StageView) -> Result | None:
+        line = stage.line(axis)
+        return line.straightness if line else None
+
+    return of
+
+
+def _radius(stage: StageView) -> Result | None:
+    return stage.cloud.radius if stage.cloud else None
+
+
+_TESTS: tuple[tuple[str, Callable[[StageView], Result | None]], ...] = (
+    ("rotation", _rotation),
+    *((f"straightness along {axis}", _straightness(axis)) for axis in AXES),
+    ("repeatability, radius of the sphere", _radius),
+)
+
+
+def _iso_row(before: IsoRow, after: IsoRow) -> Row:
+    shown = after if after.figure else before
+    n = str(shown.figure.n) if shown.figure else NOTHING
+    return shown.symbol, shown.what, n, *_iso_cells(before), *_iso_cells(after), shown.conditions
+
+
+def _iso_cells(row: IsoRow) -> Row:
     figure = row.figure
     if figure is None:
-        return row.symbol, row.what, NOTHING, NOTHING, NOTHING, row.conditions
+        return NOTHING, NOTHING
     value = number(figure.value_mm, signed=row.symbol == "AD")
     value = f"± {value}" if row.symbol == "RD" else value
-    expanded = number(figure.expanded_uncertainty_mm)
-    return row.symbol, row.what, value, str(figure.n), expanded, row.conditions
+    return value, number(figure.expanded_uncertainty_mm)

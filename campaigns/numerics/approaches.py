@@ -8,7 +8,7 @@ import numpy as np
 from campaigns.numerics.geometry import Array, Index, Mask
 from campaigns.numerics.placement import order_pairs, travel_rad
 
-WORTHWHILE_PAIR_MM = 200.0
+WORTHWHILE_PAIR_MM = 250.0
 """Neighbours on the shortest tour tell little by their distance; from here on they tell enough."""
 SHORTNESS_RAD_PER_MM = 0.1
 """What a pair too short costs, against the travel between its ends."""
@@ -20,7 +20,7 @@ def neighbouring_pairs(joints_rad: Array, points_mm: Array, start_rad: Array) ->
     """Pairs (N/2, 2) of an even number of rows, near each other in joints (N, 4) but not in space.
 
     From consecutive shots of a short tour, ends are exchanged while travel within the pairs falls,
-    pairs shorter than 200 mm counting as long ways.
+    pairs shorter than 250 mm counting as long ways.
     """
     single = np.repeat(np.arange(len(joints_rad))[:, None], 2, axis=1)
     pairs = order_pairs(joints_rad, single, start_rad)[:, 0].reshape(-1, 2)

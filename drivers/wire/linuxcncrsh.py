@@ -80,16 +80,20 @@ class AnswerFramer:
 
 
 def encode(request: str) -> bytes:
-    """Write a request as its line; raises `WireError` for one that would not arrive as it is."""
+    """Write a request as its line; raises `WireError` for one that would not arrive as it is.
+
+    The error tells only the first word: others can be passwords.
+    """
+    verb = request.partition(" ")[0]
     if not _REQUEST.fullmatch(request):
         raise WireError(
-            f"{request!r} cannot be sent to LinuxCNC",
+            f"{verb!r:.20} with what follows it cannot be sent to LinuxCNC",
             remedy="use printable ASCII, in one line",
         )
     line = request.encode("ascii") + b"\n"
     if len(line) > LONGEST_REQUEST:
         raise WireError(
-            f"a request of {len(line)} bytes, at most {LONGEST_REQUEST} are safe: {request:.40}…",
+            f"a '{verb:.20}' of {len(line)} bytes, at most {LONGEST_REQUEST} are safe",
             remedy="shorten the password or the command",
         )
     return line

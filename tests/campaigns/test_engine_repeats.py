@@ -4,11 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fake_cell import FOUR_PAIRS, TWO_PAIRS, FakeCell, drift, journal_in, work
+from fake_cell import FOUR_PAIRS, TWO_PAIRS, FakeCell, drift, journal_in, planned, work
 
 from campaigns.errors import GateRefused
 from campaigns.journal_views import AcceptedShot
 from campaigns.records import Event, PairVoided, Rejected
+from campaigns.shot_sets import ShotSet
 
 
 def attempts_of(shots: tuple[AcceptedShot, ...]) -> list[int]:
@@ -45,6 +46,33 @@ def test_tracker_searches_at_its_distance_while_the_robots_place_is_unknown(tmp_
         cell.measure(journal, work())
     assert cell.named("tracker.find_reflector") == [("tracker.find_reflector", 2500.0)]
     assert not cell.named("tracker.go_to")
+
+
+def test_tracker_looks_where_the_reflector_was_last_before_it_searches(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.tracker.during_measure = {2: cell.tracker.break_beam}
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work())
+        first_mm = journal.shots(series)[0].outcome.point_in_tracker_mm
+    looks = [call for call in cell.calls if call[0] in ("tracker.go_to", "tracker.find_reflector")]
+    assert looks == [
+        ("tracker.go_to", tuple(round(v, 1) for v in first_mm)),
+        ("tracker.find_reflector", 2500.0),
+    ]
+
+
+def test_small_step_from_a_wrong_target_leads_back_to_the_right_one(tmp_path: Path) -> None:
+    """Shots so near each other that no frame is known: a search would find the wrong one again."""
+    near = [
+        planned(number, ShotSet.ROTATION, None, 0.0, 0.0, -575.0, 0.1 * number)
+        for number in range(6)
+    ]
+    cell = FakeCell()
+    cell.tracker.during_measure = {4: cell.tracker.take_wrong_target}
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work(near))
+        assert attempts_of(journal.shots(series)) == [1, 1, 1, 2, 1, 1]
+    assert not cell.named("tracker.find_reflector")
 
 
 def test_tracker_is_pointed_where_the_reflector_should_be(tmp_path: Path) -> None:

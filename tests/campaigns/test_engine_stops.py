@@ -180,7 +180,7 @@ def test_ctrl_c_while_the_tracker_looks_for_its_reflector_stops_the_robot(tmp_pa
         cell.tracker.break_beam()
         cell.clock.after(0.5 + 0.5, cell.wish.ask)
 
-    cell.tracker.during_measure = {2: break_beam_and_ask_soon}
+    cell.tracker.during_measure = {1: break_beam_and_ask_soon}
     with journal_in(tmp_path, cell.calls) as journal, pytest.raises(Cancelled):
         cell.measure(journal, work())
     assert cell.calls[-3:] == [

@@ -1,17 +1,17 @@
 """Full disks, locks, torn files, killed processes: nothing half written, nothing lost."""
 
-import resource
 import shutil
 import signal
 import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 from journal_story import SESSION, beginning, intent, outcome, ticking, write_story
+from small_files import files_no_larger_than
 
 from campaigns.errors import CampaignLocked, JournalFailed
 from campaigns.journal import Journal, open_journal
@@ -41,17 +41,6 @@ def noted_until_it_fails(journal: Journal) -> tuple[int, JournalFailed]:
         except JournalFailed as failed:
             return written, failed
     pytest.fail("the disk never filled")
-
-
-@contextmanager
-def files_no_larger_than(limit_bytes: int) -> Iterator[None]:
-    """The system itself refuses to let any file of this process grow beyond that."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_a_full_disk_fails_the_record_and_every_later_one(journal: Journal, path: Path) -> None:

@@ -1,6 +1,7 @@
 """Moves by safe ways, and what counts as having arrived."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -22,16 +23,17 @@ from campaigns.numerics.paths import route
 from campaigns.progress import EngineState
 from campaigns.shot_sets import ShotSet
 from campaigns.steps import Step
-from campaigns.ways import Mechanism
+from campaigns.ways import KnownWays, Mechanism
 from drivers.errors import EmergencyStop
 
 MECHANISM = Mechanism(NOMINAL, LIMITS, CENTRE)
+NO_WAYS = KnownWays(MECHANISM, ())
 NEAR = planned(7, ShotSet.ROTATION, None, 120.0, 40.0, -600.0, 0.1)
 
 
 def go(cell: FakeCell, step: Step, rules=MOTION) -> tuple[Arrival, list[EngineState]]:
     states: list[EngineState] = []
-    mover = Mover(cell.robot, cell.clock, rules, MECHANISM, cell.wish)
+    mover = Mover(cell.robot, cell.clock, rules, NO_WAYS, cell.wish)
     return mover.go(step, states.append), states
 
 
@@ -70,7 +72,7 @@ def unsafe_ends() -> tuple[np.ndarray, np.ndarray]:
     joints = inverse(NOMINAL, poses)
     inside = joints.found & ((joints.values > -0.7) & (joints.values < 1.5)).all(axis=1)
     ends = joints.values[inside]
-    for here, there in zip(ends[:-1], ends[1:], strict=True):
+    for here, there in pairwise(ends):
         way = route(NOMINAL, LIMITS, here, there, CENTRE)
         if way is not None and len(way) > 1:
             return here, there
@@ -95,6 +97,32 @@ def test_next_leg_waits_until_the_robot_is_where_the_leg_before_ends() -> None:
     with pytest.raises(NotSettled, match=r"joint 1 is 0\.5730° from its target"):
         go(cell, Step(replace(NEAR, joints_rad=tuple(there.tolist())), "joints"))
     assert len(moves(cell)) == 1
+
+
+def test_way_of_the_plan_is_not_searched_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    cell = FakeCell()
+    further = planned(8, ShotSet.ROTATION, None, -60.0, 0.0, -520.0)
+    ways = KnownWays(MECHANISM, [NEAR.joints_rad, further.joints_rad])
+    mover = Mover(cell.robot, cell.clock, MOTION, ways, cell.wish)
+    mover.go(Step(NEAR, "joints"), lambda _: None)
+    monkeypatch.setattr("campaigns.ways.route", lambda *_: None)
+    mover.go(Step(further, "joints"), lambda _: None)
+    with pytest.raises(TargetOutOfReach):
+        mover.go(Step(NEAR, "joints"), lambda _: None)
+
+
+def test_robot_that_was_pushed_away_is_led_from_where_it_really_stands() -> None:
+    here, there = unsafe_ends()
+    cell = FakeCell()
+    target = replace(NEAR, joints_rad=tuple(there.tolist()))
+    ways = KnownWays(MECHANISM, [NEAR.joints_rad, target.joints_rad])
+    mover = Mover(cell.robot, cell.clock, MOTION, ways, cell.wish)
+    mover.go(Step(NEAR, "joints"), lambda _: None)
+    cell.robot.joints = here
+    cell.calls.clear()
+    mover.go(Step(target, "joints"), lambda _: None)
+    legs = route(NOMINAL, LIMITS, here, there, CENTRE)
+    assert [call[1:] for call in moves(cell)] == [rounded_deg(leg) for leg in legs]
 
 
 def test_unsafe_way_is_refused_before_anything_moves() -> None:
@@ -185,11 +213,32 @@ def test_shaking_that_ends_is_waited_for() -> None:
     assert 3.0 + MOTION.settle_s - 2 * MOTION.poll_s < cell.clock.now_s() < 3.3
 
 
-def test_angle_that_is_no_number_is_never_in_place() -> None:
+def test_move_and_settling_share_one_deadline() -> None:
     cell = FakeCell()
-    cell.robot.off_target_rad = np.array([0.0, np.nan, 0.0, 0.0])
+    cell.robot.wobble_rad = np.radians(0.0035)
+    slow = replace(MOTION, speed_fraction=0.02)
     with pytest.raises(NotSettled):
+        go(cell, Step(NEAR, "joints"), slow)
+    assert cell.robot._ends_s > 4.0
+    assert cell.clock.now_s() == pytest.approx(MOTION.timeout_s, abs=0.05)
+
+
+def test_controller_that_goes_on_reporting_motion_is_not_settled() -> None:
+    cell = FakeCell()
+    arrives_s = np.abs(np.subtract(NEAR.joints_rad, cell.robot.joints)).max() / 0.9
+    cell.clock.after(arrives_s + 0.1, lambda: setattr(cell.robot, "keeps_moving", True))
+    with pytest.raises(NotSettled, match="the controller still reports motion"):
         go(cell, Step(NEAR, "joints"))
+
+
+def test_angle_that_is_no_number_is_never_still_nor_in_place() -> None:
+    cell = FakeCell()
+    mover = Mover(cell.robot, cell.clock, MOTION, NO_WAYS, cell.wish)
+    before = cell.robot.state()
+    cell.robot.joints = cell.robot.joints + np.array([0.0, 0.0, np.nan, 0.0])
+    assert mover.has_moved(before)
+    with pytest.raises(NotSettled):
+        mover._await_arrival(before.joints_rad, cell.clock.now_s() + 1.0)
 
 
 @pytest.mark.parametrize(("moved_deg", "has_moved"), [(0.001, False), (0.003, True)])
@@ -197,7 +246,7 @@ def test_robot_has_moved_when_a_joint_leaves_its_stillness(
     moved_deg: float, has_moved: bool
 ) -> None:
     cell = FakeCell()
-    mover = Mover(cell.robot, cell.clock, MOTION, MECHANISM, cell.wish)
+    mover = Mover(cell.robot, cell.clock, MOTION, NO_WAYS, cell.wish)
     before = cell.robot.state()
     cell.robot.joints = cell.robot.joints + np.radians([0.0, 0.0, 0.0, moved_deg])
     assert mover.has_moved(before) is has_moved

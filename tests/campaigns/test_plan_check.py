@@ -57,7 +57,7 @@ def test_pose_out_of_reach_is_named() -> None:
 
 def test_pose_beyond_a_joint_limit_is_named_with_value_and_limit() -> None:
     narrow = replace(LIMITS, joint_rad=(np.radians(-45.0), np.radians(50.0)))
-    with pytest.raises(PlanInvalid, match=r"^shot 1: joint 0 at 55\.483° outside \[-45°, 50°\]"):
+    with pytest.raises(PlanInvalid, match=r"^shot 1: joint 0 at 55\.476° outside \[-45°, 50°\]"):
         check(FOUR_PAIRS, limits=narrow)
 
 

@@ -2,9 +2,9 @@
 
 import errno
 import os
-import resource
 
 import pytest
+from small_files import files_no_larger_than
 
 from campaigns.errors import OutputExists, WriteFailed
 from campaigns.textfile import make_folder, replace_text, write_new_text
@@ -36,20 +36,10 @@ def test_full_disk_is_said_and_leaves_the_old_file_intact(tmp_path, monkeypatch)
     assert names_in(tmp_path) == ["plan.csv"]
 
 
-@pytest.fixture
-def files_of_at_most_100_bytes():
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
-def test_write_that_the_system_cuts_short_leaves_the_old_file_intact(
-    tmp_path, files_of_at_most_100_bytes
-):
+def test_write_that_the_system_cuts_short_leaves_the_old_file_intact(tmp_path):
     path = tmp_path / "plan.csv"
     replace_text(path, "old\n")
-    with pytest.raises(WriteFailed, match="free space"):
+    with files_no_larger_than(100), pytest.raises(WriteFailed, match="free space"):
         replace_text(path, "new" * 100)
     assert path.read_text() == "old\n"
     assert names_in(tmp_path) == ["plan.csv"]

@@ -12,6 +12,7 @@ for variable in LINEAR_ALGEBRA_THREADS:  # as `main` does, before anything impor
     os.environ.setdefault(variable, "1")
 
 SMALL = {
+    "settle.timeout_s": 300,  # of the cell's time: a busy machine may look up late
     "plan.shots": 48,
     "plan.validation_pairs": 4,
     "validation.repeatability_approaches": 3,

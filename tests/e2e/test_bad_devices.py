@@ -22,8 +22,10 @@ from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell
 from sim.scenario import load_scenario
 
-IMPATIENT_ROBOT = Deadlines(answer_s=0.15, stop_answer_s=0.1, standstill_s=2.0)
-IMPATIENT_TRACKER = EmsconDeadlines(answer_s=0.15, measuring_margin_s=0.3)
+IMPATIENT_ROBOT = Deadlines(answer_s=0.3, stop_answer_s=0.3, standstill_s=3.0)
+IMPATIENT_TRACKER = EmsconDeadlines(answer_s=0.3, measuring_margin_s=0.3)
+LONG_S = 500.0
+"""Of the cell's time, which is half a second of ours: nobody fails to notice."""
 TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
 
 
@@ -45,11 +47,12 @@ def tiny(tiny_once, tmp_path):
 
 @pytest.fixture
 def impatient(monkeypatch):
-    """Drivers that give up soon."""
+    """Drivers that give up soon; `undo` makes them patient again."""
     robot = partial(LineRobot, deadlines=IMPATIENT_ROBOT)
     monkeypatch.setattr("app.wiring.LineRobot", robot)
     tracker = partial(EmsconTracker, deadlines=IMPATIENT_TRACKER)
     monkeypatch.setattr("app.wiring.EmsconTracker", tracker)
+    return monkeypatch
 
 
 @contextlib.contextmanager
@@ -199,14 +202,14 @@ def test_a_tracker_that_another_program_uses(pkmcal, tiny):
 
 @pytest.mark.parametrize("device", ["controller", "tracker"])
 @pytest.mark.parametrize("kind", ["late", "silent", "garbage", "torn", "close"])
-@pytest.mark.usefixtures("impatient")
-def test_a_wire_that_fails_while_the_robot_works(pkmcal, tiny, device, kind):
-    seconds = {"seconds": 300} if kind == "late" else {}
+def test_a_wire_that_fails_while_the_robot_works(pkmcal, tiny, impatient, device, kind):
+    seconds = {"seconds": LONG_S} if kind == "late" else {}
     fault = {"device": device, "at_answer": 60, "kind": kind, **seconds}
     change(tiny / "cell.yaml", {"faults": [fault]})
     ended = pkmcal("run", tiny, "--yes")
     assert ended.code == 3
     assert " → check the" in ended.error_line
+    impatient.undo()
     no_shot_is_lost(pkmcal, tiny, "aborted")
 
 
@@ -219,7 +222,7 @@ def test_a_wire_that_fails_while_the_robot_works(pkmcal, tiny, device, kind):
     ],
 )
 def test_a_robot_that_fails_on_its_way(pkmcal, tiny, kind, words):
-    change(tiny / "cell.yaml", {"faults": [{"at_move": 4, "kind": kind, "seconds": 5}]})
+    change(tiny / "cell.yaml", {"faults": [{"at_move": 4, "kind": kind, "seconds": LONG_S}]})
     ended = pkmcal("run", tiny, "--yes")
     assert ended.code == 3
     assert words in ended.error_line
@@ -237,7 +240,9 @@ def test_a_beam_that_is_broken_for_a_moment_only_costs_time(pkmcal, tiny):
 
 
 def test_a_run_with_another_plan_is_not_mixed(pkmcal, tiny):
-    change(tiny / "cell.yaml", {"faults": [{"at_move": 4, "kind": "drive_fault", "seconds": 5}]})
+    change(
+        tiny / "cell.yaml", {"faults": [{"at_move": 4, "kind": "drive_fault", "seconds": LONG_S}]}
+    )
     assert pkmcal("run", tiny, "--yes").code == 3
     assert pkmcal("plan", tiny, "--seed", 8).code == 0
     refused = pkmcal("run", tiny, "--yes")

@@ -1,11 +1,15 @@
 """The whole chain, command by command and as one dry run, on a small cell."""
 
+import signal
 from pathlib import Path
 
 import pytest
 from command_line import change, contents
 
+import campaigns.load
+from campaigns.journal_reader import read_journal
 from campaigns.parameters import PARAMETER_NAMES
+from campaigns.records import Finding
 from sim.scenario import load_scenario
 
 DATA = Path(__file__).parents[1] / "data" / "vectors"
@@ -218,6 +222,21 @@ def test_load_keeps_the_old_and_can_be_rolled_back(pkmcal, exported):
     assert back.document["kept"] == str(exported / "controller-before-2.yaml")
     nothing = pkmcal("load", exported, "--file", exported / "robot.yaml", "--yes")
     assert "holds these already" in nothing.out
+
+
+def test_ctrl_c_while_loading_waits_until_it_is_verified(pkmcal, exported, monkeypatch):
+    write_verified = campaigns.load.write_verified
+
+    def interrupted(*arguments):
+        signal.raise_signal(signal.SIGINT)
+        write_verified(*arguments)
+
+    monkeypatch.setattr(campaigns.load, "write_verified", interrupted)
+    ended = pkmcal("load", exported, "--yes")
+    assert ended.code == 130
+    with read_journal(exported / "campaign.db") as journal:
+        assert [e.record.kind for e in journal.records_of(Finding)][-1] == "load"
+    assert "holds these already" in pkmcal("load", exported, "--yes").out
 
 
 def test_rollback_without_a_load(pkmcal, exported):

@@ -8,6 +8,7 @@ import resource
 import pytest
 from command_line import contents
 
+from campaigns import textfile
 from campaigns.journal_reader import read_journal
 from campaigns.records import Outcome
 
@@ -79,16 +80,19 @@ def test_an_import_counts_whole_or_not_at_all(full, pkmcal, planned):
 
 
 @pytest.fixture
-def no_text_fits(monkeypatch):
-    """A disk on which the journal still finds room, but no further file."""
+def no_robot_file_fits(monkeypatch):
+    """A disk on which all finds room but a further robot file."""
+    write_to_disk = textfile._write_to_disk
 
     def write(path, text):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        if "pkmcal/robot/" in text:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write_to_disk(path, text)
 
-    monkeypatch.setattr("campaigns.textfile._write_to_disk", write)
+    monkeypatch.setattr(textfile, "_write_to_disk", write)
 
 
-@pytest.mark.usefixtures("no_text_fits")
+@pytest.mark.usefixtures("no_robot_file_fits")
 def test_export_leaves_the_older_file(pkmcal, exported):
     before = contents(exported)
     ended = pkmcal("export", exported, "--overwrite")
@@ -97,14 +101,12 @@ def test_export_leaves_the_older_file(pkmcal, exported):
     assert contents(exported) == before
 
 
-def test_nothing_is_loaded_when_the_old_cannot_be_kept(pkmcal, exported, monkeypatch, request):
+@pytest.mark.usefixtures("no_robot_file_fits")
+def test_nothing_is_loaded_when_the_old_cannot_be_kept(pkmcal, exported):
     held = pkmcal("load", exported, "--dry").out
-    with monkeypatch.context():
-        request.getfixturevalue("no_text_fits")
-        ended = pkmcal("load", exported, "--yes")
-        assert ended.code == 4
-        assert "controller-before-1.yaml: cannot be written" in ended.error_line
-    monkeypatch.undo()
+    ended = pkmcal("load", exported, "--yes")
+    assert ended.code == 4
+    assert "controller-before-1.yaml: cannot be written" in ended.error_line
     assert not list(exported.glob("controller-before-*"))
     assert pkmcal("load", exported, "--dry").out == held
 

@@ -78,15 +78,9 @@ def test_ctrl_c_again_and_again_stops_the_robot_in_order(at_work, planned, pkmca
         time.sleep(0.002)
     stopped = ended(at_work)
     assert stopped.code == 130
-    assert "the same command takes up where it was" in stopped.error_line
+    assert f"`pkmcal run {planned}` takes up where it was" in stopped.error_line
     assert_interrupted(planned)
     assert_resumes(pkmcal, planned)
-
-
-def test_a_polite_kill_stops_the_robot_in_order(at_work, planned):
-    at_work.send_signal(signal.SIGTERM)
-    assert ended(at_work).code == 130
-    assert_interrupted(planned)
 
 
 def assert_interrupted(folder):
@@ -105,12 +99,15 @@ def test_a_killed_run_is_taken_up(at_work, planned, pkmcal):
     assert_resumes(pkmcal, planned)
 
 
-def test_a_campaign_belongs_to_one_process(at_work, planned, pkmcal):
+def test_a_campaign_belongs_to_one_process_until_that_is_asked_to_end(at_work, planned, pkmcal):
     for command in (["run", planned, "--yes"], ["plan", planned], ["identify", planned]):
         refused = pkmcal(*command)
         assert refused.code == 2
         assert f"process {at_work.pid}" in refused.error_line
     assert at_work.poll() is None, "the one at work was not disturbed"
+    at_work.send_signal(signal.SIGTERM)
+    assert ended(at_work).code == 130
+    assert_interrupted(planned)
 
 
 class Screen:

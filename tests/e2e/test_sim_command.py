@@ -1,10 +1,19 @@
 """`pkmcal sim`: a cell in a process of its own, reached as a real one would be."""
 
+import contextlib
 import json
 import signal
+import threading
+import time
+from functools import partial
 
 import pytest
 from command_line import change, ended, started
+
+from campaigns.errors import JournalFailed
+from campaigns.journal_reader import read_journal
+from campaigns.records import Outcome, SessionStopped
+from drivers.line_robot import Deadlines, LineRobot
 
 TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
 PACE = {"settle.time_s": 0.001, "controller.speed_percent": 100.0}
@@ -58,6 +67,36 @@ def test_a_campaign_on_a_serial_line(served, pkmcal, tmp_path):
     assert pkmcal("validate", folder, *turn).code == 0
     process.send_signal(signal.SIGTERM)
     assert ended(process).code == 0
+
+
+def test_a_cell_that_dies_at_work_leaves_an_unknown_robot(served, pkmcal, tmp_path, monkeypatch):
+    process, addresses = served
+    folder = made_for(addresses, tmp_path / "cell-5", pkmcal)
+    assert pkmcal("plan", folder).code == 0
+    soon = Deadlines(answer_s=0.2, stop_answer_s=0.1, standstill_s=0.3)
+    monkeypatch.setattr("app.wiring.LineRobot", partial(LineRobot, deadlines=soon))
+
+    def kill_at_work():
+        give_up_s = time.monotonic() + 10.0
+        while not has_shots(folder) and time.monotonic() < give_up_s:
+            time.sleep(0.005)
+        process.kill()
+
+    killer = threading.Thread(target=kill_at_work)
+    killer.start()
+    stopped = pkmcal("run", folder, "--yes")
+    killer.join()
+    assert stopped.code == 3
+    assert "robot state unknown" in stopped.error_line
+    assert "use the hardware stop" in stopped.error_line
+    with read_journal(folder / "campaign.db") as journal:
+        assert [e.record.how for e in journal.records_of(SessionStopped)] == ["aborted"]
+
+
+def has_shots(folder):
+    with contextlib.suppress(JournalFailed), read_journal(folder / "campaign.db") as journal:
+        return len(journal.records_of(Outcome)) > 0
+    return False
 
 
 def test_what_sim_prints(served):

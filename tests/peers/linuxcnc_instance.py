@@ -6,6 +6,7 @@ ordinary user where the system lets users make namespaces.
 """
 
 import os
+import shlex
 import shutil
 import signal
 import socket
@@ -60,8 +61,7 @@ class LinuxcncInstance:
         shutil.copytree(EXAMPLES, folder / "config")
         folder.chmod(0o755)  # its realtime part may run as another user
         _prepare_modules(folder, modules)
-        (folder / "tmp").mkdir()
-        (folder / "tmp").chmod(0o1777)
+        self._make_tmp()
         self._adapt_ini(edits)
 
     @property
@@ -80,11 +80,9 @@ class LinuxcncInstance:
         return int(Path(f"/proc/{pid}/task/{pid}/children").read_text().split()[0])
 
     @property
-    def into(self):
-        """What a command must begin with to run beside its programs."""
-        user = () if os.geteuid() == 0 else ("--user", "--preserve-credentials")
-        spaces = (*user, "--ipc", "--pid", "--mount")
-        return ("nsenter", "-t", str(self.init_pid), *spaces)
+    def beside(self):
+        """A command that has a shell beside its programs run the rest, like `ssh HOST`."""
+        return self.folder / "beside"
 
     def start(self):
         """Start it and wait until it answers."""
@@ -98,6 +96,7 @@ class LinuxcncInstance:
             assert time.monotonic() < deadline_s, self.log
             assert self._process.poll() is None, self.log
             time.sleep(LOOK_AGAIN_S)
+        self._write_beside()
         return self
 
     def stop(self):
@@ -108,6 +107,8 @@ class LinuxcncInstance:
             os.kill(self.init_pid, signal.SIGKILL)
         self._process.wait(GONE_WITHIN_S)
         self._process = None
+        shutil.rmtree(self.folder / "tmp")  # its lock, with which a next start would be slow
+        self._make_tmp()
 
     def restart(self):
         self.stop()
@@ -115,14 +116,17 @@ class LinuxcncInstance:
 
     def kill(self, program):
         """Kill one of its programs without any warning."""
-        self.run("sh", "-c", f"kill -9 $(pidof -x {program})")
+        pids = self.run("pidof", "-x", program).split()
+        self.run("kill", "-9", *pids)
 
     def hal(self, *words):
         """Run halcmd beside it; gives what it says."""
         return self.run("halcmd", *words)
 
     def run(self, *command):
-        done = subprocess.run([*self.into, *command], capture_output=True, text=True, check=False)
+        """Run a command beside its programs; gives what it says."""
+        whole = [str(self.beside), shlex.join(command)]
+        done = subprocess.run(whole, capture_output=True, text=True, check=False)
         assert done.returncode == 0, f"{command}: {done.stderr}"
         return done.stdout.strip()
 
@@ -132,6 +136,10 @@ class LinuxcncInstance:
     def __exit__(self, *_):
         self.stop()
 
+    def _make_tmp(self):
+        (self.folder / "tmp").mkdir()
+        (self.folder / "tmp").chmod(0o1777)
+
     def _answers(self):
         try:
             with socket.create_connection(("127.0.0.1", self.port), timeout=1.0) as connection:
@@ -140,6 +148,12 @@ class LinuxcncInstance:
                 return b"HELLO ACK" in connection.recv(200)
         except OSError:
             return False
+
+    def _write_beside(self):
+        user = "" if os.geteuid() == 0 else "--user --preserve-credentials"
+        spaces = f"-t {self.init_pid} {user} --ipc --pid --mount"
+        self.beside.write_text(f'#!/bin/sh\nexec nsenter {spaces} sh -c "$*"\n')
+        self.beside.chmod(0o755)
 
     def _adapt_ini(self, edits):
         ini = self.config / "par4.ini"

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from app.report.figures.drawing import (
@@ -21,6 +22,8 @@ from campaigns.numerics.geometry import Array, Index
 
 GAP = 3
 """Empty places between two groups of pairs."""
+LEAST_PLACES = 20
+"""So many places make room for the names of groups."""
 BINS = 24
 SHADES = (0.95, 0.45, 0.1)
 """Of the groups in a histogram."""
@@ -44,7 +47,7 @@ def pair_errors(groups: Sequence[PairGroup]) -> Figure:
     """Every pair before and after; below, after alone on its own scale."""
     has_after = any(group.after_mm is not None for group in groups)
     has_both = has_after and any(group.before_mm is not None for group in groups)
-    figure = new_figure(108.0 if has_both else 66.0)
+    figure = new_figure(96.0 if has_both else 60.0)
     every = figure.subplots(2 if has_both else 1, 1, sharex=True, squeeze=False)[:, 0]
     top, bottom = every[0], every[-1]
     for place, group in _placed(groups):
@@ -117,9 +120,12 @@ def _divide(axes: Axes, groups: Sequence[PairGroup]) -> None:
             color=QUIET,
             va="top",
             style="italic",
+            in_layout=False,
         )
         if place[0] > 1:
             axes.axvline(float(place[0]) - 0.5 * (GAP + 1), color=QUIET, linewidth=0.6)
+    places = sum(len(group) + GAP for group in groups)
+    axes.set_xlim(1 - GAP, max(places, LEAST_PLACES))
     axes.margins(y=0.14)
 
 
@@ -149,8 +155,7 @@ def _bars(
             np.diff(edges),
             bottom,
             align="edge",
-            color=colour,
-            alpha=alpha,
+            facecolor=to_rgba(colour, alpha),
             edgecolor=INK,
             linewidth=0.4,
             label=group.name,

@@ -103,7 +103,7 @@ def save(figure: Figure, path: Path) -> None:
         ) from error
     except OSError as error:
         raise WriteFailed(
-            f"{path}: cannot be written ({error.strerror})",
+            f"{path}: cannot be written ({(error.strerror or str(error)).lower()})",
             remedy="check that the folder exists and that this user may write there",
         ) from error
 

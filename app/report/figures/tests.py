@@ -31,7 +31,7 @@ ROOM = 1.25
 def straightness(before: StageView | None, after: StageView | None) -> Figure:
     """Distance from each line's best line, by direction; a row a stage, a column a line."""
     stages = tuple(_named(before, after))
-    figure = new_figure(14.0 + 44.0 * len(stages))
+    figure = new_figure(12.0 + 39.0 * len(stages))
     rows = figure.subplots(len(stages), len(AXES), squeeze=False, sharey="row")
     for (name, colour, stage), row in zip(stages, rows, strict=True):
         for axis, axes in zip(AXES, row, strict=True):
@@ -45,7 +45,7 @@ def straightness(before: StageView | None, after: StageView | None) -> Figure:
 @in_house_style
 def rotation(before: Turn | None, after: Turn | None) -> Figure:
     """Motion of the point from its mean while θ turns, a panel a stage."""
-    figure = new_figure(60.0)
+    figure = new_figure(55.0)
     panels = (("before", BEFORE, before), ("after", AFTER, after))
     every = figure.subplots(1, 2)
     for axes, (name, colour, turn) in zip(every, panels, strict=True):
@@ -63,7 +63,7 @@ def rotation(before: Turn | None, after: Turn | None) -> Figure:
 @in_house_style
 def repeatability(before: Cloud | None, after: Cloud | None) -> Figure:
     """Repeated visits about their mean from three sides, and the sphere that holds them."""
-    figure = new_figure(68.0)
+    figure = new_figure(66.0)
     every = figure.subplots(1, 3, sharex=True, sharey=True)
     clouds = (("before", BEFORE, "o", before), ("after", AFTER, "^", after))
     for axes, (first, second) in zip(every, ((0, 1), (0, 2), (1, 2)), strict=True):

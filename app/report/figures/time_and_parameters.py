@@ -11,18 +11,25 @@ from app.report.figures.drawing import AFTER, INK, QUIET, in_house_style, new_fi
 from app.report.over_time import Course
 from campaigns.numerics.geometry import Array
 
+UNITS = (("hours", 3600.0), ("minutes", 60.0), ("seconds", 1.0))
+LEAST_VALUES = 2
+"""One value shows no course."""
+AT_LEAST = 3.0
+"""A unit of time is used from so many of it on."""
+
 
 @in_house_style
 def over_time(courses: Sequence[Course]) -> Figure:
     """Above the air's temperature, below the drift pose; a column a series."""
     figure = new_figure(84.0)
+    unit, unit_s = _unit(max(course.longest_s for course in courses))
     rows = figure.subplots(2, len(courses), sharex="col", sharey="row", squeeze=False)
     for course, warm, drift in zip(courses, *rows, strict=True):
         warm.set_title(course.name)
-        _plot(warm, course.temperature_minutes, course.temperature_degC, ".")
-        _plot(drift, course.drift_minutes, course.drift_mm, "o-")
+        _plot(warm, course.temperature_s / unit_s, course.temperature_degC, ".")
+        _plot(drift, course.drift_s / unit_s, course.drift_mm, "o-")
         zero_line(drift)
-        drift.set_xlabel("minutes since the first shot")
+        drift.set_xlabel(f"{unit} since the first shot")
     rows[0, 0].set_ylabel("air, °C")
     rows[0, 0].ticklabel_format(useOffset=False)
     rows[0, 0].margins(y=0.3)
@@ -46,8 +53,13 @@ def correlation_map(correlations: Correlations) -> Figure:
     return figure
 
 
-def _plot(axes: Axes, minutes: Array, values: Array, style: str) -> None:
-    if len(values) == 0:
+def _plot(axes: Axes, times: Array, values: Array, style: str) -> None:
+    if len(values) < LEAST_VALUES:
         axes.text(0.5, 0.5, "not recorded here", transform=axes.transAxes, ha="center", color=QUIET)
         return
-    axes.plot(minutes, values, style, color=AFTER, markeredgecolor=INK, markeredgewidth=0.3)
+    axes.plot(times, values, style, color=AFTER, markeredgecolor=INK, markeredgewidth=0.3)
+
+
+def _unit(longest_s: float) -> tuple[str, float]:
+    """The unit of time that suits, and its seconds."""
+    return next((named for named in UNITS if longest_s >= AT_LEAST * named[1]), UNITS[-1])

@@ -51,7 +51,7 @@ def plan_picture(poses: Array, purposes: tuple[ShotSet, ...]) -> Figure:
 @in_house_style
 def error_arrows(poses: Array, before_mm: Array | None, after_mm: Array | None) -> Figure:
     """Measured minus modelled position at each pose, each panel with its own magnification."""
-    figure = new_figure(84.0)
+    figure = new_figure(76.0)
     every = figure.subplots(1, 2)
     panels = (("before", BEFORE, before_mm), ("after", AFTER, after_mm))
     for space, (name, colour, errors) in zip(every, panels, strict=True):
@@ -76,21 +76,10 @@ def errors_against_position(poses: Array, errors_mm: Array, fitted: Mask) -> Fig
     size = np.linalg.norm(errors_mm, axis=1)
     values = np.column_stack([poses[:, :3], np.degrees(poses[:, 3])])
     every = figure.subplots(2, 2, sharey=True).ravel()
-    for axes, column, name in zip(
-        every, values.T, ("x, mm", "y, mm", "z, mm", "θ, °"), strict=True
-    ):
+    for axes, column, name in zip(every, values.T, COORDINATES, strict=True):
         axes.plot(column[fitted], size[fitted], "o", color=AFTER, label="fitted")
-        axes.plot(
-            column[~fitted],
-            size[~fitted],
-            "D",
-            color=BEFORE,
-            markerfacecolor="white",
-            label="unseen",
-        )
-        axes.plot(
-            *binned_medians(column, size), color=INK, linewidth=1.3, label="median of a sixth"
-        )
+        axes.plot(column[~fitted], size[~fitted], "D", color=AFTER, mfc="white", label="unseen")
+        axes.plot(*binned_medians(column, size), color=INK, label="median of each sixth")
         axes.set_xlabel(name)
         zero_line(axes)
     for axes in every[::2]:

@@ -1,0 +1,145 @@
+"""The page: one HTML document with its style and figures inside, needing no network."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from app.report.conformity import RULE
+from app.report.contents import Contents
+from app.report.evidence import Evidence
+from app.report.figures.drawing import svg_text
+from app.report.key_figures import KeyFigure, key_figures
+from app.report.model_sections import parameters_section, remainder_section
+from app.report.parts import Part, Picture, Row, Section, Table, moment
+from app.report.record_sections import incidents_section, provenance_section, tracker_section
+from app.report.results_sections import (
+    gain_section,
+    iso_section,
+    limits_section,
+    tests_section,
+    workspace_section,
+)
+from campaigns.version import VERSION
+
+GENERATOR = f"pkmcal {VERSION}"
+TEMPLATE = "page.html.jinja"
+SECTIONS = (
+    limits_section,
+    gain_section,
+    workspace_section,
+    tests_section,
+    iso_section,
+    parameters_section,
+    tracker_section,
+    incidents_section,
+    remainder_section,
+    provenance_section,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """What the template fills in."""
+
+    robot: str
+    campaign: str
+    simulated: bool
+    facts: tuple[Row, ...]
+    decision: str
+    headline: str
+    reasons: tuple[str, ...]
+    rule: str
+    key_figures: tuple[KeyFigure, ...]
+    sections: tuple[Section, ...]
+    missing: tuple[tuple[str, str], ...]
+    """Each thing once, with the section that lacks it."""
+    record: str
+    """The journal's digest, for the foot of every printed page; hexadecimal or a dash."""
+    generator: str = GENERATOR
+
+
+def page_of(contents: Contents, made_utc: str) -> Page:
+    """Put the page together."""
+    evidence = contents.evidence
+    sections = tuple(section(contents) for section in SECTIONS)
+    found = contents.verdict
+    return Page(
+        evidence.campaign.nominal.robot.name,
+        evidence.campaign.config.name,
+        evidence.campaign.is_simulated,
+        tuple(_facts(evidence, made_utc)),
+        found.decision,
+        found.headline,
+        found.reasons,
+        RULE,
+        key_figures(contents),
+        sections,
+        _missing(sections),
+        evidence.journal.digest[:16] if evidence.journal else "–",
+    )
+
+
+def page_html(page: Page) -> str:
+    """Draw the figures and write the document; whatever comes from outside is escaped."""
+    environment = Environment(
+        loader=PackageLoader("app.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.tests |= {"table": _is_table, "picture": _is_picture}
+    environment.filters |= {"drawing": _drawing, "prose": _prose}
+    return environment.get_template(TEMPLATE).render(page=page)
+
+
+def _is_table(part: Part) -> bool:
+    return isinstance(part, Table)
+
+
+def _is_picture(part: Part) -> bool:
+    return isinstance(part, Picture)
+
+
+def _drawing(picture: Picture) -> Markup:
+    svg = svg_text(picture.draw(), picture.name, picture.title)
+    return Markup(svg)  # noqa: S704 - drawn by us, holds no text from outside
+
+
+def _prose(text: str) -> Markup:
+    """A sentence in which `backticks` are commands."""
+    pieces = text.split("`")
+    marked = (Markup("<code>{}</code>").format(p) if k % 2 else p for k, p in enumerate(pieces))
+    return Markup("").join(marked)
+
+
+def _facts(evidence: Evidence, made_utc: str) -> Iterator[Row]:
+    config = evidence.campaign.config
+    yield "campaign", config.name
+    yield "robot", evidence.campaign.nominal.robot.name
+    serials = (
+        ("serial number", config.instruments.robot_serial),
+        ("site", config.people.site),
+        ("operator", config.people.operator),
+        ("notes", config.people.notes),
+    )
+    for name, text in serials:
+        if text:
+            yield name, text
+    series = evidence.journal.series if evidence.journal else ()
+    if series:
+        began, last = series[0].series.started_utc, series[-1].series.started_utc
+        yield "first series begun", moment(began)
+        yield "last series begun", moment(last)
+    yield "report made", moment(made_utc)
+    yield "software", GENERATOR
+
+
+def _missing(sections: tuple[Section, ...]) -> tuple[tuple[str, str], ...]:
+    found: dict[str, str] = {}
+    for section in sections:
+        for text in section.missing:
+            found.setdefault(text, section.name)
+    return tuple(found.items())

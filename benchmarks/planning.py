@@ -1,0 +1,201 @@
+"""What shots tell, by how they are placed, and what planning costs: the table of docs/model.md.
+
+python benchmarks/planning.py [--repeats N] [--json]
+
+σ of the worst length and angle, and the predicted error of position over the workspace in the frame
+that the same shots gave, for a tracker with 0.015/√3 mm per coordinate; medians over draws. Exit
+code 1 when a figure misses its limit.
+"""
+
+import argparse
+import json
+import math
+import os
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, fields
+
+os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")
+# before NumPy is imported: the limit is for one core, and the program itself keeps to one
+
+import numpy as np
+
+from campaigns.numerics.candidates import point_rows
+from campaigns.numerics.criteria import CriterionName
+from campaigns.numerics.geometry import FREE_BY_DEFAULT, IS_ANGLE, Array, Geometry, Index, indices
+from campaigns.numerics.instrument import TrackerUncertainty
+from campaigns.numerics.par4 import inverse
+from campaigns.numerics.placement import Region, boundary_poses, inner_poses, pair_up
+from campaigns.numerics.point_prediction import points_covariance, position_std_mm
+from campaigns.numerics.prediction import predict_distances
+from campaigns.optimal_planning import Estimator, OptimalRequest, chosen_of, draw_options
+from campaigns.planning import PlanRequest, numeric_geometry, numeric_limits, pose_row
+from campaigns.robot import find_robot
+from drivers.values import Pose
+
+CENTRE = Pose(0.0, 0.0, -575.0, 0.0)
+NOISE_MM = 0.015 / math.sqrt(3.0)
+ISOTROPIC = TrackerUncertainty(NOISE_MM, 0.0, NOISE_MM, 0.0)
+RANDOM_DRAWS = 21
+WORKSPACE_SAMPLE = 2000
+ANGLE = IS_ANGLE[indices(FREE_BY_DEFAULT)]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of the table; without a criterion poses are drawn by `place`."""
+
+    shots: int
+    estimator: Estimator
+    place: str
+    criterion: CriterionName | None = None
+
+    def name(self) -> str:
+        return f"{self.shots} shots, {self.estimator}, {self.place}"
+
+
+PLACES = {"random": inner_poses, "near the limits": boundary_poses}
+HEADLINE = Row(120, "points", "I-optimal", "I")
+FORTY = Row(40, "points", "I-optimal", "I")
+FOURTEEN = Row(14, "points", "I-optimal", "I")
+ROWS = (
+    Row(120, "distances", "random"),
+    Row(120, "distances", "near the limits"),
+    Row(120, "distances", "I-optimal", "I"),
+    Row(120, "points", "random"),
+    Row(120, "points", "near the limits"),
+    Row(120, "points", "D-optimal", "D"),
+    HEADLINE,
+    FORTY,
+    FOURTEEN,
+)
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Errors of position are NaN where the shots give no frame, times where nothing is planned."""
+
+    worst_length_mm: float
+    worst_angle_deg: float
+    mean_position_um: float = math.nan
+    max_position_um: float = math.nan
+    planning_s: float = math.nan
+
+
+LIMITS = {
+    HEADLINE: {
+        "worst_length_mm": 0.0135,
+        "worst_angle_deg": 0.0012,
+        "mean_position_um": 3.3,
+        "planning_s": 3.0,
+    },
+    FORTY: {"worst_length_mm": 0.024},
+    FOURTEEN: {"worst_length_mm": 0.06},
+}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("--repeats", type=int, default=3, help="of each optimal plan")
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    region = prototype_region()
+    table = {row: measured(region, row, asked.repeats) for row in ROWS}
+    missed = list(misses(table))
+    if asked.json:
+        print(json.dumps({"rows": [document(*line) for line in table.items()], "missed": missed}))
+    else:
+        show(table)
+        for line in missed:
+            print(line)
+    return 1 if missed else 0
+
+
+def prototype_region() -> Region:
+    """All that the robot reaches, its reflector seen from everywhere."""
+    robot = find_robot("par4-prototype").robot
+    centre, tracker = pose_row(CENTRE), np.array([2500.0, 0.0, -575.0])
+    geometry, limits = numeric_geometry(robot), numeric_limits(robot)
+    return Region(geometry, limits, centre, tracker, np.array([1.0, 0.0, 0.0]), np.pi)
+
+
+def measured(region: Region, row: Row, repeats: int) -> Figures:
+    """Medians over draws."""
+    seeds = range(repeats if row.criterion else RANDOM_DRAWS)
+    draws = [one_draw(region, row, np.random.default_rng(seed)) for seed in seeds]
+    medians = (np.median([getattr(draw, f.name) for draw in draws]) for f in fields(Figures))
+    return Figures(*(float(median) for median in medians))
+
+
+def one_draw(region: Region, row: Row, rng: np.random.Generator) -> Figures:
+    began_s = time.perf_counter()
+    poses, pairs = placed(region, row, rng)
+    planning_s = time.perf_counter() - began_s if row.criterion else math.nan
+    joints = inverse(region.geometry, poses).require()
+    if row.estimator == "distances":
+        return by_distances(region.geometry, joints, poses, pairs, planning_s)
+    workspace = inner_poses(region, WORKSPACE_SAMPLE, rng)
+    return by_points(region.geometry, joints, poses, workspace, planning_s)
+
+
+def placed(region: Region, row: Row, rng: np.random.Generator) -> tuple[Array, Index]:
+    """Poses (N, 4) and pairs of them (N/2, 2)."""
+    if row.criterion is None:
+        poses = PLACES[row.place](region, row.shots, rng)
+        return poses, pair_up(poses, rng)
+    plan = PlanRequest(row.shots, 0, 2, CENTRE)
+    request = OptimalRequest(plan, ISOTROPIC, row.estimator, row.criterion)
+    options = draw_options(region, request, rng)
+    chosen, _ = chosen_of(options, request, rng)
+    return options.poses[options.ends[chosen].ravel()], np.arange(row.shots).reshape(-1, 2)
+
+
+def by_distances(
+    geometry: Geometry, joints: Array, poses: Array, pairs: Index, planning_s: float
+) -> Figures:
+    variance = np.full(len(pairs), 2.0 * NOISE_MM**2)
+    std = predict_distances(geometry, FREE_BY_DEFAULT, joints, poses, pairs, variance).std
+    return Figures(*worst(std), planning_s=planning_s)
+
+
+def by_points(
+    geometry: Geometry, joints: Array, poses: Array, workspace: Array, planning_s: float
+) -> Figures:
+    noise = np.broadcast_to(NOISE_MM**2 * np.eye(3), (len(poses), 3, 3))
+    known = points_covariance(geometry, FREE_BY_DEFAULT, joints, poses, noise)
+    there = inverse(geometry, workspace).require()
+    rows = point_rows(geometry, FREE_BY_DEFAULT, there, workspace)
+    error_um = 1e3 * position_std_mm(rows, known)
+    std = np.sqrt(np.diag(known))[: len(ANGLE)]
+    return Figures(*worst(std), float(error_um.mean()), float(error_um.max()), planning_s)
+
+
+def worst(std: Array) -> tuple[float, float]:
+    """Length in mm, angle in degrees."""
+    return float(std[~ANGLE].max()), float(np.degrees(std[ANGLE].max()))
+
+
+def misses(table: dict[Row, Figures]) -> Iterator[str]:
+    for row, limits in LIMITS.items():
+        for figure, limit in limits.items():
+            value = getattr(table[row], figure)
+            if not value <= limit:
+                yield f"{row.name()}: {figure} is {value:.4g}, limit {limit:g}"
+
+
+def document(row: Row, figures: Figures) -> dict[str, str | int | float | None]:
+    known = {name: None if math.isnan(v) else v for name, v in asdict(figures).items()}
+    return {"shots": row.shots, "estimator": row.estimator, "place": row.place, **known}
+
+
+def show(table: dict[Row, Figures]) -> None:
+    print(f"{'':40}{'length mm':>10}{'angle °':>10}{'mean µm':>9}{'max µm':>8}{'plan s':>8}")
+    for row, figures in table.items():
+        length, angle, *others = (getattr(figures, f.name) for f in fields(Figures))
+        mean, most, took = ("" if math.isnan(value) else f"{value:.2f}" for value in others)
+        print(f"{row.name():40}{length:>10.4f}{angle:>10.5f}{mean:>9}{most:>8}{took:>8}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

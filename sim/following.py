@@ -1,0 +1,143 @@
+"""The controller's place in a cell whose joints somebody else moves: it only follows."""
+
+import math
+import time
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from sim.controller import ControllerState
+from sim.draws import WorkedTime, target_key
+from sim.driven_robot import DrivenRobot, Standing
+from sim.errors import AssemblyLost
+from sim.geometry import Array
+from sim.linuxcnc_joints import JointsLost, JointSource
+from sim.peers import Session
+
+SAME_RAD = math.radians(2e-6)
+"""Joints are told with six decimals of a degree."""
+LOOK_AGAIN_S = 0.003
+"""Real seconds after which joints that move read differently."""
+
+
+class FollowingController:
+    """Has the robot be where a joint source says. It takes no orders: another gives them.
+
+    Wherever the joints come to rest, the robot arrives. While they cannot be read it stands where
+    it was: drives without orders hold.
+    """
+
+    def __init__(
+        self,
+        source: JointSource,
+        robot: DrivenRobot,
+        *,
+        geometry: Mapping[str, float],
+        speed_rad_per_s: float,
+        worked: WorkedTime,
+        sleep_s: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._source = source
+        self._robot = robot
+        self._first: Standing = robot.standing
+        self._geometry = dict(geometry)
+        self._speed_rad_per_s = speed_rad_per_s
+        self._worked = worked
+        self._sleep_s = sleep_s
+
+    def state(self, now_s: float) -> ControllerState:  # noqa: ARG002 - the joints have their time
+        """What the joints read now."""
+        joints_rad, moving = self._follow()
+        return ControllerState(
+            joints_rad=tuple(map(float, joints_rad)),
+            moving=moving,
+            fault="",
+            emergency_stop=False,
+        )
+
+    def encoders_rad(self, now_s: float) -> Array:  # noqa: ARG002 - as in `state`
+        """(4,): the joints now."""
+        return self._follow()[0]
+
+    def geometry(self) -> dict[str, float]:
+        """What the scenario says; the real controller's is its own."""
+        return dict(self._geometry)
+
+    def _follow(self) -> tuple[Array, bool]:
+        """Where the joints are, and whether they move; what has come to rest arrives."""
+        joints_rad = self._read()
+        if _is_same(joints_rad, self._standing_rad):
+            return self._standing_rad, False
+        self._sleep_s(LOOK_AGAIN_S)
+        again_rad = self._read()
+        if not _is_same(again_rad, joints_rad):
+            return again_rad, True
+        self._arrive(again_rad)
+        return again_rad, False
+
+    @property
+    def _standing_rad(self) -> Array:
+        return self._robot.standing.encoders_rad
+
+    def _read(self) -> Array:
+        try:
+            return self._source.read_rad()
+        except JointsLost:
+            return self._standing_rad
+
+    def _arrive(self, joints_rad: Array) -> None:
+        """Come to rest there, by the straight joint path or, after a jump, from the first place.
+
+        A controller that is started anew tells other joints at once; no way leads to them.
+        """
+        travel_rad = float(np.abs(joints_rad - self._standing_rad).max())
+        if self._robot.passable_part(joints_rad) < 1.0:
+            self._robot.standing = self._first
+            if self._robot.passable_part(joints_rad) < 1.0:
+                listed = ", ".join(f"{angle:.2f}" for angle in np.degrees(joints_rad))
+                raise AssemblyLost(
+                    f"the simulated robot cannot be at joints {listed} deg",
+                    remedy="keep the real controller's joints inside its workspace",
+                )
+        self._robot.arrive(joints_rad, target_key(joints_rad.tolist()))
+        self._worked.add(travel_rad / self._speed_rad_per_s)
+
+
+class LookingSession:
+    """A device's session that also looks at the joints, often enough to see every stop.
+
+    The places at which the joints stand between two measurements count: backlash depends on the
+    side from which a place was approached.
+    """
+
+    def __init__(
+        self, session: Session, look: Callable[[float], object], *, every_s: float
+    ) -> None:
+        self._session = session
+        self._look = look
+        self._every_s = every_s
+        self._next_s = 0.0
+
+    def received(self, data: bytes, now_s: float) -> None:
+        """Bytes from the client, for the device."""
+        self._session.received(data, now_s)
+
+    def advance(self, now_s: float) -> None:
+        """Look, and let the device say what is due."""
+        if now_s >= self._next_s:
+            self._look(now_s)
+            self._next_s = now_s + self._every_s
+        self._session.advance(now_s)
+
+    def next_due_s(self) -> float | None:
+        """When to look next, or earlier."""
+        due_s = self._session.next_due_s()
+        return self._next_s if due_s is None else min(due_s, self._next_s)
+
+    def closed(self, now_s: float) -> None:
+        """The client has gone."""
+        self._session.closed(now_s)
+
+
+def _is_same(a_rad: Array, b_rad: Array) -> bool:
+    return bool(np.abs(a_rad - b_rad).max() <= SAME_RAD)

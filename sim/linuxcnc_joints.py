@@ -1,0 +1,181 @@
+"""Encoder angles from a real LinuxCNC: the simulated robot is where its joints say.
+
+Two ways to them, both only reading:
+
+- `hal:`, or `hal:PREFIX` such as `hal:ssh controller`: LinuxCNC's pins, by its own Python module in
+  a small program that is kept running beside it. It disturbs nobody. A prefix hands the command to
+  a shell, as ssh does.
+- `tcp://HOST:PORT`: linuxcncrsh, without a greeting and without taking control. **Not beside
+  another client of LinuxCNC 2.9**: its threads share what they take requests apart with, so that a
+  client can get the answer to another's question. The rewrite that will be 2.10 serves in turn.
+"""
+
+import math
+import select
+import shlex
+import socket
+import subprocess
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Protocol
+from urllib.parse import urlsplit
+
+import numpy as np
+
+from drivers.errors import WireError
+from drivers.wire.linuxcncrsh import AnswerFramer, Value, encode, read_numbers
+from sim.errors import SimError
+from sim.geometry import ARMS, Array
+
+HAL = "hal:"
+PYTHON = "/usr/bin/python3"
+QUESTION = "joint_pos"
+WITHIN_S = 1.0
+STARTED_WITHIN_S = 5.0
+CHUNK_BYTES = 4096
+FORMS = "use hal:, hal:ssh HOST or tcp://HOST:PORT"
+CHECK = "check that LinuxCNC runs, and joints_from in the scenario"
+
+PROGRAM = """
+import os, sys, hal
+component = hal.component("pkmcal-joints-%d" % os.getpid())
+component.ready()
+for _ in sys.stdin:
+    print(*(hal.get_value("joint.%d.pos-fb" % joint) for joint in range(4)), flush=True)
+"""
+"""Runs beside LinuxCNC: for every line a line, the joints in deg."""
+
+
+class JointsLost(SimError):
+    """LinuxCNC does not tell its joints: it is not there, or not yet, or does not answer."""
+
+
+class JointSource(Protocol):
+    """Where the joints really are."""
+
+    def read_rad(self) -> Array:
+        """(4,): now; raises `JointsLost`, and begins anew the next time."""
+        ...
+
+    def close(self) -> None:
+        """Let go of it; a second time does nothing."""
+        ...
+
+
+def joint_source(joints_from: str) -> JointSource:
+    """The source that a scenario names; raises `JointsLost` for what is none."""
+    if joints_from.startswith(HAL):
+        return HalJoints(tuple(shlex.split(joints_from.removeprefix(HAL))))
+    return RshJoints(joints_from)
+
+
+class HalJoints:
+    """Reads the pins `joint.N.pos-fb`, as full doubles."""
+
+    def __init__(self, prefix: tuple[str, ...]) -> None:
+        self._command = (*prefix, PYTHON, "-u", "-c", shlex.quote(PROGRAM) if prefix else PROGRAM)
+        self._program: subprocess.Popen[bytes] | None = None
+
+    def read_rad(self) -> Array:
+        """(4,): the joints now; raises `JointsLost`."""
+        try:
+            return _rad(self._answer().split())
+        except (OSError, ValueError) as error:
+            self.close()
+            raise JointsLost(f"LinuxCNC's joints cannot be read ({error})", remedy=CHECK) from error
+
+    def close(self) -> None:
+        """End the program; the next reading starts another."""
+        program, self._program = self._program, None
+        if program is None:
+            return
+        program.kill()
+        with suppress(subprocess.TimeoutExpired):
+            program.communicate(timeout=WITHIN_S)  # closes its pipes and waits for it
+
+    def _answer(self) -> str:
+        within_s = WITHIN_S
+        if self._program is None:
+            within_s = STARTED_WITHIN_S
+            self._program = subprocess.Popen(  # noqa: S603 - the prefix is the user's own command
+                self._command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                bufsize=0,
+            )
+        stdin, stdout = self._program.stdin, self._program.stdout
+        assert stdin is not None, "it was started with pipes"
+        assert stdout is not None, "it was started with pipes"
+        stdin.write(b"\n")
+        if not select.select([stdout], [], [], within_s)[0]:
+            raise TimeoutError(f"no answer within {within_s:g} s")
+        return stdout.readline().decode("ascii")
+
+
+class RshJoints:
+    """Asks linuxcncrsh; connects anew when the connection was lost."""
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+        self._address = _address(url)
+        self._socket: socket.socket | None = None
+        self._framer = AnswerFramer()
+
+    def read_rad(self) -> Array:
+        """(4,): the joints now; raises `JointsLost`."""
+        try:
+            return _rad(read_numbers(self._ask(time.monotonic() + WITHIN_S)))
+        except (OSError, ValueError, WireError) as error:
+            self.close()
+            raise JointsLost(
+                f"{self._url}: LinuxCNC's joints cannot be read ({error})", remedy=CHECK
+            ) from error
+
+    def close(self) -> None:
+        """Close the connection; the next reading opens another."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _ask(self, deadline_s: float) -> Value:
+        connected = self._connected()
+        connected.sendall(encode(f"get {QUESTION}"))
+        while (left_s := deadline_s - time.monotonic()) > 0.0:
+            connected.settimeout(left_s)
+            data = connected.recv(CHUNK_BYTES)
+            if not data:
+                raise ConnectionResetError("it closed the connection")
+            for message in self._framer.feed(data):
+                if isinstance(message, Value) and message.word == QUESTION.upper():
+                    return message
+        raise TimeoutError(f"no answer within {WITHIN_S:g} s")
+
+    def _connected(self) -> socket.socket:
+        if self._socket is None:
+            self._framer = AnswerFramer()
+            self._socket = socket.create_connection(self._address, timeout=WITHIN_S)
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return self._socket
+
+
+def _address(url: str) -> tuple[str, int]:
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError as error:
+        raise JointsLost(f"joints_from '{url}': {error}", remedy=FORMS) from error
+    if parts.scheme != "tcp" or not host or not port:
+        raise JointsLost(f"joints_from '{url}' is no address", remedy=FORMS)
+    return host, port
+
+
+def _rad(numbers: Sequence[float | str]) -> Array:
+    """(4,): of the first numbers, in deg; raises `ValueError`."""
+    if len(numbers) < ARMS:
+        raise ValueError(f"{len(numbers)} joints are told, {ARMS} are needed")
+    joints_deg = [float(number) for number in numbers[:ARMS]]
+    if not all(map(math.isfinite, joints_deg)):
+        raise ValueError("a joint that is not finite")
+    return np.radians(joints_deg)

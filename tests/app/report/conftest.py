@@ -1,0 +1,10 @@
+"""One whole campaign for all tests that only read it."""
+
+import pytest
+from paper_campaign import PaperCampaign, whole_campaign
+
+
+@pytest.fixture(scope="session")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> PaperCampaign:
+    """A campaign in which everything was done; leave it as it is."""
+    return whole_campaign(tmp_path_factory.mktemp("campaigns") / "whole")

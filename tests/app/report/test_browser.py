@@ -1,0 +1,139 @@
+"""The page in a real browser: nothing cut, nothing missing, nothing complained of."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from browser import Browser, find_browser
+from paper_campaign import PaperCampaign, new_campaign
+from test_page import FIGURES
+
+from app.commands.report import report
+from app.folder import open_campaign
+from campaigns.config_sections import PeopleConfig
+
+pytestmark = [pytest.mark.peer, pytest.mark.timeout(240)]
+
+TABLET = 800
+A4_PT = (595.0, 842.0)
+CUT = """[...document.querySelectorAll('h1,h2,p,li,dt,dd,caption,th,td,figcaption')]
+    .filter(e => e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display != 'inline')
+    .map(e => e.textContent)"""
+OUTSIDE = """[...document.querySelectorAll('body *')].filter(e => {
+    const r = e.getBoundingClientRect();
+    return r.width > 0 && (r.right > innerWidth + 1 || r.left < -1);
+}).map(e => e.tagName + ' ' + e.textContent.slice(0, 40))"""
+DRAWN = """Object.fromEntries([...document.querySelectorAll('figure')].map(f => [f.id, [
+    f.querySelector('svg').getBoundingClientRect().width,
+    f.querySelectorAll('svg text').length,
+    f.querySelectorAll('svg path, svg use').length]]))"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Browser:
+    found = find_browser()
+    if found is None:
+        pytest.skip("there is no Chromium on this system")
+    return found
+
+
+@pytest.fixture(scope="module")
+def page(whole: PaperCampaign, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return report(whole.campaign, tmp_path_factory.mktemp("pages") / "report.html")
+
+
+@pytest.fixture(scope="module")
+def pdf_pages(browser: Browser, page: Path) -> list[str]:
+    """The text of each printed page."""
+    if shutil.which("pdftotext") is None:
+        pytest.skip("there is no pdftotext on this system")
+    pdf = page.with_suffix(".pdf")
+    browser.print_pdf(page, pdf)
+    text = subprocess.run(
+        ["pdftotext", "-layout", str(pdf), "-"], capture_output=True, text=True, check=True
+    )
+    return text.stdout.split("\f")[:-1]
+
+
+def test_the_console_stays_empty(browser: Browser, page: Path) -> None:
+    assert browser.console(page) == []
+
+
+def test_a_page_with_a_fault_would_be_noticed(browser: Browser, tmp_path: Path) -> None:
+    faulty = tmp_path / "faulty.html"
+    faulty.write_text("<!DOCTYPE html><script>nobody.knows()</script>")
+    assert len(browser.console(faulty)) == 1
+    wide = tmp_path / "wide.html"
+    wide.write_text("<!DOCTYPE html><body><p style='width:900px'>x</p></body>")
+    assert browser.measure(wide, TABLET, OUTSIDE) == ["P x"]
+
+
+def test_every_figure_is_drawn_large_enough_with_its_text(browser: Browser, page: Path) -> None:
+    drawn = browser.measure(page, TABLET, DRAWN)
+    assert set(drawn) == FIGURES
+    for name, (width, texts, shapes) in drawn.items():
+        assert width > 500, name
+        assert texts > 5, name
+        assert shapes > 20, name
+
+
+@pytest.mark.parametrize("width", [TABLET, 1200])
+def test_no_text_is_cut(browser: Browser, page: Path, width: int) -> None:
+    assert browser.measure(page, width, "document.documentElement.scrollWidth") <= width
+    assert browser.measure(page, width, CUT) == []
+    assert browser.measure(page, width, OUTSIDE) == []
+
+
+def test_long_names_are_broken_not_cut(browser: Browser, tmp_path: Path) -> None:
+    people = PeopleConfig(operator="Wolfeschlegelsteinhausen" * 8, site="/" * 200)
+    paper = new_campaign(tmp_path / "long", people=people)
+    robot = paper.folder / "robot.yaml"
+    robot.write_text(robot.read_text().replace("name: par4-prototype", f"name: {'r' * 150}"))
+    path = report(open_campaign(paper.folder))
+    assert browser.measure(path, TABLET, "document.documentElement.scrollWidth") <= TABLET
+    assert browser.measure(path, TABLET, CUT) == []
+
+
+def test_names_with_markup_are_shown_as_text(browser: Browser, tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "evil")
+    robot = paper.folder / "robot.yaml"
+    evil = "<script>document.title='broken'</script>"
+    robot.write_text(robot.read_text().replace("name: par4-prototype", f'name: "{evil}"'))
+    path = report(open_campaign(paper.folder))
+    assert browser.measure(path, TABLET, "document.querySelector('h1').textContent") == evil
+    assert browser.measure(path, TABLET, "document.title").startswith("Calibration report")
+
+
+def test_the_print_is_on_a4(browser: Browser, page: Path) -> None:
+    pdf = page.with_name("size.pdf")
+    browser.print_pdf(page, pdf)
+    boxes = re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", pdf.read_bytes())
+    assert 5 <= len(boxes) <= 14
+    for box in boxes:
+        assert tuple(map(float, box)) == pytest.approx(A4_PT, abs=1.0)
+
+
+def test_every_printed_page_names_the_record_and_its_place(
+    pdf_pages: list[str], whole: PaperCampaign
+) -> None:
+    with whole.journal() as journal:
+        digest = journal.digest()[:16]
+    for place, text in enumerate(pdf_pages, start=1):
+        assert digest in text
+        assert f"{place} / {len(pdf_pages)}" in text
+
+
+def test_no_table_and_no_figure_is_cut_by_a_page(pdf_pages: list[str]) -> None:
+    for first, last in (
+        ("Limits asked for", "repeatability, radius of the sphere"),
+        ("Errors of distance and position", "commanded positions"),
+        ("Parameters old and new", "held: not identified"),
+        ("Before and after calibration", "line along z"),
+        ("pairs, in the order of the plan", "Errors of distance, pair by pair."),
+        ("since the first shot", "Air and drift while measuring."),
+    ):
+        pages = [text for text in pdf_pages if first in text]
+        assert len(pages) == 1, first
+        assert last in pages[0], first

@@ -1,0 +1,150 @@
+"""Figures and texts: what is drawn, and that drawing leaves no trace."""
+
+import re
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from paper_campaign import NOMINAL, PaperCampaign
+
+from app.report.collect import collect
+from app.report.figures.distances import PairGroup, pair_errors
+from app.report.figures.drawing import save, svg_text
+from app.report.figures.space import flat
+from app.report.figures.workspace import binned_medians, error_arrows, magnification
+from app.report.parts import Column, Table, moment, number, percent_gained
+from app.report.plots import plot_plan, plot_residuals
+from app.report.terminal_picture import bar, histogram_lines
+from campaigns.errors import WriteFailed
+from campaigns.numerics.geometry import Geometry
+from campaigns.planning import numeric_geometry
+
+GROUP = PairGroup("fitted pairs", "o", np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.0, -0.1]))
+
+
+def test_ids_of_two_figures_on_one_page_never_meet() -> None:
+    one, other = (svg_text(pair_errors([GROUP]), name, name) for name in ("one", "other"))
+    ids = [set(re.findall(r'\bid="([^"]+)"', svg)) for svg in (one, other)]
+    assert not ids[0] & ids[1]
+    used = set(re.findall(r'(?:url\(|href=")#([^)"]+)', one))
+    assert used <= ids[0]
+
+
+def test_text_in_a_figure_stays_text() -> None:
+    svg = svg_text(pair_errors([GROUP]), "one", "Errors")
+    assert ">fitted pairs</text>" in svg
+    assert 'aria-label="Errors"' in svg
+
+
+def settings() -> dict[str, object]:
+    """All but the backend: asking for it would choose one."""
+    return {name: mpl.rcParams[name] for name in mpl.rcParams if name != "backend"}
+
+
+def test_drawing_leaves_matplotlibs_settings_and_no_pyplot_behind() -> None:
+    before = settings()
+    svg_text(pair_errors([GROUP]), "one", "Errors")
+    assert settings() == before
+    assert "matplotlib.pyplot" not in sys.modules
+
+
+@pytest.mark.parametrize("pairs", [1, 2, 1000])
+def test_any_number_of_pairs_can_be_drawn(pairs: int) -> None:
+    errors = np.linspace(-1.0, 1.0, pairs)
+    assert svg_text(pair_errors([PairGroup("few", "o", errors, None)]), "n", "n")
+
+
+def test_errors_of_nothing_at_all_can_be_drawn() -> None:
+    poses = np.tile([0.0, 0.0, -500.0, 0.0], (4, 1))
+    assert svg_text(error_arrows(poses, np.zeros((4, 3)), None), "n", "n")
+
+
+@pytest.mark.parametrize(("size_mm", "factor"), [(26.0, 5.0), (0.5, 200.0), (130.0, 1.0)])
+def test_arrows_are_magnified_by_a_round_factor(size_mm: float, factor: float) -> None:
+    assert magnification(np.array([[0.0, size_mm, 0.0], [0.1, 0.0, 0.0]])) == factor
+
+
+def test_the_projection_keeps_up_upright_and_x_to_the_right() -> None:
+    right, up = flat(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+    assert right[0] > 0.8
+    assert up[0] == pytest.approx(0.0)
+    assert up[1] > 0.9
+
+
+def test_medians_follow_a_rise() -> None:
+    places, medians = binned_medians(np.arange(60.0), 2.0 * np.arange(60.0))
+    assert np.allclose(medians, 2.0 * places)
+    assert len(places) == 6
+
+
+@pytest.mark.parametrize("ending", ["svg", "png", "pdf"])
+def test_the_plan_is_drawn_in_the_format_of_the_name(
+    whole: PaperCampaign, tmp_path: Path, ending: str
+) -> None:
+    path = tmp_path / f"plan.{ending}"
+    plot_plan(path, whole.plan(6, 2))
+    start = path.read_bytes()[:400]
+    assert {"svg": b"<svg", "png": b"\x89PNG", "pdf": b"%PDF"}[ending] in start
+
+
+def test_an_unknown_ending_and_a_missing_folder_are_explained(tmp_path: Path) -> None:
+    with pytest.raises(WriteFailed, match=r"\.svg, \.png or \.pdf"):
+        save(pair_errors([GROUP]), tmp_path / "plan.xyz")
+    with pytest.raises(WriteFailed, match="no such file"):
+        save(pair_errors([GROUP]), tmp_path / "nowhere" / "plan.svg")
+
+
+def test_residuals_are_drawn_for_either_model(whole: PaperCampaign, tmp_path: Path) -> None:
+    evidence = collect(whole.campaign)
+    identified = Geometry.from_flat(evidence.identification.identified_flat())
+    path = tmp_path / "residuals.svg"
+    plot_residuals(path, numeric_geometry(NOMINAL.robot), identified, evidence.run.data)
+    text = path.read_text()
+    assert ">fitted pairs</text>" in text
+    assert ">unseen pairs</text>" in text
+
+
+def test_the_histogram_in_letters_counts_every_error() -> None:
+    errors = np.random.default_rng(1).normal(0.05, 0.1, 60)
+    lines = histogram_lines(errors.tolist())
+    assert sum(int(line.rsplit(" ", 1)[1]) for line in lines) == 60
+    assert max(line.count("█") for line in lines) == 40
+    assert len({line.index("mm") for line in lines}) == 1
+
+
+@pytest.mark.parametrize("errors", [[0.0], [0.0, 0.0], [1e-300]])
+def test_the_histogram_of_next_to_nothing_is_short(errors: list[float]) -> None:
+    assert all(len(line) < 100 for line in histogram_lines(errors))
+
+
+def test_no_errors_give_no_histogram() -> None:
+    assert histogram_lines([]) == []
+
+
+@pytest.mark.parametrize(("part", "shown"), [(0.0, "    "), (1.0, "████"), (0.53, "██▏ ")])
+def test_a_bar_counts_eighths(part: float, shown: str) -> None:
+    assert bar(part, 4) == shown
+
+
+def test_numbers_are_written_with_a_true_minus_and_no_negative_nothing() -> None:
+    assert number(-1.5, 1) == "−1.5"
+    assert number(-0.0001, 3) == "0.000"
+    assert number(2.0, 1, signed=True) == "+2.0"
+    assert number(None) == "–"
+
+
+def test_gain_is_told_only_where_there_was_something() -> None:
+    assert percent_gained(2.0, 0.5) == "75 %"
+    assert percent_gained(0.5, 2.0) == "−300 %"
+    assert percent_gained(0.0, 2.0) == percent_gained(None, 2.0) == "–"
+
+
+def test_moments_are_cut_to_the_minute() -> None:
+    assert moment("2026-03-02T08:15:30.123+00:00") == "2026-03-02 08:15 UTC"
+
+
+def test_a_row_that_does_not_fit_its_table_is_refused() -> None:
+    with pytest.raises(ValueError, match="don't fit"):
+        Table("two", (Column("a"), Column("b")), (("1",),))

@@ -1,0 +1,269 @@
+"""The page: what is on it, what it says when something is missing, and what it must never hold."""
+
+import re
+import shutil
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from paper_campaign import NOMINAL, PaperCampaign, new_campaign, whole_campaign
+
+from app.commands.report import report, report_document, write
+from app.folder import open_campaign
+from app.report.collect import collect
+from app.report.contents import contents_of
+from app.report.page import Page, page_html, page_of
+from campaigns.config_sections import AcceptanceConfig, PeopleConfig
+from campaigns.errors import JournalFailed, OutputExists
+from campaigns.numerics.instrument import TrackerUncertainty
+from campaigns.records import Event, Intent, PairVoided, Rejected
+from campaigns.shot_sets import ShotSet
+from drivers.values import Pose
+
+FIGURES = {
+    "pair-errors",
+    "histogram",
+    "arrows",
+    "against-position",
+    "straightness",
+    "rotation",
+    "repeatability",
+    "correlations",
+    "over-time",
+}
+EVIL = "<script>alert('θ & \"more\"')</script>"
+MEGABYTE = 1_000_000
+
+
+def page(paper: PaperCampaign) -> Page:
+    evidence = collect(open_campaign(paper.folder))
+    return page_of(contents_of(evidence, TrackerUncertainty()), "2026-03-02T09:30:00.000+00:00")
+
+
+def html(paper: PaperCampaign) -> str:
+    return page_html(page(paper))
+
+
+def figures(found: Page) -> set[str]:
+    return set(report_document(found, Path("report.html"))["figures"])
+
+
+def missing(found: Page) -> str:
+    return " ".join(text for text, _ in found.missing)
+
+
+class Outline(HTMLParser):
+    """Tags and the ids, as a browser would see them."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = dict(attrs)
+        self.tags.append(tag)
+        self.ids += [found["id"]] if "id" in found else []
+        self.links += [found[name] for name in ("href", "src", "xlink:href") if name in found]
+
+
+@pytest.fixture(scope="module")
+def whole_html(whole: PaperCampaign) -> str:
+    return html(whole)
+
+
+def test_a_whole_campaign_has_every_figure_and_lacks_nothing(whole: PaperCampaign) -> None:
+    found = page(whole)
+    assert figures(found) == FIGURES
+    assert found.missing == ()
+
+
+def test_the_verdict_stands_before_every_section(whole_html: str) -> None:
+    ids = Outline(whole_html).ids
+    assert ids.index("verdict") < min(
+        ids.index(name) for name in ("limits", "gain", "iso9283", "parameters", "provenance")
+    )
+
+
+def test_the_page_asks_nothing_of_a_network(whole_html: str) -> None:
+    outline = Outline(whole_html)
+    assert {link[:1] for link in outline.links} <= {"#", "d"}  # within the page, or `data:,`
+    assert not {"script", "img", "iframe", "object"} & set(outline.tags)
+    style = whole_html[whole_html.index("<style>") : whole_html.index("</style>")]
+    assert "@import" not in style
+    assert "url(" not in style
+
+
+def test_every_id_is_used_once_and_every_link_has_its_target(whole_html: str) -> None:
+    outline = Outline(whole_html)
+    assert len(outline.ids) == len(set(outline.ids))
+    targets = {link[1:] for link in outline.links if link.startswith("#")}
+    targets |= set(re.findall(r"url\(#([^)]+)\)", whole_html))
+    assert targets <= set(outline.ids)
+
+
+def test_the_same_campaign_gives_the_same_page(whole: PaperCampaign, whole_html: str) -> None:
+    assert html(whole) == whole_html
+
+
+def test_the_file_is_small_enough_to_be_mailed(whole_html: str) -> None:
+    assert len(whole_html.encode()) < 3 * MEGABYTE
+
+
+def test_what_people_wrote_is_shown_as_text(tmp_path: Path) -> None:
+    people = PeopleConfig(operator=EVIL, site=EVIL, notes=EVIL)
+    paper = new_campaign(tmp_path / "evil", people=people)
+    robot = tmp_path / "evil" / "robot.yaml"
+    named = robot.read_text().replace("name: par4-prototype", 'name: "<script>alert(1)</script>"')
+    robot.write_text(named)
+    series = paper.measure("before", (), finished=False)
+    with paper.journal() as journal:
+        journal.append(Event("operator note", EVIL), series=series)
+    text = html(paper)
+    assert "script" not in Outline(text).tags
+    assert "<h1>&lt;script&gt;alert(1)&lt;/script&gt;</h1>" in text
+    assert text.count("&lt;script&gt;alert(&#39;θ &amp;") >= 4
+
+
+def test_backticks_in_foreign_text_make_no_markup(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "ticks")
+    series = paper.measure("before", ())
+    with paper.journal() as journal:
+        journal.append(Event("operator note", "`<b>bold</b>`"), series=series)
+    assert "<b>bold" not in html(paper)
+
+
+def test_a_campaign_without_a_journal_says_that_nothing_was_measured(tmp_path: Path) -> None:
+    found = page(new_campaign(tmp_path / "empty"))
+    assert figures(found) == set()
+    assert "no journal" in missing(found)
+    assert found.decision == "not decided"
+
+
+def test_without_validation_the_rest_is_shown_and_the_lack_is_named(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "run")
+    paper.run()
+    paper.identify()
+    found = page(paper)
+    assert figures(found) == FIGURES - {"straightness", "rotation", "repeatability"}
+    assert "validate --stage before" in missing(found)
+    assert "validate --stage after" in missing(found)
+
+
+def test_without_identification_errors_before_are_shown(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "run")
+    paper.run()
+    found = page(paper)
+    assert figures(found) == {"pair-errors", "histogram", "arrows", "over-time"}
+    assert "pkmcal identify" in missing(found)
+    assert "Nothing has been identified" in " ".join(found.reasons)
+
+
+@pytest.mark.parametrize("test", [ShotSet.ROTATION, ShotSet.STRAIGHTNESS, ShotSet.REPEATABILITY])
+def test_one_test_alone_is_shown(tmp_path: Path, test: ShotSet) -> None:
+    paper = new_campaign(tmp_path / "one")
+    paper.validate("after", frozenset({test}))
+    assert test.value in figures(page(paper))
+
+
+def test_one_shot_is_enough_for_a_page(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "one")
+    paper.measure("run", paper.plan(1, 0)[:1], finished=False)
+    text = html(paper)
+    assert "unfinished" in text
+
+
+def test_one_shot_of_a_pair_is_enough_for_a_page(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "half")
+    paper.measure("run", paper.plan(1, 0)[:2], finished=False)
+    assert "Too few shots" in missing(page(paper))
+
+
+def test_a_crashed_run_is_named_and_what_it_measured_is_shown(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "crashed")
+    paper.measure("run", paper.plan(20, 4)[:30], finished=False, stopped=False)
+    found = page(paper)
+    assert "without a stop record" in missing(found)
+    assert "pair-errors" in figures(found)
+
+
+def test_rejected_shots_and_voided_pairs_stand_with_their_reasons(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "rejected")
+    series = paper.measure("run", paper.plan(2, 0), finished=False)
+    with paper.journal() as journal:
+        target = Pose(1.0, 2.0, 3.0, 0.0)
+        intent = Intent(1, 2, "identification", target, (0.0,) * 4, "joints", 0)
+        journal.append(intent, series=series)
+        journal.append(Rejected(1, 2, "beam broken: somebody walked through it"), series=series)
+        journal.append(PairVoided(0, (1, 2), "its other shot was lost"), series=series)
+    text = html(paper)
+    assert "beam broken: somebody walked through it" in text
+    assert "its other shot was lost" in text
+    assert "Shots lost with the beam: 1." in text
+
+
+def test_a_changed_parameter_file_takes_the_verdict_away(tmp_path: Path) -> None:
+    limits = AcceptanceConfig(distance_mean_mm=0.1)
+    paper = whole_campaign(tmp_path / "good", acceptance=limits)
+    nominal = NOMINAL.document.text
+    (paper.folder / "robot-compensated.yaml").write_text(nominal)
+    found = page(paper)
+    assert found.decision == "not decided"
+    assert "the parameter file holds what was identified" in " ".join(found.reasons)
+
+
+def test_an_unreadable_plan_and_parameter_file_are_named(whole: PaperCampaign, tmp_path) -> None:
+    folder = shutil.copytree(whole.folder, tmp_path / "copy")
+    (folder / "plan.csv").write_text("no plan\n")
+    (folder / "robot-compensated.yaml").write_text("no: robot\n")
+    found = page(replace(whole, folder=folder))
+    assert "plan.csv" in missing(found)
+    assert "robot-compensated.yaml" in missing(found)
+    assert figures(found) == FIGURES
+
+
+def test_a_journal_of_another_version_shows_what_can_be_read(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "old")
+    golden = Path(__file__).parents[2] / "data" / "journal-v1.db"
+    shutil.copy(golden, paper.campaign.journal_path)
+    found = page(paper)
+    assert "identification" in missing(found)
+    assert "3.1 mm from the prediction" in page_html(found)
+
+
+def test_a_damaged_journal_is_refused(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "damaged")
+    paper.campaign.journal_path.write_bytes(b"not a database" * 100)
+    with pytest.raises(JournalFailed):
+        page(paper)
+
+
+def test_a_simulated_cell_is_called_that(tmp_path: Path) -> None:
+    real = new_campaign(tmp_path / "real")
+    assert "Simulated cell" not in html(real)
+    settings = tmp_path / "real" / "campaign.yaml"
+    settings.write_text(re.sub(r"tcp://\S+", "sim://cell", settings.read_text()))
+    assert "Simulated cell" in html(real)
+
+
+def test_an_older_report_is_replaced_and_no_other_file(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "paper")
+    first = report(paper.campaign)
+    assert report(paper.campaign) == first == paper.folder / "report.html"
+    other = tmp_path / "thesis.html"
+    other.write_text("<html>years of work</html>")
+    with pytest.raises(OutputExists):
+        report(paper.campaign, other)
+    assert other.read_text() == "<html>years of work</html>"
+
+
+def test_the_document_names_decision_lacks_and_figures(whole: PaperCampaign, tmp_path) -> None:
+    found, path = write(whole.campaign, tmp_path / "report.html")
+    document = report_document(found, path)
+    assert document["path"] == str(path)
+    assert document["decision"] == "not decided"
+    assert document["missing"] == []
+    assert set(document["figures"]) == FIGURES

@@ -1,0 +1,78 @@
+"""The terminal: what goes where, and who is asked."""
+
+import io
+import json
+
+import pytest
+
+from app.console import Terminal
+from app.errors import NotConfirmed
+
+
+def test_answers_and_talk_go_apart(capsys):
+    terminal = Terminal(as_json=False)
+    terminal.say("the answer [1]")
+    terminal.note("some talk")
+    terminal.document({"a": 1})
+    captured = capsys.readouterr()
+    assert captured.out == "the answer [1]\n"
+    assert captured.err == "some talk\n"
+
+
+def test_with_json_stdout_holds_the_document_alone(capsys):
+    terminal = Terminal(as_json=True)
+    terminal.say("the answer")
+    terminal.table("Title", ("", "value"), [("a", "1")])
+    terminal.listing("Things", {"b": "2"})
+    terminal.document({"σ": 0.5})
+    captured = capsys.readouterr()
+    assert json.loads(captured.out) == {"σ": 0.5}
+    for word in ("the answer", "Title", "Things"):
+        assert word in captured.err
+
+
+def test_a_document_never_holds_what_is_no_json():
+    with pytest.raises(ValueError, match="Out of range"):
+        Terminal(as_json=True).document({"a": float("nan")})
+
+
+def test_a_long_line_is_not_broken(capsys):
+    Terminal(as_json=False).say("word " * 100)
+    assert capsys.readouterr().out.count("\n") == 1
+
+
+def test_details_are_for_those_who_asked(capsys):
+    Terminal(as_json=False).detail("quiet")
+    Terminal(as_json=False, verbose=True).detail("told")
+    assert capsys.readouterr().err == "told\n"
+
+
+def test_without_a_terminal_nobody_says_yes(capsys, monkeypatch):
+    monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
+    terminal = Terminal(as_json=False)
+    assert not terminal.asks("Sure?")
+    with pytest.raises(NotConfirmed, match="--yes"):
+        terminal.require_yes("Sure?", yes=False)
+    assert capsys.readouterr().err == ""
+
+
+class Keyboard(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize(
+    ("typed", "is_yes"),
+    [("y\n", True), ("YES\n", True), (" y \n", True), ("n\n", False), ("\n", False), ("", False)],
+)
+def test_only_yes_is_yes(capsys, monkeypatch, typed, is_yes):
+    monkeypatch.setattr("sys.stdin", Keyboard(typed))
+    assert Terminal(as_json=True).asks("Sure?") is is_yes
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == "Sure? [y/N] "
+
+
+def test_a_yes_given_before_is_not_asked_for_again(capsys):
+    Terminal(as_json=False).require_yes("Sure?", yes=True)
+    assert capsys.readouterr().err == ""

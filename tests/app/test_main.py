@@ -1,0 +1,148 @@
+"""The front of the command line: help, usage errors, one line for whatever goes wrong."""
+
+import subprocess
+import sys
+
+import pytest
+
+from app.commands import devices
+from app.main import run_command
+from drivers.errors import LinkDown
+
+COMMANDS = (
+    *("new", "devices", "plan", "run", "import", "identify"),
+    *("validate", "export", "load", "sim", "dry-run"),
+)
+HEAVY = ("numpy", "scipy", "pydantic", "rich", "ruamel", "serial", "campaigns", "sim")
+
+
+def said(capsys, *arguments):
+    code = run_command(list(arguments))
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def test_without_arguments_it_helps(capsys):
+    code, out, err = said(capsys)
+    assert (code, err) == (0, "")
+    assert out == said(capsys, "--help")[1]
+    for command in COMMANDS:
+        assert f"  {command} " in out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(capsys, command):
+    code, out, _ = said(capsys, command, "--help")
+    assert code == 0
+    assert "Usage: pkmcal" in out
+    assert max(map(len, out.splitlines())) <= 100
+
+
+@pytest.mark.parametrize("command", [name for name in COMMANDS if name != "sim"])
+def test_every_command_speaks_to_programs(capsys, command):
+    assert "--json" in said(capsys, command, "--help")[1]
+
+
+@pytest.mark.parametrize("command", ["run", "validate", "load"])
+def test_what_moves_or_changes_the_robot_can_be_tried_dry(capsys, command):
+    out = said(capsys, command, "--help")[1]
+    assert "--dry" in out
+    assert "--yes" in out
+
+
+def test_it_knows_its_version(capsys):
+    code, out, _ = said(capsys, "--version")
+    assert code == 0
+    assert out.startswith("pkmcal ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["fly"], ["No such command 'fly'", "`pkmcal --help`"]),
+        (["plan"], ["DIR", "`pkmcal plan --help`"]),
+        (["plan", "x", "--shot", "5"], ["--shot", "`pkmcal plan --help`"]),
+        (["plan", "x", "--shots", "many"], ["--shots", "many"]),
+        (["plan", "x", "--shots", "7"], ["7", "even"]),
+        (["plan", "x", "--placement", "random"], ["--placement", "random", "boundary"]),
+        (["plan", "x", "--seed", "-1"], ["--seed", "-1"]),
+        (["validate", "x"], ["--stage"]),
+        (["validate", "x", "--stage", "middle"], ["--stage", "middle", "before"]),
+        (["load", "x", "--rollback", "--file", "y"], ["--rollback", "--file"]),
+        (["new", "x", "--controller", "tcp://h:1"], ["--tracker"]),
+        (["new", "x", "--controller", "tcp://h:1", "--tracker", "tcp://h:2", "--scenario", "s"],
+         ["--scenario", "--controller"]),
+        (["import", "x"], ["FILE"]),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("json", [[], ["--json"]])
+def test_a_command_that_makes_no_sense(capsys, arguments, words, json):
+    code, out, err = said(capsys, *arguments, *json)
+    assert code == 2
+    assert out == ""
+    assert err.startswith("pkmcal: ")
+    assert err.count("\n") == 1
+    assert " → " in err
+    for word in words:
+        assert word in err
+
+
+@pytest.fixture
+def failing(monkeypatch, tmp_path):
+    """Makes `pkmcal devices` end in an error; gives its words."""
+
+    def fail_with(error):
+        def opened(folder):
+            raise error
+
+        monkeypatch.setattr("app.folder.open_campaign", opened)
+        return "devices", str(tmp_path)
+
+    assert devices.command
+    return fail_with
+
+
+def test_a_designed_error_is_one_line(capsys, failing):
+    code, out, err = said(capsys, *failing(LinkDown("a\nb", remedy="check it")), "--json")
+    assert (code, out, err) == (3, "", "pkmcal: a b → check it\n")
+
+
+def test_an_error_of_our_own_is_one_line_too(capsys, failing):
+    code, out, err = said(capsys, *failing(ZeroDivisionError("by nothing")))
+    assert (code, out) == (70, "")
+    assert err.startswith("pkmcal: unforeseen ZeroDivisionError: by nothing → ")
+    assert err.count("\n") == 1
+
+
+def test_ctrl_c_anywhere_is_no_error(capsys, failing):
+    code, _, err = said(capsys, *failing(KeyboardInterrupt()))
+    assert code == 130
+    assert err.startswith("pkmcal: interrupted")
+
+
+@pytest.mark.parametrize("error", [LinkDown("a", remedy="b"), ZeroDivisionError("a")])
+def test_debug_shows_where_it_arose(capsys, failing, error):
+    words = failing(error)
+    assert "Traceback" not in said(capsys, *words)[2]
+    code, _, err = said(capsys, "--debug", *words)
+    assert code in {3, 70}
+    assert "Traceback" in err
+    assert "in opened" in err
+    assert err.splitlines()[-1].startswith("pkmcal: ")
+
+
+def test_an_option_of_a_command_is_not_taken_for_debug(capsys, failing):
+    assert "Traceback" not in said(capsys, *failing(LinkDown("a", remedy="b")), "--json")[2]
+
+
+def test_nothing_heavy_is_imported_for_help():
+    check = f"import sys, app.main; print(sorted(set({HEAVY!r}) & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+def test_a_reader_that_leaves_is_no_error():
+    words = [sys.executable, "-m", "app.main", "--help"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        process.stdout.close()
+        assert b"Traceback" not in process.stderr.read()

@@ -1,0 +1,120 @@
+"""What a run shows: a bar on a terminal, a line now and then where there is none."""
+
+import io
+
+import pytest
+from rich.console import Console
+
+from app.progress_bar import RunDisplay, counted, interval, news, summary
+from campaigns.progress import EngineState, Progress
+
+AT_WORK = Progress(
+    12, 59, EngineState.MEASURING, 12, "identification", (190.0, 310.0), 0.0123, 0.004
+)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        ((20.0, 35.0), "20–35 s"),
+        ((2.2, 2.4), "2 s"),
+        ((0.0, 0.2), "0 s"),
+        ((80.0, 119.0), "80–119 s"),
+        ((110.0, 130.0), "2 min"),
+        ((180.0, 240.0), "3–4 min"),
+    ],
+)
+def test_time_left_is_an_interval(seconds, text):
+    assert interval(seconds) == text
+
+
+def test_everything_that_matters_is_told():
+    assert counted(AT_WORK) == "12/59 · 3–5 min left"
+    told = news(AT_WORK)
+    assert told == "measuring identification 12 · residual 0.012 mm · drift 0.004 mm · beam ok"
+
+
+def test_what_is_not_known_is_not_told():
+    begun = Progress(0, 59, EngineState.IDLE)
+    assert counted(begun) == "0/59"
+    assert news(begun) == "idle · beam ok"
+
+
+def test_a_lost_beam_is_loud():
+    lost = Progress(3, 9, EngineState.SUSPENDED, 3, "validation", beam_locked=False)
+    assert news(lost) == "suspended validation 3 · BEAM LOST"
+
+
+class Hands:
+    """A clock moved by hand."""
+
+    def __init__(self):
+        self.now_s = 0.0
+
+    def __call__(self):
+        return self.now_s
+
+
+def display_on(*, width=80, is_terminal=False, verbose=False):
+    stream, hands = io.StringIO(), Hands()
+    console = Console(file=stream, width=width, force_terminal=is_terminal, color_system=None)
+    return RunDisplay(console, "run", now_s=hands, verbose=verbose), stream, hands
+
+
+def test_without_a_terminal_a_line_comes_every_ten_seconds_and_at_the_end():
+    display, stream, hands = display_on()
+    with display:
+        for second in range(25):
+            hands.now_s = float(second)
+            display.progress(Progress(second, 59, EngineState.MOVING, second, "drift"))
+    lines = stream.getvalue().splitlines()
+    assert lines == [
+        "run: 10/59 · moving drift 10 · beam ok",
+        "run: 20/59 · moving drift 20 · beam ok",
+        "run: 24 of 59 shots · moving",
+    ]
+
+
+def test_verbose_tells_every_state():
+    display, stream, _ = display_on(verbose=True)
+    with display:
+        display.progress(AT_WORK)
+        display.progress(Progress(13, 59, EngineState.IDLE, 12, "identification"))
+    assert [line[:10] for line in stream.getvalue().splitlines()] == [
+        "12/59 meas",
+        "13/59 idle",
+        "run: 13 of",
+    ]
+
+
+def test_an_event_is_never_cut():
+    display, stream, _ = display_on(width=20)
+    display.event("the air has changed by +1.25 °C since the start [limit 1]")
+    text = "! the air has changed by +1.25 °C since the start [limit 1]\n"
+    assert stream.getvalue() == text
+
+
+@pytest.mark.parametrize("width", [40, 80, 120])
+def test_on_a_terminal_nothing_wraps(width):
+    display, stream, _ = display_on(width=width, is_terminal=True)
+    display.progress(AT_WORK)
+    console = Console(file=stream, width=width, color_system=None)
+    console.print(display._picture())
+    lines = stream.getvalue().splitlines()
+    assert len(lines) == 2
+    assert all(len(line) <= width for line in lines)
+    assert lines[0].startswith("run")
+    assert "12/59" in lines[0]
+    assert lines[1].startswith("measuring identification 12")
+
+
+def test_a_run_that_never_began_says_nothing_at_its_end():
+    display, stream, _ = display_on()
+    with display:
+        pass
+    assert stream.getvalue() == ""
+
+
+def test_the_end_is_told_in_a_line():
+    done = Progress(59, 59, EngineState.FINISHED, 58, "drift", None, 0.01, 0.002)
+    assert summary(done) == "59 of 59 shots · finished · residual 0.010 mm · drift 0.002 mm"

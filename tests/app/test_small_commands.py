@@ -1,0 +1,132 @@
+"""What single commands decide before any device is asked."""
+
+import json
+
+import pytest
+
+from app.commands import load, new, plan
+from app.folder import open_campaign
+from app.main import run_command
+from campaigns.errors import ConfigInvalid, OutputExists, WriteFailed
+
+CONTROLLER, TRACKER = "tcp://192.168.0.10:5020", "tcp://192.168.0.1:700"
+
+
+def said(capsys, *arguments):
+    code = run_command([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def test_new_for_a_real_cell(capsys, tmp_path):
+    folder = tmp_path / "cell-3"
+    words = ("new", folder, "--controller", CONTROLLER, "--tracker", TRACKER, "--json")
+    code, out, err = said(capsys, *words)
+    assert code == 0
+    assert json.loads(out) == {
+        "folder": str(folder),
+        "controller": CONTROLLER,
+        "tracker": TRACKER,
+    }
+    assert "tracker.place_mm" in err
+    made = open_campaign(folder)
+    assert made.config.name == "cell-3"
+    assert made.config.tracker.reflector == new.DEFAULT_REFLECTOR
+    assert not made.is_simulated
+    assert sorted(path.name for path in folder.iterdir()) == ["campaign.yaml", "robot.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("option", "url"),
+    [
+        ("--controller", "192.168.0.10:5020"),
+        ("--controller", "tcp://192.168.0.10"),
+        ("--controller", "serial:/dev/ttyS0"),
+        ("--tracker", "http://tracker"),
+    ],
+)
+def test_new_with_a_wrong_address(capsys, tmp_path, option, url):
+    urls = {"--controller": CONTROLLER, "--tracker": TRACKER, option: url}
+    words = [word for pair in urls.items() for word in pair]
+    code, out, err = said(capsys, "new", tmp_path / "cell-3", *words)
+    assert (code, out) == (2, "")
+    assert f"{option.removeprefix('--')}.url" in err
+    assert url in err
+    assert "tcp://HOST:PORT" in err
+    assert not (tmp_path / "cell-3").exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "hint"),
+    [("--robot", "par4-protoype", "par4-prototype"), ("--scenario", "realistc", "realistic")],
+)
+def test_new_with_a_name_that_is_not_known(capsys, tmp_path, option, value, hint):
+    code, _, err = said(capsys, "new", tmp_path / "try", option, value)
+    assert code == 2
+    assert hint in err
+    assert not (tmp_path / "try").exists()
+
+
+def test_new_keeps_the_scenario_and_its_seed_with_the_campaign(tmp_path):
+    new.create_simulated(tmp_path / "try", "par4-prototype", "realistic", seed=17)
+    assert "seed: 17" in (tmp_path / "try" / "cell.yaml").read_text()
+    assert open_campaign(tmp_path / "try").is_simulated
+
+
+def test_new_does_not_replace_somebodys_cell(tmp_path):
+    (tmp_path / "cell.yaml").write_text("mine")
+    with pytest.raises(OutputExists, match=r"cell\.yaml already exists"):
+        new.create_simulated(tmp_path, "par4-prototype", "realistic")
+    assert (tmp_path / "cell.yaml").read_text() == "mine"
+    assert not (tmp_path / "campaign.yaml").exists()
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    new.create_simulated(tmp_path / "try", "par4-prototype", "paper-simulation")
+    return open_campaign(tmp_path / "try")
+
+
+def test_a_placement_that_is_not_there_yet_is_not_silently_another(campaign, capsys):
+    code, out, err = said(capsys, "plan", campaign.folder, "--placement", "optimal")
+    assert (code, out) == (2, "")
+    assert "--placement is 'optimal', which is not available yet" in err
+    settings = campaign.path("campaign.yaml")
+    settings.write_text(settings.read_text().replace("placement: boundary", "placement: optimal"))
+    with pytest.raises(ConfigInvalid, match=r"campaign\.yaml: plan\.placement is 'optimal'"):
+        plan.check_placement(open_campaign(campaign.folder), None)
+    plan.check_placement(campaign, plan.Placement.BOUNDARY)
+
+
+def test_older_plans_are_kept_each_under_a_name_of_its_own(campaign):
+    texts = []
+    for seed in (1, 2, 3):
+        plan.make(campaign, 44, seed)
+        texts.append(campaign.plan_path.read_text())
+    assert len(set(texts)) == 3
+    kept = [campaign.path(f"plan-older-{number}.csv").read_text() for number in (1, 2)]
+    assert kept == texts[:2]
+
+
+def test_a_plan_that_cannot_be_written_leaves_the_older_one(campaign, monkeypatch):
+    campaign.plan_path.write_text("older")
+
+    def write(path, shots):
+        raise WriteFailed(f"{path}: no space", remedy="free some")
+
+    monkeypatch.setattr("campaigns.plan_file.write_plan", write)
+    with pytest.raises(WriteFailed):
+        plan.make(campaign, 44)
+    assert campaign.plan_path.read_text() == "older"
+    assert not list(campaign.folder.glob("plan-older-*"))
+
+
+def test_what_the_controller_held_is_kept_under_the_next_free_number(campaign):
+    held = campaign.nominal.robot.geometry_flat()
+    assert load.keep(campaign, held).name == "controller-before-1.yaml"
+    campaign.path("controller-before-9.yaml").write_text("")
+    campaign.path("controller-before-x.yaml").write_text("")
+    latest = load.keep(campaign, held | {"plate_mm": 101.25})
+    assert latest.name == "controller-before-10.yaml"
+    assert load.last_kept(campaign) == latest
+    assert "plate_mm: 101.25" in latest.read_text()

@@ -1,0 +1,172 @@
+"""The compensated robot file: what was identified, how well, and from what."""
+
+import json
+from pathlib import Path
+
+import pytest
+from fake_cell import plain_journal
+
+from campaigns import textfile
+from campaigns.errors import (
+    ConfigInvalid,
+    OutputExists,
+    ShotsMissing,
+    VerdictBad,
+    WriteFailed,
+)
+from campaigns.export import compensated_robot, latest_identification, write_compensated
+from campaigns.parameters import PARAMETER_NAMES
+from campaigns.records import Finding
+from campaigns.robot import RobotDocument, find_robot, read_robot
+from campaigns.version import VERSION
+
+SPREAD = {"mean_abs": 1.0, "rms": 1.5, "max_abs": 3.0}
+COMMENTS = ("# the robot of line 3", "# measured in 2019")
+
+
+@pytest.fixture
+def nominal(tmp_path: Path) -> RobotDocument:
+    path = tmp_path / "robot.yaml"
+    text = find_robot("par4-prototype").document.text
+    text = text.replace("name: par4-prototype", f"name: line-3  {COMMENTS[0]}")
+    text = text.replace("plate_mm: 100.0", f"plate_mm: 100.0  {COMMENTS[1]}")
+    path.write_text(text, encoding="utf-8")
+    return read_robot(path)
+
+
+def entry(name: str, old: float) -> dict[str, object]:
+    free = name.endswith(("arm_mm", "plate_mm"))
+    delta = 0.25 if free else 0.0
+    std = 0.01 if free else None
+    return {"nominal": old, "value": old + delta, "delta": delta, "std": std, "free": free}
+
+
+def finding(nominal: RobotDocument, **changes: object) -> dict[str, object]:
+    flat = nominal.robot.geometry_flat()
+    found = {
+        "schema": "pkmcal/identification/1",
+        "estimator": "distances",
+        "parameters": {name: entry(name, value) for name, value in flat.items()},
+        "residuals_mm": {"before": SPREAD, "after": SPREAD},
+        "unseen_mm": {"before": SPREAD, "after": SPREAD},
+        "verdict": "pass",
+        "reasons": ["unseen pairs: better"],
+        "seconds": 0.1,
+        "series": 1,
+        "shots": 163,
+        "robot_digest": nominal.robot.digest(),
+        "plan_digest": "a" * 64,
+        "journal_digest": "b" * 64,
+        "journal_records": 500,
+        "at_utc": "2026-03-02T08:00:00Z",
+    }
+    return found | changes
+
+
+def test_exported_parameters_and_deviations_are_read_back(
+    tmp_path: Path, nominal: RobotDocument
+) -> None:
+    path = tmp_path / "out.yaml"
+    write_compensated(
+        path, compensated_robot("press 4", nominal, finding(nominal)), overwrite=False
+    )
+    robot = read_robot(path).robot
+    old = nominal.robot.geometry_flat()
+    for name in PARAMETER_NAMES:
+        free = name.endswith(("arm_mm", "plate_mm"))
+        assert robot.geometry_flat()[name] == old[name] + (0.25 if free else 0.0)
+        assert (robot.uncertainty or {}).get(name) == (0.01 if free else None)
+    assert robot.name == "line-3-compensated"
+    assert robot.limits == nominal.robot.limits
+
+
+def test_provenance_says_where_everything_comes_from(nominal: RobotDocument) -> None:
+    provenance = compensated_robot("press 4", nominal, finding(nominal)).robot.provenance
+    assert provenance == {
+        "campaign": "press 4",
+        "software": f"pkmcal {VERSION}",
+        "nominal_robot": "line-3",
+        "nominal_digest": nominal.robot.digest(),
+        "plan_digest": "a" * 64,
+        "journal_digest": "b" * 64,
+        "journal_records": 500,
+        "estimator": "distances",
+        "shots": 163,
+        "residuals_mm": {"before": SPREAD, "after": SPREAD},
+        "unseen_mm": {"before": SPREAD, "after": SPREAD},
+        "verdict": "pass",
+        "identified_utc": "2026-03-02T08:00:00Z",
+    }
+    assert json.dumps(provenance, allow_nan=False)
+
+
+def test_comments_of_the_nominal_file_are_kept(nominal: RobotDocument) -> None:
+    text = compensated_robot("press 4", nominal, finding(nominal)).document.text
+    old_comments = [line for line in nominal.document.text.splitlines() if "#" in line]
+    assert all(comment.partition("#")[2] in text for comment in old_comments)
+    assert all(comment in text for comment in COMMENTS)
+
+
+def test_changed_geometry_is_noticed_when_the_file_is_read_again(
+    tmp_path: Path, nominal: RobotDocument
+) -> None:
+    path = tmp_path / "out.yaml"
+    write_compensated(
+        path, compensated_robot("press 4", nominal, finding(nominal)), overwrite=False
+    )
+    path.write_text(
+        path.read_text("utf-8").replace("plate_mm: 100.25", "plate_mm: 100.26"), "utf-8"
+    )
+    with pytest.raises(ConfigInvalid, match="somebody changed the geometry"):
+        read_robot(path)
+
+
+@pytest.mark.parametrize("verdict", ["fail", "not decided"])
+def test_result_that_did_not_pass_is_not_exported(nominal: RobotDocument, verdict: str) -> None:
+    body = finding(nominal, verdict=verdict, reasons=["unseen pairs got worse", "rank lost"])
+    with pytest.raises(VerdictBad, match=f"'{verdict}': unseen pairs got worse; rank lost"):
+        compensated_robot("press 4", nominal, body)
+
+
+def test_result_for_another_nominal_robot_is_not_exported(nominal: RobotDocument) -> None:
+    other = find_robot("par4-table1")
+    with pytest.raises(VerdictBad, match="rests on another nominal robot"):
+        compensated_robot("press 4", other, finding(nominal))
+
+
+def test_existing_file_is_not_overwritten_unasked(tmp_path: Path, nominal: RobotDocument) -> None:
+    path = tmp_path / "out.yaml"
+    path.write_text("mine", encoding="utf-8")
+    robot = compensated_robot("press 4", nominal, finding(nominal))
+    with pytest.raises(OutputExists):
+        write_compensated(path, robot, overwrite=False)
+    assert path.read_text("utf-8") == "mine"
+    write_compensated(path, robot, overwrite=True)
+    assert read_robot(path).robot == robot.robot
+
+
+def test_file_that_cannot_be_replaced_is_left_as_it_was(
+    tmp_path: Path, nominal: RobotDocument, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "out.yaml"
+    path.write_text("mine", encoding="utf-8")
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(textfile, "_write_to_disk", full)
+    with pytest.raises(WriteFailed, match="no space left"):
+        write_compensated(
+            path, compensated_robot("press 4", nominal, finding(nominal)), overwrite=True
+        )
+    assert path.read_text("utf-8") == "mine"
+
+
+def test_latest_identification_counts(tmp_path: Path) -> None:
+    with plain_journal(tmp_path) as journal:
+        with pytest.raises(ShotsMissing, match="nothing has been identified"):
+            latest_identification(journal)
+        for number in (1, 2):
+            journal.append(Finding("identification", {"number": number}))
+        journal.append(Finding("load", {"source": "robot.yaml"}))
+        assert latest_identification(journal) == {"number": 2}

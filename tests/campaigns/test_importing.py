@@ -1,0 +1,85 @@
+"""Shots measured with other software, taken into the journal."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_cell import FOUR_PAIRS, NOMINAL, ROBOT, plain_journal
+
+from campaigns.dataset import dataset_of_journal
+from campaigns.errors import ShotsInvalid
+from campaigns.exchange import ShotRow
+from campaigns.importing import append_import
+from campaigns.shot_sets import ShotSet
+
+COVARIANCE_MM2 = ((1e-4, 1e-5, 0.0), (1e-5, 2e-4, 0.0), (0.0, 0.0, 3e-4))
+
+
+def rows() -> tuple[ShotRow, ...]:
+    return tuple(
+        ShotRow(shot.pair, shot.joints_rad, (1000.0 + shot.shot, 2.0, 3.0), shot.purpose)
+        for shot in FOUR_PAIRS[1:-1]
+    )
+
+
+def imported(folder: Path, shots: tuple[ShotRow, ...]):
+    with plain_journal(folder) as journal:
+        series = append_import(journal, shots, NOMINAL, ROBOT.digest(), {"name": "test"})
+        return journal.latest_series("import"), journal.shots(series)
+
+
+def test_import_is_a_finished_series_with_every_row_in_its_order(tmp_path: Path) -> None:
+    series, shots = imported(tmp_path, rows())
+    assert series.finished
+    assert series.started.robot_file_digest == ROBOT.digest()
+    assert [shot.intent.shot for shot in shots] == list(range(8))
+    data = dataset_of_journal(shots)
+    assert data.pairs == (0, 0, 1, 1, 2, 2, 3, 3)
+    assert data.points_in_tracker_mm[:, 0].tolist() == [1001.0 + row for row in range(8)]
+    assert data.joints_rad == pytest.approx(np.array([row.joints_rad for row in rows()]))
+    assert data.covariance_mm2 is None
+
+
+def test_nominal_pose_stands_for_the_unknown_commanded_one(tmp_path: Path) -> None:
+    _, shots = imported(tmp_path, rows())
+    for shot, planned in zip(shots, FOUR_PAIRS[1:-1], strict=True):
+        assert shot.intent.target.x_mm == pytest.approx(planned.pose.x_mm, abs=1e-6)
+        assert shot.intent.target.theta_rad == pytest.approx(planned.pose.theta_rad, abs=1e-9)
+
+
+def test_covariance_set_and_time_of_a_row_are_kept(tmp_path: Path) -> None:
+    told = tuple(
+        replace(
+            row,
+            covariance_mm2=COVARIANCE_MM2,
+            purpose=ShotSet.VALIDATION,
+            time="2026-03-02T08:00:00Z",
+        )
+        for row in rows()
+    )
+    _, shots = imported(tmp_path, told)
+    data = dataset_of_journal(shots)
+    assert data.covariance_mm2.shape == (8, 3, 3)
+    assert data.covariance_mm2[0].tolist() == [list(row) for row in COVARIANCE_MM2]
+    assert set(data.purposes) == {ShotSet.VALIDATION}
+    assert "2026-03-02T08:00:00Z" in shots[0].outcome.raw_tracker
+
+
+def test_joints_that_the_nominal_robot_cannot_take_are_refused_before_anything_is_written(
+    tmp_path: Path,
+) -> None:
+    wrong = tuple(np.radians([90.0, -90.0, 90.0, -90.0]).tolist())
+    shots = (*rows()[:3], replace(rows()[3], joints_rad=wrong), *rows()[4:])
+    with plain_journal(tmp_path) as journal:
+        with pytest.raises(ShotsInvalid, match="shot 4 of the file: the nominal robot cannot"):
+            append_import(journal, shots, NOMINAL, ROBOT.digest(), {})
+        assert journal.last_number() == 0
+
+
+def test_same_shots_have_the_same_digest_and_others_another(tmp_path: Path) -> None:
+    with plain_journal(tmp_path) as journal:
+        for shots in (rows(), rows(), rows()[:6]):
+            append_import(journal, shots, NOMINAL, ROBOT.digest(), {})
+        digests = [series.started.plan_digest for series in journal.series("import")]
+    assert digests[0] == digests[1] != digests[2]

@@ -1,0 +1,194 @@
+"""Points and joints from two files become shots, by name or order, or it is said what is amiss."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from campaigns.errors import ShotsInvalid
+from campaigns.exchange import parse_shots, read_shots, shots_text
+from campaigns.joined_shots import PointSource, read_joined_shots
+from campaigns.shot_sets import ShotSet
+
+VECTORS = Path(__file__).parents[1] / "data" / "vectors"
+POINTS = """\
+A Main p1 1.0 2.0 3.0
+A Main p2 4.0 5.0 6.0
+A Nest p3 7.0 8.0 9.0
+A Nest p4 1.5 2.5 3.5
+"""
+HEADER = "name,q0_deg,q1_deg,q2_deg,q3_deg"
+JOINTS = f"{HEADER}\np1,1,2,3,4\np2,5,6,7,8\np3,9,10,11,12\np4,13,14,15,16\n"
+
+
+@pytest.fixture
+def join(tmp_path):
+    def read(points=POINTS, joints=JOINTS, by="name", **told):
+        (tmp_path / "points.txt").write_text(points)
+        (tmp_path / "joints.csv").write_text(joints)
+        told.setdefault("unit", "mm")
+        source = PointSource(tmp_path / "points.txt", **told)
+        return read_joined_shots(source, tmp_path / "joints.csv", join=by)
+
+    return read
+
+
+@pytest.fixture
+def complaint(join, tmp_path):
+    def said(*files, **told):
+        with pytest.raises(ShotsInvalid) as caught:
+            join(*files, **told)
+        text = str(caught.value)
+        assert "\n" not in text
+        assert text.startswith(str(tmp_path))
+        return text.replace(f"{tmp_path}/", "")
+
+    return said
+
+
+class TestByName:
+    def test_each_shot_gets_the_point_of_its_name(self, join):
+        rows = join(joints=f"{HEADER}\np4,1,2,3,4\np1,5,6,7,8\np3,1,1,1,1\np2,2,2,2,2\n").rows
+        assert [row.point_in_tracker_mm[0] for row in rows] == [1.5, 1.0, 7.0, 4.0]
+        assert rows[0].joints_rad == tuple(map(math.radians, (1.0, 2.0, 3.0, 4.0)))
+
+    @pytest.mark.parametrize("prefix", ["", "Main::", "A::Main::"])
+    def test_name_may_be_whole_or_without_its_first_parts(self, join, prefix):
+        joints = JOINTS.replace("p1", f"{prefix}p1")
+        assert join(joints=joints).rows[0].point_in_tracker_mm == (1.0, 2.0, 3.0)
+
+    def test_name_that_fits_two_points_is_refused_with_both(self, complaint):
+        points = POINTS.replace("Nest p3", "Nest p1")
+        said = complaint(points, JOINTS.replace("p3", "Nest::p1"))
+        assert "joints.csv:2: name 'p1' fits 2 points: A::Main::p1, A::Nest::p1" in said
+        assert "joined by ::" in said
+
+    def test_what_fits_nothing_is_listed_both_ways(self, complaint):
+        said = complaint(joints=JOINTS.replace("p2", "P2").replace("p4", "x"))
+        assert "joints.csv:3: 2 joints without a point in points.txt (P2, x)" in said
+        assert "2 points without joints (A::Main::p2, A::Nest::p4)" in said
+        assert "did you mean p2?" in said
+
+    def test_points_that_are_left_over_are_listed_by_their_line(self, complaint):
+        many = POINTS + "".join(f"A Old n{number} 1.0 2.0 3.0\n" for number in range(9))
+        said = complaint(many)
+        assert said.startswith("points.txt:5: 9 points without joints (A::Old::n0, ")
+        assert "A::Old::n4 and 4 more)" in said
+
+    def test_name_that_stands_twice_is_refused(self, complaint):
+        assert "joints.csv:3: name 'p1' stands twice" in complaint(
+            joints=JOINTS.replace("p2", "p1")
+        )
+
+    @pytest.mark.parametrize(
+        ("points", "joints", "said"),
+        [
+            ("1.0 2.0 3.0\n", JOINTS, "points.txt: the points have no names"),
+            (POINTS, JOINTS.replace("p1", ""), "joints.csv:2: name is empty or missing"),
+            (POINTS, "q0_deg,q1_deg,q2_deg,q3_deg\n1,2,3,4\n", "joints.csv:2: name is empty"),
+        ],
+    )
+    def test_what_has_no_names_is_to_be_joined_by_order(self, complaint, points, joints, said):
+        text = complaint(points, joints)
+        assert said in text
+        assert "--join order" in text
+
+
+class TestByOrder:
+    def test_each_shot_gets_the_point_in_its_place(self, join):
+        points = "1.0 2.0 3.0\n4.0 5.0 6.0\n7.0 8.0 9.0\n1.5 2.5 3.5\n"
+        joints = "\n".join(line.partition(",")[2] for line in JOINTS.splitlines())
+        rows = join(points, joints, "order").rows
+        assert [row.point_in_tracker_mm[0] for row in rows] == [1.0, 4.0, 7.0, 1.5]
+
+    def test_names_are_not_looked_at(self, join):
+        rows = join(joints=JOINTS.replace("p1", "p4"), by="order").rows
+        assert rows[0].point_in_tracker_mm == (1.0, 2.0, 3.0)
+
+    def test_another_number_of_points_is_refused(self, complaint):
+        said = complaint(POINTS + "A B c 1.0 2.0 3.0\n", by="order")
+        assert "joints.csv:5: the last of 4 joints, but points.txt holds 5 points" in said
+
+
+class TestPairs:
+    def test_without_numbers_two_shots_in_a_row_are_a_pair(self, join):
+        joined = join()
+        assert [row.pair for row in joined.rows] == [0, 0, 1, 1]
+        assert "no column pair: each 2 shots of a set in a row are a pair" in joined.notes
+
+    def test_each_set_has_its_own_row(self, join):
+        joints = JOINTS.replace("deg\n", "deg,set\n").replace("4\n", "4,validation\n", 1)
+        joints = joints.replace("8\n", "8,\n").replace("12\n", "12,validation\n")
+        joints = joints.replace("16\n", "16,identification\n")
+        rows = join(joints=joints).rows
+        assert [row.pair for row in rows] == [0, 1, 0, 1]
+        assert [row.purpose for row in rows] == [
+            ShotSet.VALIDATION,
+            ShotSet.IDENTIFICATION,
+            ShotSet.VALIDATION,
+            ShotSet.IDENTIFICATION,
+        ]
+
+    def test_sets_without_pairs_have_none(self, join):
+        joints = "\n".join(f"{line},drift" for line in JOINTS.splitlines()).replace(
+            "deg,drift", "deg,set"
+        )
+        assert [row.pair for row in join(joints=joints).rows] == [None] * 4
+
+    def test_numbers_are_kept(self, join):
+        lines = JOINTS.splitlines()
+        numbered = [f"{line},{pair}" for line, pair in zip(lines, "p7337", strict=True)]
+        joints = "\n".join(numbered).replace("deg,p", "deg,pair")
+        assert [row.pair for row in join(joints=joints).rows] == [7, 3, 3, 7]
+
+    def test_odd_number_of_shots_is_refused(self, complaint):
+        points, joints = (text.rsplit("\n", 2)[0] + "\n" for text in (POINTS, JOINTS))
+        assert "joints.csv:4: pair 1 has one shot" in complaint(points, joints)
+
+
+class TestComplaints:
+    def test_wrong_joints_are_named_by_line_and_column(self, complaint):
+        assert "joints.csv:2: q0_deg is 'x'" in complaint(joints=JOINTS.replace("p1,1", "p1,x"))
+        assert "joints.csv:2: q0_deg is 999" in complaint(joints=JOINTS.replace("p1,1", "p1,999"))
+
+    def test_missing_column_is_named(self, complaint):
+        said = complaint(joints=JOINTS.replace("q3_deg", "q3"))
+        assert "joints.csv:1: unknown column 'q3' → write q3_deg, with the value in deg" in said
+
+    def test_empty_joints_file_is_refused(self, complaint):
+        assert "joints.csv: holds no joints" in complaint(joints=HEADER + "\n")
+
+    def test_unit_that_nobody_tells_is_never_guessed(self, complaint):
+        assert "--unit mm|m|inch" in complaint(unit=None)
+
+    def test_missing_joints_file_is_named(self, tmp_path):
+        (tmp_path / "points.txt").write_text(POINTS)
+        source = PointSource(tmp_path / "points.txt", "mm")
+        with pytest.raises(ShotsInvalid, match="check the name of the joints file"):
+            read_joined_shots(source, tmp_path / "gone.csv", join="name")
+
+
+def test_how_the_files_were_understood_is_told(join):
+    joined = join(unit="m")
+    assert joined.notes[0].endswith("points.txt: name, name, name, x, y, z by blanks, in m")
+
+
+def test_reference_campaign_is_the_same_by_way_of_two_files(join):
+    """Its points in inches, scientific, with collection and group, and in another order."""
+    shots = read_shots(VECTORS / "table1-tracker-noise.csv")
+    inches = [
+        " ".join(f"{value / 25.4:.15e}" for value in shot.point_in_tracker_mm) for shot in shots
+    ]
+    points = [f"C G p{number} {point}" for number, point in enumerate(inches)]
+    degrees = [",".join(repr(math.degrees(angle)) for angle in shot.joints_rad) for shot in shots]
+    joints = [f"p{number},{angles}" for number, angles in enumerate(degrees)]
+    joined = join("\n".join(points[::-1]), "\n".join([HEADER, *joints]), unit="inch")
+    for row, shot in zip(joined.rows, shots, strict=True):
+        assert (row.pair, row.purpose) == (shot.pair, shot.purpose)
+        assert row.point_in_tracker_mm == pytest.approx(shot.point_in_tracker_mm, abs=1e-9)
+        assert row.joints_rad == pytest.approx(shot.joints_rad, abs=1e-12)
+
+
+def test_joined_shots_are_a_shots_file(join):
+    rows = join().rows
+    assert parse_shots(shots_text(rows), "shots.csv") == rows

@@ -1,0 +1,175 @@
+"""Parameters in a controller: verified there, or the old ones back, and never a silent mixture."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import pytest
+from fake_cell import ROBOT
+
+from campaigns.errors import LoadNotVerified
+from campaigns.load import changes, differing, write_verified
+from campaigns.parameters import PARAMETER_NAMES
+from drivers.errors import DeviceRefused, DriverError, LinkDown
+
+OLD = ROBOT.geometry_flat()
+NEW = OLD | {"plate_mm": 101.25, "arm0.arm_mm": 350.5}
+DOWN = LinkDown("no answer to COMMIT within 15 s", remedy="check the cable")
+REFUSED = DeviceRefused("the robot moves", remedy="wait", code="BUSY")
+
+
+@dataclass
+class Controller:
+    """Keeps what it is given. Each write first does the next of `on_write`."""
+
+    held: dict[str, float] = field(default_factory=lambda: dict(OLD))
+    on_write: list[Callable[["Controller", Mapping[str, float]], None]] = field(
+        default_factory=list
+    )
+    read_errors: list[DriverError | None] = field(default_factory=list)
+    calls: list[str] = field(default_factory=list)
+
+    def read_geometry(self) -> dict[str, float]:
+        self.calls.append("read")
+        if self.read_errors and (error := self.read_errors.pop(0)):
+            raise error
+        return dict(self.held)
+
+    def write_geometry(self, geometry: Mapping[str, float]) -> None:
+        self.calls.append("write")
+        act = self.on_write.pop(0) if self.on_write else take
+        act(self, geometry)
+
+    def reconnect(self) -> None:
+        self.calls.append("reconnect")
+
+
+def take(controller: Controller, geometry: Mapping[str, float]) -> None:
+    controller.held = dict(geometry)
+
+
+def ignore(controller: Controller, geometry: Mapping[str, float]) -> None:
+    pass
+
+
+def take_half(controller: Controller, geometry: Mapping[str, float]) -> None:
+    controller.held |= {name: geometry[name] for name in PARAMETER_NAMES[:14]}
+
+
+def refuse(controller: Controller, geometry: Mapping[str, float]) -> None:
+    raise REFUSED
+
+
+def take_and_break(controller: Controller, geometry: Mapping[str, float]) -> None:
+    controller.held = dict(geometry)
+    raise DOWN
+
+
+def take_half_and_break(controller: Controller, geometry: Mapping[str, float]) -> None:
+    take_half(controller, geometry)
+    raise DOWN
+
+
+def break_before(controller: Controller, geometry: Mapping[str, float]) -> None:
+    raise DOWN
+
+
+def failure(controller: Controller) -> LoadNotVerified:
+    with pytest.raises(LoadNotVerified) as caught:
+        write_verified(controller, NEW, OLD)
+    return caught.value
+
+
+def test_written_parameters_are_read_back() -> None:
+    controller = Controller()
+    write_verified(controller, NEW, OLD)
+    assert controller.held == NEW
+    assert controller.calls == ["write", "read"]
+
+
+def test_controller_may_keep_its_parameters_in_other_units() -> None:
+    def take_rounded(controller: Controller, geometry: Mapping[str, float]) -> None:
+        controller.held = {name: value * (1 + 1e-12) for name, value in geometry.items()}
+
+    write_verified(Controller(on_write=[take_rounded]), NEW, OLD)
+
+
+def test_parameters_that_do_not_verify_are_taken_back() -> None:
+    controller = Controller(on_write=[take_half])
+    error = failure(controller)
+    assert controller.held == OLD
+    assert error.problem == (
+        "1 of 29 parameters are not as written: plate_mm is 100.0, not 101.25; "
+        "the controller holds the old parameters"
+    )
+
+
+def test_old_parameters_that_are_still_there_are_not_written_again() -> None:
+    controller = Controller(on_write=[ignore])
+    assert "the controller holds the old parameters" in failure(controller).problem
+    assert controller.calls == ["write", "read", "read"]
+
+
+def test_refusal_is_passed_on_for_the_controller_kept_what_it_had() -> None:
+    controller = Controller(on_write=[refuse])
+    with pytest.raises(DeviceRefused, match="the robot moves"):
+        write_verified(controller, NEW, OLD)
+    assert controller.held == OLD
+
+
+def test_wire_that_breaks_after_the_controller_took_everything_is_no_failure() -> None:
+    controller = Controller(on_write=[take_and_break])
+    write_verified(controller, NEW, OLD)
+    assert controller.held == NEW
+    assert controller.calls == ["write", "reconnect", "read"]
+
+
+def test_wire_that_breaks_before_leaves_the_old_parameters_and_says_so() -> None:
+    controller = Controller(on_write=[break_before])
+    error = failure(controller)
+    assert controller.held == OLD
+    assert "(no answer to COMMIT within 15 s)" in error.problem
+    assert error.problem.endswith("the controller holds the old parameters")
+
+
+def test_wire_that_breaks_half_way_brings_the_old_parameters_back() -> None:
+    controller = Controller(on_write=[take_half_and_break])
+    failure(controller)
+    assert controller.held == OLD
+
+
+def test_controller_that_cannot_be_read_any_more_is_unknown_and_loud() -> None:
+    controller = Controller(on_write=[break_before], read_errors=[DOWN])
+    error = failure(controller)
+    assert "what the controller holds cannot be read" in error.problem
+    assert error.remedy.startswith("don't move the robot")
+
+
+@pytest.mark.parametrize("restoring", [refuse, ignore], ids=["refused", "not taken"])
+def test_old_parameters_that_do_not_come_back_are_loud(
+    restoring: Callable[[Controller, Mapping[str, float]], None],
+) -> None:
+    error = failure(Controller(on_write=[take_half, restoring]))
+    assert "the old parameters are not back either" in error.problem
+    assert error.remedy.startswith("don't move the robot")
+
+
+def test_changes_are_told_in_units_of_their_deviation() -> None:
+    robot = replace(ROBOT, values=tuple(NEW.values()), uncertainty={"plate_mm": 0.05})
+    found = {change.name: change for change in changes(OLD, robot)}
+    assert list(found) == list(PARAMETER_NAMES)
+    assert found["plate_mm"].delta == 1.25
+    assert found["plate_mm"].in_sigmas == pytest.approx(25.0)
+    assert found["arm0.arm_mm"].in_sigmas is None
+    assert found["arm1.arm_mm"].delta == 0.0
+
+
+@pytest.mark.parametrize(("held", "differs"), [(100.0 + 1e-8, False), (100.0 + 1e-6, True)])
+def test_difference_is_what_exceeds_the_rounding_of_other_units(held: float, differs: bool) -> None:
+    found = differing(OLD | {"plate_mm": held}, OLD)
+    assert found == ([("plate_mm", held)] if differs else [])
+
+
+def test_missing_or_undefined_parameter_differs() -> None:
+    without = {name: value for name, value in OLD.items() if name != "plate_mm"}
+    assert [name for name, _ in differing(without, OLD)] == ["plate_mm"]
+    assert [name for name, _ in differing(OLD | {"plate_mm": float("nan")}, OLD)] == ["plate_mm"]

@@ -1,0 +1,196 @@
+"""Optimal plans for a campaign: what they hold, what they tell, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from campaigns.errors import PlanInvalid
+from campaigns.numerics import placement
+from campaigns.numerics.geometry import FREE_BY_DEFAULT, IS_ANGLE, indices
+from campaigns.numerics.instrument import (
+    TrackerUncertainty,
+    distance_variance_mm2,
+    point_covariance_mm2,
+)
+from campaigns.numerics.point_prediction import predict_points
+from campaigns.numerics.prediction import predict_distances
+from campaigns.optimal_planning import OptimalRequest, approach_shares, make_optimal_plan
+from campaigns.plan_check import Pace, check_plan
+from campaigns.planning import (
+    PlanRequest,
+    View,
+    joints_of,
+    make_plan,
+    numeric_geometry,
+    numeric_limits,
+    pairs_of,
+    poses_of,
+)
+from campaigns.robot import find_robot
+from campaigns.shot_sets import ShotSet
+from drivers.values import Pose
+
+ROBOT = find_robot("par4-prototype").robot
+GEOMETRY, LIMITS = numeric_geometry(ROBOT), numeric_limits(ROBOT)
+CENTRE = Pose(0.0, 0.0, -575.0, 0.0)
+VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), np.radians(25.0))
+LENGTH = ~IS_ANGLE[indices(FREE_BY_DEFAULT)]
+
+
+def request(shots=40, *, drift=3, validation_pairs=10, **others):
+    plan = PlanRequest(shots, validation_pairs, drift, CENTRE)
+    return OptimalRequest(plan, TrackerUncertainty(), **({"candidates": 400} | others))
+
+
+def planned(asked, view=VIEW, seed=1):
+    return make_optimal_plan(ROBOT, view, asked, np.random.default_rng(seed))
+
+
+def of(shots, purpose):
+    return [shot for shot in shots if shot.purpose is purpose]
+
+
+def worst_length_mm(shots, view=VIEW):
+    shots = of(shots, ShotSet.IDENTIFICATION)
+    poses = poses_of(shots)
+    noise = point_covariance_mm2(poses[:, :3] - view.tracker_mm, TrackerUncertainty())
+    told = predict_points(GEOMETRY, FREE_BY_DEFAULT, joints_of(shots), poses, noise)
+    return told.std[LENGTH].max()
+
+
+def worst_length_by_distances_mm(shots):
+    poses, pairs = poses_of(shots), pairs_of(shots, ShotSet.IDENTIFICATION)
+    noise = point_covariance_mm2(poses[:, :3] - VIEW.tracker_mm, TrackerUncertainty())
+    variance = distance_variance_mm2(poses[:, :3], noise, pairs[:, 0], pairs[:, 1])
+    joints = joints_of(shots)
+    told = predict_distances(GEOMETRY, FREE_BY_DEFAULT, joints, poses, pairs, variance)
+    return told.std[LENGTH].max()
+
+
+def travel(shots):
+    joints = joints_of(shots)
+    return placement.travel_rad(joints[:-1], joints[1:]).sum()
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return planned(request(120, candidates=1000))
+
+
+@pytest.fixture(scope="module")
+def boundary_plan():
+    return make_plan(ROBOT, VIEW, request(120).plan, np.random.default_rng(1))
+
+
+def test_plan_holds_what_was_asked_for(plan):
+    counts = [len(of(plan.shots, purpose)) for purpose in ShotSet]
+    assert counts == [120, 20, 3, 0, 0, 0]
+    assert [shot.shot for shot in plan.shots] == list(range(143))
+    assert len(pairs_of(plan.shots, ShotSet.IDENTIFICATION)) == 60
+    assert plan.curve == ()
+
+
+def test_shots_of_a_pair_follow_each_other(plan):
+    pairs = pairs_of(plan.shots, ShotSet.IDENTIFICATION)
+    assert (pairs[:, 1] == pairs[:, 0] + 1).sum() >= len(pairs) - 1
+
+
+def test_plan_can_be_run(plan):
+    pace = Pace(1.0, 0.2, 1.0)
+    assert check_plan(plan.shots, GEOMETRY, LIMITS, VIEW, CENTRE, pace).shots == plan.shots
+
+
+def test_poses_are_all_different(plan):
+    poses = poses_of(of(plan.shots, ShotSet.IDENTIFICATION))
+    assert len(np.unique(poses, axis=0)) == len(poses)
+
+
+def test_joints_are_approached_from_both_sides(plan):
+    assert plan.from_below == approach_shares(plan.shots)
+    assert all(0.3 <= share <= 0.7 for share in plan.from_below)
+
+
+def test_coordinates_tell_more_than_on_the_boundary_plan(plan, boundary_plan):
+    assert worst_length_mm(plan.shots) < 0.8 * worst_length_mm(boundary_plan)
+
+
+def test_robot_travels_less_than_on_the_boundary_plan(plan, boundary_plan):
+    assert travel(plan.shots) < 0.85 * travel(boundary_plan)
+
+
+def test_distances_of_the_same_pairs_tell_no_less_than_on_the_boundary_plan(plan, boundary_plan):
+    """Whoever wants the paper's estimator can have it on this plan too."""
+    best = worst_length_by_distances_mm(plan.shots)
+    assert best < worst_length_by_distances_mm(boundary_plan)
+
+
+def test_plan_for_distances_tells_most_by_distances(plan):
+    by_distances = planned(request(120, estimator="distances", candidates=1000))
+    assert len(of(by_distances.shots, ShotSet.IDENTIFICATION)) == 120
+    least = worst_length_by_distances_mm(plan.shots)
+    assert worst_length_by_distances_mm(by_distances.shots) < least
+    check_plan(by_distances.shots, GEOMETRY, LIMITS, VIEW, CENTRE, Pace(1.0, 0.2, 1.0))
+
+
+def test_same_seed_gives_the_same_plan():
+    first, second, other = (planned(request(100, candidates=200), seed=s).shots for s in (4, 4, 5))
+    assert first == second
+    assert first != other
+
+
+def test_plan_needs_no_validation_pairs():
+    shots = planned(request(14, validation_pairs=0, drift=2)).shots
+    assert [shot.purpose for shot in shots[::15]] == [ShotSet.DRIFT, ShotSet.DRIFT]
+    assert len(shots) == 16
+
+
+def test_goal_takes_as_few_shots_as_it_needs():
+    found = planned(request(until_mm=0.05))
+    count = len(of(found.shots, ShotSet.IDENTIFICATION))
+    tried = {point.count: point.worst_length_mm for point in found.curve}
+    assert worst_length_mm(found.shots) == pytest.approx(tried[count])
+    assert tried[count] <= 0.05 < tried[count - 2]
+
+
+def test_goal_for_distances_counts_pairs():
+    found = planned(request(until_mm=0.1, estimator="distances"))
+    pairs = len(pairs_of(found.shots, ShotSet.IDENTIFICATION))
+    tried = {point.count: point.worst_length_mm for point in found.curve}
+    assert tried[pairs] <= 0.1
+    assert worst_length_by_distances_mm(found.shots) == pytest.approx(tried[pairs])
+
+
+def test_goal_out_of_reach_is_refused_with_what_can_be_had():
+    with pytest.raises(PlanInvalid, match=r"100 measurements give σ .* goal 0\.001 mm") as refused:
+        planned(request(until_mm=0.001, candidates=100))
+    goal = float(refused.value.remedy.split("σ=")[1].split()[0])
+    assert len(of(planned(request(until_mm=goal, candidates=100)).shots, ShotSet.DRIFT)) == 3
+
+
+def test_fewer_candidates_than_shots_are_refused():
+    with pytest.raises(PlanInvalid, match="120 measurements to choose, but only 100 candidates"):
+        planned(request(120, candidates=100))
+
+
+def test_fewer_shots_than_tell_all_are_refused():
+    with pytest.raises(PlanInvalid, match="13 or more are needed"):
+        planned(request(12))
+
+
+def test_parameters_that_move_with_the_frame_are_refused():
+    with pytest.raises(PlanInvalid, match=r"arm0\.x_mm.*--fix"):
+        planned(request(free=(*FREE_BY_DEFAULT, "arm0.x_mm")))
+
+
+def test_view_that_sees_too_little_is_refused(monkeypatch):
+    monkeypatch.setattr(placement, "BATCHES", 5)
+    nearly_blind = replace(VIEW, acceptance_rad=np.radians(0.05))
+    with pytest.raises(PlanInvalid, match="too small a part of the workspace"):
+        planned(request(validation_pairs=0), view=nearly_blind)
+
+
+def test_tracker_that_sees_a_part_of_the_workspace_is_planned_for():
+    near = View((1500.0, 1500.0, 0.0), (1500.0, 1500.0, 575.0), np.radians(12.0))
+    shots = planned(request(candidates=400), view=near).shots
+    check_plan(shots, GEOMETRY, LIMITS, near, CENTRE, Pace(1.0, 0.2, 1.0))

@@ -1,0 +1,102 @@
+"""A journal's shots as a file for other software: whole pairs, the same shots when read again."""
+
+from dataclasses import replace
+
+import pytest
+
+from campaigns.exchange import ShotRow, parse_shots, shots_text
+from campaigns.importing import append_import
+from campaigns.journal import open_journal
+from campaigns.journal_views import AcceptedShot, Series
+from campaigns.planning import numeric_geometry
+from campaigns.records import Intent, Outcome, SeriesStarted
+from campaigns.robot import find_robot
+from campaigns.shot_sets import ShotSet
+from campaigns.shots_export import exported_shots
+from drivers.values import Pose, Weather
+
+MEASURED = "2026-05-04T10:00:00.000Z"
+COVARIANCE = ((4e-4, 1e-5, 0.0), (1e-5, 3e-4, 0.0), (0.0, 0.0, 2e-4))
+
+
+def series(stage="run"):
+    started = SeriesStarted(stage, "", {}, "1", "", None, None, None)
+    return Series(1, MEASURED, started, finished=False)
+
+
+def shot(number, pair, purpose="identification", **changes):
+    intent = Intent(number, 1, purpose, Pose(1.0, 2.0, -3.0, 0.25), (0.1,) * 4, "joints", pair)
+    outcome = Outcome(
+        number,
+        1,
+        (0.1, 0.2, 0.3, 0.4),
+        (2000.0 + number, 10.0, -300.0),
+        COVARIANCE,
+        Weather(21.5, 1013.25, 50.0),
+        "",
+        "",
+        None,
+    )
+    return AcceptedShot(intent, replace(outcome, **changes), MEASURED)
+
+
+def test_row_says_what_the_journal_says():
+    (row, _), halves = fields_of(exported_shots(series(), [shot(0, 7), shot(1, 7)]))
+    assert row == ShotRow(
+        pair=7,
+        joints_rad=(0.1, 0.2, 0.3, 0.4),
+        point_in_tracker_mm=(2000.0, 10.0, -300.0),
+        purpose=ShotSet.IDENTIFICATION,
+        theta_rad=0.25,
+        covariance_mm2=COVARIANCE,
+        temperature_degC=21.5,
+        time=MEASURED,
+    )
+    assert halves == ()
+
+
+def fields_of(exported):
+    return exported.rows, exported.halves
+
+
+def test_half_a_pair_is_left_out_and_said():
+    shots = [shot(0, 0), shot(1, 0), shot(2, 1), shot(3, None, "drift")]
+    rows, halves = fields_of(exported_shots(series(), shots))
+    assert [row.point_in_tracker_mm[0] for row in rows] == [2000.0, 2001.0, 2003.0]
+    assert halves == (2,)
+
+
+def test_file_is_read_again_as_the_same_shots():
+    shots = [shot(0, 0), shot(1, 0), shot(2, 1, "validation"), shot(3, 1, "validation")]
+    rows, _ = fields_of(exported_shots(series(), [*shots, shot(4, None, "repeatability")]))
+    again = parse_shots(shots_text(rows), "shots.csv")
+    assert [replace(row, joints_rad=(), theta_rad=None) for row in again] == [
+        replace(row, joints_rad=(), theta_rad=None) for row in rows
+    ]
+    for row, original in zip(again, rows, strict=True):
+        assert row.joints_rad == pytest.approx(original.joints_rad, abs=1e-13)
+        assert row.theta_rad == pytest.approx(original.theta_rad, abs=1e-13)
+
+
+def test_what_the_journal_lacks_the_file_lacks_too():
+    bare = [shot(n, 0, covariance_mm2=None, weather=None) for n in (0, 1)]
+    row = exported_shots(series(), bare).rows[0]
+    assert (row.covariance_mm2, row.temperature_degC) == (None, None)
+
+
+def test_no_shots_are_no_rows():
+    assert fields_of(exported_shots(series(), [])) == ((), ())
+
+
+def test_imported_shots_come_out_as_they_came_in(tmp_path):
+    rows = (
+        ShotRow(3, (0.2, 0.3, 0.4, 0.3), (2000.0, 10.0, -300.0), time="2025-01-01"),
+        ShotRow(3, (0.3, 0.3, 0.4, 0.3), (2100.0, 10.0, -300.0)),
+    )
+    robot = find_robot("par4-prototype").robot
+    path = tmp_path / "campaign.db"
+    with open_journal(path, now_utc=lambda: MEASURED, create=True) as journal:
+        number = append_import(journal, rows, numeric_geometry(robot), robot.digest(), {})
+        found = journal.latest_series("import")
+        exported = exported_shots(found, journal.shots(number))
+    assert exported.rows == rows

@@ -1,0 +1,236 @@
+"""Lines of GeoCOM: written and read again, cut anywhere, damaged, and plain garbage."""
+
+import contextlib
+
+import pytest
+from geocompy.communication import crc16_bytewise
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import WireError
+from drivers.wire.geocom import (
+    LINE_BYTES,
+    Abort,
+    BadChecksum,
+    Reply,
+    ReplyFramer,
+    Request,
+    crc16,
+    decode_reply,
+    decode_request,
+    encode_reply,
+    encode_request,
+    line_framer,
+)
+from drivers.wire.geocom_constants import procedure_text, result_text
+from drivers.wire.geocom_words import (
+    number_word,
+    parse_number,
+    parse_string,
+    parse_whole,
+    parse_words,
+    string_word,
+    words_of,
+)
+
+numbers = st.integers(0, 999_999_999)
+texts = st.text(st.characters(codec="latin-1"), max_size=20)
+words = (
+    st.floats(-1e6, 1e6).map(lambda value: number_word(value, 10))
+    | st.integers(-99999, 99999).map(str)
+    | texts.map(string_word)
+    | st.sampled_from(["'0a'", ""])
+)
+parameters = st.lists(words, max_size=8).map(tuple).filter(lambda found: found != ("",))
+requests = st.builds(Request, numbers, numbers, parameters, st.booleans())
+replies = st.builds(Reply, numbers, numbers, numbers, parameters, st.booleans())
+
+
+def without_end(line):
+    assert line.endswith(b"\r\n")
+    return line[:-2]
+
+
+class TestLines:
+    @given(requests)
+    def test_request_is_read_as_it_was_written(self, request):
+        assert decode_request(without_end(encode_request(request))) == request
+
+    @given(replies)
+    def test_reply_is_read_as_it_was_written(self, reply):
+        assert decode_reply(without_end(encode_reply(reply))) == reply
+
+    def test_examples_of_the_manual(self):
+        request = Request(2082, 7, words_of(5000, 1))
+        assert encode_request(request) == b"%R1Q,2082,7:5000,1\r\n"
+        reply = Reply(0, 0, 0, ("1996", "'07'", "'19'", "'10'", "'13'", "'2f'"))
+        assert decode_reply(b"%R1P,0,0:0,1996,'07','19','10','13','2f'") == reply
+
+    def test_request_without_a_number_has_number_0(self):
+        assert decode_request(b"%R1Q,5008:") == Request(5008)
+
+    def test_single_c_stops_a_motion(self):
+        assert decode_request(b"c") == Abort()
+
+    def test_comma_in_a_string_does_not_end_it(self):
+        assert decode_reply(b'%R1P,0,3:0,"a,\\"b",2').parameters == ('"a,\\"b"', "2")
+
+    @pytest.mark.parametrize(
+        "line",
+        [
+            b"",
+            b"%R1Q",
+            b"%R1Q,:",
+            b"%R1Q,1,2",
+            b"%R1Q, 1,2:",
+            b"%R1Q,1,2,3,4:",
+            b"%R1Q,1234567890:",
+            b"%R1P,0,1:0",
+            b'%R1Q,1,2:"open',
+            b"%R1Q,1,2:\x80",
+            b"%R1Q,1,2:" + b"1," * LINE_BYTES,
+            b"C",
+        ],
+    )
+    def test_anything_else_is_no_request(self, line):
+        with pytest.raises(WireError):
+            decode_request(line)
+
+    @pytest.mark.parametrize(
+        "line",
+        [
+            b"%R1P,0:0",
+            b"%R1P,0,1:",
+            b"%R1P,0,1:x",
+            b"%R1P,-1,1:0",
+            b"%R1P,00,1:0",
+            b"%R1Q,0,1:0",
+            b" %R1P,0,1:0",
+            b'%R1P,0,1:0,"open',
+            b"?",
+        ],
+    )
+    def test_anything_else_is_no_reply(self, line):
+        with pytest.raises(WireError):
+            decode_reply(line)
+
+    @given(st.binary() | st.binary().map(lambda rest: b"%R1P,0,1:0," + rest))
+    def test_garbage_is_read_or_refused_by_the_one_error(self, line):
+        for decode in (decode_reply, decode_request):
+            with contextlib.suppress(WireError):
+                decode(line)
+
+    def test_line_that_is_too_long_is_not_written(self):
+        with pytest.raises(WireError, match="the limit is 1024"):
+            encode_request(Request(1, 1, words_of("x" * LINE_BYTES)))
+
+    def test_word_that_is_not_ascii_is_not_written(self):
+        with pytest.raises(WireError, match="not ASCII"):
+            encode_request(Request(1, 1, ("°",)))
+
+
+class TestChecksum:
+    def test_check_value_of_the_catalogue(self):
+        assert crc16(b"123456789") == 0xBB3D
+
+    @given(st.binary())
+    def test_sum_is_that_of_geocompy(self, data):
+        assert crc16(data) == crc16_bytewise(data)
+
+    @given(replies.filter(lambda reply: reply.checked), st.data())
+    def test_flipped_bit_is_noticed(self, reply, data):
+        line = bytearray(without_end(encode_reply(reply)))
+        line[data.draw(st.integers(0, len(line) - 1))] ^= 1 << data.draw(st.integers(0, 6))
+        try:
+            read = decode_reply(bytes(line))
+        except WireError:
+            return
+        # its own separator was hit, so that there is no checksum any more
+        assert not read.checked
+
+    def test_damaged_request_keeps_its_number_for_the_refusal(self):
+        line = without_end(encode_request(Request(2008, 17, ("1", "1"), checked=True)))
+        with pytest.raises(BadChecksum) as caught:
+            decode_request(line.replace(b":1,1", b":1,2"))
+        assert caught.value.transaction == 17
+
+
+class TestFramer:
+    @given(st.lists(replies, max_size=5), st.data())
+    def test_replies_are_the_same_however_the_stream_is_cut(self, sent, data):
+        stream = b"".join(map(encode_reply, sent))
+        cuts = sorted(data.draw(st.sets(st.integers(0, len(stream)))))
+        framer = ReplyFramer()
+        pieces = [stream[a:b] for a, b in zip([0, *cuts], [*cuts, len(stream)], strict=True)]
+        assert [reply for piece in pieces for reply in framer.feed(piece)] == sent
+
+    def test_empty_lines_and_the_answer_to_an_abort_are_passed_over(self):
+        assert ReplyFramer().feed(b"\r\n?\r\n%R1P,0,4:0\r\n\n") == [Reply(0, 4, 0)]
+
+    def test_line_without_an_end_is_refused_and_not_kept(self):
+        with pytest.raises(WireError):
+            ReplyFramer().feed(b"%R1P,0,1:0," + b"9" * 100_000)
+        assert len(line_framer().feed(b"9" * 100_000)[0]) == LINE_BYTES + 1
+
+    @given(st.lists(st.binary()))
+    def test_garbage_raises_only_the_one_error(self, pieces):
+        framer = ReplyFramer()
+        for piece in pieces:
+            try:
+                framer.feed(piece)
+            except WireError:
+                return
+
+
+class TestWords:
+    @given(texts)
+    def test_string_is_read_as_it_was_written(self, text):
+        word = string_word(text)
+        assert word.isascii()
+        assert word.isprintable()
+        assert parse_string(word) == text
+
+    def test_signs_with_a_meaning_are_escaped_as_the_manual_says(self):
+        assert string_word('50 % "°" \\ ~') == r'"50 \% \"\xB0\" \\ \~"'
+
+    @given(st.floats(-1e6, 1e6), st.integers(0, 15))
+    def test_number_is_read_as_it_was_rounded(self, value, digits):
+        assert parse_number(number_word(value, digits)) == pytest.approx(
+            value, abs=0.51 * 10.0 ** -max(digits, 1), rel=1e-15
+        )
+
+    @pytest.mark.parametrize(("value", "word"), [(100.0, "100.0"), (0.0, "0.0"), (1.25, "1.2")])
+    def test_number_always_has_its_point(self, value, word):
+        assert number_word(value, 1) == word
+
+    def test_whole_numbers_and_flags_have_none(self):
+        assert words_of(1, True, 2.0, "x") == ("1", "1", "2.0", '"x"')
+
+    @pytest.mark.parametrize(
+        ("parse", "word"),
+        [
+            (parse_whole, "1.0"),
+            (parse_whole, ""),
+            (parse_number, "nan"),
+            (parse_number, "1,5"),
+            (parse_string, "x"),
+            (parse_string, '"x'),
+            (parse_string, '"a"b"'),
+        ],
+    )
+    def test_word_of_another_kind_is_refused(self, parse, word):
+        with pytest.raises(WireError):
+            parse(word)
+
+    def test_wrong_number_of_parameters_is_refused(self):
+        with pytest.raises(WireError, match="1 parameters where 2"):
+            parse_words(("1",), 2)
+
+
+class TestTexts:
+    def test_known_codes_and_procedures_have_words(self):
+        assert result_text(8710) == "GeoCOM 8710 (aut no target)"
+        assert procedure_text(2082) == "TMC_GET_COORDINATE"
+
+    def test_unknown_ones_keep_their_number(self):
+        assert (result_text(4711), procedure_text(4711)) == ("GeoCOM 4711", "procedure 4711")

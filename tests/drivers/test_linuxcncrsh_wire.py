@@ -1,0 +1,124 @@
+"""linuxcncrsh's lines: what is taken apart, what is refused, what is never sent."""
+
+from contextlib import suppress
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import WireError
+from drivers.wire.linuxcncrsh import (
+    LONGEST_ANSWER,
+    AnswerFramer,
+    Greeting,
+    Remark,
+    Value,
+    Verdict,
+    encode,
+    read_message,
+    read_numbers,
+)
+
+SESSION = (
+    b"HELLO ACK PAR4 1.1\r\nset echo off\nSET VERBOSE ACK\n\rSET TIMEOUT NAK\n\r"
+    b"JOINT_POS 12.345679 -23.456789 34.567891 45.678912 0.000000 0.000000\r\n"
+    b"GET NONSENSE NAK\r\n\r\nERROR joint 3 following error\r\n"
+    b"error: Subcommand not found: SET SET_WAIT\r\nSET NAK\r\n"
+)
+MESSAGES = [
+    Greeting(True, "PAR4", "1.1", "HELLO ACK PAR4 1.1"),
+    Remark("set echo off"),
+    Verdict("SET", "VERBOSE", True, "SET VERBOSE ACK"),
+    Verdict("SET", "TIMEOUT", False, "SET TIMEOUT NAK"),
+    Value(
+        "JOINT_POS",
+        "12.345679 -23.456789 34.567891 45.678912 0.000000 0.000000",
+        "JOINT_POS 12.345679 -23.456789 34.567891 45.678912 0.000000 0.000000",
+    ),
+    Verdict("GET", "NONSENSE", False, "GET NONSENSE NAK"),
+    Value("ERROR", "joint 3 following error", "ERROR joint 3 following error"),
+    Remark("error: Subcommand not found: SET SET_WAIT"),
+    Verdict("SET", "", False, "SET NAK"),
+]
+
+
+def test_session_of_old_and_newer_versions_is_taken_apart():
+    assert AnswerFramer().feed(SESSION) == MESSAGES
+
+
+@given(st.sets(st.integers(0, len(SESSION))))
+def test_session_is_the_same_however_it_is_cut(cuts):
+    framer, edges = AnswerFramer(), [0, *sorted(cuts), len(SESSION)]
+    pieces = [SESSION[a:b] for a, b in pairwise(edges)]
+    assert [message for piece in pieces for message in framer.feed(piece)] == MESSAGES
+
+
+@given(st.binary())
+def test_garbage_is_read_or_raises_the_one_error(data):
+    with suppress(WireError):
+        AnswerFramer().feed(data)
+
+
+def test_greeting_that_refuses_has_no_name():
+    assert read_message(b"HELLO NAK") == Greeting(False, "", "", "HELLO NAK")
+
+
+@pytest.mark.parametrize("line", [b"HELLO", b"HELLO ACK PAR4", b"HELLO YOU THERE 1"])
+def test_other_greeting_is_none_of_linuxcncrsh(line):
+    with pytest.raises(WireError, match="none of linuxcncrsh"):
+        read_message(line)
+
+
+def test_answer_longer_than_any_is_refused_before_it_ends():
+    with pytest.raises(WireError, match="in one line"):
+        AnswerFramer().feed(b"ERROR " + b"x" * LONGEST_ANSWER)
+
+
+def test_message_for_the_operator_may_hold_a_tab_but_no_control_character():
+    assert read_message(b"ERROR a\tb") == Value("ERROR", "a b", "ERROR a b")
+    with pytest.raises(WireError, match="no text"):
+        read_message(b"ERROR a\x1bb")
+
+
+def test_second_line_of_a_message_answers_nothing():
+    assert read_message(b"Exceeded the limit") == Remark("Exceeded the limit")
+
+
+def test_word_alone_is_a_value_without_text():
+    assert read_message(b"CONFIG") == Value("CONFIG", "", "CONFIG")
+
+
+def test_request_becomes_its_line():
+    assert encode("set mdi G53 G0 X1.000000") == b"set mdi G53 G0 X1.000000\n"
+
+
+def test_longest_request_has_255_bytes_with_its_end():
+    assert len(encode("x" * 254)) == 255
+    with pytest.raises(WireError, match="256 bytes, at most 255 are safe"):
+        encode("x" * 255)
+
+
+@pytest.mark.parametrize(
+    "request_", ["", "get error\nset estop on", "get\rerror", "get é", "a\x00b"]
+)
+def test_request_that_would_arrive_as_another_is_never_sent(request_):
+    with pytest.raises(WireError, match="cannot be sent"):
+        encode(request_)
+
+
+@pytest.mark.parametrize("password", ["secrét", "secret" * 50])
+def test_password_that_cannot_be_sent_is_not_told(password):
+    with pytest.raises(WireError) as error:
+        encode(f"hello {password} client 1.1")
+    assert "secr" not in str(error.value)
+
+
+@pytest.mark.parametrize("text", ["1 2 x", "1 nan", "inf", "1,5"])
+def test_numbers_that_are_none_are_refused(text):
+    with pytest.raises(WireError):
+        read_numbers(Value("JOINT_POS", text, f"JOINT_POS {text}"))
+
+
+def test_numbers_are_read():
+    assert read_numbers(Value("JOINT_POS", "1.5 -0.000000", "-")) == (1.5, -0.0)

@@ -1,0 +1,267 @@
+"""The byte log: every byte in its direction, readable, bounded, never in the way of the work."""
+
+import io
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from timed_pipe import HandClock, TimedPipe
+
+from drivers.errors import LinkDown
+from drivers.spy import SpyLog, SpyTransport, bytes_as_lines, spied
+from drivers.spy_reading import (
+    EmsconReading,
+    GeocomReading,
+    NoReading,
+    RobotlineReading,
+    reading_for,
+)
+from drivers.wire import geocom, robotline
+from drivers.wire.emscon import Answer, Request, encode, refusal
+from drivers.wire.emscon_constants import Command
+from drivers.wire.emscon_messages import StatusChange, Units
+from drivers.wire.robotline_answers import Status
+from drivers.wire.robotline_commands import AskState
+
+NOW = "2026-05-04T10:00:00.000Z"
+
+
+class Desk:
+    """A log in memory, and a pipe that is written down in it."""
+
+    def __init__(self, *said, reading=NoReading, **options):
+        self.file = io.StringIO()
+        self.log = SpyLog(self.file, now_utc=lambda: NOW, **options)
+        self.clock = HandClock()
+        self.pipe = TimedPipe(self.clock, lambda _: said)
+        self.transport = spied(lambda: self.pipe, self.log, "tracker", reading)()
+
+    def entries(self):
+        """What was written below the heading."""
+        lines = self.file.getvalue().splitlines()
+        return [line for line in lines if not line.startswith("#")]
+
+
+class TestLog:
+    def test_both_directions_are_written_down_with_time_and_device(self):
+        desk = Desk((0.1, b"pong\r\n"))
+        desk.transport.send(b"ping\r\n", 1.0)
+        assert desk.transport.receive(1.0) == b"pong\r\n"
+        desk.transport.close()
+        assert desk.entries() == [
+            f"{NOW} tracker ! pipe://test: opened",
+            f"{NOW} tracker > 6 bytes",
+            r"    ping\r\n",
+            f"{NOW} tracker < 6 bytes",
+            r"    pong\r\n",
+            f"{NOW} tracker ! pipe://test: closed by us",
+        ]
+
+    def test_heading_explains_the_signs(self):
+        heading = Desk().file.getvalue()
+        assert all(line.startswith("#") for line in heading.splitlines()[:3])
+        assert "> to the device" in heading
+
+    def test_silence_is_not_written_down(self):
+        desk = Desk()
+        assert desk.transport.receive(1.0) == b""
+        assert len(desk.entries()) == 1
+
+    def test_each_entry_is_in_the_file_before_work_goes_on(self, tmp_path):
+        path = tmp_path / "spy.log"
+        with path.open("w", encoding="utf-8") as file:
+            SpyLog(file, now_utc=lambda: NOW).enter("tracker", ">", "3 bytes", ["abc"])
+            assert "abc" in path.read_text(encoding="utf-8")
+
+    def test_failures_of_the_wire_are_written_down_and_passed_on(self):
+        desk = Desk((0.1, b""))
+        desk.transport.send(b"x", 1.0)
+        with pytest.raises(LinkDown, match="closed the connection"):
+            desk.transport.receive(1.0)
+        desk.pipe.close()
+        with pytest.raises(LinkDown):
+            desk.transport.send(b"y", 1.0)
+        assert [line for line in desk.entries() if " ! " in line][1:] == [
+            f"{NOW} tracker ! pipe://test: the device closed the connection",
+            f"{NOW} tracker ! pipe://test: closed",
+        ]
+        assert "    y" in desk.entries()
+
+    def test_pipe_that_cannot_be_opened_is_written_down(self):
+        file = io.StringIO()
+
+        def refuse():
+            raise LinkDown("tcp://10.0.0.1:700: nobody answers", remedy="-")
+
+        log = SpyLog(file, now_utc=lambda: NOW)
+        with pytest.raises(LinkDown):
+            spied(refuse, log, "tracker", NoReading)()
+        assert "tracker ! tcp://10.0.0.1:700: nobody answers\n" in file.getvalue()
+
+    def test_closing_twice_is_written_down_once(self):
+        desk = Desk()
+        desk.transport.close()
+        desk.transport.close()
+        assert desk.pipe.is_closed
+        assert len(desk.entries()) == 2
+
+    def test_name_is_that_of_the_pipe(self):
+        assert Desk().transport.name == "pipe://test"
+
+    def test_two_devices_share_one_log(self):
+        desk = Desk()
+        other = SpyTransport(TimedPipe(HandClock()), desk.log, "controller", NoReading())
+        desk.transport.send(b"1", 1.0)
+        other.send(b"2", 1.0)
+        assert [line.split()[1] for line in desk.entries()[1::2]] == ["tracker", "controller"]
+
+
+class TestBounds:
+    def test_log_ends_at_its_largest_size_and_the_work_goes_on(self):
+        desk = Desk(limit_characters=1000)
+        for _ in range(100):
+            desk.transport.send(b"x" * 100, 1.0)
+        assert len(desk.pipe.sent) == 100
+        text = desk.file.getvalue()
+        assert len(text) < 1100
+        assert text.endswith("# The log ends here: it has reached its largest size.\n")
+        assert desk.log.problem == "it has reached its largest size"
+
+    def test_full_disk_ends_the_log_and_the_work_goes_on(self):
+        desk = Desk()
+
+        def full(text):
+            raise OSError(28, "No space left on device")
+
+        desk.file.write = full
+        desk.transport.send(b"x", 1.0)
+        assert desk.pipe.sent == [b"x"]
+        assert desk.log.problem == "it cannot be written (No space left on device)"
+
+    def test_long_piece_is_cut_and_counted(self):
+        lines = bytes_as_lines(b"a" * 10_000)
+        assert lines == ["a" * 4096, "… and 5904 bytes more"]
+
+
+class TestBytes:
+    def test_text_stays_text_with_its_ends_shown(self):
+        assert bytes_as_lines(b"one\r\ntwo\ta\\b\n") == [r"one\r\n", r"two\ta\\b\n"]
+
+    def test_anything_else_is_in_hexadecimal_with_its_letters_beside(self):
+        (line,) = bytes_as_lines(b"\x00AT401\xff")
+        assert line.startswith("0000  00 41 54 34 30 31 ff ")
+        assert line.endswith(" .AT401.")
+
+    def test_hexadecimal_lines_are_numbered_by_their_first_byte(self):
+        lines = bytes_as_lines(bytes(40))
+        assert [line[:4] for line in lines] == ["0000", "0010", "0020"]
+
+    @given(st.binary(min_size=1, max_size=4096))
+    def test_no_byte_is_lost(self, data):
+        lines = bytes_as_lines(data)
+        if re.fullmatch(rb"[\t\n\r -~]*", data):
+            shown = re.sub(r"\\(.)", _unescaped, "".join(lines)).encode("ascii")
+        else:
+            shown = b"".join(bytes.fromhex(line[6:53]) for line in lines)
+        assert shown == data
+
+    @given(st.binary(max_size=5000))
+    def test_every_line_can_be_printed(self, data):
+        assert all(line.isprintable() for line in bytes_as_lines(data))
+
+
+def _unescaped(found):
+    return {"r": "\r", "n": "\n", "t": "\t"}.get(found[1], found[1])
+
+
+class TestEmsconReading:
+    def test_packets_are_read_in_both_directions(self):
+        reading = EmsconReading()
+        assert reading.sent(encode(Request(Command.SET_UNITS, Units(1, 1, 0, 0, 0)))) == [
+            "SetUnits Units(length=1, angle=1, temperature=0, pressure=0, humidity=0)"
+        ]
+        said = encode(Answer(Command.SET_UNITS)) + encode(StatusChange(6))
+        assert reading.received(said) == [
+            "answer to SetUnits: Nothing()",
+            "unasked: StatusChange(code=6)",
+        ]
+
+    def test_refusal_has_its_words(self):
+        (said,) = EmsconReading().received(refusal(Command.START_MEASUREMENT, 39))
+        assert said.endswith("emScon error 39 (tracker not initialized)")
+
+    def test_packet_in_pieces_is_read_when_it_is_whole(self):
+        reading, packet = EmsconReading(), encode(Request(Command.GET_UNITS))
+        assert reading.sent(packet[:5]) == []
+        assert len(reading.sent(packet[5:])) == 1
+
+    def test_stream_that_has_lost_its_step_is_read_no_further(self):
+        reading = EmsconReading()
+        (said,) = reading.received(b"\xff" * 20)
+        assert said.startswith("cannot be read, nor what follows: a packet claims")
+        assert reading.received(encode(Answer(Command.SET_UNITS))) == ()
+
+
+class TestLineReadings:
+    def test_robotline_is_read_in_both_directions(self):
+        reading = RobotlineReading()
+        question = robotline.encode_request(robotline.Request(8, AskState()))
+        status = Status(moving=False, emergency_stop=True, fault="", joints_deg=(1.0,) * 4)
+        answer = robotline.encode_reply(robotline.Reply(8, "STATE", status))
+        assert reading.sent(question) == ["Request(sequence=8, command=AskState())"]
+        (said,) = reading.received(answer)
+        assert said.startswith("answer 8 to STATE: Status(moving=False, emergency_stop=True")
+
+    def test_geocom_reply_names_its_question_and_its_code(self):
+        reading = GeocomReading()
+        question = geocom.encode_request(geocom.Request(2082, 7, ("5000", "1")))
+        assert reading.sent(question) == ["TMC_GET_COORDINATE(5000, 1), question 7"]
+        assert reading.received(b"%R1P,0,7:1285\r\n") == [
+            "answer 7 to TMC_GET_COORDINATE: GeoCOM 1285 (angles only)"
+        ]
+        assert reading.received(b"%R1P,0,7:0,1.0\r\n") == [
+            "answer 7 to nothing that was asked: (1.0)"
+        ]
+
+    def test_geocom_abort_is_read(self):
+        reading = GeocomReading()
+        assert reading.sent(b"c\r\n") == ["abort the motion"]
+        assert reading.received(b"?\r\n") == ["the motion is aborted"]
+
+    def test_questions_without_answers_do_not_pile_up(self):
+        reading = GeocomReading()
+        for number in range(1000):
+            reading.sent(geocom.encode_request(geocom.Request(0, number)))
+        assert len(reading._procedures) == 100
+
+    @pytest.mark.parametrize("reading", [RobotlineReading, GeocomReading])
+    def test_line_that_cannot_be_read_says_why_and_the_next_one_is_read(self, reading):
+        said = reading().received(b"garbage\r\n\r\nmore\n")
+        assert len(said) == 2
+        assert all(line.startswith("cannot be read: ") for line in said)
+
+
+class TestAnyReading:
+    @pytest.mark.parametrize("driver", ["emscon", "geocom", "robotline", "linuxcnc"])
+    @given(pieces=st.lists(st.binary(max_size=100), max_size=10))
+    def test_garbage_raises_nothing(self, driver, pieces):
+        reading = reading_for(driver)()
+        for piece in pieces:
+            for line in [*reading.sent(piece), *reading.received(piece)]:
+                assert len(line) <= 500
+
+    def test_protocol_without_a_grammar_is_bytes_alone(self):
+        reading = reading_for("linuxcnc")()
+        assert (reading.sent(b"hello\n"), reading.received(b"ACK\n")) == ((), ())
+
+    def test_meanings_stand_behind_the_bytes(self):
+        desk = Desk((0.1, b"%R1P,0,3:0\r\n"), reading=reading_for("geocom"))
+        desk.transport.send(b"%R1Q,0,3:\r\n", 1.0)
+        desk.transport.receive(1.0)
+        assert [line.strip() for line in desk.entries() if line.startswith("    ")] == [
+            r"%R1Q,0,3:\r\n",
+            "= COM_NULL_PROC(), question 3",
+            r"%R1P,0,3:0\r\n",
+            "= answer 3 to COM_NULL_PROC: ()",
+        ]

@@ -1,0 +1,104 @@
+"""The least number of measurements that meets a goal."""
+
+import numpy as np
+import pytest
+from design_cases import anything, shots
+
+from campaigns.numerics.criteria import make_criterion
+from campaigns.numerics.design import optimal_design
+from campaigns.numerics.enough import (
+    CurvePoint,
+    GoalOutOfReach,
+    averaging_from,
+    design_curve,
+    smallest_design,
+    worst_std,
+)
+
+
+@pytest.fixture(scope="module")
+def case():
+    return shots(300)
+
+
+@pytest.fixture(scope="module")
+def criterion(case):
+    return make_criterion("I", case.candidates, case.workspace_rows)
+
+
+def rng():
+    return np.random.default_rng(3)
+
+
+def point(case, criterion, count):
+    return next(design_curve(case.candidates, criterion, [count], rng()))
+
+
+def test_found_number_meets_the_goal_and_the_next_smaller_tried_does_not(case, criterion):
+    found = smallest_design(case.candidates, criterion, 0.03, 200, 2, rng())
+    tried = {point.count: point.worst_length_mm for point in found.curve}
+    assert worst_std(case.candidates, found.least.design.chosen)[0] <= 0.03
+    assert found.least.count % 2 == 0
+    assert tried[found.least.count - 2] > 0.03
+
+
+def test_number_cannot_be_much_too_large(case, criterion):
+    found = smallest_design(case.candidates, criterion, 0.03, 200, 2, rng())
+    fewer = optimal_design(case.candidates, criterion, found.least.count - 6, rng())
+    assert worst_std(case.candidates, fewer.chosen)[0] > 0.03
+
+
+def test_goal_that_the_fewest_shots_meet_takes_the_fewest_shots(case, criterion):
+    found = smallest_design(case.candidates, criterion, 1.0, 200, 2, rng())
+    assert found.least.count == 14
+    assert len(found.curve) == 1
+
+
+def test_goal_out_of_reach_says_what_can_be_had(case, criterion):
+    with pytest.raises(
+        GoalOutOfReach, match=r"40 measurements give σ 0\.02.*goal 0\.001 mm"
+    ) as told:
+        smallest_design(case.candidates, criterion, 0.001, 40, 2, rng())
+    assert told.value.best_mm == pytest.approx(0.025, rel=0.1)
+
+
+def test_every_size_up_to_the_largest_is_considered(case, criterion):
+    best_mm = point(case, criterion, 30).worst_length_mm
+    found = smallest_design(case.candidates, criterion, 1.02 * best_mm, 30, 2, rng())
+    assert 26 <= found.least.count <= 30
+
+
+def test_curve_falls(case, criterion):
+    curve = list(design_curve(case.candidates, criterion, [14, 28, 56, 112], rng()))
+    assert [point.count for point in curve] == [14, 28, 56, 112]
+    lengths = [point.worst_length_mm for point in curve]
+    assert lengths == sorted(lengths, reverse=True)
+    assert averaging_from(curve) in {28, 56}
+
+
+def test_pure_averaging_is_seen_from_the_start():
+    candidates = anything(400, 1, 2, seed=1)
+    criterion = make_criterion("D", candidates, np.ones((1, 1, 2)))
+
+    def sized(count, worst_mm):
+        design = optimal_design(candidates, criterion, count, rng())
+        return CurvePoint(design, worst_mm, 0.0)
+
+    averaging = [sized(count, 1.0 / np.sqrt(count)) for count in (10, 20, 40)]
+    assert averaging_from(averaging) == 10
+    assert averaging_from([sized(5, 1.0), *averaging]) == 10
+
+
+def test_lengths_and_angles_are_told_apart():
+    candidates = anything(50, 1, 3, seed=2)
+    renamed = type(candidates)(
+        candidates.rows,
+        np.array([1.0, 10.0, 1.0]),
+        ("a_mm", "b_mm", "c_deg"),
+        candidates.mean_information,
+    )
+    everything = np.arange(50)
+    std = np.sqrt(
+        np.diag(np.linalg.inv(renamed.jacobian(everything).T @ renamed.jacobian(everything)))
+    )
+    assert worst_std(renamed, everything) == pytest.approx((max(std[:2]), std[2]))
