@@ -9,6 +9,7 @@ from pathlib import Path
 from campaigns.config import CampaignConfig, read_campaign, read_campaign_robot
 from campaigns.errors import ShotsMissing
 from campaigns.journal import Journal, open_journal
+from campaigns.journal_reader import JournalReader
 from campaigns.journal_views import Series
 from campaigns.lock import campaign_lock
 from campaigns.robot import RobotDocument
@@ -87,7 +88,7 @@ def require_journal(campaign: Campaign) -> Path:
     return campaign.journal_path
 
 
-def measured_series(campaign: Campaign, journal: Journal) -> Series:
+def measured_series(campaign: Campaign, journal: JournalReader) -> Series:
     """The series to identify from: the latest run or import; raises `ShotsMissing`.
 
     A run may be unfinished, an import that broke off counts for nothing.

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.folder import CELL_MEMORY, SIMULATED, Campaign
 from campaigns.config import CampaignConfig
@@ -18,6 +19,8 @@ from drivers.errors import WrongDevice
 from drivers.line_robot import LineRobot
 from drivers.link import never
 from drivers.ports import Clock, LaserTracker, RobotController
+from drivers.spy import SpyLog, spied
+from drivers.spy_reading import reading_for
 from drivers.transport import Transport, open_transport
 from drivers.values import Identity
 from drivers.wire.robotline import LAST_SEQUENCE
@@ -28,9 +31,15 @@ from sim.errors import MemoryInvalid
 from sim.scenario import load_scenario
 from sim.scenario_schema import Scenario
 
+if TYPE_CHECKING:
+    from drivers.geocom_tracker import GeocomTracker
+
 CONNECT_S = 5.0
+FIRST_TRANSACTIONS = (1000, 30_000)
+"""Where the question numbers of a GeoCOM session may begin: differently from one to the next."""
 
 StopRequested = Callable[[], bool]
+Opener = Callable[[], Transport]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,15 +59,22 @@ def scenario_of(campaign_folder: Path, url: str) -> Scenario:
 
 
 @contextmanager
-def connected_cell(campaign: Campaign, stop_requested: StopRequested = never) -> Iterator[Devices]:
-    """Both devices, connected; closed at the end of the block.
+def connected_cell(
+    campaign: Campaign, stop_requested: StopRequested = never, log: SpyLog | None = None
+) -> Iterator[Devices]:
+    """Both devices, connected; closed at the end of the block. `log` gets every byte.
 
     Raises a driver's error when one is not there or not the expected one.
     """
+    config = campaign.config
     with (
         _addresses(campaign) as at,
-        _robot(campaign.config, at.controller) as robot,
-        _tracker(campaign.config, at.tracker, stop_requested) as tracker,
+        _robot(
+            config, _opener(at.controller, log, "controller", config.controller.driver)
+        ) as robot,
+        _tracker(
+            config, _opener(at.tracker, log, "tracker", config.tracker.driver), stop_requested
+        ) as tracker,
     ):
         yield Devices(robot, tracker, at.clock, SystemClock())
 
@@ -66,7 +82,10 @@ def connected_cell(campaign: Campaign, stop_requested: StopRequested = never) ->
 @contextmanager
 def connected_robot(campaign: Campaign) -> Iterator[RobotController]:
     """The controller alone."""
-    with _addresses(campaign) as at, _robot(campaign.config, at.controller) as robot:
+    with (
+        _addresses(campaign) as at,
+        _robot(campaign.config, _opener(at.controller)) as robot,
+    ):
         yield robot
 
 
@@ -102,7 +121,8 @@ def _embedded(campaign: Campaign, url: str) -> Iterator[EmbeddedCell]:
     path = campaign.path(CELL_MEMORY)
     scenario = scenario_of(campaign.folder, url)
     cell = Cell(scenario, memory=_remembered(path))
-    with EmbeddedCell(cell, ScaledClock(scenario.speed_up)) as embedded:
+    speaks = campaign.config.tracker.driver
+    with EmbeddedCell(cell, ScaledClock(scenario.speed_up), tracker_speaks=speaks) as embedded:
         try:
             yield embedded
         except BaseException:
@@ -130,14 +150,17 @@ def _remembered(path: Path) -> dict[str, object] | None:
     return found
 
 
-def _opener(url: str) -> Callable[[], Transport]:
-    return lambda: open_transport(url, timeout_s=CONNECT_S)
+def _opener(url: str, log: SpyLog | None = None, device: str = "", driver: str = "") -> Opener:
+    def opened() -> Transport:
+        return open_transport(url, timeout_s=CONNECT_S)
+
+    return opened if log is None else spied(opened, log, device, reading_for(driver))
 
 
 @contextmanager
-def _robot(config: CampaignConfig, url: str) -> Iterator[RobotController]:
+def _robot(config: CampaignConfig, opener: Opener) -> Iterator[RobotController]:
     first = random.SystemRandom().randint(1, LAST_SEQUENCE)
-    robot = LineRobot(_opener(url), clock=SystemClock(), first_sequence=first)
+    robot = LineRobot(opener, clock=SystemClock(), first_sequence=first)
     try:
         robot.connect()
         _check_serial("controller", robot.identity(), config.controller.serial)
@@ -148,15 +171,28 @@ def _robot(config: CampaignConfig, url: str) -> Iterator[RobotController]:
 
 @contextmanager
 def _tracker(
-    config: CampaignConfig, url: str, stop_requested: StopRequested
+    config: CampaignConfig, opener: Opener, stop_requested: StopRequested
 ) -> Iterator[LaserTracker]:
-    tracker = EmsconTracker(_opener(url), clock=SystemClock(), cancelled=stop_requested)
+    tracker = _made_tracker(config.tracker.driver, opener, stop_requested)
     try:
         tracker.connect()
         _check_serial("tracker", tracker.identity(), config.tracker.serial)
         yield tracker
     finally:
         tracker.close()
+
+
+def _made_tracker(
+    driver: str, opener: Opener, stop_requested: StopRequested
+) -> "EmsconTracker | GeocomTracker":
+    if driver == "emscon":
+        return EmsconTracker(opener, clock=SystemClock(), cancelled=stop_requested)
+    from drivers.geocom_tracker import GeocomTracker  # its library only where it is used
+
+    first = random.SystemRandom().randint(*FIRST_TRANSACTIONS)
+    return GeocomTracker(
+        opener, clock=SystemClock(), first_transaction=first, cancelled=stop_requested
+    )
 
 
 def _check_serial(device: str, found: Identity, expected: str | None) -> None:

@@ -48,7 +48,9 @@ class ControllerConfig(FileModel):
 class TrackerConfig(FileModel):
     """The laser tracker and its reflector."""
 
-    driver: Literal["emscon"] = Field(default="emscon", description="its protocol: emscon")
+    driver: Literal["emscon", "geocom"] = Field(
+        default="emscon", description="its protocol: emscon or geocom"
+    )
     url: Url = Field(description=f"its address: {URL_FORMS}")
     serial: str | None = Field(
         default=None, description="the serial number it must have, in quotes; empty for any"

@@ -13,6 +13,8 @@ from campaigns.rules import GateRules
 from drivers.values import Vector3, Weather
 
 SIGMAS = 4.0
+AGREEING = 2
+"""Shots that agree in their distance; of one alone nobody knows whether it saw the right target."""
 WRONG = "a wrong target or a wrong pose"
 ALARM_ENDS_AT = 0.8
 """Share of the limit below which an alarm ends: above the noise of one that is just at it."""
@@ -77,13 +79,14 @@ class Gate:
         return None if predicted is None else vector(predicted.point_mm)
 
     def nearest_point_mm(self, joints_rad: tuple[float, ...]) -> Vector3 | None:
-        """Where the accepted shot with the nearest joints was; None without any."""
+        """Where the accepted shot with the nearest joints was; None before two shots agree."""
+        if len(self._accepted) < AGREEING:
+            return None
         nearest = min(
             self._accepted.values(),
             key=lambda outcome: float(np.abs(np.subtract(outcome.joints_rad, joints_rad)).max()),
-            default=None,
         )
-        return None if nearest is None else nearest.point_in_tracker_mm
+        return nearest.point_in_tracker_mm
 
     def _teach(self, outcome: Outcome) -> None:
         self._running.add(np.array(outcome.joints_rad), np.array(outcome.point_in_tracker_mm))

@@ -68,7 +68,7 @@ class Mover:
         now = self._state()
         return now.moving or not _within(_apart(now, since.joints_rad), self._rules.still_rad)
 
-    def _check_stop(self) -> None:
+    def check_stop(self) -> None:
         if self._stop_requested():
             raise Interrupted(
                 "stopped by the operator", remedy="the same command takes up where it was"
@@ -93,7 +93,7 @@ class Mover:
         """The robot's state before a motion: somebody else may still be moving it."""
         deadline_s = self._deadline_s()
         while True:
-            self._check_stop()
+            self.check_stop()
             now_s, state = self._clock.now_s(), self._state()
             if not state.moving:
                 return state
@@ -134,17 +134,17 @@ class Mover:
         if step.command == "joints":
             self._start_joints(step.planned.joints_rad)
             return
-        self._check_stop()
+        self.check_stop()
         self._robot.move_pose(step.planned.pose, self._rules.speed_fraction)
 
     def _start_joints(self, target: Joints) -> None:
-        self._check_stop()
+        self.check_stop()
         self._robot.move_joints(target, self._rules.speed_fraction)
 
     def _await_arrival(self, target: Joints, deadline_s: float) -> None:
         """Wait until the controller has stopped moving, and in place: the next way starts there."""
         while True:
-            self._check_stop()
+            self.check_stop()
             now_s, state = self._clock.now_s(), self._state()
             if not state.moving and self._in_place(state, target):
                 return
@@ -158,7 +158,7 @@ class Mover:
         last_motion = (0, 0.0)
         while True:
             self._clock.sleep_s(self._rules.poll_s)
-            self._check_stop()
+            self.check_stop()
             now_s, state = self._clock.now_s(), self._state()
             motion = _apart(state, reference.joints_rad)
             still = not state.moving and _within(motion, self._rules.still_rad)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from campaigns.errors import ResumeRefused
 from campaigns.journal_reader import JournalReader
 from campaigns.journal_views import AcceptedShot, Series
-from campaigns.records import PairVoided, SeriesStarted, SessionStopped
+from campaigns.records import PairVoided, SeriesStarted, SessionStarted, SessionStopped
 from campaigns.shot_sets import ShotSet
 from campaigns.steps import Group, Step, groups
 from drivers.values import Identity, Vector3
@@ -86,10 +86,13 @@ def check_same(series: Series, today: SeriesStarted) -> None:
 
 def how_it_stopped(journal: JournalReader, series: int) -> str:
     """How the last session of a series ended."""
-    records = journal.records(series)
-    if not isinstance(records[-1].record, SessionStopped):
-        return "a crash: the last session wrote no end"
-    return f"'{records[-1].record.reason}'"
+    records = [entry.record for entry in journal.records(series)]
+    last = [record for record in records if isinstance(record, SessionStarted | SessionStopped)][
+        -1:
+    ]
+    if last and isinstance(last[0], SessionStopped):
+        return f"'{last[0].reason}'"
+    return "a crash: the last session wrote no end"
 
 
 def _serial(identity: Identity | None) -> str:

@@ -16,6 +16,10 @@ from drivers.ports import Clock, LaserTracker, RobotController
 from drivers.values import Measurement
 
 
+REACQUIRE_PATIENCE_S = 30.0
+LOOK_AGAIN_S = 1.0
+
+
 class ShotLost(Exception):
     """An attempt gave no data, and why. The tracker has been asked to find its reflector again."""
 
@@ -108,15 +112,28 @@ class Shooter:
         raise ShotLost(text)
 
     def _reacquire(self, arrival: Arrival) -> None:
-        """Have the tracker look for its reflector; a failure here is the next attempt's."""
+        """Have the tracker look for its reflector, again and again, while the robot stands still.
+
+        Whoever stands in the beam may take some seconds to leave. A failure in the end is the
+        next attempt's.
+        """
+        given_up_s = self._cell.clock.now_s() + REACQUIRE_PATIENCE_S
+        while (failure := self._failure_to_find(arrival)) is not None:
+            self._tally.see_beam(locked=False)
+            self._mover.check_stop()
+            if self._cell.clock.now_s() >= given_up_s:
+                self._announce(Event("beam broken", f"no reflector found again: {failure}"))
+                return
+            self._cell.clock.sleep_s(LOOK_AGAIN_S)
+        self._tally.see_beam(locked=True)
+        self._announce(Event("resumed", "the tracker has its reflector again"))
+
+    def _failure_to_find(self, arrival: Arrival) -> str | None:
         try:
             self._look_for_reflector(arrival.state.joints_rad)
         except BeamBroken as error:
-            self._tally.see_beam(locked=False)
-            self._announce(Event("beam broken", f"no reflector found again: {error.problem}"))
-        else:
-            self._tally.see_beam(locked=True)
-            self._announce(Event("resumed", "the tracker has its reflector again"))
+            return error.problem
+        return None
 
     def _look_for_reflector(self, joints_rad: tuple[float, ...]) -> None:
         """Point to where it should be; while that is unknown, near where it was, and search there.

@@ -116,6 +116,10 @@ class Link(Generic[Message]):
     def _closed_by_any_error(self) -> Iterator[None]:
         try:
             yield
+        except WireError as error:  # the grammar does not know whose wire it reads
+            self.close()
+            problem = error.problem.removeprefix(f"{self.name}: ")
+            raise WireError(f"{self.name}: {problem}", remedy=error.remedy) from error
         except BaseException:  # also an interrupt: the question it leaves behind may be answered
             self.close()
             raise

@@ -99,7 +99,9 @@ class JointLimits:
                 )
 
 
-def refusal(name: str, messages: Sequence[str], *, emergency_stop: bool) -> DeviceRefused:
+def refusal(
+    name: str, messages: Sequence[str], *, emergency_stop: bool, machine_on: bool
+) -> DeviceRefused:
     """What LinuxCNC's messages mean, with its own words."""
     said = "; ".join(messages)
     if emergency_stop:
@@ -109,9 +111,9 @@ def refusal(name: str, messages: Sequence[str], *, emergency_stop: bool) -> Devi
             code=said,
         )
     text = said.lower()
-    if any(word in text for word in FAULT_WORDS):
-        remedy = "clear the drive's fault at the machine, then start again"
-        return MotionFault(f"{name}: {said}", remedy=remedy, code=said)
+    if not machine_on or any(word in text for word in FAULT_WORDS):
+        remedy = "clear the fault at the machine, then start again"
+        return MotionFault(f"{name}: {said or 'the machine is off'}", remedy=remedy, code=said)
     if any(word in text for word in LIMIT_WORDS):
         remedy = "compare the plan's limits with [AXIS_…] and [JOINT_…] of LinuxCNC's INI file"
         return LimitViolation(f"{name}: {said}", remedy=remedy, code=said)

@@ -156,9 +156,12 @@ class LinuxcncMover:
         """What is said now; a machine that is off keeps no motion."""
         said = (*messages, *conversation.messages())
         self._watch.forget()
-        if not said and not snapshot.emergency_stop:
-            said = ("the machine is off",)
-        return refusal(conversation.name, said, emergency_stop=snapshot.emergency_stop)
+        return refusal(
+            conversation.name,
+            said,
+            emergency_stop=snapshot.emergency_stop,
+            machine_on=snapshot.machine_on,
+        )
 
     def _not_taken(
         self, conversation: LinuxcncConversation, error: DeviceRefused

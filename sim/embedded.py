@@ -7,6 +7,8 @@ from typing import Literal
 from sim.cell import Cell
 from sim.clock import CellClock
 from sim.emscon_server import EmsconSession
+from sim.geocom_server import GeocomSession
+from sim.geocom_station import GeocomStation
 from sim.peers import Session
 from sim.robotline_server import RobotlineSession
 from sim.serving import CellServer
@@ -26,14 +28,17 @@ class EmbeddedCell:
         clock: CellClock,
         *,
         controller_on: Literal["tcp", "pty"] = "tcp",
+        tracker_speaks: Literal["emscon", "geocom"] = "emscon",
         controller_port: int = 0,
         tracker_port: int = 0,
     ) -> None:
         self.cell = cell
         self.clock = clock
+        self._station = GeocomStation(cell.tracker)
+        speaking = self._geocom if tracker_speaks == "geocom" else self._emscon
         self._server = CellServer(clock, cell.faults)
         try:
-            self.tracker_url = self._server.serve_tcp(self._emscon, "tracker", tracker_port)
+            self.tracker_url = self._server.serve_tcp(speaking, "tracker", tracker_port)
             self.controller_url = self._controller_url(controller_on, controller_port)
         except BaseException:
             self._server.stop()
@@ -73,3 +78,6 @@ class EmbeddedCell:
 
     def _emscon(self, send: Send, already_open: int) -> Session:
         return EmsconSession(self.cell.tracker, send, is_second=already_open > 0)
+
+    def _geocom(self, send: Send, already_open: int) -> Session:  # noqa: ARG002 - takes several
+        return GeocomSession(self._station, send)

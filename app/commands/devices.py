@@ -1,6 +1,7 @@
 """pkmcal devices: who answers, and in what state."""
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,20 +13,30 @@ if TYPE_CHECKING:
     from drivers.ports import LaserTracker, RobotController
 
 
-def command(context: typer.Context, folder: Folder, *, json: Json = False) -> None:
+def command(
+    context: typer.Context,
+    folder: Folder,
+    *,
+    spy: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write every byte, read out, to a new file."),
+    ] = None,
+    json: Json = False,
+) -> None:
     """Say who answers, and in what state; nothing moves.
 
     Connects to controller and tracker and shows identities, joints, faults, the tracker's
     start-up, beam, reflectors and weather. What campaign.yaml needs can be read off here: serial
     numbers and the reflector's name.
     """
+    from app.byte_log import byte_log
     from app.console import terminal_of
     from app.folder import open_campaign
     from app.wiring import connected_cell
 
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
-    with connected_cell(campaign) as cell:
+    with byte_log(spy, terminal) as log, connected_cell(campaign, log=log) as cell:
         found = {"controller": of_controller(cell.robot), "tracker": of_tracker(cell.tracker)}
     urls = {"controller": campaign.config.controller.url, "tracker": campaign.config.tracker.url}
     for device, facts in found.items():

@@ -8,7 +8,10 @@ import typer
 from app.options import Folder, Json
 
 if TYPE_CHECKING:
+    from app.console import Terminal
     from app.folder import Campaign
+
+SHOTS = "shots.csv"
 
 
 def command(
@@ -16,8 +19,12 @@ def command(
     folder: Folder,
     *,
     to: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Default: robot-compensated.yaml in DIR.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Default: robot-compensated.yaml, or shots.csv, in DIR."),
     ] = None,
+    shots: Annotated[
+        bool, typer.Option("--shots", help="Write the measured shots as shots.csv instead.")
+    ] = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace the file if it exists.")
     ] = False,
@@ -33,9 +40,13 @@ def command(
     from app.folder import open_campaign
 
     terminal = terminal_of(context, as_json=json)
-    path = export(open_campaign(folder), to, overwrite=overwrite)
+    campaign = open_campaign(folder)
+    if shots:
+        path = export_shots(campaign, to, terminal)
+    else:
+        path = export(campaign, to, overwrite=overwrite)
+        terminal.note(f"next: pkmcal load {folder}")
     terminal.say(f"written: {path}")
-    terminal.note(f"next: pkmcal load {folder}")
     terminal.document({"path": str(path)})
 
 
@@ -55,4 +66,21 @@ def export(campaign: "Campaign", to: Path | None = None, *, overwrite: bool = Fa
         finding = latest_identification(journal)
     robot = compensated_robot(campaign.config.name, campaign.nominal, finding)
     write_compensated(path, robot, overwrite=overwrite)
+    return path
+
+
+def export_shots(campaign: "Campaign", to: Path | None, terminal: "Terminal") -> Path:
+    """Write the accepted shots of the latest run or import; raises `OutputExists`."""
+    from app.folder import measured_series, require_journal
+    from campaigns.exchange import write_shots
+    from campaigns.journal_reader import read_journal
+    from campaigns.shots_export import exported_shots
+
+    path = to or campaign.path(SHOTS)
+    with read_journal(require_journal(campaign)) as journal:
+        series = measured_series(campaign, journal)
+        found = exported_shots(series, journal.shots(series.number))
+    write_shots(path, found.rows)
+    if found.halves:
+        terminal.note(f"left out, as their partner is missing: shots {found.halves}")
     return path

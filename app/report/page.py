@@ -1,19 +1,16 @@
-"""The page: one HTML document with its style and figures inside, needing no network."""
+"""The report's page, put together from its sections."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
-
 from app.report.conformity import RULE
 from app.report.contents import Contents
 from app.report.evidence import Evidence
-from app.report.figures.drawing import svg_text
 from app.report.key_figures import KeyFigure, key_figures
 from app.report.model_sections import parameters_section, remainder_section
-from app.report.parts import Part, Picture, Row, Section, Table, moment
+from app.report.parts import Row, Section, moment
 from app.report.record_sections import incidents_section, provenance_section, tracker_section
+from app.report.rendering import GENERATOR, rendered
 from app.report.results_sections import (
     gain_section,
     iso_section,
@@ -21,10 +18,7 @@ from app.report.results_sections import (
     tests_section,
     workspace_section,
 )
-from campaigns.version import VERSION
 
-GENERATOR = f"pkmcal {VERSION}"
-TEMPLATE = "page.html.jinja"
 SECTIONS = (
     limits_section,
     gain_section,
@@ -82,37 +76,8 @@ def page_of(contents: Contents, made_utc: str) -> Page:
 
 
 def page_html(page: Page) -> str:
-    """Draw the figures and write the document; whatever comes from outside is escaped."""
-    environment = Environment(
-        loader=PackageLoader("app.report", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.tests |= {"table": _is_table, "picture": _is_picture}
-    environment.filters |= {"drawing": _drawing, "prose": _prose}
-    return environment.get_template(TEMPLATE).render(page=page)
-
-
-def _is_table(part: Part) -> bool:
-    return isinstance(part, Table)
-
-
-def _is_picture(part: Part) -> bool:
-    return isinstance(part, Picture)
-
-
-def _drawing(picture: Picture) -> Markup:
-    svg = svg_text(picture.draw(), picture.name, picture.title)
-    return Markup(svg)  # noqa: S704 - drawn by us, holds no text from outside
-
-
-def _prose(text: str) -> Markup:
-    """A sentence in which `backticks` are commands."""
-    pieces = text.split("`")
-    marked = (Markup("<code>{}</code>").format(p) if k % 2 else p for k, p in enumerate(pieces))
-    return Markup("").join(marked)
+    """Draw the figures and write the document."""
+    return rendered("page.html.jinja", page)
 
 
 def _facts(evidence: Evidence, made_utc: str) -> Iterator[Row]:

@@ -10,9 +10,13 @@ class Reason(Enum):
         "The tracker's noise alone leaves more than this: see what noise alone leaves. The figure "
         "agrees with the mean of the errors, not with the largest."
     )
+    LARGEST_OF_A_DRAW = (
+        "The paper prints the largest error of one draw; noise alone leaves as much: see what "
+        "noise alone leaves."
+    )
     ONE_DRAW = (
         "The paper prints one draw, and not which of the parameters it speaks of. Ours is the "
-        "worst one of each seed; the middle one is as near as the paper says."
+        "worst one of each seed; the middle one is about as near as the paper says."
     )
     READING = (
         "Table I as printed is no usable robot. Ours is our reading of it (radial arms, forearms "

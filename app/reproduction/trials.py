@@ -88,28 +88,6 @@ class TrialResult(_Kept):
     before: Stage
     after: Stage
 
-    def missed_by(self) -> float:
-        """Estimated minus true."""
-        return self.estimated_error - self.true_error
-
-
-class TrialResult(_Kept):
-    """One seed's figures."""
-
-    experiment: str
-    seed: int
-    recipe: str
-    seconds: float
-    parameters: dict[str, Estimate]
-    fitted: Errors
-    unseen: Errors
-    before: Stage
-    after: Stage
-
-    def worst_missed(self, unit: str) -> float:
-        """By how much the worst parameter of this unit, mm or deg, is missed."""
-        return max(self.missed(unit))
-
     def missed(self, unit: str) -> list[float]:
         """By how much each parameter of this unit is missed, without signs."""
         return [

@@ -1,33 +1,21 @@
 """A cell without wires: virtual time, one list of everything that was asked, faults on schedule."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import count
-from math import degrees, radians
-from pathlib import Path
+from math import degrees
 
 import numpy as np
+from virtual_time import Act, StopWish, VirtualClock
 
-from campaigns.errors import JournalFailed
-from campaigns.journal import Journal, open_journal
-from campaigns.journal_connection import connect_to_write
+from campaigns.journal import Journal
 from campaigns.numerics.forward import forward
 from campaigns.numerics.frames import Transform, small_rotation
 from campaigns.numerics.geometry import Geometry
 from campaigns.numerics.par4 import inverse
-from campaigns.numerics.reach import Limits
-from campaigns.plan_file import PlannedShot, plan_digest
 from campaigns.progress import Progress
-from campaigns.record_text import KIND_OF_TYPE
-from campaigns.records import Intent, Outcome, Record, Rejected
 from campaigns.robot import find_robot
-from campaigns.rules import GateRules, MotionRules
 from campaigns.session import Work, measure_series
 from campaigns.shooting import Cell
-from campaigns.shot_sets import ShotSet
-from campaigns.steps import Step, joint_steps
-from campaigns.ways import Mechanism
 from drivers.errors import BeamBroken, Cancelled
 from drivers.values import (
     Identity,
@@ -41,11 +29,8 @@ from drivers.values import (
     Weather,
 )
 
-Act = Callable[[], None]
-
 ROBOT = find_robot("par4-prototype").robot
 NOMINAL = Geometry.from_flat(ROBOT.geometry_flat())
-LIMITS = Limits(ROBOT.limits.joint_rad, ROBOT.limits.theta_rad, ROBOT.limits.forearm_swing_rad)
 CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
 TRACKER_FROM_BASE = Transform(
     small_rotation(np.array([2.1, 0.02, -0.03]))[0], np.array([2500.0, 400.0, 300.0])
@@ -54,62 +39,6 @@ COVARIANCE_MM2 = ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-4))
 AIR = Weather(20.0, 1013.0, 50.0)
 MEASURING_S = 1.0
 PATIENCE_S = 0.05
-MOTION = MotionRules(
-    speed_fraction=0.3,
-    settle_s=0.2,
-    still_rad=radians(0.002),
-    in_place_rad=radians(0.02),
-    timeout_s=10.0,
-)
-GATE = GateRules(
-    distance_mm=60.0,
-    fitted_mm=3.0,
-    temperature_change_degC=1.0,
-    drift_mm=1.0,
-    attempts=3,
-    search_mm=2500.0,
-)
-
-
-class PowerCut(BaseException):
-    """The process ends here: nothing that comes after reaches the disk."""
-
-
-class VirtualClock:
-    """Time that passes only when somebody sleeps; what was scheduled happens on the way."""
-
-    def __init__(self) -> None:
-        self._now_s = 0.0
-        self._due: list[tuple[float, int, Act]] = []
-        self._numbers = count()
-
-    def now_s(self) -> float:
-        return self._now_s
-
-    def sleep_s(self, seconds: float) -> None:
-        end_s = self._now_s + seconds
-        while self._due and self._due[0][0] <= end_s:
-            self._now_s, _, act = self._due.pop(0)
-            act()
-        self._now_s = end_s
-
-    def after(self, seconds: float, act: Act) -> None:
-        self._due.append((self._now_s + seconds, next(self._numbers), act))
-        self._due.sort(key=lambda entry: entry[:2])
-
-
-@dataclass
-class StopWish:
-    """Ctrl-C, with the time at which it was pressed."""
-
-    clock: VirtualClock
-    asked_s: float | None = None
-
-    def __call__(self) -> bool:
-        return self.asked_s is not None
-
-    def ask(self) -> None:
-        self.asked_s = self.clock.now_s()
 
 
 @dataclass
@@ -252,11 +181,13 @@ class FakeTracker:
         return tuple(point.tolist())
 
     def go_to(self, point_in_tracker_mm: Vector3) -> None:
-        away_mm = np.linalg.norm(np.subtract(point_in_tracker_mm, self.seen_mm()))
         self.calls.append(("tracker.go_to", tuple(round(v, 1) for v in point_in_tracker_mm)))
-        self._look(found=self.finds and (self.on_wrong_target or away_mm < 50.0))
+        self.on_wrong_target = False
+        away_mm = np.linalg.norm(np.subtract(point_in_tracker_mm, self.seen_mm()))
+        self._look(found=self.finds and bool(away_mm < 50.0))
 
     def find_reflector(self, distance_mm: float) -> None:
+        """Searches where it points: one on a wrong target finds that again."""
         self.calls.append(("tracker.find_reflector", distance_mm))
         self._look(found=self.finds)
 
@@ -277,7 +208,7 @@ class FakeTracker:
 
     def _look(self, *, found: bool) -> None:
         self._wait(MEASURING_S)
-        self.on_wrong_target, self.beam_broken = False, not found
+        self.beam_broken = not found
         if not found:
             raise BeamBroken("no reflector found", remedy="look for it")
 
@@ -330,107 +261,5 @@ class Listener:
         self.events.append(text)
 
 
-class TestedJournal(Journal):
-    """A real journal that also lists what is written, and can die or fail at the nth record."""
-
-    __test__ = False
-
-    def __init__(self, path: Path, calls: list[tuple[object, ...]], now_utc: Callable[[], str]):
-        super().__init__(connect_to_write(path, create=not path.exists()), path, now_utc)
-        self._calls = calls
-        self._written = 0
-        self._dead = False
-        self.dies_before: int | None = None
-        self.fails_from: int | None = None
-
-    def append(self, record: Record, *, series: int | None = None) -> int:
-        self._written += 1
-        self._dead = self._dead or self._written == self.dies_before
-        if self._dead:
-            raise PowerCut
-        if self.fails_from is not None and self._written >= self.fails_from:
-            raise JournalFailed("the disk is full", remedy="free space")
-        place = super().append(record, series=series)
-        self._calls.append((f"journal.{KIND_OF_TYPE[type(record)]}", *_numbers(record)))
-        return place
-
-
-def _numbers(record: Record) -> tuple[int, ...]:
-    if isinstance(record, Intent | Outcome | Rejected):
-        return record.shot, record.attempt
-    return ()
-
-
-def ticking() -> Callable[[], str]:
-    """A clock that is a second later each time it is read."""
-    seconds = count()
-    return lambda: f"2026-03-02T08:{(s := next(seconds)) // 60:02d}:{s % 60:02d}Z"
-
-
-@contextmanager
-def journal_in(folder: Path, calls: list[tuple[object, ...]]) -> Iterator[TestedJournal]:
-    with TestedJournal(folder / "campaign.db", calls, ticking()) as journal:
-        yield journal
-
-
-@contextmanager
-def plain_journal(folder: Path) -> Iterator[Journal]:
-    with open_journal(folder / "j.db", now_utc=ticking(), create=True) as journal:
-        yield journal
-
-
 def rounded_deg(joints_rad: Sequence[float]) -> tuple[float, ...]:
     return tuple(round(degrees(joint), 2) for joint in joints_rad)
-
-
-def planned(
-    shot: int, purpose: ShotSet, pair: int | None, x: float, y: float, z: float, theta: float = 0.0
-) -> PlannedShot:
-    joints = inverse(NOMINAL, np.array([[x, y, z, theta]])).require()[0]
-    return PlannedShot(shot, purpose, pair, Pose(x, y, z, theta), tuple(joints.tolist()))
-
-
-def drift(shot: int) -> PlannedShot:
-    return planned(shot, ShotSet.DRIFT, None, *CENTRE[:3].tolist())
-
-
-def pair(
-    first_shot: int, number: int, here: Sequence[float], there: Sequence[float]
-) -> tuple[PlannedShot, PlannedShot]:
-    identification = ShotSet.IDENTIFICATION
-    return (
-        planned(first_shot, identification, number, *here),
-        planned(first_shot + 1, identification, number, *there),
-    )
-
-
-TWO_PAIRS = (
-    drift(0),
-    *pair(1, 0, (150.0, 60.0, -600.0), (-120.0, 80.0, -520.0, 0.2)),
-    *pair(3, 1, (-80.0, -160.0, -650.0), (60.0, -120.0, -500.0, -0.3)),
-    drift(5),
-)
-FOUR_PAIRS = (
-    *TWO_PAIRS[:-1],
-    *pair(5, 2, (200.0, -40.0, -480.0), (20.0, 180.0, -700.0, 0.1)),
-    *pair(7, 3, (-180.0, 20.0, -640.0), (90.0, 130.0, -560.0, -0.2)),
-    drift(9),
-)
-
-
-def work(shots: Sequence[PlannedShot] = TWO_PAIRS, **changes: object) -> Work:
-    settings: dict[str, object] = {
-        "stage": "run",
-        "steps": joint_steps(shots),
-        "plan_digest": plan_digest(shots),
-        "robot_file_digest": ROBOT.digest(),
-        "configuration": {"name": "test"},
-        "mechanism": Mechanism(NOMINAL, LIMITS, CENTRE),
-        "motion": MOTION,
-        "gate": GATE,
-    }
-    return Work(**(settings | changes))
-
-
-def commanded_as_pose(shot: PlannedShot, approach: tuple[tuple[float, ...], ...] = ()) -> Step:
-    return Step(shot, "pose", approach)

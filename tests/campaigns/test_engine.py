@@ -3,7 +3,9 @@
 from pathlib import Path
 
 import pytest
-from fake_cell import FOUR_PAIRS, TWO_PAIRS, FakeCell, drift, journal_in, work
+from fake_cell import FakeCell
+from small_plans import FOUR_PAIRS, TWO_PAIRS, drift, work
+from tested_journal import journal_in
 
 from campaigns.journal_reader import read_journal
 from campaigns.progress import EngineState

@@ -4,7 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fake_cell import FOUR_PAIRS, TWO_PAIRS, FakeCell, drift, journal_in, planned, work
+from fake_cell import FakeCell
+from small_plans import FOUR_PAIRS, TWO_PAIRS, drift, planned, work
+from tested_journal import journal_in
 
 from campaigns.errors import GateRefused
 from campaigns.journal_views import AcceptedShot
@@ -50,7 +52,7 @@ def test_tracker_searches_at_its_distance_while_the_robots_place_is_unknown(tmp_
 
 def test_tracker_looks_where_the_reflector_was_last_before_it_searches(tmp_path: Path) -> None:
     cell = FakeCell()
-    cell.tracker.during_measure = {2: cell.tracker.break_beam}
+    cell.tracker.during_measure = {3: cell.tracker.break_beam}
     with journal_in(tmp_path, cell.calls) as journal:
         series = cell.measure(journal, work())
         first_mm = journal.shots(series)[0].outcome.point_in_tracker_mm

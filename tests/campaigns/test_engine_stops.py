@@ -4,7 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from fake_cell import PATIENCE_S, TWO_PAIRS, FakeCell, TestedJournal, journal_in, work
+from fake_cell import PATIENCE_S, FakeCell
+from small_plans import TWO_PAIRS, work
+from tested_journal import TestedJournal, journal_in
 
 from campaigns.errors import CampaignError, Interrupted, JournalFailed, NotSettled
 from campaigns.progress import EngineState

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from fake_cell import plain_journal
+from tested_journal import plain_journal
 
 from campaigns import textfile
 from campaigns.errors import (

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fake_cell import FOUR_PAIRS, GATE, NOMINAL, TRACKER_FROM_BASE
+from fake_cell import NOMINAL, TRACKER_FROM_BASE
+from small_plans import FOUR_PAIRS, GATE
 
 from campaigns.guards import AirWatch, DriftWatch, Gate
 from campaigns.numerics.forward import forward

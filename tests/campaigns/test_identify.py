@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fake_cell import CENTRE, LIMITS, NOMINAL
+from fake_cell import CENTRE, NOMINAL
+from small_plans import LIMITS
 
 from campaigns.dataset import Dataset
 from campaigns.errors import ShotsMissing

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fake_cell import FOUR_PAIRS, NOMINAL, ROBOT, plain_journal
+from fake_cell import NOMINAL, ROBOT
+from small_plans import FOUR_PAIRS
+from tested_journal import plain_journal
 
 from campaigns.dataset import dataset_of_journal
 from campaigns.errors import ShotsInvalid

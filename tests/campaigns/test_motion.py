@@ -5,16 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from fake_cell import (
-    CENTRE,
-    LIMITS,
-    MOTION,
-    NOMINAL,
-    FakeCell,
-    commanded_as_pose,
-    planned,
-    rounded_deg,
-)
+from fake_cell import CENTRE, NOMINAL, FakeCell, rounded_deg
+from small_plans import LIMITS, MOTION, commanded_as_pose, planned
 
 from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
 from campaigns.motion import Arrival, Mover

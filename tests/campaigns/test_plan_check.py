@@ -5,7 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from fake_cell import CENTRE, FOUR_PAIRS, LIMITS, NOMINAL, planned
+from fake_cell import CENTRE, NOMINAL
+from small_plans import FOUR_PAIRS, LIMITS, planned
 
 from campaigns import plan_check
 from campaigns.errors import PlanInvalid

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fake_cell import CENTRE, LIMITS, NOMINAL, ROBOT
+from fake_cell import CENTRE, NOMINAL, ROBOT
+from small_plans import LIMITS
 
 from campaigns.errors import PlanInvalid
 from campaigns.numerics.placement import incidence_rad, travel_rad

@@ -5,15 +5,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from fake_cell import (
-    FOUR_PAIRS,
-    TWO_PAIRS,
-    FakeCell,
-    PowerCut,
-    journal_in,
-    planned,
-    work,
-)
+from fake_cell import FakeCell
+from small_plans import FOUR_PAIRS, TWO_PAIRS, planned, work
+from tested_journal import PowerCut, journal_in
 
 from campaigns.errors import GateRefused, Interrupted, ResumeRefused
 from campaigns.guards import Gate

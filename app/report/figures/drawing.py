@@ -6,6 +6,7 @@ Colours keep apart in grey print; markers say the same again. Text stays text in
 import re
 from collections.abc import Callable
 from functools import wraps
+from html import escape
 from io import StringIO
 from pathlib import Path
 from typing import Any, ParamSpec
@@ -88,7 +89,7 @@ def svg_text(figure: Figure, name: str, title: str) -> str:
     svg = re.sub(r'\bid="', f'id="{name}-', svg)
     svg = re.sub(r'(url\(#|href="#)', rf"\g<1>{name}-", svg)
     svg = re.sub(r'(<svg\b[^>]*?) width="[^"]*" height="[^"]*"', r"\1", svg, count=1)
-    return svg.replace("<svg", f'<svg role="img" aria-label="{title}"', 1).strip()
+    return svg.replace("<svg", f'<svg role="img" aria-label="{escape(title)}"', 1).strip()
 
 
 def save(figure: Figure, path: Path) -> None:

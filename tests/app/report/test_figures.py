@@ -33,9 +33,9 @@ def test_ids_of_two_figures_on_one_page_never_meet() -> None:
 
 
 def test_text_in_a_figure_stays_text() -> None:
-    svg = svg_text(pair_errors([GROUP]), "one", "Errors")
+    svg = svg_text(pair_errors([GROUP]), "one", 'Errors & "more"')
     assert ">fitted pairs</text>" in svg
-    assert 'aria-label="Errors"' in svg
+    assert 'aria-label="Errors &amp; &quot;more&quot;"' in svg
 
 
 def settings() -> dict[str, object]:

@@ -1,0 +1,66 @@
+"""Evidence that Table I as printed is no usable robot (docs/model.md, erratum 3)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.reproduction.printed import LINES_MM
+from campaigns.numerics.geometry import Array, Mask
+from campaigns.numerics.par4 import inverse
+from campaigns.planning import numeric_geometry
+from campaigns.robot import RobotFile, find_robot
+
+GRID_MM = 25.0
+EXTENT_MM = 1000.0
+"""The grid reaches so far to every side of the base: further than any of the robots."""
+PRINTED_LIMITS_RAD = (-np.pi / 4.0, np.pi / 4.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reach:
+    """What of a grid over the whole space a robot reaches at θ = 0."""
+
+    name: str
+    points_mm: Array
+    """Those that it reaches, (N, 3)."""
+    lines_mm: tuple[float, float, float]
+    """The longest straight lines along x, y and z anywhere on the grid."""
+
+    @property
+    def does_lines(self) -> bool:
+        """Whether the three lines of section IV.E would fit somewhere, each for itself."""
+        return all(has >= asked for has, asked in zip(self.lines_mm, LINES_MM, strict=True))
+
+
+def reaches() -> tuple[Reach, ...]:
+    """As printed, our reading with the printed joint limits, and our reading."""
+    as_printed, ours = find_robot("par4-table1").robot, find_robot("par4-prototype").robot
+    return (
+        reach_of("par4-table1, as printed: ±45°", as_printed, PRINTED_LIMITS_RAD),
+        reach_of("par4-table1, joints −45° to 90°", as_printed, ours.limits.joint_rad),
+        reach_of("par4-prototype, joints ±45°", ours, PRINTED_LIMITS_RAD),
+        reach_of("par4-prototype: −45° to 90°", ours, ours.limits.joint_rad),
+    )
+
+
+def reach_of(name: str, robot: RobotFile, joint_limits_rad: tuple[float, float]) -> Reach:
+    """Only joints count: neither swing nor singularities, so this is generous."""
+    axis = np.arange(-EXTENT_MM, EXTENT_MM + GRID_MM / 2.0, GRID_MM)
+    space = np.array(np.meshgrid(axis, axis, axis, indexing="ij"))
+    poses = np.column_stack([space.reshape(3, -1).T, np.zeros(space[0].size)])
+    joints = inverse(numeric_geometry(robot), poses).values
+    low, high = joint_limits_rad
+    reached = ((joints >= low) & (joints <= high)).all(axis=1)  # NaN, no solution, is not within
+    grid = reached.reshape(space[0].shape)
+    x, y, z = (_longest_mm(np.moveaxis(grid, which, -1)) for which in range(3))
+    return Reach(name, poses[reached, :3], (x, y, z))
+
+
+def _longest_mm(grid: Mask) -> float:
+    """The longest unbroken run along the last axis, from its first point to its last."""
+    run = np.zeros(grid.shape[:-1], dtype=np.intp)
+    longest = 0
+    for place in range(grid.shape[-1]):
+        run = np.where(grid[..., place], run + 1, 0)
+        longest = max(longest, int(run.max()))
+    return GRID_MM * max(longest - 1, 0)

@@ -1,0 +1,1 @@
+"""Monte Carlo studies: from a campaign's files to tasks, and tasks to workers."""

@@ -1,0 +1,87 @@
+"""Plans of a few shots, and the work that they make for the engine."""
+
+from collections.abc import Sequence
+from math import radians
+
+import numpy as np
+from fake_cell import CENTRE, NOMINAL, ROBOT
+
+from campaigns.numerics.par4 import inverse
+from campaigns.numerics.reach import Limits
+from campaigns.plan_file import PlannedShot, plan_digest
+from campaigns.rules import GateRules, MotionRules
+from campaigns.session import Work
+from campaigns.shot_sets import ShotSet
+from campaigns.steps import Step, joint_steps
+from campaigns.ways import Mechanism
+from drivers.values import Pose
+
+LIMITS = Limits(ROBOT.limits.joint_rad, ROBOT.limits.theta_rad, ROBOT.limits.forearm_swing_rad)
+MOTION = MotionRules(
+    speed_fraction=0.3,
+    settle_s=0.2,
+    still_rad=radians(0.002),
+    in_place_rad=radians(0.02),
+    timeout_s=10.0,
+)
+GATE = GateRules(
+    distance_mm=60.0,
+    fitted_mm=3.0,
+    temperature_change_degC=1.0,
+    drift_mm=1.0,
+    attempts=3,
+    search_mm=2500.0,
+)
+
+
+def planned(
+    shot: int, purpose: ShotSet, pair: int | None, x: float, y: float, z: float, theta: float = 0.0
+) -> PlannedShot:
+    joints = inverse(NOMINAL, np.array([[x, y, z, theta]])).require()[0]
+    return PlannedShot(shot, purpose, pair, Pose(x, y, z, theta), tuple(joints.tolist()))
+
+
+def drift(shot: int) -> PlannedShot:
+    return planned(shot, ShotSet.DRIFT, None, *CENTRE[:3].tolist())
+
+
+def pair(
+    first_shot: int, number: int, here: Sequence[float], there: Sequence[float]
+) -> tuple[PlannedShot, PlannedShot]:
+    identification = ShotSet.IDENTIFICATION
+    return (
+        planned(first_shot, identification, number, *here),
+        planned(first_shot + 1, identification, number, *there),
+    )
+
+
+TWO_PAIRS = (
+    drift(0),
+    *pair(1, 0, (150.0, 60.0, -600.0), (-120.0, 80.0, -520.0, 0.2)),
+    *pair(3, 1, (-80.0, -160.0, -650.0), (60.0, -120.0, -500.0, -0.3)),
+    drift(5),
+)
+FOUR_PAIRS = (
+    *TWO_PAIRS[:-1],
+    *pair(5, 2, (200.0, -40.0, -480.0), (20.0, 180.0, -700.0, 0.1)),
+    *pair(7, 3, (-180.0, 20.0, -640.0), (90.0, 130.0, -560.0, -0.2)),
+    drift(9),
+)
+
+
+def work(shots: Sequence[PlannedShot] = TWO_PAIRS, **changes: object) -> Work:
+    settings: dict[str, object] = {
+        "stage": "run",
+        "steps": joint_steps(shots),
+        "plan_digest": plan_digest(shots),
+        "robot_file_digest": ROBOT.digest(),
+        "configuration": {"name": "test"},
+        "mechanism": Mechanism(NOMINAL, LIMITS, CENTRE),
+        "motion": MOTION,
+        "gate": GATE,
+    }
+    return Work(**(settings | changes))
+
+
+def commanded_as_pose(shot: PlannedShot, approach: tuple[tuple[float, ...], ...] = ()) -> Step:
+    return Step(shot, "pose", approach)

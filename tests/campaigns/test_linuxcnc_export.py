@@ -1,0 +1,166 @@
+"""LinuxCNC's HAL file: full doubles, whose it is, and what is refused."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from campaigns.errors import ConfigInvalid, OutputExists
+from campaigns.linuxcnc_export import CalibrationFile, Whose, hal_text, parse_hal, write_hal
+from campaigns.parameters import PARAMETER_NAMES
+from campaigns.robot import find_robot
+
+NOMINAL = find_robot("par4-prototype").robot
+WHOSE = Whose("PAR4-7", NOMINAL)
+lengths = st.floats(1e-3, 1e5)
+anything = st.floats(-1e5, 1e5)
+geometries = st.fixed_dictionaries(
+    {
+        name: lengths if name.endswith(("arm_mm", "plate_mm")) else anything
+        for name in PARAMETER_NAMES
+    }
+)
+
+
+def robot_with(**changes):
+    flat = NOMINAL.geometry_flat() | {name.replace("__", "."): v for name, v in changes.items()}
+    return WHOSE.having(flat, "changed")
+
+
+def text_of(robot=NOMINAL):
+    return hal_text(robot, "PAR4-7")
+
+
+@given(geometries)
+def test_every_double_is_read_as_it_was_written(geometry):
+    robot = WHOSE.having(geometry, "drawn")
+    assert parse_hal(text_of(robot), "calib.hal", WHOSE).geometry_flat() == geometry
+
+
+def test_file_is_one_setting_a_parameter_named_after_it():
+    lines = [line for line in text_of().splitlines() if not line.startswith("#")]
+    assert lines[0] == "setp par4kins.arm0.x_mm -172.5"
+    assert lines[-1] == "setp par4kins.plate_mm 100.0"
+    assert len(lines) == 29
+
+
+def test_heading_says_whose_it_is_and_where_it_comes_from():
+    provenance = {"campaign": "cell-3", "shots": 120, "unseen_mm": {"after": 0.02}}
+    text = text_of(replace(NOMINAL, provenance=provenance))
+    assert "# robot: PAR4-7" in text
+    assert f"# sha256: {NOMINAL.digest()}" in text
+    assert '# campaign: "cell-3"' in text
+    assert '# unseen_mm: {"after": 0.02}' in text
+
+
+def test_no_line_is_too_long_for_halcmd():
+    text = text_of(replace(NOMINAL, provenance={"reasons": "because " * 100}))
+    assert max(map(len, text.splitlines())) < 200
+
+
+def test_file_of_another_robot_is_refused():
+    with pytest.raises(ConfigInvalid, match="of robot 'PAR4-7', this campaign is of 'PAR4-8'"):
+        parse_hal(text_of(), "calib.hal", Whose("PAR4-8", NOMINAL))
+
+
+def test_file_that_does_not_say_whose_it_is_is_refused():
+    text = text_of().replace("# robot: PAR4-7\n", "")
+    with pytest.raises(ConfigInvalid, match="nobody said") as error:
+        parse_hal(text, "calib.hal", WHOSE)
+    assert "# robot: PAR4-7" in error.value.remedy
+
+
+def test_file_changed_by_hand_is_refused_until_it_says_so():
+    text = text_of().replace("plate_mm 100.0", "plate_mm 100.5")
+    with pytest.raises(ConfigInvalid, match="sha256") as error:
+        parse_hal(text, "calib.hal", WHOSE)
+    assert "delete the line sha256" in error.value.remedy
+    without = "\n".join(line for line in text.splitlines() if "sha256" not in line)
+    assert parse_hal(without, "calib.hal", WHOSE).geometry_flat()["plate_mm"] == 100.5
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ("setp par4kins.plate_mm 100.0\n", "", "plate_mm is missing"),
+        ("setp par4kins.plate_mm", "setp rotarydeltakins.shinlength", "calib.hal:.*no pin of"),
+        ("setp par4kins.plate_mm", "setp par4kins.plate", "no pin of par4kins"),
+        ("plate_mm 100.0", "plate_mm 100,0", "'100,0' is no number"),
+        ("plate_mm 100.0", "plate_mm nan", "plate_mm is nan"),
+        ("plate_mm 100.0", "plate_mm -100.0", "a length of -100 mm"),
+        ("setp par4kins.plate_mm 100.0", "loadrt par4kins", "no line `setp PIN VALUE`"),
+        ("setp par4kins.plate_mm", "setp par4kins.arm0.x_mm", "arm0.x_mm is set twice"),
+    ],
+)
+def test_file_that_is_not_all_and_only_the_parameters_is_refused(old, new, problem):
+    text = text_of().replace(old, new)
+    assert text != text_of()
+    with pytest.raises(ConfigInvalid, match=problem):
+        parse_hal(text, "calib.hal", WHOSE)
+
+
+def test_export_does_not_overwrite_unasked(tmp_path):
+    path = tmp_path / "calib.hal"
+    write_hal(path, NOMINAL, "PAR4-7", overwrite=False)
+    with pytest.raises(OutputExists):
+        write_hal(path, robot_with(plate_mm=101.0), "PAR4-7", overwrite=False)
+    write_hal(path, robot_with(plate_mm=101.0), "PAR4-7", overwrite=True)
+    assert "plate_mm 101.0" in path.read_text()
+
+
+def test_written_file_keeps_the_last_good_one_beside(tmp_path):
+    path = tmp_path / "calib.hal"
+    file = CalibrationFile(path, WHOSE)
+    file.write(NOMINAL.geometry_flat())
+    before = path.read_text()
+    file.write(robot_with(plate_mm=101.0).geometry_flat())
+    assert file.read()["plate_mm"] == 101.0
+    assert file.last_good.read_text() == before
+
+
+def test_what_was_written_last_can_be_taken_back_to_the_byte(tmp_path):
+    path = tmp_path / "calib.hal"
+    write_hal(path, NOMINAL, "PAR4-7", overwrite=False)
+    before = path.read_text()
+    file = CalibrationFile(path, WHOSE)
+    file.write(robot_with(plate_mm=101.0).geometry_flat())
+    file.take_back()
+    assert path.read_text() == before
+
+
+def test_first_file_is_taken_back_by_removing_it(tmp_path):
+    file = CalibrationFile(tmp_path / "calib.hal", WHOSE)
+    file.write(NOMINAL.geometry_flat())
+    file.take_back()
+    assert not (tmp_path / "calib.hal").exists()
+
+
+def test_another_robots_file_is_neither_read_nor_replaced(tmp_path):
+    path = tmp_path / "calib.hal"
+    write_hal(path, NOMINAL, "PAR4-8", overwrite=False)
+    file = CalibrationFile(path, WHOSE)
+    with pytest.raises(ConfigInvalid, match="of robot 'PAR4-8'"):
+        file.read()
+    with pytest.raises(ConfigInvalid, match="of robot 'PAR4-8'"):
+        file.write(NOMINAL.geometry_flat())
+    assert "PAR4-8" in path.read_text()
+
+
+def test_missing_file_is_told_with_the_command_that_writes_it(tmp_path):
+    with pytest.raises(ConfigInvalid, match="no such file") as error:
+        CalibrationFile(tmp_path / "calib.hal", WHOSE).read()
+    assert "export --format linuxcnc" in error.value.remedy
+
+
+def test_controller_that_only_takes_joints_begins_with_the_nominal_set(tmp_path):
+    file = CalibrationFile(tmp_path / "active.hal", WHOSE, otherwise=NOMINAL)
+    assert file.read() == NOMINAL.geometry_flat()
+    file.write(robot_with(plate_mm=101.0).geometry_flat())
+    assert file.read()["plate_mm"] == 101.0
+
+
+def test_incomplete_set_is_never_written(tmp_path):
+    with pytest.raises(ConfigInvalid, match="missing"):
+        CalibrationFile(tmp_path / "calib.hal", WHOSE).write({"plate_mm": 100.0})
+    assert list(tmp_path.iterdir()) == []

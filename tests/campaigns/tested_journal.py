@@ -1,0 +1,65 @@
+"""A real journal that also lists what is written, and can die or fail at the nth record."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
+
+from campaigns.errors import JournalFailed
+from campaigns.journal import Journal, open_journal
+from campaigns.journal_connection import connect_to_write
+from campaigns.record_text import KIND_OF_TYPE
+from campaigns.records import Intent, Outcome, Record, Rejected
+
+
+class PowerCut(BaseException):
+    """The process ends here: nothing that comes after reaches the disk."""
+
+
+class TestedJournal(Journal):
+    """Appends to `calls` what it has written."""
+
+    __test__ = False
+
+    def __init__(self, path: Path, calls: list[tuple[object, ...]], now_utc: Callable[[], str]):
+        super().__init__(connect_to_write(path, create=not path.exists()), path, now_utc)
+        self._calls = calls
+        self._written = 0
+        self._dead = False
+        self.dies_before: int | None = None
+        self.fails_from: int | None = None
+
+    def append(self, record: Record, *, series: int | None = None) -> int:
+        self._written += 1
+        self._dead = self._dead or self._written == self.dies_before
+        if self._dead:
+            raise PowerCut
+        if self.fails_from is not None and self._written >= self.fails_from:
+            raise JournalFailed("the disk is full", remedy="free space")
+        place = super().append(record, series=series)
+        self._calls.append((f"journal.{KIND_OF_TYPE[type(record)]}", *_numbers(record)))
+        return place
+
+
+def _numbers(record: Record) -> tuple[int, ...]:
+    if isinstance(record, Intent | Outcome | Rejected):
+        return record.shot, record.attempt
+    return ()
+
+
+def ticking() -> Callable[[], str]:
+    """A clock that is a second later each time it is read."""
+    seconds = count()
+    return lambda: f"2026-03-02T08:{(s := next(seconds)) // 60:02d}:{s % 60:02d}Z"
+
+
+@contextmanager
+def journal_in(folder: Path, calls: list[tuple[object, ...]]) -> Iterator[TestedJournal]:
+    with TestedJournal(folder / "campaign.db", calls, ticking()) as journal:
+        yield journal
+
+
+@contextmanager
+def plain_journal(folder: Path) -> Iterator[Journal]:
+    with open_journal(folder / "j.db", now_utc=ticking(), create=True) as journal:
+        yield journal
