@@ -19,6 +19,7 @@ from app.commands import (
     load,
     new,
     plan,
+    report,
     run,
     simulate,
     validate,
@@ -67,6 +68,7 @@ app.command("identify")(identify.command)
 app.command("validate")(validate.command)
 app.command("export")(export.command)
 app.command("load")(load.command)
+app.command("report")(report.command)
 app.command("sim")(simulate.command)
 app.command("dry-run")(dry_run.command)
 

@@ -19,6 +19,9 @@ Dry = Annotated[bool, typer.Option("--dry", help="Say what would happen, and do 
 Anew = Annotated[
     bool, typer.Option("--anew", help="Begin a new series instead of resuming an unfinished one.")
 ]
+Plot = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Draw a picture too: .svg, .png or .pdf.")
+]
 Seed = Annotated[
     int | None, typer.Option(min=0, metavar="N", help="Another seed than the scenario's.")
 ]

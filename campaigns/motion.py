@@ -69,6 +69,7 @@ class Mover:
         return now.moving or not _within(_apart(now, since.joints_rad), self._rules.still_rad)
 
     def check_stop(self) -> None:
+        """Raise `Interrupted` when the operator has asked to stop."""
         if self._stop_requested():
             raise Interrupted(
                 "stopped by the operator", remedy="the same command takes up where it was"

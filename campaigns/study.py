@@ -15,7 +15,7 @@ import numpy as np
 from campaigns.numerics.fit import Fit, solve
 from campaigns.numerics.forward import forward
 from campaigns.numerics.frames import Transform
-from campaigns.numerics.geometry import Array, Geometry, Index, indices
+from campaigns.numerics.geometry import FILE_UNIT, Array, Geometry, Index, indices
 from campaigns.numerics.instrument import TrackerUncertainty, point_covariance_mm2
 from campaigns.numerics.pairs import distances_mm
 from campaigns.numerics.residuals import (
@@ -75,7 +75,7 @@ class StudyTask:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """What one campaign found; of the free parameters, mm and rad."""
+    """What one campaign found of the free parameters, in file units (mm, deg): it is to be read."""
 
     errors: Array
     """Identified minus true, (F,)."""
@@ -153,13 +153,14 @@ def _estimate(
     setup: StudySetup, near: _NominalPoses, model: PositionModel, fit: Fit, true: Geometry
 ) -> Estimate:
     count = len(setup.free)
-    identified = fit.x[:count]
+    identified, unit = fit.x[:count], FILE_UNIT[indices(setup.free)]
     errors = identified - true.vector()[indices(setup.free)]
+    std = stated_std(setup.estimator, fit)[:count]
     unseen_mm = _unseen_errors_mm(setup.unseen, near.unseen, model.geometry(identified), true)
     mean, most = (float("nan"),) * 2
     if unseen_mm.size:
         mean, most = float(unseen_mm.mean()), float(unseen_mm.max())
-    return Estimate(errors, stated_std(setup.estimator, fit)[:count], mean, most)
+    return Estimate(errors / unit, std / unit, mean, most)
 
 
 def stated_std(estimator: Estimator, fit: Fit) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from campaigns.errors import ShotsMissing
-from campaigns.numerics.geometry import FILE_UNIT, Array, indices
+from campaigns.numerics.geometry import Array
 from campaigns.study import CampaignOutcome, Estimate, StudySetup
 
 CONFIDENCE = 0.95
@@ -80,12 +80,11 @@ def _parameters(setup: StudySetup, found: Sequence[Estimate]) -> tuple[Parameter
     errors = np.array([estimate.errors for estimate in found])
     stated = np.array([estimate.std for estimate in found])
     covered = (np.abs(errors) <= interval_factor(setup) * stated).mean(axis=0)
-    unit = FILE_UNIT[indices(setup.free)]
     columns = np.column_stack(
         [
-            errors.mean(axis=0) / unit,
-            errors.std(axis=0, ddof=1) / unit,
-            np.sqrt(np.mean(stated**2, axis=0)) / unit,
+            errors.mean(axis=0),
+            errors.std(axis=0, ddof=1),
+            np.sqrt(np.mean(stated**2, axis=0)),
             covered,
         ]
     )

@@ -1,5 +1,6 @@
 """The table of a study: one row a campaign, written as they come and sorted at the end."""
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 from campaigns.csvfile import CsvForm, CsvRow, csv_text, parse_csv
 from campaigns.decimals import number_text
 from campaigns.errors import OutputExists, WriteFailed
-from campaigns.numerics.geometry import FILE_UNIT, Array, indices
+from campaigns.numerics.geometry import Array
 from campaigns.study import CampaignOutcome, Estimate
 from campaigns.textfile import read_text, replace_text
 
@@ -32,17 +33,21 @@ class StudyTable:
         values = (f"{kind}{name}" for kind in (ERROR, STD) for name in self.free)
         return ("study", "campaign", "failure", *UNSEEN_COLUMNS, *values)
 
-    def begin(self) -> dict[int, CampaignOutcome]:
-        """What is there already, by campaign; a row that was cut off is taken out.
+    def read(self) -> dict[int, CampaignOutcome]:
+        """What is there already, by campaign, but for a row that was cut off.
 
-        Raises `OutputExists` for a file that holds anything else, and `WriteFailed`.
+        Raises `OutputExists` for a file that holds anything else.
         """
-        known = self._read() if self.path.exists() else {}
-        self.write(known)
-        return known
+        if not self.path.exists():
+            return {}
+        text = read_text(self.path, OutputExists, if_missing="name another")
+        whole = text[: text.rfind("\n") + 1]
+        form = CsvForm(self.columns, (), OutputExists)
+        outcomes = (self._outcome_of(row) for row in parse_csv(whole, str(self.path), form))
+        return {outcome.number: outcome for outcome in outcomes}
 
     def append(self, outcomes: Iterable[CampaignOutcome]) -> None:
-        """Add rows; raises `WriteFailed`."""
+        """Add rows to what was written; raises `WriteFailed`."""
         text = csv_text(self.columns, map(self._row_of, outcomes)).split("\n", maxsplit=1)[1]
         try:
             with self.path.open("a", encoding="utf-8", newline="") as file:
@@ -58,20 +63,13 @@ class StudyTable:
         rows = (self._row_of(outcomes[number]) for number in sorted(outcomes))
         replace_text(self.path, csv_text(self.columns, rows))
 
-    def _read(self) -> dict[int, CampaignOutcome]:
-        text = read_text(self.path, OutputExists, if_missing="name another")
-        whole = text[: text.rfind("\n") + 1]
-        form = CsvForm(self.columns, (), OutputExists)
-        outcomes = (self._outcome_of(row) for row in parse_csv(whole, str(self.path), form))
-        return {outcome.number: outcome for outcome in outcomes}
-
     def _row_of(self, outcome: CampaignOutcome) -> list[str]:
         texts = [""] * (len(UNSEEN_COLUMNS) + 2 * len(self.free))
         if outcome.estimate is not None:
-            found, unit = outcome.estimate, FILE_UNIT[indices(self.free)]
+            found = outcome.estimate
             unseen = np.array([found.unseen_mean_mm, found.unseen_max_mm])
-            values = np.concatenate([unseen, found.errors / unit, found.std / unit])
-            texts = ["" if np.isnan(value) else number_text(value) for value in values.tolist()]
+            values = np.concatenate([unseen, found.errors, found.std]).tolist()
+            texts = ["" if math.isnan(value) else number_text(value) for value in values]
         return [self.study, str(outcome.number), outcome.failure, *texts]
 
     def _outcome_of(self, row: CsvRow) -> CampaignOutcome:
@@ -90,5 +88,4 @@ class StudyTable:
         return Estimate(self._values(row, ERROR), self._values(row, STD), mean, most)
 
     def _values(self, row: CsvRow, kind: str) -> Array:
-        numbers = np.array([row.number(f"{kind}{name}") for name in self.free])
-        return np.asarray(numbers * FILE_UNIT[indices(self.free)])
+        return np.array([row.number(f"{kind}{name}") for name in self.free])

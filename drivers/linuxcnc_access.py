@@ -1,8 +1,9 @@
 """Comes to LinuxCNC and leaves it: the same machine as before, in control, with nothing moving."""
 
 from collections.abc import Callable
+from contextlib import suppress
 
-from drivers.errors import LinkDown, WrongDevice
+from drivers.errors import DeviceRefused, LinkDown, WrongDevice
 from drivers.linuxcnc_conversation import LinuxcncConversation
 from drivers.linuxcnc_motion import MDI, PER_MINUTE
 from drivers.linuxcnc_settings import LinuxcncSettings
@@ -72,7 +73,7 @@ class LinuxcncAccess:
             return
         if conversation.is_on("machine"):
             conversation.order("abort")
-            if conversation.get("mode").text == "MDI":
+            with suppress(DeviceRefused):  # not in MDI mode, or off by now: then it needs nothing
                 conversation.order(MDI, PER_MINUTE)
         conversation.order("enable", "off")
 

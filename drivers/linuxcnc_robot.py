@@ -59,6 +59,7 @@ class LinuxcncRobot:
             self._conversation.close()
         self._kinematics = None
         self._conversation = self._access.enter()
+        self._mover.renew()
 
     def reconnect(self) -> None:
         """Open anew after a fault of the wire, and stop what moves before anything else."""

@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")  # before NumPy: as `app.main` does for the program
+
 PEERS = Path(__file__).parent / "peers"
 OWN_TASKS = Path("/proc/self/task")
 

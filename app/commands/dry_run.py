@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from app.folder import Campaign
     from campaigns.validate import Validation
 
-STAGES = 7
+STAGES = 8
 
 
 NewFolder = Annotated[
@@ -93,6 +93,19 @@ def rehearse(
     campaign: "Campaign", terminal: "Terminal"
 ) -> tuple[dict[str, object], tuple[str, ...]]:
     """The whole chain; gives what `--json` prints, and what speaks against the result."""
+    from app.commands import report
+
+    document, against = _measured(campaign, terminal)
+    _heading(terminal, STAGES, "report")
+    path = report.report(campaign)
+    terminal.say(path.name)
+    return document | {"report": str(path)}, against
+
+
+def _measured(
+    campaign: "Campaign", terminal: "Terminal"
+) -> tuple[dict[str, object], tuple[str, ...]]:
+    """All of it but the report."""
     from app.commands import export, identify, load, plan, run, validate
 
     document = _beginning(campaign, terminal)

@@ -1,12 +1,13 @@
 """pkmcal identify: the geometry from the measured shots."""
 
 from enum import Enum
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from app.exits import Exit
-from app.options import Folder, Json
+from app.options import Folder, Json, Plot
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -43,6 +44,7 @@ def command(
         list[str] | None,
         typer.Option(metavar="NAME", help="Hold this parameter at its nominal value; repeatable."),
     ] = None,
+    plot: Plot = None,
     json: Json = False,
 ) -> None:
     """Find the parameters that explain what was measured.
@@ -61,6 +63,9 @@ def command(
     found, document = identify(campaign, free_names(free or (), fix or ()))
     terminal.detail(f"estimator: {estimator.value}, {document['seconds']} s")
     show(terminal, found)
+    if plot is not None:
+        draw(campaign, found, plot)
+        terminal.say(f"drawn: {plot}")
     terminal.document(document)
     if found.verdict != "pass":
         raise typer.Exit(Exit.NOT_GOOD)
@@ -108,6 +113,22 @@ def identify(
         provenance = _provenance(campaign, journal, series, len(data.numbers))
         journal.append(Finding("identification", document | provenance))
     return found, document
+
+
+def draw(campaign: "Campaign", found: "Identification", path: Path) -> None:
+    """Draw the distance errors before and after; raises `WriteFailed`."""
+    from app.folder import measured_series, require_journal
+    from app.report.plots import plot_residuals
+    from campaigns.dataset import dataset_of_journal
+    from campaigns.journal_reader import read_journal
+    from campaigns.numerics.geometry import Geometry
+    from campaigns.planning import numeric_geometry
+
+    with read_journal(require_journal(campaign)) as journal:
+        series = measured_series(campaign, journal)
+        data = dataset_of_journal(journal.shots(series.number))
+    nominal = numeric_geometry(campaign.nominal.robot)
+    plot_residuals(path, nominal, Geometry.from_flat({p.name: p.value for p in found.parameters}), data)
 
 
 def _provenance(

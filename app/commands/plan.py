@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.options import Folder, Json
+from app.options import Folder, Json, Plot
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -41,6 +41,7 @@ def command(
     seed: Annotated[
         int | None, typer.Option(min=0, metavar="N", help="Another seed than campaign.yaml's.")
     ] = None,
+    plot: Plot = None,
     json: Json = False,
 ) -> None:
     """Choose the poses and write plan.csv.
@@ -64,6 +65,11 @@ def command(
     checked, predicted = make(campaign, shots, seed)
     show(terminal, checked, predicted)
     terminal.say(f"written: {campaign.plan_path}")
+    if plot is not None:
+        from app.report.plots import plot_plan
+
+        plot_plan(plot, checked.shots)
+        terminal.say(f"drawn: {plot}")
     terminal.note(f"next: pkmcal validate {folder} --stage before, pkmcal run {folder}")
     terminal.document(plan_document(campaign, checked, predicted))
 

@@ -40,8 +40,8 @@ class PairLengths:
         mean_mm, max_mm = (self.length_for_mm((p.low + p.high) / 2.0) for p in paper)
         return (
             f"Before calibration a commanded distance is off by {PERCENT * self.share:.1f} % of "
-            f"itself on average: four joint offsets of about the same size make the robot too "
-            f"large. Our pairs are {self.lengths_mm.mean():.0f} mm apart on average, and "
+            f"itself on average: four joint offsets of about the same size make every motion too "
+            f"short. Our pairs are {self.lengths_mm.mean():.0f} mm apart on average, and "
             f"{self.lengths_mm.max():.0f} mm at most. The paper's 7.3 and 15.2 mm belong to pairs "
             f"of about {mean_mm:.0f} and {max_mm:.0f} mm."
         )

@@ -56,6 +56,19 @@ def reach_of(name: str, robot: RobotFile, joint_limits_rad: tuple[float, float])
     return Reach(name, poses[reached, :3], (x, y, z))
 
 
+def misfit_in_words(printed: Reach) -> str:
+    """What follows for the robot as printed."""
+    lines = ", ".join(f"{length:g}" for length in printed.lines_mm)
+    asked = ", ".join(f"{length:g}" for length in LINES_MM)
+    return (
+        f"With the azimuths, lengths and joint limits that the paper prints, the robot reaches "
+        f"{len(printed.points_mm)} points of the grid, and straight lines along x, y and z of at "
+        f"most {lines} mm anywhere; the tests of section IV.E need {asked} mm. The arms swing "
+        f"sideways, and the forearms are too short. What we read instead, and how what the paper "
+        f"measured decides it: docs/model.md, errata."
+    )
+
+
 def _longest_mm(grid: Mask) -> float:
     """The longest unbroken run along the last axis, from its first point to its last."""
     run = np.zeros(grid.shape[:-1], dtype=np.intp)

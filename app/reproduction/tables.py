@@ -91,7 +91,7 @@ def missed_lines(comparison: Comparison) -> Iterator[str]:
     for group, row in comparison.asked:
         if not row.passed:
             found = _figure(row.ours.median, row.quantity)
-            yield f"{group.title}: {row.quantity.name} {found}, asked {row.quantity.asked}{SIGNS[row.quantity.unit]}"
+            yield f"{group.title}: {row.quantity.name} {found}, asked {_asked(row.quantity)}"
 
 
 def _group_table(compared: ComparedGroup, reasons: Sequence[Reason]) -> Table:
@@ -108,7 +108,7 @@ def _cells(row: Compared, reasons: Sequence[Reason]) -> Row:
         quantity.printed.text + SIGNS[quantity.unit] if quantity.printed else NOTHING,
         _figure(row.ours.median, quantity),
         _range(row.ours, quantity.decimals),
-        "" if quantity.asked is None else f"{quantity.asked}{SIGNS[quantity.unit]}",
+        _asked(quantity),
         {True: PASS, False: MISSED, None: ""}[row.passed],
         _differs(row, reasons),
     )
@@ -127,6 +127,10 @@ def _letter(reason: Reason, reasons: Sequence[Reason]) -> str:
 
 def _figure(value: float, quantity: Quantity) -> str:
     return number(value, quantity.decimals) + SIGNS[quantity.unit]
+
+
+def _asked(quantity: Quantity) -> str:
+    return "" if quantity.asked is None else f"{quantity.asked}{SIGNS[quantity.unit]}"
 
 
 def _range(ours: Distribution, decimals: int, *, signed: bool = False) -> str:

@@ -41,11 +41,13 @@ def run_study(
     Raises `UsageInvalid`, `OutputExists` and `WriteFailed`; what had come back until then is kept.
     """
     results_of = workers_of(workers)
-    known = table.begin()
+    known = table.read()
     tasks = list(study_tasks(setup, scenario, (n for n in wanted if n not in known)))
+    results = results_of(tasks)
+    table.write(known)
     began, lost = len(known), []
     pace = _Pace(sum(len(task.numbers) for task in tasks), tell)
-    for result in results_of(tasks):
+    for result in results:
         if isinstance(result, Lost):
             lost.append(result)
             continue

@@ -88,7 +88,7 @@ def cluster_results(
 ) -> Iterator[Result]:
     """Results as they come, from a Dask cluster whose workers have pkmcal installed too.
 
-    Raises `UsageInvalid` when Dask is not installed or no scheduler answers.
+    Raises `UsageInvalid` at once when Dask is not installed or no scheduler answers.
     """
     try:
         distributed = importlib.import_module("distributed")
@@ -104,11 +104,25 @@ def cluster_results(
             f"no Dask scheduler answers at {scheduler}",
             remedy="check the address and that the scheduler runs, or give a number of processes",
         ) from error
+    return _from_cluster(distributed.as_completed, client, tasks, work)
+
+
+def _from_cluster(
+    as_completed: Callable[..., Any], client: Any, tasks: Sequence[StudyTask], work: Work
+) -> Iterator[Result]:
+    """Dask itself tries again what was with a worker that died, three times."""
     with client:
         numbers = {client.submit(work, task, pure=False): task.numbers for task in tasks}
-        for future in distributed.as_completed(list(numbers)):
-            lost = numbers.pop(future)  # and with it what the cluster keeps of it
-            yield future.result() if future.status == "finished" else Lost(lost, _reason(future))
+        completed = as_completed(list(numbers), loop=client.loop)
+        for future in completed:
+            if future.status == "lost":  # its worker died with the result: it is computed again
+                completed.add(future)
+                continue
+            missing = numbers.pop(future)  # and with the future what the cluster keeps of it
+            if future.status == "finished":
+                yield future.result()
+            else:
+                yield Lost(missing, _reason(future))
 
 
 def _reason(future: Any) -> str:

@@ -128,7 +128,7 @@ def test_campaign_that_cannot_be_measured_is_an_outcome_and_spoils_no_other(setu
 
 def test_study_of_failures_is_refused_with_their_reason(setup):
     failures = [CampaignOutcome(number, None, "the mechanism broke") for number in range(3)]
-    with pytest.raises(ShotsMissing, match="0 of 3 campaigns.*the mechanism broke"):
+    with pytest.raises(ShotsMissing, match=r"0 of 3 campaigns.*the mechanism broke"):
         summarise(setup, failures)
 
 
@@ -153,61 +153,68 @@ def test_digest_tells_studies_apart(setup):
     assert setup.digest("robots") == replace(setup).digest("robots")
 
 
+def begin(table):
+    """As a study begins, or goes on."""
+    known = table.read()
+    table.write(known)
+    return known
+
+
 @pytest.fixture
 def table(tmp_path):
     return StudyTable(tmp_path / "study.csv", "0123456789ab", FREE_BY_DEFAULT)
 
 
 def test_table_gives_back_what_was_written(table, outcomes):
-    table.begin()
+    begin(table)
     failed = CampaignOutcome(151, None, "no assembly for row 3 of 80")
     table.append([outcomes[4], failed])
     table.append([outcomes[2]])
-    known = table.begin()
-    assert list(known) == [2, 4, 151]
+    known = begin(table)
+    assert sorted(known) == [2, 4, 151]
     assert known[151].failure == failed.failure
     assert known[151].estimate is None
     kept = flat([known[4], known[2]])
-    np.testing.assert_allclose(kept, flat([outcomes[4], outcomes[2]]), rtol=1e-14)
+    np.testing.assert_array_equal(kept, flat([outcomes[4], outcomes[2]]))
 
 
 def test_table_is_the_same_in_whatever_order_rows_came(table, outcomes):
-    table.begin()
+    begin(table)
     table.append(outcomes[:5])
-    table.begin()
+    begin(table)
     one = table.path.read_bytes()
     table.path.unlink()
-    table.begin()
+    begin(table)
     for outcome in reversed(outcomes[:5]):
         table.append([outcome])
-    table.begin()
+    begin(table)
     assert table.path.read_bytes() == one
 
 
 def test_row_that_was_cut_off_is_computed_again(table, outcomes):
-    table.begin()
+    begin(table)
     table.append(outcomes[:3])
     whole = table.path.read_text(encoding="utf-8")
     table.path.write_text(whole[:-40], encoding="utf-8")
-    assert list(table.begin()) == [0, 1]
+    assert list(begin(table)) == [0, 1]
     table.append([outcomes[2]])
     assert table.path.read_text(encoding="utf-8") == whole
 
 
 def test_table_of_another_study_is_refused_and_left_alone(table, outcomes):
-    table.begin()
+    begin(table)
     table.append(outcomes[:2])
     before = table.path.read_bytes()
     other = replace(table, study="ba9876543210")
     with pytest.raises(OutputExists, match=r"study\.csv:2: belongs to another study"):
-        other.begin()
+        begin(other)
     assert table.path.read_bytes() == before
 
 
 def test_any_other_file_is_refused_and_left_alone(table):
     table.path.write_text("x,y\n1,2\n", encoding="utf-8")
     with pytest.raises(OutputExists, match="unknown column 'x'"):
-        table.begin()
+        begin(table)
     assert table.path.read_text(encoding="utf-8") == "x,y\n1,2\n"
 
 

@@ -57,7 +57,7 @@ def test_every_test_asked_for_is_there_and_commanded_as_poses() -> None:
     assert found.notes == ()
 
 
-@pytest.mark.parametrize("purpose", ALL)
+@pytest.mark.parametrize("purpose", sorted(ALL, key=lambda purpose: purpose.value))
 def test_only_what_is_asked_for_is_measured(purpose: ShotSet) -> None:
     assert {s.planned.purpose for s in steps(frozenset({purpose})).steps} == {purpose}
 

@@ -67,6 +67,8 @@ def test_connecting_stops_what_moves_before_anything_else():
     after_control = linuxcnc.orders[linuxcnc.orders.index("set set_wait received") + 1 :]
     assert after_control == ["set abort"]
     assert not linuxcnc.is_moving()
+    state = linuxcnc.robot.state()
+    assert (state.moving, state.fault) == (False, "")
 
 
 @pytest.mark.parametrize(

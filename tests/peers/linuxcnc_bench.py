@@ -1,0 +1,129 @@
+"""A LinuxCNC and our driver at it, as the tests with the real one need them."""
+
+import shutil
+import subprocess
+import time
+from contextlib import contextmanager
+from math import radians
+
+import pytest
+from linuxcnc_instance import EXAMPLES, LinuxcncInstance, why_not
+
+from campaigns.active_kinematics import ActiveKinematics
+from campaigns.linuxcnc_export import PIN_OF, CalibrationFile, Whose
+from campaigns.robot import find_robot
+from drivers.clock import SystemClock
+from drivers.linuxcnc_conversation import Patience
+from drivers.linuxcnc_motion import JointLimits
+from drivers.linuxcnc_parameters import FileParameters, HalParameters
+from drivers.linuxcnc_pins import HalAccess, HalPins
+from drivers.linuxcnc_robot import LinuxcncRobot
+from drivers.linuxcnc_settings import LinuxcncDeadlines, LinuxcncSettings
+from drivers.linuxcnc_setup import SetupDeadlines
+from drivers.linuxcnc_state import Coordinates
+from drivers.transport import open_transport
+
+LACKING = why_not()
+NEEDS_LINUXCNC = [
+    pytest.mark.peer,
+    pytest.mark.skipif(bool(LACKING), reason=f"no LinuxCNC to test with: {LACKING}"),
+]
+NOMINAL = find_robot("par4-prototype").robot
+IDENTITY = "par4-prototype"
+LIMITS = JointLimits(*NOMINAL.limits.joint_rad)
+FULL_SPEED_RAD_S = radians(360.0)
+SHORT = LinuxcncDeadlines(
+    patience=Patience(order_s=0.5, order_margin_s=0.5),
+    setup=SetupDeadlines(switch_s=1.0),
+    stop_s=1.5,
+)
+ARRIVES_WITHIN_S = 10.0
+COMPILED = "par4kins.so"
+
+
+def compiled_kinematics(folder):
+    """Our kinematics module, compiled as `halcompile --install` would, but not installed."""
+    if shutil.which("halcompile") is None:
+        pytest.skip("halcompile is not installed")
+    source = EXAMPLES / "par4kins" / "par4kins.c"
+    shutil.copy(source, folder)
+    command = ["halcompile", "--compile", source.name]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    return folder / COMPILED
+
+
+def joints_controller(folder, **settings):
+    """A LinuxCNC that takes joints only."""
+    return LinuxcncInstance(folder / "joints", "joints", **settings)
+
+
+def world_controller(folder, **settings):
+    """A LinuxCNC with our kinematics."""
+    build = folder / "build"
+    build.mkdir()
+    module = compiled_kinematics(build)
+    return LinuxcncInstance(folder / "world", "cartesian", modules=[module], **settings)
+
+
+class Bench:
+    """Our driver at one LinuxCNC."""
+
+    def __init__(self, linuxcnc, coordinates, *, deadlines=SHORT, identity=IDENTITY, **told):
+        self.linuxcnc = linuxcnc
+        file = linuxcnc.config / "calib.hal"
+        self.file = CalibrationFile(file, Whose(identity, NOMINAL), otherwise=None)
+        if coordinates is Coordinates.JOINTS:
+            self.file = CalibrationFile(file, Whose(identity, NOMINAL), otherwise=NOMINAL)
+            self.store = FileParameters(self.file)
+        else:
+            access = HalAccess(prefix=(str(linuxcnc.beside),))
+            self.store = HalParameters(self.file, HalPins(tuple(PIN_OF.values()), access), PIN_OF)
+        settings = LinuxcncSettings(
+            coordinates, LIMITS, FULL_SPEED_RAD_S, deadlines=deadlines, **told
+        )
+        self.transports = []
+        self.robot = LinuxcncRobot(
+            self.open,
+            clock=SystemClock(),
+            settings=settings,
+            store=self.store,
+            kinematics_of=ActiveKinematics,
+        )
+
+    def open(self):
+        self.transports.append(open_transport(self.linuxcnc.url, timeout_s=5.0))
+        return self.transports[-1]
+
+    def move(self, joints_rad, speed_fraction=1.0):
+        """Move and wait; gives the state at the end."""
+        self.robot.move_joints(joints_rad, speed_fraction)
+        return self.arrived()
+
+    def arrived(self):
+        """Wait for the end of a motion, or its fault."""
+        deadline_s = time.monotonic() + ARRIVES_WITHIN_S
+        while (state := self.robot.state()).moving and not state.fault:
+            assert time.monotonic() < deadline_s, state
+            time.sleep(0.005)
+        return state
+
+    def started(self, joints_rad, speed_fraction):
+        """Start a move and see it on its way."""
+        before = self.robot.state().joints_rad
+        self.robot.move_joints(joints_rad, speed_fraction)
+        while self.robot.state().joints_rad == before:
+            time.sleep(0.005)
+
+
+@contextmanager
+def at(linuxcnc, coordinates=Coordinates.JOINTS, **settings):
+    """Our driver, connected and ready, and afterwards everything as before."""
+    bench = Bench(linuxcnc, coordinates, **settings)
+    bench.robot.connect()
+    try:
+        bench.robot.prepare()
+        yield bench
+    finally:
+        bench.robot.close()
+        for transport in bench.transports:
+            transport.close()

@@ -1,0 +1,195 @@
+"""The real LinuxCNC with four rotary joints: brought up, moved, stopped, and what goes wrong."""
+
+import time
+from math import degrees, radians
+
+import numpy as np
+import pytest
+from linuxcnc_bench import (
+    FULL_SPEED_RAD_S,
+    NEEDS_LINUXCNC,
+    NOMINAL,
+    Bench,
+    at,
+    joints_controller,
+)
+
+from campaigns.active_kinematics import ActiveKinematics
+from drivers.errors import EmergencyStop, LimitViolation, LinkDown, MotionFault, WrongDevice
+from drivers.linuxcnc_conversation import Passwords
+from drivers.linuxcnc_state import Coordinates
+from drivers.values import Pose
+
+pytestmark = NEEDS_LINUXCNC
+
+READ_BACK_DEG = 1e-6
+HOME_RAD = (0.0, 0.0, 0.0, 0.0)
+FAR_RAD = tuple(map(radians, (60.0, -30.0, 45.0, 20.0)))
+
+
+@pytest.fixture(scope="module")
+def linuxcnc(tmp_path_factory):
+    with joints_controller(tmp_path_factory.mktemp("linuxcnc")) as running:
+        yield running
+
+
+@pytest.fixture
+def bench(linuxcnc):
+    """Ready, and with all faults taken away again."""
+    with at(linuxcnc) as ready:
+        ready.move(HOME_RAD)
+        yield ready
+        linuxcnc.hal("sets", "j2-ampfault", "0")
+        linuxcnc.hal("sets", "ext-estop-ok", "1")
+        linuxcnc.hal("setp", "stall.3.in", "0")
+
+
+def test_bringing_up_ends_at_home_ready_and_without_a_fault(linuxcnc):
+    with at(linuxcnc) as bench:
+        state = bench.robot.state()
+        assert (state.moving, state.fault, state.emergency_stop) == (False, "", False)
+        assert bench.robot.identity().serial == "PAR4"
+
+
+def test_joints_are_read_back_as_they_were_commanded(bench):
+    draw = np.random.default_rng(7)
+    for _ in range(12):
+        joints_rad = draw.uniform(radians(-45.0), radians(90.0), 4)
+        state = bench.move(joints_rad)
+        assert state.fault == ""
+        away_deg = np.degrees(np.abs(np.subtract(state.joints_rad, joints_rad))).max()
+        assert away_deg <= READ_BACK_DEG
+
+
+def test_poses_are_converted_with_the_set_in_use(bench):
+    pose = Pose(100.0, -50.0, -600.0, radians(15.0))
+    other = NOMINAL.geometry_flat() | {"arm1.joint_offset_deg": 0.5}
+    bench.robot.write_geometry(other)
+    bench.robot.move_pose(pose, 1.0)
+    expected = ActiveKinematics(other).joints_rad(pose)
+    assert bench.arrived().joints_rad == pytest.approx(expected, abs=radians(READ_BACK_DEG))
+
+
+def test_speed_is_a_share_of_the_full_one(bench):
+    began_s = time.monotonic()
+    bench.move(FAR_RAD, 0.25)
+    took_s = time.monotonic() - began_s
+    assert took_s == pytest.approx(radians(60.0) / (0.25 * FULL_SPEED_RAD_S), abs=0.3)
+
+
+def test_target_beyond_linuxcncs_own_limit_is_refused_in_its_words(linuxcnc, bench):
+    linuxcnc.hal("setp", "ini.x.max_limit", "50")
+    try:
+        with pytest.raises(LimitViolation, match="would exceed X's positive limit"):
+            bench.robot.move_joints(FAR_RAD, 1.0)
+    finally:
+        linuxcnc.hal("setp", "ini.x.max_limit", "91")
+    assert bench.move((radians(10.0), 0.0, 0.0, 0.0)).fault == ""
+
+
+def test_stop_in_motion_brakes_at_once_and_the_robot_goes_on_afterwards(bench):
+    bench.started(FAR_RAD, 0.1)
+    began_s = time.monotonic()
+    bench.robot.stop()
+    assert time.monotonic() - began_s < 0.5
+    stood = bench.robot.state()
+    assert not stood.moving
+    assert stood.joints_rad != pytest.approx(FAR_RAD, abs=0.01)
+    time.sleep(0.05)
+    assert bench.robot.state().joints_rad == stood.joints_rad
+    assert bench.move(HOME_RAD).fault == ""
+
+
+def test_emergency_stop_in_motion_is_told_and_released_by_getting_ready_again(linuxcnc, bench):
+    bench.started(FAR_RAD, 0.1)
+    linuxcnc.hal("sets", "ext-estop-ok", "0")
+    deadline_s = time.monotonic() + 2.0
+    while not (state := bench.robot.state()).emergency_stop:
+        assert time.monotonic() < deadline_s
+    stand(bench)
+    with pytest.raises(EmergencyStop):
+        bench.robot.move_joints(FAR_RAD, 1.0)
+    with pytest.raises(EmergencyStop, match="stays on"):
+        bench.robot.prepare()
+    linuxcnc.hal("sets", "ext-estop-ok", "1")
+    bench.robot.prepare()
+    assert bench.move(FAR_RAD).fault == ""
+    assert state.emergency_stop
+
+
+def test_drive_that_does_not_follow_is_a_following_error(linuxcnc, bench):
+    bench.started(FAR_RAD, 0.1)
+    linuxcnc.hal("setp", "stall.3.in", "1")
+    state = faulty(bench)
+    assert "joint 3 following error" in state.fault
+    stand(bench)
+    linuxcnc.hal("setp", "stall.3.in", "0")
+    bench.robot.prepare()
+    assert bench.move(FAR_RAD).fault == ""
+
+
+def test_drive_that_reports_a_fault_stops_everything_until_it_is_cleared(linuxcnc, bench):
+    bench.started(FAR_RAD, 0.1)
+    linuxcnc.hal("sets", "j2-ampfault", "1")
+    assert "joint 2 amplifier fault" in faulty(bench).fault
+    with pytest.raises(MotionFault):
+        bench.robot.prepare()
+    linuxcnc.hal("sets", "j2-ampfault", "0")
+    bench.robot.prepare()
+    assert bench.move(FAR_RAD).fault == ""
+
+
+def stand(bench):
+    """Wait until nothing moves any more."""
+    deadline_s = time.monotonic() + 2.0
+    while bench.robot.state().moving:
+        assert time.monotonic() < deadline_s
+
+
+def faulty(bench):
+    """Wait for a fault with its reason."""
+    deadline_s = time.monotonic() + 3.0
+    state = bench.robot.state()
+    while not state.fault or state.fault == "the machine is off":
+        assert time.monotonic() < deadline_s, state
+        state = bench.robot.state()
+    return state
+
+
+def test_connection_that_is_cut_in_motion_leads_to_an_abort_first_of_all(bench):
+    bench.started(FAR_RAD, 0.05)
+    bench.transports[-1].close()
+    with pytest.raises(LinkDown):
+        bench.robot.state()
+    bench.robot.reconnect()
+    stood = bench.arrived()
+    assert not stood.moving
+    assert degrees(max(np.abs(np.subtract(stood.joints_rad, FAR_RAD)))) > 5.0
+    assert bench.move(HOME_RAD).fault == ""
+
+
+def test_stop_over_a_cut_connection_opens_another(bench):
+    bench.started(FAR_RAD, 0.05)
+    bench.transports[-1].close()
+    bench.robot.stop()
+    bench.robot.reconnect()
+    assert degrees(max(np.abs(np.subtract(bench.robot.state().joints_rad, FAR_RAD)))) > 5.0
+
+
+def test_control_that_another_client_takes_is_told_and_taken_back_by_the_stop(linuxcnc, bench):
+    bench.started(FAR_RAD, 0.05)
+    other = Bench(linuxcnc, Coordinates.JOINTS)
+    thief = other.open()
+    for line in (b"hello EMC thief 1.0", b"set enable EMCTOO"):
+        thief.send(line + b"\n", 1.0)
+        time.sleep(0.05)
+    thief.close()
+    assert "another client" in faulty(bench).fault
+    bench.robot.stop()
+    assert bench.move(HOME_RAD).fault == ""
+
+
+def test_wrong_password_is_the_wrong_device(linuxcnc):
+    bench = Bench(linuxcnc, Coordinates.JOINTS, passwords=Passwords(connect="wrong"))
+    with pytest.raises(WrongDevice, match="password"):
+        bench.robot.connect()

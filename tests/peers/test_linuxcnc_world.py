@@ -1,0 +1,154 @@
+"""The real LinuxCNC with our kinematics: its own Cartesian moves, and parameters put into it."""
+
+from contextlib import closing
+from math import radians
+
+import numpy as np
+import pytest
+from linuxcnc_bench import IDENTITY, NEEDS_LINUXCNC, NOMINAL, Bench, at, world_controller
+
+from campaigns.active_kinematics import ActiveKinematics
+from campaigns.errors import ConfigInvalid
+from campaigns.linuxcnc_export import PIN_OF, write_hal
+from campaigns.load import write_verified
+from campaigns.numerics.geometry import Geometry
+from campaigns.numerics.reach import reach
+from campaigns.planning import numeric_limits
+from drivers.errors import DeviceRefused, LimitViolation, WrongDevice
+from drivers.linuxcnc_state import Coordinates
+from drivers.values import Pose
+from sim.linuxcnc_joints import joint_source
+
+pytestmark = NEEDS_LINUXCNC
+
+SAME_DEG = 1e-6
+WORLD = Coordinates.WORLD
+OLD = NOMINAL.geometry_flat()
+NEW = {name: value + 0.1 + 0.01 * place for place, (name, value) in enumerate(OLD.items())}
+LOW = np.array([-520.0, -550.0, -990.0, -np.pi / 4])
+HIGH = np.array([520.0, 450.0, -270.0, np.pi / 4])
+
+
+@pytest.fixture(scope="module")
+def linuxcnc(tmp_path_factory):
+    with world_controller(tmp_path_factory.mktemp("linuxcnc")) as running:
+        yield running
+
+
+@pytest.fixture
+def bench(linuxcnc):
+    with at(linuxcnc, WORLD) as ready:
+        yield ready
+        ready.robot.write_geometry(OLD)
+
+
+def reachable(count, geometry):
+    poses = np.random.default_rng(8).uniform(LOW, HIGH, (20 * count, 4))
+    judged = reach(Geometry.from_flat(geometry), numeric_limits(NOMINAL), poses)
+    return [Pose(*row) for row in poses[judged.feasible][:count].tolist()]
+
+
+def away_deg(joints_rad, other_rad):
+    return np.degrees(np.abs(np.subtract(joints_rad, other_rad))).max()
+
+
+def test_poses_with_loaded_parameters_give_our_models_joints(bench):
+    bench.robot.write_geometry(NEW)
+    bench.robot.prepare()
+    ours = ActiveKinematics(NEW)
+    for pose in reachable(12, NEW):
+        bench.robot.move_pose(pose, 1.0)
+        state = bench.arrived()
+        assert state.fault == ""
+        assert away_deg(state.joints_rad, ours.joints_rad(pose)) <= SAME_DEG
+
+
+def test_joints_are_reached_by_way_of_their_poses(bench):
+    for pose in reachable(8, OLD):
+        joints_rad = ActiveKinematics(OLD).joints_rad(pose)
+        state = bench.move(joints_rad)
+        assert state.fault == ""
+        assert away_deg(state.joints_rad, joints_rad) <= SAME_DEG
+
+
+def test_way_along_the_joints_limits_does_not_leave_them(bench):
+    """The straight line of poses between these two would take a joint some degrees out."""
+    there = tuple(map(radians, (-44.0, 20.0, 20.0, 5.0)))
+    back = tuple(map(radians, (-44.0, -5.0, 60.0, 40.0)))
+    for joints_rad in (there, back, there):
+        state = bench.move(joints_rad)
+        assert state.fault == ""
+        assert away_deg(state.joints_rad, joints_rad) <= SAME_DEG
+
+
+def test_pose_out_of_reach_is_refused_before_it_is_sent(bench):
+    with pytest.raises(LimitViolation, match="cannot be assembled"):
+        bench.robot.move_pose(Pose(0.0, 0.0, -1040.0, 0.0), 1.0)
+
+
+def test_parameters_are_read_back_to_the_last_bit(bench):
+    write_verified(bench.robot, NEW, OLD)
+    assert bench.robot.read_geometry() == NEW
+    assert bench.file.read() == NEW
+    assert bench.robot.state().fault == "the machine is off"
+
+
+def test_pins_are_never_set_with_the_machine_on(bench):
+    with pytest.raises(DeviceRefused, match="machine is on"):
+        bench.store.write(NEW)
+    assert bench.robot.read_geometry() == OLD
+
+
+def test_new_parameters_survive_a_restart(linuxcnc, bench):
+    bench.robot.write_geometry(NEW)
+    linuxcnc.restart()
+    bench.robot.reconnect()
+    assert bench.robot.read_geometry() == NEW
+    bench.robot.prepare()
+    assert bench.robot.state().fault == ""
+
+
+def test_file_that_was_exchanged_under_a_running_linuxcnc_is_told(linuxcnc, bench):
+    other = bench.file._whose.having(NEW, "new")
+    write_hal(linuxcnc.config / "calib.hal", other, IDENTITY, overwrite=True)
+    with pytest.raises(DeviceRefused, match="29 of 29 differ"):
+        bench.robot.read_geometry()
+
+
+def test_hal_file_of_another_robot_is_refused(linuxcnc, bench):
+    kept = (linuxcnc.config / "calib.hal").read_text()
+    write_hal(linuxcnc.config / "calib.hal", NOMINAL, "another-robot", overwrite=True)
+    try:
+        with pytest.raises(ConfigInvalid, match="of robot 'another-robot'"):
+            bench.robot.read_geometry()
+        with pytest.raises(ConfigInvalid, match="of robot 'another-robot'"):
+            bench.robot.write_geometry(NEW)
+    finally:
+        (linuxcnc.config / "calib.hal").write_text(kept)
+
+
+def test_parameters_that_somebody_set_by_hand_are_not_taken_for_the_robots(linuxcnc, bench):
+    bench.robot.write_geometry(OLD)  # which leaves the machine off
+    linuxcnc.hal("setp", PIN_OF["arm0.arm_mm"], "360")
+    with pytest.raises(DeviceRefused, match=r"arm0\.arm_mm = 360\.0.*1 of 29 differ"):
+        bench.robot.prepare()
+    bench.robot.close()
+    bench.robot.connect()
+
+
+def test_joints_of_the_simulated_cell_are_the_real_ones(linuxcnc, bench):
+    joints_rad = bench.move(tuple(map(radians, (20.0, 25.0, 30.0, 15.0)))).joints_rad
+    with closing(joint_source(f"hal:{linuxcnc.beside}")) as source:
+        assert away_deg(source.read_rad(), joints_rad) <= SAME_DEG
+    with closing(joint_source(linuxcnc.url)) as source:
+        assert away_deg(source.read_rad(), joints_rad) <= SAME_DEG
+
+
+def test_joints_only_controller_is_not_taken_for_one_in_world_coordinates(linuxcnc):
+    bench = Bench(linuxcnc, Coordinates.JOINTS)
+    bench.robot.connect()
+    try:
+        with pytest.raises(WrongDevice, match="XYZA"):
+            bench.robot.prepare()
+    finally:
+        bench.robot.close()
