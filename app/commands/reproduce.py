@@ -1,5 +1,6 @@
 """pkmcal reproduce: the paper's figures anew, ours beside the printed ones."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,7 +10,7 @@ from app.exits import Exit
 from app.options import Json
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from app.console import Terminal
     from app.reproduction.experiments import Trial
@@ -163,13 +164,72 @@ def _measured(
     kept = KeptResults(folder / RESULTS)
     found = usable(kept.read(), wanted)
     left = [trial for trial in wanted if trial not in found]
+    failures: list[Failure] = []
     if found:
         terminal.note(f"{len(found)} of {len(wanted)} seeds are kept from before")
-    failures: list[Failure] = []
-    for outcome in _outcomes(left, len(wanted), workers):
+
+    def keep(trial: "Trial", outcome: "Outcome") -> None:
         if isinstance(outcome, Failure):
             failures.append(outcome)
         else:
             kept.append(outcome)
-            found[_trial_of(outcome, left)] = outcome
+            found[trial] = outcome
+
+    if left:
+        _run(left, len(wanted), workers or _processors(), keep)
     return tuple(found[trial] for trial in wanted if trial in found), tuple(failures)
+
+
+def _run(
+    left: "Sequence[Trial]", total: int, workers: int, keep: "Callable[[Trial, Outcome], None]"
+) -> None:
+    """Run the trials that are missing, each result kept as it comes; raises `Interrupted`."""
+    import time
+    from functools import partial
+    from tempfile import TemporaryDirectory
+
+    from rich.console import Console
+
+    from app.interrupt import StopWish, stop_on_signals
+    from app.reproduction.progress import SeedProgress
+    from app.reproduction.runner import outcomes, worker_processes
+
+    wish, screen = StopWish(), Console(stderr=True, highlight=False)
+    done = total - len(left)
+    with (
+        stop_on_signals(wish),
+        TemporaryDirectory(prefix="pkmcal-reproduce-", ignore_cleanup_errors=True) as room,
+        SeedProgress(screen, total, done=done, now_s=time.monotonic) as progress,
+        worker_processes(min(workers, len(left))) as pool,
+    ):
+        for trial, outcome in outcomes(left, partial(rehearsed, Path(room)), pool, wish):
+            keep(trial, outcome)
+            progress.count(outcome)
+
+
+def _processors() -> int:
+    """How many this process may use."""
+    import os
+
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def show(terminal: "Terminal", material: "Material") -> None:
+    """All tables, why figures differ, and the verdict."""
+    from app.console import BAD, GOOD
+    from app.reproduction.misfit import misfit_in_words
+    from app.reproduction.tables import all_tables, reason_lines
+
+    comparison, evidence, verdict = material.comparison, material.evidence, material.verdict
+    for table in all_tables(comparison, evidence):
+        terminal.table(table.title, [column.title for column in table.columns], table.rows)
+    terminal.listing("Why figures differ", reason_lines(comparison.reasons))
+    if evidence.pairs is not None:
+        terminal.say(evidence.pairs.in_words())
+    terminal.say(misfit_in_words(evidence.reaches[0]))
+    good = verdict.decision == "pass"
+    for line in verdict.lines:
+        terminal.say(line, "" if good else BAD)
+    terminal.say(verdict.headline, GOOD if good else BAD)

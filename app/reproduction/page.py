@@ -33,7 +33,7 @@ HOW_DONE = (
 )
 HOW_COMPARED = (
     "The median over the seeds is set beside the paper's figure, with the range from 5 to 95 %. A "
-    "figure differs when nothing that the paper's words allow lies in this range; \"about\" allows "
+    'figure differs when nothing that the paper\'s words allow lies in this range; "about" allows '
     "10 %. How each figure is defined: docs/model.md; more on this page: docs/reproduction.md."
 )
 

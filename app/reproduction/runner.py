@@ -31,8 +31,8 @@ Work = Callable[[Trial], Outcome]
 
 def outcomes(
     trials: Sequence[Trial], work: Work, pool: Executor, stop_requested: Callable[[], bool]
-) -> Iterator[Outcome]:
-    """Every trial's outcome as it comes; raises `Interrupted` when it was asked to stop."""
+) -> Iterator[tuple[Trial, Outcome]]:
+    """Every trial with its outcome as it comes; raises `Interrupted` when it was asked to stop."""
     pending = {pool.submit(work, trial): trial for trial in trials}
     while pending:
         done, _ = wait(pending, timeout=LOOK_AGAIN_S, return_when=FIRST_COMPLETED)
@@ -42,7 +42,8 @@ def outcomes(
                 remedy="the same command goes on with the others",
             )
         for future in done:
-            yield _outcome(future, pending.pop(future))
+            trial = pending.pop(future)
+            yield trial, _outcome(future, trial)
 
 
 @contextmanager

@@ -28,6 +28,14 @@ def comparison_tables(comparison: Comparison) -> Iterator[Table]:
         yield _group_table(compared, comparison.reasons)
 
 
+def all_tables(comparison: Comparison, evidence: Evidence) -> Iterator[Table]:
+    """Every table, in the paper's order, and then why figures differ."""
+    yield from comparison_tables(comparison)
+    few = (table_ii(comparison), floor_table(evidence), geometry_table(evidence))
+    yield from (table for table in few if table is not None)
+    yield reach_table(evidence)
+
+
 def table_ii(comparison: Comparison) -> Table | None:
     """Every estimate; None without a seed of the prototype."""
     if not comparison.parameters:

@@ -70,7 +70,7 @@ def test_a_dry_run_finds_the_errors_and_proves_the_gain(pkmcal, planned):
     document = ended.document
     assert set(document) == DRY_RUN_KEYS
     assert (document["scenario"], document["seed"]) == ("paper-simulation", 1)
-    assert document["report"] is None
+    assert Path(document["report"]).read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert_is_identification(document["identification"])
     assert_is_validation(document["before"])
     assert_is_validation(document["after"])

@@ -91,12 +91,12 @@ class LinuxcncInstance:
             self._process = subprocess.Popen(
                 [*command, "bash", "-c", INSIDE], env=self._environment(), stdout=log, stderr=log
             )
-        deadline_s = time.monotonic() + READY_WITHIN_S
-        while not self._answers():
-            assert time.monotonic() < deadline_s, self.log
-            assert self._process.poll() is None, self.log
-            time.sleep(LOOK_AGAIN_S)
-        self._write_beside()
+        try:
+            self._await_answer()
+            self._write_beside()
+        except BaseException:
+            self.stop()
+            raise
         return self
 
     def stop(self):
@@ -139,6 +139,13 @@ class LinuxcncInstance:
     def _make_tmp(self):
         (self.folder / "tmp").mkdir()
         (self.folder / "tmp").chmod(0o1777)
+
+    def _await_answer(self):
+        deadline_s = time.monotonic() + READY_WITHIN_S
+        while not self._answers():
+            assert time.monotonic() < deadline_s, self.log
+            assert self._process.poll() is None, self.log
+            time.sleep(LOOK_AGAIN_S)
 
     def _answers(self):
         try:

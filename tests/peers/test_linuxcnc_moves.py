@@ -53,7 +53,7 @@ def test_bringing_up_ends_at_home_ready_and_without_a_fault(linuxcnc):
 
 def test_joints_are_read_back_as_they_were_commanded(bench):
     draw = np.random.default_rng(7)
-    for _ in range(12):
+    for _ in range(8):
         joints_rad = draw.uniform(radians(-45.0), radians(90.0), 4)
         state = bench.move(joints_rad)
         assert state.fault == ""

@@ -123,7 +123,7 @@ def test_forward_from_the_wrong_assembly_ends_on_the_right_one(module, robot):
     flat, poses = robot
     module.set_pins(flat)
     joints_deg = np.degrees(inverse(Geometry.from_flat(flat), poses[:100]).require())
-    above = in_degrees(poses[:100]) + [0.0, 0.0, 60.0, 100.0]
+    above = in_degrees(poses[:100]) + np.array([0.0, 0.0, 60.0, 100.0])
     found = np.array([module.forward(j, p) for j, p in zip(joints_deg, above, strict=True)])
     assert np.abs(found - in_degrees(poses[:100])).max() <= SAME_MM
 

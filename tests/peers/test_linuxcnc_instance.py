@@ -1,0 +1,62 @@
+"""The test's own LinuxCNC: whatever happens to it, it leaves nothing behind."""
+
+from pathlib import Path
+
+from linuxcnc_bench import NEEDS_LINUXCNC, joints_controller
+
+pytestmark = NEEDS_LINUXCNC
+
+CYCLES = 20
+LOCK = Path("/tmp/linuxcnc.lock")
+PROGRAMS = ("milltask", "rtapi_app", "linuxcncrsh", "linuxcncsvr", "io")
+
+
+def shared_memory():
+    """The system's segments, by their lines' keys and numbers."""
+    lines = Path("/proc/sysvipc/shm").read_text().splitlines()[1:]
+    return {tuple(line.split()[:2]) for line in lines}
+
+
+def processes_of(folder):
+    """Processes of LinuxCNC with anything of this instance in their words or surroundings."""
+    found = []
+    for process in Path("/proc").iterdir():
+        if not process.name.isdigit():
+            continue
+        try:
+            words = (process / "cmdline").read_bytes() + (process / "environ").read_bytes()
+        except OSError:  # it has ended meanwhile, or is somebody else's
+            continue
+        if str(folder).encode() in words:
+            found.append(process.name)
+    return found
+
+
+def test_twenty_starts_and_stops_leave_no_process_lock_or_shared_memory(tmp_path):
+    before, locked = shared_memory(), LOCK.exists()
+    linuxcnc = joints_controller(tmp_path)
+    for _ in range(CYCLES):
+        linuxcnc.start()
+        assert linuxcnc.run("pidof", "-x", "milltask")
+        linuxcnc.stop()
+        assert processes_of(tmp_path) == []
+    assert shared_memory() <= before
+    assert LOCK.exists() is locked
+
+
+def test_killed_programs_are_gone_with_the_rest(tmp_path):
+    before = shared_memory()
+    with joints_controller(tmp_path) as linuxcnc:
+        for program in PROGRAMS:
+            linuxcnc.kill(program)
+    assert processes_of(tmp_path) == []
+    assert shared_memory() <= before
+
+
+def test_two_run_side_by_side(tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    with joints_controller(tmp_path / "a") as one, joints_controller(tmp_path / "b") as other:
+        one.hal("setp", "fb.0.offset", "3")
+        assert float(other.hal("getp", "fb.0.offset")) == 0.0
+        assert one.port != other.port
