@@ -36,9 +36,9 @@ from campaigns.plan_file import PlannedShot
 from campaigns.planning import (
     PlanRequest,
     View,
-    _numbered,
     joints_of,
     make_plan,
+    numbered_shots,
     numeric_geometry,
     numeric_limits,
     poses_of,
@@ -226,4 +226,4 @@ def _ordered(
     joints = inverse(region.geometry, poses).require()
     pairs = np.vstack([choice.pairs, np.arange(fitted, len(poses)).reshape(-1, 2)])
     tour = balanced_order(joints, pairs, start, np.arange(len(poses)) < fitted)
-    return _numbered(tour, poses, joints, fitted, (region.centre, start), drift_shots)
+    return numbered_shots(tour, poses, joints, fitted, (region.centre, start), drift_shots)

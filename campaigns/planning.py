@@ -125,7 +125,7 @@ def make_plan(
     pairs = np.vstack([pair_up(fitted, rng), pair_up(unseen, rng) + len(fitted)])
     tour = order_pairs(joints, pairs, centre_joints)
     drift = (region.centre, centre_joints)
-    return _numbered(tour, poses, joints, len(fitted), drift, request.drift_shots)
+    return numbered_shots(tour, poses, joints, len(fitted), drift, request.drift_shots)
 
 
 def _inner(region: Region) -> Region:
@@ -136,7 +136,7 @@ def _inner(region: Region) -> Region:
     return replace(region, limits=limits)
 
 
-def _numbered(
+def numbered_shots(
     tour: Index,
     poses: Array,
     joints: Array,

@@ -15,7 +15,6 @@ from drivers.errors import BeamBroken
 from drivers.ports import Clock, LaserTracker, RobotController
 from drivers.values import Measurement
 
-
 REACQUIRE_PATIENCE_S = 30.0
 LOOK_AGAIN_S = 1.0
 

@@ -136,7 +136,10 @@ class LinuxcncMover:
             )
 
     def _await_start(self, conversation: LinuxcncConversation, target: Target) -> None:
-        """Wait until the move has begun or been refused; what comes later is told by `state`."""
+        """Wait until the move has begun; raises what its refusal means.
+
+        What comes later is told by `state`.
+        """
         deadline_s = self._clock.now_s() + self._deadlines.start_s
         while self._clock.now_s() < deadline_s:
             snapshot = self._snapshot(conversation)
@@ -146,6 +149,12 @@ class LinuxcncMover:
             if not snapshot.idle or snapshot.is_commanded(target.values):
                 return
             self._clock.sleep_s(self._deadlines.poll_s)
+        raise MotionFault(
+            f"{conversation.name}: LinuxCNC has taken a move, but it has not begun within "
+            f"{self._deadlines.start_s:g} s",
+            remedy="its realtime part seems to have died: see that the robot stands, "
+            "restart LinuxCNC",
+        )
 
     def _refusal(
         self,

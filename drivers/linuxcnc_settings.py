@@ -51,7 +51,7 @@ class LinuxcncDeadlines:
 
     patience: Patience = field(default_factory=Patience)
     setup: SetupDeadlines = field(default_factory=SetupDeadlines)
-    start_s: float = 0.5
+    start_s: float = 1.0
     """Until an accepted move has begun or been refused."""
     frozen_s: float = 1.5
     """How long positions may stay the same in a motion."""

@@ -128,7 +128,9 @@ def draw(campaign: "Campaign", found: "Identification", path: Path) -> None:
         series = measured_series(campaign, journal)
         data = dataset_of_journal(journal.shots(series.number))
     nominal = numeric_geometry(campaign.nominal.robot)
-    plot_residuals(path, nominal, Geometry.from_flat({p.name: p.value for p in found.parameters}), data)
+    plot_residuals(
+        path, nominal, Geometry.from_flat({p.name: p.value for p in found.parameters}), data
+    )
 
 
 def _provenance(

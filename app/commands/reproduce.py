@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 DEFAULT_FOLDER = Path("reproduction")
 PAGE, RESULTS = "reproduction.html", "results.jsonl"
-SEEDS, QUICK_SEEDS = 20, 4
+SEEDS, QUICK_SEEDS = 20, 3
 
 To = Annotated[Path, typer.Option(metavar="DIR", help="Where page and results are kept.")]
 Quick = Annotated[bool, typer.Option("--quick", help=f"Only {QUICK_SEEDS} seeds: a look.")]

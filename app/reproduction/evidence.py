@@ -60,11 +60,12 @@ class Evidence:
 def evidence(results: Sequence[TrialResult]) -> Evidence:
     """Draw and compute it."""
     own = of_experiment(results, PROTOTYPE.name)
+    rng = np.random.default_rng(SEED)
     return Evidence(
-        floors(np.random.default_rng(SEED)),
+        floors(rng),
         reaches(),
         _pair_lengths(own) if own else None,
-        geometry_alone(own) if own else (),
+        geometry_alone(own, rng) if own else (),
     )
 
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from app.report.figures.drawing import (
     AFTER,
@@ -20,9 +21,11 @@ from app.report.figures.space import draw_box, flat
 from app.reproduction.comparison import Row
 from app.reproduction.evidence import PairLengths
 from app.reproduction.floors import Floor
-from app.reproduction.misfit import EXTENT_MM, Reach
+from app.reproduction.misfit import Reach
 from app.reproduction.printed import Printed
 from app.reproduction.trials import TrialResult
+from campaigns.numerics.geometry import Array
+from campaigns.validate import AXES
 
 PAPER = "#98281f"
 ROW_MM = 6.5
@@ -30,6 +33,13 @@ JITTER = 0.16
 """Half the height, of a row's, over which seeds are spread so that none hides another."""
 BINS = 40
 FAR_MM = 900.0
+LEAST_MM = 1e-3
+"""Stands for nothing on a logarithmic scale."""
+TICKS_MM = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+ROOM_BELOW = 0.7
+"""Left of the least value, as a factor; as much is right of the largest."""
+BOX_MM = np.array([[-600.0, -600.0, -1000.0], [600.0, 600.0, 400.0]])
+SHOWN_GRID_MM = 50.0
 
 
 @in_house_style
@@ -38,10 +48,17 @@ def every_seed(rows: Sequence[tuple[str, Row]]) -> Figure:
     figure = new_figure(24.0 + ROW_MM * len(rows))
     axes = figure.subplots()
     for place, (_, row) in enumerate(rows):
+        _asked(axes, float(place), row)
         _seeds_of(axes, float(place), row)
         if row.quantity.printed is not None:
             _mark_paper(axes, float(place), row.quantity.printed)
+    least = min(min(row.values) for _, row in rows)
+    most = max(max(row.values) for _, row in rows)
     axes.set_xscale("log")
+    axes.set_xlim(ROOM_BELOW * least, most / ROOM_BELOW)
+    axes.set_xticks([tick for tick in TICKS_MM if ROOM_BELOW * least < tick < most / ROOM_BELOW])
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_locator(NullLocator())
     axes.set_yticks(range(len(rows)), [name for name, _ in rows])
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.set_xlabel("mm")
@@ -59,7 +76,9 @@ def parameters_missed(series: Sequence[tuple[str, str, Sequence[TrialResult]]]) 
     for axes, part, unit in zip(every, parts, ("mm", "°"), strict=True):
         for number, (label, marker, results) in enumerate(series):
             colour = (AFTER, BEFORE, QUIET)[number % 3]
-            places = np.arange(len(part)) + 0.24 * (number - (len(series) - 1) / 2.0)
+            places = np.arange(len(part), dtype=np.float64) + 0.24 * (
+                number - (len(series) - 1) / 2.0
+            )
             _missed(axes, places, part, results, colour=colour, marker=marker, label=label)
         axes.set_yscale("log")
         axes.set_xticks(range(len(part)), [_short(name) for name in part], rotation=90)
@@ -77,9 +96,10 @@ def noise_alone(panels: Sequence[tuple[Floor, Sequence[float]]]) -> Figure:
         axes.hist(floor.draws_mm, BINS, density=True, color=GRID, label="noise alone, drawn")
         top = axes.get_ylim()[1]
         axes.plot(seeds, np.full(len(seeds), 0.06 * top), "o", color=AFTER, label="our seeds")
-        for paper in floor.paper:
-            middle = _middle(paper)
-            axes.axvline(middle, color=PAPER, linewidth=1.2, label="paper")
+        names = AXES if len(floor.paper) == len(AXES) else ("",)
+        for paper, name in zip(floor.paper, names, strict=True):
+            axes.axvline(_middle(paper), color=PAPER, linewidth=1.2, label="paper")
+            axes.text(_middle(paper), top, f" {name}", color=PAPER, va="top")
         axes.set_title(floor.name.split(":")[0])
         axes.set_xlabel("mm")
         axes.set_yticks([])
@@ -109,32 +129,38 @@ def errors_and_lengths(pairs: PairLengths, mean: Printed, largest: Printed) -> F
 
 @in_house_style
 def reached(printed: Reach, ours: Reach) -> Figure:
-    """Points of the grid that two robots reach, in the same box."""
-    figure = new_figure(86.0)
-    corners = EXTENT_MM * np.array([[-0.7, -0.7, -1.0], [0.7, 0.7, 0.4]])
-    for axes, reach in zip(figure.subplots(1, 2), (printed, ours), strict=True):
-        draw_box(axes, corners)
-        few = len(reach.points_mm) < 100
-        size, colour = (4.0, PAPER) if few else (0.7, AFTER)
-        axes.plot(*flat(reach.points_mm).T, "o", markersize=size, color=colour, alpha=0.7)
+    """Points of the grid that two robots reach, in the same box; of ours one in eight is drawn."""
+    figure = new_figure(92.0)
+    left, right = figure.subplots(1, 2)
+    coarse = (ours.points_mm % SHOWN_GRID_MM == 0.0).all(axis=1)
+    for axes, reach, points, colour in (
+        (left, printed, printed.points_mm, PAPER),
+        (right, ours, ours.points_mm[coarse], AFTER),
+    ):
+        draw_box(axes, BOX_MM)
+        axes.plot(*flat(points).T, "o", markersize=1.6, color=colour, alpha=0.6)
         axes.set_title(f"{reach.name}: {len(reach.points_mm)} points")
     return figure
 
 
-def _seeds_of(axes: Axes, place: float, row: Row) -> None:
-    ours, colour = row.ours, BEFORE if row.quantity.name.endswith("before") else AFTER
-    spread = place + np.linspace(-JITTER, JITTER, len(row.values))
-    axes.plot(row.values, spread, "o", markersize=2.2, color=colour, alpha=0.55, label="a seed")
-    axes.plot([ours.median] * 2, [place - 0.32, place + 0.32], color=INK, label="our median")
+def _asked(axes: Axes, place: float, row: Row) -> None:
     asked = row.quantity.asked
     if asked is not None:
-        low = asked.low or axes.get_xlim()[0]
-        axes.plot([low, asked.high], [place, place], color=GRID, linewidth=7.0, zorder=0.9)
-        axes.plot([asked.high] * 2, [place - 0.3, place + 0.3], color=QUIET, linestyle=":")
+        low = max(asked.low, LEAST_MM)
+        axes.barh(place, asked.high - low, 0.42, left=low, color=GRID, label="asked of the median")
+
+
+def _seeds_of(axes: Axes, place: float, row: Row) -> None:
+    colour = BEFORE if row.quantity.name.endswith("before") else AFTER
+    spread = place + np.linspace(-JITTER, JITTER, len(row.values))
+    axes.plot(row.values, spread, "o", markersize=2.2, color=colour, alpha=0.55, label="a seed")
+    axes.plot([row.ours.median] * 2, [place - 0.32, place + 0.32], color=INK, label="our median")
 
 
 def _mark_paper(axes: Axes, place: float, paper: Printed) -> None:
-    axes.plot(_middle(paper), place, "D", color=PAPER, markersize=4.2, label="paper")
+    """A diamond, or for "more than" an arrowhead."""
+    marker = ">" if np.isinf(paper.high) else "D"
+    axes.plot(_middle(paper), place, marker, color=PAPER, markersize=4.2, label="paper")
 
 
 def _middle(paper: Printed) -> float:
@@ -144,7 +170,7 @@ def _middle(paper: Printed) -> float:
 
 def _missed(
     axes: Axes,
-    places: np.ndarray,
+    places: Array,
     names: Sequence[str],
     results: Sequence[TrialResult],
     *,

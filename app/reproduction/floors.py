@@ -60,7 +60,7 @@ def floors(rng: np.random.Generator, draws: int = DRAWS) -> tuple[Floor, ...]:
         Floor(
             "rotation: 19 points, two most distant",
             repeated,
-            drawn(lambda rng: _most_distant(_scattered(rng, tests.rotation_steps))),
+            drawn(lambda rng: most_distant_mm(scattered(rng, tests.rotation_steps))),
             (printed.ROTATION_AFTER,),
         ),
         Floor(
@@ -72,7 +72,7 @@ def floors(rng: np.random.Generator, draws: int = DRAWS) -> tuple[Floor, ...]:
         Floor(
             "repeatability: radius of 28 points",
             repeated,
-            drawn(lambda rng: _radius(_scattered(rng, tests.repeatability_approaches))),
+            drawn(lambda rng: _radius(scattered(rng, tests.repeatability_approaches))),
             (printed.RADIUS,),
         ),
         Floor(
@@ -90,19 +90,20 @@ def floors(rng: np.random.Generator, draws: int = DRAWS) -> tuple[Floor, ...]:
     )
 
 
-def _scattered(rng: np.random.Generator, count: int) -> Array:
+def scattered(rng: np.random.Generator, count: int) -> Array:
     """Points that should be one, (count, 3)."""
     half = printed.REPEATABILITY_MM
     return rng.uniform(-half, half, (count, 3))
 
 
 def _line(rng: np.random.Generator, count: int) -> Array:
-    points = _scattered(rng, count)
+    points = scattered(rng, count)
     points[:, 0] += np.linspace(0.0, printed.LINES_MM[0], count)
     return points
 
 
-def _most_distant(points: Array) -> float:
+def most_distant_mm(points: Array) -> float:
+    """The rotation test's figure of points (N, 3), N > 1."""
     found = rotation_mm(points)
     assert found is not None, "there are more than two points"
     return found
@@ -123,7 +124,7 @@ def _repeated_pairs(rng: np.random.Generator, count: int) -> Array:
     """Errors of distances that are long against the noise: only along them it counts, (count,)."""
     direction = rng.standard_normal((count, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    between = _scattered(rng, count) - _scattered(rng, count)
+    between = scattered(rng, count) - scattered(rng, count)
     return np.asarray(np.sum(direction * between, axis=1))
 
 

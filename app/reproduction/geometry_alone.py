@@ -1,11 +1,12 @@
-"""The rotation test and the lines without any noise: what wrong parameters alone do to them."""
+"""The rotation test and the lines by wrong parameters alone, and with noise drawn upon them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from app.reproduction.experiments import ROBOT
+from app.reproduction.floors import most_distant_mm, scattered
 from app.reproduction.summary import Distribution, distribution
 from app.reproduction.trials import TrialResult
 from campaigns.config_sections import ValidationConfig
@@ -13,7 +14,9 @@ from campaigns.numerics.forward import forward
 from campaigns.numerics.geometry import Array, Geometry
 from campaigns.numerics.par4 import inverse
 from campaigns.robot import find_robot
-from campaigns.validate import AXES, rotation_mm, straightness_mm
+from campaigns.validate import AXES, straightness_mm
+
+DRAWS_A_SEED = 100
 
 Flat = Mapping[str, float]
 
@@ -25,42 +28,65 @@ class GeometryAlone:
     name: str
     before_mm: float
     after: Distribution
+    """Over the seeds."""
+    noisy: Distribution
+    """After, with the paper's repeatability drawn upon it."""
 
 
-def geometry_alone(results: Sequence[TrialResult]) -> tuple[GeometryAlone, ...]:
+def geometry_alone(
+    results: Sequence[TrialResult], rng: np.random.Generator
+) -> tuple[GeometryAlone, ...]:
     """Of seeds of one experiment: all have the same nominal and the same true robot."""
     nominal = find_robot(ROBOT).robot.geometry_flat()
     true = _with(nominal, {n: e.true_error for n, e in results[0].parameters.items()})
-    before = dict(_figures(nominal, true))
-    after = [
-        dict(
-            _figures(_with(nominal, {n: e.estimated_error for n, e in r.parameters.items()}), true)
-        )
-        for r in results
+    identified = [
+        _with(nominal, {n: e.estimated_error for n, e in result.parameters.items()})
+        for result in results
     ]
-    return tuple(
-        GeometryAlone(name, value, distribution([figures[name] for figures in after]))
-        for name, value in before.items()
+    return tuple(_test(test, nominal, true, identified, rng) for test in _tests())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Test:
+    """A test's name, the poses (N, 4) that it commands, and its figure of points (N, 3)."""
+
+    name: str
+    poses: Array
+    figure: Callable[[Array], float]
+
+
+def _tests() -> Iterator[_Test]:
+    """Those with poses of their own, as validate commands them."""
+    tests = ValidationConfig()
+    low, high = find_robot(ROBOT).robot.limits.theta_rad
+    turn = _at_centre(tests, tests.rotation_steps)
+    turn[:, 3] = np.linspace(low, high, tests.rotation_steps)
+    yield _Test("rotation", turn, most_distant_mm)
+    for place, (axis, length_mm) in enumerate(zip(AXES, tests.line_lengths_mm, strict=True)):
+        line = _at_centre(tests, tests.line_points)
+        line[:, place] += length_mm * np.linspace(-0.5, 0.5, tests.line_points)
+        yield _Test(f"straightness {axis}", line, straightness_mm)
+
+
+def _test(
+    test: _Test, nominal: Flat, true: Flat, identified: Sequence[Flat], rng: np.random.Generator
+) -> GeometryAlone:
+    after = [_reached_mm(believed, true, test.poses) for believed in identified]
+    noisy = [
+        test.figure(points + scattered(rng, len(points)))
+        for points in after
+        for _ in range(DRAWS_A_SEED)
+    ]
+    return GeometryAlone(
+        test.name,
+        test.figure(_reached_mm(nominal, true, test.poses)),
+        distribution([test.figure(points) for points in after]),
+        distribution(noisy),
     )
 
 
 def _with(flat: Flat, errors: Flat) -> dict[str, float]:
     return {name: value + errors.get(name, 0.0) for name, value in flat.items()}
-
-
-def _figures(believed: Flat, true: Flat) -> Iterator[tuple[str, float]]:
-    """Both tests as validate commands them."""
-    tests = ValidationConfig()
-    low, high = find_robot(ROBOT).robot.limits.theta_rad
-    turn = _at_centre(tests, tests.rotation_steps)
-    turn[:, 3] = np.linspace(low, high, tests.rotation_steps)
-    moved = rotation_mm(_reached_mm(believed, true, turn))
-    assert moved is not None, "there are more than two points"
-    yield "rotation", moved
-    for place, (axis, length_mm) in enumerate(zip(AXES, tests.line_lengths_mm, strict=True)):
-        line = _at_centre(tests, tests.line_points)
-        line[:, place] += length_mm * np.linspace(-0.5, 0.5, tests.line_points)
-        yield f"straightness {axis}", straightness_mm(_reached_mm(believed, true, line))
 
 
 def _at_centre(tests: ValidationConfig, count: int) -> Array:

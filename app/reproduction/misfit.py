@@ -36,10 +36,10 @@ def reaches() -> tuple[Reach, ...]:
     """As printed, our reading with the printed joint limits, and our reading."""
     as_printed, ours = find_robot("par4-table1").robot, find_robot("par4-prototype").robot
     return (
-        reach_of("par4-table1, as printed: ±45°", as_printed, PRINTED_LIMITS_RAD),
-        reach_of("par4-table1, joints −45° to 90°", as_printed, ours.limits.joint_rad),
-        reach_of("par4-prototype, joints ±45°", ours, PRINTED_LIMITS_RAD),
-        reach_of("par4-prototype: −45° to 90°", ours, ours.limits.joint_rad),
+        reach_of("par4-table1 as printed, ±45°", as_printed, PRINTED_LIMITS_RAD),
+        reach_of("par4-table1, −45° to 90°", as_printed, ours.limits.joint_rad),
+        reach_of("par4-prototype, ±45°", ours, PRINTED_LIMITS_RAD),
+        reach_of("par4-prototype, −45° to 90°", ours, ours.limits.joint_rad),
     )
 
 

@@ -55,6 +55,7 @@ class Page:
     facts: tuple[Row, ...]
     verdict: Verdict
     sections: tuple[Section, ...]
+    source: str = SOURCE
     generator: str = GENERATOR
 
 
@@ -65,7 +66,6 @@ def page_html(material: Material, made_utc: str) -> str:
 
 
 def _facts(material: Material, made_utc: str) -> Iterator[Row]:
-    yield "source", SOURCE
     yield "seeds of each", f"{material.verdict.seeds}"
     yield "computing time", f"{number(sum(r.seconds for r in material.results) / 60.0, 1)} min"
     yield "page made", moment(made_utc)

@@ -35,9 +35,9 @@ def overview(comparison: Comparison) -> Iterator[Picture]:
         yield Picture(
             "every-seed",
             "The experiment, every seed",
-            "A dot is a seed, the upright stroke our median, the red diamond what the paper "
-            "prints. The grey bar shows what is asked of the median. Above a logarithmic scale "
-            "equal steps are equal factors.",
+            "A dot is a seed, light before and dark after calibration; the upright stroke is our "
+            'median, the red diamond what the paper prints, an arrowhead where it says "above". '
+            "The grey bar is what is asked of the median. The scale is logarithmic.",
             partial(figures.every_seed, rows),
         )
 
@@ -112,8 +112,8 @@ def reached(evidence: Evidence) -> Picture:
     return Picture(
         "reached",
         "What the robots reach",
-        "Every point of a 25 mm grid that can be reached at θ = 0. On the left all nine points of "
-        "the robot as printed, on the right our reading of it.",
+        "Points of a 25 mm grid that can be reached at θ = 0: on the left all of the robot as "
+        "printed, on the right one in eight of our reading of it.",
         partial(figures.reached, evidence.reaches[0], evidence.reaches[-1]),
     )
 
@@ -145,7 +145,7 @@ def _overview_rows(comparison: Comparison) -> Iterator[tuple[str, Row]]:
         short = compared.group.title.split(":")[0]
         for row in compared.rows:
             if compared.group.experiment is PROTOTYPE and row.quantity.unit == "mm":
-                yield f"{row.quantity.name} · {short}", row
+                yield f"{short} · {row.quantity.name}", row
 
 
 def _floor(evidence: Evidence, start: str) -> Floor:

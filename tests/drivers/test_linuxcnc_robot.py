@@ -196,9 +196,10 @@ def test_move_is_moving_from_the_order_to_the_last_reading_at_rest():
     assert degrees(state.joints_rad[3]) == pytest.approx(40.123457, abs=1e-9)
 
 
-def test_idle_and_acknowledged_is_not_arrived():
+def test_idle_and_still_but_not_at_the_target_is_not_arrived():
     linuxcnc = ready()
     linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
+    linuxcnc.frozen_at = linuxcnc.started_s  # a status from before the motion
     linuxcnc.overrides["get program_status"] = "PROGRAM_STATUS IDLE\r\n"
     assert linuxcnc.robot.state().moving
 
@@ -290,6 +291,19 @@ def test_positions_that_freeze_in_motion_are_a_fault():
     state = linuxcnc.robot.state()
     assert "dead task" in state.fault
     assert state.moving
+
+
+def test_move_that_is_taken_but_does_not_begin_is_a_fault():
+    linuxcnc = ready()
+    linuxcnc.overrides["set mdi"] = ("SET MDI ACK\n\r", ORDER_S)
+    with pytest.raises(MotionFault, match="has not begun within 1 s"):
+        linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
+
+
+def test_move_to_where_it_stands_has_begun_and_ended():
+    linuxcnc = ready()
+    linuxcnc.robot.move_joints((0.0, 0.0, 0.0, 0.0), 1.0)
+    assert not linuxcnc.robot.state().moving
 
 
 def test_order_that_a_dead_task_does_not_take_closes_the_wire():

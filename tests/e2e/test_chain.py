@@ -82,7 +82,7 @@ def test_a_dry_run_finds_the_errors_and_proves_the_gain(pkmcal, planned):
     for name, entry in document["identification"]["parameters"].items():
         assert entry["value"] == pytest.approx(truth[name], abs=6.0 * (entry["std"] or 1e-9))
     assert document["parameter_file"] == str(planned / "robot-compensated.yaml")
-    assert "7/7 validate after" in ended.err
+    assert "7/8 validate after" in ended.err
 
 
 def test_a_dry_run_whose_fit_is_not_good_loads_nothing(pkmcal, planned):

@@ -35,7 +35,8 @@ FULL_SPEED_RAD_S = radians(360.0)
 SHORT = LinuxcncDeadlines(
     patience=Patience(order_s=0.5, order_margin_s=0.5),
     setup=SetupDeadlines(switch_s=1.0),
-    stop_s=1.5,
+    start_s=0.5,
+    stop_s=1.0,
 )
 ARRIVES_WITHIN_S = 10.0
 COMPILED = "par4kins.so"

@@ -86,11 +86,19 @@ class LinuxcncInstance:
 
     def start(self):
         """Start it and wait until it answers."""
+        self.launch()
+        return self.await_ready()
+
+    def launch(self):
+        """Start it."""
         command = ["setpriv", "--pdeathsig", "SIGKILL", "unshare", *_as_user(), *NAMESPACES]
         with (self.folder / "namespaces.log").open("w") as log:
             self._process = subprocess.Popen(
                 [*command, "bash", "-c", INSIDE], env=self._environment(), stdout=log, stderr=log
             )
+
+    def await_ready(self):
+        """Wait until it answers; without an answer in time everything is stopped."""
         try:
             self._await_answer()
             self._write_beside()

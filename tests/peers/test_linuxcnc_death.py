@@ -7,7 +7,6 @@ import pytest
 from linuxcnc_bench import NEEDS_LINUXCNC, Bench, at, joints_controller, world_controller
 
 from drivers.errors import (
-    DeviceNotReady,
     DeviceRefused,
     DriverError,
     LinkDown,
@@ -48,17 +47,22 @@ def test_program_that_dies_in_motion_is_noticed_and_no_stop_is_believed(bench, p
         bench.robot.close()
 
 
-@pytest.mark.parametrize("program", ["milltask", "rtapi_app"])
-def test_program_that_died_at_rest_is_noticed_by_the_next_order(bench, program):
-    bench.linuxcnc.kill(program)
+def test_task_that_died_at_rest_is_noticed_by_the_next_order_and_when_coming_in(bench):
+    bench.linuxcnc.kill("milltask")
     with pytest.raises(LinkDown, match="takes no orders"):
         bench.robot.move_joints(NEAR_RAD, 1.0)
-
-
-def test_program_that_died_is_noticed_when_coming_in(bench):
-    bench.linuxcnc.kill("milltask")
     with pytest.raises(DeviceRefused, match="set"):
         bench.robot.reconnect()
+
+
+def test_realtime_part_that_died_at_rest_is_noticed_by_a_move_without_motion(bench):
+    bench.linuxcnc.kill("rtapi_app")
+    bench.robot.move_joints(NEAR_RAD, 1.0)
+    assert "dead task or realtime part" in wait_for_fault(bench, 3.0)
+    with pytest.raises(RobotStateUnknown):
+        bench.robot.stop()
+    with pytest.raises(RobotStateUnknown):
+        bench.robot.close()
 
 
 def test_server_that_dies_takes_the_wire_with_it(bench):
@@ -85,20 +89,6 @@ def test_controller_started_anew_has_to_be_made_ready_anew(tmp_path):
         assert bench.move(NEAR_RAD).fault == ""
 
 
-def test_controller_that_was_only_switched_on_is_not_homed(tmp_path):
-    with joints_controller(tmp_path) as linuxcnc:
-        bench = Bench(linuxcnc, Coordinates.JOINTS)
-        bench.robot.connect()
-        try:
-            setup = bench.robot._access.setup(bench.robot._conversation)
-            setup._release_emergency_stop()
-            setup._switch_on()
-            with pytest.raises(DeviceNotReady, match="not homed"):
-                bench.robot.move_joints(NEAR_RAD, 1.0)
-        finally:
-            bench.robot.close()
-
-
 def test_machine_of_five_joints_is_the_wrong_device(tmp_path):
     limits = "MIN_LIMIT = -46\nMAX_LIMIT = 91\nMAX_VELOCITY = 360\nMAX_ACCELERATION = 3600\n"
     edits = [
@@ -107,14 +97,16 @@ def test_machine_of_five_joints_is_the_wrong_device(tmp_path):
         ("[AXIS_A]", f"[AXIS_B]\n{limits}\n[AXIS_A]"),
         ("[JOINT_3]", f"[JOINT_4]\nTYPE = ANGULAR\n{limits}\n[JOINT_3]"),
     ]
-    with joints_controller(tmp_path, edits=edits) as linuxcnc:
-        with pytest.raises(WrongDevice, match="5 rotary joints"):
-            Bench(linuxcnc, Coordinates.JOINTS).robot.connect()
+    with (
+        joints_controller(tmp_path, edits=edits) as linuxcnc,
+        pytest.raises(WrongDevice, match="5 rotary joints"),
+    ):
+        Bench(linuxcnc, Coordinates.JOINTS).robot.connect()
 
 
 def test_other_kinematics_than_ours_is_the_wrong_device(tmp_path):
     edits = [
-        ("KINEMATICS = par4kins", "KINEMATICS = trivkins coordinates=XYZC kinstype=BOTH"),
+        ("KINEMATICS = par4kins", "KINEMATICS = scarakins"),
         ("\nHALFILE = calib.hal", ""),
     ]
     with world_controller(tmp_path, edits=edits) as linuxcnc:

@@ -1,12 +1,13 @@
 """The test's own LinuxCNC: whatever happens to it, it leaves nothing behind."""
 
+from contextlib import ExitStack
 from pathlib import Path
 
 from linuxcnc_bench import NEEDS_LINUXCNC, joints_controller
 
 pytestmark = NEEDS_LINUXCNC
 
-CYCLES = 20
+ROUNDS, AT_A_TIME = 5, 4
 LOCK = Path("/tmp/linuxcnc.lock")
 PROGRAMS = ("milltask", "rtapi_app", "linuxcncrsh", "linuxcncsvr", "io")
 
@@ -34,11 +35,14 @@ def processes_of(folder):
 
 def test_twenty_starts_and_stops_leave_no_process_lock_or_shared_memory(tmp_path):
     before, locked = shared_memory(), LOCK.exists()
-    linuxcnc = joints_controller(tmp_path)
-    for _ in range(CYCLES):
-        linuxcnc.start()
-        assert linuxcnc.run("pidof", "-x", "milltask")
-        linuxcnc.stop()
+    all_of_them = [joints_controller(tmp_path / str(number)) for number in range(AT_A_TIME)]
+    for _ in range(ROUNDS):
+        with ExitStack() as stops:
+            for linuxcnc in all_of_them:
+                stops.callback(linuxcnc.stop)
+                linuxcnc.launch()
+            for linuxcnc in all_of_them:
+                linuxcnc.await_ready()
         assert processes_of(tmp_path) == []
     assert shared_memory() <= before
     assert LOCK.exists() is locked
@@ -54,8 +58,6 @@ def test_killed_programs_are_gone_with_the_rest(tmp_path):
 
 
 def test_two_run_side_by_side(tmp_path):
-    (tmp_path / "a").mkdir()
-    (tmp_path / "b").mkdir()
     with joints_controller(tmp_path / "a") as one, joints_controller(tmp_path / "b") as other:
         one.hal("setp", "fb.0.offset", "3")
         assert float(other.hal("getp", "fb.0.offset")) == 0.0

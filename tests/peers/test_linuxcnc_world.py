@@ -56,7 +56,7 @@ def test_poses_with_loaded_parameters_give_our_models_joints(bench):
     bench.robot.write_geometry(NEW)
     bench.robot.prepare()
     ours = ActiveKinematics(NEW)
-    for pose in reachable(10, NEW):
+    for pose in reachable(6, NEW):
         bench.robot.move_pose(pose, 1.0)
         state = bench.arrived()
         assert state.fault == ""
@@ -64,7 +64,7 @@ def test_poses_with_loaded_parameters_give_our_models_joints(bench):
 
 
 def test_joints_are_reached_by_way_of_their_poses(bench):
-    for pose in reachable(5, OLD):
+    for pose in reachable(3, OLD):
         joints_rad = ActiveKinematics(OLD).joints_rad(pose)
         state = bench.move(joints_rad)
         assert state.fault == ""
