@@ -21,7 +21,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 demo: $(VENV)/installed
 	@mkdir -p demo
 	$(BIN)/pkmcal dry-run $(DEMO)
-	@echo "Results: $(DEMO) (what is in it: README.md, \"Files of a campaign\")"
+	@echo "Report: $(DEMO)/report.html (the other files: README.md, \"Files of a campaign\")"
 
 test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest

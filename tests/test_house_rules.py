@@ -32,12 +32,14 @@ LEFT_THREAD = """
 import threading
 
 go_home = threading.Event()
+left = threading.Thread(target=go_home.wait, name="forgotten", daemon=True)
 
 def test_forgetful():
-    threading.Thread(target=go_home.wait, name="forgotten", daemon=True).start()
+    left.start()
 
 def test_innocent():
     go_home.set()
+    left.join()
 """
 LEFT_PROCESS = """
 import subprocess
