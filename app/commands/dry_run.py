@@ -110,7 +110,6 @@ def _measured(
 
     document = _beginning(campaign, terminal)
     _heading(terminal, 1, "plan")
-    plan.check_placement(campaign, None)
     checked, _ = plan.make(campaign)
     terminal.say(plan.plan_line(checked))
     _heading(terminal, 2, "validate before")

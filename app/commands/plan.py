@@ -10,11 +10,14 @@ from app.options import Folder, Json, Plot
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from numpy.random import Generator
+
     from app.console import Terminal
     from app.folder import Campaign
     from campaigns.numerics.prediction import Prediction
     from campaigns.plan_check import CheckedPlan
     from campaigns.plan_file import PlannedShot
+    from campaigns.planning import PlanRequest
 
 MINUTE_S = 60.0
 
@@ -36,7 +39,10 @@ def command(
     ] = None,
     placement: Annotated[
         Placement | None,
-        typer.Option(help="boundary: near the limits of the workspace, as in the paper."),
+        typer.Option(
+            help="boundary: near the limits of the workspace, as in the paper; optimal: the pairs "
+            "of thousands that tell most about positions all over it."
+        ),
     ] = None,
     seed: Annotated[
         int | None, typer.Option(min=0, metavar="N", help="Another seed than campaign.yaml's.")
@@ -61,8 +67,7 @@ def command(
         raise UsageInvalid(f"--shots is {shots}, but two make a pair", remedy="give an even number")
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
-    check_placement(campaign, placement)
-    checked, predicted = make(campaign, shots, seed)
+    checked, predicted = make(campaign, shots, seed, placement)
     show(terminal, checked, predicted)
     terminal.say(f"written: {campaign.plan_path}")
     if plot is not None:
@@ -74,36 +79,43 @@ def command(
     terminal.document(plan_document(campaign, checked, predicted))
 
 
-def check_placement(campaign: "Campaign", asked: Placement | None) -> None:
-    """Raise `ConfigInvalid` for what cannot be done yet."""
-    from campaigns.errors import ConfigInvalid
-
-    chosen = asked or Placement(campaign.config.plan.placement)
-    if chosen is Placement.OPTIMAL:
-        where = "--placement" if asked else f"{campaign.path('campaign.yaml')}: plan.placement"
-        raise ConfigInvalid(
-            f"{where} is 'optimal', which is not available yet", remedy="write 'boundary'"
-        )
-
-
 def make(
-    campaign: "Campaign", shots: int | None = None, seed: int | None = None
+    campaign: "Campaign",
+    shots: int | None = None,
+    seed: int | None = None,
+    placement: Placement | None = None,
 ) -> "tuple[CheckedPlan, Prediction]":
     """Make, check and write a plan; raises `PlanInvalid` or `WriteFailed`."""
     import numpy as np
 
     from app.folder import held
-    from app.setup import checked_plan, plan_request_of, view_of
-    from campaigns.planning import make_plan
+    from app.setup import checked_plan, plan_request_of
 
     rng = np.random.default_rng(campaign.config.plan.seed if seed is None else seed)
     request = plan_request_of(campaign, shots)
-    planned = make_plan(campaign.nominal.robot, view_of(campaign), request, rng)
+    chosen = placement or Placement(campaign.config.plan.placement)
+    planned = _placed(campaign, chosen, request, rng)
     checked = checked_plan(campaign, planned)
     predicted = predict(campaign, checked)
     with held(campaign):
         _write_beside_older(campaign.plan_path, checked.shots)
     return checked, predicted
+
+
+def _placed(
+    campaign: "Campaign", placement: Placement, request: "PlanRequest", rng: "Generator"
+) -> "tuple[PlannedShot, ...]":
+    from app.setup import view_of
+    from campaigns.planning import make_plan
+
+    robot, view = campaign.nominal.robot, view_of(campaign)
+    if placement is Placement.BOUNDARY:
+        return make_plan(robot, view, request, rng)
+    from campaigns.numerics.instrument import TrackerUncertainty
+    from campaigns.optimal_planning import OptimalRequest, make_optimal_plan
+
+    wanted = OptimalRequest(request, TrackerUncertainty(), estimator="distances")
+    return make_optimal_plan(robot, view, wanted, rng).shots
 
 
 def predict(campaign: "Campaign", checked: "CheckedPlan") -> "Prediction":

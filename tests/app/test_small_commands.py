@@ -7,7 +7,7 @@ import pytest
 from app.commands import load, new, plan
 from app.folder import open_campaign
 from app.main import run_command
-from campaigns.errors import ConfigInvalid, OutputExists, WriteFailed
+from campaigns.errors import OutputExists, WriteFailed
 
 CONTROLLER, TRACKER = "tcp://192.168.0.10:5020", "tcp://192.168.0.1:700"
 
@@ -87,15 +87,14 @@ def campaign(tmp_path):
     return open_campaign(tmp_path / "try")
 
 
-def test_a_placement_that_is_not_there_yet_is_not_silently_another(campaign, capsys):
-    code, out, err = said(capsys, "plan", campaign.folder, "--placement", "optimal")
-    assert (code, out) == (2, "")
-    assert "--placement is 'optimal', which is not available yet" in err
+def test_an_optimal_plan_tells_more_than_one_near_the_boundary(campaign):
+    checked, near = plan.make(campaign, 60, 1)
     settings = campaign.path("campaign.yaml")
     settings.write_text(settings.read_text().replace("placement: boundary", "placement: optimal"))
-    with pytest.raises(ConfigInvalid, match=r"campaign\.yaml: plan\.placement is 'optimal'"):
-        plan.check_placement(open_campaign(campaign.folder), None)
-    plan.check_placement(campaign, plan.Placement.BOUNDARY)
+    chosen, best = plan.make(open_campaign(campaign.folder), 60, 1)
+    assert len(chosen.shots) == len(checked.shots)
+    assert best.std.max() < 0.8 * near.std.max()
+    assert plan.make(open_campaign(campaign.folder), 60, 1, plan.Placement.BOUNDARY)[0] == checked
 
 
 def test_older_plans_are_kept_each_under_a_name_of_its_own(campaign):
