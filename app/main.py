@@ -20,6 +20,7 @@ from app.commands import (
     new,
     plan,
     report,
+    reproduce,
     run,
     simulate,
     validate,
@@ -69,6 +70,7 @@ app.command("validate")(validate.command)
 app.command("export")(export.command)
 app.command("load")(load.command)
 app.command("report")(report.command)
+app.command("reproduce")(reproduce.command)
 app.command("sim")(simulate.command)
 app.command("dry-run")(dry_run.command)
 

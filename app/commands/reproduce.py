@@ -22,6 +22,8 @@ DEFAULT_FOLDER = Path("reproduction")
 PAGE, RESULTS = "reproduction.html", "results.jsonl"
 SEEDS, QUICK_SEEDS = 20, 3
 
+COLOURED = {"pass": "[green]pass[/]", "missed": "[bold red]missed[/]"}
+
 To = Annotated[Path, typer.Option(metavar="DIR", help="Where page and results are kept.")]
 Quick = Annotated[bool, typer.Option("--quick", help=f"Only {QUICK_SEEDS} seeds: a look.")]
 Seeds = Annotated[
@@ -99,7 +101,7 @@ def reproduce(folder: Path, seeds: int, workers: int | None, terminal: "Terminal
     from app.reproduction.comparison import compare
     from app.reproduction.evidence import evidence
     from app.reproduction.experiments import trials
-    from app.reproduction.page import Material, page_html
+    from app.reproduction.page import Material, page_html, page_of
     from app.reproduction.verdict import verdict
     from campaigns.lock import campaign_lock
     from campaigns.textfile import make_folder, replace_text
@@ -111,7 +113,7 @@ def reproduce(folder: Path, seeds: int, workers: int | None, terminal: "Terminal
         found = verdict(comparison, failures, seeds)
         material = Material(results, comparison, evidence(results), found)
         page = folder / PAGE
-        replace_text(page, page_html(material, now_utc()))
+        replace_text(page, page_html(page_of(material, now_utc())))
     return Reproduced(material, failures, page)
 
 
@@ -224,7 +226,8 @@ def show(terminal: "Terminal", material: "Material") -> None:
 
     comparison, evidence, verdict = material.comparison, material.evidence, material.verdict
     for table in all_tables(comparison, evidence):
-        terminal.table(table.title, [column.title for column in table.columns], table.rows)
+        rows = [[COLOURED.get(cell, cell) for cell in row] for row in table.rows]
+        terminal.table(table.title, [column.title for column in table.columns], rows)
     terminal.listing("Why figures differ", reason_lines(comparison.reasons))
     if evidence.pairs is not None:
         terminal.say(evidence.pairs.in_words())

@@ -25,6 +25,14 @@ class PairLengths:
     errors_mm: Array
     """Without signs."""
 
+    @classmethod
+    def of(cls, results: Sequence[TrialResult]) -> "PairLengths":
+        """Those of seeds of the prototype."""
+        return cls(
+            np.concatenate([result.before.lengths_mm for result in results]),
+            np.abs(np.concatenate([result.before.errors_mm for result in results])),
+        )
+
     @property
     def share(self) -> float:
         """Mean error in mean distances."""
@@ -64,13 +72,6 @@ def evidence(results: Sequence[TrialResult]) -> Evidence:
     return Evidence(
         floors(rng),
         reaches(),
-        _pair_lengths(own) if own else None,
+        PairLengths.of(own) if own else None,
         geometry_alone(own, rng) if own else (),
-    )
-
-
-def _pair_lengths(results: Sequence[TrialResult]) -> PairLengths:
-    return PairLengths(
-        np.concatenate([result.before.lengths_mm for result in results]),
-        np.abs(np.concatenate([result.before.errors_mm for result in results])),
     )

@@ -28,7 +28,7 @@ from campaigns.numerics.geometry import Array
 from campaigns.validate import AXES
 
 PAPER = "#98281f"
-ROW_MM = 6.5
+ROW_MM = 5.0
 JITTER = 0.16
 """Half the height, of a row's, over which seeds are spread so that none hides another."""
 BINS = 40
@@ -69,7 +69,7 @@ def every_seed(rows: Sequence[tuple[str, Row]]) -> Figure:
 @in_house_style
 def parameters_missed(series: Sequence[tuple[str, str, Sequence[TrialResult]]]) -> Figure:
     """By how much each parameter is missed: median of all seeds, and their 5 to 95 %."""
-    figure = new_figure(82.0)
+    figure = new_figure(78.0)
     names = list(series[0][2][0].parameters)
     parts = [[n for n in names if n.endswith(f"_{unit}")] for unit in ("mm", "deg")]
     every = figure.subplots(1, 2, width_ratios=[len(part) + 1 for part in parts])
@@ -130,7 +130,7 @@ def errors_and_lengths(pairs: PairLengths, mean: Printed, largest: Printed) -> F
 @in_house_style
 def reached(printed: Reach, ours: Reach) -> Figure:
     """Points of the grid that two robots reach, in the same box; of ours one in eight is drawn."""
-    figure = new_figure(92.0)
+    figure = new_figure(80.0)
     left, right = figure.subplots(1, 2)
     coarse = (ours.points_mm % SHOWN_GRID_MM == 0.0).all(axis=1)
     for axes, reach, points, colour in (

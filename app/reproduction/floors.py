@@ -37,7 +37,7 @@ class Floor:
 def floors(rng: np.random.Generator, draws: int = DRAWS) -> tuple[Floor, ...]:
     """Of every test that the paper reports after calibration."""
     tests = ValidationConfig()
-    repeated = "repeatability ± 0.4/√3 mm"
+    repeated = "± 0.4/√3"
     unseen = PlanConfig().validation_pairs
     straightness = tuple(printed.STRAIGHTNESS_AFTER.values())
 
@@ -47,7 +47,7 @@ def floors(rng: np.random.Generator, draws: int = DRAWS) -> tuple[Floor, ...]:
     return (
         Floor(
             "60 fitted pairs: largest error",
-            "tracker 0.015/√3 mm",
+            "σ 0.015/√3",
             drawn(lambda rng: _fitted_pairs(rng, _tracked_pairs(rng, printed.PAIRS))),
             (printed.LARGEST_AFTER,),
         ),

@@ -69,10 +69,12 @@ def _line(axis: str) -> tuple[Quantity, ...]:
     of, reason = straightness(axis), STRAIGHTNESS_REASON[axis]
     was, became = printed.STRAIGHTNESS_BEFORE[axis], printed.STRAIGHTNESS_AFTER[axis]
     gain, asked = printed.STRAIGHTNESS_GAIN[axis], STRAIGHTNESS_ASKED[axis]
+    gained = gain_percent(of)
+    why = Reason.GAIN_ALONG_Z if axis == "z" else reason
     return (
         Quantity(f"along {axis}, before", before(of), was, Reason.READING, asked),
         Quantity(f"along {axis}, after", after(of), became, reason, at_most(0.7)),
-        Quantity(f"along {axis}, gain", gain_percent(of), gain, reason, unit="%", decimals=0),
+        Quantity(f"along {axis}, gain", gained, gain, why, unit="%", decimals=0),
     )
 
 

@@ -32,28 +32,47 @@ class Reach:
         return all(has >= asked for has, asked in zip(self.lines_mm, LINES_MM, strict=True))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class GridJoints:
+    """The joints of a robot at every point of the grid; NaN where it has none."""
+
+    points_mm: Array
+    """(K, K, K, 3), along x, y and z."""
+    joints_rad: Array
+    """(K, K, K, 4)"""
+
+
 def reaches() -> tuple[Reach, ...]:
-    """As printed, our reading with the printed joint limits, and our reading."""
-    as_printed, ours = find_robot("par4-table1").robot, find_robot("par4-prototype").robot
-    return (
-        reach_of("par4-table1 as printed, ±45°", as_printed, PRINTED_LIMITS_RAD),
-        reach_of("par4-table1, −45° to 90°", as_printed, ours.limits.joint_rad),
-        reach_of("par4-prototype, ±45°", ours, PRINTED_LIMITS_RAD),
-        reach_of("par4-prototype, −45° to 90°", ours, ours.limits.joint_rad),
+    """As printed and our reading, each with the printed joint limits and with ours."""
+    ours_rad = find_robot("par4-prototype").robot.limits.joint_rad
+    limits = (("±45°", PRINTED_LIMITS_RAD), ("−45° to 90°", ours_rad))
+    return tuple(
+        reach_of(f"{name}, {words}", grid, limits_rad)
+        for name, grid in (
+            ("par4-table1 (printed)", grid_joints(find_robot("par4-table1").robot)),
+            ("par4-prototype", grid_joints(find_robot("par4-prototype").robot)),
+        )
+        for words, limits_rad in limits
     )
 
 
-def reach_of(name: str, robot: RobotFile, joint_limits_rad: tuple[float, float]) -> Reach:
-    """Only joints count: neither swing nor singularities, so this is generous."""
+def grid_joints(robot: RobotFile) -> GridJoints:
+    """Whatever a robot's limits are."""
     axis = np.arange(-EXTENT_MM, EXTENT_MM + GRID_MM / 2.0, GRID_MM)
-    space = np.array(np.meshgrid(axis, axis, axis, indexing="ij"))
-    poses = np.column_stack([space.reshape(3, -1).T, np.zeros(space[0].size)])
+    points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
+    poses = np.zeros((axis.size**3, 4))
+    poses[:, :3] = points.reshape(-1, 3)
     joints = inverse(numeric_geometry(robot), poses).values
+    return GridJoints(points, joints.reshape(*points.shape[:3], 4))
+
+
+def reach_of(name: str, grid: GridJoints, joint_limits_rad: tuple[float, float]) -> Reach:
+    """Only joints count: neither swing nor singularities, so this is generous."""
     low, high = joint_limits_rad
-    reached = ((joints >= low) & (joints <= high)).all(axis=1)  # NaN, no solution, is not within
-    grid = reached.reshape(space[0].shape)
-    x, y, z = (_longest_mm(np.moveaxis(grid, which, -1)) for which in range(3))
-    return Reach(name, poses[reached, :3], (x, y, z))
+    within = (grid.joints_rad >= low) & (grid.joints_rad <= high)  # NaN is not
+    reached: Mask = np.asarray(within.all(axis=-1))
+    x, y, z = (_longest_mm(np.moveaxis(reached, which, -1)) for which in range(3))
+    return Reach(name, grid.points_mm[reached], (x, y, z))
 
 
 def misfit_in_words(printed: Reach) -> str:

@@ -59,9 +59,13 @@ class Page:
     generator: str = GENERATOR
 
 
-def page_html(material: Material, made_utc: str) -> str:
+def page_of(material: Material, made_utc: str) -> Page:
+    """Put the page together; no figure is drawn yet."""
+    return Page(tuple(_facts(material, made_utc)), material.verdict, tuple(_sections(material)))
+
+
+def page_html(page: Page) -> str:
     """Draw the figures and write the document."""
-    page = Page(tuple(_facts(material, made_utc)), material.verdict, tuple(_sections(material)))
     return rendered("reproduction.html.jinja", page, package="app.reproduction")
 
 

@@ -77,8 +77,11 @@ STRAIGHTNESS_AFTER = {
     for axis, digits in (("x", "0.20"), ("y", "0.61"), ("z", "0.55"))
 }
 STRAIGHTNESS_GAIN = {
-    axis: exactly(digits, "Table III") for axis, digits in (("x", "96"), ("y", "89"), ("z", "60"))
+    "x": exactly("96", "Table III"),
+    "y": exactly("89", "Table III"),
+    "z": Printed("60 (40)", 39.5, 40.5, "Table III"),
 }
+"""Along z 60 is printed, but the table's own figures make 40: 60 % is what is left."""
 MEAN_BEFORE = exactly("7.3", "Table IV")
 MEAN_AFTER = exactly("0.4", "Table IV")
 MEAN_GAIN = exactly("95", "Table IV")

@@ -46,7 +46,8 @@ class SeedProgress:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._bar.stop()
+        if self._console.is_terminal:
+            self._bar.stop()
 
     def count(self, outcome: Outcome) -> None:
         """One more has come to its end."""

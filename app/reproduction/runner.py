@@ -48,20 +48,19 @@ def outcomes(
 
 @contextmanager
 def worker_processes(count: int) -> Iterator[Executor]:
-    """So many processes; what still works when the block is left by an error is ended."""
+    """So many processes; what still works when the block is left by an error is ended.
+
+    Spawned, for a fork would copy locks of threads that it does not copy.
+    """
     others = set(active_children())
-    # spawned, not forked: a fork would copy the locks of threads that are not there
-    pool = ProcessPoolExecutor(
-        count, mp_context=get_context("spawn"), initializer=_leave_interrupts_to_parent
-    )
-    try:
-        yield pool
-    except BaseException:
-        for child in set(active_children()) - others:
-            child.kill()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
+    context, initializer = get_context("spawn"), _leave_interrupts_to_parent
+    with ProcessPoolExecutor(count, mp_context=context, initializer=initializer) as pool:
+        try:
+            yield pool
+        except BaseException:
+            for child in set(active_children()) - others:
+                child.kill()
+            raise
 
 
 def _leave_interrupts_to_parent() -> None:

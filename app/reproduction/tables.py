@@ -58,9 +58,10 @@ def floor_table(evidence: Evidence) -> Table:
     titles = ("median", SPREAD, "paper")
     return Table(
         "What noise alone leaves on a robot that is perfectly known, mm",
-        (*words("test", "noise on each coordinate"), *map(Column, titles)),
+        (*words("test", "noise"), *map(Column, titles)),
         tuple(_floor_cells(floor) for floor in evidence.floors),
-        f"{len(evidence.floors[0].draws_mm)} draws each, without backlash.",
+        f"{len(evidence.floors[0].draws_mm)} draws each. On every coordinate the tracker's noise "
+        "is normal, the robot's repeatability uniform; backlash is left out.",
     )
 
 
@@ -75,7 +76,7 @@ def geometry_table(evidence: Evidence) -> Table | None:
         rows,
         "Commanded with the nominal, then with each seed's identified parameters; the true robot "
         "follows without noise. With noise: the repeatability of ± 0.4/√3 mm is drawn upon that, "
-        "without backlash. This is what ours measures after.",
+        "without backlash; what ours measures after should be like it.",
     )
 
 
@@ -102,7 +103,7 @@ def missed_lines(comparison: Comparison) -> Iterator[str]:
             found = _figure(row.ours.median, row.quantity)
             why = _differs(row, comparison.reasons)
             line = f"{group.title}: {row.quantity.name} {found}, asked {_asked(row.quantity)}"
-            yield f"{line}; why: {why}" if why else line
+            yield f"{line}; why:\N{NO-BREAK SPACE}{why}" if why else line
 
 
 def _group_table(compared: ComparedGroup, reasons: Sequence[Reason]) -> Table:

@@ -43,7 +43,8 @@ def failure_lines(failures: Sequence[Failure]) -> Iterator[str]:
     def kind(failure: Failure) -> tuple[str, str]:
         return failure.trial.experiment.name, failure.reason
 
-    for (experiment, reason), alike in groupby(sorted(failures, key=kind), key=kind):
+    in_order = sorted(failures, key=lambda failure: (*kind(failure), failure.trial.seed))
+    for (experiment, reason), alike in groupby(in_order, key=kind):
         seeds = ", ".join(str(failure.trial.seed) for failure in alike)
         yield f"{experiment}, seed {seeds}: {reason}"
 
