@@ -50,6 +50,11 @@ class Campaign:
         urls = (self.config.controller.url, self.config.tracker.url)
         return all(url.startswith(SIMULATED) for url in urls)
 
+    @property
+    def robot_identity(self) -> str:
+        """Which mechanism this is about: its serial number, or the nominal robot's name."""
+        return self.config.instruments.robot_serial or self.nominal.robot.name
+
     def path(self, name: str) -> Path:
         """A file of this campaign."""
         return self.folder / name

@@ -7,7 +7,7 @@ from typing import TypeVar
 from app.console import WARNING, Terminal
 from app.folder import Campaign, held, opened_journal
 from app.interrupt import StopWish, stop_on_signals
-from app.wiring import connected_cell, prepare_tracker
+from app.wiring import connected_cell, prepare_robot, prepare_tracker
 from campaigns.errors import Interrupted
 from campaigns.journal import Journal
 from campaigns.session import Work, measure_series
@@ -56,11 +56,12 @@ def measure(
 
 @contextmanager
 def _ready_cell(campaign: Campaign, wish: StopWish, terminal: Terminal) -> Iterator[Cell]:
-    """Both devices, connected, the tracker ready to measure."""
+    """Both devices, connected, the tracker ready to measure, the robot ready to move."""
     with connected_cell(campaign, wish) as cell:
         terminal.detail(f"controller: {cell.robot.identity()}")
         terminal.detail(f"tracker: {cell.tracker.identity()}")
         prepare_tracker(campaign.config, cell.tracker)
+        prepare_robot(cell.robot)
         yield cell
 
 

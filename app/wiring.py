@@ -33,6 +33,7 @@ from sim.scenario_schema import Scenario
 
 if TYPE_CHECKING:
     from drivers.geocom_tracker import GeocomTracker
+    from drivers.linuxcnc_robot import LinuxcncRobot
 
 CONNECT_S = 5.0
 FIRST_TRANSACTIONS = (1000, 30_000)
@@ -70,7 +71,7 @@ def connected_cell(
     with (
         _addresses(campaign) as at,
         _robot(
-            config, _opener(at.controller, log, "controller", config.controller.driver)
+            campaign, _opener(at.controller, log, "controller", config.controller.driver)
         ) as robot,
         _tracker(
             config, _opener(at.tracker, log, "tracker", config.tracker.driver), stop_requested
@@ -84,9 +85,14 @@ def connected_robot(campaign: Campaign) -> Iterator[RobotController]:
     """The controller alone."""
     with (
         _addresses(campaign) as at,
-        _robot(campaign.config, _opener(at.controller)) as robot,
+        _robot(campaign, _opener(at.controller)) as robot,
     ):
         yield robot
+
+
+def prepare_robot(robot: RobotController) -> None:
+    """Bring the robot into the state that moving needs. It may move: homing is part of it."""
+    robot.prepare()
 
 
 def prepare_tracker(config: CampaignConfig, tracker: LaserTracker) -> None:
@@ -111,7 +117,7 @@ def _addresses(campaign: Campaign) -> Iterator[Addresses]:
         yield Addresses(
             cell.controller_url if controller in simulated else controller,
             cell.tracker_url if tracker in simulated else tracker,
-            cell.clock,
+            cell.clock if controller in simulated else SystemClock(),
         )
 
 
@@ -158,15 +164,25 @@ def _opener(url: str, log: SpyLog | None = None, device: str = "", driver: str =
 
 
 @contextmanager
-def _robot(config: CampaignConfig, opener: Opener) -> Iterator[RobotController]:
-    first = random.SystemRandom().randint(1, LAST_SEQUENCE)
-    robot = LineRobot(opener, clock=SystemClock(), first_sequence=first)
+def _robot(campaign: Campaign, opener: Opener) -> Iterator[RobotController]:
+    robot = _made_robot(campaign, opener)
     try:
         robot.connect()
-        _check_serial("controller", robot.identity(), config.controller.serial)
+        _check_serial("controller", robot.identity(), campaign.config.controller.serial)
         yield robot
     finally:
         robot.close()
+
+
+def _made_robot(campaign: Campaign, opener: Opener) -> "LineRobot | LinuxcncRobot":
+    if campaign.config.controller.driver == "linuxcnc":
+        from app.linuxcnc_wiring import linuxcnc_robot  # numerics only where they are used
+
+        section = campaign.config.controller.linuxcnc
+        assert section is not None, "its settings were checked"
+        return linuxcnc_robot(campaign, section, opener)
+    first = random.SystemRandom().randint(1, LAST_SEQUENCE)
+    return LineRobot(opener, clock=SystemClock(), first_sequence=first)
 
 
 @contextmanager

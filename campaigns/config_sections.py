@@ -5,10 +5,11 @@ are in the keys; properties give angles in rad.
 """
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, ValidationInfo, field_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
+from campaigns.linuxcnc_section import LinuxcncConfig
 from campaigns.yaml_explanation import broken_rule
 from campaigns.yamlfile import FileModel
 
@@ -35,7 +36,9 @@ Acceptable = Annotated[float, Field(gt=0.0, le=1000.0)] | None
 class ControllerConfig(FileModel):
     """The robot's controller."""
 
-    driver: Literal["robotline"] = Field(default="robotline", description="its protocol: robotline")
+    driver: Literal["robotline", "linuxcnc"] = Field(
+        default="robotline", description="its protocol: robotline or linuxcnc"
+    )
     url: Url = Field(description=f"its address: {URL_FORMS}")
     serial: str | None = Field(
         default=None, description="the serial number it must have, in quotes; empty for any"
@@ -43,6 +46,16 @@ class ControllerConfig(FileModel):
     speed_percent: float = Field(
         default=30.0, gt=0.0, le=100.0, description="the share of its full speed to move at, %"
     )
+    linuxcnc: LinuxcncConfig | None = Field(
+        default=None,
+        description="LinuxCNC's own settings (docs/linuxcnc.md); empty with another driver",
+    )
+
+    @model_validator(mode="after")
+    def _linuxcnc_has_its_settings(self) -> Self:
+        if self.driver == "linuxcnc" and self.linuxcnc is None:
+            raise broken_rule("has no section linuxcnc, which driver: linuxcnc needs")
+        return self
 
 
 class TrackerConfig(FileModel):

@@ -126,6 +126,9 @@ class LineRobot:
             raw=line,
         )
 
+    def prepare(self) -> None:
+        """Do nothing: its operator has switched it on, and refusals say what is missing."""
+
     def move_joints(self, joints_rad: Sequence[float], speed_fraction: float) -> None:
         """Start a joint move; raises `LimitViolation`, `MotionFault` or `EmergencyStop`."""
         joints_deg = tuple(map(degrees, joints_rad))

@@ -38,6 +38,13 @@ class RobotController(Protocol):
         """Encoder angles as read now, and whether anything is wrong."""
         ...
 
+    def prepare(self) -> None:
+        """Bring the robot into the state that moving needs; repeatable after any fault.
+
+        May switch on and home, that is move. Raises `EmergencyStop` or `MotionFault` when it can't.
+        """
+        ...
+
     def move_joints(self, joints_rad: Sequence[float], speed_fraction: float) -> None:
         """Start a joint move.
 

@@ -13,8 +13,10 @@ from sim.draws import Attempts, WorkedTime, target_key
 from sim.driven_robot import DrivenRobot, SeenReflector, Standing
 from sim.errors import AssemblyLost, MemoryInvalid, ScenarioInvalid
 from sim.faults import FaultScript
+from sim.following import FollowingController
 from sim.geometry import ARMS, Array, geometry_of
 from sim.inverse import OutOfReach, joints_for
+from sim.linuxcnc_joints import joint_source
 from sim.memory import REMEDY, CellMemory, remembered
 from sim.rods import EightRods, Plate
 from sim.scenario_schema import Scenario
@@ -24,10 +26,13 @@ REMEMBERED_WITHIN_MM = 0.1
 """More than arms can have grown since the robot came to rest."""
 
 
+CellController = SimulatedController | FollowingController
+
+
 class RobotScene:
     """The robot as the tracker sees it."""
 
-    def __init__(self, controller: SimulatedController, robot: DrivenRobot) -> None:
+    def __init__(self, controller: CellController, robot: DrivenRobot) -> None:
         self._controller = controller
         self._robot = robot
 
@@ -80,6 +85,11 @@ class Cell:
         """Let happen what is due by now."""
         self.controller.state(now_s)
         self.tracker.advance(now_s)
+
+    def close(self) -> None:
+        """Let go of the real controller that it follows, if it does."""
+        if isinstance(self.controller, FollowingController):
+            self.controller.close()
 
     def memory(self) -> dict[str, object]:
         """What the next cell of this scenario should be given, as plain values for JSON."""
@@ -143,11 +153,22 @@ class Cell:
             ) from error
         return Standing(encoders_rad, np.zeros(ARMS), assembly, np.zeros(3))
 
-    def _built_controller(self, past: CellMemory | None) -> SimulatedController:
+    def _built_controller(self, past: CellMemory | None) -> CellController:
+        settings = building.controller_settings(self.scenario.controller)
+        geometry = self.scenario.controller_flat() if past is None else past.geometry
+        joints_from = self.scenario.controller.joints_from
+        if joints_from is not None:
+            return FollowingController(
+                joint_source(joints_from),
+                self.robot,
+                geometry=geometry,
+                speed_rad_per_s=settings.speed_rad_per_s,
+                worked=self._worked,
+            )
         return SimulatedController(
-            building.controller_settings(self.scenario.controller),
+            settings,
             self.robot,
-            geometry=self.scenario.controller_flat() if past is None else past.geometry,
+            geometry=geometry,
             joints_rad=self.robot.standing.encoders_rad,
             faults=self.faults,
             worked=self._worked,

@@ -6,14 +6,18 @@ from typing import Literal
 
 from sim.cell import Cell
 from sim.clock import CellClock
+from sim.controller import SimulatedController
 from sim.emscon_server import EmsconSession
+from sim.following import FollowingController, LookingSession
 from sim.geocom_server import GeocomSession
 from sim.geocom_station import GeocomStation
-from sim.peers import Session
+from sim.peers import Session, SessionFactory
 from sim.robotline_server import RobotlineSession
 from sim.serving import CellServer
 
 Send = Callable[[bytes], None]
+LOOK_EVERY_S = 0.01
+"""Real seconds; a controller stands longer than that between two moves."""
 
 
 class EmbeddedCell:
@@ -34,8 +38,11 @@ class EmbeddedCell:
     ) -> None:
         self.cell = cell
         self.clock = clock
+        self._follows = isinstance(cell.controller, FollowingController)
         self._station = GeocomStation(cell.tracker)
-        speaking = self._geocom if tracker_speaks == "geocom" else self._emscon
+        speaking: SessionFactory = self._geocom if tracker_speaks == "geocom" else self._emscon
+        if self._follows:
+            speaking = self._looking(speaking)
         self._server = CellServer(clock, cell.faults)
         try:
             self.tracker_url = self._server.serve_tcp(speaking, "tracker", tracker_port)
@@ -50,7 +57,10 @@ class EmbeddedCell:
 
     def close(self) -> None:
         """Close all connections and end the server; a second time does nothing."""
-        self._server.stop()
+        try:
+            self._server.stop()
+        finally:
+            self.cell.close()
 
     def __enter__(self) -> "EmbeddedCell":
         self._server.start()
@@ -69,12 +79,26 @@ class EmbeddedCell:
         return self.cell.memory()
 
     def _controller_url(self, controller_on: Literal["tcp", "pty"], port: int) -> str:
+        """Where a controller answers; nowhere for a robot that follows a real one."""
+        if self._follows:
+            return ""
         if controller_on == "pty":
             return self._server.serve_pty(self._robotline, "controller")
         return self._server.serve_tcp(self._robotline, "controller", port)
 
     def _robotline(self, send: Send, already_open: int) -> Session:  # noqa: ARG002 - takes several
+        assert isinstance(self.cell.controller, SimulatedController), "no other is served"
         return RobotlineSession(self.cell.controller, send)
+
+    def _looking(self, speaking: SessionFactory) -> SessionFactory:
+        """Sessions that see every stop of the joints that the robot follows."""
+        every_s = LOOK_EVERY_S / self.clock.real_s(1.0)
+
+        def look(send: Send, already_open: int) -> Session:
+            session = speaking(send, already_open)
+            return LookingSession(session, self.cell.advance, every_s=every_s)
+
+        return look
 
     def _emscon(self, send: Send, already_open: int) -> Session:
         return EmsconSession(self.cell.tracker, send, is_second=already_open > 0)

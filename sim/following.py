@@ -59,6 +59,10 @@ class FollowingController:
         """(4,): the joints now."""
         return self._follow()[0]
 
+    def close(self) -> None:
+        """Let go of the joints' source."""
+        self._source.close()
+
     def geometry(self) -> dict[str, float]:
         """What the scenario says; the real controller's is its own."""
         return dict(self._geometry)

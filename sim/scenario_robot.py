@@ -157,6 +157,8 @@ class ControllerSection(Section):
     joint_speed_deg_per_s: Positive = 180.0
     encoder_step_deg: Positive = 1e-6
     emergency_stop: bool = False
+    joints_from: str | None = None
+    """A real controller whose joints the robot follows: hal:, hal:ssh HOST, tcp://HOST:PORT."""
     start: Pose = Pose()
 
     @model_validator(mode="after")

@@ -1,5 +1,6 @@
 """pkmcal export: the compensated parameter file."""
 
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,8 +11,16 @@ from app.options import Folder, Json
 if TYPE_CHECKING:
     from app.console import Terminal
     from app.folder import Campaign
+    from campaigns.robot import RobotDocument
 
 SHOTS = "shots.csv"
+
+
+class Format(Enum):
+    """What the identified parameters are written as."""
+
+    YAML = "yaml"
+    LINUXCNC = "linuxcnc"
 
 
 def command(
@@ -25,6 +34,9 @@ def command(
     shots: Annotated[
         bool, typer.Option("--shots", help="Write the measured shots as shots.csv instead.")
     ] = False,
+    format_: Annotated[
+        Format, typer.Option("--format", help="yaml: a robot file. linuxcnc: a HAL file.")
+    ] = Format.YAML,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace the file if it exists.")
     ] = False,
@@ -43,6 +55,8 @@ def command(
     campaign = open_campaign(folder)
     if shots:
         path = export_shots(campaign, to, terminal)
+    elif format_ is Format.LINUXCNC:
+        path = export_hal(campaign, to, overwrite=overwrite)
     else:
         path = export(campaign, to, overwrite=overwrite)
         terminal.note(f"next: pkmcal load {folder}")
@@ -52,21 +66,31 @@ def command(
 
 def export(campaign: "Campaign", to: Path | None = None, *, overwrite: bool = False) -> Path:
     """Write the latest identification; raises `VerdictBad`, `OutputExists` or `WriteFailed`."""
-    from app.folder import require_journal
-    from campaigns.export import (
-        FILE_NAME,
-        compensated_robot,
-        latest_identification,
-        write_compensated,
-    )
-    from campaigns.journal_reader import read_journal
+    from campaigns.export import FILE_NAME, write_compensated
 
     path = to or campaign.path(FILE_NAME)
+    write_compensated(path, _identified(campaign), overwrite=overwrite)
+    return path
+
+
+def export_hal(campaign: "Campaign", to: Path | None = None, *, overwrite: bool = False) -> Path:
+    """Write the same for LinuxCNC's kinematics par4kins; raises likewise."""
+    from campaigns.linuxcnc_export import FILE_NAME, write_hal
+
+    path = to or campaign.path(FILE_NAME)
+    write_hal(path, _identified(campaign).robot, campaign.robot_identity, overwrite=overwrite)
+    return path
+
+
+def _identified(campaign: "Campaign") -> "RobotDocument":
+    """The nominal robot with the parameters of the latest identification."""
+    from app.folder import require_journal
+    from campaigns.export import compensated_robot, latest_identification
+    from campaigns.journal_reader import read_journal
+
     with read_journal(require_journal(campaign)) as journal:
         finding = latest_identification(journal)
-    robot = compensated_robot(campaign.config.name, campaign.nominal, finding)
-    write_compensated(path, robot, overwrite=overwrite)
-    return path
+    return compensated_robot(campaign.config.name, campaign.nominal, finding)
 
 
 def export_shots(campaign: "Campaign", to: Path | None, terminal: "Terminal") -> Path:

@@ -16,6 +16,7 @@ ORDER_S = 0.1
 MOVE_S = 0.3
 SPEED_DEG_S = 100.0
 NEVER = object()
+TARGET_RAD = tuple(map(radians, (10.0, -20.0, 30.0, 40.123456789)))
 
 
 class Straight:
@@ -260,3 +261,10 @@ def ready(*arguments, **settings):
     linuxcnc.robot.prepare()
     linuxcnc.asked.clear()
     return linuxcnc
+
+
+def arrive(linuxcnc):
+    """Poll until it says that it stands."""
+    while (state := linuxcnc.robot.state()).moving:
+        linuxcnc.clock.sleep_s(0.02)
+    return state

@@ -34,7 +34,7 @@ LIMITS = JointLimits(*NOMINAL.limits.joint_rad)
 FULL_SPEED_RAD_S = radians(360.0)
 SHORT = LinuxcncDeadlines(
     patience=Patience(order_s=0.5, order_margin_s=0.5),
-    setup=SetupDeadlines(switch_s=1.0),
+    setup=SetupDeadlines(switch_s=1.0, stays_on_s=0.05),
     start_s=0.5,
     stop_s=1.0,
 )
@@ -47,8 +47,7 @@ def compiled_kinematics(folder):
     if shutil.which("halcompile") is None:
         pytest.skip("halcompile is not installed")
     source = EXAMPLES / "par4kins" / "par4kins.c"
-    shutil.copy(source, folder)
-    command = ["halcompile", "--compile", source.name]
+    command = ["halcompile", "--compile", str(source)]
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
     return folder / COMPILED
 
