@@ -1,0 +1,63 @@
+"""Another tracker, points of other software, shots handed on, a byte log: through the commands."""
+
+import csv
+
+import pytest
+from command_line import change
+
+
+@pytest.fixture
+def shots(pkmcal, measured):
+    """The measured campaign's shots as a file."""
+    ended = pkmcal("export", measured, "--shots")
+    assert ended.code == 0, ended.err
+    return measured / "shots.csv"
+
+
+def test_shots_handed_on_and_taken_in_give_the_same_parameters(pkmcal, measured, shots, tmp_path):
+    first = pkmcal("identify", measured, "--json").document["parameters"]
+    other = tmp_path / "other"
+    assert pkmcal("new", other).code == 0
+    assert pkmcal("import", other, shots).code == 0
+    second = pkmcal("identify", other, "--json").document["parameters"]
+    for name, found in first.items():
+        assert second[name]["value"] == pytest.approx(found["value"], abs=1e-6)
+
+
+def test_points_of_other_software_are_joined_with_their_joints(pkmcal, shots, tmp_path):
+    rows = [
+        row for row in csv.DictReader(shots.read_text(encoding="utf-8").splitlines()) if row["pair"]
+    ]
+    points, joints = tmp_path / "points.txt", tmp_path / "joints.csv"
+    in_metres = [
+        [f"{float(row[axis]) / 1000.0:.9f}" for axis in ("x_mm", "y_mm", "z_mm")] for row in rows
+    ]
+    lines = [f"Main p{number} {' '.join(point)}" for number, point in enumerate(in_metres)]
+    points.write_text("// export\n" + "\n".join(reversed(lines)) + "\n", encoding="utf-8")
+    head = ["q0_deg", "q1_deg", "q2_deg", "q3_deg", "pair", "set"]
+    table = [["name", *head], *([f"p{n}", *(row[c] for c in head)] for n, row in enumerate(rows))]
+    joints.write_text("\n".join(",".join(line) for line in table) + "\n", encoding="utf-8")
+    other = tmp_path / "other"
+    assert pkmcal("new", other).code == 0
+    refused = pkmcal("import", other, points, "--format", "ascii", "--joints", joints)
+    assert refused.code == 2
+    assert "--unit" in refused.error_line
+    told = ("--format", "ascii", "--joints", joints, "--unit", "m", "--json")
+    ended = pkmcal("import", other, points, *told)
+    assert ended.code == 0, ended.err
+    assert ended.document["shots"] == len(rows)
+    assert pkmcal("identify", other, "--json").document["verdict"] == "pass"
+
+
+def test_a_total_station_answers_too_and_every_byte_is_written_down(pkmcal, planned, tmp_path):
+    change(planned / "campaign.yaml", {"tracker.driver": "geocom"})
+    log = tmp_path / "bytes.txt"
+    ended = pkmcal("devices", planned, "--spy", log, "--json")
+    assert ended.code == 0, ended.err
+    assert "GeoCOM" in ended.document["tracker"]["identity"]
+    text = log.read_text(encoding="utf-8")
+    assert "%R1Q" in text
+    assert "HELLO" in text
+    again = pkmcal("devices", planned, "--spy", log)
+    assert again.code == 2
+    assert "already exists" in again.error_line
