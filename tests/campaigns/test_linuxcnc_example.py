@@ -60,7 +60,7 @@ def test_kinematics_module_and_its_folder_declare_their_licence():
 def documented_settings():
     """The `linuxcnc` sections that the documentation shows."""
     text = (ROOT / "docs" / "linuxcnc.md").read_text(encoding="utf-8")
-    for block in re.findall(r"```yaml\n(.*?)```", text, re.DOTALL):
+    for block in re.findall(r"```(?:yaml|text)\n(.*?)```", text, re.DOTALL):
         tree = YAML(typ="safe").load(block)
         section = tree.get("controller", tree).get("linuxcnc")
         if section:
