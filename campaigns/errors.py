@@ -19,6 +19,14 @@ class PlanInvalid(CampaignError):
     """plan.csv cannot be used as written: correct the line that is named, or plan anew."""
 
 
+class KnowledgeInvalid(CampaignError):
+    """What was said to be known of the parameters cannot be meant so: correct the option."""
+
+
+class GoalInvalid(CampaignError):
+    """The goal to be reached is no standard deviation that could be: write it as σ=0.02."""
+
+
 class ShotsInvalid(CampaignError):
     """A file of measured shots cannot be used as written: correct the line that is named."""
 
