@@ -6,9 +6,10 @@ from typing import TypeVar
 
 from drivers.emscon_errors import refused
 from drivers.errors import WireError
-from drivers.link import Link
+from drivers.link import Link, OverLink
 from drivers.ports import Clock
 from drivers.transport import Transport
+from drivers.waiting import ask_until
 from drivers.wire.emscon import (
     NOTHING,
     Answer,
@@ -61,8 +62,11 @@ class EmsconDeadlines:
     """How long it may hold a connection that has broken."""
 
 
-class EmsconClient:
-    """Commands and their answers over one connection; any fault of the wire closes it."""
+class EmsconClient(OverLink[FromServer]):
+    """Commands and their answers over one connection; any fault of the wire closes it.
+
+    Closing never sends ExitApplication: it would end the tracker's server.
+    """
 
     def __init__(
         self,
@@ -71,25 +75,17 @@ class EmsconClient:
         cancelled: Callable[[], bool],
         deadlines: EmsconDeadlines,
     ) -> None:
-        self._clock = clock
-        self._deadlines = deadlines
-        self._settings_touched = False
-        self._link: Link[FromServer] = Link(
+        link = Link(
             transport,
             FromServerFramer(),
             clock_s=clock.now_s,
             is_event=_comes_unasked,
             cancelled=cancelled,
         )
-
-    @property
-    def name(self) -> str:
-        """Where it leads, for messages."""
-        return self._link.name
-
-    def close(self) -> None:
-        """Free the wire. ExitApplication is never sent: it would end the tracker's server."""
-        self._link.close()
+        super().__init__(link)
+        self._clock = clock
+        self._deadlines = deadlines
+        self._settings_touched = False
 
     def ask(
         self,
@@ -170,12 +166,13 @@ class EmsconClient:
 
     def _exchange(self, request: Request, within_s: float | None) -> Answer | ErrorResponse:
         """Ask, and ask again while the tracker is busy with something else."""
-        give_up_s = self._clock.now_s() + self._deadlines.busy_s
-        while True:
-            reply = self._once(request, within_s or self._deadlines.answer_s)
-            if reply.status != ResultStatus.SERVER_BUSY or self._clock.now_s() >= give_up_s:
-                return reply
-            self._clock.sleep_s(BUSY_PAUSE_S)
+        return ask_until(
+            lambda reply: reply.status != ResultStatus.SERVER_BUSY,
+            lambda: self._once(request, within_s or self._deadlines.answer_s),
+            self._clock,
+            give_up_s=self._clock.now_s() + self._deadlines.busy_s,
+            pause_s=BUSY_PAUSE_S,
+        )
 
     def _once(self, request: Request, within_s: float) -> Answer | ErrorResponse:
         reply = self._link.ask(

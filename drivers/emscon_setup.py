@@ -1,10 +1,11 @@
 """What an emScon tracker is brought to before it measures, and whether it still is."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
+from drivers.agreement import changed, require_kept
 from drivers.emscon_client import EmsconClient
-from drivers.errors import DeviceNotReady, DeviceRefused
+from drivers.errors import DeviceNotReady
 from drivers.wire.emscon_constants import (
     AngleUnit,
     Command,
@@ -122,13 +123,8 @@ def require_unchanged(client: EmsconClient, agreed: Settings) -> None:
         return
     current = read_settings(client)
     if current != agreed:
-        names = [
-            field.name.replace("_", " ")
-            for field in fields(Settings)
-            if getattr(current, field.name) != getattr(agreed, field.name)
-        ]
         raise DeviceNotReady(
-            f"{client.name}: another program changed the tracker's {' and '.join(names)}",
+            f"{client.name}: another program changed the tracker's {changed(agreed, current)}",
             remedy="end the other program, then start again: the tracker will be prepared anew",
         )
 
@@ -212,9 +208,5 @@ def _require_kept(where: str, settings: Settings, identifier: int) -> None:
         "own frame": not (switches.apply_transformation or switches.apply_station_orientation),
         "unsolicited messages": bool(switches.send_unsolicited_messages),
     }
-    lost = [name for name, is_kept in kept.items() if not is_kept]
-    if lost:
-        raise DeviceRefused(
-            f"{where}: the tracker accepted but does not report its {' and '.join(lost)} as set",
-            remedy="end other programs that use the tracker, then start again",
-        )
+    remedy = "end other programs that use the tracker, then start again"
+    require_kept(f"{where}: the tracker", kept, remedy=remedy)

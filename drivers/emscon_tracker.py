@@ -16,16 +16,10 @@ from drivers.emscon_setup import (
     require_unchanged,
     set_up,
 )
-from drivers.errors import (
-    BeamBroken,
-    DeviceNotReady,
-    DeviceRefused,
-    DriverError,
-    LinkDown,
-    WrongDevice,
-)
+from drivers.errors import BeamBroken, DeviceRefused
 from drivers.link import never
 from drivers.ports import Clock
+from drivers.session import PreparedSession
 from drivers.transport import Transport
 from drivers.values import (
     Identity,
@@ -86,62 +80,33 @@ class EmsconTracker:
         self._deadlines = deadlines
         self._search = search
         self._cancelled = cancelled
-        self._client: EmsconClient | None = None
-        self._identity: Identity | None = None
-        self._wanted: Preparation | None = None
-        self._agreed: Settings | None = None
+        self._session = PreparedSession("tracker", self._opened, self._greet, self._set_up)
 
     def connect(self) -> None:
         """Open the wire, set our units and see who answers; raises what a question can raise.
 
         From the second time on it must be the same tracker that answers, else `WrongDevice`.
         """
-        self.close()
-        self._agreed = None
-        transport = self._open_transport()
-        client = EmsconClient(transport, self._clock, self._cancelled, self._deadlines)
-        self._client = client
-        try:
-            client.drain()
-            client.tell(Command.SET_UNITS, UNITS)
-            self._identity = self.identity()
-        except DriverError:
-            self.close()
-            raise
+        self._session.open()
 
     def reconnect(self) -> None:
         """Open anew after a fault, and prepare the tracker as it was."""
         give_up_s = self._clock.now_s() + self._deadlines.old_connection_s
         while not self._is_connected_again(give_up_s):
             self._clock.sleep_s(RECONNECT_PAUSE_S)
-        if self._wanted is not None:
-            self._prepare(self._wanted)
+        self._session.prepare_again()
 
     def close(self) -> None:
         """Leave the tracker as it is and the wire free."""
-        if self._client is not None:
-            self._client.close()
+        self._session.close()
 
     def identity(self) -> Identity:
         """Ask who answers; raises `WrongDevice` when it is not the tracker that it was before."""
-        status = self._asked().ask(Command.GET_SYSTEM_STATUS, SystemStatus)
-        identity = Identity(
-            vendor="Leica",
-            model=self._model(),
-            serial=str(status.serial),
-            firmware=f"{status.version_major}.{status.version_minor}.{status.version_build}",
-            protocol="emScon",
-        )
-        if self._identity not in {None, identity}:
-            raise WrongDevice(
-                f"{self._asked().name}: {identity} answers, it was {self._identity} before",
-                remedy="check the address, and start again with the tracker that is there",
-            )
-        return identity
+        return self._session.recognised(_identity(self._session.connection))
 
     def state(self) -> TrackerState:
         """Ask for the traffic light, start-up, beam and the reflector in use."""
-        status = self._asked().ask(Command.GET_SYSTEM_STATUS, SystemStatus)
+        status = self._session.connection.ask(Command.GET_SYSTEM_STATUS, SystemStatus)
         readiness = self._readiness()
         return TrackerState(
             readiness=readiness,
@@ -153,14 +118,14 @@ class EmsconTracker:
 
     def weather(self) -> Weather:
         """Ask for the air as the instrument takes it to be."""
-        air = self._asked().ask(Command.GET_ENVIRONMENT_PARAMS, Environment)
+        air = self._session.connection.ask(Command.GET_ENVIRONMENT_PARAMS, Environment)
         return Weather(air.temperature, air.pressure, air.humidity)
 
     def reflectors(self) -> tuple[Reflector, ...]:
         """Ask for the reflectors that the instrument has definitions for."""
         return tuple(
             Reflector(entry.name, entry.identifier, entry.surface_offset)
-            for entry in self._asked().reflectors()
+            for entry in self._session.connection.reflectors()
         )
 
     def prepare(self, reflector: str, measuring_time_s: float) -> None:
@@ -168,11 +133,11 @@ class EmsconTracker:
 
         Raises `DeviceNotReady` while it isn't warm and for a reflector that it doesn't know.
         """
-        self._prepare(Preparation(reflector, measuring_time_s, self._search))
+        self._session.prepare(Preparation(reflector, measuring_time_s, self._search))
 
     def measure(self) -> Measurement:
         """Take one stationary measurement; raises `BeamBroken` when the reflector is lost."""
-        client, wanted, agreed = self._prepared()
+        client, wanted, agreed = self._session.prepared()
         require_unchanged(client, agreed)
         title = Command.START_MEASUREMENT.title
         if status := client.attempt(Command.START_MEASUREMENT):
@@ -194,6 +159,17 @@ class EmsconTracker:
         """Search around the present direction; raises `BeamBroken` when there is none."""
         self._move(Command.FIND_REFLECTOR, ApproximateDistance(distance_mm))
 
+    def _opened(self) -> EmsconClient:
+        return EmsconClient(self._open_transport(), self._clock, self._cancelled, self._deadlines)
+
+    def _greet(self, client: EmsconClient) -> Identity:
+        client.drain()
+        client.tell(Command.SET_UNITS, UNITS)
+        return _identity(client)
+
+    def _set_up(self, client: EmsconClient, wanted: Preparation) -> Settings:
+        return set_up(client, wanted, initialise_s=self._deadlines.initialise_s)
+
     def _is_connected_again(self, give_up_s: float) -> bool:
         """Tell a tracker that still holds our old connection from one that is open again."""
         try:
@@ -204,12 +180,8 @@ class EmsconTracker:
             return False
         return True
 
-    def _prepare(self, wanted: Preparation) -> None:
-        self._wanted, self._agreed = wanted, None
-        self._agreed = set_up(self._asked(), wanted, initialise_s=self._deadlines.initialise_s)
-
     def _move(self, command: Command, body: Body = NOTHING) -> None:
-        client, wanted, agreed = self._prepared()
+        client, wanted, agreed = self._session.prepared()
         require_unchanged(client, agreed)
         within_s = self._deadlines.motion_s + wanted.search.timeout_s
         if status := client.attempt(command, body, within_s=within_s):
@@ -219,49 +191,47 @@ class EmsconTracker:
 
     def _failure(self, doing: str, status: int) -> DeviceRefused:
         """Find out what a failure means: a tracker that cannot see may also not be up."""
-        client = self._asked()
+        client = self._session.connection
         beam_lost = self._readiness() is Readiness.NOT_READY
         error = failed_with_beam(client.name, doing, status, beam_lost=beam_lost)
         if isinstance(error, BeamBroken):
             system = client.ask(Command.GET_SYSTEM_STATUS, SystemStatus)
             require_laser(client.name, system)
             if not is_initialised(system):
-                raise self._not_prepared("is not initialised any more")
+                raise self._session.not_ready("is not initialised any more")
         return error
 
     def _readiness(self) -> Readiness:
-        light = self._asked().ask(Command.GET_TRACKER_STATUS, TrackerStatus).light
+        light = self._session.connection.ask(Command.GET_TRACKER_STATUS, TrackerStatus).light
         return READINESS.get(light, Readiness.NOT_READY)
 
     def _sees_reflector(self) -> bool:
-        info = self._asked().ask_or_none(Command.GET_MEASUREMENT_STATUS_INFO, MeasurementStatusInfo)
+        info = self._session.connection.ask_or_none(
+            Command.GET_MEASUREMENT_STATUS_INFO, MeasurementStatusInfo
+        )
         return info is None or bool(info.bits & StatusBit.REFLECTOR_FOUND)
 
     def _reflector_in_use(self) -> str:
-        choice = self._asked().ask_or_none(Command.GET_REFLECTOR, ReflectorChoice)
+        choice = self._session.connection.ask_or_none(Command.GET_REFLECTOR, ReflectorChoice)
         if choice is None:
             return ""
         names = {entry.identifier: entry.name for entry in self.reflectors()}
         return names.get(choice.identifier, "")
 
-    def _model(self) -> str:
-        info = self._asked().ask_or_none(Command.GET_TRACKER_INFO, TrackerInfo)
-        if info is None:
-            return "laser tracker"
-        return SENSOR_NAMES.get(info.sensor_type) or info.name or f"sensor {info.sensor_type}"
 
-    def _asked(self) -> EmsconClient:
-        if self._client is None:
-            raise LinkDown("the tracker is not connected", remedy="connect first")
-        return self._client
+def _identity(client: EmsconClient) -> Identity:
+    status = client.ask(Command.GET_SYSTEM_STATUS, SystemStatus)
+    return Identity(
+        vendor="Leica",
+        model=_model(client),
+        serial=str(status.serial),
+        firmware=f"{status.version_major}.{status.version_minor}.{status.version_build}",
+        protocol="emScon",
+    )
 
-    def _prepared(self) -> tuple[EmsconClient, Preparation, Settings]:
-        client = self._asked()
-        if self._wanted is None or self._agreed is None:
-            raise self._not_prepared("is not prepared")
-        return client, self._wanted, self._agreed
 
-    def _not_prepared(self, problem: str) -> DeviceNotReady:
-        return DeviceNotReady(
-            f"{self._asked().name}: the tracker {problem}", remedy="prepare the tracker again"
-        )
+def _model(client: EmsconClient) -> str:
+    info = client.ask_or_none(Command.GET_TRACKER_INFO, TrackerInfo)
+    if info is None:
+        return "laser tracker"
+    return SENSOR_NAMES.get(info.sensor_type) or info.name or f"sensor {info.sensor_type}"

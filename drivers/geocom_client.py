@@ -13,6 +13,7 @@ from drivers.geocom_connection import GeocomConnection
 from drivers.geocom_errors import BUSY, WAKE, refused
 from drivers.ports import Clock
 from drivers.transport import Transport
+from drivers.waiting import ask_until
 from drivers.wire.geocom import decode_reply
 from drivers.wire.geocom_constants import DELIVERED, Result
 
@@ -61,12 +62,16 @@ class GeocomClient:
         )
         self._geocom = self._greeted()
         self._geocom.transaction_counter = first_transaction
-        self._set_decimals()
 
     @property
     def name(self) -> str:
         """Where it leads, for messages."""
         return self._connection.name
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a question can be asked."""
+        return self._connection.is_open()
 
     @property
     def next_transaction(self) -> int:
@@ -76,6 +81,12 @@ class GeocomClient:
     def close(self) -> None:
         """Free the wire; the instrument stays on."""
         self._connection.close()
+
+    def set_decimals(self) -> None:
+        """Have values sent with enough digits, where the instrument lets us choose."""
+        self.attempt(lambda geocom: geocom.com.set_double_precision(DECIMALS))
+        digits = self.ask(lambda geocom: geocom.com.get_double_precision())
+        self._geocom.precision = digits
 
     def ask(self, question: Question[Value], *, within_s: float | None = None) -> Value:
         """Return a command's values; raises `DeviceRefused` when the instrument says no."""
@@ -127,24 +138,24 @@ class GeocomClient:
                 f"{self.name}: the instrument answers, but takes no commands", remedy=WAKE
             ) from error
 
-    def _set_decimals(self) -> None:
-        """Have values sent with enough digits, where the instrument lets us choose."""
-        self.attempt(lambda geocom: geocom.com.set_double_precision(DECIMALS))
-        digits = self.ask(lambda geocom: geocom.com.get_double_precision())
-        self._geocom.precision = digits
-
     def _response(
         self, question: Question[Value], within_s: float | None
     ) -> tuple[GeoComResponse[Value], int]:
         """Ask, and ask again while the instrument is busy with something else."""
-        give_up_s = self._clock.now_s() + self.deadlines.busy_s
-        while True:
-            with self._connection.patience(within_s or self.deadlines.answer_s):
-                response = question(self._geocom)
-            code = self._code(response)
-            if code not in BUSY or self._clock.now_s() >= give_up_s:
-                return response, code
-            self._clock.sleep_s(BUSY_PAUSE_S)
+        return ask_until(
+            lambda answer: answer[1] not in BUSY,
+            lambda: self._once(question, within_s or self.deadlines.answer_s),
+            self._clock,
+            give_up_s=self._clock.now_s() + self.deadlines.busy_s,
+            pause_s=BUSY_PAUSE_S,
+        )
+
+    def _once(
+        self, question: Question[Value], within_s: float
+    ) -> tuple[GeoComResponse[Value], int]:
+        with self._connection.patience(within_s):
+            response = question(self._geocom)
+        return response, self._code(response)
 
     def _code(self, response: GeoComResponse[Value]) -> int:
         """Return the code as it came, not as geocompy's table has it."""

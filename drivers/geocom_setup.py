@@ -1,11 +1,12 @@
 """What a total station is brought to before it measures, and whether it still is."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import isclose
 
 from geocompy.data import Coordinate
 from geocompy.geo.gcdata import EDMModeV2, Measurement, Target
 
+from drivers.agreement import changed, require_kept
 from drivers.errors import DeviceNotReady, DeviceRefused
 from drivers.geocom_client import GeocomClient
 from drivers.geocom_prisms import choose_prism, prism_in_use
@@ -85,13 +86,8 @@ def require_unchanged(client: GeocomClient, agreed: Settings) -> None:
     current = read_settings(client)
     if current == agreed:
         return
-    names = [
-        field.name.replace("_", " ")
-        for field in fields(Settings)
-        if getattr(current, field.name) != getattr(agreed, field.name)
-    ]
     raise DeviceNotReady(
-        f"{client.name}: somebody changed the instrument's {' and '.join(names)}",
+        f"{client.name}: somebody changed the instrument's {changed(agreed, current)}",
         remedy="leave the instrument's keys alone, then start again: it will be prepared anew",
     )
 
@@ -127,13 +123,8 @@ def _require_kept(client: GeocomClient, settings: Settings, prism: str) -> None:
         "scale": settings.scale is None or _is_neutral(settings.scale),
         "prism": in_use is None or in_use.name == prism,
     }
-    lost = [name for name, is_kept in kept.items() if not is_kept]
-    if lost:
-        raise DeviceRefused(
-            f"{client.name}: the instrument accepted but does not report its "
-            f"{' and '.join(lost)} as set",
-            remedy="leave other programs on the instrument, then start again",
-        )
+    remedy = "leave other programs on the instrument, then start again"
+    require_kept(f"{client.name}: the instrument", kept, remedy=remedy)
 
 
 def _is_neutral(scale: tuple[bool, float, float, float, float]) -> bool:

@@ -7,7 +7,6 @@ recognition in lock mode, and measures in one face.
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.errors import DeviceNotReady, DriverError, LinkDown, WrongDevice
 from drivers.geocom_accuracy import Accuracy, accuracy_of_class, covariance_mm2
 from drivers.geocom_aiming import is_locked, lock_if_in_view, require_lock, search, turn_to
 from drivers.geocom_client import GeocomClient, GeocomDeadlines
@@ -16,6 +15,7 @@ from drivers.geocom_prisms import known_prisms, prism_in_use
 from drivers.geocom_setup import Settings, read_kind, require_unchanged, set_up
 from drivers.link import never
 from drivers.ports import Clock
+from drivers.session import PreparedSession
 from drivers.transport import Transport
 from drivers.values import (
     Identity,
@@ -58,71 +58,38 @@ class GeocomTracker:
     ) -> None:
         self._open_transport = open_transport
         self._clock = clock
-        self._next_transaction = first_transaction
+        self._first_transaction = first_transaction
         self._accuracy = accuracy
         self._deadlines = deadlines
         self._cancelled = cancelled
-        self._client: GeocomClient | None = None
-        self._identity: Identity | None = None
-        self._reflector: str | None = None
-        self._agreed: _Agreement | None = None
+        self._session = PreparedSession("tracker", self._opened, self._greet, self._set_up)
 
     def connect(self) -> None:
         """Open the wire and see who answers; takes a second more than its answers do.
 
         From the second time on it must be the same instrument that answers, else `WrongDevice`.
         """
-        self.close()
-        self._agreed = None
-        self._client = GeocomClient(
-            self._open_transport(),
-            self._clock,
-            self._cancelled,
-            self._deadlines,
-            first_transaction=self._next_transaction,
-        )
-        try:
-            self._identity = self.identity()
-        except DriverError:
-            self.close()
-            raise
+        self._session.open()
 
     def reconnect(self) -> None:
         """Open anew after a fault, and prepare the instrument as it was."""
-        self.connect()
-        if self._reflector is not None:
-            self._prepare(self._reflector)
+        self._session.open()
+        self._session.prepare_again()
 
     def close(self) -> None:
         """Leave the instrument as it is and the wire free."""
-        if self._client is not None:
-            self._next_transaction = self._client.next_transaction
-            self._client.close()
+        self._session.close()
 
     def identity(self) -> Identity:
         """Ask who answers; raises `WrongDevice` when it is not the instrument it was before."""
-        client = self._asked()
-        firmware = client.ask(lambda geocom: geocom.csv.get_firmware_version())
-        identity = Identity(
-            vendor="Leica",
-            model=client.ask(lambda geocom: geocom.csv.get_instrument_name()),
-            serial=str(client.ask(lambda geocom: geocom.csv.get_serial_number())),
-            firmware=".".join(map(str, firmware)),
-            protocol="GeoCOM",
-        )
-        if self._identity not in {None, identity}:
-            raise WrongDevice(
-                f"{client.name}: {identity} answers, it was {self._identity} before",
-                remedy="check the address, and start again with the instrument that is there",
-            )
-        return identity
+        return self._session.recognised(_identity(self._session.connection))
 
     def state(self) -> TrackerState:
         """Ask whether the telescope follows a prism, and which kind of prism it is set to.
 
         A total station has neither start-up nor warm-up that GeoCOM tells of.
         """
-        client = self._asked()
+        client = self._session.connection
         locked, prism = is_locked(client), prism_in_use(client)
         return TrackerState(
             readiness=Readiness.READY if locked else Readiness.NOT_READY,
@@ -134,14 +101,14 @@ class GeocomTracker:
 
     def weather(self) -> Weather:
         """Ask for the air as the operator has set it: the instrument measures none itself."""
-        return weather_set(self._asked())
+        return weather_set(self._session.connection)
 
     def reflectors(self) -> tuple[Reflector, ...]:
         """Ask for the prisms that the instrument has definitions for.
 
         GeoCOM knows no offset from a prism to a surface; it is told as 0.
         """
-        prisms = known_prisms(self._asked())
+        prisms = known_prisms(self._session.connection)
         return tuple(Reflector(prism.name, prism.kind.value, 0.0) for prism in prisms)
 
     def prepare(self, reflector: str, measuring_time_s: float) -> None:  # noqa: ARG002 - see below
@@ -150,11 +117,11 @@ class GeocomTracker:
         Its distance meter decides by itself how long it measures. Raises `DeviceNotReady` for a
         prism that it doesn't know, `DeviceRefused` for an instrument that cannot aim by itself.
         """
-        self._prepare(reflector)
+        self._session.prepare(reflector)
 
     def measure(self) -> Measurement:
         """Take one point; raises `BeamBroken` when the prism is lost or has no distance."""
-        client, agreed = self._prepared()
+        client, _, agreed = self._session.prepared()
         require_lock(client, "measuring")
         found = measure_point(client)
         require_lock(client, "measuring")
@@ -168,20 +135,34 @@ class GeocomTracker:
 
     def go_to(self, point_in_tracker_mm: Vector3) -> None:
         """Turn there and follow the prism found near; raises `BeamBroken` when there is none."""
-        client, _ = self._prepared()
+        client, *_ = self._session.prepared()
         turn_to(client, point_in_tracker_mm, SEARCH_RADIUS_MM)
 
     def find_reflector(self, distance_mm: float) -> None:
         """Search around the present direction; raises `BeamBroken` when there is none."""
-        client, _ = self._prepared()
+        client, *_ = self._session.prepared()
         search(client, distance_mm, SEARCH_RADIUS_MM)
 
-    def _prepare(self, reflector: str) -> None:
-        client = self._asked()
-        self._reflector, self._agreed = reflector, None
+    def _opened(self) -> GeocomClient:
+        """Questions are numbered on over connections: an old answer is then never a new one."""
+        before = self._session.latest
+        number = self._first_transaction if before is None else before.next_transaction
+        return GeocomClient(
+            self._open_transport(),
+            self._clock,
+            self._cancelled,
+            self._deadlines,
+            first_transaction=number,
+        )
+
+    def _greet(self, client: GeocomClient) -> Identity:
+        client.set_decimals()
+        return _identity(client)
+
+    def _set_up(self, client: GeocomClient, reflector: str) -> _Agreement:
         settings = set_up(client, reflector)
         lock_if_in_view(client)
-        self._agreed = _Agreement(settings, self._accuracy_of(client))
+        return _Agreement(settings, self._accuracy_of(client))
 
     def _accuracy_of(self, client: GeocomClient) -> Accuracy:
         if self._accuracy is not None:
@@ -189,15 +170,13 @@ class GeocomTracker:
         kind = read_kind(client)
         return accuracy_of_class(None if kind is None else kind.device_class)
 
-    def _asked(self) -> GeocomClient:
-        if self._client is None:
-            raise LinkDown("the tracker is not connected", remedy="connect first")
-        return self._client
 
-    def _prepared(self) -> tuple[GeocomClient, _Agreement]:
-        client = self._asked()
-        if self._agreed is None:
-            raise DeviceNotReady(
-                f"{client.name}: the tracker is not prepared", remedy="prepare the tracker again"
-            )
-        return client, self._agreed
+def _identity(client: GeocomClient) -> Identity:
+    firmware = client.ask(lambda geocom: geocom.csv.get_firmware_version())
+    return Identity(
+        vendor="Leica",
+        model=client.ask(lambda geocom: geocom.csv.get_instrument_name()),
+        serial=str(client.ask(lambda geocom: geocom.csv.get_serial_number())),
+        firmware=".".join(map(str, firmware)),
+        protocol="GeoCOM",
+    )

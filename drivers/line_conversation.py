@@ -13,7 +13,7 @@ from drivers.errors import (
     WireError,
     WrongDevice,
 )
-from drivers.link import Link
+from drivers.link import Link, OverLink
 from drivers.transport import Transport
 from drivers.wire.robotline import (
     EMPTY_LINE,
@@ -40,7 +40,7 @@ REFUSALS: Mapping[str, tuple[type[DeviceRefused], str]] = {
 OTHER_REFUSAL = (DeviceRefused, "compare the controller's program with docs/robotline.md")
 
 
-class Conversation:
+class Conversation(OverLink[Reply]):
     """Asks one question after another; only the last one can be answered.
 
     A reply to another number is stale (after a fault it can sit in a serial line's buffer): the
@@ -55,24 +55,16 @@ class Conversation:
         clock_s: Callable[[], float],
         cancelled: Callable[[], bool],
     ) -> None:
-        self._numbers = numbers
-        self._asked = 0
-        self._link = Link(
+        link = Link(
             transport,
             ReplyFramer(),
             clock_s=clock_s,
             is_event=lambda reply: reply.sequence != self._asked,
             cancelled=cancelled,
         )
-
-    @property
-    def is_open(self) -> bool:
-        """Whether a question can be asked."""
-        return self._link.is_open
-
-    def close(self) -> None:
-        """Close; a second time does nothing."""
-        self._link.close()
+        super().__init__(link)
+        self._numbers = numbers
+        self._asked = 0
 
     def ask(
         self, command: Command, kind: type[AnswerKind], within_s: float
@@ -100,7 +92,7 @@ class Conversation:
         return isinstance(reply.outcome, (kind, Refused))
 
     def _refusal(self, refused: Refused, verb: str) -> DriverError:
-        problem = f"{self._link.name}: {verb} refused, {refused.code}: {refused.text}"
+        problem = f"{self.name}: {verb} refused, {refused.code}: {refused.text}"
         if refused.code == "CHECKSUM":
             self.close()
             return WireError(problem, remedy="check the cable and its shield")

@@ -5,18 +5,12 @@ from dataclasses import dataclass
 from math import degrees, isfinite, radians
 from typing import TypeVar
 
-from drivers.errors import (
-    DeviceRefused,
-    DriverError,
-    LinkDown,
-    MotionFault,
-    RobotStateUnknown,
-    WireError,
-    WrongDevice,
-)
+from drivers.errors import DeviceRefused, WireError, WrongDevice
 from drivers.line_conversation import Conversation, open_conversation
 from drivers.link import never
 from drivers.ports import Clock
+from drivers.session import Session
+from drivers.stopping import Stopping, await_standstill
 from drivers.transport import Transport
 from drivers.values import Identity, Pose, RobotState
 from drivers.wire.robotline import sequence_from
@@ -83,23 +77,20 @@ class LineRobot:
         self._clock = clock
         self._numbers = sequence_from(first_sequence)
         self._deadlines = deadlines
-        self._cancelled = cancelled
-        self._stopping = False
-        self._conversation: Conversation | None = None
-        self._identity: Identity | None = None
+        self._session = Session("controller", self._opened, self._greet)
+        self._stopping = Stopping(
+            clock,
+            within_s=deadlines.standstill_s,
+            pause_s=deadlines.poll_s,
+            cancelled=cancelled,
+        )
 
     def connect(self) -> None:
         """Open the wire and greet; raises `LinkDown`, `WireError` or `WrongDevice`.
 
         From the second time on it must be the same controller that answers.
         """
-        self.close()
-        self._conversation = self._opened()
-        try:
-            self._identity = self.identity()
-        except DriverError:
-            self.close()
-            raise
+        self._session.open()
 
     def reconnect(self) -> None:
         """Open anew after a fault. The controller has stopped, and dropped what was staged."""
@@ -107,17 +98,11 @@ class LineRobot:
 
     def identity(self) -> Identity:
         """Ask who answers; raises `WrongDevice` when it is none of ours or not the one before."""
-        identity = _identity(self._ask(Hello(VERSION), Greeting))
-        if self._identity not in {None, identity}:
-            raise WrongDevice(
-                f"{identity} answers where it was {self._identity} before",
-                remedy="check the address; for another controller, start again from the beginning",
-            )
-        return identity
+        return self._session.recognised(self._greet(self._session.connection))
 
     def state(self) -> RobotState:
         """Ask for the encoder angles as read now, and whether anything is wrong."""
-        status, line = self._opened_before().ask(AskState(), Status, self._deadlines.answer_s)
+        status, line = self._session.connection.ask(AskState(), Status, self._deadlines.answer_s)
         return RobotState(
             joints_rad=tuple(map(radians, status.joints_deg)),
             moving=status.moving,
@@ -145,14 +130,7 @@ class LineRobot:
 
         Returns when the controller has said that the robot stands; raises `RobotStateUnknown`.
         """
-        greeted = self._conversation
-        self._stopping = True
-        try:
-            self._stop_within(self._deadlines.standstill_s)
-        finally:
-            self._stopping = False
-            if self._conversation is not greeted:
-                self.close()
+        self._stopping.insist(self._session, self._stop_and_watch, self.close)
 
     def read_geometry(self) -> Mapping[str, float]:
         """Read the parameters that the controller works with, by their flat names, mm and deg."""
@@ -180,56 +158,40 @@ class LineRobot:
 
     def close(self) -> None:
         """Close the wire; a motion that is going on is stopped by the controller."""
-        if self._conversation is not None:
-            self._conversation.close()
+        self._session.close()
 
     def _ask(
         self, command: Command, kind: type[AnswerKind], within_s: float | None = None
     ) -> AnswerKind:
-        answer, _ = self._opened_before().ask(command, kind, within_s or self._deadlines.answer_s)
+        answer, _ = self._session.connection.ask(
+            command, kind, within_s or self._deadlines.answer_s
+        )
         return answer
 
-    def _opened_before(self) -> Conversation:
-        if self._conversation is None or not self._conversation.is_open:
-            raise LinkDown("the controller is not connected", remedy="connect again")
-        return self._conversation
+    def _greet(self, conversation: Conversation) -> Identity:
+        greeting, _ = conversation.ask(Hello(VERSION), Greeting, self._deadlines.answer_s)
+        return _identity(greeting)
 
     def _opened(self, blindly: Command | None = None) -> Conversation:
         return open_conversation(
             self._open_transport(),
             self._numbers,
             clock_s=self._clock.now_s,
-            cancelled=self._is_cancelled,
+            cancelled=self._stopping.is_cancelled,
             blindly=blindly,
             within_s=self._deadlines.answer_s,
         )
 
-    def _is_cancelled(self) -> bool:
-        """Look at the operator's wish to stop, but never abandon the stop itself for it."""
-        return not self._stopping and self._cancelled()
-
-    def _stop_within(self, within_s: float) -> None:
-        deadline_s = self._clock.now_s() + within_s
-        while True:
-            try:
-                return self._stop_and_watch(deadline_s)
-            except DriverError as error:
-                if self._clock.now_s() >= deadline_s:
-                    raise RobotStateUnknown(
-                        "robot state unknown: the stop was not confirmed "
-                        f"within {within_s:g} s ({error.problem})",
-                        remedy="use the hardware stop",
-                    ) from error
-            self._clock.sleep_s(self._deadlines.poll_s)
-
-    def _stop_and_watch(self, deadline_s: float) -> None:
-        if self._conversation is None or not self._conversation.is_open:
-            self._conversation = self._opened(blindly=Stop())
+    def _stop_and_watch(self, give_up_s: float) -> None:
+        if not self._session.is_open:
+            self._session.use(self._opened(blindly=Stop()))
         self._ask(Stop(), Done, self._deadlines.stop_answer_s)
-        while self._ask(AskState(), Status, self._deadlines.stop_answer_s).moving:
-            if self._clock.now_s() >= deadline_s:
-                raise MotionFault("it still moves", remedy="use the hardware stop")
-            self._clock.sleep_s(self._deadlines.poll_s)
+        await_standstill(
+            lambda: self._ask(AskState(), Status, self._deadlines.stop_answer_s).moving,
+            self._clock,
+            give_up_s=give_up_s,
+            pause_s=self._deadlines.poll_s,
+        )
 
 
 def _identity(greeting: Greeting) -> Identity:

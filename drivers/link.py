@@ -172,6 +172,27 @@ class Link(Generic[Message]):
         return None
 
 
+class OverLink(Generic[Message]):
+    """What every conversation over one link has: where it leads, whether it goes on, its end."""
+
+    def __init__(self, link: Link[Message]) -> None:
+        self._link = link
+
+    @property
+    def name(self) -> str:
+        """Where it leads, for messages."""
+        return self._link.name
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a question can be asked."""
+        return self._link.is_open
+
+    def close(self) -> None:
+        """Free the wire, without a word; a second time does nothing."""
+        self._link.close()
+
+
 def _nothing(_message: object) -> bool:
     """Accept no message as an answer."""
     return False

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from contextlib import suppress
 
-from drivers.errors import DeviceRefused, LinkDown, WrongDevice
+from drivers.errors import DeviceRefused
 from drivers.linuxcnc_conversation import LinuxcncConversation
 from drivers.linuxcnc_motion import MDI, PER_MINUTE
 from drivers.linuxcnc_settings import LinuxcncSettings
@@ -27,29 +27,34 @@ class LinuxcncAccess:
         self._clock = clock
         self._settings = settings
         self._cancelled = cancelled
-        self._identity: Identity | None = None
 
-    @property
-    def identity(self) -> Identity:
-        """Who answered; raises `LinkDown` when nobody has yet."""
-        if self._identity is None:
-            raise LinkDown("LinuxCNC is not connected", remedy="connect again")
-        return self._identity
-
-    def enter(self) -> LinuxcncConversation:
-        """Connect, see that it is ours, take control, and first of all stop what moves.
-
-        LinuxCNC finishes a motion whose client was lost. Raises `LinkDown`, `WrongDevice`, or
-        `DeviceRefused` when the motion cannot be stopped.
-        """
-        conversation = LinuxcncConversation(
+    def opened(self) -> LinuxcncConversation:
+        """Connect; nothing is said yet. Raises `LinkDown`."""
+        return LinuxcncConversation(
             self._open_transport(),
             clock_s=self._clock.now_s,
             patience=self._settings.deadlines.patience,
             cancelled=self._cancelled,
         )
+
+    def greet(self, conversation: LinuxcncConversation) -> Identity:
+        """Say hello, and hear who answers; raises `WrongDevice`."""
+        greeting = conversation.greet(self._settings.passwords)
+        return Identity(
+            vendor="LinuxCNC",
+            model=f"Par4 in {self._settings.coordinates.value}",
+            serial=greeting.name,
+            firmware="not told",
+            protocol=f"linuxcncrsh {greeting.version}",
+        )
+
+    def take_over(self, conversation: LinuxcncConversation) -> None:
+        """See that the machine is ours, take control, and first of all stop what moves.
+
+        LinuxCNC finishes a motion whose client was lost. Raises `LinkDown`, `WrongDevice`, or
+        `DeviceRefused` when the motion cannot be stopped, and then closes.
+        """
         try:
-            self._identify(conversation)
             self.setup(conversation).check_machine()
             self.take_control(conversation)
             if conversation.is_on("machine"):
@@ -57,7 +62,6 @@ class LinuxcncAccess:
         except BaseException:  # also an interrupt: what it leaves behind is closed
             conversation.close()
             raise
-        return conversation
 
     def take_control(self, conversation: LinuxcncConversation) -> None:
         """Take control, also from another client; raises `WrongDevice`."""
@@ -76,19 +80,3 @@ class LinuxcncAccess:
             with suppress(DeviceRefused):  # not in MDI mode, or off by now: then it needs nothing
                 conversation.order(MDI, PER_MINUTE)
         conversation.order("enable", "off")
-
-    def _identify(self, conversation: LinuxcncConversation) -> None:
-        greeting = conversation.greet(self._settings.passwords)
-        found = Identity(
-            vendor="LinuxCNC",
-            model=f"Par4 in {self._settings.coordinates.value}",
-            serial=greeting.name,
-            firmware="not told",
-            protocol=f"linuxcncrsh {greeting.version}",
-        )
-        if self._identity not in {None, found}:
-            raise WrongDevice(
-                f"{found} answers where it was {self._identity} before",
-                remedy="check the address; for another controller, start again from the beginning",
-            )
-        self._identity = found

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.errors import DeviceRefused, WrongDevice
-from drivers.link import Link
+from drivers.link import Link, OverLink
 from drivers.transport import Transport
 from drivers.wire.linuxcncrsh import (
     PROTOCOL,
@@ -49,7 +49,7 @@ class Passwords:
     enable: str = "EMCTOO"
 
 
-class LinuxcncConversation:
+class LinuxcncConversation(OverLink[Message]):
     """Asks one question after another. An ACK means "received", never "done"."""
 
     def __init__(
@@ -60,28 +60,15 @@ class LinuxcncConversation:
         patience: Patience,
         cancelled: Callable[[], bool],
     ) -> None:
-        self._patience = patience
-        self._link: Link[Message] = Link(
+        link = Link(
             transport,
             AnswerFramer(),
             clock_s=clock_s,
             is_event=lambda message: isinstance(message, Remark),
             cancelled=cancelled,
         )
-
-    @property
-    def name(self) -> str:
-        """Where it leads, for messages."""
-        return self._link.name
-
-    @property
-    def is_open(self) -> bool:
-        """Whether a question can be asked."""
-        return self._link.is_open
-
-    def close(self) -> None:
-        """Close the connection; a second time does nothing."""
-        self._link.close()
+        super().__init__(link)
+        self._patience = patience
 
     def greet(self, passwords: Passwords) -> Greeting:
         """Say hello and have every order answered; raises `WrongDevice`. Takes no control yet."""

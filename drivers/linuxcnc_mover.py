@@ -16,7 +16,9 @@ from drivers.linuxcnc_state import (
 )
 from drivers.linuxcnc_watch import MotionWatch
 from drivers.ports import Clock
+from drivers.stopping import await_standstill
 from drivers.values import RobotState
+from drivers.waiting import comes_true
 
 
 class LinuxcncMover:
@@ -83,7 +85,7 @@ class LinuxcncMover:
                 raise self._not_taken(conversation, error) from error
         self._await_start(conversation, way[-1])
 
-    def halt(self, conversation: LinuxcncConversation, deadline_s: float) -> None:
+    def halt(self, conversation: LinuxcncConversation, give_up_s: float) -> None:
         """Have the robot stand, and see it stand; raises `DriverError` when that is not seen.
 
         By an abort, which brakes on the path; if that is not taken, by LinuxCNC's e-stop.
@@ -96,10 +98,12 @@ class LinuxcncMover:
             except DeviceRefused:
                 self._cut_power(conversation)
         self._watch.forget()
-        while self.is_moving(conversation):
-            if self._clock.now_s() >= deadline_s:
-                raise MotionFault("it still moves", remedy="use the hardware stop")
-            self._clock.sleep_s(self._deadlines.poll_s)
+        await_standstill(
+            lambda: self.is_moving(conversation),
+            self._clock,
+            give_up_s=give_up_s,
+            pause_s=self._deadlines.poll_s,
+        )
 
     def _snapshot(self, conversation: LinuxcncConversation) -> Snapshot:
         return take_snapshot(conversation, self._settings.coordinates)
@@ -188,11 +192,13 @@ class LinuxcncMover:
 
     def _cut_power(self, conversation: LinuxcncConversation) -> None:
         conversation.order("estop", "on")
-        deadline_s = self._clock.now_s() + self._deadlines.start_s
-        while conversation.is_on("machine"):
-            if self._clock.now_s() >= deadline_s:
-                raise MotionFault(
-                    f"{conversation.name}: LinuxCNC takes neither abort nor e-stop",
-                    remedy="use the hardware stop",
-                )
-            self._clock.sleep_s(self._deadlines.poll_s)
+        if not comes_true(
+            lambda: not conversation.is_on("machine"),
+            self._clock,
+            give_up_s=self._clock.now_s() + self._deadlines.start_s,
+            pause_s=self._deadlines.poll_s,
+        ):
+            raise MotionFault(
+                f"{conversation.name}: LinuxCNC takes neither abort nor e-stop",
+                remedy="use the hardware stop",
+            )

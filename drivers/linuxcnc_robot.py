@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from math import degrees, radians
 
-from drivers.errors import DeviceNotReady, DriverError, LinkDown, RobotStateUnknown, WrongDevice
+from drivers.errors import DeviceNotReady, DriverError, WrongDevice
 from drivers.link import never
 from drivers.linuxcnc_access import LinuxcncAccess
 from drivers.linuxcnc_conversation import LinuxcncConversation
@@ -13,6 +13,8 @@ from drivers.linuxcnc_settings import Kinematics, KinematicsOf, LinuxcncSettings
 from drivers.linuxcnc_state import Coordinates, position_in, read_joints_deg
 from drivers.linuxcnc_way import way_to
 from drivers.ports import Clock
+from drivers.session import Session
+from drivers.stopping import Stopping, state_unknown
 from drivers.transport import Transport
 from drivers.values import Identity, Pose, RobotState
 
@@ -39,26 +41,27 @@ class LinuxcncRobot:
         kinematics_of: KinematicsOf,
         cancelled: Callable[[], bool] = never,
     ) -> None:
-        self._clock = clock
         self._settings = settings
         self._store = store
         self._kinematics_of = kinematics_of
         self._kinematics: Kinematics | None = None
-        self._cancelled = cancelled
-        self._stopping = False
-        self._access = LinuxcncAccess(open_transport, clock, settings, self._is_cancelled)
+        self._stopping = Stopping(
+            clock,
+            within_s=settings.deadlines.stop_s,
+            pause_s=settings.deadlines.poll_s,
+            cancelled=cancelled,
+        )
+        self._access = LinuxcncAccess(open_transport, clock, settings, self._stopping.is_cancelled)
+        self._session = Session("controller", self._access.opened, self._access.greet)
         self._mover = LinuxcncMover(self._access, clock, settings)
-        self._conversation: LinuxcncConversation | None = None
 
     def connect(self) -> None:
         """Open the wire, take control, stop what moves; raises `LinkDown` or `WrongDevice`.
 
         From the second time on it must be the same controller that answers.
         """
-        if self._conversation is not None:
-            self._conversation.close()
         self._kinematics = None
-        self._conversation = self._access.enter()
+        self._enter()
         self._mover.renew()
 
     def reconnect(self) -> None:
@@ -71,7 +74,7 @@ class LinuxcncRobot:
         Raises `EmergencyStop`, `MotionFault` or `DeviceRefused` with LinuxCNC's words, and
         `WrongDevice` when another kinematics than Par4's, or with other parameters, is at work.
         """
-        conversation = self._opened_before()
+        conversation = self._session.connection
         self._access.setup(conversation).bring_up()
         self._mover.renew()
         self._kinematics = None
@@ -79,12 +82,11 @@ class LinuxcncRobot:
 
     def identity(self) -> Identity:
         """Who answered when the connection was opened."""
-        self._opened_before()
-        return self._access.identity
+        return self._session.identity
 
     def state(self) -> RobotState:
         """The joints as read now. It takes up to some 10 ms to be sure that they stand."""
-        return self._mover.state(self._opened_before())
+        return self._mover.state(self._session.connection)
 
     def move_joints(self, joints_rad: Sequence[float], speed_fraction: float) -> None:
         """Start a move to joints; raises `LimitViolation`, `MotionFault` or `EmergencyStop`.
@@ -108,14 +110,7 @@ class LinuxcncRobot:
 
         Returns when LinuxCNC has been seen to stand; raises `RobotStateUnknown`.
         """
-        greeted = self._conversation
-        self._stopping = True
-        try:
-            self._stop_within(self._settings.deadlines.stop_s)
-        finally:
-            self._stopping = False
-            if self._conversation is not greeted:
-                self.close()
+        self._stopping.insist(self._session, self._stop_and_watch, self.close)
 
     def read_geometry(self) -> Mapping[str, float]:
         """The parameters that poses are converted with, by flat name, mm and deg."""
@@ -127,7 +122,7 @@ class LinuxcncRobot:
         Where LinuxCNC itself works with them, its drives are switched off first and stay off: with
         the power on, the joints would jump to where the new parameters put them.
         """
-        conversation = self._opened_before()
+        conversation = self._session.connection
         if self._store.needs_machine_off:
             if self._mover.is_moving(conversation):
                 raise DeviceNotReady("the robot moves", remedy="wait until it stands still")
@@ -137,14 +132,16 @@ class LinuxcncRobot:
 
     def close(self) -> None:
         """Stop, give control back, close; raises `RobotStateUnknown` when a motion may go on."""
-        conversation = self._conversation
-        if conversation is None or not conversation.is_open:
+        if not self._session.is_open:
             return
+        conversation = self._session.connection
         try:
             self._access.leave(conversation)
         except DriverError as error:
             if self._mover.has_started:
-                raise _unknown(f"LinuxCNC could not be left standing ({error.problem})") from error
+                raise state_unknown(
+                    f"LinuxCNC could not be left standing ({error.problem})"
+                ) from error
         finally:
             conversation.close()
 
@@ -152,14 +149,9 @@ class LinuxcncRobot:
     def _works_in_world(self) -> bool:
         return self._settings.coordinates is Coordinates.WORLD
 
-    def _opened_before(self) -> LinuxcncConversation:
-        if self._conversation is None or not self._conversation.is_open:
-            raise LinkDown("LinuxCNC is not connected", remedy="connect again")
-        return self._conversation
-
-    def _is_cancelled(self) -> bool:
-        """Look at the operator's wish to stop, but never abandon the stop itself for it."""
-        return not self._stopping and self._cancelled()
+    def _enter(self) -> None:
+        self._session.open()
+        self._access.take_over(self._session.connection)
 
     def _active(self) -> Kinematics:
         """The stored parameters at work; read once, and again whenever they may have changed."""
@@ -168,7 +160,7 @@ class LinuxcncRobot:
         return self._kinematics
 
     def _start(self, joints_rad: Sequence[float], pose: Pose | None, speed_fraction: float) -> None:
-        conversation = self._opened_before()
+        conversation = self._session.connection
         here_rad = tuple(map(radians, read_joints_deg(conversation)))
         travel_rad = max(abs(q - now) for q, now in zip(joints_rad, here_rad, strict=True))
         numbers = [tuple(map(degrees, joints_rad))]
@@ -195,25 +187,10 @@ class LinuxcncRobot:
             "the HAL file, then restart LinuxCNC",
         )
 
-    def _stop_within(self, within_s: float) -> None:
-        deadline_s = self._clock.now_s() + within_s
-        while True:
-            try:
-                return self._stop_and_watch(deadline_s)
-            except DriverError as error:
-                if self._clock.now_s() >= deadline_s:
-                    problem = f"the stop was not confirmed within {within_s:g} s ({error.problem})"
-                    raise _unknown(problem) from error
-            self._clock.sleep_s(self._settings.deadlines.poll_s)
-
-    def _stop_and_watch(self, deadline_s: float) -> None:
-        if self._conversation is None or not self._conversation.is_open:
-            self._conversation = self._access.enter()
-        self._mover.halt(self._conversation, deadline_s)
-
-
-def _unknown(problem: str) -> RobotStateUnknown:
-    return RobotStateUnknown(f"robot state unknown: {problem}", remedy="use the hardware stop")
+    def _stop_and_watch(self, give_up_s: float) -> None:
+        if not self._session.is_open:
+            self._enter()
+        self._mover.halt(self._session.connection, give_up_s)
 
 
 def _world(pose: Pose) -> tuple[float, ...]:

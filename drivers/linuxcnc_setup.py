@@ -10,6 +10,7 @@ from drivers.errors import EmergencyStop, MotionFault, WrongDevice
 from drivers.linuxcnc_conversation import LinuxcncConversation
 from drivers.linuxcnc_state import JOINTS
 from drivers.ports import Clock
+from drivers.waiting import comes_true
 
 UNITS = {"user_linear_units": "MM", "user_angular_units": "DEG"}
 
@@ -131,12 +132,12 @@ class LinuxcncSetup:
             )
 
     def _comes(self, condition: Callable[[], bool], within_s: float) -> bool:
-        deadline_s = self._clock.now_s() + within_s
-        while not condition():
-            if self._clock.now_s() >= deadline_s:
-                return False
-            self._clock.sleep_s(self._deadlines.poll_s)
-        return True
+        return comes_true(
+            condition,
+            self._clock,
+            give_up_s=self._clock.now_s() + within_s,
+            pause_s=self._deadlines.poll_s,
+        )
 
     def _is_stopped(self) -> bool:
         return self._conversation.get("estop").text != "OFF"

@@ -8,6 +8,7 @@ from drivers.wire.geocom_constants import Result, Rpc
 from drivers.wire.geocom_words import words_of
 
 POINT_M = (2.5, -1.25, 0.75)
+POINT_MM = tuple(1000.0 * value for value in POINT_M)
 CCR = "CCR-1.5in"
 SETS = {
     Rpc.TMC_SET_STATION: Rpc.TMC_GET_STATION,

@@ -1,0 +1,95 @@
+"""The GeoCOM driver: what the instrument is brought to before it measures."""
+
+import pytest
+from scripted_geocom import CCR, POINT_MM, Bench
+
+from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused
+from drivers.values import Readiness
+from drivers.wire.geocom import Reply, encode_reply
+from drivers.wire.geocom_constants import Result, Rpc
+from drivers.wire.geocom_words import words_of
+
+pytestmark = pytest.mark.usefixtures("no_pause_at_start")
+
+
+def test_points_are_in_the_instruments_own_frame_then():
+    instrument = Bench().prepared().instrument
+    assert instrument.answers[Rpc.TMC_GET_STATION] == (0, ("0.0",) * 4)
+    assert instrument.answers[Rpc.TMC_GET_HEIGHT] == (0, ("0.0",))
+    assert instrument.answers[Rpc.TMC_GET_GEO_PPM][1][:2] == ("0", "1.0")
+    assert instrument.answers[Rpc.BAP_GET_TARGET_TYPE] == (0, ("0",))
+
+
+def test_old_distance_is_cleared_before_the_station_is_set():
+    bench = Bench().connected()
+    bench.instrument.asked.clear()
+    bench.tracker.prepare(CCR, 1.0)
+    calls = bench.instrument.calls()
+    assert calls.index(Rpc.TMC_DO_MEASURE) < calls.index(Rpc.TMC_SET_STATION)
+    assert bench.instrument.words_of_last(Rpc.TMC_DO_MEASURE) == ("3", "1")
+
+
+def test_prism_of_the_operator_is_chosen_by_its_name():
+    bench = Bench().connected()
+    bench.tracker.prepare(CCR, 1.0)
+    assert bench.instrument.words_of_last(Rpc.BAP_SET_PRISM_TYPE_2) == ("9", f'"{CCR}"')
+    assert bench.tracker.state().reflector == CCR
+
+
+def test_standard_prism_is_chosen_by_its_type():
+    bench = Bench().connected()
+    bench.instrument.answers[Rpc.BAP_GET_PRISM_TYPE_2] = (0, words_of(1, "Leica Mini Prism"))
+    bench.tracker.prepare("Leica Mini Prism", 1.0)
+    assert bench.instrument.words_of_last(Rpc.BAP_SET_PRISM_TYPE) == ("1",)
+
+
+def test_unknown_prism_is_refused_with_the_nearest_name():
+    bench = Bench().connected()
+    with pytest.raises(DeviceNotReady, match=r"no prism 'mini prism'.*'Leica Mini Prism'"):
+        bench.tracker.prepare("mini prism", 1.0)
+
+
+def test_prisms_are_listed_with_the_operators_own_that_is_in_use():
+    names = [prism.name for prism in Bench().prepared().tracker.reflectors()]
+    assert names == ["Leica Circ Prism", "Leica Mini Prism", CCR]
+
+
+def test_instrument_without_motors_is_refused():
+    bench = Bench().connected()
+    bench.instrument.answers[Rpc.CSV_GET_DEVICE_CONFIG] = (0, words_of(503, 0x200))
+    with pytest.raises(DeviceRefused, match=r"no motors or no target recognition.*import"):
+        bench.tracker.prepare(CCR, 1.0)
+
+
+def test_setting_that_is_not_kept_is_refused():
+    bench = Bench().connected()
+    bench.instrument.says[Rpc.TMC_SET_HEIGHT] = lambda request: [
+        (0.0, encode_reply(Reply(0, request.transaction, 0)))
+    ]
+    with pytest.raises(DeviceRefused, match="does not report its target height as set"):
+        bench.tracker.prepare(CCR, 1.0)
+
+
+def test_what_a_simpler_instrument_lacks_is_done_without():
+    bench = Bench().connected()
+    for rpc in (Rpc.TMC_SET_GEO_PPM, Rpc.TMC_GET_GEO_PPM, Rpc.TMC_SET_EDM_MODE):
+        bench.instrument.refuses(rpc, Result.NOT_IMPLEMENTED)
+    bench.tracker.prepare(CCR, 1.0)
+    assert bench.tracker.measure()
+
+
+def test_prism_that_is_not_in_view_yet_is_no_error():
+    bench = Bench().connected()
+    bench.instrument.lose_the_prism()
+    bench.instrument.refuses(Rpc.AUT_FINE_ADJUST, Result.AUT_NO_TARGET)
+    bench.tracker.prepare(CCR, 1.0)
+    assert bench.tracker.state().readiness is Readiness.NOT_READY
+    with pytest.raises(BeamBroken, match="not locked on a prism"):
+        bench.tracker.measure()
+
+
+def test_nothing_is_measured_before_it_is_prepared():
+    bench = Bench().connected()
+    for call in (bench.tracker.measure, lambda: bench.tracker.go_to(POINT_MM)):
+        with pytest.raises(DeviceNotReady, match="not prepared"):
+            call()
