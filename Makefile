@@ -35,10 +35,13 @@ lint: $(VENV)/installed-dev
 	exit $$failed
 
 bench: $(VENV)/installed-dev
-	@for yardstick in benchmarks/*.py; do \
+	@missed=""; \
+	for file in benchmarks/*.py; do \
+		yardstick=$$(basename "$$file" .py); \
 		echo "== $$yardstick"; \
-		$(BIN)/python "$$yardstick" || exit 1; \
-	done
+		$(BIN)/python -m "benchmarks.$$yardstick" || missed="$$missed $$yardstick"; \
+	done; \
+	[ -z "$$missed" ] || { echo "missed:$$missed"; exit 1; }
 
 # Whatever is installed is installed again when what it depends on has changed.
 $(VENV)/installed: pyproject.toml | $(BIN)/python

@@ -23,6 +23,7 @@ from app.commands import (
     reproduce,
     run,
     simulate,
+    study,
     validate,
 )
 from app.exits import Exit, exit_code
@@ -71,6 +72,7 @@ app.command("export")(export.command)
 app.command("load")(load.command)
 app.command("report")(report.command)
 app.command("reproduce")(reproduce.command)
+app.command("study")(study.command)
 app.command("sim")(simulate.command)
 app.command("dry-run")(dry_run.command)
 

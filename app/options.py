@@ -25,3 +25,13 @@ Plot = Annotated[
 Seed = Annotated[
     int | None, typer.Option(min=0, metavar="N", help="Another seed than the scenario's.")
 ]
+Free = Annotated[
+    list[str] | None,
+    typer.Option(metavar="PATTERN", help="Find these too, such as 'arm*.azimuth_deg'; repeatable."),
+]
+Fix = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="PATTERN", help="Hold these at their nominal values, 'arm1.*'; repeatable."
+    ),
+]

@@ -1,23 +1,16 @@
-"""A run on the terminal: shots k/N, time left, residual, beam, drift."""
+"""A run on the terminal: shots k/N, time left, residual, beam, drift, what is known."""
 
 from collections.abc import Callable
 from types import TracebackType
 
 from rich.console import Console, Group
-from rich.live import Live
-from rich.progress_bar import ProgressBar
-from rich.table import Table
 from rich.text import Text
 
-from campaigns.progress import EngineState, Progress
-
-QUIET_S = 10.0
-"""Without a terminal a line is printed every so many seconds."""
-BAR_WIDTH = 30
-MINUTE_S = 60.0
+from app.live_picture import LivePicture, bar_row, interval
+from campaigns.progress import EngineState, Known, Progress
 
 
-class RunDisplay:
+class RunDisplay(LivePicture):
     """A live bar on a terminal; now and then a line where there is none. A `Watcher`.
 
     `verbose` tells every state of every shot.
@@ -26,18 +19,10 @@ class RunDisplay:
     def __init__(
         self, console: Console, title: str, *, now_s: Callable[[], float], verbose: bool
     ) -> None:
-        self._console = console
+        super().__init__(console, now_s=now_s)
         self._title = title
-        self._now_s = now_s
         self._verbose = verbose
         self._progress: Progress | None = None
-        self._told_s = now_s()
-        self._live = Live(console=console, get_renderable=self._picture, transient=True)
-
-    def __enter__(self) -> "RunDisplay":
-        if self._console.is_terminal:
-            self._live.start()
-        return self
 
     def __exit__(
         self,
@@ -45,36 +30,34 @@ class RunDisplay:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._live.stop()
-        if self._progress is not None:
-            self._print(f"{self._title}: {summary(self._progress)}")
+        super().__exit__(kind, error, trace)
+        if self._progress is None:
+            return
+        for line in (summary(self._progress), *_known(self._progress)):
+            self.say(f"{self._title}: {line}")
 
     def progress(self, progress: Progress) -> None:
         """The run has moved on."""
         self._progress = progress
         if self._verbose:
-            self._print(f"{progress.done}/{progress.total} {news(progress)}")
-        elif not self._console.is_terminal and self._now_s() - self._told_s >= QUIET_S:
-            self._told_s = self._now_s()
-            self._print(f"{self._title}: {counted(progress)} · {news(progress)}")
+            self.say(f"{progress.done}/{progress.total} {news(progress)}")
+        else:
+            self.say_if_due(lambda: f"{self._title}: {_everything(progress)}")
 
     def event(self, text: str) -> None:
         """Something happened that the operator should read."""
-        self._print(f"! {text}", "yellow")
-
-    def _print(self, text: str, style: str = "dim") -> None:
-        self._console.print(text, style=style, markup=False, soft_wrap=True)
+        self.say(f"! {text}", "yellow")
 
     def _picture(self) -> Group | Text:
-        """The bar, and a line below it that is cut rather than wrapped."""
+        """The bar, and lines below it that are cut rather than wrapped."""
         progress = self._progress
         if progress is None:
             return Text(f"{self._title}: connecting", style="dim")
-        bar = ProgressBar(total=max(progress.total, 1), completed=progress.done, width=BAR_WIDTH)
-        line = Table.grid(padding=(0, 1))
-        line.add_row(Text(self._title, style="bold"), bar, Text(counted(progress), no_wrap=True))
+        row = bar_row(self._title, progress.done, progress.total, counted(progress))
         style = "dim" if progress.beam_locked else "bold red"
-        return Group(line, Text(news(progress), style=style, no_wrap=True, overflow="ellipsis"))
+        below = [(news(progress), style), *((line, "dim") for line in _knowledge(progress))]
+        lines = [Text(text, style, no_wrap=True, overflow="ellipsis") for text, style in below]
+        return Group(row, *lines)
 
 
 def counted(progress: Progress) -> str:
@@ -94,17 +77,36 @@ def summary(progress: Progress) -> str:
     return " · ".join([shots, progress.state.value, *_figures(progress)])
 
 
-def interval(seconds: tuple[float, float]) -> str:
-    """A time as an interval: `3–4 min`, `20–35 s`; one number where both ends round to it."""
-    low, high = seconds
-    unit, unit_s = ("min", MINUTE_S) if high >= 2 * MINUTE_S else ("s", 1.0)
-    ends = dict.fromkeys(f"{end / unit_s:.0f}" for end in (low, high))
-    return f"{'–'.join(ends)} {unit}"
+def certainty(known: Known) -> str:
+    """How surely the parameters are known: `weakest arm2.z_mm ±0.021 mm · position ±0.006 mm`."""
+    std = f"{known.weakest_std:.3f} mm" if known.unit == "mm" else f"{known.weakest_std:.4f}°"
+    return f"weakest {known.weakest} ±{std} · position ±{known.position_std_mm:.3f} mm"
+
+
+def _everything(progress: Progress) -> str:
+    return " · ".join([counted(progress), news(progress), *_knowledge(progress)])
 
 
 def _figures(progress: Progress) -> list[str]:
     figures = (("residual", progress.residual_mm), ("drift", progress.drift_mm))
     return [f"{name} {value:.3f} mm" for name, value in figures if value is not None]
+
+
+def _knowledge(progress: Progress) -> list[str]:
+    """A line of what shall be known and what is; none where there is nothing to say of it."""
+    told = [*_goal(progress), *_known(progress)]
+    return [" · ".join(told)] if told else []
+
+
+def _known(progress: Progress) -> list[str]:
+    return [] if progress.known is None else [certainty(progress.known)]
+
+
+def _goal(progress: Progress) -> list[str]:
+    if progress.goal_mm is None:
+        return []
+    now = "not yet known" if progress.known is None else f"{progress.known.length_std_mm:.3g}"
+    return [f"goal σ={progress.goal_mm:g}: {now}"]
 
 
 def _beam(progress: Progress) -> str:

@@ -5,10 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from app.folder import Campaign
+from app.view import centre_of, tracker_uncertainty_of, view_of
 from campaigns.numerics.geometry import Geometry
 from campaigns.plan_check import CheckedPlan, Pace, check_plan
 from campaigns.plan_file import PlannedShot, plan_digest, read_plan
-from campaigns.planning import PlanRequest, View, numeric_geometry, numeric_limits, pose_row
+from campaigns.planning import PlanRequest, numeric_geometry, numeric_limits, pose_row
 from campaigns.records import Stage
 from campaigns.robot import RobotFile
 from campaigns.rules import gate_rules, motion_rules
@@ -17,23 +18,9 @@ from campaigns.shot_sets import ShotSet
 from campaigns.steps import Step, joint_steps
 from campaigns.validation_plan import Reachable, validation_steps
 from campaigns.ways import Mechanism
-from drivers.values import Pose, Vector3
 
 FULL_JOINT_SPEED_RAD_S = float(np.radians(180.0))
 """Only for estimates of time: what a fast parallel robot's joints do at 100 %."""
-
-
-def centre_of(campaign: Campaign) -> Pose:
-    """The workspace's centre: where drift is watched and detours lead."""
-    return Pose(*campaign.config.validation.centre_mm, theta_rad=0.0)
-
-
-def view_of(campaign: Campaign) -> View:
-    """How the tracker sees the reflector."""
-    tracker = campaign.config.tracker
-    centre = campaign.config.validation.centre_mm
-    facing = tracker.reflector_facing or _towards(centre, tracker.place_mm)
-    return View(tracker.place_mm, facing, tracker.acceptance_rad)
 
 
 def plan_request_of(campaign: Campaign, shots: int | None) -> PlanRequest:
@@ -104,14 +91,10 @@ def _work(
         Mechanism(geometry, limits, pose_row(centre_of(campaign))),
         motion_rules(campaign.config),
         gate_rules(campaign.config),
+        instrument=tracker_uncertainty_of(campaign.config),
     )
 
 
 def _unseen_shots(campaign: Campaign) -> list[PlannedShot]:
     shots = read_plan(campaign.plan_path)
     return [shot for shot in shots if shot.purpose is ShotSet.VALIDATION]
-
-
-def _towards(from_mm: Vector3, to_mm: Vector3) -> Vector3:
-    x, y, z = (b - a for a, b in zip(from_mm, to_mm, strict=True))
-    return x, y, z

@@ -3,7 +3,7 @@
 Every seed is a dry run of its own, through drivers, protocols and sockets: 60 pairs to identify
 from, 20 unseen ones, validation before and after. Printed per seed and as the median.
 
-    python benchmarks/dry_runs.py [--seeds N] [--scenario NAME]… [--json]
+    python -m benchmarks.dry_runs [--seeds N] [--scenario NAME]… [--json]
 """
 
 import argparse

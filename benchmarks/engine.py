@@ -4,7 +4,7 @@ The journal is real, on the disk of --folder. From one measurement to the next e
 that is neither moving, settling nor measuring: path checks, prediction and gate, running fit, and
 the journal's commits. Limit: 5 ms a shot.
 
-python benchmarks/engine.py [--json] [--folder DIR]
+python -m benchmarks.engine [--json] [--folder DIR]
 """
 
 import argparse

@@ -3,7 +3,7 @@
 For each reading of the table: a robot whose truth is Table II's estimates, commanded with the
 nominal values, does the paper's tests without any noise. Beside it what the paper measured.
 
-python benchmarks/paper_reading.py
+python -m benchmarks.paper_reading
 """
 
 from collections.abc import Callable, Mapping

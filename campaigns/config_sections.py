@@ -31,6 +31,8 @@ Seconds = Annotated[float, Field(ge=0.0, le=600.0)]
 Distance = Annotated[float, Field(gt=0.0, le=10_000.0)]
 SmallAngle = Annotated[float, Field(gt=0.0, le=5.0)]
 Acceptable = Annotated[float, Field(gt=0.0, le=1000.0)] | None
+LimitUm = Annotated[float, Field(gt=0.0, le=100_000.0)]
+LimitPerMetre = Annotated[float, Field(ge=0.0, le=10_000.0)]
 
 
 class ControllerConfig(FileModel):
@@ -56,6 +58,19 @@ class ControllerConfig(FileModel):
         if self.driver == "linuxcnc" and self.linuxcnc is None:
             raise broken_rule("has no section linuxcnc, which driver: linuxcnc needs")
         return self
+
+
+class TrackerLimitsConfig(FileModel):
+    """The largest errors that the tracker's data sheet allows: a constant and a part per metre."""
+
+    along_um: LimitUm = Field(default=10.0, description="along the beam, µm")
+    along_um_per_m: LimitPerMetre = Field(
+        default=0.3, description="along the beam, µm more for each metre"
+    )
+    across_um: LimitUm = Field(default=15.0, description="across the beam, µm")
+    across_um_per_m: LimitPerMetre = Field(
+        default=6.0, description="across the beam, µm more for each metre"
+    )
 
 
 class TrackerConfig(FileModel):
@@ -86,6 +101,10 @@ class TrackerConfig(FileModel):
         gt=0.0,
         lt=90.0,
         description="the largest angle of the beam to that direction, deg",
+    )
+    uncertainty: TrackerLimitsConfig = Field(
+        default=TrackerLimitsConfig(),
+        description="the limits (MPE) of its data sheet, by default an AT500's; for plans",
     )
 
     @property

@@ -5,8 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from campaigns.approach import approach
 from campaigns.journal_views import AcceptedShot
 from campaigns.numerics.geometry import Array, Index
+from campaigns.numerics.instrument import TrackerUncertainty, point_covariance_mm2
 from campaigns.numerics.pairs import distances_mm
 from campaigns.shot_sets import ShotSet
 
@@ -24,8 +26,21 @@ class Dataset:
     """(N, 4)"""
     points_in_tracker_mm: Array
     """(N, 3)"""
-    covariance_mm2: Array | None
-    """(N, 3, 3); None when any shot came without."""
+    stated_covariance_mm2: Array
+    """What the tracker stated of each point, (N, 3, 3); NaN where it stated nothing."""
+    approach: Array
+    """+1 where a joint last moved towards larger angles, -1 smaller, 0 where unknown, (N, 4)."""
+
+    @property
+    def knows_approach(self) -> bool:
+        """Whether of any shot it is known from which side its joints came."""
+        return bool(self.approach.any())
+
+    def covariance_mm2(self, model: TrackerUncertainty) -> Array:
+        """What the tracker stated of each point, or `model` where it stated nothing, (N, 3, 3)."""
+        return completed_covariance_mm2(
+            self.stated_covariance_mm2, self.points_in_tracker_mm, model
+        )
 
     def pair_rows(self, purpose: ShotSet) -> Index:
         """Rows of the shots in whole pairs of that set, (M, 2)."""
@@ -51,12 +66,31 @@ class Dataset:
 
 def dataset_of_journal(shots: Sequence[AcceptedShot]) -> Dataset:
     """The accepted shots of a series."""
-    covariances = [shot.outcome.covariance_mm2 for shot in shots]
     return Dataset(
         tuple(shot.intent.shot for shot in shots),
         tuple(ShotSet(shot.intent.purpose) for shot in shots),
         tuple(shot.intent.pair for shot in shots),
         np.array([shot.outcome.joints_rad for shot in shots]).reshape(-1, 4),
         np.array([shot.outcome.point_in_tracker_mm for shot in shots]).reshape(-1, 3),
-        None if None in covariances or not covariances else np.array(covariances),
+        stated_covariance_mm2(shots),
+        approach(shots),
     )
+
+
+def stated_covariance_mm2(shots: Sequence[AcceptedShot]) -> Array:
+    """What the tracker stated of each point, (N, 3, 3); NaN where it stated nothing."""
+    stated = np.full((len(shots), 3, 3), np.nan)
+    for row, shot in enumerate(shots):
+        if shot.outcome.covariance_mm2 is not None:
+            stated[row] = shot.outcome.covariance_mm2
+    return stated
+
+
+def completed_covariance_mm2(
+    stated_mm2: Array, points_in_tracker_mm: Array, model: TrackerUncertainty
+) -> Array:
+    """The stated covariances, and those of `model` where nothing was stated, (N, 3, 3)."""
+    unstated = np.flatnonzero(np.isnan(stated_mm2).all(axis=(1, 2)))
+    completed = stated_mm2.copy()
+    completed[unstated] = point_covariance_mm2(points_in_tracker_mm[unstated], model)
+    return completed

@@ -12,21 +12,29 @@ COVERAGE = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Conformity:
-    """A measured error against the limit asked for; all three in the same unit."""
+class Requirement:
+    """A measured error and the limit asked for it, in one unit; None: not measured, or none asked.
 
-    error: float
-    standard_uncertainty: float
-    limit: float
+    Without an uncertainty the error is judged as it stands.
+    """
+
+    name: str
+    error: float | None
+    limit: float | None
+    standard_uncertainty: float = 0.0
 
     @property
-    def expanded_uncertainty(self) -> float:
-        """U = k u."""
-        return COVERAGE * self.standard_uncertainty
+    def expanded_uncertainty(self) -> float | None:
+        """U = k u; None for what was not measured."""
+        return None if self.error is None else COVERAGE * self.standard_uncertainty
 
     @property
-    def decision(self) -> Decision:
-        """What may be said of it."""
+    def decision(self) -> Decision | None:
+        """None when no limit is asked for."""
+        if self.limit is None:
+            return None
+        if self.error is None:
+            return "not decided"
         return decide(self.error, self.standard_uncertainty, self.limit)
 
 

@@ -6,9 +6,12 @@ from functools import partial
 from math import dist
 from typing import TypeVar
 
+from campaigns.early_end import early_end, may_end
 from campaigns.errors import GateRefused
+from campaigns.goal import Goal
 from campaigns.guards import AirWatch, DriftWatch, Gate
-from campaigns.progress import EngineState
+from campaigns.knowing import Knowing
+from campaigns.progress import EngineState, Known
 from campaigns.records import Event, Outcome, PairVoided, Rejected
 from campaigns.series_log import SeriesLog, problem_of
 from campaigns.shooting import Cell, Shooter, ShotLost
@@ -29,6 +32,9 @@ class Watches:
     drift: DriftWatch
     air: AirWatch
     attempts: int
+    knowing: Knowing
+    goal: Goal | None
+    """Once it is met, what only serves to identify is left out."""
 
 
 class Engine:
@@ -42,6 +48,21 @@ class Engine:
         self._shooter = shooter
         self._watches = watches
         self._tally = tally
+        self._known: Known | None = None
+        self._learn(self._running_knowledge())
+
+    def wanted(self, left: Sequence[Group]) -> tuple[Group, ...]:
+        """The groups that shall still be measured; the others are named in the journal."""
+        goal = self._watches.goal
+        if may_end(goal, self._known, left):
+            self._learn(self._knowledge_by_a_fit())
+        end = early_end(goal, self._known, left)
+        if end is None:
+            return tuple(left)
+        self._log.write(end.event)
+        self._tally.event(end.event.text)
+        self._tally.leave_out(end.shots_left_out)
+        return end.wanted
 
     def run(self, groups: Sequence[Group]) -> None:
         """Measure all groups; raises whatever made it stop, once the robot has been stopped.
@@ -83,8 +104,11 @@ class Engine:
             self._cell.robot.stop()
 
     def _measure_all(self, groups: Sequence[Group]) -> None:
-        for group in groups:
-            self._insist(partial(self._measure_group, group))
+        left = self.wanted(groups)
+        while left:
+            self._insist(partial(self._measure_group, left[0]))
+            left = self.wanted(left[1:])
+        self._learn(self._knowledge_by_a_fit())
         self._tally.enter(EngineState.FINISHED)
 
     def _insist(self, attempt: Callable[[], Result]) -> Result:
@@ -117,6 +141,8 @@ class Engine:
         outcome = self._shooter.measure(step)
         drift_mm = self._drift_mm(outcome) if step.planned.purpose is ShotSet.DRIFT else None
         self._shooter.accept(outcome)
+        if step.planned.purpose is ShotSet.IDENTIFICATION:
+            self._learn(self._running_knowledge())
         seconds = self._cell.wall_clock.now_s() - started_s
         self._tally.accept(ShotNews(seconds, outcome.residual_mm, drift_mm))
         if news := self._watches.air.news(outcome.weather):
@@ -132,7 +158,21 @@ class Engine:
         shots = tuple(step.planned.shot for step in taken)
         self._log.write(PairVoided(pair, shots, reason))
         self._watches.gate.forget(shots)
+        self._learn(self._running_knowledge())
         self._tally.void(len(shots))
+
+    def _running_knowledge(self) -> Known | None:
+        """What the shots that count tell of the parameters, at once."""
+        gate = self._watches.gate
+        return self._watches.knowing.after(gate.accepted, gate.linearised)
+
+    def _knowledge_by_a_fit(self) -> Known | None:
+        """The same as `identify` will tell it, which takes a little time."""
+        return self._watches.knowing.fitted(self._watches.gate.accepted)
+
+    def _learn(self, known: Known | None) -> None:
+        self._known = known
+        self._tally.know(known)
 
     def _drift_mm(self, outcome: Outcome) -> float | None:
         """How far a drift shot is from the first one; one too far is rejected and ends the run."""

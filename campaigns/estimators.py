@@ -10,3 +10,32 @@ class Estimator(StrEnum):
     """All coordinates of every shot, the tracker's frame being six more unknowns."""
     DISTANCES = "distances"
     """Distances of pairs, which need no common frame: the paper's (eq. 19)."""
+
+
+class Model(StrEnum):
+    """How much of a robot may be found."""
+
+    STANDARD = "standard"
+    """The paper's 22 parameters, unless told otherwise."""
+    EXTENDED = "extended"
+    """Where the motors' axes point and what their gears lose too, if unseen pairs speak for it."""
+
+
+class LossShape(StrEnum):
+    """How the price of a misfit grows with its size."""
+
+    LINEAR = "linear"
+    """With its square, however large: least squares."""
+    SOFT_L1 = "soft-l1"
+    """With the size itself where that is large."""
+    CAUCHY = "cauchy"
+    """Hardly any further where that is large."""
+
+
+class Outliers(StrEnum):
+    """What becomes of shots that all the others contradict."""
+
+    EXCLUDE = "exclude"
+    """They are left out, each by name."""
+    KEEP = "keep"
+    """They count like all others."""

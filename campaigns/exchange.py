@@ -1,11 +1,11 @@
 """shots.csv: measured shots, from and to other software."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 
+from campaigns.covariances import positive_definite
 from campaigns.csvfile import CsvForm, CsvRow, csv_text, parse_csv
 from campaigns.decimals import angle_text, number_text
 from campaigns.errors import ShotsInvalid
@@ -106,25 +106,12 @@ def _covariance_of(row: CsvRow) -> Matrix3 | None:
         )
     xx, xy, xz, yy, yz, zz = (row.number(column) for column in COVARIANCE_COLUMNS)
     covariance = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
-    if not _positive_definite(covariance):
+    if not positive_definite(covariance):
         raise row.wrong(
             "the covariance sxx … szz is not positive definite",
             remedy="check that these are variances and covariances in mm²",
         )
     return covariance
-
-
-def _positive_definite(matrix: Matrix3) -> bool:
-    """Sylvester's rule on the correlations, so that the scale does not matter."""
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = matrix
-    if min(xx, yy, zz) <= 0.0:
-        return False
-    r_xy = xy / math.sqrt(xx) / math.sqrt(yy)
-    r_xz = xz / math.sqrt(xx) / math.sqrt(zz)
-    r_yz = yz / math.sqrt(yy) / math.sqrt(zz)
-    if max(abs(r_xy), abs(r_xz), abs(r_yz)) >= 1.0:
-        return False
-    return 1.0 + 2.0 * r_xy * r_xz * r_yz - r_xy**2 - r_xz**2 - r_yz**2 > 0.0
 
 
 def _texts_of(shot: ShotRow) -> Mapping[str, str]:

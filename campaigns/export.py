@@ -8,6 +8,7 @@ from pydantic import JsonValue, TypeAdapter
 from campaigns.errors import ShotsMissing, VerdictBad
 from campaigns.identification_document import ParameterEntry
 from campaigns.journal_reader import JournalReader
+from campaigns.parameters import BACKLASH_NAMES
 from campaigns.records import Finding
 from campaigns.robot import Compensation, RobotDocument, compensated, write_new_robot
 from campaigns.textfile import replace_text
@@ -42,10 +43,12 @@ def compensated_robot(
 ) -> RobotDocument:
     """The nominal robot with the identified parameters, their 1 σ and their provenance.
 
+    A backlash is no part of the geometry: it is reported, and stays out of the file.
     Raises `VerdictBad` for a result that did not pass, or that rests on another nominal robot.
     """
     _check_usable(nominal, finding)
-    parameters = _PARAMETERS.validate_python(finding["parameters"])
+    found = _PARAMETERS.validate_python(finding["parameters"])
+    parameters = {name: entry for name, entry in found.items() if name not in BACKLASH_NAMES}
     return compensated(
         nominal,
         Compensation(

@@ -7,7 +7,7 @@ from math import dist, isfinite
 import numpy as np
 
 from campaigns.numerics.geometry import Array
-from campaigns.numerics.running import RunningFit
+from campaigns.numerics.running import Linearised, RunningFit
 from campaigns.records import Outcome
 from campaigns.rules import GateRules
 from drivers.values import Vector3, Weather
@@ -72,6 +72,16 @@ class Gate:
         self._running = self._new_fit()
         for outcome in self._accepted.values():
             self._teach(outcome)
+
+    @property
+    def accepted(self) -> tuple[Outcome, ...]:
+        """The shots that count, in the order in which they came."""
+        return tuple(self._accepted.values())
+
+    @property
+    def linearised(self) -> Linearised | None:
+        """The running fit of the first of them, or of all; None while there is none."""
+        return self._running.linearised
 
     def expected_point_mm(self, joints_rad: tuple[float, ...]) -> Vector3 | None:
         """Where to point the tracker for these joints; None while the frame is unknown."""

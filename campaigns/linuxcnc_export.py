@@ -47,7 +47,10 @@ class Whose:
 
 
 def hal_text(robot: RobotFile, identity: str) -> str:
-    """Write a parameter set as a HAL file: full doubles, and where they come from."""
+    """Write a parameter set as a HAL file: full doubles, and where they come from.
+
+    Raises `ConfigInvalid` for a set with axis tilts.
+    """
     heading = [
         f"{SCHEMA}: parameters of a Par4, written by pkmcal {VERSION}",
         f"robot: {identity}",
@@ -59,7 +62,8 @@ def hal_text(robot: RobotFile, identity: str) -> str:
         "Set these pins only while the machine is off: with power, the joints would jump.",
     ]
     settings = [
-        f"setp {PIN_OF[name]} {number_text(value)}" for name, value in robot.geometry_flat().items()
+        f"setp {PIN_OF[name]} {number_text(value)}"
+        for name, value in robot.controller_flat().items()
     ]
     return "\n".join([*(f"# {line}".rstrip() for line in heading), *settings, ""])
 
@@ -160,17 +164,17 @@ class CalibrationFile:
     def read(self) -> Mapping[str, float]:
         """All parameters; raises `ConfigInvalid`, also for another robot's file."""
         if self._otherwise is not None and not self._path.exists():
-            return self._otherwise.geometry_flat()
+            return self._otherwise.controller_flat()
         return parse_hal(self._text(), str(self._path), self._whose).geometry_flat()
 
     def write(self, geometry: Mapping[str, float]) -> None:
         """Replace the file whole; raises `ConfigInvalid`, `WriteFailed`."""
-        robot = self._whose.having(geometry, self._whose.identity)
+        text = hal_text(self._whose.having(geometry, self._whose.identity), self._whose.identity)
         self._replaced = self._text() if self._path.exists() else None
         if self._replaced is not None:
             parse_hal(self._replaced, str(self._path), self._whose)
             replace_text(self.last_good, self._replaced)
-        replace_text(self._path, hal_text(robot, self._whose.identity))
+        replace_text(self._path, text)
 
     def take_back(self) -> None:
         """Put back what the last `write` replaced; raises `WriteFailed`."""

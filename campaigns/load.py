@@ -36,8 +36,11 @@ class Change:
 
 
 def changes(active: Mapping[str, float], robot: RobotFile) -> tuple[Change, ...]:
-    """What loading a robot file would change, parameter by parameter, all 29."""
-    new, std = robot.geometry_flat(), robot.uncertainty or {}
+    """What loading a robot file would change, parameter by parameter, all 29.
+
+    Raises `ConfigInvalid` for a set with axis tilts.
+    """
+    new, std = robot.controller_flat(), robot.uncertainty or {}
     return tuple(Change(n, active[n], new[n], std.get(n)) for n in PARAMETER_NAMES)
 
 

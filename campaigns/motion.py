@@ -17,9 +17,11 @@ from drivers.values import RobotState
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """The robot at rest in place, and what it took."""
+    """The robot at rest in place, from where it came there, and what it took."""
 
     state: RobotState
+    came_from_rad: Joints
+    """The joints as they were read where the last leg of the way began."""
     move_s: float
     settle_s: float
 
@@ -48,12 +50,13 @@ class Mover:
         Raises `TargetOutOfReach` before anything moves when no safe way is known, `NotSettled`,
         `Interrupted`, or a driver's error.
         """
-        way = self._way(self._stop_of(self._at_rest()), step)
+        last_stop = self._at_rest()
+        way = self._way(self._stop_of(last_stop), step)
         entering(EngineState.MOVING)
         started_s = self._clock.now_s()
         for passed in way[:-1]:
             self._start_joints(passed)
-            self._await_arrival(passed, self._deadline_s())
+            last_stop = self._await_arrival(passed, self._deadline_s())
         self._start(step)
         deadline_s = self._deadline_s()
         self._await_arrival(step.planned.joints_rad, deadline_s)
@@ -61,7 +64,8 @@ class Mover:
         entering(EngineState.SETTLING)
         state = self._settled(step.planned.joints_rad, deadline_s)
         self._last_target = step.planned.joints_rad
-        return Arrival(state, arrived_s - started_s, self._clock.now_s() - arrived_s)
+        settle_s = self._clock.now_s() - arrived_s
+        return Arrival(state, last_stop.joints_rad, arrived_s - started_s, settle_s)
 
     def has_moved(self, since: RobotState) -> bool:
         """Whether the robot has left the place where it was read before; raises its faults."""
@@ -142,13 +146,13 @@ class Mover:
         self.check_stop()
         self._robot.move_joints(target, self._rules.speed_fraction)
 
-    def _await_arrival(self, target: Joints, deadline_s: float) -> None:
+    def _await_arrival(self, target: Joints, deadline_s: float) -> RobotState:
         """Wait until the controller has stopped moving, and in place: the next way starts there."""
         while True:
             self.check_stop()
             now_s, state = self._clock.now_s(), self._state()
             if not state.moving and self._in_place(state, target):
-                return
+                return state
             if now_s > deadline_s:
                 raise self._not_settled(_why_not_there(state, target, self._rules))
             self._clock.sleep_s(self._rules.poll_s)

@@ -169,9 +169,10 @@ def poses_of(shots: Sequence[PlannedShot]) -> Array:
 
 
 def pairs_of(shots: Sequence[PlannedShot], purpose: ShotSet) -> Index:
-    """Rows of the shots that stand in pairs for that purpose, (M, 2)."""
+    """Rows of the shots that stand in whole pairs for that purpose, (M, 2)."""
     rows: dict[int, list[int]] = {}
     for row, shot in enumerate(shots):
         if shot.purpose is purpose and shot.pair is not None:
             rows.setdefault(shot.pair, []).append(row)
-    return np.array(list(rows.values()), dtype=np.intp).reshape(-1, 2)
+    whole = [both for both in rows.values() if len(both) == 2]
+    return np.array(whole, dtype=np.intp).reshape(-1, 2)

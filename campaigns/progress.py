@@ -23,6 +23,30 @@ class EngineState(Enum):
 
 
 @dataclass(frozen=True, slots=True)
+class Known:
+    """How surely the identification shots so far tell the parameters: 1 σ."""
+
+    shots: int
+    weakest: str
+    """The parameter known worst; angles are compared by what they do at the arm's end."""
+    weakest_std: float
+    """In the unit of its name, mm or deg."""
+    length_std_mm: float
+    """Of the length known worst: what a goal is about."""
+    position_std_mm: float
+    """Of positions all over the workspace, on average, after the best fit of their frame."""
+    scatter: float
+    """What the best fit leaves of the shots, over what the tracker states of them."""
+    scale: float = 1.0
+    """What every σ was multiplied by for it; 1 while it may be chance."""
+
+    @property
+    def unit(self) -> str:
+        """Of `weakest_std`."""
+        return self.weakest.rpartition("_")[2]
+
+
+@dataclass(frozen=True, slots=True)
 class Progress:
     """One line of progress. Lengths in mm; None is not known yet."""
 
@@ -35,6 +59,9 @@ class Progress:
     residual_mm: float | None = None
     drift_mm: float | None = None
     beam_locked: bool = True
+    known: Known | None = None
+    goal_mm: float | None = None
+    """σ of the worst length at which measuring may end; None when all shall be measured."""
 
 
 class Watcher(Protocol):

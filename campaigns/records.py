@@ -18,6 +18,7 @@ EventKind = Literal[
     "reconnected",
     "drift check",
     "temperature alarm",
+    "goal met",
     "operator note",
 ]
 FindingKind = Literal["identification", "validation", "load"]
@@ -39,7 +40,7 @@ class SeriesStarted:
 
 @dataclass(frozen=True, slots=True)
 class SeriesFinished:
-    """Every shot of the series' plan has an accepted outcome."""
+    """Every shot of the series' plan has an accepted outcome, or was left out: the goal was met."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +85,10 @@ class Durations:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """An accepted shot: the joints as read, the point as measured, both raw answers beside them."""
+    """An accepted shot: the joints as read, the point as measured, both raw answers beside them.
+
+    `came_from_rad` is where the joints stood before the last leg of the way; None: nobody knows.
+    """
 
     shot: int
     attempt: int
@@ -97,6 +101,7 @@ class Outcome:
     durations: Durations | None
     predicted_in_tracker_mm: Vector3 | None = None
     residual_mm: float | None = None
+    came_from_rad: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,13 +13,17 @@ from pydantic import JsonValue
 from ruamel.yaml.comments import CommentedMap
 
 from campaigns.errors import ConfigInvalid
-from campaigns.parameters import ARM_FIELDS, PARAMETER_NAMES
+from campaigns.parameters import ARM_FIELDS, ARMS, AXIS_TILT_NAMES, PARAMETER_NAMES
 from campaigns.robot_schema import SCHEMA, LimitsContents, RobotContents
 from campaigns.textfile import write_new_text
 from campaigns.wording import nearest_word, suggestion
 from campaigns.yamlfile import YamlDocument, checked, parse_document, read_document, yaml_text
 
 Range = tuple[float, float]
+
+NO_TILTS = (0.0,) * ARMS
+TILT = "axis_tilt_deg"
+GEOMETRY = PARAMETER_NAMES + AXIS_TILT_NAMES
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +39,8 @@ class RobotLimits:
 class RobotFile:
     """A robot: its 29 parameters in the order of `PARAMETER_NAMES` (mm, deg), and its limits.
 
-    An identified set also has its standard deviations (1 σ, mm or deg, of what was free) and says
-    where it comes from.
+    Beyond the 29 its motors' axes may be tilted, one angle an arm. An identified set also has its
+    standard deviations (1 σ, mm or deg, of what was free) and says where it comes from.
     """
 
     name: str
@@ -44,18 +48,33 @@ class RobotFile:
     limits: RobotLimits
     uncertainty: Mapping[str, float] | None = None
     provenance: Mapping[str, JsonValue] | None = None
+    axis_tilt_deg: tuple[float, ...] = NO_TILTS
 
     @classmethod
     def from_flat(cls, flat: Mapping[str, float], *, name: str, limits: RobotLimits) -> Self:
-        """Make one from parameters by flat name; raises `ConfigInvalid` unless it is these 29."""
-        return cls(name, _ordered_values(flat, name), limits)
+        """Make one from the 29 by flat name, and axis tilts if any; raises `ConfigInvalid`."""
+        values, tilts_deg = _ordered_values(flat, name)
+        return cls(name, values, limits, axis_tilt_deg=tilts_deg)
 
     def geometry_flat(self) -> dict[str, float]:
-        """Return the 29 parameters by flat name, in order, in mm and deg."""
-        return dict(zip(PARAMETER_NAMES, self.values, strict=True))
+        """Return the 29 by flat name, in order, in mm and deg, then axis tilts that are not 0."""
+        tilts = zip(AXIS_TILT_NAMES, self.axis_tilt_deg, strict=True)
+        flat = dict(zip(PARAMETER_NAMES, self.values, strict=True))
+        return flat | {name: tilt_deg for name, tilt_deg in tilts if tilt_deg}
+
+    def controller_flat(self) -> dict[str, float]:
+        """Return the 29 that a controller knows; raises `ConfigInvalid` when an axis is tilted."""
+        flat = self.geometry_flat()
+        if tilted := [name for name in AXIS_TILT_NAMES if name in flat]:
+            raise ConfigInvalid(
+                f"{self.name}: {tilted[0]} is {flat[tilted[0]]:g}, but the controller's kinematics "
+                "has no axis tilts",
+                remedy="identify with --model standard and export again",
+            )
+        return flat
 
     def digest(self) -> str:
-        """Return the geometry's sha256: equal exactly when all 29 doubles are.
+        """Return the geometry's sha256: equal exactly when all its doubles are.
 
         It is taken of lines `name=value`, the value in the shortest decimals that give the double.
         """
@@ -109,13 +128,14 @@ def compensated(nominal: RobotDocument, compensation: Compensation) -> RobotDocu
 
     Raises `ConfigInvalid` when the set would not make a robot file.
     """
-    values = _ordered_values(compensation.geometry, compensation.name)
+    values, tilts_deg = _ordered_values(compensation.geometry, compensation.name)
     tree = nominal.document.editable_tree()
     _set_values(tree["geometry"], values)
+    _set_tilts(tree["geometry"], tilts_deg)
     tree["name"] = compensation.name
     tree["uncertainty"] = dict(compensation.uncertainty)
     tree["provenance"] = dict(compensation.provenance)
-    tree["sha256"] = replace(nominal.robot, values=values).digest()
+    tree["sha256"] = replace(nominal.robot, values=values, axis_tilt_deg=tilts_deg).digest()
     return _robot_of(parse_document(yaml_text(tree), compensation.name))
 
 
@@ -132,18 +152,35 @@ def _set_values(geometry: CommentedMap, values: tuple[float, ...]) -> None:
             holder[field] = value
 
 
-def _ordered_values(flat: Mapping[str, float], name: str) -> tuple[float, ...]:
-    for unknown in flat.keys() - set(PARAMETER_NAMES):
+def _set_tilts(geometry: CommentedMap, tilts_deg: tuple[float, ...]) -> None:
+    """Replace what differs; only an axis that is tilted has the key."""
+    for arm, tilt_deg in zip(geometry["arms"], tilts_deg, strict=True):
+        if arm.get(TILT, 0.0) == tilt_deg:
+            continue
+        if tilt_deg:
+            arm[TILT] = tilt_deg
+        else:
+            del arm[TILT]
+
+
+def _ordered_values(
+    flat: Mapping[str, float], name: str
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """The 29 and the axis tilts, those that are not given being 0; raises `ConfigInvalid`."""
+    for unknown in flat.keys() - set(GEOMETRY):
         raise ConfigInvalid(
-            f"{name}: {unknown} is not a parameter", remedy=suggestion(unknown, PARAMETER_NAMES)
+            f"{name}: {unknown} is not a parameter of a robot",
+            remedy=suggestion(unknown, GEOMETRY),
         )
-    for parameter in PARAMETER_NAMES:
-        if not math.isfinite(flat.get(parameter, math.nan)):
+    given = dict.fromkeys(AXIS_TILT_NAMES, 0.0) | dict(flat)
+    for parameter in GEOMETRY:
+        if not math.isfinite(given.get(parameter, math.nan)):
             raise ConfigInvalid(
-                f"{name}: {parameter} is {flat.get(parameter, 'missing')}",
-                remedy="give finite values for all 29 parameters",
+                f"{name}: {parameter} is {given.get(parameter, 'missing')}",
+                remedy=f"give finite values for all {len(PARAMETER_NAMES)} parameters",
             )
-    return tuple(float(flat[parameter]) for parameter in PARAMETER_NAMES)
+    values = tuple(float(given[parameter]) for parameter in PARAMETER_NAMES)
+    return values, tuple(float(given[parameter]) for parameter in AXIS_TILT_NAMES)
 
 
 def _shipped_robots() -> dict[str, Traversable]:
@@ -170,8 +207,14 @@ def _robot(contents: RobotContents) -> RobotFile:
     geometry = contents.geometry
     arms = (getattr(arm, field) for arm in geometry.arms for field in ARM_FIELDS)
     values = (*arms, geometry.plate_mm)
-    limits = _limits(contents.limits)
-    return RobotFile(contents.name, values, limits, contents.uncertainty, contents.provenance)
+    return RobotFile(
+        contents.name,
+        values,
+        _limits(contents.limits),
+        contents.uncertainty,
+        contents.provenance,
+        tuple(arm.axis_tilt_deg for arm in geometry.arms),
+    )
 
 
 def _limits(contents: LimitsContents) -> RobotLimits:

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, JsonValue
 
-from campaigns.parameters import PARAMETER_NAMES
+from campaigns.parameters import AXIS_TILT_NAMES, PARAMETER_NAMES
 from campaigns.wording import shown, suggestion
 from campaigns.yaml_explanation import broken_rule
 from campaigns.yamlfile import FileModel
@@ -20,9 +20,10 @@ def _rising(limits: tuple[float, float]) -> tuple[float, float]:
 
 
 def _known_parameters(uncertainty: dict[str, float]) -> dict[str, float]:
+    known = PARAMETER_NAMES + AXIS_TILT_NAMES
     for name in uncertainty:
-        if name not in PARAMETER_NAMES:
-            hint = suggestion(name, PARAMETER_NAMES)
+        if name not in known:
+            hint = suggestion(name, known)
             raise broken_rule(f"names {shown(name)}, which is not a parameter ({hint})")
     return uncertainty
 
@@ -38,12 +39,13 @@ def _finite(provenance: dict[str, JsonValue]) -> dict[str, JsonValue]:
 Place = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
 Length = Annotated[float, Field(gt=0.0, le=100_000.0)]
 Turn = Annotated[float, Field(ge=-360.0, le=360.0)]
+Tilt = Annotated[float, Field(ge=-10.0, le=10.0)]
 TurnRange = Annotated[tuple[Turn, Turn], AfterValidator(_rising)]
 Deviation = Annotated[float, Field(ge=0.0)]
 
 
 class ArmContents(FileModel):
-    """One arm; the names are those of `ARM_FIELDS`."""
+    """One arm; the names are those of `ARM_FIELDS`, and one beyond them."""
 
     x_mm: Place = Field(description="the motor centre's x in the base frame, mm")
     y_mm: Place = Field(description="the motor centre's y in the base frame, mm")
@@ -52,10 +54,13 @@ class ArmContents(FileModel):
     joint_offset_deg: Turn = Field(description="the joint angle minus the encoder's reading, deg")
     arm_mm: Length = Field(description="the arm's length, mm")
     forearm_mm: Length = Field(description="the forearm's length, mm")
+    axis_tilt_deg: Tilt = Field(
+        default=0.0, description="the motor's axis out of the horizontal, deg; may be left out"
+    )
 
 
 class GeometryContents(FileModel):
-    """The 29 parameters."""
+    """The 29 parameters, and axis tilts where there are any."""
 
     arms: tuple[ArmContents, ArmContents, ArmContents, ArmContents] = Field(
         description="four arms, each with its seven keys"

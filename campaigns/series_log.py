@@ -68,7 +68,7 @@ def closing(log: SeriesLog) -> Iterator[None]:
     except BaseException as error:
         log.close("aborted", problem_of(error))
         raise
-    log.close("finished", "all shots measured")
+    log.close("finished", "everything wanted was measured")
 
 
 def problem_of(error: BaseException) -> str:

@@ -1,19 +1,25 @@
 """Carries a series through: begins or resumes it, measures what is missing, and closes it."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
+import numpy as np
 from pydantic import JsonValue
 
+from campaigns.early_end import is_met
 from campaigns.engine import Engine, Watches
+from campaigns.estimators import Estimator
+from campaigns.goal import Goal
 from campaigns.guards import AirWatch, DriftWatch, Gate
 from campaigns.journal import Journal
 from campaigns.journal_reader import JournalReader
-from campaigns.journal_views import Series
+from campaigns.journal_views import AcceptedShot, Series
+from campaigns.knowing import Knowing
 from campaigns.motion import Mover
 from campaigns.numerics.geometry import FREE_BY_DEFAULT
+from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.numerics.running import RunningFit
-from campaigns.progress import Watcher
+from campaigns.progress import Known, Watcher
 from campaigns.records import Event, SeriesFinished, SeriesStarted, SessionStarted, Stage
 from campaigns.resuming import Remains, check_same, how_it_stopped, remains
 from campaigns.rules import GateRules, MotionRules
@@ -24,6 +30,9 @@ from campaigns.tally import Tally
 from campaigns.version import VERSION
 from campaigns.ways import KnownWays, Mechanism
 from drivers.values import Weather
+
+WORKSPACE_SEED = 1
+"""Positions are judged at the same poses in every session."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +47,25 @@ class Work:
     mechanism: Mechanism
     motion: MotionRules
     gate: GateRules
+    goal: Goal | None = None
+    """Of what is identified; once it is met, only the other shots are taken."""
+    estimator: Estimator = Estimator.POINTS
+    """What will identify, and so says how much is known."""
+    instrument: TrackerUncertainty = field(default_factory=TrackerUncertainty)
+    """Of shots of which the tracker states none."""
+
+    def knowing(self) -> Knowing:
+        """What tells how much is known of the parameters."""
+        shots = [step.planned for step in self.steps]
+        rng = np.random.default_rng(WORKSPACE_SEED)
+        return Knowing.of_plan(shots, self.mechanism, self.estimator, self.instrument, rng)
+
+    def gate_taught_by(self, shots: Iterable[AcceptedShot]) -> Gate:
+        """A gate that knows these shots and no others."""
+        gate = Gate(self.gate, lambda: RunningFit(self.mechanism.geometry, FREE_BY_DEFAULT))
+        for shot in shots:
+            gate.accept(shot.outcome)
+        return gate
 
 
 def measure_series(
@@ -55,7 +83,7 @@ def measure_series(
     or devices are not those it began with, `Interrupted`, or whatever stopped the engine.
     """
     today = _start_record(cell, work)
-    found = None if anew else _unfinished(journal, work)
+    found = None if anew else _to_take_up(journal, work)
     if found is not None:
         check_same(found, today)
     series = found.number if found else journal.start_series(today)
@@ -68,7 +96,8 @@ def measure_series(
         left = remains(work.steps, journal.shots(series))
         began = found.started if found else today
         _Run(cell, log, work, watcher, stop_requested).measure(left, began.weather)
-        log.write(SeriesFinished())
+        if not (found and found.finished):  # one that ended early is finished already
+            log.write(SeriesFinished())
     return series
 
 
@@ -87,17 +116,18 @@ class _Run:
         for half in found.halves:
             self.log.write(half)
         engine = self._engine(found, first_weather)
+        wanted = engine.wanted(found.left)
         reference = found.reference(self.work.steps)
-        if reference is not None and found.left:
+        if reference is not None and wanted:
             engine.check_place(*reference)
-        engine.run(found.left)
+        engine.run(wanted)
 
     def _engine(self, found: Remains, first_weather: Weather | None) -> Engine:
         cell, work = self.cell, self.work
-        gate = Gate(work.gate, lambda: RunningFit(work.mechanism.geometry, FREE_BY_DEFAULT))
-        for shot in found.kept:
-            gate.accept(shot.outcome)
-        tally = Tally(self.watcher, done=len(found.kept), total=len(work.steps))
+        gate = work.gate_taught_by(found.kept)
+        goal_mm = work.goal.std_mm if work.goal else None
+        done, total = len(found.kept), len(work.steps)
+        tally = Tally(self.watcher, done=done, total=total, goal_mm=goal_mm)
         ways = KnownWays(work.mechanism, stops_of(found.left))
         mover = Mover(cell.robot, cell.clock, work.motion, ways, self.stop_requested)
         shooter = Shooter(cell, self.log, mover, gate, tally, work.gate.search_mm)
@@ -106,21 +136,43 @@ class _Run:
             DriftWatch(work.gate.drift_mm, found.first_drift_mm()),
             AirWatch(work.gate.temperature_change_degC, first_weather),
             work.gate.attempts,
+            work.knowing(),
+            work.goal,
         )
         return Engine(cell, self.log, shooter, watches, tally)
 
 
 def nothing_left(journal: JournalReader, work: Work) -> Series | None:
-    """The latest series of this stage if it is finished and measured this very plan."""
+    """The latest series of this stage if it is finished and measured this very plan.
+
+    To one that ended early something is left, unless it meets the goal of this work.
+    """
     latest = journal.latest_series(work.stage)
-    done = latest and latest.finished and latest.started.plan_digest == work.plan_digest
+    if latest is None or not latest.finished or latest.started.plan_digest != work.plan_digest:
+        return None
+    shots = journal.shots(latest.number)
+    done = not left_out(shots, work) or (work.goal and is_met(work.goal, known_from(shots, work)))
     return latest if done else None
 
 
-def _unfinished(journal: Journal, work: Work) -> Series | None:
-    """The series to take up, if there is one."""
+def left_out(shots: Sequence[AcceptedShot], work: Work) -> int:
+    """How many shots of the plan are not among the accepted ones of its series."""
+    taken = {shot.intent.shot for shot in shots}
+    return sum(step.planned.shot not in taken for step in work.steps)
+
+
+def known_from(shots: Sequence[AcceptedShot], work: Work) -> Known | None:
+    """What the accepted shots of a series tell of the parameters, as `identify` will find it."""
+    return work.knowing().fitted(shot.outcome for shot in shots)
+
+
+def _to_take_up(journal: Journal, work: Work) -> Series | None:
+    """The series to go on with: an unfinished one, or one that left shots of this plan out."""
     latest = journal.latest_series(work.stage)
-    return None if latest is None or latest.finished else latest
+    if latest is None or not latest.finished:
+        return latest
+    same_plan = latest.started.plan_digest == work.plan_digest
+    return latest if same_plan and left_out(journal.shots(latest.number), work) else None
 
 
 def _start_record(cell: Cell, work: Work) -> SeriesStarted:

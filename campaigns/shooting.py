@@ -169,4 +169,5 @@ def _outcome(intent: Intent, taken: _Taken, judgement: Judgement) -> Outcome:
         Durations(arrival.move_s, arrival.settle_s, taken.measure_s),
         judgement.predicted_in_tracker_mm,
         judgement.residual_mm,
+        arrival.came_from_rad,
     )

@@ -6,18 +6,19 @@ campaign draws from its own number alone, so the numbers are the same wherever a
 order they are computed.
 """
 
-import hashlib
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
+from campaigns.estimators import Estimator
+from campaigns.numerics.estimate import allowed_scale, noise_of
 from campaigns.numerics.fit import Fit, solve
 from campaigns.numerics.forward import forward
-from campaigns.numerics.frames import Transform
-from campaigns.numerics.geometry import FILE_UNIT, Array, Geometry, Index, indices
-from campaigns.numerics.instrument import TrackerUncertainty, point_covariance_mm2
+from campaigns.numerics.geometry import FILE_UNIT, Array, Geometry, indices
+from campaigns.numerics.instrument import distance_variance_mm2, point_covariance_mm2
 from campaigns.numerics.pairs import distances_mm
+from campaigns.numerics.point_prediction import points_covariance
+from campaigns.numerics.prediction import predict_distances
 from campaigns.numerics.residuals import (
     DistanceResiduals,
     NoAssembly,
@@ -25,87 +26,9 @@ from campaigns.numerics.residuals import (
     PositionModel,
     Residuals,
 )
-from campaigns.numerics.statistics import covariance
-
-Estimator = Literal["distances", "points"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PairedShots:
-    """Joints (N, 4) of a plan's shots, and which rows are pairs, (M, 2)."""
-
-    joints_rad: Array
-    pairs: Index
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StudySetup:
-    """What all campaigns of a study share."""
-
-    nominal: Geometry
-    free: tuple[str, ...]
-    estimator: Estimator
-    fitted: PairedShots
-    unseen: PairedShots
-    tracker_from_base: Transform
-    uncertainty: TrackerUncertainty
-    seed: int
-
-    def digest(self, truth: str) -> str:
-        """Twelve characters that differ between studies; `truth` says how robots are drawn."""
-        parts = [self.nominal.vector(), self.tracker_from_base.rotation]
-        parts += [self.tracker_from_base.translation_mm]
-        for shots in (self.fitted, self.unseen):
-            parts += [shots.joints_rad, shots.pairs.astype(np.float64)]
-        text = repr((truth, self.free, self.estimator, self.uncertainty, self.seed))
-        hashed = hashlib.sha256(text.encode("utf-8"))
-        for part in parts:
-            hashed.update(np.ascontiguousarray(part).tobytes())
-        return hashed.hexdigest()[:12]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StudyTask:
-    """Some campaigns of a study, and the true parameters of each, (C, 29), mm and rad."""
-
-    setup: StudySetup
-    numbers: tuple[int, ...]
-    truths: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
-    """What one campaign found of the free parameters, in file units (mm, deg): it is to be read."""
-
-    errors: Array
-    """Identified minus true, (F,)."""
-    std: Array
-    """As the estimator states it, (F,)."""
-    unseen_mean_mm: float
-    """Of the errors of distances never fitted, against the true robot; NaN without such pairs."""
-    unseen_max_mm: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CampaignOutcome:
-    """An estimate, or why there is none."""
-
-    number: int
-    estimate: Estimate | None
-    failure: str
-
-
-def run_task(task: StudyTask) -> tuple[CampaignOutcome, ...]:
-    """Simulate and identify; a campaign that cannot be identified is an outcome too."""
-    setup = task.setup
-    fitted, unseen = (
-        forward(setup.nominal, shots.joints_rad).require() for shots in (setup.fitted, setup.unseen)
-    )
-    near = _NominalPoses(fitted, unseen)
-    return tuple(
-        _outcome(setup, near, number, Geometry.from_vector(truth))
-        for number, truth in zip(task.numbers, task.truths, strict=True)
-    )
+from campaigns.numerics.robust import Loss
+from campaigns.numerics.statistics import covariance, observability, unobservable_combinations
+from campaigns.study_setup import CampaignOutcome, Estimate, PairedShots, StudySetup, StudyTask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,62 +39,123 @@ class _NominalPoses:
     unseen: Array
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shots:
+    """Fitted shots of one campaign: true poses (N, 4), and points (N, 3) in the tracker's frame."""
+
+    poses: Array
+    exact_mm: Array
+    measured_mm: Array
+
+
+def run_task(task: StudyTask) -> tuple[CampaignOutcome, ...]:
+    """Simulate and identify; a campaign that cannot be identified is an outcome too."""
+    near = _nominal_poses(task.setup)
+    return tuple(
+        _outcome(task.setup, near, number, Geometry.from_vector(truth))
+        for number, truth in zip(task.numbers, task.truths, strict=True)
+    )
+
+
+def indistinguishable(setup: StudySetup) -> list[tuple[str, ...]]:
+    """Free parameters that move together without any effect on what the nominal robot's shots tell.
+
+    Raises `NoAssembly` when the nominal robot cannot take them.
+    """
+    near = _nominal_poses(setup)
+    exact_mm = setup.tracker_from_base.apply(near.fitted[:, :3])
+    problem = _problem(setup, near, exact_mm)
+    seen = observability(problem.jacobian(problem.start()))
+    return unobservable_combinations(seen, setup.free)
+
+
+def stated_std(estimator: Estimator, fit: Fit) -> Array:
+    """Standard deviations as identification states them of the same shots, (P,), mm and rad.
+
+    From the tracker's stated noise for points, as long as χ² believes it; else from the scatter.
+    """
+    seen = noise_of(float(fit.residual @ fit.residual), len(fit.residual) - len(fit.x), None)
+    trusted = estimator is Estimator.POINTS
+    scale = allowed_scale(seen.ratio, seen, Loss(), trusted=trusted)
+    assert scale is not None, "a set-up leaves degrees of freedom"
+    return np.asarray(scale * np.sqrt(np.diag(covariance(fit.jacobian))))
+
+
+def _nominal_poses(setup: StudySetup) -> _NominalPoses:
+    return _NominalPoses(
+        *(
+            forward(setup.nominal, shots.joints_rad).require()
+            for shots in (setup.fitted, setup.unseen)
+        )
+    )
+
+
 def _outcome(
     setup: StudySetup, near: _NominalPoses, number: int, true: Geometry
 ) -> CampaignOutcome:
     rng = np.random.default_rng([setup.seed, number])
     try:
-        points = _measured(setup, true, near.fitted, rng)
-        model = PositionModel(
-            setup.nominal, indices(setup.free), setup.fitted.joints_rad, near.fitted
-        )
-        fit = solve(_problem(setup, model, points))
+        shots = _measured(setup, true, near.fitted, rng)
+        fit = solve(_problem(setup, near, shots.measured_mm))
         if not fit.converged:
             return CampaignOutcome(number, None, fit.message)
-        return CampaignOutcome(number, _estimate(setup, near, model, fit, true), "")
+        return CampaignOutcome(number, _estimate(setup, near, true, shots, fit), "")
     except (NoAssembly, np.linalg.LinAlgError) as error:
         return CampaignOutcome(number, None, str(error))
 
 
-def _measured(setup: StudySetup, true: Geometry, near: Array, rng: np.random.Generator) -> Array:
-    """The reflector in the tracker's frame, with noise, (N, 3)."""
-    positions = forward(true, setup.fitted.joints_rad, near).require()[:, :3]
-    exact = setup.tracker_from_base.apply(positions)
-    root = np.linalg.cholesky(point_covariance_mm2(exact, setup.uncertainty))
-    return np.asarray(exact + np.einsum("nij,nj->ni", root, rng.standard_normal(exact.shape)))
+def _measured(setup: StudySetup, true: Geometry, near: Array, rng: np.random.Generator) -> _Shots:
+    """The true robot's shots, exact and with noise."""
+    poses = forward(true, setup.fitted.joints_rad, near).require()
+    exact_mm = setup.tracker_from_base.apply(poses[:, :3])
+    root = np.linalg.cholesky(point_covariance_mm2(exact_mm, setup.uncertainty))
+    noise_mm = np.einsum("nij,nj->ni", root, rng.standard_normal(exact_mm.shape))
+    return _Shots(poses, exact_mm, exact_mm + noise_mm)
 
 
-def _problem(setup: StudySetup, model: PositionModel, points: Array) -> Residuals:
-    if setup.estimator == "points":
-        stated = point_covariance_mm2(points, setup.uncertainty)
-        return PointResiduals.from_points(model, points, stated)
+def _problem(setup: StudySetup, near: _NominalPoses, points_mm: Array) -> Residuals:
+    """What identification solves, from the nominal robot on."""
+    free = indices(setup.free)
+    model = PositionModel(setup.nominal, free, setup.fitted.joints_rad, near.fitted)
+    if setup.estimator is Estimator.POINTS:
+        stated = point_covariance_mm2(points_mm, setup.uncertainty)
+        return PointResiduals.from_points(model, points_mm, stated)
     first, second = setup.fitted.pairs.T
-    return DistanceResiduals(model, first, second, distances_mm(points, first, second))
+    return DistanceResiduals(model, first, second, distances_mm(points_mm, first, second))
 
 
 def _estimate(
-    setup: StudySetup, near: _NominalPoses, model: PositionModel, fit: Fit, true: Geometry
+    setup: StudySetup, near: _NominalPoses, true: Geometry, shots: _Shots, fit: Fit
 ) -> Estimate:
-    count = len(setup.free)
-    identified, unit = fit.x[:count], FILE_UNIT[indices(setup.free)]
-    errors = identified - true.vector()[indices(setup.free)]
-    std = stated_std(setup.estimator, fit)[:count]
-    unseen_mm = _unseen_errors_mm(setup.unseen, near.unseen, model.geometry(identified), true)
+    free = indices(setup.free)
+    identified = setup.nominal.vector()
+    identified[free] = fit.x[: len(free)]
+    errors = (identified - true.vector())[free]
+    std = stated_std(setup.estimator, fit)[: len(free)]
+    bound = _bound(setup, true, shots)
+    unseen_mm = _unseen_errors_mm(setup.unseen, near.unseen, Geometry.from_vector(identified), true)
     mean, most = (float("nan"),) * 2
     if unseen_mm.size:
         mean, most = float(unseen_mm.mean()), float(unseen_mm.max())
-    return Estimate(errors / unit, std / unit, mean, most)
+    unit = FILE_UNIT[free]
+    return Estimate(errors / unit, std / unit, bound / unit, mean, most)
 
 
-def stated_std(estimator: Estimator, fit: Fit) -> Array:
-    """Standard deviations as stated with the result, (P,), mm and rad.
+def _bound(setup: StudySetup, true: Geometry, shots: _Shots) -> Array:
+    """Cramér-Rao bound of standard deviations, (F,), mm and rad.
 
-    From the residuals' own variance for distances; from the tracker's stated one for points.
+    Of what the estimator is given, at the truth: Fisher's information of the coordinates, or of
+    the distances. Raises `LinAlgError` when that does not fix the parameters.
     """
-    variance = 1.0
-    if estimator == "distances":
-        variance = float(fit.residual @ fit.residual) / (len(fit.residual) - len(fit.x))
-    return np.asarray(np.sqrt(variance * np.diag(covariance(fit.jacobian))))
+    joints_rad, pairs = setup.fitted.joints_rad, setup.fitted.pairs
+    in_base_axes_mm = shots.exact_mm @ setup.tracker_from_base.rotation
+    noise_mm2 = point_covariance_mm2(in_base_axes_mm, setup.uncertainty)
+    if setup.estimator is Estimator.POINTS:
+        least = points_covariance(true, setup.free, joints_rad, shots.poses, noise_mm2)
+        return np.asarray(np.sqrt(np.diag(least)[: len(setup.free)]))
+    variance_mm2 = distance_variance_mm2(in_base_axes_mm, noise_mm2, *pairs.T)
+    told = predict_distances(true, setup.free, joints_rad, shots.poses, pairs, variance_mm2)
+    return told.std
 
 
 def _unseen_errors_mm(
@@ -179,8 +163,7 @@ def _unseen_errors_mm(
 ) -> Array:
     """Sizes of the errors of distances, (M,); raises `NoAssembly`."""
     first, second = unseen.pairs.T
-    exact_mm, found_mm = (
-        distances_mm(forward(robot, unseen.joints_rad, near).require()[:, :3], first, second)
-        for robot in (true, identified)
-    )
+    exact = forward(true, unseen.joints_rad, near).require()
+    found = forward(identified, unseen.joints_rad, exact).require()
+    exact_mm, found_mm = (distances_mm(poses[:, :3], first, second) for poses in (exact, found))
     return np.abs(found_mm - exact_mm)

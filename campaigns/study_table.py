@@ -11,11 +11,11 @@ from campaigns.csvfile import CsvForm, CsvRow, csv_text, parse_csv
 from campaigns.decimals import number_text
 from campaigns.errors import OutputExists, WriteFailed
 from campaigns.numerics.geometry import Array
-from campaigns.study import CampaignOutcome, Estimate
+from campaigns.study_setup import CampaignOutcome, Estimate
 from campaigns.textfile import read_text, replace_text
 
 UNSEEN_COLUMNS = ("unseen_mean_mm", "unseen_max_mm")
-ERROR, STD = "error ", "std "
+KINDS = ("error ", "std ", "bound ")
 """Before a parameter's name, in whose unit the value is."""
 
 
@@ -30,7 +30,7 @@ class StudyTable:
     @property
     def columns(self) -> tuple[str, ...]:
         """The header."""
-        values = (f"{kind}{name}" for kind in (ERROR, STD) for name in self.free)
+        values = (f"{kind}{name}" for kind in KINDS for name in self.free)
         return ("study", "campaign", "failure", *UNSEEN_COLUMNS, *values)
 
     def read(self) -> dict[int, CampaignOutcome]:
@@ -64,11 +64,11 @@ class StudyTable:
         replace_text(self.path, csv_text(self.columns, rows))
 
     def _row_of(self, outcome: CampaignOutcome) -> list[str]:
-        texts = [""] * (len(UNSEEN_COLUMNS) + 2 * len(self.free))
+        texts = [""] * (len(UNSEEN_COLUMNS) + len(KINDS) * len(self.free))
         if outcome.estimate is not None:
             found = outcome.estimate
             unseen = np.array([found.unseen_mean_mm, found.unseen_max_mm])
-            values = np.concatenate([unseen, found.errors, found.std]).tolist()
+            values = np.concatenate([unseen, found.errors, found.std, found.bound]).tolist()
             texts = ["" if math.isnan(value) else number_text(value) for value in values]
         return [self.study, str(outcome.number), outcome.failure, *texts]
 
@@ -85,7 +85,8 @@ class StudyTable:
         mean, most = (
             row.number(column) if row.text(column) else float("nan") for column in UNSEEN_COLUMNS
         )
-        return Estimate(self._values(row, ERROR), self._values(row, STD), mean, most)
+        errors, std, bound = (self._values(row, kind) for kind in KINDS)
+        return Estimate(errors, std, bound, mean, most)
 
     def _values(self, row: CsvRow, kind: str) -> Array:
         return np.array([row.number(f"{kind}{name}") for name in self.free])

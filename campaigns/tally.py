@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from campaigns.progress import EngineState, Progress, Watcher, time_left_s
+from campaigns.progress import EngineState, Known, Progress, Watcher, time_left_s
 from campaigns.steps import Step
 
 FOLLOWERS: Mapping[EngineState, frozenset[EngineState]] = {
@@ -30,9 +30,11 @@ class ShotNews:
 class Tally:
     """The state of a run, checked against what may follow what."""
 
-    def __init__(self, watcher: Watcher, *, done: int, total: int) -> None:
+    def __init__(
+        self, watcher: Watcher, *, done: int, total: int, goal_mm: float | None = None
+    ) -> None:
         self._watcher = watcher
-        self._progress = Progress(done, total, EngineState.IDLE)
+        self._progress = Progress(done, total, EngineState.IDLE, goal_mm=goal_mm)
         self._seconds: list[float] = []
 
     def begin(self, step: Step) -> None:
@@ -65,6 +67,14 @@ class Tally:
                 drift_mm=drift,
             )
         )
+
+    def know(self, known: Known | None) -> None:
+        """What the shots that count tell."""
+        self._progress = replace(self._progress, known=known)
+
+    def leave_out(self, shots: int) -> None:
+        """Shots of the plan that need not be taken."""
+        self._progress = replace(self._progress, total=self._progress.total - shots)
 
     def void(self, shots: int) -> None:
         """Shots that had counted do so no more."""

@@ -7,14 +7,23 @@ import numpy as np
 from pydantic import JsonValue
 
 from campaigns.config_sections import AcceptanceConfig
+from campaigns.decision import Requirement
+from campaigns.iso9283 import pose_repeatability
 from campaigns.journal_views import AcceptedShot
-from campaigns.numerics.frames import fit_transform
 from campaigns.numerics.geometry import Array, Index
+from campaigns.numerics.pairs import distances_mm
 from campaigns.numerics.statistics import Spread, spread
 from campaigns.planning import pose_row
+from campaigns.point_sets import (
+    away_from_best_line,
+    away_from_mean,
+    farthest_apart,
+    fitted_frame,
+    longest_mm,
+    whole_pairs,
+)
 from campaigns.shot_sets import ShotSet
 
-SHOTS_FOR_A_FRAME = 4
 AXES = ("x", "y", "z")
 NO_AXIS = -1
 SAME_MM = 1e-6
@@ -65,55 +74,51 @@ def _picked(value: object | None, *names: str) -> JsonValue:
 
 def evaluate(shots: Sequence[AcceptedShot]) -> Validation:
     """Evaluate the accepted shots of a validation series."""
-    validation = _of(shots, ShotSet.VALIDATION)
+    validation = of_set(shots, ShotSet.VALIDATION)
     return Validation(
         _distances(validation),
-        rotation_mm(_points(_of(shots, ShotSet.ROTATION))),
-        _straightness(_of(shots, ShotSet.STRAIGHTNESS)),
-        repeatability(_points(_of(shots, ShotSet.REPEATABILITY))),
-        frame_errors(_commanded(validation), _points(validation)),
+        rotation_mm(measured_points(of_set(shots, ShotSet.ROTATION))),
+        _straightness(of_set(shots, ShotSet.STRAIGHTNESS)),
+        repeatability(measured_points(of_set(shots, ShotSet.REPEATABILITY))),
+        frame_errors(commanded_poses(validation)[:, :3], measured_points(validation)),
     )
 
 
-def _of(shots: Sequence[AcceptedShot], purpose: ShotSet) -> list[AcceptedShot]:
-    return [shot for shot in shots if shot.intent.purpose == purpose.value]
+def of_set(shots: Sequence[AcceptedShot], purpose: ShotSet) -> tuple[AcceptedShot, ...]:
+    """The shots of one test."""
+    return tuple(shot for shot in shots if shot.intent.purpose == purpose.value)
 
 
-def _points(shots: Sequence[AcceptedShot]) -> Array:
-    """Measured, in the tracker's frame, (N, 3)."""
+def measured_points(shots: Sequence[AcceptedShot]) -> Array:
+    """Measured, in the tracker's frame, mm, (N, 3)."""
     return np.array([shot.outcome.point_in_tracker_mm for shot in shots]).reshape(-1, 3)
 
 
-def _commanded(shots: Sequence[AcceptedShot]) -> Array:
-    """Commanded, in the base frame, (N, 3)."""
-    return np.array([pose_row(shot.intent.target)[:3] for shot in shots]).reshape(-1, 3)
+def commanded_poses(shots: Sequence[AcceptedShot]) -> Array:
+    """Commanded, X, Y, Z in mm in the base frame and θ in rad, (N, 4)."""
+    return np.array([pose_row(shot.intent.target) for shot in shots]).reshape(-1, 4)
 
 
 def _distances(shots: Sequence[AcceptedShot]) -> Spread | None:
     """Commanded minus measured distances of the pairs."""
-    pairs: dict[int, list[AcceptedShot]] = {}
-    for shot in shots:
-        if shot.intent.pair is not None:
-            pairs.setdefault(shot.intent.pair, []).append(shot)
-    errors = [
-        float(np.linalg.norm(np.diff(_commanded(pair), axis=0)))
-        - float(np.linalg.norm(np.diff(_points(pair), axis=0)))
-        for pair in pairs.values()
-        if len(pair) == 2
-    ]
-    return spread(np.array(errors)) if errors else None
+    pairs, first, second = whole_pairs([shot.intent.pair for shot in shots])
+    if not pairs:
+        return None
+    commanded = distances_mm(commanded_poses(shots)[:, :3], first, second)
+    return spread(commanded - distances_mm(measured_points(shots), first, second))
 
 
 def rotation_mm(points: Array) -> float | None:
     """Largest distance between any two points (N, 3) measured while only θ should change."""
     if len(points) < 2:
         return None
-    return float(np.linalg.norm(points[:, None] - points[None], axis=2).max())
+    first, second = farthest_apart(points)
+    return float(np.linalg.norm(points[first] - points[second]))
 
 
 def _straightness(shots: Sequence[AcceptedShot]) -> dict[str, float] | None:
     """By the axis along which each line was commanded; a line needs three points."""
-    points, axes = _points(shots), line_axes(_commanded(shots))
+    points, axes = measured_points(shots), line_axes(commanded_poses(shots)[:, :3])
     lines = {name: points[axes == axis] for axis, name in enumerate(AXES)}
     found = {name: straightness_mm(line) for name, line in lines.items() if len(line) > 2}
     return found or None
@@ -137,34 +142,21 @@ def line_axes(commanded_mm: Array) -> Index:
 
 def straightness_mm(points: Array) -> float:
     """Largest distance of points (N, 3) from their best line."""
-    centred = points - points.mean(axis=0)
-    direction = np.linalg.svd(centred)[2][0]
-    away = centred - np.outer(centred @ direction, direction)
-    return float(np.linalg.norm(away, axis=1).max())
+    return longest_mm(away_from_best_line(points))
 
 
 def repeatability(points: Array) -> Repeatability | None:
-    """Of points (N, 3) measured at one commanded pose: radius, and RP = l̄ + 3 S_l.
-
-    ISO 9283, 7.2.2. None for fewer than two points.
-    """
+    """Of points (N, 3) measured at one commanded pose; None for fewer than two."""
     if len(points) < 2:
         return None
-    lengths = np.linalg.norm(points - points.mean(axis=0), axis=1)
-    rp = float(lengths.mean() + 3.0 * lengths.std(ddof=1))
-    return Repeatability(float(lengths.max()), rp, len(points))
+    radius_mm = longest_mm(away_from_mean(points))
+    return Repeatability(radius_mm, pose_repeatability(points).value_mm, len(points))
 
 
 def frame_errors(commanded_in_base_mm: Array, measured_in_tracker_mm: Array) -> FrameErrors | None:
-    """Absolute accuracy in the tracker's frame; None for points that don't fix one well.
-
-    These are fewer than four, or all on a line.
-    """
-    if len(commanded_in_base_mm) < SHOTS_FOR_A_FRAME:
-        return None
-    try:
-        tracker_from_base = fit_transform(commanded_in_base_mm, measured_in_tracker_mm)
-    except ValueError:
+    """Absolute accuracy in the tracker's frame; None for points that don't fix one well."""
+    tracker_from_base = fitted_frame(commanded_in_base_mm, measured_in_tracker_mm)
+    if tracker_from_base is None:
         return None
     away = tracker_from_base.apply(commanded_in_base_mm) - measured_in_tracker_mm
     lengths = np.linalg.norm(away, axis=1)
@@ -172,26 +164,24 @@ def frame_errors(commanded_in_base_mm: Array, measured_in_tracker_mm: Array) -> 
 
 
 def broken_limits(found: Validation, limits: AcceptanceConfig) -> list[str]:
-    """Every acceptance limit that the results break, with value and limit."""
+    """Every acceptance limit that the results break as they stand, with value and limit."""
+    return [
+        f"{each.name} {each.error:.3f} mm, limit {each.limit:g} mm"
+        for each in _requirements(found, limits)
+        if each.decision == "fail"
+    ]
+
+
+def _requirements(found: Validation, limits: AcceptanceConfig) -> tuple[Requirement, ...]:
     distances, repeated = found.distances, found.repeatability
     straight = found.straightness_mm
-    checks = (
-        (
-            "mean distance error",
-            distances.mean_abs if distances else None,
-            limits.distance_mean_mm,
-        ),
-        (
-            "largest distance error",
-            distances.max_abs if distances else None,
-            limits.distance_max_mm,
-        ),
-        ("rotation", found.rotation_mm, limits.rotation_mm),
-        ("straightness", max(straight.values()) if straight else None, limits.straightness_mm),
-        ("repeatability", repeated.radius_mm if repeated else None, limits.repeatability_mm),
+    mean, largest = (distances.mean_abs, distances.max_abs) if distances else (None, None)
+    worst_line = max(straight.values()) if straight else None
+    radius = repeated.radius_mm if repeated else None
+    return (
+        Requirement("mean distance error", mean, limits.distance_mean_mm),
+        Requirement("largest distance error", largest, limits.distance_max_mm),
+        Requirement("rotation", found.rotation_mm, limits.rotation_mm),
+        Requirement("straightness", worst_line, limits.straightness_mm),
+        Requirement("repeatability", radius, limits.repeatability_mm),
     )
-    return [
-        f"{name} {value:.3f} mm, limit {limit:g} mm"
-        for name, value, limit in checks
-        if value is not None and limit is not None and value > limit
-    ]

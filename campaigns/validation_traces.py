@@ -9,14 +9,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from campaigns.dataset import completed_covariance_mm2, stated_covariance_mm2
 from campaigns.journal_views import AcceptedShot
-from campaigns.numerics.frames import Transform, fit_transform
+from campaigns.numerics.frames import Transform
 from campaigns.numerics.geometry import Array, Index
-from campaigns.numerics.instrument import TrackerUncertainty, point_covariance_mm2
+from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.numerics.pairs import directions, distances_mm
-from campaigns.planning import pose_row
-from campaigns.shot_sets import ShotSet
-from campaigns.validate import AXES, SHOTS_FOR_A_FRAME, line_axes
+from campaigns.point_sets import (
+    away_from_best_line,
+    away_from_mean,
+    farthest_apart,
+    fitted_frame,
+    whole_pairs,
+)
+from campaigns.validate import AXES, commanded_poses, line_axes, measured_points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,60 +97,34 @@ class LineTrace:
         return np.asarray(self.commanded_mm[:, AXES.index(self.axis)])
 
 
-def of_set(shots: Sequence[AcceptedShot], purpose: ShotSet) -> tuple[AcceptedShot, ...]:
-    """The shots of one test."""
-    return tuple(shot for shot in shots if shot.intent.purpose == purpose.value)
-
-
 def measured_test(shots: Sequence[AcceptedShot], model: TrackerUncertainty) -> MeasuredTest:
     """Shots with their measured points in the tracker's frame.
 
     Shots without a covariance of their own get that of `model`.
     """
-    points = np.array([shot.outcome.point_in_tracker_mm for shot in shots]).reshape(-1, 3)
+    points = measured_points(shots)
     return MeasuredTest(
         tuple(shot.intent.pair for shot in shots),
-        np.array([pose_row(shot.intent.target) for shot in shots]).reshape(-1, 4),
+        commanded_poses(shots),
         points,
-        stated_covariance_mm2(shots, points, model),
+        completed_covariance_mm2(stated_covariance_mm2(shots), points, model),
     )
-
-
-def stated_covariance_mm2(
-    shots: Sequence[AcceptedShot], points_in_tracker_mm: Array, model: TrackerUncertainty
-) -> Array:
-    """What the tracker states of each point, or `model` where it states nothing, (N, 3, 3)."""
-    covariance = point_covariance_mm2(points_in_tracker_mm, model)
-    for row, shot in enumerate(shots):
-        if shot.outcome.covariance_mm2 is not None:
-            covariance[row] = shot.outcome.covariance_mm2
-    return covariance
 
 
 def base_from_tracker(shots: MeasuredTest) -> Transform | None:
     """The base frame that fits the commanded points best (eq. 25); None with too few for one."""
-    if len(shots) < SHOTS_FOR_A_FRAME:
-        return None
-    try:
-        return fit_transform(shots.points_mm, shots.commanded[:, :3])
-    except ValueError:  # the points lie on one line
-        return None
+    return fitted_frame(shots.points_mm, shots.commanded[:, :3])
 
 
 def distance_trace(shots: MeasuredTest) -> DistanceTrace | None:
     """The whole pairs; None when there is none."""
-    rows: dict[int, list[int]] = {}
-    for row, pair in enumerate(shots.pairs):
-        if pair is not None:
-            rows.setdefault(pair, []).append(row)
-    whole = {pair: both for pair, both in rows.items() if len(both) == 2}
-    if not whole:
+    pairs, first, second = whole_pairs(shots.pairs)
+    if not pairs:
         return None
-    first, second = np.array(list(whole.values()), dtype=np.intp).T
     direction = directions(shots.points_mm, first, second)
     covariance = shots.covariance_mm2[first] + shots.covariance_mm2[second]
     return DistanceTrace(
-        tuple(whole),
+        pairs,
         distances_mm(shots.commanded[:, :3], first, second),
         distances_mm(shots.points_mm, first, second),
         np.sqrt(np.einsum("mi,mij,mj->m", direction, covariance, direction)),
@@ -166,8 +146,7 @@ def rotation_result(shots: MeasuredTest) -> Result | None:
     """Largest distance between any two points measured while only θ should change."""
     if len(shots) < 2:
         return None
-    lengths = np.linalg.norm(shots.points_mm[:, None] - shots.points_mm[None], axis=2)
-    first, second = np.unravel_index(int(np.argmax(lengths)), lengths.shape)
+    first, second = farthest_apart(shots.points_mm)
     together = shots.covariance_mm2[first] + shots.covariance_mm2[second]
     return _result(shots.points_mm[first] - shots.points_mm[second], together)
 
@@ -176,14 +155,11 @@ def radius_result(shots: MeasuredTest) -> Result | None:
     """Radius of the sphere about the mean of points measured at one commanded pose."""
     if len(shots) < 2:
         return None
-    away = shots.points_mm - shots.points_mm.mean(axis=0)
-    return _largest(away, shots.covariance_mm2)
+    return _largest(away_from_mean(shots.points_mm), shots.covariance_mm2)
 
 
 def _line_trace(axis: str, shots: MeasuredTest) -> LineTrace:
-    centred = shots.points_mm - shots.points_mm.mean(axis=0)
-    direction = np.linalg.svd(centred)[2][0]
-    away = centred - np.outer(centred @ direction, direction)
+    away = away_from_best_line(shots.points_mm)
     straightness = _largest(away, shots.covariance_mm2)
     return LineTrace(axis, shots.commanded[:, :3], shots.points_mm, away, straightness)
 

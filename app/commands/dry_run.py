@@ -10,6 +10,7 @@ from app.exits import Exit
 from app.options import Json, Seed
 
 if TYPE_CHECKING:
+    from app.commands.identify import Asked
     from app.console import Terminal
     from app.folder import Campaign
     from campaigns.validate import Validation
@@ -51,6 +52,7 @@ def command(
     started_s = time.monotonic()
     campaign = prepared(folder or _free_folder(), scenario, seed)
     document, against = rehearse(campaign, terminal)
+    document["report"] = str(_reported(campaign, terminal))
     seconds = time.monotonic() - started_s
     for line in against:
         terminal.say(f"not good: {line}", BAD)
@@ -90,27 +92,19 @@ def prepared(folder: Path, scenario: str | None, seed: int | None) -> "Campaign"
 
 
 def rehearse(
-    campaign: "Campaign", terminal: "Terminal"
+    campaign: "Campaign", terminal: "Terminal", asked: "Asked | None" = None
 ) -> tuple[dict[str, object], tuple[str, ...]]:
-    """The whole chain; gives what `--json` prints, and what speaks against the result."""
-    from app.commands import report
+    """The whole chain but its report; gives what `--json` prints, and what speaks against it.
 
-    document, against = _measured(campaign, terminal)
-    _heading(terminal, STAGES, "report")
-    path = report.report(campaign)
-    terminal.say(path.name)
-    return document | {"report": str(path)}, against
-
-
-def _measured(
-    campaign: "Campaign", terminal: "Terminal"
-) -> tuple[dict[str, object], tuple[str, ...]]:
-    """All of it but the report."""
+    `asked` says how to identify, if not as `pkmcal identify` does by itself.
+    """
+    from app import planning
     from app.commands import export, identify, load, plan, run, validate
+    from app.report.identification_text import show
 
     document = _beginning(campaign, terminal)
     _heading(terminal, 1, "plan")
-    checked, _ = plan.make(campaign)
+    checked, _ = planning.make(campaign)
     terminal.say(plan.plan_line(checked))
     _heading(terminal, 2, "validate before")
     tests = tuple(validate.Test)
@@ -120,8 +114,8 @@ def _measured(
     _heading(terminal, 3, "run")
     run.run_plan(campaign, checked, terminal)
     _heading(terminal, 4, "identify")
-    found, document["identification"] = identify.identify(campaign, identify.free_names((), ()))
-    identify.show(terminal, found)
+    found, document["identification"] = identify.identify(campaign, asked or identify.Asked())
+    show(terminal, found)
     if found.verdict != "pass":
         return document, found.reasons
     _heading(terminal, 5, "export")
@@ -137,6 +131,16 @@ def _measured(
     document["after"] = after.document()
     show_gain(terminal, before, after)
     return document, tuple(against)
+
+
+def _reported(campaign: "Campaign", terminal: "Terminal") -> Path:
+    """The last stage: the page about all that was measured."""
+    from app.commands import report
+
+    _heading(terminal, STAGES, "report")
+    path = report.report(campaign)
+    terminal.say(path.name)
+    return path
 
 
 def _beginning(campaign: "Campaign", terminal: "Terminal") -> dict[str, object]:

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from app.console import Terminal
     from app.folder import Campaign
     from campaigns.load import Change
-    from campaigns.robot import RobotFile
     from drivers.ports import RobotController
 
 KEPT = "controller-before-{number}.yaml"
@@ -82,7 +81,8 @@ def load_document(source: Path, kept: Path | None) -> dict[str, object]:
 def load(campaign: "Campaign", source: Path, approve: Approve) -> Path | None:
     """Load a robot file; gives where the old parameters are kept, None when nothing was done.
 
-    `approve` is shown the changes and says whether to go on.
+    `approve` is shown the changes and says whether to go on. Raises `ConfigInvalid` for parameters
+    that no controller knows, before anything is connected.
     """
     from app.folder import journal_of
     from app.interrupt import StopWish, stop_on_signals
@@ -92,15 +92,16 @@ def load(campaign: "Campaign", source: Path, approve: Approve) -> Path | None:
     from campaigns.robot import read_robot
 
     robot = read_robot(source).robot
+    wanted = robot.controller_flat()
     with journal_of(campaign) as journal, connected_robot(campaign) as controller:
         old = dict(controller.read_geometry())
-        if not differing(old, robot.geometry_flat()):
+        if not differing(old, wanted):
             return None
         if not approve(changes(old, robot)):
             return None
         wish = StopWish()
         with stop_on_signals(wish):
-            kept = _replace(campaign, controller, robot, old)
+            kept = _replace(campaign, controller, wanted, old)
             body = {"source": source.name, "digest": robot.digest(), "kept": kept.name}
             journal.append(Finding("load", body))
     if wish():
@@ -111,14 +112,14 @@ def load(campaign: "Campaign", source: Path, approve: Approve) -> Path | None:
 def _replace(
     campaign: "Campaign",
     controller: "RobotController",
-    robot: "RobotFile",
+    wanted: "Mapping[str, float]",
     old: "Mapping[str, float]",
 ) -> Path:
     """Keep what the controller holds, then write and verify."""
     from campaigns.load import write_verified
 
     kept = keep(campaign, old)
-    write_verified(controller, robot.geometry_flat(), old)
+    write_verified(controller, wanted, old)
     return kept
 
 

@@ -54,12 +54,13 @@ def write(campaign: "Campaign", to: Path | None = None) -> "tuple[Page, Path]":
     from app.report.collect import collect
     from app.report.contents import contents_of
     from app.report.page import page_html, page_of
-    from campaigns.numerics.instrument import TrackerUncertainty
+    from app.view import tracker_uncertainty_of
     from campaigns.textfile import replace_text
 
     path = to or campaign.path(FILE_NAME)
     _refuse_other_file(path)
-    page = page_of(contents_of(collect(campaign), TrackerUncertainty()), now_utc())
+    contents = contents_of(collect(campaign), tracker_uncertainty_of(campaign.config))
+    page = page_of(contents, now_utc())
     replace_text(path, page_html(page))
     return page, path
 

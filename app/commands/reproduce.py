@@ -138,6 +138,7 @@ def _rehearsed(room: Path, trial: "Trial") -> "TrialResult":
     from tempfile import TemporaryDirectory
 
     from app.commands import dry_run, new
+    from app.commands.identify import AS_THE_PAPER
     from app.console import Terminal
     from app.folder import open_campaign
     from app.reproduction.experiments import ROBOT, adapt
@@ -150,7 +151,7 @@ def _rehearsed(room: Path, trial: "Trial") -> "TrialResult":
         adapt(folder, trial)
         campaign = open_campaign(folder)
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-            _, against = dry_run.rehearse(campaign, Terminal(as_json=False))
+            _, against = dry_run.rehearse(campaign, Terminal(as_json=False), AS_THE_PAPER)
         if against:
             raise TrialFailed("; ".join(against), remedy=f"pkmcal dry-run --seed {trial.seed}")
         return result_of(campaign, trial, time.monotonic() - started_s)
@@ -160,6 +161,8 @@ def _measured(
     folder: Path, wanted: "Sequence[Trial]", workers: int | None, terminal: "Terminal"
 ) -> "tuple[tuple[TrialResult, ...], tuple[Failure, ...]]":
     """Results of all trials in their order, kept ones and new ones, and what failed."""
+    from joblib import cpu_count
+
     from app.reproduction.kept import KeptResults, usable
     from app.reproduction.runner import Failure
 
@@ -178,7 +181,7 @@ def _measured(
             found[trial] = outcome
 
     if left:
-        _run(left, len(wanted), workers or _processors(), keep)
+        _run(left, len(wanted), workers or cpu_count(), keep)
     return tuple(found[trial] for trial in wanted if trial in found), tuple(failures)
 
 
@@ -207,15 +210,6 @@ def _run(
         for trial, outcome in outcomes(left, partial(rehearsed, Path(room)), pool, wish):
             keep(trial, outcome)
             progress.count(outcome)
-
-
-def _processors() -> int:
-    """How many this process may use."""
-    import os
-
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def show(terminal: "Terminal", material: "Material") -> None:

@@ -1,26 +1,66 @@
-"""pkmcal run: measure the plan."""
+"""pkmcal run: measure the plan, or as much of it as the goal takes."""
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from app.exits import Exit
 from app.options import Anew, Dry, Folder, Json, Yes
+from campaigns.estimators import Estimator
 
 if TYPE_CHECKING:
     from app.console import Terminal
     from app.folder import Campaign
+    from campaigns.early_end import Foreseen
+    from campaigns.goal import Goal
     from campaigns.journal import Journal
+    from campaigns.journal_reader import JournalReader
     from campaigns.plan_check import CheckedPlan
+    from campaigns.progress import Known
     from campaigns.session import Work
     from campaigns.shooting import Cell
 
 CLEAR = "The robot will move. Is the cell clear?"
+
+Until = Annotated[
+    str | None,
+    typer.Option(
+        metavar="GOAL",
+        help="End early, once every length is known to this standard deviation: σ=0.02 (mm). "
+        "Validation and drift shots are taken all the same.",
+    ),
+]
+Identifying = Annotated[
+    Estimator, typer.Option("--estimator", help="What will identify, and so says what is known.")
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Ran:
+    """What there is of a plan when its run is over."""
+
+    series: int
+    shots: int
+    left_out: int
+    """Shots of the plan that were not taken: the goal was met without them."""
+    goal: "Goal | None"
+    known: "Known | None"
+
+    @property
+    def good(self) -> bool:
+        """Whether the goal is met, if there was one."""
+        from campaigns.early_end import is_met
+
+        return self.goal is None or is_met(self.goal, self.known)
 
 
 def command(
     context: typer.Context,
     folder: Folder,
     *,
+    until: Until = None,
+    estimator: Identifying = Estimator.POINTS,
     dry: Dry = False,
     yes: Yes = False,
     anew: Anew = False,
@@ -33,6 +73,9 @@ def command(
 
     Ctrl-C stops the robot at once, and then asks. A broken beam suspends the run, the tracker
     looks for its reflector, and the pair is measured again.
+
+    Meanwhile the parameter known worst is shown, with its σ. --until ends the run when enough is
+    known; without it the next run measures what was left out.
     """
     from app.commands.plan import plan_line
     from app.console import terminal_of
@@ -42,15 +85,20 @@ def command(
     campaign = open_campaign(folder)
     checked = read_checked_plan(campaign)
     terminal.note(plan_line(checked))
+    work = work_of(campaign, checked, until, estimator)
     if dry:
-        terminal.say("the plan can be run; nothing was moved")
-        terminal.document({"shots": len(checked.shots), "seconds_estimated": checked.seconds})
+        show_plan(terminal, campaign, checked, work)
         return
-    terminal.require_yes(CLEAR, yes=yes)
-    series, shots = run_plan(campaign, checked, terminal, anew=anew)
-    terminal.say(f"measured: series {series} has all {shots} shots")
+    ran = None if anew else measured_before(campaign, work, terminal)
+    if ran is None:
+        foreseen_end_of(campaign, work)
+        terminal.require_yes(CLEAR, yes=yes)
+        ran = measure_plan(campaign, work, terminal, anew=anew)
+    show(terminal, ran)
     terminal.note(f"next: pkmcal identify {folder}")
-    terminal.document({"series": series, "shots": shots})
+    terminal.document(document(ran))
+    if not ran.good:
+        raise typer.Exit(Exit.NOT_GOOD)
 
 
 def read_checked_plan(campaign: "Campaign") -> "CheckedPlan":
@@ -61,36 +109,156 @@ def read_checked_plan(campaign: "Campaign") -> "CheckedPlan":
     return checked_plan(campaign, read_plan(campaign.plan_path))
 
 
-def run_plan(
-    campaign: "Campaign", checked: "CheckedPlan", terminal: "Terminal", *, anew: bool = False
-) -> tuple[int, int]:
-    """Measure what is missing, if anything is; gives the series and how many shots it has."""
-    from app.measuring import measure
+def work_of(
+    campaign: "Campaign", checked: "CheckedPlan", until: str | None, estimator: Estimator
+) -> "Work":
+    """The plan as work for the engine, with the goal as it was typed; raises `GoalInvalid`."""
     from app.setup import plan_work
+    from campaigns.goal import read_goal
 
-    done = None if anew else _already_measured(campaign, checked)
-    if done is not None:
-        terminal.note("nothing is left to measure; --anew measures all of it again")
-        return done, len(checked.shots)
+    goal = None if until is None else read_goal(until)
+    return replace(plan_work(campaign, checked), goal=goal, estimator=estimator)
+
+
+def foreseen_end_of(campaign: "Campaign", work: "Work") -> "Foreseen | None":
+    """How early the goal will be met, if there is one.
+
+    Raises `PlanInvalid` when even the whole plan will not meet it.
+    """
+    from campaigns.early_end import foreseen_end
+
+    if work.goal is None:
+        return None
+    return foreseen_end(work.goal, work.knowing(), campaign.config.tracker.place_mm)
+
+
+def run_plan(campaign: "Campaign", checked: "CheckedPlan", terminal: "Terminal") -> Ran:
+    """Measure all of the plan that is missing."""
+    work = work_of(campaign, checked, None, Estimator.POINTS)
+    before = measured_before(campaign, work, terminal)
+    return before or measure_plan(campaign, work, terminal)
+
+
+def measure_plan(
+    campaign: "Campaign", work: "Work", terminal: "Terminal", *, anew: bool = False
+) -> Ran:
+    """Take up the unfinished series, or begin one."""
+    from app.measuring import measure
 
     def prepare(cell: "Cell") -> "Work":  # noqa: ARG001 - the plan asks nothing of the devices
-        return plan_work(campaign, checked)
+        return work
 
-    def finish(journal: "Journal", series: int) -> tuple[int, int]:
-        return series, len(journal.shots(series))
+    def finish(journal: "Journal", series: int) -> Ran:
+        return _ran(journal, series, work)
 
-    again = f"pkmcal run {campaign.folder}"
+    until = f" --until {work.goal}" if work.goal else ""
+    again = f"pkmcal run {campaign.folder}{until}"
     return measure(campaign, prepare, finish, terminal, title="run", again=again, anew=anew)
 
 
-def _already_measured(campaign: "Campaign", checked: "CheckedPlan") -> int | None:
-    """The series that has all of this plan."""
-    from app.setup import plan_work
+def measured_before(campaign: "Campaign", work: "Work", terminal: "Terminal") -> Ran | None:
+    """The series that has all that is wanted of this plan; None while it lacks something."""
     from campaigns.journal_reader import read_journal
     from campaigns.session import nothing_left
 
     if not campaign.journal_path.exists():
         return None
     with read_journal(campaign.journal_path) as journal:
-        done = nothing_left(journal, plan_work(campaign, checked))
-    return done.number if done else None
+        done = nothing_left(journal, work)
+        if done is None:
+            return None
+        ran = _ran(journal, done.number, work)
+    more = (
+        "a run without --until takes the rest" if ran.left_out else "--anew takes all of it again"
+    )
+    terminal.note(f"nothing is left to measure; {more}")
+    return ran
+
+
+def _ran(journal: "JournalReader", series: int, work: "Work") -> Ran:
+    from campaigns.session import known_from, left_out
+
+    shots = journal.shots(series)
+    return Ran(series, len(shots), left_out(shots, work), work.goal, known_from(shots, work))
+
+
+def show_plan(
+    terminal: "Terminal", campaign: "Campaign", checked: "CheckedPlan", work: "Work"
+) -> None:
+    """Say that the plan can be run, and what it will tell if a goal asks for it."""
+    from app.progress_bar import certainty
+
+    answer: dict[str, object] = {
+        "shots": len(checked.shots),
+        "seconds_estimated": checked.seconds,
+    }
+    foreseen = foreseen_end_of(campaign, work)
+    terminal.say("the plan can be run; nothing was moved")
+    if foreseen is not None and work.goal is not None:
+        terminal.say(f"the whole of it will tell: {certainty(foreseen.whole)}")
+        terminal.say(f"for goal {work.goal}, {foreseen.shots} shots to identify from will do")
+        answer["goal"] = {"std_mm": work.goal.std_mm, "shots": foreseen.shots}
+        answer["knowledge"] = _knowledge(foreseen.whole)
+    terminal.document(answer)
+
+
+def show(terminal: "Terminal", ran: Ran) -> None:
+    """Say what was measured, and whether the goal is met."""
+    from app.console import BAD, GOOD
+
+    terminal.say(f"measured: series {ran.series} has {_count(ran)}")
+    if ran.goal is None:
+        return
+    if ran.good:
+        terminal.say(f"good: goal {ran.goal} is met: {_reached(ran)}", GOOD)
+    else:
+        terminal.say(f"not good: goal {ran.goal} is not met: {_reached(ran)}{_why(ran)}", BAD)
+
+
+def document(ran: Ran) -> dict[str, object]:
+    """What `--json` prints."""
+    goal = ran.goal and {
+        "std_mm": ran.goal.std_mm,
+        "met": ran.good,
+        "reached_mm": ran.known and ran.known.length_std_mm,
+        "left_out": ran.left_out,
+    }
+    return {
+        "series": ran.series,
+        "shots": ran.shots,
+        "goal": goal,
+        "knowledge": ran.known and _knowledge(ran.known),
+    }
+
+
+def _knowledge(known: "Known") -> dict[str, object]:
+    return {
+        "shots": known.shots,
+        "weakest": known.weakest,
+        "std": known.weakest_std,
+        "unit": known.unit,
+        "length_std_mm": known.length_std_mm,
+        "position_std_mm": known.position_std_mm,
+        "scatter": known.scatter,
+        "scale": known.scale,
+    }
+
+
+def _count(ran: Ran) -> str:
+    if ran.left_out == 0:
+        return f"all {ran.shots} shots"
+    return f"{ran.shots} shots; {ran.left_out} of the plan were left out"
+
+
+def _reached(ran: Ran) -> str:
+    if ran.known is None:
+        return "the shots to identify from are too few, or cannot tell all parameters apart"
+    std_mm, shots = ran.known.length_std_mm, ran.known.shots
+    return f"the worst length is known to ±{std_mm:.3g} mm by {shots} shots"
+
+
+def _why(ran: Ran) -> str:
+    """What made σ larger than it was foreseen."""
+    if ran.known is None or ran.known.scale == 1.0:
+        return ""
+    return f", which scatter {ran.known.scatter:.2g} times what the tracker states"

@@ -1,178 +1,201 @@
 """pkmcal study: many simulated campaigns, to see how good a plan and how honest its σ is."""
 
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from app.exits import Exit
-from app.options import Folder, Json
+from app.options import Fix, Folder, Free, Json, Plot
+from campaigns.estimators import Estimator
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from app.console import Terminal
+    from app.counted_work import CountedWork
     from app.folder import Campaign
-    from app.study.running import Studied
-    from campaigns.study import Estimator
-    from campaigns.study_summary import StudySummary
-    from campaigns.study_table import StudyTable
+    from app.study.combinations import Combination
+    from app.study.comparison import Compared
+    from app.study.setup import Asked
 
-SCHEMA = "pkmcal/study/1"
-TABLE = "study.csv"
+OUTPUTS = "study"
+COMPARISON, DOCUMENT = "comparison.csv", "study.json"
+"""What is written into the folder beside the tables."""
 
-
-class Compared(Enum):
-    """What the fits compare; the value is the word on the command line."""
-
-    DISTANCES = "distances"
-    POINTS = "points"
+Campaigns = Annotated[
+    int,
+    typer.Option(
+        min=2, metavar="N", help="Campaigns of each combination, those already there included."
+    ),
+]
+Plans = Annotated[
+    list[Path] | None,
+    typer.Option("--plan", metavar="FILE", help="A plan, if not the plan.csv in DIR; repeatable."),
+]
+Scenarios = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--scenario",
+        metavar="NAME",
+        help="What robots and noise to draw, if not by the campaign's own cell; repeatable.",
+    ),
+]
+Estimators = Annotated[
+    list[Estimator] | None,
+    typer.Option(
+        "--estimator", help="What the fits compare; repeatable.", show_default=Estimator.POINTS
+    ),
+]
+Workers = Annotated[
+    str | None,
+    typer.Option(
+        metavar="N|URL",
+        help="Local processes, or the scheduler of a Dask cluster as tcp://HOST:PORT.",
+        show_default="one a processor",
+    ),
+]
+SeedOfAll = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of all that is drawn.")]
+To = Annotated[
+    Path | None, typer.Option(metavar="FOLDER", help="Where tables go, if not DIR/study.")
+]
 
 
 def command(
     context: typer.Context,
     folder: Folder,
     *,
-    campaigns: Annotated[
-        int, typer.Option(min=2, metavar="N", help="How many campaigns there shall be in all.")
-    ],
-    estimator: Annotated[Compared, typer.Option(help="What the fits compare.")] = Compared.POINTS,
-    scenario: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="What robots and noise to draw; else the campaign's own."
-        ),
-    ] = None,
-    free: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Find this parameter too; repeatable.")
-    ] = None,
-    fix: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Hold this parameter; repeatable.")
-    ] = None,
-    workers: Annotated[
-        str, typer.Option(metavar="N|URL", help="Local processes, or a Dask scheduler's tcp://….")
-    ] = "1",
-    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed of all that is drawn.")] = 1,
-    to: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The table, if not study.csv in DIR.")
-    ] = None,
+    campaigns: Campaigns,
+    plan: Plans = None,
+    scenario: Scenarios = None,
+    estimator: Estimators = None,
+    free: Free = None,
+    fix: Fix = None,
+    seed: SeedOfAll = 1,
+    workers: Workers = None,
+    to: To = None,
+    plot: Plot = None,
     json: Json = False,
 ) -> None:
-    """Simulate and identify many campaigns with the plan of DIR; no device is needed.
+    """Simulate and identify many campaigns; no device is needed.
 
-    Each campaign draws a robot and the tracker's noise by the scenario. Shots are the model's own:
-    what no parameter describes (rods, backlash, warm arms) is not in them. Tells how far off the
-    parameters are, and whether the stated standard deviations are true.
+    Every plan is combined with every scenario and every estimator. Each campaign draws a robot and
+    the tracker's noise: errors of geometry and noise are all there is. What no parameter describes
+    (rods, backlash, warm arms) is for `pkmcal dry-run` to show.
 
-    The table has one row a campaign. The same command goes on where it was stopped, and with a
-    larger N adds campaigns. The numbers depend on the seed alone, not on the workers.
+    Tells how far off the parameters are, whether the stated σ are true, how near they come to the
+    least that the shots allow, and what is left on unseen distances.
+
+    The same command goes on where it was stopped; a larger N adds campaigns. The numbers depend on
+    the seed alone, not on the workers. Exit code 1: workers were lost, and campaigns with them.
     """
-    from app.commands.identify import free_names
-    from app.console import WARNING, terminal_of
+    from app.console import terminal_of
     from app.folder import open_campaign
+    from app.study.setup import Asked
+    from campaigns.knowledge import knowledge
 
-    terminal = terminal_of(context, as_json=json)
-    names = free_names(free or (), fix or ())
-    asked = Asked(campaigns, estimator.value, scenario, names, workers, seed, to)
-    summary, studied, table = study(open_campaign(folder), asked, terminal)
-    show(terminal, summary)
-    for lost in studied.lost:
-        terminal.note(f"lost: {len(lost.numbers)} campaigns ({lost.reason})", WARNING)
-    terminal.say(f"written: {table.path}")
-    terminal.document(study_document(summary, studied, table))
-    if studied.lost:
+    terminal, opened = terminal_of(context, as_json=json), open_campaign(folder)
+    names = knowledge(free or (), fix or ()).free
+    asked = Asked(plan or (), scenario or (), estimator or (), names, seed)
+    goal = Goal(campaigns, workers, to or opened.path(OUTPUTS))
+    document, compared = study(opened, asked, goal, terminal)
+    show(terminal, compared)
+    if plot is not None:
+        draw(terminal, compared, plot)
+    terminal.document(document)
+    if document["lost"]:
         terminal.note("next: the same command, for what was lost")
         raise typer.Exit(Exit.NOT_GOOD)
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """What the options say."""
+class Goal:
+    """How many campaigns of each combination there shall be, by whom, and where."""
 
     campaigns: int
-    estimator: "Estimator"
-    scenario: str | None
-    free: tuple[str, ...]
-    workers: str
-    seed: int
-    to: Path | None
+    workers: str | None
+    to: Path
 
 
 def study(
-    campaign: "Campaign", asked: Asked, terminal: "Terminal"
-) -> "tuple[StudySummary, Studied, StudyTable]":
-    """Run what the table lacks, with the campaign held, and look at all of it."""
-    from app.folder import held
+    campaign: "Campaign", asked: "Asked", goal: Goal, terminal: "Terminal"
+) -> "tuple[dict[str, object], tuple[Compared, ...]]":
+    """Run what the tables lack, with their folder held, and write what all of it shows."""
+    import time
+
+    from app.folder import now_utc
+    from app.study.combinations import combinations
+    from app.study.comparison import compare, comparison_csv
+    from app.study.document import document_text, study_document
     from app.study.running import run_study
-    from app.study.setup import robots_drawn, study_scenario, study_setup
-    from campaigns.study_summary import summarise
-    from campaigns.study_table import StudyTable
+    from app.study.workers import workers_of
+    from campaigns.lock import campaign_lock
+    from campaigns.textfile import make_folder, replace_text
 
-    drawn = study_scenario(campaign, asked.scenario)
-    setup = study_setup(campaign, drawn, asked.estimator, asked.free, asked.seed)
-    path = asked.to or campaign.path(TABLE)
-    table = StudyTable(path, setup.digest(robots_drawn(drawn)), setup.free)
-    wanted = range(asked.campaigns)
-    with held(campaign):
-        studied = run_study(setup, drawn, table, wanted, asked.workers, terminal.note)
-    return summarise(setup, studied.outcomes), studied, table
-
-
-def show(terminal: "Terminal", summary: "StudySummary") -> None:
-    """The result for people."""
-    rows = [
-        (
-            p.name,
-            f"{p.bias:+.5f}",
-            f"{p.std:.5f}",
-            f"{p.stated_std:.5f}",
-            f"{p.ratio:.3f}",
-            f"{100.0 * p.covered:.1f} %",
-        )
-        for p in summary.parameters
-    ]
-    columns = ("", "bias", "σ found", "stated", "ratio", "in 95 %")
-    terminal.table("Errors of the parameters (mm, deg)", columns, rows)
-    failed = f", {summary.failed} without an answer" if summary.failed else ""
-    terminal.say(f"{summary.campaigns} campaigns{failed}")
-    if summary.unseen_mean_mm and summary.unseen_max_mm:
-        for what, (half, most) in (
-            ("mean", summary.unseen_mean_mm),
-            ("largest", summary.unseen_max_mm),
-        ):
-            terminal.say(
-                f"{what} error of unseen distances: {half:.4f} mm in half of the campaigns, "
-                f"{most:.4f} mm in 95 %"
-            )
+    began_s = time.monotonic()
+    found, results_of = combinations(campaign, asked, goal.to), workers_of(goal.workers)
+    tell_what_is_left_out(terminal, found)
+    make_folder(goal.to)
+    with campaign_lock(goal.to, now_utc=now_utc):
+        studied = run_study(found, range(goal.campaigns), results_of, counting)
+        compared = compare(studied)
+        document = study_document(compared, asked.seed, time.monotonic() - began_s)
+        replace_text(goal.to / COMPARISON, comparison_csv(compared))
+        replace_text(goal.to / DOCUMENT, document_text(document))
+    return document | {"path": str(goal.to)}, compared
 
 
-def study_document(
-    summary: "StudySummary", studied: "Studied", table: "StudyTable"
-) -> dict[str, object]:
-    """The study as `--json` prints it."""
-    return {
-        "schema": SCHEMA,
-        "study": table.study,
-        "campaigns": summary.campaigns,
-        "failed": summary.failed,
-        "lost": sum(len(lost.numbers) for lost in studied.lost),
-        "parameters": {
-            p.name: {
-                "bias": p.bias,
-                "std": p.std,
-                "stated_std": p.stated_std,
-                "ratio": p.ratio,
-                "covered_95": p.covered,
-            }
-            for p in summary.parameters
-        },
-        "unseen_mean_mm": _quantiles(summary.unseen_mean_mm),
-        "unseen_max_mm": _quantiles(summary.unseen_max_mm),
-        "computed": studied.computed,
-        "seconds": studied.seconds,
-        "path": str(table.path),
-    }
+def counting(total: int, done: int) -> "CountedWork":
+    """Shows how far the campaigns are."""
+    import time
+
+    from rich.console import Console
+
+    from app.counted_work import CountedWork
+
+    screen = Console(stderr=True, highlight=False)
+    return CountedWork(screen, "campaigns", total, done=done, now_s=time.monotonic)
 
 
-def _quantiles(values: tuple[float, ...] | None) -> dict[str, float] | None:
-    return None if values is None else dict(zip(("median", "q95"), values, strict=True))
+def tell_what_is_left_out(terminal: "Terminal", combinations: "Sequence[Combination]") -> None:
+    """Say what the scenarios have that no campaign of a study has."""
+    from app.console import WARNING
+    from app.study.setup import left_out
+
+    for scenario in {one.scenario.name: one.scenario for one in combinations}.values():
+        if effects := left_out(scenario):
+            terminal.note(f"{scenario.name}: not simulated here: {', '.join(effects)}", WARNING)
+
+
+def show(terminal: "Terminal", compared: "Sequence[Compared]") -> None:
+    """The result for people: of one combination every parameter, of several the worst of each."""
+    from app.console import WARNING
+    from app.study import tables
+
+    if len(compared) == 1:
+        rows = tables.parameter_rows(compared[0].summary)
+        terminal.table("Errors of the parameters (mm, deg)", tables.PARAMETERS, rows)
+    else:
+        rows = tables.honesty_rows(compared)
+        terminal.table("Errors of the parameters", tables.HONESTY, rows)
+    terminal.note(tables.EXPLAINED)
+    if unseen := tables.unseen_rows(compared):
+        terminal.table("Errors of unseen distances (mm)", tables.UNSEEN, unseen)
+    for label, one in zip(tables.labels(compared), compared, strict=True):
+        style = WARNING if one.summary.too_sure else ""
+        terminal.say(f"{label}: {tables.honesty(one.summary)}", style)
+        if one.summary.failed:
+            terminal.say(f"{label}: {tables.failures(one)}", WARNING)
+        for reason in one.studied.reasons:
+            terminal.note(f"{label}: {one.studied.lost} campaigns lost: {reason}", WARNING)
+    terminal.say(f"written: {compared[0].combination.table.path.parent}")
+
+
+def draw(terminal: "Terminal", compared: "Sequence[Compared]", path: Path) -> None:
+    """Draw errors, coverage and what is left; raises `WriteFailed`."""
+    from app.report.figures.drawing import save
+    from app.study.pictures import study_picture
+
+    save(study_picture(compared), path)
+    terminal.say(f"drawn: {path}")

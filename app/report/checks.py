@@ -1,10 +1,10 @@
 """Whether the campaign's files still belong together: what an auditor would check by hand."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from app.report.evidence import Evidence
-from campaigns.parameters import PARAMETER_NAMES
+from campaigns.parameters import AXIS_TILT_NAMES, PARAMETER_NAMES
 from campaigns.plan_file import plan_digest
 from campaigns.robot import RobotFile
 
@@ -27,7 +27,8 @@ def integrity_checks(evidence: Evidence) -> tuple[Check, ...]:
 
 def identified_digest(nominal: RobotFile, flat: Mapping[str, float]) -> str:
     """The digest of a parameter set, as the file that holds it states it."""
-    return replace(nominal, values=tuple(flat[name] for name in PARAMETER_NAMES)).digest()
+    known = {name: flat[name] for name in (*PARAMETER_NAMES, *AXIS_TILT_NAMES) if name in flat}
+    return RobotFile.from_flat(known, name=nominal.name, limits=nominal.limits).digest()
 
 
 def _measured(evidence: Evidence) -> Iterator[Check]:

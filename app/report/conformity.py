@@ -9,7 +9,7 @@ from app.report.checks import Check
 from app.report.findings import IdentificationFinding
 from app.report.stages import StageView
 from campaigns.config_sections import AcceptanceConfig
-from campaigns.decision import COVERAGE, Conformity, Decision, decide_all
+from campaigns.decision import Decision, Requirement, decide_all
 from campaigns.validation_traces import Result
 
 RULE = (
@@ -25,29 +25,6 @@ HEADLINES: Mapping[Decision, str] = {
     "not decided": "It is not shown that the robot keeps, or breaks, the limits asked for.",
 }
 NOTHING_ASKED = "No limit is asked for, so there is none to be kept or broken."
-
-
-@dataclass(frozen=True, slots=True)
-class Requirement:
-    """One figure of the validation after calibration. `result` None: not measured."""
-
-    name: str
-    result: Result | None
-    limit_mm: float | None
-
-    @property
-    def expanded_mm(self) -> float | None:
-        """U, k = 2."""
-        return None if self.result is None else COVERAGE * self.result.instrument_mm
-
-    @property
-    def decision(self) -> Decision | None:
-        """None when no limit is asked for."""
-        if self.limit_mm is None:
-            return None
-        if self.result is None:
-            return "not decided"
-        return Conformity(self.result.value_mm, self.result.instrument_mm, self.limit_mm).decision
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,23 +55,30 @@ def verdict(
         *(f"Does not hold: {check.statement} ({check.detail})." for check in broken),
     )
     decision = decide_all(decisions)
-    asked = any(r.limit_mm is not None for r in requirements)
+    asked = any(r.limit is not None for r in requirements)
     headline = HEADLINES[decision] if asked or decision == "fail" else NOTHING_ASKED
     return Verdict(decision, headline, reasons, requirements)
 
 
 def _requirements(after: StageView | None, limits: AcceptanceConfig) -> Iterator[Requirement]:
+    """Of the validation after calibration, in mm, with the instrument's uncertainty."""
     mean, largest = _distance_results(after)
-    yield Requirement("distances, mean error", mean, limits.distance_mean_mm)
-    yield Requirement("distances, largest error", largest, limits.distance_max_mm)
+    yield _requirement("distances, mean error", mean, limits.distance_mean_mm)
+    yield _requirement("distances, largest error", largest, limits.distance_max_mm)
     turn = after.turn.moved if after and after.turn else None
-    yield Requirement("motion of the point while the plate turns", turn, limits.rotation_mm)
+    yield _requirement("motion of the point while the plate turns", turn, limits.rotation_mm)
     lines = after.lines if after else ()
     for axis in ("x", "y", "z"):
         line = next((line.straightness for line in lines if line.axis == axis), None)
-        yield Requirement(f"straightness along {axis}", line, limits.straightness_mm)
+        yield _requirement(f"straightness along {axis}", line, limits.straightness_mm)
     radius = after.cloud.radius if after and after.cloud else None
-    yield Requirement("repeatability, radius of the sphere", radius, limits.repeatability_mm)
+    yield _requirement("repeatability, radius of the sphere", radius, limits.repeatability_mm)
+
+
+def _requirement(name: str, result: Result | None, limit_mm: float | None) -> Requirement:
+    if result is None:
+        return Requirement(name, None, limit_mm)
+    return Requirement(name, result.value_mm, limit_mm, result.instrument_mm)
 
 
 def _distance_results(after: StageView | None) -> tuple[Result | None, Result | None]:
@@ -122,7 +106,7 @@ def _of_identification(finding: IdentificationFinding | None) -> Iterator[str]:
 
 
 def _of_limits(requirements: tuple[Requirement, ...], after: StageView | None) -> Iterator[str]:
-    asked = [r for r in requirements if r.limit_mm is not None]
+    asked = [r for r in requirements if r.limit is not None]
     if not asked:
         yield "No limit is set under `acceptance` in campaign.yaml."
     elif after is None:

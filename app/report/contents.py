@@ -40,7 +40,7 @@ def contents_of(evidence: Evidence, instrument: TrackerUncertainty) -> Contents:
         before,
         after,
         errors,
-        _correlations(evidence, instrument),
+        None if evidence.identification is None else correlations_of(evidence.identification),
         _remainder(evidence, errors, after or before),
         checks,
         verdict(evidence.identification, after, limits, checks),
@@ -56,20 +56,14 @@ def _errors(evidence: Evidence, instrument: TrackerUncertainty) -> ModelErrors |
     return model_errors(evidence.run, models, found.excluded if found else (), instrument)
 
 
-def _correlations(evidence: Evidence, instrument: TrackerUncertainty) -> Correlations | None:
-    if evidence.run is None or evidence.identification is None:
-        return None
-    return correlations_of(evidence.run, evidence.identification, instrument)
-
-
 def _remainder(
     evidence: Evidence, errors: ModelErrors | None, stage: StageView | None
 ) -> Remainder | None:
     found = evidence.identification
-    if found is None or errors is None or errors.fitted is None:
+    if found is None or errors is None:
         return None
     repeated = stage.cloud.away_mm if stage and stage.cloud else None
-    return remainder(errors.fitted, found, repeated)
+    return remainder(errors, found, repeated)
 
 
 def _courses(evidence: Evidence) -> tuple[Course, ...]:

@@ -1,31 +1,16 @@
 """How the parameters hang together, and what of the residuals nothing explains."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from app.report.evidence import MeasuredSeries
 from app.report.findings import IdentificationFinding
-from app.report.model_errors import PairErrors, excluded_rows, usable_pairs
-from campaigns.dataset import Dataset
-from campaigns.numerics.forward import forward
-from campaigns.numerics.frames import fit_transform
-from campaigns.numerics.geometry import Array, Geometry, Index, indices
-from campaigns.numerics.instrument import TrackerUncertainty
-from campaigns.numerics.par4 import NoAssembly
-from campaigns.numerics.residuals import DistanceResiduals, PointResiduals, PositionModel
-from campaigns.numerics.statistics import correlations, covariance
-from campaigns.shot_sets import ShotSet
-from campaigns.validation_traces import stated_covariance_mm2
-
-
-@dataclass(frozen=True, slots=True)
-class Correlation:
-    """How two parameters' errors go together, from -1 to 1."""
-
-    first: str
-    second: str
-    value: float
+from app.report.model_errors import ModelErrors, PairErrors, ShotErrors
+from campaigns.estimators import Estimator
+from campaigns.identified import Correlation
+from campaigns.numerics.geometry import Array
+from campaigns.numerics.statistics import correlations
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,8 +37,9 @@ class Correlations:
 
 @dataclass(frozen=True, slots=True)
 class Remainder:
-    """The residuals of the fitted distances beside what is known to cause some, mm (1 σ)."""
+    """The residuals of what was fitted beside what is known to cause some, mm (1 σ)."""
 
+    of: Literal["distance", "coordinate"]
     residual_mm: float
     """√(Σ r² / degrees of freedom)."""
     instrument_mm: float
@@ -72,57 +58,55 @@ class Remainder:
 
 
 def remainder(
-    fitted: PairErrors, finding: IdentificationFinding, repeated_away_mm: Array | None
+    errors: ModelErrors, finding: IdentificationFinding, repeated_away_mm: Array | None
 ) -> Remainder | None:
-    """From the fitted pairs, and points (N, 3) about the mean of repeated visits.
+    """From what was fitted, and points (N, 3) about the mean of repeated visits.
 
     None without degrees of freedom.
     """
-    after, dof = fitted.after_mm, len(fitted.pairs) - finding.rank
-    if after is None or dof < 1:
+    repeated_mm = None if repeated_away_mm is None else _per_axis(repeated_away_mm)
+    if finding.estimator == Estimator.POINTS:
+        return _of_coordinates(errors.shots, finding, repeated_mm)
+    return _of_distances(errors.fitted, finding, repeated_mm)
+
+
+def correlations_of(finding: IdentificationFinding) -> Correlations | None:
+    """Those of the parameters whose σ are known; None where there are none."""
+    known = finding.covariance
+    if known is None or not known.names:
         return None
+    return Correlations(known.names, correlations(np.array(known.matrix)))
+
+
+def _of_distances(
+    fitted: PairErrors | None, finding: IdentificationFinding, repeated_mm: float | None
+) -> Remainder | None:
+    if fitted is None or fitted.after_mm is None or finding.dof < 1:
+        return None
+    after, dof = fitted.after_mm, finding.dof
     return Remainder(
+        "distance",
         float(np.sqrt(after @ after / dof)),
         float(np.sqrt(np.mean(fitted.instrument_mm**2))),
-        None if repeated_away_mm is None else float(np.sqrt(2.0)) * _per_axis(repeated_away_mm),
+        None if repeated_mm is None else float(np.sqrt(2.0)) * repeated_mm,
         float(np.sqrt(np.sum((after / fitted.instrument_mm) ** 2) / dof)),
         dof,
     )
 
 
-def correlations_of(
-    measured: MeasuredSeries, finding: IdentificationFinding, instrument: TrackerUncertainty
-) -> Correlations | None:
-    """From the estimator's Jacobian at its answer; None where the data cannot tell them."""
-    data, names = measured.data, finding.free
-    geometry = Geometry.from_flat(finding.identified_flat())
-    usable = ~excluded_rows(data, finding.excluded) & forward(geometry, data.joints_rad).found
-    rows = usable_pairs(data, ShotSet.IDENTIFICATION, usable).ravel()
-    model = PositionModel(geometry, indices(names), data.joints_rad[rows])
-    try:
-        if finding.estimator == "points":
-            stated = stated_covariance_mm2(measured.shots, data.points_in_tracker_mm, instrument)
-            jacobian = _jacobian_of_points(model, data.points_in_tracker_mm[rows], stated[rows])
-        else:
-            jacobian = _jacobian_of_distances(model, data, rows.reshape(-1, 2))
-        matrix = correlations(covariance(jacobian))
-    except (NoAssembly, ValueError, np.linalg.LinAlgError):
+def _of_coordinates(
+    shots: ShotErrors | None, finding: IdentificationFinding, repeated_mm: float | None
+) -> Remainder | None:
+    if shots is None or finding.chi2 is None or finding.dof < 1:
         return None
-    return Correlations(names, matrix[: len(names), : len(names)])
-
-
-def _jacobian_of_distances(model: PositionModel, data: Dataset, pairs: Index) -> Array:
-    """Rows are pairs; the model's shots stand in the pairs' order."""
-    first, second = np.arange(0, pairs.size, 2), np.arange(1, pairs.size, 2)
-    measured = data.measured_distances_mm(pairs)
-    return DistanceResiduals(model, first, second, measured).jacobian(model.nominal)
-
-
-def _jacobian_of_points(model: PositionModel, points: Array, covariance_mm2: Array) -> Array:
-    whitening = np.linalg.inv(np.linalg.cholesky(covariance_mm2))
-    frame = fit_transform(model.positions_mm(model.nominal), points)
-    x = np.concatenate([model.nominal, np.zeros(6)])
-    return PointResiduals(model, points, whitening, frame).jacobian(x)
+    return Remainder(
+        "coordinate",
+        float(np.sqrt(np.sum(shots.after_mm**2) / finding.dof)),
+        float(np.sqrt(np.mean(shots.instrument_mm**2))),
+        repeated_mm,
+        float(np.sqrt(finding.chi2.value / finding.dof)),
+        finding.dof,
+    )
 
 
 def _per_axis(away_mm: Array) -> float:

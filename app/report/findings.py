@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 
 from campaigns.decision import Decision
+from campaigns.parameters import BACKLASH_NAMES
 
 
 class UnreadableFinding(Exception):
@@ -33,8 +34,55 @@ class ExcludedFinding(_Finding):
     pair: int | None = None
 
 
+class ScatterFinding(_Finding):
+    """What a test of χ² says of the stated noise, and what it means for σ."""
+
+    value: float
+    dof: int
+    p: float | None
+    believable: bool | None
+    scale: float | None
+    says: str
+
+
+class CovarianceFinding(_Finding):
+    """Of the parameters whose σ are known, mm and deg."""
+
+    names: tuple[str, ...]
+    matrix: tuple[tuple[float, ...], ...]
+
+
+class PositionStdFinding(_Finding):
+    """Predicted uncertainty of position over the workspace, 1 σ, mm."""
+
+    mean: float
+    max: float
+
+
+class FrameFinding(_Finding):
+    """`tracker_from_base` by translation and the angles of the paper's eq. 23."""
+
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    phi_deg: float
+    gamma_deg: float
+    psi_deg: float
+
+
+class ModelFinding(_Finding):
+    """One of the models that were compared."""
+
+    name: str
+    parameters: int
+    bic: float | None
+    unseen_rms_mm: float | None
+    kept: bool
+    outcome: str
+
+
 class IdentificationFinding(_Finding):
-    """An identification and what it rests on."""
+    """An identification and what it rests on. Older ones lack what is None or empty here."""
 
     estimator: str
     converged: bool
@@ -53,6 +101,13 @@ class IdentificationFinding(_Finding):
     journal_digest: str
     journal_records: int
     at_utc: str
+    chi2: ScatterFinding | None = None
+    covariance: CovarianceFinding | None = None
+    position_std_mm: PositionStdFinding | None = None
+    frame: FrameFinding | None = None
+    known_by_priors_alone: tuple[tuple[str, ...], ...] = ()
+    priors: dict[str, float] = {}
+    models: tuple[ModelFinding, ...] = ()
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -66,6 +121,11 @@ class IdentificationFinding(_Finding):
     def identified_flat(self) -> dict[str, float]:
         """The parameters it found."""
         return {name: found.value for name, found in self.parameters.items()}
+
+    def backlash_deg(self) -> tuple[float, ...]:
+        """What each gear was found to lose; 0 where that was not asked."""
+        found = self.identified_flat()
+        return tuple(found.get(name, 0.0) for name in BACKLASH_NAMES)
 
 
 class LoadFinding(_Finding):

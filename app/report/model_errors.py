@@ -1,21 +1,22 @@
 """What the nominal and the identified model miss of the measured shots."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from app.report.evidence import MeasuredSeries
-from app.report.findings import ExcludedFinding, IdentificationFinding
+from app.report.findings import ExcludedFinding, FrameFinding, IdentificationFinding
 from campaigns.dataset import Dataset
 from campaigns.numerics.forward import forward
-from campaigns.numerics.frames import fit_transform
+from campaigns.numerics.frames import Transform, fit_transform, from_paper_angles
 from campaigns.numerics.geometry import Array, Geometry, Index, Mask
 from campaigns.numerics.instrument import TrackerUncertainty, distance_variance_mm2
 from campaigns.numerics.pairs import distances_mm
+from campaigns.numerics.residuals import arm_joints_rad
+from campaigns.parameters import ARMS
+from campaigns.point_sets import SHOTS_FOR_A_FRAME
 from campaigns.shot_sets import ShotSet
-from campaigns.validate import SHOTS_FOR_A_FRAME
-from campaigns.validation_traces import stated_covariance_mm2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,20 +44,37 @@ class PositionErrors:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ShotErrors:
+    """Modelled minus measured positions of the fitted shots, in the tracker's axes, (N, 3).
+
+    Before with the frame that suits the nominal model best, after with the identified one.
+    """
+
+    before_mm: Array
+    after_mm: Array
+    instrument_mm: Array
+    """Standard uncertainty of each measured coordinate, as a root mean square of the three, (N,)"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ModelErrors:
-    """All of them; None where there are too few shots."""
+    """All of them; None where there are too few shots, or where the estimator has none."""
 
     fitted: PairErrors | None
     unseen: PairErrors | None
+    shots: ShotErrors | None
     positions: PositionErrors | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Models:
-    """The parameter sets to compare."""
+    """The parameter sets to compare, and where the tracker stood if that was identified too."""
 
     before: Geometry
     after: Geometry | None
+    tracker_from_base: Transform | None = None
+    backlash_rad: Array = field(default_factory=lambda: np.zeros(ARMS))
+    """What each gear was found to lose, (4,)."""
 
 
 def models_of(finding: IdentificationFinding | None, nominal: Geometry) -> Models:
@@ -64,7 +82,10 @@ def models_of(finding: IdentificationFinding | None, nominal: Geometry) -> Model
     if finding is None:
         return Models(nominal, None)
     return Models(
-        Geometry.from_flat(finding.nominal_flat()), Geometry.from_flat(finding.identified_flat())
+        Geometry.from_flat(finding.nominal_flat()),
+        Geometry.from_flat(finding.identified_flat()),
+        None if finding.frame is None else _transform(finding.frame),
+        np.radians(finding.backlash_deg()),
     )
 
 
@@ -79,7 +100,7 @@ def model_errors(
     solved = _Solved.of(models, data)
     usable = solved.found & ~excluded_rows(data, excluded)
     points = data.points_in_tracker_mm
-    covariance = stated_covariance_mm2(measured.shots, points, instrument)
+    covariance = data.covariance_mm2(instrument)
 
     def pair_errors(purpose: ShotSet) -> PairErrors | None:
         rows = usable_pairs(data, purpose, usable)
@@ -97,6 +118,7 @@ def model_errors(
     return ModelErrors(
         pair_errors(ShotSet.IDENTIFICATION),
         pair_errors(ShotSet.VALIDATION),
+        _shot_errors(data, solved, usable, models.tracker_from_base, covariance),
         _position_errors(data, solved, usable),
     )
 
@@ -128,8 +150,29 @@ class _Solved:
         before = forward(models.before, data.joints_rad)
         if models.after is None:
             return cls(before.values, None, before.found)
-        after = forward(models.after, data.joints_rad)
+        arms_rad = arm_joints_rad(data.joints_rad, data.approach, models.backlash_rad)
+        after = forward(models.after, arms_rad)
         return cls(before.values, after.values, before.found & after.found)
+
+
+def _transform(frame: FrameFinding) -> Transform:
+    angles = np.radians([frame.phi_deg, frame.gamma_deg, frame.psi_deg])
+    return from_paper_angles(angles, np.array([frame.x_mm, frame.y_mm, frame.z_mm]))
+
+
+def _shot_errors(
+    data: Dataset, solved: _Solved, usable: Mask, frame: Transform | None, covariance_mm2: Array
+) -> ShotErrors | None:
+    fitted = [purpose is ShotSet.IDENTIFICATION for purpose in data.purposes]
+    rows = np.flatnonzero(usable & np.array(fitted, dtype=bool))
+    if frame is None or solved.after is None or len(rows) < SHOTS_FOR_A_FRAME:
+        return None
+    measured, nominal = data.points_in_tracker_mm[rows], solved.before[rows, :3]
+    return ShotErrors(
+        fit_transform(nominal, measured).apply(nominal) - measured,
+        frame.apply(solved.after[rows, :3]) - measured,
+        np.sqrt(np.trace(covariance_mm2[rows], axis1=1, axis2=2) / 3.0),
+    )
 
 
 def _missed_distances(points: Array, first: Index, second: Index) -> Callable[[Array], Array]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from app.report.contents import Contents
 from app.report.explained import Remainder
-from app.report.findings import IdentificationFinding, ParameterFinding
+from app.report.findings import IdentificationFinding, ModelFinding, ParameterFinding
 from app.report.parts import (
     NOTHING,
     Column,
@@ -18,15 +18,17 @@ from app.report.parts import (
 )
 from app.report.pictures import correlation_picture
 from app.report.results_sections import NO_IDENTIFICATION
+from campaigns.parameters import AXIS_TILT_NAMES, BACKLASH_NAMES
 
 PARAMETER_DECIMALS = 4
 STRONGEST = 8
 INSTRUMENT_EXPLAINS = 1.5
 """Up to this ratio of residuals to stated uncertainty nothing else needs to be looked for."""
+HORIZONTAL, NO_PLAY = "the motor axes are horizontal", "gears have no play"
 ASSUMED = (
-    "What the model assumes, and no parameter can express: the plate stays parallel to the base; "
-    "the motor axes are horizontal; the two rods of a forearm are alike; parts do not bend and do "
-    "not grow with heat; gears have no play. Parameters marked held are assumed to be as given."
+    "the plate stays parallel to the base",
+    "the two rods of a forearm are alike",
+    "parts do not bend and do not grow with heat",
 )
 
 
@@ -43,11 +45,26 @@ def remainder_section(contents: Contents) -> Section:
     """What is left when the model has said all it can."""
     parts: list[Part] = []
     if contents.remainder is None:
-        text = "Without an identification and pairs to spare, nothing can be said of what is left."
+        text = "Without an identification and shots to spare, nothing can be said of what is left."
         parts.append(Paragraph(text, "missing"))
     else:
         parts += _remainder_parts(contents.remainder)
-    return Section("remainder", "What the model does not explain", (*parts, Paragraph(ASSUMED)))
+    assumed = Paragraph(_assumed(contents.evidence.identification))
+    return Section("remainder", "What the model does not explain", (*parts, assumed))
+
+
+def _assumed(found: IdentificationFinding | None) -> str:
+    """What the model that was kept cannot express."""
+    free = () if found is None else found.free
+    unknown = [*ASSUMED]
+    if not {*AXIS_TILT_NAMES} & {*free}:
+        unknown.append(HORIZONTAL)
+    if not {*BACKLASH_NAMES} & {*free}:
+        unknown.append(NO_PLAY)
+    return (
+        f"What the model assumes, and no parameter of it can express: {'; '.join(unknown)}. "
+        "Parameters marked held are assumed to be as given."
+    )
 
 
 def _parameter_parts(contents: Contents, found: IdentificationFinding) -> Iterator[Part]:
@@ -56,19 +73,25 @@ def _parameter_parts(contents: Contents, found: IdentificationFinding) -> Iterat
     yield Paragraph(
         f"Estimator: {found.estimator}; it {state} after {found.iterations} evaluations with rank "
         f"{found.rank} of {len(found.free)}{condition} and {found.dof} degrees of freedom. "
-        "σ is one standard deviation, from the scatter of the residuals."
+        "σ is one standard deviation."
     )
+    yield from _uncertainty_paragraphs(found)
     columns = (
         *words("parameter", "unit"),
         *(Column(title) for title in ("old", "new", "Δ", "σ", "Δ ÷ σ")),
     )
     rows = tuple(_parameter_row(name, each) for name, each in found.parameters.items())
     yield Table("Parameters old and new", columns, rows, "held: not identified, kept as it was.")
+    if found.models:
+        yield _models_table(found.models)
     for names in found.unobservable:
-        text = f"Cannot be told apart with these shots: {', '.join(names)}."
+        text = f"Cannot be told by these shots, and was held: {', '.join(names)}."
         yield Paragraph(text, "missing")
+    for names in found.known_by_priors_alone:
+        text = f"Known by what was given beforehand alone: {', '.join(names)}."
+        yield Paragraph(text)
     if contents.correlations is None:
-        text = "Correlations cannot be computed: the shots do not fix all parameters."
+        text = "There are no correlations: the shots do not tell how surely parameters are known."
         yield Paragraph(text, "missing")
         return
     strongest = tuple(
@@ -79,6 +102,41 @@ def _parameter_parts(contents: Contents, found: IdentificationFinding) -> Iterat
     picture = correlation_picture(contents)
     if picture is not None:
         yield picture
+
+
+def _uncertainty_paragraphs(found: IdentificationFinding) -> Iterator[Paragraph]:
+    if found.chi2 is not None:
+        yield Paragraph(f"{found.chi2.says[0].upper()}{found.chi2.says[1:]}.")
+    if found.position_std_mm is not None:
+        mean, most = (number(v, 4) for v in (found.position_std_mm.mean, found.position_std_mm.max))
+        yield Paragraph(
+            f"Predicted uncertainty of position (1 σ, after a best fit of the frame): {mean} mm on "
+            f"average over the workspace, {most} mm at most."
+        )
+    if found.priors:
+        known = ", ".join(f"{name} ± {std:g}" for name, std in found.priors.items())
+        yield Paragraph(f"Given beforehand, about the old values (1 σ, mm and deg): {known}.")
+
+
+def _models_table(models: tuple[ModelFinding, ...]) -> Table:
+    columns = (
+        *words("model"),
+        *(Column(title) for title in ("parameters", "BIC")),
+        Column("unseen rms", "mm"),
+        *words(""),
+    )
+    rows = tuple(
+        (
+            model.name,
+            str(model.parameters),
+            number(model.bic, 0),
+            number(model.unseen_rms_mm, PARAMETER_DECIMALS),
+            model.outcome,
+        )
+        for model in models
+    )
+    note = "A larger model is kept only if unseen pairs and Schwarz's criterion (BIC) speak for it."
+    return Table("Models compared", columns, rows, note)
 
 
 def _parameter_row(name: str, found: ParameterFinding) -> Row:
@@ -98,7 +156,7 @@ def _unit(suffix: str) -> str:
 
 def _remainder_parts(left: Remainder) -> Iterator[Part]:
     rows: list[Row] = [
-        ("residuals of the fitted distances, √(Σ r² / ν)", number(left.residual_mm)),
+        (f"residuals of the fitted {left.of}s, √(Σ r² / ν)", number(left.residual_mm)),
         ("the tracker's stated uncertainty alone", number(left.instrument_mm)),
     ]
     if left.repeatability_mm is None:
@@ -106,7 +164,7 @@ def _remainder_parts(left: Remainder) -> Iterator[Part]:
     else:
         rows.append(("the robot's repeatability alone", number(left.repeatability_mm)))
     rows.append(("left beyond the larger of the two", number(left.unexplained_mm)))
-    columns = (*words("one distance, 1 σ"), Column("", "mm"))
+    columns = (*words(f"one {left.of}, 1 σ"), Column("", "mm"))
     note = f"ν = {left.dof} degrees of freedom."
     yield Paragraph(_in_words(left))
     yield Table("Residuals and their known causes", columns, tuple(rows), note)

@@ -3,16 +3,20 @@
 from collections.abc import Iterator
 from functools import partial
 
+import numpy as np
+
 from app.report.contents import Contents
 from app.report.figures import distances, tests, time_and_parameters, workspace
 from app.report.figures.distances import PairGroup
-from app.report.model_errors import PairErrors, PositionErrors
+from app.report.model_errors import PairErrors, PositionErrors, ShotErrors
 from app.report.parts import Picture
 from app.report.stages import StageView
 
 
 def distance_pictures(contents: Contents) -> Iterator[Picture]:
-    """Errors pair by pair, and their histogram."""
+    """Errors shot by shot if positions were fitted, pair by pair, and the latter's histogram."""
+    if contents.errors is not None and contents.errors.shots is not None:
+        yield _shot_picture(contents.errors.shots)
     groups = pair_groups(contents)
     if not groups:
         return
@@ -127,6 +131,23 @@ def pair_groups(contents: Contents) -> tuple[PairGroup, ...]:
     if any(values is not None for values in told):
         groups.append(PairGroup("commanded pairs", "s", *told))
     return tuple(group for group in groups if group is not None)
+
+
+def _shot_picture(shots: ShotErrors) -> Picture:
+    before, after = (np.linalg.norm(e, axis=1) for e in (shots.before_mm, shots.after_mm))
+    return Picture(
+        "shot-errors",
+        "Errors of position, shot by shot",
+        "Each mark is a shot that was identified from: the distance from its modelled place to its "
+        "measured one, the tracker's place being fitted too. After, none should stand out from its "
+        "neighbours.",
+        partial(
+            distances.pair_errors,
+            [PairGroup("fitted shots", "o", before, after)],
+            quantity="length of the error",
+            what="shots",
+        ),
+    )
 
 
 def _arrows(positions: PositionErrors) -> Picture:

@@ -7,46 +7,37 @@ import numpy as np
 
 from app.report.figures.distances import PairGroup, pair_errors
 from app.report.figures.drawing import save
-from app.report.figures.workspace import plan_picture
-from campaigns.dataset import Dataset
-from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import Array, Geometry
-from campaigns.numerics.pairs import distances_mm
+from app.report.figures.plan import plan_picture
+from campaigns.estimators import Estimator
+from campaigns.foresight import CurvePoint, Expected
+from campaigns.identified import Errors, Identification
 from campaigns.plan_file import PlannedShot
 from campaigns.planning import poses_of
-from campaigns.shot_sets import ShotSet
 
 
-def plot_plan(path: Path, shots: Sequence[PlannedShot]) -> None:
-    """Draw the poses of a plan; .svg, .png or .pdf. Raises `WriteFailed`."""
-    save(plan_picture(poses_of(shots), tuple(shot.purpose for shot in shots)), path)
+def plot_plan(
+    path: Path, shots: Sequence[PlannedShot], expected: Expected, curve: Sequence[CurvePoint]
+) -> None:
+    """Draw a plan and what it will tell; .svg, .png or .pdf. Raises `WriteFailed`."""
+    purposes = tuple(shot.purpose for shot in shots)
+    save(plan_picture(poses_of(shots), purposes, expected, curve), path)
 
 
-def plot_residuals(path: Path, nominal: Geometry, identified: Geometry, data: Dataset) -> None:
-    """Draw the errors of the pairs' distances, before and after; raises `WriteFailed`.
-
-    Pairs at which one of the two cannot be assembled are left out.
-    """
-    groups = [
-        PairGroup(name, marker, *errors)
-        for name, marker, purpose in (
-            ("fitted pairs", "o", ShotSet.IDENTIFICATION),
-            ("unseen pairs", "D", ShotSet.VALIDATION),
-        )
-        if len((errors := _errors(nominal, identified, data, purpose))[0])
-    ]
-    save(pair_errors(groups), path)
+def plot_residuals(path: Path, found: Identification) -> None:
+    """Draw what was fitted and the unseen pairs, before and after; raises `WriteFailed`."""
+    distances = found.request.estimator is Estimator.DISTANCES
+    fitted = "fitted pairs" if distances else "fitted shots, length of the error"
+    groups = [_group(fitted, "o", found.fitted)]
+    if found.unseen_pairs is not None:
+        groups.append(_group("unseen pairs, error of distance", "D", found.unseen_pairs))
+    quantity, what = ("error of distance", "pairs") if distances else ("error", "shots and pairs")
+    save(pair_errors(groups, quantity=quantity, what=what), path)
 
 
-def _errors(
-    nominal: Geometry, identified: Geometry, data: Dataset, purpose: ShotSet
-) -> tuple[Array, Array]:
-    """Modelled minus measured distances by either model, (M,) each."""
-    first, second = data.pair_rows(purpose).T
-    measured = distances_mm(data.points_in_tracker_mm, first, second)
+def _group(name: str, marker: str, errors: Errors) -> PairGroup:
+    """Distances (N, 1) with their sign, positions (N, 3) by their length."""
     before, after = (
-        distances_mm(forward(model, data.joints_rad).values[:, :3], first, second) - measured
-        for model in (nominal, identified)
+        each[:, 0] if each.shape[1] == 1 else np.linalg.norm(each, axis=1)
+        for each in (errors.before_mm, errors.after_mm)
     )
-    found = np.isfinite(before) & np.isfinite(after)
-    return before[found], after[found]
+    return PairGroup(name, marker, before, after)

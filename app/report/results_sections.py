@@ -3,7 +3,8 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-from app.report.conformity import Requirement
+import numpy as np
+
 from app.report.contents import Contents
 from app.report.iso_table import IsoRow, iso_rows
 from app.report.parts import (
@@ -22,7 +23,7 @@ from app.report.parts import (
 from app.report.pictures import distance_pictures, test_pictures, workspace_pictures
 from app.report.stages import StageView
 from app.report.statistics import ErrorSummary, summary
-from campaigns.decision import COVERAGE
+from campaigns.decision import COVERAGE, Requirement
 from campaigns.numerics.geometry import Array
 from campaigns.validate import AXES
 from campaigns.validation_traces import Result
@@ -110,8 +111,8 @@ def _gain_parts(contents: Contents) -> Iterator[Part]:
             *numbers("mm", ("mean", "σ", "max", "mean + 3σ", "P95")),
         )
         note = (
-            "Of absolute values. Fitted and unseen pairs: by the model at the measured joint "
-            "angles. Commanded: as the controller moved with the parameters it held."
+            "Of absolute values. Fitted positions, fitted and unseen pairs: by the model at the "
+            "measured joint angles. Commanded: as the controller moved with the parameters it held."
         )
         yield Table("Errors of distance and position", columns, rows, note)
     tests = tuple(_test_rows(contents))
@@ -138,15 +139,17 @@ def _missing_stages(contents: Contents) -> Iterator[Paragraph]:
 
 
 def _requirement_row(requirement: Requirement) -> Row:
-    result = requirement.result
-    value = number(result.value_mm) if result else "not measured"
-    limit = "none set" if requirement.limit_mm is None else number(requirement.limit_mm)
+    value = "not measured" if requirement.error is None else number(requirement.error)
+    limit = "none set" if requirement.limit is None else number(requirement.limit)
     decision = requirement.decision or NOTHING
-    return requirement.name, value, number(requirement.expanded_mm), limit, decision
+    return requirement.name, value, number(requirement.expanded_uncertainty), limit, decision
 
 
 def _summary_rows(contents: Contents) -> Iterator[Row]:
     errors, before, after = contents.errors, contents.before, contents.after
+    if errors is not None and errors.shots is not None:
+        sizes = (errors.shots.before_mm, errors.shots.after_mm)
+        yield from _two_rows("fitted positions", *(np.linalg.norm(e, axis=1) for e in sizes))
     for name, pairs in (
         ("fitted pairs", errors.fitted if errors else None),
         ("unseen pairs", errors.unseen if errors else None),

@@ -9,6 +9,7 @@ from campaigns.numerics.frames import Transform
 from campaigns.numerics.geometry import Array
 from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.shot_sets import ShotSet
+from campaigns.validate import of_set
 from campaigns.validation_traces import (
     DistanceTrace,
     LineTrace,
@@ -18,7 +19,6 @@ from campaigns.validation_traces import (
     distance_trace,
     line_traces,
     measured_test,
-    of_set,
     radius_result,
     rotation_result,
 )

@@ -16,8 +16,8 @@ from app.wiring import scenario_of
 from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.planning import numeric_geometry
 from campaigns.shot_sets import ShotSet
-from campaigns.validate import AXES, evaluate
-from campaigns.validation_traces import distance_trace, measured_test, of_set
+from campaigns.validate import AXES, evaluate, of_set
+from campaigns.validation_traces import distance_trace, measured_test
 
 
 class TrialFailed(AppError):

@@ -1,98 +1,103 @@
-"""Runs a study: what is missing goes to the workers, what comes back goes into the table."""
+"""Runs a study: what is missing goes to the workers, what comes back goes into the tables."""
 
-import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 
-from app.errors import UsageInvalid
+from app.counted_work import CountedWork
+from app.study.combinations import Combination
+from app.study.results import Lost, Result, ResultsOf
 from app.study.setup import study_tasks
-from app.study.workers import Lost, Result, cluster_results, local_results
-from campaigns.study import CampaignOutcome, StudySetup, StudyTask
-from campaigns.study_table import StudyTable
-from sim.scenario_schema import Scenario
+from campaigns.study_setup import CampaignOutcome, StudyTask
 
-SCHEDULER = ("tcp://", "tls://", "ucx://")
-TELL_EVERY_S = 2.0
-
-Tell = Callable[[str], None]
+Counting = Callable[[int, int], CountedWork]
+"""Shows how far it is, for so many campaigns in all and so many done before."""
+Known = dict[int, CampaignOutcome]
+"""Outcomes by number."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Studied:
-    """All outcomes, by number, and what was lost on the way."""
+    """All outcomes of a combination, by number, and how many were lost on the way."""
 
+    combination: Combination
     outcomes: tuple[CampaignOutcome, ...]
-    lost: tuple[Lost, ...]
     computed: int
     """How many of them were not in the table before."""
-    seconds: float
+    lost: int
+    reasons: tuple[str, ...]
+    """Why, each one once."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Job:
+    """A task, and in which combination's table its outcomes belong."""
+
+    combination: int
+    task: StudyTask
 
 
 def run_study(
-    setup: StudySetup,
-    scenario: Scenario,
-    table: StudyTable,
-    wanted: range,
-    workers: str,
-    tell: Tell,
-) -> Studied:
-    """Compute what the table lacks of the wanted campaigns, and sort the table at the end.
+    combinations: Sequence[Combination], wanted: range, results_of: ResultsOf, counting: Counting
+) -> tuple[Studied, ...]:
+    """Compute what the tables lack of the wanted campaigns, and sort the tables at the end.
 
     Raises `UsageInvalid`, `OutputExists` and `WriteFailed`; what had come back until then is kept.
     """
-    results_of = workers_of(workers)
-    known = table.read()
-    tasks = list(study_tasks(setup, scenario, (n for n in wanted if n not in known)))
-    results = results_of(tasks)
-    table.write(known)
-    began, lost = len(known), []
-    pace = _Pace(sum(len(task.numbers) for task in tasks), tell)
-    for result in results:
-        if isinstance(result, Lost):
-            lost.append(result)
-            continue
-        table.append(result)
-        known |= {outcome.number: outcome for outcome in result}
-        pace.done(len(known) - began)
-    table.write(known)
-    outcomes = tuple(known[number] for number in wanted if number in known)
-    return Studied(outcomes, tuple(lost), len(known) - began, pace.seconds)
-
-
-def workers_of(text: str) -> Callable[[Sequence[StudyTask]], Iterator[Result]]:
-    """Local processes for a number, a cluster for its scheduler's address.
-
-    Raises `UsageInvalid` for anything else.
-    """
-    if text.startswith(SCHEDULER):
-        return lambda tasks: cluster_results(tasks, text)
-    if text.isascii() and text.isdecimal() and int(text) > 0:
-        return lambda tasks: local_results(tasks, int(text))
-    raise UsageInvalid(
-        f"--workers is '{text}'",
-        remedy="give a number of local processes, or the scheduler's address as tcp://HOST:PORT",
+    known = [combination.table.read() for combination in combinations]
+    begun = [len(each) for each in known]
+    jobs = list(_jobs(combinations, known, wanted))
+    results = results_of([job.task for job in jobs])
+    _write(combinations, known)
+    total, missing = len(combinations) * len(wanted), sum(len(job.task.numbers) for job in jobs)
+    with closing(results), counting(total, total - missing) as counted:
+        lost = list(_kept(results, jobs, combinations, known, counted))
+    _write(combinations, known)
+    return tuple(
+        Studied(
+            combination,
+            tuple(known[place][number] for number in wanted if number in known[place]),
+            len(known[place]) - begun[place],
+            *_lost_of(place, jobs, lost),
+        )
+        for place, combination in enumerate(combinations)
     )
 
 
-class _Pace:
-    """Tells now and then how far it is."""
+def _kept(
+    results: Iterator[Result],
+    jobs: Sequence[_Job],
+    combinations: Sequence[Combination],
+    known: Sequence[Known],
+    counted: CountedWork,
+) -> Iterator[Lost]:
+    """Write what comes into tables, as it comes; gives what is lost."""
+    for result in results:
+        task, place = jobs[result.place].task, jobs[result.place].combination
+        if isinstance(result, Lost):
+            yield result
+        else:
+            combinations[place].table.append(result.outcomes)
+            known[place].update((outcome.number, outcome) for outcome in result.outcomes)
+        counted.advance(len(task.numbers))
 
-    def __init__(self, total: int, tell: Tell) -> None:
-        self._total = total
-        self._tell = tell
-        self._began_s = self._told_s = time.monotonic()
 
-    @property
-    def seconds(self) -> float:
-        """Since the beginning."""
-        return time.monotonic() - self._began_s
+def _jobs(
+    combinations: Sequence[Combination], known: Sequence[Known], wanted: range
+) -> Iterator[_Job]:
+    for place, (combination, there) in enumerate(zip(combinations, known, strict=True)):
+        missing = (number for number in wanted if number not in there)
+        for task in study_tasks(combination.setup, combination.scenario, missing):
+            yield _Job(place, task)
 
-    def done(self, count: int) -> None:
-        """So many are."""
-        now_s = time.monotonic()
-        if now_s - self._told_s < TELL_EVERY_S and count < self._total:
-            return
-        self._told_s = now_s
-        rate = count / max(self.seconds, 1e-9)
-        left_s = (self._total - count) / rate
-        self._tell(f"{count}/{self._total} campaigns · {rate:.0f}/s · {left_s:.0f} s left")
+
+def _write(combinations: Sequence[Combination], known: Sequence[Known]) -> None:
+    for combination, outcomes in zip(combinations, known, strict=True):
+        combination.table.write(outcomes)
+
+
+def _lost_of(place: int, jobs: Sequence[_Job], lost: Sequence[Lost]) -> tuple[int, tuple[str, ...]]:
+    """How many campaigns of a combination were lost, and why."""
+    own = [each for each in lost if jobs[each.place].combination == place]
+    campaigns = sum(len(jobs[each.place].task.numbers) for each in own)
+    return campaigns, tuple(dict.fromkeys(each.reason for each in own))

@@ -1,7 +1,8 @@
-"""From a campaign's plan and a scenario to the tasks of a study."""
+"""From a campaign's plan and a scenario to what a study's campaigns share, and to its tasks."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
@@ -9,13 +10,17 @@ import numpy as np
 
 from app.errors import UsageInvalid
 from app.folder import SCENARIO, Campaign
+from campaigns.errors import PlanInvalid
+from campaigns.estimators import Estimator
+from campaigns.numerics.forward import forward
 from campaigns.numerics.frames import Transform
-from campaigns.numerics.geometry import Geometry
+from campaigns.numerics.geometry import Array, Geometry
 from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.plan_file import PlannedShot, read_plan
 from campaigns.planning import joints_of, numeric_geometry, pairs_of
 from campaigns.shot_sets import ShotSet
-from campaigns.study import Estimator, PairedShots, StudySetup, StudyTask
+from campaigns.study import indistinguishable
+from campaigns.study_setup import PairedShots, StudySetup, StudyTask
 from sim.building import station_of, true_geometry
 from sim.scenario import load_scenario
 from sim.scenario_schema import Scenario
@@ -41,39 +46,63 @@ def study_scenario(campaign: Campaign, name: str | None) -> Scenario:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What is compared, and what all combinations share.
+
+    Without plans, scenarios or estimators: the campaign's own plan and cell, and points.
+    """
+
+    plans: Sequence[Path]
+    scenarios: Sequence[str]
+    estimators: Sequence[Estimator]
+    free: tuple[str, ...]
+    seed: int
+
+
 def study_setup(
-    campaign: Campaign,
-    scenario: Scenario,
-    estimator: Estimator,
-    free: tuple[str, ...],
-    seed: int,
+    campaign: Campaign, plan: Path, scenario: Scenario, estimator: Estimator, asked: Asked
 ) -> StudySetup:
-    """What all campaigns share; raises `PlanInvalid`, and `UsageInvalid` for too few pairs."""
-    shots = read_plan(campaign.plan_path)
-    fitted = _paired(shots, ShotSet.IDENTIFICATION)
-    if len(fitted.pairs) <= len(free):
-        raise UsageInvalid(
-            f"the plan has {len(fitted.pairs)} pairs for {len(free)} parameters: "
-            "nothing would be left to state a standard deviation by",
-            remedy=f"plan at least {2 * len(free) + 2} shots, or hold parameters with --fix",
-        )
+    """What all campaigns of a combination share.
+
+    The unseen pairs are those of the campaign's own plan, so that plans are judged by the same.
+    Raises `PlanInvalid`, and `UsageInvalid` for shots that cannot give the free parameters.
+    """
+    shots, own_shots = read_plan(plan), read_plan(campaign.plan_path)
+    nominal = numeric_geometry(campaign.nominal.robot)
     station = station_of(scenario.tracker.station)
-    tracker_from_base = Transform(station.base_from_tracker, station.origin_in_base_mm).inverted()
-    return StudySetup(
-        numeric_geometry(campaign.nominal.robot),
-        free,
+    base_from_tracker = Transform(station.base_from_tracker, station.origin_in_base_mm)
+    setup = StudySetup(
+        nominal,
+        asked.free,
         estimator,
-        fitted,
-        _paired(shots, ShotSet.VALIDATION),
-        tracker_from_base,
-        uncertainty_of(scenario.tracker.noise),
-        seed,
+        _paired(plan, nominal, shots, ShotSet.IDENTIFICATION),
+        _paired(campaign.plan_path, nominal, own_shots, ShotSet.VALIDATION),
+        base_from_tracker.inverted(),
+        _noise_of(scenario),
+        asked.seed,
     )
+    _check_enough(setup, plan)
+    return setup
 
 
 def robots_drawn(scenario: Scenario) -> str:
     """What decides the true robots, as text."""
     return scenario.robot.model_dump_json()
+
+
+def left_out(scenario: Scenario) -> tuple[str, ...]:
+    """What the scenario has and a study has not: whatever no parameter of the model describes."""
+    robot = scenario.robot
+    effects = {
+        "rods of unequal length": (robot.tolerances.rod_mm, *robot.rod_errors_mm),
+        "tilted axes": (robot.tolerances.axis_tilt_mrad, *robot.axis_tilts_mrad),
+        "backlash": robot.backlash_arcmin,
+        "repeatability": (robot.repeatability.joint_arcsec, robot.repeatability.position_mm),
+        "warm arms": (robot.thermal.rise_degC,),
+        "faults": scenario.faults,
+    }
+    return tuple(name for name, sizes in effects.items() if any(sizes))
 
 
 def study_tasks(
@@ -102,14 +131,49 @@ def uncertainty_of(noise: NoiseSection) -> TrackerUncertainty:
     )
 
 
-def _truth(
-    scenario: Scenario, seed: int, number: int
-) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """A robot's true parameters, (29,), mm and rad."""
+def _noise_of(scenario: Scenario) -> TrackerUncertainty:
+    """Raises `UsageInvalid` when there is none."""
+    noise = uncertainty_of(scenario.tracker.noise)
+    if min(noise.along_mm + noise.along_per_mm, noise.across_mm + noise.across_per_mm) <= 0.0:
+        raise UsageInvalid(
+            f"scenario {scenario.name}: its tracker has no noise, so every σ would be 0",
+            remedy="give tracker.noise in the cell file values above 0",
+        )
+    return noise
+
+
+def _truth(scenario: Scenario, seed: int, number: int) -> Array:
+    """A robot's true parameters as a vector, mm and rad."""
     own_seed = int(np.random.SeedSequence([seed, number]).generate_state(1, np.uint64)[0])
     return Geometry.from_flat(true_geometry(scenario.robot, own_seed)).vector()
 
 
-def _paired(shots: tuple[PlannedShot, ...], purpose: ShotSet) -> PairedShots:
+def _paired(
+    plan: Path, nominal: Geometry, shots: tuple[PlannedShot, ...], purpose: ShotSet
+) -> PairedShots:
+    """The shots of a set; raises `PlanInvalid` for one that the nominal robot cannot take."""
     chosen = [shot for shot in shots if shot.purpose is purpose]
-    return PairedShots(joints_of(chosen).reshape(-1, 4), pairs_of(chosen, purpose))
+    joints_rad = joints_of(chosen).reshape(-1, 4)
+    for shot, found in zip(chosen, forward(nominal, joints_rad).found, strict=True):
+        if not found:
+            raise PlanInvalid(
+                f"{plan}: shot {shot.shot}: the nominal robot cannot be assembled at its joints",
+                remedy="correct the shot, or plan anew with `pkmcal plan`",
+            )
+    return PairedShots(joints_rad, pairs_of(chosen, purpose))
+
+
+def _check_enough(setup: StudySetup, plan: Path) -> None:
+    """Raise `UsageInvalid` when the shots cannot give the parameters and something to spare."""
+    sought = f"{len(setup.free)} parameters by {setup.estimator.value}"
+    if setup.dof < 1:
+        shots, pairs = len(setup.fitted.joints_rad), len(setup.fitted.pairs)
+        raise UsageInvalid(
+            f"{plan}: {shots} shots in {pairs} pairs are too few for {sought}",
+            remedy="plan more shots, or hold parameters with --fix",
+        )
+    if together := indistinguishable(setup):
+        raise UsageInvalid(
+            f"{plan}: {sought} cannot be told apart: {', '.join(together[0])} move together",
+            remedy=f"hold one of them, as with --fix {together[0][0]}, or plan other shots",
+        )

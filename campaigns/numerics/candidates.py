@@ -7,6 +7,7 @@ import numpy as np
 from campaigns.numerics.frames import Transform
 from campaigns.numerics.geometry import Array, Geometry, Index, indices
 from campaigns.numerics.residuals import DistanceResiduals, PointResiduals, PositionModel
+from campaigns.numerics.statistics import parameters_alone
 
 FRAME_COLUMNS = 6
 """Three small angles and a translation, which stand after the free parameters."""
@@ -99,13 +100,7 @@ def distance_rows(
 
 
 def without_frame(rows: Array) -> Array:
-    """Rows (N, 3, F + 6) of points after the best fit of their frame, (N, 3, F).
-
-    Least squares with these gives the parameters the same values and covariance as with the frame
-    among the unknowns (Frisch, Waugh and Lovell).
-    """
+    """Rows (N, 3, F + 6) of points after the best fit of their frame, (N, 3, F)."""
     jacobian = rows.reshape(-1, rows.shape[-1])
-    parameters, frame = jacobian[:, :-FRAME_COLUMNS], jacobian[:, -FRAME_COLUMNS:]
-    basis, _ = np.linalg.qr(frame)
-    left = parameters - basis @ (basis.T @ parameters)
-    return np.asarray(left.reshape(len(rows), rows.shape[1], -1))
+    left = parameters_alone(jacobian, jacobian.shape[1] - FRAME_COLUMNS)
+    return left.reshape(len(rows), rows.shape[1], -1)

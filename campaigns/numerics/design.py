@@ -1,11 +1,12 @@
 """Optimal plans: the best so many of many candidate measurements, by exchange (Fedorov 1972).
 
 Every member is in turn taken out and replaced by the candidate that then tells most (the variant
-of Cook and Nachtsheim 1980), until a whole round brings nothing.
+of Cook and Nachtsheim 1980), until a whole round brings nothing. Most of that is done among a short
+list (as Atkinson and Donev 1989 do), and only the end of it among all candidates.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from campaigns.numerics.appraisal import Appraisal, Appraiser
 from campaigns.numerics.candidates import Candidates
 from campaigns.numerics.criteria import Criterion
 from campaigns.numerics.geometry import Array, Index
-from campaigns.numerics.statistics import Observability, observability, unobservable_combinations
+from campaigns.numerics.statistics import observability, unobservable_combinations
 
 BEGINNER = 0.3
 """What a greedy choice pretends to know at first, in shares of a mean candidate's information."""
@@ -24,9 +25,13 @@ LEAST_GAIN = 1e-7
 FRAGILE = 100.0
 """Replacing a member without which the value is so many times worse leaves rounding behind."""
 ROUNDS = 40
+SHORT_LIST = 600
+"""Exchanges are first sought among so many candidates, or twice as many as there are members."""
 MEASUREMENTS_TRIED = 240
 MOST_STARTS = 12
 """Small designs end in local optima more often, and cost little to start again."""
+QUICKLY_EXCHANGED = 100
+"""Quick growth exchanges no more members than these: beyond, greedy additions do as well."""
 
 
 class WrongCount(ValueError):
@@ -60,16 +65,30 @@ def optimal_design(
     if starts is None:
         starts = int(np.clip(MEASUREMENTS_TRIED // count, 1, MOST_STARTS))
     nothing = np.empty(0, dtype=np.intp)
-    begun = [greedily_grown(candidates, criterion, nothing, count)]
-    begun += [rng.choice(len(candidates), count, replace=False) for _ in range(starts - 1)]
-    designs = [exchanged(candidates, criterion, chosen) for chosen in begun]
-    return min(designs, key=lambda design: design.value)
+    greedy = greedily_grown(candidates, criterion, nothing, count)
+    others = [rng.choice(len(candidates), count, replace=False) for _ in range(starts - 1)]
+    listed = _short_list(candidates, criterion, greedy)
+    tried = [_exchanged_among(candidates, criterion, m, listed) for m in (greedy, *others)]
+    best = min(tried, key=lambda design: design.value)
+    return _exchanged_among_all(candidates, criterion, best.chosen)
 
 
 def grown_design(candidates: Candidates, criterion: Criterion, chosen: Index, count: int) -> Design:
     """A larger design from a smaller one: greedy additions, then exchange. Raises `WrongCount`."""
     _check_count(candidates, count)
     return exchanged(candidates, criterion, greedily_grown(candidates, criterion, chosen, count))
+
+
+def quickly_grown(candidates: Candidates, criterion: Criterion, chosen: Index, count: int) -> Index:
+    """A larger choice from a smaller one, (count,), a few percent from what an exchange gives.
+
+    Greedy additions, and for a small choice, where they go wrong most, exchange among a short list.
+    """
+    grown = greedily_grown(candidates, criterion, chosen, count)
+    if count > QUICKLY_EXCHANGED:
+        return grown
+    listed = _short_list(candidates, criterion, grown)
+    return _exchanged_among(candidates, criterion, grown, listed).chosen
 
 
 def greedily_grown(
@@ -87,6 +106,30 @@ def greedily_grown(
 
 
 def exchanged(candidates: Candidates, criterion: Criterion, chosen: Index) -> Design:
+    """The chosen candidates replaced one by one while that lowers the criterion's value."""
+    listed = _short_list(candidates, criterion, chosen)
+    design = _exchanged_among(candidates, criterion, chosen, listed)
+    return _exchanged_among_all(candidates, criterion, design.chosen)
+
+
+def _short_list(candidates: Candidates, criterion: Criterion, chosen: Index) -> Index:
+    """The candidates that would tell most besides the chosen ones, (S,)."""
+    _, known = _appraised(candidates, criterion, chosen)
+    gains = criterion.gains(known.spread, known.effect)
+    return np.argsort(-gains)[: max(SHORT_LIST, 2 * len(chosen))]
+
+
+def _exchanged_among(
+    candidates: Candidates, criterion: Criterion, chosen: Index, listed: Index
+) -> Design:
+    """Exchanged for none but those listed and the members there were."""
+    rows = np.union1d(chosen, listed)
+    few = replace(candidates, rows=candidates.rows[rows])
+    design = _exchanged_among_all(few, criterion, np.searchsorted(rows, chosen))
+    return replace(design, chosen=rows[design.chosen])
+
+
+def _exchanged_among_all(candidates: Candidates, criterion: Criterion, chosen: Index) -> Design:
     """Members replaced one by one until a round lowers the criterion's value by nothing."""
     design = Design(chosen, criterion.value(_covariance(candidates, chosen, GROUND)))
     for _ in range(ROUNDS):
@@ -142,8 +185,7 @@ def least_count(candidates: Candidates) -> int:
     That is more than equations over unknowns: after some shots another one tells little but its own
     θ. Raises `Unobservable`.
     """
-    triangle = np.linalg.qr(candidates.jacobian(np.arange(len(candidates))), mode="r")
-    _check_observable(observability(np.asarray(triangle)), candidates.names)
+    check_observable(candidates.jacobian(np.arange(len(candidates))), candidates.names)
     unknowns = len(candidates.scale)
     counts = range(-(-unknowns // candidates.rows.shape[1]), len(candidates) + 1)
     return next(
@@ -153,11 +195,13 @@ def least_count(candidates: Candidates) -> int:
     )
 
 
-def _check_observable(seen: Observability, names: tuple[str, ...]) -> None:
+def check_observable(jacobian: Array, names: tuple[str, ...]) -> None:
+    """Raise `Unobservable` if all there is to measure, (M, P), cannot tell the parameters apart."""
+    seen = observability(np.asarray(np.linalg.qr(jacobian, mode="r")))
     if seen.rank < len(seen.singular_values):
         together = unobservable_combinations(seen, names)
-        listed = "; ".join(" and ".join(names) for names in together)
-        raise Unobservable(f"no measurements can tell these apart: {listed}")
+        each = (f"{', '.join(combination)} move together" for combination in together)
+        raise Unobservable(f"{'; '.join(each)}, whatever is measured")
 
 
 def _check_count(candidates: Candidates, count: int) -> None:

@@ -3,31 +3,40 @@
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import count as counted_from
 
 import numpy as np
 
 from campaigns.numerics.candidates import Candidates
 from campaigns.numerics.criteria import Criterion
-from campaigns.numerics.design import Design, grown_design, least_count, optimal_design
+from campaigns.numerics.design import (
+    grown_design,
+    least_count,
+    optimal_design,
+    quickly_grown,
+)
 from campaigns.numerics.geometry import Array, Index
 from campaigns.numerics.statistics import covariance
 
 AVERAGING = 1.1
 """More measurements only average when σ √N is within this factor of the least."""
+CURVE_STEP = math.sqrt(2.0)
+"""From one number on a curve to the next."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CurvePoint:
     """A design of some size, and what it tells of the parameters that are known worst."""
 
-    design: Design
+    chosen: Index
+    """Rows of its candidates, (N,)."""
     worst_length_mm: float
     worst_angle_rad: float
 
     @property
     def count(self) -> int:
         """How many measurements it has."""
-        return len(self.design.chosen)
+        return len(self.chosen)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,18 +44,18 @@ class Enough:
     """The least design found that meets the goal, and all that were tried, by size."""
 
     least: CurvePoint
-    curve: tuple[CurvePoint, ...]
+    tried: tuple[CurvePoint, ...]
 
 
 class GoalOutOfReach(ValueError):
-    """Even the largest design allowed does not meet the goal; `best_mm` is the σ it gives."""
+    """Even the `best` of the designs allowed, the largest, does not meet the goal."""
 
     def __init__(self, best: CurvePoint, goal_mm: float) -> None:
         super().__init__(
             f"{best.count} measurements give σ {best.worst_length_mm:.4f} mm for the worst length, "
             f"goal {goal_mm:g} mm"
         )
-        self.best_mm = best.worst_length_mm
+        self.best = best
 
 
 def design_curve(
@@ -54,21 +63,31 @@ def design_curve(
 ) -> Iterator[CurvePoint]:
     """Designs of each of the increasing `counts`, all but the first grown from the one before.
 
-    Raises as `optimal_design`.
+    Growth is quick, and gives a σ within some percent of an exchanged design's. Raises as
+    `optimal_design`.
     """
-    design: Design | None = None
+    chosen: Index | None = None
     for count in counts:
-        if design is None:
-            design = optimal_design(candidates, criterion, count, rng)
+        if chosen is None:
+            chosen = optimal_design(candidates, criterion, count, rng, starts=1).chosen
         else:
-            design = grown_design(candidates, criterion, design.chosen, count)
-        yield _judged(candidates, design)
+            chosen = quickly_grown(candidates, criterion, chosen, count)
+        yield judged(candidates, chosen)
 
 
-def averaging_from(curve: Sequence[CurvePoint]) -> int:
-    """The count from which more measurements only average: four times as many for half the σ."""
-    scaled = np.array([point.worst_length_mm * np.sqrt(point.count) for point in curve])
-    return curve[int(np.argmax(scaled <= AVERAGING * scaled.min()))].count
+def curve_counts(fewest: int, most: int, step: int) -> Iterator[int]:
+    """Multiples of `step`, from `fewest` to `most`, each about 1.4 times the one before."""
+    for power in counted_from():
+        count = step * math.ceil(fewest * CURVE_STEP**power / step - 0.5)
+        if count > most:
+            return
+        yield count
+
+
+def averaging_from(counts: Sequence[int], std: Sequence[float]) -> int:
+    """The number from which more measurements only average: four times as many for half the σ."""
+    scaled = np.array(std) * np.sqrt(counts)
+    return counts[int(np.argmax(scaled <= AVERAGING * scaled.min()))]
 
 
 def smallest_design(
@@ -84,7 +103,7 @@ def smallest_design(
     By doubling, then by the law that σ falls as 1/√N. Raises `GoalOutOfReach`, and as
     `optimal_design`.
     """
-    fewest = step * math.ceil(least_count(candidates) / step)
+    fewest = fewest_of(candidates, step)
     tried: list[CurvePoint] = []
     for point in design_curve(candidates, criterion, _doubled(fewest, most), rng):
         tried.append(point)
@@ -95,10 +114,15 @@ def smallest_design(
     low, good = tried[-2:] if len(tried) > 1 else (tried[0], tried[0])
     while good.count - low.count > step:
         count = _between(low, good, goal_mm, step)
-        design = grown_design(candidates, criterion, low.design.chosen, count)
-        tried.append(point := _judged(candidates, design))
+        design = grown_design(candidates, criterion, low.chosen, count)
+        tried.append(point := judged(candidates, design.chosen))
         low, good = (low, point) if point.worst_length_mm <= goal_mm else (point, good)
     return Enough(good, tuple(sorted(tried, key=lambda point: point.count)))
+
+
+def fewest_of(candidates: Candidates, step: int) -> int:
+    """The least multiple of `step` that tells all unknowns apart; raises `Unobservable`."""
+    return step * math.ceil(least_count(candidates) / step)
 
 
 def _between(low: CurvePoint, good: CurvePoint, goal_mm: float, step: int) -> int:
@@ -116,14 +140,20 @@ def _doubled(fewest: int, most: int) -> Iterator[int]:
     yield most
 
 
-def _judged(candidates: Candidates, design: Design) -> CurvePoint:
-    return CurvePoint(design, *worst_std(candidates, design.chosen))
+def judged(candidates: Candidates, chosen: Index) -> CurvePoint:
+    """What the chosen candidates tell of the parameters that are known worst."""
+    return CurvePoint(chosen, *worst_std(candidates, chosen))
 
 
 def worst_std(candidates: Candidates, chosen: Index) -> tuple[float, float]:
     """Largest σ of a length in mm and of an angle in rad; zero where there are none."""
-    std = np.sqrt(np.diag(covariance(candidates.jacobian(chosen))))[: candidates.parameters]
-    angle = np.array([name.endswith("_deg") for name in candidates.names])
+    std = np.sqrt(np.diag(covariance(candidates.jacobian(chosen))))
+    return worst_of(std[: candidates.parameters], candidates.names)
+
+
+def worst_of(std: Array, names: Sequence[str]) -> tuple[float, float]:
+    """The largest of a length's σ and of an angle's; zero where there are none."""
+    angle = np.array([name.endswith("_deg") for name in names], dtype=bool)
     return _largest(std[~angle]), _largest(std[angle])
 
 

@@ -1,6 +1,6 @@
 """The solver: Levenberg-Marquardt by analytic Jacobian, and an answer that says how it ended."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -15,6 +15,10 @@ COST_TOLERANCE = 1e-11
 EVALUATIONS = 100
 OUT_OF_THE_MODEL = 1e6
 """Every residual, mm or whitened, where the mechanism has no assembly: the solver turns back."""
+NEGLIGIBLE = 1e-6
+"""Root mean square of residuals, mm or whitened, of which only rounding is left."""
+STATIONARY_COSINE = 1e-3
+"""Of the angle between the residual and a column of the Jacobian; a minimum reached gives 1e-6."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,13 +37,13 @@ class Fit:
     """One sentence of explanation."""
 
 
-def solve(problem: Residuals, evaluations: int = EVALUATIONS) -> Fit:
-    """Least squares from the problem's own start, within a number of evaluations.
+def solve(problem: Residuals, evaluations: int = EVALUATIONS, *, start: Array | None = None) -> Fit:
+    """Least squares from `start`, else from the problem's own, within a number of evaluations.
 
     Raises `NoAssembly` when that start has no answer.
     """
-    start = problem.start()
-    rows = len(problem.residual(start))
+    begin = problem.start() if start is None else start
+    rows = len(problem.residual(begin))
 
     def residual(x: Array) -> Array:
         try:
@@ -49,7 +53,7 @@ def solve(problem: Residuals, evaluations: int = EVALUATIONS) -> Fit:
 
     answer = least_squares(
         residual,
-        start,
+        begin,
         jac=problem.jacobian,
         method="lm",
         x_scale="jac",
@@ -58,7 +62,7 @@ def solve(problem: Residuals, evaluations: int = EVALUATIONS) -> Fit:
         gtol=STEP_TOLERANCE,
         max_nfev=evaluations,
     )
-    return Fit(
+    fit = Fit(
         np.asarray(answer.x),
         np.asarray(answer.fun),
         np.asarray(answer.jac),
@@ -66,6 +70,24 @@ def solve(problem: Residuals, evaluations: int = EVALUATIONS) -> Fit:
         int(answer.nfev),
         _explain(int(answer.status), int(answer.nfev)),
     )
+    return _checked(fit)
+
+
+def _checked(fit: Fit) -> Fit:
+    """A solver that stopped before the edge of what can be assembled has not converged.
+
+    At a minimum the residual is perpendicular to every column of the Jacobian, unless it is so
+    small that only rounding is left of it.
+    """
+    size = float(np.linalg.norm(fit.residual))
+    if not fit.converged or size <= NEGLIGIBLE * np.sqrt(len(fit.residual)):
+        return fit
+    columns = np.linalg.norm(fit.jacobian, axis=0)
+    cosines = np.abs(fit.jacobian.T @ fit.residual) / (np.where(columns > 0.0, columns, 1.0) * size)
+    if cosines.max() <= STATIONARY_COSINE:
+        return fit
+    message = "not converged: the solver stopped where the shots still fit better nearby"
+    return replace(fit, converged=False, message=message)
 
 
 def _explain(status: int, evaluations: int) -> str:

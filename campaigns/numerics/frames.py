@@ -49,6 +49,11 @@ def paper_angles_rad(transform: Transform) -> Array:
     return np.asarray(Rotation.from_matrix(transform.rotation).as_euler("ZYX"))
 
 
+def from_paper_angles(angles_rad: Array, translation_mm: Array) -> Transform:
+    """R(z, φ) R(y, γ) R(x, ψ) and a translation (paper eqs. 22 and 23), from (3,) each."""
+    return Transform(Rotation.from_euler("ZYX", angles_rad).as_matrix(), translation_mm)
+
+
 def small_rotation(angles_rad: Array) -> tuple[Array, Array]:
     """R(z, a0) R(y, a1) R(x, a2), (3, 3), and its derivatives by the three angles, (3, 3, 3)."""
     (cz, cy, cx), (sz, sy, sx) = np.cos(angles_rad), np.sin(angles_rad)

@@ -1,23 +1,48 @@
-"""The 29 geometrical parameters of Par4 (paper eq. 1) as arrays, and their flat names."""
+"""Par4's parameters as arrays, and the flat names of all that a fit may free.
+
+The 29 of the paper's eq. 1, four axis tilts, and four backlashes, which belong to the measured
+joints rather than to the geometry.
+"""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.parameters import ARM_FIELDS, ARMS, PARAMETER_NAMES
+from campaigns.parameters import (
+    ARM_FIELDS,
+    ARMS,
+    AXIS_TILT_NAMES,
+    BACKLASH_NAMES,
+    PARAMETER_NAMES,
+)
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 NAMES = PARAMETER_NAMES
+"""The 29 of files and controllers."""
+GEOMETRY_NAMES = NAMES + AXIS_TILT_NAMES
+"""The 33 that a `Geometry` holds, in the order of its vector."""
+MODEL_NAMES = GEOMETRY_NAMES + BACKLASH_NAMES
+"""The 37 that a fit may free."""
 
-COUNT = len(NAMES)
-IS_ANGLE: Mask = np.array([name.endswith("_deg") for name in NAMES])
+IS_ANGLE: Mask = np.array([name.endswith("_deg") for name in MODEL_NAMES])
 FILE_UNIT = np.where(IS_ANGLE, np.pi / 180.0, 1.0)
 """Multiplies a value in file units (mm, deg) to give inner units (mm, rad)."""
+
+
+def indices(names: tuple[str, ...]) -> Index:
+    """Places of the named parameters in `MODEL_NAMES`; raises `ValueError` for an unknown name."""
+    return np.array([MODEL_NAMES.index(name) for name in names], dtype=np.intp)
+
+
+PLATE = NAMES.index("plate_mm")
+OFFSETS = indices(tuple(f"arm{arm}.joint_offset_deg" for arm in range(ARMS)))
+TILTS = indices(AXIS_TILT_NAMES)
+BACKLASHES = indices(BACKLASH_NAMES)
 
 HELD_BY_DEFAULT = (
     "arm0.x_mm",
@@ -28,6 +53,12 @@ HELD_BY_DEFAULT = (
 """The first motor places the frame; the azimuths are hypothesis (iii) of the paper."""
 
 FREE_BY_DEFAULT = tuple(name for name in NAMES if name not in HELD_BY_DEFAULT)
+
+HELD_IF_EXTENDED = HELD_BY_DEFAULT[:4]
+"""The first arm's azimuth stays held too: it keeps the frame from turning about z."""
+
+FREE_IF_EXTENDED = tuple(name for name in MODEL_NAMES if name not in HELD_IF_EXTENDED)
+"""All that measurements with known directions of approach can tell apart: 33."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,30 +77,35 @@ class Geometry:
     """L_i, (4,)."""
     plate_mm: float
     """h."""
+    axis_tilt_rad: Array = field(default_factory=lambda: np.zeros(ARMS))
+    """τ_i: motor axis out of the horizontal, turned about u_i, (4,)."""
 
     @classmethod
     def from_vector(cls, vector: Array) -> "Geometry":
-        """From 29 values in the order of `NAMES`, mm and rad."""
-        arms = np.asarray(vector[:-1], dtype=np.float64).reshape(ARMS, len(ARM_FIELDS))
-        return cls(arms[:, :3], arms[:, 3], arms[:, 4], arms[:, 5], arms[:, 6], float(vector[-1]))
+        """From 33 values in the order of `GEOMETRY_NAMES`, mm and rad."""
+        values = np.asarray(vector, dtype=np.float64)
+        arms = values[:PLATE].reshape(ARMS, len(ARM_FIELDS))
+        plate_mm, tilts = float(values[PLATE]), values[TILTS]
+        return cls(arms[:, :3], arms[:, 3], arms[:, 4], arms[:, 5], arms[:, 6], plate_mm, tilts)
 
     @classmethod
     def from_flat(cls, flat: Mapping[str, float]) -> "Geometry":
-        """From flat names in file units (mm, deg); raises `KeyError` for a missing one."""
-        return cls.from_vector(np.array([flat[name] for name in NAMES]) * FILE_UNIT)
+        """From flat names in file units (mm, deg); an axis tilt that is not named is 0.
+
+        Raises `KeyError` when one of the 29 is missing.
+        """
+        values = [flat[name] for name in NAMES] + [flat.get(name, 0.0) for name in AXIS_TILT_NAMES]
+        return cls.from_vector(np.array(values) * FILE_UNIT[: len(GEOMETRY_NAMES)])
 
     def vector(self) -> Array:
-        """29 values in the order of `NAMES`, mm and rad."""
+        """33 values in the order of `GEOMETRY_NAMES`, mm and rad."""
         arms = np.column_stack(
             [self.motor_mm, self.azimuth_rad, self.joint_offset_rad, self.arm_mm, self.forearm_mm]
         )
-        return np.append(arms.ravel(), self.plate_mm)
+        return np.concatenate([arms.ravel(), [self.plate_mm], self.axis_tilt_rad])
 
     def flat(self) -> dict[str, float]:
-        """By flat name, in file units."""
-        return dict(zip(NAMES, (self.vector() / FILE_UNIT).tolist(), strict=True))
-
-
-def indices(names: tuple[str, ...]) -> Index:
-    """Places of the named parameters in a vector; raises `ValueError` for an unknown name."""
-    return np.array([NAMES.index(name) for name in names], dtype=np.intp)
+        """By flat name, in file units: the 29, and the axis tilts that are not 0."""
+        values = (self.vector() / FILE_UNIT[: len(GEOMETRY_NAMES)]).tolist()
+        named = zip(GEOMETRY_NAMES, values, strict=True)
+        return {name: value for name, value in named if name in NAMES or value}

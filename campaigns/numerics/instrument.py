@@ -7,6 +7,11 @@ import numpy as np
 from campaigns.numerics.geometry import Array, Index
 from campaigns.numerics.pairs import directions
 
+LIMIT_PER_STD = 3**0.5
+"""A data sheet's limit (MPE) over the standard uncertainty it stands for: an even distribution."""
+MM_PER_UM = 1e-3
+PER_MM_OF_UM_PER_M = 1e-6
+
 
 @dataclass(frozen=True, slots=True)
 class TrackerUncertainty:
@@ -20,6 +25,16 @@ class TrackerUncertainty:
     along_per_mm: float = 0.3e-6 / 3**0.5
     across_mm: float = 0.015 / 3**0.5
     across_per_mm: float = 6e-6 / 3**0.5
+
+    @classmethod
+    def of_limits(
+        cls, along_um: float, along_um_per_m: float, across_um: float, across_um_per_m: float
+    ) -> "TrackerUncertainty":
+        """Of an instrument whose data sheet has these limits (MPE)."""
+        um, um_per_m = MM_PER_UM / LIMIT_PER_STD, PER_MM_OF_UM_PER_M / LIMIT_PER_STD
+        return cls(
+            along_um * um, along_um_per_m * um_per_m, across_um * um, across_um_per_m * um_per_m
+        )
 
 
 def point_covariance_mm2(points_from_tracker_mm: Array, uncertainty: TrackerUncertainty) -> Array:

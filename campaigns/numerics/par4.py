@@ -1,5 +1,7 @@
 """Par4's contracted model (paper eqs. 1-13, corrected): closure, inverse, Jacobians.
 
+Beyond the paper a motor's axis may be tilted out of the horizontal: turned by τ_i about u_i.
+
 Arrays are batched: joints (N, 4) in rad as the encoders read them; poses (N, 4) as X, Y, Z in mm
 and θ in rad. The corrections of the printed equations are in docs/model.md.
 """
@@ -10,7 +12,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.numerics.geometry import COUNT, Array, Geometry, Mask
+from campaigns.numerics.geometry import GEOMETRY_NAMES, PLATE, TILTS, Array, Geometry, Mask
 from campaigns.parameters import ARM_FIELDS, ARMS
 
 PLATE_LEVER_MM = 100.0
@@ -52,27 +54,34 @@ class Solution:
         return self.values
 
 
-def arm_directions(geometry: Geometry) -> Array:
-    """u_i, the arm's direction at zero joint angle, (4, 3) (eq. 5)."""
-    cos, sin = np.cos(geometry.azimuth_rad), np.sin(geometry.azimuth_rad)
-    return np.column_stack([cos, sin, np.zeros_like(cos)])
+def arm_frames(geometry: Geometry) -> Array:
+    """u_i, the motor's axis, and w_i, of unit length in the base frame, (3, 4, 3).
 
-
-def motor_axes(geometry: Geometry) -> Array:
-    """v_i, the motor's axis, (4, 3) (eq. 6)."""
+    The arm points along u_i at a joint angle of 0° (eq. 5) and along w_i at 90°. The axis is v_i of
+    eq. 6 turned about u_i by the axis tilt; without one w_i points straight down.
+    """
     cos, sin = np.cos(geometry.azimuth_rad), np.sin(geometry.azimuth_rad)
-    return np.column_stack([-sin, cos, np.zeros_like(cos)])
+    level, tilt = np.cos(geometry.axis_tilt_rad), np.sin(geometry.axis_tilt_rad)
+    outward = [cos, sin, np.zeros_like(cos)]
+    axis = [-sin * level, cos * level, tilt]
+    lowered = [-sin * tilt, cos * tilt, -level]
+    return np.array([outward, axis, lowered]).transpose(0, 2, 1)
 
 
 def elbows_mm(geometry: Geometry, joints_rad: Array) -> Array:
     """A_i in the base frame, (N, 4, 3) (eq. 8); a positive angle lowers the elbow."""
-    angle = joints_rad + geometry.joint_offset_rad
-    arms = np.zeros_like(angle, shape=(*angle.shape, 3))
-    outward = geometry.arm_mm * np.cos(angle)
-    arms[..., 0] = outward * np.cos(geometry.azimuth_rad)
-    arms[..., 1] = outward * np.sin(geometry.azimuth_rad)
-    arms[..., 2] = -geometry.arm_mm * np.sin(angle)
-    return geometry.motor_mm + arms
+    # by component and arm: long rows are what the processor is fast at, and forward.py wants them
+    angle = (joints_rad + geometry.joint_offset_rad).T
+    outward, _, lowered = (geometry.arm_mm * arm_frames(geometry).swapaxes(1, 2))[..., None]
+    swung = np.cos(angle) * outward + np.sin(angle) * lowered
+    return np.asarray((geometry.motor_mm.T[..., None] + swung).T)
+
+
+def in_arm_frames(geometry: Geometry, vectors: Array) -> Array:
+    """Vectors of the arms (N, 4, 3) along u_i, the motor's axis and w_i, (3, N, 4)."""
+    # a product of matrices for each arm; einsum takes ten times as long
+    along = vectors.swapaxes(0, 1) @ arm_frames(geometry).transpose(1, 2, 0)
+    return np.ascontiguousarray(along.T)
 
 
 def plate_joints_mm(geometry: Geometry, poses: Array) -> Array:
@@ -97,10 +106,9 @@ def closure_mm2(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
 def inverse(geometry: Geometry, poses: Array) -> Solution:
     """Encoder angles of poses, on the branch with the elbow outward (eqs. 10-14 as corrected)."""
     motor_to_plate = plate_joints_mm(geometry, poses) - geometry.motor_mm
-    along = np.einsum("...ik,ik->...i", motor_to_plate, arm_directions(geometry))
-    down = motor_to_plate[..., 2]
-    sine = 2.0 * geometry.arm_mm * down
-    cosine = -2.0 * geometry.arm_mm * along
+    out, _, down = in_arm_frames(geometry, motor_to_plate)
+    sine = -2.0 * geometry.arm_mm * down
+    cosine = -2.0 * geometry.arm_mm * out
     constant = (
         np.einsum("...k,...k->...", motor_to_plate, motor_to_plate)
         + geometry.arm_mm**2
@@ -122,23 +130,24 @@ def pose_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
 
 
 def closure_parameter_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
-    """∂F_i of arm i by its own seven parameters and by the plate's length, (N, 4, 8)."""
+    """∂F_i by arm i's own seven parameters, the plate's length and its axis's tilt, (N, 4, 9)."""
     forearms = forearms_mm(geometry, joints_rad, poses)
     return _by_own_parameters(geometry, joints_rad, poses, forearms)
 
 
 def parameter_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
-    """d(X, Y, Z, θ)/dK at fixed joints, (N, 4, 29): implicit function theorem on the closures.
+    """d(X, Y, Z, θ)/dK at fixed joints, (N, 4, 33): implicit function theorem on the closures.
 
-    Raises `numpy.linalg.LinAlgError` at a singular pose.
+    K is in the order of `GEOMETRY_NAMES`. Raises `numpy.linalg.LinAlgError` at a singular pose.
     """
     forearms = forearms_mm(geometry, joints_rad, poses)
     own = _by_own_parameters(geometry, joints_rad, poses, forearms)
-    by_all = np.zeros((*poses.shape[:-1], ARMS, COUNT))
+    by_all = np.zeros((*poses.shape, len(GEOMETRY_NAMES)))
     for arm in range(ARMS):
         columns = slice(arm * len(ARM_FIELDS), (arm + 1) * len(ARM_FIELDS))
-        by_all[..., arm, columns] = own[..., arm, :-1]
-    by_all[..., -1] = own[..., -1]
+        by_all[..., arm, columns] = own[..., arm, : len(ARM_FIELDS)]
+        by_all[..., arm, TILTS[arm]] = own[..., arm, -1]
+    by_all[..., PLATE] = own[..., len(ARM_FIELDS)]
     return np.asarray(-np.linalg.inv(_by_pose(geometry, poses, forearms)) @ by_all)
 
 
@@ -155,18 +164,20 @@ def _by_pose(geometry: Geometry, poses: Array, forearms: Array) -> Array:
 def _by_own_parameters(
     geometry: Geometry, joints_rad: Array, poses: Array, forearms: Array
 ) -> Array:
-    """∂F_i by the parameters of arm i in the order of `ARM_FIELDS`, then by h, (N, 4, 8)."""
-    x, y, up = forearms[..., 0], forearms[..., 1], forearms[..., 2]
-    cos, sin = np.cos(geometry.azimuth_rad), np.sin(geometry.azimuth_rad)
-    along, across = cos * x + sin * y, cos * y - sin * x
+    """∂F_i by arm i's parameters in the order of `ARM_FIELDS`, by h and by τ_i, (N, 4, 9)."""
+    out, aside, down = in_arm_frames(geometry, forearms)
+    tilt_cos, tilt_sin = np.cos(geometry.axis_tilt_rad), np.sin(geometry.axis_tilt_rad)
+    across = tilt_cos * aside + tilt_sin * down
     angle = joints_rad + geometry.joint_offset_rad
     cos, sin = np.cos(angle), np.sin(angle)
-    jacobian = np.zeros_like(forearms, shape=(*poses.shape[:-1], ARMS, len(ARM_FIELDS) + 1))
+    jacobian = np.zeros_like(forearms, shape=(*poses.shape[:-1], ARMS, len(ARM_FIELDS) + 2))
     jacobian[..., :3] = -2.0 * forearms
-    jacobian[..., 3] = -2.0 * geometry.arm_mm * cos * across
-    jacobian[..., 4] = 2.0 * geometry.arm_mm * (sin * along + cos * up)
-    jacobian[..., 5] = -2.0 * (cos * along - sin * up)
+    jacobian[..., 3] = -2.0 * geometry.arm_mm * (cos * across - sin * tilt_sin * out)
+    jacobian[..., 4] = 2.0 * geometry.arm_mm * (sin * out - cos * down)
+    jacobian[..., 5] = -2.0 * (cos * out + sin * down)
     jacobian[..., 6] = -2.0 * geometry.forearm_mm
+    jacobian[..., 8] = -2.0 * geometry.arm_mm * sin * aside
+    x, y = forearms[..., 2:, 0], forearms[..., 2:, 1]
     sin, cos = np.sin(poses[..., 3, None]), np.cos(poses[..., 3, None])
-    jacobian[..., 2:, 7] = 2.0 * (cos * y[..., 2:] - sin * x[..., 2:])
+    jacobian[..., 2:, 7] = 2.0 * (cos * y - sin * x)
     return jacobian

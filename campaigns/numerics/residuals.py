@@ -11,9 +11,19 @@ import numpy as np
 
 from campaigns.numerics.forward import forward
 from campaigns.numerics.frames import Transform, fit_transform, small_rotation
-from campaigns.numerics.geometry import Array, Geometry, Index
+from campaigns.numerics.geometry import (
+    BACKLASHES,
+    GEOMETRY_NAMES,
+    OFFSETS,
+    Array,
+    Geometry,
+    Index,
+)
 from campaigns.numerics.pairs import directions, distances_mm
 from campaigns.numerics.par4 import NoAssembly, parameter_jacobian
+
+LEFT_BEHIND = -0.5
+"""What part of the backlash an arm is from its encoder, in the direction of approach."""
 
 
 class Residuals(Protocol):
@@ -46,18 +56,29 @@ class _Expansion:
 
 
 class PositionModel:
-    """Positions of the controlled point as functions of the free parameters, at fixed joints.
+    """Positions of the controlled point as functions of the free parameters, at fixed encoders.
+
+    `approach` (N, 4) says how each joint came: +1 from smaller angles, -1 from larger ones, 0 for
+    all that nobody knows of. An arm stays behind its encoder by half of its gear's backlash, which
+    is nominally 0.
 
     Keeps its last answer, which residual and Jacobian share, and its last Jacobian, which predicts
     the next answer so well that the forward model has little left to do.
     """
 
     def __init__(
-        self, nominal: Geometry, free: Index, joints_rad: Array, start: Array | None = None
+        self,
+        nominal: Geometry,
+        free: Index,
+        joints_rad: Array,
+        start: Array | None = None,
+        *,
+        approach: Array | None = None,
     ) -> None:
-        self._vector = nominal.vector()
+        self._vector = np.concatenate([nominal.vector(), np.zeros(len(BACKLASHES))])
         self._free = free
         self._joints = joints_rad
+        self._approach = np.zeros_like(joints_rad) if approach is None else approach
         self._poses = start
         self._at: Array | None = None
         self._expansion: _Expansion | None = None
@@ -68,16 +89,18 @@ class PositionModel:
         return self._vector[self._free]
 
     def geometry(self, x: Array) -> Geometry:
-        """The whole parameter set with the free ones replaced."""
-        vector = self._vector.copy()
-        vector[self._free] = x
-        return Geometry.from_vector(vector)
+        """The whole geometry with the free parameters replaced."""
+        return Geometry.from_vector(self._replaced(x)[: len(GEOMETRY_NAMES)])
+
+    def backlash_rad(self, x: Array) -> Array:
+        """Each gear's lost motion from one side to the other, (4,)."""
+        return self._replaced(x)[BACKLASHES]
 
     def poses(self, x: Array) -> Array:
         """(N, 4), mm and rad; raises `NoAssembly`."""
         if self._poses is None or self._at is None or not np.array_equal(x, self._at):
             near = self._poses if self._expansion is None else self._expansion.at(x)
-            self._poses = forward(self.geometry(x), self._joints, near).require()
+            self._poses = forward(self.geometry(x), self.arm_joints_rad(x), near).require()
             self._at = np.array(x)
         return self._poses
 
@@ -89,9 +112,26 @@ class PositionModel:
         """∂(X, Y, Z)/∂x, (N, 3, F); raises `NoAssembly`."""
         poses = self.poses(x)
         if self._expansion is None or self._expansion.poses is not poses:
-            by_all = parameter_jacobian(self.geometry(x), self._joints, poses)
+            by_geometry = parameter_jacobian(self.geometry(x), self.arm_joints_rad(x), poses)
+            by_backlash = by_geometry[:, :, OFFSETS] * LEFT_BEHIND * self._approach[:, None]
+            by_all = np.concatenate([by_geometry, by_backlash], axis=-1)
             self._expansion = _Expansion(np.array(x), poses, by_all[:, :, self._free])
         return self._expansion.by_x[:, :3]
+
+    def arm_joints_rad(self, x: Array) -> Array:
+        """Where the arms are: encoder angles less what the gears have lost, (N, 4)."""
+        return arm_joints_rad(self._joints, self._approach, self.backlash_rad(x))
+
+    def _replaced(self, x: Array) -> Array:
+        """All parameters of the model in the order of `MODEL_NAMES`, (37,)."""
+        vector = self._vector.copy()
+        vector[self._free] = x
+        return vector
+
+
+def arm_joints_rad(encoders_rad: Array, approach: Array, backlash_rad: Array) -> Array:
+    """Where the arms are when their encoders came by `approach`, each (N, 4); backlash (4,)."""
+    return np.asarray(encoders_rad + LEFT_BEHIND * approach * backlash_rad)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

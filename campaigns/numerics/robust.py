@@ -1,68 +1,56 @@
-"""Fits that a few wrong shots cannot spoil, and that name the shots they leave out.
+"""Fits that a few wrong shots cannot spoil, and the shots that all others contradict.
 
-A block is what belongs together: the three whitened coordinates of a shot, or one distance. Losses
-and outliers are judged by whole blocks, never by single coordinates.
+Losses and outliers are judged by whole blocks, never by single coordinates, and priors take no part
+in it: they are neither weighed down nor left out.
 """
 
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import chdtri
+from scipy.special import chdtri, fdtri
 
+from campaigns.estimators import LossShape
 from campaigns.numerics.fit import Fit, solve
-from campaigns.numerics.geometry import Array
-from campaigns.numerics.residuals import Residuals
+from campaigns.numerics.geometry import Array, Mask
+from campaigns.numerics.problem import Problem
 
 REWEIGHTINGS = 30
 WEIGHTS_SETTLED = 1e-6
 REJECTION_ROUNDS = 10
 FALSE_ALARM = 0.01
 """Chance that a whole set of good blocks loses one of them."""
+ROUNDING = 1e-12
+"""Whitened residuals below this are none."""
+BENDS_AT = 3.0
+"""Size in σ from which the price of a misfit stops growing with its square, unless told."""
 
 
-class Loss(Enum):
-    """How the price of a residual grows; the value is the word on the command line."""
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """How the price of a block's misfit grows, and where that begins to differ from its square."""
 
-    LINEAR = "linear"
-    SOFT_L1 = "soft-l1"
-    CAUCHY = "cauchy"
+    shape: LossShape = LossShape.LINEAR
+    scale: float = BENDS_AT
+    """In standard deviations, as the blocks' median shows them."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Weighted:
-    """A least-squares problem with a weight on every block."""
-
-    data: Residuals
-    block: int
-    weights: Array
-    """(blocks,), at least zero."""
-
-    def start(self) -> Array:
-        """The data's."""
-        return self.data.start()
-
-    def residual(self, x: Array) -> Array:
-        """(M,)."""
-        return self._root() * self.data.residual(x)
-
-    def jacobian(self, x: Array) -> Array:
-        """(M, P)."""
-        return self._root()[:, None] * self.data.jacobian(x)
-
-    def _root(self) -> Array:
-        return np.repeat(np.sqrt(self.weights), self.block)
+LEAST_LEFT = 1e-8
+"""Of a block's variance, when the fit follows it wherever it goes."""
+MOST_FITTED_AWAY = 0.9
+"""Share of the residuals' variance that the unknowns can take up."""
+SEARCHING = Loss(LossShape.CAUCHY)
+"""Finds where most blocks agree, however far away the others are."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobustFit:
-    """A fit with the weight that each block ended with; zero for what was left out."""
+    """A fit, in the problem's subspace if there is one, and the weight that each block had."""
 
     fit: Fit
     weights: Array
-    scale: float
-    """What a standard deviation of the whitened residuals turned out to be, by their median."""
+    """(blocks,), zero for what was left out."""
+    unit: float
+    """Standard deviation of the whitened residuals by the median of the blocks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,75 +62,123 @@ class Outlier:
     limit: float
 
 
-def block_sizes(residual: Array, block: int) -> Array:
-    """Length of each block's residual, (blocks,)."""
-    return np.asarray(np.linalg.norm(residual.reshape(-1, block), axis=1))
+@dataclass(frozen=True, slots=True, eq=False)
+class Agreement:
+    """Which blocks agree with each other, (blocks,), and those that do not."""
+
+    kept: Mask
+    outliers: tuple[Outlier, ...]
 
 
-def robust_scale(sizes: Array, block: int) -> float:
+def robust_unit(sizes: Array, block: int) -> float:
     """Standard deviation of one whitened coordinate, from the median of the blocks' sizes."""
     return float(np.median(sizes) / np.sqrt(chdtri(block, 0.5)))
 
 
-def loss_weights(loss: Loss, sizes: Array, scale: float) -> Array:
-    """ρ'(s²/scale²) of each block: what reweighted least squares gives it."""
-    square = (sizes / scale) ** 2
-    if loss is Loss.SOFT_L1:
+def loss_weights(shape: LossShape, square: Array) -> Array:
+    """ρ'(z) of each block for z = (size / scale)²: what reweighted least squares gives it."""
+    if shape is LossShape.SOFT_L1:
         return np.asarray(1.0 / np.sqrt(1.0 + square))
-    if loss is Loss.CAUCHY:
+    if shape is LossShape.CAUCHY:
         return np.asarray(1.0 / (1.0 + square))
-    return np.ones_like(sizes)
+    return np.ones_like(square)
 
 
-def solve_robust(problem: Residuals, block: int, loss: Loss, scale: float) -> RobustFit:
-    """Least squares reweighted until the weights stand; `scale` is where the loss bends, in σ."""
-    blocks = len(problem.residual(problem.start())) // block
-    weights = np.ones(blocks)
+def loss_curvature(shape: LossShape, square: Array, block: int) -> Array:
+    """Mean second derivative of ½ρ by a block's coordinates: ρ' + 2 z ρ'' / k, for k of them."""
+    weights = loss_weights(shape, square)
+    if shape is LossShape.SOFT_L1:
+        return np.asarray(weights - square * weights**3 / block)
+    if shape is LossShape.CAUCHY:
+        return np.asarray(weights - 2.0 * square * weights**2 / block)
+    return weights
+
+
+def solve_robust(problem: Problem, loss: Loss, kept: Mask, start: Array | None = None) -> RobustFit:
+    """Least squares of the kept blocks, reweighted until the weights stand."""
+    weights = kept.astype(np.float64)
     for _ in range(REWEIGHTINGS):
-        fit = solve(Weighted(problem, block, weights))
-        sizes = block_sizes(problem.residual(fit.x), block)
-        unit = robust_scale(sizes, block)
-        renewed = loss_weights(loss, sizes, scale * unit)
+        fit = solve(problem.weighted(weights), start=start)
+        sizes = problem.sizes(fit.x)
+        unit = robust_unit(sizes[kept], problem.block)
+        if loss.shape is LossShape.LINEAR:
+            break
+        bend = max(loss.scale * unit, ROUNDING)
+        renewed = kept * loss_weights(loss.shape, (sizes / bend) ** 2)
         settled = np.abs(renewed - weights).max() < WEIGHTS_SETTLED
-        weights = renewed
+        weights, start = renewed, fit.x
         if settled:
             break
     return RobustFit(fit, weights, unit)
 
 
-def solve_without_outliers(
-    problem: Residuals, block: int, loss: Loss = Loss.CAUCHY, scale: float = 3.0
-) -> tuple[RobustFit, tuple[Outlier, ...]]:
-    """Least squares of the blocks that agree, and every block that was left out.
+def agreement(problem: Problem) -> Agreement:
+    """Tell the blocks that agree from those that the others contradict.
 
-    A robust fit shows which blocks stand apart; those are left out, the rest is fitted plainly, and
-    whatever then agrees comes back, until nothing changes.
+    Nothing within the stated noise is ever an outlier. Beyond it a robust fit shows which blocks
+    stand apart; the rest is fitted plainly, and whatever then agrees comes back, until nothing
+    changes. Where half of the blocks would have to go, none can be called wrong.
     """
-    first = solve_robust(problem, block, loss, scale)
-    kept, fit, unit = np.ones(len(first.weights), dtype=bool), first.fit, first.scale
+    everything = np.ones(problem.blocks, dtype=bool)
+    plain = solve(problem.weighted(everything))
+    if problem.sizes(plain.x).max() <= largest_believable(problem.blocks, problem.block):
+        return Agreement(everything, ())
+    kept, fit = _standing_together(problem, plain.x), plain
     for _ in range(REJECTION_ROUNDS):
-        sizes = block_sizes(problem.residual(fit.x), block)
-        limit = unit * largest_believable(len(sizes), block)
-        renewed = sizes <= limit
-        if np.array_equal(renewed, kept) and fit is not first.fit:
+        if not _enough(problem, kept, len(plain.x)):
+            return Agreement(everything, ())
+        fit = solve(problem.weighted(kept.astype(np.float64)), start=fit.x)
+        sizes, limit = _judged(problem, fit, kept)
+        if np.array_equal(sizes <= limit, kept):
             break
-        kept = renewed
-        fit = solve(Weighted(problem, block, kept.astype(np.float64)))
-        unit = _scale_of_kept(problem, fit, kept, block)
-    named = tuple(
-        Outlier(row, float(sizes[row] / unit), float(limit / unit))
-        for row in np.flatnonzero(~kept).tolist()
-    )
-    return RobustFit(fit, kept.astype(np.float64), unit), named
+        kept = sizes <= limit
+    outliers = (Outlier(row, float(sizes[row]), limit) for row in np.flatnonzero(~kept).tolist())
+    return Agreement(kept, tuple(outliers))
 
 
-def largest_believable(blocks: int, block: int) -> float:
-    """Size in σ that one of so many good blocks exceeds with a chance of 1 % in all."""
-    return float(np.sqrt(chdtri(block, FALSE_ALARM / blocks)))
+def largest_believable(blocks: int, block: int, freedom: float = np.inf) -> float:
+    """Size in σ that one of so many good blocks exceeds with a chance of 1 % in all.
+
+    `freedom`: how many degrees of freedom that σ was estimated from.
+    """
+    chance = FALSE_ALARM / blocks
+    if np.isinf(freedom):
+        return float(np.sqrt(chdtri(block, chance)))
+    return float(np.sqrt(block * fdtri(block, freedom, 1.0 - chance)))
 
 
-def _scale_of_kept(problem: Residuals, fit: Fit, kept: NDArray[np.bool_], block: int) -> float:
-    """Root of the reduced χ² of what was kept; never below what the data state."""
-    residual = problem.residual(fit.x).reshape(-1, block)[kept]
-    free = max(residual.size - len(fit.x), 1)
-    return max(1.0, float(np.sqrt(np.sum(residual**2) / free)))
+def _standing_together(problem: Problem, start: Array) -> Mask:
+    """The blocks that a robust fit finds near each other."""
+    everything = np.ones(problem.blocks, dtype=bool)
+    found = solve_robust(problem, SEARCHING, everything, start)
+    sizes = problem.sizes(found.fit.x)
+    left = 1.0 - min(len(found.fit.x) / (problem.block * problem.blocks), MOST_FITTED_AWAY)
+    unit = max(1.0, found.unit / float(np.sqrt(left)))
+    return np.asarray(sizes <= unit * largest_believable(problem.blocks, problem.block))
+
+
+def _judged(problem: Problem, fit: Fit, kept: Mask) -> tuple[Array, float]:
+    """Size of each block in its own σ beside a plain fit of the kept ones, and the limit."""
+    sizes = problem.sizes(fit.x)
+    freedom = max(problem.block * int(kept.sum()) - len(fit.x), 1)
+    unit = max(1.0, float(np.sqrt(np.sum(sizes[kept] ** 2) / freedom)))
+    pull = _leverages(problem, fit, kept)
+    own = np.sqrt(np.where(kept, np.maximum(1.0 - pull, LEAST_LEFT), 1.0 + pull))
+    return sizes / (unit * own), largest_believable(len(sizes), problem.block, freedom)
+
+
+def _leverages(problem: Problem, fit: Fit, kept: Mask) -> Array:
+    """Variance of the fit at each block in units of the block's own, (blocks,)."""
+    rows = problem.weighted(np.ones(problem.blocks)).jacobian(fit.x)
+    rows = rows / np.maximum(np.linalg.norm(rows, axis=0), ROUNDING)
+    measured = problem.block * problem.blocks
+    counts = np.append(np.repeat(kept, problem.block), np.ones(len(rows) - measured, dtype=bool))
+    # the small rows stand for what only blocks that were left out could tell
+    triangle = np.linalg.qr(np.vstack([rows[counts], LEAST_LEFT * np.eye(rows.shape[1])]), mode="r")
+    spread = rows[:measured] @ np.linalg.inv(triangle)
+    return np.asarray(np.sum(spread.reshape(problem.blocks, -1) ** 2, axis=1) / problem.block)
+
+
+def _enough(problem: Problem, kept: Mask, unknowns: int) -> bool:
+    """Whether what is kept is the greater part, and can still be fitted."""
+    return bool(2 * kept.sum() > len(kept) and problem.block * kept.sum() > unknowns)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.numerics.frames import Transform, fit_transform
-from campaigns.numerics.geometry import IS_ANGLE, Array, Geometry, indices
+from campaigns.numerics.geometry import IS_ANGLE, Array, Geometry, Index, indices
 from campaigns.numerics.par4 import NoAssembly
 from campaigns.numerics.residuals import PointResiduals, PositionModel, WithPriors
 
@@ -24,6 +24,22 @@ class PredictedPoint:
 
     point_mm: Array
     std_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linearised:
+    """Points of N shots about some parameters and frame, to first order."""
+
+    rows: Array
+    """∂point/∂(free parameters, frame), (N, 3, F + 6), mm and rad."""
+    points_mm: Array
+    """As modelled, (N, 3)."""
+    misfit_mm: Array
+    """Modelled minus measured, (N, 3)."""
+
+    def taken(self, places: Index) -> "Linearised":
+        """Some of the shots."""
+        return Linearised(self.rows[places], self.points_mm[places], self.misfit_mm[places])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +62,15 @@ class RunningFit:
         self._points: list[Array] = []
         self._poses: Array | None = None
         self._known: _Knowledge | None = None
+        self._linearised: Linearised | None = None
+
+    @property
+    def linearised(self) -> Linearised | None:
+        """The first shots about the last answer but one, in the tracker's frame; None before it.
+
+        Nothing of the priors is in it. Shots after one without an assembly are missing.
+        """
+        return self._linearised
 
     @property
     def shots(self) -> int:
@@ -117,10 +142,18 @@ class RunningFit:
         x = np.concatenate([self._parameters(), np.zeros(6)])
         # the residual as a last column comes out multiplied by Qᵀ, so that Q itself is not needed
         rows = np.column_stack([problem.jacobian(x), problem.residual(x)])
+        self._linearised = _linearised(rows[: 3 * len(points)], points)
         triangle = np.asarray(np.linalg.qr(rows, mode="r"))
         root = np.linalg.inv(triangle[:-1, :-1])
         x = x - root @ triangle[:-1, -1]
         self._known = _Knowledge(x[:-6], data.tracker_from_base(x), root)
+
+
+def _linearised(whitened: Array, measured_mm: Array) -> Linearised:
+    """From rows with the residual as their last column, (3 N, F + 7), and points (N, 3)."""
+    rows = MEASURING_STD_MM * whitened.reshape(len(measured_mm), 3, -1)
+    misfit = rows[:, :, -1]
+    return Linearised(rows[:, :, :-1], measured_mm + misfit, misfit)
 
 
 def _spread_mm(points: Array) -> float:

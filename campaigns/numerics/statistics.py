@@ -21,8 +21,20 @@ class Observability:
     singular_values: Array
     """(P,), from the largest."""
     rank: int
-    null_directions: Array
-    """Rows in scaled parameters, (P - rank, P)."""
+    directions: Array
+    """Rows in scaled parameters, best known first, (P, P)."""
+    scale: Array
+    """Scaled parameter over parameter, (P,)."""
+
+    @property
+    def null_directions(self) -> Array:
+        """Rows in scaled parameters, (P - rank, P)."""
+        return self.directions[self.rank :]
+
+    @property
+    def seen_directions(self) -> Array:
+        """Rows in scaled parameters, (rank, P)."""
+        return self.directions[: self.rank]
 
     @property
     def condition(self) -> float:
@@ -34,11 +46,28 @@ class Observability:
 def observability(jacobian: Array) -> Observability:
     """Rank and null space of a Jacobian (M, P) after column scaling."""
     norms = np.linalg.norm(jacobian, axis=0)
-    scaled = jacobian / np.where(norms > 0.0, norms, 1.0)
-    _, values, directions = np.linalg.svd(scaled, full_matrices=len(jacobian) < jacobian.shape[1])
+    scale = np.where(norms > 0.0, norms, 1.0)
+    wide = len(jacobian) < jacobian.shape[1]
+    _, values, directions = np.linalg.svd(jacobian / scale, full_matrices=wide)
     values = np.concatenate([values, np.zeros(jacobian.shape[1] - len(values))])
     rank = int(np.sum(values > RANK_TOLERANCE * values[0]))
-    return Observability(values, rank, directions[rank:])
+    return Observability(values, rank, directions, scale)
+
+
+def parameters_alone(jacobian: Array, count: int) -> Array:
+    """∂/∂(first `count` unknowns) after the best fit of all others, (M, count).
+
+    Least squares with it gives the parameters the same values and covariance as with the others
+    among the unknowns (Frisch, Waugh and Lovell). A column of which only rounding is left is zero.
+    """
+    parameters, others = jacobian[:, :count], jacobian[:, count:]
+    if others.shape[1] == 0:
+        return parameters
+    basis, _ = np.linalg.qr(others)
+    alone = parameters - basis @ (basis.T @ parameters)
+    whole = np.linalg.norm(parameters, axis=0)
+    lost = np.linalg.norm(alone, axis=0) <= RANK_TOLERANCE * whole
+    return np.asarray(np.where(lost, 0.0, alone))
 
 
 def unobservable_combinations(seen: Observability, names: tuple[str, ...]) -> list[tuple[str, ...]]:

@@ -13,7 +13,7 @@ COMMANDS = (
     *("new", "devices", "plan", "run", "import", "identify"),
     *("validate", "export", "load", "sim", "dry-run"),
 )
-HEAVY = ("numpy", "scipy", "pydantic", "rich", "ruamel", "serial", "campaigns", "sim")
+HEAVY = ("numpy", "scipy", "pydantic", "rich", "ruamel", "serial", "campaigns.numerics", "sim")
 
 
 def said(capsys, *arguments):

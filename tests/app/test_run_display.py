@@ -1,12 +1,14 @@
 """What a run shows: a bar on a terminal, a line now and then where there is none."""
 
 import io
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
 
-from app.progress_bar import RunDisplay, counted, interval, news, summary
-from campaigns.progress import EngineState, Progress
+from app.live_picture import interval
+from app.progress_bar import RunDisplay, certainty, counted, news, summary
+from campaigns.progress import EngineState, Known, Progress
 
 AT_WORK = Progress(
     12, 59, EngineState.MEASURING, 12, "identification", (190.0, 310.0), 0.0123, 0.004
@@ -38,6 +40,52 @@ def test_what_is_not_known_is_not_told():
     begun = Progress(0, 59, EngineState.IDLE)
     assert counted(begun) == "0/59"
     assert news(begun) == "idle · beam ok"
+
+
+KNOWN = Known(40, "arm2.z_mm", 0.0214, 0.0341, 0.0061, 0.9)
+OF_AN_ANGLE = replace(KNOWN, weakest="arm3.joint_offset_deg", weakest_std=0.00213)
+
+
+def test_the_weakest_parameter_is_told_in_its_unit():
+    assert certainty(KNOWN) == "weakest arm2.z_mm ±0.021 mm · position ±0.006 mm"
+    told = certainty(OF_AN_ANGLE)
+    assert told == "weakest arm3.joint_offset_deg ±0.0021° · position ±0.006 mm"
+
+
+WEAKEST = "weakest arm2.z_mm ±0.021 mm · position ±0.006 mm"
+
+
+def pictured(progress):
+    display, stream, _ = display_on()
+    display.progress(progress)
+    Console(file=stream, width=80, color_system=None).print(display._picture())
+    return stream.getvalue().splitlines()
+
+
+@pytest.mark.parametrize(
+    ("known", "goal_mm", "line"),
+    [
+        (KNOWN, None, WEAKEST),
+        (KNOWN, 0.02, f"goal σ=0.02: 0.0341 · {WEAKEST}"),
+        (None, 0.02, "goal σ=0.02: not yet known"),
+    ],
+)
+def test_what_is_known_stands_in_a_line_of_its_own(known, goal_mm, line):
+    assert pictured(replace(AT_WORK, known=known, goal_mm=goal_mm))[2:] == [line]
+
+
+@pytest.mark.parametrize("weakest", ["arm2.z_mm", "arm3.forearm_mm"])
+def test_what_is_known_fits_80_columns(weakest):
+    known = replace(KNOWN, weakest=weakest)
+    line = pictured(replace(AT_WORK, known=known, goal_mm=0.0125))[2]
+    assert line.endswith("position ±0.006 mm")
+
+
+def test_what_is_known_is_told_at_the_end():
+    display, stream, _ = display_on()
+    with display:
+        display.progress(replace(AT_WORK, known=KNOWN))
+    assert stream.getvalue().splitlines()[-1] == f"run: {WEAKEST}"
 
 
 def test_a_lost_beam_is_loud():

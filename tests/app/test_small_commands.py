@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from app.commands import load, new, plan
+from app.commands import load, new
 from app.folder import open_campaign
 from app.main import run_command
-from campaigns.errors import OutputExists, WriteFailed
+from campaigns.errors import OutputExists
 
 CONTROLLER, TRACKER = "tcp://192.168.0.10:5020", "tcp://192.168.0.1:700"
 
@@ -85,39 +85,6 @@ def test_new_does_not_replace_somebodys_cell(tmp_path):
 def campaign(tmp_path):
     new.create_simulated(tmp_path / "try", "par4-prototype", "paper-simulation")
     return open_campaign(tmp_path / "try")
-
-
-def test_an_optimal_plan_tells_more_than_one_near_the_boundary(campaign):
-    checked, near = plan.make(campaign, 60, 1)
-    settings = campaign.path("campaign.yaml")
-    settings.write_text(settings.read_text().replace("placement: boundary", "placement: optimal"))
-    chosen, best = plan.make(open_campaign(campaign.folder), 60, 1)
-    assert len(chosen.shots) == len(checked.shots)
-    assert best.std.max() < 0.8 * near.std.max()
-    assert plan.make(open_campaign(campaign.folder), 60, 1, plan.Placement.BOUNDARY)[0] == checked
-
-
-def test_older_plans_are_kept_each_under_a_name_of_its_own(campaign):
-    texts = []
-    for seed in (1, 2, 3):
-        plan.make(campaign, 44, seed)
-        texts.append(campaign.plan_path.read_text())
-    assert len(set(texts)) == 3
-    kept = [campaign.path(f"plan-older-{number}.csv").read_text() for number in (1, 2)]
-    assert kept == texts[:2]
-
-
-def test_a_plan_that_cannot_be_written_leaves_the_older_one(campaign, monkeypatch):
-    campaign.plan_path.write_text("older")
-
-    def write(path, shots):
-        raise WriteFailed(f"{path}: no space", remedy="free some")
-
-    monkeypatch.setattr("campaigns.plan_file.write_plan", write)
-    with pytest.raises(WriteFailed):
-        plan.make(campaign, 44)
-    assert campaign.plan_path.read_text() == "older"
-    assert not list(campaign.folder.glob("plan-older-*"))
 
 
 def test_what_the_controller_held_is_kept_under_the_next_free_number(campaign):

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.decision import Conformity, decide, decide_all
+from campaigns.decision import Requirement, decide, decide_all
 
 SIZES = st.floats(0.0, 1e6, allow_nan=False)
 
@@ -61,7 +61,18 @@ def test_all_pass_only_when_each_does(decisions: tuple, together: str) -> None:
     assert decide_all(decisions) == together
 
 
-def test_conformity_states_the_expanded_uncertainty() -> None:
-    found = Conformity(0.4, 0.05, 0.5)
+def test_requirement_states_the_expanded_uncertainty() -> None:
+    found = Requirement("rotation", 0.4, 0.5, 0.05)
     assert found.expanded_uncertainty == pytest.approx(0.1)
     assert found.decision == "pass"
+
+
+def test_requirement_without_a_limit_or_a_measurement_is_not_passed() -> None:
+    assert Requirement("rotation", 0.4, None, 0.05).decision is None
+    unmeasured = Requirement("rotation", None, 0.5, 0.05)
+    assert (unmeasured.decision, unmeasured.expanded_uncertainty) == ("not decided", None)
+
+
+def test_requirement_without_an_uncertainty_is_judged_as_it_stands() -> None:
+    assert Requirement("rotation", 0.5, 0.5).decision == "pass"
+    assert Requirement("rotation", 0.5001, 0.5).decision == "fail"

@@ -80,6 +80,16 @@ def test_exported_parameters_and_deviations_are_read_back(
     assert robot.limits == nominal.robot.limits
 
 
+def test_axis_tilts_are_exported_and_backlash_is_not(nominal: RobotDocument) -> None:
+    beyond = {"nominal": 0.0, "value": 0.02, "delta": 0.02, "std": 0.001, "free": True}
+    body = finding(nominal)
+    body["parameters"] |= {"arm2.axis_tilt_deg": beyond, "arm2.backlash_deg": beyond}
+    robot = compensated_robot("press 4", nominal, body).robot
+    assert robot.axis_tilt_deg == (0.0, 0.0, 0.02, 0.0)
+    assert (robot.uncertainty or {})["arm2.axis_tilt_deg"] == 0.001
+    assert not any("backlash" in name for name in robot.uncertainty or {})
+
+
 def test_provenance_says_where_everything_comes_from(nominal: RobotDocument) -> None:
     provenance = compensated_robot("press 4", nominal, finding(nominal)).robot.provenance
     assert provenance == {

@@ -1,81 +1,44 @@
-"""Identification: the reference's parameters, honest deviations, and refusals with their reason."""
+"""Identification by distances: the reference's parameters, honest deviations, refusals."""
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from fake_cell import CENTRE, NOMINAL
-from small_plans import LIMITS
+from fake_cell import NOMINAL
+from identified_cases import (
+    IMPOSSIBLE_RAD,
+    NOISE_MM,
+    TRUTH,
+    dataset,
+    deviations,
+    flat,
+    identified,
+    measured,
+    noisy,
+    reference,
+    shortened,
+    simulated,
+    values,
+)
 
 from campaigns.dataset import Dataset
 from campaigns.errors import ShotsMissing
-from campaigns.exchange import read_shots
-from campaigns.identification_document import identification_document
-from campaigns.identify import Identification, identify_distances
+from campaigns.estimators import Estimator
+from campaigns.identified import Identification
 from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import FREE_BY_DEFAULT, NAMES, Geometry
-from campaigns.numerics.par4 import inverse
-from campaigns.numerics.placement import Region, inner_poses
+from campaigns.numerics.geometry import NAMES
 from campaigns.shot_sets import ShotSet
 
-VECTORS = Path(__file__).parents[1] / "data" / "vectors"
 CASES = ("table1-exact", "table1-tracker-noise", "table2-repeatability")
-NOISE_MM = 0.015 / 3**0.5
-IMPOSSIBLE_RAD = np.radians([90.0, -90.0, 90.0, -90.0])
 
 
-def reference(case: str) -> dict[str, object]:
-    return json.loads((VECTORS / f"{case}.json").read_text(encoding="utf-8"))
-
-
-def flat(document) -> dict[str, float]:
-    arms = enumerate(document["arms"])
-    values = {f"arm{i}.{key}": value for i, arm in arms for key, value in arm.items()}
-    return values | {"plate_mm": document["plate_mm"]}
-
-
-TRUTH = Geometry.from_flat(flat(reference("table1-exact")["truth"]))
-
-
-def measured(case: str) -> Dataset:
-    rows = read_shots(VECTORS / f"{case}.csv")
-    return dataset(
-        np.array([row.joints_rad for row in rows]),
-        np.array([row.point_in_tracker_mm for row in rows]),
-        [row.pair for row in rows],
-        [row.purpose for row in rows],
-    )
-
-
-def dataset(joints, points, pairs, purposes) -> Dataset:
-    return Dataset(tuple(range(len(joints))), tuple(purposes), tuple(pairs), joints, points, None)
-
-
-def simulated(fitted: int, unseen: int, seed: int, truth: Geometry = TRUTH) -> Dataset:
-    """Pairs measured by a perfect tracker; a seed gives their places."""
-    region = Region(NOMINAL, LIMITS, CENTRE, np.array([2500.0, 0.0, 0.0]), np.eye(3)[0], np.pi)
-    poses = inner_poses(region, 2 * (fitted + unseen), np.random.default_rng(seed))
-    joints = inverse(NOMINAL, poses).require()
-    purposes = [ShotSet.IDENTIFICATION] * (2 * fitted) + [ShotSet.VALIDATION] * (2 * unseen)
-    pairs = np.repeat(np.arange(fitted + unseen), 2).tolist()
-    points = forward(truth, joints).require()[:, :3]
-    return dataset(joints, points, pairs, purposes)
-
-
-def noisy(data: Dataset, seed: int, std_mm: float = NOISE_MM) -> Dataset:
-    noise = np.random.default_rng(seed).normal(0.0, std_mm, data.points_in_tracker_mm.shape)
-    return replace(data, points_in_tracker_mm=data.points_in_tracker_mm + noise)
-
-
-def values(found: Identification) -> dict[str, float]:
-    return {parameter.name: parameter.value for parameter in found.parameters}
+def by_distances(data: Dataset, **options) -> Identification:
+    return identified(data, Estimator.DISTANCES, **options)
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_parameters_are_those_of_the_reference(case: str) -> None:
-    found = identify_distances(NOMINAL, measured(case))
+    found = by_distances(measured(case))
     expected = flat(reference(case)["least_squares_distances"])
     for name, value in values(found).items():
         limit = 1e-6 if name.endswith("_deg") else 1e-4
@@ -87,12 +50,12 @@ def test_parameters_are_those_of_the_reference(case: str) -> None:
 
 def test_exact_distances_give_the_truth() -> None:
     truth = flat(reference("table1-exact")["truth"])
-    found = values(identify_distances(NOMINAL, measured("table1-exact")))
+    found = values(by_distances(measured("table1-exact")))
     assert max(abs(found[name] - truth[name]) for name in NAMES) < 1e-4
 
 
 def test_errors_before_and_after_are_those_of_the_reference() -> None:
-    residuals = identify_distances(NOMINAL, measured("table2-repeatability")).residuals
+    residuals = by_distances(measured("table2-repeatability")).residuals
     expected = reference("table2-repeatability")
     for spread, key in ((residuals.before, "before_abs_mm"), (residuals.after, "after_abs_mm")):
         assert spread.mean_abs == pytest.approx(expected[key]["mean"], abs=1e-6)
@@ -100,14 +63,14 @@ def test_errors_before_and_after_are_those_of_the_reference() -> None:
 
 
 def test_without_unseen_pairs_nothing_is_decided() -> None:
-    found = identify_distances(NOMINAL, measured("table1-tracker-noise"))
+    found = by_distances(measured("table1-tracker-noise"))
     assert found.unseen is None
     assert found.verdict == "not decided"
     assert found.reasons[0].startswith("no validation pairs")
 
 
 def test_gain_on_unseen_pairs_lets_a_result_pass() -> None:
-    found = identify_distances(NOMINAL, noisy(simulated(60, 20, seed=1), seed=2))
+    found = by_distances(noisy(simulated(60, 20, seed=1), seed=2))
     assert found.verdict == "pass"
     assert found.unseen.before.max_abs > 1.0
     assert found.unseen.after.rms < 3 * NOISE_MM
@@ -120,44 +83,44 @@ def test_fit_that_makes_unseen_pairs_worse_fails() -> None:
     data = simulated(60, 20, seed=1)
     nominal = simulated(60, 20, seed=1, truth=NOMINAL)
     points = np.vstack([data.points_in_tracker_mm[:120], nominal.points_in_tracker_mm[120:]])
-    found = identify_distances(NOMINAL, replace(data, points_in_tracker_mm=points))
+    found = by_distances(replace(data, points_in_tracker_mm=points))
     assert found.verdict == "fail"
     assert found.reasons[0].startswith("unseen pairs got worse: rms 0.0000 → ")
 
 
 def test_fewer_pairs_than_parameters_are_refused() -> None:
     with pytest.raises(ShotsMissing, match="21 pairs cannot give 22 parameters"):
-        identify_distances(NOMINAL, simulated(21, 5, seed=1))
+        by_distances(simulated(21, 5, seed=1))
 
 
 def test_no_shots_at_all_are_refused() -> None:
     nothing = dataset(np.empty((0, 4)), np.empty((0, 3)), [], [])
     with pytest.raises(ShotsMissing, match="0 pairs cannot give 22 parameters"):
-        identify_distances(NOMINAL, nothing)
+        by_distances(nothing)
 
 
 def test_as_many_pairs_as_parameters_give_no_deviations() -> None:
-    found = identify_distances(NOMINAL, simulated(22, 5, seed=3))
+    found = by_distances(simulated(22, 5, seed=3))
     assert found.dof == 0
-    assert {parameter.std for parameter in found.parameters} == {None}
+    assert set(deviations(found).values()) == {None}
 
 
 def test_lost_rank_fails_and_names_what_moves_together() -> None:
-    free = (*FREE_BY_DEFAULT, "arm0.x_mm")
-    found = identify_distances(NOMINAL, simulated(60, 20, seed=1), free)
-    shift_along_x = tuple(f"arm{arm}.x_mm" for arm in range(4))
+    found = by_distances(noisy(simulated(60, 20, seed=1), seed=1), free=["arm0.x_mm"])
+    shift_along_x = {f"arm{arm}.x_mm" for arm in range(4)}
     assert found.rank == 22
     assert found.condition == np.inf
-    assert [sorted(names) for names in found.unobservable] == [sorted(shift_along_x)]
+    assert [set(names) for names in found.unobservable] == [shift_along_x]
     assert found.verdict == "fail"
     assert "the data cannot tell apart: " in found.reasons[0]
     assert all(name in found.reasons[0] for name in shift_along_x)
-    assert {parameter.std for parameter in found.parameters} == {None}
+    unknown = {name for name, std in deviations(found).items() if std is None}
+    held = {p.name for p in found.parameters if not p.free}
+    assert unknown - held == shift_along_x
 
 
 def test_held_parameters_stay_as_they_were() -> None:
-    free = tuple(name for name in FREE_BY_DEFAULT if name != "plate_mm")
-    found = identify_distances(NOMINAL, simulated(60, 20, seed=1), free)
+    found = by_distances(simulated(60, 20, seed=1), fix=["plate_mm"])
     plate = found.parameters[-1]
     assert (plate.free, plate.delta, plate.std) == (False, 0.0, None)
     assert plate.value == NOMINAL.plate_mm
@@ -170,7 +133,7 @@ def test_half_pairs_are_left_out_by_name() -> None:
         ShotSet.ROTATION if row in (7, 121) else kind for row, kind in enumerate(data.purposes)
     )
     pairs = tuple(None if row in (7, 121) else pair for row, pair in enumerate(data.pairs))
-    found = identify_distances(NOMINAL, replace(data, purposes=purposes, pairs=pairs))
+    found = by_distances(replace(data, purposes=purposes, pairs=pairs))
     assert [(left.pair, left.reason) for left in found.excluded] == [
         (3, "shot 6 has no partner"),
         (60, "shot 120 has no partner"),
@@ -183,17 +146,12 @@ def test_shots_that_no_robot_could_take_are_left_out_by_name() -> None:
     data = simulated(60, 20, seed=1)
     joints = data.joints_rad.copy()
     joints[[5, 130]] = IMPOSSIBLE_RAD
-    found = identify_distances(NOMINAL, replace(data, joints_rad=joints))
+    found = by_distances(replace(data, joints_rad=joints))
     assert [left.pair for left in found.excluded] == [2, 65]
     assert found.excluded[0].reason == (
         "the nominal robot cannot be assembled at the joints of shot 5"
     )
     assert found.verdict == "pass"
-
-
-def shortened(forearms_mm: float) -> Geometry:
-    is_forearm = np.array([name.endswith("forearm_mm") for name in NAMES])
-    return Geometry.from_vector(NOMINAL.vector() - forearms_mm * is_forearm)
 
 
 def test_unseen_shot_that_the_identified_robot_cannot_take_fails() -> None:
@@ -203,7 +161,7 @@ def test_unseen_shot_that_the_identified_robot_cannot_take_fails() -> None:
     lost = forward(NOMINAL, tried).found & ~forward(shortened(40.0), tried).found
     joints = data.joints_rad.copy()
     joints[121] = tried[lost][0]
-    found = identify_distances(NOMINAL, replace(data, joints_rad=joints))
+    found = by_distances(replace(data, joints_rad=joints))
     reason = "the identified robot cannot be assembled at the joints of shot 121"
     assert [(left.pair, left.reason) for left in found.excluded] == [(60, reason)]
     assert found.verdict == "fail"
@@ -213,7 +171,7 @@ def test_unseen_shot_that_the_identified_robot_cannot_take_fails() -> None:
 
 def test_solver_that_stops_at_the_edge_of_the_model_has_not_converged() -> None:
     """Forearms 110 mm shorter: on its way there the solver meets robots that do not assemble."""
-    found = identify_distances(NOMINAL, simulated(60, 20, seed=1, truth=shortened(110.0)))
+    found = by_distances(simulated(60, 20, seed=1, truth=shortened(110.0)))
     assert not found.converged
     assert found.verdict == "fail"
     assert found.reasons[0].startswith("not converged")
@@ -226,28 +184,9 @@ def test_stated_deviations_are_those_that_repeated_campaigns_show() -> None:
     truth = TRUTH.flat()
     scores = []
     for seed in range(60):
-        found = identify_distances(NOMINAL, noisy(exact, seed))
+        found = by_distances(noisy(exact, seed))
         scores.append([(p.value - truth[p.name]) / p.std for p in found.parameters if p.free])
     by_parameter = np.mean(np.square(scores), axis=0)
     assert np.mean(by_parameter) == pytest.approx(1.05, abs=0.2)
     assert by_parameter.max() < 1.05 + 5 * (2 / 60) ** 0.5
     assert by_parameter.min() > 1.05 - 5 * (2 / 60) ** 0.5
-
-
-def test_document_is_plain_json_with_every_parameter() -> None:
-    found = identify_distances(NOMINAL, noisy(simulated(60, 20, seed=1), seed=2))
-    document = identification_document(found, 0.012)
-    assert json.loads(json.dumps(document, allow_nan=False)) == document
-    assert list(document["parameters"]) == list(NAMES)
-    plate = document["parameters"]["plate_mm"]
-    assert plate["delta"] == pytest.approx(plate["value"] - plate["nominal"])
-    assert document["unseen_mm"]["after"].keys() == {"mean_abs", "rms", "max_abs"}
-    assert document["seconds"] == 0.012
-
-
-def test_document_of_a_lost_rank_has_no_infinity() -> None:
-    found = identify_distances(NOMINAL, simulated(60, 0, 1), (*FREE_BY_DEFAULT, "arm0.z_mm"))
-    document = identification_document(found, 0.0)
-    assert document["condition"] is None
-    assert json.dumps(document, allow_nan=False)
-    assert len(document["unobservable"]) == 1

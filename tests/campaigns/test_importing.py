@@ -13,6 +13,7 @@ from campaigns.dataset import dataset_of_journal
 from campaigns.errors import ShotsInvalid
 from campaigns.exchange import ShotRow
 from campaigns.importing import append_import
+from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.shot_sets import ShotSet
 
 COVARIANCE_MM2 = ((1e-4, 1e-5, 0.0), (1e-5, 2e-4, 0.0), (0.0, 0.0, 3e-4))
@@ -40,7 +41,7 @@ def test_import_is_a_finished_series_with_every_row_in_its_order(tmp_path: Path)
     assert data.pairs == (0, 0, 1, 1, 2, 2, 3, 3)
     assert data.points_in_tracker_mm[:, 0].tolist() == [1001.0 + row for row in range(8)]
     assert data.joints_rad == pytest.approx(np.array([row.joints_rad for row in rows()]))
-    assert data.covariance_mm2 is None
+    assert np.isnan(data.stated_covariance_mm2).all()
 
 
 def test_nominal_pose_stands_for_the_unknown_commanded_one(tmp_path: Path) -> None:
@@ -62,10 +63,22 @@ def test_covariance_set_and_time_of_a_row_are_kept(tmp_path: Path) -> None:
     )
     _, shots = imported(tmp_path, told)
     data = dataset_of_journal(shots)
-    assert data.covariance_mm2.shape == (8, 3, 3)
-    assert data.covariance_mm2[0].tolist() == [list(row) for row in COVARIANCE_MM2]
+    assert data.stated_covariance_mm2.shape == (8, 3, 3)
+    assert data.stated_covariance_mm2[0].tolist() == [list(row) for row in COVARIANCE_MM2]
     assert set(data.purposes) == {ShotSet.VALIDATION}
     assert "2026-03-02T08:00:00Z" in shots[0].outcome.raw_tracker
+
+
+def test_only_shots_without_a_covariance_get_the_instruments(tmp_path: Path) -> None:
+    told = tuple(
+        row if place % 2 else replace(row, covariance_mm2=COVARIANCE_MM2)
+        for place, row in enumerate(rows())
+    )
+    _, shots = imported(tmp_path, told)
+    completed = dataset_of_journal(shots).covariance_mm2(TrackerUncertainty())
+    as_stated = [np.array_equal(each, np.array(COVARIANCE_MM2)) for each in completed]
+    assert as_stated == [True, False] * 4
+    assert np.isfinite(completed).all()
 
 
 def test_joints_that_the_nominal_robot_cannot_take_are_refused_before_anything_is_written(

@@ -45,6 +45,24 @@ def test_file_is_one_setting_a_parameter_named_after_it():
     assert len(lines) == 29
 
 
+def test_a_set_with_axis_tilts_is_refused_and_the_file_before_stays(tmp_path):
+    path = tmp_path / "calib.hal"
+    file = CalibrationFile(path, WHOSE)
+    file.write(NOMINAL.geometry_flat())
+    before = path.read_text()
+    with pytest.raises(ConfigInvalid, match="kinematics has no axis tilts"):
+        file.write(NOMINAL.geometry_flat() | {"arm1.axis_tilt_deg": 0.02})
+    assert path.read_text() == before
+    assert not file.last_good.exists()
+
+
+def test_a_nominal_robot_with_axis_tilts_cannot_stand_for_a_file_that_is_not_there(tmp_path):
+    tilted = replace(NOMINAL, axis_tilt_deg=(0.0, 0.02, 0.0, 0.0))
+    file = CalibrationFile(tmp_path / "calib.hal", Whose("PAR4-7", tilted), otherwise=tilted)
+    with pytest.raises(ConfigInvalid, match=r"arm1\.axis_tilt_deg is 0\.02"):
+        file.read()
+
+
 def test_heading_says_whose_it_is_and_where_it_comes_from():
     provenance = {"campaign": "cell-3", "shots": 120, "unseen_mm": {"after": 0.02}}
     text = text_of(replace(NOMINAL, provenance=provenance))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import pytest
 from fake_cell import ROBOT
 
-from campaigns.errors import LoadNotVerified
+from campaigns.errors import ConfigInvalid, LoadNotVerified
 from campaigns.load import changes, differing, write_verified
 from campaigns.parameters import PARAMETER_NAMES
 from drivers.errors import DeviceRefused, DriverError, LinkDown
@@ -77,6 +77,11 @@ def failure(controller: Controller) -> LoadNotVerified:
     with pytest.raises(LoadNotVerified) as caught:
         write_verified(controller, NEW, OLD)
     return caught.value
+
+
+def test_a_set_with_axis_tilts_is_not_compared_with_a_controller_that_has_none() -> None:
+    with pytest.raises(ConfigInvalid, match="the controller's kinematics has no axis tilts"):
+        changes(OLD, replace(ROBOT, axis_tilt_deg=(0.0, 0.0, 0.03, 0.0)))
 
 
 def test_written_parameters_are_read_back() -> None:

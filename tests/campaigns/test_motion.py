@@ -43,6 +43,27 @@ def test_arrival_is_the_robot_at_rest_at_its_target() -> None:
     assert arrival.move_s + arrival.settle_s == pytest.approx(cell.clock.now_s())
 
 
+def test_arrival_tells_where_the_joints_stood_before() -> None:
+    cell = FakeCell()
+    stood = tuple(cell.robot.joints.tolist())
+    assert go(cell, Step(NEAR, "joints"))[0].came_from_rad == pytest.approx(stood)
+
+
+def test_arrival_tells_the_stop_before_when_the_way_has_some() -> None:
+    cell = FakeCell()
+    via = planned(0, ShotSet.ROTATION, None, 60.0, 0.0, -520.0).joints_rad
+    assert go(cell, commanded_as_pose(NEAR, (via,)))[0].came_from_rad == pytest.approx(via)
+
+
+def test_a_stop_on_the_way_is_told_as_read_and_not_as_commanded() -> None:
+    cell = FakeCell()
+    via = planned(0, ShotSet.ROTATION, None, 60.0, 0.0, -520.0).joints_rad
+    cell.robot.off_target_rad = np.radians([0.0, 0.01, 0.0, 0.0])
+    arrival, _ = go(cell, commanded_as_pose(NEAR, (via,)))
+    apart_deg = np.degrees(np.subtract(arrival.came_from_rad, via))
+    assert apart_deg == pytest.approx([0.0, 0.01, 0.0, 0.0])
+
+
 def test_pose_is_commanded_as_a_pose() -> None:
     cell = FakeCell()
     go(cell, commanded_as_pose(NEAR))

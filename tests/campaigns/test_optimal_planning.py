@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from campaigns.errors import PlanInvalid
+from campaigns.estimators import Estimator
+from campaigns.foresight import approach_shares
 from campaigns.numerics import placement
 from campaigns.numerics.geometry import FREE_BY_DEFAULT, IS_ANGLE, indices
 from campaigns.numerics.instrument import (
@@ -15,7 +17,7 @@ from campaigns.numerics.instrument import (
 )
 from campaigns.numerics.point_prediction import predict_points
 from campaigns.numerics.prediction import predict_distances
-from campaigns.optimal_planning import OptimalRequest, approach_shares, make_optimal_plan
+from campaigns.optimal_planning import OptimalRequest, make_optimal_plan
 from campaigns.plan_check import Pace, check_plan
 from campaigns.planning import (
     PlanRequest,
@@ -88,7 +90,6 @@ def test_plan_holds_what_was_asked_for(plan):
     assert counts == [120, 20, 3, 0, 0, 0]
     assert [shot.shot for shot in plan.shots] == list(range(143))
     assert len(pairs_of(plan.shots, ShotSet.IDENTIFICATION)) == 60
-    assert plan.curve == ()
 
 
 def test_shots_of_a_pair_follow_each_other(plan):
@@ -107,8 +108,7 @@ def test_poses_are_all_different(plan):
 
 
 def test_joints_are_approached_from_both_sides(plan):
-    assert plan.from_below == approach_shares(plan.shots)
-    assert all(0.3 <= share <= 0.7 for share in plan.from_below)
+    assert all(0.3 <= share <= 0.7 for share in approach_shares(plan.shots))
 
 
 def test_coordinates_tell_more_than_on_the_boundary_plan(plan, boundary_plan):
@@ -126,7 +126,7 @@ def test_distances_of_the_same_pairs_tell_no_less_than_on_the_boundary_plan(plan
 
 
 def test_plan_for_distances_tells_most_by_distances(plan):
-    by_distances = planned(request(120, estimator="distances", candidates=1000))
+    by_distances = planned(request(120, estimator=Estimator.DISTANCES, candidates=1000))
     assert len(of(by_distances.shots, ShotSet.IDENTIFICATION)) == 120
     least = worst_length_by_distances_mm(plan.shots)
     assert worst_length_by_distances_mm(by_distances.shots) < least
@@ -145,37 +145,57 @@ def test_plan_needs_no_validation_pairs():
     assert len(shots) == 16
 
 
+def test_curve_holds_the_plan_itself_among_fewer_and_more_shots(plan):
+    shots = [expected.shots for expected in plan.curve]
+    assert shots == sorted(set(shots))
+    assert shots[0] == 14
+    assert 120 < shots[-1] <= 240
+    (own,) = (expected for expected in plan.curve if expected.shots == 120)
+    assert own.worst_length_mm == pytest.approx(worst_length_mm(plan.shots), rel=1e-6)
+    lengths = [expected.worst_length_mm for expected in plan.curve]
+    assert lengths[0] > 3.0 * own.worst_length_mm > 3.0 * lengths[-1]
+
+
 def test_goal_takes_as_few_shots_as_it_needs():
-    found = planned(request(until_mm=0.05))
+    found = planned(request(60, until_mm=0.05))
     count = len(of(found.shots, ShotSet.IDENTIFICATION))
-    tried = {point.count: point.worst_length_mm for point in found.curve}
-    assert worst_length_mm(found.shots) == pytest.approx(tried[count])
-    assert tried[count] <= 0.05 < tried[count - 2]
+    assert count < 30
+    assert worst_length_mm(found.shots) <= 0.05
+    fewer = planned(request(count - 2))
+    assert worst_length_mm(fewer.shots) > 0.05
 
 
-def test_goal_for_distances_counts_pairs():
-    found = planned(request(until_mm=0.1, estimator="distances"))
-    pairs = len(pairs_of(found.shots, ShotSet.IDENTIFICATION))
-    tried = {point.count: point.worst_length_mm for point in found.curve}
-    assert tried[pairs] <= 0.1
-    assert worst_length_by_distances_mm(found.shots) == pytest.approx(tried[pairs])
+def test_goal_for_distances_takes_whole_pairs():
+    found = planned(request(400, until_mm=0.1, estimator=Estimator.DISTANCES))
+    pairs = pairs_of(found.shots, ShotSet.IDENTIFICATION)
+    assert 22 <= len(pairs) < 60
+    assert worst_length_by_distances_mm(found.shots) <= 0.1
+    assert 2 * len(pairs) in {expected.shots for expected in found.curve}
 
 
 def test_goal_out_of_reach_is_refused_with_what_can_be_had():
-    with pytest.raises(PlanInvalid, match=r"100 measurements give σ .* goal 0\.001 mm") as refused:
-        planned(request(until_mm=0.001, candidates=100))
+    asked = request(80, until_mm=0.001, candidates=100)
+    with pytest.raises(PlanInvalid, match=r"σ=0\.001 .* 80 shots, .* leave ±0\.0") as refused:
+        planned(asked)
     goal = float(refused.value.remedy.split("σ=")[1].split()[0])
-    assert len(of(planned(request(until_mm=goal, candidates=100)).shots, ShotSet.DRIFT)) == 3
+    assert len(of(planned(replace(asked, until_mm=goal)).shots, ShotSet.DRIFT)) == 3
 
 
-def test_fewer_candidates_than_shots_are_refused():
-    with pytest.raises(PlanInvalid, match="120 measurements to choose, but only 100 candidates"):
-        planned(request(120, candidates=100))
+def test_goal_never_takes_more_shots_than_there_are_candidates():
+    with pytest.raises(PlanInvalid, match="100 shots, the most allowed"):
+        planned(request(1000, until_mm=0.001, candidates=100))
 
 
-def test_fewer_shots_than_tell_all_are_refused():
-    with pytest.raises(PlanInvalid, match="13 or more are needed"):
-        planned(request(12))
+@pytest.mark.parametrize("estimator", Estimator)
+def test_fewer_candidates_than_shots_are_refused(estimator):
+    with pytest.raises(PlanInvalid, match=r"120 shots .* only 100 candidates → .*--candidates"):
+        planned(request(120, candidates=100, estimator=estimator))
+
+
+@pytest.mark.parametrize(("estimator", "fewest"), [("points", 14), ("distances", 44)])
+def test_fewer_shots_than_tell_all_are_refused(estimator, fewest):
+    with pytest.raises(PlanInvalid, match=f"12 shots .* 22 parameters .* {estimator}, {fewest} or"):
+        planned(request(12, estimator=Estimator(estimator)))
 
 
 def test_parameters_that_move_with_the_frame_are_refused():

@@ -1,5 +1,6 @@
 """Records as stored text: nothing is lost, and nothing that cannot be read is written."""
 
+import json
 import math
 
 import pytest
@@ -28,6 +29,7 @@ outcomes = st.builds(
     durations=st.none() | st.builds(Durations, finite, finite, finite),
     predicted_in_tracker_mm=st.none() | vectors,
     residual_mm=st.none() | finite,
+    came_from_rad=st.none() | st.lists(finite, max_size=6).map(tuple),
 )
 intents = st.builds(
     Intent,
@@ -86,6 +88,18 @@ def test_what_could_not_be_read_is_not_written(unreadable: Record) -> None:
 def test_plain_data_only_is_written() -> None:
     with pytest.raises(TypeError):
         to_text(Finding("load", {"path": object()}))  # type: ignore[dict-item]  # on purpose
+
+
+def test_an_older_outcome_does_not_say_where_its_joints_came_from() -> None:
+    told = json.loads(to_text(outcome(1)))
+    del told["came_from_rad"]
+    assert from_text("outcome", json.dumps(told)) == outcome(1)
+
+
+def test_a_key_that_a_newer_program_has_added_is_passed_over() -> None:
+    """So an addition that older programs can do without needs no new version of the journal."""
+    newer = json.dumps(json.loads(to_text(outcome(1))) | {"humour": "good"})
+    assert from_text("outcome", newer) == outcome(1)
 
 
 def test_a_kind_that_is_not_known_is_not_read() -> None:

@@ -5,11 +5,12 @@ import math
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from campaigns.errors import ConfigInvalid, OutputExists
-from campaigns.parameters import PARAMETER_NAMES
+from campaigns.parameters import AXIS_TILT_NAMES, PARAMETER_NAMES
+from campaigns.planning import numeric_geometry
 from campaigns.robot import (
     Compensation,
     RobotFile,
@@ -24,6 +25,8 @@ PROTOTYPE = find_robot("par4-prototype")
 LINE_OF_ARM_0 = 18
 LINE_OF_ARM_2 = 20
 LAST_LINE = "  forearm_swing_deg: 45.0\n"
+TILTS = {"arm0.axis_tilt_deg": 0.03, "arm3.axis_tilt_deg": -0.02}
+DIGEST_OF_PROTOTYPE = "169ab5bb17abe80aebf0d4aa7d3a40465facae8ace7c99c32b213d31a4ae0fc6"
 
 
 def geometry_in(vectors_geometry):
@@ -135,6 +138,9 @@ def test_absent_robot_file_is_said_to_be_absent(tmp_path):
         (LAST_LINE, f"{LAST_LINE}uncertainty: {{arm0.x: 1.0}}", 30, "write arm0.x_mm"),
         (LAST_LINE, f"{LAST_LINE}uncertainty: {{plate_mm: -1.0}}", 30, "must be at least 0"),
         (LAST_LINE, f"{LAST_LINE}provenance: {{a: [.nan]}}", 30, "not finite"),
+        ("arm_mm: 350.0", "axis_tilt_deg: 11.0, arm_mm: 350.0", 18, "11.0, must be at most 10"),
+        ("arm_mm: 350.0", "axis_tilt_deg: -11.0, arm_mm: 350.0", 18, "must be at least -10"),
+        ("arm_mm: 350.0", "axis_tilt_mrad: 0.5, arm_mm: 350.0", 18, "write axis_tilt_deg"),
     ],
 )
 def test_wrong_file_is_answered_with_line_key_value_and_remedy(tmp_path, old, new, line, words):
@@ -234,18 +240,89 @@ def test_existing_robot_file_is_not_overwritten(tmp_path):
     assert path.read_text() == "mine\n"
 
 
+def tilted(**changes):
+    return compensated(
+        PROTOTYPE, compensation(geometry=PROTOTYPE.robot.geometry_flat() | TILTS, **changes)
+    )
+
+
+def test_axis_tilts_are_written_where_there_are_any_and_read_back(tmp_path):
+    path = tmp_path / "tilted.yaml"
+    write_new_robot(path, tilted(uncertainty={"arm0.axis_tilt_deg": 0.01}))
+    robot = read_robot(path).robot
+    assert path.read_text(encoding="utf-8").count("axis_tilt_deg: ") == 3
+    assert robot.axis_tilt_deg == (0.03, 0.0, 0.0, -0.02)
+    assert robot.geometry_flat() == PROTOTYPE.robot.geometry_flat() | TILTS
+    assert robot.uncertainty == {"arm0.axis_tilt_deg": 0.01}
+    assert numeric_geometry(robot).axis_tilt_rad.tolist() == [
+        math.radians(0.03),
+        0.0,
+        0.0,
+        math.radians(-0.02),
+    ]
+
+
+def test_an_axis_that_is_tilted_no_more_loses_the_key(tmp_path):
+    assert "arm0.axis_tilt_deg" in tilted().robot.geometry_flat()
+    back = compensated(tilted(), compensation())
+    assert "axis_tilt_deg" not in back.document.text
+    assert back.robot.axis_tilt_deg == (0.0,) * 4
+    assert back.robot.digest() == PROTOTYPE.robot.digest()
+
+
+def test_an_axis_tilt_of_zero_may_stand_in_a_file_and_changes_nothing(tmp_path):
+    text = PROTOTYPE.document.text.replace("arm_mm: 350.0", "arm_mm: 350.0, axis_tilt_deg: 0.0", 1)
+    document = read_robot(written(tmp_path, text))
+    assert document.robot == PROTOTYPE.robot
+    assert "axis_tilt_deg: 0.0" in compensated(document, compensation()).document.text
+
+
+def test_digest_tells_axis_tilts_and_is_as_ever_without_them():
+    assert PROTOTYPE.robot.digest() == DIGEST_OF_PROTOTYPE
+    assert tilted().robot.digest() != DIGEST_OF_PROTOTYPE
+    other = compensation(geometry=PROTOTYPE.robot.geometry_flat() | {"arm1.axis_tilt_deg": 0.03})
+    assert compensated(PROTOTYPE, other).robot.digest() != tilted().robot.digest()
+
+
+def test_a_controller_is_told_29_parameters_or_why_not():
+    assert PROTOTYPE.robot.controller_flat() == PROTOTYPE.robot.geometry_flat()
+    with pytest.raises(ConfigInvalid) as caught:
+        tilted().robot.controller_flat()
+    assert str(caught.value) == (
+        "par4-prototype compensated: arm0.axis_tilt_deg is 0.03, but the controller's kinematics "
+        "has no axis tilts → identify with --model standard and export again"
+    )
+
+
+def test_a_backlash_is_no_parameter_of_a_robot():
+    flat = PROTOTYPE.robot.geometry_flat() | {"arm0.backlash_deg": 0.01}
+    with pytest.raises(ConfigInvalid, match=r"arm0\.backlash_deg is not a parameter of a robot"):
+        RobotFile.from_flat(flat, name="x", limits=PROTOTYPE.robot.limits)
+
+
 lengths = st.floats(min_value=1e-6, max_value=1e5)
 places = st.floats(min_value=-1e5, max_value=1e5)
 turns = st.floats(min_value=-360.0, max_value=360.0)
 
 
+tilts = st.floats(min_value=-10.0, max_value=10.0).filter(bool)
+
+
 def any_value_of(name):
+    if name in AXIS_TILT_NAMES:
+        return tilts
     if name.endswith("_deg"):
         return turns
     return places if name[-4:] in {"x_mm", "y_mm", "z_mm"} else lengths
 
 
-@given(geometry=st.fixed_dictionaries({name: any_value_of(name) for name in PARAMETER_NAMES}))
+@settings(deadline=None)  # a file is written and read: how long that takes is not the question
+@given(
+    geometry=st.fixed_dictionaries(
+        {name: any_value_of(name) for name in PARAMETER_NAMES},
+        optional={name: any_value_of(name) for name in AXIS_TILT_NAMES},
+    )
+)
 def test_any_parameters_come_back_from_the_file_bit_by_bit(geometry):
     robot = compensated(PROTOTYPE, compensation(geometry=geometry)).robot
     assert robot.geometry_flat() == geometry

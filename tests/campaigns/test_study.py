@@ -6,8 +6,17 @@ import numpy as np
 import pytest
 
 from campaigns.errors import OutputExists, ShotsMissing, WriteFailed
+from campaigns.estimators import Estimator
+from campaigns.numerics.forward import forward
 from campaigns.numerics.frames import Transform, small_rotation
-from campaigns.numerics.geometry import FREE_BY_DEFAULT, IS_ANGLE, NAMES, indices
+from campaigns.numerics.geometry import (
+    FILE_UNIT,
+    FREE_BY_DEFAULT,
+    IS_ANGLE,
+    NAMES,
+    Geometry,
+    indices,
+)
 from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.planning import (
     PlanRequest,
@@ -19,8 +28,9 @@ from campaigns.planning import (
 )
 from campaigns.robot import find_robot
 from campaigns.shot_sets import ShotSet
-from campaigns.study import CampaignOutcome, PairedShots, StudySetup, StudyTask, run_task
-from campaigns.study_summary import interval_factor, summarise
+from campaigns.study import indistinguishable, run_task
+from campaigns.study_setup import CampaignOutcome, PairedShots, StudySetup, StudyTask
+from campaigns.study_summary import chance, interval_factor, normal_scores, summarise
 from campaigns.study_table import StudyTable
 from drivers.values import Pose
 
@@ -43,13 +53,16 @@ def setup():
 
     fitted, unseen = paired(ShotSet.IDENTIFICATION), paired(ShotSet.VALIDATION)
     noise = TrackerUncertainty(NOISE_MM, 0.0, NOISE_MM, 0.0)
-    return StudySetup(NOMINAL, FREE_BY_DEFAULT, "points", fitted, unseen, TRACKER, noise, seed=3)
+    return StudySetup(
+        NOMINAL, FREE_BY_DEFAULT, Estimator.POINTS, fitted, unseen, TRACKER, noise, seed=3
+    )
 
 
 def robots(count, seed=5):
-    std = np.zeros(29)
+    std = np.zeros_like(NOMINAL.vector())
     std[FREE] = np.where(IS_ANGLE[FREE], np.radians(0.1), 0.5)
-    return NOMINAL.vector() + std * np.random.default_rng(seed).standard_normal((count, 29))
+    rng = np.random.default_rng(seed)
+    return NOMINAL.vector() + std * rng.standard_normal((count, len(std)))
 
 
 def run(setup, numbers, truths):
@@ -66,11 +79,13 @@ def flat(outcomes):
     rows = []
     for outcome in outcomes:
         found = outcome.estimate
-        rows.append([*found.errors, *found.std, found.unseen_mean_mm, found.unseen_max_mm])
+        rows.append(
+            [*found.errors, *found.std, *found.bound, found.unseen_mean_mm, found.unseen_max_mm]
+        )
     return np.array(rows)
 
 
-@pytest.mark.parametrize("estimator", ["points", "distances"])
+@pytest.mark.parametrize("estimator", list(Estimator))
 def test_without_noise_the_truth_is_found(setup, estimator):
     silent = TrackerUncertainty(1e-9, 0.0, 1e-9, 0.0)
     (outcome,) = run(replace(setup, uncertainty=silent, estimator=estimator), [0], robots(1))
@@ -97,12 +112,125 @@ def test_stated_deviations_are_true_for_points(setup, outcomes):
     assert 0.93 < covered < 0.97
 
 
-def test_stated_deviations_are_true_for_distances(setup):
-    by_distances = replace(setup, estimator="distances")
-    summary = summarise(by_distances, run(by_distances, range(150), robots(150)))
+@pytest.fixture(scope="module")
+def by_distances(setup):
+    return replace(setup, estimator=Estimator.DISTANCES)
+
+
+@pytest.fixture(scope="module")
+def distance_outcomes(by_distances):
+    return run(by_distances, range(150), robots(150))
+
+
+def test_stated_deviations_are_true_for_distances(by_distances, distance_outcomes):
+    summary = summarise(by_distances, distance_outcomes)
     covered = np.mean([parameter.covered for parameter in summary.parameters])
     assert 0.93 < covered < 0.97
     assert interval_factor(by_distances) == pytest.approx(2.101, abs=1e-3), "18 left over"
+
+
+def test_neither_estimator_leaves_much_of_what_its_data_hold(
+    setup, outcomes, by_distances, distance_outcomes
+):
+    for studied, found in ((setup, outcomes), (by_distances, distance_outcomes)):
+        summary = summarise(studied, found)
+        parts = np.array([parameter.variance_over_bound for parameter in summary.parameters])
+        low, high = summary.chance.variance_over_bound
+        assert low < parts.min()
+        assert parts.max() < high
+        assert 0.95 < parts.mean() < 1.05
+
+
+def positions_and_frame(setup, vector, small):
+    """Points in the tracker's frame as a function of all unknowns, (3 N,)."""
+    near = forward(NOMINAL, setup.fitted.joints_rad).require()
+    poses = forward(Geometry.from_vector(vector), setup.fitted.joints_rad, near).require()
+    turn, _ = small_rotation(small[:3])
+    return (poses[:, :3] @ turn.T @ TRACKER.rotation.T + TRACKER.translation_mm + small[3:]).ravel()
+
+
+def by_differences(setup, true, step=1e-4):
+    """The Jacobian by parameters, then by the frame, from differences of the model alone."""
+    columns = []
+    for place in FREE:
+        aside = np.zeros_like(true)
+        aside[place] = step
+        ends = [positions_and_frame(setup, true + sign * aside, np.zeros(6)) for sign in (1, -1)]
+        columns.append((ends[0] - ends[1]) / (2.0 * step))
+    for aside in step * np.eye(6):
+        ends = [positions_and_frame(setup, true, sign * aside) for sign in (1, -1)]
+        columns.append((ends[0] - ends[1]) / (2.0 * step))
+    return np.column_stack(columns)
+
+
+def test_bound_is_the_information_of_the_coordinates_at_the_truth(setup, outcomes):
+    jacobian = by_differences(setup, robots(150)[3])
+    information = jacobian.T @ jacobian / NOISE_MM**2
+    expected = np.sqrt(np.diag(np.linalg.inv(information))[: len(FREE)]) / FILE_UNIT[FREE]
+    np.testing.assert_allclose(outcomes[3].estimate.bound, expected, rtol=1e-4)
+
+
+def test_bound_of_distances_is_the_information_of_the_distances_alone(setup, distance_outcomes):
+    true = robots(150)[3]
+    points = positions_and_frame(setup, true, np.zeros(6)).reshape(-1, 3)
+    first, second = setup.fitted.pairs.T
+    apart = points[second] - points[first]
+    towards = apart / np.linalg.norm(apart, axis=1)[:, None]
+    by_point = by_differences(setup, true)[:, : len(FREE)].reshape(-1, 3, len(FREE))
+    jacobian = np.einsum("mk,mkf->mf", towards, by_point[second] - by_point[first])
+    information = jacobian.T @ jacobian / (2.0 * NOISE_MM**2)
+    expected = np.sqrt(np.diag(np.linalg.inv(information))) / FILE_UNIT[FREE]
+    np.testing.assert_allclose(distance_outcomes[3].estimate.bound, expected, rtol=1e-3)
+
+
+def test_bound_knows_along_the_beam_from_across(setup):
+    blind_along = TrackerUncertainty(1.0, 0.0, NOISE_MM, 0.0)
+    blind_across = TrackerUncertainty(NOISE_MM, 0.0, 1.0, 0.0)
+    for uncertainty in (blind_along, blind_across):
+        (outcome,) = run(replace(setup, uncertainty=uncertainty), [0], robots(1))
+        np.testing.assert_allclose(outcome.estimate.std, outcome.estimate.bound, rtol=0.05)
+
+
+def test_chance_gets_narrower_with_more_campaigns(setup, by_distances):
+    few, many = chance(setup, 100), chance(setup, 10_000)
+    assert few.ratio[1] - 1.0 == pytest.approx(10.0 * (many.ratio[1] - 1.0))
+    assert few.covered[0] < many.covered[0] < 0.95 < many.covered[1] < few.covered[1]
+    assert chance(by_distances, 100).ratio[1] > few.ratio[1], "stated σ scatter too"
+
+
+@pytest.mark.parametrize("factor", [0.97, 1.03])
+def test_honest_study_seldom_looks_wrong_and_a_wrong_one_always(setup, factor):
+    rng = np.random.default_rng(7)
+    errors = rng.standard_normal((20_000, len(FREE)))
+    (like,) = run(setup, [0], robots(1))
+
+    def made_up(std):
+        one = replace(like.estimate, bound=np.ones(len(FREE)), std=np.full(len(FREE), std))
+        found = [CampaignOutcome(n, replace(one, errors=e), "") for n, e in enumerate(errors)]
+        return summarise(setup, found)
+
+    honest, wrong = made_up(1.0), made_up(factor)
+    assert honest.too_sure == honest.too_unsure == ()
+    assert len(wrong.too_sure if factor < 1.0 else wrong.too_unsure) == len(FREE)
+
+
+def test_normal_scores_are_standard_normal_for_either_estimator(
+    setup, outcomes, by_distances, distance_outcomes
+):
+    for studied, found in ((setup, outcomes), (by_distances, distance_outcomes)):
+        scores = normal_scores(studied, found)
+        assert scores.shape == (150, len(FREE))
+        assert np.mean(scores**2) == pytest.approx(1.0, abs=0.1)
+    raw = np.array([one.estimate.errors / one.estimate.std for one in distance_outcomes])
+    assert (np.abs(scores) < np.abs(raw)).all(), "Student's tails are the longer ones"
+    assert (np.sign(scores) == np.sign(raw)).all()
+
+
+def test_parameters_that_no_shot_tells_apart_are_named(setup):
+    assert indistinguishable(setup) == []
+    free = tuple(name for name in NAMES if name in {*FREE_BY_DEFAULT, "arm0.x_mm"})
+    (together,) = indistinguishable(replace(setup, free=free))
+    assert together == tuple(f"arm{arm}.x_mm" for arm in range(4))
 
 
 def test_wrong_noise_model_shows_in_the_coverage(setup, outcomes):
@@ -144,7 +272,7 @@ def test_digest_tells_studies_apart(setup):
     others = [
         setup.digest("other robots"),
         replace(setup, seed=4).digest("robots"),
-        replace(setup, estimator="distances").digest("robots"),
+        replace(setup, estimator=Estimator.DISTANCES).digest("robots"),
         replace(setup, unseen=setup.fitted).digest("robots"),
         replace(setup, free=FREE_BY_DEFAULT[1:]).digest("robots"),
         replace(setup, uncertainty=TrackerUncertainty()).digest("robots"),

@@ -8,13 +8,13 @@ from campaigns.journal_views import AcceptedShot
 from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.records import Intent, Outcome
 from campaigns.shot_sets import ShotSet
+from campaigns.validate import of_set
 from campaigns.validation_traces import (
     MeasuredTest,
     base_from_tracker,
     distance_trace,
     line_traces,
     measured_test,
-    of_set,
     radius_result,
     rotation_result,
 )

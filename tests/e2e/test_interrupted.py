@@ -55,7 +55,7 @@ def assert_resumes(pkmcal, folder):
     change(folder / "cell.yaml", FAST)
     resumed = pkmcal("run", folder, "--yes", "--json")
     assert resumed.code == 0, resumed.err
-    assert resumed.document == {"series": 1, "shots": 59}
+    assert (resumed.document["series"], resumed.document["shots"]) == (1, 59)
     with read_journal(folder / "campaign.db") as journal:
         tries = Counter((e.record.shot, e.record.attempt) for e in journal.records_of(Intent, 1))
         assert set(tries.values()) == {1}

@@ -1,6 +1,7 @@
 """Robots, poses and derivatives by differences that the tests of the numerics share."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,10 @@ def geometry_in(document):
 
 NOMINAL = geometry_in(CASES["nominal"]["geometry"])
 TABLE1 = geometry_in(CASES["nominal+table1"]["geometry"])
-ROBOTS = {"par4-prototype": NOMINAL, "par4-prototype + Table I": TABLE1}
+TILTED = replace(TABLE1, axis_tilt_rad=np.array([0.03, -0.02, 0.05, -0.04]))
+"""Far more than a workshop would leave, so that no sign and no size goes unnoticed."""
+LEVEL_ROBOTS = {"par4-prototype": NOMINAL, "par4-prototype + Table I": TABLE1}
+ROBOTS = {**LEVEL_ROBOTS, "par4-prototype + Table I + axis tilts": TILTED}
 
 LIMITS = Limits((-np.pi / 4, np.pi / 2), (-np.pi / 4, np.pi / 4), np.pi / 4)
 WELL_INSIDE = Limits((-0.6, 1.3), (-0.6, 0.6), 0.6, singularity_margin=0.3)

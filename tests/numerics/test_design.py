@@ -1,6 +1,6 @@
 """Optimal designs: the bookkeeping of exchanges, what they reach, and what they refuse."""
 
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from par4_cases import NOMINAL
 
+from campaigns.numerics import design
 from campaigns.numerics.appraisal import Appraiser
 from campaigns.numerics.candidates import shot_candidates, without_frame
 from campaigns.numerics.criteria import inverse_of_one_plus, make_criterion
@@ -18,6 +19,7 @@ from campaigns.numerics.design import (
     grown_design,
     least_count,
     optimal_design,
+    quickly_grown,
 )
 from campaigns.numerics.enough import worst_std
 from campaigns.numerics.geometry import FREE_BY_DEFAULT
@@ -224,3 +226,36 @@ def test_parameters_that_move_with_the_frame_are_named(robot_shots):
     candidates = shot_candidates(NOMINAL, free, case.joints, case.poses, isotropic(len(case.poses)))
     with pytest.raises(Unobservable, match=r"arm0\.z_mm"):
         least_count(candidates)
+
+
+def test_short_list_costs_next_to_nothing_of_what_all_candidates_give(monkeypatch):
+    case = shots(2000)
+    criterion = make_criterion("I", case.candidates, case.workspace_rows)
+    listed = optimal_design(case.candidates, criterion, 40, rng(), starts=1)
+    monkeypatch.setattr(design, "SHORT_LIST", len(case.candidates))
+    thorough = optimal_design(case.candidates, criterion, 40, rng(), starts=1)
+    assert listed.value <= 1.02 * thorough.value
+
+
+def test_end_of_an_exchange_heeds_all_candidates(robot_shots, monkeypatch):
+    """With a list of almost nothing, a choice that no single exchange improves is still found."""
+    monkeypatch.setattr(design, "SHORT_LIST", 1)
+    candidates = robot_shots.candidates
+    criterion = make_criterion("I", candidates, robot_shots.workspace_rows)
+    found = optimal_design(candidates, criterion, 14, rng(), starts=1).chosen
+    value = value_of(candidates, criterion, found)
+    for member, other in product(range(14), np.setdiff1d(np.arange(len(candidates)), found)):
+        exchanged = found.copy()
+        exchanged[member] = other
+        assert value_of(candidates, criterion, exchanged) >= value * (1.0 - 1e-3)
+
+
+def test_quick_growth_is_a_few_percent_from_an_exchange(robot_shots):
+    case = robot_shots
+    criterion = make_criterion("I", case.candidates, case.workspace_rows)
+    small = optimal_design(case.candidates, criterion, 14, rng(), starts=1).chosen
+    for count in (40, 120):
+        quick = quickly_grown(case.candidates, criterion, small, count)
+        slow = grown_design(case.candidates, criterion, small, count)
+        assert len(set(quick.tolist())) == count
+        assert value_of(case.candidates, criterion, quick) <= 1.05 * slow.value

@@ -7,9 +7,9 @@ from design_cases import anything, shots
 from campaigns.numerics.criteria import make_criterion
 from campaigns.numerics.design import optimal_design
 from campaigns.numerics.enough import (
-    CurvePoint,
     GoalOutOfReach,
     averaging_from,
+    curve_counts,
     design_curve,
     smallest_design,
     worst_std,
@@ -36,8 +36,8 @@ def point(case, criterion, count):
 
 def test_found_number_meets_the_goal_and_the_next_smaller_tried_does_not(case, criterion):
     found = smallest_design(case.candidates, criterion, 0.03, 200, 2, rng())
-    tried = {point.count: point.worst_length_mm for point in found.curve}
-    assert worst_std(case.candidates, found.least.design.chosen)[0] <= 0.03
+    tried = {point.count: point.worst_length_mm for point in found.tried}
+    assert worst_std(case.candidates, found.least.chosen)[0] <= 0.03
     assert found.least.count % 2 == 0
     assert tried[found.least.count - 2] > 0.03
 
@@ -51,7 +51,7 @@ def test_number_cannot_be_much_too_large(case, criterion):
 def test_goal_that_the_fewest_shots_meet_takes_the_fewest_shots(case, criterion):
     found = smallest_design(case.candidates, criterion, 1.0, 200, 2, rng())
     assert found.least.count == 14
-    assert len(found.curve) == 1
+    assert len(found.tried) == 1
 
 
 def test_goal_out_of_reach_says_what_can_be_had(case, criterion):
@@ -59,7 +59,7 @@ def test_goal_out_of_reach_says_what_can_be_had(case, criterion):
         GoalOutOfReach, match=r"40 measurements give σ 0\.02.*goal 0\.001 mm"
     ) as told:
         smallest_design(case.candidates, criterion, 0.001, 40, 2, rng())
-    assert told.value.best_mm == pytest.approx(0.025, rel=0.1)
+    assert told.value.best.worst_length_mm == pytest.approx(0.025, rel=0.1)
 
 
 def test_every_size_up_to_the_largest_is_considered(case, criterion):
@@ -73,20 +73,27 @@ def test_curve_falls(case, criterion):
     assert [point.count for point in curve] == [14, 28, 56, 112]
     lengths = [point.worst_length_mm for point in curve]
     assert lengths == sorted(lengths, reverse=True)
-    assert averaging_from(curve) in {28, 56}
+    assert averaging_from([14, 28, 56, 112], lengths) in {28, 56}
+
+
+def test_curve_is_nearly_that_of_designs_made_for_each_number(case, criterion):
+    curve = design_curve(case.candidates, criterion, [14, 28, 56, 112], rng())
+    alone = [point(case, criterion, count).worst_length_mm for count in (28, 56, 112)]
+    assert [p.worst_length_mm for p in curve][1:] == pytest.approx(alone, rel=0.1)
+
+
+@pytest.mark.parametrize("step", [1, 2])
+def test_numbers_of_a_curve_are_whole_steps_up_to_the_most(step):
+    counts = list(curve_counts(14, 240, step))
+    assert counts[0] == 14
+    assert counts == sorted(set(counts))
+    assert 170 < counts[-1] <= 240
+    assert all(count % step == 0 for count in counts)
 
 
 def test_pure_averaging_is_seen_from_the_start():
-    candidates = anything(400, 1, 2, seed=1)
-    criterion = make_criterion("D", candidates, np.ones((1, 1, 2)))
-
-    def sized(count, worst_mm):
-        design = optimal_design(candidates, criterion, count, rng())
-        return CurvePoint(design, worst_mm, 0.0)
-
-    averaging = [sized(count, 1.0 / np.sqrt(count)) for count in (10, 20, 40)]
-    assert averaging_from(averaging) == 10
-    assert averaging_from([sized(5, 1.0), *averaging]) == 10
+    assert averaging_from([10, 20, 40], [count**-0.5 for count in (10, 20, 40)]) == 10
+    assert averaging_from([5, 10, 20, 40], [1.0, *(count**-0.5 for count in (10, 20, 40))]) == 10
 
 
 def test_lengths_and_angles_are_told_apart():

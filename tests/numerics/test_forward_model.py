@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from par4_cases import NOMINAL, ROBOTS, reachable_joints, reachable_poses
 from scipy.optimize import root
@@ -98,6 +98,7 @@ def test_joints_without_the_wanted_assembly_say_so(degrees):
         solution.require()
 
 
+@settings(deadline=None)
 @given(
     st.lists(st.floats(-180.0, 180.0), min_size=4, max_size=4),
     st.one_of(st.none(), st.lists(st.floats(-2000.0, 2000.0), min_size=4, max_size=4)),

@@ -1,5 +1,7 @@
 """The tracker's uncertainty as covariance of points and variance of distances."""
 
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 
@@ -81,3 +83,8 @@ def test_directions_are_the_distances_gradient_and_zero_where_there_is_none():
     assert distances_mm(points, np.array([0, 0]), np.array([1, 50])) == pytest.approx(
         [np.linalg.norm(apart), 0.0]
     )
+
+
+def test_limits_of_a_data_sheet_stand_for_an_even_distribution():
+    at500 = TrackerUncertainty.of_limits(10.0, 0.3, 15.0, 6.0)
+    assert astuple(at500) == pytest.approx(astuple(TrackerUncertainty()))

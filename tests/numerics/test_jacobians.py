@@ -12,7 +12,7 @@ from par4_cases import (
 )
 
 from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import COUNT, IS_ANGLE, Geometry
+from campaigns.numerics.geometry import GEOMETRY_NAMES, IS_ANGLE, PLATE, TILTS, Geometry
 from campaigns.numerics.par4 import (
     closure_mm2,
     closure_parameter_jacobian,
@@ -22,7 +22,7 @@ from campaigns.numerics.par4 import (
 
 DECADES = 10.0 ** -np.arange(1, 9)
 LEVER_MM = 100.0
-BY_LENGTH = np.where(IS_ANGLE, 1.0, LEVER_MM)
+BY_LENGTH = np.where(IS_ANGLE[: len(GEOMETRY_NAMES)], 1.0, LEVER_MM)
 """A step of 0.01 is 0.01 rad or 1 mm."""
 
 
@@ -40,8 +40,8 @@ def complex_step(function, x, step):
 
 
 def complex_geometry(vector):
-    arms = vector[:-1].reshape(4, 7)
-    return Geometry(arms[:, :3], *arms[:, 3:].T, vector[-1])
+    arms = vector[:PLATE].reshape(4, 7)
+    return Geometry(arms[:, :3], *arms[:, 3:].T, vector[PLATE], vector[TILTS])
 
 
 def assert_closer_with_every_decade(errors, steps):
@@ -71,10 +71,11 @@ def test_derivative_of_the_closures_by_the_pose(assembled, row):
 def test_derivative_of_the_closures_by_the_parameters(assembled, row):
     geometry, joints, poses = assembled
     own = closure_parameter_jacobian(geometry, joints, poses)[row]
-    exact = np.zeros((4, COUNT))
+    exact = np.zeros((4, len(GEOMETRY_NAMES)))
     for arm in range(4):
         exact[arm, 7 * arm : 7 * arm + 7] = own[arm, :7]
-    exact[:, -1] = own[:, 7]
+        exact[arm, TILTS[arm]] = own[arm, 8]
+    exact[:, PLATE] = own[:, 7]
 
     def closures(scaled):
         moved = complex_geometry(scaled * BY_LENGTH)

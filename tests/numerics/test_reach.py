@@ -8,10 +8,9 @@ from par4_cases import CENTRE, LIMITS, NOMINAL, ROBOTS, reachable_poses
 from scipy.optimize import brentq
 
 from campaigns.numerics.par4 import (
-    arm_directions,
+    arm_frames,
     forearms_mm,
     inverse,
-    motor_axes,
     pose_jacobian,
 )
 from campaigns.numerics.reach import Reason, explain, least_singular_value, reach, swing_rad
@@ -95,7 +94,7 @@ def test_a_limit_itself_may_be_taken():
 
 def test_swing_is_the_angle_between_a_forearm_and_its_arm_s_plane():
     swing = np.radians([0.0, 10.0, -35.0, 60.0])
-    outward, axes = arm_directions(NOMINAL), motor_axes(NOMINAL)
+    outward, axes, _ = arm_frames(NOMINAL)
     in_plane = 0.6 * outward - 0.8 * np.array([0.0, 0.0, 1.0])
     forearms = 700.0 * (np.cos(swing)[:, None] * in_plane + np.sin(swing)[:, None] * axes)
     assert swing_rad(NOMINAL, forearms[None])[0] == pytest.approx(swing, abs=1e-14)
@@ -132,7 +131,7 @@ def test_what_is_feasible_keeps_every_limit(robot):
     poses = reachable_poses(geometry, 500, seed=4)
     joints = inverse(geometry, poses).require()
     forearms = forearms_mm(geometry, joints, poses)
-    along_axes = np.einsum("nik,ik->ni", forearms, motor_axes(geometry)) / geometry.forearm_mm
+    along_axes = np.einsum("nik,ik->ni", forearms, arm_frames(geometry)[1]) / geometry.forearm_mm
     assert (joints >= LIMITS.joint_rad[0]).all()
     assert (joints <= LIMITS.joint_rad[1]).all()
     assert (np.abs(poses[:, 3]) <= np.pi / 4).all()

@@ -1,20 +1,22 @@
 import numpy as np
 import pytest
 
+from campaigns.estimators import LossShape
+from campaigns.numerics.fit import solve
 from campaigns.numerics.geometry import FILE_UNIT, FREE_BY_DEFAULT, Geometry, indices
 from campaigns.numerics.par4 import inverse
 from campaigns.numerics.placement import Region, inner_poses
+from campaigns.numerics.problem import Priors, Problem, Weighted, block_sizes
 from campaigns.numerics.reach import Limits
 from campaigns.numerics.residuals import DistanceResiduals, PointResiduals, PositionModel
 from campaigns.numerics.robust import (
     Loss,
-    Weighted,
-    block_sizes,
+    agreement,
     largest_believable,
+    loss_curvature,
     loss_weights,
-    robust_scale,
+    robust_unit,
     solve_robust,
-    solve_without_outliers,
 )
 from campaigns.robot import find_robot
 
@@ -41,15 +43,32 @@ def shots():
     return inverse(truth, poses).require(), poses[:, :3], vector[FREE]
 
 
-def points_problem(shots, moved=()):
+def points_problem(shots, moved=(), noise_mm=NOISE_MM, seed=11, priors=None):
     joints, exact, _ = shots
-    rng = np.random.default_rng(11)
-    measured = exact + rng.normal(0.0, NOISE_MM, exact.shape)
+    rng = np.random.default_rng(seed)
+    measured = exact + rng.normal(0.0, noise_mm, exact.shape)
     for shot in moved:
         direction = rng.normal(size=3)
         measured[shot] += 2.0 * direction / np.linalg.norm(direction)
     covariance = np.broadcast_to(np.eye(3) * NOISE_MM**2, (len(exact), 3, 3))
-    return PointResiduals.from_points(PositionModel(NOMINAL, FREE, joints), measured, covariance)
+    model = PositionModel(NOMINAL, FREE, joints)
+    data = PointResiduals.from_points(model, measured, covariance)
+    return Problem(data, 3, priors or Priors.none())
+
+
+def distances_problem(shots, noise_mm=NOISE_MM, seed=3, wrong=()):
+    joints, exact, _ = shots
+    first, second = np.arange(0, 120, 2), np.arange(1, 120, 2)
+    measured = np.linalg.norm(exact[first] - exact[second], axis=1)
+    measured += np.random.default_rng(seed).normal(0.0, noise_mm * 2**0.5, len(measured))
+    measured[list(wrong)] += 2.0
+    data = DistanceResiduals(PositionModel(NOMINAL, FREE, joints), first, second, measured)
+    whitened = Weighted(data, 1, np.full(len(first), 1.0 / (2.0 * NOISE_MM**2)))
+    return Problem(whitened, 1, Priors.none())
+
+
+def all_of(problem):
+    return np.ones(problem.blocks, dtype=bool)
 
 
 def worst_mm_deg(x, shots):
@@ -57,50 +76,87 @@ def worst_mm_deg(x, shots):
 
 
 def test_three_moved_shots_are_named_and_nothing_else(shots):
-    robust, outliers = solve_without_outliers(points_problem(shots, (7, 50, 99)), 3)
-    assert [outlier.block for outlier in outliers] == [7, 50, 99]
-    assert all(outlier.size > 100.0 > outlier.limit for outlier in outliers)
-    assert np.flatnonzero(robust.weights == 0.0).tolist() == [7, 50, 99]
+    found = agreement(points_problem(shots, (7, 50, 99)))
+    assert [outlier.block for outlier in found.outliers] == [7, 50, 99]
+    assert all(outlier.size > 100.0 > outlier.limit for outlier in found.outliers)
+    assert np.flatnonzero(~found.kept).tolist() == [7, 50, 99]
+
+
+def test_good_shots_all_agree(shots):
+    found = agreement(points_problem(shots))
+    assert found.kept.all()
+    assert found.outliers == ()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_scatter_that_the_tracker_did_not_state_makes_no_outliers(shots, seed):
+    """A robot that repeats thirty times worse than the tracker measures: few degrees of freedom."""
+    assert agreement(distances_problem(shots, 30.0 * NOISE_MM, seed)).outliers == ()
+    assert agreement(points_problem(shots, (), 30.0 * NOISE_MM, seed)).outliers == ()
+
+
+def test_where_half_of_the_shots_are_elsewhere_none_is_called_wrong(shots):
+    found = agreement(points_problem(shots, range(0, 120, 2)))
+    assert found.kept.all()
 
 
 def test_answer_without_outliers_is_as_good_as_the_clean_one(shots):
-    clean, none = solve_without_outliers(points_problem(shots), 3)
-    robust, _ = solve_without_outliers(points_problem(shots, (7, 50, 99)), 3)
-    assert none == ()
-    assert worst_mm_deg(robust.fit.x, shots) <= 1.3 * worst_mm_deg(clean.fit.x, shots)
+    clean, spoilt = points_problem(shots), points_problem(shots, (7, 50, 99))
+    kept = agreement(spoilt).kept
+    without = solve(spoilt.weighted(kept.astype(float))).x
+    assert worst_mm_deg(without, shots) <= 1.3 * worst_mm_deg(
+        solve(clean.weighted(np.ones(120))).x, shots
+    )
 
 
-@pytest.mark.parametrize("loss", [Loss.SOFT_L1, Loss.CAUCHY])
-def test_robust_loss_withstands_what_spoils_the_plain_one(shots, loss):
+@pytest.mark.parametrize("shape", [LossShape.SOFT_L1, LossShape.CAUCHY])
+def test_robust_loss_withstands_what_spoils_the_plain_one(shots, shape):
     spoilt = points_problem(shots, (7, 50, 99))
-    plain = solve_robust(spoilt, 3, Loss.LINEAR, 3.0)
-    robust = solve_robust(spoilt, 3, loss, 3.0)
+    plain = solve_robust(spoilt, Loss(), all_of(spoilt))
+    robust = solve_robust(spoilt, Loss(shape), all_of(spoilt))
+    assert robust.fit.converged
     assert worst_mm_deg(robust.fit.x, shots) < 0.2 * worst_mm_deg(plain.fit.x, shots)
 
 
 def test_a_wrong_distance_is_named_too(shots):
-    joints, exact, _ = shots
-    first, second = np.arange(0, 120, 2), np.arange(1, 120, 2)
-    measured = np.linalg.norm(exact[first] - exact[second], axis=1)
-    measured += np.random.default_rng(3).normal(0.0, NOISE_MM, len(measured))
-    measured[17] += 2.0
-    data = DistanceResiduals(PositionModel(NOMINAL, FREE, joints), first, second, measured)
-    whitened = Weighted(data, 1, np.full(len(first), (1.0 / (NOISE_MM * 2**0.5)) ** 2))
-    _, outliers = solve_without_outliers(whitened, 1)
-    assert [outlier.block for outlier in outliers] == [17]
+    found = agreement(distances_problem(shots, wrong=[17]))
+    assert [outlier.block for outlier in found.outliers] == [17]
+
+
+def test_an_outliers_size_is_what_the_fit_of_the_others_leaves_of_it_in_its_own_deviation(shots):
+    """Variance of its measurement and of the others' prediction, by the explicit inverse."""
+    problem = distances_problem(shots, wrong=[17], noise_mm=10.0 * NOISE_MM)
+    (outlier,) = agreement(problem).outliers
+    others = np.arange(60) != 17
+    fit = solve(problem.weighted(others.astype(float)))
+    residual, jacobian = problem.data.residual(fit.x), problem.data.jacobian(fit.x)
+    unit = np.sqrt(np.sum(residual[others] ** 2) / (59 - 22))
+    known = np.linalg.inv(jacobian[others].T @ jacobian[others])
+    own = unit * np.sqrt(1.0 + jacobian[17] @ known @ jacobian[17])
+    assert outlier.size == pytest.approx(abs(residual[17]) / own, rel=1e-3)
+
+
+def test_a_prior_that_all_shots_contradict_is_neither_left_out_nor_weighed_down(shots):
+    """A plate said to be 5 mm longer, to a micrometre: the fit must follow, whatever the loss."""
+    plate = FREE_BY_DEFAULT.index("plate_mm")
+    said = Priors(np.array([plate]), np.array([shots[2][plate] + 5.0]), np.array([1e-3]))
+    problem = points_problem(shots, priors=said)
+    robust = solve_robust(problem, Loss(LossShape.CAUCHY), all_of(problem))
+    assert robust.fit.x[plate] == pytest.approx(said.mean[0], abs=0.5)
+    assert len(robust.weights) == 120
 
 
 def test_weights_fall_with_the_block_not_with_its_coordinates():
     sizes = block_sizes(np.array([3.0, 4.0, 0.0, 0.0, 0.0, 5.0]), 3)
     assert sizes.tolist() == [5.0, 5.0]
-    for loss in Loss:
-        first, second = loss_weights(loss, sizes, 1.0)
+    for shape in LossShape:
+        first, second = loss_weights(shape, sizes**2)
         assert first == second
 
 
 def test_scale_of_good_blocks_is_one():
     draws = np.random.default_rng(1).normal(size=(4000, 3))
-    assert robust_scale(np.linalg.norm(draws, axis=1), 3) == pytest.approx(1.0, abs=0.03)
+    assert robust_unit(np.linalg.norm(draws, axis=1), 3) == pytest.approx(1.0, abs=0.03)
 
 
 def test_good_sets_rarely_lose_a_block():
@@ -108,3 +164,20 @@ def test_good_sets_rarely_lose_a_block():
     limit = largest_believable(120, 3)
     worst = np.linalg.norm(rng.normal(size=(2000, 120, 3)), axis=2).max(axis=1)
     assert 0.003 < np.mean(worst > limit) < 0.02
+
+
+@pytest.mark.parametrize("shape", list(LossShape))
+@pytest.mark.parametrize("size", [1e-3, 0.1, 1.0, 10.0, 1e3])
+def test_curvature_is_the_mean_second_derivative_of_the_price(shape, size):
+    """Along a block of three coordinates and across it, by differences of ρ'(z) r."""
+
+    def slope(point):
+        return loss_weights(shape, np.array([point @ point])) * point
+
+    point, step = np.array([size, 0.0, 0.0]), 1e-5 * size
+    second = [
+        (slope(point + aside) - slope(point - aside)) @ aside / (2.0 * step**2)
+        for aside in step * np.eye(3)
+    ]
+    told = loss_curvature(shape, np.array([size**2]), 3)[0]
+    assert told == pytest.approx(np.mean(second), rel=1e-5, abs=1e-9)

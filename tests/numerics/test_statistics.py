@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from par4_cases import LIMITS, NOMINAL, reachable_joints
 
 from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import FREE_BY_DEFAULT, NAMES, Geometry, indices
+from campaigns.numerics.geometry import FREE_BY_DEFAULT, NAMES, indices
 from campaigns.numerics.residuals import DistanceResiduals, PositionModel
 from campaigns.numerics.statistics import (
     correlations,
@@ -72,10 +72,11 @@ def test_an_unobservable_direction_really_changes_no_distance():
     jacobian = distance_jacobian(NAMES)
     seen = observability(jacobian)
     norms = np.linalg.norm(jacobian, axis=0)
+    model = PositionModel(NOMINAL, indices(NAMES), JOINTS)
     poses = forward(NOMINAL, JOINTS).require()
     before = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
     for direction in seen.null_directions:
-        moved = Geometry.from_vector(NOMINAL.vector() + 1e-4 * direction / norms)
+        moved = model.geometry(model.nominal + 1e-4 * direction / norms)
         after = np.linalg.norm(np.diff(forward(moved, JOINTS).require()[:, :3], axis=0), axis=1)
         assert np.abs(after - before).max() < 1e-7
 

@@ -43,8 +43,10 @@ class PairGroup:
 
 
 @in_house_style
-def pair_errors(groups: Sequence[PairGroup]) -> Figure:
-    """Every pair before and after; below, after alone on its own scale."""
+def pair_errors(
+    groups: Sequence[PairGroup], *, quantity: str = "error of distance", what: str = "pairs"
+) -> Figure:
+    """Every pair or shot before and after; below, after alone on its own scale."""
     has_after = any(group.after_mm is not None for group in groups)
     has_both = has_after and any(group.before_mm is not None for group in groups)
     figure = new_figure(96.0 if has_both else 60.0)
@@ -56,11 +58,11 @@ def pair_errors(groups: Sequence[PairGroup]) -> Figure:
             _plot(axes, place, group.after_mm, group.marker, AFTER, "after")
     for axes in every:
         _divide(axes, groups)
-        axes.set_ylabel("error of distance, mm")
+        axes.set_ylabel(f"{quantity}, mm")
     top.set_title("before and after" if has_both else "after" if has_after else "before")
     if has_both:
         bottom.set_title("after, on its own scale")
-    bottom.set_xlabel("pairs, in the order of the plan")
+    bottom.set_xlabel(f"{what}, in the order of the plan")
     _legend(figure, top)
     return figure
 

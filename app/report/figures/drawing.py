@@ -13,7 +13,7 @@ from typing import Any, ParamSpec
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 
 from campaigns.errors import WriteFailed
 
@@ -114,7 +114,7 @@ def zero_line(axes: Axes) -> None:
     axes.axhline(0.0, color=QUIET, linewidth=0.8, zorder=1.5)
 
 
-def legend_above(figure: Figure, axes: Axes, columns: int) -> None:
+def legend_above(figure: FigureBase, axes: Axes, columns: int) -> None:
     """One legend for the whole figure, over it."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper left", ncols=columns)

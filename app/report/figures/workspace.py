@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 
 from app.report.figures.drawing import (
     AFTER,
@@ -31,10 +31,8 @@ MARKERS: Mapping[ShotSet, tuple[str, str]] = {
 }
 
 
-@in_house_style
-def plan_picture(poses: Array, purposes: tuple[ShotSet, ...]) -> Figure:
+def draw_poses(figure: FigureBase, poses: Array, purposes: tuple[ShotSet, ...]) -> None:
     """Poses (N, 4) of a plan, in space and from above, by what they are for."""
-    figure = new_figure(88.0)
     space, above = figure.subplots(1, 2)
     draw_box(space, poses[:, :3])
     for purpose, (marker, colour) in MARKERS.items():
@@ -45,7 +43,6 @@ def plan_picture(poses: Array, purposes: tuple[ShotSet, ...]) -> Figure:
     space.set_title("in the base frame, mm")
     above.set(xlabel="x, mm", ylabel="y, mm", aspect="equal", title="from above")
     legend_above(figure, above, len(MARKERS))
-    return figure
 
 
 @in_house_style

@@ -14,9 +14,11 @@ from app.folder import Campaign, open_campaign
 from campaigns.config import CampaignConfig, write_new_campaign
 from campaigns.config_sections import AcceptanceConfig, ControllerConfig, TrackerConfig
 from campaigns.dataset import dataset_of_journal
+from campaigns.estimators import Estimator
 from campaigns.export import compensated_robot, latest_identification
 from campaigns.identification_document import identification_document
-from campaigns.identify import identify_distances
+from campaigns.identified import IdentificationRequest
+from campaigns.identify import identify
 from campaigns.journal import Journal, open_journal
 from campaigns.numerics.forward import forward
 from campaigns.numerics.frames import Transform
@@ -114,12 +116,14 @@ class PaperCampaign:
                 journal.append(SessionStopped("finished", ""), series=series)
         return series
 
-    def identify(self) -> None:
+    def identify(self, estimator: Estimator = Estimator.POINTS) -> None:
         """Identify and write the finding, as the command does."""
         with self.journal() as journal:
             series = journal.latest_series("run")
             shots = journal.shots(series.number)
-            found = identify_distances(numeric_geometry(NOMINAL.robot), dataset_of_journal(shots))
+            data = dataset_of_journal(shots)
+            request = IdentificationRequest(estimator, workspace=WORKSPACE)
+            found = identify(numeric_geometry(NOMINAL.robot), data, request)
             provenance = {
                 "series": series.number,
                 "shots": len(shots),
@@ -196,12 +200,14 @@ def new_campaign(
     return PaperCampaign(folder, open_campaign(folder), np.random.default_rng(4))
 
 
-def whole_campaign(folder: Path, **settings: object) -> PaperCampaign:
+def whole_campaign(
+    folder: Path, estimator: Estimator = Estimator.POINTS, **settings: object
+) -> PaperCampaign:
     """Everything done: before, run, identify, export, load, after."""
     paper = new_campaign(folder, **settings)
     paper.validate("before")
     paper.run()
-    paper.identify()
+    paper.identify(estimator)
     paper.export_and_load()
     paper.validate("after")
     return paper
@@ -210,6 +216,9 @@ def whole_campaign(folder: Path, **settings: object) -> PaperCampaign:
 def random_pose(rng: np.random.Generator) -> np.ndarray:
     low, high = np.array([-350.0, -350.0, -800.0, -0.6]), np.array([350.0, 300.0, -400.0, 0.6])
     return rng.uniform(low, high)
+
+
+WORKSPACE = np.array([random_pose(np.random.default_rng(seed)) for seed in range(50)])
 
 
 def planned(number: int, purpose: ShotSet, pair: int | None, pose: np.ndarray) -> PlannedShot:

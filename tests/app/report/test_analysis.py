@@ -1,14 +1,17 @@
 """Numbers of the report against numbers found another way."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from paper_campaign import ERRORS, NOISE_MM, NOMINAL, PaperCampaign, new_campaign
 
 from app.report.collect import collect
 from app.report.contents import Contents, contents_of
-from app.report.explained import Remainder
+from app.report.explained import Remainder, correlations_of
 from app.report.iso_table import iso_rows
 from app.report.statistics import summary
+from campaigns.export import latest_identification
 from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.shot_sets import ShotSet
 from campaigns.validate import evaluate
@@ -21,18 +24,22 @@ def contents(whole: PaperCampaign) -> Contents:
     return contents_of(collect(whole.campaign), INSTRUMENT)
 
 
-def test_errors_of_pairs_are_those_that_the_identification_told(
-    whole: PaperCampaign, contents: Contents
+def told_by(paper: PaperCampaign) -> dict[str, object]:
+    with paper.journal() as journal:
+        return latest_identification(journal)
+
+
+@pytest.mark.parametrize("estimator", ["points", "distances"])
+def test_errors_are_those_that_the_identification_told(
+    whole: PaperCampaign, by_distances: PaperCampaign, estimator: str
 ) -> None:
-    with whole.journal() as journal:
-        told = next(e.record.body for e in journal.records() if "residuals_mm" in str(e.record))
-    assert contents.errors is not None
-    for pairs, name in (
-        (contents.errors.fitted, "residuals_mm"),
-        (contents.errors.unseen, "unseen_mm"),
-    ):
-        for errors, stage in ((pairs.before_mm, "before"), (pairs.after_mm, "after")):
-            found = summary(errors)
+    paper = whole if estimator == "points" else by_distances
+    errors, told = contents_of(collect(paper.campaign), INSTRUMENT).errors, told_by(paper)
+    fitted = errors.shots if estimator == "points" else errors.fitted
+    assert (errors.shots is None) == (estimator == "distances")
+    for group, name in ((fitted, "residuals_mm"), (errors.unseen, "unseen_mm")):
+        for values, stage in ((group.before_mm, "before"), (group.after_mm, "after")):
+            found = summary(np.linalg.norm(values.reshape(len(values), -1), axis=1))
             assert found.mean == pytest.approx(told[name][stage]["mean_abs"], rel=1e-6)
             assert found.max == pytest.approx(told[name][stage]["max_abs"], rel=1e-6)
 
@@ -74,17 +81,24 @@ def test_the_truth_lies_within_the_stated_deviations(contents: Contents) -> None
     assert 0.4 < np.sqrt(np.mean(np.square(misses))) < 1.8
 
 
-def test_residuals_of_a_perfect_robot_are_the_trackers_noise(contents: Contents) -> None:
-    left = contents.remainder
-    assert left.chi == pytest.approx(1.0, abs=0.4)
-    assert left.instrument_mm == pytest.approx(np.sqrt(2.0) * NOISE_MM)
-    assert left.repeatability_mm == pytest.approx(np.sqrt(2.0) * NOISE_MM, rel=0.4)
+def test_residuals_of_a_perfect_robot_are_the_trackers_noise(
+    contents: Contents, by_distances: PaperCampaign
+) -> None:
+    of_pairs = contents_of(collect(by_distances.campaign), INSTRUMENT).remainder
+    assert (contents.remainder.of, of_pairs.of) == ("coordinate", "distance")
+    for left, noise_mm in ((contents.remainder, NOISE_MM), (of_pairs, np.sqrt(2.0) * NOISE_MM)):
+        assert left.chi == pytest.approx(1.0, abs=0.4)
+        assert left.residual_mm == pytest.approx(noise_mm, rel=0.4)
+        assert left.instrument_mm == pytest.approx(noise_mm)
+        assert left.repeatability_mm == pytest.approx(noise_mm, rel=0.4)
 
 
 def test_what_neither_tracker_nor_repeatability_explains_is_left() -> None:
-    assert Remainder(0.5, 0.01, 0.3, 50.0, 38).unexplained_mm == pytest.approx(0.4)
-    assert Remainder(0.5, 0.01, 0.6, 50.0, 38).unexplained_mm == 0.0
-    assert Remainder(0.5, 0.3, None, 1.7, 38).unexplained_mm == pytest.approx(0.4)
+    left = Remainder("distance", 0.5, 0.01, 0.3, 50.0, 38)
+    assert left.unexplained_mm == pytest.approx(0.4)
+    assert replace(left, repeatability_mm=0.6).unexplained_mm == 0.0
+    unknown = replace(left, instrument_mm=0.3, repeatability_mm=None)
+    assert unknown.unexplained_mm == pytest.approx(0.4)
 
 
 def test_correlations_are_symmetric_with_ones_and_sorted_by_size(contents: Contents) -> None:
@@ -97,14 +111,11 @@ def test_correlations_are_symmetric_with_ones_and_sorted_by_size(contents: Conte
     assert strongest[0] == pytest.approx(above.max())
 
 
-def test_correlations_of_points_know_more_than_those_of_distances(whole: PaperCampaign) -> None:
-    evidence = collect(whole.campaign)
-    from app.report.explained import correlations_of
-
-    points = evidence.identification.model_copy(update={"estimator": "points"})
-    found = correlations_of(evidence.run, points, INSTRUMENT)
-    assert found.names == evidence.identification.free
-    assert np.abs(found.matrix).max() == pytest.approx(1.0)
+def test_an_identification_of_older_software_has_no_correlations(whole: PaperCampaign) -> None:
+    finding = collect(whole.campaign).identification
+    older = finding.model_copy(update={"covariance": None})
+    assert correlations_of(older) is None
+    assert correlations_of(finding).names == finding.free
 
 
 def test_pairs_that_were_left_out_are_not_counted(whole: PaperCampaign) -> None:
@@ -142,7 +153,6 @@ def test_shots_without_a_stated_uncertainty_get_the_instruments(tmp_path) -> Non
     paper = new_campaign(tmp_path / "x")
     paper.validate("before", frozenset({ShotSet.ROTATION}))
     evidence = collect(paper.campaign)
-    from dataclasses import replace
 
     from campaigns.validation_traces import measured_test
 

@@ -33,4 +33,4 @@ def test_json_is_one_document_on_stdout(whole: PaperCampaign, tmp_path: Path) ->
     assert code == 0
     assert set(document) == {"path", "decision", "reasons", "missing", "figures"}
     assert document["path"] == str(tmp_path / "elsewhere.html")
-    assert len(document["figures"]) == 9
+    assert len(document["figures"]) == 10

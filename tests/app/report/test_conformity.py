@@ -44,8 +44,8 @@ def test_every_limit_surely_kept_passes(evidence: Evidence, after: StageView) ->
 
 
 def test_one_limit_surely_broken_fails_all(evidence: Evidence, after: StageView) -> None:
-    found = judged(evidence, after, WIDE.model_copy(update={"distance_max_mm": 1e-6}))
-    assert decision_on(found, "distances, largest error") == "fail"
+    found = judged(evidence, after, WIDE.model_copy(update={"repeatability_mm": 1e-6}))
+    assert decision_on(found, "repeatability, radius of the sphere") == "fail"
     assert decision_on(found, "distances, mean error") == "pass"
     assert found.decision == "fail"
 

@@ -18,7 +18,10 @@ from app.report.parts import Column, Table, moment, number, percent_gained
 from app.report.plots import plot_plan, plot_residuals
 from app.report.terminal_picture import bar, histogram_lines
 from campaigns.errors import WriteFailed
-from campaigns.numerics.geometry import Geometry
+from campaigns.estimators import Estimator
+from campaigns.foresight import CurvePoint, Expected
+from campaigns.identified import IdentificationRequest
+from campaigns.identify import identify
 from campaigns.planning import numeric_geometry
 
 GROUP = PairGroup("fitted pairs", "o", np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.0, -0.1]))
@@ -79,14 +82,51 @@ def test_medians_follow_a_rise() -> None:
     assert len(places) == 6
 
 
+def expected(shots: int, *names: str, std: float = 0.01) -> Expected:
+    return Expected(shots, names, std**2 * np.eye(len(names)))
+
+
+ANGLE = "arm0.joint_offset_deg"
+KNOWN = expected(12, "arm1.x_mm", "plate_mm", ANGLE)
+
+
 @pytest.mark.parametrize("ending", ["svg", "png", "pdf"])
 def test_the_plan_is_drawn_in_the_format_of_the_name(
     whole: PaperCampaign, tmp_path: Path, ending: str
 ) -> None:
     path = tmp_path / f"plan.{ending}"
-    plot_plan(path, whole.plan(6, 2))
+    plot_plan(path, whole.plan(6, 2), KNOWN, [])
     start = path.read_bytes()[:400]
     assert {"svg": b"<svg", "png": b"\x89PNG", "pdf": b"%PDF"}[ending] in start
+
+
+@pytest.mark.parametrize(
+    ("told", "curve", "shown", "hidden"),
+    [
+        (KNOWN, [], ["identification", "arm1.x", "predicted σ, deg"], ["worst length"]),
+        (
+            KNOWN,
+            [CurvePoint(expected(shots, "plate_mm", ANGLE), 0.002) for shots in (12, 24)],
+            ["worst length", "position, mean", "worst angle", "this plan", ">24<"],
+            [],
+        ),
+        (expected(12, "plate_mm", std=np.inf), [], ["identification"], ["predicted σ"]),
+        (expected(12, ANGLE), [], [">arm0.joint_offset<"], ["predicted σ, mm"]),
+    ],
+)
+def test_the_plans_picture_shows_what_is_known_of_it(
+    whole: PaperCampaign,
+    tmp_path: Path,
+    told: Expected,
+    curve: list[CurvePoint],
+    shown: list[str],
+    hidden: list[str],
+) -> None:
+    path = tmp_path / "plan.svg"
+    plot_plan(path, whole.plan(6, 2), told, curve)
+    text = path.read_text(encoding="utf-8")
+    assert [words for words in shown if words not in text] == []
+    assert [words for words in hidden if words in text] == []
 
 
 def test_an_unknown_ending_and_a_missing_folder_are_explained(tmp_path: Path) -> None:
@@ -96,14 +136,22 @@ def test_an_unknown_ending_and_a_missing_folder_are_explained(tmp_path: Path) ->
         save(pair_errors([GROUP]), tmp_path / "nowhere" / "plan.svg")
 
 
-def test_residuals_are_drawn_for_either_model(whole: PaperCampaign, tmp_path: Path) -> None:
-    evidence = collect(whole.campaign)
-    identified = Geometry.from_flat(evidence.identification.identified_flat())
-    path = tmp_path / "residuals.svg"
-    plot_residuals(path, numeric_geometry(NOMINAL.robot), identified, evidence.run.data)
+@pytest.mark.parametrize(
+    ("estimator", "fitted"),
+    [
+        (Estimator.POINTS, "fitted shots, length of the error"),
+        (Estimator.DISTANCES, "fitted pairs"),
+    ],
+)
+def test_what_was_fitted_and_what_was_not_is_drawn(
+    whole: PaperCampaign, tmp_path: Path, estimator: Estimator, fitted: str
+) -> None:
+    data, path = collect(whole.campaign).run.data, tmp_path / "residuals.svg"
+    request = IdentificationRequest(estimator)
+    plot_residuals(path, identify(numeric_geometry(NOMINAL.robot), data, request))
     text = path.read_text()
-    assert ">fitted pairs</text>" in text
-    assert ">unseen pairs</text>" in text
+    assert f">{fitted}</text>" in text
+    assert ">unseen pairs, error of distance</text>" in text
 
 
 def test_the_histogram_in_letters_counts_every_error() -> None:

@@ -22,6 +22,7 @@ from campaigns.shot_sets import ShotSet
 from drivers.values import Pose
 
 FIGURES = {
+    "shot-errors",
     "pair-errors",
     "histogram",
     "arrows",
@@ -79,6 +80,18 @@ def test_a_whole_campaign_has_every_figure_and_lacks_nothing(whole: PaperCampaig
     found = page(whole)
     assert figures(found) == FIGURES
     assert found.missing == ()
+
+
+def test_shots_have_a_figure_only_where_positions_were_fitted(by_distances: PaperCampaign) -> None:
+    assert figures(page(by_distances)) == FIGURES - {"shot-errors"}
+
+
+def test_the_page_says_what_the_noise_is_worth_and_how_surely_positions_are_known(
+    whole_html: str,
+) -> None:
+    assert "scatter as the tracker states (χ²" in whole_html
+    assert "Predicted uncertainty of position" in whole_html
+    assert "residuals of the fitted coordinates" in whole_html
 
 
 def test_the_verdict_stands_before_every_section(whole_html: str) -> None:

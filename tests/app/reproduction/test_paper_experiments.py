@@ -6,6 +6,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from app.commands import dry_run, new
+from app.commands.identify import AS_THE_PAPER
 from app.console import Terminal
 from app.folder import open_campaign
 from app.reproduction.experiments import (
@@ -79,8 +80,11 @@ def test_seed_gives_what_was_measured_beside_the_truth(tmp_path):
     campaign = made(tmp_path / "small", trial)
     change(campaign.path("campaign.yaml"), SMALL)
     campaign = open_campaign(campaign.folder)
-    document, against = dry_run.rehearse(campaign, Terminal(as_json=True))
+    document, against = dry_run.rehearse(campaign, Terminal(as_json=True), AS_THE_PAPER)
+    assert document["identification"]["estimator"] == "distances"
+    assert document["identification"]["outliers"] == "keep"
     assert against == ()
+    assert not campaign.path("report.html").exists(), "nobody reads the page of a seed"
     found = result_of(campaign, trial, 1.5)
     assert (found.experiment, found.seed, found.seconds) == ("simulation", 3, 1.5)
     assert found.recipe == SIMULATION.recipe()

@@ -182,7 +182,7 @@ def test_folder_that_cannot_be_made_is_exit_code_four(tmp_path):
 
 
 def failing(error):
-    def rehearse(campaign, terminal):
+    def rehearse(campaign, terminal, asked):
         terminal.say("talk that nobody should see")
         raise error
 
@@ -209,7 +209,9 @@ def test_whatever_goes_wrong_in_a_seed_becomes_its_reason(
 
 def test_seed_with_a_bad_verdict_is_no_result(tmp_path, monkeypatch):
     bad = ("the unseen pairs got worse",)
-    monkeypatch.setattr("app.commands.dry_run.rehearse", lambda campaign, terminal: ({}, bad))
+    monkeypatch.setattr(
+        "app.commands.dry_run.rehearse", lambda campaign, terminal, asked: ({}, bad)
+    )
     outcome = reproduce.rehearsed(tmp_path, Trial(SIMULATION, 1))
     assert isinstance(outcome, Failure)
     assert "the unseen pairs got worse" in outcome.reason

@@ -11,8 +11,9 @@ import pytest
 from made_up import result
 from rich.console import Console
 
+from app.live_picture import QUIET_S
 from app.reproduction.experiments import Trial, trials
-from app.reproduction.progress import QUIET_S, SeedProgress
+from app.reproduction.progress import SeedProgress
 from app.reproduction.runner import Failure, outcomes
 from campaigns.errors import Interrupted
 from drivers.errors import LinkDown

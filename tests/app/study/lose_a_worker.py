@@ -1,7 +1,9 @@
-"""Forty campaigns, one of which kills whoever computes it: local processes, or a Dask cluster.
+"""A study, and forty campaigns one of which kills whoever computes it, by processes or a cluster.
 
-Says as JSON which campaigns came back, and which were lost. In a process of its own, since the
-machinery that watches over workers lives until the end of the one that started it.
+Says as JSON how the study ended, which of the forty came back, and which were lost. In a process of
+its own, since the machinery that watches over workers lives until the end of the one that began it.
+
+    lose_a_worker.py local|cluster CAMPAIGN TABLES
 """
 
 import json
@@ -10,30 +12,51 @@ import sys
 import numpy as np
 from poisoned_work import work
 
-from app.study.workers import Lost, cluster_results, local_results
-from campaigns.study import StudyTask
+from app.main import run_command
+from app.study.results import Done
+from app.study.workers import workers_of
+from campaigns.study_setup import StudyTask
+
+COUNT = 60
+"""Campaigns of the study: three tasks."""
 
 
-def told(results):
-    back, lost = [], []
-    for result in results:
-        if isinstance(result, Lost):
-            lost += result.numbers
+def told(workers):
+    tasks = [StudyTask(None, (n, n + 1), np.empty((2, 29))) for n in range(0, 40, 2)]
+    back, lost, reasons = [], [], []
+    for result in workers_of(workers)(tasks, work=work):
+        if isinstance(result, Done):
+            back += [outcome.number for outcome in result.outcomes]
         else:
-            back += [outcome.number for outcome in result]
-    return {"back": sorted(back), "lost": lost}
+            lost += tasks[result.place].numbers
+            reasons.append(result.reason)
+    return {"back": sorted(back), "lost": sorted(lost), "reasons": sorted(reasons)}
+
+
+def both(workers):
+    folder, tables = sys.argv[2:]
+    options = ("--campaigns", str(COUNT), "--workers", workers, "--to", tables)
+    code = run_command(["study", folder, *options])
+    return {"code": code, "told": told(workers)}
 
 
 def main():
-    tasks = [StudyTask(None, (n, n + 1), np.empty((2, 29))) for n in range(0, 40, 2)]
     if sys.argv[1] == "local":
-        document = told(local_results(tasks, 2, work))
+        document = both("2")
     else:
-        from distributed import LocalCluster
+        document = on_a_cluster()
+    sys.stderr.write(json.dumps(document) + "\n")
 
-        with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-            document = told(cluster_results(tasks, cluster.scheduler_address, work))
-    sys.stdout.write(json.dumps(document))
+
+def on_a_cluster():
+    """Workers that have died once each are perhaps not started again: one is left in any case."""
+    import dask
+    from distributed import LocalCluster
+
+    dask.config.set({"distributed.scheduler.allowed-failures": 0})
+    room = {"n_workers": 3, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
+    with LocalCluster(**room) as cluster:
+        return both(cluster.scheduler_address)
 
 
 if __name__ == "__main__":

@@ -1,20 +1,23 @@
-"""Work for the tests of workers: some of it kills who does it."""
+"""Work for the tests of workers: some of it kills who does it, some of it fails."""
 
 import os
 import signal
 
-from campaigns.study import CampaignOutcome
+from campaigns.study_setup import CampaignOutcome
 
 POISON = 13
+FAULT = 22
 
 
 def work(task):
     """An outcome for each campaign; the poisoned one kills its process as a full memory would."""
     if POISON in task.numbers:
         os.kill(os.getpid(), signal.SIGKILL)
-    return tuple(CampaignOutcome(number, None, "looked at") for number in task.numbers)
+    if FAULT in task.numbers:
+        raise ZeroDivisionError("by nothing")
+    return harmless(task)
 
 
 def harmless(task):
-    """The same without the poison."""
+    """The same without poison and fault."""
     return tuple(CampaignOutcome(number, None, "looked at") for number in task.numbers)

@@ -1,153 +1,392 @@
-"""pkmcal study: from a campaign's folder to a table and a verdict on σ."""
+"""pkmcal study: from plans, scenarios and estimators to tables and a verdict on σ."""
 
+import csv
 import json
 import shutil
+from functools import partial
 
+import matplotlib.image
 import pytest
-import typer
-from typer.testing import CliRunner
 
-from app.commands import study
-from app.errors import UsageInvalid
-from app.folder import open_campaign
+from app.folder import now_utc
 from app.main import run_command
-from app.study import running
-from app.study.setup import study_scenario, study_setup, uncertainty_of
-from app.study.workers import Lost
-from campaigns.errors import OutputExists
+from app.study.cluster import Patience, cluster_results
+from app.study.comparison import COLUMNS
+from app.study.results import Done, Lost
+from app.study.setup import left_out, uncertainty_of
+from app.study.workers import local_results
+from campaigns.lock import campaign_lock
 from campaigns.numerics.geometry import FREE_BY_DEFAULT
 from sim.scenario import load_scenario
 
-
-@pytest.fixture(scope="module")
-def planned_once(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("study") / "small"
-    assert run_command(["new", str(folder), "--scenario", "paper-simulation"]) == 0
-    assert run_command(["plan", str(folder), "--shots", "50"]) == 0
-    return folder
+TABLE = "plan-paper-simulation-points.csv"
 
 
 @pytest.fixture
-def folder(planned_once, tmp_path):
-    return shutil.copytree(planned_once, tmp_path / "small")
-
-
-@pytest.fixture
-def studied():
-    """Runs the command and gives its exit code and document."""
-    door = typer.Typer()
-    door.command()(study.command)
+def pkmcal(capsys):
+    """Runs a command; gives its exit code, its answer and what it said."""
 
     def run(*arguments):
-        ended = CliRunner().invoke(door, [*map(str, arguments), "--json"])
-        if ended.exception is not None and not isinstance(ended.exception, SystemExit):
-            raise ended.exception
-        return ended.exit_code, json.loads(ended.stdout)
+        capsys.readouterr()
+        code = run_command([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
 
     return run
 
 
-def table_of(folder):
-    return (folder / "study.csv").read_text(encoding="utf-8")
+@pytest.fixture
+def studied(pkmcal):
+    """Studies in this process; gives exit code and document."""
+
+    def run(*arguments):
+        code, out, err = pkmcal("study", *arguments, "--workers", 1, "--json")
+        assert code in {0, 1}, err
+        return code, json.loads(out)
+
+    return run
+
+
+@pytest.fixture
+def refused(pkmcal):
+    """Gives the line in which a study is refused, before anything is written."""
+
+    def run(folder, *arguments):
+        code, out, err = pkmcal("study", folder, *arguments)
+        assert (code, out) == (2, "")
+        assert not (folder / "study").exists()
+        (line,) = err.splitlines()
+        assert line.startswith("pkmcal: ")
+        assert " → " in line
+        return line
+
+    return run
+
+
+def table_of(folder, name=TABLE):
+    return (folder / "study" / name).read_text(encoding="utf-8")
 
 
 def test_document_and_table_tell_of_every_campaign(folder, studied):
     code, document = studied(folder, "--campaigns", 30)
     assert code == 0
     assert document["schema"] == "pkmcal/study/1"
-    assert (document["campaigns"], document["failed"], document["lost"]) == (30, 0, 0)
-    assert tuple(document["parameters"]) == FREE_BY_DEFAULT
-    assert 0.5 < document["parameters"]["plate_mm"]["ratio"] < 2.0
-    assert 0.0 < document["unseen_mean_mm"]["median"] < document["unseen_max_mm"]["q95"] < 0.1
+    (found,) = document["combinations"]
+    assert (found["plan"], found["scenario"], found["estimator"]) == (
+        *("plan", "paper-simulation", "points"),
+    )
+    assert (found["shots"], found["pairs"]) == (50, 25)
+    assert (found["campaigns"], found["failed"], found["lost"]) == (30, 0, 0)
+    assert tuple(found["parameters"]) == FREE_BY_DEFAULT
+    plate = found["parameters"]["plate_mm"]
+    assert 0.5 < plate["ratio"] < 2.0
+    assert plate["variance_over_bound"] == pytest.approx(
+        (plate["std"] / plate["bound_std"]) ** 2, rel=1e-3
+    )
+    assert 0.0 < found["unseen_mean_mm"]["median"] < found["unseen_max_mm"]["q95"] < 0.1
+    assert found["path"] == str(folder / "study" / TABLE)
     assert len(table_of(folder).splitlines()) == 31
 
 
-def test_study_goes_on_where_it_was_stopped(folder, studied, monkeypatch):
-    studied(folder, "--campaigns", 60)
+def test_document_is_kept_beside_the_tables(folder, studied):
+    _, document = studied(folder, "--campaigns", 5)
+    kept = json.loads((folder / "study" / "study.json").read_text())
+    assert kept | {"path": str(folder / "study")} == document
+
+
+def test_every_plan_meets_every_scenario_and_estimator(folder, studied):
+    other = shutil.copy(folder / "plan.csv", folder / "other.csv")
+    code, document = studied(
+        *(folder, "--campaigns", 5, "--plan", folder / "plan.csv", "--plan", other),
+        *("--scenario", "realistic", "--scenario", "paper-simulation"),
+        *("--estimator", "points", "--estimator", "distances"),
+    )
+    assert code == 0
+    words = [(c["scenario"], c["plan"], c["estimator"]) for c in document["combinations"]]
+    assert words == [
+        (scenario, plan, estimator)
+        for scenario in ("realistic", "paper-simulation")
+        for plan in ("plan", "other")
+        for estimator in ("points", "distances")
+    ]
+    assert sum(path.name.endswith(("points.csv", "distances.csv")) for path in tables(folder)) == 8
+    assert document["computed"] == 40
+
+
+def tables(folder):
+    return list((folder / "study").iterdir())
+
+
+def test_comparison_is_against_the_first_of_the_same_scenario(folder, studied):
+    other = shutil.copy(folder / "plan.csv", folder / "other.csv")
+    words = (folder, "--campaigns", 5, "--plan", folder / "plan.csv", "--plan", other)
+    _, document = studied(*words, "--estimator", "points", "--estimator", "distances")
+    with (folder / "study" / "comparison.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == COLUMNS
+    relative = [float(row["unseen_relative"]) for row in rows]
+    assert relative[0] == relative[2] == 1.0, "the same plan by another name, the same draws"
+    assert relative[1] == relative[3] > 1.5, "distances tell less than points"
+    assert [c["unseen_relative"] for c in document["combinations"]] == relative
+    lengths = [
+        max(p["std"] for name, p in c["parameters"].items() if name.endswith("_mm"))
+        for c in document["combinations"]
+    ]
+    assert [float(row["worst_length_mm"]) for row in rows] == lengths
+
+
+def test_plans_are_judged_by_the_unseen_pairs_of_the_campaigns_own(folder, studied):
+    blind = folder / "blind.csv"
+    lines = (folder / "plan.csv").read_text().splitlines()
+    blind.write_text("\n".join(line for line in lines if ",validation," not in line) + "\n")
+    _, document = studied(folder, "--campaigns", 3, "--plan", blind)
+    assert document["combinations"][0]["unseen_mean_mm"] is not None
+    blind.rename(folder / "plan.csv")
+    _, document = studied(folder, "--campaigns", 3, "--to", folder / "elsewhere")
+    assert document["combinations"][0]["unseen_mean_mm"] is None
+    assert document["combinations"][0]["unseen_relative"] is None
+
+
+def test_patterns_say_what_is_found_and_what_is_held(folder, studied):
+    _, document = studied(
+        *(folder, "--campaigns", 3, "--fix", "arm[023].*", "--fix", "plate_mm"),
+        *("--fix", "arm1.forearm_mm", "--free", "arm2.z_mm"),
+    )
+    names = tuple(document["combinations"][0]["parameters"])
+    arm = ("arm1.x_mm", "arm1.y_mm", "arm1.z_mm", "arm1.joint_offset_deg", "arm1.arm_mm")
+    assert names == (*arm, "arm2.z_mm")
+
+
+@pytest.fixture
+def small_tasks(monkeypatch):
+    monkeypatch.setattr("app.study.setup.CAMPAIGNS_A_TASK", 4)
+
+
+def stopped_after_one_task(tasks):
+    yield next(iter(local_results(tasks, 1)))
+    raise KeyboardInterrupt
+
+
+def loses_the_second_task(tasks):
+    yield Lost(1, "killed")
+    for result in local_results([tasks[0], *tasks[2:]], 1):
+        yield Done(result.place and result.place + 1, result.outcomes)
+
+
+def with_workers(monkeypatch, results_of):
+    monkeypatch.setattr("app.study.workers.workers_of", lambda text: results_of)
+
+
+@pytest.mark.usefixtures("small_tasks")
+def test_study_goes_on_where_it_was_stopped(folder, pkmcal, studied, monkeypatch):
+    studied(folder, "--campaigns", 10)
     whole = table_of(folder)
-    (folder / "study.csv").unlink()
-
-    def stopped_after_one_task(tasks):
-        yield next(iter(running.local_results(tasks, 1)))
-        raise KeyboardInterrupt
-
+    shutil.rmtree(folder / "study")
     with monkeypatch.context() as patched:
-        patched.setattr(running, "workers_of", lambda _: stopped_after_one_task)
-        with pytest.raises(KeyboardInterrupt):
-            studied_now(folder, 60)
-    assert len(table_of(folder).splitlines()) == 26
-    _, document = studied(folder, "--campaigns", 60)
-    assert document["computed"] == 35
+        with_workers(patched, stopped_after_one_task)
+        code, _, err = pkmcal("study", folder, "--campaigns", 10)
+    assert code == 130
+    assert "interrupted" in err
+    assert len(table_of(folder).splitlines()) == 5
+    torn = table_of(folder)[:-100]
+    (folder / "study" / TABLE).write_text(torn, encoding="utf-8")
+    _, document = studied(folder, "--campaigns", 10)
+    assert document["computed"] == 7
     assert table_of(folder) == whole
 
 
-def studied_now(folder, count):
-    asked = study.Asked(count, "points", None, FREE_BY_DEFAULT, "1", 1, None)
-    study.study(open_campaign(folder), asked, Silent())
-
-
-class Silent:
-    def note(self, text):
-        """Nobody listens."""
-
-
-def test_finished_study_computes_nothing_again(folder, studied):
-    studied(folder, "--campaigns", 10)
-    _, document = studied(folder, "--campaigns", 10)
-    assert document["computed"] == 0
+def test_finished_study_computes_nothing_again_and_a_larger_one_only_what_is_new(folder, studied):
+    _, first = studied(folder, "--campaigns", 10)
+    _, again = studied(folder, "--campaigns", 10)
+    assert again["computed"] == 0
+    assert again["combinations"][0]["parameters"] == first["combinations"][0]["parameters"]
+    _, more = studied(folder, "--campaigns", 12)
+    assert (more["computed"], more["combinations"][0]["campaigns"]) == (2, 12)
 
 
 def test_smaller_number_looks_at_the_first_only(folder, studied):
     studied(folder, "--campaigns", 30)
     _, document = studied(folder, "--campaigns", 10)
-    assert (document["campaigns"], document["computed"]) == (10, 0)
+    assert (document["combinations"][0]["campaigns"], document["computed"]) == (10, 0)
     assert len(table_of(folder).splitlines()) == 31
 
 
-def test_lost_campaigns_make_the_study_unfinished(folder, studied, monkeypatch):
-    def loses_the_second_task(tasks):
-        yield Lost(tasks[1].numbers, "killed")
-        yield from running.local_results([tasks[0], *tasks[2:]], 1)
-
+@pytest.mark.usefixtures("small_tasks")
+def test_lost_campaigns_make_the_study_unfinished(folder, pkmcal, studied, monkeypatch):
     with monkeypatch.context() as patched:
-        patched.setattr(running, "workers_of", lambda _: loses_the_second_task)
-        code, document = studied(folder, "--campaigns", 60)
+        with_workers(patched, loses_the_second_task)
+        code, out, err = pkmcal("study", folder, "--campaigns", 10, "--json")
     assert code == 1
-    assert (document["campaigns"], document["lost"]) == (35, 25)
-    code, document = studied(folder, "--campaigns", 60)
+    document = json.loads(out)
+    assert document["lost"] == document["combinations"][0]["lost"] == 4
+    assert "4 campaigns lost: killed" in err
+    assert "the same command" in err
+    code, document = studied(folder, "--campaigns", 10)
     assert code == 0
-    assert (document["campaigns"], document["computed"]) == (60, 25)
+    assert (document["lost"], document["computed"]) == (0, 4)
 
 
-def test_other_estimator_needs_a_table_of_its_own(folder, studied):
-    studied(folder, "--campaigns", 5)
-    with pytest.raises(OutputExists, match="belongs to another study"):
-        studied(folder, "--campaigns", 5, "--estimator", "distances")
-    other = folder / "distances.csv"
-    code, document = studied(folder, "--campaigns", 5, "--estimator", "distances", "--to", other)
+def test_screen_names_every_parameter_of_one_combination_and_the_worst_of_several(folder, pkmcal):
+    one, several = (
+        pkmcal("study", folder, "--campaigns", 5, "--workers", 1, *more)[1]
+        for more in ((), ("--estimator", "points", "--estimator", "distances"))
+    )
+    assert all(name in one for name in FREE_BY_DEFAULT)
+    assert "stated σ are true, as far as 5 campaigns tell" in one
+    assert "\n points" in several
+    assert "\n distances" in several
+    assert "arm2" not in several.split("stated σ")[0]
+    for line in (one + several).splitlines():
+        if not line.startswith((*FREE_BY_DEFAULT, "plan", "points", "distances", "written")):
+            assert len(line) <= 80
+
+
+def test_picture_shows_every_combination(folder, pkmcal):
+    picture = folder / "study.svg"
+    code, _, _ = pkmcal(
+        *("study", folder, "--campaigns", 5, "--workers", 1, "--plot", picture),
+        *("--estimator", "points", "--estimator", "distances"),
+    )
     assert code == 0
-    assert document["path"] == str(other)
+    drawn = picture.read_text(encoding="utf-8")
+    for words in ("points (5 campaigns)", "distances (5 campaigns)", *FREE_BY_DEFAULT):
+        assert f">{words}</text>" in drawn
 
 
-def test_wrong_workers_leave_no_table(folder, studied):
-    with pytest.raises(UsageInvalid, match="--workers"):
-        studied(folder, "--campaigns", 5, "--workers", "many")
-    assert not (folder / "study.csv").exists()
+def test_study_without_unseen_pairs_has_a_picture_too(folder, pkmcal):
+    lines = (folder / "plan.csv").read_text().splitlines()
+    kept = [line for line in lines if ",validation," not in line]
+    (folder / "plan.csv").write_text("\n".join(kept) + "\n")
+    picture = folder / "study.png"
+    code, *_ = pkmcal("study", folder, "--campaigns", 3, "--workers", 1, "--plot", picture)
+    assert code == 0
+    assert matplotlib.image.imread(picture).shape[2] == 4
 
 
-def test_campaign_for_real_devices_needs_a_scenario(folder):
+def test_what_no_parameter_describes_is_said_to_be_missing(folder, pkmcal):
+    _, _, err = pkmcal("study", folder, "--campaigns", 2, "--workers", 1, "--scenario", "realistic")
+    missing = "rods of unequal length, tilted axes, backlash, repeatability, warm arms"
+    assert f"realistic: not simulated here: {missing}" in err
+    assert left_out(load_scenario("paper-simulation")) == ()
+    assert left_out(load_scenario("hostile"))[-1] == "faults"
+
+
+def test_wrong_model_makes_the_stated_deviations_look_too_small(folder, pkmcal):
+    _, out, _ = pkmcal(
+        "study", folder, "--campaigns", 20, "--workers", 1, "--scenario", "realistic"
+    )
+    assert "stated σ are too small" in out, "azimuths differ, and nobody looks for them"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--campaigns", "1"], ["--campaigns", "1"]),
+        (["--campaigns", "5", "--workers", "many"], ["--workers is 'many'", "tcp://HOST:PORT"]),
+        (["--campaigns", "5", "--estimator", "guess"], ["--estimator", "guess", "points"]),
+        (["--campaigns", "5", "--free", "arm9.*"], ["arm9.*", "matches no parameter"]),
+        (["--campaigns", "5", "--scenario", "realistc"], ["realistc", "realistic"]),
+        (["--campaigns", "5", "--plan", "nowhere.csv"], ["nowhere.csv", "pkmcal plan"]),
+        (["--campaigns", "5", "--free", "arm0.x_mm"], ["arm0.x_mm, arm1.x_mm", "move together"]),
+        (
+            ["--campaigns", "5", "--estimator", "distances", "--free", "arm[123].azimuth_deg"],
+            ["50 shots in 25 pairs are too few for 25 parameters by distances", "--fix"],
+        ),
+    ],
+)
+def test_what_cannot_be_studied_is_refused_before_anything_is_written(
+    folder, refused, arguments, words
+):
+    line = refused(folder, *arguments)
+    for word in words:
+        assert word in line
+
+
+def test_scheduler_that_is_not_there_is_refused_within_seconds(folder, pkmcal, monkeypatch):
+    at_once = partial(cluster_results, patience=Patience(connect_s=0.2))
+    monkeypatch.setattr("app.study.workers.cluster_results", at_once)
+    code, _, err = pkmcal("study", folder, "--campaigns", 5, "--workers", "tcp://127.0.0.1:1")
+    assert code == 2
+    assert err.count("\n") == 1
+    assert "no Dask scheduler answers at tcp://127.0.0.1:1" in err
+    assert not (folder / "study" / TABLE).exists()
+
+
+def test_campaign_for_real_devices_needs_a_scenario(folder, refused):
     (folder / "cell.yaml").unlink()
-    campaign = open_campaign(folder)
-    with pytest.raises(UsageInvalid, match="--scenario paper-simulation"):
-        study_scenario(campaign, None)
-    assert study_scenario(campaign, "realistic").name == "realistic"
+    assert "--scenario paper-simulation" in refused(folder, "--campaigns", 5)
 
 
-def test_plan_with_hardly_more_pairs_than_parameters_is_refused(folder):
-    campaign = open_campaign(folder)
-    free = (*FREE_BY_DEFAULT, "arm1.azimuth_deg", "arm2.azimuth_deg", "arm3.azimuth_deg")
-    with pytest.raises(UsageInvalid, match="25 pairs for 25 parameters"):
-        study_setup(campaign, load_scenario("realistic"), "points", free, seed=1)
+def test_campaign_without_a_plan_is_refused(folder, refused):
+    (folder / "plan.csv").unlink()
+    assert "pkmcal plan" in refused(folder, "--campaigns", 5)
+
+
+def test_shot_at_which_the_robot_cannot_be_assembled_is_named(folder, refused):
+    lines = (folder / "plan.csv").read_text().splitlines()
+    place = next(n for n, line in enumerate(lines) if ",identification," in line)
+    cells = lines[place].split(",")
+    lines[place] = ",".join([*cells[:7], "-170", "170", "-170", "170"])
+    (folder / "plan.csv").write_text("\n".join(lines) + "\n")
+    line = refused(folder, "--campaigns", 5)
+    assert f"plan.csv: shot {cells[0]}: the nominal robot cannot be assembled" in line
+
+
+def test_scenario_without_noise_is_refused(folder, refused):
+    cell = (folder / "cell.yaml").read_text()
+    silent = "{" + ", ".join(
+        f"{axis}: {{constant_um: 0, per_metre_um: 0}}" for axis in ("along", "azimuth", "elevation")
+    )
+    (folder / "cell.yaml").write_text(cell.replace("{coordinate_mm: 0.008660254}", silent + "}"))
+    assert "no noise" in refused(folder, "--campaigns", 5)
+
+
+def test_plans_that_are_called_alike_are_refused(folder, refused):
+    (folder / "other").mkdir()
+    other = shutil.copy(folder / "plan.csv", folder / "other" / "plan.csv")
+    line = refused(folder, "--campaigns", 5, "--plan", folder / "plan.csv", "--plan", other)
+    assert "called alike: plan · paper-simulation · points" in line
+
+
+def test_same_plan_named_twice_is_studied_once(folder, studied):
+    plan = folder / "plan.csv"
+    _, document = studied(folder, "--campaigns", 3, "--plan", plan, "--plan", plan)
+    assert len(document["combinations"]) == 1
+
+
+@pytest.mark.parametrize("other", [("--seed", 2), ("--fix", "plate_mm")])
+def test_table_of_another_study_is_refused_and_left_alone(folder, pkmcal, studied, other):
+    studied(folder, "--campaigns", 3)
+    before = table_of(folder)
+    code, _, err = pkmcal("study", folder, "--campaigns", 3, "--workers", 1, *other)
+    assert code == 2
+    assert "--to" in err or "unknown column" in err
+    assert table_of(folder) == before
+    code, *_ = pkmcal(
+        "study", folder, "--campaigns", 3, *other, "--to", folder / "b", "--workers", 1
+    )
+    assert code == 0
+
+
+def test_study_without_answers_names_the_combination_and_the_reason(folder, pkmcal):
+    cell = (folder / "cell.yaml").read_text()
+    (folder / "cell.yaml").write_text(
+        cell.replace("arm0.forearm_mm: -1.0", "arm0.forearm_mm: -500.0")
+    )
+    code, _, err = pkmcal("study", folder, "--campaigns", 3, "--workers", 1)
+    assert code == 2
+    assert "plan · paper-simulation · points: 0 of 3 campaigns could be identified" in err
+    assert "no assembly" in err
+
+
+def test_second_study_in_the_same_tables_is_kept_out(folder, pkmcal):
+    (folder / "study").mkdir()
+    with campaign_lock(folder / "study", now_utc=now_utc):
+        code, _, err = pkmcal("study", folder, "--campaigns", 3)
+    assert code == 2
+    assert "another process" in err
+    code, *_ = pkmcal("study", folder, "--campaigns", 3, "--workers", 1)
+    assert code == 0
 
 
 def test_noise_is_the_scenarios():

@@ -1,0 +1,227 @@
+"""From options and campaign.yaml to a plan in the campaign's folder, and what it will tell."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from app.errors import UsageInvalid
+from campaigns.estimators import Estimator
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.random import Generator
+
+    from app.folder import Campaign
+    from app.forecast import Forecast
+    from campaigns.foresight import Expected
+    from campaigns.numerics.criteria import CriterionName
+    from campaigns.numerics.geometry import Array
+    from campaigns.numerics.placement import Region
+    from campaigns.optimal_planning import OptimalRequest
+    from campaigns.plan_check import CheckedPlan
+    from campaigns.plan_file import PlannedShot
+
+WORKSPACE_SEED = 1
+"""Positions are judged at the same places for every plan of a robot."""
+
+
+class Placement(Enum):
+    """Where poses are placed; the value is the word on the command line and in campaign.yaml."""
+
+    BOUNDARY = "boundary"
+    OPTIMAL = "optimal"
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What the options say; None where they say nothing. Raises `UsageInvalid`."""
+
+    shots: int | None = None
+    placement: Placement | None = None
+    until: str | None = None
+    criterion: "CriterionName | None" = None
+    candidates: int | None = None
+    estimator: Estimator = Estimator.POINTS
+    free: tuple[str, ...] = ()
+    fix: tuple[str, ...] = ()
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.shots is not None and self.shots % 2:
+            raise UsageInvalid(
+                f"--shots is {self.shots}, but two make a pair", remedy="give an even number"
+            )
+        if self.placement is Placement.BOUNDARY and self.choosing:
+            option = self.choosing[0]
+            raise UsageInvalid(
+                f"{option} is for shots that are chosen, but --placement boundary draws them",
+                remedy=f"give --placement optimal, or leave {option} out",
+            )
+
+    @property
+    def choosing(self) -> tuple[str, ...]:
+        """The options given that only choosing can heed."""
+        options = {
+            "--until": self.until,
+            "--criterion": self.criterion,
+            "--candidates": self.candidates,
+        }
+        return tuple(option for option, value in options.items() if value is not None)
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What options and settings say together."""
+
+    placement: Placement
+    request: "OptimalRequest"
+    """Where shots are not chosen, only what they are for."""
+    seed: int
+
+
+def make(campaign: "Campaign", asked: Asked | None = None) -> "tuple[CheckedPlan, Forecast]":
+    """Make, check and write a plan; an older one is kept.
+
+    Raises `UsageInvalid`, `GoalInvalid`, `KnowledgeInvalid`, `PlanInvalid` or `WriteFailed`.
+    """
+    import numpy as np
+
+    from app.folder import held
+    from app.setup import checked_plan
+
+    wanted = wanted_of(campaign, asked or Asked())
+    shots, curve = _placed(campaign, wanted, np.random.default_rng(wanted.seed))
+    checked = checked_plan(campaign, shots)
+    forecast = _forecast(campaign, wanted, checked.shots, curve)
+    with held(campaign):
+        _write_beside_older(campaign.plan_path, checked.shots)
+    return checked, forecast
+
+
+def wanted_of(campaign: "Campaign", asked: Asked) -> Wanted:
+    """Options before settings; raises `GoalInvalid`, `KnowledgeInvalid` or `UsageInvalid`."""
+    from app.setup import plan_request_of
+    from app.view import tracker_uncertainty_of
+    from campaigns.knowledge import knowledge
+    from campaigns.optimal_planning import CANDIDATES, MOST_SHOTS, OptimalRequest
+
+    free = knowledge(asked.free, asked.fix).free
+    until_mm = None if asked.until is None else _goal_mm(asked.until, free)
+    most = MOST_SHOTS if asked.shots is None and until_mm is not None else asked.shots
+    request = OptimalRequest(
+        plan_request_of(campaign, most),
+        tracker_uncertainty_of(campaign.config),
+        asked.estimator,
+        asked.criterion or "I",
+        free,
+        until_mm,
+        asked.candidates or CANDIDATES,
+    )
+    settings = campaign.config.plan
+    by_options = Placement.OPTIMAL if asked.choosing else asked.placement
+    seed = settings.seed if asked.seed is None else asked.seed
+    return Wanted(by_options or Placement(settings.placement), request, seed)
+
+
+def _goal_mm(text: str, free: tuple[str, ...]) -> float:
+    from campaigns.goal import read_goal
+
+    if not any(name.endswith("_mm") for name in free):
+        raise UsageInvalid(
+            "--until is a goal for lengths, but --fix leaves no length to find",
+            remedy="give --shots instead, or fix fewer",
+        )
+    return read_goal(text).std_mm
+
+
+def _placed(
+    campaign: "Campaign", wanted: Wanted, rng: "Generator"
+) -> "tuple[tuple[PlannedShot, ...], tuple[Expected, ...]]":
+    """The shots, and what other numbers of them would tell."""
+    from app.view import view_of
+    from campaigns.optimal_planning import make_optimal_plan
+    from campaigns.planning import make_plan
+
+    robot, view = campaign.nominal.robot, view_of(campaign)
+    if wanted.placement is Placement.BOUNDARY:
+        return make_plan(robot, view, wanted.request.plan, rng), ()
+    made = make_optimal_plan(robot, view, wanted.request, rng)
+    return made.shots, made.curve
+
+
+def _forecast(
+    campaign: "Campaign",
+    wanted: Wanted,
+    shots: "tuple[PlannedShot, ...]",
+    curve: "tuple[Expected, ...]",
+) -> "Forecast":
+    """Raises `PlanInvalid` for parameters that nothing could tell apart."""
+    from app.forecast import Forecast
+    from campaigns.foresight import CurvePoint, Means, foresee, workspace_rows
+
+    region, request = _region(campaign), wanted.request
+    judged_at = workspace_rows(region.geometry, request.free, _workspace(region, shots))
+    means = Means(request.estimator, request.free, request.uncertainty)
+    return Forecast(
+        foresee(shots, region.geometry, region.view_from_mm, means, judged_at),
+        tuple(CurvePoint.of(at, judged_at) for at in curve),
+        request.estimator,
+        wanted.placement.value,
+        request.criterion if wanted.placement is Placement.OPTIMAL else None,
+        wanted.seed,
+    )
+
+
+def _region(campaign: "Campaign") -> "Region":
+    from app.view import centre_of, view_of
+    from campaigns.planning import numeric_geometry, numeric_limits, region_of, with_reserve
+
+    robot = campaign.nominal.robot
+    limits = with_reserve(numeric_limits(robot))
+    return region_of(numeric_geometry(robot), limits, view_of(campaign), centre_of(campaign))
+
+
+def _workspace(region: "Region", shots: "tuple[PlannedShot, ...]") -> "Array":
+    """Where positions are judged, (N, 4): at the plan's own poses where hardly any others are."""
+    import numpy as np
+
+    from campaigns.foresight import workspace_poses
+    from campaigns.numerics.placement import WorkspaceTooSmall
+    from campaigns.planning import poses_of
+
+    try:
+        return workspace_poses(region, np.random.default_rng(WORKSPACE_SEED))
+    except WorkspaceTooSmall:
+        return poses_of(shots)
+
+
+def _write_beside_older(path: "Path", shots: "tuple[PlannedShot, ...]") -> None:
+    """Write a plan; an older one is kept under the first free number, or stays if that fails."""
+    from campaigns.errors import CampaignError
+    from campaigns.plan_file import write_plan
+
+    older = _moved_aside(path)
+    try:
+        write_plan(path, shots)
+    except CampaignError:
+        if older is not None:
+            older.rename(path)
+        raise
+
+
+def _moved_aside(path: "Path") -> "Path | None":
+    from campaigns.errors import WriteFailed
+
+    if not path.exists():
+        return None
+    number = 1
+    while (older := path.with_name(f"plan-older-{number}.csv")).exists():
+        number += 1
+    try:
+        return path.rename(older)
+    except OSError as error:
+        raise WriteFailed(
+            f"{path}: cannot be renamed to {older.name} ({error.strerror})",
+            remedy="check that this user may write the folder",
+        ) from error

@@ -1,0 +1,77 @@
+"""A plan: where it measures, how well parameters will be known, what more shots would tell."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, FigureBase
+from matplotlib.ticker import LogLocator, StrMethodFormatter
+
+from app.report.figures.drawing import AFTER, BEFORE, QUIET, in_house_style, new_figure
+from app.report.figures.workspace import ROUND_FACTORS, draw_poses
+from campaigns.foresight import CurvePoint, Expected
+from campaigns.numerics.geometry import Array
+from campaigns.shot_sets import ShotSet
+
+POSES_MM, STD_MM, CURVE_MM = 88.0, 58.0, 58.0
+"""Heights of the parts."""
+MOST_TICKS = 12
+
+
+@in_house_style
+def plan_picture(
+    poses: Array,
+    purposes: tuple[ShotSet, ...],
+    expected: Expected,
+    curve: Sequence[CurvePoint],
+) -> Figure:
+    """Poses (N, 4) by what they are for; σ of parameters, if all will be known; the curve."""
+    heights = [POSES_MM]
+    heights += [STD_MM] if expected.tells_all else []
+    heights += [CURVE_MM] if curve else []
+    figure = new_figure(sum(heights))
+    parts = list(figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False).flat)
+    draw_poses(parts.pop(0), poses, purposes)
+    if expected.tells_all:
+        _draw_std(parts.pop(0), expected)
+    if curve:
+        _draw_curve(parts.pop(0), curve, expected.shots)
+    return figure
+
+
+def _draw_std(figure: FigureBase, expected: Expected) -> None:
+    """Bars, lengths and angles each with an axis of their own."""
+    std = expected.std_in_file_units
+    kinds = {unit: {n: s for n, s in std.items() if n.endswith(unit)} for unit in ("_mm", "_deg")}
+    shown = {unit: values for unit, values in kinds.items() if values}
+    widths = [max(len(values), 4) for values in shown.values()]
+    every = figure.subplots(1, len(shown), width_ratios=widths, squeeze=False)[0]
+    for axes, (unit, values) in zip(every, shown.items(), strict=True):
+        _draw_bars(axes, {name.removesuffix(unit): value for name, value in values.items()})
+        axes.set_title(f"predicted σ, {unit[1:]}")
+
+
+def _draw_bars(axes: Axes, values: Mapping[str, float]) -> None:
+    axes.bar(range(len(values)), list(values.values()), color=AFTER, width=0.7)
+    axes.set_xticks(range(len(values)), list(values), rotation=90)
+    axes.grid(visible=False, axis="x")
+
+
+def _draw_curve(figure: FigureBase, curve: Sequence[CurvePoint], own: int) -> None:
+    """By number of shots, this plan's own marked, both axes by powers."""
+    lengths, angles = figure.subplots(1, 2)
+    shots = [at.expected.shots for at in curve]
+    worst = [at.expected.worst_length_mm for at in curve]
+    lengths.plot(shots, worst, "o-", color=AFTER, label="worst length")
+    positions = [at.position_mm for at in curve]
+    lengths.plot(shots, positions, "D-", color=BEFORE, label="position, mean")
+    worst_deg = [math.degrees(at.expected.worst_angle_rad) for at in curve]
+    angles.plot(shots, worst_deg, "o-", color=AFTER, label="worst angle")
+    for axes, unit in ((lengths, "mm"), (angles, "deg")):
+        axes.axvline(own, color=QUIET, linewidth=0.8, linestyle="--", label="this plan", zorder=1.5)
+        axes.set(xscale="log", yscale="log", xlabel="shots to identify from", ylabel=f"σ, {unit}")
+        axes.set_xticks(shots, [str(count) for count in shots])
+        axes.yaxis.set_major_locator(LogLocator(subs=ROUND_FACTORS, numticks=MOST_TICKS))
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.minorticks_off()
+        axes.legend(loc="upper right", frameon=True, facecolor="white", edgecolor="none")

@@ -1,0 +1,71 @@
+"""What a study compares: every plan with every scenario and every estimator."""
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+from app.errors import UsageInvalid
+from app.folder import Campaign
+from app.study.setup import Asked, robots_drawn, study_scenario, study_setup
+from campaigns.estimators import Estimator
+from campaigns.study_setup import StudySetup
+from campaigns.study_table import StudyTable
+from sim.scenario_schema import Scenario
+
+UNFIT_FOR_FILES = re.compile(r"[^\w.-]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Combination:
+    """One plan, scenario and estimator; its campaigns have a table of their own."""
+
+    plan: str
+    scenario: Scenario
+    setup: StudySetup
+    table: StudyTable
+
+    @property
+    def estimator(self) -> Estimator:
+        """What its fits compare."""
+        return self.setup.estimator
+
+    def __str__(self) -> str:
+        """As people are told."""
+        return " · ".join(self.words)
+
+    @property
+    def words(self) -> tuple[str, str, str]:
+        """Plan, scenario and estimator."""
+        return self.plan, self.scenario.name, self.estimator.value
+
+
+def combinations(campaign: Campaign, asked: Asked, folder: Path) -> tuple[Combination, ...]:
+    """All of them, by scenario, then plan, then estimator; their tables lie in `folder`.
+
+    Raises `PlanInvalid`, `ScenarioInvalid` and `UsageInvalid`.
+    """
+    found = tuple(_combinations(campaign, asked, folder))
+    seen: dict[Path, Combination] = {}
+    for combination in found:
+        other = seen.setdefault(combination.table.path, combination)
+        if other is not combination:
+            raise UsageInvalid(
+                f"two plans or scenarios are called alike: {combination}",
+                remedy="give one of the files another name (a scenario: another `name:`)",
+            )
+    return found
+
+
+def _combinations(campaign: Campaign, asked: Asked, folder: Path) -> Iterator[Combination]:
+    plans = dict.fromkeys(asked.plans or [campaign.plan_path])
+    names: Iterable[str | None] = dict.fromkeys(asked.scenarios) or [None]
+    estimators = dict.fromkeys(asked.estimators or [Estimator.POINTS])
+    scenarios = [study_scenario(campaign, name) for name in names]
+    for scenario, plan, estimator in product(scenarios, plans, estimators):
+        setup = study_setup(campaign, plan, scenario, estimator, asked)
+        stem = "-".join((plan.stem, scenario.name, estimator.value))
+        path = folder / f"{UNFIT_FOR_FILES.sub('_', stem)}.csv"
+        table = StudyTable(path, setup.digest(robots_drawn(scenario)), setup.free)
+        yield Combination(plan.stem, scenario, setup, table)

@@ -1,0 +1,159 @@
+"""A study's picture: errors against the normal distribution, honesty by parameter, what is left."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from app.report.figures.drawing import (
+    AFTER,
+    BEFORE,
+    GRID,
+    INK,
+    QUIET,
+    in_house_style,
+    new_figure,
+)
+from app.study.comparison import Compared
+from app.study.tables import labels
+from campaigns.study_summary import CONFIDENCE, normal_scores
+
+Line = Literal["-", "--", ":", "-."]
+
+COLOURS = (AFTER, BEFORE, "#98281f", "#5f8f6b", "#7a5c99", QUIET)
+MARKS = "osD^vP"
+LINES: tuple[Line, ...] = ("-", "--", ":", "-.")
+SCORES = np.linspace(-4.0, 4.0, 65)
+"""Edges of the histogram of normal scores."""
+DODGE = 0.6
+"""Of a parameter's place, over which combinations stand side by side."""
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """How a combination is drawn; a mark and a line tell it in grey print too."""
+
+    colour: str
+    mark: str
+    line: Line
+    aside: float
+    """From the middle of a parameter's place."""
+
+
+@in_house_style
+def study_picture(compared: Sequence[Compared]) -> Figure:
+    """All combinations in every panel."""
+    figure = new_figure(190.0)
+    panels = figure.subplot_mosaic(
+        [["scores", "unseen"], ["ratio", "ratio"], ["covered", "covered"]],
+        height_ratios=[1.1, 1.0, 1.0],
+    )
+    looks = _looks(len(compared))
+    for one, look in zip(compared, looks, strict=True):
+        _scores(panels["scores"], one, look)
+        _unseen(panels["unseen"], one, look)
+    _standard_normal(panels["scores"])
+    _label_unseen(panels["unseen"])
+    _ratios(panels["ratio"], compared, looks)
+    _coverage(panels["covered"], compared, looks)
+    figure.legend(handles=_handles(compared, looks), loc="outside upper left", ncols=2)
+    return figure
+
+
+def _looks(count: int) -> list[Look]:
+    steps = (np.arange(count) - 0.5 * (count - 1)) * DODGE / max(count, 1)
+    return [
+        Look(
+            COLOURS[place % len(COLOURS)],
+            MARKS[place % len(MARKS)],
+            LINES[place % len(LINES)],
+            float(aside),
+        )
+        for place, aside in enumerate(steps)
+    ]
+
+
+def _handles(compared: Sequence[Compared], looks: Sequence[Look]) -> list[Line2D]:
+    """Line and mark of each combination for the legend."""
+    return [
+        Line2D(
+            [],
+            [],
+            color=look.colour,
+            marker=look.mark,
+            linestyle=look.line,
+            label=f"{label} ({one.summary.campaigns} campaigns)",
+        )
+        for label, one, look in zip(labels(compared), compared, looks, strict=True)
+    ]
+
+
+def _scores(axes: Axes, one: Compared, look: Look) -> None:
+    """How often which error in stated σ was found, all parameters together."""
+    scores = normal_scores(one.combination.setup, one.studied.outcomes)
+    counts = np.histogram(scores, SCORES)[0]
+    density = counts / (scores.size * np.diff(SCORES))
+    axes.stairs(density, SCORES, color=look.colour, linestyle=look.line, linewidth=1.1)
+
+
+def _standard_normal(axes: Axes) -> None:
+    density = np.exp(-0.5 * SCORES**2) / np.sqrt(2.0 * np.pi)
+    axes.fill_between(SCORES, density, color=GRID, zorder=0.5)
+    axes.set_title("errors of all parameters, in stated σ")
+    axes.set(xlabel="error / stated σ (grey: standard normal)", ylabel="density")
+
+
+def _unseen(axes: Axes, one: Compared, look: Look) -> None:
+    """In which share of campaigns the mean error of unseen distances stays below."""
+    found = [outcome.estimate for outcome in one.studied.outcomes if outcome.estimate is not None]
+    if one.unseen_mm is not None:
+        means = np.sort([estimate.unseen_mean_mm for estimate in found])
+        share = np.arange(1, len(means) + 1) / len(means)
+        axes.step(means, 100.0 * share, where="post", color=look.colour, linestyle=look.line)
+
+
+def _label_unseen(axes: Axes) -> None:
+    axes.set_title("what is left on unseen distances")
+    axes.set(xlabel="mean error of a campaign, mm", ylabel="campaigns below, %", ylim=(0.0, 100.0))
+    axes.locator_params(axis="x", nbins=5)
+    if axes.lines:
+        axes.set_xlim(left=0.0)
+    else:
+        axes.text(0.5, 0.5, "no unseen pairs", transform=axes.transAxes, ha="center", color=QUIET)
+
+
+def _ratios(axes: Axes, compared: Sequence[Compared], looks: Sequence[Look]) -> None:
+    axes.set_title("σ found / σ stated (grey: what chance may do)")
+    _band(axes, [one.summary.chance.ratio for one in compared], 1.0)
+    values = ([p.ratio for p in one.summary.parameters] for one in compared)
+    _by_parameter(axes, values, looks)
+    axes.set_xticks(range(len(_names(compared))), [])
+
+
+def _coverage(axes: Axes, compared: Sequence[Compared], looks: Sequence[Look]) -> None:
+    axes.set_title("share of 95 % intervals that hold the truth (grey: what chance may do)")
+    _band(axes, [one.summary.chance.covered for one in compared], CONFIDENCE)
+    values = ([p.covered for p in one.summary.parameters] for one in compared)
+    _by_parameter(axes, values, looks)
+    axes.set_xticks(range(len(_names(compared))), _names(compared), rotation=90)
+
+
+def _names(compared: Sequence[Compared]) -> list[str]:
+    return [p.name for p in compared[0].summary.parameters]
+
+
+def _band(axes: Axes, limits: Sequence[tuple[float, float]], honest: float) -> None:
+    """The widest of the limits, and the value that is right."""
+    axes.axhspan(min(low for low, _ in limits), max(high for _, high in limits), color=GRID)
+    axes.axhline(honest, color=INK, linewidth=0.6)
+
+
+def _by_parameter(axes: Axes, values: Iterable[Sequence[float]], looks: Sequence[Look]) -> None:
+    """A mark a parameter, combinations side by side."""
+    for one, look in zip(values, looks, strict=True):
+        places = np.arange(len(one)) + look.aside
+        axes.plot(places, one, look.mark, color=look.colour, markersize=3.0)

@@ -1,0 +1,48 @@
+"""The studies that throughput is measured by: par4-prototype by the paper's simulation."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from app.study.setup import study_tasks, uncertainty_of
+from campaigns.estimators import Estimator
+from campaigns.numerics.frames import Transform
+from campaigns.numerics.geometry import FREE_BY_DEFAULT
+from campaigns.plan_file import PlannedShot
+from campaigns.planning import PlanRequest, View, joints_of, make_plan, numeric_geometry, pairs_of
+from campaigns.robot import find_robot
+from campaigns.shot_sets import ShotSet
+from campaigns.study_setup import PairedShots, StudySetup, StudyTask
+from drivers.values import Pose
+from sim.scenario import load_scenario
+
+SCENARIO = load_scenario("paper-simulation")
+VIEW = View((2500.0, 0.0, -575.0), (1.0, 0.0, 0.0), np.pi)
+CENTRE = Pose(0.0, 0.0, -575.0, 0.0)
+UNSEEN_PAIRS, DRIFT_SHOTS = 20, 2
+
+
+def tasks_of(estimator: Estimator, pairs: int, campaigns: int) -> list[StudyTask]:
+    """So many campaigns of a study with so many fitted pairs."""
+    return list(study_tasks(_setup(estimator, pairs), SCENARIO, range(campaigns)))
+
+
+def _setup(estimator: Estimator, pairs: int) -> StudySetup:
+    robot = find_robot("par4-prototype").robot
+    request = PlanRequest(2 * pairs, UNSEEN_PAIRS, DRIFT_SHOTS, CENTRE)
+    plan = make_plan(robot, VIEW, request, np.random.default_rng(1))
+    return StudySetup(
+        numeric_geometry(robot),
+        FREE_BY_DEFAULT,
+        estimator,
+        _paired(plan, ShotSet.IDENTIFICATION),
+        _paired(plan, ShotSet.VALIDATION),
+        Transform(np.eye(3), -np.array(VIEW.tracker_mm)),
+        uncertainty_of(SCENARIO.tracker.noise),
+        seed=1,
+    )
+
+
+def _paired(plan: Sequence[PlannedShot], purpose: ShotSet) -> PairedShots:
+    shots = [shot for shot in plan if shot.purpose is purpose]
+    return PairedShots(joints_of(shots), pairs_of(shots, purpose))

@@ -1,0 +1,58 @@
+"""What points (N, 3) in mm say among themselves, in whatever frame they are."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from campaigns.numerics.frames import Transform, fit_transform
+from campaigns.numerics.geometry import Array, Index
+
+SHOTS_FOR_A_FRAME = 4
+
+
+def away_from_mean(points_mm: Array) -> Array:
+    """From their mean to each, (N, 3)."""
+    return np.asarray(points_mm - points_mm.mean(axis=0))
+
+
+def away_from_best_line(points_mm: Array) -> Array:
+    """From the straight line that fits best in space, square to it, to each point, (N, 3)."""
+    centred = away_from_mean(points_mm)
+    direction = np.linalg.svd(centred)[2][0]
+    return np.asarray(centred - np.outer(centred @ direction, direction))
+
+
+def longest_mm(vectors_mm: Array) -> float:
+    """The length of the longest of vectors (N, 3)."""
+    return float(np.linalg.norm(vectors_mm, axis=1).max())
+
+
+def farthest_apart(points_mm: Array) -> tuple[int, int]:
+    """The rows of the two points between which the distance is largest."""
+    distances = np.linalg.norm(points_mm[:, None] - points_mm[None], axis=2)
+    first, second = np.unravel_index(int(np.argmax(distances)), distances.shape)
+    return int(first), int(second)
+
+
+def whole_pairs(pairs: Sequence[int | None]) -> tuple[tuple[int, ...], Index, Index]:
+    """The numbers of the pairs that stand twice, and the rows of their first and second, (M,)."""
+    rows: dict[int, list[int]] = {}
+    for row, pair in enumerate(pairs):
+        if pair is not None:
+            rows.setdefault(pair, []).append(row)
+    whole = {pair: both for pair, both in rows.items() if len(both) == 2}
+    first, second = np.array(list(whole.values()), dtype=np.intp).reshape(-1, 2).T
+    return tuple(whole), first, second
+
+
+def fitted_frame(from_mm: Array, to_mm: Array) -> Transform | None:
+    """The rigid transform that brings points best to others (eqs. 22-25).
+
+    None for points that don't fix one well: fewer than four, or all on a line.
+    """
+    if len(from_mm) < SHOTS_FOR_A_FRAME:
+        return None
+    try:
+        return fit_transform(from_mm, to_mm)
+    except ValueError:
+        return None

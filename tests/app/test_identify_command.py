@@ -1,0 +1,201 @@
+"""pkmcal identify on imported shots: options, what is left out by name, words and pictures."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.commands import new
+from app.commands.identify import AS_THE_PAPER, Asked, identify, request_of
+from app.commands.import_shots import import_shots
+from app.folder import open_campaign
+from app.main import run_command
+from app.view import centre_of, view_of
+from campaigns.errors import KnowledgeInvalid
+from campaigns.estimators import Estimator, LossShape, Outliers
+from campaigns.exchange import ShotRow, write_shots
+from campaigns.numerics.forward import forward
+from campaigns.numerics.frames import from_paper_angles
+from campaigns.numerics.geometry import FREE_BY_DEFAULT, Geometry
+from campaigns.numerics.par4 import inverse
+from campaigns.numerics.placement import inner_poses
+from campaigns.planning import numeric_geometry, numeric_limits, region_of
+from campaigns.shot_sets import ShotSet
+
+STD_MM = np.array([0.004, 0.012, 0.012])
+WRONG = (7, 50, 99)
+ERRORS = {"arm0.arm_mm": 1.0, "arm1.x_mm": -0.8, "arm2.joint_offset_deg": 0.4, "plate_mm": 0.5}
+
+
+def made(folder):
+    new.create_simulated(folder, "par4-prototype", "paper-simulation")
+    return open_campaign(folder)
+
+
+def measured(campaign, moved_mm=0.0, seed=1):
+    """60 pairs to identify from and 20 unseen ones, three of the former's shots moved."""
+    rng = np.random.default_rng(seed)
+    robot = campaign.nominal.robot
+    nominal = numeric_geometry(robot)
+    from_everywhere = replace(view_of(campaign), acceptance_rad=float(np.pi))
+    region = region_of(nominal, numeric_limits(robot), from_everywhere, centre_of(campaign))
+    joints = inverse(nominal, inner_poses(region, 160, rng)).require()
+    flat = nominal.flat()
+    truth = Geometry.from_flat(flat | {name: flat[name] + e for name, e in ERRORS.items()})
+    frame = from_paper_angles(np.array([2.1, 0.02, -0.03]), np.array([2500.0, 400.0, 300.0]))
+    points = frame.apply(forward(truth, joints).require()[:, :3])
+    points += STD_MM * rng.standard_normal(points.shape)
+    away = rng.standard_normal((3, 3))
+    points[list(WRONG)] += moved_mm * away / np.linalg.norm(away, axis=1)[:, None]
+    covariance = tuple(map(tuple, np.diag(STD_MM**2).tolist()))
+    sets = [ShotSet.IDENTIFICATION] * 120 + [ShotSet.VALIDATION] * 40
+    return [
+        ShotRow(row // 2, tuple(joint), tuple(point), sets[row], covariance_mm2=covariance)
+        for row, (joint, point) in enumerate(zip(joints.tolist(), points.tolist(), strict=True))
+    ]
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    campaign = made(tmp_path_factory.mktemp("clean") / "campaign")
+    import_shots(campaign, measured(campaign))
+    return campaign
+
+
+@pytest.fixture(scope="module")
+def spoilt(tmp_path_factory):
+    """Imported from a file, as others would."""
+    campaign = made(tmp_path_factory.mktemp("spoilt") / "campaign")
+    file = campaign.folder.parent / "shots.csv"
+    write_shots(file, measured(campaign, moved_mm=2.0))
+    assert run_command(["import", str(campaign.folder), str(file)]) == 0
+    return campaign
+
+
+def said(capsys, *arguments):
+    capsys.readouterr()
+    code = run_command([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def unseen(document):
+    return document["unseen_mm"]["after"]["rms"]
+
+
+@pytest.mark.parametrize(
+    ("estimator", "key", "named"),
+    [("points", "shot", list(WRONG)), ("distances", "pair", [3, 25, 49])],
+)
+def test_moved_shots_are_named_and_cost_nothing(capsys, clean, spoilt, estimator, key, named):
+    words = ("--estimator", estimator, "--json")
+    good = json.loads(said(capsys, "identify", clean.folder, *words)[1])
+    code, out, err = said(capsys, "identify", spoilt.folder, *words)
+    found = json.loads(out)
+    assert code == 0
+    assert [left[key] for left in found["excluded"]] == named
+    assert unseen(found) <= 1.3 * unseen(good)
+    assert f"left out: {key} {named[0]}: " in err
+    assert " σ, limit " in err
+
+
+def test_a_robust_loss_needs_no_exclusion(capsys, clean, spoilt):
+    words = ("--outliers", "keep", "--loss", "cauchy", "--loss-scale", "2", "--json")
+    good = json.loads(said(capsys, "identify", clean.folder, "--json")[1])
+    code, out, _ = said(capsys, "identify", spoilt.folder, *words)
+    found = json.loads(out)
+    assert (code, found["excluded"]) == (0, [])
+    assert found["loss"] == {"shape": "cauchy", "scale": 2.0}
+    assert unseen(found) <= 1.3 * unseen(good)
+
+
+def test_points_are_the_default_and_covariances_count(capsys, clean):
+    code, out, _ = said(capsys, "identify", clean.folder, "--json")
+    found = json.loads(out)
+    assert (code, found["estimator"], found["outliers"]) == (0, "points", "exclude")
+    assert found["chi2"]["believable"]
+    assert found["position_std_mm"]["mean"] < 0.01
+    assert found["frame"]["x_mm"] == pytest.approx(2500.0, abs=0.5)
+    for name, entry in found["parameters"].items():
+        error = entry["delta"] - ERRORS.get(name, 0.0)
+        assert abs(error) <= 4.5 * (entry["std"] or 1e-9), name
+
+
+def test_people_are_told_the_noise_the_histogram_and_the_verdict(capsys, clean):
+    code, out, _ = said(capsys, "identify", clean.folder)
+    assert code == 0
+    lines = out.splitlines()
+    for words in (
+        "What the model leaves of each fitted coordinate",
+        "the shots scatter as the tracker states (χ² ",
+        "predicted error of position (1 σ): 0.00",
+        "verdict: pass",
+    ):
+        assert any(line.startswith(words) for line in lines), words
+    assert sum("█" in line for line in lines) >= 5
+    assert max(map(len, lines)) < 200
+
+
+def test_what_cannot_be_told_is_said_in_plain_words_and_a_prior_settles_it(capsys, clean):
+    code, out, _ = said(capsys, "identify", clean.folder, "--free", "arm0.x_mm")
+    assert code == 1
+    assert "move together here: held at nominal along that combination" in out
+    code, out, _ = said(
+        capsys, "identify", clean.folder, "--free", "arm0.x_mm", "--prior", "arm0.x_mm=0.1"
+    )
+    assert code == 0
+    assert "known by the priors alone: arm0.x_mm, arm1.x_mm, arm2.x_mm, arm3.x_mm" in out
+
+
+def test_patterns_free_and_fix(capsys, clean):
+    words = ("--free", "arm[1-3].azimuth_deg", "--fix", "arm*.z_mm", "--json")
+    found = json.loads(said(capsys, "identify", clean.folder, *words)[1])
+    free = {name for name, entry in found["parameters"].items() if entry["free"]}
+    azimuths = {f"arm{arm}.azimuth_deg" for arm in (1, 2, 3)}
+    assert free == {*FREE_BY_DEFAULT, *azimuths} - {f"arm{arm}.z_mm" for arm in (1, 2, 3)}
+
+
+@pytest.mark.parametrize("estimator", list(Estimator))
+def test_a_picture_is_drawn_of_what_was_fitted(capsys, clean, tmp_path, estimator):
+    path = tmp_path / "errors.svg"
+    code, out, _ = said(
+        capsys, "identify", clean.folder, "--plot", path, "--estimator", estimator.value
+    )
+    assert code == 0
+    assert f"drawn: {path}" in out
+    assert "fitted" in path.read_text(encoding="utf-8")
+
+
+def test_a_covariance_in_the_journal_that_is_none_is_refused_by_its_shot(capsys, tmp_path):
+    campaign = made(tmp_path / "campaign")
+    rows = measured(campaign)
+    broken = ((1e-4, 2e-4, 0.0), (2e-4, 1e-4, 0.0), (0.0, 0.0, 1e-4))
+    rows[17] = replace(rows[17], covariance_mm2=broken)
+    import_shots(campaign, rows)
+    code, out, err = said(capsys, "identify", campaign.folder, "--json")
+    assert (code, out) == (2, "")
+    assert "shot 17: its covariance is not positive definite → import the shots again" in err
+
+
+def test_too_few_shots_are_refused_with_their_count(capsys, tmp_path):
+    campaign = made(tmp_path / "campaign")
+    import_shots(campaign, measured(campaign)[:8])
+    code, _, err = said(capsys, "identify", campaign.folder)
+    assert code == 2
+    assert "8 shots are too few for 22 parameters" in err
+    assert "at least 13 shots" in err
+
+
+def test_what_the_options_mean_is_checked_before_anything_is_read(tmp_path):
+    campaign = made(tmp_path / "campaign")
+    with pytest.raises(KnowledgeInvalid, match="matches no parameter"):
+        identify(campaign, Asked(free=("arm7.*",)))
+    assert not campaign.journal_path.exists()
+
+
+def test_the_papers_way_is_plain_least_squares_of_all_distances(clean):
+    request = request_of(clean, AS_THE_PAPER)
+    assert request.estimator is Estimator.DISTANCES
+    assert (request.loss.shape, request.outliers) == (LossShape.LINEAR, Outliers.KEEP)
+    assert request.knowledge.free == FREE_BY_DEFAULT

@@ -1,0 +1,259 @@
+"""What `pkmcal plan` makes of options and settings, and what it says of the plan."""
+
+import json
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from app.commands import new, plan
+from app.errors import UsageInvalid
+from app.folder import open_campaign
+from app.forecast import paying_line, told_lines, warnings
+from app.main import run_command
+from app.planning import Asked, Placement, make, wanted_of
+from app.view import tracker_uncertainty_of
+from campaigns.errors import GoalInvalid, PlanInvalid, WriteFailed
+from campaigns.estimators import Estimator
+from campaigns.foresight import CurvePoint, Expected, Foresight
+from campaigns.numerics.criteria import CriterionName
+from campaigns.numerics.geometry import FREE_BY_DEFAULT
+from campaigns.numerics.instrument import TrackerUncertainty, point_covariance_mm2
+from campaigns.numerics.point_prediction import predict_points
+from campaigns.numerics.prediction import Prediction
+from campaigns.planning import joints_of, numeric_geometry, poses_of
+from campaigns.shot_sets import ShotSet
+
+FEW = 200
+"""Candidates, for plans that are soon made."""
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    new.create_simulated(tmp_path / "try", "par4-prototype", "paper-simulation")
+    return open_campaign(tmp_path / "try")
+
+
+def with_setting(campaign, old, changed):
+    path = campaign.path("campaign.yaml")
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, changed))
+    return open_campaign(campaign.folder)
+
+
+def identification(checked):
+    return [shot for shot in checked.shots if shot.purpose is ShotSet.IDENTIFICATION]
+
+
+def worst_mm(forecast):
+    return forecast.foresight.expected.worst_length_mm
+
+
+def test_what_asks_for_choosing_asks_for_the_optimal_placement(campaign):
+    for asked in (Asked(until="σ=0.1"), Asked(criterion="D"), Asked(candidates=FEW)):
+        assert wanted_of(campaign, asked).placement is Placement.OPTIMAL
+    assert wanted_of(campaign, Asked()).placement is Placement.BOUNDARY
+    assert wanted_of(campaign, Asked(placement=Placement.OPTIMAL)).placement is Placement.OPTIMAL
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("until", "σ=0.1"), ("criterion", "E"), ("candidates", FEW)]
+)
+def test_boundary_placement_with_what_asks_for_choosing_is_refused(option, value):
+    with pytest.raises(UsageInvalid, match=rf"--{option} .* --placement boundary"):
+        Asked(placement=Placement.BOUNDARY, **{option: value})
+
+
+def test_the_settings_placement_holds_unless_an_option_says_otherwise(campaign):
+    campaign = with_setting(campaign, "placement: boundary", "placement: optimal")
+    assert wanted_of(campaign, Asked()).placement is Placement.OPTIMAL
+    near = Asked(placement=Placement.BOUNDARY)
+    assert wanted_of(campaign, near).placement is Placement.BOUNDARY
+
+
+def test_with_a_goal_the_shots_asked_for_are_the_most_allowed(campaign):
+    goal = wanted_of(campaign, Asked(until="σ=0.05")).request
+    assert (goal.until_mm, goal.plan.identification_shots) == (0.05, 1000)
+    capped = wanted_of(campaign, Asked(until="σ=0.05", shots=60)).request
+    assert capped.plan.identification_shots == 60
+    assert wanted_of(campaign, Asked()).request.plan.identification_shots == 120
+
+
+def test_a_goal_that_is_none_is_refused(campaign):
+    with pytest.raises(GoalInvalid, match=r"'0\.05' is not understood"):
+        wanted_of(campaign, Asked(until="0.05"))
+
+
+def test_every_criterion_has_its_letter():
+    letters, none = get_args(get_args(plan.Criterion)[0])
+    assert none is type(None)
+    assert get_args(letters) == get_args(CriterionName)
+
+
+def test_an_optimal_plan_tells_more_than_one_near_the_boundary(campaign):
+    checked, near = make(campaign, Asked(shots=60, seed=1))
+    chosen, best = make(campaign, Asked(shots=60, seed=1, candidates=800))
+    assert len(chosen.shots) == len(checked.shots)
+    assert worst_mm(best) < 0.8 * worst_mm(near)
+    assert best.foresight.position_std_mm.mean() < 0.9 * near.foresight.position_std_mm.mean()
+
+
+def test_a_plan_for_a_goal_meets_it_by_the_campaigns_tracker(campaign):
+    checked, forecast = make(campaign, Asked(until="σ=0.06", candidates=FEW))
+    shots = identification(checked)
+    poses = poses_of(shots)
+    tracker = campaign.config.tracker
+    noise = point_covariance_mm2(
+        poses[:, :3] - np.array(tracker.place_mm), tracker_uncertainty_of(campaign.config)
+    )
+    geometry = numeric_geometry(campaign.nominal.robot)
+    told = predict_points(geometry, FREE_BY_DEFAULT, joints_of(shots), poses, noise)
+    lengths = [n.endswith("_mm") for n in FREE_BY_DEFAULT]
+    assert told.std[lengths].max() <= 0.06
+    assert worst_mm(forecast) == pytest.approx(told.std[lengths].max())
+    assert len(shots) < 60
+    assert len(shots) in {at.expected.shots for at in forecast.curve}
+
+
+def test_the_data_sheet_in_the_settings_is_what_is_reckoned_with(campaign):
+    assert tracker_uncertainty_of(campaign.config) == TrackerUncertainty()
+    _, sharp = make(campaign, Asked(shots=44))
+    coarse_one = campaign
+    for key, value in (("along_um", 10.0), ("across_um", 15.0)):
+        coarse_one = with_setting(coarse_one, f"{key}: {value}", f"{key}: {3 * value}")
+    for key, value in (("along_um_per_m", 0.3), ("across_um_per_m", 6.0)):
+        coarse_one = with_setting(coarse_one, f"{key}: {value}", f"{key}: {round(3 * value, 1)}")
+    _, coarse = make(coarse_one, Asked(shots=44))
+    assert worst_mm(coarse) == pytest.approx(3.0 * worst_mm(sharp), rel=1e-6)
+
+
+def test_coordinates_tell_more_than_distances_of_the_same_plan(campaign):
+    by_points, points = make(campaign, Asked(shots=60))
+    by_distances, distances = make(campaign, Asked(shots=60, estimator=Estimator.DISTANCES))
+    assert by_points == by_distances
+    assert worst_mm(points) < 0.6 * worst_mm(distances)
+
+
+def test_parameters_held_are_not_forecast_and_leave_the_others_surer(campaign):
+    _, everything = make(campaign, Asked(shots=60))
+    _, fewer = make(campaign, Asked(shots=60, fix=("arm*.forearm_mm",)))
+    assert len(fewer.foresight.expected.names) == 18
+    assert worst_mm(fewer) < worst_mm(everything)
+
+
+def test_parameters_that_nothing_tells_apart_leave_the_older_plan(campaign):
+    make(campaign, Asked(shots=44))
+    before = campaign.plan_path.read_text()
+    for placement in Placement:
+        asked = Asked(shots=60, placement=placement, free=("arm0.z_mm",))
+        with pytest.raises(PlanInvalid, match=r"arm0\.z_mm, .* move together.*--fix"):
+            make(campaign, asked)
+    assert campaign.plan_path.read_text() == before
+    assert not list(campaign.folder.glob("plan-older-*"))
+
+
+def test_the_document_says_how_the_plan_was_made_and_what_it_tells(campaign, capsys):
+    words = ("--shots", 60, "--criterion", "E", "--candidates", FEW, "--seed", 5, "--json")
+    assert run_command(["plan", str(campaign.folder), *map(str, words)]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["placement"] == "optimal"
+    assert (document["criterion"], document["estimator"], document["seed"]) == ("E", "points", 5)
+    std = document["predicted_std"]
+    worst = max(value for name, value in std.items() if name.endswith("_mm"))
+    assert document["worst"]["length_mm"] == pytest.approx(worst)
+    assert 0.0 < document["position_error_mm"]["mean"] < document["position_error_mm"]["max"]
+    assert len(document["from_below"]) == 4
+    curve = {at["shots"]: at for at in document["curve"]}
+    assert curve[60]["length_mm"] == pytest.approx(worst)
+    assert curve[60]["position_mm"] == pytest.approx(document["position_error_mm"]["mean"])
+
+
+def test_a_plan_with_too_few_shots_is_written_and_its_document_knows_nothing(campaign, capsys):
+    assert run_command(["plan", str(campaign.folder), "--shots", "12", "--json"]) == 0
+    captured = capsys.readouterr()
+    document = json.loads(captured.out)
+    assert document["shots"] == 12
+    assert set(document["predicted_std"].values()) == {None}
+    assert document["worst"] == {"length_mm": None, "angle_deg": None}
+    assert document["position_error_mm"] == {"mean": None, "max": None}
+    assert (document["curve"], document["criterion"]) == (None, None)
+    assert "too few shots" in captured.err
+
+
+def test_what_people_read_names_the_worst_and_says_when_more_shots_stop_paying(campaign, capsys):
+    picture = campaign.path("plan.svg")
+    words = ("--shots", "40", "--candidates", str(FEW), "--plot", str(picture))
+    assert run_command(["plan", str(campaign.folder), *words]) == 0
+    text = capsys.readouterr().out
+    for words in ("by points", "worst length arm", "±", "positions in the workspace", "O5"):
+        assert words in text
+    assert "40 shots, this plan" in text
+    assert "only average" in text
+    assert "predicted σ, mm" in picture.read_text()
+
+
+NOTHING_ODD = Foresight(
+    Expected(40, ("arm1.x_mm", "arm0.joint_offset_deg"), np.diag([4e-4, 1e-8])),
+    Prediction(np.array([0.02, 1e-4]), 2, 12.0, {"O1": 0.5}),
+    np.array([0.001, 0.003]),
+    (0.5, 0.5, 0.5, 0.5),
+)
+
+
+def test_a_joint_that_comes_from_one_side_is_warned_of():
+    assert list(warnings(NOTHING_ODD)) == []
+    one_sided = replace(NOTHING_ODD, from_below=(0.85, 0.9, 0.5, 0.1))
+    first, second = warnings(one_sided)
+    assert "joint 1 comes from smaller angles to 90%" in first
+    assert "joint 3 comes from larger angles to 90%" in second
+    assert "backlash" in second
+
+
+def test_the_worst_are_named_with_their_units():
+    lines = list(told_lines(NOTHING_ODD))
+    assert lines[0] == (
+        "worst length arm1.x_mm ±0.0200 mm, worst angle arm0.joint_offset_deg ±0.0057 deg"
+    )
+    assert "±0.0020 mm on average, ±0.0030 mm at most" in lines[1]
+
+
+def test_more_shots_stop_paying_where_they_only_average():
+    curve = [
+        CurvePoint(Expected(shots, ("plate_mm",), np.array([[variance]])), 0.0)
+        for shots, variance in ((14, 1.0), (20, 0.2), (40, 0.1), (80, 0.05))
+    ]
+    assert paying_line(curve).startswith("beyond about 20 shots")
+
+
+def test_older_plans_are_kept_each_under_a_name_of_its_own(campaign):
+    texts = []
+    for seed in (1, 2, 3):
+        make(campaign, Asked(shots=44, seed=seed))
+        texts.append(campaign.plan_path.read_text())
+    assert len(set(texts)) == 3
+    kept = [campaign.path(f"plan-older-{number}.csv").read_text() for number in (1, 2)]
+    assert kept == texts[:2]
+
+
+def test_a_plan_that_cannot_be_written_leaves_the_older_one(campaign, monkeypatch):
+    campaign.plan_path.write_text("older")
+
+    def write(path, shots):
+        raise WriteFailed(f"{path}: no space", remedy="free some")
+
+    monkeypatch.setattr("campaigns.plan_file.write_plan", write)
+    with pytest.raises(WriteFailed):
+        make(campaign, Asked(shots=44))
+    assert campaign.plan_path.read_text() == "older"
+    assert not list(campaign.folder.glob("plan-older-*"))
+
+
+def test_where_hardly_any_pose_can_be_taken_positions_are_judged_at_the_plans_own(
+    campaign, monkeypatch
+):
+    monkeypatch.setattr("campaigns.numerics.placement.BATCHES", 40)
+    monkeypatch.setattr("campaigns.foresight.WORKSPACE_SAMPLE", 10**6)
+    checked, forecast = make(campaign, Asked(shots=44))
+    assert len(forecast.foresight.position_std_mm) == len(checked.shots)

@@ -1,0 +1,59 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.against_rivals import by_differences
+from benchmarks.rivals import lab_script
+from benchmarks.shared.measured_robot import measured_robot, printed_parameters
+from campaigns.numerics.fit import solve
+from campaigns.numerics.geometry import Geometry, indices
+from campaigns.numerics.residuals import DistanceResiduals, PositionModel
+
+VECTORS = Path(__file__).parents[1] / "data" / "vectors"
+SHOTS = slice(0, 16)
+FREE = indices(("arm1.joint_offset_deg", "arm2.forearm_mm", "plate_mm"))
+COMMANDED_OFF = np.array([5.0, -5.0, 5.0, 0.02])
+"""As far as a robot with errors is from where it was sent."""
+
+
+@pytest.fixture(scope="module")
+def robot():
+    whole = measured_robot()
+    return replace(whole, joints_rad=whole.joints_rad[SHOTS], points_mm=whole.points_mm[SHOTS])
+
+
+@pytest.fixture(scope="module")
+def problem(robot):
+    model = PositionModel(robot.nominal, FREE, robot.joints_rad)
+    return DistanceResiduals(model, *robot.pairs.T, robot.measured_mm())
+
+
+def test_the_lab_script_finds_the_parameters_that_we_find(robot, problem):
+    data = robot.joints_rad, robot.commanded(), robot.pairs, robot.measured_mm()
+    theirs = lab_script.identify(printed_parameters(robot.nominal), FREE, *data)
+    assert theirs == pytest.approx(solve(problem).x, abs=1e-4)
+    assert abs(theirs - problem.start()).max() > 0.1, "the start is not the answer"
+
+
+def test_scipy_by_differences_finds_the_parameters_that_we_find(problem):
+    assert by_differences(problem) == pytest.approx(solve(problem).x, abs=1e-4)
+
+
+def test_the_lab_script_takes_the_golden_joints_to_the_golden_poses():
+    text = (VECTORS / "kinematics.json").read_text(encoding="utf-8")
+    case = json.loads(text)["cases"]["nominal+table1"]
+    vector = printed_parameters(geometry_in(case["geometry"]))
+    for pose in case["poses"][:20]:
+        x_mm, y_mm, z_mm, theta_deg = (pose[k] for k in ("x_mm", "y_mm", "z_mm", "theta_deg"))
+        golden = np.array([x_mm, y_mm, z_mm, np.radians(theta_deg)])
+        found = lab_script.forward(vector, np.radians(pose["joints_deg"]), golden + COMMANDED_OFF)
+        assert found == pytest.approx(golden, abs=1e-5)
+
+
+def geometry_in(document):
+    arms = enumerate(document["arms"])
+    flat = {f"arm{i}.{key}": value for i, arm in arms for key, value in arm.items()}
+    return Geometry.from_flat(flat | {"plate_mm": document["plate_mm"]})

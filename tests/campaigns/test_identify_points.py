@@ -1,0 +1,249 @@
+"""Identification by points: every coordinate counts, wrong shots are named, σ are honest."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from identified_cases import (
+    IMPOSSIBLE_RAD,
+    NOISE_MM,
+    TRACKER_FROM_BASE,
+    TRUTH,
+    dataset,
+    deviations,
+    identified,
+    moved,
+    noisy,
+    simulated,
+    stating,
+    values,
+    workspace,
+)
+
+from campaigns.dataset import Dataset
+from campaigns.errors import ShotsInvalid, ShotsMissing
+from campaigns.estimators import Estimator, LossShape, Outliers
+from campaigns.identified import Identification
+from campaigns.numerics.geometry import NAMES
+from campaigns.shot_sets import ShotSet
+
+WRONG = (7, 50, 99)
+CLEAN = noisy(simulated(60, 20, seed=1), seed=2)
+SPOILT = moved(CLEAN, WRONG, by_mm=2.0)
+
+
+def by_points(data: Dataset, **options) -> Identification:
+    return identified(data, Estimator.POINTS, **options)
+
+
+def missed(found: Identification) -> float:
+    """Largest distance of a free parameter from the truth, mm or deg."""
+    truth = TRUTH.flat()
+    return max(abs(value - truth[name]) for name, value in values(found).items())
+
+
+def test_exact_points_give_the_robot_and_the_trackers_place() -> None:
+    found = by_points(stating(simulated(60, 20, seed=1)))
+    assert missed(found) < 1e-6
+    frame = found.tracker_from_base
+    assert np.abs(frame.rotation - TRACKER_FROM_BASE.rotation).max() < 1e-9
+    assert np.abs(frame.translation_mm - TRACKER_FROM_BASE.translation_mm).max() < 1e-6
+    assert found.residuals.before.max_abs > 1.0 > 1e-6 > found.residuals.after.max_abs
+    assert (found.rank, found.dof) == (22, 3 * 120 - 22 - 6)
+
+
+def test_points_know_every_parameter_better_than_distances() -> None:
+    points, pairs = deviations(by_points(CLEAN)), deviations(identified(CLEAN, Estimator.DISTANCES))
+    assert all(points[name] < 0.5 * pairs[name] for name in NAMES if points[name])
+    assert missed(by_points(CLEAN)) < missed(identified(CLEAN, Estimator.DISTANCES))
+
+
+def test_unseen_errors_are_those_of_distances_whatever_was_fitted() -> None:
+    points, pairs = by_points(CLEAN), identified(CLEAN, Estimator.DISTANCES)
+    assert points.unseen.before == pairs.unseen.before
+    assert points.unseen_pairs.after_mm.shape == (20, 1)
+    assert points.verdict == "pass"
+    assert points.reasons[1].startswith("fitted shots: rms ")
+
+
+def test_shots_without_a_partner_count_too() -> None:
+    """Every identification shot is a measurement of its own; half a validation pair is none."""
+    gone = (7, 121)
+    purposes = [ShotSet.DRIFT if n in gone else p for n, p in enumerate(CLEAN.purposes)]
+    pairs = [None if n in gone else p for n, p in enumerate(CLEAN.pairs)]
+    found = by_points(replace(CLEAN, purposes=tuple(purposes), pairs=tuple(pairs)))
+    assert len(found.fitted.after_mm) == 119
+    assert [(left.pair, left.reason) for left in found.excluded] == [
+        (60, "shot 120 has no partner")
+    ]
+
+
+def test_shots_that_no_robot_could_take_are_left_out_by_name() -> None:
+    joints = CLEAN.joints_rad.copy()
+    joints[[5, 130]] = IMPOSSIBLE_RAD
+    found = by_points(replace(CLEAN, joints_rad=joints))
+    assert [(left.shot, left.pair) for left in found.excluded] == [(5, None), (None, 65)]
+    assert found.excluded[0].reason == "the nominal robot cannot be assembled at its joints"
+    assert found.verdict == "pass"
+
+
+@pytest.mark.parametrize("estimator", list(Estimator))
+def test_moved_shots_are_named_and_the_answer_is_as_good_as_the_clean_one(
+    estimator: Estimator,
+) -> None:
+    found, clean = identified(SPOILT, estimator), identified(CLEAN, estimator)
+    named = [left.shot if estimator is Estimator.POINTS else left.pair for left in found.excluded]
+    assert named == (list(WRONG) if estimator is Estimator.POINTS else [3, 25, 49])
+    assert clean.excluded == ()
+    assert found.unseen.after.rms <= 1.3 * clean.unseen.after.rms
+    assert found.unseen.after.max_abs <= 1.3 * clean.unseen.after.max_abs
+    assert found.verdict == "pass"
+
+
+def test_an_outlier_tells_its_size_and_the_limit() -> None:
+    left = by_points(SPOILT).excluded[0]
+    assert left.what == "shot 7"
+    assert left.misfit.size_mm == pytest.approx(2.0, abs=0.1)
+    assert left.misfit.size_sigma > 100.0 > left.misfit.limit_sigma > 3.0
+    assert left.reason.startswith(f"{left.misfit.size_mm:.3f} mm off what the others say: ")
+
+
+def test_a_robust_loss_does_without_leaving_out() -> None:
+    plain = by_points(SPOILT, outliers=Outliers.KEEP)
+    clean = by_points(CLEAN)
+    for loss in (LossShape.CAUCHY, LossShape.SOFT_L1):
+        robust = by_points(SPOILT, outliers=Outliers.KEEP, loss=loss)
+        assert robust.excluded == ()
+        assert len(robust.fitted.after_mm) == 120
+        assert robust.unseen.after.rms < 0.3 * plain.unseen.after.rms
+    robust = by_points(SPOILT, outliers=Outliers.KEEP, loss=LossShape.CAUCHY)
+    assert robust.unseen.after.rms <= 1.3 * clean.unseen.after.rms
+    assert max(deviations(robust)[n] / deviations(clean)[n] for n in ("arm1.x_mm", "plate_mm")) < 2
+
+
+def test_loss_and_leaving_out_work_together_with_unequal_covariances() -> None:
+    """Half of the shots five times worse, as their covariances say."""
+    exact, rng = simulated(60, 20, seed=1), np.random.default_rng(5)
+    std = np.where(np.arange(160) % 2, 5.0 * NOISE_MM, NOISE_MM)
+    points = exact.points_in_tracker_mm + std[:, None] * rng.standard_normal((160, 3))
+    stated = std[:, None, None] ** 2 * np.eye(3)
+    data = replace(exact, points_in_tracker_mm=points, stated_covariance_mm2=stated)
+    found = by_points(moved(data, WRONG, by_mm=2.0), loss=LossShape.CAUCHY)
+    assert [left.shot for left in found.excluded] == list(WRONG)
+    alike = by_points(replace(data, stated_covariance_mm2=stating(data).stated_covariance_mm2))
+    assert missed(found) < missed(alike)
+    assert found.noise.believable
+    assert not alike.noise.believable
+
+
+def test_more_than_a_tenth_of_outliers_is_no_single_mistake() -> None:
+    found = by_points(moved(CLEAN, tuple(range(0, 120, 8)), by_mm=2.0))
+    assert len(found.excluded) == 15
+    assert found.verdict == "fail"
+    assert "so many are no single mistakes" in found.reasons[0]
+
+
+def test_scatter_as_stated_is_believed_and_gives_sigma() -> None:
+    found = by_points(CLEAN)
+    assert found.noise.believable
+    assert found.noise.scale == 1.0
+    assert "scatter as the tracker states" in found.noise_in_words
+
+
+def test_scatter_beyond_the_stated_one_multiplies_sigma_and_is_said() -> None:
+    calm = by_points(CLEAN)
+    wild = by_points(noisy(simulated(60, 20, seed=1), seed=2, std_mm=4.0 * NOISE_MM))
+    assert not wild.noise.believable
+    assert wild.noise.scale == pytest.approx(4.0, rel=0.15)
+    ratio = deviations(wild)["plate_mm"] / deviations(calm)["plate_mm"]
+    assert ratio == pytest.approx(wild.noise.scale, rel=0.02)
+    assert "times what the tracker states" in wild.noise_in_words
+    assert "σ are multiplied by it" in wild.noise_in_words
+    assert wild.excluded == ()
+
+
+def test_scatter_far_below_the_stated_one_does_not_shrink_sigma() -> None:
+    still = by_points(noisy(simulated(60, 20, seed=1), seed=2, std_mm=0.2 * NOISE_MM))
+    assert not still.noise.believable
+    assert still.noise.scale == 1.0
+    assert "careful" in still.noise_in_words
+    assert deviations(still)["plate_mm"] == pytest.approx(
+        deviations(by_points(CLEAN))["plate_mm"], rel=0.02
+    )
+
+
+def test_shots_of_which_nothing_is_stated_get_the_instruments_uncertainty() -> None:
+    silent = replace(CLEAN, stated_covariance_mm2=np.full((160, 3, 3), np.nan))
+    assert deviations(by_points(silent))["plate_mm"] != deviations(by_points(CLEAN))["plate_mm"]
+    assert missed(by_points(silent)) < 0.2
+
+
+def test_position_is_known_better_than_single_parameters() -> None:
+    found = by_points(CLEAN, poses=workspace())
+    assert 0.002 < found.position_std.mean < found.position_std.max < 0.03
+    assert found.position_std.mean < deviations(found)["plate_mm"]
+    assert by_points(CLEAN).position_std is None
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        np.diag([1e-4, -1e-4, 1e-4]),
+        np.full((3, 3), 1e-4),
+        np.diag([1e-4, np.inf, 1e-4]),
+        np.where(np.eye(3), np.nan, 1.0),
+        np.zeros((3, 3)),
+    ],
+)
+@pytest.mark.parametrize("estimator", list(Estimator))
+def test_a_covariance_that_is_none_is_refused_by_the_shots_number(estimator, broken) -> None:
+    stated = CLEAN.stated_covariance_mm2.copy()
+    stated[17] = broken
+    with pytest.raises(ShotsInvalid, match="shot 17: its covariance is not positive") as caught:
+        identified(replace(CLEAN, stated_covariance_mm2=stated), estimator)
+    assert "sxx … szz" in caught.value.remedy
+
+
+@pytest.mark.parametrize("pairs", [4, 6])
+def test_too_few_coordinates_are_refused_with_their_count(pairs: int) -> None:
+    with pytest.raises(ShotsMissing, match=f"{6 * pairs} coordinates") as caught:
+        by_points(simulated(pairs, 0, seed=1))
+    assert f"{2 * pairs} shots are too few for 22 parameters" in caught.value.problem
+    assert "at least 13 shots" in caught.value.remedy
+
+
+def test_no_shots_at_all_are_refused() -> None:
+    with pytest.raises(ShotsMissing, match="0 shots"):
+        by_points(dataset(np.empty((0, 4)), np.empty((0, 3)), [], []))
+
+
+def test_thirteen_shots_tell_22_parameters() -> None:
+    data = noisy(simulated(7, 5, seed=1), seed=1)
+    one_less = (ShotSet.DRIFT, *data.purposes[1:])
+    found = by_points(replace(data, purposes=one_less, pairs=(None, *data.pairs[1:])))
+    assert (found.rank, found.dof) == (22, 39 - 28)
+    assert found.unobservable == ()
+
+
+def test_a_prior_is_worth_a_coordinate() -> None:
+    ten = noisy(simulated(5, 5, seed=1), seed=1)
+    found = by_points(ten, prior=["arm*.arm_mm=0.5", "arm*.forearm_mm=0.5"])
+    assert (found.rank, found.dof) == (22, 30 + 8 - 28)
+    assert len(found.fitted.after_mm) == 10
+
+
+def test_shots_on_one_line_are_refused() -> None:
+    data = simulated(10, 0, seed=1)
+    line = 1000.0 + np.outer(np.linspace(0.0, 1.0, 20), [300.0, 200.0, 100.0])
+    with pytest.raises(ShotsMissing, match="20 shots fix no frame: points on one line"):
+        by_points(replace(data, points_in_tracker_mm=line))
+
+
+def test_as_many_coordinates_as_unknowns_give_deviations_but_no_test_of_noise() -> None:
+    six = noisy(simulated(3, 5, seed=3), seed=1)
+    found = by_points(six, fix=["arm1.[xyz]_mm", "arm3.*", "plate_mm"])
+    assert (found.rank, found.dof) == (12, 0)
+    assert found.noise.p is None
+    assert found.noise.believable is None
+    assert "nothing shows" in found.noise_in_words
+    assert deviations(found)["arm2.x_mm"] > 0.0

@@ -1,0 +1,284 @@
+"""Runs with a goal: when they end early, what they take all the same, and how they go on."""
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from fake_cell import FakeCell
+from goal_plans import ALL, OTHERS, PLAN, noisy_cell, numbers, until, worst_length_mm
+from tested_journal import journal_in
+
+from campaigns.errors import Interrupted
+from campaigns.estimators import Estimator
+from campaigns.journal import Journal
+from campaigns.journal_views import Entry
+from campaigns.progress import Known
+from campaigns.records import Event, Intent, PairVoided, Record, SeriesFinished, SessionStopped
+from campaigns.session import known_from, left_out, nothing_left
+from campaigns.shot_sets import ShotSet
+
+GOAL_MM, SHARPER_MM, SHARPEST_MM = 0.4, 0.2, 0.05
+"""Met by about 15 and 20 of the 26 identification shots, and not at all."""
+PAIR_OF = {shot.shot: shot.pair for shot in PLAN if shot.pair is not None}
+IDENTIFICATION = sorted(ALL - OTHERS)
+
+
+def measured(folder: Path, goal_mm: float | None, cell: FakeCell | None = None) -> FakeCell:
+    cell = cell or noisy_cell()
+    with journal_in(folder, cell.calls) as journal:
+        cell.measure(journal, until(goal_mm))
+    return cell
+
+
+def interrupted_at_move(folder: Path, move: int, goal_mm: float | None = None, **work) -> FakeCell:
+    cell = noisy_cell()
+    cell.robot.during_move = {move: cell.wish.ask}
+    with journal_in(folder, cell.calls) as journal, pytest.raises(Interrupted):
+        cell.measure(journal, until(goal_mm, **work))
+    return cell
+
+
+@pytest.fixture(scope="module")
+def ended_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("early")
+    measured(folder, GOAL_MM)
+    return folder
+
+
+@pytest.fixture
+def ended_early(ended_once: Path, tmp_path: Path) -> Path:
+    """A campaign whose run met its goal before the plan was through."""
+    return shutil.copytree(ended_once, tmp_path / "early")
+
+
+def is_goal_met(record: Record) -> bool:
+    return isinstance(record, Event) and record.kind == "goal met"
+
+
+def goals_met(journal: Journal) -> list[str]:
+    return [entry.record.text for entry in journal.records_of(Event) if is_goal_met(entry.record)]
+
+
+@pytest.mark.parametrize("goal_mm", [GOAL_MM, SHARPER_MM, 0.12])
+@pytest.mark.parametrize("scatter", [1.0, 2.0])
+def test_a_goal_is_never_met_above_it_and_validation_and_drift_shots_are_always_taken(
+    tmp_path: Path, goal_mm: float, scatter: float
+) -> None:
+    cell = noisy_cell(seed=int(1000 * goal_mm), std_mm=0.01 * scatter)
+    with journal_in(tmp_path, cell.calls) as journal:
+        shots = journal.shots(cell.measure(journal, until(goal_mm)))
+        met = goals_met(journal)
+    assert numbers(shots) >= OTHERS
+    assert bool(met) is (numbers(shots) < ALL)
+    if met:
+        assert worst_length_mm(shots) <= goal_mm * (1.0 + 1e-6)
+
+
+def test_what_is_left_out_is_whole_pairs_and_named_in_the_journal(tmp_path: Path) -> None:
+    cell = measured(tmp_path, GOAL_MM)
+    with journal_in(tmp_path, []) as journal:
+        taken = numbers(journal.shots(1))
+        (text,) = goals_met(journal)
+    missing = ALL - taken
+    assert 4 < len(missing) < 20
+    assert {PAIR_OF[shot] for shot in missing}.isdisjoint(PAIR_OF.get(shot) for shot in taken)
+    assert f"{len(missing)} shots left out: {min(missing)}" in text
+    assert cell.watcher.events == [text]
+    last = cell.watcher.told[-1]
+    assert last.done == last.total == len(taken)
+
+
+def test_no_shot_to_identify_from_is_begun_after_the_goal_is_met(ended_early: Path) -> None:
+    with journal_in(ended_early, []) as journal:
+        met = next(entry.number for entry in journal.records() if is_goal_met(entry.record))
+        intents = journal.records_of(Intent)
+        later = [entry.record.purpose for entry in intents if entry.number > met]
+    assert set(later) == {ShotSet.VALIDATION.value, ShotSet.DRIFT.value}
+
+
+def test_without_a_goal_all_is_measured_however_much_is_known(tmp_path: Path) -> None:
+    cell = measured(tmp_path, None)
+    with journal_in(tmp_path, []) as journal:
+        shots = journal.shots(1)
+        assert not goals_met(journal)
+    assert numbers(shots) == ALL
+    assert cell.watcher.told[-1].goal_mm is None
+    told = [progress.known for progress in cell.watcher.told if progress.known]
+    assert told[0].shots == 14, "what fewer shots tell is not told"
+    assert told[-1].shots == len(IDENTIFICATION)
+    assert told[-1].length_std_mm == pytest.approx(worst_length_mm(shots), rel=0.01)
+    assert {known.weakest_std == known.length_std_mm for known in told} == {True}
+    assert {(known.weakest.split("_")[-1], known.unit) for known in told} == {("mm", "mm")}
+
+
+def test_a_goal_that_the_shots_scatter_too_much_for_is_not_met(tmp_path: Path) -> None:
+    """Three times what the tracker states: by its word the goal would be met."""
+    measured(tmp_path, SHARPER_MM, noisy_cell(std_mm=0.03))
+    with journal_in(tmp_path, []) as journal:
+        shots = journal.shots(1)
+        assert not goals_met(journal)
+        known = known_from(shots, until(SHARPER_MM))
+    assert numbers(shots) == ALL
+    assert known.length_std_mm > SHARPER_MM > known.length_std_mm / known.scale
+    assert known.scatter == pytest.approx(3.0, rel=0.3)
+
+
+def test_one_wrong_shot_does_not_keep_the_goal_from_being_met(tmp_path: Path) -> None:
+    cell, wrong = noisy_cell(), IDENTIFICATION[6]
+
+    def push(aside_mm: float) -> None:
+        cell.tracker.shifted_mm[1] = aside_mm
+
+    cell.tracker.during_measure = {wrong + 1: lambda: push(1.5), wrong + 2: lambda: push(0.0)}
+    measured(tmp_path, SHARPER_MM, cell)
+    with journal_in(tmp_path, []) as journal:
+        shots = journal.shots(1)
+        assert len(goals_met(journal)) == 1
+    assert numbers(shots) < ALL
+    assert worst_length_mm(shots) > SHARPER_MM, "with the wrong shot in it"
+
+
+def test_a_covariance_that_cannot_be_neither_ends_a_run_nor_meets_a_goal(tmp_path: Path) -> None:
+    cell = noisy_cell()
+    measure = cell.tracker.measure
+    cell.tracker.measure = lambda: replace(measure(), covariance_mm2=((-1.0, 0.0, 0.0),) * 3)
+    measured(tmp_path, GOAL_MM, cell)
+    with journal_in(tmp_path, []) as journal:
+        assert numbers(journal.shots(1)) == ALL
+        assert not goals_met(journal)
+        assert known_from(journal.shots(1), until(GOAL_MM)) is None
+    assert cell.watcher.told[-1].known is None
+
+
+def test_distances_know_less_than_points(ended_early: Path) -> None:
+    with journal_in(ended_early, []) as journal:
+        assert nothing_left(journal, until(GOAL_MM)) is not None
+        assert nothing_left(journal, until(GOAL_MM, estimator=Estimator.DISTANCES)) is None
+
+
+def test_an_early_end_finishes_the_series(ended_early: Path) -> None:
+    with journal_in(ended_early, []) as journal:
+        assert journal.latest_series("run").finished
+        assert nothing_left(journal, until(GOAL_MM)).number == 1
+        assert nothing_left(journal, until(2.0 * GOAL_MM)).number == 1
+        assert left_out(journal.shots(1), until(None)) > 0
+        stopped = journal.records_of(SessionStopped)[-1].record
+    assert (stopped.how, stopped.reason) == ("finished", "everything wanted was measured")
+
+
+@pytest.mark.parametrize("goal_mm", [None, SHARPEST_MM])
+def test_what_was_left_out_is_measured_by_a_run_without_the_goal_or_with_a_sharper_one(
+    ended_early: Path, goal_mm: float | None
+) -> None:
+    cell = noisy_cell(seed=2)
+    with journal_in(ended_early, cell.calls) as journal:
+        assert nothing_left(journal, until(goal_mm)) is None
+        before = numbers(journal.shots(1))
+        assert cell.measure(journal, until(goal_mm)) == 1, "the same series"
+        assert numbers(journal.shots(1)) == ALL
+        assert len(journal.records_of(SeriesFinished)) == 1
+        assert nothing_left(journal, until(goal_mm)).number == 1
+    intents = [call[1] for call in cell.named("journal.intent")]
+    assert intents[0] == 0, "the drift pose is compared first"
+    assert set(intents[1:]) == ALL - before
+    assert cell.watcher.told[-1].total == len(ALL)
+
+
+def test_a_sharper_goal_ends_early_again(ended_early: Path) -> None:
+    cell = noisy_cell(seed=2)
+    with journal_in(ended_early, cell.calls) as journal:
+        cell.measure(journal, until(SHARPER_MM))
+        assert len(goals_met(journal)) == 2
+        assert OTHERS < numbers(journal.shots(1)) < ALL
+        assert worst_length_mm(journal.shots(1)) <= SHARPER_MM
+        assert nothing_left(journal, until(SHARPER_MM)).number == 1
+
+
+def test_another_plan_begins_a_series_of_its_own(ended_early: Path) -> None:
+    cell = noisy_cell()
+    other = until(GOAL_MM, plan_digest="0" * 64)
+    with journal_in(ended_early, cell.calls) as journal:
+        assert nothing_left(journal, other) is None
+        assert cell.measure(journal, other) == 2
+
+
+def test_a_goal_that_the_shots_there_meet_already_is_met_without_a_motion(tmp_path: Path) -> None:
+    """The shots to identify from come after all others."""
+    steps = sorted(until(None).steps, key=lambda step: step.planned.shot in IDENTIFICATION)
+    work = {"steps": tuple(steps)}
+    interrupted_at_move(tmp_path, len(ALL), **work)
+    cell = noisy_cell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        cell.measure(journal, until(SHARPER_MM, **work))
+        assert OTHERS < numbers(journal.shots(1)) < ALL
+        assert journal.latest_series("run").finished
+        assert len(goals_met(journal)) == 1
+    assert not cell.named("robot.move_joints")
+
+
+def cut_off(folder: Path, whole: Sequence[Entry[Record]]) -> None:
+    """A journal of these records alone: the power failed after them."""
+    with journal_in(folder, []) as journal:
+        for entry in whole:
+            journal.append(entry.record, series=entry.series)
+
+
+ABOUT_THE_END = {"before the event": -1, "after the event": 0, "at the next shot": 1}
+
+
+@pytest.mark.parametrize("goal_mm", [GOAL_MM, None])
+@pytest.mark.parametrize("crash", [*ABOUT_THE_END, "before the series' end"])
+def test_a_crash_about_an_early_end_loses_nothing(
+    ended_once: Path, tmp_path: Path, crash: str, goal_mm: float | None
+) -> None:
+    with journal_in(ended_once, []) as journal:
+        whole = journal.records()
+    met = next(place for place, entry in enumerate(whole, 1) if is_goal_met(entry.record))
+    finished = len(whole) - 2
+    cut_off(tmp_path, whole[: met + ABOUT_THE_END.get(crash, finished - met)])
+    cell = noisy_cell(seed=2)
+    with journal_in(tmp_path, cell.calls) as journal:
+        if nothing_left(journal, until(goal_mm)) is None:
+            cell.measure(journal, until(goal_mm))
+        shots = journal.shots(1)
+        assert journal.latest_series("run").finished
+        assert [entry.series for entry in journal.records_of(SeriesFinished)] == [1]
+    assert numbers(shots) >= OTHERS
+    assert numbers(shots) == ALL if goal_mm is None else worst_length_mm(shots) <= goal_mm
+    pairs = [PAIR_OF[shot] for shot in numbers(shots) if shot in PAIR_OF]
+    assert {pairs.count(pair) for pair in pairs} == {2}
+
+
+def test_a_voided_pair_is_forgotten_by_what_is_known(tmp_path: Path) -> None:
+    """What is told while the pair is measured again is what was known before it."""
+    cell = noisy_cell()
+    first, second = IDENTIFICATION[20:22]
+    assert PAIR_OF[first] == PAIR_OF[second]
+    cell.tracker.during_measure = {second + 1: cell.tracker.break_beam}
+    measured(tmp_path, None, cell)
+    with journal_in(tmp_path, []) as journal:
+        (voided,) = (entry.record for entry in journal.records_of(PairVoided))
+    assert voided.shots == (first,)
+    (before, again), (with_first, _) = known_while(cell, first), known_while(cell, second)
+    assert before.shots == again.shots == 20
+    assert again.length_std_mm == pytest.approx(before.length_std_mm, rel=1e-3)
+    assert with_first.shots == 21
+    assert with_first.length_std_mm < before.length_std_mm
+
+
+def known_while(cell: FakeCell, shot: int) -> list[Known]:
+    """What was known when the robot set out for each attempt at a shot."""
+    told = [progress for progress in cell.watcher.told if progress.state.value == "moving"]
+    return [progress.known for progress in told if progress.shot == shot]
+
+
+def test_a_resumed_run_knows_what_the_journal_tells(tmp_path: Path) -> None:
+    interrupted_at_move(tmp_path, 27)
+    cell = interrupted_at_move(tmp_path, 2)
+    with journal_in(tmp_path, []) as journal:
+        kept = journal.shots(1)
+    known = cell.watcher.told[0].known
+    assert known.shots == sum(shot.intent.purpose == "identification" for shot in kept)
+    assert known.length_std_mm == pytest.approx(worst_length_mm(kept), rel=0.01)

@@ -1,0 +1,104 @@
+"""`run --until`: ends early, says what is known, and leaves nothing else out."""
+
+from command_line import change
+
+from campaigns.journal_reader import read_journal
+from campaigns.shot_sets import ShotSet
+
+SHOTS, TO_IDENTIFY = 59, 48
+REACHABLE = "σ=0.09"
+
+
+def until(pkmcal, folder, goal, *options):
+    return pkmcal("run", folder, "--until", goal, "--yes", "--json", *options)
+
+
+def shots_by_set(folder):
+    with read_journal(folder / "campaign.db") as journal:
+        purposes = [shot.intent.purpose for shot in journal.shots(1)]
+    return {purpose: purposes.count(purpose.value) for purpose in ShotSet}
+
+
+def test_a_run_ends_early_and_what_it_took_is_enough_to_identify(pkmcal, planned):
+    ended = until(pkmcal, planned, REACHABLE)
+    assert ended.code == 0, ended.err
+    goal, known = ended.document["goal"], ended.document["knowledge"]
+    assert set(ended.document) == {"series", "shots", "goal", "knowledge"}
+    assert set(goal) == {"std_mm", "met", "reached_mm", "left_out"}
+    assert (goal["std_mm"], goal["met"]) == (0.09, True)
+    assert goal["reached_mm"] == known["length_std_mm"] <= 0.09
+    assert goal["left_out"] == SHOTS - ended.document["shots"] > 4
+    assert known["shots"] == TO_IDENTIFY - goal["left_out"]
+    taken = shots_by_set(planned)
+    assert (taken[ShotSet.VALIDATION], taken[ShotSet.DRIFT]) == (8, 3)
+    assert "goal σ=0.09 met by" in ended.err
+    found = pkmcal("identify", planned, "--json").document
+    assert found["verdict"] == "pass"
+    lengths = [p["std"] for n, p in found["parameters"].items() if n.endswith("_mm") and p["std"]]
+    assert max(lengths) <= 0.09
+
+
+def test_afterwards_a_run_without_the_goal_takes_the_rest(pkmcal, planned):
+    taken = until(pkmcal, planned, REACHABLE).document["shots"]
+    again = until(pkmcal, planned, REACHABLE)
+    assert (again.code, again.document["shots"]) == (0, taken)
+    assert "nothing is left to measure; a run without --until takes the rest" in again.err
+    rest = pkmcal("run", planned, "--yes", "--json")
+    assert rest.code == 0, rest.err
+    assert (rest.document["series"], rest.document["shots"]) == (1, SHOTS)
+    assert rest.document["goal"] is None
+    assert rest.document["knowledge"]["shots"] == TO_IDENTIFY
+    assert "the session ended" not in rest.err
+
+
+def test_a_goal_that_the_scatter_forbids_is_not_good_and_says_why(pkmcal, planned):
+    change(planned / "cell.yaml", {"robot.repeatability": {"position_mm": 0.05}})
+    ended = pkmcal("run", planned, "--until", REACHABLE, "--yes")
+    assert ended.code == 1
+    assert f"has all {SHOTS} shots" in ended.out
+    assert "not good: goal σ=0.09 is not met: the worst length is known to ±" in ended.out
+    assert "times what the tracker states" in ended.out
+    again = until(pkmcal, planned, REACHABLE)
+    assert again.code == 1
+    assert again.document["goal"]["met"] is False
+    assert again.document["knowledge"]["scatter"] > 2.0
+
+
+def test_a_goal_out_of_the_plans_reach_is_refused_before_anything_moves(pkmcal, planned):
+    for options in ((), ("--dry",)):
+        ended = until(pkmcal, planned, "σ=0.001", *options)
+        assert ended.code == 2
+        assert "goal σ=0.001: the whole plan will give 0.0" in ended.error_line
+        assert "pkmcal plan --until σ=0.001" in ended.error_line
+        assert ended.out == ""
+    assert not (planned / "campaign.db").exists()
+
+
+def test_a_goal_that_is_none_is_refused(pkmcal, planned):
+    ended = until(pkmcal, planned, "0.02")
+    assert ended.code == 2
+    assert "σ=0.02" in ended.error_line
+
+
+def test_dry_says_what_the_plan_would_give(pkmcal, planned):
+    ended = pkmcal("run", planned, "--dry", "--until", REACHABLE)
+    assert ended.code == 0
+    assert "the whole of it will tell: weakest arm" in ended.out
+    assert "for goal σ=0.09, " in ended.out
+    document = pkmcal("run", planned, "--dry", "--until", REACHABLE, "--json").document
+    assert document["shots"] == SHOTS
+    assert document["knowledge"]["shots"] == TO_IDENTIFY > document["goal"]["shots"]
+    assert not (planned / "campaign.db").exists()
+
+
+def test_dry_without_a_goal_says_what_it_always_said(pkmcal, planned):
+    document = pkmcal("run", planned, "--dry", "--json").document
+    assert set(document) == {"shots", "seconds_estimated"}
+
+
+def test_the_estimator_that_will_identify_says_what_is_known(pkmcal, measured):
+    points = pkmcal("run", measured, "--json")
+    assert points.code == 0, "nothing is left to measure, so nothing is asked"
+    assert 0.01 < points.document["knowledge"]["length_std_mm"] < 0.1
+    distances = pkmcal("run", measured, "--estimator", "distances", "--json")
+    assert distances.document["knowledge"] is None, "24 pairs tell nothing certain of 22 parameters"
