@@ -117,7 +117,7 @@ def main() -> int:
 
 def poses(robot: MeasuredRobot, rounds: int) -> Contest:
     """The forward model of the identified robot, from the poses that the nominal one has."""
-    geometry, start = with_parameters(robot, by_distances(robot)), robot.commanded()
+    geometry, start = with_parameters(robot, by_distances(robot)), robot.commanded
     many, starts = np.tile(robot.joints_rad, (COPIES, 1)), np.tile(start, (COPIES, 1))
     vector, shots = printed_parameters(geometry), list(zip(robot.joints_rad, start, strict=True))
     ours, lab = take_turns(
@@ -138,7 +138,7 @@ def poses(robot: MeasuredRobot, rounds: int) -> Contest:
 
 def distances(robot: MeasuredRobot, rounds: int) -> Contest:
     vector = printed_parameters(robot.nominal)
-    data = robot.joints_rad, robot.commanded(), robot.pairs, robot.measured_mm()
+    data = robot.joints_rad, robot.commanded, robot.pairs, robot.measured_mm()
     ours, scipy, lab = take_turns(
         [
             contestant(lambda: by_distances(robot), SOLVES),

@@ -156,15 +156,20 @@ def fitted_shots(nominal: Geometry, data: Dataset, request: IdentificationReques
 
 
 def position_model(
-    nominal: Geometry, data: Dataset, rows: Index, free: tuple[str, ...]
+    nominal: Geometry,
+    data: Dataset,
+    rows: Index,
+    free: tuple[str, ...],
+    near: Array | None = None,
 ) -> PositionModel:
-    """Positions of some shots by the parameters to be found."""
+    """Positions of some shots by the parameters to be found; `near` are poses (N, 4) like theirs."""
     joints_rad, approach = data.joints_rad[rows], data.approach[rows]
-    return PositionModel(nominal, indices(free), joints_rad, approach=approach)
+    return PositionModel(nominal, indices(free), joints_rad, near, approach=approach)
 
 
 def _fitted_pairs(nominal: Geometry, data: Dataset, request: IdentificationRequest) -> FittedPairs:
-    usable = usable_pairs(nominal, data, ShotSet.IDENTIFICATION)
+    solution = forward(nominal, data.joints_rad)
+    usable = usable_pairs(solution, data, ShotSet.IDENTIFICATION)
     rows, free = usable.rows, request.knowledge.free
     wanted = len(free) - len(request.knowledge.priors)
     if len(rows) < wanted:
@@ -172,7 +177,8 @@ def _fitted_pairs(nominal: Geometry, data: Dataset, request: IdentificationReque
             f"{len(rows)} pairs{_left_out(usable.excluded)} cannot give {len(free)} parameters",
             remedy=f"measure at least {wanted} pairs, better 60; or hold parameters",
         )
-    model = position_model(nominal, data, rows.ravel(), free)
+    near = solution.values[rows.ravel()]
+    model = position_model(nominal, data, rows.ravel(), free, near)
     first, second = np.arange(rows.size).reshape(rows.shape).T
     distances = DistanceResiduals(model, first, second, data.measured_distances_mm(rows))
     covariance = _stated(data, rows.ravel(), request.instrument)
@@ -188,14 +194,16 @@ def _fitted_points(
     nominal: Geometry, data: Dataset, request: IdentificationRequest
 ) -> FittedPoints:
     rows = np.flatnonzero([purpose is ShotSet.IDENTIFICATION for purpose in data.purposes])
-    found = forward(nominal, data.joints_rad[rows]).found
+    solution = forward(nominal, data.joints_rad[rows])
+    found = solution.found
     excluded = tuple(
         Excluded("the nominal robot cannot be assembled at its joints", shot=data.numbers[row])
         for row in rows[~found].tolist()
     )
     rows = rows[found]
     _check_coordinates(len(rows), request.knowledge, excluded)
-    model = position_model(nominal, data, rows, request.knowledge.free)
+    near = solution.values[found]
+    model = position_model(nominal, data, rows, request.knowledge.free, near)
     measured, stated = data.points_in_tracker_mm[rows], _stated(data, rows, request.instrument)
     try:
         points = PointResiduals.from_points(model, measured, stated)

@@ -162,7 +162,8 @@ def _by_priors_alone(
 
 def _unseen(nominal: Geometry, data: Dataset, free: tuple[str, ...], x: Array) -> _Unseen:
     """Errors of the pairs that were not fitted, with the nominal and the found parameters (F,)."""
-    usable = usable_pairs(nominal, data, ShotSet.VALIDATION)
+    at_nominal = forward(nominal, data.joints_rad)
+    usable = usable_pairs(at_nominal, data, ShotSet.VALIDATION)
     model = position_model(nominal, data, np.arange(len(data.numbers)), free)
     solution = forward(model.geometry(x), model.arm_joints_rad(x))
     whole = solution.found[usable.rows].all(axis=1)
@@ -171,7 +172,7 @@ def _unseen(nominal: Geometry, data: Dataset, free: tuple[str, ...], x: Array) -
     if len(kept) == 0:
         return _Unseen(None, usable.excluded, lost)
     measured_mm = data.measured_distances_mm(kept)
-    poses = forward(nominal, data.joints_rad).values, solution.values
+    poses = at_nominal.values, solution.values
     before, after = (
         (distances_mm(values[:, :3], kept[:, 0], kept[:, 1]) - measured_mm)[:, None]
         for values in poses

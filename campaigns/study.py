@@ -6,7 +6,9 @@ campaign draws from its own number alone, so the numbers are the same wherever a
 order they are computed.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
 
@@ -40,20 +42,28 @@ class _NominalPoses:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Shots:
-    """Fitted shots of one campaign: true poses (N, 4), and points (N, 3) in the tracker's frame."""
+class _Robot:
+    """A true robot: its shots as they are, how they scatter, and how well they can tell of it."""
 
-    poses: Array
-    exact_mm: Array
-    measured_mm: Array
+    vector: Array
+    """Its parameters, mm and rad."""
+    points_mm: Array
+    """Of the fitted shots, in the tracker's frame, (N, 3)."""
+    scatter_mm: Array
+    """Square root of each point's covariance, (N, 3, 3)."""
+    bound: Array
+    """Least standard deviations (Cramér and Rao), (F,), mm and rad."""
+    unseen: Array
+    """Poses of the unseen shots, (K, 4)."""
 
 
 def run_task(task: StudyTask) -> tuple[CampaignOutcome, ...]:
     """Simulate and identify; a campaign that cannot be identified is an outcome too."""
     near = _nominal_poses(task.setup)
+    robot_of = cache(partial(_robot, task.setup, near))  # a scenario without tolerances has one
     return tuple(
-        _outcome(task.setup, near, number, Geometry.from_vector(truth))
-        for number, truth in zip(task.numbers, task.truths, strict=True)
+        _outcome(task.setup, near, number, partial(robot_of, tuple(truth)))
+        for number, truth in zip(task.numbers, task.truths.tolist(), strict=True)
     )
 
 
@@ -90,27 +100,52 @@ def _nominal_poses(setup: StudySetup) -> _NominalPoses:
     )
 
 
+def _robot(setup: StudySetup, near: _NominalPoses, values: tuple[float, ...]) -> _Robot:
+    """Raises `NoAssembly`, and `LinAlgError` when its shots do not fix the parameters."""
+    vector = np.array(values)
+    true = Geometry.from_vector(vector)
+    poses = forward(true, setup.fitted.joints_rad, near.fitted).require()
+    points_mm = setup.tracker_from_base.apply(poses[:, :3])
+    covariance_mm2 = point_covariance_mm2(points_mm, setup.uncertainty)
+    scatter_mm = np.asarray(np.linalg.cholesky(covariance_mm2), dtype=np.float64)
+    unseen = forward(true, setup.unseen.joints_rad, near.unseen).require()
+    return _Robot(vector, points_mm, scatter_mm, _bound(setup, true, poses, points_mm), unseen)
+
+
+def _bound(setup: StudySetup, true: Geometry, poses: Array, points_mm: Array) -> Array:
+    """Cramér-Rao bound of standard deviations, (F,), mm and rad.
+
+    Of what the estimator is given, at the truth: Fisher's information of the coordinates, or of
+    the distances.
+    """
+    joints_rad, pairs = setup.fitted.joints_rad, setup.fitted.pairs
+    in_base_axes_mm = points_mm @ setup.tracker_from_base.rotation
+    noise_mm2 = point_covariance_mm2(in_base_axes_mm, setup.uncertainty)
+    if setup.estimator is Estimator.POINTS:
+        least = points_covariance(true, setup.free, joints_rad, poses, noise_mm2)
+        return np.asarray(np.sqrt(np.diag(least)[: len(setup.free)]))
+    variance_mm2 = distance_variance_mm2(in_base_axes_mm, noise_mm2, *pairs.T)
+    return predict_distances(true, setup.free, joints_rad, poses, pairs, variance_mm2).std
+
+
 def _outcome(
-    setup: StudySetup, near: _NominalPoses, number: int, true: Geometry
+    setup: StudySetup, near: _NominalPoses, number: int, robot: Callable[[], _Robot]
 ) -> CampaignOutcome:
     rng = np.random.default_rng([setup.seed, number])
     try:
-        shots = _measured(setup, true, near.fitted, rng)
-        fit = solve(_problem(setup, near, shots.measured_mm))
+        true = robot()
+        fit = solve(_problem(setup, near, _measured(true, rng)))
         if not fit.converged:
             return CampaignOutcome(number, None, fit.message)
-        return CampaignOutcome(number, _estimate(setup, near, true, shots, fit), "")
+        return CampaignOutcome(number, _estimate(setup, true, fit), "")
     except (NoAssembly, np.linalg.LinAlgError) as error:
         return CampaignOutcome(number, None, str(error))
 
 
-def _measured(setup: StudySetup, true: Geometry, near: Array, rng: np.random.Generator) -> _Shots:
-    """The true robot's shots, exact and with noise."""
-    poses = forward(true, setup.fitted.joints_rad, near).require()
-    exact_mm = setup.tracker_from_base.apply(poses[:, :3])
-    root = np.linalg.cholesky(point_covariance_mm2(exact_mm, setup.uncertainty))
-    noise_mm = np.einsum("nij,nj->ni", root, rng.standard_normal(exact_mm.shape))
-    return _Shots(poses, exact_mm, exact_mm + noise_mm)
+def _measured(true: _Robot, rng: np.random.Generator) -> Array:
+    """Points with noise in the tracker's frame, (N, 3)."""
+    draws = rng.standard_normal(true.points_mm.shape)
+    return np.asarray(true.points_mm + np.einsum("nij,nj->ni", true.scatter_mm, draws))
 
 
 def _problem(setup: StudySetup, near: _NominalPoses, points_mm: Array) -> Residuals:
@@ -124,46 +159,23 @@ def _problem(setup: StudySetup, near: _NominalPoses, points_mm: Array) -> Residu
     return DistanceResiduals(model, first, second, distances_mm(points_mm, first, second))
 
 
-def _estimate(
-    setup: StudySetup, near: _NominalPoses, true: Geometry, shots: _Shots, fit: Fit
-) -> Estimate:
+def _estimate(setup: StudySetup, true: _Robot, fit: Fit) -> Estimate:
     free = indices(setup.free)
     identified = setup.nominal.vector()
     identified[free] = fit.x[: len(free)]
-    errors = (identified - true.vector())[free]
+    errors = (identified - true.vector)[free]
     std = stated_std(setup.estimator, fit)[: len(free)]
-    bound = _bound(setup, true, shots)
-    unseen_mm = _unseen_errors_mm(setup.unseen, near.unseen, Geometry.from_vector(identified), true)
+    unseen_mm = _unseen_errors_mm(setup.unseen, true, Geometry.from_vector(identified))
     mean, most = (float("nan"),) * 2
     if unseen_mm.size:
         mean, most = float(unseen_mm.mean()), float(unseen_mm.max())
     unit = FILE_UNIT[free]
-    return Estimate(errors / unit, std / unit, bound / unit, mean, most)
+    return Estimate(errors / unit, std / unit, true.bound / unit, mean, most)
 
 
-def _bound(setup: StudySetup, true: Geometry, shots: _Shots) -> Array:
-    """Cramér-Rao bound of standard deviations, (F,), mm and rad.
-
-    Of what the estimator is given, at the truth: Fisher's information of the coordinates, or of
-    the distances. Raises `LinAlgError` when that does not fix the parameters.
-    """
-    joints_rad, pairs = setup.fitted.joints_rad, setup.fitted.pairs
-    in_base_axes_mm = shots.exact_mm @ setup.tracker_from_base.rotation
-    noise_mm2 = point_covariance_mm2(in_base_axes_mm, setup.uncertainty)
-    if setup.estimator is Estimator.POINTS:
-        least = points_covariance(true, setup.free, joints_rad, shots.poses, noise_mm2)
-        return np.asarray(np.sqrt(np.diag(least)[: len(setup.free)]))
-    variance_mm2 = distance_variance_mm2(in_base_axes_mm, noise_mm2, *pairs.T)
-    told = predict_distances(true, setup.free, joints_rad, shots.poses, pairs, variance_mm2)
-    return told.std
-
-
-def _unseen_errors_mm(
-    unseen: PairedShots, near: Array, identified: Geometry, true: Geometry
-) -> Array:
+def _unseen_errors_mm(unseen: PairedShots, true: _Robot, identified: Geometry) -> Array:
     """Sizes of the errors of distances, (M,); raises `NoAssembly`."""
     first, second = unseen.pairs.T
-    exact = forward(true, unseen.joints_rad, near).require()
-    found = forward(identified, unseen.joints_rad, exact).require()
-    exact_mm, found_mm = (distances_mm(poses[:, :3], first, second) for poses in (exact, found))
+    found = forward(identified, unseen.joints_rad, true.unseen).require()
+    exact_mm, found_mm = (distances_mm(p[:, :3], first, second) for p in (true.unseen, found))
     return np.abs(found_mm - exact_mm)

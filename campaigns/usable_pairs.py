@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from campaigns.dataset import Dataset
 from campaigns.identified import Excluded
-from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import Geometry, Index, Mask
+from campaigns.numerics.geometry import Index, Mask
+from campaigns.numerics.par4 import Solution
 from campaigns.shot_sets import ShotSet
 
 
@@ -17,9 +17,9 @@ class UsablePairs:
     excluded: tuple[Excluded, ...]
 
 
-def usable_pairs(nominal: Geometry, data: Dataset, purpose: ShotSet) -> UsablePairs:
-    """Those of a set, and the others by name."""
-    found = forward(nominal, data.joints_rad).found
+def usable_pairs(nominal: Solution, data: Dataset, purpose: ShotSet) -> UsablePairs:
+    """Those of a set, and the others by name, from the nominal robot's poses at all shots."""
+    found = nominal.found
     halves = tuple(
         Excluded(f"shot {data.numbers[row]} has no partner", pair=pair_of(data, row))
         for row in data.half_pairs(purpose)

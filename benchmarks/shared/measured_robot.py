@@ -34,15 +34,18 @@ class MeasuredRobot:
     """(N, 4)"""
     points_mm: Array
     """In the tracker's frame, (N, 3)."""
+    commanded: Array
+    """Where the controller believes to be, (N, 4): every contestant begins there."""
 
     @property
     def pairs(self) -> Index:
         """(N/2, 2)"""
         return np.arange(len(self.joints_rad), dtype=np.intp).reshape(-1, 2)
 
-    def commanded(self) -> Array:
-        """Where the controller believes to be, (N, 4)."""
-        return forward(self.nominal, self.joints_rad).require()
+    def of_shots(self, rows: slice) -> "MeasuredRobot":
+        """With these shots only."""
+        joints, points = self.joints_rad[rows], self.points_mm[rows]
+        return MeasuredRobot(self.nominal, joints, points, self.commanded[rows])
 
     def measured_mm(self) -> Array:
         """Distances of the pairs, (N/2,)."""
@@ -54,18 +57,20 @@ def measured_robot() -> MeasuredRobot:
     """par4-prototype with Table I's errors, seen by a tracker with 0.015/√3 mm a coordinate."""
     shots = np.loadtxt(SHOTS, delimiter=",", skiprows=1)
     nominal = Geometry.from_flat(find_robot("par4-prototype").robot.geometry_flat())
-    return MeasuredRobot(nominal, np.radians(shots[:, 1:5]), shots[:, 5:])
+    joints_rad = np.radians(shots[:, 1:5])
+    commanded = forward(nominal, joints_rad).require()
+    return MeasuredRobot(nominal, joints_rad, shots[:, 5:], commanded)
 
 
 def distance_problem(robot: MeasuredRobot) -> DistanceResiduals:
     first, second = robot.pairs.T
-    model = PositionModel(robot.nominal, FREE, robot.joints_rad)
+    model = PositionModel(robot.nominal, FREE, robot.joints_rad, robot.commanded)
     return DistanceResiduals(model, first, second, robot.measured_mm())
 
 
 def point_problem(robot: MeasuredRobot) -> PointResiduals:
     covariance = np.broadcast_to(VARIANCE_MM2 * np.eye(3), (len(robot.points_mm), 3, 3))
-    model = PositionModel(robot.nominal, FREE, robot.joints_rad)
+    model = PositionModel(robot.nominal, FREE, robot.joints_rad, robot.commanded)
     return PointResiduals.from_points(model, robot.points_mm, covariance)
 
 

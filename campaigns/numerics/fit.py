@@ -9,9 +9,9 @@ from campaigns.numerics.geometry import Array
 from campaigns.numerics.par4 import NoAssembly
 from campaigns.numerics.residuals import Residuals
 
-STEP_TOLERANCE = 1e-12
-COST_TOLERANCE = 1e-11
-"""Just above the rounding of a cost of micrometres made of distances of metres."""
+STEP_TOLERANCE = 1e-7
+COST_TOLERANCE = 1e-8
+"""What is left is of the order of these squared, by the solver's convergence: far below any σ."""
 EVALUATIONS = 100
 OUT_OF_THE_MODEL = 1e6
 """Every residual, mm or whitened, where the mechanism has no assembly: the solver turns back."""

@@ -20,9 +20,10 @@ CHUNK = 4096
 ITERATIONS = 40
 STEP_MM = 120.0
 STEP_RAD = 0.35
-CONVERGED_MM = 1e-7
-"""A Newton step shorter than this leaves an error of the order of its square."""
-RESIDUAL_MM = 1e-6
+CONVERGED_MM = 1e-5
+"""A Newton step shorter than this leaves an error of its square over the forearm's length."""
+RESIDUAL_MM = 1e-4
+"""Of the pose before that step."""
 LEVER_MM = 100.0
 """Compares a step in θ with one in position."""
 NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])

@@ -112,9 +112,10 @@ class PositionModel:
         """∂(X, Y, Z)/∂x, (N, 3, F); raises `NoAssembly`."""
         poses = self.poses(x)
         if self._expansion is None or self._expansion.poses is not poses:
-            by_geometry = parameter_jacobian(self.geometry(x), self.arm_joints_rad(x), poses)
-            by_backlash = by_geometry[:, :, OFFSETS] * LEFT_BEHIND * self._approach[:, None]
-            by_all = np.concatenate([by_geometry, by_backlash], axis=-1)
+            by_all = parameter_jacobian(self.geometry(x), self.arm_joints_rad(x), poses)
+            if self._free.max() >= len(GEOMETRY_NAMES):
+                by_backlash = by_all[:, :, OFFSETS] * LEFT_BEHIND * self._approach[:, None]
+                by_all = np.concatenate([by_all, by_backlash], axis=-1)
             self._expansion = _Expansion(np.array(x), poses, by_all[:, :, self._free])
         return self._expansion.by_x[:, :3]
 

@@ -1,5 +1,4 @@
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +20,7 @@ COMMANDED_OFF = np.array([5.0, -5.0, 5.0, 0.02])
 
 @pytest.fixture(scope="module")
 def robot():
-    whole = measured_robot()
-    return replace(whole, joints_rad=whole.joints_rad[SHOTS], points_mm=whole.points_mm[SHOTS])
+    return measured_robot().of_shots(SHOTS)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +30,7 @@ def problem(robot):
 
 
 def test_the_lab_script_finds_the_parameters_that_we_find(robot, problem):
-    data = robot.joints_rad, robot.commanded(), robot.pairs, robot.measured_mm()
+    data = robot.joints_rad, robot.commanded, robot.pairs, robot.measured_mm()
     theirs = lab_script.identify(printed_parameters(robot.nominal), FREE, *data)
     assert theirs == pytest.approx(solve(problem).x, abs=1e-4)
     assert abs(theirs - problem.start()).max() > 0.1, "the start is not the answer"

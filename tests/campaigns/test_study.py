@@ -5,8 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from campaigns import study
 from campaigns.errors import OutputExists, ShotsMissing, WriteFailed
 from campaigns.estimators import Estimator
+from campaigns.numerics.estimate import Treatment, estimate
+from campaigns.numerics.fit import solve
 from campaigns.numerics.forward import forward
 from campaigns.numerics.frames import Transform, small_rotation
 from campaigns.numerics.geometry import (
@@ -18,6 +21,7 @@ from campaigns.numerics.geometry import (
     indices,
 )
 from campaigns.numerics.instrument import TrackerUncertainty
+from campaigns.numerics.problem import Priors, Problem
 from campaigns.planning import (
     PlanRequest,
     View,
@@ -231,6 +235,30 @@ def test_parameters_that_no_shot_tells_apart_are_named(setup):
     free = tuple(name for name in NAMES if name in {*FREE_BY_DEFAULT, "arm0.x_mm"})
     (together,) = indistinguishable(replace(setup, free=free))
     assert together == tuple(f"arm{arm}.x_mm" for arm in range(4))
+
+
+@pytest.mark.parametrize("estimator", list(Estimator))
+@pytest.mark.parametrize("louder", [1.0, 3.0])
+def test_study_states_what_identification_states_of_the_same_shots(setup, estimator, louder):
+    """`louder`: by so much the noise exceeds what the tracker states."""
+    quiet = replace(setup, estimator=estimator)
+    loud = replace(
+        quiet, uncertainty=TrackerUncertainty(louder * NOISE_MM, 0, louder * NOISE_MM, 0)
+    )
+    near = study._nominal_poses(quiet)
+    robot = study._robot(loud, near, tuple(robots(1)[0]))
+    problem = study._problem(quiet, near, study._measured(robot, np.random.default_rng(1)))
+    points = estimator is Estimator.POINTS
+    identified = estimate(
+        Problem(problem, 3 if points else 1, Priors.none()),
+        len(FREE),
+        Treatment(exclude=False),
+        trusted=points,
+    )
+    stated = study.stated_std(estimator, solve(problem))
+    np.testing.assert_allclose(stated, np.sqrt(np.diag(identified.covariance)), rtol=1e-6)
+    if points:
+        assert identified.noise.believable == (louder == 1.0)
 
 
 def test_wrong_noise_model_shows_in_the_coverage(setup, outcomes):

@@ -41,10 +41,7 @@ def both(workers):
 
 
 def main():
-    if sys.argv[1] == "local":
-        document = both("2")
-    else:
-        document = on_a_cluster()
+    document = both("2") if sys.argv[1] == "local" else on_a_cluster()
     sys.stderr.write(json.dumps(document) + "\n")
 
 
