@@ -1,9 +1,10 @@
 """The tracker's part of a scenario."""
 
-from typing import Annotated, Self
+from typing import Annotated, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
+from sim.optics import MPE_PER_SIGMA, UM_PER_MM
 from sim.scenario_section import Count, NotNegative, Point, Positive, Section
 
 
@@ -12,6 +13,19 @@ class LimitSection(Section):
 
     constant_um: NotNegative
     per_metre_um: NotNegative
+
+
+DIGITS = 4
+"""Of a limit in µm: more than any data sheet has."""
+
+
+class DataSheet(NamedTuple):
+    """What a data sheet of such a tracker would allow (MPE): a constant and a part per metre."""
+
+    along_um: float
+    along_um_per_m: float
+    across_um: float
+    across_um_per_m: float
 
 
 class NoiseSection(Section):
@@ -28,6 +42,20 @@ class NoiseSection(Section):
         if any(spherical) == (self.coordinate_mm is not None) or any(spherical) != all(spherical):
             raise ValueError("give either coordinate_mm, or along, azimuth and elevation")
         return self
+
+    @property
+    def data_sheet(self) -> DataSheet:
+        """Across the beam the larger of azimuth's and elevation's."""
+        if self.along is None or self.azimuth is None or self.elevation is None:
+            limit_um = round((self.coordinate_mm or 0.0) * UM_PER_MM * MPE_PER_SIGMA, DIGITS)
+            return DataSheet(limit_um, 0.0, limit_um, 0.0)
+        across = (self.azimuth, self.elevation)
+        return DataSheet(
+            self.along.constant_um,
+            self.along.per_metre_um,
+            max(limit.constant_um for limit in across),
+            max(limit.per_metre_um for limit in across),
+        )
 
 
 class StationSection(Section):

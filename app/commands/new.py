@@ -9,6 +9,7 @@ from app.options import Folder, Json
 
 if TYPE_CHECKING:
     from campaigns.config import CampaignConfig
+    from sim.scenario_tracker import DataSheet
 
 DEFAULT_ROBOT = "par4-prototype"
 DEFAULT_SCENARIO = "paper-prototype"
@@ -110,6 +111,7 @@ def create_simulated(
                 "url": url,
                 "reflector": tracker.reflectors[0].name,
                 "place_mm": [tracker.station.x_mm, tracker.station.y_mm, tracker.station.z_mm],
+                "uncertainty": _limits(tracker.noise.data_sheet),
             },
         }
     )
@@ -119,6 +121,12 @@ def create_simulated(
     _write_unless_same(folder / SCENARIO, scenario_text(scenario, seed))
     write_new_campaign(folder, config, nominal)
     return config
+
+
+def _limits(data_sheet: "DataSheet") -> dict[str, float]:
+    """What to plan by; nothing, so the defaults, for a tracker without any noise."""
+    noisy = min(data_sheet.along_um, data_sheet.across_um) > 0.0
+    return data_sheet._asdict() if noisy else {}
 
 
 def _write_unless_same(path: Path, text: str) -> None:

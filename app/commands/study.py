@@ -78,17 +78,14 @@ def command(
     plot: Plot = None,
     json: Json = False,
 ) -> None:
-    """Simulate and identify many campaigns; no device is needed.
+    """Simulate and identify many campaigns, by every plan, scenario and estimator named.
 
-    Every plan is combined with every scenario and every estimator. Each campaign draws a robot and
-    the tracker's noise: errors of geometry and noise are all there is. What no parameter describes
-    (rods, backlash, warm arms) is for `pkmcal dry-run` to show.
+    Each draws a robot and the tracker's noise, and that is all there is: what no parameter
+    describes (rods, backlash, warm arms) is for `pkmcal dry-run` to show. Tells whether the stated
+    σ are true, how near they come to the least that the shots allow, and what is left elsewhere.
 
-    Tells how far off the parameters are, whether the stated σ are true, how near they come to the
-    least that the shots allow, and what is left on unseen distances.
-
-    The same command goes on where it was stopped; a larger N adds campaigns. The numbers depend on
-    the seed alone, not on the workers. Exit code 1: workers were lost, and campaigns with them.
+    The same command goes on where it was stopped; a larger N adds campaigns. Numbers depend on the
+    seed, not on the workers. Exit code 1: campaigns were lost with their workers.
     """
     from app.console import terminal_of
     from app.folder import open_campaign
@@ -105,7 +102,6 @@ def command(
         draw(terminal, compared, plot)
     terminal.document(document)
     if document["lost"]:
-        terminal.note("next: the same command, for what was lost")
         raise typer.Exit(Exit.NOT_GOOD)
 
 
@@ -187,8 +183,8 @@ def show(terminal: "Terminal", compared: "Sequence[Compared]") -> None:
         terminal.say(f"{label}: {tables.honesty(one.summary)}", style)
         if one.summary.failed:
             terminal.say(f"{label}: {tables.failures(one)}", WARNING)
-        for reason in one.studied.reasons:
-            terminal.note(f"{label}: {one.studied.lost} campaigns lost: {reason}", WARNING)
+        if one.studied.lost:
+            terminal.say(f"{label}: {tables.losses(one)}", WARNING)
     terminal.say(f"written: {compared[0].combination.table.path.parent}")
 
 

@@ -29,6 +29,8 @@ MARKS = "osD^vP"
 LINES: tuple[Line, ...] = ("-", "--", ":", "-.")
 SCORES = np.linspace(-4.0, 4.0, 65)
 """Edges of the histogram of normal scores."""
+MOST_POINTS = 400
+"""Of a line that is drawn."""
 DODGE = 0.6
 """Of a parameter's place, over which combinations stand side by side."""
 
@@ -109,11 +111,12 @@ def _standard_normal(axes: Axes) -> None:
 
 def _unseen(axes: Axes, one: Compared, look: Look) -> None:
     """In which share of campaigns the mean error of unseen distances stays below."""
+    if one.unseen_mm is None:
+        return
     found = [outcome.estimate for outcome in one.studied.outcomes if outcome.estimate is not None]
-    if one.unseen_mm is not None:
-        means = np.sort([estimate.unseen_mean_mm for estimate in found])
-        share = np.arange(1, len(means) + 1) / len(means)
-        axes.step(means, 100.0 * share, where="post", color=look.colour, linestyle=look.line)
+    shares = np.linspace(0.0, 1.0, min(len(found), MOST_POINTS))
+    means = np.quantile([estimate.unseen_mean_mm for estimate in found], shares)
+    axes.plot(means, 100.0 * shares, color=look.colour, linestyle=look.line)
 
 
 def _label_unseen(axes: Axes) -> None:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from campaigns.errors import PlanInvalid
 from campaigns.estimators import Estimator
 from campaigns.numerics.forward import forward
 from campaigns.numerics.frames import Transform
-from campaigns.numerics.geometry import Array, Geometry
+from campaigns.numerics.geometry import Geometry
 from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.plan_file import PlannedShot, read_plan
 from campaigns.planning import joints_of, numeric_geometry, pairs_of
@@ -111,8 +111,25 @@ def study_tasks(
     """The campaigns of these numbers, some at a time, each with a robot of its own."""
     left = iter(numbers)
     while some := tuple(islice(left, CAMPAIGNS_A_TASK)):
-        truths = [_truth(scenario, setup.seed, number) for number in some]
+        robots = (_drawn(scenario, setup.seed, number) for number in some)
+        truths = [in_frame_of(setup.nominal, robot).vector() for robot in robots]
         yield StudyTask(setup, some, np.array(truths))
+
+
+def in_frame_of(nominal: Geometry, robot: Geometry) -> Geometry:
+    """The same robot seen from a base whose first motor is where, and turned as, in the nominal.
+
+    No shot tells where the base is, so identification puts it there by holding those parameters.
+    """
+    turn_rad = float(nominal.azimuth_rad[0] - robot.azimuth_rad[0])
+    cos, sin = np.cos(turn_rad), np.sin(turn_rad)
+    turned_from_base = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    from_first_mm = (robot.motor_mm - robot.motor_mm[0]) @ turned_from_base.T
+    return replace(
+        robot,
+        motor_mm=nominal.motor_mm[0] + from_first_mm,
+        azimuth_rad=robot.azimuth_rad + turn_rad,
+    )
 
 
 def uncertainty_of(noise: NoiseSection) -> TrackerUncertainty:
@@ -142,10 +159,10 @@ def _noise_of(scenario: Scenario) -> TrackerUncertainty:
     return noise
 
 
-def _truth(scenario: Scenario, seed: int, number: int) -> Array:
-    """A robot's true parameters as a vector, mm and rad."""
+def _drawn(scenario: Scenario, seed: int, number: int) -> Geometry:
+    """The robot of one campaign, as the simulated cell would draw it."""
     own_seed = int(np.random.SeedSequence([seed, number]).generate_state(1, np.uint64)[0])
-    return Geometry.from_flat(true_geometry(scenario.robot, own_seed)).vector()
+    return Geometry.from_flat(true_geometry(scenario.robot, own_seed))
 
 
 def _paired(

@@ -93,6 +93,12 @@ def failures(one: Compared) -> str:
     return f"{one.summary.failed} campaigns without an answer: {worded}"
 
 
+def losses(one: Compared) -> str:
+    """How many campaigns no worker came back with, why, and what next."""
+    reasons = "; ".join(one.studied.reasons[:NAMED])
+    return f"{one.studied.lost} campaigns lost: {reasons} → the same command tries them again"
+
+
 def _named(parameters: Sequence[ParameterSummary]) -> str:
     named = [f"{p.name} found {p.ratio:.2f} × stated" for p in parameters[:NAMED]]
     more = len(parameters) - len(named)

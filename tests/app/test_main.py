@@ -11,7 +11,7 @@ from drivers.errors import LinkDown
 
 COMMANDS = (
     *("new", "devices", "plan", "run", "import", "identify"),
-    *("validate", "export", "load", "sim", "dry-run"),
+    *("validate", "export", "load", "sim", "study", "dry-run"),
 )
 HEAVY = ("numpy", "scipy", "pydantic", "rich", "ruamel", "serial", "campaigns.numerics", "sim")
 

@@ -73,6 +73,15 @@ def test_new_keeps_the_scenario_and_its_seed_with_the_campaign(tmp_path):
     assert open_campaign(tmp_path / "try").is_simulated
 
 
+@pytest.mark.parametrize(
+    ("scenario", "limits"),
+    [("paper-simulation", (15.0, 0.0, 15.0, 0.0)), ("realistic", (10.0, 0.3, 15.0, 6.0))],
+)
+def test_new_plans_by_what_the_simulated_tracker_is_like(tmp_path, scenario, limits):
+    tracker = new.create_simulated(tmp_path / "try", "par4-prototype", scenario).tracker
+    assert tuple(tracker.uncertainty.model_dump().values()) == limits
+
+
 def test_new_does_not_replace_somebodys_cell(tmp_path):
     (tmp_path / "cell.yaml").write_text("mine")
     with pytest.raises(OutputExists, match=r"cell\.yaml already exists"):

@@ -3,9 +3,11 @@
 import csv
 import json
 import shutil
+from dataclasses import replace
 from functools import partial
 
 import matplotlib.image
+import numpy as np
 import pytest
 
 from app.folder import now_utc
@@ -13,10 +15,12 @@ from app.main import run_command
 from app.study.cluster import Patience, cluster_results
 from app.study.comparison import COLUMNS
 from app.study.results import Done, Lost
-from app.study.setup import left_out, uncertainty_of
+from app.study.setup import in_frame_of, left_out, uncertainty_of
 from app.study.workers import local_results
 from campaigns.lock import campaign_lock
-from campaigns.numerics.geometry import FREE_BY_DEFAULT
+from campaigns.numerics.forward import forward
+from campaigns.numerics.geometry import FREE_BY_DEFAULT, Geometry
+from campaigns.robot import find_robot
 from sim.scenario import load_scenario
 
 TABLE = "plan-paper-simulation-points.csv"
@@ -219,8 +223,7 @@ def test_lost_campaigns_make_the_study_unfinished(folder, pkmcal, studied, monke
     assert code == 1
     document = json.loads(out)
     assert document["lost"] == document["combinations"][0]["lost"] == 4
-    assert "4 campaigns lost: killed" in err
-    assert "the same command" in err
+    assert "4 campaigns lost: killed → the same command" in err
     code, document = studied(folder, "--campaigns", 10)
     assert code == 0
     assert (document["lost"], document["computed"]) == (0, 4)
@@ -276,6 +279,32 @@ def test_wrong_model_makes_the_stated_deviations_look_too_small(folder, pkmcal):
         "study", folder, "--campaigns", 20, "--workers", 1, "--scenario", "realistic"
     )
     assert "stated σ are too small" in out, "azimuths differ, and nobody looks for them"
+
+
+def test_parameters_that_the_scenario_draws_are_found_when_they_are_free(folder, pkmcal):
+    _, out, _ = pkmcal(
+        *("study", folder, "--campaigns", 40, "--workers", 1, "--scenario", "realistic"),
+        *("--free", "arm[123].azimuth_deg"),
+    )
+    assert "stated σ are true" in out, "but for the first azimuth, which holds the frame"
+
+
+def test_robot_in_the_frame_of_the_nominal_is_the_same_robot():
+    nominal = Geometry.from_flat(find_robot("par4-prototype").robot.geometry_flat())
+    drawn = replace(
+        nominal,
+        motor_mm=nominal.motor_mm + np.array([3.0, -2.0, 1.0]),
+        azimuth_rad=nominal.azimuth_rad + np.radians([0.4, -0.2, 0.1, 0.3]),
+    )
+    same = in_frame_of(nominal, drawn)
+    np.testing.assert_allclose(same.motor_mm[0], nominal.motor_mm[0], atol=1e-12)
+    assert same.azimuth_rad[0] == pytest.approx(nominal.azimuth_rad[0])
+    joints = np.radians(np.random.default_rng(1).uniform(22.0, 30.0, (20, 4)))
+    apart = [
+        np.linalg.norm(np.diff(forward(robot, joints).require()[:, :3], axis=0), axis=1)
+        for robot in (drawn, same)
+    ]
+    np.testing.assert_allclose(*apart, atol=1e-6)
 
 
 @pytest.mark.parametrize(

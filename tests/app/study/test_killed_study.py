@@ -1,0 +1,52 @@
+"""A study that is killed: nothing of it stays behind, and nothing of its table is torn."""
+
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+
+from app.main import run_command
+
+TABLE = "plan-paper-simulation-points.csv"
+MANY = 4000
+"""More than are computed before the end."""
+FEW = 40
+WITHIN_S = 30.0
+
+
+def rows(table):
+    return table.read_text(encoding="utf-8").splitlines() if table.exists() else []
+
+
+@pytest.fixture(scope="module")
+def killed(planned_once, tmp_path_factory):
+    """The table of a study that was killed at work, and which of its processes stayed."""
+    tables = tmp_path_factory.mktemp("killed")
+    options = ("--campaigns", str(MANY), "--workers", "2", "--to", str(tables))
+    command = (sys.executable, "-m", "app.main", "study", str(planned_once), *options)
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as study:
+        until_s = time.monotonic() + WITHIN_S
+        while len(rows(tables / TABLE)) <= FEW and time.monotonic() < until_s:
+            time.sleep(0.01)
+        workers = psutil.Process(study.pid).children(recursive=True)
+        study.kill()
+    _, stayed = psutil.wait_procs(workers, timeout=WITHIN_S)
+    for process in stayed:
+        process.kill()
+    assert len(workers) >= 2
+    return tables, stayed
+
+
+def test_workers_of_a_killed_study_end_too(killed):
+    assert killed[1] == []
+
+
+def test_killed_study_goes_on_as_if_nothing_had_been(killed, planned_once, tmp_path):
+    tables, _ = killed
+    assert len(rows(tables / TABLE)) < MANY
+    for folder in (tables, tmp_path):
+        options = ("--campaigns", str(FEW), "--workers", "1", "--to", str(folder))
+        assert run_command(["study", str(planned_once), *options]) == 0
+    assert rows(tables / TABLE)[: FEW + 1] == rows(tmp_path / TABLE)
