@@ -7,7 +7,7 @@ from pathlib import Path
 from app.console import WARNING, Terminal
 from app.folder import now_utc
 from campaigns.errors import WriteFailed
-from campaigns.textfile import refuse_existing
+from campaigns.files.textfile import refuse_existing
 from drivers.spy import SpyLog
 
 

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from campaigns.config import CampaignConfig, read_campaign, read_campaign_robot
 from campaigns.errors import ShotsMissing
-from campaigns.journal import Journal, open_journal
-from campaigns.journal_reader import JournalReader
-from campaigns.journal_views import Series
-from campaigns.lock import campaign_lock
-from campaigns.robot import RobotDocument
+from campaigns.files.lock import campaign_lock
+from campaigns.journal.journal import Journal, open_journal
+from campaigns.journal.reader import JournalReader
+from campaigns.journal.views import Series
+from campaigns.robots.robot import RobotDocument
+from campaigns.settings.config import CampaignConfig, read_campaign, read_campaign_robot
 
 PLAN = "plan.csv"
 JOURNAL = "campaign.db"

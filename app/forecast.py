@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from app.console import WARNING
 from campaigns.estimators import Estimator
-from campaigns.foresight import CurvePoint, Expected, Foresight
 from campaigns.numerics.enough import averaging_from
+from campaigns.planning.foresight import CurvePoint, Expected, Foresight
 
 if TYPE_CHECKING:
     from app.console import Terminal

@@ -4,9 +4,9 @@ import shlex
 from collections.abc import Callable
 
 from app.folder import Campaign
-from campaigns.active_kinematics import ActiveKinematics
-from campaigns.linuxcnc_export import PIN_OF, CalibrationFile, Whose
-from campaigns.linuxcnc_section import LinuxcncConfig
+from campaigns.controllers.active_kinematics import ActiveKinematics
+from campaigns.controllers.linuxcnc_export import PIN_OF, CalibrationFile, Whose
+from campaigns.settings.linuxcnc_section import LinuxcncConfig
 from drivers.clock import SystemClock
 from drivers.linuxcnc_conversation import Passwords
 from drivers.linuxcnc_motion import JointLimits

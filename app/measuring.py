@@ -9,9 +9,9 @@ from app.folder import Campaign, held, opened_journal
 from app.interrupt import StopWish, stop_on_signals
 from app.wiring import connected_cell, prepare_robot, prepare_tracker
 from campaigns.errors import Interrupted
-from campaigns.journal import Journal
-from campaigns.session import Work, measure_series
-from campaigns.shooting import Cell
+from campaigns.journal.journal import Journal
+from campaigns.measuring.session import Work, measure_series
+from campaigns.measuring.shooting import Cell
 from drivers.errors import Cancelled
 
 Prepare = Callable[[Cell], Work]

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 
-from campaigns.plan_file import PlannedShot
+from campaigns.planning.plan_file import PlannedShot
 from campaigns.shot_sets import ShotSet
 
 WIDTH = 36

@@ -14,13 +14,13 @@ if TYPE_CHECKING:
 
     from app.folder import Campaign
     from app.forecast import Forecast
-    from campaigns.foresight import Expected
     from campaigns.numerics.criteria import CriterionName
     from campaigns.numerics.geometry import Array
     from campaigns.numerics.placement import Region
-    from campaigns.optimal_planning import OptimalRequest
-    from campaigns.plan_check import CheckedPlan
-    from campaigns.plan_file import PlannedShot
+    from campaigns.planning.foresight import Expected
+    from campaigns.planning.optimal import OptimalRequest
+    from campaigns.planning.plan_check import CheckedPlan
+    from campaigns.planning.plan_file import PlannedShot
 
 WORKSPACE_SEED = 1
 """Positions are judged at the same places for every plan of a robot."""
@@ -103,8 +103,8 @@ def wanted_of(campaign: "Campaign", asked: Asked) -> Wanted:
     """Options before settings; raises `GoalInvalid`, `KnowledgeInvalid` or `UsageInvalid`."""
     from app.setup import plan_request_of
     from app.view import tracker_uncertainty_of
-    from campaigns.knowledge import knowledge
-    from campaigns.optimal_planning import CANDIDATES, MOST_SHOTS, OptimalRequest
+    from campaigns.identification.knowledge import knowledge
+    from campaigns.planning.optimal import CANDIDATES, MOST_SHOTS, OptimalRequest
 
     free = knowledge(asked.free, asked.fix).free
     until_mm = None if asked.until is None else _goal_mm(asked.until, free)
@@ -125,7 +125,7 @@ def wanted_of(campaign: "Campaign", asked: Asked) -> Wanted:
 
 
 def _goal_mm(text: str, free: tuple[str, ...]) -> float:
-    from campaigns.goal import read_goal
+    from campaigns.identification.goal import read_goal
 
     if not any(name.endswith("_mm") for name in free):
         raise UsageInvalid(
@@ -140,8 +140,8 @@ def _placed(
 ) -> "tuple[tuple[PlannedShot, ...], tuple[Expected, ...]]":
     """The shots, and what other numbers of them would tell."""
     from app.view import view_of
-    from campaigns.optimal_planning import make_optimal_plan
-    from campaigns.planning import make_plan
+    from campaigns.planning.optimal import make_optimal_plan
+    from campaigns.planning.plans import make_plan
 
     robot, view = campaign.nominal.robot, view_of(campaign)
     if wanted.placement is Placement.BOUNDARY:
@@ -158,7 +158,7 @@ def _forecast(
 ) -> "Forecast":
     """Raises `PlanInvalid` for parameters that nothing could tell apart."""
     from app.forecast import Forecast
-    from campaigns.foresight import CurvePoint, Means, foresee, workspace_rows
+    from campaigns.planning.foresight import CurvePoint, Means, foresee, workspace_rows
 
     region, request = _region(campaign), wanted.request
     judged_at = workspace_rows(region.geometry, request.free, _workspace(region, shots))
@@ -175,7 +175,8 @@ def _forecast(
 
 def _region(campaign: "Campaign") -> "Region":
     from app.view import centre_of, view_of
-    from campaigns.planning import numeric_geometry, numeric_limits, region_of, with_reserve
+    from campaigns.planning.plans import region_of, with_reserve
+    from campaigns.robots.arrays import numeric_geometry, numeric_limits
 
     robot = campaign.nominal.robot
     limits = with_reserve(numeric_limits(robot))
@@ -186,9 +187,9 @@ def _workspace(region: "Region", shots: "tuple[PlannedShot, ...]") -> "Array":
     """Where positions are judged, (N, 4): at the plan's own poses where hardly any others are."""
     import numpy as np
 
-    from campaigns.foresight import workspace_poses
     from campaigns.numerics.placement import WorkspaceTooSmall
-    from campaigns.planning import poses_of
+    from campaigns.planning.foresight import workspace_poses
+    from campaigns.planning.plans import poses_of
 
     try:
         return workspace_poses(region, np.random.default_rng(WORKSPACE_SEED))
@@ -199,7 +200,7 @@ def _workspace(region: "Region", shots: "tuple[PlannedShot, ...]") -> "Array":
 def _write_beside_older(path: "Path", shots: "tuple[PlannedShot, ...]") -> None:
     """Write a plan; an older one is kept under the first free number, or stays if that fails."""
     from campaigns.errors import CampaignError
-    from campaigns.plan_file import write_plan
+    from campaigns.planning.plan_file import write_plan
 
     older = _moved_aside(path)
     try:

@@ -7,7 +7,7 @@ from rich.console import Console, Group
 from rich.text import Text
 
 from app.live_picture import LivePicture, bar_row, interval
-from campaigns.progress import EngineState, Known, Progress
+from campaigns.measuring.progress import EngineState, Known, Progress
 
 
 class RunDisplay(LivePicture):

@@ -6,18 +6,19 @@ import numpy as np
 
 from app.folder import Campaign
 from app.view import centre_of, tracker_uncertainty_of, view_of
+from campaigns.journal.records import Stage
+from campaigns.measuring.session import Work
+from campaigns.measuring.steps import Step, joint_steps
 from campaigns.numerics.geometry import Geometry
-from campaigns.plan_check import CheckedPlan, Pace, check_plan
-from campaigns.plan_file import PlannedShot, plan_digest, read_plan
-from campaigns.planning import PlanRequest, numeric_geometry, numeric_limits, pose_row
-from campaigns.records import Stage
-from campaigns.robot import RobotFile
-from campaigns.rules import gate_rules, motion_rules
-from campaigns.session import Work
+from campaigns.planning.plan_check import CheckedPlan, Pace, check_plan
+from campaigns.planning.plan_file import PlannedShot, plan_digest, read_plan
+from campaigns.planning.plans import PlanRequest
+from campaigns.planning.rules import gate_rules, motion_rules
+from campaigns.planning.ways import Mechanism
+from campaigns.robots.arrays import numeric_geometry, numeric_limits, pose_row
+from campaigns.robots.robot import RobotFile
 from campaigns.shot_sets import ShotSet
-from campaigns.steps import Step, joint_steps
-from campaigns.validation_plan import Reachable, validation_steps
-from campaigns.ways import Mechanism
+from campaigns.validation.plan import Reachable, validation_steps
 
 FULL_JOINT_SPEED_RAD_S = float(np.radians(180.0))
 """Only for estimates of time: what a fast parallel robot's joints do at 100 %."""

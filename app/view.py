@@ -1,9 +1,9 @@
 """How the tracker sees the robot, as the campaign's settings say. Light: no engine is imported."""
 
 from app.folder import Campaign
-from campaigns.config import CampaignConfig
 from campaigns.numerics.instrument import TrackerUncertainty
-from campaigns.planning import View
+from campaigns.planning.plans import View
+from campaigns.settings.config import CampaignConfig
 from drivers.values import Pose, Vector3
 
 

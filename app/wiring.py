@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.folder import CELL_MEMORY, SIMULATED, Campaign
-from campaigns.config import CampaignConfig
 from campaigns.errors import ConfigInvalid, WriteFailed
-from campaigns.shooting import Cell as Devices
-from campaigns.textfile import replace_text
+from campaigns.files.textfile import replace_text
+from campaigns.measuring.shooting import Cell as Devices
+from campaigns.settings.config import CampaignConfig
 from drivers.clock import SystemClock
 from drivers.emscon_tracker import EmsconTracker
 from drivers.errors import WrongDevice

@@ -20,26 +20,20 @@ from typing import cast
 
 import numpy as np
 
-from campaigns.config_sections import GateConfig
-from campaigns.journal import open_journal
+from campaigns.journal.journal import open_journal
+from campaigns.measuring.progress import Progress
+from campaigns.measuring.session import Work, measure_series
+from campaigns.measuring.shooting import Cell
+from campaigns.measuring.steps import joint_steps
 from campaigns.numerics.forward import forward
 from campaigns.numerics.geometry import Geometry
-from campaigns.plan_file import PlannedShot, plan_digest
-from campaigns.planning import (
-    PlanRequest,
-    View,
-    make_plan,
-    numeric_geometry,
-    numeric_limits,
-    pose_row,
-)
-from campaigns.progress import Progress
-from campaigns.robot import find_robot
-from campaigns.rules import GateRules, MotionRules
-from campaigns.session import Work, measure_series
-from campaigns.shooting import Cell
-from campaigns.steps import joint_steps
-from campaigns.ways import Mechanism
+from campaigns.planning.plan_file import PlannedShot, plan_digest
+from campaigns.planning.plans import PlanRequest, View, make_plan
+from campaigns.planning.rules import GateRules, MotionRules
+from campaigns.planning.ways import Mechanism
+from campaigns.robots.arrays import numeric_geometry, numeric_limits, pose_row
+from campaigns.robots.robot import find_robot
+from campaigns.settings.sections import GateConfig
 from drivers.ports import LaserTracker, RobotController
 from drivers.values import Identity, Measurement, Pose, RobotState, Vector3, Weather
 

@@ -23,8 +23,8 @@ from campaigns.numerics.forward import forward
 from campaigns.numerics.geometry import Array, Geometry
 from campaigns.numerics.par4 import inverse
 from campaigns.numerics.reach import Limits, reach
-from campaigns.planning import numeric_limits
-from campaigns.robot import find_robot
+from campaigns.robots.arrays import numeric_limits
+from campaigns.robots.robot import find_robot
 from sim.scenario import load_scenario
 
 CENTRE = np.array([0.0, 0.0, -575.0, 0.0])

@@ -22,19 +22,20 @@ os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS
 
 import numpy as np
 
-from campaigns.dataset import Dataset
-from campaigns.identified import Identification, IdentificationRequest
-from campaigns.identify import identify
-from campaigns.model_choice import STANDARD, choose_model, extended_knowledge
+from campaigns.identification.identified import Identification, IdentificationRequest
+from campaigns.identification.identify import identify
+from campaigns.identification.model_choice import STANDARD, choose_model, extended_knowledge
 from campaigns.numerics.forward import forward
 from campaigns.numerics.geometry import FILE_UNIT, FREE_BY_DEFAULT, Array, Geometry, Index, indices
 from campaigns.numerics.pairs import distances_mm
 from campaigns.numerics.par4 import inverse
 from campaigns.numerics.residuals import PositionModel
-from campaigns.plan_file import PlannedShot
-from campaigns.planning import PlanRequest, View, joints_of, make_plan, numeric_geometry, pairs_of
-from campaigns.robot import find_robot
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of
+from campaigns.robots.arrays import numeric_geometry
+from campaigns.robots.robot import find_robot
 from campaigns.shot_sets import ShotSet
+from campaigns.shots.dataset import Dataset
 from drivers.values import Pose
 from sim.building import WORKSPACE_CENTRE_MM, noise_of, station_of, true_geometry
 from sim.cell import Cell

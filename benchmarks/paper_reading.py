@@ -17,9 +17,9 @@ from campaigns.numerics.par4 import NoAssembly, inverse
 from campaigns.numerics.placement import Region, boundary_poses, pair_up
 from campaigns.numerics.reach import Limits, reach
 from campaigns.parameters import ARMS
-from campaigns.planning import numeric_limits
-from campaigns.robot import find_robot
-from campaigns.validate import rotation_mm, straightness_mm
+from campaigns.robots.arrays import numeric_limits
+from campaigns.robots.robot import find_robot
+from campaigns.validation.validate import rotation_mm, straightness_mm
 from sim.scenario import load_scenario
 
 CENTRE = np.array([0.0, 0.0, -575.0, 0.0])

@@ -29,9 +29,10 @@ from campaigns.numerics.par4 import inverse
 from campaigns.numerics.placement import Region, boundary_poses, inner_poses, pair_up
 from campaigns.numerics.point_prediction import points_covariance, position_std_mm
 from campaigns.numerics.prediction import predict_distances
-from campaigns.optimal_planning import Estimator, OptimalRequest, chosen_of, draw_options
-from campaigns.planning import PlanRequest, numeric_geometry, numeric_limits, pose_row
-from campaigns.robot import find_robot
+from campaigns.planning.optimal import Estimator, OptimalRequest, chosen_of, draw_options
+from campaigns.planning.plans import PlanRequest
+from campaigns.robots.arrays import numeric_geometry, numeric_limits, pose_row
+from campaigns.robots.robot import find_robot
 from drivers.values import Pose
 
 CENTRE = Pose(0.0, 0.0, -575.0, 0.0)

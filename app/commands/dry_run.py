@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from app.commands.identify import Asked
     from app.console import Terminal
     from app.folder import Campaign
-    from campaigns.validate import Validation
+    from campaigns.validation.validate import Validation
 
 STAGES = 8
 

@@ -11,7 +11,7 @@ from app.options import Folder, Json
 if TYPE_CHECKING:
     from app.console import Terminal
     from app.folder import Campaign
-    from campaigns.robot import RobotDocument
+    from campaigns.robots.robot import RobotDocument
 
 SHOTS = "shots.csv"
 
@@ -66,7 +66,7 @@ def command(
 
 def export(campaign: "Campaign", to: Path | None = None, *, overwrite: bool = False) -> Path:
     """Write the latest identification; raises `VerdictBad`, `OutputExists` or `WriteFailed`."""
-    from campaigns.export import FILE_NAME, write_compensated
+    from campaigns.controllers.export import FILE_NAME, write_compensated
 
     path = to or campaign.path(FILE_NAME)
     write_compensated(path, _identified(campaign), overwrite=overwrite)
@@ -75,7 +75,7 @@ def export(campaign: "Campaign", to: Path | None = None, *, overwrite: bool = Fa
 
 def export_hal(campaign: "Campaign", to: Path | None = None, *, overwrite: bool = False) -> Path:
     """Write the same for LinuxCNC's kinematics par4kins; raises likewise."""
-    from campaigns.linuxcnc_export import FILE_NAME, write_hal
+    from campaigns.controllers.linuxcnc_export import FILE_NAME, write_hal
 
     path = to or campaign.path(FILE_NAME)
     write_hal(path, _identified(campaign).robot, campaign.robot_identity, overwrite=overwrite)
@@ -85,8 +85,8 @@ def export_hal(campaign: "Campaign", to: Path | None = None, *, overwrite: bool 
 def _identified(campaign: "Campaign") -> "RobotDocument":
     """The nominal robot with the parameters of the latest identification."""
     from app.folder import require_journal
-    from campaigns.export import compensated_robot, latest_identification
-    from campaigns.journal_reader import read_journal
+    from campaigns.controllers.export import compensated_robot, latest_identification
+    from campaigns.journal.reader import read_journal
 
     with read_journal(require_journal(campaign)) as journal:
         finding = latest_identification(journal)
@@ -96,9 +96,9 @@ def _identified(campaign: "Campaign") -> "RobotDocument":
 def export_shots(campaign: "Campaign", to: Path | None, terminal: "Terminal") -> Path:
     """Write the accepted shots of the latest run or import; raises `OutputExists`."""
     from app.folder import measured_series, require_journal
-    from campaigns.exchange import write_shots
-    from campaigns.journal_reader import read_journal
-    from campaigns.shots_export import exported_shots
+    from campaigns.journal.reader import read_journal
+    from campaigns.shots.exchange import write_shots
+    from campaigns.shots.export import exported_shots
 
     path = to or campaign.path(SHOTS)
     with read_journal(require_journal(campaign)) as journal:

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from pydantic import JsonValue
 
     from app.folder import Campaign
-    from campaigns.identified import Identification, IdentificationRequest
-    from campaigns.journal import Journal
-    from campaigns.journal_views import Series
+    from campaigns.identification.identified import Identification, IdentificationRequest
+    from campaigns.journal.journal import Journal
+    from campaigns.journal.views import Series
     from campaigns.numerics.geometry import Array
 
 WORKSPACE_POSES = 300
@@ -124,11 +124,11 @@ def identify(campaign: "Campaign", asked: Asked) -> "tuple[Identification, dict[
     import time
 
     from app.folder import journal_of, measured_series, require_journal
-    from campaigns.dataset import dataset_of_journal
-    from campaigns.identification_document import identification_document
-    from campaigns.model_choice import choose_model, models_of
-    from campaigns.planning import numeric_geometry
-    from campaigns.records import Finding
+    from campaigns.identification.document import identification_document
+    from campaigns.identification.model_choice import choose_model, models_of
+    from campaigns.journal.records import Finding
+    from campaigns.robots.arrays import numeric_geometry
+    from campaigns.shots.dataset import dataset_of_journal
 
     request = request_of(campaign, asked)
     models = models_of(asked.model, asked.free, asked.fix, asked.prior)
@@ -148,7 +148,7 @@ def identify(campaign: "Campaign", asked: Asked) -> "tuple[Identification, dict[
 def request_of(campaign: "Campaign", asked: Asked) -> "IdentificationRequest":
     """What the options mean for this campaign, but for what each model leaves to be found."""
     from app.view import tracker_uncertainty_of
-    from campaigns.identified import IdentificationRequest
+    from campaigns.identification.identified import IdentificationRequest
     from campaigns.numerics.robust import Loss
 
     return IdentificationRequest(
@@ -173,7 +173,8 @@ def _workspace(campaign: "Campaign") -> "Array | None":
 
     from app.view import centre_of, view_of
     from campaigns.numerics.placement import WorkspaceTooSmall, inner_poses
-    from campaigns.planning import numeric_geometry, numeric_limits, region_of
+    from campaigns.planning.plans import region_of
+    from campaigns.robots.arrays import numeric_geometry, numeric_limits
 
     robot = campaign.nominal.robot
     from_everywhere = replace(view_of(campaign), acceptance_rad=float(np.pi))

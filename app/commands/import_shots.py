@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from app.folder import Campaign
-    from campaigns.ascii_points import LengthUnit
-    from campaigns.exchange import ShotRow
+    from campaigns.shots.ascii_points import LengthUnit
+    from campaigns.shots.exchange import ShotRow
 
 
 class Form(Enum):
@@ -91,7 +91,7 @@ def command(
 
 def read_source(source: Source) -> "tuple[tuple[ShotRow, ...], tuple[str, ...]]":
     """The shots of a file, and what should be known about how it was read."""
-    from campaigns.exchange import read_shots
+    from campaigns.shots.exchange import read_shots
 
     if source.form is Form.SHOTS:
         if source.unit or source.joints or source.columns:
@@ -99,7 +99,7 @@ def read_source(source: Source) -> "tuple[tuple[ShotRow, ...], tuple[str, ...]]"
         return read_shots(source.file), ()
     if source.joints is None:
         raise typer.BadParameter("--format ascii needs --joints FILE with each point's joints")
-    from campaigns.joined_shots import PointSource, read_joined_shots
+    from campaigns.shots.joined_shots import PointSource, read_joined_shots
 
     columns = tuple(source.columns.split(",")) if source.columns else None
     points = PointSource(source.file, source.unit, columns)
@@ -110,8 +110,8 @@ def read_source(source: Source) -> "tuple[tuple[ShotRow, ...], tuple[str, ...]]"
 def import_shots(campaign: "Campaign", rows: "Sequence[ShotRow]") -> tuple[int, int]:
     """Write shots into the journal as a series; gives its number and how many shots."""
     from app.folder import journal_of
-    from campaigns.importing import append_import
-    from campaigns.planning import numeric_geometry
+    from campaigns.robots.arrays import numeric_geometry
+    from campaigns.shots.importing import append_import
 
     with journal_of(campaign) as journal:
         robot = campaign.nominal.robot

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from app.console import Terminal
     from app.folder import Campaign
-    from campaigns.load import Change
+    from campaigns.controllers.load import Change
     from drivers.ports import RobotController
 
 KEPT = "controller-before-{number}.yaml"
@@ -49,7 +49,7 @@ def command(
     from app.console import terminal_of
     from app.errors import UsageInvalid
     from app.folder import open_campaign
-    from campaigns.export import FILE_NAME
+    from campaigns.controllers.export import FILE_NAME
 
     terminal = terminal_of(context, as_json=json)
     if rollback and file is not None:
@@ -87,9 +87,9 @@ def load(campaign: "Campaign", source: Path, approve: Approve) -> Path | None:
     from app.folder import journal_of
     from app.interrupt import StopWish, stop_on_signals
     from app.wiring import connected_robot
-    from campaigns.load import changes, differing
-    from campaigns.records import Finding
-    from campaigns.robot import read_robot
+    from campaigns.controllers.load import changes, differing
+    from campaigns.journal.records import Finding
+    from campaigns.robots.robot import read_robot
 
     robot = read_robot(source).robot
     wanted = robot.controller_flat()
@@ -116,7 +116,7 @@ def _replace(
     old: "Mapping[str, float]",
 ) -> Path:
     """Keep what the controller holds, then write and verify."""
-    from campaigns.load import write_verified
+    from campaigns.controllers.load import write_verified
 
     kept = keep(campaign, old)
     write_verified(controller, wanted, old)
@@ -125,7 +125,7 @@ def _replace(
 
 def keep(campaign: "Campaign", old: "Mapping[str, float]") -> Path:
     """Write what the controller holds as a robot file under the next free number."""
-    from campaigns.robot import Compensation, compensated, write_new_robot
+    from campaigns.robots.robot import Compensation, compensated, write_new_robot
 
     number = 1 + max((_number(path) for path in _kept(campaign)), default=0)
     path = campaign.path(KEPT.format(number=number))

@@ -8,7 +8,7 @@ import typer
 from app.options import Folder, Json
 
 if TYPE_CHECKING:
-    from campaigns.config import CampaignConfig
+    from campaigns.settings.config import CampaignConfig
     from sim.scenario_tracker import DataSheet
 
 DEFAULT_ROBOT = "par4-prototype"
@@ -76,8 +76,8 @@ def command(
 
 def create_for_devices(folder: Path, robot: str, controller: str, tracker: str) -> "CampaignConfig":
     """A campaign on real devices; raises `ConfigInvalid`, `OutputExists` or `WriteFailed`."""
-    from campaigns.config import new_config, write_new_campaign
-    from campaigns.robot import find_robot
+    from campaigns.robots.robot import find_robot
+    from campaigns.settings.config import new_config, write_new_campaign
 
     config = new_config(
         {
@@ -95,9 +95,9 @@ def create_simulated(
 ) -> "CampaignConfig":
     """A campaign on a simulated cell, whose scenario is kept in the folder as cell.yaml."""
     from app.folder import SCENARIO, SIMULATED
-    from campaigns.config import new_config, write_new_campaign
-    from campaigns.robot import find_robot
-    from campaigns.textfile import make_folder, refuse_existing
+    from campaigns.files.textfile import make_folder, refuse_existing
+    from campaigns.robots.robot import find_robot
+    from campaigns.settings.config import new_config, write_new_campaign
     from sim.scenario import load_scenario
     from sim.scenario_text import scenario_text
 
@@ -132,7 +132,7 @@ def _limits(data_sheet: "DataSheet") -> dict[str, float]:
 def _write_unless_same(path: Path, text: str) -> None:
     """Write a new file; one that an attempt before has left is taken as it is."""
     from campaigns.errors import OutputExists
-    from campaigns.textfile import read_text, write_new_text
+    from campaigns.files.textfile import read_text, write_new_text
 
     if not path.exists() or read_text(path, OutputExists, if_missing="try again") != text:
         write_new_text(path, text)

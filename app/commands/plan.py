@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from app.console import Terminal
     from app.folder import Campaign
     from app.forecast import Forecast
-    from campaigns.plan_check import CheckedPlan
+    from campaigns.planning.plan_check import CheckedPlan
 
 Shots = Annotated[
     int | None,
@@ -110,7 +110,7 @@ def plan_document(
 ) -> dict[str, object]:
     """The plan as `--json` prints it."""
     from app.forecast import forecast_document
-    from campaigns.planning import pairs_of
+    from campaigns.planning.plans import pairs_of
     from campaigns.shot_sets import ShotSet
 
     pairs = len(pairs_of(checked.shots, ShotSet.IDENTIFICATION))

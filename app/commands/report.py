@@ -55,7 +55,7 @@ def write(campaign: "Campaign", to: Path | None = None) -> "tuple[Page, Path]":
     from app.report.contents import contents_of
     from app.report.page import page_html, page_of
     from app.view import tracker_uncertainty_of
-    from campaigns.textfile import replace_text
+    from campaigns.files.textfile import replace_text
 
     path = to or campaign.path(FILE_NAME)
     _refuse_other_file(path)

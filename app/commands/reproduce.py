@@ -103,8 +103,8 @@ def reproduce(folder: Path, seeds: int, workers: int | None, terminal: "Terminal
     from app.reproduction.experiments import trials
     from app.reproduction.page import Material, page_html, page_of
     from app.reproduction.verdict import verdict
-    from campaigns.lock import campaign_lock
-    from campaigns.textfile import make_folder, replace_text
+    from campaigns.files.lock import campaign_lock
+    from campaigns.files.textfile import make_folder, replace_text
 
     make_folder(folder)
     with campaign_lock(folder, now_utc=now_utc):

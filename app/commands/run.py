@@ -12,14 +12,14 @@ from campaigns.estimators import Estimator
 if TYPE_CHECKING:
     from app.console import Terminal
     from app.folder import Campaign
-    from campaigns.early_end import Foreseen
-    from campaigns.goal import Goal
-    from campaigns.journal import Journal
-    from campaigns.journal_reader import JournalReader
-    from campaigns.plan_check import CheckedPlan
-    from campaigns.progress import Known
-    from campaigns.session import Work
-    from campaigns.shooting import Cell
+    from campaigns.identification.goal import Goal
+    from campaigns.journal.journal import Journal
+    from campaigns.journal.reader import JournalReader
+    from campaigns.measuring.early_end import Foreseen
+    from campaigns.measuring.progress import Known
+    from campaigns.measuring.session import Work
+    from campaigns.measuring.shooting import Cell
+    from campaigns.planning.plan_check import CheckedPlan
 
 CLEAR = "The robot will move. Is the cell clear?"
 
@@ -50,7 +50,7 @@ class Ran:
     @property
     def good(self) -> bool:
         """Whether the goal is met, if there was one."""
-        from campaigns.early_end import is_met
+        from campaigns.measuring.early_end import is_met
 
         return self.goal is None or is_met(self.goal, self.known)
 
@@ -104,7 +104,7 @@ def command(
 def read_checked_plan(campaign: "Campaign") -> "CheckedPlan":
     """plan.csv, checked again: it may have been edited. Raises `PlanInvalid`."""
     from app.setup import checked_plan
-    from campaigns.plan_file import read_plan
+    from campaigns.planning.plan_file import read_plan
 
     return checked_plan(campaign, read_plan(campaign.plan_path))
 
@@ -114,7 +114,7 @@ def work_of(
 ) -> "Work":
     """The plan as work for the engine, with the goal as it was typed; raises `GoalInvalid`."""
     from app.setup import plan_work
-    from campaigns.goal import read_goal
+    from campaigns.identification.goal import read_goal
 
     goal = None if until is None else read_goal(until)
     return replace(plan_work(campaign, checked), goal=goal, estimator=estimator)
@@ -125,7 +125,7 @@ def foreseen_end_of(campaign: "Campaign", work: "Work") -> "Foreseen | None":
 
     Raises `PlanInvalid` when even the whole plan will not meet it.
     """
-    from campaigns.early_end import foreseen_end
+    from campaigns.measuring.early_end import foreseen_end
 
     if work.goal is None:
         return None
@@ -158,8 +158,8 @@ def measure_plan(
 
 def measured_before(campaign: "Campaign", work: "Work", terminal: "Terminal") -> Ran | None:
     """The series that has all that is wanted of this plan; None while it lacks something."""
-    from campaigns.journal_reader import read_journal
-    from campaigns.session import nothing_left
+    from campaigns.journal.reader import read_journal
+    from campaigns.measuring.session import nothing_left
 
     if not campaign.journal_path.exists():
         return None
@@ -176,7 +176,7 @@ def measured_before(campaign: "Campaign", work: "Work", terminal: "Terminal") ->
 
 
 def _ran(journal: "JournalReader", series: int, work: "Work") -> Ran:
-    from campaigns.session import known_from, left_out
+    from campaigns.measuring.session import known_from, left_out
 
     shots = journal.shots(series)
     return Ran(series, len(shots), left_out(shots, work), work.goal, known_from(shots, work))

@@ -90,7 +90,7 @@ def command(
     from app.console import terminal_of
     from app.folder import open_campaign
     from app.study.setup import Asked
-    from campaigns.knowledge import knowledge
+    from campaigns.identification.knowledge import knowledge
 
     terminal, opened = terminal_of(context, as_json=json), open_campaign(folder)
     names = knowledge(free or (), fix or ()).free
@@ -126,8 +126,8 @@ def study(
     from app.study.document import document_text, study_document
     from app.study.running import run_study
     from app.study.workers import workers_of
-    from campaigns.lock import campaign_lock
-    from campaigns.textfile import make_folder, replace_text
+    from campaigns.files.lock import campaign_lock
+    from campaigns.files.textfile import make_folder, replace_text
 
     began_s = time.monotonic()
     found, results_of = combinations(campaign, asked, goal.to), workers_of(goal.workers)

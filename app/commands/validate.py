@@ -13,11 +13,11 @@ if TYPE_CHECKING:
 
     from app.console import Terminal
     from app.folder import Campaign
-    from campaigns.journal import Journal
-    from campaigns.session import Work
-    from campaigns.shooting import Cell
+    from campaigns.journal.journal import Journal
+    from campaigns.measuring.session import Work
+    from campaigns.measuring.shooting import Cell
     from campaigns.shot_sets import ShotSet
-    from campaigns.validate import Validation
+    from campaigns.validation.validate import Validation
 
 
 class When(Enum):
@@ -95,8 +95,8 @@ def validate(
     from app.console import WARNING
     from app.measuring import measure
     from app.setup import validation_work
-    from campaigns.records import Finding
-    from campaigns.validate import broken_limits, evaluate
+    from campaigns.journal.records import Finding
+    from campaigns.validation.validate import broken_limits, evaluate
 
     def prepare(cell: "Cell") -> "Work":
         active = cell.robot.read_geometry()
@@ -121,7 +121,7 @@ def validate(
 
 def worse_than_before(found: "Validation", journal: "Journal") -> list[str]:
     """Whether distances are worse than the latest validation before loading found them."""
-    from campaigns.records import Finding
+    from campaigns.journal.records import Finding
 
     bodies = [entry.record.body for entry in journal.records_of(Finding)]
     known = [b["distances_mm"] for b in bodies if b.get("stage") == When.BEFORE.value]

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from app.report.evidence import Evidence
 from campaigns.parameters import AXIS_TILT_NAMES, PARAMETER_NAMES
-from campaigns.plan_file import plan_digest
-from campaigns.robot import RobotFile
+from campaigns.planning.plan_file import plan_digest
+from campaigns.robots.robot import RobotFile
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,13 +13,10 @@ from app.report.findings import (
     read_identification,
     read_load,
 )
-from campaigns.dataset import dataset_of_journal
+from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
 from campaigns.errors import CampaignError
-from campaigns.export import FILE_NAME as PARAMETER_FILE
-from campaigns.journal_reader import JournalReader, read_journal
-from campaigns.journal_views import Entry, Series, accepted_shots, unstopped_sessions
-from campaigns.plan_file import PlannedShot, read_plan
-from campaigns.records import (
+from campaigns.journal.reader import JournalReader, read_journal
+from campaigns.journal.records import (
     Event,
     Finding,
     FindingKind,
@@ -29,7 +26,10 @@ from campaigns.records import (
     SessionStarted,
     Stage,
 )
-from campaigns.robot import RobotFile, read_robot
+from campaigns.journal.views import Entry, Series, accepted_shots, unstopped_sessions
+from campaigns.planning.plan_file import PlannedShot, read_plan
+from campaigns.robots.robot import RobotFile, read_robot
+from campaigns.shots.dataset import dataset_of_journal
 
 FoundT = TypeVar("FoundT", IdentificationFinding, LoadFinding)
 FileT = TypeVar("FileT")

@@ -10,7 +10,7 @@ from app.report.model_errors import ModelErrors, model_errors, models_of
 from app.report.over_time import Course, course
 from app.report.stages import StageView, stage_view
 from campaigns.numerics.instrument import TrackerUncertainty
-from campaigns.planning import numeric_geometry
+from campaigns.robots.arrays import numeric_geometry
 
 
 @dataclass(frozen=True, slots=True, eq=False)

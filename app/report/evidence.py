@@ -5,11 +5,11 @@ from typing import Literal
 
 from app.folder import Campaign
 from app.report.findings import IdentificationFinding, LoadFinding
-from campaigns.dataset import Dataset
-from campaigns.journal_views import AcceptedShot, Series
-from campaigns.plan_file import PlannedShot
-from campaigns.records import Event, PairVoided, Rejected
-from campaigns.robot import RobotFile
+from campaigns.journal.records import Event, PairVoided, Rejected
+from campaigns.journal.views import AcceptedShot, Series
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.robots.robot import RobotFile
+from campaigns.shots.dataset import Dataset
 from drivers.values import Identity
 
 IncidentKind = Literal["rejected", "pair voided", "event"]

@@ -8,7 +8,7 @@ import numpy as np
 from app.report.findings import IdentificationFinding
 from app.report.model_errors import ModelErrors, PairErrors, ShotErrors
 from campaigns.estimators import Estimator
-from campaigns.identified import Correlation
+from campaigns.identification.identified import Correlation
 from campaigns.numerics.geometry import Array
 from campaigns.numerics.statistics import correlations
 

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 
-from campaigns.decision import Decision
 from campaigns.parameters import BACKLASH_NAMES
+from campaigns.validation.decision import Decision
 
 
 class UnreadableFinding(Exception):

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from app.console import BAD, GOOD, OPEN, WARNING, Terminal
 from app.report.terminal_picture import histogram_lines
 from campaigns.estimators import Estimator
-from campaigns.identified import Identification
+from campaigns.identification.identified import Identification
 
 CORRELATIONS = 5
 """So many of the strongest are shown."""

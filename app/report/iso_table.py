@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.report.stages import StageView
-from campaigns import iso9283
-from campaigns.iso9283 import Figure, Symbol
-from campaigns.validate import AXES
-from campaigns.validation_traces import DistanceTrace
+from campaigns.validation import iso9283
+from campaigns.validation.iso9283 import Figure, Symbol
+from campaigns.validation.traces import DistanceTrace
+from campaigns.validation.validate import AXES
 
 NO_FRAME = "too few commanded points for a base frame"
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from app.report.evidence import MeasuredSeries
 from app.report.findings import ExcludedFinding, FrameFinding, IdentificationFinding
-from campaigns.dataset import Dataset
 from campaigns.numerics.forward import forward
 from campaigns.numerics.frames import Transform, fit_transform, from_paper_angles
 from campaigns.numerics.geometry import Array, Geometry, Index, Mask
@@ -15,8 +14,9 @@ from campaigns.numerics.instrument import TrackerUncertainty, distance_variance_
 from campaigns.numerics.pairs import distances_mm
 from campaigns.numerics.residuals import arm_joints_rad
 from campaigns.parameters import ARMS
-from campaigns.point_sets import SHOTS_FOR_A_FRAME
 from campaigns.shot_sets import ShotSet
+from campaigns.shots.dataset import Dataset
+from campaigns.shots.point_sets import SHOTS_FOR_A_FRAME
 
 
 @dataclass(frozen=True, slots=True, eq=False)

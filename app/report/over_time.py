@@ -6,7 +6,7 @@ from datetime import datetime
 import numpy as np
 
 from app.report.evidence import MeasuredSeries
-from campaigns.journal_views import AcceptedShot
+from campaigns.journal.views import AcceptedShot
 from campaigns.numerics.geometry import Array
 from campaigns.shot_sets import ShotSet
 

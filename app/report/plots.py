@@ -9,10 +9,10 @@ from app.report.figures.distances import PairGroup, pair_errors
 from app.report.figures.drawing import save
 from app.report.figures.plan import plan_picture
 from campaigns.estimators import Estimator
-from campaigns.foresight import CurvePoint, Expected
-from campaigns.identified import Errors, Identification
-from campaigns.plan_file import PlannedShot
-from campaigns.planning import poses_of
+from campaigns.identification.identified import Errors, Identification
+from campaigns.planning.foresight import CurvePoint, Expected
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.plans import poses_of
 
 
 def plot_plan(

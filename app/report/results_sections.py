@@ -23,10 +23,10 @@ from app.report.parts import (
 from app.report.pictures import distance_pictures, test_pictures, workspace_pictures
 from app.report.stages import StageView
 from app.report.statistics import ErrorSummary, summary
-from campaigns.decision import COVERAGE, Requirement
 from campaigns.numerics.geometry import Array
-from campaigns.validate import AXES
-from campaigns.validation_traces import Result
+from campaigns.validation.decision import COVERAGE, Requirement
+from campaigns.validation.traces import Result
+from campaigns.validation.validate import AXES
 
 VALIDATE = {
     "before": "There is no validation before calibration: `pkmcal validate --stage before`.",

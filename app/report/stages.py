@@ -9,8 +9,7 @@ from campaigns.numerics.frames import Transform
 from campaigns.numerics.geometry import Array
 from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.shot_sets import ShotSet
-from campaigns.validate import of_set
-from campaigns.validation_traces import (
+from campaigns.validation.traces import (
     DistanceTrace,
     LineTrace,
     MeasuredTest,
@@ -22,6 +21,7 @@ from campaigns.validation_traces import (
     radius_result,
     rotation_result,
 )
+from campaigns.validation.validate import of_set
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.wiring import scenario_of
-from campaigns.robot import find_robot
-from campaigns.textfile import replace_text
+from campaigns.files.textfile import replace_text
+from campaigns.files.yamlfile import read_document, yaml_text
+from campaigns.robots.robot import find_robot
 from campaigns.version import VERSION
-from campaigns.yamlfile import read_document, yaml_text
 
 ROBOT = "par4-prototype"
 SPEED_UP = 500.0

@@ -25,7 +25,7 @@ from app.reproduction.misfit import Reach
 from app.reproduction.printed import Printed
 from app.reproduction.trials import TrialResult
 from campaigns.numerics.geometry import Array
-from campaigns.validate import AXES
+from campaigns.validation.validate import AXES
 
 PAPER = "#98281f"
 ROW_MM = 5.0

@@ -11,9 +11,9 @@ import numpy as np
 from app.reproduction import printed
 from app.reproduction.printed import Printed
 from app.reproduction.summary import Distribution, distribution
-from campaigns.config_sections import PlanConfig, ValidationConfig
 from campaigns.numerics.geometry import FREE_BY_DEFAULT, Array
-from campaigns.validate import repeatability, rotation_mm, straightness_mm
+from campaigns.settings.sections import PlanConfig, ValidationConfig
+from campaigns.validation.validate import repeatability, rotation_mm, straightness_mm
 
 DRAWS = 2000
 SEED = 1

@@ -9,12 +9,12 @@ from app.reproduction.experiments import ROBOT
 from app.reproduction.floors import most_distant_mm, scattered
 from app.reproduction.summary import Distribution, distribution
 from app.reproduction.trials import TrialResult
-from campaigns.config_sections import ValidationConfig
 from campaigns.numerics.forward import forward
 from campaigns.numerics.geometry import Array, Geometry
 from campaigns.numerics.par4 import inverse
-from campaigns.robot import find_robot
-from campaigns.validate import AXES, straightness_mm
+from campaigns.robots.robot import find_robot
+from campaigns.settings.sections import ValidationConfig
+from campaigns.validation.validate import AXES, straightness_mm
 
 DRAWS_A_SEED = 100
 

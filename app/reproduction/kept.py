@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from app.reproduction.experiments import Trial
 from app.reproduction.trials import TrialResult
 from campaigns.errors import CampaignError, WriteFailed
-from campaigns.textfile import read_text, replace_text
+from campaigns.files.textfile import read_text, replace_text
 
 
 class ResultsInvalid(CampaignError):

@@ -7,8 +7,8 @@ import numpy as np
 from app.reproduction.printed import LINES_MM
 from campaigns.numerics.geometry import Array, Mask
 from campaigns.numerics.par4 import inverse
-from campaigns.planning import numeric_geometry
-from campaigns.robot import RobotFile, find_robot
+from campaigns.robots.arrays import numeric_geometry
+from campaigns.robots.robot import RobotFile, find_robot
 
 GRID_MM = 25.0
 EXTENT_MM = 1000.0

@@ -14,10 +14,10 @@ from app.report.model_errors import PairErrors, model_errors, models_of
 from app.reproduction.experiments import Trial
 from app.wiring import scenario_of
 from campaigns.numerics.instrument import TrackerUncertainty
-from campaigns.planning import numeric_geometry
+from campaigns.robots.arrays import numeric_geometry
 from campaigns.shot_sets import ShotSet
-from campaigns.validate import AXES, evaluate, of_set
-from campaigns.validation_traces import distance_trace, measured_test
+from campaigns.validation.traces import distance_trace, measured_test
+from campaigns.validation.validate import AXES, evaluate, of_set
 
 
 class TrialFailed(AppError):

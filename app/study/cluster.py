@@ -11,8 +11,8 @@ from typing import Any
 
 from app.errors import UsageInvalid
 from app.study.results import Lost, Result, Results, Work, tried
-from campaigns.study import run_task
-from campaigns.study_setup import StudyTask
+from campaigns.studies.setup import StudyTask
+from campaigns.studies.study import run_task
 
 LOGS = ("distributed", "distributed.client", "asyncio")
 """Of the client; each has a level of its own."""

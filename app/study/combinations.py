@@ -10,8 +10,8 @@ from app.errors import UsageInvalid
 from app.folder import Campaign
 from app.study.setup import Asked, robots_drawn, study_scenario, study_setup
 from campaigns.estimators import Estimator
-from campaigns.study_setup import StudySetup
-from campaigns.study_table import StudyTable
+from campaigns.studies.setup import StudySetup
+from campaigns.studies.table import StudyTable
 from sim.scenario_schema import Scenario
 
 UNFIT_FOR_FILES = re.compile(r"[^\w.-]+")

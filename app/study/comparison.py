@@ -6,10 +6,10 @@ from statistics import median
 
 from app.study.combinations import Combination
 from app.study.running import Studied
-from campaigns.csvfile import csv_text
-from campaigns.decimals import number_text
 from campaigns.errors import ShotsMissing
-from campaigns.study_summary import ParameterSummary, StudySummary, summarise
+from campaigns.files.csvfile import csv_text
+from campaigns.files.decimals import number_text
+from campaigns.studies.summary import ParameterSummary, StudySummary, summarise
 
 COLUMNS = (
     *("plan", "scenario", "estimator", "campaigns", "failed"),

@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 
 from app.study.comparison import Compared
-from campaigns.study_summary import ParameterSummary
+from campaigns.studies.summary import ParameterSummary
 
 SCHEMA = "pkmcal/study/1"
 

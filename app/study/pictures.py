@@ -20,7 +20,7 @@ from app.report.figures.drawing import (
 )
 from app.study.comparison import Compared
 from app.study.tables import labels
-from campaigns.study_summary import CONFIDENCE, normal_scores
+from campaigns.studies.summary import CONFIDENCE, normal_scores
 
 Line = Literal["-", "--", ":", "-."]
 

@@ -8,7 +8,7 @@ from app.counted_work import CountedWork
 from app.study.combinations import Combination
 from app.study.results import Lost, Result, ResultsOf
 from app.study.setup import study_tasks
-from campaigns.study_setup import CampaignOutcome, StudyTask
+from campaigns.studies.setup import CampaignOutcome, StudyTask
 
 Counting = Callable[[int, int], CountedWork]
 """Shows how far it is, for so many campaigns in all and so many done before."""

@@ -16,11 +16,12 @@ from campaigns.numerics.forward import forward
 from campaigns.numerics.frames import Transform
 from campaigns.numerics.geometry import Geometry
 from campaigns.numerics.instrument import TrackerUncertainty
-from campaigns.plan_file import PlannedShot, read_plan
-from campaigns.planning import joints_of, numeric_geometry, pairs_of
+from campaigns.planning.plan_file import PlannedShot, read_plan
+from campaigns.planning.plans import joints_of, pairs_of
+from campaigns.robots.arrays import numeric_geometry
 from campaigns.shot_sets import ShotSet
-from campaigns.study import indistinguishable
-from campaigns.study_setup import PairedShots, StudySetup, StudyTask
+from campaigns.studies.setup import PairedShots, StudySetup, StudyTask
+from campaigns.studies.study import indistinguishable
 from sim.building import station_of, true_geometry
 from sim.scenario import load_scenario
 from sim.scenario_schema import Scenario

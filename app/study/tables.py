@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from app.study.comparison import Compared
-from campaigns.study_summary import ParameterSummary, StudySummary
+from campaigns.studies.summary import ParameterSummary, StudySummary
 
 NAMED = 3
 """Parameters whose σ is wrong, and failures, that are named in a line."""

@@ -17,8 +17,8 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from app.errors import UsageInvalid
 from app.study.cluster import cluster_results
 from app.study.results import Lost, Result, Results, ResultsOf, Work, tried
-from campaigns.study import run_task
-from campaigns.study_setup import StudyTask
+from campaigns.studies.setup import StudyTask
+from campaigns.studies.study import run_task
 
 SCHEDULER = ("tcp://", "tls://")
 AHEAD = 2

@@ -18,7 +18,7 @@ from campaigns.numerics.geometry import (
 )
 from campaigns.numerics.pairs import distances_mm
 from campaigns.numerics.residuals import DistanceResiduals, PointResiduals, PositionModel
-from campaigns.robot import find_robot
+from campaigns.robots.robot import find_robot
 
 SHOTS = Path(__file__).parents[2] / "tests" / "data" / "vectors" / "table1-tracker-noise.csv"
 VARIANCE_MM2 = 0.015**2 / 3.0

@@ -8,11 +8,12 @@ from app.study.setup import study_tasks, uncertainty_of
 from campaigns.estimators import Estimator
 from campaigns.numerics.frames import Transform
 from campaigns.numerics.geometry import FREE_BY_DEFAULT
-from campaigns.plan_file import PlannedShot
-from campaigns.planning import PlanRequest, View, joints_of, make_plan, numeric_geometry, pairs_of
-from campaigns.robot import find_robot
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of
+from campaigns.robots.arrays import numeric_geometry
+from campaigns.robots.robot import find_robot
 from campaigns.shot_sets import ShotSet
-from campaigns.study_setup import PairedShots, StudySetup, StudyTask
+from campaigns.studies.setup import PairedShots, StudySetup, StudyTask
 from drivers.values import Pose
 from sim.scenario import load_scenario
 

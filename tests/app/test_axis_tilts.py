@@ -2,7 +2,7 @@
 
 from app.folder import open_campaign
 from app.main import run_command
-from campaigns.robot import Compensation, compensated, write_new_robot
+from campaigns.robots.robot import Compensation, compensated, write_new_robot
 
 NOBODY = "tcp://127.0.0.1:1"
 

@@ -14,14 +14,15 @@ from app.main import run_command
 from app.view import centre_of, view_of
 from campaigns.errors import KnowledgeInvalid
 from campaigns.estimators import Estimator, LossShape, Outliers
-from campaigns.exchange import ShotRow, write_shots
 from campaigns.numerics.forward import forward
 from campaigns.numerics.frames import from_paper_angles
 from campaigns.numerics.geometry import FREE_BY_DEFAULT, Geometry
 from campaigns.numerics.par4 import inverse
 from campaigns.numerics.placement import inner_poses
-from campaigns.planning import numeric_geometry, numeric_limits, region_of
+from campaigns.planning.plans import region_of
+from campaigns.robots.arrays import numeric_geometry, numeric_limits
 from campaigns.shot_sets import ShotSet
+from campaigns.shots.exchange import ShotRow, write_shots
 
 STD_MM = np.array([0.004, 0.012, 0.012])
 WRONG = (7, 50, 99)

@@ -16,13 +16,14 @@ from app.planning import Asked, Placement, make, wanted_of
 from app.view import tracker_uncertainty_of
 from campaigns.errors import GoalInvalid, PlanInvalid, WriteFailed
 from campaigns.estimators import Estimator
-from campaigns.foresight import CurvePoint, Expected, Foresight
 from campaigns.numerics.criteria import CriterionName
 from campaigns.numerics.geometry import FREE_BY_DEFAULT
 from campaigns.numerics.instrument import TrackerUncertainty, point_covariance_mm2
 from campaigns.numerics.point_prediction import predict_points
 from campaigns.numerics.prediction import Prediction
-from campaigns.planning import joints_of, numeric_geometry, poses_of
+from campaigns.planning.foresight import CurvePoint, Expected, Foresight
+from campaigns.planning.plans import joints_of, poses_of
+from campaigns.robots.arrays import numeric_geometry
 from campaigns.shot_sets import ShotSet
 
 FEW = 200
@@ -243,7 +244,7 @@ def test_a_plan_that_cannot_be_written_leaves_the_older_one(campaign, monkeypatc
     def write(path, shots):
         raise WriteFailed(f"{path}: no space", remedy="free some")
 
-    monkeypatch.setattr("campaigns.plan_file.write_plan", write)
+    monkeypatch.setattr("campaigns.planning.plan_file.write_plan", write)
     with pytest.raises(WriteFailed):
         make(campaign, Asked(shots=44))
     assert campaign.plan_path.read_text() == "older"
@@ -254,6 +255,6 @@ def test_where_hardly_any_pose_can_be_taken_positions_are_judged_at_the_plans_ow
     campaign, monkeypatch
 ):
     monkeypatch.setattr("campaigns.numerics.placement.BATCHES", 40)
-    monkeypatch.setattr("campaigns.foresight.WORKSPACE_SAMPLE", 10**6)
+    monkeypatch.setattr("campaigns.planning.foresight.WORKSPACE_SAMPLE", 10**6)
     checked, forecast = make(campaign, Asked(shots=44))
     assert len(forecast.foresight.position_std_mm) == len(checked.shots)

@@ -1,7 +1,7 @@
 """A plan drawn with letters."""
 
 from app.picture import WIDTH, plan_picture
-from campaigns.plan_file import PlannedShot
+from campaigns.planning.plan_file import PlannedShot
 from campaigns.shot_sets import ShotSet
 from drivers.values import Pose
 

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from app.live_picture import interval
 from app.progress_bar import RunDisplay, certainty, counted, news, summary
-from campaigns.progress import EngineState, Known, Progress
+from campaigns.measuring.progress import EngineState, Known, Progress
 
 AT_WORK = Progress(
     12, 59, EngineState.MEASURING, 12, "identification", (190.0, 310.0), 0.0123, 0.004

@@ -7,15 +7,15 @@ from math import degrees
 import numpy as np
 from virtual_time import Act, StopWish, VirtualClock
 
-from campaigns.journal import Journal
+from campaigns.journal.journal import Journal
+from campaigns.measuring.progress import Progress
+from campaigns.measuring.session import Work, measure_series
+from campaigns.measuring.shooting import Cell
 from campaigns.numerics.forward import forward
 from campaigns.numerics.frames import Transform, small_rotation
 from campaigns.numerics.geometry import Geometry
 from campaigns.numerics.par4 import inverse
-from campaigns.progress import Progress
-from campaigns.robot import find_robot
-from campaigns.session import Work, measure_series
-from campaigns.shooting import Cell
+from campaigns.robots.robot import find_robot
 from drivers.errors import BeamBroken, Cancelled
 from drivers.values import (
     Identity,

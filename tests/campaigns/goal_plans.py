@@ -5,15 +5,15 @@ from fake_cell import COVARIANCE_MM2, NOMINAL, ROBOT, FakeCell
 from scipy.stats import chi2
 from small_plans import work
 
-from campaigns.dataset import dataset_of_journal
-from campaigns.goal import Goal
-from campaigns.journal_views import AcceptedShot
+from campaigns.identification.goal import Goal
+from campaigns.journal.views import AcceptedShot
+from campaigns.measuring.session import Work
 from campaigns.numerics.fit import solve
 from campaigns.numerics.geometry import FREE_BY_DEFAULT, IS_ANGLE, Geometry, indices
 from campaigns.numerics.residuals import PointResiduals, PositionModel
-from campaigns.planning import PlanRequest, View, make_plan
-from campaigns.session import Work
+from campaigns.planning.plans import PlanRequest, View, make_plan
 from campaigns.shot_sets import ShotSet
+from campaigns.shots.dataset import dataset_of_journal
 from drivers.values import Pose
 
 TRACKER_MM = (2500.0, 0.0, -500.0)

@@ -8,12 +8,10 @@ import numpy as np
 from fake_cell import CENTRE, NOMINAL
 from small_plans import LIMITS
 
-from campaigns.dataset import Dataset
 from campaigns.estimators import Estimator, LossShape, Outliers
-from campaigns.exchange import read_shots
-from campaigns.identified import Identification, IdentificationRequest
-from campaigns.identify import identify
-from campaigns.knowledge import knowledge
+from campaigns.identification.identified import Identification, IdentificationRequest
+from campaigns.identification.identify import identify
+from campaigns.identification.knowledge import knowledge
 from campaigns.numerics.forward import forward
 from campaigns.numerics.frames import from_paper_angles
 from campaigns.numerics.geometry import NAMES, Geometry
@@ -21,6 +19,8 @@ from campaigns.numerics.par4 import inverse
 from campaigns.numerics.placement import Region, inner_poses
 from campaigns.numerics.robust import Loss
 from campaigns.shot_sets import ShotSet
+from campaigns.shots.dataset import Dataset
+from campaigns.shots.exchange import read_shots
 
 VECTORS = Path(__file__).parents[1] / "data" / "vectors"
 NOISE_MM = 0.015 / 3**0.5

@@ -12,8 +12,8 @@ from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 
-from campaigns.journal import Journal, open_journal
-from campaigns.records import (
+from campaigns.journal.journal import Journal, open_journal
+from campaigns.journal.records import (
     Durations,
     Event,
     Finding,

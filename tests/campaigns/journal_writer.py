@@ -5,8 +5,8 @@ from pathlib import Path
 
 from journal_story import SESSION, beginning, intent, outcome, ticking
 
-from campaigns.journal import open_journal
-from campaigns.lock import campaign_lock
+from campaigns.files.lock import campaign_lock
+from campaigns.journal.journal import open_journal
 
 
 def main(path: Path) -> None:

@@ -6,14 +6,14 @@ from math import radians
 import numpy as np
 from fake_cell import CENTRE, NOMINAL, ROBOT
 
+from campaigns.measuring.session import Work
+from campaigns.measuring.steps import Step, joint_steps
 from campaigns.numerics.par4 import inverse
 from campaigns.numerics.reach import Limits
-from campaigns.plan_file import PlannedShot, plan_digest
-from campaigns.rules import GateRules, MotionRules
-from campaigns.session import Work
+from campaigns.planning.plan_file import PlannedShot, plan_digest
+from campaigns.planning.rules import GateRules, MotionRules
+from campaigns.planning.ways import Mechanism
 from campaigns.shot_sets import ShotSet
-from campaigns.steps import Step, joint_steps
-from campaigns.ways import Mechanism
 from drivers.values import Pose
 
 LIMITS = Limits(ROBOT.limits.joint_rad, ROBOT.limits.theta_rad, ROBOT.limits.forearm_swing_rad)

@@ -4,8 +4,8 @@ from math import radians
 
 import pytest
 
-from campaigns.active_kinematics import ActiveKinematics
-from campaigns.robot import find_robot
+from campaigns.controllers.active_kinematics import ActiveKinematics
+from campaigns.robots.robot import find_robot
 from drivers.errors import LimitViolation
 from drivers.values import Pose
 

@@ -11,9 +11,9 @@ from journal_story import imported, intent, outcome
 from small_plans import FOUR_PAIRS, work
 from tested_journal import journal_in
 
-from campaigns.approach import approach
-from campaigns.dataset import dataset_of_journal
-from campaigns.journal_views import AcceptedShot
+from campaigns.journal.views import AcceptedShot
+from campaigns.shots.approach import approach
+from campaigns.shots.dataset import dataset_of_journal
 
 HERE = np.radians([10.0, 20.0, 30.0, 40.0])
 ARCMIN = np.radians(1.0 / 60.0)

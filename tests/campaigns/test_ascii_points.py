@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.ascii_points import parse_points, read_points
 from campaigns.errors import ShotsInvalid
+from campaigns.shots.ascii_points import parse_points, read_points
 
 SPATIAL_ANALYZER = """\
 // SpatialAnalyzer, frame: Tracker 1

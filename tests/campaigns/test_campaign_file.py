@@ -7,8 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.commented_yaml import commented_yaml
-from campaigns.config import (
+from campaigns.errors import ConfigInvalid, NotACampaign, OutputExists, WriteFailed
+from campaigns.files.commented_yaml import commented_yaml
+from campaigns.files.yamlfile import FileModel, checked, parse_document
+from campaigns.robots.robot import find_robot
+from campaigns.settings.config import (
     SCHEMA,
     CampaignConfig,
     new_config,
@@ -16,9 +19,6 @@ from campaigns.config import (
     read_campaign_robot,
     write_new_campaign,
 )
-from campaigns.errors import ConfigInvalid, NotACampaign, OutputExists, WriteFailed
-from campaigns.robot import find_robot
-from campaigns.yamlfile import FileModel, checked, parse_document
 
 PROTOTYPE = find_robot("par4-prototype")
 TOLD = {

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.covariances import positive_definite
+from campaigns.shots.covariances import positive_definite
 
 
 def nested(matrix):

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.decision import Requirement, decide, decide_all
+from campaigns.validation.decision import Requirement, decide, decide_all
 
 SIZES = st.floats(0.0, 1e6, allow_nan=False)
 

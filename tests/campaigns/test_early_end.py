@@ -8,17 +8,17 @@ from fake_cell import CENTRE, NOMINAL, ROBOT
 from goal_plans import REQUEST, TRACKER_MM, VIEW
 from small_plans import FOUR_PAIRS, LIMITS, planned
 
-from campaigns.early_end import early_end, foreseen_end, in_ranges, is_met
 from campaigns.errors import PlanInvalid
 from campaigns.estimators import Estimator
-from campaigns.goal import Goal
-from campaigns.knowing import Knowing
+from campaigns.identification.goal import Goal
+from campaigns.measuring.early_end import early_end, foreseen_end, in_ranges, is_met
+from campaigns.measuring.knowing import Knowing
+from campaigns.measuring.progress import Known
+from campaigns.measuring.steps import groups, joint_steps
 from campaigns.numerics.instrument import TrackerUncertainty
-from campaigns.planning import make_plan
-from campaigns.progress import Known
+from campaigns.planning.plans import make_plan
+from campaigns.planning.ways import Mechanism
 from campaigns.shot_sets import ShotSet
-from campaigns.steps import groups, joint_steps
-from campaigns.ways import Mechanism
 
 KNOWN = Known(84, "arm2.joint_offset_deg", 0.0021, 0.0198, 0.0061, 0.9)
 

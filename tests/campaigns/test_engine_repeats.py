@@ -9,8 +9,8 @@ from small_plans import FOUR_PAIRS, TWO_PAIRS, drift, planned, work
 from tested_journal import journal_in
 
 from campaigns.errors import GateRefused
-from campaigns.journal_views import AcceptedShot
-from campaigns.records import Event, PairVoided, Rejected
+from campaigns.journal.records import Event, PairVoided, Rejected
+from campaigns.journal.views import AcceptedShot
 from campaigns.shot_sets import ShotSet
 
 

@@ -5,8 +5,8 @@ from itertools import product
 import pytest
 from fake_cell import Listener
 
-from campaigns.progress import EngineState, time_left_s
-from campaigns.tally import FOLLOWERS, Tally
+from campaigns.measuring.progress import EngineState, time_left_s
+from campaigns.measuring.tally import FOLLOWERS, Tally
 
 EVERY_STEP = list(product(EngineState, EngineState))
 

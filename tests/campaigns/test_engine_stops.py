@@ -9,8 +9,8 @@ from small_plans import TWO_PAIRS, work
 from tested_journal import TestedJournal, journal_in
 
 from campaigns.errors import CampaignError, Interrupted, JournalFailed, NotSettled
-from campaigns.progress import EngineState
-from campaigns.records import Outcome, Rejected, SessionStopped
+from campaigns.journal.records import Outcome, Rejected, SessionStopped
+from campaigns.measuring.progress import EngineState
 from drivers.errors import (
     Cancelled,
     DeviceNotReady,

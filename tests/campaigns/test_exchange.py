@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from campaigns.errors import OutputExists, ShotsInvalid
-from campaigns.exchange import ShotRow, parse_shots, read_shots, shots_text, write_shots
 from campaigns.shot_sets import ShotSet
+from campaigns.shots.exchange import ShotRow, parse_shots, read_shots, shots_text, write_shots
 
 VECTORS = Path(__file__).parents[1] / "data" / "vectors"
 HEADER = "pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm\n"

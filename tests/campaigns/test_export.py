@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from tested_journal import plain_journal
 
-from campaigns import textfile
+from campaigns.controllers.export import compensated_robot, latest_identification, write_compensated
 from campaigns.errors import (
     ConfigInvalid,
     OutputExists,
@@ -14,10 +14,10 @@ from campaigns.errors import (
     VerdictBad,
     WriteFailed,
 )
-from campaigns.export import compensated_robot, latest_identification, write_compensated
+from campaigns.files import textfile
+from campaigns.journal.records import Finding
 from campaigns.parameters import PARAMETER_NAMES
-from campaigns.records import Finding
-from campaigns.robot import RobotDocument, find_robot, read_robot
+from campaigns.robots.robot import RobotDocument, find_robot, read_robot
 from campaigns.version import VERSION
 
 SPREAD = {"mean_abs": 1.0, "rms": 1.5, "max_abs": 3.0}

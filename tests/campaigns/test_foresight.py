@@ -7,7 +7,12 @@ import pytest
 
 from campaigns.errors import PlanInvalid
 from campaigns.estimators import Estimator
-from campaigns.foresight import (
+from campaigns.numerics.forward import forward
+from campaigns.numerics.frames import fit_transform
+from campaigns.numerics.geometry import FREE_BY_DEFAULT, Geometry, indices
+from campaigns.numerics.instrument import TrackerUncertainty
+from campaigns.numerics.par4 import inverse
+from campaigns.planning.foresight import (
     CurvePoint,
     Expected,
     Means,
@@ -16,21 +21,10 @@ from campaigns.foresight import (
     workspace_poses,
     workspace_rows,
 )
-from campaigns.numerics.forward import forward
-from campaigns.numerics.frames import fit_transform
-from campaigns.numerics.geometry import FREE_BY_DEFAULT, Geometry, indices
-from campaigns.numerics.instrument import TrackerUncertainty
-from campaigns.numerics.par4 import inverse
-from campaigns.plan_file import PlannedShot
-from campaigns.planning import (
-    PlanRequest,
-    View,
-    make_plan,
-    numeric_geometry,
-    numeric_limits,
-    region_of,
-)
-from campaigns.robot import find_robot
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.plans import PlanRequest, View, make_plan, region_of
+from campaigns.robots.arrays import numeric_geometry, numeric_limits
+from campaigns.robots.robot import find_robot
 from campaigns.shot_sets import ShotSet
 from drivers.values import Pose
 

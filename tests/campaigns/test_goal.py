@@ -3,7 +3,7 @@
 import pytest
 
 from campaigns.errors import GoalInvalid
-from campaigns.goal import Goal, read_goal
+from campaigns.identification.goal import Goal, read_goal
 
 
 @pytest.mark.parametrize("text", ["σ=0.02", "sigma=0.02", " Std = 0.02 ", "Σ=2e-2"])

@@ -7,11 +7,11 @@ import pytest
 from fake_cell import NOMINAL, TRACKER_FROM_BASE
 from small_plans import FOUR_PAIRS, GATE
 
-from campaigns.guards import AirWatch, DriftWatch, Gate
+from campaigns.journal.records import Outcome
+from campaigns.measuring.guards import AirWatch, DriftWatch, Gate
 from campaigns.numerics.forward import forward
 from campaigns.numerics.geometry import FREE_BY_DEFAULT
 from campaigns.numerics.running import RunningFit
-from campaigns.records import Outcome
 from drivers.values import Vector3, Weather
 
 Joints = tuple[float, ...]

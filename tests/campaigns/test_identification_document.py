@@ -7,7 +7,7 @@ import pytest
 from identified_cases import NOISE_MM, identified, moved, noisy, simulated, workspace
 
 from campaigns.estimators import Estimator, LossShape, Outliers
-from campaigns.identification_document import identification_document
+from campaigns.identification.document import identification_document
 from campaigns.numerics.geometry import NAMES
 
 CLEAN = noisy(simulated(60, 20, seed=1), seed=2)

@@ -21,13 +21,13 @@ from identified_cases import (
     values,
 )
 
-from campaigns.dataset import Dataset
 from campaigns.errors import ShotsMissing
 from campaigns.estimators import Estimator
-from campaigns.identified import Identification
+from campaigns.identification.identified import Identification
 from campaigns.numerics.forward import forward
 from campaigns.numerics.geometry import NAMES
 from campaigns.shot_sets import ShotSet
+from campaigns.shots.dataset import Dataset
 
 CASES = ("table1-exact", "table1-tracker-noise", "table2-repeatability")
 

@@ -20,12 +20,12 @@ from identified_cases import (
     workspace,
 )
 
-from campaigns.dataset import Dataset
 from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.estimators import Estimator, LossShape, Outliers
-from campaigns.identified import Identification
+from campaigns.identification.identified import Identification
 from campaigns.numerics.geometry import NAMES
 from campaigns.shot_sets import ShotSet
+from campaigns.shots.dataset import Dataset
 
 WRONG = (7, 50, 99)
 CLEAN = noisy(simulated(60, 20, seed=1), seed=2)

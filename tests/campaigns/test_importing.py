@@ -9,12 +9,12 @@ from fake_cell import NOMINAL, ROBOT
 from small_plans import FOUR_PAIRS
 from tested_journal import plain_journal
 
-from campaigns.dataset import dataset_of_journal
 from campaigns.errors import ShotsInvalid
-from campaigns.exchange import ShotRow
-from campaigns.importing import append_import
 from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.shot_sets import ShotSet
+from campaigns.shots.dataset import dataset_of_journal
+from campaigns.shots.exchange import ShotRow
+from campaigns.shots.importing import append_import
 
 COVARIANCE_MM2 = ((1e-4, 1e-5, 0.0), (1e-5, 2e-4, 0.0), (0.0, 0.0, 3e-4))
 

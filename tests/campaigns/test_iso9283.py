@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from campaigns import iso9283
+from campaigns.validation import iso9283
 
 ORIGIN = np.zeros(3)
 

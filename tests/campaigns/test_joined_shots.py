@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from campaigns.errors import ShotsInvalid
-from campaigns.exchange import parse_shots, read_shots, shots_text
-from campaigns.joined_shots import PointSource, read_joined_shots
 from campaigns.shot_sets import ShotSet
+from campaigns.shots.exchange import parse_shots, read_shots, shots_text
+from campaigns.shots.joined_shots import PointSource, read_joined_shots
 
 VECTORS = Path(__file__).parents[1] / "data" / "vectors"
 POINTS = """\

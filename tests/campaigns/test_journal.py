@@ -18,9 +18,17 @@ from journal_story import (
 )
 
 from campaigns.errors import JournalFailed
-from campaigns.journal import Journal, open_journal
-from campaigns.journal_reader import read_journal
-from campaigns.records import Event, Finding, Outcome, PairVoided, Record, Rejected, SeriesFinished
+from campaigns.journal.journal import Journal, open_journal
+from campaigns.journal.reader import read_journal
+from campaigns.journal.records import (
+    Event,
+    Finding,
+    Outcome,
+    PairVoided,
+    Record,
+    Rejected,
+    SeriesFinished,
+)
 
 
 @pytest.fixture

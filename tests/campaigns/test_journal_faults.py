@@ -14,10 +14,10 @@ from journal_story import SESSION, beginning, intent, outcome, ticking, write_st
 from small_files import files_no_larger_than
 
 from campaigns.errors import CampaignLocked, JournalFailed
-from campaigns.journal import Journal, open_journal
-from campaigns.journal_reader import read_journal
-from campaigns.lock import campaign_lock
-from campaigns.records import Event
+from campaigns.files.lock import campaign_lock
+from campaigns.journal.journal import Journal, open_journal
+from campaigns.journal.reader import read_journal
+from campaigns.journal.records import Event
 
 WRITER = Path(__file__).with_name("journal_writer.py")
 

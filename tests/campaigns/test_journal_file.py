@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from journal_story import SESSION, beginning, imported, intent, outcome, ticking, write_story
 
-from campaigns import journal_schema as schema
 from campaigns.errors import JournalFailed
-from campaigns.journal import open_journal
-from campaigns.journal_reader import read_journal
+from campaigns.journal import schema
+from campaigns.journal.journal import open_journal
+from campaigns.journal.reader import read_journal
 
 Door = Callable[[Path], None]
 GOLDEN = Path(__file__).parent.parent / "data" / "journal-v1.db"

@@ -3,7 +3,7 @@
 import pytest
 
 from campaigns.errors import KnowledgeInvalid
-from campaigns.knowledge import Prior, knowledge, matching
+from campaigns.identification.knowledge import Prior, knowledge, matching
 from campaigns.numerics.geometry import FREE_BY_DEFAULT, NAMES
 
 AZIMUTHS = tuple(f"arm{arm}.azimuth_deg" for arm in range(4))

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
+from campaigns.controllers.linuxcnc_export import PIN_OF, Whose, parse_hal
 from campaigns.errors import ConfigInvalid
-from campaigns.linuxcnc_export import PIN_OF, Whose, parse_hal
-from campaigns.linuxcnc_section import LinuxcncConfig
+from campaigns.files.yamlfile import checked_settings
 from campaigns.parameters import ARM_FIELDS
-from campaigns.robot import find_robot
-from campaigns.yamlfile import checked_settings
+from campaigns.robots.robot import find_robot
+from campaigns.settings.linuxcnc_section import LinuxcncConfig
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples" / "linuxcnc"

@@ -6,10 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from campaigns.controllers.linuxcnc_export import (
+    CalibrationFile,
+    Whose,
+    hal_text,
+    parse_hal,
+    write_hal,
+)
 from campaigns.errors import ConfigInvalid, OutputExists
-from campaigns.linuxcnc_export import CalibrationFile, Whose, hal_text, parse_hal, write_hal
 from campaigns.parameters import PARAMETER_NAMES
-from campaigns.robot import find_robot
+from campaigns.robots.robot import find_robot
 
 NOMINAL = find_robot("par4-prototype").robot
 WHOSE = Whose("PAR4-7", NOMINAL)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 import pytest
 from fake_cell import ROBOT
 
+from campaigns.controllers.load import changes, differing, write_verified
 from campaigns.errors import ConfigInvalid, LoadNotVerified
-from campaigns.load import changes, differing, write_verified
 from campaigns.parameters import PARAMETER_NAMES
 from drivers.errors import DeviceRefused, DriverError, LinkDown
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from campaigns.errors import CampaignLocked, WriteFailed
-from campaigns.lock import HOLDER_FILE, campaign_lock
+from campaigns.files.lock import HOLDER_FILE, campaign_lock
 
 
 def noon() -> str:

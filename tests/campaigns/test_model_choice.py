@@ -7,10 +7,10 @@ import pytest
 from identified_cases import NOMINAL, TRACKER_FROM_BASE, TRUTH, noisy, simulated
 
 from campaigns.errors import KnowledgeInvalid
-from campaigns.identified import IdentificationRequest
-from campaigns.identify import identify
-from campaigns.knowledge import Prior
-from campaigns.model_choice import STANDARD, bic, choose_model, extended_knowledge
+from campaigns.identification.identified import IdentificationRequest
+from campaigns.identification.identify import identify
+from campaigns.identification.knowledge import Prior
+from campaigns.identification.model_choice import STANDARD, bic, choose_model, extended_knowledge
 from campaigns.numerics.forward import forward
 from campaigns.numerics.geometry import BACKLASHES, MODEL_NAMES, Geometry, indices
 from campaigns.numerics.residuals import PositionModel

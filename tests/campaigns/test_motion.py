@@ -9,13 +9,13 @@ from fake_cell import CENTRE, NOMINAL, FakeCell, rounded_deg
 from small_plans import LIMITS, MOTION, commanded_as_pose, planned
 
 from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
-from campaigns.motion import Arrival, Mover
+from campaigns.measuring.motion import Arrival, Mover
+from campaigns.measuring.progress import EngineState
+from campaigns.measuring.steps import Step
 from campaigns.numerics.par4 import inverse
 from campaigns.numerics.paths import route
-from campaigns.progress import EngineState
+from campaigns.planning.ways import KnownWays, Mechanism
 from campaigns.shot_sets import ShotSet
-from campaigns.steps import Step
-from campaigns.ways import KnownWays, Mechanism
 from drivers.errors import EmergencyStop
 
 MECHANISM = Mechanism(NOMINAL, LIMITS, CENTRE)
@@ -118,7 +118,7 @@ def test_way_of_the_plan_is_not_searched_again(monkeypatch: pytest.MonkeyPatch) 
     ways = KnownWays(MECHANISM, [NEAR.joints_rad, further.joints_rad])
     mover = Mover(cell.robot, cell.clock, MOTION, ways, cell.wish)
     mover.go(Step(NEAR, "joints"), lambda _: None)
-    monkeypatch.setattr("campaigns.ways.route", lambda *_: None)
+    monkeypatch.setattr("campaigns.planning.ways.route", lambda *_: None)
     mover.go(Step(further, "joints"), lambda _: None)
     with pytest.raises(TargetOutOfReach):
         mover.go(Step(NEAR, "joints"), lambda _: None)

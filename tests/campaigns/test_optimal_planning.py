@@ -7,7 +7,6 @@ import pytest
 
 from campaigns.errors import PlanInvalid
 from campaigns.estimators import Estimator
-from campaigns.foresight import approach_shares
 from campaigns.numerics import placement
 from campaigns.numerics.geometry import FREE_BY_DEFAULT, IS_ANGLE, indices
 from campaigns.numerics.instrument import (
@@ -17,19 +16,12 @@ from campaigns.numerics.instrument import (
 )
 from campaigns.numerics.point_prediction import predict_points
 from campaigns.numerics.prediction import predict_distances
-from campaigns.optimal_planning import OptimalRequest, make_optimal_plan
-from campaigns.plan_check import Pace, check_plan
-from campaigns.planning import (
-    PlanRequest,
-    View,
-    joints_of,
-    make_plan,
-    numeric_geometry,
-    numeric_limits,
-    pairs_of,
-    poses_of,
-)
-from campaigns.robot import find_robot
+from campaigns.planning.foresight import approach_shares
+from campaigns.planning.optimal import OptimalRequest, make_optimal_plan
+from campaigns.planning.plan_check import Pace, check_plan
+from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of, poses_of
+from campaigns.robots.arrays import numeric_geometry, numeric_limits
+from campaigns.robots.robot import find_robot
 from campaigns.shot_sets import ShotSet
 from drivers.values import Pose
 

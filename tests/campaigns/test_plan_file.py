@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from campaigns.errors import PlanInvalid, WriteFailed
-from campaigns.plan_file import (
+from campaigns.planning.plan_file import (
     PlannedShot,
     ShotSet,
     parse_plan,

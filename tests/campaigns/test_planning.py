@@ -10,9 +10,9 @@ from small_plans import LIMITS
 from campaigns.errors import PlanInvalid
 from campaigns.numerics.placement import incidence_rad, travel_rad
 from campaigns.numerics.reach import reach
-from campaigns.plan_check import Pace, check_plan
-from campaigns.plan_file import PlannedShot, parse_plan, plan_digest, plan_text
-from campaigns.planning import (
+from campaigns.planning.plan_check import Pace, check_plan
+from campaigns.planning.plan_file import PlannedShot, parse_plan, plan_digest, plan_text
+from campaigns.planning.plans import (
     JOINT_RESERVE_RAD,
     UNSEEN_JOINT_RESERVE_RAD,
     PlanRequest,

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from campaigns.errors import ConfigInvalid, OutputExists
 from campaigns.parameters import AXIS_TILT_NAMES, PARAMETER_NAMES
-from campaigns.planning import numeric_geometry
-from campaigns.robot import (
+from campaigns.robots.arrays import numeric_geometry
+from campaigns.robots.robot import (
     Compensation,
     RobotFile,
     compensated,

@@ -12,11 +12,18 @@ from tested_journal import journal_in
 
 from campaigns.errors import Interrupted
 from campaigns.estimators import Estimator
-from campaigns.journal import Journal
-from campaigns.journal_views import Entry
-from campaigns.progress import Known
-from campaigns.records import Event, Intent, PairVoided, Record, SeriesFinished, SessionStopped
-from campaigns.session import known_from, left_out, nothing_left
+from campaigns.journal.journal import Journal
+from campaigns.journal.records import (
+    Event,
+    Intent,
+    PairVoided,
+    Record,
+    SeriesFinished,
+    SessionStopped,
+)
+from campaigns.journal.views import Entry
+from campaigns.measuring.progress import Known
+from campaigns.measuring.session import known_from, left_out, nothing_left
 from campaigns.shot_sets import ShotSet
 
 GOAL_MM, SHARPER_MM, SHARPEST_MM = 0.4, 0.2, 0.05

@@ -10,8 +10,7 @@ from small_plans import FOUR_PAIRS, TWO_PAIRS, planned, work
 from tested_journal import PowerCut, journal_in
 
 from campaigns.errors import GateRefused, Interrupted, ResumeRefused
-from campaigns.guards import Gate
-from campaigns.records import (
+from campaigns.journal.records import (
     Event,
     Intent,
     PairVoided,
@@ -20,9 +19,10 @@ from campaigns.records import (
     SessionStarted,
     SessionStopped,
 )
-from campaigns.session import nothing_left
+from campaigns.measuring.guards import Gate
+from campaigns.measuring.session import nothing_left
+from campaigns.measuring.steps import groups, joint_steps
 from campaigns.shot_sets import ShotSet
-from campaigns.steps import groups, joint_steps
 from drivers.values import Weather
 
 

@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import pytest
 
-from campaigns.exchange import ShotRow, parse_shots, shots_text
-from campaigns.importing import append_import
-from campaigns.journal import open_journal
-from campaigns.journal_views import AcceptedShot, Series
-from campaigns.planning import numeric_geometry
-from campaigns.records import Intent, Outcome, SeriesStarted
-from campaigns.robot import find_robot
+from campaigns.journal.journal import open_journal
+from campaigns.journal.records import Intent, Outcome, SeriesStarted
+from campaigns.journal.views import AcceptedShot, Series
+from campaigns.robots.arrays import numeric_geometry
+from campaigns.robots.robot import find_robot
 from campaigns.shot_sets import ShotSet
-from campaigns.shots_export import exported_shots
+from campaigns.shots.exchange import ShotRow, parse_shots, shots_text
+from campaigns.shots.export import exported_shots
+from campaigns.shots.importing import append_import
 from drivers.values import Pose, Weather
 
 MEASURED = "2026-05-04T10:00:00.000Z"

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from campaigns import study
 from campaigns.errors import OutputExists, ShotsMissing, WriteFailed
 from campaigns.estimators import Estimator
 from campaigns.numerics.estimate import Treatment, estimate
@@ -22,20 +21,15 @@ from campaigns.numerics.geometry import (
 )
 from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.numerics.problem import Priors, Problem
-from campaigns.planning import (
-    PlanRequest,
-    View,
-    joints_of,
-    make_plan,
-    numeric_geometry,
-    pairs_of,
-)
-from campaigns.robot import find_robot
+from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of
+from campaigns.robots.arrays import numeric_geometry
+from campaigns.robots.robot import find_robot
 from campaigns.shot_sets import ShotSet
-from campaigns.study import indistinguishable, run_task
-from campaigns.study_setup import CampaignOutcome, PairedShots, StudySetup, StudyTask
-from campaigns.study_summary import chance, interval_factor, normal_scores, summarise
-from campaigns.study_table import StudyTable
+from campaigns.studies import study
+from campaigns.studies.setup import CampaignOutcome, PairedShots, StudySetup, StudyTask
+from campaigns.studies.study import indistinguishable, run_task
+from campaigns.studies.summary import chance, interval_factor, normal_scores, summarise
+from campaigns.studies.table import StudyTable
 from drivers.values import Pose
 
 ROBOT = find_robot("par4-prototype").robot

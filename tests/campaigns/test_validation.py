@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from fake_cell import TRACKER_FROM_BASE
 
-from campaigns.config_sections import AcceptanceConfig
-from campaigns.journal_views import AcceptedShot
-from campaigns.records import Intent, Outcome
+from campaigns.journal.records import Intent, Outcome
+from campaigns.journal.views import AcceptedShot
+from campaigns.settings.sections import AcceptanceConfig
 from campaigns.shot_sets import ShotSet
-from campaigns.validate import (
+from campaigns.validation.validate import (
     broken_limits,
     evaluate,
     frame_errors,

@@ -7,13 +7,14 @@ import pytest
 from fake_cell import CENTRE, NOMINAL
 from small_plans import LIMITS, planned
 
-from campaigns.config_sections import ValidationConfig
 from campaigns.errors import PlanInvalid
+from campaigns.measuring.steps import Step
 from campaigns.numerics.forward import forward
-from campaigns.planning import View, pose_row
+from campaigns.planning.plans import View
+from campaigns.robots.arrays import pose_row
+from campaigns.settings.sections import ValidationConfig
 from campaigns.shot_sets import ShotSet
-from campaigns.steps import Step
-from campaigns.validation_plan import (
+from campaigns.validation.plan import (
     APPROACH_MM,
     Reachable,
     ValidationSteps,
@@ -168,6 +169,6 @@ def test_line_that_the_tracker_cannot_follow_is_trimmed() -> None:
 
 
 def test_unsafe_way_between_poses_is_refused_beforehand(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("campaigns.ways.route", lambda *_: None)
+    monkeypatch.setattr("campaigns.planning.ways.route", lambda *_: None)
     with pytest.raises(PlanInvalid, match="no safe way from validation shot 0 to validation shot"):
         steps()

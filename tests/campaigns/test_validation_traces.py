@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from fake_cell import TRACKER_FROM_BASE
 
-from campaigns.journal_views import AcceptedShot
+from campaigns.journal.records import Intent, Outcome
+from campaigns.journal.views import AcceptedShot
 from campaigns.numerics.instrument import TrackerUncertainty
-from campaigns.records import Intent, Outcome
 from campaigns.shot_sets import ShotSet
-from campaigns.validate import of_set
-from campaigns.validation_traces import (
+from campaigns.validation.traces import (
     MeasuredTest,
     base_from_tracker,
     distance_trace,
@@ -18,6 +17,7 @@ from campaigns.validation_traces import (
     radius_result,
     rotation_result,
 )
+from campaigns.validation.validate import of_set
 from drivers.values import Pose
 
 MODEL = TrackerUncertainty()

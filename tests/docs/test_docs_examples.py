@@ -10,13 +10,14 @@ from ruamel.yaml import YAML
 from typer.main import get_command
 
 from app.main import app
-from campaigns.config import CampaignConfig, new_config, read_campaign
-from campaigns.exchange import parse_shots
 from campaigns.numerics.forward import forward
-from campaigns.plan_file import parse_plan
-from campaigns.planning import joints_of, numeric_geometry, poses_of
-from campaigns.robot import find_robot, read_robot
-from campaigns.robot_schema import RobotContents
+from campaigns.planning.plan_file import parse_plan
+from campaigns.planning.plans import joints_of, poses_of
+from campaigns.robots.arrays import numeric_geometry
+from campaigns.robots.robot import find_robot, read_robot
+from campaigns.robots.schema import RobotContents
+from campaigns.settings.config import CampaignConfig, new_config, read_campaign
+from campaigns.shots.exchange import parse_shots
 from sim.scenario import parse_scenario
 from sim.scenario_schema import Scenario
 

@@ -12,8 +12,8 @@ from functools import partial
 import pytest
 from command_line import change
 
-from campaigns.journal_reader import read_journal
-from campaigns.records import Intent, SessionStopped
+from campaigns.journal.reader import read_journal
+from campaigns.journal.records import Intent, SessionStopped
 from drivers.emscon_client import EmsconDeadlines
 from drivers.emscon_tracker import EmsconTracker
 from drivers.line_robot import Deadlines, LineRobot

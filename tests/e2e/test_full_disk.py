@@ -8,9 +8,9 @@ import resource
 import pytest
 from command_line import contents
 
-from campaigns import textfile
-from campaigns.journal_reader import read_journal
-from campaigns.records import Outcome
+from campaigns.files import textfile
+from campaigns.journal.reader import read_journal
+from campaigns.journal.records import Outcome
 
 
 @contextlib.contextmanager

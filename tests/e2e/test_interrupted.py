@@ -12,8 +12,8 @@ import pytest
 from command_line import change, ended, started
 
 from campaigns.errors import JournalFailed
-from campaigns.journal_reader import read_journal
-from campaigns.records import Event, Intent, Outcome, SessionStopped
+from campaigns.journal.reader import read_journal
+from campaigns.journal.records import Event, Intent, Outcome, SessionStopped
 
 SLOW = {"speed_up": 60}
 FAST = {"speed_up": 1000}

@@ -2,9 +2,9 @@
 
 import signal
 
-import campaigns.load
-from campaigns.journal_reader import read_journal
-from campaigns.records import Finding
+import campaigns.controllers.load
+from campaigns.journal.reader import read_journal
+from campaigns.journal.records import Finding
 
 
 def test_load_keeps_the_old_and_can_be_rolled_back(pkmcal, exported):
@@ -26,13 +26,13 @@ def test_load_keeps_the_old_and_can_be_rolled_back(pkmcal, exported):
 
 
 def test_ctrl_c_while_loading_waits_until_it_is_verified(pkmcal, exported, monkeypatch):
-    write_verified = campaigns.load.write_verified
+    write_verified = campaigns.controllers.load.write_verified
 
     def interrupted(*arguments):
         signal.raise_signal(signal.SIGINT)
         write_verified(*arguments)
 
-    monkeypatch.setattr(campaigns.load, "write_verified", interrupted)
+    monkeypatch.setattr(campaigns.controllers.load, "write_verified", interrupted)
     ended = pkmcal("load", exported, "--yes")
     assert ended.code == 130
     with read_journal(exported / "campaign.db") as journal:

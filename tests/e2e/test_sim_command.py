@@ -11,8 +11,8 @@ import pytest
 from command_line import change, ended, started
 
 from campaigns.errors import JournalFailed
-from campaigns.journal_reader import read_journal
-from campaigns.records import Outcome, SessionStopped
+from campaigns.journal.reader import read_journal
+from campaigns.journal.records import Outcome, SessionStopped
 from drivers.line_robot import Deadlines, LineRobot
 
 TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}

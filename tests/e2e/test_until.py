@@ -2,7 +2,7 @@
 
 from command_line import change
 
-from campaigns.journal_reader import read_journal
+from campaigns.journal.reader import read_journal
 from campaigns.shot_sets import ShotSet
 
 SHOTS, TO_IDENTIFY = 59, 48

@@ -18,7 +18,7 @@ from campaigns.numerics.robust import (
     robust_unit,
     solve_robust,
 )
-from campaigns.robot import find_robot
+from campaigns.robots.robot import find_robot
 
 NOISE_MM = 0.015 / 3**0.5
 FREE = indices(FREE_BY_DEFAULT)

@@ -9,9 +9,9 @@ from math import radians
 import pytest
 from linuxcnc_instance import EXAMPLES, LinuxcncInstance, why_not
 
-from campaigns.active_kinematics import ActiveKinematics
-from campaigns.linuxcnc_export import PIN_OF, CalibrationFile, Whose
-from campaigns.robot import find_robot
+from campaigns.controllers.active_kinematics import ActiveKinematics
+from campaigns.controllers.linuxcnc_export import PIN_OF, CalibrationFile, Whose
+from campaigns.robots.robot import find_robot
 from drivers.clock import SystemClock
 from drivers.linuxcnc_conversation import Patience
 from drivers.linuxcnc_motion import JointLimits

@@ -10,8 +10,8 @@ from linuxcnc_bench import IDENTITY, NEEDS_LINUXCNC, NOMINAL, world_controller
 from ruamel.yaml import YAML
 
 from app.main import run_command
-from campaigns.linuxcnc_export import Whose, parse_hal
-from campaigns.robot import read_robot
+from campaigns.controllers.linuxcnc_export import Whose, parse_hal
+from campaigns.robots.robot import read_robot
 
 pytestmark = [*NEEDS_LINUXCNC, pytest.mark.timeout(240)]
 

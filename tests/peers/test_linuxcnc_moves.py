@@ -14,7 +14,7 @@ from linuxcnc_bench import (
     joints_controller,
 )
 
-from campaigns.active_kinematics import ActiveKinematics
+from campaigns.controllers.active_kinematics import ActiveKinematics
 from drivers.errors import EmergencyStop, LimitViolation, LinkDown, MotionFault, WrongDevice
 from drivers.linuxcnc_conversation import Passwords
 from drivers.linuxcnc_state import Coordinates

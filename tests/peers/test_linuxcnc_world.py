@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from linuxcnc_bench import IDENTITY, NEEDS_LINUXCNC, NOMINAL, Bench, at, world_controller
 
-from campaigns.active_kinematics import ActiveKinematics
+from campaigns.controllers.active_kinematics import ActiveKinematics
+from campaigns.controllers.linuxcnc_export import PIN_OF, write_hal
+from campaigns.controllers.load import write_verified
 from campaigns.errors import ConfigInvalid
-from campaigns.linuxcnc_export import PIN_OF, write_hal
-from campaigns.load import write_verified
 from campaigns.numerics.geometry import Geometry
 from campaigns.numerics.reach import reach
-from campaigns.planning import numeric_limits
+from campaigns.robots.arrays import numeric_limits
 from drivers.errors import DeviceRefused, LimitViolation, WrongDevice
 from drivers.linuxcnc_state import Coordinates
 from drivers.values import Pose

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from linuxcnc_bench import NOMINAL, compiled_kinematics
 
-from campaigns.linuxcnc_export import PIN_OF
+from campaigns.controllers.linuxcnc_export import PIN_OF
 from campaigns.numerics.geometry import Geometry
 from campaigns.numerics.par4 import inverse
 from campaigns.numerics.reach import reach
-from campaigns.planning import numeric_limits
+from campaigns.robots.arrays import numeric_limits
 
 pytestmark = [
     pytest.mark.peer,

@@ -9,8 +9,8 @@ from matplotlib.ticker import LogLocator, StrMethodFormatter
 
 from app.report.figures.drawing import AFTER, BEFORE, QUIET, in_house_style, new_figure
 from app.report.figures.workspace import ROUND_FACTORS, draw_poses
-from campaigns.foresight import CurvePoint, Expected
 from campaigns.numerics.geometry import Array
+from campaigns.planning.foresight import CurvePoint, Expected
 from campaigns.shot_sets import ShotSet
 
 POSES_MM, STD_MM, CURVE_MM = 88.0, 58.0, 58.0

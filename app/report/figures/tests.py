@@ -18,8 +18,8 @@ from app.report.figures.drawing import (
 )
 from app.report.stages import Cloud, StageView, Turn
 from campaigns.numerics.geometry import Array
-from campaigns.validate import AXES
-from campaigns.validation_traces import LineTrace
+from campaigns.validation.traces import LineTrace
+from campaigns.validation.validate import AXES
 
 STYLES = {"x": "-", "y": "--", "z": ":"}
 MARKS = {"x": "o", "y": "s", "z": "^"}

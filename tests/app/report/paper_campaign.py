@@ -11,22 +11,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from app.folder import Campaign, open_campaign
-from campaigns.config import CampaignConfig, write_new_campaign
-from campaigns.config_sections import AcceptanceConfig, ControllerConfig, TrackerConfig
-from campaigns.dataset import dataset_of_journal
+from campaigns.controllers.export import compensated_robot, latest_identification
 from campaigns.estimators import Estimator
-from campaigns.export import compensated_robot, latest_identification
-from campaigns.identification_document import identification_document
-from campaigns.identified import IdentificationRequest
-from campaigns.identify import identify
-from campaigns.journal import Journal, open_journal
-from campaigns.numerics.forward import forward
-from campaigns.numerics.frames import Transform
-from campaigns.numerics.geometry import Geometry
-from campaigns.numerics.par4 import inverse
-from campaigns.plan_file import PlannedShot, plan_digest, write_plan
-from campaigns.planning import numeric_geometry, pose_of
-from campaigns.records import (
+from campaigns.identification.document import identification_document
+from campaigns.identification.identified import IdentificationRequest
+from campaigns.identification.identify import identify
+from campaigns.journal.journal import Journal, open_journal
+from campaigns.journal.records import (
     Finding,
     Intent,
     Outcome,
@@ -35,8 +26,17 @@ from campaigns.records import (
     SessionStarted,
     SessionStopped,
 )
-from campaigns.robot import find_robot, write_new_robot
+from campaigns.numerics.forward import forward
+from campaigns.numerics.frames import Transform
+from campaigns.numerics.geometry import Geometry
+from campaigns.numerics.par4 import inverse
+from campaigns.planning.plan_file import PlannedShot, plan_digest, write_plan
+from campaigns.robots.arrays import numeric_geometry, pose_of
+from campaigns.robots.robot import find_robot, write_new_robot
+from campaigns.settings.config import CampaignConfig, write_new_campaign
+from campaigns.settings.sections import AcceptanceConfig, ControllerConfig, TrackerConfig
 from campaigns.shot_sets import ShotSet
+from campaigns.shots.dataset import dataset_of_journal
 from drivers.values import Identity, Weather
 
 NOMINAL = find_robot("par4-prototype")

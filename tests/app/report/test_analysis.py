@@ -11,10 +11,10 @@ from app.report.contents import Contents, contents_of
 from app.report.explained import Remainder, correlations_of
 from app.report.iso_table import iso_rows
 from app.report.statistics import summary
-from campaigns.export import latest_identification
+from campaigns.controllers.export import latest_identification
 from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.shot_sets import ShotSet
-from campaigns.validate import evaluate
+from campaigns.validation.validate import evaluate
 
 INSTRUMENT = TrackerUncertainty()
 
@@ -121,7 +121,7 @@ def test_an_identification_of_older_software_has_no_correlations(whole: PaperCam
 def test_pairs_that_were_left_out_are_not_counted(whole: PaperCampaign) -> None:
     from app.report.findings import ExcludedFinding
     from app.report.model_errors import model_errors, models_of
-    from campaigns.planning import numeric_geometry
+    from campaigns.robots.arrays import numeric_geometry
 
     evidence = collect(whole.campaign)
     models = models_of(evidence.identification, numeric_geometry(NOMINAL.robot))
@@ -154,7 +154,7 @@ def test_shots_without_a_stated_uncertainty_get_the_instruments(tmp_path) -> Non
     paper.validate("before", frozenset({ShotSet.ROTATION}))
     evidence = collect(paper.campaign)
 
-    from campaigns.validation_traces import measured_test
+    from campaigns.validation.traces import measured_test
 
     shots = evidence.before.shots
     bare = [replace(s, outcome=replace(s.outcome, covariance_mm2=None)) for s in shots]

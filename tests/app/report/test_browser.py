@@ -12,7 +12,7 @@ from test_page import FIGURES
 
 from app.commands.report import report
 from app.folder import open_campaign
-from campaigns.config_sections import PeopleConfig
+from campaigns.settings.sections import PeopleConfig
 
 pytestmark = [pytest.mark.peer, pytest.mark.timeout(240)]
 

@@ -8,7 +8,7 @@ from paper_campaign import NOMINAL, PaperCampaign, new_campaign
 from app.report.checks import integrity_checks
 from app.report.collect import collect
 from app.report.evidence import Evidence
-from campaigns.records import SeriesStarted
+from campaigns.journal.records import SeriesStarted
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ from app.report.collect import collect
 from app.report.conformity import Verdict, verdict
 from app.report.evidence import Evidence
 from app.report.stages import StageView, stage_view
-from campaigns.config_sections import AcceptanceConfig
 from campaigns.numerics.instrument import TrackerUncertainty
+from campaigns.settings.sections import AcceptanceConfig
 
 WIDE = AcceptanceConfig(
     distance_mean_mm=1.0,

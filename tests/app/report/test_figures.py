@@ -19,10 +19,10 @@ from app.report.plots import plot_plan, plot_residuals
 from app.report.terminal_picture import bar, histogram_lines
 from campaigns.errors import WriteFailed
 from campaigns.estimators import Estimator
-from campaigns.foresight import CurvePoint, Expected
-from campaigns.identified import IdentificationRequest
-from campaigns.identify import identify
-from campaigns.planning import numeric_geometry
+from campaigns.identification.identified import IdentificationRequest
+from campaigns.identification.identify import identify
+from campaigns.planning.foresight import CurvePoint, Expected
+from campaigns.robots.arrays import numeric_geometry
 
 GROUP = PairGroup("fitted pairs", "o", np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.0, -0.1]))
 

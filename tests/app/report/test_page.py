@@ -14,10 +14,10 @@ from app.folder import open_campaign
 from app.report.collect import collect
 from app.report.contents import contents_of
 from app.report.page import Page, page_html, page_of
-from campaigns.config_sections import AcceptanceConfig, PeopleConfig
 from campaigns.errors import JournalFailed, OutputExists
+from campaigns.journal.records import Event, Intent, PairVoided, Rejected
 from campaigns.numerics.instrument import TrackerUncertainty
-from campaigns.records import Event, Intent, PairVoided, Rejected
+from campaigns.settings.sections import AcceptanceConfig, PeopleConfig
 from campaigns.shot_sets import ShotSet
 from drivers.values import Pose
 

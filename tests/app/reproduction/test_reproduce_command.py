@@ -17,7 +17,7 @@ from app.reproduction.experiments import PROTOTYPE, SIMULATION, Trial
 from app.reproduction.kept import KeptResults, ResultsInvalid
 from app.reproduction.runner import Failure
 from campaigns.errors import CampaignLocked, WriteFailed
-from campaigns.lock import campaign_lock
+from campaigns.files.lock import campaign_lock
 from drivers.errors import LinkDown
 
 

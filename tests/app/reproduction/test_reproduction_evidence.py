@@ -12,7 +12,7 @@ from app.reproduction.floors import floors
 from app.reproduction.geometry_alone import geometry_alone
 from app.reproduction.misfit import grid_joints, misfit_in_words, reach_of
 from app.reproduction.printed import LINES_MM, REPEATABILITY_MM
-from campaigns.robot import find_robot
+from campaigns.robots.robot import find_robot
 
 QUARTER = math.pi / 4.0
 

@@ -3,7 +3,7 @@
 import os
 import signal
 
-from campaigns.study_setup import CampaignOutcome
+from campaigns.studies.setup import CampaignOutcome
 
 POISON = 13
 FAULT = 22

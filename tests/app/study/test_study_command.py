@@ -17,10 +17,10 @@ from app.study.comparison import COLUMNS
 from app.study.results import Done, Lost
 from app.study.setup import in_frame_of, left_out, uncertainty_of
 from app.study.workers import local_results
-from campaigns.lock import campaign_lock
+from campaigns.files.lock import campaign_lock
 from campaigns.numerics.forward import forward
 from campaigns.numerics.geometry import FREE_BY_DEFAULT, Geometry
-from campaigns.robot import find_robot
+from campaigns.robots.robot import find_robot
 from sim.scenario import load_scenario
 
 TABLE = "plan-paper-simulation-points.csv"

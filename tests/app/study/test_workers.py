@@ -19,7 +19,7 @@ from app.main import run_command
 from app.study.cluster import Patience, cluster_results
 from app.study.results import Done, Lost
 from app.study.workers import local_results, workers_of
-from campaigns.study_setup import StudyTask
+from campaigns.studies.setup import StudyTask
 
 HERE = Path(__file__).parent
 REPOSITORY = HERE.parents[2]

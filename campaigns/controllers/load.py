@@ -1,0 +1,124 @@
+"""Puts parameters into a controller so that they are there, verified, or the old ones are back."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from campaigns.errors import LoadNotVerified
+from campaigns.parameters import PARAMETER_NAMES
+from campaigns.robots.robot import RobotFile
+from drivers.errors import DeviceRefused, DriverError
+from drivers.ports import RobotController
+
+TOLERANCE = 1e-9
+"""How far, absolutely or relatively, a value read back may be from the one written: a controller
+may keep it in other units."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One parameter in the controller and in the file, mm or deg."""
+
+    name: str
+    old: float
+    new: float
+    std: float | None
+
+    @property
+    def delta(self) -> float:
+        """New minus old."""
+        return self.new - self.old
+
+    @property
+    def in_sigmas(self) -> float | None:
+        """The change over its standard deviation; None where that is not known."""
+        return self.delta / self.std if self.std else None
+
+
+def changes(active: Mapping[str, float], robot: RobotFile) -> tuple[Change, ...]:
+    """What loading a robot file would change, parameter by parameter, all 29.
+
+    Raises `ConfigInvalid` for a set with axis tilts.
+    """
+    new, std = robot.controller_flat(), robot.uncertainty or {}
+    return tuple(Change(n, active[n], new[n], std.get(n)) for n in PARAMETER_NAMES)
+
+
+def write_verified(
+    robot: RobotController, wanted: Mapping[str, float], old: Mapping[str, float]
+) -> None:
+    """Write a geometry and read it back; what does not verify is taken back.
+
+    Raises `DeviceRefused` when the controller did not take it, and `LoadNotVerified` when something
+    else went wrong, saying what the controller holds then.
+    """
+    problem = _written(robot, wanted)
+    if not problem:
+        return
+    still_wrong = _restored(robot, old)
+    if still_wrong:
+        raise LoadNotVerified(
+            f"{problem}; the old parameters are not back either ({still_wrong})",
+            remedy="don't move the robot; restore the controller's parameters by its own means",
+        )
+    raise LoadNotVerified(
+        f"{problem}; the controller holds the old parameters",
+        remedy="check the controller and its connection, then load again",
+    )
+
+
+def differing(held: Mapping[str, float], wanted: Mapping[str, float]) -> list[tuple[str, float]]:
+    """The parameters that are not as wanted, with what is held instead."""
+    return [
+        (name, held.get(name, math.nan))
+        for name in PARAMETER_NAMES
+        if not math.isclose(
+            held.get(name, math.nan), wanted[name], rel_tol=TOLERANCE, abs_tol=TOLERANCE
+        )
+    ]
+
+
+def _written(robot: RobotController, wanted: Mapping[str, float]) -> str:
+    """Write and read back; gives what is wrong then, nothing when it verified.
+
+    A wire that broke meanwhile is opened anew: only reading back tells what the controller holds.
+    """
+    interruption = ""
+    try:
+        robot.write_geometry(wanted)
+        held = robot.read_geometry()
+    except DeviceRefused:
+        raise
+    except DriverError as error:
+        interruption = f" ({error.problem})"
+        held = _read_anew(robot, error)
+    wrong = differing(held, wanted)
+    if not wrong:
+        return ""
+    name, value = wrong[0]
+    return (
+        f"{len(wrong)} of {len(PARAMETER_NAMES)} parameters are not as written{interruption}: "
+        f"{name} is {value!r}, not {wanted[name]!r}"
+    )
+
+
+def _restored(robot: RobotController, old: Mapping[str, float]) -> str:
+    """Write the old parameters back unless they are there; gives what is wrong then."""
+    try:
+        return _written(robot, old) if differing(robot.read_geometry(), old) else ""
+    except DriverError as error:
+        return error.problem
+
+
+def _read_anew(robot: RobotController, broken: DriverError) -> Mapping[str, float]:
+    """Connect again and read; raises `LoadNotVerified` when nobody can tell what is held."""
+    try:
+        robot.reconnect()
+        return robot.read_geometry()
+    except DriverError as error:
+        raise LoadNotVerified(
+            f"the connection broke while parameters were written ({broken.problem}), and what the "
+            f"controller holds cannot be read ({error.problem})",
+            remedy="don't move the robot; when the controller answers again, "
+            "`pkmcal load` or `pkmcal load --rollback`",
+        ) from error

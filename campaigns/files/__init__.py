@@ -1,0 +1,1 @@
+"""How any file is read and written, and how what is wrong with it is said."""

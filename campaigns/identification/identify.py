@@ -1,0 +1,180 @@
+"""Identifies a robot's geometry from measured shots, and says honestly what came of it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from campaigns.estimators import Estimator, Outliers
+from campaigns.identification.fitted_shots import Fitted, fitted_shots, position_model
+from campaigns.identification.identified import (
+    Combination,
+    Covariance,
+    Errors,
+    Excluded,
+    Identification,
+    IdentificationRequest,
+    Misfit,
+    Parameter,
+    PositionStd,
+)
+from campaigns.identification.usable_pairs import usable_pairs, without_assembly
+from campaigns.identification.verdict import (
+    Judged,
+    noise_in_words,
+    outlier_reason,
+    verdict_of,
+)
+from campaigns.numerics.candidates import point_rows, without_frame
+from campaigns.numerics.estimate import Estimate, Treatment, estimate
+from campaigns.numerics.forward import forward
+from campaigns.numerics.geometry import FILE_UNIT, Array, Geometry, indices
+from campaigns.numerics.pairs import distances_mm
+from campaigns.numerics.par4 import inverse
+from campaigns.numerics.point_prediction import position_std_mm
+from campaigns.numerics.statistics import unobservable_combinations
+from campaigns.shot_sets import ShotSet
+from campaigns.shots.dataset import Dataset
+
+NO_EFFECT = 1e-6
+"""What a lost combination may leave of its parameters' single effects to be a change of frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Unseen:
+    """The pairs that were never fitted: their errors, and what of them could not be used."""
+
+    errors: Errors | None
+    unusable: tuple[Excluded, ...]
+    lost: tuple[Excluded, ...]
+    """By the identified robot."""
+
+
+def identify(nominal: Geometry, data: Dataset, request: IdentificationRequest) -> Identification:
+    """Parameters from the identification shots, judged by the validation pairs.
+
+    Raises `ShotsMissing` for too few shots and `ShotsInvalid` for a covariance that is none.
+    """
+    fitted = fitted_shots(nominal, data, request)
+    free = request.knowledge.free
+    found = estimate(
+        fitted.problem,
+        len(free),
+        Treatment(request.loss, exclude=request.outliers is Outliers.EXCLUDE),
+        trusted=request.estimator is Estimator.POINTS,
+    )
+    identified = fitted.model.geometry(found.x[: len(free)])
+    unseen = _unseen(nominal, data, free, found.x[: len(free)])
+    errors = Errors(fitted.nominal_misfits_mm(found.kept), fitted.misfits_mm(found.x)[found.kept])
+    unobservable = tuple(unobservable_combinations(found.seen, free))
+    outliers = tuple(_named_outliers(fitted, found))
+    judged = Judged(
+        fitted.kind,
+        found.fit,
+        unobservable,
+        len(outliers) / len(found.kept),
+        errors.summary(),
+        None if unseen.errors is None else unseen.errors.summary(),
+        unseen.lost,
+    )
+    verdict, reasons = verdict_of(judged)
+    covariance = _covariance(found, free)
+    return Identification(
+        request,
+        found.fit.converged,
+        found.fit.message,
+        found.fit.evaluations,
+        found.seen.rank,
+        found.seen.condition,
+        found.noise,
+        noise_in_words(found.noise, request),
+        _parameters(nominal, free, found.x, covariance),
+        covariance,
+        _position_std(identified, free, found, request.workspace),
+        fitted.tracker_from_base(found.x),
+        errors,
+        unseen.errors,
+        fitted.excluded + outliers + unseen.unusable + unseen.lost,
+        unobservable,
+        _by_priors_alone(found, free, unobservable),
+        verdict,
+        reasons,
+    )
+
+
+def _named_outliers(fitted: Fitted, found: Estimate) -> Iterator[Excluded]:
+    """With the size of their misfits to what the others say."""
+    misfits = np.linalg.norm(fitted.misfits_mm(found.x), axis=1)
+    for outlier in found.outliers:
+        misfit = Misfit(float(misfits[outlier.block]), outlier.size, outlier.limit)
+        left_out = fitted.excluded_for(outlier.block, outlier_reason(misfit))
+        yield replace(left_out, misfit=misfit)
+
+
+def _parameters(
+    nominal: Geometry, free: tuple[str, ...], x: Array, covariance: Covariance
+) -> tuple[Parameter, ...]:
+    """The 29 of files, axis tilts that are not 0, and whatever else was free."""
+    std = covariance.std()
+    old = nominal.flat()
+    old |= dict.fromkeys((name for name in free if name not in old), 0.0)
+    new = old | dict(zip(free, (x[: len(free)] / FILE_UNIT[indices(free)]).tolist(), strict=True))
+    return tuple(Parameter(name, old[name], new[name], std.get(name), name in free) for name in old)
+
+
+def _covariance(found: Estimate, free: tuple[str, ...]) -> Covariance:
+    """Of the parameters that take part in nothing held, in file units."""
+    if found.covariance is None:
+        return Covariance((), np.empty((0, 0)))
+    known = np.flatnonzero(found.fixed_by_data)
+    names = tuple(free[place] for place in known.tolist())
+    unit = FILE_UNIT[indices(names)]
+    matrix = found.covariance[np.ix_(known, known)] / np.outer(unit, unit)
+    return Covariance(names, matrix)
+
+
+def _position_std(
+    identified: Geometry, free: tuple[str, ...], found: Estimate, poses: Array | None
+) -> PositionStd | None:
+    """Over poses (N, 4), after a best fit of the frame to all of them; None when not known.
+
+    A combination that is held at nominal must change the frame and nothing else.
+    """
+    if poses is None or found.covariance is None:
+        return None
+    joints = inverse(identified, poses)
+    rows = point_rows(identified, free, joints.values[joints.found], poses[joints.found])
+    rows = without_frame(rows)
+    for lost in found.seen.null_directions / found.seen.scale:
+        if np.abs(rows @ lost).max() > NO_EFFECT * (np.abs(rows) @ np.abs(lost)).max():
+            return None
+    std = position_std_mm(rows, found.covariance[: len(free), : len(free)])
+    return PositionStd(float(std.mean()), float(std.max()))
+
+
+def _by_priors_alone(
+    found: Estimate, free: tuple[str, ...], unobservable: tuple[Combination, ...]
+) -> tuple[Combination, ...]:
+    """What the shots cannot tell and the priors do."""
+    by_data = unobservable_combinations(found.data_seen, free)
+    return tuple(names for names in by_data if names not in unobservable)
+
+
+def _unseen(nominal: Geometry, data: Dataset, free: tuple[str, ...], x: Array) -> _Unseen:
+    """Errors of the pairs that were not fitted, with the nominal and the found parameters (F,)."""
+    at_nominal = forward(nominal, data.joints_rad)
+    usable = usable_pairs(at_nominal, data, ShotSet.VALIDATION)
+    model = position_model(nominal, data, np.arange(len(data.numbers)), free)
+    solution = forward(model.geometry(x), model.arm_joints_rad(x))
+    whole = solution.found[usable.rows].all(axis=1)
+    lost = without_assembly(data, usable.rows[~whole], solution.found, "identified")
+    kept = usable.rows[whole]
+    if len(kept) == 0:
+        return _Unseen(None, usable.excluded, lost)
+    measured_mm = data.measured_distances_mm(kept)
+    poses = at_nominal.values, solution.values
+    before, after = (
+        (distances_mm(values[:, :3], kept[:, 0], kept[:, 1]) - measured_mm)[:, None]
+        for values in poses
+    )
+    return _Unseen(Errors(before, after), usable.excluded, lost)

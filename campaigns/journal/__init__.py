@@ -1,0 +1,1 @@
+"""The journal: records, the database that keeps them, and what it says."""

@@ -1,0 +1,1 @@
+"""The run engine: moves, measures, watches, resumes."""

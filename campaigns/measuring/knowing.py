@@ -1,0 +1,181 @@
+"""How surely the parameters are known while a plan is measured, shot by shot."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.errors import ShotsInvalid, ShotsMissing
+from campaigns.estimators import Estimator
+from campaigns.identification.fitted_shots import fitted_shots
+from campaigns.identification.identified import IdentificationRequest
+from campaigns.journal.records import Intent, Outcome
+from campaigns.journal.views import AcceptedShot
+from campaigns.measuring.progress import Known
+from campaigns.numerics.candidates import point_rows, without_frame
+from campaigns.numerics.geometry import (
+    FILE_UNIT,
+    FREE_BY_DEFAULT,
+    IS_ANGLE,
+    Array,
+    Geometry,
+    indices,
+)
+from campaigns.numerics.instrument import TrackerUncertainty, point_covariance_mm2
+from campaigns.numerics.knowing import Told, told_by_distances, told_by_fit, told_by_points
+from campaigns.numerics.par4 import inverse
+from campaigns.numerics.placement import Region, WorkspaceTooSmall, inner_poses
+from campaigns.numerics.point_prediction import position_std_mm
+from campaigns.numerics.running import Linearised
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.plans import joints_of, pairs_of, poses_of
+from campaigns.planning.ways import Mechanism
+from campaigns.shot_sets import ShotSet
+from campaigns.shots.dataset import Dataset, dataset_of_journal
+from drivers.values import Vector3
+
+FREE = FREE_BY_DEFAULT
+WORKSPACE_SAMPLE = 200
+FAR_AWAY_MM = np.array([1e6, 0.0, 0.0])
+"""Where a tracker stands that every pose is shown to."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Knowing:
+    """Tells of any shots of one plan what they tell of the parameters."""
+
+    planned: Mapping[int, PlannedShot]
+    """The identification shots by their numbers."""
+    geometry: Geometry
+    """The nominal one."""
+    estimator: Estimator
+    instrument: TrackerUncertainty
+    """For shots of which the tracker states none."""
+    workspace_rows: Array
+    """∂position/∂parameters all over the workspace, after the best fit of the frame, (K, 3, F)."""
+
+    @classmethod
+    def of_plan(
+        cls,
+        shots: Iterable[PlannedShot],
+        mechanism: Mechanism,
+        estimator: Estimator,
+        instrument: TrackerUncertainty,
+        rng: np.random.Generator,
+    ) -> "Knowing":
+        """For a plan; `rng` draws the poses at which positions are judged."""
+        planned = {s.shot: s for s in shots if s.purpose is ShotSet.IDENTIFICATION}
+        geometry = mechanism.geometry
+        poses = _workspace(mechanism, poses_of(tuple(planned.values())), rng)
+        rows = point_rows(geometry, FREE, inverse(geometry, poses).require(), poses)
+        return cls(planned, geometry, estimator, instrument, without_frame(rows))
+
+    def after(self, outcomes: Sequence[Outcome], seen: Linearised | None) -> Known | None:
+        """What accepted shots tell, those that are in `seen`; None for too few to tell.
+
+        At once, but an outlier among them makes it look worse than it is.
+        """
+        if seen is None:
+            return None
+        counted = enumerate(outcomes[: len(seen.points_mm)])
+        places = [place for place, outcome in counted if outcome.shot in self.planned]
+        data = self._data(outcomes[place] for place in places)
+        shots = tuple(self.planned[number] for number in data.numbers)
+        covariance = data.covariance_mm2(self.instrument)
+        return self._known(shots, seen.taken(np.array(places, dtype=np.intp)), covariance)
+
+    def fitted(self, outcomes: Iterable[Outcome]) -> Known | None:
+        """What accepted shots tell when they are fitted as `identify` does; None for too few."""
+        data = self._data(outcomes)
+        request = IdentificationRequest(self.estimator, instrument=self.instrument)
+        try:
+            problem = fitted_shots(self.geometry, data, request).problem
+        except (ShotsMissing, ShotsInvalid):
+            return None
+        trusted = self.estimator is Estimator.POINTS
+        told = told_by_fit(problem, len(FREE), trusted=trusted)
+        return None if told is None else self._in_words(len(data.numbers), told)
+
+    def foreseen(self, tracker_mm: Vector3, count: int | None = None) -> Known | None:
+        """What the plan's first shots or all will tell, seen from there, if they scatter as stated.
+
+        None for too few to tell.
+        """
+        shots = tuple(self.planned.values())[:count]
+        if not shots:
+            return None
+        poses = poses_of(shots)
+        rows = point_rows(self.geometry, FREE, joints_of(shots), poses)
+        points = poses[:, :3]
+        covariance = point_covariance_mm2(points - np.array(tracker_mm), self.instrument)
+        return self._known(shots, Linearised(rows, points, np.zeros_like(points)), covariance)
+
+    def _data(self, outcomes: Iterable[Outcome]) -> Dataset:
+        """Those of identification shots as the journal would give them."""
+        return dataset_of_journal(
+            [
+                AcceptedShot(_intent(self.planned[outcome.shot], outcome), outcome, "")
+                for outcome in outcomes
+                if outcome.shot in self.planned
+            ]
+        )
+
+    def _known(
+        self, shots: Sequence[PlannedShot], seen: Linearised, covariance_mm2: Array
+    ) -> Known | None:
+        if self.estimator is Estimator.POINTS:
+            told = told_by_points(seen, covariance_mm2)
+        else:
+            pairs = pairs_of(shots, ShotSet.IDENTIFICATION)
+            told = told_by_distances(seen, covariance_mm2, pairs)
+        return None if told is None else self._in_words(len(shots), told)
+
+    def _in_words(self, shots: int, told: Told) -> Known:
+        free = indices(FREE)
+        std = np.sqrt(np.diag(told.covariance))
+        weakest = int(np.argmax(std * _levers_mm(self.geometry)))
+        return Known(
+            shots,
+            FREE[weakest],
+            float(std[weakest] / FILE_UNIT[free[weakest]]),
+            float(std[~IS_ANGLE[free]].max()),
+            float(position_std_mm(self.workspace_rows, told.covariance).mean()),
+            told.scatter,
+            told.scale,
+        )
+
+
+def _intent(planned: PlannedShot, outcome: Outcome) -> Intent:
+    """What an outcome came of."""
+    return Intent(
+        planned.shot,
+        outcome.attempt,
+        planned.purpose.value,
+        planned.pose,
+        planned.joints_rad,
+        "joints",
+        planned.pair,
+    )
+
+
+def _workspace(mechanism: Mechanism, planned: Array, rng: np.random.Generator) -> Array:
+    """Poses all over the workspace, (K, 4); those planned where hardly any other can be taken."""
+    region = Region(
+        mechanism.geometry,
+        mechanism.limits,
+        mechanism.centre,
+        FAR_AWAY_MM,
+        np.array([1.0, 0.0, 0.0]),
+        acceptance_rad=float(np.pi),
+    )
+    try:
+        return inner_poses(region, WORKSPACE_SAMPLE, rng)
+    except WorkspaceTooSmall:
+        return planned.reshape(-1, 4)
+
+
+def _levers_mm(geometry: Geometry) -> Array:
+    """What makes each parameter's σ one of the arm's end: its arm for an angle, (F,)."""
+    flat = geometry.flat()
+    arms = [flat.get(f"{name.partition('.')[0]}.arm_mm", 1.0) for name in FREE]
+    return np.where(IS_ANGLE[indices(FREE)], arms, 1.0)

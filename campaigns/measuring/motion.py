@@ -1,0 +1,228 @@
+"""Moves the robot by safe ways and waits until it stands still in place."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
+from campaigns.measuring.progress import EngineState
+from campaigns.measuring.steps import Step
+from campaigns.planning.rules import MotionRules
+from campaigns.planning.ways import Joints, KnownWays
+from drivers.errors import EmergencyStop, MotionFault
+from drivers.ports import Clock, RobotController
+from drivers.values import RobotState
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """The robot at rest in place, from where it came there, and what it took."""
+
+    state: RobotState
+    came_from_rad: Joints
+    """The joints as they were read where the last leg of the way began."""
+    move_s: float
+    settle_s: float
+
+
+class Mover:
+    """Drives one robot. Every wait looks at faults, at the deadline and at the wish to stop."""
+
+    def __init__(
+        self,
+        robot: RobotController,
+        clock: Clock,
+        rules: MotionRules,
+        ways: KnownWays,
+        stop_requested: Callable[[], bool],
+    ) -> None:
+        self._robot = robot
+        self._clock = clock
+        self._rules = rules
+        self._ways = ways
+        self._stop_requested = stop_requested
+        self._last_target: Joints | None = None
+
+    def go(self, step: Step, entering: Callable[[EngineState], None]) -> Arrival:
+        """Take the step's way and settle at its end; `entering` is told each new state.
+
+        Raises `TargetOutOfReach` before anything moves when no safe way is known, `NotSettled`,
+        `Interrupted`, or a driver's error.
+        """
+        last_stop = self._at_rest()
+        way = self._way(self._stop_of(last_stop), step)
+        entering(EngineState.MOVING)
+        started_s = self._clock.now_s()
+        for passed in way[:-1]:
+            self._start_joints(passed)
+            last_stop = self._await_arrival(passed, self._deadline_s())
+        self._start(step)
+        deadline_s = self._deadline_s()
+        self._await_arrival(step.planned.joints_rad, deadline_s)
+        arrived_s = self._clock.now_s()
+        entering(EngineState.SETTLING)
+        state = self._settled(step.planned.joints_rad, deadline_s)
+        self._last_target = step.planned.joints_rad
+        settle_s = self._clock.now_s() - arrived_s
+        return Arrival(state, last_stop.joints_rad, arrived_s - started_s, settle_s)
+
+    def has_moved(self, since: RobotState) -> bool:
+        """Whether the robot has left the place where it was read before; raises its faults."""
+        now = self._state()
+        return now.moving or not _within(_apart(now, since.joints_rad), self._rules.still_rad)
+
+    def check_stop(self) -> None:
+        """Raise `Interrupted` when the operator has asked to stop."""
+        if self._stop_requested():
+            raise Interrupted(
+                "stopped by the operator", remedy="the same command takes up where it was"
+            )
+
+    def _state(self) -> RobotState:
+        """The robot's state; raises `EmergencyStop` or `MotionFault`."""
+        state = self._robot.state()
+        if state.emergency_stop:
+            raise EmergencyStop(
+                "the emergency stop is pressed", remedy="make the cell safe, release it, run again"
+            )
+        if state.fault:
+            raise MotionFault(
+                f"the controller reports '{state.fault}'",
+                remedy="clear the fault at the controller, run again",
+                code=state.fault,
+            )
+        return state
+
+    def _at_rest(self) -> RobotState:
+        """The robot's state before a motion: somebody else may still be moving it."""
+        deadline_s = self._deadline_s()
+        while True:
+            self.check_stop()
+            now_s, state = self._clock.now_s(), self._state()
+            if not state.moving:
+                return state
+            if now_s > deadline_s:
+                raise NotSettled(
+                    f"the robot has been moving for {self._rules.timeout_s:g} s unasked",
+                    remedy="stop it at the controller, then run again",
+                )
+            self._clock.sleep_s(self._rules.poll_s)
+
+    def _stop_of(self, state: RobotState) -> Joints:
+        """Where the robot stands: its last target if it is still there, else as it was read."""
+        last = self._last_target
+        return last if last is not None and self._in_place(state, last) else state.joints_rad
+
+    def _way(self, here: Joints, step: Step) -> list[Joints]:
+        """Joint targets of a safe way, the last one being the step's."""
+        way: list[Joints] = []
+        for target in (*step.approach_rad, step.planned.joints_rad):
+            way += self._legs(here, target, step.planned.shot)
+            here = target
+        return way
+
+    def _legs(self, here: Joints, target: Joints, shot: int) -> list[Joints]:
+        legs = self._ways.legs(here, target)
+        if legs is None:
+            raise TargetOutOfReach(
+                f"no safe way to shot {shot} from joints {_degrees(here)}",
+                remedy="jog the robot near the workspace's centre, then run again",
+            )
+        return legs
+
+    def _deadline_s(self) -> float:
+        """When a move that begins now must have ended and settled."""
+        return self._clock.now_s() + self._rules.timeout_s
+
+    def _start(self, step: Step) -> None:
+        if step.command == "joints":
+            self._start_joints(step.planned.joints_rad)
+            return
+        self.check_stop()
+        self._robot.move_pose(step.planned.pose, self._rules.speed_fraction)
+
+    def _start_joints(self, target: Joints) -> None:
+        self.check_stop()
+        self._robot.move_joints(target, self._rules.speed_fraction)
+
+    def _await_arrival(self, target: Joints, deadline_s: float) -> RobotState:
+        """Wait until the controller has stopped moving, and in place: the next way starts there."""
+        while True:
+            self.check_stop()
+            now_s, state = self._clock.now_s(), self._state()
+            if not state.moving and self._in_place(state, target):
+                return state
+            if now_s > deadline_s:
+                raise self._not_settled(_why_not_there(state, target, self._rules))
+            self._clock.sleep_s(self._rules.poll_s)
+
+    def _settled(self, target: Joints, deadline_s: float) -> RobotState:
+        """Wait until the joints have been still, and in place, for the settling time."""
+        since_s, reference = self._clock.now_s(), self._state()
+        last_motion = (0, 0.0)
+        while True:
+            self._clock.sleep_s(self._rules.poll_s)
+            self.check_stop()
+            now_s, state = self._clock.now_s(), self._state()
+            motion = _apart(state, reference.joints_rad)
+            still = not state.moving and _within(motion, self._rules.still_rad)
+            if not still:
+                since_s, reference, last_motion = now_s, state, _worst(motion)
+            in_place = self._in_place(state, target)
+            if still and in_place and now_s - since_s >= self._rules.settle_s:
+                return state
+            if now_s > deadline_s:
+                there = state.moving or not in_place
+                raise self._not_settled(
+                    _why_not_there(state, target, self._rules)
+                    if there
+                    else _why_not_still(last_motion, self._rules)
+                )
+
+    def _in_place(self, state: RobotState, target: Joints) -> bool:
+        return _within(_apart(state, target), self._rules.in_place_rad)
+
+    def _not_settled(self, why: str) -> NotSettled:
+        return NotSettled(
+            f"{why}, {self._rules.timeout_s:g} s after the move began",
+            remedy="look for what holds or shakes the robot, then at `settle` in campaign.yaml",
+        )
+
+
+def _apart(state: RobotState, others_rad: Joints) -> list[float]:
+    """How far each joint is from another angle."""
+    return [abs(q - other) for q, other in zip(state.joints_rad, others_rad, strict=True)]
+
+
+def _within(angles_rad: Sequence[float], limit_rad: float) -> bool:
+    """Whether none exceeds the limit; NaN, which is no angle, does."""
+    return all(angle <= limit_rad for angle in angles_rad)
+
+
+def _worst(angles_rad: Sequence[float]) -> tuple[int, float]:
+    """The joint with the largest angle, and that angle."""
+    return max(enumerate(angles_rad), key=lambda entry: entry[1])
+
+
+def _why_not_there(state: RobotState, target: Joints, rules: MotionRules) -> str:
+    joint, away_rad = _worst(_apart(state, target))
+    if away_rad <= rules.in_place_rad:
+        return "the controller still reports motion"
+    moves = "and still moves" if state.moving else "and stands there"
+    return (
+        f"joint {joint} is {np.degrees(away_rad):.4f}° from its target "
+        f"(limit {np.degrees(rules.in_place_rad):g}°) {moves}"
+    )
+
+
+def _why_not_still(last_motion: tuple[int, float], rules: MotionRules) -> str:
+    joint, moved_rad = last_motion
+    return (
+        f"joint {joint} moved {np.degrees(moved_rad):.4f}° within the settling time of "
+        f"{rules.settle_s:g} s (limit {np.degrees(rules.still_rad):g}°)"
+    )
+
+
+def _degrees(joints_rad: Sequence[float]) -> str:
+    return f"{np.round(np.degrees(joints_rad), 3).tolist()}°"

@@ -1,0 +1,78 @@
+"""Writes into one series of the journal; every attempt and every session gets its end."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+from campaigns.errors import Interrupted, JournalFailed
+from campaigns.journal.journal import Journal
+from campaigns.journal.records import Ending, Intent, Outcome, Record, Rejected, SessionStopped
+from campaigns.measuring.steps import Step
+from drivers.errors import Cancelled, ExplainedError, RobotStateUnknown
+
+
+class SeriesLog:
+    """One series, as the engine writes it. This process alone writes to the journal."""
+
+    def __init__(self, journal: Journal, series: int) -> None:
+        self._journal = journal
+        self._series = series
+        self._open: Intent | None = None
+        self._attempts: dict[int, int] = {}
+        for entry in journal.records_of(Intent, series):
+            self._attempts[entry.record.shot] = entry.record.attempt
+
+    def begin(self, step: Step) -> Intent:
+        """Write what is about to be done, under the next free number of attempt."""
+        planned = step.planned
+        intent = Intent(
+            planned.shot,
+            self._attempts.get(planned.shot, 0) + 1,
+            planned.purpose.value,
+            planned.pose,
+            planned.joints_rad,
+            step.command,
+            planned.pair,
+        )
+        self.write(intent)
+        self._attempts[intent.shot] = intent.attempt
+        self._open = intent
+        return intent
+
+    def write(self, record: Record) -> None:
+        """Write a record; it is on the disk when this returns."""
+        self._journal.append(record, series=self._series)
+        if isinstance(record, Outcome | Rejected):
+            self._open = None
+
+    def close(self, how: Ending, reason: str) -> None:
+        """Write how the session ended, and that an attempt which has no end yet gave no data."""
+        if self._open is not None:
+            self.write(Rejected(self._open.shot, self._open.attempt, reason))
+        self.write(SessionStopped(how, reason))
+
+
+@contextmanager
+def closing(log: SeriesLog) -> Iterator[None]:
+    """Write how a session ended; nothing about the journal hides an unknown state of the robot."""
+    try:
+        yield
+    except RobotStateUnknown as error:
+        with suppress(JournalFailed):
+            log.close("aborted", problem_of(error))
+        raise
+    except JournalFailed:
+        raise
+    except (Interrupted, Cancelled, KeyboardInterrupt) as error:
+        log.close("interrupted", problem_of(error))
+        raise
+    except BaseException as error:
+        log.close("aborted", problem_of(error))
+        raise
+    log.close("finished", "everything wanted was measured")
+
+
+def problem_of(error: BaseException) -> str:
+    """What went wrong, without the remedy."""
+    if isinstance(error, ExplainedError):
+        return error.problem
+    return str(error) or type(error).__name__

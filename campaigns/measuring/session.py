@@ -1,0 +1,189 @@
+"""Carries a series through: begins or resumes it, measures what is missing, and closes it."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydantic import JsonValue
+
+from campaigns.estimators import Estimator
+from campaigns.identification.goal import Goal
+from campaigns.journal.journal import Journal
+from campaigns.journal.reader import JournalReader
+from campaigns.journal.records import Event, SeriesFinished, SeriesStarted, SessionStarted, Stage
+from campaigns.journal.views import AcceptedShot, Series
+from campaigns.measuring.early_end import is_met
+from campaigns.measuring.engine import Engine, Watches
+from campaigns.measuring.guards import AirWatch, DriftWatch, Gate
+from campaigns.measuring.knowing import Knowing
+from campaigns.measuring.motion import Mover
+from campaigns.measuring.progress import Known, Watcher
+from campaigns.measuring.resuming import Remains, check_same, how_it_stopped, remains
+from campaigns.measuring.series_log import SeriesLog, closing
+from campaigns.measuring.shooting import Cell, Shooter
+from campaigns.measuring.steps import Step, stops_of
+from campaigns.measuring.tally import Tally
+from campaigns.numerics.geometry import FREE_BY_DEFAULT
+from campaigns.numerics.instrument import TrackerUncertainty
+from campaigns.numerics.running import RunningFit
+from campaigns.planning.rules import GateRules, MotionRules
+from campaigns.planning.ways import KnownWays, Mechanism
+from campaigns.version import VERSION
+from drivers.values import Weather
+
+WORKSPACE_SEED = 1
+"""Positions are judged at the same poses in every session."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Work:
+    """What is to be measured, and by which rules."""
+
+    stage: Stage
+    steps: tuple[Step, ...]
+    plan_digest: str
+    robot_file_digest: str
+    configuration: Mapping[str, JsonValue]
+    mechanism: Mechanism
+    motion: MotionRules
+    gate: GateRules
+    goal: Goal | None = None
+    """Of what is identified; once it is met, only the other shots are taken."""
+    estimator: Estimator = Estimator.POINTS
+    """What will identify, and so says how much is known."""
+    instrument: TrackerUncertainty = field(default_factory=TrackerUncertainty)
+    """Of shots of which the tracker states none."""
+
+    def knowing(self) -> Knowing:
+        """What tells how much is known of the parameters."""
+        shots = [step.planned for step in self.steps]
+        rng = np.random.default_rng(WORKSPACE_SEED)
+        return Knowing.of_plan(shots, self.mechanism, self.estimator, self.instrument, rng)
+
+    def gate_taught_by(self, shots: Iterable[AcceptedShot]) -> Gate:
+        """A gate that knows these shots and no others."""
+        gate = Gate(self.gate, lambda: RunningFit(self.mechanism.geometry, FREE_BY_DEFAULT))
+        for shot in shots:
+            gate.accept(shot.outcome)
+        return gate
+
+
+def measure_series(
+    cell: Cell,
+    journal: Journal,
+    work: Work,
+    watcher: Watcher,
+    stop_requested: Callable[[], bool],
+    *,
+    anew: bool = False,
+) -> int:
+    """Measure what the latest series of this stage still lacks, or a new one; gives its number.
+
+    `anew` leaves an unfinished series as it is and begins another. Raises `ResumeRefused` when plan
+    or devices are not those it began with, `Interrupted`, or whatever stopped the engine.
+    """
+    today = _start_record(cell, work)
+    found = None if anew else _to_take_up(journal, work)
+    if found is not None:
+        check_same(found, today)
+    series = found.number if found else journal.start_series(today)
+    log = SeriesLog(journal, series)
+    resumed = how_it_stopped(journal, series) if found else ""
+    log.write(SessionStarted(VERSION, today.robot, today.tracker, today.weather))
+    with closing(log):
+        if resumed:
+            log.write(Event("resumed", f"{work.stage} goes on after {resumed}"))
+        left = remains(work.steps, journal.shots(series))
+        began = found.started if found else today
+        _Run(cell, log, work, watcher, stop_requested).measure(left, began.weather)
+        if not (found and found.finished):  # one that ended early is finished already
+            log.write(SeriesFinished())
+    return series
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Run:
+    """One session's work on a series."""
+
+    cell: Cell
+    log: SeriesLog
+    work: Work
+    watcher: Watcher
+    stop_requested: Callable[[], bool]
+
+    def measure(self, found: Remains, first_weather: Weather | None) -> None:
+        """Void what was cut in two, look whether anything has shifted, then measure the rest."""
+        for half in found.halves:
+            self.log.write(half)
+        engine = self._engine(found, first_weather)
+        wanted = engine.wanted(found.left)
+        reference = found.reference(self.work.steps)
+        if reference is not None and wanted:
+            engine.check_place(*reference)
+        engine.run(wanted)
+
+    def _engine(self, found: Remains, first_weather: Weather | None) -> Engine:
+        cell, work = self.cell, self.work
+        gate = work.gate_taught_by(found.kept)
+        goal_mm = work.goal.std_mm if work.goal else None
+        done, total = len(found.kept), len(work.steps)
+        tally = Tally(self.watcher, done=done, total=total, goal_mm=goal_mm)
+        ways = KnownWays(work.mechanism, stops_of(found.left))
+        mover = Mover(cell.robot, cell.clock, work.motion, ways, self.stop_requested)
+        shooter = Shooter(cell, self.log, mover, gate, tally, work.gate.search_mm)
+        watches = Watches(
+            gate,
+            DriftWatch(work.gate.drift_mm, found.first_drift_mm()),
+            AirWatch(work.gate.temperature_change_degC, first_weather),
+            work.gate.attempts,
+            work.knowing(),
+            work.goal,
+        )
+        return Engine(cell, self.log, shooter, watches, tally)
+
+
+def nothing_left(journal: JournalReader, work: Work) -> Series | None:
+    """The latest series of this stage if it is finished and measured this very plan.
+
+    To one that ended early something is left, unless it meets the goal of this work.
+    """
+    latest = journal.latest_series(work.stage)
+    if latest is None or not latest.finished or latest.started.plan_digest != work.plan_digest:
+        return None
+    shots = journal.shots(latest.number)
+    done = not left_out(shots, work) or (work.goal and is_met(work.goal, known_from(shots, work)))
+    return latest if done else None
+
+
+def left_out(shots: Sequence[AcceptedShot], work: Work) -> int:
+    """How many shots of the plan are not among the accepted ones of its series."""
+    taken = {shot.intent.shot for shot in shots}
+    return sum(step.planned.shot not in taken for step in work.steps)
+
+
+def known_from(shots: Sequence[AcceptedShot], work: Work) -> Known | None:
+    """What the accepted shots of a series tell of the parameters, as `identify` will find it."""
+    return work.knowing().fitted(shot.outcome for shot in shots)
+
+
+def _to_take_up(journal: Journal, work: Work) -> Series | None:
+    """The series to go on with: an unfinished one, or one that left shots of this plan out."""
+    latest = journal.latest_series(work.stage)
+    if latest is None or not latest.finished:
+        return latest
+    same_plan = latest.started.plan_digest == work.plan_digest
+    return latest if same_plan and left_out(journal.shots(latest.number), work) else None
+
+
+def _start_record(cell: Cell, work: Work) -> SeriesStarted:
+    """What a series that begins now would begin with: asks both devices who they are."""
+    return SeriesStarted(
+        work.stage,
+        work.plan_digest,
+        work.configuration,
+        VERSION,
+        work.robot_file_digest,
+        cell.robot.identity(),
+        cell.tracker.identity(),
+        cell.tracker.weather(),
+    )

@@ -1,0 +1,1 @@
+"""Where to measure, in which order, by which ways; and what a plan will tell."""

@@ -1,0 +1,211 @@
+"""What a plan will tell before anything has moved: parameters, and positions in the workspace."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from campaigns.errors import PlanInvalid
+from campaigns.estimators import Estimator
+from campaigns.numerics.approaches import shares_from_below
+from campaigns.numerics.candidates import distance_rows, point_rows, without_frame
+from campaigns.numerics.design import Unobservable, check_observable
+from campaigns.numerics.enough import worst_of
+from campaigns.numerics.geometry import FILE_UNIT, Array, Geometry, Index, indices
+from campaigns.numerics.instrument import (
+    TrackerUncertainty,
+    distance_variance_mm2,
+    point_covariance_mm2,
+)
+from campaigns.numerics.par4 import inverse
+from campaigns.numerics.placement import Region, inner_poses
+from campaigns.numerics.point_prediction import (
+    points_covariance,
+    position_std_mm,
+    predict_points,
+)
+from campaigns.numerics.prediction import Prediction, predict_distances
+from campaigns.numerics.statistics import covariance
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.plans import joints_of, pairs_of, poses_of
+from campaigns.shot_sets import ShotSet
+
+WORKSPACE_SAMPLE = 1000
+ANY_DIRECTION_RAD = np.pi
+
+
+@dataclass(frozen=True, slots=True)
+class Means:
+    """By what the parameters will be known."""
+
+    estimator: Estimator
+    free: tuple[str, ...]
+    uncertainty: TrackerUncertainty
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Expected:
+    """How well so many shots will tell the parameters."""
+
+    shots: int
+    names: tuple[str, ...]
+    covariance: Array
+    """(F, F), mm and rad; infinite when they cannot tell all."""
+
+    @property
+    def tells_all(self) -> bool:
+        """Whether every parameter will be known."""
+        return bool(np.isfinite(self.covariance).all())
+
+    @property
+    def std(self) -> Array:
+        """1 σ in mm and rad, (F,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def std_in_file_units(self) -> dict[str, float]:
+        """1 σ in mm and deg, by name."""
+        values = self.std / FILE_UNIT[indices(self.names)]
+        return dict(zip(self.names, values.tolist(), strict=True))
+
+    @property
+    def worst_length_mm(self) -> float:
+        """The largest σ of a length; zero where none is free."""
+        return worst_of(self.std, self.names)[0]
+
+    @property
+    def worst_angle_rad(self) -> float:
+        """The largest σ of an angle; zero where none is free."""
+        return worst_of(self.std, self.names)[1]
+
+    def position_std_mm(self, workspace_rows: Array) -> Array:
+        """σ of the position where rows (N, 3, F) without a frame look, (N,)."""
+        if not self.tells_all:
+            return np.full(len(workspace_rows), np.inf)
+        return position_std_mm(workspace_rows, self.covariance)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CurvePoint:
+    """What some number of shots would tell."""
+
+    expected: Expected
+    position_mm: float
+    """Mean predicted σ of positions over the workspace."""
+
+    @classmethod
+    def of(cls, expected: Expected, workspace_rows: Array) -> "CurvePoint":
+        """With the position judged where rows (N, 3, F) without a frame look."""
+        return cls(expected, float(expected.position_std_mm(workspace_rows).mean()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Foresight:
+    """What a plan's identification shots will tell."""
+
+    expected: Expected
+    prediction: Prediction
+    position_std_mm: Array
+    """Of positions all over the workspace, after a best fit of the frame, (N,)."""
+    from_below: tuple[float, ...]
+    """Share of shots to which each joint comes from a smaller angle, (4,)."""
+
+
+def foresee(
+    shots: Sequence[PlannedShot],
+    geometry: Geometry,
+    tracker_mm: Array,
+    means: Means,
+    workspace_rows: Array,
+) -> Foresight:
+    """Judge a plan by the nominal geometry and the tracker's place (3,) in the base frame."""
+    prediction, covariance_matrix = _told(shots, geometry, tracker_mm, means)
+    counted = sum(shot.purpose is ShotSet.IDENTIFICATION for shot in shots)
+    expected = Expected(counted, means.free, covariance_matrix)
+    std_mm = expected.position_std_mm(workspace_rows)
+    return Foresight(expected, prediction, std_mm, approach_shares(shots))
+
+
+def approach_shares(shots: Sequence[PlannedShot]) -> tuple[float, ...]:
+    """Share of identification shots to which each joint comes from a smaller angle, (4,).
+
+    Ways are taken as straight; the first shot is reached from its own joints.
+    """
+    joints = joints_of(shots)
+    counted = np.array([shot.purpose is ShotSet.IDENTIFICATION for shot in shots])
+    return tuple(shares_from_below(joints, joints[0], counted).tolist())
+
+
+def workspace_rows(geometry: Geometry, free: tuple[str, ...], poses: Array) -> Array:
+    """How positions all over the workspace hang on the free parameters, (N, 3, F), mm and rad.
+
+    After a best fit of the frame. Raises `PlanInvalid` for parameters that no position tells apart.
+    """
+    rows = without_frame(rows_at(geometry, free, poses))
+    try:
+        check_observable(rows.reshape(-1, len(free)), free)
+    except Unobservable as error:
+        raise cannot_be_told_apart(error) from error
+    return rows
+
+
+def cannot_be_told_apart(error: Unobservable) -> PlanInvalid:
+    """The same, for the operator."""
+    return PlanInvalid(str(error), remedy="hold one of them at its nominal value, with --fix")
+
+
+def workspace_poses(region: Region, rng: np.random.Generator) -> Array:
+    """Poses all over the workspace, whether the tracker sees the reflector there or not, (N, 4).
+
+    Raises `WorkspaceTooSmall`.
+    """
+    everywhere = replace(region, acceptance_rad=ANY_DIRECTION_RAD)
+    return inner_poses(everywhere, WORKSPACE_SAMPLE, rng)
+
+
+def rows_at(geometry: Geometry, free: tuple[str, ...], poses: Array) -> Array:
+    """∂(point in a frame to be estimated)/∂(free parameters, frame), (N, 3, F + 6)."""
+    return point_rows(geometry, free, inverse(geometry, poses).require(), poses)
+
+
+def _told(
+    shots: Sequence[PlannedShot], geometry: Geometry, tracker_mm: Array, means: Means
+) -> tuple[Prediction, Array]:
+    """The prediction, and the covariance of the free parameters, (F, F)."""
+    joints, poses = joints_of(shots), poses_of(shots)
+    pairs = pairs_of(shots, ShotSet.IDENTIFICATION)
+    noise = point_covariance_mm2(poses[:, :3] - tracker_mm, means.uncertainty)
+    if means.estimator is Estimator.POINTS:
+        rows = pairs.ravel()
+        return _told_by_points(geometry, means.free, joints[rows], poses[rows], noise[rows])
+    variance = distance_variance_mm2(poses[:, :3], noise, pairs[:, 0], pairs[:, 1])
+    return _told_by_distances(geometry, means.free, joints, poses, pairs, variance)
+
+
+def _told_by_points(
+    geometry: Geometry, free: tuple[str, ...], joints: Array, poses: Array, noise_mm2: Array
+) -> tuple[Prediction, Array]:
+    told = predict_points(geometry, free, joints, poses, noise_mm2)
+    if told.rank < len(free):
+        return told, _nothing_known(free)
+    with_frame = points_covariance(geometry, free, joints, poses, noise_mm2)
+    return told, with_frame[: len(free), : len(free)]
+
+
+def _told_by_distances(
+    geometry: Geometry,
+    free: tuple[str, ...],
+    joints: Array,
+    poses: Array,
+    pairs: Index,
+    variance_mm2: Array,
+) -> tuple[Prediction, Array]:
+    told = predict_distances(geometry, free, joints, poses, pairs, variance_mm2)
+    if told.rank < len(free):
+        return told, _nothing_known(free)
+    rows = distance_rows(geometry, free, joints, poses, pairs)
+    return told, covariance(rows / np.sqrt(variance_mm2)[:, None])
+
+
+def _nothing_known(free: tuple[str, ...]) -> Array:
+    return np.full((len(free), len(free)), np.inf)

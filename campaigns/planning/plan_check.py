@@ -1,0 +1,139 @@
+"""Judges a plan, made or edited, before anything moves."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from campaigns.errors import PlanInvalid
+from campaigns.numerics.geometry import Array, Geometry
+from campaigns.numerics.placement import incidence_rad
+from campaigns.numerics.reach import Limits, Reach, explain, reach
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.plans import View, joints_of, poses_of
+from campaigns.planning.ways import Mechanism, check_ways, named_stops
+from campaigns.robots.arrays import pose_row
+from campaigns.shot_sets import ShotSet
+from drivers.values import Pose
+
+AGREEMENT_RAD = float(np.radians(0.01))
+"""How far a row's joints may be from those that its pose takes."""
+TOLERANCE_RAD = 1e-9
+FAULTS_NAMED = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """What a shot takes besides the way."""
+
+    joint_speed_rad_s: float
+    settle_s: float
+    measure_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedPlan:
+    """A plan that can be run, and how."""
+
+    shots: tuple[PlannedShot, ...]
+    detours: int
+    """How many ways between shots are not straight because that would not be safe."""
+    seconds: float
+    travel_rad: float
+
+
+def check_plan(
+    shots: Sequence[PlannedShot],
+    geometry: Geometry,
+    limits: Limits,
+    view: View,
+    centre: Pose,
+    pace: Pace,
+) -> CheckedPlan:
+    """Check reach, limits, swing, singularity, the tracker's view and every way between shots.
+
+    Raises `PlanInvalid` naming the shots at fault with value and limit.
+    """
+    refuse(
+        [
+            *_pose_faults(shots, geometry, limits),
+            *_view_faults(shots, view),
+            *_drift_faults(shots),
+        ],
+        remedy="correct plan.csv, or plan anew with `pkmcal plan`",
+    )
+    stops = named_stops([f"shot {shot.shot}" for shot in shots], joints_of(shots))
+    ways = check_ways(stops, Mechanism(geometry, limits, pose_row(centre)))
+    refuse(ways.faults, remedy="move one of the two poses, or plan anew with `pkmcal plan`")
+    seconds = ways.travel_rad / pace.joint_speed_rad_s
+    seconds += len(shots) * (pace.settle_s + pace.measure_s)
+    return CheckedPlan(tuple(shots), ways.detours, seconds, ways.travel_rad)
+
+
+def refuse(faults: Sequence[str], *, remedy: str) -> None:
+    """Raise `PlanInvalid` with the first faults, if there are any."""
+    if not faults:
+        return
+    more = f" … and {len(faults) - FAULTS_NAMED} more" if len(faults) > FAULTS_NAMED else ""
+    raise PlanInvalid(" | ".join(faults[:FAULTS_NAMED]) + more, remedy=remedy)
+
+
+def view_fault(point_mm: Array, view: View) -> str:
+    """Why a point (3,) in the base frame cannot be seen; empty when it can."""
+    facing = np.array(view.facing) / np.linalg.norm(view.facing)
+    (angle,) = incidence_rad(point_mm[None], np.array(view.tracker_mm), facing)
+    if angle <= view.acceptance_rad:
+        return ""
+    return (
+        f"reflector turned {np.degrees(angle):.1f}° from the tracker, "
+        f"limit {np.degrees(view.acceptance_rad):g}°"
+    )
+
+
+def _pose_faults(shots: Sequence[PlannedShot], geometry: Geometry, limits: Limits) -> Iterator[str]:
+    """Poses that cannot be taken, and joints that are not those of their pose."""
+    poses = poses_of(shots)
+    judged = reach(geometry, _tolerant(limits), poses)
+    for row, shot in enumerate(shots):
+        if not judged.feasible[row]:
+            reasons = explain(limits, judged, row, shot.pose.theta_rad)
+            yield f"shot {shot.shot}: {'; '.join(reasons)}"
+        else:
+            yield from _disagreement(shot, judged, row)
+
+
+def _disagreement(shot: PlannedShot, judged: Reach, row: int) -> Iterator[str]:
+    """The joint that is furthest from where the shot's pose wants it, if that is too far."""
+    away = np.abs(np.array(shot.joints_rad) - judged.joints_rad[row])
+    joint = int(np.argmax(away))
+    if not away[joint] <= AGREEMENT_RAD:
+        yield (
+            f"shot {shot.shot}: q{joint}_deg is {np.degrees(shot.joints_rad[joint]):.4f}, but its "
+            f"pose takes {np.degrees(judged.joints_rad[row, joint]):.4f} "
+            f"(limit {np.degrees(AGREEMENT_RAD):g} away)"
+        )
+
+
+def _tolerant(limits: Limits) -> Limits:
+    """Limits that a pose exactly on them keeps."""
+    (low, high), (left, right) = limits.joint_rad, limits.theta_rad
+    return replace(
+        limits,
+        joint_rad=(low - TOLERANCE_RAD, high + TOLERANCE_RAD),
+        theta_rad=(left - TOLERANCE_RAD, right + TOLERANCE_RAD),
+        forearm_swing_rad=limits.forearm_swing_rad + TOLERANCE_RAD,
+    )
+
+
+def _view_faults(shots: Sequence[PlannedShot], view: View) -> Iterator[str]:
+    for shot in shots:
+        if fault := view_fault(pose_row(shot.pose)[:3], view):
+            yield f"shot {shot.shot}: {fault}"
+
+
+def _drift_faults(shots: Sequence[PlannedShot]) -> Iterator[str]:
+    """Drift is seen only where the robot comes back to one and the same pose."""
+    drifts = [shot for shot in shots if shot.purpose is ShotSet.DRIFT]
+    for shot in drifts[1:]:
+        if shot.pose != drifts[0].pose:
+            yield f"shot {shot.shot}: its drift pose is not that of shot {drifts[0].shot}"

@@ -1,0 +1,1 @@
+"""Parameter sets: robot files, the robots shipped, and what the numerics make of them."""

@@ -1,0 +1,97 @@
+"""campaign.yaml (`pkmcal/campaign/1`): what a campaign works with and by which rules."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from pydantic import Field
+
+from campaigns.errors import ConfigInvalid, NotACampaign
+from campaigns.files.commented_yaml import commented_yaml
+from campaigns.files.textfile import make_folder, read_text, refuse_existing, write_new_text
+from campaigns.files.yamlfile import FileModel, checked, checked_settings, read_document
+from campaigns.robots.robot import RobotDocument, read_robot
+from campaigns.settings.sections import (
+    AcceptanceConfig,
+    ControllerConfig,
+    GateConfig,
+    InstrumentsConfig,
+    PeopleConfig,
+    PlanConfig,
+    SettleConfig,
+    TrackerConfig,
+    ValidationConfig,
+)
+
+SCHEMA = "pkmcal/campaign/1"
+FILE_NAME = "campaign.yaml"
+
+
+class CampaignConfig(FileModel):
+    """A campaign's settings."""
+
+    name: str = Field(min_length=1, description="the campaign's name")
+    robot: str = Field(
+        default="robot.yaml",
+        pattern=r"^[^/\\]+$",
+        description="the name of the file in this folder that holds the nominal robot",
+    )
+    controller: ControllerConfig = Field(description="the robot's controller")
+    tracker: TrackerConfig = Field(description="the laser tracker and its reflector")
+    plan: PlanConfig = Field(default=PlanConfig(), description="what is measured")
+    settle: SettleConfig = Field(
+        default=SettleConfig(), description="when the robot counts as at rest"
+    )
+    gate: GateConfig = Field(default=GateConfig(), description="what a shot must keep to count")
+    validation: ValidationConfig = Field(
+        default=ValidationConfig(), description="the tests before and after calibration"
+    )
+    acceptance: AcceptanceConfig = Field(
+        default=AcceptanceConfig(),
+        description="the largest errors that are good; empty: not asked for",
+    )
+    people: PeopleConfig = Field(
+        default=PeopleConfig(), description="who and where, for the record"
+    )
+    instruments: InstrumentsConfig = Field(
+        default=InstrumentsConfig(), description="what no device tells about itself, for the record"
+    )
+
+
+def read_campaign(directory: Path) -> CampaignConfig:
+    """Read a campaign's settings; raises `NotACampaign` or `ConfigInvalid`."""
+    path = directory / FILE_NAME
+    remedy = f"name a campaign's folder, or make one with `pkmcal new {directory}`"
+    if not path.is_file():
+        raise NotACampaign(f"{directory} holds no {FILE_NAME}", remedy=remedy)
+    return checked(read_document(path, if_missing=remedy), SCHEMA, CampaignConfig)
+
+
+def new_config(settings: Mapping[str, object]) -> CampaignConfig:
+    """Make settings from what a new campaign is told; raises `ConfigInvalid`.
+
+    Needs at least `name`, `controller.url`, `tracker.url` and `tracker.reflector`.
+    """
+    return checked_settings(settings, "new campaign", CampaignConfig)
+
+
+def read_campaign_robot(directory: Path, config: CampaignConfig) -> RobotDocument:
+    """Read the nominal robot that a campaign names; raises `ConfigInvalid`."""
+    return read_robot(directory / config.robot)
+
+
+def write_new_campaign(directory: Path, config: CampaignConfig, robot: RobotDocument) -> None:
+    """Make a campaign's folder with its robot and settings; raises `OutputExists`, `WriteFailed`.
+
+    The settings come last: what broke off before them is no campaign, and can be begun again.
+    """
+    path = directory / FILE_NAME
+    refuse_existing(path)
+    make_folder(directory)
+    robot_path = directory / config.robot
+    if not (robot_path.is_file() and _text_of(robot_path) == robot.document.text):
+        write_new_text(robot_path, robot.document.text)
+    write_new_text(path, commented_yaml(SCHEMA, config))
+
+
+def _text_of(robot_path: Path) -> str:
+    return read_text(robot_path, ConfigInvalid, if_missing="start again")

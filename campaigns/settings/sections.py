@@ -1,0 +1,252 @@
+"""The sections of campaign.yaml.
+
+The description of a key is also its comment in a new file and the remedy when it is wrong. Units
+are in the keys; properties give angles in rad.
+"""
+
+import math
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
+
+from campaigns.files.yaml_explanation import broken_rule
+from campaigns.files.yamlfile import FileModel
+from campaigns.settings.linuxcnc_section import LinuxcncConfig
+
+URL_PATTERN = r"^(tcp://\S+:\d{1,5}|serial://\S+|sim://[\w-]+)$"
+URL_FORMS = "tcp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200 or sim://SCENARIO"
+
+
+def _not_zero(direction: tuple[float, float, float]) -> tuple[float, float, float]:
+    if any(direction):
+        return direction
+    raise broken_rule("is [0, 0, 0], which is no direction")
+
+
+Url = Annotated[str, Field(pattern=URL_PATTERN)]
+Place = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
+Point = tuple[Place, Place, Place]
+Direction = Annotated[Point, AfterValidator(_not_zero)]
+Seconds = Annotated[float, Field(ge=0.0, le=600.0)]
+Distance = Annotated[float, Field(gt=0.0, le=10_000.0)]
+SmallAngle = Annotated[float, Field(gt=0.0, le=5.0)]
+Acceptable = Annotated[float, Field(gt=0.0, le=1000.0)] | None
+LimitUm = Annotated[float, Field(gt=0.0, le=100_000.0)]
+LimitPerMetre = Annotated[float, Field(ge=0.0, le=10_000.0)]
+
+
+class ControllerConfig(FileModel):
+    """The robot's controller."""
+
+    driver: Literal["robotline", "linuxcnc"] = Field(
+        default="robotline", description="its protocol: robotline or linuxcnc"
+    )
+    url: Url = Field(description=f"its address: {URL_FORMS}")
+    serial: str | None = Field(
+        default=None, description="the serial number it must have, in quotes; empty for any"
+    )
+    speed_percent: float = Field(
+        default=30.0, gt=0.0, le=100.0, description="the share of its full speed to move at, %"
+    )
+    linuxcnc: LinuxcncConfig | None = Field(
+        default=None,
+        description="LinuxCNC's own settings (docs/linuxcnc.md); empty with another driver",
+    )
+
+    @model_validator(mode="after")
+    def _linuxcnc_has_its_settings(self) -> Self:
+        if self.driver == "linuxcnc" and self.linuxcnc is None:
+            raise broken_rule("has no section linuxcnc, which driver: linuxcnc needs")
+        return self
+
+
+class TrackerLimitsConfig(FileModel):
+    """The largest errors that the tracker's data sheet allows: a constant and a part per metre."""
+
+    along_um: LimitUm = Field(default=10.0, description="along the beam, µm")
+    along_um_per_m: LimitPerMetre = Field(
+        default=0.3, description="along the beam, µm more for each metre"
+    )
+    across_um: LimitUm = Field(default=15.0, description="across the beam, µm")
+    across_um_per_m: LimitPerMetre = Field(
+        default=6.0, description="across the beam, µm more for each metre"
+    )
+
+
+class TrackerConfig(FileModel):
+    """The laser tracker and its reflector."""
+
+    driver: Literal["emscon", "geocom"] = Field(
+        default="emscon", description="its protocol: emscon or geocom"
+    )
+    url: Url = Field(description=f"its address: {URL_FORMS}")
+    serial: str | None = Field(
+        default=None, description="the serial number it must have, in quotes; empty for any"
+    )
+    reflector: str = Field(min_length=1, description="the reflector's name in the tracker")
+    measuring_time_s: float = Field(
+        default=1.0, gt=0.0, le=100.0, description="the time over which a point is averaged, s"
+    )
+    place_mm: Point = Field(
+        default=(2500.0, 0.0, -500.0),
+        description="the tracker's rough place in the robot's base frame, [x, y, z] mm",
+    )
+    reflector_facing: Direction | None = Field(
+        default=None,
+        description="the direction [x, y, z] in which the reflector looks, base frame; "
+        "empty: from the workspace's centre to the tracker",
+    )
+    acceptance_deg: float = Field(
+        default=25.0,
+        gt=0.0,
+        lt=90.0,
+        description="the largest angle of the beam to that direction, deg",
+    )
+    uncertainty: TrackerLimitsConfig = Field(
+        default=TrackerLimitsConfig(),
+        description="the limits (MPE) of its data sheet, by default an AT500's; for plans",
+    )
+
+    @property
+    def acceptance_rad(self) -> float:
+        """The largest angle of the beam to the reflector's direction."""
+        return math.radians(self.acceptance_deg)
+
+
+class PlanConfig(FileModel):
+    """What `pkmcal plan` makes when it is not told otherwise."""
+
+    shots: int = Field(
+        default=120,
+        ge=2,
+        le=10_000,
+        multiple_of=2,
+        description="the number of shots to identify from, two a pair",
+    )
+    validation_pairs: int = Field(
+        default=20, ge=0, le=5000, description="the number of pairs to validate on, never fitted"
+    )
+    placement: Literal["boundary", "optimal"] = Field(
+        default="boundary",
+        description="where: boundary (near the limits, as in the paper) or optimal",
+    )
+    seed: int = Field(default=1, ge=0, description="the seed of what is drawn at random")
+    drift_shots: int = Field(
+        default=3, ge=2, le=100, description="the number of shots at one pose, from start to end"
+    )
+
+
+class SettleConfig(FileModel):
+    """When the robot counts as standing still in place."""
+
+    time_s: Seconds = Field(
+        default=0.2, description="the time for which the joints must be still, s"
+    )
+    still_deg: SmallAngle = Field(
+        default=0.002, description="the largest motion of a joint that counts as still, deg"
+    )
+    in_place_deg: SmallAngle = Field(
+        default=0.02, description="the largest distance of a joint from the commanded angle, deg"
+    )
+    timeout_s: Seconds = Field(
+        default=10.0, description="the longest wait for a move and its settling, above time_s, s"
+    )
+
+    @property
+    def still_rad(self) -> float:
+        """The largest motion of a joint that counts as still."""
+        return math.radians(self.still_deg)
+
+    @property
+    def in_place_rad(self) -> float:
+        """The largest distance of a joint from the commanded angle."""
+        return math.radians(self.in_place_deg)
+
+    @field_validator("timeout_s")
+    @classmethod
+    def _longer_than_settling(cls, timeout_s: float, known: ValidationInfo) -> float:
+        time_s = known.data.get("time_s", 0.0)
+        if timeout_s > time_s:
+            return timeout_s
+        raise broken_rule(f"is {timeout_s:g}, must be above time_s, which is {time_s:g}")
+
+
+class GateConfig(FileModel):
+    """What a shot must keep to count."""
+
+    distance_mm: Distance = Field(
+        default=60.0,
+        description="the largest distance from the point that nominal parameters predict, mm",
+    )
+    fitted_mm: Distance = Field(
+        default=3.0,
+        description="the largest distance from the point that a running fit predicts, mm",
+    )
+    temperature_change_degC: float = Field(
+        default=1.0,
+        gt=0.0,
+        le=50.0,
+        description="the largest change of the air since the start, °C",
+    )
+    drift_mm: Distance = Field(
+        default=1.0, description="the largest distance of a drift shot from the first one, mm"
+    )
+    attempts: int = Field(
+        default=3, ge=1, le=20, description="the number of attempts at a shot before the run stops"
+    )
+
+
+class ValidationConfig(FileModel):
+    """The tests of section IV.E of the paper."""
+
+    repeatability_approaches: int = Field(
+        default=28, ge=2, le=1000, description="the number of approaches to one point"
+    )
+    rotation_steps: int = Field(
+        default=19, ge=2, le=1000, description="the number of shots while only the plate turns"
+    )
+    line_points: int = Field(
+        default=17, ge=3, le=1000, description="the number of shots along each straight line"
+    )
+    line_lengths_mm: tuple[Distance, Distance, Distance] = Field(
+        default=(800.0, 800.0, 500.0), description="the lengths of the lines along x, y and z, mm"
+    )
+    centre_mm: Point = Field(
+        default=(0.0, 0.0, -575.0),
+        description="the workspace's centre in the base frame, [x, y, z] mm",
+    )
+
+
+class AcceptanceConfig(FileModel):
+    """The largest errors at which the robot counts as good; None is not asked for."""
+
+    distance_mean_mm: Acceptable = Field(
+        default=None, description="the mean error of distances, mm"
+    )
+    distance_max_mm: Acceptable = Field(
+        default=None, description="the largest error of distances, mm"
+    )
+    rotation_mm: Acceptable = Field(
+        default=None, description="the motion of the point while the plate turns, mm"
+    )
+    straightness_mm: Acceptable = Field(default=None, description="the deviation from a line, mm")
+    repeatability_mm: Acceptable = Field(
+        default=None, description="the radius of the sphere of repeated approaches, mm"
+    )
+
+
+class PeopleConfig(FileModel):
+    """Who and where, for the record."""
+
+    operator: str = Field(default="", description="the operator's name")
+    site: str = Field(default="", description="the place of the cell")
+    notes: str = Field(default="", description="anything else that the record should hold")
+
+
+class InstrumentsConfig(FileModel):
+    """What no device tells about itself, for the record."""
+
+    robot_serial: str = Field(default="", description="the mechanism's serial number, in quotes")
+    reflector_serial: str = Field(
+        default="", description="the reflector's serial number, in quotes"
+    )

@@ -1,0 +1,225 @@
+"""Points as tracker software exports them: one a line, name and X Y Z, in a unit nobody wrote down.
+
+SpatialAnalyzer writes up to three name parts (collection, group, target), then X Y Z, then what was
+ticked in its dialog, by blanks or commas, with comments behind `//`. OpenIndy writes a name, X Y Z,
+then group and comment, by blanks or semicolons, with comments behind `#` or `;`.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+from campaigns.errors import ShotsInvalid
+from campaigns.files.textfile import read_text
+from campaigns.files.wording import shown, suggestion
+from drivers.values import Vector3
+
+LengthUnit = Literal["mm", "m", "inch"]
+MM_PER_UNIT: Mapping[LengthUnit, float] = {"mm": 1.0, "m": 1000.0, "inch": 25.4}
+UNIT_WORDS = get_args(LengthUnit)
+
+COLUMN_WORDS = ("name", "x", "y", "z", "-")
+"""A line's columns, when they are told: a name may have several parts, `-` is passed over."""
+AXES = ("x", "y", "z")
+NAME_JOINT = "::"
+"""Between the parts of a name, as SpatialAnalyzer has it."""
+MOST_NAME_PARTS = 3
+COMMENTS = ("//", "#", ";")
+SEPARATORS: Mapping[str, str] = {";": "semicolons", "\t": "tabs", ",": "commas", "": "blanks"}
+FARTHEST_MM = 1e6
+"""A kilometre: whatever is farther is in another unit than was told."""
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_WHOLE = re.compile(r"\d+", re.ASCII)
+_WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
+_COLUMNS_REMEDY = "say what they are, for example --columns name,x,y,z"
+
+
+@dataclass(frozen=True, slots=True)
+class NamedPoint:
+    """One point, and where it stands in its file. The name is empty when it has none."""
+
+    where: str
+    name: str
+    point_mm: Vector3
+
+
+@dataclass(frozen=True, slots=True)
+class PointFile:
+    """The points of a file in its order, and how it was understood, for the user to see."""
+
+    points: tuple[NamedPoint, ...]
+    layout: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    where: str
+    words: tuple[str, ...]
+
+
+def read_points(
+    path: Path, *, unit: LengthUnit | None, columns: Sequence[str] | None = None
+) -> PointFile:
+    """Read a point file; raises `ShotsInvalid`, also when nobody says the unit."""
+    text = read_text(path, ShotsInvalid, if_missing="check the file's name")
+    return parse_points(text, str(path), unit=unit, columns=columns)
+
+
+def parse_points(
+    text: str, name: str, *, unit: LengthUnit | None, columns: Sequence[str] | None = None
+) -> PointFile:
+    """Read points from a file's text; without `columns`, these follow from the lines themselves."""
+    if unit is None:
+        raise ShotsInvalid(
+            f"{name}: the file does not say its unit of length",
+            remedy=f"give it with --unit {'|'.join(UNIT_WORDS)}",
+        )
+    separator, lines = _split_lines(text, name)
+    order = _told_order(columns, name) if columns is not None else _found_order(lines)
+    points = tuple(_point(line, order, unit) for line in lines)
+    _check_unique(points)
+    words = ", ".join("skipped" if word == "-" else word for word in order)
+    return PointFile(points, f"{words} by {SEPARATORS[separator]}, in {unit}")
+
+
+def _split_lines(text: str, name: str) -> tuple[str, list[_Line]]:
+    """Leave out what holds no data, and cut the rest at the separator of the first line."""
+    filled = [
+        (f"{name}:{number}", line.strip())
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip() and not line.lstrip().startswith(COMMENTS)
+    ]
+    if not filled:
+        raise ShotsInvalid(f"{name}: holds no points", remedy="check that it is the right file")
+    where, first = filled[0]
+    _check_decimal_comma(where, first)
+    separator = next((sign for sign in SEPARATORS if sign and sign in first), "")
+    return separator, [_Line(where, _words(line, separator)) for where, line in filled]
+
+
+def _check_decimal_comma(where: str, line: str) -> None:
+    """Refuse `2000,5 10,25 -300,125`, which commas would cut to pieces."""
+    for words in (line.split(), line.split(";"), line.split("\t")):
+        commas = [word for word in words if _WITH_COMMA.fullmatch(word.strip())]
+        if len(commas) >= len(AXES) - 1 and len(words) > len(AXES) - 1:
+            raise ShotsInvalid(
+                f"{where}: '{shown(commas[0].strip())}' is a decimal comma",
+                remedy="export the points with decimal points",
+            )
+
+
+def _words(line: str, separator: str) -> tuple[str, ...]:
+    words = line.split(separator) if separator else line.split()
+    return tuple(word.strip().strip('"').strip() for word in words)
+
+
+def _told_order(columns: Sequence[str], name: str) -> tuple[str, ...]:
+    for word in columns:
+        if word not in COLUMN_WORDS:
+            raise ShotsInvalid(
+                f"{name}: unknown column '{shown(word)}'", remedy=suggestion(word, COLUMN_WORDS)
+            )
+    for axis in AXES:
+        if columns.count(axis) != 1:
+            raise ShotsInvalid(
+                f"{name}: the columns {','.join(columns)} have {columns.count(axis)} {axis}",
+                remedy="give each of x, y and z once",
+            )
+    return tuple(columns)
+
+
+def _found_order(lines: Sequence[_Line]) -> tuple[str, ...]:
+    """Find name and X Y Z: the first run of three numbers, the same in every line.
+
+    Of four numbers the first is a name if it is a whole number in every line.
+    """
+    first = lines[0]
+    start, numbers = _run(first)
+    for line in lines[1:]:
+        if _run(line) != (start, numbers):
+            raise _unlike(line, first)
+    names_are_numbers = numbers == len(AXES) + 1 and all(
+        _WHOLE.fullmatch(line.words[start]) for line in lines
+    )
+    names = start + 1 if names_are_numbers else start
+    if numbers > len(AXES) and not names_are_numbers:
+        raise ShotsInvalid(
+            f"{first.where}: {numbers} numbers in a row, X Y Z are three", remedy=_COLUMNS_REMEDY
+        )
+    if names > MOST_NAME_PARTS:
+        raise ShotsInvalid(
+            f"{first.where}: {names} words before X Y Z, a name has at most {MOST_NAME_PARTS}",
+            remedy=_COLUMNS_REMEDY,
+        )
+    return (*["name"] * names, *AXES)
+
+
+def _run(line: _Line) -> tuple[int, int]:
+    """Where the first run of at least three numbers begins, and how many there are."""
+    is_number = [_NUMBER.fullmatch(word) is not None for word in line.words]
+    for start in range(len(is_number)):
+        length = _count_leading(is_number[start:])
+        if length >= len(AXES):
+            return start, length
+    raise ShotsInvalid(
+        f"{line.where}: no X Y Z: '{shown(' '.join(line.words))}' has no three numbers in a row",
+        remedy="take the line out, or put // before it",
+    )
+
+
+def _count_leading(flags: Sequence[bool]) -> int:
+    """How many of these are true before the first that isn't."""
+    return next((index for index, flag in enumerate(flags) if not flag), len(flags))
+
+
+def _unlike(line: _Line, first: _Line) -> ShotsInvalid:
+    place = first.where.rpartition(":")[2]
+    return ShotsInvalid(
+        f"{line.where}: '{shown(' '.join(line.words))}' has other columns than line {place}, "
+        f"'{shown(' '.join(first.words))}'",
+        remedy="correct the line, export with commas if names hold blanks, "
+        "or tell all columns, for example --columns name,x,y,z",
+    )
+
+
+def _point(line: _Line, order: Sequence[str], unit: LengthUnit) -> NamedPoint:
+    if len(line.words) < len(order):
+        raise ShotsInvalid(
+            f"{line.where}: {len(line.words)} words for {len(order)} columns {','.join(order)}",
+            remedy="correct the line, or --columns",
+        )
+    parts = [word for word, column in zip(line.words, order, strict=False) if column == "name"]
+    x, y, z = (_length_mm(line, order.index(axis), axis, unit) for axis in AXES)
+    return NamedPoint(line.where, NAME_JOINT.join(parts), (x, y, z))
+
+
+def _length_mm(line: _Line, index: int, axis: str, unit: LengthUnit) -> float:
+    word = line.words[index]
+    if not _NUMBER.fullmatch(word):
+        raise ShotsInvalid(
+            f"{line.where}: {axis} is '{shown(word)}', must be a number",
+            remedy="correct the line, or --columns",
+        )
+    length_mm = float(word) * MM_PER_UNIT[unit]
+    if not (math.isfinite(length_mm) and abs(length_mm) <= FARTHEST_MM):
+        raise ShotsInvalid(
+            f"{line.where}: {axis} is {shown(word)} {unit}, farther than {FARTHEST_MM:g} mm",
+            remedy="check --unit, and that it is a point of this campaign",
+        )
+    return length_mm
+
+
+def _check_unique(points: Sequence[NamedPoint]) -> None:
+    seen: dict[str, str] = {}
+    for point in points:
+        if point.name and point.name in seen:
+            raise ShotsInvalid(
+                f"{point.where}: point '{shown(point.name)}' stands already in "
+                f"line {seen[point.name].rpartition(':')[2]}",
+                remedy="give each point a name of its own",
+            )
+        seen[point.name] = point.where

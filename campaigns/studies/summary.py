@@ -1,0 +1,161 @@
+"""What a study shows: how large errors are, whether stated σ are honest, what better could be."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import bdtrik, ndtri, stdtr, stdtrit
+
+from campaigns.errors import ShotsMissing
+from campaigns.estimators import Estimator
+from campaigns.numerics.geometry import Array
+from campaigns.studies.setup import CampaignOutcome, Estimate, StudySetup
+
+CONFIDENCE = 0.95
+LEAST_CAMPAIGNS = 2
+QUANTILES = (0.5, 0.95)
+FALSE_ALARM = 0.01
+"""Chance that any parameter of an honest study lies outside its `Chance`."""
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSummary:
+    """Over all campaigns, in file units (mm or deg)."""
+
+    name: str
+    bias: float
+    """Mean error."""
+    std: float
+    """Standard deviation of the errors."""
+    stated_std: float
+    """Root mean square of the stated ones."""
+    covered: float
+    """Share of 95 % intervals that hold the true value."""
+    bound_std: float
+    """Root mean square of the Cramér-Rao bounds."""
+    variance_over_bound: float
+    """Variance of errors over the bound of each campaign; 1 is all that the data hold."""
+
+    @property
+    def ratio(self) -> float:
+        """Empirical over stated; 1 is honest."""
+        return self.std / self.stated_std
+
+
+@dataclass(frozen=True, slots=True)
+class Chance:
+    """Limits in which an honest study's figures lie, of all parameters, 99 times of 100."""
+
+    ratio: tuple[float, float]
+    covered: tuple[float, float]
+    variance_over_bound: tuple[float, float]
+    """Of an estimator that reaches the bound."""
+
+
+@dataclass(frozen=True, slots=True)
+class StudySummary:
+    """Over all campaigns that ended with an estimate."""
+
+    campaigns: int
+    failed: int
+    parameters: tuple[ParameterSummary, ...]
+    chance: Chance
+    unseen_mean_mm: tuple[float, ...] | None
+    """Quantiles 0.5 and 0.95 over campaigns; None without unseen pairs."""
+    unseen_max_mm: tuple[float, ...] | None
+
+    @property
+    def too_sure(self) -> tuple[ParameterSummary, ...]:
+        """Those whose stated σ is smaller than their errors say, beyond chance."""
+        ratio, covered = self.chance.ratio[1], self.chance.covered[0]
+        return tuple(p for p in self.parameters if p.ratio > ratio or p.covered < covered)
+
+    @property
+    def too_unsure(self) -> tuple[ParameterSummary, ...]:
+        """Those whose stated σ is larger than their errors say, beyond chance."""
+        ratio, covered = self.chance.ratio[0], self.chance.covered[1]
+        return tuple(p for p in self.parameters if p.ratio < ratio or p.covered > covered)
+
+
+def summarise(setup: StudySetup, outcomes: Sequence[CampaignOutcome]) -> StudySummary:
+    """Raises `ShotsMissing` when fewer than two campaigns ended with an estimate."""
+    found = [outcome.estimate for outcome in outcomes if outcome.estimate is not None]
+    if len(found) < LEAST_CAMPAIGNS:
+        reasons = {outcome.failure for outcome in outcomes if outcome.failure}
+        raise ShotsMissing(
+            f"{len(found)} of {len(outcomes)} campaigns could be identified",
+            remedy=f"ask for more campaigns, or look into: {'; '.join(sorted(reasons)) or '-'}",
+        )
+    return StudySummary(
+        len(found),
+        len(outcomes) - len(found),
+        _parameters(setup, found),
+        chance(setup, len(found)),
+        _quantiles(np.array([estimate.unseen_mean_mm for estimate in found])),
+        _quantiles(np.array([estimate.unseen_max_mm for estimate in found])),
+    )
+
+
+def interval_factor(setup: StudySetup) -> float:
+    """Half-width of a 95 % interval in stated standard deviations.
+
+    Student's where the variance is the residuals' own, normal where the tracker's is known.
+    """
+    tail = 0.5 * (1.0 + CONFIDENCE)
+    if setup.estimator is Estimator.DISTANCES:
+        return float(stdtrit(setup.dof, tail))
+    return float(ndtri(tail))
+
+
+def normal_scores(setup: StudySetup, outcomes: Sequence[CampaignOutcome]) -> Array:
+    """Errors over their stated σ, (C, F): standard normal when those are honest.
+
+    What would be Student's distribution is carried over to the normal one, quantile by quantile.
+    """
+    found = [outcome.estimate for outcome in outcomes if outcome.estimate is not None]
+    scores = np.array([estimate.errors / estimate.std for estimate in found])
+    if setup.estimator is Estimator.DISTANCES:
+        return np.asarray(-np.sign(scores) * ndtri(stdtr(setup.dof, -np.abs(scores))))
+    return scores
+
+
+def chance(setup: StudySetup, campaigns: int) -> Chance:
+    """What so many campaigns of an honest study may show, by the normal approximation for σ."""
+    tail = FALSE_ALARM / (2.0 * len(setup.free))
+    spread = -float(ndtri(tail)) / math.sqrt(2.0 * campaigns)
+    variance = 2.0 * spread
+    if setup.estimator is Estimator.DISTANCES:
+        spread *= math.sqrt(1.0 + 1.0 / setup.dof)  # the stated σ scatter too
+    few, many = (float(bdtrik(p, campaigns, CONFIDENCE)) for p in (tail, 1.0 - tail))
+    return Chance(
+        (1.0 - spread, 1.0 + spread),
+        (math.floor(few) / campaigns, math.ceil(many) / campaigns),
+        (1.0 - variance, 1.0 + variance),
+    )
+
+
+def _parameters(setup: StudySetup, found: Sequence[Estimate]) -> tuple[ParameterSummary, ...]:
+    errors, stated, bound = (
+        np.array(values)
+        for values in zip(*((one.errors, one.std, one.bound) for one in found), strict=True)
+    )
+    columns = np.column_stack(
+        [
+            errors.mean(axis=0),
+            errors.std(axis=0, ddof=1),
+            np.sqrt(np.mean(stated**2, axis=0)),
+            (np.abs(errors) <= interval_factor(setup) * stated).mean(axis=0),
+            np.sqrt(np.mean(bound**2, axis=0)),
+            (errors / bound).var(axis=0, ddof=1),
+        ]
+    )
+    return tuple(
+        ParameterSummary(name, *row) for name, row in zip(setup.free, columns.tolist(), strict=True)
+    )
+
+
+def _quantiles(values: Array) -> tuple[float, ...] | None:
+    if np.isnan(values).any():
+        return None
+    return tuple(np.quantile(values, QUANTILES).tolist())
