@@ -119,13 +119,11 @@ def test_a_plan_for_a_goal_meets_it_by_the_campaigns_tracker(campaign):
 
 
 def test_the_data_sheet_in_the_settings_is_what_is_reckoned_with(campaign):
-    assert tracker_uncertainty_of(campaign.config) == TrackerUncertainty()
+    assert tracker_uncertainty_of(campaign.config) == TrackerUncertainty.of_limits(15, 0, 15, 0)
     _, sharp = make(campaign, Asked(shots=44))
     coarse_one = campaign
-    for key, value in (("along_um", 10.0), ("across_um", 15.0)):
-        coarse_one = with_setting(coarse_one, f"{key}: {value}", f"{key}: {3 * value}")
-    for key, value in (("along_um_per_m", 0.3), ("across_um_per_m", 6.0)):
-        coarse_one = with_setting(coarse_one, f"{key}: {value}", f"{key}: {round(3 * value, 1)}")
+    for key in ("along_um", "across_um"):
+        coarse_one = with_setting(coarse_one, f"{key}: 15.0", f"{key}: 45.0")
     _, coarse = make(coarse_one, Asked(shots=44))
     assert worst_mm(coarse) == pytest.approx(3.0 * worst_mm(sharp), rel=1e-6)
 
