@@ -90,15 +90,21 @@ def command(
         show_plan(terminal, campaign, checked, work)
         return
     ran = None if anew else measured_before(campaign, work, terminal)
-    if ran is None:
-        foreseen_end_of(campaign, work)
-        terminal.require_yes(CLEAR, yes=yes)
-        ran = measure_plan(campaign, work, terminal, anew=anew)
+    ran = ran or measured_now(campaign, work, terminal, yes=yes, anew=anew)
     show(terminal, ran)
     terminal.note(f"next: pkmcal identify {folder}")
     terminal.document(document(ran))
     if not ran.good:
         raise typer.Exit(Exit.NOT_GOOD)
+
+
+def measured_now(
+    campaign: "Campaign", work: "Work", terminal: "Terminal", *, yes: bool, anew: bool
+) -> Ran:
+    """Measure what is missing, once the goal is known to be in reach and the cell to be clear."""
+    foreseen_end_of(campaign, work)
+    terminal.require_yes(CLEAR, yes=yes)
+    return measure_plan(campaign, work, terminal, anew=anew)
 
 
 def read_checked_plan(campaign: "Campaign") -> "CheckedPlan":

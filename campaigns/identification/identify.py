@@ -55,29 +55,15 @@ def identify(nominal: Geometry, data: Dataset, request: IdentificationRequest) -
 
     Raises `ShotsMissing` for too few shots and `ShotsInvalid` for a covariance that is none.
     """
-    fitted = fitted_shots(nominal, data, request)
-    free = request.knowledge.free
+    fitted, free = fitted_shots(nominal, data, request), request.knowledge.free
     found = estimate(
         fitted.problem,
         len(free),
         Treatment(request.loss, exclude=request.outliers is Outliers.EXCLUDE),
         trusted=request.estimator is Estimator.POINTS,
     )
-    identified = fitted.model.geometry(found.x[: len(free)])
-    unseen = _unseen(nominal, data, free, found.x[: len(free)])
-    errors = Errors(fitted.nominal_misfits_mm(found.kept), fitted.misfits_mm(found.x)[found.kept])
-    unobservable = tuple(unobservable_combinations(found.seen, free))
-    outliers = tuple(_named_outliers(fitted, found))
-    judged = Judged(
-        fitted.kind,
-        found.fit,
-        unobservable,
-        len(outliers) / len(found.kept),
-        errors.summary(),
-        None if unseen.errors is None else unseen.errors.summary(),
-        unseen.lost,
-    )
-    verdict, reasons = verdict_of(judged)
+    told = _Told(request, fitted, found, _unseen(nominal, data, free, found.x[: len(free)]))
+    verdict, reasons = verdict_of(told.judged())
     covariance = _covariance(found, free)
     return Identification(
         request,
@@ -90,16 +76,54 @@ def identify(nominal: Geometry, data: Dataset, request: IdentificationRequest) -
         noise_in_words(found.noise, request),
         _parameters(nominal, free, found.x, covariance),
         covariance,
-        _position_std(identified, free, found, request.workspace),
+        told.position_std(),
         fitted.tracker_from_base(found.x),
-        errors,
-        unseen.errors,
-        fitted.excluded + outliers + unseen.unusable + unseen.lost,
-        unobservable,
-        _by_priors_alone(found, free, unobservable),
+        told.errors(),
+        told.unseen.errors,
+        told.excluded(),
+        told.unobservable(),
+        _by_priors_alone(found, free, told.unobservable()),
         verdict,
         reasons,
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Told:
+    """What the fitted and the unseen shots tell together."""
+
+    request: IdentificationRequest
+    fitted: Fitted
+    found: Estimate
+    unseen: _Unseen
+
+    def judged(self) -> Judged:
+        unseen = self.unseen.errors
+        return Judged(
+            self.fitted.kind,
+            self.found.fit,
+            self.unobservable(),
+            len(self.found.outliers) / len(self.found.kept),
+            self.errors().summary(),
+            None if unseen is None else unseen.summary(),
+            self.unseen.lost,
+        )
+
+    def errors(self) -> Errors:
+        fitted, kept = self.fitted, self.found.kept
+        return Errors(fitted.nominal_misfits_mm(kept), fitted.misfits_mm(self.found.x)[kept])
+
+    def unobservable(self) -> tuple[Combination, ...]:
+        return tuple(unobservable_combinations(self.found.seen, self.request.knowledge.free))
+
+    def excluded(self) -> tuple[Excluded, ...]:
+        outliers = tuple(_named_outliers(self.fitted, self.found))
+        return self.fitted.excluded + outliers + self.unseen.unusable + self.unseen.lost
+
+    def position_std(self) -> PositionStd | None:
+        free = self.request.knowledge.free
+        identified = self.fitted.model.geometry(self.found.x[: len(free)])
+        return _position_std(identified, free, self.found, self.request.workspace)
 
 
 def _named_outliers(fitted: Fitted, found: Estimate) -> Iterator[Excluded]:

@@ -23,7 +23,7 @@ def bench(tmp_path):
     def run(**yardsticks):
         for name, text in yardsticks.items():
             (tmp_path / "benchmarks" / f"{name}.py").write_text(text, encoding="utf-8")
-        words = ["make", "bench", "VENV=venv"]
+        words = ["make", "--no-print-directory", "bench", "VENV=venv"]
         return subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
 
     return run
