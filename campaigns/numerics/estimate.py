@@ -16,6 +16,7 @@ from campaigns.numerics.robust import (
     Outlier,
     RobustFit,
     agreement,
+    fit_of_agreed,
     loss_curvature,
     solve_robust,
 )
@@ -117,7 +118,7 @@ def estimate(problem: Problem, parameters: int, treatment: Treatment, *, trusted
         seen = observability(parameters_alone(_rows(problem, at, kept), parameters))
         held = problem.inside(_subspace(problem, seen))
         agreed = agreement(held) if treatment.exclude else Agreement(kept, ())
-        solved = _solved(held, treatment.loss, agreed.kept, trusted=trusted)
+        solved = _solved(held, treatment.loss, agreed, trusted=trusted)
         at, kept = solved.x, agreed.kept
         found = observability(parameters_alone(_rows(solved.problem, at, kept), parameters))
         if found.rank == seen.rank:
@@ -162,9 +163,9 @@ def _subspace(problem: Problem, seen: Observability) -> Subspace | None:
     return Subspace(start, directions)
 
 
-def _solved(problem: Problem, loss: Loss, kept: Mask, *, trusted: bool) -> _Solved:
+def _solved(problem: Problem, loss: Loss, agreed: Agreement, *, trusted: bool) -> _Solved:
     """Solve; priors count against the scatter that the measurements turn out to have."""
-    first = solve_robust(problem, loss, kept)
+    kept, first = agreed.kept, fit_of_agreed(problem, loss, agreed)
     tested = _tested(problem, first, kept)
     robust, scale = first, _scale(problem, first, loss, kept)
     for _ in range(UNIT_ROUNDS if len(problem.priors) else 0):

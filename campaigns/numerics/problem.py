@@ -44,6 +44,11 @@ class Weighted:
     weights: Array
     """(blocks,), at least zero."""
 
+    @property
+    def rows(self) -> int:
+        """The data's."""
+        return self.data.rows
+
     def start(self) -> Array:
         """The data's."""
         return self.data.start()
@@ -81,6 +86,11 @@ class Within:
     whole: Residuals
     subspace: Subspace
 
+    @property
+    def rows(self) -> int:
+        """The whole problem's."""
+        return self.whole.rows
+
     def start(self) -> Array:
         """The origin, (R,)."""
         return np.zeros(self.subspace.directions.shape[1])
@@ -109,7 +119,7 @@ class Problem:
     @property
     def blocks(self) -> int:
         """How many there are."""
-        return len(self.data.residual(self.data.start())) // self.block
+        return self.data.rows // self.block
 
     def weighted(self, weights: Array) -> Residuals:
         """What a solver takes; `weights` (blocks,) are of the measurements alone."""

@@ -29,6 +29,11 @@ LEFT_BEHIND = -0.5
 class Residuals(Protocol):
     """A least-squares problem; x is in mm and rad."""
 
+    @property
+    def rows(self) -> int:
+        """How many residuals there are, M."""
+        ...
+
     def start(self) -> Array:
         """Where to begin, (P,)."""
         ...
@@ -144,6 +149,11 @@ class DistanceResiduals:
     second: Index
     measured_mm: Array
 
+    @property
+    def rows(self) -> int:
+        """One a pair."""
+        return len(self.measured_mm)
+
     def start(self) -> Array:
         """The nominal parameters."""
         return self.model.nominal
@@ -187,6 +197,11 @@ class PointResiduals:
         whitening = np.linalg.inv(np.linalg.cholesky(covariance_mm2))
         return cls(model, points_mm, whitening, guess)
 
+    @property
+    def rows(self) -> int:
+        """Three a shot."""
+        return self.points_in_tracker_mm.size
+
     def start(self) -> Array:
         """Nominal parameters and the guessed frame."""
         return np.concatenate([self.model.nominal, np.zeros(6)])
@@ -223,6 +238,11 @@ class WithPriors:
     """Which parameters are known, (K,)."""
     mean: Array
     std: Array
+
+    @property
+    def rows(self) -> int:
+        """The data's, and one a prior."""
+        return self.data.rows + len(self.places)
 
     def start(self) -> Array:
         """The data's."""

@@ -68,6 +68,8 @@ class Agreement:
 
     kept: Mask
     outliers: tuple[Outlier, ...]
+    fit: Fit | None = None
+    """Plain least squares of what agrees; None where nobody needed it."""
 
 
 def robust_unit(sizes: Array, block: int) -> float:
@@ -112,6 +114,14 @@ def solve_robust(problem: Problem, loss: Loss, kept: Mask, start: Array | None =
     return RobustFit(fit, weights, unit)
 
 
+def fit_of_agreed(problem: Problem, loss: Loss, agreed: Agreement) -> RobustFit:
+    """Of what agrees, by any loss; plain least squares need not be found twice."""
+    if loss.shape is not LossShape.LINEAR or agreed.fit is None:
+        return solve_robust(problem, loss, agreed.kept)
+    unit = robust_unit(problem.sizes(agreed.fit.x)[agreed.kept], problem.block)
+    return RobustFit(agreed.fit, agreed.kept.astype(np.float64), unit)
+
+
 def agreement(problem: Problem) -> Agreement:
     """Tell the blocks that agree from those that the others contradict.
 
@@ -122,18 +132,18 @@ def agreement(problem: Problem) -> Agreement:
     everything = np.ones(problem.blocks, dtype=bool)
     plain = solve(problem.weighted(everything))
     if problem.sizes(plain.x).max() <= largest_believable(problem.blocks, problem.block):
-        return Agreement(everything, ())
+        return Agreement(everything, (), plain)
     kept, fit = _standing_together(problem, plain.x), plain
     for _ in range(REJECTION_ROUNDS):
         if not _enough(problem, kept, len(plain.x)):
-            return Agreement(everything, ())
+            return Agreement(everything, (), plain)
         fit = solve(problem.weighted(kept.astype(np.float64)), start=fit.x)
         sizes, limit = _judged(problem, fit, kept)
-        if np.array_equal(sizes <= limit, kept):
+        if settled := np.array_equal(sizes <= limit, kept):
             break
         kept = sizes <= limit
     outliers = (Outlier(row, float(sizes[row]), limit) for row in np.flatnonzero(~kept).tolist())
-    return Agreement(kept, tuple(outliers))
+    return Agreement(kept, tuple(outliers), fit if settled else None)
 
 
 def largest_believable(blocks: int, block: int, freedom: float = np.inf) -> float:
