@@ -37,10 +37,17 @@ class Fit:
     """One sentence of explanation."""
 
 
-def solve(problem: Residuals, evaluations: int = EVALUATIONS, *, start: Array | None = None) -> Fit:
+def solve(
+    problem: Residuals,
+    evaluations: int = EVALUATIONS,
+    *,
+    start: Array | None = None,
+    spent: int = 0,
+) -> Fit:
     """Least squares from `start`, else from the problem's own, within a number of evaluations.
 
-    Raises `NoAssembly` when that start has no answer.
+    `spent` are those that it took to find `start`: they count in what is told. Raises `NoAssembly`
+    when that start has no answer.
     """
     begin = problem.start() if start is None else start
     rows = len(problem.residual(begin))
@@ -62,13 +69,14 @@ def solve(problem: Residuals, evaluations: int = EVALUATIONS, *, start: Array | 
         gtol=STEP_TOLERANCE,
         max_nfev=evaluations,
     )
+    used = spent + int(answer.nfev)
     fit = Fit(
         np.asarray(answer.x),
         np.asarray(answer.fun),
         np.asarray(answer.jac),
         bool(answer.status > 0),
-        int(answer.nfev),
-        _explain(int(answer.status), int(answer.nfev)),
+        used,
+        _explain(int(answer.status), used),
     )
     return _checked(fit)
 

@@ -137,7 +137,8 @@ def agreement(problem: Problem) -> Agreement:
     for _ in range(REJECTION_ROUNDS):
         if not _enough(problem, kept, len(plain.x)):
             return Agreement(everything, (), plain)
-        fit = solve(problem.weighted(kept.astype(np.float64)), start=fit.x)
+        agreeing = problem.weighted(kept.astype(np.float64))
+        fit = solve(agreeing, start=fit.x, spent=fit.evaluations)
         sizes, limit = _judged(problem, fit, kept)
         if settled := np.array_equal(sizes <= limit, kept):
             break

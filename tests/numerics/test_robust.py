@@ -82,6 +82,13 @@ def test_three_moved_shots_are_named_and_nothing_else(shots):
     assert np.flatnonzero(~found.kept).tolist() == [7, 50, 99]
 
 
+def test_the_evaluations_told_are_all_that_it_took(shots):
+    plain = solve(points_problem(shots, (7,)).weighted(np.ones(len(shots[0]))))
+    found = agreement(points_problem(shots, (7,))).fit
+    assert found.evaluations > plain.evaluations
+    assert f"after {found.evaluations} evaluations" in found.message
+
+
 def test_good_shots_all_agree(shots):
     found = agreement(points_problem(shots))
     assert found.kept.all()
