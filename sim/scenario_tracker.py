@@ -15,10 +15,6 @@ class LimitSection(Section):
     per_metre_um: NotNegative
 
 
-DIGITS = 4
-"""Of a limit in µm: more than any data sheet has."""
-
-
 class DataSheet(NamedTuple):
     """What a data sheet of such a tracker would allow (MPE): a constant and a part per metre."""
 
@@ -47,7 +43,7 @@ class NoiseSection(Section):
     def data_sheet(self) -> DataSheet:
         """Across the beam the larger of azimuth's and elevation's."""
         if self.along is None or self.azimuth is None or self.elevation is None:
-            limit_um = round((self.coordinate_mm or 0.0) * UM_PER_MM * MPE_PER_SIGMA, DIGITS)
+            limit_um = (self.coordinate_mm or 0.0) * UM_PER_MM * MPE_PER_SIGMA
             return DataSheet(limit_um, 0.0, limit_um, 0.0)
         across = (self.azimuth, self.elevation)
         return DataSheet(

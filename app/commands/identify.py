@@ -1,6 +1,6 @@
 """pkmcal identify: the geometry from the measured shots."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -172,17 +172,16 @@ def _workspace(campaign: "Campaign") -> "Array | None":
     import numpy as np
 
     from app.view import centre_of, view_of
-    from campaigns.numerics.placement import WorkspaceTooSmall, inner_poses
+    from campaigns.numerics.placement import WorkspaceTooSmall
+    from campaigns.planning.foresight import workspace_poses
     from campaigns.planning.plans import region_of
     from campaigns.robots.arrays import numeric_geometry, numeric_limits
 
     robot = campaign.nominal.robot
-    from_everywhere = replace(view_of(campaign), acceptance_rad=float(np.pi))
-    region = region_of(
-        numeric_geometry(robot), numeric_limits(robot), from_everywhere, centre_of(campaign)
-    )
+    view, centre = view_of(campaign), centre_of(campaign)
+    region = region_of(numeric_geometry(robot), numeric_limits(robot), view, centre)
     try:
-        return inner_poses(region, WORKSPACE_POSES, np.random.default_rng(WORKSPACE_SEED))
+        return workspace_poses(region, np.random.default_rng(WORKSPACE_SEED), WORKSPACE_POSES)
     except WorkspaceTooSmall:
         return None
 

@@ -15,6 +15,8 @@ DEFAULT_ROBOT = "par4-prototype"
 DEFAULT_SCENARIO = "paper-prototype"
 DEFAULT_REFLECTOR = "CCR-1.5in"
 SIMULATED_SPEED_PERCENT = 50.0
+LIMIT_DIGITS = 4
+"""Of a limit in µm: more than any data sheet has."""
 
 
 Robot = Annotated[
@@ -126,7 +128,8 @@ def create_simulated(
 def _limits(data_sheet: "DataSheet") -> dict[str, float]:
     """What to plan by; nothing, so the defaults, for a tracker without any noise."""
     noisy = min(data_sheet.along_um, data_sheet.across_um) > 0.0
-    return data_sheet._asdict() if noisy else {}
+    limits = data_sheet._asdict() if noisy else {}
+    return {name: round(limit, LIMIT_DIGITS) for name, limit in limits.items()}
 
 
 def _write_unless_same(path: Path, text: str) -> None:

@@ -1,6 +1,5 @@
 """From a campaign's plan and a scenario to what a study's campaigns share, and to its tasks."""
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -29,9 +28,6 @@ from sim.scenario_tracker import NoiseSection
 
 CAMPAIGNS_A_TASK = 25
 """A tenth of a second's work: long against sending it, short against all of it."""
-MM_PER_UM = 1e-3
-PER_MM_OF_UM_PER_M = 1e-6
-MPE_PER_SIGMA = math.sqrt(3.0)
 
 
 def study_scenario(campaign: Campaign, name: str | None) -> Scenario:
@@ -134,19 +130,8 @@ def in_frame_of(nominal: Geometry, robot: Geometry) -> Geometry:
 
 
 def uncertainty_of(noise: NoiseSection) -> TrackerUncertainty:
-    """The simulated tracker's, across the beam the larger of azimuth's and elevation's."""
-    if noise.along is None or noise.azimuth is None or noise.elevation is None:
-        coordinate_mm = noise.coordinate_mm or 0.0
-        return TrackerUncertainty(coordinate_mm, 0.0, coordinate_mm, 0.0)
-    across = (noise.azimuth, noise.elevation)
-    constant_um = max(limit.constant_um for limit in across)
-    per_metre_um = max(limit.per_metre_um for limit in across)
-    return TrackerUncertainty(
-        noise.along.constant_um * MM_PER_UM / MPE_PER_SIGMA,
-        noise.along.per_metre_um * PER_MM_OF_UM_PER_M / MPE_PER_SIGMA,
-        constant_um * MM_PER_UM / MPE_PER_SIGMA,
-        per_metre_um * PER_MM_OF_UM_PER_M / MPE_PER_SIGMA,
-    )
+    """The simulated tracker's, as its data sheet would have it."""
+    return TrackerUncertainty.of_limits(*noise.data_sheet)
 
 
 def _noise_of(scenario: Scenario) -> TrackerUncertainty:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -78,17 +79,17 @@ def identify(nominal: Geometry, data: Dataset, request: IdentificationRequest) -
         covariance,
         told.position_std(),
         fitted.tracker_from_base(found.x),
-        told.errors(),
+        told.errors,
         told.unseen.errors,
         told.excluded(),
-        told.unobservable(),
-        _by_priors_alone(found, free, told.unobservable()),
+        told.unobservable,
+        _by_priors_alone(found, free, told.unobservable),
         verdict,
         reasons,
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Told:
     """What the fitted and the unseen shots tell together."""
 
@@ -102,17 +103,19 @@ class _Told:
         return Judged(
             self.fitted.kind,
             self.found.fit,
-            self.unobservable(),
+            self.unobservable,
             len(self.found.outliers) / len(self.found.kept),
-            self.errors().summary(),
+            self.errors.summary(),
             None if unseen is None else unseen.summary(),
             self.unseen.lost,
         )
 
+    @cached_property
     def errors(self) -> Errors:
         fitted, kept = self.fitted, self.found.kept
         return Errors(fitted.nominal_misfits_mm(kept), fitted.misfits_mm(self.found.x)[kept])
 
+    @cached_property
     def unobservable(self) -> tuple[Combination, ...]:
         return tuple(unobservable_combinations(self.found.seen, self.request.knowledge.free))
 

@@ -11,13 +11,12 @@ import numpy as np
 
 from campaigns.numerics.candidates import FRAME_COLUMNS
 from campaigns.numerics.estimate import noise_of
-from campaigns.numerics.fit import solve
 from campaigns.numerics.geometry import Array, Index
 from campaigns.numerics.instrument import distance_variance_mm2
 from campaigns.numerics.pairs import directions, distances_mm
 from campaigns.numerics.par4 import NoAssembly
 from campaigns.numerics.problem import Problem
-from campaigns.numerics.robust import agreement
+from campaigns.numerics.robust import Loss, agreement, fit_of_agreed
 from campaigns.numerics.running import Linearised
 from campaigns.numerics.statistics import covariance
 
@@ -77,11 +76,11 @@ def told_by_fit(problem: Problem, parameters: int, *, trusted: bool) -> Told | N
     yet known, or the solver finds no answer. Takes some twenty times as long as the others.
     """
     try:
-        kept = agreement(problem).kept
-        fit = solve(problem.weighted(kept.astype(np.float64)))
+        agreed = agreement(problem)
+        fit = fit_of_agreed(problem, Loss(), agreed).fit
     except (NoAssembly, np.linalg.LinAlgError):
         return None
-    rows = np.repeat(kept, problem.block)
+    rows = np.repeat(agreed.kept, problem.block)
     if not fit.converged:
         return None
     return _told(fit.jacobian[rows], fit.residual[rows], parameters, trusted=trusted)

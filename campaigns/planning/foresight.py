@@ -154,13 +154,15 @@ def cannot_be_told_apart(error: Unobservable) -> PlanInvalid:
     return PlanInvalid(str(error), remedy="hold one of them at its nominal value, with --fix")
 
 
-def workspace_poses(region: Region, rng: np.random.Generator) -> Array:
+def workspace_poses(
+    region: Region, rng: np.random.Generator, count: int = WORKSPACE_SAMPLE
+) -> Array:
     """Poses all over the workspace, whether the tracker sees the reflector there or not, (N, 4).
 
     Raises `WorkspaceTooSmall`.
     """
     everywhere = replace(region, acceptance_rad=ANY_DIRECTION_RAD)
-    return inner_poses(everywhere, WORKSPACE_SAMPLE, rng)
+    return inner_poses(everywhere, count, rng)
 
 
 def rows_at(geometry: Geometry, free: tuple[str, ...], poses: Array) -> Array:
