@@ -187,12 +187,13 @@ def _workspace(region: "Region", shots: "tuple[PlannedShot, ...]") -> "Array":
     """Where positions are judged, (N, 4): at the plan's own poses where hardly any others are."""
     import numpy as np
 
-    from campaigns.numerics.placement import WorkspaceTooSmall
-    from campaigns.planning.foresight import workspace_poses
+    from campaigns.numerics.placement import WorkspaceTooSmall, workspace_poses
+    from campaigns.planning.foresight import WORKSPACE_SAMPLE
     from campaigns.planning.plans import poses_of
 
+    rng = np.random.default_rng(WORKSPACE_SEED)
     try:
-        return workspace_poses(region, np.random.default_rng(WORKSPACE_SEED))
+        return workspace_poses(region.geometry, region.limits, region.centre, WORKSPACE_SAMPLE, rng)
     except WorkspaceTooSmall:
         return poses_of(shots)
 

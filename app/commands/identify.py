@@ -171,17 +171,15 @@ def _workspace(campaign: "Campaign") -> "Array | None":
     """The same poses all over the robot's reach, seen by the tracker or not; None if it is tiny."""
     import numpy as np
 
-    from app.view import centre_of, view_of
-    from campaigns.numerics.placement import WorkspaceTooSmall
-    from campaigns.planning.foresight import workspace_poses
-    from campaigns.planning.plans import region_of
-    from campaigns.robots.arrays import numeric_geometry, numeric_limits
+    from app.view import centre_of
+    from campaigns.numerics.placement import WorkspaceTooSmall, workspace_poses
+    from campaigns.robots.arrays import numeric_geometry, numeric_limits, pose_row
 
-    robot = campaign.nominal.robot
-    view, centre = view_of(campaign), centre_of(campaign)
-    region = region_of(numeric_geometry(robot), numeric_limits(robot), view, centre)
+    robot, centre = campaign.nominal.robot, pose_row(centre_of(campaign))
+    geometry, limits = numeric_geometry(robot), numeric_limits(robot)
+    rng = np.random.default_rng(WORKSPACE_SEED)
     try:
-        return workspace_poses(region, np.random.default_rng(WORKSPACE_SEED), WORKSPACE_POSES)
+        return workspace_poses(geometry, limits, centre, WORKSPACE_POSES, rng)
     except WorkspaceTooSmall:
         return None
 

@@ -24,7 +24,7 @@ from campaigns.numerics.geometry import (
 from campaigns.numerics.instrument import TrackerUncertainty, point_covariance_mm2
 from campaigns.numerics.knowing import Told, told_by_distances, told_by_fit, told_by_points
 from campaigns.numerics.par4 import inverse
-from campaigns.numerics.placement import Region, WorkspaceTooSmall, inner_poses
+from campaigns.numerics.placement import WorkspaceTooSmall, workspace_poses
 from campaigns.numerics.point_prediction import position_std_mm
 from campaigns.numerics.running import Linearised
 from campaigns.planning.plan_file import PlannedShot
@@ -36,8 +36,6 @@ from drivers.values import Vector3
 
 FREE = FREE_BY_DEFAULT
 WORKSPACE_SAMPLE = 200
-FAR_AWAY_MM = np.array([1e6, 0.0, 0.0])
-"""Where a tracker stands that every pose is shown to."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,16 +158,9 @@ def _intent(planned: PlannedShot, outcome: Outcome) -> Intent:
 
 def _workspace(mechanism: Mechanism, planned: Array, rng: np.random.Generator) -> Array:
     """Poses all over the workspace, (K, 4); those planned where hardly any other can be taken."""
-    region = Region(
-        mechanism.geometry,
-        mechanism.limits,
-        mechanism.centre,
-        FAR_AWAY_MM,
-        np.array([1.0, 0.0, 0.0]),
-        acceptance_rad=float(np.pi),
-    )
+    geometry, limits, centre = mechanism.geometry, mechanism.limits, mechanism.centre
     try:
-        return inner_poses(region, WORKSPACE_SAMPLE, rng)
+        return workspace_poses(geometry, limits, centre, WORKSPACE_SAMPLE, rng)
     except WorkspaceTooSmall:
         return planned.reshape(-1, 4)
 

@@ -65,16 +65,30 @@ def boundary_poses(region: Region, count: int, rng: np.random.Generator) -> Arra
         near[near] = ~region.allows(further)
         return near
 
-    return _drawn(region, count, rng, near_the_boundary)
+    return _drawn(region.centre, count, rng, near_the_boundary)
 
 
 def inner_poses(region: Region, count: int, rng: np.random.Generator) -> Array:
-    """Poses spread evenly over the whole workspace, (count, 4). Raises `WorkspaceTooSmall`."""
-    return _drawn(region, count, rng, region.allows)
+    """Poses spread evenly over all that is seen, (count, 4). Raises `WorkspaceTooSmall`."""
+    return _drawn(region.centre, count, rng, region.allows)
+
+
+def workspace_poses(
+    geometry: Geometry, limits: Limits, centre: Array, count: int, rng: np.random.Generator
+) -> Array:
+    """Poses spread evenly over the robot's reach, whether a tracker sees them or not, (count, 4).
+
+    Positions are judged there. Raises `WorkspaceTooSmall`.
+    """
+
+    def within_reach(poses: Array) -> Mask:
+        return reach(geometry, limits, poses).feasible
+
+    return _drawn(centre, count, rng, within_reach)
 
 
 def _drawn(
-    region: Region,
+    centre: Array,
     count: int,
     rng: np.random.Generator,
     wanted: Callable[[Array], Mask],
@@ -82,7 +96,7 @@ def _drawn(
     """Even draws from a box about the centre, until enough of them are wanted."""
     found = np.empty((0, 4))
     for _ in range(BATCHES):
-        poses = region.centre + rng.uniform(-1.0, 1.0, (BATCH, 4)) * BOX_HALF
+        poses = centre + rng.uniform(-1.0, 1.0, (BATCH, 4)) * BOX_HALF
         found = np.vstack([found, poses[wanted(poses)]])
         if len(found) >= count:
             return found[:count]

@@ -1,7 +1,7 @@
 """What a plan will tell before anything has moved: parameters, and positions in the workspace."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from campaigns.numerics.instrument import (
     point_covariance_mm2,
 )
 from campaigns.numerics.par4 import inverse
-from campaigns.numerics.placement import Region, inner_poses
 from campaigns.numerics.point_prediction import (
     points_covariance,
     position_std_mm,
@@ -31,7 +30,7 @@ from campaigns.planning.plans import joints_of, pairs_of, poses_of
 from campaigns.shot_sets import ShotSet
 
 WORKSPACE_SAMPLE = 1000
-ANY_DIRECTION_RAD = np.pi
+"""At so many poses all over the workspace positions are judged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,17 +151,6 @@ def workspace_rows(geometry: Geometry, free: tuple[str, ...], poses: Array) -> A
 def cannot_be_told_apart(error: Unobservable) -> PlanInvalid:
     """The same, for the operator."""
     return PlanInvalid(str(error), remedy="hold one of them at its nominal value, with --fix")
-
-
-def workspace_poses(
-    region: Region, rng: np.random.Generator, count: int = WORKSPACE_SAMPLE
-) -> Array:
-    """Poses all over the workspace, whether the tracker sees the reflector there or not, (N, 4).
-
-    Raises `WorkspaceTooSmall`.
-    """
-    everywhere = replace(region, acceptance_rad=ANY_DIRECTION_RAD)
-    return inner_poses(everywhere, count, rng)
 
 
 def rows_at(geometry: Geometry, free: tuple[str, ...], poses: Array) -> Array:

@@ -37,13 +37,14 @@ from campaigns.numerics.placement import (
     boundary_poses,
     inner_poses,
     pair_up,
+    workspace_poses,
 )
 from campaigns.numerics.statistics import covariance
 from campaigns.planning.foresight import (
+    WORKSPACE_SAMPLE,
     Expected,
     cannot_be_told_apart,
     rows_at,
-    workspace_poses,
 )
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import (
@@ -241,15 +242,18 @@ def draw_options(region: Region, request: OptimalRequest, rng: np.random.Generat
     inner = inner_poses(region, request.candidates - near_boundary, rng)
     poses = np.vstack([inner, boundary_poses(region, near_boundary, rng)])
     joints = inverse(region.geometry, poses).require()
-    seen = rows_at(region.geometry, request.free, workspace_poses(region, rng))
+    workspace = workspace_poses(
+        region.geometry, region.limits, region.centre, WORKSPACE_SAMPLE, rng
+    )
+    judged_at = rows_at(region.geometry, request.free, workspace)
     noise = point_covariance_mm2(poses[:, :3] - region.view_from_mm, request.uncertainty)
     if request.estimator == Estimator.POINTS:
         shots = shot_candidates(region.geometry, request.free, joints, poses, noise)
-        return Options(poses, joints, np.arange(len(poses))[:, None], shots, seen)
+        return Options(poses, joints, np.arange(len(poses))[:, None], shots, judged_at)
     pairs = _many_pairs(poses, rng)
     variance = distance_variance_mm2(poses[:, :3], noise, pairs[:, 0], pairs[:, 1])
     distances = pair_candidates(region.geometry, request.free, joints, poses, pairs, variance)
-    return Options(poses, joints, pairs, distances, without_frame(seen))
+    return Options(poses, joints, pairs, distances, without_frame(judged_at))
 
 
 def _many_pairs(poses: Array, rng: np.random.Generator) -> Index:

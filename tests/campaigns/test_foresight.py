@@ -12,13 +12,13 @@ from campaigns.numerics.frames import fit_transform
 from campaigns.numerics.geometry import FREE_BY_DEFAULT, Geometry, indices
 from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.numerics.par4 import inverse
+from campaigns.numerics.placement import workspace_poses
 from campaigns.planning.foresight import (
     CurvePoint,
     Expected,
     Means,
     approach_shares,
     foresee,
-    workspace_poses,
     workspace_rows,
 )
 from campaigns.planning.plan_file import PlannedShot
@@ -50,7 +50,8 @@ def plan():
 
 @pytest.fixture(scope="module")
 def poses():
-    return workspace_poses(REGION, np.random.default_rng(2))[:100]
+    rng = np.random.default_rng(2)
+    return workspace_poses(REGION.geometry, REGION.limits, REGION.centre, 100, rng)
 
 
 @pytest.fixture(scope="module")
