@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.numerics.geometry import Array, Geometry, Mask
-from campaigns.numerics.par4 import Assembly, Solution, elbows_mm
+from campaigns.numerics.par4 import Arms, Assembly, Solution
 
 CHUNK = 4096
 """Rows worked on at a time, so that they stay in the processor's cache."""
@@ -66,15 +66,17 @@ def forward(geometry: Geometry, joints_rad: Array, start: Array | None = None) -
     for first in range(0, len(joints), CHUNK):
         rows = slice(first, first + CHUNK)
         some_near = None if near is None else near[rows]
-        poses[rows], outcome[rows] = _solve(geometry, joints[rows], some_near)
+        poses[rows], outcome[rows] = _solve(Arms.at(geometry, joints[rows]), some_near)
     return Solution(poses, outcome)
 
 
-def _solve(
-    geometry: Geometry, joints: Array, start: Array | None
-) -> tuple[Array, NDArray[np.uint8]]:
-    elbows = np.ascontiguousarray(elbows_mm(geometry, joints).transpose(2, 1, 0))
-    legs = _Legs(elbows, geometry.forearm_mm[:, None], geometry.plate_mm)
+def assembled(arms: Arms, start: Array | None = None) -> Solution:
+    """`forward` for arms that are at their joints already."""
+    return Solution(*_solve(arms, start))
+
+
+def _solve(arms: Arms, start: Array | None) -> tuple[Array, NDArray[np.uint8]]:
+    legs = _Legs(arms.elbows_mm, arms.geometry.forearm_mm[:, None], arms.geometry.plate_mm)
     if start is None:
         poses, good = _newton(legs, _guess(legs, *STARTS[0]))
     else:

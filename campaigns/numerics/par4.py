@@ -68,19 +68,45 @@ def arm_frames(geometry: Geometry) -> Array:
     return np.array([outward, axis, lowered]).transpose(0, 2, 1)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Arms:
+    """A geometry's arms at joints, worked out once for whoever looks at the same postures.
+
+    By component and arm: long rows are what the processor is fast at.
+    """
+
+    geometry: Geometry
+    frames: Array
+    """u_i, the motor's axis and w_i, (3, 4, 3)."""
+    cos: Array
+    """Of the joint angles, (4, N)."""
+    sin: Array
+    elbows_mm: Array
+    """A_i in the base frame, (3, 4, N) (eq. 8); a positive angle lowers the elbow."""
+
+    @classmethod
+    def at(cls, geometry: Geometry, joints_rad: Array) -> "Arms":
+        """At joints (N, 4) as the encoders read them."""
+        angle = (joints_rad + geometry.joint_offset_rad).T
+        frames, cos, sin = arm_frames(geometry), np.cos(angle), np.sin(angle)
+        outward, _, lowered = (geometry.arm_mm * frames.swapaxes(1, 2))[..., None]
+        elbows = geometry.motor_mm.T[..., None] + (cos * outward + sin * lowered)
+        return cls(geometry, frames, cos, sin, elbows)
+
+    def forearms_mm(self, poses: Array) -> Array:
+        """A_iB'_i at poses (N, 4), (3, 4, N)."""
+        return np.ascontiguousarray(plate_joints_mm(self.geometry, poses).T) - self.elbows_mm
+
+
 def elbows_mm(geometry: Geometry, joints_rad: Array) -> Array:
-    """A_i in the base frame, (N, 4, 3) (eq. 8); a positive angle lowers the elbow."""
-    # by component and arm: long rows are what the processor is fast at, and forward.py wants them
-    angle = (joints_rad + geometry.joint_offset_rad).T
-    outward, _, lowered = (geometry.arm_mm * arm_frames(geometry).swapaxes(1, 2))[..., None]
-    swung = np.cos(angle) * outward + np.sin(angle) * lowered
-    return np.asarray((geometry.motor_mm.T[..., None] + swung).T)
+    """A_i in the base frame, (N, 4, 3) (eq. 8)."""
+    return Arms.at(geometry, joints_rad).elbows_mm.T
 
 
-def in_arm_frames(geometry: Geometry, vectors: Array) -> Array:
-    """Vectors of the arms (N, 4, 3) along u_i, the motor's axis and w_i, (3, N, 4)."""
+def in_arm_frames(frames: Array, vectors: Array) -> Array:
+    """Vectors of the arms (N, 4, 3) along their frames' axes (3, 4, 3), as (3, N, 4)."""
     # a product of matrices for each arm; einsum takes ten times as long
-    along = vectors.swapaxes(0, 1) @ arm_frames(geometry).transpose(1, 2, 0)
+    along = vectors.swapaxes(0, 1) @ frames.transpose(1, 2, 0)
     return np.ascontiguousarray(along.T)
 
 
@@ -94,7 +120,7 @@ def plate_joints_mm(geometry: Geometry, poses: Array) -> Array:
 
 def forearms_mm(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
     """A_iB'_i, (N, 4, 3)."""
-    return np.asarray((plate_joints_mm(geometry, poses).T - elbows_mm(geometry, joints_rad).T).T)
+    return Arms.at(geometry, joints_rad).forearms_mm(poses).T
 
 
 def closure_mm2(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
@@ -106,7 +132,7 @@ def closure_mm2(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
 def inverse(geometry: Geometry, poses: Array) -> Solution:
     """Encoder angles of poses, on the branch with the elbow outward (eqs. 10-14 as corrected)."""
     motor_to_plate = plate_joints_mm(geometry, poses) - geometry.motor_mm
-    out, _, down = in_arm_frames(geometry, motor_to_plate)
+    out, _, down = in_arm_frames(arm_frames(geometry), motor_to_plate)
     sine = -2.0 * geometry.arm_mm * down
     cosine = -2.0 * geometry.arm_mm * out
     constant = (
@@ -131,8 +157,8 @@ def pose_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
 
 def closure_parameter_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
     """∂F_i by arm i's own seven parameters, the plate's length and its axis's tilt, (N, 4, 9)."""
-    forearms = forearms_mm(geometry, joints_rad, poses)
-    return _by_own_parameters(geometry, joints_rad, poses, forearms.T).T
+    arms = Arms.at(geometry, joints_rad)
+    return _by_own_parameters(arms, poses, arms.forearms_mm(poses)).T
 
 
 def parameter_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
@@ -140,9 +166,14 @@ def parameter_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> A
 
     K is in the order of `GEOMETRY_NAMES`. Raises `numpy.linalg.LinAlgError` at a singular pose.
     """
-    forearms = np.ascontiguousarray(forearms_mm(geometry, joints_rad, poses).T)
-    own = _by_own_parameters(geometry, joints_rad, poses, forearms)
-    inverses = np.linalg.inv(_by_pose(geometry, poses, forearms))
+    return assembled_jacobian(Arms.at(geometry, joints_rad), poses)
+
+
+def assembled_jacobian(arms: Arms, poses: Array) -> Array:
+    """`parameter_jacobian` of arms and the poses (N, 4) that they hold the plate at."""
+    forearms = arms.forearms_mm(poses)
+    own = _by_own_parameters(arms, poses, forearms)
+    inverses = np.linalg.inv(_by_pose(arms.geometry, poses, forearms))
     by_closure = -np.ascontiguousarray(inverses.transpose(1, 2, 0))
     by_all = np.empty((4, len(GEOMETRY_NAMES), len(poses)))
     for arm in range(ARMS):  # a parameter of one arm is in no other arm's closure
@@ -163,18 +194,12 @@ def _by_pose(geometry: Geometry, poses: Array, forearms: Array) -> Array:
     return jacobian
 
 
-def _by_own_parameters(
-    geometry: Geometry, joints_rad: Array, poses: Array, forearms: Array
-) -> Array:
-    """∂F_i by arm i's parameters in the order of `ARM_FIELDS`, by h and by τ_i, (9, 4, N).
-
-    `forearms` are by component and arm, (3, 4, N): long rows are what the processor is fast at.
-    """
-    out, aside, down = in_arm_frames(geometry, forearms.T).transpose(0, 2, 1)
+def _by_own_parameters(arms: Arms, poses: Array, forearms: Array) -> Array:
+    """∂F_i by arm i's parameters in the order of `ARM_FIELDS`, by h and by τ_i, (9, 4, N)."""
+    geometry, cos, sin = arms.geometry, arms.cos, arms.sin
+    out, aside, down = in_arm_frames(arms.frames, forearms.T).transpose(0, 2, 1)
     arm_mm, tilt_rad = geometry.arm_mm[:, None], geometry.axis_tilt_rad[:, None]
     across = np.cos(tilt_rad) * aside + np.sin(tilt_rad) * down
-    angle = (joints_rad + geometry.joint_offset_rad).T
-    cos, sin = np.cos(angle), np.sin(angle)
     jacobian = np.zeros_like(forearms, shape=(len(ARM_FIELDS) + 2, ARMS, len(poses)))
     jacobian[:3] = -2.0 * forearms
     jacobian[3] = -2.0 * arm_mm * (cos * across - sin * np.sin(tilt_rad) * out)

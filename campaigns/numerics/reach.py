@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from campaigns.numerics.geometry import Array, Geometry, Mask
 from campaigns.numerics.par4 import (
     PLATE_LEVER_MM,
+    arm_frames,
     forearms_mm,
     in_arm_frames,
     inverse,
@@ -86,7 +87,7 @@ def reach(geometry: Geometry, limits: Limits, poses: Array) -> Reach:
 
 def swing_rad(geometry: Geometry, forearms: Array) -> Array:
     """Angles of forearms (N, 4, 3) out of their arms' planes, (N, 4)."""
-    _, aside, _ = in_arm_frames(geometry, forearms)
+    _, aside, _ = in_arm_frames(arm_frames(geometry), forearms)
     sine = aside / geometry.forearm_mm
     return np.asarray(np.arcsin(np.clip(sine, -1.0, 1.0)))
 
@@ -134,7 +135,7 @@ def outside(values: Array, interval: tuple[float, float]) -> Mask:
 def _elbow_sine(geometry: Geometry, joints_rad: Array, forearms: Array) -> Array:
     """|∂F/∂q| / 2lL of the arm where it is least, (N,)."""
     angle = joints_rad + geometry.joint_offset_rad
-    out, _, down = in_arm_frames(geometry, forearms)
+    out, _, down = in_arm_frames(arm_frames(geometry), forearms)
     lever = np.cos(angle) * down - np.sin(angle) * out
     return np.asarray(np.abs(lever / geometry.forearm_mm).min(axis=1))
 

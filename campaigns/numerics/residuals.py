@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from campaigns.numerics.forward import forward
+from campaigns.numerics.forward import assembled
 from campaigns.numerics.frames import Transform, fit_transform, small_rotation
 from campaigns.numerics.geometry import (
     BACKLASHES,
@@ -20,7 +20,7 @@ from campaigns.numerics.geometry import (
     Index,
 )
 from campaigns.numerics.pairs import directions, distances_mm
-from campaigns.numerics.par4 import NoAssembly, parameter_jacobian
+from campaigns.numerics.par4 import Arms, NoAssembly, assembled_jacobian
 
 LEFT_BEHIND = -0.5
 """What part of the backlash an arm is from its encoder, in the direction of approach."""
@@ -48,16 +48,25 @@ class Residuals(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Expansion:
-    """Poses about x to first order."""
+class _Assembled:
+    """The robot at every shot with the parameters x."""
 
     x: Array
+    arms: Arms
     poses: Array
+    """(N, 4)"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Expansion:
+    """Poses to first order in the parameters."""
+
+    about: _Assembled
     by_x: Array
     """(N, 4, F)"""
 
     def at(self, x: Array) -> Array:
-        return np.asarray(self.poses + self.by_x @ (x - self.x))
+        return np.asarray(self.about.poses + self.by_x @ (x - self.about.x))
 
 
 class PositionModel:
@@ -84,8 +93,8 @@ class PositionModel:
         self._free = free
         self._joints = joints_rad
         self._approach = np.zeros_like(joints_rad) if approach is None else approach
-        self._poses = start
-        self._at: Array | None = None
+        self._start = start
+        self._last: _Assembled | None = None
         self._expansion: _Expansion | None = None
 
     @property
@@ -103,11 +112,7 @@ class PositionModel:
 
     def poses(self, x: Array) -> Array:
         """(N, 4), mm and rad; raises `NoAssembly`."""
-        if self._poses is None or self._at is None or not np.array_equal(x, self._at):
-            near = self._poses if self._expansion is None else self._expansion.at(x)
-            self._poses = forward(self.geometry(x), self.arm_joints_rad(x), near).require()
-            self._at = np.array(x)
-        return self._poses
+        return self._assembled_at(x).poses
 
     def positions_mm(self, x: Array) -> Array:
         """(N, 3); raises `NoAssembly`."""
@@ -115,18 +120,32 @@ class PositionModel:
 
     def jacobian(self, x: Array) -> Array:
         """∂(X, Y, Z)/∂x, (N, 3, F); raises `NoAssembly`."""
-        poses = self.poses(x)
-        if self._expansion is None or self._expansion.poses is not poses:
-            by_all = parameter_jacobian(self.geometry(x), self.arm_joints_rad(x), poses)
+        there = self._assembled_at(x)
+        if self._expansion is None or self._expansion.about is not there:
+            by_all = assembled_jacobian(there.arms, there.poses)
             if self._free.max() >= len(GEOMETRY_NAMES):
                 by_backlash = by_all[:, :, OFFSETS] * LEFT_BEHIND * self._approach[:, None]
                 by_all = np.concatenate([by_all, by_backlash], axis=-1)
-            self._expansion = _Expansion(np.array(x), poses, by_all[:, :, self._free])
+            self._expansion = _Expansion(there, by_all[:, :, self._free])
         return self._expansion.by_x[:, :3]
 
     def arm_joints_rad(self, x: Array) -> Array:
         """Where the arms are: encoder angles less what the gears have lost, (N, 4)."""
         return arm_joints_rad(self._joints, self._approach, self.backlash_rad(x))
+
+    def _assembled_at(self, x: Array) -> _Assembled:
+        """The last answer, if it was for this x; raises `NoAssembly`."""
+        if self._last is None or not np.array_equal(x, self._last.x):
+            arms = Arms.at(self.geometry(x), self.arm_joints_rad(x))
+            poses = assembled(arms, self._near(x)).require()
+            self._last = _Assembled(np.array(x), arms, poses)
+        return self._last
+
+    def _near(self, x: Array) -> Array | None:
+        """The best that is known of the answer before it is worked out, (N, 4)."""
+        if self._expansion is not None:
+            return self._expansion.at(x)
+        return self._start if self._last is None else self._last.poses
 
     def _replaced(self, x: Array) -> Array:
         """All parameters of the model in the order of `MODEL_NAMES`, (37,)."""
