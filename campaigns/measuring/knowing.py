@@ -31,7 +31,7 @@ from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import joints_of, pairs_of, poses_of
 from campaigns.planning.ways import Mechanism
 from campaigns.shot_sets import ShotSet
-from campaigns.shots.dataset import Dataset, dataset_of_journal
+from campaigns.shots.dataset import dataset_of_journal, outcomes_covariance_mm2
 from drivers.values import Vector3
 
 FREE = FREE_BY_DEFAULT
@@ -77,14 +77,20 @@ class Knowing:
             return None
         counted = enumerate(outcomes[: len(seen.points_mm)])
         places = [place for place, outcome in counted if outcome.shot in self.planned]
-        data = self._data(outcomes[place] for place in places)
-        shots = tuple(self.planned[number] for number in data.numbers)
-        covariance = data.covariance_mm2(self.instrument)
+        taken = [outcomes[place] for place in places]
+        shots = tuple(self.planned[outcome.shot] for outcome in taken)
+        covariance = outcomes_covariance_mm2(taken, self.instrument)
         return self._known(shots, seen.taken(np.array(places, dtype=np.intp)), covariance)
 
     def fitted(self, outcomes: Iterable[Outcome]) -> Known | None:
         """What accepted shots tell when they are fitted as `identify` does; None for too few."""
-        data = self._data(outcomes)
+        data = dataset_of_journal(
+            [
+                AcceptedShot(_intent(self.planned[outcome.shot], outcome), outcome, "")
+                for outcome in outcomes
+                if outcome.shot in self.planned
+            ]
+        )
         request = IdentificationRequest(self.estimator, instrument=self.instrument)
         try:
             problem = fitted_shots(self.geometry, data, request).problem
@@ -107,16 +113,6 @@ class Knowing:
         points = poses[:, :3]
         covariance = point_covariance_mm2(points - np.array(tracker_mm), self.instrument)
         return self._known(shots, Linearised(rows, points, np.zeros_like(points)), covariance)
-
-    def _data(self, outcomes: Iterable[Outcome]) -> Dataset:
-        """Those of identification shots as the journal would give them."""
-        return dataset_of_journal(
-            [
-                AcceptedShot(_intent(self.planned[outcome.shot], outcome), outcome, "")
-                for outcome in outcomes
-                if outcome.shot in self.planned
-            ]
-        )
 
     def _known(
         self, shots: Sequence[PlannedShot], seen: Linearised, covariance_mm2: Array

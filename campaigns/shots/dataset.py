@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from campaigns.journal.records import Outcome
 from campaigns.journal.views import AcceptedShot
 from campaigns.numerics.geometry import Array, Index
 from campaigns.numerics.instrument import TrackerUncertainty, point_covariance_mm2
@@ -38,9 +39,7 @@ class Dataset:
 
     def covariance_mm2(self, model: TrackerUncertainty) -> Array:
         """What the tracker stated of each point, or `model` where it stated nothing, (N, 3, 3)."""
-        return completed_covariance_mm2(
-            self.stated_covariance_mm2, self.points_in_tracker_mm, model
-        )
+        return _completed_mm2(self.stated_covariance_mm2, self.points_in_tracker_mm, model)
 
     def pair_rows(self, purpose: ShotSet) -> Index:
         """Rows of the shots in whole pairs of that set, (M, 2)."""
@@ -72,24 +71,30 @@ def dataset_of_journal(shots: Sequence[AcceptedShot]) -> Dataset:
         tuple(shot.intent.pair for shot in shots),
         np.array([shot.outcome.joints_rad for shot in shots]).reshape(-1, 4),
         np.array([shot.outcome.point_in_tracker_mm for shot in shots]).reshape(-1, 3),
-        stated_covariance_mm2(shots),
+        _stated_covariance_mm2([shot.outcome for shot in shots]),
         approach(shots),
     )
 
 
-def stated_covariance_mm2(shots: Sequence[AcceptedShot]) -> Array:
+def _stated_covariance_mm2(outcomes: Sequence[Outcome]) -> Array:
     """What the tracker stated of each point, (N, 3, 3); NaN where it stated nothing."""
-    stated = np.full((len(shots), 3, 3), np.nan)
-    for row, shot in enumerate(shots):
-        if shot.outcome.covariance_mm2 is not None:
-            stated[row] = shot.outcome.covariance_mm2
+    stated = np.full((len(outcomes), 3, 3), np.nan)
+    for row, outcome in enumerate(outcomes):
+        if outcome.covariance_mm2 is not None:
+            stated[row] = outcome.covariance_mm2
     return stated
 
 
-def completed_covariance_mm2(
+def outcomes_covariance_mm2(outcomes: Sequence[Outcome], model: TrackerUncertainty) -> Array:
+    """What the tracker stated of each point, or `model` where it stated nothing, (N, 3, 3)."""
+    points = np.array([outcome.point_in_tracker_mm for outcome in outcomes]).reshape(-1, 3)
+    return _completed_mm2(_stated_covariance_mm2(outcomes), points, model)
+
+
+def _completed_mm2(
     stated_mm2: Array, points_in_tracker_mm: Array, model: TrackerUncertainty
 ) -> Array:
-    """The stated covariances, and those of `model` where nothing was stated, (N, 3, 3)."""
+    """Stated covariances, and those of `model` where they are NaN, (N, 3, 3)."""
     unstated = np.flatnonzero(np.isnan(stated_mm2).all(axis=(1, 2)))
     completed = stated_mm2.copy()
     completed[unstated] = point_covariance_mm2(points_in_tracker_mm[unstated], model)

@@ -14,7 +14,7 @@ from campaigns.numerics.frames import Transform
 from campaigns.numerics.geometry import Array, Index
 from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.numerics.pairs import directions, distances_mm
-from campaigns.shots.dataset import completed_covariance_mm2, stated_covariance_mm2
+from campaigns.shots.dataset import outcomes_covariance_mm2
 from campaigns.shots.point_sets import (
     away_from_best_line,
     away_from_mean,
@@ -102,12 +102,11 @@ def measured_test(shots: Sequence[AcceptedShot], model: TrackerUncertainty) -> M
 
     Shots without a covariance of their own get that of `model`.
     """
-    points = measured_points(shots)
     return MeasuredTest(
         tuple(shot.intent.pair for shot in shots),
         commanded_poses(shots),
-        points,
-        completed_covariance_mm2(stated_covariance_mm2(shots), points, model),
+        measured_points(shots),
+        outcomes_covariance_mm2([shot.outcome for shot in shots], model),
     )
 
 
