@@ -13,7 +13,7 @@ from campaigns.numerics.par4 import inverse
 from campaigns.numerics.placement import Region, inner_poses
 from campaigns.numerics.reach import Limits
 
-VECTORS = Path(__file__).parents[1] / "data" / "vectors"
+VECTORS = Path(__file__).parents[2] / "data" / "vectors"
 KINEMATICS = json.loads((VECTORS / "kinematics.json").read_text(encoding="utf-8"))
 CASES = KINEMATICS["cases"]
 

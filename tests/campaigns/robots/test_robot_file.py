@@ -20,7 +20,7 @@ from campaigns.robots.robot import (
     write_new_robot,
 )
 
-VECTORS = Path(__file__).parents[1] / "data" / "vectors"
+VECTORS = Path(__file__).parents[2] / "data" / "vectors"
 PROTOTYPE = find_robot("par4-prototype")
 LINE_OF_ARM_0 = 18
 LINE_OF_ARM_2 = 20

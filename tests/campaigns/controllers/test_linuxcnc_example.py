@@ -15,7 +15,7 @@ from campaigns.parameters import ARM_FIELDS
 from campaigns.robots.robot import find_robot
 from campaigns.settings.linuxcnc_section import LinuxcncConfig
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 EXAMPLES = ROOT / "examples" / "linuxcnc"
 NOMINAL = find_robot("par4-prototype").robot
 PASSING_DEG = 0.5

@@ -2,7 +2,7 @@
 
 The golden file was written once, by version 1 of the journal, with
 
-    python tests/campaigns/journal_story.py tests/data/journal-v1.db
+    python tests/support/journal_story.py tests/data/journal-v1.db
 
 It stays as it is: it stands for the files that users have. A new version gets a file of its own.
 """

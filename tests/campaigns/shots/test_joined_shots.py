@@ -10,7 +10,7 @@ from campaigns.shot_sets import ShotSet
 from campaigns.shots.exchange import parse_shots, read_shots, shots_text
 from campaigns.shots.joined_shots import PointSource, read_joined_shots
 
-VECTORS = Path(__file__).parents[1] / "data" / "vectors"
+VECTORS = Path(__file__).parents[2] / "data" / "vectors"
 POINTS = """\
 A Main p1 1.0 2.0 3.0
 A Main p2 4.0 5.0 6.0

@@ -19,7 +19,7 @@ from campaigns.journal.journal import Journal, open_journal
 from campaigns.journal.reader import read_journal
 from campaigns.journal.records import Event
 
-WRITER = Path(__file__).with_name("journal_writer.py")
+WRITER = Path(__file__).parents[2] / "support" / "journal_writer.py"
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from campaigns.journal.journal import open_journal
 from campaigns.journal.reader import read_journal
 
 Door = Callable[[Path], None]
-GOLDEN = Path(__file__).parent.parent / "data" / "journal-v1.db"
+GOLDEN = Path(__file__).parents[2] / "data" / "journal-v1.db"
 GOLDEN_DIGEST = "fea95be113ed5a634a630e45d9f047bed59ac21deaa461b7f9b4c815f714fe5b"
 
 
