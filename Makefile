@@ -2,6 +2,7 @@
 #
 #   make demo    the whole chain against a simulated cell, from nothing
 #   make test    the whole test suite
+#   make quick   what of it takes less than a minute
 #   make lint    style, format, types and layers
 #   make bench   the yardsticks, printed
 #
@@ -15,7 +16,7 @@ DEMO := demo/$(shell date +%Y-%m-%d-%H%M%S)
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint bench
+.PHONY: demo test quick lint bench
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/installed
@@ -25,6 +26,9 @@ demo: $(VENV)/installed
 
 test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest
+
+quick: $(VENV)/installed-dev
+	$(BIN)/python -m pytest -m "not slow and not peer"
 
 lint: $(VENV)/installed-dev
 	@failed=0; \

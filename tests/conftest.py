@@ -10,7 +10,11 @@ import pytest
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")  # before NumPy: as `app.main` does for the program
 
-PEERS = Path(__file__).parent / "peers"
+TESTS = Path(__file__).parent
+PEERS = TESTS / "peers"
+WHOLE_PROGRAMS = tuple(
+    TESTS / name for name in ("e2e", "app/report", "app/reproduction", "app/study")
+)
 OWN_TASKS = Path("/proc/self/task")
 
 
@@ -52,6 +56,13 @@ def pytest_runtest_makereport(
         report.outcome = "failed"
         report.longrepr = f"{item.nodeid}: skipped, but in CI its peer must be there"
     return report
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Whoever runs whole programs, or draws their pages, is slow."""
+    for item in items:
+        if any(folder in item.path.parents for folder in WHOLE_PROGRAMS):
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -81,6 +81,7 @@ def test_skipped_peer_test_is_only_skipped_elsewhere(outcomes):
     assert outcomes(SKIPPED_PEER) == {"skipped": 1}
 
 
+@pytest.mark.slow
 def test_file_of_peers_that_skips_itself_fails_in_ci(outcomes, monkeypatch):
     monkeypatch.setenv("CI", "true")
     assert outcomes(SKIPPED_FILE, "peers/test_file.py") == {"errors": 1}

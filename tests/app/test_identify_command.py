@@ -85,6 +85,7 @@ def unseen(document):
     return document["unseen_mm"]["after"]["rms"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("estimator", "key", "named"),
     [("points", "shot", list(WRONG)), ("distances", "pair", [3, 25, 49])],
@@ -157,6 +158,7 @@ def test_patterns_free_and_fix(capsys, clean):
     assert free == {*FREE_BY_DEFAULT, *azimuths} - {f"arm{arm}.z_mm" for arm in (1, 2, 3)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", list(Estimator))
 def test_a_picture_is_drawn_of_what_was_fitted(capsys, clean, tmp_path, estimator):
     path = tmp_path / "errors.svg"

@@ -93,6 +93,7 @@ def test_every_criterion_has_its_letter():
     assert get_args(letters) == get_args(CriterionName)
 
 
+@pytest.mark.slow
 def test_an_optimal_plan_tells_more_than_one_near_the_boundary(campaign):
     checked, near = make(campaign, Asked(shots=60, seed=1))
     chosen, best = make(campaign, Asked(shots=60, seed=1, candidates=800))
@@ -101,6 +102,7 @@ def test_an_optimal_plan_tells_more_than_one_near_the_boundary(campaign):
     assert best.foresight.position_std_mm.mean() < 0.9 * near.foresight.position_std_mm.mean()
 
 
+@pytest.mark.slow
 def test_a_plan_for_a_goal_meets_it_by_the_campaigns_tracker(campaign):
     checked, forecast = make(campaign, Asked(until="σ=0.06", candidates=FEW))
     shots = identification(checked)
@@ -118,6 +120,7 @@ def test_a_plan_for_a_goal_meets_it_by_the_campaigns_tracker(campaign):
     assert len(shots) in {at.expected.shots for at in forecast.curve}
 
 
+@pytest.mark.slow
 def test_the_data_sheet_in_the_settings_is_what_is_reckoned_with(campaign):
     assert tracker_uncertainty_of(campaign.config) == TrackerUncertainty.of_limits(15, 0, 15, 0)
     _, sharp = make(campaign, Asked(shots=44))
@@ -128,6 +131,7 @@ def test_the_data_sheet_in_the_settings_is_what_is_reckoned_with(campaign):
     assert worst_mm(coarse) == pytest.approx(3.0 * worst_mm(sharp), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_coordinates_tell_more_than_distances_of_the_same_plan(campaign):
     by_points, points = make(campaign, Asked(shots=60))
     by_distances, distances = make(campaign, Asked(shots=60, estimator=Estimator.DISTANCES))
@@ -135,6 +139,7 @@ def test_coordinates_tell_more_than_distances_of_the_same_plan(campaign):
     assert worst_mm(points) < 0.6 * worst_mm(distances)
 
 
+@pytest.mark.slow
 def test_parameters_held_are_not_forecast_and_leave_the_others_surer(campaign):
     _, everything = make(campaign, Asked(shots=60))
     _, fewer = make(campaign, Asked(shots=60, fix=("arm*.forearm_mm",)))
@@ -142,6 +147,7 @@ def test_parameters_held_are_not_forecast_and_leave_the_others_surer(campaign):
     assert worst_mm(fewer) < worst_mm(everything)
 
 
+@pytest.mark.slow
 def test_parameters_that_nothing_tells_apart_leave_the_older_plan(campaign):
     make(campaign, Asked(shots=44))
     before = campaign.plan_path.read_text()
@@ -153,6 +159,7 @@ def test_parameters_that_nothing_tells_apart_leave_the_older_plan(campaign):
     assert not list(campaign.folder.glob("plan-older-*"))
 
 
+@pytest.mark.slow
 def test_the_document_says_how_the_plan_was_made_and_what_it_tells(campaign, capsys):
     words = ("--shots", 60, "--criterion", "E", "--candidates", FEW, "--seed", 5, "--json")
     assert run_command(["plan", str(campaign.folder), *map(str, words)]) == 0
@@ -181,6 +188,7 @@ def test_a_plan_with_too_few_shots_is_written_and_its_document_knows_nothing(cam
     assert "too few shots" in captured.err
 
 
+@pytest.mark.slow
 def test_what_people_read_names_the_worst_and_says_when_more_shots_stop_paying(campaign, capsys):
     picture = campaign.path("plan.svg")
     words = ("--shots", "40", "--candidates", str(FEW), "--plot", str(picture))
@@ -226,6 +234,7 @@ def test_more_shots_stop_paying_where_they_only_average():
     assert paying_line(curve).startswith("beyond about 20 shots")
 
 
+@pytest.mark.slow
 def test_older_plans_are_kept_each_under_a_name_of_its_own(campaign):
     texts = []
     for seed in (1, 2, 3):
@@ -249,6 +258,7 @@ def test_a_plan_that_cannot_be_written_leaves_the_older_one(campaign, monkeypatc
     assert not list(campaign.folder.glob("plan-older-*"))
 
 
+@pytest.mark.slow
 def test_where_hardly_any_pose_can_be_taken_positions_are_judged_at_the_plans_own(
     campaign, monkeypatch
 ):

@@ -88,6 +88,7 @@ def test_joints_of_a_plan_example_lead_to_its_poses(block):
     assert abs(found - poses_of(shots)).max() < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", SHELL_BLOCKS, ids=str)
 def test_command_in_an_example_exists(block):
     for line in block.text.splitlines():

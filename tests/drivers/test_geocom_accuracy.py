@@ -29,6 +29,7 @@ def point_at(hz_rad, v_rad, distance_mm):
 
 
 class TestCovariance:
+    @pytest.mark.slow
     @given(points)
     def test_it_is_that_of_the_angles_and_the_distance(self, point_mm):
         """Compared with differences of the point by its Hz, V and distance."""

@@ -156,6 +156,7 @@ class TestChecksum:
 
 
 class TestFramer:
+    @pytest.mark.slow
     @given(st.lists(replies, max_size=5), st.data())
     def test_replies_are_the_same_however_the_stream_is_cut(self, sent, data):
         stream = b"".join(map(encode_reply, sent))

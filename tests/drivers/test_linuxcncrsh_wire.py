@@ -47,6 +47,7 @@ def test_session_of_old_and_newer_versions_is_taken_apart():
     assert AnswerFramer().feed(SESSION) == MESSAGES
 
 
+@pytest.mark.slow
 @given(st.sets(st.integers(0, len(SESSION))))
 def test_session_is_the_same_however_it_is_cut(cuts):
     framer, edges = AnswerFramer(), [0, *sorted(cuts), len(SESSION)]

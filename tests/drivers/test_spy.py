@@ -243,6 +243,7 @@ class TestLineReadings:
 
 
 class TestAnyReading:
+    @pytest.mark.slow
     @pytest.mark.parametrize("driver", ["emscon", "geocom", "robotline", "linuxcnc"])
     @given(pieces=st.lists(st.binary(max_size=100), max_size=10))
     def test_garbage_raises_nothing(self, driver, pieces):

@@ -42,6 +42,7 @@ def radius_mm(shots):
     return np.linalg.norm(shots - shots.mean(axis=0), axis=1).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_the_papers_prototype_repeats_within_about_0_4_mm(seed):
     cell = Cell(load_scenario("paper-prototype"), seed=seed)

@@ -101,6 +101,7 @@ def test_cold_tracker_is_refused_without_moving():
         driver.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["late", "silent", "torn", "garbage", "close"])
 def test_whatever_the_wire_does_no_wrong_point_is_believed(kind):
     cell = cell_with()

@@ -105,6 +105,7 @@ def test_driver_comes_back_to_the_state_that_it_left():
 FAULTS = [(kind, "tcp") for kind in ("late", "silent", "torn", "garbage", "close")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "wire"), [*FAULTS, ("late", "pty"), ("torn", "pty")])
 def test_whatever_the_wire_does_no_wrong_point_is_believed(kind, wire):
     lasts_s = 300.0 if kind == "late" else None

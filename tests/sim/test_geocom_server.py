@@ -111,6 +111,7 @@ def test_every_question_of_whatever_words_gets_one_answer(anybody, rpc, words):
     assert len(replies) == 1
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(st.lists(st.binary(max_size=40), max_size=10))
 def test_garbage_never_breaks_the_instrument(pieces):

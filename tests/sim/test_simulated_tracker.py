@@ -23,6 +23,7 @@ def test_a_shot_is_the_reflector_in_the_trackers_own_frame():
     assert back_mm == pytest.approx(stage.point_mm, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_shots_scatter_as_the_covariance_says():
     stage, worked = Stage(), WorkedTime(0.0)
     instrument = tracker(stage, noise=SPHERICAL, worked=worked)

@@ -55,6 +55,7 @@ def contracted_misfit_mm(geometry, joints, plate):
     return np.linalg.norm(joints_mm - elbows_mm, axis=1) - geometry.forearms_mm
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper-simulation", "paper-prototype"])
 def test_perfect_rods_equal_the_contracted_model_on_1000_poses(name):
     geometry = geometry_of(load_scenario(name).robot.true_flat())
@@ -68,6 +69,7 @@ def test_perfect_rods_equal_the_contracted_model_on_1000_poses(name):
         assert abs(back - joints).max() < 1e-11
 
 
+@pytest.mark.slow
 def test_the_golden_poses_are_reached():
     for case in json.loads(VECTORS.read_text())["cases"].values():
         arms = enumerate(case["geometry"]["arms"])
@@ -86,6 +88,7 @@ def test_the_golden_poses_are_reached():
             assert math.degrees(plate.theta_rad) == pytest.approx(pose["theta_deg"], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_unequal_rods_and_tilted_axes_shift_and_tilt_the_plate():
     geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
     perfect = mechanism(geometry)

@@ -169,6 +169,7 @@ def test_unseen_shot_that_the_identified_robot_cannot_take_fails() -> None:
     assert found.unseen.after.rms < 1e-6
 
 
+@pytest.mark.slow
 def test_solver_that_stops_at_the_edge_of_the_model_has_not_converged() -> None:
     """Forearms 110 mm shorter: on its way there the solver meets robots that do not assemble."""
     found = by_distances(simulated(60, 20, seed=1, truth=shortened(110.0)))
@@ -178,6 +179,7 @@ def test_solver_that_stops_at_the_edge_of_the_model_has_not_converged() -> None:
     assert found.explanation == found.reasons[0]
 
 
+@pytest.mark.slow
 def test_stated_deviations_are_those_that_repeated_campaigns_show() -> None:
     """Monte Carlo: (value - truth) / σ over 60 campaigns has variance 1, within its own error."""
     exact = simulated(60, 0, seed=1)

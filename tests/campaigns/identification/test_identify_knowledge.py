@@ -86,6 +86,7 @@ def test_a_wrong_prior_makes_the_scatter_unbelievable(estimator) -> None:
     assert not found.noise.believable
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", list(LossShape))
 @BOTH
 def test_priors_losses_and_outliers_work_together(estimator, loss) -> None:

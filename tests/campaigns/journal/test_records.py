@@ -48,6 +48,7 @@ plain = st.recursive(
 findings = st.builds(Finding, st.just("validation"), st.dictionaries(words, plain))
 
 
+@pytest.mark.slow
 @given(st.one_of(outcomes, intents, findings))
 def test_a_record_comes_back_equal_to_the_last_bit(record: Record) -> None:
     assert from_text(KIND_OF_TYPE[type(record)], to_text(record)) == record

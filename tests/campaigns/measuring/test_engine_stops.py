@@ -196,6 +196,7 @@ def test_ctrl_c_while_the_tracker_looks_for_its_reflector_stops_the_robot(tmp_pa
 RECORDS_OF_A_RUN = 15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("record", range(3, RECORDS_OF_A_RUN))
 def test_journal_that_cannot_be_written_stops_the_robot_and_ends_all_motion(
     tmp_path: Path, record: int

@@ -68,6 +68,7 @@ def goals_met(journal: Journal) -> list[str]:
     return [entry.record.text for entry in journal.records_of(Event) if is_goal_met(entry.record)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("goal_mm", [GOAL_MM, SHARPER_MM, 0.12])
 @pytest.mark.parametrize("scatter", [1.0, 2.0])
 def test_a_goal_is_never_met_above_it_and_validation_and_drift_shots_are_always_taken(
@@ -120,6 +121,7 @@ def test_without_a_goal_all_is_measured_however_much_is_known(tmp_path: Path) ->
     assert {(known.weakest.split("_")[-1], known.unit) for known in told} == {("mm", "mm")}
 
 
+@pytest.mark.slow
 def test_a_goal_that_the_shots_scatter_too_much_for_is_not_met(tmp_path: Path) -> None:
     """Three times what the tracker states: by its word the goal would be met."""
     measured(tmp_path, SHARPER_MM, noisy_cell(std_mm=0.03))
@@ -132,6 +134,7 @@ def test_a_goal_that_the_shots_scatter_too_much_for_is_not_met(tmp_path: Path) -
     assert known.scatter == pytest.approx(3.0, rel=0.3)
 
 
+@pytest.mark.slow
 def test_one_wrong_shot_does_not_keep_the_goal_from_being_met(tmp_path: Path) -> None:
     cell, wrong = noisy_cell(), IDENTIFICATION[6]
 
@@ -175,6 +178,7 @@ def test_an_early_end_finishes_the_series(ended_early: Path) -> None:
     assert (stopped.how, stopped.reason) == ("finished", "everything wanted was measured")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("goal_mm", [None, SHARPEST_MM])
 def test_what_was_left_out_is_measured_by_a_run_without_the_goal_or_with_a_sharper_one(
     ended_early: Path, goal_mm: float | None
@@ -211,6 +215,7 @@ def test_another_plan_begins_a_series_of_its_own(ended_early: Path) -> None:
         assert cell.measure(journal, other) == 2
 
 
+@pytest.mark.slow
 def test_a_goal_that_the_shots_there_meet_already_is_met_without_a_motion(tmp_path: Path) -> None:
     """The shots to identify from come after all others."""
     steps = sorted(until(None).steps, key=lambda step: step.planned.shot in IDENTIFICATION)
@@ -235,6 +240,7 @@ def cut_off(folder: Path, whole: Sequence[Entry[Record]]) -> None:
 ABOUT_THE_END = {"before the event": -1, "after the event": 0, "at the next shot": 1}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("goal_mm", [GOAL_MM, None])
 @pytest.mark.parametrize("crash", [*ABOUT_THE_END, "before the series' end"])
 def test_a_crash_about_an_early_end_loses_nothing(
@@ -258,6 +264,7 @@ def test_a_crash_about_an_early_end_loses_nothing(
     assert {pairs.count(pair) for pair in pairs} == {2}
 
 
+@pytest.mark.slow
 def test_a_voided_pair_is_forgotten_by_what_is_known(tmp_path: Path) -> None:
     """What is told while the pair is measured again is what was known before it."""
     cell = noisy_cell()

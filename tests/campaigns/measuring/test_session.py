@@ -91,6 +91,7 @@ def test_pair_cut_in_two_is_measured_again_as_a_whole(tmp_path: Path) -> None:
 RECORDS_OF_A_RUN = 17
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("record", range(2, RECORDS_OF_A_RUN))
 def test_crash_before_any_record_loses_nothing_and_mixes_no_pair(
     tmp_path: Path, record: int

@@ -85,6 +85,7 @@ def test_inverse_of_all_candidates_at_once(k, seed):
     np.testing.assert_allclose(logarithm, np.linalg.slogdet(whole).logabsdet, atol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CRITERIA)
 @pytest.mark.parametrize("seed", range(3))
 def test_small_design_is_the_best_of_all(name, seed):
@@ -95,6 +96,7 @@ def test_small_design_is_the_best_of_all(name, seed):
     assert value_of(candidates, criterion, found.chosen) == pytest.approx(min(every))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CRITERIA)
 def test_each_criterion_is_served_best_by_its_own_design(robot_shots, designs, name):
     case = robot_shots
@@ -103,6 +105,7 @@ def test_each_criterion_is_served_best_by_its_own_design(robot_shots, designs, n
     assert min(values, key=values.__getitem__) == name
 
 
+@pytest.mark.slow
 def test_no_candidate_is_chosen_twice(robot_shots):
     case = robot_shots
     criterion = make_criterion("I", case.candidates, case.workspace_rows)
@@ -139,6 +142,7 @@ def test_d_optimal_design_predicts_its_worst_candidate_nearly_as_well_as_any_can
     assert spread[others].max() <= 1.25 * bound
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("count", "length_mm", "angle_deg"), [(120, 0.0135, 0.0012), (40, 0.024, 0.0020)]
 )
@@ -151,6 +155,7 @@ def test_i_optimal_shots_tell_what_the_model_page_promises(count, length_mm, ang
     assert np.degrees(worst_rad) <= angle_deg
 
 
+@pytest.mark.slow
 def test_optimal_pairs_tell_far_more_than_random_ones():
     case = pairs(1600)
     criterion = make_criterion("I", case.candidates, case.workspace_rows)
@@ -161,6 +166,7 @@ def test_optimal_pairs_tell_far_more_than_random_ones():
     assert best_mm < 0.6 * random_mm
 
 
+@pytest.mark.slow
 def test_design_heeds_where_the_tracker_is_bad():
     """Chosen for a tracker that hardly sees x, shots beat those chosen for an even one."""
     blind = np.broadcast_to(np.diag([0.2**2, 0.01**2, 0.01**2]), (600, 3, 3))
@@ -175,6 +181,7 @@ def test_design_heeds_where_the_tracker_is_bad():
     assert values[1] < 0.97 * values[0]
 
 
+@pytest.mark.slow
 def test_growing_a_design_makes_it_better(robot_shots):
     case = robot_shots
     criterion = make_criterion("I", case.candidates, case.workspace_rows)
@@ -197,6 +204,7 @@ def test_thirteen_shots_are_the_fewest_that_tell_all(robot_shots):
     assert least_count(robot_shots.candidates) == 13
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CRITERIA)
 def test_design_of_the_fewest_shots_tells_all(robot_shots, name):
     case = robot_shots
@@ -228,6 +236,7 @@ def test_parameters_that_move_with_the_frame_are_named(robot_shots):
         least_count(candidates)
 
 
+@pytest.mark.slow
 def test_short_list_costs_next_to_nothing_of_what_all_candidates_give(monkeypatch):
     case = shots(2000)
     criterion = make_criterion("I", case.candidates, case.workspace_rows)
@@ -250,6 +259,7 @@ def test_end_of_an_exchange_heeds_all_candidates(robot_shots, monkeypatch):
         assert value_of(candidates, criterion, exchanged) >= value * (1.0 - 1e-3)
 
 
+@pytest.mark.slow
 def test_quick_growth_is_a_few_percent_from_an_exchange(robot_shots):
     case = robot_shots
     criterion = make_criterion("I", case.candidates, case.workspace_rows)

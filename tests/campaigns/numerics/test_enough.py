@@ -42,6 +42,7 @@ def test_found_number_meets_the_goal_and_the_next_smaller_tried_does_not(case, c
     assert tried[found.least.count - 2] > 0.03
 
 
+@pytest.mark.slow
 def test_number_cannot_be_much_too_large(case, criterion):
     found = smallest_design(case.candidates, criterion, 0.03, 200, 2, rng())
     fewer = optimal_design(case.candidates, criterion, found.least.count - 6, rng())

@@ -88,6 +88,7 @@ def drawn():
     return found, np.array(errors), (there, elsewhere)
 
 
+@pytest.mark.slow
 def test_stated_deviations_are_those_that_repeated_campaigns_show(drawn):
     found, _, _ = drawn
     empirical = np.std([each.x[:22] for each in found], axis=0)
@@ -95,6 +96,7 @@ def test_stated_deviations_are_those_that_repeated_campaigns_show(drawn):
     assert np.all((empirical / stated > 0.9) & (empirical / stated < 1.1)), empirical / stated
 
 
+@pytest.mark.slow
 def test_the_truth_lies_as_far_off_as_the_whole_covariance_says(drawn):
     found, _, _ = drawn
     missed = np.array([each.x[:22] - true() for each in found])
@@ -103,6 +105,7 @@ def test_the_truth_lies_as_far_off_as_the_whole_covariance_says(drawn):
     assert np.mean(square) == pytest.approx(22.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_correlations_are_those_that_repeated_campaigns_show(drawn):
     found, _, _ = drawn
     empirical = np.corrcoef(np.array([each.x[:22] for each in found]).T)
@@ -111,6 +114,7 @@ def test_correlations_are_those_that_repeated_campaigns_show(drawn):
     assert np.abs(empirical - covariance / np.outer(std, std)).max() < 0.2
 
 
+@pytest.mark.slow
 def test_predicted_position_deviation_is_what_repeated_campaigns_show(drawn):
     found, errors, (there, elsewhere) = drawn
     rows = without_frame(point_rows(TABLE1, FREE, there, elsewhere))
@@ -120,6 +124,7 @@ def test_predicted_position_deviation_is_what_repeated_campaigns_show(drawn):
     np.testing.assert_allclose(shown, predicted, rtol=0.15)
 
 
+@pytest.mark.slow
 def test_chi_squared_is_believed_of_good_noise_and_has_its_distribution(drawn):
     found, _, _ = drawn
     values = np.array([each.noise.chi2 for each in found])

@@ -178,6 +178,7 @@ def visited(robot, targets):
     return np.array(joints), np.array(points), np.array(approach)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free", [FREE_BY_DEFAULT + BACKLASH_NAMES, FREE_IF_EXTENDED])
 def test_the_simulated_gears_lost_motion_is_found_with_its_sign(free):
     true_rad = np.array([60.0, 20.0, 40.0, 90.0]) * ARCSEC

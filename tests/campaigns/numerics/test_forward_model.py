@@ -98,6 +98,7 @@ def test_joints_without_the_wanted_assembly_say_so(degrees):
         solution.require()
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(
     st.lists(st.floats(-180.0, 180.0), min_size=4, max_size=4),

@@ -89,6 +89,7 @@ def test_derivative_of_the_closures_by_the_parameters(assembled, row):
     assert_closer_with_every_decade(worst, DECADES)
 
 
+@pytest.mark.slow
 def test_derivative_of_the_pose_by_every_parameter_in_every_decade(assembled):
     """Central differences: the truncation falls first, then rounding takes over and rises."""
     geometry, joints, poses = assembled

@@ -37,6 +37,7 @@ def test_no_way_at_all_is_safe():
     assert path_fault(NOMINAL, LIMITS, here, here) is None
 
 
+@pytest.mark.slow
 def test_a_way_through_an_infeasible_theta_is_named_and_gone_round(joints):
     faults = faults_between(joints)
     blocked = [row for row, fault in enumerate(faults) if fault]

@@ -65,6 +65,7 @@ def test_twice_the_noise_gives_twice_the_deviation(poses, joints):
     np.testing.assert_allclose(two, 2.0 * one)
 
 
+@pytest.mark.slow
 def test_predicted_position_error_is_what_fits_of_noisy_shots_show(poses, joints, known):
     """Errors of the positions that 300 noisy campaigns predict in the tracker's frame."""
     elsewhere = drawn(20, 9)[0]

@@ -34,6 +34,7 @@ def settled(rods, joints, near):
     return rods.settle(joints, 0.0, Plate(level_plate(near)))[0].unknowns
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", LEVEL_ROBOTS)
 def test_perfect_rods_stand_where_the_contracted_model_says(robot):
     geometry = LEVEL_ROBOTS[robot]

@@ -25,6 +25,8 @@ from campaigns.robots.robot import find_robot
 from campaigns.shot_sets import ShotSet
 from drivers.values import Pose
 
+pytestmark = pytest.mark.slow
+
 ROBOT = find_robot("par4-prototype").robot
 GEOMETRY, LIMITS = numeric_geometry(ROBOT), numeric_limits(ROBOT)
 CENTRE = Pose(0.0, 0.0, -575.0, 0.0)

@@ -111,6 +111,7 @@ def test_tour_travels_little(default_plan: tuple[PlannedShot, ...]) -> None:
     assert tour < 0.85 * travel_rad(shuffled[:-1], shuffled[1:]).sum()
 
 
+@pytest.mark.slow
 def test_plan_passes_its_own_check_also_after_a_round_trip_through_its_file(
     default_plan: tuple[PlannedShot, ...],
 ) -> None:

@@ -316,6 +316,7 @@ def any_value_of(name):
     return places if name[-4:] in {"x_mm", "y_mm", "z_mm"} else lengths
 
 
+@pytest.mark.slow
 @settings(deadline=None)  # a file is written and read: how long that takes is not the question
 @given(
     geometry=st.fixed_dictionaries(

@@ -209,6 +209,7 @@ def test_all_forms_of_address_are_taken(url):
 words = st.text(min_size=1).filter(lambda text: not re.search(r"[\ud800-\udfff]", text))
 
 
+@pytest.mark.slow
 @given(name=words, notes=words, reflector=words)
 def test_any_text_comes_back_from_a_new_file(name, notes, reflector):
     tracker = TOLD["tracker"] | {"reflector": reflector}

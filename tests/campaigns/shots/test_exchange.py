@@ -264,6 +264,7 @@ pairs = st.sampled_from([ShotSet.IDENTIFICATION, ShotSet.VALIDATION]).flatmap(
 )
 
 
+@pytest.mark.slow
 @given(pairs)
 def test_any_shots_are_the_same_shots_after_writing_and_reading(shots):
     text = shots_text(shots)

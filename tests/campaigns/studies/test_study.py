@@ -32,6 +32,8 @@ from campaigns.studies.summary import chance, interval_factor, normal_scores, su
 from campaigns.studies.table import StudyTable
 from drivers.values import Pose
 
+pytestmark = pytest.mark.slow
+
 ROBOT = find_robot("par4-prototype").robot
 NOMINAL = numeric_geometry(ROBOT)
 FREE = indices(FREE_BY_DEFAULT)

@@ -143,6 +143,7 @@ def test_repeated_pose_is_approached_from_all_around() -> None:
     assert np.degrees(np.arccos(nearest)).min() > 15.0
 
 
+@pytest.mark.slow
 def test_same_seed_gives_the_same_approaches() -> None:
     assert steps(seed=1) == steps(seed=1)
     assert steps(seed=1) != steps(seed=2)
