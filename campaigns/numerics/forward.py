@@ -10,7 +10,6 @@ again from elsewhere.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from campaigns.numerics.geometry import Array, Geometry, Mask
 from campaigns.numerics.par4 import Arms, Assembly, Solution
@@ -22,8 +21,8 @@ STEP_MM = 120.0
 STEP_RAD = 0.35
 CONVERGED_MM = 1e-5
 """A Newton step shorter than this leaves an error of its square over the forearm's length."""
-RESIDUAL_MM = 1e-4
-"""Of the pose before that step."""
+MISFIT_OF_STEP = 10.0
+"""How much longer than that step a forearm may have been too long before it."""
 LEVER_MM = 100.0
 """Compares a step in θ with one in position."""
 NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
@@ -66,32 +65,35 @@ def forward(geometry: Geometry, joints_rad: Array, start: Array | None = None) -
     for first in range(0, len(joints), CHUNK):
         rows = slice(first, first + CHUNK)
         some_near = None if near is None else near[rows]
-        poses[rows], outcome[rows] = _solve(Arms.at(geometry, joints[rows]), some_near)
+        solved = assembled(Arms.at(geometry, joints[rows]), some_near)
+        poses[rows], outcome[rows] = solved.values, solved.outcome
     return Solution(poses, outcome)
 
 
-def assembled(arms: Arms, start: Array | None = None) -> Solution:
-    """`forward` for arms that are at their joints already."""
-    return Solution(*_solve(arms, start))
+def assembled(
+    arms: Arms, start: Array | None = None, converged_mm: float = CONVERGED_MM
+) -> Solution:
+    """`forward` for arms that are at their joints already; a step below `converged_mm` is the last.
 
-
-def _solve(arms: Arms, start: Array | None) -> tuple[Array, NDArray[np.uint8]]:
+    That leaves an error of about its square over the forearm's length.
+    """
     legs = _Legs(arms.elbows_mm, arms.geometry.forearm_mm[:, None], arms.geometry.plate_mm)
     if start is None:
-        poses, good = _newton(legs, _guess(legs, *STARTS[0]))
+        poses, good = _newton(legs, _guess(legs, *STARTS[0]), converged_mm)
     else:
-        poses, good = _newton(legs, np.ascontiguousarray(start.T))
+        poses, good = _newton(legs, np.ascontiguousarray(start.T), converged_mm)
     pending = ~good
     for theta_rad, lift_mm in STARTS if start is not None else STARTS[1:]:
         if not pending.any():
             break
         some = legs.rows(pending)
-        found, good = _newton(some, _guess(some, theta_rad, lift_mm))
+        found, good = _newton(some, _guess(some, theta_rad, lift_mm), converged_mm)
         places = np.flatnonzero(pending)[good]
         poses[:, places] = found[:, good]
         pending[places] = False
     poses[:, pending] = np.nan
-    return poses.T, np.where(pending, Assembly.NONE, Assembly.FOUND).astype(np.uint8)
+    outcome = np.where(pending, Assembly.NONE, Assembly.FOUND)
+    return Solution(poses.T, outcome.astype(np.uint8))
 
 
 def _guess(legs: _Legs, theta_rad: float, lift_mm: float) -> Array:
@@ -112,7 +114,7 @@ def _guess(legs: _Legs, theta_rad: float, lift_mm: float) -> Array:
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-def _newton(legs: _Legs, start: Array) -> tuple[Array, Mask]:
+def _newton(legs: _Legs, start: Array, converged_mm: float) -> tuple[Array, Mask]:
     """Poses (4, N) and which of them passed the checks; singular rows are dropped."""
     poses = start.copy()
     good = np.zeros(poses.shape[1], dtype=bool)
@@ -123,14 +125,14 @@ def _newton(legs: _Legs, start: Array) -> tuple[Array, Mask]:
         move_mm, turn_rad = np.abs(step[:3]).max(axis=0), np.abs(step[3])
         current += step / np.maximum(np.maximum(move_mm / STEP_MM, turn_rad / STEP_RAD), 1.0)
         size_mm = move_mm + LEVER_MM * turn_rad
-        done, finite = size_mm < CONVERGED_MM, np.isfinite(size_mm)
-        if done.any() or not finite.all():
-            assembled = (np.abs(misfit_mm) < RESIDUAL_MM).all(axis=0)
+        on_its_way = size_mm >= converged_mm
+        if not on_its_way.all():
+            assembled = (np.abs(misfit_mm) < MISFIT_OF_STEP * converged_mm).all(axis=0)
             hangs = current[2] < some.elbows_mm[2].mean(axis=0)
             wanted = hangs & (np.abs(current[3]) < 0.5 * np.pi) & (branch > 0.0)
             poses[:, active] = current
-            good[active] = done & assembled & wanted
-            keep = ~done & finite
+            good[active] = (size_mm < converged_mm) & assembled & wanted
+            keep = on_its_way & np.isfinite(size_mm)
             if not keep.any():
                 break
             active, current, some = active[keep], current[:, keep], some.rows(keep)

@@ -87,7 +87,7 @@ class Arms:
     @classmethod
     def at(cls, geometry: Geometry, joints_rad: Array) -> "Arms":
         """At joints (N, 4) as the encoders read them."""
-        angle = (joints_rad + geometry.joint_offset_rad).T
+        angle = np.ascontiguousarray(joints_rad.T) + geometry.joint_offset_rad[:, None]
         frames, cos, sin = arm_frames(geometry), np.cos(angle), np.sin(angle)
         outward, _, lowered = (geometry.arm_mm * frames.swapaxes(1, 2))[..., None]
         elbows = geometry.motor_mm.T[..., None] + (cos * outward + sin * lowered)

@@ -22,6 +22,9 @@ from campaigns.numerics.geometry import (
 from campaigns.numerics.pairs import directions, distances_mm
 from campaigns.numerics.par4 import Arms, NoAssembly, assembled_jacobian
 
+CLOSE_ENOUGH_MM = 1e-3
+"""A Newton step below it is a pose's last: nanometres are left, and nothing at a fit's end, whose
+steps are far shorter."""
 LEFT_BEHIND = -0.5
 """What part of the backlash an arm is from its encoder, in the direction of approach."""
 
@@ -126,7 +129,9 @@ class PositionModel:
             if self._free.max() >= len(GEOMETRY_NAMES):
                 by_backlash = by_all[:, :, OFFSETS] * LEFT_BEHIND * self._approach[:, None]
                 by_all = np.concatenate([by_all, by_backlash], axis=-1)
-            self._expansion = _Expansion(there, by_all[:, :, self._free])
+            # shot by shot in memory, as it is read from here on
+            by_free = np.ascontiguousarray(by_all[:, :, self._free])
+            self._expansion = _Expansion(there, by_free)
         return self._expansion.by_x[:, :3]
 
     def arm_joints_rad(self, x: Array) -> Array:
@@ -137,7 +142,7 @@ class PositionModel:
         """The last answer, if it was for this x; raises `NoAssembly`."""
         if self._last is None or not np.array_equal(x, self._last.x):
             arms = Arms.at(self.geometry(x), self.arm_joints_rad(x))
-            poses = assembled(arms, self._near(x)).require()
+            poses = assembled(arms, self._near(x), CLOSE_ENOUGH_MM).require()
             self._last = _Assembled(np.array(x), arms, poses)
         return self._last
 
@@ -240,12 +245,13 @@ class PointResiduals:
         """Three rows a shot, (3 N, F + 6)."""
         positions, count = self.model.positions_mm(x[:-6]), len(x) - 6
         turn, turn_by_angle = small_rotation(x[-6:-3])
-        jacobian = np.empty((len(positions), 3, len(x)))
-        jacobian[:, :, :count] = (self.guess.rotation @ turn) @ self.model.jacobian(x[:-6])
         turned = (self.guess.rotation @ turn_by_angle) @ positions.T
-        jacobian[:, :, count:-3] = turned.transpose(2, 1, 0)
-        jacobian[:, :, -3:] = np.eye(3)
-        return np.asarray((self.whitening @ jacobian).reshape(-1, len(x)))
+        whitened_from_base = self.whitening @ (self.guess.rotation @ turn)
+        jacobian = np.empty((len(positions), 3, len(x)))
+        jacobian[:, :, :count] = whitened_from_base @ self.model.jacobian(x[:-6])
+        jacobian[:, :, count:-3] = self.whitening @ turned.transpose(2, 1, 0)
+        jacobian[:, :, -3:] = self.whitening
+        return jacobian.reshape(-1, len(x))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
