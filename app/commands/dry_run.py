@@ -119,7 +119,7 @@ def rehearse(
     if found.verdict != "pass":
         return document, found.reasons
     _heading(terminal, 5, "export")
-    path = export.export(campaign)
+    path, _ = export.export(campaign)
     terminal.say(path.name)
     document["parameter_file"] = str(path)
     _heading(terminal, 6, "load")

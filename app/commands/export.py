@@ -11,7 +11,7 @@ from app.options import Folder, Json
 if TYPE_CHECKING:
     from app.console import Terminal
     from app.folder import Campaign
-    from campaigns.robots.robot import RobotDocument
+    from campaigns.robots.robot import RobotDocument, RobotFile
 
 SHOTS = "shots.csv"
 
@@ -50,27 +50,32 @@ def command(
     """
     from app.console import terminal_of
     from app.folder import open_campaign
+    from campaigns.robots.robot import NOT_FOR_CONTROLLERS
 
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     if shots:
-        path = export_shots(campaign, to, terminal)
+        path, next_step = export_shots(campaign, to, terminal, overwrite=overwrite), ""
     elif format_ is Format.LINUXCNC:
-        path = export_hal(campaign, to, overwrite=overwrite)
+        path, next_step = export_hal(campaign, to, overwrite=overwrite), ""
     else:
-        path = export(campaign, to, overwrite=overwrite)
-        terminal.note(f"next: pkmcal load {folder}")
+        path, robot = export(campaign, to, overwrite=overwrite)
+        next_step = NOT_FOR_CONTROLLERS if robot.is_tilted else f"next: pkmcal load {folder}"
     terminal.say(f"written: {path}")
+    if next_step:
+        terminal.note(next_step)
     terminal.document({"path": str(path)})
 
 
-def export(campaign: "Campaign", to: Path | None = None, *, overwrite: bool = False) -> Path:
+def export(
+    campaign: "Campaign", to: Path | None = None, *, overwrite: bool = False
+) -> "tuple[Path, RobotFile]":
     """Write the latest identification; raises `VerdictBad`, `OutputExists` or `WriteFailed`."""
     from campaigns.controllers.export import FILE_NAME, write_compensated
 
-    path = to or campaign.path(FILE_NAME)
-    write_compensated(path, _identified(campaign), overwrite=overwrite)
-    return path
+    path, identified = to or campaign.path(FILE_NAME), _identified(campaign)
+    write_compensated(path, identified, overwrite=overwrite)
+    return path, identified.robot
 
 
 def export_hal(campaign: "Campaign", to: Path | None = None, *, overwrite: bool = False) -> Path:
@@ -93,7 +98,9 @@ def _identified(campaign: "Campaign") -> "RobotDocument":
     return compensated_robot(campaign.config.name, campaign.nominal, finding)
 
 
-def export_shots(campaign: "Campaign", to: Path | None, terminal: "Terminal") -> Path:
+def export_shots(
+    campaign: "Campaign", to: Path | None, terminal: "Terminal", *, overwrite: bool
+) -> Path:
     """Write the accepted shots of the latest run or import; raises `OutputExists`."""
     from app.folder import measured_series, require_journal
     from campaigns.journal.reader import read_journal
@@ -104,7 +111,7 @@ def export_shots(campaign: "Campaign", to: Path | None, terminal: "Terminal") ->
     with read_journal(require_journal(campaign)) as journal:
         series = measured_series(campaign, journal)
         found = exported_shots(series, journal.shots(series.number))
-    write_shots(path, found.rows)
+    write_shots(path, found.rows, overwrite=overwrite)
     if found.halves:
         terminal.note(f"left out, as their partner is missing: shots {found.halves}")
     return path

@@ -6,6 +6,8 @@ from app.console import BAD, GOOD, OPEN, WARNING, Terminal
 from app.report.terminal_picture import histogram_lines
 from campaigns.estimators import Estimator
 from campaigns.identification.identified import Identification
+from campaigns.parameters import AXIS_TILT_NAMES
+from campaigns.robots.robot import NOT_FOR_CONTROLLERS
 
 CORRELATIONS = 5
 """So many of the strongest are shown."""
@@ -31,6 +33,8 @@ def show(terminal: Terminal, found: Identification) -> None:
     terminal.say(f"verdict: {found.verdict}", {"pass": GOOD, "fail": BAD}.get(found.verdict, OPEN))
     for reason in found.reasons:
         terminal.say(f"  {reason}")
+    if {parameter.name for parameter in found.parameters if parameter.free} & {*AXIS_TILT_NAMES}:
+        terminal.say(NOT_FOR_CONTROLLERS, WARNING)
 
 
 def _remaining(found: Identification) -> str:

@@ -6,12 +6,12 @@ from pathlib import Path
 from pydantic import JsonValue, TypeAdapter
 
 from campaigns.errors import ShotsMissing, VerdictBad
-from campaigns.files.textfile import replace_text
+from campaigns.files.textfile import write_text_unless_there
 from campaigns.identification.document import ParameterEntry
 from campaigns.journal.reader import JournalReader
 from campaigns.journal.records import Finding
 from campaigns.parameters import BACKLASH_NAMES
-from campaigns.robots.robot import Compensation, RobotDocument, compensated, write_new_robot
+from campaigns.robots.robot import Compensation, RobotDocument, compensated
 from campaigns.version import VERSION
 
 FILE_NAME = "robot-compensated.yaml"
@@ -65,10 +65,7 @@ def write_compensated(path: Path, robot: RobotDocument, *, overwrite: bool) -> N
 
     A file that could not be replaced is left as it was.
     """
-    if overwrite:
-        replace_text(path, robot.document.text)
-    else:
-        write_new_robot(path, robot)
+    write_text_unless_there(path, robot.document.text, overwrite=overwrite)
 
 
 def _check_usable(nominal: RobotDocument, finding: Mapping[str, JsonValue]) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from campaigns.errors import ConfigInvalid
 from campaigns.files.decimals import number_text
-from campaigns.files.textfile import read_text, replace_text, write_new_text
+from campaigns.files.textfile import read_text, replace_text, write_text_unless_there
 from campaigns.files.wording import shown
 from campaigns.parameters import PARAMETER_NAMES
 from campaigns.robots.robot import RobotFile
@@ -85,10 +85,7 @@ def parse_hal(text: str, name: str, whose: Whose) -> RobotFile:
 
 def write_hal(path: Path, robot: RobotFile, identity: str, *, overwrite: bool) -> None:
     """Write the file; raises `OutputExists` unless `overwrite`, or `WriteFailed`."""
-    if overwrite:
-        replace_text(path, hal_text(robot, identity))
-    else:
-        write_new_text(path, hal_text(robot, identity))
+    write_text_unless_there(path, hal_text(robot, identity), overwrite=overwrite)
 
 
 def _notes(robot: RobotFile) -> Iterator[str]:

@@ -40,13 +40,20 @@ def write_new_text(path: Path, text: str) -> None:
     replace_text(path, text)
 
 
-def refuse_existing(path: Path) -> None:
+def write_text_unless_there(path: Path, text: str, *, overwrite: bool) -> None:
+    """Write a file, over an older one only if that was asked; raises as `write_new_text`."""
+    if not overwrite:
+        refuse_existing(path, "replace it with --overwrite, or name another with --to")
+    replace_text(path, text)
+
+
+def refuse_existing(path: Path, remedy: str = "name another, or move this one away") -> None:
     """Raise `OutputExists` when there is something by that name.
 
     It is looked at, not reserved: the campaign's lock keeps a second writer away.
     """
     if os.path.lexists(path):
-        raise OutputExists(f"{path} already exists", remedy="name another, or move this one away")
+        raise OutputExists(f"{path} already exists", remedy=remedy)
 
 
 def make_folder(path: Path) -> None:

@@ -24,6 +24,12 @@ Range = tuple[float, float]
 NO_TILTS = (0.0,) * ARMS
 TILT = "axis_tilt_deg"
 GEOMETRY = PARAMETER_NAMES + AXIS_TILT_NAMES
+WITHOUT_TILTS = "--fix 'arm*.axis_tilt_deg'"
+"""What has `identify` find a set that controllers take."""
+NOT_FOR_CONTROLLERS = (
+    f"no controller takes axis tilts: identify with {WITHOUT_TILTS} for a set to load"
+)
+"""Said where such a set is found and where it is written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +68,11 @@ class RobotFile:
         flat = dict(zip(PARAMETER_NAMES, self.values, strict=True))
         return flat | {name: tilt_deg for name, tilt_deg in tilts if tilt_deg}
 
+    @property
+    def is_tilted(self) -> bool:
+        """Whether a motor's axis is tilted, which no controller knows of."""
+        return any(self.axis_tilt_deg)
+
     def controller_flat(self) -> dict[str, float]:
         """Return the 29 that a controller knows; raises `ConfigInvalid` when an axis is tilted."""
         flat = self.geometry_flat()
@@ -69,7 +80,7 @@ class RobotFile:
             raise ConfigInvalid(
                 f"{self.name}: {tilted[0]} is {flat[tilted[0]]:g}, but the controller's kinematics "
                 "has no axis tilts",
-                remedy="identify with --model standard and export again",
+                remedy=f"identify again with {WITHOUT_TILTS}, and export again",
             )
         return flat
 

@@ -18,7 +18,7 @@ from campaigns.files.shot_columns import (
     pair_number,
     shot_set,
 )
-from campaigns.files.textfile import read_text, write_new_text
+from campaigns.files.textfile import read_text, write_text_unless_there
 from campaigns.shot_sets import ShotSet
 from campaigns.shots.covariances import positive_definite
 from drivers.values import Matrix3, Vector3
@@ -55,9 +55,9 @@ def read_shots(path: Path) -> tuple[ShotRow, ...]:
     return parse_shots(text, str(path))
 
 
-def write_shots(path: Path, shots: Sequence[ShotRow]) -> None:
-    """Write shots to a file that must not exist yet; raises `OutputExists` or `WriteFailed`."""
-    write_new_text(path, shots_text(shots))
+def write_shots(path: Path, shots: Sequence[ShotRow], *, overwrite: bool = False) -> None:
+    """Write the file; raises `OutputExists` unless `overwrite`, or `WriteFailed`."""
+    write_text_unless_there(path, shots_text(shots), overwrite=overwrite)
 
 
 def parse_shots(text: str, name: str) -> tuple[ShotRow, ...]:

@@ -20,6 +20,6 @@ def test_a_tilted_robot_is_not_loaded_and_nobody_is_connected(capsys, tmp_path):
     said = capsys.readouterr()
     assert code == 2
     assert "arm1.axis_tilt_deg is 0.02" in said.err
-    assert "identify with --model standard and export again" in said.err
+    assert "identify again with --fix 'arm*.axis_tilt_deg', and export again" in said.err
     assert said.out == ""
     assert not (folder / "campaign.db").exists()

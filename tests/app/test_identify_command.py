@@ -124,6 +124,17 @@ def test_points_are_the_default_and_covariances_count(capsys, clean):
         assert abs(error) <= 4.5 * (entry["std"] or 1e-9), name
 
 
+def test_a_set_with_axis_tilts_is_written_but_said_to_be_for_no_controller(capsys, clean):
+    for words in ((), ("--free", "arm*.axis_tilt_deg")):
+        tilted, folder = bool(words), clean.folder
+        code, found, _ = said(capsys, "identify", folder, *words)
+        assert code == 0
+        _, _, written = said(capsys, "export", folder, "--overwrite")
+        for text in (found, written):
+            assert ("no controller takes axis tilts" in text) is tilted
+        assert ("next: pkmcal load" in written) is not tilted
+
+
 def test_people_are_told_the_noise_the_histogram_and_the_verdict(capsys, clean):
     code, out, _ = said(capsys, "identify", clean.folder)
     assert code == 0

@@ -115,9 +115,19 @@ def test_a_file_that_is_there_is_not_overwritten_unasked(pkmcal, exported):
     before = contents(exported)
     ended = pkmcal("export", exported)
     assert ended.code == 2
-    assert "robot-compensated.yaml already exists" in ended.error_line
+    assert "robot-compensated.yaml already exists → replace it with --overwrite" in ended.error_line
     assert contents(exported) == before
     assert pkmcal("export", exported, "--overwrite").code == 0
+
+
+def test_shots_that_are_there_are_not_overwritten_unasked(pkmcal, exported):
+    assert pkmcal("export", exported, "--shots").code == 0
+    before = contents(exported)
+    ended = pkmcal("export", exported, "--shots")
+    assert ended.code == 2
+    assert "shots.csv already exists → replace it with --overwrite" in ended.error_line
+    assert contents(exported) == before
+    assert pkmcal("export", exported, "--shots", "--overwrite").code == 0
 
 
 def test_a_campaign_that_is_there_is_not_made_again(pkmcal, planned):

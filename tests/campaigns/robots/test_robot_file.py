@@ -290,7 +290,7 @@ def test_a_controller_is_told_29_parameters_or_why_not():
         tilted().robot.controller_flat()
     assert str(caught.value) == (
         "par4-prototype compensated: arm0.axis_tilt_deg is 0.03, but the controller's kinematics "
-        "has no axis tilts → identify with --model standard and export again"
+        "has no axis tilts → identify again with --fix 'arm*.axis_tilt_deg', and export again"
     )
 
 
