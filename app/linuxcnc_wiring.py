@@ -8,13 +8,13 @@ from campaigns.controllers.active_kinematics import ActiveKinematics
 from campaigns.controllers.linuxcnc_export import PIN_OF, CalibrationFile, Whose
 from campaigns.settings.linuxcnc_section import LinuxcncConfig
 from drivers.clock import SystemClock
-from drivers.linuxcnc_conversation import Passwords
-from drivers.linuxcnc_motion import JointLimits
-from drivers.linuxcnc_parameters import FileParameters, HalParameters
-from drivers.linuxcnc_pins import HalAccess, HalPins
-from drivers.linuxcnc_robot import LinuxcncRobot
-from drivers.linuxcnc_settings import LinuxcncSettings, ParameterStore
-from drivers.linuxcnc_state import Coordinates
+from drivers.linuxcnc.conversation import Passwords
+from drivers.linuxcnc.motion import JointLimits
+from drivers.linuxcnc.parameters import FileParameters, HalParameters
+from drivers.linuxcnc.pins import HalAccess, HalPins
+from drivers.linuxcnc.robot import LinuxcncRobot
+from drivers.linuxcnc.settings import LinuxcncSettings, ParameterStore
+from drivers.linuxcnc.state import Coordinates
 from drivers.transport import Transport
 
 ACTIVE = "linuxcnc-active.hal"

@@ -14,11 +14,11 @@ from campaigns.files.textfile import replace_text
 from campaigns.measuring.shooting import Cell as Devices
 from campaigns.settings.config import CampaignConfig
 from drivers.clock import SystemClock
-from drivers.emscon_tracker import EmsconTracker
+from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import WrongDevice
-from drivers.line_robot import LineRobot
 from drivers.link import never
 from drivers.ports import Clock, LaserTracker, RobotController
+from drivers.robotline.robot import LineRobot
 from drivers.spy import SpyLog, spied
 from drivers.spy_reading import reading_for
 from drivers.transport import Transport, open_transport
@@ -28,12 +28,12 @@ from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell
 from sim.errors import MemoryInvalid
-from sim.scenario import load_scenario
-from sim.scenario_schema import Scenario
+from sim.scenarios.scenario import load_scenario
+from sim.scenarios.schema import Scenario
 
 if TYPE_CHECKING:
-    from drivers.geocom_tracker import GeocomTracker
-    from drivers.linuxcnc_robot import LinuxcncRobot
+    from drivers.geocom.tracker import GeocomTracker
+    from drivers.linuxcnc.robot import LinuxcncRobot
 
 CONNECT_S = 5.0
 FIRST_TRANSACTIONS = (1000, 30_000)
@@ -203,7 +203,7 @@ def _made_tracker(
 ) -> "EmsconTracker | GeocomTracker":
     if driver == "emscon":
         return EmsconTracker(opener, clock=SystemClock(), cancelled=stop_requested)
-    from drivers.geocom_tracker import GeocomTracker  # its library only where it is used
+    from drivers.geocom.tracker import GeocomTracker  # its library only where it is used
 
     first = random.SystemRandom().randint(*FIRST_TRANSACTIONS)
     return GeocomTracker(

@@ -25,7 +25,7 @@ from campaigns.numerics.par4 import inverse
 from campaigns.numerics.reach import Limits, reach
 from campaigns.robots.arrays import numeric_limits
 from campaigns.robots.robot import find_robot
-from sim.scenario import load_scenario
+from sim.scenarios.scenario import load_scenario
 
 CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
 BOX_HALF = np.array([700.0, 700.0, 450.0, np.pi / 4])

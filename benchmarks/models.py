@@ -40,8 +40,8 @@ from drivers.values import Pose
 from sim.building import WORKSPACE_CENTRE_MM, noise_of, station_of, true_geometry
 from sim.cell import Cell
 from sim.draws import target_key
-from sim.scenario import load_scenario
-from sim.scenario_schema import Scenario
+from sim.scenarios.scenario import load_scenario
+from sim.scenarios.schema import Scenario
 
 ROBOT = find_robot("par4-prototype").robot
 NOMINAL = numeric_geometry(ROBOT)

@@ -20,7 +20,7 @@ from campaigns.parameters import ARMS
 from campaigns.robots.arrays import numeric_limits
 from campaigns.robots.robot import find_robot
 from campaigns.validation.validate import rotation_mm, straightness_mm
-from sim.scenario import load_scenario
+from sim.scenarios.scenario import load_scenario
 
 CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
 LINES_MM = (800.0, 800.0, 500.0)

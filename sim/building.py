@@ -4,18 +4,18 @@ import math
 
 import numpy as np
 
-from sim.controller import ControllerSettings
 from sim.draws import Purpose, generator
-from sim.driven_robot import Behaviour, Mount, Thermal
 from sim.faults import ANSWERS_OF, Counted, Fault
 from sim.geometry import ARMS, FLAT_NAMES, Array, geometry_of
-from sim.optics import IsotropicNoise, Limit, Noise, SphericalNoise, Station
-from sim.rods import Build, EightRods
-from sim.rotations import rotation
-from sim.scenario_robot import ControllerSection, RobotSection, Tolerances
-from sim.scenario_schema import FaultSection
-from sim.scenario_tracker import LimitSection, StationSection, TrackerSection
-from sim.tracker import Air, SimulatedReflector, TrackerSettings
+from sim.robot.controller import ControllerSettings
+from sim.robot.driven_robot import Behaviour, Mount, Thermal
+from sim.robot.rods import Build, EightRods
+from sim.robot.rotations import rotation
+from sim.scenarios.robot import ControllerSection, RobotSection, Tolerances
+from sim.scenarios.schema import FaultSection
+from sim.scenarios.tracker import LimitSection, StationSection, TrackerSection
+from sim.tracker.instrument import Air, SimulatedReflector, TrackerSettings
+from sim.tracker.optics import IsotropicNoise, Limit, Noise, SphericalNoise, Station
 
 WORKSPACE_CENTRE_MM = np.array([0.0, 0.0, -575.0])
 RAD_PER_ARCMIN = math.radians(1.0 / 60.0)

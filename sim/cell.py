@@ -6,21 +6,21 @@ from collections.abc import Mapping
 import numpy as np
 
 from sim import building
-from sim.assembly import Assembly, assemble, follow, restore
-from sim.beam import Beam, Target
-from sim.controller import SimulatedController
 from sim.draws import Attempts, WorkedTime, target_key
-from sim.driven_robot import DrivenRobot, SeenReflector, Standing
 from sim.errors import AssemblyLost, MemoryInvalid, ScenarioInvalid
 from sim.faults import FaultScript
 from sim.following import FollowingController
 from sim.geometry import ARMS, Array, geometry_of
-from sim.inverse import OutOfReach, joints_for
-from sim.linuxcnc_joints import joint_source
 from sim.memory import REMEDY, CellMemory, remembered
-from sim.rods import EightRods, Plate
-from sim.scenario_schema import Scenario
-from sim.tracker import SimulatedTracker
+from sim.robot.assembly import Assembly, assemble, follow, restore
+from sim.robot.controller import SimulatedController
+from sim.robot.driven_robot import DrivenRobot, SeenReflector, Standing
+from sim.robot.inverse import OutOfReach, joints_for
+from sim.robot.linuxcnc_joints import joint_source
+from sim.robot.rods import EightRods, Plate
+from sim.scenarios.schema import Scenario
+from sim.tracker.beam import Beam, Target
+from sim.tracker.instrument import SimulatedTracker
 
 REMEMBERED_WITHIN_MM = 0.1
 """More than arms can have grown since the robot came to rest."""

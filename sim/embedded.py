@@ -6,14 +6,14 @@ from typing import Literal
 
 from sim.cell import Cell
 from sim.clock import CellClock
-from sim.controller import SimulatedController
-from sim.emscon_server import EmsconSession
 from sim.following import FollowingController, LookingSession
-from sim.geocom_server import GeocomSession
-from sim.geocom_station import GeocomStation
-from sim.peers import Session, SessionFactory
-from sim.robotline_server import RobotlineSession
-from sim.serving import CellServer
+from sim.robot.controller import SimulatedController
+from sim.servers.emscon_server import EmsconSession
+from sim.servers.geocom_server import GeocomSession
+from sim.servers.geocom_station import GeocomStation
+from sim.servers.peers import Session, SessionFactory
+from sim.servers.robotline_server import RobotlineSession
+from sim.servers.serving import CellServer
 
 Send = Callable[[bytes], None]
 LOOK_EVERY_S = 0.01

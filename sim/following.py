@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from sim.controller import ControllerState
 from sim.draws import WorkedTime, target_key
-from sim.driven_robot import DrivenRobot, Standing
 from sim.errors import AssemblyLost
 from sim.geometry import Array
-from sim.linuxcnc_joints import JointsLost, JointSource
-from sim.peers import Session
+from sim.robot.controller import ControllerState
+from sim.robot.driven_robot import DrivenRobot, Standing
+from sim.robot.linuxcnc_joints import JointsLost, JointSource
+from sim.servers.peers import Session
 
 SAME_RAD = math.radians(2e-6)
 """Joints are told with six decimals of a degree."""

@@ -6,10 +6,10 @@ from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from sim.beam import Target
 from sim.errors import MemoryInvalid
 from sim.geometry import problem_with
-from sim.scenario_section import PerArm, Point
+from sim.scenarios.section import PerArm, Point
+from sim.tracker.beam import Target
 
 REMEDY = "delete the simulated cell's memory to begin with a new cell"
 

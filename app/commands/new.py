@@ -9,7 +9,7 @@ from app.options import Folder, Json
 
 if TYPE_CHECKING:
     from campaigns.settings.config import CampaignConfig
-    from sim.scenario_tracker import DataSheet
+    from sim.scenarios.tracker import DataSheet
 
 DEFAULT_ROBOT = "par4-prototype"
 DEFAULT_SCENARIO = "paper-prototype"
@@ -100,8 +100,8 @@ def create_simulated(
     from campaigns.files.textfile import make_folder, refuse_existing
     from campaigns.robots.robot import find_robot
     from campaigns.settings.config import new_config, write_new_campaign
-    from sim.scenario import load_scenario
-    from sim.scenario_text import scenario_text
+    from sim.scenarios.scenario import load_scenario
+    from sim.scenarios.text import scenario_text
 
     tracker = load_scenario(scenario).tracker
     url = SIMULATED + SCENARIO.removesuffix(".yaml")

@@ -35,7 +35,7 @@ def command(
     from sim.cell import Cell
     from sim.clock import ScaledClock
     from sim.embedded import EmbeddedCell
-    from sim.scenario import load_scenario
+    from sim.scenarios.scenario import load_scenario
 
     loaded = load_scenario(scenario)
     cell = EmbeddedCell(

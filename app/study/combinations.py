@@ -12,7 +12,7 @@ from app.study.setup import Asked, robots_drawn, study_scenario, study_setup
 from campaigns.estimators import Estimator
 from campaigns.studies.setup import StudySetup
 from campaigns.studies.table import StudyTable
-from sim.scenario_schema import Scenario
+from sim.scenarios.schema import Scenario
 
 UNFIT_FOR_FILES = re.compile(r"[^\w.-]+")
 

@@ -22,9 +22,9 @@ from campaigns.shot_sets import ShotSet
 from campaigns.studies.setup import PairedShots, StudySetup, StudyTask
 from campaigns.studies.study import indistinguishable
 from sim.building import station_of, true_geometry
-from sim.scenario import load_scenario
-from sim.scenario_schema import Scenario
-from sim.scenario_tracker import NoiseSection
+from sim.scenarios.scenario import load_scenario
+from sim.scenarios.schema import Scenario
+from sim.scenarios.tracker import NoiseSection
 
 CAMPAIGNS_A_TASK = 25
 """A tenth of a second's work: long against sending it, short against all of it."""

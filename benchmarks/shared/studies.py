@@ -15,7 +15,7 @@ from campaigns.robots.robot import find_robot
 from campaigns.shot_sets import ShotSet
 from campaigns.studies.setup import PairedShots, StudySetup, StudyTask
 from drivers.values import Pose
-from sim.scenario import load_scenario
+from sim.scenarios.scenario import load_scenario
 
 SCENARIO = load_scenario("paper-simulation")
 VIEW = View((2500.0, 0.0, -575.0), (1.0, 0.0, 0.0), np.pi)

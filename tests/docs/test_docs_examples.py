@@ -18,8 +18,8 @@ from campaigns.robots.robot import find_robot, read_robot
 from campaigns.robots.schema import RobotContents
 from campaigns.settings.config import CampaignConfig, new_config, read_campaign
 from campaigns.shots.exchange import parse_shots
-from sim.scenario import parse_scenario
-from sim.scenario_schema import Scenario
+from sim.scenarios.scenario import parse_scenario
+from sim.scenarios.schema import Scenario
 
 YAML_BLOCKS, CSV_BLOCKS, SHELL_BLOCKS = blocks("yaml"), blocks("csv"), blocks("sh")
 PART_OF_A_CELL = "# part of a cell.yaml\n"

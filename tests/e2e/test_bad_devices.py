@@ -14,13 +14,13 @@ from command_line import change
 
 from campaigns.journal.reader import read_journal
 from campaigns.journal.records import Intent, SessionStopped
-from drivers.emscon_client import EmsconDeadlines
-from drivers.emscon_tracker import EmsconTracker
-from drivers.line_robot import Deadlines, LineRobot
+from drivers.emscon.client import EmsconDeadlines
+from drivers.emscon.tracker import EmsconTracker
+from drivers.robotline.robot import Deadlines, LineRobot
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell
-from sim.scenario import load_scenario
+from sim.scenarios.scenario import load_scenario
 
 IMPATIENT_ROBOT = Deadlines(answer_s=0.3, stop_answer_s=0.3, standstill_s=3.0)
 IMPATIENT_TRACKER = EmsconDeadlines(answer_s=0.3, measuring_margin_s=0.3)

@@ -6,7 +6,7 @@ import pytest
 from command_line import change, contents
 
 from campaigns.parameters import PARAMETER_NAMES
-from sim.scenario import load_scenario
+from sim.scenarios.scenario import load_scenario
 
 DATA = Path(__file__).parents[1] / "data" / "vectors"
 PLAN_KEYS = {

@@ -13,7 +13,7 @@ from command_line import change, ended, started
 from campaigns.errors import JournalFailed
 from campaigns.journal.reader import read_journal
 from campaigns.journal.records import Outcome, SessionStopped
-from drivers.line_robot import Deadlines, LineRobot
+from drivers.robotline.robot import Deadlines, LineRobot
 
 TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
 PACE = {"settle.time_s": 0.001, "controller.speed_percent": 100.0}

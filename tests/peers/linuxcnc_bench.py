@@ -13,14 +13,14 @@ from campaigns.controllers.active_kinematics import ActiveKinematics
 from campaigns.controllers.linuxcnc_export import PIN_OF, CalibrationFile, Whose
 from campaigns.robots.robot import find_robot
 from drivers.clock import SystemClock
-from drivers.linuxcnc_conversation import Patience
-from drivers.linuxcnc_motion import JointLimits
-from drivers.linuxcnc_parameters import FileParameters, HalParameters
-from drivers.linuxcnc_pins import HalAccess, HalPins
-from drivers.linuxcnc_robot import LinuxcncRobot
-from drivers.linuxcnc_settings import LinuxcncDeadlines, LinuxcncSettings
-from drivers.linuxcnc_setup import SetupDeadlines
-from drivers.linuxcnc_state import Coordinates
+from drivers.linuxcnc.conversation import Patience
+from drivers.linuxcnc.motion import JointLimits
+from drivers.linuxcnc.parameters import FileParameters, HalParameters
+from drivers.linuxcnc.pins import HalAccess, HalPins
+from drivers.linuxcnc.robot import LinuxcncRobot
+from drivers.linuxcnc.settings import LinuxcncDeadlines, LinuxcncSettings
+from drivers.linuxcnc.setup import SetupDeadlines
+from drivers.linuxcnc.state import Coordinates
 from drivers.transport import open_transport
 
 LACKING = why_not()

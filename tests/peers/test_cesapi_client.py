@@ -17,7 +17,7 @@ from CESAPI.connection import Connection
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell
-from sim.scenario import load_scenario
+from sim.scenarios.scenario import load_scenario
 
 pytestmark = pytest.mark.peer
 

@@ -16,10 +16,10 @@ from geocompy.geo.gctypes import GeoComCode
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.faults import FaultScript
-from sim.geocom_server import GeocomSession
-from sim.geocom_station import GeocomStation
-from sim.scenario import load_scenario
-from sim.serving import CellServer
+from sim.scenarios.scenario import load_scenario
+from sim.servers.geocom_server import GeocomSession
+from sim.servers.geocom_station import GeocomStation
+from sim.servers.serving import CellServer
 
 pytestmark = pytest.mark.peer
 

@@ -15,9 +15,9 @@ from campaigns.numerics.geometry import Geometry
 from campaigns.numerics.reach import reach
 from campaigns.robots.arrays import numeric_limits
 from drivers.errors import DeviceRefused, LimitViolation, WrongDevice
-from drivers.linuxcnc_state import Coordinates
+from drivers.linuxcnc.state import Coordinates
 from drivers.values import Pose
-from sim.linuxcnc_joints import joint_source
+from sim.robot.linuxcnc_joints import joint_source
 
 pytestmark = NEEDS_LINUXCNC
 

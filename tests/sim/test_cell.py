@@ -8,7 +8,7 @@ import pytest
 
 from sim.cell import Cell
 from sim.errors import MemoryInvalid
-from sim.scenario import load_scenario
+from sim.scenarios.scenario import load_scenario
 
 CENTRE = (0.0, 0.0, -575.0, 0.0)
 

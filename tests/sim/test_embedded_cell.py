@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from drivers.clock import SystemClock
-from drivers.emscon_tracker import EmsconTracker
+from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import DriverError
-from drivers.line_robot import LineRobot
+from drivers.robotline.robot import LineRobot
 from drivers.transport import open_transport
 from drivers.values import Pose
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell
 from sim.errors import ServerFailed
-from sim.scenario import load_scenario
+from sim.scenarios.scenario import load_scenario
 
 SPEED_UP = 1000.0
 PLACES = [Pose(60.0, -40.0, -620.0, 0.2), Pose(-80.0, 20.0, -560.0, -0.1)]

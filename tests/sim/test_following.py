@@ -10,8 +10,8 @@ from sim.clock import ManualClock
 from sim.draws import WorkedTime
 from sim.errors import AssemblyLost
 from sim.following import FollowingController, LookingSession
-from sim.linuxcnc_joints import JointsLost
-from sim.scenario import load_scenario
+from sim.robot.linuxcnc_joints import JointsLost
+from sim.scenarios.scenario import load_scenario
 
 CENTRE = np.radians([20.0, 20.0, 20.0, 20.0])
 ELSEWHERE = np.radians([35.0, 25.0, 15.0, 30.0])

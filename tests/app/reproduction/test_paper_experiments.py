@@ -21,7 +21,7 @@ from app.reproduction.experiments import (
 )
 from app.reproduction.printed import TABLE_I
 from app.reproduction.trials import TrialFailed, result_of
-from sim.scenario import load_scenario
+from sim.scenarios.scenario import load_scenario
 
 SMALL = {
     "plan": {"shots": 48, "validation_pairs": 4},

@@ -7,7 +7,7 @@ import pytest
 from app.reproduction import printed
 from app.reproduction.printed import about, above, below, exactly
 from campaigns.numerics.geometry import FREE_BY_DEFAULT
-from sim.scenario import load_scenario
+from sim.scenarios.scenario import load_scenario
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from campaigns.files.lock import campaign_lock
 from campaigns.numerics.forward import forward
 from campaigns.numerics.geometry import FREE_BY_DEFAULT, Geometry
 from campaigns.robots.robot import find_robot
-from sim.scenario import load_scenario
+from sim.scenarios.scenario import load_scenario
 
 TABLE = "plan-paper-simulation-points.csv"
 

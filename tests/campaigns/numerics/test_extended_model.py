@@ -30,11 +30,11 @@ from campaigns.numerics.pairs import distances_mm
 from campaigns.numerics.residuals import DistanceResiduals, PointResiduals, PositionModel
 from campaigns.numerics.statistics import observability
 from campaigns.parameters import BACKLASH_NAMES
-from sim.assembly import assemble
 from sim.draws import Attempts, WorkedTime, target_key
-from sim.driven_robot import Behaviour, DrivenRobot, Mount, Standing, Thermal
 from sim.geometry import geometry_of
-from sim.rods import Build, EightRods
+from sim.robot.assembly import assemble
+from sim.robot.driven_robot import Behaviour, DrivenRobot, Mount, Standing, Thermal
+from sim.robot.rods import Build, EightRods
 
 ARCSEC = np.radians(1.0 / 3600.0)
 ALL = indices(MODEL_NAMES)

@@ -8,7 +8,7 @@ from campaigns.numerics.forward import forward
 from campaigns.numerics.geometry import NAMES, Geometry
 from campaigns.numerics.par4 import elbows_mm
 from sim.geometry import geometry_of
-from sim.rods import Build, EightRods, Plate
+from sim.robot.rods import Build, EightRods, Plate
 
 PLATE_JOINTS_MM = np.array([[-60, 5, 3], [55, 0, -2], [60, 10, 0], [-70, 0, 4.0]])
 

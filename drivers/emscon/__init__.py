@@ -1,0 +1,1 @@
+"""Laser trackers that speak emScon."""

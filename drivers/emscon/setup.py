@@ -1,0 +1,212 @@
+"""What an emScon tracker is brought to before it measures, and whether it still is."""
+
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+
+from drivers.agreement import changed, require_kept
+from drivers.emscon.client import EmsconClient
+from drivers.errors import DeviceNotReady
+from drivers.wire.emscon_constants import (
+    AngleUnit,
+    Command,
+    CoordinateSystemType,
+    HumidityUnit,
+    LaserStatus,
+    LengthUnit,
+    Mode,
+    PressureUnit,
+    ProcessorStatus,
+    Statistics,
+    TemperatureUnit,
+)
+from drivers.wire.emscon_messages import (
+    CoordinateSystem,
+    MeasurementMode,
+    Nothing,
+    ReflectorChoice,
+    ReflectorEntry,
+    SearchParams,
+    StationaryMode,
+    StatisticMode,
+    SystemSettings,
+    SystemStatus,
+    Units,
+)
+
+UNITS = Units(
+    LengthUnit.MILLIMETRE,
+    AngleUnit.DEGREE,
+    TemperatureUnit.CELSIUS,
+    PressureUnit.MILLIBAR,
+    HumidityUnit.RELATIVE_PERCENT,
+)
+CARTESIAN = CoordinateSystem(CoordinateSystemType.RIGHT_HANDED_RECTANGULAR)
+STATIONARY = MeasurementMode(Mode.STATIONARY)
+ADM_ON = 1
+
+LASER_REMEDIES: dict[int, str] = {
+    LaserStatus.COMMUNICATION_FAILED: "check the cable to the tracker head and restart the tracker",
+    LaserStatus.HEATING_UP: "wait until the tracker says that it is warm, then start again",
+    LaserStatus.UNABLE_TO_STABILIZE: "restart the tracker; if it comes back, have it serviced",
+    LaserStatus.OFF: "switch the laser on and let it warm up",
+}
+"""States in which the laser cannot be used. `NOT_AVAILABLE` is none: an AT40x has only an ADM."""
+
+
+@dataclass(frozen=True, slots=True)
+class SearchArea:
+    """How far from the expected place, and how long, a reflector is looked for."""
+
+    radius_mm: float = 50.0
+    timeout_s: float = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Preparation:
+    """What is wanted for a campaign."""
+
+    reflector: str
+    measuring_time_s: float
+    search: SearchArea
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Everything that decides what the numbers of a result mean, as read back."""
+
+    units: Units
+    coordinate_system: CoordinateSystem
+    measurement_mode: MeasurementMode
+    stationary_mode: StationaryMode
+    reflector: ReflectorChoice
+    switches: SystemSettings
+
+
+def set_up(client: EmsconClient, wanted: Preparation, *, initialise_s: float) -> Settings:
+    """Bring the tracker to what is wanted and return its settings as it then has them.
+
+    Initialises a tracker that isn't, which turns its head. Raises `DeviceNotReady` while the laser
+    isn't warm and for a reflector that the tracker doesn't know, else `DeviceRefused`.
+    """
+    client.tell(Command.SET_UNITS, UNITS)
+    client.tell(Command.SET_COORDINATE_SYSTEM_TYPE, CARTESIAN)
+    _initialise(client, initialise_s)
+    identifier = _identifier(client, wanted.reflector)
+    client.tell(Command.SET_REFLECTOR, ReflectorChoice(identifier))
+    client.tell(Command.SET_MEASUREMENT_MODE, STATIONARY)
+    time_ms = round(wanted.measuring_time_s * 1e3)
+    client.tell(Command.SET_STATIONARY_MODE_PARAMS, StationaryMode(time_ms, ADM_ON))
+    _set_statistics(client)
+    timeout_ms = round(wanted.search.timeout_s * 1e3)
+    client.tell(Command.SET_SEARCH_PARAMS, SearchParams(wanted.search.radius_mm, timeout_ms))
+    _set_switches(client)
+    settings = read_settings(client)
+    _require_kept(client.name, settings, identifier)
+    return settings
+
+
+def read_settings(client: EmsconClient) -> Settings:
+    """Read back everything that decides what a result means."""
+    return Settings(
+        client.ask(Command.GET_UNITS, Units),
+        client.ask(Command.GET_COORDINATE_SYSTEM_TYPE, CoordinateSystem),
+        client.ask(Command.GET_MEASUREMENT_MODE, MeasurementMode),
+        client.ask(Command.GET_STATIONARY_MODE_PARAMS, StationaryMode),
+        client.ask(Command.GET_REFLECTOR, ReflectorChoice),
+        client.ask(Command.GET_SYSTEM_SETTINGS, SystemSettings),
+    )
+
+
+def require_unchanged(client: EmsconClient, agreed: Settings) -> None:
+    """Raise `DeviceNotReady` when somebody else has changed what a result means."""
+    if not client.settings_touched():
+        return
+    current = read_settings(client)
+    if current != agreed:
+        raise DeviceNotReady(
+            f"{client.name}: another program changed the tracker's {changed(agreed, current)}",
+            remedy="end the other program, then start again: the tracker will be prepared anew",
+        )
+
+
+def require_laser(where: str, status: SystemStatus) -> None:
+    """Raise `DeviceNotReady` while the laser cannot be used."""
+    if is_warm(status):
+        return
+    state = LaserStatus(status.laser_status).name.replace("_", " ").lower()
+    raise DeviceNotReady(
+        f"{where}: the laser is not ready: {state}", remedy=LASER_REMEDIES[status.laser_status]
+    )
+
+
+def is_warm(status: SystemStatus) -> bool:
+    """Tell whether the laser can be used."""
+    return status.laser_status not in LASER_REMEDIES
+
+
+def is_initialised(status: SystemStatus) -> bool:
+    """Tell whether the tracker has climbed its start-up ladder to the end."""
+    return status.processor_status == ProcessorStatus.INITIALIZED
+
+
+def _initialise(client: EmsconClient, within_s: float) -> None:
+    status = client.ask(Command.GET_SYSTEM_STATUS, SystemStatus)
+    require_laser(client.name, status)
+    if not is_initialised(status):
+        client.tell(Command.INITIALIZE, within_s=within_s)
+
+
+def _identifier(client: EmsconClient, name: str) -> int:
+    entries = client.reflectors()
+    for entry in entries:
+        if entry.name == name:
+            return entry.identifier
+    raise DeviceNotReady(
+        f"{client.name}: the tracker has no reflector '{name}'",
+        remedy=_named_instead(name, entries),
+    )
+
+
+def _named_instead(name: str, entries: list[ReflectorEntry]) -> str:
+    if not entries:
+        return "define the reflector in the tracker's own software"
+    known = [entry.name for entry in entries]
+    folded = {known_name.lower(): known_name for known_name in known}
+    near = get_close_matches(name.lower(), folded, n=1, cutoff=0.4)
+    guess = f"perhaps '{folded[near[0]]}'; " if near else ""
+    return f"{guess}it knows " + ", ".join(f"'{known_name}'" for known_name in known)
+
+
+def _set_statistics(client: EmsconClient) -> None:
+    """Ask for covariances; an instrument without them answers with standard deviations alone."""
+    extended = StatisticMode(Statistics.EXTENDED, Statistics.EXTENDED)
+    client.ask_or_none(Command.SET_STATISTIC_MODE, Nothing, extended)
+
+
+def _set_switches(client: EmsconClient) -> None:
+    """Ask for points in the instrument's own frame; the weather station stays as it is."""
+    present = client.ask(Command.GET_SYSTEM_SETTINGS, SystemSettings)
+    wanted = replace(
+        present,
+        apply_transformation=0,
+        apply_station_orientation=0,
+        keep_last_position=1,
+        send_unsolicited_messages=1,
+        send_reflector_position=0,
+        try_measurement_mode=0,
+    )
+    client.tell(Command.SET_SYSTEM_SETTINGS, wanted)
+
+
+def _require_kept(where: str, settings: Settings, identifier: int) -> None:
+    switches = settings.switches
+    kept = {
+        "units": settings.units == UNITS,
+        "coordinate system": settings.coordinate_system == CARTESIAN,
+        "measurement mode": settings.measurement_mode == STATIONARY,
+        "reflector": settings.reflector.identifier == identifier,
+        "own frame": not (switches.apply_transformation or switches.apply_station_orientation),
+        "unsolicited messages": bool(switches.send_unsolicited_messages),
+    }
+    remedy = "end other programs that use the tracker, then start again"
+    require_kept(f"{where}: the tracker", kept, remedy=remedy)

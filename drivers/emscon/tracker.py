@@ -1,0 +1,237 @@
+"""A Leica laser tracker that speaks emScon (docs/emscon.md): units and meaning."""
+
+from collections.abc import Callable
+
+from drivers.emscon.client import OTHER_CLIENT, EmsconClient, EmsconDeadlines
+from drivers.emscon.errors import beam_not_locked, failed_with_beam
+from drivers.emscon.result import measurement_of
+from drivers.emscon.setup import (
+    UNITS,
+    Preparation,
+    SearchArea,
+    Settings,
+    is_initialised,
+    is_warm,
+    require_laser,
+    require_unchanged,
+    set_up,
+)
+from drivers.errors import BeamBroken, DeviceRefused
+from drivers.link import never
+from drivers.ports import Clock
+from drivers.session import PreparedSession
+from drivers.transport import Transport
+from drivers.values import (
+    Identity,
+    Measurement,
+    Readiness,
+    Reflector,
+    TrackerState,
+    Vector3,
+    Weather,
+)
+from drivers.wire.emscon import NOTHING
+from drivers.wire.emscon_body import Body
+from drivers.wire.emscon_constants import (
+    SENSOR_NAMES,
+    Command,
+    StatusBit,
+    TrackerLight,
+)
+from drivers.wire.emscon_messages import (
+    ApproximateDistance,
+    Environment,
+    ErrorResponse,
+    MeasurementStatusInfo,
+    ReflectorChoice,
+    SystemStatus,
+    Target,
+    TrackerInfo,
+    TrackerStatus,
+)
+from drivers.wire.emscon_status import ResultStatus
+
+ADM_ON = 1
+RECONNECT_PAUSE_S = 0.1
+READINESS: dict[int, Readiness] = {
+    TrackerLight.BUSY: Readiness.BUSY,
+    TrackerLight.READY: Readiness.READY,
+}
+
+
+class EmsconTracker:
+    """A tracker at the other end of a wire.
+
+    Any fault of the wire closes it, and every call raises `LinkDown` until `reconnect`.
+    `clock` is real time, also for a simulated cell that runs faster: the wire is real.
+    """
+
+    def __init__(
+        self,
+        open_transport: Callable[[], Transport],
+        *,
+        clock: Clock,
+        deadlines: EmsconDeadlines = EmsconDeadlines(),  # noqa: B008 - frozen
+        search: SearchArea = SearchArea(),  # noqa: B008 - frozen
+        cancelled: Callable[[], bool] = never,
+    ) -> None:
+        self._open_transport = open_transport
+        self._clock = clock
+        self._deadlines = deadlines
+        self._search = search
+        self._cancelled = cancelled
+        self._session = PreparedSession("tracker", self._opened, self._greet, self._set_up)
+
+    def connect(self) -> None:
+        """Open the wire, set our units and see who answers; raises what a question can raise.
+
+        From the second time on it must be the same tracker that answers, else `WrongDevice`.
+        """
+        self._session.open()
+
+    def reconnect(self) -> None:
+        """Open anew after a fault, and prepare the tracker as it was."""
+        give_up_s = self._clock.now_s() + self._deadlines.old_connection_s
+        while not self._is_connected_again(give_up_s):
+            self._clock.sleep_s(RECONNECT_PAUSE_S)
+        self._session.prepare_again()
+
+    def close(self) -> None:
+        """Leave the tracker as it is and the wire free."""
+        self._session.close()
+
+    def identity(self) -> Identity:
+        """Ask who answers; raises `WrongDevice` when it is not the tracker that it was before."""
+        return self._session.recognised(_identity(self._session.connection))
+
+    def state(self) -> TrackerState:
+        """Ask for the traffic light, start-up, beam and the reflector in use."""
+        status = self._session.connection.ask(Command.GET_SYSTEM_STATUS, SystemStatus)
+        readiness = self._readiness()
+        return TrackerState(
+            readiness=readiness,
+            initialised=is_initialised(status),
+            laser_warm=is_warm(status),
+            beam_locked=readiness is not Readiness.NOT_READY and self._sees_reflector(),
+            reflector=self._reflector_in_use(),
+        )
+
+    def weather(self) -> Weather:
+        """Ask for the air as the instrument takes it to be."""
+        air = self._session.connection.ask(Command.GET_ENVIRONMENT_PARAMS, Environment)
+        return Weather(air.temperature, air.pressure, air.humidity)
+
+    def reflectors(self) -> tuple[Reflector, ...]:
+        """Ask for the reflectors that the instrument has definitions for."""
+        return tuple(
+            Reflector(entry.name, entry.identifier, entry.surface_offset)
+            for entry in self._session.connection.reflectors()
+        )
+
+    def prepare(self, reflector: str, measuring_time_s: float) -> None:
+        """Bring the tracker to what measuring needs; initialises it when it isn't, which moves it.
+
+        Raises `DeviceNotReady` while it isn't warm and for a reflector that it doesn't know.
+        """
+        self._session.prepare(Preparation(reflector, measuring_time_s, self._search))
+
+    def measure(self) -> Measurement:
+        """Take one stationary measurement; raises `BeamBroken` when the reflector is lost."""
+        client, wanted, agreed = self._session.prepared()
+        require_unchanged(client, agreed)
+        title = Command.START_MEASUREMENT.title
+        if status := client.attempt(Command.START_MEASUREMENT):
+            raise self._failure(title, status)
+        within_s = wanted.measuring_time_s + self._deadlines.measuring_margin_s
+        result = client.result(within_s)
+        if isinstance(result, ErrorResponse):
+            client.abandon_measurement()
+        if isinstance(result, ErrorResponse) or result.status != ResultStatus.ALL_OK:
+            raise self._failure(title, result.status)
+        require_unchanged(client, agreed)
+        return measurement_of(client.name, result)
+
+    def go_to(self, point_in_tracker_mm: Vector3) -> None:
+        """Point there and lock on; raises `BeamBroken` when no reflector is found near."""
+        self._move(Command.GO_POSITION, Target(point_in_tracker_mm, ADM_ON))
+
+    def find_reflector(self, distance_mm: float) -> None:
+        """Search around the present direction; raises `BeamBroken` when there is none."""
+        self._move(Command.FIND_REFLECTOR, ApproximateDistance(distance_mm))
+
+    def _opened(self) -> EmsconClient:
+        return EmsconClient(self._open_transport(), self._clock, self._cancelled, self._deadlines)
+
+    def _greet(self, client: EmsconClient) -> Identity:
+        client.drain()
+        client.tell(Command.SET_UNITS, UNITS)
+        return _identity(client)
+
+    def _set_up(self, client: EmsconClient, wanted: Preparation) -> Settings:
+        return set_up(client, wanted, initialise_s=self._deadlines.initialise_s)
+
+    def _is_connected_again(self, give_up_s: float) -> bool:
+        """Tell a tracker that still holds our old connection from one that is open again."""
+        try:
+            self.connect()
+        except DeviceRefused as error:
+            if error.code != str(OTHER_CLIENT) or self._clock.now_s() >= give_up_s:
+                raise
+            return False
+        return True
+
+    def _move(self, command: Command, body: Body = NOTHING) -> None:
+        client, wanted, agreed = self._session.prepared()
+        require_unchanged(client, agreed)
+        within_s = self._deadlines.motion_s + wanted.search.timeout_s
+        if status := client.attempt(command, body, within_s=within_s):
+            raise self._failure(command.title, status)
+        if self._readiness() is Readiness.NOT_READY:
+            raise beam_not_locked(client.name, command.title)
+
+    def _failure(self, doing: str, status: int) -> DeviceRefused:
+        """Find out what a failure means: a tracker that cannot see may also not be up."""
+        client = self._session.connection
+        beam_lost = self._readiness() is Readiness.NOT_READY
+        error = failed_with_beam(client.name, doing, status, beam_lost=beam_lost)
+        if isinstance(error, BeamBroken):
+            system = client.ask(Command.GET_SYSTEM_STATUS, SystemStatus)
+            require_laser(client.name, system)
+            if not is_initialised(system):
+                raise self._session.not_ready("is not initialised any more")
+        return error
+
+    def _readiness(self) -> Readiness:
+        light = self._session.connection.ask(Command.GET_TRACKER_STATUS, TrackerStatus).light
+        return READINESS.get(light, Readiness.NOT_READY)
+
+    def _sees_reflector(self) -> bool:
+        info = self._session.connection.ask_or_none(
+            Command.GET_MEASUREMENT_STATUS_INFO, MeasurementStatusInfo
+        )
+        return info is None or bool(info.bits & StatusBit.REFLECTOR_FOUND)
+
+    def _reflector_in_use(self) -> str:
+        choice = self._session.connection.ask_or_none(Command.GET_REFLECTOR, ReflectorChoice)
+        if choice is None:
+            return ""
+        names = {entry.identifier: entry.name for entry in self.reflectors()}
+        return names.get(choice.identifier, "")
+
+
+def _identity(client: EmsconClient) -> Identity:
+    status = client.ask(Command.GET_SYSTEM_STATUS, SystemStatus)
+    return Identity(
+        vendor="Leica",
+        model=_model(client),
+        serial=str(status.serial),
+        firmware=f"{status.version_major}.{status.version_minor}.{status.version_build}",
+        protocol="emScon",
+    )
+
+
+def _model(client: EmsconClient) -> str:
+    info = client.ask_or_none(Command.GET_TRACKER_INFO, TrackerInfo)
+    if info is None:
+        return "laser tracker"
+    return SENSOR_NAMES.get(info.sensor_type) or info.name or f"sensor {info.sensor_type}"

@@ -1,0 +1,1 @@
+"""Total stations that speak GeoCOM."""

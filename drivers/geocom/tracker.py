@@ -1,0 +1,182 @@
+"""A Leica total station that speaks GeoCOM (docs/geocom.md), used as a tracker: units and meaning.
+
+Its frame: X east, Y north, Z up, from where its axes cross. It follows the prism by target
+recognition in lock mode, and measures in one face.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.geocom.accuracy import Accuracy, accuracy_of_class, covariance_mm2
+from drivers.geocom.aiming import is_locked, lock_if_in_view, require_lock, search, turn_to
+from drivers.geocom.client import GeocomClient, GeocomDeadlines
+from drivers.geocom.measuring import measure_point, weather_set
+from drivers.geocom.prisms import known_prisms, prism_in_use
+from drivers.geocom.setup import Settings, read_kind, require_unchanged, set_up
+from drivers.link import never
+from drivers.ports import Clock
+from drivers.session import PreparedSession
+from drivers.transport import Transport
+from drivers.values import (
+    Identity,
+    Measurement,
+    Readiness,
+    Reflector,
+    TrackerState,
+    Vector3,
+    Weather,
+)
+
+SEARCH_RADIUS_MM = 50.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Agreement:
+    """How the instrument was prepared, and what its points are then worth."""
+
+    settings: Settings
+    accuracy: Accuracy
+
+
+class GeocomTracker:
+    """A total station at the other end of a wire.
+
+    Any fault of the wire closes it, and every call raises `LinkDown` until `reconnect`. `accuracy`
+    None takes that of the instrument's class. `first_transaction` should differ from run to run, so
+    that an answer to an earlier run is never taken for ours. `clock` is real time.
+    """
+
+    def __init__(
+        self,
+        open_transport: Callable[[], Transport],
+        *,
+        clock: Clock,
+        first_transaction: int,
+        accuracy: Accuracy | None = None,
+        deadlines: GeocomDeadlines = GeocomDeadlines(),  # noqa: B008 - frozen
+        cancelled: Callable[[], bool] = never,
+    ) -> None:
+        self._open_transport = open_transport
+        self._clock = clock
+        self._first_transaction = first_transaction
+        self._accuracy = accuracy
+        self._deadlines = deadlines
+        self._cancelled = cancelled
+        self._session = PreparedSession("tracker", self._opened, self._greet, self._set_up)
+
+    def connect(self) -> None:
+        """Open the wire and see who answers; takes a second more than its answers do.
+
+        From the second time on it must be the same instrument that answers, else `WrongDevice`.
+        """
+        self._session.open()
+
+    def reconnect(self) -> None:
+        """Open anew after a fault, and prepare the instrument as it was."""
+        self._session.open()
+        self._session.prepare_again()
+
+    def close(self) -> None:
+        """Leave the instrument as it is and the wire free."""
+        self._session.close()
+
+    def identity(self) -> Identity:
+        """Ask who answers; raises `WrongDevice` when it is not the instrument it was before."""
+        return self._session.recognised(_identity(self._session.connection))
+
+    def state(self) -> TrackerState:
+        """Ask whether the telescope follows a prism, and which kind of prism it is set to.
+
+        A total station has neither start-up nor warm-up that GeoCOM tells of.
+        """
+        client = self._session.connection
+        locked, prism = is_locked(client), prism_in_use(client)
+        return TrackerState(
+            readiness=Readiness.READY if locked else Readiness.NOT_READY,
+            initialised=True,
+            laser_warm=True,
+            beam_locked=locked,
+            reflector="" if prism is None else prism.name,
+        )
+
+    def weather(self) -> Weather:
+        """Ask for the air as the operator has set it: the instrument measures none itself."""
+        return weather_set(self._session.connection)
+
+    def reflectors(self) -> tuple[Reflector, ...]:
+        """Ask for the prisms that the instrument has definitions for.
+
+        GeoCOM knows no offset from a prism to a surface; it is told as 0.
+        """
+        prisms = known_prisms(self._session.connection)
+        return tuple(Reflector(prism.name, prism.kind.value, 0.0) for prism in prisms)
+
+    def prepare(self, reflector: str, measuring_time_s: float) -> None:  # noqa: ARG002 - see below
+        """Bring the instrument to what measuring needs, and have it follow a prism in view.
+
+        Its distance meter decides by itself how long it measures. Raises `DeviceNotReady` for a
+        prism that it doesn't know, `DeviceRefused` for an instrument that cannot aim by itself.
+        """
+        self._session.prepare(reflector)
+
+    def measure(self) -> Measurement:
+        """Take one point; raises `BeamBroken` when the prism is lost or has no distance."""
+        client, _, agreed = self._session.prepared()
+        require_lock(client, "measuring")
+        found = measure_point(client)
+        require_lock(client, "measuring")
+        require_unchanged(client, agreed.settings)
+        return Measurement(
+            point_in_tracker_mm=found.point_mm,
+            covariance_mm2=covariance_mm2(found.point_mm, agreed.accuracy, warned=found.warned),
+            weather=weather_set(client),
+            raw=found.raw,
+        )
+
+    def go_to(self, point_in_tracker_mm: Vector3) -> None:
+        """Turn there and follow the prism found near; raises `BeamBroken` when there is none."""
+        client, *_ = self._session.prepared()
+        turn_to(client, point_in_tracker_mm, SEARCH_RADIUS_MM)
+
+    def find_reflector(self, distance_mm: float) -> None:
+        """Search around the present direction; raises `BeamBroken` when there is none."""
+        client, *_ = self._session.prepared()
+        search(client, distance_mm, SEARCH_RADIUS_MM)
+
+    def _opened(self) -> GeocomClient:
+        """Questions are numbered on over connections: an old answer is then never a new one."""
+        before = self._session.latest
+        number = self._first_transaction if before is None else before.next_transaction
+        return GeocomClient(
+            self._open_transport(),
+            self._clock,
+            self._cancelled,
+            self._deadlines,
+            first_transaction=number,
+        )
+
+    def _greet(self, client: GeocomClient) -> Identity:
+        client.set_decimals()
+        return _identity(client)
+
+    def _set_up(self, client: GeocomClient, reflector: str) -> _Agreement:
+        settings = set_up(client, reflector)
+        lock_if_in_view(client)
+        return _Agreement(settings, self._accuracy_of(client))
+
+    def _accuracy_of(self, client: GeocomClient) -> Accuracy:
+        if self._accuracy is not None:
+            return self._accuracy
+        kind = read_kind(client)
+        return accuracy_of_class(None if kind is None else kind.device_class)
+
+
+def _identity(client: GeocomClient) -> Identity:
+    firmware = client.ask(lambda geocom: geocom.csv.get_firmware_version())
+    return Identity(
+        vendor="Leica",
+        model=client.ask(lambda geocom: geocom.csv.get_instrument_name()),
+        serial=str(client.ask(lambda geocom: geocom.csv.get_serial_number())),
+        firmware=".".join(map(str, firmware)),
+        protocol="GeoCOM",
+    )

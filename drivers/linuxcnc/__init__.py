@@ -1,0 +1,1 @@
+"""LinuxCNC as the robot's controller."""

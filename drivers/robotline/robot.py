@@ -1,0 +1,223 @@
+"""A robot controller that speaks robotline (docs/robotline.md): units and meaning."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import degrees, isfinite, radians
+from typing import TypeVar
+
+from drivers.errors import DeviceRefused, WireError, WrongDevice
+from drivers.link import never
+from drivers.ports import Clock
+from drivers.robotline.conversation import Conversation, open_conversation
+from drivers.session import Session
+from drivers.stopping import Stopping, await_standstill
+from drivers.transport import Transport
+from drivers.values import Identity, Pose, RobotState
+from drivers.wire.robotline import sequence_from
+from drivers.wire.robotline_answers import Answer, Done, Greeting, Motion, Status
+from drivers.wire.robotline_commands import (
+    AXES,
+    FASTEST_PERCENT,
+    VERSION,
+    Abandon,
+    AskState,
+    Command,
+    Commit,
+    Hello,
+    MoveJoints,
+    MovePose,
+    ReadArm,
+    ReadPlate,
+    Stage,
+    Stop,
+)
+from drivers.wire.robotline_geometry import (
+    ARMS,
+    GEOMETRY_NAMES,
+    ArmGeometry,
+    PlateGeometry,
+    parts_of,
+)
+
+AnswerKind = TypeVar("AnswerKind", bound=Answer)
+
+
+@dataclass(frozen=True, slots=True)
+class Deadlines:
+    """How long the controller may take, in real seconds."""
+
+    answer_s: float = 2.0
+    commit_s: float = 15.0
+    stop_answer_s: float = 0.5
+    standstill_s: float = 5.0
+    poll_s: float = 0.01
+
+
+DEADLINES = Deadlines()
+
+
+class LineRobot:
+    """A controller at the other end of a wire.
+
+    Any fault of the wire closes it, and every call but `stop` raises `LinkDown` until `reconnect`.
+    `clock` is real time, also for a simulated cell that runs faster: the wire is real.
+    `first_sequence`, 1 to 999999999, should differ from one session to the next.
+    """
+
+    def __init__(
+        self,
+        open_transport: Callable[[], Transport],
+        *,
+        clock: Clock,
+        first_sequence: int,
+        deadlines: Deadlines = DEADLINES,
+        cancelled: Callable[[], bool] = never,
+    ) -> None:
+        self._open_transport = open_transport
+        self._clock = clock
+        self._numbers = sequence_from(first_sequence)
+        self._deadlines = deadlines
+        self._session = Session("controller", self._opened, self._greet)
+        self._stopping = Stopping(
+            clock,
+            within_s=deadlines.standstill_s,
+            pause_s=deadlines.poll_s,
+            cancelled=cancelled,
+        )
+
+    def connect(self) -> None:
+        """Open the wire and greet; raises `LinkDown`, `WireError` or `WrongDevice`.
+
+        From the second time on it must be the same controller that answers.
+        """
+        self._session.open()
+
+    def reconnect(self) -> None:
+        """Open anew after a fault. The controller has stopped, and dropped what was staged."""
+        self.connect()
+
+    def identity(self) -> Identity:
+        """Ask who answers; raises `WrongDevice` when it is none of ours or not the one before."""
+        return self._session.recognised(self._greet(self._session.connection))
+
+    def state(self) -> RobotState:
+        """Ask for the encoder angles as read now, and whether anything is wrong."""
+        status, line = self._session.connection.ask(AskState(), Status, self._deadlines.answer_s)
+        return RobotState(
+            joints_rad=tuple(map(radians, status.joints_deg)),
+            moving=status.moving,
+            fault=status.fault,
+            emergency_stop=status.emergency_stop,
+            raw=line,
+        )
+
+    def prepare(self) -> None:
+        """Do nothing: its operator has switched it on, and refusals say what is missing."""
+
+    def move_joints(self, joints_rad: Sequence[float], speed_fraction: float) -> None:
+        """Start a joint move; raises `LimitViolation`, `MotionFault` or `EmergencyStop`."""
+        joints_deg = tuple(map(degrees, joints_rad))
+        self._ask(MoveJoints(joints_deg, speed_fraction * FASTEST_PERCENT), Motion)
+
+    def move_pose(self, pose: Pose, speed_fraction: float) -> None:
+        """Start a move to a pose by the controller's own kinematics; raises like a joint move."""
+        theta_deg = degrees(pose.theta_rad)
+        speed_percent = speed_fraction * FASTEST_PERCENT
+        self._ask(MovePose(pose.x_mm, pose.y_mm, pose.z_mm, theta_deg, speed_percent), Motion)
+
+    def stop(self) -> None:
+        """Stop at once, also when the wire is down or the operator has asked to stop.
+
+        Returns when the controller has said that the robot stands; raises `RobotStateUnknown`.
+        """
+        self._stopping.insist(self._session, self._stop_and_watch, self.close)
+
+    def read_geometry(self) -> Mapping[str, float]:
+        """Read the parameters that the controller works with, by their flat names, mm and deg."""
+        parts = [self._ask(ReadArm(arm), ArmGeometry).flat() for arm in range(ARMS)]
+        parts.append(self._ask(ReadPlate(), PlateGeometry).flat())
+        geometry = {name: value for part in parts for name, value in part.items()}
+        if len(geometry) != len(GEOMETRY_NAMES):
+            self.close()
+            raise WireError("the controller answered for another arm than it was asked for")
+        return geometry
+
+    def write_geometry(self, geometry: Mapping[str, float]) -> None:
+        """Replace all parameters at once, or none; raises `DeviceRefused`.
+
+        When the wire breaks here, only reading back tells which parameters the controller has.
+        """
+        _check_geometry(geometry)
+        try:
+            for part in parts_of(geometry):
+                self._ask(Stage(part), Done)
+            self._ask(Commit(), Done, self._deadlines.commit_s)
+        except DeviceRefused:
+            self._ask(Abandon(), Done)
+            raise
+
+    def close(self) -> None:
+        """Close the wire; a motion that is going on is stopped by the controller."""
+        self._session.close()
+
+    def _ask(
+        self, command: Command, kind: type[AnswerKind], within_s: float | None = None
+    ) -> AnswerKind:
+        answer, _ = self._session.connection.ask(
+            command, kind, within_s or self._deadlines.answer_s
+        )
+        return answer
+
+    def _greet(self, conversation: Conversation) -> Identity:
+        greeting, _ = conversation.ask(Hello(VERSION), Greeting, self._deadlines.answer_s)
+        return _identity(greeting)
+
+    def _opened(self, blindly: Command | None = None) -> Conversation:
+        return open_conversation(
+            self._open_transport(),
+            self._numbers,
+            clock_s=self._clock.now_s,
+            cancelled=self._stopping.is_cancelled,
+            blindly=blindly,
+            within_s=self._deadlines.answer_s,
+        )
+
+    def _stop_and_watch(self, give_up_s: float) -> None:
+        if not self._session.is_open:
+            self._session.use(self._opened(blindly=Stop()))
+        self._ask(Stop(), Done, self._deadlines.stop_answer_s)
+        await_standstill(
+            lambda: self._ask(AskState(), Status, self._deadlines.stop_answer_s).moving,
+            self._clock,
+            give_up_s=give_up_s,
+            pause_s=self._deadlines.poll_s,
+        )
+
+
+def _identity(greeting: Greeting) -> Identity:
+    identity = Identity(
+        vendor=greeting.vendor,
+        model=greeting.model,
+        serial=greeting.serial,
+        firmware=greeting.firmware,
+        protocol=f"robotline {greeting.version}",
+    )
+    if (greeting.version, greeting.axes) != (VERSION, AXES):
+        raise WrongDevice(
+            f"{identity} answers with {greeting.axes} axes; "
+            f"robotline {VERSION} with {AXES} axes is needed",
+            remedy="check the address and the controller's program",
+        )
+    return identity
+
+
+def _check_geometry(geometry: Mapping[str, float]) -> None:
+    """Refuse, before anything is sent, what the controller could only refuse half way."""
+    wrong = sorted(geometry.keys() ^ set(GEOMETRY_NAMES))
+    wrong += [name for name, value in geometry.items() if not isfinite(value)]
+    if wrong:
+        raise DeviceRefused(
+            f"the parameter set has '{wrong[0]}' missing, unknown or without a finite value",
+            remedy="check the robot file",
+            code="GEOMETRY",
+        )

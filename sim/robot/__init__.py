@@ -1,0 +1,1 @@
+"""The virtual robot, its controller and what stands between encoder and plate."""

@@ -1,0 +1,109 @@
+"""Following the eight-rod mechanism as its joints move, so that its assembly is never left."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.errors import AssemblyLost
+from sim.geometry import ARMS, Array, Geometry
+from sim.robot.inverse import joints_for
+from sim.robot.rods import SETTLED_MM, EightRods, Plate
+
+STEP_RAD = math.radians(5.0)
+SMALLEST_STEP_RAD = math.radians(0.05)
+ON_THE_WAY_MM = 0.1
+"""How far the plate is settled between the ends of a motion, where only the way matters."""
+MISFIT_LIMIT_MM = 2.0
+"""Rods that miss by more are not strained but torn: the gap is closed by no assembly."""
+JUMP_LIMIT_MM = 100.0
+"""More than any joint step of `STEP_RAD` moves the plate while it stays in its assembly."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Assembly:
+    """One solved state of the mechanism. `side` tells two assemblies of the same joints apart."""
+
+    joints_rad: Array
+    plate: Plate
+    side: float
+
+
+def assemble(
+    rods: EightRods, truth: Geometry, position_mm: Array, theta_rad: float, growth: float
+) -> Assembly:
+    """Put the robot together at a pose by its contracted geometry, |θ| < 90°.
+
+    Raises `sim.robot.inverse.OutOfReach` or `AssemblyLost`.
+    """
+    joints_rad = joints_for(truth, position_mm, theta_rad)
+    guess = Plate(np.array([*position_mm, 0.0, 0.0, 0.0, theta_rad]))
+    return restore(rods, joints_rad, guess, growth)
+
+
+def restore(rods: EightRods, joints_rad: Array, guess: Plate, growth: float) -> Assembly:
+    """The assembly at known joints and an almost exactly known plate; raises `AssemblyLost`."""
+    plate, misfits_mm, jacobian = rods.settle(joints_rad, growth, guess)
+    if not _is_whole(plate, misfits_mm):
+        raise _lost(joints_rad, 0.0)
+    return Assembly(joints_rad, plate, _side(jacobian))
+
+
+def follow(rods: EightRods, start: Assembly, target_rad: Array, growth: float) -> Assembly:
+    """Move the joints in a straight line to the target, in steps small enough to stay assembled.
+
+    Raises `AssemblyLost` with the part of the line that could be followed.
+    """
+    change_rad = target_rad - start.joints_rad
+    length_rad = float(np.abs(change_rad).max())
+    if length_rad == 0.0:
+        return restore(rods, target_rad, start.plate, growth)
+    here, part, step = start, 0.0, STEP_RAD / length_rad
+    while part < 1.0:
+        tried = min(part + step, 1.0)
+        at_end = tried == 1.0
+        joints_rad = target_rad if at_end else start.joints_rad + tried * change_rad
+        settled_mm = SETTLED_MM if at_end else ON_THE_WAY_MM
+        reached = _step(rods, here, joints_rad, growth, settled_mm)
+        if reached is not None:
+            here, part, step = reached, tried, STEP_RAD / length_rad
+        elif step * length_rad > SMALLEST_STEP_RAD:
+            step *= 0.5
+        else:
+            raise _lost(joints_rad, part)
+    return here
+
+
+def _step(
+    rods: EightRods, here: Assembly, joints_rad: Array, growth: float, settled_mm: float
+) -> Assembly | None:
+    """One step of the joints, or nothing when it may have left the assembly."""
+    try:
+        plate, misfits_mm, jacobian = rods.settle(joints_rad, growth, here.plate, settled_mm)
+    except AssemblyLost:
+        return None
+    jump_mm = float(np.abs(plate.position_mm - here.plate.position_mm).max())
+    is_same = _side(jacobian) == here.side and jump_mm < JUMP_LIMIT_MM
+    if not is_same or not _is_whole(plate, misfits_mm):
+        return None
+    return Assembly(joints_rad, plate, here.side)
+
+
+def _is_whole(plate: Plate, misfits_mm: Array) -> bool:
+    """Whether the rods reach and the bar has not turned over."""
+    return bool(np.abs(misfits_mm).max() < MISFIT_LIMIT_MM) and math.cos(plate.theta_rad) > 0.0
+
+
+def _side(jacobian: Array) -> float:
+    """The sign of the forearms' determinant by x, y, z and θ: changes only in a singularity."""
+    forearms = jacobian.reshape(ARMS, 2, 7).sum(axis=1)[:, [0, 1, 2, 6]]
+    return float(np.sign(np.linalg.det(forearms)))
+
+
+def _lost(joints_rad: Array, part: float) -> AssemblyLost:
+    angles = ", ".join(f"{angle:.2f}°" for angle in np.degrees(joints_rad))
+    return AssemblyLost(
+        f"no assembly of the robot at joints {angles} ({part:.0%} of the way)",
+        remedy="choose a target, and a way to it, inside the robot's workspace",
+        part=part,
+    )

@@ -1,0 +1,239 @@
+"""The simulated robot controller: moves in time, knows its own geometry, stops and faults."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from sim.draws import WorkedTime, target_key
+from sim.faults import Counted, Fault, FaultScript
+from sim.geometry import ARMS, Array, geometry_of, problem_with
+from sim.robot.inverse import OutOfReach, joints_for
+from sim.robot.motion import Motion, braked, smooth_motion
+
+HALFWAY = 0.5
+HELD_FOR_S = 10.0
+"""How long until somebody has acknowledged that the mechanism held the axes."""
+AT_THE_LIMIT_RAD = 1e-9
+
+
+class Refusal(Exception):
+    """The controller says no. `code` is LIMIT, REACH, FAULT, ESTOP, BUSY or GEOMETRY."""
+
+    def __init__(self, code: str, text: str) -> None:
+        super().__init__(code, text)
+        self.code = code
+        self.text = text
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerState:
+    """One reading: encoder angles, and whether anything is wrong (`fault` empty: nothing)."""
+
+    joints_rad: tuple[float, ...]
+    moving: bool
+    fault: str
+    emergency_stop: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerSettings:
+    """What a controller is delivered with."""
+
+    serial: str
+    lowest_rad: float
+    highest_rad: float
+    speed_rad_per_s: float
+    resolution_rad: float
+    emergency_stop: bool
+
+
+class Mechanism(Protocol):
+    """What the controller's axes move."""
+
+    def passable_part(self, encoders_rad: Array) -> float:
+        """How much of the straight joint path to there, 0 to 1, can be followed."""
+        ...
+
+    def arrive(self, encoders_rad: Array, target: tuple[int, ...]) -> None:
+        """Come to rest there."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Trouble:
+    """Why the robot stands although nobody stopped it, and until when."""
+
+    kind: str
+    text: str
+    until_s: float
+
+
+NO_TROUBLE = _Trouble("", "", math.inf)
+
+
+class SimulatedController:
+    """A controller with its own clockwork: every call is told the time."""
+
+    vendor = "pkmcal"
+    model = "simulated Par4 controller"
+    firmware = "1.0"
+
+    def __init__(
+        self,
+        settings: ControllerSettings,
+        mechanism: Mechanism,
+        *,
+        geometry: Mapping[str, float],
+        joints_rad: Array,
+        faults: FaultScript,
+        worked: WorkedTime,
+    ) -> None:
+        self.serial = settings.serial
+        self._settings = settings
+        self._mechanism = mechanism
+        self._geometry = dict(geometry)
+        self._joints_rad = joints_rad
+        self._faults = faults
+        self._worked = worked
+        self._motion: Motion | None = None
+        self._ends_in = NO_TROUBLE
+        self._trouble = NO_TROUBLE
+        if settings.emergency_stop:
+            self._trouble = _Trouble("emergency_stop", "emergency stop pressed", math.inf)
+
+    def state(self, now_s: float) -> ControllerState:
+        """What the encoders read now."""
+        self._advance(now_s)
+        trouble = self._trouble
+        return ControllerState(
+            joints_rad=tuple(map(float, self.encoders_rad(now_s))),
+            moving=self._motion is not None or trouble.kind == "stall",
+            fault=trouble.text if trouble.kind != "stall" else "",
+            emergency_stop=trouble.kind == "emergency_stop",
+        )
+
+    def encoders_rad(self, now_s: float) -> Array:
+        """(4,): the encoder angles now, whole steps of the encoders' resolution."""
+        self._advance(now_s)
+        if self._motion is None:
+            return self._joints_rad
+        return self._quantised(self._motion.joints_rad(now_s))
+
+    def move_joints(
+        self, target_rad: Sequence[float], speed_fraction: float, now_s: float
+    ) -> float:
+        """Start a joint move and say how long it takes, s; raises `Refusal`."""
+        self._check_ready(now_s)
+        self._check_speed(speed_fraction)
+        target = np.array(target_rad, dtype=float)
+        self._check_limits(target)
+        return self._start(self._quantised(target), speed_fraction, now_s)
+
+    def move_pose(
+        self,
+        x_mm: float,
+        y_mm: float,
+        z_mm: float,
+        theta_rad: float,
+        speed_fraction: float,
+        now_s: float,
+    ) -> float:
+        """Start a move to a pose by this controller's own kinematics; raises `Refusal`."""
+        self._check_ready(now_s)
+        position_mm = np.array([x_mm, y_mm, z_mm])
+        if not np.isfinite([*position_mm, theta_rad]).all():
+            raise Refusal("REACH", "the pose is not made of finite numbers")
+        try:
+            joints_rad = joints_for(geometry_of(self._geometry), position_mm, theta_rad)
+        except OutOfReach as reason:
+            raise Refusal("REACH", str(reason)) from reason
+        return self.move_joints(joints_rad.tolist(), speed_fraction, now_s)
+
+    def stop(self, now_s: float) -> None:
+        """Brake at once, whatever happens; the state says when the robot stands."""
+        self._advance(now_s)
+        if self._trouble.kind == "stall":
+            self._trouble = NO_TROUBLE
+        if self._motion is not None:
+            self._motion = braked(self._motion, now_s)
+            self._ends_in = NO_TROUBLE
+
+    def geometry(self) -> dict[str, float]:
+        """The active parameters by their flat names, mm and deg."""
+        return dict(self._geometry)
+
+    def replace_geometry(self, geometry: Mapping[str, float], now_s: float) -> None:
+        """Take over all parameters at once, or raise `Refusal` and keep the old."""
+        if self.state(now_s).moving:
+            raise Refusal("BUSY", "the robot is moving")
+        if problem := problem_with(geometry):
+            raise Refusal("GEOMETRY", problem)
+        self._geometry = {name: float(value) for name, value in geometry.items()}
+
+    def _advance(self, now_s: float) -> None:
+        """Let end what has ended by now."""
+        motion = self._motion
+        if motion is not None and now_s >= motion.end_s:
+            self._motion = None
+            self._joints_rad = self._quantised(motion.target_rad)
+            self._mechanism.arrive(self._joints_rad, target_key(self._joints_rad.tolist()))
+            self._worked.add(motion.duration_s)
+            self._trouble = self._ends_in
+        if now_s >= self._trouble.until_s:
+            self._trouble = NO_TROUBLE
+
+    def _start(self, target: Array, speed_fraction: float, now_s: float) -> float:
+        fault = self._faults.next(Counted.MOVE)
+        part = self._mechanism.passable_part(target)
+        if fault is not None and part > HALFWAY:
+            part = HALFWAY
+        speed_rad_per_s = speed_fraction * self._settings.speed_rad_per_s
+        whole = smooth_motion(self._joints_rad, target, speed_rad_per_s, now_s)
+        if part < 1.0:
+            target = self._joints_rad + part * (target - self._joints_rad)
+        self._motion = smooth_motion(self._joints_rad, target, speed_rad_per_s, now_s)
+        self._ends_in = _trouble_after(fault, part, self._motion.end_s)
+        return whole.duration_s
+
+    def _check_ready(self, now_s: float) -> None:
+        state = self.state(now_s)
+        if state.emergency_stop:
+            raise Refusal("ESTOP", "the emergency stop is pressed")
+        if state.fault:
+            raise Refusal("FAULT", state.fault)
+        if state.moving:
+            raise Refusal("BUSY", "the robot is moving")
+
+    def _check_speed(self, speed_fraction: float) -> None:
+        if not 0.0 < speed_fraction <= 1.0:
+            raise Refusal("LIMIT", f"speed {speed_fraction:g} is outside 0 to 1")
+
+    def _check_limits(self, target_rad: Array) -> None:
+        if target_rad.shape != (ARMS,):
+            raise Refusal("LIMIT", f"{target_rad.size} joints were given, the robot has {ARMS}")
+        lowest, highest = self._settings.lowest_rad, self._settings.highest_rad
+        for joint, angle_rad in enumerate(target_rad):
+            if not lowest - AT_THE_LIMIT_RAD <= angle_rad <= highest + AT_THE_LIMIT_RAD:
+                limits = f"{math.degrees(lowest):g}° to {math.degrees(highest):g}°"
+                raise Refusal(
+                    "LIMIT", f"joint {joint} to {math.degrees(angle_rad):.4f}°, limits {limits}"
+                )
+
+    def _quantised(self, joints_rad: Array) -> Array:
+        step_rad = self._settings.resolution_rad
+        steps: Array = np.round(joints_rad / step_rad)
+        return steps * step_rad
+
+
+def _trouble_after(fault: Fault | None, part: float, end_s: float) -> _Trouble:
+    """What the motion ends in: a scripted fault, or axes held by a mechanism that cannot follow."""
+    if fault is not None:
+        texts = {"emergency_stop": "emergency stop pressed", "drive_fault": "drive fault axis 2"}
+        until_s = math.inf if fault.seconds is None else end_s + fault.seconds
+        return _Trouble(fault.kind, texts.get(fault.kind, ""), until_s)
+    if part < 1.0:
+        return _Trouble("drive_fault", "following error: the mechanism is held", end_s + HELD_FOR_S)
+    return NO_TROUBLE

@@ -1,0 +1,173 @@
+"""The virtual robot as its drives move it: gear backlash, repeatability, arms that grow warm."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from sim.draws import Attempts, Purpose, WorkedTime, generator
+from sim.errors import AssemblyLost
+from sim.geometry import ARMS, Array
+from sim.robot.assembly import Assembly, follow, restore
+from sim.robot.rods import EightRods
+
+SHORT_OF_THE_EDGE_RAD = math.radians(1.0)
+"""Where friction holds the axes before a singularity does; more than any noise of arrival."""
+
+
+@dataclass(frozen=True, slots=True)
+class Thermal:
+    """Arms that come to lengthen by `final_growth` of themselves, with a time constant."""
+
+    final_growth: float
+    time_constant_s: float
+
+    def growth(self, worked_s: float) -> float:
+        """By what fraction the arms are longer now."""
+        return self.final_growth * -math.expm1(-worked_s / self.time_constant_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Behaviour:
+    """What comes between the encoders and the mechanism."""
+
+    backlash_rad: Array
+    """(4,): lost motion of each gear, from one side to the other."""
+    joint_noise_rad: float
+    """Standard deviation of each joint, drawn at each arrival."""
+    position_noise_mm: float
+    """Half-width of a uniform draw on each coordinate of the plate, at each arrival."""
+    thermal: Thermal
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mount:
+    """The reflector on half 1 of the plate."""
+
+    offset_mm: Array
+    """(3,): from B'_0, as long as the plate is level."""
+    facing: Array
+    """(3,): where it looks, a unit vector in the base frame as long as the plate is level."""
+
+
+class SeenReflector(NamedTuple):
+    """A reflector's centre and where it looks, in the base frame."""
+
+    point_mm: Array
+    facing: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Standing:
+    """How the robot came to rest the last time."""
+
+    encoders_rad: Array
+    play_rad: Array
+    """(4,): each arm's angle less its encoder's, left by the gear's lost motion."""
+    assembly: Assembly
+    displaced_mm: Array
+    """(3,): what repeatability moved the plate by."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    """What was seen, and of what."""
+
+    standing: Standing
+    growth: float
+    encoders_rad: Array
+    seen: SeenReflector
+
+    def is_of(self, standing: Standing, growth: float, encoders_rad: Array) -> bool:
+        same_robot = self.standing is standing and self.growth == growth
+        return same_robot and np.array_equal(self.encoders_rad, encoders_rad)
+
+
+class DrivenRobot:
+    """From encoder angles to the reflector in space."""
+
+    def __init__(
+        self,
+        rods: EightRods,
+        behaviour: Behaviour,
+        mount: Mount,
+        standing: Standing,
+        *,
+        seed: int,
+        worked: WorkedTime,
+        arrivals: Attempts,
+    ) -> None:
+        self._rods = rods
+        self._behaviour = behaviour
+        self._mount = mount
+        self._seed = seed
+        self._worked = worked
+        self.arrivals = arrivals
+        self.standing = standing
+        self._ahead = standing.assembly
+        self._last_view: _View | None = None
+
+    def passable_part(self, encoders_rad: Array) -> float:
+        """How much of the straight joint path to there, 0 to 1, the mechanism follows freely."""
+        try:
+            self._ahead = self._followed(self.standing.assembly, encoders_rad)
+        except AssemblyLost as lost:
+            self._ahead = self.standing.assembly
+            length_rad = float(np.abs(encoders_rad - self.standing.encoders_rad).max())
+            return max(0.0, lost.part - SHORT_OF_THE_EDGE_RAD / length_rad)
+        return 1.0
+
+    def arrive(self, encoders_rad: Array, target: tuple[int, ...]) -> None:
+        """Come to rest there; `target` names it for the draw of repeatability.
+
+        Raises `AssemblyLost` for a place that `passable_part` has not let through.
+        """
+        play_rad = self._play(encoders_rad)
+        attempt = self.arrivals.next(target)
+        draw = generator(self._seed, Purpose.ARRIVAL, *target, attempt)
+        jitter_rad = self._behaviour.joint_noise_rad * draw.standard_normal(ARMS)
+        limit_mm = self._behaviour.position_noise_mm
+        displaced_mm = limit_mm * draw.uniform(-1.0, 1.0, 3)
+        joints_rad = encoders_rad + play_rad + jitter_rad
+        assembly = follow(self._rods, self._ahead, joints_rad, self._growth())
+        self.standing = Standing(encoders_rad, play_rad, assembly, displaced_mm)
+        self._ahead = assembly
+
+    def reflector(self, encoders_rad: Array) -> SeenReflector:
+        """Where the reflector is at rest, or at these encoders on the way to somewhere.
+
+        A tracker looks many times at a robot that stands: the last view is kept.
+        """
+        last, growth = self._last_view, self._growth()
+        if last and last.is_of(self.standing, growth, encoders_rad):
+            return last.seen
+        seen = self._view(encoders_rad)
+        self._last_view = _View(self.standing, growth, np.array(encoders_rad), seen)
+        return seen
+
+    def _view(self, encoders_rad: Array) -> SeenReflector:
+        standing = self.standing
+        if np.array_equal(encoders_rad, standing.encoders_rad):
+            at_rest = standing.assembly
+            now = restore(self._rods, at_rest.joints_rad, at_rest.plate, self._growth())
+            return self._seen(now, standing.displaced_mm)
+        return self._seen(self._followed(standing.assembly, encoders_rad), np.zeros(3))
+
+    def _followed(self, start: Assembly, encoders_rad: Array) -> Assembly:
+        return follow(self._rods, start, encoders_rad + self._play(encoders_rad), self._growth())
+
+    def _play(self, encoders_rad: Array) -> Array:
+        """The gears' lost motion: the arm stays behind until the tooth touches the other flank."""
+        standing, half = self.standing, 0.5 * self._behaviour.backlash_rad
+        left_behind_rad = standing.play_rad - (encoders_rad - standing.encoders_rad)
+        return np.clip(left_behind_rad, -half, half)
+
+    def _growth(self) -> float:
+        return self._behaviour.thermal.growth(self._worked.seconds)
+
+    def _seen(self, assembly: Assembly, displaced_mm: Array) -> SeenReflector:
+        rotation = assembly.plate.rotation
+        offset_mm = rotation @ self._mount.offset_mm
+        point_mm = assembly.plate.position_mm + offset_mm + displaced_mm
+        return SeenReflector(point_mm, rotation @ self._mount.facing)

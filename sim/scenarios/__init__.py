@@ -1,0 +1,1 @@
+"""Scenarios: what a simulated cell is made of, as files."""

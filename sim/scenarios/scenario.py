@@ -1,0 +1,110 @@
+"""Reads scenarios: shipped ones by name, others by path."""
+
+import json
+from importlib.resources import files
+from pathlib import Path
+from typing import get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from sim.errors import ScenarioInvalid
+from sim.scenarios.schema import Scenario
+from sim.scenarios.section import nearest
+
+SCHEMA = "pkmcal/cell/1"
+VALUE_SHOWN = 40
+SUFFIX = ".yaml"
+
+
+def shipped_scenarios() -> tuple[str, ...]:
+    """The names of the scenarios that come with pkmcal."""
+    names = (file.name for file in files(__package__).iterdir())
+    return tuple(sorted(name.removesuffix(SUFFIX) for name in names if name.endswith(SUFFIX)))
+
+
+def shipped_text(name: str) -> str:
+    """The cell file of a shipped scenario."""
+    return (files(__package__) / f"{name}{SUFFIX}").read_text(encoding="utf-8")
+
+
+def load_scenario(name_or_path: str) -> Scenario:
+    """A shipped scenario by its name, or one in a file; raises `ScenarioInvalid`."""
+    if name_or_path in shipped_scenarios():
+        return parse_scenario(shipped_text(name_or_path), f"{name_or_path}{SUFFIX}")
+    path = Path(name_or_path)
+    if not path.exists():
+        raise ScenarioInvalid(
+            f"scenario '{name_or_path}' is neither a shipped one nor a file",
+            remedy=nearest(name_or_path, shipped_scenarios()),
+        )
+    try:
+        return parse_scenario(path.read_text(encoding="utf-8"), str(path))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioInvalid(
+            f"{path}: cannot be read ({error})", remedy="check the file and your rights to it"
+        ) from error
+
+
+def parse_scenario(text: str, name: str) -> Scenario:
+    """A scenario from its YAML; `name` is the file's, for messages. Raises `ScenarioInvalid`."""
+    try:
+        tree: object = YAML(typ="safe", pure=True).load(text)
+    except (YAMLError, ValueError, RecursionError) as error:
+        problem = " ".join(str(error).split())
+        raise ScenarioInvalid(f"{name}: is not YAML: {problem}", remedy="correct it") from error
+    if not isinstance(tree, dict) or tree.get("schema") != SCHEMA:
+        raise ScenarioInvalid(
+            f"{name}: is not a scenario file", remedy=f"begin with 'schema: {SCHEMA}'"
+        )
+    contents = {key: value for key, value in tree.items() if key != "schema"}
+    try:
+        return Scenario.model_validate_json(json.dumps(contents, default=str))
+    except ValidationError as error:
+        raise _explained(error, name) from error
+    except (TypeError, ValueError, RecursionError) as error:
+        raise ScenarioInvalid(
+            f"{name}: holds more than plain keys, lists and values ({error})",
+            remedy="write it without tags and compound keys",
+        ) from error
+
+
+def _explained(error: ValidationError, name: str) -> ScenarioInvalid:
+    """The first thing wrong, with its place."""
+    details = error.errors()
+    first = details[0]
+    more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
+    where = ".".join(map(str, first["loc"])) or "the scenario"
+    problem, remedy = _reason(first)
+    return ScenarioInvalid(f"{name}: {where} {problem}{more}", remedy=remedy)
+
+
+def _reason(detail: ErrorDetails) -> tuple[str, str]:
+    if detail["type"] == "extra_forbidden":
+        *parents, unknown = detail["loc"]
+        return "is not a known key", nearest(str(unknown), _keys_at(parents))
+    if detail["type"] == "missing":
+        return "is missing", "add it"
+    if detail["type"] == "value_error":
+        return f"is inconsistent: {detail['ctx']['error']}", "correct it"
+    shown = json.dumps(detail["input"], default=str)[:VALUE_SHOWN]
+    return f"is {shown}: {detail['msg'].lower()}", "correct the value"
+
+
+def _keys_at(path: list[int | str]) -> list[str]:
+    """The keys that the schema knows at a place in the file."""
+    model: type[BaseModel] = Scenario
+    for step in path:
+        if isinstance(step, str):
+            model = _section(model.model_fields[step].annotation) or model
+    return list(model.model_fields)
+
+
+def _section(annotation: object) -> type[BaseModel] | None:
+    """The section inside an annotation such as `Section | None` or `tuple[Section, ...]`."""
+    for part in (annotation, *get_args(annotation)):
+        if isinstance(part, type) and get_origin(part) is None and issubclass(part, BaseModel):
+            return part
+    return None

@@ -1,0 +1,74 @@
+"""What a scenario file (`pkmcal/cell/1`) may say."""
+
+from typing import Annotated, ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from sim.faults import ANSWER_FAULTS, MEASUREMENT_FAULTS, MOVE_FAULTS
+from sim.geometry import problem_with
+from sim.scenarios.robot import ControllerSection, RobotSection, changed
+from sim.scenarios.section import Count, NotNegative, Section, nearest
+from sim.scenarios.tracker import TrackerSection
+
+
+class FaultSection(Section):
+    """One fault: exactly one of at_measurement, at_move, or at_answer with its device."""
+
+    KINDS: ClassVar[dict[str, tuple[str, ...]]] = {
+        "at_measurement": MEASUREMENT_FAULTS,
+        "at_move": MOVE_FAULTS,
+        "at_answer": ANSWER_FAULTS,
+    }
+
+    at_measurement: Count | None = None
+    at_move: Count | None = None
+    at_answer: Count | None = None
+    device: Literal["controller", "tracker"] | None = None
+    kind: str
+    seconds: NotNegative | None = None
+    """How long it lasts, or how late the answer is; without it, for good."""
+
+    @property
+    def counter(self) -> str:
+        """The key that says when."""
+        return next(key for key in self.KINDS if getattr(self, key) is not None)
+
+    @model_validator(mode="after")
+    def _is_one_fault(self) -> Self:
+        if sum(getattr(self, key) is not None for key in self.KINDS) != 1:
+            raise ValueError(f"give exactly one of {', '.join(self.KINDS)}")
+        if (self.device is not None) != (self.at_answer is not None):
+            raise ValueError("device goes with at_answer, and at_answer with device")
+        kinds = self.KINDS[self.counter]
+        if self.kind not in kinds:
+            raise ValueError(f"kind {self.kind} with {self.counter}; {nearest(self.kind, kinds)}")
+        return self
+
+
+class Scenario(Section):
+    """A simulated cell."""
+
+    name: Annotated[str, Field(min_length=1)]
+    about: str = ""
+    seed: Annotated[int, Field(ge=0)] = 1
+    speed_up: Annotated[float, Field(gt=0.0, le=10_000.0)] = 100.0
+    robot: RobotSection
+    controller: ControllerSection = ControllerSection()
+    tracker: TrackerSection
+    faults: tuple[FaultSection, ...] = ()
+
+    def controller_flat(self) -> dict[str, float]:
+        """The geometry that the controller is delivered with."""
+        return changed(self.robot.nominal_flat(), self.controller.geometry_errors)
+
+    @model_validator(mode="after")
+    def _parts_fit(self) -> Self:
+        if problem := problem_with(self.controller_flat()):
+            raise ValueError(f"the controller's geometry: {problem}")
+        wrong = any(fault.kind == "wrong_target" for fault in self.faults)
+        if wrong and self.tracker.other_reflector_mm is None:
+            raise ValueError("a wrong_target needs tracker.other_reflector_mm")
+        places = [(f.counter, f.device, getattr(f, f.counter)) for f in self.faults]
+        if len(set(places)) < len(places):
+            raise ValueError("two faults are at the same place")
+        return self

@@ -1,0 +1,264 @@
+"""The simulated tracker's side of emScon (docs/emscon.md): one connection, no socket."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import isfinite
+
+from drivers.wire.emscon import (
+    Answer,
+    FromClient,
+    FromClientFramer,
+    Request,
+    UnknownRequest,
+    encode,
+    refusal,
+)
+from drivers.wire.emscon_body import Body
+from drivers.wire.emscon_constants import Command, SystemChange, TrackerLight
+from drivers.wire.emscon_messages import (
+    ApproximateDistance,
+    ErrorResponse,
+    ReflectorPosition,
+    StatusChange,
+    Target,
+    TrackerStatus,
+)
+from drivers.wire.emscon_status import ResultStatus
+from sim.servers.emscon_desk import Desk, Outcome, wrong_parameter
+from sim.servers.emscon_results import result_of
+from sim.tracker.instrument import SimulatedTracker
+
+UNKNOWN_COMMAND = 64
+"""What an error is about when it is about no command."""
+BEAM_LOST_STATUS = ResultStatus.NO_STATIONARY_RESULT
+NOT_FOUND_STATUS = ResultStatus.UNKNOWN
+"""The real numbers are in no public source; these are taken from the public table."""
+POSITION_INTERVAL_S = 1.0 / 3.0
+
+LIGHT_CHANGES = {
+    TrackerLight.NOT_READY: SystemChange.LIGHT_NOT_READY,
+    TrackerLight.BUSY: SystemChange.LIGHT_BUSY,
+    TrackerLight.READY: SystemChange.LIGHT_READY,
+}
+EVENT_CHANGES = {
+    "warmed_up": SystemChange.LASER_WARMED_UP,
+    "initialised": SystemChange.INITIALIZATION,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Pending:
+    """The one command that is under way, and when it ends."""
+
+    command: Command
+    due_s: float
+
+
+class EmsconSession:
+    """Answers one client, one command at a time; `WireError` means that it must be closed.
+
+    A second client is refused every command. Settings are those of power-on in each session.
+    """
+
+    def __init__(
+        self, tracker: SimulatedTracker, send: Callable[[bytes], None], *, is_second: bool = False
+    ) -> None:
+        self._tracker = tracker
+        self._send = send
+        self._is_second = is_second
+        self._framer = FromClientFramer()
+        self._desk = Desk(tracker)
+        self._pending: _Pending | None = None
+        self._shown: TrackerLight | None = None
+        self._next_position_s = 0.0
+
+    def received(self, data: bytes, now_s: float) -> None:
+        """Obey what these bytes complete; raises `WireError` for what is not of the protocol.
+
+        What that changes is told by `advance`, which is to be called next.
+        """
+        for request in self._framer.feed(data):
+            self._catch_up(now_s)
+            self._obey(request, now_s)
+
+    def advance(self, now_s: float) -> None:
+        """End what is due, and tell what has happened by now."""
+        self._catch_up(now_s)
+        if not self._is_second:
+            self._show(self._light(now_s))
+            self._tell_position(now_s)
+
+    def next_due_s(self) -> float | None:
+        """When something will happen by itself next."""
+        if self._is_second:
+            return None
+        times = [
+            self._pending.due_s if self._pending is not None else None,
+            self._tracker.next_event_s(),
+            self._next_position_s if self._desk.settings.send_reflector_position else None,
+        ]
+        return min((time_s for time_s in times if time_s is not None), default=None)
+
+    def closed(self, now_s: float) -> None:  # noqa: ARG002 - a session is told the time
+        """Forget what was under way; the head finishes its motion."""
+        self._pending = None
+
+    def _catch_up(self, now_s: float) -> None:
+        if self._is_second:
+            return
+        self._tracker.advance(now_s)
+        self._tell_events()
+        if self._pending is not None and now_s >= self._pending.due_s:
+            self._finish(self._pending.command, now_s)
+
+    def _obey(self, request: FromClient, now_s: float) -> None:
+        status = self._obstacle(request, now_s)
+        if status != ResultStatus.ALL_OK:
+            self._send(refusal(request.command, status))
+        elif isinstance(request, Request):
+            self._act(request, now_s)
+
+    def _obstacle(self, request: FromClient, now_s: float) -> ResultStatus:
+        """Say why a command cannot even be looked at."""
+        if self._is_second:
+            return ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED
+        if isinstance(request, UnknownRequest):
+            return ResultStatus.NOT_IMPLEMENTED
+        if self._is_busy(now_s) and not self._stops(request):
+            return ResultStatus.SERVER_BUSY
+        return ResultStatus.ALL_OK
+
+    def _stops(self, request: Request) -> bool:
+        return (
+            request.command == Command.STOP_MEASUREMENT
+            and self._pending is not None
+            and self._pending.command == Command.START_MEASUREMENT
+        )
+
+    def _act(self, request: Request, now_s: float) -> None:
+        match request.command:
+            case Command.STOP_MEASUREMENT:
+                self._pending = None
+                self._answer(request.command, Outcome())
+            case Command.INITIALIZE:
+                self._initialise(now_s)
+            case Command.START_MEASUREMENT:
+                self._start_measurement(now_s)
+            case Command.GO_POSITION | Command.FIND_REFLECTOR:
+                self._move(request, now_s)
+            case Command.GET_TRACKER_STATUS:
+                light = TrackerStatus(self._light(now_s))
+                self._answer(request.command, Outcome(bodies=(light,)))
+            case _:
+                self._answer(request.command, self._desk.obey(request, now_s))
+
+    def _answer(self, command: Command, outcome: Outcome) -> None:
+        if outcome.status != ResultStatus.ALL_OK:
+            self._send(refusal(command, outcome.status))
+            return
+        for body in outcome.bodies:
+            self._send(encode(Answer(command, body=body)))
+        if outcome.change is not None:
+            self._tell(outcome.change)
+
+    def _initialise(self, now_s: float) -> None:
+        if not self._tracker.laser_warm(now_s):
+            self._answer(Command.INITIALIZE, Outcome(ResultStatus.SENSOR_NOT_WARMED_UP))
+            return
+        self._pending = _Pending(Command.INITIALIZE, now_s + self._tracker.initialise(now_s))
+
+    def _start_measurement(self, now_s: float) -> None:
+        end_s = None
+        if (status := self._unready(now_s)) == ResultStatus.ALL_OK:
+            end_s = self._tracker.begin_measurement(self._desk.measuring_time_s, now_s)
+            if end_s is None:
+                status = ResultStatus.MEASUREMENT_STATUS_NOT_READY
+        self._answer(Command.START_MEASUREMENT, Outcome(status))
+        if end_s is not None:
+            self._pending = _Pending(Command.START_MEASUREMENT, end_s)
+
+    def _move(self, request: Request, now_s: float) -> None:
+        if not self._tracker.initialised(now_s):
+            self._answer(request.command, Outcome(ResultStatus.TRACKER_NOT_INITIALIZED))
+            return
+        duration_s = self._motion_s(request.body, now_s)
+        if duration_s is None:
+            self._answer(request.command, wrong_parameter(1))
+        else:
+            self._pending = _Pending(request.command, now_s + duration_s)
+
+    def _motion_s(self, body: Body, now_s: float) -> float | None:
+        """Start a motion and return how long it takes; None: there is no such place."""
+        scale = self._desk.scale
+        if isinstance(body, Target) and all(map(isfinite, scale.point_mm(body.point))):
+            return self._tracker.go_to(scale.point_mm(body.point), now_s)
+        if isinstance(body, ApproximateDistance) and isfinite(scale.length_mm(body.distance)):
+            return self._tracker.find(scale.length_mm(body.distance), now_s)
+        return None
+
+    def _finish(self, command: Command, now_s: float) -> None:
+        self._pending = None
+        if command == Command.START_MEASUREMENT:
+            self._deliver(now_s)
+        elif command == Command.INITIALIZE or self._tracker.beam_locked(now_s):
+            self._answer(command, Outcome())
+        else:
+            self._answer(command, Outcome(NOT_FOUND_STATUS))
+
+    def _deliver(self, now_s: float) -> None:
+        shot = self._tracker.finish_measurement(now_s)
+        if shot is None:
+            self._send(encode(ErrorResponse(Command.START_MEASUREMENT, BEAM_LOST_STATUS)))
+            return
+        extended = self._desk.wants_covariance
+        self._send(encode(result_of(shot, self._desk.scale, extended=extended)))
+
+    def _unready(self, now_s: float) -> ResultStatus:
+        if not self._tracker.initialised(now_s):
+            return ResultStatus.TRACKER_NOT_INITIALIZED
+        if not self._tracker.laser_warm(now_s):
+            return ResultStatus.SENSOR_NOT_WARMED_UP
+        return ResultStatus.ALL_OK
+
+    def _is_busy(self, now_s: float) -> bool:
+        return self._pending is not None or self._tracker.busy(now_s)
+
+    def _light(self, now_s: float) -> TrackerLight:
+        if self._is_busy(now_s):
+            return TrackerLight.BUSY
+        ready = self._unready(now_s) == ResultStatus.ALL_OK and self._tracker.beam_locked(now_s)
+        return TrackerLight.READY if ready else TrackerLight.NOT_READY
+
+    def _tell_events(self) -> None:
+        for event in self._tracker.events():
+            if event in EVENT_CHANGES:
+                self._tell(EVENT_CHANGES[event])
+            elif event == "beam_lost":
+                self._tell_beam_lost()
+
+    def _tell_beam_lost(self) -> None:
+        """Turn the light red and name the command that fails by it, if any."""
+        self._show(TrackerLight.NOT_READY)
+        failed: int = UNKNOWN_COMMAND
+        if self._pending is not None and self._pending.command == Command.START_MEASUREMENT:
+            failed, self._pending = self._pending.command, None
+        if failed != UNKNOWN_COMMAND or self._desk.settings.send_unsolicited_messages:
+            self._send(encode(ErrorResponse(failed, BEAM_LOST_STATUS)))
+
+    def _show(self, light: TrackerLight) -> None:
+        """Tell the light when it changes; the first one is what the client finds."""
+        if self._shown not in {None, light}:
+            self._tell(LIGHT_CHANGES[light])
+        self._shown = light
+
+    def _tell_position(self, now_s: float) -> None:
+        if not self._desk.settings.send_reflector_position or now_s < self._next_position_s:
+            return
+        self._next_position_s = now_s + POSITION_INTERVAL_S
+        if (point_mm := self._tracker.live_point(now_s)) is not None:
+            point = self._desk.scale.point(point_mm)
+            self._send(encode(ReflectorPosition(ResultStatus.ALL_OK, point)))
+
+    def _tell(self, change: SystemChange) -> None:
+        if self._desk.settings.send_unsolicited_messages:
+            self._send(encode(StatusChange(change)))

@@ -1,0 +1,123 @@
+"""The simulated total station's side of GeoCOM (docs/geocom.md): one connection, no socket."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.errors import WireError
+from drivers.wire.geocom import (
+    ABORTED,
+    TERMINATOR,
+    Abort,
+    BadChecksum,
+    Reply,
+    Request,
+    decode_request,
+    encode_reply,
+    line_framer,
+)
+from drivers.wire.geocom_constants import Result
+from drivers.wire.geocom_words import number_word, string_word
+from sim.servers.geocom_outcome import Later, Outcome, Value
+from sim.servers.geocom_station import GeocomStation
+
+MOST_WAITING = 100
+"""Requests that are kept while one is under way; what comes above is lost, as in a full buffer."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Pending:
+    """The one call that is under way."""
+
+    request: Request
+    later: Later
+
+
+class GeocomSession:
+    """Answers one client, one call after another; settings are the station's and stay with it."""
+
+    def __init__(self, station: GeocomStation, send: Callable[[bytes], None]) -> None:
+        self._station = station
+        self._send = send
+        self._lines = line_framer()
+        self._waiting: deque[Request] = deque()
+        self._pending: _Pending | None = None
+
+    def received(self, data: bytes, now_s: float) -> None:
+        """Obey every line that these bytes complete; what takes time is answered by `advance`."""
+        for line in self._lines.feed(data):
+            if line:
+                self._take(line, now_s)
+        self.advance(now_s)
+
+    def advance(self, now_s: float) -> None:
+        """End what is due, and go on with what waits behind it."""
+        self._station.advance(now_s)
+        if self._pending is not None and now_s >= self._pending.later.due_s:
+            request, later = self._pending.request, self._pending.later
+            self._pending = None
+            self._answer(request, later.finish(now_s))
+        while self._waiting and self._pending is None:
+            self._begin(self._waiting.popleft(), now_s)
+
+    def next_due_s(self) -> float | None:
+        """When something will happen by itself next."""
+        times = [self._station.next_due_s(), self._pending.later.due_s if self._pending else None]
+        return min((time_s for time_s in times if time_s is not None), default=None)
+
+    def closed(self, now_s: float) -> None:  # noqa: ARG002 - a session is told the time
+        """Forget what was under way; the telescope stays where it looks."""
+        self._pending = None
+        self._waiting.clear()
+
+    def _take(self, line: bytes, now_s: float) -> None:
+        try:
+            request = decode_request(line)
+        except BadChecksum as error:
+            self._say(Reply(Result.COM_SERVER_CHECKSUM, error.transaction, Result.OK))
+        except WireError:
+            self._say(Reply(Result.COM_WRONG_FORMAT, 0, Result.OK))
+        else:
+            if isinstance(request, Abort):
+                self._abort()
+            elif len(self._waiting) < MOST_WAITING:
+                self._waiting.append(request)
+                self.advance(now_s)
+
+    def _abort(self) -> None:
+        """End what is under way with its refusal, then confirm."""
+        if self._pending is not None:
+            request, self._pending = self._pending.request, None
+            self._answer(request, Outcome(Result.ABORTED))
+        self._send(ABORTED + TERMINATOR)
+
+    def _begin(self, request: Request, now_s: float) -> None:
+        try:
+            outcome = self._station.obey(request.rpc, request.parameters, now_s)
+        except WireError:
+            self._fail(request, Result.COM_CANNOT_DECODE_REQUEST)
+            return
+        if outcome is None:
+            self._fail(request, Result.COM_UNKNOWN_PROCEDURE)
+        elif isinstance(outcome, Later):
+            self._pending = _Pending(request, outcome)
+        else:
+            self._answer(request, outcome)
+
+    def _answer(self, request: Request, outcome: Outcome) -> None:
+        words = tuple(self._word(value) for value in outcome.values)
+        reply = Reply(Result.OK, request.transaction, outcome.result, words, request.checked)
+        self._say(reply)
+
+    def _fail(self, request: Request, communication: Result) -> None:
+        self._say(Reply(communication, request.transaction, Result.OK, checked=request.checked))
+
+    def _say(self, reply: Reply) -> None:
+        self._send(encode_reply(reply))
+
+    def _word(self, value: Value) -> str:
+        if isinstance(value, str):
+            return string_word(value)
+        if isinstance(value, int):
+            return str(int(value))
+        return number_word(value, self._station.desk.decimals)

@@ -1,0 +1,205 @@
+"""A simulated total station on a simulated tracker: its calls and its distance meter."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import cos, sin
+
+from drivers.values import Vector3
+from drivers.wire.geocom_constants import Program, Result, Rpc
+from drivers.wire.geocom_words import parse_number, parse_whole, parse_words
+from sim.servers.geocom_desk import Desk
+from sim.servers.geocom_head import AIM_S, SEARCH_S, Head
+from sim.servers.geocom_outcome import DONE, Handler, Later, Outcome, refusal
+from sim.tracker.instrument import SimulatedTracker
+from sim.tracker.optics import MM_PER_M
+
+MEASURING_S = 1.5
+MS_PER_S = 1e3
+COORDINATE_VALUES = 8
+DEFAULT_DISTANCE = 2
+"""The mode of BAP_MeasDistanceAngle that measures."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Distance:
+    """What the distance meter holds: a point in the tracker's frame, None when it found nothing."""
+
+    point_mm: Vector3 | None
+    at_s: float
+
+
+class GeocomStation:
+    """One instrument, whoever is connected. Every call is told the time."""
+
+    def __init__(self, tracker: SimulatedTracker) -> None:
+        self.tracker = tracker
+        self.desk = Desk(tracker)
+        self.head = Head(tracker)
+        self._measures_until_s: float | None = None
+        self._distance: _Distance | None = None
+        self._handlers = self.desk.handlers() | self._measuring() | self._aiming()
+
+    def obey(self, rpc: int, words: Sequence[str], now_s: float) -> Outcome | Later | None:
+        """Do what a call wants; None: there is no such call. Raises `WireError` for its words."""
+        handler = self._handlers.get(Rpc(rpc)) if rpc in set(Rpc) else None
+        return None if handler is None else handler(words, now_s)
+
+    def advance(self, now_s: float) -> None:
+        """Let happen what is due by now."""
+        self.tracker.advance(now_s)
+        self.tracker.events()  # GeoCOM tells nothing unasked
+        due_s = self._measures_until_s
+        if due_s is not None and now_s >= due_s:
+            self._measures_until_s = None
+            shot = self.tracker.finish_measurement(now_s)
+            self._distance = _Distance(None if shot is None else shot.point_in_tracker_mm, due_s)
+
+    def next_due_s(self) -> float | None:
+        """When something will happen by itself next."""
+        times = [t for t in (self._measures_until_s, self.tracker.next_event_s()) if t is not None]
+        return min(times, default=None)
+
+    def _measuring(self) -> dict[Rpc, Handler]:
+        return {
+            Rpc.TMC_DO_MEASURE: self._do_measure,
+            Rpc.TMC_GET_COORDINATE: self._coordinate,
+            Rpc.TMC_GET_SIMPLE_COORD: self._simple_coordinate,
+            Rpc.TMC_GET_SIMPLE_MEA: self._simple_measurement,
+            Rpc.TMC_GET_ANGLE_5: lambda _w, now_s: Outcome(values=self.head.direction_rad(now_s)),
+            Rpc.BAP_MEAS_DISTANCE_ANGLE: self._distance_and_angle,
+        }
+
+    def _aiming(self) -> dict[Rpc, Handler]:
+        return {
+            Rpc.AUS_SET_USER_ATR_STATE: self._switch_recognition,
+            Rpc.AUS_GET_USER_ATR_STATE: lambda _w, _n: _flag(on=self.head.recognition),
+            Rpc.AUS_SET_USER_LOCK_STATE: self._switch_lock_mode,
+            Rpc.AUS_GET_USER_LOCK_STATE: lambda _w, _n: _flag(on=self.head.lock_mode),
+            Rpc.MOT_READ_LOCK_STATUS: lambda _w, now_s: Outcome(
+                values=(int(self.head.lock_status(now_s)),)
+            ),
+            Rpc.TMC_SET_ORIENTATION: self._orient,
+            Rpc.AUT_MAKE_POSITIONING: self._turn,
+            Rpc.AUT_SEARCH: self._search,
+            Rpc.AUT_FINE_ADJUST: self._fine_adjust,
+            Rpc.AUT_LOCK_IN: lambda _w, now_s: self.head.lock_in(now_s),
+        }
+
+    def _do_measure(self, words: Sequence[str], now_s: float) -> Outcome:
+        program, _inclination = map(parse_whole, parse_words(words, 2))
+        if program not in set(Program):
+            return refusal(Result.NOT_IMPLEMENTED)
+        self._measures_until_s = self._distance = None
+        if program == Program.DISTANCE:
+            self._begin(now_s)
+        return DONE
+
+    def _begin(self, now_s: float) -> None:
+        self._measures_until_s = self.tracker.begin_measurement(MEASURING_S, now_s)
+        if self._measures_until_s is None:
+            self._distance = _Distance(None, now_s)
+
+    def _coordinate(self, words: Sequence[str], now_s: float) -> Outcome | Later:
+        return self._when_measured(words, now_s, self._delivered)
+
+    def _simple_coordinate(self, words: Sequence[str], now_s: float) -> Outcome | Later:
+        def simple(end_s: float) -> Outcome:
+            whole = self._delivered(end_s)
+            return Outcome(whole.result, whole.values[:3])
+
+        return self._when_measured(words, now_s, simple)
+
+    def _simple_measurement(self, words: Sequence[str], now_s: float) -> Outcome | Later:
+        return self._when_measured(words, now_s, self._polar)
+
+    def _when_measured(
+        self, words: Sequence[str], now_s: float, deliver: Callable[[float], Outcome]
+    ) -> Outcome | Later:
+        """Wait for the distance meter, at most as long as the call says."""
+        wait_ms, _inclination = map(parse_whole, parse_words(words, 2))
+        due_s = self._measures_until_s
+        if due_s is None:
+            return deliver(now_s)
+        return Later(min(due_s, now_s + wait_ms / MS_PER_S), deliver)
+
+    def _distance_and_angle(self, words: Sequence[str], now_s: float) -> Outcome | Later:
+        (mode,) = map(parse_whole, parse_words(words, 1))
+        if mode != DEFAULT_DISTANCE:
+            return refusal(Result.NOT_IMPLEMENTED, 4)
+        self._distance = None
+        self._begin(now_s)
+
+        def deliver(end_s: float) -> Outcome:
+            polar = self._polar(end_s)
+            return Outcome(polar.result, (*polar.values, mode))
+
+        return Later(self._measures_until_s or now_s, deliver)
+
+    def _delivered(self, now_s: float) -> Outcome:
+        """Coordinates of the distance, and the same again as those of the present angles."""
+        code, point_mm, at_s = self._found(now_s)
+        if point_mm is None:
+            return refusal(code, COORDINATE_VALUES)
+        point = (*self._surveyed_m(point_mm), round(at_s * MS_PER_S))
+        return Outcome(values=(*point, *point))
+
+    def _polar(self, now_s: float) -> Outcome:
+        code, point_mm, _at_s = self._found(now_s)
+        hz_rad, v_rad = self.head.direction_rad(now_s)
+        distance_m = 0.0
+        if point_mm is not None:
+            distance_m = sum(value * value for value in point_mm) ** 0.5 / MM_PER_M
+        return Outcome(code, (hz_rad, v_rad, distance_m))
+
+    def _found(self, now_s: float) -> tuple[Result, Vector3 | None, float]:
+        """What the distance meter holds by now."""
+        self.advance(now_s)
+        if self._distance is None:
+            return Result.ANGLES_ONLY, None, now_s
+        code = Result.DISTANCE_ERROR if self._distance.point_mm is None else Result.OK
+        return code, self._distance.point_mm, self._distance.at_s
+
+    def _surveyed_m(self, point_mm: Vector3) -> Vector3:
+        """East, north and height of the ground below the prism, as the instrument is set up."""
+        x_m, y_m, z_m = (value / MM_PER_M for value in point_mm)
+        turn_rad, place = self.head.orientation_rad, self.desk.place
+        east = place.east + x_m * cos(turn_rad) + y_m * sin(turn_rad)
+        north = place.north + y_m * cos(turn_rad) - x_m * sin(turn_rad)
+        return east, north, place.up + place.instrument_height + z_m - place.target_height
+
+    def _switch_recognition(self, words: Sequence[str], _now_s: float) -> Outcome:
+        (is_on,) = map(parse_whole, parse_words(words, 1))
+        self.head.recognition = bool(is_on)
+        return DONE
+
+    def _switch_lock_mode(self, words: Sequence[str], _now_s: float) -> Outcome:
+        (is_on,) = map(parse_whole, parse_words(words, 1))
+        self.head.lock_mode = bool(is_on)
+        return DONE
+
+    def _orient(self, words: Sequence[str], now_s: float) -> Outcome:
+        (hz_rad,) = map(parse_number, parse_words(words, 1))
+        self.head.orientation_rad += hz_rad - self.head.direction_rad(now_s)[0]
+        return DONE
+
+    def _turn(self, words: Sequence[str], now_s: float) -> Outcome | Later:
+        hz, v, _precise, to_target, _unused = parse_words(words, 5)
+        return self.head.turn(
+            parse_number(hz), parse_number(v), now_s, to_target=bool(parse_whole(to_target))
+        )
+
+    def _search(self, words: Sequence[str], now_s: float) -> Outcome | Later:
+        return self.head.search(_window_rad(words), now_s, takes_s=SEARCH_S)
+
+    def _fine_adjust(self, words: Sequence[str], now_s: float) -> Outcome | Later:
+        return self.head.search(_window_rad(words), now_s, takes_s=AIM_S)
+
+
+def _window_rad(words: Sequence[str]) -> float:
+    """The smaller side of a search window, at most a quarter turn."""
+    hz, v, _unused = parse_words(words, 3)
+    return max(min(parse_number(hz), parse_number(v), 1.5), 0.0)
+
+
+def _flag(*, on: bool) -> Outcome:
+    return Outcome(values=(int(on),))

@@ -1,0 +1,155 @@
+"""The tracker's beam: what it is locked on, when it is cut, and how it finds a reflector again."""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+import numpy as np
+
+from sim.geometry import Array
+from sim.robot.driven_robot import SeenReflector
+from sim.tracker.optics import Station, angle_between_rad
+
+
+class Scene(Protocol):
+    """What stands before the tracker."""
+
+    def robot_reflector(self, now_s: float) -> SeenReflector:
+        """The reflector on the robot's plate, in the base frame."""
+        ...
+
+    def robot_is_still(self, now_s: float) -> bool:
+        """Whether the robot stands."""
+        ...
+
+    def robot_target(self) -> tuple[int, ...]:
+        """What names the place where the robot rests."""
+        ...
+
+
+class Target(StrEnum):
+    """A reflector that the beam can be on."""
+
+    ROBOT = "robot"
+    STANDING = "standing"
+
+
+@dataclass(frozen=True, slots=True)
+class Aim:
+    """A search: around a point, or around a direction whatever the distance."""
+
+    point_in_tracker_mm: tuple[float, float, float]
+    radius_mm: float
+    any_distance: bool
+
+    def miss_mm(self, candidate_in_tracker_mm: Array) -> float:
+        """How far a candidate is from the middle of the search."""
+        point_mm = np.array(self.point_in_tracker_mm)
+        if not self.any_distance:
+            return float(np.linalg.norm(candidate_in_tracker_mm - point_mm))
+        if candidate_in_tracker_mm @ point_mm <= 0.0:
+            return math.inf
+        length_mm = float(np.linalg.norm(point_mm))
+        return float(np.linalg.norm(np.cross(candidate_in_tracker_mm, point_mm))) / length_mm
+
+
+class Beam:
+    """Locked on a reflector or on none, pointing somewhere in any case."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        station: Station,
+        *,
+        standing_in_base_mm: Array | None,
+        acceptance_rad: float,
+        locked_on: Target | None,
+    ) -> None:
+        self._scene = scene
+        self._station = station
+        self._standing_in_base_mm = standing_in_base_mm
+        self._acceptance_rad = acceptance_rad
+        self._cut_from_s = math.inf
+        self._cut_until_s = math.inf
+        self._cut_is_new = False
+        self.locked_on = locked_on
+        self._pointing_mm = self._place_mm(locked_on or Target.ROBOT, 0.0)
+
+    def cut(self, from_s: float, lasts_s: float) -> None:
+        """Somebody steps into the beam."""
+        self._cut_from_s, self._cut_until_s = from_s, from_s + lasts_s
+        self._cut_is_new = True
+
+    def next_cut_s(self) -> float | None:
+        """When the beam will be cut, if that is still to come."""
+        return self._cut_from_s if self._cut_is_new else None
+
+    def confuse(self) -> None:
+        """Slip onto the reflector that stands elsewhere, if there is one."""
+        if self._standing_in_base_mm is not None:
+            self.locked_on = Target.STANDING
+
+    def release(self) -> None:
+        """Let go, pointing where the target was last."""
+        self.locked_on = None
+
+    def is_lost(self, now_s: float) -> bool:
+        """Whether the beam has just lost its target; it then points where that was."""
+        was_cut = self._cut_is_new and now_s >= self._cut_from_s
+        self._cut_is_new = self._cut_is_new and not was_cut
+        if self.locked_on is None:
+            return False
+        if not was_cut and self._is_visible(self.locked_on, now_s):
+            return False
+        self._pointing_mm = self._place_mm(self.locked_on, now_s)
+        self.locked_on = None
+        return True
+
+    def point_in_tracker_mm(self, now_s: float) -> Array:
+        """(3,): the centre of the reflector it is on, or where it points."""
+        if self.locked_on is not None:
+            self._pointing_mm = self._place_mm(self.locked_on, now_s)
+        return self._pointing_mm
+
+    def candidate(self, aim: Aim, now_s: float) -> Target | None:
+        """The reflector that a search finds: the nearest that can be seen."""
+        if self._is_cut(now_s):
+            return None
+        misses = {
+            target: aim.miss_mm(self._place_mm(target, now_s))
+            for target in self._targets()
+            if self._is_visible(target, now_s)
+        }
+        found = [target for target in misses if misses[target] <= aim.radius_mm]
+        return min(found, key=misses.__getitem__, default=None)
+
+    def search(self, aim: Aim, now_s: float) -> bool:
+        """Lock on what is found; else point there, on nothing."""
+        self.locked_on = self.candidate(aim, now_s)
+        if np.isfinite(aim.point_in_tracker_mm).all():
+            self._pointing_mm = np.array(aim.point_in_tracker_mm)
+        return self.locked_on is not None
+
+    def _targets(self) -> list[Target]:
+        return [Target.ROBOT] if self._standing_in_base_mm is None else list(Target)
+
+    def _place_mm(self, target: Target, now_s: float) -> Array:
+        """(3,): a reflector's centre in the tracker's frame."""
+        if target is Target.STANDING and self._standing_in_base_mm is not None:
+            return self._station.to_tracker_mm(self._standing_in_base_mm)
+        return self._station.to_tracker_mm(self._scene.robot_reflector(now_s).point_mm)
+
+    def _is_cut(self, now_s: float) -> bool:
+        return self._cut_from_s <= now_s < self._cut_until_s
+
+    def _is_visible(self, target: Target, now_s: float) -> bool:
+        """The standing reflector faces the tracker; the robot's must not be turned too far away.
+
+        While the robot moves, the beam is taken to follow.
+        """
+        if target is Target.STANDING or not self._scene.robot_is_still(now_s):
+            return True
+        point_mm, facing = self._scene.robot_reflector(now_s)
+        back_mm = self._station.origin_in_base_mm - point_mm
+        return angle_between_rad(facing, back_mm) <= self._acceptance_rad

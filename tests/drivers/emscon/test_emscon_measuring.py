@@ -1,0 +1,275 @@
+"""The emScon driver measures and moves: what it believes, and what a failure means."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scripted_emscon import RESULT, Instrument, Station, system_status
+
+from drivers.emscon.client import EmsconDeadlines
+from drivers.emscon.setup import SearchArea
+from drivers.errors import (
+    BeamBroken,
+    Cancelled,
+    DeviceNotReady,
+    DeviceRefused,
+    DriverError,
+    LinkDown,
+)
+from drivers.values import Weather
+from drivers.wire.emscon import Answer, encode
+from drivers.wire.emscon_constants import Command
+from drivers.wire.emscon_messages import (
+    ErrorResponse,
+    ReflectorPosition,
+    StatusChange,
+    Target,
+)
+from drivers.wire.emscon_status import ResultStatus
+
+START = Command.START_MEASUREMENT
+
+
+def started(*messages):
+    """What follows a StartMeasurement: its answer, then these."""
+    return [(0.0, Answer(START)), *[(0.5, message) for message in messages]]
+
+
+class TestMeasure:
+    def test_result_is_a_point_with_covariance_air_and_the_packet_itself(self):
+        measurement = Station().prepared().tracker.measure()
+        assert measurement.point_in_tracker_mm == RESULT.point
+        assert measurement.covariance_mm2 == (
+            (pytest.approx(1e-4), 1e-5, 2e-5),
+            (1e-5, pytest.approx(4e-4), -3e-5),
+            (2e-5, -3e-5, pytest.approx(9e-4)),
+        )
+        assert measurement.weather == Weather(20.5, 1001.0, 45.0)
+        assert bytes.fromhex(measurement.raw) == encode(RESULT)
+
+    def test_result_may_overtake_the_answer(self):
+        station = Station().prepared()
+        station.instrument.says[START] = [(0.5, RESULT), (0.6, Answer(START))]
+        assert station.tracker.measure().point_in_tracker_mm == RESULT.point
+
+    def test_result_and_answer_may_come_in_one_piece(self):
+        station = Station().prepared()
+        station.instrument.says[START] = [(0.5, encode(Answer(START)) + encode(RESULT))]
+        assert station.tracker.measure().point_in_tracker_mm == RESULT.point
+
+    def test_stale_result_is_never_taken_for_the_new_one(self):
+        station = Station().prepared()
+        station.comes(replace(RESULT, point=(9.0, 9.0, 9.0)))
+        assert station.tracker.measure().point_in_tracker_mm == RESULT.point
+
+    def test_late_result_closes_the_wire(self):
+        deadlines = EmsconDeadlines(measuring_margin_s=3.0)
+        station = Station(deadlines=deadlines).prepared(measuring_time_s=2.0)
+        station.instrument.says[START] = [(0.0, Answer(START)), (5.1, RESULT)]
+        with pytest.raises(LinkDown, match="no answer to the measurement within 5 s"):
+            station.tracker.measure()
+        assert station.pipe.is_closed
+        with pytest.raises(LinkDown, match="closed"):
+            station.tracker.measure()
+
+    def test_late_answer_closes_the_wire(self):
+        station = Station().prepared()
+        station.instrument.says[START] = [(5.1, Answer(START)), (5.2, RESULT)]
+        with pytest.raises(LinkDown, match="no answer to StartMeasurement within 5 s"):
+            station.tracker.measure()
+        assert station.pipe.is_closed
+
+    def test_live_positions_and_lights_are_passed_over(self):
+        station = Station().prepared()
+        noise = [ReflectorPosition(0, (1.0, 2.0, 3.0)), StatusChange(26), StatusChange(4711)]
+        station.instrument.says[START] = [(0.0, m) for m in noise] + started(*noise, RESULT)
+        assert station.tracker.measure().point_in_tracker_mm == RESULT.point
+
+    def test_locked_beam_lost_is_a_broken_beam(self):
+        station = Station().prepared()
+        station.instrument.lose_the_beam()
+        station.instrument.refuses[START] = ResultStatus.MEASUREMENT_STATUS_NOT_READY
+        with pytest.raises(BeamBroken, match=r"10004 .measurement status not ready. → clear"):
+            station.tracker.measure()
+
+    def test_beam_that_breaks_during_the_measurement_is_a_broken_beam(self):
+        station = Station().prepared()
+        station.instrument.says[START] = started(StatusChange(25), ErrorResponse(START, 10009))
+        with pytest.raises(BeamBroken) as caught:
+            station.tracker.measure()
+        assert caught.value.code == "10009"
+        del station.instrument.says[START]
+        assert station.tracker.measure().point_in_tracker_mm == RESULT.point
+
+    def test_result_of_a_failed_measurement_is_not_taken_for_the_next(self):
+        station = Station().prepared()
+        station.instrument.says[START] = started(ErrorResponse(64, 36))
+        wrong = replace(RESULT, point=(9.0, 9.0, 9.0))
+        station.instrument.says[Command.STOP_MEASUREMENT] = [
+            (0.0, wrong),
+            (0.1, Answer(Command.STOP_MEASUREMENT)),
+        ]
+        with pytest.raises(BeamBroken):
+            station.tracker.measure()
+        del station.instrument.says[START]
+        assert station.tracker.measure().point_in_tracker_mm == RESULT.point
+
+    def test_measurement_that_cannot_be_stopped_closes_the_wire(self):
+        station = Station().prepared()
+        station.instrument.says[START] = started(ErrorResponse(64, 36))
+        station.instrument.refuses[Command.STOP_MEASUREMENT] = ResultStatus.SERVER_BUSY
+        with pytest.raises(LinkDown):
+            station.tracker.measure()
+        assert station.pipe.is_closed
+
+    def test_error_number_in_no_table_is_a_broken_beam_if_the_light_is_red(self):
+        station = Station().prepared()
+        station.instrument.lose_the_beam()
+        station.instrument.says[START] = started(replace(RESULT, status=24010))
+        with pytest.raises(BeamBroken, match="emScon error 24010"):
+            station.tracker.measure()
+
+    def test_error_number_in_no_table_is_a_refusal_if_the_light_is_green(self):
+        station = Station().prepared()
+        station.instrument.refuses[START] = 24010
+        with pytest.raises(DeviceRefused, match="emScon error 24010") as caught:
+            station.tracker.measure()
+        assert not isinstance(caught.value, BeamBroken)
+
+    @pytest.mark.parametrize(
+        ("status", "said"),
+        [(39, "prepare the tracker again"), (10012, "wait until"), (10010, "level the tracker")],
+    )
+    def test_tracker_that_is_not_ready_says_why(self, status, said):
+        station = Station().prepared()
+        station.instrument.lose_the_beam()
+        station.instrument.refuses[START] = status
+        with pytest.raises(DeviceNotReady, match=said):
+            station.tracker.measure()
+
+    @pytest.mark.parametrize(("processor", "laser"), [(3, 3), (5, 2)])
+    def test_lost_beam_of_a_tracker_that_restarted_is_not_called_a_broken_beam(
+        self, processor, laser
+    ):
+        station = Station().prepared()
+        station.instrument.lose_the_beam()
+        station.instrument.state[Command.GET_SYSTEM_STATUS] = system_status(processor, laser)
+        station.instrument.refuses[START] = ResultStatus.MEASUREMENT_STATUS_NOT_READY
+        with pytest.raises(DeviceNotReady):
+            station.tracker.measure()
+
+    def test_measuring_before_preparing_is_refused(self):
+        station = Station().connected()
+        with pytest.raises(DeviceNotReady, match="not prepared"):
+            station.tracker.measure()
+        assert START not in station.instrument.commands()
+
+    def test_interrupt_while_measuring_closes_the_wire(self):
+        wishes = [False]
+        station = Station(cancelled=lambda: wishes[0]).prepared()
+        station.instrument.says[START] = lambda _: wishes.__setitem__(0, True) or []
+        with pytest.raises(Cancelled):
+            station.tracker.measure()
+        assert station.pipe.is_closed
+
+    @given(st.binary(max_size=300))
+    def test_garbage_instead_of_an_answer_is_a_driver_error(self, data):
+        station = Station().prepared()
+        station.instrument.says[START] = [(0.0, data)]
+        with pytest.raises(DriverError):
+            station.tracker.measure()
+
+
+class TestMotion:
+    def test_go_to_is_in_millimetres_with_the_distance_meter(self):
+        station = Station().prepared()
+        station.tracker.go_to((1000.0, 2000.0, -300.0))
+        assert station.instrument.body_of(Command.GO_POSITION) == Target(
+            (1000.0, 2000.0, -300.0), 1
+        )
+
+    def test_motion_may_take_its_time_and_the_search_too(self):
+        station = Station(search=SearchArea(timeout_s=10.0)).prepared()
+        station.instrument.says[Command.GO_POSITION] = [(39.0, Answer(Command.GO_POSITION))]
+        station.tracker.go_to((1.0, 2.0, 3.0))
+        station.instrument.says[Command.GO_POSITION] = [(41.0, Answer(Command.GO_POSITION))]
+        with pytest.raises(LinkDown, match="within 40 s"):
+            station.tracker.go_to((1.0, 2.0, 3.0))
+
+    @pytest.mark.parametrize("status", [36, 24010])
+    def test_refused_search_with_a_red_light_is_a_broken_beam(self, status):
+        station = Station().prepared()
+        station.instrument.lose_the_beam()
+        station.instrument.refuses[Command.FIND_REFLECTOR] = status
+        with pytest.raises(BeamBroken, match="FindReflector"):
+            station.tracker.find_reflector(3000.0)
+
+    def test_search_that_ends_well_without_a_lock_is_a_broken_beam(self):
+        station = Station().prepared()
+        station.instrument.lose_the_beam()
+        with pytest.raises(BeamBroken, match="GoPosition found no reflector"):
+            station.tracker.go_to((1.0, 2.0, 3.0))
+
+    def test_wrong_parameter_is_not_blamed_on_the_beam(self):
+        station = Station().prepared()
+        station.instrument.lose_the_beam()
+        station.instrument.refuses[Command.GO_POSITION] = ResultStatus.WRONG_PARAMETER_1
+        with pytest.raises(DeviceRefused) as caught:
+            station.tracker.go_to((1.0, 2.0, 3.0))
+        assert not isinstance(caught.value, BeamBroken)
+
+
+class TestUncertainty:
+    def measured(self, **changes):
+        instrument = Instrument()
+        instrument.result = replace(RESULT, **changes)
+        return Station(instrument).prepared().tracker.measure().covariance_mm2
+
+    def test_a_priori_is_used_where_it_is_larger(self):
+        matrix = self.measured(apriori_std=(0.1, 0.2, 0.3), apriori_covariance=(1e-3, 0.0, 2e-3))
+        assert matrix == (
+            (pytest.approx(0.01), 1e-3, 0.0),
+            (1e-3, pytest.approx(0.04), 2e-3),
+            (0.0, 2e-3, pytest.approx(0.09)),
+        )
+
+    @pytest.mark.parametrize("covariance", [(1.0, 0.0, 0.0), (math.nan, 0.0, 0.0), (1e300,) * 3])
+    def test_impossible_covariances_are_left_out(self, covariance):
+        matrix = self.measured(covariance=covariance)
+        assert matrix[0][1] == matrix[0][2] == matrix[1][2] == 0.0
+        assert matrix[1][1] == pytest.approx(4e-4)
+
+    @pytest.mark.parametrize("std", [(0.0,) * 3, (math.nan,) * 3, (math.inf,) * 3, (-1.0,) * 3])
+    def test_deviations_that_are_none_give_way_to_the_a_priori_ones(self, std):
+        assert self.measured(std=std)[0][0] == pytest.approx(25e-6)
+
+    def test_result_without_any_uncertainty_is_refused(self):
+        with pytest.raises(DeviceRefused, match="without uncertainty"):
+            self.measured(std=(0.0,) * 3, apriori_std=(0.0,) * 3)
+
+    @pytest.mark.parametrize(
+        "changes", [{"point": (math.nan, 0.0, 0.0)}, {"temperature": math.inf}]
+    )
+    def test_result_without_numbers_is_refused(self, changes):
+        with pytest.raises(DeviceRefused, match="without numbers"):
+            self.measured(**changes)
+
+    @pytest.mark.parametrize("changes", [{"mode": 1}, {"is_trial": 1}])
+    def test_result_of_another_mode_is_refused(self, changes):
+        with pytest.raises(DeviceRefused, match="not the stationary measurement"):
+            self.measured(**changes)
+
+    @given(
+        std=st.tuples(*[st.floats()] * 3),
+        covariance=st.tuples(*[st.floats()] * 3),
+        apriori_std=st.tuples(*[st.floats(1e-3, 1.0)] * 3),
+    )
+    def test_covariance_is_always_usable(self, std, covariance, apriori_std):
+        matrix = self.measured(std=std, covariance=covariance, apriori_std=apriori_std)
+        assert all(math.isfinite(value) for row in matrix for value in row)
+        assert all(matrix[i][i] > 0.0 for i in range(3))
+        assert all(
+            matrix[i][j] ** 2 < matrix[i][i] * matrix[j][j] for i in range(3) for j in range(i)
+        )

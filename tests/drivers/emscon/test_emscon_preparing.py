@@ -1,0 +1,197 @@
+"""The emScon driver brings a tracker to what a campaign needs, and notices who changes it."""
+
+import pytest
+from scripted_emscon import NAMES, RESULT, Instrument, Station, system_status
+
+from drivers.emscon.client import EmsconDeadlines
+from drivers.emscon.setup import SearchArea
+from drivers.errors import (
+    DeviceNotReady,
+    DeviceRefused,
+    LinkDown,
+)
+from drivers.wire.emscon import Answer, refusal
+from drivers.wire.emscon_constants import Command, SystemChange
+from drivers.wire.emscon_messages import (
+    ReflectorChoice,
+    ReflectorEntry,
+    SearchParams,
+    SingleResult,
+    StationaryMode,
+    StatusChange,
+    SystemSettings,
+    Units,
+)
+from drivers.wire.emscon_status import ResultStatus
+
+START = Command.START_MEASUREMENT
+STANDARD_RESULT = SingleResult(
+    0, 0, 0, (1.0, 2.0, 3.0), (0.01,) * 3, 0.017, (0.0,) * 3, (0.02,) * 3, 0.03, 20.0, 1000.0, 50.0
+)
+
+
+def started(*messages):
+    """What follows a StartMeasurement: its answer, then these."""
+    return [(0.0, Answer(START)), *[(0.5, message) for message in messages]]
+
+
+class TestPrepare:
+    def test_settings_are_those_of_the_campaign(self):
+        station = Station(search=SearchArea(radius_mm=30.0, timeout_s=4.0)).connected()
+        station.tracker.prepare("RRR 1.5in", 2.5)
+        instrument = station.instrument
+        assert instrument.body_of(Command.SET_REFLECTOR) == ReflectorChoice(40)
+        assert instrument.body_of(Command.SET_STATIONARY_MODE_PARAMS) == StationaryMode(2500, 1)
+        assert instrument.body_of(Command.SET_SEARCH_PARAMS) == SearchParams(30.0, 4000)
+        assert instrument.body_of(Command.SET_STATISTIC_MODE).stationary == 1
+        assert instrument.body_of(Command.SET_COORDINATE_SYSTEM_TYPE).kind == 0
+        assert instrument.body_of(Command.SET_MEASUREMENT_MODE).mode == 0
+
+    def test_points_are_in_the_instruments_own_frame_and_its_equipment_stays(self):
+        station = Station().prepared()
+        settings = station.instrument.state[Command.GET_SYSTEM_SETTINGS]
+        assert settings == SystemSettings(1, 0, 0, 1, 1, 0, 0, 1, 1)
+
+    def test_initialised_tracker_is_not_moved(self):
+        station = Station().connected()
+        station.tracker.prepare("CCR-1.5in", 2.0)
+        assert Command.INITIALIZE not in station.instrument.commands()
+
+    def test_tracker_that_is_not_initialised_is_given_two_minutes_for_it(self):
+        instrument = Instrument()
+        instrument.state[Command.GET_SYSTEM_STATUS] = system_status(processor=3)
+        instrument.says[Command.INITIALIZE] = [(119.0, Answer(Command.INITIALIZE))]
+        Station(instrument).prepared()
+
+    def test_initialising_that_never_ends_closes_the_wire(self):
+        instrument = Instrument()
+        instrument.state[Command.GET_SYSTEM_STATUS] = system_status(processor=3)
+        instrument.says[Command.INITIALIZE] = [(121.0, Answer(Command.INITIALIZE))]
+        station = Station(instrument)
+        with pytest.raises(LinkDown, match="no answer to Initialize within 120 s"):
+            station.prepared()
+        assert station.pipe.is_closed
+
+    @pytest.mark.parametrize(
+        ("laser", "said"),
+        [(0, "check the cable"), (2, "heating up → wait"), (4, "restart"), (5, "off → switch")],
+    )
+    def test_laser_that_cannot_be_used_is_told_and_nothing_moves(self, laser, said):
+        instrument = Instrument()
+        instrument.state[Command.GET_SYSTEM_STATUS] = system_status(processor=3, laser=laser)
+        station = Station(instrument)
+        with pytest.raises(DeviceNotReady, match=said):
+            station.prepared()
+        assert Command.INITIALIZE not in instrument.commands()
+
+    @pytest.mark.parametrize("laser", [1, 3])
+    def test_instrument_without_an_interferometer_is_as_good_as_warm(self, laser):
+        instrument = Instrument()
+        instrument.state[Command.GET_SYSTEM_STATUS] = system_status(laser=laser)
+        assert Station(instrument).prepared().tracker.state().laser_warm
+
+    def test_missing_reflector_is_refused_with_the_nearest_and_all_known_names(self):
+        station = Station().connected()
+        with pytest.raises(DeviceNotReady) as caught:
+            station.tracker.prepare("ccr 1.5in", 2.0)
+        assert "no reflector 'ccr 1.5in' → perhaps 'CCR-1.5in'; it knows" in str(caught.value)
+        assert all(f"'{name}'" in caught.value.remedy for name in NAMES.values())
+        assert Command.SET_REFLECTOR not in station.instrument.commands()
+
+    def test_tracker_without_any_reflector_says_what_to_do(self):
+        instrument = Instrument()
+        none = Answer(Command.GET_REFLECTORS, 0, ReflectorEntry(0, 0, 0, 0.0, ""))
+        instrument.says[Command.GET_REFLECTORS] = [(0.0, none)]
+        with pytest.raises(DeviceNotReady, match="define the reflector"):
+            Station(instrument).prepared()
+
+    def test_events_of_our_own_settings_may_come_before_or_after_the_answers(self):
+        instrument = Instrument()
+        event = StatusChange(SystemChange.UNITS)
+        for say in (
+            [(0.0, event), (0.1, Answer(Command.SET_UNITS))],
+            [(0.0, Answer(Command.SET_UNITS)), (0.0, event)],
+        ):
+            instrument.says[Command.SET_UNITS] = say
+            instrument.state[Command.GET_UNITS] = Units(1, 1, 0, 0, 0)
+            assert Station(instrument).prepared().tracker.measure()
+
+    def test_setting_that_is_accepted_but_not_kept_is_refused(self):
+        instrument = Instrument()
+        instrument.says[Command.SET_UNITS] = [(0.0, Answer(Command.SET_UNITS))]
+        with pytest.raises(DeviceRefused, match="does not report its units as set"):
+            Station(instrument).prepared()
+
+    def test_refused_setting_is_named_with_its_number_and_words(self):
+        instrument = Instrument()
+        instrument.refuses[Command.SET_STATIONARY_MODE_PARAMS] = 12
+        with pytest.raises(DeviceRefused, match=r"SetStationaryModeParams was refused: emScon"):
+            Station(instrument).prepared()
+
+    def test_busy_tracker_is_asked_again_until_it_has_finished(self):
+        station = Station().connected()
+        free_s = station.clock.now_s() + 10.0
+
+        def busy(request):
+            is_busy = station.clock.now_s() < free_s
+            return [(0.0, refusal(request.command, 1))] if is_busy else None
+
+        station.instrument.says[Command.SET_UNITS] = busy
+        station.tracker.prepare("CCR-1.5in", 2.0)
+        assert station.clock.now_s() == pytest.approx(10.0, abs=0.2)
+
+    def test_tracker_that_stays_busy_is_given_up(self):
+        instrument = Instrument()
+        instrument.refuses[Command.SET_UNITS] = 1
+        station = Station(instrument, deadlines=EmsconDeadlines(busy_s=3.0))
+        with pytest.raises(DeviceNotReady, match="server busy"):
+            station.connected()
+        assert station.clock.now_s() == pytest.approx(3.0, abs=0.2)
+
+    def test_instrument_without_covariances_is_prepared_all_the_same(self):
+        instrument = Instrument()
+        instrument.refuses[Command.SET_STATISTIC_MODE] = ResultStatus.NOT_IMPLEMENTED
+        instrument.result = STANDARD_RESULT
+        assert Station(instrument).prepared().tracker.measure().covariance_mm2[0][0] == 4e-4
+
+
+class TestSettingsChangedByOthers:
+    def test_units_changed_before_a_measurement_stop_it(self):
+        station = Station().prepared()
+        station.instrument.state[Command.GET_UNITS] = Units(5, 1, 0, 0, 0)
+        station.comes(StatusChange(SystemChange.UNITS), StatusChange(SystemChange.LIGHT_BUSY))
+        with pytest.raises(DeviceNotReady, match="another program changed the tracker's units"):
+            station.tracker.measure()
+        assert START not in station.instrument.commands()
+
+    def test_reflector_changed_during_a_measurement_spoils_its_result(self):
+        station = Station().prepared()
+
+        def change(_request):
+            station.instrument.state[Command.GET_REFLECTOR] = ReflectorChoice(3)
+            return started(StatusChange(SystemChange.REFLECTOR), RESULT)
+
+        station.instrument.says[START] = change
+        with pytest.raises(DeviceNotReady, match="changed the tracker's reflector"):
+            station.tracker.measure()
+
+    def test_units_changed_keep_the_head_from_moving(self):
+        station = Station().prepared()
+        station.instrument.state[Command.GET_UNITS] = Units(0, 0, 0, 0, 0)
+        station.comes(StatusChange(SystemChange.UNITS))
+        with pytest.raises(DeviceNotReady):
+            station.tracker.go_to((1.0, 2.0, 3.0))
+        assert Command.GO_POSITION not in station.instrument.commands()
+
+    def test_change_back_to_what_was_agreed_is_no_harm(self):
+        station = Station().prepared()
+        station.comes(StatusChange(SystemChange.UNITS), StatusChange(SystemChange.REFLECTOR))
+        assert station.tracker.measure()
+
+    def test_changes_are_noticed_through_other_questions(self):
+        station = Station().prepared()
+        station.instrument.state[Command.GET_UNITS] = Units(5, 1, 0, 0, 0)
+        station.comes(StatusChange(SystemChange.UNITS))
+        station.tracker.state()
+        with pytest.raises(DeviceNotReady, match="units"):
+            station.tracker.measure()

@@ -1,0 +1,122 @@
+"""HAL pins from outside: full doubles both ways, never with the machine on."""
+
+import json
+import sys
+
+import pytest
+
+from drivers.errors import DeviceRefused, LinkDown, WireError
+from drivers.linuxcnc.pins import HalAccess, HalPins
+
+NAMES = ("par4kins.arm0.x_mm", "par4kins.plate_mm")
+ODD = 0.1 + 0.2  # needs 17 digits
+
+HAL = """
+import json, pathlib
+
+FILE = pathlib.Path(__file__).with_name("pins.json")
+
+class component:
+    def __init__(self, name):
+        if not FILE.exists():
+            raise ImportError("no HAL")
+    def ready(self): pass
+    def exit(self): pass
+
+def get_value(name):
+    pins = json.loads(FILE.read_text())
+    if name not in pins:
+        raise RuntimeError("Can't set value: pin / param %s not found" % name)
+    return pins[name]
+
+def set_p(name, text):
+    pins = json.loads(FILE.read_text())
+    if name not in pins:
+        raise RuntimeError("pin not found")
+    pins[name] = float(text)
+    FILE.write_text(json.dumps(pins))
+"""
+
+
+class Hal:
+    """A LinuxCNC's HAL in a folder, and the access to it."""
+
+    def __init__(self, folder):
+        (folder / "hal.py").write_text(HAL)
+        self.file = folder / "pins.json"
+        self.pins = {"motion.motion-enabled": False, NAMES[0]: -172.5, NAMES[1]: 100.0}
+        self.save()
+        prefix = ("env", f"PYTHONPATH={folder}")
+        self.access = HalAccess(prefix=prefix, python=sys.executable)
+
+    def save(self):
+        self.file.write_text(json.dumps(self.pins))
+
+    def outside(self, names=NAMES):
+        return HalPins(names, self.access)
+
+
+@pytest.fixture
+def hal(tmp_path):
+    return Hal(tmp_path)
+
+
+def test_pins_are_read_as_full_doubles(hal):
+    hal.pins[NAMES[0]] = ODD
+    hal.save()
+    assert hal.outside().read() == {NAMES[0]: ODD, NAMES[1]: 100.0}
+
+
+def test_pins_are_set_as_full_doubles_and_told_as_they_are_then(hal):
+    assert hal.outside().write({NAMES[1]: ODD}) == {NAMES[0]: -172.5, NAMES[1]: ODD}
+    assert hal.outside().read()[NAMES[1]] == ODD
+
+
+def test_nothing_is_set_while_the_machine_is_on(hal):
+    hal.pins["motion.motion-enabled"] = True
+    hal.save()
+    with pytest.raises(DeviceRefused, match="machine is on"):
+        hal.outside().write({NAMES[1]: ODD})
+    assert hal.outside().read()[NAMES[1]] == 100.0
+
+
+def test_other_kinematics_has_other_pins(hal):
+    with pytest.raises(DeviceRefused, match=r"without the pins.*rotarydeltakins.x"):
+        hal.outside(("rotarydeltakins.x",)).read()
+
+
+def test_linuxcnc_that_does_not_run_is_not_there(hal):
+    hal.pins = {}
+    hal.save()
+    with pytest.raises(LinkDown, match="LinuxCNC does not run"):
+        hal.outside().read()
+
+
+@pytest.mark.parametrize(
+    ("access", "reason"),
+    [
+        (HalAccess(python="/nonexistent/python3"), "No such file"),
+        (HalAccess(python=sys.executable), "No module named 'hal'"),
+        (HalAccess(prefix=("echo", "Permission denied (publickey)")), "no answer"),
+        (HalAccess(prefix=("sh", "-c", "echo refused >&2; exit 255")), "refused"),
+        (HalAccess(prefix=("sh", "-c", "exec sleep 5"), within_s=0.01), "timed out"),
+    ],
+)
+def test_access_that_leads_nowhere_says_why(access, reason):
+    with pytest.raises(LinkDown, match=reason):
+        HalPins(NAMES, access).read()
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        '{"pins": {}}',
+        '{"pins": {"par4kins.arm0.x_mm": "nan", "par4kins.plate_mm": "0x1p+0"}}',
+        '{"pins": {"par4kins.arm0.x_mm": 1.0, "par4kins.plate_mm": "0x1p+0"}}',
+        '{"pins": 3}',
+        "{}",
+    ],
+)
+def test_answer_that_is_none_is_refused(answer):
+    with pytest.raises(WireError):
+        HalPins(NAMES, HalAccess(prefix=("sh", "-c", f"echo '{answer}'"))).read()

@@ -1,0 +1,126 @@
+"""Stopping over robotline: whatever has happened before, and loud when it cannot be confirmed."""
+
+import pytest
+from scripted_controller import ANSWER_S, connected
+
+from drivers.errors import LinkDown, RobotStateUnknown
+from drivers.robotline.robot import Deadlines
+
+MOVING = "OK 1 0 - 0.0 0.0 0.0 0.0"
+STANDING = "OK 0 0 - 0.0 0.0 0.0 0.0"
+
+
+def lose_the_wire(controller):
+    """An answer fails to come, and the link closes itself."""
+    usual = controller.answers["STATE"]
+    controller.answers["STATE"] = None
+    with pytest.raises(LinkDown):
+        controller.robot.state()
+    controller.answers["STATE"] = usual
+    controller.questions.clear()
+
+
+def test_stop_returns_when_the_robot_stands():
+    controller = connected()
+    controller.answers["STATE"] = [MOVING, MOVING, STANDING]
+    controller.robot.stop()
+    assert controller.verbs == ["STOP", "STATE", "STATE", "STATE"]
+    assert controller.robot.state().moving is False
+
+
+def test_stop_opens_a_closed_wire_and_says_stop_first():
+    controller = connected()
+    lose_the_wire(controller)
+    controller.robot.stop()
+    assert controller.verbs == ["STOP", "STOP", "STATE"]
+
+
+def test_after_a_stop_over_a_new_wire_the_rest_waits_for_a_reconnection():
+    controller = connected()
+    lose_the_wire(controller)
+    controller.robot.stop()
+    with pytest.raises(LinkDown, match="not connected"):
+        controller.robot.move_joints([0.0] * 4, 0.5)
+    assert all(pipe.is_closed for pipe in controller.pipes)
+
+
+def test_stop_works_although_the_operator_has_cancelled():
+    wishes = []
+    controller = connected(cancelled=lambda: bool(wishes))
+    wishes.append("stop")
+    controller.robot.stop()
+    assert controller.verbs == ["STOP", "STATE"]
+
+
+def test_stop_comes_again_over_a_new_wire_when_it_is_not_answered():
+    controller = connected()
+    controller.pipes[0].respond = lambda _: []
+    controller.robot.stop()
+    assert len(controller.pipes) == 2
+    assert controller.verbs == ["STOP", "STOP", "STATE"]
+
+
+def test_stop_comes_again_when_the_state_is_not_answered():
+    controller = connected()
+    controller.answers["STATE"] = [None, STANDING]
+    controller.robot.stop()
+    assert controller.verbs == ["STOP", "STATE", "STOP", "STOP", "STATE"]
+
+
+def test_half_an_old_answer_in_the_line_does_not_prevent_a_stop():
+    controller = connected()
+    lose_the_wire(controller)
+    controller.waiting = b"0 0 - 12.5 0.0 0.0 0.0 *12AB\n"
+    controller.robot.stop()
+    assert controller.verbs[-2:] == ["STOP", "STATE"]
+
+
+def test_noise_on_the_line_does_not_keep_a_stop_from_being_sent():
+    controller = connected()
+    noise = b"\xff" * 300
+    controller.pipes[0].arrives(0.0, noise)
+    controller.waiting = noise
+    controller.connections = 2
+    with pytest.raises(RobotStateUnknown):
+        controller.robot.stop()
+    assert controller.verbs == ["STOP"]
+
+
+def test_stop_that_nobody_answers_is_loud_and_in_time():
+    controller = connected(deadlines=Deadlines(standstill_s=3.0))
+    controller.connections = 1
+    controller.robot.close()
+    begun_s = controller.clock.now_s()
+    with pytest.raises(RobotStateUnknown, match=r"robot state unknown.*use the hardware stop"):
+        controller.robot.stop()
+    assert controller.clock.now_s() - begun_s < 3.0 + 0.5
+
+
+def test_robot_that_goes_on_moving_is_loud():
+    controller = connected()
+    controller.answers["STATE"] = MOVING
+    with pytest.raises(RobotStateUnknown, match=r"within 5 s \(it still moves\)"):
+        controller.robot.stop()
+
+
+def test_stop_that_is_refused_is_loud():
+    controller = connected()
+    controller.answers["STOP"] = "NO VERB"
+    with pytest.raises(RobotStateUnknown, match="STOP refused"):
+        controller.robot.stop()
+    assert "STATE" not in controller.verbs
+
+
+def test_stop_that_fails_leaves_no_wire_open():
+    controller = connected()
+    controller.answers["STOP"] = None
+    with pytest.raises(RobotStateUnknown):
+        controller.robot.stop()
+    assert all(pipe.is_closed for pipe in controller.pipes)
+
+
+def test_standing_robot_is_stopped_within_two_answers():
+    controller = connected()
+    begun_s = controller.clock.now_s()
+    controller.robot.stop()
+    assert controller.clock.now_s() - begun_s <= 2 * ANSWER_S + 1e-9

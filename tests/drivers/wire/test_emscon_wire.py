@@ -1,0 +1,259 @@
+"""emScon messages: the example packets both ways, round trips, garbage."""
+
+import json
+import struct
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import WireError
+from drivers.wire.emscon import (
+    SHAPES,
+    Answer,
+    FromClientFramer,
+    FromServerFramer,
+    OtherPacket,
+    Request,
+    UnknownRequest,
+    encode,
+    refusal,
+)
+from drivers.wire.emscon_body import decode_body, encode_body, layout_of
+from drivers.wire.emscon_constants import (
+    Command,
+    DataType,
+    StatusBit,
+    SystemChange,
+)
+from drivers.wire.emscon_messages import (
+    ApproximateDistance,
+    CoordinateSystem,
+    Environment,
+    ErrorResponse,
+    MeasurementMode,
+    ReflectorChoice,
+    ReflectorEntry,
+    ReflectorPosition,
+    SearchParams,
+    SingleResult,
+    SingleResult2,
+    StationaryMode,
+    StatusChange,
+    SystemStatus,
+    Target,
+    Units,
+)
+from drivers.wire.emscon_status import ResultStatus, status_text
+
+GOLDEN = {
+    name: bytes.fromhex(packet)
+    for name, packet in json.loads(
+        (Path(__file__).parents[2] / "data" / "emscon-golden.json").read_text(encoding="utf-8")
+    )["vectors"].items()
+}
+
+MEANINGS = {
+    "Initialize request": Request(Command.INITIALIZE),
+    "Initialize answer OK": Answer(Command.INITIALIZE),
+    "SetUnits request (mm, deg, C, mbar, RH)": Request(Command.SET_UNITS, Units(1, 1, 0, 0, 0)),
+    "SetCoordinateSystemType request RHR": Request(
+        Command.SET_COORDINATE_SYSTEM_TYPE, CoordinateSystem(0)
+    ),
+    "SetMeasurementMode request Stationary": Request(
+        Command.SET_MEASUREMENT_MODE, MeasurementMode(0)
+    ),
+    "SetStationaryModeParams request 2000 ms, ADM on": Request(
+        Command.SET_STATIONARY_MODE_PARAMS, StationaryMode(2000, 1)
+    ),
+    "GetReflectors request": Request(Command.GET_REFLECTORS),
+    "GetReflectors answer 1 of 2": Answer(
+        Command.GET_REFLECTORS, body=ReflectorEntry(2, 1, 1, 19.05, "CCR-1.5in")
+    ),
+    "SetReflector request id 1": Request(Command.SET_REFLECTOR, ReflectorChoice(1)),
+    "SetSearchParams request 50.0, 10000 ms": Request(
+        Command.SET_SEARCH_PARAMS, SearchParams(50.0, 10000)
+    ),
+    "SetEnvironmentParams request 20,1013.25,50": Request(
+        Command.SET_ENVIRONMENT_PARAMS, Environment(20.0, 1013.25, 50.0)
+    ),
+    "GoPosition request 1000,2000,-300, ADM": Request(
+        Command.GO_POSITION, Target((1000.0, 2000.0, -300.0), 1)
+    ),
+    "FindReflector request 3000": Request(Command.FIND_REFLECTOR, ApproximateDistance(3000.0)),
+    "StartMeasurement request": Request(Command.START_MEASUREMENT),
+    "StartMeasurement answer OK": Answer(Command.START_MEASUREMENT),
+    "SingleMeasResult": SingleResult(
+        status=0,
+        mode=0,
+        is_trial=0,
+        point=(1000.5, -2000.25, 300.125),
+        std=(0.01, 0.02, 0.03),
+        std_total=0.0374,
+        pointing_error=(0.0, 0.0, 0.0),
+        apriori_std=(0.015, 0.015, 0.015),
+        apriori_std_total=0.026,
+        temperature=20.0,
+        pressure=1013.25,
+        humidity=50.0,
+    ),
+    "ErrorResponse cmd 49 status 23": ErrorResponse(49, 23),
+    "SystemStatusChange 27 Ready": StatusChange(SystemChange.LIGHT_READY),
+    "ReflectorPosResult": ReflectorPosition(0, (1.0, 2.0, 3.0)),
+    "GetSystemStatus answer": Answer(
+        Command.GET_SYSTEM_STATUS, body=SystemStatus(0, 5, 3, 2, 3, 8, 500, 2, 0, 390793)
+    ),
+}
+
+INT32 = st.integers(-(2**31), 2**31 - 1)
+DOUBLE = st.floats(allow_nan=False)
+TEXT = st.text(st.characters(max_codepoint=0xFFFF, exclude_categories=["Cs"]), max_size=31).map(
+    lambda text: text.replace("\0", "")
+)
+VALUES = {"i": INT32, "d": DOUBLE, "v": st.tuples(DOUBLE, DOUBLE, DOUBLE), "s": TEXT}
+
+
+def bodies(kind):
+    return st.builds(kind, *(VALUES[code] for code in kind.LAYOUT))
+
+
+REQUESTS = st.one_of(
+    [
+        bodies(shape.request).map(lambda b, c=command: Request(c, b))
+        for command, shape in SHAPES.items()
+    ]
+)
+ANSWERS = st.one_of(
+    [
+        bodies(shape.answer).map(lambda b, c=command: Answer(c, 0, b))
+        for command, shape in SHAPES.items()
+    ]
+)
+UNASKED = st.one_of(
+    [
+        bodies(kind)
+        for kind in (ErrorResponse, StatusChange, ReflectorPosition, SingleResult, SingleResult2)
+    ]
+)
+OTHERS = st.builds(
+    OtherPacket, st.sampled_from([3, 4, 5, 6, 10, 11]).map(int), st.binary(max_size=40)
+)
+FROM_SERVER = st.one_of(ANSWERS, UNASKED, OTHERS)
+
+
+def framer_for(name):
+    return FromClientFramer() if "request" in name else FromServerFramer()
+
+
+@pytest.mark.parametrize("name", GOLDEN)
+def test_example_packet_means_what_its_name_says(name):
+    assert framer_for(name).feed(GOLDEN[name]) == [MEANINGS[name]]
+
+
+@pytest.mark.parametrize("name", GOLDEN)
+def test_example_packet_is_written_again_byte_for_byte(name):
+    assert encode(MEANINGS[name]) == GOLDEN[name]
+
+
+@given(messages=st.lists(REQUESTS, max_size=3), cut=st.integers(0, 200))
+def test_requests_survive_the_wire_in_two_pieces(messages, cut):
+    stream, framer = b"".join(map(encode, messages)), FromClientFramer()
+    assert framer.feed(stream[:cut]) + framer.feed(stream[cut:]) == messages
+
+
+@given(messages=st.lists(FROM_SERVER, max_size=3))
+def test_answers_survive_the_wire_byte_by_byte_and_whole(messages):
+    stream, framer = b"".join(map(encode, messages)), FromServerFramer()
+    assert [m for byte in stream for m in framer.feed(bytes([byte]))] == messages
+    assert FromServerFramer().feed(stream + stream[:5]) == messages
+
+
+@given(data=st.binary(min_size=196, max_size=196))
+def test_a_result_is_kept_to_the_last_bit(data):
+    assert encode_body(decode_body(SingleResult2, data)) == data
+
+
+@given(data=st.binary(max_size=300), kind=st.sampled_from(DataType), size=st.integers(0, 300))
+def test_garbage_is_read_or_refused(data, kind, size):
+    for framer in (FromServerFramer(), FromClientFramer()):
+        for stream in (data, struct.pack("<ii", size, kind) + data):
+            try:
+                framer.feed(stream)
+            except WireError:
+                break
+
+
+@given(body=st.binary(max_size=250), command=st.sampled_from(Command))
+def test_garbage_after_a_known_command_is_read_or_refused(body, command):
+    for framer, head in ((FromServerFramer(), "<iiii"), (FromClientFramer(), "<iii")):
+        size = struct.calcsize(head)
+        header = struct.pack(head, size + len(body), 0, command, *[0] * (size == 16))
+        try:
+            framer.feed(header + body)
+        except WireError:
+            continue
+
+
+def test_body_of_a_wrong_size_is_refused():
+    with pytest.raises(WireError, match="Units has 16 bytes, 20 are expected"):
+        decode_body(Units, bytes(16))
+
+
+def test_refusal_is_read_with_or_without_what_would_follow():
+    bare = refusal(Command.GET_SYSTEM_STATUS, ResultStatus.SERVER_BUSY)
+    padded = struct.pack("<iiii", 56, 0, 1, 1) + bytes(40)
+    expected = [Answer(Command.GET_SYSTEM_STATUS, ResultStatus.SERVER_BUSY)]
+    assert FromServerFramer().feed(bare) == expected
+    assert FromServerFramer().feed(padded) == expected
+
+
+def test_command_without_grammar_is_named_to_the_server():
+    assert FromClientFramer().feed(encode(UnknownRequest(144))) == [UnknownRequest(144)]
+
+
+def test_answer_to_a_command_that_is_never_asked_is_refused():
+    with pytest.raises(WireError, match="answer to command 144"):
+        FromServerFramer().feed(refusal(144, 0))
+
+
+def test_unknown_packet_type_is_refused():
+    with pytest.raises(WireError, match="unknown type 12"):
+        FromServerFramer().feed(struct.pack("<ii", 8, 12))
+
+
+def test_client_may_send_only_commands():
+    with pytest.raises(WireError, match="type 8 from a client"):
+        FromClientFramer().feed(encode(StatusChange(1)))
+
+
+def test_text_too_long_for_its_field_is_not_written():
+    with pytest.raises(ValueError, match="more than 31"):
+        encode_body(ReflectorEntry(1, 1, 1, 0.0, "x" * 32))
+
+
+def test_text_is_read_up_to_its_first_nul_and_never_fails():
+    packet = bytearray(encode_body(ReflectorEntry(1, 1, 1, 0.0, "CCR")))
+    packet[20 + 2 * 5 : 20 + 2 * 6] = b"\x00\xd8"  # half a surrogate pair, behind the end
+    assert decode_body(ReflectorEntry, bytes(packet)).name == "CCR"
+
+
+@pytest.mark.parametrize(("kind", "size"), [(SingleResult, 148), (SingleResult2, 196)])
+def test_results_have_the_published_sizes_without_their_header(kind, size):
+    assert layout_of(kind).size == size
+
+
+@pytest.mark.parametrize("kind", SHAPES.values())
+def test_every_field_has_one_letter_of_layout(kind):
+    for body in (kind.request, kind.answer):
+        assert len(fields(body)) == len(body.LAYOUT)
+
+
+def test_status_is_told_by_number_and_in_words():
+    assert status_text(39) == "emScon error 39 (tracker not initialized)"
+    assert status_text(24010) == "emScon error 24010"
+
+
+def test_initialised_and_reflector_bits_are_where_the_interface_has_them():
+    assert StatusBit.REFLECTOR_FOUND | StatusBit.INITIALIZED == 2048 + 65536

@@ -1,0 +1,116 @@
+"""Golden lines of robotline, both ways, and the specification that quotes them."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import WireError
+from drivers.wire import robotline_answers as answers
+from drivers.wire import robotline_commands as commands
+from drivers.wire import robotline_geometry as geometry
+from drivers.wire.robotline import (
+    BadRequest,
+    Refused,
+    Reply,
+    Request,
+    checksum,
+    decode_reply,
+    decode_request,
+    encode_reply,
+    encode_request,
+)
+
+ROOT = Path(__file__).parents[3]
+GOLDEN = json.loads((ROOT / "tests/data/robotline-golden.json").read_text())
+SPECIFICATION = (ROOT / "docs/robotline.md").read_text()
+
+
+def line(case):
+    return case["line"]
+
+
+def why(case):
+    return case["why"]
+
+
+def part_of(fields):
+    if "plate_mm" in fields:
+        return geometry.PlateGeometry(**fields)
+    return geometry.ArmGeometry(fields["arm"], tuple(fields["values"]))
+
+
+def command_of(case):
+    if case["command"] == "Stage":
+        return commands.Stage(part_of(case["fields"]["part"]))
+    return getattr(commands, case["command"])(**tuples(case["fields"]))
+
+
+def outcome_of(case):
+    kinds = {"Refused": Refused, "ArmGeometry": geometry.ArmGeometry}
+    kinds["PlateGeometry"] = geometry.PlateGeometry
+    kind = kinds.get(case["outcome"]) or getattr(answers, case["outcome"])
+    return kind(**tuples(case["fields"]))
+
+
+def tuples(fields):
+    return {name: tuple(v) if isinstance(v, list) else v for name, v in fields.items()}
+
+
+@pytest.mark.parametrize("case", GOLDEN["checksums"], ids=lambda case: case["text"])
+def test_checksum_of_golden_text(case):
+    assert f"{checksum(case['text'].encode()):04X}" == case["checksum"]
+
+
+@pytest.mark.parametrize("case", GOLDEN["requests"], ids=line)
+def test_golden_request_is_written_and_read(case):
+    request = Request(case["sequence"], command_of(case))
+    assert encode_request(request) == case["line"].encode() + b"\n"
+    assert decode_request(case["line"].encode()) == request
+
+
+@pytest.mark.parametrize("case", GOLDEN["replies"], ids=line)
+def test_golden_reply_is_written_and_read(case):
+    reply = Reply(case["sequence"], case["verb"], outcome_of(case))
+    assert encode_reply(reply) == case["line"].encode() + b"\n"
+    assert decode_reply(case["line"].encode()) == reply
+    assert decode_reply(case["line"].encode()).line == case["line"]
+
+
+@pytest.mark.parametrize("case", GOLDEN["bad_requests"], ids=why)
+def test_bad_request_says_what_the_controller_must_answer(case):
+    with pytest.raises(BadRequest) as bad:
+        decode_request(case["line"].encode())
+    if case["answer"] is None:
+        assert bad.value.reply is None
+    else:
+        assert encode_reply(bad.value.reply).decode().startswith(case["answer"])
+
+
+@pytest.mark.parametrize("case", GOLDEN["bad_replies"], ids=why)
+def test_bad_reply_is_a_wire_error(case):
+    with pytest.raises(WireError):
+        decode_reply(case["line"].encode())
+
+
+@pytest.mark.parametrize("case", GOLDEN["requests"] + GOLDEN["replies"], ids=line)
+def test_specification_quotes_the_golden_line(case):
+    assert case["line"] in SPECIFICATION.splitlines()
+
+
+def test_every_line_in_the_specification_is_right():
+    lines = re.findall(r"^[<>]\d+ .* \*[0-9A-F]{4}$", SPECIFICATION, flags=re.MULTILINE)
+    assert len(lines) >= len(GOLDEN["requests"] + GOLDEN["replies"])
+    for text in lines:
+        decode = decode_request if text.startswith(">") else decode_reply
+        assert decode(text.encode())
+
+
+def test_checksum_in_the_specification_is_the_one_used():
+    (code,) = re.findall(r"```python\n(.*?)```", SPECIFICATION, flags=re.DOTALL)
+    names = {}
+    exec(code, names)
+    for case in GOLDEN["checksums"]:
+        assert names["checksum"](case["text"].encode()) == case["checksum"]
+        assert f"`{case['text']}` | `{case['checksum']}`" in SPECIFICATION

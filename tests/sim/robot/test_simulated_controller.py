@@ -1,0 +1,222 @@
+"""The controller: moves in time, refuses with a reason, stops at once, faults by script."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sim.draws import WorkedTime
+from sim.faults import Counted, Fault, FaultScript
+from sim.geometry import NOMINAL_ROBOTS, geometry_of
+from sim.robot.controller import ControllerSettings, Refusal, SimulatedController
+from sim.robot.inverse import joints_for
+
+SETTINGS = ControllerSettings(
+    serial="SIM-C-7",
+    lowest_rad=math.radians(-45.0),
+    highest_rad=math.radians(90.0),
+    speed_rad_per_s=math.radians(180.0),
+    resolution_rad=math.radians(1e-6),
+    emergency_stop=False,
+)
+HOME = np.radians([30.0, 30.0, 20.0, 20.0])
+THERE = tuple(np.radians([40.0, 35.0, 10.0, 20.0]))
+
+
+class Axes:
+    """Follows everything, or only a part of any way; remembers where it came to rest."""
+
+    def __init__(self, part=1.0):
+        self.part = part
+        self.rests = []
+
+    def passable_part(self, encoders_rad):
+        return self.part
+
+    def arrive(self, encoders_rad, target):
+        self.rests.append((encoders_rad, target))
+
+
+def controller(*, faults=(), axes=None, worked=None, **settings):
+    changed = {name: getattr(SETTINGS, name) for name in SETTINGS.__slots__} | settings
+    return SimulatedController(
+        ControllerSettings(**changed),
+        axes or Axes(),
+        geometry=NOMINAL_ROBOTS["par4-prototype"],
+        joints_rad=HOME,
+        faults=FaultScript(faults, {}),
+        worked=worked or WorkedTime(0.0),
+    )
+
+
+def refusal(call, *arguments):
+    with pytest.raises(Refusal) as refused:
+        call(*arguments)
+    return refused.value
+
+
+def test_a_move_takes_its_time_and_ends_exactly_in_place():
+    axes, worked = Axes(), WorkedTime(0.0)
+    robot = controller(axes=axes, worked=worked)
+    takes_s = robot.move_joints(THERE, 1.0, 5.0)
+    assert robot.state(5.0 + 0.99 * takes_s).moving
+    state = robot.state(5.0 + takes_s)
+    assert not state.moving
+    assert state.joints_rad == pytest.approx(THERE, abs=math.radians(0.5e-6))
+    assert axes.rests[0][1] == (40_000_000, 35_000_000, 10_000_000, 20_000_000)
+    assert worked.seconds == takes_s
+
+
+def test_no_joint_exceeds_its_speed_and_all_arrive_together():
+    robot = controller()
+    takes_s = robot.move_joints(THERE, 0.5, 0.0)
+    times = np.linspace(0.0, takes_s, 400)
+    path = np.array([robot.state(now_s).joints_rad for now_s in times])
+    speeds = np.abs(np.diff(path, axis=0)).max() / (times[1] - times[0])
+    assert 0.98 * math.radians(90.0) < speeds <= 1.001 * math.radians(90.0)
+    parts = (path[1:-1] - HOME)[:, :3] / (np.array(THERE) - HOME)[:3]
+    assert np.ptp(parts, axis=1).max() < 1e-6
+
+
+def test_encoders_read_whole_steps():
+    robot = controller(resolution_rad=math.radians(0.01))
+    robot.move_joints(tuple(np.radians([31.2345, 30.0, 20.0, 20.0])), 1.0, 0.0)
+    for now_s in (0.01, 0.03, 9.0):
+        steps = np.degrees(robot.state(now_s).joints_rad) / 0.01
+        assert steps == pytest.approx(np.round(steps), abs=1e-6)
+
+
+def test_a_pose_is_reached_by_the_controllers_own_geometry():
+    robot = controller()
+    flat = dict(NOMINAL_ROBOTS["par4-prototype"]) | {"arm2.arm_mm": 353.0}
+    robot.replace_geometry(flat, 0.0)
+    takes_s = robot.move_pose(50.0, -20.0, -600.0, 0.2, 1.0, 0.0)
+    wanted = joints_for(geometry_of(flat), np.array([50.0, -20.0, -600.0]), 0.2)
+    assert robot.state(takes_s).joints_rad == pytest.approx(wanted, abs=1e-7)
+
+
+@pytest.mark.parametrize("joint_deg", [-45.1, 90.1, math.nan, math.inf])
+def test_a_joint_outside_its_limits_is_refused(joint_deg):
+    target = [math.radians(joint_deg), *HOME[1:]]
+    refused = refusal(controller().move_joints, target, 1.0, 0.0)
+    assert refused.code == "LIMIT"
+    assert "joint 0" in refused.text
+
+
+def test_the_limits_themselves_are_allowed():
+    assert controller().move_joints(np.radians([-45.0, 90.0, 0.0, 0.0]), 1.0, 0.0) > 0.0
+
+
+@pytest.mark.parametrize("speed", [0.0, -0.1, 1.01, math.nan])
+def test_an_impossible_speed_is_refused(speed):
+    assert refusal(controller().move_joints, THERE, speed, 0.0).code == "LIMIT"
+
+
+def test_the_wrong_number_of_joints_is_refused():
+    assert refusal(controller().move_joints, THERE[:3], 1.0, 0.0).code == "LIMIT"
+
+
+@pytest.mark.parametrize("z_mm", [-3000.0, math.nan])
+def test_a_pose_out_of_reach_is_refused(z_mm):
+    assert refusal(controller().move_pose, 0.0, 0.0, z_mm, 0.0, 1.0, 0.0).code == "REACH"
+
+
+def test_a_moving_robot_takes_neither_moves_nor_parameters():
+    robot = controller()
+    robot.move_joints(THERE, 1.0, 0.0)
+    assert refusal(robot.move_joints, tuple(HOME), 1.0, 0.01).code == "BUSY"
+    assert refusal(robot.replace_geometry, robot.geometry(), 0.01).code == "BUSY"
+
+
+def test_stop_brakes_within_a_moment_and_on_the_way():
+    robot, axes = controller(), Axes()
+    robot = controller(axes=axes)
+    takes_s = robot.move_joints(THERE, 0.2, 0.0)
+    before = robot.state(takes_s / 2).joints_rad
+    robot.stop(takes_s / 2)
+    state = robot.state(takes_s / 2 + 0.051)
+    assert not state.moving
+    travelled = (np.array(state.joints_rad) - before)[:3] / (np.array(THERE) - HOME)[:3]
+    assert 0.0 < travelled.min() < 0.2
+    assert np.ptp(travelled) < 1e-6
+    assert len(axes.rests) == 1
+    assert robot.move_joints(THERE, 1.0, takes_s) > 0.0
+
+
+def test_stop_does_not_throw_a_robot_that_has_almost_arrived():
+    robot = controller()
+    takes_s = robot.move_joints(THERE, 1.0, 0.0)
+    robot.stop(takes_s - 0.001)
+    assert robot.state(takes_s).joints_rad == pytest.approx(THERE, abs=1e-7)
+
+
+def test_stop_of_a_standing_robot_changes_nothing():
+    robot = controller()
+    robot.stop(1.0)
+    assert robot.state(2.0).joints_rad == tuple(HOME)
+
+
+def test_parameters_are_replaced_all_or_none():
+    robot = controller()
+    before = robot.geometry()
+    incomplete = {name: 1.0 for name in before if name != "arm2.y_mm"}
+    assert refusal(robot.replace_geometry, incomplete, 0.0).code == "GEOMETRY"
+    assert refusal(robot.replace_geometry, before | {"arm1.arm_mm": -1.0}, 0.0).code == "GEOMETRY"
+    assert refusal(robot.replace_geometry, before | {"plate_mm": math.nan}, 0.0).code == "GEOMETRY"
+    assert refusal(robot.replace_geometry, before | {"arm9.x_mm": 1.0}, 0.0).code == "GEOMETRY"
+    assert robot.geometry() == before
+    robot.replace_geometry(before | {"arm1.arm_mm": 351.0}, 0.0)
+    assert robot.geometry()["arm1.arm_mm"] == 351.0
+
+
+def test_a_pressed_emergency_stop_refuses_every_move():
+    robot = controller(emergency_stop=True)
+    assert robot.state(0.0).emergency_stop
+    assert refusal(robot.move_joints, THERE, 1.0, 0.0).code == "ESTOP"
+
+
+def test_a_drive_fault_halts_the_second_move_halfway_and_clears_in_time():
+    robot = controller(faults=[Fault(Counted.MOVE, 2, "drive_fault", 5.0)])
+    takes_s = robot.move_joints(tuple(HOME), 1.0, 0.0)
+    now_s = takes_s + robot.move_joints(THERE, 1.0, takes_s)
+    state = robot.state(now_s)
+    assert state.fault
+    assert not state.moving
+    assert state.joints_rad == pytest.approx((HOME + THERE) / 2, abs=1e-7)
+    assert refusal(robot.move_joints, THERE, 1.0, now_s).code == "FAULT"
+    assert robot.state(now_s + 5.0).fault == ""
+
+
+def test_an_emergency_stop_without_an_end_stays():
+    robot = controller(faults=[Fault(Counted.MOVE, 1, "emergency_stop", None)])
+    takes_s = robot.move_joints(THERE, 1.0, 0.0)
+    assert robot.state(takes_s).emergency_stop
+    assert robot.state(1e9).emergency_stop
+
+
+def test_a_stalled_robot_claims_to_move_until_it_is_stopped():
+    robot = controller(faults=[Fault(Counted.MOVE, 1, "stall", None)])
+    takes_s = robot.move_joints(THERE, 1.0, 0.0)
+    halfway = robot.state(takes_s).joints_rad
+    assert robot.state(1e6).moving
+    assert robot.state(1e6).joints_rad == halfway
+    robot.stop(1e6)
+    assert not robot.state(1e6).moving
+
+
+def test_a_robot_that_is_stopped_before_its_fault_has_none():
+    robot = controller(faults=[Fault(Counted.MOVE, 1, "drive_fault", None)])
+    takes_s = robot.move_joints(THERE, 0.1, 0.0)
+    robot.stop(0.2 * takes_s)
+    state = robot.state(takes_s)
+    assert not state.moving
+    assert state.fault == ""
+
+
+def test_a_mechanism_that_cannot_follow_trips_the_drives_where_it_holds():
+    robot = controller(axes=Axes(part=0.25))
+    takes_s = robot.move_joints(THERE, 1.0, 0.0)
+    state = robot.state(takes_s)
+    assert "following error" in state.fault
+    assert state.joints_rad == pytest.approx(HOME + 0.25 * (THERE - HOME), abs=1e-7)
+    assert robot.state(takes_s + 10.0).fault == ""

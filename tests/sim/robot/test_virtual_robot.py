@@ -1,0 +1,199 @@
+"""The eight-rod mechanism: tied to the contracted equations, and departing where it should."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim.errors import AssemblyLost
+from sim.geometry import NOMINAL_ROBOTS, UP, geometry_of
+from sim.robot.assembly import assemble, follow, restore
+from sim.robot.inverse import OutOfReach, joints_for, plate_joints_mm
+from sim.robot.rods import Build, EightRods, Plate
+from sim.robot.rotations import rotation, rotation_and_rates
+from sim.scenarios.scenario import load_scenario
+
+VECTORS = Path(__file__).parents[2] / "data" / "vectors" / "kinematics.json"
+PLATE_JOINTS_MM = np.array([[-60, 5, 3], [55, 0, -2], [60, 10, 0], [-70, 0, 4.0]])
+CENTRE_MM = np.array([0.0, 0.0, -575.0])
+
+
+def mechanism(geometry, *, rod_mm=0.0, tilt_mrad=0.0, seed=0):
+    draw = np.random.default_rng(seed)
+    build = Build(
+        plate_joints_mm=PLATE_JOINTS_MM,
+        rod_spacing_mm=80.0,
+        rod_errors_mm=rod_mm * draw.standard_normal((4, 2)),
+        axis_tilts_rad=1e-3 * tilt_mrad * draw.standard_normal(4),
+    )
+    return EightRods(geometry, build)
+
+
+def reachable_joints(geometry, count, seed):
+    draw = np.random.default_rng(seed)
+    found = []
+    while len(found) < count:
+        place_mm = draw.uniform([-520, -550, -990], [520, 450, -270])
+        try:
+            joints = joints_for(geometry, place_mm, draw.uniform(-math.pi / 4, math.pi / 4))
+        except OutOfReach:
+            continue
+        if np.degrees(joints).min() >= -45 and np.degrees(joints).max() <= 90:
+            found.append(joints)
+    return found
+
+
+def contracted_misfit_mm(geometry, joints, plate):
+    """|A_i B'_i| − L_i, written down directly from the paper's equations."""
+    angles = joints + geometry.joint_offsets_rad
+    elbows_mm = geometry.motors_mm + geometry.arms_mm[:, None] * (
+        np.cos(angles)[:, None] * geometry.outward - np.sin(angles)[:, None] * UP
+    )
+    joints_mm = plate_joints_mm(geometry, plate.position_mm, plate.theta_rad)
+    return np.linalg.norm(joints_mm - elbows_mm, axis=1) - geometry.forearms_mm
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["paper-simulation", "paper-prototype"])
+def test_perfect_rods_equal_the_contracted_model_on_1000_poses(name):
+    geometry = geometry_of(load_scenario(name).robot.true_flat())
+    rods = mechanism(geometry)
+    centre = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
+    for joints in reachable_joints(geometry, 500, seed=7):
+        here = follow(rods, centre, joints, growth=0.0)
+        assert abs(contracted_misfit_mm(geometry, joints, here.plate)).max() < 1e-9
+        assert abs(here.plate.unknowns[3:6]).max() < 1e-11
+        back = joints_for(geometry, here.plate.position_mm, here.plate.theta_rad)
+        assert abs(back - joints).max() < 1e-11
+
+
+@pytest.mark.slow
+def test_the_golden_poses_are_reached():
+    for case in json.loads(VECTORS.read_text())["cases"].values():
+        arms = enumerate(case["geometry"]["arms"])
+        flat = {f"arm{arm}.{key}": value for arm, part in arms for key, value in part.items()}
+        geometry = geometry_of({**flat, "plate_mm": case["geometry"]["plate_mm"]})
+        rods = mechanism(geometry)
+        centre = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
+        for pose in case["poses"]:
+            place_mm = np.array([pose["x_mm"], pose["y_mm"], pose["z_mm"]])
+            joints = np.radians(pose["joints_deg"])
+            assert joints_for(geometry, place_mm, math.radians(pose["theta_deg"])) == pytest.approx(
+                joints, abs=1e-12
+            )
+            plate = follow(rods, centre, joints, growth=0.0).plate
+            assert plate.position_mm == pytest.approx(place_mm, abs=1e-9)
+            assert math.degrees(plate.theta_rad) == pytest.approx(pose["theta_deg"], abs=1e-9)
+
+
+@pytest.mark.slow
+def test_unequal_rods_and_tilted_axes_shift_and_tilt_the_plate():
+    geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+    perfect = mechanism(geometry)
+    offset_mm = np.array([20.0, -30.0, -45.0])
+    shifts_mm, tilts_mrad = [], []
+    for seed in range(10):
+        imperfect = mechanism(geometry, rod_mm=0.05, tilt_mrad=0.5, seed=seed)
+        centre = assemble(perfect, geometry, CENTRE_MM, 0.0, growth=0.0)
+        for joints in reachable_joints(geometry, 10, seed=seed):
+            ideal = follow(perfect, centre, joints, growth=0.0).plate
+            real, _, _ = imperfect.settle(joints, 0.0, ideal)
+            moved_mm = (
+                real.position_mm - ideal.position_mm + (real.rotation - np.eye(3)) @ offset_mm
+            )
+            shifts_mm.append(np.linalg.norm(moved_mm))
+            tilts_mrad.append(1e3 * np.linalg.norm(real.unknowns[3:6]))
+    assert 0.2 < np.quantile(shifts_mm, 0.9) < 0.8
+    assert 1.5 < np.quantile(tilts_mrad, 0.9) < 5.0
+
+
+def test_a_tilted_motor_swings_its_arm_square_to_its_axis():
+    geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+    rods = mechanism(geometry, tilt_mrad=200.0)
+    motors_mm = geometry.motors_mm + PLATE_JOINTS_MM
+    for joints_deg in (-30.0, 0.0, 50.0):
+        ends_mm = rods.elbows_mm(np.radians([joints_deg] * 4), 0.0).reshape(4, 2, 3)
+        bars_mm = ends_mm[:, 1] - ends_mm[:, 0]
+        arms_mm = ends_mm.mean(axis=1) - motors_mm
+        assert np.linalg.norm(bars_mm, axis=1) == pytest.approx(np.full(4, 80.0))
+        assert np.linalg.norm(arms_mm, axis=1) == pytest.approx(geometry.arms_mm)
+        assert np.einsum("ij,ij->i", arms_mm, bars_mm) == pytest.approx(np.zeros(4), abs=1e-9)
+    assert abs(bars_mm[:, 2]).max() > 10.0
+
+
+def test_arms_that_grow_spread_the_elbows_and_raise_the_plate():
+    geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+    rods = mechanism(geometry)
+    cold = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
+    warm = restore(rods, cold.joints_rad, cold.plate, growth=50e-6)
+    longer = geometry_of(
+        {
+            k: v * (1 + 50e-6 * k.endswith(".arm_mm"))
+            for k, v in NOMINAL_ROBOTS["par4-prototype"].items()
+        }
+    )
+    assert abs(contracted_misfit_mm(longer, cold.joints_rad, warm.plate)).max() < 1e-9
+    assert warm.plate.position_mm[2] > cold.plate.position_mm[2] + 0.01
+
+
+def test_joints_that_would_tear_the_robot_apart_are_refused():
+    geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+    rods = mechanism(geometry)
+    centre = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
+    with pytest.raises(AssemblyLost, match="no assembly") as lost:
+        follow(rods, centre, np.radians([90.0, -45.0, 90.0, -45.0]), growth=0.0)
+    assert 0.0 < lost.value.part < 1.0
+
+
+def test_the_way_is_followed_up_to_where_the_assembly_is_lost():
+    geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+    rods = mechanism(geometry)
+    centre = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
+    target = np.radians([90.0, -45.0, 90.0, -45.0])
+    with pytest.raises(AssemblyLost) as lost:
+        follow(rods, centre, target, growth=0.0)
+    edge = centre.joints_rad + 0.999 * lost.value.part * (target - centre.joints_rad)
+    assert abs(follow(rods, centre, edge, growth=0.0).plate.theta_rad) < math.pi / 2
+
+
+def test_the_other_assembly_of_the_same_joints_is_never_taken():
+    geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+    rods = mechanism(geometry)
+    centre = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
+    turned = Plate(centre.plate.unknowns + np.array([0, -100.0, 60.0, 0, 0, 0, math.pi]))
+    with pytest.raises(AssemblyLost):
+        restore(rods, centre.joints_rad, turned, growth=0.0)
+
+
+@pytest.mark.parametrize("step", [1e-3, 1e-5])
+def test_the_rods_derivative_agrees_with_differences(step):
+    geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+    rods = mechanism(geometry, rod_mm=0.05, tilt_mrad=0.5)
+    elbows_mm = rods.elbows_mm(np.radians([30.0, 40.0, 20.0, 25.0]), 0.0)
+    unknowns = np.array([10.0, -20.0, -560.0, 0.01, -0.02, 0.03, 0.3])
+    _, jacobian = rods.misfit(elbows_mm, unknowns)
+    for column in range(7):
+        change = step * np.eye(7)[column]
+        above, _ = rods.misfit(elbows_mm, unknowns + change)
+        below, _ = rods.misfit(elbows_mm, unknowns - change)
+        assert jacobian[:, column] == pytest.approx((above - below) / (2 * step), abs=1e-3)
+
+
+def test_rotations_are_orthogonal_and_turn_about_fixed_axes():
+    turn = rotation(0.3, -0.2, 1.1)
+    assert turn @ turn.T == pytest.approx(np.eye(3), abs=1e-15)
+    assert rotation(0.0, 0.0, math.pi / 2) @ [1, 0, 0] == pytest.approx([0, 1, 0])
+    assert rotation(math.pi / 2, 0.0, math.pi / 2) @ [0, 1, 0] == pytest.approx([0, 0, 1])
+    same, rates = rotation_and_rates(0.3, -0.2, 1.1)
+    assert same == pytest.approx(turn)
+    difference = (rotation(0.3, -0.2 + 1e-6, 1.1) - rotation(0.3, -0.2 - 1e-6, 1.1)) / 2e-6
+    assert rates[1] == pytest.approx(difference, abs=1e-9)
+
+
+def test_a_pose_out_of_reach_names_the_arm():
+    geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+    with pytest.raises(OutOfReach, match="arm 0") as reason:
+        joints_for(geometry, np.array([0.0, 0.0, -2000.0]), 0.0)
+    assert reason.value.arm == 0

@@ -1,0 +1,181 @@
+"""Scenario files: the shipped ones are what they say, and a wrong one is explained."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim.cell import Cell
+from sim.errors import ScenarioInvalid
+from sim.geometry import NOMINAL_ROBOTS
+from sim.scenarios.scenario import load_scenario, parse_scenario, shipped_scenarios
+
+MINIMAL = """\
+schema: pkmcal/cell/1
+name: mine
+robot: {nominal: par4-prototype}
+tracker:
+  station: {x_mm: 2000.0, y_mm: -1500, z_mm: -200.0}
+  noise: {coordinate_mm: 0.01}
+"""
+
+
+def explained(text):
+    with pytest.raises(ScenarioInvalid) as refused:
+        parse_scenario(text, "cell.yaml")
+    line = str(refused.value)
+    assert line.startswith("cell.yaml: ")
+    assert "\n" not in line
+    return line
+
+
+def test_four_scenarios_are_shipped_and_each_makes_a_cell():
+    assert shipped_scenarios() == (
+        "hostile",
+        "paper-prototype",
+        "paper-simulation",
+        "realistic",
+    )
+    for name in shipped_scenarios():
+        scenario = load_scenario(name)
+        assert scenario.name == name
+        assert Cell(scenario).tracker.live_point(0.0) is not None
+
+
+def test_table_1_is_the_truth_of_the_papers_simulation():
+    errors = load_scenario("paper-simulation").robot.errors
+    assert len(errors) == 22
+    assert sum(errors.values()) == pytest.approx(-0.1 + (-5) + (-5) + 4 + 7 + (-2) + 1)
+
+
+def test_table_2_is_the_truth_of_the_papers_prototype():
+    errors = load_scenario("paper-prototype").robot.errors
+    assert len(errors) == 22
+    assert errors["arm2.joint_offset_deg"] == -4.54
+    assert errors["arm2.arm_mm"] == -7.71
+    assert errors["arm3.forearm_mm"] == 4.04
+
+
+def test_the_trackers_stand_some_way_off_and_askew():
+    for name in shipped_scenarios():
+        station = Cell(load_scenario(name)).station
+        x_mm, y_mm, _ = station.origin_in_base_mm
+        assert 2300.0 < math.hypot(x_mm, y_mm) < 2700.0
+        assert abs(station.base_from_tracker).max() < 0.999
+
+
+def test_realistic_robots_differ_by_seed_as_their_tolerances_say():
+    scenario = load_scenario("realistic")
+    nominal = NOMINAL_ROBOTS["par4-prototype"]
+    made = [Cell(scenario, seed=seed).true_geometry for seed in range(30)]
+    lengths = [flat[f"arm{arm}.arm_mm"] - 350.0 for flat in made for arm in range(4)]
+    assert math.sqrt(sum(d * d for d in lengths) / len(lengths)) == pytest.approx(0.3, rel=0.25)
+    turns = [flat["arm2.azimuth_deg"] - nominal["arm2.azimuth_deg"] for flat in made]
+    assert 0.015 < max(map(abs, turns)) < 0.12
+    assert all(flat["arm0.x_mm"] == nominal["arm0.x_mm"] for flat in made)
+    assert Cell(scenario, seed=3).true_geometry == made[3]
+
+
+def test_a_minimal_scenario_is_an_ideal_robot():
+    cell = Cell(parse_scenario(MINIMAL, "cell.yaml"))
+    assert cell.true_geometry == dict(NOMINAL_ROBOTS["par4-prototype"])
+    assert cell.controller.geometry() == cell.true_geometry
+    assert cell.tracker.serial == "390001"
+
+
+def test_a_scenario_is_read_from_a_file(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(MINIMAL)
+    assert load_scenario(str(path)).name == "mine"
+
+
+def test_a_robot_can_be_written_out_in_full():
+    arms = "".join(
+        f"      - {{x_mm: {x}, y_mm: {y}, z_mm: 0, azimuth_deg: {a}, joint_offset_deg: 0,"
+        " arm_mm: 350, forearm_mm: 700}\n"
+        for x, y, a in ((-170, -220, 225), (170, -220, 315), (170, 220, 45), (-170, 220, 135))
+    )
+    geometry = f"robot:\n  geometry:\n    arms:\n{arms}    plate_mm: 99\n"
+    text = MINIMAL.replace("robot: {nominal: par4-prototype}\n", geometry)
+    assert Cell(parse_scenario(text, "cell.yaml")).true_geometry["arm2.x_mm"] == 170.0
+
+
+def test_an_unknown_scenario_names_the_nearest():
+    with pytest.raises(ScenarioInvalid, match=r"did you mean realistic\?"):
+        load_scenario("realistik")
+
+
+def test_a_folder_is_no_scenario(tmp_path):
+    with pytest.raises(ScenarioInvalid, match="cannot be read"):
+        load_scenario(str(tmp_path))
+
+
+def test_bytes_that_are_no_text_are_no_scenario(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_bytes(b"\xff\xfe\x00name")
+    with pytest.raises(ScenarioInvalid, match="cannot be read"):
+        load_scenario(str(path))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "instead", "words"),
+    [
+        ("coordinate_mm", "coordinat_mm", ("tracker.noise.coordinat_mm", "mean coordinate_mm?")),
+        ("name: mine", "name: mine\nsed: 3", ("sed is not a known key", "did you mean seed?")),
+        ("z_mm: -200.0", "z_mm: text", ("tracker.station.z_mm", "valid number")),
+        ("z_mm: -200.0", "z_mm: '-200'", ("tracker.station.z_mm", "valid number")),
+        ("z_mm: -200.0", "z_mm: .nan", ("tracker.station.z_mm",)),
+        (", z_mm: -200.0", "", ("tracker.station.z_mm is missing",)),
+        ("par4-prototype", "par4-prototipe", ("did you mean par4-prototype?",)),
+        (
+            "coordinate_mm: 0.01",
+            "coordinate_mm: -1",
+            ("tracker.noise.coordinate_mm", "greater than 0"),
+        ),
+        ("coordinate_mm: 0.01", "along: {constant_um: 1, per_metre_um: 1}", ("either",)),
+        ("par4-prototype", "par4-prototype, errors: {arm1.arm: 1}", ("mean arm1.arm_mm?",)),
+        ("par4-prototype", "par4-prototype, errors: {plate_mm: -100}", ("a length is above 0",)),
+        ("name: mine", "name: mine\nfaults: [{at_move: 1, kind: late}]", ("faults.0", "stall")),
+        ("name: mine", "name: mine\nfaults: [{kind: late}]", ("exactly one of",)),
+        ("name: mine", "name: mine\nfaults: [{at_answer: 1, kind: late}]", ("device",)),
+        (
+            "name: mine",
+            "name: mine\nfaults: [{at_measurement: 1, kind: wrong_target}]",
+            ("other_reflector_mm",),
+        ),
+        (
+            "name: mine",
+            "name: mine\nfaults: [{at_move: 1, kind: stall}, {at_move: 1, kind: stall}]",
+            ("same place",),
+        ),
+        ("name: mine", "name: mine\nname: yours", ("is not YAML", "duplicate key")),
+        ("cell/1", "cell/2", ("begin with 'schema: pkmcal/cell/1'",)),
+        ("name: mine", "name: mine\nspeed_up: 0", ("speed_up",)),
+        ("name: mine", "name: mine\nspeed_up: yes", ("speed_up",)),
+    ],
+)
+def test_a_wrong_entry_is_named_with_its_place(wrong, instead, words):
+    line = explained(MINIMAL.replace(wrong, instead))
+    for word in words:
+        assert word in line
+
+
+@pytest.mark.parametrize("text", ["", "[", "- 1", "hello", "a: *b", "\x00", "{[1]: 2}", "!!x 3"])
+def test_what_is_no_scenario_at_all_is_refused(text):
+    explained(text)
+
+
+@given(st.text(max_size=40))
+def test_no_text_brings_the_reader_down(text):
+    try:
+        parse_scenario(text, "cell.yaml")
+    except ScenarioInvalid:
+        return
+    pytest.fail("accepted")
+
+
+def test_a_robot_that_cannot_stand_at_its_start_is_refused():
+    far = MINIMAL + "controller: {start: {z_mm: -1500.0}}\n"
+    with pytest.raises(ScenarioInvalid, match=r"controller\.start"):
+        Cell(parse_scenario(far, "cell.yaml"))

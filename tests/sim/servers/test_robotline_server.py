@@ -1,0 +1,203 @@
+"""The simulated controller's side of robotline, as the specification demands it."""
+
+import json
+from binascii import crc_hqx
+from math import radians
+from pathlib import Path
+
+import pytest
+from fake_controller import GEOMETRY, FakeController
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.wire.robotline import decode_reply
+from drivers.wire.robotline_geometry import parts_of
+from sim.robot.controller import Refusal
+from sim.servers.robotline_server import RobotlineSession
+
+NOW_S = 12.5
+GOLDEN = json.loads((Path(__file__).parents[2] / "data/robotline-golden.json").read_text())
+
+
+class Client:
+    """One connection to a fake controller, spoken to by hand."""
+
+    def __init__(self, controller=None):
+        self.controller = controller or FakeController()
+        self.sent = []
+        self.session = RobotlineSession(self.controller, self.sent.append)
+
+    def ask(self, command):
+        """The answer to a question, without number, verb and checksum."""
+        self.sent.clear()
+        self.session.received(checked(f">5 {command}"), NOW_S)
+        (answer,) = self.sent
+        head = f"<5 {command.split()[0]} "
+        decode_reply(answer[:-1])
+        body = answer.decode().rpartition(" *")[0]
+        assert body.startswith(head)
+        return body.removeprefix(head)
+
+    def stage_all(self, geometry):
+        return [self.ask(" ".join(["STAGE", *part.words()])) for part in parts_of(geometry)]
+
+
+def checked(body):
+    data = body.encode()
+    return b"%s *%04X\n" % (data, crc_hqx(data, 0xFFFF))
+
+
+def test_hello_says_who_answers():
+    assert Client().ask("HELLO 1") == "OK 1 pkmcal Par4%20(simulated) 7 1.0 4"
+
+
+def test_hello_of_another_version_is_refused():
+    assert Client().ask("HELLO 2").startswith("NO VERSION ")
+
+
+def test_state_is_in_degrees():
+    assert Client().ask("STATE") == "OK 0 0 - 0.0 45.0 -90.0 28.64788975654116"
+
+
+def test_fault_and_motion_are_told():
+    controller = FakeController(moving=True, fault="drive fault axis 2")
+    assert Client(controller).ask("STATE").startswith("OK 1 0 drive%20fault%20axis%202 ")
+
+
+def test_joint_move_reaches_the_controller_in_radians():
+    client = Client()
+    assert client.ask("MOVEJ 0.0 45.0 -45.0 90.0 25.0") == "OK 1.25"
+    target_rad = tuple(map(radians, (0.0, 45.0, -45.0, 90.0)))
+    assert client.controller.calls == [("move_joints", target_rad, 0.25, NOW_S)]
+
+
+def test_pose_move_reaches_the_controller_in_millimetres_and_radians():
+    client = Client()
+    assert client.ask("MOVEP 1.5 2.5 -575.0 30.0 100.0") == "OK 1.25"
+    assert client.controller.calls == [("move_pose", 1.5, 2.5, -575.0, radians(30.0), 1.0, NOW_S)]
+
+
+def test_refusal_comes_with_code_and_text_in_plain_ascii():
+    controller = FakeController(refusal=Refusal("LIMIT", "joint 2 to 95.0°, limit 90°"))
+    answer = Client(controller).ask("MOVEJ 0.0 0.0 95.0 0.0 25.0")
+    assert answer == "NO LIMIT joint 2 to 95.0 deg, limit 90 deg"
+
+
+def test_stop_needs_no_hello():
+    client = Client()
+    assert client.ask("STOP") == "OK"
+    assert client.controller.calls == [("stop", NOW_S)]
+
+
+def test_geometry_is_shown_part_by_part():
+    client = Client()
+    assert client.ask("GEOM ARM 1") == "OK ARM 1 7.0 8.0 9.0 10.0 11.0 12.0 13.0"
+    assert client.ask("GEOM PLATE") == "OK PLATE 28.0"
+
+
+def test_staged_geometry_works_only_after_the_commit():
+    client = Client()
+    changed = {name: value + 0.5 for name, value in GEOMETRY.items()}
+    assert client.stage_all(changed) == ["OK"] * 5
+    assert client.controller.calls == []
+    assert client.ask("COMMIT") == "OK"
+    assert client.controller.calls == [("replace_geometry", changed, NOW_S)]
+
+
+def test_part_that_is_staged_again_replaces_the_first():
+    client = Client()
+    client.ask("STAGE PLATE 1.0")
+    client.ask("STAGE PLATE 2.0")
+    client.ask("COMMIT")
+    assert client.controller.calls == [("replace_geometry", {"plate_mm": 2.0}, NOW_S)]
+
+
+@pytest.mark.parametrize("forget", ["ABANDON", "HELLO 1", "COMMIT"])
+def test_nothing_is_staged_any_more_after(forget):
+    client = Client()
+    client.ask("STAGE PLATE 1.0")
+    client.ask(forget)
+    client.controller.calls.clear()
+    client.ask("COMMIT")
+    assert client.controller.calls == [("replace_geometry", {}, NOW_S)]
+
+
+def test_refused_commit_keeps_what_is_staged():
+    client = Client(FakeController(refusal=Refusal("BUSY", "the robot is moving")))
+    client.stage_all(GEOMETRY)
+    assert client.ask("COMMIT") == "NO BUSY the robot is moving"
+    client.controller.refusal = None
+    assert client.ask("COMMIT") == "OK"
+    assert client.controller.calls == [("replace_geometry", GEOMETRY, NOW_S)]
+
+
+def test_motion_is_stopped_when_its_client_is_lost():
+    client = Client()
+    client.ask("MOVEJ 0.0 0.0 0.0 0.0 25.0")
+    client.session.closed(NOW_S + 1.0)
+    assert client.controller.calls[-1] == ("stop", NOW_S + 1.0)
+
+
+def test_motion_of_another_client_goes_on_when_an_onlooker_leaves():
+    client = Client()
+    onlooker = Client(client.controller)
+    client.ask("MOVEJ 0.0 0.0 0.0 0.0 25.0")
+    onlooker.ask("STATE")
+    onlooker.session.closed(NOW_S + 1.0)
+    assert client.controller.moving
+
+
+def test_robot_that_stands_is_left_alone_when_its_client_leaves():
+    client = Client()
+    client.ask("MOVEJ 0.0 0.0 0.0 0.0 25.0")
+    client.controller.moving = False
+    client.controller.calls.clear()
+    client.session.closed(NOW_S + 1.0)
+    assert client.controller.calls == []
+
+
+def test_nothing_is_ever_said_unasked():
+    client = Client()
+    client.session.advance(NOW_S)
+    assert client.session.next_due_s() is None
+    assert client.sent == []
+
+
+@pytest.mark.parametrize("case", GOLDEN["bad_requests"], ids=lambda case: case["why"])
+def test_bad_line_is_answered_as_specified_and_does_nothing(case):
+    client = Client()
+    client.session.received(case["line"].encode() + b"\n", NOW_S)
+    assert client.controller.calls == []
+    if case["answer"] is None:
+        assert client.sent == []
+    else:
+        assert [line.decode().startswith(case["answer"]) for line in client.sent] == [True]
+
+
+@pytest.mark.parametrize("before", [b"\n\r\n", b"noise", b">4 MOVEJ 1.0 2.", b"x" * 1000])
+def test_question_is_answered_whatever_came_before(before):
+    client = Client()
+    client.session.received(before + b"\n", NOW_S)
+    assert client.ask("STOP") == "OK"
+
+
+def test_every_question_of_one_delivery_is_answered_in_turn():
+    client = Client()
+    client.session.received(checked(">8 STOP") + checked(">9 STATE")[:-1] + b"\r\n>10 ST", NOW_S)
+    assert [decode_reply(line[:-1]).sequence for line in client.sent] == [8, 9]
+
+
+@given(
+    st.lists(
+        st.binary()
+        | st.sampled_from(["STATE", "MOVEJ 1.0", "GEOM ARM 9"]).map(
+            lambda command: checked(f">5 {command}")
+        )
+    )
+)
+def test_garbage_never_raises_and_every_answer_is_sound(pieces):
+    client = Client()
+    for piece in pieces:
+        client.session.received(piece, NOW_S)
+    for line in client.sent:
+        decode_reply(line[:-1])

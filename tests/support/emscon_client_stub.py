@@ -1,0 +1,44 @@
+"""A client of a simulated emScon session, without a socket."""
+
+from fake_tracker import FakeTracker
+
+from drivers.wire.emscon import Answer, FromServerFramer, Request, encode
+from drivers.wire.emscon_constants import Command
+from sim.servers.emscon_server import EmsconSession
+
+
+class Client:
+    """Sends to a session at a time of its own and keeps what comes back."""
+
+    def __init__(self, tracker=None, **options):
+        self.tracker = tracker or FakeTracker()
+        self.now_s = 0.0
+        self._bytes = []
+        self._framer = FromServerFramer()
+        self.session = EmsconSession(self.tracker, self._bytes.append, **options)
+        self.session.advance(self.now_s)
+
+    def send(self, command, *body):
+        self.session.received(encode(Request(command, *body)), self.now_s)
+        return self.later(0.0)
+
+    def later(self, seconds):
+        self.now_s += seconds
+        self.session.advance(self.now_s)
+        return self.taken()
+
+    def taken(self):
+        data = b"".join(self._bytes)
+        self._bytes.clear()
+        return self._framer.feed(data)
+
+    def ask(self, command, *body):
+        (answer,) = [m for m in self.send(command, *body) if isinstance(m, Answer)]
+        return answer
+
+    def status(self, command, *body):
+        return self.ask(command, *body).status
+
+    def measure(self):
+        """The messages of a whole measurement."""
+        return self.send(Command.START_MEASUREMENT) + self.later(0.5)

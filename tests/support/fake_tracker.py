@@ -1,0 +1,115 @@
+"""A tracker without a cell: does at once, or after a second, what a test tells it."""
+
+from sim.tracker.instrument import SimulatedReflector, TrackerShot
+
+COVARIANCE_MM2 = ((4e-4, 1e-5, -2e-5), (1e-5, 9e-4, 3e-5), (-2e-5, 3e-5, 1e-4))
+REFLECTORS = (
+    SimulatedReflector(3, "CCR-1.5in", 1, 19.05),
+    SimulatedReflector(7, "CCR-0.5in", 1, 6.35),
+)
+
+
+class FakeTracker:
+    """Locked on a reflector at `point_mm`, unless told otherwise."""
+
+    model = "simulated tracker"
+    name = "SIM-LT"
+    serial = "LT-0042"
+    firmware = "1.2"
+
+    def __init__(self, *, initialised=True, warm=True, locked=True, action_s=1.0):
+        self.is_initialised, self.is_warm, self.is_locked = initialised, warm, locked
+        self.action_s = action_s
+        self.reflectors = REFLECTORS
+        self.selected = 3
+        self.search_radius_mm = 50.0
+        self.search_timeout_s = 10.0
+        self.point_mm = (1000.0, -2000.0, 254.0)
+        self.went_to_mm = None
+        self.searched_at_mm = None
+        self.measured_s = None
+        self.finds = True
+        self._happened = []
+        self._end = None
+
+    def initialised(self, now_s):
+        self.advance(now_s)
+        return self.is_initialised
+
+    def laser_warm(self, now_s):
+        return self.is_warm
+
+    def beam_locked(self, now_s):
+        self.advance(now_s)
+        return self.is_locked
+
+    def busy(self, now_s):
+        self.advance(now_s)
+        return self._end is not None
+
+    def weather(self, now_s):
+        return 20.0, 1013.25, 50.0
+
+    def direction(self, now_s):
+        return 0.5, 1.5
+
+    def live_point(self, now_s):
+        return self.point_mm if self.is_locked else None
+
+    def events(self):
+        taken, self._happened = self._happened, []
+        return taken
+
+    def next_event_s(self):
+        return self._end[0] if self._end else None
+
+    def select_reflector(self, identifier):
+        if identifier not in {reflector.identifier for reflector in self.reflectors}:
+            return False
+        self.selected = identifier
+        return True
+
+    def initialise(self, now_s):
+        return self._begin(now_s, self._be_initialised)
+
+    def go_to(self, point_mm, now_s):
+        self.went_to_mm = point_mm
+        return self._begin(now_s, self._look)
+
+    def find(self, distance_mm, now_s):
+        self.searched_at_mm = distance_mm
+        return self._begin(now_s, self._look)
+
+    def begin_measurement(self, measuring_time_s, now_s):
+        if not self.is_locked:
+            return None
+        self.measured_s = measuring_time_s
+        return now_s + measuring_time_s
+
+    def finish_measurement(self, now_s):
+        if not self.is_locked:
+            return None
+        return TrackerShot(self.point_mm, COVARIANCE_MM2, 20.0, 1013.25, 50.0)
+
+    def advance(self, now_s):
+        if self._end is not None and now_s >= self._end[0]:
+            act, self._end = self._end[1], None
+            act()
+
+    def lose_the_beam(self):
+        self.is_locked = False
+        self._happened.append("beam_lost")
+
+    def happens(self, event):
+        self._happened.append(event)
+
+    def _begin(self, now_s, act):
+        self._end = (now_s + self.action_s, act)
+        return self.action_s
+
+    def _be_initialised(self):
+        self.is_initialised = True
+        self._happened.append("initialised")
+
+    def _look(self):
+        self.is_locked = self.finds

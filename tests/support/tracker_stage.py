@@ -1,0 +1,69 @@
+"""A simulated tracker before a reflector that a test moves and turns."""
+
+import math
+
+import numpy as np
+
+from sim.draws import Attempts, WorkedTime
+from sim.faults import FaultScript
+from sim.robot.driven_robot import SeenReflector
+from sim.robot.rotations import rotation
+from sim.tracker.beam import Beam, Target
+from sim.tracker.instrument import Air, SimulatedReflector, SimulatedTracker, TrackerSettings
+from sim.tracker.optics import IsotropicNoise, Station
+
+STATION = Station(np.array([2000.0, -1500.0, -200.0]), rotation(-0.04, 0.07, 2.4))
+REFLECTORS = (
+    SimulatedReflector(1, "CCR-1.5in", 1, 19.05),
+    SimulatedReflector(3, "CCR-75mm", 1, 37.5),
+)
+QUIET = IsotropicNoise(0.0)
+STANDING_MM = np.array([600.0, 300.0, -400.0])
+
+
+class Stage:
+    """A reflector that a test moves and turns."""
+
+    def __init__(self):
+        self.point_mm = np.array([0.0, 0.0, -600.0])
+        self.facing = STATION.origin_in_base_mm - self.point_mm
+        self.still = True
+        self.target = (30_000_000, 30_000_000, 20_000_000, 20_000_000)
+
+    def robot_reflector(self, now_s):
+        return SeenReflector(self.point_mm, self.facing / np.linalg.norm(self.facing))
+
+    def robot_is_still(self, now_s):
+        return self.still
+
+    def robot_target(self):
+        return self.target
+
+
+def tracker(stage, *, noise=QUIET, faults=(), seed=1, locked=True, worked=None, **settings):
+    defaults = {"initialise_s": 20.0, "warm_up_s": 0.0, "initialised": True, "selected": 1}
+    air = Air(20.0, 1013.0, 50.0, drift_degC_per_h=0.5)
+    return SimulatedTracker(
+        TrackerSettings("390001", REFLECTORS, noise, air, **(defaults | settings)),
+        stage,
+        Beam(
+            stage,
+            STATION,
+            standing_in_base_mm=STANDING_MM,
+            acceptance_rad=math.radians(30.0),
+            locked_on=Target.ROBOT if locked else None,
+        ),
+        seed=seed,
+        faults=FaultScript(faults, {}),
+        worked=worked or WorkedTime(0.0),
+        attempts=Attempts({}),
+    )
+
+
+def measured(instrument, now_s=0.0):
+    end_s = instrument.begin_measurement(1.0, now_s)
+    return None if end_s is None else instrument.finish_measurement(end_s)
+
+
+def seen_mm(point_in_base_mm):
+    return tuple(STATION.to_tracker_mm(point_in_base_mm))
