@@ -1,6 +1,6 @@
 """pkmcal run: measure the plan, or as much of it as the goal takes."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -12,11 +12,10 @@ from campaigns.estimators import Estimator
 if TYPE_CHECKING:
     from app.console import Terminal
     from app.folder import Campaign
-    from campaigns.identification.goal import Goal
+    from app.ran import Ran
     from campaigns.journal.journal import Journal
     from campaigns.journal.reader import JournalReader
     from campaigns.measuring.early_end import Foreseen
-    from campaigns.measuring.progress import Known
     from campaigns.measuring.session import Work
     from campaigns.measuring.shooting import Cell
     from campaigns.planning.plan_check import CheckedPlan
@@ -34,25 +33,6 @@ Until = Annotated[
 Identifying = Annotated[
     Estimator, typer.Option("--estimator", help="What will identify, and so says what is known.")
 ]
-
-
-@dataclass(frozen=True, slots=True)
-class Ran:
-    """What there is of a plan when its run is over."""
-
-    series: int
-    shots: int
-    left_out: int
-    """Shots of the plan that were not taken: the goal was met without them."""
-    goal: "Goal | None"
-    known: "Known | None"
-
-    @property
-    def good(self) -> bool:
-        """Whether the goal is met, if there was one."""
-        from campaigns.measuring.early_end import is_met
-
-        return self.goal is None or is_met(self.goal, self.known)
 
 
 def command(
@@ -80,6 +60,7 @@ def command(
     from app.commands.plan import plan_line
     from app.console import terminal_of
     from app.folder import open_campaign
+    from app.ran import document, show
 
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
@@ -100,7 +81,7 @@ def command(
 
 def measured_now(
     campaign: "Campaign", work: "Work", terminal: "Terminal", *, yes: bool, anew: bool
-) -> Ran:
+) -> "Ran":
     """Measure what is missing, once the goal is known to be in reach and the cell to be clear."""
     foreseen_end_of(campaign, work)
     terminal.require_yes(CLEAR, yes=yes)
@@ -138,7 +119,7 @@ def foreseen_end_of(campaign: "Campaign", work: "Work") -> "Foreseen | None":
     return foreseen_end(work.goal, work.knowing(), campaign.config.tracker.place_mm)
 
 
-def run_plan(campaign: "Campaign", checked: "CheckedPlan", terminal: "Terminal") -> Ran:
+def run_plan(campaign: "Campaign", checked: "CheckedPlan", terminal: "Terminal") -> "Ran":
     """Measure all of the plan that is missing."""
     work = work_of(campaign, checked, None, Estimator.POINTS)
     before = measured_before(campaign, work, terminal)
@@ -147,14 +128,14 @@ def run_plan(campaign: "Campaign", checked: "CheckedPlan", terminal: "Terminal")
 
 def measure_plan(
     campaign: "Campaign", work: "Work", terminal: "Terminal", *, anew: bool = False
-) -> Ran:
+) -> "Ran":
     """Take up the unfinished series, or begin one."""
     from app.measuring import measure
 
     def prepare(cell: "Cell") -> "Work":  # noqa: ARG001 - the plan asks nothing of the devices
         return work
 
-    def finish(journal: "Journal", series: int) -> Ran:
+    def finish(journal: "Journal", series: int) -> "Ran":
         return _ran(journal, series, work)
 
     until = f" --until {work.goal}" if work.goal else ""
@@ -162,7 +143,7 @@ def measure_plan(
     return measure(campaign, prepare, finish, terminal, title="run", again=again, anew=anew)
 
 
-def measured_before(campaign: "Campaign", work: "Work", terminal: "Terminal") -> Ran | None:
+def measured_before(campaign: "Campaign", work: "Work", terminal: "Terminal") -> "Ran | None":
     """The series that has all that is wanted of this plan; None while it lacks something."""
     from campaigns.journal.reader import read_journal
     from campaigns.measuring.session import nothing_left
@@ -181,7 +162,8 @@ def measured_before(campaign: "Campaign", work: "Work", terminal: "Terminal") ->
     return ran
 
 
-def _ran(journal: "JournalReader", series: int, work: "Work") -> Ran:
+def _ran(journal: "JournalReader", series: int, work: "Work") -> "Ran":
+    from app.ran import Ran
     from campaigns.measuring.session import known_from, left_out
 
     shots = journal.shots(series)
@@ -193,6 +175,7 @@ def show_plan(
 ) -> None:
     """Say that the plan can be run, and what it will tell if a goal asks for it."""
     from app.progress_bar import certainty
+    from app.ran import knowledge
 
     answer: dict[str, object] = {
         "shots": len(checked.shots),
@@ -204,67 +187,5 @@ def show_plan(
         terminal.say(f"the whole of it will tell: {certainty(foreseen.whole)}")
         terminal.say(f"for goal {work.goal}, {foreseen.shots} shots to identify from will do")
         answer["goal"] = {"std_mm": work.goal.std_mm, "shots": foreseen.shots}
-        answer["knowledge"] = _knowledge(foreseen.whole)
+        answer["knowledge"] = knowledge(foreseen.whole)
     terminal.document(answer)
-
-
-def show(terminal: "Terminal", ran: Ran) -> None:
-    """Say what was measured, and whether the goal is met."""
-    from app.console import BAD, GOOD
-
-    terminal.say(f"measured: series {ran.series} has {_count(ran)}")
-    if ran.goal is None:
-        return
-    if ran.good:
-        terminal.say(f"good: goal {ran.goal} is met: {_reached(ran)}", GOOD)
-    else:
-        terminal.say(f"not good: goal {ran.goal} is not met: {_reached(ran)}{_why(ran)}", BAD)
-
-
-def document(ran: Ran) -> dict[str, object]:
-    """What `--json` prints."""
-    goal = ran.goal and {
-        "std_mm": ran.goal.std_mm,
-        "met": ran.good,
-        "reached_mm": ran.known and ran.known.length_std_mm,
-        "left_out": ran.left_out,
-    }
-    return {
-        "series": ran.series,
-        "shots": ran.shots,
-        "goal": goal,
-        "knowledge": ran.known and _knowledge(ran.known),
-    }
-
-
-def _knowledge(known: "Known") -> dict[str, object]:
-    return {
-        "shots": known.shots,
-        "weakest": known.weakest,
-        "std": known.weakest_std,
-        "unit": known.unit,
-        "length_std_mm": known.length_std_mm,
-        "position_std_mm": known.position_std_mm,
-        "scatter": known.scatter,
-        "scale": known.scale,
-    }
-
-
-def _count(ran: Ran) -> str:
-    if ran.left_out == 0:
-        return f"all {ran.shots} shots"
-    return f"{ran.shots} shots; {ran.left_out} of the plan were left out"
-
-
-def _reached(ran: Ran) -> str:
-    if ran.known is None:
-        return "the shots to identify from are too few, or cannot tell all parameters apart"
-    std_mm, shots = ran.known.length_std_mm, ran.known.shots
-    return f"the worst length is known to ±{std_mm:.3g} mm by {shots} shots"
-
-
-def _why(ran: Ran) -> str:
-    """What made σ larger than it was foreseen."""
-    if ran.known is None or ran.known.scale == 1.0:
-        return ""
-    return f", which scatter {ran.known.scatter:.2g} times what the tracker states"
