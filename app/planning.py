@@ -104,9 +104,10 @@ def wanted_of(campaign: "Campaign", asked: Asked) -> Wanted:
     from app.setup import plan_request_of
     from app.view import tracker_uncertainty_of
     from campaigns.identification.knowledge import knowledge
+    from campaigns.numerics.geometry import GEOMETRY_NAMES
     from campaigns.planning.optimal import CANDIDATES, MOST_SHOTS, OptimalRequest
 
-    free = knowledge(asked.free, asked.fix).free
+    free = knowledge(asked.free, asked.fix, names=GEOMETRY_NAMES).free
     until_mm = None if asked.until is None else _goal_mm(asked.until, free)
     most = MOST_SHOTS if asked.shots is None and until_mm is not None else asked.shots
     request = OptimalRequest(

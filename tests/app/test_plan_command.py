@@ -21,6 +21,7 @@ from campaigns.numerics.geometry import FREE_BY_DEFAULT
 from campaigns.numerics.instrument import TrackerUncertainty, point_covariance_mm2
 from campaigns.numerics.point_prediction import predict_points
 from campaigns.numerics.prediction import Prediction
+from campaigns.parameters import AXIS_TILT_NAMES
 from campaigns.planning.foresight import CurvePoint, Expected, Foresight
 from campaigns.planning.plans import joints_of, poses_of
 from campaigns.robots.arrays import numeric_geometry
@@ -145,6 +146,21 @@ def test_parameters_held_are_not_forecast_and_leave_the_others_surer(campaign):
     _, fewer = make(campaign, Asked(shots=60, fix=("arm*.forearm_mm",)))
     assert len(fewer.foresight.expected.names) == 18
     assert worst_mm(fewer) < worst_mm(everything)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("placement", list(Placement))
+def test_a_plan_for_axis_tilts_says_how_well_it_will_tell_them(campaign, placement):
+    few = 200 if placement is Placement.OPTIMAL else None
+    plain = Asked(shots=80, placement=placement, candidates=few)
+    _, usual = make(campaign, plain)
+    _, tilted = make(campaign, replace(plain, free=("arm*.axis_tilt_deg",)))
+    std = tilted.foresight.expected.std_in_file_units
+    tilts = {name: std[name] for name in AXIS_TILT_NAMES}
+    assert all(0.001 < tilt_deg < 0.1 for tilt_deg in tilts.values()), tilts
+    before = usual.foresight.expected.std_in_file_units
+    for name in ("arm0.joint_offset_deg", "arm2.z_mm"):  # a whole robot turned looks much like them
+        assert std[name] > 2.0 * before[name]
 
 
 @pytest.mark.slow
