@@ -1,12 +1,13 @@
 """pkmcal run: measure the plan, or as much of it as the goal takes."""
 
-from dataclasses import replace
+import shlex
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from app.exits import Exit
-from app.options import Anew, Dry, Folder, Json, Yes
+from app.options import Anew, Dry, Fix, Folder, Free, Json, Yes
 from campaigns.estimators import Estimator
 
 if TYPE_CHECKING:
@@ -35,12 +36,31 @@ Identifying = Annotated[
 ]
 
 
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """When to end, and what `identify` will be asked for."""
+
+    until: str | None = None
+    estimator: Estimator = Estimator.POINTS
+    free: tuple[str, ...] = ()
+    fix: tuple[str, ...] = ()
+
+    def words(self) -> list[str]:
+        """The options again, as they are typed."""
+        until = [] if self.until is None else ["--until", self.until]
+        by = [] if self.estimator is Estimator.POINTS else ["--estimator", self.estimator.value]
+        freed = [word for pattern in self.free for word in ("--free", pattern)]
+        return [*until, *by, *freed, *(word for pattern in self.fix for word in ("--fix", pattern))]
+
+
 def command(
     context: typer.Context,
     folder: Folder,
     *,
     until: Until = None,
     estimator: Identifying = Estimator.POINTS,
+    free: Free = None,
+    fix: Fix = None,
     dry: Dry = False,
     yes: Yes = False,
     anew: Anew = False,
@@ -55,7 +75,8 @@ def command(
     looks for its reflector, and the pair is measured again.
 
     Meanwhile the parameter known worst is shown, with its σ. --until ends the run when enough is
-    known; without it the next run measures what was left out.
+    known; without it the next run measures what was left out. Give it the --estimator, --free and
+    --fix that you will give to identify.
     """
     from app.commands.plan import plan_line
     from app.console import terminal_of
@@ -66,12 +87,13 @@ def command(
     campaign = open_campaign(folder)
     checked = read_checked_plan(campaign)
     terminal.note(plan_line(checked))
-    work = work_of(campaign, checked, until, estimator)
+    asked = Asked(until, estimator, tuple(free or ()), tuple(fix or ()))
+    work = work_of(campaign, checked, asked)
     if dry:
         show_plan(terminal, campaign, checked, work)
         return
     ran = None if anew else measured_before(campaign, work, terminal)
-    ran = ran or measured_now(campaign, work, terminal, yes=yes, anew=anew)
+    ran = ran or measured_now(campaign, work, terminal, asked, yes=yes, anew=anew)
     show(terminal, ran)
     terminal.note(f"next: pkmcal identify {folder}")
     terminal.document(document(ran))
@@ -80,12 +102,12 @@ def command(
 
 
 def measured_now(
-    campaign: "Campaign", work: "Work", terminal: "Terminal", *, yes: bool, anew: bool
+    campaign: "Campaign", work: "Work", terminal: "Terminal", asked: Asked, *, yes: bool, anew: bool
 ) -> "Ran":
     """Measure what is missing, once the goal is known to be in reach and the cell to be clear."""
     foreseen_end_of(campaign, work)
     terminal.require_yes(CLEAR, yes=yes)
-    return measure_plan(campaign, work, terminal, anew=anew)
+    return measure_plan(campaign, work, terminal, asked, anew=anew)
 
 
 def read_checked_plan(campaign: "Campaign") -> "CheckedPlan":
@@ -96,15 +118,17 @@ def read_checked_plan(campaign: "Campaign") -> "CheckedPlan":
     return checked_plan(campaign, read_plan(campaign.plan_path))
 
 
-def work_of(
-    campaign: "Campaign", checked: "CheckedPlan", until: str | None, estimator: Estimator
-) -> "Work":
-    """The plan as work for the engine, with the goal as it was typed; raises `GoalInvalid`."""
+def work_of(campaign: "Campaign", checked: "CheckedPlan", asked: Asked) -> "Work":
+    """The plan as work for the engine; raises `GoalInvalid` or `KnowledgeInvalid`."""
     from app.setup import plan_work
     from campaigns.identification.goal import read_goal
+    from campaigns.identification.knowledge import knowledge
+    from campaigns.numerics.geometry import GEOMETRY_NAMES
 
-    goal = None if until is None else read_goal(until)
-    return replace(plan_work(campaign, checked), goal=goal, estimator=estimator)
+    goal = None if asked.until is None else read_goal(asked.until)
+    free = knowledge(asked.free, asked.fix, names=GEOMETRY_NAMES).free
+    work = plan_work(campaign, checked)
+    return replace(work, goal=goal, estimator=asked.estimator, free=free)
 
 
 def foreseen_end_of(campaign: "Campaign", work: "Work") -> "Foreseen | None":
@@ -121,13 +145,14 @@ def foreseen_end_of(campaign: "Campaign", work: "Work") -> "Foreseen | None":
 
 def run_plan(campaign: "Campaign", checked: "CheckedPlan", terminal: "Terminal") -> "Ran":
     """Measure all of the plan that is missing."""
-    work = work_of(campaign, checked, None, Estimator.POINTS)
+    asked = Asked()
+    work = work_of(campaign, checked, asked)
     before = measured_before(campaign, work, terminal)
-    return before or measure_plan(campaign, work, terminal)
+    return before or measure_plan(campaign, work, terminal, asked)
 
 
 def measure_plan(
-    campaign: "Campaign", work: "Work", terminal: "Terminal", *, anew: bool = False
+    campaign: "Campaign", work: "Work", terminal: "Terminal", asked: Asked, *, anew: bool = False
 ) -> "Ran":
     """Take up the unfinished series, or begin one."""
     from app.measuring import measure
@@ -138,8 +163,7 @@ def measure_plan(
     def finish(journal: "Journal", series: int) -> "Ran":
         return _ran(journal, series, work)
 
-    until = f" --until {work.goal}" if work.goal else ""
-    again = f"pkmcal run {campaign.folder}{until}"
+    again = shlex.join(["pkmcal", "run", str(campaign.folder), *asked.words()])
     return measure(campaign, prepare, finish, terminal, title="run", again=again, anew=anew)
 
 

@@ -9,6 +9,7 @@ from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.estimators import Estimator
 from campaigns.identification.fitted_shots import fitted_shots
 from campaigns.identification.identified import IdentificationRequest
+from campaigns.identification.knowledge import Knowledge
 from campaigns.journal.records import Intent, Outcome
 from campaigns.journal.views import AcceptedShot
 from campaigns.measuring.progress import Known
@@ -34,7 +35,6 @@ from campaigns.shot_sets import ShotSet
 from campaigns.shots.dataset import dataset_of_journal, outcomes_covariance_mm2
 from drivers.values import Vector3
 
-FREE = FREE_BY_DEFAULT
 WORKSPACE_SAMPLE = 200
 
 
@@ -49,6 +49,8 @@ class Knowing:
     estimator: Estimator
     instrument: TrackerUncertainty
     """For shots of which the tracker states none."""
+    free: tuple[str, ...]
+    """The parameters that will be identified, F of them."""
     workspace_rows: Array
     """∂position/∂parameters all over the workspace, after the best fit of the frame, (K, 3, F)."""
 
@@ -60,13 +62,14 @@ class Knowing:
         estimator: Estimator,
         instrument: TrackerUncertainty,
         rng: np.random.Generator,
+        free: tuple[str, ...] = FREE_BY_DEFAULT,
     ) -> "Knowing":
         """For a plan; `rng` draws the poses at which positions are judged."""
         planned = {s.shot: s for s in shots if s.purpose is ShotSet.IDENTIFICATION}
         geometry = mechanism.geometry
         poses = _workspace(mechanism, poses_of(tuple(planned.values())), rng)
-        rows = point_rows(geometry, FREE, inverse(geometry, poses).require(), poses)
-        return cls(planned, geometry, estimator, instrument, without_frame(rows))
+        rows = point_rows(geometry, free, inverse(geometry, poses).require(), poses)
+        return cls(planned, geometry, estimator, instrument, free, without_frame(rows))
 
     def after(self, outcomes: Sequence[Outcome], seen: Linearised | None) -> Known | None:
         """What accepted shots tell, those that are in `seen`; None for too few to tell.
@@ -75,6 +78,7 @@ class Knowing:
         """
         if seen is None:
             return None
+        seen = seen.by(self.free)
         counted = enumerate(outcomes[: len(seen.points_mm)])
         places = [place for place, outcome in counted if outcome.shot in self.planned]
         taken = [outcomes[place] for place in places]
@@ -91,13 +95,14 @@ class Knowing:
                 if outcome.shot in self.planned
             ]
         )
-        request = IdentificationRequest(self.estimator, instrument=self.instrument)
+        known = Knowledge(self.free)
+        request = IdentificationRequest(self.estimator, known, instrument=self.instrument)
         try:
             problem = fitted_shots(self.geometry, data, request).problem
         except (ShotsMissing, ShotsInvalid):
             return None
         trusted = self.estimator is Estimator.POINTS
-        told = told_by_fit(problem, len(FREE), trusted=trusted)
+        told = told_by_fit(problem, len(self.free), trusted=trusted)
         return None if told is None else self._in_words(len(data.numbers), told)
 
     def foreseen(self, tracker_mm: Vector3, count: int | None = None) -> Known | None:
@@ -109,10 +114,11 @@ class Knowing:
         if not shots:
             return None
         poses = poses_of(shots)
-        rows = point_rows(self.geometry, FREE, joints_of(shots), poses)
+        rows = point_rows(self.geometry, self.free, joints_of(shots), poses)
         points = poses[:, :3]
         covariance = point_covariance_mm2(points - np.array(tracker_mm), self.instrument)
-        return self._known(shots, Linearised(rows, points, np.zeros_like(points)), covariance)
+        seen = Linearised(self.free, rows, points, np.zeros_like(points))
+        return self._known(shots, seen, covariance)
 
     def _known(
         self, shots: Sequence[PlannedShot], seen: Linearised, covariance_mm2: Array
@@ -125,12 +131,12 @@ class Knowing:
         return None if told is None else self._in_words(len(shots), told)
 
     def _in_words(self, shots: int, told: Told) -> Known:
-        free = indices(FREE)
+        free = indices(self.free)
         std = np.sqrt(np.diag(told.covariance))
-        weakest = int(np.argmax(std * _levers_mm(self.geometry)))
+        weakest = int(np.argmax(std * _levers_mm(self.geometry, self.free)))
         return Known(
             shots,
-            FREE[weakest],
+            self.free[weakest],
             float(std[weakest] / FILE_UNIT[free[weakest]]),
             float(std[~IS_ANGLE[free]].max()),
             float(position_std_mm(self.workspace_rows, told.covariance).mean()),
@@ -161,8 +167,8 @@ def _workspace(mechanism: Mechanism, planned: Array, rng: np.random.Generator) -
         return planned.reshape(-1, 4)
 
 
-def _levers_mm(geometry: Geometry) -> Array:
+def _levers_mm(geometry: Geometry, free: tuple[str, ...]) -> Array:
     """What makes each parameter's σ one of the arm's end: its arm for an angle, (F,)."""
     flat = geometry.flat()
-    arms = [flat.get(f"{name.partition('.')[0]}.arm_mm", 1.0) for name in FREE]
-    return np.where(IS_ANGLE[indices(FREE)], arms, 1.0)
+    arms = [flat.get(f"{name.partition('.')[0]}.arm_mm", 1.0) for name in free]
+    return np.where(IS_ANGLE[indices(free)], arms, 1.0)

@@ -23,7 +23,7 @@ from campaigns.measuring.series_log import SeriesLog, closing
 from campaigns.measuring.shooting import Cell, Shooter
 from campaigns.measuring.steps import Step, stops_of
 from campaigns.measuring.tally import Tally
-from campaigns.numerics.geometry import FREE_BY_DEFAULT
+from campaigns.numerics.geometry import FREE_BY_DEFAULT, GEOMETRY_NAMES
 from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.numerics.running import RunningFit
 from campaigns.planning.rules import GateRules, MotionRules
@@ -51,6 +51,8 @@ class Work:
     """Of what is identified; once it is met, only the other shots are taken."""
     estimator: Estimator = Estimator.POINTS
     """What will identify, and so says how much is known."""
+    free: tuple[str, ...] = FREE_BY_DEFAULT
+    """The parameters that it will look for."""
     instrument: TrackerUncertainty = field(default_factory=TrackerUncertainty)
     """Of shots of which the tracker states none."""
 
@@ -58,11 +60,17 @@ class Work:
         """What tells how much is known of the parameters."""
         shots = [step.planned for step in self.steps]
         rng = np.random.default_rng(WORKSPACE_SEED)
-        return Knowing.of_plan(shots, self.mechanism, self.estimator, self.instrument, rng)
+        return Knowing.of_plan(
+            shots, self.mechanism, self.estimator, self.instrument, rng, self.free
+        )
 
     def gate_taught_by(self, shots: Iterable[AcceptedShot]) -> Gate:
-        """A gate that knows these shots and no others."""
-        gate = Gate(self.gate, lambda: RunningFit(self.mechanism.geometry, FREE_BY_DEFAULT))
+        """A gate that knows these shots and no others.
+
+        What `identify` is told to hold need not be right: the usual parameters are free here.
+        """
+        free = tuple(name for name in GEOMETRY_NAMES if name in {*FREE_BY_DEFAULT, *self.free})
+        gate = Gate(self.gate, lambda: RunningFit(self.mechanism.geometry, free))
         for shot in shots:
             gate.accept(shot.outcome)
         return gate

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from campaigns.numerics.candidates import FRAME_COLUMNS
 from campaigns.numerics.frames import Transform, fit_transform
 from campaigns.numerics.geometry import IS_ANGLE, Array, Geometry, Index, indices
 from campaigns.numerics.par4 import NoAssembly
@@ -30,6 +31,8 @@ class PredictedPoint:
 class Linearised:
     """Points of N shots about some parameters and frame, to first order."""
 
+    free: tuple[str, ...]
+    """The parameters' names, F of them."""
     rows: Array
     """∂point/∂(free parameters, frame), (N, 3, F + 6), mm and rad."""
     points_mm: Array
@@ -39,7 +42,14 @@ class Linearised:
 
     def taken(self, places: Index) -> "Linearised":
         """Some of the shots."""
-        return Linearised(self.rows[places], self.points_mm[places], self.misfit_mm[places])
+        rows, points, misfit = self.rows[places], self.points_mm[places], self.misfit_mm[places]
+        return Linearised(self.free, rows, points, misfit)
+
+    def by(self, free: tuple[str, ...]) -> "Linearised":
+        """Some of the parameters free, the others held where they are."""
+        count = len(self.free)
+        columns = [*map(self.free.index, free), *range(count, count + FRAME_COLUMNS)]
+        return Linearised(free, self.rows[:, :, columns], self.points_mm, self.misfit_mm)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +66,7 @@ class RunningFit:
 
     def __init__(self, nominal: Geometry, free: tuple[str, ...]) -> None:
         self._nominal = nominal
+        self._names = free
         self._free = indices(free)
         self._prior = np.where(IS_ANGLE[self._free], PRIOR_ANGLE_RAD, PRIOR_LENGTH_MM)
         self._joints: list[Array] = []
@@ -142,18 +153,17 @@ class RunningFit:
         x = np.concatenate([self._parameters(), np.zeros(6)])
         # the residual as a last column comes out multiplied by Qᵀ, so that Q itself is not needed
         rows = np.column_stack([problem.jacobian(x), problem.residual(x)])
-        self._linearised = _linearised(rows[: 3 * len(points)], points)
+        self._linearised = self._about(rows[: 3 * len(points)], points)
         triangle = np.asarray(np.linalg.qr(rows, mode="r"))
         root = np.linalg.inv(triangle[:-1, :-1])
         x = x - root @ triangle[:-1, -1]
         self._known = _Knowledge(x[:-6], data.tracker_from_base(x), root)
 
-
-def _linearised(whitened: Array, measured_mm: Array) -> Linearised:
-    """From rows with the residual as their last column, (3 N, F + 7), and points (N, 3)."""
-    rows = MEASURING_STD_MM * whitened.reshape(len(measured_mm), 3, -1)
-    misfit = rows[:, :, -1]
-    return Linearised(rows[:, :, :-1], measured_mm + misfit, misfit)
+    def _about(self, whitened: Array, measured_mm: Array) -> Linearised:
+        """From rows with the residual as their last column, (3 N, F + 7), and points (N, 3)."""
+        rows = MEASURING_STD_MM * whitened.reshape(len(measured_mm), 3, -1)
+        misfit = rows[:, :, -1]
+        return Linearised(self._names, rows[:, :, :-1], measured_mm + misfit, misfit)
 
 
 def _spread_mm(points: Array) -> float:

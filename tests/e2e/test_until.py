@@ -91,6 +91,17 @@ def test_dry_says_what_the_plan_would_give(pkmcal, planned):
     assert not (planned / "campaign.db").exists()
 
 
+def test_more_parameters_to_find_take_more_shots_for_the_same_goal(pkmcal, planned):
+    words = ("--dry", "--json", "--until", REACHABLE)
+    usual = pkmcal("run", planned, *words).document
+    more = pkmcal("run", planned, *words, "--free", "arm[123].azimuth_deg").document
+    assert more["goal"]["shots"] > usual["goal"]["shots"]
+    assert more["knowledge"]["length_std_mm"] > usual["knowledge"]["length_std_mm"]
+    ended = pkmcal("run", planned, "--dry", "--free", "arm9.*")
+    assert ended.code == 2
+    assert "arm9.* matches no parameter" in ended.error_line
+
+
 def test_dry_without_a_goal_says_what_it_always_said(pkmcal, planned):
     document = pkmcal("run", planned, "--dry", "--json").document
     assert set(document) == {"shots", "seconds_estimated"}

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from fake_cell import FakeCell
+from fake_cell import NOMINAL, FakeCell
 from goal_plans import ALL, OTHERS, PLAN, noisy_cell, numbers, until, worst_length_mm
 from tested_journal import journal_in
 
@@ -18,12 +18,14 @@ from campaigns.journal.records import (
     Intent,
     PairVoided,
     Record,
+    Rejected,
     SeriesFinished,
     SessionStopped,
 )
 from campaigns.journal.views import Entry
 from campaigns.measuring.progress import Known
 from campaigns.measuring.session import known_from, left_out, nothing_left
+from campaigns.numerics.geometry import FREE_BY_DEFAULT, Geometry
 from campaigns.shot_sets import ShotSet
 
 GOAL_MM, SHARPER_MM, SHARPEST_MM = 0.4, 0.2, 0.05
@@ -286,6 +288,34 @@ def known_while(cell: FakeCell, shot: int) -> list[Known]:
     """What was known when the robot set out for each attempt at a shot."""
     told = [progress for progress in cell.watcher.told if progress.state.value == "moving"]
     return [progress.known for progress in told if progress.shot == shot]
+
+
+MORE = (*FREE_BY_DEFAULT, "arm1.azimuth_deg", "arm2.axis_tilt_deg")
+FEWER = tuple(name for name in FREE_BY_DEFAULT if not name.endswith("forearm_mm"))
+
+
+@pytest.mark.parametrize("free", [MORE, FEWER])
+def test_what_is_known_is_of_the_parameters_that_identify_will_look_for(
+    tmp_path: Path, free: tuple[str, ...]
+) -> None:
+    cell = noisy_cell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        shots = journal.shots(cell.measure(journal, until(None, free=free)))
+    at_the_end = cell.watcher.told[-1].known
+    by_a_fit, usual = known_from(shots, until(None, free=free)), known_from(shots, until(None))
+    assert at_the_end.shots == by_a_fit.shots == len(IDENTIFICATION)
+    assert at_the_end.length_std_mm == pytest.approx(by_a_fit.length_std_mm, rel=0.05)
+    assert (by_a_fit.length_std_mm > 1.02 * usual.length_std_mm) is (free == MORE)
+    assert (by_a_fit.length_std_mm < 0.98 * usual.length_std_mm) is (free == FEWER)
+
+
+def test_parameters_held_wrongly_do_not_refuse_shots(tmp_path: Path) -> None:
+    """The gate looks for the usual parameters, whatever identify is told to hold."""
+    long_armed = Geometry.from_flat(NOMINAL.flat() | {"arm1.forearm_mm": 704.0})
+    cell = noisy_cell(truth=long_armed)
+    with journal_in(tmp_path, cell.calls) as journal:
+        cell.measure(journal, until(None, free=FEWER))
+        assert not journal.records_of(Rejected)
 
 
 def test_a_resumed_run_knows_what_the_journal_tells(tmp_path: Path) -> None:
