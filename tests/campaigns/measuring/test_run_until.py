@@ -310,8 +310,11 @@ def test_what_is_known_is_of_the_parameters_that_identify_will_look_for(
 
 
 def test_parameters_held_wrongly_do_not_refuse_shots(tmp_path: Path) -> None:
-    """The gate looks for the usual parameters, whatever identify is told to hold."""
-    long_armed = Geometry.from_flat(NOMINAL.flat() | {"arm1.forearm_mm": 704.0})
+    """The gate looks for the usual parameters, whatever identify is told to hold.
+
+    With this forearm held at 700 mm it would refuse, 3 mm off.
+    """
+    long_armed = Geometry.from_flat(NOMINAL.flat() | {"arm1.forearm_mm": 720.0})
     cell = noisy_cell(truth=long_armed)
     with journal_in(tmp_path, cell.calls) as journal:
         cell.measure(journal, until(None, free=FEWER))
