@@ -158,7 +158,7 @@ def pose_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
 def closure_parameter_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
     """∂F_i by arm i's own seven parameters, the plate's length and its axis's tilt, (N, 4, 9)."""
     arms = Arms.at(geometry, joints_rad)
-    return _by_own_parameters(arms, poses, arms.forearms_mm(poses)).T
+    return _by_own_parameters(arms, poses, arms.forearms_mm(poses)).transpose(2, 0, 1)
 
 
 def parameter_jacobian(geometry: Geometry, joints_rad: Array, poses: Array) -> Array:
@@ -176,11 +176,11 @@ def assembled_jacobian(arms: Arms, poses: Array) -> Array:
     inverses = np.linalg.inv(_by_pose(arms.geometry, poses, forearms))
     by_closure = -np.ascontiguousarray(inverses.transpose(1, 2, 0))
     by_all = np.empty((4, len(GEOMETRY_NAMES), len(poses)))
-    for arm in range(ARMS):  # a parameter of one arm is in no other arm's closure
-        columns = slice(arm * len(ARM_FIELDS), (arm + 1) * len(ARM_FIELDS))
-        np.multiply(by_closure[:, arm, None], own[: len(ARM_FIELDS), arm], out=by_all[:, columns])
-        np.multiply(by_closure[:, arm], own[-1, arm], out=by_all[:, TILTS[arm]])
-    by_all[:, PLATE] = (by_closure * own[len(ARM_FIELDS)]).sum(axis=1)
+    # a parameter of one arm is in no other arm's closure
+    by_arms = by_all[:, :PLATE].reshape(4, ARMS, len(ARM_FIELDS), len(poses))
+    np.multiply(by_closure[:, :, None], own[:, : len(ARM_FIELDS)], out=by_arms)
+    by_all[:, PLATE] = (by_closure * own[:, -2]).sum(axis=1)
+    by_all[:, TILTS] = by_closure * own[:, -1]
     return by_all.transpose(2, 0, 1)
 
 
@@ -195,18 +195,18 @@ def _by_pose(geometry: Geometry, poses: Array, forearms: Array) -> Array:
 
 
 def _by_own_parameters(arms: Arms, poses: Array, forearms: Array) -> Array:
-    """∂F_i by arm i's parameters in the order of `ARM_FIELDS`, by h and by τ_i, (9, 4, N)."""
+    """∂F_i by arm i's parameters in the order of `ARM_FIELDS`, by h and by τ_i, (4, 9, N)."""
     geometry, cos, sin = arms.geometry, arms.cos, arms.sin
     out, aside, down = in_arm_frames(arms.frames, forearms.T).transpose(0, 2, 1)
     arm_mm, tilt_rad = geometry.arm_mm[:, None], geometry.axis_tilt_rad[:, None]
     across = np.cos(tilt_rad) * aside + np.sin(tilt_rad) * down
-    jacobian = np.zeros_like(forearms, shape=(len(ARM_FIELDS) + 2, ARMS, len(poses)))
-    jacobian[:3] = -2.0 * forearms
-    jacobian[3] = -2.0 * arm_mm * (cos * across - sin * np.sin(tilt_rad) * out)
-    jacobian[4] = 2.0 * arm_mm * (sin * out - cos * down)
-    jacobian[5] = -2.0 * (cos * out + sin * down)
-    jacobian[6] = -2.0 * geometry.forearm_mm[:, None]
-    jacobian[8] = -2.0 * arm_mm * sin * aside
+    jacobian = np.zeros_like(forearms, shape=(ARMS, len(ARM_FIELDS) + 2, len(poses)))
+    jacobian[:, :3] = -2.0 * forearms.swapaxes(0, 1)
+    jacobian[:, 3] = -2.0 * arm_mm * (cos * across - sin * np.sin(tilt_rad) * out)
+    jacobian[:, 4] = 2.0 * arm_mm * (sin * out - cos * down)
+    jacobian[:, 5] = -2.0 * (cos * out + sin * down)
+    jacobian[:, 6] = -2.0 * geometry.forearm_mm[:, None]
+    jacobian[:, 8] = -2.0 * arm_mm * sin * aside
     x, y, _ = forearms[:, 2:]
-    jacobian[7, 2:] = 2.0 * (np.cos(poses[:, 3]) * y - np.sin(poses[:, 3]) * x)
+    jacobian[2:, 7] = 2.0 * (np.cos(poses[:, 3]) * y - np.sin(poses[:, 3]) * x)
     return jacobian
