@@ -8,10 +8,7 @@ from campaigns.files.shot_columns import SHOTS_OF_A_PAIR
 from campaigns.journal.views import AcceptedShot, Series
 from campaigns.shot_sets import ShotSet
 from campaigns.shots.exchange import ShotRow
-from campaigns.shots.importing import UNKNOWN
-
-MEASURED = f"{UNKNOWN}, measured "
-"""What stands before the time that an imported shot came with."""
+from campaigns.shots.import_note import noted
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +35,10 @@ def exported_shots(series: Series, shots: Sequence[AcceptedShot]) -> ExportedSho
 
 def _row(shot: AcceptedShot, *, is_import: bool) -> ShotRow:
     intent, outcome = shot.intent, shot.outcome
+    air = None if outcome.weather is None else outcome.weather.temperature_degC
+    time: str | None = shot.measured_utc
+    if is_import:  # the journal's own time is that of the import
+        air, time = noted(outcome.raw_tracker)
     return ShotRow(
         pair=intent.pair,
         joints_rad=outcome.joints_rad,
@@ -45,12 +46,6 @@ def _row(shot: AcceptedShot, *, is_import: bool) -> ShotRow:
         purpose=ShotSet(intent.purpose),
         theta_rad=None if is_import else intent.target.theta_rad,
         covariance_mm2=outcome.covariance_mm2,
-        temperature_degC=None if outcome.weather is None else outcome.weather.temperature_degC,
-        time=_imported_time(outcome.raw_tracker) if is_import else shot.measured_utc,
+        temperature_degC=air,
+        time=time,
     )
-
-
-def _imported_time(raw_tracker: str) -> str | None:
-    """The time that the imported file gave: the journal's own is that of the import."""
-    found = raw_tracker.removeprefix(MEASURED)
-    return None if found == raw_tracker else found

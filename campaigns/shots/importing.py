@@ -20,9 +20,8 @@ from campaigns.numerics.forward import forward
 from campaigns.numerics.geometry import Array, Geometry
 from campaigns.robots.arrays import pose_of
 from campaigns.shots.exchange import ShotRow, shots_text
+from campaigns.shots.import_note import IMPORTED, import_note
 from campaigns.version import VERSION
-
-UNKNOWN = "imported"
 
 
 def append_import(
@@ -73,7 +72,7 @@ def _outcome(number: int, row: ShotRow) -> Outcome:
         row.point_in_tracker_mm,
         row.covariance_mm2,
         None,  # a file gives the temperature alone: a pressure would be invented
-        UNKNOWN,
-        UNKNOWN if row.time is None else f"{UNKNOWN}, measured {row.time}",
+        IMPORTED,
+        import_note(row.temperature_degC, row.time),
         None,
     )

@@ -92,6 +92,10 @@ def test_imported_shots_come_out_as_they_came_in(tmp_path):
     rows = (
         ShotRow(3, (0.2, 0.3, 0.4, 0.3), (2000.0, 10.0, -300.0), time="2025-01-01"),
         ShotRow(3, (0.3, 0.3, 0.4, 0.3), (2100.0, 10.0, -300.0)),
+        ShotRow(
+            4, (0.2, 0.3, 0.4, 0.4), (2050.0, 10.0, -300.0), temperature_degC=21.4, time="noon"
+        ),
+        ShotRow(4, (0.3, 0.2, 0.4, 0.3), (2150.0, 10.0, -300.0), temperature_degC=-3.125),
     )
     robot = find_robot("par4-prototype").robot
     path = tmp_path / "campaign.db"
