@@ -47,6 +47,8 @@ class Linearised:
 
     def by(self, free: tuple[str, ...]) -> "Linearised":
         """Some of the parameters free, the others held where they are."""
+        if free == self.free:
+            return self
         count = len(self.free)
         columns = [*map(self.free.index, free), *range(count, count + FRAME_COLUMNS)]
         return Linearised(free, self.rows[:, :, columns], self.points_mm, self.misfit_mm)
