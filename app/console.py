@@ -47,7 +47,10 @@ class Terminal:
             self.note(text)
 
     def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        """A table; all columns but the first are numbers or short words, set to the right."""
+        """A table; all columns but the first are numbers or short words, set to the right.
+
+        A last column without a name holds words, which are broken into lines before anything else.
+        """
         table = Table(
             title=title,
             title_justify="left",
@@ -55,8 +58,11 @@ class Terminal:
             box=box.SIMPLE_HEAD,
             show_edge=False,
         )
+        words = len(columns) - 1 if not columns[-1] else 0
         for place, column in enumerate(columns):
-            table.add_column(column, justify="right" if place else "left", no_wrap=place > 0)
+            numbers = place not in {0, words}
+            kept_whole = place != words
+            table.add_column(column, justify="right" if numbers else "left", no_wrap=kept_whole)
         for row in rows:
             table.add_row(*row)
         self._answers.print("", table, "", sep="\n")

@@ -27,6 +27,10 @@ from campaigns.shots.dataset import Dataset
 COORDINATES = 3
 SHOTS_FOR_A_FRAME = 3
 FRAME_UNKNOWNS = 6
+SHORTEST_MM = 1.0
+"""Of a distance: from shots at one place nothing is learnt."""
+OUTSTANDING = 10.0
+"""Times the median: a larger variance of a distance counts as that."""
 
 
 class Fitted(Protocol):
@@ -170,11 +174,16 @@ def position_model(
 def _fitted_pairs(nominal: Geometry, data: Dataset, request: IdentificationRequest) -> FittedPairs:
     solution = forward(nominal, data.joints_rad)
     usable = usable_pairs(solution, data, ShotSet.IDENTIFICATION)
-    rows, free = usable.rows, request.knowledge.free
-    wanted = len(free) - len(request.knowledge.priors)
+    apart = data.measured_distances_mm(usable.rows) >= SHORTEST_MM
+    together = tuple(
+        Excluded("its two shots are at one place", pair=pair_of(data, row))
+        for row in usable.rows[~apart, 0].tolist()
+    )
+    rows, excluded, free = usable.rows[apart], usable.excluded + together, request.knowledge.free
+    wanted = max(1, len(free) - len(request.knowledge.priors))
     if len(rows) < wanted:
         raise ShotsMissing(
-            f"{len(rows)} pairs{_left_out(usable.excluded)} cannot give {len(free)} parameters",
+            f"{len(rows)} pairs{_left_out(excluded)} cannot give {len(free)} parameters",
             remedy=f"measure at least {wanted} pairs, better 60; or hold parameters",
         )
     near = solution.values[rows.ravel()]
@@ -183,11 +192,16 @@ def _fitted_pairs(nominal: Geometry, data: Dataset, request: IdentificationReque
     distances = DistanceResiduals(model, first, second, data.measured_distances_mm(rows))
     covariance = _stated(data, rows.ravel(), request.instrument)
     points = data.points_in_tracker_mm[rows.ravel()]
-    variance = float(np.mean(distance_variance_mm2(points, covariance, first, second)))
+    variance = typical(distance_variance_mm2(points, covariance, first, second))
     whitened = Weighted(distances, 1, np.full(len(rows), 1.0 / variance))
     problem = Problem(whitened, 1, _priors(request.knowledge, model))
     pairs = tuple(pair_of(data, row) for row in rows[:, 0].tolist())
-    return FittedPairs(problem, distances, pairs, usable.excluded)
+    return FittedPairs(problem, distances, pairs, excluded)
+
+
+def typical(variance_mm2: Array) -> float:
+    """The mean variance of distances, (M,), on which no single statement has much influence."""
+    return float(np.mean(np.minimum(variance_mm2, OUTSTANDING * np.median(variance_mm2))))
 
 
 def _fitted_points(

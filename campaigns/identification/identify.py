@@ -31,12 +31,14 @@ from campaigns.numerics.estimate import Estimate, Treatment, estimate
 from campaigns.numerics.forward import forward
 from campaigns.numerics.geometry import FILE_UNIT, Array, Geometry, indices
 from campaigns.numerics.pairs import distances_mm
-from campaigns.numerics.par4 import inverse
+from campaigns.numerics.par4 import NoAssembly, inverse
 from campaigns.numerics.point_prediction import position_std_mm
 from campaigns.numerics.statistics import unobservable_combinations
 from campaigns.shot_sets import ShotSet
 from campaigns.shots.dataset import Dataset
 
+WORTHLESS_MM, WORTHLESS_DEG = 5.0, 3.0
+"""A σ of which the nominal value is a better guess than the identified one."""
 NO_EFFECT = 1e-6
 """What a lost combination may leave of its parameters' single effects to be a change of frame."""
 
@@ -106,6 +108,7 @@ class _Told:
             self.unobservable,
             len(self.found.outliers) / len(self.found.kept),
             self.errors.summary(),
+            self._barely_known(),
             None if unseen is None else unseen.summary(),
             self.unseen.lost,
         )
@@ -118,6 +121,11 @@ class _Told:
     @cached_property
     def unobservable(self) -> tuple[Combination, ...]:
         return tuple(unobservable_combinations(self.found.seen, self.request.knowledge.free))
+
+    def _barely_known(self) -> tuple[tuple[str, float], ...]:
+        """Parameters with a larger σ than robots are ever off, in file units."""
+        std = _covariance(self.found, self.request.knowledge.free).std()
+        return tuple((name, each) for name, each in std.items() if each > _worthless(name))
 
     def excluded(self) -> tuple[Excluded, ...]:
         outliers = tuple(_named_outliers(self.fitted, self.found))
@@ -149,6 +157,10 @@ def _parameters(
     return tuple(Parameter(name, old[name], new[name], std.get(name), name in free) for name in old)
 
 
+def _worthless(name: str) -> float:
+    return WORTHLESS_DEG if name.endswith("_deg") else WORTHLESS_MM
+
+
 def _covariance(found: Estimate, free: tuple[str, ...]) -> Covariance:
     """Of the parameters that take part in nothing held, in file units."""
     if found.covariance is None:
@@ -165,12 +177,18 @@ def _position_std(
 ) -> PositionStd | None:
     """Over poses (N, 4), after a best fit of the frame to all of them; None when not known.
 
-    A combination that is held at nominal must change the frame and nothing else.
+    A combination that is held at nominal must change the frame and nothing else. Nor is it known of
+    a robot that can take none of the poses.
     """
     if poses is None or found.covariance is None:
         return None
     joints = inverse(identified, poses)
-    rows = point_rows(identified, free, joints.values[joints.found], poses[joints.found])
+    if not joints.found.any():
+        return None
+    try:
+        rows = point_rows(identified, free, joints.values[joints.found], poses[joints.found])
+    except NoAssembly:
+        return None
     rows = without_frame(rows)
     for lost in found.seen.null_directions / found.seen.scale:
         if np.abs(rows @ lost).max() > NO_EFFECT * (np.abs(rows) @ np.abs(lost)).max():

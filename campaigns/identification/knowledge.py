@@ -11,6 +11,8 @@ from campaigns.errors import KnowledgeInvalid
 from campaigns.files.wording import shown, suggestion
 from campaigns.numerics.geometry import FREE_BY_DEFAULT, NAMES
 
+LEAST_STD = 1e-6
+"""mm or deg, of a prior: what is known better need not be looked for."""
 WILD = frozenset("*?[")
 
 
@@ -52,6 +54,10 @@ def matching(pattern: str, names: tuple[str, ...]) -> tuple[str, ...]:
     found = tuple(name for name in names if fnmatchcase(name, pattern))
     if found:
         return found
+    if not pattern:
+        raise KnowledgeInvalid(
+            "an empty name is not a parameter", remedy="give a name or a pattern, as 'arm*.x_mm'"
+        )
     what = "matches no parameter" if WILD & set(pattern) else "is not a parameter"
     raise KnowledgeInvalid(f"{shown(pattern)} {what}", remedy=suggestion(pattern, names))
 
@@ -63,8 +69,8 @@ def _free(
     by_default: tuple[str, ...],
 ) -> tuple[str, ...]:
     to_free, to_fix = _ranked(freed, names), _ranked(fixed, names)
-    for name in to_free.keys() & to_fix.keys():
-        if to_free[name] == to_fix[name]:
+    for name in names:
+        if name in to_free and to_free.get(name) == to_fix.get(name):
             raise KnowledgeInvalid(
                 f"{name} is both freed and fixed", remedy="give it to one of --free and --fix"
             )
@@ -109,8 +115,13 @@ def _prior_of(text: str) -> tuple[str, float]:
         std = float(number)
     except ValueError:
         std = 0.0
-    if equals and 0.0 < std < float("inf"):
+    if equals and LEAST_STD <= std < float("inf"):
         return pattern.strip(), std
+    if equals and 0.0 < std < LEAST_STD:
+        raise KnowledgeInvalid(
+            f"--prior {shown(text)}: σ is {std:g}, must be {LEAST_STD:g} or more",
+            remedy="hold what is known for sure at its nominal value, with --fix",
+        )
     raise KnowledgeInvalid(
         f"--prior {shown(text)} is not understood: σ must be a number above 0",
         remedy="give name and σ in the name's unit, as arm*.forearm_mm=0.05",

@@ -26,17 +26,25 @@ def noise_in_words(noise: Noise, request: IdentificationRequest) -> str:
         return "no degrees of freedom: nothing shows whether the shots scatter as stated"
     test = f"χ² {noise.chi2:.0f} with {noise.dof} degrees of freedom"
     scatter = _scatter_in_words(noise, noise.ratio)
+    if noise.scale is None:
+        return f"{scatter} ({test}); too little is left of them to tell any σ"
     if request.estimator is Estimator.DISTANCES:
         return f"{scatter} ({test}); σ come from the scatter"
-    if request.loss.shape is not LossShape.LINEAR and noise.scale is not None:
+    if request.loss.shape is not LossShape.LINEAR:
         return f"{scatter} ({test}); σ are {noise.scale:.2g} times what is stated, by the loss"
     if noise.believable:
         return f"{scatter} ({test}); σ come from what it states"
-    if noise.scale is not None and noise.scale > 1.0:
+    if noise.scale > 1.0:
         return (
-            f"{scatter} ({test}): σ are multiplied by it (repeatability, backlash or a model error)"
+            f"{scatter} ({test}): σ are multiplied by {_by(noise.scale, noise.ratio)} "
+            "(repeatability, backlash or a model error)"
         )
     return f"{scatter} ({test}): its statement is careful, σ are left as they are"
+
+
+def _by(scale: float, ratio: float) -> str:
+    """Priors have a part in χ², but not in what σ are multiplied by."""
+    return "it" if abs(scale - ratio) < 0.05 * ratio else f"{scale:.2g}"
 
 
 def _scatter_in_words(noise: Noise, ratio: float) -> str:
@@ -71,6 +79,8 @@ class Judged:
     outliers: float
     """Their share in what was to be fitted."""
     residuals: BeforeAfter
+    barely_known: tuple[tuple[str, float], ...]
+    """Parameters that the shots hardly tell, with σ in file units."""
     unseen: BeforeAfter | None
     lost: tuple[Excluded, ...]
     """Unseen pairs that the identified robot cannot take."""
@@ -98,7 +108,15 @@ def _reasons_against(judged: Judged) -> Iterator[str]:
     if not judged.fit.converged:
         yield judged.fit.message
     for names in judged.unobservable:
-        yield f"the data cannot tell apart: {combination_in_words(names)}"
+        prefix = "the data cannot tell apart: " if len(names) > 1 else ""
+        yield f"{prefix}{combination_in_words(names)}"
+    if judged.barely_known:
+        name, std = max(judged.barely_known, key=lambda each: each[1])
+        unit = "deg" if name.endswith("_deg") else "mm"
+        yield (
+            f"the data hardly tell {name}, ±{std:.3g} {unit}: measure at more different poses and "
+            "angles θ, or hold it with --fix"
+        )
     if judged.outliers > MANY_OUTLIERS:
         yield (
             f"{100.0 * judged.outliers:.0f} % of the {judged.kind} were left out, "

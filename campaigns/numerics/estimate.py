@@ -32,6 +32,8 @@ BELIEVABLE_P = 1e-3
 HOLDING_ROUNDS = 3
 UNIT_ROUNDS = 6
 UNIT_SETTLED = 0.01
+LEAST_CURVATURE = 0.1
+"""Mean curvature of a loss below which most blocks are past its bend: nothing tells the scatter."""
 LEAST_FREEDOM = 0.5
 """With less left of the measurements than this their scatter says nothing."""
 LEAST_UNIT = 1e-3
@@ -109,7 +111,8 @@ class _Solved:
 def estimate(problem: Problem, parameters: int, treatment: Treatment, *, trusted: bool) -> Estimate:
     """Estimate with the first unknowns being parameters, the others (a frame) nuisance.
 
-    What neither data nor priors can tell is held where it starts. `trusted`: whether the stated
+    What neither data nor priors can tell is held where it starts, also if it comes to be told a
+    little once the others have moved. `trusted`: whether the stated
     noise gives the standard deviations while a test of χ² believes it; otherwise the scatter does.
     Raises `NoAssembly` when the start has no answer.
     """
@@ -121,14 +124,15 @@ def estimate(problem: Problem, parameters: int, treatment: Treatment, *, trusted
         solved = _solved(held, treatment.loss, agreed, trusted=trusted)
         at, kept = solved.x, agreed.kept
         found = observability(parameters_alone(_rows(solved.problem, at, kept), parameters))
-        if found.rank == seen.rank:
+        if found.rank >= seen.rank:
             break
+    known = found if found.rank == seen.rank else seen
     return Estimate(
         at,
         _covariance(solved, kept),
         _told_apart(seen),
-        found,
-        _by_data_alone(solved.problem, at, kept, found, parameters),
+        known,
+        _by_data_alone(solved.problem, at, kept, known, parameters),
         solved.noise,
         kept,
         agreed.outliers,
@@ -212,7 +216,11 @@ def _scale(problem: Problem, robust: RobustFit, loss: Loss, kept: Mask) -> float
     sizes = problem.sizes(robust.fit.x)[kept]
     felt = float(np.sqrt(np.sum((robust.weights[kept] * sizes) ** 2) / freedom))
     square = (sizes / max(loss.scale * robust.unit, ROUNDING)) ** 2
-    return felt / float(loss_curvature(loss.shape, square, problem.block).mean())
+    curvature = float(loss_curvature(loss.shape, square, problem.block).mean())
+    if curvature < LEAST_CURVATURE:
+        return None
+    found = felt / curvature
+    return found if loss.shape is LossShape.LINEAR else max(found, robust.unit)
 
 
 def _moving_rows(problem: Problem, robust: RobustFit, kept: Mask) -> Array:

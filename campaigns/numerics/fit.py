@@ -15,8 +15,9 @@ COST_TOLERANCE = 1e-8
 EVALUATIONS = 100
 CONVERGED, OUT_OF_EVALUATIONS = frozenset({1, 2, 3, 4}), 5
 """How MINPACK says that it ended."""
-OUT_OF_THE_MODEL = 1e6
-"""Every residual, mm or whitened, where the mechanism has no assembly: the solver turns back."""
+FURTHER_OFF = 1e6
+"""Times the largest residual of the start: every residual where the mechanism has no assembly, so
+that the solver turns back."""
 NEGLIGIBLE = 1e-6
 """Root mean square of residuals, mm or whitened, of which only rounding is left."""
 STATIONARY_COSINE = 1e-3
@@ -52,13 +53,14 @@ def solve(
     when that start has no answer.
     """
     begin = problem.start() if start is None else start
-    rows = len(problem.residual(begin))
+    first = problem.residual(begin)
+    beyond = np.full(len(first), FURTHER_OFF * max(1.0, float(np.abs(first).max(initial=0.0))))
 
     def residual(x: Array) -> Array:
         try:
             return problem.residual(x)
         except NoAssembly:
-            return np.full(rows, OUT_OF_THE_MODEL)
+            return beyond
 
     # MINPACK's LM, scaled by the Jacobian; least_squares wraps the same in a tenth of a fit's time
     x, _, ended, _, status = leastsq(

@@ -4,7 +4,7 @@ Losses and outliers are judged by whole blocks, never by single coordinates, and
 in it: they are neither weighed down nor left out.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtri, fdtri
@@ -15,7 +15,8 @@ from campaigns.numerics.geometry import Array, Mask
 from campaigns.numerics.problem import Problem
 
 REWEIGHTINGS = 30
-WEIGHTS_SETTLED = 1e-6
+WEIGHTS_SETTLED, WEIGHTS_UNSETTLED = 1e-6, 0.02
+UNSETTLED = "not converged: the loss's weights change without end; a larger --loss-scale may help"
 REJECTION_ROUNDS = 10
 FALSE_ALARM = 0.01
 """Chance that a whole set of good blocks loses one of them."""
@@ -72,9 +73,16 @@ class Agreement:
     """Plain least squares of what agrees; None where nobody needed it."""
 
 
-def robust_unit(sizes: Array, block: int) -> float:
-    """Standard deviation of one whitened coordinate, from the median of the blocks' sizes."""
-    return float(np.median(sizes) / np.sqrt(chdtri(block, 0.5)))
+def robust_unit(sizes: Array, block: int, unknowns: int) -> float:
+    """Standard deviation of one whitened coordinate, from the median of the blocks' sizes.
+
+    A fit can go through as many measurements as it has unknowns, so the median is that of the
+    others (Rousseeuw and Leroy 1987, section 3.4), and what the fit took up is given back.
+    """
+    taken = min(unknowns / (block * len(sizes)), MOST_FITTED_AWAY)
+    below = 0.5 * (1.0 + taken)
+    size = float(np.quantile(sizes, below))
+    return size / float(np.sqrt((1.0 - taken) * chdtri(block, 1.0 - below)))
 
 
 def loss_weights(shape: LossShape, square: Array) -> Array:
@@ -97,20 +105,25 @@ def loss_curvature(shape: LossShape, square: Array, block: int) -> Array:
 
 
 def solve_robust(problem: Problem, loss: Loss, kept: Mask, start: Array | None = None) -> RobustFit:
-    """Least squares of the kept blocks, reweighted until the weights stand."""
-    weights = kept.astype(np.float64)
+    """Least squares of the kept blocks, reweighted until the weights stand.
+
+    A fit whose weights do not come to stand has not converged.
+    """
+    weights, spent, change = kept.astype(np.float64), 0, 0.0
     for _ in range(REWEIGHTINGS):
-        fit = solve(problem.weighted(weights), start=start)
+        fit = solve(problem.weighted(weights), start=start, spent=spent)
         sizes = problem.sizes(fit.x)
-        unit = robust_unit(sizes[kept], problem.block)
+        unit = robust_unit(sizes[kept], problem.block, len(fit.x))
         if loss.shape is LossShape.LINEAR:
             break
         bend = max(loss.scale * unit, ROUNDING)
         renewed = kept * loss_weights(loss.shape, (sizes / bend) ** 2)
-        settled = np.abs(renewed - weights).max() < WEIGHTS_SETTLED
-        weights, start = renewed, fit.x
-        if settled:
+        change = float(np.abs(renewed - weights).max())
+        weights, start, spent = renewed, fit.x, fit.evaluations
+        if change < WEIGHTS_SETTLED:
             break
+    if change > WEIGHTS_UNSETTLED:
+        fit = replace(fit, converged=False, message=UNSETTLED)
     return RobustFit(fit, weights, unit)
 
 
@@ -118,7 +131,8 @@ def fit_of_agreed(problem: Problem, loss: Loss, agreed: Agreement) -> RobustFit:
     """Of what agrees, by any loss; plain least squares need not be found twice."""
     if loss.shape is not LossShape.LINEAR or agreed.fit is None:
         return solve_robust(problem, loss, agreed.kept)
-    unit = robust_unit(problem.sizes(agreed.fit.x)[agreed.kept], problem.block)
+    sizes = problem.sizes(agreed.fit.x)[agreed.kept]
+    unit = robust_unit(sizes, problem.block, len(agreed.fit.x))
     return RobustFit(agreed.fit, agreed.kept.astype(np.float64), unit)
 
 
@@ -163,15 +177,14 @@ def _standing_together(problem: Problem, start: Array) -> Mask:
     everything = np.ones(problem.blocks, dtype=bool)
     found = solve_robust(problem, SEARCHING, everything, start)
     sizes = problem.sizes(found.fit.x)
-    left = 1.0 - min(len(found.fit.x) / (problem.block * problem.blocks), MOST_FITTED_AWAY)
-    unit = max(1.0, found.unit / float(np.sqrt(left)))
+    unit = max(1.0, found.unit)
     return np.asarray(sizes <= unit * largest_believable(problem.blocks, problem.block))
 
 
 def _judged(problem: Problem, fit: Fit, kept: Mask) -> tuple[Array, float]:
     """Size of each block in its own σ beside a plain fit of the kept ones, and the limit."""
     sizes = problem.sizes(fit.x)
-    freedom = max(problem.block * int(kept.sum()) - len(fit.x), 1)
+    freedom = max(problem.block * int(kept.sum()) + len(problem.priors) - len(fit.x), 1)
     unit = max(1.0, float(np.sqrt(np.sum(sizes[kept] ** 2) / freedom)))
     pull = _leverages(problem, fit, kept)
     own = np.sqrt(np.where(kept, np.maximum(1.0 - pull, LEAST_LEFT), 1.0 + pull))
@@ -192,4 +205,5 @@ def _leverages(problem: Problem, fit: Fit, kept: Mask) -> Array:
 
 def _enough(problem: Problem, kept: Mask, unknowns: int) -> bool:
     """Whether what is kept is the greater part, and can still be fitted."""
-    return bool(2 * kept.sum() > len(kept) and problem.block * kept.sum() > unknowns)
+    told = problem.block * int(kept.sum()) + len(problem.priors)
+    return bool(2 * kept.sum() > len(kept) and told > unknowns)

@@ -163,7 +163,7 @@ def test_weights_fall_with_the_block_not_with_its_coordinates():
 
 def test_scale_of_good_blocks_is_one():
     draws = np.random.default_rng(1).normal(size=(4000, 3))
-    assert robust_unit(np.linalg.norm(draws, axis=1), 3) == pytest.approx(1.0, abs=0.03)
+    assert robust_unit(np.linalg.norm(draws, axis=1), 3, 0) == pytest.approx(1.0, abs=0.03)
 
 
 def test_good_sets_rarely_lose_a_block():
