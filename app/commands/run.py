@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from app.errors import UsageInvalid
 from app.exits import Exit
 from app.options import Anew, Dry, Fix, Folder, Free, Json, Yes
 from campaigns.estimators import Estimator
@@ -48,9 +49,14 @@ class Asked:
     def words(self) -> list[str]:
         """The options again, as they are typed."""
         until = [] if self.until is None else ["--until", self.until]
+        return [*until, *self.for_identify()]
+
+    def for_identify(self) -> list[str]:
+        """Those that `identify` has too."""
         by = [] if self.estimator is Estimator.POINTS else ["--estimator", self.estimator.value]
         freed = [word for pattern in self.free for word in ("--free", pattern)]
-        return [*until, *by, *freed, *(word for pattern in self.fix for word in ("--fix", pattern))]
+        fixed = [word for pattern in self.fix for word in ("--fix", pattern)]
+        return [*by, *freed, *fixed]
 
 
 def command(
@@ -95,7 +101,8 @@ def command(
     ran = None if anew else measured_before(campaign, work, terminal)
     ran = ran or measured_now(campaign, work, terminal, asked, yes=yes, anew=anew)
     show(terminal, ran)
-    terminal.note(f"next: pkmcal identify {folder}")
+    next_step = shlex.join(["pkmcal", "identify", str(folder), *asked.for_identify()])
+    terminal.note(f"next: {next_step}")
     terminal.document(document(ran))
     if not ran.good:
         raise typer.Exit(Exit.NOT_GOOD)
@@ -127,6 +134,11 @@ def work_of(campaign: "Campaign", checked: "CheckedPlan", asked: Asked) -> "Work
 
     goal = None if asked.until is None else read_goal(asked.until)
     free = knowledge(asked.free, asked.fix, names=GEOMETRY_NAMES).free
+    if goal is not None and not any(name.endswith("_mm") for name in free):
+        raise UsageInvalid(
+            f"--until {goal} is a goal for lengths, but none of them is free",
+            remedy="leave --until out, or hold fewer parameters with --fix",
+        )
     work = plan_work(campaign, checked)
     return replace(work, goal=goal, estimator=asked.estimator, free=free)
 

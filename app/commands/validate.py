@@ -1,5 +1,6 @@
 """pkmcal validate: how good the robot is, as its user commands it."""
 
+import shlex
 from enum import Enum
 from typing import TYPE_CHECKING, Annotated
 
@@ -115,7 +116,10 @@ def validate(
         return found, against
 
     title = f"validate {stage.value}"
-    again = f"pkmcal validate {campaign.folder} --stage {stage.value}"
+    wanted = () if set(tests) == set(Test) else tests
+    only = [word for test in wanted for word in ("--only", test.value)]
+    words = ["pkmcal", "validate", str(campaign.folder), "--stage", stage.value, *only]
+    again = shlex.join(words)
     return measure(campaign, prepare, finish, terminal, title=title, again=again, anew=anew)
 
 

@@ -17,7 +17,11 @@ from campaigns.identification.usable_pairs import pair_of, usable_pairs
 from campaigns.numerics.forward import forward
 from campaigns.numerics.frames import Transform, fit_transform
 from campaigns.numerics.geometry import FILE_UNIT, Array, Geometry, Index, Mask, indices
-from campaigns.numerics.instrument import TrackerUncertainty, distance_variance_mm2
+from campaigns.numerics.instrument import (
+    TrackerUncertainty,
+    common_variance_mm2,
+    distance_variance_mm2,
+)
 from campaigns.numerics.problem import Priors, Problem, Weighted
 from campaigns.numerics.residuals import DistanceResiduals, PointResiduals, PositionModel
 from campaigns.shot_sets import ShotSet
@@ -29,8 +33,6 @@ SHOTS_FOR_A_FRAME = 3
 FRAME_UNKNOWNS = 6
 SHORTEST_MM = 1.0
 """Of a distance: from shots at one place nothing is learnt."""
-OUTSTANDING = 10.0
-"""Times the median: a larger variance of a distance counts as that."""
 
 
 class Fitted(Protocol):
@@ -192,16 +194,11 @@ def _fitted_pairs(nominal: Geometry, data: Dataset, request: IdentificationReque
     distances = DistanceResiduals(model, first, second, data.measured_distances_mm(rows))
     covariance = _stated(data, rows.ravel(), request.instrument)
     points = data.points_in_tracker_mm[rows.ravel()]
-    variance = typical(distance_variance_mm2(points, covariance, first, second))
+    variance = common_variance_mm2(distance_variance_mm2(points, covariance, first, second))
     whitened = Weighted(distances, 1, np.full(len(rows), 1.0 / variance))
     problem = Problem(whitened, 1, _priors(request.knowledge, model))
     pairs = tuple(pair_of(data, row) for row in rows[:, 0].tolist())
     return FittedPairs(problem, distances, pairs, excluded)
-
-
-def typical(variance_mm2: Array) -> float:
-    """The mean variance of distances, (M,), on which no single statement has much influence."""
-    return float(np.mean(np.minimum(variance_mm2, OUTSTANDING * np.median(variance_mm2))))
 
 
 def _fitted_points(

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from campaigns.errors import ShotsInvalid
 from campaigns.estimators import Estimator, Outliers
 from campaigns.identification.fitted_shots import Fitted, fitted_shots, position_model
 from campaigns.identification.identified import (
@@ -56,15 +57,20 @@ class _Unseen:
 def identify(nominal: Geometry, data: Dataset, request: IdentificationRequest) -> Identification:
     """Parameters from the identification shots, judged by the validation pairs.
 
-    Raises `ShotsMissing` for too few shots and `ShotsInvalid` for a covariance that is none.
+    Raises `ShotsMissing` for too few shots, and `ShotsInvalid` for a covariance that is none and
+    for shots that no robot explains.
     """
     fitted, free = fitted_shots(nominal, data, request), request.knowledge.free
-    found = estimate(
-        fitted.problem,
-        len(free),
-        Treatment(request.loss, exclude=request.outliers is Outliers.EXCLUDE),
-        trusted=request.estimator is Estimator.POINTS,
-    )
+    treatment = Treatment(request.loss, exclude=request.outliers is Outliers.EXCLUDE)
+    trusted = request.estimator is Estimator.POINTS
+    try:
+        found = estimate(fitted.problem, len(free), treatment, trusted=trusted)
+    except NoAssembly as error:
+        raise ShotsInvalid(
+            "the shots lead to no robot that could be assembled",
+            remedy="look for gross errors: order and signs of the joints, units of points and of "
+            "covariances",
+        ) from error
     told = _Told(request, fitted, found, _unseen(nominal, data, free, found.x[: len(free)]))
     verdict, reasons = verdict_of(told.judged())
     covariance = _covariance(found, free)

@@ -117,17 +117,23 @@ class Knowing:
         rows = point_rows(self.geometry, self.free, joints_of(shots), poses)
         points = poses[:, :3]
         covariance = point_covariance_mm2(points - np.array(tracker_mm), self.instrument)
-        seen = Linearised(self.free, rows, points, np.zeros_like(points))
-        return self._known(shots, seen, covariance)
+        off = np.zeros(len(self.free))
+        seen = Linearised(self.free, rows, points, np.zeros_like(points), off)
+        return self._known(shots, seen, covariance, foreseen=True)
 
     def _known(
-        self, shots: Sequence[PlannedShot], seen: Linearised, covariance_mm2: Array
+        self,
+        shots: Sequence[PlannedShot],
+        seen: Linearised,
+        covariance_mm2: Array,
+        *,
+        foreseen: bool = False,
     ) -> Known | None:
         if self.estimator is Estimator.POINTS:
-            told = told_by_points(seen, covariance_mm2)
+            told = told_by_points(seen, covariance_mm2, foreseen=foreseen)
         else:
             pairs = pairs_of(shots, ShotSet.IDENTIFICATION)
-            told = told_by_distances(seen, covariance_mm2, pairs)
+            told = told_by_distances(seen, covariance_mm2, pairs, foreseen=foreseen)
         return None if told is None else self._in_words(len(shots), told)
 
     def _in_words(self, shots: int, told: Told) -> Known:
@@ -138,7 +144,7 @@ class Knowing:
             shots,
             self.free[weakest],
             float(std[weakest] / FILE_UNIT[free[weakest]]),
-            float(std[~IS_ANGLE[free]].max()),
+            float(std[~IS_ANGLE[free]].max(initial=0.0)),
             float(position_std_mm(self.workspace_rows, told.covariance).mean()),
             told.scatter,
             told.scale,

@@ -49,11 +49,11 @@ def solve(
 ) -> Fit:
     """Least squares from `start`, else from the problem's own, within a number of evaluations.
 
-    `spent` are those that it took to find `start`: they count in what is told. Raises `NoAssembly`
-    when that start has no answer.
+    Also from the problem's own where `start` has no answer, as an odd robot may have found it on
+    its way only. `spent` are those that it took to find `start`: they count in what is told. Raises
+    `NoAssembly` when the problem's own start has no answer.
     """
-    begin = problem.start() if start is None else start
-    first = problem.residual(begin)
+    begin, first = _begun(problem, start)
     beyond = np.full(len(first), FURTHER_OFF * max(1.0, float(np.abs(first).max(initial=0.0))))
 
     def residual(x: Array) -> Array:
@@ -77,6 +77,17 @@ def solve(
     message = _explain(int(status), used)
     jacobian = problem.jacobian(x)
     return _checked(Fit(x, ended["fvec"], jacobian, converged, used, message))
+
+
+def _begun(problem: Residuals, start: Array | None) -> tuple[Array, Array]:
+    """Where to begin, and the residual there."""
+    if start is not None:
+        try:
+            return start, problem.residual(start)
+        except NoAssembly:
+            pass
+    own = problem.start()
+    return own, problem.residual(own)
 
 
 def _checked(fit: Fit) -> Fit:

@@ -11,6 +11,8 @@ LIMIT_PER_STD = 3**0.5
 """A data sheet's limit (MPE) over the standard uncertainty it stands for: an even distribution."""
 MM_PER_UM = 1e-3
 PER_MM_OF_UM_PER_M = 1e-6
+OUTSTANDING = 10.0
+"""Times the median: a larger variance of a distance counts as that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,3 +61,11 @@ def distance_variance_mm2(
     direction = directions(points_mm, first, second)
     together = covariance_mm2[first] + covariance_mm2[second]
     return np.asarray(np.einsum("mi,mij,mj->m", direction, together, direction))
+
+
+def common_variance_mm2(variance_mm2: Array) -> float:
+    """The one variance of all distances, of each (M,), for they count alike as in the paper.
+
+    Their mean, on which no single statement has much influence.
+    """
+    return float(np.mean(np.minimum(variance_mm2, OUTSTANDING * np.median(variance_mm2))))

@@ -51,6 +51,8 @@ def observability_indices(singular_values: Array, rows: int) -> dict[str, float]
     """O1…O5 of the scaled Jacobian's singular values (P,)."""
     largest, least = float(singular_values[0]), float(singular_values[-1])
     positive = least > 0.0
+    if largest == 0.0:
+        return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
     return {
         "O1": float(np.exp(np.log(singular_values).mean()) / np.sqrt(rows)) if positive else 0.0,
         "O2": least / largest,

@@ -113,7 +113,7 @@ def solve_robust(problem: Problem, loss: Loss, kept: Mask, start: Array | None =
     for _ in range(REWEIGHTINGS):
         fit = solve(problem.weighted(weights), start=start, spent=spent)
         sizes = problem.sizes(fit.x)
-        unit = robust_unit(sizes[kept], problem.block, len(fit.x))
+        unit = robust_unit(sizes[kept], problem.block, _followed(problem, fit))
         if loss.shape is LossShape.LINEAR:
             break
         bend = max(loss.scale * unit, ROUNDING)
@@ -127,12 +127,17 @@ def solve_robust(problem: Problem, loss: Loss, kept: Mask, start: Array | None =
     return RobustFit(fit, weights, unit)
 
 
+def _followed(problem: Problem, fit: Fit) -> int:
+    """How many measurements a fit can go through: what priors tell needs none."""
+    return max(len(fit.x) - len(problem.priors), 0)
+
+
 def fit_of_agreed(problem: Problem, loss: Loss, agreed: Agreement) -> RobustFit:
     """Of what agrees, by any loss; plain least squares need not be found twice."""
     if loss.shape is not LossShape.LINEAR or agreed.fit is None:
         return solve_robust(problem, loss, agreed.kept)
     sizes = problem.sizes(agreed.fit.x)[agreed.kept]
-    unit = robust_unit(sizes, problem.block, len(agreed.fit.x))
+    unit = robust_unit(sizes, problem.block, _followed(problem, agreed.fit))
     return RobustFit(agreed.fit, agreed.kept.astype(np.float64), unit)
 
 

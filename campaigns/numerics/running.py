@@ -39,19 +39,25 @@ class Linearised:
     """As modelled, (N, 3)."""
     misfit_mm: Array
     """Modelled minus measured, (N, 3)."""
+    from_nominal: Array
+    """The parameters less their nominal values, (F,)."""
 
     def taken(self, places: Index) -> "Linearised":
         """Some of the shots."""
         rows, points, misfit = self.rows[places], self.points_mm[places], self.misfit_mm[places]
-        return Linearised(self.free, rows, points, misfit)
+        return Linearised(self.free, rows, points, misfit, self.from_nominal)
 
     def by(self, free: tuple[str, ...]) -> "Linearised":
-        """Some of the parameters free, the others held where they are."""
+        """Some of the parameters free, the others held at their nominal values."""
         if free == self.free:
             return self
         count = len(self.free)
-        columns = [*map(self.free.index, free), *range(count, count + FRAME_COLUMNS)]
-        return Linearised(free, self.rows[:, :, columns], self.points_mm, self.misfit_mm)
+        kept = [self.free.index(name) for name in free]
+        held = [place for place in range(count) if place not in kept]
+        back_mm = self.rows[:, :, held] @ self.from_nominal[held]
+        rows = self.rows[:, :, [*kept, *range(count, count + FRAME_COLUMNS)]]
+        points, misfit = self.points_mm - back_mm, self.misfit_mm - back_mm
+        return Linearised(free, rows, points, misfit, self.from_nominal[kept])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,17 +161,18 @@ class RunningFit:
         x = np.concatenate([self._parameters(), np.zeros(6)])
         # the residual as a last column comes out multiplied by Qᵀ, so that Q itself is not needed
         rows = np.column_stack([problem.jacobian(x), problem.residual(x)])
-        self._linearised = self._about(rows[: 3 * len(points)], points)
+        self._linearised = self._about(x[:-6], rows[: 3 * len(points)], points)
         triangle = np.asarray(np.linalg.qr(rows, mode="r"))
         root = np.linalg.inv(triangle[:-1, :-1])
         x = x - root @ triangle[:-1, -1]
         self._known = _Knowledge(x[:-6], data.tracker_from_base(x), root)
 
-    def _about(self, whitened: Array, measured_mm: Array) -> Linearised:
+    def _about(self, parameters: Array, whitened: Array, measured_mm: Array) -> Linearised:
         """From rows with the residual as their last column, (3 N, F + 7), and points (N, 3)."""
         rows = MEASURING_STD_MM * whitened.reshape(len(measured_mm), 3, -1)
         misfit = rows[:, :, -1]
-        return Linearised(self._names, rows[:, :, :-1], measured_mm + misfit, misfit)
+        off = parameters - self._nominal.vector()[self._free]
+        return Linearised(self._names, rows[:, :, :-1], measured_mm + misfit, misfit, off)
 
 
 def _spread_mm(points: Array) -> float:

@@ -14,6 +14,7 @@ from campaigns.numerics.enough import worst_of
 from campaigns.numerics.geometry import FILE_UNIT, Array, Geometry, Index, indices
 from campaigns.numerics.instrument import (
     TrackerUncertainty,
+    common_variance_mm2,
     distance_variance_mm2,
     point_covariance_mm2,
 )
@@ -169,7 +170,8 @@ def _told(
         rows = pairs.ravel()
         return _told_by_points(geometry, means.free, joints[rows], poses[rows], noise[rows])
     variance = distance_variance_mm2(poses[:, :3], noise, pairs[:, 0], pairs[:, 1])
-    return _told_by_distances(geometry, means.free, joints, poses, pairs, variance)
+    alike = np.full(len(pairs), common_variance_mm2(variance))
+    return _told_by_distances(geometry, means.free, joints, poses, pairs, alike)
 
 
 def _told_by_points(

@@ -27,6 +27,7 @@ from campaigns.numerics.enough import (
 from campaigns.numerics.geometry import FREE_BY_DEFAULT, Array, Index
 from campaigns.numerics.instrument import (
     TrackerUncertainty,
+    common_variance_mm2,
     distance_variance_mm2,
     point_covariance_mm2,
 )
@@ -64,6 +65,8 @@ CANDIDATES = 4000
 PAIRINGS = 6
 """How often the candidate poses are paired anew: so many pairs have as many rows as the shots."""
 MOST_SHOTS = 1000
+GOAL_ROUNDS = 4
+"""For a goal by distances, whose common variance is known when they are chosen."""
 CURVE_REACH = 2
 """The curve goes on to so many times the plan's shots, and to twice that of the fewest."""
 NEARLY_THE_SAME = 0.15
@@ -103,6 +106,15 @@ class Options:
     """Rows of the poses of each measurement: one for a shot, two for a pair, (M, 1 or 2)."""
     candidates: Candidates
     workspace_rows: Array
+    variance_mm2: Array | None = None
+    """Of each distance, (M,); the candidates take them all as the common one."""
+
+    def underrated(self, rows: Index) -> float:
+        """How much larger the σ of chosen measurements are than by the common variance of all."""
+        if self.variance_mm2 is None:
+            return 1.0
+        chosen = common_variance_mm2(self.variance_mm2[rows])
+        return math.sqrt(chosen / common_variance_mm2(self.variance_mm2))
 
     @property
     def poses_each(self) -> int:
@@ -196,12 +208,19 @@ def chosen_of(options: Options, request: OptimalRequest, rng: np.random.Generato
     if request.until_mm is None:
         return optimal_design(options.candidates, criterion, count, rng).chosen
     most = min(count, len(options.candidates) // options.step * options.step)
+    goal_mm = request.until_mm
     try:
-        return smallest_design(
-            options.candidates, criterion, request.until_mm, most, options.step, rng
-        ).least.chosen
+        for _ in range(GOAL_ROUNDS):
+            design = smallest_design(
+                options.candidates, criterion, goal_mm, most, options.step, rng
+            ).least
+            found_mm = design.worst_length_mm * options.underrated(design.chosen)
+            if found_mm <= request.until_mm:
+                break
+            goal_mm *= request.until_mm / found_mm
     except GoalOutOfReach as error:
         raise _out_of_reach(error, request.until_mm, options.poses_each) from error
+    return design.chosen
 
 
 def _out_of_reach(error: GoalOutOfReach, goal_mm: float, poses_each: int) -> PlanInvalid:
@@ -230,7 +249,8 @@ def _curve(
     for rows in sorted([*others, chosen], key=len):
         matrix = covariance(options.candidates.jacobian(rows))[: len(request.free)]
         shots = len(rows) * options.poses_each
-        yield Expected(shots, request.free, matrix[:, : len(request.free)])
+        parameters = matrix[:, : len(request.free)] * options.underrated(rows) ** 2
+        yield Expected(shots, request.free, parameters)
 
 
 def draw_options(region: Region, request: OptimalRequest, rng: np.random.Generator) -> Options:
@@ -252,8 +272,9 @@ def draw_options(region: Region, request: OptimalRequest, rng: np.random.Generat
         return Options(poses, joints, np.arange(len(poses))[:, None], shots, judged_at)
     pairs = _many_pairs(poses, rng)
     variance = distance_variance_mm2(poses[:, :3], noise, pairs[:, 0], pairs[:, 1])
-    distances = pair_candidates(region.geometry, request.free, joints, poses, pairs, variance)
-    return Options(poses, joints, pairs, distances, without_frame(judged_at))
+    alike = np.full(len(pairs), common_variance_mm2(variance))
+    distances = pair_candidates(region.geometry, request.free, joints, poses, pairs, alike)
+    return Options(poses, joints, pairs, distances, without_frame(judged_at), variance)
 
 
 def _many_pairs(poses: Array, rng: np.random.Generator) -> Index:

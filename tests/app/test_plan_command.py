@@ -163,6 +163,12 @@ def test_a_plan_for_axis_tilts_says_how_well_it_will_tell_them(campaign, placeme
         assert std[name] > 2.0 * before[name]
 
 
+def test_a_single_pair_tells_nothing_and_is_a_plan_all_the_same(campaign):
+    _, forecast = make(campaign, Asked(shots=2))
+    assert not forecast.foresight.expected.tells_all
+    assert set(forecast.foresight.prediction.indices.values()) == {0.0}
+
+
 @pytest.mark.slow
 def test_parameters_that_nothing_tells_apart_leave_the_older_plan(campaign):
     make(campaign, Asked(shots=44))

@@ -102,6 +102,30 @@ def test_more_parameters_to_find_take_more_shots_for_the_same_goal(pkmcal, plann
     assert "arm9.* matches no parameter" in ended.error_line
 
 
+def test_a_goal_for_lengths_needs_one_and_a_run_does_not(pkmcal, planned):
+    held = ("--fix", "*_mm")
+    ended = until(pkmcal, planned, REACHABLE, *held, "--dry")
+    assert ended.code == 2
+    assert "none of them is free" in ended.error_line
+    ended = pkmcal("run", planned, "--yes", *held)
+    assert ended.code == 0, ended.err
+    assert f"next: pkmcal identify {planned} --fix '*_mm'" in ended.err
+
+
+def test_a_plan_for_a_goal_by_distances_is_one_that_a_run_accepts(pkmcal, tmp_path):
+    """Also where the tracker is surer along the beam than across it, and with few pairs."""
+    folder = tmp_path / "campaign"
+    assert pkmcal("new", folder, "--scenario", "realistic").code == 0
+    goal = ("--until", "σ=0.1", "--estimator", "distances")
+    planned = pkmcal("plan", folder, *goal, "--json", "--candidates", "600")
+    assert planned.code == 0, planned.err
+    promised = planned.document["worst"]["length_mm"]
+    dry = pkmcal("run", folder, "--dry", "--json", *goal)
+    assert dry.code == 0, dry.err
+    foreseen = dry.document["knowledge"]["length_std_mm"]
+    assert 0.9 * promised < foreseen < 1.1 * promised
+
+
 def test_dry_without_a_goal_says_what_it_always_said(pkmcal, planned):
     document = pkmcal("run", planned, "--dry", "--json").document
     assert set(document) == {"shots", "seconds_estimated"}

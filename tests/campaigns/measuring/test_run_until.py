@@ -294,6 +294,16 @@ MORE = (*FREE_BY_DEFAULT, "arm1.azimuth_deg", "arm2.axis_tilt_deg")
 FEWER = tuple(name for name in FREE_BY_DEFAULT if not name.endswith("forearm_mm"))
 
 
+def test_what_is_held_at_nominal_scatters_what_is_told_while_it_is_measured(tmp_path: Path) -> None:
+    off = Geometry.from_flat(NOMINAL.flat() | {"arm1.forearm_mm": 700.8, "arm3.forearm_mm": 698.8})
+    cell = noisy_cell(truth=off)
+    with journal_in(tmp_path, cell.calls) as journal:
+        shots = journal.shots(cell.measure(journal, until(None, free=FEWER)))
+    by_a_fit, at_the_end = known_from(shots, until(None, free=FEWER)), cell.watcher.told[-1].known
+    assert by_a_fit.scatter > 2.0
+    assert at_the_end.scatter == pytest.approx(by_a_fit.scatter, rel=0.1)
+
+
 @pytest.mark.parametrize("free", [MORE, FEWER])
 def test_what_is_known_is_of_the_parameters_that_identify_will_look_for(
     tmp_path: Path, free: tuple[str, ...]

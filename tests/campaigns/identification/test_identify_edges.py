@@ -1,0 +1,143 @@
+"""Shots that tell little or are plainly wrong: nothing is let go, believed or left unsaid."""
+
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fake_cell import NOMINAL
+from identified_cases import (
+    TRACKER_FROM_BASE,
+    dataset,
+    deviations,
+    identified,
+    moved,
+    noisy,
+    region,
+    simulated,
+    stating,
+    values,
+    workspace,
+)
+
+from campaigns.errors import KnowledgeInvalid, ShotsInvalid, ShotsMissing
+from campaigns.estimators import Estimator, LossShape, Outliers
+from campaigns.identification.knowledge import knowledge
+from campaigns.numerics.forward import forward
+from campaigns.numerics.geometry import Geometry
+from campaigns.numerics.par4 import inverse
+from campaigns.numerics.placement import inner_poses
+from campaigns.shot_sets import ShotSet
+
+BOTH = pytest.mark.parametrize("estimator", list(Estimator))
+LITTLE_OFF = Geometry.from_flat(
+    NOMINAL.flat() | {"arm1.x_mm": 172.2, "arm2.forearm_mm": 700.3, "plate_mm": 99.9}
+)
+
+
+def at_one_theta(theta_rad: float, spread_rad: float = 0.0):
+    rng = np.random.default_rng(5)
+    poses = inner_poses(region(), 160, rng)
+    poses[:, 3] = theta_rad + rng.uniform(-spread_rad, spread_rad, len(poses))
+    solution = inverse(NOMINAL, poses)
+    joints = solution.values[solution.found][:140]
+    points = TRACKER_FROM_BASE.apply(forward(LITTLE_OFF, joints).require()[:, :3])
+    purposes = [ShotSet.IDENTIFICATION] * 120 + [ShotSet.VALIDATION] * 20
+    return noisy(dataset(joints, points, np.repeat(np.arange(70), 2).tolist(), purposes), 1)
+
+
+@pytest.mark.parametrize("theta_rad", [0.0, 0.3, -0.2])
+def test_what_shots_at_one_theta_cannot_tell_stays_held_to_the_end(theta_rad: float) -> None:
+    found = identified(at_one_theta(theta_rad), Estimator.POINTS, poses=workspace())
+    assert found.verdict == "fail"
+    assert any("plate_mm" in names for names in found.unobservable)
+    assert found.rank < 22
+    assert deviations(found)["plate_mm"] is None
+    assert abs(values(found)["plate_mm"] - 100.0) < 0.5
+
+
+def test_parameters_that_are_barely_told_are_named_and_fail() -> None:
+    found = identified(at_one_theta(0.1, spread_rad=0.03), Estimator.POINTS)
+    assert deviations(found)["plate_mm"] > 5.0
+    assert found.verdict == "fail"
+    assert any(reason.startswith("the data hardly tell ") for reason in found.reasons)
+
+
+@pytest.mark.parametrize("shape", [LossShape.CAUCHY, LossShape.SOFT_L1])
+def test_a_robust_loss_of_few_distances_stays_honest(shape: LossShape) -> None:
+    """It could go through half of 30 distances by 22 parameters, and think them exact."""
+    data = noisy(simulated(30, 8, seed=3, truth=LITTLE_OFF), 4)
+    found = identified(data, Estimator.DISTANCES, loss=shape)
+    assert found.noise.scale > 0.5
+    truth = LITTLE_OFF.flat()
+    for name, std in deviations(found).items():
+        if std is not None:
+            assert abs(values(found)[name] - truth[name]) < 4.5 * std, name
+
+
+@BOTH
+def test_a_gross_error_among_shots_stated_far_too_well_is_no_crash(estimator: Estimator) -> None:
+    """Covariances in m² where mm² are meant: a whitened misfit of more than a million."""
+    data = stating(moved(simulated(30, 8, seed=3), (4, 9), by_mm=300.0), std_mm=1e-5)
+    with suppress(ShotsInvalid):  # which says that no robot explains them
+        found = identified(data, estimator, poses=workspace())
+        of_points = estimator is Estimator.POINTS
+        left_out = {each.shot if of_points else each.pair for each in found.excluded}
+        assert found.verdict == "fail" or left_out == ({4, 9} if of_points else {2, 4})
+
+
+@BOTH
+def test_a_gross_error_that_is_kept_is_no_crash(estimator: Estimator) -> None:
+    for seed in range(4):
+        data = moved(noisy(simulated(30, 8, seed=seed), seed), (4, 9, 20), by_mm=400.0, seed=seed)
+        found = identified(data, estimator, poses=workspace(), outliers=Outliers.KEEP)
+        assert found.verdict == "fail" or found.residuals.after.rms > 1.0
+
+
+def test_pairs_at_one_place_are_left_out_and_named() -> None:
+    data = noisy(simulated(60, 8, seed=3), 4)
+    joints, points = data.joints_rad.copy(), data.points_in_tracker_mm.copy()
+    joints[1], points[1] = joints[0], points[0]
+    twice = replace(data, joints_rad=joints, points_in_tracker_mm=points)
+    found = identified(twice, Estimator.DISTANCES)
+    assert [(each.pair, each.reason) for each in found.excluded] == [
+        (0, "its two shots are at one place")
+    ]
+    assert found.verdict == "pass"
+    still = np.tile(joints[0], (136, 1)), np.tile(points[0], (136, 1))
+    nowhere = replace(data, joints_rad=still[0], points_in_tracker_mm=still[1])
+    with pytest.raises(ShotsMissing, match=r"0 pairs \(60 left out\)"):
+        identified(nowhere, Estimator.DISTANCES)
+
+
+def test_no_pairs_are_too_few_whatever_the_priors() -> None:
+    data = noisy(simulated(60, 8, seed=3), 4)
+    unseen = replace(data, purposes=(ShotSet.VALIDATION,) * len(data.purposes))
+    with pytest.raises(ShotsMissing, match="0 pairs"):
+        identified(unseen, Estimator.DISTANCES, prior=["*=1"])
+
+
+def test_one_shot_stated_badly_hides_no_outlier_among_distances() -> None:
+    data = moved(noisy(simulated(60, 20, seed=3), 4), (20,), by_mm=2.0)
+    stated = data.stated_covariance_mm2.copy()
+    stated[3] = 100.0 * np.eye(3)
+    found = identified(replace(data, stated_covariance_mm2=stated), Estimator.DISTANCES)
+    assert [each.pair for each in found.excluded] == [10]
+
+
+@pytest.mark.parametrize("estimator", list(Estimator))
+def test_outliers_are_looked_for_where_priors_stand_for_shots(estimator: Estimator) -> None:
+    data = moved(noisy(simulated(14, 8, seed=3, truth=LITTLE_OFF), 4), (2,), by_mm=20.0)
+    found = identified(data, estimator, prior=["*=0.5"])
+    assert len(found.excluded) == 1
+
+
+@pytest.mark.parametrize("std", ["1e-7", "1e-160", "1e-320"])
+def test_a_prior_as_sharp_as_nothing_is_measured_is_refused(std: str) -> None:
+    with pytest.raises(KnowledgeInvalid, match="must be 1e-06 or more"):
+        knowledge(priors=[f"arm1.x_mm={std}"])
+
+
+def test_the_name_that_is_both_freed_and_fixed_is_always_the_first() -> None:
+    with pytest.raises(KnowledgeInvalid, match=r"arm0\.x_mm is both"):
+        knowledge(["*"], ["*"])
