@@ -5,6 +5,9 @@ from typing import Annotated
 
 import typer
 
+from app.errors import UsageInvalid
+
+PICTURES = (".svg", ".png", ".pdf")
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The campaign's folder.")]
 Json = Annotated[
     bool,
@@ -19,8 +22,23 @@ Dry = Annotated[bool, typer.Option("--dry", help="Say what would happen, and do 
 Anew = Annotated[
     bool, typer.Option("--anew", help="Begin a new series instead of resuming an unfinished one.")
 ]
+
+
+def picture_file(path: Path | None) -> Path | None:
+    """Refuse at once what could not be written at the end."""
+    if path is not None and path.suffix.lower() not in PICTURES:
+        raise UsageInvalid(
+            f"--plot {path}: the name of a picture ends in {', '.join(PICTURES)}",
+            remedy="let it end in one of them",
+        )
+    return path
+
+
 Plot = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Draw a picture too: .svg, .png or .pdf.")
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="Draw a picture too: .svg, .png or .pdf.", callback=picture_file
+    ),
 ]
 Seed = Annotated[
     int | None, typer.Option(min=0, metavar="N", help="Another seed than the scenario's.")

@@ -29,7 +29,9 @@ def command(
     *,
     to: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Default: robot-compensated.yaml, or shots.csv, in DIR."),
+        typer.Option(
+            metavar="FILE", help="Default, in DIR: robot-compensated.yaml, calib.hal or shots.csv."
+        ),
     ] = None,
     shots: Annotated[
         bool, typer.Option("--shots", help="Write the measured shots as shots.csv instead.")

@@ -24,7 +24,11 @@ Robot = Annotated[
 ]
 Scenario = Annotated[
     str | None,
-    typer.Option(metavar="NAME", help="The simulated cell: a shipped scenario, or a cell file."),
+    typer.Option(
+        metavar="NAME",
+        help="The simulated cell: a shipped scenario, or a cell file.",
+        show_default="paper-prototype, without a real cell",
+    ),
 ]
 Controller = Annotated[
     str | None,

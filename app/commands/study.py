@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from app.study.comparison import Compared
     from app.study.setup import Asked
 
+MOST_CAMPAIGNS = 1_000_000
 OUTPUTS = "study"
 COMPARISON, DOCUMENT = "comparison.csv", "study.json"
 """What is written into the folder beside the tables."""
@@ -27,7 +28,10 @@ COMPARISON, DOCUMENT = "comparison.csv", "study.json"
 Campaigns = Annotated[
     int,
     typer.Option(
-        min=2, metavar="N", help="Campaigns of each combination, those already there included."
+        min=2,
+        max=MOST_CAMPAIGNS,
+        metavar="N",
+        help="Campaigns of each combination, those already there included.",
     ),
 ]
 Plans = Annotated[
@@ -136,10 +140,11 @@ def study(
     with campaign_lock(goal.to, now_utc=now_utc):
         studied = run_study(found, range(goal.campaigns), results_of, counting)
         compared = compare(studied)
-        document = study_document(compared, asked.seed, time.monotonic() - began_s)
+        told = study_document(compared, asked.seed, time.monotonic() - began_s)
+        document = told | {"path": str(goal.to)}
         replace_text(goal.to / COMPARISON, comparison_csv(compared))
         replace_text(goal.to / DOCUMENT, document_text(document))
-    return document | {"path": str(goal.to)}, compared
+    return document, compared
 
 
 def counting(total: int, done: int) -> "CountedWork":

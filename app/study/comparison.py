@@ -89,8 +89,11 @@ def _summary(studied: Studied) -> StudySummary:
     try:
         return summarise(studied.combination.setup, studied.outcomes)
     except ShotsMissing as error:
-        problem = f"{studied.combination}: {error.problem}"
-        raise ShotsMissing(problem, remedy=error.remedy) from error
+        problem, remedy = f"{studied.combination}: {error.problem}", error.remedy
+        if studied.lost:
+            problem += f", {studied.lost} were lost"
+            remedy = f"look into: {'; '.join(studied.reasons)}"
+        raise ShotsMissing(problem, remedy=remedy) from error
 
 
 def _unseen_relative(one: Studied, first: Studied) -> float | None:

@@ -26,6 +26,7 @@ from sim.scenarios.scenario import load_scenario
 from sim.scenarios.schema import Scenario
 from sim.scenarios.tracker import NoiseSection
 
+HOLD_THE_FRAME = ("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg")
 CAMPAIGNS_A_TASK = 25
 """A tenth of a second's work: long against sending it, short against all of it."""
 
@@ -179,4 +180,10 @@ def _check_enough(setup: StudySetup, plan: Path) -> None:
         raise UsageInvalid(
             f"{plan}: {sought} cannot be told apart: {', '.join(together[0])} move together",
             remedy=f"hold one of them, as with --fix {together[0][0]}, or plan other shots",
+        )
+    if shifted := [name for name in setup.free if name in HOLD_THE_FRAME]:
+        raise UsageInvalid(
+            f"{', '.join(shifted)} cannot be free in a study: true robots are told in the frame "
+            "that the first motor holds",
+            remedy="leave it out of --free; what another motor holds is told as well by this one",
         )

@@ -9,6 +9,7 @@ from campaigns.estimators import Estimator
 from campaigns.numerics.frames import Transform
 from campaigns.numerics.geometry import Array, Geometry, Index
 from campaigns.numerics.instrument import TrackerUncertainty
+from campaigns.version import VERSION
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +46,8 @@ class StudySetup:
         parts += [self.tracker_from_base.translation_mm]
         for shots in (self.fitted, self.unseen):
             parts += [shots.joints_rad, shots.pairs.astype(np.float64)]
-        text = repr((truth, self.free, self.estimator.value, self.uncertainty, self.seed))
+        settings = (truth, self.free, self.estimator.value, self.uncertainty, self.seed)
+        text = repr((*settings, VERSION))  # another version may find other numbers
         hashed = hashlib.sha256(text.encode("utf-8"))
         for part in parts:
             hashed.update(np.ascontiguousarray(part).tobytes())

@@ -15,6 +15,7 @@ from campaigns.numerics.geometry import Array
 from campaigns.studies.setup import CampaignOutcome, Estimate
 
 UNSEEN_COLUMNS = ("unseen_mean_mm", "unseen_max_mm")
+ANOTHER = "name another folder with --to, or move this file away"
 KINDS = ("error ", "std ", "bound ")
 """Before a parameter's name, in whose unit the value is."""
 
@@ -42,9 +43,18 @@ class StudyTable:
             return {}
         text = read_text(self.path, OutputExists, if_missing="name another")
         whole = text[: text.rfind("\n") + 1]
+        self._check_header(whole.partition("\n")[0])
         form = CsvForm(self.columns, (), OutputExists)
         outcomes = (self._outcome_of(row) for row in parse_csv(whole, str(self.path), form))
         return {outcome.number: outcome for outcome in outcomes}
+
+    def _check_header(self, header: str) -> None:
+        """Before every column is looked at: other parameters mean another study."""
+        if header.split(",") == list(self.columns):
+            return
+        is_study = header.startswith(",".join(self.columns[:3]))
+        what = "belongs to a study of other parameters" if is_study else "is no table of a study"
+        raise OutputExists(f"{self.path}: {what}", remedy=ANOTHER)
 
     def append(self, outcomes: Iterable[CampaignOutcome]) -> None:
         """Add rows to what was written; raises `WriteFailed`."""
@@ -76,7 +86,7 @@ class StudyTable:
         if row.text("study") != self.study:
             raise row.wrong(
                 "belongs to another study: other plan, robots, noise, estimator or seed",
-                remedy="name another file with --to, or move this one away",
+                remedy=ANOTHER,
             )
         number, failure = row.whole_number("campaign"), row.text("failure")
         return CampaignOutcome(number, None if failure else self._estimate_of(row), failure)

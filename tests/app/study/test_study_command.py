@@ -318,6 +318,11 @@ def test_robot_in_the_frame_of_the_nominal_is_the_same_robot():
         (["--campaigns", "5", "--plan", "nowhere.csv"], ["nowhere.csv", "pkmcal plan"]),
         (["--campaigns", "5", "--free", "arm0.x_mm"], ["arm0.x_mm, arm1.x_mm", "move together"]),
         (
+            ["--campaigns", "5", "--free", "arm0.x_mm", "--fix", "arm1.x_mm"],
+            ["arm0.x_mm cannot be free in a study", "--free"],
+        ),
+        (["--campaigns", "5", "--plot", "errors.xyz"], ["errors.xyz", ".svg, .png, .pdf"]),
+        (
             ["--campaigns", "5", "--estimator", "distances", "--free", "arm[123].azimuth_deg"],
             ["50 shots in 25 pairs are too few for 25 parameters by distances", "--fix"],
         ),

@@ -363,9 +363,19 @@ def test_table_of_another_study_is_refused_and_left_alone(table, outcomes):
     assert table.path.read_bytes() == before
 
 
+def test_table_of_other_parameters_is_refused_and_left_alone(table, outcomes):
+    begin(table)
+    table.append(outcomes[:2])
+    before = table.path.read_bytes()
+    for free in (table.free[:-1], (*table.free, "arm1.azimuth_deg")):
+        with pytest.raises(OutputExists, match=r"a study of other parameters .* another folder"):
+            begin(replace(table, free=free))
+    assert table.path.read_bytes() == before
+
+
 def test_any_other_file_is_refused_and_left_alone(table):
     table.path.write_text("x,y\n1,2\n", encoding="utf-8")
-    with pytest.raises(OutputExists, match="unknown column 'x'"):
+    with pytest.raises(OutputExists, match="is no table of a study"):
         begin(table)
     assert table.path.read_text(encoding="utf-8") == "x,y\n1,2\n"
 
