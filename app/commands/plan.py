@@ -1,5 +1,6 @@
 """pkmcal plan: where to measure."""
 
+import shlex
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -88,6 +89,7 @@ def command(
     are chosen, when more of them stop paying. Defaults stand under `plan` in campaign.yaml.
     plan.csv may be edited and is checked again; an older one is kept.
     """
+    from app.commands import run
     from app.console import terminal_of
     from app.folder import open_campaign
 
@@ -101,7 +103,9 @@ def command(
     if plot is not None:
         draw(plot, checked, forecast)
         terminal.say(f"drawn: {plot}")
-    terminal.note(f"next: pkmcal validate {folder} --stage before, pkmcal run {folder}")
+    validation = shlex.join(["pkmcal", "validate", str(folder), "--stage", "before"])
+    options = run.Asked(None, estimator, *knowledge).for_identify()
+    terminal.note(f"next: {validation}, {shlex.join(['pkmcal', 'run', str(folder), *options])}")
     terminal.document(plan_document(campaign, checked, forecast))
 
 

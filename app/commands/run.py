@@ -126,10 +126,14 @@ def read_checked_plan(campaign: "Campaign") -> "CheckedPlan":
 
 
 def work_of(campaign: "Campaign", checked: "CheckedPlan", asked: Asked) -> "Work":
-    """The plan as work for the engine; raises `GoalInvalid` or `KnowledgeInvalid`."""
+    """The plan as work for the engine.
+
+    Raises `GoalInvalid`, `KnowledgeInvalid`, `UsageInvalid` or `PlanInvalid`.
+    """
     from app.setup import plan_work
     from campaigns.identification.goal import read_goal
     from campaigns.identification.knowledge import knowledge
+    from campaigns.measuring.knowing import require_observable
     from campaigns.numerics.geometry import GEOMETRY_NAMES
 
     goal = None if asked.until is None else read_goal(asked.until)
@@ -139,8 +143,10 @@ def work_of(campaign: "Campaign", checked: "CheckedPlan", asked: Asked) -> "Work
             f"--until {goal} is a goal for lengths, but none of them is free",
             remedy="leave --until out, or hold fewer parameters with --fix",
         )
-    work = plan_work(campaign, checked)
-    return replace(work, goal=goal, estimator=asked.estimator, free=free)
+    work = replace(plan_work(campaign, checked), goal=goal, estimator=asked.estimator, free=free)
+    if asked.free:
+        require_observable(work.knowing())
+    return work
 
 
 def foreseen_end_of(campaign: "Campaign", work: "Work") -> "Foreseen | None":

@@ -115,6 +115,7 @@ class _Told:
             len(self.found.outliers) / len(self.found.kept),
             self.errors.summary(),
             self._barely_known(),
+            tuple(self._contradicted()),
             None if unseen is None else unseen.summary(),
             self.unseen.lost,
         )
@@ -127,6 +128,17 @@ class _Told:
     @cached_property
     def unobservable(self) -> tuple[Combination, ...]:
         return tuple(unobservable_combinations(self.found.seen, self.request.knowledge.free))
+
+    def _contradicted(self) -> Iterator[str]:
+        """Priors that the shots alone speak against."""
+        free = self.request.knowledge.free
+        for each in self.found.contradictions:
+            name, unit = free[each.place], FILE_UNIT[indices((free[each.place],))][0]
+            yield (
+                f"the shots contradict the prior of {name}: they alone give "
+                f"{each.value / unit:.4f} ± {each.std / unit:.4f}, "
+                f"{each.sigmas:.1f} σ off: leave it out or widen it"
+            )
 
     def _barely_known(self) -> tuple[tuple[str, float], ...]:
         """Parameters with a larger σ than robots are ever off, in file units."""

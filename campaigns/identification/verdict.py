@@ -81,6 +81,8 @@ class Judged:
     residuals: BeforeAfter
     barely_known: tuple[tuple[str, float], ...]
     """Parameters that the shots hardly tell, with σ in file units."""
+    contradicted: tuple[str, ...]
+    """Priors that the shots contradict, in words."""
     unseen: BeforeAfter | None
     lost: tuple[Excluded, ...]
     """Unseen pairs that the identified robot cannot take."""
@@ -117,6 +119,7 @@ def _reasons_against(judged: Judged) -> Iterator[str]:
             f"the data hardly tell {name}, ±{std:.3g} {unit}: measure at more different poses and "
             "angles θ, or hold it with --fix"
         )
+    yield from judged.contradicted
     if judged.outliers > MANY_OUTLIERS:
         yield (
             f"{100.0 * judged.outliers:.0f} % of the {judged.kind} were left out, "

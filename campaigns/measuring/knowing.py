@@ -14,6 +14,7 @@ from campaigns.journal.records import Intent, Outcome
 from campaigns.journal.views import AcceptedShot
 from campaigns.measuring.progress import Known
 from campaigns.numerics.candidates import point_rows, without_frame
+from campaigns.numerics.design import Unobservable, check_observable
 from campaigns.numerics.geometry import (
     FILE_UNIT,
     FREE_BY_DEFAULT,
@@ -28,6 +29,7 @@ from campaigns.numerics.par4 import inverse
 from campaigns.numerics.placement import WorkspaceTooSmall, workspace_poses
 from campaigns.numerics.point_prediction import position_std_mm
 from campaigns.numerics.running import Linearised
+from campaigns.planning.foresight import cannot_be_told_apart
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import joints_of, pairs_of, poses_of
 from campaigns.planning.ways import Mechanism
@@ -149,6 +151,14 @@ class Knowing:
             told.scatter,
             told.scale,
         )
+
+
+def require_observable(knowing: Knowing) -> None:
+    """Raises `PlanInvalid` for parameters that nothing measured could tell apart."""
+    try:
+        check_observable(knowing.workspace_rows.reshape(-1, len(knowing.free)), knowing.free)
+    except Unobservable as error:
+        raise cannot_be_told_apart(error) from error
 
 
 def _intent(planned: PlannedShot, outcome: Outcome) -> Intent:

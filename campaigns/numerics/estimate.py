@@ -1,5 +1,6 @@
 """From a problem to an estimate: values, what they are worth, and what had to be left out."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -32,6 +33,8 @@ BELIEVABLE_P = 1e-3
 HOLDING_ROUNDS = 3
 UNIT_ROUNDS = 6
 UNIT_SETTLED = 0.01
+CONTRADICTED = 4.0
+"""Standard deviations by which measurements and a prior may differ."""
 LEAST_CURVATURE = 0.1
 """Mean curvature of a loss below which most blocks are past its bend: nothing tells the scatter."""
 LEAST_FREEDOM = 0.5
@@ -73,6 +76,17 @@ class Noise:
         return float(np.sqrt(self.chi2 / self.dof)) if self.dof > 0 else None
 
 
+@dataclass(frozen=True, slots=True)
+class Contradiction:
+    """A prior that the measurements contradict: what they alone say, in mm or rad."""
+
+    place: int
+    value: float
+    std: float
+    sigmas: float
+    """How far that is from the prior's mean, by both their standard deviations."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
     """The unknowns, the parameters among them first, and how well they are known."""
@@ -93,6 +107,8 @@ class Estimate:
     outliers: tuple[Outlier, ...]
     fit: Fit
     """How the solver ended."""
+    contradictions: tuple[Contradiction, ...] = ()
+    """Known only where the measurements alone tell all parameters."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,17 +143,41 @@ def estimate(problem: Problem, parameters: int, treatment: Treatment, *, trusted
         if found.rank >= seen.rank:
             break
     known = found if found.rank == seen.rank else seen
+    by_data = _by_data_alone(solved.problem, at, kept, known, parameters)
+    told = len(problem.priors) > 0 and by_data.rank == parameters
     return Estimate(
         at,
         _covariance(solved, kept),
         _told_apart(seen),
         known,
-        _by_data_alone(solved.problem, at, kept, known, parameters),
+        by_data,
         solved.noise,
         kept,
         agreed.outliers,
         solved.robust.fit,
+        tuple(_contradictions(problem, at, kept)) if told else (),
     )
+
+
+def _contradictions(problem: Problem, x: Array, kept: Mask) -> Iterator[Contradiction]:
+    """Priors far from where a step to the minimum of the measurements alone leads."""
+    rows = problem.data.jacobian(x)[np.repeat(kept, problem.block)]
+    misfit = problem.data.residual(x)[np.repeat(kept, problem.block)]
+    freedom = len(rows) - len(x)
+    if freedom < 1:
+        return
+    try:
+        of_all = covariance(rows)
+    except np.linalg.LinAlgError:
+        return
+    step = -of_all @ (rows.T @ misfit)
+    scatter2 = max(1.0, float(np.sum((misfit + rows @ step) ** 2)) / freedom)
+    alone, variance, priors = x + step, scatter2 * np.diag(of_all), problem.priors
+    for place, mean, std in zip(priors.places.tolist(), priors.mean, priors.std, strict=True):
+        sigmas = abs(alone[place] - mean) / np.sqrt(std**2 + variance[place])
+        if sigmas > CONTRADICTED:
+            own_std = float(np.sqrt(variance[place]))
+            yield Contradiction(place, float(alone[place]), own_std, float(sigmas))
 
 
 def noise_of(chi2: float, dof: int, scale: float | None) -> Noise:

@@ -97,6 +97,9 @@ def test_more_parameters_to_find_take_more_shots_for_the_same_goal(pkmcal, plann
     more = pkmcal("run", planned, *words, "--free", "arm[123].azimuth_deg").document
     assert more["goal"]["shots"] > usual["goal"]["shots"]
     assert more["knowledge"]["length_std_mm"] > usual["knowledge"]["length_std_mm"]
+    ended = pkmcal("run", planned, "--dry", "--free", "arm*.azimuth_deg")
+    assert ended.code == 2
+    assert "move together, whatever is measured" in ended.error_line
     ended = pkmcal("run", planned, "--dry", "--free", "arm9.*")
     assert ended.code == 2
     assert "arm9.* matches no parameter" in ended.error_line

@@ -141,3 +141,14 @@ def test_a_prior_as_sharp_as_nothing_is_measured_is_refused(std: str) -> None:
 def test_the_name_that_is_both_freed_and_fixed_is_always_the_first() -> None:
     with pytest.raises(KnowledgeInvalid, match=r"arm0\.x_mm is both"):
         knowledge(["*"], ["*"])
+
+
+@BOTH
+def test_a_prior_that_the_shots_contradict_is_named_and_fails(estimator: Estimator) -> None:
+    data = noisy(simulated(60, 8, seed=3, truth=LITTLE_OFF), 4)
+    wrong = identified(data, estimator, prior=["arm2.forearm_mm=0.01"])
+    assert wrong.verdict == "fail"
+    (reason,) = (each for each in wrong.reasons if "contradict" in each)
+    assert "the prior of arm2.forearm_mm: they alone give 700." in reason
+    right = identified(data, estimator, prior=["arm2.forearm_mm=0.3", "arm1.arm_mm=0.01"])
+    assert right.verdict == "pass"
