@@ -83,7 +83,7 @@ def test_a_gross_error_among_shots_stated_far_too_well_is_no_crash(estimator: Es
         found = identified(data, estimator, poses=workspace())
         of_points = estimator is Estimator.POINTS
         left_out = {each.shot if of_points else each.pair for each in found.excluded}
-        assert found.verdict == "fail" or left_out == ({4, 9} if of_points else {2, 4})
+        assert found.verdict == "fail" or left_out >= ({4, 9} if of_points else {2, 4})
 
 
 @BOTH
