@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from app.errors import UsageInvalid
+from campaigns.estimators import Estimator
 
 PICTURES = (".svg", ".png", ".pdf")
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The campaign's folder.")]
@@ -53,3 +54,13 @@ Fix = Annotated[
         metavar="PATTERN", help="Hold these at their nominal values, 'arm1.*'; repeatable."
     ),
 ]
+
+
+def identifying_words(
+    estimator: Estimator, free: tuple[str, ...], fix: tuple[str, ...]
+) -> list[str]:
+    """Options that say what will be identified, as they are typed: for the next step's command."""
+    by = [] if estimator is Estimator.POINTS else ["--estimator", estimator.value]
+    freed = [word for pattern in free for word in ("--free", pattern)]
+    fixed = [word for pattern in fix for word in ("--fix", pattern)]
+    return [*by, *freed, *fixed]

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from app.options import Fix, Folder, Free, Json, Plot
+from app.options import Fix, Folder, Free, Json, Plot, identifying_words
 from app.planning import Asked, Placement, make
 from campaigns.estimators import Estimator
 
@@ -89,7 +89,6 @@ def command(
     are chosen, when more of them stop paying. Defaults stand under `plan` in campaign.yaml.
     plan.csv may be edited and is checked again; an older one is kept.
     """
-    from app.commands import run
     from app.console import terminal_of
     from app.folder import open_campaign
 
@@ -104,7 +103,7 @@ def command(
         draw(plot, checked, forecast)
         terminal.say(f"drawn: {plot}")
     validation = shlex.join(["pkmcal", "validate", str(folder), "--stage", "before"])
-    options = run.Asked(None, estimator, *knowledge).for_identify()
+    options = identifying_words(estimator, *knowledge)
     terminal.note(f"next: {validation}, {shlex.join(['pkmcal', 'run', str(folder), *options])}")
     terminal.document(plan_document(campaign, checked, forecast))
 

@@ -8,7 +8,7 @@ import typer
 
 from app.errors import UsageInvalid
 from app.exits import Exit
-from app.options import Anew, Dry, Fix, Folder, Free, Json, Yes
+from app.options import Anew, Dry, Fix, Folder, Free, Json, Yes, identifying_words
 from campaigns.estimators import Estimator
 
 if TYPE_CHECKING:
@@ -53,10 +53,7 @@ class Asked:
 
     def for_identify(self) -> list[str]:
         """Those that `identify` has too."""
-        by = [] if self.estimator is Estimator.POINTS else ["--estimator", self.estimator.value]
-        freed = [word for pattern in self.free for word in ("--free", pattern)]
-        fixed = [word for pattern in self.fix for word in ("--fix", pattern)]
-        return [*by, *freed, *fixed]
+        return identifying_words(self.estimator, self.free, self.fix)
 
 
 def command(
@@ -133,8 +130,8 @@ def work_of(campaign: "Campaign", checked: "CheckedPlan", asked: Asked) -> "Work
     from app.setup import plan_work
     from campaigns.identification.goal import read_goal
     from campaigns.identification.knowledge import knowledge
-    from campaigns.measuring.knowing import require_observable
     from campaigns.numerics.geometry import GEOMETRY_NAMES
+    from campaigns.planning.foresight import require_observable
 
     goal = None if asked.until is None else read_goal(asked.until)
     free = knowledge(asked.free, asked.fix, names=GEOMETRY_NAMES).free
@@ -145,7 +142,8 @@ def work_of(campaign: "Campaign", checked: "CheckedPlan", asked: Asked) -> "Work
         )
     work = replace(plan_work(campaign, checked), goal=goal, estimator=asked.estimator, free=free)
     if asked.free:
-        require_observable(work.knowing())
+        knowing = work.knowing()
+        require_observable(knowing.workspace_rows, knowing.free)
     return work
 
 

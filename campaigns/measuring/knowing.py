@@ -14,7 +14,6 @@ from campaigns.journal.records import Intent, Outcome
 from campaigns.journal.views import AcceptedShot
 from campaigns.measuring.progress import Known
 from campaigns.numerics.candidates import point_rows, without_frame
-from campaigns.numerics.design import Unobservable, check_observable
 from campaigns.numerics.geometry import (
     FILE_UNIT,
     FREE_BY_DEFAULT,
@@ -25,11 +24,10 @@ from campaigns.numerics.geometry import (
 )
 from campaigns.numerics.instrument import TrackerUncertainty, point_covariance_mm2
 from campaigns.numerics.knowing import Told, told_by_distances, told_by_fit, told_by_points
-from campaigns.numerics.par4 import inverse
 from campaigns.numerics.placement import WorkspaceTooSmall, workspace_poses
 from campaigns.numerics.point_prediction import position_std_mm
 from campaigns.numerics.running import Linearised
-from campaigns.planning.foresight import cannot_be_told_apart
+from campaigns.planning.foresight import rows_at
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import joints_of, pairs_of, poses_of
 from campaigns.planning.ways import Mechanism
@@ -70,8 +68,8 @@ class Knowing:
         planned = {s.shot: s for s in shots if s.purpose is ShotSet.IDENTIFICATION}
         geometry = mechanism.geometry
         poses = _workspace(mechanism, poses_of(tuple(planned.values())), rng)
-        rows = point_rows(geometry, free, inverse(geometry, poses).require(), poses)
-        return cls(planned, geometry, estimator, instrument, free, without_frame(rows))
+        rows = without_frame(rows_at(geometry, free, poses))
+        return cls(planned, geometry, estimator, instrument, free, rows)
 
     def after(self, outcomes: Sequence[Outcome], seen: Linearised | None) -> Known | None:
         """What accepted shots tell, those that are in `seen`; None for too few to tell.
@@ -151,14 +149,6 @@ class Knowing:
             told.scatter,
             told.scale,
         )
-
-
-def require_observable(knowing: Knowing) -> None:
-    """Raises `PlanInvalid` for parameters that nothing measured could tell apart."""
-    try:
-        check_observable(knowing.workspace_rows.reshape(-1, len(knowing.free)), knowing.free)
-    except Unobservable as error:
-        raise cannot_be_told_apart(error) from error
 
 
 def _intent(planned: PlannedShot, outcome: Outcome) -> Intent:

@@ -142,11 +142,16 @@ def workspace_rows(geometry: Geometry, free: tuple[str, ...], poses: Array) -> A
     After a best fit of the frame. Raises `PlanInvalid` for parameters that no position tells apart.
     """
     rows = without_frame(rows_at(geometry, free, poses))
+    require_observable(rows, free)
+    return rows
+
+
+def require_observable(rows: Array, free: tuple[str, ...]) -> None:
+    """Raise `PlanInvalid` for parameters that rows (N, 3, F) without a frame do not tell apart."""
     try:
         check_observable(rows.reshape(-1, len(free)), free)
     except Unobservable as error:
         raise cannot_be_told_apart(error) from error
-    return rows
 
 
 def cannot_be_told_apart(error: Unobservable) -> PlanInvalid:

@@ -1,10 +1,29 @@
-"""A client of a simulated emScon session, without a socket."""
+"""A client of a simulated emScon session, without a socket, and what it asks for and hears."""
 
 from fake_tracker import FakeTracker
 
 from drivers.wire.emscon import Answer, FromServerFramer, Request, encode
-from drivers.wire.emscon_constants import Command
+from drivers.wire.emscon_constants import Command, SystemChange
+from drivers.wire.emscon_messages import StatusChange, SystemSettings, Units
+from drivers.wire.emscon_status import ResultStatus
 from sim.servers.emscon_server import EmsconSession
+
+MILLIMETRES = Units(1, 1, 0, 0, 0)
+QUIET = SystemSettings(2, 0, 0, 1, 0, 0, 0, 0, 0)
+STREAMING = SystemSettings(2, 0, 0, 1, 1, 1, 0, 0, 0)
+BUSY, READY, NOT_READY = (
+    StatusChange(SystemChange.LIGHT_BUSY),
+    StatusChange(SystemChange.LIGHT_READY),
+    StatusChange(SystemChange.LIGHT_NOT_READY),
+)
+
+
+def ok(command):
+    return Answer(command, ResultStatus.ALL_OK)
+
+
+def refused(command, status):
+    return Answer(command, status)
 
 
 class Client:

@@ -3,10 +3,15 @@
 import math
 
 import pytest
-from emscon_client_stub import Client
+from emscon_client_stub import (
+    MILLIMETRES,
+    QUIET,
+    STREAMING,
+    Client,
+    ok,
+)
 from fake_tracker import COVARIANCE_MM2, FakeTracker
 
-from drivers.wire.emscon import Answer
 from drivers.wire.emscon_constants import Command, SystemChange
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
@@ -28,23 +33,6 @@ from drivers.wire.emscon_messages import (
     Units,
 )
 from drivers.wire.emscon_status import ResultStatus
-
-MILLIMETRES = Units(1, 1, 0, 0, 0)
-QUIET = SystemSettings(2, 0, 0, 1, 0, 0, 0, 0, 0)
-STREAMING = SystemSettings(2, 0, 0, 1, 1, 1, 0, 0, 0)
-BUSY, READY, NOT_READY = (
-    StatusChange(SystemChange.LIGHT_BUSY),
-    StatusChange(SystemChange.LIGHT_READY),
-    StatusChange(SystemChange.LIGHT_NOT_READY),
-)
-
-
-def ok(command):
-    return Answer(command, ResultStatus.ALL_OK)
-
-
-def refused(command, status):
-    return Answer(command, status)
 
 
 def test_a_set_command_is_answered_and_its_event_told():

@@ -1,7 +1,16 @@
 """The simulated emScon server: what it answers, when, and in which units."""
 
 import pytest
-from emscon_client_stub import Client
+from emscon_client_stub import (
+    BUSY,
+    MILLIMETRES,
+    NOT_READY,
+    READY,
+    STREAMING,
+    Client,
+    ok,
+    refused,
+)
 from fake_tracker import FakeTracker
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,29 +25,10 @@ from drivers.wire.emscon_messages import (
     SingleResult,
     StationaryMode,
     StatusChange,
-    SystemSettings,
     SystemStatus,
     Target,
-    Units,
 )
 from drivers.wire.emscon_status import ResultStatus
-
-MILLIMETRES = Units(1, 1, 0, 0, 0)
-QUIET = SystemSettings(2, 0, 0, 1, 0, 0, 0, 0, 0)
-STREAMING = SystemSettings(2, 0, 0, 1, 1, 1, 0, 0, 0)
-BUSY, READY, NOT_READY = (
-    StatusChange(SystemChange.LIGHT_BUSY),
-    StatusChange(SystemChange.LIGHT_READY),
-    StatusChange(SystemChange.LIGHT_NOT_READY),
-)
-
-
-def ok(command):
-    return Answer(command, ResultStatus.ALL_OK)
-
-
-def refused(command, status):
-    return Answer(command, status)
 
 
 def test_unknown_command_is_not_implemented():
