@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from campaigns.numerics.geometry import Array
     from campaigns.numerics.placement import Region
     from campaigns.planning.foresight import Expected
-    from campaigns.planning.optimal import OptimalRequest
+    from campaigns.planning.options import OptimalRequest
     from campaigns.planning.plan_check import CheckedPlan
     from campaigns.planning.plan_file import PlannedShot
 
@@ -105,7 +105,8 @@ def wanted_of(campaign: "Campaign", asked: Asked) -> Wanted:
     from app.view import tracker_uncertainty_of
     from campaigns.identification.knowledge import knowledge
     from campaigns.numerics.geometry import GEOMETRY_NAMES
-    from campaigns.planning.optimal import CANDIDATES, MOST_SHOTS, OptimalRequest
+    from campaigns.planning.optimal import MOST_SHOTS
+    from campaigns.planning.options import CANDIDATES, OptimalRequest
 
     free = knowledge(asked.free, asked.fix, names=GEOMETRY_NAMES).free
     until_mm = None if asked.until is None else _goal_mm(asked.until, free)

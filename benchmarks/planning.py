@@ -21,6 +21,7 @@ os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS
 
 import numpy as np
 
+from campaigns.estimators import Estimator
 from campaigns.numerics.candidates import point_rows
 from campaigns.numerics.criteria import CriterionName
 from campaigns.numerics.geometry import FREE_BY_DEFAULT, IS_ANGLE, Array, Geometry, Index, indices
@@ -29,7 +30,8 @@ from campaigns.numerics.par4 import inverse
 from campaigns.numerics.placement import Region, boundary_poses, inner_poses, pair_up
 from campaigns.numerics.point_prediction import points_covariance, position_std_mm
 from campaigns.numerics.prediction import predict_distances
-from campaigns.planning.optimal import Estimator, OptimalRequest, chosen_of, draw_options
+from campaigns.planning.optimal import chosen_of
+from campaigns.planning.options import OptimalRequest, draw_options
 from campaigns.planning.plans import PlanRequest
 from campaigns.robots.arrays import numeric_geometry, numeric_limits, pose_row
 from campaigns.robots.robot import find_robot

@@ -17,7 +17,8 @@ from campaigns.numerics.instrument import (
 from campaigns.numerics.point_prediction import predict_points
 from campaigns.numerics.prediction import predict_distances
 from campaigns.planning.foresight import approach_shares
-from campaigns.planning.optimal import OptimalRequest, make_optimal_plan
+from campaigns.planning.optimal import make_optimal_plan
+from campaigns.planning.options import OptimalRequest
 from campaigns.planning.plan_check import Pace, check_plan
 from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of, poses_of
 from campaigns.robots.arrays import numeric_geometry, numeric_limits
