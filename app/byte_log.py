@@ -7,12 +7,12 @@ from pathlib import Path
 from app.console import WARNING, Terminal
 from app.folder import now_utc
 from campaigns.errors import WriteFailed
-from campaigns.files.textfile import refuse_existing
-from drivers.spy import SpyLog
+from campaigns.files.text_file import refuse_existing
+from drivers.byte_log import ByteLog
 
 
 @contextmanager
-def byte_log(path: Path | None, terminal: Terminal) -> Iterator[SpyLog | None]:
+def byte_log(path: Path | None, terminal: Terminal) -> Iterator[ByteLog | None]:
     """A log in a new file for the time of the block, or none.
 
     Raises `OutputExists` or `WriteFailed`; a log that cannot go on is said, and the work goes on.
@@ -28,7 +28,7 @@ def byte_log(path: Path | None, terminal: Terminal) -> Iterator[SpyLog | None]:
             f"{path}: cannot be written ({error.strerror})", remedy="name another file"
         ) from error
     with file:
-        log = SpyLog(file, now_utc=now_utc)
+        log = ByteLog(file, now_utc=now_utc)
         try:
             yield log
         finally:

@@ -10,10 +10,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from app.errors import NotConfirmed
+from app.exits import NotConfirmed
 
 if TYPE_CHECKING:
-    from app.progress_bar import RunDisplay
+    from app.progress import RunDisplay
 
 GOOD, BAD, OPEN = "bold green", "bold red", "bold yellow"
 TALK, WARNING = "dim", "yellow"
@@ -103,6 +103,6 @@ class Terminal:
         """Shows a run while the block runs."""
         from time import monotonic
 
-        from app.progress_bar import RunDisplay
+        from app.progress import RunDisplay
 
         return RunDisplay(self._talk, title, now_s=monotonic, verbose=self._verbose)

@@ -1,6 +1,23 @@
-"""Which failure ends with which exit code, in one table."""
+"""What can be wrong with what was asked for at the door."""
 
 from enum import IntEnum
+
+from campaigns import errors as campaign
+from drivers import errors as driver
+from drivers.errors import ExplainedError
+from sim.errors import SimError
+
+
+class AppError(ExplainedError):
+    """Root of everything that the command line itself raises."""
+
+
+class UsageInvalid(AppError):
+    """The options don't go together, or ask for what there is not: change the command."""
+
+
+class NotConfirmed(AppError):
+    """The operator's yes is missing: ask on a terminal, or give --yes."""
 
 
 class Exit(IntEnum):
@@ -17,13 +34,8 @@ class Exit(IntEnum):
 
 def exit_code(error: Exception) -> Exit:
     """The code of a designed error; the most particular class in the table decides."""
-    from app import errors as door
-    from campaigns import errors as campaign
-    from drivers import errors as driver
-    from sim.errors import SimError
-
     table: dict[type[Exception], Exit] = {
-        door.AppError: Exit.BAD_INPUT,
+        AppError: Exit.BAD_INPUT,
         campaign.CampaignError: Exit.BAD_INPUT,
         campaign.JournalFailed: Exit.JOURNAL,
         campaign.WriteFailed: Exit.JOURNAL,

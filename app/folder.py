@@ -8,8 +8,7 @@ from pathlib import Path
 
 from campaigns.errors import ShotsMissing
 from campaigns.files.lock import campaign_lock
-from campaigns.journal.journal import Journal, open_journal
-from campaigns.journal.reader import JournalReader
+from campaigns.journal.journal import Journal, JournalReader, open_journal
 from campaigns.journal.views import Series
 from campaigns.robots.robot import RobotDocument
 from campaigns.settings.config import CampaignConfig, read_campaign, read_campaign_robot

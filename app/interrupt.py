@@ -12,7 +12,7 @@ WATCHED = tuple(
 """Ctrl-C, a polite kill, and the loss of the terminal. Windows has no SIGHUP."""
 
 
-class StopWish:
+class StopRequest:
     """Whether the operator has asked to stop.
 
     Asking again changes nothing: a stop is under way, and what it waits for has a deadline.
@@ -36,7 +36,7 @@ class StopWish:
 
 
 @contextmanager
-def stop_on_signals(wish: StopWish) -> Iterator[None]:
+def stop_on_signals(wish: StopRequest) -> Iterator[None]:
     """Turn signals into the wish to stop, for the time of the block."""
     with _handled(wish.ask):
         yield

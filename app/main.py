@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 from typer.exceptions import Abort, TyperException
 
-from app.commands import (
+from app.cli import (
     devices,
     dry_run,
     export,

@@ -6,12 +6,12 @@ from typing import TypeVar
 
 from app.console import WARNING, Terminal
 from app.folder import Campaign, held, opened_journal
-from app.interrupt import StopWish, stop_on_signals
+from app.interrupt import StopRequest, stop_on_signals
 from app.wiring import connected_cell, prepare_robot, prepare_tracker
 from campaigns.errors import Interrupted
 from campaigns.journal.journal import Journal
 from campaigns.measuring.session import Work, measure_series
-from campaigns.measuring.shooting import Cell
+from campaigns.measuring.shot_taker import Cell
 from drivers.errors import Cancelled
 
 Prepare = Callable[[Cell], Work]
@@ -36,7 +36,7 @@ def measure(
     """
     with held(campaign):
         while True:
-            wish = StopWish()
+            wish = StopRequest()
             try:
                 with (
                     stop_on_signals(wish),
@@ -55,7 +55,7 @@ def measure(
 
 
 @contextmanager
-def _ready_cell(campaign: Campaign, wish: StopWish, terminal: Terminal) -> Iterator[Cell]:
+def _ready_cell(campaign: Campaign, wish: StopRequest, terminal: Terminal) -> Iterator[Cell]:
     """Both devices, connected, the tracker ready to measure, the robot ready to move."""
     with connected_cell(campaign, wish) as cell:
         terminal.detail(f"controller: {cell.robot.identity()}")

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from app.errors import UsageInvalid
-from campaigns.estimators import Estimator
+from app.exits import UsageInvalid
+from campaigns.estimation.estimators import Estimator
 
 PICTURES = (".svg", ".png", ".pdf")
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The campaign's folder.")]

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from app.errors import UsageInvalid
-from campaigns.estimators import Estimator
+from app.exits import UsageInvalid
+from campaigns.estimation.estimators import Estimator
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -13,14 +13,14 @@ if TYPE_CHECKING:
     from numpy.random import Generator
 
     from app.folder import Campaign
-    from app.forecast import Forecast
-    from campaigns.numerics.criteria import CriterionName
-    from campaigns.numerics.geometry import Array
-    from campaigns.numerics.placement import Region
-    from campaigns.planning.foresight import Expected
-    from campaigns.planning.options import OptimalRequest
+    from app.plan_precision_text import PlanForecast
+    from campaigns.design.criteria import CriterionName
+    from campaigns.design.pose_sampling import FeasibleRegion
+    from campaigns.mechanisms.geometry import Array
+    from campaigns.planning.optimal_plan import OptimalRequest
     from campaigns.planning.plan_check import CheckedPlan
     from campaigns.planning.plan_file import PlannedShot
+    from campaigns.planning.predicted_precision import PredictedPrecision
 
 WORKSPACE_SEED = 1
 """Positions are judged at the same places for every plan of a robot."""
@@ -34,7 +34,7 @@ class Placement(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class PlanOptions:
     """What the options say; None where they say nothing. Raises `UsageInvalid`."""
 
     shots: int | None = None
@@ -71,7 +71,7 @@ class Asked:
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class PlanSettings:
     """What options and settings say together."""
 
     placement: Placement
@@ -80,17 +80,19 @@ class Wanted:
     seed: int
 
 
-def make(campaign: "Campaign", asked: Asked | None = None) -> "tuple[CheckedPlan, Forecast]":
+def make(
+    campaign: "Campaign", asked: PlanOptions | None = None
+) -> "tuple[CheckedPlan, PlanForecast]":
     """Make, check and write a plan; an older one is kept.
 
-    Raises `UsageInvalid`, `GoalInvalid`, `KnowledgeInvalid`, `PlanInvalid` or `WriteFailed`.
+    Raises `UsageInvalid`, `GoalInvalid`, `SelectionInvalid`, `PlanInvalid` or `WriteFailed`.
     """
     import numpy as np
 
     from app.folder import held
-    from app.setup import checked_plan
+    from app.work_builders import checked_plan
 
-    wanted = wanted_of(campaign, asked or Asked())
+    wanted = settled_plan(campaign, asked or PlanOptions())
     shots, curve = _placed(campaign, wanted, np.random.default_rng(wanted.seed))
     checked = checked_plan(campaign, shots)
     forecast = _forecast(campaign, wanted, checked.shots, curve)
@@ -99,16 +101,14 @@ def make(campaign: "Campaign", asked: Asked | None = None) -> "tuple[CheckedPlan
     return checked, forecast
 
 
-def wanted_of(campaign: "Campaign", asked: Asked) -> Wanted:
-    """Options before settings; raises `GoalInvalid`, `KnowledgeInvalid` or `UsageInvalid`."""
-    from app.setup import plan_request_of
-    from app.view import tracker_uncertainty_of
-    from campaigns.identification.knowledge import knowledge
-    from campaigns.numerics.geometry import GEOMETRY_NAMES
-    from campaigns.planning.optimal import MOST_SHOTS
-    from campaigns.planning.options import CANDIDATES, OptimalRequest
+def settled_plan(campaign: "Campaign", asked: PlanOptions) -> PlanSettings:
+    """Options before settings; raises `GoalInvalid`, `SelectionInvalid` or `UsageInvalid`."""
+    from app.work_builders import plan_request_of, tracker_uncertainty_of
+    from campaigns.identification.parameter_selection import select_parameters
+    from campaigns.mechanisms.geometry import GEOMETRY_NAMES
+    from campaigns.planning.optimal_plan import CANDIDATES, MOST_SHOTS, OptimalRequest
 
-    free = knowledge(asked.free, asked.fix, names=GEOMETRY_NAMES).free
+    free = select_parameters(asked.free, asked.fix, names=GEOMETRY_NAMES).free
     until_mm = None if asked.until is None else _goal_mm(asked.until, free)
     most = MOST_SHOTS if asked.shots is None and until_mm is not None else asked.shots
     request = OptimalRequest(
@@ -123,11 +123,11 @@ def wanted_of(campaign: "Campaign", asked: Asked) -> Wanted:
     settings = campaign.config.plan
     by_options = Placement.OPTIMAL if asked.choosing else asked.placement
     seed = settings.seed if asked.seed is None else asked.seed
-    return Wanted(by_options or Placement(settings.placement), request, seed)
+    return PlanSettings(by_options or Placement(settings.placement), request, seed)
 
 
 def _goal_mm(text: str, free: tuple[str, ...]) -> float:
-    from campaigns.identification.goal import read_goal
+    from campaigns.measuring.stopping_rule import read_goal
 
     if not any(name.endswith("_mm") for name in free):
         raise UsageInvalid(
@@ -138,11 +138,11 @@ def _goal_mm(text: str, free: tuple[str, ...]) -> float:
 
 
 def _placed(
-    campaign: "Campaign", wanted: Wanted, rng: "Generator"
-) -> "tuple[tuple[PlannedShot, ...], tuple[Expected, ...]]":
+    campaign: "Campaign", wanted: PlanSettings, rng: "Generator"
+) -> "tuple[tuple[PlannedShot, ...], tuple[PredictedPrecision, ...]]":
     """The shots, and what other numbers of them would tell."""
-    from app.view import view_of
-    from campaigns.planning.optimal import make_optimal_plan
+    from app.work_builders import view_of
+    from campaigns.planning.optimal_plan import make_optimal_plan
     from campaigns.planning.plans import make_plan
 
     robot, view = campaign.nominal.robot, view_of(campaign)
@@ -154,20 +154,25 @@ def _placed(
 
 def _forecast(
     campaign: "Campaign",
-    wanted: Wanted,
+    wanted: PlanSettings,
     shots: "tuple[PlannedShot, ...]",
-    curve: "tuple[Expected, ...]",
-) -> "Forecast":
+    curve: "tuple[PredictedPrecision, ...]",
+) -> "PlanForecast":
     """Raises `PlanInvalid` for parameters that nothing could tell apart."""
-    from app.forecast import Forecast
-    from campaigns.planning.foresight import CurvePoint, Means, foresee, workspace_rows
+    from app.plan_precision_text import PlanForecast
+    from campaigns.planning.predicted_precision import (
+        EstimationSetup,
+        PrecisionCurvePoint,
+        predict_precision,
+        workspace_jacobian,
+    )
 
     region, request = _region(campaign), wanted.request
-    judged_at = workspace_rows(region.geometry, request.free, _workspace(region, shots))
-    means = Means(request.estimator, request.free, request.uncertainty)
-    return Forecast(
-        foresee(shots, region.geometry, region.view_from_mm, means, judged_at),
-        tuple(CurvePoint.of(at, judged_at) for at in curve),
+    judged_at = workspace_jacobian(region.geometry, request.free, _workspace(region, shots))
+    means = EstimationSetup(request.estimator, request.free, request.uncertainty)
+    return PlanForecast(
+        predict_precision(shots, region.geometry, region.view_from_mm, means, judged_at),
+        tuple(PrecisionCurvePoint.of(at, judged_at) for at in curve),
         request.estimator,
         wanted.placement.value,
         request.criterion if wanted.placement is Placement.OPTIMAL else None,
@@ -175,23 +180,23 @@ def _forecast(
     )
 
 
-def _region(campaign: "Campaign") -> "Region":
-    from app.view import centre_of, view_of
+def _region(campaign: "Campaign") -> "FeasibleRegion":
+    from app.work_builders import centre_of, view_of
     from campaigns.planning.plans import region_of, with_reserve
-    from campaigns.robots.arrays import numeric_geometry, numeric_limits
+    from campaigns.robots.robot import numeric_geometry, numeric_limits
 
     robot = campaign.nominal.robot
     limits = with_reserve(numeric_limits(robot))
     return region_of(numeric_geometry(robot), limits, view_of(campaign), centre_of(campaign))
 
 
-def _workspace(region: "Region", shots: "tuple[PlannedShot, ...]") -> "Array":
+def _workspace(region: "FeasibleRegion", shots: "tuple[PlannedShot, ...]") -> "Array":
     """Where positions are judged, (N, 4): at the plan's own poses where hardly any others are."""
     import numpy as np
 
-    from campaigns.numerics.placement import WorkspaceTooSmall, workspace_poses
-    from campaigns.planning.foresight import WORKSPACE_SAMPLE
+    from campaigns.design.pose_sampling import WorkspaceTooSmall, workspace_poses
     from campaigns.planning.plans import poses_of
+    from campaigns.planning.predicted_precision import WORKSPACE_SAMPLE
 
     rng = np.random.default_rng(WORKSPACE_SEED)
     try:

@@ -2,25 +2,33 @@
 
 import json
 import random
+import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from app.folder import CELL_MEMORY, SIMULATED, Campaign
+from campaigns.controllers.active_kinematics import ActiveKinematics
+from campaigns.controllers.linuxcnc_export import PIN_OF, CalibrationFile, RobotIdentity
 from campaigns.errors import ConfigInvalid, WriteFailed
-from campaigns.files.textfile import replace_text
-from campaigns.measuring.shooting import Cell as Devices
+from campaigns.files.text_file import replace_text
+from campaigns.measuring.shot_taker import Cell as Devices
 from campaigns.settings.config import CampaignConfig
-from drivers.clock import SystemClock
+from campaigns.settings.sections import LinuxcncConfig
+from drivers.byte_log import ByteLog, logged, reading_for
 from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import WrongDevice
+from drivers.geocom.tracker import GeocomTracker
 from drivers.link import never
-from drivers.ports import Clock, LaserTracker, RobotController
+from drivers.linuxcnc.client import Passwords
+from drivers.linuxcnc.hal_parameters import FileParameters, HalAccess, HalParameters, HalPins
+from drivers.linuxcnc.machine_state import Coordinates
+from drivers.linuxcnc.motion import JointLimits
+from drivers.linuxcnc.robot import LinuxcncRobot
+from drivers.linuxcnc.setup import LinuxcncSettings, ParameterStore
+from drivers.ports import Clock, LaserTracker, RobotController, SystemClock
 from drivers.robotline.robot import LineRobot
-from drivers.spy import SpyLog, spied
-from drivers.spy_reading import reading_for
 from drivers.transport import Transport, open_transport
 from drivers.values import Identity
 from drivers.wire.robotline import LAST_SEQUENCE
@@ -30,10 +38,6 @@ from sim.embedded import EmbeddedCell
 from sim.errors import MemoryInvalid
 from sim.scenarios.scenario import load_scenario
 from sim.scenarios.schema import Scenario
-
-if TYPE_CHECKING:
-    from drivers.geocom.tracker import GeocomTracker
-    from drivers.linuxcnc.robot import LinuxcncRobot
 
 CONNECT_S = 5.0
 FIRST_TRANSACTIONS = (1000, 30_000)
@@ -61,7 +65,7 @@ def scenario_of(campaign_folder: Path, url: str) -> Scenario:
 
 @contextmanager
 def connected_cell(
-    campaign: Campaign, stop_requested: StopRequested = never, log: SpyLog | None = None
+    campaign: Campaign, stop_requested: StopRequested = never, log: ByteLog | None = None
 ) -> Iterator[Devices]:
     """Both devices, connected; closed at the end of the block. `log` gets every byte.
 
@@ -156,11 +160,11 @@ def _remembered(path: Path) -> dict[str, object] | None:
     return found
 
 
-def _opener(url: str, log: SpyLog | None = None, device: str = "", driver: str = "") -> Opener:
+def _opener(url: str, log: ByteLog | None = None, device: str = "", driver: str = "") -> Opener:
     def opened() -> Transport:
         return open_transport(url, timeout_s=CONNECT_S)
 
-    return opened if log is None else spied(opened, log, device, reading_for(driver))
+    return opened if log is None else logged(opened, log, device, reading_for(driver))
 
 
 @contextmanager
@@ -176,7 +180,7 @@ def _robot(campaign: Campaign, opener: Opener) -> Iterator[RobotController]:
 
 def _made_robot(campaign: Campaign, opener: Opener) -> "LineRobot | LinuxcncRobot":
     if campaign.config.controller.driver == "linuxcnc":
-        from app.linuxcnc_wiring import linuxcnc_robot  # numerics only where they are used
+        from app.wiring import linuxcnc_robot  # numerics only where they are used
 
         section = campaign.config.controller.linuxcnc
         assert section is not None, "its settings were checked"
@@ -217,3 +221,37 @@ def _check_serial(device: str, found: Identity, expected: str | None) -> None:
             f"the {device} has serial number {found.serial}, campaign.yaml expects {expected}",
             remedy=f"connect the right {device}, or correct {device}.serial in campaign.yaml",
         )
+
+
+ACTIVE = "linuxcnc-active.hal"
+"""The parameters in use where LinuxCNC has none itself; in the campaign's folder."""
+
+
+def linuxcnc_robot(
+    campaign: Campaign, section: LinuxcncConfig, opener: Callable[[], Transport]
+) -> LinuxcncRobot:
+    """The driver for this campaign's LinuxCNC; nothing is opened yet."""
+    settings = LinuxcncSettings(
+        Coordinates[section.coordinates.upper()],
+        JointLimits(*campaign.nominal.robot.limits.joint_rad),
+        section.full_speed_rad_s,
+        passwords=Passwords(section.connect_password, section.enable_password),
+    )
+    return LinuxcncRobot(
+        opener,
+        clock=SystemClock(),
+        settings=settings,
+        store=_store(campaign, section),
+        kinematics_of=ActiveKinematics,
+    )
+
+
+def _store(campaign: Campaign, section: LinuxcncConfig) -> ParameterStore:
+    nominal = campaign.nominal.robot
+    whose = RobotIdentity(campaign.robot_identity, nominal)
+    path = campaign.folder / (section.hal_file or ACTIVE)
+    if section.coordinates == "joints":
+        return FileParameters(CalibrationFile(path, whose, otherwise=nominal))
+    access = HalAccess(prefix=tuple(shlex.split(section.beside)))
+    pins = HalPins(tuple(PIN_OF.values()), access)
+    return HalParameters(CalibrationFile(path, whose), pins, PIN_OF)

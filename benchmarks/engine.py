@@ -21,18 +21,17 @@ from typing import cast
 import numpy as np
 
 from campaigns.journal.journal import open_journal
-from campaigns.measuring.progress import Progress
+from campaigns.measuring.rules import GateRules, MotionRules
+from campaigns.measuring.run_state import Progress
 from campaigns.measuring.session import Work, measure_series
-from campaigns.measuring.shooting import Cell
-from campaigns.measuring.steps import joint_steps
-from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import Geometry
+from campaigns.measuring.shot_taker import Cell
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import Geometry
+from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot, plan_digest
 from campaigns.planning.plans import PlanRequest, View, make_plan
-from campaigns.planning.rules import GateRules, MotionRules
-from campaigns.planning.ways import Mechanism
-from campaigns.robots.arrays import numeric_geometry, numeric_limits, pose_row
-from campaigns.robots.robot import find_robot
+from campaigns.planning.steps import joint_steps
+from campaigns.robots.robot import find_robot, numeric_geometry, numeric_limits, pose_row
 from campaigns.settings.sections import GateConfig
 from drivers.ports import LaserTracker, RobotController
 from drivers.values import Identity, Measurement, Pose, RobotState, Vector3, Weather
@@ -98,7 +97,7 @@ def work_of(shots: Sequence[PlannedShot]) -> Work:
         plan_digest(shots),
         robot.digest(),
         {},
-        Mechanism(numeric_geometry(robot), numeric_limits(robot), pose_row(CENTRE)),
+        RobotModel(numeric_geometry(robot), numeric_limits(robot), pose_row(CENTRE)),
         MotionRules(0.3, settle_s=0.0, still_rad=1e-5, in_place_rad=1e-4, timeout_s=10.0),
         GateRules(
             gate.distance_mm,

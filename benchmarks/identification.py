@@ -24,8 +24,8 @@ from benchmarks.shared.measured_robot import (
     measured_robot,
 )
 from benchmarks.shared.rounds import contestant, least_s, take_turns, timed_s
-from campaigns.numerics.geometry import FREE_BY_DEFAULT
-from campaigns.numerics.running import RunningFit
+from campaigns.estimation.incremental_fit import IncrementalGaussNewton
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT
 
 REPEATS = 21
 RUNNING_AT = (20, 60, 160)
@@ -60,7 +60,7 @@ def solving_ms(robot: MeasuredRobot, rounds: int) -> dict[str, float]:
 
 def running_ms(robot: MeasuredRobot) -> dict[str, float]:
     """What one more shot costs, as the median of the shots around each of `RUNNING_AT`."""
-    running, costs_ms = RunningFit(robot.nominal, FREE_BY_DEFAULT), []
+    running, costs_ms = IncrementalGaussNewton(robot.nominal, FREE_BY_DEFAULT), []
     for shot in range(max(RUNNING_AT) + REPEATS // 2 + 1):
         row = shot % len(robot.joints_rad)  # the file has fewer shots: they come round again
         add = partial(running.add, robot.joints_rad[row], robot.points_mm[row])

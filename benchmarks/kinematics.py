@@ -19,12 +19,11 @@ os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS
 
 import numpy as np
 
-from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import Array, Geometry
-from campaigns.numerics.par4 import inverse
-from campaigns.numerics.reach import Limits, reach
-from campaigns.robots.arrays import numeric_limits
-from campaigns.robots.robot import find_robot
+from campaigns.mechanisms.feasibility import Limits, feasibility
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import Array, Geometry
+from campaigns.mechanisms.par4 import inverse
+from campaigns.robots.robot import find_robot, numeric_limits
 from sim.scenarios.scenario import load_scenario
 
 CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
@@ -114,7 +113,7 @@ def batches(
     left = count
     while left > 0:
         drawn = CENTRE + rng.uniform(-1.0, 1.0, (BATCH, 4)) * BOX_HALF
-        poses = drawn[reach(geometry, limits, drawn).feasible][:left]
+        poses = drawn[feasibility(geometry, limits, drawn).feasible][:left]
         left -= len(poses)
         yield poses
 

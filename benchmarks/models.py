@@ -22,20 +22,26 @@ os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS
 
 import numpy as np
 
-from campaigns.identification.identified import Identification, IdentificationRequest
+from campaigns.estimation.point_sets import distances_mm
+from campaigns.estimation.residuals import PositionModel
 from campaigns.identification.identify import identify
-from campaigns.identification.model_choice import STANDARD, choose_model, extended_knowledge
-from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import FILE_UNIT, FREE_BY_DEFAULT, Array, Geometry, Index, indices
-from campaigns.numerics.pairs import distances_mm
-from campaigns.numerics.par4 import inverse
-from campaigns.numerics.residuals import PositionModel
+from campaigns.identification.model_selection import STANDARD, extended_selection, select_model
+from campaigns.identification.result import IdentificationRequest, IdentificationResult
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import (
+    FILE_UNIT,
+    FREE_BY_DEFAULT,
+    Array,
+    Geometry,
+    Index,
+    indices,
+)
+from campaigns.mechanisms.par4 import inverse
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of
-from campaigns.robots.arrays import numeric_geometry
-from campaigns.robots.robot import find_robot
-from campaigns.shot_sets import ShotSet
-from campaigns.shots.dataset import Dataset
+from campaigns.robots.robot import find_robot, numeric_geometry
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import Shots
 from drivers.values import Pose
 from sim.building import WORKSPACE_CENTRE_MM, noise_of, station_of, true_geometry
 from sim.cell import Cell
@@ -53,7 +59,7 @@ TURNED_RAD = np.radians(5.0 / 60.0)
 SHOT_S = 1.5
 NEAR_CENTRE_POSES = np.array([[0.0, 0.0, z, 0.0] for z in (-575.0, -650.0, -700.0)])
 WAYPOINTS_RAD = inverse(NOMINAL, NEAR_CENTRE_POSES).require()
-MODELS = extended_knowledge()
+MODELS = extended_selection()
 LARGEST = "axes+backlash"
 
 Drive = Callable[[Array], tuple[Array, Array]]
@@ -86,7 +92,7 @@ class Robot:
 class Measured:
     """A campaign's shots, and fresh pairs that it does not know of, (M, 2)."""
 
-    data: Dataset
+    data: Shots
     joints_rad: Array
     points_mm: Array
     approach: Array
@@ -122,8 +128,8 @@ def _dataset(
     covariance: Array,
     approach: Array,
     joints: Array,
-) -> Dataset:
-    return Dataset(
+) -> Shots:
+    return Shots(
         tuple(shot.shot for shot in shots),
         tuple(shot.purpose for shot in shots),
         tuple(shot.pair for shot in shots),
@@ -167,7 +173,7 @@ def _way(cell: Cell, target: Array) -> Sequence[Array]:
     raise LookupError("no way out of there")
 
 
-def fresh_rms_mm(found: Identification, shots: Measured) -> float:
+def fresh_rms_mm(found: IdentificationResult, shots: Measured) -> float:
     """Root mean square error of the fresh distances."""
     free = found.request.knowledge.free
     values = {each.name: each.value for each in found.parameters}
@@ -186,7 +192,7 @@ def realistic_robot(seed: int) -> Robot:
     scenario = load_scenario("realistic")
     shots = measured(scenario, seed, partial(_driven, Cell(scenario, seed=seed)))
     request = IdentificationRequest()
-    choice = choose_model(NOMINAL, shots.data, request, MODELS)
+    choice = select_model(NOMINAL, shots.data, request, MODELS)
     standard, largest = (
         identify(NOMINAL, shots.data, IdentificationRequest(knowledge=MODELS[name]))
         for name in (STANDARD, LARGEST)
@@ -205,10 +211,10 @@ def plain_choice(scenario: Scenario, seed: int) -> str:
     true = true_geometry(scenario.robot, seed)
     true |= {name: value for name, value in NOMINAL.flat().items() if name not in FREE_BY_DEFAULT}
     shots = measured(scenario, seed, lambda joints: _ideal(Geometry.from_flat(true), joints))
-    return kept_name(choose_model(NOMINAL, shots.data, IdentificationRequest(), MODELS))
+    return kept_name(select_model(NOMINAL, shots.data, IdentificationRequest(), MODELS))
 
 
-def kept_name(found: Identification) -> str:
+def kept_name(found: IdentificationResult) -> str:
     return next(each.name for each in found.compared if each.kept)
 
 

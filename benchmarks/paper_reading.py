@@ -1,4 +1,4 @@
-"""Why `par4-prototype` reads the paper's Table I as it does (docs/model.md, adr/0002).
+"""Why `par4-prototype` reads the paper's Table I as it does (docs/model.md, docs/adr/0002).
 
 For each reading of the table: a robot whose truth is Table II's estimates, commanded with the
 nominal values, does the paper's tests without any noise. Beside it what the paper measured.
@@ -10,16 +10,14 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import NAMES, Array, Geometry
-from campaigns.numerics.pairs import distances_mm
-from campaigns.numerics.par4 import NoAssembly, inverse
-from campaigns.numerics.placement import Region, boundary_poses, pair_up
-from campaigns.numerics.reach import Limits, reach
-from campaigns.parameters import ARMS
-from campaigns.robots.arrays import numeric_limits
-from campaigns.robots.robot import find_robot
-from campaigns.validation.validate import rotation_mm, straightness_mm
+from campaigns.design.pose_sampling import FeasibleRegion, boundary_poses, random_pairs
+from campaigns.estimation.point_sets import distances_mm
+from campaigns.evaluation.validation import rotation_mm, straightness_mm
+from campaigns.mechanisms.feasibility import Limits, feasibility
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import ARMS, NAMES, Array, Geometry
+from campaigns.mechanisms.par4 import NoSolution, inverse
+from campaigns.robots.robot import find_robot, numeric_limits
 from sim.scenarios.scenario import load_scenario
 
 CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
@@ -110,7 +108,7 @@ def tested(
 ) -> str:
     try:
         value = figure(reached(nominal, errors, poses)[:, :3])
-    except NoAssembly:
+    except NoSolution:
         return "-"
     return f"{value:.2f}"
 
@@ -130,12 +128,12 @@ def largest_errors_mm(nominal: Flat, errors: Flat) -> list[float]:
 
 def largest_error_mm(nominal: Flat, errors: Flat, limits: Limits, seed: int) -> float:
     geometry, rng = Geometry.from_flat(nominal), np.random.default_rng(seed)
-    seen_from_everywhere = Region(
+    seen_from_everywhere = FeasibleRegion(
         geometry, limits, CENTRE, np.array([2500.0, 0.0, -500.0]), np.array([1.0, 0.0, 0.0]), np.pi
     )
     poses = boundary_poses(seen_from_everywhere, 2 * PAIRS, rng)
-    assert reach(geometry, limits, poses).feasible.all()
-    first, second = pair_up(poses, rng).T
+    assert feasibility(geometry, limits, poses).feasible.all()
+    first, second = random_pairs(poses, rng).T
     commanded = distances_mm(poses[:, :3], first, second)
     true = distances_mm(reached(nominal, errors, poses)[:, :3], first, second)
     return float(np.abs(commanded - true).max())

@@ -21,20 +21,33 @@ os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS
 
 import numpy as np
 
-from campaigns.estimators import Estimator
-from campaigns.numerics.candidates import point_rows
-from campaigns.numerics.criteria import CriterionName
-from campaigns.numerics.geometry import FREE_BY_DEFAULT, IS_ANGLE, Array, Geometry, Index, indices
-from campaigns.numerics.instrument import TrackerUncertainty
-from campaigns.numerics.par4 import inverse
-from campaigns.numerics.placement import Region, boundary_poses, inner_poses, pair_up
-from campaigns.numerics.point_prediction import points_covariance, position_std_mm
-from campaigns.numerics.prediction import predict_distances
-from campaigns.planning.optimal import chosen_of
-from campaigns.planning.options import OptimalRequest, draw_options
+from campaigns.design.criteria import CriterionName
+from campaigns.design.pose_sampling import (
+    FeasibleRegion,
+    boundary_poses,
+    interior_poses,
+    random_pairs,
+)
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.information import (
+    point_jacobian,
+    points_covariance,
+    position_std_mm,
+    predict_distances,
+)
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.mechanisms.geometry import (
+    FREE_BY_DEFAULT,
+    IS_ANGLE,
+    Array,
+    Geometry,
+    Index,
+    indices,
+)
+from campaigns.mechanisms.par4 import inverse
+from campaigns.planning.optimal_plan import OptimalRequest, choose_measurements, draw_candidates
 from campaigns.planning.plans import PlanRequest
-from campaigns.robots.arrays import numeric_geometry, numeric_limits, pose_row
-from campaigns.robots.robot import find_robot
+from campaigns.robots.robot import find_robot, numeric_geometry, numeric_limits, pose_row
 from drivers.values import Pose
 
 CENTRE = Pose(0.0, 0.0, -575.0, 0.0)
@@ -58,7 +71,7 @@ class Row:
         return f"{self.shots} shots, {self.estimator}, {self.place}"
 
 
-PLACES = {"random": inner_poses, "near the limits": boundary_poses}
+PLACES = {"random": interior_poses, "near the limits": boundary_poses}
 HEADLINE = Row(120, "points", "I-optimal", "I")
 FORTY = Row(40, "points", "I-optimal", "I")
 FOURTEEN = Row(14, "points", "I-optimal", "I")
@@ -115,15 +128,15 @@ def main() -> int:
     return 1 if missed else 0
 
 
-def prototype_region() -> Region:
+def prototype_region() -> FeasibleRegion:
     """All that the robot reaches, its reflector seen from everywhere."""
     robot = find_robot("par4-prototype").robot
     centre, tracker = pose_row(CENTRE), np.array([2500.0, 0.0, -575.0])
     geometry, limits = numeric_geometry(robot), numeric_limits(robot)
-    return Region(geometry, limits, centre, tracker, np.array([1.0, 0.0, 0.0]), np.pi)
+    return FeasibleRegion(geometry, limits, centre, tracker, np.array([1.0, 0.0, 0.0]), np.pi)
 
 
-def measured(region: Region, row: Row, repeats: int) -> Figures:
+def measured(region: FeasibleRegion, row: Row, repeats: int) -> Figures:
     """Medians over draws."""
     seeds = range(repeats if row.criterion else RANDOM_DRAWS)
     draws = [one_draw(region, row, np.random.default_rng(seed)) for seed in seeds]
@@ -131,26 +144,26 @@ def measured(region: Region, row: Row, repeats: int) -> Figures:
     return Figures(*(float(median) for median in medians))
 
 
-def one_draw(region: Region, row: Row, rng: np.random.Generator) -> Figures:
+def one_draw(region: FeasibleRegion, row: Row, rng: np.random.Generator) -> Figures:
     began_s = time.process_time()
     poses, pairs = placed(region, row, rng)
     planning_s = time.process_time() - began_s if row.criterion else math.nan
     joints = inverse(region.geometry, poses).require()
     if row.estimator == "distances":
         return by_distances(region.geometry, joints, poses, pairs, planning_s)
-    workspace = inner_poses(region, WORKSPACE_SAMPLE, rng)
+    workspace = interior_poses(region, WORKSPACE_SAMPLE, rng)
     return by_points(region.geometry, joints, poses, workspace, planning_s)
 
 
-def placed(region: Region, row: Row, rng: np.random.Generator) -> tuple[Array, Index]:
+def placed(region: FeasibleRegion, row: Row, rng: np.random.Generator) -> tuple[Array, Index]:
     """Poses (N, 4) and pairs of them (N/2, 2)."""
     if row.criterion is None:
         poses = PLACES[row.place](region, row.shots, rng)
-        return poses, pair_up(poses, rng)
+        return poses, random_pairs(poses, rng)
     plan = PlanRequest(row.shots, 0, 2, CENTRE)
     request = OptimalRequest(plan, ISOTROPIC, row.estimator, row.criterion)
-    options = draw_options(region, request, rng)
-    chosen = chosen_of(options, request, rng)
+    options = draw_candidates(region, request, rng)
+    chosen = choose_measurements(options, request, rng)
     return options.poses[options.ends[chosen].ravel()], np.arange(row.shots).reshape(-1, 2)
 
 
@@ -168,7 +181,7 @@ def by_points(
     noise = np.broadcast_to(NOISE_MM**2 * np.eye(3), (len(poses), 3, 3))
     known = points_covariance(geometry, FREE_BY_DEFAULT, joints, poses, noise)
     there = inverse(geometry, workspace).require()
-    rows = point_rows(geometry, FREE_BY_DEFAULT, there, workspace)
+    rows = point_jacobian(geometry, FREE_BY_DEFAULT, there, workspace)
     error_um = 1e3 * position_std_mm(rows, known)
     std = np.sqrt(np.diag(known))[: len(ANGLE)]
     return Figures(*worst(std), float(error_um.mean()), float(error_um.max()), planning_s)

@@ -18,7 +18,7 @@ os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS
 
 from benchmarks.shared.rounds import Contestant, contestant, least_s, take_turns
 from benchmarks.shared.studies import tasks_of
-from campaigns.estimators import Estimator
+from campaigns.estimation.estimators import Estimator
 from campaigns.studies.study import run_task
 
 CAMPAIGNS = 100

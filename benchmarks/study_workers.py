@@ -25,9 +25,8 @@ os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS
 
 from app.study.workers import local_results
 from benchmarks.shared.studies import tasks_of
-from campaigns.estimators import Estimator
-from campaigns.studies.setup import StudyTask
-from campaigns.studies.study import run_task
+from campaigns.estimation.estimators import Estimator
+from campaigns.studies.study import StudyTask, run_task
 
 LEAST_OF_THE_MACHINE = 0.9
 START_S = 60.0

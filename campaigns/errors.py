@@ -19,7 +19,7 @@ class PlanInvalid(CampaignError):
     """plan.csv cannot be used as written: correct the line that is named, or plan anew."""
 
 
-class KnowledgeInvalid(CampaignError):
+class SelectionInvalid(CampaignError):
     """What was said to be known of the parameters cannot be meant so: correct the option."""
 
 

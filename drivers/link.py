@@ -172,7 +172,7 @@ class Link(Generic[Message]):
         return None
 
 
-class OverLink(Generic[Message]):
+class LinkClient(Generic[Message]):
     """What every conversation over one link has: where it leads, whether it goes on, its end."""
 
     def __init__(self, link: Link[Message]) -> None:

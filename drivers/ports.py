@@ -1,5 +1,6 @@
 """What the work may ask of a device; a new controller or tracker is driven by providing one."""
 
+import time
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
@@ -122,3 +123,15 @@ class LaserTracker(Protocol):
     def close(self) -> None:
         """Leave the instrument as it is and the wire free."""
         ...
+
+
+class SystemClock:
+    """Real time."""
+
+    def now_s(self) -> float:
+        """Seconds of the monotonic clock."""
+        return time.monotonic()
+
+    def sleep_s(self, seconds: float) -> None:
+        """Sleep for real."""
+        time.sleep(seconds)

@@ -2,8 +2,8 @@
 
 import serial
 
-from drivers.address import SerialAddress
 from drivers.errors import LinkDown
+from drivers.transport import SerialAddress
 
 CHUNK_BYTES = 4096
 SHORTEST_SEND_S = 1e-3

@@ -3,11 +3,15 @@
 What goes wrong while a connection is opened closes it, and nothing is asked over a closed one.
 """
 
-from collections.abc import Callable
-from typing import Generic, Protocol, TypeVar
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
-from drivers.errors import DeviceNotReady, LinkDown, WrongDevice
+from drivers.errors import DeviceNotReady, DeviceRefused, LinkDown, WrongDevice
 from drivers.values import Identity
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 
 class Connection(Protocol):
@@ -157,4 +161,24 @@ class PreparedSession(Session[Connected], Generic[Connected, Wanted, Agreed]):
         return DeviceNotReady(
             f"{self.connection.name}: the {self._device} {problem}",
             remedy=f"prepare the {self._device} again",
+        )
+
+
+def changed(agreed: "DataclassInstance", current: "DataclassInstance") -> str:
+    """Return in words the fields in which two readings of one device's settings differ."""
+    names = [field.name for field in fields(agreed)]
+    return " and ".join(
+        name.replace("_", " ") for name in names if getattr(current, name) != getattr(agreed, name)
+    )
+
+
+def require_kept(device: str, kept: Mapping[str, bool], *, remedy: str) -> None:
+    """Raise `DeviceRefused` for settings that were accepted but are not reported as set.
+
+    `device` begins the sentence, with where it is.
+    """
+    lost = [name for name, is_kept in kept.items() if not is_kept]
+    if lost:
+        raise DeviceRefused(
+            f"{device} accepted but does not report its {' and '.join(lost)} as set", remedy=remedy
         )

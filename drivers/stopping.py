@@ -3,12 +3,12 @@
 from collections.abc import Callable
 
 from drivers.errors import DriverError, MotionFault, RobotStateUnknown
+from drivers.polling import comes_true
 from drivers.ports import Clock
 from drivers.session import Connected, Session
-from drivers.waiting import comes_true
 
 
-class Stopping:
+class StopProcedure:
     """How a robot is stopped, and whether that is under way. `clock` is real time."""
 
     def __init__(

@@ -9,8 +9,7 @@ from sim.faults import ANSWERS_OF, Counted, Fault
 from sim.geometry import ARMS, FLAT_NAMES, Array, geometry_of
 from sim.robot.controller import ControllerSettings
 from sim.robot.driven_robot import Behaviour, Mount, Thermal
-from sim.robot.rods import Build, EightRods
-from sim.robot.rotations import rotation
+from sim.robot.rods import Build, EightRods, rotation
 from sim.scenarios.robot import ControllerSection, RobotSection, Tolerances
 from sim.scenarios.schema import FaultSection
 from sim.scenarios.tracker import LimitSection, StationSection, TrackerSection

@@ -1,26 +1,79 @@
-"""One simulated cell: the true robot, its controller and the tracker, wired together."""
+"""What a cell keeps over a restart, as a real one does: parameters, places, counts."""
 
+import json
 import math
 from collections.abc import Mapping
+from typing import Literal, Self
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from sim import building
 from sim.draws import Attempts, WorkedTime, target_key
 from sim.errors import AssemblyLost, MemoryInvalid, ScenarioInvalid
 from sim.faults import FaultScript
 from sim.following import FollowingController
-from sim.geometry import ARMS, Array, geometry_of
-from sim.memory import REMEDY, CellMemory, remembered
-from sim.robot.assembly import Assembly, assemble, follow, restore
+from sim.geometry import ARMS, Array, geometry_of, problem_with
+from sim.robot.assembly import Assembly, OutOfReach, assemble, follow, joints_for, restore
 from sim.robot.controller import SimulatedController
 from sim.robot.driven_robot import DrivenRobot, SeenReflector, Standing
-from sim.robot.inverse import OutOfReach, joints_for
 from sim.robot.linuxcnc_joints import joint_source
 from sim.robot.rods import EightRods, Plate
 from sim.scenarios.schema import Scenario
+from sim.scenarios.section import PerArm, Point
 from sim.tracker.beam import Beam, Target
 from sim.tracker.instrument import SimulatedTracker
+
+REMEDY = "delete the simulated cell's memory to begin with a new cell"
+
+
+class CellMemory(BaseModel):
+    """Everything of a cell that its scenario and seed do not already say."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    schema_: Literal["pkmcal/cell-memory/1"] = Field("pkmcal/cell-memory/1", alias="schema")
+    scenario: str
+    seed: int
+    worked_s: float
+    geometry: dict[str, float]
+    encoders_rad: PerArm
+    play_rad: PerArm
+    joints_rad: PerArm
+    plate: tuple[float, float, float, float, float, float, float]
+    displaced_mm: Point
+    arrivals: dict[str, int]
+    shots: dict[str, int]
+    fault_counts: dict[str, int]
+    tracker_initialised: bool
+    tracker_warm: bool
+    selected_reflector: int
+    beam_on: Target | None
+
+    @model_validator(mode="after")
+    def _geometry_is_a_robot(self) -> Self:
+        if problem := problem_with(self.geometry):
+            raise ValueError(f"geometry: {problem}")
+        return self
+
+    def as_dict(self) -> dict[str, object]:
+        """As plain values for a JSON file."""
+        return self.model_dump(mode="json", by_alias=True)
+
+
+def remembered(memory: Mapping[str, object], *, scenario: str) -> CellMemory:
+    """Check what was remembered; raises `MemoryInvalid`."""
+    try:
+        found = CellMemory.model_validate_json(json.dumps(memory))
+    except (ValidationError, TypeError, ValueError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise MemoryInvalid(f"the cell's memory is damaged: {reason}", remedy=REMEDY) from error
+    if found.scenario != scenario:
+        raise MemoryInvalid(
+            f"the cell's memory is of scenario '{found.scenario}', not '{scenario}'", remedy=REMEDY
+        )
+    return found
+
 
 REMEMBERED_WITHIN_MM = 0.1
 """More than arms can have grown since the robot came to rest."""

@@ -12,9 +12,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 TESTS = Path(__file__).parent
 PEERS = TESTS / "peers"
-WHOLE_PROGRAMS = tuple(
-    TESTS / name for name in ("e2e", "app/report", "app/reproduction", "app/study")
-)
+WHOLE_PROGRAMS = tuple(TESTS / name for name in ("e2e", "app/report", "app/papers", "app/study"))
 OWN_TASKS = Path("/proc/self/task")
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from app.report.evidence import Evidence
-from campaigns.parameters import AXIS_TILT_NAMES, PARAMETER_NAMES
+from campaigns.mechanisms.geometry import AXIS_TILT_NAMES, PARAMETER_NAMES
 from campaigns.planning.plan_file import plan_digest
 from campaigns.robots.robot import RobotFile
 

@@ -15,7 +15,7 @@ from app.report.findings import (
 )
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
 from campaigns.errors import CampaignError
-from campaigns.journal.reader import JournalReader, read_journal
+from campaigns.journal.journal import JournalReader, read_journal
 from campaigns.journal.records import (
     Event,
     Finding,
@@ -29,7 +29,7 @@ from campaigns.journal.records import (
 from campaigns.journal.views import Entry, Series, accepted_shots, unstopped_sessions
 from campaigns.planning.plan_file import PlannedShot, read_plan
 from campaigns.robots.robot import RobotFile, read_robot
-from campaigns.shots.dataset import dataset_of_journal
+from campaigns.shots.shots import shots_of_journal
 
 FoundT = TypeVar("FoundT", IdentificationFinding, LoadFinding)
 FileT = TypeVar("FileT")
@@ -136,7 +136,7 @@ def _measured(entries: Iterable[Entry[Record]], series: Series | None) -> Measur
     if series is None:
         return None
     shots = accepted_shots(entry for entry in entries if entry.series == series.number)
-    return MeasuredSeries(series, shots, dataset_of_journal(shots)) if shots else None
+    return MeasuredSeries(series, shots, shots_of_journal(shots)) if shots else None
 
 
 def _facts(

@@ -8,9 +8,9 @@ import numpy as np
 from app.report.checks import Check
 from app.report.findings import IdentificationFinding
 from app.report.stages import StageView
+from campaigns.evaluation.decision import Decision, Requirement, decide_all
+from campaigns.evaluation.validation import Result
 from campaigns.settings.sections import AcceptanceConfig
-from campaigns.validation.decision import Decision, Requirement, decide_all
-from campaigns.validation.traces import Result
 
 RULE = (
     "Decision rule (ISO 14253-1): a limit is kept only if |e| + U ≤ limit, and broken only if "

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from app.report.checks import Check, integrity_checks
 from app.report.conformity import Verdict, verdict
 from app.report.evidence import Evidence
-from app.report.explained import Correlations, Remainder, correlations_of, remainder
+from app.report.explained import Correlations, ResidualBudget, correlations_of, residual_budget
 from app.report.model_errors import ModelErrors, model_errors, models_of
-from app.report.over_time import Course, course
+from app.report.over_time import TimeSeries, time_series
 from app.report.stages import StageView, stage_view
-from campaigns.numerics.instrument import TrackerUncertainty
-from campaigns.robots.arrays import numeric_geometry
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.robots.robot import numeric_geometry
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,10 +22,10 @@ class Contents:
     after: StageView | None
     errors: ModelErrors | None
     correlations: Correlations | None
-    remainder: Remainder | None
+    remainder: ResidualBudget | None
     checks: tuple[Check, ...]
     verdict: Verdict
-    courses: tuple[Course, ...]
+    courses: tuple[TimeSeries, ...]
 
 
 def contents_of(evidence: Evidence, instrument: TrackerUncertainty) -> Contents:
@@ -58,14 +58,14 @@ def _errors(evidence: Evidence, instrument: TrackerUncertainty) -> ModelErrors |
 
 def _remainder(
     evidence: Evidence, errors: ModelErrors | None, stage: StageView | None
-) -> Remainder | None:
+) -> ResidualBudget | None:
     found = evidence.identification
     if found is None or errors is None:
         return None
     repeated = stage.cloud.away_mm if stage and stage.cloud else None
-    return remainder(errors, found, repeated)
+    return residual_budget(errors, found, repeated)
 
 
-def _courses(evidence: Evidence) -> tuple[Course, ...]:
-    every = (course(name, measured) for name, measured in evidence.by_stage())
+def _courses(evidence: Evidence) -> tuple[TimeSeries, ...]:
+    every = (time_series(name, measured) for name, measured in evidence.by_stage())
     return tuple(each for each in every if not each.is_empty)

@@ -9,7 +9,7 @@ from campaigns.journal.records import Event, PairVoided, Rejected
 from campaigns.journal.views import AcceptedShot, Series
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.robot import RobotFile
-from campaigns.shots.dataset import Dataset
+from campaigns.shots.shots import Shots
 from drivers.values import Identity
 
 IncidentKind = Literal["rejected", "pair voided", "event"]
@@ -21,7 +21,7 @@ class MeasuredSeries:
 
     series: Series
     shots: tuple[AcceptedShot, ...]
-    data: Dataset
+    data: Shots
 
 
 @dataclass(frozen=True, slots=True)

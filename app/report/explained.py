@@ -7,10 +7,10 @@ import numpy as np
 
 from app.report.findings import IdentificationFinding
 from app.report.model_errors import ModelErrors, PairErrors, ShotErrors
-from campaigns.estimators import Estimator
-from campaigns.identification.identified import Correlation
-from campaigns.numerics.geometry import Array
-from campaigns.numerics.statistics import correlations
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.observability import correlations
+from campaigns.identification.result import Correlation
+from campaigns.mechanisms.geometry import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +36,7 @@ class Correlations:
 
 
 @dataclass(frozen=True, slots=True)
-class Remainder:
+class ResidualBudget:
     """The residuals of what was fitted beside what is known to cause some, mm (1 σ)."""
 
     of: Literal["distance", "coordinate"]
@@ -57,9 +57,9 @@ class Remainder:
         return float(np.sqrt(max(self.residual_mm**2 - known**2, 0.0)))
 
 
-def remainder(
+def residual_budget(
     errors: ModelErrors, finding: IdentificationFinding, repeated_away_mm: Array | None
-) -> Remainder | None:
+) -> ResidualBudget | None:
     """From what was fitted, and points (N, 3) about the mean of repeated visits.
 
     None without degrees of freedom.
@@ -80,11 +80,11 @@ def correlations_of(finding: IdentificationFinding) -> Correlations | None:
 
 def _of_distances(
     fitted: PairErrors | None, finding: IdentificationFinding, repeated_mm: float | None
-) -> Remainder | None:
+) -> ResidualBudget | None:
     if fitted is None or fitted.after_mm is None or finding.dof < 1:
         return None
     after, dof = fitted.after_mm, finding.dof
-    return Remainder(
+    return ResidualBudget(
         "distance",
         float(np.sqrt(after @ after / dof)),
         float(np.sqrt(np.mean(fitted.instrument_mm**2))),
@@ -96,10 +96,10 @@ def _of_distances(
 
 def _of_coordinates(
     shots: ShotErrors | None, finding: IdentificationFinding, repeated_mm: float | None
-) -> Remainder | None:
+) -> ResidualBudget | None:
     if shots is None or finding.chi2 is None or finding.dof < 1:
         return None
-    return Remainder(
+    return ResidualBudget(
         "coordinate",
         float(np.sqrt(np.sum(shots.after_mm**2) / finding.dof)),
         float(np.sqrt(np.mean(shots.instrument_mm**2))),

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 
-from campaigns.parameters import BACKLASH_NAMES
-from campaigns.validation.decision import Decision
+from campaigns.evaluation.decision import Decision
+from campaigns.mechanisms.geometry import BACKLASH_NAMES
 
 
 class UnreadableFinding(Exception):

@@ -3,17 +3,17 @@
 from collections.abc import Iterator
 
 from app.console import BAD, GOOD, OPEN, WARNING, Terminal
-from app.report.terminal_picture import histogram_lines
-from campaigns.estimators import Estimator
-from campaigns.identification.identified import Identification
-from campaigns.parameters import AXIS_TILT_NAMES
+from app.terminal_picture import histogram_lines
+from campaigns.estimation.estimators import Estimator
+from campaigns.identification.result import IdentificationResult
+from campaigns.mechanisms.geometry import AXIS_TILT_NAMES
 from campaigns.robots.robot import NOT_FOR_CONTROLLERS
 
 CORRELATIONS = 5
 """So many of the strongest are shown."""
 
 
-def show(terminal: Terminal, found: Identification) -> None:
+def show(terminal: Terminal, found: IdentificationResult) -> None:
     """The result for people: parameters, errors, what is uncertain, the verdict last."""
     columns = ("", "nominal", "identified", "Δ", "σ")
     terminal.table("Parameters (mm, deg)", columns, list(_parameter_rows(found)))
@@ -37,13 +37,13 @@ def show(terminal: Terminal, found: Identification) -> None:
         terminal.say(NOT_FOR_CONTROLLERS, WARNING)
 
 
-def _remaining(found: Identification) -> str:
+def _remaining(found: IdentificationResult) -> str:
     if found.request.estimator is Estimator.DISTANCES:
         return "What the model leaves of each fitted distance"
     return "What the model leaves of each fitted coordinate"
 
 
-def _parameter_rows(found: Identification) -> Iterator[tuple[str, ...]]:
+def _parameter_rows(found: IdentificationResult) -> Iterator[tuple[str, ...]]:
     for parameter in found.parameters:
         if parameter.free:
             yield (
@@ -55,7 +55,7 @@ def _parameter_rows(found: Identification) -> Iterator[tuple[str, ...]]:
             )
 
 
-def _error_rows(found: Identification) -> Iterator[tuple[str, ...]]:
+def _error_rows(found: IdentificationResult) -> Iterator[tuple[str, ...]]:
     distances = found.request.estimator is Estimator.DISTANCES
     fitted = "distances of fitted pairs" if distances else "positions of fitted shots"
     for name, errors in ((fitted, found.residuals), ("distances of unseen pairs", found.unseen)):
@@ -65,7 +65,7 @@ def _error_rows(found: Identification) -> Iterator[tuple[str, ...]]:
             yield name, *(f"{size:.3f}" for size in sizes)
 
 
-def _model_rows(found: Identification) -> Iterator[tuple[str, ...]]:
+def _model_rows(found: IdentificationResult) -> Iterator[tuple[str, ...]]:
     for model in found.compared:
         yield (
             model.name,
@@ -76,7 +76,7 @@ def _model_rows(found: Identification) -> Iterator[tuple[str, ...]]:
         )
 
 
-def _uncertainty_lines(found: Identification) -> Iterator[str]:
+def _uncertainty_lines(found: IdentificationResult) -> Iterator[str]:
     yield (
         f"{found.explanation}; rank {found.rank}, condition {found.condition:.0f}, "
         f"{found.dof} degrees of freedom"
@@ -91,7 +91,7 @@ def _uncertainty_lines(found: Identification) -> Iterator[str]:
         yield f"  correlated: {each.first} and {each.second}, {each.value:+.2f}"
 
 
-def _warnings(found: Identification) -> Iterator[str]:
+def _warnings(found: IdentificationResult) -> Iterator[str]:
     for left in found.excluded:
         yield f"left out: {left.what}: {left.reason}"
     for names in found.by_priors_alone:

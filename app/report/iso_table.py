@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.report.stages import StageView
-from campaigns.validation import iso9283
-from campaigns.validation.iso9283 import Figure, Symbol
-from campaigns.validation.traces import DistanceTrace
-from campaigns.validation.validate import AXES
+from campaigns.evaluation import iso9283
+from campaigns.evaluation.iso9283 import Figure, Symbol
+from campaigns.evaluation.validation import AXES, DistanceTrace
 
 NO_FRAME = "too few commanded points for a base frame"
 

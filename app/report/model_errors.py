@@ -7,16 +7,14 @@ import numpy as np
 
 from app.report.evidence import MeasuredSeries
 from app.report.findings import ExcludedFinding, FrameFinding, IdentificationFinding
-from campaigns.numerics.forward import forward
-from campaigns.numerics.frames import Transform, fit_transform, from_paper_angles
-from campaigns.numerics.geometry import Array, Geometry, Index, Mask
-from campaigns.numerics.instrument import TrackerUncertainty, distance_variance_mm2
-from campaigns.numerics.pairs import distances_mm
-from campaigns.numerics.residuals import arm_joints_rad
-from campaigns.parameters import ARMS
-from campaigns.shot_sets import ShotSet
-from campaigns.shots.dataset import Dataset
-from campaigns.shots.point_sets import SHOTS_FOR_A_FRAME
+from campaigns.estimation.point_sets import SHOTS_FOR_A_FRAME, distances_mm
+from campaigns.estimation.residuals import arm_joints_rad
+from campaigns.estimation.rigid_transforms import Transform, fit_transform, from_paper_angles
+from campaigns.estimation.tracker_noise import TrackerUncertainty, distance_variance_mm2
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import ARMS, Array, Geometry, Index, Mask
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import Shots
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +121,7 @@ def model_errors(
     )
 
 
-def excluded_rows(data: Dataset, excluded: tuple[ExcludedFinding, ...]) -> Mask:
+def excluded_rows(data: Shots, excluded: tuple[ExcludedFinding, ...]) -> Mask:
     """Which shots the identification left out, (N,)."""
     pairs = {left.pair for left in excluded if left.pair is not None}
     shots = {left.shot for left in excluded if left.shot is not None}
@@ -131,7 +129,7 @@ def excluded_rows(data: Dataset, excluded: tuple[ExcludedFinding, ...]) -> Mask:
     return np.array([shot in shots or pair in pairs for shot, pair in both], dtype=bool)
 
 
-def usable_pairs(data: Dataset, purpose: ShotSet, usable: Mask) -> Index:
+def usable_pairs(data: Shots, purpose: ShotSet, usable: Mask) -> Index:
     """Rows (M, 2) of the pairs both shots of which are usable."""
     rows = data.pair_rows(purpose)
     return np.asarray(rows[usable[rows].all(axis=1)])
@@ -146,7 +144,7 @@ class _Solved:
     found: Mask
 
     @classmethod
-    def of(cls, models: Models, data: Dataset) -> "_Solved":
+    def of(cls, models: Models, data: Shots) -> "_Solved":
         before = forward(models.before, data.joints_rad)
         if models.after is None:
             return cls(before.values, None, before.found)
@@ -161,7 +159,7 @@ def _transform(frame: FrameFinding) -> Transform:
 
 
 def _shot_errors(
-    data: Dataset, solved: _Solved, usable: Mask, frame: Transform | None, covariance_mm2: Array
+    data: Shots, solved: _Solved, usable: Mask, frame: Transform | None, covariance_mm2: Array
 ) -> ShotErrors | None:
     fitted = [purpose is ShotSet.IDENTIFICATION for purpose in data.purposes]
     rows = np.flatnonzero(usable & np.array(fitted, dtype=bool))
@@ -184,7 +182,7 @@ def _missed_distances(points: Array, first: Index, second: Index) -> Callable[[A
     return missed
 
 
-def _position_errors(data: Dataset, solved: _Solved, usable: Mask) -> PositionErrors | None:
+def _position_errors(data: Shots, solved: _Solved, usable: Mask) -> PositionErrors | None:
     counted = {ShotSet.IDENTIFICATION, ShotSet.VALIDATION}
     rows = np.flatnonzero(usable & np.array([p in counted for p in data.purposes], dtype=bool))
     if len(rows) < SHOTS_FOR_A_FRAME:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from app.report.contents import Contents
-from app.report.explained import Remainder
+from app.report.explained import ResidualBudget
 from app.report.findings import IdentificationFinding, ModelFinding, ParameterFinding
 from app.report.parts import (
     NOTHING,
@@ -18,7 +18,7 @@ from app.report.parts import (
 )
 from app.report.pictures import correlation_picture
 from app.report.results_sections import NO_IDENTIFICATION
-from campaigns.parameters import AXIS_TILT_NAMES, BACKLASH_NAMES
+from campaigns.mechanisms.geometry import AXIS_TILT_NAMES, BACKLASH_NAMES
 
 PARAMETER_DECIMALS = 4
 STRONGEST = 8
@@ -154,7 +154,7 @@ def _unit(suffix: str) -> str:
     return {"deg": "°"}.get(suffix, suffix)
 
 
-def _remainder_parts(left: Remainder) -> Iterator[Part]:
+def _remainder_parts(left: ResidualBudget) -> Iterator[Part]:
     rows: list[Row] = [
         (f"residuals of the fitted {left.of}s, √(Σ r² / ν)", number(left.residual_mm)),
         ("the tracker's stated uncertainty alone", number(left.instrument_mm)),
@@ -170,7 +170,7 @@ def _remainder_parts(left: Remainder) -> Iterator[Part]:
     yield Table("Residuals and their known causes", columns, tuple(rows), note)
 
 
-def _in_words(left: Remainder) -> str:
+def _in_words(left: ResidualBudget) -> str:
     ratio = f"The residuals are {left.chi:.1f} times what the tracker's stated uncertainty explains"
     if left.chi <= INSTRUMENT_EXPLAINS:
         return f"{ratio}: the model leaves nothing that this tracker could see."

@@ -7,12 +7,12 @@ import numpy as np
 
 from app.report.evidence import MeasuredSeries
 from campaigns.journal.views import AcceptedShot
-from campaigns.numerics.geometry import Array
-from campaigns.shot_sets import ShotSet
+from campaigns.mechanisms.geometry import Array
+from campaigns.shots.shot_sets import ShotSet
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Course:
+class TimeSeries:
     """A series over its time, counted from its first shot."""
 
     name: str
@@ -34,14 +34,14 @@ class Course:
         return len(self.temperature_degC) == 0 and len(self.drift_mm) < 2
 
 
-def course(name: str, measured: MeasuredSeries) -> Course:
+def time_series(name: str, measured: MeasuredSeries) -> TimeSeries:
     """Read it off the shots, in the order in which they were measured."""
     shots = sorted(measured.shots, key=lambda shot: shot.measured_utc)
     with_air = [(shot, shot.outcome.weather) for shot in shots]
     known = [(shot, air.temperature_degC) for shot, air in with_air if air is not None]
     drift = [shot for shot in shots if shot.intent.purpose == ShotSet.DRIFT.value]
     points = np.array([s.outcome.point_in_tracker_mm for s in drift]).reshape(-1, 3)
-    return Course(
+    return TimeSeries(
         name,
         _seconds([shot for shot, _ in known], shots[0]),
         np.array([temperature for _, temperature in known]),

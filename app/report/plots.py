@@ -8,22 +8,25 @@ import numpy as np
 from app.report.figures.distances import PairGroup, pair_errors
 from app.report.figures.drawing import save
 from app.report.figures.plan import plan_picture
-from campaigns.estimators import Estimator
-from campaigns.identification.identified import Errors, Identification
-from campaigns.planning.foresight import CurvePoint, Expected
+from campaigns.estimation.estimators import Estimator
+from campaigns.identification.result import Errors, IdentificationResult
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import poses_of
+from campaigns.planning.predicted_precision import PrecisionCurvePoint, PredictedPrecision
 
 
 def plot_plan(
-    path: Path, shots: Sequence[PlannedShot], expected: Expected, curve: Sequence[CurvePoint]
+    path: Path,
+    shots: Sequence[PlannedShot],
+    expected: PredictedPrecision,
+    curve: Sequence[PrecisionCurvePoint],
 ) -> None:
     """Draw a plan and what it will tell; .svg, .png or .pdf. Raises `WriteFailed`."""
     purposes = tuple(shot.purpose for shot in shots)
     save(plan_picture(poses_of(shots), purposes, expected, curve), path)
 
 
-def plot_residuals(path: Path, found: Identification) -> None:
+def plot_residuals(path: Path, found: IdentificationResult) -> None:
     """Draw what was fitted and the unseen pairs, before and after; raises `WriteFailed`."""
     distances = found.request.estimator is Estimator.DISTANCES
     fitted = "fitted pairs" if distances else "fitted shots, length of the error"

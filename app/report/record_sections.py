@@ -7,7 +7,7 @@ import numpy as np
 from app.report.checks import Check
 from app.report.contents import Contents
 from app.report.evidence import Evidence, MeasuredSeries, SeriesFacts
-from app.report.over_time import course
+from app.report.over_time import time_series
 from app.report.parts import (
     NOTHING,
     Column,
@@ -23,7 +23,7 @@ from app.report.parts import (
 )
 from app.report.pictures import time_picture
 from campaigns.journal.records import Event, Rejected
-from campaigns.numerics.geometry import Array
+from campaigns.mechanisms.geometry import Array
 from drivers.values import Identity
 
 NO_JOURNAL = "There is no journal: nothing was ever measured in this campaign."
@@ -77,7 +77,7 @@ def provenance_section(contents: Contents) -> Section:
 
 def _tracker_rows(contents: Contents) -> Iterator[Row]:
     for name, measured in contents.evidence.by_stage():
-        air = course(name, measured)
+        air = time_series(name, measured)
         moved = float(air.drift_mm.max()) if len(air.drift_mm) > 1 else None
         yield name, *_stated(measured), *_span(air.temperature_degC), number(moved)
 

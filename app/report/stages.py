@@ -5,11 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.report.evidence import MeasuredSeries
-from campaigns.numerics.frames import Transform
-from campaigns.numerics.geometry import Array
-from campaigns.numerics.instrument import TrackerUncertainty
-from campaigns.shot_sets import ShotSet
-from campaigns.validation.traces import (
+from campaigns.estimation.rigid_transforms import Transform
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.evaluation.validation import (
     DistanceTrace,
     LineTrace,
     MeasuredTest,
@@ -18,14 +16,16 @@ from campaigns.validation.traces import (
     distance_trace,
     line_traces,
     measured_test,
+    of_set,
     radius_result,
     rotation_result,
 )
-from campaigns.validation.validate import of_set
+from campaigns.mechanisms.geometry import Array
+from campaigns.shots.shot_sets import ShotSet
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Turn:
+class RotationTest:
     """The point while only θ should change."""
 
     theta_rad: Array
@@ -35,7 +35,7 @@ class Turn:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cloud:
+class RepeatabilityTest:
     """The points of repeated visits to one commanded point (3,), (N, 3)."""
 
     commanded_mm: Array
@@ -61,9 +61,9 @@ class StageView:
     distances: DistanceTrace | None
     absolute_mm: Array | None
     """Distances of the validation points from where they were commanded, (N,)."""
-    turn: Turn | None
+    turn: RotationTest | None
     lines: tuple[LineTrace, ...]
-    cloud: Cloud | None
+    cloud: RepeatabilityTest | None
 
     def line(self, axis: str) -> LineTrace | None:
         """The line along an axis."""
@@ -103,15 +103,17 @@ def _absolute(shots: MeasuredTest) -> Array:
     return np.asarray(np.linalg.norm(shots.points_mm - shots.commanded[:, :3], axis=1))
 
 
-def _turn(shots: MeasuredTest) -> Turn | None:
+def _turn(shots: MeasuredTest) -> RotationTest | None:
     moved = rotation_result(shots)
     if moved is None:
         return None
-    return Turn(shots.commanded[:, 3], shots.points_mm - shots.points_mm.mean(axis=0), moved)
+    return RotationTest(
+        shots.commanded[:, 3], shots.points_mm - shots.points_mm.mean(axis=0), moved
+    )
 
 
-def _cloud(shots: MeasuredTest) -> Cloud | None:
+def _cloud(shots: MeasuredTest) -> RepeatabilityTest | None:
     radius = radius_result(shots)
     if radius is None:
         return None
-    return Cloud(shots.commanded[0, :3], shots.points_mm, radius)
+    return RepeatabilityTest(shots.commanded[0, :3], shots.points_mm, radius)

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from queue import Empty, Queue
 from typing import Any
 
-from app.errors import UsageInvalid
+from app.exits import UsageInvalid
 from app.study.results import Lost, Result, Results, Work, tried
-from campaigns.studies.setup import StudyTask
-from campaigns.studies.study import run_task
+from campaigns.studies.study import StudyTask, run_task
 
 LOGS = ("distributed", "distributed.client", "asyncio")
 """Of the client; each has a level of its own."""

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
-from app.errors import UsageInvalid
+from app.exits import UsageInvalid
 from app.folder import Campaign
-from app.study.setup import Asked, robots_drawn, study_scenario, study_setup
-from campaigns.estimators import Estimator
-from campaigns.studies.setup import StudySetup
-from campaigns.studies.table import StudyTable
+from app.study.setup import StudyOptions, robots_drawn, study_scenario, study_setup
+from campaigns.estimation.estimators import Estimator
+from campaigns.studies.store import StudyTable
+from campaigns.studies.study import StudySetup
 from sim.scenarios.schema import Scenario
 
 UNFIT_FOR_FILES = re.compile(r"[^\w.-]+")
@@ -41,7 +41,7 @@ class Combination:
         return self.plan, self.scenario.name, self.estimator.value
 
 
-def combinations(campaign: Campaign, asked: Asked, folder: Path) -> tuple[Combination, ...]:
+def combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> tuple[Combination, ...]:
     """All of them, by scenario, then plan, then estimator; their tables lie in `folder`.
 
     Raises `PlanInvalid`, `ScenarioInvalid` and `UsageInvalid`.
@@ -58,7 +58,7 @@ def combinations(campaign: Campaign, asked: Asked, folder: Path) -> tuple[Combin
     return found
 
 
-def _combinations(campaign: Campaign, asked: Asked, folder: Path) -> Iterator[Combination]:
+def _combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> Iterator[Combination]:
     plans = dict.fromkeys(asked.plans or [campaign.plan_path])
     names: Iterable[str | None] = dict.fromkeys(asked.scenarios) or [None]
     estimators = dict.fromkeys(asked.estimators or [Estimator.POINTS])

@@ -7,8 +7,7 @@ from statistics import median
 from app.study.combinations import Combination
 from app.study.running import Studied
 from campaigns.errors import ShotsMissing
-from campaigns.files.csvfile import csv_text
-from campaigns.files.decimals import number_text
+from campaigns.files.csv_file import csv_text, number_text
 from campaigns.studies.summary import ParameterSummary, StudySummary, summarise
 
 COLUMNS = (

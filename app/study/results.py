@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
-from campaigns.studies.setup import CampaignOutcome, StudyTask
+from campaigns.studies.study import CampaignOutcome, StudyTask
 
 Outcomes = tuple[CampaignOutcome, ...]
 Work = Callable[[StudyTask], Outcomes]

@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
-from app.counted_work import CountedWork
+from app.progress import CountedWork
 from app.study.combinations import Combination
 from app.study.results import Lost, Result, ResultsOf
 from app.study.setup import study_tasks
-from campaigns.studies.setup import CampaignOutcome, StudyTask
+from campaigns.studies.study import CampaignOutcome, StudyTask
 
 Counting = Callable[[int, int], CountedWork]
 """Shows how far it is, for so many campaigns in all and so many done before."""

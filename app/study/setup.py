@@ -7,20 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from app.errors import UsageInvalid
+from app.exits import UsageInvalid
 from app.folder import SCENARIO, Campaign
 from campaigns.errors import PlanInvalid
-from campaigns.estimators import Estimator
-from campaigns.numerics.forward import forward
-from campaigns.numerics.frames import Transform
-from campaigns.numerics.geometry import Geometry
-from campaigns.numerics.instrument import TrackerUncertainty
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.rigid_transforms import Transform
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import Geometry
 from campaigns.planning.plan_file import PlannedShot, read_plan
 from campaigns.planning.plans import joints_of, pairs_of
-from campaigns.robots.arrays import numeric_geometry
-from campaigns.shot_sets import ShotSet
-from campaigns.studies.setup import PairedShots, StudySetup, StudyTask
-from campaigns.studies.study import indistinguishable
+from campaigns.robots.robot import numeric_geometry
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.studies.study import PairedShots, StudySetup, StudyTask, indistinguishable
 from sim.building import station_of, true_geometry
 from sim.scenarios.scenario import load_scenario
 from sim.scenarios.schema import Scenario
@@ -45,7 +44,7 @@ def study_scenario(campaign: Campaign, name: str | None) -> Scenario:
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class StudyOptions:
     """What is compared, and what all combinations share.
 
     Without plans, scenarios or estimators: the campaign's own plan and cell, and points.
@@ -59,7 +58,7 @@ class Asked:
 
 
 def study_setup(
-    campaign: Campaign, plan: Path, scenario: Scenario, estimator: Estimator, asked: Asked
+    campaign: Campaign, plan: Path, scenario: Scenario, estimator: Estimator, asked: StudyOptions
 ) -> StudySetup:
     """What all campaigns of a combination share.
 

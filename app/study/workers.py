@@ -14,11 +14,10 @@ from joblib import Parallel, cpu_count, delayed
 from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from app.errors import UsageInvalid
+from app.exits import UsageInvalid
 from app.study.cluster import cluster_results
 from app.study.results import Lost, Result, Results, ResultsOf, Work, tried
-from campaigns.studies.setup import StudyTask
-from campaigns.studies.study import run_task
+from campaigns.studies.study import StudyTask, run_task
 
 SCHEDULER = ("tcp://", "tls://")
 AHEAD = 2

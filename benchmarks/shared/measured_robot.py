@@ -5,9 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from campaigns.numerics.fit import Fit, solve
-from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import (
+from campaigns.estimation.least_squares import Solution, solve
+from campaigns.estimation.point_sets import distances_mm
+from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import (
     FREE_BY_DEFAULT,
     IS_ANGLE,
     NAMES,
@@ -16,8 +18,6 @@ from campaigns.numerics.geometry import (
     Index,
     indices,
 )
-from campaigns.numerics.pairs import distances_mm
-from campaigns.numerics.residuals import DistanceResiduals, PointResiduals, PositionModel
 from campaigns.robots.robot import find_robot
 
 SHOTS = Path(__file__).parents[2] / "tests" / "data" / "vectors" / "table1-tracker-noise.csv"
@@ -94,7 +94,7 @@ def with_parameters(robot: MeasuredRobot, values: Array) -> Geometry:
     return PositionModel(robot.nominal, FREE, robot.joints_rad).geometry(values)
 
 
-def _parameters(fit: Fit) -> Array:
+def _parameters(fit: Solution) -> Array:
     assert fit.converged, fit.message
     return fit.x[: len(FREE)]
 

@@ -5,15 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from app.study.setup import study_tasks, uncertainty_of
-from campaigns.estimators import Estimator
-from campaigns.numerics.frames import Transform
-from campaigns.numerics.geometry import FREE_BY_DEFAULT
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.rigid_transforms import Transform
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of
-from campaigns.robots.arrays import numeric_geometry
-from campaigns.robots.robot import find_robot
-from campaigns.shot_sets import ShotSet
-from campaigns.studies.setup import PairedShots, StudySetup, StudyTask
+from campaigns.robots.robot import find_robot, numeric_geometry
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.studies.study import PairedShots, StudySetup, StudyTask
 from drivers.values import Pose
 from sim.scenarios.scenario import load_scenario
 

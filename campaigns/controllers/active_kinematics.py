@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import Geometry
-from campaigns.numerics.par4 import Solution, inverse
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import Geometry
+from campaigns.mechanisms.par4 import KinematicSolution, inverse
 from drivers.errors import LimitViolation
 from drivers.values import Pose
 
@@ -31,7 +31,7 @@ class ActiveKinematics:
         return Pose(*_only(found, f"joints {listed} deg"))
 
 
-def _only(solution: Solution, what: str) -> tuple[float, ...]:
+def _only(solution: KinematicSolution, what: str) -> tuple[float, ...]:
     if not solution.found.all():
         raise LimitViolation(
             f"{what}: the mechanism cannot be assembled there",

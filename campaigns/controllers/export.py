@@ -6,11 +6,11 @@ from pathlib import Path
 from pydantic import JsonValue, TypeAdapter
 
 from campaigns.errors import ShotsMissing, VerdictBad
-from campaigns.files.textfile import write_text_unless_there
-from campaigns.identification.document import ParameterEntry
-from campaigns.journal.reader import JournalReader
+from campaigns.files.text_file import write_text_unless_there
+from campaigns.identification.result import ParameterEntry
+from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Finding
-from campaigns.parameters import BACKLASH_NAMES
+from campaigns.mechanisms.geometry import BACKLASH_NAMES
 from campaigns.robots.robot import Compensation, RobotDocument, compensated
 from campaigns.version import VERSION
 

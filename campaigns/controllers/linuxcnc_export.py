@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from campaigns.errors import ConfigInvalid
-from campaigns.files.decimals import number_text
-from campaigns.files.textfile import read_text, replace_text, write_text_unless_there
+from campaigns.files.csv_file import number_text
+from campaigns.files.text_file import read_text, replace_text, write_text_unless_there
 from campaigns.files.wording import shown
-from campaigns.parameters import PARAMETER_NAMES
+from campaigns.mechanisms.geometry import PARAMETER_NAMES
 from campaigns.robots.robot import RobotFile
 from campaigns.version import VERSION
 
@@ -35,7 +35,7 @@ _PARAMETER_OF = {pin: name for name, pin in PIN_OF.items()}
 
 
 @dataclass(frozen=True, slots=True)
-class Whose:
+class RobotIdentity:
     """The robot that a HAL file must be of: its serial number, or the nominal's name."""
 
     identity: str
@@ -68,7 +68,7 @@ def hal_text(robot: RobotFile, identity: str) -> str:
     return "\n".join([*(f"# {line}".rstrip() for line in heading), *settings, ""])
 
 
-def parse_hal(text: str, name: str, whose: Whose) -> RobotFile:
+def parse_hal(text: str, name: str, whose: RobotIdentity) -> RobotFile:
     """Read a HAL file of this robot; raises `ConfigInvalid` naming the line that is wrong."""
     headings: dict[str, str] = {}
     geometry: dict[str, float] = {}
@@ -123,7 +123,7 @@ def _number(word: str, where: str, pin: str) -> float:
 
 
 def _checked(
-    name: str, headings: Mapping[str, str], geometry: Mapping[str, float], whose: Whose
+    name: str, headings: Mapping[str, str], geometry: Mapping[str, float], whose: RobotIdentity
 ) -> RobotFile:
     if headings.get("robot") != whose.identity:
         found = shown(headings.get("robot", "nobody said"))
@@ -147,7 +147,9 @@ class CalibrationFile:
     `otherwise` is what counts as long as there is no file.
     """
 
-    def __init__(self, path: Path, whose: Whose, *, otherwise: RobotFile | None = None) -> None:
+    def __init__(
+        self, path: Path, whose: RobotIdentity, *, otherwise: RobotFile | None = None
+    ) -> None:
         self._path = path
         self._whose = whose
         self._otherwise = otherwise

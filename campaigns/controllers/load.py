@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from campaigns.errors import LoadNotVerified
-from campaigns.parameters import PARAMETER_NAMES
+from campaigns.mechanisms.geometry import PARAMETER_NAMES
 from campaigns.robots.robot import RobotFile
 from drivers.errors import DeviceRefused, DriverError
 from drivers.ports import RobotController

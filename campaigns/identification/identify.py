@@ -7,36 +7,40 @@ from functools import cached_property
 import numpy as np
 
 from campaigns.errors import ShotsInvalid
-from campaigns.estimators import Estimator, Outliers
-from campaigns.identification.fitted_shots import Fitted, fitted_shots, position_model
-from campaigns.identification.identified import (
+from campaigns.estimation.estimate import Estimate, OutlierPolicy, estimate
+from campaigns.estimation.estimators import Estimator, Outliers
+from campaigns.estimation.information import marginalise_frame, point_jacobian, position_std_mm
+from campaigns.estimation.observability import unobservable_combinations
+from campaigns.estimation.point_sets import distances_mm
+from campaigns.evaluation.identification_verdict import (
+    VerdictEvidence,
+    identification_verdict,
+    noise_in_words,
+    outlier_reason,
+)
+from campaigns.identification.observations import (
+    Observations,
+    observations,
+    position_model,
+    usable_pairs,
+    without_assembly,
+)
+from campaigns.identification.result import (
     Combination,
     Covariance,
     Errors,
     Excluded,
-    Identification,
     IdentificationRequest,
-    Misfit,
+    IdentificationResult,
+    OutlierResidual,
     Parameter,
     PositionStd,
 )
-from campaigns.identification.usable_pairs import usable_pairs, without_assembly
-from campaigns.identification.verdict import (
-    Judged,
-    noise_in_words,
-    outlier_reason,
-    verdict_of,
-)
-from campaigns.numerics.candidates import point_rows, without_frame
-from campaigns.numerics.estimate import Estimate, Treatment, estimate
-from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import FILE_UNIT, Array, Geometry, indices
-from campaigns.numerics.pairs import distances_mm
-from campaigns.numerics.par4 import NoAssembly, inverse
-from campaigns.numerics.point_prediction import position_std_mm
-from campaigns.numerics.statistics import unobservable_combinations
-from campaigns.shot_sets import ShotSet
-from campaigns.shots.dataset import Dataset
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import FILE_UNIT, Array, Geometry, indices
+from campaigns.mechanisms.par4 import NoSolution, inverse
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import Shots
 
 WORTHLESS_MM, WORTHLESS_DEG = 5.0, 3.0
 """A σ of which the nominal value is a better guess than the identified one."""
@@ -45,7 +49,7 @@ NO_EFFECT = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class _Unseen:
+class _Holdout:
     """The pairs that were never fitted: their errors, and what of them could not be used."""
 
     errors: Errors | None
@@ -54,27 +58,29 @@ class _Unseen:
     """By the identified robot."""
 
 
-def identify(nominal: Geometry, data: Dataset, request: IdentificationRequest) -> Identification:
+def identify(
+    nominal: Geometry, data: Shots, request: IdentificationRequest
+) -> IdentificationResult:
     """Parameters from the identification shots, judged by the validation pairs.
 
     Raises `ShotsMissing` for too few shots, and `ShotsInvalid` for a covariance that is none and
     for shots that no robot explains.
     """
-    fitted, free = fitted_shots(nominal, data, request), request.knowledge.free
-    treatment = Treatment(request.loss, exclude=request.outliers is Outliers.EXCLUDE)
+    fitted, free = observations(nominal, data, request), request.knowledge.free
+    treatment = OutlierPolicy(request.loss, exclude=request.outliers is Outliers.EXCLUDE)
     trusted = request.estimator is Estimator.POINTS
     try:
         found = estimate(fitted.problem, len(free), treatment, trusted=trusted)
-    except NoAssembly as error:
+    except NoSolution as error:
         raise ShotsInvalid(
             "the shots lead to no robot that could be assembled",
             remedy="look for gross errors: order and signs of the joints, units of points and of "
             "covariances",
         ) from error
-    told = _Told(request, fitted, found, _unseen(nominal, data, free, found.x[: len(free)]))
-    verdict, reasons = verdict_of(told.judged())
+    told = _Evidence(request, fitted, found, _holdout(nominal, data, free, found.x[: len(free)]))
+    verdict, reasons = identification_verdict(told.judged())
     covariance = _covariance(found, free)
-    return Identification(
+    return IdentificationResult(
         request,
         found.fit.converged,
         found.fit.message,
@@ -98,17 +104,17 @@ def identify(nominal: Geometry, data: Dataset, request: IdentificationRequest) -
 
 
 @dataclass(frozen=True, eq=False)
-class _Told:
+class _Evidence:
     """What the fitted and the unseen shots tell together."""
 
     request: IdentificationRequest
-    fitted: Fitted
+    fitted: Observations
     found: Estimate
-    unseen: _Unseen
+    unseen: _Holdout
 
-    def judged(self) -> Judged:
+    def judged(self) -> VerdictEvidence:
         unseen = self.unseen.errors
-        return Judged(
+        return VerdictEvidence(
             self.fitted.kind,
             self.found.fit,
             self.unobservable,
@@ -155,11 +161,11 @@ class _Told:
         return _position_std(identified, free, self.found, self.request.workspace)
 
 
-def _named_outliers(fitted: Fitted, found: Estimate) -> Iterator[Excluded]:
+def _named_outliers(fitted: Observations, found: Estimate) -> Iterator[Excluded]:
     """With the size of their misfits to what the others say."""
     misfits = np.linalg.norm(fitted.misfits_mm(found.x), axis=1)
     for outlier in found.outliers:
-        misfit = Misfit(float(misfits[outlier.block]), outlier.size, outlier.limit)
+        misfit = OutlierResidual(float(misfits[outlier.block]), outlier.size, outlier.limit)
         left_out = fitted.excluded_for(outlier.block, outlier_reason(misfit))
         yield replace(left_out, misfit=misfit)
 
@@ -204,10 +210,10 @@ def _position_std(
     if not joints.found.any():
         return None
     try:
-        rows = point_rows(identified, free, joints.values[joints.found], poses[joints.found])
-    except NoAssembly:
+        rows = point_jacobian(identified, free, joints.values[joints.found], poses[joints.found])
+    except NoSolution:
         return None
-    rows = without_frame(rows)
+    rows = marginalise_frame(rows)
     for lost in found.seen.null_directions / found.seen.scale:
         if np.abs(rows @ lost).max() > NO_EFFECT * (np.abs(rows) @ np.abs(lost)).max():
             return None
@@ -223,7 +229,7 @@ def _by_priors_alone(
     return tuple(names for names in by_data if names not in unobservable)
 
 
-def _unseen(nominal: Geometry, data: Dataset, free: tuple[str, ...], x: Array) -> _Unseen:
+def _holdout(nominal: Geometry, data: Shots, free: tuple[str, ...], x: Array) -> _Holdout:
     """Errors of the pairs that were not fitted, with the nominal and the found parameters (F,)."""
     at_nominal = forward(nominal, data.joints_rad)
     usable = usable_pairs(at_nominal, data, ShotSet.VALIDATION)
@@ -233,11 +239,11 @@ def _unseen(nominal: Geometry, data: Dataset, free: tuple[str, ...], x: Array) -
     lost = without_assembly(data, usable.rows[~whole], solution.found, "identified")
     kept = usable.rows[whole]
     if len(kept) == 0:
-        return _Unseen(None, usable.excluded, lost)
+        return _Holdout(None, usable.excluded, lost)
     measured_mm = data.measured_distances_mm(kept)
     poses = at_nominal.values, solution.values
     before, after = (
         (distances_mm(values[:, :3], kept[:, 0], kept[:, 1]) - measured_mm)[:, None]
         for values in poses
     )
-    return _Unseen(Errors(before, after), usable.excluded, lost)
+    return _Holdout(Errors(before, after), usable.excluded, lost)

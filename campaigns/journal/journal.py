@@ -1,23 +1,154 @@
-"""Writes a campaign's journal: a record is durable before `append` returns, and never changes."""
+"""Reads a campaign's journal: its series, accepted shots, crashes and digest."""
 
-from collections.abc import Callable
+import hashlib
+import json
+from collections.abc import Callable, Collection
 from pathlib import Path
 from sqlite3 import Connection
+from types import TracebackType
+from typing import Self, TypeVar
 
 from campaigns.errors import JournalFailed
-from campaigns.journal.connection import connect_to_write
-from campaigns.journal.faults import explained
-from campaigns.journal.reader import JournalReader
-from campaigns.journal.record_text import KIND_OF_TYPE, to_text
+from campaigns.journal import views
+from campaigns.journal.database import connect_to_read, connect_to_write, sqlite_errors_explained
 from campaigns.journal.records import (
+    KIND_OF_TYPE,
     Intent,
     Outcome,
     Record,
     Rejected,
+    SeriesFinished,
     SeriesStarted,
     SessionStarted,
+    SessionStopped,
+    Stage,
+    from_text,
+    to_text,
 )
-from campaigns.journal.views import Entry
+from campaigns.journal.views import AcceptedShot, Entry, Series
+
+RecordT = TypeVar("RecordT", bound=Record)
+_Row = tuple[int, str, str, int | None, str]
+
+
+def read_journal(path: Path) -> "JournalReader":
+    """Open the journal in that file for reading; needs no right to write the folder.
+
+    Raises `JournalFailed` when the file is missing, not ours, or newer than this program.
+    """
+    return JournalReader(connect_to_read(path), path)
+
+
+class JournalReader:
+    """What the journal says. For one thread; everything raises `JournalFailed`."""
+
+    def __init__(self, connection: Connection, path: Path) -> None:
+        self._connection = connection
+        self._path = path
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file; a second time does nothing."""
+        with sqlite_errors_explained(self._path, "the journal cannot be closed"):
+            self._connection.close()
+
+    def records(self, series: int | None = None) -> tuple[Entry[Record], ...]:
+        """Return all records, or those of one series, in their order."""
+        return self._entries(KIND_OF_TYPE.values(), series)
+
+    def records_of(
+        self, kind: type[RecordT], series: int | None = None
+    ) -> tuple[Entry[RecordT], ...]:
+        """Return the records of one kind, of all series or of one, in their order."""
+        found = self._entries([KIND_OF_TYPE[kind]], series)
+        return tuple(
+            Entry(entry.number, entry.at_utc, entry.series, entry.record)
+            for entry in found
+            if isinstance(entry.record, kind)
+        )
+
+    def series(self, stage: Stage | None = None) -> tuple[Series, ...]:
+        """Return the series of one stage, or of all, oldest first."""
+        kinds = (KIND_OF_TYPE[SeriesStarted], KIND_OF_TYPE[SeriesFinished])
+        return views.series_of_stage(self._entries(kinds), stage)
+
+    def latest_series(self, stage: Stage) -> Series | None:
+        """Return the series of that stage that began last, if any did."""
+        found = self.series(stage)
+        return found[-1] if found else None
+
+    def next_attempt(self, series: int, shot: int) -> int:
+        """Return the number for the next try at a shot, from 1; none is given twice."""
+        query = "SELECT max(attempt) FROM record WHERE kind = 'intent' AND series = ? AND shot = ?"
+        return self._highest(query, series, shot) + 1
+
+    def shots(self, series: int) -> tuple[AcceptedShot, ...]:
+        """Return each shot's latest accepted outcome that was not voided since, by shot number."""
+        return views.accepted_shots(self.records(series))
+
+    def unanswered_intents(self, series: int) -> tuple[Intent, ...]:
+        """Return what was set out to do and has no end: the process died in between."""
+        return views.unanswered_intents(self.records(series))
+
+    def crashed_sessions(self) -> tuple[Entry[SessionStarted], ...]:
+        """Return the sessions that never stopped.
+
+        Without the campaign's lock the last of them may be a process that is still at work.
+        """
+        kinds = (KIND_OF_TYPE[SessionStarted], KIND_OF_TYPE[SessionStopped])
+        return views.unstopped_sessions(self._entries(kinds))
+
+    def last_number(self) -> int:
+        """Return the place of the last record; 0 in an empty journal."""
+        return self._highest("SELECT max(id) FROM record")
+
+    def digest(self, *, through: int | None = None) -> str:
+        """Return the SHA-256 (hex) over the records as stored, all or up to place `through`."""
+        digest = hashlib.sha256()
+        for row in self._rows():
+            if through is None or row[0] <= through:
+                digest.update(json.dumps(row, ensure_ascii=False).encode() + b"\n")
+        return digest.hexdigest()
+
+    def _highest(self, query: str, *values: int) -> int:
+        """Return the one number that the query asks for; 0 when there is none."""
+        with sqlite_errors_explained(self._path, "the journal cannot be read"):
+            highest: int | None = self._connection.execute(query, values).fetchone()[0]
+        return highest or 0
+
+    def _rows(self) -> list[_Row]:
+        query = "SELECT id, at_utc, kind, series, body FROM record ORDER BY id"
+        with sqlite_errors_explained(self._path, "the journal cannot be read"):
+            return self._connection.execute(query).fetchall()
+
+    def _entries(
+        self, kinds: Collection[str], series: int | None = None
+    ) -> tuple[Entry[Record], ...]:
+        return tuple(
+            self._entry(row)
+            for row in self._rows()
+            if row[2] in kinds and (series is None or row[3] == series)
+        )
+
+    def _entry(self, row: _Row) -> Entry[Record]:
+        number, at_utc, kind, series, body = row
+        try:
+            return Entry(number, at_utc, series, from_text(kind, body))
+        except ValueError as error:
+            raise JournalFailed(
+                f"{self._path}: record {number} cannot be read: {error}",
+                remedy="the file was changed or damaged: bring campaign.db back from a backup",
+            ) from error
 
 
 def open_journal(path: Path, *, now_utc: Callable[[], str], create: bool = False) -> "Journal":
@@ -82,7 +213,7 @@ class Journal(JournalReader):
             "INSERT INTO record (at_utc, kind, series, shot, attempt, body)"
             " VALUES (?, ?, ?, ?, ?, ?)"
         )
-        with explained(self._path, f"the record {_label(record)} cannot be written"):
+        with sqlite_errors_explained(self._path, f"the record {_label(record)} cannot be written"):
             place = self._connection.execute(command, row).lastrowid
         assert place is not None, "an INSERT that succeeds has a row"
         return place

@@ -7,17 +7,20 @@ from math import dist
 from typing import TypeVar
 
 from campaigns.errors import GateRefused
-from campaigns.identification.goal import Goal
 from campaigns.journal.records import Event, Outcome, PairVoided, Rejected
-from campaigns.measuring.early_end import early_end, may_end
-from campaigns.measuring.guards import AirWatch, DriftWatch, Gate
-from campaigns.measuring.knowing import Knowing
-from campaigns.measuring.progress import EngineState, Known
+from campaigns.measuring.monitors import DriftMonitor, InnovationGate, TemperatureMonitor
+from campaigns.measuring.precision_monitor import PrecisionMonitor
+from campaigns.measuring.run_state import (
+    AcceptedShotReport,
+    EngineState,
+    ParameterPrecision,
+    RunState,
+)
 from campaigns.measuring.series_log import SeriesLog, problem_of
-from campaigns.measuring.shooting import Cell, Shooter, ShotLost
-from campaigns.measuring.steps import Group, Step
-from campaigns.measuring.tally import ShotNews, Tally
-from campaigns.shot_sets import ShotSet
+from campaigns.measuring.shot_taker import Cell, ShotFailed, ShotTaker
+from campaigns.measuring.stopping_rule import PrecisionGoal, early_stop, may_stop
+from campaigns.planning.steps import Group, Step
+from campaigns.shots.shot_sets import ShotSet
 from drivers.errors import RobotStateUnknown
 from drivers.values import Vector3
 
@@ -25,15 +28,15 @@ Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
-class Watches:
+class Monitors:
     """What the engine watches from shot to shot."""
 
-    gate: Gate
-    drift: DriftWatch
-    air: AirWatch
+    gate: InnovationGate
+    drift: DriftMonitor
+    air: TemperatureMonitor
     attempts: int
-    knowing: Knowing
-    goal: Goal | None
+    knowing: PrecisionMonitor
+    goal: PrecisionGoal | None
     """Once it is met, what only serves to identify is left out."""
 
 
@@ -41,22 +44,22 @@ class Engine:
     """Measures groups of steps: pairs whole or again, and everything watched."""
 
     def __init__(
-        self, cell: Cell, log: SeriesLog, shooter: Shooter, watches: Watches, tally: Tally
+        self, cell: Cell, log: SeriesLog, shooter: ShotTaker, watches: Monitors, tally: RunState
     ) -> None:
         self._cell = cell
         self._log = log
         self._shooter = shooter
         self._watches = watches
         self._tally = tally
-        self._known: Known | None = None
+        self._known: ParameterPrecision | None = None
         self._learn(self._running_knowledge())
 
     def wanted(self, left: Sequence[Group]) -> tuple[Group, ...]:
         """The groups that shall still be measured; the others are named in the journal."""
         goal = self._watches.goal
-        if may_end(goal, self._known, left):
+        if may_stop(goal, self._known, left):
             self._learn(self._knowledge_by_a_fit())
-        end = early_end(goal, self._known, left)
+        end = early_stop(goal, self._known, left)
         if end is None:
             return tuple(left)
         self._log.write(end.event)
@@ -117,7 +120,7 @@ class Engine:
         for _ in range(self._watches.attempts):
             try:
                 return attempt()
-            except ShotLost as lost:
+            except ShotFailed as lost:
                 reasons.append(str(lost))
         raise GateRefused(
             f"{len(reasons)} attempts failed, the last one: {reasons[-1]}",
@@ -132,7 +135,7 @@ class Engine:
             for step in group:
                 self._measure(step)
                 taken.append(step)
-        except ShotLost as lost:
+        except ShotFailed as lost:
             self._void(taken, str(lost))
             raise
 
@@ -144,7 +147,7 @@ class Engine:
         if step.planned.purpose is ShotSet.IDENTIFICATION:
             self._learn(self._running_knowledge())
         seconds = self._cell.wall_clock.now_s() - started_s
-        self._tally.accept(ShotNews(seconds, outcome.residual_mm, drift_mm))
+        self._tally.accept(AcceptedShotReport(seconds, outcome.residual_mm, drift_mm))
         if news := self._watches.air.news(outcome.weather):
             self._log.write(Event("temperature alarm", news))
             self._tally.event(news)
@@ -161,16 +164,16 @@ class Engine:
         self._learn(self._running_knowledge())
         self._tally.void(len(shots))
 
-    def _running_knowledge(self) -> Known | None:
+    def _running_knowledge(self) -> ParameterPrecision | None:
         """What the shots that count tell of the parameters, at once."""
         gate = self._watches.gate
         return self._watches.knowing.after(gate.accepted, gate.linearised)
 
-    def _knowledge_by_a_fit(self) -> Known | None:
+    def _knowledge_by_a_fit(self) -> ParameterPrecision | None:
         """The same as `identify` will tell it, which takes a little time."""
         return self._watches.knowing.fitted(self._watches.gate.accepted)
 
-    def _learn(self, known: Known | None) -> None:
+    def _learn(self, known: ParameterPrecision | None) -> None:
         self._known = known
         self._tally.know(known)
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
-from campaigns.measuring.progress import EngineState
-from campaigns.measuring.steps import Step
-from campaigns.planning.rules import MotionRules
-from campaigns.planning.ways import Joints, KnownWays
+from campaigns.measuring.rules import MotionRules
+from campaigns.measuring.run_state import EngineState
+from campaigns.planning.paths import Joints, PathCache
+from campaigns.planning.steps import Step
 from drivers.errors import EmergencyStop, MotionFault
 from drivers.ports import Clock, RobotController
 from drivers.values import RobotState
@@ -34,7 +34,7 @@ class Mover:
         robot: RobotController,
         clock: Clock,
         rules: MotionRules,
-        ways: KnownWays,
+        ways: PathCache,
         stop_requested: Callable[[], bool],
     ) -> None:
         self._robot = robot

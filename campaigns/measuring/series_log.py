@@ -6,7 +6,7 @@ from contextlib import contextmanager, suppress
 from campaigns.errors import Interrupted, JournalFailed
 from campaigns.journal.journal import Journal
 from campaigns.journal.records import Ending, Intent, Outcome, Record, Rejected, SessionStopped
-from campaigns.measuring.steps import Step
+from campaigns.planning.steps import Step
 from drivers.errors import Cancelled, ExplainedError, RobotStateUnknown
 
 

@@ -6,28 +6,25 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydantic import JsonValue
 
-from campaigns.estimators import Estimator
-from campaigns.identification.goal import Goal
-from campaigns.journal.journal import Journal
-from campaigns.journal.reader import JournalReader
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.incremental_fit import IncrementalGaussNewton
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Event, SeriesFinished, SeriesStarted, SessionStarted, Stage
 from campaigns.journal.views import AcceptedShot, Series
-from campaigns.measuring.early_end import is_met
-from campaigns.measuring.engine import Engine, Watches
-from campaigns.measuring.guards import AirWatch, DriftWatch, Gate
-from campaigns.measuring.knowing import Knowing
+from campaigns.measuring.engine import Engine, Monitors
+from campaigns.measuring.monitors import DriftMonitor, InnovationGate, TemperatureMonitor
 from campaigns.measuring.motion import Mover
-from campaigns.measuring.progress import Known, Watcher
-from campaigns.measuring.resuming import Remains, check_same, how_it_stopped, remains
+from campaigns.measuring.precision_monitor import PrecisionMonitor
+from campaigns.measuring.resume import ResumeState, check_same, how_it_stopped, resume_state
+from campaigns.measuring.rules import GateRules, MotionRules
+from campaigns.measuring.run_state import ParameterPrecision, RunObserver, RunState
 from campaigns.measuring.series_log import SeriesLog, closing
-from campaigns.measuring.shooting import Cell, Shooter
-from campaigns.measuring.steps import Step, stops_of
-from campaigns.measuring.tally import Tally
-from campaigns.numerics.geometry import FREE_BY_DEFAULT, GEOMETRY_NAMES
-from campaigns.numerics.instrument import TrackerUncertainty
-from campaigns.numerics.running import RunningFit
-from campaigns.planning.rules import GateRules, MotionRules
-from campaigns.planning.ways import KnownWays, Mechanism
+from campaigns.measuring.shot_taker import Cell, ShotTaker
+from campaigns.measuring.stopping_rule import PrecisionGoal, is_met
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, GEOMETRY_NAMES
+from campaigns.planning.paths import PathCache, RobotModel
+from campaigns.planning.steps import Step, stops_of
 from campaigns.version import VERSION
 from drivers.values import Weather
 
@@ -44,10 +41,10 @@ class Work:
     plan_digest: str
     robot_file_digest: str
     configuration: Mapping[str, JsonValue]
-    mechanism: Mechanism
+    mechanism: RobotModel
     motion: MotionRules
     gate: GateRules
-    goal: Goal | None = None
+    goal: PrecisionGoal | None = None
     """Of what is identified; once it is met, only the other shots are taken."""
     estimator: Estimator = Estimator.POINTS
     """What will identify, and so says how much is known."""
@@ -56,21 +53,23 @@ class Work:
     instrument: TrackerUncertainty = field(default_factory=TrackerUncertainty)
     """Of shots of which the tracker states none."""
 
-    def knowing(self) -> Knowing:
+    def knowing(self) -> PrecisionMonitor:
         """What tells how much is known of the parameters."""
         shots = [step.planned for step in self.steps]
         rng = np.random.default_rng(WORKSPACE_SEED)
-        return Knowing.of_plan(
+        return PrecisionMonitor.of_plan(
             shots, self.mechanism, self.estimator, self.instrument, rng, self.free
         )
 
-    def gate_taught_by(self, shots: Iterable[AcceptedShot]) -> Gate:
+    def gate_taught_by(self, shots: Iterable[AcceptedShot]) -> InnovationGate:
         """A gate that knows these shots and no others.
 
         What `identify` is told to hold need not be right: the usual parameters are free here.
         """
         free = tuple(name for name in GEOMETRY_NAMES if name in {*FREE_BY_DEFAULT, *self.free})
-        gate = Gate(self.gate, lambda: RunningFit(self.mechanism.geometry, free))
+        gate = InnovationGate(
+            self.gate, lambda: IncrementalGaussNewton(self.mechanism.geometry, free)
+        )
         for shot in shots:
             gate.accept(shot.outcome)
         return gate
@@ -80,7 +79,7 @@ def measure_series(
     cell: Cell,
     journal: Journal,
     work: Work,
-    watcher: Watcher,
+    watcher: RunObserver,
     stop_requested: Callable[[], bool],
     *,
     anew: bool = False,
@@ -101,7 +100,7 @@ def measure_series(
     with closing(log):
         if resumed:
             log.write(Event("resumed", f"{work.stage} goes on after {resumed}"))
-        left = remains(work.steps, journal.shots(series))
+        left = resume_state(work.steps, journal.shots(series))
         began = found.started if found else today
         _Run(cell, log, work, watcher, stop_requested).measure(left, began.weather)
         if not (found and found.finished):  # one that ended early is finished already
@@ -116,10 +115,10 @@ class _Run:
     cell: Cell
     log: SeriesLog
     work: Work
-    watcher: Watcher
+    watcher: RunObserver
     stop_requested: Callable[[], bool]
 
-    def measure(self, found: Remains, first_weather: Weather | None) -> None:
+    def measure(self, found: ResumeState, first_weather: Weather | None) -> None:
         """Void what was cut in two, look whether anything has shifted, then measure the rest."""
         for half in found.halves:
             self.log.write(half)
@@ -130,19 +129,19 @@ class _Run:
             engine.check_place(*reference)
         engine.run(wanted)
 
-    def _engine(self, found: Remains, first_weather: Weather | None) -> Engine:
+    def _engine(self, found: ResumeState, first_weather: Weather | None) -> Engine:
         cell, work = self.cell, self.work
         gate = work.gate_taught_by(found.kept)
         goal_mm = work.goal.std_mm if work.goal else None
         done, total = len(found.kept), len(work.steps)
-        tally = Tally(self.watcher, done=done, total=total, goal_mm=goal_mm)
-        ways = KnownWays(work.mechanism, stops_of(found.left))
+        tally = RunState(self.watcher, done=done, total=total, goal_mm=goal_mm)
+        ways = PathCache(work.mechanism, stops_of(found.left))
         mover = Mover(cell.robot, cell.clock, work.motion, ways, self.stop_requested)
-        shooter = Shooter(cell, self.log, mover, gate, tally, work.gate.search_mm)
-        watches = Watches(
+        shooter = ShotTaker(cell, self.log, mover, gate, tally, work.gate.search_mm)
+        watches = Monitors(
             gate,
-            DriftWatch(work.gate.drift_mm, found.first_drift_mm()),
-            AirWatch(work.gate.temperature_change_degC, first_weather),
+            DriftMonitor(work.gate.drift_mm, found.first_drift_mm()),
+            TemperatureMonitor(work.gate.temperature_change_degC, first_weather),
             work.gate.attempts,
             work.knowing(),
             work.goal,
@@ -150,7 +149,7 @@ class _Run:
         return Engine(cell, self.log, shooter, watches, tally)
 
 
-def nothing_left(journal: JournalReader, work: Work) -> Series | None:
+def complete_series(journal: JournalReader, work: Work) -> Series | None:
     """The latest series of this stage if it is finished and measured this very plan.
 
     To one that ended early something is left, unless it meets the goal of this work.
@@ -159,17 +158,19 @@ def nothing_left(journal: JournalReader, work: Work) -> Series | None:
     if latest is None or not latest.finished or latest.started.plan_digest != work.plan_digest:
         return None
     shots = journal.shots(latest.number)
-    done = not left_out(shots, work) or (work.goal and is_met(work.goal, known_from(shots, work)))
+    done = not count_left_out(shots, work) or (
+        work.goal and is_met(work.goal, precision_from(shots, work))
+    )
     return latest if done else None
 
 
-def left_out(shots: Sequence[AcceptedShot], work: Work) -> int:
+def count_left_out(shots: Sequence[AcceptedShot], work: Work) -> int:
     """How many shots of the plan are not among the accepted ones of its series."""
     taken = {shot.intent.shot for shot in shots}
     return sum(step.planned.shot not in taken for step in work.steps)
 
 
-def known_from(shots: Sequence[AcceptedShot], work: Work) -> Known | None:
+def precision_from(shots: Sequence[AcceptedShot], work: Work) -> ParameterPrecision | None:
     """What the accepted shots of a series tell of the parameters, as `identify` will find it."""
     return work.knowing().fitted(shot.outcome for shot in shots)
 
@@ -180,7 +181,7 @@ def _to_take_up(journal: Journal, work: Work) -> Series | None:
     if latest is None or not latest.finished:
         return latest
     same_plan = latest.started.plan_digest == work.plan_digest
-    return latest if same_plan and left_out(journal.shots(latest.number), work) else None
+    return latest if same_plan and count_left_out(journal.shots(latest.number), work) else None
 
 
 def _start_record(cell: Cell, work: Work) -> SeriesStarted:

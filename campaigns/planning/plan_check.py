@@ -5,15 +5,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from campaigns.design.pose_sampling import incidence_rad
 from campaigns.errors import PlanInvalid
-from campaigns.numerics.geometry import Array, Geometry
-from campaigns.numerics.placement import incidence_rad
-from campaigns.numerics.reach import Limits, Reach, explain, reach
+from campaigns.mechanisms.feasibility import (
+    Feasibility,
+    Limits,
+    describe_violations,
+    feasibility,
+)
+from campaigns.mechanisms.geometry import Array, Geometry
+from campaigns.planning.paths import RobotModel, check_paths, named_stops
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import View, joints_of, poses_of
-from campaigns.planning.ways import Mechanism, check_ways, named_stops
-from campaigns.robots.arrays import pose_row
-from campaigns.shot_sets import ShotSet
+from campaigns.robots.robot import pose_row
+from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
 AGREEMENT_RAD = float(np.radians(0.01))
@@ -63,7 +68,7 @@ def check_plan(
         remedy="correct plan.csv, or plan anew with `pkmcal plan`",
     )
     stops = named_stops([f"shot {shot.shot}" for shot in shots], joints_of(shots))
-    ways = check_ways(stops, Mechanism(geometry, limits, pose_row(centre)))
+    ways = check_paths(stops, RobotModel(geometry, limits, pose_row(centre)))
     refuse(ways.faults, remedy="move one of the two poses, or plan anew with `pkmcal plan`")
     seconds = ways.travel_rad / pace.joint_speed_rad_s
     seconds += len(shots) * (pace.settle_s + pace.measure_s)
@@ -93,16 +98,16 @@ def view_fault(point_mm: Array, view: View) -> str:
 def _pose_faults(shots: Sequence[PlannedShot], geometry: Geometry, limits: Limits) -> Iterator[str]:
     """Poses that cannot be taken, and joints that are not those of their pose."""
     poses = poses_of(shots)
-    judged = reach(geometry, _tolerant(limits), poses)
+    judged = feasibility(geometry, _tolerant(limits), poses)
     for row, shot in enumerate(shots):
         if not judged.feasible[row]:
-            reasons = explain(limits, judged, row, shot.pose.theta_rad)
+            reasons = describe_violations(limits, judged, row, shot.pose.theta_rad)
             yield f"shot {shot.shot}: {'; '.join(reasons)}"
         else:
             yield from _disagreement(shot, judged, row)
 
 
-def _disagreement(shot: PlannedShot, judged: Reach, row: int) -> Iterator[str]:
+def _disagreement(shot: PlannedShot, judged: Feasibility, row: int) -> Iterator[str]:
     """The joint that is furthest from where the shot's pose wants it, if that is too far."""
     away = np.abs(np.array(shot.joints_rad) - judged.joints_rad[row])
     joint = int(np.argmax(away))

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from campaigns.errors import PlanInvalid
-from campaigns.files.csvfile import CsvForm, CsvRow, csv_text, parse_csv
-from campaigns.files.decimals import angle_text, number_text
-from campaigns.files.shot_columns import (
+from campaigns.files.csv_file import CsvForm, CsvRow, angle_text, csv_text, number_text, parse_csv
+from campaigns.files.text_file import read_text, replace_text
+from campaigns.shots.columns import (
     JOINT_COLUMNS,
     POINT_COLUMNS,
     PairedRow,
@@ -18,8 +18,7 @@ from campaigns.files.shot_columns import (
     pair_number,
     shot_set,
 )
-from campaigns.files.textfile import read_text, replace_text
-from campaigns.shot_sets import ShotSet
+from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
 COLUMNS = ("shot", "set", "pair", *POINT_COLUMNS, "theta_deg", *JOINT_COLUMNS)

@@ -5,22 +5,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from campaigns.errors import PlanInvalid
-from campaigns.numerics.geometry import Array, Geometry, Index
-from campaigns.numerics.par4 import inverse
-from campaigns.numerics.placement import (
-    Region,
+from campaigns.design.pose_sampling import (
+    FeasibleRegion,
     WorkspaceTooSmall,
     boundary_poses,
-    inner_poses,
-    order_pairs,
-    pair_up,
+    interior_poses,
+    random_pairs,
 )
-from campaigns.numerics.reach import Limits
+from campaigns.design.tours import shortest_tour
+from campaigns.errors import PlanInvalid
+from campaigns.mechanisms.feasibility import Limits
+from campaigns.mechanisms.geometry import Array, Geometry, Index
+from campaigns.mechanisms.par4 import inverse
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.robots.arrays import numeric_geometry, numeric_limits, pose_of, pose_row
-from campaigns.robots.robot import RobotFile
-from campaigns.shot_sets import ShotSet
+from campaigns.robots.robot import RobotFile, numeric_geometry, numeric_limits, pose_of, pose_row
+from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose, Vector3
 
 JOINT_RESERVE_RAD = float(np.radians(0.5))
@@ -63,10 +62,10 @@ def with_reserve(limits: Limits) -> Limits:
     )
 
 
-def region_of(geometry: Geometry, limits: Limits, view: View, centre: Pose) -> Region:
+def region_of(geometry: Geometry, limits: Limits, view: View, centre: Pose) -> FeasibleRegion:
     """Where poses may be placed."""
     facing = np.array(view.facing)
-    return Region(
+    return FeasibleRegion(
         geometry,
         limits,
         pose_row(centre),
@@ -94,7 +93,7 @@ def make_plan(
         )
     try:
         fitted = boundary_poses(region, request.identification_shots, rng)
-        unseen = inner_poses(_inner(region), 2 * request.validation_pairs, rng)
+        unseen = interior_poses(_inner(region), 2 * request.validation_pairs, rng)
     except WorkspaceTooSmall as error:
         raise PlanInvalid(
             f"too small a part of the workspace can be measured: {error}",
@@ -103,13 +102,13 @@ def make_plan(
     poses = np.vstack([fitted, unseen])
     joints = inverse(geometry, poses).require()
     centre_joints = inverse(geometry, region.centre[None]).require()[0]
-    pairs = np.vstack([pair_up(fitted, rng), pair_up(unseen, rng) + len(fitted)])
-    tour = order_pairs(joints, pairs, centre_joints)
+    pairs = np.vstack([random_pairs(fitted, rng), random_pairs(unseen, rng) + len(fitted)])
+    tour = shortest_tour(joints, pairs, centre_joints)
     drift = (region.centre, centre_joints)
     return numbered_shots(tour, poses, joints, len(fitted), drift, request.drift_shots)
 
 
-def _inner(region: Region) -> Region:
+def _inner(region: FeasibleRegion) -> FeasibleRegion:
     """Where validation poses may be placed."""
     low, high = region.limits.joint_rad
     further = UNSEEN_JOINT_RESERVE_RAD - JOINT_RESERVE_RAD

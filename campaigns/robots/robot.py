@@ -9,15 +9,31 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Self
 
+import numpy as np
 from pydantic import JsonValue
 from ruamel.yaml.comments import CommentedMap
 
 from campaigns.errors import ConfigInvalid
-from campaigns.files.textfile import write_new_text
+from campaigns.files.text_file import write_new_text
 from campaigns.files.wording import nearest_word, suggestion
-from campaigns.files.yamlfile import YamlDocument, checked, parse_document, read_document, yaml_text
-from campaigns.parameters import ARM_FIELDS, ARMS, AXIS_TILT_NAMES, PARAMETER_NAMES
+from campaigns.files.yaml_file import (
+    YamlDocument,
+    checked,
+    parse_document,
+    read_document,
+    yaml_text,
+)
+from campaigns.mechanisms.feasibility import Limits
+from campaigns.mechanisms.geometry import (
+    ARM_FIELDS,
+    ARMS,
+    AXIS_TILT_NAMES,
+    PARAMETER_NAMES,
+    Array,
+    Geometry,
+)
 from campaigns.robots.schema import SCHEMA, LimitsContents, RobotContents
+from drivers.values import Pose
 
 Range = tuple[float, float]
 
@@ -239,3 +255,23 @@ def _limits(contents: LimitsContents) -> RobotLimits:
 def _radians(limits_deg: Range) -> Range:
     low_deg, high_deg = limits_deg
     return math.radians(low_deg), math.radians(high_deg)
+
+
+def numeric_geometry(robot: RobotFile) -> Geometry:
+    """The parameter set as arrays."""
+    return Geometry.from_flat(robot.geometry_flat())
+
+
+def numeric_limits(robot: RobotFile) -> Limits:
+    """The limits as the numerics want them."""
+    return Limits(robot.limits.joint_rad, robot.limits.theta_rad, robot.limits.forearm_swing_rad)
+
+
+def pose_row(pose: Pose) -> Array:
+    """X, Y, Z in mm and θ in rad, (4,)."""
+    return np.array([pose.x_mm, pose.y_mm, pose.z_mm, pose.theta_rad], dtype=np.float64)
+
+
+def pose_of(row: Array) -> Pose:
+    """A row (4,) as a pose."""
+    return Pose(*(float(value) for value in row))

@@ -6,9 +6,8 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, JsonValue
 
 from campaigns.files.wording import shown, suggestion
-from campaigns.files.yaml_explanation import broken_rule
-from campaigns.files.yamlfile import FileModel
-from campaigns.parameters import AXIS_TILT_NAMES, PARAMETER_NAMES
+from campaigns.files.yaml_file import FileModel, broken_rule
+from campaigns.mechanisms.geometry import AXIS_TILT_NAMES, PARAMETER_NAMES
 
 SCHEMA = "pkmcal/robot/1"
 

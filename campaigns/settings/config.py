@@ -6,9 +6,14 @@ from pathlib import Path
 from pydantic import Field
 
 from campaigns.errors import ConfigInvalid, NotACampaign
-from campaigns.files.commented_yaml import commented_yaml
-from campaigns.files.textfile import make_folder, read_text, refuse_existing, write_new_text
-from campaigns.files.yamlfile import FileModel, checked, checked_settings, read_document
+from campaigns.files.text_file import make_folder, read_text, refuse_existing, write_new_text
+from campaigns.files.yaml_file import (
+    FileModel,
+    checked,
+    checked_settings,
+    commented_yaml,
+    read_document,
+)
 from campaigns.robots.robot import RobotDocument, read_robot
 from campaigns.settings.sections import (
     AcceptanceConfig,

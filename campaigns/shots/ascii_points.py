@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from campaigns.errors import ShotsInvalid
-from campaigns.files.textfile import read_text
+from campaigns.files.text_file import read_text
 from campaigns.files.wording import shown, suggestion
 from drivers.values import Vector3
 

@@ -12,8 +12,17 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from campaigns.errors import ShotsInvalid
-from campaigns.files.csvfile import CsvForm, CsvRow, parse_csv
-from campaigns.files.shot_columns import (
+from campaigns.files.csv_file import CsvForm, CsvRow, parse_csv
+from campaigns.files.text_file import read_text
+from campaigns.files.wording import nearest_word, shown
+from campaigns.shots.ascii_points import (
+    NAME_JOINT,
+    LengthUnit,
+    NamedPoint,
+    PointFile,
+    read_points,
+)
+from campaigns.shots.columns import (
     JOINT_COLUMNS,
     SHOTS_OF_A_PAIR,
     PairedRow,
@@ -22,17 +31,8 @@ from campaigns.files.shot_columns import (
     pair_number,
     shot_set,
 )
-from campaigns.files.textfile import read_text
-from campaigns.files.wording import nearest_word, shown
-from campaigns.shot_sets import ShotSet
-from campaigns.shots.ascii_points import (
-    NAME_JOINT,
-    LengthUnit,
-    NamedPoint,
-    PointFile,
-    read_points,
-)
-from campaigns.shots.exchange import ShotRow
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots_csv import ShotRow
 
 Join = Literal["name", "order"]
 JOIN_WORDS = get_args(Join)

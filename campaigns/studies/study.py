@@ -1,36 +1,110 @@
-"""One simulated campaign after the other: what an estimator finds when the truth is known.
+"""What goes into a study: shots, robots, noise; and what comes out of each of its campaigns."""
 
-Shots are the model's own with the tracker's noise added, so a study shows what noise and plan do,
-at hundreds of campaigns a second; what no parameter describes is for a dry run to show. Each
-campaign draws from its own number alone, so the numbers are the same wherever and in whatever
-order they are computed.
-"""
-
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
 
 import numpy as np
 
-from campaigns.estimators import Estimator
-from campaigns.numerics.estimate import allowed_scale, noise_of
-from campaigns.numerics.fit import Fit, solve
-from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import FILE_UNIT, Array, Geometry, indices
-from campaigns.numerics.instrument import distance_variance_mm2, point_covariance_mm2
-from campaigns.numerics.pairs import distances_mm
-from campaigns.numerics.point_prediction import points_covariance
-from campaigns.numerics.prediction import predict_distances
-from campaigns.numerics.residuals import (
+from campaigns.estimation.estimate import chi_square_test, variance_scale
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.information import points_covariance, predict_distances
+from campaigns.estimation.least_squares import Solution, solve
+from campaigns.estimation.observability import covariance, observability, unobservable_combinations
+from campaigns.estimation.point_sets import distances_mm
+from campaigns.estimation.residuals import (
     DistanceResiduals,
-    NoAssembly,
     PointResiduals,
     PositionModel,
     Residuals,
 )
-from campaigns.numerics.robust import Loss
-from campaigns.numerics.statistics import covariance, observability, unobservable_combinations
-from campaigns.studies.setup import CampaignOutcome, Estimate, PairedShots, StudySetup, StudyTask
+from campaigns.estimation.rigid_transforms import Transform
+from campaigns.estimation.robust import Loss
+from campaigns.estimation.tracker_noise import (
+    TrackerUncertainty,
+    distance_variance_mm2,
+    point_covariance_mm2,
+)
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import FILE_UNIT, Array, Geometry, Index, indices
+from campaigns.mechanisms.par4 import NoSolution
+from campaigns.version import VERSION
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairedShots:
+    """Joints (N, 4) of a plan's shots, and which rows are pairs, (M, 2)."""
+
+    joints_rad: Array
+    pairs: Index
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StudySetup:
+    """What all campaigns of a study share."""
+
+    nominal: Geometry
+    free: tuple[str, ...]
+    estimator: Estimator
+    fitted: PairedShots
+    unseen: PairedShots
+    tracker_from_base: Transform
+    uncertainty: TrackerUncertainty
+    seed: int
+
+    @property
+    def dof(self) -> int:
+        """Numbers measured less numbers sought; of points three a shot, and a frame's six more."""
+        if self.estimator is Estimator.POINTS:
+            return 3 * len(self.fitted.joints_rad) - len(self.free) - 6
+        return len(self.fitted.pairs) - len(self.free)
+
+    def digest(self, truth: str) -> str:
+        """Twelve characters that differ between studies; `truth` says how robots are drawn."""
+        parts = [self.nominal.vector(), self.tracker_from_base.rotation]
+        parts += [self.tracker_from_base.translation_mm]
+        for shots in (self.fitted, self.unseen):
+            parts += [shots.joints_rad, shots.pairs.astype(np.float64)]
+        settings = (truth, self.free, self.estimator.value, self.uncertainty, self.seed)
+        text = repr((*settings, VERSION))  # another version may find other numbers
+        hashed = hashlib.sha256(text.encode("utf-8"))
+        for part in parts:
+            hashed.update(np.ascontiguousarray(part).tobytes())
+        return hashed.hexdigest()[:12]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StudyTask:
+    """Some campaigns of a study, and the true parameters of each as rows, mm and rad."""
+
+    setup: StudySetup
+    numbers: tuple[int, ...]
+    truths: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CampaignEstimate:
+    """What one campaign found of the free parameters, in file units (mm, deg): it is to be read."""
+
+    errors: Array
+    """Identified minus true, (F,)."""
+    std: Array
+    """As the estimator states it, (F,)."""
+    bound: Array
+    """The least standard deviation that its data allow (Cramér and Rao), at the truth, (F,)."""
+    unseen_mean_mm: float
+    """Of the errors of distances never fitted, against the true robot; NaN without such pairs."""
+    unseen_max_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CampaignOutcome:
+    """An estimate, or why there is none."""
+
+    number: int
+    estimate: CampaignEstimate | None
+    failure: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +144,7 @@ def run_task(task: StudyTask) -> tuple[CampaignOutcome, ...]:
 def indistinguishable(setup: StudySetup) -> list[tuple[str, ...]]:
     """Free parameters that move together without any effect on what the nominal robot's shots tell.
 
-    Raises `NoAssembly` when the nominal robot cannot take them.
+    Raises `NoSolution` when the nominal robot cannot take them.
     """
     near = _nominal_poses(setup)
     exact_mm = setup.tracker_from_base.apply(near.fitted[:, :3])
@@ -79,14 +153,14 @@ def indistinguishable(setup: StudySetup) -> list[tuple[str, ...]]:
     return unobservable_combinations(seen, setup.free)
 
 
-def stated_std(estimator: Estimator, fit: Fit) -> Array:
+def stated_std(estimator: Estimator, fit: Solution) -> Array:
     """Standard deviations as identification states them of the same shots, (P,), mm and rad.
 
     From the tracker's stated noise for points, as long as χ² believes it; else from the scatter.
     """
-    seen = noise_of(float(fit.residual @ fit.residual), len(fit.residual) - len(fit.x), None)
+    seen = chi_square_test(float(fit.residual @ fit.residual), len(fit.residual) - len(fit.x), None)
     trusted = estimator is Estimator.POINTS
-    scale = allowed_scale(seen.ratio, seen, Loss(), trusted=trusted)
+    scale = variance_scale(seen.ratio, seen, Loss(), trusted=trusted)
     assert scale is not None, "a set-up leaves degrees of freedom"
     return np.asarray(scale * np.sqrt(np.diag(covariance(fit.jacobian))))
 
@@ -101,7 +175,7 @@ def _nominal_poses(setup: StudySetup) -> _NominalPoses:
 
 
 def _robot(setup: StudySetup, near: _NominalPoses, values: tuple[float, ...]) -> _Robot:
-    """Raises `NoAssembly`, and `LinAlgError` when its shots do not fix the parameters."""
+    """Raises `NoSolution`, and `LinAlgError` when its shots do not fix the parameters."""
     vector = np.array(values)
     true = Geometry.from_vector(vector)
     poses = forward(true, setup.fitted.joints_rad, near.fitted).require()
@@ -138,7 +212,7 @@ def _outcome(
         if not fit.converged:
             return CampaignOutcome(number, None, fit.message)
         return CampaignOutcome(number, _estimate(setup, true, fit), "")
-    except (NoAssembly, np.linalg.LinAlgError) as error:
+    except (NoSolution, np.linalg.LinAlgError) as error:
         return CampaignOutcome(number, None, str(error))
 
 
@@ -159,7 +233,7 @@ def _problem(setup: StudySetup, near: _NominalPoses, points_mm: Array) -> Residu
     return DistanceResiduals(model, first, second, distances_mm(points_mm, first, second))
 
 
-def _estimate(setup: StudySetup, true: _Robot, fit: Fit) -> Estimate:
+def _estimate(setup: StudySetup, true: _Robot, fit: Solution) -> CampaignEstimate:
     free = indices(setup.free)
     identified = setup.nominal.vector()
     identified[free] = fit.x[: len(free)]
@@ -170,11 +244,11 @@ def _estimate(setup: StudySetup, true: _Robot, fit: Fit) -> Estimate:
     if unseen_mm.size:
         mean, most = float(unseen_mm.mean()), float(unseen_mm.max())
     unit = FILE_UNIT[free]
-    return Estimate(errors / unit, std / unit, true.bound / unit, mean, most)
+    return CampaignEstimate(errors / unit, std / unit, true.bound / unit, mean, most)
 
 
 def _unseen_errors_mm(unseen: PairedShots, true: _Robot, identified: Geometry) -> Array:
-    """Sizes of the errors of distances, (M,); raises `NoAssembly`."""
+    """Sizes of the errors of distances, (M,); raises `NoSolution`."""
     first, second = unseen.pairs.T
     found = forward(identified, unseen.joints_rad, true.unseen).require()
     exact_mm, found_mm = (distances_mm(p[:, :3], first, second) for p in (true.unseen, found))

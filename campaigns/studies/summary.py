@@ -8,9 +8,9 @@ import numpy as np
 from scipy.special import bdtrik, ndtri, stdtr, stdtrit
 
 from campaigns.errors import ShotsMissing
-from campaigns.estimators import Estimator
-from campaigns.numerics.geometry import Array
-from campaigns.studies.setup import CampaignOutcome, Estimate, StudySetup
+from campaigns.estimation.estimators import Estimator
+from campaigns.mechanisms.geometry import Array
+from campaigns.studies.study import CampaignEstimate, CampaignOutcome, StudySetup
 
 CONFIDENCE = 0.95
 LEAST_CAMPAIGNS = 2
@@ -135,7 +135,9 @@ def chance(setup: StudySetup, campaigns: int) -> Chance:
     )
 
 
-def _parameters(setup: StudySetup, found: Sequence[Estimate]) -> tuple[ParameterSummary, ...]:
+def _parameters(
+    setup: StudySetup, found: Sequence[CampaignEstimate]
+) -> tuple[ParameterSummary, ...]:
     errors, stated, bound = (
         np.array(values)
         for values in zip(*((one.errors, one.std, one.bound) for one in found), strict=True)

@@ -3,9 +3,9 @@
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
-from drivers.agreement import changed, require_kept
 from drivers.emscon.client import EmsconClient
 from drivers.errors import DeviceNotReady
+from drivers.session import changed, require_kept
 from drivers.wire.emscon_constants import (
     AngleUnit,
     Command,

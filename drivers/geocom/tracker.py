@@ -8,11 +8,24 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.geocom.accuracy import Accuracy, accuracy_of_class, covariance_mm2
-from drivers.geocom.aiming import is_locked, lock_if_in_view, require_lock, search, turn_to
 from drivers.geocom.client import GeocomClient, GeocomDeadlines
-from drivers.geocom.measuring import measure_point, weather_set
-from drivers.geocom.prisms import known_prisms, prism_in_use
-from drivers.geocom.setup import Settings, read_kind, require_unchanged, set_up
+from drivers.geocom.measuring import (
+    is_locked,
+    lock_if_in_view,
+    measure_point,
+    require_lock,
+    search,
+    turn_to,
+    weather_set,
+)
+from drivers.geocom.setup import (
+    Settings,
+    known_prisms,
+    prism_in_use,
+    read_kind,
+    require_unchanged,
+    set_up,
+)
 from drivers.link import never
 from drivers.ports import Clock
 from drivers.session import PreparedSession

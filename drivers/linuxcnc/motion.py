@@ -4,13 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import degrees, isfinite
 
-from drivers.errors import (
-    DeviceRefused,
-    EmergencyStop,
-    LimitViolation,
-    MotionFault,
-)
-from drivers.linuxcnc.state import JOINTS, Coordinates
+from drivers.errors import DeviceRefused, EmergencyStop, LimitViolation, MotionFault
+from drivers.linuxcnc.machine_state import JOINTS, Coordinates
 
 DECIMALS = 6
 """Of mm and deg, as LinuxCNC tells positions: what was sent is read back to the digit."""

@@ -1,24 +1,83 @@
-"""Starts, follows and stops LinuxCNC's motions on a connection that has control."""
+"""Motion of a LinuxCNC machine: moves started, watched and stopped."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from math import radians
 
-from drivers.errors import DeviceNotReady, DeviceRefused, LinkDown, MotionFault
-from drivers.linuxcnc.access import LinuxcncAccess
-from drivers.linuxcnc.conversation import LinuxcncConversation
-from drivers.linuxcnc.motion import MDI, Pace, Target, refusal
-from drivers.linuxcnc.settings import LinuxcncSettings
-from drivers.linuxcnc.state import (
-    READING_PAUSE_S,
-    READINGS,
-    Snapshot,
-    take_snapshot,
-)
-from drivers.linuxcnc.watch import MotionWatch
+from drivers.errors import DeviceNotReady, DeviceRefused, LimitViolation, LinkDown, MotionFault
+from drivers.linuxcnc.client import LinuxcncClient
+from drivers.linuxcnc.machine_state import READING_PAUSE_S, READINGS, Snapshot, take_snapshot
+from drivers.linuxcnc.motion import MDI, JointLimits, Pace, Target, refusal
+from drivers.linuxcnc.setup import Kinematics, LinuxcncAccess, LinuxcncSettings
+from drivers.polling import comes_true
 from drivers.ports import Clock
 from drivers.stopping import await_standstill
-from drivers.values import RobotState
-from drivers.waiting import comes_true
+from drivers.values import Pose, RobotState
+
+MESSAGES_KEPT = 5
+
+
+class MotionWatch:
+    """What was commanded last, what has been said since, and when anything last changed."""
+
+    def __init__(self, frozen_s: float) -> None:
+        self._frozen_s = frozen_s
+        self._target: Target | None = None
+        self._messages: tuple[str, ...] = ()
+        self._seen: tuple[float, ...] = ()
+        self._changed_s = 0.0
+
+    @property
+    def target(self) -> Target | None:
+        """Where the motion goes; None when none is watched."""
+        return self._target
+
+    def begin(self, target: Target, now_s: float) -> None:
+        """Watch a motion that is being started."""
+        self._target, self._messages = target, ()
+        self._seen, self._changed_s = (), now_s
+
+    def forget(self) -> None:
+        """Watch nothing: the motion is over, was refused or was stopped."""
+        self._target = None
+
+    def renew(self) -> None:
+        """Forget what was said, too: the machine has been made ready."""
+        self._target, self._messages = None, ()
+
+    def hear(self, messages: Sequence[str]) -> None:
+        """Keep what LinuxCNC has said since the motion began."""
+        new = (message for message in messages if message not in self._messages)
+        self._messages = (*self._messages, *new)[-MESSAGES_KEPT:]
+
+    def is_under_way(self, snapshot: Snapshot) -> bool:
+        """Whether the trajectory still has way to go, as far as a machine without power can."""
+        if not snapshot.machine_on:
+            return False
+        if self._target is None:
+            return not snapshot.idle
+        return not snapshot.is_commanded(self._target.values)
+
+    def fault(self, snapshot: Snapshot, now_s: float, *, moving: bool) -> str:
+        """What is wrong, in LinuxCNC's words where it has any; empty when nothing is."""
+        said = "; ".join(self._messages)
+        if not snapshot.machine_on:
+            return said or "the machine is off"
+        if not snapshot.in_control:
+            return "another client has taken control of LinuxCNC"
+        if self._is_frozen(snapshot, now_s, moving=moving):
+            return said or (
+                f"a motion has not moved for {self._frozen_s:g} s: "
+                "feed hold, or a dead task or realtime part"
+            )
+        return said
+
+    def _is_frozen(self, snapshot: Snapshot, now_s: float, *, moving: bool) -> bool:
+        """Whether positions that should change have stopped changing: stale values look like it."""
+        seen = (*snapshot.commanded, *snapshot.joints_deg)
+        if seen != self._seen or not moving:
+            self._seen, self._changed_s = seen, now_s
+        return now_s - self._changed_s > self._frozen_s
 
 
 class LinuxcncMover:
@@ -36,7 +95,7 @@ class LinuxcncMover:
         """Whether a motion was started that has not been seen to end."""
         return self._watch.target is not None
 
-    def state(self, conversation: LinuxcncConversation) -> RobotState:
+    def state(self, conversation: LinuxcncClient) -> RobotState:
         """Read everything; takes some 10 ms to be sure that the joints stand."""
         first = self._snapshot(conversation)
         standing = self._standing(conversation, first)
@@ -57,13 +116,13 @@ class LinuxcncMover:
         """Forget the last motion and its faults: the machine has been made ready."""
         self._watch.renew()
 
-    def is_moving(self, conversation: LinuxcncConversation) -> bool:
+    def is_moving(self, conversation: LinuxcncClient) -> bool:
         """Whether anything moves, whoever started it."""
         return self._standing(conversation, self._snapshot(conversation)) is None
 
     def start(
         self,
-        conversation: LinuxcncConversation,
+        conversation: LinuxcncClient,
         way: Sequence[Target],
         travel_rad: float,
         speed_fraction: float,
@@ -85,7 +144,7 @@ class LinuxcncMover:
                 raise self._not_taken(conversation, error) from error
         self._await_start(conversation, way[-1])
 
-    def halt(self, conversation: LinuxcncConversation, give_up_s: float) -> None:
+    def halt(self, conversation: LinuxcncClient, give_up_s: float) -> None:
         """Have the robot stand, and see it stand; raises `DriverError` when that is not seen.
 
         By an abort, which brakes on the path; if that is not taken, by LinuxCNC's e-stop.
@@ -105,10 +164,10 @@ class LinuxcncMover:
             pause_s=self._deadlines.poll_s,
         )
 
-    def _snapshot(self, conversation: LinuxcncConversation) -> Snapshot:
+    def _snapshot(self, conversation: LinuxcncClient) -> Snapshot:
         return take_snapshot(conversation, self._settings.coordinates)
 
-    def _standing(self, conversation: LinuxcncConversation, first: Snapshot) -> Snapshot | None:
+    def _standing(self, conversation: LinuxcncClient, first: Snapshot) -> Snapshot | None:
         """The last of several readings at which everything stood; None while anything moves."""
         latest = first
         for _ in range(READINGS - 1):
@@ -120,7 +179,7 @@ class LinuxcncMover:
                 return None
         return None if self._watch.is_under_way(latest) else latest
 
-    def _check_ready(self, conversation: LinuxcncConversation) -> None:
+    def _check_ready(self, conversation: LinuxcncClient) -> None:
         snapshot = self._snapshot(conversation)
         if snapshot.emergency_stop or not snapshot.machine_on:
             raise self._refusal(conversation, snapshot)
@@ -139,7 +198,7 @@ class LinuxcncMover:
                 f"{conversation.name}: LinuxCNC is still at work", remedy="wait until it stands"
             )
 
-    def _await_start(self, conversation: LinuxcncConversation, target: Target) -> None:
+    def _await_start(self, conversation: LinuxcncClient, target: Target) -> None:
         """Wait until the move has begun; raises what its refusal means.
 
         What comes later is told by `state`.
@@ -162,7 +221,7 @@ class LinuxcncMover:
 
     def _refusal(
         self,
-        conversation: LinuxcncConversation,
+        conversation: LinuxcncClient,
         snapshot: Snapshot,
         messages: Sequence[str] = (),
     ) -> DeviceRefused:
@@ -177,7 +236,7 @@ class LinuxcncMover:
         )
 
     def _not_taken(
-        self, conversation: LinuxcncConversation, error: DeviceRefused
+        self, conversation: LinuxcncClient, error: DeviceRefused
     ) -> DeviceRefused | LinkDown:
         """What it means that an order was not even received."""
         snapshot = self._snapshot(conversation)
@@ -190,7 +249,7 @@ class LinuxcncMover:
             "restart LinuxCNC",
         )
 
-    def _cut_power(self, conversation: LinuxcncConversation) -> None:
+    def _cut_power(self, conversation: LinuxcncClient) -> None:
         conversation.order("estop", "on")
         if not comes_true(
             lambda: not conversation.is_on("machine"),
@@ -202,3 +261,50 @@ class LinuxcncMover:
                 f"{conversation.name}: LinuxCNC takes neither abort nor e-stop",
                 remedy="use the hardware stop",
             )
+
+
+PARTS = (1, 2, 4, 8, 16)
+LOOKS_A_PART = 8
+REMEDY = "jog the robot towards the workspace's centre, or allow the joints more on their way"
+
+
+def way_to(
+    kinematics: Kinematics, passing: JointLimits, from_rad: Sequence[float], to_rad: Sequence[float]
+) -> tuple[Pose, ...]:
+    """Poses to pass, the last being that of `to_rad`; raises `LimitViolation`."""
+    start, end = kinematics.pose(from_rad), kinematics.pose(to_rad)
+    for parts in PARTS:
+        between = (_between(from_rad, to_rad, part / parts) for part in range(1, parts))
+        poses = (*map(kinematics.pose, between), end)
+        if all(_is_within(kinematics, passing, *leg) for leg in pairwise((start, *poses))):
+            return poses
+    raise LimitViolation(
+        f"no way to its target keeps the joints within "
+        f"{passing.text()} on {PARTS[-1]} straight parts",
+        remedy=REMEDY,
+        code="WAY",
+    )
+
+
+def _is_within(kinematics: Kinematics, passing: JointLimits, start: Pose, end: Pose) -> bool:
+    try:
+        for pose in _along(start, end):
+            passing.check(kinematics.joints_rad(pose))
+    except LimitViolation:
+        return False
+    return True
+
+
+def _along(start: Pose, end: Pose) -> Iterator[Pose]:
+    """Poses on the straight line, without its ends."""
+    first = (start.x_mm, start.y_mm, start.z_mm, start.theta_rad)
+    last = (end.x_mm, end.y_mm, end.z_mm, end.theta_rad)
+    for look in range(1, LOOKS_A_PART):
+        yield Pose(*_between(first, last, look / LOOKS_A_PART))
+
+
+def _between(
+    first: Sequence[float], last: Sequence[float], part: float
+) -> tuple[float, float, float, float]:
+    a, b, c, d = (one + part * (other - one) for one, other in zip(first, last, strict=True))
+    return a, b, c, d

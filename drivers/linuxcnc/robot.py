@@ -1,20 +1,24 @@
-"""A robot whose controller is LinuxCNC, over linuxcncrsh: units and meaning."""
+"""Comes to LinuxCNC and leaves it: the same machine as before, in control, with nothing moving."""
 
 from collections.abc import Callable, Mapping, Sequence
 from math import degrees, radians
 
 from drivers.errors import DeviceNotReady, DriverError, WrongDevice
 from drivers.link import never
-from drivers.linuxcnc.access import LinuxcncAccess
-from drivers.linuxcnc.conversation import LinuxcncConversation
+from drivers.linuxcnc.client import LinuxcncClient
+from drivers.linuxcnc.machine_state import Coordinates, position_in, read_joints_deg
 from drivers.linuxcnc.motion import Target
-from drivers.linuxcnc.mover import LinuxcncMover
-from drivers.linuxcnc.settings import Kinematics, KinematicsOf, LinuxcncSettings, ParameterStore
-from drivers.linuxcnc.state import Coordinates, position_in, read_joints_deg
-from drivers.linuxcnc.way import way_to
+from drivers.linuxcnc.mover import LinuxcncMover, way_to
+from drivers.linuxcnc.setup import (
+    Kinematics,
+    KinematicsOf,
+    LinuxcncAccess,
+    LinuxcncSettings,
+    ParameterStore,
+)
 from drivers.ports import Clock
 from drivers.session import Session
-from drivers.stopping import Stopping, state_unknown
+from drivers.stopping import StopProcedure, state_unknown
 from drivers.transport import Transport
 from drivers.values import Identity, Pose, RobotState
 
@@ -45,7 +49,7 @@ class LinuxcncRobot:
         self._store = store
         self._kinematics_of = kinematics_of
         self._kinematics: Kinematics | None = None
-        self._stopping = Stopping(
+        self._stopping = StopProcedure(
             clock,
             within_s=settings.deadlines.stop_s,
             pause_s=settings.deadlines.poll_s,
@@ -171,7 +175,7 @@ class LinuxcncRobot:
         targets = [Target.of(self._settings.coordinates, place) for place in numbers]
         self._mover.start(conversation, targets, travel_rad, speed_fraction)
 
-    def _check_kinematics(self, conversation: LinuxcncConversation) -> None:
+    def _check_kinematics(self, conversation: LinuxcncClient) -> None:
         joints_deg = read_joints_deg(conversation)
         told = position_in(conversation.get("abs_act_pos"), self._settings.coordinates)
         expected: tuple[float, ...] = joints_deg

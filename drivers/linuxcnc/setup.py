@@ -1,18 +1,52 @@
-"""Brings LinuxCNC into the state that moving needs: e-stop released, machine on, homed, MDI mode.
+"""What the LinuxCNC driver is told, and what it asks of others: limits, kinematics, parameters."""
 
-Every order is only received when it is acknowledged: each step is asked for until it is seen.
-"""
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from math import radians
+from typing import Protocol
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
-from drivers.errors import EmergencyStop, MotionFault, WrongDevice
-from drivers.linuxcnc.conversation import LinuxcncConversation
-from drivers.linuxcnc.state import JOINTS
+from drivers.errors import DeviceRefused, EmergencyStop, MotionFault, WrongDevice
+from drivers.linuxcnc.client import LinuxcncClient, Passwords, Patience
+from drivers.linuxcnc.machine_state import JOINTS, Coordinates
+from drivers.linuxcnc.motion import MDI, PER_MINUTE, JointLimits
+from drivers.polling import comes_true
 from drivers.ports import Clock
-from drivers.waiting import comes_true
+from drivers.transport import Transport
+from drivers.values import Identity, Pose
 
-UNITS = {"user_linear_units": "MM", "user_angular_units": "DEG"}
+
+class Kinematics(Protocol):
+    """A parameter set at work."""
+
+    def joints_rad(self, pose: Pose) -> tuple[float, ...]:
+        """Encoder angles of a pose; raises `LimitViolation` for one out of reach."""
+        ...
+
+    def pose(self, joints_rad: Sequence[float]) -> Pose:
+        """Pose of encoder angles; raises `LimitViolation` where nothing can be assembled."""
+        ...
+
+
+KinematicsOf = Callable[[Mapping[str, float]], Kinematics]
+"""Puts a parameter set, by flat name in mm and deg, to work."""
+
+
+class ParameterStore(Protocol):
+    """Where the parameters are kept that poses are converted with."""
+
+    @property
+    def needs_machine_off(self) -> bool:
+        """Whether writing changes what LinuxCNC itself works with."""
+        ...
+
+    def read(self) -> Mapping[str, float]:
+        """All parameters by flat name, mm and deg."""
+        ...
+
+    def write(self, geometry: Mapping[str, float]) -> None:
+        """Replace all of them, or raise and keep the old."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,11 +60,44 @@ class SetupDeadlines:
     """A machine with a faulty drive is seen on for a moment."""
 
 
+@dataclass(frozen=True, slots=True)
+class LinuxcncDeadlines:
+    """How long things may take, in real seconds."""
+
+    patience: Patience = field(default_factory=Patience)
+    setup: SetupDeadlines = field(default_factory=SetupDeadlines)
+    start_s: float = 1.0
+    """Until an accepted move has begun or been refused."""
+    frozen_s: float = 1.5
+    """How long positions may stay the same in a motion."""
+    stop_s: float = 8.0
+    poll_s: float = 0.005
+
+
+@dataclass(frozen=True, slots=True)
+class LinuxcncSettings:
+    """What no question can tell about this LinuxCNC."""
+
+    coordinates: Coordinates
+    limits: JointLimits
+    full_speed_rad_s: float
+    """Of the fastest joint at a speed fraction of 1."""
+    passwords: Passwords = field(default_factory=Passwords)
+    passing_slack_rad: float = radians(0.5)
+    """By how much joints may exceed their limits on the way. LinuxCNC must allow it."""
+    still_deg: float = 0.001
+    """The largest difference between readings of a joint that stands."""
+    deadlines: LinuxcncDeadlines = field(default_factory=LinuxcncDeadlines)
+
+
+UNITS = {"user_linear_units": "MM", "user_angular_units": "DEG"}
+
+
 class LinuxcncSetup:
     """The steps, on one connection that has control."""
 
     def __init__(
-        self, conversation: LinuxcncConversation, clock: Clock, deadlines: SetupDeadlines
+        self, conversation: LinuxcncClient, clock: Clock, deadlines: SetupDeadlines
     ) -> None:
         self._conversation = conversation
         self._clock = clock
@@ -145,3 +212,72 @@ class LinuxcncSetup:
     def _said(self) -> str:
         messages = self._conversation.messages()
         return f" ({'; '.join(messages)})" if messages else ""
+
+
+class LinuxcncAccess:
+    """Opens one connection after another to the same controller."""
+
+    def __init__(
+        self,
+        open_transport: Callable[[], Transport],
+        clock: Clock,
+        settings: LinuxcncSettings,
+        cancelled: Callable[[], bool],
+    ) -> None:
+        self._open_transport = open_transport
+        self._clock = clock
+        self._settings = settings
+        self._cancelled = cancelled
+
+    def opened(self) -> LinuxcncClient:
+        """Connect; nothing is said yet. Raises `LinkDown`."""
+        return LinuxcncClient(
+            self._open_transport(),
+            clock_s=self._clock.now_s,
+            patience=self._settings.deadlines.patience,
+            cancelled=self._cancelled,
+        )
+
+    def greet(self, conversation: LinuxcncClient) -> Identity:
+        """Say hello, and hear who answers; raises `WrongDevice`."""
+        greeting = conversation.greet(self._settings.passwords)
+        return Identity(
+            vendor="LinuxCNC",
+            model=f"Par4 in {self._settings.coordinates.value}",
+            serial=greeting.name,
+            firmware="not told",
+            protocol=f"linuxcncrsh {greeting.version}",
+        )
+
+    def take_over(self, conversation: LinuxcncClient) -> None:
+        """See that the machine is ours, take control, and first of all stop what moves.
+
+        LinuxCNC finishes a motion whose client was lost. Raises `LinkDown`, `WrongDevice`, or
+        `DeviceRefused` when the motion cannot be stopped, and then closes.
+        """
+        try:
+            self.setup(conversation).check_machine()
+            self.take_control(conversation)
+            if conversation.is_on("machine"):
+                conversation.order("abort")
+        except BaseException:  # also an interrupt: what it leaves behind is closed
+            conversation.close()
+            raise
+
+    def take_control(self, conversation: LinuxcncClient) -> None:
+        """Take control, also from another client; raises `WrongDevice`."""
+        conversation.take_control(self._settings.passwords)
+
+    def setup(self, conversation: LinuxcncClient) -> LinuxcncSetup:
+        """The steps of bringing it up, on this connection."""
+        return LinuxcncSetup(conversation, self._clock, self._settings.deadlines.setup)
+
+    def leave(self, conversation: LinuxcncClient) -> None:
+        """Stop and give control back; the caller closes. Another client's motion is left alone."""
+        if not conversation.is_on("enable"):
+            return
+        if conversation.is_on("machine"):
+            conversation.order("abort")
+            with suppress(DeviceRefused):  # not in MDI mode, or off by now: then it needs nothing
+                conversation.order(MDI, PER_MINUTE)
+        conversation.order("enable", "off")

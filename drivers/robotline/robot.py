@@ -8,9 +8,9 @@ from typing import TypeVar
 from drivers.errors import DeviceRefused, WireError, WrongDevice
 from drivers.link import never
 from drivers.ports import Clock
-from drivers.robotline.conversation import Conversation, open_conversation
+from drivers.robotline.client import RobotlineClient, open_client
 from drivers.session import Session
-from drivers.stopping import Stopping, await_standstill
+from drivers.stopping import StopProcedure, await_standstill
 from drivers.transport import Transport
 from drivers.values import Identity, Pose, RobotState
 from drivers.wire.robotline import sequence_from
@@ -78,7 +78,7 @@ class LineRobot:
         self._numbers = sequence_from(first_sequence)
         self._deadlines = deadlines
         self._session = Session("controller", self._opened, self._greet)
-        self._stopping = Stopping(
+        self._stopping = StopProcedure(
             clock,
             within_s=deadlines.standstill_s,
             pause_s=deadlines.poll_s,
@@ -168,12 +168,12 @@ class LineRobot:
         )
         return answer
 
-    def _greet(self, conversation: Conversation) -> Identity:
+    def _greet(self, conversation: RobotlineClient) -> Identity:
         greeting, _ = conversation.ask(Hello(VERSION), Greeting, self._deadlines.answer_s)
         return _identity(greeting)
 
-    def _opened(self, blindly: Command | None = None) -> Conversation:
-        return open_conversation(
+    def _opened(self, blindly: Command | None = None) -> RobotlineClient:
+        return open_client(
             self._open_transport(),
             self._numbers,
             clock_s=self._clock.now_s,

@@ -1,13 +1,17 @@
-"""emScon messages over packets: one grammar for the driver and for the simulated instrument."""
+"""Bodies of emScon packets: dataclass ↔ bytes.
+
+A body's `LAYOUT` has one letter a field: `i` 32-bit integer (also enumerations and flags, 0 or 1),
+`d` double, `v` three doubles, `s` text of 32 UTF-16 units. All little endian, without padding.
+"""
 
 import struct
 from dataclasses import dataclass, field
 
 from drivers.errors import WireError
-from drivers.wire.emscon_body import Body, decode_body, encode_body
-from drivers.wire.emscon_constants import Command, DataType
+from drivers.wire.emscon_constants import Command, DataType, ResultStatus
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
+    Body,
     CoordinateSystem,
     Direction,
     Environment,
@@ -30,9 +34,10 @@ from drivers.wire.emscon_messages import (
     TrackerInfo,
     TrackerStatus,
     Units,
+    decode_body,
+    encode_body,
 )
-from drivers.wire.emscon_status import ResultStatus
-from drivers.wire.packets import Packet, PacketFramer, encode_packet
+from drivers.wire.framing import Packet, PacketFramer, encode_packet
 
 NOTHING = Nothing()
 COMMAND_HEADER = struct.Struct("<i")

@@ -16,7 +16,7 @@ import re
 from dataclasses import dataclass
 
 from drivers.errors import WireError
-from drivers.wire.lines import LineFramer
+from drivers.wire.framing import LineFramer
 
 PROTOCOL = "1.1"
 LONGEST_REQUEST = 255

@@ -11,7 +11,7 @@ from itertools import count
 from typing import TypeVar
 
 from drivers.errors import WireError
-from drivers.wire.lines import LineFramer
+from drivers.wire.framing import LineFramer
 from drivers.wire.robotline_answers import READ_ANSWER, Answer
 from drivers.wire.robotline_commands import READ_COMMAND, Command
 from drivers.wire.robotline_words import Words

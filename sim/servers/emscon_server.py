@@ -13,19 +13,17 @@ from drivers.wire.emscon import (
     encode,
     refusal,
 )
-from drivers.wire.emscon_body import Body
-from drivers.wire.emscon_constants import Command, SystemChange, TrackerLight
+from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange, TrackerLight
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
+    Body,
     ErrorResponse,
     ReflectorPosition,
     StatusChange,
     Target,
     TrackerStatus,
 )
-from drivers.wire.emscon_status import ResultStatus
-from sim.servers.emscon_desk import Desk, Outcome, wrong_parameter
-from sim.servers.emscon_results import result_of
+from sim.servers.emscon_desk import InstrumentSettings, Outcome, result_of, wrong_parameter
 from sim.tracker.instrument import SimulatedTracker
 
 UNKNOWN_COMMAND = 64
@@ -67,7 +65,7 @@ class EmsconSession:
         self._send = send
         self._is_second = is_second
         self._framer = FromClientFramer()
-        self._desk = Desk(tracker)
+        self._desk = InstrumentSettings(tracker)
         self._pending: _Pending | None = None
         self._shown: TrackerLight | None = None
         self._next_position_s = 0.0

@@ -1,13 +1,42 @@
-"""What a simulated GeoCOM instrument knows and has been set to: everything that takes no time."""
+"""What a call of a simulated GeoCOM instrument leads to: now, or when it has ended."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from drivers.wire.geocom import parse_number, parse_string, parse_whole, parse_words
 from drivers.wire.geocom_constants import USER_PRISM, Capability, Result, Rpc, TargetType
-from drivers.wire.geocom_words import parse_number, parse_string, parse_whole, parse_words
-from sim.servers.geocom_outcome import DONE, Handler, Outcome, Value, refusal
 from sim.tracker.instrument import SimulatedTracker
+
+Value = float | str
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """A return code and the values behind it; whole numbers and flags are written as such."""
+
+    result: int = Result.OK
+    values: tuple[Value, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Later:
+    """Something that takes time: when it ends, and what then comes of it."""
+
+    due_s: float
+    finish: Callable[[float], Outcome]
+
+
+Handler = Callable[[Sequence[str], float], Outcome | Later]
+"""Takes a call's parameters as words, and the time; may raise `WireError` for the words."""
+
+DONE = Outcome()
+
+
+def refusal(result: Result, values: int = 0) -> Outcome:
+    """Say no; an instrument still sends its values, as zeros."""
+    return Outcome(result, (0.0,) * values)
+
 
 MODEL = "SIM-TS"
 DEVICE_CLASS = 350
@@ -31,7 +60,7 @@ class Place:
     target_height: float = 0.0
 
 
-class Desk:
+class InstrumentSettings:
     """Settings, as an instrument keeps them while nobody is connected, and readings.
 
     As it is found: somebody has surveyed with it before.

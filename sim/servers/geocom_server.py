@@ -15,10 +15,11 @@ from drivers.wire.geocom import (
     decode_request,
     encode_reply,
     line_framer,
+    number_word,
+    string_word,
 )
 from drivers.wire.geocom_constants import Result
-from drivers.wire.geocom_words import number_word, string_word
-from sim.servers.geocom_outcome import Later, Outcome, Value
+from sim.servers.geocom_desk import Later, Outcome, Value
 from sim.servers.geocom_station import GeocomStation
 
 MOST_WAITING = 100

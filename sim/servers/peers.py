@@ -1,13 +1,186 @@
-"""One client of one simulated device: its pipe, its session, what is still to be said to it."""
+"""Byte pipes as the simulated cell's server holds them: never waiting, never raising."""
 
+import contextlib
+import os
 import selectors
+import socket
+from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
 from drivers.errors import WireError
-from sim.servers.channels import Channel
-from sim.servers.outbox import Outbox
+from sim.faults import Fault
+
+CHUNK_BYTES = 65536
+
+
+class Channel(Protocol):
+    """One connection's pipe."""
+
+    keeps_open: bool
+    """Whether it outlives its client, as a serial line does."""
+
+    def fileno(self) -> int:
+        """For the selector."""
+        ...
+
+    def read(self) -> bytes | None:
+        """What has come, empty if nothing; None when the client has gone."""
+        ...
+
+    def write(self, data: bytes) -> int | None:
+        """How many bytes went out; None when the client has gone."""
+        ...
+
+    def close(self) -> None:
+        """Close."""
+        ...
+
+
+class TcpChannel:
+    """An accepted socket."""
+
+    keeps_open = False
+
+    def __init__(self, accepted: socket.socket) -> None:
+        self._socket = accepted
+        accepted.settimeout(0.0)
+        accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def fileno(self) -> int:
+        """For the selector."""
+        return self._socket.fileno()
+
+    def read(self) -> bytes | None:
+        """What has come, empty if nothing; None when the client has gone."""
+        try:
+            return self._socket.recv(CHUNK_BYTES) or None
+        except BlockingIOError:
+            return b""
+        except OSError:
+            return None
+
+    def write(self, data: bytes) -> int | None:
+        """How many bytes went out; None when the client has gone."""
+        try:
+            return self._socket.send(data)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            return None
+
+    def close(self) -> None:
+        """Close."""
+        self._socket.close()
+
+
+class PtyChannel:
+    """The device's end of a pseudo-terminal.
+
+    The client's end is held open too: a serial line does not notice who is there.
+    """
+
+    keeps_open = True
+
+    def __init__(self, device_end: int, client_end: int) -> None:
+        self._device_end = device_end
+        self._client_end = client_end
+        os.set_blocking(device_end, False)
+
+    def fileno(self) -> int:
+        """For the selector."""
+        return self._device_end
+
+    def read(self) -> bytes | None:
+        """What has come, empty if nothing."""
+        with contextlib.suppress(OSError):
+            return os.read(self._device_end, CHUNK_BYTES)
+        return b""
+
+    def write(self, data: bytes) -> int | None:
+        """How many bytes went out."""
+        with contextlib.suppress(OSError):
+            return os.write(self._device_end, data)
+        return 0
+
+    def close(self) -> None:
+        """Close both ends."""
+        os.close(self._device_end)
+        os.close(self._client_end)
+
+
+LATE_S = 600.0
+GARBLED = bytes(code ^ 0xA5 for code in range(256))
+
+
+@dataclass(frozen=True, slots=True)
+class _Item:
+    """Bytes that go out not before a time; nothing but the end of the connection if it `closes`."""
+
+    data: bytes
+    due_s: float
+    closes: bool = False
+
+
+class SendQueue:
+    """Messages in order. Each may be hit by one fault, decided when it is put in."""
+
+    def __init__(self, next_fault: Callable[[], Fault | None]) -> None:
+        self._next_fault = next_fault
+        self._items: deque[_Item] = deque()
+        self._going = bytearray()
+        self.wants_close = False
+
+    @property
+    def size_bytes(self) -> int:
+        """All that has not gone out yet."""
+        return len(self._going) + sum(len(item.data) for item in self._items)
+
+    def put(self, message: bytes, now_s: float) -> None:
+        """One whole message of the device."""
+        fault = self._next_fault()
+        self._items.extend(
+            [_Item(message, now_s)] if fault is None else _hit(message, fault, now_s)
+        )
+
+    def due(self, now_s: float) -> bytes:
+        """The bytes to write now. A message waits for the one before it."""
+        while self._items and self._items[0].due_s <= now_s and not self.wants_close:
+            item = self._items.popleft()
+            self._going += item.data
+            self.wants_close = item.closes
+        return bytes(self._going)
+
+    def written(self, count: int) -> None:
+        """So many of them have gone out."""
+        del self._going[:count]
+
+    def next_due_s(self) -> float | None:
+        """When the next message may go out."""
+        return self._items[0].due_s if self._items else None
+
+    def discard(self) -> None:
+        """Forget everything that has not gone out."""
+        self._items.clear()
+        self._going.clear()
+
+
+def _hit(message: bytes, fault: Fault, now_s: float) -> list[_Item]:
+    """What a fault leaves of a message."""
+    if fault.kind == "late":
+        return [_Item(message, now_s + (LATE_S if fault.seconds is None else fault.seconds))]
+    if fault.kind == "garbage":  # its last byte stays, so that a line still ends
+        return [_Item(message[:-1].translate(GARBLED) + message[-1:], now_s)]
+    if fault.kind == "torn":
+        half = len(message) // 2
+        rest = [] if fault.seconds is None else [_Item(message[half:], now_s + fault.seconds)]
+        return [_Item(message[:half], now_s), *rest]
+    if fault.kind == "close":
+        return [_Item(b"", now_s, closes=True)]
+    return []  # silent
+
 
 PAUSE_ABOVE_BYTES = 256 * 1024
 """A client that asks without reading is not listened to until it has read."""
@@ -45,7 +218,7 @@ class Peer:
     def __init__(
         self,
         channel: Channel,
-        outbox: Outbox,
+        outbox: SendQueue,
         factory: SessionFactory,
         already_open: int,
         now_s: Callable[[], float],

@@ -15,9 +15,15 @@ from typing import NamedTuple, TypeVar
 from sim.clock import CellClock
 from sim.errors import ServerFailed
 from sim.faults import ANSWERS_OF, DeviceName, Fault, FaultScript
-from sim.servers.channels import Channel, PtyChannel, TcpChannel
-from sim.servers.outbox import Outbox
-from sim.servers.peers import Peer, Session, SessionFactory
+from sim.servers.peers import (
+    Channel,
+    Peer,
+    PtyChannel,
+    SendQueue,
+    Session,
+    SessionFactory,
+    TcpChannel,
+)
 
 __all__ = ["CellServer", "Session", "SessionFactory"]
 
@@ -167,7 +173,7 @@ class CellServer:
         self._add(TcpChannel(accepted), factory, device_name)
 
     def _add(self, channel: Channel, factory: SessionFactory, device_name: DeviceName) -> None:
-        outbox = Outbox(partial(self._next_fault, device_name))
+        outbox = SendQueue(partial(self._next_fault, device_name))
         peer = Peer(channel, outbox, factory, self._open_count(device_name), self._clock.now_s)
         self._peers[peer] = device_name
         self._selector.register(channel, selectors.EVENT_READ, _Watch(peer.ready))

@@ -6,7 +6,7 @@ import json
 import pytest
 
 from app.console import Terminal
-from app.errors import NotConfirmed
+from app.exits import NotConfirmed
 
 
 def test_answers_and_talk_go_apart(capsys):

@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from app.counted_work import CountedWork, Pace
+from app.progress import CountedWork, Pace
 
 
 @pytest.mark.parametrize(

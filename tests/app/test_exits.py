@@ -2,7 +2,7 @@
 
 import pytest
 
-from app import errors as door_errors
+from app import exits as door_errors
 from app.exits import Exit, exit_code
 from campaigns import errors as campaign_errors
 from drivers import errors as driver_errors

@@ -6,23 +6,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.commands import new
-from app.commands.identify import AS_THE_PAPER, Asked, identify, request_of
-from app.commands.import_shots import import_shots
+from app.cli import new
+from app.cli.identify import AS_THE_PAPER, IdentifyOptions, identify, request_of
+from app.cli.import_shots import import_shots
 from app.folder import open_campaign
 from app.main import run_command
-from app.view import centre_of, view_of
-from campaigns.errors import KnowledgeInvalid
-from campaigns.estimators import Estimator, LossShape, Outliers
-from campaigns.numerics.forward import forward
-from campaigns.numerics.frames import from_paper_angles
-from campaigns.numerics.geometry import FREE_BY_DEFAULT, Geometry
-from campaigns.numerics.par4 import inverse
-from campaigns.numerics.placement import inner_poses
+from app.work_builders import centre_of, view_of
+from campaigns.design.pose_sampling import interior_poses
+from campaigns.errors import SelectionInvalid
+from campaigns.estimation.estimators import Estimator, LossShape, Outliers
+from campaigns.estimation.rigid_transforms import from_paper_angles
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, Geometry
+from campaigns.mechanisms.par4 import inverse
 from campaigns.planning.plans import region_of
-from campaigns.robots.arrays import numeric_geometry, numeric_limits
-from campaigns.shot_sets import ShotSet
-from campaigns.shots.exchange import ShotRow, write_shots
+from campaigns.robots.robot import numeric_geometry, numeric_limits
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots_csv import ShotRow, write_shots
 
 STD_MM = np.array([0.004, 0.012, 0.012])
 WRONG = (7, 50, 99)
@@ -41,7 +41,7 @@ def measured(campaign, moved_mm=0.0, seed=1):
     nominal = numeric_geometry(robot)
     from_everywhere = replace(view_of(campaign), acceptance_rad=float(np.pi))
     region = region_of(nominal, numeric_limits(robot), from_everywhere, centre_of(campaign))
-    joints = inverse(nominal, inner_poses(region, 160, rng)).require()
+    joints = inverse(nominal, interior_poses(region, 160, rng)).require()
     flat = nominal.flat()
     truth = Geometry.from_flat(flat | {name: flat[name] + e for name, e in ERRORS.items()})
     frame = from_paper_angles(np.array([2.1, 0.02, -0.03]), np.array([2500.0, 400.0, 300.0]))
@@ -203,8 +203,8 @@ def test_too_few_shots_are_refused_with_their_count(capsys, tmp_path):
 
 def test_what_the_options_mean_is_checked_before_anything_is_read(tmp_path):
     campaign = made(tmp_path / "campaign")
-    with pytest.raises(KnowledgeInvalid, match="matches no parameter"):
-        identify(campaign, Asked(free=("arm7.*",)))
+    with pytest.raises(SelectionInvalid, match="matches no parameter"):
+        identify(campaign, IdentifyOptions(free=("arm7.*",)))
     assert not campaign.journal_path.exists()
 
 

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from app.commands import devices
+from app.cli import devices
 from app.main import run_command
 from drivers.errors import LinkDown
 
@@ -13,7 +13,16 @@ COMMANDS = (
     *("new", "devices", "plan", "run", "import", "identify"),
     *("validate", "export", "load", "sim", "study", "dry-run"),
 )
-HEAVY = ("numpy", "scipy", "pydantic", "rich", "ruamel", "serial", "campaigns.numerics", "sim")
+HEAVY = (
+    "numpy",
+    "scipy",
+    "pydantic",
+    "rich",
+    "ruamel",
+    "serial",
+    "campaigns.estimation",
+    "sim.cell",
+)
 
 
 def said(capsys, *arguments):

@@ -7,25 +7,27 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from app.commands import new, plan
-from app.errors import UsageInvalid
+from app.cli import new, plan
+from app.exits import UsageInvalid
 from app.folder import open_campaign
-from app.forecast import paying_line, told_lines, warnings
 from app.main import run_command
-from app.planning import Asked, Placement, make, wanted_of
-from app.view import tracker_uncertainty_of
+from app.plan_precision_text import paying_line, told_lines, warnings
+from app.planning import Placement, PlanOptions, make, settled_plan
+from app.work_builders import tracker_uncertainty_of
+from campaigns.design.criteria import CriterionName
 from campaigns.errors import GoalInvalid, PlanInvalid, WriteFailed
-from campaigns.estimators import Estimator
-from campaigns.numerics.criteria import CriterionName
-from campaigns.numerics.geometry import FREE_BY_DEFAULT
-from campaigns.numerics.instrument import TrackerUncertainty, point_covariance_mm2
-from campaigns.numerics.point_prediction import predict_points
-from campaigns.numerics.prediction import Prediction
-from campaigns.parameters import AXIS_TILT_NAMES
-from campaigns.planning.foresight import CurvePoint, Expected, Foresight
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.information import PredictedCovariance, predict_points
+from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
+from campaigns.mechanisms.geometry import AXIS_TILT_NAMES, FREE_BY_DEFAULT
 from campaigns.planning.plans import joints_of, poses_of
-from campaigns.robots.arrays import numeric_geometry
-from campaigns.shot_sets import ShotSet
+from campaigns.planning.predicted_precision import (
+    PlanPrecision,
+    PrecisionCurvePoint,
+    PredictedPrecision,
+)
+from campaigns.robots.robot import numeric_geometry
+from campaigns.shots.shot_sets import ShotSet
 
 FEW = 200
 """Candidates, for plans that are soon made."""
@@ -54,10 +56,17 @@ def worst_mm(forecast):
 
 
 def test_what_asks_for_choosing_asks_for_the_optimal_placement(campaign):
-    for asked in (Asked(until="σ=0.1"), Asked(criterion="D"), Asked(candidates=FEW)):
-        assert wanted_of(campaign, asked).placement is Placement.OPTIMAL
-    assert wanted_of(campaign, Asked()).placement is Placement.BOUNDARY
-    assert wanted_of(campaign, Asked(placement=Placement.OPTIMAL)).placement is Placement.OPTIMAL
+    for asked in (
+        PlanOptions(until="σ=0.1"),
+        PlanOptions(criterion="D"),
+        PlanOptions(candidates=FEW),
+    ):
+        assert settled_plan(campaign, asked).placement is Placement.OPTIMAL
+    assert settled_plan(campaign, PlanOptions()).placement is Placement.BOUNDARY
+    assert (
+        settled_plan(campaign, PlanOptions(placement=Placement.OPTIMAL)).placement
+        is Placement.OPTIMAL
+    )
 
 
 @pytest.mark.parametrize(
@@ -65,27 +74,27 @@ def test_what_asks_for_choosing_asks_for_the_optimal_placement(campaign):
 )
 def test_boundary_placement_with_what_asks_for_choosing_is_refused(option, value):
     with pytest.raises(UsageInvalid, match=rf"--{option} .* --placement boundary"):
-        Asked(placement=Placement.BOUNDARY, **{option: value})
+        PlanOptions(placement=Placement.BOUNDARY, **{option: value})
 
 
 def test_the_settings_placement_holds_unless_an_option_says_otherwise(campaign):
     campaign = with_setting(campaign, "placement: boundary", "placement: optimal")
-    assert wanted_of(campaign, Asked()).placement is Placement.OPTIMAL
-    near = Asked(placement=Placement.BOUNDARY)
-    assert wanted_of(campaign, near).placement is Placement.BOUNDARY
+    assert settled_plan(campaign, PlanOptions()).placement is Placement.OPTIMAL
+    near = PlanOptions(placement=Placement.BOUNDARY)
+    assert settled_plan(campaign, near).placement is Placement.BOUNDARY
 
 
 def test_with_a_goal_the_shots_asked_for_are_the_most_allowed(campaign):
-    goal = wanted_of(campaign, Asked(until="σ=0.05")).request
+    goal = settled_plan(campaign, PlanOptions(until="σ=0.05")).request
     assert (goal.until_mm, goal.plan.identification_shots) == (0.05, 1000)
-    capped = wanted_of(campaign, Asked(until="σ=0.05", shots=60)).request
+    capped = settled_plan(campaign, PlanOptions(until="σ=0.05", shots=60)).request
     assert capped.plan.identification_shots == 60
-    assert wanted_of(campaign, Asked()).request.plan.identification_shots == 120
+    assert settled_plan(campaign, PlanOptions()).request.plan.identification_shots == 120
 
 
 def test_a_goal_that_is_none_is_refused(campaign):
     with pytest.raises(GoalInvalid, match=r"'0\.05' is not understood"):
-        wanted_of(campaign, Asked(until="0.05"))
+        settled_plan(campaign, PlanOptions(until="0.05"))
 
 
 def test_every_criterion_has_its_letter():
@@ -96,8 +105,8 @@ def test_every_criterion_has_its_letter():
 
 @pytest.mark.slow
 def test_an_optimal_plan_tells_more_than_one_near_the_boundary(campaign):
-    checked, near = make(campaign, Asked(shots=60, seed=1))
-    chosen, best = make(campaign, Asked(shots=60, seed=1, candidates=800))
+    checked, near = make(campaign, PlanOptions(shots=60, seed=1))
+    chosen, best = make(campaign, PlanOptions(shots=60, seed=1, candidates=800))
     assert len(chosen.shots) == len(checked.shots)
     assert worst_mm(best) < 0.8 * worst_mm(near)
     assert best.foresight.position_std_mm.mean() < 0.9 * near.foresight.position_std_mm.mean()
@@ -105,7 +114,7 @@ def test_an_optimal_plan_tells_more_than_one_near_the_boundary(campaign):
 
 @pytest.mark.slow
 def test_a_plan_for_a_goal_meets_it_by_the_campaigns_tracker(campaign):
-    checked, forecast = make(campaign, Asked(until="σ=0.06", candidates=FEW))
+    checked, forecast = make(campaign, PlanOptions(until="σ=0.06", candidates=FEW))
     shots = identification(checked)
     poses = poses_of(shots)
     tracker = campaign.config.tracker
@@ -124,26 +133,26 @@ def test_a_plan_for_a_goal_meets_it_by_the_campaigns_tracker(campaign):
 @pytest.mark.slow
 def test_the_data_sheet_in_the_settings_is_what_is_reckoned_with(campaign):
     assert tracker_uncertainty_of(campaign.config) == TrackerUncertainty.of_limits(15, 0, 15, 0)
-    _, sharp = make(campaign, Asked(shots=44))
+    _, sharp = make(campaign, PlanOptions(shots=44))
     coarse_one = campaign
     for key in ("along_um", "across_um"):
         coarse_one = with_setting(coarse_one, f"{key}: 15.0", f"{key}: 45.0")
-    _, coarse = make(coarse_one, Asked(shots=44))
+    _, coarse = make(coarse_one, PlanOptions(shots=44))
     assert worst_mm(coarse) == pytest.approx(3.0 * worst_mm(sharp), rel=1e-6)
 
 
 @pytest.mark.slow
 def test_coordinates_tell_more_than_distances_of_the_same_plan(campaign):
-    by_points, points = make(campaign, Asked(shots=60))
-    by_distances, distances = make(campaign, Asked(shots=60, estimator=Estimator.DISTANCES))
+    by_points, points = make(campaign, PlanOptions(shots=60))
+    by_distances, distances = make(campaign, PlanOptions(shots=60, estimator=Estimator.DISTANCES))
     assert by_points == by_distances
     assert worst_mm(points) < 0.6 * worst_mm(distances)
 
 
 @pytest.mark.slow
 def test_parameters_held_are_not_forecast_and_leave_the_others_surer(campaign):
-    _, everything = make(campaign, Asked(shots=60))
-    _, fewer = make(campaign, Asked(shots=60, fix=("arm*.forearm_mm",)))
+    _, everything = make(campaign, PlanOptions(shots=60))
+    _, fewer = make(campaign, PlanOptions(shots=60, fix=("arm*.forearm_mm",)))
     assert len(fewer.foresight.expected.names) == 18
     assert worst_mm(fewer) < worst_mm(everything)
 
@@ -152,7 +161,7 @@ def test_parameters_held_are_not_forecast_and_leave_the_others_surer(campaign):
 @pytest.mark.parametrize("placement", list(Placement))
 def test_a_plan_for_axis_tilts_says_how_well_it_will_tell_them(campaign, placement):
     few = 200 if placement is Placement.OPTIMAL else None
-    plain = Asked(shots=80, placement=placement, candidates=few)
+    plain = PlanOptions(shots=80, placement=placement, candidates=few)
     _, usual = make(campaign, plain)
     _, tilted = make(campaign, replace(plain, free=("arm*.axis_tilt_deg",)))
     std = tilted.foresight.expected.std_in_file_units
@@ -164,17 +173,17 @@ def test_a_plan_for_axis_tilts_says_how_well_it_will_tell_them(campaign, placeme
 
 
 def test_a_single_pair_tells_nothing_and_is_a_plan_all_the_same(campaign):
-    _, forecast = make(campaign, Asked(shots=2))
+    _, forecast = make(campaign, PlanOptions(shots=2))
     assert not forecast.foresight.expected.tells_all
     assert set(forecast.foresight.prediction.indices.values()) == {0.0}
 
 
 @pytest.mark.slow
 def test_parameters_that_nothing_tells_apart_leave_the_older_plan(campaign):
-    make(campaign, Asked(shots=44))
+    make(campaign, PlanOptions(shots=44))
     before = campaign.plan_path.read_text()
     for placement in Placement:
-        asked = Asked(shots=60, placement=placement, free=("arm0.z_mm",))
+        asked = PlanOptions(shots=60, placement=placement, free=("arm0.z_mm",))
         with pytest.raises(PlanInvalid, match=r"arm0\.z_mm, .* move together.*--fix"):
             make(campaign, asked)
     assert campaign.plan_path.read_text() == before
@@ -223,9 +232,9 @@ def test_what_people_read_names_the_worst_and_says_when_more_shots_stop_paying(c
     assert "predicted σ, mm" in picture.read_text()
 
 
-NOTHING_ODD = Foresight(
-    Expected(40, ("arm1.x_mm", "arm0.joint_offset_deg"), np.diag([4e-4, 1e-8])),
-    Prediction(np.array([0.02, 1e-4]), 2, 12.0, {"O1": 0.5}),
+NOTHING_ODD = PlanPrecision(
+    PredictedPrecision(40, ("arm1.x_mm", "arm0.joint_offset_deg"), np.diag([4e-4, 1e-8])),
+    PredictedCovariance(np.array([0.02, 1e-4]), 2, 12.0, {"O1": 0.5}),
     np.array([0.001, 0.003]),
     (0.5, 0.5, 0.5, 0.5),
 )
@@ -250,7 +259,7 @@ def test_the_worst_are_named_with_their_units():
 
 def test_more_shots_stop_paying_where_they_only_average():
     curve = [
-        CurvePoint(Expected(shots, ("plate_mm",), np.array([[variance]])), 0.0)
+        PrecisionCurvePoint(PredictedPrecision(shots, ("plate_mm",), np.array([[variance]])), 0.0)
         for shots, variance in ((14, 1.0), (20, 0.2), (40, 0.1), (80, 0.05))
     ]
     assert paying_line(curve).startswith("beyond about 20 shots")
@@ -260,7 +269,7 @@ def test_more_shots_stop_paying_where_they_only_average():
 def test_older_plans_are_kept_each_under_a_name_of_its_own(campaign):
     texts = []
     for seed in (1, 2, 3):
-        make(campaign, Asked(shots=44, seed=seed))
+        make(campaign, PlanOptions(shots=44, seed=seed))
         texts.append(campaign.plan_path.read_text())
     assert len(set(texts)) == 3
     kept = [campaign.path(f"plan-older-{number}.csv").read_text() for number in (1, 2)]
@@ -275,7 +284,7 @@ def test_a_plan_that_cannot_be_written_leaves_the_older_one(campaign, monkeypatc
 
     monkeypatch.setattr("campaigns.planning.plan_file.write_plan", write)
     with pytest.raises(WriteFailed):
-        make(campaign, Asked(shots=44))
+        make(campaign, PlanOptions(shots=44))
     assert campaign.plan_path.read_text() == "older"
     assert not list(campaign.folder.glob("plan-older-*"))
 
@@ -284,7 +293,7 @@ def test_a_plan_that_cannot_be_written_leaves_the_older_one(campaign, monkeypatc
 def test_where_hardly_any_pose_can_be_taken_positions_are_judged_at_the_plans_own(
     campaign, monkeypatch
 ):
-    monkeypatch.setattr("campaigns.numerics.placement.BATCHES", 40)
-    monkeypatch.setattr("campaigns.planning.foresight.WORKSPACE_SAMPLE", 10**6)
-    checked, forecast = make(campaign, Asked(shots=44))
+    monkeypatch.setattr("campaigns.design.pose_sampling.BATCHES", 40)
+    monkeypatch.setattr("campaigns.planning.predicted_precision.WORKSPACE_SAMPLE", 10**6)
+    checked, forecast = make(campaign, PlanOptions(shots=44))
     assert len(forecast.foresight.position_std_mm) == len(checked.shots)

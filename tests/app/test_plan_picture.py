@@ -1,8 +1,8 @@
 """A plan drawn with letters."""
 
-from app.picture import WIDTH, plan_picture
+from app.terminal_picture import VIEW_WIDTH, plan_picture
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.shot_sets import ShotSet
+from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
 
@@ -19,11 +19,11 @@ CORNERS = [
 
 def test_both_views_show_every_set_where_it_is():
     titles, *pictured, key = plan_picture(CORNERS)
-    above = [line[:WIDTH].ljust(WIDTH) for line in pictured]
-    aside = [line[WIDTH + 2 :].ljust(WIDTH) for line in pictured]
+    above = [line[:VIEW_WIDTH].ljust(VIEW_WIDTH) for line in pictured]
+    aside = [line[VIEW_WIDTH + 2 :].ljust(VIEW_WIDTH) for line in pictured]
     assert above[0][0] == "o", "left and far, seen from above"
-    assert above[-1][WIDTH - 1] == "x"
-    assert aside[0][WIDTH - 1] == "x", "right and high, seen from the side"
+    assert above[-1][VIEW_WIDTH - 1] == "x"
+    assert aside[0][VIEW_WIDTH - 1] == "x", "right and high, seen from the side"
     assert any("+" in line for line in above)
     assert "700 mm wide" in key
     assert titles.startswith("from above")

@@ -6,9 +6,8 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from app.live_picture import interval
-from app.progress_bar import RunDisplay, certainty, counted, news, summary
-from campaigns.measuring.progress import EngineState, Known, Progress
+from app.progress import RunDisplay, certainty, counted, interval, news, summary
+from campaigns.measuring.run_state import EngineState, ParameterPrecision, Progress
 
 AT_WORK = Progress(
     12, 59, EngineState.MEASURING, 12, "identification", (190.0, 310.0), 0.0123, 0.004
@@ -42,7 +41,7 @@ def test_what_is_not_known_is_not_told():
     assert news(begun) == "idle · beam ok"
 
 
-KNOWN = Known(40, "arm2.z_mm", 0.0214, 0.0341, 0.0061, 0.9)
+KNOWN = ParameterPrecision(40, "arm2.z_mm", 0.0214, 0.0341, 0.0061, 0.9)
 OF_AN_ANGLE = replace(KNOWN, weakest="arm3.joint_offset_deg", weakest_std=0.00213)
 
 

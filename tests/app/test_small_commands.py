@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from app.commands import load, new
+from app.cli import load, new
 from app.folder import open_campaign
 from app.main import run_command
 from campaigns.errors import OutputExists

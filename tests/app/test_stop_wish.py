@@ -4,12 +4,12 @@ import signal
 
 import pytest
 
-from app.interrupt import WATCHED, StopWish, awaited_signal, stop_on_signals
+from app.interrupt import WATCHED, StopRequest, awaited_signal, stop_on_signals
 
 
 @pytest.mark.parametrize("number", WATCHED)
 def test_a_signal_becomes_a_wish(number):
-    wish = StopWish()
+    wish = StopRequest()
     with stop_on_signals(wish):
         assert not wish()
         signal.raise_signal(number)
@@ -18,7 +18,7 @@ def test_a_signal_becomes_a_wish(number):
 
 
 def test_asking_again_changes_nothing():
-    wish = StopWish()
+    wish = StopRequest()
     with stop_on_signals(wish):
         for _ in range(10):
             signal.raise_signal(signal.SIGINT)
@@ -27,7 +27,7 @@ def test_asking_again_changes_nothing():
 
 
 def test_ctrl_c_and_then_a_lost_terminal_asks_nobody():
-    wish = StopWish()
+    wish = StopRequest()
     with stop_on_signals(wish):
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGHUP)
@@ -36,7 +36,7 @@ def test_ctrl_c_and_then_a_lost_terminal_asks_nobody():
 
 def test_afterwards_signals_do_what_they_did_before():
     before = [signal.getsignal(number) for number in WATCHED]
-    with pytest.raises(ZeroDivisionError), stop_on_signals(StopWish()):
+    with pytest.raises(ZeroDivisionError), stop_on_signals(StopRequest()):
         raise ZeroDivisionError
     assert [signal.getsignal(number) for number in WATCHED] == before
     with pytest.raises(KeyboardInterrupt):

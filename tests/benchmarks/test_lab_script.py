@@ -7,9 +7,9 @@ import pytest
 from benchmarks.against_rivals import by_differences
 from benchmarks.rivals import lab_script
 from benchmarks.shared.measured_robot import measured_robot, printed_parameters
-from campaigns.numerics.fit import solve
-from campaigns.numerics.geometry import Geometry, indices
-from campaigns.numerics.residuals import DistanceResiduals, PositionModel
+from campaigns.estimation.least_squares import solve
+from campaigns.estimation.residuals import DistanceResiduals, PositionModel
+from campaigns.mechanisms.geometry import Geometry, indices
 
 VECTORS = Path(__file__).parents[1] / "data" / "vectors"
 SHOTS = slice(0, 16)

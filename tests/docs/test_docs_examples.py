@@ -10,14 +10,13 @@ from ruamel.yaml import YAML
 from typer.main import get_command
 
 from app.main import app
-from campaigns.numerics.forward import forward
+from campaigns.mechanisms.forward import forward
 from campaigns.planning.plan_file import parse_plan
 from campaigns.planning.plans import joints_of, poses_of
-from campaigns.robots.arrays import numeric_geometry
-from campaigns.robots.robot import find_robot, read_robot
+from campaigns.robots.robot import find_robot, numeric_geometry, read_robot
 from campaigns.robots.schema import RobotContents
 from campaigns.settings.config import CampaignConfig, new_config, read_campaign
-from campaigns.shots.exchange import parse_shots
+from campaigns.shots.shots_csv import parse_shots
 from sim.scenarios.scenario import parse_scenario
 from sim.scenarios.schema import Scenario
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from drivers.address import SerialAddress, TcpAddress, parse_address
 from drivers.errors import AddressInvalid
+from drivers.transport import SerialAddress, TcpAddress, parse_address
 
 
 @pytest.mark.parametrize(

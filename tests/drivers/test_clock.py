@@ -1,6 +1,6 @@
 """The wall clock."""
 
-from drivers.clock import SystemClock
+from drivers.ports import SystemClock
 
 
 def test_real_time_passes_while_sleeping():

@@ -11,7 +11,7 @@ from timed_pipe import HandClock, TimedPipe
 from drivers.errors import Cancelled, DriverError, LinkDown, WireError
 from drivers.link import EVENTS_KEPT, PATIENCE_S, Link
 from drivers.transport import TcpTransport
-from drivers.wire.lines import LineFramer
+from drivers.wire.framing import LineFramer
 
 
 def is_event(line: bytes) -> bool:

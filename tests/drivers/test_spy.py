@@ -8,15 +8,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from timed_pipe import HandClock, TimedPipe
 
-from drivers.errors import LinkDown
-from drivers.spy import SpyLog, SpyTransport, bytes_as_lines, spied
-from drivers.spy_reading import (
+from drivers.byte_log import (
+    ByteLog,
     EmsconReading,
     GeocomReading,
+    LoggedTransport,
     NoReading,
     RobotlineReading,
+    bytes_as_lines,
+    logged,
     reading_for,
 )
+from drivers.errors import LinkDown
 from drivers.wire import geocom, robotline
 from drivers.wire.emscon import Answer, Request, encode, refusal
 from drivers.wire.emscon_constants import Command
@@ -32,10 +35,10 @@ class Desk:
 
     def __init__(self, *said, reading=NoReading, **options):
         self.file = io.StringIO()
-        self.log = SpyLog(self.file, now_utc=lambda: NOW, **options)
+        self.log = ByteLog(self.file, now_utc=lambda: NOW, **options)
         self.clock = HandClock()
         self.pipe = TimedPipe(self.clock, lambda _: said)
-        self.transport = spied(lambda: self.pipe, self.log, "tracker", reading)()
+        self.transport = logged(lambda: self.pipe, self.log, "tracker", reading)()
 
     def entries(self):
         """What was written below the heading."""
@@ -71,7 +74,7 @@ class TestLog:
     def test_each_entry_is_in_the_file_before_work_goes_on(self, tmp_path):
         path = tmp_path / "spy.log"
         with path.open("w", encoding="utf-8") as file:
-            SpyLog(file, now_utc=lambda: NOW).enter("tracker", ">", "3 bytes", ["abc"])
+            ByteLog(file, now_utc=lambda: NOW).enter("tracker", ">", "3 bytes", ["abc"])
             assert "abc" in path.read_text(encoding="utf-8")
 
     def test_failures_of_the_wire_are_written_down_and_passed_on(self):
@@ -94,9 +97,9 @@ class TestLog:
         def refuse():
             raise LinkDown("tcp://10.0.0.1:700: nobody answers", remedy="-")
 
-        log = SpyLog(file, now_utc=lambda: NOW)
+        log = ByteLog(file, now_utc=lambda: NOW)
         with pytest.raises(LinkDown):
-            spied(refuse, log, "tracker", NoReading)()
+            logged(refuse, log, "tracker", NoReading)()
         assert "tracker ! tcp://10.0.0.1:700: nobody answers\n" in file.getvalue()
 
     def test_closing_twice_is_written_down_once(self):
@@ -111,7 +114,7 @@ class TestLog:
 
     def test_two_devices_share_one_log(self):
         desk = Desk()
-        other = SpyTransport(TimedPipe(HandClock()), desk.log, "controller", NoReading())
+        other = LoggedTransport(TimedPipe(HandClock()), desk.log, "controller", NoReading())
         desk.transport.send(b"1", 1.0)
         other.send(b"2", 1.0)
         assert [line.split()[1] for line in desk.entries()[1::2]] == ["tracker", "controller"]

@@ -5,9 +5,8 @@ import time
 
 import pytest
 
-from drivers.address import TcpAddress
 from drivers.errors import LinkDown
-from drivers.transport import CHUNK_BYTES, TcpTransport, open_transport
+from drivers.transport import CHUNK_BYTES, TcpAddress, TcpTransport, open_transport
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 from timed_pipe import HandClock
 
-from drivers.waiting import ask_until, comes_true
+from drivers.polling import ask_until, comes_true
 
 
 def test_first_settled_answer_is_returned_without_a_further_question():

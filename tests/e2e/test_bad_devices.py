@@ -12,7 +12,7 @@ from functools import partial
 import pytest
 from command_line import change
 
-from campaigns.journal.reader import read_journal
+from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Intent, SessionStopped
 from drivers.emscon.client import EmsconDeadlines
 from drivers.emscon.tracker import EmsconTracker

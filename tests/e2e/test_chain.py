@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from command_line import change, contents
 
-from campaigns.parameters import PARAMETER_NAMES
+from campaigns.mechanisms.geometry import PARAMETER_NAMES
 from sim.scenarios.scenario import load_scenario
 
 DATA = Path(__file__).parents[1] / "data" / "vectors"

@@ -8,8 +8,8 @@ import resource
 import pytest
 from command_line import contents
 
-from campaigns.files import textfile
-from campaigns.journal.reader import read_journal
+from campaigns.files import text_file
+from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Outcome
 
 
@@ -82,14 +82,14 @@ def test_an_import_counts_whole_or_not_at_all(full, pkmcal, planned):
 @pytest.fixture
 def no_robot_file_fits(monkeypatch):
     """A disk on which all finds room but a further robot file."""
-    write_to_disk = textfile._write_to_disk
+    write_to_disk = text_file._write_to_disk
 
     def write(path, text):
         if "pkmcal/robot/" in text:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         write_to_disk(path, text)
 
-    monkeypatch.setattr(textfile, "_write_to_disk", write)
+    monkeypatch.setattr(text_file, "_write_to_disk", write)
 
 
 @pytest.mark.usefixtures("no_robot_file_fits")

@@ -12,7 +12,7 @@ import pytest
 from command_line import change, ended, started
 
 from campaigns.errors import JournalFailed
-from campaigns.journal.reader import read_journal
+from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Event, Intent, Outcome, SessionStopped
 
 SLOW = {"speed_up": 60}

@@ -3,7 +3,7 @@
 import signal
 
 import campaigns.controllers.load
-from campaigns.journal.reader import read_journal
+from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Finding
 
 

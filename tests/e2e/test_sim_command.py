@@ -11,7 +11,7 @@ import pytest
 from command_line import change, ended, started
 
 from campaigns.errors import JournalFailed
-from campaigns.journal.reader import read_journal
+from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Outcome, SessionStopped
 from drivers.robotline.robot import Deadlines, LineRobot
 

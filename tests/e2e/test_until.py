@@ -2,8 +2,8 @@
 
 from command_line import change
 
-from campaigns.journal.reader import read_journal
-from campaigns.shot_sets import ShotSet
+from campaigns.journal.journal import read_journal
+from campaigns.shots.shot_sets import ShotSet
 
 SHOTS, TO_IDENTIFY = 59, 48
 REACHABLE = "σ=0.09"

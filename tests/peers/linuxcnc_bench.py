@@ -10,17 +10,15 @@ import pytest
 from linuxcnc_instance import EXAMPLES, LinuxcncInstance, why_not
 
 from campaigns.controllers.active_kinematics import ActiveKinematics
-from campaigns.controllers.linuxcnc_export import PIN_OF, CalibrationFile, Whose
+from campaigns.controllers.linuxcnc_export import PIN_OF, CalibrationFile, RobotIdentity
 from campaigns.robots.robot import find_robot
-from drivers.clock import SystemClock
-from drivers.linuxcnc.conversation import Patience
+from drivers.linuxcnc.client import Patience
+from drivers.linuxcnc.hal_parameters import FileParameters, HalAccess, HalParameters, HalPins
+from drivers.linuxcnc.machine_state import Coordinates
 from drivers.linuxcnc.motion import JointLimits
-from drivers.linuxcnc.parameters import FileParameters, HalParameters
-from drivers.linuxcnc.pins import HalAccess, HalPins
 from drivers.linuxcnc.robot import LinuxcncRobot
-from drivers.linuxcnc.settings import LinuxcncDeadlines, LinuxcncSettings
-from drivers.linuxcnc.setup import SetupDeadlines
-from drivers.linuxcnc.state import Coordinates
+from drivers.linuxcnc.setup import LinuxcncDeadlines, LinuxcncSettings, SetupDeadlines
+from drivers.ports import SystemClock
 from drivers.transport import open_transport
 
 LACKING = why_not()
@@ -71,9 +69,9 @@ class Bench:
     def __init__(self, linuxcnc, coordinates, *, deadlines=SHORT, identity=IDENTITY, **told):
         self.linuxcnc = linuxcnc
         file = linuxcnc.config / "calib.hal"
-        self.file = CalibrationFile(file, Whose(identity, NOMINAL), otherwise=None)
+        self.file = CalibrationFile(file, RobotIdentity(identity, NOMINAL), otherwise=None)
         if coordinates is Coordinates.JOINTS:
-            self.file = CalibrationFile(file, Whose(identity, NOMINAL), otherwise=NOMINAL)
+            self.file = CalibrationFile(file, RobotIdentity(identity, NOMINAL), otherwise=NOMINAL)
             self.store = FileParameters(self.file)
         else:
             access = HalAccess(prefix=(str(linuxcnc.beside),))

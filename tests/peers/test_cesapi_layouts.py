@@ -7,7 +7,7 @@ import pytest
 
 from drivers.wire import emscon_constants as ours
 from drivers.wire.emscon import SHAPES, Answer, Request, encode
-from drivers.wire.emscon_constants import Command, DataType
+from drivers.wire.emscon_constants import Command, DataType, ResultStatus
 from drivers.wire.emscon_messages import (
     ErrorResponse,
     ReflectorPosition,
@@ -15,7 +15,6 @@ from drivers.wire.emscon_messages import (
     SingleResult2,
     StatusChange,
 )
-from drivers.wire.emscon_status import ResultStatus
 
 pytestmark = pytest.mark.peer
 

@@ -10,12 +10,12 @@ from linuxcnc_bench import IDENTITY, NEEDS_LINUXCNC, NOMINAL, world_controller
 from ruamel.yaml import YAML
 
 from app.main import run_command
-from campaigns.controllers.linuxcnc_export import Whose, parse_hal
+from campaigns.controllers.linuxcnc_export import RobotIdentity, parse_hal
 from campaigns.robots.robot import read_robot
 
 pytestmark = [*NEEDS_LINUXCNC, pytest.mark.timeout(240)]
 
-WHOSE = Whose(IDENTITY, NOMINAL)
+WHOSE = RobotIdentity(IDENTITY, NOMINAL)
 SMALL = {
     "plan.shots": 48,
     "plan.validation_pairs": 5,

@@ -13,7 +13,7 @@ from drivers.errors import (
     RobotStateUnknown,
     WrongDevice,
 )
-from drivers.linuxcnc.state import Coordinates
+from drivers.linuxcnc.machine_state import Coordinates
 
 pytestmark = NEEDS_LINUXCNC
 

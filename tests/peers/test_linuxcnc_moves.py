@@ -16,8 +16,8 @@ from linuxcnc_bench import (
 
 from campaigns.controllers.active_kinematics import ActiveKinematics
 from drivers.errors import EmergencyStop, LimitViolation, LinkDown, MotionFault, WrongDevice
-from drivers.linuxcnc.conversation import Passwords
-from drivers.linuxcnc.state import Coordinates
+from drivers.linuxcnc.client import Passwords
+from drivers.linuxcnc.machine_state import Coordinates
 from drivers.values import Pose
 
 pytestmark = NEEDS_LINUXCNC

@@ -11,11 +11,11 @@ from campaigns.controllers.active_kinematics import ActiveKinematics
 from campaigns.controllers.linuxcnc_export import PIN_OF, write_hal
 from campaigns.controllers.load import write_verified
 from campaigns.errors import ConfigInvalid
-from campaigns.numerics.geometry import Geometry
-from campaigns.numerics.reach import reach
-from campaigns.robots.arrays import numeric_limits
+from campaigns.mechanisms.feasibility import feasibility
+from campaigns.mechanisms.geometry import Geometry
+from campaigns.robots.robot import numeric_limits
 from drivers.errors import DeviceRefused, LimitViolation, WrongDevice
-from drivers.linuxcnc.state import Coordinates
+from drivers.linuxcnc.machine_state import Coordinates
 from drivers.values import Pose
 from sim.robot.linuxcnc_joints import joint_source
 
@@ -44,7 +44,7 @@ def bench(linuxcnc):
 
 def reachable(count, geometry):
     poses = np.random.default_rng(8).uniform(LOW, HIGH, (20 * count, 4))
-    judged = reach(Geometry.from_flat(geometry), numeric_limits(NOMINAL), poses)
+    judged = feasibility(Geometry.from_flat(geometry), numeric_limits(NOMINAL), poses)
     return [Pose(*row) for row in poses[judged.feasible][:count].tolist()]
 
 

@@ -10,10 +10,10 @@ import pytest
 from linuxcnc_bench import NOMINAL, compiled_kinematics
 
 from campaigns.controllers.linuxcnc_export import PIN_OF
-from campaigns.numerics.geometry import Geometry
-from campaigns.numerics.par4 import inverse
-from campaigns.numerics.reach import reach
-from campaigns.robots.arrays import numeric_limits
+from campaigns.mechanisms.feasibility import feasibility
+from campaigns.mechanisms.geometry import Geometry
+from campaigns.mechanisms.par4 import inverse
+from campaigns.robots.robot import numeric_limits
 
 pytestmark = [
     pytest.mark.peer,
@@ -88,7 +88,7 @@ def robot():
     }
     poses = draw.uniform(LOW, HIGH, (5 * POSES, 4))
     geometry = Geometry.from_flat(flat)
-    return flat, poses[reach(geometry, numeric_limits(NOMINAL), poses).feasible][:POSES]
+    return flat, poses[feasibility(geometry, numeric_limits(NOMINAL), poses).feasible][:POSES]
 
 
 def in_degrees(poses):

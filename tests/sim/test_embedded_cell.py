@@ -5,9 +5,9 @@ import threading
 import numpy as np
 import pytest
 
-from drivers.clock import SystemClock
 from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import DriverError
+from drivers.ports import SystemClock
 from drivers.robotline.robot import LineRobot
 from drivers.transport import open_transport
 from drivers.values import Pose

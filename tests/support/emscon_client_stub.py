@@ -3,9 +3,8 @@
 from fake_tracker import FakeTracker
 
 from drivers.wire.emscon import Answer, FromServerFramer, Request, encode
-from drivers.wire.emscon_constants import Command, SystemChange
+from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange
 from drivers.wire.emscon_messages import StatusChange, SystemSettings, Units
-from drivers.wire.emscon_status import ResultStatus
 from sim.servers.emscon_server import EmsconSession
 
 MILLIMETRES = Units(1, 1, 0, 0, 0)

@@ -7,14 +7,14 @@ from math import degrees
 import numpy as np
 from virtual_time import Act, StopWish, VirtualClock
 
+from campaigns.estimation.rigid_transforms import Transform, small_rotation
 from campaigns.journal.journal import Journal
-from campaigns.measuring.progress import Progress
+from campaigns.measuring.run_state import Progress
 from campaigns.measuring.session import Work, measure_series
-from campaigns.measuring.shooting import Cell
-from campaigns.numerics.forward import forward
-from campaigns.numerics.frames import Transform, small_rotation
-from campaigns.numerics.geometry import Geometry
-from campaigns.numerics.par4 import inverse
+from campaigns.measuring.shot_taker import Cell
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import Geometry
+from campaigns.mechanisms.par4 import inverse
 from campaigns.robots.robot import find_robot
 from drivers.errors import BeamBroken, Cancelled
 from drivers.values import (

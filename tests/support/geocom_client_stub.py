@@ -2,9 +2,8 @@
 
 import math
 
-from drivers.wire.geocom import ReplyFramer, Request, encode_request
+from drivers.wire.geocom import ReplyFramer, Request, encode_request, parse_number, words_of
 from drivers.wire.geocom_constants import Result, Rpc
-from drivers.wire.geocom_words import parse_number, words_of
 from sim.cell import Cell
 from sim.faults import FaultScript
 from sim.scenarios.scenario import load_scenario

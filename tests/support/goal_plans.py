@@ -5,15 +5,15 @@ from fake_cell import COVARIANCE_MM2, NOMINAL, ROBOT, FakeCell
 from scipy.stats import chi2
 from small_plans import work
 
-from campaigns.identification.goal import Goal
+from campaigns.estimation.least_squares import solve
+from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.journal.views import AcceptedShot
 from campaigns.measuring.session import Work
-from campaigns.numerics.fit import solve
-from campaigns.numerics.geometry import FREE_BY_DEFAULT, IS_ANGLE, Geometry, indices
-from campaigns.numerics.residuals import PointResiduals, PositionModel
+from campaigns.measuring.stopping_rule import PrecisionGoal
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, IS_ANGLE, Geometry, indices
 from campaigns.planning.plans import PlanRequest, View, make_plan
-from campaigns.shot_sets import ShotSet
-from campaigns.shots.dataset import dataset_of_journal
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import shots_of_journal
 from drivers.values import Pose
 
 TRACKER_MM = (2500.0, 0.0, -500.0)
@@ -29,7 +29,7 @@ LENGTHS = ~IS_ANGLE[FREE]
 
 
 def until(goal_mm: float | None, **changes: object) -> Work:
-    goal = None if goal_mm is None else Goal(goal_mm)
+    goal = None if goal_mm is None else PrecisionGoal(goal_mm)
     return work(PLAN, goal=goal, **changes)
 
 
@@ -54,7 +54,7 @@ def worst_length_mm(shots: tuple[AcceptedShot, ...]) -> float:
 
     Multiplied by the scatter of the shots where chance does not explain it, once in 2000 times.
     """
-    data = dataset_of_journal([s for s in shots if s.intent.purpose == "identification"])
+    data = shots_of_journal([s for s in shots if s.intent.purpose == "identification"])
     model = PositionModel(NOMINAL, FREE, data.joints_rad)
     covariance = np.broadcast_to(np.array(COVARIANCE_MM2), (len(data.numbers), 3, 3))
     fit = solve(PointResiduals.from_points(model, data.points_in_tracker_mm, covariance))

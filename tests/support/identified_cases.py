@@ -8,19 +8,19 @@ import numpy as np
 from fake_cell import CENTRE, NOMINAL
 from small_plans import LIMITS
 
-from campaigns.estimators import Estimator, LossShape, Outliers
-from campaigns.identification.identified import Identification, IdentificationRequest
+from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
+from campaigns.estimation.estimators import Estimator, LossShape, Outliers
+from campaigns.estimation.rigid_transforms import from_paper_angles
+from campaigns.estimation.robust import Loss
 from campaigns.identification.identify import identify
-from campaigns.identification.knowledge import knowledge
-from campaigns.numerics.forward import forward
-from campaigns.numerics.frames import from_paper_angles
-from campaigns.numerics.geometry import NAMES, Geometry
-from campaigns.numerics.par4 import inverse
-from campaigns.numerics.placement import Region, inner_poses
-from campaigns.numerics.robust import Loss
-from campaigns.shot_sets import ShotSet
-from campaigns.shots.dataset import Dataset
-from campaigns.shots.exchange import read_shots
+from campaigns.identification.parameter_selection import select_parameters
+from campaigns.identification.result import IdentificationRequest, IdentificationResult
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import NAMES, Geometry
+from campaigns.mechanisms.par4 import inverse
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import Shots
+from campaigns.shots.shots_csv import read_shots
 
 VECTORS = Path(__file__).parents[1] / "data" / "vectors"
 NOISE_MM = 0.015 / 3**0.5
@@ -41,7 +41,7 @@ def flat(document) -> dict[str, float]:
 TRUTH = Geometry.from_flat(flat(reference("table1-exact")["truth"]))
 
 
-def measured(case: str) -> Dataset:
+def measured(case: str) -> Shots:
     rows = read_shots(VECTORS / f"{case}.csv")
     return dataset(
         np.array([row.joints_rad for row in rows]),
@@ -51,25 +51,27 @@ def measured(case: str) -> Dataset:
     )
 
 
-def dataset(joints, points, pairs, purposes) -> Dataset:
+def dataset(joints, points, pairs, purposes) -> Shots:
     """Shots of which the tracker states nothing."""
     unstated = np.full((len(joints), 3, 3), np.nan)
     numbers = tuple(range(len(joints)))
     unknown = np.zeros_like(joints)
-    return Dataset(numbers, tuple(purposes), tuple(pairs), joints, points, unstated, unknown)
+    return Shots(numbers, tuple(purposes), tuple(pairs), joints, points, unstated, unknown)
 
 
-def region(geometry: Geometry = NOMINAL) -> Region:
-    return Region(geometry, LIMITS, CENTRE, np.array([2500.0, 0.0, 0.0]), np.eye(3)[0], np.pi)
+def region(geometry: Geometry = NOMINAL) -> FeasibleRegion:
+    return FeasibleRegion(
+        geometry, LIMITS, CENTRE, np.array([2500.0, 0.0, 0.0]), np.eye(3)[0], np.pi
+    )
 
 
 def workspace(count: int = 300) -> np.ndarray:
-    return inner_poses(region(), count, np.random.default_rng(77))
+    return interior_poses(region(), count, np.random.default_rng(77))
 
 
-def simulated(fitted: int, unseen: int, seed: int, truth: Geometry = TRUTH) -> Dataset:
+def simulated(fitted: int, unseen: int, seed: int, truth: Geometry = TRUTH) -> Shots:
     """Pairs measured by a perfect tracker; a seed gives their places."""
-    poses = inner_poses(region(), 2 * (fitted + unseen), np.random.default_rng(seed))
+    poses = interior_poses(region(), 2 * (fitted + unseen), np.random.default_rng(seed))
     joints = inverse(NOMINAL, poses).require()
     purposes = [ShotSet.IDENTIFICATION] * (2 * fitted) + [ShotSet.VALIDATION] * (2 * unseen)
     pairs = np.repeat(np.arange(fitted + unseen), 2).tolist()
@@ -77,18 +79,18 @@ def simulated(fitted: int, unseen: int, seed: int, truth: Geometry = TRUTH) -> D
     return dataset(joints, points, pairs, purposes)
 
 
-def noisy(data: Dataset, seed: int, std_mm: float = NOISE_MM) -> Dataset:
+def noisy(data: Shots, seed: int, std_mm: float = NOISE_MM) -> Shots:
     """With noise of which the tracker states the usual deviation, whatever it is."""
     noise = np.random.default_rng(seed).normal(0.0, std_mm, data.points_in_tracker_mm.shape)
     return stating(replace(data, points_in_tracker_mm=data.points_in_tracker_mm + noise))
 
 
-def stating(data: Dataset, std_mm: float = NOISE_MM) -> Dataset:
+def stating(data: Shots, std_mm: float = NOISE_MM) -> Shots:
     covariance = np.tile(std_mm**2 * np.eye(3), (len(data.numbers), 1, 1))
     return replace(data, stated_covariance_mm2=covariance)
 
 
-def moved(data: Dataset, shots: tuple[int, ...], by_mm: float, seed: int = 0) -> Dataset:
+def moved(data: Shots, shots: tuple[int, ...], by_mm: float, seed: int = 0) -> Shots:
     """With some shots measured elsewhere, each in a direction of its own."""
     directions = np.random.default_rng(seed).normal(size=(len(shots), 3))
     points = data.points_in_tracker_mm.copy()
@@ -97,7 +99,7 @@ def moved(data: Dataset, shots: tuple[int, ...], by_mm: float, seed: int = 0) ->
 
 
 def identified(
-    data: Dataset,
+    data: Shots,
     estimator: Estimator,
     *,
     free=(),
@@ -106,17 +108,17 @@ def identified(
     loss: LossShape = LossShape.LINEAR,
     outliers: Outliers = Outliers.EXCLUDE,
     poses=None,
-) -> Identification:
-    known = knowledge(free, fix, prior)
+) -> IdentificationResult:
+    known = select_parameters(free, fix, prior)
     request = IdentificationRequest(estimator, known, Loss(loss), outliers, workspace=poses)
     return identify(NOMINAL, data, request)
 
 
-def values(found: Identification) -> dict[str, float]:
+def values(found: IdentificationResult) -> dict[str, float]:
     return {parameter.name: parameter.value for parameter in found.parameters}
 
 
-def deviations(found: Identification) -> dict[str, float | None]:
+def deviations(found: IdentificationResult) -> dict[str, float | None]:
     return {parameter.name: parameter.std for parameter in found.parameters}
 
 

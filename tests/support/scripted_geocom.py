@@ -3,9 +3,8 @@
 from timed_pipe import HandClock, TimedPipe
 
 from drivers.geocom.tracker import GeocomTracker
-from drivers.wire.geocom import Abort, Reply, decode_request, encode_reply, line_framer
+from drivers.wire.geocom import Abort, Reply, decode_request, encode_reply, line_framer, words_of
 from drivers.wire.geocom_constants import Result, Rpc
-from drivers.wire.geocom_words import words_of
 
 POINT_M = (2.5, -1.25, 0.75)
 POINT_MM = tuple(1000.0 * value for value in POINT_M)

@@ -6,14 +6,14 @@ from math import radians
 import numpy as np
 from fake_cell import CENTRE, NOMINAL, ROBOT
 
+from campaigns.measuring.rules import GateRules, MotionRules
 from campaigns.measuring.session import Work
-from campaigns.measuring.steps import Step, joint_steps
-from campaigns.numerics.par4 import inverse
-from campaigns.numerics.reach import Limits
+from campaigns.mechanisms.feasibility import Limits
+from campaigns.mechanisms.par4 import inverse
+from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot, plan_digest
-from campaigns.planning.rules import GateRules, MotionRules
-from campaigns.planning.ways import Mechanism
-from campaigns.shot_sets import ShotSet
+from campaigns.planning.steps import Step, joint_steps
+from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
 LIMITS = Limits(ROBOT.limits.joint_rad, ROBOT.limits.theta_rad, ROBOT.limits.forearm_swing_rad)
@@ -76,7 +76,7 @@ def work(shots: Sequence[PlannedShot] = TWO_PAIRS, **changes: object) -> Work:
         "plan_digest": plan_digest(shots),
         "robot_file_digest": ROBOT.digest(),
         "configuration": {"name": "test"},
-        "mechanism": Mechanism(NOMINAL, LIMITS, CENTRE),
+        "mechanism": RobotModel(NOMINAL, LIMITS, CENTRE),
         "motion": MOTION,
         "gate": GATE,
     }

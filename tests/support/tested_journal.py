@@ -6,10 +6,9 @@ from itertools import count
 from pathlib import Path
 
 from campaigns.errors import JournalFailed
-from campaigns.journal.connection import connect_to_write
+from campaigns.journal.database import connect_to_write
 from campaigns.journal.journal import Journal, open_journal
-from campaigns.journal.record_text import KIND_OF_TYPE
-from campaigns.journal.records import Intent, Outcome, Record, Rejected
+from campaigns.journal.records import KIND_OF_TYPE, Intent, Outcome, Record, Rejected
 
 
 class PowerCut(BaseException):

@@ -7,7 +7,7 @@ import numpy as np
 from sim.draws import Attempts, WorkedTime
 from sim.faults import FaultScript
 from sim.robot.driven_robot import SeenReflector
-from sim.robot.rotations import rotation
+from sim.robot.rods import rotation
 from sim.tracker.beam import Beam, Target
 from sim.tracker.instrument import Air, SimulatedReflector, SimulatedTracker, TrackerSettings
 from sim.tracker.optics import IsotropicNoise, Station

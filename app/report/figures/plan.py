@@ -9,9 +9,9 @@ from matplotlib.ticker import LogLocator, StrMethodFormatter
 
 from app.report.figures.drawing import AFTER, BEFORE, QUIET, in_house_style, new_figure
 from app.report.figures.workspace import ROUND_FACTORS, draw_poses
-from campaigns.numerics.geometry import Array
-from campaigns.planning.foresight import CurvePoint, Expected
-from campaigns.shot_sets import ShotSet
+from campaigns.mechanisms.geometry import Array
+from campaigns.planning.predicted_precision import PrecisionCurvePoint, PredictedPrecision
+from campaigns.shots.shot_sets import ShotSet
 
 POSES_MM, STD_MM, CURVE_MM = 88.0, 58.0, 58.0
 """Heights of the parts."""
@@ -22,8 +22,8 @@ MOST_TICKS = 12
 def plan_picture(
     poses: Array,
     purposes: tuple[ShotSet, ...],
-    expected: Expected,
-    curve: Sequence[CurvePoint],
+    expected: PredictedPrecision,
+    curve: Sequence[PrecisionCurvePoint],
 ) -> Figure:
     """Poses (N, 4) by what they are for; σ of parameters, if all will be known; the curve."""
     heights = [POSES_MM]
@@ -39,7 +39,7 @@ def plan_picture(
     return figure
 
 
-def _draw_std(figure: FigureBase, expected: Expected) -> None:
+def _draw_std(figure: FigureBase, expected: PredictedPrecision) -> None:
     """Bars, lengths and angles each with an axis of their own."""
     std = expected.std_in_file_units
     kinds = {unit: {n: s for n, s in std.items() if n.endswith(unit)} for unit in ("_mm", "_deg")}
@@ -57,7 +57,7 @@ def _draw_bars(axes: Axes, values: Mapping[str, float]) -> None:
     axes.grid(visible=False, axis="x")
 
 
-def _draw_curve(figure: FigureBase, curve: Sequence[CurvePoint], own: int) -> None:
+def _draw_curve(figure: FigureBase, curve: Sequence[PrecisionCurvePoint], own: int) -> None:
     """By number of shots, this plan's own marked, both axes by powers."""
     lengths, angles = figure.subplots(1, 2)
     shots = [at.expected.shots for at in curve]

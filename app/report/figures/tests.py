@@ -16,10 +16,9 @@ from app.report.figures.drawing import (
     new_figure,
     zero_line,
 )
-from app.report.stages import Cloud, StageView, Turn
-from campaigns.numerics.geometry import Array
-from campaigns.validation.traces import LineTrace
-from campaigns.validation.validate import AXES
+from app.report.stages import RepeatabilityTest, RotationTest, StageView
+from campaigns.evaluation.validation import AXES, LineTrace
+from campaigns.mechanisms.geometry import Array
 
 STYLES = {"x": "-", "y": "--", "z": ":"}
 MARKS = {"x": "o", "y": "s", "z": "^"}
@@ -43,7 +42,7 @@ def straightness(before: StageView | None, after: StageView | None) -> Figure:
 
 
 @in_house_style
-def rotation(before: Turn | None, after: Turn | None) -> Figure:
+def rotation(before: RotationTest | None, after: RotationTest | None) -> Figure:
     """Motion of the point from its mean while θ turns, a panel a stage."""
     figure = new_figure(55.0)
     panels = (("before", BEFORE, before), ("after", AFTER, after))
@@ -61,7 +60,7 @@ def rotation(before: Turn | None, after: Turn | None) -> Figure:
 
 
 @in_house_style
-def repeatability(before: Cloud | None, after: Cloud | None) -> Figure:
+def repeatability(before: RepeatabilityTest | None, after: RepeatabilityTest | None) -> Figure:
     """Repeated visits about their mean from three sides, and the sphere that holds them."""
     figure = new_figure(66.0)
     every = figure.subplots(1, 3, sharex=True, sharey=True)

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from app.report.explained import Correlations
 from app.report.figures.drawing import AFTER, INK, QUIET, in_house_style, new_figure, zero_line
-from app.report.over_time import Course
-from campaigns.numerics.geometry import Array
+from app.report.over_time import TimeSeries
+from campaigns.mechanisms.geometry import Array
 
 UNITS = (("hours", 3600.0), ("minutes", 60.0), ("seconds", 1.0))
 LEAST_VALUES = 2
@@ -19,7 +19,7 @@ AT_LEAST = 3.0
 
 
 @in_house_style
-def over_time(courses: Sequence[Course]) -> Figure:
+def over_time(courses: Sequence[TimeSeries]) -> Figure:
     """Above the air's temperature, below the drift pose; a column a series."""
     figure = new_figure(84.0)
     unit, unit_s = _unit(max(course.longest_s for course in courses))

@@ -16,8 +16,8 @@ from app.report.figures.drawing import (
     zero_line,
 )
 from app.report.figures.space import draw_box, flat
-from campaigns.numerics.geometry import Array, Mask
-from campaigns.shot_sets import ShotSet
+from campaigns.mechanisms.geometry import Array, Mask
+from campaigns.shots.shot_sets import ShotSet
 
 ARROW_MM = 130.0
 """Length at which the longest arrow is drawn."""

@@ -3,7 +3,7 @@
 import pytest
 from paper_campaign import PaperCampaign, whole_campaign
 
-from campaigns.estimators import Estimator
+from campaigns.estimation.estimators import Estimator
 
 
 @pytest.fixture(scope="session")

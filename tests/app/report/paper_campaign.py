@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from app.folder import Campaign, open_campaign
 from campaigns.controllers.export import compensated_robot, latest_identification
-from campaigns.estimators import Estimator
-from campaigns.identification.document import identification_document
-from campaigns.identification.identified import IdentificationRequest
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.rigid_transforms import Transform
 from campaigns.identification.identify import identify
+from campaigns.identification.result import IdentificationRequest, identification_document
 from campaigns.journal.journal import Journal, open_journal
 from campaigns.journal.records import (
     Finding,
@@ -26,17 +26,15 @@ from campaigns.journal.records import (
     SessionStarted,
     SessionStopped,
 )
-from campaigns.numerics.forward import forward
-from campaigns.numerics.frames import Transform
-from campaigns.numerics.geometry import Geometry
-from campaigns.numerics.par4 import inverse
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import Geometry
+from campaigns.mechanisms.par4 import inverse
 from campaigns.planning.plan_file import PlannedShot, plan_digest, write_plan
-from campaigns.robots.arrays import numeric_geometry, pose_of
-from campaigns.robots.robot import find_robot, write_new_robot
+from campaigns.robots.robot import find_robot, numeric_geometry, pose_of, write_new_robot
 from campaigns.settings.config import CampaignConfig, write_new_campaign
 from campaigns.settings.sections import AcceptanceConfig, ControllerConfig, TrackerConfig
-from campaigns.shot_sets import ShotSet
-from campaigns.shots.dataset import dataset_of_journal
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import shots_of_journal
 from drivers.values import Identity, Weather
 
 NOMINAL = find_robot("par4-prototype")
@@ -121,7 +119,7 @@ class PaperCampaign:
         with self.journal() as journal:
             series = journal.latest_series("run")
             shots = journal.shots(series.number)
-            data = dataset_of_journal(shots)
+            data = shots_of_journal(shots)
             request = IdentificationRequest(estimator, workspace=WORKSPACE)
             found = identify(numeric_geometry(NOMINAL.robot), data, request)
             provenance = {

@@ -8,13 +8,13 @@ from paper_campaign import ERRORS, NOISE_MM, NOMINAL, PaperCampaign, new_campaig
 
 from app.report.collect import collect
 from app.report.contents import Contents, contents_of
-from app.report.explained import Remainder, correlations_of
+from app.report.explained import ResidualBudget, correlations_of
 from app.report.iso_table import iso_rows
 from app.report.statistics import summary
 from campaigns.controllers.export import latest_identification
-from campaigns.numerics.instrument import TrackerUncertainty
-from campaigns.shot_sets import ShotSet
-from campaigns.validation.validate import evaluate
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.evaluation.validation import evaluate_validation
+from campaigns.shots.shot_sets import ShotSet
 
 INSTRUMENT = TrackerUncertainty()
 
@@ -47,7 +47,7 @@ def test_errors_are_those_that_the_identification_told(
 @pytest.mark.parametrize("stage", ["before", "after"])
 def test_traces_say_what_the_validation_says(contents: Contents, stage: str) -> None:
     view = getattr(contents, stage)
-    found = evaluate(view.measured.shots)
+    found = evaluate_validation(view.measured.shots)
     assert summary(view.distances.errors_mm).max == pytest.approx(found.distances.max_abs)
     assert view.turn.moved.value_mm == pytest.approx(found.rotation_mm)
     assert view.cloud.radius.value_mm == pytest.approx(found.repeatability.radius_mm)
@@ -58,7 +58,7 @@ def test_traces_say_what_the_validation_says(contents: Contents, stage: str) -> 
 
 
 def test_repeatability_is_the_iso_figure_of_the_same_points(contents: Contents) -> None:
-    found = evaluate(contents.after.measured.shots).repeatability
+    found = evaluate_validation(contents.after.measured.shots).repeatability
     row = next(row for row in iso_rows(contents.after) if row.symbol == "RP")
     assert row.figure.value_mm == pytest.approx(found.rp_mm)
     assert row.figure.n == found.approaches
@@ -94,7 +94,7 @@ def test_residuals_of_a_perfect_robot_are_the_trackers_noise(
 
 
 def test_what_neither_tracker_nor_repeatability_explains_is_left() -> None:
-    left = Remainder("distance", 0.5, 0.01, 0.3, 50.0, 38)
+    left = ResidualBudget("distance", 0.5, 0.01, 0.3, 50.0, 38)
     assert left.unexplained_mm == pytest.approx(0.4)
     assert replace(left, repeatability_mm=0.6).unexplained_mm == 0.0
     unknown = replace(left, instrument_mm=0.3, repeatability_mm=None)
@@ -121,7 +121,7 @@ def test_an_identification_of_older_software_has_no_correlations(whole: PaperCam
 def test_pairs_that_were_left_out_are_not_counted(whole: PaperCampaign) -> None:
     from app.report.findings import ExcludedFinding
     from app.report.model_errors import model_errors, models_of
-    from campaigns.robots.arrays import numeric_geometry
+    from campaigns.robots.robot import numeric_geometry
 
     evidence = collect(whole.campaign)
     models = models_of(evidence.identification, numeric_geometry(NOMINAL.robot))
@@ -154,7 +154,7 @@ def test_shots_without_a_stated_uncertainty_get_the_instruments(tmp_path) -> Non
     paper.validate("before", frozenset({ShotSet.ROTATION}))
     evidence = collect(paper.campaign)
 
-    from campaigns.validation.traces import measured_test
+    from campaigns.evaluation.validation import measured_test
 
     shots = evidence.before.shots
     bare = [replace(s, outcome=replace(s.outcome, covariance_mm2=None)) for s in shots]

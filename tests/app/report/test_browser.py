@@ -10,7 +10,7 @@ from browser import Browser, find_browser
 from paper_campaign import PaperCampaign, new_campaign
 from test_page import FIGURES
 
-from app.commands.report import report
+from app.cli.report import report
 from app.folder import open_campaign
 from campaigns.settings.sections import PeopleConfig
 

@@ -7,7 +7,7 @@ import typer
 from paper_campaign import PaperCampaign, new_campaign
 from typer.testing import CliRunner
 
-from app.commands import report
+from app.cli import report
 
 DOOR = typer.Typer()
 DOOR.command("report")(report.command)

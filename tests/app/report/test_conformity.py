@@ -8,7 +8,7 @@ from app.report.collect import collect
 from app.report.conformity import Verdict, verdict
 from app.report.evidence import Evidence
 from app.report.stages import StageView, stage_view
-from campaigns.numerics.instrument import TrackerUncertainty
+from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.settings.sections import AcceptanceConfig
 
 WIDE = AcceptanceConfig(

@@ -16,13 +16,13 @@ from app.report.figures.space import flat
 from app.report.figures.workspace import binned_medians, error_arrows, magnification
 from app.report.parts import Column, Table, moment, number, percent_gained
 from app.report.plots import plot_plan, plot_residuals
-from app.report.terminal_picture import bar, histogram_lines
+from app.terminal_picture import bar, histogram_lines
 from campaigns.errors import WriteFailed
-from campaigns.estimators import Estimator
-from campaigns.identification.identified import IdentificationRequest
+from campaigns.estimation.estimators import Estimator
 from campaigns.identification.identify import identify
-from campaigns.planning.foresight import CurvePoint, Expected
-from campaigns.robots.arrays import numeric_geometry
+from campaigns.identification.result import IdentificationRequest
+from campaigns.planning.predicted_precision import PrecisionCurvePoint, PredictedPrecision
+from campaigns.robots.robot import numeric_geometry
 
 GROUP = PairGroup("fitted pairs", "o", np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.0, -0.1]))
 
@@ -82,8 +82,8 @@ def test_medians_follow_a_rise() -> None:
     assert len(places) == 6
 
 
-def expected(shots: int, *names: str, std: float = 0.01) -> Expected:
-    return Expected(shots, names, std**2 * np.eye(len(names)))
+def expected(shots: int, *names: str, std: float = 0.01) -> PredictedPrecision:
+    return PredictedPrecision(shots, names, std**2 * np.eye(len(names)))
 
 
 ANGLE = "arm0.joint_offset_deg"
@@ -106,7 +106,7 @@ def test_the_plan_is_drawn_in_the_format_of_the_name(
         (KNOWN, [], ["identification", "arm1.x", "predicted σ, deg"], ["worst length"]),
         (
             KNOWN,
-            [CurvePoint(expected(shots, "plate_mm", ANGLE), 0.002) for shots in (12, 24)],
+            [PrecisionCurvePoint(expected(shots, "plate_mm", ANGLE), 0.002) for shots in (12, 24)],
             ["worst length", "position, mean", "worst angle", "this plan", ">24<"],
             [],
         ),
@@ -117,8 +117,8 @@ def test_the_plan_is_drawn_in_the_format_of_the_name(
 def test_the_plans_picture_shows_what_is_known_of_it(
     whole: PaperCampaign,
     tmp_path: Path,
-    told: Expected,
-    curve: list[CurvePoint],
+    told: PredictedPrecision,
+    curve: list[PrecisionCurvePoint],
     shown: list[str],
     hidden: list[str],
 ) -> None:

@@ -9,16 +9,16 @@ from pathlib import Path
 import pytest
 from paper_campaign import NOMINAL, PaperCampaign, new_campaign, whole_campaign
 
-from app.commands.report import report, report_document, write
+from app.cli.report import report, report_document, write
 from app.folder import open_campaign
 from app.report.collect import collect
 from app.report.contents import contents_of
 from app.report.page import Page, page_html, page_of
 from campaigns.errors import JournalFailed, OutputExists
+from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.journal.records import Event, Intent, PairVoided, Rejected
-from campaigns.numerics.instrument import TrackerUncertainty
 from campaigns.settings.sections import AcceptanceConfig, PeopleConfig
-from campaigns.shot_sets import ShotSet
+from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
 FIGURES = {

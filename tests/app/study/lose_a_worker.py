@@ -15,7 +15,7 @@ from poisoned_work import work
 from app.main import run_command
 from app.study.results import Done
 from app.study.workers import workers_of
-from campaigns.studies.setup import StudyTask
+from campaigns.studies.study import StudyTask
 
 COUNT = 60
 """Campaigns of the study: three tasks."""

@@ -3,7 +3,7 @@
 import os
 import signal
 
-from campaigns.studies.setup import CampaignOutcome
+from campaigns.studies.study import CampaignOutcome
 
 POISON = 13
 FAULT = 22

@@ -18,8 +18,8 @@ from app.study.results import Done, Lost
 from app.study.setup import in_frame_of, left_out, uncertainty_of
 from app.study.workers import local_results
 from campaigns.files.lock import campaign_lock
-from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import FREE_BY_DEFAULT, Geometry
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, Geometry
 from campaigns.robots.robot import find_robot
 from sim.scenarios.scenario import load_scenario
 

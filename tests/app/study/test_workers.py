@@ -14,12 +14,12 @@ import pytest
 from lose_a_worker import COUNT
 from poisoned_work import FAULT, POISON, harmless, work
 
-from app.errors import UsageInvalid
+from app.exits import UsageInvalid
 from app.main import run_command
 from app.study.cluster import Patience, cluster_results
 from app.study.results import Done, Lost
 from app.study.workers import local_results, workers_of
-from campaigns.studies.setup import StudyTask
+from campaigns.studies.study import StudyTask
 
 HERE = Path(__file__).parent
 REPOSITORY = HERE.parents[2]

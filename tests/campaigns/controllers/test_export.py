@@ -14,9 +14,9 @@ from campaigns.errors import (
     VerdictBad,
     WriteFailed,
 )
-from campaigns.files import textfile
+from campaigns.files import text_file
 from campaigns.journal.records import Finding
-from campaigns.parameters import PARAMETER_NAMES
+from campaigns.mechanisms.geometry import PARAMETER_NAMES
 from campaigns.robots.robot import RobotDocument, find_robot, read_robot
 from campaigns.version import VERSION
 
@@ -164,7 +164,7 @@ def test_file_that_cannot_be_replaced_is_left_as_it_was(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(textfile, "_write_to_disk", full)
+    monkeypatch.setattr(text_file, "_write_to_disk", full)
     with pytest.raises(WriteFailed, match="no space left"):
         write_compensated(
             path, compensated_robot("press 4", nominal, finding(nominal)), overwrite=True

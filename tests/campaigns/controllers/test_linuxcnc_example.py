@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
-from campaigns.controllers.linuxcnc_export import PIN_OF, Whose, parse_hal
+from campaigns.controllers.linuxcnc_export import PIN_OF, RobotIdentity, parse_hal
 from campaigns.errors import ConfigInvalid
-from campaigns.files.yamlfile import checked_settings
-from campaigns.parameters import ARM_FIELDS
+from campaigns.files.yaml_file import checked_settings
+from campaigns.mechanisms.geometry import ARM_FIELDS
 from campaigns.robots.robot import find_robot
-from campaigns.settings.linuxcnc_section import LinuxcncConfig
+from campaigns.settings.sections import LinuxcncConfig
 
 ROOT = Path(__file__).parents[3]
 EXAMPLES = ROOT / "examples" / "linuxcnc"
@@ -29,7 +29,7 @@ def ini(variant):
 
 def test_calibration_of_the_example_is_the_nominal_robot():
     text = (EXAMPLES / "cartesian" / "calib.hal").read_text()
-    found = parse_hal(text, "calib.hal", Whose("par4-prototype", NOMINAL))
+    found = parse_hal(text, "calib.hal", RobotIdentity("par4-prototype", NOMINAL))
     assert found.geometry_flat() == NOMINAL.geometry_flat()
 
 

@@ -8,17 +8,17 @@ from hypothesis import strategies as st
 
 from campaigns.controllers.linuxcnc_export import (
     CalibrationFile,
-    Whose,
+    RobotIdentity,
     hal_text,
     parse_hal,
     write_hal,
 )
 from campaigns.errors import ConfigInvalid, OutputExists
-from campaigns.parameters import PARAMETER_NAMES
+from campaigns.mechanisms.geometry import PARAMETER_NAMES
 from campaigns.robots.robot import find_robot
 
 NOMINAL = find_robot("par4-prototype").robot
-WHOSE = Whose("PAR4-7", NOMINAL)
+WHOSE = RobotIdentity("PAR4-7", NOMINAL)
 lengths = st.floats(1e-3, 1e5)
 anything = st.floats(-1e5, 1e5)
 geometries = st.fixed_dictionaries(
@@ -64,7 +64,9 @@ def test_a_set_with_axis_tilts_is_refused_and_the_file_before_stays(tmp_path):
 
 def test_a_nominal_robot_with_axis_tilts_cannot_stand_for_a_file_that_is_not_there(tmp_path):
     tilted = replace(NOMINAL, axis_tilt_deg=(0.0, 0.02, 0.0, 0.0))
-    file = CalibrationFile(tmp_path / "calib.hal", Whose("PAR4-7", tilted), otherwise=tilted)
+    file = CalibrationFile(
+        tmp_path / "calib.hal", RobotIdentity("PAR4-7", tilted), otherwise=tilted
+    )
     with pytest.raises(ConfigInvalid, match=r"arm1\.axis_tilt_deg is 0\.02"):
         file.read()
 
@@ -85,7 +87,7 @@ def test_no_line_is_too_long_for_halcmd():
 
 def test_file_of_another_robot_is_refused():
     with pytest.raises(ConfigInvalid, match="of robot 'PAR4-7', this campaign is of 'PAR4-8'"):
-        parse_hal(text_of(), "calib.hal", Whose("PAR4-8", NOMINAL))
+        parse_hal(text_of(), "calib.hal", RobotIdentity("PAR4-8", NOMINAL))
 
 
 def test_file_that_does_not_say_whose_it_is_is_refused():

@@ -8,7 +8,7 @@ from fake_cell import ROBOT
 
 from campaigns.controllers.load import changes, differing, write_verified
 from campaigns.errors import ConfigInvalid, LoadNotVerified
-from campaigns.parameters import PARAMETER_NAMES
+from campaigns.mechanisms.geometry import PARAMETER_NAMES
 from drivers.errors import DeviceRefused, DriverError, LinkDown
 
 OLD = ROBOT.geometry_flat()

@@ -7,7 +7,7 @@ import pytest
 from small_files import files_no_larger_than
 
 from campaigns.errors import OutputExists, WriteFailed
-from campaigns.files.textfile import make_folder, replace_text, write_new_text
+from campaigns.files.text_file import make_folder, replace_text, write_new_text
 
 
 def names_in(folder):

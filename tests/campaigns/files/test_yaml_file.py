@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from pydantic import Field
 
 from campaigns.errors import ConfigInvalid
-from campaigns.files.yamlfile import (
+from campaigns.files.yaml_file import (
     FileModel,
     checked,
     checked_settings,

@@ -22,17 +22,17 @@ from identified_cases import (
 )
 
 from campaigns.errors import ShotsMissing
-from campaigns.estimators import Estimator
-from campaigns.identification.identified import Identification
-from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import NAMES
-from campaigns.shot_sets import ShotSet
-from campaigns.shots.dataset import Dataset
+from campaigns.estimation.estimators import Estimator
+from campaigns.identification.result import IdentificationResult
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import NAMES
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import Shots
 
 CASES = ("table1-exact", "table1-tracker-noise", "table2-repeatability")
 
 
-def by_distances(data: Dataset, **options) -> Identification:
+def by_distances(data: Shots, **options) -> IdentificationResult:
     return identified(data, Estimator.DISTANCES, **options)
 
 

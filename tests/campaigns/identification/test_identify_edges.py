@@ -20,14 +20,14 @@ from identified_cases import (
     workspace,
 )
 
-from campaigns.errors import KnowledgeInvalid, ShotsInvalid, ShotsMissing
-from campaigns.estimators import Estimator, LossShape, Outliers
-from campaigns.identification.knowledge import knowledge
-from campaigns.numerics.forward import forward
-from campaigns.numerics.geometry import Geometry
-from campaigns.numerics.par4 import inverse
-from campaigns.numerics.placement import inner_poses
-from campaigns.shot_sets import ShotSet
+from campaigns.design.pose_sampling import interior_poses
+from campaigns.errors import SelectionInvalid, ShotsInvalid, ShotsMissing
+from campaigns.estimation.estimators import Estimator, LossShape, Outliers
+from campaigns.identification.parameter_selection import select_parameters
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import Geometry
+from campaigns.mechanisms.par4 import inverse
+from campaigns.shots.shot_sets import ShotSet
 
 BOTH = pytest.mark.parametrize("estimator", list(Estimator))
 LITTLE_OFF = Geometry.from_flat(
@@ -37,7 +37,7 @@ LITTLE_OFF = Geometry.from_flat(
 
 def at_one_theta(theta_rad: float, spread_rad: float = 0.0):
     rng = np.random.default_rng(5)
-    poses = inner_poses(region(), 160, rng)
+    poses = interior_poses(region(), 160, rng)
     poses[:, 3] = theta_rad + rng.uniform(-spread_rad, spread_rad, len(poses))
     solution = inverse(NOMINAL, poses)
     joints = solution.values[solution.found][:140]
@@ -134,13 +134,13 @@ def test_outliers_are_looked_for_where_priors_stand_for_shots(estimator: Estimat
 
 @pytest.mark.parametrize("std", ["1e-7", "1e-160", "1e-320"])
 def test_a_prior_as_sharp_as_nothing_is_measured_is_refused(std: str) -> None:
-    with pytest.raises(KnowledgeInvalid, match="must be 1e-06 or more"):
-        knowledge(priors=[f"arm1.x_mm={std}"])
+    with pytest.raises(SelectionInvalid, match="must be 1e-06 or more"):
+        select_parameters(priors=[f"arm1.x_mm={std}"])
 
 
 def test_the_name_that_is_both_freed_and_fixed_is_always_the_first() -> None:
-    with pytest.raises(KnowledgeInvalid, match=r"arm0\.x_mm is both"):
-        knowledge(["*"], ["*"])
+    with pytest.raises(SelectionInvalid, match=r"arm0\.x_mm is both"):
+        select_parameters(["*"], ["*"])
 
 
 @BOTH

@@ -14,8 +14,8 @@ from identified_cases import (
     workspace,
 )
 
-from campaigns.estimators import Estimator, LossShape
-from campaigns.numerics.geometry import NAMES
+from campaigns.estimation.estimators import Estimator, LossShape
+from campaigns.mechanisms.geometry import NAMES
 
 AZIMUTHS = {f"arm{arm}.azimuth_deg" for arm in range(4)}
 SHIFT_ALONG_X = {f"arm{arm}.x_mm" for arm in range(4)}

@@ -21,22 +21,22 @@ from identified_cases import (
 )
 
 from campaigns.errors import ShotsInvalid, ShotsMissing
-from campaigns.estimators import Estimator, LossShape, Outliers
-from campaigns.identification.identified import Identification
-from campaigns.numerics.geometry import NAMES
-from campaigns.shot_sets import ShotSet
-from campaigns.shots.dataset import Dataset
+from campaigns.estimation.estimators import Estimator, LossShape, Outliers
+from campaigns.identification.result import IdentificationResult
+from campaigns.mechanisms.geometry import NAMES
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import Shots
 
 WRONG = (7, 50, 99)
 CLEAN = noisy(simulated(60, 20, seed=1), seed=2)
 SPOILT = moved(CLEAN, WRONG, by_mm=2.0)
 
 
-def by_points(data: Dataset, **options) -> Identification:
+def by_points(data: Shots, **options) -> IdentificationResult:
     return identified(data, Estimator.POINTS, **options)
 
 
-def missed(found: Identification) -> float:
+def missed(found: IdentificationResult) -> float:
     """Largest distance of a free parameter from the truth, mm or deg."""
     truth = TRUTH.flat()
     return max(abs(value - truth[name]) for name, value in values(found).items())

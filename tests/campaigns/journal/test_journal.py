@@ -18,8 +18,7 @@ from journal_story import (
 )
 
 from campaigns.errors import JournalFailed
-from campaigns.journal.journal import Journal, open_journal
-from campaigns.journal.reader import read_journal
+from campaigns.journal.journal import Journal, open_journal, read_journal
 from campaigns.journal.records import (
     Event,
     Finding,

@@ -15,8 +15,7 @@ from small_files import files_no_larger_than
 
 from campaigns.errors import CampaignLocked, JournalFailed
 from campaigns.files.lock import campaign_lock
-from campaigns.journal.journal import Journal, open_journal
-from campaigns.journal.reader import read_journal
+from campaigns.journal.journal import Journal, open_journal, read_journal
 from campaigns.journal.records import Event
 
 WRITER = Path(__file__).parents[2] / "support" / "journal_writer.py"

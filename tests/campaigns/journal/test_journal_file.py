@@ -11,9 +11,8 @@ import pytest
 from journal_story import SESSION, beginning, imported, intent, outcome, ticking, write_story
 
 from campaigns.errors import JournalFailed
-from campaigns.journal import schema
-from campaigns.journal.journal import open_journal
-from campaigns.journal.reader import read_journal
+from campaigns.journal import database as journal_database
+from campaigns.journal.journal import open_journal, read_journal
 
 Door = Callable[[Path], None]
 GOLDEN = Path(__file__).parents[2] / "data" / "journal-v1.db"
@@ -67,7 +66,7 @@ def test_the_golden_file_can_be_written_on(tmp_path: Path) -> None:
 @both_doors
 def test_a_newer_file_is_refused_and_left_as_it_was(tmp_path: Path, door: Door) -> None:
     newer = database(
-        Path(shutil.copy(GOLDEN, tmp_path)), f"PRAGMA user_version = {schema.VERSION + 1}"
+        Path(shutil.copy(GOLDEN, tmp_path)), f"PRAGMA user_version = {journal_database.VERSION + 1}"
     )
     assert_left_alone(newer, door, "newer pkmcal")
 
@@ -172,8 +171,8 @@ def test_an_older_file_is_brought_up_step_by_step(tmp_path: Path) -> None:
         2: ("CREATE TABLE remark (text TEXT)",),
     }
     with closing(old_connection(tmp_path)) as connection:
-        schema.upgrade(connection, to_version=3, upgraders=upgraders)
-        assert schema.version(connection) == 3
+        journal_database.upgrade(connection, to_version=3, upgraders=upgraders)
+        assert journal_database.version(connection) == 3
         connection.execute("SELECT remark.text, record.remark FROM record, remark")
 
 
@@ -181,14 +180,14 @@ def test_an_upgrade_that_fails_leaves_the_file_as_it_was(tmp_path: Path) -> None
     upgraders = {1: ("ALTER TABLE record ADD COLUMN remark TEXT", "UPDATE record SET remark = ''")}
     with closing(old_connection(tmp_path)) as connection:
         with pytest.raises(sqlite3.IntegrityError):
-            schema.upgrade(connection, to_version=2, upgraders=upgraders)
-        assert schema.version(connection) == 1
+            journal_database.upgrade(connection, to_version=2, upgraders=upgraders)
+        assert journal_database.version(connection) == 1
         with pytest.raises(sqlite3.OperationalError, match="no such column"):
             connection.execute("SELECT remark FROM record")
 
 
 def test_every_older_version_has_its_upgrader() -> None:
-    assert sorted(schema.UPGRADERS) == list(range(1, schema.VERSION))
+    assert sorted(journal_database.UPGRADERS) == list(range(1, journal_database.VERSION))
 
 
 def old_connection(folder: Path) -> sqlite3.Connection:

@@ -8,8 +8,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from journal_story import SESSION, beginning, imported, intent, outcome
 
-from campaigns.journal.record_text import KIND_OF_TYPE, TYPE_OF_KIND, from_text, to_text
-from campaigns.journal.records import Durations, Event, Finding, Intent, Outcome, Record, Rejected
+from campaigns.journal.records import (
+    KIND_OF_TYPE,
+    TYPE_OF_KIND,
+    Durations,
+    Event,
+    Finding,
+    Intent,
+    Outcome,
+    Record,
+    Rejected,
+    from_text,
+    to_text,
+)
 from drivers.values import Pose, Weather
 
 finite = st.floats(allow_nan=False, allow_infinity=False)

@@ -7,9 +7,9 @@ from fake_cell import FakeCell
 from small_plans import FOUR_PAIRS, TWO_PAIRS, drift, work
 from tested_journal import journal_in
 
-from campaigns.journal.reader import read_journal
+from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Event, Intent, Outcome
-from campaigns.measuring.progress import EngineState
+from campaigns.measuring.run_state import EngineState
 from drivers.values import Weather
 
 GOLDEN_TWO_PAIRS = [

@@ -11,7 +11,7 @@ from tested_journal import journal_in
 from campaigns.errors import GateRefused
 from campaigns.journal.records import Event, PairVoided, Rejected
 from campaigns.journal.views import AcceptedShot
-from campaigns.shot_sets import ShotSet
+from campaigns.shots.shot_sets import ShotSet
 
 
 def attempts_of(shots: tuple[AcceptedShot, ...]) -> list[int]:

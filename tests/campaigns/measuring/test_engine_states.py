@@ -5,8 +5,7 @@ from itertools import product
 import pytest
 from fake_cell import Listener
 
-from campaigns.measuring.progress import EngineState, time_left_s
-from campaigns.measuring.tally import FOLLOWERS, Tally
+from campaigns.measuring.run_state import FOLLOWERS, EngineState, RunState, time_left_s
 
 EVERY_STEP = list(product(EngineState, EngineState))
 
@@ -25,7 +24,7 @@ def way_to(state: EngineState) -> list[EngineState]:
 @pytest.mark.parametrize(("state", "follower"), EVERY_STEP)
 def test_only_what_the_table_says_may_follow(state: EngineState, follower: EngineState) -> None:
     listener = Listener()
-    tally = Tally(listener, done=0, total=1)
+    tally = RunState(listener, done=0, total=1)
     for step in way_to(state):
         tally.enter(step)
     if follower is EngineState.STOPPED or follower in FOLLOWERS[state]:

@@ -10,7 +10,7 @@ from tested_journal import TestedJournal, journal_in
 
 from campaigns.errors import CampaignError, Interrupted, JournalFailed, NotSettled
 from campaigns.journal.records import Outcome, Rejected, SessionStopped
-from campaigns.measuring.progress import EngineState
+from campaigns.measuring.run_state import EngineState
 from drivers.errors import (
     Cancelled,
     DeviceNotReady,

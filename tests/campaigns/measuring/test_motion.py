@@ -10,16 +10,15 @@ from small_plans import LIMITS, MOTION, commanded_as_pose, planned
 
 from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
 from campaigns.measuring.motion import Arrival, Mover
-from campaigns.measuring.progress import EngineState
-from campaigns.measuring.steps import Step
-from campaigns.numerics.par4 import inverse
-from campaigns.numerics.paths import route
-from campaigns.planning.ways import KnownWays, Mechanism
-from campaigns.shot_sets import ShotSet
+from campaigns.measuring.run_state import EngineState
+from campaigns.mechanisms.par4 import inverse
+from campaigns.planning.paths import PathCache, RobotModel, route
+from campaigns.planning.steps import Step
+from campaigns.shots.shot_sets import ShotSet
 from drivers.errors import EmergencyStop
 
-MECHANISM = Mechanism(NOMINAL, LIMITS, CENTRE)
-NO_WAYS = KnownWays(MECHANISM, ())
+MECHANISM = RobotModel(NOMINAL, LIMITS, CENTRE)
+NO_WAYS = PathCache(MECHANISM, ())
 NEAR = planned(7, ShotSet.ROTATION, None, 120.0, 40.0, -600.0, 0.1)
 
 
@@ -115,10 +114,10 @@ def test_next_leg_waits_until_the_robot_is_where_the_leg_before_ends() -> None:
 def test_way_of_the_plan_is_not_searched_again(monkeypatch: pytest.MonkeyPatch) -> None:
     cell = FakeCell()
     further = planned(8, ShotSet.ROTATION, None, -60.0, 0.0, -520.0)
-    ways = KnownWays(MECHANISM, [NEAR.joints_rad, further.joints_rad])
+    ways = PathCache(MECHANISM, [NEAR.joints_rad, further.joints_rad])
     mover = Mover(cell.robot, cell.clock, MOTION, ways, cell.wish)
     mover.go(Step(NEAR, "joints"), lambda _: None)
-    monkeypatch.setattr("campaigns.planning.ways.route", lambda *_: None)
+    monkeypatch.setattr("campaigns.planning.paths.route", lambda *_: None)
     mover.go(Step(further, "joints"), lambda _: None)
     with pytest.raises(TargetOutOfReach):
         mover.go(Step(NEAR, "joints"), lambda _: None)
@@ -128,7 +127,7 @@ def test_robot_that_was_pushed_away_is_led_from_where_it_really_stands() -> None
     here, there = unsafe_ends()
     cell = FakeCell()
     target = replace(NEAR, joints_rad=tuple(there.tolist()))
-    ways = KnownWays(MECHANISM, [NEAR.joints_rad, target.joints_rad])
+    ways = PathCache(MECHANISM, [NEAR.joints_rad, target.joints_rad])
     mover = Mover(cell.robot, cell.clock, MOTION, ways, cell.wish)
     mover.go(Step(NEAR, "joints"), lambda _: None)
     cell.robot.joints = here

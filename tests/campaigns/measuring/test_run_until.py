@@ -11,7 +11,7 @@ from goal_plans import ALL, OTHERS, PLAN, noisy_cell, numbers, until, worst_leng
 from tested_journal import journal_in
 
 from campaigns.errors import Interrupted
-from campaigns.estimators import Estimator
+from campaigns.estimation.estimators import Estimator
 from campaigns.journal.journal import Journal
 from campaigns.journal.records import (
     Event,
@@ -23,10 +23,10 @@ from campaigns.journal.records import (
     SessionStopped,
 )
 from campaigns.journal.views import Entry
-from campaigns.measuring.progress import Known
-from campaigns.measuring.session import known_from, left_out, nothing_left
-from campaigns.numerics.geometry import FREE_BY_DEFAULT, Geometry
-from campaigns.shot_sets import ShotSet
+from campaigns.measuring.run_state import ParameterPrecision
+from campaigns.measuring.session import complete_series, count_left_out, precision_from
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, Geometry
+from campaigns.shots.shot_sets import ShotSet
 
 GOAL_MM, SHARPER_MM, SHARPEST_MM = 0.4, 0.2, 0.05
 """Met by about 15 and 20 of the 26 identification shots, and not at all."""
@@ -130,7 +130,7 @@ def test_a_goal_that_the_shots_scatter_too_much_for_is_not_met(tmp_path: Path) -
     with journal_in(tmp_path, []) as journal:
         shots = journal.shots(1)
         assert not goals_met(journal)
-        known = known_from(shots, until(SHARPER_MM))
+        known = precision_from(shots, until(SHARPER_MM))
     assert numbers(shots) == ALL
     assert known.length_std_mm > SHARPER_MM > known.length_std_mm / known.scale
     assert known.scatter == pytest.approx(3.0, rel=0.3)
@@ -160,22 +160,22 @@ def test_a_covariance_that_cannot_be_neither_ends_a_run_nor_meets_a_goal(tmp_pat
     with journal_in(tmp_path, []) as journal:
         assert numbers(journal.shots(1)) == ALL
         assert not goals_met(journal)
-        assert known_from(journal.shots(1), until(GOAL_MM)) is None
+        assert precision_from(journal.shots(1), until(GOAL_MM)) is None
     assert cell.watcher.told[-1].known is None
 
 
 def test_distances_know_less_than_points(ended_early: Path) -> None:
     with journal_in(ended_early, []) as journal:
-        assert nothing_left(journal, until(GOAL_MM)) is not None
-        assert nothing_left(journal, until(GOAL_MM, estimator=Estimator.DISTANCES)) is None
+        assert complete_series(journal, until(GOAL_MM)) is not None
+        assert complete_series(journal, until(GOAL_MM, estimator=Estimator.DISTANCES)) is None
 
 
 def test_an_early_end_finishes_the_series(ended_early: Path) -> None:
     with journal_in(ended_early, []) as journal:
         assert journal.latest_series("run").finished
-        assert nothing_left(journal, until(GOAL_MM)).number == 1
-        assert nothing_left(journal, until(2.0 * GOAL_MM)).number == 1
-        assert left_out(journal.shots(1), until(None)) > 0
+        assert complete_series(journal, until(GOAL_MM)).number == 1
+        assert complete_series(journal, until(2.0 * GOAL_MM)).number == 1
+        assert count_left_out(journal.shots(1), until(None)) > 0
         stopped = journal.records_of(SessionStopped)[-1].record
     assert (stopped.how, stopped.reason) == ("finished", "everything wanted was measured")
 
@@ -187,12 +187,12 @@ def test_what_was_left_out_is_measured_by_a_run_without_the_goal_or_with_a_sharp
 ) -> None:
     cell = noisy_cell(seed=2)
     with journal_in(ended_early, cell.calls) as journal:
-        assert nothing_left(journal, until(goal_mm)) is None
+        assert complete_series(journal, until(goal_mm)) is None
         before = numbers(journal.shots(1))
         assert cell.measure(journal, until(goal_mm)) == 1, "the same series"
         assert numbers(journal.shots(1)) == ALL
         assert len(journal.records_of(SeriesFinished)) == 1
-        assert nothing_left(journal, until(goal_mm)).number == 1
+        assert complete_series(journal, until(goal_mm)).number == 1
     intents = [call[1] for call in cell.named("journal.intent")]
     assert intents[0] == 0, "the drift pose is compared first"
     assert set(intents[1:]) == ALL - before
@@ -206,14 +206,14 @@ def test_a_sharper_goal_ends_early_again(ended_early: Path) -> None:
         assert len(goals_met(journal)) == 2
         assert OTHERS < numbers(journal.shots(1)) < ALL
         assert worst_length_mm(journal.shots(1)) <= SHARPER_MM
-        assert nothing_left(journal, until(SHARPER_MM)).number == 1
+        assert complete_series(journal, until(SHARPER_MM)).number == 1
 
 
 def test_another_plan_begins_a_series_of_its_own(ended_early: Path) -> None:
     cell = noisy_cell()
     other = until(GOAL_MM, plan_digest="0" * 64)
     with journal_in(ended_early, cell.calls) as journal:
-        assert nothing_left(journal, other) is None
+        assert complete_series(journal, other) is None
         assert cell.measure(journal, other) == 2
 
 
@@ -255,7 +255,7 @@ def test_a_crash_about_an_early_end_loses_nothing(
     cut_off(tmp_path, whole[: met + ABOUT_THE_END.get(crash, finished - met)])
     cell = noisy_cell(seed=2)
     with journal_in(tmp_path, cell.calls) as journal:
-        if nothing_left(journal, until(goal_mm)) is None:
+        if complete_series(journal, until(goal_mm)) is None:
             cell.measure(journal, until(goal_mm))
         shots = journal.shots(1)
         assert journal.latest_series("run").finished
@@ -284,7 +284,7 @@ def test_a_voided_pair_is_forgotten_by_what_is_known(tmp_path: Path) -> None:
     assert with_first.length_std_mm < before.length_std_mm
 
 
-def known_while(cell: FakeCell, shot: int) -> list[Known]:
+def known_while(cell: FakeCell, shot: int) -> list[ParameterPrecision]:
     """What was known when the robot set out for each attempt at a shot."""
     told = [progress for progress in cell.watcher.told if progress.state.value == "moving"]
     return [progress.known for progress in told if progress.shot == shot]
@@ -299,7 +299,10 @@ def test_what_is_held_at_nominal_scatters_what_is_told_while_it_is_measured(tmp_
     cell = noisy_cell(truth=off)
     with journal_in(tmp_path, cell.calls) as journal:
         shots = journal.shots(cell.measure(journal, until(None, free=FEWER)))
-    by_a_fit, at_the_end = known_from(shots, until(None, free=FEWER)), cell.watcher.told[-1].known
+    by_a_fit, at_the_end = (
+        precision_from(shots, until(None, free=FEWER)),
+        cell.watcher.told[-1].known,
+    )
     assert by_a_fit.scatter > 2.0
     assert at_the_end.scatter == pytest.approx(by_a_fit.scatter, rel=0.1)
 
@@ -312,7 +315,10 @@ def test_what_is_known_is_of_the_parameters_that_identify_will_look_for(
     with journal_in(tmp_path, cell.calls) as journal:
         shots = journal.shots(cell.measure(journal, until(None, free=free)))
     at_the_end = cell.watcher.told[-1].known
-    by_a_fit, usual = known_from(shots, until(None, free=free)), known_from(shots, until(None))
+    by_a_fit, usual = (
+        precision_from(shots, until(None, free=free)),
+        precision_from(shots, until(None)),
+    )
     assert at_the_end.shots == by_a_fit.shots == len(IDENTIFICATION)
     assert at_the_end.length_std_mm == pytest.approx(by_a_fit.length_std_mm, rel=0.05)
     assert (by_a_fit.length_std_mm > 1.02 * usual.length_std_mm) is (free == MORE)

@@ -19,10 +19,10 @@ from campaigns.journal.records import (
     SessionStarted,
     SessionStopped,
 )
-from campaigns.measuring.guards import Gate
-from campaigns.measuring.session import nothing_left
-from campaigns.measuring.steps import groups, joint_steps
-from campaigns.shot_sets import ShotSet
+from campaigns.measuring.monitors import InnovationGate
+from campaigns.measuring.session import complete_series
+from campaigns.planning.steps import groups, joint_steps
+from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Weather
 
 
@@ -175,11 +175,11 @@ def test_series_that_lacks_only_its_end_is_finished_without_a_motion(tmp_path: P
 def test_finished_series_of_the_same_plan_leaves_nothing_to_do(tmp_path: Path) -> None:
     cell = FakeCell()
     with journal_in(tmp_path, cell.calls) as journal:
-        assert nothing_left(journal, work()) is None
+        assert complete_series(journal, work()) is None
         series = cell.measure(journal, work())
-        assert nothing_left(journal, work()).number == series
-        assert nothing_left(journal, work(FOUR_PAIRS)) is None
-        assert nothing_left(journal, work(stage="before")) is None
+        assert complete_series(journal, work()).number == series
+        assert complete_series(journal, work(FOUR_PAIRS)) is None
+        assert complete_series(journal, work(stage="before")) is None
 
 
 def test_stages_are_series_of_their_own(tmp_path: Path) -> None:
@@ -256,9 +256,11 @@ def test_voided_half_teaches_nothing_to_the_next_session(
 ) -> None:
     interrupted_at_move(tmp_path, 3)
     taught = []
-    accept = Gate.accept
+    accept = InnovationGate.accept
     monkeypatch.setattr(
-        Gate, "accept", lambda gate, outcome: (taught.append(outcome.shot), accept(gate, outcome))
+        InnovationGate,
+        "accept",
+        lambda gate, outcome: (taught.append(outcome.shot), accept(gate, outcome)),
     )
     cell = FakeCell()
     with journal_in(tmp_path, cell.calls) as journal:

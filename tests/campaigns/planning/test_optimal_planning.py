@@ -5,25 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from campaigns.design import pose_sampling, tours
 from campaigns.errors import PlanInvalid
-from campaigns.estimators import Estimator
-from campaigns.numerics import placement
-from campaigns.numerics.geometry import FREE_BY_DEFAULT, IS_ANGLE, indices
-from campaigns.numerics.instrument import (
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.information import predict_distances, predict_points
+from campaigns.estimation.tracker_noise import (
     TrackerUncertainty,
     distance_variance_mm2,
     point_covariance_mm2,
 )
-from campaigns.numerics.point_prediction import predict_points
-from campaigns.numerics.prediction import predict_distances
-from campaigns.planning.foresight import approach_shares
-from campaigns.planning.optimal import make_optimal_plan
-from campaigns.planning.options import OptimalRequest
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, IS_ANGLE, indices
+from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
 from campaigns.planning.plan_check import Pace, check_plan
 from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of, poses_of
-from campaigns.robots.arrays import numeric_geometry, numeric_limits
-from campaigns.robots.robot import find_robot
-from campaigns.shot_sets import ShotSet
+from campaigns.planning.predicted_precision import plan_approach_shares
+from campaigns.robots.robot import find_robot, numeric_geometry, numeric_limits
+from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
 pytestmark = pytest.mark.slow
@@ -67,7 +64,7 @@ def worst_length_by_distances_mm(shots):
 
 def travel(shots):
     joints = joints_of(shots)
-    return placement.travel_rad(joints[:-1], joints[1:]).sum()
+    return tours.travel_rad(joints[:-1], joints[1:]).sum()
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +100,7 @@ def test_poses_are_all_different(plan):
 
 
 def test_joints_are_approached_from_both_sides(plan):
-    assert all(0.3 <= share <= 0.7 for share in approach_shares(plan.shots))
+    assert all(0.3 <= share <= 0.7 for share in plan_approach_shares(plan.shots))
 
 
 def test_coordinates_tell_more_than_on_the_boundary_plan(plan, boundary_plan):
@@ -199,7 +196,7 @@ def test_parameters_that_move_with_the_frame_are_refused():
 
 
 def test_view_that_sees_too_little_is_refused(monkeypatch):
-    monkeypatch.setattr(placement, "BATCHES", 5)
+    monkeypatch.setattr(pose_sampling, "BATCHES", 5)
     nearly_blind = replace(VIEW, acceptance_rad=np.radians(0.05))
     with pytest.raises(PlanInvalid, match="too small a part of the workspace"):
         planned(request(validation_pairs=0), view=nearly_blind)

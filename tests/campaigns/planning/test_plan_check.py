@@ -9,12 +9,12 @@ from fake_cell import CENTRE, NOMINAL
 from small_plans import FOUR_PAIRS, LIMITS, planned
 
 from campaigns.errors import PlanInvalid
-from campaigns.numerics.paths import route
 from campaigns.planning import plan_check
+from campaigns.planning.paths import route
 from campaigns.planning.plan_check import CheckedPlan, Pace, check_plan
 from campaigns.planning.plan_file import PlannedShot, parse_plan, plan_text
 from campaigns.planning.plans import View
-from campaigns.shot_sets import ShotSet
+from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
 VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), float(np.radians(25.0)))
@@ -118,7 +118,7 @@ def test_drift_shots_at_different_poses_are_refused() -> None:
 
 def test_way_that_is_not_safe_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """No two good poses of this robot lack a way round: so the way round is taken away."""
-    monkeypatch.setattr("campaigns.planning.ways.route", lambda *_: None)
+    monkeypatch.setattr("campaigns.planning.paths.route", lambda *_: None)
     text = problem(FOUR_PAIRS)
     assert text.startswith("no safe way from shot 0 to shot 1: blocked, and no way round")
 

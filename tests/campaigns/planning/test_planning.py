@@ -7,9 +7,10 @@ import pytest
 from fake_cell import CENTRE, NOMINAL, ROBOT
 from small_plans import LIMITS
 
+from campaigns.design.pose_sampling import incidence_rad
+from campaigns.design.tours import travel_rad
 from campaigns.errors import PlanInvalid
-from campaigns.numerics.placement import incidence_rad, travel_rad
-from campaigns.numerics.reach import reach
+from campaigns.mechanisms.feasibility import feasibility
 from campaigns.planning.plan_check import Pace, check_plan
 from campaigns.planning.plan_file import PlannedShot, parse_plan, plan_digest, plan_text
 from campaigns.planning.plans import (
@@ -22,7 +23,7 @@ from campaigns.planning.plans import (
     pairs_of,
     poses_of,
 )
-from campaigns.shot_sets import ShotSet
+from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
 VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), float(np.radians(25.0)))
@@ -75,8 +76,8 @@ def test_shots_to_identify_from_lie_near_the_boundary(
 ) -> None:
     poses = poses_of(of(default_plan, ShotSet.IDENTIFICATION))
     further = CENTRE + 1.08 * (poses - CENTRE)
-    assert reach(NOMINAL, LIMITS, poses).feasible.all()
-    beyond = ~reach(NOMINAL, LIMITS, further).feasible
+    assert feasibility(NOMINAL, LIMITS, poses).feasible.all()
+    beyond = ~feasibility(NOMINAL, LIMITS, further).feasible
     unseen = incidence_rad(further[:, :3], np.array(VIEW.tracker_mm), unit(VIEW.facing)) > 0.43
     assert (beyond | unseen).mean() > 0.9
 
@@ -144,6 +145,6 @@ def test_centre_that_the_tracker_cannot_see_is_refused() -> None:
 
 
 def test_workspace_that_is_too_small_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("campaigns.numerics.placement.BATCHES", 2)
+    monkeypatch.setattr("campaigns.design.pose_sampling.BATCHES", 2)
     with pytest.raises(PlanInvalid, match="too small a part of the workspace"):
         plan(view=replace(VIEW, acceptance_rad=1e-4, facing=(2500.0, 0.0, 75.0)))

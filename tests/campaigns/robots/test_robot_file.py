@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from campaigns.errors import ConfigInvalid, OutputExists
-from campaigns.parameters import AXIS_TILT_NAMES, PARAMETER_NAMES
-from campaigns.robots.arrays import numeric_geometry
+from campaigns.mechanisms.geometry import AXIS_TILT_NAMES, PARAMETER_NAMES
 from campaigns.robots.robot import (
     Compensation,
     RobotFile,
     compensated,
     find_robot,
+    numeric_geometry,
     read_robot,
     write_new_robot,
 )

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from campaigns.errors import ConfigInvalid, NotACampaign, OutputExists, WriteFailed
-from campaigns.files.commented_yaml import commented_yaml
-from campaigns.files.yamlfile import FileModel, checked, parse_document
+from campaigns.files.yaml_file import FileModel, checked, commented_yaml, parse_document
 from campaigns.robots.robot import find_robot
 from campaigns.settings.config import (
     SCHEMA,

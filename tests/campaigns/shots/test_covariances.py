@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.shots.covariances import positive_definite
+from campaigns.shots.shots import is_positive_definite
 
 
 def nested(matrix):
@@ -19,7 +19,7 @@ def nested(matrix):
 )
 def test_squares_of_regular_matrices_can_be_covariances_in_any_unit(seed, std, unit):
     turn = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))[0]
-    assert positive_definite(nested(unit * turn @ np.diag(np.square(std)) @ turn.T))
+    assert is_positive_definite(nested(unit * turn @ np.diag(np.square(std)) @ turn.T))
 
 
 @pytest.mark.parametrize(
@@ -37,4 +37,4 @@ def test_squares_of_regular_matrices_can_be_covariances_in_any_unit(seed, std, u
     ],
 )
 def test_what_has_no_finite_whitening_is_none(matrix):
-    assert not positive_definite(nested(matrix))
+    assert not is_positive_definite(nested(matrix))

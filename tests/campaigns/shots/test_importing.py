@@ -10,11 +10,11 @@ from small_plans import FOUR_PAIRS
 from tested_journal import plain_journal
 
 from campaigns.errors import ShotsInvalid
-from campaigns.numerics.instrument import TrackerUncertainty
-from campaigns.shot_sets import ShotSet
-from campaigns.shots.dataset import dataset_of_journal
-from campaigns.shots.exchange import ShotRow
-from campaigns.shots.importing import append_import
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.shots.import_export import append_import
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import shots_of_journal
+from campaigns.shots.shots_csv import ShotRow
 
 COVARIANCE_MM2 = ((1e-4, 1e-5, 0.0), (1e-5, 2e-4, 0.0), (0.0, 0.0, 3e-4))
 
@@ -37,7 +37,7 @@ def test_import_is_a_finished_series_with_every_row_in_its_order(tmp_path: Path)
     assert series.finished
     assert series.started.robot_file_digest == ROBOT.digest()
     assert [shot.intent.shot for shot in shots] == list(range(8))
-    data = dataset_of_journal(shots)
+    data = shots_of_journal(shots)
     assert data.pairs == (0, 0, 1, 1, 2, 2, 3, 3)
     assert data.points_in_tracker_mm[:, 0].tolist() == [1001.0 + row for row in range(8)]
     assert data.joints_rad == pytest.approx(np.array([row.joints_rad for row in rows()]))
@@ -62,7 +62,7 @@ def test_covariance_set_and_time_of_a_row_are_kept(tmp_path: Path) -> None:
         for row in rows()
     )
     _, shots = imported(tmp_path, told)
-    data = dataset_of_journal(shots)
+    data = shots_of_journal(shots)
     assert data.stated_covariance_mm2.shape == (8, 3, 3)
     assert data.stated_covariance_mm2[0].tolist() == [list(row) for row in COVARIANCE_MM2]
     assert set(data.purposes) == {ShotSet.VALIDATION}
@@ -75,7 +75,7 @@ def test_only_shots_without_a_covariance_get_the_instruments(tmp_path: Path) -> 
         for place, row in enumerate(rows())
     )
     _, shots = imported(tmp_path, told)
-    completed = dataset_of_journal(shots).covariance_mm2(TrackerUncertainty())
+    completed = shots_of_journal(shots).covariance_mm2(TrackerUncertainty())
     as_stated = [np.array_equal(each, np.array(COVARIANCE_MM2)) for each in completed]
     assert as_stated == [True, False] * 4
     assert np.isfinite(completed).all()

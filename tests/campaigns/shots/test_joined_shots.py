@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from campaigns.errors import ShotsInvalid
-from campaigns.shot_sets import ShotSet
-from campaigns.shots.exchange import parse_shots, read_shots, shots_text
 from campaigns.shots.joined_shots import PointSource, read_joined_shots
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots_csv import parse_shots, read_shots, shots_text
 
 VECTORS = Path(__file__).parents[2] / "data" / "vectors"
 POINTS = """\

@@ -7,12 +7,10 @@ import pytest
 from campaigns.journal.journal import open_journal
 from campaigns.journal.records import Intent, Outcome, SeriesStarted
 from campaigns.journal.views import AcceptedShot, Series
-from campaigns.robots.arrays import numeric_geometry
-from campaigns.robots.robot import find_robot
-from campaigns.shot_sets import ShotSet
-from campaigns.shots.exchange import ShotRow, parse_shots, shots_text
-from campaigns.shots.export import exported_shots
-from campaigns.shots.importing import append_import
+from campaigns.robots.robot import find_robot, numeric_geometry
+from campaigns.shots.import_export import append_import, exported_shots
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots_csv import ShotRow, parse_shots, shots_text
 from drivers.values import Pose, Weather
 
 MEASURED = "2026-05-04T10:00:00.000Z"

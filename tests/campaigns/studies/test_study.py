@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from campaigns.errors import OutputExists, ShotsMissing, WriteFailed
-from campaigns.estimators import Estimator
-from campaigns.numerics.estimate import Treatment, estimate
-from campaigns.numerics.fit import solve
-from campaigns.numerics.forward import forward
-from campaigns.numerics.frames import Transform, small_rotation
-from campaigns.numerics.geometry import (
+from campaigns.estimation.estimate import OutlierPolicy, estimate
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, solve
+from campaigns.estimation.rigid_transforms import Transform, small_rotation
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import (
     FILE_UNIT,
     FREE_BY_DEFAULT,
     IS_ANGLE,
@@ -19,17 +20,20 @@ from campaigns.numerics.geometry import (
     Geometry,
     indices,
 )
-from campaigns.numerics.instrument import TrackerUncertainty
-from campaigns.numerics.problem import Priors, Problem
 from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of
-from campaigns.robots.arrays import numeric_geometry
-from campaigns.robots.robot import find_robot
-from campaigns.shot_sets import ShotSet
+from campaigns.robots.robot import find_robot, numeric_geometry
+from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies import study
-from campaigns.studies.setup import CampaignOutcome, PairedShots, StudySetup, StudyTask
-from campaigns.studies.study import indistinguishable, run_task
+from campaigns.studies.store import StudyTable
+from campaigns.studies.study import (
+    CampaignOutcome,
+    PairedShots,
+    StudySetup,
+    StudyTask,
+    indistinguishable,
+    run_task,
+)
 from campaigns.studies.summary import chance, interval_factor, normal_scores, summarise
-from campaigns.studies.table import StudyTable
 from drivers.values import Pose
 
 pytestmark = pytest.mark.slow
@@ -246,9 +250,9 @@ def test_study_states_what_identification_states_of_the_same_shots(setup, estima
     problem = study._problem(quiet, near, study._measured(robot, np.random.default_rng(1)))
     points = estimator is Estimator.POINTS
     identified = estimate(
-        Problem(problem, 3 if points else 1, Priors.none()),
+        LeastSquaresProblem(problem, 3 if points else 1, Priors.none()),
         len(FREE),
-        Treatment(exclude=False),
+        OutlierPolicy(exclude=False),
         trusted=points,
     )
     stated = study.stated_std(estimator, solve(problem))

@@ -20,14 +20,13 @@ from drivers.errors import (
 )
 from drivers.values import Weather
 from drivers.wire.emscon import Answer, encode
-from drivers.wire.emscon_constants import Command
+from drivers.wire.emscon_constants import Command, ResultStatus
 from drivers.wire.emscon_messages import (
     ErrorResponse,
     ReflectorPosition,
     StatusChange,
     Target,
 )
-from drivers.wire.emscon_status import ResultStatus
 
 START = Command.START_MEASUREMENT
 

@@ -11,7 +11,7 @@ from drivers.errors import (
     LinkDown,
 )
 from drivers.wire.emscon import Answer, refusal
-from drivers.wire.emscon_constants import Command, SystemChange
+from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange
 from drivers.wire.emscon_messages import (
     ReflectorChoice,
     ReflectorEntry,
@@ -22,7 +22,6 @@ from drivers.wire.emscon_messages import (
     SystemSettings,
     Units,
 )
-from drivers.wire.emscon_status import ResultStatus
 
 START = Command.START_MEASUREMENT
 STANDARD_RESULT = SingleResult(

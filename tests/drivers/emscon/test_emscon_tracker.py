@@ -11,7 +11,7 @@ from drivers.errors import (
 )
 from drivers.values import Readiness, Weather
 from drivers.wire.emscon import Answer, encode, refusal
-from drivers.wire.emscon_constants import Command
+from drivers.wire.emscon_constants import Command, ResultStatus
 from drivers.wire.emscon_messages import (
     ErrorResponse,
     MeasurementStatusInfo,
@@ -19,7 +19,6 @@ from drivers.wire.emscon_messages import (
     TrackerStatus,
     Units,
 )
-from drivers.wire.emscon_status import ResultStatus
 
 
 class TestSession:

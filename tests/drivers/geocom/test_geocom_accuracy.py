@@ -15,8 +15,8 @@ from drivers.geocom.accuracy import (
     accuracy_of_class,
     covariance_mm2,
     direction_rad,
+    relative_humidity_percent,
 )
-from drivers.geocom.air import relative_humidity_percent
 
 PURE_ANGLE = Accuracy(10.0, 0.0, 0.0, aiming_mm=0.0, target_mm=0.0)
 lengths = st.floats(-2e4, 2e4).filter(lambda value: abs(value) > 1.0)

@@ -7,9 +7,8 @@ from scripted_geocom import POINT_MM, Bench
 
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, LinkDown, WireError
 from drivers.geocom.accuracy import Accuracy, accuracy_of_class, covariance_mm2
-from drivers.wire.geocom import Reply, encode_reply
+from drivers.wire.geocom import Reply, encode_reply, words_of
 from drivers.wire.geocom_constants import Result, Rpc
-from drivers.wire.geocom_words import words_of
 
 pytestmark = pytest.mark.usefixtures("no_pause_at_start")
 

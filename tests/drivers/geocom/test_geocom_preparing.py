@@ -5,9 +5,8 @@ from scripted_geocom import CCR, POINT_MM, Bench
 
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused
 from drivers.values import Readiness
-from drivers.wire.geocom import Reply, encode_reply
+from drivers.wire.geocom import Reply, encode_reply, words_of
 from drivers.wire.geocom_constants import Result, Rpc
-from drivers.wire.geocom_words import words_of
 
 pytestmark = pytest.mark.usefixtures("no_pause_at_start")
 

@@ -4,9 +4,8 @@ import pytest
 from scripted_geocom import POINT_MM, Bench, Instrument
 
 from drivers.errors import Cancelled, DeviceNotReady, DeviceRefused, LinkDown, WrongDevice
-from drivers.wire.geocom import Reply, encode_reply
+from drivers.wire.geocom import Reply, encode_reply, words_of
 from drivers.wire.geocom_constants import Result, Rpc
-from drivers.wire.geocom_words import words_of
 
 pytestmark = pytest.mark.usefixtures("no_pause_at_start")
 

@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.errors import DeviceRefused, LinkDown
-from drivers.linuxcnc.parameters import FileParameters, HalParameters
+from drivers.linuxcnc.hal_parameters import FileParameters, HalParameters
 
 PIN_OF = {"arm0.x_mm": "par4kins.arm0.x_mm", "plate_mm": "par4kins.plate_mm"}
 OLD = {"arm0.x_mm": -172.5, "plate_mm": 100.0}

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from drivers.errors import DeviceRefused, LinkDown, WireError
-from drivers.linuxcnc.pins import HalAccess, HalPins
+from drivers.linuxcnc.hal_parameters import HalAccess, HalPins
 
 NAMES = ("par4kins.arm0.x_mm", "par4kins.plate_mm")
 ODD = 0.1 + 0.2  # needs 17 digits

@@ -11,7 +11,7 @@ from drivers.errors import (
     MotionFault,
     WrongDevice,
 )
-from drivers.linuxcnc.state import Coordinates
+from drivers.linuxcnc.machine_state import Coordinates
 from drivers.values import Identity
 
 IDENTITY = Identity("LinuxCNC", "Par4 in XYZA", "PAR4", "not told", "linuxcncrsh 1.1")

@@ -21,12 +21,13 @@ from drivers.wire.emscon import (
     encode,
     refusal,
 )
-from drivers.wire.emscon_body import decode_body, encode_body, layout_of
 from drivers.wire.emscon_constants import (
     Command,
     DataType,
+    ResultStatus,
     StatusBit,
     SystemChange,
+    status_text,
 )
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
@@ -45,8 +46,10 @@ from drivers.wire.emscon_messages import (
     SystemStatus,
     Target,
     Units,
+    decode_body,
+    encode_body,
+    layout_of,
 )
-from drivers.wire.emscon_status import ResultStatus, status_text
 
 GOLDEN = {
     name: bytes.fromhex(packet)

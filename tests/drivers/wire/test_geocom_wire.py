@@ -21,9 +21,6 @@ from drivers.wire.geocom import (
     encode_reply,
     encode_request,
     line_framer,
-)
-from drivers.wire.geocom_constants import procedure_text, result_text
-from drivers.wire.geocom_words import (
     number_word,
     parse_number,
     parse_string,
@@ -32,6 +29,7 @@ from drivers.wire.geocom_words import (
     string_word,
     words_of,
 )
+from drivers.wire.geocom_constants import procedure_text, result_text
 
 numbers = st.integers(0, 999_999_999)
 texts = st.text(st.characters(codec="latin-1"), max_size=20)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.wire.lines import LineFramer
+from drivers.wire.framing import LineFramer
 
 LIMIT = 8
 streams = st.lists(st.sampled_from([b"\n", b"\r", b"\r\n", b"a", b"bcd", b"e" * 20])).map(b"".join)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import WireError
-from drivers.wire.packets import LARGEST_PACKET_BYTES, Packet, PacketFramer, encode_packet
+from drivers.wire.framing import LARGEST_PACKET_BYTES, Packet, PacketFramer, encode_packet
 
 INT32 = st.integers(-(2**31), 2**31 - 1)
 PACKETS = st.lists(st.builds(Packet, INT32, st.binary(max_size=50)), max_size=5)

@@ -8,8 +8,8 @@ import pytest
 from sim.draws import WorkedTime
 from sim.faults import Counted, Fault, FaultScript
 from sim.geometry import NOMINAL_ROBOTS, geometry_of
+from sim.robot.assembly import joints_for
 from sim.robot.controller import ControllerSettings, Refusal, SimulatedController
-from sim.robot.inverse import joints_for
 
 SETTINGS = ControllerSettings(
     serial="SIM-C-7",

@@ -9,10 +9,8 @@ import pytest
 
 from sim.errors import AssemblyLost
 from sim.geometry import NOMINAL_ROBOTS, UP, geometry_of
-from sim.robot.assembly import assemble, follow, restore
-from sim.robot.inverse import OutOfReach, joints_for, plate_joints_mm
-from sim.robot.rods import Build, EightRods, Plate
-from sim.robot.rotations import rotation, rotation_and_rates
+from sim.robot.assembly import OutOfReach, assemble, follow, joints_for, plate_joints_mm, restore
+from sim.robot.rods import Build, EightRods, Plate, rotation, rotation_and_rates
 from sim.scenarios.scenario import load_scenario
 
 VECTORS = Path(__file__).parents[2] / "data" / "vectors" / "kinematics.json"

@@ -12,7 +12,7 @@ from emscon_client_stub import (
 )
 from fake_tracker import COVARIANCE_MM2, FakeTracker
 
-from drivers.wire.emscon_constants import Command, SystemChange
+from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
     CoordinateSystem,
@@ -32,7 +32,6 @@ from drivers.wire.emscon_messages import (
     TrackerStatus,
     Units,
 )
-from drivers.wire.emscon_status import ResultStatus
 
 
 def test_a_set_command_is_answered_and_its_event_told():

@@ -5,10 +5,10 @@ from contextlib import closing, suppress
 import numpy as np
 import pytest
 
-from drivers.clock import SystemClock
 from drivers.emscon.client import EmsconDeadlines
 from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, DriverError
+from drivers.ports import SystemClock
 from drivers.transport import open_transport
 from sim.cell import Cell
 from sim.clock import ScaledClock

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import WireError
 from drivers.wire.emscon import Answer, Request, UnknownRequest, encode
-from drivers.wire.emscon_constants import Command, SystemChange
+from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
     ErrorResponse,
@@ -28,7 +28,6 @@ from drivers.wire.emscon_messages import (
     SystemStatus,
     Target,
 )
-from drivers.wire.emscon_status import ResultStatus
 
 
 def test_unknown_command_is_not_implemented():

@@ -5,8 +5,8 @@ import math
 import pytest
 from geocom_client_stub import Client
 
+from drivers.wire.geocom import parse_number, words_of
 from drivers.wire.geocom_constants import Result, Rpc
-from drivers.wire.geocom_words import parse_number, words_of
 from sim.faults import Counted, Fault
 
 MEASURE = words_of(1, 1)

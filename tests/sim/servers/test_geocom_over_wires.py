@@ -6,10 +6,10 @@ from functools import partial
 import numpy as np
 import pytest
 
-from drivers.clock import SystemClock
 from drivers.errors import BeamBroken, DriverError
 from drivers.geocom.client import GeocomDeadlines
 from drivers.geocom.tracker import GeocomTracker
+from drivers.ports import SystemClock
 from drivers.transport import open_transport
 from sim.cell import Cell
 from sim.clock import ScaledClock

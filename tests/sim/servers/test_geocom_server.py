@@ -5,9 +5,8 @@ from geocom_client_stub import WINDOW, Client
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.wire.geocom import Reply
+from drivers.wire.geocom import Reply, parse_string, words_of
 from drivers.wire.geocom_constants import Result, Rpc
-from drivers.wire.geocom_words import parse_string, words_of
 from sim.servers.geocom_server import GeocomSession
 
 

@@ -5,8 +5,8 @@ import math
 import pytest
 from geocom_client_stub import WINDOW, Client
 
+from drivers.wire.geocom import words_of
 from drivers.wire.geocom_constants import Result, Rpc
-from drivers.wire.geocom_words import words_of
 
 
 def test_it_follows_only_when_told_to():

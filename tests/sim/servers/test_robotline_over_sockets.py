@@ -3,8 +3,8 @@
 import pytest
 from fake_controller import FakeController
 
-from drivers.clock import SystemClock
 from drivers.errors import LimitViolation, LinkDown, WireError
+from drivers.ports import SystemClock
 from drivers.robotline.robot import LineRobot
 from drivers.transport import open_transport
 from drivers.wire.robotline_geometry import GEOMETRY_NAMES

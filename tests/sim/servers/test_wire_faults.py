@@ -3,14 +3,14 @@
 import pytest
 
 from sim.faults import Counted, Fault, FaultScript
-from sim.servers.outbox import GARBLED, LATE_S, Outbox
+from sim.servers.peers import GARBLED, LATE_S, SendQueue
 
 MESSAGE = b"0123456789\n"
 
 
 def outbox(*faults):
     script = FaultScript([Fault(Counted.TRACKER_ANSWER, *fault) for fault in faults], {})
-    return Outbox(lambda: script.next(Counted.TRACKER_ANSWER))
+    return SendQueue(lambda: script.next(Counted.TRACKER_ANSWER))
 
 
 def taken(box, now_s):

@@ -7,7 +7,7 @@ import pytest
 from tracker_stage import STANDING_MM, Stage, measured, seen_mm, tracker
 
 from sim.faults import Counted, Fault
-from sim.robot.rotations import rotation
+from sim.robot.rods import rotation
 from sim.tracker.optics import direction_of
 
 

@@ -1,0 +1,202 @@
+"""pkmcal study: many simulated campaigns, to see how good a plan and how honest its σ is."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from app.exits import Exit
+from app.options import Fix, Folder, Free, Json, Plot
+from campaigns.estimation.estimators import Estimator
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from app.console import Terminal
+    from app.folder import Campaign
+    from app.progress import CountedWork
+    from app.study.combinations import Combination
+    from app.study.comparison import Compared
+    from app.study.setup import StudyOptions
+
+MOST_CAMPAIGNS = 1_000_000
+OUTPUTS = "study"
+COMPARISON, DOCUMENT = "comparison.csv", "study.json"
+"""What is written into the folder beside the tables."""
+
+Campaigns = Annotated[
+    int,
+    typer.Option(
+        min=2,
+        max=MOST_CAMPAIGNS,
+        metavar="N",
+        help="Campaigns of each combination, those already there included.",
+    ),
+]
+Plans = Annotated[
+    list[Path] | None,
+    typer.Option("--plan", metavar="FILE", help="A plan, if not the plan.csv in DIR; repeatable."),
+]
+Scenarios = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--scenario",
+        metavar="NAME",
+        help="What robots and noise to draw, if not by the campaign's own cell; repeatable.",
+    ),
+]
+Estimators = Annotated[
+    list[Estimator] | None,
+    typer.Option(
+        "--estimator", help="What the fits compare; repeatable.", show_default=Estimator.POINTS
+    ),
+]
+Workers = Annotated[
+    str | None,
+    typer.Option(
+        metavar="N|URL",
+        help="Local processes, or the scheduler of a Dask cluster as tcp://HOST:PORT.",
+        show_default="one a processor",
+    ),
+]
+SeedOfAll = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of all that is drawn.")]
+To = Annotated[
+    Path | None, typer.Option(metavar="FOLDER", help="Where tables go, if not DIR/study.")
+]
+
+
+def command(
+    context: typer.Context,
+    folder: Folder,
+    *,
+    campaigns: Campaigns,
+    plan: Plans = None,
+    scenario: Scenarios = None,
+    estimator: Estimators = None,
+    free: Free = None,
+    fix: Fix = None,
+    seed: SeedOfAll = 1,
+    workers: Workers = None,
+    to: To = None,
+    plot: Plot = None,
+    json: Json = False,
+) -> None:
+    """Simulate and identify many campaigns, by every plan, scenario and estimator named.
+
+    Each draws a robot and the tracker's noise, and that is all there is: what no parameter
+    describes (rods, backlash, warm arms) is for `pkmcal dry-run` to show. Tells whether the stated
+    σ are true, how near they come to the least that the shots allow, and what is left elsewhere.
+
+    The same command goes on where it was stopped; a larger N adds campaigns. Numbers depend on the
+    seed, not on the workers. Exit code 1: campaigns were lost with their workers.
+    """
+    from app.console import terminal_of
+    from app.folder import open_campaign
+    from app.study.setup import StudyOptions
+    from campaigns.identification.parameter_selection import select_parameters
+
+    terminal, opened = terminal_of(context, as_json=json), open_campaign(folder)
+    names = select_parameters(free or (), fix or ()).free
+    asked = StudyOptions(plan or (), scenario or (), estimator or (), names, seed)
+    goal = Goal(campaigns, workers, to or opened.path(OUTPUTS))
+    document, compared = study(opened, asked, goal, terminal)
+    show(terminal, compared)
+    if plot is not None:
+        draw(terminal, compared, plot)
+    terminal.document(document)
+    if document["lost"]:
+        raise typer.Exit(Exit.NOT_GOOD)
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """How many campaigns of each combination there shall be, by whom, and where."""
+
+    campaigns: int
+    workers: str | None
+    to: Path
+
+
+def study(
+    campaign: "Campaign", asked: "StudyOptions", goal: Goal, terminal: "Terminal"
+) -> "tuple[dict[str, object], tuple[Compared, ...]]":
+    """Run what the tables lack, with their folder held, and write what all of it shows."""
+    import time
+
+    from app.folder import now_utc
+    from app.study.combinations import combinations
+    from app.study.comparison import compare, comparison_csv
+    from app.study.document import document_text, study_document
+    from app.study.running import run_study
+    from app.study.workers import workers_of
+    from campaigns.files.lock import campaign_lock
+    from campaigns.files.text_file import make_folder, replace_text
+
+    began_s = time.monotonic()
+    found, results_of = combinations(campaign, asked, goal.to), workers_of(goal.workers)
+    tell_what_is_left_out(terminal, found)
+    make_folder(goal.to)
+    with campaign_lock(goal.to, now_utc=now_utc):
+        studied = run_study(found, range(goal.campaigns), results_of, counting)
+        compared = compare(studied)
+        told = study_document(compared, asked.seed, time.monotonic() - began_s)
+        document = told | {"path": str(goal.to)}
+        replace_text(goal.to / COMPARISON, comparison_csv(compared))
+        replace_text(goal.to / DOCUMENT, document_text(document))
+    return document, compared
+
+
+def counting(total: int, done: int) -> "CountedWork":
+    """Shows how far the campaigns are."""
+    import time
+
+    from rich.console import Console
+
+    from app.progress import CountedWork
+
+    screen = Console(stderr=True, highlight=False)
+    return CountedWork(screen, "campaigns", total, done=done, now_s=time.monotonic)
+
+
+def tell_what_is_left_out(terminal: "Terminal", combinations: "Sequence[Combination]") -> None:
+    """Say what the scenarios have that no campaign of a study has."""
+    from app.console import WARNING
+    from app.study.setup import left_out
+
+    for scenario in {one.scenario.name: one.scenario for one in combinations}.values():
+        if effects := left_out(scenario):
+            terminal.note(f"{scenario.name}: not simulated here: {', '.join(effects)}", WARNING)
+
+
+def show(terminal: "Terminal", compared: "Sequence[Compared]") -> None:
+    """The result for people: of one combination every parameter, of several the worst of each."""
+    from app.console import WARNING
+    from app.study import tables
+
+    if len(compared) == 1:
+        rows = tables.parameter_rows(compared[0].summary)
+        terminal.table("Errors of the parameters (mm, deg)", tables.PARAMETERS, rows)
+    else:
+        rows = tables.honesty_rows(compared)
+        terminal.table("Errors of the parameters", tables.HONESTY, rows)
+    terminal.note(tables.EXPLAINED)
+    if unseen := tables.unseen_rows(compared):
+        terminal.table("Errors of unseen distances (mm)", tables.UNSEEN, unseen)
+    for label, one in zip(tables.labels(compared), compared, strict=True):
+        style = WARNING if one.summary.too_sure else ""
+        terminal.say(f"{label}: {tables.honesty(one.summary)}", style)
+        if one.summary.failed:
+            terminal.say(f"{label}: {tables.failures(one)}", WARNING)
+        if one.studied.lost:
+            terminal.say(f"{label}: {tables.losses(one)}", WARNING)
+    terminal.say(f"written: {compared[0].combination.table.path.parent}")
+
+
+def draw(terminal: "Terminal", compared: "Sequence[Compared]", path: Path) -> None:
+    """Draw errors, coverage and what is left; raises `WriteFailed`."""
+    from app.report.figures.drawing import save
+    from app.study.pictures import study_picture
+
+    save(study_picture(compared), path)
+    terminal.say(f"drawn: {path}")

@@ -1,0 +1,141 @@
+"""What makes a set of shots good: criteria of optimal design, each a number to be made small."""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+
+from campaigns.design.candidates import Candidates
+from campaigns.mechanisms.geometry import Array
+
+SHARPNESS = 4
+"""The power of a variance by which E-optimality looks at its direction."""
+
+CriterionName = Literal["I", "D", "A", "E"]
+
+
+class Criterion(Protocol):
+    """How to compare designs; covariances (P, P) are of scaled unknowns."""
+
+    def value(self, covariance: Array) -> float:
+        """What shall be small."""
+        ...
+
+    def weight(self, covariance: Array) -> Array:
+        """W such that near this covariance the value falls as tr(C W) falls, (P, P)."""
+        ...
+
+    def gains(self, spread: Array, effect: Array) -> Array:
+        """How good it would be to add each candidate, (M,), the more the better.
+
+        `spread` and `effect`, (k, k, M), are J C Jᵀ and J C W C Jᵀ of each candidate's rows J.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TraceCriterion:
+    """tr(C W) with a fixed W: I-optimality and A-optimality."""
+
+    fixed: Array
+    """W, (P, P)."""
+
+    def value(self, covariance: Array) -> float:
+        """The mean square of what W weighs."""
+        return float(np.sum(covariance * self.fixed))
+
+    def weight(self, covariance: Array) -> Array:  # noqa: ARG002 - the same whatever is known
+        """W."""
+        return self.fixed
+
+    def gains(self, spread: Array, effect: Array) -> Array:
+        """By how much the trace would fall."""
+        return trace_improvement(spread, effect)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MaxEigenvalue:
+    """Largest eigenvalue of the parameters' covariance: E-optimality."""
+
+    parameters: int
+
+    def value(self, covariance: Array) -> float:
+        """The variance of what is known worst."""
+        return float(np.linalg.eigvalsh(self._own(covariance))[-1])
+
+    def weight(self, covariance: Array) -> Array:
+        """Σ vᵢ vᵢᵀ λᵢ⁴ / λ₁⁴ over the eigenvectors: what is known worst, and what is next to it.
+
+        The worst one alone would be a poor guide: it changes from one exchange to the next.
+        """
+        values, vectors = np.linalg.eigh(self._own(covariance))
+        weight = np.zeros_like(covariance)
+        own = (vectors * (values / values[-1]) ** SHARPNESS) @ vectors.T
+        weight[: self.parameters, : self.parameters] = own
+        return weight
+
+    def gains(self, spread: Array, effect: Array) -> Array:
+        """By how much the weighted variances would fall."""
+        return trace_improvement(spread, effect)
+
+    def _own(self, covariance: Array) -> Array:
+        return covariance[: self.parameters, : self.parameters]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LogDet:
+    """det C of all unknowns, a frame's included: D-optimality."""
+
+    def value(self, covariance: Array) -> float:
+        """The geometric mean of the variances along the confidence ellipsoid's axes."""
+        return float(np.exp(np.linalg.slogdet(covariance).logabsdet / len(covariance)))
+
+    def weight(self, covariance: Array) -> Array:
+        """Not needed for the gains, which are exact without."""
+        return np.zeros_like(covariance)
+
+    def gains(self, spread: Array, effect: Array) -> Array:  # noqa: ARG002 - as `weight` says
+        """By how much log det C would fall."""
+        return inverse_of_one_plus(spread)[1]
+
+
+def make_criterion(name: CriterionName, candidates: Candidates, workspace_rows: Array) -> Criterion:
+    """I: least mean square error of position where `workspace_rows` (N, 3, P), mm and rad, look.
+
+    A and E are of parameters in units of their mean effect on a candidate, so that lengths and
+    angles compare.
+    """
+    match name:
+        case "I":
+            rows = (workspace_rows / candidates.scale).reshape(-1, len(candidates.scale))
+            return TraceCriterion(rows.T @ rows / len(workspace_rows))
+        case "D":
+            return LogDet()
+        case "A":
+            own = np.arange(len(candidates.scale)) < candidates.parameters
+            return TraceCriterion(np.diag(own.astype(np.float64)))
+        case "E":
+            return MaxEigenvalue(candidates.parameters)
+
+
+def trace_improvement(spread: Array, effect: Array) -> Array:
+    """tr((1 + S)⁻¹ G) for each candidate, (M,)."""
+    inverse, _ = inverse_of_one_plus(spread)
+    return np.asarray(np.einsum("abm,bam->m", inverse, effect))
+
+
+def inverse_of_one_plus(spread: Array) -> tuple[Array, Array]:
+    """(1 + S)⁻¹ (k, k, M) and log det(1 + S) (M,) of symmetric, not negative S (k, k, M).
+
+    Gauss-Jordan on all candidates at once: for three rows ten times faster than a batched call.
+    """
+    matrix = spread + np.eye(len(spread))[:, :, None]
+    logarithm = np.zeros(spread.shape[2])
+    for place in range(len(matrix)):
+        pivot = matrix[place, place].copy()
+        row, column = matrix[place] / pivot, matrix[:, place].copy()
+        matrix -= column[:, None] * row
+        matrix[place], matrix[:, place] = row, -column / pivot
+        matrix[place, place] = 1.0 / pivot
+        logarithm += np.log(pivot)
+    return matrix, logarithm

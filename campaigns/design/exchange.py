@@ -1,0 +1,299 @@
+"""How a set of shots stands to every candidate, kept up to date as shots come and go.
+
+Adding or taking away a measurement changes the covariance by a matrix of rank k (Woodbury); what
+it would do to each candidate follows from one product of that thin matrix with all rows, without
+touching the P x P covariance again for any of them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from campaigns.design.candidates import Candidates
+from campaigns.design.criteria import Criterion
+from campaigns.estimation.observability import observability, unobservable_combinations
+from campaigns.mechanisms.geometry import Array, Index
+
+ADD, REMOVE = 1.0, -1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CandidateStatistics:
+    """What is known, and what each candidate would make of it."""
+
+    covariance: Array
+    """C of scaled unknowns, (P, P)."""
+    spread: Array
+    """J C Jᵀ of each candidate's rows J, (k, k, M)."""
+    effect: Array
+    """J C W C Jᵀ of each candidate's rows J, (k, k, M)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RankKUpdater:
+    """All candidates' rows in the order that makes products fast, and the weight W (P, P)."""
+
+    rows: Array
+    """(M, k, P)"""
+    columns: Array
+    """The same, (P, k, M)."""
+    weight: Array
+
+    @classmethod
+    def of(cls, candidates: Candidates, weight: Array) -> "RankKUpdater":
+        """For candidates and a weight."""
+        columns = np.ascontiguousarray(candidates.rows.transpose(2, 1, 0))
+        return cls(candidates.rows, columns, weight)
+
+    def appraise(self, covariance: Array) -> CandidateStatistics:
+        """From nothing but the covariance."""
+        weighted = covariance @ self.weight @ covariance
+        return CandidateStatistics(covariance, self._seen(covariance), self._seen(weighted))
+
+    def added(self, known: CandidateStatistics, which: int) -> CandidateStatistics:
+        """With a candidate taken in."""
+        return self._changed(known, which, ADD)
+
+    def removed(self, known: CandidateStatistics, which: int) -> CandidateStatistics:
+        """Without one that had been taken in."""
+        return self._changed(known, which, REMOVE)
+
+    def covariance_with(self, known: CandidateStatistics, which: int) -> Array:
+        """The covariance if a candidate were taken in, (P, P)."""
+        turned, middle = self._woodbury(known, which, ADD)
+        return np.asarray(known.covariance - turned @ middle @ turned.T)
+
+    def _seen(self, matrix: Array) -> Array:
+        """J X Jᵀ of each candidate, (k, k, M)."""
+        size, k, count = self.columns.shape
+        turned = (matrix @ self.columns.reshape(size, -1)).reshape(size, k, count)
+        return np.asarray(np.einsum("pam,pbm->abm", turned, self.columns))
+
+    def _woodbury(self, known: CandidateStatistics, which: int, sign: float) -> tuple[Array, Array]:
+        """V and K with C ∓ J'ᵀJ' giving C - V K Vᵀ, (P, k) and (k, k)."""
+        rows = self.rows[which]
+        turned = known.covariance @ rows.T
+        return turned, sign * np.linalg.inv(np.eye(len(rows)) + sign * rows @ turned)
+
+    def _changed(self, known: CandidateStatistics, which: int, sign: float) -> CandidateStatistics:
+        turned, middle = self._woodbury(known, which, sign)
+        # C W C changes by -(V K Rᵀ + R K Vᵀ) with R = C W V - V K (Vᵀ W V) / 2
+        weighted = self.weight @ turned
+        other = known.covariance @ weighted - 0.5 * turned @ (middle @ (turned.T @ weighted))
+        thin = np.hstack([turned, other])
+        size, k, count = self.columns.shape
+        seen = (thin.T @ self.columns.reshape(size, -1)).reshape(2, k, k, count)
+        by_turned, by_other = seen
+        halves = np.tensordot(middle, by_turned, axes=1)
+        change = np.einsum("iam,ibm->abm", halves, by_other)
+        return CandidateStatistics(
+            known.covariance - turned @ middle @ turned.T,
+            known.spread - np.einsum("iam,ibm->abm", halves, by_turned),
+            known.effect - change - change.transpose(1, 0, 2),
+        )
+
+
+INITIAL_REGULARISATION = 0.3
+"""What a greedy choice pretends to know at first, in shares of a mean candidate's information."""
+EXCHANGE_REGULARISATION = 1e-4
+"""The same while exchanging: keeps the covariance finite when a shot is out, and weighs nothing."""
+LEAST_GAIN = 1e-7
+"""An exchange counts when the value falls by more than this part of it."""
+FRAGILE = 100.0
+"""Replacing a member without which the value is so many times worse leaves rounding behind."""
+ROUNDS = 40
+SHORT_LIST = 600
+"""Exchanges are first sought among so many candidates, or twice as many as there are members."""
+MEASUREMENTS_TRIED = 240
+MOST_STARTS = 12
+"""Small designs end in local optima more often, and cost little to start again."""
+QUICKLY_EXCHANGED = 100
+"""Quick growth exchanges no more members than these: beyond, greedy additions do as well."""
+
+
+class CountInvalid(ValueError):
+    """More measurements are asked for than there are candidates, or fewer than unknowns need."""
+
+
+class Unobservable(ValueError):
+    """No choice of the candidates can tell the parameters apart."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Design:
+    """Rows of the chosen candidates, (N,), all different, and the criterion's value."""
+
+    chosen: Index
+    value: float
+
+
+def optimal_design(
+    candidates: Candidates,
+    criterion: Criterion,
+    count: int,
+    rng: np.random.Generator,
+    starts: int | None = None,
+) -> Design:
+    """The best of several exchanges, the first from a greedy choice, the others from random ones.
+
+    Raises `CountInvalid` and `Unobservable`.
+    """
+    _check_count(candidates, count)
+    if starts is None:
+        starts = int(np.clip(MEASUREMENTS_TRIED // count, 1, MOST_STARTS))
+    nothing = np.empty(0, dtype=np.intp)
+    greedy = augment_greedily(candidates, criterion, nothing, count)
+    others = [rng.choice(len(candidates), count, replace=False) for _ in range(starts - 1)]
+    listed = _short_list(candidates, criterion, greedy)
+    tried = [_exchanged_among(candidates, criterion, m, listed) for m in (greedy, *others)]
+    best = min(tried, key=lambda design: design.value)
+    return _exchanged_among_all(candidates, criterion, best.chosen)
+
+
+def augment_design(
+    candidates: Candidates, criterion: Criterion, chosen: Index, count: int
+) -> Design:
+    """Larger design from a smaller one: greedy additions, then exchange. Raises `CountInvalid`."""
+    _check_count(candidates, count)
+    return exchange(candidates, criterion, augment_greedily(candidates, criterion, chosen, count))
+
+
+def augment_quickly(
+    candidates: Candidates, criterion: Criterion, chosen: Index, count: int
+) -> Index:
+    """A larger choice from a smaller one, (count,), a few percent from what an exchange gives.
+
+    Greedy additions, and for a small choice, where they go wrong most, exchange among a short list.
+    """
+    grown = augment_greedily(candidates, criterion, chosen, count)
+    if count > QUICKLY_EXCHANGED:
+        return grown
+    listed = _short_list(candidates, criterion, grown)
+    return _exchanged_among(candidates, criterion, grown, listed).chosen
+
+
+def augment_greedily(
+    candidates: Candidates, criterion: Criterion, chosen: Index, count: int
+) -> Index:
+    """`chosen` and, one after the other, the candidates that tell most, (count,)."""
+    members = chosen.tolist()
+    covariance = _covariance(candidates, chosen, INITIAL_REGULARISATION)
+    appraiser = RankKUpdater.of(candidates, criterion.weight(covariance))
+    known = appraiser.appraise(covariance)
+    while len(members) < count:
+        members.append(_best(criterion, known, members))
+        known = appraiser.added(known, members[-1])
+    return np.array(members, dtype=np.intp)
+
+
+def exchange(candidates: Candidates, criterion: Criterion, chosen: Index) -> Design:
+    """The chosen candidates replaced one by one while that lowers the criterion's value."""
+    listed = _short_list(candidates, criterion, chosen)
+    design = _exchanged_among(candidates, criterion, chosen, listed)
+    return _exchanged_among_all(candidates, criterion, design.chosen)
+
+
+def _short_list(candidates: Candidates, criterion: Criterion, chosen: Index) -> Index:
+    """The candidates that would tell most besides the chosen ones, (S,)."""
+    _, known = _appraised(candidates, criterion, chosen)
+    gains = criterion.gains(known.spread, known.effect)
+    return np.argsort(-gains)[: max(SHORT_LIST, 2 * len(chosen))]
+
+
+def _exchanged_among(
+    candidates: Candidates, criterion: Criterion, chosen: Index, listed: Index
+) -> Design:
+    """Exchanged for none but those listed and the members there were."""
+    rows = np.union1d(chosen, listed)
+    few = replace(candidates, rows=candidates.rows[rows])
+    design = _exchanged_among_all(few, criterion, np.searchsorted(rows, chosen))
+    return replace(design, chosen=rows[design.chosen])
+
+
+def _exchanged_among_all(candidates: Candidates, criterion: Criterion, chosen: Index) -> Design:
+    """Members replaced one by one until a round lowers the criterion's value by nothing."""
+    design = Design(
+        chosen, criterion.value(_covariance(candidates, chosen, EXCHANGE_REGULARISATION))
+    )
+    for _ in range(ROUNDS):
+        members = _exchange_pass(candidates, criterion, design)
+        value = criterion.value(_covariance(candidates, members, EXCHANGE_REGULARISATION))
+        if value >= (1.0 - LEAST_GAIN) * design.value:
+            break
+        design = Design(members, value)
+    return design
+
+
+def _exchange_pass(candidates: Candidates, criterion: Criterion, design: Design) -> Index:
+    """Its members, each replaced if another candidate in its place gives a better value."""
+    members, value = design.chosen.copy(), design.value
+    appraiser, known = _appraised(candidates, criterion, members)
+    for place, member in enumerate(members):
+        without = appraiser.removed(known, int(member))
+        best = _best(criterion, without, np.delete(members, place))
+        found = criterion.value(appraiser.covariance_with(without, best))
+        if found >= (1.0 - LEAST_GAIN) * value:
+            continue
+        members[place], value = best, found
+        known = appraiser.added(without, best)
+        if criterion.value(without.covariance) > FRAGILE * value:
+            appraiser, known = _appraised(candidates, criterion, members)
+    return members
+
+
+def _appraised(
+    candidates: Candidates, criterion: Criterion, members: Index
+) -> tuple[RankKUpdater, CandidateStatistics]:
+    """From the information itself, free of the rounding of all updates before."""
+    covariance = _covariance(candidates, members, EXCHANGE_REGULARISATION)
+    appraiser = RankKUpdater.of(candidates, criterion.weight(covariance))
+    return appraiser, appraiser.appraise(covariance)
+
+
+def _best(criterion: Criterion, known: CandidateStatistics, taken: Sequence[int] | Index) -> int:
+    gains = criterion.gains(known.spread, known.effect)
+    gains[np.asarray(taken, dtype=np.intp)] = -np.inf
+    return int(np.argmax(gains))
+
+
+def _covariance(candidates: Candidates, chosen: Index, pretended: float) -> Array:
+    """Of scaled unknowns, as if that share of a mean candidate were known besides."""
+    information = candidates.information(chosen) + pretended * candidates.mean_information
+    return np.asarray(np.linalg.inv(information))
+
+
+def minimum_measurements(candidates: Candidates) -> int:
+    """How many measurements it takes to tell all unknowns apart, if they are not chosen badly.
+
+    That is more than equations over unknowns: after some shots another one tells little but its own
+    θ. Raises `Unobservable`.
+    """
+    check_observable(candidates.jacobian(np.arange(len(candidates))), candidates.names)
+    unknowns = len(candidates.scale)
+    counts = range(-(-unknowns // candidates.rows.shape[1]), len(candidates) + 1)
+    return next(
+        count
+        for count in counts
+        if observability(candidates.jacobian(np.arange(count))).rank == unknowns
+    )
+
+
+def check_observable(jacobian: Array, names: tuple[str, ...]) -> None:
+    """Raise `Unobservable` if all there is to measure, (M, P), cannot tell the parameters apart."""
+    seen = observability(np.asarray(np.linalg.qr(jacobian, mode="r")))
+    if seen.rank < len(seen.singular_values):
+        together = unobservable_combinations(seen, names)
+        each = (f"{', '.join(combination)} move together" for combination in together)
+        raise Unobservable(f"{'; '.join(each)}, whatever is measured")
+
+
+def _check_count(candidates: Candidates, count: int) -> None:
+    if count > len(candidates):
+        raise CountInvalid(f"{count} measurements to choose, but only {len(candidates)} candidates")
+    least = minimum_measurements(candidates)
+    if count < least:
+        raise CountInvalid(
+            f"{count} measurements cannot tell {len(candidates.scale)} unknowns apart: "
+            f"{least} or more are needed"
+        )

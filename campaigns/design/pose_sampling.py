@@ -1,0 +1,126 @@
+"""Where to measure: poses near the workspace's boundary or all over it, their pairs and order."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.estimation.point_sets import distances_mm
+from campaigns.mechanisms.feasibility import Limits, feasibility
+from campaigns.mechanisms.geometry import Array, Geometry, Index, Mask
+
+FURTHER = 1.05
+"""A pose is near the boundary when it cannot be taken this much further from the centre."""
+BATCH = 4000
+BATCHES = 200
+BOX_HALF = np.array([700.0, 700.0, 700.0, np.pi / 4])
+"""Half size of a box about the centre that surely holds the workspace, mm and rad."""
+SHORTEST_PAIR_MM = 100.0
+
+
+class WorkspaceTooSmall(ValueError):
+    """Too few feasible poses were found for what was asked."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeasibleRegion:
+    """Where poses may be placed: the robot's reach and whatever else is asked of a pose."""
+
+    geometry: Geometry
+    limits: Limits
+    centre: Array
+    """A feasible pose well inside, (4,)."""
+    view_from_mm: Array
+    """The tracker's place in the base frame, (3,)."""
+    reflector_facing: Array
+    """Direction of the reflector's axis in the base frame, unit length, (3,)."""
+    acceptance_rad: float
+
+    def allows(self, poses: Array) -> Mask:
+        """Which poses can be taken and seen, (N,)."""
+        seen = (
+            incidence_rad(poses[:, :3], self.view_from_mm, self.reflector_facing)
+            <= self.acceptance_rad
+        )
+        return np.asarray(feasibility(self.geometry, self.limits, poses).feasible & seen)
+
+
+def incidence_rad(points_mm: Array, tracker_mm: Array, facing: Array) -> Array:
+    """Angle between a reflector's axis and the beam, at points (N, 3) in the base frame, (N,)."""
+    beam = tracker_mm - points_mm
+    return np.asarray(np.arccos(np.clip(beam @ facing / np.linalg.norm(beam, axis=1), -1.0, 1.0)))
+
+
+def boundary_poses(region: FeasibleRegion, count: int, rng: np.random.Generator) -> Array:
+    """Poses that could not be taken 5 % further from the centre (the paper's recipe), (count, 4).
+
+    Raises `WorkspaceTooSmall`.
+    """
+
+    def near_the_boundary(poses: Array) -> Mask:
+        near = region.allows(poses)
+        further = region.centre + FURTHER * (poses[near] - region.centre)
+        near[near] = ~region.allows(further)
+        return near
+
+    return _rejection_sample(region.centre, count, rng, near_the_boundary)
+
+
+def interior_poses(region: FeasibleRegion, count: int, rng: np.random.Generator) -> Array:
+    """Poses spread evenly over all that is seen, (count, 4). Raises `WorkspaceTooSmall`."""
+    return _rejection_sample(region.centre, count, rng, region.allows)
+
+
+def workspace_poses(
+    geometry: Geometry, limits: Limits, centre: Array, count: int, rng: np.random.Generator
+) -> Array:
+    """Poses spread evenly over the robot's reach, whether a tracker sees them or not, (count, 4).
+
+    Positions are judged there. Raises `WorkspaceTooSmall`.
+    """
+
+    def within_reach(poses: Array) -> Mask:
+        return feasibility(geometry, limits, poses).feasible
+
+    return _rejection_sample(centre, count, rng, within_reach)
+
+
+def _rejection_sample(
+    centre: Array,
+    count: int,
+    rng: np.random.Generator,
+    wanted: Callable[[Array], Mask],
+) -> Array:
+    """Even draws from a box about the centre, until enough of them are wanted."""
+    found = np.empty((0, 4))
+    for _ in range(BATCHES):
+        poses = centre + rng.uniform(-1.0, 1.0, (BATCH, 4)) * BOX_HALF
+        found = np.vstack([found, poses[wanted(poses)]])
+        if len(found) >= count:
+            return found[:count]
+    raise WorkspaceTooSmall(
+        f"{len(found)} of {BATCHES * BATCH} poses tried can be taken, {count} needed"
+    )
+
+
+def random_pairs(poses: Array, rng: np.random.Generator) -> Index:
+    """Random pairs (N/2, 2) of rows of poses (N, 4).
+
+    A pair shorter than 100 mm swaps an end with another pair, if there is one with which both
+    become long enough. An odd pose is left over.
+    """
+    pairs = rng.permutation(len(poses) - len(poses) % 2).reshape(-1, 2)
+    for row in np.flatnonzero(~_long_enough(poses, pairs[:, 0], pairs[:, 1])).tolist():
+        first, second = pairs[row]
+        swappable = np.flatnonzero(
+            _long_enough(poses, first, pairs[:, 1]) & _long_enough(poses, pairs[:, 0], second)
+        )
+        if swappable.size:
+            other = rng.choice(swappable)
+            pairs[row, 1], pairs[other, 1] = pairs[other, 1], second
+    return pairs
+
+
+def _long_enough(poses: Array, first: Index, second: Index) -> Mask:
+    """Which pairs of rows count, (M,)."""
+    return np.asarray(distances_mm(poses[:, :3], first, second) >= SHORTEST_PAIR_MM)

@@ -1,0 +1,151 @@
+"""How many measurements are enough: the least that meet a goal, and when more stop paying."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import count as counted_from
+
+import numpy as np
+
+from campaigns.design.candidates import Candidates
+from campaigns.design.criteria import Criterion
+from campaigns.design.exchange import (
+    augment_design,
+    augment_quickly,
+    minimum_measurements,
+    optimal_design,
+)
+from campaigns.estimation.observability import covariance, largest_std
+from campaigns.mechanisms.geometry import Index
+
+DIMINISHING_RETURNS_RATIO = 1.1
+"""More measurements only average when σ √N is within this factor of the least."""
+CURVE_STEP = math.sqrt(2.0)
+"""From one number on a curve to the next."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DesignPoint:
+    """A design of some size, and what it tells of the parameters that are known worst."""
+
+    chosen: Index
+    """Rows of its candidates, (N,)."""
+    worst_length_mm: float
+    worst_angle_rad: float
+
+    @property
+    def count(self) -> int:
+        """How many measurements it has."""
+        return len(self.chosen)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MinimalDesign:
+    """The least design found that meets the goal, and all that were tried, by size."""
+
+    least: DesignPoint
+    tried: tuple[DesignPoint, ...]
+
+
+class GoalOutOfReach(ValueError):
+    """Even the `best` of the designs allowed, the largest, does not meet the goal."""
+
+    def __init__(self, best: DesignPoint, goal_mm: float) -> None:
+        super().__init__(
+            f"{best.count} measurements give σ {best.worst_length_mm:.4f} mm for the worst length, "
+            f"goal {goal_mm:g} mm"
+        )
+        self.best = best
+
+
+def design_curve(
+    candidates: Candidates, criterion: Criterion, counts: Iterable[int], rng: np.random.Generator
+) -> Iterator[DesignPoint]:
+    """Designs of each of the increasing `counts`, all but the first grown from the one before.
+
+    Growth is quick, and gives a σ within some percent of an exchanged design's. Raises as
+    `optimal_design`.
+    """
+    chosen: Index | None = None
+    for count in counts:
+        if chosen is None:
+            chosen = optimal_design(candidates, criterion, count, rng, starts=1).chosen
+        else:
+            chosen = augment_quickly(candidates, criterion, chosen, count)
+        yield evaluate(candidates, chosen)
+
+
+def curve_counts(fewest: int, most: int, step: int) -> Iterator[int]:
+    """Multiples of `step`, from `fewest` to `most`, each about 1.4 times the one before."""
+    for power in counted_from():
+        count = step * math.ceil(fewest * CURVE_STEP**power / step - 0.5)
+        if count > most:
+            return
+        yield count
+
+
+def diminishing_returns_from(counts: Sequence[int], std: Sequence[float]) -> int:
+    """The number from which more measurements only average: four times as many for half the σ."""
+    scaled = np.array(std) * np.sqrt(counts)
+    return counts[int(np.argmax(scaled <= DIMINISHING_RETURNS_RATIO * scaled.min()))]
+
+
+def minimal_design(
+    candidates: Candidates,
+    criterion: Criterion,
+    goal_mm: float,
+    most: int,
+    step: int,
+    rng: np.random.Generator,
+) -> MinimalDesign:
+    """The least multiple of `step`, up to `most`, at which every length's σ meets the goal.
+
+    By doubling, then by the law that σ falls as 1/√N. Raises `GoalOutOfReach`, and as
+    `optimal_design`.
+    """
+    fewest = minimum_count(candidates, step)
+    tried: list[DesignPoint] = []
+    for point in design_curve(candidates, criterion, _doubled(fewest, most), rng):
+        tried.append(point)
+        if point.worst_length_mm <= goal_mm:
+            break
+    else:
+        raise GoalOutOfReach(tried[-1], goal_mm)
+    low, good = tried[-2:] if len(tried) > 1 else (tried[0], tried[0])
+    while good.count - low.count > step:
+        count = _between(low, good, goal_mm, step)
+        design = augment_design(candidates, criterion, low.chosen, count)
+        tried.append(point := evaluate(candidates, design.chosen))
+        low, good = (low, point) if point.worst_length_mm <= goal_mm else (point, good)
+    return MinimalDesign(good, tuple(sorted(tried, key=lambda point: point.count)))
+
+
+def minimum_count(candidates: Candidates, step: int) -> int:
+    """The least multiple of `step` that tells all unknowns apart; raises `Unobservable`."""
+    return step * math.ceil(minimum_measurements(candidates) / step)
+
+
+def _between(low: DesignPoint, good: DesignPoint, goal_mm: float, step: int) -> int:
+    """A count between one that fails and one that is good, where σ ~ 1/√N should just do."""
+    expected = low.count * (low.worst_length_mm / goal_mm) ** 2
+    return min(max(step * math.ceil(expected / step), low.count + step), good.count - step)
+
+
+def _doubled(fewest: int, most: int) -> Iterator[int]:
+    """`fewest`, twice that and so on, and at the end `most`."""
+    count = fewest
+    while count < most:
+        yield count
+        count *= 2
+    yield most
+
+
+def evaluate(candidates: Candidates, chosen: Index) -> DesignPoint:
+    """What the chosen candidates tell of the parameters that are known worst."""
+    return DesignPoint(chosen, *largest_std_of_design(candidates, chosen))
+
+
+def largest_std_of_design(candidates: Candidates, chosen: Index) -> tuple[float, float]:
+    """Largest σ of a length in mm and of an angle in rad; zero where there are none."""
+    std = np.sqrt(np.diag(covariance(candidates.jacobian(chosen))))
+    return largest_std(std[: candidates.parameters], candidates.names)

@@ -1,0 +1,148 @@
+"""Pairs that are worth a distance, and an order in which joints are approached from both sides."""
+
+from collections.abc import Iterator
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from campaigns.mechanisms.geometry import Array, Index, Mask
+
+WORTHWHILE_PAIR_MM = 250.0
+"""Neighbours on the shortest tour tell little by their distance; from here on they tell enough."""
+SHORTNESS_RAD_PER_MM = 0.1
+"""What a pair too short costs, against the travel between its ends."""
+BALANCED_SHARE = (0.3, 0.7)
+"""Share of approaches from smaller angles that shows backlash and lets it average."""
+
+
+def neighbouring_pairs(joints_rad: Array, points_mm: Array, start_rad: Array) -> Index:
+    """Pairs (N/2, 2) of an even number of rows, near each other in joints (N, 4) but not in space.
+
+    From consecutive shots of a short tour, ends are exchanged while travel within the pairs falls,
+    pairs shorter than 250 mm counting as long ways.
+    """
+    single = np.repeat(np.arange(len(joints_rad))[:, None], 2, axis=1)
+    pairs = shortest_tour(joints_rad, single, start_rad)[:, 0].reshape(-1, 2)
+    cost = travel_rad(joints_rad[:, None], joints_rad)
+    apart = np.linalg.norm(points_mm[:, None] - points_mm, axis=2)
+    cost = cost + SHORTNESS_RAD_PER_MM * np.maximum(0.0, WORTHWHILE_PAIR_MM - apart)
+    while any(_end_exchanged(pairs, cost, row) for row in range(len(pairs))):
+        pass
+    return pairs
+
+
+def _end_exchanged(pairs: Index, cost: Array, row: int) -> bool:
+    """Exchange, in place, the row's second end for the end of another pair that saves most."""
+    first, second = pairs[row]
+    now = cost[first, second] + cost[pairs[:, 0], pairs[:, 1]]
+    # saved by taking each pair's end; what is left over goes to that pair
+    saved = now[:, None] - cost[first, pairs] - cost[second, pairs[:, ::-1]]
+    saved[row] = 0.0
+    other, end = np.unravel_index(int(np.argmax(saved)), saved.shape)
+    if saved[other, end] <= 1e-9:
+        return False
+    pairs[row, 1], pairs[other, end] = pairs[other, end], second
+    return True
+
+
+def positive_approach_shares(joints_rad: Array, start_rad: Array, counted: Mask) -> Array:
+    """Share of the counted shots (N,) at which each joint came from a smaller angle, (4,).
+
+    Ways between shots are taken as straight; joints (N, 4) are in the order of the shots.
+    """
+    rising = np.diff(np.vstack([start_rad, joints_rad]), axis=0) > 0.0
+    return np.asarray(rising[counted].mean(axis=0))
+
+
+def balance_approaches(joints_rad: Array, pairs: Index, start_rad: Array, counted: Mask) -> Index:
+    """Pairs (M, 2) in an order with little travel that approaches joints from both sides.
+
+    `counted` (N,) says which rows of joints the shares are taken of. Stretches of the shortest tour
+    are reversed, those that lengthen it least first, until every share lies within 30–70 % or no
+    reversal helps; with a handful of shots that may be so.
+    """
+    tour = shortest_tour(joints_rad, pairs, start_rad)
+    imbalance = _imbalance(tour, joints_rad, start_rad, counted)
+    while imbalance > 0.0:
+        trials = list(_reversals(tour))
+        left = np.array([_imbalance(trial, joints_rad, start_rad, counted) for trial in trials])
+        if left.min() >= imbalance:
+            break
+        imbalance = float(left.min())
+        best = [trials[place] for place in np.flatnonzero(left == imbalance)]
+        tour = min(best, key=lambda trial: _travel(trial, joints_rad, start_rad))
+    return tour
+
+
+def _reversals(tour: Index) -> Iterator[Index]:
+    """The tour with each stretch reversed, its pairs turned round too."""
+    for first, last in combinations_with_replacement(range(len(tour)), 2):
+        trial = tour.copy()
+        trial[first : last + 1] = tour[first : last + 1][::-1, ::-1]
+        yield trial
+
+
+def _imbalance(tour: Index, joints: Array, start: Array, counted: Mask) -> float:
+    """By how much the shares leave their interval, summed over the joints."""
+    order = tour.ravel()
+    shares = positive_approach_shares(joints[order], start, counted[order])
+    low, high = BALANCED_SHARE
+    return float(np.sum(np.maximum(0.0, low - shares) + np.maximum(0.0, shares - high)))
+
+
+def _travel(tour: Index, joints: Array, start: Array) -> float:
+    way = np.vstack([start, joints[tour.ravel()]])
+    return float(travel_rad(way[:-1], way[1:]).sum())
+
+
+LEAST_GAIN_RAD = 1e-9
+"""A shorter way counts only above the rounding of the longer one."""
+
+
+def shortest_tour(joints_rad: Array, pairs: Index, start_rad: Array) -> Index:
+    """The same pairs (M, 2) in an order, and each in a sense, that keeps the joints' travel short.
+
+    Nearest neighbour from `start_rad`, then reversal of stretches (2-opt) while that helps. A
+    stretch reversed turns its pairs round too, so only the two joins change.
+    """
+    return _two_opt(_nearest_neighbour(joints_rad, pairs, start_rad), joints_rad, start_rad)
+
+
+def travel_rad(from_rad: Array, to_rad: Array) -> Array:
+    """What a coordinated joint move takes time for: the largest joint's way."""
+    return np.asarray(np.abs(to_rad - from_rad).max(axis=-1))
+
+
+def _nearest_neighbour(joints: Array, pairs: Index, start: Array) -> Index:
+    left, here, ordered = list(range(len(pairs))), start, []
+    while left:
+        to_ends = travel_rad(here, joints[pairs[left]])
+        place, end = np.unravel_index(int(np.argmin(to_ends)), to_ends.shape)
+        pair = pairs[left.pop(int(place))]
+        ordered.append(pair if end == 0 else pair[::-1])
+        here = joints[ordered[-1][1]]
+    return np.array(ordered, dtype=np.intp).reshape(-1, 2)
+
+
+def _two_opt(pairs: Index, joints: Array, start: Array) -> Index:
+    improved = True
+    while improved:
+        improved = False
+        for first in range(len(pairs) - 1):
+            gains = _gains_rad(pairs, joints, start, first)
+            best = int(np.argmax(gains))
+            if gains[best] > LEAST_GAIN_RAD:
+                stretch = slice(first, first + best + 2)
+                pairs[stretch] = pairs[stretch][::-1, ::-1]
+                improved = True
+    return pairs
+
+
+def _gains_rad(pairs: Index, joints: Array, start: Array, first: int) -> Array:
+    """How much shorter the way gets if the pairs from `first` to each later one are reversed."""
+    before = joints[pairs[first - 1, 1]] if first else start
+    entry, exits = joints[pairs[first, 0]], joints[pairs[first + 1 :, 1]]
+    after = joints[pairs[first + 2 :, 0]]
+    gains = travel_rad(before, entry) - travel_rad(before, exits)
+    gains[:-1] += travel_rad(exits[:-1], after) - travel_rad(entry, after)
+    return gains

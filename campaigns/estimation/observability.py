@@ -1,0 +1,178 @@
+"""What a fit knows and what it cannot: rank, condition, covariance, unobservable combinations."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+
+from campaigns.mechanisms.geometry import Array, Mask
+
+RANK_TOLERANCE = 1e-8
+"""A singular value of the scaled Jacobian below this part of the largest counts as zero."""
+SHARE_NAMED = 0.1
+"""Parameters with at least this share in an unobservable combination are named in it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observability:
+    """What a Jacobian with columns of unit length tells, and the directions it tells nothing of."""
+
+    singular_values: Array
+    """(P,), from the largest."""
+    rank: int
+    directions: Array
+    """Rows in scaled parameters, best known first, (P, P)."""
+    scale: Array
+    """Scaled parameter over parameter, (P,)."""
+
+    @property
+    def null_directions(self) -> Array:
+        """Rows in scaled parameters, (P - rank, P)."""
+        return self.directions[self.rank :]
+
+    @property
+    def seen_directions(self) -> Array:
+        """Rows in scaled parameters, (rank, P)."""
+        return self.directions[: self.rank]
+
+    @property
+    def condition(self) -> float:
+        """Largest over smallest singular value; infinite when the rank is lost."""
+        full = self.rank == len(self.singular_values)
+        return float(self.singular_values[0] / self.singular_values[-1]) if full else float("inf")
+
+
+def observability(jacobian: Array) -> Observability:
+    """Rank and null space of a Jacobian (M, P) after column scaling."""
+    norms = np.linalg.norm(jacobian, axis=0)
+    scale = np.where(norms > 0.0, norms, 1.0)
+    wide = len(jacobian) < jacobian.shape[1]
+    _, values, directions = np.linalg.svd(jacobian / scale, full_matrices=wide)
+    values = np.concatenate([values, np.zeros(jacobian.shape[1] - len(values))])
+    rank = int(np.sum(values > RANK_TOLERANCE * values[0]))
+    return Observability(values, rank, directions, scale)
+
+
+def project_out_nuisance(jacobian: Array, count: int) -> Array:
+    """∂/∂(first `count` unknowns) after the best fit of all others, (M, count).
+
+    Least squares with it gives the parameters the same values and covariance as with the others
+    among the unknowns (Frisch, Waugh and Lovell). A column of which only rounding is left is zero.
+    """
+    parameters, others = jacobian[:, :count], jacobian[:, count:]
+    if others.shape[1] == 0:
+        return parameters
+    basis, _ = np.linalg.qr(others)
+    alone = parameters - basis @ (basis.T @ parameters)
+    whole = np.linalg.norm(parameters, axis=0)
+    lost = np.linalg.norm(alone, axis=0) <= RANK_TOLERANCE * whole
+    return np.asarray(np.where(lost, 0.0, alone))
+
+
+def unobservable_combinations(seen: Observability, names: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """The parameters that move together without any effect on the data, one tuple a lost direction.
+
+    The null space has no preferred basis: rows are reduced so that each names as few as possible.
+    """
+    combinations = []
+    for row in _sparse_rows(seen.null_directions[:, : len(names)]):
+        named = np.flatnonzero(_named(row))
+        combinations.append(tuple(names[place] for place in named))
+    return combinations
+
+
+def _sparse_rows(rows: Array) -> Array:
+    """The same span with many zeros: Gauss-Jordan, then what each row gains from each other one."""
+    sparse = _gauss_jordan(rows)
+    for row, other in permutations(range(len(sparse)), 2):
+        sparse[row] = min(
+            _combined(sparse[row], sparse[other]), key=lambda candidate: _named(candidate).sum()
+        )
+    return sparse
+
+
+def _gauss_jordan(rows: Array) -> Array:
+    reduced = rows.copy()
+    free = np.ones(reduced.shape[1], dtype=bool)
+    for row in range(len(reduced)):
+        column = int(np.argmax(np.where(free, np.abs(reduced[row]), -1.0)))
+        free[column] = False
+        reduced[row] /= reduced[row, column]
+        others = np.arange(len(reduced)) != row
+        reduced[others] -= np.outer(reduced[others, column], reduced[row])
+    return reduced
+
+
+def _combined(row: Array, other: Array) -> Iterator[Array]:
+    """A row as it is, then with each of its entries cancelled by the other row."""
+    yield row.copy()
+    for column in np.flatnonzero(_named(other)):
+        yield row - row[column] / other[column] * other
+
+
+def _named(row: Array) -> Mask:
+    """Which parameters have a share in a combination worth naming, (P,)."""
+    return np.asarray(np.abs(row) >= SHARE_NAMED * np.abs(row).max())
+
+
+def covariance(jacobian: Array) -> Array:
+    """(JᵀJ)⁻¹ by QR, for residuals of unit variance, (P, P).
+
+    Raises `LinAlgError` when the rank is lost.
+    """
+    rank, count = observability(jacobian).rank, jacobian.shape[1]
+    if rank < count:
+        raise np.linalg.LinAlgError(f"rank {rank} of {count}: no finite covariance")
+    norms = np.linalg.norm(jacobian, axis=0)
+    triangle = np.linalg.qr(jacobian / norms, mode="r")
+    root = np.linalg.inv(triangle) / norms[:, None]
+    return np.asarray(root @ root.T)
+
+
+def correlations(covariance_matrix: Array) -> Array:
+    """(P, P), ones on the diagonal."""
+    std = np.sqrt(np.diag(covariance_matrix))
+    return np.asarray(covariance_matrix / np.outer(std, std))
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """How large a set of errors is, in mm."""
+
+    mean_abs: float
+    rms: float
+    max_abs: float
+
+
+def spread(errors_mm: Array) -> Spread:
+    """Raises `ValueError` for no errors at all."""
+    if errors_mm.size == 0:
+        raise ValueError("no errors to summarise")
+    size = np.abs(errors_mm)
+    return Spread(float(size.mean()), float(np.sqrt(np.mean(size**2))), float(size.max()))
+
+
+def observability_indices(singular_values: Array, rows: int) -> dict[str, float]:
+    """O1…O5 of the scaled Jacobian's singular values (P,)."""
+    largest, least = float(singular_values[0]), float(singular_values[-1])
+    positive = least > 0.0
+    if largest == 0.0:
+        return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
+    return {
+        "O1": float(np.exp(np.log(singular_values).mean()) / np.sqrt(rows)) if positive else 0.0,
+        "O2": least / largest,
+        "O3": least,
+        "O4": least**2 / largest,
+        "O5": float(1.0 / np.sum(1.0 / singular_values)) if positive else 0.0,
+    }
+
+
+def largest_std(std: Array, names: Sequence[str]) -> tuple[float, float]:
+    """The largest of a length's σ and of an angle's; zero where there are none."""
+    angle = np.array([name.endswith("_deg") for name in names], dtype=bool)
+    return _largest(std[~angle]), _largest(std[angle])
+
+
+def _largest(values: Array) -> float:
+    return float(values.max(initial=0.0))

@@ -1,0 +1,74 @@
+"""Distances between rows of points (N, 3); pairs are two arrays of rows, (M,) each."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from campaigns.estimation.rigid_transforms import Transform, fit_transform
+from campaigns.mechanisms.geometry import Array, Index
+
+TINY_MM = 1e-300
+"""Keeps the direction between coincident points zero instead of undefined."""
+
+
+def distances_mm(points_mm: Array, first: Index, second: Index) -> Array:
+    """(M,)."""
+    return np.asarray(np.linalg.norm(points_mm[second] - points_mm[first], axis=1))
+
+
+def directions(points_mm: Array, first: Index, second: Index) -> Array:
+    """Unit vectors from the first points to the second, (M, 3); zero where the two coincide."""
+    between = points_mm[second] - points_mm[first]
+    length = np.linalg.norm(between, axis=1, keepdims=True)
+    return np.asarray(between / np.maximum(length, TINY_MM))
+
+
+SHOTS_FOR_A_FRAME = 4
+
+
+def away_from_mean(points_mm: Array) -> Array:
+    """From their mean to each, (N, 3)."""
+    return np.asarray(points_mm - points_mm.mean(axis=0))
+
+
+def away_from_best_line(points_mm: Array) -> Array:
+    """From the straight line that fits best in space, square to it, to each point, (N, 3)."""
+    centred = away_from_mean(points_mm)
+    direction = np.linalg.svd(centred)[2][0]
+    return np.asarray(centred - np.outer(centred @ direction, direction))
+
+
+def longest_mm(vectors_mm: Array) -> float:
+    """The length of the longest of vectors (N, 3)."""
+    return float(np.linalg.norm(vectors_mm, axis=1).max())
+
+
+def farthest_apart(points_mm: Array) -> tuple[int, int]:
+    """The rows of the two points between which the distance is largest."""
+    distances = np.linalg.norm(points_mm[:, None] - points_mm[None], axis=2)
+    first, second = np.unravel_index(int(np.argmax(distances)), distances.shape)
+    return int(first), int(second)
+
+
+def whole_pairs(pairs: Sequence[int | None]) -> tuple[tuple[int, ...], Index, Index]:
+    """The numbers of the pairs that stand twice, and the rows of their first and second, (M,)."""
+    rows: dict[int, list[int]] = {}
+    for row, pair in enumerate(pairs):
+        if pair is not None:
+            rows.setdefault(pair, []).append(row)
+    whole = {pair: both for pair, both in rows.items() if len(both) == 2}
+    first, second = np.array(list(whole.values()), dtype=np.intp).reshape(-1, 2).T
+    return tuple(whole), first, second
+
+
+def fitted_frame(from_mm: Array, to_mm: Array) -> Transform | None:
+    """The rigid transform that brings points best to others (eqs. 22-25).
+
+    None for points that don't fix one well: fewer than four, or all on a line.
+    """
+    if len(from_mm) < SHOTS_FOR_A_FRAME:
+        return None
+    try:
+        return fit_transform(from_mm, to_mm)
+    except ValueError:
+        return None

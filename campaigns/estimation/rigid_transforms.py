@@ -1,0 +1,66 @@
+"""Rigid transforms: `b_from_a` turns coordinates in frame a into those in frame b."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from campaigns.mechanisms.geometry import Array
+
+LINE_TOLERANCE = 1e-9
+"""Points whose second spread is below this part of the first lie on a line."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Transform:
+    """A rotation matrix (3, 3) and a translation in mm (3,)."""
+
+    rotation: Array
+    translation_mm: Array
+
+    def apply(self, points_mm: Array) -> Array:
+        """Points (N, 3) in the other frame."""
+        return np.asarray(points_mm @ self.rotation.T + self.translation_mm)
+
+    def inverted(self) -> "Transform":
+        """The way back."""
+        return Transform(self.rotation.T, -self.rotation.T @ self.translation_mm)
+
+
+def fit_transform(points_in_a_mm: Array, points_in_b_mm: Array) -> Transform:
+    """`b_from_a` with the least sum of squared distances, from (N, 3) points each (paper eq. 25).
+
+    Closed form by SVD (Kabsch 1976). Raises `ValueError` for fewer than three points and for
+    points on a line.
+    """
+    if len(points_in_a_mm) < 3:
+        raise ValueError(f"{len(points_in_a_mm)} points fix no frame: three are needed")
+    centre_a, centre_b = points_in_a_mm.mean(axis=0), points_in_b_mm.mean(axis=0)
+    u, spread, vt = np.linalg.svd((points_in_b_mm - centre_b).T @ (points_in_a_mm - centre_a))
+    if spread[1] <= LINE_TOLERANCE * spread[0]:
+        raise ValueError("points on one line fix no frame")
+    mirror = np.sign(np.linalg.det(u @ vt))
+    rotation = u @ np.diag([1.0, 1.0, mirror]) @ vt
+    return Transform(rotation, centre_b - rotation @ centre_a)
+
+
+def paper_angles_rad(transform: Transform) -> Array:
+    """φ, γ, ψ of R(z, φ) R(y, γ) R(x, ψ) (paper eq. 23), (3,)."""
+    return np.asarray(Rotation.from_matrix(transform.rotation).as_euler("ZYX"))
+
+
+def from_paper_angles(angles_rad: Array, translation_mm: Array) -> Transform:
+    """R(z, φ) R(y, γ) R(x, ψ) and a translation (paper eqs. 22 and 23), from (3,) each."""
+    return Transform(Rotation.from_euler("ZYX", angles_rad).as_matrix(), translation_mm)
+
+
+def small_rotation(angles_rad: Array) -> tuple[Array, Array]:
+    """R(z, a0) R(y, a1) R(x, a2), (3, 3), and its derivatives by the three angles, (3, 3, 3)."""
+    (cz, cy, cx), (sz, sy, sx) = np.cos(angles_rad), np.sin(angles_rad)
+    rz = np.array([[cz, -sz, 0.0], [sz, cz, 0.0], [0.0, 0.0, 1.0]])
+    ry = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
+    rx = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
+    dz = np.array([[-sz, -cz, 0.0], [cz, -sz, 0.0], [0.0, 0.0, 0.0]])
+    dy = np.array([[-sy, 0.0, cy], [0.0, 0.0, 0.0], [-cy, 0.0, -sy]])
+    dx = np.array([[0.0, 0.0, 0.0], [0.0, -sx, -cx], [0.0, cx, -sx]])
+    return rz @ ry @ rx, np.stack([dz @ ry @ rx, rz @ dy @ rx, rz @ ry @ dx])

@@ -1,0 +1,217 @@
+"""Fits that a few wrong shots cannot spoil, and the shots that all others contradict.
+
+Losses and outliers are judged by whole blocks, never by single coordinates, and priors take no part
+in it: they are neither weighed down nor left out.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtri, fdtri
+
+from campaigns.estimation.estimators import LossShape
+from campaigns.estimation.least_squares import LeastSquaresProblem, Solution, solve
+from campaigns.mechanisms.geometry import Array, Mask
+
+REWEIGHTINGS = 30
+WEIGHTS_SETTLED, WEIGHTS_UNSETTLED = 1e-6, 0.02
+UNSETTLED = "not converged: the loss's weights change without end; a larger --loss-scale may help"
+REJECTION_ROUNDS = 10
+FALSE_ALARM = 0.01
+"""Chance that a whole set of good blocks loses one of them."""
+ROUNDING = 1e-12
+"""Whitened residuals below this are none."""
+TUNING_CONSTANT = 3.0
+"""Size in σ from which the price of a misfit stops growing with its square, unless told."""
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """How the price of a block's misfit grows, and where that begins to differ from its square."""
+
+    shape: LossShape = LossShape.LINEAR
+    scale: float = TUNING_CONSTANT
+    """In standard deviations, as the blocks' median shows them."""
+
+
+LEAST_LEFT = 1e-8
+"""Of a block's variance, when the fit follows it wherever it goes."""
+MOST_FITTED_AWAY = 0.9
+"""Share of the residuals' variance that the unknowns can take up."""
+INITIAL_M_ESTIMATOR = Loss(LossShape.CAUCHY)
+"""Finds where most blocks agree, however far away the others are."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobustFit:
+    """A fit, in the problem's subspace if there is one, and the weight that each block had."""
+
+    fit: Solution
+    weights: Array
+    """(blocks,), zero for what was left out."""
+    unit: float
+    """Standard deviation of the whitened residuals by the median of the blocks."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outlier:
+    """A block that the others contradict: its size and the largest believable one, in σ."""
+
+    block: int
+    size: float
+    limit: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inliers:
+    """Which blocks agree with each other, (blocks,), and those that do not."""
+
+    kept: Mask
+    outliers: tuple[Outlier, ...]
+    fit: Solution | None = None
+    """Plain least squares of what agrees; None where nobody needed it."""
+
+
+def robust_scale(sizes: Array, block: int, unknowns: int) -> float:
+    """Standard deviation of one whitened coordinate, from the median of the blocks' sizes.
+
+    A fit can go through as many measurements as it has unknowns, so the median is that of the
+    others (Rousseeuw and Leroy 1987, section 3.4), and what the fit took up is given back.
+    """
+    taken = min(unknowns / (block * len(sizes)), MOST_FITTED_AWAY)
+    below = 0.5 * (1.0 + taken)
+    size = float(np.quantile(sizes, below))
+    return size / float(np.sqrt((1.0 - taken) * chdtri(block, 1.0 - below)))
+
+
+def loss_weights(shape: LossShape, square: Array) -> Array:
+    """ρ'(z) of each block for z = (size / scale)²: what reweighted least squares gives it."""
+    if shape is LossShape.SOFT_L1:
+        return np.asarray(1.0 / np.sqrt(1.0 + square))
+    if shape is LossShape.CAUCHY:
+        return np.asarray(1.0 / (1.0 + square))
+    return np.ones_like(square)
+
+
+def loss_curvature(shape: LossShape, square: Array, block: int) -> Array:
+    """Mean second derivative of ½ρ by a block's coordinates: ρ' + 2 z ρ'' / k, for k of them."""
+    weights = loss_weights(shape, square)
+    if shape is LossShape.SOFT_L1:
+        return np.asarray(weights - square * weights**3 / block)
+    if shape is LossShape.CAUCHY:
+        return np.asarray(weights - 2.0 * square * weights**2 / block)
+    return weights
+
+
+def solve_robust(
+    problem: LeastSquaresProblem, loss: Loss, kept: Mask, start: Array | None = None
+) -> RobustFit:
+    """Least squares of the kept blocks, reweighted until the weights stand.
+
+    A fit whose weights do not come to stand has not converged.
+    """
+    weights, spent, change = kept.astype(np.float64), 0, 0.0
+    for _ in range(REWEIGHTINGS):
+        fit = solve(problem.weighted(weights), start=start, spent=spent)
+        sizes = problem.sizes(fit.x)
+        unit = robust_scale(sizes[kept], problem.block, _followed(problem, fit))
+        if loss.shape is LossShape.LINEAR:
+            break
+        bend = max(loss.scale * unit, ROUNDING)
+        renewed = kept * loss_weights(loss.shape, (sizes / bend) ** 2)
+        change = float(np.abs(renewed - weights).max())
+        weights, start, spent = renewed, fit.x, fit.evaluations
+        if change < WEIGHTS_SETTLED:
+            break
+    if change > WEIGHTS_UNSETTLED:
+        fit = replace(fit, converged=False, message=UNSETTLED)
+    return RobustFit(fit, weights, unit)
+
+
+def _followed(problem: LeastSquaresProblem, fit: Solution) -> int:
+    """How many measurements a fit can go through: what priors tell needs none."""
+    return max(len(fit.x) - len(problem.priors), 0)
+
+
+def fit_inliers(problem: LeastSquaresProblem, loss: Loss, agreed: Inliers) -> RobustFit:
+    """Of what agrees, by any loss; plain least squares need not be found twice."""
+    if loss.shape is not LossShape.LINEAR or agreed.fit is None:
+        return solve_robust(problem, loss, agreed.kept)
+    sizes = problem.sizes(agreed.fit.x)[agreed.kept]
+    unit = robust_scale(sizes, problem.block, _followed(problem, agreed.fit))
+    return RobustFit(agreed.fit, agreed.kept.astype(np.float64), unit)
+
+
+def reject_outliers(problem: LeastSquaresProblem) -> Inliers:
+    """Tell the blocks that agree from those that the others contradict.
+
+    Nothing within the stated noise is ever an outlier. Beyond it a robust fit shows which blocks
+    stand apart; the rest is fitted plainly, and whatever then agrees comes back, until nothing
+    changes. Where half of the blocks would have to go, none can be called wrong.
+    """
+    everything = np.ones(problem.blocks, dtype=bool)
+    plain = solve(problem.weighted(everything))
+    if problem.sizes(plain.x).max() <= rejection_threshold(problem.blocks, problem.block):
+        return Inliers(everything, (), plain)
+    kept, fit = _consensus_set(problem, plain.x), plain
+    for _ in range(REJECTION_ROUNDS):
+        if not _enough(problem, kept, len(plain.x)):
+            return Inliers(everything, (), plain)
+        agreeing = problem.weighted(kept.astype(np.float64))
+        fit = solve(agreeing, start=fit.x, spent=fit.evaluations)
+        sizes, limit = _studentized_residuals(problem, fit, kept)
+        if settled := np.array_equal(sizes <= limit, kept):
+            break
+        kept = sizes <= limit
+    outliers = (Outlier(row, float(sizes[row]), limit) for row in np.flatnonzero(~kept).tolist())
+    return Inliers(kept, tuple(outliers), fit if settled else None)
+
+
+def rejection_threshold(blocks: int, block: int, freedom: float = np.inf) -> float:
+    """Size in σ that one of so many good blocks exceeds with a chance of 1 % in all.
+
+    `freedom`: how many degrees of freedom that σ was estimated from.
+    """
+    chance = FALSE_ALARM / blocks
+    if np.isinf(freedom):
+        return float(np.sqrt(chdtri(block, chance)))
+    return float(np.sqrt(block * fdtri(block, freedom, 1.0 - chance)))
+
+
+def _consensus_set(problem: LeastSquaresProblem, start: Array) -> Mask:
+    """The blocks that a robust fit finds near each other."""
+    everything = np.ones(problem.blocks, dtype=bool)
+    found = solve_robust(problem, INITIAL_M_ESTIMATOR, everything, start)
+    sizes = problem.sizes(found.fit.x)
+    unit = max(1.0, found.unit)
+    return np.asarray(sizes <= unit * rejection_threshold(problem.blocks, problem.block))
+
+
+def _studentized_residuals(
+    problem: LeastSquaresProblem, fit: Solution, kept: Mask
+) -> tuple[Array, float]:
+    """Size of each block in its own σ beside a plain fit of the kept ones, and the limit."""
+    sizes = problem.sizes(fit.x)
+    freedom = max(problem.block * int(kept.sum()) + len(problem.priors) - len(fit.x), 1)
+    unit = max(1.0, float(np.sqrt(np.sum(sizes[kept] ** 2) / freedom)))
+    pull = _leverages(problem, fit, kept)
+    own = np.sqrt(np.where(kept, np.maximum(1.0 - pull, LEAST_LEFT), 1.0 + pull))
+    return sizes / (unit * own), rejection_threshold(len(sizes), problem.block, freedom)
+
+
+def _leverages(problem: LeastSquaresProblem, fit: Solution, kept: Mask) -> Array:
+    """Variance of the fit at each block in units of the block's own, (blocks,)."""
+    rows = problem.weighted(np.ones(problem.blocks)).jacobian(fit.x)
+    rows = rows / np.maximum(np.linalg.norm(rows, axis=0), ROUNDING)
+    measured = problem.block * problem.blocks
+    counts = np.append(np.repeat(kept, problem.block), np.ones(len(rows) - measured, dtype=bool))
+    # the small rows stand for what only blocks that were left out could tell
+    triangle = np.linalg.qr(np.vstack([rows[counts], LEAST_LEFT * np.eye(rows.shape[1])]), mode="r")
+    spread = rows[:measured] @ np.linalg.inv(triangle)
+    return np.asarray(np.sum(spread.reshape(problem.blocks, -1) ** 2, axis=1) / problem.block)
+
+
+def _enough(problem: LeastSquaresProblem, kept: Mask, unknowns: int) -> bool:
+    """Whether what is kept is the greater part, and can still be fitted."""
+    told = problem.block * int(kept.sum()) + len(problem.priors)
+    return bool(2 * kept.sum() > len(kept) and told > unknowns)

@@ -1,0 +1,71 @@
+"""The laser tracker's uncertainty (spherical instrument) as covariance of a point."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.estimation.point_sets import directions
+from campaigns.mechanisms.geometry import Array, Index
+
+LIMIT_PER_STD = 3**0.5
+"""A data sheet's limit (MPE) over the standard uncertainty it stands for: an even distribution."""
+MM_PER_UM = 1e-3
+PER_MM_OF_UM_PER_M = 1e-6
+WINSORISED_AT = 10.0
+"""Times the median: a larger variance of a distance counts as that."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerUncertainty:
+    """Standard uncertainties (1 σ), along the beam and across it: a constant and a part per length.
+
+    The defaults are an AT500's ± (10 µm + 0.3 µm/m) and ± (15 µm + 6 µm/m) by ISO 10360-10, each
+    over √3.
+    """
+
+    along_mm: float = 0.010 / 3**0.5
+    along_per_mm: float = 0.3e-6 / 3**0.5
+    across_mm: float = 0.015 / 3**0.5
+    across_per_mm: float = 6e-6 / 3**0.5
+
+    @classmethod
+    def of_limits(
+        cls, along_um: float, along_um_per_m: float, across_um: float, across_um_per_m: float
+    ) -> "TrackerUncertainty":
+        """Of an instrument whose data sheet has these limits (MPE)."""
+        um, um_per_m = MM_PER_UM / LIMIT_PER_STD, PER_MM_OF_UM_PER_M / LIMIT_PER_STD
+        return cls(
+            along_um * um, along_um_per_m * um_per_m, across_um * um, across_um_per_m * um_per_m
+        )
+
+
+def point_covariance_mm2(points_from_tracker_mm: Array, uncertainty: TrackerUncertainty) -> Array:
+    """Covariance (N, 3, 3) of points (N, 3) given from the tracker's origin, in the same axes.
+
+    Across the beam both directions are taken alike, so no axis of the instrument is needed.
+    """
+    distance = np.linalg.norm(points_from_tracker_mm, axis=1)
+    beam = points_from_tracker_mm / distance[:, None]
+    along = (uncertainty.along_mm + uncertainty.along_per_mm * distance) ** 2
+    across = (uncertainty.across_mm + uncertainty.across_per_mm * distance) ** 2
+    projector = beam[:, :, None] * beam[:, None, :]
+    return np.asarray(
+        across[:, None, None] * np.eye(3) + (along - across)[:, None, None] * projector
+    )
+
+
+def distance_variance_mm2(
+    points_mm: Array, covariance_mm2: Array, first: Index, second: Index
+) -> Array:
+    """Variance of the distances between rows `first` and `second` of points (N, 3), (M,)."""
+    direction = directions(points_mm, first, second)
+    together = covariance_mm2[first] + covariance_mm2[second]
+    return np.asarray(np.einsum("mi,mij,mj->m", direction, together, direction))
+
+
+def pooled_variance_mm2(variance_mm2: Array) -> float:
+    """The one variance of all distances, of each (M,), for they count alike as in the paper.
+
+    Their mean, on which no single statement has much influence.
+    """
+    return float(np.mean(np.minimum(variance_mm2, WINSORISED_AT * np.median(variance_mm2))))

@@ -1,0 +1,170 @@
+"""Numbers as text for files."""
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from campaigns.errors import CampaignError
+from campaigns.files.wording import shown, suggestion
+
+ANGLE_DECIMALS = 12
+"""Of a degree: far below what any encoder tells, and far above what converting to rad and back
+loses. So a file that was read and written again is the same file."""
+
+
+def number_text(value: float) -> str:
+    """Write the shortest decimals that give the double again."""
+    return repr(float(value) + 0.0)  # -0.0 becomes 0.0
+
+
+def angle_text(angle_rad: float) -> str:
+    """Write an angle in deg, to `ANGLE_DECIMALS`."""
+    return number_text(round(math.degrees(angle_rad), ANGLE_DECIMALS))
+
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_WHOLE_NUMBER = re.compile(r"[+-]?\d+", re.ASCII)
+_WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
+_DIGITS_MAX = 18
+"""A longer whole number is no number of a shot or pair."""
+
+_POINT_REMEDY = "write decimal points and separate the columns by commas"
+
+
+@dataclass(frozen=True, slots=True)
+class CsvForm:
+    """The columns that a file must and may have, and the error that a wrong file raises."""
+
+    required: tuple[str, ...]
+    optional: tuple[str, ...]
+    invalid: type[CampaignError]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """All of them, in order."""
+        return (*self.required, *self.optional)
+
+
+@dataclass(frozen=True, slots=True)
+class CsvRow:
+    """One line: where it stands, and its texts by column. A column that the file lacks is empty."""
+
+    where: str
+    texts: Mapping[str, str]
+    form: CsvForm
+
+    def text(self, column: str) -> str:
+        """Return what stands there; empty when nothing does."""
+        return self.texts.get(column, "")
+
+    def number(self, column: str) -> float:
+        """Read a finite number."""
+        text = self.text(column)
+        if _NUMBER.fullmatch(text) and math.isfinite(value := float(text)):
+            return value
+        raise self._not_a_number(column, "a number")
+
+    def whole_number(self, column: str) -> int:
+        """Read a whole number, not negative."""
+        text = self.text(column)
+        if _WHOLE_NUMBER.fullmatch(text) and len(text) <= _DIGITS_MAX and int(text) >= 0:
+            return int(text)
+        raise self._not_a_number(column, "a whole number from 0")
+
+    def wrong(self, problem: str, *, remedy: str) -> CampaignError:
+        """Return the error of this file's kind, with the line before the problem."""
+        return self.form.invalid(f"{self.where}: {problem}", remedy=remedy)
+
+    def _not_a_number(self, column: str, wanted: str) -> CampaignError:
+        text = shown(self.text(column))
+        if not text:
+            return self.wrong(f"{column} is empty", remedy=f"give {wanted}")
+        if _WITH_COMMA.fullmatch(text):
+            return self.wrong(f"{column} is '{text}', a decimal comma", remedy=_POINT_REMEDY)
+        return self.wrong(f"{column} is '{text}', must be {wanted}", remedy="correct the value")
+
+
+def parse_csv(text: str, name: str, form: CsvForm) -> Iterator[CsvRow]:
+    """Yield the rows of a file whose first line names its columns; raises `form.invalid`."""
+    lines = _filled_lines(text, name, form.invalid)
+    where, header = next(lines, (f"{name}:1", []))
+    _check_header(header, where, form)
+    for where, values in lines:
+        if len(values) != len(header):
+            raise _wrong_length(values, header, where, form.invalid)
+        yield CsvRow(where, dict(zip(header, values, strict=True)), form)
+
+
+def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Write a header and rows as a file's text, each row on one line."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows([_one_line(value) for value in row] for row in rows)
+    return stream.getvalue()
+
+
+def _filled_lines(
+    text: str, name: str, invalid: type[CampaignError]
+) -> Iterator[tuple[str, list[str]]]:
+    """Yield each line that is not empty as its place and its values."""
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    line = 1
+    try:
+        for values in reader:
+            texts = [_one_line(value) for value in values]
+            if any(texts):
+                yield f"{name}:{line}", texts
+            line = reader.line_num + 1
+    except csv.Error as error:
+        raise invalid(
+            f"{name}:{line}: is not CSV ({error})", remedy="correct the line's quotes"
+        ) from error
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.strip().splitlines())
+
+
+def _check_header(header: list[str], where: str, form: CsvForm) -> None:
+    if not header:
+        raise form.invalid(f"{where}: the file is empty", remedy=_header_remedy(form))
+    _check_separator(header, where, form.invalid)
+    for column in header:
+        if not column:
+            place = header.index("") + 1
+            raise form.invalid(
+                f"{where}: column {place} has no name", remedy="name it, or take it out"
+            )
+        if column not in form.columns:
+            absent = [each for each in form.columns if each not in header]
+            raise form.invalid(
+                f"{where}: unknown column '{shown(column)}'", remedy=suggestion(column, absent)
+            )
+        if header.count(column) > 1:
+            raise form.invalid(f"{where}: column {column} stands twice", remedy="keep one")
+    for column in form.required:
+        if column not in header:
+            raise form.invalid(f"{where}: column {column} is missing", remedy=_header_remedy(form))
+
+
+def _header_remedy(form: CsvForm) -> str:
+    return f"the first line must name {','.join(form.required)}"
+
+
+def _check_separator(header: list[str], where: str, invalid: type[CampaignError]) -> None:
+    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+        if separator in header[0]:
+            raise invalid(f"{where}: the columns are separated by {name}", remedy=_POINT_REMEDY)
+
+
+def _wrong_length(
+    values: list[str], header: list[str], where: str, invalid: type[CampaignError]
+) -> CampaignError:
+    problem = f"{where}: {len(values)} values for {len(header)} columns"
+    if len(values) > len(header):
+        return invalid(f"{problem}: perhaps decimal commas", remedy=_POINT_REMEDY)
+    return invalid(problem, remedy="give every column a value, or leave its place empty")

@@ -1,0 +1,331 @@
+"""What pydantic finds in a YAML file, as one line: file, line, key, value, limit, remedy."""
+
+import io
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import NoneType
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails, PydanticCustomError
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.scalarstring import DoubleQuotedScalarString
+
+from campaigns.errors import ConfigInvalid
+from campaigns.files.text_file import read_text
+from campaigns.files.wording import shown, suggestion
+
+Location = Sequence[int | str]
+
+BROKEN_RULE = "broken_rule"
+
+WORDS: Mapping[str, str] = {
+    "missing": "is missing",
+    "extra_forbidden": "is not a known key",
+    "float_type": "is {input}, must be a number",
+    "int_type": "is {input}, must be a whole number",
+    "int_from_float": "is {input}, must be a whole number",
+    "finite_number": "is {input}, must be a finite number",
+    "string_type": "is {input}, must be text: put it in quotes",
+    "string_too_short": "is {input}, must not be empty",
+    "bool_type": "is {input}, must be true or false",
+    "tuple_type": "is {input}, must be a list in [ ]",
+    "dict_type": "is {input}, must hold keys with values",
+    "model_type": "is {input}, must hold keys with values",
+    "too_long": "has {actual_length} entries, must have {max_length}",
+    "greater_than": "is {input}, must be above {gt:g}",
+    "greater_than_equal": "is {input}, must be at least {ge:g}",
+    "less_than": "is {input}, must be below {lt:g}",
+    "less_than_equal": "is {input}, must be at most {le:g}",
+    "multiple_of": "is {input}, must be a multiple of {multiple_of}",
+    "literal_error": "is {input}, must be {expected}",
+    "string_pattern_mismatch": "is {input}, which has not the right form",
+    BROKEN_RULE: "{message}",
+}
+"""By pydantic's name of the finding; what is in braces comes from the finding itself."""
+
+
+def broken_rule(message: str) -> PydanticCustomError:
+    """Return a finding of our own for a validator to raise; it says value and limit itself."""
+    return PydanticCustomError(BROKEN_RULE, "{message}", {"message": message})
+
+
+def explained(
+    error: ValidationError, model: type[BaseModel], name: str, tree: CommentedMap | None = None
+) -> ConfigInvalid:
+    """Word the finding to correct first: an unknown key often is the missing one, misspelt.
+
+    Without a tree, `name` alone says where the contents are from.
+    """
+    findings = error.errors(include_url=False)
+    first = min(findings, key=lambda found: found["type"] != "extra_forbidden")
+    where = name if tree is None else f"{name}:{_line(tree, first['loc'])}"
+    more = f" (and {len(findings) - 1} more)" if len(findings) > 1 else ""
+    return ConfigInvalid(f"{where}: {_problem(first)}{more}", remedy=_remedy(first, model))
+
+
+def key_path(location: Location) -> str:
+    """Write a place as `geometry.arms[2].forearm_mm`."""
+    parts = (f"[{part}]" if isinstance(part, int) else f".{shown(part)}" for part in location)
+    return "".join(parts).removeprefix(".")
+
+
+def _problem(found: ErrorDetails) -> str:
+    words = WORDS.get(found["type"], "is {input}: {message}")
+    known = {"input": _shown(found["input"]), "message": found["msg"], **found.get("ctx", {})}
+    return f"{key_path(found['loc'])} {words.format_map(known)}".strip()
+
+
+def _remedy(found: ErrorDetails, model: type[BaseModel]) -> str:
+    *parent, last = found["loc"] or ("",)
+    if found["type"] == "extra_forbidden":
+        return _instead_of(str(last), tuple(_fields(_annotation_at(model, parent))))
+    description = _description(model, found["loc"])
+    return f"give {description}" if description else "correct the value"
+
+
+def _instead_of(key: str, known: tuple[str, ...]) -> str:
+    if key.isdecimal():  # {arm_mm: 350,5} holds a key 5
+        return "write a decimal point, not a comma"
+    return suggestion(key, known)
+
+
+def _shown(value: object) -> str:
+    return "empty" if value is None else shown(json.dumps(value, ensure_ascii=False, default=str))
+
+
+def _line(tree: CommentedMap, location: Location) -> int:
+    """Find the line, from 1, of the place or of what it is missing from."""
+    *_, line = _lines_towards(tree, location)
+    return line + 1
+
+
+def _lines_towards(tree: CommentedMap, location: Location) -> Iterator[int]:
+    """Yield the lines, from 0, of the document, of the place's first key, of the next, …."""
+    node: Any = tree  # a tree of ruamel's: mappings, lists, and anything as leaves
+    yield 0
+    for key in location:
+        if not isinstance(node, CommentedMap | CommentedSeq) or key not in (node.lc.data or {}):
+            return
+        yield node.lc.data[key][0]
+        node = node[key]
+
+
+def _description(model: type[BaseModel], location: Location) -> str | None:
+    """Find the description of the nearest field that has one."""
+    for length in range(len(location), 0, -1):
+        *parent, last = location[:length]
+        field = _fields(_annotation_at(model, parent)).get(str(last))
+        if field and field.description:
+            return field.description
+    return None
+
+
+def _annotation_at(model: type[BaseModel], location: Location) -> object:
+    """Find the type that a model has at a place; None where it does not say."""
+    annotation: object = model
+    for key in location:
+        field = _fields(annotation).get(str(key))
+        annotation = field.annotation if field else _entry(annotation, key)
+    return annotation
+
+
+def _entry(annotation: object, key: int | str) -> object:
+    """Find the type of a tuple's entry."""
+    entries = get_args(annotation)
+    return entries[key] if isinstance(key, int) and key < len(entries) else None
+
+
+def _fields(annotation: object) -> Mapping[str, FieldInfo]:
+    """List a model's fields, also of an optional one; nothing for any other type."""
+    choices = get_args(annotation)
+    model = choices[0] if NoneType in choices else annotation
+    return model.model_fields if isinstance(model, type) and issubclass(model, BaseModel) else {}
+
+
+UNBROKEN_LINE = 4096
+"""Columns; long texts stay on their line."""
+
+
+class FileModel(BaseModel):
+    """What a file may hold: nothing unknown, nothing converted, no NaN; fixed once read.
+
+    The `description` of a field is a noun phrase; it becomes the file's comment and the remedy.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+Model = TypeVar("Model", bound=FileModel)
+
+
+@dataclass(frozen=True, slots=True)
+class YamlDocument:
+    """A YAML mapping: the text as it was read, and its tree, which is not to be edited.
+
+    `name` is the file's, for messages.
+    """
+
+    name: str
+    text: str
+    tree: CommentedMap
+
+    def place_of(self, key: str) -> str:
+        """Return the file's name and the line of a key of the outermost mapping."""
+        return f"{self.name}:{self.tree.lc.key(key)[0] + 1}"
+
+    def editable_tree(self) -> CommentedMap:
+        """Return a tree of one's own, comments and all; a deep copy of a tree loses some."""
+        return parse_document(self.text, self.name).tree
+
+
+def read_document(path: Path, *, if_missing: str) -> YamlDocument:
+    """Read a YAML file; `if_missing` is the remedy when there is none."""
+    return parse_document(read_text(path, ConfigInvalid, if_missing=if_missing), str(path))
+
+
+def parse_document(text: str, name: str) -> YamlDocument:
+    """Read a YAML text that must be a mapping."""
+    tree = _loaded(text, name)
+    if tree is None:
+        raise ConfigInvalid(f"{name}: is empty", remedy="write the file anew or restore it")
+    if not isinstance(tree, CommentedMap):
+        raise ConfigInvalid(
+            f"{name}: holds no keys with values", remedy="begin with a line such as 'name: VALUE'"
+        )
+    return YamlDocument(name, text, tree)
+
+
+def yaml_text(tree: CommentedMap) -> str:
+    """Write a tree as the text of a file, comments included."""
+    stream = io.StringIO()
+    _yaml().dump(tree, stream)
+    return stream.getvalue()
+
+
+def checked(document: YamlDocument, schema: str, model: type[Model]) -> Model:
+    """Check the document against its schema, such as `pkmcal/robot/1`, and return what it holds."""
+    _check_schema(document, schema)
+    try:
+        return model.model_validate_json(_plain_json(document))
+    except ValidationError as error:
+        raise explained(error, model, document.name, document.tree) from error
+
+
+def checked_settings(settings: Mapping[str, object], name: str, model: type[Model]) -> Model:
+    """Check what was not read from a file but said otherwise; `name` says where, for messages."""
+    try:
+        return model.model_validate_json(json.dumps(settings))
+    except ValidationError as error:
+        raise explained(error, model, name) from error
+
+
+def _loaded(text: str, name: str) -> object:
+    try:
+        tree: object = _yaml().load(text)
+    except MarkedYAMLError as error:
+        raise _not_yaml(error, name) from error
+    except (YAMLError, ValueError) as error:
+        problem = " ".join(str(error).split())
+        raise ConfigInvalid(f"{name}: is not YAML: {problem}", remedy="correct the file") from error
+    except (AssertionError, AttributeError, LookupError, RecursionError) as error:
+        # what ruamel lets slip on unusual tags and directives, found by feeding it garbage
+        raise ConfigInvalid(
+            f"{name}: has tags, directives or nesting that cannot be read",
+            remedy="write plain keys, lists and values",
+        ) from error
+    return tree
+
+
+def _yaml() -> YAML:
+    yaml = YAML()
+    yaml.composer.warn_double_anchors = False
+    yaml.preserve_quotes = True
+    yaml.width = UNBROKEN_LINE
+    yaml.indent(mapping=2, sequence=4, offset=2)
+    return yaml
+
+
+def _not_yaml(error: MarkedYAMLError, name: str) -> ConfigInvalid:
+    mark = error.problem_mark or error.context_mark
+    where = f"{name}:{mark.line + 1}" if mark else name
+    problem = " ".join(str(error.problem or error.context).split())
+    if "duplicate key" in problem:
+        return ConfigInvalid(f"{where}: {problem}", remedy="keep one of the two")
+    return ConfigInvalid(
+        f"{where}: is not YAML: {problem}", remedy="correct the line, or the one before it"
+    )
+
+
+def _plain_json(document: YamlDocument) -> str:
+    """Return the tree without the schema, as JSON: there a list is a list and a number a number."""
+    contents = {key: value for key, value in document.tree.items() if key != "schema"}
+    try:
+        return json.dumps(contents, default=str)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise ConfigInvalid(
+            f"{document.name}: holds more than plain keys, lists and values ({error})",
+            remedy="write it without compound keys",
+        ) from error
+
+
+def _check_schema(document: YamlDocument, wanted: str) -> None:
+    found = document.tree.get("schema")
+    if found == wanted:
+        return
+    if found is None:
+        raise ConfigInvalid(
+            f"{document.name}:1: schema is missing", remedy=f"begin with 'schema: {wanted}'"
+        )
+    raise ConfigInvalid(
+        f"{document.place_of('schema')}: schema is '{shown(str(found))}', must be '{wanted}'",
+        remedy=_schema_remedy(str(found), wanted),
+    )
+
+
+def _schema_remedy(found: str, wanted: str) -> str:
+    kind, _, version = wanted.rpartition("/")
+    found_kind, _, found_version = found.rpartition("/")
+    if found_kind != kind:
+        return f"give a {kind} file here"
+    if found_version.isdecimal() and int(found_version) > int(version):
+        return "a newer pkmcal wrote the file: update this one"
+    return f"write 'schema: {wanted}'"
+
+
+INDENT = 2
+
+
+def commented_yaml(schema: str, settings: FileModel) -> str:
+    """Write every key of the settings, each below its description."""
+    tree = CommentedMap(schema=schema)
+    _add(tree, settings, column=0)
+    return yaml_text(tree)
+
+
+def _add(tree: CommentedMap, settings: FileModel, column: int) -> None:
+    for name, field in type(settings).model_fields.items():
+        tree[name] = _value(getattr(settings, name), column + INDENT)
+        gap = "\n" if column == 0 else ""
+        tree.yaml_set_comment_before_after_key(
+            name, before=f"{gap}{field.description}", indent=column
+        )
+
+
+def _value(value: object, column: int) -> object:
+    if isinstance(value, FileModel):
+        section = CommentedMap()
+        _add(section, value, column)
+        return section
+    if isinstance(value, tuple):
+        entries = CommentedSeq(value)
+        entries.fa.set_flow_style()
+        return entries
+    if isinstance(value, str) and not value.isprintable():
+        return DoubleQuotedScalarString(value)  # with escapes, so that no sign gets lost
+    return value

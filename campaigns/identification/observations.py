@@ -1,0 +1,317 @@
+"""Which pairs of shots can be used, and why the others cannot."""
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from campaigns.errors import ShotsInvalid, ShotsMissing
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, WeightedResiduals
+from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
+from campaigns.estimation.rigid_transforms import Transform, fit_transform
+from campaigns.estimation.tracker_noise import (
+    TrackerUncertainty,
+    distance_variance_mm2,
+    pooled_variance_mm2,
+)
+from campaigns.identification.parameter_selection import ParameterSelection
+from campaigns.identification.result import Excluded, IdentificationRequest
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import FILE_UNIT, Array, Geometry, Index, Mask, indices
+from campaigns.mechanisms.par4 import KinematicSolution
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import Shots, is_positive_definite
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UsablePairs:
+    """Whole pairs of a set, rows (M, 2), at both shots of which the robot can be assembled."""
+
+    rows: Index
+    excluded: tuple[Excluded, ...]
+
+
+def usable_pairs(nominal: KinematicSolution, data: Shots, purpose: ShotSet) -> UsablePairs:
+    """Those of a set, and the others by name, from the nominal robot's poses at all shots."""
+    found = nominal.found
+    halves = tuple(
+        Excluded(f"shot {data.numbers[row]} has no partner", pair=pair_of(data, row))
+        for row in data.half_pairs(purpose)
+    )
+    rows = data.pair_rows(purpose)
+    whole = found[rows].all(axis=1)
+    return UsablePairs(rows[whole], halves + without_assembly(data, rows[~whole], found, "nominal"))
+
+
+def without_assembly(data: Shots, pairs: Index, found: Mask, which: str) -> tuple[Excluded, ...]:
+    """Say of pairs (M, 2) at which of their shots there is no assembly."""
+    return tuple(
+        Excluded(
+            f"the {which} robot cannot be assembled at the joints of shot {data.numbers[row]}",
+            pair=pair_of(data, row),
+        )
+        for pair in pairs.tolist()
+        for row in pair
+        if not found[row]
+    )
+
+
+def pair_of(data: Shots, row: int) -> int:
+    """The number of a shot's pair."""
+    pair = data.pairs[row]
+    assert pair is not None, "only shots of pairs are asked for"
+    return pair
+
+
+COORDINATES = 3
+SHOTS_FOR_A_FRAME = 3
+FRAME_UNKNOWNS = 6
+SHORTEST_MM = 1.0
+"""Of a distance: from shots at one place nothing is learnt."""
+
+
+class Observations(Protocol):
+    """The shots or pairs of a fit, one a block."""
+
+    @property
+    def kind(self) -> str:
+        """What the blocks are, in the plural."""
+        ...
+
+    @property
+    def problem(self) -> LeastSquaresProblem:
+        """What is to be solved; its first unknowns are the free parameters."""
+        ...
+
+    @property
+    def model(self) -> PositionModel:
+        """Of the shots."""
+        ...
+
+    @property
+    def excluded(self) -> tuple[Excluded, ...]:
+        """What could not be used at all."""
+        ...
+
+    def excluded_for(self, block: int, reason: str) -> Excluded:
+        """The shot or pair of a block, without the size of its misfit."""
+        ...
+
+    def misfits_mm(self, x: Array) -> Array:
+        """Modelled minus measured at the unknowns x, (blocks, 1) or (blocks, 3)."""
+        ...
+
+    def nominal_misfits_mm(self, kept: Mask) -> Array:
+        """The same with the nominal parameters and, if any, the frame that suits them best."""
+        ...
+
+    def tracker_from_base(self, x: Array) -> Transform | None:
+        """None where no frame is estimated."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DistanceObservations:
+    """Distances of pairs, all of one weight, as in the paper (eq. 19)."""
+
+    problem: LeastSquaresProblem
+    distances: DistanceResiduals
+    pairs: tuple[int, ...]
+    excluded: tuple[Excluded, ...]
+
+    @property
+    def kind(self) -> str:
+        """Pairs."""
+        return "pairs"
+
+    @property
+    def model(self) -> PositionModel:
+        """Of the shots of the pairs."""
+        return self.distances.model
+
+    def excluded_for(self, block: int, reason: str) -> Excluded:
+        """The pair."""
+        return Excluded(reason, pair=self.pairs[block])
+
+    def misfits_mm(self, x: Array) -> Array:
+        """Modelled minus measured distances, (pairs, 1)."""
+        return self.distances.residual(x)[:, None]
+
+    def nominal_misfits_mm(self, kept: Mask) -> Array:
+        """Of the kept pairs."""
+        return self.misfits_mm(self.model.nominal)[kept]
+
+    def tracker_from_base(self, x: Array) -> None:  # noqa: ARG002 - points need it
+        """Distances know of no frame."""
+        return
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointObservations:
+    """Coordinates of every shot, weighed by its covariance."""
+
+    problem: LeastSquaresProblem
+    points: PointResiduals
+    shots: tuple[int, ...]
+    excluded: tuple[Excluded, ...]
+
+    @property
+    def kind(self) -> str:
+        """Shots."""
+        return "shots"
+
+    @property
+    def model(self) -> PositionModel:
+        """Of the shots."""
+        return self.points.model
+
+    def excluded_for(self, block: int, reason: str) -> Excluded:
+        """The shot."""
+        return Excluded(reason, shot=self.shots[block])
+
+    def misfits_mm(self, x: Array) -> Array:
+        """In the tracker's axes, (shots, 3)."""
+        positions = self.model.positions_mm(x[:-FRAME_UNKNOWNS])
+        return self.tracker_from_base(x).apply(positions) - self.points.points_in_tracker_mm
+
+    def nominal_misfits_mm(self, kept: Mask) -> Array:
+        """Of the kept shots, with a frame fitted to them."""
+        positions = self.model.positions_mm(self.model.nominal)[kept]
+        measured = self.points.points_in_tracker_mm[kept]
+        return fit_transform(positions, measured).apply(positions) - measured
+
+    def tracker_from_base(self, x: Array) -> Transform:
+        """The frame that x stands for."""
+        return self.points.tracker_from_base(x)
+
+
+def observations(nominal: Geometry, data: Shots, request: IdentificationRequest) -> Observations:
+    """What the estimator asked for makes of the identification shots.
+
+    Raises `ShotsMissing` for fewer measurements than unknowns and `ShotsInvalid` for a covariance
+    that is none.
+    """
+    if request.estimator is Estimator.DISTANCES:
+        return _distance_observations(nominal, data, request)
+    return _point_observations(nominal, data, request)
+
+
+def position_model(
+    nominal: Geometry,
+    data: Shots,
+    rows: Index,
+    free: tuple[str, ...],
+    near: Array | None = None,
+) -> PositionModel:
+    """Positions of some shots by the parameters to be found, from poses (N, 4) near theirs."""
+    joints_rad, approach = data.joints_rad[rows], data.approach[rows]
+    return PositionModel(nominal, indices(free), joints_rad, near, approach=approach)
+
+
+def _distance_observations(
+    nominal: Geometry, data: Shots, request: IdentificationRequest
+) -> DistanceObservations:
+    solution = forward(nominal, data.joints_rad)
+    usable = usable_pairs(solution, data, ShotSet.IDENTIFICATION)
+    apart = data.measured_distances_mm(usable.rows) >= SHORTEST_MM
+    together = tuple(
+        Excluded("its two shots are at one place", pair=pair_of(data, row))
+        for row in usable.rows[~apart, 0].tolist()
+    )
+    rows, excluded, free = usable.rows[apart], usable.excluded + together, request.knowledge.free
+    wanted = max(1, len(free) - len(request.knowledge.priors))
+    if len(rows) < wanted:
+        raise ShotsMissing(
+            f"{len(rows)} pairs{_left_out(excluded)} cannot give {len(free)} parameters",
+            remedy=f"measure at least {wanted} pairs, better 60; or hold parameters",
+        )
+    near = solution.values[rows.ravel()]
+    model = position_model(nominal, data, rows.ravel(), free, near)
+    first, second = np.arange(rows.size).reshape(rows.shape).T
+    distances = DistanceResiduals(model, first, second, data.measured_distances_mm(rows))
+    covariance = _stated(data, rows.ravel(), request.instrument)
+    points = data.points_in_tracker_mm[rows.ravel()]
+    variance = pooled_variance_mm2(distance_variance_mm2(points, covariance, first, second))
+    whitened = WeightedResiduals(distances, 1, np.full(len(rows), 1.0 / variance))
+    problem = LeastSquaresProblem(whitened, 1, _priors(request.knowledge, model))
+    pairs = tuple(pair_of(data, row) for row in rows[:, 0].tolist())
+    return DistanceObservations(problem, distances, pairs, excluded)
+
+
+def _point_observations(
+    nominal: Geometry, data: Shots, request: IdentificationRequest
+) -> PointObservations:
+    rows = np.flatnonzero([purpose is ShotSet.IDENTIFICATION for purpose in data.purposes])
+    solution = forward(nominal, data.joints_rad[rows])
+    found = solution.found
+    excluded = tuple(
+        Excluded("the nominal robot cannot be assembled at its joints", shot=data.numbers[row])
+        for row in rows[~found].tolist()
+    )
+    rows = rows[found]
+    _check_coordinates(len(rows), request.knowledge, excluded)
+    near = solution.values[found]
+    model = position_model(nominal, data, rows, request.knowledge.free, near)
+    measured, stated = data.points_in_tracker_mm[rows], _stated(data, rows, request.instrument)
+    try:
+        points = PointResiduals.from_points(model, measured, stated)
+    except ValueError as error:
+        raise ShotsMissing(
+            f"{len(rows)} shots fix no frame: {error}", remedy="measure all over the workspace"
+        ) from error
+    problem = LeastSquaresProblem(points, COORDINATES, _priors(request.knowledge, model))
+    shots = tuple(data.numbers[row] for row in rows.tolist())
+    return PointObservations(problem, points, shots, excluded)
+
+
+def _check_coordinates(
+    shots: int, known: ParameterSelection, excluded: tuple[Excluded, ...]
+) -> None:
+    """Refuse fewer shots than can tell what is free; a prior is worth a coordinate."""
+    priors = {prior.name for prior in known.priors}
+    least = _least_shots([name for name in known.free if name not in priors])
+    if shots >= least:
+        return
+    raise ShotsMissing(
+        f"{shots} shots{_left_out(excluded)} are too few for {len(known.free)} parameters and the "
+        f"tracker's frame: {COORDINATES * shots} coordinates, {shots} of them for arm2, arm3 and "
+        "the plate",
+        remedy=f"measure at least {least} shots, better 60; or hold parameters",
+    )
+
+
+def _least_shots(unknown: list[str]) -> int:
+    """How many shots tell these parameters, each counting from the point's three coordinates.
+
+    Arms 0 and 1 meet in the measured point, so two of the three are about them and the tracker's
+    frame. The third is about the rest, for θ is not measured.
+    """
+    near = sum(name.startswith(("arm0.", "arm1.")) for name in unknown)
+    return max(SHOTS_FOR_A_FRAME, math.ceil((near + FRAME_UNKNOWNS) / 2), len(unknown) - near)
+
+
+def _left_out(excluded: tuple[Excluded, ...]) -> str:
+    return f" ({len(excluded)} left out)" if excluded else ""
+
+
+def _priors(known: ParameterSelection, model: PositionModel) -> Priors:
+    """About the nominal values, in mm and rad."""
+    names = tuple(prior.name for prior in known.priors)
+    places = np.array([known.free.index(name) for name in names], dtype=np.intp)
+    std = np.array([prior.std for prior in known.priors]) * FILE_UNIT[indices(names)]
+    return Priors(places, model.nominal[places], std)
+
+
+def _stated(data: Shots, rows: Index, instrument: TrackerUncertainty) -> Array:
+    """Covariances (N, 3, 3) of some shots; raises `ShotsInvalid` naming the first that is none."""
+    covariance = data.covariance_mm2(instrument)[rows]
+    for row, matrix in zip(rows.tolist(), covariance.tolist(), strict=True):
+        if not is_positive_definite(matrix):
+            raise ShotsInvalid(
+                f"shot {data.numbers[row]}: its covariance is not positive definite",
+                remedy="import the shots again with the file's sxx … szz corrected or left empty, "
+                "or measure that shot again",
+            )
+    return covariance

@@ -1,0 +1,132 @@
+"""What the user knows of the parameters: which to find, which to hold, which are about known.
+
+Names may be patterns in the manner of a shell: `arm*.azimuth_deg`, `arm[12].*`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+
+from campaigns.errors import SelectionInvalid
+from campaigns.files.wording import shown, suggestion
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, NAMES
+
+LEAST_STD = 1e-6
+"""mm or deg, of a prior: what is known better need not be looked for."""
+WILD = frozenset("*?[")
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """A parameter that lies about its nominal value with a standard deviation, mm or deg."""
+
+    name: str
+    std: float
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSelection:
+    """The parameters to find, in the order of all names, and what is known of them before."""
+
+    free: tuple[str, ...] = FREE_BY_DEFAULT
+    priors: tuple[Prior, ...] = ()
+
+
+def select_parameters(
+    freed: Sequence[str] = (),
+    fixed: Sequence[str] = (),
+    priors: Sequence[str] = (),
+    *,
+    names: tuple[str, ...] = NAMES,
+    by_default: tuple[str, ...] = FREE_BY_DEFAULT,
+) -> ParameterSelection:
+    """From patterns to free and to fix, and priors such as `arm*.forearm_mm=0.05`.
+
+    A whole name outranks a pattern. Raises `SelectionInvalid` for a pattern that matches nothing,
+    for a name both freed and fixed, for a prior on held parameters and when nothing is left free.
+    """
+    free = _free(freed, fixed, names, by_default)
+    return ParameterSelection(free, _priors(priors, names, free))
+
+
+def matching(pattern: str, names: tuple[str, ...]) -> tuple[str, ...]:
+    """The names that a pattern means; raises `SelectionInvalid` when there is none."""
+    found = tuple(name for name in names if fnmatchcase(name, pattern))
+    if found:
+        return found
+    if not pattern:
+        raise SelectionInvalid(
+            "an empty name is not a parameter", remedy="give a name or a pattern, as 'arm*.x_mm'"
+        )
+    what = "matches no parameter" if WILD & set(pattern) else "is not a parameter"
+    raise SelectionInvalid(f"{shown(pattern)} {what}", remedy=suggestion(pattern, names))
+
+
+def _free(
+    freed: Sequence[str],
+    fixed: Sequence[str],
+    names: tuple[str, ...],
+    by_default: tuple[str, ...],
+) -> tuple[str, ...]:
+    to_free, to_fix = _ranked(freed, names), _ranked(fixed, names)
+    for name in names:
+        if name in to_free and to_free.get(name) == to_fix.get(name):
+            raise SelectionInvalid(
+                f"{name} is both freed and fixed", remedy="give it to one of --free and --fix"
+            )
+    held = {name for name, rank in to_fix.items() if rank > to_free.get(name, -1)}
+    wanted = {*by_default, *to_free} - held
+    if not wanted:
+        raise SelectionInvalid("--fix leaves no parameter to find", remedy="fix fewer")
+    return tuple(name for name in names if name in wanted)
+
+
+def _ranked(patterns: Sequence[str], names: tuple[str, ...]) -> dict[str, int]:
+    """Every name meant, with 1 where it is written out and 0 where a pattern means it."""
+    ranks: dict[str, int] = {}
+    for pattern in patterns:
+        for name in matching(pattern, names):
+            ranks[name] = max(ranks.get(name, 0), int(name == pattern))
+    return ranks
+
+
+def _priors(
+    texts: Sequence[str], names: tuple[str, ...], free: tuple[str, ...]
+) -> tuple[Prior, ...]:
+    """The last word on a parameter counts; a pattern means those of its matches that are free."""
+    known: dict[str, float] = {}
+    for text in texts:
+        pattern, std = _prior_of(text)
+        meant = matching(pattern, names)
+        found = [name for name in meant if name in free]
+        if not found:
+            raise SelectionInvalid(
+                f"--prior {shown(text)}: {_listed(meant)} held at the nominal value",
+                remedy=f"free it too, with --free '{pattern}', or leave the prior out",
+            )
+        known |= dict.fromkeys(found, std)
+    return tuple(Prior(name, known[name]) for name in names if name in known)
+
+
+def _prior_of(text: str) -> tuple[str, float]:
+    """Pattern and standard deviation of `NAME=σ`."""
+    pattern, equals, number = text.partition("=")
+    try:
+        std = float(number)
+    except ValueError:
+        std = 0.0
+    if equals and LEAST_STD <= std < float("inf"):
+        return pattern.strip(), std
+    if equals and 0.0 < std < LEAST_STD:
+        raise SelectionInvalid(
+            f"--prior {shown(text)}: σ is {std:g}, must be {LEAST_STD:g} or more",
+            remedy="hold what is known for sure at its nominal value, with --fix",
+        )
+    raise SelectionInvalid(
+        f"--prior {shown(text)} is not understood: σ must be a number above 0",
+        remedy="give name and σ in the name's unit, as arm*.forearm_mm=0.05",
+    )
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"

@@ -1,0 +1,175 @@
+"""What a run tells about itself while it runs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+
+from campaigns.planning.steps import Step
+
+SHOTS_FOR_AN_ESTIMATE = 3
+
+
+class EngineState(Enum):
+    """Where the engine stands; the value is the word on the screen."""
+
+    IDLE = "idle"
+    MOVING = "moving"
+    SETTLING = "settling"
+    MEASURING = "measuring"
+    SUSPENDED = "suspended"
+    STOPPED = "stopped"
+    FINISHED = "finished"
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterPrecision:
+    """How surely the identification shots so far tell the parameters: 1 σ."""
+
+    shots: int
+    weakest: str
+    """The parameter known worst; angles are compared by what they do at the arm's end."""
+    weakest_std: float
+    """In the unit of its name, mm or deg."""
+    length_std_mm: float
+    """Of the length known worst: what a goal is about."""
+    position_std_mm: float
+    """Of positions all over the workspace, on average, after the best fit of their frame."""
+    scatter: float
+    """What the best fit leaves of the shots, over what the tracker states of them."""
+    scale: float = 1.0
+    """What every σ was multiplied by for it; 1 while it may be chance."""
+
+    @property
+    def unit(self) -> str:
+        """Of `weakest_std`."""
+        return self.weakest.rpartition("_")[2]
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """One line of progress. Lengths in mm; None is not known yet."""
+
+    done: int
+    total: int
+    state: EngineState
+    shot: int | None = None
+    purpose: str = ""
+    eta_s: tuple[float, float] | None = None
+    residual_mm: float | None = None
+    drift_mm: float | None = None
+    beam_locked: bool = True
+    known: ParameterPrecision | None = None
+    goal_mm: float | None = None
+    """σ of the worst length at which measuring may end; None when all shall be measured."""
+
+
+class RunObserver(Protocol):
+    """Whoever shows a run; must not raise and must not take long."""
+
+    def progress(self, progress: Progress) -> None:
+        """The run has moved on."""
+        ...
+
+    def event(self, text: str) -> None:
+        """Something happened that the operator should read."""
+        ...
+
+
+def time_left_s(shot_seconds: Sequence[float], shots_left: int) -> tuple[float, float] | None:
+    """An interval for the rest, from the shots so far: the mean ± two standard deviations."""
+    if len(shot_seconds) < SHOTS_FOR_AN_ESTIMATE:
+        return None
+    seconds = np.array(shot_seconds)
+    mean = float(seconds.mean())
+    spread = (
+        2.0 * float(seconds.std(ddof=1)) * (1.0 / shots_left + 1.0 / len(seconds)) ** 0.5
+        if shots_left
+        else 0.0
+    )
+    return max(0.0, shots_left * (mean - spread)), shots_left * (mean + spread)
+
+
+FOLLOWERS: Mapping[EngineState, frozenset[EngineState]] = {
+    EngineState.IDLE: frozenset({EngineState.MOVING, EngineState.FINISHED}),
+    EngineState.MOVING: frozenset({EngineState.SETTLING}),
+    EngineState.SETTLING: frozenset({EngineState.MEASURING}),
+    EngineState.MEASURING: frozenset({EngineState.IDLE, EngineState.SUSPENDED}),
+    EngineState.SUSPENDED: frozenset({EngineState.IDLE}),
+    EngineState.STOPPED: frozenset(),
+    EngineState.FINISHED: frozenset(),
+}
+"""What may come after what; `STOPPED` may come after anything."""
+
+
+@dataclass(frozen=True, slots=True)
+class AcceptedShotReport:
+    """What an accepted shot adds to the progress."""
+
+    seconds: float
+    residual_mm: float | None
+    drift_mm: float | None
+
+
+class RunState:
+    """The state of a run, checked against what may follow what."""
+
+    def __init__(
+        self, watcher: RunObserver, *, done: int, total: int, goal_mm: float | None = None
+    ) -> None:
+        self._watcher = watcher
+        self._progress = Progress(done, total, EngineState.IDLE, goal_mm=goal_mm)
+        self._seconds: list[float] = []
+
+    def begin(self, step: Step) -> None:
+        """A shot's attempt begins."""
+        planned = step.planned
+        self._progress = replace(self._progress, shot=planned.shot, purpose=planned.purpose.value)
+
+    def enter(self, state: EngineState) -> None:
+        """The engine goes on to another state; one that may not follow is a bug and says so."""
+        now = self._progress.state
+        if state is not EngineState.STOPPED and state not in FOLLOWERS[now]:
+            raise AssertionError(f"{state.value} cannot follow {now.value}")
+        self._tell(replace(self._progress, state=state))
+
+    def see_beam(self, *, locked: bool) -> None:
+        """Whether the tracker has its reflector, as far as is known."""
+        self._progress = replace(self._progress, beam_locked=locked)
+
+    def accept(self, news: AcceptedShotReport) -> None:
+        """A shot counts."""
+        self._seconds.append(news.seconds)
+        done = self._progress.done + 1
+        drift = self._progress.drift_mm if news.drift_mm is None else news.drift_mm
+        self._tell(
+            replace(
+                self._progress,
+                done=done,
+                eta_s=time_left_s(self._seconds, self._progress.total - done),
+                residual_mm=news.residual_mm,
+                drift_mm=drift,
+            )
+        )
+
+    def know(self, known: ParameterPrecision | None) -> None:
+        """What the shots that count tell."""
+        self._progress = replace(self._progress, known=known)
+
+    def leave_out(self, shots: int) -> None:
+        """Shots of the plan that need not be taken."""
+        self._progress = replace(self._progress, total=self._progress.total - shots)
+
+    def void(self, shots: int) -> None:
+        """Shots that had counted do so no more."""
+        self._progress = replace(self._progress, done=self._progress.done - shots)
+
+    def event(self, text: str) -> None:
+        """Something that the operator should read."""
+        self._watcher.event(text)
+
+    def _tell(self, progress: Progress) -> None:
+        self._progress = progress
+        self._watcher.progress(progress)

@@ -1,0 +1,163 @@
+"""How surely the parameters shall be known before measuring may end: `σ=0.02`."""
+
+import math
+import re
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+from campaigns.errors import GoalInvalid, PlanInvalid
+from campaigns.journal.records import Event
+from campaigns.measuring.precision_monitor import PrecisionMonitor
+from campaigns.measuring.run_state import ParameterPrecision
+from campaigns.planning.steps import Group
+from campaigns.shots.shot_sets import ShotSet
+from drivers.values import Vector3
+
+LARGEST_MM = 10.0
+"""No calibration is asked for less than this."""
+_GOAL = re.compile(r"(?:σ|sigma|std)\s*=\s*(?P<number>\S+)", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class PrecisionGoal:
+    """What must hold for every length that is identified."""
+
+    std_mm: float
+    """1 σ."""
+
+    def __str__(self) -> str:
+        """As it is typed."""
+        return f"σ={self.std_mm:g}"
+
+
+def read_goal(text: str) -> PrecisionGoal:
+    """From `σ=0.02` or `sigma=0.02`, in mm; raises `GoalInvalid`."""
+    matched = _GOAL.fullmatch(text.strip())
+    if matched is None:
+        raise GoalInvalid(
+            f"goal '{text}' is not understood", remedy="give a standard deviation, as σ=0.02 (mm)"
+        )
+    std_mm = _number(matched["number"])
+    if not 0.0 < std_mm <= LARGEST_MM:
+        raise GoalInvalid(
+            f"goal σ is {matched['number']}, must be above 0 and at most {LARGEST_MM:g} mm",
+            remedy="give the standard deviation of the worst length, as σ=0.02 (mm)",
+        )
+    return PrecisionGoal(std_mm)
+
+
+def _number(text: str) -> float:
+    """NaN, which no limit admits, for what is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class EarlyStop:
+    """What becomes of the groups that are left when enough is known."""
+
+    wanted: tuple[Group, ...]
+    """All that serve something else than to identify."""
+    shots_left_out: int
+    event: Event
+    """What the journal says of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class PredictedStop:
+    """What a plan will tell if its shots scatter only as the tracker states."""
+
+    whole: ParameterPrecision
+    """All of it."""
+    shots: int
+    """How many to identify from will do for the goal, in the order of the plan."""
+
+
+def is_met(goal: PrecisionGoal | None, known: ParameterPrecision | None) -> bool:
+    """Whether enough is known; without a goal it never is."""
+    return goal is not None and known is not None and known.length_std_mm <= goal.std_mm
+
+
+def may_stop(
+    goal: PrecisionGoal | None, known: ParameterPrecision | None, left: Sequence[Group]
+) -> bool:
+    """Whether to look by a fit to the end, which leaves outliers out, if the goal is met.
+
+    It may be as soon as the shots would meet it if they scattered as their tracker states.
+    """
+    if goal is None or known is None or not any(map(_only_identifies, left)):
+        return False
+    return known.length_std_mm <= goal.std_mm * known.scale
+
+
+def early_stop(
+    goal: PrecisionGoal | None, known: ParameterPrecision | None, left: Sequence[Group]
+) -> EarlyStop | None:
+    """What may be left out of these groups; None when all of them are wanted."""
+    superfluous = [group for group in left if _only_identifies(group)]
+    if goal is None or known is None or not superfluous or not is_met(goal, known):
+        return None
+    wanted = tuple(group for group in left if not _only_identifies(group))
+    shots = sorted(step.planned.shot for group in superfluous for step in group)
+    return EarlyStop(wanted, len(shots), _event(goal, known, shots))
+
+
+def predicted_stop(
+    goal: PrecisionGoal, knowing: PrecisionMonitor, tracker_mm: Vector3
+) -> PredictedStop:
+    """What the plan will tell, seen from there, and how early it may end.
+
+    Raises `PlanInvalid` when even the whole of it will not meet the goal.
+    """
+    whole = _in_reach(goal, knowing.foreseen(tracker_mm))
+    counts = range(1, whole.shots + 1)
+
+    def is_enough(count: int) -> bool:
+        return is_met(goal, knowing.foreseen(tracker_mm, count))
+
+    fewest = bisect_left(counts, x=True, key=is_enough)
+    return PredictedStop(whole, counts[fewest])
+
+
+def _in_reach(goal: PrecisionGoal, foreseen: ParameterPrecision | None) -> ParameterPrecision:
+    remedy = (
+        f"plan more shots, with `pkmcal plan --until {goal}`, or ask for less; foreseen for a "
+        "tracker as stated by tracker.uncertainty in campaign.yaml"
+    )
+    if foreseen is None:
+        raise PlanInvalid(
+            f"goal {goal}: the whole plan has too few shots to identify from, or they cannot tell "
+            "all parameters apart",
+            remedy=remedy,
+        )
+    if not is_met(goal, foreseen):
+        raise PlanInvalid(
+            f"goal {goal}: the whole plan will give {foreseen.length_std_mm:.3g} mm", remedy=remedy
+        )
+    return foreseen
+
+
+def in_ranges(numbers: Sequence[int]) -> str:
+    """Increasing numbers, short: `3–5, 8`."""
+    runs = [
+        [number for _, number in run]
+        for _, run in groupby(enumerate(numbers), key=lambda placed: placed[1] - placed[0])
+    ]
+    return ", ".join(f"{run[0]}–{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
+
+
+def _only_identifies(group: Group) -> bool:
+    return all(step.planned.purpose is ShotSet.IDENTIFICATION for step in group)
+
+
+def _event(goal: PrecisionGoal, known: ParameterPrecision, left_out: Sequence[int]) -> Event:
+    return Event(
+        "goal met",
+        f"goal {goal} met by {known.shots} shots: every length to ±{known.length_std_mm:.4f} mm, "
+        f"positions to ±{known.position_std_mm:.4f} mm; "
+        f"{len(left_out)} shots left out: {in_ranges(left_out)}",
+    )

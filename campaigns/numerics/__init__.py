@@ -1,1 +1,0 @@
-"""Pure mathematics: arrays in, arrays out. No files, no clock, no devices."""

@@ -1,0 +1,306 @@
+"""What can be chosen from for an optimal plan: thousands of candidates, as shots or as pairs."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from campaigns.design.candidates import Candidates, pair_candidates, shot_candidates
+from campaigns.design.criteria import Criterion, CriterionName, make_criterion
+from campaigns.design.exchange import Unobservable, optimal_design
+from campaigns.design.pose_sampling import (
+    FeasibleRegion,
+    WorkspaceTooSmall,
+    boundary_poses,
+    interior_poses,
+    random_pairs,
+    workspace_poses,
+)
+from campaigns.design.sample_size import (
+    GoalOutOfReach,
+    curve_counts,
+    design_curve,
+    minimal_design,
+    minimum_count,
+)
+from campaigns.design.tours import balance_approaches, neighbouring_pairs
+from campaigns.errors import PlanInvalid
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.information import marginalise_frame
+from campaigns.estimation.observability import covariance
+from campaigns.estimation.tracker_noise import (
+    TrackerUncertainty,
+    distance_variance_mm2,
+    point_covariance_mm2,
+    pooled_variance_mm2,
+)
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, Array, Index
+from campaigns.mechanisms.par4 import inverse
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.plans import (
+    PlanRequest,
+    View,
+    make_plan,
+    numbered_shots,
+    poses_of,
+    region_of,
+    with_reserve,
+)
+from campaigns.planning.predicted_precision import (
+    WORKSPACE_SAMPLE,
+    PredictedPrecision,
+    not_identifiable,
+    point_jacobian_at,
+)
+from campaigns.robots.robot import RobotFile, numeric_geometry, numeric_limits
+from campaigns.shots.shot_sets import ShotSet
+
+CANDIDATES = 4000
+PAIRINGS = 6
+"""How often the candidate poses are paired anew: so many pairs have as many rows as the shots."""
+
+
+@dataclass(frozen=True, slots=True)
+class OptimalRequest:
+    """What the shots shall be best for."""
+
+    plan: PlanRequest
+    uncertainty: TrackerUncertainty
+    estimator: Estimator = Estimator.POINTS
+    criterion: CriterionName = "I"
+    free: tuple[str, ...] = FREE_BY_DEFAULT
+    until_mm: float | None = None
+    """σ that no length shall exceed, with as few shots as that takes; `plan` says the most."""
+    candidates: int = CANDIDATES
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CandidateSet:
+    """What can be chosen from: poses and joints (N, 4), and measurements made of them."""
+
+    poses: Array
+    joints_rad: Array
+    ends: Index
+    """Rows of the poses of each measurement: one for a shot, two for a pair, (M, 1 or 2)."""
+    candidates: Candidates
+    workspace_rows: Array
+    variance_mm2: Array | None = None
+    """Of each distance, (M,); the candidates take them all as the common one."""
+
+    def underrated(self, rows: Index) -> float:
+        """How much larger the σ of chosen measurements are than by the common variance of all."""
+        if self.variance_mm2 is None:
+            return 1.0
+        chosen = pooled_variance_mm2(self.variance_mm2[rows])
+        return math.sqrt(chosen / pooled_variance_mm2(self.variance_mm2))
+
+    @property
+    def poses_each(self) -> int:
+        """How many poses a measurement takes."""
+        return int(self.ends.shape[1])
+
+    @property
+    def step(self) -> int:
+        """Measurements of two shots: plans hold whole pairs."""
+        return 2 // self.poses_each
+
+    def criterion(self, name: CriterionName) -> Criterion:
+        """Of that name, for these candidates."""
+        return make_criterion(name, self.candidates, self.workspace_rows)
+
+
+def draw_candidates(
+    region: FeasibleRegion, request: OptimalRequest, rng: np.random.Generator
+) -> CandidateSet:
+    """Candidates from all over the workspace and from its boundary, where most is to be learnt.
+
+    Raises `WorkspaceTooSmall`.
+    """
+    near_boundary = request.candidates // 2
+    inner = interior_poses(region, request.candidates - near_boundary, rng)
+    poses = np.vstack([inner, boundary_poses(region, near_boundary, rng)])
+    joints = inverse(region.geometry, poses).require()
+    workspace = workspace_poses(
+        region.geometry, region.limits, region.centre, WORKSPACE_SAMPLE, rng
+    )
+    judged_at = point_jacobian_at(region.geometry, request.free, workspace)
+    noise = point_covariance_mm2(poses[:, :3] - region.view_from_mm, request.uncertainty)
+    if request.estimator == Estimator.POINTS:
+        shots = shot_candidates(region.geometry, request.free, joints, poses, noise)
+        return CandidateSet(poses, joints, np.arange(len(poses))[:, None], shots, judged_at)
+    pairs = _many_pairs(poses, rng)
+    variance = distance_variance_mm2(poses[:, :3], noise, pairs[:, 0], pairs[:, 1])
+    alike = np.full(len(pairs), pooled_variance_mm2(variance))
+    distances = pair_candidates(region.geometry, request.free, joints, poses, pairs, alike)
+    return CandidateSet(poses, joints, pairs, distances, marginalise_frame(judged_at), variance)
+
+
+def _many_pairs(poses: Array, rng: np.random.Generator) -> Index:
+    """Different pairs of rows of poses, (M, 2)."""
+    pairs = np.vstack([random_pairs(poses, rng) for _ in range(PAIRINGS)])
+    return np.unique(np.sort(pairs, axis=1), axis=0)
+
+
+MOST_SHOTS = 1000
+GOAL_ROUNDS = 4
+"""For a goal by distances, whose common variance is known when they are chosen."""
+CURVE_REACH = 2
+"""The curve goes on to so many times the plan's shots, and to twice that of the fewest."""
+NEARLY_THE_SAME = 0.15
+"""Other numbers of shots stay off the plan's own by more than this part of it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OptimalPlan:
+    """The plan, and what its making showed."""
+
+    shots: tuple[PlannedShot, ...]
+    curve: tuple[PredictedPrecision, ...]
+    """What other numbers of shots would tell, this plan's own among them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Choice:
+    """Poses to identify from, (N, 4), and the pairs of them."""
+
+    poses: Array
+    pairs: Index
+    curve: tuple[PredictedPrecision, ...]
+
+
+def make_optimal_plan(
+    robot: RobotFile, view: View, request: OptimalRequest, rng: np.random.Generator
+) -> OptimalPlan:
+    """Identification shots by optimal design; validation pairs and drift shots as in every plan.
+
+    Raises `PlanInvalid` when too little of the workspace can be measured, the goal is out of reach,
+    there are too few candidates or shots, or the free parameters cannot be told apart.
+    """
+    others = make_plan(robot, view, replace(request.plan, identification_shots=0), rng)
+    unseen = [shot for shot in others if shot.purpose is ShotSet.VALIDATION]
+    limits = with_reserve(numeric_limits(robot))
+    region = region_of(numeric_geometry(robot), limits, view, request.plan.centre)
+    try:
+        choice = _choose(region, request, rng)
+    except WorkspaceTooSmall as error:
+        raise PlanInvalid(
+            f"too small a part of the workspace can be measured: {error}",
+            remedy="check the robot's limits and the tracker's place, or ask for fewer candidates",
+        ) from error
+    except Unobservable as error:
+        raise not_identifiable(error) from error
+    return OptimalPlan(_ordered(region, choice, unseen, request.plan.drift_shots), choice.curve)
+
+
+def _choose(region: FeasibleRegion, request: OptimalRequest, rng: np.random.Generator) -> _Choice:
+    """Raises `PlanInvalid`, `WorkspaceTooSmall` and `Unobservable`."""
+    options = draw_candidates(region, request, rng)
+    _check_shots(options, request)
+    chosen = choose_measurements(options, request, rng)
+    curve = tuple(_curve(options, request, chosen, rng))
+    rows = options.ends[chosen].ravel()
+    poses, joints = options.poses[rows], options.joints_rad[rows]
+    if request.estimator == Estimator.DISTANCES:
+        return _Choice(poses, np.arange(len(rows)).reshape(-1, 2), curve)
+    return _Choice(poses, neighbouring_pairs(joints, poses[:, :3], _start_rad(region)), curve)
+
+
+def _check_shots(options: CandidateSet, request: OptimalRequest) -> None:
+    """Raise `PlanInvalid` for more shots than candidates, and for fewer than the unknowns need."""
+    shots, fewest = request.plan.identification_shots, _fewest_shots(options)
+    if shots > request.candidates and request.until_mm is None:
+        raise PlanInvalid(
+            f"{shots} shots are to be chosen, but there are only {request.candidates} candidates",
+            remedy=f"give more candidates, as --candidates {CANDIDATES}, or ask for fewer shots",
+        )
+    if shots < fewest:
+        raise PlanInvalid(
+            f"{shots} shots cannot tell {len(request.free)} parameters apart by "
+            f"{request.estimator}, {fewest} or more are needed",
+            remedy="ask for more shots, or hold parameters with --fix",
+        )
+
+
+def _fewest_shots(options: CandidateSet) -> int:
+    """An even number; raises `Unobservable`."""
+    return minimum_count(options.candidates, options.step) * options.poses_each
+
+
+def choose_measurements(
+    options: CandidateSet, request: OptimalRequest, rng: np.random.Generator
+) -> Index:
+    """Rows of the chosen measurements, (N,).
+
+    Raises `PlanInvalid` for a goal that is out of reach, `CountInvalid` and `Unobservable`.
+    """
+    criterion = options.criterion(request.criterion)
+    count = request.plan.identification_shots // options.poses_each
+    if request.until_mm is None:
+        return optimal_design(options.candidates, criterion, count, rng).chosen
+    most = min(count, len(options.candidates) // options.step * options.step)
+    goal_mm = request.until_mm
+    try:
+        for _ in range(GOAL_ROUNDS):
+            design = minimal_design(
+                options.candidates, criterion, goal_mm, most, options.step, rng
+            ).least
+            found_mm = design.worst_length_mm * options.underrated(design.chosen)
+            if found_mm <= request.until_mm:
+                break
+            goal_mm *= request.until_mm / found_mm
+    except GoalOutOfReach as error:
+        raise _out_of_reach(error, request.until_mm, options.poses_each) from error
+    return design.chosen
+
+
+def _out_of_reach(error: GoalOutOfReach, goal_mm: float, poses_each: int) -> PlanInvalid:
+    best_mm = error.best.worst_length_mm
+    return PlanInvalid(
+        f"goal σ={goal_mm:g} mm is out of reach: {error.best.count * poses_each} shots, the most "
+        f"allowed, leave ±{best_mm:.4f} mm for the worst length",
+        remedy=f"ask for σ={_next_up(best_mm):g} or more, allow more --shots or --candidates, "
+        "or place the tracker nearer",
+    )
+
+
+def _curve(
+    options: CandidateSet, request: OptimalRequest, chosen: Index, rng: np.random.Generator
+) -> Iterator[PredictedPrecision]:
+    """What other numbers of measurements would tell, and the chosen ones among them."""
+    fewest = minimum_count(options.candidates, options.step)
+    reach = min(CURVE_REACH * max(len(chosen), 2 * fewest), len(options.candidates))
+    counts = [
+        count
+        for count in curve_counts(fewest, reach, options.step)
+        if abs(count - len(chosen)) > NEARLY_THE_SAME * len(chosen)
+    ]
+    criterion = options.criterion(request.criterion)
+    others = [p.chosen for p in design_curve(options.candidates, criterion, counts, rng)]
+    for rows in sorted([*others, chosen], key=len):
+        matrix = covariance(options.candidates.jacobian(rows))[: len(request.free)]
+        shots = len(rows) * options.poses_each
+        parameters = matrix[:, : len(request.free)] * options.underrated(rows) ** 2
+        yield PredictedPrecision(shots, request.free, parameters)
+
+
+def _next_up(length_mm: float) -> float:
+    """Rounded up to two figures, so that it can be reached."""
+    digit = 10.0 ** (math.floor(math.log10(length_mm)) - 1)
+    return math.ceil(length_mm / digit) * digit
+
+
+def _start_rad(region: FeasibleRegion) -> Array:
+    return np.asarray(inverse(region.geometry, region.centre[None]).require()[0])
+
+
+def _ordered(
+    region: FeasibleRegion, choice: _Choice, unseen: list[PlannedShot], drift_shots: int
+) -> tuple[PlannedShot, ...]:
+    """All pairs in one tour, so that slow effects meet them alike, and the drift shots in it."""
+    fitted, start = len(choice.poses), _start_rad(region)
+    poses = np.vstack([choice.poses, poses_of(unseen).reshape(-1, 4)])
+    joints = inverse(region.geometry, poses).require()
+    pairs = np.vstack([choice.pairs, np.arange(fitted, len(poses)).reshape(-1, 2)])
+    tour = balance_approaches(joints, pairs, start, np.arange(len(poses)) < fitted)
+    return numbered_shots(tour, poses, joints, fitted, (region.centre, start), drift_shots)

@@ -1,0 +1,222 @@
+"""The tests of the paper's section IV.E as poses to command: the controller's model counts.
+
+Repeatability, rotation, straightness and distances.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from campaigns.errors import PlanInvalid
+from campaigns.mechanisms.feasibility import Limits, describe_violations, feasibility
+from campaigns.mechanisms.geometry import Array, Geometry
+from campaigns.planning.paths import RobotModel, Stop, check_paths
+from campaigns.planning.plan_check import refuse, view_fault
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.plans import View
+from campaigns.planning.steps import Step
+from campaigns.robots.robot import pose_of, pose_row
+from campaigns.settings.sections import ValidationConfig
+from campaigns.shots.shot_sets import ShotSet
+
+APPROACH_MM = 80.0
+"""From how far away the repeated point is approached."""
+SHRINK = 0.98
+SHRINKS = 20
+"""A line or turn that is too long for the robot is shortened about its middle, step by step."""
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reachable:
+    """The robot as its controller believes it to be, for that is what takes pose commands.
+
+    `view` is how the tracker sees it; None when that need not be looked at.
+    """
+
+    geometry: Geometry
+    limits: Limits
+    view: View | None = None
+
+    def first_reason(self, poses: Array) -> str:
+        """Why the first impossible one of poses (N, 4) is impossible; empty when none is."""
+        judged = feasibility(self.geometry, self.limits, poses)
+        if not judged.feasible.all():
+            row = int(np.argmin(judged.feasible))
+            return describe_violations(self.limits, judged, row, float(poses[row, 3]))[0]
+        if self.view is None:
+            return ""
+        faults = (view_fault(pose[:3], self.view) for pose in poses)
+        return next(filter(None, faults), "")
+
+    def joints_rad(self, poses: Array) -> Array:
+        """Encoder angles of poses (N, 4), (N, 4)."""
+        return feasibility(self.geometry, self.limits, poses).joints_rad
+
+
+@dataclass(frozen=True, slots=True)
+class ValidationSteps:
+    """What will be measured; `notes` say what was shortened or left out, and why."""
+
+    steps: tuple[Step, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Test:
+    """The poses (N, 4) of one test, and what was changed to make them possible."""
+
+    purpose: ShotSet
+    poses: Array
+    pairs: Sequence[int | None]
+    notes: tuple[str, ...] = ()
+    approaches: Array | None = None
+    """Poses from which each is approached, (N, 4)."""
+
+
+def validation_steps(
+    config: ValidationConfig,
+    pairs: Sequence[PlannedShot],
+    robot: Reachable,
+    only: frozenset[ShotSet],
+    rng: np.random.Generator,
+) -> ValidationSteps:
+    """The steps of the tests asked for; `pairs` are the plan's validation shots.
+
+    Raises `PlanInvalid` when a test cannot be done at all, or a way between poses is not safe.
+    """
+    centre = np.array([*config.centre_mm, 0.0])
+    # pairs first: spread as they are, they tell the gate where the tracker stands
+    makers: Mapping[ShotSet, Callable[[], list[_Test]]] = {
+        ShotSet.VALIDATION: lambda: [_possible_pairs(pairs, robot)],
+        ShotSet.ROTATION: lambda: [_rotation(centre, config.rotation_steps, robot)],
+        ShotSet.STRAIGHTNESS: lambda: _lines(centre, config, robot),
+        ShotSet.REPEATABILITY: lambda: [
+            _repetitions(centre, config.repeatability_approaches, robot, rng)
+        ],
+    }
+    tests = [test for purpose, make in makers.items() if purpose in only for test in make()]
+    notes = tuple(note for test in tests for note in test.notes)
+    steps = tuple(step for test in tests for step in _steps(test, robot))
+    if not steps:
+        why = "; ".join(notes) or "no test was named, or the plan holds no validation pairs"
+        raise PlanInvalid(f"nothing to validate: {why}", remedy="name a test, or plan anew")
+    numbered = tuple(
+        replace(step, planned=replace(step.planned, shot=number))
+        for number, step in enumerate(steps)
+    )
+    _check_ways(numbered, RobotModel(robot.geometry, robot.limits, centre))
+    return ValidationSteps(numbered, notes)
+
+
+def _steps(test: _Test, robot: Reachable) -> list[Step]:
+    """A test's steps, each still with the number 0."""
+    joints = robot.joints_rad(test.poses)
+    via = [()] * len(joints) if test.approaches is None else _vias(robot, test.approaches)
+    return [
+        Step(PlannedShot(0, test.purpose, pair, pose_of(pose), tuple(q.tolist())), "pose", passed)
+        for pose, pair, q, passed in zip(test.poses, test.pairs, joints, via, strict=True)
+    ]
+
+
+def _vias(robot: Reachable, poses: Array) -> list[tuple[tuple[float, ...], ...]]:
+    return [(tuple(q.tolist()),) for q in robot.joints_rad(poses)]
+
+
+def _check_ways(steps: Sequence[Step], mechanism: RobotModel) -> None:
+    stops: list[Stop] = []
+    for step in steps:
+        name = f"{step.planned.purpose.value} shot {step.planned.shot}"
+        stops += [Stop(f"the approach to {name}", np.array(q)) for q in step.approach_rad]
+        stops.append(Stop(name, np.array(step.planned.joints_rad)))
+    refuse(
+        check_paths(stops, mechanism).faults,
+        remedy="correct `validation` in campaign.yaml, or plan anew",
+    )
+
+
+def _possible_pairs(shots: Sequence[PlannedShot], robot: Reachable) -> _Test:
+    """The pairs that the controller can take whole, and why the others are left out."""
+    pairs: dict[int | None, list[PlannedShot]] = {}
+    for shot in shots:
+        pairs.setdefault(shot.pair, []).append(shot)
+    taken: list[PlannedShot] = []
+    notes: list[str] = []
+    for pair, both in pairs.items():
+        reason = robot.first_reason(np.array([pose_row(shot.pose) for shot in both]))
+        if reason:
+            notes.append(f"validation pair {pair} left out: {reason}")
+        else:
+            taken += both
+    poses = np.array([pose_row(shot.pose) for shot in taken]).reshape(-1, 4)
+    return _Test(ShotSet.VALIDATION, poses, [shot.pair for shot in taken], tuple(notes))
+
+
+def _repetitions(centre: Array, count: int, robot: Reachable, rng: np.random.Generator) -> _Test:
+    """One pose again and again, from all around it: evenly over a sphere with a random turn."""
+    place = np.arange(count) + 0.5
+    height = 1.0 - 2.0 * place / count
+    around = np.pi * (1.0 + 5.0**0.5) * place + rng.uniform(0.0, 2.0 * np.pi)
+    radius = np.sqrt(1.0 - height**2)
+    directions = np.column_stack([radius * np.cos(around), radius * np.sin(around), height])
+    poses, approaches = np.tile(centre, (count, 1)), np.tile(centre, (count, 1))
+    approaches[:, :3] += APPROACH_MM * directions
+    if reason := robot.first_reason(np.vstack([poses, approaches])):
+        raise _impossible("repeatability", reason)
+    return _Test(ShotSet.REPEATABILITY, poses, [None] * count, approaches=approaches)
+
+
+def _rotation(centre: Array, steps: int, robot: Reachable) -> _Test:
+    low, high = robot.limits.theta_rad
+    angles = np.linspace(low, high, steps)
+
+    def turned(part: float) -> Array:
+        poses = np.tile(centre, (steps, 1))
+        poses[:, 3] = part * angles
+        return poses
+
+    asked = float(np.degrees(high - low))
+    poses, notes = _shortened(turned, robot, "rotation", asked, "°")
+    return _Test(ShotSet.ROTATION, poses, [None] * steps, notes)
+
+
+def _lines(centre: Array, config: ValidationConfig, robot: Reachable) -> list[_Test]:
+    """The lines along x, y and z through the centre."""
+    lengths = enumerate(config.line_lengths_mm)
+    return [_line(centre, axis, length, config.line_points, robot) for axis, length in lengths]
+
+
+def _line(centre: Array, axis: int, length_mm: float, points: int, robot: Reachable) -> _Test:
+    offsets = np.linspace(-0.5, 0.5, points) * length_mm
+
+    def along(part: float) -> Array:
+        poses = np.tile(centre, (points, 1))
+        poses[:, axis] += part * offsets
+        return poses
+
+    poses, notes = _shortened(along, robot, f"line along {AXES[axis]}", length_mm, " mm")
+    return _Test(ShotSet.STRAIGHTNESS, poses, [None] * points, notes)
+
+
+def _shortened(
+    make: Callable[[float], Array], robot: Reachable, test: str, asked: float, unit: str
+) -> tuple[Array, tuple[str, ...]]:
+    """The largest version of a test that the robot can do, down to two thirds of what was asked."""
+    first_reason = ""
+    for part in SHRINK ** np.arange(SHRINKS):
+        poses = make(float(part))
+        reason = robot.first_reason(poses)
+        if not reason:
+            used = f"{test} shortened from {asked:g} to {part * asked:.4g}{unit}: {first_reason}"
+            return poses, (used,) if first_reason else ()
+        first_reason = first_reason or reason
+    raise _impossible(f"{test} of {asked:g}{unit}", first_reason)
+
+
+def _impossible(test: str, reason: str) -> PlanInvalid:
+    return PlanInvalid(
+        f"{test} cannot be done with the controller's geometry: {reason}",
+        remedy="move validation.centre_mm or shorten the test in campaign.yaml, or validate "
+        "without it",
+    )

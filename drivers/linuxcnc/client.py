@@ -1,0 +1,182 @@
+"""One connection to LinuxCNC's linuxcncrsh: questions, orders, and the messages it has queued."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.errors import DeviceRefused, WrongDevice
+from drivers.link import Link, LinkClient
+from drivers.transport import Transport
+from drivers.wire.linuxcncrsh import (
+    PROTOCOL,
+    AnswerFramer,
+    Greeting,
+    Message,
+    Remark,
+    Value,
+    Verdict,
+    encode,
+)
+
+CLIENT = "pkmcal"
+NO_MESSAGE = "OK"
+QUIET_ANSWERS = 3
+"""How many times "no message" must be said to be believed: a queued text for the operator makes one
+answer sound like it."""
+ASKED_AT_MOST = 3
+"""LinuxCNC 2.9 takes its clients' requests apart with shared means: beside another client, a word
+that it knows is sometimes refused."""
+MOST_MESSAGES = 100
+"""More in one go means that something writes faster than it can be read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """How long LinuxCNC may take, in real seconds."""
+
+    greeting_s: float = 5.0
+    """It opens its port a second before it answers."""
+    answer_s: float = 1.0
+    order_s: float = 2.0
+    """What linuxcncrsh itself is told to wait for the task: the answer is NAK then."""
+    order_margin_s: float = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Passwords:
+    """linuxcncrsh's options --connectpw and --enablepw; clear text on the wire."""
+
+    connect: str = "EMC"
+    enable: str = "EMCTOO"
+
+
+class LinuxcncClient(LinkClient[Message]):
+    """Asks one question after another. An ACK means "received", never "done"."""
+
+    def __init__(
+        self,
+        transport: Transport,
+        *,
+        clock_s: Callable[[], float],
+        patience: Patience,
+        cancelled: Callable[[], bool],
+    ) -> None:
+        link = Link(
+            transport,
+            AnswerFramer(),
+            clock_s=clock_s,
+            is_event=lambda message: isinstance(message, Remark),
+            cancelled=cancelled,
+        )
+        super().__init__(link)
+        self._patience = patience
+
+    def greet(self, passwords: Passwords) -> Greeting:
+        """Say hello and have every order answered; raises `WrongDevice`. Takes no control yet."""
+        greeting = self._link.ask(
+            encode(f"hello {passwords.connect} {CLIENT} {PROTOCOL}"),
+            answers=lambda message: isinstance(message, Greeting),
+            within_s=self._patience.greeting_s,
+            what="hello",
+        )
+        assert isinstance(greeting, Greeting), "only a greeting was accepted"
+        if not greeting.accepted:
+            raise WrongDevice(
+                f"{self.name}: LinuxCNC does not accept the connection password",
+                remedy="set it as linuxcncrsh's option --connectpw says",
+            )
+        self._end_echo()
+        self.order("verbose", "on")
+        return greeting
+
+    def take_control(self, passwords: Passwords) -> None:
+        """Take control, from whoever has it, and bound the time that an order can take.
+
+        Raises `WrongDevice` when the password is not accepted.
+        """
+        try:
+            self.order("enable", passwords.enable)
+        except DeviceRefused as error:
+            raise WrongDevice(
+                f"{self.name}: LinuxCNC does not accept the password that gives control",
+                remedy="set it as linuxcncrsh's option --enablepw says",
+            ) from error
+        self.order("timeout", f"{self._patience.order_s:g}")
+        try:
+            self.order("set_wait", "received")
+        except DeviceRefused:  # the name that newer versions have for it
+            self.order("wait_mode", "received")
+
+    def get(self, word: str) -> Value:
+        """Ask for a value; raises `DeviceRefused` for a word that it does not know."""
+        for _ in range(ASKED_AT_MOST):
+            answer = self._link.ask(
+                encode(f"get {word}"),
+                answers=lambda message: _answers_get(message, word),
+                within_s=self._patience.answer_s,
+                what=f"get {word}",
+            )
+            if isinstance(answer, Value):
+                return answer
+        raise self._refusal(f"get {word}", self._complaint())
+
+    def is_on(self, word: str) -> bool:
+        """Ask for what is ON or OFF."""
+        return self.get(word).text.upper() == "ON"
+
+    def order(self, word: str, argument: str = "") -> None:
+        """Give an order; raises `DeviceRefused` when it is not even received."""
+        request = f"set {word} {argument}".strip()
+        self._link.events()  # second lines of earlier messages say nothing about this order
+        answer = self._link.ask(
+            encode(request),
+            answers=lambda message: _answers_set(message, word),
+            within_s=self._patience.order_s + self._patience.order_margin_s,
+            what=f"set {word}",
+        )
+        assert isinstance(answer, Verdict), "only a verdict was accepted"
+        complaint = self._complaint()
+        if complaint or not answer.accepted:
+            raise self._refusal(f"set {word}", complaint)
+
+    def messages(self) -> tuple[str, ...]:
+        """Take all error messages from the queue, which all its readers share."""
+        errors: list[str] = []
+        quiet = 0
+        while quiet < QUIET_ANSWERS and len(errors) < MOST_MESSAGES:
+            text = self.get("error").text
+            quiet = quiet + 1 if text == NO_MESSAGE else 0
+            errors += [] if quiet else [text]
+        return tuple(errors)
+
+    def _end_echo(self) -> None:
+        request = "set echo off"
+        self._link.ask(
+            encode(request),
+            answers=lambda message: message.line == request or _answers_set(message, "echo"),
+            within_s=self._patience.answer_s,
+            what=request,
+        )
+
+    def _complaint(self) -> str:
+        """What a newer version said beside its answer."""
+        lines = [event.line for event in self._link.events()]
+        return "; ".join(line for line in lines if line.lower().startswith("error"))
+
+    def _refusal(self, request: str, complaint: str) -> DeviceRefused:
+        return DeviceRefused(
+            f"{self.name}: LinuxCNC refused '{request}'" + (f" ({complaint})" if complaint else ""),
+            remedy="look at LinuxCNC's own messages, then try again",
+            code=request.removeprefix("set ").upper(),
+        )
+
+
+def _answers_get(message: Message, word: str) -> bool:
+    if isinstance(message, Value):
+        return message.word == word.upper()
+    return isinstance(message, Verdict) and message.verb == "GET" and not message.accepted
+
+
+def _answers_set(message: Message, word: str) -> bool:
+    if not isinstance(message, Verdict) or message.verb != "SET":
+        return False
+    return message.word == word.upper() or not (message.word or message.accepted)

@@ -1,0 +1,262 @@
+"""LinuxCNC's HAL pins from outside: read and set as full doubles, by LinuxCNC's own Python module.
+
+`halcmd getp` prints seven digits, too few to verify a parameter by. So a small program is handed to
+the system's Python on LinuxCNC's computer: directly, or by a prefix such as `ssh controller`.
+"""
+
+import json
+import math
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from drivers.errors import DeviceRefused, DriverError, LinkDown, WireError
+
+POWER_PIN = "motion.motion-enabled"
+WITHIN_S = 15.0
+MOST_ANSWERED = 65536
+
+PROGRAM = """
+import json, os, sys
+try:
+    import hal
+except ImportError as error:
+    print(json.dumps({"missing": str(error)}))
+    sys.exit()
+component = None
+try:
+    component = hal.component("pkmcal-%d" % os.getpid())
+    component.ready()
+    try:
+        powered = hal.get_value(ASKED["power"])
+    except RuntimeError:
+        print(json.dumps({"missing": "LinuxCNC does not run"}))
+        sys.exit()
+    if ASKED["must_be_off"] and powered:
+        print(json.dumps({"powered": True}))
+    else:
+        for name, value in ASKED["set"].items():
+            hal.set_p(name, value)
+        print(json.dumps({"pins": {name: hal.get_value(name).hex() for name in ASKED["get"]}}))
+except Exception as error:
+    print(json.dumps({"problem": "%s: %s" % (type(error).__name__, error)}))
+finally:
+    if component is not None:
+        component.exit()
+"""
+"""Runs on LinuxCNC's computer: any Python 3, nothing of ours."""
+
+
+@dataclass(frozen=True, slots=True)
+class HalAccess:
+    """How to run a program beside LinuxCNC. `prefix` is empty on the same computer."""
+
+    prefix: tuple[str, ...] = ()
+    python: str = "/usr/bin/python3"
+    within_s: float = WITHIN_S
+
+    @property
+    def command(self) -> tuple[str, ...]:
+        """A Python that takes its program from its input: the same through ssh, unquoted."""
+        return (*self.prefix, self.python, "-")
+
+
+@dataclass(frozen=True, slots=True)
+class HalPins:
+    """Some float pins of a running LinuxCNC, by name."""
+
+    names: tuple[str, ...]
+    access: HalAccess = field(default_factory=HalAccess)
+
+    def read(self) -> dict[str, float]:
+        """All of them; raises `LinkDown` when LinuxCNC cannot be reached this way."""
+        return self._run({}, must_be_off=False)
+
+    def write(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Set some or none with the machine off, and give what all of them hold then.
+
+        Raises `DeviceRefused` while the machine is on: the joints would jump.
+        """
+        texts = {name: repr(float(value)) for name, value in values.items()}
+        return self._run(texts, must_be_off=True)
+
+    def _run(self, settings: Mapping[str, str], *, must_be_off: bool) -> dict[str, float]:
+        asked = {
+            "set": dict(settings),
+            "get": self.names,
+            "power": POWER_PIN,
+            "must_be_off": must_be_off,
+        }
+        program = f"ASKED = {asked!r}\n{PROGRAM}"
+        try:
+            done = subprocess.run(  # noqa: S603 - the prefix is the operator's own command
+                self.access.command,
+                input=program,
+                capture_output=True,
+                text=True,
+                timeout=self.access.within_s,
+                check=False,
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise self._unreachable(f"{error}") from error
+        return self._pins_of(done.stdout, done.stderr)
+
+    def _pins_of(self, said: str, complaint: str) -> dict[str, float]:
+        answer = _answer_of(said)
+        if answer is None:
+            raise self._unreachable(_last_line(complaint) or "no answer")
+        if "missing" in answer:
+            raise self._unreachable(f"{answer['missing']}")
+        if "powered" in answer:
+            raise DeviceRefused(
+                "LinuxCNC's machine is on: changed parameters would make the joints jump",
+                remedy="switch the machine off, then load again",
+                code="MACHINE ON",
+            )
+        if "problem" in answer:
+            raise self._refused(f"{answer['problem']}")
+        return _values(answer.get("pins"), self.names)
+
+    def _unreachable(self, why: str) -> LinkDown:
+        return LinkDown(
+            f"LinuxCNC's HAL cannot be reached by '{' '.join(self.access.command)}' ({why:.200})",
+            remedy="check that LinuxCNC runs there, as this user, with its Python module installed",
+        )
+
+    def _refused(self, problem: str) -> DeviceRefused:
+        return DeviceRefused(
+            f"LinuxCNC runs, but without the pins of the expected kinematics ({problem:.200})",
+            remedy="check [KINS]KINEMATICS in LinuxCNC's INI file, and what else sets these pins",
+            code="PINS",
+        )
+
+
+def _answer_of(said: str) -> Mapping[str, object] | None:
+    """The one line of JSON; None for anything else."""
+    try:
+        answer = json.loads(_last_line(said[:MOST_ANSWERED]))
+    except ValueError:
+        return None
+    return answer if isinstance(answer, dict) else None
+
+
+def _values(pins: object, names: Sequence[str]) -> dict[str, float]:
+    if not isinstance(pins, dict) or set(pins) != set(names):
+        raise WireError("LinuxCNC's HAL answers other pins than were asked for")
+    try:
+        values = {name: float.fromhex(pins[name]) for name in names}
+    except (TypeError, ValueError) as error:
+        raise WireError("LinuxCNC's HAL answers a pin that is no number") from error
+    if not all(map(math.isfinite, values.values())):
+        raise WireError("LinuxCNC's HAL answers a pin that is not finite")
+    return values
+
+
+def _last_line(text: str) -> str:
+    lines = text.strip().splitlines()
+    return lines[-1] if lines else ""
+
+
+class ParameterFile(Protocol):
+    """A file of parameters that is read when LinuxCNC starts. Errors are its own."""
+
+    def read(self) -> Mapping[str, float]:
+        """All parameters by flat name; refuses another robot's."""
+        ...
+
+    def write(self, geometry: Mapping[str, float]) -> None:
+        """Replace the file whole, and keep the one before."""
+        ...
+
+    def take_back(self) -> None:
+        """Put back the file that the last `write` replaced."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class FileParameters:
+    """For a controller that only takes joints: the file alone, for our own conversion of poses."""
+
+    file: ParameterFile
+
+    @property
+    def needs_machine_off(self) -> bool:
+        """Nothing in LinuxCNC changes."""
+        return False
+
+    def read(self) -> Mapping[str, float]:
+        """What poses are converted with."""
+        return self.file.read()
+
+    def write(self, geometry: Mapping[str, float]) -> None:
+        """Replace the file."""
+        self.file.write(geometry)
+
+
+@dataclass(frozen=True, slots=True)
+class HalParameters:
+    """For a controller that runs our kinematics: the file and the pins, always the same."""
+
+    file: ParameterFile
+    pins: HalPins
+    pin_of: Mapping[str, str]
+    """The pin of each parameter."""
+
+    @property
+    def needs_machine_off(self) -> bool:
+        """With power, changed parameters make the joints jump."""
+        return True
+
+    def read(self) -> Mapping[str, float]:
+        """What LinuxCNC works with now; raises `DeviceRefused` when its file says otherwise."""
+        held = self._parameters(self.pins.read())
+        filed = self.file.read()
+        if different := [name for name in held if held[name] != filed.get(name)]:
+            name = different[0]
+            raise DeviceRefused(
+                f"LinuxCNC works with {name} = {held[name]!r}, its HAL file says "
+                f"{filed.get(name)!r} ({len(different)} of {len(held)} differ)",
+                remedy="restart LinuxCNC to take the file, or load again to replace both",
+                code="FILE",
+            )
+        return held
+
+    def write(self, geometry: Mapping[str, float]) -> None:
+        """Replace file and pins, read the pins back; what does not verify is taken back.
+
+        Raises `DeviceRefused`, with the machine on before anything is written.
+        """
+        before = self.pins.write({})
+        self.file.write(geometry)
+        try:
+            self._set(geometry)
+        except DriverError as error:
+            raise self._taken_back(before, error) from error
+
+    def _set(self, geometry: Mapping[str, float]) -> None:
+        settings = {self.pin_of[name]: value for name, value in geometry.items()}
+        held = self._parameters(self.pins.write(settings))
+        for name, value in geometry.items():
+            if held.get(name) != value:
+                raise DeviceRefused(
+                    f"{name} is {held.get(name)!r} in LinuxCNC after {value!r} was set",
+                    remedy="check what else writes the pins of its kinematics",
+                    code="PINS",
+                )
+
+    def _taken_back(self, before: Mapping[str, float], error: DriverError) -> DeviceRefused:
+        self.file.take_back()
+        try:
+            restored = self.pins.write(before) == before
+        except DriverError:
+            restored = False
+        if restored:
+            problem, remedy = "the old parameters are back", error.remedy
+        else:
+            problem = "its old HAL file is back, but its pins could not be set back"
+            remedy = "restart LinuxCNC before anything moves: it then takes the old file"
+        return DeviceRefused(f"{error.problem}; {problem}", remedy=remedy, code="NOT LOADED")
+
+    def _parameters(self, held: Mapping[str, float]) -> dict[str, float]:
+        return {name: held[pin] for name, pin in self.pin_of.items()}

@@ -1,0 +1,93 @@
+"""Bytes to lines of bounded length."""
+
+import struct
+from dataclasses import dataclass
+
+from drivers.errors import WireError
+
+
+class LineFramer:
+    """Cuts a stream at line feeds and keeps the line that is not complete yet; never raises.
+
+    A line comes without its line feed and without a carriage return before it. One that is longer
+    than `limit_bytes` (carriage return counted) comes cut to `limit_bytes + 1`, as soon as that is
+    known, so that whoever reads it sees that it is too long; its remainder is thrown away. Nothing
+    that a peer sends makes this hold more than that.
+    """
+
+    def __init__(self, limit_bytes: int) -> None:
+        self._kept_bytes = limit_bytes + 1
+        self._partial = bytearray()
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Return the lines completed by these bytes."""
+        lines: list[bytes] = []
+        *ends, rest = data.split(b"\n")
+        for end in ends:
+            self._extend(end, lines)
+            if not self._is_cut():
+                lines.append(bytes(self._partial).removesuffix(b"\r"))
+            self._partial.clear()
+        self._extend(rest, lines)
+        return lines
+
+    def _is_cut(self) -> bool:
+        """Whether the present line was already handed out as too long."""
+        return len(self._partial) == self._kept_bytes
+
+    def _extend(self, piece: bytes, lines: list[bytes]) -> None:
+        if self._is_cut():
+            return
+        self._partial += piece[: self._kept_bytes - len(self._partial)]
+        if self._is_cut():
+            lines.append(bytes(self._partial))
+
+
+HEADER = struct.Struct("<ii")
+LARGEST_PACKET_BYTES = 65536
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """One whole packet without its header; `kind` is the type field."""
+
+    kind: int
+    body: bytes
+
+
+def encode_packet(packet: Packet) -> bytes:
+    """Write a packet; its size field counts the header too."""
+    return HEADER.pack(HEADER.size + len(packet.body), packet.kind) + packet.body
+
+
+class PacketFramer:
+    """Cuts a byte stream into packets.
+
+    A size outside 8…65536 bytes raises `WireError`: the stream has lost its step for good, so every
+    later call raises it too. At most one packet's bytes are kept beside what was just fed.
+    """
+
+    def __init__(self) -> None:
+        self._waiting = bytearray()
+
+    def feed(self, data: bytes) -> list[Packet]:
+        """Return the packets completed by these bytes."""
+        self._waiting += data
+        packets: list[Packet] = []
+        while (packet := self._next()) is not None:
+            packets.append(packet)
+        return packets
+
+    def _next(self) -> Packet | None:
+        if len(self._waiting) < HEADER.size:
+            return None
+        size, kind = HEADER.unpack_from(self._waiting)
+        if not HEADER.size <= size <= LARGEST_PACKET_BYTES:
+            raise WireError(
+                f"a packet claims {size} bytes, allowed are {HEADER.size} to {LARGEST_PACKET_BYTES}"
+            )
+        if len(self._waiting) < size:
+            return None
+        body = bytes(self._waiting[HEADER.size : size])
+        del self._waiting[:size]
+        return Packet(kind, body)

@@ -1,0 +1,137 @@
+"""Ours beside the paper's: what agrees, what differs and why, what is as asked."""
+
+import pytest
+from made_up import result, results
+
+from app.papers.corbel2006.comparison import compare
+from app.papers.corbel2006.experiments import PROTOTYPE, SIMULATION, Trial
+from app.papers.corbel2006.reasons import Reason
+from app.papers.corbel2006.runner import Failure
+from app.papers.corbel2006.summary import distribution, middle
+from app.papers.corbel2006.tables import comparison_tables, missed_lines
+from app.papers.corbel2006.verdict import verdict
+
+
+def row(comparison, name, experiment=PROTOTYPE):
+    return next(
+        row
+        for compared in comparison.groups
+        if compared.group.experiment is experiment
+        for row in compared.rows
+        if row.quantity.name == name
+    )
+
+
+def rotating_after(*values_mm):
+    """Prototypes that differ in what their rotation is after calibration."""
+    made = [result(PROTOTYPE, seed) for seed in range(1, len(values_mm) + 1)]
+    return [
+        one.model_copy(update={"after": one.after.model_copy(update={"rotation_mm": value})})
+        for one, value in zip(made, values_mm, strict=True)
+    ]
+
+
+def test_median_and_spread_of_seeds():
+    found = distribution([4.0, 1.0, 2.0, 3.0, 5.0])
+    assert (found.n, found.median) == (5, 3.0)
+    assert (found.low, found.high) == pytest.approx((1.2, 4.8))
+
+
+def test_nothing_has_no_median():
+    with pytest.raises(ValueError, match="no values"):
+        distribution([])
+
+
+def test_middle_seed_is_nearest_to_the_median():
+    assert middle([9.0, 1.0, 4.0, 5.0]) == 2
+
+
+def test_median_decides_what_was_asked():
+    assert row(compare(rotating_after(0.5, 0.59, 0.9)), "rotation, after").passed
+    assert row(compare(rotating_after(0.5, 0.61, 0.62)), "rotation, after").passed is False
+
+
+def test_figure_within_our_spread_needs_no_reason():
+    found = row(compare(rotating_after(0.1, 0.3)), "rotation, after")
+    assert found.agrees
+    assert found.reason is None
+
+
+def test_figure_that_differs_says_why():
+    comparison = compare(rotating_after(0.5, 0.6))
+    assert row(comparison, "rotation, after").reason is Reason.BELOW_REPEATABILITY
+    assert Reason.BELOW_REPEATABILITY in comparison.reasons
+
+
+def test_figure_that_is_not_printed_neither_agrees_nor_differs():
+    assert row(compare(results()), "RP as ISO 9283 forms it").agrees is None
+
+
+def test_difference_nobody_can_explain_is_marked():
+    one = result(PROTOTYPE, 1)
+    odd = one.model_copy(update={"before": one.before.model_copy(update={"radius_mm": 3.0})})
+    tables = {table.title: table for table in comparison_tables(compare([odd]))}
+    cells = tables["Section IV.E.1: repeatability, 28 approaches (mm, 1 seed)"].rows[0]
+    assert cells[-1] == "?"
+
+
+def test_every_letter_in_the_tables_stands_for_a_reason():
+    comparison = compare(results())
+    letters = {cells[-1] for table in comparison_tables(comparison) for cells in table.rows}
+    assert letters - {"", "?"} == {chr(ord("a") + n) for n in range(len(comparison.reasons))}
+
+
+def test_experiment_without_seeds_is_left_out():
+    comparison = compare([result(SIMULATION, 1)])
+    assert {compared.group.experiment for compared in comparison.groups} == {SIMULATION}
+    assert comparison.parameters == ()
+
+
+def test_table_two_has_every_parameter_beside_its_estimate():
+    found = {row.name: row for row in compare(results()).parameters}
+    assert len(found) == 22
+    assert found["arm0.joint_offset_deg"].printed == -4.04
+    assert found["arm0.joint_offset_deg"].ours.median == pytest.approx(-4.04, abs=0.01)
+
+
+def test_gain_is_what_has_gone_of_the_error():
+    before, after = {"x": 5.0, "y": 1.0, "z": 1.0}, {"x": 1.0, "y": 1.0, "z": 1.0}
+    one = result(PROTOTYPE, 1)
+    one = one.model_copy(
+        update={
+            "before": one.before.model_copy(update={"straightness_mm": before}),
+            "after": one.after.model_copy(update={"straightness_mm": after}),
+        }
+    )
+    assert row(compare([one]), "along x, gain").ours.median == pytest.approx(80.0)
+
+
+def test_verdict_passes_when_all_medians_are_as_asked():
+    found = verdict(compare(results()), (), 20)
+    assert (found.decision, found.lines) == ("pass", ())
+    assert found.headline == "13 of 13 medians are as asked."
+
+
+def test_missed_median_fails_and_says_by_how_much_and_why():
+    comparison = compare([*results(1)[:2], *rotating_after(0.75)])
+    (line,) = missed_lines(comparison)
+    assert "rotation, after 0.75, asked ≤ 0.6; why:" in line
+    found = verdict(comparison, (), 20)
+    assert found.decision == "fail"
+    assert found.headline == "12 of 13 medians are as asked."
+
+
+def test_failed_seeds_are_named_together_and_spoil_the_verdict():
+    failures = [Failure(Trial(PROTOTYPE, seed), "no beam") for seed in (4, 2)]
+    found = verdict(compare(results()), failures, 20)
+    assert found.decision == "fail"
+    assert found.lines == ("failed: prototype, seed 2, 4: no beam",)
+
+
+def test_few_seeds_are_called_a_look():
+    (line,) = verdict(compare(results()), (), 3).lines
+    assert line.startswith("3 seeds of each are a look")
+
+
+def test_nothing_compared_is_no_pass():
+    assert verdict(compare([]), (), 20).decision == "fail"

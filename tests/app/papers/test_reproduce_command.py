@@ -1,0 +1,226 @@
+"""The command with all or most seeds kept from before, so that no cell is needed."""
+
+import json
+from dataclasses import dataclass
+
+import pytest
+import typer
+from made_up import result, results
+from typer.testing import CliRunner
+
+from app.cli import reproduce
+from app.console import Terminal
+from app.exits import UsageInvalid, exit_code
+from app.papers.corbel2006.evidence import evidence
+from app.papers.corbel2006.experiments import PROTOTYPE, SIMULATION, Trial
+from app.papers.corbel2006.kept import KeptResults, ResultsInvalid
+from app.papers.corbel2006.runner import Failure
+from campaigns.errors import CampaignLocked, WriteFailed
+from campaigns.files.lock import campaign_lock
+from drivers.errors import LinkDown
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Three seeds of every experiment are there."""
+    keep(tmp_path, results(3))
+    return tmp_path
+
+
+def keep(folder, found):
+    for each in found:
+        KeptResults(folder / reproduce.RESULTS).append(each)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How the command ended."""
+
+    code: int
+    out: str
+    err: str
+    error: BaseException | None
+
+
+def said(*words):
+    app = typer.Typer()
+    app.command()(reproduce.command)
+    ended = CliRunner().invoke(app, [str(word) for word in words], standalone_mode=False)
+    return Ended(ended.return_value or 0, ended.stdout, ended.stderr, ended.exception)
+
+
+@pytest.fixture(scope="module")
+def computed_once():
+    return evidence(results(1))
+
+
+@pytest.fixture(autouse=True)
+def without_page(monkeypatch, computed_once):
+    """What takes seconds and is tested elsewhere: the evidence, and drawing the page."""
+    monkeypatch.setattr("app.papers.corbel2006.evidence.evidence", lambda found: computed_once)
+    monkeypatch.setattr("app.papers.corbel2006.page.page_html", lambda page: "a page")
+
+
+@pytest.fixture
+def no_cells(monkeypatch):
+    """Trials that end by these outcomes, in this process, in place of whole campaigns."""
+    ran = []
+
+    def outcomes_of(outcome_of):
+        def run(left, total, workers, keep):
+            for trial in left:
+                ran.append(trial)
+                keep(trial, outcome_of(trial))
+
+        monkeypatch.setattr(reproduce, "_run", run)
+        return ran
+
+    return outcomes_of
+
+
+def test_kept_seeds_are_not_measured_again(folder, no_cells):
+    ran = no_cells(lambda trial: pytest.fail(str(trial)))
+    ended = said("--to", folder, "--quick")
+    assert ended.code == 0, ended.err
+    assert ran == []
+    assert "9 of 9 seeds are kept from before" in ended.err
+    assert "13 of 13 medians are as asked" in ended.out
+    assert "3 seeds of each are a look" in ended.out
+    assert (folder / "reproduction.html").read_text() == "a page"
+
+
+def test_only_missing_seeds_are_measured_and_then_kept(folder, no_cells):
+    ran = no_cells(lambda trial: result(trial.experiment, trial.seed))
+    assert said("--to", folder, "--seeds", 4).code == 0
+    assert [trial.seed for trial in ran] == [4, 4, 4]
+    assert len(KeptResults(folder / reproduce.RESULTS).read()) == 12
+
+
+def test_failed_seed_costs_only_itself_and_is_tried_again_next_time(folder, no_cells):
+    no_cells(
+        lambda trial: (
+            Failure(trial, "no beam → look")
+            if trial.experiment is SIMULATION
+            else result(trial.experiment, trial.seed)
+        )
+    )
+    ended = said("--to", folder, "--seeds", 4, "--json")
+    assert ended.code == 1
+    document = json.loads(ended.out)
+    assert document["failed"] == [
+        {"experiment": "simulation", "seed": 4, "reason": "no beam → look"}
+    ]
+    assert {row["ours"]["seeds"] for row in document["figures"]} == {3, 4}
+    ran = no_cells(lambda trial: result(trial.experiment, trial.seed))
+    ran.clear()
+    assert said("--to", folder, "--seeds", 4).code == 0
+    assert ran == [Trial(SIMULATION, 4)]
+
+
+def test_missed_median_is_exit_code_one(tmp_path):
+    after = result(PROTOTYPE, 1).after.model_copy(update={"rotation_mm": 0.7})
+    keep(tmp_path, [*results(1)[:2], result(PROTOTYPE, 1, after=after)])
+    ended = said("--to", tmp_path, "--seeds", 1)
+    assert ended.code == 1
+    assert "missed: Section IV.E.3: motion while only θ turns: rotation, after 0.70" in ended.out
+
+
+def test_document_for_programs_is_all_of_stdout(folder):
+    ended = said("--to", folder, "--quick", "--json")
+    document = json.loads(ended.out)
+    assert document["schema"] == "pkmcal/reproduction/1"
+    assert (document["seeds"], document["verdict"]) == (3, "pass")
+    assert document["page"] == str(folder / "reproduction.html")
+    asked = [row for row in document["figures"] if row["asked"]]
+    assert len(asked) == 13
+    assert all(row["passed"] for row in asked)
+    rotation = next(row for row in asked if row["name"] == "rotation, after")
+    assert rotation["paper"] == {"text": "0.2", "place": "IV.E.3"}
+    assert rotation["asked"] == {"low": 0.0, "high": 0.6}
+    assert rotation["agrees"] is False
+    assert "repeatability" in rotation["reason"]
+    assert len(document["table_2"]) == 22
+
+
+def test_tables_fit_a_terminal_of_100_columns(folder, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    ended = said("--to", folder, "--quick")
+    table_lines = [line for line in ended.out.splitlines() if "…" in line]
+    assert len(table_lines) > 60
+    assert max(map(len, table_lines)) <= 100
+
+
+@pytest.mark.parametrize(("seeds", "quick", "asked"), [(None, False, 20), (7, False, 7)])
+def test_seeds_asked_for(seeds, quick, asked):
+    assert reproduce.seeds_asked(seeds, quick=quick) == asked
+
+
+def test_quick_and_seeds_contradict_each_other():
+    with pytest.raises(UsageInvalid, match="both say how many"):
+        reproduce.seeds_asked(5, quick=True)
+
+
+def test_folder_with_other_results_is_left_alone(tmp_path):
+    (tmp_path / reproduce.RESULTS).write_text("mine\n")
+    ended = said("--to", tmp_path, "--quick")
+    assert isinstance(ended.error, ResultsInvalid)
+    assert exit_code(ended.error) == 2
+    assert (tmp_path / reproduce.RESULTS).read_text() == "mine\n"
+
+
+def test_second_command_in_the_same_folder_waits_its_turn(folder):
+    with campaign_lock(folder, now_utc=lambda: "now"):
+        assert isinstance(said("--to", folder, "--quick").error, CampaignLocked)
+
+
+def test_folder_that_cannot_be_made_is_exit_code_four(tmp_path):
+    (tmp_path / "file").write_text("")
+    ended = said("--to", tmp_path / "file" / "new", "--quick")
+    assert isinstance(ended.error, WriteFailed)
+    assert exit_code(ended.error) == 4
+
+
+def failing(error):
+    def rehearse(campaign, terminal, asked):
+        terminal.say("talk that nobody should see")
+        raise error
+
+    return rehearse
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (LinkDown("no answer in 2 s", remedy="look at the cable"), "no answer in 2 s → look at"),
+        (ZeroDivisionError("by nothing"), "unforeseen ZeroDivisionError: by nothing"),
+    ],
+)
+def test_whatever_goes_wrong_in_a_seed_becomes_its_reason(
+    tmp_path, monkeypatch, capsys, error, reason
+):
+    monkeypatch.setattr("app.cli.dry_run.rehearse", failing(error))
+    outcome = reproduce.rehearsed(tmp_path, Trial(SIMULATION, 1))
+    assert isinstance(outcome, Failure)
+    assert outcome.reason.startswith(reason)
+    assert capsys.readouterr() == ("", "")
+    assert list(tmp_path.iterdir()) == [], "its campaign is taken away"
+
+
+def test_seed_with_a_bad_verdict_is_no_result(tmp_path, monkeypatch):
+    bad = ("the unseen pairs got worse",)
+    monkeypatch.setattr("app.cli.dry_run.rehearse", lambda campaign, terminal, asked: ({}, bad))
+    outcome = reproduce.rehearsed(tmp_path, Trial(SIMULATION, 1))
+    assert isinstance(outcome, Failure)
+    assert "the unseen pairs got worse" in outcome.reason
+
+
+def test_interrupted_run_keeps_what_is_finished(folder, monkeypatch):
+    def run(left, total, workers, keep):
+        keep(left[0], result(left[0].experiment, left[0].seed))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(reproduce, "_run", run)
+    with pytest.raises(KeyboardInterrupt):
+        reproduce.reproduce(folder, 5, None, Terminal(as_json=True))
+    assert len(KeptResults(folder / reproduce.RESULTS).read()) == 10
+    assert not (folder / reproduce.PAGE).exists()

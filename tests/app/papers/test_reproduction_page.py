@@ -1,0 +1,122 @@
+"""The page: whole, self-contained, escaped; it shows what there is."""
+
+import re
+from html.parser import HTMLParser
+
+import pytest
+from made_up import result, results
+
+from app.papers.corbel2006.comparison import compare
+from app.papers.corbel2006.evidence import evidence
+from app.papers.corbel2006.experiments import PROTOTYPE, SIMULATION, Trial
+from app.papers.corbel2006.page import Material, page_html, page_of
+from app.papers.corbel2006.runner import Failure
+from app.papers.corbel2006.verdict import verdict
+from app.report.parts import Picture
+
+MADE = "2026-03-02T08:15:00.000+00:00"
+FIGURES = [
+    "every-seed",
+    "fig-7",
+    "parameters-missed",
+    "fig-8",
+    "noise-alone",
+    "errors-and-lengths",
+    "reached",
+]
+NOT_LOADED = ("http://www.w3.org/", "data:")
+"""Names of XML's, and what a page holds itself."""
+
+
+class Elements(HTMLParser):
+    """Collects start tags, and what stands open."""
+
+    VOID = frozenset({"meta", "link", "br", "img"})
+
+    def __init__(self, html):
+        super().__init__()
+        self.tags, self.open = [], []
+        self.feed(html)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="module")
+def computed_once():
+    return evidence(results(1))
+
+
+def made(found, computed, failures=()):
+    """The page, its figures not drawn."""
+    comparison = compare(found)
+    decided = verdict(comparison, failures, seeds=20)
+    return page_of(Material(tuple(found), comparison, computed, decided), MADE)
+
+
+@pytest.fixture(scope="module")
+def html(computed_once):
+    return page_html(made(results(), computed_once))
+
+
+def figures_of(html):
+    return [attrs["id"] for tag, attrs in Elements(html).tags if tag == "figure"]
+
+
+def test_page_has_every_figure_and_is_well_formed(html):
+    assert figures_of(html) == FIGURES
+    assert Elements(html).open == []
+
+
+def test_page_needs_no_network(html):
+    loaded = re.findall(r'(?:src|href|xlink:href)="([^"#][^"]*)"|url\(([^#)][^)]*)\)', html)
+    addresses = [address for pair in loaded for address in pair if address]
+    assert all(address.startswith(NOT_LOADED) for address in addresses)
+    assert "<script" not in html
+
+
+def test_ids_on_the_page_are_unique(html):
+    ids = [attrs["id"] for _, attrs in Elements(html).tags if "id" in attrs]
+    assert len(ids) == len(set(ids))
+
+
+def test_page_is_small_enough_to_send(html):
+    assert len(html.encode()) < 1_000_000
+
+
+def test_reason_of_a_failure_is_text(computed_once):
+    failed = [Failure(Trial(SIMULATION, 4), "<script>alert(1)</script>")]
+    html = page_html(made([], computed_once, failed))
+    assert "<script>" not in html
+    assert "failed: simulation, seed 4: &lt;script&gt;" in html
+    assert ">Fail<" in html
+
+
+def test_figures_are_set_beside_the_paper(html):
+    text = re.sub(r"<[^>]+>", " ", html)
+    assert re.search(r"along x, before\s+5\.48\s+5\.60", text)
+    assert re.search(r"arm0\.joint_offset_deg\s+−4\.04\s+−4\.04", text)
+    assert "2026-03-02 08:15 UTC" in text
+
+
+@pytest.mark.parametrize(
+    ("experiment", "missing"),
+    [(SIMULATION, {"every-seed", "fig-8", "noise-alone"}), (PROTOTYPE, {"fig-7"})],
+)
+def test_page_of_one_experiment_shows_what_there_is(experiment, missing, computed_once):
+    page = made([result(experiment, 1)], computed_once)
+    shown = {
+        part.name
+        for section in page.sections
+        for part in section.parts
+        if isinstance(part, Picture)
+    }
+    assert set(FIGURES) - shown == missing

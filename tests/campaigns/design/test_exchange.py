@@ -1,0 +1,272 @@
+"""Optimal designs: the bookkeeping of exchanges, what they reach, and what they refuse."""
+
+from itertools import combinations, product
+
+import numpy as np
+import pytest
+from design_cases import anything, isotropic, pairs, rows_at, shots
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from par4_cases import NOMINAL
+
+from campaigns.design import exchange
+from campaigns.design.candidates import shot_candidates
+from campaigns.design.criteria import inverse_of_one_plus, make_criterion
+from campaigns.design.exchange import (
+    CountInvalid,
+    RankKUpdater,
+    Unobservable,
+    augment_design,
+    augment_quickly,
+    minimum_measurements,
+    optimal_design,
+)
+from campaigns.design.sample_size import largest_std_of_design
+from campaigns.estimation.information import marginalise_frame
+from campaigns.estimation.observability import covariance
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT
+
+CRITERIA = ("I", "D", "A", "E")
+
+
+@pytest.fixture(scope="module")
+def robot_shots():
+    return shots()
+
+
+@pytest.fixture(scope="module")
+def designs(robot_shots):
+    """One for each criterion."""
+    case = robot_shots
+    criteria = {c: make_criterion(c, case.candidates, case.workspace_rows) for c in CRITERIA}
+    return {c: optimal_design(case.candidates, criteria[c], 40, rng(), starts=2) for c in CRITERIA}
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+def value_of(candidates, criterion, chosen):
+    return criterion.value(np.linalg.inv(candidates.information(np.asarray(chosen))))
+
+
+def assert_same(one, other):
+    np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(one.spread, other.spread, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(one.effect, other.effect, rtol=1e-8, atol=1e-10)
+
+
+@given(st.integers(1, 3), st.integers(2, 6), st.integers(0, 1000))
+@settings(max_examples=40, deadline=None)
+def test_updated_appraisal_is_the_one_made_anew(k, unknowns, seed):
+    candidates = anything(12, k, unknowns, seed)
+    weight = np.cov(rng(seed).standard_normal((unknowns, 20)))
+    appraiser = RankKUpdater.of(candidates, weight)
+
+    def anew(chosen):
+        information = np.eye(unknowns) + candidates.information(np.array(chosen))
+        return appraiser.appraise(np.linalg.inv(information))
+
+    known = anew([0, 1, 2])
+    assert_same(appraiser.added(known, 7), anew([0, 1, 2, 7]))
+    assert_same(appraiser.removed(known, 1), anew([0, 2]))
+    np.testing.assert_allclose(
+        appraiser.covariance_with(known, 7), anew([0, 1, 2, 7]).covariance, atol=1e-10
+    )
+
+
+@given(st.integers(1, 4), st.integers(0, 1000))
+@settings(max_examples=40, deadline=None)
+def test_inverse_of_all_candidates_at_once(k, seed):
+    roots = rng(seed).standard_normal((5, k, k))
+    spread = roots @ roots.transpose(0, 2, 1)
+    inverse, logarithm = inverse_of_one_plus(spread.transpose(1, 2, 0))
+    whole = np.eye(k) + spread
+    np.testing.assert_allclose(inverse.transpose(2, 0, 1), np.linalg.inv(whole), atol=1e-10)
+    np.testing.assert_allclose(logarithm, np.linalg.slogdet(whole).logabsdet, atol=1e-10)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CRITERIA)
+@pytest.mark.parametrize("seed", range(3))
+def test_small_design_is_the_best_of_all(name, seed):
+    candidates = anything(10, 1, 3, seed, parameters=2)
+    criterion = make_criterion(name, candidates, rng(seed).standard_normal((6, 3, 3)))
+    found = optimal_design(candidates, criterion, 5, rng(), starts=20)
+    every = [value_of(candidates, criterion, c) for c in combinations(range(10), 5)]
+    assert value_of(candidates, criterion, found.chosen) == pytest.approx(min(every))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CRITERIA)
+def test_each_criterion_is_served_best_by_its_own_design(robot_shots, designs, name):
+    case = robot_shots
+    criterion = make_criterion(name, case.candidates, case.workspace_rows)
+    values = {o: value_of(case.candidates, criterion, d.chosen) for o, d in designs.items()}
+    assert min(values, key=values.__getitem__) == name
+
+
+@pytest.mark.slow
+def test_no_candidate_is_chosen_twice(robot_shots):
+    case = robot_shots
+    criterion = make_criterion("I", case.candidates, case.workspace_rows)
+    chosen = optimal_design(case.candidates, criterion, 120, rng()).chosen
+    assert len(set(chosen.tolist())) == 120
+
+
+def test_all_candidates_are_taken_when_so_many_are_asked_for():
+    candidates = anything(9, 1, 3, seed=1)
+    chosen = optimal_design(
+        candidates, make_criterion("D", candidates, np.ones((1, 3, 3))), 9, rng()
+    )
+    assert sorted(chosen.chosen.tolist()) == list(range(9))
+
+
+def test_same_generator_gives_the_same_design(robot_shots):
+    case = robot_shots
+    criterion = make_criterion("I", case.candidates, case.workspace_rows)
+    first, second = (
+        optimal_design(case.candidates, criterion, 20, rng(5), starts=2) for _ in range(2)
+    )
+    assert first.chosen.tolist() == second.chosen.tolist()
+
+
+def test_d_optimal_design_predicts_its_worst_candidate_nearly_as_well_as_any_can(robot_shots):
+    """Kiefer and Wolfowitz: at the optimum no tr(J C Jᵀ) is above P / N."""
+    candidates, count = robot_shots.candidates, 200
+    criterion = make_criterion("D", candidates, robot_shots.workspace_rows)
+    chosen = optimal_design(candidates, criterion, count, rng(), starts=1).chosen
+    known = np.linalg.inv(candidates.information(chosen))
+    spread = np.einsum("mkp,pq,mkq->m", candidates.rows, known, candidates.rows, optimize=True)
+    bound = len(candidates.scale) / count
+    others = np.setdiff1d(np.arange(len(candidates)), chosen)
+    assert spread[others].max() <= 1.25 * bound
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("count", "length_mm", "angle_deg"), [(120, 0.0135, 0.0012), (40, 0.024, 0.0020)]
+)
+def test_i_optimal_shots_tell_what_the_model_page_promises(count, length_mm, angle_deg):
+    case = shots(4000)
+    criterion = make_criterion("I", case.candidates, case.workspace_rows)
+    chosen = optimal_design(case.candidates, criterion, count, rng(), starts=1).chosen
+    worst_mm, worst_rad = largest_std_of_design(case.candidates, chosen)
+    assert worst_mm <= length_mm
+    assert np.degrees(worst_rad) <= angle_deg
+
+
+@pytest.mark.slow
+def test_optimal_pairs_tell_far_more_than_random_ones():
+    case = pairs(1600)
+    criterion = make_criterion("I", case.candidates, case.workspace_rows)
+    best_mm, _ = largest_std_of_design(
+        case.candidates, optimal_design(case.candidates, criterion, 60, rng()).chosen
+    )
+    random_mm, _ = largest_std_of_design(case.candidates, np.arange(60))
+    assert best_mm < 0.6 * random_mm
+
+
+@pytest.mark.slow
+def test_design_heeds_where_the_tracker_is_bad():
+    """Chosen for a tracker that hardly sees x, shots beat those chosen for an even one."""
+    blind = np.broadcast_to(np.diag([0.2**2, 0.01**2, 0.01**2]), (600, 3, 3))
+    even, uneven = shots(), shots(noise=blind)
+
+    def chosen_for(case):
+        criterion = make_criterion("I", case.candidates, case.workspace_rows)
+        return optimal_design(case.candidates, criterion, 30, rng(), starts=2).chosen
+
+    judge = make_criterion("I", uneven.candidates, uneven.workspace_rows)
+    values = [value_of(uneven.candidates, judge, chosen_for(case)) for case in (even, uneven)]
+    assert values[1] < 0.97 * values[0]
+
+
+@pytest.mark.slow
+def test_growing_a_design_makes_it_better(robot_shots):
+    case = robot_shots
+    criterion = make_criterion("I", case.candidates, case.workspace_rows)
+    small = optimal_design(case.candidates, criterion, 20, rng())
+    large = augment_design(case.candidates, criterion, small.chosen, 40)
+    assert len(set(large.chosen.tolist())) == 40
+    assert large.value < 0.6 * small.value
+
+
+def test_parameters_come_out_the_same_with_the_frame_fitted_first(robot_shots):
+    rows = rows_at(robot_shots.poses[:40])
+    whole = covariance(rows.reshape(-1, rows.shape[-1]))
+    profiled = marginalise_frame(rows)
+    alone = covariance(profiled.reshape(-1, profiled.shape[-1]))
+    np.testing.assert_allclose(whole[:-6, :-6], alone, rtol=1e-6, atol=1e-12)
+
+
+def test_thirteen_shots_are_the_fewest_that_tell_all(robot_shots):
+    """Ten would give thirty equations for 28 unknowns, but no full rank."""
+    assert minimum_measurements(robot_shots.candidates) == 13
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CRITERIA)
+def test_design_of_the_fewest_shots_tells_all(robot_shots, name):
+    case = robot_shots
+    criterion = make_criterion(name, case.candidates, case.workspace_rows)
+    chosen = optimal_design(case.candidates, criterion, 13, rng(), starts=3).chosen
+    assert np.isfinite(largest_std_of_design(case.candidates, chosen)[0])
+
+
+def test_fewer_shots_than_tell_all_are_refused(robot_shots):
+    case = robot_shots
+    criterion = make_criterion("I", case.candidates, case.workspace_rows)
+    with pytest.raises(CountInvalid, match=r"12 measurements .* 13 or more are needed"):
+        optimal_design(case.candidates, criterion, 12, rng())
+
+
+def test_more_shots_than_candidates_are_refused(robot_shots):
+    case = robot_shots
+    criterion = make_criterion("I", case.candidates, case.workspace_rows)
+    with pytest.raises(CountInvalid, match="601 measurements to choose, but only 600 candidates"):
+        optimal_design(case.candidates, criterion, 601, rng())
+
+
+def test_parameters_that_move_with_the_frame_are_named(robot_shots):
+    """With the first motor free, nothing says where the robot's own frame is."""
+    free = (*FREE_BY_DEFAULT, "arm0.z_mm")
+    case = robot_shots
+    candidates = shot_candidates(NOMINAL, free, case.joints, case.poses, isotropic(len(case.poses)))
+    with pytest.raises(Unobservable, match=r"arm0\.z_mm"):
+        minimum_measurements(candidates)
+
+
+@pytest.mark.slow
+def test_short_list_costs_next_to_nothing_of_what_all_candidates_give(monkeypatch):
+    case = shots(2000)
+    criterion = make_criterion("I", case.candidates, case.workspace_rows)
+    listed = optimal_design(case.candidates, criterion, 40, rng(), starts=1)
+    monkeypatch.setattr(exchange, "SHORT_LIST", len(case.candidates))
+    thorough = optimal_design(case.candidates, criterion, 40, rng(), starts=1)
+    assert listed.value <= 1.02 * thorough.value
+
+
+def test_end_of_an_exchange_heeds_all_candidates(robot_shots, monkeypatch):
+    """With a list of almost nothing, a choice that no single exchange improves is still found."""
+    monkeypatch.setattr(exchange, "SHORT_LIST", 1)
+    candidates = robot_shots.candidates
+    criterion = make_criterion("I", candidates, robot_shots.workspace_rows)
+    found = optimal_design(candidates, criterion, 14, rng(), starts=1).chosen
+    value = value_of(candidates, criterion, found)
+    for member, other in product(range(14), np.setdiff1d(np.arange(len(candidates)), found)):
+        exchanged = found.copy()
+        exchanged[member] = other
+        assert value_of(candidates, criterion, exchanged) >= value * (1.0 - 1e-3)
+
+
+@pytest.mark.slow
+def test_quick_growth_is_a_few_percent_from_an_exchange(robot_shots):
+    case = robot_shots
+    criterion = make_criterion("I", case.candidates, case.workspace_rows)
+    small = optimal_design(case.candidates, criterion, 14, rng(), starts=1).chosen
+    for count in (40, 120):
+        quick = augment_quickly(case.candidates, criterion, small, count)
+        slow = augment_design(case.candidates, criterion, small, count)
+        assert len(set(quick.tolist())) == count
+        assert value_of(case.candidates, criterion, quick) <= 1.05 * slow.value

@@ -1,0 +1,154 @@
+"""Where to measure: feasible, seen, near the boundary; pairs long enough, with little travel."""
+
+from dataclasses import replace
+from itertools import combinations, permutations, product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from par4_cases import CENTRE, LIMITS, NOMINAL, TRACKER_MM, region
+
+from campaigns.design import pose_sampling
+from campaigns.design.pose_sampling import (
+    WorkspaceTooSmall,
+    boundary_poses,
+    incidence_rad,
+    interior_poses,
+    random_pairs,
+)
+from campaigns.design.tours import shortest_tour, travel_rad
+from campaigns.mechanisms.feasibility import feasibility
+from campaigns.mechanisms.par4 import inverse
+
+SEEN = region(acceptance_rad=np.radians(8.0))
+FACING = SEEN.reflector_facing
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+def lengths_mm(poses, pairs):
+    return np.linalg.norm(poses[pairs[:, 1], :3] - poses[pairs[:, 0], :3], axis=1)
+
+
+def whole_travel(joints, pairs, start):
+    stops = np.vstack([start, joints[pairs.ravel()]])
+    return float(np.abs(np.diff(stops, axis=0)).max(axis=1).sum())
+
+
+@pytest.mark.parametrize("draw", [interior_poses, boundary_poses])
+def test_every_pose_can_be_taken_and_seen(draw):
+    poses = draw(SEEN, 200, rng())
+    assert poses.shape == (200, 4)
+    assert feasibility(NOMINAL, LIMITS, poses).feasible.all()
+    assert incidence_rad(poses[:, :3], TRACKER_MM, FACING).max() <= np.radians(8.0)
+
+
+def test_the_view_does_shut_poses_out():
+    poses = interior_poses(region(), 500, rng())
+    assert 0.5 < SEEN.allows(poses).mean() < 0.95
+
+
+def test_boundary_poses_cannot_be_taken_five_percent_further_out():
+    poses = boundary_poses(SEEN, 200, rng())
+    assert not SEEN.allows(CENTRE + 1.05 * (poses - CENTRE)).any()
+
+
+def test_most_inner_poses_are_not_at_the_boundary():
+    poses = interior_poses(SEEN, 400, rng())
+    assert SEEN.allows(CENTRE + 1.05 * (poses - CENTRE)).mean() > 0.5
+
+
+def test_the_same_seed_gives_the_same_poses():
+    assert (boundary_poses(SEEN, 50, rng(3)) == boundary_poses(SEEN, 50, rng(3))).all()
+    assert (boundary_poses(SEEN, 50, rng(3)) != boundary_poses(SEEN, 50, rng(4))).any()
+
+
+def test_a_workspace_too_small_says_how_much_was_found(monkeypatch):
+    monkeypatch.setattr(pose_sampling, "BATCHES", 2)
+    nowhere = region(limits=replace(LIMITS, joint_rad=(0.5, 0.5)))
+    with pytest.raises(WorkspaceTooSmall, match="0 of 8000 poses tried can be taken, 3 needed"):
+        interior_poses(nowhere, 3, rng())
+
+
+def test_incidence_is_the_angle_between_reflector_and_beam():
+    tracker_mm = np.array([2000.0, 0.0, 0.0])
+    points_mm = np.array([[0.0, 0, 0], [0, 2000, 0], [2000, 1000, 0], [4000, 0, 0]])
+    angles = np.degrees(incidence_rad(points_mm, tracker_mm, np.array([1.0, 0.0, 0.0])))
+    assert angles == pytest.approx([0.0, 45.0, 90.0, 180.0])
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_pairs_use_every_pose_once_and_none_is_short(seed):
+    spread_mm = np.full(4, 200.0)
+    poses = rng(seed).uniform(-spread_mm, spread_mm, (40, 4))
+    pairs = random_pairs(poses, rng(seed))
+    assert sorted(pairs.ravel().tolist()) == list(range(40))
+    assert lengths_mm(poses, pairs).min() >= 100.0
+
+
+def test_two_clusters_are_paired_across():
+    """At random half of the pairs would be short."""
+    poses = np.zeros((40, 4))
+    poses[20:, 0] = 150.0
+    pairs = random_pairs(poses, rng())
+    assert (lengths_mm(poses, pairs) == 150.0).all()
+
+
+def test_where_every_pair_is_short_pairs_are_still_made():
+    pairs = random_pairs(np.zeros((6, 4)), rng())
+    assert sorted(pairs.ravel().tolist()) == list(range(6))
+
+
+def test_an_odd_pose_is_left_over():
+    poses = interior_poses(SEEN, 7, rng())
+    assert random_pairs(poses, rng()).shape == (3, 2)
+
+
+def test_the_order_keeps_pairs_together_and_shortens_the_travel():
+    poses = boundary_poses(SEEN, 120, rng(8))
+    joints = inverse(NOMINAL, poses).require()
+    start = inverse(NOMINAL, CENTRE[None]).require()[0]
+    pairs = random_pairs(poses, rng(8))
+    ordered = shortest_tour(joints, pairs, start)
+    assert {frozenset(pair) for pair in ordered.tolist()} == {
+        frozenset(pair) for pair in pairs.tolist()
+    }
+    assert whole_travel(joints, ordered, start) < 0.75 * whole_travel(joints, pairs, start)
+
+
+def test_turning_no_stretch_of_the_order_round_would_shorten_it():
+    joints = rng(9).uniform(-0.7, 1.5, (50, 4))
+    ordered = shortest_tour(joints, np.arange(50).reshape(25, 2), np.zeros(4))
+    shortest = whole_travel(joints, ordered, np.zeros(4))
+    for first, last in combinations(range(26), 2):
+        if last - first > 1:
+            turned = ordered.copy()
+            turned[first:last] = ordered[first:last][::-1, ::-1]
+            assert whole_travel(joints, turned, np.zeros(4)) > shortest - 1e-6
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_order_of_a_few_pairs_is_near_the_best_there_is(seed):
+    joints = rng(seed).uniform(-0.7, 1.5, (10, 4))
+    pairs, start = np.arange(10).reshape(5, 2), np.full(4, 0.4)
+
+    def tours():
+        for order, turned in product(permutations(range(5)), product([1, -1], repeat=5)):
+            yield np.array([pairs[row][::sense] for row, sense in zip(order, turned, strict=True)])
+
+    best = min(whole_travel(joints, tour, start) for tour in tours())
+    assert whole_travel(joints, shortest_tour(joints, pairs, start), start) < 1.15 * best
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_a_tour_of_hardly_any_pairs(count):
+    joints = rng().uniform(-0.7, 1.5, (4, 4))
+    pairs = np.arange(2 * count).reshape(count, 2)
+    assert shortest_tour(joints, pairs, joints[0]).shape == (count, 2)
+
+
+def test_travel_is_the_way_of_the_joint_that_moves_furthest():
+    assert travel_rad(np.zeros(4), np.array([[0.1, -0.5, 0.2, 0.0]])).tolist() == [0.5]

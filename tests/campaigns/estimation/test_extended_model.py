@@ -1,0 +1,193 @@
+"""The model beyond 22 parameters: freed azimuths, axis tilts, and gears with lost motion."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from par4_cases import (
+    LIMITS,
+    NOMINAL,
+    TABLE1,
+    TILTED,
+    TRACKER_STD_MM,
+    WELL_INSIDE,
+    central_differences,
+    measured_points,
+    reachable_joints,
+)
+
+from campaigns.estimation.least_squares import solve
+from campaigns.estimation.observability import observability
+from campaigns.estimation.point_sets import distances_mm
+from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import (
+    BACKLASH_NAMES,
+    BACKLASHES,
+    FREE_BY_DEFAULT,
+    FREE_IF_EXTENDED,
+    IS_ANGLE,
+    MODEL_NAMES,
+    indices,
+)
+from sim.draws import Attempts, WorkedTime, target_key
+from sim.geometry import geometry_of
+from sim.robot.assembly import assemble
+from sim.robot.driven_robot import Behaviour, DrivenRobot, Mount, Standing, Thermal
+from sim.robot.rods import Build, EightRods
+
+ARCSEC = np.radians(1.0 / 3600.0)
+ALL = indices(MODEL_NAMES)
+FREE = indices(FREE_IF_EXTENDED)
+BACKLASH_RAD = np.array([60.0, 20.0, -10.0, 90.0]) * ARCSEC
+"""One has the wrong sign, which a fit must be able to say."""
+MADE = replace(
+    TABLE1,
+    azimuth_rad=TABLE1.azimuth_rad + np.array([0.0, 5e-4, -3e-4, 8e-4]),
+    axis_tilt_rad=np.array([5e-4, -4e-4, 2e-4, -7e-4]),
+)
+"""A robot as a workshop makes it, seen in the frame of its first arm."""
+DECADES = 10.0 ** -np.arange(2, 8)
+
+
+def approaches(count, seed=7):
+    return np.random.default_rng(seed).choice([-1.0, 0.0, 1.0], (count, 4), p=[0.45, 0.1, 0.45])
+
+
+def model(nominal, joints, approach, free=FREE):
+    return PositionModel(nominal, free, joints, approach=approach)
+
+
+def with_backlash(model, backlash_rad):
+    """The model's nominal parameters with these backlashes; all are free."""
+    x = model.nominal.copy()
+    x[BACKLASHES] = backlash_rad
+    return x
+
+
+def points_problem(model, points_mm):
+    covariance_mm2 = np.tile(TRACKER_STD_MM**2 * np.eye(3), (len(points_mm), 1, 1))
+    return PointResiduals.from_points(model, points_mm, covariance_mm2)
+
+
+def test_an_arm_stays_behind_its_encoder_by_half_of_the_backlash():
+    joints = reachable_joints(TILTED, 30, seed=61, limits=WELL_INSIDE)
+    approach = approaches(30)
+    behind = joints - 0.5 * approach * BACKLASH_RAD
+    tried = model(TILTED, joints, approach, ALL)
+    x = with_backlash(tried, BACKLASH_RAD)
+    expected = forward(TILTED, behind).require()[:, :3]
+    assert np.abs(tried.positions_mm(x) - expected).max() < 1e-9
+    assert tried.backlash_rad(x).tolist() == BACKLASH_RAD.tolist()
+    assert (tried.geometry(x).vector() == TILTED.vector()).all()
+
+
+@pytest.mark.parametrize("approach", [None, np.zeros((12, 4))])
+def test_where_no_direction_is_known_backlash_has_no_effect(approach):
+    joints = reachable_joints(NOMINAL, 12, seed=62, limits=WELL_INSIDE)
+    unknown = model(NOMINAL, joints, approach, ALL)
+    x = with_backlash(unknown, BACKLASH_RAD)
+    assert (unknown.positions_mm(x) == model(NOMINAL, joints, None).positions_mm(x[FREE])).all()
+    assert (unknown.jacobian(x)[:, :, BACKLASHES] == 0.0).all()
+
+
+def test_a_model_without_backlash_has_none():
+    joints = reachable_joints(NOMINAL, 5, seed=63)
+    standard = model(NOMINAL, joints, approaches(5), indices(FREE_BY_DEFAULT))
+    assert (standard.backlash_rad(standard.nominal) == 0.0).all()
+
+
+def test_derivative_of_the_position_by_all_37_in_every_decade():
+    """Central differences: the truncation falls with the step's square, then rounding rises."""
+    joints = reachable_joints(TILTED, 12, seed=64, limits=WELL_INSIDE)
+    tried = model(TILTED, joints, approaches(12), ALL)
+    x = with_backlash(tried, BACKLASH_RAD)
+    units = np.where(IS_ANGLE, 1.0, 100.0)
+    exact = tried.jacobian(x) * units
+
+    def error(step):
+        found = central_differences(tried.positions_mm, x, step * units) * units
+        return np.abs(found - exact).max(axis=(0, 1)) / np.abs(exact).max(axis=(0, 1))
+
+    errors = np.array([error(step) for step in DECADES])
+    assert (errors.min(axis=0) < 1e-8).all()
+    assert (errors[1] < 0.02 * errors[0] + 1e-9).all()
+
+
+def test_33_parameters_can_be_told_apart_when_the_directions_of_approach_are_known():
+    joints = reachable_joints(NOMINAL, 120, seed=65, limits=LIMITS)
+    points_mm = measured_points(NOMINAL, joints)
+
+    def rank(approach, names=FREE_IF_EXTENDED):
+        problem = points_problem(model(NOMINAL, joints, approach, indices(names)), points_mm)
+        return observability(problem.jacobian(problem.start())).rank - 6
+
+    assert len(FREE_IF_EXTENDED) == 33
+    assert rank(approaches(120)) == 33
+    assert rank(None) == 29
+    assert rank(approaches(120), ("arm0.azimuth_deg", *FREE_IF_EXTENDED)) == 33
+
+
+def problems_of(points_mm, tried):
+    first, second = np.arange(0, len(points_mm), 2), np.arange(1, len(points_mm), 2)
+    measured_mm = distances_mm(points_mm, first, second)
+    return {
+        "points": points_problem(tried, points_mm),
+        "distances": DistanceResiduals(tried, first, second, measured_mm),
+    }
+
+
+@pytest.mark.parametrize("estimator", ["points", "distances"])
+def test_azimuths_tilts_and_backlash_are_found_from_exact_shots(estimator):
+    joints, approach = reachable_joints(MADE, 120, seed=66), approaches(120)
+    points_mm = measured_points(MADE, joints - 0.5 * approach * BACKLASH_RAD)
+    tried = model(NOMINAL, joints, approach)
+    fit = solve(problems_of(points_mm, tried)[estimator])
+    found = fit.x[: len(FREE)]
+    assert fit.converged
+    assert np.abs(tried.geometry(found).vector() - MADE.vector()).max() < 1e-6
+    assert np.abs(tried.backlash_rad(found) - BACKLASH_RAD).max() < 1e-8
+
+
+def driven_robot(backlash_rad):
+    """The simulator's eight rods on gears with lost motion, and nothing else wrong."""
+    made = geometry_of(NOMINAL.flat())
+    rods = EightRods(made, Build(np.zeros((4, 3)), 80.0, np.zeros((4, 2)), np.zeros(4)))
+    start = assemble(rods, made, np.array([0.0, 0.0, -575.0]), 0.0, growth=0.0)
+    return DrivenRobot(
+        rods,
+        Behaviour(backlash_rad, 0.0, 0.0, Thermal(0.0, 1800.0)),
+        Mount(np.array([20.0, -30.0, -45.0]), np.array([1.0, 0.0, 0.0])),
+        Standing(start.joints_rad, np.zeros(4), start, np.zeros(3)),
+        seed=1,
+        worked=WorkedTime(0.0),
+        arrivals=Attempts({}),
+    )
+
+
+def visited(robot, targets):
+    """Joints, points and directions of approach at the targets that the straight way leads to."""
+    joints, points, approach = [], [], []
+    for encoders in targets:
+        if robot.passable_part(encoders) < 1.0:
+            continue
+        approach.append(np.sign(encoders - robot.standing.encoders_rad))
+        robot.arrive(encoders, target_key(encoders))
+        joints.append(encoders)
+        points.append(robot.reflector(encoders).point_mm)
+    return np.array(joints), np.array(points), np.array(approach)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("free", [FREE_BY_DEFAULT + BACKLASH_NAMES, FREE_IF_EXTENDED])
+def test_the_simulated_gears_lost_motion_is_found_with_its_sign(free):
+    true_rad = np.array([60.0, 20.0, 40.0, 90.0]) * ARCSEC
+    targets = reachable_joints(NOMINAL, 70, seed=67, limits=WELL_INSIDE)
+    joints, points_mm, approach = visited(driven_robot(true_rad), targets)
+    assert len(joints) > 50
+    tried = model(NOMINAL, joints, approach, indices(free))
+    fit = solve(points_problem(tried, points_mm))
+    found = fit.x[: len(free)]
+    assert fit.converged
+    assert np.abs(tried.backlash_rad(found) - true_rad).max() < 0.01 * ARCSEC
+    assert np.abs(tried.geometry(found).vector() - NOMINAL.vector()).max() < 1e-6

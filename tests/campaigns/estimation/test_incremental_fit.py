@@ -1,0 +1,114 @@
+"""The fit while measuring: its predictions, and the faults that it shows."""
+
+import numpy as np
+import pytest
+from par4_cases import (
+    NOMINAL,
+    TABLE1,
+    TRACKER_FROM_BASE,
+    TRACKER_STD_MM,
+    measured_points,
+    reachable_joints,
+)
+
+from campaigns.estimation.incremental_fit import IncrementalGaussNewton
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT
+
+JOINTS = reachable_joints(TABLE1, 60, seed=81)
+EXACT_MM = measured_points(TABLE1, JOINTS)
+MEASURED_MM = measured_points(TABLE1, JOINTS, TRACKER_STD_MM, seed=1)
+TORN_APART = np.radians([90.0, -90.0, 90.0, -90.0])
+
+
+def after(shots, joints=JOINTS, points_mm=MEASURED_MM):
+    running = IncrementalGaussNewton(NOMINAL, FREE_BY_DEFAULT)
+    for row in range(shots):
+        running.add(joints[row], points_mm[row])
+    return running
+
+
+def missed_mm(running, row):
+    return float(np.linalg.norm(running.predict(JOINTS[row]).point_mm - EXACT_MM[row]))
+
+
+@pytest.mark.parametrize("shots", range(4))
+def test_before_four_shots_no_point_is_predicted(shots):
+    running = after(shots)
+    assert running.shots == shots
+    assert running.predict(JOINTS[10]) is None
+
+
+def test_from_the_fourth_shot_on_points_are_predicted_to_millimetres():
+    assert missed_mm(after(4), 10) < 10.0
+
+
+def test_the_thirtieth_shot_is_predicted_to_within_tracker_noise():
+    running = after(29)
+    predicted = running.predict(JOINTS[29])
+    assert missed_mm(running, 29) < 0.2
+    assert predicted.std_mm < 0.3
+
+
+@pytest.mark.parametrize("shots", [6, 10, 20, 40])
+def test_a_prediction_is_as_good_as_it_claims(shots):
+    running = after(shots)
+    for row in range(shots, 60):
+        assert missed_mm(running, row) < 4.0 * running.predict(JOINTS[row]).std_mm
+
+
+def test_more_shots_make_predictions_surer():
+    stds = [after(shots).predict(JOINTS[50]).std_mm for shots in (4, 10, 20, 40)]
+    assert sorted(stds, reverse=True) == stds
+    assert stds[0] > 10.0 * stds[-1]
+
+
+def test_a_wrong_target_shows_as_soon_as_points_are_predicted():
+    """Another reflector 50 mm beside the right one."""
+    predicted = after(29).predict(JOINTS[29])
+    wrong_mm = MEASURED_MM[29] + [50.0, 0.0, 0.0]
+    assert np.linalg.norm(wrong_mm - predicted.point_mm) > 49.0
+
+
+def test_a_wrong_target_shows_in_distances_before_the_frame_is_known():
+    running = after(2)
+    assert running.distance_fault_mm(JOINTS[2], MEASURED_MM[2]) < 12.0
+    along = MEASURED_MM[2] - MEASURED_MM[0]
+    wrong_mm = MEASURED_MM[2] + 50.0 * along / np.linalg.norm(along)
+    assert running.distance_fault_mm(JOINTS[2], wrong_mm) > 38.0
+
+
+def test_the_first_shot_has_no_distance_to_be_wrong():
+    assert after(0).distance_fault_mm(JOINTS[0], MEASURED_MM[0]) == 0.0
+
+
+@pytest.mark.parametrize("shots", [0, 2, 30])
+def test_joints_without_an_assembly_are_an_infinite_fault_and_predict_nothing(shots):
+    running = after(shots)
+    assert running.distance_fault_mm(TORN_APART, MEASURED_MM[0]) == np.inf
+    assert running.predict(TORN_APART) is None
+
+
+def test_a_shot_without_an_assembly_leaves_the_knowledge_as_it_was():
+    running = after(30)
+    before = running.predict(JOINTS[40])
+    running.add(TORN_APART, MEASURED_MM[0])
+    assert (running.predict(JOINTS[40]).point_mm == before.point_mm).all()
+
+
+def test_shots_at_one_place_fix_no_frame():
+    """Drift shots alone, however many, tell nothing of the frame."""
+    running = after(8, np.repeat(JOINTS[:1], 8, axis=0), np.repeat(MEASURED_MM[:1], 8, axis=0))
+    assert running.predict(JOINTS[10]) is None
+
+
+def test_with_all_shots_the_frame_is_the_tracker_s():
+    running = after(60, points_mm=EXACT_MM)
+    assert missed_mm(running, 5) < 0.02
+    centre = running.predict(JOINTS[0]).point_mm
+    assert TRACKER_FROM_BASE.inverted().apply(centre[None])[0, 2] < 0.0
+
+
+def test_the_same_shots_give_the_same_predictions():
+    first, second = (after(12).predict(JOINTS[30]) for _ in range(2))
+    assert (first.point_mm == second.point_mm).all()
+    assert first.std_mm == second.std_mm

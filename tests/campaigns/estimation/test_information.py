@@ -1,0 +1,186 @@
+"""What shots tell so far, against the covariance of a fit that knows nothing of it."""
+
+import numpy as np
+import pytest
+from par4_cases import NOMINAL, TABLE1, measured_points, reachable_joints
+
+from campaigns.estimation.incremental_fit import PRIOR_LENGTH_MM, IncrementalGaussNewton
+from campaigns.estimation.information import (
+    MINIMUM_DOF,
+    covariance_from_distances,
+    covariance_from_fit,
+    covariance_from_points,
+)
+from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, WeightedResiduals, solve
+from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, indices
+
+SHOTS = 80
+FREE = indices(FREE_BY_DEFAULT)
+COUNT = len(FREE)
+JOINTS = reachable_joints(TABLE1, SHOTS, seed=31)
+BEAM_STD_MM, ACROSS_STD_MM = 0.004, 0.012
+COVARIANCE_MM2 = np.diag([BEAM_STD_MM, ACROSS_STD_MM, ACROSS_STD_MM]) ** 2
+PAIRS = np.arange(SHOTS).reshape(-1, 2)
+
+
+def stated(shots):
+    return np.broadcast_to(COVARIANCE_MM2, (shots, 3, 3))
+
+
+def points_mm(scatter=1.0, seed=5):
+    noise = np.random.default_rng(seed).standard_normal((SHOTS, 3))
+    return measured_points(TABLE1, JOINTS) + scatter * noise * np.sqrt(np.diag(COVARIANCE_MM2))
+
+
+def seen_after(shots, measured_mm):
+    running = IncrementalGaussNewton(NOMINAL, FREE_BY_DEFAULT)
+    for row in range(shots):
+        running.add(JOINTS[row], measured_mm[row])
+    return running.linearised
+
+
+def fitted(shots, measured_mm):
+    """Standard deviations as stated, and the scatter, of a fit of these shots alone."""
+    model = PositionModel(NOMINAL, FREE, JOINTS[:shots])
+    return judged(solve(PointResiduals.from_points(model, measured_mm[:shots], stated(shots))))
+
+
+def judged(fit):
+    dof = len(fit.residual) - len(fit.x)
+    covariance = np.linalg.inv(fit.jacobian.T @ fit.jacobian)[:COUNT, :COUNT]
+    return np.sqrt(np.diag(covariance)), np.sqrt(fit.residual @ fit.residual / dof)
+
+
+def std(told):
+    return np.sqrt(np.diag(told.covariance))
+
+
+@pytest.mark.parametrize("shots", [20, 40, 80])
+def test_points_tell_what_a_fit_of_them_alone_would(shots):
+    measured_mm = points_mm()
+    told = covariance_from_points(seen_after(shots, measured_mm), stated(shots))
+    as_stated, scatter = fitted(shots, measured_mm)
+    np.testing.assert_allclose(told.scatter, scatter, rtol=1e-3)
+    np.testing.assert_allclose(std(told), as_stated, rtol=5e-3)
+
+
+def test_a_scatter_that_may_be_chance_changes_no_deviation():
+    measured_mm = points_mm(1.15)
+    told = covariance_from_points(seen_after(SHOTS, measured_mm), stated(SHOTS))
+    assert told.scatter > 1.05
+    assert told.scale == 1.0
+
+
+def test_distances_are_as_sure_as_their_own_scatter_says_but_no_surer_than_stated():
+    told, still = (
+        covariance_from_distances(seen_after(SHOTS, points_mm(scatter)), stated(SHOTS), PAIRS)
+        for scatter in (1.3, 0.0)
+    )
+    assert told.scale == told.scatter > 1.0
+    assert still.scale == 1.0
+
+
+@pytest.mark.parametrize("scatter", [3.0, 30.0])
+def test_shots_that_scatter_more_than_stated_make_every_deviation_so_much_larger(scatter):
+    measured_mm = points_mm(scatter)
+    told = covariance_from_points(seen_after(SHOTS, measured_mm), stated(SHOTS))
+    assert told.scatter == pytest.approx(scatter, rel=0.2)
+    as_stated, found = fitted(SHOTS, measured_mm)
+    np.testing.assert_allclose(std(told), as_stated * found, rtol=0.02)
+
+
+def test_shots_that_scatter_less_than_stated_are_not_believed_more():
+    exact, noisy = points_mm(0.0), points_mm(0.5)
+    still, quiet = (
+        covariance_from_points(seen_after(SHOTS, m), stated(SHOTS)) for m in (exact, noisy)
+    )
+    assert still.scatter < 0.01
+    assert quiet.scatter == pytest.approx(0.5, rel=0.2)
+    np.testing.assert_allclose(std(still), std(quiet), rtol=1e-3)
+    np.testing.assert_allclose(std(still), fitted(SHOTS, exact)[0], rtol=1e-3)
+
+
+def test_nothing_of_the_running_fits_priors_is_in_it():
+    """With few shots its priors of 5 mm would make σ of centimetres look like millimetres."""
+    shots = 14
+    measured_mm = points_mm(0.0)
+    huge = 1e4 * stated(shots)
+    told = covariance_from_points(seen_after(shots, measured_mm), huge)
+    assert std(told).max() > 3.0 * PRIOR_LENGTH_MM
+
+
+def test_fewer_shots_than_show_their_scatter_tell_nothing():
+    measured_mm = points_mm()
+    fewest = -(-(COUNT + 6 + MINIMUM_DOF) // 3)
+    assert covariance_from_points(seen_after(fewest - 1, measured_mm), stated(fewest - 1)) is None
+    assert covariance_from_points(seen_after(fewest, measured_mm), stated(fewest)) is not None
+
+
+def test_shots_that_cannot_tell_all_parameters_tell_nothing():
+    """Ten poses, each of them seen four times."""
+    joints, measured_mm = np.repeat(JOINTS[:10], 4, axis=0), np.repeat(points_mm()[:10], 4, axis=0)
+    running = IncrementalGaussNewton(NOMINAL, FREE_BY_DEFAULT)
+    for joint, point_mm in zip(joints[:36], measured_mm[:36], strict=True):
+        running.add(joint, point_mm)
+    seen = running.linearised.taken(np.arange(36))
+    assert covariance_from_points(seen, stated(36)) is None
+
+
+def test_a_covariance_that_cannot_be_tells_nothing():
+    broken = stated(SHOTS).copy()
+    broken[7] = np.diag([1e-4, -1e-4, 1e-4])
+    assert covariance_from_points(seen_after(SHOTS, points_mm()), broken) is None
+
+
+def test_distances_tell_what_a_fit_of_them_alone_would():
+    measured_mm = points_mm(2.0)
+    told = covariance_from_distances(seen_after(SHOTS, measured_mm), stated(SHOTS), PAIRS)
+    first, second = PAIRS.T
+    lengths = np.linalg.norm(measured_mm[second] - measured_mm[first], axis=1)
+    model = PositionModel(NOMINAL, FREE, JOINTS)
+    by_mm, spread_mm = judged(solve(DistanceResiduals(model, first, second, lengths)))
+    np.testing.assert_allclose(std(told), by_mm * spread_mm, rtol=0.02)
+
+
+def test_no_pairs_tell_nothing():
+    none = np.empty((0, 2), dtype=np.intp)
+    assert covariance_from_distances(seen_after(SHOTS, points_mm()), stated(SHOTS), none) is None
+
+
+def problem(measured_mm, shots=SHOTS):
+    model = PositionModel(NOMINAL, FREE, JOINTS[:shots])
+    points = PointResiduals.from_points(model, measured_mm[:shots], stated(shots))
+    return LeastSquaresProblem(points, 3, Priors.none())
+
+
+def test_a_fit_to_the_end_tells_it_exactly():
+    measured_mm = points_mm(2.0)
+    told = covariance_from_fit(problem(measured_mm), COUNT, trusted=True)
+    as_stated, scatter = fitted(SHOTS, measured_mm)
+    np.testing.assert_allclose(std(told), as_stated * scatter, rtol=1e-6)
+
+
+def test_a_fit_to_the_end_leaves_outliers_out():
+    """One shot 2 mm aside makes all the others look a hundred times worse; not so here."""
+    measured_mm = points_mm()
+    measured_mm[17, 1] += 2.0
+    at_once = covariance_from_points(seen_after(SHOTS, measured_mm), stated(SHOTS))
+    told = covariance_from_fit(problem(measured_mm), COUNT, trusted=True)
+    assert at_once.scatter > 5.0
+    assert told.scatter < 1.3
+    assert std(told).max() < 1.3 * fitted(SHOTS, points_mm())[0].max()
+
+
+def test_a_fit_of_too_few_shots_tells_nothing():
+    assert covariance_from_fit(problem(points_mm(), 13), COUNT, trusted=True) is None
+
+
+def test_weights_of_one_change_nothing():
+    """The solver takes what is fitted weighted; σ are of the measurements as they were stated."""
+    plain = problem(points_mm())
+    weighted = LeastSquaresProblem(
+        WeightedResiduals(plain.data, 3, np.ones(SHOTS)), 3, Priors.none()
+    )
+    one, other = (covariance_from_fit(each, COUNT, trusted=True) for each in (plain, weighted))
+    np.testing.assert_allclose(std(one), std(other))

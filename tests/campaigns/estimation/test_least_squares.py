@@ -1,0 +1,151 @@
+"""The solver, on the reference campaigns and at its limits."""
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from par4_cases import (
+    NOMINAL,
+    TABLE1,
+    TRACKER_FROM_BASE,
+    TRACKER_STD_MM,
+    VECTORS,
+    WELL_INSIDE,
+    flat_in,
+    measured_points,
+    reachable_joints,
+)
+
+from campaigns.estimation.least_squares import solve
+from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, Geometry, indices
+from campaigns.mechanisms.par4 import NoSolution
+
+FREE = indices(FREE_BY_DEFAULT)
+CAMPAIGNS = ("table1-exact", "table1-tracker-noise", "table2-repeatability")
+
+
+def reference(name):
+    return json.loads((VECTORS / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def distances(name):
+    shots = np.loadtxt(VECTORS / f"{name}.csv", delimiter=",", skiprows=1)
+    first, second = np.arange(0, len(shots), 2), np.arange(1, len(shots), 2)
+    points_mm = shots[:, 5:]
+    measured_mm = np.linalg.norm(points_mm[second] - points_mm[first], axis=1)
+    model = PositionModel(NOMINAL, FREE, np.radians(shots[:, 1:5]))
+    return DistanceResiduals(model, first, second, measured_mm)
+
+
+def assert_same_robot(geometry, document, within_mm, within_deg):
+    found = geometry.flat()
+    for name, expected in flat_in(document).items():
+        within = within_deg if name.endswith("_deg") else within_mm
+        assert found[name] == pytest.approx(expected, abs=within), name
+
+
+@pytest.mark.parametrize("name", CAMPAIGNS)
+def test_distances_give_the_reference_s_parameters(name):
+    problem = distances(name)
+    fit = solve(problem)
+    assert fit.converged
+    identified = problem.model.geometry(fit.x)
+    assert_same_robot(identified, reference(name)["least_squares_distances"], 1e-4, 1e-6)
+
+
+def test_exact_distances_give_the_truth():
+    problem = distances("table1-exact")
+    fit = solve(problem)
+    assert_same_robot(problem.model.geometry(fit.x), reference("table1-exact")["truth"], 1e-4, 1e-6)
+    assert np.abs(fit.residual).max() < 1e-5
+
+
+def test_points_give_the_robot_and_the_tracker_s_frame():
+    joints = reachable_joints(TABLE1, 40, seed=41)
+    points_mm = measured_points(TABLE1, joints)
+    covariance_mm2 = np.tile(TRACKER_STD_MM**2 * np.eye(3), (40, 1, 1))
+    model = PositionModel(NOMINAL, FREE, joints)
+    problem = PointResiduals.from_points(model, points_mm, covariance_mm2)
+    fit = solve(problem)
+    frame = problem.tracker_from_base(fit.x)
+    assert np.abs(model.geometry(fit.x[:-6]).vector() - TABLE1.vector()).max() < 1e-7
+    assert np.abs(frame.rotation - TRACKER_FROM_BASE.rotation).max() < 1e-10
+    assert np.abs(frame.translation_mm - TRACKER_FROM_BASE.translation_mm).max() < 1e-7
+
+
+def test_the_fit_holds_what_belongs_together():
+    problem = distances("table1-tracker-noise")
+    fit = solve(problem)
+    assert np.abs(fit.residual - problem.residual(fit.x)).max() < 1e-11
+    assert np.abs(fit.jacobian - problem.jacobian(fit.x)).max() < 1e-11
+
+
+def test_at_the_end_no_direction_leads_down():
+    fit = solve(distances("table2-repeatability"))
+    slope = fit.jacobian.T @ fit.residual / np.linalg.norm(fit.jacobian, axis=0)
+    assert np.abs(slope).max() < 1e-6
+
+
+@pytest.mark.parametrize("evaluations", [2, 3])
+def test_a_fit_cut_short_says_that_it_has_not_converged(evaluations):
+    fit = solve(distances("table1-tracker-noise"), evaluations)
+    assert not fit.converged
+    assert fit.message == f"not converged: stopped after {evaluations} evaluations"
+    assert fit.evaluations == evaluations
+
+
+def test_a_finished_fit_says_how_long_it_took():
+    fit = solve(distances("table1-tracker-noise"))
+    assert fit.message == f"converged after {fit.evaluations} evaluations"
+    assert fit.evaluations < 15
+
+
+@dataclass
+class Logarithm:
+    """Zero at 1; the first step from 5 leads to -3, where there is no answer."""
+
+    begin: float
+    refused: int = 0
+
+    def start(self):
+        return np.array([self.begin])
+
+    def residual(self, x):
+        if x[0] <= 0.0:
+            self.refused += 1
+            raise NoSolution
+        return np.log(x)
+
+    def jacobian(self, x):
+        return np.array([1.0 / x])
+
+
+def test_a_step_out_of_the_model_is_turned_back():
+    problem = Logarithm(begin=5.0)
+    fit = solve(problem)
+    assert problem.refused > 0
+    assert fit.converged
+    assert fit.x == pytest.approx([1.0], abs=1e-9)
+
+
+def test_a_start_without_an_answer_is_an_error():
+    with pytest.raises(NoSolution):
+        solve(Logarithm(begin=-1.0))
+
+
+def test_a_far_start_still_arrives():
+    """The nominal robot off by 4 mm and 1° everywhere."""
+    joints = reachable_joints(TABLE1, 120, seed=43, limits=WELL_INSIDE)
+    first, second = np.arange(0, 120, 2), np.arange(1, 120, 2)
+    positions = measured_points(TABLE1, joints)
+    measured_mm = np.linalg.norm(positions[second] - positions[first], axis=1)
+    off = TABLE1.vector()
+    off[FREE] += np.random.default_rng(0).choice([-1, 1], 22) * np.where(
+        [name.endswith("_deg") for name in FREE_BY_DEFAULT], np.radians(1.0), 4.0
+    )
+    model = PositionModel(Geometry.from_vector(off), FREE, joints)
+    fit = solve(DistanceResiduals(model, first, second, measured_mm))
+    assert fit.converged
+    assert np.abs(model.geometry(fit.x).vector() - TABLE1.vector()).max() < 1e-6

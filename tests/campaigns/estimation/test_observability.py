@@ -1,0 +1,148 @@
+"""What a fit knows: rank, condition, what cannot be told apart, covariance."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from par4_cases import LIMITS, NOMINAL, reachable_joints
+
+from campaigns.estimation.observability import (
+    correlations,
+    covariance,
+    observability,
+    spread,
+    unobservable_combinations,
+)
+from campaigns.estimation.residuals import DistanceResiduals, PositionModel
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, NAMES, indices
+
+AZIMUTHS = tuple(f"arm{arm}.azimuth_deg" for arm in range(4))
+JOINTS = reachable_joints(NOMINAL, 120, seed=51, limits=LIMITS)
+
+
+def distance_jacobian(names):
+    rows = np.arange(0, len(JOINTS), 2)
+    model = PositionModel(NOMINAL, indices(names), JOINTS)
+    problem = DistanceResiduals(model, rows, rows + 1, np.zeros(len(rows)))
+    return problem.jacobian(problem.start())
+
+
+def of_all_arms(field):
+    return {f"arm{arm}.{field}" for arm in range(4)}
+
+
+def test_sixty_pairs_tell_the_22_parameters():
+    seen = observability(distance_jacobian(FREE_BY_DEFAULT))
+    assert seen.rank == 22
+    assert 50.0 < seen.condition < 200.0
+    assert unobservable_combinations(seen, FREE_BY_DEFAULT) == []
+
+
+def test_with_everything_free_the_frame_s_place_and_turn_are_named():
+    """Distances don't know where the base frame is: three shifts, and the turn about z."""
+    seen = observability(distance_jacobian(NAMES))
+    assert seen.rank == 25
+    assert seen.condition == np.inf
+    combinations = [set(names) for names in unobservable_combinations(seen, NAMES)]
+    assert len(combinations) == 4
+    for field in ("x_mm", "y_mm", "z_mm"):
+        assert of_all_arms(field) in combinations
+    (turn,) = (names for names in combinations if set(AZIMUTHS) <= names)
+    assert {name.split(".")[1] for name in turn} == {"x_mm", "y_mm", "azimuth_deg"}
+
+
+def test_with_the_first_motor_held_the_freed_azimuths_are_named():
+    names = FREE_BY_DEFAULT + AZIMUTHS
+    seen = observability(distance_jacobian(names))
+    assert seen.rank == 25
+    (combination,) = unobservable_combinations(seen, names)
+    assert set(AZIMUTHS) <= set(combination)
+    assert not any(name.endswith(("z_mm", "arm_mm", "offset_deg")) for name in combination)
+
+
+def test_with_the_first_motor_freed_the_shift_is_named():
+    names = (*FREE_BY_DEFAULT, "arm0.z_mm")
+    seen = observability(distance_jacobian(names))
+    assert seen.rank == 22
+    assert set(unobservable_combinations(seen, names)[0]) == of_all_arms("z_mm")
+
+
+def test_an_unobservable_direction_really_changes_no_distance():
+    jacobian = distance_jacobian(NAMES)
+    seen = observability(jacobian)
+    norms = np.linalg.norm(jacobian, axis=0)
+    model = PositionModel(NOMINAL, indices(NAMES), JOINTS)
+    poses = forward(NOMINAL, JOINTS).require()
+    before = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
+    for direction in seen.null_directions:
+        moved = model.geometry(model.nominal + 1e-4 * direction / norms)
+        after = np.linalg.norm(np.diff(forward(moved, JOINTS).require()[:, :3], axis=0), axis=1)
+        assert np.abs(after - before).max() < 1e-7
+
+
+def test_fewer_rows_than_parameters_cannot_have_full_rank():
+    seen = observability(distance_jacobian(FREE_BY_DEFAULT)[:15])
+    assert (seen.rank, len(seen.singular_values)) == (15, 22)
+    assert seen.null_directions.shape == (7, 22)
+    assert seen.condition == np.inf
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_units_change_neither_rank_nor_condition(scale):
+    jacobian = distance_jacobian(FREE_BY_DEFAULT)
+    seen = observability(jacobian * np.where(np.arange(22) % 2, scale, 1.0))
+    assert seen.rank == 22
+    assert seen.condition == pytest.approx(observability(jacobian).condition, rel=1e-9)
+
+
+def test_a_parameter_without_any_effect_is_unobservable_alone():
+    jacobian = np.column_stack([np.eye(4), np.zeros(4)])
+    seen = observability(jacobian)
+    assert seen.rank == 4
+    assert unobservable_combinations(seen, tuple("abcde")) == [("e",)]
+
+
+def test_two_parameters_that_only_act_together_are_named_together():
+    rng = np.random.default_rng(0)
+    columns = rng.normal(size=(30, 3))
+    jacobian = np.column_stack([columns, columns[:, 0], columns[:, 2]])
+    combinations = unobservable_combinations(observability(jacobian), tuple("abcde"))
+    assert sorted(combinations) == [("a", "d"), ("c", "e")]
+
+
+def assert_explicit_inverse(jacobian):
+    expected = np.linalg.inv(jacobian.T @ jacobian)
+    std = np.sqrt(np.diag(expected))
+    assert np.abs((covariance(jacobian) - expected) / np.outer(std, std)).max() < 1e-9
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_covariance_is_the_explicit_inverse(seed):
+    jacobian = np.random.default_rng(seed).normal(size=(30, 6)) * [1, 10, 100, 1, 0.1, 5]
+    assert_explicit_inverse(jacobian)
+
+
+def test_covariance_of_sixty_pairs_is_the_explicit_inverse():
+    assert_explicit_inverse(distance_jacobian(FREE_BY_DEFAULT))
+
+
+def test_lost_rank_has_no_covariance():
+    with pytest.raises(np.linalg.LinAlgError, match="rank 25 of 29"):
+        covariance(distance_jacobian(NAMES))
+
+
+def test_correlations_have_ones_on_the_diagonal_and_the_sign_of_the_covariance():
+    matrix = np.array([[4.0, -3.0], [-3.0, 9.0]])
+    assert correlations(matrix) == pytest.approx(np.array([[1.0, -0.5], [-0.5, 1.0]]))
+
+
+def test_spread_tells_mean_rms_and_largest():
+    told = spread(np.array([1.0, -2.0, 2.0, -1.0, 0.0]))
+    assert (told.mean_abs, told.max_abs) == (1.2, 2.0)
+    assert told.rms == pytest.approx(np.sqrt(2.0))
+
+
+def test_spread_of_nothing_is_an_error():
+    with pytest.raises(ValueError, match="no errors"):
+        spread(np.array([]))

@@ -1,0 +1,197 @@
+import numpy as np
+import pytest
+
+from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
+from campaigns.estimation.estimators import LossShape
+from campaigns.estimation.least_squares import (
+    LeastSquaresProblem,
+    Priors,
+    WeightedResiduals,
+    block_norms,
+    solve,
+)
+from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
+from campaigns.estimation.robust import (
+    Loss,
+    loss_curvature,
+    loss_weights,
+    reject_outliers,
+    rejection_threshold,
+    robust_scale,
+    solve_robust,
+)
+from campaigns.mechanisms.feasibility import Limits
+from campaigns.mechanisms.geometry import FILE_UNIT, FREE_BY_DEFAULT, Geometry, indices
+from campaigns.mechanisms.par4 import inverse
+from campaigns.robots.robot import find_robot
+
+NOISE_MM = 0.015 / 3**0.5
+FREE = indices(FREE_BY_DEFAULT)
+NOMINAL = Geometry.from_flat(find_robot("par4-prototype").robot.geometry_flat())
+
+
+@pytest.fixture(scope="module")
+def shots():
+    """Joints (120, 4), exact points (120, 3) and the true free parameters of an erroneous robot."""
+    rng = np.random.default_rng(5)
+    errors = rng.normal(0.0, 1.0, len(FREE)) * np.where(
+        FILE_UNIT[FREE] == 1.0, 0.5, np.radians(0.1)
+    )
+    vector = NOMINAL.vector()
+    vector[FREE] += errors
+    truth = Geometry.from_vector(vector)
+    limits = Limits((np.radians(-45.0), np.radians(90.0)), (-np.pi / 4, np.pi / 4), np.pi / 4)
+    facing = np.array([1.0, 0.0, 0.0])
+    centre = np.array([0.0, 0.0, -575.0, 0.0])
+    region = FeasibleRegion(
+        truth, limits, centre, np.array([3000.0, 0.0, -575.0]), facing, np.pi / 2
+    )
+    poses = interior_poses(region, 120, rng)
+    return inverse(truth, poses).require(), poses[:, :3], vector[FREE]
+
+
+def points_problem(shots, moved=(), noise_mm=NOISE_MM, seed=11, priors=None):
+    joints, exact, _ = shots
+    rng = np.random.default_rng(seed)
+    measured = exact + rng.normal(0.0, noise_mm, exact.shape)
+    for shot in moved:
+        direction = rng.normal(size=3)
+        measured[shot] += 2.0 * direction / np.linalg.norm(direction)
+    covariance = np.broadcast_to(np.eye(3) * NOISE_MM**2, (len(exact), 3, 3))
+    model = PositionModel(NOMINAL, FREE, joints)
+    data = PointResiduals.from_points(model, measured, covariance)
+    return LeastSquaresProblem(data, 3, priors or Priors.none())
+
+
+def distances_problem(shots, noise_mm=NOISE_MM, seed=3, wrong=()):
+    joints, exact, _ = shots
+    first, second = np.arange(0, 120, 2), np.arange(1, 120, 2)
+    measured = np.linalg.norm(exact[first] - exact[second], axis=1)
+    measured += np.random.default_rng(seed).normal(0.0, noise_mm * 2**0.5, len(measured))
+    measured[list(wrong)] += 2.0
+    data = DistanceResiduals(PositionModel(NOMINAL, FREE, joints), first, second, measured)
+    whitened = WeightedResiduals(data, 1, np.full(len(first), 1.0 / (2.0 * NOISE_MM**2)))
+    return LeastSquaresProblem(whitened, 1, Priors.none())
+
+
+def all_of(problem):
+    return np.ones(problem.blocks, dtype=bool)
+
+
+def worst_mm_deg(x, shots):
+    return np.abs((x[: len(FREE)] - shots[2]) / FILE_UNIT[FREE]).max()
+
+
+def test_three_moved_shots_are_named_and_nothing_else(shots):
+    found = reject_outliers(points_problem(shots, (7, 50, 99)))
+    assert [outlier.block for outlier in found.outliers] == [7, 50, 99]
+    assert all(outlier.size > 100.0 > outlier.limit for outlier in found.outliers)
+    assert np.flatnonzero(~found.kept).tolist() == [7, 50, 99]
+
+
+def test_the_evaluations_told_are_all_that_it_took(shots):
+    plain = solve(points_problem(shots, (7,)).weighted(np.ones(len(shots[0]))))
+    found = reject_outliers(points_problem(shots, (7,))).fit
+    assert found.evaluations > plain.evaluations
+    assert f"after {found.evaluations} evaluations" in found.message
+
+
+def test_good_shots_all_agree(shots):
+    found = reject_outliers(points_problem(shots))
+    assert found.kept.all()
+    assert found.outliers == ()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_scatter_that_the_tracker_did_not_state_makes_no_outliers(shots, seed):
+    """A robot that repeats thirty times worse than the tracker measures: few degrees of freedom."""
+    assert reject_outliers(distances_problem(shots, 30.0 * NOISE_MM, seed)).outliers == ()
+    assert reject_outliers(points_problem(shots, (), 30.0 * NOISE_MM, seed)).outliers == ()
+
+
+def test_where_half_of_the_shots_are_elsewhere_none_is_called_wrong(shots):
+    found = reject_outliers(points_problem(shots, range(0, 120, 2)))
+    assert found.kept.all()
+
+
+def test_answer_without_outliers_is_as_good_as_the_clean_one(shots):
+    clean, spoilt = points_problem(shots), points_problem(shots, (7, 50, 99))
+    kept = reject_outliers(spoilt).kept
+    without = solve(spoilt.weighted(kept.astype(float))).x
+    assert worst_mm_deg(without, shots) <= 1.3 * worst_mm_deg(
+        solve(clean.weighted(np.ones(120))).x, shots
+    )
+
+
+@pytest.mark.parametrize("shape", [LossShape.SOFT_L1, LossShape.CAUCHY])
+def test_robust_loss_withstands_what_spoils_the_plain_one(shots, shape):
+    spoilt = points_problem(shots, (7, 50, 99))
+    plain = solve_robust(spoilt, Loss(), all_of(spoilt))
+    robust = solve_robust(spoilt, Loss(shape), all_of(spoilt))
+    assert robust.fit.converged
+    assert worst_mm_deg(robust.fit.x, shots) < 0.2 * worst_mm_deg(plain.fit.x, shots)
+
+
+def test_a_wrong_distance_is_named_too(shots):
+    found = reject_outliers(distances_problem(shots, wrong=[17]))
+    assert [outlier.block for outlier in found.outliers] == [17]
+
+
+def test_an_outliers_size_is_what_the_fit_of_the_others_leaves_of_it_in_its_own_deviation(shots):
+    """Variance of its measurement and of the others' prediction, by the explicit inverse."""
+    problem = distances_problem(shots, wrong=[17], noise_mm=10.0 * NOISE_MM)
+    (outlier,) = reject_outliers(problem).outliers
+    others = np.arange(60) != 17
+    fit = solve(problem.weighted(others.astype(float)))
+    residual, jacobian = problem.data.residual(fit.x), problem.data.jacobian(fit.x)
+    unit = np.sqrt(np.sum(residual[others] ** 2) / (59 - 22))
+    known = np.linalg.inv(jacobian[others].T @ jacobian[others])
+    own = unit * np.sqrt(1.0 + jacobian[17] @ known @ jacobian[17])
+    assert outlier.size == pytest.approx(abs(residual[17]) / own, rel=1e-3)
+
+
+def test_a_prior_that_all_shots_contradict_is_neither_left_out_nor_weighed_down(shots):
+    """A plate said to be 5 mm longer, to a micrometre: the fit must follow, whatever the loss."""
+    plate = FREE_BY_DEFAULT.index("plate_mm")
+    said = Priors(np.array([plate]), np.array([shots[2][plate] + 5.0]), np.array([1e-3]))
+    problem = points_problem(shots, priors=said)
+    robust = solve_robust(problem, Loss(LossShape.CAUCHY), all_of(problem))
+    assert robust.fit.x[plate] == pytest.approx(said.mean[0], abs=0.5)
+    assert len(robust.weights) == 120
+
+
+def test_weights_fall_with_the_block_not_with_its_coordinates():
+    sizes = block_norms(np.array([3.0, 4.0, 0.0, 0.0, 0.0, 5.0]), 3)
+    assert sizes.tolist() == [5.0, 5.0]
+    for shape in LossShape:
+        first, second = loss_weights(shape, sizes**2)
+        assert first == second
+
+
+def test_scale_of_good_blocks_is_one():
+    draws = np.random.default_rng(1).normal(size=(4000, 3))
+    assert robust_scale(np.linalg.norm(draws, axis=1), 3, 0) == pytest.approx(1.0, abs=0.03)
+
+
+def test_good_sets_rarely_lose_a_block():
+    rng = np.random.default_rng(2)
+    limit = rejection_threshold(120, 3)
+    worst = np.linalg.norm(rng.normal(size=(2000, 120, 3)), axis=2).max(axis=1)
+    assert 0.003 < np.mean(worst > limit) < 0.02
+
+
+@pytest.mark.parametrize("shape", list(LossShape))
+@pytest.mark.parametrize("size", [1e-3, 0.1, 1.0, 10.0, 1e3])
+def test_curvature_is_the_mean_second_derivative_of_the_price(shape, size):
+    """Along a block of three coordinates and across it, by differences of ρ'(z) r."""
+
+    def slope(point):
+        return loss_weights(shape, np.array([point @ point])) * point
+
+    point, step = np.array([size, 0.0, 0.0]), 1e-5 * size
+    second = [
+        (slope(point + aside) - slope(point - aside)) @ aside / (2.0 * step**2)
+        for aside in step * np.eye(3)
+    ]
+    told = loss_curvature(shape, np.array([size**2]), 3)[0]
+    assert told == pytest.approx(np.mean(second), rel=1e-5, abs=1e-9)

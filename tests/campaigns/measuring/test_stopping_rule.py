@@ -1,0 +1,135 @@
+"""When enough is known, what need not be measured any more, and what a goal asks of a plan."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fake_cell import CENTRE, NOMINAL, ROBOT
+from goal_plans import REQUEST, TRACKER_MM, VIEW
+from small_plans import FOUR_PAIRS, LIMITS, planned
+
+from campaigns.errors import PlanInvalid
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.measuring.precision_monitor import PrecisionMonitor
+from campaigns.measuring.run_state import ParameterPrecision
+from campaigns.measuring.stopping_rule import (
+    PrecisionGoal,
+    early_stop,
+    in_ranges,
+    is_met,
+    predicted_stop,
+)
+from campaigns.planning.paths import RobotModel
+from campaigns.planning.plans import make_plan
+from campaigns.planning.steps import groups, joint_steps
+from campaigns.shots.shot_sets import ShotSet
+
+KNOWN = ParameterPrecision(84, "arm2.joint_offset_deg", 0.0021, 0.0198, 0.0061, 0.9)
+
+
+SHOTS = 80
+PLAN = make_plan(
+    ROBOT, VIEW, replace(REQUEST, identification_shots=SHOTS), np.random.default_rng(1)
+)
+
+
+def knowing(shots=PLAN, estimator=Estimator.POINTS) -> PrecisionMonitor:
+    mechanism = RobotModel(NOMINAL, LIMITS, CENTRE)
+    rng = np.random.default_rng(1)
+    return PrecisionMonitor.of_plan(shots, mechanism, estimator, TrackerUncertainty(), rng)
+
+
+@pytest.mark.parametrize(("goal_mm", "met"), [(0.0198, True), (0.02, True), (0.0197, False)])
+def test_a_goal_is_met_by_the_worst_length(goal_mm: float, met: bool) -> None:
+    assert is_met(PrecisionGoal(goal_mm), KNOWN) is met
+
+
+def test_without_a_goal_or_knowledge_none_is_met() -> None:
+    assert not is_met(None, KNOWN)
+    assert not is_met(PrecisionGoal(10.0), None)
+
+
+def mixed():
+    """A drift shot, two pairs to identify from, a pair to validate on, and another drift shot."""
+    unseen = [
+        planned(5, ShotSet.VALIDATION, 2, 0.0, 0.0, -600.0),
+        planned(6, ShotSet.VALIDATION, 2, 90.0, 0.0, -600.0),
+    ]
+    return groups(joint_steps([*FOUR_PAIRS[:5], *unseen, replace(FOUR_PAIRS[-1], shot=7)]))
+
+
+def test_only_what_serves_nothing_else_than_to_identify_is_left_out() -> None:
+    end = early_stop(PrecisionGoal(0.02), KNOWN, mixed())
+    taken = [step.planned.shot for group in end.wanted for step in group]
+    assert taken == [0, 5, 6, 7]
+    assert end.shots_left_out == 4
+
+
+def test_the_event_tells_the_figures_and_names_what_was_left_out() -> None:
+    event = early_stop(PrecisionGoal(0.02), KNOWN, mixed()).event
+    assert event.kind == "goal met"
+    assert event.text == (
+        "goal σ=0.02 met by 84 shots: every length to ±0.0198 mm, positions to ±0.0061 mm; "
+        "4 shots left out: 1–4"
+    )
+
+
+def test_nothing_is_left_out_before_enough_is_known() -> None:
+    assert early_stop(PrecisionGoal(0.019), KNOWN, mixed()) is None
+    assert early_stop(PrecisionGoal(0.02), None, mixed()) is None
+    assert early_stop(None, KNOWN, mixed()) is None
+
+
+def test_there_is_no_early_end_when_only_others_are_left() -> None:
+    others = [group for group in mixed() if len(group) == 1]
+    assert early_stop(PrecisionGoal(0.02), KNOWN, others) is None
+
+
+def test_numbers_are_told_in_ranges() -> None:
+    assert in_ranges([1, 2, 3, 7, 9, 10]) == "1–3, 7, 9–10"
+    assert in_ranges([]) == ""
+
+
+def test_a_plan_foresees_what_its_shots_will_tell() -> None:
+    whole = knowing().foreseen(TRACKER_MM)
+    half = knowing().foreseen(TRACKER_MM, SHOTS // 2)
+    assert (whole.shots, half.shots) == (SHOTS, SHOTS // 2)
+    assert 0.02 < whole.length_std_mm < half.length_std_mm < 1.0
+    assert whole.position_std_mm < whole.length_std_mm
+    assert whole.scatter == 0.0
+
+
+def test_a_tracker_further_away_tells_less() -> None:
+    further = tuple(3.0 * value for value in TRACKER_MM)
+    near, far = (knowing().foreseen(place) for place in (TRACKER_MM, further))
+    assert far.length_std_mm > 1.2 * near.length_std_mm
+
+
+def test_distances_of_pairs_tell_less_than_their_points() -> None:
+    points, distances = (knowing(estimator=e).foreseen(TRACKER_MM) for e in Estimator)
+    assert distances.length_std_mm > 2.0 * points.length_std_mm
+
+
+def test_a_goal_within_reach_says_how_many_shots_will_do() -> None:
+    whole = knowing().foreseen(TRACKER_MM)
+    end = predicted_stop(PrecisionGoal(2.0 * whole.length_std_mm), knowing(), TRACKER_MM)
+    assert end.whole == whole
+    enough, fewer = (knowing().foreseen(TRACKER_MM, n) for n in (end.shots, end.shots - 1))
+    assert enough.length_std_mm <= 2.0 * whole.length_std_mm < fewer.length_std_mm
+
+
+def test_a_goal_out_of_reach_is_refused_with_what_the_plan_will_give() -> None:
+    whole = knowing().foreseen(TRACKER_MM)
+    with pytest.raises(PlanInvalid) as caught:
+        predicted_stop(PrecisionGoal(0.001), knowing(), TRACKER_MM)
+    assert caught.value.problem == (
+        f"goal σ=0.001: the whole plan will give {whole.length_std_mm:.3g} mm"
+    )
+    assert "pkmcal plan --until σ=0.001" in caught.value.remedy
+
+
+@pytest.mark.parametrize("shots", [FOUR_PAIRS, FOUR_PAIRS[:1]])
+def test_a_plan_that_cannot_tell_the_parameters_is_refused(shots) -> None:
+    with pytest.raises(PlanInvalid, match="too few shots to identify from"):
+        predicted_stop(PrecisionGoal(1.0), knowing(shots), TRACKER_MM)

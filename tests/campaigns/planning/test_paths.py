@@ -1,0 +1,117 @@
+"""Whether the way between two poses is safe, and the way round."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from par4_cases import CENTRE, LIMITS, NOMINAL, reachable_joints
+
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.par4 import inverse
+from campaigns.planning.paths import SLACK_RAD, path_fault, route
+
+
+def joints_of(*pose):
+    return inverse(NOMINAL, np.array([pose], dtype=float)).require()[0]
+
+
+def faults_between(joints):
+    return [path_fault(NOMINAL, LIMITS, here, there) for here, there in pairwise(joints)]
+
+
+@pytest.fixture(scope="module")
+def joints():
+    return reachable_joints(NOMINAL, 200, seed=71)
+
+
+def test_a_short_way_at_the_centre_is_straight():
+    here, there = joints_of(-50, -50, -575, 0), joints_of(50, -20, -600, 0.2)
+    assert path_fault(NOMINAL, LIMITS, here, there) is None
+    (target,) = route(NOMINAL, LIMITS, here, there, CENTRE)
+    assert (target == there).all()
+
+
+def test_no_way_at_all_is_safe():
+    here = joints_of(0, -50, -575, 0)
+    assert path_fault(NOMINAL, LIMITS, here, here) is None
+
+
+@pytest.mark.slow
+def test_a_way_through_an_infeasible_theta_is_named_and_gone_round(joints):
+    faults = faults_between(joints)
+    blocked = [row for row, fault in enumerate(faults) if fault]
+    assert "theta leaves its limits" in {faults[row].reason for row in blocked}
+    rounds = [route(NOMINAL, LIMITS, joints[row], joints[row + 1], CENTRE) for row in blocked]
+    found = [(row, way) for row, way in zip(blocked, rounds, strict=True) if way]
+    assert len(found) > 0.9 * len(blocked)
+    for row, way in found:
+        assert len(way) > 1
+        assert (way[-1] == joints[row + 1]).all()
+
+
+def test_every_leg_of_a_way_round_is_safe_in_between(joints):
+    """Checked five times finer than the planner checks."""
+    low, high = LIMITS.theta_rad
+    for here, there in pairwise(joints[:60]):
+        for a, b in pairwise([here, *route(NOMINAL, LIMITS, here, there, CENTRE)]):
+            passing = forward(NOMINAL, a + np.linspace(0.0, 1.0, 100)[:, None] * (b - a)).require()
+            assert passing[:, 3].min() > low - 1.5 * SLACK_RAD
+            assert passing[:, 3].max() < high + 1.5 * SLACK_RAD
+
+
+def test_ways_round_keep_the_joint_limits(joints):
+    low, high = LIMITS.joint_rad
+    for here, there in pairwise(joints):
+        for target in route(NOMINAL, LIMITS, here, there, CENTRE) or []:
+            assert target.min() >= low
+            assert target.max() <= high
+
+
+def test_a_way_round_beyond_a_joint_limit_is_not_taken():
+    """The shortest way round between these two would take joint 1 to -59.6°."""
+    here, there = np.radians([[-37.5, -21.9, 69.8, 55.7], [82.9, -43.6, -39.8, 86.4]])
+    middle = 0.5 * forward(NOMINAL, np.stack([here, there])).require().sum(axis=0)
+    assert np.degrees(joints_of(*middle)).min() == pytest.approx(-59.6, abs=0.1)
+    (target, end) = route(NOMINAL, LIMITS, here, there, CENTRE)
+    assert np.degrees(target).min() > -45.0
+    assert (end == there).all()
+
+
+@pytest.mark.parametrize(
+    ("limits", "reason"),
+    [
+        (replace(LIMITS, theta_rad=(-0.05, 0.05)), "theta leaves its limits"),
+        (replace(LIMITS, forearm_swing_rad=0.0), "a forearm swings too far"),
+    ],
+)
+def test_each_fault_of_a_way_is_named_with_the_part_where_it_begins(limits, reason):
+    here, there = joints_of(0, -50, -575, 0), joints_of(150, 60, -575, 0.4)
+    fault = path_fault(NOMINAL, limits, here, there)
+    assert fault.reason == reason
+    assert 0.0 < fault.part_of_the_way < 1.0
+
+
+def test_a_way_past_a_singularity_is_named():
+    here, there = joints_of(0, -50, -575, 0), joints_of(0, -50, -575, 1.55)
+    wide = replace(LIMITS, theta_rad=(-2.0, 2.0), forearm_swing_rad=1.5)
+    fault = path_fault(NOMINAL, wide, here, there)
+    assert fault.reason == "it passes near a singularity"
+    assert fault.part_of_the_way > 0.5
+
+
+def test_a_way_where_the_mechanism_comes_apart_is_named():
+    here, apart = joints_of(0, -50, -575, 0), np.radians([90.0, -90.0, 90.0, -90.0])
+    fault = path_fault(NOMINAL, LIMITS, here, apart)
+    assert fault.reason == "the mechanism cannot be assembled"
+
+
+def test_from_joints_without_an_assembly_there_is_no_way():
+    apart, there = np.radians([90.0, -90.0, 90.0, -90.0]), joints_of(0, -50, -575, 0)
+    assert route(NOMINAL, LIMITS, apart, there, CENTRE) is None
+
+
+def test_when_every_way_is_blocked_there_is_none():
+    here, there = joints_of(0, -50, -575, -0.5), joints_of(0, -50, -575, 0.5)
+    nothing_allowed = replace(LIMITS, forearm_swing_rad=-1.0)
+    assert route(NOMINAL, nothing_allowed, here, there, CENTRE) is None

@@ -1,0 +1,175 @@
+"""The tests of section IV.E as steps: what is asked, trimmed, left out, and said about it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fake_cell import CENTRE, NOMINAL
+from small_plans import LIMITS, planned
+
+from campaigns.errors import PlanInvalid
+from campaigns.mechanisms.forward import forward
+from campaigns.planning.plans import View
+from campaigns.planning.steps import Step
+from campaigns.planning.validation_plan import (
+    APPROACH_MM,
+    Reachable,
+    ValidationSteps,
+    validation_steps,
+)
+from campaigns.robots.robot import pose_row
+from campaigns.settings.sections import ValidationConfig
+from campaigns.shots.shot_sets import ShotSet
+
+ALL = frozenset({ShotSet.ROTATION, ShotSet.STRAIGHTNESS, ShotSet.VALIDATION, ShotSet.REPEATABILITY})
+CONFIG = ValidationConfig()
+ROBOT = Reachable(NOMINAL, LIMITS)
+VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), float(np.radians(25.0)))
+PAIRS = (
+    planned(5, ShotSet.VALIDATION, 2, 150.0, 60.0, -600.0),
+    planned(6, ShotSet.VALIDATION, 2, -120.0, 80.0, -520.0, 0.2),
+    planned(9, ShotSet.VALIDATION, 4, -80.0, -160.0, -650.0),
+    planned(10, ShotSet.VALIDATION, 4, 60.0, -120.0, -500.0, -0.3),
+)
+
+
+def steps(
+    only: frozenset[ShotSet] = ALL,
+    config: ValidationConfig = CONFIG,
+    robot: Reachable = ROBOT,
+    pairs=PAIRS,
+    seed: int = 1,
+) -> ValidationSteps:
+    return validation_steps(config, pairs, robot, only, np.random.default_rng(seed))
+
+
+def poses(found: ValidationSteps, purpose: ShotSet) -> np.ndarray:
+    return np.array([pose_row(s.planned.pose) for s in of(found, purpose)])
+
+
+def of(found: ValidationSteps, purpose: ShotSet) -> list[Step]:
+    return [step for step in found.steps if step.planned.purpose is purpose]
+
+
+def test_every_test_asked_for_is_there_and_commanded_as_poses() -> None:
+    found = steps()
+    assert {step.command for step in found.steps} == {"pose"}
+    assert [step.planned.shot for step in found.steps] == list(range(19 + 3 * 17 + 4 + 28))
+    assert found.notes == ()
+
+
+@pytest.mark.parametrize("purpose", sorted(ALL, key=lambda purpose: purpose.value))
+def test_only_what_is_asked_for_is_measured(purpose: ShotSet) -> None:
+    assert {s.planned.purpose for s in steps(frozenset({purpose})).steps} == {purpose}
+
+
+def test_joints_of_a_step_are_those_of_its_pose_with_the_controllers_geometry() -> None:
+    other = replace(NOMINAL, plate_mm=103.0)
+    for step in steps(robot=Reachable(other, LIMITS)).steps:
+        joints = np.array([step.planned.joints_rad])
+        away = forward(other, joints).require()[0] - pose_row(step.planned.pose)
+        assert np.abs(away).max() < 1e-6
+
+
+def test_rotation_turns_the_plate_alone_from_limit_to_limit() -> None:
+    turned = poses(steps(), ShotSet.ROTATION)
+    assert np.ptp(turned[:, :3], axis=0).tolist() == [0.0, 0.0, 0.0]
+    assert np.degrees(turned[[0, 9, -1], 3]) == pytest.approx([-45.0, 0.0, 45.0])
+
+
+def test_lines_run_through_the_centre_along_their_axes() -> None:
+    lines = poses(steps(), ShotSet.STRAIGHTNESS).reshape(3, 17, 4)
+    for axis, (line, length) in enumerate(zip(lines, CONFIG.line_lengths_mm, strict=True)):
+        assert np.ptp(line, axis=0) == pytest.approx(length * np.eye(4)[axis])
+        assert line[8] == pytest.approx(CENTRE)
+
+
+def test_line_that_is_too_long_is_trimmed_about_its_middle_and_says_so() -> None:
+    found = steps(config=CONFIG.model_copy(update={"line_lengths_mm": (1100.0, 800.0, 500.0)}))
+    line = poses(found, ShotSet.STRAIGHTNESS)[:17]
+    used = float(np.ptp(line[:, 0]))
+    assert 800.0 < used < 1100.0
+    assert line[8] == pytest.approx(CENTRE)
+    (note,) = found.notes
+    assert note.startswith(f"line along x shortened from 1100 to {used:.4g} mm: ")
+    assert "limit" in note or "outside" in note or "reach" in note
+
+
+def test_rotation_that_is_too_wide_is_trimmed_and_says_so() -> None:
+    wide = replace(LIMITS, theta_rad=(np.radians(-80.0), np.radians(80.0)))
+    found = steps(
+        robot=Reachable(NOMINAL, replace(wide, forearm_swing_rad=np.radians(20.0))),
+        only=frozenset({ShotSet.ROTATION}),
+    )
+    (note,) = found.notes
+    assert note.startswith("rotation shortened from 160 to ")
+
+
+def test_line_that_would_lose_a_third_is_refused() -> None:
+    config = CONFIG.model_copy(update={"line_lengths_mm": (800.0, 800.0, 2000.0)})
+    with pytest.raises(PlanInvalid, match="line along z of 2000 mm cannot be done"):
+        steps(config=config)
+
+
+def test_pair_that_the_controller_cannot_take_is_left_out_whole_and_says_so() -> None:
+    narrow = replace(LIMITS, joint_rad=(np.radians(-45.0), np.radians(54.0)))
+    found = steps(frozenset({ShotSet.VALIDATION}), robot=Reachable(NOMINAL, narrow))
+    assert [step.planned.pair for step in found.steps] == [4, 4]
+    (note,) = found.notes
+    assert note == "validation pair 2 left out: joint 0 at 55.476° outside [-45°, 54°]"
+
+
+def test_validation_of_which_every_pair_is_left_out_says_why() -> None:
+    narrow = replace(LIMITS, joint_rad=(np.radians(-45.0), np.radians(5.0)))
+    with pytest.raises(PlanInvalid, match="nothing to validate: validation pair 2 left out"):
+        steps(frozenset({ShotSet.VALIDATION}), robot=Reachable(NOMINAL, narrow))
+
+
+def test_pairs_keep_their_numbers() -> None:
+    found = of(steps(), ShotSet.VALIDATION)
+    assert [step.planned.pair for step in found] == [2, 2, 4, 4]
+    assert [step.planned.pose for step in found] == [shot.pose for shot in PAIRS]
+
+
+def test_repeated_pose_is_approached_from_all_around() -> None:
+    repeated = of(steps(), ShotSet.REPEATABILITY)
+    assert {step.planned.pose for step in repeated} == {repeated[0].planned.pose}
+    joints = np.array([step.approach_rad[0] for step in repeated])
+    away = forward(NOMINAL, joints).require()[:, :3] - CENTRE[:3]
+    assert np.linalg.norm(away, axis=1) == pytest.approx(APPROACH_MM)
+    assert np.abs(away.mean(axis=0)).max() < 0.05 * APPROACH_MM
+    directions = away / APPROACH_MM
+    nearest = np.sort(directions @ directions.T, axis=1)[:, -2]
+    assert np.degrees(np.arccos(nearest)).min() > 15.0
+
+
+@pytest.mark.slow
+def test_same_seed_gives_the_same_approaches() -> None:
+    assert steps(seed=1) == steps(seed=1)
+    assert steps(seed=1) != steps(seed=2)
+
+
+def test_centre_out_of_reach_is_refused() -> None:
+    config = CONFIG.model_copy(update={"centre_mm": (0.0, 0.0, 100.0)})
+    with pytest.raises(PlanInvalid, match="repeatability cannot be done"):
+        steps(frozenset({ShotSet.REPEATABILITY}), config)
+
+
+def test_nothing_to_validate_is_refused() -> None:
+    with pytest.raises(PlanInvalid, match="nothing to validate: no test was named"):
+        steps(frozenset())
+    with pytest.raises(PlanInvalid, match="nothing to validate"):
+        steps(frozenset({ShotSet.VALIDATION}), pairs=())
+
+
+def test_line_that_the_tracker_cannot_follow_is_trimmed() -> None:
+    narrow = replace(VIEW, acceptance_rad=float(np.radians(8.0)))
+    found = steps(robot=Reachable(NOMINAL, LIMITS, narrow))
+    assert "line along y shortened from 800 to " in found.notes[0]
+    assert "reflector turned" in found.notes[0]
+
+
+def test_unsafe_way_between_poses_is_refused_beforehand(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("campaigns.planning.paths.route", lambda *_: None)
+    with pytest.raises(PlanInvalid, match="no safe way from validation shot 0 to validation shot"):
+        steps()

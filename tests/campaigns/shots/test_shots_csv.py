@@ -1,0 +1,278 @@
+"""shots.csv: measured shots in and out, and every way in which other software may write them."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from campaigns.errors import OutputExists, ShotsInvalid
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots_csv import ShotRow, parse_shots, read_shots, shots_text, write_shots
+
+VECTORS = Path(__file__).parents[2] / "data" / "vectors"
+HEADER = "pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm\n"
+SHOTS = HEADER + (
+    "0,1,2,3,4,2000.5,10,-300\n0,5,6,7,8,2100,20,-310\n1,9,8,7,6,2200,30,-320\n1,5,4,3,2,2300,40,-330\n"
+)
+FULL_HEADER = HEADER.strip() + ",set,theta_deg,sxx,sxy,sxz,syy,syz,szz,temperature_degC,time\n"
+FULL = FULL_HEADER + (
+    "0,1,2,3,4,2000,10,-300,validation,12.5,4e-4,1e-5,0,3e-4,0,2e-4,21.5,2026-05-04T10:00:00Z\n"
+    "0,5,6,7,8,2100,20,-310,validation,,,,,,,,,\n"
+)
+
+
+def read(text):
+    return parse_shots(text, "shots.csv")
+
+
+def answer_to(text):
+    """What is said of a text; nothing when it can be read."""
+    try:
+        read(text)
+    except ShotsInvalid as error:
+        return str(error)
+    return ""
+
+
+def complaint(text):
+    with pytest.raises(ShotsInvalid) as caught:
+        read(text)
+    said = str(caught.value)
+    assert "\n" not in said
+    assert said.startswith("shots.csv:")
+    return said
+
+
+@pytest.mark.parametrize("name", ["table1-exact", "table1-tracker-noise", "table2-repeatability"])
+def test_reference_files_hold_sixty_pairs(name):
+    shots = read_shots(VECTORS / f"{name}.csv")
+    assert len(shots) == 120
+    assert [shot.pair for shot in shots] == [pair for pair in range(60) for _ in range(2)]
+    assert {shot.purpose for shot in shots} == {ShotSet.IDENTIFICATION}
+
+
+def test_reference_file_is_read_as_its_digits_say():
+    first = read_shots(VECTORS / "table1-exact.csv")[0]
+    assert first.joints_rad[0] == math.radians(85.868164557)
+    assert first.point_in_tracker_mm == (2352.471584, 438.343111, 427.748157)
+
+
+def test_reference_truth_is_beside_its_shots():
+    truth = json.loads((VECTORS / "table1-exact.json").read_text())["truth"]
+    assert truth["plate_mm"] == 101.0
+
+
+def test_optional_columns_are_read_where_they_are_filled():
+    first, second = read(FULL)
+    assert first.purpose is second.purpose is ShotSet.VALIDATION
+    assert first.theta_rad == math.radians(12.5)
+    assert first.covariance_mm2 == ((4e-4, 1e-5, 0.0), (1e-5, 3e-4, 0.0), (0.0, 0.0, 2e-4))
+    assert (first.temperature_degC, first.time) == (21.5, "2026-05-04T10:00:00Z")
+    assert (second.theta_rad, second.covariance_mm2) == (None, None)
+    assert (second.temperature_degC, second.time) == (None, None)
+
+
+def test_columns_may_stand_in_any_order():
+    turned = "\n".join(",".join(reversed(line.split(","))) for line in FULL.splitlines())
+    assert read(turned) == read(FULL)
+
+
+def test_shots_without_pair_may_belong_to_other_sets():
+    text = HEADER.strip() + ",set\n,1,2,3,4,2000,10,-300,drift\n"
+    assert read(text)[0].purpose is ShotSet.DRIFT
+    assert read(text)[0].pair is None
+
+
+def test_row_without_a_set_serves_identification():
+    text = HEADER.strip() + ",set\n0,1,2,3,4,2000,10,-300,\n0,1,2,3,4,2000,10,-300,\n"
+    assert read(text)[0].purpose is ShotSet.IDENTIFICATION
+
+
+def test_windows_file_with_byte_order_mark_and_empty_lines_is_read(tmp_path):
+    path = tmp_path / "shots.csv"
+    text = "\n" + SHOTS.replace("\n", "\n\n") + ",,,,,,,\n \n"
+    path.write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
+    assert read_shots(path) == read(SHOTS)
+
+
+def test_line_numbers_count_empty_lines():
+    assert complaint(SHOTS.replace("2000.5", "\n")).startswith("shots.csv:2: 6 values")
+    assert complaint("\n\n" + SHOTS.replace("2000.5", "x")).startswith("shots.csv:4: x_mm")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("x_mm,", "", 1, "column x_mm is missing"),
+        ("x_mm", "x_m", 1, "unknown column 'x_m' → write x_mm, with the value in mm"),
+        ("x_mm", "X_MM", 1, "did you mean x_mm?"),
+        ("z_mm", "z_mm,reflector", 1, "unknown column 'reflector'"),
+        ("z_mm", "z_mm,", 1, "column 9 has no name"),
+        ("q1_deg", "q0_deg", 1, "column q0_deg stands twice"),
+        ("2000.5", "none", 2, "x_mm is 'none', must be a number"),
+        ("2000.5", "NaN", 2, "x_mm is 'NaN', must be a number"),
+        ("2000.5", "-inf", 2, "x_mm is '-inf', must be a number"),
+        ("2000.5", "", 2, "x_mm is empty"),
+        ("2000.5", "2000,5", 2, "9 values for 8 columns: perhaps decimal commas"),
+        ("2000.5", '"2000,5"', 2, "x_mm is '2000,5', a decimal comma → write decimal points"),
+        ("2000.5", '"2,000.5"', 2, "x_mm is '2,000.5', must be a number"),
+        ("2000.5", "٢٠٠٠", 2, "must be a number"),
+        (",-300", "", 2, "7 values for 8 columns"),
+        ("\n0,5", "\n2,5", 2, "pair 0 has one shot, must have two"),
+        ("\n1,9", "\n0,9", 4, "pair 0 has 3 shots, must have two"),
+        ("\n0,5", "\n,5", 3, "pair is empty"),
+        ("\n0,5", "\n0.0,5", 3, "pair is '0.0', must be a whole number from 0"),
+        ("\n0,5", "\n" + "9" * 5000 + ",5", 3, "must be a whole number"),
+        (",9,8,7,6,", ",9,8,7,900,", 4, "q3_deg is 900, must be within ±360"),
+        ("2000.5", '"2000.5', 2, "is not CSV"),
+    ],
+)
+def test_broken_row_is_answered_with_its_line(old, new, line, words):
+    assert old in SHOTS
+    said = complaint(SHOTS.replace(old, new, 1))
+    assert said.startswith(f"shots.csv:{line}: ")
+    assert len(said) < 160
+    assert words in said
+    assert " → " in said
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("4e-4,", ",", "covariance without sxx"),
+        ("4e-4", "0", "not positive definite"),
+        ("4e-4,1e-5", "4e-4,1", "not positive definite"),
+        ("4e-4,1e-5,0,3e-4,0", "4e-4,3e-4,-2.5e-4,3e-4,2e-4", "not positive definite"),
+        ("4e-4,1e-5", "1e-320,1e300", "not positive definite"),
+        (",sxx,", ",sxw,", "did you mean sxx?"),
+        (
+            "validation,12.5",
+            "vaildation,12.5",
+            "unknown set 'vaildation' → did you mean validation",
+        ),
+        ("validation,12.5", "drift,12.5", "a shot for drift has no pair"),
+        ("validation,12.5", "identification,12.5", "half identification, half validation"),
+        (",12.5,", ",twelve,", "theta_deg is 'twelve', must be a number"),
+        ("21.5", "warm", "temperature_degC is 'warm', must be a number"),
+        ("temperature_degC", "temperature_degF", "write temperature_degC, with the value in degC"),
+    ],
+)
+def test_broken_optional_value_is_answered(old, new, words):
+    assert old in FULL
+    assert words in complaint(FULL.replace(old, new, 1))
+
+
+def test_covariance_columns_come_all_or_none():
+    without_szz = "\n".join(line.rsplit(",", 3)[0] for line in FULL.splitlines())
+    assert "covariance without szz → give all of sxx,sxy,sxz,syy,syz,szz" in complaint(without_szz)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "the file is empty"),
+        (HEADER, "holds no shots"),
+        (SHOTS.replace(",", ";").replace(".", ","), "separated by semicolons → write decimal"),
+        (SHOTS.replace(",", "\t"), "separated by tabs"),
+        (SHOTS.split("\n", 1)[1], "unknown column '0'"),
+        ("\x00\x01\n", "unknown column"),
+    ],
+)
+def test_file_of_another_form_is_refused(text, words):
+    assert words in complaint(text)
+
+
+def test_file_in_utf_16_is_refused_with_a_remedy(tmp_path):
+    path = tmp_path / "shots.csv"
+    path.write_bytes(SHOTS.encode("utf-16"))
+    with pytest.raises(ShotsInvalid, match="is not UTF-8 text → save the file as plain text"):
+        read_shots(path)
+
+
+def test_absent_file_is_said_to_be_absent(tmp_path):
+    with pytest.raises(ShotsInvalid, match="there is no such file"):
+        read_shots(tmp_path / "shots.csv")
+
+
+def test_export_does_not_overwrite(tmp_path):
+    path = tmp_path / "shots.csv"
+    write_shots(path, read(SHOTS))
+    with pytest.raises(OutputExists):
+        write_shots(path, read(FULL))
+    assert read_shots(path) == read(SHOTS)
+
+
+def test_text_of_several_lines_is_exported_as_one():
+    first, second = read(FULL)
+    text = shots_text([replace(first, time="10:00\r\n1 May"), second])
+    assert len(text.splitlines()) == 3
+    assert read(text)[0].time == "10:00 1 May"
+
+
+def test_exported_columns_are_those_that_hold_something():
+    assert shots_text(read(SHOTS)).splitlines()[0] == HEADER.strip() + ",set"
+    assert shots_text(read(FULL)).splitlines()[0] == FULL_HEADER.strip()
+
+
+@given(st.text())
+def test_any_text_is_read_or_refused_with_shots_invalid(text):
+    for whole in (text, HEADER + text):
+        assert "\n" not in answer_to(whole)
+
+
+angles_rad = st.floats(min_value=-6.28, max_value=6.28)
+lengths_mm = st.floats(min_value=-1e6, max_value=1e6)
+variances = st.floats(min_value=1e-12, max_value=1e3)
+small = st.floats(min_value=-0.4, max_value=0.4)
+times = st.text().map(lambda text: " ".join(text.split())).filter(bool)
+
+
+@st.composite
+def covariances(draw):
+    """Positive definite: correlations below one half."""
+    scale = [math.sqrt(draw(variances)) for _ in range(3)]
+    correlation = {frozenset(each): draw(small) for each in ((0, 1), (0, 2), (1, 2))}
+    return tuple(
+        tuple(
+            scale[i] * scale[j] * (1.0 if i == j else correlation[frozenset((i, j))])
+            for j in range(3)
+        )
+        for i in range(3)
+    )
+
+
+def rows(pair, purpose):
+    return st.builds(
+        ShotRow,
+        pair=st.just(pair),
+        purpose=st.just(purpose),
+        joints_rad=st.tuples(angles_rad, angles_rad, angles_rad, angles_rad),
+        point_in_tracker_mm=st.tuples(lengths_mm, lengths_mm, lengths_mm),
+        theta_rad=st.none() | angles_rad,
+        covariance_mm2=st.none() | covariances(),
+        temperature_degC=st.none() | st.floats(min_value=-40.0, max_value=60.0),
+        time=st.none() | times,
+    )
+
+
+pairs = st.sampled_from([ShotSet.IDENTIFICATION, ShotSet.VALIDATION]).flatmap(
+    lambda purpose: st.tuples(rows(4, purpose), rows(4, purpose), rows(None, ShotSet.DRIFT))
+)
+
+
+@pytest.mark.slow
+@given(pairs)
+def test_any_shots_are_the_same_shots_after_writing_and_reading(shots):
+    text = shots_text(shots)
+    again = read(text)
+    assert shots_text(again) == text
+    for shot, back in zip(shots, again, strict=True):
+        assert back.joints_rad == pytest.approx(shot.joints_rad, rel=0.0, abs=2e-14)
+        assert back.point_in_tracker_mm == shot.point_in_tracker_mm
+        assert (back.pair, back.purpose) == (shot.pair, shot.purpose)
+        assert back.covariance_mm2 == shot.covariance_mm2
+        assert (back.temperature_degC, back.time) == (shot.temperature_degC, shot.time)

@@ -1,0 +1,64 @@
+"""Candidates that the tests of optimal plans share."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from par4_cases import NOMINAL, TRACKER_STD_MM, region
+
+from campaigns.design.candidates import Candidates, pair_candidates, shot_candidates
+from campaigns.design.pose_sampling import boundary_poses, interior_poses, random_pairs
+from campaigns.estimation.information import marginalise_frame, point_jacobian
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, Array, Index
+from campaigns.mechanisms.par4 import inverse
+
+VARIANCE_MM2 = TRACKER_STD_MM**2
+
+
+@dataclass(frozen=True)
+class Case:
+    poses: Array
+    joints: Array
+    candidates: Candidates
+    workspace: Array
+    workspace_rows: Array
+    pairs: Index | None = None
+
+
+def rows_at(poses, free=FREE_BY_DEFAULT):
+    return point_jacobian(NOMINAL, free, inverse(NOMINAL, poses).require(), poses)
+
+
+def isotropic(count):
+    return np.broadcast_to(VARIANCE_MM2 * np.eye(3), (count, 3, 3))
+
+
+def drawn(count, seed):
+    """Poses all over the workspace and near its boundary, and a sample of the workspace."""
+    rng, place = np.random.default_rng(seed), region()
+    half = count // 2
+    poses = np.vstack([interior_poses(place, half, rng), boundary_poses(place, half, rng)])
+    return poses, interior_poses(place, 500, rng)
+
+
+def shots(count=600, seed=1, free=FREE_BY_DEFAULT, noise=None):
+    poses, workspace = drawn(count, seed)
+    joints = inverse(NOMINAL, poses).require()
+    noise = isotropic(count) if noise is None else noise
+    candidates = shot_candidates(NOMINAL, free, joints, poses, noise)
+    return Case(poses, joints, candidates, workspace, rows_at(workspace, free))
+
+
+def pairs(count=800, seed=1):
+    poses, workspace = drawn(count, seed)
+    joints = inverse(NOMINAL, poses).require()
+    rows = random_pairs(poses, np.random.default_rng(seed))
+    variance = np.full(len(rows), 2.0 * VARIANCE_MM2)
+    candidates = pair_candidates(NOMINAL, FREE_BY_DEFAULT, joints, poses, rows, variance)
+    return Case(poses, joints, candidates, workspace, marginalise_frame(rows_at(workspace)), rows)
+
+
+def anything(count, k, unknowns, seed, parameters=None):
+    """Candidates that belong to no robot."""
+    rows = np.random.default_rng(seed).standard_normal((count, k, unknowns))
+    own = unknowns if parameters is None else parameters
+    return Candidates.from_rows(rows, tuple(f"p{i}_mm" for i in range(own)))

@@ -1,0 +1,75 @@
+"""Robots, poses and derivatives by differences that the tests of the numerics share."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
+from campaigns.estimation.rigid_transforms import Transform, small_rotation
+from campaigns.mechanisms.feasibility import Limits
+from campaigns.mechanisms.forward import forward
+from campaigns.mechanisms.geometry import Geometry
+from campaigns.mechanisms.par4 import inverse
+
+VECTORS = Path(__file__).parents[1] / "data" / "vectors"
+KINEMATICS = json.loads((VECTORS / "kinematics.json").read_text(encoding="utf-8"))
+CASES = KINEMATICS["cases"]
+
+
+def flat_in(document):
+    arms = enumerate(document["arms"])
+    flat = {f"arm{i}.{key}": value for i, arm in arms for key, value in arm.items()}
+    return flat | {"plate_mm": document["plate_mm"]}
+
+
+def geometry_in(document):
+    return Geometry.from_flat(flat_in(document))
+
+
+NOMINAL = geometry_in(CASES["nominal"]["geometry"])
+TABLE1 = geometry_in(CASES["nominal+table1"]["geometry"])
+TILTED = replace(TABLE1, axis_tilt_rad=np.array([0.03, -0.02, 0.05, -0.04]))
+"""Far more than a workshop would leave, so that no sign and no size goes unnoticed."""
+LEVEL_ROBOTS = {"par4-prototype": NOMINAL, "par4-prototype + Table I": TABLE1}
+ROBOTS = {**LEVEL_ROBOTS, "par4-prototype + Table I + axis tilts": TILTED}
+
+LIMITS = Limits((-np.pi / 4, np.pi / 2), (-np.pi / 4, np.pi / 4), np.pi / 4)
+WELL_INSIDE = Limits((-0.6, 1.3), (-0.6, 0.6), 0.6, singularity_margin=0.3)
+"""Leaves room for errors of a hundred millimetres or of a tenth of a radian."""
+CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
+TRACKER_MM = np.array([2500.0, 0.0, -600.0])
+TRACKER_FROM_BASE = Transform(
+    small_rotation(np.array([2.1, 0.02, -0.03]))[0], np.array([2500.0, 400.0, 300.0])
+)
+TRACKER_STD_MM = 0.015 / 3**0.5
+
+
+def region(geometry=NOMINAL, limits=LIMITS, acceptance_rad=np.pi):
+    facing = np.array([1.0, 0.0, 0.0])
+    return FeasibleRegion(geometry, limits, CENTRE, TRACKER_MM, facing, acceptance_rad)
+
+
+def reachable_poses(geometry, count, seed, limits=LIMITS):
+    return interior_poses(region(geometry, limits), count, np.random.default_rng(seed))
+
+
+def reachable_joints(geometry, count, seed, limits=LIMITS):
+    return inverse(geometry, reachable_poses(geometry, count, seed, limits)).require()
+
+
+def measured_points(geometry, joints, std_mm=0.0, seed=0):
+    """What a tracker would tell of a robot, in the tracker's frame."""
+    points = TRACKER_FROM_BASE.apply(forward(geometry, joints).require()[:, :3])
+    return points + std_mm * np.random.default_rng(seed).standard_normal(points.shape)
+
+
+def central_differences(function, x, steps):
+    """∂function/∂x with one step for each x; the derivative's axis is the last."""
+    columns = []
+    for place, step in enumerate(steps):
+        aside = np.zeros_like(x)
+        aside[place] = step
+        columns.append((function(x + aside) - function(x - aside)) / (2.0 * step))
+    return np.stack(columns, axis=-1)
