@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
     from app.folder import Campaign
     from app.plan_precision_text import PlanForecast
+    from campaigns.arrays import Array
     from campaigns.design.criteria import CriterionName
     from campaigns.design.pose_sampling import FeasibleRegion
-    from campaigns.mechanisms.geometry import Array
     from campaigns.planning.optimal_plan import OptimalRequest
     from campaigns.planning.plan_check import CheckedPlan
     from campaigns.planning.plan_file import PlannedShot

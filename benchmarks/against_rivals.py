@@ -38,9 +38,9 @@ from benchmarks.shared.measured_robot import (
     with_parameters,
 )
 from benchmarks.shared.rounds import Contestant, Ratio, Run, contestant, least_s, ratio, take_turns
+from campaigns.arrays import Array
 from campaigns.estimation.residuals import Residuals
 from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import Array
 
 OURS = "pkmcal"
 SCIPY = "SciPy's LM by differences, our batched forward model"

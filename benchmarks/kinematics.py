@@ -19,9 +19,10 @@ os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS
 
 import numpy as np
 
+from campaigns.arrays import Array
 from campaigns.mechanisms.feasibility import Limits, feasibility
 from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import Array, Geometry
+from campaigns.mechanisms.geometry import Geometry
 from campaigns.mechanisms.par4 import inverse
 from campaigns.robots.robot import find_robot, numeric_limits
 from sim.scenarios.scenario import load_scenario

@@ -22,20 +22,14 @@ os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS
 
 import numpy as np
 
+from campaigns.arrays import Array, Index
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.residuals import PositionModel
 from campaigns.identification.identify import identify
 from campaigns.identification.model_selection import STANDARD, extended_selection, select_model
 from campaigns.identification.result import IdentificationRequest, IdentificationResult
 from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import (
-    FILE_UNIT,
-    FREE_BY_DEFAULT,
-    Array,
-    Geometry,
-    Index,
-    indices,
-)
+from campaigns.mechanisms.geometry import FILE_UNIT, FREE_BY_DEFAULT, Geometry, indices
 from campaigns.mechanisms.par4 import inverse
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of

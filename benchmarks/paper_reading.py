@@ -10,12 +10,13 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from campaigns.arrays import Array
 from campaigns.design.pose_sampling import FeasibleRegion, boundary_poses, random_pairs
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.evaluation.validation import rotation_mm, straightness_mm
 from campaigns.mechanisms.feasibility import Limits, feasibility
 from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import ARMS, NAMES, Array, Geometry
+from campaigns.mechanisms.geometry import ARMS, NAMES, Geometry
 from campaigns.mechanisms.par4 import NoSolution, inverse
 from campaigns.robots.robot import find_robot, numeric_limits
 from sim.scenarios.scenario import load_scenario

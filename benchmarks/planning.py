@@ -21,6 +21,7 @@ os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS
 
 import numpy as np
 
+from campaigns.arrays import Array, Index
 from campaigns.design.criteria import CriterionName
 from campaigns.design.pose_sampling import (
     FeasibleRegion,
@@ -36,14 +37,7 @@ from campaigns.estimation.information import (
     predict_distances,
 )
 from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.mechanisms.geometry import (
-    FREE_BY_DEFAULT,
-    IS_ANGLE,
-    Array,
-    Geometry,
-    Index,
-    indices,
-)
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, IS_ANGLE, Geometry, indices
 from campaigns.mechanisms.par4 import inverse
 from campaigns.planning.optimal_plan import OptimalRequest, choose_measurements, draw_candidates
 from campaigns.planning.plans import PlanRequest

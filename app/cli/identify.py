@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from pydantic import JsonValue
 
     from app.folder import Campaign
+    from campaigns.arrays import Array
     from campaigns.identification.result import IdentificationRequest, IdentificationResult
     from campaigns.journal.journal import Journal
     from campaigns.journal.views import Series
-    from campaigns.mechanisms.geometry import Array
 
 WORKSPACE_POSES = 300
 """So many poses stand for the workspace when the position's uncertainty is told."""

@@ -7,10 +7,10 @@ import numpy as np
 
 from app.report.findings import IdentificationFinding
 from app.report.model_errors import ModelErrors, PairErrors, ShotErrors
+from campaigns.arrays import Array
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.observability import correlations
 from campaigns.identification.result import Correlation
-from campaigns.mechanisms.geometry import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,12 +7,13 @@ import numpy as np
 
 from app.report.evidence import MeasuredSeries
 from app.report.findings import ExcludedFinding, FrameFinding, IdentificationFinding
+from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation.point_sets import SHOTS_FOR_A_FRAME, distances_mm
 from campaigns.estimation.residuals import arm_joints_rad
 from campaigns.estimation.rigid_transforms import Transform, fit_transform, from_paper_angles
 from campaigns.estimation.tracker_noise import TrackerUncertainty, distance_variance_mm2
 from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import ARMS, Array, Geometry, Index, Mask
+from campaigns.mechanisms.geometry import ARMS, Geometry
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 

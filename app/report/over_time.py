@@ -6,8 +6,8 @@ from datetime import datetime
 import numpy as np
 
 from app.report.evidence import MeasuredSeries
+from campaigns.arrays import Array
 from campaigns.journal.views import AcceptedShot
-from campaigns.mechanisms.geometry import Array
 from campaigns.shots.shot_sets import ShotSet
 
 

@@ -22,8 +22,8 @@ from app.report.parts import (
     words,
 )
 from app.report.pictures import time_picture
+from campaigns.arrays import Array
 from campaigns.journal.records import Event, Rejected
-from campaigns.mechanisms.geometry import Array
 from drivers.values import Identity
 
 NO_JOURNAL = "There is no journal: nothing was ever measured in this campaign."

@@ -23,9 +23,9 @@ from app.report.parts import (
 from app.report.pictures import distance_pictures, test_pictures, workspace_pictures
 from app.report.stages import StageView
 from app.report.statistics import ErrorSummary, summary
+from campaigns.arrays import Array
 from campaigns.evaluation.decision import COVERAGE, Requirement
 from campaigns.evaluation.validation import AXES, Result
-from campaigns.mechanisms.geometry import Array
 
 VALIDATE = {
     "before": "There is no validation before calibration: `pkmcal validate --stage before`.",

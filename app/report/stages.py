@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.report.evidence import MeasuredSeries
+from campaigns.arrays import Array
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.evaluation.validation import (
@@ -20,7 +21,6 @@ from campaigns.evaluation.validation import (
     radius_result,
     rotation_result,
 )
-from campaigns.mechanisms.geometry import Array
 from campaigns.shots.shot_sets import ShotSet
 
 

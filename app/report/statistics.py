@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from campaigns.mechanisms.geometry import Array
+from campaigns.arrays import Array
 
 PERCENT = 95.0
 

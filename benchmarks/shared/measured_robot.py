@@ -5,19 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
+from campaigns.arrays import Array, Index
 from campaigns.estimation.least_squares import Solution, solve
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
 from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import (
-    FREE_BY_DEFAULT,
-    IS_ANGLE,
-    NAMES,
-    Array,
-    Geometry,
-    Index,
-    indices,
-)
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, IS_ANGLE, NAMES, Geometry, indices
 from campaigns.robots.robot import find_robot
 
 SHOTS = Path(__file__).parents[2] / "tests" / "data" / "vectors" / "table1-tracker-noise.csv"

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from campaigns.arrays import Array, Index
 from campaigns.estimation.information import distance_jacobian, point_jacobian
-from campaigns.mechanisms.geometry import Array, Geometry, Index
+from campaigns.mechanisms.geometry import Geometry
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,8 +5,8 @@ from typing import Literal, Protocol
 
 import numpy as np
 
+from campaigns.arrays import Array
 from campaigns.design.candidates import Candidates
-from campaigns.mechanisms.geometry import Array
 
 SHARPNESS = 4
 """The power of a variance by which E-optimality looks at its direction."""

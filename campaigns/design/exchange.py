@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from campaigns.arrays import Array, Index
 from campaigns.design.candidates import Candidates
 from campaigns.design.criteria import Criterion
 from campaigns.estimation.observability import observability, unobservable_combinations
-from campaigns.mechanisms.geometry import Array, Index
 
 ADD, REMOVE = 1.0, -1.0
 

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.mechanisms.feasibility import Limits, feasibility
-from campaigns.mechanisms.geometry import Array, Geometry, Index, Mask
+from campaigns.mechanisms.geometry import Geometry
 
 FURTHER = 1.05
 """A pose is near the boundary when it cannot be taken this much further from the centre."""

@@ -7,6 +7,7 @@ from itertools import count as counted_from
 
 import numpy as np
 
+from campaigns.arrays import Index
 from campaigns.design.candidates import Candidates
 from campaigns.design.criteria import Criterion
 from campaigns.design.exchange import (
@@ -16,7 +17,6 @@ from campaigns.design.exchange import (
     optimal_design,
 )
 from campaigns.estimation.observability import covariance, largest_std
-from campaigns.mechanisms.geometry import Index
 
 DIMINISHING_RETURNS_RATIO = 1.1
 """More measurements only average when σ √N is within this factor of the least."""

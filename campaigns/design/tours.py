@@ -5,7 +5,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from campaigns.mechanisms.geometry import Array, Index, Mask
+from campaigns.arrays import Array, Index, Mask
 
 WORTHWHILE_PAIR_MM = 250.0
 """Neighbours on the shortest tour tell little by their distance; from here on they tell enough."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import chdtr, chdtrc
 
+from campaigns.arrays import Array, Mask
 from campaigns.estimation.estimators import LossShape
 from campaigns.estimation.least_squares import IdentifiableSubspace, LeastSquaresProblem, Solution
 from campaigns.estimation.observability import (
@@ -25,7 +26,6 @@ from campaigns.estimation.robust import (
     reject_outliers,
     solve_robust,
 )
-from campaigns.mechanisms.geometry import Array, Mask
 
 SIGNIFICANCE = 1e-3
 """A χ² that good noise exceeds or falls below less often than this is not believed."""

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from campaigns.arrays import Array, Index
 from campaigns.estimation.residuals import FRAME_COLUMNS, PointResiduals, PositionModel, WithPriors
 from campaigns.estimation.rigid_transforms import Transform, fit_transform
-from campaigns.mechanisms.geometry import IS_ANGLE, Array, Geometry, Index, indices
+from campaigns.mechanisms.geometry import IS_ANGLE, Geometry, indices
 from campaigns.mechanisms.par4 import NoSolution
 
 PRIOR_LENGTH_MM = 5.0

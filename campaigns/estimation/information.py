@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from campaigns.arrays import Array, Index
 from campaigns.estimation.estimate import chi_square_test
 from campaigns.estimation.incremental_fit import LinearizedModel
 from campaigns.estimation.least_squares import LeastSquaresProblem
@@ -23,7 +24,7 @@ from campaigns.estimation.residuals import (
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.robust import Loss, fit_inliers, reject_outliers
 from campaigns.estimation.tracker_noise import distance_variance_mm2, pooled_variance_mm2
-from campaigns.mechanisms.geometry import Array, Geometry, Index, indices
+from campaigns.mechanisms.geometry import Geometry, indices
 from campaigns.mechanisms.par4 import NoSolution, parameter_jacobian
 
 

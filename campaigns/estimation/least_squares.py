@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import leastsq
 
+from campaigns.arrays import Array, Index
 from campaigns.estimation.residuals import Residuals, WithPriors
-from campaigns.mechanisms.geometry import Array, Index
 from campaigns.mechanisms.par4 import NoSolution
 
 

@@ -6,7 +6,7 @@ from itertools import permutations
 
 import numpy as np
 
-from campaigns.mechanisms.geometry import Array, Mask
+from campaigns.arrays import Array, Mask
 
 RANK_TOLERANCE = 1e-8
 """A singular value of the scaled Jacobian below this part of the largest counts as zero."""

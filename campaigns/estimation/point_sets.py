@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from campaigns.arrays import Array, Index
 from campaigns.estimation.rigid_transforms import Transform, fit_transform
-from campaigns.mechanisms.geometry import Array, Index
 
 TINY_MM = 1e-300
 """Keeps the direction between coincident points zero instead of undefined."""

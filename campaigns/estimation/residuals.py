@@ -9,17 +9,11 @@ from typing import Protocol
 
 import numpy as np
 
+from campaigns.arrays import Array, Index
 from campaigns.estimation.point_sets import directions, distances_mm
 from campaigns.estimation.rigid_transforms import Transform, fit_transform, small_rotation
 from campaigns.mechanisms.forward import forward_at
-from campaigns.mechanisms.geometry import (
-    BACKLASHES,
-    GEOMETRY_NAMES,
-    OFFSETS,
-    Array,
-    Geometry,
-    Index,
-)
+from campaigns.mechanisms.geometry import BACKLASHES, GEOMETRY_NAMES, OFFSETS, Geometry
 from campaigns.mechanisms.par4 import Arms, assembled_jacobian
 
 CLOSE_ENOUGH_MM = 1e-3

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from campaigns.mechanisms.geometry import Array
+from campaigns.arrays import Array
 
 LINE_TOLERANCE = 1e-9
 """Points whose second spread is below this part of the first lie on a line."""

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri, fdtri
 
+from campaigns.arrays import Array, Mask
 from campaigns.estimation.estimators import LossShape
 from campaigns.estimation.least_squares import LeastSquaresProblem, Solution, solve
-from campaigns.mechanisms.geometry import Array, Mask
 
 REWEIGHTINGS = 30
 WEIGHTS_SETTLED, WEIGHTS_UNSETTLED = 1e-6, 0.02

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from campaigns.arrays import Array, Index
 from campaigns.estimation.point_sets import directions
-from campaigns.mechanisms.geometry import Array, Index
 
 LIMIT_PER_STD = 3**0.5
 """A data sheet's limit (MPE) over the standard uncertainty it stands for: an even distribution."""

@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 
+from campaigns.arrays import Array
 from campaigns.evaluation.decision import COVERAGE
-from campaigns.mechanisms.geometry import Array
 
 Symbol = Literal["AP", "RP", "vAP", "AD", "RD", "AT"]
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import JsonValue
 
+from campaigns.arrays import Array, Index
 from campaigns.estimation.observability import Spread, spread
 from campaigns.estimation.point_sets import (
     away_from_best_line,
@@ -26,7 +27,6 @@ from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.evaluation.decision import Requirement
 from campaigns.evaluation.iso9283 import pose_repeatability
 from campaigns.journal.views import AcceptedShot
-from campaigns.mechanisms.geometry import Array, Index
 from campaigns.robots.robot import pose_row
 from campaigns.settings.sections import AcceptanceConfig
 from campaigns.shots.shot_sets import ShotSet

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from campaigns.arrays import Array
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.estimate import Estimate, OutlierPolicy, estimate
 from campaigns.estimation.estimators import Estimator, Outliers
@@ -37,7 +38,7 @@ from campaigns.identification.result import (
     PositionStd,
 )
 from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import FILE_UNIT, Array, Geometry, indices
+from campaigns.mechanisms.geometry import FILE_UNIT, Geometry, indices
 from campaigns.mechanisms.par4 import NoSolution, inverse
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots

@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from campaigns.arrays import Array, Index, Mask
 from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, WeightedResiduals
@@ -19,7 +20,7 @@ from campaigns.estimation.tracker_noise import (
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.identification.result import Excluded, IdentificationRequest
 from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import FILE_UNIT, Array, Geometry, Index, Mask, indices
+from campaigns.mechanisms.geometry import FILE_UNIT, Geometry, indices
 from campaigns.mechanisms.par4 import KinematicSolution
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, is_positive_definite

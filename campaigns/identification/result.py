@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from pydantic import JsonValue
 
+from campaigns.arrays import Array
 from campaigns.estimation.estimate import ChiSquareTest
 from campaigns.estimation.estimators import Estimator, Outliers
 from campaigns.estimation.observability import Spread, correlations, spread
@@ -15,7 +16,6 @@ from campaigns.estimation.rigid_transforms import Transform, paper_angles_rad
 from campaigns.estimation.robust import Loss
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.identification.parameter_selection import ParameterSelection
-from campaigns.mechanisms.geometry import Array
 
 Verdict = Literal["pass", "fail", "not decided"]
 Combination = tuple[str, ...]

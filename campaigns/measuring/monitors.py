@@ -6,10 +6,10 @@ from math import dist, isfinite
 
 import numpy as np
 
+from campaigns.arrays import Array
 from campaigns.estimation.incremental_fit import IncrementalGaussNewton, LinearizedModel
 from campaigns.journal.records import Outcome
 from campaigns.measuring.rules import GateRules
-from campaigns.mechanisms.geometry import Array
 from drivers.values import Vector3, Weather
 
 SIGMAS = 4.0

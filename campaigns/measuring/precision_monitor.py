@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from campaigns.arrays import Array
 from campaigns.design.pose_sampling import WorkspaceTooSmall, workspace_poses
 from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.estimation.estimators import Estimator
@@ -29,7 +30,6 @@ from campaigns.mechanisms.geometry import (
     FILE_UNIT,
     FREE_BY_DEFAULT,
     IS_ANGLE,
-    Array,
     Geometry,
     indices,
 )

@@ -6,7 +6,8 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.mechanisms.geometry import Array, Geometry, Mask
+from campaigns.arrays import Array, Mask
+from campaigns.mechanisms.geometry import Geometry
 from campaigns.mechanisms.par4 import (
     PLATE_LEVER_MM,
     arm_frames,

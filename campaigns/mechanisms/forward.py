@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from campaigns.mechanisms.geometry import Array, Geometry, Mask
+from campaigns.arrays import Array, Mask
+from campaigns.mechanisms.geometry import Geometry
 from campaigns.mechanisms.par4 import Arms, KinematicSolution, KinematicStatus
 
 CHUNK = 4096

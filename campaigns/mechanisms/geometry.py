@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+
+from campaigns.arrays import Array, Index, Mask
 
 ARMS = 4
 ARM_FIELDS = ("x_mm", "y_mm", "z_mm", "azimuth_deg", "joint_offset_deg", "arm_mm", "forearm_mm")
@@ -18,10 +19,6 @@ AXIS_TILT_NAMES: tuple[str, ...] = tuple(f"arm{arm}.axis_tilt_deg" for arm in ra
 """Beyond the 29: motor axes out of the horizontal. Robot files know them, controllers don't."""
 BACKLASH_NAMES: tuple[str, ...] = tuple(f"arm{arm}.backlash_deg" for arm in range(ARMS))
 """Beyond the geometry: lost motion of each gear, from one side to the other. In no file."""
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 NAMES = PARAMETER_NAMES
 """The 29 of files and controllers."""

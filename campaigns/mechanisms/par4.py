@@ -12,15 +12,14 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from campaigns.arrays import Array, Mask
 from campaigns.mechanisms.geometry import (
     ARM_FIELDS,
     ARMS,
     GEOMETRY_NAMES,
     PLATE,
     TILTS,
-    Array,
     Geometry,
-    Mask,
 )
 
 PLATE_LEVER_MM = 100.0

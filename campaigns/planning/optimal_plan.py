@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from campaigns.arrays import Array, Index
 from campaigns.design.candidates import Candidates, pair_candidates, shot_candidates
 from campaigns.design.criteria import Criterion, CriterionName, make_criterion
 from campaigns.design.exchange import Unobservable, optimal_design
@@ -35,7 +36,7 @@ from campaigns.estimation.tracker_noise import (
     point_covariance_mm2,
     pooled_variance_mm2,
 )
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, Array, Index
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT
 from campaigns.mechanisms.par4 import inverse
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import (

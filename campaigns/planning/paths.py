@@ -6,10 +6,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from campaigns.arrays import Array, Mask
 from campaigns.design.tours import travel_rad
 from campaigns.mechanisms.feasibility import Limits, outside, smallest_singular_value, swing_rad
 from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import Array, Geometry, Mask
+from campaigns.mechanisms.geometry import Geometry
 from campaigns.mechanisms.par4 import forearms_mm, inverse
 
 PATH_STEP_RAD = np.radians(5.0)

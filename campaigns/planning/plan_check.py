@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from campaigns.arrays import Array
 from campaigns.design.pose_sampling import incidence_rad
 from campaigns.errors import PlanInvalid
 from campaigns.mechanisms.feasibility import (
@@ -13,7 +14,7 @@ from campaigns.mechanisms.feasibility import (
     describe_violations,
     feasibility,
 )
-from campaigns.mechanisms.geometry import Array, Geometry
+from campaigns.mechanisms.geometry import Geometry
 from campaigns.planning.paths import RobotModel, check_paths, named_stops
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import View, joints_of, poses_of

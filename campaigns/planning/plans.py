@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from campaigns.arrays import Array, Index
 from campaigns.design.pose_sampling import (
     FeasibleRegion,
     WorkspaceTooSmall,
@@ -15,7 +16,7 @@ from campaigns.design.pose_sampling import (
 from campaigns.design.tours import shortest_tour
 from campaigns.errors import PlanInvalid
 from campaigns.mechanisms.feasibility import Limits
-from campaigns.mechanisms.geometry import Array, Geometry, Index
+from campaigns.mechanisms.geometry import Geometry
 from campaigns.mechanisms.par4 import inverse
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.robot import RobotFile, numeric_geometry, numeric_limits, pose_of, pose_row

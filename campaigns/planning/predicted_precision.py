@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from campaigns.arrays import Array, Index
 from campaigns.design.exchange import Unobservable, check_observable
 from campaigns.design.tours import positive_approach_shares
 from campaigns.errors import PlanInvalid
@@ -26,7 +27,7 @@ from campaigns.estimation.tracker_noise import (
     point_covariance_mm2,
     pooled_variance_mm2,
 )
-from campaigns.mechanisms.geometry import FILE_UNIT, Array, Geometry, Index, indices
+from campaigns.mechanisms.geometry import FILE_UNIT, Geometry, indices
 from campaigns.mechanisms.par4 import inverse
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import joints_of, pairs_of, poses_of

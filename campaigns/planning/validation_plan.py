@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from campaigns.arrays import Array
 from campaigns.errors import PlanInvalid
 from campaigns.mechanisms.feasibility import Limits, describe_violations, feasibility
-from campaigns.mechanisms.geometry import Array, Geometry
+from campaigns.mechanisms.geometry import Geometry
 from campaigns.planning.paths import RobotModel, Stop, check_paths
 from campaigns.planning.plan_check import refuse, view_fault
 from campaigns.planning.plan_file import PlannedShot

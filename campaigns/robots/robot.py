@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import JsonValue
 from ruamel.yaml.comments import CommentedMap
 
+from campaigns.arrays import Array
 from campaigns.errors import ConfigInvalid
 from campaigns.files.text_file import write_new_text
 from campaigns.files.wording import nearest_word, suggestion
@@ -29,7 +30,6 @@ from campaigns.mechanisms.geometry import (
     ARMS,
     AXIS_TILT_NAMES,
     PARAMETER_NAMES,
-    Array,
     Geometry,
 )
 from campaigns.robots.schema import SCHEMA, LimitsContents, RobotContents

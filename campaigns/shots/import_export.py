@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import JsonValue
 
+from campaigns.arrays import Array
 from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import number_text
 from campaigns.journal.journal import Journal
@@ -22,7 +23,7 @@ from campaigns.journal.records import (
 )
 from campaigns.journal.views import AcceptedShot, Series
 from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import Array, Geometry
+from campaigns.mechanisms.geometry import Geometry
 from campaigns.robots.robot import pose_of
 from campaigns.shots.columns import SHOTS_OF_A_PAIR
 from campaigns.shots.shot_sets import ShotSet

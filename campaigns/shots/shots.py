@@ -7,11 +7,12 @@ from itertools import chain
 
 import numpy as np
 
+from campaigns.arrays import Array, Index
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.journal.records import Outcome
 from campaigns.journal.views import AcceptedShot
-from campaigns.mechanisms.geometry import ARMS, Array, Index
+from campaigns.mechanisms.geometry import ARMS
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Matrix3
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from campaigns.arrays import Array
 from campaigns.errors import OutputExists, WriteFailed
 from campaigns.files.csv_file import CsvForm, CsvRow, csv_text, number_text, parse_csv
 from campaigns.files.text_file import read_text, replace_text
-from campaigns.mechanisms.geometry import Array
 from campaigns.studies.study import CampaignEstimate, CampaignOutcome
 
 UNSEEN_COLUMNS = ("unseen_mean_mm", "unseen_max_mm")

@@ -7,6 +7,7 @@ from functools import cache, partial
 
 import numpy as np
 
+from campaigns.arrays import Array, Index
 from campaigns.estimation.estimate import chi_square_test, variance_scale
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import points_covariance, predict_distances
@@ -27,7 +28,7 @@ from campaigns.estimation.tracker_noise import (
     point_covariance_mm2,
 )
 from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import FILE_UNIT, Array, Geometry, Index, indices
+from campaigns.mechanisms.geometry import FILE_UNIT, Geometry, indices
 from campaigns.mechanisms.par4 import NoSolution
 from campaigns.version import VERSION
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import bdtrik, ndtri, stdtr, stdtrit
 
+from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
 from campaigns.estimation.estimators import Estimator
-from campaigns.mechanisms.geometry import Array
 from campaigns.studies.study import CampaignEstimate, CampaignOutcome, StudySetup
 
 CONFIDENCE = 0.95

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from par4_cases import NOMINAL, TRACKER_STD_MM, region
 
+from campaigns.arrays import Array, Index
 from campaigns.design.candidates import Candidates, pair_candidates, shot_candidates
 from campaigns.design.pose_sampling import boundary_poses, interior_poses, random_pairs
 from campaigns.estimation.information import marginalise_frame, point_jacobian
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, Array, Index
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT
 from campaigns.mechanisms.par4 import inverse
 
 VARIANCE_MM2 = TRACKER_STD_MM**2

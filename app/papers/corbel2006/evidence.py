@@ -12,7 +12,7 @@ from app.papers.corbel2006.floors import SEED, Floor, floors
 from app.papers.corbel2006.geometry_alone import GeometryAlone, geometry_alone
 from app.papers.corbel2006.misfit import Reach, reaches
 from app.papers.corbel2006.trials import TrialResult
-from campaigns.mechanisms.geometry import Array
+from campaigns.arrays import Array
 
 PERCENT = 100.0
 

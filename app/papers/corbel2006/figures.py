@@ -24,8 +24,8 @@ from app.report.figures.drawing import (
     new_figure,
 )
 from app.report.figures.space import draw_box, flat
+from campaigns.arrays import Array
 from campaigns.evaluation.validation import AXES
-from campaigns.mechanisms.geometry import Array
 
 PAPER = "#98281f"
 ROW_MM = 5.0

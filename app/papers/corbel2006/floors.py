@@ -11,8 +11,9 @@ import numpy as np
 from app.papers.corbel2006 import printed
 from app.papers.corbel2006.printed import Printed
 from app.papers.corbel2006.summary import Distribution, distribution
+from campaigns.arrays import Array
 from campaigns.evaluation.validation import repeatability, rotation_mm, straightness_mm
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, Array
+from campaigns.mechanisms.geometry import FREE_BY_DEFAULT
 from campaigns.settings.sections import PlanConfig, ValidationConfig
 
 DRAWS = 2000

@@ -9,9 +9,10 @@ from app.papers.corbel2006.experiments import ROBOT
 from app.papers.corbel2006.floors import most_distant_mm, scattered
 from app.papers.corbel2006.summary import Distribution, distribution
 from app.papers.corbel2006.trials import TrialResult
+from campaigns.arrays import Array
 from campaigns.evaluation.validation import AXES, straightness_mm
 from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import Array, Geometry
+from campaigns.mechanisms.geometry import Geometry
 from campaigns.mechanisms.par4 import inverse
 from campaigns.robots.robot import find_robot
 from campaigns.settings.sections import ValidationConfig

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.papers.corbel2006.printed import LINES_MM
-from campaigns.mechanisms.geometry import Array, Mask
+from campaigns.arrays import Array, Mask
 from campaigns.mechanisms.par4 import inverse
 from campaigns.robots.robot import RobotFile, find_robot, numeric_geometry
 

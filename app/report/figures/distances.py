@@ -18,7 +18,7 @@ from app.report.figures.drawing import (
     new_figure,
     zero_line,
 )
-from campaigns.mechanisms.geometry import Array, Index
+from campaigns.arrays import Array, Index
 
 GAP = 3
 """Empty places between two groups of pairs."""

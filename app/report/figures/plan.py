@@ -9,7 +9,7 @@ from matplotlib.ticker import LogLocator, StrMethodFormatter
 
 from app.report.figures.drawing import AFTER, BEFORE, QUIET, in_house_style, new_figure
 from app.report.figures.workspace import ROUND_FACTORS, draw_poses
-from campaigns.mechanisms.geometry import Array
+from campaigns.arrays import Array
 from campaigns.planning.predicted_precision import PrecisionCurvePoint, PredictedPrecision
 from campaigns.shots.shot_sets import ShotSet
 

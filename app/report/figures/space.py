@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from app.report.figures.drawing import GRID, INK, QUIET
-from campaigns.mechanisms.geometry import Array
+from campaigns.arrays import Array
 
 AZIMUTH, ELEVATION = np.radians(-58.0), np.radians(22.0)
 """Where it is looked from: x to the right, y away, z up."""

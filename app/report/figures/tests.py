@@ -17,8 +17,8 @@ from app.report.figures.drawing import (
     zero_line,
 )
 from app.report.stages import RepeatabilityTest, RotationTest, StageView
+from campaigns.arrays import Array
 from campaigns.evaluation.validation import AXES, LineTrace
-from campaigns.mechanisms.geometry import Array
 
 STYLES = {"x": "-", "y": "--", "z": ":"}
 MARKS = {"x": "o", "y": "s", "z": "^"}

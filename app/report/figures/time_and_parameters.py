@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from app.report.explained import Correlations
 from app.report.figures.drawing import AFTER, INK, QUIET, in_house_style, new_figure, zero_line
 from app.report.over_time import TimeSeries
-from campaigns.mechanisms.geometry import Array
+from campaigns.arrays import Array
 
 UNITS = (("hours", 3600.0), ("minutes", 60.0), ("seconds", 1.0))
 LEAST_VALUES = 2

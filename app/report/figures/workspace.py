@@ -16,7 +16,7 @@ from app.report.figures.drawing import (
     zero_line,
 )
 from app.report.figures.space import draw_box, flat
-from campaigns.mechanisms.geometry import Array, Mask
+from campaigns.arrays import Array, Mask
 from campaigns.shots.shot_sets import ShotSet
 
 ARROW_MM = 130.0
