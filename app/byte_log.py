@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from app.console import WARNING, Terminal
-from app.folder import now_utc
+from campaigns.campaign import now_utc
 from campaigns.errors import WriteFailed
 from campaigns.files.text_file import refuse_existing
 from drivers.byte_log import ByteLog

@@ -3,7 +3,7 @@
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from time import monotonic
 
 import typer
 from rich import box
@@ -11,9 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from app.exits import NotConfirmed
-
-if TYPE_CHECKING:
-    from app.progress import RunDisplay
+from app.progress import RunDisplay
 
 GOOD, BAD, OPEN = "bold green", "bold red", "bold yellow"
 TALK, WARNING = "dim", "yellow"
@@ -99,10 +97,6 @@ class Terminal:
                 remedy="answer y on a terminal, or give --yes when the cell is clear",
             )
 
-    def watching(self, title: str) -> "RunDisplay":
+    def watching(self, title: str) -> RunDisplay:
         """Shows a run while the block runs."""
-        from time import monotonic
-
-        from app.progress import RunDisplay
-
         return RunDisplay(self._talk, title, now_s=monotonic, verbose=self._verbose)

@@ -1,32 +1,19 @@
-"""The command line: global options, all commands, and one place where errors become exit codes."""
+"""The command line: global options, commands by name, and one place where errors become codes."""
 
 import os
 import signal
 import sys
 import traceback
+from importlib import import_module
 from itertools import takewhile
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import Abort, TyperException
 
-from app.cli import (
-    devices,
-    dry_run,
-    export,
-    identify,
-    import_shots,
-    load,
-    new,
-    plan,
-    report,
-    reproduce,
-    run,
-    simulate,
-    study,
-    validate,
-)
 from app.exits import Exit, exit_code
+from campaigns.version import VERSION
 from drivers.errors import ExplainedError
 
 HELP = """Calibrates parallel robots with a laser tracker.
@@ -48,39 +35,89 @@ usage; 3 a device failed or refused; 4 the journal or another file could not be 
 value and limit, what to do next.
 """
 
+COMMANDS = {
+    "new": ("new", "Make a campaign's folder: settings and nominal robot."),
+    "devices": ("devices", "Say who answers, and in what state; nothing moves."),
+    "plan": ("plan", "Choose the poses and write plan.csv."),
+    "run": ("run", "Measure what the plan still lacks."),
+    "import": ("import_shots", "Take in shots measured with other software."),
+    "identify": ("identify", "Find the parameters that explain what was measured."),
+    "validate": ("validate", "Measure how good the robot is, as its user commands it."),
+    "export": ("export", "Write the identified parameters as a robot file."),
+    "load": ("load", "Put the compensated parameters into the controller."),
+    "report": (
+        "report",
+        "Write the report: one page about all of it.",
+    ),
+    "reproduce": (
+        "reproduce",
+        "Do the paper's simulation and experiment again.",
+    ),
+    "study": (
+        "study",
+        "Simulate and identify many campaigns, by every plan, scenario and estimator named.",
+    ),
+    "sim": ("simulate", "Serve a simulated cell on loopback."),
+    "dry-run": ("dry_run", "Go through a whole campaign without hardware."),
+}
+"""Module in `app.cli`, imported when it is named, and first line of its help, by name."""
+
 LINEAR_ALGEBRA_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Read when NumPy is imported. Our matrices are small: threads that wait for each other make a
 decomposition of 0.1 ms take 10 ms, once for every shot."""
 
+SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+
+class LazyGroup(TyperGroup):
+    """Commands of which a module is imported only when it is named.
+
+    Any: Typer's own types of contexts and formatters are not public.
+    """
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        self.commands = dict.fromkeys(COMMANDS)  # type: ignore[assignment] # names, for suggestions
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002
+        """Names in the order of the usual way."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> TyperCommand | None:  # noqa: ARG002
+        """Command of that name, from its module."""
+        if cmd_name not in COMMANDS:
+            return None
+        module, _ = COMMANDS[cmd_name]
+        alone = typer.Typer(
+            add_completion=False,
+            pretty_exceptions_enable=False,
+            context_settings=SETTINGS,
+            rich_markup_mode=None,
+        )
+        alone.command(cmd_name)(import_module(f"app.cli.{module}").command)
+        command = typer.main.get_command(alone)
+        assert isinstance(command, TyperCommand), "one command makes no group"
+        return command
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
+        """List of the commands, none of them imported."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, summary) for name, (_, summary) in COMMANDS.items()])
+
+
 app = typer.Typer(
     name="pkmcal",
+    cls=LazyGroup,
     help=HELP,
     epilog=EXIT_CODES,
-    add_completion=False,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    context_settings=SETTINGS,
     rich_markup_mode=None,
 )
-app.command("new")(new.command)
-app.command("devices")(devices.command)
-app.command("plan")(plan.command)
-app.command("run")(run.command)
-app.command("import")(import_shots.command)
-app.command("identify")(identify.command)
-app.command("validate")(validate.command)
-app.command("export")(export.command)
-app.command("load")(load.command)
-app.command("report")(report.command)
-app.command("reproduce")(reproduce.command)
-app.command("study")(study.command)
-app.command("sim")(simulate.command)
-app.command("dry-run")(dry_run.command)
 
 
 def _print_version(asked: bool) -> None:  # noqa: FBT001 - Typer's signature for callbacks
     if asked:
-        from campaigns.version import VERSION
-
         typer.echo(f"pkmcal {VERSION}")
         raise typer.Exit
 
@@ -146,11 +183,10 @@ def _explained(error: Exception) -> Exit:
 
 def _usage_line(error: TyperException) -> str:
     """What is wrong with the options, with the value, which Typer leaves out."""
-    from pydantic import ValidationError
-
     problem = error.format_message().rstrip(".")
-    if isinstance(error.__cause__, ValidationError):
-        problem += f", but is '{error.__cause__.errors()[0]['input']}'"
+    cause = error.__cause__
+    if type(cause).__name__ == "ValidationError":  # pydantic's, which is not imported for this
+        problem += f", but is '{cause.errors()[0]['input']}'"  # type: ignore[union-attr]
     context = getattr(error, "ctx", None)
     return f"{problem} → see `{context.command_path if context else 'pkmcal'} --help`"
 

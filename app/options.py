@@ -5,8 +5,7 @@ from typing import Annotated
 
 import typer
 
-from app.exits import UsageInvalid
-from campaigns.estimation.estimators import Estimator
+from campaigns.errors import OptionsInvalid
 
 PICTURES = (".svg", ".png", ".pdf")
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The campaign's folder.")]
@@ -28,7 +27,7 @@ Anew = Annotated[
 def picture_file(path: Path | None) -> Path | None:
     """Refuse at once what could not be written at the end."""
     if path is not None and path.suffix.lower() not in PICTURES:
-        raise UsageInvalid(
+        raise OptionsInvalid(
             f"--plot {path}: the name of a picture ends in {', '.join(PICTURES)}",
             remedy="let it end in one of them",
         )
@@ -54,13 +53,3 @@ Fix = Annotated[
         metavar="PATTERN", help="Hold these at their nominal values, 'arm1.*'; repeatable."
     ),
 ]
-
-
-def identifying_words(
-    estimator: Estimator, free: tuple[str, ...], fix: tuple[str, ...]
-) -> list[str]:
-    """Options that say what will be identified, as they are typed: for the next step's command."""
-    by = [] if estimator is Estimator.POINTS else ["--estimator", estimator.value]
-    freed = [word for pattern in free for word in ("--free", pattern)]
-    fixed = [word for pattern in fix for word in ("--fix", pattern)]
-    return [*by, *freed, *fixed]

@@ -6,14 +6,16 @@ import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-from app.folder import CELL_MEMORY, SIMULATED, Campaign
+from campaigns.campaign import SIMULATED, Campaign
 from campaigns.controllers.active_kinematics import ActiveKinematics
 from campaigns.controllers.linuxcnc_export import PIN_OF, CalibrationFile, RobotIdentity
 from campaigns.errors import ConfigInvalid, WriteFailed
 from campaigns.files.text_file import replace_text
 from campaigns.measuring.shot_taker import Cell as Devices
+from campaigns.mechanisms.par4 import PAR4
 from campaigns.settings.config import CampaignConfig
 from campaigns.settings.sections import LinuxcncConfig
 from drivers.byte_log import ByteLog, logged, reading_for
@@ -32,6 +34,7 @@ from drivers.robotline.robot import LineRobot
 from drivers.transport import Transport, open_transport
 from drivers.values import Identity
 from drivers.wire.robotline import LAST_SEQUENCE
+from drivers.wire.robotline_messages import RobotLayout
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell
@@ -39,12 +42,14 @@ from sim.errors import MemoryInvalid
 from sim.scenarios.scenario import load_scenario
 from sim.scenarios.schema import Scenario
 
+CELL_MEMORY = "cell-memory.json"
 CONNECT_S = 5.0
 FIRST_TRANSACTIONS = (1000, 30_000)
 """Where the question numbers of a GeoCOM session may begin: differently from one to the next."""
 
 StopRequested = Callable[[], bool]
 Opener = Callable[[], Transport]
+Reading = Callable[[Opener], Opener]
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,14 +77,12 @@ def connected_cell(
     Raises a driver's error when one is not there or not the expected one.
     """
     config = campaign.config
+    to_robot = _logging(campaign, log, "controller", config.controller.driver)
+    to_tracker = _logging(campaign, log, "tracker", config.tracker.driver)
     with (
         _addresses(campaign) as at,
-        _robot(
-            campaign, _opener(at.controller, log, "controller", config.controller.driver)
-        ) as robot,
-        _tracker(
-            config, _opener(at.tracker, log, "tracker", config.tracker.driver), stop_requested
-        ) as tracker,
+        _robot(campaign, _opener(at.controller, to_robot)) as robot,
+        _tracker(config, _opener(at.tracker, to_tracker), stop_requested) as tracker,
     ):
         yield Devices(robot, tracker, at.clock, SystemClock())
 
@@ -94,14 +97,14 @@ def connected_robot(campaign: Campaign) -> Iterator[RobotController]:
         yield robot
 
 
-def prepare_robot(robot: RobotController) -> None:
-    """Bring the robot into the state that moving needs. It may move: homing is part of it."""
-    robot.prepare()
+def prepare(campaign: Campaign, cell: Devices) -> None:
+    """Bring tracker and robot into the state that measuring needs.
 
-
-def prepare_tracker(config: CampaignConfig, tracker: LaserTracker) -> None:
-    """Bring the tracker into the state that measuring needs."""
-    tracker.prepare(config.tracker.reflector, config.tracker.measuring_time_s)
+    The robot may move: homing is part of it.
+    """
+    tracker = campaign.config.tracker
+    cell.tracker.prepare(tracker.reflector, tracker.measuring_time_s)
+    cell.robot.prepare()
 
 
 @contextmanager
@@ -125,9 +128,20 @@ def _addresses(campaign: Campaign) -> Iterator[Addresses]:
         )
 
 
+def require_simulable(campaign: Campaign) -> None:
+    """Raise `ConfigInvalid` for a robot whose like cannot be simulated."""
+    if campaign.robot.mechanism is not PAR4:
+        raise ConfigInvalid(
+            f"the simulated cell is a {PAR4.name}, but this campaign's robot is a "
+            f"{campaign.robot.mechanism.name}",
+            remedy="take in measured shots with `pkmcal import`, or connect real devices",
+        )
+
+
 @contextmanager
 def _embedded(campaign: Campaign, url: str) -> Iterator[EmbeddedCell]:
     """A simulated cell that remembers, in the campaign's folder, what a real one would remember."""
+    require_simulable(campaign)
     path = campaign.path(CELL_MEMORY)
     scenario = scenario_of(campaign.folder, url)
     cell = Cell(scenario, memory=_remembered(path))
@@ -160,11 +174,19 @@ def _remembered(path: Path) -> dict[str, object] | None:
     return found
 
 
-def _opener(url: str, log: ByteLog | None = None, device: str = "", driver: str = "") -> Opener:
+def _opener(url: str, within: Reading | None = None) -> Opener:
     def opened() -> Transport:
         return open_transport(url, timeout_s=CONNECT_S)
 
-    return opened if log is None else logged(opened, log, device, reading_for(driver))
+    return opened if within is None else within(opened)
+
+
+def _logging(campaign: Campaign, log: ByteLog | None, device: str, driver: str) -> Reading | None:
+    """What writes every byte of a device into the log, read out by its driver's grammar."""
+    if log is None:
+        return None
+    reading = reading_for(driver, _layout(campaign))
+    return lambda opener: logged(opener, log, device, reading)
 
 
 @contextmanager
@@ -178,15 +200,22 @@ def _robot(campaign: Campaign, opener: Opener) -> Iterator[RobotController]:
         robot.close()
 
 
-def _made_robot(campaign: Campaign, opener: Opener) -> "LineRobot | LinuxcncRobot":
+def _made_robot(campaign: Campaign, opener: Opener) -> LineRobot | LinuxcncRobot:
     if campaign.config.controller.driver == "linuxcnc":
-        from app.wiring import linuxcnc_robot  # numerics only where they are used
-
         section = campaign.config.controller.linuxcnc
         assert section is not None, "its settings were checked"
         return linuxcnc_robot(campaign, section, opener)
     first = random.SystemRandom().randint(1, LAST_SEQUENCE)
-    return LineRobot(opener, clock=SystemClock(), first_sequence=first)
+    return LineRobot(opener, layout=_layout(campaign), clock=SystemClock(), first_sequence=first)
+
+
+def _layout(campaign: Campaign) -> RobotLayout:
+    """Names of the robot's joints, coordinates and parameters, as the wire has them."""
+    mechanism = campaign.robot.mechanism
+    joints, task = (
+        tuple(axis.column for axis in axes) for axes in (mechanism.joints, mechanism.task)
+    )
+    return RobotLayout(joints, task, mechanism.parameters.names)
 
 
 @contextmanager
@@ -204,11 +233,9 @@ def _tracker(
 
 def _made_tracker(
     driver: str, opener: Opener, stop_requested: StopRequested
-) -> "EmsconTracker | GeocomTracker":
+) -> EmsconTracker | GeocomTracker:
     if driver == "emscon":
         return EmsconTracker(opener, clock=SystemClock(), cancelled=stop_requested)
-    from drivers.geocom.tracker import GeocomTracker  # its library only where it is used
-
     first = random.SystemRandom().randint(*FIRST_TRANSACTIONS)
     return GeocomTracker(
         opener, clock=SystemClock(), first_transaction=first, cancelled=stop_requested
@@ -233,7 +260,7 @@ def linuxcnc_robot(
     """The driver for this campaign's LinuxCNC; nothing is opened yet."""
     settings = LinuxcncSettings(
         Coordinates[section.coordinates.upper()],
-        JointLimits(*campaign.nominal.robot.limits.joint_rad),
+        JointLimits(*campaign.robot.limits.joint),
         section.full_speed_rad_s,
         passwords=Passwords(section.connect_password, section.enable_password),
     )
@@ -242,12 +269,12 @@ def linuxcnc_robot(
         clock=SystemClock(),
         settings=settings,
         store=_store(campaign, section),
-        kinematics_of=ActiveKinematics,
+        kinematics_of=partial(ActiveKinematics, campaign.robot.mechanism),
     )
 
 
 def _store(campaign: Campaign, section: LinuxcncConfig) -> ParameterStore:
-    nominal = campaign.nominal.robot
+    nominal = campaign.robot
     whose = RobotIdentity(campaign.robot_identity, nominal)
     path = campaign.folder / (section.hal_file or ACTIVE)
     if section.coordinates == "joints":

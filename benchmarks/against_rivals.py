@@ -39,8 +39,7 @@ from benchmarks.shared.measured_robot import (
 )
 from benchmarks.shared.rounds import Contestant, Ratio, Run, contestant, least_s, ratio, take_turns
 from campaigns.arrays import Array
-from campaigns.estimation.residuals import Residuals
-from campaigns.mechanisms.forward import forward
+from campaigns.estimation.least_squares import Residuals
 
 OURS = "pkmcal"
 SCIPY = "SciPy's LM by differences, our batched forward model"
@@ -118,11 +117,11 @@ def main() -> int:
 def poses(robot: MeasuredRobot, rounds: int) -> Contest:
     """The forward model of the identified robot, from the poses that the nominal one has."""
     geometry, start = with_parameters(robot, by_distances(robot)), robot.commanded
-    many, starts = np.tile(robot.joints_rad, (COPIES, 1)), np.tile(start, (COPIES, 1))
-    vector, shots = printed_parameters(geometry), list(zip(robot.joints_rad, start, strict=True))
+    many, starts = np.tile(robot.joints, (COPIES, 1)), np.tile(start, (COPIES, 1))
+    vector, shots = printed_parameters(geometry), list(zip(robot.joints, start, strict=True))
     ours, lab = take_turns(
         [
-            contestant(lambda: forward(geometry, many, starts).require(), 3, COPIES),
+            contestant(lambda: geometry.forward(many, starts).values_or_raise(), 3, COPIES),
             contestant(lambda: np.array([lab_script.forward(vector, *s) for s in shots]), 3),
         ],
         rounds,
@@ -138,7 +137,7 @@ def poses(robot: MeasuredRobot, rounds: int) -> Contest:
 
 def distances(robot: MeasuredRobot, rounds: int) -> Contest:
     vector = printed_parameters(robot.nominal)
-    data = robot.joints_rad, robot.commanded, robot.pairs, robot.measured_mm()
+    data = robot.joints, robot.commanded, robot.pairs, robot.measured_mm()
     ours, scipy, lab = take_turns(
         [
             contestant(lambda: by_distances(robot), SOLVES),

@@ -20,18 +20,20 @@ from typing import cast
 
 import numpy as np
 
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.journal.journal import open_journal
 from campaigns.measuring.rules import GateRules, MotionRules
 from campaigns.measuring.run_state import Progress
 from campaigns.measuring.session import Work, measure_series
 from campaigns.measuring.shot_taker import Cell
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import Geometry
+from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot, plan_digest
 from campaigns.planning.plans import PlanRequest, View, make_plan
+from campaigns.planning.predicted_precision import EstimationSetup
 from campaigns.planning.steps import joint_steps
-from campaigns.robots.robot import find_robot, numeric_geometry, numeric_limits, pose_row
+from campaigns.robots.robot import find_robot, pose_row
 from campaigns.settings.sections import GateConfig
 from drivers.ports import LaserTracker, RobotController
 from drivers.values import Identity, Measurement, Pose, RobotState, Vector3, Weather
@@ -80,8 +82,8 @@ def run(folder: Path) -> "Overheads":
     robot = find_robot("par4-prototype").robot
     shots = make_plan(robot, VIEW, PlanRequest(120, 20, 3, CENTRE), np.random.default_rng(SEED))
     clock = InstantClock()
-    controller = InstantRobot(shots[0].joints_rad)
-    tracker = InstantTracker(seen_points(numeric_geometry(robot), shots))
+    controller = InstantRobot(shots[0].joints)
+    tracker = InstantTracker(seen_points(robot.kinematics, shots))
     # they know only what a run asks of them
     cell = Cell(cast(RobotController, controller), cast(LaserTracker, tracker), clock, clock)
     with open_journal(folder / "campaign.db", now_utc=now_utc, create=True) as journal:
@@ -92,14 +94,14 @@ def run(folder: Path) -> "Overheads":
 def work_of(shots: Sequence[PlannedShot]) -> Work:
     robot, gate = find_robot("par4-prototype").robot, GateConfig()
     return Work(
-        "run",
-        joint_steps(shots),
-        plan_digest(shots),
-        robot.digest(),
-        {},
-        RobotModel(numeric_geometry(robot), numeric_limits(robot), pose_row(CENTRE)),
-        MotionRules(0.3, settle_s=0.0, still_rad=1e-5, in_place_rad=1e-4, timeout_s=10.0),
-        GateRules(
+        stage="run",
+        steps=joint_steps(shots),
+        plan_digest=plan_digest(shots, robot.mechanism),
+        robot_file_digest=robot.digest(),
+        configuration={},
+        robot=RobotModel(robot.kinematics, robot.limits, pose_row(CENTRE)),
+        motion=MotionRules(0.3, settle_s=0.0, still_rad=1e-5, in_place_rad=1e-4, timeout_s=10.0),
+        gate=GateRules(
             gate.distance_mm,
             gate.fitted_mm,
             gate.temperature_change_degC,
@@ -107,13 +109,16 @@ def work_of(shots: Sequence[PlannedShot]) -> Work:
             gate.attempts,
             search_mm=2500.0,
         ),
+        setup=EstimationSetup(
+            Estimator.POINTS, robot.mechanism.parameters.free_by_default, TrackerUncertainty()
+        ),
     )
 
 
-def seen_points(geometry: Geometry, shots: Sequence[PlannedShot]) -> list[Vector3]:
+def seen_points(geometry: Kinematics, shots: Sequence[PlannedShot]) -> list[Vector3]:
     """What a perfect tracker sees in the plan's order, worked out beforehand."""
-    joints = np.array([shot.joints_rad for shot in shots])
-    points = forward(geometry, joints).require()[:, :3] + (2500.0, 400.0, 300.0)
+    joints = np.array([shot.joints for shot in shots])
+    points = geometry.forward(joints).values_or_raise()[:, :3] + (2500.0, 400.0, 300.0)
     return [(float(x), float(y), float(z)) for x, y, z in points]
 
 
@@ -156,8 +161,8 @@ class InstantRobot:
     def state(self) -> RobotState:
         return RobotState(self.joints, moving=False, fault="", emergency_stop=False, raw="instant")
 
-    def move_joints(self, joints_rad: Sequence[float], _speed_fraction: float) -> None:
-        self.joints = tuple(joints_rad)
+    def move_joints(self, joints: Sequence[float], _speed_fraction: float) -> None:
+        self.joints = tuple(joints)
 
 
 @dataclass

@@ -18,6 +18,7 @@ os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS
 # before NumPy is imported: the limits are for one core, and the program itself keeps to one
 
 from benchmarks.shared.measured_robot import (
+    SPACE,
     MeasuredRobot,
     by_distances,
     by_points,
@@ -25,7 +26,6 @@ from benchmarks.shared.measured_robot import (
 )
 from benchmarks.shared.rounds import contestant, least_s, take_turns, timed_s
 from campaigns.estimation.incremental_fit import IncrementalGaussNewton
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT
 
 REPEATS = 21
 RUNNING_AT = (20, 60, 160)
@@ -60,10 +60,10 @@ def solving_ms(robot: MeasuredRobot, rounds: int) -> dict[str, float]:
 
 def running_ms(robot: MeasuredRobot) -> dict[str, float]:
     """What one more shot costs, as the median of the shots around each of `RUNNING_AT`."""
-    running, costs_ms = IncrementalGaussNewton(robot.nominal, FREE_BY_DEFAULT), []
+    running, costs_ms = IncrementalGaussNewton(robot.nominal, SPACE.free_by_default), []
     for shot in range(max(RUNNING_AT) + REPEATS // 2 + 1):
-        row = shot % len(robot.joints_rad)  # the file has fewer shots: they come round again
-        add = partial(running.add, robot.joints_rad[row], robot.points_mm[row])
+        row = shot % len(robot.joints)  # the file has fewer shots: they come round again
+        add = partial(running.add, robot.joints[row], robot.points_mm[row])
         costs_ms.append(1e3 * timed_s(add))
     around = {at: costs_ms[max(0, at - REPEATS // 2) : at + REPEATS // 2 + 1] for at in RUNNING_AT}
     return {f"running_add_at_{at}_ms": statistics.median(some) for at, some in around.items()}

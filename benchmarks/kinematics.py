@@ -20,11 +20,9 @@ os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.mechanisms.feasibility import Limits, feasibility
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import Geometry
-from campaigns.mechanisms.par4 import inverse
-from campaigns.robots.robot import find_robot, numeric_limits
+from campaigns.mechanisms.mechanism import Kinematics, Limits
+from campaigns.mechanisms.par4 import PAR4
+from campaigns.robots.robot import find_robot
 from sim.scenarios.scenario import load_scenario
 
 CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
@@ -76,13 +74,13 @@ def main() -> int:
     parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
     prototype = find_robot("par4-prototype").robot
-    limits = numeric_limits(prototype)
+    limits = prototype.limits
     robots = {
         "par4-prototype": prototype.geometry_flat(),
         "par4-prototype + Table I": load_scenario("paper-simulation").robot.true_flat(),
     }
     told = {
-        name: measure(Geometry.from_flat(flat), limits, asked.poses, asked.seed)
+        name: measure(Kinematics.from_flat(PAR4, flat), limits, asked.poses, asked.seed)
         for name, flat in robots.items()
     }
     if asked.json:
@@ -99,7 +97,7 @@ def show(name: str, figures: Figures) -> None:
         print(f"  {key:34} {value:>12.3g}" if value < 1 else f"  {key:34} {value:>12}")
 
 
-def measure(geometry: Geometry, limits: Limits, count: int, seed: int) -> Figures:
+def measure(geometry: Kinematics, limits: Limits, count: int, seed: int) -> Figures:
     figures, rng = Figures(), np.random.default_rng(seed)
     for poses in batches(geometry, limits, count, rng):
         hints = poses + rng.uniform(-1.0, 1.0, poses.shape) * HINT_OFF
@@ -108,24 +106,24 @@ def measure(geometry: Geometry, limits: Limits, count: int, seed: int) -> Figure
 
 
 def batches(
-    geometry: Geometry, limits: Limits, count: int, rng: np.random.Generator
+    geometry: Kinematics, limits: Limits, count: int, rng: np.random.Generator
 ) -> Iterator[Array]:
     """Random reachable poses, (N, 4) at a time, until there are `count` of them."""
     left = count
     while left > 0:
         drawn = CENTRE + rng.uniform(-1.0, 1.0, (BATCH, 4)) * BOX_HALF
-        poses = drawn[feasibility(geometry, limits, drawn).feasible][:left]
+        poses = drawn[geometry.feasibility(limits, drawn).feasible][:left]
         left -= len(poses)
         yield poses
 
 
-def take_in(figures: Figures, geometry: Geometry, poses: Array, hints: Array) -> None:
+def take_in(figures: Figures, geometry: Kinematics, poses: Array, hints: Array) -> None:
     began_s = time.process_time()
-    joints = inverse(geometry, poses).require()
+    joints = geometry.inverse(poses).values_or_raise()
     inverse_done_s = time.process_time()
-    cold = forward(geometry, joints)
+    cold = geometry.forward(joints)
     forward_done_s = time.process_time()
-    warm = forward(geometry, joints, hints)
+    warm = geometry.forward(joints, hints)
     figures.forward_from_hint_s += time.process_time() - forward_done_s
     figures.forward_s += forward_done_s - inverse_done_s
     figures.inverse_s += inverse_done_s - began_s
@@ -134,7 +132,7 @@ def take_in(figures: Figures, geometry: Geometry, poses: Array, hints: Array) ->
         found = solution.found
         off = np.abs(solution.values[found] - poses[found])
         same = (off < ELSEWHERE).all(axis=1)
-        again = inverse(geometry, solution.values[found][same]).require()
+        again = geometry.inverse(solution.values[found][same]).values_or_raise()
         off_deg = np.degrees(np.abs(again - joints[found][same]))
         figures.lost += int((~found).sum())
         figures.wrong += int((~same).sum())

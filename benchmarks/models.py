@@ -23,17 +23,17 @@ os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS
 import numpy as np
 
 from campaigns.arrays import Array, Index
+from campaigns.estimation.estimators import Model
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.residuals import PositionModel
 from campaigns.identification.identify import identify
-from campaigns.identification.model_selection import STANDARD, extended_selection, select_model
-from campaigns.identification.result import IdentificationRequest, IdentificationResult
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import FILE_UNIT, FREE_BY_DEFAULT, Geometry, indices
-from campaigns.mechanisms.par4 import inverse
+from campaigns.identification.model_selection import STANDARD, candidate_models, select_model
+from campaigns.identification.result import IdentificationResult
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.par4 import PAR4
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of
-from campaigns.robots.robot import find_robot, numeric_geometry
+from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of, poses_of
+from campaigns.robots.robot import find_robot
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 from drivers.values import Pose
@@ -44,7 +44,7 @@ from sim.scenarios.scenario import load_scenario
 from sim.scenarios.schema import Scenario
 
 ROBOT = find_robot("par4-prototype").robot
-NOMINAL = numeric_geometry(ROBOT)
+NOMINAL = ROBOT.kinematics
 PAIRS, UNSEEN_PAIRS, FRESH_PAIRS = 60, 20, 100
 CENTRE = Pose(0.0, 0.0, -575.0, 0.0)
 ACCEPTANCE_RAD = np.radians(25.0)
@@ -52,8 +52,9 @@ TURNED_RAD = np.radians(5.0 / 60.0)
 """A joint that moves by less than a gear's lost motion keeps the side it came from."""
 SHOT_S = 1.5
 NEAR_CENTRE_POSES = np.array([[0.0, 0.0, z, 0.0] for z in (-575.0, -650.0, -700.0)])
-WAYPOINTS_RAD = inverse(NOMINAL, NEAR_CENTRE_POSES).require()
-MODELS = extended_selection()
+WAYPOINTS_RAD = NOMINAL.inverse(NEAR_CENTRE_POSES).values_or_raise()
+SPACE = PAR4.parameters
+MODELS = candidate_models(SPACE, Model.EXTENDED)
 LARGEST = "axes+backlash"
 
 Drive = Callable[[Array], tuple[Array, Array]]
@@ -87,7 +88,7 @@ class Measured:
     """A campaign's shots, and fresh pairs that it does not know of, (M, 2)."""
 
     data: Shots
-    joints_rad: Array
+    joints: Array
     points_mm: Array
     approach: Array
     fresh: Index
@@ -124,13 +125,16 @@ def _dataset(
     joints: Array,
 ) -> Shots:
     return Shots(
-        tuple(shot.shot for shot in shots),
-        tuple(shot.purpose for shot in shots),
-        tuple(shot.pair for shot in shots),
-        joints[rows],
-        points[rows],
-        covariance[rows],
-        approach[rows],
+        numbers=tuple(shot.shot for shot in shots),
+        purposes=tuple(shot.purpose for shot in shots),
+        pairs=tuple(shot.pair for shot in shots),
+        joints=joints[rows],
+        points_in_tracker_mm=points[rows],
+        stated_covariance_mm2=covariance[rows],
+        approach=approach[rows],
+        commanded=poses_of(shots),
+        measured_utc=("",) * len(shots),
+        temperature_degC=np.full(len(shots), np.nan),
     )
 
 
@@ -150,10 +154,10 @@ def _driven(cell: Cell, joints: Array) -> tuple[Array, Array]:
     return np.array(points), np.array(sides)
 
 
-def _ideal(truth: Geometry, joints: Array) -> tuple[Array, Array]:
+def _ideal(truth: Kinematics, joints: Array) -> tuple[Array, Array]:
     """Points of a robot that is its contracted model, and straight ways from one to the next."""
     sides = np.sign(np.diff(joints, axis=0, prepend=joints[:1]))
-    return forward(truth, joints).require()[:, :3], sides
+    return truth.forward(joints).values_or_raise()[:, :3], sides
 
 
 def _way(cell: Cell, target: Array) -> Sequence[Array]:
@@ -169,12 +173,11 @@ def _way(cell: Cell, target: Array) -> Sequence[Array]:
 
 def fresh_rms_mm(found: IdentificationResult, shots: Measured) -> float:
     """Root mean square error of the fresh distances."""
-    free = found.request.knowledge.free
-    values = {each.name: each.value for each in found.parameters}
-    x = np.array([values[name] for name in free]) * FILE_UNIT[indices(free)]
+    free = found.free
+    x = np.array([found.parameters[name].value for name in free]) * SPACE.units(free)
     rows = shots.fresh.ravel()
     model = PositionModel(
-        NOMINAL, indices(free), shots.joints_rad[rows], approach=shots.approach[rows]
+        NOMINAL, SPACE.places(free), shots.joints[rows], approach=shots.approach[rows]
     )
     first, second = np.arange(len(rows)).reshape(-1, 2).T
     modelled = distances_mm(model.positions_mm(x), first, second)
@@ -185,11 +188,9 @@ def fresh_rms_mm(found: IdentificationResult, shots: Measured) -> float:
 def realistic_robot(seed: int) -> Robot:
     scenario = load_scenario("realistic")
     shots = measured(scenario, seed, partial(_driven, Cell(scenario, seed=seed)))
-    request = IdentificationRequest()
-    choice = select_model(NOMINAL, shots.data, request, MODELS)
+    choice = select_model(NOMINAL, shots.data, MODELS)
     standard, largest = (
-        identify(NOMINAL, shots.data, IdentificationRequest(knowledge=MODELS[name]))
-        for name in (STANDARD, LARGEST)
+        identify(NOMINAL, shots.data, MODELS[name]) for name in (STANDARD, LARGEST)
     )
     return Robot(
         seed,
@@ -203,13 +204,16 @@ def realistic_robot(seed: int) -> Robot:
 def plain_choice(scenario: Scenario, seed: int) -> str:
     """The model chosen for a robot of the same tolerances that 22 parameters describe exactly."""
     true = true_geometry(scenario.robot, seed)
-    true |= {name: value for name, value in NOMINAL.flat().items() if name not in FREE_BY_DEFAULT}
-    shots = measured(scenario, seed, lambda joints: _ideal(Geometry.from_flat(true), joints))
-    return kept_name(select_model(NOMINAL, shots.data, IdentificationRequest(), MODELS))
+    true |= {
+        name: value for name, value in NOMINAL.flat().items() if name not in SPACE.free_by_default
+    }
+    truth = Kinematics.from_flat(PAR4, true)
+    shots = measured(scenario, seed, partial(_ideal, truth))
+    return kept_name(select_model(NOMINAL, shots.data, MODELS))
 
 
 def kept_name(found: IdentificationResult) -> str:
-    return next(each.name for each in found.compared if each.kept)
+    return next(each.name for each in found.models if each.kept)
 
 
 def main() -> int:

@@ -12,13 +12,15 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.design.pose_sampling import FeasibleRegion, boundary_poses, random_pairs
-from campaigns.estimation.point_sets import distances_mm
-from campaigns.evaluation.validation import rotation_mm, straightness_mm
-from campaigns.mechanisms.feasibility import Limits, feasibility
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import ARMS, NAMES, Geometry
-from campaigns.mechanisms.par4 import NoSolution, inverse
-from campaigns.robots.robot import find_robot, numeric_limits
+from campaigns.estimation.point_sets import (
+    away_from_best_line,
+    distances_mm,
+    farthest_apart,
+    longest_mm,
+)
+from campaigns.mechanisms.mechanism import Kinematics, Limits, NoSolution
+from campaigns.mechanisms.par4 import PAR4
+from campaigns.robots.robot import find_robot
 from sim.scenarios.scenario import load_scenario
 
 CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
@@ -27,6 +29,7 @@ POINTS = 17
 GRID_MM = 25.0
 SEEDS = 7
 PAIRS = 60
+ARMS, NAMES = PAR4.parameters.arms, PAR4.parameters.names
 PAPER = ("paper, measured", "5.48", "5.62", "0.91", "about 2")
 
 Flat = Mapping[str, float]
@@ -56,6 +59,10 @@ def main() -> None:
         print(f"  {table:9} {min(found):4.1f} … {max(found):4.1f}   paper: {paper}")
 
 
+def par4(flat: Flat) -> Kinematics:
+    return Kinematics.from_flat(PAR4, flat)
+
+
 def row(name: str, *values: str) -> None:
     print(f"  {name:42}" + "".join(f"{value:>9}" for value in values))
 
@@ -79,7 +86,7 @@ def reachable_on_grid(flat: Flat) -> int:
     limit_rad, found = np.radians(45.0), 0
     for z in axis:
         poses = np.column_stack([x, y, np.full_like(x, z), np.zeros_like(x)])
-        joints = inverse(Geometry.from_flat(flat), poses).values
+        joints = par4(flat).inverse(poses).values
         found += int((np.abs(joints) <= limit_rad).all(axis=1).sum())  # NaN is not within
     return found
 
@@ -104,9 +111,7 @@ def turn() -> Array:
     return poses
 
 
-def tested(
-    nominal: Flat, errors: Flat, poses: Array, figure: Callable[[Array], float | None]
-) -> str:
+def tested(nominal: Flat, errors: Flat, poses: Array, figure: Callable[[Array], float]) -> str:
     try:
         value = figure(reached(nominal, errors, poses)[:, :3])
     except NoSolution:
@@ -114,26 +119,37 @@ def tested(
     return f"{value:.2f}"
 
 
+def straightness_mm(points: Array) -> float:
+    """Largest distance of points (N, 3) from their best line."""
+    return longest_mm(away_from_best_line(points))
+
+
+def rotation_mm(points: Array) -> float:
+    """Largest distance between any two points (N, 3)."""
+    first, second = farthest_apart(points)
+    return float(np.linalg.norm(points[first] - points[second]))
+
+
 def reached(nominal: Flat, errors: Flat, poses: Array) -> Array:
     """Where a robot with these errors goes when its controller believes the nominal parameters."""
     true = {name: nominal[name] + errors.get(name, 0.0) for name in NAMES}
-    joints = inverse(Geometry.from_flat(nominal), poses).require()
-    return forward(Geometry.from_flat(true), joints, poses).require()
+    joints = par4(nominal).inverse(poses).values_or_raise()
+    return par4(true).forward(joints, poses).values_or_raise()
 
 
 def largest_errors_mm(nominal: Flat, errors: Flat) -> list[float]:
     """Commanded against true distances of the paper's recipe, drawn several times."""
-    limits = numeric_limits(find_robot("par4-prototype").robot)
+    limits = find_robot("par4-prototype").robot.limits
     return [largest_error_mm(nominal, errors, limits, seed) for seed in range(SEEDS)]
 
 
 def largest_error_mm(nominal: Flat, errors: Flat, limits: Limits, seed: int) -> float:
-    geometry, rng = Geometry.from_flat(nominal), np.random.default_rng(seed)
+    geometry, rng = par4(nominal), np.random.default_rng(seed)
     seen_from_everywhere = FeasibleRegion(
         geometry, limits, CENTRE, np.array([2500.0, 0.0, -500.0]), np.array([1.0, 0.0, 0.0]), np.pi
     )
     poses = boundary_poses(seen_from_everywhere, 2 * PAIRS, rng)
-    assert feasibility(geometry, limits, poses).feasible.all()
+    assert geometry.feasibility(limits, poses).feasible.all()
     first, second = random_pairs(poses, rng).T
     commanded = distances_mm(poses[:, :3], first, second)
     true = distances_mm(reached(nominal, errors, poses)[:, :3], first, second)

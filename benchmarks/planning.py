@@ -32,16 +32,16 @@ from campaigns.design.pose_sampling import (
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import (
     point_jacobian,
-    points_covariance,
     position_std_mm,
     predict_distances,
+    predict_points,
 )
 from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, IS_ANGLE, Geometry, indices
-from campaigns.mechanisms.par4 import inverse
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.par4 import PAR4
 from campaigns.planning.optimal_plan import OptimalRequest, choose_measurements, draw_candidates
 from campaigns.planning.plans import PlanRequest
-from campaigns.robots.robot import find_robot, numeric_geometry, numeric_limits, pose_row
+from campaigns.robots.robot import find_robot, pose_row
 from drivers.values import Pose
 
 CENTRE = Pose(0.0, 0.0, -575.0, 0.0)
@@ -49,7 +49,8 @@ NOISE_MM = 0.015 / math.sqrt(3.0)
 ISOTROPIC = TrackerUncertainty(NOISE_MM, 0.0, NOISE_MM, 0.0)
 RANDOM_DRAWS = 21
 WORKSPACE_SAMPLE = 2000
-ANGLE = IS_ANGLE[indices(FREE_BY_DEFAULT)]
+FREE = PAR4.parameters.free_by_default
+ANGLE = PAR4.parameters.is_angle[PAR4.parameters.places(FREE)]
 
 
 @dataclass(frozen=True)
@@ -66,16 +67,16 @@ class Row:
 
 
 PLACES = {"random": interior_poses, "near the limits": boundary_poses}
-HEADLINE = Row(120, "points", "I-optimal", "I")
-FORTY = Row(40, "points", "I-optimal", "I")
-FOURTEEN = Row(14, "points", "I-optimal", "I")
+HEADLINE = Row(120, Estimator.POINTS, "I-optimal", "I")
+FORTY = Row(40, Estimator.POINTS, "I-optimal", "I")
+FOURTEEN = Row(14, Estimator.POINTS, "I-optimal", "I")
 ROWS = (
-    Row(120, "distances", "random"),
-    Row(120, "distances", "near the limits"),
-    Row(120, "distances", "I-optimal", "I"),
-    Row(120, "points", "random"),
-    Row(120, "points", "near the limits"),
-    Row(120, "points", "D-optimal", "D"),
+    Row(120, Estimator.DISTANCES, "random"),
+    Row(120, Estimator.DISTANCES, "near the limits"),
+    Row(120, Estimator.DISTANCES, "I-optimal", "I"),
+    Row(120, Estimator.POINTS, "random"),
+    Row(120, Estimator.POINTS, "near the limits"),
+    Row(120, Estimator.POINTS, "D-optimal", "D"),
     HEADLINE,
     FORTY,
     FOURTEEN,
@@ -126,7 +127,7 @@ def prototype_region() -> FeasibleRegion:
     """All that the robot reaches, its reflector seen from everywhere."""
     robot = find_robot("par4-prototype").robot
     centre, tracker = pose_row(CENTRE), np.array([2500.0, 0.0, -575.0])
-    geometry, limits = numeric_geometry(robot), numeric_limits(robot)
+    geometry, limits = robot.kinematics, robot.limits
     return FeasibleRegion(geometry, limits, centre, tracker, np.array([1.0, 0.0, 0.0]), np.pi)
 
 
@@ -142,11 +143,11 @@ def one_draw(region: FeasibleRegion, row: Row, rng: np.random.Generator) -> Figu
     began_s = time.process_time()
     poses, pairs = placed(region, row, rng)
     planning_s = time.process_time() - began_s if row.criterion else math.nan
-    joints = inverse(region.geometry, poses).require()
-    if row.estimator == "distances":
-        return by_distances(region.geometry, joints, poses, pairs, planning_s)
+    joints = region.kinematics.inverse(poses).values_or_raise()
+    if row.estimator == Estimator.DISTANCES:
+        return by_distances(region.kinematics, joints, poses, pairs, planning_s)
     workspace = interior_poses(region, WORKSPACE_SAMPLE, rng)
-    return by_points(region.geometry, joints, poses, workspace, planning_s)
+    return by_points(region.kinematics, joints, poses, workspace, planning_s)
 
 
 def placed(region: FeasibleRegion, row: Row, rng: np.random.Generator) -> tuple[Array, Index]:
@@ -155,27 +156,33 @@ def placed(region: FeasibleRegion, row: Row, rng: np.random.Generator) -> tuple[
         poses = PLACES[row.place](region, row.shots, rng)
         return poses, random_pairs(poses, rng)
     plan = PlanRequest(row.shots, 0, 2, CENTRE)
-    request = OptimalRequest(plan, ISOTROPIC, row.estimator, row.criterion)
+    request = OptimalRequest(
+        plan=plan,
+        uncertainty=ISOTROPIC,
+        free=FREE,
+        estimator=row.estimator,
+        criterion=row.criterion,
+    )
     options = draw_candidates(region, request, rng)
     chosen = choose_measurements(options, request, rng)
     return options.poses[options.ends[chosen].ravel()], np.arange(row.shots).reshape(-1, 2)
 
 
 def by_distances(
-    geometry: Geometry, joints: Array, poses: Array, pairs: Index, planning_s: float
+    geometry: Kinematics, joints: Array, poses: Array, pairs: Index, planning_s: float
 ) -> Figures:
     variance = np.full(len(pairs), 2.0 * NOISE_MM**2)
-    std = predict_distances(geometry, FREE_BY_DEFAULT, joints, poses, pairs, variance).std
+    std = predict_distances(geometry, FREE, joints, poses, pairs, variance).std
     return Figures(*worst(std), planning_s=planning_s)
 
 
 def by_points(
-    geometry: Geometry, joints: Array, poses: Array, workspace: Array, planning_s: float
+    geometry: Kinematics, joints: Array, poses: Array, workspace: Array, planning_s: float
 ) -> Figures:
     noise = np.broadcast_to(NOISE_MM**2 * np.eye(3), (len(poses), 3, 3))
-    known = points_covariance(geometry, FREE_BY_DEFAULT, joints, poses, noise)
-    there = inverse(geometry, workspace).require()
-    rows = point_jacobian(geometry, FREE_BY_DEFAULT, there, workspace)
+    known = predict_points(geometry, FREE, joints, poses, noise).with_frame
+    there = geometry.inverse(workspace).values_or_raise()
+    rows = point_jacobian(geometry, FREE, there, workspace)
     error_um = 1e3 * position_std_mm(rows, known)
     std = np.sqrt(np.diag(known))[: len(ANGLE)]
     return Figures(*worst(std), float(error_um.mean()), float(error_um.max()), planning_s)

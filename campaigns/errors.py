@@ -23,6 +23,10 @@ class SelectionInvalid(CampaignError):
     """What was said to be known of the parameters cannot be meant so: correct the option."""
 
 
+class OptionsInvalid(CampaignError):
+    """The options don't go together, or ask for what there is not: change them."""
+
+
 class GoalInvalid(CampaignError):
     """The goal to be reached is no standard deviation that could be: write it as σ=0.02."""
 
@@ -49,6 +53,10 @@ class CampaignLocked(CampaignError):
 
 class JournalFailed(CampaignError):
     """The journal cannot be written or read. Nothing moves without it."""
+
+
+class FindingUnreadable(CampaignError):
+    """A finding that another version of the software wrote in another form: make it anew."""
 
 
 class ResumeRefused(CampaignError):

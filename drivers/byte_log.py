@@ -20,6 +20,7 @@ from drivers.wire.emscon import (
 from drivers.wire.emscon_constants import ResultStatus, status_text
 from drivers.wire.framing import LineFramer, Packet, PacketFramer
 from drivers.wire.geocom_constants import procedure_text, result_text
+from drivers.wire.robotline_messages import RobotLayout
 
 Message = TypeVar("Message")
 
@@ -70,16 +71,24 @@ class EmsconReading:
 class RobotlineReading:
     """Lines with checksums."""
 
-    def __init__(self) -> None:
+    def __init__(self, robot: RobotLayout) -> None:
+        self._robot = robot
         self._to_device, self._from_device = robotline.line_framer(), robotline.line_framer()
 
     def sent(self, data: bytes) -> Sequence[str]:
         """What the messages mean that these bytes to the device complete."""
-        return _lines(self._to_device, data, lambda line: str(robotline.decode_request(line)))
+        return _lines(self._to_device, data, self._request)
 
     def received(self, data: bytes) -> Sequence[str]:
         """What the messages mean that these bytes from the device complete."""
-        return _lines(self._from_device, data, _robotline_reply)
+        return _lines(self._from_device, data, self._reply)
+
+    def _request(self, line: bytes) -> str:
+        return str(robotline.decode_request(line, self._robot))
+
+    def _reply(self, line: bytes) -> str:
+        reply = robotline.decode_reply(line, self._robot)
+        return f"answer {reply.sequence} to {reply.verb}: {reply.outcome}"
 
 
 class GeocomReading:
@@ -116,16 +125,14 @@ class GeocomReading:
         return f"answer {reply.transaction} to {name}: {said}"
 
 
-READINGS: Mapping[str, Callable[[], Reading]] = {
-    "emscon": EmsconReading,
-    "geocom": GeocomReading,
-    "robotline": RobotlineReading,
-}
-
-
-def reading_for(driver: str) -> Callable[[], Reading]:
-    """Return what makes readings for a driver of that name."""
-    return READINGS.get(driver, NoReading)
+def reading_for(driver: str, robot: RobotLayout) -> Callable[[], Reading]:
+    """What makes readings for a driver of that name, of a robot of that layout."""
+    readings: Mapping[str, Callable[[], Reading]] = {
+        "emscon": EmsconReading,
+        "geocom": GeocomReading,
+        "robotline": lambda: RobotlineReading(robot),
+    }
+    return readings.get(driver, NoReading)
 
 
 def _lines(framer: LineFramer, data: bytes, meaning: Callable[[bytes], str]) -> Sequence[str]:
@@ -156,11 +163,6 @@ def _meant(meaning: Callable[[Message], str], message: Message) -> str:
         return meaning(message)[:LONGEST_MEANING]
     except WireError as error:
         return f"cannot be read: {error.problem}"[:LONGEST_MEANING]
-
-
-def _robotline_reply(line: bytes) -> str:
-    reply = robotline.decode_reply(line)
-    return f"answer {reply.sequence} to {reply.verb}: {reply.outcome}"
 
 
 def _asked(message: FromClient) -> str:

@@ -46,7 +46,7 @@ class RobotController(Protocol):
         """
         ...
 
-    def move_joints(self, joints_rad: Sequence[float], speed_fraction: float) -> None:
+    def move_joints(self, joints: Sequence[float], speed_fraction: float) -> None:
         """Start a joint move.
 
         Raises `LimitViolation`, `MotionFault` or `EmergencyStop` when it is refused.

@@ -1,7 +1,9 @@
 """What devices say, as values: millimetres, radians, seconds, degrees Celsius."""
 
+import math
 from dataclasses import dataclass
 from enum import Enum
+from itertools import chain
 
 Vector3 = tuple[float, float, float]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
@@ -24,19 +26,25 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """The controlled point B'_0 in the base frame and the plate's natural rotation angle."""
+    """The controlled point in the base frame, and the platform's turn where it turns."""
 
     x_mm: float
     y_mm: float
     z_mm: float
-    theta_rad: float
+    theta_rad: float | None = None
+
+    @property
+    def coordinates(self) -> tuple[float, ...]:
+        """Task coordinates in the order of the mechanism's axes, mm and rad."""
+        position = (self.x_mm, self.y_mm, self.z_mm)
+        return position if self.theta_rad is None else (*position, self.theta_rad)
 
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
     """One reading of a controller: `fault` is empty without one, `raw` is the answer as sent."""
 
-    joints_rad: tuple[float, ...]
+    joints: tuple[float, ...]
     moving: bool
     fault: str
     emergency_stop: bool
@@ -88,3 +96,23 @@ class TrackerState:
     laser_warm: bool
     beam_locked: bool
     reflector: str
+
+
+LEAST_DETERMINANT = 1e-12
+"""Of the correlations; below it one direction would be known a million times better than others."""
+
+
+def is_positive_definite(matrix: Matrix3, least_determinant: float = LEAST_DETERMINANT) -> bool:
+    """Whether it can be a covariance: Sylvester's criterion on the correlations, in any unit."""
+    if not all(math.isfinite(value) for value in chain.from_iterable(matrix)):
+        return False
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = matrix
+    if min(xx, yy, zz) <= 0.0:
+        return False
+    r_xy = xy / math.sqrt(xx) / math.sqrt(yy)
+    r_xz = xz / math.sqrt(xx) / math.sqrt(zz)
+    r_yz = yz / math.sqrt(yy) / math.sqrt(zz)
+    if max(abs(r_xy), abs(r_xz), abs(r_yz)) >= 1.0:
+        return False
+    determinant = 1.0 + 2.0 * r_xy * r_xz * r_yz - r_xy**2 - r_xz**2 - r_yz**2
+    return determinant > least_determinant

@@ -39,7 +39,7 @@ class CellMemory(BaseModel):
     geometry: dict[str, float]
     encoders_rad: PerArm
     play_rad: PerArm
-    joints_rad: PerArm
+    joints: PerArm
     plate: tuple[float, float, float, float, float, float, float]
     displaced_mm: Point
     arrivals: dict[str, int]
@@ -159,7 +159,7 @@ class Cell:
             geometry=self.controller.geometry(),
             encoders_rad=_tuple4(standing.encoders_rad),
             play_rad=_tuple4(standing.play_rad),
-            joints_rad=_tuple4(standing.assembly.joints_rad),
+            joints=_tuple4(standing.assembly.joints),
             plate=tuple(standing.assembly.plate.unknowns.tolist()),
             displaced_mm=tuple(standing.displaced_mm.tolist()),
             arrivals=self.robot.arrivals.memory(),
@@ -226,7 +226,7 @@ class Cell:
             settings,
             self.robot,
             geometry=geometry,
-            joints_rad=self.robot.standing.encoders_rad,
+            joints=self.robot.standing.encoders_rad,
             faults=self.faults,
             worked=self._worked,
         )
@@ -269,9 +269,9 @@ def _agreed_seed(scenario: Scenario, seed: int | None, past: CellMemory | None) 
 
 def _restored(past: CellMemory, rods: EightRods, growth: float) -> Standing:
     """As it was to the last bit, so that everything goes on unchanged."""
-    joints_rad, plate = np.array(past.joints_rad), Plate(np.array(past.plate))
+    joints, plate = np.array(past.joints), Plate(np.array(past.plate))
     try:
-        found = restore(rods, joints_rad, plate, growth)
+        found = restore(rods, joints, plate, growth)
     except AssemblyLost as error:
         raise MemoryInvalid(
             f"the cell's memory is damaged: {error.problem}", remedy=REMEDY
@@ -281,7 +281,7 @@ def _restored(past: CellMemory, rods: EightRods, growth: float) -> Standing:
     return Standing(
         np.array(past.encoders_rad),
         np.array(past.play_rad),
-        Assembly(joints_rad, plate, found.side),
+        Assembly(joints, plate, found.side),
         np.array(past.displaced_mm),
     )
 

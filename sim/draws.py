@@ -24,9 +24,9 @@ def generator(seed: int, purpose: Purpose, *keys: int) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(words)))
 
 
-def target_key(joints_rad: Sequence[float]) -> tuple[int, ...]:
+def target_key(joints: Sequence[float]) -> tuple[int, ...]:
     """A joint target as whole microdegrees, which names it for ever."""
-    return tuple(round(float(np.degrees(joint)) * 1e6) for joint in joints_rad)
+    return tuple(round(float(np.degrees(joint)) * 1e6) for joint in joints)
 
 
 class Attempts:

@@ -47,9 +47,9 @@ class FollowingController:
 
     def state(self, now_s: float) -> ControllerState:  # noqa: ARG002 - the joints have their time
         """What the joints read now."""
-        joints_rad, moving = self._follow()
+        joints, moving = self._follow()
         return ControllerState(
-            joints_rad=tuple(map(float, joints_rad)),
+            joints=tuple(map(float, joints)),
             moving=moving,
             fault="",
             emergency_stop=False,
@@ -69,12 +69,12 @@ class FollowingController:
 
     def _follow(self) -> tuple[Array, bool]:
         """Where the joints are, and whether they move; what has come to rest arrives."""
-        joints_rad = self._read()
-        if _is_same(joints_rad, self._standing_rad):
+        joints = self._read()
+        if _is_same(joints, self._standing_rad):
             return self._standing_rad, False
         self._sleep_s(LOOK_AGAIN_S)
         again_rad = self._read()
-        if not _is_same(again_rad, joints_rad):
+        if not _is_same(again_rad, joints):
             return again_rad, True
         self._arrive(again_rad)
         return again_rad, False
@@ -89,21 +89,21 @@ class FollowingController:
         except JointsLost:
             return self._standing_rad
 
-    def _arrive(self, joints_rad: Array) -> None:
+    def _arrive(self, joints: Array) -> None:
         """Come to rest there, by the straight joint path or, after a jump, from the first place.
 
         A controller that is started anew tells other joints at once; no way leads to them.
         """
-        travel_rad = float(np.abs(joints_rad - self._standing_rad).max())
-        if self._robot.passable_part(joints_rad) < 1.0:
+        travel_rad = float(np.abs(joints - self._standing_rad).max())
+        if self._robot.passable_part(joints) < 1.0:
             self._robot.standing = self._first
-            if self._robot.passable_part(joints_rad) < 1.0:
-                listed = ", ".join(f"{angle:.2f}" for angle in np.degrees(joints_rad))
+            if self._robot.passable_part(joints) < 1.0:
+                listed = ", ".join(f"{angle:.2f}" for angle in np.degrees(joints))
                 raise AssemblyLost(
                     f"the simulated robot cannot be at joints {listed} deg",
                     remedy="keep the real controller's joints inside its workspace",
                 )
-        self._robot.arrive(joints_rad, target_key(joints_rad.tolist()))
+        self._robot.arrive(joints, target_key(joints.tolist()))
         self._worked.add(travel_rad / self._speed_rad_per_s)
 
 

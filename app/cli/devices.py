@@ -1,16 +1,17 @@
 """pkmcal devices: who answers, and in what state."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from app.byte_log import byte_log
+from app.console import terminal_of
 from app.options import Folder, Json
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from drivers.ports import LaserTracker, RobotController
+from app.wiring import connected_cell
+from campaigns.campaign import Campaign, open_campaign
+from drivers.ports import LaserTracker, RobotController
 
 
 def command(
@@ -29,37 +30,35 @@ def command(
     start-up, beam, reflectors and weather. What campaign.yaml needs can be read off here: serial
     numbers and the reflector's name.
     """
-    from app.byte_log import byte_log
-    from app.console import terminal_of
-    from app.folder import open_campaign
-    from app.wiring import connected_cell
-
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     with byte_log(spy, terminal) as log, connected_cell(campaign, log=log) as cell:
-        found = {"controller": of_controller(cell.robot), "tracker": of_tracker(cell.tracker)}
+        found = {
+            "controller": of_controller(campaign, cell.robot),
+            "tracker": of_tracker(cell.tracker),
+        }
     urls = {"controller": campaign.config.controller.url, "tracker": campaign.config.tracker.url}
     for device, facts in found.items():
         terminal.listing(f"{device} at {urls[device]}", _texts(facts))
     terminal.document(found)
 
 
-def of_controller(robot: "RobotController") -> dict[str, object]:
+def of_controller(campaign: Campaign, robot: RobotController) -> dict[str, object]:
     """What the controller says of itself."""
-    from math import degrees
-
     identity, state = robot.identity(), robot.state()
+    axes = campaign.robot.mechanism.joints
+    joints = zip(axes, state.joints, strict=True)
     return {
         "identity": str(identity),
         "serial": identity.serial,
-        "joints_deg": [round(degrees(q), 6) for q in state.joints_rad],
+        f"joints_{axes[0].unit}": [round(axis.to_file(value), 6) for axis, value in joints],
         "moving": state.moving,
         "fault": state.fault,
         "emergency_stop": state.emergency_stop,
     }
 
 
-def of_tracker(tracker: "LaserTracker") -> dict[str, object]:
+def of_tracker(tracker: LaserTracker) -> dict[str, object]:
     """What the tracker says of itself and of the air."""
     identity, state, air = tracker.identity(), tracker.state(), tracker.weather()
     return {
@@ -77,7 +76,7 @@ def of_tracker(tracker: "LaserTracker") -> dict[str, object]:
     }
 
 
-def _texts(facts: "Mapping[str, object]") -> dict[str, str]:
+def _texts(facts: Mapping[str, object]) -> dict[str, str]:
     return {name.replace("_", " "): _text(value) for name, value in facts.items()}
 
 

@@ -1,21 +1,21 @@
 """pkmcal plan: where to measure."""
 
 import shlex
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated
 
 import typer
 
-from app.options import Fix, Folder, Free, Json, Plot, identifying_words
-from app.planning import Placement, PlanOptions, make
+from app.console import Terminal, terminal_of
+from app.options import Fix, Folder, Free, Json, Plot
+from app.plan_text import plan_line, precision_document, show_precision
+from app.terminal_picture import plan_picture
+from campaigns.campaign import Campaign, open_campaign
+from campaigns.chain.planning import PlannedCampaign, plan
+from campaigns.design.criteria import CriterionName
 from campaigns.estimation.estimators import Estimator
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from app.console import Terminal
-    from app.folder import Campaign
-    from app.plan_precision_text import PlanForecast
-    from campaigns.planning.plan_check import CheckedPlan
+from campaigns.options import PlanOptions
+from campaigns.planning.plans import Placement, pairs_of
+from campaigns.shots.shot_sets import ShotSet
 
 Shots = Annotated[
     int | None,
@@ -40,7 +40,7 @@ Until = Annotated[
     ),
 ]
 Criterion = Annotated[
-    Literal["I", "D", "A", "E"] | None,
+    CriterionName | None,
     typer.Option(
         help="Optimal for what. I: positions all over the workspace, the default. D: all "
         "parameters together. A: each of them, on average. E: what is known worst."
@@ -89,68 +89,50 @@ def command(
     are chosen, when more of them stop paying. Defaults stand under `plan` in campaign.yaml.
     plan.csv may be edited and is checked again; an older one is kept.
     """
-    from app.console import terminal_of
-    from app.folder import open_campaign
-
-    knowledge = tuple(free or ()), tuple(fix or ())
-    asked = PlanOptions(shots, placement, until, criterion, candidates, estimator, *knowledge, seed)
+    options = PlanOptions(
+        estimator=estimator,
+        free=tuple(free or ()),
+        fix=tuple(fix or ()),
+        shots=shots,
+        placement=placement,
+        until=until,
+        criterion=criterion,
+        candidates=candidates,
+        seed=seed,
+    )
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
-    checked, forecast = make(campaign, asked)
-    show(terminal, checked, forecast)
+    planned = plan(campaign, options)
+    show(terminal, planned)
     terminal.say(f"written: {campaign.plan_path}")
     if plot is not None:
-        draw(plot, checked, forecast)
+        from app.report.plots import plot_plan  # matplotlib takes longer than a plan
+
+        precision = planned.forecast.precision.predicted
+        plot_plan(plot, planned.checked.shots, precision, planned.forecast.curve)
         terminal.say(f"drawn: {plot}")
     validation = shlex.join(["pkmcal", "validate", str(folder), "--stage", "before"])
-    options = identifying_words(estimator, *knowledge)
-    terminal.note(f"next: {validation}, {shlex.join(['pkmcal', 'run', str(folder), *options])}")
-    terminal.document(plan_document(campaign, checked, forecast))
+    run = shlex.join(["pkmcal", "run", str(folder), *options.words()])
+    terminal.note(f"next: {validation}, {run}")
+    terminal.document(plan_document(campaign, planned))
 
 
-def plan_document(
-    campaign: "Campaign", checked: "CheckedPlan", forecast: "PlanForecast"
-) -> dict[str, object]:
-    """The plan as `--json` prints it."""
-    from app.plan_precision_text import precision_document
-    from campaigns.planning.plans import pairs_of
-    from campaigns.shots.shot_sets import ShotSet
-
-    pairs = len(pairs_of(checked.shots, ShotSet.IDENTIFICATION))
+def plan_document(campaign: Campaign, planned: PlannedCampaign) -> dict[str, object]:
+    """Plan as `--json` prints it."""
+    pairs = len(pairs_of(planned.checked.shots, ShotSet.IDENTIFICATION))
     return {
         "shots": 2 * pairs,
         "pairs": pairs,
-        **precision_document(forecast),
-        "seconds_estimated": checked.seconds,
+        **precision_document(planned.forecast),
+        "seconds_estimated": planned.checked.seconds,
         "path": str(campaign.plan_path),
     }
 
 
-def show(terminal: "Terminal", checked: "CheckedPlan", forecast: "PlanForecast") -> None:
-    """The plan for people: picture, what it will tell, what it takes."""
-    from app.plan_precision_text import show_precision
-    from app.terminal_picture import plan_picture
-
-    for line in plan_picture(checked.shots):
+def show(terminal: Terminal, planned: PlannedCampaign) -> None:
+    """Plan for people: picture, what it will tell, what it takes."""
+    for line in plan_picture(planned.checked.shots):
         terminal.say(line)
-    show_precision(terminal, forecast)
-    terminal.say(f"{plan_line(checked)}; {checked.detours} ways go round something")
-
-
-def draw(path: "Path", checked: "CheckedPlan", forecast: "PlanForecast") -> None:
-    """The same as a picture; raises `WriteFailed`."""
-    from app.report.plots import plot_plan
-
-    plot_plan(path, checked.shots, forecast.foresight.expected, forecast.curve)
-
-
-def plan_line(checked: "CheckedPlan") -> str:
-    """What a plan holds and takes, in one line."""
-    from collections import Counter
-
-    from app.progress import interval
-
-    counts = Counter(shot.purpose.value for shot in checked.shots)
-    sets = ", ".join(f"{count} {purpose}" for purpose, count in counts.items())
-    took = interval((checked.seconds, checked.seconds))
-    return f"{len(checked.shots)} shots ({sets}), about {took}"
+    show_precision(terminal, planned.forecast)
+    detours = planned.checked.detours
+    terminal.say(f"{plan_line(planned.checked)}; {detours} ways go round something")

@@ -45,12 +45,13 @@ def command(
     workers: Workers = None,
     json: Json = False,
 ) -> None:
-    """Do the paper's simulation and experiment again, on simulated cells.
+    """Do the paper's simulation and experiment again.
 
-    Three experiments, many seeds of each, every seed a whole campaign over sockets: Table I's
-    errors with the tracker's noise (Fig. 7), the same with the robot's repeatability, and Table
-    II's errors as the prototype (Fig. 8, Tables II to IV). Ours stands beside what the paper
-    prints, with the reason where the two differ, on the terminal and on a page.
+    Three experiments on simulated cells, many seeds of each, every seed a whole campaign over
+    sockets: Table I's errors with the tracker's noise (Fig. 7), the same with the robot's
+    repeatability, and Table II's errors as the prototype (Fig. 8, Tables II to IV). Ours stands
+    beside what the paper prints, with the reason where the two differ, on the terminal and on a
+    page.
 
     Finished seeds are kept in DIR: the same command goes on where it was broken off.
 
@@ -75,11 +76,11 @@ def command(
 
 
 def seeds_asked(seeds: int | None, *, quick: bool) -> int:
-    """How many seeds of each experiment; raises `UsageInvalid`."""
-    from app.exits import UsageInvalid
+    """How many seeds of each experiment; raises `OptionsInvalid`."""
+    from campaigns.errors import OptionsInvalid
 
     if quick and seeds is not None:
-        raise UsageInvalid("--quick and --seeds both say how many seeds", remedy="give one")
+        raise OptionsInvalid("--quick and --seeds both say how many seeds", remedy="give one")
     return QUICK_SEEDS if quick else seeds or SEEDS
 
 
@@ -97,12 +98,12 @@ def reproduce(folder: Path, seeds: int, workers: int | None, terminal: "Terminal
 
     Raises `CampaignLocked`, `ResultsInvalid`, `WriteFailed` or `Interrupted`.
     """
-    from app.folder import now_utc
     from app.papers.corbel2006.comparison import compare
     from app.papers.corbel2006.evidence import evidence
     from app.papers.corbel2006.experiments import trials
     from app.papers.corbel2006.page import Material, page_html, page_of
     from app.papers.corbel2006.verdict import verdict
+    from campaigns.campaign import now_utc
     from campaigns.files.lock import campaign_lock
     from campaigns.files.text_file import make_folder, replace_text
 
@@ -137,21 +138,22 @@ def _rehearsed(room: Path, trial: "Trial") -> "TrialResult":
     from io import StringIO
     from tempfile import TemporaryDirectory
 
-    from app.cli import dry_run, new
-    from app.cli.identify import AS_THE_PAPER
     from app.console import Terminal
-    from app.folder import open_campaign
+    from app.new_campaign import create_simulated
     from app.papers.corbel2006.experiments import ROBOT, adapt
     from app.papers.corbel2006.trials import TrialFailed, result_of
+    from app.rehearsal import rehearse
+    from campaigns.campaign import open_campaign
+    from campaigns.options import AS_THE_PAPER
 
     started_s = time.monotonic()
     with TemporaryDirectory(dir=room) as own:
         folder = Path(own) / "campaign"
-        new.create_simulated(folder, ROBOT, trial.experiment.scenario, trial.seed)
+        create_simulated(folder, ROBOT, trial.experiment.scenario, trial.seed)
         adapt(folder, trial)
         campaign = open_campaign(folder)
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-            _, against = dry_run.rehearse(campaign, Terminal(as_json=False), AS_THE_PAPER)
+            _, against = rehearse(campaign, Terminal(as_json=False), AS_THE_PAPER)
         if against:
             raise TrialFailed("; ".join(against), remedy=f"pkmcal dry-run --seed {trial.seed}")
         return result_of(campaign, trial, time.monotonic() - started_s)

@@ -4,7 +4,13 @@ from typing import Annotated
 
 import typer
 
+from app.console import terminal_of
+from app.interrupt import awaited_signal
 from app.options import Seed
+from sim.cell import Cell
+from sim.clock import ScaledClock
+from sim.embedded import EmbeddedCell
+from sim.scenarios.scenario import load_scenario
 
 Port = Annotated[int, typer.Option(min=0, max=65535, metavar="N", help="0: any free one.")]
 Name = Annotated[
@@ -30,13 +36,6 @@ def command(
     --controller URL --tracker URL` or for software of your own. Prints one JSON line with the
     addresses, then serves until Ctrl-C or SIGTERM.
     """
-    from app.console import terminal_of
-    from app.interrupt import awaited_signal
-    from sim.cell import Cell
-    from sim.clock import ScaledClock
-    from sim.embedded import EmbeddedCell
-    from sim.scenarios.scenario import load_scenario
-
     loaded = load_scenario(scenario)
     cell = EmbeddedCell(
         Cell(loaded, seed=seed),

@@ -1,24 +1,30 @@
 """pkmcal study: many simulated campaigns, to see how good a plan and how honest its σ is."""
 
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
+from rich.console import Console
 
+from app.console import WARNING, Terminal, terminal_of
 from app.exits import Exit
 from app.options import Fix, Folder, Free, Json, Plot
+from app.progress import CountedWork
+from app.study import tables
+from app.study.combinations import Combination, combinations
+from app.study.comparison import Compared, compare, comparison_csv
+from app.study.document import document_text, study_document
+from app.study.running import run_study
+from app.study.setup import StudyOptions, left_out
+from app.study.workers import workers_of
+from campaigns.campaign import Campaign, now_utc, open_campaign
 from campaigns.estimation.estimators import Estimator
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from app.console import Terminal
-    from app.folder import Campaign
-    from app.progress import CountedWork
-    from app.study.combinations import Combination
-    from app.study.comparison import Compared
-    from app.study.setup import StudyOptions
+from campaigns.files.lock import campaign_lock
+from campaigns.files.text_file import make_folder, replace_text
+from campaigns.identification.parameter_selection import select_parameters
 
 MOST_CAMPAIGNS = 1_000_000
 OUTPUTS = "study"
@@ -91,13 +97,9 @@ def command(
     The same command goes on where it was stopped; a larger N adds campaigns. Numbers depend on the
     seed, not on the workers. Exit code 1: campaigns were lost with their workers.
     """
-    from app.console import terminal_of
-    from app.folder import open_campaign
-    from app.study.setup import StudyOptions
-    from campaigns.identification.parameter_selection import select_parameters
-
     terminal, opened = terminal_of(context, as_json=json), open_campaign(folder)
-    names = select_parameters(free or (), fix or ()).free
+    space = opened.robot.mechanism.parameters
+    names = select_parameters(space, free or (), fix or ()).free
     asked = StudyOptions(plan or (), scenario or (), estimator or (), names, seed)
     goal = Goal(campaigns, workers, to or opened.path(OUTPUTS))
     document, compared = study(opened, asked, goal, terminal)
@@ -119,20 +121,9 @@ class Goal:
 
 
 def study(
-    campaign: "Campaign", asked: "StudyOptions", goal: Goal, terminal: "Terminal"
-) -> "tuple[dict[str, object], tuple[Compared, ...]]":
+    campaign: Campaign, asked: StudyOptions, goal: Goal, terminal: Terminal
+) -> tuple[dict[str, object], tuple[Compared, ...]]:
     """Run what the tables lack, with their folder held, and write what all of it shows."""
-    import time
-
-    from app.folder import now_utc
-    from app.study.combinations import combinations
-    from app.study.comparison import compare, comparison_csv
-    from app.study.document import document_text, study_document
-    from app.study.running import run_study
-    from app.study.workers import workers_of
-    from campaigns.files.lock import campaign_lock
-    from campaigns.files.text_file import make_folder, replace_text
-
     began_s = time.monotonic()
     found, results_of = combinations(campaign, asked, goal.to), workers_of(goal.workers)
     tell_what_is_left_out(terminal, found)
@@ -147,33 +138,21 @@ def study(
     return document, compared
 
 
-def counting(total: int, done: int) -> "CountedWork":
+def counting(total: int, done: int) -> CountedWork:
     """Shows how far the campaigns are."""
-    import time
-
-    from rich.console import Console
-
-    from app.progress import CountedWork
-
     screen = Console(stderr=True, highlight=False)
     return CountedWork(screen, "campaigns", total, done=done, now_s=time.monotonic)
 
 
-def tell_what_is_left_out(terminal: "Terminal", combinations: "Sequence[Combination]") -> None:
+def tell_what_is_left_out(terminal: Terminal, combinations: Sequence[Combination]) -> None:
     """Say what the scenarios have that no campaign of a study has."""
-    from app.console import WARNING
-    from app.study.setup import left_out
-
     for scenario in {one.scenario.name: one.scenario for one in combinations}.values():
         if effects := left_out(scenario):
             terminal.note(f"{scenario.name}: not simulated here: {', '.join(effects)}", WARNING)
 
 
-def show(terminal: "Terminal", compared: "Sequence[Compared]") -> None:
+def show(terminal: Terminal, compared: Sequence[Compared]) -> None:
     """The result for people: of one combination every parameter, of several the worst of each."""
-    from app.console import WARNING
-    from app.study import tables
-
     if len(compared) == 1:
         rows = tables.parameter_rows(compared[0].summary)
         terminal.table("Errors of the parameters (mm, deg)", tables.PARAMETERS, rows)
@@ -193,9 +172,9 @@ def show(terminal: "Terminal", compared: "Sequence[Compared]") -> None:
     terminal.say(f"written: {compared[0].combination.table.path.parent}")
 
 
-def draw(terminal: "Terminal", compared: "Sequence[Compared]", path: Path) -> None:
+def draw(terminal: Terminal, compared: Sequence[Compared], path: Path) -> None:
     """Draw errors, coverage and what is left; raises `WriteFailed`."""
-    from app.report.figures.drawing import save
+    from app.report.figures.drawing import save  # matplotlib only where it is used
     from app.study.pictures import study_picture
 
     save(study_picture(compared), path)

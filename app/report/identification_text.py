@@ -5,26 +5,27 @@ from collections.abc import Iterator
 from app.console import BAD, GOOD, OPEN, WARNING, Terminal
 from app.terminal_picture import histogram_lines
 from campaigns.estimation.estimators import Estimator
-from campaigns.identification.result import IdentificationResult
-from campaigns.mechanisms.geometry import AXIS_TILT_NAMES
+from campaigns.identification.result import STRONG, IdentificationResult
+from campaigns.mechanisms.mechanism import ParameterSpace
 from campaigns.robots.robot import NOT_FOR_CONTROLLERS
 
 CORRELATIONS = 5
 """So many of the strongest are shown."""
 
 
-def show(terminal: Terminal, found: IdentificationResult) -> None:
+def show(terminal: Terminal, found: IdentificationResult, space: ParameterSpace) -> None:
     """The result for people: parameters, errors, what is uncertain, the verdict last."""
     columns = ("", "nominal", "identified", "Δ", "σ")
     terminal.table("Parameters (mm, deg)", columns, list(_parameter_rows(found)))
     columns = ("", "mean before", "after", "max before", "after")
     terminal.table("Errors (mm)", columns, list(_error_rows(found)))
-    if found.compared:
+    if found.models:
         columns = ("", "parameters", "BIC", "unseen rms", "")
         terminal.table("Models (mm)", columns, list(_model_rows(found)))
     terminal.say(_remaining(found), "bold")
-    for line in histogram_lines(found.fitted.after_mm.ravel().tolist()):
-        terminal.say(f"  {line}")
+    if found.fitted is not None:
+        for line in histogram_lines(found.fitted.after.ravel().tolist()):
+            terminal.say(f"  {line}")
     terminal.say("")
     for line in _uncertainty_lines(found):
         terminal.say(line)
@@ -33,21 +34,21 @@ def show(terminal: Terminal, found: IdentificationResult) -> None:
     terminal.say(f"verdict: {found.verdict}", {"pass": GOOD, "fail": BAD}.get(found.verdict, OPEN))
     for reason in found.reasons:
         terminal.say(f"  {reason}")
-    if {parameter.name for parameter in found.parameters if parameter.free} & {*AXIS_TILT_NAMES}:
+    if any(name in space.extensions for name in found.free):
         terminal.say(NOT_FOR_CONTROLLERS, WARNING)
 
 
 def _remaining(found: IdentificationResult) -> str:
-    if found.request.estimator is Estimator.DISTANCES:
+    if found.estimator is Estimator.DISTANCES:
         return "What the model leaves of each fitted distance"
     return "What the model leaves of each fitted coordinate"
 
 
 def _parameter_rows(found: IdentificationResult) -> Iterator[tuple[str, ...]]:
-    for parameter in found.parameters:
+    for name, parameter in found.parameters.items():
         if parameter.free:
             yield (
-                parameter.name,
+                name,
                 f"{parameter.nominal:.4f}",
                 f"{parameter.value:.4f}",
                 f"{parameter.delta:+.4f}",
@@ -56,9 +57,10 @@ def _parameter_rows(found: IdentificationResult) -> Iterator[tuple[str, ...]]:
 
 
 def _error_rows(found: IdentificationResult) -> Iterator[tuple[str, ...]]:
-    distances = found.request.estimator is Estimator.DISTANCES
+    distances = found.estimator is Estimator.DISTANCES
     fitted = "distances of fitted pairs" if distances else "positions of fitted shots"
-    for name, errors in ((fitted, found.residuals), ("distances of unseen pairs", found.unseen)):
+    both = {fitted: found.residuals_mm, "distances of unseen pairs": found.unseen_mm}
+    for name, errors in both.items():
         if errors is not None:
             before, after = errors.before, errors.after
             sizes = (before.mean_abs, after.mean_abs, before.max_abs, after.max_abs)
@@ -66,7 +68,7 @@ def _error_rows(found: IdentificationResult) -> Iterator[tuple[str, ...]]:
 
 
 def _model_rows(found: IdentificationResult) -> Iterator[tuple[str, ...]]:
-    for model in found.compared:
+    for model in found.models:
         yield (
             model.name,
             str(model.parameters),
@@ -77,22 +79,25 @@ def _model_rows(found: IdentificationResult) -> Iterator[tuple[str, ...]]:
 
 
 def _uncertainty_lines(found: IdentificationResult) -> Iterator[str]:
+    condition = "infinite" if found.condition is None else f"{found.condition:.0f}"
     yield (
-        f"{found.explanation}; rank {found.rank}, condition {found.condition:.0f}, "
-        f"{found.dof} degrees of freedom"
+        f"{found.message}; rank {found.rank}, condition {condition}, {found.dof} degrees of freedom"
     )
-    yield found.noise_in_words
-    if found.position_std is not None:
+    if found.chi2 is not None:
+        yield found.chi2.says
+    if found.position_std_mm is not None:
+        mean, most = found.position_std_mm.mean, found.position_std_mm.max
         yield (
-            f"predicted error of position (1 σ): {found.position_std.mean:.4f} mm on average over "
-            f"the workspace, {found.position_std.max:.4f} mm at most"
+            f"predicted error of position (1 σ): {mean:.4f} mm on average over the workspace, "
+            f"{most:.4f} mm at most"
         )
-    for each in found.covariance.strong_correlations()[:CORRELATIONS]:
-        yield f"  correlated: {each.first} and {each.second}, {each.value:+.2f}"
+    known = found.covariance
+    for each in known.strongest(CORRELATIONS, STRONG) if known else ():
+        yield f"  correlated: {each.a} and {each.b}, {each.value:+.2f}"
 
 
 def _warnings(found: IdentificationResult) -> Iterator[str]:
     for left in found.excluded:
         yield f"left out: {left.what}: {left.reason}"
-    for names in found.by_priors_alone:
+    for names in found.known_by_priors_alone:
         yield f"known by the priors alone: {', '.join(names)}"

@@ -2,9 +2,6 @@
 
 from collections.abc import Iterator
 
-from app.report.contents import Contents
-from app.report.explained import ResidualBudget
-from app.report.findings import IdentificationFinding, ModelFinding, ParameterFinding
 from app.report.parts import (
     NOTHING,
     Column,
@@ -18,7 +15,14 @@ from app.report.parts import (
 )
 from app.report.pictures import correlation_picture
 from app.report.results_sections import NO_IDENTIFICATION
-from campaigns.mechanisms.geometry import AXIS_TILT_NAMES, BACKLASH_NAMES
+from campaigns.evaluation.residual_budget import ResidualBudget
+from campaigns.evidence import Evaluation
+from campaigns.identification.result import (
+    ComparedModel,
+    IdentifiedParameter,
+    RecordedIdentification,
+)
+from campaigns.mechanisms.mechanism import ParameterSpace
 
 PARAMETER_DECIMALS = 4
 STRONGEST = 8
@@ -32,7 +36,7 @@ ASSUMED = (
 )
 
 
-def parameters_section(contents: Contents) -> Section:
+def parameters_section(contents: Evaluation) -> Section:
     """Old, new, and how surely."""
     found = contents.evidence.identification
     if found is None:
@@ -41,25 +45,27 @@ def parameters_section(contents: Contents) -> Section:
     return Section("parameters", "Parameters", tuple(_parameter_parts(contents, found)))
 
 
-def remainder_section(contents: Contents) -> Section:
+def remainder_section(contents: Evaluation) -> Section:
     """What is left when the model has said all it can."""
     parts: list[Part] = []
-    if contents.remainder is None:
+    if contents.budget is None:
         text = "Without an identification and shots to spare, nothing can be said of what is left."
         parts.append(Paragraph(text, "missing"))
     else:
-        parts += _remainder_parts(contents.remainder)
-    assumed = Paragraph(_assumed(contents.evidence.identification))
+        parts += _remainder_parts(contents.budget)
+    evidence = contents.evidence
+    space = evidence.campaign.robot.mechanism.parameters
+    assumed = Paragraph(_assumed(evidence.identification, space))
     return Section("remainder", "What the model does not explain", (*parts, assumed))
 
 
-def _assumed(found: IdentificationFinding | None) -> str:
+def _assumed(found: RecordedIdentification | None, space: ParameterSpace) -> str:
     """What the model that was kept cannot express."""
     free = () if found is None else found.free
     unknown = [*ASSUMED]
-    if not {*AXIS_TILT_NAMES} & {*free}:
+    if not {*space.extensions} & {*free}:
         unknown.append(HORIZONTAL)
-    if not {*BACKLASH_NAMES} & {*free}:
+    if not {*space.backlashes} & {*free}:
         unknown.append(NO_PLAY)
     return (
         f"What the model assumes, and no parameter of it can express: {'; '.join(unknown)}. "
@@ -67,12 +73,12 @@ def _assumed(found: IdentificationFinding | None) -> str:
     )
 
 
-def _parameter_parts(contents: Contents, found: IdentificationFinding) -> Iterator[Part]:
+def _parameter_parts(contents: Evaluation, found: RecordedIdentification) -> Iterator[Part]:
     state = "converged" if found.converged else "did not converge"
     condition = "" if found.condition is None else f", condition {found.condition:.0f}"
     yield Paragraph(
-        f"Estimator: {found.estimator}; it {state} after {found.iterations} evaluations with rank "
-        f"{found.rank} of {len(found.free)}{condition} and {found.dof} degrees of freedom. "
+        f"Estimator: {found.estimator.value}; it {state} after {found.iterations} evaluations with "
+        f"rank {found.rank} of {len(found.free)}{condition} and {found.dof} degrees of freedom. "
         "σ is one standard deviation."
     )
     yield from _uncertainty_paragraphs(found)
@@ -90,13 +96,13 @@ def _parameter_parts(contents: Contents, found: IdentificationFinding) -> Iterat
     for names in found.known_by_priors_alone:
         text = f"Known by what was given beforehand alone: {', '.join(names)}."
         yield Paragraph(text)
-    if contents.correlations is None:
+    known = found.covariance
+    if known is None or not known.names:
         text = "There are no correlations: the shots do not tell how surely parameters are known."
         yield Paragraph(text, "missing")
         return
     strongest = tuple(
-        (each.first, each.second, number(each.value, 2, signed=True))
-        for each in contents.correlations.strongest(STRONGEST)
+        (each.a, each.b, number(each.value, 2, signed=True)) for each in known.strongest(STRONGEST)
     )
     yield Table("Strongest correlations", (*words("", ""), Column("ρ")), strongest)
     picture = correlation_picture(contents)
@@ -104,7 +110,7 @@ def _parameter_parts(contents: Contents, found: IdentificationFinding) -> Iterat
         yield picture
 
 
-def _uncertainty_paragraphs(found: IdentificationFinding) -> Iterator[Paragraph]:
+def _uncertainty_paragraphs(found: RecordedIdentification) -> Iterator[Paragraph]:
     if found.chi2 is not None:
         yield Paragraph(f"{found.chi2.says[0].upper()}{found.chi2.says[1:]}.")
     if found.position_std_mm is not None:
@@ -118,7 +124,7 @@ def _uncertainty_paragraphs(found: IdentificationFinding) -> Iterator[Paragraph]
         yield Paragraph(f"Given beforehand, about the old values (1 σ, mm and deg): {known}.")
 
 
-def _models_table(models: tuple[ModelFinding, ...]) -> Table:
+def _models_table(models: tuple[ComparedModel, ...]) -> Table:
     columns = (
         *words("model"),
         *(Column(title) for title in ("parameters", "BIC")),
@@ -139,7 +145,7 @@ def _models_table(models: tuple[ModelFinding, ...]) -> Table:
     return Table("Models compared", columns, rows, note)
 
 
-def _parameter_row(name: str, found: ParameterFinding) -> Row:
+def _parameter_row(name: str, found: IdentifiedParameter) -> Row:
     stem, _, unit = name.rpartition("_")
     values = [number(value, PARAMETER_DECIMALS) for value in (found.nominal, found.value)]
     if not found.free:

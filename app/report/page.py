@@ -3,12 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from app.report.conformity import RULE
-from app.report.contents import Contents
-from app.report.evidence import Evidence
-from app.report.key_figures import KeyFigure, key_figures
 from app.report.model_sections import parameters_section, remainder_section
-from app.report.parts import Row, Section, moment
+from app.report.parts import Row, Section, moment, number
 from app.report.record_sections import incidents_section, provenance_section, tracker_section
 from app.report.rendering import GENERATOR, rendered
 from app.report.results_sections import (
@@ -18,6 +14,9 @@ from app.report.results_sections import (
     tests_section,
     workspace_section,
 )
+from campaigns.evaluation.campaign_verdict import RULE
+from campaigns.evaluation.validation import ValidationResult
+from campaigns.evidence import Evaluation, Evidence
 
 SECTIONS = (
     limits_section,
@@ -31,6 +30,18 @@ SECTIONS = (
     remainder_section,
     provenance_section,
 )
+
+
+KEY_FIGURES = ("distances, mean error", "distances, largest error", "rotation")
+
+
+@dataclass(frozen=True, slots=True)
+class KeyFigure:
+    """Figure in mm for readers who read no further; a dash where it was not measured."""
+
+    name: str
+    before: str
+    after: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +65,7 @@ class Page:
     generator: str = GENERATOR
 
 
-def page_of(contents: Contents, made_utc: str) -> Page:
+def page_of(contents: Evaluation, made_utc: str) -> Page:
     """Put the page together."""
     evidence = contents.evidence
     sections = tuple(section(contents) for section in SECTIONS)
@@ -78,6 +89,25 @@ def page_of(contents: Contents, made_utc: str) -> Page:
 def page_html(page: Page) -> str:
     """Draw the figures and write the document."""
     return rendered("page.html.jinja", page)
+
+
+def key_figures(contents: Evaluation) -> tuple[KeyFigure, ...]:
+    """Those of the commanded robot that were measured in at least one stage."""
+    before, after = (dict(_values(each)) for each in (contents.before, contents.after))
+    return tuple(
+        KeyFigure(name, number(before.get(name)), number(after.get(name)))
+        for name in {**before, **after}
+    )
+
+
+def _values(found: ValidationResult | None) -> Iterator[tuple[str, float]]:
+    figures = {} if found is None else found.figures()
+    for name in KEY_FIGURES:
+        length = figures.get(name)
+        if length is not None:
+            yield name, length.value_mm
+    if found is not None and found.lines:
+        yield "straightness, worst line", max(line.straightness.value_mm for line in found.lines)
 
 
 def _facts(evidence: Evidence, made_utc: str) -> Iterator[Row]:

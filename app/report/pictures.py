@@ -5,15 +5,15 @@ from functools import partial
 
 import numpy as np
 
-from app.report.contents import Contents
 from app.report.figures import distances, tests, time_and_parameters, workspace
 from app.report.figures.distances import PairGroup
-from app.report.model_errors import PairErrors, PositionErrors, ShotErrors
 from app.report.parts import Picture
-from app.report.stages import StageView
+from campaigns.evaluation.model_errors import PairErrors, PositionErrors, ShotErrors
+from campaigns.evaluation.validation import ValidationResult
+from campaigns.evidence import Evaluation
 
 
-def distance_pictures(contents: Contents) -> Iterator[Picture]:
+def distance_pictures(contents: Evaluation) -> Iterator[Picture]:
     """Errors shot by shot if positions were fitted, pair by pair, and the latter's histogram."""
     if contents.errors is not None and contents.errors.shots is not None:
         yield _shot_picture(contents.errors.shots)
@@ -38,7 +38,7 @@ def distance_pictures(contents: Contents) -> Iterator[Picture]:
     )
 
 
-def workspace_pictures(contents: Contents) -> Iterator[Picture]:
+def workspace_pictures(contents: Evaluation) -> Iterator[Picture]:
     """Errors of position where they are."""
     positions = contents.errors.positions if contents.errors else None
     if positions is None:
@@ -59,7 +59,9 @@ def workspace_pictures(contents: Contents) -> Iterator[Picture]:
         )
 
 
-def test_pictures(before: StageView | None, after: StageView | None) -> Iterator[Picture]:
+def test_pictures(
+    before: ValidationResult | None, after: ValidationResult | None
+) -> Iterator[Picture]:
     """Straightness, rotation and repeatability, as far as they were measured."""
     if any(stage and stage.lines for stage in (before, after)):
         yield Picture(
@@ -69,7 +71,7 @@ def test_pictures(before: StageView | None, after: StageView | None) -> Iterator
             "follow one, in the two directions across it. The number is the largest distance.",
             partial(tests.straightness, before, after),
         )
-    turns = [stage.turn if stage else None for stage in (before, after)]
+    turns = [stage.rotation if stage else None for stage in (before, after)]
     if any(turns):
         yield Picture(
             "rotation",
@@ -78,7 +80,7 @@ def test_pictures(before: StageView | None, after: StageView | None) -> Iterator
             "between any two of its places.",
             partial(tests.rotation, *turns),
         )
-    clouds = [stage.cloud if stage else None for stage in (before, after)]
+    clouds = [stage.repeatability if stage else None for stage in (before, after)]
     if any(clouds):
         yield Picture(
             "repeatability",
@@ -90,9 +92,9 @@ def test_pictures(before: StageView | None, after: StageView | None) -> Iterator
         )
 
 
-def time_picture(contents: Contents) -> Picture | None:
+def time_picture(contents: Evaluation) -> Picture | None:
     """Air and drift."""
-    if not contents.courses:
+    if not contents.time_series:
         return None
     return Picture(
         "over-time",
@@ -100,24 +102,25 @@ def time_picture(contents: Contents) -> Picture | None:
         "Above, the air's temperature at each shot; below, how far the drift pose has moved since "
         "it was first measured. A steady rise of either means that something warmed up or gave way "
         "during the measurement.",
-        partial(time_and_parameters.over_time, contents.courses),
+        partial(time_and_parameters.over_time, contents.time_series),
     )
 
 
-def correlation_picture(contents: Contents) -> Picture | None:
+def correlation_picture(contents: Evaluation) -> Picture | None:
     """The parameters' correlations."""
-    if contents.correlations is None:
+    found = contents.evidence.identification
+    if found is None or found.covariance is None or not found.covariance.names:
         return None
     return Picture(
         "correlations",
         "Correlations of the identified parameters",
         "The darker, the less two parameters can be told apart with these shots: an error in one "
         "is made good by an error in the other.",
-        partial(time_and_parameters.correlation_map, contents.correlations),
+        partial(time_and_parameters.correlation_map, found.covariance),
     )
 
 
-def pair_groups(contents: Contents) -> tuple[PairGroup, ...]:
+def pair_groups(contents: Evaluation) -> tuple[PairGroup, ...]:
     """Fitted and unseen pairs by the models, and the pairs that the controller was told."""
     errors = contents.errors
     groups = [

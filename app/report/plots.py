@@ -9,7 +9,7 @@ from app.report.figures.distances import PairGroup, pair_errors
 from app.report.figures.drawing import save
 from app.report.figures.plan import plan_picture
 from campaigns.estimation.estimators import Estimator
-from campaigns.identification.result import Errors, IdentificationResult
+from campaigns.identification.result import IdentificationResult, ResidualTable
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import poses_of
 from campaigns.planning.predicted_precision import PrecisionCurvePoint, PredictedPrecision
@@ -18,29 +18,29 @@ from campaigns.planning.predicted_precision import PrecisionCurvePoint, Predicte
 def plot_plan(
     path: Path,
     shots: Sequence[PlannedShot],
-    expected: PredictedPrecision,
+    predicted: PredictedPrecision,
     curve: Sequence[PrecisionCurvePoint],
 ) -> None:
     """Draw a plan and what it will tell; .svg, .png or .pdf. Raises `WriteFailed`."""
     purposes = tuple(shot.purpose for shot in shots)
-    save(plan_picture(poses_of(shots), purposes, expected, curve), path)
+    save(plan_picture(poses_of(shots), purposes, predicted, curve), path)
 
 
 def plot_residuals(path: Path, found: IdentificationResult) -> None:
     """Draw what was fitted and the unseen pairs, before and after; raises `WriteFailed`."""
-    distances = found.request.estimator is Estimator.DISTANCES
+    distances = found.estimator is Estimator.DISTANCES
     fitted = "fitted pairs" if distances else "fitted shots, length of the error"
-    groups = [_group(fitted, "o", found.fitted)]
-    if found.unseen_pairs is not None:
-        groups.append(_group("unseen pairs, error of distance", "D", found.unseen_pairs))
+    tables = {fitted: found.fitted, "unseen pairs, error of distance": found.unseen}
+    marks = zip("oD", tables.items(), strict=True)
+    groups = [_group(name, mark, each) for mark, (name, each) in marks if each is not None]
     quantity, what = ("error of distance", "pairs") if distances else ("error", "shots and pairs")
     save(pair_errors(groups, quantity=quantity, what=what), path)
 
 
-def _group(name: str, marker: str, errors: Errors) -> PairGroup:
+def _group(name: str, marker: str, errors: ResidualTable) -> PairGroup:
     """Distances (N, 1) with their sign, positions (N, 3) by their length."""
     before, after = (
         each[:, 0] if each.shape[1] == 1 else np.linalg.norm(each, axis=1)
-        for each in (errors.before_mm, errors.after_mm)
+        for each in (errors.before, errors.after)
     )
     return PairGroup(name, marker, before, after)

@@ -4,10 +4,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from app.report.checks import Check
-from app.report.contents import Contents
-from app.report.evidence import Evidence, MeasuredSeries, SeriesFacts
-from app.report.over_time import time_series
 from app.report.parts import (
     NOTHING,
     Column,
@@ -23,6 +19,9 @@ from app.report.parts import (
 )
 from app.report.pictures import time_picture
 from campaigns.arrays import Array
+from campaigns.evaluation.integrity import Check
+from campaigns.evaluation.time_series import time_series
+from campaigns.evidence import Evaluation, Evidence, MeasuredSeries, SeriesFacts
 from campaigns.journal.records import Event, Rejected
 from drivers.values import Identity
 
@@ -33,7 +32,7 @@ FIELD_CHECK = (
 )
 
 
-def tracker_section(contents: Contents) -> Section:
+def tracker_section(contents: Evaluation) -> Section:
     """What the instrument said of itself, the air and the drift."""
     parts: list[Part] = []
     rows = tuple(_tracker_rows(contents))
@@ -54,7 +53,7 @@ def tracker_section(contents: Contents) -> Section:
     return Section("tracker", "Tracker, drift, temperature", (*parts, Paragraph(FIELD_CHECK)))
 
 
-def incidents_section(contents: Contents) -> Section:
+def incidents_section(contents: Evaluation) -> Section:
     """What does not count, and why."""
     evidence = contents.evidence
     if evidence.journal is None:
@@ -68,27 +67,27 @@ def incidents_section(contents: Contents) -> Section:
     return Section("incidents", "Excluded shots and events", parts)
 
 
-def provenance_section(contents: Contents) -> Section:
+def provenance_section(contents: Evaluation) -> Section:
     """Who, with what, when; and that the files belong together."""
     return Section(
         "provenance", "Identities, versions, digests", tuple(_provenance_parts(contents))
     )
 
 
-def _tracker_rows(contents: Contents) -> Iterator[Row]:
+def _tracker_rows(contents: Evaluation) -> Iterator[Row]:
     for name, measured in contents.evidence.by_stage():
-        air = time_series(name, measured)
+        air = time_series(name, measured.shots)
         moved = float(air.drift_mm.max()) if len(air.drift_mm) > 1 else None
         yield name, *_stated(measured), *_span(air.temperature_degC), number(moved)
 
 
 def _stated(measured: MeasuredSeries) -> Row:
     """Median and largest of the shots' standard deviations in their worst direction."""
-    stated = [shot.outcome.covariance_mm2 for shot in measured.shots]
-    known = [covariance for covariance in stated if covariance is not None]
-    if not known:
+    stated = measured.shots.stated_covariance_mm2
+    known = stated[~np.isnan(stated).any(axis=(1, 2))]
+    if len(known) == 0:
         return "not stated", NOTHING
-    largest = np.sqrt(np.linalg.eigvalsh(np.array(known))[:, -1])
+    largest = np.sqrt(np.linalg.eigvalsh(known)[:, -1])
     return number(float(np.median(largest)), 4), number(float(largest.max()), 4)
 
 
@@ -98,7 +97,7 @@ def _span(values: Array) -> Row:
     return number(float(values.min()), 2), number(float(values.max()), 2)
 
 
-def _beam_losses(contents: Contents) -> str:
+def _beam_losses(contents: Evaluation) -> str:
     journal = contents.evidence.journal
     records = [incident.record for incident in journal.incidents] if journal else []
     lost = sum(isinstance(r, Rejected) and r.reason.startswith("beam broken") for r in records)
@@ -132,7 +131,7 @@ def _series_name(series: int | None) -> str:
     return NOTHING if series is None else str(series)
 
 
-def _provenance_parts(contents: Contents) -> Iterator[Part]:
+def _provenance_parts(contents: Evaluation) -> Iterator[Part]:
     evidence = contents.evidence
     rows = tuple(_check_row(check) for check in contents.checks)
     yield Table("Do the files belong together?", words("statement", "", "detail"), rows)

@@ -1,12 +1,8 @@
 """The sections on results: verdict, before and after, tests, ISO 9283."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
-import numpy as np
-
-from app.report.contents import Contents
-from app.report.iso_table import IsoRow, iso_rows
 from app.report.parts import (
     NOTHING,
     Column,
@@ -21,11 +17,12 @@ from app.report.parts import (
     words,
 )
 from app.report.pictures import distance_pictures, test_pictures, workspace_pictures
-from app.report.stages import StageView
-from app.report.statistics import ErrorSummary, summary
 from campaigns.arrays import Array
-from campaigns.evaluation.decision import COVERAGE, Requirement
-from campaigns.evaluation.validation import AXES, Result
+from campaigns.evaluation.decision import Requirement
+from campaigns.evaluation.iso_figures import IsoRow, iso_rows
+from campaigns.evaluation.summary import ErrorSummary, summary
+from campaigns.evaluation.validation import AXES
+from campaigns.evidence import Evaluation
 
 VALIDATE = {
     "before": "There is no validation before calibration: `pkmcal validate --stage before`.",
@@ -39,7 +36,7 @@ NO_RUN = "Nothing has been measured to identify from: `pkmcal run`, or `pkmcal i
 NO_IDENTIFICATION = "Nothing has been identified yet: `pkmcal identify`."
 
 
-def limits_section(contents: Contents) -> Section:
+def limits_section(contents: Evaluation) -> Section:
     """What was asked for and what was decided, limit by limit."""
     rows = tuple(_requirement_row(r) for r in contents.verdict.requirements)
     columns = (
@@ -57,12 +54,12 @@ def limits_section(contents: Contents) -> Section:
     return Section("limits", "Decision, limit by limit", tuple(parts))
 
 
-def gain_section(contents: Contents) -> Section:
+def gain_section(contents: Evaluation) -> Section:
     """Before and after in figures and pair by pair."""
     return Section("gain", "Before and after", tuple(_gain_parts(contents)))
 
 
-def workspace_section(contents: Contents) -> Section:
+def workspace_section(contents: Evaluation) -> Section:
     """Where the errors are."""
     parts: list[Part] = list(workspace_pictures(contents))
     if contents.errors is None:
@@ -75,14 +72,14 @@ def workspace_section(contents: Contents) -> Section:
     return Section("workspace", "Errors over the workspace", tuple(parts))
 
 
-def tests_section(contents: Contents) -> Section:
+def tests_section(contents: Evaluation) -> Section:
     """Straightness, rotation, repeatability."""
     parts: list[Part] = list(test_pictures(contents.before, contents.after))
     parts += _missing_stages(contents)
     return Section("tests", "Straightness, rotation, repeatability", tuple(parts))
 
 
-def iso_section(contents: Contents) -> Section:
+def iso_section(contents: Evaluation) -> Section:
     """The figures of ISO 9283 by their symbols."""
     stages = [iso_rows(s) if s else None for s in (contents.before, contents.after)]
     known = [rows for rows in stages if rows is not None]
@@ -101,7 +98,7 @@ def iso_section(contents: Contents) -> Section:
     return Section("iso9283", "Figures of ISO 9283", (*parts, *_missing_stages(contents)))
 
 
-def _gain_parts(contents: Contents) -> Iterator[Part]:
+def _gain_parts(contents: Evaluation) -> Iterator[Part]:
     rows = tuple(_summary_rows(contents))
     if rows:
         columns = (
@@ -130,7 +127,7 @@ def _gain_parts(contents: Contents) -> Iterator[Part]:
     yield from distance_pictures(contents)
 
 
-def _missing_stages(contents: Contents) -> Iterator[Paragraph]:
+def _missing_stages(contents: Evaluation) -> Iterator[Paragraph]:
     if contents.before is None:
         yield Paragraph(VALIDATE["before"], "missing")
     if contents.after is None:
@@ -144,11 +141,11 @@ def _requirement_row(requirement: Requirement) -> Row:
     return requirement.name, value, number(requirement.expanded_uncertainty), limit, decision
 
 
-def _summary_rows(contents: Contents) -> Iterator[Row]:
+def _summary_rows(contents: Evaluation) -> Iterator[Row]:
     errors, before, after = contents.errors, contents.before, contents.after
     if errors is not None and errors.shots is not None:
         sizes = (errors.shots.before_mm, errors.shots.after_mm)
-        yield from _two_rows("fitted positions", *(np.linalg.norm(e, axis=1) for e in sizes))
+        yield from _two_rows("fitted positions", *sizes)
     for name, pairs in (
         ("fitted pairs", errors.fitted if errors else None),
         ("unseen pairs", errors.unseen if errors else None),
@@ -178,37 +175,21 @@ def _summary_cells(found: ErrorSummary) -> Row:
     return str(found.n), *map(number, values)
 
 
-def _test_rows(contents: Contents) -> Iterator[Row]:
-    for name, of in _TESTS:
-        before = of(contents.before) if contents.before else None
-        after = of(contents.after) if contents.after else None
+def _test_rows(contents: Evaluation) -> Iterator[Row]:
+    figures = [found.figures() if found else {} for found in (contents.before, contents.after)]
+    for name in TESTS:
+        before, after = (found.get(name) for found in figures)
         known = after or before
         if known is not None:
-            old, new = (None if result is None else result.value_mm for result in (before, after))
-            expanded = number(COVERAGE * known.instrument_mm)
+            old, new = (None if length is None else length.value_mm for length in (before, after))
+            expanded = number(known.expanded_uncertainty_mm)
             yield name, number(old), number(new), expanded, percent_gained(old, new)
 
 
-def _rotation(stage: StageView) -> Result | None:
-    return stage.turn.moved if stage.turn else None
-
-
-def _straightness(axis: str) -> Callable[[StageView], Result | None]:
-    def of(stage: StageView) -> Result | None:
-        line = stage.line(axis)
-        return line.straightness if line else None
-
-    return of
-
-
-def _radius(stage: StageView) -> Result | None:
-    return stage.cloud.radius if stage.cloud else None
-
-
-_TESTS: tuple[tuple[str, Callable[[StageView], Result | None]], ...] = (
-    ("rotation", _rotation),
-    *((f"straightness along {axis}", _straightness(axis)) for axis in AXES),
-    ("repeatability, radius of the sphere", _radius),
+TESTS = (
+    "rotation",
+    *(f"straightness along {axis}" for axis in AXES),
+    "repeatability, radius of the sphere",
 )
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from queue import Empty, Queue
 from typing import Any
 
-from app.exits import UsageInvalid
 from app.study.results import Lost, Result, Results, Work, tried
+from campaigns.errors import OptionsInvalid
 from campaigns.studies.study import StudyTask, run_task
 
 LOGS = ("distributed", "distributed.client", "asyncio")
@@ -39,14 +39,14 @@ def cluster_results(
 ) -> Results:
     """Results from the cluster of a scheduler, which is asked only if there is something to do.
 
-    Raises `UsageInvalid` at once when Dask is not installed or no scheduler or worker answers.
+    Raises `OptionsInvalid` at once when Dask is not installed or no scheduler or worker answers.
     """
     if not tasks:
         return _nothing()
     try:
         distributed = importlib.import_module("distributed")
     except ImportError as error:
-        raise UsageInvalid(
+        raise OptionsInvalid(
             "--workers names a scheduler, but Dask is not installed",
             remedy="install pkmcal[cluster], or give a number of local processes",
         ) from error
@@ -65,7 +65,7 @@ def _nothing() -> Results:
 def _check_answers(distributed: Any, scheduler: str, within_s: float) -> None:
     """Ask before there is a client, which after a failure would need as long again to clean up.
 
-    Raises `UsageInvalid`.
+    Raises `OptionsInvalid`.
     """
 
     async def ask() -> None:
@@ -76,19 +76,19 @@ def _check_answers(distributed: Any, scheduler: str, within_s: float) -> None:
     try:
         asyncio.run(asyncio.wait_for(ask(), within_s))
     except (OSError, ValueError, TypeError) as error:  # TypeError: keys for tls:// are missing
-        raise UsageInvalid(
+        raise OptionsInvalid(
             f"no Dask scheduler answers at {scheduler}",
             remedy="check the address and that the scheduler runs, or give a number of processes",
         ) from error
 
 
 def _check_workers(client: Any, scheduler: str, within_s: float) -> None:
-    """Raise `UsageInvalid` for a cluster in which nobody would do the work."""
+    """Raise `OptionsInvalid` for a cluster in which nobody would do the work."""
     try:
         client.wait_for_workers(1, timeout=within_s)
     except TimeoutError as error:
         client.close()
-        raise UsageInvalid(
+        raise OptionsInvalid(
             f"the Dask scheduler at {scheduler} has no workers",
             remedy=f"start some: dask worker {scheduler}, or give a number of local processes",
         ) from error

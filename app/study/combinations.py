@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
-from app.exits import UsageInvalid
-from app.folder import Campaign
 from app.study.setup import StudyOptions, robots_drawn, study_scenario, study_setup
+from campaigns.campaign import Campaign
+from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Estimator
 from campaigns.studies.store import StudyTable
 from campaigns.studies.study import StudySetup
@@ -44,14 +44,14 @@ class Combination:
 def combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> tuple[Combination, ...]:
     """All of them, by scenario, then plan, then estimator; their tables lie in `folder`.
 
-    Raises `PlanInvalid`, `ScenarioInvalid` and `UsageInvalid`.
+    Raises `PlanInvalid`, `ScenarioInvalid` and `OptionsInvalid`.
     """
     found = tuple(_combinations(campaign, asked, folder))
     seen: dict[Path, Combination] = {}
     for combination in found:
         other = seen.setdefault(combination.table.path, combination)
         if other is not combination:
-            raise UsageInvalid(
+            raise OptionsInvalid(
                 f"two plans or scenarios are called alike: {combination}",
                 remedy="give one of the files another name (a scenario: another `name:`)",
             )

@@ -4,6 +4,7 @@ import json
 from collections.abc import Sequence
 
 from app.study.comparison import Compared
+from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.summary import ParameterSummary
 
 SCHEMA = "pkmcal/study/1"
@@ -33,8 +34,8 @@ def _combination(one: Compared) -> dict[str, object]:
         "plan": plan,
         "scenario": scenario,
         "estimator": estimator,
-        "shots": len(setup.fitted.joints_rad),
-        "pairs": len(setup.fitted.pairs),
+        "shots": len(setup.fitted),
+        "pairs": len(setup.shots.whole_pairs(ShotSet.IDENTIFICATION).rows),
         "study": one.combination.table.study,
         "campaigns": summary.campaigns,
         "failed": summary.failed,

@@ -42,7 +42,8 @@ def run_study(
 ) -> tuple[Studied, ...]:
     """Compute what the tables lack of the wanted campaigns, and sort the tables at the end.
 
-    Raises `UsageInvalid`, `OutputExists` and `WriteFailed`; what had come back until then is kept.
+    Raises `OptionsInvalid`, `OutputExists` and `WriteFailed`; what had come back until then is
+    kept.
     """
     known = [combination.table.read() for combination in combinations]
     begun = [len(each) for each in known]

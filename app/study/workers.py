@@ -14,9 +14,9 @@ from joblib import Parallel, cpu_count, delayed
 from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from app.exits import UsageInvalid
 from app.study.cluster import cluster_results
 from app.study.results import Lost, Result, Results, ResultsOf, Work, tried
+from campaigns.errors import OptionsInvalid
 from campaigns.studies.study import StudyTask, run_task
 
 SCHEDULER = ("tcp://", "tls://")
@@ -28,7 +28,7 @@ PARENT_LOOKED_AFTER_S = 1.0
 def workers_of(text: str | None) -> ResultsOf:
     """Local processes for a number, one a processor for None, a cluster for its scheduler.
 
-    Raises `UsageInvalid` for anything else.
+    Raises `OptionsInvalid` for anything else.
     """
     if text is None:
         return partial(local_results, processes=cpu_count())
@@ -36,7 +36,7 @@ def workers_of(text: str | None) -> ResultsOf:
         return partial(cluster_results, scheduler=text)
     if text.isascii() and text.isdecimal() and int(text) > 0:
         return partial(local_results, processes=int(text))
-    raise UsageInvalid(
+    raise OptionsInvalid(
         f"--workers is '{text}'",
         remedy="give a number of local processes, or the scheduler's address as tcp://HOST:PORT",
     )

@@ -9,21 +9,22 @@ from campaigns.arrays import Array, Index
 from campaigns.estimation.least_squares import Solution, solve
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, IS_ANGLE, NAMES, Geometry, indices
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.par4 import PAR4
 from campaigns.robots.robot import find_robot
 
 SHOTS = Path(__file__).parents[2] / "tests" / "data" / "vectors" / "table1-tracker-noise.csv"
 VARIANCE_MM2 = 0.015**2 / 3.0
-FREE = indices(FREE_BY_DEFAULT)
+SPACE = PAR4.parameters
+FREE = SPACE.places(SPACE.free_by_default)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredRobot:
     """A robot's nominal geometry and its shots, two neighbours a pair."""
 
-    nominal: Geometry
-    joints_rad: Array
+    nominal: Kinematics
+    joints: Array
     """(N, 4)"""
     points_mm: Array
     """In the tracker's frame, (N, 3)."""
@@ -33,11 +34,11 @@ class MeasuredRobot:
     @property
     def pairs(self) -> Index:
         """(N/2, 2)"""
-        return np.arange(len(self.joints_rad), dtype=np.intp).reshape(-1, 2)
+        return np.arange(len(self.joints), dtype=np.intp).reshape(-1, 2)
 
     def of_shots(self, rows: slice) -> "MeasuredRobot":
         """With these shots only."""
-        joints, points = self.joints_rad[rows], self.points_mm[rows]
+        joints, points = self.joints[rows], self.points_mm[rows]
         return MeasuredRobot(self.nominal, joints, points, self.commanded[rows])
 
     def measured_mm(self) -> Array:
@@ -49,21 +50,21 @@ class MeasuredRobot:
 def measured_robot() -> MeasuredRobot:
     """par4-prototype with Table I's errors, seen by a tracker with 0.015/√3 mm a coordinate."""
     shots = np.loadtxt(SHOTS, delimiter=",", skiprows=1)
-    nominal = Geometry.from_flat(find_robot("par4-prototype").robot.geometry_flat())
-    joints_rad = np.radians(shots[:, 1:5])
-    commanded = forward(nominal, joints_rad).require()
-    return MeasuredRobot(nominal, joints_rad, shots[:, 5:], commanded)
+    nominal = find_robot("par4-prototype").robot.kinematics
+    joints = np.radians(shots[:, 1:5])
+    commanded = nominal.forward(joints).values_or_raise()
+    return MeasuredRobot(nominal, joints, shots[:, 5:], commanded)
 
 
 def distance_problem(robot: MeasuredRobot) -> DistanceResiduals:
     first, second = robot.pairs.T
-    model = PositionModel(robot.nominal, FREE, robot.joints_rad, robot.commanded)
-    return DistanceResiduals(model, first, second, robot.measured_mm())
+    model = PositionModel(robot.nominal, FREE, robot.joints, robot.commanded)
+    return DistanceResiduals.in_mm(model, first, second, robot.measured_mm())
 
 
 def point_problem(robot: MeasuredRobot) -> PointResiduals:
     covariance = np.broadcast_to(VARIANCE_MM2 * np.eye(3), (len(robot.points_mm), 3, 3))
-    model = PositionModel(robot.nominal, FREE, robot.joints_rad, robot.commanded)
+    model = PositionModel(robot.nominal, FREE, robot.joints, robot.commanded)
     return PointResiduals.from_points(model, robot.points_mm, covariance)
 
 
@@ -77,14 +78,14 @@ def by_points(robot: MeasuredRobot) -> Array:
     return _parameters(solve(point_problem(robot)))
 
 
-def printed_parameters(geometry: Geometry) -> Array:
+def printed_parameters(geometry: Kinematics) -> Array:
     """The 29 of the paper's eq. 1, mm and rad: all that a lab knows of."""
-    return geometry.vector()[: len(NAMES)]
+    return geometry.p[: len(SPACE.names)]
 
 
-def with_parameters(robot: MeasuredRobot, values: Array) -> Geometry:
+def with_parameters(robot: MeasuredRobot, values: Array) -> Kinematics:
     """The nominal geometry with the identified parameters (22,) in place of its own."""
-    return PositionModel(robot.nominal, FREE, robot.joints_rad).geometry(values)
+    return PositionModel(robot.nominal, FREE, robot.joints).kinematics(values)
 
 
 def _parameters(fit: Solution) -> Array:
@@ -94,5 +95,5 @@ def _parameters(fit: Solution) -> Array:
 
 def largest_differences(one: Array, other: Array) -> tuple[float, float]:
     """The largest difference of two answers (22,): in a length, mm, and in an angle, deg."""
-    off, angle = np.abs(one - other), IS_ANGLE[FREE]
+    off, angle = np.abs(one - other), SPACE.is_angle[FREE]
     return float(off[~angle].max()), float(np.degrees(off[angle].max()))

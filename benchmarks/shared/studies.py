@@ -1,18 +1,15 @@
 """The studies that throughput is measured by: par4-prototype by the paper's simulation."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from app.study.setup import study_tasks, uncertainty_of
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.rigid_transforms import Transform
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT
-from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of
-from campaigns.robots.robot import find_robot, numeric_geometry
+from campaigns.identification.options import IdentificationOptions
+from campaigns.planning.plans import PlanRequest, View, make_plan
+from campaigns.robots.robot import find_robot
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.studies.study import PairedShots, StudySetup, StudyTask
+from campaigns.studies.study import StudySetup, StudyTask, planned_shots
 from drivers.values import Pose
 from sim.scenarios.scenario import load_scenario
 
@@ -31,18 +28,12 @@ def _setup(estimator: Estimator, pairs: int) -> StudySetup:
     robot = find_robot("par4-prototype").robot
     request = PlanRequest(2 * pairs, UNSEEN_PAIRS, DRIFT_SHOTS, CENTRE)
     plan = make_plan(robot, VIEW, request, np.random.default_rng(1))
+    instrument = uncertainty_of(SCENARIO.tracker.noise)
     return StudySetup(
-        numeric_geometry(robot),
-        FREE_BY_DEFAULT,
-        estimator,
-        _paired(plan, ShotSet.IDENTIFICATION),
-        _paired(plan, ShotSet.VALIDATION),
-        Transform(np.eye(3), -np.array(VIEW.tracker_mm)),
-        uncertainty_of(SCENARIO.tracker.noise),
+        nominal=robot.kinematics,
+        shots=planned_shots([shot for shot in plan if shot.purpose is not ShotSet.DRIFT]),
+        free=robot.mechanism.parameters.free_by_default,
+        options=IdentificationOptions(estimator=estimator, instrument=instrument),
+        tracker_from_base=Transform(np.eye(3), -np.array(VIEW.tracker_mm)),
         seed=1,
     )
-
-
-def _paired(plan: Sequence[PlannedShot], purpose: ShotSet) -> PairedShots:
-    shots = [shot for shot in plan if shot.purpose is purpose]
-    return PairedShots(joints_of(shots), pairs_of(shots, purpose))

@@ -1,40 +1,44 @@
-"""Poses to joints and back with a parameter set: for a controller that cannot do it itself."""
+"""Active kinematics: poses to joints and back for a controller that cannot do it itself."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import Geometry
-from campaigns.mechanisms.par4 import KinematicSolution, inverse
+from campaigns.arrays import Array
+from campaigns.mechanisms.mechanism import Axis, Kinematics, KinematicSolution, Mechanism
+from campaigns.robots.robot import pose_of, pose_row
 from drivers.errors import LimitViolation
 from drivers.values import Pose
 
 
 class ActiveKinematics:
-    """A parameter set at work: flat names, mm and deg."""
+    """Parameter set at work: flat names, mm and deg."""
 
-    def __init__(self, geometry: Mapping[str, float]) -> None:
-        self._geometry = Geometry.from_flat(geometry)
+    def __init__(self, mechanism: Mechanism, parameters: Mapping[str, float]) -> None:
+        self._mechanism = mechanism
+        self._kinematics = Kinematics.from_flat(mechanism, parameters)
 
-    def joints_rad(self, pose: Pose) -> tuple[float, ...]:
-        """Encoder angles of a pose; raises `LimitViolation`."""
-        row = np.array([[pose.x_mm, pose.y_mm, pose.z_mm, pose.theta_rad]])
-        where = f"({pose.x_mm:.3f}, {pose.y_mm:.3f}, {pose.z_mm:.3f}) mm"
-        theta_deg = float(np.degrees(pose.theta_rad))
-        return _only(inverse(self._geometry, row), f"pose {where}, theta {theta_deg:.3f}°")
+    def joints(self, pose: Pose) -> tuple[float, ...]:
+        """Joints of a pose; raises `LimitViolation`."""
+        row = pose_row(pose)
+        found = self._kinematics.inverse(row[None])
+        return tuple(_only(found, f"pose {_listed(self._mechanism.task, row)}").tolist())
 
-    def pose(self, joints_rad: Sequence[float]) -> Pose:
-        """Pose of encoder angles; raises `LimitViolation`."""
-        listed = ", ".join(f"{angle:.4f}" for angle in np.degrees(joints_rad))
-        found = forward(self._geometry, np.array([joints_rad], dtype=np.float64))
-        return Pose(*_only(found, f"joints {listed} deg"))
+    def pose(self, joints: Sequence[float]) -> Pose:
+        """Pose of joints; raises `LimitViolation`."""
+        found = self._kinematics.forward(np.array([joints], dtype=np.float64))
+        return pose_of(_only(found, f"joints {_listed(self._mechanism.joints, joints)}"))
 
 
-def _only(solution: KinematicSolution, what: str) -> tuple[float, ...]:
+def _listed(axes: Sequence[Axis], values: Iterable[float]) -> str:
+    texts = (axis.text(value, ".3f") for axis, value in zip(axes, values, strict=True))
+    return f"({', '.join(texts)})"
+
+
+def _only(solution: KinematicSolution, what: str) -> Array:
     if not solution.found.all():
         raise LimitViolation(
             f"{what}: the mechanism cannot be assembled there",
             remedy="compare the plan's robot file with the parameters in use",
         )
-    return tuple(solution.values[0].tolist())
+    return np.asarray(solution.values[0])

@@ -1,16 +1,14 @@
-"""Writes what was identified as a robot file: parameters, uncertainty, and where they come from."""
+"""Export: what was identified as a robot file, with its uncertainty and where it comes from."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
-from pydantic import JsonValue, TypeAdapter
+from pydantic import JsonValue
 
 from campaigns.errors import ShotsMissing, VerdictBad
 from campaigns.files.text_file import write_text_unless_there
-from campaigns.identification.result import ParameterEntry
+from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Finding
-from campaigns.mechanisms.geometry import BACKLASH_NAMES
 from campaigns.robots.robot import Compensation, RobotDocument, compensated
 from campaigns.version import VERSION
 
@@ -27,35 +25,32 @@ KEPT_AS_PROVENANCE = (
     "verdict",
 )
 
-_PARAMETERS = TypeAdapter(dict[str, ParameterEntry])
 
-
-def latest_identification(journal: JournalReader) -> Mapping[str, JsonValue]:
-    """The last identification of a campaign; raises `ShotsMissing` when there is none."""
+def latest_identification(journal: JournalReader) -> RecordedIdentification:
+    """Last identification of a campaign; raises `ShotsMissing` when there is none."""
     found = [e.record for e in journal.records_of(Finding) if e.record.kind == "identification"]
     if not found:
         raise ShotsMissing("nothing has been identified yet", remedy="run `pkmcal identify` first")
-    return found[-1].body
+    return read_identification(found[-1].body)
 
 
 def compensated_robot(
-    campaign: str, nominal: RobotDocument, finding: Mapping[str, JsonValue]
+    campaign: str, nominal: RobotDocument, found: RecordedIdentification
 ) -> RobotDocument:
-    """The nominal robot with the identified parameters, their 1 σ and their provenance.
+    """Nominal robot with the identified parameters, their 1 σ and their provenance.
 
     A backlash is no part of the geometry: it is reported, and stays out of the file.
     Raises `VerdictBad` for a result that did not pass, or that rests on another nominal robot.
     """
-    _check_usable(nominal, finding)
-    found = _PARAMETERS.validate_python(finding["parameters"])
-    parameters = {name: entry for name, entry in found.items() if name not in BACKLASH_NAMES}
+    _check_usable(nominal, found)
+    geometry = nominal.robot.mechanism.parameters.geometry
     return compensated(
         nominal,
         Compensation(
             f"{nominal.robot.name}-compensated",
-            {name: entry.value for name, entry in parameters.items()},
-            {name: e.std for name, e in parameters.items() if e.std is not None},
-            _provenance(campaign, nominal, finding),
+            {name: value for name, value in found.flat().items() if name in geometry},
+            {name: std for name, std in found.std().items() if name in geometry},
+            _provenance(campaign, nominal, found),
         ),
     )
 
@@ -68,13 +63,13 @@ def write_compensated(path: Path, robot: RobotDocument, *, overwrite: bool) -> N
     write_text_unless_there(path, robot.document.text, overwrite=overwrite)
 
 
-def _check_usable(nominal: RobotDocument, finding: Mapping[str, JsonValue]) -> None:
-    if finding["verdict"] != "pass":
+def _check_usable(nominal: RobotDocument, found: RecordedIdentification) -> None:
+    if found.verdict != "pass":
         raise VerdictBad(
-            f"the identification's verdict is '{finding['verdict']}': {_reasons(finding)}",
+            f"the identification's verdict is '{found.verdict}': {'; '.join(found.reasons)}",
             remedy="measure more or correct the campaign, then identify again",
         )
-    if finding["robot_digest"] != nominal.robot.digest():
+    if found.robot_digest != nominal.robot.digest():
         raise VerdictBad(
             "the identification rests on another nominal robot than the campaign's file holds now",
             remedy="bring the robot file back, or identify again",
@@ -82,18 +77,14 @@ def _check_usable(nominal: RobotDocument, finding: Mapping[str, JsonValue]) -> N
 
 
 def _provenance(
-    campaign: str, nominal: RobotDocument, finding: Mapping[str, JsonValue]
+    campaign: str, nominal: RobotDocument, found: RecordedIdentification
 ) -> dict[str, JsonValue]:
+    document = found.document()
     return {
         "campaign": campaign,
         "software": f"pkmcal {VERSION}",
         "nominal_robot": nominal.robot.name,
         "nominal_digest": nominal.robot.digest(),
-        "identified_utc": finding["at_utc"],
-        **{key: finding[key] for key in KEPT_AS_PROVENANCE},
+        "identified_utc": found.at_utc,
+        **{key: document[key] for key in KEPT_AS_PROVENANCE},
     }
-
-
-def _reasons(finding: Mapping[str, JsonValue]) -> str:
-    reasons = finding["reasons"]
-    return "; ".join(str(r) for r in reasons) if isinstance(reasons, list) else ""

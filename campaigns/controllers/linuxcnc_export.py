@@ -15,14 +15,14 @@ from campaigns.errors import ConfigInvalid
 from campaigns.files.csv_file import number_text
 from campaigns.files.text_file import read_text, replace_text, write_text_unless_there
 from campaigns.files.wording import shown
-from campaigns.mechanisms.geometry import PARAMETER_NAMES
+from campaigns.mechanisms.par4 import PAR4
 from campaigns.robots.robot import RobotFile
 from campaigns.version import VERSION
 
 FILE_NAME = "calib.hal"
 SCHEMA = "pkmcal/linuxcnc/1"
 MODULE = "par4kins"
-PIN_OF: Mapping[str, str] = {name: f"{MODULE}.{name}" for name in PARAMETER_NAMES}
+PIN_OF: Mapping[str, str] = {name: f"{MODULE}.{name}" for name in PAR4.parameters.names}
 LENGTHS = ("arm_mm", "forearm_mm", "plate_mm")
 LAST_GOOD = ".last-good"
 LONGEST_NOTE = 160
@@ -43,14 +43,20 @@ class RobotIdentity:
 
     def having(self, geometry: Mapping[str, float], name: str) -> RobotFile:
         """This robot with other parameters; raises `ConfigInvalid` unless it is all of them."""
-        return RobotFile.from_flat(geometry, name=name, limits=self.nominal.limits)
+        nominal = self.nominal
+        return RobotFile.from_flat(nominal.mechanism, geometry, name=name, limits=nominal.limits)
 
 
 def hal_text(robot: RobotFile, identity: str) -> str:
     """Write a parameter set as a HAL file: full doubles, and where they come from.
 
-    Raises `ConfigInvalid` for a set with axis tilts.
+    Raises `ConfigInvalid` for another mechanism and for a set with axis tilts.
     """
+    if robot.mechanism is not PAR4:
+        raise ConfigInvalid(
+            f"{robot.name}: a {robot.mechanism.name}, but {MODULE} is for a {PAR4.name}",
+            remedy="export a robot file, without --format linuxcnc",
+        )
     heading = [
         f"{SCHEMA}: parameters of a Par4, written by pkmcal {VERSION}",
         f"robot: {identity}",

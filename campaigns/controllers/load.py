@@ -1,12 +1,18 @@
-"""Puts parameters into a controller so that they are there, verified, or the old ones are back."""
+"""Loading of parameters into a controller: they are there, verified, or the old ones are back."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
-from campaigns.errors import LoadNotVerified
-from campaigns.mechanisms.geometry import PARAMETER_NAMES
-from campaigns.robots.robot import RobotFile
+from campaigns.errors import LoadNotVerified, ShotsMissing
+from campaigns.robots.robot import (
+    Compensation,
+    RobotDocument,
+    RobotFile,
+    compensated,
+    write_new_robot,
+)
 from drivers.errors import DeviceRefused, DriverError
 from drivers.ports import RobotController
 
@@ -15,9 +21,21 @@ TOLERANCE = 1e-9
 may keep it in other units."""
 
 
+KEPT = "controller-before-{number}.yaml"
+
+
+@dataclass(frozen=True, slots=True)
+class LoadRecord:
+    """Parameter file that was written into the controller and read back, as the journal has it."""
+
+    source: str
+    digest: str
+    kept: str
+
+
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One parameter in the controller and in the file, mm or deg."""
+    """Parameter in the controller and in the file, mm or deg."""
 
     name: str
     old: float
@@ -36,12 +54,13 @@ class Change:
 
 
 def changes(active: Mapping[str, float], robot: RobotFile) -> tuple[Change, ...]:
-    """What loading a robot file would change, parameter by parameter, all 29.
+    """Changes that loading a robot file would make, parameter by parameter, all of them.
 
     Raises `ConfigInvalid` for a set with axis tilts.
     """
     new, std = robot.controller_flat(), robot.uncertainty or {}
-    return tuple(Change(n, active[n], new[n], std.get(n)) for n in PARAMETER_NAMES)
+    names = robot.mechanism.parameters.names
+    return tuple(Change(n, active[n], new[n], std.get(n)) for n in names)
 
 
 def write_verified(
@@ -71,7 +90,7 @@ def differing(held: Mapping[str, float], wanted: Mapping[str, float]) -> list[tu
     """The parameters that are not as wanted, with what is held instead."""
     return [
         (name, held.get(name, math.nan))
-        for name in PARAMETER_NAMES
+        for name in wanted
         if not math.isclose(
             held.get(name, math.nan), wanted[name], rel_tol=TOLERANCE, abs_tol=TOLERANCE
         )
@@ -97,7 +116,7 @@ def _written(robot: RobotController, wanted: Mapping[str, float]) -> str:
         return ""
     name, value = wrong[0]
     return (
-        f"{len(wrong)} of {len(PARAMETER_NAMES)} parameters are not as written{interruption}: "
+        f"{len(wrong)} of {len(wanted)} parameters are not as written{interruption}: "
         f"{name} is {value!r}, not {wanted[name]!r}"
     )
 
@@ -122,3 +141,32 @@ def _read_anew(robot: RobotController, broken: DriverError) -> Mapping[str, floa
             remedy="don't move the robot; when the controller answers again, "
             "`pkmcal load` or `pkmcal load --rollback`",
         ) from error
+
+
+def keep(folder: Path, nominal: RobotDocument, held: Mapping[str, float]) -> Path:
+    """Write what the controller holds as a robot file under the next free number; gives it."""
+    number = 1 + max((_number(path) for path in _kept(folder)), default=0)
+    path = folder / KEPT.format(number=number)
+    name = f"{nominal.robot.name}-controller-before-{number}"
+    write_new_robot(path, compensated(nominal, Compensation(name, held, {}, {})))
+    return path
+
+
+def last_kept(folder: Path) -> Path:
+    """File that the last load kept; raises `ShotsMissing` when there is none."""
+    kept = _kept(folder)
+    if not kept:
+        raise ShotsMissing(
+            f"{folder}: nothing was loaded here yet",
+            remedy="there is nothing to roll back; name a robot file with --file",
+        )
+    return max(kept, key=_number)
+
+
+def _kept(folder: Path) -> list[Path]:
+    return list(folder.glob(KEPT.format(number="*")))
+
+
+def _number(path: Path) -> int:
+    digits = path.stem.rpartition("-")[2]
+    return int(digits) if digits.isdecimal() else 0

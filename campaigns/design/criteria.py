@@ -25,10 +25,11 @@ class Criterion(Protocol):
         """W such that near this covariance the value falls as tr(C W) falls, (P, P)."""
         ...
 
-    def gains(self, spread: Array, effect: Array) -> Array:
+    def improvement(self, predicted_covariance: Array, sensitivity: Array) -> Array:
         """How good it would be to add each candidate, (M,), the more the better.
 
-        `spread` and `effect`, (k, k, M), are J C Jᵀ and J C W C Jᵀ of each candidate's rows J.
+        `predicted_covariance` and `sensitivity`, (k, k, M), are J C Jᵀ and J C W C Jᵀ of each
+        candidate's Jacobian J.
         """
         ...
 
@@ -48,9 +49,9 @@ class TraceCriterion:
         """W."""
         return self.fixed
 
-    def gains(self, spread: Array, effect: Array) -> Array:
+    def improvement(self, predicted_covariance: Array, sensitivity: Array) -> Array:
         """By how much the trace would fall."""
-        return trace_improvement(spread, effect)
+        return trace_improvement(predicted_covariance, sensitivity)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,9 +75,9 @@ class MaxEigenvalue:
         weight[: self.parameters, : self.parameters] = own
         return weight
 
-    def gains(self, spread: Array, effect: Array) -> Array:
+    def improvement(self, predicted_covariance: Array, sensitivity: Array) -> Array:
         """By how much the weighted variances would fall."""
-        return trace_improvement(spread, effect)
+        return trace_improvement(predicted_covariance, sensitivity)
 
     def _own(self, covariance: Array) -> Array:
         return covariance[: self.parameters, : self.parameters]
@@ -94,15 +95,15 @@ class LogDet:
         """Not needed for the gains, which are exact without."""
         return np.zeros_like(covariance)
 
-    def gains(self, spread: Array, effect: Array) -> Array:  # noqa: ARG002 - as `weight` says
+    def improvement(self, predicted_covariance: Array, sensitivity: Array) -> Array:  # noqa: ARG002 - as `weight` says
         """By how much log det C would fall."""
-        return inverse_of_one_plus(spread)[1]
+        return inverse_of_one_plus(predicted_covariance)[1]
 
 
 def make_criterion(name: CriterionName, candidates: Candidates, workspace_rows: Array) -> Criterion:
     """I: least mean square error of position where `workspace_rows` (N, 3, P), mm and rad, look.
 
-    A and E are of parameters in units of their mean effect on a candidate, so that lengths and
+    A and E are of parameters in units of their mean sensitivity on a candidate, so that lengths and
     angles compare.
     """
     match name:
@@ -118,19 +119,19 @@ def make_criterion(name: CriterionName, candidates: Candidates, workspace_rows: 
             return MaxEigenvalue(candidates.parameters)
 
 
-def trace_improvement(spread: Array, effect: Array) -> Array:
+def trace_improvement(predicted_covariance: Array, sensitivity: Array) -> Array:
     """tr((1 + S)⁻¹ G) for each candidate, (M,)."""
-    inverse, _ = inverse_of_one_plus(spread)
-    return np.asarray(np.einsum("abm,bam->m", inverse, effect))
+    inverse, _ = inverse_of_one_plus(predicted_covariance)
+    return np.asarray(np.einsum("abm,bam->m", inverse, sensitivity))
 
 
-def inverse_of_one_plus(spread: Array) -> tuple[Array, Array]:
+def inverse_of_one_plus(predicted_covariance: Array) -> tuple[Array, Array]:
     """(1 + S)⁻¹ (k, k, M) and log det(1 + S) (M,) of symmetric, not negative S (k, k, M).
 
     Gauss-Jordan on all candidates at once: for three rows ten times faster than a batched call.
     """
-    matrix = spread + np.eye(len(spread))[:, :, None]
-    logarithm = np.zeros(spread.shape[2])
+    matrix = predicted_covariance + np.eye(len(predicted_covariance))[:, :, None]
+    logarithm = np.zeros(predicted_covariance.shape[2])
     for place in range(len(matrix)):
         pivot = matrix[place, place].copy()
         row, column = matrix[place] / pivot, matrix[:, place].copy()

@@ -24,9 +24,9 @@ class CandidateStatistics:
 
     covariance: Array
     """C of scaled unknowns, (P, P)."""
-    spread: Array
+    predicted_covariance: Array
     """J C Jᵀ of each candidate's rows J, (k, k, M)."""
-    effect: Array
+    sensitivity: Array
     """J C W C Jᵀ of each candidate's rows J, (k, k, M)."""
 
 
@@ -34,7 +34,7 @@ class CandidateStatistics:
 class RankKUpdater:
     """All candidates' rows in the order that makes products fast, and the weight W (P, P)."""
 
-    rows: Array
+    jacobians: Array
     """(M, k, P)"""
     columns: Array
     """The same, (P, k, M)."""
@@ -43,10 +43,10 @@ class RankKUpdater:
     @classmethod
     def of(cls, candidates: Candidates, weight: Array) -> "RankKUpdater":
         """For candidates and a weight."""
-        columns = np.ascontiguousarray(candidates.rows.transpose(2, 1, 0))
-        return cls(candidates.rows, columns, weight)
+        columns = np.ascontiguousarray(candidates.jacobians.transpose(2, 1, 0))
+        return cls(candidates.jacobians, columns, weight)
 
-    def appraise(self, covariance: Array) -> CandidateStatistics:
+    def evaluate(self, covariance: Array) -> CandidateStatistics:
         """From nothing but the covariance."""
         weighted = covariance @ self.weight @ covariance
         return CandidateStatistics(covariance, self._seen(covariance), self._seen(weighted))
@@ -72,7 +72,7 @@ class RankKUpdater:
 
     def _woodbury(self, known: CandidateStatistics, which: int, sign: float) -> tuple[Array, Array]:
         """V and K with C ∓ J'ᵀJ' giving C - V K Vᵀ, (P, k) and (k, k)."""
-        rows = self.rows[which]
+        rows = self.jacobians[which]
         turned = known.covariance @ rows.T
         return turned, sign * np.linalg.inv(np.eye(len(rows)) + sign * rows @ turned)
 
@@ -89,8 +89,8 @@ class RankKUpdater:
         change = np.einsum("iam,ibm->abm", halves, by_other)
         return CandidateStatistics(
             known.covariance - turned @ middle @ turned.T,
-            known.spread - np.einsum("iam,ibm->abm", halves, by_turned),
-            known.effect - change - change.transpose(1, 0, 2),
+            known.predicted_covariance - np.einsum("iam,ibm->abm", halves, by_turned),
+            known.sensitivity - change - change.transpose(1, 0, 2),
         )
 
 
@@ -179,11 +179,11 @@ def augment_greedily(
     """`chosen` and, one after the other, the candidates that tell most, (count,)."""
     members = chosen.tolist()
     covariance = _covariance(candidates, chosen, INITIAL_REGULARISATION)
-    appraiser = RankKUpdater.of(candidates, criterion.weight(covariance))
-    known = appraiser.appraise(covariance)
+    updater = RankKUpdater.of(candidates, criterion.weight(covariance))
+    known = updater.evaluate(covariance)
     while len(members) < count:
         members.append(_best(criterion, known, members))
-        known = appraiser.added(known, members[-1])
+        known = updater.added(known, members[-1])
     return np.array(members, dtype=np.intp)
 
 
@@ -196,8 +196,8 @@ def exchange(candidates: Candidates, criterion: Criterion, chosen: Index) -> Des
 
 def _short_list(candidates: Candidates, criterion: Criterion, chosen: Index) -> Index:
     """The candidates that would tell most besides the chosen ones, (S,)."""
-    _, known = _appraised(candidates, criterion, chosen)
-    gains = criterion.gains(known.spread, known.effect)
+    _, known = _evaluated(candidates, criterion, chosen)
+    gains = criterion.improvement(known.predicted_covariance, known.sensitivity)
     return np.argsort(-gains)[: max(SHORT_LIST, 2 * len(chosen))]
 
 
@@ -206,7 +206,7 @@ def _exchanged_among(
 ) -> Design:
     """Exchanged for none but those listed and the members there were."""
     rows = np.union1d(chosen, listed)
-    few = replace(candidates, rows=candidates.rows[rows])
+    few = replace(candidates, jacobians=candidates.jacobians[rows])
     design = _exchanged_among_all(few, criterion, np.searchsorted(rows, chosen))
     return replace(design, chosen=rows[design.chosen])
 
@@ -228,31 +228,31 @@ def _exchanged_among_all(candidates: Candidates, criterion: Criterion, chosen: I
 def _exchange_pass(candidates: Candidates, criterion: Criterion, design: Design) -> Index:
     """Its members, each replaced if another candidate in its place gives a better value."""
     members, value = design.chosen.copy(), design.value
-    appraiser, known = _appraised(candidates, criterion, members)
+    updater, known = _evaluated(candidates, criterion, members)
     for place, member in enumerate(members):
-        without = appraiser.removed(known, int(member))
+        without = updater.removed(known, int(member))
         best = _best(criterion, without, np.delete(members, place))
-        found = criterion.value(appraiser.covariance_with(without, best))
+        found = criterion.value(updater.covariance_with(without, best))
         if found >= (1.0 - LEAST_GAIN) * value:
             continue
         members[place], value = best, found
-        known = appraiser.added(without, best)
+        known = updater.added(without, best)
         if criterion.value(without.covariance) > FRAGILE * value:
-            appraiser, known = _appraised(candidates, criterion, members)
+            updater, known = _evaluated(candidates, criterion, members)
     return members
 
 
-def _appraised(
+def _evaluated(
     candidates: Candidates, criterion: Criterion, members: Index
 ) -> tuple[RankKUpdater, CandidateStatistics]:
     """From the information itself, free of the rounding of all updates before."""
     covariance = _covariance(candidates, members, EXCHANGE_REGULARISATION)
-    appraiser = RankKUpdater.of(candidates, criterion.weight(covariance))
-    return appraiser, appraiser.appraise(covariance)
+    updater = RankKUpdater.of(candidates, criterion.weight(covariance))
+    return updater, updater.evaluate(covariance)
 
 
 def _best(criterion: Criterion, known: CandidateStatistics, taken: Sequence[int] | Index) -> int:
-    gains = criterion.gains(known.spread, known.effect)
+    gains = criterion.improvement(known.predicted_covariance, known.sensitivity)
     gains[np.asarray(taken, dtype=np.intp)] = -np.inf
     return int(np.argmax(gains))
 
@@ -267,11 +267,11 @@ def minimum_measurements(candidates: Candidates) -> int:
     """How many measurements it takes to tell all unknowns apart, if they are not chosen badly.
 
     That is more than equations over unknowns: after some shots another one tells little but its own
-    θ. Raises `Unobservable`.
+    turn. Raises `Unobservable`.
     """
     check_observable(candidates.jacobian(np.arange(len(candidates))), candidates.names)
     unknowns = len(candidates.scale)
-    counts = range(-(-unknowns // candidates.rows.shape[1]), len(candidates) + 1)
+    counts = range(-(-unknowns // candidates.jacobians.shape[1]), len(candidates) + 1)
     return next(
         count
         for count in counts

@@ -7,15 +7,12 @@ import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation.point_sets import distances_mm
-from campaigns.mechanisms.feasibility import Limits, feasibility
-from campaigns.mechanisms.geometry import Geometry
+from campaigns.mechanisms.mechanism import Kinematics, Limits
 
 FURTHER = 1.05
 """A pose is near the boundary when it cannot be taken this much further from the centre."""
 BATCH = 4000
 BATCHES = 200
-BOX_HALF = np.array([700.0, 700.0, 700.0, np.pi / 4])
-"""Half size of a box about the centre that surely holds the workspace, mm and rad."""
 SHORTEST_PAIR_MM = 100.0
 
 
@@ -27,15 +24,20 @@ class WorkspaceTooSmall(ValueError):
 class FeasibleRegion:
     """Where poses may be placed: the robot's reach and whatever else is asked of a pose."""
 
-    geometry: Geometry
+    kinematics: Kinematics
     limits: Limits
     centre: Array
-    """A feasible pose well inside, (4,)."""
+    """A feasible pose well inside, (t,)."""
     view_from_mm: Array
     """The tracker's place in the base frame, (3,)."""
     reflector_facing: Array
     """Direction of the reflector's axis in the base frame, unit length, (3,)."""
     acceptance_rad: float
+
+    @property
+    def extent(self) -> Array:
+        """Half size (t,) of a box about the centre that holds it."""
+        return self.kinematics.mechanism.search_extent(self.kinematics.p, self.limits)
 
     def allows(self, poses: Array) -> Mask:
         """Which poses can be taken and seen, (N,)."""
@@ -43,7 +45,7 @@ class FeasibleRegion:
             incidence_rad(poses[:, :3], self.view_from_mm, self.reflector_facing)
             <= self.acceptance_rad
         )
-        return np.asarray(feasibility(self.geometry, self.limits, poses).feasible & seen)
+        return np.asarray(self.kinematics.feasibility(self.limits, poses).feasible & seen)
 
 
 def incidence_rad(points_mm: Array, tracker_mm: Array, facing: Array) -> Array:
@@ -53,7 +55,7 @@ def incidence_rad(points_mm: Array, tracker_mm: Array, facing: Array) -> Array:
 
 
 def boundary_poses(region: FeasibleRegion, count: int, rng: np.random.Generator) -> Array:
-    """Poses that could not be taken 5 % further from the centre (the paper's recipe), (count, 4).
+    """Poses that could not be taken 5 % further from the centre (the paper's recipe), (count, t).
 
     Raises `WorkspaceTooSmall`.
     """
@@ -64,38 +66,40 @@ def boundary_poses(region: FeasibleRegion, count: int, rng: np.random.Generator)
         near[near] = ~region.allows(further)
         return near
 
-    return _rejection_sample(region.centre, count, rng, near_the_boundary)
+    return _rejection_sample(region.centre, region.extent, count, rng, near_the_boundary)
 
 
 def interior_poses(region: FeasibleRegion, count: int, rng: np.random.Generator) -> Array:
-    """Poses spread evenly over all that is seen, (count, 4). Raises `WorkspaceTooSmall`."""
-    return _rejection_sample(region.centre, count, rng, region.allows)
+    """Poses spread evenly over all that is seen, (count, t). Raises `WorkspaceTooSmall`."""
+    return _rejection_sample(region.centre, region.extent, count, rng, region.allows)
 
 
 def workspace_poses(
-    geometry: Geometry, limits: Limits, centre: Array, count: int, rng: np.random.Generator
+    kinematics: Kinematics, limits: Limits, centre: Array, count: int, rng: np.random.Generator
 ) -> Array:
-    """Poses spread evenly over the robot's reach, whether a tracker sees them or not, (count, 4).
+    """Poses spread evenly over the robot's reach, whether a tracker sees them or not, (count, t).
 
     Positions are judged there. Raises `WorkspaceTooSmall`.
     """
 
     def within_reach(poses: Array) -> Mask:
-        return feasibility(geometry, limits, poses).feasible
+        return kinematics.feasibility(limits, poses).feasible
 
-    return _rejection_sample(centre, count, rng, within_reach)
+    extent = kinematics.mechanism.search_extent(kinematics.p, limits)
+    return _rejection_sample(centre, extent, count, rng, within_reach)
 
 
 def _rejection_sample(
     centre: Array,
+    extent: Array,
     count: int,
     rng: np.random.Generator,
     wanted: Callable[[Array], Mask],
 ) -> Array:
     """Even draws from a box about the centre, until enough of them are wanted."""
-    found = np.empty((0, 4))
+    found = np.empty((0, len(centre)))
     for _ in range(BATCHES):
-        poses = centre + rng.uniform(-1.0, 1.0, (BATCH, 4)) * BOX_HALF
+        poses = centre + rng.uniform(-1.0, 1.0, (BATCH, len(centre))) * extent
         found = np.vstack([found, poses[wanted(poses)]])
         if len(found) >= count:
             return found[:count]
@@ -105,7 +109,7 @@ def _rejection_sample(
 
 
 def random_pairs(poses: Array, rng: np.random.Generator) -> Index:
-    """Random pairs (N/2, 2) of rows of poses (N, 4).
+    """Random pairs (N/2, 2) of rows of poses (N, t).
 
     A pair shorter than 100 mm swaps an end with another pair, if there is one with which both
     become long enough. An odd pose is left over.

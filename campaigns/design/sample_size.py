@@ -16,7 +16,7 @@ from campaigns.design.exchange import (
     minimum_measurements,
     optimal_design,
 )
-from campaigns.estimation.observability import covariance, largest_std
+from campaigns.estimation.information import covariance, largest_std
 
 DIMINISHING_RETURNS_RATIO = 1.1
 """More measurements only average when σ √N is within this factor of the least."""

@@ -1,4 +1,7 @@
-"""Pairs that are worth a distance, and an order in which joints are approached from both sides."""
+"""Tours of poses: pairs worth a distance, little travel, joints approached from both sides.
+
+Joints (N, n) are in radians of a crank, or in what compares with them.
+"""
 
 from collections.abc import Iterator
 from itertools import combinations_with_replacement
@@ -15,15 +18,15 @@ BALANCED_SHARE = (0.3, 0.7)
 """Share of approaches from smaller angles that shows backlash and lets it average."""
 
 
-def neighbouring_pairs(joints_rad: Array, points_mm: Array, start_rad: Array) -> Index:
-    """Pairs (N/2, 2) of an even number of rows, near each other in joints (N, 4) but not in space.
+def neighbouring_pairs(joints: Array, points_mm: Array, start: Array) -> Index:
+    """Pairs (N/2, 2) of an even number of rows, near each other in joints (N, n) but not in space.
 
     From consecutive shots of a short tour, ends are exchanged while travel within the pairs falls,
     pairs shorter than 250 mm counting as long ways.
     """
-    single = np.repeat(np.arange(len(joints_rad))[:, None], 2, axis=1)
-    pairs = shortest_tour(joints_rad, single, start_rad)[:, 0].reshape(-1, 2)
-    cost = travel_rad(joints_rad[:, None], joints_rad)
+    single = np.repeat(np.arange(len(joints))[:, None], 2, axis=1)
+    pairs = shortest_tour(joints, single, start)[:, 0].reshape(-1, 2)
+    cost = travel_rad(joints[:, None], joints)
     apart = np.linalg.norm(points_mm[:, None] - points_mm, axis=2)
     cost = cost + SHORTNESS_RAD_PER_MM * np.maximum(0.0, WORTHWHILE_PAIR_MM - apart)
     while any(_end_exchanged(pairs, cost, row) for row in range(len(pairs))):
@@ -45,32 +48,32 @@ def _end_exchanged(pairs: Index, cost: Array, row: int) -> bool:
     return True
 
 
-def positive_approach_shares(joints_rad: Array, start_rad: Array, counted: Mask) -> Array:
-    """Share of the counted shots (N,) at which each joint came from a smaller angle, (4,).
+def positive_approach_shares(joints: Array, start: Array, counted: Mask) -> Array:
+    """Share of the counted shots (N,) at which each joint came from a smaller angle, (n,).
 
-    Ways between shots are taken as straight; joints (N, 4) are in the order of the shots.
+    Ways between shots are taken as straight; joints (N, n) are in the order of the shots.
     """
-    rising = np.diff(np.vstack([start_rad, joints_rad]), axis=0) > 0.0
+    rising = np.diff(np.vstack([start, joints]), axis=0) > 0.0
     return np.asarray(rising[counted].mean(axis=0))
 
 
-def balance_approaches(joints_rad: Array, pairs: Index, start_rad: Array, counted: Mask) -> Index:
+def balance_approaches(joints: Array, pairs: Index, start: Array, counted: Mask) -> Index:
     """Pairs (M, 2) in an order with little travel that approaches joints from both sides.
 
     `counted` (N,) says which rows of joints the shares are taken of. Stretches of the shortest tour
     are reversed, those that lengthen it least first, until every share lies within 30–70 % or no
     reversal helps; with a handful of shots that may be so.
     """
-    tour = shortest_tour(joints_rad, pairs, start_rad)
-    imbalance = _imbalance(tour, joints_rad, start_rad, counted)
+    tour = shortest_tour(joints, pairs, start)
+    imbalance = _imbalance(tour, joints, start, counted)
     while imbalance > 0.0:
         trials = list(_reversals(tour))
-        left = np.array([_imbalance(trial, joints_rad, start_rad, counted) for trial in trials])
+        left = np.array([_imbalance(trial, joints, start, counted) for trial in trials])
         if left.min() >= imbalance:
             break
         imbalance = float(left.min())
         best = [trials[place] for place in np.flatnonzero(left == imbalance)]
-        tour = min(best, key=lambda trial: _travel(trial, joints_rad, start_rad))
+        tour = min(best, key=lambda trial: _travel(trial, joints, start))
     return tour
 
 
@@ -99,13 +102,13 @@ LEAST_GAIN_RAD = 1e-9
 """A shorter way counts only above the rounding of the longer one."""
 
 
-def shortest_tour(joints_rad: Array, pairs: Index, start_rad: Array) -> Index:
+def shortest_tour(joints: Array, pairs: Index, start: Array) -> Index:
     """The same pairs (M, 2) in an order, and each in a sense, that keeps the joints' travel short.
 
-    Nearest neighbour from `start_rad`, then reversal of stretches (2-opt) while that helps. A
+    Nearest neighbour from `start`, then reversal of stretches (2-opt) while that helps. A
     stretch reversed turns its pairs round too, so only the two joins change.
     """
-    return _two_opt(_nearest_neighbour(joints_rad, pairs, start_rad), joints_rad, start_rad)
+    return _two_opt(_nearest_neighbour(joints, pairs, start), joints, start)
 
 
 def travel_rad(from_rad: Array, to_rad: Array) -> Array:

@@ -1,17 +1,22 @@
-"""From a problem to an estimate: values, what they are worth, and what had to be left out."""
+"""Parameter estimation: values with their covariance, what was held, and what was left out."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
-from scipy.special import chdtr, chdtrc
 
 from campaigns.arrays import Array, Mask
 from campaigns.estimation.estimators import LossShape
+from campaigns.estimation.information import (
+    ChiSquareTest,
+    chi_square_test,
+    covariance,
+    variance_scale,
+)
 from campaigns.estimation.least_squares import IdentifiableSubspace, LeastSquaresProblem, Solution
 from campaigns.estimation.observability import (
     Observability,
-    covariance,
     observability,
     project_out_nuisance,
 )
@@ -27,8 +32,6 @@ from campaigns.estimation.robust import (
     solve_robust,
 )
 
-SIGNIFICANCE = 1e-3
-"""A χ² that good noise exceeds or falls below less often than this is not believed."""
 CONSTRAINT_ROUNDS = 3
 VARIANCE_ROUNDS = 6
 VARIANCE_SETTLED = 0.01
@@ -54,28 +57,6 @@ class OutlierPolicy:
 
 
 @dataclass(frozen=True, slots=True)
-class ChiSquareTest:
-    """Whether the measurements scatter as stated (a test of χ²), and what σ are multiplied by."""
-
-    chi2: float
-    dof: int
-    p: float | None
-    """Chance of good noise to lie as far out, on either side; None without degrees of freedom."""
-    scale: float | None
-    """None where nothing tells the scatter."""
-
-    @property
-    def believable(self) -> bool | None:
-        """None: there is nothing to tell by."""
-        return None if self.p is None else self.p >= SIGNIFICANCE
-
-    @property
-    def ratio(self) -> float | None:
-        """Scatter over stated scatter."""
-        return float(np.sqrt(self.chi2 / self.dof)) if self.dof > 0 else None
-
-
-@dataclass(frozen=True, slots=True)
 class PriorConflict:
     """A prior that the measurements contradict: what they alone say, in mm or rad."""
 
@@ -94,7 +75,7 @@ class Estimate:
     """(P,), mm and rad."""
     covariance: Array | None
     """(P, P); of what was free to move. None where nothing tells it."""
-    fixed_by_data: Mask
+    identifiable: Mask
     """Parameters that take part in no combination held at its nominal value, (F,)."""
     seen: Observability
     """Of the parameters alone, with the priors."""
@@ -106,7 +87,7 @@ class Estimate:
     outliers: tuple[Outlier, ...]
     fit: Solution
     """How the solver ended."""
-    contradictions: tuple[PriorConflict, ...] = ()
+    conflicts: tuple[PriorConflict, ...] = ()
     """Known only where the measurements alone tell all parameters."""
 
 
@@ -124,39 +105,38 @@ class _Solved:
 
 
 def estimate(
-    problem: LeastSquaresProblem, parameters: int, treatment: OutlierPolicy, *, trusted: bool
+    problem: LeastSquaresProblem, parameters: int, policy: OutlierPolicy, *, known_variance: bool
 ) -> Estimate:
     """Estimate with the first unknowns being parameters, the others (a frame) nuisance.
 
-    What neither data nor priors can tell is held where it starts, also if it comes to be told a
-    little once the others have moved. `trusted`: whether the stated
-    noise gives the standard deviations while a test of χ² believes it; otherwise the scatter does.
-    Raises `NoSolution` when the start has no answer.
+    What neither data nor priors identify is held where it starts, also if it comes to be identified
+    a little once the others have moved. `known_variance`: as `variance_scale` has it. Raises
+    `NoSolution` when the start has no answer.
     """
     at, kept = problem.data.start(), np.ones(problem.blocks, dtype=bool)
     for _ in range(CONSTRAINT_ROUNDS):
         seen = observability(project_out_nuisance(_jacobian(problem, at, kept), parameters))
-        held = problem.inside(_subspace(problem, seen))
-        agreed = reject_outliers(held) if treatment.exclude else Inliers(kept, ())
-        solved = _solved(held, treatment.loss, agreed, trusted=trusted)
+        held = problem.restricted_to(_subspace(problem, seen))
+        agreed = reject_outliers(held) if policy.exclude else Inliers(kept, ())
+        solved = _solved(held, policy.loss, agreed, known_variance=known_variance)
         at, kept = solved.x, agreed.kept
         found = observability(project_out_nuisance(_jacobian(solved.problem, at, kept), parameters))
         if found.rank >= seen.rank:
             break
-    known = found if found.rank == seen.rank else seen
-    by_data = _by_data_alone(solved.problem, at, kept, known, parameters)
-    told = len(problem.priors) > 0 and by_data.rank == parameters
+    observed = found if found.rank == seen.rank else seen
+    by_data = _by_data_alone(solved.problem, at, kept, observed, parameters)
+    with_conflicts = len(problem.priors) > 0 and by_data.rank == parameters
     return Estimate(
         at,
         _covariance(solved, kept),
         _identifiable(seen),
-        known,
+        observed,
         by_data,
         solved.noise,
         kept,
         agreed.outliers,
         solved.robust.fit,
-        tuple(_prior_conflicts(problem, at, kept)) if told else (),
+        tuple(_prior_conflicts(problem, at, kept)) if with_conflicts else (),
     )
 
 
@@ -181,17 +161,9 @@ def _prior_conflicts(problem: LeastSquaresProblem, x: Array, kept: Mask) -> Iter
             yield PriorConflict(place, float(alone[place]), own_std, float(sigmas))
 
 
-def chi_square_test(chi2: float, dof: int, scale: float | None) -> ChiSquareTest:
-    """With the two-sided probability of such a χ²."""
-    if dof < 1:
-        return ChiSquareTest(chi2, dof, None, scale)
-    p = 2.0 * min(float(chdtr(dof, chi2)), float(chdtrc(dof, chi2)))
-    return ChiSquareTest(chi2, dof, min(p, 1.0), scale)
-
-
 def _jacobian(problem: LeastSquaresProblem, x: Array, kept: Mask) -> Array:
     """∂(whitened measurements, priors)/∂unknowns, (M + K, P); zeros for what was left out."""
-    data = problem.data.jacobian(x) * (np.repeat(kept, problem.block) / problem.unit)[:, None]
+    data = problem.data.jacobian(x) * (np.repeat(kept, problem.block) / problem.sigma0)[:, None]
     return np.vstack([data, problem.priors.jacobian(len(x))])
 
 
@@ -203,50 +175,47 @@ def _subspace(problem: LeastSquaresProblem, seen: Observability) -> Identifiable
     start = problem.data.start()
     others = len(start) - count
     directions = np.zeros((len(start), seen.rank + others))
-    directions[:count, : seen.rank] = seen.seen_directions.T / seen.scale[:, None]
+    directions[:count, : seen.rank] = seen.identifiable_directions.T / seen.scale[:, None]
     directions[count:, seen.rank :] = np.eye(others)
     return IdentifiableSubspace(start, directions)
 
 
-def _solved(problem: LeastSquaresProblem, loss: Loss, agreed: Inliers, *, trusted: bool) -> _Solved:
+def _solved(
+    problem: LeastSquaresProblem, loss: Loss, agreed: Inliers, *, known_variance: bool
+) -> _Solved:
     """Solve; priors count against the scatter that the measurements turn out to have."""
     kept, first = agreed.kept, fit_inliers(problem, loss, agreed)
     tested = _tested(problem, first, kept)
-    robust, scale = first, _scale(problem, first, loss, kept)
+    robust, scatter = first, _scatter(problem, first, loss, kept)
+    scale_of = partial(
+        variance_scale,
+        tested=tested,
+        known_variance=known_variance,
+        robust=loss.shape is not LossShape.LINEAR,
+    )
     for _ in range(VARIANCE_ROUNDS if len(problem.priors) else 0):
-        unit = max(
-            variance_scale(scale, tested, loss, trusted=trusted) or 1.0, LEAST_VARIANCE_FACTOR
-        )
-        if abs(unit / problem.unit - 1.0) < VARIANCE_SETTLED:
+        sigma0 = max(scale_of(scatter) or 1.0, LEAST_VARIANCE_FACTOR)
+        if abs(sigma0 / problem.sigma0 - 1.0) < VARIANCE_SETTLED:
             break
-        problem = problem.against(unit)
+        problem = problem.with_variance_factor(sigma0)
         robust = solve_robust(problem, loss, kept)
-        scale = _scale(problem, robust, loss, kept)
-    allowed = variance_scale(scale, tested, loss, trusted=trusted)
-    return _Solved(problem, robust, chi_square_test(tested.chi2, tested.dof, allowed))
+        scatter = _scatter(problem, robust, loss, kept)
+    tested = chi_square_test(tested.chi2, tested.dof, scale_of(scatter))
+    return _Solved(problem, robust, tested)
 
 
 def _tested(problem: LeastSquaresProblem, robust: RobustFit, kept: Mask) -> ChiSquareTest:
     """χ² of what was kept, and of the priors, by the stated noise."""
     priors, x = problem.priors, problem.x(robust.fit.x)
-    surprises = (x[priors.places] - priors.mean) / priors.std
+    surprises = priors.residual(x)
     chi2 = float(np.sum(problem.sizes(robust.fit.x)[kept] ** 2) + surprises @ surprises)
     dof = int(problem.block * kept.sum()) + len(priors) - len(robust.fit.x)
-    return chi_square_test(chi2, dof, None)
+    return chi_square_test(chi2, dof)
 
 
-def variance_scale(
-    scale: float | None, tested: ChiSquareTest, loss: Loss, *, trusted: bool
+def _scatter(
+    problem: LeastSquaresProblem, robust: RobustFit, loss: Loss, kept: Mask
 ) -> float | None:
-    """What σ are multiplied by: never less than what a trusted statement says."""
-    if not trusted:
-        return scale
-    if scale is None or (tested.believable and loss.shape is LossShape.LINEAR):
-        return 1.0
-    return max(1.0, scale)
-
-
-def _scale(problem: LeastSquaresProblem, robust: RobustFit, loss: Loss, kept: Mask) -> float | None:
     """Standard deviation of the whitened residuals as it acts on the unknowns.
 
     For a robust loss Huber's (1981, section 7.6): that of ρ' over the mean of ρ''. The freedom that
@@ -260,12 +229,12 @@ def _scale(problem: LeastSquaresProblem, robust: RobustFit, loss: Loss, kept: Ma
         return None
     sizes = problem.sizes(robust.fit.x)[kept]
     felt = float(np.sqrt(np.sum((robust.weights[kept] * sizes) ** 2) / freedom))
-    square = (sizes / max(loss.scale * robust.unit, ROUNDING)) ** 2
+    square = (sizes / max(loss.threshold * robust.scale, ROUNDING)) ** 2
     curvature = float(loss_curvature(loss.shape, square, problem.block).mean())
     if curvature < LEAST_CURVATURE:
         return None
     found = felt / curvature
-    return found if loss.shape is LossShape.LINEAR else max(found, robust.unit)
+    return found if loss.shape is LossShape.LINEAR else max(found, robust.scale)
 
 
 def _reduced_jacobian(problem: LeastSquaresProblem, robust: RobustFit, kept: Mask) -> Array:
@@ -278,10 +247,10 @@ def _reduced_jacobian(problem: LeastSquaresProblem, robust: RobustFit, kept: Mas
 
 def _covariance(solved: _Solved, kept: Mask) -> Array | None:
     """(P, P), of the measurements at their allowed scatter and the priors as they are."""
-    scale, problem = solved.noise.scale, solved.problem
-    if scale is None:
+    sigma0, problem = solved.noise.sigma0, solved.problem
+    if sigma0 is None:
         return None
-    rows = _jacobian(problem.against(max(scale, ROUNDING)), solved.x, kept)
+    rows = _jacobian(problem.with_variance_factor(max(sigma0, ROUNDING)), solved.x, kept)
     directions = np.eye(len(solved.x)) if problem.subspace is None else problem.subspace.directions
     try:
         moving = covariance(rows @ directions)

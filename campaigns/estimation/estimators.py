@@ -16,7 +16,7 @@ class Model(StrEnum):
     """How much of a robot may be found."""
 
     STANDARD = "standard"
-    """The paper's 22 parameters, unless told otherwise."""
+    """Those that shots with a free frame can tell, unless told otherwise."""
     EXTENDED = "extended"
     """Where the motors' axes point and what their gears lose too, if unseen pairs speak for it."""
 

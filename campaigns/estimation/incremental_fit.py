@@ -1,14 +1,15 @@
-"""The fit while measuring: where the next shot should be, and how surely that is known."""
+"""Incremental Gauss-Newton: parameters and frame while measuring, to predict the next shot."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from campaigns.arrays import Array, Index
-from campaigns.estimation.residuals import FRAME_COLUMNS, PointResiduals, PositionModel, WithPriors
+from campaigns.arrays import Array
+from campaigns.estimation.information import LinearizedModel
+from campaigns.estimation.least_squares import LeastSquaresProblem, Priors
+from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.estimation.rigid_transforms import Transform, fit_transform
-from campaigns.mechanisms.geometry import IS_ANGLE, Geometry, indices
-from campaigns.mechanisms.par4 import NoSolution
+from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 
 PRIOR_LENGTH_MM = 5.0
 PRIOR_ANGLE_RAD = np.radians(3.0)
@@ -28,39 +29,6 @@ class PredictedPoint:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LinearizedModel:
-    """Points of N shots about some parameters and frame, to first order."""
-
-    free: tuple[str, ...]
-    """The parameters' names, F of them."""
-    rows: Array
-    """∂point/∂(free parameters, frame), (N, 3, F + 6), mm and rad."""
-    points_mm: Array
-    """As modelled, (N, 3)."""
-    misfit_mm: Array
-    """Modelled minus measured, (N, 3)."""
-    from_nominal: Array
-    """The parameters less their nominal values, (F,)."""
-
-    def taken(self, places: Index) -> "LinearizedModel":
-        """Some of the shots."""
-        rows, points, misfit = self.rows[places], self.points_mm[places], self.misfit_mm[places]
-        return LinearizedModel(self.free, rows, points, misfit, self.from_nominal)
-
-    def by(self, free: tuple[str, ...]) -> "LinearizedModel":
-        """Some of the parameters free, the others held at their nominal values."""
-        if free == self.free:
-            return self
-        count = len(self.free)
-        kept = [self.free.index(name) for name in free]
-        held = [place for place in range(count) if place not in kept]
-        back_mm = self.rows[:, :, held] @ self.from_nominal[held]
-        rows = self.rows[:, :, [*kept, *range(count, count + FRAME_COLUMNS)]]
-        points, misfit = self.points_mm - back_mm, self.misfit_mm - back_mm
-        return LinearizedModel(free, rows, points, misfit, self.from_nominal[kept])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _Posterior:
     """Parameters (F,), frame, and a root of the covariance of both, (F + 6, F + 6)."""
 
@@ -72,36 +40,39 @@ class _Posterior:
 class IncrementalGaussNewton:
     """Parameters and the tracker's frame from the shots so far, by one Gauss-Newton step a shot."""
 
-    def __init__(self, nominal: Geometry, free: tuple[str, ...]) -> None:
+    def __init__(self, nominal: Kinematics, free: tuple[str, ...]) -> None:
+        space = nominal.mechanism.parameters
         self._nominal = nominal
         self._names = free
-        self._free = indices(free)
-        self._prior = np.where(IS_ANGLE[self._free], PRIOR_ANGLE_RAD, PRIOR_LENGTH_MM)
+        self._free = space.places(free)
+        self._nominal_values = nominal.p[self._free]
+        std = np.where(space.is_angle[self._free], PRIOR_ANGLE_RAD, PRIOR_LENGTH_MM)
+        self._priors = Priors(np.arange(len(free)), self._nominal_values, std)
         self._joints: list[Array] = []
         self._points: list[Array] = []
         self._poses: Array | None = None
         self._known: _Posterior | None = None
-        self._linearised: LinearizedModel | None = None
+        self._linearized: LinearizedModel | None = None
 
     @property
-    def linearised(self) -> LinearizedModel | None:
+    def linearized(self) -> LinearizedModel | None:
         """The first shots about the last answer but one, in the tracker's frame; None before it.
 
         Nothing of the priors is in it. Shots after one without an assembly are missing.
         """
-        return self._linearised
+        return self._linearized
 
     @property
     def shots(self) -> int:
         """How many shots it rests on."""
         return len(self._joints)
 
-    def predict(self, joints_rad: Array) -> PredictedPoint | None:
-        """The reflector's place at joints (4,); None while the frame is unknown."""
+    def predict(self, joints: Array) -> PredictedPoint | None:
+        """The reflector's place at joints (n,); None while the frame is unknown."""
         if self._known is None:
             return None
         known = self._known
-        model = self._model([joints_rad])
+        model = self._model([joints])
         point = PointResiduals(model, np.zeros((1, 3)), np.eye(3)[None], known.frame)
         x = np.concatenate([known.parameters, np.zeros(6)])
         try:
@@ -110,33 +81,33 @@ class IncrementalGaussNewton:
             return None
         return PredictedPoint(place, float(np.linalg.norm(jacobian @ known.covariance_root)))
 
-    def distance_fault_mm(self, joints_rad: Array, point_mm: Array) -> float:
+    def max_distance_innovation_mm(self, joints: Array, point_mm: Array) -> float:
         """Largest difference of a measured distance to an earlier shot from the modelled one.
 
         Infinite where the joints have no assembly.
         """
         try:
-            positions = self._model([*self._joints, joints_rad]).positions_mm(self._parameters())
+            positions = self._model([*self._joints, joints]).positions_mm(self._parameters())
         except NoSolution:
             return np.inf
         modelled = np.linalg.norm(positions[:-1] - positions[-1], axis=1)
         measured = np.linalg.norm(np.reshape(self._points, (-1, 3)) - point_mm, axis=1)
         return float(np.abs(modelled - measured).max(initial=0.0))
 
-    def add(self, joints_rad: Array, point_mm: Array) -> None:
+    def add(self, joints: Array, point_mm: Array) -> None:
         """Take an accepted shot in."""
-        self._joints.append(joints_rad)
+        self._joints.append(joints)
         self._points.append(point_mm)
         if self.shots >= SHOTS_FOR_A_FRAME:
             self._update()
 
     def _parameters(self) -> Array:
         if self._known is None:
-            return np.asarray(self._nominal.vector()[self._free])
+            return self._nominal_values
         return self._known.parameters
 
-    def _model(self, joints_rad: list[Array], near: Array | None = None) -> PositionModel:
-        return PositionModel(self._nominal, self._free, np.array(joints_rad), near)
+    def _model(self, joints: list[Array], near: Array | None = None) -> PositionModel:
+        return PositionModel(self._nominal, self._free, np.array(joints), near)
 
     def _near(self) -> Array | None:
         """Poses near those of the shots: where they were last, and the last one for newer shots."""
@@ -157,11 +128,11 @@ class IncrementalGaussNewton:
             return
         whitening = np.broadcast_to(np.eye(3) / MEASURING_STD_MM, (len(points), 3, 3))
         data = PointResiduals(model, points, whitening, fit_transform(positions, points))
-        problem = WithPriors(data, np.arange(len(self._free)), model.nominal, self._prior)
+        problem = LeastSquaresProblem(data, 3, self._priors)
         x = np.concatenate([self._parameters(), np.zeros(6)])
         # the residual as a last column comes out multiplied by Qᵀ, so that Q itself is not needed
         rows = np.column_stack([problem.jacobian(x), problem.residual(x)])
-        self._linearised = self._about(x[:-6], rows[: 3 * len(points)], points)
+        self._linearized = self._about(x[:-6], rows[: 3 * len(points)], points)
         triangle = np.asarray(np.linalg.qr(rows, mode="r"))
         root = np.linalg.inv(triangle[:-1, :-1])
         x = x - root @ triangle[:-1, -1]
@@ -171,7 +142,7 @@ class IncrementalGaussNewton:
         """From rows with the residual as their last column, (3 N, F + 7), and points (N, 3)."""
         rows = MEASURING_STD_MM * whitened.reshape(len(measured_mm), 3, -1)
         misfit = rows[:, :, -1]
-        off = parameters - self._nominal.vector()[self._free]
+        off = parameters - self._nominal_values
         return LinearizedModel(self._names, rows[:, :, :-1], measured_mm + misfit, misfit, off)
 
 

@@ -1,15 +1,17 @@
-"""What a plan will tell before anything has moved: standard deviations and observability."""
+"""Information: how precisely measurements determine the parameters, the one place that says it.
 
+Jacobian of what is measured → whitened → frame marginalised → covariance, times the variance
+factor. Plans, runs, identification and studies take every σ from here.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import chdtr, chdtrc
 
 from campaigns.arrays import Array, Index
-from campaigns.estimation.estimate import chi_square_test
-from campaigns.estimation.incremental_fit import LinearizedModel
-from campaigns.estimation.least_squares import LeastSquaresProblem
 from campaigns.estimation.observability import (
-    covariance,
     observability,
     observability_indices,
     project_out_nuisance,
@@ -22,219 +24,306 @@ from campaigns.estimation.residuals import (
     PositionModel,
 )
 from campaigns.estimation.rigid_transforms import Transform
-from campaigns.estimation.robust import Loss, fit_inliers, reject_outliers
 from campaigns.estimation.tracker_noise import distance_variance_mm2, pooled_variance_mm2
-from campaigns.mechanisms.geometry import Geometry, indices
-from campaigns.mechanisms.par4 import NoSolution, parameter_jacobian
+from campaigns.mechanisms.mechanism import Kinematics
+
+SIGNIFICANCE = 1e-3
+"""A χ² that good noise exceeds or falls below less often than this is not consistent with it."""
+MINIMUM_DOF = 12
+"""Degrees of freedom below which a Birge ratio, known to ± 20 % by so many, is not relied on."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChiSquareTest:
+    """Test of the stated noise by χ², and the scale of every σ that follows from it."""
+
+    chi2: float
+    dof: int
+    p: float | None
+    """Chance of good noise to lie as far out, on either side; None without degrees of freedom."""
+    sigma0: float | None
+    """Square root of the variance factor, which multiplies every σ; None where nothing tells it."""
+
+    @property
+    def consistent(self) -> bool | None:
+        """Whether the measurements scatter as stated; None: there is nothing to tell by."""
+        return None if self.p is None else self.p >= SIGNIFICANCE
+
+    @property
+    def birge_ratio(self) -> float | None:
+        """√(χ²/ν): scatter over stated scatter; None without degrees of freedom."""
+        return float(np.sqrt(self.chi2 / self.dof)) if self.dof > 0 else None
+
+
+def chi_square_test(chi2: float, dof: int, sigma0: float | None = None) -> ChiSquareTest:
+    """Test with the two-sided probability of such a χ²."""
+    if dof < 1:
+        return ChiSquareTest(chi2, dof, None, sigma0)
+    p = 2.0 * min(float(chdtr(dof, chi2)), float(chdtrc(dof, chi2)))
+    return ChiSquareTest(chi2, dof, min(p, 1.0), sigma0)
+
+
+def variance_scale(
+    scatter: float | None, tested: ChiSquareTest, *, known_variance: bool, robust: bool = False
+) -> float | None:
+    """Scale of every σ, the one policy for the variance factor; None where nothing tells it.
+
+    `scatter` is that of the whitened residuals. Where the stated variance counts as known, σ come
+    from it until a test of χ² rejects it (or a robust loss leaves no such test), and then from the
+    scatter, but never smaller; elsewhere σ always come from the scatter.
+    """
+    if not known_variance:
+        return scatter
+    if scatter is None or (tested.consistent and not robust):
+        return 1.0
+    return max(1.0, scatter)
+
+
+def covariance(jacobian: Array) -> Array:
+    """(JᵀJ)⁻¹ by QR, for residuals of unit variance, (P, P).
+
+    Raises `LinAlgError` when the rank is lost.
+    """
+    rank, count = observability(jacobian).rank, jacobian.shape[1]
+    if rank < count:
+        raise np.linalg.LinAlgError(f"rank {rank} of {count}: no finite covariance")
+    norms = np.linalg.norm(jacobian, axis=0)
+    triangle = np.linalg.qr(jacobian / norms, mode="r")
+    root = np.linalg.inv(triangle) / norms[:, None]
+    return np.asarray(root @ root.T)
+
+
+def correlations(covariance_matrix: Array) -> Array:
+    """Correlation matrix (P, P), ones on the diagonal."""
+    std = np.sqrt(np.diag(covariance_matrix))
+    return np.asarray(covariance_matrix / np.outer(std, std))
+
+
+def largest_std(std: Array, names: Sequence[str]) -> tuple[float, float]:
+    """Largest standard deviations of a length and of an angle; zero where there are none."""
+    angle = np.array([name.endswith("_deg") for name in names], dtype=bool)
+    return float(std[~angle].max(initial=0.0)), float(std[angle].max(initial=0.0))
+
+
+def point_jacobian(
+    kinematics: Kinematics, free: tuple[str, ...], joints: Array, poses: Array
+) -> Array:
+    """∂(point in a frame to be estimated)/∂(free parameters, frame), (N, 3, F + 6), mm and rad."""
+    model = PositionModel(kinematics, _places(kinematics, free), joints, poses)
+    unturned = Transform(np.eye(3), np.zeros(3))
+    points, whitening = np.zeros((len(poses), 3)), np.broadcast_to(np.eye(3), (len(poses), 3, 3))
+    problem = PointResiduals(model, points, whitening, unturned)
+    return problem.jacobian(problem.start()).reshape(len(poses), 3, -1)
+
+
+def distance_jacobian(
+    kinematics: Kinematics, free: tuple[str, ...], joints: Array, poses: Array, pairs: Index
+) -> Array:
+    """∂(distance of each pair)/∂(free parameters), (M, F), mm and rad."""
+    model = PositionModel(kinematics, _places(kinematics, free), joints, poses)
+    problem = DistanceResiduals.in_mm(model, pairs[:, 0], pairs[:, 1], np.zeros(len(pairs)))
+    return problem.jacobian(problem.start())
+
+
+def whitened(jacobian: Array, covariance_mm2: Array) -> Array:
+    """Jacobian (N, 3, P) of points in units of their covariances (N, 3, 3)."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance_mm2)) @ jacobian)
+
+
+def marginalise_frame(jacobian: Array) -> Array:
+    """Jacobian (N, 3, F + 6) of points after the best fit of their frame, (N, 3, F)."""
+    flat = jacobian.reshape(-1, jacobian.shape[-1])
+    left = project_out_nuisance(flat, flat.shape[1] - FRAME_COLUMNS)
+    return left.reshape(len(jacobian), jacobian.shape[1], -1)
+
+
+def workspace_jacobian(kinematics: Kinematics, free: tuple[str, ...], poses: Array) -> Array:
+    """∂position/∂(free parameters) at poses (N, t), after the best fit of the frame, (N, 3, F)."""
+    joints = kinematics.inverse(poses).values_or_raise()
+    return marginalise_frame(point_jacobian(kinematics, free, joints, poses))
+
+
+def position_std_mm(jacobian: Array, covariance_matrix: Array) -> Array:
+    """Root of the summed variances of X, Y and Z where a Jacobian (N, 3, P) looks, (N,).
+
+    With `point_jacobian` and the covariance of parameters and frame: in the frame that the same
+    shots gave. With `workspace_jacobian` and the parameters' covariance alone: after a best fit of
+    the frame.
+    """
+    variance = np.einsum("nkp,pq,nkq->n", jacobian, covariance_matrix, jacobian, optimize=True)
+    return np.asarray(np.sqrt(variance))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PredictedCovariance:
-    """What a plan tells of the free parameters."""
+    """Covariance that measurements will give of F parameters if they scatter as stated."""
 
-    std: Array
-    """1 σ in mm and rad, (F,)."""
+    covariance: Array
+    """(F, F), mm and rad; infinite when the rank is lost."""
+    with_frame: Array
+    """Of all unknowns, the parameters first, (P, P)."""
     rank: int
+    """Of the parameters alone."""
     condition: float
     indices: dict[str, float]
     """O1…O5 (Sun & Hollerbach 2008)."""
 
+    @property
+    def full_rank(self) -> bool:
+        """Whether every parameter will be known."""
+        return bool(np.isfinite(self.covariance).all())
+
+    @property
+    def std(self) -> Array:
+        """1 σ in mm and rad, (F,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @classmethod
+    def of(cls, jacobian: Array, alone: Array) -> "PredictedCovariance":
+        """From a whitened Jacobian (M, P), and that of the parameters alone, (M, F)."""
+        count = alone.shape[1]
+        seen = observability(alone)
+        try:
+            of_all = covariance(jacobian)
+        except np.linalg.LinAlgError:
+            of_all = np.full((jacobian.shape[1],) * 2, np.inf)
+        indices = observability_indices(seen.singular_values, len(alone))
+        return cls(of_all[:count, :count], of_all, seen.rank, seen.condition, indices)
+
+
+def predict_points(
+    kinematics: Kinematics,
+    free: tuple[str, ...],
+    joints: Array,
+    poses: Array,
+    covariance_mm2: Array,
+) -> PredictedCovariance:
+    """Covariance from points with covariances (N, 3, 3), in the base frame's axes.
+
+    Rank, condition and indices are of the parameters alone, the tracker's frame having been fitted.
+    """
+    jacobian = whitened(point_jacobian(kinematics, free, joints, poses), covariance_mm2)
+    alone = marginalise_frame(jacobian).reshape(-1, len(free))
+    return PredictedCovariance.of(jacobian.reshape(-1, jacobian.shape[-1]), alone)
+
 
 def predict_distances(
-    geometry: Geometry,
+    kinematics: Kinematics,
     free: tuple[str, ...],
-    joints_rad: Array,
+    joints: Array,
     poses: Array,
     pairs: Index,
     variance_mm2: Array,
 ) -> PredictedCovariance:
-    """What distances of pairs (M, 2) with variances (M,) will tell of the free parameters.
-
-    Lost rank gives infinite standard deviations.
-    """
-    by_shot = parameter_jacobian(geometry, joints_rad, poses)[:, :3, indices(free)]
-    first, second = pairs.T
-    direction = directions(poses[:, :3], first, second)
-    jacobian = np.einsum("mk,mkf->mf", direction, by_shot[second] - by_shot[first])
-    whitened = jacobian / np.sqrt(variance_mm2)[:, None]
-    seen = observability(whitened)
-    full = seen.rank == len(free)
-    std = np.sqrt(np.diag(covariance(whitened))) if full else np.full(len(free), np.inf)
-    return PredictedCovariance(
-        std, seen.rank, seen.condition, observability_indices(seen.singular_values, len(pairs))
-    )
+    """Covariance from distances of pairs (M, 2) with variances (M,)."""
+    jacobian = distance_jacobian(kinematics, free, joints, poses, pairs)
+    jacobian = jacobian / np.sqrt(variance_mm2)[:, None]
+    return PredictedCovariance.of(jacobian, jacobian)
 
 
-def predict_points(
-    geometry: Geometry,
-    free: tuple[str, ...],
-    joints_rad: Array,
-    poses: Array,
-    covariance_mm2: Array,
-) -> PredictedCovariance:
-    """What points with covariances (N, 3, 3), in the base frame's axes, will tell.
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearizedModel:
+    """Points of N shots about some parameters and frame, to first order."""
 
-    Rank, condition and indices are of the parameters alone, the tracker's frame having been fitted.
-    Lost rank gives infinite standard deviations.
-    """
-    whitened = _whitened(point_jacobian(geometry, free, joints_rad, poses), covariance_mm2)
-    jacobian = marginalise_frame(whitened).reshape(-1, len(free))
-    seen = observability(jacobian)
-    full = seen.rank == len(free)
-    std = np.sqrt(np.diag(covariance(jacobian))) if full else np.full(len(free), np.inf)
-    indices = observability_indices(seen.singular_values, len(jacobian))
-    return PredictedCovariance(std, seen.rank, seen.condition, indices)
+    free: tuple[str, ...]
+    """The parameters' names, F of them."""
+    jacobian: Array
+    """∂point/∂(free parameters, frame), (N, 3, F + 6), mm and rad."""
+    points_mm: Array
+    """As modelled, (N, 3)."""
+    residual_mm: Array
+    """Modelled minus measured, (N, 3)."""
+    from_nominal: Array
+    """The parameters less their nominal values, (F,)."""
 
+    def taken(self, places: Index) -> "LinearizedModel":
+        """Some of the shots."""
+        jacobian, points, residual = (
+            each[places] for each in (self.jacobian, self.points_mm, self.residual_mm)
+        )
+        return LinearizedModel(self.free, jacobian, points, residual, self.from_nominal)
 
-def points_covariance(
-    geometry: Geometry,
-    free: tuple[str, ...],
-    joints_rad: Array,
-    poses: Array,
-    covariance_mm2: Array,
-) -> Array:
-    """Covariance of the free parameters and the frame, (F + 6, F + 6), mm and rad.
-
-    Raises `LinAlgError` when the rank is lost.
-    """
-    whitened = _whitened(point_jacobian(geometry, free, joints_rad, poses), covariance_mm2)
-    return covariance(whitened.reshape(-1, whitened.shape[-1]))
-
-
-def position_std_mm(rows: Array, covariance_matrix: Array) -> Array:
-    """Root of the summed variances of X, Y and Z where rows (N, 3, P) look, (N,).
-
-    With `point_jacobian` and the covariance of parameters and frame: in the frame that the same
-    shots gave. With `marginalise_frame` and the parameters' covariance alone: after a best fit of
-    the frame.
-    """
-    variance = np.einsum("nkp,pq,nkq->n", rows, covariance_matrix, rows, optimize=True)
-    return np.asarray(np.sqrt(variance))
-
-
-def _whitened(rows: Array, covariance_mm2: Array) -> Array:
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance_mm2)) @ rows)
-
-
-MINIMUM_DOF = 12
-"""Degrees of freedom below which the scatter, known to ± 20 % by so many, is not relied on."""
+    def by(self, free: tuple[str, ...]) -> "LinearizedModel":
+        """Some of the parameters free, the others held at their nominal values."""
+        if free == self.free:
+            return self
+        count = len(self.free)
+        kept = [self.free.index(name) for name in free]
+        held = [place for place in range(count) if place not in kept]
+        back_mm = self.jacobian[:, :, held] @ self.from_nominal[held]
+        jacobian = self.jacobian[:, :, [*kept, *range(count, count + FRAME_COLUMNS)]]
+        points, residual = self.points_mm - back_mm, self.residual_mm - back_mm
+        return LinearizedModel(free, jacobian, points, residual, self.from_nominal[kept])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosteriorCovariance:
-    """What shots tell of F parameters."""
+    """Covariance of F parameters from measurements, scaled as `variance_scale` has it."""
 
     covariance: Array
-    """Of the parameters, (F, F), mm and rad."""
-    scatter: float
-    """√(χ²/dof): what the best fit leaves over what is stated."""
-    scale: float
-    """What this multiplied every standard deviation by."""
+    """(F, F), mm and rad."""
+    birge_ratio: float
+    """√(χ²/ν): what the best fit leaves over what is stated."""
+    sigma0: float
+    """What every standard deviation was multiplied by."""
 
 
 def covariance_from_points(
-    seen: LinearizedModel, covariance_mm2: Array, *, foreseen: bool = False
+    model: LinearizedModel, covariance_mm2: Array
 ) -> PosteriorCovariance | None:
-    """What coordinates of covariances (N, 3, 3), in the points' frame, tell.
+    """Posterior covariance from coordinates of covariances (N, 3, 3), in the points' frame.
 
-    `foreseen`: they are not measured yet, and have no scatter to be judged by. The tracker's frame
-    is six more unknowns. None while that is not yet known: for too few shots,
-    a lost rank, or a covariance that cannot be.
+    The tracker's frame is six more unknowns. None while the parameters are not yet known: for too
+    few shots, a lost rank, or a covariance that cannot be.
     """
     try:
         whitening = np.linalg.inv(np.linalg.cholesky(covariance_mm2))
     except np.linalg.LinAlgError:
         return None
-    rows = (whitening @ seen.rows).reshape(-1, seen.rows.shape[-1])
-    misfit = np.einsum("nij,nj->ni", whitening, seen.misfit_mm).ravel()
-    parameters = rows.shape[1] - FRAME_COLUMNS
-    return _posterior(rows, misfit, parameters, trusted=True, foreseen=foreseen)
+    jacobian = (whitening @ model.jacobian).reshape(-1, model.jacobian.shape[-1])
+    residual = np.einsum("nij,nj->ni", whitening, model.residual_mm).ravel()
+    return _posterior(jacobian, residual, jacobian.shape[1] - FRAME_COLUMNS, known_variance=True)
 
 
 def covariance_from_distances(
-    seen: LinearizedModel, covariance_mm2: Array, pairs: Index, *, foreseen: bool = False
+    model: LinearizedModel, covariance_mm2: Array, pairs: Index
 ) -> PosteriorCovariance | None:
-    """What distances of pairs (M, 2) tell, all taken as equally sure, as the paper does.
+    """Posterior covariance from distances of pairs (M, 2), all taken as equally sure.
 
-    None while that is not yet known.
+    None while the parameters are not yet known.
     """
     first, second = pairs.T
-    variance = distance_variance_mm2(seen.points_mm, covariance_mm2, first, second)
+    variance = distance_variance_mm2(model.points_mm, covariance_mm2, first, second)
     if len(pairs) == 0 or not np.all(variance > 0.0):
         return None
     std_mm = np.sqrt(pooled_variance_mm2(variance))
-    towards = directions(seen.points_mm, first, second)
-    apart = (seen.rows[second] - seen.rows[first])[:, :, :-FRAME_COLUMNS]
-    rows = np.einsum("mk,mkf->mf", towards, apart) / std_mm
-    measured = distances_mm(seen.points_mm - seen.misfit_mm, first, second)
-    misfit = (distances_mm(seen.points_mm, first, second) - measured) / std_mm
-    return _posterior(rows, misfit, rows.shape[1], trusted=False, foreseen=foreseen)
-
-
-def covariance_from_fit(
-    problem: LeastSquaresProblem, parameters: int, *, trusted: bool
-) -> PosteriorCovariance | None:
-    """What a fit to the end tells of the first of its unknowns, outliers left out of it.
-
-    `trusted`: whether what is stated holds until a test of χ² says otherwise. None while it is not
-    yet known, or the solver finds no answer. Takes some twenty times as long as the others.
-    """
-    try:
-        agreed = reject_outliers(problem)
-        fit = fit_inliers(problem, Loss(), agreed).fit
-    except (NoSolution, np.linalg.LinAlgError):
-        return None
-    rows = np.repeat(agreed.kept, problem.block)
-    if not fit.converged:
-        return None
-    return _posterior(fit.jacobian[rows], fit.residual[rows], parameters, trusted=trusted)
+    towards = directions(model.points_mm, first, second)
+    apart = (model.jacobian[second] - model.jacobian[first])[:, :, :-FRAME_COLUMNS]
+    jacobian = np.einsum("mk,mkf->mf", towards, apart) / std_mm
+    measured = distances_mm(model.points_mm - model.residual_mm, first, second)
+    residual = (distances_mm(model.points_mm, first, second) - measured) / std_mm
+    return _posterior(jacobian, residual, jacobian.shape[1], known_variance=False)
 
 
 def _posterior(
-    rows: Array, misfit: Array, parameters: int, *, trusted: bool, foreseen: bool = False
+    jacobian: Array, residual: Array, parameters: int, *, known_variance: bool
 ) -> PosteriorCovariance | None:
-    """From whitened rows (M, P) and misfit (M,), the first of the P unknowns being parameters."""
-    dof = len(rows) - rows.shape[1]
-    if dof < (0 if foreseen else MINIMUM_DOF):
+    """From a whitened Jacobian (M, P) and residual (M,), the first of the P being parameters."""
+    dof = len(jacobian) - jacobian.shape[1]
+    if dof < MINIMUM_DOF:
         return None
-    # the misfit as a last column: what of it no change of the unknowns explains ends in the corner
-    triangle = np.asarray(np.linalg.qr(np.column_stack([rows, misfit]), mode="r"))
+    # as a last column: what of the residual no change of the unknowns explains ends in the corner
+    triangle = np.asarray(np.linalg.qr(np.column_stack([jacobian, residual]), mode="r"))
     try:
         of_all = covariance(triangle[:-1, :-1])
     except np.linalg.LinAlgError:
         return None
-    if foreseen:
-        return PosteriorCovariance(of_all[:parameters, :parameters], 0.0, 1.0)
-    noise = chi_square_test(float(triangle[-1, -1] ** 2), dof, None)
-    scatter = float(np.sqrt(noise.chi2 / dof))
-    scale = 1.0 if trusted and noise.believable else max(1.0, scatter)
-    return PosteriorCovariance(scale**2 * of_all[:parameters, :parameters], scatter, scale)
+    tested = chi_square_test(float(triangle[-1, -1] ** 2), dof)
+    ratio = float(np.sqrt(tested.chi2 / dof))
+    scale = variance_scale(ratio, tested, known_variance=known_variance)
+    assert scale is not None, "there is a scatter"
+    return PosteriorCovariance(scale**2 * of_all[:parameters, :parameters], ratio, scale)
 
 
-def point_jacobian(
-    geometry: Geometry, free: tuple[str, ...], joints_rad: Array, poses: Array
-) -> Array:
-    """∂(point in a frame to be estimated)/∂(free parameters, frame), (N, 3, F + 6), mm and rad."""
-    model = PositionModel(geometry, indices(free), joints_rad, poses)
-    unturned = Transform(np.eye(3), np.zeros(3))
-    points = np.zeros((len(poses), 3))
-    problem = PointResiduals(
-        model, points, np.broadcast_to(np.eye(3), (len(poses), 3, 3)), unturned
-    )
-    return problem.jacobian(problem.start()).reshape(len(poses), 3, -1)
-
-
-def distance_jacobian(
-    geometry: Geometry, free: tuple[str, ...], joints_rad: Array, poses: Array, pairs: Index
-) -> Array:
-    """∂(distance of each pair)/∂(free parameters), (M, F), mm and rad."""
-    model = PositionModel(geometry, indices(free), joints_rad, poses)
-    problem = DistanceResiduals(model, pairs[:, 0], pairs[:, 1], np.zeros(len(pairs)))
-    return problem.jacobian(problem.start())
-
-
-def marginalise_frame(rows: Array) -> Array:
-    """Rows (N, 3, F + 6) of points after the best fit of their frame, (N, 3, F)."""
-    jacobian = rows.reshape(-1, rows.shape[-1])
-    left = project_out_nuisance(jacobian, jacobian.shape[1] - FRAME_COLUMNS)
-    return left.reshape(len(rows), rows.shape[1], -1)
+def _places(kinematics: Kinematics, free: tuple[str, ...]) -> Index:
+    return kinematics.mechanism.parameters.places(free)

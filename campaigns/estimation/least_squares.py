@@ -1,16 +1,51 @@
-"""What is fitted: measurements in blocks, which may be weighed, and priors, which never are.
+"""Least squares: measurements in blocks, which may be weighed, priors, which never are, the solver.
 
 A block is what belongs together: the three whitened coordinates of a shot, or one distance.
 """
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from scipy.optimize import leastsq
 
 from campaigns.arrays import Array, Index
-from campaigns.estimation.residuals import Residuals, WithPriors
-from campaigns.mechanisms.par4 import NoSolution
+from campaigns.mechanisms.mechanism import NoSolution
+
+STEP_TOLERANCE = 1e-7
+COST_TOLERANCE = 1e-8
+"""What is left is of the order of these squared, by the solver's convergence: far below any σ."""
+EVALUATIONS = 100
+CONVERGED, OUT_OF_EVALUATIONS = frozenset({1, 2, 3, 4}), 5
+"""How MINPACK says that it ended."""
+INFEASIBLE_FACTOR = 1e6
+"""Times the largest residual of the start: every residual where the mechanism has no assembly, so
+that the solver turns back."""
+NEGLIGIBLE = 1e-6
+"""Root mean square of residuals, mm or whitened, of which only rounding is left."""
+STATIONARY_COSINE = 1e-3
+"""Of the angle between the residual and a column of the Jacobian; a minimum reached gives 1e-6."""
+
+
+class Residuals(Protocol):
+    """Residuals as functions of the unknowns x, in mm and rad."""
+
+    @property
+    def rows(self) -> int:
+        """How many residuals there are, M."""
+        ...
+
+    def start(self) -> Array:
+        """Where to begin, (P,)."""
+        ...
+
+    def residual(self, x: Array) -> Array:
+        """(M,); raises `NoSolution` where the model has no answer."""
+        ...
+
+    def jacobian(self, x: Array) -> Array:
+        """(M, P)."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,41 +65,15 @@ class Priors:
     def __len__(self) -> int:
         return len(self.places)
 
+    def residual(self, x: Array) -> Array:
+        """Whitened differences from the means, (K,)."""
+        return np.asarray((x[self.places] - self.mean) / self.std)
+
     def jacobian(self, unknowns: int) -> Array:
         """∂(whitened prior residual)/∂x, (K, P)."""
-        rows = np.zeros((len(self), unknowns))
-        rows[np.arange(len(self)), self.places] = 1.0 / self.std
-        return rows
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WeightedResiduals:
-    """A least-squares problem with a weight on every block."""
-
-    data: Residuals
-    block: int
-    weights: Array
-    """(blocks,), at least zero."""
-
-    @property
-    def rows(self) -> int:
-        """The data's."""
-        return self.data.rows
-
-    def start(self) -> Array:
-        """The data's."""
-        return self.data.start()
-
-    def residual(self, x: Array) -> Array:
-        """(M,)."""
-        return self._root() * self.data.residual(x)
-
-    def jacobian(self, x: Array) -> Array:
-        """(M, P)."""
-        return self._root()[:, None] * self.data.jacobian(x)
-
-    def _root(self) -> Array:
-        return np.repeat(np.sqrt(self.weights), self.block)
+        jacobian = np.zeros((len(self), unknowns))
+        jacobian[np.arange(len(self)), self.places] = 1.0 / self.std
+        return jacobian
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,89 +91,85 @@ class IdentifiableSubspace:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ReducedProblem:
-    """A problem whose unknowns are the places in a subspace."""
-
-    whole: Residuals
-    subspace: IdentifiableSubspace
-
-    @property
-    def rows(self) -> int:
-        """The whole problem's."""
-        return self.whole.rows
-
-    def start(self) -> Array:
-        """The origin, (R,)."""
-        return np.zeros(self.subspace.directions.shape[1])
-
-    def residual(self, y: Array) -> Array:
-        """The whole problem's, (M,)."""
-        return self.whole.residual(self.subspace.x(y))
-
-    def jacobian(self, y: Array) -> Array:
-        """(M, R)."""
-        return np.asarray(self.whole.jacobian(self.subspace.x(y)) @ self.subspace.directions)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class LeastSquaresProblem:
-    """Whitened measurements in blocks of equal size, and what is known without them."""
+    """Whitened measurements in blocks of equal size, and what is known without them.
+
+    What a solver moves, y, are the unknowns x themselves, or places in a subspace of them.
+    """
 
     data: Residuals
     block: int
     priors: Priors
-    unit: float = 1.0
-    """Standard deviation of the whitened residuals against which the priors weigh."""
+    sigma0: float = 1.0
+    """Square root of the variance factor: standard deviation of the whitened residuals against
+    which the priors weigh."""
     subspace: IdentifiableSubspace | None = None
     """None: every unknown is free."""
+    weights: Array | None = None
+    """Of the measurements, (blocks,), at least zero; None: they all count alike."""
 
     @property
     def blocks(self) -> int:
         """How many there are."""
         return self.data.rows // self.block
 
-    def weighted(self, weights: Array) -> Residuals:
-        """What a solver takes; `weights` (blocks,) are of the measurements alone."""
-        data = WeightedResiduals(self.data, self.block, weights / self.unit**2)
-        priors = self.priors
-        known = WithPriors(data, priors.places, priors.mean, priors.std) if len(priors) else data
-        return known if self.subspace is None else ReducedProblem(known, self.subspace)
+    @property
+    def rows(self) -> int:
+        """The data's, and one a prior."""
+        return self.data.rows + len(self.priors)
 
-    def x(self, solved: Array) -> Array:
-        """The unknowns (P,) of what a solver found."""
-        return solved if self.subspace is None else self.subspace.x(solved)
+    def start(self) -> Array:
+        """Where the data's unknowns begin; of a subspace its origin."""
+        if self.subspace is None:
+            return self.data.start()
+        return np.zeros(self.subspace.directions.shape[1])
 
-    def sizes(self, solved: Array) -> Array:
-        """Length of each block's whitened residual where a solver is, (blocks,)."""
-        return block_norms(self.data.residual(self.x(solved)), self.block)
+    def residual(self, y: Array) -> Array:
+        """The data's rows, then one a prior, (M + K,); raises `NoSolution`."""
+        x = self.x(y)
+        data = self._weighed(self.data.residual(x))
+        return np.concatenate([data, self.priors.residual(x)]) if len(self.priors) else data
 
-    def against(self, unit: float) -> "LeastSquaresProblem":
+    def jacobian(self, y: Array) -> Array:
+        """(M + K, R)."""
+        x = self.x(y)
+        jacobian = self._weighed(self.data.jacobian(x))
+        if len(self.priors):
+            jacobian = np.vstack([jacobian, self.priors.jacobian(len(x))])
+        return jacobian if self.subspace is None else jacobian @ self.subspace.directions
+
+    def x(self, y: Array) -> Array:
+        """The unknowns (P,) of what a solver moves."""
+        return y if self.subspace is None else self.subspace.x(y)
+
+    def sizes(self, y: Array) -> Array:
+        """Length of each block's whitened residual, whatever its weight, (blocks,)."""
+        return block_norms(self.data.residual(self.x(y)), self.block)
+
+    def weighted(self, weights: Array) -> "LeastSquaresProblem":
+        """The same with weights (blocks,) of the measurements."""
+        return replace(self, weights=weights)
+
+    def with_variance_factor(self, sigma0: float) -> "LeastSquaresProblem":
         """The same with priors weighed against residuals of another standard deviation."""
-        return replace(self, unit=unit)
+        return replace(self, sigma0=sigma0)
 
-    def inside(self, subspace: IdentifiableSubspace | None) -> "LeastSquaresProblem":
+    def restricted_to(self, subspace: IdentifiableSubspace | None) -> "LeastSquaresProblem":
         """The same, free to move in a subspace only."""
         return replace(self, subspace=subspace)
+
+    def _weighed(self, rows: Array) -> Array:
+        """Rows (M,) or (M, P) of the measurements times the square roots of their weights."""
+        if self.weights is None and self.sigma0 == 1.0:
+            return rows
+        weights = np.ones(self.blocks) if self.weights is None else self.weights
+        root = np.repeat(np.sqrt(weights / self.sigma0**2), self.block)
+        return np.asarray((rows.T * root).T)
 
 
 def block_norms(residual: Array, block: int) -> Array:
     """Length of each block's residual, (blocks,)."""
     return np.asarray(np.linalg.norm(residual.reshape(-1, block), axis=1))
-
-
-STEP_TOLERANCE = 1e-7
-COST_TOLERANCE = 1e-8
-"""What is left is of the order of these squared, by the solver's convergence: far below any σ."""
-EVALUATIONS = 100
-CONVERGED, OUT_OF_EVALUATIONS = frozenset({1, 2, 3, 4}), 5
-"""How MINPACK says that it ended."""
-INFEASIBLE_FACTOR = 1e6
-"""Times the largest residual of the start: every residual where the mechanism has no assembly, so
-that the solver turns back."""
-NEGLIGIBLE = 1e-6
-"""Root mean square of residuals, mm or whitened, of which only rounding is left."""
-STATIONARY_COSINE = 1e-3
-"""Of the angle between the residual and a column of the Jacobian; a minimum reached gives 1e-6."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

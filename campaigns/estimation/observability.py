@@ -1,6 +1,6 @@
 """What a fit knows and what it cannot: rank, condition, covariance, unobservable combinations."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import permutations
 
@@ -32,7 +32,7 @@ class Observability:
         return self.directions[self.rank :]
 
     @property
-    def seen_directions(self) -> Array:
+    def identifiable_directions(self) -> Array:
         """Rows in scaled parameters, (rank, P)."""
         return self.directions[: self.rank]
 
@@ -116,43 +116,6 @@ def _named(row: Array) -> Mask:
     return np.asarray(np.abs(row) >= SHARE_NAMED * np.abs(row).max())
 
 
-def covariance(jacobian: Array) -> Array:
-    """(JᵀJ)⁻¹ by QR, for residuals of unit variance, (P, P).
-
-    Raises `LinAlgError` when the rank is lost.
-    """
-    rank, count = observability(jacobian).rank, jacobian.shape[1]
-    if rank < count:
-        raise np.linalg.LinAlgError(f"rank {rank} of {count}: no finite covariance")
-    norms = np.linalg.norm(jacobian, axis=0)
-    triangle = np.linalg.qr(jacobian / norms, mode="r")
-    root = np.linalg.inv(triangle) / norms[:, None]
-    return np.asarray(root @ root.T)
-
-
-def correlations(covariance_matrix: Array) -> Array:
-    """(P, P), ones on the diagonal."""
-    std = np.sqrt(np.diag(covariance_matrix))
-    return np.asarray(covariance_matrix / np.outer(std, std))
-
-
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """How large a set of errors is, in mm."""
-
-    mean_abs: float
-    rms: float
-    max_abs: float
-
-
-def spread(errors_mm: Array) -> Spread:
-    """Raises `ValueError` for no errors at all."""
-    if errors_mm.size == 0:
-        raise ValueError("no errors to summarise")
-    size = np.abs(errors_mm)
-    return Spread(float(size.mean()), float(np.sqrt(np.mean(size**2))), float(size.max()))
-
-
 def observability_indices(singular_values: Array, rows: int) -> dict[str, float]:
     """O1…O5 of the scaled Jacobian's singular values (P,)."""
     largest, least = float(singular_values[0]), float(singular_values[-1])
@@ -166,13 +129,3 @@ def observability_indices(singular_values: Array, rows: int) -> dict[str, float]
         "O4": least**2 / largest,
         "O5": float(1.0 / np.sum(1.0 / singular_values)) if positive else 0.0,
     }
-
-
-def largest_std(std: Array, names: Sequence[str]) -> tuple[float, float]:
-    """The largest of a length's σ and of an angle's; zero where there are none."""
-    angle = np.array([name.endswith("_deg") for name in names], dtype=bool)
-    return _largest(std[~angle]), _largest(std[angle])
-
-
-def _largest(values: Array) -> float:
-    return float(values.max(initial=0.0))

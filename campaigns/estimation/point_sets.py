@@ -1,7 +1,5 @@
 """Distances between rows of points (N, 3); pairs are two arrays of rows, (M,) each."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from campaigns.arrays import Array, Index
@@ -48,17 +46,6 @@ def farthest_apart(points_mm: Array) -> tuple[int, int]:
     distances = np.linalg.norm(points_mm[:, None] - points_mm[None], axis=2)
     first, second = np.unravel_index(int(np.argmax(distances)), distances.shape)
     return int(first), int(second)
-
-
-def whole_pairs(pairs: Sequence[int | None]) -> tuple[tuple[int, ...], Index, Index]:
-    """The numbers of the pairs that stand twice, and the rows of their first and second, (M,)."""
-    rows: dict[int, list[int]] = {}
-    for row, pair in enumerate(pairs):
-        if pair is not None:
-            rows.setdefault(pair, []).append(row)
-    whole = {pair: both for pair, both in rows.items() if len(both) == 2}
-    first, second = np.array(list(whole.values()), dtype=np.intp).reshape(-1, 2).T
-    return tuple(whole), first, second
 
 
 def fitted_frame(from_mm: Array, to_mm: Array) -> Transform | None:

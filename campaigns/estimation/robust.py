@@ -1,4 +1,4 @@
-"""Fits that a few wrong shots cannot spoil, and the shots that all others contradict.
+"""Robust estimation: M-estimators, and rejection of blocks that all others contradict.
 
 Losses and outliers are judged by whole blocks, never by single coordinates, and priors take no part
 in it: they are neither weighed down nor left out.
@@ -30,7 +30,7 @@ class Loss:
     """How the price of a block's misfit grows, and where that begins to differ from its square."""
 
     shape: LossShape = LossShape.LINEAR
-    scale: float = TUNING_CONSTANT
+    threshold: float = TUNING_CONSTANT
     """In standard deviations, as the blocks' median shows them."""
 
 
@@ -49,7 +49,7 @@ class RobustFit:
     fit: Solution
     weights: Array
     """(blocks,), zero for what was left out."""
-    unit: float
+    scale: float
     """Standard deviation of the whitened residuals by the median of the blocks."""
 
 
@@ -64,7 +64,7 @@ class Outlier:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inliers:
-    """Which blocks agree with each other, (blocks,), and those that do not."""
+    """Blocks that agree with each other, (blocks,), and those that do not."""
 
     kept: Mask
     outliers: tuple[Outlier, ...]
@@ -114,18 +114,18 @@ def solve_robust(
     for _ in range(REWEIGHTINGS):
         fit = solve(problem.weighted(weights), start=start, spent=spent)
         sizes = problem.sizes(fit.x)
-        unit = robust_scale(sizes[kept], problem.block, _followed(problem, fit))
+        scale = robust_scale(sizes[kept], problem.block, _followed(problem, fit))
         if loss.shape is LossShape.LINEAR:
             break
-        bend = max(loss.scale * unit, ROUNDING)
-        renewed = kept * loss_weights(loss.shape, (sizes / bend) ** 2)
+        threshold = max(loss.threshold * scale, ROUNDING)
+        renewed = kept * loss_weights(loss.shape, (sizes / threshold) ** 2)
         change = float(np.abs(renewed - weights).max())
         weights, start, spent = renewed, fit.x, fit.evaluations
         if change < WEIGHTS_SETTLED:
             break
     if change > WEIGHTS_UNSETTLED:
         fit = replace(fit, converged=False, message=UNSETTLED)
-    return RobustFit(fit, weights, unit)
+    return RobustFit(fit, weights, scale)
 
 
 def _followed(problem: LeastSquaresProblem, fit: Solution) -> int:
@@ -138,8 +138,8 @@ def fit_inliers(problem: LeastSquaresProblem, loss: Loss, agreed: Inliers) -> Ro
     if loss.shape is not LossShape.LINEAR or agreed.fit is None:
         return solve_robust(problem, loss, agreed.kept)
     sizes = problem.sizes(agreed.fit.x)[agreed.kept]
-    unit = robust_scale(sizes, problem.block, _followed(problem, agreed.fit))
-    return RobustFit(agreed.fit, agreed.kept.astype(np.float64), unit)
+    scale = robust_scale(sizes, problem.block, _followed(problem, agreed.fit))
+    return RobustFit(agreed.fit, agreed.kept.astype(np.float64), scale)
 
 
 def reject_outliers(problem: LeastSquaresProblem) -> Inliers:
@@ -183,8 +183,8 @@ def _consensus_set(problem: LeastSquaresProblem, start: Array) -> Mask:
     everything = np.ones(problem.blocks, dtype=bool)
     found = solve_robust(problem, INITIAL_M_ESTIMATOR, everything, start)
     sizes = problem.sizes(found.fit.x)
-    unit = max(1.0, found.unit)
-    return np.asarray(sizes <= unit * rejection_threshold(problem.blocks, problem.block))
+    scale = max(1.0, found.scale)
+    return np.asarray(sizes <= scale * rejection_threshold(problem.blocks, problem.block))
 
 
 def _studentized_residuals(
@@ -193,10 +193,10 @@ def _studentized_residuals(
     """Size of each block in its own σ beside a plain fit of the kept ones, and the limit."""
     sizes = problem.sizes(fit.x)
     freedom = max(problem.block * int(kept.sum()) + len(problem.priors) - len(fit.x), 1)
-    unit = max(1.0, float(np.sqrt(np.sum(sizes[kept] ** 2) / freedom)))
-    pull = _leverages(problem, fit, kept)
-    own = np.sqrt(np.where(kept, np.maximum(1.0 - pull, LEAST_LEFT), 1.0 + pull))
-    return sizes / (unit * own), rejection_threshold(len(sizes), problem.block, freedom)
+    sigma0 = max(1.0, float(np.sqrt(np.sum(sizes[kept] ** 2) / freedom)))
+    leverage = _leverages(problem, fit, kept)
+    own = np.sqrt(np.where(kept, np.maximum(1.0 - leverage, LEAST_LEFT), 1.0 + leverage))
+    return sizes / (sigma0 * own), rejection_threshold(len(sizes), problem.block, freedom)
 
 
 def _leverages(problem: LeastSquaresProblem, fit: Solution, kept: Mask) -> Array:

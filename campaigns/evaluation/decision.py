@@ -13,9 +13,9 @@ COVERAGE = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """A measured error and the limit asked for it, in one unit; None: not measured, or none asked.
+    """Requirement: a measured error and the limit asked for it, in one unit.
 
-    Without an uncertainty the error is judged as it stands.
+    None: not measured, or none asked. Without an uncertainty the error is judged as it stands.
     """
 
     name: str
@@ -36,6 +36,14 @@ class Requirement:
         if self.error is None:
             return "not decided"
         return decide(self.error, self.standard_uncertainty, self.limit)
+
+    def in_words(self, unit: str = "mm") -> str:
+        """Name, value with U, limit and decision, for people."""
+        limit = "" if self.limit is None else f", limit {self.limit:g} {unit}"
+        if self.error is None:
+            return f"{self.name} not measured{limit}"
+        value = f"{self.error:.3f} ± {self.expanded_uncertainty:.3f} {unit}"
+        return f"{self.name} {value}{limit}: {self.decision}"
 
 
 def decide(error: float, standard_uncertainty: float, limit: float) -> Decision:

@@ -1,17 +1,16 @@
-"""What each validation test shows shot by shot, with the instrument's share in its uncertainty.
+"""Validation: errors of the commanded robot, each with the instrument's uncertainty.
 
-Results are those of campaigns/evaluation/validation.py; here are the points behind them. Everything
-is in mm, in the one frame that a `MeasuredTest` is given in.
+Lengths are in mm. Vectors are in the base frame as fitted to the commanded points (paper eq. 25),
+or, with too few of them, in the tracker's axes.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from pydantic import JsonValue
 
 from campaigns.arrays import Array, Index
-from campaigns.estimation.observability import Spread, spread
 from campaigns.estimation.point_sets import (
     away_from_best_line,
     away_from_mean,
@@ -19,85 +18,127 @@ from campaigns.estimation.point_sets import (
     distances_mm,
     farthest_apart,
     fitted_frame,
-    longest_mm,
-    whole_pairs,
 )
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.evaluation.decision import Requirement
+from campaigns.evaluation.decision import COVERAGE, Decision, Requirement, decide_all
 from campaigns.evaluation.iso9283 import pose_repeatability
-from campaigns.journal.views import AcceptedShot
-from campaigns.robots.robot import pose_row
 from campaigns.settings.sections import AcceptanceConfig
+from campaigns.shots.pairs import pair_rows
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import outcomes_covariance_mm2
+from campaigns.shots.shots import Shots
+
+AXES = ("x", "y", "z")
+NO_AXIS = -1
+SAME_MM = 1e-6
+"""Below this a commanded coordinate has not changed."""
+SHOTS_OF_A_LINE = 3
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredLength:
+    """Length, and the instrument's standard uncertainty in the direction in which it lies."""
+
+    value_mm: float
+    standard_uncertainty_mm: float
+
+    @property
+    def expanded_uncertainty_mm(self) -> float:
+        """U, k = 2."""
+        return COVERAGE * self.standard_uncertainty_mm
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MeasuredTest:
-    """Shots by their numbers: what was commanded (base frame) and what was measured."""
+class TestShots:
+    """Shots of one test: what was commanded in the base frame, and what was measured."""
+
+    __test__ = False  # its name is not that of a test of ours
 
     pairs: tuple[int | None, ...]
     commanded: Array
-    """X, Y, Z in mm and θ in rad, (N, 4)."""
+    """(N, t), mm and rad."""
     points_mm: Array
     """(N, 3)"""
     covariance_mm2: Array
     """(N, 3, 3)"""
 
+    @classmethod
+    def of(cls, shots: Shots, instrument: TrackerUncertainty) -> "TestShots":
+        """Shots in the tracker's frame; those of no stated covariance get the instrument's."""
+        points = shots.points_in_tracker_mm
+        return cls(shots.pairs, shots.commanded, points, shots.covariance_mm2(instrument))
+
     def __len__(self) -> int:
         return len(self.pairs)
 
-    def rows(self, rows: Index) -> "MeasuredTest":
+    @property
+    def turn(self) -> Array:
+        """Commanded turn of a platform that turns, its last coordinate, (N,)."""
+        return np.asarray(self.commanded[:, -1])
+
+    def rows(self, rows: Index) -> "TestShots":
         """Some of them."""
-        return MeasuredTest(
+        return TestShots(
             tuple(self.pairs[row] for row in rows.tolist()),
             self.commanded[rows],
             self.points_mm[rows],
             self.covariance_mm2[rows],
         )
 
-    def seen_from(self, other_from_this: Transform) -> "MeasuredTest":
+    def seen_from(self, other_from_this: Transform) -> "TestShots":
         """With the measured points in another frame."""
         rotation = other_from_this.rotation
         covariance = rotation @ self.covariance_mm2 @ rotation.T
         points = other_from_this.apply(self.points_mm)
-        return MeasuredTest(self.pairs, self.commanded, points, covariance)
+        return TestShots(self.pairs, self.commanded, points, covariance)
+
+    def base_from_tracker(self) -> Transform | None:
+        """Base frame that fits the commanded points best; None with too few for one."""
+        return fitted_frame(self.points_mm, self.commanded[:, :3])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Result:
-    """A length, and the instrument's standard uncertainty in the direction in which it lies."""
-
-    value_mm: float
-    instrument_mm: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DistanceTrace:
+class DistanceTest:
     """Pairs whose distance was commanded and measured, (M,) each."""
 
     pairs: tuple[int, ...]
     commanded_mm: Array
     measured_mm: Array
-    instrument_mm: Array
+    standard_uncertainty_mm: Array
 
     @property
     def errors_mm(self) -> Array:
         """Commanded minus measured."""
         return np.asarray(self.commanded_mm - self.measured_mm)
 
+    @property
+    def mean(self) -> MeasuredLength:
+        """Mean error without signs.
+
+        Its uncertainty is not reduced by averaging: an instrument's errors at points near each
+        other are alike.
+        """
+        size = np.abs(self.errors_mm)
+        return MeasuredLength(float(size.mean()), float(self.standard_uncertainty_mm.mean()))
+
+    @property
+    def largest(self) -> MeasuredLength:
+        """Largest error without sign."""
+        size = np.abs(self.errors_mm)
+        worst = int(np.argmax(size))
+        return MeasuredLength(float(size[worst]), float(self.standard_uncertainty_mm[worst]))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LineTrace:
-    """One commanded straight line, (N, 3) each."""
+class LineTest:
+    """Commanded straight line, (N, 3) each."""
 
     axis: str
     commanded_mm: Array
     points_mm: Array
     away_mm: Array
     """From the best line to the measured points."""
-    straightness: Result
+    straightness: MeasuredLength
 
     @property
     def along_mm(self) -> Array:
@@ -105,189 +146,178 @@ class LineTrace:
         return np.asarray(self.commanded_mm[:, AXES.index(self.axis)])
 
 
-def measured_test(shots: Sequence[AcceptedShot], model: TrackerUncertainty) -> MeasuredTest:
-    """Shots with their measured points in the tracker's frame.
+@dataclass(frozen=True, slots=True, eq=False)
+class RotationTest:
+    """Motion of the point while only the platform should turn."""
 
-    Shots without a covariance of their own get that of `model`.
+    turn_rad: Array
+    """As commanded, (N,)."""
+    away_mm: Array
+    """From the mean, (N, 3)."""
+    moved: MeasuredLength
+    """Largest distance between any two points."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RepeatabilityTest:
+    """Points (N, 3) of repeated visits to one commanded point (3,)."""
+
+    commanded_mm: Array
+    points_mm: Array
+    radius: MeasuredLength
+    """Of the sphere about their mean."""
+
+    @property
+    def away_mm(self) -> Array:
+        """From their mean, (N, 3)."""
+        return away_from_mean(self.points_mm)
+
+    @property
+    def rp_mm(self) -> float:
+        """ISO 9283's RP."""
+        return pose_repeatability(self.points_mm).value_mm
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ValidationResult:
+    """Results of a validation; None or empty for a test that was not run."""
+
+    in_base: bool
+    """Whether vectors are in the base frame."""
+    distances: DistanceTest | None
+    absolute_mm: Array | None
+    """Distances of the pairs' points from where they were commanded, the frame fitted, (N,)."""
+    rotation: RotationTest | None
+    lines: tuple[LineTest, ...]
+    repeatability: RepeatabilityTest | None
+
+    def line(self, axis: str) -> LineTest | None:
+        """Line along an axis."""
+        return next((line for line in self.lines if line.axis == axis), None)
+
+    def figures(self) -> dict[str, MeasuredLength | None]:
+        """All that limits may be asked for, by the names on screen and page."""
+        distances, repeated = self.distances, self.repeatability
+        lines = {axis: self.line(axis) for axis in AXES}
+        return {
+            "distances, mean error": distances.mean if distances else None,
+            "distances, largest error": distances.largest if distances else None,
+            "rotation": self.rotation.moved if self.rotation else None,
+            **{
+                f"straightness along {axis}": line.straightness if line else None
+                for axis, line in lines.items()
+            },
+            "repeatability, radius of the sphere": repeated.radius if repeated else None,
+        }
+
+    def further_figures_mm(self) -> dict[str, float | None]:
+        """What else is told, of which no limit is asked."""
+        repeated, absolute = self.repeatability, self.absolute_mm
+        return {
+            "repeatability, RP": repeated.rp_mm if repeated else None,
+            "in the tracker's frame, mean": None if absolute is None else float(absolute.mean()),
+            "in the tracker's frame, largest": None if absolute is None else float(absolute.max()),
+        }
+
+    def document(self) -> dict[str, JsonValue]:
+        """As `validate --json` prints it."""
+        straight: dict[str, JsonValue] = {
+            line.axis: line.straightness.value_mm for line in self.lines
+        }
+        return {
+            "distances_mm": None if self.distances is None else _distances(self.distances),
+            "rotation_mm": None if self.rotation is None else self.rotation.moved.value_mm,
+            "straightness_mm": straight or None,
+            "repeatability": None if self.repeatability is None else _repeated(self.repeatability),
+            "frame_mm": None if self.absolute_mm is None else _absolute(self.absolute_mm),
+        }
+
+
+def _distances(test: DistanceTest) -> dict[str, JsonValue]:
+    return {"mean_abs": test.mean.value_mm, "max_abs": test.largest.value_mm}
+
+
+def _repeated(test: RepeatabilityTest) -> dict[str, JsonValue]:
+    approaches = len(test.points_mm)
+    return {"radius_mm": test.radius.value_mm, "rp_mm": test.rp_mm, "approaches": approaches}
+
+
+def _absolute(away_mm: Array) -> dict[str, JsonValue]:
+    return {"mean": float(away_mm.mean()), "max": float(away_mm.max())}
+
+
+def evaluate_validation(shots: Shots, instrument: TrackerUncertainty) -> ValidationResult:
+    """Result of the accepted shots of a validation series.
+
+    `instrument` stands in for shots of which the tracker stated no uncertainty. The frame is that
+    of the pairs, or of all shots where there are too few pairs.
     """
-    return MeasuredTest(
-        tuple(shot.intent.pair for shot in shots),
-        commanded_poses(shots),
-        measured_points(shots),
-        outcomes_covariance_mm2([shot.outcome for shot in shots], model),
+    everything = TestShots.of(shots, instrument)
+    validation = everything.rows(_rows_of(shots, ShotSet.VALIDATION))
+    frame = validation.base_from_tracker() or everything.base_from_tracker()
+    in_base = everything if frame is None else everything.seen_from(frame)
+
+    def test(purpose: ShotSet) -> TestShots:
+        return in_base.rows(_rows_of(shots, purpose))
+
+    distances = test(ShotSet.VALIDATION)
+    return ValidationResult(
+        frame is not None,
+        distance_test(distances),
+        None if frame is None or len(distances) == 0 else _absolute_mm(distances),
+        rotation_test(test(ShotSet.ROTATION)),
+        line_tests(test(ShotSet.STRAIGHTNESS)),
+        repeatability_test(test(ShotSet.REPEATABILITY)),
     )
 
 
-def base_from_tracker(shots: MeasuredTest) -> Transform | None:
-    """The base frame that fits the commanded points best (eq. 25); None with too few for one."""
-    return fitted_frame(shots.points_mm, shots.commanded[:, :3])
-
-
-def distance_trace(shots: MeasuredTest) -> DistanceTrace | None:
-    """The whole pairs; None when there is none."""
-    pairs, first, second = whole_pairs(shots.pairs)
-    if not pairs:
+def distance_test(shots: TestShots) -> DistanceTest | None:
+    """Distances of the whole pairs; None when there is none."""
+    pairs = pair_rows(shots.pairs)
+    if not pairs.numbers:
         return None
+    first, second = pairs.rows.T
     direction = directions(shots.points_mm, first, second)
     covariance = shots.covariance_mm2[first] + shots.covariance_mm2[second]
-    return DistanceTrace(
-        pairs,
+    return DistanceTest(
+        pairs.numbers,
         distances_mm(shots.commanded[:, :3], first, second),
         distances_mm(shots.points_mm, first, second),
         np.sqrt(np.einsum("mi,mij,mj->m", direction, covariance, direction)),
     )
 
 
-def line_traces(shots: MeasuredTest) -> tuple[LineTrace, ...]:
+def line_tests(shots: TestShots) -> tuple[LineTest, ...]:
     """Every line of at least three shots, in the order x, y, z."""
     along = line_axes(shots.commanded[:, :3])
     lines = [np.flatnonzero(along == axis) for axis in range(len(AXES))]
     return tuple(
-        _line_trace(axis, shots.rows(rows))
+        _line_test(axis, shots.rows(rows))
         for axis, rows in zip(AXES, lines, strict=True)
-        if len(rows) > 2
+        if len(rows) >= SHOTS_OF_A_LINE
     )
 
 
-def rotation_result(shots: MeasuredTest) -> Result | None:
-    """Largest distance between any two points measured while only θ should change."""
+def rotation_test(shots: TestShots) -> RotationTest | None:
+    """Motion of the point while only the platform should turn; None for fewer than two shots."""
     if len(shots) < 2:
         return None
     first, second = farthest_apart(shots.points_mm)
     together = shots.covariance_mm2[first] + shots.covariance_mm2[second]
-    return _result(shots.points_mm[first] - shots.points_mm[second], together)
+    moved = _length(shots.points_mm[first] - shots.points_mm[second], together)
+    return RotationTest(shots.turn, away_from_mean(shots.points_mm), moved)
 
 
-def radius_result(shots: MeasuredTest) -> Result | None:
-    """Radius of the sphere about the mean of points measured at one commanded pose."""
+def repeatability_test(shots: TestShots) -> RepeatabilityTest | None:
+    """Sphere about the mean of points at one commanded pose; None for fewer than two."""
     if len(shots) < 2:
         return None
-    return _largest(away_from_mean(shots.points_mm), shots.covariance_mm2)
-
-
-def _line_trace(axis: str, shots: MeasuredTest) -> LineTrace:
-    away = away_from_best_line(shots.points_mm)
-    straightness = _largest(away, shots.covariance_mm2)
-    return LineTrace(axis, shots.commanded[:, :3], shots.points_mm, away, straightness)
-
-
-def _largest(away_mm: Array, covariance_mm2: Array) -> Result:
-    """The longest of vectors (N, 3)."""
-    worst = int(np.argmax(np.linalg.norm(away_mm, axis=1)))
-    return _result(away_mm[worst], covariance_mm2[worst])
-
-
-def _result(vector_mm: Array, covariance_mm2: Array) -> Result:
-    """The length of a vector (3,) and its standard deviation; for none, that of the worst axis."""
-    length = float(np.linalg.norm(vector_mm))
-    if length == 0.0:
-        return Result(0.0, float(np.sqrt(np.linalg.eigvalsh(covariance_mm2)[-1])))
-    along = vector_mm / length
-    return Result(length, float(np.sqrt(along @ covariance_mm2 @ along)))
-
-
-AXES = ("x", "y", "z")
-NO_AXIS = -1
-SAME_MM = 1e-6
-"""Below this a commanded coordinate has not changed."""
-
-
-@dataclass(frozen=True, slots=True)
-class Repeatability:
-    """Many approaches to one point: radius of the sphere about their mean, and ISO 9283's RP."""
-
-    radius_mm: float
-    rp_mm: float
-    approaches: int
-
-
-@dataclass(frozen=True, slots=True)
-class FrameErrors:
-    """Distances to the commanded points after the six-parameter fit (eqs. 22-25)."""
-
-    mean: float
-    max: float
-
-
-@dataclass(frozen=True, slots=True)
-class Validation:
-    """Results in mm; None for a test that was not run."""
-
-    distances: Spread | None
-    rotation_mm: float | None
-    straightness_mm: Mapping[str, float] | None
-    repeatability: Repeatability | None
-    frame: FrameErrors | None
-
-    def document(self) -> dict[str, JsonValue]:
-        """As `validate --json` prints it."""
-        return {
-            "distances_mm": _picked(self.distances, "mean_abs", "max_abs"),
-            "rotation_mm": self.rotation_mm,
-            "straightness_mm": dict(self.straightness_mm) if self.straightness_mm else None,
-            "repeatability": _picked(self.repeatability, "radius_mm", "rp_mm", "approaches"),
-            "frame_mm": _picked(self.frame, "mean", "max"),
-        }
-
-
-def _picked(value: object | None, *names: str) -> JsonValue:
-    return None if value is None else {name: getattr(value, name) for name in names}
-
-
-def evaluate_validation(shots: Sequence[AcceptedShot]) -> Validation:
-    """Evaluate the accepted shots of a validation series."""
-    validation = of_set(shots, ShotSet.VALIDATION)
-    return Validation(
-        _distances(validation),
-        rotation_mm(measured_points(of_set(shots, ShotSet.ROTATION))),
-        _straightness(of_set(shots, ShotSet.STRAIGHTNESS)),
-        repeatability(measured_points(of_set(shots, ShotSet.REPEATABILITY))),
-        frame_errors(commanded_poses(validation)[:, :3], measured_points(validation)),
-    )
-
-
-def of_set(shots: Sequence[AcceptedShot], purpose: ShotSet) -> tuple[AcceptedShot, ...]:
-    """The shots of one test."""
-    return tuple(shot for shot in shots if shot.intent.purpose == purpose.value)
-
-
-def measured_points(shots: Sequence[AcceptedShot]) -> Array:
-    """Measured, in the tracker's frame, mm, (N, 3)."""
-    return np.array([shot.outcome.point_in_tracker_mm for shot in shots]).reshape(-1, 3)
-
-
-def commanded_poses(shots: Sequence[AcceptedShot]) -> Array:
-    """Commanded, X, Y, Z in mm in the base frame and θ in rad, (N, 4)."""
-    return np.array([pose_row(shot.intent.target) for shot in shots]).reshape(-1, 4)
-
-
-def _distances(shots: Sequence[AcceptedShot]) -> Spread | None:
-    """Commanded minus measured distances of the pairs."""
-    pairs, first, second = whole_pairs([shot.intent.pair for shot in shots])
-    if not pairs:
-        return None
-    commanded = distances_mm(commanded_poses(shots)[:, :3], first, second)
-    return spread(commanded - distances_mm(measured_points(shots), first, second))
-
-
-def rotation_mm(points: Array) -> float | None:
-    """Largest distance between any two points (N, 3) measured while only θ should change."""
-    if len(points) < 2:
-        return None
-    first, second = farthest_apart(points)
-    return float(np.linalg.norm(points[first] - points[second]))
-
-
-def _straightness(shots: Sequence[AcceptedShot]) -> dict[str, float] | None:
-    """By the axis along which each line was commanded; a line needs three points."""
-    points, axes = measured_points(shots), line_axes(commanded_poses(shots)[:, :3])
-    lines = {name: points[axes == axis] for axis, name in enumerate(AXES)}
-    found = {name: straightness_mm(line) for name, line in lines.items() if len(line) > 2}
-    return found or None
+    radius = _longest(away_from_mean(shots.points_mm), shots.covariance_mm2)
+    return RepeatabilityTest(shots.commanded[0, :3], shots.points_mm, radius)
 
 
 def line_axes(commanded_mm: Array) -> Index:
-    """The axis (0, 1, 2) of the line to which each commanded point belongs, (N,).
+    """Axis (0, 1, 2) of the line to which each commanded point belongs, (N,).
 
     Points (N, 3) come line by line, and along each line only one coordinate changes: a point is of
     the line of its predecessor as long as it differs from it along one axis alone.
@@ -302,48 +332,94 @@ def line_axes(commanded_mm: Array) -> Index:
     return axes
 
 
-def straightness_mm(points: Array) -> float:
-    """Largest distance of points (N, 3) from their best line."""
-    return longest_mm(away_from_best_line(points))
+@dataclass(frozen=True, slots=True)
+class ValidationVerdict:
+    """Decision on a validation, limit by limit; None where no limit was asked for."""
+
+    decision: Decision | None
+    requirements: tuple[Requirement, ...]
+    worse: tuple[str, ...]
+    """What has become worse than before, in words."""
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What speaks against it, or leaves it open, in words."""
+        needed = (each for each in self.requirements if each.decision in ("fail", "not decided"))
+        return (*(each.in_words() for each in needed), *self.worse)
 
 
-def repeatability(points: Array) -> Repeatability | None:
-    """Of points (N, 3) measured at one commanded pose; None for fewer than two."""
-    if len(points) < 2:
-        return None
-    radius_mm = longest_mm(away_from_mean(points))
-    return Repeatability(radius_mm, pose_repeatability(points).value_mm, len(points))
+def validation_verdict(
+    found: ValidationResult | None,
+    limits: AcceptanceConfig,
+    mean_before_mm: float | None = None,
+) -> ValidationVerdict:
+    """Verdict by the limits, and by the mean error of distances before the parameters were loaded.
+
+    None for what was not measured.
+    """
+    needed = tuple(_requirements(found, limits))
+    worse = tuple(_worse_than_before(found, mean_before_mm))
+    decisions = [each.decision for each in needed if each.decision is not None]
+    if worse:
+        decisions.append("fail")
+    return ValidationVerdict(decide_all(decisions) if decisions else None, needed, worse)
 
 
-def frame_errors(commanded_in_base_mm: Array, measured_in_tracker_mm: Array) -> FrameErrors | None:
-    """Absolute accuracy in the tracker's frame; None for points that don't fix one well."""
-    tracker_from_base = fitted_frame(commanded_in_base_mm, measured_in_tracker_mm)
-    if tracker_from_base is None:
-        return None
-    away = tracker_from_base.apply(commanded_in_base_mm) - measured_in_tracker_mm
-    lengths = np.linalg.norm(away, axis=1)
-    return FrameErrors(float(lengths.mean()), float(lengths.max()))
+def _requirements(
+    found: ValidationResult | None, limits: AcceptanceConfig
+) -> Iterator[Requirement]:
+    figures = {} if found is None else found.figures()
+    for name, limit in limits_by_figure(limits).items():
+        length = figures.get(name)
+        if length is None:
+            yield Requirement(name, None, limit)
+        else:
+            yield Requirement(name, length.value_mm, limit, length.standard_uncertainty_mm)
 
 
-def broken_limits(found: Validation, limits: AcceptanceConfig) -> list[str]:
-    """Every acceptance limit that the results break as they stand, with value and limit."""
-    return [
-        f"{each.name} {each.error:.3f} mm, limit {each.limit:g} mm"
-        for each in _requirements(found, limits)
-        if each.decision == "fail"
-    ]
+def limits_by_figure(limits: AcceptanceConfig) -> Mapping[str, float | None]:
+    """Limits by the names of `ValidationResult.figures`."""
+    return {
+        "distances, mean error": limits.distance_mean_mm,
+        "distances, largest error": limits.distance_max_mm,
+        "rotation": limits.rotation_mm,
+        **{f"straightness along {axis}": limits.straightness_mm for axis in AXES},
+        "repeatability, radius of the sphere": limits.repeatability_mm,
+    }
 
 
-def _requirements(found: Validation, limits: AcceptanceConfig) -> tuple[Requirement, ...]:
-    distances, repeated = found.distances, found.repeatability
-    straight = found.straightness_mm
-    mean, largest = (distances.mean_abs, distances.max_abs) if distances else (None, None)
-    worst_line = max(straight.values()) if straight else None
-    radius = repeated.radius_mm if repeated else None
-    return (
-        Requirement("mean distance error", mean, limits.distance_mean_mm),
-        Requirement("largest distance error", largest, limits.distance_max_mm),
-        Requirement("rotation", found.rotation_mm, limits.rotation_mm),
-        Requirement("straightness", worst_line, limits.straightness_mm),
-        Requirement("repeatability", radius, limits.repeatability_mm),
-    )
+def _worse_than_before(found: ValidationResult | None, before_mm: float | None) -> Iterator[str]:
+    if found is None or found.distances is None or before_mm is None:
+        return
+    after_mm = found.distances.mean.value_mm
+    if after_mm > before_mm:
+        yield f"distances, mean error {after_mm:.3f} mm, before loading it was {before_mm:.3f} mm"
+
+
+def _rows_of(shots: Shots, purpose: ShotSet) -> Index:
+    return np.flatnonzero([each is purpose for each in shots.purposes])
+
+
+def _absolute_mm(shots: TestShots) -> Array:
+    return np.asarray(np.linalg.norm(shots.points_mm - shots.commanded[:, :3], axis=1))
+
+
+def _line_test(axis: str, shots: TestShots) -> LineTest:
+    away = away_from_best_line(shots.points_mm)
+    straightness = _longest(away, shots.covariance_mm2)
+    return LineTest(axis, shots.commanded[:, :3], shots.points_mm, away, straightness)
+
+
+def _longest(away_mm: Array, covariance_mm2: Array) -> MeasuredLength:
+    """The longest of vectors (N, 3)."""
+    worst = int(np.argmax(np.linalg.norm(away_mm, axis=1)))
+    return _length(away_mm[worst], covariance_mm2[worst])
+
+
+def _length(vector_mm: Array, covariance_mm2: Array) -> MeasuredLength:
+    """The length of a vector (3,) and its standard deviation; for none, that of the worst axis."""
+    length = float(np.linalg.norm(vector_mm))
+    if length == 0.0:
+        return MeasuredLength(0.0, float(np.sqrt(np.linalg.eigvalsh(covariance_mm2)[-1])))
+    along = vector_mm / length
+    return MeasuredLength(length, float(np.sqrt(along @ covariance_mm2 @ along)))

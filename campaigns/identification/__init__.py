@@ -1,1 +1,1 @@
-"""The geometry from the shots: what is known before, what is fitted, what came of it."""
+"""The kinematics from the shots: what is known before, what is fitted, what came of it."""

@@ -1,4 +1,4 @@
-"""Identifies a robot's geometry from measured shots, and says honestly what came of it."""
+"""Identification: a robot's kinematics from measured shots, with its uncertainty and a verdict."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -13,11 +13,11 @@ from campaigns.estimation.estimators import Estimator, Outliers
 from campaigns.estimation.information import marginalise_frame, point_jacobian, position_std_mm
 from campaigns.estimation.observability import unobservable_combinations
 from campaigns.estimation.point_sets import distances_mm
-from campaigns.evaluation.identification_verdict import (
-    VerdictEvidence,
+from campaigns.evaluation.identification import (
+    Combination,
+    IdentificationEvidence,
     identification_verdict,
     noise_in_words,
-    outlier_reason,
 )
 from campaigns.identification.observations import (
     Observations,
@@ -26,225 +26,252 @@ from campaigns.identification.observations import (
     usable_pairs,
     without_assembly,
 )
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.identification.result import (
-    Combination,
     Covariance,
-    Errors,
     Excluded,
-    IdentificationRequest,
+    Frame,
     IdentificationResult,
-    OutlierResidual,
-    Parameter,
+    IdentifiedParameter,
+    LossUsed,
+    NoiseTest,
     PositionStd,
+    ResidualTable,
+    finite,
 )
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import FILE_UNIT, Geometry, indices
-from campaigns.mechanisms.par4 import NoSolution, inverse
+from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
-WORTHLESS_MM, WORTHLESS_DEG = 5.0, 3.0
-"""A σ of which the nominal value is a better guess than the identified one."""
 NO_EFFECT = 1e-6
 """What a lost combination may leave of its parameters' single effects to be a change of frame."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Holdout:
-    """The pairs that were never fitted: their errors, and what of them could not be used."""
-
-    errors: Errors | None
-    unusable: tuple[Excluded, ...]
-    lost: tuple[Excluded, ...]
-    """By the identified robot."""
-
-
 def identify(
-    nominal: Geometry, data: Shots, request: IdentificationRequest
+    nominal: Kinematics,
+    shots: Shots,
+    selection: ParameterSelection,
+    options: IdentificationOptions | None = None,
 ) -> IdentificationResult:
     """Parameters from the identification shots, judged by the validation pairs.
 
     Raises `ShotsMissing` for too few shots, and `ShotsInvalid` for a covariance that is none and
     for shots that no robot explains.
     """
-    fitted, free = observations(nominal, data, request), request.knowledge.free
-    treatment = OutlierPolicy(request.loss, exclude=request.outliers is Outliers.EXCLUDE)
-    trusted = request.estimator is Estimator.POINTS
+    options = options or IdentificationOptions()
+    fitted = observations(nominal, shots, selection, options)
+    policy = OutlierPolicy(options.loss, exclude=options.outliers is Outliers.EXCLUDE)
+    known_variance = options.estimator is Estimator.POINTS
+    count = len(selection.free)
     try:
-        found = estimate(fitted.problem, len(free), treatment, trusted=trusted)
+        found = estimate(fitted.problem, count, policy, known_variance=known_variance)
     except NoSolution as error:
         raise ShotsInvalid(
             "the shots lead to no robot that could be assembled",
             remedy="look for gross errors: order and signs of the joints, units of points and of "
             "covariances",
         ) from error
-    told = _Evidence(request, fitted, found, _holdout(nominal, data, free, found.x[: len(free)]))
-    verdict, reasons = identification_verdict(told.judged())
-    covariance = _covariance(found, free)
-    return IdentificationResult(
-        request,
-        found.fit.converged,
-        found.fit.message,
-        found.fit.evaluations,
-        found.seen.rank,
-        found.seen.condition,
-        found.noise,
-        noise_in_words(found.noise, request),
-        _parameters(nominal, free, found.x, covariance),
-        covariance,
-        told.position_std(),
-        fitted.tracker_from_base(found.x),
-        told.errors,
-        told.unseen.errors,
-        told.excluded(),
-        told.unobservable,
-        _by_priors_alone(found, free, told.unobservable),
-        verdict,
-        reasons,
-    )
+    held_out = _holdout(nominal, shots, selection.free, found.x[:count])
+    told = _Identified(nominal, selection, options, fitted, found, held_out)
+    return told.result()
+
+
+@dataclass(frozen=True, slots=True)
+class _Holdout:
+    """Pairs that were never fitted: their errors, and what of them could not be used."""
+
+    errors: ResidualTable | None
+    unusable: tuple[Excluded, ...]
+    lost: tuple[Excluded, ...]
+    """By the identified robot."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Evidence:
+class _Identified:
     """What the fitted and the unseen shots tell together."""
 
-    request: IdentificationRequest
+    nominal: Kinematics
+    selection: ParameterSelection
+    options: IdentificationOptions
     fitted: Observations
     found: Estimate
-    unseen: _Holdout
+    held_out: _Holdout
 
-    def judged(self) -> VerdictEvidence:
-        unseen = self.unseen.errors
-        return VerdictEvidence(
-            self.fitted.kind,
-            self.found.fit,
-            self.unobservable,
-            len(self.found.outliers) / len(self.found.kept),
-            self.errors.summary(),
-            self._barely_known(),
-            tuple(self._contradicted()),
-            None if unseen is None else unseen.summary(),
-            self.unseen.lost,
+    def result(self) -> IdentificationResult:
+        found, options, fit = self.found, self.options, self.found.fit
+        frame = self.fitted.tracker_from_base(found.x)
+        unseen = self.held_out.errors
+        verdict, reasons = identification_verdict(self._evidence())
+        says = noise_in_words(found.noise, options.estimator, options.loss.shape)
+        return IdentificationResult(
+            estimator=options.estimator,
+            loss=LossUsed(options.loss.shape, options.loss.threshold),
+            outliers=options.outliers,
+            priors={prior.name: prior.std for prior in self.selection.priors},
+            converged=fit.converged,
+            message=fit.message,
+            iterations=fit.evaluations,
+            rank=found.seen.rank,
+            condition=finite(found.seen.condition),
+            dof=found.noise.dof,
+            parameters=self._parameters(),
+            residuals_mm=self.errors.summary(),
+            unseen_mm=None if unseen is None else unseen.summary(),
+            fitted=self.errors,
+            unseen=unseen,
+            excluded=self._excluded(),
+            unobservable=self.unobservable,
+            known_by_priors_alone=self._by_priors_alone(),
+            chi2=NoiseTest.of(found.noise, says),
+            covariance=self.covariance,
+            position_std_mm=self._position_std(),
+            frame=None if frame is None else Frame.of(frame),
+            verdict=verdict,
+            reasons=reasons,
         )
 
+    @property
+    def free(self) -> tuple[str, ...]:
+        return self.selection.free
+
     @cached_property
-    def errors(self) -> Errors:
+    def errors(self) -> ResidualTable:
         fitted, kept = self.fitted, self.found.kept
-        return Errors(fitted.nominal_misfits_mm(kept), fitted.misfits_mm(self.found.x)[kept])
+        numbers = tuple(np.array(fitted.numbers)[kept].tolist())
+        before, after = fitted.nominal_misfits_mm(kept), fitted.misfits_mm(self.found.x)[kept]
+        return ResidualTable.from_arrays(fitted.kind, numbers, before, after)
 
     @cached_property
     def unobservable(self) -> tuple[Combination, ...]:
-        return tuple(unobservable_combinations(self.found.seen, self.request.knowledge.free))
+        return tuple(unobservable_combinations(self.found.seen, self.free))
+
+    @cached_property
+    def covariance(self) -> Covariance:
+        """Of the parameters that take part in nothing held, in file units."""
+        found = self.found
+        if found.covariance is None:
+            return Covariance((), ())
+        known = np.flatnonzero(found.identifiable)
+        names = tuple(self.free[place] for place in known.tolist())
+        unit = self.nominal.mechanism.parameters.units(names)
+        matrix = found.covariance[np.ix_(known, known)] / np.outer(unit, unit)
+        return Covariance(names, tuple(map(tuple, matrix.tolist())))
+
+    def _evidence(self) -> IdentificationEvidence:
+        unseen = self.held_out.errors
+        return IdentificationEvidence(
+            kind=self.fitted.kind,
+            fit=self.found.fit,
+            unobservable=self.unobservable,
+            outliers=len(self.found.outliers) / len(self.found.kept),
+            residuals=self.errors.summary(),
+            std=self.covariance.std(),
+            contradicted=tuple(self._contradicted()),
+            unseen=None if unseen is None else unseen.summary(),
+            lost=tuple(f"unseen {each.what}: {each.reason}" for each in self.held_out.lost),
+        )
 
     def _contradicted(self) -> Iterator[str]:
         """Priors that the shots alone speak against."""
-        free = self.request.knowledge.free
-        for each in self.found.contradictions:
-            name, unit = free[each.place], FILE_UNIT[indices((free[each.place],))][0]
+        units = self.nominal.mechanism.parameters.units(self.free)
+        for each in self.found.conflicts:
+            name, unit = self.free[each.place], units[each.place]
             yield (
                 f"the shots contradict the prior of {name}: they alone give "
                 f"{each.value / unit:.4f} ± {each.std / unit:.4f}, "
                 f"{each.sigmas:.1f} σ off: leave it out or widen it"
             )
 
-    def _barely_known(self) -> tuple[tuple[str, float], ...]:
-        """Parameters with a larger σ than robots are ever off, in file units."""
-        std = _covariance(self.found, self.request.knowledge.free).std()
-        return tuple((name, each) for name, each in std.items() if each > _worthless(name))
-
-    def excluded(self) -> tuple[Excluded, ...]:
+    def _excluded(self) -> tuple[Excluded, ...]:
+        held_out = self.held_out
         outliers = tuple(_named_outliers(self.fitted, self.found))
-        return self.fitted.excluded + outliers + self.unseen.unusable + self.unseen.lost
+        return self.fitted.excluded + outliers + held_out.unusable + held_out.lost
 
-    def position_std(self) -> PositionStd | None:
-        free = self.request.knowledge.free
-        identified = self.fitted.model.geometry(self.found.x[: len(free)])
-        return _position_std(identified, free, self.found, self.request.workspace)
+    def _parameters(self) -> dict[str, IdentifiedParameter]:
+        """All of files, extensions that are not 0, and whatever else was free."""
+        std, free = self.covariance.std(), self.free
+        old = self.nominal.flat()
+        old |= dict.fromkeys((name for name in free if name not in old), 0.0)
+        values = self.found.x[: len(free)] / self.nominal.mechanism.parameters.units(free)
+        new = old | dict(zip(free, values.tolist(), strict=True))
+        return {
+            name: IdentifiedParameter(
+                nominal=old[name], value=new[name], std=std.get(name), free=name in free
+            )
+            for name in old
+        }
+
+    def _position_std(self) -> PositionStd | None:
+        identified = self.fitted.model.kinematics(self.found.x[: len(self.free)])
+        return _position_std(identified, self.free, self.found, self.options.workspace)
+
+    def _by_priors_alone(self) -> tuple[Combination, ...]:
+        """What the shots cannot tell and the priors do."""
+        by_data = unobservable_combinations(self.found.data_seen, self.free)
+        return tuple(names for names in by_data if names not in self.unobservable)
 
 
 def _named_outliers(fitted: Observations, found: Estimate) -> Iterator[Excluded]:
     """With the size of their misfits to what the others say."""
     misfits = np.linalg.norm(fitted.misfits_mm(found.x), axis=1)
     for outlier in found.outliers:
-        misfit = OutlierResidual(float(misfits[outlier.block]), outlier.size, outlier.limit)
-        left_out = fitted.excluded_for(outlier.block, outlier_reason(misfit))
-        yield replace(left_out, misfit=misfit)
-
-
-def _parameters(
-    nominal: Geometry, free: tuple[str, ...], x: Array, covariance: Covariance
-) -> tuple[Parameter, ...]:
-    """The 29 of files, axis tilts that are not 0, and whatever else was free."""
-    std = covariance.std()
-    old = nominal.flat()
-    old |= dict.fromkeys((name for name in free if name not in old), 0.0)
-    new = old | dict(zip(free, (x[: len(free)] / FILE_UNIT[indices(free)]).tolist(), strict=True))
-    return tuple(Parameter(name, old[name], new[name], std.get(name), name in free) for name in old)
-
-
-def _worthless(name: str) -> float:
-    return WORTHLESS_DEG if name.endswith("_deg") else WORTHLESS_MM
-
-
-def _covariance(found: Estimate, free: tuple[str, ...]) -> Covariance:
-    """Of the parameters that take part in nothing held, in file units."""
-    if found.covariance is None:
-        return Covariance((), np.empty((0, 0)))
-    known = np.flatnonzero(found.fixed_by_data)
-    names = tuple(free[place] for place in known.tolist())
-    unit = FILE_UNIT[indices(names)]
-    matrix = found.covariance[np.ix_(known, known)] / np.outer(unit, unit)
-    return Covariance(names, matrix)
+        size_mm = float(misfits[outlier.block])
+        reason = (
+            f"{size_mm:.3f} mm off what the others say: {outlier.size:.1f} σ, "
+            f"limit {outlier.limit:.1f} σ"
+        )
+        yield replace(
+            fitted.excluded_for(outlier.block, reason),
+            size_mm=size_mm,
+            size_sigma=outlier.size,
+            limit_sigma=outlier.limit,
+        )
 
 
 def _position_std(
-    identified: Geometry, free: tuple[str, ...], found: Estimate, poses: Array | None
+    identified: Kinematics, free: tuple[str, ...], found: Estimate, poses: Array | None
 ) -> PositionStd | None:
-    """Over poses (N, 4), after a best fit of the frame to all of them; None when not known.
+    """Over poses (N, t), after a best fit of the frame to all of them; None when not known.
 
     A combination that is held at nominal must change the frame and nothing else. Nor is it known of
     a robot that can take none of the poses.
     """
     if poses is None or found.covariance is None:
         return None
-    joints = inverse(identified, poses)
+    joints = identified.inverse(poses)
     if not joints.found.any():
         return None
     try:
-        rows = point_jacobian(identified, free, joints.values[joints.found], poses[joints.found])
+        jacobian = point_jacobian(
+            identified, free, joints.values[joints.found], poses[joints.found]
+        )
     except NoSolution:
         return None
-    rows = marginalise_frame(rows)
+    jacobian = marginalise_frame(jacobian)
     for lost in found.seen.null_directions / found.seen.scale:
-        if np.abs(rows @ lost).max() > NO_EFFECT * (np.abs(rows) @ np.abs(lost)).max():
+        if np.abs(jacobian @ lost).max() > NO_EFFECT * (np.abs(jacobian) @ np.abs(lost)).max():
             return None
-    std = position_std_mm(rows, found.covariance[: len(free), : len(free)])
+    std = position_std_mm(jacobian, found.covariance[: len(free), : len(free)])
     return PositionStd(float(std.mean()), float(std.max()))
 
 
-def _by_priors_alone(
-    found: Estimate, free: tuple[str, ...], unobservable: tuple[Combination, ...]
-) -> tuple[Combination, ...]:
-    """What the shots cannot tell and the priors do."""
-    by_data = unobservable_combinations(found.data_seen, free)
-    return tuple(names for names in by_data if names not in unobservable)
-
-
-def _holdout(nominal: Geometry, data: Shots, free: tuple[str, ...], x: Array) -> _Holdout:
+def _holdout(nominal: Kinematics, shots: Shots, free: tuple[str, ...], x: Array) -> _Holdout:
     """Errors of the pairs that were not fitted, with the nominal and the found parameters (F,)."""
-    at_nominal = forward(nominal, data.joints_rad)
-    usable = usable_pairs(at_nominal, data, ShotSet.VALIDATION)
-    model = position_model(nominal, data, np.arange(len(data.numbers)), free)
-    solution = forward(model.geometry(x), model.arm_joints_rad(x))
+    at_nominal = nominal.forward(shots.joints)
+    usable = usable_pairs(at_nominal, shots, ShotSet.VALIDATION)
+    model = position_model(nominal, shots, np.arange(len(shots)), free)
+    solution = model.kinematics(x).forward(model.arm_joints(x))
     whole = solution.found[usable.rows].all(axis=1)
-    lost = without_assembly(data, usable.rows[~whole], solution.found, "identified")
+    lost = without_assembly(shots, usable.rows[~whole], solution.found, "identified")
     kept = usable.rows[whole]
     if len(kept) == 0:
         return _Holdout(None, usable.excluded, lost)
-    measured_mm = data.measured_distances_mm(kept)
-    poses = at_nominal.values, solution.values
+    measured_mm = shots.measured_distances_mm(kept)
     before, after = (
         (distances_mm(values[:, :3], kept[:, 0], kept[:, 1]) - measured_mm)[:, None]
-        for values in poses
+        for values in (at_nominal.values, solution.values)
     )
-    return _Holdout(Errors(before, after), usable.excluded, lost)
+    pairs = tuple(shots.pairs[row] or 0 for row in kept[:, 0].tolist())
+    errors = ResidualTable.from_arrays("pairs", pairs, before, after)
+    return _Holdout(errors, usable.excluded, lost)

@@ -1,4 +1,4 @@
-"""Whether the shots call for more than 22 parameters: models compared on unseen pairs and by BIC.
+"""Model selection: whether the shots call for more parameters, by unseen pairs and BIC.
 
 A larger model always fits better; it is kept only where pairs that it never saw say that it knows
 more, and Schwarz's (1978) criterion says that its gain is more than its parameters would make of
@@ -12,31 +12,13 @@ from dataclasses import dataclass, replace
 from campaigns.errors import CampaignError
 from campaigns.estimation.estimators import Model
 from campaigns.identification.identify import identify
+from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection, select_parameters
-from campaigns.identification.result import (
-    ComparedModel,
-    IdentificationRequest,
-    IdentificationResult,
-)
-from campaigns.mechanisms.geometry import (
-    BACKLASH_NAMES,
-    FREE_BY_DEFAULT,
-    FREE_IF_EXTENDED,
-    MODEL_NAMES,
-    Geometry,
-)
+from campaigns.identification.result import ComparedModel, IdentificationResult
+from campaigns.mechanisms.mechanism import Kinematics, ParameterSpace
 from campaigns.shots.shots import Shots
 
 STANDARD = Model.STANDARD.value
-AXES = tuple(
-    name for name in FREE_IF_EXTENDED if name not in FREE_BY_DEFAULT and name not in BACKLASH_NAMES
-)
-"""Azimuths and axis tilts: where the motors' axes point."""
-EXTENSIONS: dict[str, tuple[str, ...]] = {
-    "axes": AXES,
-    "backlash": BACKLASH_NAMES,
-    "axes+backlash": (*AXES, *BACKLASH_NAMES),
-}
 NO_SCATTER = 1e-12
 """Of whitened squares: below this only rounding is left, which no parameter explains."""
 
@@ -54,55 +36,57 @@ class _Candidate:
 
     @property
     def unseen_rms_mm(self) -> float | None:
-        unseen = self.found and self.found.unseen
+        unseen = self.found and self.found.unseen_mm
         return unseen.after.rms if unseen else None
 
 
 def candidate_models(
+    space: ParameterSpace,
     model: Model,
     freed: Sequence[str] = (),
     fixed: Sequence[str] = (),
     priors: Sequence[str] = (),
 ) -> dict[str, ParameterSelection]:
-    """What to compare, by name; raises `SelectionInvalid`."""
-    if model is Model.EXTENDED:
-        return extended_selection(freed, fixed, priors)
-    return {STANDARD: select_parameters(freed, fixed, priors, names=MODEL_NAMES)}
-
-
-def extended_selection(
-    freed: Sequence[str] = (), fixed: Sequence[str] = (), priors: Sequence[str] = ()
-) -> dict[str, ParameterSelection]:
-    """What is known to each model, the standard one first; raises `SelectionInvalid`."""
-    usual = select_parameters(freed, fixed, names=MODEL_NAMES).free
-    full = select_parameters(freed, fixed, priors, names=MODEL_NAMES, by_default=FREE_IF_EXTENDED)
-    models = {STANDARD: (), **EXTENSIONS}
+    """Parameters of each model to compare, the standard one first; raises `SelectionInvalid`."""
+    names = space.model
+    if model is Model.STANDARD:
+        return {STANDARD: select_parameters(space, freed, fixed, priors, names=names)}
+    usual = select_parameters(space, freed, fixed, names=names).free
+    by_default = space.free_if_extended
+    full = select_parameters(space, freed, fixed, priors, names=names, by_default=by_default)
+    models = {STANDARD: (), **extensions(space)}
     return {name: _narrowed(full, {*usual, *more}) for name, more in models.items()}
 
 
+def extensions(space: ParameterSpace) -> dict[str, tuple[str, ...]]:
+    """Parameters beyond the usual ones: where the joints' axes point, and what gears lose."""
+    beyond = [name for name in space.free_if_extended if name not in space.free_by_default]
+    axes = tuple(name for name in beyond if name not in space.backlashes)
+    gears = space.backlashes
+    return {"axes": axes, "backlash": gears, "axes+backlash": (*axes, *gears)}
+
+
 def select_model(
-    nominal: Geometry,
-    data: Shots,
-    request: IdentificationRequest,
+    nominal: Kinematics,
+    shots: Shots,
     models: dict[str, ParameterSelection],
+    options: IdentificationOptions | None = None,
 ) -> IdentificationResult:
     """Identify by each of the models, the first being the standard one, and keep the best.
 
     Raises as `identify` does for the standard model.
     """
     (name, known), *others = models.items()
-    found = identify(nominal, data, replace(request, knowledge=known))
+    found = identify(nominal, shots, known, options)
     if not others:
         return found
     standard = _Candidate(name, len(known.free), found)
-    larger = [
-        _candidate(name, nominal, data, replace(request, knowledge=known)) for name, known in others
-    ]
+    larger = [_candidate(name, nominal, shots, known, options) for name, known in others]
     worthy = [each for each in larger if not _objection(each, standard)]
     best = min(worthy, key=_price, default=standard)
     assert best.found is not None, "what could not be fitted has an objection"
     compared = tuple(_compared(each, standard, best) for each in (standard, *larger))
-    return replace(best.found, compared=compared)
+    return replace(best.found, models=compared)
 
 
 def bic(found: IdentificationResult) -> float:
@@ -111,10 +95,12 @@ def bic(found: IdentificationResult) -> float:
     Of all measurements of the fit: those that one model leaves out and another does not count by
     the scatter of the rest.
     """
-    kept = found.fitted.after_mm.size
-    outliers = sum(each.misfit is not None for each in found.excluded)
-    measured = kept + found.fitted.after_mm.shape[1] * outliers
-    scatter = max(found.noise.chi2 / kept, NO_SCATTER)
+    assert found.fitted is not None, "it was just made"
+    assert found.chi2 is not None, "likewise"
+    after = found.fitted.after
+    outliers = sum(each.is_outlier for each in found.excluded)
+    measured = after.size + after.shape[1] * outliers
+    scatter = max(found.chi2.value / after.size, NO_SCATTER)
     return float(measured * math.log(scatter) + found.rank * math.log(measured))
 
 
@@ -126,14 +112,18 @@ def _narrowed(full: ParameterSelection, allowed: set[str]) -> ParameterSelection
 
 
 def _candidate(
-    name: str, nominal: Geometry, data: Shots, request: IdentificationRequest
+    name: str,
+    nominal: Kinematics,
+    shots: Shots,
+    known: ParameterSelection,
+    options: IdentificationOptions | None,
 ) -> _Candidate:
-    parameters = len(request.knowledge.free)
-    backlash = {*request.knowledge.free} & {*BACKLASH_NAMES}
-    if backlash and not data.knows_approach:
+    parameters = len(known.free)
+    backlash = {*known.free} & {*nominal.mechanism.parameters.backlashes}
+    if backlash and not shots.knows_approach:
         return _Candidate(name, parameters, None, "the shots do not say how their joints came")
     try:
-        return _Candidate(name, parameters, identify(nominal, data, request))
+        return _Candidate(name, parameters, identify(nominal, shots, known, options))
     except CampaignError as error:
         return _Candidate(name, parameters, None, error.problem)
 
@@ -150,7 +140,7 @@ def _objection(candidate: _Candidate, standard: _Candidate) -> str:
     if found is None:
         return candidate.problem
     if not found.converged:
-        return found.explanation
+        return found.message
     if found.unobservable:
         return f"the data cannot tell apart: {', '.join(found.unobservable[0])}"
     if candidate.unseen_rms_mm is None or standard.unseen_rms_mm is None:

@@ -1,29 +1,33 @@
-"""Which pairs of shots can be used, and why the others cannot."""
+"""Observations of a fit: shots or pairs that can be used, with the problem that they pose."""
 
-import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, WeightedResiduals
-from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
+from campaigns.estimation.least_squares import LeastSquaresProblem, Priors
+from campaigns.estimation.residuals import (
+    FRAME_COLUMNS,
+    DistanceResiduals,
+    PointResiduals,
+    PositionModel,
+)
 from campaigns.estimation.rigid_transforms import Transform, fit_transform
 from campaigns.estimation.tracker_noise import (
     TrackerUncertainty,
     distance_variance_mm2,
     pooled_variance_mm2,
 )
+from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
-from campaigns.identification.result import Excluded, IdentificationRequest
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import FILE_UNIT, Geometry, indices
-from campaigns.mechanisms.par4 import KinematicSolution
+from campaigns.identification.result import Excluded
+from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import Shots, is_positive_definite
+from campaigns.shots.shots import Shots
+from drivers.values import is_positive_definite
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,11 +41,12 @@ class UsablePairs:
 def usable_pairs(nominal: KinematicSolution, data: Shots, purpose: ShotSet) -> UsablePairs:
     """Those of a set, and the others by name, from the nominal robot's poses at all shots."""
     found = nominal.found
+    pairs = data.whole_pairs(purpose)
     halves = tuple(
         Excluded(f"shot {data.numbers[row]} has no partner", pair=pair_of(data, row))
-        for row in data.half_pairs(purpose)
+        for row in pairs.halves
     )
-    rows = data.pair_rows(purpose)
+    rows = pairs.rows
     whole = found[rows].all(axis=1)
     return UsablePairs(rows[whole], halves + without_assembly(data, rows[~whole], found, "nominal"))
 
@@ -66,9 +71,8 @@ def pair_of(data: Shots, row: int) -> int:
     return pair
 
 
+Kind = Literal["shots", "pairs"]
 COORDINATES = 3
-SHOTS_FOR_A_FRAME = 3
-FRAME_UNKNOWNS = 6
 SHORTEST_MM = 1.0
 """Of a distance: from shots at one place nothing is learnt."""
 
@@ -77,8 +81,13 @@ class Observations(Protocol):
     """The shots or pairs of a fit, one a block."""
 
     @property
-    def kind(self) -> str:
+    def kind(self) -> Kind:
         """What the blocks are, in the plural."""
+        ...
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Of the shots or pairs, one a block."""
         ...
 
     @property
@@ -119,11 +128,11 @@ class DistanceObservations:
 
     problem: LeastSquaresProblem
     distances: DistanceResiduals
-    pairs: tuple[int, ...]
+    numbers: tuple[int, ...]
     excluded: tuple[Excluded, ...]
 
     @property
-    def kind(self) -> str:
+    def kind(self) -> Kind:
         """Pairs."""
         return "pairs"
 
@@ -134,11 +143,11 @@ class DistanceObservations:
 
     def excluded_for(self, block: int, reason: str) -> Excluded:
         """The pair."""
-        return Excluded(reason, pair=self.pairs[block])
+        return Excluded(reason, pair=self.numbers[block])
 
     def misfits_mm(self, x: Array) -> Array:
         """Modelled minus measured distances, (pairs, 1)."""
-        return self.distances.residual(x)[:, None]
+        return self.distances.errors_mm(x)[:, None]
 
     def nominal_misfits_mm(self, kept: Mask) -> Array:
         """Of the kept pairs."""
@@ -155,11 +164,11 @@ class PointObservations:
 
     problem: LeastSquaresProblem
     points: PointResiduals
-    shots: tuple[int, ...]
+    numbers: tuple[int, ...]
     excluded: tuple[Excluded, ...]
 
     @property
-    def kind(self) -> str:
+    def kind(self) -> Kind:
         """Shots."""
         return "shots"
 
@@ -170,11 +179,11 @@ class PointObservations:
 
     def excluded_for(self, block: int, reason: str) -> Excluded:
         """The shot."""
-        return Excluded(reason, shot=self.shots[block])
+        return Excluded(reason, shot=self.numbers[block])
 
     def misfits_mm(self, x: Array) -> Array:
         """In the tracker's axes, (shots, 3)."""
-        positions = self.model.positions_mm(x[:-FRAME_UNKNOWNS])
+        positions = self.model.positions_mm(x[:-FRAME_COLUMNS])
         return self.tracker_from_base(x).apply(positions) - self.points.points_in_tracker_mm
 
     def nominal_misfits_mm(self, kept: Mask) -> Array:
@@ -188,41 +197,44 @@ class PointObservations:
         return self.points.tracker_from_base(x)
 
 
-def observations(nominal: Geometry, data: Shots, request: IdentificationRequest) -> Observations:
-    """What the estimator asked for makes of the identification shots.
+def observations(
+    nominal: Kinematics, data: Shots, selection: ParameterSelection, options: IdentificationOptions
+) -> Observations:
+    """Observations that the estimator asked for makes of the identification shots.
 
     Raises `ShotsMissing` for fewer measurements than unknowns and `ShotsInvalid` for a covariance
     that is none.
     """
-    if request.estimator is Estimator.DISTANCES:
-        return _distance_observations(nominal, data, request)
-    return _point_observations(nominal, data, request)
+    if options.estimator is Estimator.DISTANCES:
+        return _distance_observations(nominal, data, selection, options)
+    return _point_observations(nominal, data, selection, options)
 
 
 def position_model(
-    nominal: Geometry,
+    nominal: Kinematics,
     data: Shots,
     rows: Index,
     free: tuple[str, ...],
     near: Array | None = None,
 ) -> PositionModel:
-    """Positions of some shots by the parameters to be found, from poses (N, 4) near theirs."""
-    joints_rad, approach = data.joints_rad[rows], data.approach[rows]
-    return PositionModel(nominal, indices(free), joints_rad, near, approach=approach)
+    """Positions of some shots by the parameters to be found, from poses (N, t) near theirs."""
+    joints, approach = data.joints[rows], data.approach[rows]
+    places = nominal.mechanism.parameters.places(free)
+    return PositionModel(nominal, places, joints, near, approach=approach)
 
 
 def _distance_observations(
-    nominal: Geometry, data: Shots, request: IdentificationRequest
+    nominal: Kinematics, data: Shots, selection: ParameterSelection, options: IdentificationOptions
 ) -> DistanceObservations:
-    solution = forward(nominal, data.joints_rad)
+    solution = nominal.forward(data.joints)
     usable = usable_pairs(solution, data, ShotSet.IDENTIFICATION)
     apart = data.measured_distances_mm(usable.rows) >= SHORTEST_MM
     together = tuple(
         Excluded("its two shots are at one place", pair=pair_of(data, row))
         for row in usable.rows[~apart, 0].tolist()
     )
-    rows, excluded, free = usable.rows[apart], usable.excluded + together, request.knowledge.free
-    wanted = max(1, len(free) - len(request.knowledge.priors))
+    rows, excluded, free = usable.rows[apart], usable.excluded + together, selection.free
+    wanted = max(1, len(free) - len(selection.priors))
     if len(rows) < wanted:
         raise ShotsMissing(
             f"{len(rows)} pairs{_left_out(excluded)} cannot give {len(free)} parameters",
@@ -231,77 +243,69 @@ def _distance_observations(
     near = solution.values[rows.ravel()]
     model = position_model(nominal, data, rows.ravel(), free, near)
     first, second = np.arange(rows.size).reshape(rows.shape).T
-    distances = DistanceResiduals(model, first, second, data.measured_distances_mm(rows))
-    covariance = _stated(data, rows.ravel(), request.instrument)
+    covariance = _stated(data, rows.ravel(), options.instrument)
     points = data.points_in_tracker_mm[rows.ravel()]
     variance = pooled_variance_mm2(distance_variance_mm2(points, covariance, first, second))
-    whitened = WeightedResiduals(distances, 1, np.full(len(rows), 1.0 / variance))
-    problem = LeastSquaresProblem(whitened, 1, _priors(request.knowledge, model))
+    whitening = np.full(len(rows), np.sqrt(1.0 / variance))
+    measured = data.measured_distances_mm(rows)
+    distances = DistanceResiduals(model, first, second, measured, whitening)
+    problem = LeastSquaresProblem(distances, 1, _priors(nominal, selection, model))
     pairs = tuple(pair_of(data, row) for row in rows[:, 0].tolist())
     return DistanceObservations(problem, distances, pairs, excluded)
 
 
 def _point_observations(
-    nominal: Geometry, data: Shots, request: IdentificationRequest
+    nominal: Kinematics, data: Shots, selection: ParameterSelection, options: IdentificationOptions
 ) -> PointObservations:
     rows = np.flatnonzero([purpose is ShotSet.IDENTIFICATION for purpose in data.purposes])
-    solution = forward(nominal, data.joints_rad[rows])
+    solution = nominal.forward(data.joints[rows])
     found = solution.found
     excluded = tuple(
         Excluded("the nominal robot cannot be assembled at its joints", shot=data.numbers[row])
         for row in rows[~found].tolist()
     )
     rows = rows[found]
-    _check_coordinates(len(rows), request.knowledge, excluded)
+    _check_coordinates(len(rows), nominal, selection, excluded)
     near = solution.values[found]
-    model = position_model(nominal, data, rows, request.knowledge.free, near)
-    measured, stated = data.points_in_tracker_mm[rows], _stated(data, rows, request.instrument)
+    model = position_model(nominal, data, rows, selection.free, near)
+    measured, stated = data.points_in_tracker_mm[rows], _stated(data, rows, options.instrument)
     try:
         points = PointResiduals.from_points(model, measured, stated)
     except ValueError as error:
         raise ShotsMissing(
             f"{len(rows)} shots fix no frame: {error}", remedy="measure all over the workspace"
         ) from error
-    problem = LeastSquaresProblem(points, COORDINATES, _priors(request.knowledge, model))
+    problem = LeastSquaresProblem(points, COORDINATES, _priors(nominal, selection, model))
     shots = tuple(data.numbers[row] for row in rows.tolist())
     return PointObservations(problem, points, shots, excluded)
 
 
 def _check_coordinates(
-    shots: int, known: ParameterSelection, excluded: tuple[Excluded, ...]
+    shots: int, nominal: Kinematics, known: ParameterSelection, excluded: tuple[Excluded, ...]
 ) -> None:
     """Refuse fewer shots than can tell what is free; a prior is worth a coordinate."""
     priors = {prior.name for prior in known.priors}
-    least = _least_shots([name for name in known.free if name not in priors])
+    unknown = [name for name in known.free if name not in priors]
+    least = nominal.mechanism.minimum_shots(unknown)
     if shots >= least:
         return
     raise ShotsMissing(
         f"{shots} shots{_left_out(excluded)} are too few for {len(known.free)} parameters and the "
-        f"tracker's frame: {COORDINATES * shots} coordinates, {shots} of them for arm2, arm3 and "
-        "the plate",
+        "tracker's frame",
         remedy=f"measure at least {least} shots, better 60; or hold parameters",
     )
-
-
-def _least_shots(unknown: list[str]) -> int:
-    """How many shots tell these parameters, each counting from the point's three coordinates.
-
-    Arms 0 and 1 meet in the measured point, so two of the three are about them and the tracker's
-    frame. The third is about the rest, for θ is not measured.
-    """
-    near = sum(name.startswith(("arm0.", "arm1.")) for name in unknown)
-    return max(SHOTS_FOR_A_FRAME, math.ceil((near + FRAME_UNKNOWNS) / 2), len(unknown) - near)
 
 
 def _left_out(excluded: tuple[Excluded, ...]) -> str:
     return f" ({len(excluded)} left out)" if excluded else ""
 
 
-def _priors(known: ParameterSelection, model: PositionModel) -> Priors:
+def _priors(nominal: Kinematics, known: ParameterSelection, model: PositionModel) -> Priors:
     """About the nominal values, in mm and rad."""
     names = tuple(prior.name for prior in known.priors)
     places = np.array([known.free.index(name) for name in names], dtype=np.intp)
-    std = np.array([prior.std for prior in known.priors]) * FILE_UNIT[indices(names)]
+    std = np.array([prior.std for prior in known.priors])
+    std = std * nominal.mechanism.parameters.units(names)
     return Priors(places, model.nominal[places], std)
 
 

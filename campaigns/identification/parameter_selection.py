@@ -1,4 +1,4 @@
-"""What the user knows of the parameters: which to find, which to hold, which are about known.
+"""Parameter selection: which to find, which to hold, and which are about known before.
 
 Names may be patterns in the manner of a shell: `arm*.azimuth_deg`, `arm[12].*`.
 """
@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 
 from campaigns.errors import SelectionInvalid
 from campaigns.files.wording import shown, suggestion
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, NAMES
+from campaigns.mechanisms.mechanism import ParameterSpace
 
 LEAST_STD = 1e-6
 """mm or deg, of a prior: what is known better need not be looked for."""
@@ -18,7 +18,7 @@ WILD = frozenset("*?[")
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """A parameter that lies about its nominal value with a standard deviation, mm or deg."""
+    """Parameter that lies about its nominal value with a standard deviation, mm or deg."""
 
     name: str
     std: float
@@ -26,31 +26,36 @@ class Prior:
 
 @dataclass(frozen=True, slots=True)
 class ParameterSelection:
-    """The parameters to find, in the order of all names, and what is known of them before."""
+    """Parameters to find, in the order of all names, and what is known of them before."""
 
-    free: tuple[str, ...] = FREE_BY_DEFAULT
+    free: tuple[str, ...]
     priors: tuple[Prior, ...] = ()
 
 
 def select_parameters(
+    space: ParameterSpace,
     freed: Sequence[str] = (),
     fixed: Sequence[str] = (),
     priors: Sequence[str] = (),
     *,
-    names: tuple[str, ...] = NAMES,
-    by_default: tuple[str, ...] = FREE_BY_DEFAULT,
+    names: tuple[str, ...] | None = None,
+    by_default: tuple[str, ...] | None = None,
 ) -> ParameterSelection:
-    """From patterns to free and to fix, and priors such as `arm*.forearm_mm=0.05`.
+    """Selection by patterns to free and to fix, and priors such as `arm*.forearm_mm=0.05`.
 
-    A whole name outranks a pattern. Raises `SelectionInvalid` for a pattern that matches nothing,
-    for a name both freed and fixed, for a prior on held parameters and when nothing is left free.
+    Of all that a file holds unless other `names` may be told; free by default is what the mechanism
+    has so. A whole name outranks a pattern. Raises `SelectionInvalid` for a pattern that matches
+    nothing, for a name both freed and fixed, for a prior on held parameters and when nothing is
+    left free.
     """
+    names = space.names if names is None else names
+    by_default = space.free_by_default if by_default is None else by_default
     free = _free(freed, fixed, names, by_default)
     return ParameterSelection(free, _priors(priors, names, free))
 
 
 def matching(pattern: str, names: tuple[str, ...]) -> tuple[str, ...]:
-    """The names that a pattern means; raises `SelectionInvalid` when there is none."""
+    """Names that a pattern means; raises `SelectionInvalid` when there is none."""
     found = tuple(name for name in names if fnmatchcase(name, pattern))
     if found:
         return found

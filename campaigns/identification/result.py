@@ -1,50 +1,43 @@
-"""What an identification is asked for, and what it gives."""
+"""Identification result: one type that is written to the journal, read back and shown.
+
+Its fields are the keys of the document `pkmcal/identification/1`; parameters are in mm and deg.
+"""
 
 import math
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import JsonValue
+from pydantic import JsonValue, TypeAdapter, ValidationError
 
 from campaigns.arrays import Array
-from campaigns.estimation.estimate import ChiSquareTest
-from campaigns.estimation.estimators import Estimator, Outliers
-from campaigns.estimation.observability import Spread, correlations, spread
-from campaigns.estimation.rigid_transforms import Transform, paper_angles_rad
-from campaigns.estimation.robust import Loss
-from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.identification.parameter_selection import ParameterSelection
+from campaigns.errors import FindingUnreadable
+from campaigns.estimation.estimators import Estimator, LossShape, Outliers
+from campaigns.estimation.information import ChiSquareTest, correlations
+from campaigns.estimation.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
+from campaigns.evaluation.decision import Decision
+from campaigns.evaluation.identification import Combination
+from campaigns.evaluation.summary import BeforeAfter, spread
 
-Verdict = Literal["pass", "fail", "not decided"]
-Combination = tuple[str, ...]
-"""Parameters that move together without any effect on what was measured."""
-
+SCHEMA = "pkmcal/identification/1"
 STRONG = 0.9
 """Correlations from here on are worth being told."""
 STRONGEST = 20
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class IdentificationRequest:
-    """How the shots are to be understood."""
-
-    estimator: Estimator = Estimator.POINTS
-    knowledge: ParameterSelection = field(default_factory=ParameterSelection)
-    loss: Loss = field(default_factory=Loss)
-    outliers: Outliers = Outliers.EXCLUDE
-    instrument: TrackerUncertainty = field(default_factory=TrackerUncertainty)
-    """Of shots of which the tracker stated nothing."""
-    workspace: Array | None = None
-    """Poses (N, 4) at which the position's uncertainty is asked for."""
-
-
 @dataclass(frozen=True, slots=True)
-class Parameter:
-    """One parameter before and after, in file units (mm or deg); `std` is None when unknown."""
+class LossUsed:
+    """Loss function, and where it bends in σ."""
 
-    name: str
+    shape: LossShape = LossShape.LINEAR
+    scale: float = 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdentifiedParameter:
+    """One parameter before and after; `std` is 1 σ, None when unknown."""
+
     nominal: float
     value: float
     std: float | None
@@ -57,88 +50,27 @@ class Parameter:
 
 
 @dataclass(frozen=True, slots=True)
-class BeforeAfter:
-    """Errors in mm with the nominal and with the identified geometry."""
-
-    before: Spread
-    after: Spread
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Errors:
-    """Modelled minus measured, with either geometry: distances (N, 1) or positions (N, 3), mm."""
-
-    before_mm: Array
-    after_mm: Array
-
-    def summary(self) -> BeforeAfter:
-        """Of their sizes."""
-        before, after = (np.linalg.norm(e, axis=1) for e in (self.before_mm, self.after_mm))
-        return BeforeAfter(spread(before), spread(after))
-
-
-@dataclass(frozen=True, slots=True)
-class OutlierResidual:
-    """How far an outlier is from where the others put it, and what would still be believed."""
-
-    size_mm: float
-    size_sigma: float
-    limit_sigma: float
-
-
-@dataclass(frozen=True, slots=True)
 class Excluded:
-    """A shot or a pair that was left out, and why; `misfit` only of an outlier."""
+    """Shot or pair that was left out, and why; sizes only of an outlier."""
 
     reason: str
     shot: int | None = None
     pair: int | None = None
-    misfit: OutlierResidual | None = None
+    size_mm: float | None = None
+    """How far it is from where the others put it."""
+    size_sigma: float | None = None
+    limit_sigma: float | None = None
+    """What would still be believed."""
 
     @property
     def what(self) -> str:
         """`shot 7` or `pair 3`."""
         return f"pair {self.pair}" if self.shot is None else f"shot {self.shot}"
 
-
-@dataclass(frozen=True, slots=True)
-class Correlation:
-    """How two parameters' errors go together, from -1 to 1."""
-
-    first: str
-    second: str
-    value: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Covariance:
-    """Of the identified parameters whose σ are known, in file units."""
-
-    names: tuple[str, ...]
-    matrix: Array
-    """(K, K)"""
-
-    def std(self) -> dict[str, float]:
-        """1 σ by name."""
-        return dict(zip(self.names, np.sqrt(np.diag(self.matrix)).tolist(), strict=True))
-
-    def strong_correlations(self) -> tuple[Correlation, ...]:
-        """Those of at least 0.9, the largest first, at most 20."""
-        found = sorted(self._correlations(), key=lambda each: -abs(each.value))
-        return tuple(each for each in found[:STRONGEST] if abs(each.value) >= STRONG)
-
-    def _correlations(self) -> Iterator[Correlation]:
-        matrix = correlations(self.matrix) if self.names else self.matrix
-        for first, second in zip(*np.triu_indices(len(self.names), k=1), strict=True):
-            yield Correlation(self.names[first], self.names[second], float(matrix[first, second]))
-
-
-@dataclass(frozen=True, slots=True)
-class PositionStd:
-    """Root of the summed variances of X, Y and Z over the workspace, mm."""
-
-    mean: float
-    max: float
+    @property
+    def is_outlier(self) -> bool:
+        """Whether it could have been fitted, but the others contradict it."""
+        return self.size_mm is not None
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,157 +86,249 @@ class ComparedModel:
     outcome: str
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class IdentificationResult:
-    """What was found, how well it is known, and whether it may be used."""
+@dataclass(frozen=True, slots=True)
+class NoiseTest:
+    """Test of the stated noise by χ², what it means for σ, and both in words."""
 
-    request: IdentificationRequest
-    converged: bool
-    explanation: str
-    iterations: int
-    rank: int
-    condition: float
-    noise: ChiSquareTest
-    noise_in_words: str
-    parameters: tuple[Parameter, ...]
-    covariance: Covariance
-    position_std: PositionStd | None
-    tracker_from_base: Transform | None
-    """None where no frame was estimated."""
-    fitted: Errors
-    """Of the shots' positions or the pairs' distances that were kept."""
-    unseen_pairs: Errors | None
-    excluded: tuple[Excluded, ...]
-    unobservable: tuple[Combination, ...]
-    """Held at nominal, for neither shots nor priors tell them."""
-    by_priors_alone: tuple[Combination, ...]
-    verdict: Verdict
-    reasons: tuple[str, ...]
-    compared: tuple[ComparedModel, ...] = ()
-    """The models that it was chosen from, the standard one first; empty without a choice."""
+    value: float
+    dof: int
+    p: float | None
+    believable: bool | None
+    scale: float | None
+    """Square root of the variance factor, which multiplied every σ."""
+    says: str
 
-    @property
-    def residuals(self) -> BeforeAfter:
-        """How large the fitted errors are."""
-        return self.fitted.summary()
-
-    @property
-    def unseen(self) -> BeforeAfter | None:
-        """How large the errors of distances are that were never fitted."""
-        return None if self.unseen_pairs is None else self.unseen_pairs.summary()
-
-    @property
-    def dof(self) -> int:
-        """Degrees of freedom: measurements and priors, less what was found from them."""
-        return self.noise.dof
-
-
-SCHEMA = "pkmcal/identification/1"
+    @classmethod
+    def of(cls, noise: ChiSquareTest, says: str) -> "NoiseTest":
+        """From the test."""
+        return cls(noise.chi2, noise.dof, noise.p, noise.consistent, noise.sigma0, says)
 
 
 @dataclass(frozen=True, slots=True)
-class ParameterEntry:
-    """One parameter, in mm or deg."""
+class Correlation:
+    """Correlation of two parameters' errors, from -1 to 1."""
 
-    nominal: float
+    a: str
+    b: str
     value: float
-    delta: float
-    std: float | None
-    free: bool
 
 
-def identification_document(found: IdentificationResult, seconds: float) -> dict[str, JsonValue]:
-    """The document; `seconds` is what the solution took."""
-    return {
-        "schema": SCHEMA,
-        **_asked(found),
-        "converged": found.converged,
-        "iterations": found.iterations,
-        "rank": found.rank,
-        "condition": _finite(found.condition),
-        "dof": found.dof,
-        "parameters": _parameters(found),
-        "residuals_mm": _before_after(found.residuals),
-        "unseen_mm": None if found.unseen is None else _before_after(found.unseen),
-        "excluded": [_excluded(left) for left in found.excluded],
-        "unobservable": [list(names) for names in found.unobservable],
-        "known_by_priors_alone": [list(names) for names in found.by_priors_alone],
-        "models": [asdict(model) for model in found.compared],
-        "chi2": _chi2(found.noise, found.noise_in_words),
-        "covariance": _covariance(found.covariance),
-        "correlations": _correlations(found.covariance),
-        "position_std_mm": None if found.position_std is None else asdict(found.position_std),
-        "frame": None if found.tracker_from_base is None else _frame(found.tracker_from_base),
-        "verdict": found.verdict,
-        "reasons": list(found.reasons),
-        "seconds": seconds,
-    }
+@dataclass(frozen=True, slots=True)
+class Covariance:
+    """Covariance of the identified parameters whose σ are known."""
+
+    names: tuple[str, ...]
+    matrix: tuple[tuple[float, ...], ...]
+
+    @property
+    def array(self) -> Array:
+        """(K, K)."""
+        return np.array(self.matrix).reshape(len(self.names), len(self.names))
+
+    def std(self) -> dict[str, float]:
+        """1 σ by name."""
+        return dict(zip(self.names, np.sqrt(np.diag(self.array)).tolist(), strict=True))
+
+    def correlations(self) -> Array:
+        """Correlation matrix, (K, K)."""
+        return correlations(self.array) if self.names else self.array
+
+    def strongest(self, count: int, least: float = 0.0) -> tuple[Correlation, ...]:
+        """Pairs of parameters of the largest |ρ|, strongest first."""
+        first, second = np.triu_indices(len(self.names), k=1)
+        values = self.correlations()[first, second]
+        order = np.argsort(-np.abs(values), kind="stable")[:count]
+        found = (
+            Correlation(self.names[first[row]], self.names[second[row]], float(values[row]))
+            for row in order.tolist()
+        )
+        return tuple(each for each in found if abs(each.value) >= least)
 
 
-def _asked(found: IdentificationResult) -> dict[str, JsonValue]:
-    """What was asked for."""
-    request = found.request
-    return {
-        "estimator": request.estimator.value,
-        "loss": {"shape": request.loss.shape.value, "scale": request.loss.scale},
-        "outliers": request.outliers.value,
-        "priors": {prior.name: prior.std for prior in request.knowledge.priors},
-    }
+@dataclass(frozen=True, slots=True)
+class PositionStd:
+    """Root of the summed variances of X, Y and Z over the workspace, mm."""
+
+    mean: float
+    max: float
 
 
-def _parameters(found: IdentificationResult) -> dict[str, JsonValue]:
-    """By name, each as a `ParameterEntry`."""
-    return {
-        p.name: asdict(ParameterEntry(p.nominal, p.value, p.delta, p.std, p.free))
-        for p in found.parameters
-    }
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """`tracker_from_base` by its translation and the angles of the paper's eq. 23."""
+
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    phi_deg: float
+    gamma_deg: float
+    psi_deg: float
+
+    @classmethod
+    def of(cls, tracker_from_base: Transform) -> "Frame":
+        """From a transform."""
+        angles_deg = np.degrees(paper_angles_rad(tracker_from_base)).tolist()
+        return cls(*tracker_from_base.translation_mm.tolist(), *angles_deg)
+
+    @property
+    def tracker_from_base(self) -> Transform:
+        """As a transform."""
+        angles = np.radians([self.phi_deg, self.gamma_deg, self.psi_deg])
+        return from_paper_angles(angles, np.array([self.x_mm, self.y_mm, self.z_mm]))
 
 
-def _before_after(errors: BeforeAfter) -> dict[str, JsonValue]:
-    return {"before": asdict(errors.before), "after": asdict(errors.after)}
+@dataclass(frozen=True, slots=True)
+class ResidualTable:
+    """Modelled minus measured with the nominal and the identified kinematics, mm, a row each.
+
+    Rows are of shots (three coordinates in the tracker's axes) or of pairs (one distance).
+    """
+
+    of: Literal["shots", "pairs"]
+    numbers: tuple[int, ...]
+    before_mm: tuple[tuple[float, ...], ...]
+    after_mm: tuple[tuple[float, ...], ...]
+
+    @classmethod
+    def from_arrays(
+        cls, of: Literal["shots", "pairs"], numbers: tuple[int, ...], before: Array, after: Array
+    ) -> "ResidualTable":
+        """From errors (N, 3) or (N, 1)."""
+        return cls(of, numbers, _rows(before), _rows(after))
+
+    @property
+    def before(self) -> Array:
+        """(N, 3) or (N, 1)."""
+        return np.array(self.before_mm)
+
+    @property
+    def after(self) -> Array:
+        """(N, 3) or (N, 1)."""
+        return np.array(self.after_mm)
+
+    def summary(self) -> BeforeAfter:
+        """How large they are."""
+        return BeforeAfter(spread(self.before), spread(self.after))
 
 
-def _excluded(left: Excluded) -> dict[str, JsonValue]:
-    """The shot or the pair; the sizes only of an outlier."""
-    named: dict[str, JsonValue] = {"pair": left.pair} if left.shot is None else {"shot": left.shot}
-    return named | {"reason": left.reason} | (asdict(left.misfit) if left.misfit else {})
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdentificationResult:
+    """Parameters with their uncertainties, residuals, and whether they may be used.
+
+    What is None or empty by default is missing in results of older software.
+    """
+
+    estimator: Estimator
+    loss: LossUsed = field(default_factory=LossUsed)
+    outliers: Outliers = Outliers.EXCLUDE
+    priors: dict[str, float] = field(default_factory=dict)
+    """1 σ by name."""
+    converged: bool
+    message: str = ""
+    """How the solver ended."""
+    iterations: int
+    rank: int
+    condition: float | None
+    """None: the rank is lost."""
+    dof: int
+    """Degrees of freedom: measurements and priors, less what was found from them."""
+    parameters: dict[str, IdentifiedParameter]
+    residuals_mm: BeforeAfter | None = None
+    """Of what was fitted and kept."""
+    unseen_mm: BeforeAfter | None = None
+    """Of distances that were never fitted; None without such."""
+    fitted: ResidualTable | None = None
+    unseen: ResidualTable | None = None
+    excluded: tuple[Excluded, ...]
+    unobservable: tuple[Combination, ...]
+    """Held at nominal, for neither shots nor priors tell them."""
+    known_by_priors_alone: tuple[Combination, ...] = ()
+    models: tuple[ComparedModel, ...] = ()
+    """Those that it was chosen from, the standard one first; empty without a choice."""
+    chi2: NoiseTest | None = None
+    covariance: Covariance | None = None
+    position_std_mm: PositionStd | None = None
+    frame: Frame | None = None
+    """None where no frame was estimated."""
+    verdict: Decision
+    reasons: tuple[str, ...]
+    seconds: float = 0.0
+    """What the solution took."""
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of what was looked for."""
+        return tuple(name for name, found in self.parameters.items() if found.free)
+
+    def nominal_flat(self) -> dict[str, float]:
+        """Parameters that it began with, mm and deg."""
+        return {name: found.nominal for name, found in self.parameters.items()}
+
+    def flat(self) -> dict[str, float]:
+        """Parameters that it found, mm and deg."""
+        return {name: found.value for name, found in self.parameters.items()}
+
+    def std(self) -> dict[str, float]:
+        """1 σ by name, mm and deg, where it is known."""
+        return {name: p.std for name, p in self.parameters.items() if p.std is not None}
+
+    def document(self) -> dict[str, JsonValue]:
+        """Document `pkmcal/identification/1`."""
+        # Any: what a dataclass holds, type by type, pydantic knows and mypy cannot
+        values: dict[str, Any] = TypeAdapter(type(self)).dump_python(self, mode="json")
+        values["parameters"] = {
+            name: values["parameters"][name] | {"delta": found.delta}
+            for name, found in self.parameters.items()
+        }
+        values["excluded"] = [
+            {key: value for key, value in asdict(left).items() if value is not None}
+            for left in self.excluded
+        ]
+        known = self.covariance
+        strong = known.strongest(STRONGEST, STRONG) if known else ()
+        return {"schema": SCHEMA, **values, "correlations": [asdict(each) for each in strong]}
 
 
-def _chi2(noise: ChiSquareTest, in_words: str) -> dict[str, JsonValue]:
-    return {
-        "value": noise.chi2,
-        "dof": noise.dof,
-        "p": noise.p,
-        "believable": noise.believable,
-        "scale": noise.scale,
-        "says": in_words,
-    }
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedIdentification(IdentificationResult):
+    """Identification with what it rests on, as the journal holds it."""
+
+    series: int
+    shots: int = 0
+    robot_digest: str
+    plan_digest: str
+    journal_digest: str
+    """Of all records before it."""
+    journal_records: int
+    at_utc: str
+
+    @classmethod
+    def of(cls, found: IdentificationResult, **provenance: Any) -> "RecordedIdentification":
+        """Result with its provenance."""
+        values = {each.name: getattr(found, each.name) for each in fields(found)}
+        return cls(**values | provenance)
 
 
-def _covariance(known: Covariance) -> dict[str, JsonValue]:
-    return {"names": list(known.names), "matrix": known.matrix.tolist()}
+_READER = TypeAdapter(RecordedIdentification)
 
 
-def _correlations(known: Covariance) -> list[JsonValue]:
-    return [
-        {"a": each.first, "b": each.second, "value": each.value}
-        for each in known.strong_correlations()
-    ]
+def read_identification(body: Mapping[str, JsonValue]) -> RecordedIdentification:
+    """Identification of a journal's finding; raises `FindingUnreadable`."""
+    try:
+        return _READER.validate_python(body)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        raise FindingUnreadable(
+            f"the journal's identification, {where}: {first['msg'].lower()}",
+            remedy="identify again: another version of the software wrote it",
+        ) from error
 
 
-def _frame(tracker_from_base: Transform) -> dict[str, JsonValue]:
-    """The translation, and the angles of the paper's eq. 23."""
-    x_mm, y_mm, z_mm = tracker_from_base.translation_mm.tolist()
-    phi, gamma, psi = np.degrees(paper_angles_rad(tracker_from_base)).tolist()
-    return {
-        "x_mm": x_mm,
-        "y_mm": y_mm,
-        "z_mm": z_mm,
-        "phi_deg": phi,
-        "gamma_deg": gamma,
-        "psi_deg": psi,
-    }
-
-
-def _finite(value: float) -> float | None:
+def finite(value: float) -> float | None:
+    """None for what no document can hold."""
     return value if math.isfinite(value) else None
+
+
+def _rows(errors_mm: Array) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(row) for row in errors_mm.tolist())

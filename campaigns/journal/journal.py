@@ -221,7 +221,7 @@ class Journal(JournalReader):
     def _text(self, record: Record) -> str:
         try:
             return to_text(record)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, AttributeError) as error:
             raise JournalFailed(
                 f"{self._path}: the record {_label(record)} cannot be written: {error}",
                 remedy="a device or the program gave an unusable value: please report this",

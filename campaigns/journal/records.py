@@ -1,14 +1,16 @@
-"""What the journal holds: one frozen value per kind of record. Units: mm, mm², rad, s, °C."""
+"""Records of the journal: one frozen value per kind. Units: mm, mm², rad, s, °C."""
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
-from pydantic import JsonValue, TypeAdapter, ValidationError
+from pydantic import Field, JsonValue, TypeAdapter, ValidationError
 
 from drivers.values import Identity, Matrix3, Pose, Vector3, Weather
 
+Joints = tuple[float, ...]
+"""One value a joint, by whose kind its unit is: rad or mm. Keys in the file say rad."""
 Stage = Literal["run", "before", "after", "import"]
 Command = Literal["joints", "pose"]
 Ending = Literal["finished", "interrupted", "aborted"]
@@ -70,7 +72,7 @@ class Intent:
     attempt: int
     purpose: str
     target: Pose
-    target_joints_rad: tuple[float, ...]
+    target_joints: Annotated[Joints, Field(alias="target_joints_rad")]
     command: Command
     pair: int | None = None
 
@@ -88,12 +90,12 @@ class Durations:
 class Outcome:
     """An accepted shot: the joints as read, the point as measured, both raw answers beside them.
 
-    `came_from_rad` is where the joints stood before the last leg of the way; None: nobody knows.
+    `came_from` is where the joints stood before the last leg of the way; None: nobody knows.
     """
 
     shot: int
     attempt: int
-    joints_rad: tuple[float, ...]
+    joints: Annotated[Joints, Field(alias="joints_rad")]
     point_in_tracker_mm: Vector3
     covariance_mm2: Matrix3 | None
     weather: Weather | None
@@ -102,7 +104,7 @@ class Outcome:
     durations: Durations | None
     predicted_in_tracker_mm: Vector3 | None = None
     residual_mm: float | None = None
-    came_from_rad: tuple[float, ...] | None = None
+    came_from: Annotated[Joints | None, Field(alias="came_from_rad")] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,27 +176,31 @@ TYPE_OF_KIND: Mapping[str, type[Record]] = {
 KIND_OF_TYPE: Mapping[type[object], str] = {type_: kind for kind, type_ in TYPE_OF_KIND.items()}
 
 # Any: an adapter's type parameter cannot be carried through a table of ten different records.
-_READERS: Mapping[str, TypeAdapter[Any]] = {
+_ADAPTERS: Mapping[str, TypeAdapter[Any]] = {
     kind: TypeAdapter(type_) for kind, type_ in TYPE_OF_KIND.items()
 }
 
 
 def to_text(record: Record) -> str:
-    """Write the record as JSON that `from_text` is known to read.
+    """Text of a record as JSON that `from_text` is known to read.
 
-    Raises `ValueError` or `TypeError` when a value is not finite, not plain data or not Unicode.
+    Raises `ValueError`, `TypeError` or `AttributeError` when a value is not finite, not plain data,
+    not Unicode or of another type.
     """
-    text = json.dumps(asdict(record), allow_nan=False, ensure_ascii=False)
-    from_text(KIND_OF_TYPE[type(record)], text)
+    kind = KIND_OF_TYPE[type(record)]
+    # without its warnings: what does not fit is refused by name, in reading it back
+    values = _ADAPTERS[kind].dump_python(record, by_alias=True, warnings="none")
+    text = json.dumps(values, allow_nan=False, ensure_ascii=False)
+    from_text(kind, text)
     return text
 
 
 def from_text(kind: str, text: str) -> Record:
-    """Read the record that was stored; raises `ValueError` when it is none of that kind."""
-    if kind not in _READERS:
+    """Record that was stored; raises `ValueError` when it is none of that kind."""
+    if kind not in _ADAPTERS:
         raise ValueError(f"unknown kind of record {kind!r}")
     try:
-        record: Record = _READERS[kind].validate_json(text, strict=True)
+        record: Record = _ADAPTERS[kind].validate_json(text, strict=True)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"]) or "text"

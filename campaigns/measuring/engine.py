@@ -167,7 +167,7 @@ class Engine:
     def _running_knowledge(self) -> ParameterPrecision | None:
         """What the shots that count tell of the parameters, at once."""
         gate = self._watches.gate
-        return self._watches.knowing.after(gate.accepted, gate.linearised)
+        return self._watches.knowing.after(gate.accepted, gate.linearized)
 
     def _knowledge_by_a_fit(self) -> ParameterPrecision | None:
         """The same as `identify` will tell it, which takes a little time."""

@@ -1,4 +1,4 @@
-"""Whether a shot can be data: the measured point against the predicted one, drift, the air."""
+"""Monitors of a run: the innovation gate, drift, the air."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -7,7 +7,8 @@ from math import dist, isfinite
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.estimation.incremental_fit import IncrementalGaussNewton, LinearizedModel
+from campaigns.estimation.incremental_fit import IncrementalGaussNewton
+from campaigns.estimation.information import LinearizedModel
 from campaigns.journal.records import Outcome
 from campaigns.measuring.rules import GateRules
 from drivers.values import Vector3, Weather
@@ -22,7 +23,7 @@ ALARM_ENDS_AT = 0.8
 
 @dataclass(frozen=True, slots=True)
 class GateDecision:
-    """What the gate says of a shot. `refusal` is empty when it may count."""
+    """Decision of the gate on a shot. `refusal` is empty when it may count."""
 
     predicted_in_tracker_mm: Vector3 | None
     residual_mm: float | None
@@ -30,7 +31,7 @@ class GateDecision:
 
 
 class InnovationGate:
-    """Compares every shot with what the accepted ones let one expect.
+    """Gate that compares every shot with what the accepted ones let one expect.
 
     `new_fit` gives a running fit that knows no shot yet.
     """
@@ -41,15 +42,15 @@ class InnovationGate:
         self._running = new_fit()
         self._accepted: dict[int, Outcome] = {}
 
-    def judge(self, joints_rad: tuple[float, ...], point_in_tracker_mm: Vector3) -> GateDecision:
+    def judge(self, joints: tuple[float, ...], point_in_tracker_mm: Vector3) -> GateDecision:
         """A point too far from where it should be is a wrong target or a wrong pose, never data.
 
         The limit follows what is known: near once the shots so far fix robot and frame.
         """
-        joints, point = np.array(joints_rad), np.array(point_in_tracker_mm)
-        predicted = self._running.predict(joints)
+        read, point = np.array(joints), np.array(point_in_tracker_mm)
+        predicted = self._running.predict(read)
         if predicted is None or predicted.std_mm > self._rules.distance_mm:
-            return GateDecision(None, None, self._fault_of_distances(joints, point))
+            return GateDecision(None, None, self._fault_of_distances(read, point))
         residual_mm = float(np.linalg.norm(point - predicted.point_mm))
         near_mm = self._rules.fitted_mm + SIGMAS * predicted.std_mm
         limit_mm = min(near_mm, self._rules.distance_mm)
@@ -79,31 +80,31 @@ class InnovationGate:
         return tuple(self._accepted.values())
 
     @property
-    def linearised(self) -> LinearizedModel | None:
+    def linearized(self) -> LinearizedModel | None:
         """The running fit of the first of them, or of all; None while there is none."""
-        return self._running.linearised
+        return self._running.linearized
 
-    def expected_point_mm(self, joints_rad: tuple[float, ...]) -> Vector3 | None:
+    def expected_point_mm(self, joints: tuple[float, ...]) -> Vector3 | None:
         """Where to point the tracker for these joints; None while the frame is unknown."""
-        predicted = self._running.predict(np.array(joints_rad))
+        predicted = self._running.predict(np.array(joints))
         return None if predicted is None else vector(predicted.point_mm)
 
-    def nearest_point_mm(self, joints_rad: tuple[float, ...]) -> Vector3 | None:
+    def nearest_point_mm(self, joints: tuple[float, ...]) -> Vector3 | None:
         """Where the accepted shot with the nearest joints was; None before two shots agree."""
         if len(self._accepted) < AGREEING:
             return None
         nearest = min(
             self._accepted.values(),
-            key=lambda outcome: float(np.abs(np.subtract(outcome.joints_rad, joints_rad)).max()),
+            key=lambda outcome: float(np.abs(np.subtract(outcome.joints, joints)).max()),
         )
         return nearest.point_in_tracker_mm
 
     def _teach(self, outcome: Outcome) -> None:
-        self._running.add(np.array(outcome.joints_rad), np.array(outcome.point_in_tracker_mm))
+        self._running.add(np.array(outcome.joints), np.array(outcome.point_in_tracker_mm))
 
     def _fault_of_distances(self, joints: Array, point: Array) -> str:
         """While robot and frame are not known yet: distances to the shots before."""
-        fault_mm = self._running.distance_fault_mm(joints, point)
+        fault_mm = self._running.max_distance_innovation_mm(joints, point)
         limit_mm = self._rules.distance_mm
         if not isfinite(fault_mm):
             return "the robot's model cannot be assembled at the joints that were read"

@@ -1,13 +1,12 @@
-"""Moves the robot by safe ways and waits until it stands still in place."""
+"""Motion: the robot moved by safe ways, and waited for until it stands still in place."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
 from campaigns.measuring.rules import MotionRules
 from campaigns.measuring.run_state import EngineState
+from campaigns.mechanisms.mechanism import Axis
 from campaigns.planning.paths import Joints, PathCache
 from campaigns.planning.steps import Step
 from drivers.errors import EmergencyStop, MotionFault
@@ -17,17 +16,17 @@ from drivers.values import RobotState
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """The robot at rest in place, from where it came there, and what it took."""
+    """Robot at rest in place, from where it came there, and what it took."""
 
     state: RobotState
-    came_from_rad: Joints
+    came_from: Joints
     """The joints as they were read where the last leg of the way began."""
     move_s: float
     settle_s: float
 
 
 class Mover:
-    """Drives one robot. Every wait looks at faults, at the deadline and at the wish to stop."""
+    """Mover of one robot. Every wait looks at faults, at the deadline and at the wish to stop."""
 
     def __init__(
         self,
@@ -41,6 +40,7 @@ class Mover:
         self._clock = clock
         self._rules = rules
         self._ways = ways
+        self._axes = ways.axes
         self._stop_requested = stop_requested
         self._last_target: Joints | None = None
 
@@ -59,18 +59,18 @@ class Mover:
             last_stop = self._await_arrival(passed, self._deadline_s())
         self._start(step)
         deadline_s = self._deadline_s()
-        self._await_arrival(step.planned.joints_rad, deadline_s)
+        self._await_arrival(step.planned.joints, deadline_s)
         arrived_s = self._clock.now_s()
         entering(EngineState.SETTLING)
-        state = self._settled(step.planned.joints_rad, deadline_s)
-        self._last_target = step.planned.joints_rad
+        state = self._settled(step.planned.joints, deadline_s)
+        self._last_target = step.planned.joints
         settle_s = self._clock.now_s() - arrived_s
-        return Arrival(state, last_stop.joints_rad, arrived_s - started_s, settle_s)
+        return Arrival(state, last_stop.joints, arrived_s - started_s, settle_s)
 
     def has_moved(self, since: RobotState) -> bool:
         """Whether the robot has left the place where it was read before; raises its faults."""
         now = self._state()
-        return now.moving or not _within(_apart(now, since.joints_rad), self._rules.still_rad)
+        return now.moving or not _within(self._apart(now, since.joints), self._rules.still_rad)
 
     def check_stop(self) -> None:
         """Raise `Interrupted` when the operator has asked to stop."""
@@ -112,12 +112,12 @@ class Mover:
     def _stop_of(self, state: RobotState) -> Joints:
         """Where the robot stands: its last target if it is still there, else as it was read."""
         last = self._last_target
-        return last if last is not None and self._in_place(state, last) else state.joints_rad
+        return last if last is not None and self._in_place(state, last) else state.joints
 
     def _way(self, here: Joints, step: Step) -> list[Joints]:
         """Joint targets of a safe way, the last one being the step's."""
         way: list[Joints] = []
-        for target in (*step.approach_rad, step.planned.joints_rad):
+        for target in (*step.approach, step.planned.joints):
             way += self._legs(here, target, step.planned.shot)
             here = target
         return way
@@ -126,7 +126,7 @@ class Mover:
         legs = self._ways.legs(here, target)
         if legs is None:
             raise TargetOutOfReach(
-                f"no safe way to shot {shot} from joints {_degrees(here)}",
+                f"no safe way to shot {shot} from joints {_listed(self._axes, here)}",
                 remedy="jog the robot near the workspace's centre, then run again",
             )
         return legs
@@ -137,7 +137,7 @@ class Mover:
 
     def _start(self, step: Step) -> None:
         if step.command == "joints":
-            self._start_joints(step.planned.joints_rad)
+            self._start_joints(step.planned.joints)
             return
         self.check_stop()
         self._robot.move_pose(step.planned.pose, self._rules.speed_fraction)
@@ -154,7 +154,7 @@ class Mover:
             if not state.moving and self._in_place(state, target):
                 return state
             if now_s > deadline_s:
-                raise self._not_settled(_why_not_there(state, target, self._rules))
+                raise self._not_settled(self._why_not_there(state, target))
             self._clock.sleep_s(self._rules.poll_s)
 
     def _settled(self, target: Joints, deadline_s: float) -> RobotState:
@@ -165,7 +165,7 @@ class Mover:
             self._clock.sleep_s(self._rules.poll_s)
             self.check_stop()
             now_s, state = self._clock.now_s(), self._state()
-            motion = _apart(state, reference.joints_rad)
+            motion = self._apart(state, reference.joints)
             still = not state.moving and _within(motion, self._rules.still_rad)
             if not still:
                 since_s, reference, last_motion = now_s, state, _worst(motion)
@@ -175,13 +175,13 @@ class Mover:
             if now_s > deadline_s:
                 there = state.moving or not in_place
                 raise self._not_settled(
-                    _why_not_there(state, target, self._rules)
+                    self._why_not_there(state, target)
                     if there
-                    else _why_not_still(last_motion, self._rules)
+                    else self._why_not_still(*last_motion)
                 )
 
     def _in_place(self, state: RobotState, target: Joints) -> bool:
-        return _within(_apart(state, target), self._rules.in_place_rad)
+        return _within(self._apart(state, target), self._rules.in_place_rad)
 
     def _not_settled(self, why: str) -> NotSettled:
         return NotSettled(
@@ -189,40 +189,44 @@ class Mover:
             remedy="look for what holds or shakes the robot, then at `settle` in campaign.yaml",
         )
 
+    def _apart(self, state: RobotState, others: Joints) -> list[float]:
+        """How far each joint is from another value, in what compares with radians of a crank."""
+        each = zip(self._axes, state.joints, others, strict=True)
+        return [abs(here - other) / axis.scale for axis, here, other in each]
 
-def _apart(state: RobotState, others_rad: Joints) -> list[float]:
-    """How far each joint is from another angle."""
-    return [abs(q - other) for q, other in zip(state.joints_rad, others_rad, strict=True)]
+    def _why_not_there(self, state: RobotState, target: Joints) -> str:
+        joint, away = _worst(self._apart(state, target))
+        limit = self._rules.in_place_rad
+        if away <= limit:
+            return "the controller still reports motion"
+        moves = "and still moves" if state.moving else "and stands there"
+        return (
+            f"joint {joint} is {self._text(joint, away, '.4f')} from its target "
+            f"(limit {self._text(joint, limit, 'g')}) {moves}"
+        )
 
+    def _why_not_still(self, joint: int, moved: float) -> str:
+        return (
+            f"joint {joint} moved {self._text(joint, moved, '.4f')} within the settling time of "
+            f"{self._rules.settle_s:g} s (limit {self._text(joint, self._rules.still_rad, 'g')})"
+        )
 
-def _within(angles_rad: Sequence[float], limit_rad: float) -> bool:
-    """Whether none exceeds the limit; NaN, which is no angle, does."""
-    return all(angle <= limit_rad for angle in angles_rad)
-
-
-def _worst(angles_rad: Sequence[float]) -> tuple[int, float]:
-    """The joint with the largest angle, and that angle."""
-    return max(enumerate(angles_rad), key=lambda entry: entry[1])
-
-
-def _why_not_there(state: RobotState, target: Joints, rules: MotionRules) -> str:
-    joint, away_rad = _worst(_apart(state, target))
-    if away_rad <= rules.in_place_rad:
-        return "the controller still reports motion"
-    moves = "and still moves" if state.moving else "and stands there"
-    return (
-        f"joint {joint} is {np.degrees(away_rad):.4f}° from its target "
-        f"(limit {np.degrees(rules.in_place_rad):g}°) {moves}"
-    )
-
-
-def _why_not_still(last_motion: tuple[int, float], rules: MotionRules) -> str:
-    joint, moved_rad = last_motion
-    return (
-        f"joint {joint} moved {np.degrees(moved_rad):.4f}° within the settling time of "
-        f"{rules.settle_s:g} s (limit {np.degrees(rules.still_rad):g}°)"
-    )
+    def _text(self, joint: int, size: float, form: str) -> str:
+        """Size in comparable radians, in the unit of the joint."""
+        axis = self._axes[joint]
+        return axis.text(size * axis.scale, form)
 
 
-def _degrees(joints_rad: Sequence[float]) -> str:
-    return f"{np.round(np.degrees(joints_rad), 3).tolist()}°"
+def _within(sizes: Sequence[float], limit: float) -> bool:
+    """Whether none exceeds the limit; NaN, which is no size, does."""
+    return all(size <= limit for size in sizes)
+
+
+def _worst(sizes: Sequence[float]) -> tuple[int, float]:
+    """The joint of the largest size, and that size."""
+    return max(enumerate(sizes), key=lambda entry: entry[1])
+
+
+def _listed(axes: Sequence[Axis], joints: Joints) -> str:
+    texts = (axis.text(value, ".3f") for axis, value in zip(axes, joints, strict=True))
+    return f"({', '.join(texts)})"

@@ -1,4 +1,4 @@
-"""What a run tells about itself while it runs."""
+"""Run state: what a run tells about itself while it runs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -76,6 +76,20 @@ class RunObserver(Protocol):
     def event(self, text: str) -> None:
         """Something happened that the operator should read."""
         ...
+
+
+class _Silent:
+    """Shows nothing."""
+
+    def progress(self, progress: Progress) -> None:
+        """Nobody looks."""
+
+    def event(self, text: str) -> None:
+        """Nobody reads: it is in the journal."""
+
+
+SILENT: RunObserver = _Silent()
+"""For runs that nobody watches."""
 
 
 def time_left_s(shot_seconds: Sequence[float], shots_left: int) -> tuple[float, float] | None:

@@ -29,7 +29,7 @@ class SeriesLog:
             self._attempts.get(planned.shot, 0) + 1,
             planned.purpose.value,
             planned.pose,
-            planned.joints_rad,
+            planned.joints,
             step.command,
             planned.pair,
         )

@@ -1,14 +1,12 @@
-"""Carries a series through: begins or resumes it, measures what is missing, and closes it."""
+"""Session: one series begun or resumed, what is missing measured, and closed."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from pydantic import JsonValue
 
-from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.incremental_fit import IncrementalGaussNewton
-from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Event, SeriesFinished, SeriesStarted, SessionStarted, Stage
 from campaigns.journal.views import AcceptedShot, Series
@@ -22,8 +20,8 @@ from campaigns.measuring.run_state import ParameterPrecision, RunObserver, RunSt
 from campaigns.measuring.series_log import SeriesLog, closing
 from campaigns.measuring.shot_taker import Cell, ShotTaker
 from campaigns.measuring.stopping_rule import PrecisionGoal, is_met
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, GEOMETRY_NAMES
 from campaigns.planning.paths import PathCache, RobotModel
+from campaigns.planning.predicted_precision import EstimationSetup
 from campaigns.planning.steps import Step, stops_of
 from campaigns.version import VERSION
 from drivers.values import Weather
@@ -32,47 +30,66 @@ WORKSPACE_SEED = 1
 """Positions are judged at the same poses in every session."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Work:
-    """What is to be measured, and by which rules."""
+    """Work of a session: what is to be measured, and by which rules."""
 
     stage: Stage
     steps: tuple[Step, ...]
     plan_digest: str
     robot_file_digest: str
     configuration: Mapping[str, JsonValue]
-    mechanism: RobotModel
+    robot: RobotModel
     motion: MotionRules
     gate: GateRules
+    setup: EstimationSetup
+    """How the shots will be identified from, which says how much is known."""
     goal: PrecisionGoal | None = None
     """Of what is identified; once it is met, only the other shots are taken."""
-    estimator: Estimator = Estimator.POINTS
-    """What will identify, and so says how much is known."""
-    free: tuple[str, ...] = FREE_BY_DEFAULT
-    """The parameters that it will look for."""
-    instrument: TrackerUncertainty = field(default_factory=TrackerUncertainty)
-    """Of shots of which the tracker states none."""
 
     def knowing(self) -> PrecisionMonitor:
         """What tells how much is known of the parameters."""
         shots = [step.planned for step in self.steps]
         rng = np.random.default_rng(WORKSPACE_SEED)
-        return PrecisionMonitor.of_plan(
-            shots, self.mechanism, self.estimator, self.instrument, rng, self.free
-        )
+        return PrecisionMonitor.of_plan(shots, self.robot, self.setup, rng)
 
     def gate_taught_by(self, shots: Iterable[AcceptedShot]) -> InnovationGate:
         """A gate that knows these shots and no others.
 
         What `identify` is told to hold need not be right: the usual parameters are free here.
         """
-        free = tuple(name for name in GEOMETRY_NAMES if name in {*FREE_BY_DEFAULT, *self.free})
-        gate = InnovationGate(
-            self.gate, lambda: IncrementalGaussNewton(self.mechanism.geometry, free)
-        )
+        kinematics = self.robot.kinematics
+        space = kinematics.mechanism.parameters
+        wanted = {*space.free_by_default, *self.setup.free}
+        free = tuple(name for name in space.geometry if name in wanted)
+        gate = InnovationGate(self.gate, lambda: IncrementalGaussNewton(kinematics, free))
         for shot in shots:
             gate.accept(shot.outcome)
         return gate
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """What there is of a plan when its run is over."""
+
+    series: int
+    shots: int
+    left_out: int
+    """Shots of the plan that were not taken: the goal was met without them."""
+    goal: PrecisionGoal | None
+    known: ParameterPrecision | None
+
+    @property
+    def good(self) -> bool:
+        """Whether the goal is met, if there was one."""
+        return self.goal is None or is_met(self.goal, self.known)
+
+
+def run_result(journal: JournalReader, series: int, work: Work) -> RunResult:
+    """Result of a series by what the journal holds of it."""
+    shots = journal.shots(series)
+    left_out, known = count_left_out(shots, work), precision_from(shots, work)
+    return RunResult(series, len(shots), left_out, work.goal, known)
 
 
 def measure_series(
@@ -135,7 +152,7 @@ class _Run:
         goal_mm = work.goal.std_mm if work.goal else None
         done, total = len(found.kept), len(work.steps)
         tally = RunState(self.watcher, done=done, total=total, goal_mm=goal_mm)
-        ways = PathCache(work.mechanism, stops_of(found.left))
+        ways = PathCache(work.robot, stops_of(found.left))
         mover = Mover(cell.robot, cell.clock, work.motion, ways, self.stop_requested)
         shooter = ShotTaker(cell, self.log, mover, gate, tally, work.gate.search_mm)
         watches = Monitors(

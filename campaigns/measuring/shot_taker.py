@@ -100,7 +100,7 @@ class ShotTaker:
     def _judged(self, intent: Intent, taken: _Taken) -> tuple[Outcome, str]:
         """The outcome with its prediction, and why it cannot count if it cannot."""
         judgement = self._gate.judge(
-            taken.arrival.state.joints_rad, taken.measurement.point_in_tracker_mm
+            taken.arrival.state.joints, taken.measurement.point_in_tracker_mm
         )
         refusal = "the robot moved while it was measured" if taken.moved else judgement.refusal
         return _outcome(intent, taken, judgement), refusal
@@ -134,21 +134,21 @@ class ShotTaker:
 
     def _failure_to_find(self, arrival: Arrival) -> str | None:
         try:
-            self._look_for_reflector(arrival.state.joints_rad)
+            self._look_for_reflector(arrival.state.joints)
         except BeamBroken as error:
             return error.problem
         return None
 
-    def _look_for_reflector(self, joints_rad: tuple[float, ...]) -> None:
+    def _look_for_reflector(self, joints: tuple[float, ...]) -> None:
         """Point to where it should be; while that is unknown, near where it was, and search there.
 
         Raises `BeamBroken` when it is not found.
         """
-        expected_mm = self._gate.expected_point_mm(joints_rad)
+        expected_mm = self._gate.expected_point_mm(joints)
         if expected_mm is not None:
             self._cell.tracker.go_to(expected_mm)
             return
-        nearest_mm = self._gate.nearest_point_mm(joints_rad)
+        nearest_mm = self._gate.nearest_point_mm(joints)
         if nearest_mm is not None:
             with suppress(BeamBroken):
                 self._cell.tracker.go_to(nearest_mm)
@@ -165,7 +165,7 @@ def _outcome(intent: Intent, taken: _Taken, judgement: GateDecision) -> Outcome:
     return Outcome(
         intent.shot,
         intent.attempt,
-        arrival.state.joints_rad,
+        arrival.state.joints,
         measurement.point_in_tracker_mm,
         measurement.covariance_mm2,
         measurement.weather,
@@ -174,5 +174,5 @@ def _outcome(intent: Intent, taken: _Taken, judgement: GateDecision) -> Outcome:
         Durations(arrival.move_s, arrival.settle_s, taken.measure_s),
         judgement.predicted_in_tracker_mm,
         judgement.residual_mm,
-        arrival.came_from_rad,
+        arrival.came_from,
     )

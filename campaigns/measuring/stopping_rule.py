@@ -91,7 +91,7 @@ def may_stop(
     """
     if goal is None or known is None or not any(map(_only_identifies, left)):
         return False
-    return known.length_std_mm <= goal.std_mm * known.scale
+    return known.length_std_mm <= goal.std_mm * max(1.0, known.scale)
 
 
 def early_stop(
@@ -113,32 +113,32 @@ def predicted_stop(
 
     Raises `PlanInvalid` when even the whole of it will not meet the goal.
     """
-    whole = _in_reach(goal, knowing.foreseen(tracker_mm))
+    whole = _in_reach(goal, knowing.predicted(tracker_mm))
     counts = range(1, whole.shots + 1)
 
     def is_enough(count: int) -> bool:
-        return is_met(goal, knowing.foreseen(tracker_mm, count))
+        return is_met(goal, knowing.predicted(tracker_mm, count))
 
     fewest = bisect_left(counts, x=True, key=is_enough)
     return PredictedStop(whole, counts[fewest])
 
 
-def _in_reach(goal: PrecisionGoal, foreseen: ParameterPrecision | None) -> ParameterPrecision:
+def _in_reach(goal: PrecisionGoal, predicted: ParameterPrecision | None) -> ParameterPrecision:
     remedy = (
         f"plan more shots, with `pkmcal plan --until {goal}`, or ask for less; foreseen for a "
         "tracker as stated by tracker.uncertainty in campaign.yaml"
     )
-    if foreseen is None:
+    if predicted is None:
         raise PlanInvalid(
             f"goal {goal}: the whole plan has too few shots to identify from, or they cannot tell "
             "all parameters apart",
             remedy=remedy,
         )
-    if not is_met(goal, foreseen):
+    if not is_met(goal, predicted):
         raise PlanInvalid(
-            f"goal {goal}: the whole plan will give {foreseen.length_std_mm:.3g} mm", remedy=remedy
+            f"goal {goal}: the whole plan will give {predicted.length_std_mm:.3g} mm", remedy=remedy
         )
-    return foreseen
+    return predicted
 
 
 def in_ranges(numbers: Sequence[int]) -> str:

@@ -1,4 +1,4 @@
-"""What can be chosen from for an optimal plan: thousands of candidates, as shots or as pairs."""
+"""Optimal plans: the identification shots that tell most, of thousands of candidates."""
 
 import math
 from collections.abc import Iterator
@@ -28,16 +28,13 @@ from campaigns.design.sample_size import (
 from campaigns.design.tours import balance_approaches, neighbouring_pairs
 from campaigns.errors import PlanInvalid
 from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.information import marginalise_frame
-from campaigns.estimation.observability import covariance
+from campaigns.estimation.information import covariance, marginalise_frame, point_jacobian
 from campaigns.estimation.tracker_noise import (
     TrackerUncertainty,
     distance_variance_mm2,
     point_covariance_mm2,
     pooled_variance_mm2,
 )
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT
-from campaigns.mechanisms.par4 import inverse
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import (
     PlanRequest,
@@ -52,9 +49,8 @@ from campaigns.planning.predicted_precision import (
     WORKSPACE_SAMPLE,
     PredictedPrecision,
     not_identifiable,
-    point_jacobian_at,
 )
-from campaigns.robots.robot import RobotFile, numeric_geometry, numeric_limits
+from campaigns.robots.robot import RobotFile
 from campaigns.shots.shot_sets import ShotSet
 
 CANDIDATES = 4000
@@ -62,15 +58,16 @@ PAIRINGS = 6
 """How often the candidate poses are paired anew: so many pairs have as many rows as the shots."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class OptimalRequest:
-    """What the shots shall be best for."""
+    """Request for an optimal plan: what it holds, and what its shots shall be best for."""
 
     plan: PlanRequest
     uncertainty: TrackerUncertainty
+    free: tuple[str, ...]
+    """Names of the parameters that will be identified."""
     estimator: Estimator = Estimator.POINTS
     criterion: CriterionName = "I"
-    free: tuple[str, ...] = FREE_BY_DEFAULT
     until_mm: float | None = None
     """σ that no length shall exceed, with as few shots as that takes; `plan` says the most."""
     candidates: int = CANDIDATES
@@ -78,19 +75,20 @@ class OptimalRequest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CandidateSet:
-    """What can be chosen from: poses and joints (N, 4), and measurements made of them."""
+    """Candidate poses (N, t) with their joints (N, n), and measurements made of them."""
 
     poses: Array
-    joints_rad: Array
+    joints: Array
     ends: Index
     """Rows of the poses of each measurement: one for a shot, two for a pair, (M, 1 or 2)."""
     candidates: Candidates
-    workspace_rows: Array
+    workspace: Array
+    """Jacobian of the positions that are judged, (K, 3, P)."""
     variance_mm2: Array | None = None
     """Of each distance, (M,); the candidates take them all as the common one."""
 
-    def underrated(self, rows: Index) -> float:
-        """How much larger the σ of chosen measurements are than by the common variance of all."""
+    def variance_ratio(self, rows: Index) -> float:
+        """σ of chosen measurements by their own pooled variance, over that by all's."""
         if self.variance_mm2 is None:
             return 1.0
         chosen = pooled_variance_mm2(self.variance_mm2[rows])
@@ -108,7 +106,7 @@ class CandidateSet:
 
     def criterion(self, name: CriterionName) -> Criterion:
         """Of that name, for these candidates."""
-        return make_criterion(name, self.candidates, self.workspace_rows)
+        return make_criterion(name, self.candidates, self.workspace)
 
 
 def draw_candidates(
@@ -121,19 +119,20 @@ def draw_candidates(
     near_boundary = request.candidates // 2
     inner = interior_poses(region, request.candidates - near_boundary, rng)
     poses = np.vstack([inner, boundary_poses(region, near_boundary, rng)])
-    joints = inverse(region.geometry, poses).require()
+    joints = region.kinematics.inverse(poses).values_or_raise()
     workspace = workspace_poses(
-        region.geometry, region.limits, region.centre, WORKSPACE_SAMPLE, rng
+        region.kinematics, region.limits, region.centre, WORKSPACE_SAMPLE, rng
     )
-    judged_at = point_jacobian_at(region.geometry, request.free, workspace)
+    there = region.kinematics.inverse(workspace).values_or_raise()
+    judged_at = point_jacobian(region.kinematics, request.free, there, workspace)
     noise = point_covariance_mm2(poses[:, :3] - region.view_from_mm, request.uncertainty)
     if request.estimator == Estimator.POINTS:
-        shots = shot_candidates(region.geometry, request.free, joints, poses, noise)
+        shots = shot_candidates(region.kinematics, request.free, joints, poses, noise)
         return CandidateSet(poses, joints, np.arange(len(poses))[:, None], shots, judged_at)
     pairs = _many_pairs(poses, rng)
     variance = distance_variance_mm2(poses[:, :3], noise, pairs[:, 0], pairs[:, 1])
     alike = np.full(len(pairs), pooled_variance_mm2(variance))
-    distances = pair_candidates(region.geometry, request.free, joints, poses, pairs, alike)
+    distances = pair_candidates(region.kinematics, request.free, joints, poses, pairs, alike)
     return CandidateSet(poses, joints, pairs, distances, marginalise_frame(judged_at), variance)
 
 
@@ -163,7 +162,7 @@ class OptimalPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Choice:
-    """Poses to identify from, (N, 4), and the pairs of them."""
+    """Poses to identify from, (N, t), and the pairs of them."""
 
     poses: Array
     pairs: Index
@@ -180,8 +179,7 @@ def make_optimal_plan(
     """
     others = make_plan(robot, view, replace(request.plan, identification_shots=0), rng)
     unseen = [shot for shot in others if shot.purpose is ShotSet.VALIDATION]
-    limits = with_reserve(numeric_limits(robot))
-    region = region_of(numeric_geometry(robot), limits, view, request.plan.centre)
+    region = region_of(robot.kinematics, with_reserve(robot), view, request.plan.centre)
     try:
         choice = _choose(region, request, rng)
     except WorkspaceTooSmall as error:
@@ -199,12 +197,15 @@ def _choose(region: FeasibleRegion, request: OptimalRequest, rng: np.random.Gene
     options = draw_candidates(region, request, rng)
     _check_shots(options, request)
     chosen = choose_measurements(options, request, rng)
-    curve = tuple(_curve(options, request, chosen, rng))
+    units = region.kinematics.mechanism.parameters.units(request.free)
+    curve = tuple(_curve(options, request, units, chosen, rng))
     rows = options.ends[chosen].ravel()
-    poses, joints = options.poses[rows], options.joints_rad[rows]
+    poses, joints = options.poses[rows], options.joints[rows]
     if request.estimator == Estimator.DISTANCES:
         return _Choice(poses, np.arange(len(rows)).reshape(-1, 2), curve)
-    return _Choice(poses, neighbouring_pairs(joints, poses[:, :3], _start_rad(region)), curve)
+    turns, start = region.kinematics.comparable(joints), _start(region)
+    pairs = neighbouring_pairs(turns, poses[:, :3], region.kinematics.comparable(start))
+    return _Choice(poses, pairs, curve)
 
 
 def _check_shots(options: CandidateSet, request: OptimalRequest) -> None:
@@ -246,7 +247,7 @@ def choose_measurements(
             design = minimal_design(
                 options.candidates, criterion, goal_mm, most, options.step, rng
             ).least
-            found_mm = design.worst_length_mm * options.underrated(design.chosen)
+            found_mm = design.worst_length_mm * options.variance_ratio(design.chosen)
             if found_mm <= request.until_mm:
                 break
             goal_mm *= request.until_mm / found_mm
@@ -266,9 +267,13 @@ def _out_of_reach(error: GoalOutOfReach, goal_mm: float, poses_each: int) -> Pla
 
 
 def _curve(
-    options: CandidateSet, request: OptimalRequest, chosen: Index, rng: np.random.Generator
+    options: CandidateSet,
+    request: OptimalRequest,
+    units: Array,
+    chosen: Index,
+    rng: np.random.Generator,
 ) -> Iterator[PredictedPrecision]:
-    """What other numbers of measurements would tell, and the chosen ones among them."""
+    """Precision that other numbers of measurements would give, the chosen ones among them."""
     fewest = minimum_count(options.candidates, options.step)
     reach = min(CURVE_REACH * max(len(chosen), 2 * fewest), len(options.candidates))
     counts = [
@@ -281,8 +286,8 @@ def _curve(
     for rows in sorted([*others, chosen], key=len):
         matrix = covariance(options.candidates.jacobian(rows))[: len(request.free)]
         shots = len(rows) * options.poses_each
-        parameters = matrix[:, : len(request.free)] * options.underrated(rows) ** 2
-        yield PredictedPrecision(shots, request.free, parameters)
+        parameters = matrix[:, : len(request.free)] * options.variance_ratio(rows) ** 2
+        yield PredictedPrecision(shots, request.free, units, parameters)
 
 
 def _next_up(length_mm: float) -> float:
@@ -291,17 +296,19 @@ def _next_up(length_mm: float) -> float:
     return math.ceil(length_mm / digit) * digit
 
 
-def _start_rad(region: FeasibleRegion) -> Array:
-    return np.asarray(inverse(region.geometry, region.centre[None]).require()[0])
+def _start(region: FeasibleRegion) -> Array:
+    """Joints (n,) of the workspace's centre."""
+    return np.asarray(region.kinematics.inverse(region.centre[None]).values_or_raise()[0])
 
 
 def _ordered(
     region: FeasibleRegion, choice: _Choice, unseen: list[PlannedShot], drift_shots: int
 ) -> tuple[PlannedShot, ...]:
     """All pairs in one tour, so that slow effects meet them alike, and the drift shots in it."""
-    fitted, start = len(choice.poses), _start_rad(region)
-    poses = np.vstack([choice.poses, poses_of(unseen).reshape(-1, 4)])
-    joints = inverse(region.geometry, poses).require()
+    fitted, start = len(choice.poses), _start(region)
+    poses = np.vstack([choice.poses, poses_of(unseen).reshape(-1, len(region.centre))])
+    joints = region.kinematics.inverse(poses).values_or_raise()
     pairs = np.vstack([choice.pairs, np.arange(fitted, len(poses)).reshape(-1, 2)])
-    tour = balance_approaches(joints, pairs, start, np.arange(len(poses)) < fitted)
+    turns, turned = (region.kinematics.comparable(each) for each in (joints, start))
+    tour = balance_approaches(turns, pairs, turned, np.arange(len(poses)) < fitted)
     return numbered_shots(tour, poses, joints, fitted, (region.centre, start), drift_shots)

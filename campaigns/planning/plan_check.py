@@ -1,21 +1,15 @@
-"""Judges a plan, made or edited, before anything moves."""
+"""Check of a plan, made or edited, before anything moves."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.design.pose_sampling import incidence_rad
 from campaigns.errors import PlanInvalid
-from campaigns.mechanisms.feasibility import (
-    Feasibility,
-    Limits,
-    describe_violations,
-    feasibility,
-)
-from campaigns.mechanisms.geometry import Geometry
-from campaigns.planning.paths import RobotModel, check_paths, named_stops
+from campaigns.mechanisms.mechanism import Axis, Feasibility, Kinematics, Limits
+from campaigns.planning.paths import RobotModel, Stop, check_paths
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import View, joints_of, poses_of
 from campaigns.robots.robot import pose_row
@@ -23,7 +17,7 @@ from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
 AGREEMENT_RAD = float(np.radians(0.01))
-"""How far a row's joints may be from those that its pose takes."""
+"""How far a row's joints may be from those that its pose takes: of cranks, or what compares."""
 TOLERANCE_RAD = 1e-9
 FAULTS_NAMED = 5
 
@@ -50,7 +44,7 @@ class CheckedPlan:
 
 def check_plan(
     shots: Sequence[PlannedShot],
-    geometry: Geometry,
+    kinematics: Kinematics,
     limits: Limits,
     view: View,
     centre: Pose,
@@ -62,14 +56,17 @@ def check_plan(
     """
     refuse(
         [
-            *_pose_faults(shots, geometry, limits),
+            *_pose_faults(shots, kinematics, limits),
             *_view_faults(shots, view),
             *_drift_faults(shots),
         ],
         remedy="correct plan.csv, or plan anew with `pkmcal plan`",
     )
-    stops = named_stops([f"shot {shot.shot}" for shot in shots], joints_of(shots))
-    ways = check_paths(stops, RobotModel(geometry, limits, pose_row(centre)))
+    stops = [
+        Stop(f"shot {shot.shot}", joints)
+        for shot, joints in zip(shots, joints_of(shots), strict=True)
+    ]
+    ways = check_paths(stops, RobotModel(kinematics, limits, pose_row(centre)))
     refuse(ways.faults, remedy="move one of the two poses, or plan anew with `pkmcal plan`")
     seconds = ways.travel_rad / pace.joint_speed_rad_s
     seconds += len(shots) * (pace.settle_s + pace.measure_s)
@@ -96,39 +93,37 @@ def view_fault(point_mm: Array, view: View) -> str:
     )
 
 
-def _pose_faults(shots: Sequence[PlannedShot], geometry: Geometry, limits: Limits) -> Iterator[str]:
+def _pose_faults(
+    shots: Sequence[PlannedShot], kinematics: Kinematics, limits: Limits
+) -> Iterator[str]:
     """Poses that cannot be taken, and joints that are not those of their pose."""
-    poses = poses_of(shots)
-    judged = feasibility(geometry, _tolerant(limits), poses)
+    tolerant = _tolerant(limits, kinematics.mechanism.joints[0])
+    judged = kinematics.feasibility(tolerant, poses_of(shots))
     for row, shot in enumerate(shots):
         if not judged.feasible[row]:
-            reasons = describe_violations(limits, judged, row, shot.pose.theta_rad)
-            yield f"shot {shot.shot}: {'; '.join(reasons)}"
+            yield f"shot {shot.shot}: {'; '.join(judged.describe(row, limits))}"
         else:
             yield from _disagreement(shot, judged, row)
 
 
 def _disagreement(shot: PlannedShot, judged: Feasibility, row: int) -> Iterator[str]:
     """The joint that is furthest from where the shot's pose wants it, if that is too far."""
-    away = np.abs(np.array(shot.joints_rad) - judged.joints_rad[row])
+    away = np.abs(np.array(shot.joints) - judged.joints[row])
     joint = int(np.argmax(away))
-    if not away[joint] <= AGREEMENT_RAD:
+    axis = judged.joint_axes[joint]
+    limit = AGREEMENT_RAD * axis.scale
+    if not away[joint] <= limit:
         yield (
-            f"shot {shot.shot}: q{joint}_deg is {np.degrees(shot.joints_rad[joint]):.4f}, but its "
-            f"pose takes {np.degrees(judged.joints_rad[row, joint]):.4f} "
-            f"(limit {np.degrees(AGREEMENT_RAD):g} away)"
+            f"shot {shot.shot}: {axis.column} is {axis.to_file(shot.joints[joint]):.4f}, but its "
+            f"pose takes {axis.to_file(judged.joints[row, joint]):.4f} "
+            f"(limit {axis.to_file(limit):g} away)"
         )
 
 
-def _tolerant(limits: Limits) -> Limits:
+def _tolerant(limits: Limits, joint: Axis) -> Limits:
     """Limits that a pose exactly on them keeps."""
-    (low, high), (left, right) = limits.joint_rad, limits.theta_rad
-    return replace(
-        limits,
-        joint_rad=(low - TOLERANCE_RAD, high + TOLERANCE_RAD),
-        theta_rad=(left - TOLERANCE_RAD, right + TOLERANCE_RAD),
-        forearm_swing_rad=limits.forearm_swing_rad + TOLERANCE_RAD,
-    )
+    tolerance = TOLERANCE_RAD
+    return limits.drawn_in(joint=-tolerance * joint.scale, task=-tolerance, swing_rad=-tolerance)
 
 
 def _view_faults(shots: Sequence[PlannedShot], view: View) -> Iterator[str]:

@@ -5,30 +5,29 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from campaigns.errors import PlanInvalid
-from campaigns.files.csv_file import CsvForm, CsvRow, angle_text, csv_text, number_text, parse_csv
+from campaigns.errors import CampaignError, PlanInvalid, WriteFailed
+from campaigns.files.csv_file import CsvForm, CsvRow, csv_text, parse_csv
 from campaigns.files.text_file import read_text, replace_text
+from campaigns.mechanisms.mechanism import Mechanism
+from campaigns.robots.robot import pose_of
 from campaigns.shots.columns import (
-    JOINT_COLUMNS,
-    POINT_COLUMNS,
     PairedRow,
-    angle_rad,
+    axis_columns,
+    axis_texts,
+    axis_values,
     check_pairs,
-    joints_rad,
     pair_number,
     shot_set,
 )
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
-COLUMNS = ("shot", "set", "pair", *POINT_COLUMNS, "theta_deg", *JOINT_COLUMNS)
-
-_FORM = CsvForm(required=COLUMNS, optional=(), invalid=PlanInvalid)
+KEYS = ("shot", "set", "pair")
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedShot:
-    """One shot to be taken: where the plate shall be, and the encoder angles that bring it there.
+    """Shot to be taken: where the plate shall be, and the joint values that bring it there.
 
     The pose is the controlled point in the base frame. `pair` is None for sets without pairs.
     """
@@ -37,41 +36,76 @@ class PlannedShot:
     purpose: ShotSet
     pair: int | None
     pose: Pose
-    joints_rad: tuple[float, ...]
+    joints: tuple[float, ...]
 
 
-def read_plan(path: Path) -> tuple[PlannedShot, ...]:
-    """Read a plan, in the order in which it will be run; raises `PlanInvalid`."""
+def plan_columns(mechanism: Mechanism) -> tuple[str, ...]:
+    """Columns of a robot's plan: its pose, then its joints."""
+    return (*KEYS, *axis_columns(mechanism.task), *axis_columns(mechanism.joints))
+
+
+def read_plan(path: Path, mechanism: Mechanism) -> tuple[PlannedShot, ...]:
+    """Plan in the order in which it will be run; raises `PlanInvalid`."""
     text = read_text(path, PlanInvalid, if_missing="make one with `pkmcal plan`")
-    return parse_plan(text, str(path))
+    return parse_plan(text, str(path), mechanism)
 
 
-def write_plan(path: Path, shots: Sequence[PlannedShot]) -> None:
+def write_plan(path: Path, shots: Sequence[PlannedShot], mechanism: Mechanism) -> None:
     """Write a plan, in place of an older one; raises `WriteFailed`."""
-    replace_text(path, plan_text(shots))
+    replace_text(path, plan_text(shots, mechanism))
 
 
-def plan_digest(shots: Sequence[PlannedShot]) -> str:
-    """Return the sha256 of the plan's text: the same before writing and after reading."""
-    return hashlib.sha256(plan_text(shots).encode("utf-8")).hexdigest()
+def write_beside_older(path: Path, shots: Sequence[PlannedShot], mechanism: Mechanism) -> None:
+    """Write a plan; an older one is kept under the first free number, or stays if that fails.
+
+    Raises `WriteFailed`.
+    """
+    older = _moved_aside(path)
+    try:
+        write_plan(path, shots, mechanism)
+    except CampaignError:
+        if older is not None:
+            older.rename(path)
+        raise
 
 
-def plan_text(shots: Sequence[PlannedShot]) -> str:
-    """Write a plan as the text of its file."""
-    return csv_text(COLUMNS, [_row_of(shot) for shot in shots])
+def plan_digest(shots: Sequence[PlannedShot], mechanism: Mechanism) -> str:
+    """SHA-256 of the plan's text: the same before writing and after reading."""
+    return hashlib.sha256(plan_text(shots, mechanism).encode("utf-8")).hexdigest()
 
 
-def parse_plan(text: str, name: str) -> tuple[PlannedShot, ...]:
-    """Read a plan from its text; raises `PlanInvalid` with the line."""
-    rows = list(parse_csv(text, name, _FORM))
+def plan_text(shots: Sequence[PlannedShot], mechanism: Mechanism) -> str:
+    """Text of a plan's file."""
+    return csv_text(plan_columns(mechanism), [_row_of(shot, mechanism) for shot in shots])
+
+
+def parse_plan(text: str, name: str, mechanism: Mechanism) -> tuple[PlannedShot, ...]:
+    """Plan of a file's text; raises `PlanInvalid` with the line."""
+    form = CsvForm(required=plan_columns(mechanism), optional=(), invalid=PlanInvalid)
+    rows = list(parse_csv(text, name, form))
     if not rows:
         raise PlanInvalid(f"{name}: holds no shots", remedy="make a plan with `pkmcal plan`")
-    shots = tuple(_shot_of(row) for row in rows)
+    shots = tuple(_shot_of(row, mechanism) for row in rows)
     _check_numbers(rows, shots)
     check_pairs(
         [PairedRow(row, shot.purpose, shot.pair) for row, shot in zip(rows, shots, strict=True)]
     )
     return shots
+
+
+def _moved_aside(path: Path) -> Path | None:
+    if not path.exists():
+        return None
+    number = 1
+    while (older := path.with_name(f"plan-older-{number}.csv")).exists():
+        number += 1
+    try:
+        return path.rename(older)
+    except OSError as error:
+        raise WriteFailed(
+            f"{path}: cannot be renamed to {older.name} ({error.strerror})",
+            remedy="check that this user may write the folder",
+        ) from error
 
 
 def _check_numbers(rows: Sequence[CsvRow], shots: Sequence[PlannedShot]) -> None:
@@ -84,24 +118,22 @@ def _check_numbers(rows: Sequence[CsvRow], shots: Sequence[PlannedShot]) -> None
         seen.add(shot.shot)
 
 
-def _shot_of(row: CsvRow) -> PlannedShot:
+def _shot_of(row: CsvRow, mechanism: Mechanism) -> PlannedShot:
     purpose = shot_set(row)
-    x_mm, y_mm, z_mm = (row.number(column) for column in POINT_COLUMNS)
     return PlannedShot(
         shot=row.whole_number("shot"),
         purpose=purpose,
         pair=pair_number(row, purpose),
-        pose=Pose(x_mm, y_mm, z_mm, angle_rad(row, "theta_deg")),
-        joints_rad=joints_rad(row),
+        pose=pose_of(axis_values(row, mechanism.task)),
+        joints=axis_values(row, mechanism.joints),
     )
 
 
-def _row_of(shot: PlannedShot) -> list[str]:
-    pose = shot.pose
+def _row_of(shot: PlannedShot, mechanism: Mechanism) -> list[str]:
     return [
         str(shot.shot),
         shot.purpose.value,
         "" if shot.pair is None else str(shot.pair),
-        *(number_text(value) for value in (pose.x_mm, pose.y_mm, pose.z_mm)),
-        *(angle_text(value) for value in (pose.theta_rad, *shot.joints_rad)),
+        *axis_texts(mechanism.task, shot.pose.coordinates),
+        *axis_texts(mechanism.joints, shot.joints),
     ]

@@ -1,7 +1,8 @@
-"""Plans a campaign: which poses, in which pairs and order; judges a plan before anything moves."""
+"""Plans by the paper's recipe: poses near the boundary, in pairs and order; drift shots between."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
@@ -15,11 +16,10 @@ from campaigns.design.pose_sampling import (
 )
 from campaigns.design.tours import shortest_tour
 from campaigns.errors import PlanInvalid
-from campaigns.mechanisms.feasibility import Limits
-from campaigns.mechanisms.geometry import Geometry
-from campaigns.mechanisms.par4 import inverse
+from campaigns.mechanisms.mechanism import Kinematics, Limits
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.robots.robot import RobotFile, numeric_geometry, numeric_limits, pose_of, pose_row
+from campaigns.robots.robot import RobotFile, pose_of, pose_row
+from campaigns.shots.pairs import pair_rows
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose, Vector3
 
@@ -29,6 +29,13 @@ POSE_RESERVE_RAD = float(np.radians(1.0))
 UNSEEN_JOINT_RESERVE_RAD = float(np.radians(5.0))
 """Validation poses keep further off: with other parameters in the controller the same pose takes
 other encoder angles, and it should still be there to be compared."""
+
+
+class Placement(StrEnum):
+    """Where poses are placed; the value is the word on the command line and in campaign.yaml."""
+
+    BOUNDARY = "boundary"
+    OPTIMAL = "optimal"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,23 +58,20 @@ class PlanRequest:
     centre: Pose
 
 
-def with_reserve(limits: Limits) -> Limits:
-    """Limits drawn in, for planning."""
-    low, high = limits.joint_rad
-    left, right = limits.theta_rad
-    return replace(
-        limits,
-        joint_rad=(low + JOINT_RESERVE_RAD, high - JOINT_RESERVE_RAD),
-        theta_rad=(left + POSE_RESERVE_RAD, right - POSE_RESERVE_RAD),
-        forearm_swing_rad=limits.forearm_swing_rad - POSE_RESERVE_RAD,
+def with_reserve(robot: RobotFile) -> Limits:
+    """Limits of a robot drawn in, for planning."""
+    return robot.limits.drawn_in(
+        joint=JOINT_RESERVE_RAD * robot.mechanism.joints[0].scale,
+        task=POSE_RESERVE_RAD,
+        swing_rad=POSE_RESERVE_RAD,
     )
 
 
-def region_of(geometry: Geometry, limits: Limits, view: View, centre: Pose) -> FeasibleRegion:
+def region_of(kinematics: Kinematics, limits: Limits, view: View, centre: Pose) -> FeasibleRegion:
     """Where poses may be placed."""
     facing = np.array(view.facing)
     return FeasibleRegion(
-        geometry,
+        kinematics,
         limits,
         pose_row(centre),
         np.array(view.tracker_mm),
@@ -84,8 +88,8 @@ def make_plan(
     Both kinds of pairs share one tour with little travel, so that slow effects meet them alike.
     Raises `PlanInvalid` when the workspace holds too few poses that can be taken and seen.
     """
-    geometry = numeric_geometry(robot)
-    region = region_of(geometry, with_reserve(numeric_limits(robot)), view, request.centre)
+    kinematics = robot.kinematics
+    region = region_of(kinematics, with_reserve(robot), view, request.centre)
     if not region.allows(region.centre[None])[0]:
         x, y, z = (f"{value:g}" for value in region.centre[:3])
         raise PlanInvalid(
@@ -101,20 +105,20 @@ def make_plan(
             remedy="check the robot's limits and the tracker's place, or ask for fewer shots",
         ) from error
     poses = np.vstack([fitted, unseen])
-    joints = inverse(geometry, poses).require()
-    centre_joints = inverse(geometry, region.centre[None]).require()[0]
+    joints = kinematics.inverse(poses).values_or_raise()
+    centre_joints = kinematics.inverse(region.centre[None]).values_or_raise()[0]
     pairs = np.vstack([random_pairs(fitted, rng), random_pairs(unseen, rng) + len(fitted)])
-    tour = shortest_tour(joints, pairs, centre_joints)
+    turns, start = (kinematics.comparable(each) for each in (joints, centre_joints))
+    tour = shortest_tour(turns, pairs, start)
     drift = (region.centre, centre_joints)
     return numbered_shots(tour, poses, joints, len(fitted), drift, request.drift_shots)
 
 
 def _inner(region: FeasibleRegion) -> FeasibleRegion:
     """Where validation poses may be placed."""
-    low, high = region.limits.joint_rad
     further = UNSEEN_JOINT_RESERVE_RAD - JOINT_RESERVE_RAD
-    limits = replace(region.limits, joint_rad=(low + further, high - further))
-    return replace(region, limits=limits)
+    scale = region.kinematics.mechanism.joints[0].scale
+    return replace(region, limits=region.limits.drawn_in(joint=further * scale))
 
 
 def numbered_shots(
@@ -140,20 +144,16 @@ def numbered_shots(
 
 
 def joints_of(shots: Sequence[PlannedShot]) -> Array:
-    """(N, 4) in rad."""
-    return np.array([shot.joints_rad for shot in shots])
+    """Joints (N, n) of planned shots."""
+    return np.array([shot.joints for shot in shots])
 
 
 def poses_of(shots: Sequence[PlannedShot]) -> Array:
-    """(N, 4) in mm and rad."""
+    """Poses (N, t) of planned shots."""
     return np.array([pose_row(shot.pose) for shot in shots])
 
 
 def pairs_of(shots: Sequence[PlannedShot], purpose: ShotSet) -> Index:
-    """Rows of the shots that stand in whole pairs for that purpose, (M, 2)."""
-    rows: dict[int, list[int]] = {}
-    for row, shot in enumerate(shots):
-        if shot.purpose is purpose and shot.pair is not None:
-            rows.setdefault(shot.pair, []).append(row)
-    whole = [both for both in rows.values() if len(both) == 2]
-    return np.array(whole, dtype=np.intp).reshape(-1, 2)
+    """Rows of the shots that stand in whole pairs of a set, (M, 2)."""
+    pairs = (shot.pair if shot.purpose is purpose else None for shot in shots)
+    return pair_rows(tuple(pairs)).rows

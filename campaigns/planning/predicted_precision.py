@@ -1,45 +1,48 @@
-"""What a plan will tell before anything has moved: parameters, and positions in the workspace."""
+"""Predicted precision: covariance of parameters and of positions before anything has moved."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from campaigns.arrays import Array, Index
+from campaigns.arrays import Array
 from campaigns.design.exchange import Unobservable, check_observable
+from campaigns.design.pose_sampling import (
+    FeasibleRegion,
+    WorkspaceTooSmall,
+    workspace_poses,
+)
 from campaigns.design.tours import positive_approach_shares
 from campaigns.errors import PlanInvalid
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import (
     PredictedCovariance,
-    distance_jacobian,
-    marginalise_frame,
-    point_jacobian,
-    points_covariance,
+    largest_std,
     position_std_mm,
     predict_distances,
     predict_points,
+    workspace_jacobian,
 )
-from campaigns.estimation.observability import covariance, largest_std
 from campaigns.estimation.tracker_noise import (
     TrackerUncertainty,
     distance_variance_mm2,
     point_covariance_mm2,
     pooled_variance_mm2,
 )
-from campaigns.mechanisms.geometry import FILE_UNIT, Geometry, indices
-from campaigns.mechanisms.par4 import inverse
+from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.plans import joints_of, pairs_of, poses_of
+from campaigns.planning.plans import Placement, joints_of, pairs_of, poses_of
 from campaigns.shots.shot_sets import ShotSet
 
 WORKSPACE_SAMPLE = 1000
 """At so many poses all over the workspace positions are judged."""
+WORKSPACE_SEED = 1
+"""The same ones for every plan of a robot."""
 
 
 @dataclass(frozen=True, slots=True)
 class EstimationSetup:
-    """By what the parameters will be known."""
+    """Estimator, free parameters, and the tracker's stated uncertainty."""
 
     estimator: Estimator
     free: tuple[str, ...]
@@ -48,15 +51,17 @@ class EstimationSetup:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PredictedPrecision:
-    """How well so many shots will tell the parameters."""
+    """Covariance that so many shots will give of the parameters."""
 
     shots: int
     names: tuple[str, ...]
+    units: Array
+    """Factors from the units of the names (mm, deg) to inner ones, (F,)."""
     covariance: Array
-    """(F, F), mm and rad; infinite when they cannot tell all."""
+    """(F, F), mm and rad; infinite when the rank is lost."""
 
     @property
-    def tells_all(self) -> bool:
+    def full_rank(self) -> bool:
         """Whether every parameter will be known."""
         return bool(np.isfinite(self.covariance).all())
 
@@ -68,8 +73,7 @@ class PredictedPrecision:
     @property
     def std_in_file_units(self) -> dict[str, float]:
         """1 σ in mm and deg, by name."""
-        values = self.std / FILE_UNIT[indices(self.names)]
-        return dict(zip(self.names, values.tolist(), strict=True))
+        return dict(zip(self.names, (self.std / self.units).tolist(), strict=True))
 
     @property
     def worst_length_mm(self) -> float:
@@ -81,56 +85,88 @@ class PredictedPrecision:
         """The largest σ of an angle; zero where none is free."""
         return largest_std(self.std, self.names)[1]
 
-    def position_std_mm(self, workspace_rows: Array) -> Array:
-        """σ of the position where rows (N, 3, F) without a frame look, (N,)."""
-        if not self.tells_all:
-            return np.full(len(workspace_rows), np.inf)
-        return position_std_mm(workspace_rows, self.covariance)
+    def position_std_mm(self, jacobian: Array) -> Array:
+        """σ of the position where a workspace Jacobian (N, 3, F) looks, (N,)."""
+        if not self.full_rank:
+            return np.full(len(jacobian), np.inf)
+        return position_std_mm(jacobian, self.covariance)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PrecisionCurvePoint:
-    """What some number of shots would tell."""
+    """Predicted precision of some number of shots, on a curve of several."""
 
-    expected: PredictedPrecision
+    predicted: PredictedPrecision
     position_mm: float
     """Mean predicted σ of positions over the workspace."""
 
     @classmethod
-    def of(cls, expected: PredictedPrecision, workspace_rows: Array) -> "PrecisionCurvePoint":
-        """With the position judged where rows (N, 3, F) without a frame look."""
-        return cls(expected, float(expected.position_std_mm(workspace_rows).mean()))
+    def of(cls, predicted: PredictedPrecision, jacobian: Array) -> "PrecisionCurvePoint":
+        """With the position judged where a workspace Jacobian (N, 3, F) looks."""
+        return cls(predicted, float(predicted.position_std_mm(jacobian).mean()))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanPrecision:
-    """What a plan's identification shots will tell."""
+    """Predicted precision of a plan's identification shots."""
 
-    expected: PredictedPrecision
-    prediction: PredictedCovariance
+    predicted: PredictedPrecision
+    information: PredictedCovariance
     position_std_mm: Array
     """Of positions all over the workspace, after a best fit of the frame, (N,)."""
     from_below: tuple[float, ...]
-    """Share of shots to which each joint comes from a smaller angle, (4,)."""
+    """Share of shots to which each joint comes from a smaller value, (n,)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanForecast:
+    """Precision of a plan and of other numbers of shots, and how the plan was made."""
+
+    precision: PlanPrecision
+    curve: tuple[PrecisionCurvePoint, ...]
+    """Empty where shots were not chosen."""
+    estimator: Estimator
+    placement: Placement
+    criterion: str | None
+    seed: int
 
 
 def predict_precision(
     shots: Sequence[PlannedShot],
-    geometry: Geometry,
+    kinematics: Kinematics,
     tracker_mm: Array,
-    means: EstimationSetup,
-    workspace_rows: Array,
+    setup: EstimationSetup,
+    workspace: Array,
 ) -> PlanPrecision:
-    """Judge a plan by the nominal geometry and the tracker's place (3,) in the base frame."""
-    prediction, covariance_matrix = _predicted(shots, geometry, tracker_mm, means)
+    """Precision of a plan by the nominal robot and the tracker's place (3,) in the base frame.
+
+    `workspace` is the Jacobian (N, 3, F) of the positions that are judged.
+    """
+    information = predicted_covariance(shots, kinematics, tracker_mm, setup)
     counted = sum(shot.purpose is ShotSet.IDENTIFICATION for shot in shots)
-    expected = PredictedPrecision(counted, means.free, covariance_matrix)
-    std_mm = expected.position_std_mm(workspace_rows)
-    return PlanPrecision(expected, prediction, std_mm, plan_approach_shares(shots))
+    units = kinematics.mechanism.parameters.units(setup.free)
+    predicted = PredictedPrecision(counted, setup.free, units, information.covariance)
+    std_mm = predicted.position_std_mm(workspace)
+    return PlanPrecision(predicted, information, std_mm, plan_approach_shares(shots))
+
+
+def predicted_covariance(
+    shots: Sequence[PlannedShot], kinematics: Kinematics, tracker_mm: Array, setup: EstimationSetup
+) -> PredictedCovariance:
+    """Covariance from the identification shots of a plan, if they scatter as stated."""
+    joints, poses = joints_of(shots), poses_of(shots)
+    pairs = pairs_of(shots, ShotSet.IDENTIFICATION)
+    noise = point_covariance_mm2(poses[:, :3] - tracker_mm, setup.uncertainty)
+    if setup.estimator is Estimator.POINTS:
+        rows = pairs.ravel()
+        return predict_points(kinematics, setup.free, joints[rows], poses[rows], noise[rows])
+    variance = distance_variance_mm2(poses[:, :3], noise, pairs[:, 0], pairs[:, 1])
+    alike = np.full(len(pairs), pooled_variance_mm2(variance))
+    return predict_distances(kinematics, setup.free, joints, poses, pairs, alike)
 
 
 def plan_approach_shares(shots: Sequence[PlannedShot]) -> tuple[float, ...]:
-    """Share of identification shots to which each joint comes from a smaller angle, (4,).
+    """Share of identification shots to which each joint comes from a smaller value, (n,).
 
     Ways are taken as straight; the first shot is reached from its own joints.
     """
@@ -139,20 +175,34 @@ def plan_approach_shares(shots: Sequence[PlannedShot]) -> tuple[float, ...]:
     return tuple(positive_approach_shares(joints, joints[0], counted).tolist())
 
 
-def workspace_jacobian(geometry: Geometry, free: tuple[str, ...], poses: Array) -> Array:
-    """How positions all over the workspace hang on the free parameters, (N, 3, F), mm and rad.
+def identifiable_workspace(kinematics: Kinematics, free: tuple[str, ...], poses: Array) -> Array:
+    """Workspace Jacobian (N, 3, F); raises `PlanInvalid` for parameters that move together."""
+    jacobian = workspace_jacobian(kinematics, free, poses)
+    require_identifiable(jacobian, free)
+    return jacobian
 
-    After a best fit of the frame. Raises `PlanInvalid` for parameters that no position tells apart.
+
+def sampled_workspace(
+    region: FeasibleRegion, free: tuple[str, ...], shots: Sequence[PlannedShot]
+) -> Array:
+    """Workspace Jacobian (N, 3, F) where positions are judged, the same for every plan of a robot.
+
+    At the plan's own poses where hardly any others can be taken. Raises `PlanInvalid`.
     """
-    rows = marginalise_frame(point_jacobian_at(geometry, free, poses))
-    require_observable(rows, free)
-    return rows
-
-
-def require_observable(rows: Array, free: tuple[str, ...]) -> None:
-    """Raise `PlanInvalid` for parameters that rows (N, 3, F) without a frame do not tell apart."""
+    rng = np.random.default_rng(WORKSPACE_SEED)
     try:
-        check_observable(rows.reshape(-1, len(free)), free)
+        poses = workspace_poses(
+            region.kinematics, region.limits, region.centre, WORKSPACE_SAMPLE, rng
+        )
+    except WorkspaceTooSmall:
+        poses = poses_of(shots)
+    return identifiable_workspace(region.kinematics, free, poses)
+
+
+def require_identifiable(jacobian: Array, free: tuple[str, ...]) -> None:
+    """Raise `PlanInvalid` for parameters that a Jacobian (N, 3, F) without a frame cannot tell."""
+    try:
+        check_observable(jacobian.reshape(-1, len(free)), free)
     except Unobservable as error:
         raise not_identifiable(error) from error
 
@@ -160,52 +210,3 @@ def require_observable(rows: Array, free: tuple[str, ...]) -> None:
 def not_identifiable(error: Unobservable) -> PlanInvalid:
     """The same, for the operator."""
     return PlanInvalid(str(error), remedy="hold one of them at its nominal value, with --fix")
-
-
-def point_jacobian_at(geometry: Geometry, free: tuple[str, ...], poses: Array) -> Array:
-    """∂(point in a frame to be estimated)/∂(free parameters, frame), (N, 3, F + 6)."""
-    return point_jacobian(geometry, free, inverse(geometry, poses).require(), poses)
-
-
-def _predicted(
-    shots: Sequence[PlannedShot], geometry: Geometry, tracker_mm: Array, means: EstimationSetup
-) -> tuple[PredictedCovariance, Array]:
-    """The prediction, and the covariance of the free parameters, (F, F)."""
-    joints, poses = joints_of(shots), poses_of(shots)
-    pairs = pairs_of(shots, ShotSet.IDENTIFICATION)
-    noise = point_covariance_mm2(poses[:, :3] - tracker_mm, means.uncertainty)
-    if means.estimator is Estimator.POINTS:
-        rows = pairs.ravel()
-        return _predicted_by_points(geometry, means.free, joints[rows], poses[rows], noise[rows])
-    variance = distance_variance_mm2(poses[:, :3], noise, pairs[:, 0], pairs[:, 1])
-    alike = np.full(len(pairs), pooled_variance_mm2(variance))
-    return _predicted_by_distances(geometry, means.free, joints, poses, pairs, alike)
-
-
-def _predicted_by_points(
-    geometry: Geometry, free: tuple[str, ...], joints: Array, poses: Array, noise_mm2: Array
-) -> tuple[PredictedCovariance, Array]:
-    told = predict_points(geometry, free, joints, poses, noise_mm2)
-    if told.rank < len(free):
-        return told, _unknown_covariance(free)
-    with_frame = points_covariance(geometry, free, joints, poses, noise_mm2)
-    return told, with_frame[: len(free), : len(free)]
-
-
-def _predicted_by_distances(
-    geometry: Geometry,
-    free: tuple[str, ...],
-    joints: Array,
-    poses: Array,
-    pairs: Index,
-    variance_mm2: Array,
-) -> tuple[PredictedCovariance, Array]:
-    told = predict_distances(geometry, free, joints, poses, pairs, variance_mm2)
-    if told.rank < len(free):
-        return told, _unknown_covariance(free)
-    rows = distance_jacobian(geometry, free, joints, poses, pairs)
-    return told, covariance(rows / np.sqrt(variance_mm2)[:, None])
-
-
-def _unknown_covariance(free: tuple[str, ...]) -> Array:
-    return np.full((len(free), len(free)), np.inf)

@@ -13,7 +13,7 @@ class Step:
 
     planned: PlannedShot
     command: Command
-    approach_rad: tuple[tuple[float, ...], ...] = ()
+    approach: tuple[tuple[float, ...], ...] = ()
 
 
 Group = tuple[Step, ...]
@@ -21,7 +21,7 @@ Group = tuple[Step, ...]
 
 
 def joint_steps(shots: Iterable[PlannedShot]) -> tuple[Step, ...]:
-    """Shots commanded by joint angles: independent of the geometry that the controller holds."""
+    """Shots commanded by joint angles: independent of the kinematics that the controller holds."""
     return tuple(Step(shot, "joints") for shot in shots)
 
 
@@ -44,4 +44,4 @@ def groups(steps: Sequence[Step]) -> tuple[Group, ...]:
 def stops_of(all_groups: Iterable[Group]) -> list[tuple[float, ...]]:
     """The joints at which the robot stops when it takes these groups, one after another."""
     steps = [step for group in all_groups for step in group]
-    return [stop for step in steps for stop in (*step.approach_rad, step.planned.joints_rad)]
+    return [stop for step in steps for stop in (*step.approach, step.planned.joints)]

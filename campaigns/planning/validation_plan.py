@@ -10,8 +10,7 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import PlanInvalid
-from campaigns.mechanisms.feasibility import Limits, describe_violations, feasibility
-from campaigns.mechanisms.geometry import Geometry
+from campaigns.mechanisms.mechanism import Axis, Interval, Kinematics, Limits
 from campaigns.planning.paths import RobotModel, Stop, check_paths
 from campaigns.planning.plan_check import refuse, view_fault
 from campaigns.planning.plan_file import PlannedShot
@@ -36,24 +35,24 @@ class Reachable:
     `view` is how the tracker sees it; None when that need not be looked at.
     """
 
-    geometry: Geometry
+    kinematics: Kinematics
     limits: Limits
     view: View | None = None
 
     def first_reason(self, poses: Array) -> str:
-        """Why the first impossible one of poses (N, 4) is impossible; empty when none is."""
-        judged = feasibility(self.geometry, self.limits, poses)
+        """Why the first impossible one of poses (N, t) is impossible; empty when none is."""
+        judged = self.kinematics.feasibility(self.limits, poses)
         if not judged.feasible.all():
             row = int(np.argmin(judged.feasible))
-            return describe_violations(self.limits, judged, row, float(poses[row, 3]))[0]
+            return judged.describe(row)[0]
         if self.view is None:
             return ""
         faults = (view_fault(pose[:3], self.view) for pose in poses)
         return next(filter(None, faults), "")
 
-    def joints_rad(self, poses: Array) -> Array:
-        """Encoder angles of poses (N, 4), (N, 4)."""
-        return feasibility(self.geometry, self.limits, poses).joints_rad
+    def joints(self, poses: Array) -> Array:
+        """Joints (N, n) of poses (N, t)."""
+        return self.kinematics.feasibility(self.limits, poses).joints
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,14 +65,14 @@ class ValidationSteps:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Test:
-    """The poses (N, 4) of one test, and what was changed to make them possible."""
+    """Poses (N, t) of one test, and what was changed to make them possible."""
 
     purpose: ShotSet
     poses: Array
     pairs: Sequence[int | None]
     notes: tuple[str, ...] = ()
     approaches: Array | None = None
-    """Poses from which each is approached, (N, 4)."""
+    """Poses from which each is approached, (N, t)."""
 
 
 def validation_steps(
@@ -87,11 +86,12 @@ def validation_steps(
 
     Raises `PlanInvalid` when a test cannot be done at all, or a way between poses is not safe.
     """
-    centre = np.array([*config.centre_mm, 0.0])
+    centre = np.zeros(len(robot.kinematics.mechanism.task))
+    centre[: len(AXES)] = config.centre_mm
     # pairs first: spread as they are, they tell the gate where the tracker stands
     makers: Mapping[ShotSet, Callable[[], list[_Test]]] = {
         ShotSet.VALIDATION: lambda: [_possible_pairs(pairs, robot)],
-        ShotSet.ROTATION: lambda: [_rotation(centre, config.rotation_steps, robot)],
+        ShotSet.ROTATION: lambda: _rotations(centre, config.rotation_steps, robot),
         ShotSet.STRAIGHTNESS: lambda: _lines(centre, config, robot),
         ShotSet.REPEATABILITY: lambda: [
             _repetitions(centre, config.repeatability_approaches, robot, rng)
@@ -107,13 +107,13 @@ def validation_steps(
         replace(step, planned=replace(step.planned, shot=number))
         for number, step in enumerate(steps)
     )
-    _check_ways(numbered, RobotModel(robot.geometry, robot.limits, centre))
+    _check_ways(numbered, RobotModel(robot.kinematics, robot.limits, centre))
     return ValidationSteps(numbered, notes)
 
 
 def _steps(test: _Test, robot: Reachable) -> list[Step]:
     """A test's steps, each still with the number 0."""
-    joints = robot.joints_rad(test.poses)
+    joints = robot.joints(test.poses)
     via = [()] * len(joints) if test.approaches is None else _vias(robot, test.approaches)
     return [
         Step(PlannedShot(0, test.purpose, pair, pose_of(pose), tuple(q.tolist())), "pose", passed)
@@ -122,17 +122,17 @@ def _steps(test: _Test, robot: Reachable) -> list[Step]:
 
 
 def _vias(robot: Reachable, poses: Array) -> list[tuple[tuple[float, ...], ...]]:
-    return [(tuple(q.tolist()),) for q in robot.joints_rad(poses)]
+    return [(tuple(q.tolist()),) for q in robot.joints(poses)]
 
 
-def _check_ways(steps: Sequence[Step], mechanism: RobotModel) -> None:
+def _check_ways(steps: Sequence[Step], robot: RobotModel) -> None:
     stops: list[Stop] = []
     for step in steps:
         name = f"{step.planned.purpose.value} shot {step.planned.shot}"
-        stops += [Stop(f"the approach to {name}", np.array(q)) for q in step.approach_rad]
-        stops.append(Stop(name, np.array(step.planned.joints_rad)))
+        stops += [Stop(f"the approach to {name}", np.array(q)) for q in step.approach]
+        stops.append(Stop(name, np.array(step.planned.joints)))
     refuse(
-        check_paths(stops, mechanism).faults,
+        check_paths(stops, robot).faults,
         remedy="correct `validation` in campaign.yaml, or plan anew",
     )
 
@@ -150,7 +150,8 @@ def _possible_pairs(shots: Sequence[PlannedShot], robot: Reachable) -> _Test:
             notes.append(f"validation pair {pair} left out: {reason}")
         else:
             taken += both
-    poses = np.array([pose_row(shot.pose) for shot in taken]).reshape(-1, 4)
+    count = len(robot.kinematics.mechanism.task)
+    poses = np.array([pose_row(shot.pose) for shot in taken]).reshape(-1, count)
     return _Test(ShotSet.VALIDATION, poses, [shot.pair for shot in taken], tuple(notes))
 
 
@@ -168,17 +169,28 @@ def _repetitions(centre: Array, count: int, robot: Reachable, rng: np.random.Gen
     return _Test(ShotSet.REPEATABILITY, poses, [None] * count, approaches=approaches)
 
 
-def _rotation(centre: Array, steps: int, robot: Reachable) -> _Test:
-    low, high = robot.limits.theta_rad
-    angles = np.linspace(low, high, steps)
+def _rotations(centre: Array, steps: int, robot: Reachable) -> list[_Test]:
+    """Turns about each task axis that has limits; none for a platform that does not turn."""
+    axes = enumerate(zip(robot.kinematics.mechanism.task, robot.limits.task, strict=True))
+    return [
+        _rotation(centre, place, axis, interval, steps, robot)
+        for place, (axis, interval) in axes
+        if axis.is_revolute and interval is not None
+    ]
+
+
+def _rotation(
+    centre: Array, place: int, axis: Axis, interval: Interval, steps: int, robot: Reachable
+) -> _Test:
+    low, high = interval
+    values = np.linspace(low, high, steps)
 
     def turned(part: float) -> Array:
         poses = np.tile(centre, (steps, 1))
-        poses[:, 3] = part * angles
+        poses[:, place] = part * values
         return poses
 
-    asked = float(np.degrees(high - low))
-    poses, notes = _shortened(turned, robot, "rotation", asked, "°")
+    poses, notes = _shortened(turned, robot, "rotation", axis.to_file(high - low), "°")
     return _Test(ShotSet.ROTATION, poses, [None] * steps, notes)
 
 
@@ -217,7 +229,7 @@ def _shortened(
 
 def _impossible(test: str, reason: str) -> PlanInvalid:
     return PlanInvalid(
-        f"{test} cannot be done with the controller's geometry: {reason}",
+        f"{test} cannot be done with the controller's kinematics: {reason}",
         remedy="move validation.centre_mm or shorten the test in campaign.yaml, or validate "
         "without it",
     )

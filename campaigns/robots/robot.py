@@ -1,8 +1,8 @@
-"""Robots: a parameter set with its limits, read from and written to robot files."""
+"""Robot files: one robot's parameter set with its limits, read from and written to YAML."""
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from importlib import resources
 from importlib.resources.abc import Traversable
@@ -18,28 +18,20 @@ from campaigns.errors import ConfigInvalid
 from campaigns.files.text_file import write_new_text
 from campaigns.files.wording import nearest_word, suggestion
 from campaigns.files.yaml_file import (
+    FileModel,
     YamlDocument,
     checked,
     parse_document,
     read_document,
     yaml_text,
 )
-from campaigns.mechanisms.feasibility import Limits
-from campaigns.mechanisms.geometry import (
-    ARM_FIELDS,
-    ARMS,
-    AXIS_TILT_NAMES,
-    PARAMETER_NAMES,
-    Geometry,
-)
-from campaigns.robots.schema import SCHEMA, LimitsContents, RobotContents
-from drivers.values import Pose
+from campaigns.mechanisms.catalog import MECHANISMS
+from campaigns.mechanisms.mechanism import Axis, Interval, Kinematics, Limits, Mechanism
+from campaigns.robots.schema import SCHEMA, contents_model
+from drivers.values import Pose, Vector3
 
-Range = tuple[float, float]
-
-NO_TILTS = (0.0,) * ARMS
-TILT = "axis_tilt_deg"
-GEOMETRY = PARAMETER_NAMES + AXIS_TILT_NAMES
+DEFAULT_CENTRE_MM = (0.0, 0.0, -575.0)
+"""Of robots whose file says nothing of it: Par4's."""
 WITHOUT_TILTS = "--fix 'arm*.axis_tilt_deg'"
 """What has `identify` find a set that controllers take."""
 NOT_FOR_CONTROLLERS = (
@@ -49,59 +41,65 @@ NOT_FOR_CONTROLLERS = (
 
 
 @dataclass(frozen=True, slots=True)
-class RobotLimits:
-    """What the mechanism allows: lowest and highest joint angle and θ, forearm out of its plane."""
-
-    joint_rad: Range
-    theta_rad: Range
-    forearm_swing_rad: float
-
-
-@dataclass(frozen=True, slots=True)
 class RobotFile:
-    """A robot: its 29 parameters in the order of `PARAMETER_NAMES` (mm, deg), and its limits.
+    """Parameter set of one robot, in mm and deg as in its file, and the robot's limits.
 
-    Beyond the 29 its motors' axes may be tilted, one angle an arm. An identified set also has its
-    standard deviations (1 σ, mm or deg, of what was free) and says where it comes from.
+    `values` are in the order of the mechanism's `parameters.geometry`. An identified set also has
+    standard deviations (1 σ, of what was free) and says where it comes from.
     """
 
     name: str
+    mechanism: Mechanism
     values: tuple[float, ...]
-    limits: RobotLimits
+    limits: Limits
     uncertainty: Mapping[str, float] | None = None
     provenance: Mapping[str, JsonValue] | None = None
-    axis_tilt_deg: tuple[float, ...] = NO_TILTS
+    workspace_centre_mm: Vector3 | None = None
 
     @classmethod
-    def from_flat(cls, flat: Mapping[str, float], *, name: str, limits: RobotLimits) -> Self:
-        """Make one from the 29 by flat name, and axis tilts if any; raises `ConfigInvalid`."""
-        values, tilts_deg = _ordered_values(flat, name)
-        return cls(name, values, limits, axis_tilt_deg=tilts_deg)
-
-    def geometry_flat(self) -> dict[str, float]:
-        """Return the 29 by flat name, in order, in mm and deg, then axis tilts that are not 0."""
-        tilts = zip(AXIS_TILT_NAMES, self.axis_tilt_deg, strict=True)
-        flat = dict(zip(PARAMETER_NAMES, self.values, strict=True))
-        return flat | {name: tilt_deg for name, tilt_deg in tilts if tilt_deg}
+    def from_flat(
+        cls, mechanism: Mechanism, flat: Mapping[str, float], *, name: str, limits: Limits
+    ) -> Self:
+        """From values by name, extensions being 0 if not named; raises `ConfigInvalid`."""
+        return cls(name, mechanism, _ordered_values(mechanism, flat, name), limits)
 
     @property
-    def is_tilted(self) -> bool:
-        """Whether a motor's axis is tilted, which no controller knows of."""
-        return any(self.axis_tilt_deg)
+    def kinematics(self) -> Kinematics:
+        """Kinematic model of the robot."""
+        return Kinematics.from_flat(self.mechanism, self.geometry_flat())
+
+    def geometry_flat(self) -> dict[str, float]:
+        """Values by name, in order, in mm and deg; extensions only where they are not 0."""
+        space = self.mechanism.parameters
+        named = zip(space.geometry, self.values, strict=True)
+        return {name: value for name, value in named if name in space.names or value}
+
+    @property
+    def is_extended(self) -> bool:
+        """Whether a parameter beyond those that controllers know is not 0."""
+        return any(self.values[len(self.mechanism.parameters.names) :])
 
     def controller_flat(self) -> dict[str, float]:
-        """Return the 29 that a controller knows; raises `ConfigInvalid` when an axis is tilted."""
+        """Values that a controller knows, by name; raises `ConfigInvalid` for a tilted axis."""
         flat = self.geometry_flat()
-        if tilted := [name for name in AXIS_TILT_NAMES if name in flat]:
-            raise ConfigInvalid(
-                f"{self.name}: {tilted[0]} is {flat[tilted[0]]:g}, but the controller's kinematics "
-                "has no axis tilts",
-                remedy=f"identify again with {WITHOUT_TILTS}, and export again",
-            )
+        for name in self.mechanism.parameters.extensions:
+            if name in flat:
+                raise ConfigInvalid(
+                    f"{self.name}: {name} is {flat[name]:g}, but the controller's kinematics has "
+                    "no axis tilts",
+                    remedy=f"identify again with {WITHOUT_TILTS}, and export again",
+                )
         return flat
 
+    @property
+    def workspace_centre(self) -> Array:
+        """Pose well inside the workspace, (t,), mm and rad."""
+        centre = np.zeros(len(self.mechanism.task))
+        centre[: len(DEFAULT_CENTRE_MM)] = self.workspace_centre_mm or DEFAULT_CENTRE_MM
+        return centre
+
     def digest(self) -> str:
-        """Return the geometry's sha256: equal exactly when all its doubles are.
+        """SHA-256 of the geometry: equal exactly when all its doubles are.
 
         It is taken of lines `name=value`, the value in the shortest decimals that give the double.
         """
@@ -155,14 +153,14 @@ def compensated(nominal: RobotDocument, compensation: Compensation) -> RobotDocu
 
     Raises `ConfigInvalid` when the set would not make a robot file.
     """
-    values, tilts_deg = _ordered_values(compensation.geometry, compensation.name)
+    mechanism = nominal.robot.mechanism
+    values = _ordered_values(mechanism, compensation.geometry, compensation.name)
     tree = nominal.document.editable_tree()
-    _set_values(tree["geometry"], values)
-    _set_tilts(tree["geometry"], tilts_deg)
+    _set_values(tree["geometry"], mechanism, values)
     tree["name"] = compensation.name
     tree["uncertainty"] = dict(compensation.uncertainty)
     tree["provenance"] = dict(compensation.provenance)
-    tree["sha256"] = replace(nominal.robot, values=values, axis_tilt_deg=tilts_deg).digest()
+    tree["sha256"] = replace(nominal.robot, values=values).digest()
     return _robot_of(parse_document(yaml_text(tree), compensation.name))
 
 
@@ -171,43 +169,45 @@ def write_new_robot(path: Path, robot: RobotDocument) -> None:
     write_new_text(path, robot.document.text)
 
 
-def _set_values(geometry: CommentedMap, values: tuple[float, ...]) -> None:
-    """Replace what differs; what stays equal keeps the form in which it was written."""
-    holders = [(arm, field) for arm in geometry["arms"] for field in ARM_FIELDS]
-    for (holder, field), value in zip([*holders, (geometry, "plate_mm")], values, strict=True):
-        if holder[field] != value:
+def _set_values(geometry: CommentedMap, mechanism: Mechanism, values: tuple[float, ...]) -> None:
+    """Replace what differs; what stays equal keeps the form in which it was written.
+
+    An extension that becomes 0 leaves the file.
+    """
+    space = mechanism.parameters
+    for name, value in zip(space.geometry, values, strict=True):
+        arm, _, field = name.rpartition(".")
+        holder = geometry["arms"][int(arm.removeprefix("arm"))] if arm else geometry
+        before = holder.get(field, 0.0 if name in space.extensions else None)
+        if before == value:
+            continue
+        if name in space.extensions and not value:
+            del holder[field]
+        else:
             holder[field] = value
 
 
-def _set_tilts(geometry: CommentedMap, tilts_deg: tuple[float, ...]) -> None:
-    """Replace what differs; only an axis that is tilted has the key."""
-    for arm, tilt_deg in zip(geometry["arms"], tilts_deg, strict=True):
-        if arm.get(TILT, 0.0) == tilt_deg:
-            continue
-        if tilt_deg:
-            arm[TILT] = tilt_deg
-        else:
-            del arm[TILT]
-
-
 def _ordered_values(
-    flat: Mapping[str, float], name: str
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """The 29 and the axis tilts, those that are not given being 0; raises `ConfigInvalid`."""
-    for unknown in flat.keys() - set(GEOMETRY):
+    mechanism: Mechanism, flat: Mapping[str, float], name: str
+) -> tuple[float, ...]:
+    """Values of `parameters.geometry`, extensions that are not given being 0.
+
+    Raises `ConfigInvalid`.
+    """
+    space = mechanism.parameters
+    for unknown in flat.keys() - set(space.geometry):
         raise ConfigInvalid(
             f"{name}: {unknown} is not a parameter of a robot",
-            remedy=suggestion(unknown, GEOMETRY),
+            remedy=suggestion(unknown, space.geometry),
         )
-    given = dict.fromkeys(AXIS_TILT_NAMES, 0.0) | dict(flat)
-    for parameter in GEOMETRY:
+    given = dict.fromkeys(space.extensions, 0.0) | dict(flat)
+    for parameter in space.geometry:
         if not math.isfinite(given.get(parameter, math.nan)):
             raise ConfigInvalid(
                 f"{name}: {parameter} is {given.get(parameter, 'missing')}",
-                remedy=f"give finite values for all {len(PARAMETER_NAMES)} parameters",
+                remedy=f"give finite values for all {len(space.names)} parameters",
             )
-    values = tuple(float(given[parameter]) for parameter in PARAMETER_NAMES)
-    return values, tuple(float(given[parameter]) for parameter in AXIS_TILT_NAMES)
+    return tuple(float(given[parameter]) for parameter in space.geometry)
 
 
 def _shipped_robots() -> dict[str, Traversable]:
@@ -219,8 +219,17 @@ def _shipped_robots() -> dict[str, Traversable]:
 
 def _robot_of(document: YamlDocument) -> RobotDocument:
     """Check a document; raises `ConfigInvalid`, also when its sha256 is not its geometry's."""
-    contents = checked(document, SCHEMA, RobotContents)
-    robot = _robot(contents)
+    contents = checked(document, SCHEMA, contents_model(document.tree.get("mechanism")))
+    mechanism = MECHANISMS[contents.mechanism]
+    robot = RobotFile(
+        contents.name,
+        mechanism,
+        _ordered_values(mechanism, _flat(contents.geometry), contents.name),
+        _limits(mechanism, contents.limits),
+        contents.uncertainty,
+        contents.provenance,
+        contents.workspace_centre_mm,
+    )
     if contents.sha256 not in {None, robot.digest()}:
         raise ConfigInvalid(
             f"{document.place_of('sha256')}: sha256 is {contents.sha256}, "
@@ -230,48 +239,37 @@ def _robot_of(document: YamlDocument) -> RobotDocument:
     return RobotDocument(robot, document)
 
 
-def _robot(contents: RobotContents) -> RobotFile:
-    geometry = contents.geometry
-    arms = (getattr(arm, field) for arm in geometry.arms for field in ARM_FIELDS)
-    values = (*arms, geometry.plate_mm)
-    return RobotFile(
-        contents.name,
-        values,
-        _limits(contents.limits),
-        contents.uncertainty,
-        contents.provenance,
-        tuple(arm.axis_tilt_deg for arm in geometry.arms),
+def _flat(geometry: FileModel) -> dict[str, float]:
+    """Values by name, as the file has them."""
+    values = geometry.model_dump()
+    arms = enumerate(values.pop("arms"))
+    of_arms = {f"arm{arm}.{field}": each for arm, row in arms for field, each in row.items()}
+    return of_arms | values
+
+
+def _limits(mechanism: Mechanism, limits: FileModel) -> Limits:
+    values = limits.model_dump()
+    joint = mechanism.joints[0]
+    low, high = map(joint.from_file, values[f"joint_{joint.unit}"])
+    return Limits(
+        (low, high),
+        tuple(_task_limit(axis, values.get(axis.column)) for axis in mechanism.task),
+        math.radians(values["forearm_swing_deg"]),
     )
 
 
-def _limits(contents: LimitsContents) -> RobotLimits:
-    return RobotLimits(
-        joint_rad=_radians(contents.joint_deg),
-        theta_rad=_radians(contents.theta_deg),
-        forearm_swing_rad=math.radians(contents.forearm_swing_deg),
-    )
-
-
-def _radians(limits_deg: Range) -> Range:
-    low_deg, high_deg = limits_deg
-    return math.radians(low_deg), math.radians(high_deg)
-
-
-def numeric_geometry(robot: RobotFile) -> Geometry:
-    """The parameter set as arrays."""
-    return Geometry.from_flat(robot.geometry_flat())
-
-
-def numeric_limits(robot: RobotFile) -> Limits:
-    """The limits as the numerics want them."""
-    return Limits(robot.limits.joint_rad, robot.limits.theta_rad, robot.limits.forearm_swing_rad)
+def _task_limit(axis: Axis, interval: Interval | None) -> Interval | None:
+    if interval is None:
+        return None
+    low, high = map(axis.from_file, interval)
+    return low, high
 
 
 def pose_row(pose: Pose) -> Array:
-    """X, Y, Z in mm and θ in rad, (4,)."""
-    return np.array([pose.x_mm, pose.y_mm, pose.z_mm, pose.theta_rad], dtype=np.float64)
+    """Task coordinates, (t,), mm and rad."""
+    return np.array(pose.coordinates, dtype=np.float64)
 
 
-def pose_of(row: Array) -> Pose:
-    """A row (4,) as a pose."""
-    return Pose(*(float(value) for value in row))
+def pose_of(row: Iterable[float]) -> Pose:
+    """Pose of task coordinates (t,)."""
+    return Pose(*map(float, row))

@@ -1,30 +1,29 @@
-"""What a robot file (`pkmcal/robot/1`) may hold, each key with its limits."""
+"""Schema of robot files (`pkmcal/robot/1`): what one may hold, each key with its limits.
+
+Which keys geometry and limits have follows from the mechanism.
+"""
 
 import json
-from typing import Annotated, Literal
+from collections.abc import Callable
+from functools import cache
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, JsonValue
+from pydantic import AfterValidator, Field, JsonValue, create_model
 
 from campaigns.files.wording import shown, suggestion
 from campaigns.files.yaml_file import FileModel, broken_rule
-from campaigns.mechanisms.geometry import AXIS_TILT_NAMES, PARAMETER_NAMES
+from campaigns.mechanisms.catalog import MECHANISMS
+from campaigns.mechanisms.mechanism import Axis, Mechanism, ParameterField
 
 SCHEMA = "pkmcal/robot/1"
 
+Range = tuple[float, float]
 
-def _rising(limits: tuple[float, float]) -> tuple[float, float]:
+
+def _rising(limits: Range) -> Range:
     if limits[0] < limits[1]:
         return limits
     raise broken_rule(f"is {list(limits)}, the lowest must be below the highest")
-
-
-def _known_parameters(uncertainty: dict[str, float]) -> dict[str, float]:
-    known = PARAMETER_NAMES + AXIS_TILT_NAMES
-    for name in uncertainty:
-        if name not in known:
-            hint = suggestion(name, known)
-            raise broken_rule(f"names {shown(name)}, which is not a parameter ({hint})")
-    return uncertainty
 
 
 def _finite(provenance: dict[str, JsonValue]) -> dict[str, JsonValue]:
@@ -40,51 +39,28 @@ Length = Annotated[float, Field(gt=0.0, le=100_000.0)]
 Turn = Annotated[float, Field(ge=-360.0, le=360.0)]
 Tilt = Annotated[float, Field(ge=-10.0, le=10.0)]
 TurnRange = Annotated[tuple[Turn, Turn], AfterValidator(_rising)]
+PlaceRange = Annotated[tuple[Place, Place], AfterValidator(_rising)]
 Deviation = Annotated[float, Field(ge=0.0)]
+Deviations = dict[str, Deviation]
 
+# Any: pydantic takes types made at run time, of which mypy can know nothing.
+Definition = tuple[Any, Any]
 
-class ArmContents(FileModel):
-    """One arm; the names are those of `ARM_FIELDS`, and one beyond them."""
-
-    x_mm: Place = Field(description="the motor centre's x in the base frame, mm")
-    y_mm: Place = Field(description="the motor centre's y in the base frame, mm")
-    z_mm: Place = Field(description="the motor centre's z in the base frame, mm")
-    azimuth_deg: Turn = Field(description="the arm's direction about z at joint angle 0, deg")
-    joint_offset_deg: Turn = Field(description="the joint angle minus the encoder's reading, deg")
-    arm_mm: Length = Field(description="the arm's length, mm")
-    forearm_mm: Length = Field(description="the forearm's length, mm")
-    axis_tilt_deg: Tilt = Field(
-        default=0.0, description="the motor's axis out of the horizontal, deg; may be left out"
-    )
-
-
-class GeometryContents(FileModel):
-    """The 29 parameters, and axis tilts where there are any."""
-
-    arms: tuple[ArmContents, ArmContents, ArmContents, ArmContents] = Field(
-        description="four arms, each with its seven keys"
-    )
-    plate_mm: Length = Field(description="the distance between the halves of the plate, mm")
-
-
-class LimitsContents(FileModel):
-    """What the mechanism allows."""
-
-    joint_deg: TurnRange = Field(description="the lowest and the highest encoder angle, deg")
-    theta_deg: TurnRange = Field(description="the plate's lowest and highest angle, deg")
-    forearm_swing_deg: float = Field(
-        gt=0.0, le=90.0, description="the largest angle of a forearm out of its arm's plane, deg"
-    )
+VALUE_OF: dict[str, Any] = {"place": Place, "length": Length, "angle": Turn, "small angle": Tilt}
+COUNTS = ("no", "one", "two", "three", "four", "five", "six")
 
 
 class RobotContents(FileModel):
-    """A robot file."""
+    """Robot file of any mechanism; that of a certain one says what geometry and limits hold."""
 
-    mechanism: Literal["par4"] = Field(description="the kind of mechanism: par4")
+    mechanism: str = Field(description=f"the kind of mechanism: {', '.join(MECHANISMS)}")
     name: str = Field(min_length=1, description="the robot's name")
-    geometry: GeometryContents = Field(description="the parameters: arms and plate_mm")
-    limits: LimitsContents = Field(description="joint_deg, theta_deg and forearm_swing_deg")
-    uncertainty: Annotated[dict[str, Deviation], AfterValidator(_known_parameters)] | None = Field(
+    geometry: FileModel = Field(description="the parameters")
+    limits: FileModel = Field(description="what the mechanism allows")
+    workspace_centre_mm: tuple[Place, Place, Place] | None = Field(
+        default=None, description="the middle of the workspace, [x, y, z] mm; may be left out"
+    )
+    uncertainty: Deviations | None = Field(
         default=None, description="one standard deviation for each identified parameter, mm or deg"
     )
     provenance: Annotated[dict[str, JsonValue], AfterValidator(_finite)] | None = Field(
@@ -95,3 +71,105 @@ class RobotContents(FileModel):
         pattern="^[0-9a-f]{64}$",
         description="the geometry's sha256 in 64 digits, or delete the line",
     )
+
+
+def contents_model(word: object) -> type[RobotContents]:
+    """Model of the files of a mechanism by its word, or one that refuses an unknown word."""
+    if isinstance(word, str) and word in MECHANISMS:
+        return _model_of(word)
+    return create_model(
+        "RobotContents",
+        __base__=RobotContents,
+        mechanism=(_literal(*MECHANISMS), RobotContents.model_fields["mechanism"]),
+        geometry=(Any, ...),
+        limits=(Any, ...),
+    )
+
+
+@cache
+def _model_of(word: str) -> type[RobotContents]:
+    mechanism = MECHANISMS[word]
+    space = mechanism.parameters
+    arm = _fields_model("ArmContents", space.arm_fields, space.extension_fields)
+    count, keys = COUNTS[space.arms], len(space.arm_fields)
+    arms = Field(description=f"{count} arms, each with its {keys} keys")
+    geometry = _made(
+        "GeometryContents",
+        arms=(tuple[(arm,) * space.arms], arms),  # type: ignore[misc]
+        **{field.name: _definition(field) for field in space.platform_fields},
+    )
+    named = ", ".join(("arms", *(field.name for field in space.platform_fields)))
+    limits = _limits_model(mechanism)
+    described = ", ".join(limits.model_fields)
+    deviations = Annotated[Deviations, AfterValidator(_naming(space.geometry))]
+    return create_model(
+        "RobotContents",
+        __base__=RobotContents,
+        mechanism=(_literal(word), Field(description=f"the kind of mechanism: {word}")),
+        geometry=(geometry, Field(description=f"the parameters: {named}")),
+        limits=(limits, Field(description=described)),
+        uncertainty=(deviations | None, RobotContents.model_fields["uncertainty"]),
+    )
+
+
+def _literal(*words: str) -> Any:
+    return Literal[words]
+
+
+def _limits_model(mechanism: Mechanism) -> type[FileModel]:
+    joint = mechanism.joints[0]
+    turns = {
+        axis.column: _range_of(axis, "the plate's lowest and highest angle")
+        for axis in mechanism.task
+        if axis.is_revolute
+    }
+    value = "encoder angle" if joint.is_revolute else "place of a carriage"
+    swing = Field(
+        gt=0.0, le=90.0, description="the largest angle of a forearm out of its arm's plane, deg"
+    )
+    return _made(
+        "LimitsContents",
+        **{f"joint_{joint.unit}": _range_of(joint, f"the lowest and the highest {value}")},
+        **turns,
+        forearm_swing_deg=(float, swing),
+    )
+
+
+def _range_of(axis: Axis, what: str) -> Definition:
+    kind = TurnRange if axis.is_revolute else PlaceRange
+    return kind, Field(description=f"{what}, {axis.unit}")
+
+
+def _fields_model(
+    name: str, fields: tuple[ParameterField, ...], extensions: tuple[ParameterField, ...]
+) -> type[FileModel]:
+    definitions = {field.name: _definition(field) for field in fields}
+    for field in extensions:
+        definitions[field.name] = (
+            VALUE_OF[field.quantity],
+            Field(default=0.0, description=field.description),
+        )
+    return _made(name, **definitions)
+
+
+def _made(name: str, **definitions: Definition) -> type[FileModel]:
+    # Any again: the overloads of `create_model` take no table of definitions
+    made: type[FileModel] = create_model(name, __base__=FileModel, **definitions)  # type: ignore[call-overload]
+    return made
+
+
+def _definition(field: ParameterField) -> Definition:
+    return VALUE_OF[field.quantity], Field(description=field.description)
+
+
+def _naming(known: tuple[str, ...]) -> Callable[[Deviations], Deviations]:
+    """Check that deviations are of known parameters."""
+
+    def checked(uncertainty: Deviations) -> Deviations:
+        for name in uncertainty:
+            if name not in known:
+                hint = suggestion(name, known)
+                raise broken_rule(f"names {shown(name)}, which is not a parameter ({hint})")
+        return uncertainty
+
+    return checked

@@ -1,22 +1,21 @@
-"""The columns that plan.csv and shots.csv have in common: angles, sets and pairs.
+"""Columns that plan.csv and shots.csv have in common: coordinates of axes, sets and pairs.
 
 What is wrong raises the error of the file that the row is from.
 """
 
-import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from campaigns.files.csv_file import CsvRow
+from campaigns.files.csv_file import CsvRow, angle_text, number_text
 from campaigns.files.wording import shown, suggestion
+from campaigns.mechanisms.mechanism import Axis
+from campaigns.shots.pairs import SHOTS_OF_A_PAIR
 from campaigns.shots.shot_sets import ShotSet
 
-JOINT_COLUMNS = ("q0_deg", "q1_deg", "q2_deg", "q3_deg")
 POINT_COLUMNS = ("x_mm", "y_mm", "z_mm")
 
 ANGLE_LIMIT_DEG = 360.0
-SHOTS_OF_A_PAIR = 2
 SET_WORDS = tuple(each.value for each in ShotSet)
 
 
@@ -29,24 +28,34 @@ class PairedRow:
     pair: int | None
 
 
-def angle_rad(row: CsvRow, column: str) -> float:
-    """Read an angle in deg."""
-    angle_deg = row.number(column)
-    if abs(angle_deg) <= ANGLE_LIMIT_DEG:
-        return math.radians(angle_deg)
+def axis_columns(axes: Sequence[Axis]) -> tuple[str, ...]:
+    """Columns of axes, as `q0_deg`."""
+    return tuple(axis.column for axis in axes)
+
+
+def axis_values(row: CsvRow, axes: Sequence[Axis]) -> tuple[float, ...]:
+    """Inner values of a row's columns, rad or mm."""
+    return tuple(_axis_value(row, axis) for axis in axes)
+
+
+def axis_texts(axes: Sequence[Axis], values: Sequence[float]) -> list[str]:
+    """Texts for a row's columns, in the units of files."""
+    each = zip(axes, values, strict=True)
+    return [angle_text(value) if axis.is_revolute else number_text(value) for axis, value in each]
+
+
+def _axis_value(row: CsvRow, axis: Axis) -> float:
+    value = row.number(axis.column)
+    if not axis.is_revolute or abs(value) <= ANGLE_LIMIT_DEG:
+        return axis.from_file(value)
     raise row.wrong(
-        f"{column} is {angle_deg:g}, must be within ±{ANGLE_LIMIT_DEG:g}",
+        f"{axis.column} is {value:g}, must be within ±{ANGLE_LIMIT_DEG:g}",
         remedy="give the angle in degrees",
     )
 
 
-def joints_rad(row: CsvRow) -> tuple[float, ...]:
-    """Read the four encoder angles."""
-    return tuple(angle_rad(row, column) for column in JOINT_COLUMNS)
-
-
 def shot_set(row: CsvRow) -> ShotSet:
-    """Read the column `set`."""
+    """Set of a row, by its column `set`."""
     word = row.text("set")
     if word in SET_WORDS:
         return ShotSet(word)
@@ -54,7 +63,7 @@ def shot_set(row: CsvRow) -> ShotSet:
 
 
 def pair_number(row: CsvRow, purpose: ShotSet) -> int | None:
-    """Read the column `pair`, which is empty for a set without pairs."""
+    """Pair of a row, by its column `pair`, which is empty for a set without pairs."""
     if purpose.in_pairs:
         return row.whole_number("pair")
     if not row.text("pair"):

@@ -1,8 +1,7 @@
-"""What an imported shot came with that no other field of a journal holds: its air and its time."""
+"""Imports into the journal, and exports from it, of shots in files."""
 
 import hashlib
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -22,10 +21,10 @@ from campaigns.journal.records import (
     SessionStopped,
 )
 from campaigns.journal.views import AcceptedShot, Series
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import Geometry
+from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import pose_of
-from campaigns.shots.columns import SHOTS_OF_A_PAIR
+from campaigns.shots.columns import POINT_COLUMNS
+from campaigns.shots.pairs import pair_rows
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, shots_text
 from campaigns.version import VERSION
@@ -37,13 +36,13 @@ NOTE = re.compile(
 
 
 def import_note(temperature_degC: float | None, time: str | None) -> str:
-    """The note that stands where a tracker's answer would."""
+    """Note that stands where a tracker's answer would: what no other field of a journal holds."""
     air = "" if temperature_degC is None else f", air {number_text(temperature_degC)} °C"
     return f"{IMPORTED}{air}" + ("" if time is None else f", measured {time}")
 
 
 def noted(note: str) -> tuple[float | None, str | None]:
-    """The temperature in °C and the time of a note; None for what it does not say."""
+    """Temperature in °C and time of a note; None for what it does not say."""
     found = NOTE.fullmatch(note)
     if found is None:
         return None, None
@@ -53,7 +52,7 @@ def noted(note: str) -> tuple[float | None, str | None]:
 def append_import(
     journal: Journal,
     rows: Sequence[ShotRow],
-    nominal: Geometry,
+    nominal: Kinematics,
     robot_digest: str,
     settings: Mapping[str, JsonValue],
 ) -> int:
@@ -63,14 +62,14 @@ def append_import(
     `ShotsInvalid` for joints that the nominal robot cannot take.
     """
     poses = _nominal_poses(nominal, rows)
-    digest = hashlib.sha256(shots_text(rows).encode()).hexdigest()
+    digest = hashlib.sha256(shots_text(rows, nominal.mechanism).encode()).hexdigest()
     started = SeriesStarted("import", digest, settings, VERSION, robot_digest, None, None, None)
     series = journal.start_series(started)
     journal.append(SessionStarted(VERSION, None, None, None), series=series)
     for number, (row, pose) in enumerate(zip(rows, poses, strict=True)):
         target = pose_of(pose)
         journal.append(
-            Intent(number, 1, row.purpose.value, target, row.joints_rad, "joints", row.pair),
+            Intent(number, 1, row.purpose.value, target, row.joints, "joints", row.pair),
             series=series,
         )
         journal.append(_outcome(number, row), series=series)
@@ -79,8 +78,8 @@ def append_import(
     return series
 
 
-def _nominal_poses(nominal: Geometry, rows: Sequence[ShotRow]) -> Array:
-    solution = forward(nominal, np.array([row.joints_rad for row in rows]))
+def _nominal_poses(nominal: Kinematics, rows: Sequence[ShotRow]) -> Array:
+    solution = nominal.forward(np.array([row.joints for row in rows]))
     if not solution.found.all():
         row = int(solution.found.argmin())
         raise ShotsInvalid(
@@ -94,7 +93,7 @@ def _outcome(number: int, row: ShotRow) -> Outcome:
     return Outcome(
         number,
         1,
-        row.joints_rad,
+        row.joints,
         row.point_in_tracker_mm,
         row.covariance_mm2,
         None,  # a file gives the temperature alone: a pressure would be invented
@@ -106,7 +105,7 @@ def _outcome(number: int, row: ShotRow) -> Outcome:
 
 @dataclass(frozen=True, slots=True)
 class ExportedShots:
-    """Rows by shot number, and the numbers of what was left out."""
+    """Rows of a file, and the numbers of shots that were left out."""
 
     rows: tuple[ShotRow, ...]
     halves: tuple[int, ...]
@@ -116,14 +115,13 @@ class ExportedShots:
 def exported_shots(series: Series, shots: Sequence[AcceptedShot]) -> ExportedShots:
     """Turn a series' accepted shots into rows, whole pairs only.
 
-    θ is that of the commanded pose; an import knows none.
+    A turn is that of the commanded pose; an import knows none.
     """
-    sizes = Counter(shot.intent.pair for shot in shots)
-    lone = {pair for pair, size in sizes.items() if pair is not None and size < SHOTS_OF_A_PAIR}
-    whole = [shot for shot in shots if shot.intent.pair not in lone]
-    halves = tuple(shot.intent.shot for shot in shots if shot.intent.pair in lone)
+    halves = pair_rows([shot.intent.pair for shot in shots]).halves
+    whole = [shot for row, shot in enumerate(shots) if row not in halves]
     is_import = series.started.stage == "import"
-    return ExportedShots(tuple(_row(shot, is_import=is_import) for shot in whole), halves)
+    rows = tuple(_row(shot, is_import=is_import) for shot in whole)
+    return ExportedShots(rows, tuple(shots[row].intent.shot for row in halves))
 
 
 def _row(shot: AcceptedShot, *, is_import: bool) -> ShotRow:
@@ -134,10 +132,10 @@ def _row(shot: AcceptedShot, *, is_import: bool) -> ShotRow:
         air, time = noted(outcome.raw_tracker)
     return ShotRow(
         pair=intent.pair,
-        joints_rad=outcome.joints_rad,
+        joints=outcome.joints,
         point_in_tracker_mm=outcome.point_in_tracker_mm,
         purpose=ShotSet(intent.purpose),
-        theta_rad=None if is_import else intent.target.theta_rad,
+        turn=() if is_import else intent.target.coordinates[len(POINT_COLUMNS) :],
         covariance_mm2=outcome.covariance_mm2,
         temperature_degC=air,
         time=time,

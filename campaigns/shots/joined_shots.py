@@ -1,7 +1,7 @@
 """Shots from two files: points of tracker software, and the joints at which they were measured.
 
-The joints file is a CSV file `name,q0_deg,q1_deg,q2_deg,q3_deg`, optionally with `pair` and `set`;
-its rows are the shots. Each gets its point by name or by its place in the file.
+The joints file is a CSV file `name,q0_deg,q1_deg,…`, optionally with `pair` and `set`; its rows are
+the shots. Each gets its point by name or by its place in the file.
 """
 
 from collections import defaultdict
@@ -15,6 +15,7 @@ from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import CsvForm, CsvRow, parse_csv
 from campaigns.files.text_file import read_text
 from campaigns.files.wording import nearest_word, shown
+from campaigns.mechanisms.mechanism import Mechanism
 from campaigns.shots.ascii_points import (
     NAME_JOINT,
     LengthUnit,
@@ -23,14 +24,14 @@ from campaigns.shots.ascii_points import (
     read_points,
 )
 from campaigns.shots.columns import (
-    JOINT_COLUMNS,
-    SHOTS_OF_A_PAIR,
     PairedRow,
+    axis_columns,
+    axis_values,
     check_pairs,
-    joints_rad,
     pair_number,
     shot_set,
 )
+from campaigns.shots.pairs import SHOTS_OF_A_PAIR
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow
 
@@ -38,8 +39,6 @@ Join = Literal["name", "order"]
 JOIN_WORDS = get_args(Join)
 LISTED = 5
 """How many names an error line lists."""
-
-_FORM = CsvForm(required=JOINT_COLUMNS, optional=("name", "pair", "set"), invalid=ShotsInvalid)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,47 +64,61 @@ class _JointsRow:
 
     row: CsvRow
     name: str
-    joints_rad: tuple[float, ...]
+    joints: tuple[float, ...]
     purpose: ShotSet
     pair: int | None
 
 
-def read_joined_shots(points: PointSource, joints: Path, *, join: Join) -> JoinedShots:
-    """Read and join both files; raises `ShotsInvalid`."""
+def read_joined_shots(
+    points: PointSource, joints: Path, mechanism: Mechanism, *, join: Join
+) -> JoinedShots:
+    """Shots of both files; raises `ShotsInvalid`."""
     found = read_points(points.path, unit=points.unit, columns=points.columns)
     text = read_text(joints, ShotsInvalid, if_missing="check the name of the joints file")
-    return join_shots(found, str(points.path), text, str(joints), join=join)
+    return join_shots(found, str(points.path), text, str(joints), mechanism, join=join)
 
 
 def join_shots(
-    points: PointFile, points_name: str, joints_text: str, joints_name: str, *, join: Join
+    points: PointFile,
+    points_name: str,
+    joints_text: str,
+    joints_name: str,
+    mechanism: Mechanism,
+    *,
+    join: Join,
 ) -> JoinedShots:
-    """Join points with the text of a joints file; raises `ShotsInvalid`."""
-    rows = _joints_rows(joints_text, joints_name)
+    """Shots of points and the text of a joints file; raises `ShotsInvalid`."""
+    rows = _joints_rows(joints_text, joints_name, mechanism)
     if join == "order":
         matched = _by_order(points.points, points_name, rows)
     else:
         matched = _by_name(points.points, points_name, rows)
     pairs, pair_note = _pairs(rows)
     shots = tuple(
-        ShotRow(pair, row.joints_rad, point.point_mm, row.purpose)
+        ShotRow(pair, row.joints, point.point_mm, row.purpose)
         for row, point, pair in zip(rows, matched, pairs, strict=True)
     )
     return JoinedShots(shots, (f"{points_name}: {points.layout}", pair_note))
 
 
-def _joints_rows(text: str, name: str) -> tuple[_JointsRow, ...]:
-    rows = tuple(_joints_row(row) for row in parse_csv(text, name, _FORM))
+def _joints_rows(text: str, name: str, mechanism: Mechanism) -> tuple[_JointsRow, ...]:
+    form = CsvForm(
+        required=axis_columns(mechanism.joints),
+        optional=("name", "pair", "set"),
+        invalid=ShotsInvalid,
+    )
+    rows = tuple(_joints_row(row, mechanism) for row in parse_csv(text, name, form))
     if not rows:
         raise ShotsInvalid(f"{name}: holds no joints", remedy="check that it is the right file")
     return rows
 
 
-def _joints_row(row: CsvRow) -> _JointsRow:
+def _joints_row(row: CsvRow, mechanism: Mechanism) -> _JointsRow:
     purpose = shot_set(row) if row.text("set") else ShotSet.IDENTIFICATION
     numbered = "pair" in row.texts
     pair = pair_number(row, purpose) if numbered else None
-    return _JointsRow(row, row.text("name"), joints_rad(row), purpose, pair)
+    joints = axis_values(row, mechanism.joints)
+    return _JointsRow(row, row.text("name"), joints, purpose, pair)
 
 
 def _by_order(

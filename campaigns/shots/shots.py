@@ -1,9 +1,7 @@
-"""From which side each joint came to rest at a shot: what tells on which flank its gear lies."""
+"""Measured shots as arrays, for everything that comes after the journal."""
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 
@@ -12,124 +10,184 @@ from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.journal.records import Outcome
 from campaigns.journal.views import AcceptedShot
-from campaigns.mechanisms.geometry import ARMS
+from campaigns.mechanisms.mechanism import Axis, Kinematics, Mechanism
+from campaigns.robots.robot import pose_row
+from campaigns.shots.pairs import PairRows, pair_rows
 from campaigns.shots.shot_sets import ShotSet
-from drivers.values import Matrix3
+from campaigns.shots.shots_csv import ShotRow
 
 TAKEN_UP_RAD = float(np.radians(5.0 / 60.0))
-"""A joint that went this far has taken up its gear's lost motion, whatever it did before."""
+"""A joint that went this far, or what compares, has taken up its gear's lost motion."""
 AT_REST_RAD = float(np.radians(0.005))
 """Readings of a joint that stands still differ by less."""
 
 
-def approach_directions(shots: Sequence[AcceptedShot]) -> Array:
-    """+1 where a joint last moved towards larger angles, -1 smaller, 0 where unknown, (N, 4).
-
-    A joint that hardly moved on the last leg keeps the direction of the shot before, if it stood
-    there when the leg began and was not turned round. Before means before in time: a shot measured
-    again comes after others of higher numbers.
-    """
-    found = np.zeros((len(shots), ARMS))
-    before, standing_rad = np.zeros(ARMS), np.full(ARMS, np.nan)
-    for row in sorted(range(len(shots)), key=lambda row: shots[row].measured_utc):
-        outcome = shots[row].outcome
-        joints_rad = np.array(outcome.joints_rad)
-        if outcome.came_from_rad is not None:
-            came_from_rad = np.array(outcome.came_from_rad)
-            straight = bool((np.abs(came_from_rad - standing_rad) < AT_REST_RAD).all())
-            found[row] = _direction(joints_rad - came_from_rad, before * straight)
-        before, standing_rad = found[row], joints_rad
-    return found
-
-
-def _direction(moved_rad: Array, before: Array) -> Array:
-    """Of each joint after a leg, (4,), from how far it went and the direction before the leg."""
-    way = np.sign(moved_rad)
-    kept = (np.abs(moved_rad) < AT_REST_RAD) | (way == before)
-    return np.where(np.abs(moved_rad) > TAKEN_UP_RAD, way, np.where(kept, before, 0.0))
-
-
-LEAST_DETERMINANT = 1e-12
-"""Of the correlations; below it one direction would be known a million times better than others."""
-
-
-def is_positive_definite(matrix: Matrix3) -> bool:
-    """Sylvester's rule on the correlations, so that the scale does not matter."""
-    if not all(math.isfinite(value) for value in chain.from_iterable(matrix)):
-        return False
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = matrix
-    if min(xx, yy, zz) <= 0.0:
-        return False
-    r_xy = xy / math.sqrt(xx) / math.sqrt(yy)
-    r_xz = xz / math.sqrt(xx) / math.sqrt(zz)
-    r_yz = yz / math.sqrt(yy) / math.sqrt(zz)
-    if max(abs(r_xy), abs(r_xz), abs(r_yz)) >= 1.0:
-        return False
-    determinant = 1.0 + 2.0 * r_xy * r_xz * r_yz - r_xy**2 - r_xz**2 - r_yz**2
-    return determinant > LEAST_DETERMINANT
-
-
-SHOTS_OF_A_PAIR = 2
-
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Shots:
-    """N shots. `numbers` are those of the plan or, imported, of the file's rows."""
+    """Measured shots, N of them; `numbers` are of the plan or, imported, of the file's rows."""
 
     numbers: tuple[int, ...]
     purposes: tuple[ShotSet, ...]
     pairs: tuple[int | None, ...]
-    joints_rad: Array
-    """(N, 4)"""
+    joints: Array
+    """(N, n), rad or mm."""
     points_in_tracker_mm: Array
     """(N, 3)"""
     stated_covariance_mm2: Array
     """What the tracker stated of each point, (N, 3, 3); NaN where it stated nothing."""
     approach: Array
-    """+1 where a joint last moved towards larger angles, -1 smaller, 0 where unknown, (N, 4)."""
+    """+1 where a joint last moved towards larger values, -1 smaller, 0 where unknown, (N, n)."""
+    commanded: Array
+    """Poses (N, t) in the base frame; of imported shots the nominal robot's, for none is known."""
+    measured_utc: tuple[str, ...]
+    temperature_degC: Array
+    """Of the air, (N,); NaN where it is not known."""
+
+    def __post_init__(self) -> None:
+        """Refuse arrays that are not of the same shots; raises `ValueError`."""
+        count, (_, joints) = len(self.numbers), self.joints.shape
+        shapes = {
+            "joints": (self.joints.shape, (count, joints)),
+            "points_in_tracker_mm": (self.points_in_tracker_mm.shape, (count, 3)),
+            "stated_covariance_mm2": (self.stated_covariance_mm2.shape, (count, 3, 3)),
+            "approach": (self.approach.shape, (count, joints)),
+            "commanded": (self.commanded.shape[:1], (count,)),
+            "temperature_degC": (self.temperature_degC.shape, (count,)),
+            "purposes": ((len(self.purposes),), (count,)),
+            "pairs": ((len(self.pairs),), (count,)),
+            "measured_utc": ((len(self.measured_utc),), (count,)),
+        }
+        for name, (shape, wanted) in shapes.items():
+            if shape != wanted:
+                raise ValueError(f"{name} of {count} shots has shape {shape}, must have {wanted}")
+
+    def __len__(self) -> int:
+        return len(self.numbers)
 
     @property
     def knows_approach(self) -> bool:
         """Whether of any shot it is known from which side its joints came."""
         return bool(self.approach.any())
 
+    def rows(self, rows: Index) -> "Shots":
+        """Some of them."""
+        chosen = rows.tolist()
+        return Shots(
+            numbers=tuple(self.numbers[row] for row in chosen),
+            purposes=tuple(self.purposes[row] for row in chosen),
+            pairs=tuple(self.pairs[row] for row in chosen),
+            joints=self.joints[rows],
+            points_in_tracker_mm=self.points_in_tracker_mm[rows],
+            stated_covariance_mm2=self.stated_covariance_mm2[rows],
+            approach=self.approach[rows],
+            commanded=self.commanded[rows],
+            measured_utc=tuple(self.measured_utc[row] for row in chosen),
+            temperature_degC=self.temperature_degC[rows],
+        )
+
+    def of_set(self, *purposes: ShotSet) -> "Shots":
+        """Those of some sets."""
+        return self.rows(np.flatnonzero([purpose in purposes for purpose in self.purposes]))
+
     def covariance_mm2(self, model: TrackerUncertainty) -> Array:
         """What the tracker stated of each point, or `model` where it stated nothing, (N, 3, 3)."""
         return _completed_mm2(self.stated_covariance_mm2, self.points_in_tracker_mm, model)
 
-    def pair_rows(self, purpose: ShotSet) -> Index:
-        """Rows of the shots in whole pairs of that set, (M, 2)."""
-        whole = [rows for rows in self._rows_of_pairs(purpose) if len(rows) == SHOTS_OF_A_PAIR]
-        return np.array(whole, dtype=np.intp).reshape(-1, SHOTS_OF_A_PAIR)
-
-    def half_pairs(self, purpose: ShotSet) -> tuple[int, ...]:
-        """Rows of the shots of that set whose partner is missing."""
-        halves = [rows for rows in self._rows_of_pairs(purpose) if len(rows) < SHOTS_OF_A_PAIR]
-        return tuple(row for rows in halves for row in rows)
+    def whole_pairs(self, purpose: ShotSet) -> PairRows:
+        """Whole pairs of a set, and rows whose partner is missing."""
+        own = zip(self.purposes, self.pairs, strict=True)
+        return pair_rows([pair if kind is purpose else None for kind, pair in own])
 
     def measured_distances_mm(self, rows: Index) -> Array:
         """Between the two shots of each row of (M, 2), (M,)."""
         return distances_mm(self.points_in_tracker_mm, rows[:, 0], rows[:, 1])
 
-    def _rows_of_pairs(self, purpose: ShotSet) -> list[list[int]]:
-        rows: dict[int, list[int]] = {}
-        for row, (kind, pair) in enumerate(zip(self.purposes, self.pairs, strict=True)):
-            if kind is purpose and pair is not None:
-                rows.setdefault(pair, []).append(row)
-        return list(rows.values())
 
-
-def shots_of_journal(shots: Sequence[AcceptedShot]) -> Shots:
-    """The accepted shots of a series."""
+def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: Mechanism) -> Shots:
+    """Shots of the accepted ones of a series."""
+    count, joints = len(shots), len(mechanism.joints)
+    outcomes = [shot.outcome for shot in shots]
     return Shots(
-        tuple(shot.intent.shot for shot in shots),
-        tuple(ShotSet(shot.intent.purpose) for shot in shots),
-        tuple(shot.intent.pair for shot in shots),
-        np.array([shot.outcome.joints_rad for shot in shots]).reshape(-1, 4),
-        np.array([shot.outcome.point_in_tracker_mm for shot in shots]).reshape(-1, 3),
-        _stated_covariance_mm2([shot.outcome for shot in shots]),
-        approach_directions(shots),
+        numbers=tuple(shot.intent.shot for shot in shots),
+        purposes=tuple(ShotSet(shot.intent.purpose) for shot in shots),
+        pairs=tuple(shot.intent.pair for shot in shots),
+        joints=np.array([each.joints for each in outcomes]).reshape(count, joints),
+        points_in_tracker_mm=_points_mm(outcomes),
+        stated_covariance_mm2=_stated_covariance_mm2(outcomes),
+        approach=approach_directions(shots, mechanism.joints),
+        commanded=np.array([pose_row(shot.intent.target) for shot in shots]).reshape(
+            count, len(mechanism.task)
+        ),
+        measured_utc=tuple(shot.measured_utc for shot in shots),
+        temperature_degC=np.array([*_air_degC(outcomes)], dtype=np.float64),
     )
+
+
+def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
+    """Shots of a file's rows, numbered from 0; how their joints came is not known.
+
+    The nominal robot's poses stand for those commanded; NaN where it has none.
+    """
+    joints = np.array([row.joints for row in rows])
+    covariance = np.full((len(rows), 3, 3), np.nan)
+    for place, row in enumerate(rows):
+        if row.covariance_mm2 is not None:
+            covariance[place] = row.covariance_mm2
+    air = [np.nan if row.temperature_degC is None else row.temperature_degC for row in rows]
+    return Shots(
+        numbers=tuple(range(len(rows))),
+        purposes=tuple(row.purpose for row in rows),
+        pairs=tuple(row.pair for row in rows),
+        joints=joints,
+        points_in_tracker_mm=np.array([row.point_in_tracker_mm for row in rows]),
+        stated_covariance_mm2=covariance,
+        approach=np.zeros_like(joints),
+        commanded=nominal.forward(joints).values,
+        measured_utc=tuple(row.time or "" for row in rows),
+        temperature_degC=np.array(air, dtype=np.float64),
+    )
+
+
+def approach_directions(shots: Sequence[AcceptedShot], axes: Sequence[Axis]) -> Array:
+    """+1 where a joint last moved towards larger values, -1 smaller, 0 where unknown, (N, n).
+
+    A joint that hardly moved on the last leg keeps the direction of the shot before, if it stood
+    there when the leg began and was not turned round. Before means before in time: a shot measured
+    again comes after others of higher numbers.
+    """
+    scale = np.array([axis.scale for axis in axes])
+    found = np.zeros((len(shots), len(axes)))
+    before, standing = np.zeros(len(axes)), np.full(len(axes), np.nan)
+    for row in sorted(range(len(shots)), key=lambda row: shots[row].measured_utc):
+        outcome = shots[row].outcome
+        joints = np.array(outcome.joints)
+        if outcome.came_from is not None:
+            came_from = np.array(outcome.came_from)
+            straight = bool((np.abs(came_from - standing) < AT_REST_RAD * scale).all())
+            found[row] = _direction((joints - came_from) / scale, before * straight)
+        before, standing = found[row], joints
+    return found
+
+
+def _direction(moved_rad: Array, before: Array) -> Array:
+    """Of each joint after a leg, (n,), from how far it went and the direction before the leg."""
+    way = np.sign(moved_rad)
+    kept = (np.abs(moved_rad) < AT_REST_RAD) | (way == before)
+    return np.where(np.abs(moved_rad) > TAKEN_UP_RAD, way, np.where(kept, before, 0.0))
+
+
+def outcomes_covariance_mm2(outcomes: Sequence[Outcome], model: TrackerUncertainty) -> Array:
+    """What the tracker stated of each point, or `model` where it stated nothing, (N, 3, 3)."""
+    return _completed_mm2(_stated_covariance_mm2(outcomes), _points_mm(outcomes), model)
+
+
+def _points_mm(outcomes: Sequence[Outcome]) -> Array:
+    return np.array([outcome.point_in_tracker_mm for outcome in outcomes]).reshape(-1, 3)
+
+
+def _air_degC(outcomes: Sequence[Outcome]) -> Iterator[float]:  # noqa: N802 - the unit
+    for outcome in outcomes:
+        yield np.nan if outcome.weather is None else outcome.weather.temperature_degC
 
 
 def _stated_covariance_mm2(outcomes: Sequence[Outcome]) -> Array:
@@ -139,12 +197,6 @@ def _stated_covariance_mm2(outcomes: Sequence[Outcome]) -> Array:
         if outcome.covariance_mm2 is not None:
             stated[row] = outcome.covariance_mm2
     return stated
-
-
-def outcomes_covariance_mm2(outcomes: Sequence[Outcome], model: TrackerUncertainty) -> Array:
-    """What the tracker stated of each point, or `model` where it stated nothing, (N, 3, 3)."""
-    points = np.array([outcome.point_in_tracker_mm for outcome in outcomes]).reshape(-1, 3)
-    return _completed_mm2(_stated_covariance_mm2(outcomes), points, model)
 
 
 def _completed_mm2(

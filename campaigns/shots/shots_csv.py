@@ -6,88 +6,103 @@ from itertools import zip_longest
 from pathlib import Path
 
 from campaigns.errors import ShotsInvalid
-from campaigns.files.csv_file import CsvForm, CsvRow, angle_text, csv_text, number_text, parse_csv
+from campaigns.files.csv_file import CsvForm, CsvRow, csv_text, number_text, parse_csv
 from campaigns.files.text_file import read_text, write_text_unless_there
+from campaigns.mechanisms.mechanism import Axis, Mechanism
 from campaigns.shots.columns import (
-    JOINT_COLUMNS,
     POINT_COLUMNS,
     PairedRow,
-    angle_rad,
+    axis_columns,
+    axis_texts,
+    axis_values,
     check_pairs,
-    joints_rad,
     pair_number,
     shot_set,
 )
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import is_positive_definite
-from drivers.values import Matrix3, Vector3
+from drivers.values import Matrix3, Vector3, is_positive_definite
 
 COVARIANCE_COLUMNS = ("sxx", "sxy", "sxz", "syy", "syz", "szz")
-
-_FORM = CsvForm(
-    required=("pair", *JOINT_COLUMNS, *POINT_COLUMNS),
-    optional=("set", "theta_deg", *COVARIANCE_COLUMNS, "temperature_degC", "time"),
-    invalid=ShotsInvalid,
-)
 
 
 @dataclass(frozen=True, slots=True)
 class ShotRow:
-    """One measured shot: encoder angles, and the reflector's place in the tracker's frame.
+    """Measured shot: joint values, and the reflector's place in the tracker's frame.
 
-    `pair` is None for sets without pairs. `time` is as the file says it. None: not known.
+    `pair` is None for sets without pairs. `turn` is that of the commanded pose: what it has beyond
+    a place, rad; empty where that is nothing or not known. `time` is as the file says it. None: not
+    known.
     """
 
     pair: int | None
-    joints_rad: tuple[float, ...]
+    joints: tuple[float, ...]
     point_in_tracker_mm: Vector3
     purpose: ShotSet = ShotSet.IDENTIFICATION
-    theta_rad: float | None = None
+    turn: tuple[float, ...] = ()
     covariance_mm2: Matrix3 | None = None
     temperature_degC: float | None = None
     time: str | None = None
 
 
-def read_shots(path: Path) -> tuple[ShotRow, ...]:
-    """Read measured shots, in the file's order; raises `ShotsInvalid`."""
+def read_shots(path: Path, mechanism: Mechanism) -> tuple[ShotRow, ...]:
+    """Measured shots of a robot, in the file's order; raises `ShotsInvalid`."""
     text = read_text(path, ShotsInvalid, if_missing="check the file's name")
-    return parse_shots(text, str(path))
+    return parse_shots(text, str(path), mechanism)
 
 
-def write_shots(path: Path, shots: Sequence[ShotRow], *, overwrite: bool = False) -> None:
+def write_shots(
+    path: Path, shots: Sequence[ShotRow], mechanism: Mechanism, *, overwrite: bool = False
+) -> None:
     """Write the file; raises `OutputExists` unless `overwrite`, or `WriteFailed`."""
-    write_text_unless_there(path, shots_text(shots), overwrite=overwrite)
+    write_text_unless_there(path, shots_text(shots, mechanism), overwrite=overwrite)
 
 
-def parse_shots(text: str, name: str) -> tuple[ShotRow, ...]:
-    """Read shots from a file's text; raises `ShotsInvalid` with the line."""
-    rows = list(parse_csv(text, name, _FORM))
+def parse_shots(text: str, name: str, mechanism: Mechanism) -> tuple[ShotRow, ...]:
+    """Shots of a file's text; raises `ShotsInvalid` with the line."""
+    rows = list(parse_csv(text, name, _form(mechanism)))
     if not rows:
         raise ShotsInvalid(f"{name}: holds no shots", remedy="check that it is the right file")
-    shots = tuple(_shot_of(row) for row in rows)
+    shots = tuple(_shot_of(row, mechanism) for row in rows)
     check_pairs(
         [PairedRow(row, shot.purpose, shot.pair) for row, shot in zip(rows, shots, strict=True)]
     )
     return shots
 
 
-def shots_text(shots: Sequence[ShotRow]) -> str:
-    """Write shots as the text of a file, with the optional columns that any of them fills."""
-    texts = [_texts_of(shot) for shot in shots]
-    filled = [column for column in _FORM.optional if any(row[column] for row in texts)]
-    header = (*_FORM.required, *filled)
-    return csv_text(header, [[row[column] for column in header] for row in texts])
+def shots_text(shots: Sequence[ShotRow], mechanism: Mechanism) -> str:
+    """Text of a file of shots, with the optional columns that any of them fills."""
+    form = _form(mechanism)
+    texts = [_texts_of(shot, mechanism) for shot in shots]
+    filled = [column for column in form.optional if any(row.get(column) for row in texts)]
+    header = (*form.required, *filled)
+    return csv_text(header, [[row.get(column, "") for column in header] for row in texts])
 
 
-def _shot_of(row: CsvRow) -> ShotRow:
+def _form(mechanism: Mechanism) -> CsvForm:
+    turns = axis_columns(_turns(mechanism))
+    return CsvForm(
+        required=("pair", *axis_columns(mechanism.joints), *POINT_COLUMNS),
+        optional=("set", *turns, *COVARIANCE_COLUMNS, "temperature_degC", "time"),
+        invalid=ShotsInvalid,
+    )
+
+
+def _turns(mechanism: Mechanism) -> tuple[Axis, ...]:
+    """Task axes that a tracker does not see."""
+    return mechanism.task[len(POINT_COLUMNS) :]
+
+
+def _shot_of(row: CsvRow, mechanism: Mechanism) -> ShotRow:
     purpose = shot_set(row) if row.text("set") else ShotSet.IDENTIFICATION
     x_mm, y_mm, z_mm = (row.number(column) for column in POINT_COLUMNS)
+    turns = _turns(mechanism)
+    turned = any(row.text(column) for column in axis_columns(turns))
     return ShotRow(
         pair=pair_number(row, purpose),
-        joints_rad=joints_rad(row),
+        joints=axis_values(row, mechanism.joints),
         point_in_tracker_mm=(x_mm, y_mm, z_mm),
         purpose=purpose,
-        theta_rad=angle_rad(row, "theta_deg") if row.text("theta_deg") else None,
+        turn=axis_values(row, turns) if turned else (),
         covariance_mm2=_covariance_of(row),
         temperature_degC=row.number("temperature_degC") if row.text("temperature_degC") else None,
         time=row.text("time") or None,
@@ -113,18 +128,18 @@ def _covariance_of(row: CsvRow) -> Matrix3 | None:
     return covariance
 
 
-def _texts_of(shot: ShotRow) -> Mapping[str, str]:
+def _texts_of(shot: ShotRow, mechanism: Mechanism) -> Mapping[str, str]:
     covariance = shot.covariance_mm2
     upper = (*covariance[0], *covariance[1][1:], covariance[2][2]) if covariance else ()
     temperature = shot.temperature_degC
+    axes = mechanism.joints + (_turns(mechanism) if shot.turn else ())
     values = {
         "pair": "" if shot.pair is None else str(shot.pair),
         "set": shot.purpose.value,
-        "theta_deg": "" if shot.theta_rad is None else angle_text(shot.theta_rad),
         "temperature_degC": "" if temperature is None else number_text(temperature),
         "time": shot.time or "",
     }
-    values |= zip(JOINT_COLUMNS, map(angle_text, shot.joints_rad), strict=True)
+    values |= zip(axis_columns(axes), axis_texts(axes, shot.joints + shot.turn), strict=True)
     values |= zip(POINT_COLUMNS, map(number_text, shot.point_in_tracker_mm), strict=True)
     values |= dict(zip_longest(COVARIANCE_COLUMNS, map(number_text, upper), fillvalue=""))
     return values

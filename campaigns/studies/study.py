@@ -1,73 +1,75 @@
-"""What goes into a study: shots, robots, noise; and what comes out of each of its campaigns."""
+"""Monte Carlo study: simulated campaigns of one plan, each identified as `identify` does it."""
 
 import hashlib
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import numpy as np
 
-from campaigns.arrays import Array, Index
-from campaigns.estimation.estimate import chi_square_test, variance_scale
-from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.information import points_covariance, predict_distances
-from campaigns.estimation.least_squares import Solution, solve
-from campaigns.estimation.observability import covariance, observability, unobservable_combinations
+from campaigns.arrays import Array
+from campaigns.errors import CampaignError
+from campaigns.estimation.estimate import Estimate, OutlierPolicy, estimate
+from campaigns.estimation.estimators import Estimator, Outliers
+from campaigns.estimation.information import predict_distances, predict_points
+from campaigns.estimation.observability import observability, unobservable_combinations
 from campaigns.estimation.point_sets import distances_mm
-from campaigns.estimation.residuals import (
-    DistanceResiduals,
-    PointResiduals,
-    PositionModel,
-    Residuals,
-)
+from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.estimation.rigid_transforms import Transform
-from campaigns.estimation.robust import Loss
-from campaigns.estimation.tracker_noise import (
-    TrackerUncertainty,
-    distance_variance_mm2,
-    point_covariance_mm2,
-)
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import FILE_UNIT, Geometry, indices
-from campaigns.mechanisms.par4 import NoSolution
+from campaigns.estimation.tracker_noise import distance_variance_mm2, point_covariance_mm2
+from campaigns.identification.observations import observations
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.parameter_selection import ParameterSelection
+from campaigns.mechanisms.mechanism import Kinematics, NoSolution
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.plans import joints_of, poses_of
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import Shots
 from campaigns.version import VERSION
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PairedShots:
-    """Joints (N, 4) of a plan's shots, and which rows are pairs, (M, 2)."""
-
-    joints_rad: Array
-    pairs: Index
-
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class StudySetup:
-    """What all campaigns of a study share."""
+    """What all campaigns of a study share.
 
-    nominal: Geometry
+    `shots` are those of the plan, fitted and unseen; where their points are each campaign draws.
+    """
+
+    nominal: Kinematics
+    shots: Shots
     free: tuple[str, ...]
-    estimator: Estimator
-    fitted: PairedShots
-    unseen: PairedShots
+    options: IdentificationOptions
+    """Its instrument is what the simulated tracker states, and what it has."""
     tracker_from_base: Transform
-    uncertainty: TrackerUncertainty
     seed: int
+
+    @property
+    def fitted(self) -> Shots:
+        """Those identified from."""
+        return self.shots.of_set(ShotSet.IDENTIFICATION)
+
+    @property
+    def estimator(self) -> Estimator:
+        """What the fits compare."""
+        return self.options.estimator
 
     @property
     def dof(self) -> int:
         """Numbers measured less numbers sought; of points three a shot, and a frame's six more."""
         if self.estimator is Estimator.POINTS:
-            return 3 * len(self.fitted.joints_rad) - len(self.free) - 6
-        return len(self.fitted.pairs) - len(self.free)
+            return 3 * len(self.fitted) - len(self.free) - FRAME_COLUMNS
+        return len(self.shots.whole_pairs(ShotSet.IDENTIFICATION).rows) - len(self.free)
 
     def digest(self, truth: str) -> str:
         """Twelve characters that differ between studies; `truth` says how robots are drawn."""
-        parts = [self.nominal.vector(), self.tracker_from_base.rotation]
-        parts += [self.tracker_from_base.translation_mm]
-        for shots in (self.fitted, self.unseen):
-            parts += [shots.joints_rad, shots.pairs.astype(np.float64)]
-        settings = (truth, self.free, self.estimator.value, self.uncertainty, self.seed)
+        shots, frame = self.shots, self.tracker_from_base
+        pairs = [-1 if pair is None else pair for pair in shots.pairs]
+        parts = [self.nominal.p, frame.rotation, frame.translation_mm, shots.joints]
+        parts.append(np.array(pairs, dtype=np.float64))
+        sets = [purpose.value for purpose in shots.purposes]
+        how = self.options
+        asked = (how.estimator.value, how.outliers.value, how.loss, how.instrument)
+        settings = (truth, self.nominal.mechanism.name, sets, self.free, *asked, self.seed)
         text = repr((*settings, VERSION))  # another version may find other numbers
         hashed = hashlib.sha256(text.encode("utf-8"))
         for part in parts:
@@ -75,9 +77,33 @@ class StudySetup:
         return hashed.hexdigest()[:12]
 
 
+def planned_shots(shots: Sequence[PlannedShot]) -> Shots:
+    """Shots of plans before anything is measured: their points are not numbers yet.
+
+    Pairs are numbered anew, for those of two plans may have the same numbers.
+    """
+    joints, count = joints_of(shots), len(shots)
+    places: dict[tuple[ShotSet, int], int] = {}
+    return Shots(
+        numbers=tuple(range(count)),
+        purposes=tuple(shot.purpose for shot in shots),
+        pairs=tuple(
+            None if shot.pair is None else places.setdefault((shot.purpose, shot.pair), len(places))
+            for shot in shots
+        ),
+        joints=joints,
+        points_in_tracker_mm=np.full((count, 3), np.nan),
+        stated_covariance_mm2=np.full((count, 3, 3), np.nan),
+        approach=np.zeros_like(joints),
+        commanded=poses_of(shots),
+        measured_utc=("",) * count,
+        temperature_degC=np.full(count, np.nan),
+    )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class StudyTask:
-    """Some campaigns of a study, and the true parameters of each as rows, mm and rad."""
+    """Some campaigns of a study, and the true parameter vectors of each, (C, G)."""
 
     setup: StudySetup
     numbers: tuple[int, ...]
@@ -86,7 +112,7 @@ class StudyTask:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CampaignEstimate:
-    """What one campaign found of the free parameters, in file units (mm, deg): it is to be read."""
+    """Estimate of one campaign's free parameters, in file units (mm, deg): it is to be read."""
 
     errors: Array
     """Identified minus true, (F,)."""
@@ -101,7 +127,7 @@ class CampaignEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CampaignOutcome:
-    """An estimate, or why there is none."""
+    """Estimate, or why there is none."""
 
     number: int
     estimate: CampaignEstimate | None
@@ -109,35 +135,26 @@ class CampaignOutcome:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _NominalPoses:
-    """Where the forward models begin to search, (N, 4) each."""
-
-    fitted: Array
-    unseen: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _Robot:
     """A true robot: its shots as they are, how they scatter, and how well they can tell of it."""
 
-    vector: Array
-    """Its parameters, mm and rad."""
+    true: Kinematics
     points_mm: Array
-    """Of the fitted shots, in the tracker's frame, (N, 3)."""
+    """In the tracker's frame, (N, 3)."""
     scatter_mm: Array
     """Square root of each point's covariance, (N, 3, 3)."""
     bound: Array
     """Least standard deviations (Cramér and Rao), (F,), mm and rad."""
-    unseen: Array
-    """Poses of the unseen shots, (K, 4)."""
+    poses: Array
+    """(N, t)"""
 
 
 def run_task(task: StudyTask) -> tuple[CampaignOutcome, ...]:
     """Simulate and identify; a campaign that cannot be identified is an outcome too."""
-    near = _nominal_poses(task.setup)
+    near = task.setup.nominal.forward(task.setup.shots.joints).values_or_raise()
     robot_of = cache(partial(_robot, task.setup, near))  # a scenario without tolerances has one
     return tuple(
-        _outcome(task.setup, near, number, partial(robot_of, tuple(truth)))
+        _outcome(task.setup, number, partial(robot_of, tuple(truth)))
         for number, truth in zip(task.numbers, task.truths.tolist(), strict=True)
     )
 
@@ -147,110 +164,93 @@ def indistinguishable(setup: StudySetup) -> list[tuple[str, ...]]:
 
     Raises `NoSolution` when the nominal robot cannot take them.
     """
-    near = _nominal_poses(setup)
-    exact_mm = setup.tracker_from_base.apply(near.fitted[:, :3])
-    problem = _problem(setup, near, exact_mm)
+    poses = setup.nominal.forward(setup.shots.joints).values_or_raise()
+    exact_mm = setup.tracker_from_base.apply(poses[:, :3])
+    shots = replace(setup.shots, points_in_tracker_mm=exact_mm)
+    selection = ParameterSelection(setup.free)
+    problem = observations(setup.nominal, shots, selection, setup.options).problem
     seen = observability(problem.jacobian(problem.start()))
     return unobservable_combinations(seen, setup.free)
 
 
-def stated_std(estimator: Estimator, fit: Solution) -> Array:
-    """Standard deviations as identification states them of the same shots, (P,), mm and rad.
-
-    From the tracker's stated noise for points, as long as χ² believes it; else from the scatter.
-    """
-    seen = chi_square_test(float(fit.residual @ fit.residual), len(fit.residual) - len(fit.x), None)
-    trusted = estimator is Estimator.POINTS
-    scale = variance_scale(seen.ratio, seen, Loss(), trusted=trusted)
-    assert scale is not None, "a set-up leaves degrees of freedom"
-    return np.asarray(scale * np.sqrt(np.diag(covariance(fit.jacobian))))
-
-
-def _nominal_poses(setup: StudySetup) -> _NominalPoses:
-    return _NominalPoses(
-        *(
-            forward(setup.nominal, shots.joints_rad).require()
-            for shots in (setup.fitted, setup.unseen)
-        )
-    )
-
-
-def _robot(setup: StudySetup, near: _NominalPoses, values: tuple[float, ...]) -> _Robot:
+def _robot(setup: StudySetup, near: Array, values: tuple[float, ...]) -> _Robot:
     """Raises `NoSolution`, and `LinAlgError` when its shots do not fix the parameters."""
-    vector = np.array(values)
-    true = Geometry.from_vector(vector)
-    poses = forward(true, setup.fitted.joints_rad, near.fitted).require()
+    true = Kinematics(setup.nominal.mechanism, np.array(values))
+    poses = true.forward(setup.shots.joints, near).values_or_raise()
     points_mm = setup.tracker_from_base.apply(poses[:, :3])
-    covariance_mm2 = point_covariance_mm2(points_mm, setup.uncertainty)
+    covariance_mm2 = point_covariance_mm2(points_mm, setup.options.instrument)
     scatter_mm = np.asarray(np.linalg.cholesky(covariance_mm2), dtype=np.float64)
-    unseen = forward(true, setup.unseen.joints_rad, near.unseen).require()
-    return _Robot(vector, points_mm, scatter_mm, _bound(setup, true, poses, points_mm), unseen)
+    return _Robot(true, points_mm, scatter_mm, _bound(setup, true, poses, points_mm), poses)
 
 
-def _bound(setup: StudySetup, true: Geometry, poses: Array, points_mm: Array) -> Array:
+def _bound(setup: StudySetup, true: Kinematics, poses: Array, points_mm: Array) -> Array:
     """Cramér-Rao bound of standard deviations, (F,), mm and rad.
 
     Of what the estimator is given, at the truth: Fisher's information of the coordinates, or of
     the distances.
     """
-    joints_rad, pairs = setup.fitted.joints_rad, setup.fitted.pairs
+    joints, pairs = setup.shots.joints, setup.shots.whole_pairs(ShotSet.IDENTIFICATION).rows
     in_base_axes_mm = points_mm @ setup.tracker_from_base.rotation
-    noise_mm2 = point_covariance_mm2(in_base_axes_mm, setup.uncertainty)
+    noise_mm2 = point_covariance_mm2(in_base_axes_mm, setup.options.instrument)
     if setup.estimator is Estimator.POINTS:
-        least = points_covariance(true, setup.free, joints_rad, poses, noise_mm2)
-        return np.asarray(np.sqrt(np.diag(least)[: len(setup.free)]))
+        sets = setup.shots.purposes
+        rows = np.flatnonzero([purpose is ShotSet.IDENTIFICATION for purpose in sets])
+        return predict_points(true, setup.free, joints[rows], poses[rows], noise_mm2[rows]).std
     variance_mm2 = distance_variance_mm2(in_base_axes_mm, noise_mm2, *pairs.T)
-    return predict_distances(true, setup.free, joints_rad, poses, pairs, variance_mm2).std
+    return predict_distances(true, setup.free, joints, poses, pairs, variance_mm2).std
 
 
-def _outcome(
-    setup: StudySetup, near: _NominalPoses, number: int, robot: Callable[[], _Robot]
-) -> CampaignOutcome:
+def _outcome(setup: StudySetup, number: int, robot: Callable[[], _Robot]) -> CampaignOutcome:
     rng = np.random.default_rng([setup.seed, number])
     try:
-        true = robot()
-        fit = solve(_problem(setup, near, _measured(true, rng)))
-        if not fit.converged:
-            return CampaignOutcome(number, None, fit.message)
-        return CampaignOutcome(number, _estimate(setup, true, fit), "")
-    except (NoSolution, np.linalg.LinAlgError) as error:
+        drawn = robot()
+        found = _identified(setup, _measured(drawn, rng))
+        if not found.fit.converged:
+            return CampaignOutcome(number, None, found.fit.message)
+        if found.covariance is None or found.seen.rank < len(setup.free):
+            return CampaignOutcome(number, None, f"rank {found.seen.rank} of {len(setup.free)}")
+        return CampaignOutcome(number, _estimate(setup, drawn, found), "")
+    except (NoSolution, CampaignError, np.linalg.LinAlgError) as error:
         return CampaignOutcome(number, None, str(error))
 
 
-def _measured(true: _Robot, rng: np.random.Generator) -> Array:
+def _measured(robot: _Robot, rng: np.random.Generator) -> Array:
     """Points with noise in the tracker's frame, (N, 3)."""
-    draws = rng.standard_normal(true.points_mm.shape)
-    return np.asarray(true.points_mm + np.einsum("nij,nj->ni", true.scatter_mm, draws))
+    draws = rng.standard_normal(robot.points_mm.shape)
+    return np.asarray(robot.points_mm + np.einsum("nij,nj->ni", robot.scatter_mm, draws))
 
 
-def _problem(setup: StudySetup, near: _NominalPoses, points_mm: Array) -> Residuals:
-    """What identification solves, from the nominal robot on."""
-    free = indices(setup.free)
-    model = PositionModel(setup.nominal, free, setup.fitted.joints_rad, near.fitted)
-    if setup.estimator is Estimator.POINTS:
-        stated = point_covariance_mm2(points_mm, setup.uncertainty)
-        return PointResiduals.from_points(model, points_mm, stated)
-    first, second = setup.fitted.pairs.T
-    return DistanceResiduals(model, first, second, distances_mm(points_mm, first, second))
+def _identified(setup: StudySetup, points_mm: Array) -> Estimate:
+    """Estimate as identification makes it of the same shots."""
+    shots = replace(setup.shots, points_in_tracker_mm=points_mm)
+    options, selection = setup.options, ParameterSelection(setup.free)
+    problem = observations(setup.nominal, shots, selection, options).problem
+    policy = OutlierPolicy(options.loss, exclude=options.outliers is Outliers.EXCLUDE)
+    known_variance = options.estimator is Estimator.POINTS
+    return estimate(problem, len(setup.free), policy, known_variance=known_variance)
 
 
-def _estimate(setup: StudySetup, true: _Robot, fit: Solution) -> CampaignEstimate:
-    free = indices(setup.free)
-    identified = setup.nominal.vector()
-    identified[free] = fit.x[: len(free)]
-    errors = (identified - true.vector)[free]
-    std = stated_std(setup.estimator, fit)[: len(free)]
-    unseen_mm = _unseen_errors_mm(setup.unseen, true, Geometry.from_vector(identified))
+def _estimate(setup: StudySetup, robot: _Robot, found: Estimate) -> CampaignEstimate:
+    assert found.covariance is not None, "looked at before"
+    space, count = setup.nominal.mechanism.parameters, len(setup.free)
+    places, unit = space.places(setup.free), space.units(setup.free)
+    identified = setup.nominal.p.copy()
+    identified[places] = found.x[:count]
+    errors = (identified - robot.true.p)[places]
+    std = np.sqrt(np.diag(found.covariance)[:count])
+    kinematics = Kinematics(setup.nominal.mechanism, identified)
+    unseen_mm = _unseen_errors_mm(setup.shots, robot, kinematics)
     mean, most = (float("nan"),) * 2
     if unseen_mm.size:
         mean, most = float(unseen_mm.mean()), float(unseen_mm.max())
-    unit = FILE_UNIT[free]
-    return CampaignEstimate(errors / unit, std / unit, true.bound / unit, mean, most)
+    return CampaignEstimate(errors / unit, std / unit, robot.bound / unit, mean, most)
 
 
-def _unseen_errors_mm(unseen: PairedShots, true: _Robot, identified: Geometry) -> Array:
+def _unseen_errors_mm(shots: Shots, robot: _Robot, identified: Kinematics) -> Array:
     """Sizes of the errors of distances, (M,); raises `NoSolution`."""
-    first, second = unseen.pairs.T
-    found = forward(identified, unseen.joints_rad, true.unseen).require()
-    exact_mm, found_mm = (distances_mm(p[:, :3], first, second) for p in (true.unseen, found))
+    first, second = shots.whole_pairs(ShotSet.VALIDATION).rows.T
+    rows = np.concatenate([first, second])
+    found = identified.forward(shots.joints[rows], robot.poses[rows]).values_or_raise()
+    ends = np.arange(len(rows)).reshape(2, -1)
+    exact_mm, found_mm = (distances_mm(p[:, :3], *ends) for p in (robot.poses[rows], found))
     return np.abs(found_mm - exact_mm)

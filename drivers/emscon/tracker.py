@@ -1,7 +1,7 @@
 """From an emScon result to a measurement with a covariance that can be used."""
 
 from collections.abc import Callable
-from math import isfinite, sqrt
+from math import isfinite
 
 from drivers.emscon.client import (
     OTHER_CLIENT,
@@ -35,6 +35,7 @@ from drivers.values import (
     TrackerState,
     Vector3,
     Weather,
+    is_positive_definite,
 )
 from drivers.wire.emscon import NOTHING, encode
 from drivers.wire.emscon_constants import (
@@ -119,22 +120,14 @@ def _matrix(std: Vector3, covariance: Vector3) -> Matrix3 | None:
     if not all(smallest_mm < value < largest_mm for value in std):
         return None
     full = _symmetric(std, covariance)
-    return full if _is_positive_definite(full) else _symmetric(std, NO_COVARIANCE)
+    possible = is_positive_definite(full, SMALLEST_DETERMINANT)
+    return full if possible else _symmetric(std, NO_COVARIANCE)
 
 
 def _symmetric(std: Vector3, covariance: Vector3) -> Matrix3:
     xx, yy, zz = (value * value for value in std)
     xy, xz, yz = covariance
     return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
-
-
-def _is_positive_definite(matrix: Matrix3) -> bool:
-    """Apply Sylvester's criterion to the correlation matrix; NaN fails it."""
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = matrix
-    r_xy, r_xz, r_yz = xy / sqrt(xx * yy), xz / sqrt(xx * zz), yz / sqrt(yy * zz)
-    squares = r_xy * r_xy + r_xz * r_xz + r_yz * r_yz
-    determinant = 1.0 + 2.0 * r_xy * r_xz * r_yz - squares
-    return abs(r_xy) < 1.0 and determinant > SMALLEST_DETERMINANT
 
 
 def _trace(matrix: Matrix3) -> float:

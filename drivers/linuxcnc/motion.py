@@ -76,15 +76,15 @@ class JointLimits:
         """What joints may do that only pass."""
         return JointLimits(self.lowest_rad - slack_rad, self.highest_rad + slack_rad)
 
-    def check(self, joints_rad: Sequence[float]) -> None:
+    def check(self, joints: Sequence[float]) -> None:
         """Raise `LimitViolation` for a target outside, before anything is sent."""
-        if len(joints_rad) != JOINTS:
+        if len(joints) != JOINTS:
             raise LimitViolation(
-                f"{len(joints_rad)} joints were given, the robot has {JOINTS}",
+                f"{len(joints)} joints were given, the robot has {JOINTS}",
                 remedy="check the plan",
                 code="LIMIT",
             )
-        for joint, angle_rad in enumerate(joints_rad):
+        for joint, angle_rad in enumerate(joints):
             low = self.lowest_rad - AT_THE_LIMIT_RAD
             if not low <= angle_rad <= self.highest_rad + AT_THE_LIMIT_RAD:
                 raise LimitViolation(

@@ -105,7 +105,7 @@ class LinuxcncMover:
         if not (moving or fault):
             self._watch.forget()
         return RobotState(
-            joints_rad=tuple(map(radians, snapshot.joints_deg)),
+            joints=tuple(map(radians, snapshot.joints_deg)),
             moving=moving,
             fault=fault,
             emergency_stop=snapshot.emergency_stop,
@@ -289,7 +289,7 @@ def way_to(
 def _is_within(kinematics: Kinematics, passing: JointLimits, start: Pose, end: Pose) -> bool:
     try:
         for pose in _along(start, end):
-            passing.check(kinematics.joints_rad(pose))
+            passing.check(kinematics.joints(pose))
     except LimitViolation:
         return False
     return True
@@ -297,14 +297,9 @@ def _is_within(kinematics: Kinematics, passing: JointLimits, start: Pose, end: P
 
 def _along(start: Pose, end: Pose) -> Iterator[Pose]:
     """Poses on the straight line, without its ends."""
-    first = (start.x_mm, start.y_mm, start.z_mm, start.theta_rad)
-    last = (end.x_mm, end.y_mm, end.z_mm, end.theta_rad)
     for look in range(1, LOOKS_A_PART):
-        yield Pose(*_between(first, last, look / LOOKS_A_PART))
+        yield Pose(*_between(start.coordinates, end.coordinates, look / LOOKS_A_PART))
 
 
-def _between(
-    first: Sequence[float], last: Sequence[float], part: float
-) -> tuple[float, float, float, float]:
-    a, b, c, d = (one + part * (other - one) for one, other in zip(first, last, strict=True))
-    return a, b, c, d
+def _between(first: Sequence[float], last: Sequence[float], part: float) -> tuple[float, ...]:
+    return tuple(one + part * (other - one) for one, other in zip(first, last, strict=True))

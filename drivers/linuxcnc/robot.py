@@ -92,22 +92,22 @@ class LinuxcncRobot:
         """The joints as read now. It takes up to some 10 ms to be sure that they stand."""
         return self._mover.state(self._session.connection)
 
-    def move_joints(self, joints_rad: Sequence[float], speed_fraction: float) -> None:
+    def move_joints(self, joints: Sequence[float], speed_fraction: float) -> None:
         """Start a move to joints; raises `LimitViolation`, `MotionFault` or `EmergencyStop`.
 
         A controller that works in world coordinates is led along by poses.
         """
-        self._settings.limits.check(joints_rad)
-        self._start(joints_rad, None, speed_fraction)
+        self._settings.limits.check(joints)
+        self._start(joints, None, speed_fraction)
 
     def move_pose(self, pose: Pose, speed_fraction: float) -> None:
         """Start a move to a pose; raises like a joint move.
 
         By LinuxCNC's own kinematics, or, where it only takes joints, converted with the stored set.
         """
-        joints_rad = self._active().joints_rad(pose)
-        self._settings.limits.check(joints_rad)
-        self._start(joints_rad, pose, speed_fraction)
+        joints = self._active().joints(pose)
+        self._settings.limits.check(joints)
+        self._start(joints, pose, speed_fraction)
 
     def stop(self) -> None:
         """Stop at once, also when the wire is down or another client has control.
@@ -163,14 +163,14 @@ class LinuxcncRobot:
             self._kinematics = self._kinematics_of(self._store.read())
         return self._kinematics
 
-    def _start(self, joints_rad: Sequence[float], pose: Pose | None, speed_fraction: float) -> None:
+    def _start(self, joints: Sequence[float], pose: Pose | None, speed_fraction: float) -> None:
         conversation = self._session.connection
         here_rad = tuple(map(radians, read_joints_deg(conversation)))
-        travel_rad = max(abs(q - now) for q, now in zip(joints_rad, here_rad, strict=True))
-        numbers = [tuple(map(degrees, joints_rad))]
+        travel_rad = max(abs(q - now) for q, now in zip(joints, here_rad, strict=True))
+        numbers = [tuple(map(degrees, joints))]
         if self._works_in_world:
             passing = self._settings.limits.wider_by(self._settings.passing_slack_rad)
-            way = way_to(self._active(), passing, here_rad, joints_rad)
+            way = way_to(self._active(), passing, here_rad, joints)
             numbers = [*map(_world, way[:-1]), _world(pose or way[-1])]
         targets = [Target.of(self._settings.coordinates, place) for place in numbers]
         self._mover.start(conversation, targets, travel_rad, speed_fraction)
@@ -199,7 +199,7 @@ class LinuxcncRobot:
 
 def _world(pose: Pose) -> tuple[float, ...]:
     """X, Y, Z in mm and C in deg."""
-    return pose.x_mm, pose.y_mm, pose.z_mm, degrees(pose.theta_rad)
+    return pose.x_mm, pose.y_mm, pose.z_mm, degrees(pose.theta_rad or 0.0)
 
 
 def _listed(numbers: Sequence[float]) -> str:

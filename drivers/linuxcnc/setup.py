@@ -19,11 +19,11 @@ from drivers.values import Identity, Pose
 class Kinematics(Protocol):
     """A parameter set at work."""
 
-    def joints_rad(self, pose: Pose) -> tuple[float, ...]:
+    def joints(self, pose: Pose) -> tuple[float, ...]:
         """Encoder angles of a pose; raises `LimitViolation` for one out of reach."""
         ...
 
-    def pose(self, joints_rad: Sequence[float]) -> Pose:
+    def pose(self, joints: Sequence[float]) -> Pose:
         """Pose of encoder angles; raises `LimitViolation` where nothing can be assembled."""
         ...
 

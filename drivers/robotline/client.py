@@ -24,8 +24,7 @@ from drivers.wire.robotline import (
     Request,
     encode_request,
 )
-from drivers.wire.robotline_answers import Answer
-from drivers.wire.robotline_commands import Command
+from drivers.wire.robotline_messages import Answer, Command, RobotLayout
 
 AnswerKind = TypeVar("AnswerKind", bound=Answer)
 
@@ -52,12 +51,13 @@ class RobotlineClient(LinkClient[Reply]):
         transport: Transport,
         numbers: Iterator[int],
         *,
+        robot: RobotLayout,
         clock_s: Callable[[], float],
         cancelled: Callable[[], bool],
     ) -> None:
         link = Link(
             transport,
-            ReplyFramer(),
+            ReplyFramer(robot),
             clock_s=clock_s,
             is_event=lambda reply: reply.sequence != self._asked,
             cancelled=cancelled,
@@ -106,6 +106,7 @@ def open_client(
     transport: Transport,
     numbers: Iterator[int],
     *,
+    robot: RobotLayout,
     clock_s: Callable[[], float],
     cancelled: Callable[[], bool],
     blindly: Command | None = None,
@@ -123,4 +124,4 @@ def open_client(
     except DriverError:
         transport.close()
         raise
-    return RobotlineClient(transport, numbers, clock_s=clock_s, cancelled=cancelled)
+    return RobotlineClient(transport, numbers, robot=robot, clock_s=clock_s, cancelled=cancelled)

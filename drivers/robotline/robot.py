@@ -14,29 +14,26 @@ from drivers.stopping import StopProcedure, await_standstill
 from drivers.transport import Transport
 from drivers.values import Identity, Pose, RobotState
 from drivers.wire.robotline import sequence_from
-from drivers.wire.robotline_answers import Answer, Done, Greeting, Motion, Status
-from drivers.wire.robotline_commands import (
-    AXES,
+from drivers.wire.robotline_messages import (
     FASTEST_PERCENT,
     VERSION,
     Abandon,
+    Answer,
     AskState,
     Command,
     Commit,
+    Done,
+    Greeting,
     Hello,
+    Motion,
     MoveJoints,
     MovePose,
-    ReadArm,
-    ReadPlate,
+    Parameters,
+    ReadPart,
+    RobotLayout,
     Stage,
+    Status,
     Stop,
-)
-from drivers.wire.robotline_geometry import (
-    ARMS,
-    GEOMETRY_NAMES,
-    ArmGeometry,
-    PlateGeometry,
-    parts_of,
 )
 
 AnswerKind = TypeVar("AnswerKind", bound=Answer)
@@ -61,19 +58,22 @@ class LineRobot:
 
     Any fault of the wire closes it, and every call but `stop` raises `LinkDown` until `reconnect`.
     `clock` is real time, also for a simulated cell that runs faster: the wire is real.
-    `first_sequence`, 1 to 999999999, should differ from one session to the next.
+    `layout` names the robot's joints, coordinates and parameters. `first_sequence`, 1 to 999999999,
+    should differ from one session to the next.
     """
 
     def __init__(
         self,
         open_transport: Callable[[], Transport],
         *,
+        layout: RobotLayout,
         clock: Clock,
         first_sequence: int,
         deadlines: Deadlines = DEADLINES,
         cancelled: Callable[[], bool] = never,
     ) -> None:
         self._open_transport = open_transport
+        self._layout = layout
         self._clock = clock
         self._numbers = sequence_from(first_sequence)
         self._deadlines = deadlines
@@ -104,7 +104,7 @@ class LineRobot:
         """Ask for the encoder angles as read now, and whether anything is wrong."""
         status, line = self._session.connection.ask(AskState(), Status, self._deadlines.answer_s)
         return RobotState(
-            joints_rad=tuple(map(radians, status.joints_deg)),
+            joints=_inner(self._layout.joints, status.joints),
             moving=status.moving,
             fault=status.fault,
             emergency_stop=status.emergency_stop,
@@ -114,16 +114,15 @@ class LineRobot:
     def prepare(self) -> None:
         """Do nothing: its operator has switched it on, and refusals say what is missing."""
 
-    def move_joints(self, joints_rad: Sequence[float], speed_fraction: float) -> None:
+    def move_joints(self, joints: Sequence[float], speed_fraction: float) -> None:
         """Start a joint move; raises `LimitViolation`, `MotionFault` or `EmergencyStop`."""
-        joints_deg = tuple(map(degrees, joints_rad))
-        self._ask(MoveJoints(joints_deg, speed_fraction * FASTEST_PERCENT), Motion)
+        on_wire = _on_wire(self._layout.joints, joints)
+        self._ask(MoveJoints(on_wire, speed_fraction * FASTEST_PERCENT), Motion)
 
     def move_pose(self, pose: Pose, speed_fraction: float) -> None:
         """Start a move to a pose by the controller's own kinematics; raises like a joint move."""
-        theta_deg = degrees(pose.theta_rad)
-        speed_percent = speed_fraction * FASTEST_PERCENT
-        self._ask(MovePose(pose.x_mm, pose.y_mm, pose.z_mm, theta_deg, speed_percent), Motion)
+        on_wire = _on_wire(self._layout.coordinates, pose.coordinates)
+        self._ask(MovePose(on_wire, speed_fraction * FASTEST_PERCENT), Motion)
 
     def stop(self) -> None:
         """Stop at once, also when the wire is down or the operator has asked to stop.
@@ -134,12 +133,13 @@ class LineRobot:
 
     def read_geometry(self) -> Mapping[str, float]:
         """Read the parameters that the controller works with, by their flat names, mm and deg."""
-        parts = [self._ask(ReadArm(arm), ArmGeometry).flat() for arm in range(ARMS)]
-        parts.append(self._ask(ReadPlate(), PlateGeometry).flat())
-        geometry = {name: value for part in parts for name, value in part.items()}
-        if len(geometry) != len(GEOMETRY_NAMES):
-            self.close()
-            raise WireError("the controller answered for another arm than it was asked for")
+        geometry: dict[str, float] = {}
+        for name in self._layout.parts:
+            part = self._ask(ReadPart(name), Parameters).part
+            if part.name != name:
+                self.close()
+                raise WireError(f"the controller answered for {part.name}, asked for {name}")
+            geometry |= self._layout.flat(part)
         return geometry
 
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
@@ -147,9 +147,9 @@ class LineRobot:
 
         When the wire breaks here, only reading back tells which parameters the controller has.
         """
-        _check_geometry(geometry)
+        _check_geometry(geometry, self._layout)
         try:
-            for part in parts_of(geometry):
+            for part in self._layout.parts_of(geometry):
                 self._ask(Stage(part), Done)
             self._ask(Commit(), Done, self._deadlines.commit_s)
         except DeviceRefused:
@@ -170,12 +170,13 @@ class LineRobot:
 
     def _greet(self, conversation: RobotlineClient) -> Identity:
         greeting, _ = conversation.ask(Hello(VERSION), Greeting, self._deadlines.answer_s)
-        return _identity(greeting)
+        return _identity(greeting, len(self._layout.joints))
 
     def _opened(self, blindly: Command | None = None) -> RobotlineClient:
         return open_client(
             self._open_transport(),
             self._numbers,
+            robot=self._layout,
             clock_s=self._clock.now_s,
             cancelled=self._stopping.is_cancelled,
             blindly=blindly,
@@ -194,7 +195,7 @@ class LineRobot:
         )
 
 
-def _identity(greeting: Greeting) -> Identity:
+def _identity(greeting: Greeting, axes: int) -> Identity:
     identity = Identity(
         vendor=greeting.vendor,
         model=greeting.model,
@@ -202,18 +203,18 @@ def _identity(greeting: Greeting) -> Identity:
         firmware=greeting.firmware,
         protocol=f"robotline {greeting.version}",
     )
-    if (greeting.version, greeting.axes) != (VERSION, AXES):
+    if (greeting.version, greeting.axes) != (VERSION, axes):
         raise WrongDevice(
             f"{identity} answers with {greeting.axes} axes; "
-            f"robotline {VERSION} with {AXES} axes is needed",
+            f"robotline {VERSION} with {axes} axes is needed",
             remedy="check the address and the controller's program",
         )
     return identity
 
 
-def _check_geometry(geometry: Mapping[str, float]) -> None:
+def _check_geometry(geometry: Mapping[str, float], layout: RobotLayout) -> None:
     """Refuse, before anything is sent, what the controller could only refuse half way."""
-    wrong = sorted(geometry.keys() ^ set(GEOMETRY_NAMES))
+    wrong = sorted(geometry.keys() ^ set(layout.parameters))
     wrong += [name for name, value in geometry.items() if not isfinite(value)]
     if wrong:
         raise DeviceRefused(
@@ -221,3 +222,15 @@ def _check_geometry(geometry: Mapping[str, float]) -> None:
             remedy="check the robot file",
             code="GEOMETRY",
         )
+
+
+def _on_wire(names: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
+    """Values in the units of their names: rad become deg."""
+    each = zip(names, values, strict=True)
+    return tuple(degrees(value) if name.endswith("_deg") else value for name, value in each)
+
+
+def _inner(names: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
+    """Values of the wire in rad and mm."""
+    each = zip(names, values, strict=True)
+    return tuple(radians(value) if name.endswith("_deg") else value for name, value in each)

@@ -5,15 +5,21 @@ The specification is docs/robotline.md. The client and the simulated controller 
 
 import re
 from binascii import crc_hqx
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from typing import TypeVar
 
 from drivers.errors import WireError
 from drivers.wire.framing import LineFramer
-from drivers.wire.robotline_answers import READ_ANSWER, Answer
-from drivers.wire.robotline_commands import READ_COMMAND, Command
+from drivers.wire.robotline_messages import (
+    ANSWERS,
+    COMMANDS,
+    Answer,
+    Command,
+    Message,
+    RobotLayout,
+)
 from drivers.wire.robotline_words import Words
 
 LINE_BYTES = 255
@@ -34,7 +40,7 @@ _DAMAGED_QUESTION = re.compile(rb">([1-9][0-9]{0,8}) ")
 _CODE = re.compile(r"[A-Z]+")
 _NOT_PRINTABLE = re.compile(r"[^ -~]")
 
-Message = TypeVar("Message")
+MessageT = TypeVar("MessageT", bound=Message)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,30 +102,30 @@ def encode_reply(reply: Reply) -> bytes:
     return _pack([*head, "OK", *reply.outcome.words()])
 
 
-def decode_request(line: bytes) -> Request:
-    """Read a line without its line feed; raises `BadRequest`."""
+def decode_request(line: bytes, robot: RobotLayout) -> Request:
+    """Question of a line without its line feed; raises `BadRequest`."""
     try:
         sequence, words = _unpack(line, CLIENT_MARK)
     except WireError as error:
         raise BadRequest(error.problem, _reply_to_damaged(line, error.problem)) from error
     verb = words[0] if words else ""
-    read = READ_COMMAND.get(verb)
-    if read is None:
+    kind = COMMANDS.get(verb)
+    if kind is None:
         problem = f"verb '{verb}' is not known"
         raise BadRequest(problem, Reply(sequence, UNREAD_VERB, Refused("VERB", problem)))
     try:
-        return Request(sequence, _read_all(words[1:], read))
+        return Request(sequence, _read_all(words[1:], kind, robot))
     except WireError as error:
         reply = Reply(sequence, verb, Refused("ARGUMENT", error.problem))
         raise BadRequest(error.problem, reply) from error
 
 
-def decode_reply(line: bytes) -> Reply:
-    """Read a line without its line feed; raises `WireError`."""
+def decode_reply(line: bytes, robot: RobotLayout) -> Reply:
+    """Answer of a line without its line feed; raises `WireError`."""
     sequence, words = _unpack(line, CONTROLLER_MARK)
     match words:
-        case [verb, "OK", *rest] if read := READ_ANSWER.get(verb):
-            return Reply(sequence, verb, _read_all(rest, read), line.decode("ascii"))
+        case [verb, "OK", *rest] if kind := ANSWERS.get(verb):
+            return Reply(sequence, verb, _read_all(rest, kind, robot), line.decode("ascii"))
         case [verb, "NO", code, *rest] if _is_refusal(verb, code):
             return Reply(sequence, verb, Refused(code, " ".join(rest)), line.decode("ascii"))
     raise WireError(f"neither 'VERB OK …' nor 'VERB NO CODE …': {line[:_SHOWN_BYTES]!r}")
@@ -128,12 +134,13 @@ def decode_reply(line: bytes) -> Reply:
 class ReplyFramer:
     """Bytes to replies; empty lines are passed over; raises only `WireError`."""
 
-    def __init__(self) -> None:
+    def __init__(self, robot: RobotLayout) -> None:
         self._lines = line_framer()
+        self._robot = robot
 
     def feed(self, data: bytes) -> list[Reply]:
         """Return the replies completed by these bytes."""
-        return [decode_reply(line) for line in self._lines.feed(data) if line]
+        return [decode_reply(line, self._robot) for line in self._lines.feed(data) if line]
 
 
 def line_framer() -> LineFramer:
@@ -165,15 +172,15 @@ def _unpack(line: bytes, mark: str) -> tuple[int, list[str]]:
     return int(numbered[2]), words
 
 
-def _read_all(words: Sequence[str], read: Callable[[Words], Message]) -> Message:
+def _read_all(words: Sequence[str], kind: type[MessageT], robot: RobotLayout) -> MessageT:
     to_take = Words(words)
-    message = read(to_take)
+    message = kind.read(to_take, robot)
     to_take.end()
     return message
 
 
 def _is_refusal(verb: str, code: str) -> bool:
-    return (verb in READ_ANSWER or verb == UNREAD_VERB) and _CODE.fullmatch(code) is not None
+    return (verb in ANSWERS or verb == UNREAD_VERB) and _CODE.fullmatch(code) is not None
 
 
 def _reply_to_damaged(line: bytes, problem: str) -> Reply | None:

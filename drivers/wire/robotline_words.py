@@ -3,7 +3,6 @@
 import math
 import re
 from collections.abc import Sequence
-from typing import Self
 from urllib.parse import quote, unquote
 
 from drivers.errors import WireError
@@ -101,18 +100,3 @@ def _unquoted(word: str, meaning: str) -> str:
         return unquote(word, errors="strict")
     except UnicodeDecodeError as error:
         raise WireError(f"{meaning} '{word}' is not UTF-8") from error
-
-
-class Wordless:
-    """A message that says everything by its verb."""
-
-    __slots__ = ()
-
-    def words(self) -> list[str]:
-        """Write no words."""
-        return []
-
-    @classmethod
-    def read(cls, _words: Words) -> Self:
-        """Take no words."""
-        return cls()

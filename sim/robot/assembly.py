@@ -66,7 +66,7 @@ JUMP_LIMIT_MM = 100.0
 class Assembly:
     """One solved state of the mechanism. `side` tells two assemblies of the same joints apart."""
 
-    joints_rad: Array
+    joints: Array
     plate: Plate
     side: float
 
@@ -78,17 +78,17 @@ def assemble(
 
     Raises `sim.robot.assembly.OutOfReach` or `AssemblyLost`.
     """
-    joints_rad = joints_for(truth, position_mm, theta_rad)
+    joints = joints_for(truth, position_mm, theta_rad)
     guess = Plate(np.array([*position_mm, 0.0, 0.0, 0.0, theta_rad]))
-    return restore(rods, joints_rad, guess, growth)
+    return restore(rods, joints, guess, growth)
 
 
-def restore(rods: EightRods, joints_rad: Array, guess: Plate, growth: float) -> Assembly:
+def restore(rods: EightRods, joints: Array, guess: Plate, growth: float) -> Assembly:
     """The assembly at known joints and an almost exactly known plate; raises `AssemblyLost`."""
-    plate, misfits_mm, jacobian = rods.settle(joints_rad, growth, guess)
+    plate, misfits_mm, jacobian = rods.settle(joints, growth, guess)
     if not _is_whole(plate, misfits_mm):
-        raise _lost(joints_rad, 0.0)
-    return Assembly(joints_rad, plate, _side(jacobian))
+        raise _lost(joints, 0.0)
+    return Assembly(joints, plate, _side(jacobian))
 
 
 def follow(rods: EightRods, start: Assembly, target_rad: Array, growth: float) -> Assembly:
@@ -96,7 +96,7 @@ def follow(rods: EightRods, start: Assembly, target_rad: Array, growth: float) -
 
     Raises `AssemblyLost` with the part of the line that could be followed.
     """
-    change_rad = target_rad - start.joints_rad
+    change_rad = target_rad - start.joints
     length_rad = float(np.abs(change_rad).max())
     if length_rad == 0.0:
         return restore(rods, target_rad, start.plate, growth)
@@ -104,31 +104,31 @@ def follow(rods: EightRods, start: Assembly, target_rad: Array, growth: float) -
     while part < 1.0:
         tried = min(part + step, 1.0)
         at_end = tried == 1.0
-        joints_rad = target_rad if at_end else start.joints_rad + tried * change_rad
+        joints = target_rad if at_end else start.joints + tried * change_rad
         settled_mm = SETTLED_MM if at_end else ON_THE_WAY_MM
-        reached = _step(rods, here, joints_rad, growth, settled_mm)
+        reached = _step(rods, here, joints, growth, settled_mm)
         if reached is not None:
             here, part, step = reached, tried, STEP_RAD / length_rad
         elif step * length_rad > SMALLEST_STEP_RAD:
             step *= 0.5
         else:
-            raise _lost(joints_rad, part)
+            raise _lost(joints, part)
     return here
 
 
 def _step(
-    rods: EightRods, here: Assembly, joints_rad: Array, growth: float, settled_mm: float
+    rods: EightRods, here: Assembly, joints: Array, growth: float, settled_mm: float
 ) -> Assembly | None:
     """One step of the joints, or nothing when it may have left the assembly."""
     try:
-        plate, misfits_mm, jacobian = rods.settle(joints_rad, growth, here.plate, settled_mm)
+        plate, misfits_mm, jacobian = rods.settle(joints, growth, here.plate, settled_mm)
     except AssemblyLost:
         return None
     jump_mm = float(np.abs(plate.position_mm - here.plate.position_mm).max())
     is_same = _side(jacobian) == here.side and jump_mm < JUMP_LIMIT_MM
     if not is_same or not _is_whole(plate, misfits_mm):
         return None
-    return Assembly(joints_rad, plate, here.side)
+    return Assembly(joints, plate, here.side)
 
 
 def _is_whole(plate: Plate, misfits_mm: Array) -> bool:
@@ -142,8 +142,8 @@ def _side(jacobian: Array) -> float:
     return float(np.sign(np.linalg.det(forearms)))
 
 
-def _lost(joints_rad: Array, part: float) -> AssemblyLost:
-    angles = ", ".join(f"{angle:.2f}°" for angle in np.degrees(joints_rad))
+def _lost(joints: Array, part: float) -> AssemblyLost:
+    angles = ", ".join(f"{angle:.2f}°" for angle in np.degrees(joints))
     return AssemblyLost(
         f"no assembly of the robot at joints {angles} ({part:.0%} of the way)",
         remedy="choose a target, and a way to it, inside the robot's workspace",

@@ -46,7 +46,7 @@ class Motion:
         """When it is over."""
         return self.start_s + self.duration_s
 
-    def joints_rad(self, now_s: float) -> Array:
+    def joints(self, now_s: float) -> Array:
         """(4,): where the joints are."""
         part = (now_s - self.start_s) / self.duration_s
         travelled = self.profile(min(max(part, 0.0), 1.0))
@@ -67,9 +67,9 @@ def braked(motion: Motion, now_s: float) -> Motion:
     left_s = motion.end_s - now_s
     if left_s < 1.5 * BRAKING_S:
         return motion
-    here_rad = motion.joints_rad(now_s)
+    here_rad = motion.joints(now_s)
     glimpse_s = 1e-3 * BRAKING_S
-    ahead_rad = motion.joints_rad(now_s + glimpse_s) - here_rad
+    ahead_rad = motion.joints(now_s + glimpse_s) - here_rad
     target_rad = here_rad + ahead_rad * (0.5 * BRAKING_S / glimpse_s)
     return Motion(here_rad, target_rad, now_s, BRAKING_S, braking)
 
@@ -93,7 +93,7 @@ class Refusal(Exception):
 class ControllerState:
     """One reading: encoder angles, and whether anything is wrong (`fault` empty: nothing)."""
 
-    joints_rad: tuple[float, ...]
+    joints: tuple[float, ...]
     moving: bool
     fault: str
     emergency_stop: bool
@@ -148,7 +148,7 @@ class SimulatedController:
         mechanism: Mechanism,
         *,
         geometry: Mapping[str, float],
-        joints_rad: Array,
+        joints: Array,
         faults: FaultScript,
         worked: WorkedTime,
     ) -> None:
@@ -156,7 +156,7 @@ class SimulatedController:
         self._settings = settings
         self._mechanism = mechanism
         self._geometry = dict(geometry)
-        self._joints_rad = joints_rad
+        self._joints = joints
         self._faults = faults
         self._worked = worked
         self._motion: Motion | None = None
@@ -170,7 +170,7 @@ class SimulatedController:
         self._advance(now_s)
         trouble = self._trouble
         return ControllerState(
-            joints_rad=tuple(map(float, self.encoders_rad(now_s))),
+            joints=tuple(map(float, self.encoders_rad(now_s))),
             moving=self._motion is not None or trouble.kind == "stall",
             fault=trouble.text if trouble.kind != "stall" else "",
             emergency_stop=trouble.kind == "emergency_stop",
@@ -180,8 +180,8 @@ class SimulatedController:
         """(4,): the encoder angles now, whole steps of the encoders' resolution."""
         self._advance(now_s)
         if self._motion is None:
-            return self._joints_rad
-        return self._quantised(self._motion.joints_rad(now_s))
+            return self._joints
+        return self._quantised(self._motion.joints(now_s))
 
     def move_joints(
         self, target_rad: Sequence[float], speed_fraction: float, now_s: float
@@ -208,10 +208,10 @@ class SimulatedController:
         if not np.isfinite([*position_mm, theta_rad]).all():
             raise Refusal("REACH", "the pose is not made of finite numbers")
         try:
-            joints_rad = joints_for(geometry_of(self._geometry), position_mm, theta_rad)
+            joints = joints_for(geometry_of(self._geometry), position_mm, theta_rad)
         except OutOfReach as reason:
             raise Refusal("REACH", str(reason)) from reason
-        return self.move_joints(joints_rad.tolist(), speed_fraction, now_s)
+        return self.move_joints(joints.tolist(), speed_fraction, now_s)
 
     def stop(self, now_s: float) -> None:
         """Brake at once, whatever happens; the state says when the robot stands."""
@@ -239,8 +239,8 @@ class SimulatedController:
         motion = self._motion
         if motion is not None and now_s >= motion.end_s:
             self._motion = None
-            self._joints_rad = self._quantised(motion.target_rad)
-            self._mechanism.arrive(self._joints_rad, target_key(self._joints_rad.tolist()))
+            self._joints = self._quantised(motion.target_rad)
+            self._mechanism.arrive(self._joints, target_key(self._joints.tolist()))
             self._worked.add(motion.duration_s)
             self._trouble = self._ends_in
         if now_s >= self._trouble.until_s:
@@ -252,10 +252,10 @@ class SimulatedController:
         if fault is not None and part > HALFWAY:
             part = HALFWAY
         speed_rad_per_s = speed_fraction * self._settings.speed_rad_per_s
-        whole = smooth_motion(self._joints_rad, target, speed_rad_per_s, now_s)
+        whole = smooth_motion(self._joints, target, speed_rad_per_s, now_s)
         if part < 1.0:
-            target = self._joints_rad + part * (target - self._joints_rad)
-        self._motion = smooth_motion(self._joints_rad, target, speed_rad_per_s, now_s)
+            target = self._joints + part * (target - self._joints)
+        self._motion = smooth_motion(self._joints, target, speed_rad_per_s, now_s)
         self._ends_in = _trouble_after(fault, part, self._motion.end_s)
         return whole.duration_s
 
@@ -283,9 +283,9 @@ class SimulatedController:
                     "LIMIT", f"joint {joint} to {math.degrees(angle_rad):.4f}°, limits {limits}"
                 )
 
-    def _quantised(self, joints_rad: Array) -> Array:
+    def _quantised(self, joints: Array) -> Array:
         step_rad = self._settings.resolution_rad
-        steps: Array = np.round(joints_rad / step_rad)
+        steps: Array = np.round(joints / step_rad)
         return steps * step_rad
 
 

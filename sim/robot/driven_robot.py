@@ -129,8 +129,8 @@ class DrivenRobot:
         jitter_rad = self._behaviour.joint_noise_rad * draw.standard_normal(ARMS)
         limit_mm = self._behaviour.position_noise_mm
         displaced_mm = limit_mm * draw.uniform(-1.0, 1.0, 3)
-        joints_rad = encoders_rad + play_rad + jitter_rad
-        assembly = follow(self._rods, self._ahead, joints_rad, self._growth())
+        joints = encoders_rad + play_rad + jitter_rad
+        assembly = follow(self._rods, self._ahead, joints, self._growth())
         self.standing = Standing(encoders_rad, play_rad, assembly, displaced_mm)
         self._ahead = assembly
 
@@ -150,7 +150,7 @@ class DrivenRobot:
         standing = self.standing
         if np.array_equal(encoders_rad, standing.encoders_rad):
             at_rest = standing.assembly
-            now = restore(self._rods, at_rest.joints_rad, at_rest.plate, self._growth())
+            now = restore(self._rods, at_rest.joints, at_rest.plate, self._growth())
             return self._seen(now, standing.displaced_mm)
         return self._seen(self._followed(standing.assembly, encoders_rad), np.zeros(3))
 

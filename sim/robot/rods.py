@@ -96,9 +96,9 @@ class EightRods:
         self._rods_mm = (truth.forearms_mm[:, None] + build.rod_errors_mm).reshape(RODS)
         self._plate_mm = truth.plate_mm
 
-    def elbows_mm(self, joints_rad: Array, growth: float) -> Array:
+    def elbows_mm(self, joints: Array, growth: float) -> Array:
         """(8, 3): the rods' upper ends in the base frame; arms longer by the fraction `growth`."""
-        angles = joints_rad + self._offsets_rad
+        angles = joints + self._offsets_rad
         arms = np.cos(angles)[:, None] * self._outward + np.sin(angles)[:, None] * self._down
         lengths_mm = (self._arms_mm * (1.0 + growth))[:, None]
         return _pairs(self._motors_mm + lengths_mm * arms, self._elbow_bar_mm)
@@ -120,14 +120,14 @@ class EightRods:
         return lengths_mm - self._rods_mm, jacobian
 
     def settle(
-        self, joints_rad: Array, growth: float, guess: Plate, settled_mm: float = SETTLED_MM
+        self, joints: Array, growth: float, guess: Plate, settled_mm: float = SETTLED_MM
     ) -> tuple[Plate, Array, Array]:
         """The plate near a guess, with the rods' misfits (8,) mm and their derivative (8, 7).
 
         Gauss–Newton until the last step was below `settled_mm`; raises `AssemblyLost` when that
         never comes.
         """
-        elbows_mm = self.elbows_mm(joints_rad, growth)
+        elbows_mm = self.elbows_mm(joints, growth)
         unknowns = guess.unknowns
         for _ in range(ITERATIONS):
             misfits_mm, jacobian = self.misfit(elbows_mm, unknowns)
@@ -140,7 +140,7 @@ class EightRods:
             if largest_mm < settled_mm:
                 return Plate(unknowns), misfits_mm, jacobian
         raise AssemblyLost(
-            f"the plate does not settle at joints {_degrees(joints_rad)}",
+            f"the plate does not settle at joints {_degrees(joints)}",
             remedy="stay away from the edge of the robot's reach",
         )
 
@@ -151,5 +151,5 @@ def _pairs(centres_mm: Array, half_bars_mm: Array) -> Array:
     return np.reshape(ends, (RODS, 3))
 
 
-def _degrees(joints_rad: Array) -> str:
-    return ", ".join(f"{angle:.3f}°" for angle in np.degrees(joints_rad))
+def _degrees(joints: Array) -> str:
+    return ", ".join(f"{angle:.3f}°" for angle in np.degrees(joints))

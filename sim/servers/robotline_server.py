@@ -11,25 +11,36 @@ from drivers.wire.robotline import (
     encode_reply,
     line_framer,
 )
-from drivers.wire.robotline_answers import Answer, Done, Greeting, Motion, Status
-from drivers.wire.robotline_commands import (
-    AXES,
+from drivers.wire.robotline_messages import (
     FASTEST_PERCENT,
     VERSION,
     Abandon,
+    Answer,
     AskState,
     Command,
     Commit,
+    Done,
+    Greeting,
     Hello,
+    Motion,
     MoveJoints,
     MovePose,
-    ReadArm,
-    ReadPlate,
+    Parameters,
+    Part,
+    ReadPart,
+    RobotLayout,
     Stage,
+    Status,
     Stop,
 )
-from drivers.wire.robotline_geometry import ArmGeometry, PlateGeometry
+from sim.geometry import ARMS, FLAT_NAMES
 from sim.robot.controller import Refusal, SimulatedController
+
+LAYOUT = RobotLayout(
+    joints=tuple(f"q{arm}_deg" for arm in range(ARMS)),
+    coordinates=("x_mm", "y_mm", "z_mm", "theta_deg"),
+    parameters=FLAT_NAMES,
+)
 
 
 class RobotlineSession:
@@ -63,7 +74,7 @@ class RobotlineSession:
 
     def _reply(self, line: bytes, now_s: float) -> Reply | None:
         try:
-            request = decode_request(line)
+            request = decode_request(line, LAYOUT)
         except BadRequest as bad:
             return bad.reply
         outcome = self._outcome(request.command, now_s)
@@ -86,10 +97,10 @@ class RobotlineSession:
             case Stop():
                 self._controller.stop(now_s)
                 return Done()
-            case ReadArm(arm):
-                return ArmGeometry.of(arm, self._controller.geometry())
-            case ReadPlate():
-                return PlateGeometry.of(self._controller.geometry())
+            case ReadPart(name):
+                held = self._controller.geometry()
+                values = tuple(held[parameter] for parameter in LAYOUT.parts[name])
+                return Parameters(Part(name, values))
             case Stage() | Commit() | Abandon():
                 return self._replace_geometry(command, now_s)
 
@@ -98,33 +109,29 @@ class RobotlineSession:
             return Refused("VERSION", f"version {VERSION} is spoken here, not {version}")
         self._staged.clear()
         who = self._controller
-        return Greeting(VERSION, who.vendor, who.model, who.serial, who.firmware, AXES)
+        return Greeting(VERSION, who.vendor, who.model, who.serial, who.firmware, ARMS)
 
     def _status(self, now_s: float) -> Status:
         state = self._controller.state(now_s)
-        joints_deg = tuple(map(degrees, state.joints_rad))
+        joints_deg = tuple(map(degrees, state.joints))
         return Status(state.moving, state.emergency_stop, state.fault, joints_deg)
 
     def _move(self, command: MoveJoints | MovePose, now_s: float) -> Motion:
         speed = command.speed_percent / FASTEST_PERCENT
         if isinstance(command, MoveJoints):
-            target_rad = tuple(map(radians, command.joints_deg))
+            target_rad = tuple(map(radians, command.joints))
             expected_s = self._controller.move_joints(target_rad, speed, now_s)
         else:
+            x_mm, y_mm, z_mm, theta_deg = command.coordinates
             expected_s = self._controller.move_pose(
-                command.x_mm,
-                command.y_mm,
-                command.z_mm,
-                radians(command.theta_deg),
-                speed,
-                now_s,
+                x_mm, y_mm, z_mm, radians(theta_deg), speed, now_s
             )
         self._has_moved = True
         return Motion(expected_s)
 
     def _replace_geometry(self, command: Stage | Commit | Abandon, now_s: float) -> Done:
         if isinstance(command, Stage):
-            self._staged |= command.part.flat()
+            self._staged |= LAYOUT.flat(command.part)
             return Done()
         if isinstance(command, Commit):
             self._controller.replace_geometry(self._staged, now_s)

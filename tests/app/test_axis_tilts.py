@@ -1,7 +1,7 @@
 """Parameters that no controller knows are refused before anything is connected."""
 
-from app.folder import open_campaign
 from app.main import run_command
+from campaigns.campaign import open_campaign
 from campaigns.robots.robot import Compensation, compensated, write_new_robot
 
 NOBODY = "tcp://127.0.0.1:1"

@@ -32,7 +32,8 @@ def test_every_error_has_a_code(root):
 @pytest.mark.parametrize(
     ("error", "code"),
     [
-        (door_errors.UsageInvalid, 2),
+        (door_errors.NotConfirmed, 2),
+        (campaign_errors.OptionsInvalid, 2),
         (campaign_errors.NotACampaign, 2),
         (campaign_errors.ConfigInvalid, 2),
         (campaign_errors.PlanInvalid, 2),

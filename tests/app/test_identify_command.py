@@ -5,22 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from par4_space import FREE_BY_DEFAULT, par4
 
-from app.cli import new
-from app.cli.identify import AS_THE_PAPER, IdentifyOptions, identify, request_of
-from app.cli.import_shots import import_shots
-from app.folder import open_campaign
 from app.main import run_command
-from app.work_builders import centre_of, view_of
+from app.new_campaign import create_simulated
+from campaigns.campaign import open_campaign
+from campaigns.chain.files import import_shots
+from campaigns.chain.identification import identification_options, identify
 from campaigns.design.pose_sampling import interior_poses
 from campaigns.errors import SelectionInvalid
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers
 from campaigns.estimation.rigid_transforms import from_paper_angles
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, Geometry
-from campaigns.mechanisms.par4 import inverse
+from campaigns.options import AS_THE_PAPER, IdentifyOptions
 from campaigns.planning.plans import region_of
-from campaigns.robots.robot import numeric_geometry, numeric_limits
+from campaigns.robots.robot import pose_of
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, write_shots
 
@@ -30,7 +28,7 @@ ERRORS = {"arm0.arm_mm": 1.0, "arm1.x_mm": -0.8, "arm2.joint_offset_deg": 0.4, "
 
 
 def made(folder):
-    new.create_simulated(folder, "par4-prototype", "paper-simulation")
+    create_simulated(folder, "par4-prototype", "paper-simulation")
     return open_campaign(folder)
 
 
@@ -38,14 +36,14 @@ def measured(campaign, moved_mm=0.0, seed=1):
     """60 pairs to identify from and 20 unseen ones, three of the former's shots moved."""
     rng = np.random.default_rng(seed)
     robot = campaign.nominal.robot
-    nominal = numeric_geometry(robot)
-    from_everywhere = replace(view_of(campaign), acceptance_rad=float(np.pi))
-    region = region_of(nominal, numeric_limits(robot), from_everywhere, centre_of(campaign))
-    joints = inverse(nominal, interior_poses(region, 160, rng)).require()
+    nominal = robot.kinematics
+    from_everywhere = replace(campaign.view, acceptance_rad=float(np.pi))
+    region = region_of(nominal, robot.limits, from_everywhere, pose_of(campaign.centre))
+    joints = nominal.inverse(interior_poses(region, 160, rng)).values_or_raise()
     flat = nominal.flat()
-    truth = Geometry.from_flat(flat | {name: flat[name] + e for name, e in ERRORS.items()})
+    truth = par4(flat | {name: flat[name] + e for name, e in ERRORS.items()})
     frame = from_paper_angles(np.array([2.1, 0.02, -0.03]), np.array([2500.0, 400.0, 300.0]))
-    points = frame.apply(forward(truth, joints).require()[:, :3])
+    points = frame.apply(truth.forward(joints).values_or_raise()[:, :3])
     points += STD_MM * rng.standard_normal(points.shape)
     away = rng.standard_normal((3, 3))
     points[list(WRONG)] += moved_mm * away / np.linalg.norm(away, axis=1)[:, None]
@@ -69,7 +67,7 @@ def spoilt(tmp_path_factory):
     """Imported from a file, as others would."""
     campaign = made(tmp_path_factory.mktemp("spoilt") / "campaign")
     file = campaign.folder.parent / "shots.csv"
-    write_shots(file, measured(campaign, moved_mm=2.0))
+    write_shots(file, measured(campaign, moved_mm=2.0), campaign.robot.mechanism)
     assert run_command(["import", str(campaign.folder), str(file)]) == 0
     return campaign
 
@@ -209,7 +207,11 @@ def test_what_the_options_mean_is_checked_before_anything_is_read(tmp_path):
 
 
 def test_the_papers_way_is_plain_least_squares_of_all_distances(clean):
-    request = request_of(clean, AS_THE_PAPER)
-    assert request.estimator is Estimator.DISTANCES
-    assert (request.loss.shape, request.outliers) == (LossShape.LINEAR, Outliers.KEEP)
-    assert request.knowledge.free == FREE_BY_DEFAULT
+    options = identification_options(clean, AS_THE_PAPER)
+    assert options.estimator is Estimator.DISTANCES
+    assert (options.loss.shape, options.outliers) == (LossShape.LINEAR, Outliers.KEEP)
+    found = identify(clean, AS_THE_PAPER)
+    assert found.free == FREE_BY_DEFAULT
+    assert found.priors == {}
+    assert (found.excluded, found.loss.shape) == ((), LossShape.LINEAR)
+    assert len(found.fitted.after) == 60, "the distance of each pair"

@@ -1,17 +1,21 @@
 """The front of the command line: help, usage errors, one line for whatever goes wrong."""
 
+import ast
+import inspect
+import os
 import subprocess
 import sys
+from importlib import import_module
 
 import pytest
 
-from app.cli import devices
+from app import main
 from app.main import run_command
 from drivers.errors import LinkDown
 
 COMMANDS = (
-    *("new", "devices", "plan", "run", "import", "identify"),
-    *("validate", "export", "load", "sim", "study", "dry-run"),
+    *("new", "devices", "plan", "run", "import", "identify", "validate", "export", "load"),
+    *("report", "reproduce", "study", "sim", "dry-run"),
 )
 HEAVY = (
     "numpy",
@@ -31,12 +35,32 @@ def said(capsys, *arguments):
     return code, captured.out, captured.err
 
 
+def of_program(*arguments, **variables):
+    """What the program says in a process of its own."""
+    words = [sys.executable, "-m", "app.main", *arguments]
+    environment = {**os.environ, **variables}
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    return done.stdout
+
+
 def test_without_arguments_it_helps(capsys):
     code, out, err = said(capsys)
     assert (code, err) == (0, "")
     assert out == said(capsys, "--help")[1]
     for command in COMMANDS:
         assert f"  {command} " in out
+
+
+def test_commands_stand_in_the_order_of_the_usual_way():
+    assert tuple(main.COMMANDS) == COMMANDS
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_list_of_commands_says_what_the_command_says_of_itself(command):
+    module, summary = main.COMMANDS[command]
+    text = inspect.getdoc(import_module(f"app.cli.{module}").command)
+    assert text.splitlines()[0] == summary
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -104,10 +128,9 @@ def failing(monkeypatch, tmp_path):
         def opened(folder):
             raise error
 
-        monkeypatch.setattr("app.folder.open_campaign", opened)
+        monkeypatch.setattr("app.cli.devices.open_campaign", opened)
         return "devices", str(tmp_path)
 
-    assert devices.command
     return fail_with
 
 
@@ -144,10 +167,53 @@ def test_an_option_of_a_command_is_not_taken_for_debug(capsys, failing):
     assert "Traceback" not in said(capsys, *failing(LinkDown("a", remedy="b")), "--json")[2]
 
 
+IMPORTED = """
+import sys
+from app.main import run_command
+code = run_command(["--help"])
+print(code, sorted(sys.modules), file=sys.stderr)
+"""
+
+
+def imported_for_help():
+    """Modules that are there when `pkmcal --help` is done."""
+    words = [sys.executable, "-c", IMPORTED]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("Usage: pkmcal")
+    code, modules = done.stderr.split(maxsplit=1)
+    assert code == "0"
+    return set(ast.literal_eval(modules))
+
+
 def test_nothing_heavy_is_imported_for_help():
-    check = f"import sys, app.main; print(sorted(set({HEAVY!r}) & set(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\n"
+    assert not set(HEAVY) & imported_for_help()
+
+
+def test_no_command_is_imported_for_help():
+    assert not [name for name in imported_for_help() if name.startswith("app.cli")]
+
+
+def test_completion_can_be_shown_and_installed(capsys):
+    out = said(capsys, "--help")[1]
+    assert "--install-completion" in out
+    assert "--show-completion" in out
+    script = of_program(_PKMCAL_COMPLETE="source_bash")
+    assert "complete -o default -F _pkmcal_completion pkmcal" in script
+
+
+@pytest.mark.parametrize(
+    ("typed", "completed"),
+    [
+        ("pkmcal ", COMMANDS),
+        ("pkmcal re", ("report", "reproduce")),
+        ("pkmcal plan --c", ("--criterion", "--candidates")),
+        ("pkmcal plan --fly", ()),
+    ],
+)
+def test_what_was_typed_is_completed(typed, completed):
+    place = str(len(typed.split(" ")) - 1)
+    variables = {"_PKMCAL_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": place}
+    assert tuple(of_program(**variables).split()) == completed
 
 
 def test_a_reader_that_leaves_is_no_error():

@@ -6,27 +6,25 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from par4_space import AXIS_TILT_NAMES, FREE_BY_DEFAULT, SPACE
 
-from app.cli import new, plan
-from app.exits import UsageInvalid
-from app.folder import open_campaign
 from app.main import run_command
-from app.plan_precision_text import paying_line, told_lines, warnings
-from app.planning import Placement, PlanOptions, make, settled_plan
-from app.work_builders import tracker_uncertainty_of
+from app.new_campaign import create_simulated
+from app.plan_text import paying_line, told_lines, warnings
+from campaigns.campaign import open_campaign
+from campaigns.chain.planning import plan
 from campaigns.design.criteria import CriterionName
-from campaigns.errors import GoalInvalid, PlanInvalid, WriteFailed
+from campaigns.errors import GoalInvalid, OptionsInvalid, PlanInvalid, WriteFailed
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import PredictedCovariance, predict_points
 from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
-from campaigns.mechanisms.geometry import AXIS_TILT_NAMES, FREE_BY_DEFAULT
-from campaigns.planning.plans import joints_of, poses_of
+from campaigns.options import PlanOptions
+from campaigns.planning.plans import Placement, joints_of, poses_of
 from campaigns.planning.predicted_precision import (
     PlanPrecision,
     PrecisionCurvePoint,
     PredictedPrecision,
 )
-from campaigns.robots.robot import numeric_geometry
 from campaigns.shots.shot_sets import ShotSet
 
 FEW = 200
@@ -35,7 +33,7 @@ FEW = 200
 
 @pytest.fixture
 def campaign(tmp_path):
-    new.create_simulated(tmp_path / "try", "par4-prototype", "paper-simulation")
+    create_simulated(tmp_path / "try", "par4-prototype", "paper-simulation")
     return open_campaign(tmp_path / "try")
 
 
@@ -47,113 +45,145 @@ def with_setting(campaign, old, changed):
     return open_campaign(campaign.folder)
 
 
-def identification(checked):
-    return [shot for shot in checked.shots if shot.purpose is ShotSet.IDENTIFICATION]
+def identification(planned):
+    return [shot for shot in planned.checked.shots if shot.purpose is ShotSet.IDENTIFICATION]
 
 
-def worst_mm(forecast):
-    return forecast.foresight.expected.worst_length_mm
+def predicted(planned):
+    return planned.forecast.precision.predicted
 
 
-def test_what_asks_for_choosing_asks_for_the_optimal_placement(campaign):
-    for asked in (
+def worst_mm(planned):
+    return predicted(planned).worst_length_mm
+
+
+class AskedError(Exception):
+    """Carries what a planner was asked for, instead of a plan."""
+
+
+@pytest.fixture
+def asked_of(monkeypatch):
+    """Gives who is asked to place the poses, and for what, instead of a plan."""
+
+    def asked(placement):
+        def planner(robot, view, request, rng):
+            raise AskedError(placement, request)
+
+        return planner
+
+    planning = "campaigns.chain.planning"
+    monkeypatch.setattr(f"{planning}.make_optimal_plan", asked(Placement.OPTIMAL))
+    monkeypatch.setattr(f"{planning}.make_plan", asked(Placement.BOUNDARY))
+
+    def ask(campaign, options=None):
+        with pytest.raises(AskedError) as caught:
+            plan(campaign, options)
+        return caught.value.args
+
+    return ask
+
+
+def test_what_asks_for_choosing_asks_for_the_optimal_placement(campaign, asked_of):
+    for options in (
         PlanOptions(until="σ=0.1"),
         PlanOptions(criterion="D"),
         PlanOptions(candidates=FEW),
+        PlanOptions(placement=Placement.OPTIMAL),
     ):
-        assert settled_plan(campaign, asked).placement is Placement.OPTIMAL
-    assert settled_plan(campaign, PlanOptions()).placement is Placement.BOUNDARY
-    assert (
-        settled_plan(campaign, PlanOptions(placement=Placement.OPTIMAL)).placement
-        is Placement.OPTIMAL
-    )
+        assert asked_of(campaign, options)[0] is Placement.OPTIMAL
+    for options in (None, PlanOptions()):
+        assert asked_of(campaign, options)[0] is Placement.BOUNDARY
 
 
 @pytest.mark.parametrize(
     ("option", "value"), [("until", "σ=0.1"), ("criterion", "E"), ("candidates", FEW)]
 )
 def test_boundary_placement_with_what_asks_for_choosing_is_refused(option, value):
-    with pytest.raises(UsageInvalid, match=rf"--{option} .* --placement boundary"):
+    with pytest.raises(OptionsInvalid, match=rf"--{option} .* --placement boundary"):
         PlanOptions(placement=Placement.BOUNDARY, **{option: value})
 
 
-def test_the_settings_placement_holds_unless_an_option_says_otherwise(campaign):
+def test_the_settings_placement_holds_unless_an_option_says_otherwise(campaign, asked_of):
     campaign = with_setting(campaign, "placement: boundary", "placement: optimal")
-    assert settled_plan(campaign, PlanOptions()).placement is Placement.OPTIMAL
+    assert asked_of(campaign)[0] is Placement.OPTIMAL
     near = PlanOptions(placement=Placement.BOUNDARY)
-    assert settled_plan(campaign, near).placement is Placement.BOUNDARY
+    assert asked_of(campaign, near)[0] is Placement.BOUNDARY
 
 
-def test_with_a_goal_the_shots_asked_for_are_the_most_allowed(campaign):
-    goal = settled_plan(campaign, PlanOptions(until="σ=0.05")).request
+def test_with_a_goal_the_shots_asked_for_are_the_most_allowed(campaign, asked_of):
+    _, goal = asked_of(campaign, PlanOptions(until="σ=0.05"))
     assert (goal.until_mm, goal.plan.identification_shots) == (0.05, 1000)
-    capped = settled_plan(campaign, PlanOptions(until="σ=0.05", shots=60)).request
+    _, capped = asked_of(campaign, PlanOptions(until="σ=0.05", shots=60))
     assert capped.plan.identification_shots == 60
-    assert settled_plan(campaign, PlanOptions()).request.plan.identification_shots == 120
+    _, usual = asked_of(campaign)
+    assert usual.identification_shots == 120
 
 
 def test_a_goal_that_is_none_is_refused(campaign):
     with pytest.raises(GoalInvalid, match=r"'0\.05' is not understood"):
-        settled_plan(campaign, PlanOptions(until="0.05"))
+        plan(campaign, PlanOptions(until="0.05"))
 
 
-def test_every_criterion_has_its_letter():
-    letters, none = get_args(get_args(plan.Criterion)[0])
-    assert none is type(None)
-    assert get_args(letters) == get_args(CriterionName)
+def test_every_criterion_has_its_letter(campaign, asked_of, capsys):
+    assert run_command(["plan", "--help"]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    letters = get_args(CriterionName)
+    assert f"--criterion <{'|'.join(letters)}> " in text
+    for letter in letters:
+        assert f" {letter}: " in text
+        assert asked_of(campaign, PlanOptions(criterion=letter))[1].criterion == letter
 
 
 @pytest.mark.slow
 def test_an_optimal_plan_tells_more_than_one_near_the_boundary(campaign):
-    checked, near = make(campaign, PlanOptions(shots=60, seed=1))
-    chosen, best = make(campaign, PlanOptions(shots=60, seed=1, candidates=800))
-    assert len(chosen.shots) == len(checked.shots)
+    near = plan(campaign, PlanOptions(shots=60, seed=1))
+    best = plan(campaign, PlanOptions(shots=60, seed=1, candidates=800))
+    assert len(best.checked.shots) == len(near.checked.shots)
     assert worst_mm(best) < 0.8 * worst_mm(near)
-    assert best.foresight.position_std_mm.mean() < 0.9 * near.foresight.position_std_mm.mean()
+    mean_mm = [each.forecast.precision.position_std_mm.mean() for each in (best, near)]
+    assert mean_mm[0] < 0.9 * mean_mm[1]
 
 
 @pytest.mark.slow
 def test_a_plan_for_a_goal_meets_it_by_the_campaigns_tracker(campaign):
-    checked, forecast = make(campaign, PlanOptions(until="σ=0.06", candidates=FEW))
-    shots = identification(checked)
+    planned = plan(campaign, PlanOptions(until="σ=0.06", candidates=FEW))
+    shots = identification(planned)
     poses = poses_of(shots)
     tracker = campaign.config.tracker
-    noise = point_covariance_mm2(
-        poses[:, :3] - np.array(tracker.place_mm), tracker_uncertainty_of(campaign.config)
-    )
-    geometry = numeric_geometry(campaign.nominal.robot)
+    noise = point_covariance_mm2(poses[:, :3] - np.array(tracker.place_mm), campaign.instrument)
+    geometry = campaign.nominal.robot.kinematics
     told = predict_points(geometry, FREE_BY_DEFAULT, joints_of(shots), poses, noise)
     lengths = [n.endswith("_mm") for n in FREE_BY_DEFAULT]
     assert told.std[lengths].max() <= 0.06
-    assert worst_mm(forecast) == pytest.approx(told.std[lengths].max())
+    assert worst_mm(planned) == pytest.approx(told.std[lengths].max())
     assert len(shots) < 60
-    assert len(shots) in {at.expected.shots for at in forecast.curve}
+    assert len(shots) in {at.predicted.shots for at in planned.forecast.curve}
 
 
 @pytest.mark.slow
 def test_the_data_sheet_in_the_settings_is_what_is_reckoned_with(campaign):
-    assert tracker_uncertainty_of(campaign.config) == TrackerUncertainty.of_limits(15, 0, 15, 0)
-    _, sharp = make(campaign, PlanOptions(shots=44))
+    assert campaign.instrument == TrackerUncertainty.of_limits(15, 0, 15, 0)
+    sharp = plan(campaign, PlanOptions(shots=44))
     coarse_one = campaign
     for key in ("along_um", "across_um"):
         coarse_one = with_setting(coarse_one, f"{key}: 15.0", f"{key}: 45.0")
-    _, coarse = make(coarse_one, PlanOptions(shots=44))
+    coarse = plan(coarse_one, PlanOptions(shots=44))
     assert worst_mm(coarse) == pytest.approx(3.0 * worst_mm(sharp), rel=1e-6)
 
 
 @pytest.mark.slow
 def test_coordinates_tell_more_than_distances_of_the_same_plan(campaign):
-    by_points, points = make(campaign, PlanOptions(shots=60))
-    by_distances, distances = make(campaign, PlanOptions(shots=60, estimator=Estimator.DISTANCES))
-    assert by_points == by_distances
+    points = plan(campaign, PlanOptions(shots=60))
+    distances = plan(campaign, PlanOptions(shots=60, estimator=Estimator.DISTANCES))
+    assert points.checked == distances.checked
     assert worst_mm(points) < 0.6 * worst_mm(distances)
 
 
 @pytest.mark.slow
 def test_parameters_held_are_not_forecast_and_leave_the_others_surer(campaign):
-    _, everything = make(campaign, PlanOptions(shots=60))
-    _, fewer = make(campaign, PlanOptions(shots=60, fix=("arm*.forearm_mm",)))
-    assert len(fewer.foresight.expected.names) == 18
+    everything = plan(campaign, PlanOptions(shots=60))
+    fewer = plan(campaign, PlanOptions(shots=60, fix=("arm*.forearm_mm",)))
+    assert len(predicted(fewer).names) == 18
     assert worst_mm(fewer) < worst_mm(everything)
 
 
@@ -162,30 +192,30 @@ def test_parameters_held_are_not_forecast_and_leave_the_others_surer(campaign):
 def test_a_plan_for_axis_tilts_says_how_well_it_will_tell_them(campaign, placement):
     few = 200 if placement is Placement.OPTIMAL else None
     plain = PlanOptions(shots=80, placement=placement, candidates=few)
-    _, usual = make(campaign, plain)
-    _, tilted = make(campaign, replace(plain, free=("arm*.axis_tilt_deg",)))
-    std = tilted.foresight.expected.std_in_file_units
+    usual = plan(campaign, plain)
+    tilted = plan(campaign, replace(plain, free=("arm*.axis_tilt_deg",)))
+    std = predicted(tilted).std_in_file_units
     tilts = {name: std[name] for name in AXIS_TILT_NAMES}
     assert all(0.001 < tilt_deg < 0.1 for tilt_deg in tilts.values()), tilts
-    before = usual.foresight.expected.std_in_file_units
+    before = predicted(usual).std_in_file_units
     for name in ("arm0.joint_offset_deg", "arm2.z_mm"):  # a whole robot turned looks much like them
         assert std[name] > 2.0 * before[name]
 
 
 def test_a_single_pair_tells_nothing_and_is_a_plan_all_the_same(campaign):
-    _, forecast = make(campaign, PlanOptions(shots=2))
-    assert not forecast.foresight.expected.tells_all
-    assert set(forecast.foresight.prediction.indices.values()) == {0.0}
+    precision = plan(campaign, PlanOptions(shots=2)).forecast.precision
+    assert not precision.predicted.full_rank
+    assert set(precision.information.indices.values()) == {0.0}
 
 
 @pytest.mark.slow
 def test_parameters_that_nothing_tells_apart_leave_the_older_plan(campaign):
-    make(campaign, PlanOptions(shots=44))
+    plan(campaign, PlanOptions(shots=44))
     before = campaign.plan_path.read_text()
     for placement in Placement:
         asked = PlanOptions(shots=60, placement=placement, free=("arm0.z_mm",))
         with pytest.raises(PlanInvalid, match=r"arm0\.z_mm, .* move together.*--fix"):
-            make(campaign, asked)
+            plan(campaign, asked)
     assert campaign.plan_path.read_text() == before
     assert not list(campaign.folder.glob("plan-older-*"))
 
@@ -232,9 +262,14 @@ def test_what_people_read_names_the_worst_and_says_when_more_shots_stop_paying(c
     assert "predicted σ, mm" in picture.read_text()
 
 
+def told_of(shots, names, variances):
+    return PredictedPrecision(shots, names, SPACE.units(names), np.diag(variances))
+
+
+COVARIANCE = np.diag([4e-4, 1e-8])
 NOTHING_ODD = PlanPrecision(
-    PredictedPrecision(40, ("arm1.x_mm", "arm0.joint_offset_deg"), np.diag([4e-4, 1e-8])),
-    PredictedCovariance(np.array([0.02, 1e-4]), 2, 12.0, {"O1": 0.5}),
+    told_of(40, ("arm1.x_mm", "arm0.joint_offset_deg"), [4e-4, 1e-8]),
+    PredictedCovariance(COVARIANCE, COVARIANCE, 2, 12.0, {"O1": 0.5}),
     np.array([0.001, 0.003]),
     (0.5, 0.5, 0.5, 0.5),
 )
@@ -244,8 +279,8 @@ def test_a_joint_that_comes_from_one_side_is_warned_of():
     assert list(warnings(NOTHING_ODD)) == []
     one_sided = replace(NOTHING_ODD, from_below=(0.85, 0.9, 0.5, 0.1))
     first, second = warnings(one_sided)
-    assert "joint 1 comes from smaller angles to 90%" in first
-    assert "joint 3 comes from larger angles to 90%" in second
+    assert "joint 1 comes from smaller values to 90%" in first
+    assert "joint 3 comes from larger values to 90%" in second
     assert "backlash" in second
 
 
@@ -259,7 +294,7 @@ def test_the_worst_are_named_with_their_units():
 
 def test_more_shots_stop_paying_where_they_only_average():
     curve = [
-        PrecisionCurvePoint(PredictedPrecision(shots, ("plate_mm",), np.array([[variance]])), 0.0)
+        PrecisionCurvePoint(told_of(shots, ("plate_mm",), [variance]), 0.0)
         for shots, variance in ((14, 1.0), (20, 0.2), (40, 0.1), (80, 0.05))
     ]
     assert paying_line(curve).startswith("beyond about 20 shots")
@@ -269,7 +304,7 @@ def test_more_shots_stop_paying_where_they_only_average():
 def test_older_plans_are_kept_each_under_a_name_of_its_own(campaign):
     texts = []
     for seed in (1, 2, 3):
-        make(campaign, PlanOptions(shots=44, seed=seed))
+        plan(campaign, PlanOptions(shots=44, seed=seed))
         texts.append(campaign.plan_path.read_text())
     assert len(set(texts)) == 3
     kept = [campaign.path(f"plan-older-{number}.csv").read_text() for number in (1, 2)]
@@ -279,12 +314,12 @@ def test_older_plans_are_kept_each_under_a_name_of_its_own(campaign):
 def test_a_plan_that_cannot_be_written_leaves_the_older_one(campaign, monkeypatch):
     campaign.plan_path.write_text("older")
 
-    def write(path, shots):
+    def write(path, shots, mechanism):
         raise WriteFailed(f"{path}: no space", remedy="free some")
 
     monkeypatch.setattr("campaigns.planning.plan_file.write_plan", write)
     with pytest.raises(WriteFailed):
-        make(campaign, PlanOptions(shots=44))
+        plan(campaign, PlanOptions(shots=44))
     assert campaign.plan_path.read_text() == "older"
     assert not list(campaign.folder.glob("plan-older-*"))
 
@@ -295,5 +330,5 @@ def test_where_hardly_any_pose_can_be_taken_positions_are_judged_at_the_plans_ow
 ):
     monkeypatch.setattr("campaigns.design.pose_sampling.BATCHES", 40)
     monkeypatch.setattr("campaigns.planning.predicted_precision.WORKSPACE_SAMPLE", 10**6)
-    checked, forecast = make(campaign, PlanOptions(shots=44))
-    assert len(forecast.foresight.position_std_mm) == len(checked.shots)
+    planned = plan(campaign, PlanOptions(shots=44))
+    assert len(planned.forecast.precision.position_std_mm) == len(planned.checked.shots)

@@ -4,9 +4,10 @@ import json
 
 import pytest
 
-from app.cli import load, new
-from app.folder import open_campaign
+from app import new_campaign
 from app.main import run_command
+from campaigns.campaign import open_campaign
+from campaigns.controllers.load import keep, last_kept
 from campaigns.errors import OutputExists
 
 CONTROLLER, TRACKER = "tcp://192.168.0.10:5020", "tcp://192.168.0.1:700"
@@ -31,7 +32,7 @@ def test_new_for_a_real_cell(capsys, tmp_path):
     assert "tracker.place_mm" in err
     made = open_campaign(folder)
     assert made.config.name == "cell-3"
-    assert made.config.tracker.reflector == new.DEFAULT_REFLECTOR
+    assert made.config.tracker.reflector == new_campaign.DEFAULT_REFLECTOR
     assert not made.is_simulated
     assert sorted(path.name for path in folder.iterdir()) == ["campaign.yaml", "robot.yaml"]
 
@@ -68,7 +69,7 @@ def test_new_with_a_name_that_is_not_known(capsys, tmp_path, option, value, hint
 
 
 def test_new_keeps_the_scenario_and_its_seed_with_the_campaign(tmp_path):
-    new.create_simulated(tmp_path / "try", "par4-prototype", "realistic", seed=17)
+    new_campaign.create_simulated(tmp_path / "try", "par4-prototype", "realistic", seed=17)
     assert "seed: 17" in (tmp_path / "try" / "cell.yaml").read_text()
     assert open_campaign(tmp_path / "try").is_simulated
 
@@ -78,30 +79,30 @@ def test_new_keeps_the_scenario_and_its_seed_with_the_campaign(tmp_path):
     [("paper-simulation", (15.0, 0.0, 15.0, 0.0)), ("realistic", (10.0, 0.3, 15.0, 6.0))],
 )
 def test_new_plans_by_what_the_simulated_tracker_is_like(tmp_path, scenario, limits):
-    tracker = new.create_simulated(tmp_path / "try", "par4-prototype", scenario).tracker
+    tracker = new_campaign.create_simulated(tmp_path / "try", "par4-prototype", scenario).tracker
     assert tuple(tracker.uncertainty.model_dump().values()) == limits
 
 
 def test_new_does_not_replace_somebodys_cell(tmp_path):
     (tmp_path / "cell.yaml").write_text("mine")
     with pytest.raises(OutputExists, match=r"cell\.yaml already exists"):
-        new.create_simulated(tmp_path, "par4-prototype", "realistic")
+        new_campaign.create_simulated(tmp_path, "par4-prototype", "realistic")
     assert (tmp_path / "cell.yaml").read_text() == "mine"
     assert not (tmp_path / "campaign.yaml").exists()
 
 
 @pytest.fixture
 def campaign(tmp_path):
-    new.create_simulated(tmp_path / "try", "par4-prototype", "paper-simulation")
+    new_campaign.create_simulated(tmp_path / "try", "par4-prototype", "paper-simulation")
     return open_campaign(tmp_path / "try")
 
 
 def test_what_the_controller_held_is_kept_under_the_next_free_number(campaign):
     held = campaign.nominal.robot.geometry_flat()
-    assert load.keep(campaign, held).name == "controller-before-1.yaml"
+    assert keep(campaign.folder, campaign.nominal, held).name == "controller-before-1.yaml"
     campaign.path("controller-before-9.yaml").write_text("")
     campaign.path("controller-before-x.yaml").write_text("")
-    latest = load.keep(campaign, held | {"plate_mm": 101.25})
+    latest = keep(campaign.folder, campaign.nominal, held | {"plate_mm": 101.25})
     assert latest.name == "controller-before-10.yaml"
-    assert load.last_kept(campaign) == latest
+    assert last_kept(campaign.folder) == latest
     assert "plate_mm: 101.25" in latest.read_text()

@@ -3,13 +3,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from par4_space import indices, par4
 
 from benchmarks.against_rivals import by_differences
 from benchmarks.rivals import lab_script
 from benchmarks.shared.measured_robot import measured_robot, printed_parameters
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.residuals import DistanceResiduals, PositionModel
-from campaigns.mechanisms.geometry import Geometry, indices
 
 VECTORS = Path(__file__).parents[1] / "data" / "vectors"
 SHOTS = slice(0, 16)
@@ -25,12 +25,12 @@ def robot():
 
 @pytest.fixture(scope="module")
 def problem(robot):
-    model = PositionModel(robot.nominal, FREE, robot.joints_rad)
-    return DistanceResiduals(model, *robot.pairs.T, robot.measured_mm())
+    model = PositionModel(robot.nominal, FREE, robot.joints)
+    return DistanceResiduals.in_mm(model, *robot.pairs.T, robot.measured_mm())
 
 
 def test_the_lab_script_finds_the_parameters_that_we_find(robot, problem):
-    data = robot.joints_rad, robot.commanded, robot.pairs, robot.measured_mm()
+    data = robot.joints, robot.commanded, robot.pairs, robot.measured_mm()
     theirs = lab_script.identify(printed_parameters(robot.nominal), FREE, *data)
     assert theirs == pytest.approx(solve(problem).x, abs=1e-4)
     assert abs(theirs - problem.start()).max() > 0.1, "the start is not the answer"
@@ -54,4 +54,4 @@ def test_the_lab_script_takes_the_golden_joints_to_the_golden_poses():
 def geometry_in(document):
     arms = enumerate(document["arms"])
     flat = {f"arm{i}.{key}": value for i, arm in arms for key, value in arm.items()}
-    return Geometry.from_flat(flat | {"plate_mm": document["plate_mm"]})
+    return par4(flat | {"plate_mm": document["plate_mm"]})

@@ -6,6 +6,7 @@ import re
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from robotline_layouts import PAR4_LAYOUT
 from timed_pipe import HandClock, TimedPipe
 
 from drivers.byte_log import (
@@ -24,8 +25,7 @@ from drivers.wire import geocom, robotline
 from drivers.wire.emscon import Answer, Request, encode, refusal
 from drivers.wire.emscon_constants import Command
 from drivers.wire.emscon_messages import StatusChange, Units
-from drivers.wire.robotline_answers import Status
-from drivers.wire.robotline_commands import AskState
+from drivers.wire.robotline_messages import AskState, Status
 
 NOW = "2026-05-04T10:00:00.000Z"
 
@@ -208,9 +208,9 @@ class TestEmsconReading:
 
 class TestLineReadings:
     def test_robotline_is_read_in_both_directions(self):
-        reading = RobotlineReading()
+        reading = RobotlineReading(PAR4_LAYOUT)
         question = robotline.encode_request(robotline.Request(8, AskState()))
-        status = Status(moving=False, emergency_stop=True, fault="", joints_deg=(1.0,) * 4)
+        status = Status(moving=False, emergency_stop=True, fault="", joints=(1.0,) * 4)
         answer = robotline.encode_reply(robotline.Reply(8, "STATE", status))
         assert reading.sent(question) == ["Request(sequence=8, command=AskState())"]
         (said,) = reading.received(answer)
@@ -238,9 +238,9 @@ class TestLineReadings:
             reading.sent(geocom.encode_request(geocom.Request(0, number)))
         assert len(reading._procedures) == 100
 
-    @pytest.mark.parametrize("reading", [RobotlineReading, GeocomReading])
+    @pytest.mark.parametrize("reading", [RobotlineReading(PAR4_LAYOUT), GeocomReading()])
     def test_line_that_cannot_be_read_says_why_and_the_next_one_is_read(self, reading):
-        said = reading().received(b"garbage\r\n\r\nmore\n")
+        said = reading.received(b"garbage\r\n\r\nmore\n")
         assert len(said) == 2
         assert all(line.startswith("cannot be read: ") for line in said)
 
@@ -250,17 +250,17 @@ class TestAnyReading:
     @pytest.mark.parametrize("driver", ["emscon", "geocom", "robotline", "linuxcnc"])
     @given(pieces=st.lists(st.binary(max_size=100), max_size=10))
     def test_garbage_raises_nothing(self, driver, pieces):
-        reading = reading_for(driver)()
+        reading = reading_for(driver, PAR4_LAYOUT)()
         for piece in pieces:
             for line in [*reading.sent(piece), *reading.received(piece)]:
                 assert len(line) <= 500
 
     def test_protocol_without_a_grammar_is_bytes_alone(self):
-        reading = reading_for("linuxcnc")()
+        reading = reading_for("linuxcnc", PAR4_LAYOUT)()
         assert (reading.sent(b"hello\n"), reading.received(b"ACK\n")) == ((), ())
 
     def test_meanings_stand_behind_the_bytes(self):
-        desk = Desk((0.1, b"%R1P,0,3:0\r\n"), reading=reading_for("geocom"))
+        desk = Desk((0.1, b"%R1P,0,3:0\r\n"), reading=reading_for("geocom", PAR4_LAYOUT))
         desk.transport.send(b"%R1Q,0,3:\r\n", 1.0)
         desk.transport.receive(1.0)
         assert [line.strip() for line in desk.entries() if line.startswith("    ")] == [

@@ -2,7 +2,7 @@
 
 import signal
 
-import campaigns.controllers.load
+import campaigns.chain.loading
 from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Finding
 
@@ -26,13 +26,13 @@ def test_load_keeps_the_old_and_can_be_rolled_back(pkmcal, exported):
 
 
 def test_ctrl_c_while_loading_waits_until_it_is_verified(pkmcal, exported, monkeypatch):
-    write_verified = campaigns.controllers.load.write_verified
+    write_verified = campaigns.chain.loading.write_verified
 
     def interrupted(*arguments):
         signal.raise_signal(signal.SIGINT)
         write_verified(*arguments)
 
-    monkeypatch.setattr(campaigns.controllers.load, "write_verified", interrupted)
+    monkeypatch.setattr(campaigns.chain.loading, "write_verified", interrupted)
     ended = pkmcal("load", exported, "--yes")
     assert ended.code == 130
     with read_journal(exported / "campaign.db") as journal:
@@ -53,4 +53,5 @@ def test_a_load_that_made_it_worse_is_not_good(pkmcal, exported):
     assert pkmcal("load", exported, "--rollback", "--yes").code == 0
     ended = pkmcal("validate", exported, "--stage", "after", *distances)
     assert ended.code == 1
-    assert "not good: mean distance error" in ended.out
+    assert "not good: distances, mean error" in ended.out
+    assert "before loading it was" in ended.out

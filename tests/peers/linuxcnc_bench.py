@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import time
 from contextlib import contextmanager
+from functools import partial
 from math import radians
 
 import pytest
@@ -28,7 +29,7 @@ NEEDS_LINUXCNC = [
 ]
 NOMINAL = find_robot("par4-prototype").robot
 IDENTITY = "par4-prototype"
-LIMITS = JointLimits(*NOMINAL.limits.joint_rad)
+LIMITS = JointLimits(*NOMINAL.limits.joint)
 FULL_SPEED_RAD_S = radians(360.0)
 SHORT = LinuxcncDeadlines(
     patience=Patience(order_s=0.5, order_margin_s=0.5),
@@ -85,16 +86,16 @@ class Bench:
             clock=SystemClock(),
             settings=settings,
             store=self.store,
-            kinematics_of=ActiveKinematics,
+            kinematics_of=partial(ActiveKinematics, NOMINAL.mechanism),
         )
 
     def open(self):
         self.transports.append(open_transport(self.linuxcnc.url, timeout_s=5.0))
         return self.transports[-1]
 
-    def move(self, joints_rad, speed_fraction=1.0):
+    def move(self, joints, speed_fraction=1.0):
         """Move and wait; gives the state at the end."""
-        self.robot.move_joints(joints_rad, speed_fraction)
+        self.robot.move_joints(joints, speed_fraction)
         return self.arrived()
 
     def arrived(self):
@@ -105,11 +106,11 @@ class Bench:
             time.sleep(0.005)
         return state
 
-    def started(self, joints_rad, speed_fraction):
+    def started(self, joints, speed_fraction):
         """Start a move and see it on its way."""
-        before = self.robot.state().joints_rad
-        self.robot.move_joints(joints_rad, speed_fraction)
-        while self.robot.state().joints_rad == before:
+        before = self.robot.state().joints
+        self.robot.move_joints(joints, speed_fraction)
+        while self.robot.state().joints == before:
             time.sleep(0.005)
 
 

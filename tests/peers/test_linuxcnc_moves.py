@@ -54,10 +54,10 @@ def test_bringing_up_ends_at_home_ready_and_without_a_fault(linuxcnc):
 def test_joints_are_read_back_as_they_were_commanded(bench):
     draw = np.random.default_rng(7)
     for _ in range(8):
-        joints_rad = draw.uniform(radians(-45.0), radians(90.0), 4)
-        state = bench.move(joints_rad)
+        joints = draw.uniform(radians(-45.0), radians(90.0), 4)
+        state = bench.move(joints)
         assert state.fault == ""
-        away_deg = np.degrees(np.abs(np.subtract(state.joints_rad, joints_rad))).max()
+        away_deg = np.degrees(np.abs(np.subtract(state.joints, joints))).max()
         assert away_deg <= READ_BACK_DEG
 
 
@@ -66,8 +66,8 @@ def test_poses_are_converted_with_the_set_in_use(bench):
     other = NOMINAL.geometry_flat() | {"arm1.joint_offset_deg": 0.5}
     bench.robot.write_geometry(other)
     bench.robot.move_pose(pose, 1.0)
-    expected = ActiveKinematics(other).joints_rad(pose)
-    assert bench.arrived().joints_rad == pytest.approx(expected, abs=radians(READ_BACK_DEG))
+    expected = ActiveKinematics(NOMINAL.mechanism, other).joints(pose)
+    assert bench.arrived().joints == pytest.approx(expected, abs=radians(READ_BACK_DEG))
 
 
 def test_speed_is_a_share_of_the_full_one(bench):
@@ -95,9 +95,9 @@ def test_stop_in_motion_brakes_at_once_and_the_robot_goes_on_afterwards(bench):
     assert time.monotonic() - began_s < 1.0
     stood = bench.robot.state()
     assert not stood.moving
-    assert stood.joints_rad != pytest.approx(FAR_RAD, abs=0.01)
+    assert stood.joints != pytest.approx(FAR_RAD, abs=0.01)
     time.sleep(0.05)
-    assert bench.robot.state().joints_rad == stood.joints_rad
+    assert bench.robot.state().joints == stood.joints
     assert bench.move(HOME_RAD).fault == ""
 
 
@@ -165,7 +165,7 @@ def test_connection_that_is_cut_in_motion_leads_to_an_abort_first_of_all(bench):
     bench.robot.reconnect()
     stood = bench.arrived()
     assert not stood.moving
-    assert degrees(max(np.abs(np.subtract(stood.joints_rad, FAR_RAD)))) > 5.0
+    assert degrees(max(np.abs(np.subtract(stood.joints, FAR_RAD)))) > 5.0
     assert bench.move(HOME_RAD).fault == ""
 
 
@@ -174,7 +174,7 @@ def test_stop_over_a_cut_connection_opens_another(bench):
     bench.transports[-1].close()
     bench.robot.stop()
     bench.robot.reconnect()
-    assert degrees(max(np.abs(np.subtract(bench.robot.state().joints_rad, FAR_RAD)))) > 5.0
+    assert degrees(max(np.abs(np.subtract(bench.robot.state().joints, FAR_RAD)))) > 5.0
 
 
 def test_control_that_another_client_takes_is_told_and_taken_back_by_the_stop(linuxcnc, bench):

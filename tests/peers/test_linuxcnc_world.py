@@ -6,14 +6,12 @@ from math import radians
 import numpy as np
 import pytest
 from linuxcnc_bench import IDENTITY, NEEDS_LINUXCNC, NOMINAL, Bench, at, world_controller
+from par4_space import par4
 
 from campaigns.controllers.active_kinematics import ActiveKinematics
 from campaigns.controllers.linuxcnc_export import PIN_OF, write_hal
 from campaigns.controllers.load import write_verified
 from campaigns.errors import ConfigInvalid
-from campaigns.mechanisms.feasibility import feasibility
-from campaigns.mechanisms.geometry import Geometry
-from campaigns.robots.robot import numeric_limits
 from drivers.errors import DeviceRefused, LimitViolation, WrongDevice
 from drivers.linuxcnc.machine_state import Coordinates
 from drivers.values import Pose
@@ -44,41 +42,41 @@ def bench(linuxcnc):
 
 def reachable(count, geometry):
     poses = np.random.default_rng(8).uniform(LOW, HIGH, (20 * count, 4))
-    judged = feasibility(Geometry.from_flat(geometry), numeric_limits(NOMINAL), poses)
+    judged = par4(geometry).feasibility(NOMINAL.limits, poses)
     return [Pose(*row) for row in poses[judged.feasible][:count].tolist()]
 
 
-def away_deg(joints_rad, other_rad):
-    return np.degrees(np.abs(np.subtract(joints_rad, other_rad))).max()
+def away_deg(joints, other_rad):
+    return np.degrees(np.abs(np.subtract(joints, other_rad))).max()
 
 
 def test_poses_with_loaded_parameters_give_our_models_joints(bench):
     bench.robot.write_geometry(NEW)
     bench.robot.prepare()
-    ours = ActiveKinematics(NEW)
+    ours = ActiveKinematics(NOMINAL.mechanism, NEW)
     for pose in reachable(6, NEW):
         bench.robot.move_pose(pose, 1.0)
         state = bench.arrived()
         assert state.fault == ""
-        assert away_deg(state.joints_rad, ours.joints_rad(pose)) <= SAME_DEG
+        assert away_deg(state.joints, ours.joints(pose)) <= SAME_DEG
 
 
 def test_joints_are_reached_by_way_of_their_poses(bench):
     for pose in reachable(3, OLD):
-        joints_rad = ActiveKinematics(OLD).joints_rad(pose)
-        state = bench.move(joints_rad)
+        joints = ActiveKinematics(NOMINAL.mechanism, OLD).joints(pose)
+        state = bench.move(joints)
         assert state.fault == ""
-        assert away_deg(state.joints_rad, joints_rad) <= SAME_DEG
+        assert away_deg(state.joints, joints) <= SAME_DEG
 
 
 def test_way_along_the_joints_limits_does_not_leave_them(bench):
     """The straight line of poses between these two would take joint 1 to -72°."""
     there = tuple(map(radians, (41.3, -44.4, -24.4, 34.1)))
     back = tuple(map(radians, (-34.5, -42.3, 89.9, 88.9)))
-    for joints_rad in (there, back, there):
-        state = bench.move(joints_rad)
+    for joints in (there, back, there):
+        state = bench.move(joints)
         assert state.fault == ""
-        assert away_deg(state.joints_rad, joints_rad) <= SAME_DEG
+        assert away_deg(state.joints, joints) <= SAME_DEG
 
 
 def test_pose_out_of_reach_is_refused_before_it_is_sent(bench):
@@ -138,11 +136,11 @@ def test_parameters_that_somebody_set_by_hand_are_not_taken_for_the_robots(linux
 
 
 def test_joints_of_the_simulated_cell_are_the_real_ones(linuxcnc, bench):
-    joints_rad = bench.move(tuple(map(radians, (20.0, 25.0, 30.0, 15.0)))).joints_rad
+    joints = bench.move(tuple(map(radians, (20.0, 25.0, 30.0, 15.0)))).joints
     with closing(joint_source(f"hal:{linuxcnc.beside}")) as source:
-        assert away_deg(source.read_rad(), joints_rad) <= SAME_DEG
+        assert away_deg(source.read_rad(), joints) <= SAME_DEG
     with closing(joint_source(linuxcnc.url)) as source:
-        assert away_deg(source.read_rad(), joints_rad) <= SAME_DEG
+        assert away_deg(source.read_rad(), joints) <= SAME_DEG
 
 
 def test_joints_only_controller_is_not_taken_for_one_in_world_coordinates(linuxcnc):

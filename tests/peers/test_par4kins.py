@@ -8,12 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from linuxcnc_bench import NOMINAL, compiled_kinematics
+from par4_space import par4
 
 from campaigns.controllers.linuxcnc_export import PIN_OF
-from campaigns.mechanisms.feasibility import feasibility
-from campaigns.mechanisms.geometry import Geometry
-from campaigns.mechanisms.par4 import inverse
-from campaigns.robots.robot import numeric_limits
 
 pytestmark = [
     pytest.mark.peer,
@@ -87,8 +84,8 @@ def robot():
         for name, value in NOMINAL.geometry_flat().items()
     }
     poses = draw.uniform(LOW, HIGH, (5 * POSES, 4))
-    geometry = Geometry.from_flat(flat)
-    return flat, poses[feasibility(geometry, numeric_limits(NOMINAL), poses).feasible][:POSES]
+    geometry = par4(flat)
+    return flat, poses[geometry.feasibility(NOMINAL.limits, poses).feasible][:POSES]
 
 
 def in_degrees(poses):
@@ -102,7 +99,7 @@ def test_module_has_a_pin_for_every_parameter(module):
 def test_inverse_is_our_models_on_a_thousand_poses(module, robot):
     flat, poses = robot
     module.set_pins(flat)
-    ours_deg = np.degrees(inverse(Geometry.from_flat(flat), poses).require())
+    ours_deg = np.degrees(par4(flat).inverse(poses).values_or_raise())
     theirs_deg = np.array([module.inverse(pose) for pose in in_degrees(poses)])
     assert len(poses) == POSES
     assert np.abs(theirs_deg - ours_deg).max() <= SAME_DEG
@@ -111,7 +108,7 @@ def test_inverse_is_our_models_on_a_thousand_poses(module, robot):
 def test_forward_finds_every_pose_again_from_far_and_from_near(module, robot):
     flat, poses = robot
     module.set_pins(flat)
-    joints_deg = np.degrees(inverse(Geometry.from_flat(flat), poses).require())
+    joints_deg = np.degrees(par4(flat).inverse(poses).values_or_raise())
     wanted = in_degrees(poses)
     far = np.array([module.forward(joints) for joints in joints_deg])
     near = np.array([module.forward(j, p + 1.0) for j, p in zip(joints_deg, wanted, strict=True)])
@@ -122,7 +119,7 @@ def test_forward_finds_every_pose_again_from_far_and_from_near(module, robot):
 def test_forward_from_the_wrong_assembly_ends_on_the_right_one(module, robot):
     flat, poses = robot
     module.set_pins(flat)
-    joints_deg = np.degrees(inverse(Geometry.from_flat(flat), poses[:100]).require())
+    joints_deg = np.degrees(par4(flat).inverse(poses[:100]).values_or_raise())
     above = in_degrees(poses[:100]) + np.array([0.0, 0.0, 60.0, 100.0])
     found = np.array([module.forward(j, p) for j, p in zip(joints_deg, above, strict=True)])
     assert np.abs(found - in_degrees(poses[:100])).max() <= SAME_MM

@@ -4,6 +4,7 @@ import threading
 
 import numpy as np
 import pytest
+from robotline_layouts import PAR4_LAYOUT
 
 from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import DriverError
@@ -28,6 +29,7 @@ class Work:
         clock = SystemClock()
         self.robot = LineRobot(
             lambda: open_transport(served.controller_url, timeout_s=1.0),
+            layout=PAR4_LAYOUT,
             clock=clock,
             first_sequence=1,
         )

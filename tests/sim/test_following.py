@@ -59,7 +59,7 @@ def followed():
 
 def test_joints_that_have_come_to_rest_are_where_the_robot_arrives(followed):
     state = followed.controller.state(0.0)
-    assert (state.joints_rad, state.moving) == (tuple(CENTRE), False)
+    assert (state.joints, state.moving) == (tuple(CENTRE), False)
     assert np.array_equal(followed.robot.standing.encoders_rad, CENTRE)
 
 
@@ -68,7 +68,7 @@ def test_joints_that_read_differently_a_moment_later_are_moving(followed):
     followed.joints.now = [CENTRE, CENTRE + 1e-4, CENTRE + 2e-4]
     state = followed.controller.state(0.0)
     assert state.moving
-    assert state.joints_rad == tuple(CENTRE + 1e-4)
+    assert state.joints == tuple(CENTRE + 1e-4)
     assert followed.robot.standing is before
 
 
@@ -93,7 +93,7 @@ def test_robot_stands_where_it_was_while_the_joints_cannot_be_read(followed):
     followed.controller.state(0.0)
     followed.joints.lost = True
     state = followed.controller.state(1.0)
-    assert (state.joints_rad, state.moving) == (tuple(CENTRE), False)
+    assert (state.joints, state.moving) == (tuple(CENTRE), False)
 
 
 def test_joints_that_jump_where_no_straight_way_leads_are_reached_all_the_same(followed):

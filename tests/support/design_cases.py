@@ -4,13 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from par4_cases import NOMINAL, TRACKER_STD_MM, region
+from par4_space import FREE_BY_DEFAULT
 
 from campaigns.arrays import Array, Index
 from campaigns.design.candidates import Candidates, pair_candidates, shot_candidates
 from campaigns.design.pose_sampling import boundary_poses, interior_poses, random_pairs
 from campaigns.estimation.information import marginalise_frame, point_jacobian
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT
-from campaigns.mechanisms.par4 import inverse
 
 VARIANCE_MM2 = TRACKER_STD_MM**2
 
@@ -26,7 +25,7 @@ class Case:
 
 
 def rows_at(poses, free=FREE_BY_DEFAULT):
-    return point_jacobian(NOMINAL, free, inverse(NOMINAL, poses).require(), poses)
+    return point_jacobian(NOMINAL, free, NOMINAL.inverse(poses).values_or_raise(), poses)
 
 
 def isotropic(count):
@@ -43,7 +42,7 @@ def drawn(count, seed):
 
 def shots(count=600, seed=1, free=FREE_BY_DEFAULT, noise=None):
     poses, workspace = drawn(count, seed)
-    joints = inverse(NOMINAL, poses).require()
+    joints = NOMINAL.inverse(poses).values_or_raise()
     noise = isotropic(count) if noise is None else noise
     candidates = shot_candidates(NOMINAL, free, joints, poses, noise)
     return Case(poses, joints, candidates, workspace, rows_at(workspace, free))
@@ -51,7 +50,7 @@ def shots(count=600, seed=1, free=FREE_BY_DEFAULT, noise=None):
 
 def pairs(count=800, seed=1):
     poses, workspace = drawn(count, seed)
-    joints = inverse(NOMINAL, poses).require()
+    joints = NOMINAL.inverse(poses).values_or_raise()
     rows = random_pairs(poses, np.random.default_rng(seed))
     variance = np.full(len(rows), 2.0 * VARIANCE_MM2)
     candidates = pair_candidates(NOMINAL, FREE_BY_DEFAULT, joints, poses, rows, variance)
@@ -62,4 +61,4 @@ def anything(count, k, unknowns, seed, parameters=None):
     """Candidates that belong to no robot."""
     rows = np.random.default_rng(seed).standard_normal((count, k, unknowns))
     own = unknowns if parameters is None else parameters
-    return Candidates.from_rows(rows, tuple(f"p{i}_mm" for i in range(own)))
+    return Candidates.from_jacobians(rows, tuple(f"p{i}_mm" for i in range(own)))

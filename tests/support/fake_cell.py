@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from math import degrees
 
 import numpy as np
+from par4_space import par4
 from virtual_time import Act, StopWish, VirtualClock
 
 from campaigns.estimation.rigid_transforms import Transform, small_rotation
@@ -12,9 +13,7 @@ from campaigns.journal.journal import Journal
 from campaigns.measuring.run_state import Progress
 from campaigns.measuring.session import Work, measure_series
 from campaigns.measuring.shot_taker import Cell
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import Geometry
-from campaigns.mechanisms.par4 import inverse
+from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import find_robot
 from drivers.errors import BeamBroken, Cancelled
 from drivers.values import (
@@ -30,7 +29,7 @@ from drivers.values import (
 )
 
 ROBOT = find_robot("par4-prototype").robot
-NOMINAL = Geometry.from_flat(ROBOT.geometry_flat())
+NOMINAL = par4(ROBOT.geometry_flat())
 CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
 TRACKER_FROM_BASE = Transform(
     small_rotation(np.array([2.1, 0.02, -0.03]))[0], np.array([2500.0, 400.0, 300.0])
@@ -48,7 +47,7 @@ class FakeRobot:
     clock: VirtualClock
     calls: list[tuple[object, ...]]
     serial: str = "R-1"
-    joints: np.ndarray = field(default_factory=lambda: inverse(NOMINAL, CENTRE[None]).values[0])
+    joints: np.ndarray = field(default_factory=lambda: NOMINAL.inverse(CENTRE[None]).values[0])
     full_speed_rad_s: float = 3.0
     off_target_rad: np.ndarray = field(default_factory=lambda: np.zeros(4))
     wobble_rad: float = 0.0
@@ -87,14 +86,14 @@ class FakeRobot:
         raw = f"reading {self._readings}"
         return RobotState(tuple(joints.tolist()), moving, self.fault, self.emergency_stop, raw)
 
-    def move_joints(self, joints_rad: Sequence[float], speed_fraction: float) -> None:
-        self._log("robot.move_joints", *rounded_deg(joints_rad))
-        self._move(np.array(joints_rad), speed_fraction)
+    def move_joints(self, joints: Sequence[float], speed_fraction: float) -> None:
+        self._log("robot.move_joints", *rounded_deg(joints))
+        self._move(np.array(joints), speed_fraction)
 
     def move_pose(self, pose: Pose, speed_fraction: float) -> None:
         self._log("robot.move_pose", pose.x_mm, pose.y_mm, pose.z_mm, round(pose.theta_rad, 6))
         row = np.array([[pose.x_mm, pose.y_mm, pose.z_mm, pose.theta_rad]])
-        self._move(inverse(Geometry.from_flat(self.geometry), row).require()[0], speed_fraction)
+        self._move(par4(self.geometry).inverse(row).values_or_raise()[0], speed_fraction)
 
     def stop(self) -> None:
         self._log("robot.stop")
@@ -136,7 +135,7 @@ class FakeTracker:
     clock: VirtualClock
     calls: list[tuple[object, ...]]
     robot: FakeRobot
-    truth: Geometry = NOMINAL
+    truth: Kinematics = NOMINAL
     serial: str = "T-7"
     air: Weather = AIR
     shifted_mm: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -176,7 +175,7 @@ class FakeTracker:
     def seen_mm(self) -> Vector3:
         if self.on_wrong_target:
             return (1000.0, 2000.0, 300.0)
-        plate = forward(self.truth, self.robot.true_joints()[None]).require()[:, :3]
+        plate = self.truth.forward(self.robot.true_joints()[None]).values_or_raise()[:, :3]
         point = TRACKER_FROM_BASE.apply(plate)[0] + self.shifted_mm
         return tuple(point.tolist())
 
@@ -225,7 +224,7 @@ class FakeTracker:
 class FakeCell:
     """Robot, tracker and operator of one process, and the list of all that was asked of them."""
 
-    truth: Geometry = NOMINAL
+    truth: Kinematics = NOMINAL
     calls: list[tuple[object, ...]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -261,5 +260,5 @@ class Listener:
         self.events.append(text)
 
 
-def rounded_deg(joints_rad: Sequence[float]) -> tuple[float, ...]:
-    return tuple(round(degrees(joint), 2) for joint in joints_rad)
+def rounded_deg(joints: Sequence[float]) -> tuple[float, ...]:
+    return tuple(round(degrees(joint), 2) for joint in joints)

@@ -3,10 +3,10 @@
 from dataclasses import dataclass, field
 from math import radians
 
-from drivers.wire.robotline_geometry import GEOMETRY_NAMES
+from sim.geometry import FLAT_NAMES
 from sim.robot.controller import ControllerState, Refusal
 
-GEOMETRY = {name: float(number) for number, name in enumerate(GEOMETRY_NAMES)}
+GEOMETRY = {name: float(number) for number, name in enumerate(FLAT_NAMES)}
 
 
 @dataclass
@@ -20,7 +20,7 @@ class FakeController:
     moving: bool = False
     fault: str = ""
     refusal: Refusal | None = None
-    joints_rad: tuple[float, ...] = (0.0, radians(45.0), radians(-90.0), 0.5)
+    joints: tuple[float, ...] = (0.0, radians(45.0), radians(-90.0), 0.5)
     parameters: dict[str, float] = field(default_factory=lambda: dict(GEOMETRY))
     calls: list[tuple[object, ...]] = field(default_factory=list)
 

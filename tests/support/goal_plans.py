@@ -2,6 +2,7 @@
 
 import numpy as np
 from fake_cell import COVARIANCE_MM2, NOMINAL, ROBOT, FakeCell
+from par4_space import FREE_BY_DEFAULT, IS_ANGLE, indices
 from scipy.stats import chi2
 from small_plans import work
 
@@ -10,7 +11,7 @@ from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.journal.views import AcceptedShot
 from campaigns.measuring.session import Work
 from campaigns.measuring.stopping_rule import PrecisionGoal
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, IS_ANGLE, Geometry, indices
+from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plans import PlanRequest, View, make_plan
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
@@ -33,7 +34,9 @@ def until(goal_mm: float | None, **changes: object) -> Work:
     return work(PLAN, goal=goal, **changes)
 
 
-def noisy_cell(seed: int = 1, std_mm: float = STATED_STD_MM, truth: Geometry = NOMINAL) -> FakeCell:
+def noisy_cell(
+    seed: int = 1, std_mm: float = STATED_STD_MM, truth: Kinematics = NOMINAL
+) -> FakeCell:
     """A cell whose tracker scatters; it states 0.01 mm whatever it does."""
     cell, rng = FakeCell(truth), np.random.default_rng(seed)
     exact_mm = cell.tracker.seen_mm
@@ -54,8 +57,10 @@ def worst_length_mm(shots: tuple[AcceptedShot, ...]) -> float:
 
     Multiplied by the scatter of the shots where chance does not explain it, once in 2000 times.
     """
-    data = shots_of_journal([s for s in shots if s.intent.purpose == "identification"])
-    model = PositionModel(NOMINAL, FREE, data.joints_rad)
+    data = shots_of_journal(
+        [s for s in shots if s.intent.purpose == "identification"], ROBOT.mechanism
+    )
+    model = PositionModel(NOMINAL, FREE, data.joints)
     covariance = np.broadcast_to(np.array(COVARIANCE_MM2), (len(data.numbers), 3, 3))
     fit = solve(PointResiduals.from_points(model, data.points_in_tracker_mm, covariance))
     squares, dof = fit.residual @ fit.residual, len(fit.residual) - len(fit.x)

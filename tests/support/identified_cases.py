@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from fake_cell import CENTRE, NOMINAL
+from par4_space import NAMES, SPACE, par4
 from small_plans import LIMITS
 
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
@@ -13,11 +14,11 @@ from campaigns.estimation.estimators import Estimator, LossShape, Outliers
 from campaigns.estimation.rigid_transforms import from_paper_angles
 from campaigns.estimation.robust import Loss
 from campaigns.identification.identify import identify
+from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import select_parameters
-from campaigns.identification.result import IdentificationRequest, IdentificationResult
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import NAMES, Geometry
-from campaigns.mechanisms.par4 import inverse
+from campaigns.identification.result import IdentificationResult
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.par4 import PAR4
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 from campaigns.shots.shots_csv import read_shots
@@ -38,13 +39,13 @@ def flat(document) -> dict[str, float]:
     return values | {"plate_mm": document["plate_mm"]}
 
 
-TRUTH = Geometry.from_flat(flat(reference("table1-exact")["truth"]))
+TRUTH = par4(flat(reference("table1-exact")["truth"]))
 
 
 def measured(case: str) -> Shots:
-    rows = read_shots(VECTORS / f"{case}.csv")
+    rows = read_shots(VECTORS / f"{case}.csv", PAR4)
     return dataset(
-        np.array([row.joints_rad for row in rows]),
+        np.array([row.joints for row in rows]),
         np.array([row.point_in_tracker_mm for row in rows]),
         [row.pair for row in rows],
         [row.purpose for row in rows],
@@ -53,13 +54,22 @@ def measured(case: str) -> Shots:
 
 def dataset(joints, points, pairs, purposes) -> Shots:
     """Shots of which the tracker states nothing."""
-    unstated = np.full((len(joints), 3, 3), np.nan)
-    numbers = tuple(range(len(joints)))
-    unknown = np.zeros_like(joints)
-    return Shots(numbers, tuple(purposes), tuple(pairs), joints, points, unstated, unknown)
+    count = len(joints)
+    return Shots(
+        numbers=tuple(range(count)),
+        purposes=tuple(purposes),
+        pairs=tuple(pairs),
+        joints=joints,
+        points_in_tracker_mm=points,
+        stated_covariance_mm2=np.full((count, 3, 3), np.nan),
+        approach=np.zeros_like(joints),
+        commanded=np.full((count, 4), np.nan),
+        measured_utc=("",) * count,
+        temperature_degC=np.full(count, np.nan),
+    )
 
 
-def region(geometry: Geometry = NOMINAL) -> FeasibleRegion:
+def region(geometry: Kinematics = NOMINAL) -> FeasibleRegion:
     return FeasibleRegion(
         geometry, LIMITS, CENTRE, np.array([2500.0, 0.0, 0.0]), np.eye(3)[0], np.pi
     )
@@ -69,13 +79,13 @@ def workspace(count: int = 300) -> np.ndarray:
     return interior_poses(region(), count, np.random.default_rng(77))
 
 
-def simulated(fitted: int, unseen: int, seed: int, truth: Geometry = TRUTH) -> Shots:
+def simulated(fitted: int, unseen: int, seed: int, truth: Kinematics = TRUTH) -> Shots:
     """Pairs measured by a perfect tracker; a seed gives their places."""
     poses = interior_poses(region(), 2 * (fitted + unseen), np.random.default_rng(seed))
-    joints = inverse(NOMINAL, poses).require()
+    joints = NOMINAL.inverse(poses).values_or_raise()
     purposes = [ShotSet.IDENTIFICATION] * (2 * fitted) + [ShotSet.VALIDATION] * (2 * unseen)
     pairs = np.repeat(np.arange(fitted + unseen), 2).tolist()
-    points = TRACKER_FROM_BASE.apply(forward(truth, joints).require()[:, :3])
+    points = TRACKER_FROM_BASE.apply(truth.forward(joints).values_or_raise()[:, :3])
     return dataset(joints, points, pairs, purposes)
 
 
@@ -109,23 +119,25 @@ def identified(
     outliers: Outliers = Outliers.EXCLUDE,
     poses=None,
 ) -> IdentificationResult:
-    known = select_parameters(free, fix, prior)
-    request = IdentificationRequest(estimator, known, Loss(loss), outliers, workspace=poses)
-    return identify(NOMINAL, data, request)
+    known = select_parameters(SPACE, free, fix, prior)
+    options = IdentificationOptions(
+        estimator=estimator, loss=Loss(loss), outliers=outliers, workspace=poses
+    )
+    return identify(NOMINAL, data, known, options)
 
 
 def values(found: IdentificationResult) -> dict[str, float]:
-    return {parameter.name: parameter.value for parameter in found.parameters}
+    return found.flat()
 
 
 def deviations(found: IdentificationResult) -> dict[str, float | None]:
-    return {parameter.name: parameter.std for parameter in found.parameters}
+    return {name: parameter.std for name, parameter in found.parameters.items()}
 
 
-def shortened(forearms_mm: float) -> Geometry:
+def shortened(forearms_mm: float) -> Kinematics:
     flat_values = NOMINAL.flat()
     shorter = {n: v - forearms_mm for n, v in flat_values.items() if n.endswith("forearm_mm")}
-    return Geometry.from_flat(flat_values | shorter)
+    return par4(flat_values | shorter)
 
 
 def all_but(names: tuple[str, ...]) -> tuple[str, ...]:

@@ -58,7 +58,7 @@ def outcome(shot: int, attempt: int = 1, *, x_mm: float = 1000.1) -> Outcome:
     return Outcome(
         shot,
         attempt,
-        joints_rad=(0.1, 0.2, 0.3, 0.1 + 0.2),
+        joints=(0.1, 0.2, 0.3, 0.1 + 0.2),
         point_in_tracker_mm=(x_mm, -2000.2, 1e-17),
         covariance_mm2=((1e-4, 0.0, 0.0), (0.0, 2e-4, 0.0), (0.0, 0.0, 3e-4)),
         weather=WEATHER,

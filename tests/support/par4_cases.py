@@ -1,17 +1,13 @@
 """Robots, poses and derivatives by differences that the tests of the numerics share."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from par4_space import NAMES, par4, par4_of, turning_limits
 
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
 from campaigns.estimation.rigid_transforms import Transform, small_rotation
-from campaigns.mechanisms.feasibility import Limits
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import Geometry
-from campaigns.mechanisms.par4 import inverse
 
 VECTORS = Path(__file__).parents[1] / "data" / "vectors"
 KINEMATICS = json.loads((VECTORS / "kinematics.json").read_text(encoding="utf-8"))
@@ -25,18 +21,18 @@ def flat_in(document):
 
 
 def geometry_in(document):
-    return Geometry.from_flat(flat_in(document))
+    return par4(flat_in(document))
 
 
 NOMINAL = geometry_in(CASES["nominal"]["geometry"])
 TABLE1 = geometry_in(CASES["nominal+table1"]["geometry"])
-TILTED = replace(TABLE1, axis_tilt_rad=np.array([0.03, -0.02, 0.05, -0.04]))
+TILTED = par4_of(np.concatenate([TABLE1.p[: len(NAMES)], [0.03, -0.02, 0.05, -0.04]]))
 """Far more than a workshop would leave, so that no sign and no size goes unnoticed."""
 LEVEL_ROBOTS = {"par4-prototype": NOMINAL, "par4-prototype + Table I": TABLE1}
 ROBOTS = {**LEVEL_ROBOTS, "par4-prototype + Table I + axis tilts": TILTED}
 
-LIMITS = Limits((-np.pi / 4, np.pi / 2), (-np.pi / 4, np.pi / 4), np.pi / 4)
-WELL_INSIDE = Limits((-0.6, 1.3), (-0.6, 0.6), 0.6, singularity_margin=0.3)
+LIMITS = turning_limits((-np.pi / 4, np.pi / 2), (-np.pi / 4, np.pi / 4), np.pi / 4)
+WELL_INSIDE = turning_limits((-0.6, 1.3), (-0.6, 0.6), 0.6, singularity_margin=0.3)
 """Leaves room for errors of a hundred millimetres or of a tenth of a radian."""
 CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
 TRACKER_MM = np.array([2500.0, 0.0, -600.0])
@@ -56,12 +52,12 @@ def reachable_poses(geometry, count, seed, limits=LIMITS):
 
 
 def reachable_joints(geometry, count, seed, limits=LIMITS):
-    return inverse(geometry, reachable_poses(geometry, count, seed, limits)).require()
+    return geometry.inverse(reachable_poses(geometry, count, seed, limits)).values_or_raise()
 
 
 def measured_points(geometry, joints, std_mm=0.0, seed=0):
     """What a tracker would tell of a robot, in the tracker's frame."""
-    points = TRACKER_FROM_BASE.apply(forward(geometry, joints).require()[:, :3])
+    points = TRACKER_FROM_BASE.apply(geometry.forward(joints).values_or_raise()[:, :3])
     return points + std_mm * np.random.default_rng(seed).standard_normal(points.shape)
 
 

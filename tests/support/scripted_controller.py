@@ -2,6 +2,7 @@
 
 from binascii import crc_hqx
 
+from robotline_layouts import PAR4_LAYOUT
 from timed_pipe import HandClock, TimedPipe
 
 from drivers.errors import LinkDown
@@ -41,7 +42,9 @@ class ScriptedController:
         self.pipes = []
         self.waiting = b""
         self.connections = 1000
-        self.robot = LineRobot(self.open, clock=self.clock, first_sequence=7, **settings)
+        self.robot = LineRobot(
+            self.open, layout=PAR4_LAYOUT, clock=self.clock, first_sequence=7, **settings
+        )
 
     @property
     def verbs(self):

@@ -25,7 +25,7 @@ class Straight:
     def __init__(self, geometry):
         self.plate_mm = geometry["plate_mm"]
 
-    def joints_rad(self, pose):
+    def joints(self, pose):
         return (
             radians(pose.x_mm / 10),
             radians(pose.y_mm / 10),
@@ -33,8 +33,8 @@ class Straight:
             pose.theta_rad,
         )
 
-    def pose(self, joints_rad):
-        x, y, z, theta = joints_rad
+    def pose(self, joints):
+        x, y, z, theta = joints
         return Pose(*(radians_to_mm(angle) for angle in (x, y, z)), theta)
 
 

@@ -6,17 +6,21 @@ from math import radians
 import numpy as np
 from fake_cell import CENTRE, NOMINAL, ROBOT
 
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.measuring.rules import GateRules, MotionRules
 from campaigns.measuring.session import Work
-from campaigns.mechanisms.feasibility import Limits
-from campaigns.mechanisms.par4 import inverse
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot, plan_digest
+from campaigns.planning.predicted_precision import EstimationSetup
 from campaigns.planning.steps import Step, joint_steps
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
-LIMITS = Limits(ROBOT.limits.joint_rad, ROBOT.limits.theta_rad, ROBOT.limits.forearm_swing_rad)
+LIMITS = ROBOT.limits
+SETUP = EstimationSetup(
+    Estimator.POINTS, ROBOT.mechanism.parameters.free_by_default, TrackerUncertainty()
+)
 MOTION = MotionRules(
     speed_fraction=0.3,
     settle_s=0.2,
@@ -37,7 +41,7 @@ GATE = GateRules(
 def planned(
     shot: int, purpose: ShotSet, pair: int | None, x: float, y: float, z: float, theta: float = 0.0
 ) -> PlannedShot:
-    joints = inverse(NOMINAL, np.array([[x, y, z, theta]])).require()[0]
+    joints = NOMINAL.inverse(np.array([[x, y, z, theta]])).values_or_raise()[0]
     return PlannedShot(shot, purpose, pair, Pose(x, y, z, theta), tuple(joints.tolist()))
 
 
@@ -73,12 +77,13 @@ def work(shots: Sequence[PlannedShot] = TWO_PAIRS, **changes: object) -> Work:
     settings: dict[str, object] = {
         "stage": "run",
         "steps": joint_steps(shots),
-        "plan_digest": plan_digest(shots),
+        "plan_digest": plan_digest(shots, ROBOT.mechanism),
         "robot_file_digest": ROBOT.digest(),
         "configuration": {"name": "test"},
-        "mechanism": RobotModel(NOMINAL, LIMITS, CENTRE),
+        "robot": RobotModel(NOMINAL, LIMITS, CENTRE),
         "motion": MOTION,
         "gate": GATE,
+        "setup": SETUP,
     }
     return Work(**(settings | changes))
 

@@ -12,8 +12,13 @@ from app.papers.corbel2006 import printed
 from app.papers.corbel2006.printed import Printed
 from app.papers.corbel2006.summary import Distribution, distribution
 from campaigns.arrays import Array
-from campaigns.evaluation.validation import repeatability, rotation_mm, straightness_mm
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT
+from campaigns.estimation.point_sets import (
+    away_from_best_line,
+    away_from_mean,
+    farthest_apart,
+    longest_mm,
+)
+from campaigns.mechanisms.par4 import PAR4
 from campaigns.settings.sections import PlanConfig, ValidationConfig
 
 DRAWS = 2000
@@ -105,15 +110,17 @@ def _line(rng: np.random.Generator, count: int) -> Array:
 
 def most_distant_mm(points: Array) -> float:
     """The rotation test's figure of points (N, 3), N > 1."""
-    found = rotation_mm(points)
-    assert found is not None, "there are more than two points"
-    return found
+    first, second = farthest_apart(points)
+    return float(np.linalg.norm(points[first] - points[second]))
+
+
+def straightness_mm(points: Array) -> float:
+    """Largest distance of points (N, 3) from their best line."""
+    return longest_mm(away_from_best_line(points))
 
 
 def _radius(points: Array) -> float:
-    found = repeatability(points)
-    assert found is not None, "there are more than two points"
-    return found.radius_mm
+    return longest_mm(away_from_mean(points))
 
 
 def _tracked_pairs(rng: np.random.Generator, count: int) -> Array:
@@ -134,6 +141,6 @@ def _fitted_pairs(rng: np.random.Generator, errors_mm: Array) -> float:
 
     A drawn parameter space stands for the robot's.
     """
-    space = rng.standard_normal((len(errors_mm), len(FREE_BY_DEFAULT)))
+    space = rng.standard_normal((len(errors_mm), len(PAR4.parameters.free_by_default)))
     basis = np.linalg.qr(space)[0]
     return float(np.abs(errors_mm - basis @ (basis.T @ errors_mm)).max())

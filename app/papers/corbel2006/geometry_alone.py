@@ -6,14 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.papers.corbel2006.experiments import ROBOT
-from app.papers.corbel2006.floors import most_distant_mm, scattered
+from app.papers.corbel2006.floors import most_distant_mm, scattered, straightness_mm
 from app.papers.corbel2006.summary import Distribution, distribution
 from app.papers.corbel2006.trials import TrialResult
 from campaigns.arrays import Array
-from campaigns.evaluation.validation import AXES, straightness_mm
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import Geometry
-from campaigns.mechanisms.par4 import inverse
+from campaigns.evaluation.validation import AXES
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.par4 import PAR4
 from campaigns.robots.robot import find_robot
 from campaigns.settings.sections import ValidationConfig
 
@@ -59,7 +58,7 @@ class _Test:
 def _tests() -> Iterator[_Test]:
     """Those with poses of their own, as validate commands them."""
     tests = ValidationConfig()
-    low, high = find_robot(ROBOT).robot.limits.theta_rad
+    low, high = find_robot(ROBOT).robot.limits.task[3] or (0.0, 0.0)
     turn = _at_centre(tests, tests.rotation_steps)
     turn[:, 3] = np.linspace(low, high, tests.rotation_steps)
     yield _Test("rotation", turn, most_distant_mm)
@@ -97,5 +96,5 @@ def _at_centre(tests: ValidationConfig, count: int) -> Array:
 
 def _reached_mm(believed: Flat, true: Flat, poses: Array) -> Array:
     """Where the point goes, (N, 3), when the controller believes other parameters than are true."""
-    joints = inverse(Geometry.from_flat(believed), poses).require()
-    return forward(Geometry.from_flat(true), joints, poses).require()[:, :3]
+    joints = Kinematics.from_flat(PAR4, believed).inverse(poses).values_or_raise()
+    return Kinematics.from_flat(PAR4, true).forward(joints, poses).values_or_raise()[:, :3]

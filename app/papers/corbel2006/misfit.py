@@ -6,8 +6,7 @@ import numpy as np
 
 from app.papers.corbel2006.printed import LINES_MM
 from campaigns.arrays import Array, Mask
-from campaigns.mechanisms.par4 import inverse
-from campaigns.robots.robot import RobotFile, find_robot, numeric_geometry
+from campaigns.robots.robot import RobotFile, find_robot
 
 GRID_MM = 25.0
 EXTENT_MM = 1000.0
@@ -37,13 +36,13 @@ class GridJoints:
 
     points_mm: Array
     """(K, K, K, 3), along x, y and z."""
-    joints_rad: Array
+    joints: Array
     """(K, K, K, 4)"""
 
 
 def reaches() -> tuple[Reach, ...]:
     """As printed and our reading, each with the printed joint limits and with ours."""
-    ours_rad = find_robot("par4-prototype").robot.limits.joint_rad
+    ours_rad = find_robot("par4-prototype").robot.limits.joint
     limits = (("±45°", PRINTED_LIMITS_RAD), ("−45° to 90°", ours_rad))
     return tuple(
         reach_of(f"{name}, {words}", grid, limits_rad)
@@ -61,14 +60,14 @@ def grid_joints(robot: RobotFile) -> GridJoints:
     points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
     poses = np.zeros((axis.size**3, 4))
     poses[:, :3] = points.reshape(-1, 3)
-    joints = inverse(numeric_geometry(robot), poses).values
+    joints = robot.kinematics.inverse(poses).values
     return GridJoints(points, joints.reshape(*points.shape[:3], 4))
 
 
 def reach_of(name: str, grid: GridJoints, joint_limits_rad: tuple[float, float]) -> Reach:
     """Only joints count: neither swing nor singularities, so this is generous."""
     low, high = joint_limits_rad
-    within = (grid.joints_rad >= low) & (grid.joints_rad <= high)  # NaN is not
+    within = (grid.joints >= low) & (grid.joints <= high)  # NaN is not
     reached: Mask = np.asarray(within.all(axis=-1))
     x, y, z = (_longest_mm(np.moveaxis(reached, which, -1)) for which in range(3))
     return Reach(name, grid.points_mm[reached], (x, y, z))

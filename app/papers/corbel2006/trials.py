@@ -6,23 +6,13 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from app.exits import AppError
-from app.folder import Campaign
 from app.papers.corbel2006.experiments import Trial
-from app.report.collect import collect
-from app.report.evidence import MeasuredSeries
-from app.report.findings import IdentificationFinding
-from app.report.model_errors import PairErrors, model_errors, models_of
 from app.wiring import scenario_of
-from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.evaluation.validation import (
-    AXES,
-    distance_trace,
-    evaluate_validation,
-    measured_test,
-    of_set,
-)
-from campaigns.robots.robot import numeric_geometry
-from campaigns.shots.shot_sets import ShotSet
+from campaigns.campaign import Campaign
+from campaigns.evaluation.model_errors import PairErrors
+from campaigns.evaluation.validation import AXES, ValidationResult
+from campaigns.evidence import evaluate, gather
+from campaigns.identification.result import RecordedIdentification
 
 
 class TrialFailed(AppError):
@@ -102,18 +92,10 @@ class TrialResult(_Kept):
 
 def result_of(campaign: Campaign, trial: Trial, seconds: float) -> TrialResult:
     """The figures of a campaign that went through the whole chain; raises `TrialFailed`."""
-    evidence = collect(campaign)
-    found, run, before, after = (
-        evidence.identification,
-        evidence.run,
-        evidence.before,
-        evidence.after,
-    )
-    if found is None or run is None or before is None or after is None:
+    evaluation = evaluate(gather(campaign))
+    found, errors = evaluation.evidence.identification, evaluation.errors
+    if found is None or errors is None:
         raise _incomplete(trial, "series")
-    instrument = TrackerUncertainty()
-    models = models_of(found, numeric_geometry(campaign.nominal.robot))
-    errors = model_errors(run, models, found.excluded, instrument)
     return TrialResult(
         experiment=trial.experiment.name,
         seed=trial.seed,
@@ -122,12 +104,12 @@ def result_of(campaign: Campaign, trial: Trial, seconds: float) -> TrialResult:
         parameters=dict(_estimates(campaign, found)),
         fitted=_errors(trial, errors.fitted),
         unseen=_errors(trial, errors.unseen),
-        before=_stage(trial, before, instrument),
-        after=_stage(trial, after, instrument),
+        before=_stage(trial, evaluation.before),
+        after=_stage(trial, evaluation.after),
     )
 
 
-def _estimates(campaign: Campaign, found: IdentificationFinding) -> Iterator[tuple[str, Estimate]]:
+def _estimates(campaign: Campaign, found: RecordedIdentification) -> Iterator[tuple[str, Estimate]]:
     """Of what was identified, beside the simulated robot's own parameters."""
     true = scenario_of(campaign.folder, campaign.config.controller.url).robot.true_flat()
     for name in found.free:
@@ -150,23 +132,23 @@ def _errors(trial: Trial, found: PairErrors | None) -> Errors:
     )
 
 
-def _stage(trial: Trial, measured: MeasuredSeries, instrument: TrackerUncertainty) -> Stage:
-    found = evaluate_validation(measured.shots)
-    pairs = distance_trace(measured_test(of_set(measured.shots, ShotSet.VALIDATION), instrument))
-    straight, repeated, frame = found.straightness_mm or {}, found.repeatability, found.frame
-    if pairs is None or found.rotation_mm is None or repeated is None or frame is None:
-        raise _incomplete(trial, f"tests of stage '{measured.series.started.stage}'")
-    if set(straight) != set(AXES):
+def _stage(trial: Trial, found: ValidationResult | None) -> Stage:
+    if found is None:
+        raise _incomplete(trial, "validations")
+    pairs, rotation, repeated = found.distances, found.rotation, found.repeatability
+    if pairs is None or rotation is None or repeated is None or found.absolute_mm is None:
+        raise _incomplete(trial, "tests of a validation")
+    if {line.axis for line in found.lines} != set(AXES):
         raise _incomplete(trial, "lines")
     return Stage(
         lengths_mm=tuple(pairs.commanded_mm.tolist()),
         errors_mm=tuple(pairs.errors_mm.tolist()),
-        rotation_mm=found.rotation_mm,
-        straightness_mm=dict(straight),
-        radius_mm=repeated.radius_mm,
+        rotation_mm=rotation.moved.value_mm,
+        straightness_mm={line.axis: line.straightness.value_mm for line in found.lines},
+        radius_mm=repeated.radius.value_mm,
         rp_mm=repeated.rp_mm,
-        frame_mean_mm=frame.mean,
-        frame_max_mm=frame.max,
+        frame_mean_mm=float(found.absolute_mm.mean()),
+        frame_max_mm=float(found.absolute_mm.max()),
     )
 
 

@@ -22,26 +22,26 @@ MOST_TICKS = 12
 def plan_picture(
     poses: Array,
     purposes: tuple[ShotSet, ...],
-    expected: PredictedPrecision,
+    predicted: PredictedPrecision,
     curve: Sequence[PrecisionCurvePoint],
 ) -> Figure:
-    """Poses (N, 4) by what they are for; σ of parameters, if all will be known; the curve."""
+    """Poses (N, t) by what they are for; σ of parameters, if all will be known; the curve."""
     heights = [POSES_MM]
-    heights += [STD_MM] if expected.tells_all else []
+    heights += [STD_MM] if predicted.full_rank else []
     heights += [CURVE_MM] if curve else []
     figure = new_figure(sum(heights))
     parts = list(figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False).flat)
     draw_poses(parts.pop(0), poses, purposes)
-    if expected.tells_all:
-        _draw_std(parts.pop(0), expected)
+    if predicted.full_rank:
+        _draw_std(parts.pop(0), predicted)
     if curve:
-        _draw_curve(parts.pop(0), curve, expected.shots)
+        _draw_curve(parts.pop(0), curve, predicted.shots)
     return figure
 
 
-def _draw_std(figure: FigureBase, expected: PredictedPrecision) -> None:
+def _draw_std(figure: FigureBase, predicted: PredictedPrecision) -> None:
     """Bars, lengths and angles each with an axis of their own."""
-    std = expected.std_in_file_units
+    std = predicted.std_in_file_units
     kinds = {unit: {n: s for n, s in std.items() if n.endswith(unit)} for unit in ("_mm", "_deg")}
     shown = {unit: values for unit, values in kinds.items() if values}
     widths = [max(len(values), 4) for values in shown.values()]
@@ -60,12 +60,12 @@ def _draw_bars(axes: Axes, values: Mapping[str, float]) -> None:
 def _draw_curve(figure: FigureBase, curve: Sequence[PrecisionCurvePoint], own: int) -> None:
     """By number of shots, this plan's own marked, both axes by powers."""
     lengths, angles = figure.subplots(1, 2)
-    shots = [at.expected.shots for at in curve]
-    worst = [at.expected.worst_length_mm for at in curve]
+    shots = [at.predicted.shots for at in curve]
+    worst = [at.predicted.worst_length_mm for at in curve]
     lengths.plot(shots, worst, "o-", color=AFTER, label="worst length")
     positions = [at.position_mm for at in curve]
     lengths.plot(shots, positions, "D-", color=BEFORE, label="position, mean")
-    worst_deg = [math.degrees(at.expected.worst_angle_rad) for at in curve]
+    worst_deg = [math.degrees(at.predicted.worst_angle_rad) for at in curve]
     angles.plot(shots, worst_deg, "o-", color=AFTER, label="worst angle")
     for axes, unit in ((lengths, "mm"), (angles, "deg")):
         axes.axvline(own, color=QUIET, linewidth=0.8, linestyle="--", label="this plan", zorder=1.5)

@@ -16,9 +16,14 @@ from app.report.figures.drawing import (
     new_figure,
     zero_line,
 )
-from app.report.stages import RepeatabilityTest, RotationTest, StageView
 from campaigns.arrays import Array
-from campaigns.evaluation.validation import AXES, LineTrace
+from campaigns.evaluation.validation import (
+    AXES,
+    LineTest,
+    RepeatabilityTest,
+    RotationTest,
+    ValidationResult,
+)
 
 STYLES = {"x": "-", "y": "--", "z": ":"}
 MARKS = {"x": "o", "y": "s", "z": "^"}
@@ -27,7 +32,7 @@ ROOM = 1.25
 
 
 @in_house_style
-def straightness(before: StageView | None, after: StageView | None) -> Figure:
+def straightness(before: ValidationResult | None, after: ValidationResult | None) -> Figure:
     """Distance from each line's best line, by direction; a row a stage, a column a line."""
     stages = tuple(_named(before, after))
     figure = new_figure(12.0 + 39.0 * len(stages))
@@ -53,7 +58,7 @@ def rotation(before: RotationTest | None, after: RotationTest | None) -> Figure:
         if turn is None:
             _not_measured(axes, name)
             continue
-        _components(axes, np.degrees(turn.theta_rad), turn.away_mm, AXES, colour)
+        _components(axes, np.degrees(turn.turn_rad), turn.away_mm, AXES, colour)
         axes.set_title(f"{name}: {turn.moved.value_mm:.3f} mm")
     legend_above(figure, every[0] if before else every[1], len(AXES))
     return figure
@@ -87,15 +92,15 @@ def repeatability(before: RepeatabilityTest | None, after: RepeatabilityTest | N
 
 
 def _named(
-    before: StageView | None, after: StageView | None
-) -> Iterator[tuple[str, str, StageView]]:
+    before: ValidationResult | None, after: ValidationResult | None
+) -> Iterator[tuple[str, str, ValidationResult]]:
     """The stages that have lines."""
     for name, colour, stage in (("before", BEFORE, before), ("after", AFTER, after)):
         if stage is not None and stage.lines:
             yield name, colour, stage
 
 
-def _line(axes: Axes, line: LineTrace | None, axis: str, name: str, colour: str) -> None:
+def _line(axes: Axes, line: LineTest | None, axis: str, name: str, colour: str) -> None:
     zero_line(axes)
     if line is None:
         _not_measured(axes, f"{name}, along {axis}")

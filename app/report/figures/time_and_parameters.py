@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from app.report.explained import Correlations
 from app.report.figures.drawing import AFTER, INK, QUIET, in_house_style, new_figure, zero_line
-from app.report.over_time import TimeSeries
 from campaigns.arrays import Array
+from campaigns.evaluation.time_series import TimeSeries
+from campaigns.identification.result import Covariance
 
 UNITS = (("hours", 3600.0), ("minutes", 60.0), ("seconds", 1.0))
 LEAST_VALUES = 2
@@ -38,9 +38,9 @@ def over_time(courses: Sequence[TimeSeries]) -> Figure:
 
 
 @in_house_style
-def correlation_map(correlations: Correlations) -> Figure:
+def correlation_map(known: Covariance) -> Figure:
     """|ρ| of every two parameters as shades of grey."""
-    names, size = correlations.names, np.abs(correlations.matrix)
+    names, size = known.names, np.abs(known.correlations())
     figure = new_figure(118.0)
     axes = figure.subplots()
     below = np.ma.array(size, mask=np.triu(np.ones_like(size, dtype=bool)))

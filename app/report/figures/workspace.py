@@ -32,7 +32,7 @@ MARKERS: Mapping[ShotSet, tuple[str, str]] = {
 
 
 def draw_poses(figure: FigureBase, poses: Array, purposes: tuple[ShotSet, ...]) -> None:
-    """Poses (N, 4) of a plan, in space and from above, by what they are for."""
+    """Poses (N, t) of a plan, in space and from above, by what they are for."""
     space, above = figure.subplots(1, 2)
     draw_box(space, poses[:, :3])
     for purpose, (marker, colour) in MARKERS.items():
@@ -71,9 +71,11 @@ def errors_against_position(poses: Array, errors_mm: Array, fitted: Mask) -> Fig
     """Length of the error of position, against each coordinate of the pose."""
     figure = new_figure(98.0)
     size = np.linalg.norm(errors_mm, axis=1)
-    values = np.column_stack([poses[:, :3], np.degrees(poses[:, 3])])
+    values = [*poses[:, :3].T, *np.degrees(poses[:, 3:]).T]
     every = figure.subplots(2, 2, sharey=True).ravel()
-    for axes, column, name in zip(every, values.T, COORDINATES, strict=True):
+    for axes in every[len(values) :]:
+        axes.set_axis_off()
+    for axes, column, name in zip(every, values, COORDINATES, strict=False):
         axes.plot(column[fitted], size[fitted], "o", color=AFTER, label="fitted")
         axes.plot(column[~fitted], size[~fitted], "D", color=AFTER, mfc="white", label="unseen")
         axes.plot(*binned_medians(column, size), color=INK, label="median of each sixth")

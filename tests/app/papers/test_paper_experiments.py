@@ -5,10 +5,8 @@ import math
 import pytest
 from ruamel.yaml import YAML
 
-from app.cli import dry_run, new
-from app.cli.identify import AS_THE_PAPER
 from app.console import Terminal
-from app.folder import open_campaign
+from app.new_campaign import create_simulated
 from app.papers.corbel2006.experiments import (
     EXPERIMENTS,
     PROTOTYPE,
@@ -21,6 +19,9 @@ from app.papers.corbel2006.experiments import (
 )
 from app.papers.corbel2006.printed import TABLE_I
 from app.papers.corbel2006.trials import TrialFailed, result_of
+from app.rehearsal import rehearse
+from campaigns.campaign import open_campaign
+from campaigns.options import AS_THE_PAPER
 from sim.scenarios.scenario import load_scenario
 
 SMALL = {
@@ -30,7 +31,7 @@ SMALL = {
 
 
 def made(folder, trial):
-    new.create_simulated(folder, ROBOT, trial.experiment.scenario, trial.seed)
+    create_simulated(folder, ROBOT, trial.experiment.scenario, trial.seed)
     adapt(folder, trial)
     return open_campaign(folder)
 
@@ -80,7 +81,7 @@ def test_seed_gives_what_was_measured_beside_the_truth(tmp_path):
     campaign = made(tmp_path / "small", trial)
     change(campaign.path("campaign.yaml"), SMALL)
     campaign = open_campaign(campaign.folder)
-    document, against = dry_run.rehearse(campaign, Terminal(as_json=True), AS_THE_PAPER)
+    document, against = rehearse(campaign, Terminal(as_json=True), AS_THE_PAPER)
     assert document["identification"]["estimator"] == "distances"
     assert document["identification"]["outliers"] == "keep"
     assert against == ()

@@ -3,10 +3,10 @@
 import math
 
 import pytest
+from par4_space import FREE_BY_DEFAULT
 
 from app.papers.corbel2006 import printed
 from app.papers.corbel2006.printed import about, above, below, exactly
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT
 from sim.scenarios.scenario import load_scenario
 
 

@@ -10,12 +10,12 @@ from typer.testing import CliRunner
 
 from app.cli import reproduce
 from app.console import Terminal
-from app.exits import UsageInvalid, exit_code
+from app.exits import exit_code
 from app.papers.corbel2006.evidence import evidence
 from app.papers.corbel2006.experiments import PROTOTYPE, SIMULATION, Trial
 from app.papers.corbel2006.kept import KeptResults, ResultsInvalid
 from app.papers.corbel2006.runner import Failure
-from campaigns.errors import CampaignLocked, WriteFailed
+from campaigns.errors import CampaignLocked, OptionsInvalid, WriteFailed
 from campaigns.files.lock import campaign_lock
 from drivers.errors import LinkDown
 
@@ -156,7 +156,7 @@ def test_seeds_asked_for(seeds, quick, asked):
 
 
 def test_quick_and_seeds_contradict_each_other():
-    with pytest.raises(UsageInvalid, match="both say how many"):
+    with pytest.raises(OptionsInvalid, match="both say how many"):
         reproduce.seeds_asked(5, quick=True)
 
 
@@ -181,7 +181,7 @@ def test_folder_that_cannot_be_made_is_exit_code_four(tmp_path):
 
 
 def failing(error):
-    def rehearse(campaign, terminal, asked):
+    def rehearse(campaign, terminal, options):
         terminal.say("talk that nobody should see")
         raise error
 
@@ -198,7 +198,7 @@ def failing(error):
 def test_whatever_goes_wrong_in_a_seed_becomes_its_reason(
     tmp_path, monkeypatch, capsys, error, reason
 ):
-    monkeypatch.setattr("app.cli.dry_run.rehearse", failing(error))
+    monkeypatch.setattr("app.rehearsal.rehearse", failing(error))
     outcome = reproduce.rehearsed(tmp_path, Trial(SIMULATION, 1))
     assert isinstance(outcome, Failure)
     assert outcome.reason.startswith(reason)
@@ -208,7 +208,7 @@ def test_whatever_goes_wrong_in_a_seed_becomes_its_reason(
 
 def test_seed_with_a_bad_verdict_is_no_result(tmp_path, monkeypatch):
     bad = ("the unseen pairs got worse",)
-    monkeypatch.setattr("app.cli.dry_run.rehearse", lambda campaign, terminal, asked: ({}, bad))
+    monkeypatch.setattr("app.rehearsal.rehearse", lambda campaign, terminal, options: ({}, bad))
     outcome = reproduce.rehearsed(tmp_path, Trial(SIMULATION, 1))
     assert isinstance(outcome, Failure)
     assert "the unseen pairs got worse" in outcome.reason

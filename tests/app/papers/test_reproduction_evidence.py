@@ -26,7 +26,7 @@ def as_printed():
 @pytest.fixture(scope="module")
 def prototype():
     robot = find_robot("par4-prototype").robot
-    return reach_of("ours", grid_joints(robot), robot.limits.joint_rad)
+    return reach_of("ours", grid_joints(robot), robot.limits.joint)
 
 
 def test_robot_as_printed_reaches_nine_points_and_no_line(as_printed):

@@ -1,18 +1,5 @@
 """One whole campaign for all tests that only read it."""
 
-import pytest
-from paper_campaign import PaperCampaign, whole_campaign
+from whole_campaigns import by_distances, whole
 
-from campaigns.estimation.estimators import Estimator
-
-
-@pytest.fixture(scope="session")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> PaperCampaign:
-    """A campaign in which everything was done; leave it as it is."""
-    return whole_campaign(tmp_path_factory.mktemp("campaigns") / "whole")
-
-
-@pytest.fixture(scope="session")
-def by_distances(tmp_path_factory: pytest.TempPathFactory) -> PaperCampaign:
-    """The same, identified from distances; leave it as it is."""
-    return whole_campaign(tmp_path_factory.mktemp("campaigns") / "pairs", Estimator.DISTANCES)
+__all__ = ["by_distances", "whole"]

@@ -11,7 +11,7 @@ from paper_campaign import PaperCampaign, new_campaign
 from test_page import FIGURES
 
 from app.cli.report import report
-from app.folder import open_campaign
+from campaigns.campaign import open_campaign
 from campaigns.settings.sections import PeopleConfig
 
 pytestmark = [pytest.mark.peer, pytest.mark.timeout(240)]
@@ -42,7 +42,7 @@ def browser() -> Browser:
 
 @pytest.fixture(scope="module")
 def page(whole: PaperCampaign, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return report(whole.campaign, tmp_path_factory.mktemp("pages") / "report.html")
+    return report(whole.campaign, tmp_path_factory.mktemp("pages") / "report.html")[1]
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_long_names_are_broken_not_cut(browser: Browser, tmp_path: Path) -> None
     paper = new_campaign(tmp_path / "long", people=people)
     robot = paper.folder / "robot.yaml"
     robot.write_text(robot.read_text().replace("name: par4-prototype", f"name: {'r' * 150}"))
-    path = report(open_campaign(paper.folder))
+    _, path = report(open_campaign(paper.folder))
     found = browser.measure(path, TABLET, f"[{WHOLE_WIDTH}, {CUT}]")
     assert found[0] <= TABLET
     assert found[1] == []
@@ -103,7 +103,7 @@ def test_names_with_markup_are_shown_as_text(browser: Browser, tmp_path: Path) -
     robot = paper.folder / "robot.yaml"
     evil = "<script>document.title='broken'</script>"
     robot.write_text(robot.read_text().replace("name: par4-prototype", f'name: "{evil}"'))
-    path = report(open_campaign(paper.folder))
+    _, path = report(open_campaign(paper.folder))
     shown = "[document.querySelector('h1').textContent, document.title]"
     heading, title = browser.measure(path, TABLET, shown)
     assert heading == evil

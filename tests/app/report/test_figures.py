@@ -7,9 +7,8 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
-from paper_campaign import NOMINAL, PaperCampaign
+from paper_campaign import MECHANISM, NOMINAL, PaperCampaign
 
-from app.report.collect import collect
 from app.report.figures.distances import PairGroup, pair_errors
 from app.report.figures.drawing import save, svg_text
 from app.report.figures.space import flat
@@ -19,10 +18,11 @@ from app.report.plots import plot_plan, plot_residuals
 from app.terminal_picture import bar, histogram_lines
 from campaigns.errors import WriteFailed
 from campaigns.estimation.estimators import Estimator
+from campaigns.evidence import gather
 from campaigns.identification.identify import identify
-from campaigns.identification.result import IdentificationRequest
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.parameter_selection import select_parameters
 from campaigns.planning.predicted_precision import PrecisionCurvePoint, PredictedPrecision
-from campaigns.robots.robot import numeric_geometry
 
 GROUP = PairGroup("fitted pairs", "o", np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.0, -0.1]))
 
@@ -83,7 +83,8 @@ def test_medians_follow_a_rise() -> None:
 
 
 def expected(shots: int, *names: str, std: float = 0.01) -> PredictedPrecision:
-    return PredictedPrecision(shots, names, std**2 * np.eye(len(names)))
+    units = MECHANISM.parameters.units(names)
+    return PredictedPrecision(shots, names, units, std**2 * np.eye(len(names)))
 
 
 ANGLE = "arm0.joint_offset_deg"
@@ -146,9 +147,10 @@ def test_an_unknown_ending_and_a_missing_folder_are_explained(tmp_path: Path) ->
 def test_what_was_fitted_and_what_was_not_is_drawn(
     whole: PaperCampaign, tmp_path: Path, estimator: Estimator, fitted: str
 ) -> None:
-    data, path = collect(whole.campaign).run.data, tmp_path / "residuals.svg"
-    request = IdentificationRequest(estimator)
-    plot_residuals(path, identify(numeric_geometry(NOMINAL.robot), data, request))
+    shots, path = gather(whole.campaign).run.shots, tmp_path / "residuals.svg"
+    options = IdentificationOptions(estimator=estimator)
+    selection = select_parameters(MECHANISM.parameters)
+    plot_residuals(path, identify(NOMINAL.robot.kinematics, shots, selection, options))
     text = path.read_text()
     assert f">{fitted}</text>" in text
     assert ">unseen pairs, error of distance</text>" in text

@@ -3,23 +3,21 @@
 import csv
 import json
 import shutil
-from dataclasses import replace
 from functools import partial
 
 import matplotlib.image
 import numpy as np
 import pytest
+from par4_space import FREE_BY_DEFAULT, indices, par4_of
 
-from app.folder import now_utc
 from app.main import run_command
 from app.study.cluster import Patience, cluster_results
 from app.study.comparison import COLUMNS
 from app.study.results import Done, Lost
-from app.study.setup import in_frame_of, left_out, uncertainty_of
+from app.study.setup import left_out, uncertainty_of
 from app.study.workers import local_results
+from campaigns.campaign import now_utc
 from campaigns.files.lock import campaign_lock
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, Geometry
 from campaigns.robots.robot import find_robot
 from sim.scenarios.scenario import load_scenario
 
@@ -178,7 +176,7 @@ def loses_the_second_task(tasks):
 
 
 def with_workers(monkeypatch, results_of):
-    monkeypatch.setattr("app.study.workers.workers_of", lambda text: results_of)
+    monkeypatch.setattr("app.cli.study.workers_of", lambda text: results_of)
 
 
 @pytest.mark.usefixtures("small_tasks")
@@ -290,19 +288,22 @@ def test_parameters_that_the_scenario_draws_are_found_when_they_are_free(folder,
 
 
 def test_robot_in_the_frame_of_the_nominal_is_the_same_robot():
-    nominal = Geometry.from_flat(find_robot("par4-prototype").robot.geometry_flat())
-    drawn = replace(
-        nominal,
-        motor_mm=nominal.motor_mm + np.array([3.0, -2.0, 1.0]),
-        azimuth_rad=nominal.azimuth_rad + np.radians([0.4, -0.2, 0.1, 0.3]),
-    )
-    same = in_frame_of(nominal, drawn)
-    np.testing.assert_allclose(same.motor_mm[0], nominal.motor_mm[0], atol=1e-12)
-    assert same.azimuth_rad[0] == pytest.approx(nominal.azimuth_rad[0])
+    nominal = find_robot("par4-prototype").robot.kinematics
+    drawn = nominal.p.copy()
+    for key, errors in {
+        "x_mm": 3.0,
+        "y_mm": -2.0,
+        "z_mm": 1.0,
+        "azimuth_deg": np.radians([0.4, -0.2, 0.1, 0.3]),
+    }.items():
+        drawn[indices([f"arm{arm}.{key}" for arm in range(4)])] += errors
+    same = nominal.mechanism.in_frame_of(nominal.p, drawn)
+    first = indices([f"arm0.{key}" for key in ("x_mm", "y_mm", "z_mm", "azimuth_deg")])
+    np.testing.assert_allclose(same[first], nominal.p[first], atol=1e-12)
     joints = np.radians(np.random.default_rng(1).uniform(22.0, 30.0, (20, 4)))
     apart = [
-        np.linalg.norm(np.diff(forward(robot, joints).require()[:, :3], axis=0), axis=1)
-        for robot in (drawn, same)
+        np.linalg.norm(np.diff(robot.forward(joints).values_or_raise()[:, :3], axis=0), axis=1)
+        for robot in (par4_of(drawn), par4_of(same))
     ]
     np.testing.assert_allclose(*apart, atol=1e-6)
 

@@ -14,11 +14,11 @@ import pytest
 from lose_a_worker import COUNT
 from poisoned_work import FAULT, POISON, harmless, work
 
-from app.exits import UsageInvalid
 from app.main import run_command
 from app.study.cluster import Patience, cluster_results
 from app.study.results import Done, Lost
 from app.study.workers import local_results, workers_of
+from campaigns.errors import OptionsInvalid
 from campaigns.studies.study import StudyTask
 
 HERE = Path(__file__).parent
@@ -107,7 +107,7 @@ def test_numbers_are_the_same_whoever_computes_them(
 
 @pytest.mark.parametrize("text", ["", "0", "-1", "two", "1.5", "http://here", "٣"])
 def test_workers_that_are_neither_number_nor_scheduler_are_refused(text):
-    with pytest.raises(UsageInvalid, match="--workers is"):
+    with pytest.raises(OptionsInvalid, match="--workers is"):
         workers_of(text)
 
 
@@ -118,20 +118,20 @@ def test_without_a_word_every_processor_works(monkeypatch):
 
 def test_cluster_without_dask_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(UsageInvalid, match=r"pkmcal\[cluster\]"):
+    with pytest.raises(OptionsInvalid, match=r"pkmcal\[cluster\]"):
         workers_of("tcp://127.0.0.1:8786")(tasks())
 
 
 @pytest.mark.parametrize("url", [NOBODY, "tcp://127.0.0.1:port", "tcp://", "tls://127.0.0.1:1"])
 def test_scheduler_that_is_not_there_is_said_before_anything_begins(url):
-    with pytest.raises(UsageInvalid, match=f"no Dask scheduler answers at {url}"):
+    with pytest.raises(OptionsInvalid, match=f"no Dask scheduler answers at {url}"):
         cluster_results(tasks(), url, harmless, HASTY)
 
 
 def test_listener_that_is_no_scheduler_is_not_waited_for():
     with socket.create_server(("127.0.0.1", 0)) as silent:
         url = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
-        with pytest.raises(UsageInvalid, match="no Dask scheduler answers"):
+        with pytest.raises(OptionsInvalid, match="no Dask scheduler answers"):
             cluster_results(tasks(), url, harmless, HASTY)
 
 
@@ -271,6 +271,8 @@ def test_cluster_whose_workers_have_all_gone_is_not_waited_for(from_cluster):
 def test_cluster_without_workers_is_said_before_anything_begins(pretend):
     client = FakeClient({}, workers=0)
     pretend(client)
-    with pytest.raises(UsageInvalid, match="has no workers → start some: dask worker tcp://there"):
+    with pytest.raises(
+        OptionsInvalid, match="has no workers → start some: dask worker tcp://there"
+    ):
         cluster_results(tasks(), "tcp://there:8786", harmless)
     assert client.closed

@@ -4,19 +4,21 @@ import json
 from pathlib import Path
 
 import pytest
+from par4_space import AXIS_TILT_NAMES, NAMES
 from tested_journal import plain_journal
 
 from campaigns.controllers.export import compensated_robot, latest_identification, write_compensated
 from campaigns.errors import (
     ConfigInvalid,
+    FindingUnreadable,
     OutputExists,
     ShotsMissing,
     VerdictBad,
     WriteFailed,
 )
 from campaigns.files import text_file
+from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
-from campaigns.mechanisms.geometry import PARAMETER_NAMES
 from campaigns.robots.robot import RobotDocument, find_robot, read_robot
 from campaigns.version import VERSION
 
@@ -41,12 +43,19 @@ def entry(name: str, old: float) -> dict[str, object]:
     return {"nominal": old, "value": old + delta, "delta": delta, "std": std, "free": free}
 
 
-def finding(nominal: RobotDocument, **changes: object) -> dict[str, object]:
+def body(nominal: RobotDocument, **changes: object) -> dict[str, object]:
     flat = nominal.robot.geometry_flat()
     found = {
         "schema": "pkmcal/identification/1",
         "estimator": "distances",
+        "converged": True,
+        "iterations": 9,
+        "rank": 9,
+        "condition": 12.5,
+        "dof": 151,
         "parameters": {name: entry(name, value) for name, value in flat.items()},
+        "excluded": [],
+        "unobservable": [],
         "residuals_mm": {"before": SPREAD, "after": SPREAD},
         "unseen_mm": {"before": SPREAD, "after": SPREAD},
         "verdict": "pass",
@@ -63,6 +72,10 @@ def finding(nominal: RobotDocument, **changes: object) -> dict[str, object]:
     return found | changes
 
 
+def finding(nominal: RobotDocument, **changes: object) -> RecordedIdentification:
+    return read_identification(body(nominal, **changes))
+
+
 def test_exported_parameters_and_deviations_are_read_back(
     tmp_path: Path, nominal: RobotDocument
 ) -> None:
@@ -72,7 +85,7 @@ def test_exported_parameters_and_deviations_are_read_back(
     )
     robot = read_robot(path).robot
     old = nominal.robot.geometry_flat()
-    for name in PARAMETER_NAMES:
+    for name in NAMES:
         free = name.endswith(("arm_mm", "plate_mm"))
         assert robot.geometry_flat()[name] == old[name] + (0.25 if free else 0.0)
         assert (robot.uncertainty or {}).get(name) == (0.01 if free else None)
@@ -82,10 +95,11 @@ def test_exported_parameters_and_deviations_are_read_back(
 
 def test_axis_tilts_are_exported_and_backlash_is_not(nominal: RobotDocument) -> None:
     beyond = {"nominal": 0.0, "value": 0.02, "delta": 0.02, "std": 0.001, "free": True}
-    body = finding(nominal)
-    body["parameters"] |= {"arm2.axis_tilt_deg": beyond, "arm2.backlash_deg": beyond}
-    robot = compensated_robot("press 4", nominal, body).robot
-    assert robot.axis_tilt_deg == (0.0, 0.0, 0.02, 0.0)
+    extended = {"arm2.axis_tilt_deg": beyond, "arm2.backlash_deg": beyond}
+    parameters = body(nominal)["parameters"] | extended
+    robot = compensated_robot("press 4", nominal, finding(nominal, parameters=parameters)).robot
+    tilts = {name: v for name, v in robot.geometry_flat().items() if name in AXIS_TILT_NAMES}
+    assert tilts == {"arm2.axis_tilt_deg": 0.02}
     assert (robot.uncertainty or {})["arm2.axis_tilt_deg"] == 0.001
     assert not any("backlash" in name for name in robot.uncertainty or {})
 
@@ -133,9 +147,9 @@ def test_changed_geometry_is_noticed_when_the_file_is_read_again(
 
 @pytest.mark.parametrize("verdict", ["fail", "not decided"])
 def test_result_that_did_not_pass_is_not_exported(nominal: RobotDocument, verdict: str) -> None:
-    body = finding(nominal, verdict=verdict, reasons=["unseen pairs got worse", "rank lost"])
+    found = finding(nominal, verdict=verdict, reasons=["unseen pairs got worse", "rank lost"])
     with pytest.raises(VerdictBad, match=f"'{verdict}': unseen pairs got worse; rank lost"):
-        compensated_robot("press 4", nominal, body)
+        compensated_robot("press 4", nominal, found)
 
 
 def test_result_for_another_nominal_robot_is_not_exported(nominal: RobotDocument) -> None:
@@ -172,11 +186,21 @@ def test_file_that_cannot_be_replaced_is_left_as_it_was(
     assert path.read_text("utf-8") == "mine"
 
 
-def test_latest_identification_counts(tmp_path: Path) -> None:
+def test_latest_identification_counts(tmp_path: Path, nominal: RobotDocument) -> None:
     with plain_journal(tmp_path) as journal:
         with pytest.raises(ShotsMissing, match="nothing has been identified"):
             latest_identification(journal)
         for number in (1, 2):
-            journal.append(Finding("identification", {"number": number}))
+            journal.append(Finding("identification", body(nominal, shots=number)))
         journal.append(Finding("load", {"source": "robot.yaml"}))
-        assert latest_identification(journal) == {"number": 2}
+        assert latest_identification(journal) == finding(nominal, shots=2)
+
+
+def test_latest_identification_that_cannot_be_read_is_said_and_none_before_it_counts(
+    tmp_path: Path, nominal: RobotDocument
+) -> None:
+    with plain_journal(tmp_path) as journal:
+        journal.append(Finding("identification", body(nominal)))
+        journal.append(Finding("identification", {"verdict": "pass"}))
+        with pytest.raises(FindingUnreadable, match="identify again"):
+            latest_identification(journal)

@@ -6,12 +6,12 @@ import re
 from pathlib import Path
 
 import pytest
+from par4_space import ARM_FIELDS
 from ruamel.yaml import YAML
 
 from campaigns.controllers.linuxcnc_export import PIN_OF, RobotIdentity, parse_hal
 from campaigns.errors import ConfigInvalid
 from campaigns.files.yaml_file import checked_settings
-from campaigns.mechanisms.geometry import ARM_FIELDS
 from campaigns.robots.robot import find_robot
 from campaigns.settings.sections import LinuxcncConfig
 
@@ -35,7 +35,7 @@ def test_calibration_of_the_example_is_the_nominal_robot():
 
 @pytest.mark.parametrize("variant", ["joints", "cartesian"])
 def test_soft_limits_leave_joints_room_to_pass(variant):
-    low, high = map(math.degrees, NOMINAL.limits.joint_rad)
+    low, high = map(math.degrees, NOMINAL.limits.joint)
     for joint in range(4):
         section = ini(variant)[f"JOINT_{joint}"]
         assert float(section["MIN_LIMIT"]) <= low - PASSING_DEG

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from par4_space import NAMES, with_values
 
 from campaigns.controllers.linuxcnc_export import (
     CalibrationFile,
@@ -14,7 +15,6 @@ from campaigns.controllers.linuxcnc_export import (
     write_hal,
 )
 from campaigns.errors import ConfigInvalid, OutputExists
-from campaigns.mechanisms.geometry import PARAMETER_NAMES
 from campaigns.robots.robot import find_robot
 
 NOMINAL = find_robot("par4-prototype").robot
@@ -22,10 +22,7 @@ WHOSE = RobotIdentity("PAR4-7", NOMINAL)
 lengths = st.floats(1e-3, 1e5)
 anything = st.floats(-1e5, 1e5)
 geometries = st.fixed_dictionaries(
-    {
-        name: lengths if name.endswith(("arm_mm", "plate_mm")) else anything
-        for name in PARAMETER_NAMES
-    }
+    {name: lengths if name.endswith(("arm_mm", "plate_mm")) else anything for name in NAMES}
 )
 
 
@@ -63,12 +60,19 @@ def test_a_set_with_axis_tilts_is_refused_and_the_file_before_stays(tmp_path):
 
 
 def test_a_nominal_robot_with_axis_tilts_cannot_stand_for_a_file_that_is_not_there(tmp_path):
-    tilted = replace(NOMINAL, axis_tilt_deg=(0.0, 0.02, 0.0, 0.0))
+    tilted = with_values(NOMINAL, {"arm1.axis_tilt_deg": 0.02})
     file = CalibrationFile(
         tmp_path / "calib.hal", RobotIdentity("PAR4-7", tilted), otherwise=tilted
     )
     with pytest.raises(ConfigInvalid, match=r"arm1\.axis_tilt_deg is 0\.02"):
         file.read()
+
+
+def test_a_robot_of_another_mechanism_is_refused_for_par4kins_is_none_of_its():
+    delta = find_robot("delta").robot
+    with pytest.raises(ConfigInvalid, match="a delta, but par4kins is for a par4") as caught:
+        hal_text(delta, "DELTA-1")
+    assert "without --format linuxcnc" in caught.value.remedy
 
 
 def test_heading_says_whose_it_is_and_where_it_comes_from():

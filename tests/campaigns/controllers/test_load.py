@@ -5,10 +5,10 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 from fake_cell import ROBOT
+from par4_space import NAMES, with_values
 
 from campaigns.controllers.load import changes, differing, write_verified
 from campaigns.errors import ConfigInvalid, LoadNotVerified
-from campaigns.mechanisms.geometry import PARAMETER_NAMES
 from drivers.errors import DeviceRefused, DriverError, LinkDown
 
 OLD = ROBOT.geometry_flat()
@@ -52,7 +52,7 @@ def ignore(controller: Controller, geometry: Mapping[str, float]) -> None:
 
 
 def take_half(controller: Controller, geometry: Mapping[str, float]) -> None:
-    controller.held |= {name: geometry[name] for name in PARAMETER_NAMES[:14]}
+    controller.held |= {name: geometry[name] for name in NAMES[:14]}
 
 
 def refuse(controller: Controller, geometry: Mapping[str, float]) -> None:
@@ -81,7 +81,7 @@ def failure(controller: Controller) -> LoadNotVerified:
 
 def test_a_set_with_axis_tilts_is_not_compared_with_a_controller_that_has_none() -> None:
     with pytest.raises(ConfigInvalid, match="the controller's kinematics has no axis tilts"):
-        changes(OLD, replace(ROBOT, axis_tilt_deg=(0.0, 0.0, 0.03, 0.0)))
+        changes(OLD, with_values(ROBOT, {"arm2.axis_tilt_deg": 0.03}))
 
 
 def test_written_parameters_are_read_back() -> None:
@@ -159,9 +159,9 @@ def test_old_parameters_that_do_not_come_back_are_loud(
 
 
 def test_changes_are_told_in_units_of_their_deviation() -> None:
-    robot = replace(ROBOT, values=tuple(NEW.values()), uncertainty={"plate_mm": 0.05})
+    robot = replace(with_values(ROBOT, NEW), uncertainty={"plate_mm": 0.05})
     found = {change.name: change for change in changes(OLD, robot)}
-    assert list(found) == list(PARAMETER_NAMES)
+    assert list(found) == list(NAMES)
     assert found["plate_mm"].delta == 1.25
     assert found["plate_mm"].in_sigmas == pytest.approx(25.0)
     assert found["arm0.arm_mm"].in_sigmas is None

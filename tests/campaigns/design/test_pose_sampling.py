@@ -18,8 +18,6 @@ from campaigns.design.pose_sampling import (
     random_pairs,
 )
 from campaigns.design.tours import shortest_tour, travel_rad
-from campaigns.mechanisms.feasibility import feasibility
-from campaigns.mechanisms.par4 import inverse
 
 SEEN = region(acceptance_rad=np.radians(8.0))
 FACING = SEEN.reflector_facing
@@ -42,7 +40,7 @@ def whole_travel(joints, pairs, start):
 def test_every_pose_can_be_taken_and_seen(draw):
     poses = draw(SEEN, 200, rng())
     assert poses.shape == (200, 4)
-    assert feasibility(NOMINAL, LIMITS, poses).feasible.all()
+    assert NOMINAL.feasibility(LIMITS, poses).feasible.all()
     assert incidence_rad(poses[:, :3], TRACKER_MM, FACING).max() <= np.radians(8.0)
 
 
@@ -68,7 +66,7 @@ def test_the_same_seed_gives_the_same_poses():
 
 def test_a_workspace_too_small_says_how_much_was_found(monkeypatch):
     monkeypatch.setattr(pose_sampling, "BATCHES", 2)
-    nowhere = region(limits=replace(LIMITS, joint_rad=(0.5, 0.5)))
+    nowhere = region(limits=replace(LIMITS, joint=(0.5, 0.5)))
     with pytest.raises(WorkspaceTooSmall, match="0 of 8000 poses tried can be taken, 3 needed"):
         interior_poses(nowhere, 3, rng())
 
@@ -109,8 +107,8 @@ def test_an_odd_pose_is_left_over():
 
 def test_the_order_keeps_pairs_together_and_shortens_the_travel():
     poses = boundary_poses(SEEN, 120, rng(8))
-    joints = inverse(NOMINAL, poses).require()
-    start = inverse(NOMINAL, CENTRE[None]).require()[0]
+    joints = NOMINAL.inverse(poses).values_or_raise()
+    start = NOMINAL.inverse(CENTRE[None]).values_or_raise()[0]
     pairs = random_pairs(poses, rng(8))
     ordered = shortest_tour(joints, pairs, start)
     assert {frozenset(pair) for pair in ordered.tolist()} == {

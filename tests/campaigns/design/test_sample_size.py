@@ -103,7 +103,7 @@ def test_pure_averaging_is_seen_from_the_start():
 def test_lengths_and_angles_are_told_apart():
     candidates = anything(50, 1, 3, seed=2)
     renamed = type(candidates)(
-        candidates.rows,
+        candidates.jacobians,
         np.array([1.0, 10.0, 1.0]),
         ("a_mm", "b_mm", "c_deg"),
         candidates.mean_information,

@@ -10,15 +10,20 @@ from par4_cases import (
     reachable_joints,
     reachable_poses,
 )
+from par4_space import FREE_BY_DEFAULT, indices, par4_of
 
-from campaigns.estimation.estimate import OutlierPolicy, chi_square_test, estimate
+from campaigns.estimation.estimate import OutlierPolicy, estimate
 from campaigns.estimation.estimators import LossShape
-from campaigns.estimation.information import marginalise_frame, point_jacobian, position_std_mm
+from campaigns.estimation.information import (
+    chi_square_test,
+    marginalise_frame,
+    point_jacobian,
+    position_std_mm,
+)
 from campaigns.estimation.least_squares import (
     IdentifiableSubspace,
     LeastSquaresProblem,
     Priors,
-    WeightedResiduals,
     solve,
 )
 from campaigns.estimation.observability import (
@@ -29,9 +34,6 @@ from campaigns.estimation.observability import (
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
 from campaigns.estimation.rigid_transforms import fit_transform
 from campaigns.estimation.robust import Loss
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, Geometry, indices
-from campaigns.mechanisms.par4 import inverse
 
 FREE = FREE_BY_DEFAULT
 PLAIN = OutlierPolicy(exclude=False)
@@ -50,9 +52,9 @@ def distances(joints, measured, free=FREE, priors=None):
     first, second = np.arange(0, len(joints), 2), np.arange(1, len(joints), 2)
     lengths = np.linalg.norm(measured[first] - measured[second], axis=1)
     model = PositionModel(NOMINAL, indices(free), joints)
-    data = DistanceResiduals(model, first, second, lengths)
-    whitened = WeightedResiduals(data, 1, np.full(len(first), 1.0 / (2.0 * TRACKER_STD_MM**2)))
-    return LeastSquaresProblem(whitened, 1, priors or Priors.none())
+    whitening = np.full(len(first), 1.0 / (2.0**0.5 * TRACKER_STD_MM))
+    data = DistanceResiduals(model, first, second, lengths, whitening)
+    return LeastSquaresProblem(data, 1, priors or Priors.none())
 
 
 @pytest.fixture(scope="module")
@@ -66,11 +68,11 @@ def measured(joints):
 
 
 def true(free=FREE):
-    return TABLE1.vector()[indices(free)]
+    return TABLE1.p[indices(free)]
 
 
 def nominal(name):
-    return NOMINAL.vector()[indices((name,))[0]]
+    return NOMINAL.p[indices((name,))[0]]
 
 
 def prior(name, std, free=FREE, mean=None):
@@ -83,14 +85,14 @@ def drawn():
     """One plan measured many times: all estimates, and where each puts a sample of positions."""
     joints = reachable_joints(TABLE1, SHOTS, seed=63)
     elsewhere = reachable_poses(TABLE1, 60, seed=64)
-    there = inverse(TABLE1, elsewhere).require()
+    there = TABLE1.inverse(elsewhere).values_or_raise()
     found, errors = [], []
     for seed in range(DRAWS):
         measured = measured_points(TABLE1, joints, TRACKER_STD_MM, seed)
-        each = estimate(points(joints, measured, nominal=TABLE1), 22, PLAIN, trusted=True)
-        vector = TABLE1.vector()
+        each = estimate(points(joints, measured, nominal=TABLE1), 22, PLAIN, known_variance=True)
+        vector = TABLE1.p.copy()
         vector[indices(FREE)] = each.x[:22]
-        reached = forward(Geometry.from_vector(vector), there, elsewhere).require()[:, :3]
+        reached = par4_of(vector).forward(there, elsewhere).values_or_raise()[:, :3]
         errors.append(fit_transform(reached, elsewhere[:, :3]).apply(reached) - elsewhere[:, :3])
         found.append(each)
     return found, np.array(errors), (there, elsewhere)
@@ -140,46 +142,48 @@ def test_chi_squared_is_believed_of_good_noise_and_has_its_distribution(drawn):
     assert {each.noise.dof for each in found} == {dof}
     assert values.mean() == pytest.approx(dof, rel=0.03)
     assert values.std() == pytest.approx(np.sqrt(2.0 * dof), rel=0.15)
-    assert np.mean([each.noise.believable for each in found]) > 0.99
+    assert np.mean([each.noise.consistent for each in found]) > 0.99
     assert np.mean([each.noise.p < 0.1 for each in found]) == pytest.approx(0.1, abs=0.05)
 
 
 @pytest.mark.parametrize(
-    ("chi2", "believable"), [(100.0, True), (160.0, False), (55.0, False), (140.0, True)]
+    ("chi2", "consistent"), [(100.0, True), (160.0, False), (55.0, False), (140.0, True)]
 )
-def test_chi_squared_may_be_too_large_and_too_small(chi2, believable):
-    assert chi_square_test(chi2, 100, None).believable is believable
+def test_chi_squared_may_be_too_large_and_too_small(chi2, consistent):
+    assert chi_square_test(chi2, 100).consistent is consistent
 
 
-def test_sigma_follow_the_scatter_only_upwards_when_the_statement_is_trusted(joints):
+def test_sigma_follow_the_scatter_only_upwards_when_the_stated_variance_counts_as_known(joints):
     stated, wild, calm = (
         estimate(
             points(joints, measured_points(TABLE1, joints, factor * TRACKER_STD_MM, 1)),
             22,
             PLAIN,
-            trusted=True,
+            known_variance=True,
         )
         for factor in (1.0, 5.0, 0.1)
     )
-    assert stated.noise.scale == calm.noise.scale == 1.0
-    assert wild.noise.scale == pytest.approx(5.0, rel=0.1)
+    assert stated.noise.sigma0 == calm.noise.sigma0 == 1.0
+    assert wild.noise.sigma0 == pytest.approx(5.0, rel=0.1)
     assert wild.covariance[0, 0] == pytest.approx(25.0 * stated.covariance[0, 0], rel=0.2)
     assert calm.covariance[0, 0] == pytest.approx(stated.covariance[0, 0], rel=0.01)
 
 
-def test_sigma_follow_the_scatter_both_ways_when_it_is_not_trusted(joints):
+def test_sigma_follow_the_scatter_both_ways_when_it_does_not(joints):
     for factor in (0.1, 1.0, 30.0):
         measured = measured_points(TABLE1, joints, factor * TRACKER_STD_MM, 1)
-        found = estimate(distances(joints, measured), 22, PLAIN, trusted=False)
-        assert found.noise.scale == pytest.approx(factor, rel=0.25)
+        found = estimate(distances(joints, measured), 22, PLAIN, known_variance=False)
+        assert found.noise.sigma0 == pytest.approx(factor, rel=0.25)
 
 
 @pytest.mark.parametrize("shape", [LossShape.SOFT_L1, LossShape.CAUCHY])
 def test_robust_losses_state_about_the_deviations_of_least_squares_for_good_noise(
     joints, measured, shape
 ):
-    plain = estimate(points(joints, measured), 22, PLAIN, trusted=True)
-    robust = estimate(points(joints, measured), 22, OutlierPolicy(Loss(shape), False), trusted=True)
+    plain = estimate(points(joints, measured), 22, PLAIN, known_variance=True)
+    robust = estimate(
+        points(joints, measured), 22, OutlierPolicy(Loss(shape), False), known_variance=True
+    )
     ratio = np.sqrt(np.diag(robust.covariance) / np.diag(plain.covariance))
     assert np.all((ratio > 0.99) & (ratio < 1.25))
 
@@ -188,15 +192,15 @@ def test_robust_losses_state_about_the_deviations_of_least_squares_for_good_nois
 def test_what_nothing_tells_stays_nominal_along_its_combination(joints, measured, build):
     """Freeing the first motor's place lets the robot shift: the mean shift must be none."""
     free = (*FREE, "arm0.x_mm")
-    found = estimate(build(joints, measured, free), 23, PLAIN, trusted=True)
+    found = estimate(build(joints, measured, free), 23, PLAIN, known_variance=True)
     along_x = [free.index(f"arm{arm}.x_mm") for arm in range(4)]
     assert (found.seen.rank, found.fit.converged) == (22, True)
-    assert not found.fixed_by_data[along_x].any()
-    assert found.fixed_by_data.sum() == 19
+    assert not found.identifiable[along_x].any()
+    assert found.identifiable.sum() == 19
     (lost,) = unobservable_combinations(found.seen, free)
     assert {free[place] for place in along_x} == set(lost)
-    held = estimate(build(joints, measured), 22, PLAIN, trusted=True)
-    known = np.flatnonzero(found.fixed_by_data)
+    held = estimate(build(joints, measured), 22, PLAIN, known_variance=True)
+    known = np.flatnonzero(found.identifiable)
     std = np.sqrt(np.diag(held.covariance)[[FREE.index(free[k]) for k in known]])
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)[known]), std, rtol=1e-3)
     others = [FREE.index(free[k]) for k in known]
@@ -214,20 +218,20 @@ def test_what_nothing_tells_stays_nominal_along_its_combination(joints, measured
 
 def test_everything_free_is_held_along_four_shifts_and_turns(joints, measured):
     free = tuple(name for name in NOMINAL.flat())
-    found = estimate(points(joints, measured, free), 29, PLAIN, trusted=True)
+    found = estimate(points(joints, measured, free), 29, PLAIN, known_variance=True)
     assert found.seen.rank < 29
     assert found.fit.converged
-    assert found.noise.believable
+    assert found.noise.consistent
     assert np.abs(found.x[:29] - true(free)).max() < 20.0
     assert found.noise.dof == 360 - found.seen.rank - 6
 
 
 def test_a_prior_settles_what_the_data_cannot_tell(joints, measured):
     free = (*FREE, "arm0.x_mm")
-    known = prior("arm0.x_mm", 0.2, free, TABLE1.motor_mm[0, 0])
-    found = estimate(points(joints, measured, free, known), 23, PLAIN, trusted=True)
+    known = prior("arm0.x_mm", 0.2, free, TABLE1.p[indices(("arm0.x_mm",))[0]])
+    found = estimate(points(joints, measured, free, known), 23, PLAIN, known_variance=True)
     assert (found.seen.rank, found.data_seen.rank) == (23, 22)
-    assert found.fixed_by_data.all()
+    assert found.identifiable.all()
     assert np.sqrt(found.covariance[22, 22]) == pytest.approx(0.2, rel=1e-3)
     assert found.noise.dof == 360 + 1 - 29
     (alone,) = unobservable_combinations(found.data_seen, free)
@@ -235,11 +239,11 @@ def test_a_prior_settles_what_the_data_cannot_tell(joints, measured):
 
 
 def test_a_sharp_prior_is_believed_and_a_broad_one_is_not_noticed(joints, measured):
-    free = estimate(points(joints, measured), 22, PLAIN, trusted=True)
+    free = estimate(points(joints, measured), 22, PLAIN, known_variance=True)
     place = FREE.index("arm2.forearm_mm")
     for std, believed in ((1e-5, True), (1e3, False)):
         known = prior("arm2.forearm_mm", std, mean=true()[place])
-        found = estimate(points(joints, measured, priors=known), 22, PLAIN, trusted=True)
+        found = estimate(points(joints, measured, priors=known), 22, PLAIN, known_variance=True)
         if believed:
             assert found.x[place] == pytest.approx(true()[place], abs=1e-6)
             assert np.sqrt(found.covariance[place, place]) == pytest.approx(std, rel=0.01)
@@ -248,15 +252,15 @@ def test_a_sharp_prior_is_believed_and_a_broad_one_is_not_noticed(joints, measur
             np.testing.assert_allclose(found.covariance, free.covariance, rtol=1e-4, atol=1e-12)
 
 
-@pytest.mark.parametrize(("build", "trusted"), [(points, True), (distances, False)])
-def test_priors_count_against_the_scatter_that_there_is_and_stay_as_given(joints, build, trusted):
+@pytest.mark.parametrize(("build", "known"), [(points, True), (distances, False)])
+def test_priors_count_against_the_scatter_that_there_is_and_stay_as_given(joints, build, known):
     """Shots that scatter 20 times more than stated: the answer is the weighted mean of both."""
     measured = measured_points(TABLE1, joints, 20.0 * TRACKER_STD_MM, 5)
     place = FREE.index("arm2.forearm_mm")
-    alone = estimate(build(joints, measured), 22, PLAIN, trusted=trusted)
+    alone = estimate(build(joints, measured), 22, PLAIN, known_variance=known)
     variance = alone.covariance[place, place]
-    known = prior("arm2.forearm_mm", np.sqrt(variance), mean=alone.x[place] + np.sqrt(variance))
-    both = estimate(build(joints, measured, priors=known), 22, PLAIN, trusted=trusted)
+    told = prior("arm2.forearm_mm", np.sqrt(variance), mean=alone.x[place] + np.sqrt(variance))
+    both = estimate(build(joints, measured, priors=told), 22, PLAIN, known_variance=known)
     half_way = alone.x[place] + 0.5 * np.sqrt(variance)
     assert both.x[place] == pytest.approx(half_way, abs=0.05 * np.sqrt(variance))
     assert both.covariance[place, place] == pytest.approx(variance / 2.0, rel=0.05)
@@ -274,7 +278,7 @@ def test_a_fit_within_a_subspace_never_leaves_it(joints, measured):
     problem = points(joints, measured)
     start = problem.data.start()
     directions = np.linalg.qr(np.random.default_rng(1).standard_normal((28, 5)))[0]
-    inside = problem.inside(IdentifiableSubspace(start, directions))
+    inside = problem.restricted_to(IdentifiableSubspace(start, directions))
     step = inside.x(solve(inside.weighted(np.ones(120))).x) - start
     assert np.linalg.norm(step) > 0.0
     assert np.abs(step - directions @ (directions.T @ step)).max() < 1e-9

@@ -10,9 +10,9 @@ from par4_cases import (
     measured_points,
     reachable_joints,
 )
+from par4_space import FREE_BY_DEFAULT
 
 from campaigns.estimation.incremental_fit import IncrementalGaussNewton
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT
 
 JOINTS = reachable_joints(TABLE1, 60, seed=81)
 EXACT_MM = measured_points(TABLE1, JOINTS)
@@ -71,20 +71,20 @@ def test_a_wrong_target_shows_as_soon_as_points_are_predicted():
 
 def test_a_wrong_target_shows_in_distances_before_the_frame_is_known():
     running = after(2)
-    assert running.distance_fault_mm(JOINTS[2], MEASURED_MM[2]) < 12.0
+    assert running.max_distance_innovation_mm(JOINTS[2], MEASURED_MM[2]) < 12.0
     along = MEASURED_MM[2] - MEASURED_MM[0]
     wrong_mm = MEASURED_MM[2] + 50.0 * along / np.linalg.norm(along)
-    assert running.distance_fault_mm(JOINTS[2], wrong_mm) > 38.0
+    assert running.max_distance_innovation_mm(JOINTS[2], wrong_mm) > 38.0
 
 
 def test_the_first_shot_has_no_distance_to_be_wrong():
-    assert after(0).distance_fault_mm(JOINTS[0], MEASURED_MM[0]) == 0.0
+    assert after(0).max_distance_innovation_mm(JOINTS[0], MEASURED_MM[0]) == 0.0
 
 
 @pytest.mark.parametrize("shots", [0, 2, 30])
 def test_joints_without_an_assembly_are_an_infinite_fault_and_predict_nothing(shots):
     running = after(shots)
-    assert running.distance_fault_mm(TORN_APART, MEASURED_MM[0]) == np.inf
+    assert running.max_distance_innovation_mm(TORN_APART, MEASURED_MM[0]) == np.inf
     assert running.predict(TORN_APART) is None
 
 

@@ -3,17 +3,25 @@
 import numpy as np
 import pytest
 from par4_cases import NOMINAL, TABLE1, measured_points, reachable_joints
+from par4_space import FREE_BY_DEFAULT, indices
 
+from campaigns.estimation.estimate import OutlierPolicy, estimate
+from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.incremental_fit import PRIOR_LENGTH_MM, IncrementalGaussNewton
 from campaigns.estimation.information import (
     MINIMUM_DOF,
     covariance_from_distances,
-    covariance_from_fit,
     covariance_from_points,
 )
-from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, WeightedResiduals, solve
+from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, solve
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, indices
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.journal.records import Outcome
+from campaigns.measuring.precision_monitor import PrecisionMonitor
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.predicted_precision import EstimationSetup
+from campaigns.robots.robot import pose_of
+from campaigns.shots.shot_sets import ShotSet
 
 SHOTS = 80
 FREE = indices(FREE_BY_DEFAULT)
@@ -37,7 +45,7 @@ def seen_after(shots, measured_mm):
     running = IncrementalGaussNewton(NOMINAL, FREE_BY_DEFAULT)
     for row in range(shots):
         running.add(JOINTS[row], measured_mm[row])
-    return running.linearised
+    return running.linearized
 
 
 def fitted(shots, measured_mm):
@@ -61,31 +69,29 @@ def test_points_tell_what_a_fit_of_them_alone_would(shots):
     measured_mm = points_mm()
     told = covariance_from_points(seen_after(shots, measured_mm), stated(shots))
     as_stated, scatter = fitted(shots, measured_mm)
-    np.testing.assert_allclose(told.scatter, scatter, rtol=1e-3)
+    np.testing.assert_allclose(told.birge_ratio, scatter, rtol=1e-3)
     np.testing.assert_allclose(std(told), as_stated, rtol=5e-3)
 
 
 def test_a_scatter_that_may_be_chance_changes_no_deviation():
     measured_mm = points_mm(1.15)
     told = covariance_from_points(seen_after(SHOTS, measured_mm), stated(SHOTS))
-    assert told.scatter > 1.05
-    assert told.scale == 1.0
+    assert told.birge_ratio > 1.05
+    assert told.sigma0 == 1.0
 
 
-def test_distances_are_as_sure_as_their_own_scatter_says_but_no_surer_than_stated():
-    told, still = (
-        covariance_from_distances(seen_after(SHOTS, points_mm(scatter)), stated(SHOTS), PAIRS)
-        for scatter in (1.3, 0.0)
-    )
-    assert told.scale == told.scatter > 1.0
-    assert still.scale == 1.0
+@pytest.mark.parametrize("scatter", [1.3, 0.5, 0.1])
+def test_distances_are_as_sure_as_their_own_scatter_says(scatter):
+    """Whether that is more or less than stated."""
+    told = covariance_from_distances(seen_after(SHOTS, points_mm(scatter)), stated(SHOTS), PAIRS)
+    assert told.sigma0 == told.birge_ratio == pytest.approx(scatter, rel=0.3)
 
 
 @pytest.mark.parametrize("scatter", [3.0, 30.0])
 def test_shots_that_scatter_more_than_stated_make_every_deviation_so_much_larger(scatter):
     measured_mm = points_mm(scatter)
     told = covariance_from_points(seen_after(SHOTS, measured_mm), stated(SHOTS))
-    assert told.scatter == pytest.approx(scatter, rel=0.2)
+    assert told.birge_ratio == pytest.approx(scatter, rel=0.2)
     as_stated, found = fitted(SHOTS, measured_mm)
     np.testing.assert_allclose(std(told), as_stated * found, rtol=0.02)
 
@@ -95,8 +101,8 @@ def test_shots_that_scatter_less_than_stated_are_not_believed_more():
     still, quiet = (
         covariance_from_points(seen_after(SHOTS, m), stated(SHOTS)) for m in (exact, noisy)
     )
-    assert still.scatter < 0.01
-    assert quiet.scatter == pytest.approx(0.5, rel=0.2)
+    assert still.birge_ratio < 0.01
+    assert quiet.birge_ratio == pytest.approx(0.5, rel=0.2)
     np.testing.assert_allclose(std(still), std(quiet), rtol=1e-3)
     np.testing.assert_allclose(std(still), fitted(SHOTS, exact)[0], rtol=1e-3)
 
@@ -123,7 +129,7 @@ def test_shots_that_cannot_tell_all_parameters_tell_nothing():
     running = IncrementalGaussNewton(NOMINAL, FREE_BY_DEFAULT)
     for joint, point_mm in zip(joints[:36], measured_mm[:36], strict=True):
         running.add(joint, point_mm)
-    seen = running.linearised.taken(np.arange(36))
+    seen = running.linearized.taken(np.arange(36))
     assert covariance_from_points(seen, stated(36)) is None
 
 
@@ -139,7 +145,7 @@ def test_distances_tell_what_a_fit_of_them_alone_would():
     first, second = PAIRS.T
     lengths = np.linalg.norm(measured_mm[second] - measured_mm[first], axis=1)
     model = PositionModel(NOMINAL, FREE, JOINTS)
-    by_mm, spread_mm = judged(solve(DistanceResiduals(model, first, second, lengths)))
+    by_mm, spread_mm = judged(solve(DistanceResiduals.in_mm(model, first, second, lengths)))
     np.testing.assert_allclose(std(told), by_mm * spread_mm, rtol=0.02)
 
 
@@ -154,11 +160,19 @@ def problem(measured_mm, shots=SHOTS):
     return LeastSquaresProblem(points, 3, Priors.none())
 
 
+def fitted_to_the_end(measured_mm):
+    return estimate(problem(measured_mm), COUNT, OutlierPolicy(), known_variance=True)
+
+
+def std_of_parameters(found):
+    return np.sqrt(np.diag(found.covariance))[:COUNT]
+
+
 def test_a_fit_to_the_end_tells_it_exactly():
     measured_mm = points_mm(2.0)
-    told = covariance_from_fit(problem(measured_mm), COUNT, trusted=True)
     as_stated, scatter = fitted(SHOTS, measured_mm)
-    np.testing.assert_allclose(std(told), as_stated * scatter, rtol=1e-6)
+    found = std_of_parameters(fitted_to_the_end(measured_mm))
+    np.testing.assert_allclose(found, as_stated * scatter, rtol=1e-6)
 
 
 def test_a_fit_to_the_end_leaves_outliers_out():
@@ -166,21 +180,43 @@ def test_a_fit_to_the_end_leaves_outliers_out():
     measured_mm = points_mm()
     measured_mm[17, 1] += 2.0
     at_once = covariance_from_points(seen_after(SHOTS, measured_mm), stated(SHOTS))
-    told = covariance_from_fit(problem(measured_mm), COUNT, trusted=True)
-    assert at_once.scatter > 5.0
-    assert told.scatter < 1.3
-    assert std(told).max() < 1.3 * fitted(SHOTS, points_mm())[0].max()
+    told = fitted_to_the_end(measured_mm)
+    assert at_once.birge_ratio > 5.0
+    assert told.noise.birge_ratio < 1.3
+    assert std_of_parameters(told).max() < 1.3 * fitted(SHOTS, points_mm())[0].max()
+
+
+def monitor():
+    """Of a plan of the same shots, which judges positions nowhere."""
+    poses = TABLE1.forward(JOINTS).values_or_raise()
+    shots = zip(poses, JOINTS.tolist(), strict=True)
+    planned = {
+        number: PlannedShot(number, ShotSet.IDENTIFICATION, None, pose_of(pose), tuple(joints))
+        for number, (pose, joints) in enumerate(shots)
+    }
+    setup = EstimationSetup(Estimator.POINTS, FREE_BY_DEFAULT, TrackerUncertainty())
+    return PrecisionMonitor(planned, NOMINAL, setup, np.zeros((1, 3, COUNT)))
+
+
+def outcomes(shots, measured_mm):
+    covariance = tuple(map(tuple, COVARIANCE_MM2.tolist()))
+    for shot in range(shots):
+        joints, point_mm = tuple(JOINTS[shot].tolist()), tuple(measured_mm[shot].tolist())
+        yield Outcome(shot, 1, joints, point_mm, covariance, None, "", "", None)
 
 
 def test_a_fit_of_too_few_shots_tells_nothing():
-    assert covariance_from_fit(problem(points_mm(), 13), COUNT, trusted=True) is None
+    fewest = -(-(COUNT + 6 + MINIMUM_DOF) // 3)
+    measured_mm = points_mm()
+    assert monitor().fitted(outcomes(fewest - 1, measured_mm)) is None
+    assert monitor().fitted(outcomes(fewest, measured_mm)) is not None
 
 
 def test_weights_of_one_change_nothing():
     """The solver takes what is fitted weighted; σ are of the measurements as they were stated."""
     plain = problem(points_mm())
-    weighted = LeastSquaresProblem(
-        WeightedResiduals(plain.data, 3, np.ones(SHOTS)), 3, Priors.none()
+    one, other = (
+        estimate(each, COUNT, OutlierPolicy(), known_variance=True)
+        for each in (plain, plain.weighted(np.ones(SHOTS)))
     )
-    one, other = (covariance_from_fit(each, COUNT, trusted=True) for each in (plain, weighted))
-    np.testing.assert_allclose(std(one), std(other))
+    np.testing.assert_allclose(std_of_parameters(one), std_of_parameters(other))

@@ -16,11 +16,11 @@ from par4_cases import (
     measured_points,
     reachable_joints,
 )
+from par4_space import FREE_BY_DEFAULT, indices, par4_of
 
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, Geometry, indices
-from campaigns.mechanisms.par4 import NoSolution
+from campaigns.mechanisms.mechanism import NoSolution
 
 FREE = indices(FREE_BY_DEFAULT)
 CAMPAIGNS = ("table1-exact", "table1-tracker-noise", "table2-repeatability")
@@ -36,7 +36,7 @@ def distances(name):
     points_mm = shots[:, 5:]
     measured_mm = np.linalg.norm(points_mm[second] - points_mm[first], axis=1)
     model = PositionModel(NOMINAL, FREE, np.radians(shots[:, 1:5]))
-    return DistanceResiduals(model, first, second, measured_mm)
+    return DistanceResiduals.in_mm(model, first, second, measured_mm)
 
 
 def assert_same_robot(geometry, document, within_mm, within_deg):
@@ -51,14 +51,16 @@ def test_distances_give_the_reference_s_parameters(name):
     problem = distances(name)
     fit = solve(problem)
     assert fit.converged
-    identified = problem.model.geometry(fit.x)
+    identified = problem.model.kinematics(fit.x)
     assert_same_robot(identified, reference(name)["least_squares_distances"], 1e-4, 1e-6)
 
 
 def test_exact_distances_give_the_truth():
     problem = distances("table1-exact")
     fit = solve(problem)
-    assert_same_robot(problem.model.geometry(fit.x), reference("table1-exact")["truth"], 1e-4, 1e-6)
+    assert_same_robot(
+        problem.model.kinematics(fit.x), reference("table1-exact")["truth"], 1e-4, 1e-6
+    )
     assert np.abs(fit.residual).max() < 1e-5
 
 
@@ -70,7 +72,7 @@ def test_points_give_the_robot_and_the_tracker_s_frame():
     problem = PointResiduals.from_points(model, points_mm, covariance_mm2)
     fit = solve(problem)
     frame = problem.tracker_from_base(fit.x)
-    assert np.abs(model.geometry(fit.x[:-6]).vector() - TABLE1.vector()).max() < 1e-7
+    assert np.abs(model.kinematics(fit.x[:-6]).p - TABLE1.p).max() < 1e-7
     assert np.abs(frame.rotation - TRACKER_FROM_BASE.rotation).max() < 1e-10
     assert np.abs(frame.translation_mm - TRACKER_FROM_BASE.translation_mm).max() < 1e-7
 
@@ -141,11 +143,11 @@ def test_a_far_start_still_arrives():
     first, second = np.arange(0, 120, 2), np.arange(1, 120, 2)
     positions = measured_points(TABLE1, joints)
     measured_mm = np.linalg.norm(positions[second] - positions[first], axis=1)
-    off = TABLE1.vector()
+    off = TABLE1.p.copy()
     off[FREE] += np.random.default_rng(0).choice([-1, 1], 22) * np.where(
         [name.endswith("_deg") for name in FREE_BY_DEFAULT], np.radians(1.0), 4.0
     )
-    model = PositionModel(Geometry.from_vector(off), FREE, joints)
-    fit = solve(DistanceResiduals(model, first, second, measured_mm))
+    model = PositionModel(par4_of(off), FREE, joints)
+    fit = solve(DistanceResiduals.in_mm(model, first, second, measured_mm))
     assert fit.converged
-    assert np.abs(model.geometry(fit.x).vector() - TABLE1.vector()).max() < 1e-6
+    assert np.abs(model.kinematics(fit.x).p - TABLE1.p).max() < 1e-6

@@ -5,17 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from par4_cases import LIMITS, NOMINAL, reachable_joints
+from par4_space import FREE_BY_DEFAULT, NAMES, indices
 
-from campaigns.estimation.observability import (
-    correlations,
-    covariance,
-    observability,
-    spread,
-    unobservable_combinations,
-)
+from campaigns.estimation.information import correlations, covariance
+from campaigns.estimation.observability import observability, unobservable_combinations
 from campaigns.estimation.residuals import DistanceResiduals, PositionModel
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, NAMES, indices
+from campaigns.evaluation.summary import spread
 
 AZIMUTHS = tuple(f"arm{arm}.azimuth_deg" for arm in range(4))
 JOINTS = reachable_joints(NOMINAL, 120, seed=51, limits=LIMITS)
@@ -24,7 +19,7 @@ JOINTS = reachable_joints(NOMINAL, 120, seed=51, limits=LIMITS)
 def distance_jacobian(names):
     rows = np.arange(0, len(JOINTS), 2)
     model = PositionModel(NOMINAL, indices(names), JOINTS)
-    problem = DistanceResiduals(model, rows, rows + 1, np.zeros(len(rows)))
+    problem = DistanceResiduals.in_mm(model, rows, rows + 1, np.zeros(len(rows)))
     return problem.jacobian(problem.start())
 
 
@@ -73,11 +68,13 @@ def test_an_unobservable_direction_really_changes_no_distance():
     seen = observability(jacobian)
     norms = np.linalg.norm(jacobian, axis=0)
     model = PositionModel(NOMINAL, indices(NAMES), JOINTS)
-    poses = forward(NOMINAL, JOINTS).require()
+    poses = NOMINAL.forward(JOINTS).values_or_raise()
     before = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
     for direction in seen.null_directions:
-        moved = model.geometry(model.nominal + 1e-4 * direction / norms)
-        after = np.linalg.norm(np.diff(forward(moved, JOINTS).require()[:, :3], axis=0), axis=1)
+        moved = model.kinematics(model.nominal + 1e-4 * direction / norms)
+        after = np.linalg.norm(
+            np.diff(moved.forward(JOINTS).values_or_raise()[:, :3], axis=0), axis=1
+        )
         assert np.abs(after - before).max() < 1e-7
 
 

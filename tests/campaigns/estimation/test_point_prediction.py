@@ -4,19 +4,16 @@ import numpy as np
 import pytest
 from design_cases import VARIANCE_MM2, drawn, isotropic, rows_at
 from par4_cases import NOMINAL, TRACKER_STD_MM, measured_points
+from par4_space import FREE_BY_DEFAULT, indices, par4_of
 
 from campaigns.estimation.information import (
     marginalise_frame,
-    points_covariance,
     position_std_mm,
     predict_points,
 )
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.estimation.rigid_transforms import fit_transform
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, Geometry, indices
-from campaigns.mechanisms.par4 import inverse
 
 SHOTS = 60
 FREE = indices(FREE_BY_DEFAULT)
@@ -29,12 +26,13 @@ def poses():
 
 @pytest.fixture(scope="module")
 def joints(poses):
-    return inverse(NOMINAL, poses).require()
+    return NOMINAL.inverse(poses).values_or_raise()
 
 
 @pytest.fixture(scope="module")
 def known(poses, joints):
-    return points_covariance(NOMINAL, FREE_BY_DEFAULT, joints, poses, isotropic(SHOTS))
+    told = predict_points(NOMINAL, FREE_BY_DEFAULT, joints, poses, isotropic(SHOTS))
+    return told.with_frame
 
 
 def test_prediction_is_the_covariance_of_the_fit_itself(poses, joints, known):
@@ -73,7 +71,7 @@ def test_twice_the_noise_gives_twice_the_deviation(poses, joints):
 def test_predicted_position_error_is_what_fits_of_noisy_shots_show(poses, joints, known):
     """Errors of the positions that 300 noisy campaigns predict in the tracker's frame."""
     elsewhere = drawn(20, 9)[0]
-    there = inverse(NOMINAL, elsewhere).require()
+    there = NOMINAL.inverse(elsewhere).values_or_raise()
     predicted = position_std_mm(rows_at(elsewhere), known)
     exact = measured_points(NOMINAL, there)
     errors = []
@@ -84,7 +82,9 @@ def test_predicted_position_error_is_what_fits_of_noisy_shots_show(poses, joints
         )
         x = problem.start()
         x = x - np.linalg.lstsq(problem.jacobian(x), problem.residual(x), rcond=None)[0]
-        positions = forward(problem.model.geometry(x[:-6]), there, elsewhere).require()[:, :3]
+        positions = (
+            problem.model.kinematics(x[:-6]).forward(there, elsewhere).values_or_raise()[:, :3]
+        )
         errors.append(problem.tracker_from_base(x).apply(positions) - exact)
     shown = np.sqrt(np.mean(np.sum(np.square(errors), axis=2), axis=0))
     np.testing.assert_allclose(shown.mean(), predicted.mean(), rtol=0.05)
@@ -93,13 +93,13 @@ def test_predicted_position_error_is_what_fits_of_noisy_shots_show(poses, joints
 
 def test_error_without_frame_is_what_the_best_fit_of_a_frame_leaves(poses, known):
     """One change of the parameters, by the forward model and by the rows."""
-    there = inverse(NOMINAL, poses).require()
+    there = NOMINAL.inverse(poses).values_or_raise()
     change = (
         1e-4 * np.random.default_rng(2).standard_normal(len(FREE)) * np.sqrt(np.diag(known)[:22])
     )
-    vector = NOMINAL.vector()
+    vector = NOMINAL.p.copy()
     vector[FREE] += change
-    moved = forward(Geometry.from_vector(vector), there, poses).require()[:, :3]
+    moved = par4_of(vector).forward(there, poses).values_or_raise()[:, :3]
     left = fit_transform(moved, poses[:, :3]).apply(moved) - poses[:, :3]
     rows = marginalise_frame(rows_at(poses))
     np.testing.assert_allclose(rows @ change, left, atol=1e-3 * np.abs(left).max())

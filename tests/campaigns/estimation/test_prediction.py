@@ -3,29 +3,28 @@
 import numpy as np
 import pytest
 from par4_cases import NOMINAL, central_differences, reachable_joints
+from par4_space import FREE_BY_DEFAULT, IS_ANGLE, NAMES, indices, par4_of
 
 from campaigns.estimation.information import predict_distances
 from campaigns.estimation.observability import observability_indices
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, IS_ANGLE, NAMES, Geometry, indices
 
 FREE = indices(FREE_BY_DEFAULT)
 JOINTS = reachable_joints(NOMINAL, 120, seed=61)
-POSES = forward(NOMINAL, JOINTS).require()
+POSES = NOMINAL.forward(JOINTS).values_or_raise()
 PAIRS = np.arange(120).reshape(-1, 2)
 VARIANCE_MM2 = np.random.default_rng(1).uniform(5e-5, 2e-4, 60)
 
 
 def distances_mm(free_values):
-    vector = NOMINAL.vector()
+    vector = NOMINAL.p.copy()
     vector[FREE] = free_values
-    positions = forward(Geometry.from_vector(vector), JOINTS, POSES).require()[:, :3]
+    positions = par4_of(vector).forward(JOINTS, POSES).values_or_raise()[:, :3]
     return np.linalg.norm(positions[PAIRS[:, 1]] - positions[PAIRS[:, 0]], axis=1)
 
 
 def test_standard_deviations_are_those_of_weighted_least_squares():
     steps = np.where(IS_ANGLE[FREE], 1e-5, 1e-3)
-    jacobian = central_differences(distances_mm, NOMINAL.vector()[FREE], steps)
+    jacobian = central_differences(distances_mm, NOMINAL.p[FREE], steps)
     information = jacobian.T @ np.diag(1.0 / VARIANCE_MM2) @ jacobian
     expected = np.sqrt(np.diag(np.linalg.inv(information)))
     told = predict_distances(NOMINAL, FREE_BY_DEFAULT, JOINTS, POSES, PAIRS, VARIANCE_MM2)

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
+from par4_space import FILE_UNIT, FREE_BY_DEFAULT, indices, par4, par4_of, turning_limits
 
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
 from campaigns.estimation.estimators import LossShape
 from campaigns.estimation.least_squares import (
     LeastSquaresProblem,
     Priors,
-    WeightedResiduals,
     block_norms,
     solve,
 )
@@ -20,14 +20,11 @@ from campaigns.estimation.robust import (
     robust_scale,
     solve_robust,
 )
-from campaigns.mechanisms.feasibility import Limits
-from campaigns.mechanisms.geometry import FILE_UNIT, FREE_BY_DEFAULT, Geometry, indices
-from campaigns.mechanisms.par4 import inverse
 from campaigns.robots.robot import find_robot
 
 NOISE_MM = 0.015 / 3**0.5
 FREE = indices(FREE_BY_DEFAULT)
-NOMINAL = Geometry.from_flat(find_robot("par4-prototype").robot.geometry_flat())
+NOMINAL = par4(find_robot("par4-prototype").robot.geometry_flat())
 
 
 @pytest.fixture(scope="module")
@@ -37,17 +34,18 @@ def shots():
     errors = rng.normal(0.0, 1.0, len(FREE)) * np.where(
         FILE_UNIT[FREE] == 1.0, 0.5, np.radians(0.1)
     )
-    vector = NOMINAL.vector()
+    vector = NOMINAL.p.copy()
     vector[FREE] += errors
-    truth = Geometry.from_vector(vector)
-    limits = Limits((np.radians(-45.0), np.radians(90.0)), (-np.pi / 4, np.pi / 4), np.pi / 4)
+    truth = par4_of(vector)
+    turn = (-np.pi / 4, np.pi / 4)
+    limits = turning_limits((np.radians(-45.0), np.radians(90.0)), turn, np.pi / 4)
     facing = np.array([1.0, 0.0, 0.0])
     centre = np.array([0.0, 0.0, -575.0, 0.0])
     region = FeasibleRegion(
         truth, limits, centre, np.array([3000.0, 0.0, -575.0]), facing, np.pi / 2
     )
     poses = interior_poses(region, 120, rng)
-    return inverse(truth, poses).require(), poses[:, :3], vector[FREE]
+    return truth.inverse(poses).values_or_raise(), poses[:, :3], vector[FREE]
 
 
 def points_problem(shots, moved=(), noise_mm=NOISE_MM, seed=11, priors=None):
@@ -69,9 +67,10 @@ def distances_problem(shots, noise_mm=NOISE_MM, seed=3, wrong=()):
     measured = np.linalg.norm(exact[first] - exact[second], axis=1)
     measured += np.random.default_rng(seed).normal(0.0, noise_mm * 2**0.5, len(measured))
     measured[list(wrong)] += 2.0
-    data = DistanceResiduals(PositionModel(NOMINAL, FREE, joints), first, second, measured)
-    whitened = WeightedResiduals(data, 1, np.full(len(first), 1.0 / (2.0 * NOISE_MM**2)))
-    return LeastSquaresProblem(whitened, 1, Priors.none())
+    model = PositionModel(NOMINAL, FREE, joints)
+    whitening = np.full(len(first), 1.0 / (2.0**0.5 * NOISE_MM))
+    data = DistanceResiduals(model, first, second, measured, whitening)
+    return LeastSquaresProblem(data, 1, Priors.none())
 
 
 def all_of(problem):

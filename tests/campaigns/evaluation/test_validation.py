@@ -1,54 +1,62 @@
 """The figures of a validation, each against data made by hand."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from fake_cell import TRACKER_FROM_BASE
+from validation_cases import line, pairs, shot, validated
 
+from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.evaluation.validation import (
-    broken_limits,
-    evaluate_validation,
-    frame_errors,
+    TestShots,
+    ValidationResult,
+    ValidationVerdict,
+    limits_by_figure,
     line_axes,
-    repeatability,
-    rotation_mm,
-    straightness_mm,
+    line_tests,
+    repeatability_test,
+    rotation_test,
+    validation_verdict,
 )
-from campaigns.journal.records import Intent, Outcome
-from campaigns.journal.views import AcceptedShot
 from campaigns.settings.sections import AcceptanceConfig
 from campaigns.shots.shot_sets import ShotSet
-from drivers.values import Pose
 
-JOINTS = (0.1, 0.2, 0.3, 0.4)
-
-
-def shot(
-    number: int, purpose: ShotSet, commanded, measured=None, pair: int | None = None
-) -> AcceptedShot:
-    """A shot whose reflector was where it was commanded, or at `measured` in the base frame."""
-    seen = TRACKER_FROM_BASE.apply(np.array([commanded if measured is None else measured]))[0]
-    target = Pose(*map(float, commanded), theta_rad=0.0)
-    intent = Intent(number, 1, purpose.value, target, JOINTS, "pose", pair)
-    outcome = Outcome(number, 1, JOINTS, tuple(seen.tolist()), None, None, "", "", None)
-    return AcceptedShot(intent, outcome, "2026-03-02T08:00:00Z")
+QUIET = TrackerUncertainty(1e-6, 0.0, 1e-6, 0.0)
+ALL_LIMITS = AcceptanceConfig(
+    distance_mean_mm=1.0,
+    distance_max_mm=1.0,
+    rotation_mm=1.0,
+    straightness_mm=1.0,
+    repeatability_mm=1.0,
+)
 
 
-def line(axis: int, points: int = 5, first: int = 0) -> list[AcceptedShot]:
-    offsets = np.outer(np.linspace(-200.0, 200.0, points), np.eye(3)[axis])
-    centre = np.array([0.0, 0.0, -575.0])
-    return [
-        shot(first + place, ShotSet.STRAIGHTNESS, centre + offset)
-        for place, offset in enumerate(offsets)
-    ]
+def measured(points, commanded=None) -> TestShots:
+    """Points (N, 3) of a test, commanded in one place or at (N, 3)."""
+    points = np.array(points, dtype=float)
+    poses = np.zeros((len(points), 4))
+    if commanded is not None:
+        poses[:, :3] = commanded
+    covariance = np.tile(1e-4 * np.eye(3), (len(points), 1, 1))
+    return TestShots((None,) * len(points), poses, points, covariance)
 
 
-def bumped(shots: list[AcceptedShot], row: int, bump_mm) -> list[AcceptedShot]:
-    moved = shots[row].intent.target
-    place = np.array([moved.x_mm, moved.y_mm, moved.z_mm]) + bump_mm
-    bump = shot(shots[row].intent.shot, ShotSet.STRAIGHTNESS, (0, 0, 0), place).outcome
-    return [*shots[:row], replace(shots[row], outcome=bump), *shots[row + 1 :]]
+def straightness_mm(points) -> float:
+    """Of points (N, 3) commanded along x."""
+    along_x = np.outer(np.arange(len(points)), np.eye(3)[0])
+    (found,) = line_tests(measured(points, along_x))
+    return found.straightness.value_mm
+
+
+def rotation_mm(points) -> float:
+    return rotation_test(measured(points)).moved.value_mm
+
+
+def straightness_of(found: ValidationResult) -> dict[str, float]:
+    return {each.axis: each.straightness.value_mm for each in found.lines}
+
+
+def decision_on(found: ValidationVerdict, name: str) -> str | None:
+    return next(each.decision for each in found.requirements if each.name == name)
 
 
 def test_straightness_of_a_line_with_one_bump_is_its_distance_from_the_best_line() -> None:
@@ -67,115 +75,121 @@ def test_straightness_does_not_depend_on_the_frame_or_on_the_spacing() -> None:
 
 
 def test_each_axis_has_its_own_straightness() -> None:
-    shots = [*line(0), *bumped(line(1, first=5), 2, (0.0, 0.0, 1.0)), *line(2, first=10)]
-    found = evaluate_validation(shots).straightness_mm
-    assert found == pytest.approx({"x": 0.0, "y": 0.8, "z": 0.0}, abs=1e-9)
+    found = validated([*line(0), *line(1, first=5, bump_mm=(0.0, 0.0, 1.0)), *line(2, first=10)])
+    assert straightness_of(found) == pytest.approx({"x": 0.0, "y": 0.8, "z": 0.0}, abs=1e-9)
+    assert found.line("y").straightness.value_mm == pytest.approx(0.8, abs=1e-9)
 
 
 @pytest.mark.parametrize("points", [3, 4, 5, 17])
 def test_lines_are_recognised_by_what_was_commanded(points: int) -> None:
-    shots = [shot for axis in range(3) for shot in line(axis, points)]
-    commanded = np.array(
-        [(s.intent.target.x_mm, s.intent.target.y_mm, s.intent.target.z_mm) for s in shots]
-    )
+    targets = [shot.intent.target for axis in range(3) for shot in line(axis, points)]
+    commanded = np.array([(target.x_mm, target.y_mm, target.z_mm) for target in targets])
     assert line_axes(commanded).tolist() == [0] * points + [1] * points + [2] * points
 
 
 def test_one_line_alone_is_recognised() -> None:
-    assert evaluate_validation(line(2)).straightness_mm == {"z": pytest.approx(0.0, abs=1e-9)}
+    found = validated(line(2))
+    assert straightness_of(found) == {"z": pytest.approx(0.0, abs=1e-9)}
+    assert found.line("x") is None
 
 
 def test_single_point_is_no_line() -> None:
-    assert evaluate_validation(line(0)[2:3]).straightness_mm is None
-    assert evaluate_validation(line(0)[:2]).straightness_mm is None
+    assert validated(line(0)[2:3]).lines == ()
+    assert validated(line(0)[:2]).lines == ()
 
 
 def test_rotation_is_the_largest_distance_between_any_two_points() -> None:
     angle = np.linspace(0.0, np.pi, 19)
     half_circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(19)])
     assert rotation_mm(0.5 * half_circle) == pytest.approx(1.0)
-    assert rotation_mm(half_circle[:1]) is None
+    assert rotation_test(measured(half_circle[:1])) is None
 
 
 def test_repeatability_of_points_on_a_sphere_is_its_radius() -> None:
     directions = np.vstack([np.eye(3), -np.eye(3)])
-    found = repeatability(np.array([10.0, 20.0, 30.0]) + 0.4 * directions)
-    assert found.radius_mm == pytest.approx(0.4)
+    found = repeatability_test(measured(np.array([10.0, 20.0, 30.0]) + 0.4 * directions))
+    assert found.radius.value_mm == pytest.approx(0.4)
     assert found.rp_mm == pytest.approx(0.4)
-    assert found.approaches == 6
+    assert len(found.away_mm) == 6
 
 
 def test_rp_is_mean_plus_three_standard_deviations() -> None:
     """Two pairs of opposite points: lengths 1, 1, 3, 3, so mean 2 and S = 2 / sqrt(3)."""
     points = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, -3.0, 0.0]])
-    found = repeatability(points)
+    found = repeatability_test(measured(points))
     assert found.rp_mm == pytest.approx(2.0 + 3.0 * 2.0 / 3.0**0.5)
-    assert found.radius_mm == pytest.approx(3.0)
-    assert repeatability(points[:1]) is None
-
-
-def pairs(errors_mm: list[float]) -> list[AcceptedShot]:
-    """Pairs along x, 300 mm commanded and `errors_mm` longer or shorter in truth."""
-    shots = []
-    for number, error in enumerate(errors_mm):
-        here = np.array([-150.0, 40.0 * number, -500.0 - 30.0 * number])
-        there = here + 300.0 * np.eye(3)[0]
-        kind = ShotSet.VALIDATION
-        shots.append(shot(2 * number, kind, here, pair=number))
-        shots.append(shot(2 * number + 1, kind, there, there + error * np.eye(3)[0], pair=number))
-    return shots
+    assert found.radius.value_mm == pytest.approx(3.0)
+    assert repeatability_test(measured(points[:1])) is None
 
 
 def test_distance_errors_are_those_of_the_pairs() -> None:
-    found = evaluate_validation(pairs([0.3, -0.6, 0.0])).distances
-    assert found.mean_abs == pytest.approx(0.3)
-    assert found.max_abs == pytest.approx(0.6)
+    found = validated(pairs([0.3, -0.6, 0.0])).distances
+    assert found.mean.value_mm == pytest.approx(0.3)
+    assert found.largest.value_mm == pytest.approx(0.6)
 
 
 def test_half_a_pair_is_no_distance() -> None:
-    assert evaluate_validation(pairs([0.3, -0.6])[:-1]).distances.max_abs == pytest.approx(0.3)
-    assert evaluate_validation(pairs([0.3])[:-1]).distances is None
+    assert validated(pairs([0.3, -0.6])[:-1]).distances.largest.value_mm == pytest.approx(0.3)
+    assert validated(pairs([0.3])[:-1]).distances is None
 
 
 def test_absolute_accuracy_is_what_no_frame_can_explain() -> None:
     corners = np.array(
         [[x, y, z] for x in (0.0, 400.0) for y in (0.0, 400.0) for z in (0.0, 300.0)]
     )
-    seen = TRACKER_FROM_BASE.apply(corners)
-    exact = frame_errors(corners, seen)
-    assert (exact.mean, exact.max) == pytest.approx((0.0, 0.0), abs=1e-9)
-    grown = frame_errors(1.001 * corners, seen)
+
+    def away_mm(commanded):
+        both = enumerate(zip(commanded, corners, strict=True))
+        return validated([shot(n, ShotSet.VALIDATION, *each) for n, each in both]).absolute_mm
+
+    exact = away_mm(corners)
+    assert (exact.mean(), exact.max()) == pytest.approx((0.0, 0.0), abs=1e-9)
+    grown = away_mm(1.001 * corners)
     half_diagonal = np.linalg.norm([200.0, 200.0, 150.0])
-    assert grown.mean == pytest.approx(0.001 * half_diagonal, rel=1e-6)
-    assert grown.max == pytest.approx(0.001 * half_diagonal, rel=1e-6)
+    assert grown.mean() == pytest.approx(0.001 * half_diagonal, rel=1e-6)
+    assert grown.max() == pytest.approx(0.001 * half_diagonal, rel=1e-6)
 
 
-def test_points_that_fix_no_frame_give_no_accuracy() -> None:
-    on_a_line = np.outer(np.arange(6.0), (100.0, 0.0, 0.0))
-    assert frame_errors(on_a_line, on_a_line) is None
-    assert frame_errors(np.eye(3), np.eye(3)) is None
+@pytest.mark.parametrize("points", [np.outer(np.arange(6.0), (100.0, 0.0, 0.0)), np.eye(3)])
+def test_points_that_fix_no_frame_give_no_accuracy(points: np.ndarray) -> None:
+    found = validated([shot(n, ShotSet.VALIDATION, place) for n, place in enumerate(points)])
+    assert found.absolute_mm is None
+    assert not found.in_base
+
+
+def test_without_pairs_the_frame_is_that_of_all_shots() -> None:
+    lines = [*line(0), *line(1, first=5, bump_mm=(0.0, 0.0, 1.0)), *line(2, first=10)]
+    found = validated(lines)
+    assert found.in_base
+    assert found.line("y").away_mm[2] == pytest.approx([0.0, 0.0, 0.8], abs=0.01)
+    assert found.absolute_mm is None, "that is told of pairs only"
 
 
 def test_test_that_was_not_run_is_null() -> None:
-    found = evaluate_validation(line(0))
+    found = validated(line(0))
     assert found.document() == {
         "distances_mm": None,
         "rotation_mm": None,
-        "straightness_mm": {"x": found.straightness_mm["x"]},
+        "straightness_mm": {"x": found.line("x").straightness.value_mm},
         "repeatability": None,
         "frame_mm": None,
     }
-    assert evaluate_validation([]).straightness_mm is None
+    assert validated([]).document() == dict.fromkeys(found.document())
+    assert set(validated([]).figures().values()) == {None}
 
 
-def test_document_has_every_figure() -> None:
+@pytest.fixture(scope="module")
+def whole() -> ValidationResult:
+    """Of a series with every test."""
     kind = ShotSet.REPEATABILITY
     repeated = [shot(90 + n, kind, (0, 0, -575), (0.1 * n, 0, -575)) for n in range(3)]
     turned = [shot(80 + n, ShotSet.ROTATION, (0, 0, -575), (0, 0.2 * n, -575)) for n in range(3)]
     lines = [*line(0, first=20), *line(1, first=30), *line(2, first=40)]
-    document = evaluate_validation(
-        [*pairs([0.3, -0.6, 0.1]), *lines, *turned, *repeated]
-    ).document()
+    return validated([*pairs([0.3, -0.6, 0.1]), *lines, *turned, *repeated])
+
+
+def test_document_has_every_figure(whole: ValidationResult) -> None:
+    document = whole.document()
     assert document["distances_mm"] == pytest.approx({"mean_abs": 1.0 / 3.0, "max_abs": 0.6})
     assert document["rotation_mm"] == pytest.approx(0.4)
     assert document["straightness_mm"].keys() == {"x", "y", "z"}
@@ -184,15 +198,84 @@ def test_document_has_every_figure() -> None:
     assert 0.0 < document["frame_mm"]["mean"] < document["frame_mm"]["max"] < 0.6
 
 
+def test_figures_on_screen_and_page_are_those_of_the_document(whole: ValidationResult) -> None:
+    figures = {name: length.value_mm for name, length in whole.figures().items()}
+    document, further = whole.document(), whole.further_figures_mm()
+    assert figures == {
+        "distances, mean error": document["distances_mm"]["mean_abs"],
+        "distances, largest error": document["distances_mm"]["max_abs"],
+        "rotation": document["rotation_mm"],
+        **{f"straightness along {axis}": document["straightness_mm"][axis] for axis in "xyz"},
+        "repeatability, radius of the sphere": document["repeatability"]["radius_mm"],
+    }
+    assert further == {
+        "repeatability, RP": document["repeatability"]["rp_mm"],
+        "in the tracker's frame, mean": document["frame_mm"]["mean"],
+        "in the tracker's frame, largest": document["frame_mm"]["max"],
+    }
+
+
+def test_every_figure_has_its_limit(whole: ValidationResult) -> None:
+    assert limits_by_figure(ALL_LIMITS).keys() == whole.figures().keys()
+    assert set(limits_by_figure(ALL_LIMITS).values()) == {1.0}
+
+
 def test_broken_limits_are_named_with_value_and_limit() -> None:
-    found = evaluate_validation(
-        [*pairs([0.3, -0.6, 0.0]), *bumped(line(1, first=30), 2, (0.0, 0.0, 1.0))]
-    )
+    found = validated([*pairs([0.3, -0.6, 0.0]), *line(1, first=30, bump_mm=(0.0, 0.0, 1.0))])
     limits = AcceptanceConfig(
         distance_mean_mm=0.4, distance_max_mm=0.5, straightness_mm=0.5, rotation_mm=0.1
     )
-    assert broken_limits(found, limits) == [
-        "largest distance error 0.600 mm, limit 0.5 mm",
-        "straightness 0.800 mm, limit 0.5 mm",
+    verdict = validation_verdict(found, limits)
+    broken = [each.in_words() for each in verdict.requirements if each.decision == "fail"]
+    largest, line_y = found.distances.largest, found.line("y").straightness
+    far, off = (f"{each.expanded_uncertainty_mm:.3f}" for each in (largest, line_y))
+    assert broken == [
+        f"distances, largest error 0.600 ± {far} mm, limit 0.5 mm: fail",
+        f"straightness along y 0.800 ± {off} mm, limit 0.5 mm: fail",
     ]
-    assert broken_limits(found, AcceptanceConfig()) == []
+    assert verdict.decision == "fail"
+    assert set(broken) < set(verdict.reasons)
+    assert decision_on(verdict, "distances, mean error") == "pass"
+
+
+def test_a_limit_that_is_not_asked_for_decides_nothing(whole: ValidationResult) -> None:
+    verdict = validation_verdict(whole, AcceptanceConfig())
+    assert verdict.decision is None
+    assert {each.decision for each in verdict.requirements} == {None}
+    assert verdict.reasons == ()
+
+
+def test_every_limit_surely_kept_passes(whole: ValidationResult) -> None:
+    verdict = validation_verdict(whole, ALL_LIMITS)
+    assert (verdict.decision, verdict.reasons) == ("pass", ())
+
+
+def test_a_limit_without_a_measurement_is_not_decided() -> None:
+    verdict = validation_verdict(validated(pairs([0.3, -0.6])), ALL_LIMITS)
+    assert verdict.decision == "not decided"
+    assert "rotation not measured, limit 1 mm" in verdict.reasons
+    nothing = validation_verdict(None, ALL_LIMITS)
+    assert {each.decision for each in nothing.requirements} == {"not decided"}
+
+
+def test_a_limit_within_the_instruments_uncertainty_is_not_decided() -> None:
+    limits = AcceptanceConfig(distance_max_mm=0.6)
+    loud = TrackerUncertainty(0.1, 0.0, 0.1, 0.0)
+    unclear = validation_verdict(validated(pairs([0.3, -0.59]), loud), limits)
+    assert unclear.decision == "not decided"
+    assert unclear.reasons == (
+        "distances, largest error 0.590 ± 0.283 mm, limit 0.6 mm: not decided",
+    )
+    assert validation_verdict(validated(pairs([0.3, -0.59]), QUIET), limits).decision == "pass"
+    assert validation_verdict(validated(pairs([0.3, -0.61]), QUIET), limits).decision == "fail"
+
+
+def test_errors_larger_than_before_loading_fail_whatever_the_limits() -> None:
+    found = validated(pairs([0.3, -0.6]))
+    worse = validation_verdict(found, ALL_LIMITS, 0.4)
+    said = "distances, mean error 0.450 mm, before loading it was 0.400 mm"
+    assert (worse.decision, worse.worse) == ("fail", (said,))
+    assert said in worse.reasons
+    assert validation_verdict(found, AcceptanceConfig(), 0.4).decision == "fail"
+    assert validation_verdict(found, AcceptanceConfig(), 0.5).decision is None
+    assert validation_verdict(None, AcceptanceConfig(), 0.4).decision is None

@@ -3,66 +3,46 @@
 import numpy as np
 import pytest
 from fake_cell import TRACKER_FROM_BASE
+from validation_cases import INSTRUMENT, MIDDLE, line, pairs, shot, shots_of, validated
 
-from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.evaluation.validation import (
-    MeasuredTest,
-    base_from_tracker,
-    distance_trace,
-    line_traces,
-    measured_test,
-    of_set,
-    radius_result,
-    rotation_result,
+    TestShots,
+    distance_test,
+    line_tests,
+    repeatability_test,
+    rotation_test,
 )
-from campaigns.journal.records import Intent, Outcome
-from campaigns.journal.views import AcceptedShot
 from campaigns.shots.shot_sets import ShotSet
-from drivers.values import Pose
 
-MODEL = TrackerUncertainty()
-JOINTS = (0.1, 0.2, 0.3, 0.4)
+BUMP = (0.0, 0.0, 1.0)
 
 
-def shot(number: int, purpose: ShotSet, commanded, measured=None, pair=None) -> AcceptedShot:
-    """A shot whose reflector was where it was commanded, or at `measured` in the base frame."""
-    seen = TRACKER_FROM_BASE.apply(np.array([measured or commanded], dtype=float))[0]
-    target = Pose(*map(float, commanded), theta_rad=0.0)
-    intent = Intent(number, 1, purpose.value, target, JOINTS, "pose", pair)
-    outcome = Outcome(number, 1, JOINTS, tuple(seen.tolist()), None, None, "", "", None)
-    return AcceptedShot(intent, outcome, "2026-03-02T08:00:00Z")
+def tracked(accepted) -> TestShots:
+    """In the tracker's frame."""
+    return TestShots.of(shots_of(accepted), INSTRUMENT)
 
 
-def line(axis: int, bump_mm: float = 0.0) -> list[AcceptedShot]:
-    """Five shots, the middle one lifted by the bump."""
-    shots = []
-    for number, place in enumerate((-200.0, -100.0, 0.0, 100.0, 200.0)):
-        commanded = [0.0, 0.0, -575.0]
-        commanded[axis] += place
-        lifted = [*commanded[:2], commanded[2] + (bump_mm if number == 2 else 0.0)]
-        shots.append(shot(number, ShotSet.STRAIGHTNESS, commanded, lifted))
-    return shots
+def in_base(accepted) -> TestShots:
+    return tracked(accepted).seen_from(TRACKER_FROM_BASE.inverted())
 
 
-def in_base(shots) -> MeasuredTest:
-    return measured_test(shots, MODEL).seen_from(TRACKER_FROM_BASE.inverted())
-
-
-def with_deviations(points, deviations) -> MeasuredTest:
+def with_deviations(points, deviations, pair_numbers=None) -> TestShots:
     """Points whose coordinates have these standard deviations."""
     points = np.array(points, dtype=float)
     commanded = np.column_stack([points, np.zeros(len(points))])
     covariance = np.tile(np.diag(np.square(deviations)), (len(points), 1, 1))
-    return MeasuredTest((None,) * len(points), commanded, points, covariance)
+    return TestShots(pair_numbers or (None,) * len(points), commanded, points, covariance)
 
 
 def test_only_the_shots_of_the_set_are_taken() -> None:
-    shots = [*line(0), shot(9, ShotSet.REPEATABILITY, (0, 0, -575))]
-    assert len(of_set(shots, ShotSet.STRAIGHTNESS)) == 5
+    stray = shot(9, ShotSet.REPEATABILITY, MIDDLE)
+    found = validated([*line(0), stray])
+    assert len(found.line("x").points_mm) == 5
+    assert found.repeatability is None, "one visit is none"
 
 
 def test_a_line_keeps_its_axis_places_and_bump() -> None:
-    (found,) = line_traces(in_base(line(1, bump_mm=1.0)))
+    (found,) = line_tests(in_base(line(1, bump_mm=BUMP)))
     assert found.axis == "y"
     assert np.allclose(found.along_mm, [-200.0, -100.0, 0.0, 100.0, 200.0])
     assert found.away_mm[2] == pytest.approx([0.0, 0.0, 0.8], abs=1e-6)
@@ -70,20 +50,39 @@ def test_a_line_keeps_its_axis_places_and_bump() -> None:
 
 
 def test_a_line_of_two_points_shows_no_straightness() -> None:
-    assert line_traces(in_base(line(0)[:2])) == ()
+    assert line_tests(in_base(line(0)[:2])) == ()
 
 
 def test_the_instrument_counts_in_the_direction_of_the_error() -> None:
     sideways = with_deviations([(0, 0, 0), (0, 1, 0)], (0.1, 0.2, 0.4))
-    assert rotation_result(sideways).instrument_mm == pytest.approx(np.sqrt(2.0) * 0.2)
+    moved = rotation_test(sideways).moved
+    assert moved.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * 0.2)
+    assert moved.expanded_uncertainty_mm == pytest.approx(2.0 * np.sqrt(2.0) * 0.2)
     along = with_deviations([(0, 0, 0), (1, 0, 0)], (0.1, 0.2, 0.4))
-    assert rotation_result(along).instrument_mm == pytest.approx(np.sqrt(2.0) * 0.1)
+    assert rotation_test(along).moved.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * 0.1)
 
 
 def test_without_an_error_the_worst_direction_counts() -> None:
     same = with_deviations([(0, 0, 0), (0, 0, 0)], (0.1, 0.2, 0.4))
-    assert radius_result(same).value_mm == 0.0
-    assert radius_result(same).instrument_mm == pytest.approx(0.4)
+    radius = repeatability_test(same).radius
+    assert radius.value_mm == 0.0
+    assert radius.standard_uncertainty_mm == pytest.approx(0.4)
+
+
+def test_each_distance_has_the_uncertainty_along_it_and_averaging_takes_nothing_off() -> None:
+    points = [(0, 0, 0), (9, 0, 0), (0, 0, 5), (0, 7, 5)]
+    found = distance_test(with_deviations(points, (0.1, 0.2, 0.4), (3, 3, 4, 4)))
+    assert found.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * np.array([0.1, 0.2]))
+    assert found.mean.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * 0.15)
+
+
+def test_the_largest_distance_error_has_the_uncertainty_of_its_own_pair() -> None:
+    points = [(0, 0, 0), (9, 0, 0), (0, 0, 5), (0, 7, 5)]
+    shots = with_deviations(points, (0.1, 0.2, 0.4), (3, 3, 4, 4))
+    shots.commanded[3, 1] = 5.0
+    largest = distance_test(shots).largest
+    assert largest.value_mm == pytest.approx(2.0)
+    assert largest.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * 0.2)
 
 
 def test_covariances_turn_with_the_points() -> None:
@@ -101,7 +100,7 @@ def test_distances_are_of_whole_pairs_only() -> None:
         shot(1, ShotSet.VALIDATION, (100, 0, -500), (99, 0, -500), pair=7),
         shot(2, ShotSet.VALIDATION, (50, 0, -500), pair=8),
     ]
-    found = distance_trace(measured_test(shots, MODEL))
+    found = distance_test(tracked(shots))
     assert found.pairs == (7,)
     assert found.errors_mm == pytest.approx([1.0])
 
@@ -109,14 +108,30 @@ def test_distances_are_of_whole_pairs_only() -> None:
 def test_three_points_or_a_line_fix_no_frame() -> None:
     corners = [(0, 0, -500), (100, 0, -500), (0, 100, -500), (0, 0, -600)]
     shots = [shot(k, ShotSet.VALIDATION, place) for k, place in enumerate(corners)]
-    assert base_from_tracker(measured_test(shots, MODEL)) is not None
-    assert base_from_tracker(measured_test(shots[:3], MODEL)) is None
-    assert base_from_tracker(measured_test(line(0), MODEL)) is None
+    assert tracked(shots).base_from_tracker() is not None
+    assert tracked(shots[:3]).base_from_tracker() is None
+    assert tracked(line(0)).base_from_tracker() is None
+
+
+def test_repeated_visits_keep_where_they_were_commanded_and_how_far_they_are_apart() -> None:
+    kind = ShotSet.REPEATABILITY
+    visits = [shot(n, kind, MIDDLE, (0.3 * n, 0.0, -575.0)) for n in range(3)]
+    found = repeatability_test(in_base(visits))
+    assert found.commanded_mm == pytest.approx(np.array(MIDDLE))
+    assert np.allclose(found.away_mm[:, 0], [-0.3, 0.0, 0.3])
+    assert found.radius.value_mm == pytest.approx(0.3)
+
+
+def test_vectors_stand_in_the_base_frame_of_the_pairs() -> None:
+    found = validated([*pairs([0.0, 0.0, 0.0]), *line(1, first=30, bump_mm=BUMP)])
+    assert found.in_base
+    assert found.line("y").away_mm[2] == pytest.approx([0.0, 0.0, 0.8], abs=1e-6)
+    assert found.absolute_mm == pytest.approx(np.zeros(6), abs=1e-6)
 
 
 def test_nothing_measured_gives_no_result() -> None:
-    empty = measured_test([], MODEL)
-    assert distance_trace(empty) is None
-    assert rotation_result(empty) is None
-    assert radius_result(empty) is None
-    assert line_traces(empty) == ()
+    empty = tracked([])
+    assert distance_test(empty) is None
+    assert rotation_test(empty) is None
+    assert repeatability_test(empty) is None
+    assert line_tests(empty) == ()

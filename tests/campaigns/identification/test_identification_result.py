@@ -1,20 +1,70 @@
 """The identification as a document: what is promised to programs, and no number that is none."""
 
 import json
+from dataclasses import MISSING, fields, replace
 
 import numpy as np
 import pytest
-from identified_cases import NOISE_MM, identified, moved, noisy, simulated, workspace
+from identified_cases import (
+    NOISE_MM,
+    TRACKER_FROM_BASE,
+    identified,
+    moved,
+    noisy,
+    simulated,
+    workspace,
+)
+from par4_space import NAMES
+from tested_journal import plain_journal
 
+from campaigns.controllers.export import latest_identification
+from campaigns.errors import FindingUnreadable
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers
-from campaigns.identification.result import identification_document
-from campaigns.mechanisms.geometry import NAMES
+from campaigns.identification.result import (
+    Covariance,
+    Frame,
+    RecordedIdentification,
+    read_identification,
+)
+from campaigns.journal.records import Finding
 
 CLEAN = noisy(simulated(60, 20, seed=1), seed=2)
+PROVENANCE = {
+    "series": 1,
+    "shots": 160,
+    "robot_digest": "c" * 64,
+    "plan_digest": "a" * 64,
+    "journal_digest": "b" * 64,
+    "journal_records": 500,
+    "at_utc": "2026-03-02T08:00:00Z",
+}
+SPOILT = moved(CLEAN, (7, 50, 99), by_mm=2.0)
+ASKED = {
+    "points": {"data": SPOILT, "poses": workspace()},
+    "distances": {"data": SPOILT, "estimator": Estimator.DISTANCES},
+    "rank lost": {"free": ["arm0.x_mm"], "poses": workspace()},
+    "priors and a robust loss": {
+        "free": ["arm0.x_mm"],
+        "prior": ["arm0.x_mm=0.2"],
+        "loss": LossShape.CAUCHY,
+        "outliers": Outliers.KEEP,
+    },
+    "nothing unseen": {"data": noisy(simulated(60, 0, seed=1), seed=2)},
+    "no freedom": {"data": simulated(22, 5, seed=3), "estimator": Estimator.DISTANCES},
+}
+"""By what is special about each."""
+
+
+def result(data=CLEAN, estimator=Estimator.POINTS, **options):
+    return replace(identified(data, estimator, **options), seconds=0.012)
 
 
 def document(data=CLEAN, estimator=Estimator.POINTS, **options):
-    return identification_document(identified(data, estimator, **options), 0.012)
+    return result(data, estimator, **options).document()
+
+
+def recorded(**asked):
+    return RecordedIdentification.of(result(**asked), **PROVENANCE)
 
 
 @pytest.mark.parametrize("estimator", list(Estimator))
@@ -89,3 +139,89 @@ def test_priors_are_told_with_their_deviations() -> None:
     told = document(free=["arm0.x_mm"], prior=["arm0.x_mm=0.2", "plate_mm=0.5"])
     assert told["priors"] == {"arm0.x_mm": 0.2, "plate_mm": 0.5}
     assert told["known_by_priors_alone"] == [[f"arm{arm}.x_mm" for arm in range(4)]]
+
+
+@pytest.mark.parametrize("asked", ASKED.values(), ids=ASKED)
+def test_what_is_written_to_a_journal_and_read_back_is_equal(tmp_path, asked) -> None:
+    written = recorded(**asked)
+    with plain_journal(tmp_path) as journal:
+        journal.append(Finding("identification", written.document()))
+        assert latest_identification(journal) == written
+
+
+def test_a_recorded_identification_says_what_it_rests_on() -> None:
+    told = recorded().document()
+    assert told.items() >= PROVENANCE.items()
+    assert told["schema"] == "pkmcal/identification/1"
+    assert told.keys() - PROVENANCE.keys() == document().keys()
+
+
+def test_an_older_finding_without_the_optional_keys_is_read() -> None:
+    whole = recorded()
+    optional = {
+        each.name
+        for each in fields(RecordedIdentification)
+        if each.default is not MISSING or each.default_factory is not MISSING
+    }
+    assert optional >= {"fitted", "unseen", "chi2", "covariance", "frame", "models", "priors"}
+    older = {key: value for key, value in whole.document().items() if key not in optional}
+    read = read_identification(older)
+    assert (read.fitted, read.unseen, read.chi2, read.covariance, read.frame) == (None,) * 5
+    assert (read.models, read.priors, read.known_by_priors_alone) == ((), {}, ())
+    assert (read.residuals_mm, read.unseen_mm, read.position_std_mm) == (None,) * 3
+    assert (read.flat(), read.nominal_flat()) == (whole.flat(), whole.nominal_flat())
+    assert (read.std(), read.free) == (whole.std(), whole.free)
+    assert (read.verdict, read.reasons) == (whole.verdict, whole.reasons)
+    assert read.journal_digest == PROVENANCE["journal_digest"]
+
+
+def test_a_finding_without_the_single_errors_is_read_with_all_else() -> None:
+    whole = recorded()
+    told = whole.document()
+    older = {key: told[key] for key in told.keys() - {"message", "fitted", "unseen"}}
+    assert read_identification(older) == replace(whole, message="", fitted=None, unseen=None)
+
+
+@pytest.mark.parametrize(
+    "key", ["parameters", "verdict", "reasons", "converged", "series", "robot_digest", "at_utc"]
+)
+def test_a_finding_that_lacks_what_counts_is_unreadable_and_named(key) -> None:
+    told = recorded().document()
+    del told[key]
+    with pytest.raises(FindingUnreadable, match=f"the journal's identification, {key}: ") as caught:
+        read_identification(told)
+    assert caught.value.remedy.startswith("identify again")
+
+
+def test_a_value_that_is_none_is_named_with_its_place() -> None:
+    told = recorded().document()
+    told["parameters"]["plate_mm"]["value"] = "wide"
+    with pytest.raises(FindingUnreadable, match=r"identification, parameters\.plate_mm\.value: "):
+        read_identification(told)
+
+
+def test_errors_of_every_fitted_and_unseen_measurement_are_told() -> None:
+    found = result(SPOILT)
+    told = found.document()
+    kept = [number for number in range(120) if number not in (7, 50, 99)]
+    assert (told["fitted"]["of"], told["fitted"]["numbers"]) == ("shots", kept)
+    assert (told["unseen"]["of"], told["unseen"]["numbers"]) == ("pairs", [*range(60, 80)])
+    assert np.shape(told["fitted"]["after_mm"]) == (117, 3)
+    assert np.shape(told["unseen"]["before_mm"]) == (20, 1)
+    assert found.fitted.summary() == found.residuals_mm
+    assert found.unseen.summary() == found.unseen_mm
+
+
+def test_the_frame_that_is_told_is_the_trackers_place() -> None:
+    told = Frame.of(TRACKER_FROM_BASE)
+    assert np.allclose(told.tracker_from_base.rotation, TRACKER_FROM_BASE.rotation, atol=1e-12)
+    assert told.tracker_from_base.translation_mm.tolist() == [2500.0, 400.0, 300.0]
+
+
+def test_strongest_correlations_are_the_first_of_all_by_size() -> None:
+    known = Covariance(("a", "b", "c"), ((4.0, -1.8, 0.2), (-1.8, 1.0, 0.1), (0.2, 0.1, 1.0)))
+    assert [(each.a, each.b) for each in known.strongest(2)] == [("a", "b"), ("a", "c")]
+    assert known.strongest(3, least=0.5)[0].value == pytest.approx(-0.9)
+    assert len(known.strongest(3, least=0.5)) == 1
+    assert known.std() == {"a": 2.0, "b": 1.0, "c": 1.0}
+    assert Covariance((), ()).strongest(3) == ()

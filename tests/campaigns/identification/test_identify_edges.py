@@ -19,29 +19,25 @@ from identified_cases import (
     values,
     workspace,
 )
+from par4_space import SPACE, par4
 
 from campaigns.design.pose_sampling import interior_poses
 from campaigns.errors import SelectionInvalid, ShotsInvalid, ShotsMissing
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers
 from campaigns.identification.parameter_selection import select_parameters
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import Geometry
-from campaigns.mechanisms.par4 import inverse
 from campaigns.shots.shot_sets import ShotSet
 
 BOTH = pytest.mark.parametrize("estimator", list(Estimator))
-LITTLE_OFF = Geometry.from_flat(
-    NOMINAL.flat() | {"arm1.x_mm": 172.2, "arm2.forearm_mm": 700.3, "plate_mm": 99.9}
-)
+LITTLE_OFF = par4(NOMINAL.flat() | {"arm1.x_mm": 172.2, "arm2.forearm_mm": 700.3, "plate_mm": 99.9})
 
 
 def at_one_theta(theta_rad: float, spread_rad: float = 0.0):
     rng = np.random.default_rng(5)
     poses = interior_poses(region(), 160, rng)
     poses[:, 3] = theta_rad + rng.uniform(-spread_rad, spread_rad, len(poses))
-    solution = inverse(NOMINAL, poses)
+    solution = NOMINAL.inverse(poses)
     joints = solution.values[solution.found][:140]
-    points = TRACKER_FROM_BASE.apply(forward(LITTLE_OFF, joints).require()[:, :3])
+    points = TRACKER_FROM_BASE.apply(LITTLE_OFF.forward(joints).values_or_raise()[:, :3])
     purposes = [ShotSet.IDENTIFICATION] * 120 + [ShotSet.VALIDATION] * 20
     return noisy(dataset(joints, points, np.repeat(np.arange(70), 2).tolist(), purposes), 1)
 
@@ -68,7 +64,7 @@ def test_a_robust_loss_of_few_distances_stays_honest(shape: LossShape) -> None:
     """It could go through half of 30 distances by 22 parameters, and think them exact."""
     data = noisy(simulated(30, 8, seed=3, truth=LITTLE_OFF), 4)
     found = identified(data, Estimator.DISTANCES, loss=shape)
-    assert found.noise.scale > 0.5
+    assert found.chi2.scale > 0.5
     truth = LITTLE_OFF.flat()
     for name, std in deviations(found).items():
         if std is not None:
@@ -91,21 +87,21 @@ def test_a_gross_error_that_is_kept_is_no_crash(estimator: Estimator) -> None:
     for seed in range(4):
         data = moved(noisy(simulated(30, 8, seed=seed), seed), (4, 9, 20), by_mm=400.0, seed=seed)
         found = identified(data, estimator, poses=workspace(), outliers=Outliers.KEEP)
-        assert found.verdict == "fail" or found.residuals.after.rms > 1.0
+        assert found.verdict == "fail" or found.residuals_mm.after.rms > 1.0
 
 
 def test_pairs_at_one_place_are_left_out_and_named() -> None:
     data = noisy(simulated(60, 8, seed=3), 4)
-    joints, points = data.joints_rad.copy(), data.points_in_tracker_mm.copy()
+    joints, points = data.joints.copy(), data.points_in_tracker_mm.copy()
     joints[1], points[1] = joints[0], points[0]
-    twice = replace(data, joints_rad=joints, points_in_tracker_mm=points)
+    twice = replace(data, joints=joints, points_in_tracker_mm=points)
     found = identified(twice, Estimator.DISTANCES)
     assert [(each.pair, each.reason) for each in found.excluded] == [
         (0, "its two shots are at one place")
     ]
     assert found.verdict == "pass"
     still = np.tile(joints[0], (136, 1)), np.tile(points[0], (136, 1))
-    nowhere = replace(data, joints_rad=still[0], points_in_tracker_mm=still[1])
+    nowhere = replace(data, joints=still[0], points_in_tracker_mm=still[1])
     with pytest.raises(ShotsMissing, match=r"0 pairs \(60 left out\)"):
         identified(nowhere, Estimator.DISTANCES)
 
@@ -135,12 +131,12 @@ def test_outliers_are_looked_for_where_priors_stand_for_shots(estimator: Estimat
 @pytest.mark.parametrize("std", ["1e-7", "1e-160", "1e-320"])
 def test_a_prior_as_sharp_as_nothing_is_measured_is_refused(std: str) -> None:
     with pytest.raises(SelectionInvalid, match="must be 1e-06 or more"):
-        select_parameters(priors=[f"arm1.x_mm={std}"])
+        select_parameters(SPACE, priors=[f"arm1.x_mm={std}"])
 
 
 def test_the_name_that_is_both_freed_and_fixed_is_always_the_first() -> None:
     with pytest.raises(SelectionInvalid, match=r"arm0\.x_mm is both"):
-        select_parameters(["*"], ["*"])
+        select_parameters(SPACE, ["*"], ["*"])
 
 
 @BOTH

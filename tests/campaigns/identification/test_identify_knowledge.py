@@ -13,10 +13,11 @@ from identified_cases import (
     values,
     workspace,
 )
+from par4_space import NAMES
 
 from campaigns.estimation.estimators import Estimator, LossShape
-from campaigns.mechanisms.geometry import NAMES
 
+NOMINAL_PLATE_MM = NOMINAL.flat()["plate_mm"]
 AZIMUTHS = {f"arm{arm}.azimuth_deg" for arm in range(4)}
 SHIFT_ALONG_X = {f"arm{arm}.x_mm" for arm in range(4)}
 CLEAN = noisy(simulated(60, 20, seed=1), seed=2)
@@ -31,7 +32,7 @@ def test_what_moves_together_is_said_held_and_spoils_the_verdict(estimator) -> N
     assert found.reasons[0].startswith("the data cannot tell apart: ")
     assert found.reasons[0].endswith("move together here: held at nominal along that combination")
     assert {name for name in SHIFT_ALONG_X if deviations(found)[name] is None} == SHIFT_ALONG_X
-    assert found.unseen.after.rms < 0.05 * found.unseen.before.rms
+    assert found.unseen_mm.after.rms < 0.05 * found.unseen_mm.before.rms
 
 
 @BOTH
@@ -53,17 +54,17 @@ def test_everything_free_names_the_frames_shifts_and_turns(estimator) -> None:
         assert {f"arm{arm}.{field}" for arm in range(4)} in combinations
     assert len(combinations) == 4
     assert found.rank == 25
-    assert found.unseen.after.max_abs < 0.2
+    assert found.unseen_mm.after.max_abs < 0.2
 
 
 @BOTH
 def test_a_prior_covers_what_the_data_cannot_tell(estimator) -> None:
     found = identified(CLEAN, estimator, free=["arm0.x_mm"], prior=["arm0.x_mm=0.2"])
     assert found.unobservable == ()
-    assert [set(names) for names in found.by_priors_alone] == [SHIFT_ALONG_X]
+    assert [set(names) for names in found.known_by_priors_alone] == [SHIFT_ALONG_X]
     assert found.verdict == "pass"
     assert deviations(found)["arm0.x_mm"] == pytest.approx(0.2, rel=0.01)
-    assert values(found)["arm0.x_mm"] == pytest.approx(NOMINAL.motor_mm[0, 0], abs=0.1)
+    assert values(found)["arm0.x_mm"] == pytest.approx(NOMINAL.flat()["arm0.x_mm"], abs=0.1)
 
 
 @BOTH
@@ -75,15 +76,15 @@ def test_a_good_prior_sharpens_what_hangs_together_with_it(estimator) -> None:
         deviations(known)[n] <= deviations(plain)[n] * 1.001 for n in NAMES if deviations(plain)[n]
     )
     assert deviations(sharp)["plate_mm"] < 1.1e-5
-    assert values(sharp)["plate_mm"] == pytest.approx(NOMINAL.plate_mm, abs=1e-3)
+    assert values(sharp)["plate_mm"] == pytest.approx(NOMINAL_PLATE_MM, abs=1e-3)
 
 
 @BOTH
 def test_a_wrong_prior_makes_the_scatter_unbelievable(estimator) -> None:
     """Table I's plate is far from nominal: a prior that denies it contradicts the shots."""
-    assert abs(TRUTH.plate_mm - NOMINAL.plate_mm) > 0.5
+    assert abs(TRUTH.flat()["plate_mm"] - NOMINAL_PLATE_MM) > 0.5
     found = identified(CLEAN, estimator, prior=["plate_mm=0.0001"])
-    assert not found.noise.believable
+    assert not found.chi2.believable
 
 
 @pytest.mark.slow
@@ -97,13 +98,13 @@ def test_priors_losses_and_outliers_work_together(estimator, loss) -> None:
     assert named == ([7, 50, 99] if estimator is Estimator.POINTS else [3, 25, 49])
     assert found.verdict == "pass"
     clean = identified(CLEAN, estimator, **options)
-    assert found.unseen.after.rms <= 1.3 * clean.unseen.after.rms
+    assert found.unseen_mm.after.rms <= 1.3 * clean.unseen_mm.after.rms
 
 
 def test_a_change_of_frame_does_not_make_positions_uncertain() -> None:
     plain = identified(CLEAN, Estimator.POINTS, poses=workspace())
     shifted = identified(CLEAN, Estimator.POINTS, free=["arm0.x_mm"], poses=workspace())
-    assert shifted.position_std.mean == pytest.approx(plain.position_std.mean, rel=1e-3)
+    assert shifted.position_std_mm.mean == pytest.approx(plain.position_std_mm.mean, rel=1e-3)
 
 
 def test_positions_are_not_known_where_shots_are_too_few() -> None:
@@ -115,13 +116,13 @@ def test_positions_are_not_known_where_shots_are_too_few() -> None:
         prior=["*.arm_mm=1000000", "*.forearm_mm=1000000", "arm*.y_mm=1000000"],
         poses=workspace(),
     )
-    assert found.position_std is None or found.position_std.max > 1.0
+    assert found.position_std_mm is None or found.position_std_mm.max > 1.0
 
 
 def test_strong_correlations_come_largest_first() -> None:
     few = noisy(simulated(24, 5, seed=1), seed=1)
-    strong = identified(few, Estimator.DISTANCES).covariance.strong_correlations()
-    sizes = [abs(each.value) for each in strong]
+    strong = identified(few, Estimator.DISTANCES).document()["correlations"]
+    sizes = [abs(each["value"]) for each in strong]
     assert sizes == sorted(sizes, reverse=True)
     assert 0 < len(sizes) <= 20
     assert min(sizes) >= 0.9

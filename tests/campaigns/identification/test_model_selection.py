@@ -5,70 +5,66 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identified_cases import NOMINAL, TRACKER_FROM_BASE, TRUTH, noisy, simulated
+from par4_space import AXIS_TILT_NAMES, BACKLASH_NAMES, MODEL_NAMES, SPACE, indices, par4, par4_of
 
 from campaigns.errors import SelectionInvalid
+from campaigns.estimation.estimators import Model
 from campaigns.estimation.residuals import PositionModel
 from campaigns.identification.identify import identify
-from campaigns.identification.model_selection import (
-    STANDARD,
-    bic,
-    extended_selection,
-    select_model,
-)
-from campaigns.identification.parameter_selection import Prior
-from campaigns.identification.result import IdentificationRequest
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import (
-    AXIS_TILT_NAMES,
-    BACKLASH_NAMES,
-    BACKLASHES,
-    MODEL_NAMES,
-    Geometry,
-    indices,
-)
+from campaigns.identification.model_selection import STANDARD, bic, candidate_models, select_model
+from campaigns.identification.parameter_selection import Prior, select_parameters
+from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.shots.shot_sets import ShotSet
 
-MODELS = extended_selection()
-REQUEST = IdentificationRequest()
-TILTED = replace(
-    TRUTH,
-    azimuth_rad=TRUTH.azimuth_rad + np.array([0.0, 1e-3, -8e-4, 6e-4]),
-    axis_tilt_rad=np.array([1e-3, -8e-4, 6e-4, -1e-3]),
-)
+MODELS = candidate_models(SPACE, Model.EXTENDED)
+USUAL = select_parameters(SPACE)
+AZIMUTHS = indices([f"arm{arm}.azimuth_deg" for arm in range(4)])
+BACKLASHES = indices(BACKLASH_NAMES)
 NO_BACKLASH = np.zeros(4)
 BACKLASH_RAD = np.radians(np.array([1.0, 0.8, 1.2, 0.6]) / 60.0)
 
 
-def shots(truth: Geometry, backlash_rad=NO_BACKLASH, seed=1, unseen=20):
+def tilted():
+    """Table I's robot, whose axes point a little elsewhere too."""
+    p = TRUTH.p.copy()
+    p[AZIMUTHS] += [0.0, 1e-3, -8e-4, 6e-4]
+    p[indices(AXIS_TILT_NAMES)] = [1e-3, -8e-4, 6e-4, -1e-3]
+    return par4_of(p)
+
+
+TILTED = tilted()
+
+
+def shots(truth: Kinematics, backlash_rad=NO_BACKLASH, seed=1, unseen=20):
     """Of a robot with or without backlash, whose joints come from either side."""
     data = simulated(60, unseen, seed)
-    approach = np.random.default_rng(seed).choice([-1.0, 1.0], data.joints_rad.shape)
-    model = PositionModel(truth, BACKLASHES, data.joints_rad, approach=approach)
+    approach = np.random.default_rng(seed).choice([-1.0, 1.0], data.joints.shape)
+    model = PositionModel(truth, BACKLASHES, data.joints, approach=approach)
     points = TRACKER_FROM_BASE.apply(model.positions_mm(backlash_rad))
     return noisy(replace(data, points_in_tracker_mm=points, approach=approach), seed)
 
 
 def chosen(data):
-    return select_model(NOMINAL, data, REQUEST, MODELS)
+    return select_model(NOMINAL, data, MODELS)
 
 
 def kept(found):
-    [name] = [each.name for each in found.compared if each.kept]
+    [name] = [each.name for each in found.models if each.kept]
     return name
 
 
 def outcomes(choice):
-    return {each.name: each.outcome for each in choice.compared}
+    return {each.name: each.outcome for each in choice.models}
 
 
 def test_tilted_axes_and_backlash_are_found_and_kept():
     choice = chosen(shots(TILTED, BACKLASH_RAD))
     assert kept(choice) == "axes+backlash"
-    found = {each.name: each for each in choice.parameters}
+    found = choice.parameters
     for name, true_rad in zip(BACKLASH_NAMES, BACKLASH_RAD, strict=True):
         assert abs(found[name].value - np.degrees(true_rad)) < 4.0 * found[name].std
-    standard = choice.compared[0]
-    assert choice.unseen.after.rms < 0.5 * standard.unseen_rms_mm
+    standard = choice.models[0]
+    assert choice.unseen_mm.after.rms < 0.5 * standard.unseen_rms_mm
     assert standard.outcome == "another model is better"
 
 
@@ -82,28 +78,35 @@ def test_of_two_models_that_know_as_much_the_smaller_is_kept():
 def test_a_robot_that_22_parameters_describe_keeps_them(seed):
     choice = chosen(shots(TRUTH, seed=seed))
     assert kept(choice) == STANDARD
-    assert choice.compared[0].outcome == "kept"
+    assert choice.models[0].outcome == "kept"
     assert all("no better" in why or "BIC" in why for why in list(outcomes(choice).values())[1:])
 
 
 def test_the_standard_model_is_the_one_that_is_fitted_without_a_choice():
     data = shots(TRUTH)
-    alone = identify(NOMINAL, data, REQUEST)
-    assert [p.value for p in chosen(data).parameters] == [p.value for p in alone.parameters]
+    alone = identify(NOMINAL, data, USUAL)
+    assert chosen(data).flat() == alone.flat()
+
+
+def test_one_model_alone_is_no_choice():
+    data = shots(TRUTH)
+    only = candidate_models(SPACE, Model.STANDARD)
+    assert list(only) == [STANDARD]
+    assert only[STANDARD] == USUAL
+    assert select_model(NOMINAL, data, only).models == ()
 
 
 def test_unseen_pairs_that_are_no_better_outweigh_the_fitted_ones():
     data = shots(TILTED, BACKLASH_RAD)
-    standard = identify(NOMINAL, data, REQUEST)
-    flat = {each.name: each.value for each in standard.parameters}
+    standard = identify(NOMINAL, data, USUAL)
     held = np.array([purpose is ShotSet.VALIDATION for purpose in data.purposes])
-    told = forward(Geometry.from_flat(flat), data.joints_rad[held]).require()[:, :3]
+    told = par4(standard.flat()).forward(data.joints[held]).values_or_raise()[:, :3]
     points = data.points_in_tracker_mm.copy()
     points[held] = TRACKER_FROM_BASE.apply(told)
     choice = chosen(replace(data, points_in_tracker_mm=points))
     assert kept(choice) == STANDARD
     assert outcomes(choice)["axes+backlash"] == "unseen pairs are no better for it"
-    assert choice.compared[-1].bic < choice.compared[0].bic
+    assert choice.models[-1].bic < choice.models[0].bic
 
 
 def test_without_unseen_pairs_nothing_speaks_for_a_larger_model():
@@ -126,7 +129,9 @@ def test_too_few_shots_for_a_larger_model_leave_the_standard_one():
 
 
 def test_each_model_adds_its_parameters_to_what_the_user_frees():
-    models = extended_selection(freed=["arm0.x_mm"], fixed=["arm2.axis_tilt_deg"])
+    models = candidate_models(
+        SPACE, Model.EXTENDED, freed=["arm0.x_mm"], fixed=["arm2.axis_tilt_deg"]
+    )
     assert all("arm0.x_mm" in known.free for known in models.values())
     assert not any("arm2.axis_tilt_deg" in known.free for known in models.values())
     assert not {*AXIS_TILT_NAMES, *BACKLASH_NAMES} & {*models[STANDARD].free}
@@ -135,21 +140,22 @@ def test_each_model_adds_its_parameters_to_what_the_user_frees():
 
 
 def test_what_the_user_frees_by_name_belongs_to_the_standard_model_too():
-    models = extended_selection(freed=["arm1.axis_tilt_deg"])
+    models = candidate_models(SPACE, Model.EXTENDED, freed=["arm1.axis_tilt_deg"])
     assert "arm1.axis_tilt_deg" in models[STANDARD].free
 
 
 def test_a_prior_counts_in_the_models_that_have_its_parameter():
-    models = extended_selection(priors=["arm1.axis_tilt_deg=0.03", "plate_mm=0.1"])
+    texts = ["arm1.axis_tilt_deg=0.03", "plate_mm=0.1"]
+    models = candidate_models(SPACE, Model.EXTENDED, priors=texts)
     assert models["axes"].priors == (Prior("plate_mm", 0.1), Prior("arm1.axis_tilt_deg", 0.03))
     assert models[STANDARD].priors == (Prior("plate_mm", 0.1),)
     with pytest.raises(SelectionInvalid, match="is held"):
-        extended_selection(priors=["arm0.x_mm=0.1"])
+        candidate_models(SPACE, Model.EXTENDED, priors=["arm0.x_mm=0.1"])
 
 
 def test_the_criterion_charges_a_parameter_the_logarithm_of_the_measurements():
     data = shots(TRUTH)
-    found = identify(NOMINAL, data, REQUEST)
+    found = identify(NOMINAL, data, USUAL)
     dearer = replace(found, rank=found.rank + 1)
     assert bic(dearer) - bic(found) == pytest.approx(np.log(3 * 120))
     assert len(indices(MODELS["axes+backlash"].free)) == 33

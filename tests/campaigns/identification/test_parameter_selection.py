@@ -1,47 +1,47 @@
 """What the user knows: patterns to free and fix, and priors."""
 
 import pytest
+from par4_space import FREE_BY_DEFAULT, NAMES, SPACE
 
 from campaigns.errors import SelectionInvalid
 from campaigns.identification.parameter_selection import Prior, matching, select_parameters
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, NAMES
 
 AZIMUTHS = tuple(f"arm{arm}.azimuth_deg" for arm in range(4))
 
 
 def test_nothing_said_means_the_usual_22():
-    assert select_parameters().free == FREE_BY_DEFAULT
-    assert select_parameters().priors == ()
+    assert select_parameters(SPACE).free == FREE_BY_DEFAULT
+    assert select_parameters(SPACE).priors == ()
 
 
 def test_a_pattern_frees_every_parameter_it_matches_in_the_usual_order():
-    free = select_parameters(freed=["arm*.azimuth_deg"]).free
+    free = select_parameters(SPACE, freed=["arm*.azimuth_deg"]).free
     assert set(free) == {*FREE_BY_DEFAULT, *AZIMUTHS}
     assert list(free) == sorted(free, key=NAMES.index)
 
 
 def test_a_pattern_fixes_every_parameter_it_matches():
-    free = select_parameters(fixed=["arm[12].*"]).free
+    free = select_parameters(SPACE, fixed=["arm[12].*"]).free
     assert not [name for name in free if name.startswith(("arm1", "arm2"))]
     assert "arm3.x_mm" in free
 
 
 def test_a_written_out_name_outranks_a_pattern():
-    free = select_parameters(freed=["arm*.azimuth_deg"], fixed=["arm0.azimuth_deg"]).free
+    free = select_parameters(SPACE, freed=["arm*.azimuth_deg"], fixed=["arm0.azimuth_deg"]).free
     assert "arm0.azimuth_deg" not in free
     assert "arm1.azimuth_deg" in free
-    assert "plate_mm" in select_parameters(freed=["plate_mm"], fixed=["*_mm"]).free
+    assert "plate_mm" in select_parameters(SPACE, freed=["plate_mm"], fixed=["*_mm"]).free
 
 
 @pytest.mark.parametrize("same", ["plate_mm", "arm*.arm_mm"])
 def test_what_is_freed_and_fixed_alike_is_refused(same):
     with pytest.raises(SelectionInvalid, match="both freed and fixed"):
-        select_parameters(freed=[same], fixed=[same])
+        select_parameters(SPACE, freed=[same], fixed=[same])
 
 
 def test_a_name_that_is_none_is_refused_with_the_nearest_one():
     with pytest.raises(SelectionInvalid, match=r"arm1\.azimut_deg is not a parameter") as caught:
-        select_parameters(freed=["arm1.azimut_deg"])
+        select_parameters(SPACE, freed=["arm1.azimut_deg"])
     assert "did you mean arm1.azimuth_deg?" in caught.value.remedy
 
 
@@ -52,37 +52,39 @@ def test_a_pattern_that_matches_nothing_is_refused():
 
 def test_fixing_everything_is_refused():
     with pytest.raises(SelectionInvalid, match="no parameter to find"):
-        select_parameters(fixed=["*"])
+        select_parameters(SPACE, fixed=["*"])
 
 
 def test_a_prior_means_the_free_parameters_of_its_pattern():
-    priors = select_parameters(priors=["arm*.x_mm=0.5", "plate_mm=0.1"]).priors
+    priors = select_parameters(SPACE, priors=["arm*.x_mm=0.5", "plate_mm=0.1"]).priors
     assert priors == (*(Prior(f"arm{arm}.x_mm", 0.5) for arm in (1, 2, 3)), Prior("plate_mm", 0.1))
 
 
 def test_the_last_prior_on_a_parameter_counts():
-    priors = select_parameters(priors=["arm*.forearm_mm=0.05", "arm2.forearm_mm=0.01"]).priors
+    priors = select_parameters(
+        SPACE, priors=["arm*.forearm_mm=0.05", "arm2.forearm_mm=0.01"]
+    ).priors
     assert Prior("arm2.forearm_mm", 0.01) in priors
     assert Prior("arm1.forearm_mm", 0.05) in priors
 
 
 def test_a_prior_on_held_parameters_is_refused_by_name():
     with pytest.raises(SelectionInvalid, match=r"arm0\.x_mm is held") as caught:
-        select_parameters(priors=["arm0.x_mm=0.1"])
+        select_parameters(SPACE, priors=["arm0.x_mm=0.1"])
     assert "--free 'arm0.x_mm'" in caught.value.remedy
     with pytest.raises(SelectionInvalid, match="are held"):
-        select_parameters(priors=["arm*.azimuth_deg=0.1"])
+        select_parameters(SPACE, priors=["arm*.azimuth_deg=0.1"])
     with pytest.raises(SelectionInvalid, match=r"plate_mm is held"):
-        select_parameters(fixed=["plate_mm"], priors=["plate_mm=0.1"])
+        select_parameters(SPACE, fixed=["plate_mm"], priors=["plate_mm=0.1"])
 
 
 @pytest.mark.parametrize("text", ["plate_mm", "plate_mm=", "plate_mm=-1", "plate_mm=0", "=0.1x"])
 def test_a_prior_without_a_positive_standard_deviation_is_refused(text):
     with pytest.raises(SelectionInvalid, match="must be a number above 0"):
-        select_parameters(priors=[text])
+        select_parameters(SPACE, priors=[text])
 
 
 @pytest.mark.parametrize("number", ["nan", "inf"])
 def test_a_prior_that_says_nothing_is_refused(number):
     with pytest.raises(SelectionInvalid):
-        select_parameters(priors=[f"plate_mm={number}"])
+        select_parameters(SPACE, priors=[f"plate_mm={number}"])

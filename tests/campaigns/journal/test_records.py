@@ -31,7 +31,7 @@ outcomes = st.builds(
     Outcome,
     shot=numbers,
     attempt=numbers,
-    joints_rad=st.lists(finite, max_size=6).map(tuple),
+    joints=st.lists(finite, max_size=6).map(tuple),
     point_in_tracker_mm=vectors,
     covariance_mm2=st.none() | st.tuples(vectors, vectors, vectors),
     weather=st.none() | st.builds(Weather, finite, finite, finite),
@@ -40,7 +40,7 @@ outcomes = st.builds(
     durations=st.none() | st.builds(Durations, finite, finite, finite),
     predicted_in_tracker_mm=st.none() | vectors,
     residual_mm=st.none() | finite,
-    came_from_rad=st.none() | st.lists(finite, max_size=6).map(tuple),
+    came_from=st.none() | st.lists(finite, max_size=6).map(tuple),
 )
 intents = st.builds(
     Intent,
@@ -48,7 +48,7 @@ intents = st.builds(
     attempt=numbers,
     purpose=words,
     target=st.builds(Pose, finite, finite, finite, finite),
-    target_joints_rad=st.lists(finite, max_size=6).map(tuple),
+    target_joints=st.lists(finite, max_size=6).map(tuple),
     command=st.sampled_from(["joints", "pose"]),
 )
 plain = st.recursive(

@@ -115,9 +115,9 @@ def test_outcome_holds_what_was_asked_read_measured_and_how_long_it_took(tmp_pat
         series = cell.measure(journal, work())
         shot = journal.shots(series)[1]
     assert shot.intent.target == TWO_PAIRS[1].pose
-    assert shot.intent.target_joints_rad == TWO_PAIRS[1].joints_rad
+    assert shot.intent.target_joints == TWO_PAIRS[1].joints
     assert (shot.intent.purpose, shot.intent.pair) == ("identification", 0)
-    assert shot.outcome.joints_rad == pytest.approx(TWO_PAIRS[1].joints_rad)
+    assert shot.outcome.joints == pytest.approx(TWO_PAIRS[1].joints)
     assert shot.outcome.raw_robot.startswith("reading")
     assert shot.outcome.raw_tracker == "measurement 2"
     assert shot.outcome.durations.move_s == pytest.approx(0.4, abs=0.2)

@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fake_cell import NOMINAL, TRACKER_FROM_BASE
+from par4_space import FREE_BY_DEFAULT
 from small_plans import FOUR_PAIRS, GATE
 
 from campaigns.estimation.incremental_fit import IncrementalGaussNewton
 from campaigns.journal.records import Outcome
 from campaigns.measuring.monitors import DriftMonitor, InnovationGate, TemperatureMonitor
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT
 from drivers.values import Vector3, Weather
 
 Joints = tuple[float, ...]
-JOINTS = [shot.joints_rad for shot in FOUR_PAIRS]
+JOINTS = [shot.joints for shot in FOUR_PAIRS]
 
 
 def gate(rules=GATE) -> InnovationGate:
@@ -23,7 +22,7 @@ def gate(rules=GATE) -> InnovationGate:
 
 
 def seen_mm(joints: Joints, off_mm: float = 0.0) -> Vector3:
-    pose = forward(NOMINAL, np.array([joints])).require()[:, :3]
+    pose = NOMINAL.forward(np.array([joints])).values_or_raise()[:, :3]
     point = TRACKER_FROM_BASE.apply(pose)[0] + (0.0, off_mm, 0.0)
     return tuple(point.tolist())
 

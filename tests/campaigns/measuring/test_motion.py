@@ -11,7 +11,6 @@ from small_plans import LIMITS, MOTION, commanded_as_pose, planned
 from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
 from campaigns.measuring.motion import Arrival, Mover
 from campaigns.measuring.run_state import EngineState
-from campaigns.mechanisms.par4 import inverse
 from campaigns.planning.paths import PathCache, RobotModel, route
 from campaigns.planning.steps import Step
 from campaigns.shots.shot_sets import ShotSet
@@ -36,7 +35,7 @@ def test_arrival_is_the_robot_at_rest_at_its_target() -> None:
     cell = FakeCell()
     arrival, states = go(cell, Step(NEAR, "joints"))
     assert states == [EngineState.MOVING, EngineState.SETTLING]
-    assert arrival.state.joints_rad == pytest.approx(NEAR.joints_rad)
+    assert arrival.state.joints == pytest.approx(NEAR.joints)
     assert not arrival.state.moving
     assert arrival.settle_s >= MOTION.settle_s
     assert arrival.move_s + arrival.settle_s == pytest.approx(cell.clock.now_s())
@@ -45,21 +44,21 @@ def test_arrival_is_the_robot_at_rest_at_its_target() -> None:
 def test_arrival_tells_where_the_joints_stood_before() -> None:
     cell = FakeCell()
     stood = tuple(cell.robot.joints.tolist())
-    assert go(cell, Step(NEAR, "joints"))[0].came_from_rad == pytest.approx(stood)
+    assert go(cell, Step(NEAR, "joints"))[0].came_from == pytest.approx(stood)
 
 
 def test_arrival_tells_the_stop_before_when_the_way_has_some() -> None:
     cell = FakeCell()
-    via = planned(0, ShotSet.ROTATION, None, 60.0, 0.0, -520.0).joints_rad
-    assert go(cell, commanded_as_pose(NEAR, (via,)))[0].came_from_rad == pytest.approx(via)
+    via = planned(0, ShotSet.ROTATION, None, 60.0, 0.0, -520.0).joints
+    assert go(cell, commanded_as_pose(NEAR, (via,)))[0].came_from == pytest.approx(via)
 
 
 def test_a_stop_on_the_way_is_told_as_read_and_not_as_commanded() -> None:
     cell = FakeCell()
-    via = planned(0, ShotSet.ROTATION, None, 60.0, 0.0, -520.0).joints_rad
+    via = planned(0, ShotSet.ROTATION, None, 60.0, 0.0, -520.0).joints
     cell.robot.off_target_rad = np.radians([0.0, 0.01, 0.0, 0.0])
     arrival, _ = go(cell, commanded_as_pose(NEAR, (via,)))
-    apart_deg = np.degrees(np.subtract(arrival.came_from_rad, via))
+    apart_deg = np.degrees(np.subtract(arrival.came_from, via))
     assert apart_deg == pytest.approx([0.0, 0.01, 0.0, 0.0])
 
 
@@ -71,7 +70,7 @@ def test_pose_is_commanded_as_a_pose() -> None:
 
 def test_approach_is_passed_before_the_target() -> None:
     cell = FakeCell()
-    via = planned(0, ShotSet.ROTATION, None, 60.0, 0.0, -520.0).joints_rad
+    via = planned(0, ShotSet.ROTATION, None, 60.0, 0.0, -520.0).joints
     go(cell, commanded_as_pose(NEAR, (via,)))
     assert [call[0] for call in moves(cell)] == ["robot.move_joints", "robot.move_pose"]
     assert moves(cell)[0][1:] == rounded_deg(via)
@@ -81,7 +80,7 @@ def unsafe_ends() -> tuple[np.ndarray, np.ndarray]:
     """Two poses between which the straight way is not safe, but a way round is."""
     rng = np.random.default_rng(5)
     poses = CENTRE + rng.uniform(-1.0, 1.0, (400, 4)) * (350.0, 350.0, 200.0, 0.75)
-    joints = inverse(NOMINAL, poses)
+    joints = NOMINAL.inverse(poses)
     inside = joints.found & ((joints.values > -0.7) & (joints.values < 1.5)).all(axis=1)
     ends = joints.values[inside]
     for here, there in pairwise(ends):
@@ -95,7 +94,7 @@ def test_way_round_is_taken_leg_by_leg() -> None:
     here, there = unsafe_ends()
     cell = FakeCell()
     cell.robot.joints = here
-    target = replace(NEAR, joints_rad=tuple(there.tolist()))
+    target = replace(NEAR, joints=tuple(there.tolist()))
     go(cell, Step(target, "joints"))
     legs = route(NOMINAL, LIMITS, here, there, CENTRE)
     assert [call[1:] for call in moves(cell)] == [rounded_deg(leg) for leg in legs]
@@ -107,14 +106,14 @@ def test_next_leg_waits_until_the_robot_is_where_the_leg_before_ends() -> None:
     cell.robot.joints = here
     cell.robot.off_target_rad = np.array([0.0, 0.01, 0.0, 0.0])
     with pytest.raises(NotSettled, match=r"joint 1 is 0\.5730° from its target"):
-        go(cell, Step(replace(NEAR, joints_rad=tuple(there.tolist())), "joints"))
+        go(cell, Step(replace(NEAR, joints=tuple(there.tolist())), "joints"))
     assert len(moves(cell)) == 1
 
 
 def test_way_of_the_plan_is_not_searched_again(monkeypatch: pytest.MonkeyPatch) -> None:
     cell = FakeCell()
     further = planned(8, ShotSet.ROTATION, None, -60.0, 0.0, -520.0)
-    ways = PathCache(MECHANISM, [NEAR.joints_rad, further.joints_rad])
+    ways = PathCache(MECHANISM, [NEAR.joints, further.joints])
     mover = Mover(cell.robot, cell.clock, MOTION, ways, cell.wish)
     mover.go(Step(NEAR, "joints"), lambda _: None)
     monkeypatch.setattr("campaigns.planning.paths.route", lambda *_: None)
@@ -126,8 +125,8 @@ def test_way_of_the_plan_is_not_searched_again(monkeypatch: pytest.MonkeyPatch) 
 def test_robot_that_was_pushed_away_is_led_from_where_it_really_stands() -> None:
     here, there = unsafe_ends()
     cell = FakeCell()
-    target = replace(NEAR, joints_rad=tuple(there.tolist()))
-    ways = PathCache(MECHANISM, [NEAR.joints_rad, target.joints_rad])
+    target = replace(NEAR, joints=tuple(there.tolist()))
+    ways = PathCache(MECHANISM, [NEAR.joints, target.joints])
     mover = Mover(cell.robot, cell.clock, MOTION, ways, cell.wish)
     mover.go(Step(NEAR, "joints"), lambda _: None)
     cell.robot.joints = here
@@ -147,7 +146,7 @@ def test_unsafe_way_is_refused_before_anything_moves() -> None:
 
 def test_target_that_cannot_be_assembled_is_refused_before_anything_moves() -> None:
     cell = FakeCell()
-    nowhere = replace(NEAR, joints_rad=tuple(np.radians([90.0, -90.0, 90.0, -90.0]).tolist()))
+    nowhere = replace(NEAR, joints=tuple(np.radians([90.0, -90.0, 90.0, -90.0]).tolist()))
     with pytest.raises(TargetOutOfReach):
         go(cell, Step(nowhere, "joints"))
     assert not moves(cell)
@@ -184,7 +183,7 @@ def test_wish_to_stop_is_looked_at_before_each_leg() -> None:
     ends_s = np.abs(route(NOMINAL, LIMITS, here, there, CENTRE)[0] - here).max() / 0.9
     cell.clock.after(ends_s, cell.wish.ask)
     with pytest.raises(Interrupted):
-        go(cell, Step(replace(NEAR, joints_rad=tuple(there.tolist())), "joints"))
+        go(cell, Step(replace(NEAR, joints=tuple(there.tolist())), "joints"))
     assert len(moves(cell)) == 1
 
 
@@ -237,7 +236,7 @@ def test_move_and_settling_share_one_deadline() -> None:
 
 def test_controller_that_goes_on_reporting_motion_is_not_settled() -> None:
     cell = FakeCell()
-    arrives_s = np.abs(np.subtract(NEAR.joints_rad, cell.robot.joints)).max() / 0.9
+    arrives_s = np.abs(np.subtract(NEAR.joints, cell.robot.joints)).max() / 0.9
     cell.clock.after(arrives_s + 0.1, lambda: setattr(cell.robot, "keeps_moving", True))
     with pytest.raises(NotSettled, match="the controller still reports motion"):
         go(cell, Step(NEAR, "joints"))
@@ -250,7 +249,7 @@ def test_angle_that_is_no_number_is_never_still_nor_in_place() -> None:
     cell.robot.joints = cell.robot.joints + np.array([0.0, 0.0, np.nan, 0.0])
     assert mover.has_moved(before)
     with pytest.raises(NotSettled):
-        mover._await_arrival(before.joints_rad, cell.clock.now_s() + 1.0)
+        mover._await_arrival(before.joints, cell.clock.now_s() + 1.0)
 
 
 @pytest.mark.parametrize(("moved_deg", "has_moved"), [(0.001, False), (0.003, True)])

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from fake_cell import NOMINAL, FakeCell
 from goal_plans import ALL, OTHERS, PLAN, noisy_cell, numbers, until, worst_length_mm
+from par4_space import FREE_BY_DEFAULT, par4
+from small_plans import SETUP
 from tested_journal import journal_in
 
 from campaigns.errors import Interrupted
@@ -24,14 +26,19 @@ from campaigns.journal.records import (
 )
 from campaigns.journal.views import Entry
 from campaigns.measuring.run_state import ParameterPrecision
-from campaigns.measuring.session import complete_series, count_left_out, precision_from
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, Geometry
+from campaigns.measuring.session import Work, complete_series, count_left_out, precision_from
 from campaigns.shots.shot_sets import ShotSet
 
+BY_DISTANCES = replace(SETUP, estimator=Estimator.DISTANCES)
 GOAL_MM, SHARPER_MM, SHARPEST_MM = 0.4, 0.2, 0.05
 """Met by about 15 and 20 of the 26 identification shots, and not at all."""
 PAIR_OF = {shot.shot: shot.pair for shot in PLAN if shot.pair is not None}
 IDENTIFICATION = sorted(ALL - OTHERS)
+
+
+def freeing(free: tuple[str, ...]) -> Work:
+    """No goal, and these parameters to be identified."""
+    return until(None, setup=replace(SETUP, free=free))
 
 
 def measured(folder: Path, goal_mm: float | None, cell: FakeCell | None = None) -> FakeCell:
@@ -167,7 +174,7 @@ def test_a_covariance_that_cannot_be_neither_ends_a_run_nor_meets_a_goal(tmp_pat
 def test_distances_know_less_than_points(ended_early: Path) -> None:
     with journal_in(ended_early, []) as journal:
         assert complete_series(journal, until(GOAL_MM)) is not None
-        assert complete_series(journal, until(GOAL_MM, estimator=Estimator.DISTANCES)) is None
+        assert complete_series(journal, until(GOAL_MM, setup=BY_DISTANCES)) is None
 
 
 def test_an_early_end_finishes_the_series(ended_early: Path) -> None:
@@ -295,14 +302,11 @@ FEWER = tuple(name for name in FREE_BY_DEFAULT if not name.endswith("forearm_mm"
 
 
 def test_what_is_held_at_nominal_scatters_what_is_told_while_it_is_measured(tmp_path: Path) -> None:
-    off = Geometry.from_flat(NOMINAL.flat() | {"arm1.forearm_mm": 700.8, "arm3.forearm_mm": 698.8})
+    off = par4(NOMINAL.flat() | {"arm1.forearm_mm": 700.8, "arm3.forearm_mm": 698.8})
     cell = noisy_cell(truth=off)
     with journal_in(tmp_path, cell.calls) as journal:
-        shots = journal.shots(cell.measure(journal, until(None, free=FEWER)))
-    by_a_fit, at_the_end = (
-        precision_from(shots, until(None, free=FEWER)),
-        cell.watcher.told[-1].known,
-    )
+        shots = journal.shots(cell.measure(journal, freeing(FEWER)))
+    by_a_fit, at_the_end = precision_from(shots, freeing(FEWER)), cell.watcher.told[-1].known
     assert by_a_fit.scatter > 2.0
     assert at_the_end.scatter == pytest.approx(by_a_fit.scatter, rel=0.1)
 
@@ -313,12 +317,9 @@ def test_what_is_known_is_of_the_parameters_that_identify_will_look_for(
 ) -> None:
     cell = noisy_cell()
     with journal_in(tmp_path, cell.calls) as journal:
-        shots = journal.shots(cell.measure(journal, until(None, free=free)))
+        shots = journal.shots(cell.measure(journal, freeing(free)))
     at_the_end = cell.watcher.told[-1].known
-    by_a_fit, usual = (
-        precision_from(shots, until(None, free=free)),
-        precision_from(shots, until(None)),
-    )
+    by_a_fit, usual = (precision_from(shots, each) for each in (freeing(free), until(None)))
     assert at_the_end.shots == by_a_fit.shots == len(IDENTIFICATION)
     assert at_the_end.length_std_mm == pytest.approx(by_a_fit.length_std_mm, rel=0.05)
     assert (by_a_fit.length_std_mm > 1.02 * usual.length_std_mm) is (free == MORE)
@@ -330,10 +331,10 @@ def test_parameters_held_wrongly_do_not_refuse_shots(tmp_path: Path) -> None:
 
     With this forearm held at 700 mm it would refuse, 3 mm off.
     """
-    long_armed = Geometry.from_flat(NOMINAL.flat() | {"arm1.forearm_mm": 720.0})
+    long_armed = par4(NOMINAL.flat() | {"arm1.forearm_mm": 720.0})
     cell = noisy_cell(truth=long_armed)
     with journal_in(tmp_path, cell.calls) as journal:
-        cell.measure(journal, until(None, free=FEWER))
+        cell.measure(journal, freeing(FEWER))
         assert not journal.records_of(Rejected)
 
 

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from fake_cell import CENTRE, NOMINAL, ROBOT
 from goal_plans import REQUEST, TRACKER_MM, VIEW
-from small_plans import FOUR_PAIRS, LIMITS, planned
+from small_plans import FOUR_PAIRS, LIMITS, SETUP, planned
 
 from campaigns.errors import PlanInvalid
 from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.measuring.precision_monitor import PrecisionMonitor
 from campaigns.measuring.run_state import ParameterPrecision
 from campaigns.measuring.stopping_rule import (
@@ -26,8 +25,6 @@ from campaigns.planning.steps import groups, joint_steps
 from campaigns.shots.shot_sets import ShotSet
 
 KNOWN = ParameterPrecision(84, "arm2.joint_offset_deg", 0.0021, 0.0198, 0.0061, 0.9)
-
-
 SHOTS = 80
 PLAN = make_plan(
     ROBOT, VIEW, replace(REQUEST, identification_shots=SHOTS), np.random.default_rng(1)
@@ -35,9 +32,8 @@ PLAN = make_plan(
 
 
 def knowing(shots=PLAN, estimator=Estimator.POINTS) -> PrecisionMonitor:
-    mechanism = RobotModel(NOMINAL, LIMITS, CENTRE)
-    rng = np.random.default_rng(1)
-    return PrecisionMonitor.of_plan(shots, mechanism, estimator, TrackerUncertainty(), rng)
+    robot, setup = RobotModel(NOMINAL, LIMITS, CENTRE), replace(SETUP, estimator=estimator)
+    return PrecisionMonitor.of_plan(shots, robot, setup, np.random.default_rng(1))
 
 
 @pytest.mark.parametrize(("goal_mm", "met"), [(0.0198, True), (0.02, True), (0.0197, False)])
@@ -91,9 +87,9 @@ def test_numbers_are_told_in_ranges() -> None:
     assert in_ranges([]) == ""
 
 
-def test_a_plan_foresees_what_its_shots_will_tell() -> None:
-    whole = knowing().foreseen(TRACKER_MM)
-    half = knowing().foreseen(TRACKER_MM, SHOTS // 2)
+def test_a_plan_predicts_what_its_shots_will_tell() -> None:
+    whole = knowing().predicted(TRACKER_MM)
+    half = knowing().predicted(TRACKER_MM, SHOTS // 2)
     assert (whole.shots, half.shots) == (SHOTS, SHOTS // 2)
     assert 0.02 < whole.length_std_mm < half.length_std_mm < 1.0
     assert whole.position_std_mm < whole.length_std_mm
@@ -102,25 +98,25 @@ def test_a_plan_foresees_what_its_shots_will_tell() -> None:
 
 def test_a_tracker_further_away_tells_less() -> None:
     further = tuple(3.0 * value for value in TRACKER_MM)
-    near, far = (knowing().foreseen(place) for place in (TRACKER_MM, further))
+    near, far = (knowing().predicted(place) for place in (TRACKER_MM, further))
     assert far.length_std_mm > 1.2 * near.length_std_mm
 
 
 def test_distances_of_pairs_tell_less_than_their_points() -> None:
-    points, distances = (knowing(estimator=e).foreseen(TRACKER_MM) for e in Estimator)
+    points, distances = (knowing(estimator=e).predicted(TRACKER_MM) for e in Estimator)
     assert distances.length_std_mm > 2.0 * points.length_std_mm
 
 
 def test_a_goal_within_reach_says_how_many_shots_will_do() -> None:
-    whole = knowing().foreseen(TRACKER_MM)
+    whole = knowing().predicted(TRACKER_MM)
     end = predicted_stop(PrecisionGoal(2.0 * whole.length_std_mm), knowing(), TRACKER_MM)
     assert end.whole == whole
-    enough, fewer = (knowing().foreseen(TRACKER_MM, n) for n in (end.shots, end.shots - 1))
+    enough, fewer = (knowing().predicted(TRACKER_MM, n) for n in (end.shots, end.shots - 1))
     assert enough.length_std_mm <= 2.0 * whole.length_std_mm < fewer.length_std_mm
 
 
 def test_a_goal_out_of_reach_is_refused_with_what_the_plan_will_give() -> None:
-    whole = knowing().foreseen(TRACKER_MM)
+    whole = knowing().predicted(TRACKER_MM)
     with pytest.raises(PlanInvalid) as caught:
         predicted_stop(PrecisionGoal(0.001), knowing(), TRACKER_MM)
     assert caught.value.problem == (

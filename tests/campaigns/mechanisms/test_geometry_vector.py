@@ -1,25 +1,24 @@
-"""A parameter set as names, as a vector and as arrays."""
+"""A parameter set as names and as a vector."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from par4_cases import CASES, NOMINAL, TILTED, flat_in
-
-from campaigns.mechanisms.geometry import (
+from par4_space import (
     AXIS_TILT_NAMES,
     BACKLASH_NAMES,
     BACKLASHES,
     FREE_BY_DEFAULT,
     GEOMETRY_NAMES,
-    HELD_BY_DEFAULT,
     MODEL_NAMES,
     NAMES,
     OFFSETS,
     PLATE,
     TILTS,
-    Geometry,
     indices,
+    par4,
+    places_of,
 )
 
 
@@ -29,38 +28,39 @@ def values_of(names):
 
 @given(values_of(GEOMETRY_NAMES))
 def test_names_and_vector_hold_the_same(flat):
-    geometry = Geometry.from_flat(flat)
+    geometry = par4(flat)
     told = dict.fromkeys(AXIS_TILT_NAMES, 0.0) | geometry.flat()
     assert told == pytest.approx(flat, rel=1e-15, abs=1e-300)
-    assert (Geometry.from_vector(geometry.vector()).vector() == geometry.vector()).all()
+    assert par4(geometry.flat()).p == pytest.approx(geometry.p, rel=1e-15, abs=1e-300)
 
 
 def test_a_robot_without_axis_tilts_has_the_29_names_of_files_and_controllers():
     assert tuple(NOMINAL.flat()) == NAMES
-    assert (NOMINAL.vector()[TILTS] == 0.0).all()
+    assert (NOMINAL.p[TILTS] == 0.0).all()
 
 
 def test_an_axis_tilt_is_named_where_there_is_one():
     flat = NOMINAL.flat() | {"arm2.axis_tilt_deg": 90.0}
-    geometry = Geometry.from_flat(flat)
-    assert geometry.axis_tilt_rad.tolist() == [0.0, 0.0, np.pi / 2, 0.0]
+    geometry = par4(flat)
+    assert geometry.p[TILTS].tolist() == [0.0, 0.0, np.pi / 2, 0.0]
     assert geometry.flat().keys() - set(NAMES) == {"arm2.axis_tilt_deg"}
-    assert Geometry.from_flat(TILTED.flat()).vector() == pytest.approx(TILTED.vector(), rel=1e-15)
+    assert par4(TILTED.flat()).p == pytest.approx(TILTED.p, rel=1e-15)
 
 
 def test_files_hold_degrees_and_the_inside_radians():
     flat = flat_in(CASES["nominal"]["geometry"]) | {"arm2.joint_offset_deg": 90.0}
-    geometry = Geometry.from_flat(flat)
-    assert geometry.joint_offset_rad.tolist() == [0.0, 0.0, np.pi / 2, 0.0]
-    assert geometry.azimuth_rad[0] == np.radians(225.0)
-    assert geometry.motor_mm[3].tolist() == [-172.5, 222.5, 0.0]
+    geometry = par4(flat)
+    assert geometry.p[OFFSETS].tolist() == [0.0, 0.0, np.pi / 2, 0.0]
+    assert geometry.p[places_of("azimuth_deg")[0]] == np.radians(225.0)
+    motor = indices(("arm3.x_mm", "arm3.y_mm", "arm3.z_mm"))
+    assert geometry.p[motor].tolist() == [-172.5, 222.5, 0.0]
 
 
 def test_a_missing_parameter_is_named():
     flat = NOMINAL.flat()
     del flat["arm1.forearm_mm"]
     with pytest.raises(KeyError, match=r"arm1\.forearm_mm"):
-        Geometry.from_flat(flat)
+        par4(flat)
 
 
 def test_an_unknown_name_has_no_place():
@@ -80,5 +80,6 @@ def test_what_lies_beyond_the_29_stands_after_them():
 
 
 def test_22_parameters_are_free_and_7_are_held():
-    assert (len(FREE_BY_DEFAULT), len(HELD_BY_DEFAULT)) == (22, 7)
-    assert sorted(FREE_BY_DEFAULT + HELD_BY_DEFAULT) == sorted(NAMES)
+    held = {f"arm{arm}.azimuth_deg" for arm in range(4)} | {f"arm0.{axis}_mm" for axis in "xyz"}
+    assert len(FREE_BY_DEFAULT) == 22
+    assert set(NAMES) - set(FREE_BY_DEFAULT) == held

@@ -10,15 +10,9 @@ from par4_cases import (
     central_differences,
     reachable_joints,
 )
+from par4_space import GEOMETRY_NAMES, IS_ANGLE, PLATE, TILTS, par4_of
 
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import GEOMETRY_NAMES, IS_ANGLE, PLATE, TILTS, Geometry
-from campaigns.mechanisms.par4 import (
-    closure_mm2,
-    closure_parameter_jacobian,
-    parameter_jacobian,
-    pose_jacobian,
-)
+from campaigns.mechanisms.par4 import PAR4
 
 DECADES = 10.0 ** -np.arange(1, 9)
 LEVER_MM = 100.0
@@ -30,18 +24,13 @@ BY_LENGTH = np.where(IS_ANGLE[: len(GEOMETRY_NAMES)], 1.0, LEVER_MM)
 def assembled(request):
     geometry = ROBOTS[request.param]
     joints = reachable_joints(geometry, 12, seed=21, limits=WELL_INSIDE)
-    return geometry, joints, forward(geometry, joints).require()
+    return geometry, joints, geometry.forward(joints).values_or_raise()
 
 
 def complex_step(function, x, step):
     """∂function/∂x (…, len(x)); exact but for step² as long as the function is analytic."""
     columns = [np.imag(function(x + 1j * step * unit)) / step for unit in np.eye(len(x))]
     return np.stack(columns, axis=-1)
-
-
-def complex_geometry(vector):
-    arms = vector[:PLATE].reshape(4, 7)
-    return Geometry(arms[:, :3], *arms[:, 3:].T, vector[PLATE], vector[TILTS])
 
 
 def assert_closer_with_every_decade(errors, steps):
@@ -55,10 +44,10 @@ def assert_closer_with_every_decade(errors, steps):
 def test_derivative_of_the_closures_by_the_pose(assembled, row):
     geometry, joints, poses = assembled
     lever = np.array([1.0, 1.0, 1.0, 1.0 / LEVER_MM])
-    exact = pose_jacobian(geometry, joints, poses)[row] * lever
+    exact = PAR4.pose_jacobian(geometry.p, joints, poses)[row] * lever
 
     def closures(scaled):
-        return closure_mm2(geometry, joints[[row]] + 0j, (scaled * lever)[None])[0]
+        return PAR4.closure_mm2(geometry.p, joints[[row]], (scaled * lever)[None])[0]
 
     errors = [
         np.abs(complex_step(closures, poses[row] / lever, LEVER_MM * step) - exact).max()
@@ -70,19 +59,18 @@ def test_derivative_of_the_closures_by_the_pose(assembled, row):
 @pytest.mark.parametrize("row", range(3))
 def test_derivative_of_the_closures_by_the_parameters(assembled, row):
     geometry, joints, poses = assembled
-    own = closure_parameter_jacobian(geometry, joints, poses)[row]
+    own = PAR4.closure_parameter_jacobian(geometry.p, joints, poses)[row]
     exact = np.zeros((4, len(GEOMETRY_NAMES)))
     for arm in range(4):
         exact[arm, 7 * arm : 7 * arm + 7] = own[arm, :7]
-        exact[arm, TILTS[arm]] = own[arm, 8]
-    exact[:, PLATE] = own[:, 7]
+        exact[arm, TILTS[arm]] = own[arm, 7]
+    exact[:, PLATE] = own[:, 8]
 
     def closures(scaled):
-        moved = complex_geometry(scaled * BY_LENGTH)
-        return closure_mm2(moved, joints[[row]] + 0j, poses[[row]] + 0j)[0]
+        return PAR4.closure_mm2(scaled * BY_LENGTH, joints[[row]], poses[[row]] + 0j)[0]
 
     errors = [
-        np.abs(complex_step(closures, geometry.vector() / BY_LENGTH, step) - exact * BY_LENGTH)
+        np.abs(complex_step(closures, geometry.p / BY_LENGTH, step) - exact * BY_LENGTH)
         for step in DECADES
     ]
     worst = np.array([error.max() for error in errors]) / np.abs(exact * BY_LENGTH).max()
@@ -94,13 +82,13 @@ def test_derivative_of_the_pose_by_every_parameter_in_every_decade(assembled):
     """Central differences: the truncation falls first, then rounding takes over and rises."""
     geometry, joints, poses = assembled
     unit = np.array([1.0, 1.0, 1.0, LEVER_MM])[:, None] * BY_LENGTH
-    exact = parameter_jacobian(geometry, joints, poses) * unit
+    exact = geometry.jacobian(joints, poses) * unit
 
     def moved(vector):
-        return forward(Geometry.from_vector(vector), joints, poses).require()
+        return par4_of(vector).forward(joints, poses).values_or_raise()
 
     def error(step):
-        differences = central_differences(moved, geometry.vector(), step * BY_LENGTH)
+        differences = central_differences(moved, geometry.p, step * BY_LENGTH)
         return np.abs(differences * unit - exact).max() / np.abs(exact).max()
 
     errors = np.array([error(step) for step in DECADES])
@@ -114,23 +102,23 @@ def test_derivative_of_the_pose_by_every_parameter_in_every_decade(assembled):
 
 def test_parameters_of_one_arm_leave_the_other_closures_alone(assembled):
     geometry, joints, poses = assembled
-    vector = geometry.vector()
+    vector = geometry.p.copy()
     vector[7:14] += 0.01
-    change = closure_mm2(Geometry.from_vector(vector), joints, poses)
+    change = PAR4.closure_mm2(vector, joints, poses)
     assert np.abs(change[:, 1]).min() > 1e-3
     assert np.abs(change[:, [0, 2, 3]]).max() < 1e-6
 
 
 def test_a_first_order_step_is_off_by_the_square_of_the_parameters_errors():
     joints = reachable_joints(NOMINAL, 50, seed=2, limits=WELL_INSIDE)
-    poses = forward(NOMINAL, joints).require()
-    jacobian = parameter_jacobian(NOMINAL, joints, poses)
-    errors = TABLE1.vector() - NOMINAL.vector()
+    poses = NOMINAL.forward(joints).values_or_raise()
+    jacobian = NOMINAL.jacobian(joints, poses)
+    errors = TABLE1.p - NOMINAL.p
 
     def missed_mm(part):
-        moved = Geometry.from_vector(NOMINAL.vector() + part * errors)
+        moved = par4_of(NOMINAL.p + part * errors)
         predicted = poses + jacobian @ (part * errors)
-        return np.abs(predicted - forward(moved, joints).require())[:, :3].max()
+        return np.abs(predicted - moved.forward(joints).values_or_raise())[:, :3].max()
 
     assert missed_mm(0.1) == pytest.approx(100.0 * missed_mm(0.01), rel=0.1)
     assert missed_mm(0.01) < 1e-3

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 from par4_cases import LEVEL_ROBOTS, NOMINAL, TILTED, reachable_joints
+from par4_space import NAMES, TILTS, par4
 
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import NAMES, Geometry
-from campaigns.mechanisms.par4 import elbows_mm
+from campaigns.mechanisms.par4 import PAR4
 from sim.geometry import geometry_of
 from sim.robot.rods import Build, EightRods, Plate
 
@@ -19,7 +18,7 @@ def eight_rods(geometry, rod_spacing_mm=80.0):
         plate_joints_mm=PLATE_JOINTS_MM,
         rod_spacing_mm=rod_spacing_mm,
         rod_errors_mm=np.zeros((4, 2)),
-        axis_tilts_rad=geometry.axis_tilt_rad,
+        axis_tilts_rad=geometry.p[TILTS],
     )
     return EightRods(geometry_of({name: flat[name] for name in NAMES}), build)
 
@@ -40,7 +39,7 @@ def test_perfect_rods_stand_where_the_contracted_model_says(robot):
     geometry = LEVEL_ROBOTS[robot]
     rods = eight_rods(geometry)
     joints = reachable_joints(geometry, 500, seed=91)
-    poses = forward(geometry, joints).require()
+    poses = geometry.forward(joints).values_or_raise()
     near = poses + np.random.default_rng(0).uniform(-1, 1, poses.shape) * [5, 5, 5, 0.02]
     plates = np.array([settled(rods, *row) for row in zip(joints, near, strict=True)])
     assert np.abs(plates[:, :3] - poses[:, :3]).max() < 1e-9
@@ -52,8 +51,8 @@ def test_tilted_axes_leave_the_contracted_model():
     """What makes the comparison above able to fail: a model without tilts misses by so much."""
     joints = reachable_joints(TILTED, 20, seed=92)
     flat = NOMINAL.flat() | {f"arm{arm}.axis_tilt_deg": np.degrees(5e-4) for arm in range(4)}
-    poses = forward(NOMINAL, joints).require()
-    rods = eight_rods(Geometry.from_flat(flat))
+    poses = NOMINAL.forward(joints).values_or_raise()
+    rods = eight_rods(par4(flat))
     plates = np.array([settled(rods, *row) for row in zip(joints, poses, strict=True)])
     assert np.linalg.norm(plates[:, :3] - poses[:, :3], axis=1).max() > 0.05
 
@@ -62,14 +61,15 @@ def test_a_tilted_axis_swings_the_elbow_to_the_middle_of_its_two_rods():
     joints = reachable_joints(TILTED, 50, seed=93)
     rods = eight_rods(TILTED)
     middles = np.array([rods.elbows_mm(q, 0.0).reshape(4, 2, 3).mean(axis=1) for q in joints])
-    assert np.abs(middles - PLATE_JOINTS_MM - elbows_mm(TILTED, joints)).max() < 1e-11
+    elbows = PAR4.posture(TILTED.p, joints).arms.elbows_mm.T
+    assert np.abs(middles - PLATE_JOINTS_MM - elbows).max() < 1e-11
 
 
 def test_without_an_elbow_bar_to_turn_a_tilt_leaves_the_plate_level_where_the_model_says():
     """A tilt also turns the bar between two rods, and that turns the plate; the model leaves that
     out. What is left without the bar must agree."""
     joints = reachable_joints(TILTED, 200, seed=94)
-    poses = forward(TILTED, joints).require()
+    poses = TILTED.forward(joints).values_or_raise()
     rods = eight_rods(TILTED, rod_spacing_mm=0.0)
     misfits = [
         rods.misfit(rods.elbows_mm(q, 0.0), level_plate(pose))[0]

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from par4_space import FREE_BY_DEFAULT, IS_ANGLE, indices
 
 from campaigns.design import pose_sampling, tours
 from campaigns.errors import PlanInvalid
@@ -14,19 +15,18 @@ from campaigns.estimation.tracker_noise import (
     distance_variance_mm2,
     point_covariance_mm2,
 )
-from campaigns.mechanisms.geometry import FREE_BY_DEFAULT, IS_ANGLE, indices
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
 from campaigns.planning.plan_check import Pace, check_plan
 from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of, poses_of
 from campaigns.planning.predicted_precision import plan_approach_shares
-from campaigns.robots.robot import find_robot, numeric_geometry, numeric_limits
+from campaigns.robots.robot import find_robot
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
 pytestmark = pytest.mark.slow
 
 ROBOT = find_robot("par4-prototype").robot
-GEOMETRY, LIMITS = numeric_geometry(ROBOT), numeric_limits(ROBOT)
+GEOMETRY, LIMITS = ROBOT.kinematics, ROBOT.limits
 CENTRE = Pose(0.0, 0.0, -575.0, 0.0)
 VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), np.radians(25.0))
 LENGTH = ~IS_ANGLE[indices(FREE_BY_DEFAULT)]
@@ -34,7 +34,8 @@ LENGTH = ~IS_ANGLE[indices(FREE_BY_DEFAULT)]
 
 def request(shots=40, *, drift=3, validation_pairs=10, **others):
     plan = PlanRequest(shots, validation_pairs, drift, CENTRE)
-    return OptimalRequest(plan, TrackerUncertainty(), **({"candidates": 400} | others))
+    asked = {"free": FREE_BY_DEFAULT, "candidates": 400} | others
+    return OptimalRequest(plan=plan, uncertainty=TrackerUncertainty(), **asked)
 
 
 def planned(asked, view=VIEW, seed=1):

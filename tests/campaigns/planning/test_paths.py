@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 from par4_cases import CENTRE, LIMITS, NOMINAL, reachable_joints
 
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.par4 import inverse
 from campaigns.planning.paths import SLACK_RAD, path_fault, route
 
 
 def joints_of(*pose):
-    return inverse(NOMINAL, np.array([pose], dtype=float)).require()[0]
+    return NOMINAL.inverse(np.array([pose], dtype=float)).values_or_raise()[0]
+
+
+def turning_by(theta_rad):
+    return replace(LIMITS, task=(None, None, None, (-theta_rad, theta_rad)))
 
 
 def faults_between(joints):
@@ -52,16 +54,18 @@ def test_a_way_through_an_infeasible_theta_is_named_and_gone_round(joints):
 
 def test_every_leg_of_a_way_round_is_safe_in_between(joints):
     """Checked five times finer than the planner checks."""
-    low, high = LIMITS.theta_rad
+    low, high = LIMITS.task[3]
     for here, there in pairwise(joints[:60]):
         for a, b in pairwise([here, *route(NOMINAL, LIMITS, here, there, CENTRE)]):
-            passing = forward(NOMINAL, a + np.linspace(0.0, 1.0, 100)[:, None] * (b - a)).require()
+            passing = NOMINAL.forward(
+                a + np.linspace(0.0, 1.0, 100)[:, None] * (b - a)
+            ).values_or_raise()
             assert passing[:, 3].min() > low - 1.5 * SLACK_RAD
             assert passing[:, 3].max() < high + 1.5 * SLACK_RAD
 
 
 def test_ways_round_keep_the_joint_limits(joints):
-    low, high = LIMITS.joint_rad
+    low, high = LIMITS.joint
     for here, there in pairwise(joints):
         for target in route(NOMINAL, LIMITS, here, there, CENTRE) or []:
             assert target.min() >= low
@@ -71,7 +75,7 @@ def test_ways_round_keep_the_joint_limits(joints):
 def test_a_way_round_beyond_a_joint_limit_is_not_taken():
     """The shortest way round between these two would take joint 1 to -59.6°."""
     here, there = np.radians([[-37.5, -21.9, 69.8, 55.7], [82.9, -43.6, -39.8, 86.4]])
-    middle = 0.5 * forward(NOMINAL, np.stack([here, there])).require().sum(axis=0)
+    middle = 0.5 * NOMINAL.forward(np.stack([here, there])).values_or_raise().sum(axis=0)
     assert np.degrees(joints_of(*middle)).min() == pytest.approx(-59.6, abs=0.1)
     (target, end) = route(NOMINAL, LIMITS, here, there, CENTRE)
     assert np.degrees(target).min() > -45.0
@@ -81,7 +85,7 @@ def test_a_way_round_beyond_a_joint_limit_is_not_taken():
 @pytest.mark.parametrize(
     ("limits", "reason"),
     [
-        (replace(LIMITS, theta_rad=(-0.05, 0.05)), "theta leaves its limits"),
+        (turning_by(0.05), "theta leaves its limits"),
         (replace(LIMITS, forearm_swing_rad=0.0), "a forearm swings too far"),
     ],
 )
@@ -94,7 +98,7 @@ def test_each_fault_of_a_way_is_named_with_the_part_where_it_begins(limits, reas
 
 def test_a_way_past_a_singularity_is_named():
     here, there = joints_of(0, -50, -575, 0), joints_of(0, -50, -575, 1.55)
-    wide = replace(LIMITS, theta_rad=(-2.0, 2.0), forearm_swing_rad=1.5)
+    wide = replace(turning_by(2.0), forearm_swing_rad=1.5)
     fault = path_fault(NOMINAL, wide, here, there)
     assert fault.reason == "it passes near a singularity"
     assert fault.part_of_the_way > 0.5

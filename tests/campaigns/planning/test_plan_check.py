@@ -6,9 +6,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from fake_cell import CENTRE, NOMINAL
+from par4_space import SPACE
 from small_plans import FOUR_PAIRS, LIMITS, planned
 
 from campaigns.errors import PlanInvalid
+from campaigns.mechanisms.par4 import PAR4
 from campaigns.planning import plan_check
 from campaigns.planning.paths import route
 from campaigns.planning.plan_check import CheckedPlan, Pace, check_plan
@@ -47,7 +49,7 @@ def test_good_plan_is_timed() -> None:
     assert checked.shots == FOUR_PAIRS
     assert checked.detours == 0
     assert checked.seconds == pytest.approx(checked.travel_rad + 10 * 1.2)
-    joints = np.array([shot.joints_rad for shot in FOUR_PAIRS])
+    joints = np.array([shot.joints for shot in FOUR_PAIRS])
     straight_rad = np.abs(np.diff(joints, axis=0)).max(axis=1).sum()
     assert checked.travel_rad == pytest.approx(straight_rad)
 
@@ -57,7 +59,7 @@ def test_pose_out_of_reach_is_named() -> None:
 
 
 def test_pose_beyond_a_joint_limit_is_named_with_value_and_limit() -> None:
-    narrow = replace(LIMITS, joint_rad=(np.radians(-45.0), np.radians(50.0)))
+    narrow = replace(LIMITS, joint=(np.radians(-45.0), np.radians(50.0)))
     with pytest.raises(PlanInvalid, match=r"^shot 1: joint 0 at 55\.476° outside \[-45°, 50°\]"):
         check(FOUR_PAIRS, limits=narrow)
 
@@ -67,15 +69,15 @@ def test_theta_beyond_its_limit_is_named() -> None:
 
 
 def test_pose_exactly_on_a_limit_is_good() -> None:
-    limit = LIMITS.theta_rad[1]
+    _, limit = LIMITS.task[3]
     shot = planned(3, ShotSet.IDENTIFICATION, 1, 0.0, 0.0, -575.0, limit + 1e-12)
     check(with_shot(3, shot))
 
 
 def test_edited_joint_is_named_with_what_the_pose_takes() -> None:
     shot = FOUR_PAIRS[4]
-    q0, q1, q2, q3 = shot.joints_rad
-    edited = replace(shot, joints_rad=(q0, q1, q2 + np.radians(0.05), q3))
+    q0, q1, q2, q3 = shot.joints
+    edited = replace(shot, joints=(q0, q1, q2 + np.radians(0.05), q3))
     text = problem(with_shot(4, edited))
     expected = f"shot 4: q2_deg is {np.degrees(q2) + 0.05:.4f}, but its pose takes"
     assert text.startswith(expected)
@@ -88,12 +90,13 @@ def test_edited_pose_is_refused_as_long_as_its_joints_are_the_old_ones() -> None
 def test_joints_of_the_other_branch_are_refused_though_they_lead_to_the_same_pose() -> None:
     """The inward elbow of arm 0: the same plate, other angles."""
     shot = FOUR_PAIRS[4]
-    q0 = shot.joints_rad[0]
-    arm, pose = NOMINAL.motor_mm[0], np.array([shot.pose.x_mm, shot.pose.y_mm, shot.pose.z_mm])
-    along = np.array([np.cos(NOMINAL.azimuth_rad[0]), np.sin(NOMINAL.azimuth_rad[0]), 0.0])
-    d = pose - arm
+    q0 = shot.joints[0]
+    places = SPACE.places(["arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg"])
+    *arm, azimuth_rad = NOMINAL.p[places]
+    along = np.array([np.cos(azimuth_rad), np.sin(azimuth_rad), 0.0])
+    d = np.array([shot.pose.x_mm, shot.pose.y_mm, shot.pose.z_mm]) - arm
     inward = 2.0 * np.arctan2(-d[2], d @ along) - q0
-    mirrored = replace(shot, joints_rad=(float(inward), *shot.joints_rad[1:]))
+    mirrored = replace(shot, joints=(float(inward), *shot.joints[1:]))
     assert problem(with_shot(4, mirrored)).startswith("shot 4: q0_deg")
 
 
@@ -129,7 +132,7 @@ def test_detours_are_counted() -> None:
         planned(number, ShotSet.ROTATION, None, *pose) for number, pose in enumerate(ends * 2)
     )
     checked = check(shots)
-    joints = np.array([shot.joints_rad for shot in shots])
+    joints = np.array([shot.joints for shot in shots])
     ways = [route(NOMINAL, LIMITS, a, b, CENTRE) for a, b in pairwise(joints)]
     assert [len(way) > 1 for way in ways] == [True] * checked.detours == [True] * 3
     legs = [leg for a, way in zip(joints, ways, strict=False) for leg in pairwise([a, *way])]
@@ -137,6 +140,6 @@ def test_detours_are_counted() -> None:
 
 
 def test_pair_with_one_shot_does_not_even_become_a_plan() -> None:
-    lines = plan_text(FOUR_PAIRS).splitlines(keepends=True)
+    lines = plan_text(FOUR_PAIRS, PAR4).splitlines(keepends=True)
     with pytest.raises(PlanInvalid, match="pair 1 has one shot, must have two"):
-        parse_plan("".join(lines[:4] + lines[5:]), "plan.csv")
+        parse_plan("".join(lines[:4] + lines[5:]), "plan.csv", PAR4)

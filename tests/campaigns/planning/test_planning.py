@@ -10,7 +10,7 @@ from small_plans import LIMITS
 from campaigns.design.pose_sampling import incidence_rad
 from campaigns.design.tours import travel_rad
 from campaigns.errors import PlanInvalid
-from campaigns.mechanisms.feasibility import feasibility
+from campaigns.mechanisms.par4 import PAR4
 from campaigns.planning.plan_check import Pace, check_plan
 from campaigns.planning.plan_file import PlannedShot, parse_plan, plan_digest, plan_text
 from campaigns.planning.plans import (
@@ -76,8 +76,8 @@ def test_shots_to_identify_from_lie_near_the_boundary(
 ) -> None:
     poses = poses_of(of(default_plan, ShotSet.IDENTIFICATION))
     further = CENTRE + 1.08 * (poses - CENTRE)
-    assert feasibility(NOMINAL, LIMITS, poses).feasible.all()
-    beyond = ~feasibility(NOMINAL, LIMITS, further).feasible
+    assert NOMINAL.feasibility(LIMITS, poses).feasible.all()
+    beyond = ~NOMINAL.feasibility(LIMITS, further).feasible
     unseen = incidence_rad(further[:, :3], np.array(VIEW.tracker_mm), unit(VIEW.facing)) > 0.43
     assert (beyond | unseen).mean() > 0.9
 
@@ -95,7 +95,7 @@ def test_validation_shots_are_spread_over_the_workspace(
 
 
 def test_planned_joints_keep_off_their_limits(default_plan: tuple[PlannedShot, ...]) -> None:
-    low, high = ROBOT.limits.joint_rad
+    low, high = ROBOT.limits.joint
     for purpose, reserve in (
         (ShotSet.IDENTIFICATION, JOINT_RESERVE_RAD),
         (ShotSet.VALIDATION, UNSEEN_JOINT_RESERVE_RAD),
@@ -116,8 +116,8 @@ def test_tour_travels_little(default_plan: tuple[PlannedShot, ...]) -> None:
 def test_plan_passes_its_own_check_also_after_a_round_trip_through_its_file(
     default_plan: tuple[PlannedShot, ...],
 ) -> None:
-    read = parse_plan(plan_text(default_plan), "plan.csv")
-    assert plan_digest(read) == plan_digest(default_plan)
+    read = parse_plan(plan_text(default_plan, PAR4), "plan.csv", PAR4)
+    assert plan_digest(read, PAR4) == plan_digest(default_plan, PAR4)
     checked = check_plan(read, NOMINAL, LIMITS, VIEW, MIDDLE, PACE)
     assert checked.shots == read
     assert checked.seconds > 163 * 1.2

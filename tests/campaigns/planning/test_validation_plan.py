@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fake_cell import CENTRE, NOMINAL
+from par4_space import par4
 from small_plans import LIMITS, planned
 
 from campaigns.errors import PlanInvalid
-from campaigns.mechanisms.forward import forward
 from campaigns.planning.plans import View
 from campaigns.planning.steps import Step
 from campaigns.planning.validation_plan import (
@@ -64,10 +64,10 @@ def test_only_what_is_asked_for_is_measured(purpose: ShotSet) -> None:
 
 
 def test_joints_of_a_step_are_those_of_its_pose_with_the_controllers_geometry() -> None:
-    other = replace(NOMINAL, plate_mm=103.0)
+    other = par4(NOMINAL.flat() | {"plate_mm": 103.0})
     for step in steps(robot=Reachable(other, LIMITS)).steps:
-        joints = np.array([step.planned.joints_rad])
-        away = forward(other, joints).require()[0] - pose_row(step.planned.pose)
+        joints = np.array([step.planned.joints])
+        away = other.forward(joints).values_or_raise()[0] - pose_row(step.planned.pose)
         assert np.abs(away).max() < 1e-6
 
 
@@ -96,7 +96,7 @@ def test_line_that_is_too_long_is_trimmed_about_its_middle_and_says_so() -> None
 
 
 def test_rotation_that_is_too_wide_is_trimmed_and_says_so() -> None:
-    wide = replace(LIMITS, theta_rad=(np.radians(-80.0), np.radians(80.0)))
+    wide = replace(LIMITS, task=(None, None, None, tuple(np.radians([-80.0, 80.0]))))
     found = steps(
         robot=Reachable(NOMINAL, replace(wide, forearm_swing_rad=np.radians(20.0))),
         only=frozenset({ShotSet.ROTATION}),
@@ -112,7 +112,7 @@ def test_line_that_would_lose_a_third_is_refused() -> None:
 
 
 def test_pair_that_the_controller_cannot_take_is_left_out_whole_and_says_so() -> None:
-    narrow = replace(LIMITS, joint_rad=(np.radians(-45.0), np.radians(54.0)))
+    narrow = replace(LIMITS, joint=(np.radians(-45.0), np.radians(54.0)))
     found = steps(frozenset({ShotSet.VALIDATION}), robot=Reachable(NOMINAL, narrow))
     assert [step.planned.pair for step in found.steps] == [4, 4]
     (note,) = found.notes
@@ -120,7 +120,7 @@ def test_pair_that_the_controller_cannot_take_is_left_out_whole_and_says_so() ->
 
 
 def test_validation_of_which_every_pair_is_left_out_says_why() -> None:
-    narrow = replace(LIMITS, joint_rad=(np.radians(-45.0), np.radians(5.0)))
+    narrow = replace(LIMITS, joint=(np.radians(-45.0), np.radians(5.0)))
     with pytest.raises(PlanInvalid, match="nothing to validate: validation pair 2 left out"):
         steps(frozenset({ShotSet.VALIDATION}), robot=Reachable(NOMINAL, narrow))
 
@@ -134,8 +134,8 @@ def test_pairs_keep_their_numbers() -> None:
 def test_repeated_pose_is_approached_from_all_around() -> None:
     repeated = of(steps(), ShotSet.REPEATABILITY)
     assert {step.planned.pose for step in repeated} == {repeated[0].planned.pose}
-    joints = np.array([step.approach_rad[0] for step in repeated])
-    away = forward(NOMINAL, joints).require()[:, :3] - CENTRE[:3]
+    joints = np.array([step.approach[0] for step in repeated])
+    away = NOMINAL.forward(joints).values_or_raise()[:, :3] - CENTRE[:3]
     assert np.linalg.norm(away, axis=1) == pytest.approx(APPROACH_MM)
     assert np.abs(away.mean(axis=0)).max() < 0.05 * APPROACH_MM
     directions = away / APPROACH_MM

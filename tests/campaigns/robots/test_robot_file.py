@@ -5,17 +5,18 @@ import math
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from par4_space import AXIS_TILT_NAMES, NAMES, indices
 
 from campaigns.errors import ConfigInvalid, OutputExists
-from campaigns.mechanisms.geometry import AXIS_TILT_NAMES, PARAMETER_NAMES
+from campaigns.mechanisms.delta import DELTA
+from campaigns.mechanisms.par4 import PAR4
 from campaigns.robots.robot import (
     Compensation,
     RobotFile,
     compensated,
     find_robot,
-    numeric_geometry,
     read_robot,
     write_new_robot,
 )
@@ -69,8 +70,8 @@ def test_shipped_prototype_is_the_robot_of_the_reference_vectors():
 
 def test_prototype_allows_what_the_validation_lines_need():
     limits = PROTOTYPE.robot.limits
-    assert limits.joint_rad == (math.radians(-45.0), math.radians(90.0))
-    assert limits.theta_rad == (math.radians(-45.0), math.radians(45.0))
+    assert limits.joint == (math.radians(-45.0), math.radians(90.0))
+    assert limits.task == (None, None, None, (math.radians(-45.0), math.radians(45.0)))
     assert limits.forearm_swing_rad == math.radians(45.0)
 
 
@@ -80,14 +81,24 @@ def test_table1_is_shipped_as_printed():
     printed_rule = [45.0 + (3 - arm) * 90.0 for arm in range(4)]
     assert [flat[f"arm{arm}.azimuth_deg"] for arm in range(4)] == printed_rule
     assert [flat[f"arm{arm}.forearm_mm"] for arm in range(4)] == [350.0] * 4
-    assert robot.limits.joint_rad == (math.radians(-45.0), math.radians(45.0))
+    assert robot.limits.joint == (math.radians(-45.0), math.radians(45.0))
 
 
 def test_a_robot_has_29_parameters_arm_by_arm_and_then_the_plate():
-    assert len(PARAMETER_NAMES) == 29
-    assert PARAMETER_NAMES[7:9] == ("arm1.x_mm", "arm1.y_mm")
-    assert PARAMETER_NAMES[-2:] == ("arm3.forearm_mm", "plate_mm")
-    assert tuple(PROTOTYPE.robot.geometry_flat()) == PARAMETER_NAMES
+    assert len(NAMES) == 29
+    assert NAMES[7:9] == ("arm1.x_mm", "arm1.y_mm")
+    assert NAMES[-2:] == ("arm3.forearm_mm", "plate_mm")
+    assert tuple(PROTOTYPE.robot.geometry_flat()) == NAMES
+
+
+def test_a_delta_is_shipped_with_three_arms_no_plate_and_no_angle_to_limit():
+    robot = find_robot("delta").robot
+    assert robot.mechanism is DELTA
+    assert tuple(robot.geometry_flat()) == DELTA.parameters.names
+    assert len(DELTA.parameters.names) == 21
+    assert not any(name.startswith(("arm3", "plate")) for name in robot.geometry_flat())
+    assert robot.limits.task == (None, None, None)
+    assert robot.workspace_centre.tolist() == [0.0, 0.0, -700.0]
 
 
 def test_robot_is_found_by_path(tmp_path):
@@ -128,7 +139,9 @@ def test_absent_robot_file_is_said_to_be_absent(tmp_path):
         ("[-45.0, 90.0]", "[-45]", 26, "limits.joint_deg[1] is missing"),
         ("[-45.0, 90.0]", "[-45, 0, 90]", 26, "has 3 entries, must have 2"),
         ("[-45.0, 90.0]", "90", 26, "limits.joint_deg is 90, must be a list"),
-        ("mechanism: par4", "mechanism: delta", 12, "mechanism is \"delta\", must be 'par4'"),
+        ("mechanism: par4", "mechanism: hexapod", 12, "is \"hexapod\", must be 'par4' or 'delta'"),
+        ("mechanism: par4", "mechanism: delta", 23, "geometry.plate_mm is not a known key"),
+        ("mechanism: par4", "mechanism: 4", 12, "mechanism is 4, must be"),
         ("name: par4-prototype", "name: 12", 13, "must be text: put it in quotes"),
         ("name: par4", "name: x\nname: par4", 14, 'duplicate key "name"'),
         ("robot/1", "robot/2", 11, "a newer pkmcal wrote the file"),
@@ -160,7 +173,7 @@ def test_digest_tells_parameters_that_differ_by_one_unit_in_the_last_place():
     flat = PROTOTYPE.robot.geometry_flat()
     changed = flat | {"arm2.arm_mm": math.nextafter(flat["arm2.arm_mm"], math.inf)}
     digests = [
-        RobotFile.from_flat(each, name="x", limits=PROTOTYPE.robot.limits).digest()
+        RobotFile.from_flat(PAR4, each, name="x", limits=PROTOTYPE.robot.limits).digest()
         for each in (flat, changed, flat)
     ]
     assert digests[0] == digests[2] != digests[1]
@@ -168,7 +181,9 @@ def test_digest_tells_parameters_that_differ_by_one_unit_in_the_last_place():
 
 def test_digest_does_not_tell_minus_zero_from_zero():
     flat = PROTOTYPE.robot.geometry_flat()
-    robot = RobotFile.from_flat(flat | {"arm0.z_mm": -0.0}, name="x", limits=PROTOTYPE.robot.limits)
+    robot = RobotFile.from_flat(
+        PAR4, flat | {"arm0.z_mm": -0.0}, name="x", limits=PROTOTYPE.robot.limits
+    )
     assert robot.digest() == PROTOTYPE.robot.digest()
 
 
@@ -194,7 +209,7 @@ def test_changed_geometry_under_an_old_digest_is_refused_naming_both(tmp_path):
 )
 def test_parameters_that_are_not_the_29_make_no_robot(flat, words):
     with pytest.raises(ConfigInvalid, match=words):
-        RobotFile.from_flat(flat, name="x", limits=PROTOTYPE.robot.limits)
+        RobotFile.from_flat(PAR4, flat, name="x", limits=PROTOTYPE.robot.limits)
 
 
 def test_compensated_file_keeps_the_comments_and_changes_only_what_differs(tmp_path):
@@ -251,22 +266,18 @@ def test_axis_tilts_are_written_where_there_are_any_and_read_back(tmp_path):
     write_new_robot(path, tilted(uncertainty={"arm0.axis_tilt_deg": 0.01}))
     robot = read_robot(path).robot
     assert path.read_text(encoding="utf-8").count("axis_tilt_deg: ") == 3
-    assert robot.axis_tilt_deg == (0.03, 0.0, 0.0, -0.02)
     assert robot.geometry_flat() == PROTOTYPE.robot.geometry_flat() | TILTS
     assert robot.uncertainty == {"arm0.axis_tilt_deg": 0.01}
-    assert numeric_geometry(robot).axis_tilt_rad.tolist() == [
-        math.radians(0.03),
-        0.0,
-        0.0,
-        math.radians(-0.02),
-    ]
+    assert robot.is_extended
+    tilts_rad = robot.kinematics.p[indices(AXIS_TILT_NAMES)]
+    assert tilts_rad.tolist() == [math.radians(0.03), 0.0, 0.0, math.radians(-0.02)]
 
 
 def test_an_axis_that_is_tilted_no_more_loses_the_key(tmp_path):
     assert "arm0.axis_tilt_deg" in tilted().robot.geometry_flat()
     back = compensated(tilted(), compensation())
     assert "axis_tilt_deg" not in back.document.text
-    assert back.robot.axis_tilt_deg == (0.0,) * 4
+    assert not back.robot.is_extended
     assert back.robot.digest() == PROTOTYPE.robot.digest()
 
 
@@ -297,7 +308,7 @@ def test_a_controller_is_told_29_parameters_or_why_not():
 def test_a_backlash_is_no_parameter_of_a_robot():
     flat = PROTOTYPE.robot.geometry_flat() | {"arm0.backlash_deg": 0.01}
     with pytest.raises(ConfigInvalid, match=r"arm0\.backlash_deg is not a parameter of a robot"):
-        RobotFile.from_flat(flat, name="x", limits=PROTOTYPE.robot.limits)
+        RobotFile.from_flat(PAR4, flat, name="x", limits=PROTOTYPE.robot.limits)
 
 
 lengths = st.floats(min_value=1e-6, max_value=1e5)
@@ -317,10 +328,9 @@ def any_value_of(name):
 
 
 @pytest.mark.slow
-@settings(deadline=None)  # a file is written and read: how long that takes is not the question
 @given(
     geometry=st.fixed_dictionaries(
-        {name: any_value_of(name) for name in PARAMETER_NAMES},
+        {name: any_value_of(name) for name in NAMES},
         optional={name: any_value_of(name) for name in AXIS_TILT_NAMES},
     )
 )

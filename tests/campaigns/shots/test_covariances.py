@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.shots.shots import is_positive_definite
+from drivers.values import is_positive_definite
 
 
 def nested(matrix):

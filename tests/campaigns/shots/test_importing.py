@@ -21,7 +21,7 @@ COVARIANCE_MM2 = ((1e-4, 1e-5, 0.0), (1e-5, 2e-4, 0.0), (0.0, 0.0, 3e-4))
 
 def rows() -> tuple[ShotRow, ...]:
     return tuple(
-        ShotRow(shot.pair, shot.joints_rad, (1000.0 + shot.shot, 2.0, 3.0), shot.purpose)
+        ShotRow(shot.pair, shot.joints, (1000.0 + shot.shot, 2.0, 3.0), shot.purpose)
         for shot in FOUR_PAIRS[1:-1]
     )
 
@@ -37,10 +37,10 @@ def test_import_is_a_finished_series_with_every_row_in_its_order(tmp_path: Path)
     assert series.finished
     assert series.started.robot_file_digest == ROBOT.digest()
     assert [shot.intent.shot for shot in shots] == list(range(8))
-    data = shots_of_journal(shots)
+    data = shots_of_journal(shots, ROBOT.mechanism)
     assert data.pairs == (0, 0, 1, 1, 2, 2, 3, 3)
     assert data.points_in_tracker_mm[:, 0].tolist() == [1001.0 + row for row in range(8)]
-    assert data.joints_rad == pytest.approx(np.array([row.joints_rad for row in rows()]))
+    assert data.joints == pytest.approx(np.array([row.joints for row in rows()]))
     assert np.isnan(data.stated_covariance_mm2).all()
 
 
@@ -62,7 +62,7 @@ def test_covariance_set_and_time_of_a_row_are_kept(tmp_path: Path) -> None:
         for row in rows()
     )
     _, shots = imported(tmp_path, told)
-    data = shots_of_journal(shots)
+    data = shots_of_journal(shots, ROBOT.mechanism)
     assert data.stated_covariance_mm2.shape == (8, 3, 3)
     assert data.stated_covariance_mm2[0].tolist() == [list(row) for row in COVARIANCE_MM2]
     assert set(data.purposes) == {ShotSet.VALIDATION}
@@ -75,7 +75,7 @@ def test_only_shots_without_a_covariance_get_the_instruments(tmp_path: Path) -> 
         for place, row in enumerate(rows())
     )
     _, shots = imported(tmp_path, told)
-    completed = shots_of_journal(shots).covariance_mm2(TrackerUncertainty())
+    completed = shots_of_journal(shots, ROBOT.mechanism).covariance_mm2(TrackerUncertainty())
     as_stated = [np.array_equal(each, np.array(COVARIANCE_MM2)) for each in completed]
     assert as_stated == [True, False] * 4
     assert np.isfinite(completed).all()
@@ -85,7 +85,7 @@ def test_joints_that_the_nominal_robot_cannot_take_are_refused_before_anything_i
     tmp_path: Path,
 ) -> None:
     wrong = tuple(np.radians([90.0, -90.0, 90.0, -90.0]).tolist())
-    shots = (*rows()[:3], replace(rows()[3], joints_rad=wrong), *rows()[4:])
+    shots = (*rows()[:3], replace(rows()[3], joints=wrong), *rows()[4:])
     with plain_journal(tmp_path) as journal:
         with pytest.raises(ShotsInvalid, match="shot 4 of the file: the nominal robot cannot"):
             append_import(journal, shots, NOMINAL, ROBOT.digest(), {})

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from campaigns.errors import ShotsInvalid
+from campaigns.mechanisms.par4 import PAR4
 from campaigns.shots.joined_shots import PointSource, read_joined_shots
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import parse_shots, read_shots, shots_text
@@ -28,7 +29,7 @@ def join(tmp_path):
         (tmp_path / "joints.csv").write_text(joints)
         told.setdefault("unit", "mm")
         source = PointSource(tmp_path / "points.txt", **told)
-        return read_joined_shots(source, tmp_path / "joints.csv", join=by)
+        return read_joined_shots(source, tmp_path / "joints.csv", PAR4, join=by)
 
     return read
 
@@ -50,7 +51,7 @@ class TestByName:
     def test_each_shot_gets_the_point_of_its_name(self, join):
         rows = join(joints=f"{HEADER}\np4,1,2,3,4\np1,5,6,7,8\np3,1,1,1,1\np2,2,2,2,2\n").rows
         assert [row.point_in_tracker_mm[0] for row in rows] == [1.5, 1.0, 7.0, 4.0]
-        assert rows[0].joints_rad == tuple(map(math.radians, (1.0, 2.0, 3.0, 4.0)))
+        assert rows[0].joints == tuple(map(math.radians, (1.0, 2.0, 3.0, 4.0)))
 
     @pytest.mark.parametrize("prefix", ["", "Main::", "A::Main::"])
     def test_name_may_be_whole_or_without_its_first_parts(self, join, prefix):
@@ -165,7 +166,7 @@ class TestComplaints:
         (tmp_path / "points.txt").write_text(POINTS)
         source = PointSource(tmp_path / "points.txt", "mm")
         with pytest.raises(ShotsInvalid, match="check the name of the joints file"):
-            read_joined_shots(source, tmp_path / "gone.csv", join="name")
+            read_joined_shots(source, tmp_path / "gone.csv", PAR4, join="name")
 
 
 def test_how_the_files_were_understood_is_told(join):
@@ -175,20 +176,20 @@ def test_how_the_files_were_understood_is_told(join):
 
 def test_reference_campaign_is_the_same_by_way_of_two_files(join):
     """Its points in inches, scientific, with collection and group, and in another order."""
-    shots = read_shots(VECTORS / "table1-tracker-noise.csv")
+    shots = read_shots(VECTORS / "table1-tracker-noise.csv", PAR4)
     inches = [
         " ".join(f"{value / 25.4:.15e}" for value in shot.point_in_tracker_mm) for shot in shots
     ]
     points = [f"C G p{number} {point}" for number, point in enumerate(inches)]
-    degrees = [",".join(repr(math.degrees(angle)) for angle in shot.joints_rad) for shot in shots]
+    degrees = [",".join(repr(math.degrees(angle)) for angle in shot.joints) for shot in shots]
     joints = [f"p{number},{angles}" for number, angles in enumerate(degrees)]
     joined = join("\n".join(points[::-1]), "\n".join([HEADER, *joints]), unit="inch")
     for row, shot in zip(joined.rows, shots, strict=True):
         assert (row.pair, row.purpose) == (shot.pair, shot.purpose)
         assert row.point_in_tracker_mm == pytest.approx(shot.point_in_tracker_mm, abs=1e-9)
-        assert row.joints_rad == pytest.approx(shot.joints_rad, abs=1e-12)
+        assert row.joints == pytest.approx(shot.joints, abs=1e-12)
 
 
 def test_joined_shots_are_a_shots_file(join):
     rows = join().rows
-    assert parse_shots(shots_text(rows), "shots.csv") == rows
+    assert parse_shots(shots_text(rows, PAR4), "shots.csv", PAR4) == rows

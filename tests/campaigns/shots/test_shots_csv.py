@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from campaigns.errors import OutputExists, ShotsInvalid
+from campaigns.mechanisms.par4 import PAR4
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, parse_shots, read_shots, shots_text, write_shots
 
@@ -26,7 +27,11 @@ FULL = FULL_HEADER + (
 
 
 def read(text):
-    return parse_shots(text, "shots.csv")
+    return parse_shots(text, "shots.csv", PAR4)
+
+
+def text_of(shots):
+    return shots_text(shots, PAR4)
 
 
 def answer_to(text):
@@ -49,15 +54,15 @@ def complaint(text):
 
 @pytest.mark.parametrize("name", ["table1-exact", "table1-tracker-noise", "table2-repeatability"])
 def test_reference_files_hold_sixty_pairs(name):
-    shots = read_shots(VECTORS / f"{name}.csv")
+    shots = read_shots(VECTORS / f"{name}.csv", PAR4)
     assert len(shots) == 120
     assert [shot.pair for shot in shots] == [pair for pair in range(60) for _ in range(2)]
     assert {shot.purpose for shot in shots} == {ShotSet.IDENTIFICATION}
 
 
 def test_reference_file_is_read_as_its_digits_say():
-    first = read_shots(VECTORS / "table1-exact.csv")[0]
-    assert first.joints_rad[0] == math.radians(85.868164557)
+    first = read_shots(VECTORS / "table1-exact.csv", PAR4)[0]
+    assert first.joints[0] == math.radians(85.868164557)
     assert first.point_in_tracker_mm == (2352.471584, 438.343111, 427.748157)
 
 
@@ -69,10 +74,10 @@ def test_reference_truth_is_beside_its_shots():
 def test_optional_columns_are_read_where_they_are_filled():
     first, second = read(FULL)
     assert first.purpose is second.purpose is ShotSet.VALIDATION
-    assert first.theta_rad == math.radians(12.5)
+    assert first.turn == (math.radians(12.5),)
     assert first.covariance_mm2 == ((4e-4, 1e-5, 0.0), (1e-5, 3e-4, 0.0), (0.0, 0.0, 2e-4))
     assert (first.temperature_degC, first.time) == (21.5, "2026-05-04T10:00:00Z")
-    assert (second.theta_rad, second.covariance_mm2) == (None, None)
+    assert (second.turn, second.covariance_mm2) == ((), None)
     assert (second.temperature_degC, second.time) == (None, None)
 
 
@@ -96,7 +101,7 @@ def test_windows_file_with_byte_order_mark_and_empty_lines_is_read(tmp_path):
     path = tmp_path / "shots.csv"
     text = "\n" + SHOTS.replace("\n", "\n\n") + ",,,,,,,\n \n"
     path.write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
-    assert read_shots(path) == read(SHOTS)
+    assert read_shots(path, PAR4) == read(SHOTS)
 
 
 def test_line_numbers_count_empty_lines():
@@ -190,32 +195,32 @@ def test_file_in_utf_16_is_refused_with_a_remedy(tmp_path):
     path = tmp_path / "shots.csv"
     path.write_bytes(SHOTS.encode("utf-16"))
     with pytest.raises(ShotsInvalid, match="is not UTF-8 text → save the file as plain text"):
-        read_shots(path)
+        read_shots(path, PAR4)
 
 
 def test_absent_file_is_said_to_be_absent(tmp_path):
     with pytest.raises(ShotsInvalid, match="there is no such file"):
-        read_shots(tmp_path / "shots.csv")
+        read_shots(tmp_path / "shots.csv", PAR4)
 
 
 def test_export_does_not_overwrite(tmp_path):
     path = tmp_path / "shots.csv"
-    write_shots(path, read(SHOTS))
+    write_shots(path, read(SHOTS), PAR4)
     with pytest.raises(OutputExists):
-        write_shots(path, read(FULL))
-    assert read_shots(path) == read(SHOTS)
+        write_shots(path, read(FULL), PAR4)
+    assert read_shots(path, PAR4) == read(SHOTS)
 
 
 def test_text_of_several_lines_is_exported_as_one():
     first, second = read(FULL)
-    text = shots_text([replace(first, time="10:00\r\n1 May"), second])
+    text = text_of([replace(first, time="10:00\r\n1 May"), second])
     assert len(text.splitlines()) == 3
     assert read(text)[0].time == "10:00 1 May"
 
 
 def test_exported_columns_are_those_that_hold_something():
-    assert shots_text(read(SHOTS)).splitlines()[0] == HEADER.strip() + ",set"
-    assert shots_text(read(FULL)).splitlines()[0] == FULL_HEADER.strip()
+    assert text_of(read(SHOTS)).splitlines()[0] == HEADER.strip() + ",set"
+    assert text_of(read(FULL)).splitlines()[0] == FULL_HEADER.strip()
 
 
 @given(st.text())
@@ -250,9 +255,9 @@ def rows(pair, purpose):
         ShotRow,
         pair=st.just(pair),
         purpose=st.just(purpose),
-        joints_rad=st.tuples(angles_rad, angles_rad, angles_rad, angles_rad),
+        joints=st.tuples(angles_rad, angles_rad, angles_rad, angles_rad),
         point_in_tracker_mm=st.tuples(lengths_mm, lengths_mm, lengths_mm),
-        theta_rad=st.none() | angles_rad,
+        turn=st.just(()) | st.tuples(angles_rad),
         covariance_mm2=st.none() | covariances(),
         temperature_degC=st.none() | st.floats(min_value=-40.0, max_value=60.0),
         time=st.none() | times,
@@ -267,11 +272,12 @@ pairs = st.sampled_from([ShotSet.IDENTIFICATION, ShotSet.VALIDATION]).flatmap(
 @pytest.mark.slow
 @given(pairs)
 def test_any_shots_are_the_same_shots_after_writing_and_reading(shots):
-    text = shots_text(shots)
+    text = text_of(shots)
     again = read(text)
-    assert shots_text(again) == text
+    assert text_of(again) == text
     for shot, back in zip(shots, again, strict=True):
-        assert back.joints_rad == pytest.approx(shot.joints_rad, rel=0.0, abs=2e-14)
+        assert back.joints == pytest.approx(shot.joints, rel=0.0, abs=2e-14)
+        assert back.turn == pytest.approx(shot.turn, rel=0.0, abs=2e-14)
         assert back.point_in_tracker_mm == shot.point_in_tracker_mm
         assert (back.pair, back.purpose) == (shot.pair, shot.purpose)
         assert back.covariance_mm2 == shot.covariance_mm2

@@ -7,7 +7,8 @@ import pytest
 from campaigns.journal.journal import open_journal
 from campaigns.journal.records import Intent, Outcome, SeriesStarted
 from campaigns.journal.views import AcceptedShot, Series
-from campaigns.robots.robot import find_robot, numeric_geometry
+from campaigns.mechanisms.par4 import PAR4
+from campaigns.robots.robot import find_robot
 from campaigns.shots.import_export import append_import, exported_shots
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, parse_shots, shots_text
@@ -42,10 +43,10 @@ def test_row_says_what_the_journal_says():
     (row, _), halves = fields_of(exported_shots(series(), [shot(0, 7), shot(1, 7)]))
     assert row == ShotRow(
         pair=7,
-        joints_rad=(0.1, 0.2, 0.3, 0.4),
+        joints=(0.1, 0.2, 0.3, 0.4),
         point_in_tracker_mm=(2000.0, 10.0, -300.0),
         purpose=ShotSet.IDENTIFICATION,
-        theta_rad=0.25,
+        turn=(0.25,),
         covariance_mm2=COVARIANCE,
         temperature_degC=21.5,
         time=MEASURED,
@@ -67,13 +68,13 @@ def test_half_a_pair_is_left_out_and_said():
 def test_file_is_read_again_as_the_same_shots():
     shots = [shot(0, 0), shot(1, 0), shot(2, 1, "validation"), shot(3, 1, "validation")]
     rows, _ = fields_of(exported_shots(series(), [*shots, shot(4, None, "repeatability")]))
-    again = parse_shots(shots_text(rows), "shots.csv")
-    assert [replace(row, joints_rad=(), theta_rad=None) for row in again] == [
-        replace(row, joints_rad=(), theta_rad=None) for row in rows
+    again = parse_shots(shots_text(rows, PAR4), "shots.csv", PAR4)
+    assert [replace(row, joints=(), turn=()) for row in again] == [
+        replace(row, joints=(), turn=()) for row in rows
     ]
     for row, original in zip(again, rows, strict=True):
-        assert row.joints_rad == pytest.approx(original.joints_rad, abs=1e-13)
-        assert row.theta_rad == pytest.approx(original.theta_rad, abs=1e-13)
+        assert row.joints == pytest.approx(original.joints, abs=1e-13)
+        assert row.turn == pytest.approx(original.turn, abs=1e-13)
 
 
 def test_what_the_journal_lacks_the_file_lacks_too():
@@ -98,7 +99,7 @@ def test_imported_shots_come_out_as_they_came_in(tmp_path):
     robot = find_robot("par4-prototype").robot
     path = tmp_path / "campaign.db"
     with open_journal(path, now_utc=lambda: MEASURED, create=True) as journal:
-        number = append_import(journal, rows, numeric_geometry(robot), robot.digest(), {})
+        number = append_import(journal, rows, robot.kinematics, robot.digest(), {})
         found = journal.latest_series("import")
         exported = exported_shots(found, journal.shots(number))
     assert exported.rows == rows

@@ -4,33 +4,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from par4_space import FILE_UNIT, FREE_BY_DEFAULT, IS_ANGLE, NAMES, indices, par4_of
 
 from campaigns.errors import OutputExists, ShotsMissing, WriteFailed
-from campaigns.estimation.estimate import OutlierPolicy, estimate
-from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, solve
+from campaigns.estimation.estimators import Estimator, Outliers
 from campaigns.estimation.rigid_transforms import Transform, small_rotation
 from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.mechanisms.forward import forward
-from campaigns.mechanisms.geometry import (
-    FILE_UNIT,
-    FREE_BY_DEFAULT,
-    IS_ANGLE,
-    NAMES,
-    Geometry,
-    indices,
-)
-from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of
-from campaigns.robots.robot import find_robot, numeric_geometry
+from campaigns.identification.identify import identify
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.parameter_selection import ParameterSelection
+from campaigns.planning.plans import PlanRequest, View, make_plan
+from campaigns.robots.robot import find_robot
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies import study
 from campaigns.studies.store import StudyTable
 from campaigns.studies.study import (
     CampaignOutcome,
-    PairedShots,
     StudySetup,
     StudyTask,
     indistinguishable,
+    planned_shots,
     run_task,
 )
 from campaigns.studies.summary import chance, interval_factor, normal_scores, summarise
@@ -39,34 +32,44 @@ from drivers.values import Pose
 pytestmark = pytest.mark.slow
 
 ROBOT = find_robot("par4-prototype").robot
-NOMINAL = numeric_geometry(ROBOT)
+NOMINAL = ROBOT.kinematics
 FREE = indices(FREE_BY_DEFAULT)
 NOISE_MM = 0.015 / 3**0.5
 TRACKER = Transform(small_rotation(np.array([2.1, 0.02, -0.03]))[0], np.array([2500.0, 400.0, 0.0]))
 
 
 @pytest.fixture(scope="module")
-def setup():
+def plan():
+    """Pairs to fit, and pairs never fitted."""
     view = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), np.radians(25.0))
     request = PlanRequest(80, 5, 2, Pose(0.0, 0.0, -575.0, 0.0))
-    plan = make_plan(ROBOT, view, request, np.random.default_rng(1))
+    shots = make_plan(ROBOT, view, request, np.random.default_rng(1))
+    return [shot for shot in shots if shot.purpose is not ShotSet.DRIFT]
 
-    def paired(purpose):
-        shots = [shot for shot in plan if shot.purpose is purpose]
-        return PairedShots(joints_of(shots), pairs_of(shots, purpose))
 
-    fitted, unseen = paired(ShotSet.IDENTIFICATION), paired(ShotSet.VALIDATION)
-    noise = TrackerUncertainty(NOISE_MM, 0.0, NOISE_MM, 0.0)
+@pytest.fixture(scope="module")
+def setup(plan):
+    instrument = TrackerUncertainty(NOISE_MM, 0.0, NOISE_MM, 0.0)
     return StudySetup(
-        NOMINAL, FREE_BY_DEFAULT, Estimator.POINTS, fitted, unseen, TRACKER, noise, seed=3
+        nominal=NOMINAL,
+        shots=planned_shots(plan),
+        free=FREE_BY_DEFAULT,
+        options=IdentificationOptions(estimator=Estimator.POINTS, instrument=instrument),
+        tracker_from_base=TRACKER,
+        seed=3,
     )
 
 
+def with_options(setup, **changes):
+    """The study with other options of identification."""
+    return replace(setup, options=replace(setup.options, **changes))
+
+
 def robots(count, seed=5):
-    std = np.zeros_like(NOMINAL.vector())
+    std = np.zeros_like(NOMINAL.p)
     std[FREE] = np.where(IS_ANGLE[FREE], np.radians(0.1), 0.5)
     rng = np.random.default_rng(seed)
-    return NOMINAL.vector() + std * rng.standard_normal((count, len(std)))
+    return NOMINAL.p + std * rng.standard_normal((count, len(std)))
 
 
 def run(setup, numbers, truths):
@@ -92,7 +95,7 @@ def flat(outcomes):
 @pytest.mark.parametrize("estimator", list(Estimator))
 def test_without_noise_the_truth_is_found(setup, estimator):
     silent = TrackerUncertainty(1e-9, 0.0, 1e-9, 0.0)
-    (outcome,) = run(replace(setup, uncertainty=silent, estimator=estimator), [0], robots(1))
+    (outcome,) = run(with_options(setup, instrument=silent, estimator=estimator), [0], robots(1))
     assert np.abs(outcome.estimate.errors).max() < 1e-5
     assert outcome.estimate.unseen_max_mm < 1e-5
 
@@ -118,7 +121,7 @@ def test_stated_deviations_are_true_for_points(setup, outcomes):
 
 @pytest.fixture(scope="module")
 def by_distances(setup):
-    return replace(setup, estimator=Estimator.DISTANCES)
+    return with_options(setup, estimator=Estimator.DISTANCES)
 
 
 @pytest.fixture(scope="module")
@@ -147,8 +150,8 @@ def test_neither_estimator_leaves_much_of_what_its_data_hold(
 
 def positions_and_frame(setup, vector, small):
     """Points in the tracker's frame as a function of all unknowns, (3 N,)."""
-    near = forward(NOMINAL, setup.fitted.joints_rad).require()
-    poses = forward(Geometry.from_vector(vector), setup.fitted.joints_rad, near).require()
+    near = NOMINAL.forward(setup.fitted.joints).values_or_raise()
+    poses = par4_of(vector).forward(setup.fitted.joints, near).values_or_raise()
     turn, _ = small_rotation(small[:3])
     return (poses[:, :3] @ turn.T @ TRACKER.rotation.T + TRACKER.translation_mm + small[3:]).ravel()
 
@@ -177,7 +180,7 @@ def test_bound_is_the_information_of_the_coordinates_at_the_truth(setup, outcome
 def test_bound_of_distances_is_the_information_of_the_distances_alone(setup, distance_outcomes):
     true = robots(150)[3]
     points = positions_and_frame(setup, true, np.zeros(6)).reshape(-1, 3)
-    first, second = setup.fitted.pairs.T
+    first, second = setup.fitted.whole_pairs(ShotSet.IDENTIFICATION).rows.T
     apart = points[second] - points[first]
     towards = apart / np.linalg.norm(apart, axis=1)[:, None]
     by_point = by_differences(setup, true)[:, : len(FREE)].reshape(-1, 3, len(FREE))
@@ -191,7 +194,7 @@ def test_bound_knows_along_the_beam_from_across(setup):
     blind_along = TrackerUncertainty(1.0, 0.0, NOISE_MM, 0.0)
     blind_across = TrackerUncertainty(NOISE_MM, 0.0, 1.0, 0.0)
     for uncertainty in (blind_along, blind_across):
-        (outcome,) = run(replace(setup, uncertainty=uncertainty), [0], robots(1))
+        (outcome,) = run(with_options(setup, instrument=uncertainty), [0], robots(1))
         np.testing.assert_allclose(outcome.estimate.std, outcome.estimate.bound, rtol=0.05)
 
 
@@ -241,24 +244,21 @@ def test_parameters_that_no_shot_tells_apart_are_named(setup):
 @pytest.mark.parametrize("louder", [1.0, 3.0])
 def test_study_states_what_identification_states_of_the_same_shots(setup, estimator, louder):
     """`louder`: by so much the noise exceeds what the tracker states."""
-    quiet = replace(setup, estimator=estimator)
-    loud = replace(
-        quiet, uncertainty=TrackerUncertainty(louder * NOISE_MM, 0, louder * NOISE_MM, 0)
-    )
-    near = study._nominal_poses(quiet)
-    robot = study._robot(loud, near, tuple(robots(1)[0]))
-    problem = study._problem(quiet, near, study._measured(robot, np.random.default_rng(1)))
-    points = estimator is Estimator.POINTS
-    identified = estimate(
-        LeastSquaresProblem(problem, 3 if points else 1, Priors.none()),
-        len(FREE),
-        OutlierPolicy(exclude=False),
-        trusted=points,
-    )
-    stated = study.stated_std(estimator, solve(problem))
-    np.testing.assert_allclose(stated, np.sqrt(np.diag(identified.covariance)), rtol=1e-6)
-    if points:
-        assert identified.noise.believable == (louder == 1.0)
+    quiet = with_options(setup, estimator=estimator)
+    loud = TrackerUncertainty(louder * NOISE_MM, 0.0, louder * NOISE_MM, 0.0)
+    near = NOMINAL.forward(setup.shots.joints).values_or_raise()
+    robot = study._robot(with_options(quiet, instrument=loud), near, tuple(robots(1)[0]))
+    points_mm = study._measured(robot, np.random.default_rng(1))
+    studied = study._estimate(quiet, robot, study._identified(quiet, points_mm))
+    shots = replace(setup.shots, points_in_tracker_mm=points_mm)
+    found = identify(NOMINAL, shots, ParameterSelection(setup.free), quiet.options)
+    stated = [found.parameters[name].std for name in setup.free]
+    np.testing.assert_allclose(studied.std, stated, rtol=1e-6)
+    values = np.array([found.parameters[name].value for name in setup.free])
+    true = robots(1)[0, FREE] / FILE_UNIT[FREE]
+    np.testing.assert_allclose(studied.errors, values - true, atol=1e-9)
+    if estimator is Estimator.POINTS:
+        assert found.chi2.believable == (louder == 1.0)
 
 
 def test_wrong_noise_model_shows_in_the_coverage(setup, outcomes):
@@ -289,24 +289,44 @@ def test_study_of_failures_is_refused_with_their_reason(setup):
 
 
 def test_study_without_unseen_pairs_says_nothing_of_them(setup):
-    nothing = PairedShots(np.empty((0, 4)), np.empty((0, 2), dtype=np.intp))
-    blind = replace(setup, unseen=nothing)
+    blind = replace(setup, shots=setup.fitted)
     summary = summarise(blind, run(blind, range(3), robots(3)))
     assert summary.unseen_mean_mm is None
     assert summary.unseen_max_mm is None
 
 
 def test_digest_tells_studies_apart(setup):
+    shots = setup.shots
+    sets = tuple(ShotSet.IDENTIFICATION for _ in shots.purposes)
     others = [
         setup.digest("other robots"),
         replace(setup, seed=4).digest("robots"),
-        replace(setup, estimator=Estimator.DISTANCES).digest("robots"),
-        replace(setup, unseen=setup.fitted).digest("robots"),
+        with_options(setup, estimator=Estimator.DISTANCES).digest("robots"),
+        with_options(setup, outliers=Outliers.KEEP).digest("robots"),
+        replace(setup, shots=setup.fitted).digest("robots"),
+        replace(setup, shots=replace(shots, purposes=sets)).digest("robots"),
+        replace(setup, shots=replace(shots, joints=shots.joints[::-1])).digest("robots"),
+        replace(setup, shots=replace(shots, pairs=shots.pairs[::-1])).digest("robots"),
         replace(setup, free=FREE_BY_DEFAULT[1:]).digest("robots"),
-        replace(setup, uncertainty=TrackerUncertainty()).digest("robots"),
+        with_options(setup, instrument=TrackerUncertainty()).digest("robots"),
     ]
-    assert len({setup.digest("robots"), *others}) == 7
+    assert len({setup.digest("robots"), *others}) == 1 + len(others)
     assert setup.digest("robots") == replace(setup).digest("robots")
+
+
+def test_pairs_of_two_plans_with_the_same_numbers_stay_apart(plan):
+    fitted = [shot for shot in plan if shot.purpose is ShotSet.IDENTIFICATION]
+    taken = {shot.pair for shot in fitted}
+    numbers = dict(zip({shot.pair for shot in plan} - taken, sorted(taken), strict=False))
+    unseen = [
+        replace(shot, pair=numbers[shot.pair])
+        for shot in plan
+        if shot.purpose is ShotSet.VALIDATION
+    ]
+    shots = planned_shots([*fitted, *unseen])
+    assert len(set(shots.pairs)) == (len(fitted) + len(unseen)) // 2
+    assert len(shots.whole_pairs(ShotSet.VALIDATION).rows) == len(unseen) // 2
+    assert np.isnan(shots.points_in_tracker_mm).all(), "nothing has been measured"
 
 
 def begin(table):

@@ -48,7 +48,7 @@ def test_joints_are_sent_as_their_pose_where_the_kinematics_works():
     linuxcnc = ready(Coordinates.WORLD)
     linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
     assert linuxcnc.moves[0].endswith("X100.000000 Y-200.000000 Z300.000000 C40.123457")
-    assert arrive(linuxcnc).joints_rad == pytest.approx(TARGET_RAD, abs=radians(1e-6))
+    assert arrive(linuxcnc).joints == pytest.approx(TARGET_RAD, abs=radians(1e-6))
 
 
 def test_move_is_moving_from_the_order_to_the_last_reading_at_rest():
@@ -56,8 +56,8 @@ def test_move_is_moving_from_the_order_to_the_last_reading_at_rest():
     linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
     assert linuxcnc.robot.state().moving
     state = arrive(linuxcnc)
-    assert state.joints_rad == pytest.approx(TARGET_RAD, abs=radians(1e-6))
-    assert degrees(state.joints_rad[3]) == pytest.approx(40.123457, abs=1e-9)
+    assert state.joints == pytest.approx(TARGET_RAD, abs=radians(1e-6))
+    assert degrees(state.joints[3]) == pytest.approx(40.123457, abs=1e-9)
 
 
 def test_idle_and_still_but_not_at_the_target_is_not_arrived():

@@ -34,7 +34,7 @@ def test_newer_version_with_its_extra_lines_is_understood():
     assert linuxcnc.orders[-1] == "set wait_mode received"
     linuxcnc.robot.prepare()
     linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
-    assert arrive(linuxcnc).joints_rad == pytest.approx(TARGET_RAD, abs=radians(1e-6))
+    assert arrive(linuxcnc).joints == pytest.approx(TARGET_RAD, abs=radians(1e-6))
 
 
 def test_connecting_moves_and_switches_nothing():

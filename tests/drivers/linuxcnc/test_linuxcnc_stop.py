@@ -33,7 +33,7 @@ def test_stop_aborts_and_returns_when_the_joints_stand():
     assert linuxcnc.orders == ["set abort"]
     state = linuxcnc.robot.state()
     assert (state.moving, state.fault) == (False, "")
-    assert state.joints_rad != pytest.approx(TARGET_RAD)
+    assert state.joints != pytest.approx(TARGET_RAD)
 
 
 def test_stop_opens_a_closed_wire_and_aborts_first():

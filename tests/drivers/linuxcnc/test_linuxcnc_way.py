@@ -24,11 +24,11 @@ class Curved:
     def __init__(self, bulge_deg):
         self.bulge_rad = radians(bulge_deg)
 
-    def joints_rad(self, pose):
+    def joints(self, pose):
         return (pose.x_mm - self._sag(pose), pose.y_mm, pose.z_mm, pose.theta_rad)
 
-    def pose(self, joints_rad):
-        x, y, z, theta = joints_rad
+    def pose(self, joints):
+        x, y, z, theta = joints
         return Pose(x + self._sag(Pose(x, y, z, theta)), y, z, theta)
 
     def _sag(self, pose):
@@ -50,7 +50,7 @@ def test_line_that_leaves_the_limits_is_divided_as_little_as_it_takes(bulge_deg,
 def test_way_ends_where_it_should():
     kinematics = Curved(6.0)
     way = way_to(kinematics, LIMITS, (LOW, -HALF, 0, 0), (LOW, HALF, 0.5, 0.25))
-    assert kinematics.joints_rad(way[-1]) == pytest.approx((LOW, HALF, 0.5, 0.25))
+    assert kinematics.joints(way[-1]) == pytest.approx((LOW, HALF, 0.5, 0.25))
 
 
 def test_no_way_is_told_before_anything_moves():
@@ -79,9 +79,9 @@ def test_every_way_keeps_the_limits_wherever_it_is_looked_at(bulge_deg, from_rad
                 strict=True,
             )
         )
-        LIMITS.check(kinematics.joints_rad(Pose(*middle)))
+        LIMITS.check(kinematics.joints(Pose(*middle)))
         here = there
-    assert degrees(kinematics.joints_rad(here)[0] - to_rad[0]) == pytest.approx(0.0, abs=1e-9)
+    assert degrees(kinematics.joints(here)[0] - to_rad[0]) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_parts_of_a_way_are_ordered_one_after_the_other():

@@ -43,7 +43,7 @@ def test_questions_are_numbered_on_over_reconnections():
 def test_state_comes_in_radians_with_the_line_as_it_was():
     controller = connected()
     state = controller.robot.state()
-    assert state.joints_rad == pytest.approx((0.0, -pi / 4, pi / 2, pi), abs=1e-15)
+    assert state.joints == pytest.approx((0.0, -pi / 4, pi / 2, pi), abs=1e-15)
     assert (state.moving, state.emergency_stop, state.fault) == (False, False, "")
     assert checked("<8 STATE OK 0 0 - 0.0 -45.0 90.0 180.0") == state.raw.encode() + b"\n"
 
@@ -143,7 +143,7 @@ def test_silence_closes_the_wire_until_it_is_opened_anew():
     with pytest.raises(LinkDown, match="not connected"):
         controller.robot.state()
     controller.robot.reconnect()
-    assert controller.robot.state().joints_rad[0] == radians(1.0)
+    assert controller.robot.state().joints[0] == radians(1.0)
 
 
 def test_late_answer_that_waits_in_the_line_is_never_believed():
@@ -154,7 +154,7 @@ def test_late_answer_that_waits_in_the_line_is_never_believed():
     controller.waiting = checked("<8 STATE OK 0 0 - 77.0 0.0 0.0 0.0")
     controller.answers["STATE"] = "OK 0 0 - 1.0 0.0 0.0 0.0"
     controller.robot.reconnect()
-    assert controller.robot.state().joints_rad[0] == radians(1.0)
+    assert controller.robot.state().joints[0] == radians(1.0)
 
 
 def test_late_answer_that_comes_between_question_and_answer_is_never_believed():
@@ -162,7 +162,7 @@ def test_late_answer_that_comes_between_question_and_answer_is_never_believed():
     stale = checked("<3 STATE OK 0 0 - 77.0 0.0 0.0 0.0")
     right = checked("<8 STATE OK 0 0 - 1.0 0.0 0.0 0.0")
     controller.pipes[0].respond = lambda _: [(ANSWER_S, stale), (2 * ANSWER_S, right)]
-    assert controller.robot.state().joints_rad[0] == radians(1.0)
+    assert controller.robot.state().joints[0] == radians(1.0)
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ def test_geometry_of_another_arm_than_asked_closes_the_wire():
     controller = connected()
     controller.answers["GEOM"] = "OK ARM 0 " + ARM.format(arm=0)
     controller.answers["GEOM PLATE"] = "OK PLATE 100.0"
-    with pytest.raises(WireError, match="another arm"):
+    with pytest.raises(WireError, match="answered for ARM 0, asked for ARM 1"):
         controller.robot.read_geometry()
     assert controller.pipes[0].is_closed
 

@@ -5,14 +5,11 @@ import re
 from pathlib import Path
 
 import pytest
+from robotline_layouts import PAR4_LAYOUT, command_of, outcome_of
 
 from drivers.errors import WireError
-from drivers.wire import robotline_answers as answers
-from drivers.wire import robotline_commands as commands
-from drivers.wire import robotline_geometry as geometry
 from drivers.wire.robotline import (
     BadRequest,
-    Refused,
     Reply,
     Request,
     checksum,
@@ -35,29 +32,6 @@ def why(case):
     return case["why"]
 
 
-def part_of(fields):
-    if "plate_mm" in fields:
-        return geometry.PlateGeometry(**fields)
-    return geometry.ArmGeometry(fields["arm"], tuple(fields["values"]))
-
-
-def command_of(case):
-    if case["command"] == "Stage":
-        return commands.Stage(part_of(case["fields"]["part"]))
-    return getattr(commands, case["command"])(**tuples(case["fields"]))
-
-
-def outcome_of(case):
-    kinds = {"Refused": Refused, "ArmGeometry": geometry.ArmGeometry}
-    kinds["PlateGeometry"] = geometry.PlateGeometry
-    kind = kinds.get(case["outcome"]) or getattr(answers, case["outcome"])
-    return kind(**tuples(case["fields"]))
-
-
-def tuples(fields):
-    return {name: tuple(v) if isinstance(v, list) else v for name, v in fields.items()}
-
-
 @pytest.mark.parametrize("case", GOLDEN["checksums"], ids=lambda case: case["text"])
 def test_checksum_of_golden_text(case):
     assert f"{checksum(case['text'].encode()):04X}" == case["checksum"]
@@ -67,21 +41,21 @@ def test_checksum_of_golden_text(case):
 def test_golden_request_is_written_and_read(case):
     request = Request(case["sequence"], command_of(case))
     assert encode_request(request) == case["line"].encode() + b"\n"
-    assert decode_request(case["line"].encode()) == request
+    assert decode_request(case["line"].encode(), PAR4_LAYOUT) == request
 
 
 @pytest.mark.parametrize("case", GOLDEN["replies"], ids=line)
 def test_golden_reply_is_written_and_read(case):
     reply = Reply(case["sequence"], case["verb"], outcome_of(case))
     assert encode_reply(reply) == case["line"].encode() + b"\n"
-    assert decode_reply(case["line"].encode()) == reply
-    assert decode_reply(case["line"].encode()).line == case["line"]
+    assert decode_reply(case["line"].encode(), PAR4_LAYOUT) == reply
+    assert decode_reply(case["line"].encode(), PAR4_LAYOUT).line == case["line"]
 
 
 @pytest.mark.parametrize("case", GOLDEN["bad_requests"], ids=why)
 def test_bad_request_says_what_the_controller_must_answer(case):
     with pytest.raises(BadRequest) as bad:
-        decode_request(case["line"].encode())
+        decode_request(case["line"].encode(), PAR4_LAYOUT)
     if case["answer"] is None:
         assert bad.value.reply is None
     else:
@@ -91,7 +65,7 @@ def test_bad_request_says_what_the_controller_must_answer(case):
 @pytest.mark.parametrize("case", GOLDEN["bad_replies"], ids=why)
 def test_bad_reply_is_a_wire_error(case):
     with pytest.raises(WireError):
-        decode_reply(case["line"].encode())
+        decode_reply(case["line"].encode(), PAR4_LAYOUT)
 
 
 @pytest.mark.parametrize("case", GOLDEN["requests"] + GOLDEN["replies"], ids=line)
@@ -104,7 +78,7 @@ def test_every_line_in_the_specification_is_right():
     assert len(lines) >= len(GOLDEN["requests"] + GOLDEN["replies"])
     for text in lines:
         decode = decode_request if text.startswith(">") else decode_reply
-        assert decode(text.encode())
+        assert decode(text.encode(), PAR4_LAYOUT)
 
 
 def test_checksum_in_the_specification_is_the_one_used():

@@ -5,11 +5,10 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from robotline_layouts import PAR4_LAYOUT, THREE_CARRIAGES
 
 from drivers.errors import WireError
-from drivers.wire import robotline_answers as answers
-from drivers.wire import robotline_commands as commands
-from drivers.wire import robotline_geometry as geometry
+from drivers.wire import robotline_messages as messages
 from drivers.wire.robotline import (
     LAST_SEQUENCE,
     LINE_BYTES,
@@ -49,28 +48,40 @@ sequences = st.integers(1, LAST_SEQUENCE)
 arms = st.integers(0, 3)
 joints = st.tuples(*[numbers] * 4)
 names = st.text(max_size=5).filter(str.isprintable)
-arm_geometries = st.builds(geometry.ArmGeometry, arms, st.tuples(*[numbers] * 7))
-parts = arm_geometries | st.builds(geometry.PlateGeometry, numbers)
+part_names = st.sampled_from(list(PAR4_LAYOUT.parts))
+parts = part_names.flatmap(
+    lambda name: st.builds(
+        messages.Part, st.just(name), st.tuples(*[numbers] * len(PAR4_LAYOUT.parts[name]))
+    )
+)
 any_command = st.one_of(
-    st.builds(commands.Hello, st.integers(0, 999)),
-    st.builds(commands.MoveJoints, joints, speeds),
-    st.builds(commands.MovePose, numbers, numbers, numbers, numbers, speeds),
-    st.builds(commands.ReadArm, arms),
-    st.builds(commands.Stage, parts),
-    st.sampled_from([commands.AskState(), commands.Stop(), commands.ReadPlate()]),
-    st.sampled_from([commands.Commit(), commands.Abandon()]),
+    st.builds(messages.Hello, st.integers(0, 999)),
+    st.builds(messages.MoveJoints, joints, speeds),
+    st.builds(messages.MovePose, joints, speeds),
+    st.builds(messages.ReadPart, part_names),
+    st.builds(messages.Stage, parts),
+    st.sampled_from([messages.AskState(), messages.Stop()]),
+    st.sampled_from([messages.Commit(), messages.Abandon()]),
 )
 any_outcome = st.one_of(
     st.tuples(
-        st.just("HELLO"), st.builds(answers.Greeting, arms, names, names, names, names, arms)
+        st.just("HELLO"), st.builds(messages.Greeting, arms, names, names, names, names, arms)
     ),
     st.tuples(
-        st.just("STATE"), st.builds(answers.Status, st.booleans(), st.booleans(), names, joints)
+        st.just("STATE"), st.builds(messages.Status, st.booleans(), st.booleans(), names, joints)
     ),
-    st.tuples(st.just("MOVEP"), st.builds(answers.Motion, numbers)),
-    st.tuples(st.just("GEOM"), parts),
-    st.tuples(st.sampled_from(["STOP", "STAGE", "COMMIT"]), st.just(answers.Done())),
+    st.tuples(st.just("MOVEP"), st.builds(messages.Motion, numbers)),
+    st.tuples(st.just("GEOM"), st.builds(messages.Parameters, parts)),
+    st.tuples(st.sampled_from(["STOP", "STAGE", "COMMIT"]), st.just(messages.Done())),
 )
+
+
+def request_of(data):
+    return decode_request(data, PAR4_LAYOUT)
+
+
+def reply_of(data):
+    return decode_reply(data, PAR4_LAYOUT)
 
 
 @given(sequences, any_command)
@@ -79,20 +90,20 @@ def test_request_reads_as_it_was_written(sequence, command):
     written = encode_request(request)
     assert written.endswith(b"\n")
     assert len(written) <= LINE_BYTES
-    assert decode_request(written[:-1]) == request
+    assert request_of(written[:-1]) == request
 
 
 @given(sequences, any_outcome)
 def test_reply_reads_as_it_was_written(sequence, verb_and_outcome):
     reply = Reply(sequence, *verb_and_outcome)
-    assert decode_reply(encode_reply(reply)[:-1]) == reply
+    assert reply_of(encode_reply(reply)[:-1]) == reply
 
 
 @given(sequences, st.text(max_size=600))
 def test_any_text_of_a_refusal_fits_into_a_line(sequence, text):
     written = encode_reply(Reply(sequence, "ABANDON", Refused("GEOMETRY", text)))
     assert len(written) <= LINE_BYTES
-    assert decode_reply(written[:-1]).outcome.code == "GEOMETRY"
+    assert reply_of(written[:-1]).outcome.code == "GEOMETRY"
 
 
 @given(st.binary())
@@ -115,20 +126,20 @@ def test_name_reads_as_it_was_written(text):
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_number_that_is_not_finite_is_never_sent(value):
     with pytest.raises(WireError, match="not a finite number"):
-        encode_request(Request(1, commands.MoveJoints((0.0, value, 0.0, 0.0), 10.0)))
+        encode_request(Request(1, messages.MoveJoints((0.0, value, 0.0, 0.0), 10.0)))
 
 
 def test_line_that_would_be_too_long_is_never_sent():
     with pytest.raises(WireError, match="limit is 255"):
-        encode_reply(Reply(1, "STATE", answers.Status(False, False, "x" * 300, (0.0,) * 4)))
+        encode_reply(Reply(1, "STATE", messages.Status(False, False, "x" * 300, (0.0,) * 4)))
 
 
 def test_longest_line_is_read_and_one_byte_more_is_not():
     room = LINE_BYTES - len(b"<1 STOP NO FAULT  *0000\n")
     longest = checked(b"<1 STOP NO FAULT " + b"x" * room)
-    assert decode_reply(longest).outcome.code == "FAULT"
+    assert reply_of(longest).outcome.code == "FAULT"
     with pytest.raises(WireError, match="more than 255 bytes"):
-        decode_reply(checked(b"<1 STOP NO FAULT " + b"x" * (room + 1)))
+        reply_of(checked(b"<1 STOP NO FAULT " + b"x" * (room + 1)))
 
 
 def test_number_of_a_question_starts_again_after_the_last():
@@ -137,12 +148,25 @@ def test_number_of_a_question_starts_again_after_the_last():
 
 
 def test_parameters_keep_their_names_through_the_parts():
-    flat = {name: float(n) for n, name in enumerate(geometry.GEOMETRY_NAMES)}
+    flat = {name: float(n) for n, name in enumerate(PAR4_LAYOUT.parameters)}
     assert len(flat) == 29
     again = {}
-    for part in geometry.parts_of(flat):
-        again |= part.flat()
+    for part in PAR4_LAYOUT.parts_of(flat):
+        again |= PAR4_LAYOUT.flat(part)
     assert again == flat
+
+
+def test_another_robot_has_other_words():
+    """Three joints, no turn, and no parameter beside those of its arms."""
+    moved = Request(1, messages.MoveJoints((1.0, 2.0, 3.0), 50.0))
+    assert decode_request(encode_request(moved)[:-1], THREE_CARRIAGES) == moved
+    with pytest.raises(BadRequest):
+        request_of(encode_request(moved)[:-1])
+    assert list(THREE_CARRIAGES.parts) == ["ARM 0", "ARM 1", "ARM 2"]
+    with pytest.raises(BadRequest, match="'PLATE' is neither ARM"):
+        decode_request(encode_request(Request(1, messages.ReadPart("PLATE")))[:-1], THREE_CARRIAGES)
+    with pytest.raises(BadRequest, match="not 0 to 2"):
+        decode_request(encode_request(Request(1, messages.ReadPart("ARM 3")))[:-1], THREE_CARRIAGES)
 
 
 # Garbage
@@ -162,23 +186,23 @@ streams = st.lists(almost_lines | st.binary()).map(b"\n".join)
 @given(almost_lines | st.binary())
 def test_any_bytes_are_a_request_or_a_bad_one(data):
     try:
-        assert isinstance(decode_request(data), Request)
+        assert isinstance(request_of(data), Request)
     except BadRequest as bad:
         if bad.reply is not None:
-            decode_reply(encode_reply(bad.reply)[:-1])
+            reply_of(encode_reply(bad.reply)[:-1])
 
 
 @given(almost_lines | st.binary())
 def test_any_bytes_are_a_reply_or_a_wire_error(data):
     try:
-        assert isinstance(decode_reply(data), Reply)
+        assert isinstance(reply_of(data), Reply)
     except WireError:
         return
 
 
 def read_until_error(pieces):
     """The replies of a stream, and whether it ended in an error."""
-    framer, replies = ReplyFramer(), []
+    framer, replies = ReplyFramer(PAR4_LAYOUT), []
     try:
         for piece in pieces:
             replies += framer.feed(piece)
@@ -199,7 +223,7 @@ def test_stream_byte_by_byte_ends_as_it_does_whole(stream):
 def test_reply_is_read_whatever_trails_behind_its_line(sequence, verb_and_outcome, trailing):
     reply = Reply(sequence, *verb_and_outcome)
     first, *_ = line_framer().feed(encode_reply(reply) + trailing)
-    assert decode_reply(first) == reply
+    assert reply_of(first) == reply
 
 
 @given(st.data())
@@ -209,8 +233,8 @@ def test_no_damage_of_two_bytes_goes_unseen(data):
     damaged = bytes(whole[:at]) + data.draw(st.binary(min_size=2, max_size=2)) + whole[at + 2 :]
     if damaged != bytes(whole):
         with pytest.raises(BadRequest):
-            decode_request(damaged)
+            request_of(damaged)
 
 
 def test_empty_lines_are_passed_over():
-    assert ReplyFramer().feed(b"\n\r\n\n") == []
+    assert ReplyFramer(PAR4_LAYOUT).feed(b"\n\r\n\n") == []

@@ -25,7 +25,7 @@ def driven(behaviour, *, seed=1, worked=None):
     build = Build(np.zeros((4, 3)), 80.0, np.zeros((4, 2)), np.zeros(4))
     rods = EightRods(GEOMETRY, build)
     start = assemble(rods, GEOMETRY, np.array([0.0, 0.0, -575.0]), 0.0, growth=0.0)
-    standing = Standing(start.joints_rad, np.zeros(4), start, np.zeros(3))
+    standing = Standing(start.joints, np.zeros(4), start, np.zeros(3))
     mount = Mount(np.array([0.0, 0.0, -50.0]), np.array([1.0, 0.0, 0.0]))
     worked = worked or WorkedTime(0.0)
     return DrivenRobot(

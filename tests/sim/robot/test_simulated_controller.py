@@ -43,7 +43,7 @@ def controller(*, faults=(), axes=None, worked=None, **settings):
         ControllerSettings(**changed),
         axes or Axes(),
         geometry=NOMINAL_ROBOTS["par4-prototype"],
-        joints_rad=HOME,
+        joints=HOME,
         faults=FaultScript(faults, {}),
         worked=worked or WorkedTime(0.0),
     )
@@ -62,7 +62,7 @@ def test_a_move_takes_its_time_and_ends_exactly_in_place():
     assert robot.state(5.0 + 0.99 * takes_s).moving
     state = robot.state(5.0 + takes_s)
     assert not state.moving
-    assert state.joints_rad == pytest.approx(THERE, abs=math.radians(0.5e-6))
+    assert state.joints == pytest.approx(THERE, abs=math.radians(0.5e-6))
     assert axes.rests[0][1] == (40_000_000, 35_000_000, 10_000_000, 20_000_000)
     assert worked.seconds == takes_s
 
@@ -71,7 +71,7 @@ def test_no_joint_exceeds_its_speed_and_all_arrive_together():
     robot = controller()
     takes_s = robot.move_joints(THERE, 0.5, 0.0)
     times = np.linspace(0.0, takes_s, 400)
-    path = np.array([robot.state(now_s).joints_rad for now_s in times])
+    path = np.array([robot.state(now_s).joints for now_s in times])
     speeds = np.abs(np.diff(path, axis=0)).max() / (times[1] - times[0])
     assert 0.98 * math.radians(90.0) < speeds <= 1.001 * math.radians(90.0)
     parts = (path[1:-1] - HOME)[:, :3] / (np.array(THERE) - HOME)[:3]
@@ -82,7 +82,7 @@ def test_encoders_read_whole_steps():
     robot = controller(resolution_rad=math.radians(0.01))
     robot.move_joints(tuple(np.radians([31.2345, 30.0, 20.0, 20.0])), 1.0, 0.0)
     for now_s in (0.01, 0.03, 9.0):
-        steps = np.degrees(robot.state(now_s).joints_rad) / 0.01
+        steps = np.degrees(robot.state(now_s).joints) / 0.01
         assert steps == pytest.approx(np.round(steps), abs=1e-6)
 
 
@@ -92,7 +92,7 @@ def test_a_pose_is_reached_by_the_controllers_own_geometry():
     robot.replace_geometry(flat, 0.0)
     takes_s = robot.move_pose(50.0, -20.0, -600.0, 0.2, 1.0, 0.0)
     wanted = joints_for(geometry_of(flat), np.array([50.0, -20.0, -600.0]), 0.2)
-    assert robot.state(takes_s).joints_rad == pytest.approx(wanted, abs=1e-7)
+    assert robot.state(takes_s).joints == pytest.approx(wanted, abs=1e-7)
 
 
 @pytest.mark.parametrize("joint_deg", [-45.1, 90.1, math.nan, math.inf])
@@ -132,11 +132,11 @@ def test_stop_brakes_within_a_moment_and_on_the_way():
     robot, axes = controller(), Axes()
     robot = controller(axes=axes)
     takes_s = robot.move_joints(THERE, 0.2, 0.0)
-    before = robot.state(takes_s / 2).joints_rad
+    before = robot.state(takes_s / 2).joints
     robot.stop(takes_s / 2)
     state = robot.state(takes_s / 2 + 0.051)
     assert not state.moving
-    travelled = (np.array(state.joints_rad) - before)[:3] / (np.array(THERE) - HOME)[:3]
+    travelled = (np.array(state.joints) - before)[:3] / (np.array(THERE) - HOME)[:3]
     assert 0.0 < travelled.min() < 0.2
     assert np.ptp(travelled) < 1e-6
     assert len(axes.rests) == 1
@@ -147,13 +147,13 @@ def test_stop_does_not_throw_a_robot_that_has_almost_arrived():
     robot = controller()
     takes_s = robot.move_joints(THERE, 1.0, 0.0)
     robot.stop(takes_s - 0.001)
-    assert robot.state(takes_s).joints_rad == pytest.approx(THERE, abs=1e-7)
+    assert robot.state(takes_s).joints == pytest.approx(THERE, abs=1e-7)
 
 
 def test_stop_of_a_standing_robot_changes_nothing():
     robot = controller()
     robot.stop(1.0)
-    assert robot.state(2.0).joints_rad == tuple(HOME)
+    assert robot.state(2.0).joints == tuple(HOME)
 
 
 def test_parameters_are_replaced_all_or_none():
@@ -182,7 +182,7 @@ def test_a_drive_fault_halts_the_second_move_halfway_and_clears_in_time():
     state = robot.state(now_s)
     assert state.fault
     assert not state.moving
-    assert state.joints_rad == pytest.approx((HOME + THERE) / 2, abs=1e-7)
+    assert state.joints == pytest.approx((HOME + THERE) / 2, abs=1e-7)
     assert refusal(robot.move_joints, THERE, 1.0, now_s).code == "FAULT"
     assert robot.state(now_s + 5.0).fault == ""
 
@@ -197,9 +197,9 @@ def test_an_emergency_stop_without_an_end_stays():
 def test_a_stalled_robot_claims_to_move_until_it_is_stopped():
     robot = controller(faults=[Fault(Counted.MOVE, 1, "stall", None)])
     takes_s = robot.move_joints(THERE, 1.0, 0.0)
-    halfway = robot.state(takes_s).joints_rad
+    halfway = robot.state(takes_s).joints
     assert robot.state(1e6).moving
-    assert robot.state(1e6).joints_rad == halfway
+    assert robot.state(1e6).joints == halfway
     robot.stop(1e6)
     assert not robot.state(1e6).moving
 
@@ -218,5 +218,5 @@ def test_a_mechanism_that_cannot_follow_trips_the_drives_where_it_holds():
     takes_s = robot.move_joints(THERE, 1.0, 0.0)
     state = robot.state(takes_s)
     assert "following error" in state.fault
-    assert state.joints_rad == pytest.approx(HOME + 0.25 * (THERE - HOME), abs=1e-7)
+    assert state.joints == pytest.approx(HOME + 0.25 * (THERE - HOME), abs=1e-7)
     assert robot.state(takes_s + 10.0).fault == ""

@@ -125,14 +125,14 @@ def test_arms_that_grow_spread_the_elbows_and_raise_the_plate():
     geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
     rods = mechanism(geometry)
     cold = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
-    warm = restore(rods, cold.joints_rad, cold.plate, growth=50e-6)
+    warm = restore(rods, cold.joints, cold.plate, growth=50e-6)
     longer = geometry_of(
         {
             k: v * (1 + 50e-6 * k.endswith(".arm_mm"))
             for k, v in NOMINAL_ROBOTS["par4-prototype"].items()
         }
     )
-    assert abs(contracted_misfit_mm(longer, cold.joints_rad, warm.plate)).max() < 1e-9
+    assert abs(contracted_misfit_mm(longer, cold.joints, warm.plate)).max() < 1e-9
     assert warm.plate.position_mm[2] > cold.plate.position_mm[2] + 0.01
 
 
@@ -152,7 +152,7 @@ def test_the_way_is_followed_up_to_where_the_assembly_is_lost():
     target = np.radians([90.0, -45.0, 90.0, -45.0])
     with pytest.raises(AssemblyLost) as lost:
         follow(rods, centre, target, growth=0.0)
-    edge = centre.joints_rad + 0.999 * lost.value.part * (target - centre.joints_rad)
+    edge = centre.joints + 0.999 * lost.value.part * (target - centre.joints)
     assert abs(follow(rods, centre, edge, growth=0.0).plate.theta_rad) < math.pi / 2
 
 
@@ -162,7 +162,7 @@ def test_the_other_assembly_of_the_same_joints_is_never_taken():
     centre = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
     turned = Plate(centre.plate.unknowns + np.array([0, -100.0, 60.0, 0, 0, 0, math.pi]))
     with pytest.raises(AssemblyLost):
-        restore(rods, centre.joints_rad, turned, growth=0.0)
+        restore(rods, centre.joints, turned, growth=0.0)
 
 
 @pytest.mark.parametrize("step", [1e-3, 1e-5])

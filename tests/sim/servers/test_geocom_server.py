@@ -100,7 +100,7 @@ any_words = st.lists(
 )
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.sampled_from(list(Rpc)) | st.integers(0, 30000), any_words)
 def test_every_question_of_whatever_words_gets_one_answer(anybody, rpc, words):
     line = f"%R1Q,{int(rpc)},77:{','.join(words)}\r\n".encode()
@@ -111,7 +111,6 @@ def test_every_question_of_whatever_words_gets_one_answer(anybody, rpc, words):
 
 
 @pytest.mark.slow
-@settings(deadline=None)
 @given(st.lists(st.binary(max_size=40), max_size=10))
 def test_garbage_never_breaks_the_instrument(pieces):
     client = Client()

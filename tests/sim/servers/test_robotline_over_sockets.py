@@ -2,12 +2,12 @@
 
 import pytest
 from fake_controller import FakeController
+from robotline_layouts import PAR4_LAYOUT
 
 from drivers.errors import LimitViolation, LinkDown, WireError
 from drivers.ports import SystemClock
 from drivers.robotline.robot import LineRobot
 from drivers.transport import open_transport
-from drivers.wire.robotline_geometry import GEOMETRY_NAMES
 from sim.clock import ScaledClock
 from sim.faults import Counted, Fault, FaultScript
 from sim.robot.controller import Refusal
@@ -26,7 +26,10 @@ class Served:
         serve = self.server.serve_tcp if wire == "tcp" else self.server.serve_pty
         url = serve(self._session, "controller")
         self.robot = LineRobot(
-            lambda: open_transport(url, timeout_s=1.0), clock=SystemClock(), first_sequence=1
+            lambda: open_transport(url, timeout_s=1.0),
+            layout=PAR4_LAYOUT,
+            clock=SystemClock(),
+            first_sequence=1,
         )
 
     def _session(self, send, already_open):
@@ -51,7 +54,7 @@ def served(request):
 def test_whole_conversation_over_a_real_wire(served):
     robot, controller = served.robot, served.controller
     assert robot.identity().serial == controller.serial
-    assert robot.state().joints_rad == pytest.approx(controller.joints_rad, abs=1e-15)
+    assert robot.state().joints == pytest.approx(controller.joints, abs=1e-15)
     robot.move_joints([0.0, 0.1, 0.2, 0.3], 0.5)
     assert robot.state().moving
     robot.stop()
@@ -59,7 +62,7 @@ def test_whole_conversation_over_a_real_wire(served):
     geometry = {name: value + 0.1 for name, value in robot.read_geometry().items()}
     robot.write_geometry(geometry)
     assert robot.read_geometry() == geometry
-    assert geometry.keys() == set(GEOMETRY_NAMES)
+    assert geometry.keys() == set(PAR4_LAYOUT.parameters)
 
 
 def test_refusal_arrives_over_a_real_wire(served):

@@ -9,9 +9,9 @@ import pytest
 from fake_controller import GEOMETRY, FakeController
 from hypothesis import given
 from hypothesis import strategies as st
+from robotline_layouts import PAR4_LAYOUT
 
 from drivers.wire.robotline import decode_reply
-from drivers.wire.robotline_geometry import parts_of
 from sim.robot.controller import Refusal
 from sim.servers.robotline_server import RobotlineSession
 
@@ -33,13 +33,15 @@ class Client:
         self.session.received(checked(f">5 {command}"), NOW_S)
         (answer,) = self.sent
         head = f"<5 {command.split()[0]} "
-        decode_reply(answer[:-1])
+        decode_reply(answer[:-1], PAR4_LAYOUT)
         body = answer.decode().rpartition(" *")[0]
         assert body.startswith(head)
         return body.removeprefix(head)
 
     def stage_all(self, geometry):
-        return [self.ask(" ".join(["STAGE", *part.words()])) for part in parts_of(geometry)]
+        return [
+            self.ask(" ".join(["STAGE", *part.words()])) for part in PAR4_LAYOUT.parts_of(geometry)
+        ]
 
 
 def checked(body):
@@ -184,7 +186,7 @@ def test_question_is_answered_whatever_came_before(before):
 def test_every_question_of_one_delivery_is_answered_in_turn():
     client = Client()
     client.session.received(checked(">8 STOP") + checked(">9 STATE")[:-1] + b"\r\n>10 ST", NOW_S)
-    assert [decode_reply(line[:-1]).sequence for line in client.sent] == [8, 9]
+    assert [decode_reply(line[:-1], PAR4_LAYOUT).sequence for line in client.sent] == [8, 9]
 
 
 @given(
@@ -200,4 +202,4 @@ def test_garbage_never_raises_and_every_answer_is_sound(pieces):
     for piece in pieces:
         client.session.received(piece, NOW_S)
     for line in client.sent:
-        decode_reply(line[:-1])
+        decode_reply(line[:-1], PAR4_LAYOUT)

@@ -1,0 +1,85 @@
+"""New campaigns: on real devices, or on a simulated cell of its own."""
+
+from pathlib import Path
+
+from campaigns.campaign import SIMULATED
+from campaigns.errors import OutputExists
+from campaigns.files.text_file import make_folder, read_text, refuse_existing, write_new_text
+from campaigns.robots.robot import RobotFile, find_robot
+from campaigns.settings.config import CampaignConfig, new_config, write_new_campaign
+from sim.scenarios.scenario import load_scenario, scenario_text
+from sim.scenarios.tracker import DataSheet
+
+DEFAULT_ROBOT = "par4-prototype"
+DEFAULT_SCENARIO = "paper-prototype"
+DEFAULT_REFLECTOR = "CCR-1.5in"
+SIMULATED_SPEED_PERCENT = 50.0
+SCENARIO = "cell.yaml"
+LIMIT_DIGITS = 4
+"""Of a limit in µm: more than any data sheet has."""
+
+
+def create_for_devices(folder: Path, robot: str, controller: str, tracker: str) -> CampaignConfig:
+    """Campaign on real devices; raises `ConfigInvalid`, `OutputExists` or `WriteFailed`."""
+    nominal = find_robot(robot)
+    config = new_config(
+        {
+            "name": folder.resolve().name,
+            "controller": {"url": controller},
+            "tracker": {"url": tracker, "reflector": DEFAULT_REFLECTOR},
+            **_centre(nominal.robot),
+        }
+    )
+    write_new_campaign(folder, config, nominal)
+    return config
+
+
+def create_simulated(
+    folder: Path,
+    robot: str = DEFAULT_ROBOT,
+    scenario: str = DEFAULT_SCENARIO,
+    seed: int | None = None,
+) -> CampaignConfig:
+    """Campaign on a simulated cell, whose scenario is kept in the folder as cell.yaml.
+
+    Raises `ConfigInvalid`, `OutputExists`, `WriteFailed` or `ScenarioInvalid`.
+    """
+    tracker, nominal = load_scenario(scenario).tracker, find_robot(robot)
+    url = SIMULATED + SCENARIO.removesuffix(".yaml")
+    config = new_config(
+        {
+            "name": folder.resolve().name,
+            "controller": {"url": url, "speed_percent": SIMULATED_SPEED_PERCENT},
+            "tracker": {
+                "url": url,
+                "reflector": tracker.reflectors[0].name,
+                "place_mm": [tracker.station.x_mm, tracker.station.y_mm, tracker.station.z_mm],
+                "uncertainty": _limits(tracker.noise.data_sheet),
+            },
+            **_centre(nominal.robot),
+        }
+    )
+    refuse_existing(folder / "campaign.yaml")
+    make_folder(folder)
+    _write_unless_same(folder / SCENARIO, scenario_text(scenario, seed))
+    write_new_campaign(folder, config, nominal)
+    return config
+
+
+def _centre(robot: RobotFile) -> dict[str, object]:
+    """What the robot's file says of its workspace."""
+    centre_mm = robot.workspace_centre_mm
+    return {} if centre_mm is None else {"validation": {"centre_mm": list(centre_mm)}}
+
+
+def _limits(data_sheet: DataSheet) -> dict[str, float]:
+    """What to plan by; nothing, so the defaults, for a tracker without any noise."""
+    noisy = min(data_sheet.along_um, data_sheet.across_um) > 0.0
+    limits = data_sheet._asdict() if noisy else {}
+    return {name: round(limit, LIMIT_DIGITS) for name, limit in limits.items()}
+
+
+def _write_unless_same(path: Path, text: str) -> None:
+    """Write a new file; one that an attempt before has left is taken as it is."""
+    if not path.exists() or read_text(path, OutputExists, if_missing="try again") != text:
+        write_new_text(path, text)

@@ -1,0 +1,152 @@
+"""Predicted precision of a plan, said to people and to programs."""
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+from app.console import WARNING, Terminal
+from app.progress import interval
+from campaigns.design.sample_size import diminishing_returns_from
+from campaigns.planning.plan_check import CheckedPlan
+from campaigns.planning.predicted_precision import (
+    PlanForecast,
+    PlanPrecision,
+    PrecisionCurvePoint,
+    PredictedPrecision,
+)
+
+ONE_SIDED = 0.85
+"""Share of approaches from one side from which on backlash and joint offset look alike."""
+
+Row = tuple[str, ...]
+
+
+def show_precision(terminal: Terminal, forecast: PlanForecast) -> None:
+    """All of it, for people."""
+    std = forecast.precision.predicted.std_in_file_units
+    rows = [(name, _with_unit(name, value)) for name, value in std.items()]
+    title = f"What the plan will tell, by {forecast.estimator}"
+    terminal.table(title, ("parameter", "predicted σ"), rows)
+    for line in told_lines(forecast.precision):
+        terminal.say(line)
+    for line in warnings(forecast.precision):
+        terminal.say(line, WARNING)
+    if forecast.curve:
+        columns = ("", "worst length", "worst angle", "position, mean")
+        terminal.table("What other numbers of shots would tell", columns, _curve_rows(forecast))
+        terminal.say(paying_line(forecast.curve))
+
+
+def told_lines(precision: PlanPrecision) -> Iterator[str]:
+    """The worst parameters, positions, observability, approaches."""
+    predicted, information = precision.predicted, precision.information
+    if predicted.full_rank:
+        yield ", ".join(_worst(predicted))
+        std_mm = precision.position_std_mm
+        yield (
+            f"positions in the workspace ±{std_mm.mean():.4f} mm on average, "
+            f"±{std_mm.max():.4f} mm at most"
+        )
+        indices = ", ".join(f"{name} {value:.3g}" for name, value in information.indices.items())
+        yield f"observability: condition {information.condition:.0f}, {indices}"
+    shares = ", ".join(f"{share:.0%}" for share in precision.from_below)
+    last = len(precision.from_below) - 1
+    yield f"shots to which joints 0 to {last} come from smaller values: {shares}"
+
+
+def warnings(precision: PlanPrecision) -> Iterator[str]:
+    """What speaks against measuring by this plan."""
+    if not precision.predicted.full_rank:
+        count = len(precision.predicted.names)
+        yield f"too few shots to tell all {count} parameters: plan more, or --fix some"
+    for joint, share in enumerate(precision.from_below):
+        if max(share, 1.0 - share) > ONE_SIDED:
+            side = "smaller" if share > ONE_SIDED else "larger"
+            yield (
+                f"joint {joint} comes from {side} values to {max(share, 1.0 - share):.0%} of the "
+                "shots: its backlash would pass for a joint offset; try another --seed"
+            )
+
+
+def paying_line(curve: Sequence[PrecisionCurvePoint]) -> str:
+    """When more shots stop paying."""
+    shots = [at.predicted.shots for at in curve]
+    lengths = [at.predicted.worst_length_mm for at in curve]
+    angles = [at.predicted.worst_angle_rad for at in curve]
+    enough = diminishing_returns_from(shots, lengths if max(lengths) > 0.0 else angles)
+    return (
+        f"beyond about {enough} shots more of them only average: four times as many for half the σ"
+    )
+
+
+def precision_document(forecast: PlanForecast) -> dict[str, object]:
+    """All of it, for programs."""
+    precision = forecast.precision
+    predicted, information = precision.predicted, precision.information
+    return {
+        "placement": forecast.placement,
+        "estimator": forecast.estimator.value,
+        "criterion": forecast.criterion,
+        "seed": forecast.seed,
+        "predicted_std": {name: finite(std) for name, std in predicted.std_in_file_units.items()},
+        "worst": {
+            "length_mm": finite(predicted.worst_length_mm),
+            "angle_deg": finite(math.degrees(predicted.worst_angle_rad)),
+        },
+        "position_error_mm": {
+            "mean": finite(float(precision.position_std_mm.mean())),
+            "max": finite(float(precision.position_std_mm.max())),
+        },
+        "observability": information.indices | {"condition": finite(information.condition)},
+        "from_below": list(precision.from_below),
+        "curve": [_point(at) for at in forecast.curve] or None,
+    }
+
+
+def finite(value: float) -> float | None:
+    """The value; None, which JSON knows, for what is not known."""
+    return value if value < math.inf else None
+
+
+def _curve_rows(forecast: PlanForecast) -> list[Row]:
+    own = forecast.precision.predicted.shots
+    return [
+        (
+            f"{at.predicted.shots} shots{', this plan' if at.predicted.shots == own else ''}",
+            f"{at.predicted.worst_length_mm:.4f} mm",
+            f"{math.degrees(at.predicted.worst_angle_rad):.4f} deg",
+            f"{at.position_mm:.4f} mm",
+        )
+        for at in forecast.curve
+    ]
+
+
+def _point(at: PrecisionCurvePoint) -> dict[str, float]:
+    return {
+        "shots": at.predicted.shots,
+        "length_mm": at.predicted.worst_length_mm,
+        "angle_deg": math.degrees(at.predicted.worst_angle_rad),
+        "position_mm": at.position_mm,
+    }
+
+
+def _worst(predicted: PredictedPrecision) -> Iterator[str]:
+    """The length and the angle that are known worst, where there are such."""
+    std = predicted.std_in_file_units
+    for kind, unit in (("length", "mm"), ("angle", "deg")):
+        named = [name for name in std if name.endswith(f"_{unit}")]
+        if named:
+            worst = max(named, key=std.__getitem__)
+            yield f"worst {kind} {worst} ±{_with_unit(worst, std[worst])}"
+
+
+def _with_unit(name: str, std: float) -> str:
+    return f"{std:.4f} {name.rsplit('_', 1)[1]}" if std < math.inf else "unknown"
+
+
+def plan_line(checked: CheckedPlan) -> str:
+    """What a plan holds and takes, in one line."""
+    counts = Counter(shot.purpose.value for shot in checked.shots)
+    sets = ", ".join(f"{count} {purpose}" for purpose, count in counts.items())
+    took = interval((checked.seconds, checked.seconds))
+    return f"{len(checked.shots)} shots ({sets}), about {took}"

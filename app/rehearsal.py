@@ -1,0 +1,102 @@
+"""Rehearsal: the whole chain on a simulated cell, for `dry-run` and for the paper reproduced."""
+
+from app.console import Terminal
+from app.measuring import measure_validation, run_plan
+from app.plan_text import plan_line
+from app.report.identification_text import show
+from app.validation_text import figures_mm, in_mm
+from app.wiring import connected_robot, scenario_of
+from campaigns import chain
+from campaigns.campaign import Campaign
+from campaigns.chain.validation import Validated, ValidationStage
+from campaigns.evaluation.validation import ValidationResult
+from campaigns.options import IdentifyOptions
+
+STAGES = 8
+
+
+def rehearse(
+    campaign: Campaign, terminal: Terminal, options: IdentifyOptions | None = None
+) -> tuple[dict[str, object], tuple[str, ...]]:
+    """The whole chain but its report; gives what `--json` prints, and what speaks against it.
+
+    `options` say how to identify, if not as `pkmcal identify` does by itself.
+    """
+    document = _beginning(campaign, terminal)
+    heading(terminal, 1, "plan")
+    checked = chain.plan(campaign).checked
+    terminal.say(plan_line(checked))
+    heading(terminal, 2, "validate before")
+    before = _validated(campaign, terminal, "before")
+    document["before"] = before.result.document()
+    heading(terminal, 3, "run")
+    run_plan(campaign, checked, terminal)
+    heading(terminal, 4, "identify")
+    found = chain.identify(campaign, options)
+    document["identification"] = found.document()
+    show(terminal, found, campaign.robot.mechanism.parameters)
+    if found.verdict != "pass":
+        return document, found.reasons
+    heading(terminal, 5, "export")
+    path, _ = chain.export(campaign)
+    terminal.say(path.name)
+    document["parameter_file"] = str(path)
+    heading(terminal, 6, "load")
+    kept = chain.load(campaign, connected_robot(campaign), path)
+    terminal.say(f"written, read back and compared; the old ones: {kept.name if kept else '-'}")
+    heading(terminal, 7, "validate after")
+    after = _validated(campaign, terminal, "after")
+    document["after"] = after.result.document()
+    show_gain(terminal, before.result, after.result)
+    return document, after.verdict.reasons
+
+
+def heading(terminal: Terminal, number: int, stage: str) -> None:
+    """Say which stage begins."""
+    terminal.say(f"\n{number}/{STAGES} {stage}", "bold cyan")
+
+
+def show_gain(terminal: Terminal, before: ValidationResult, after: ValidationResult) -> None:
+    """Before and after side by side."""
+    old, new = figures_mm(before), figures_mm(after)
+    rows = [
+        (name, *map(in_mm, (old[name], new[name])), _factor(old[name], new[name])) for name in old
+    ]
+    terminal.table("Gain (mm)", ("", "before", "after", "before/after"), rows)
+
+
+def _validated(campaign: Campaign, terminal: Terminal, stage: ValidationStage) -> Validated:
+    again = f"pkmcal validate {campaign.folder} --stage {stage}"
+    found = measure_validation(campaign, stage, terminal, again=again)
+    terminal.say(_distance_line(found.result))
+    return found
+
+
+def _beginning(campaign: Campaign, terminal: Terminal) -> dict[str, object]:
+    """Say what will be done; gives the document with what is known so far."""
+    scenario = scenario_of(campaign.folder, campaign.config.controller.url)
+    terminal.say(f"dry run of {scenario.name}, seed {scenario.seed}, in {campaign.folder}", "bold")
+    return {
+        "scenario": scenario.name,
+        "seed": scenario.seed,
+        "before": None,
+        "after": None,
+        "identification": None,
+        "parameter_file": None,
+        "report": None,
+    }
+
+
+def _distance_line(found: ValidationResult) -> str:
+    """The figure that counts, in a line."""
+    distances = found.distances
+    if distances is None:
+        return "no distances measured"
+    return (
+        f"distances of unseen pairs off by {distances.mean.value_mm:.3f} mm on average, "
+        f"{distances.largest.value_mm:.3f} mm at most"
+    )
+
+
+def _factor(before: float | None, after: float | None) -> str:
+    return f"{before / after:.1f}" if before is not None and after else "-"

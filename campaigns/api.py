@@ -1,0 +1,153 @@
+"""Python API: robots, shots, identification, plans and studies without a campaign's folder."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from campaigns.estimation.estimators import Estimator, Model
+from campaigns.estimation.rigid_transforms import Transform
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.identification.model_selection import candidate_models, select_model
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.parameter_selection import select_parameters
+from campaigns.identification.result import IdentificationResult
+from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.plans import (
+    Placement,
+    PlanRequest,
+    View,
+    make_plan,
+    region_of,
+    with_reserve,
+)
+from campaigns.planning.predicted_precision import (
+    EstimationSetup,
+    PlanPrecision,
+    predict_precision,
+    sampled_workspace,
+)
+from campaigns.robots import robot as robots
+from campaigns.robots.robot import RobotFile, pose_of
+from campaigns.shots import shots_csv
+from campaigns.shots.shots import Shots, shots_of_rows
+from campaigns.studies.study import StudySetup, StudyTask, planned_shots, run_task
+from campaigns.studies.summary import StudySummary, summarise
+from drivers.values import Vector3
+
+
+def find_robot(name: str | Path) -> RobotFile:
+    """Robot of a shipped name or of a file; raises `ConfigInvalid`."""
+    return robots.find_robot(str(name)).robot
+
+
+def read_shots(path: Path | str, robot: RobotFile) -> Shots:
+    """Measured shots of a CSV file in the form of shots.csv; raises `ShotsInvalid`."""
+    return shots_of_rows(shots_csv.read_shots(Path(path), robot.mechanism), robot.kinematics)
+
+
+def identify(
+    shots: Shots,
+    robot: RobotFile,
+    *,
+    free: Sequence[str] = (),
+    fix: Sequence[str] = (),
+    priors: Sequence[str] = (),
+    model: Model = Model.STANDARD,
+    options: IdentificationOptions | None = None,
+) -> IdentificationResult:
+    """Identification of a nominal robot's parameters from shots, as `pkmcal identify` does it.
+
+    Patterns and priors are as on the command line. Raises `SelectionInvalid`, `ShotsMissing` and
+    `ShotsInvalid`.
+    """
+    models = candidate_models(robot.mechanism.parameters, model, free, fix, priors)
+    return select_model(robot.kinematics, shots, models, options)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """Planned shots, and what they will tell."""
+
+    shots: tuple[PlannedShot, ...]
+    precision: PlanPrecision
+
+
+def plan(
+    robot: RobotFile,
+    tracker_mm: Vector3,
+    *,
+    shots: int = 120,
+    validation_pairs: int = 20,
+    drift_shots: int = 3,
+    placement: Placement = Placement.BOUNDARY,
+    estimator: Estimator = Estimator.POINTS,
+    free: Sequence[str] = (),
+    fix: Sequence[str] = (),
+    acceptance_deg: float = 25.0,
+    uncertainty: TrackerUncertainty | None = None,
+    seed: int = 1,
+) -> Plan:
+    """Plan of identification shots, validation pairs and drift shots, and its predicted σ.
+
+    `tracker_mm` is the tracker's place in the base frame; the reflector faces it, and is seen
+    within `acceptance_deg`. Raises `PlanInvalid` and `SelectionInvalid`.
+    """
+    space, centre = robot.mechanism.parameters, robot.workspace_centre
+    known = select_parameters(space, free, fix, names=space.geometry).free
+    x_mm, y_mm, z_mm = (np.array(tracker_mm) - centre[:3]).tolist()
+    view = View(tracker_mm, (x_mm, y_mm, z_mm), float(np.radians(acceptance_deg)))
+    wanted = PlanRequest(shots, validation_pairs, drift_shots, pose_of(centre))
+    instrument, rng = uncertainty or TrackerUncertainty(), np.random.default_rng(seed)
+    if placement is Placement.OPTIMAL:
+        request = OptimalRequest(
+            plan=wanted, uncertainty=instrument, free=known, estimator=estimator
+        )
+        made = make_optimal_plan(robot, view, request, rng).shots
+    else:
+        made = make_plan(robot, view, wanted, rng)
+    setup = EstimationSetup(estimator, known, instrument)
+    region = region_of(robot.kinematics, with_reserve(robot), view, wanted.centre)
+    judged_at = sampled_workspace(region, known, made)
+    place = np.array(tracker_mm)
+    return Plan(made, predict_precision(made, robot.kinematics, place, setup, judged_at))
+
+
+def study(
+    robot: RobotFile,
+    shots: Sequence[PlannedShot],
+    tracker_mm: Vector3,
+    *,
+    campaigns: int = 100,
+    estimator: Estimator = Estimator.POINTS,
+    free: Sequence[str] = (),
+    fix: Sequence[str] = (),
+    uncertainty: TrackerUncertainty | None = None,
+    spread: tuple[float, float] = (1.0, 0.1),
+    seed: int = 1,
+) -> StudySummary:
+    """Monte Carlo study of a plan: errors, stated σ and Cramér-Rao bounds of drawn campaigns.
+
+    The free parameters of each true robot are drawn about the nominal ones with standard deviations
+    `spread`, in mm and deg. Raises `SelectionInvalid`, and `ShotsMissing` when fewer than two
+    campaigns can be identified.
+    """
+    space = robot.mechanism.parameters
+    known = select_parameters(space, free, fix, names=space.geometry).free
+    setup = StudySetup(
+        nominal=robot.kinematics,
+        shots=planned_shots(shots),
+        free=known,
+        options=IdentificationOptions(
+            estimator=estimator, instrument=uncertainty or TrackerUncertainty()
+        ),
+        tracker_from_base=Transform(np.eye(3), -np.array(tracker_mm)),
+        seed=seed,
+    )
+    places = space.places(known)
+    std = np.where(space.is_angle[places], np.radians(spread[1]), spread[0])
+    truths = np.tile(robot.kinematics.p, (campaigns, 1))
+    truths[:, places] += std * np.random.default_rng(seed).standard_normal((campaigns, len(std)))
+    return summarise(setup, run_task(StudyTask(setup, tuple(range(campaigns)), truths)))

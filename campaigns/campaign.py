@@ -1,0 +1,185 @@
+"""Campaign: a folder with settings, nominal robot, plan and journal, and what follows from them."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.design.pose_sampling import FeasibleRegion
+from campaigns.errors import ShotsMissing
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.files.lock import campaign_lock
+from campaigns.journal.journal import Journal, JournalReader, open_journal, read_journal
+from campaigns.journal.views import Series
+from campaigns.planning.plan_check import CheckedPlan, Pace, check_plan
+from campaigns.planning.plan_file import PlannedShot, read_plan
+from campaigns.planning.plans import PlanRequest, View, region_of, with_reserve
+from campaigns.robots.robot import RobotDocument, RobotFile, pose_of
+from campaigns.settings.config import CampaignConfig, read_campaign, read_campaign_robot
+from drivers.values import Vector3
+
+PLAN = "plan.csv"
+JOURNAL = "campaign.db"
+SIMULATED = "sim://"
+FULL_JOINT_SPEED_RAD_S = float(np.radians(180.0))
+"""Only for estimates of time: what a fast parallel robot's joints do at 100 %."""
+
+
+def now_utc() -> str:
+    """Time for records."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """Campaign as it lies on disk."""
+
+    folder: Path
+    config: CampaignConfig
+    nominal: RobotDocument
+
+    @property
+    def robot(self) -> RobotFile:
+        """Nominal robot."""
+        return self.nominal.robot
+
+    @property
+    def plan_path(self) -> Path:
+        """plan.csv."""
+        return self.folder / PLAN
+
+    @property
+    def journal_path(self) -> Path:
+        """campaign.db."""
+        return self.folder / JOURNAL
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether no real device is meant."""
+        urls = (self.config.controller.url, self.config.tracker.url)
+        return all(url.startswith(SIMULATED) for url in urls)
+
+    @property
+    def robot_identity(self) -> str:
+        """Which robot this is about: its serial number, or the nominal one's name."""
+        return self.config.instruments.robot_serial or self.robot.name
+
+    def path(self, name: str) -> Path:
+        """File of this campaign."""
+        return self.folder / name
+
+    @property
+    def centre(self) -> Array:
+        """Middle of the workspace, (t,): where drift is watched and detours lead."""
+        centre = np.zeros(len(self.robot.mechanism.task))
+        centre[:3] = self.config.validation.centre_mm
+        return centre
+
+    @property
+    def view(self) -> View:
+        """How the tracker sees the reflector."""
+        tracker = self.config.tracker
+        centre_mm = self.config.validation.centre_mm
+        facing = tracker.reflector_facing or _towards(centre_mm, tracker.place_mm)
+        return View(tracker.place_mm, facing, tracker.acceptance_rad)
+
+    @property
+    def region(self) -> FeasibleRegion:
+        """Where poses may be planned."""
+        robot = self.robot
+        centre = pose_of(self.centre)
+        return region_of(robot.kinematics, with_reserve(robot), self.view, centre)
+
+    @property
+    def instrument(self) -> TrackerUncertainty:
+        """Tracker's standard uncertainty, by the limits that campaign.yaml has of its data sheet.
+
+        For plans, and for shots of which the tracker itself stated none.
+        """
+        limits = self.config.tracker.uncertainty
+        return TrackerUncertainty.of_limits(
+            limits.along_um, limits.along_um_per_m, limits.across_um, limits.across_um_per_m
+        )
+
+    @property
+    def pace(self) -> Pace:
+        """What a shot takes besides the way."""
+        config = self.config
+        speed = FULL_JOINT_SPEED_RAD_S * config.controller.speed_percent / 100.0
+        return Pace(speed, config.settle.time_s, config.tracker.measuring_time_s)
+
+    def plan_request(self, shots: int | None = None) -> PlanRequest:
+        """What a plan shall hold."""
+        plan = self.config.plan
+        centre = pose_of(self.centre)
+        return PlanRequest(shots or plan.shots, plan.validation_pairs, plan.drift_shots, centre)
+
+    def read_plan(self) -> tuple[PlannedShot, ...]:
+        """plan.csv; raises `PlanInvalid`."""
+        return read_plan(self.plan_path, self.robot.mechanism)
+
+    def checked_plan(self, shots: tuple[PlannedShot, ...] | None = None) -> CheckedPlan:
+        """Plan that the nominal robot can run, plan.csv by default; raises `PlanInvalid`."""
+        shots = self.read_plan() if shots is None else shots
+        robot, centre = self.robot, pose_of(self.centre)
+        return check_plan(shots, robot.kinematics, robot.limits, self.view, centre, self.pace)
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Keep other processes from changing the campaign meanwhile; raises `CampaignLocked`."""
+        with campaign_lock(self.folder, now_utc=now_utc):
+            yield
+
+    @contextmanager
+    def journal(self) -> Iterator[Journal]:
+        """Journal, made if there is none, and held by this process alone."""
+        with self.held(), self.opened_journal() as journal:
+            yield journal
+
+    def opened_journal(self) -> Journal:
+        """Journal, made if there is none; the caller holds the campaign."""
+        path = self.journal_path
+        return open_journal(path, now_utc=now_utc, create=not path.exists())
+
+    def journal_reader(self) -> JournalReader:
+        """Journal to read; raises `ShotsMissing` when nothing was ever written to it."""
+        self.require_journal()
+        return read_journal(self.journal_path)
+
+    def require_journal(self) -> None:
+        """Raise `ShotsMissing` when nothing was ever written to the journal."""
+        if not self.journal_path.exists():
+            raise self._nothing_measured()
+
+    def measured_series(self, journal: JournalReader) -> Series:
+        """Series to identify from: the latest run or import; raises `ShotsMissing`.
+
+        A run may be unfinished, an import that broke off counts for nothing.
+        """
+        runs, imports = journal.series("run"), journal.series("import")
+        found = [*runs, *(series for series in imports if series.finished)]
+        if not found:
+            raise self._nothing_measured()
+        return max(found, key=lambda series: series.number)
+
+    def _nothing_measured(self) -> ShotsMissing:
+        return ShotsMissing(
+            f"{self.folder}: nothing has been measured yet",
+            remedy="measure with `pkmcal run`, or take shots in with `pkmcal import`",
+        )
+
+
+def open_campaign(folder: Path | str) -> Campaign:
+    """Campaign of a folder; raises `NotACampaign` or `ConfigInvalid`."""
+    folder = Path(folder)
+    config = read_campaign(folder)
+    return Campaign(folder, config, read_campaign_robot(folder, config))
+
+
+def _towards(from_mm: Vector3, to_mm: Vector3) -> Vector3:
+    x, y, z = (b - a for a, b in zip(from_mm, to_mm, strict=True))
+    return x, y, z

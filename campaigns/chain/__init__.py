@@ -1,0 +1,46 @@
+"""The chain: plan, run, validate, identify, export and load a campaign, each giving its result.
+
+Each step is loaded when it is asked for.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from campaigns.chain.files import export, export_hal, export_shots, import_shots
+    from campaigns.chain.identification import identify
+    from campaigns.chain.loading import load
+    from campaigns.chain.planning import plan
+    from campaigns.chain.running import run
+    from campaigns.chain.validation import validate
+
+_HOMES = {
+    "export": "files",
+    "export_hal": "files",
+    "export_shots": "files",
+    "identify": "identification",
+    "import_shots": "files",
+    "load": "loading",
+    "plan": "planning",
+    "run": "running",
+    "validate": "validation",
+}
+
+__all__ = [
+    "export",
+    "export_hal",
+    "export_shots",
+    "identify",
+    "import_shots",
+    "load",
+    "plan",
+    "run",
+    "validate",
+]
+
+
+def __getattr__(name: str) -> object:
+    """Step of that name."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

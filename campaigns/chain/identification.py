@@ -1,0 +1,74 @@
+"""Identification of a campaign from its latest run or import."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.campaign import Campaign, now_utc
+from campaigns.design.pose_sampling import WorkspaceTooSmall, workspace_poses
+from campaigns.estimation.robust import Loss
+from campaigns.identification.model_selection import candidate_models, select_model
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.result import RecordedIdentification
+from campaigns.journal.records import Finding
+from campaigns.options import IdentifyOptions
+from campaigns.shots.shots import shots_of_journal
+
+WORKSPACE_SEED = 1
+"""Positions are judged at the same places for every identification of a robot."""
+WORKSPACE_POSES = 300
+"""So many poses stand for the workspace when σ of positions is told."""
+
+
+def identify(campaign: Campaign, options: IdentifyOptions | None = None) -> RecordedIdentification:
+    """Identify from the latest run or import, and write the result into the journal.
+
+    Raises `SelectionInvalid`, `ShotsMissing` and `ShotsInvalid`.
+    """
+    options = options or IdentifyOptions()
+    robot = campaign.robot
+    space = robot.mechanism.parameters
+    models = candidate_models(space, options.model, options.free, options.fix, options.prior)
+    how = identification_options(campaign, options)
+    campaign.require_journal()
+    with campaign.journal() as journal:
+        series = campaign.measured_series(journal)
+        shots = shots_of_journal(journal.shots(series.number), robot.mechanism)
+        started_s = time.perf_counter()
+        found = select_model(robot.kinematics, shots, models, how)
+        recorded = RecordedIdentification.of(
+            replace(found, seconds=time.perf_counter() - started_s),
+            series=series.number,
+            shots=len(shots),
+            robot_digest=robot.digest(),
+            plan_digest=series.started.plan_digest,
+            journal_digest=journal.digest(),
+            journal_records=journal.last_number(),
+            at_utc=now_utc(),
+        )
+        journal.append(Finding("identification", recorded.document()))
+    return recorded
+
+
+def identification_options(campaign: Campaign, options: IdentifyOptions) -> IdentificationOptions:
+    """Options for this campaign, but for what each model leaves to be found."""
+    return IdentificationOptions(
+        estimator=options.estimator,
+        loss=Loss(options.loss, options.loss_scale),
+        outliers=options.outliers,
+        instrument=campaign.instrument,
+        workspace=_workspace(campaign),
+    )
+
+
+def _workspace(campaign: Campaign) -> Array | None:
+    """The same poses all over the robot's reach, seen by the tracker or not; None if it is tiny."""
+    robot, rng = campaign.robot, np.random.default_rng(WORKSPACE_SEED)
+    try:
+        return workspace_poses(
+            robot.kinematics, robot.limits, campaign.centre, WORKSPACE_POSES, rng
+        )
+    except WorkspaceTooSmall:
+        return None

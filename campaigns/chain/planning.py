@@ -1,0 +1,107 @@
+"""Planning of a campaign: poses chosen, checked and written, and what they will tell."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.campaign import Campaign
+from campaigns.chain.work import free_parameters
+from campaigns.errors import OptionsInvalid
+from campaigns.measuring.stopping_rule import read_goal
+from campaigns.options import PlanOptions
+from campaigns.planning.optimal_plan import (
+    CANDIDATES,
+    MOST_SHOTS,
+    OptimalRequest,
+    make_optimal_plan,
+)
+from campaigns.planning.plan_check import CheckedPlan
+from campaigns.planning.plan_file import PlannedShot, write_beside_older
+from campaigns.planning.plans import Placement, make_plan
+from campaigns.planning.predicted_precision import (
+    EstimationSetup,
+    PlanForecast,
+    PrecisionCurvePoint,
+    PredictedPrecision,
+    predict_precision,
+    sampled_workspace,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedCampaign:
+    """Plan as it was written, and what it will tell."""
+
+    checked: CheckedPlan
+    forecast: PlanForecast
+
+
+def plan(campaign: Campaign, options: PlanOptions | None = None) -> PlannedCampaign:
+    """Make, check and write a plan; an older one is kept.
+
+    Raises `OptionsInvalid`, `GoalInvalid`, `SelectionInvalid`, `PlanInvalid` or `WriteFailed`.
+    """
+    options = options or PlanOptions()
+    placement, request = _settled(campaign, options)
+    seed = campaign.config.plan.seed if options.seed is None else options.seed
+    rng = np.random.default_rng(seed)
+    curve: tuple[PredictedPrecision, ...] = ()
+    if placement is Placement.OPTIMAL:
+        made = make_optimal_plan(campaign.robot, campaign.view, request, rng)
+        shots, curve = made.shots, made.curve
+    else:
+        shots = make_plan(campaign.robot, campaign.view, request.plan, rng)
+    checked = campaign.checked_plan(shots)
+    forecast = _forecast(campaign, placement, request, seed, checked.shots, curve)
+    with campaign.held():
+        write_beside_older(campaign.plan_path, checked.shots, campaign.robot.mechanism)
+    return PlannedCampaign(checked, forecast)
+
+
+def _settled(campaign: Campaign, options: PlanOptions) -> tuple[Placement, OptimalRequest]:
+    """Options before settings; raises `GoalInvalid`, `SelectionInvalid` or `OptionsInvalid`."""
+    free = free_parameters(campaign, options)
+    until_mm = None if options.until is None else _goal_mm(options.until, free)
+    most = MOST_SHOTS if options.shots is None and until_mm is not None else options.shots
+    request = OptimalRequest(
+        plan=campaign.plan_request(most),
+        uncertainty=campaign.instrument,
+        free=free,
+        estimator=options.estimator,
+        criterion=options.criterion or "I",
+        until_mm=until_mm,
+        candidates=options.candidates or CANDIDATES,
+    )
+    by_options = Placement.OPTIMAL if any(options.choosing) else options.placement
+    return by_options or Placement(campaign.config.plan.placement), request
+
+
+def _goal_mm(text: str, free: tuple[str, ...]) -> float:
+    if not any(name.endswith("_mm") for name in free):
+        raise OptionsInvalid(
+            "--until is a goal for lengths, but --fix leaves no length to find",
+            remedy="give --shots instead, or fix fewer",
+        )
+    return read_goal(text).std_mm
+
+
+def _forecast(
+    campaign: Campaign,
+    placement: Placement,
+    request: OptimalRequest,
+    seed: int,
+    shots: tuple[PlannedShot, ...],
+    curve: tuple[PredictedPrecision, ...],
+) -> PlanForecast:
+    """Raises `PlanInvalid` for parameters that nothing could tell apart."""
+    region, robot = campaign.region, campaign.robot
+    judged_at = sampled_workspace(region, request.free, shots)
+    setup = EstimationSetup(request.estimator, request.free, request.uncertainty)
+    return PlanForecast(
+        predict_precision(shots, robot.kinematics, region.view_from_mm, setup, judged_at),
+        tuple(PrecisionCurvePoint.of(at, judged_at) for at in curve),
+        request.estimator,
+        placement,
+        request.criterion if placement is Placement.OPTIMAL else None,
+        seed,
+    )

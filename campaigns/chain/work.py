@@ -1,0 +1,42 @@
+"""Work for the engine: steps with the rules of a campaign's settings, and free parameters."""
+
+from campaigns.campaign import Campaign
+from campaigns.identification.parameter_selection import select_parameters
+from campaigns.journal.records import Stage
+from campaigns.measuring.rules import gate_rules, motion_rules
+from campaigns.measuring.session import Work
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.options import Selection
+from campaigns.planning.paths import RobotModel
+from campaigns.planning.plan_file import plan_digest
+from campaigns.planning.predicted_precision import EstimationSetup
+from campaigns.planning.steps import Step
+
+
+def free_parameters(campaign: Campaign, options: Selection) -> tuple[str, ...]:
+    """Names of the parameters that the shots will be looked at for; raises `SelectionInvalid`."""
+    space = campaign.robot.mechanism.parameters
+    return select_parameters(space, options.free, options.fix, names=space.geometry).free
+
+
+def engine_work(
+    campaign: Campaign,
+    stage: Stage,
+    steps: tuple[Step, ...],
+    kinematics: Kinematics,
+    digest: str,
+    setup: EstimationSetup,
+) -> Work:
+    """Work of these steps; `digest` is that of the parameter set whose kinematics is given."""
+    robot, config = campaign.robot, campaign.config
+    return Work(
+        stage=stage,
+        steps=steps,
+        plan_digest=plan_digest([step.planned for step in steps], robot.mechanism),
+        robot_file_digest=digest,
+        configuration=config.model_dump(mode="json"),
+        robot=RobotModel(kinematics, robot.limits, campaign.centre),
+        motion=motion_rules(config),
+        gate=gate_rules(config),
+        setup=setup,
+    )

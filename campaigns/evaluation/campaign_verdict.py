@@ -1,0 +1,89 @@
+"""Campaign verdict: identification, validation with its limits, and integrity, decided as one."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from campaigns.evaluation.decision import Decision, Requirement, decide_all
+from campaigns.evaluation.integrity import Check
+from campaigns.evaluation.validation import ValidationVerdict
+
+RULE = (
+    "Decision rule (ISO 14253-1): a limit is kept only if |e| + U ≤ limit, and broken only if "
+    "|e| − U > limit; in between nothing is decided. U = 2 u is the expanded uncertainty of "
+    "measurement (k = 2, about 95 %). All passes only if the identification passed, every limit "
+    "that is asked for is kept, and the files belong together."
+)
+NOT_DECIDED: Decision = "not decided"
+HEADLINES: Mapping[Decision, str] = {
+    "pass": "Every limit that is asked for is kept, by more than the uncertainty of measurement.",
+    "fail": "The calibration, or the robot after it, does not fulfil what is asked for.",
+    "not decided": "It is not shown that the robot keeps, or breaks, the limits asked for.",
+}
+NOTHING_ASKED = "No limit is asked for, so there is none to be kept or broken."
+
+
+@dataclass(frozen=True, slots=True)
+class IdentificationVerdict:
+    """Decision on an identification, and its reasons."""
+
+    decision: Decision
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignVerdict:
+    """Decision as a whole, in a sentence each why."""
+
+    decision: Decision
+    headline: str
+    reasons: tuple[str, ...]
+    requirements: tuple[Requirement, ...]
+
+
+def campaign_verdict(
+    identification: IdentificationVerdict | None,
+    after: ValidationVerdict,
+    checks: Sequence[Check],
+    *,
+    validated: bool,
+) -> CampaignVerdict:
+    """Pass only if the identification passed, the limits are surely kept and the files agree.
+
+    `validated`: whether the robot was measured after calibration.
+    """
+    decisions: list[Decision] = [after.decision or NOT_DECIDED]
+    broken = [check for check in checks if check.holds is False]
+    decisions += [NOT_DECIDED for check in broken if check.decides]
+    decisions.append(NOT_DECIDED if identification is None else identification.decision)
+    reasons = (
+        *_of_identification(identification),
+        *_of_limits(after, validated=validated),
+        *(f"Does not hold: {check.statement} ({check.detail})." for check in broken),
+    )
+    decision = decide_all(decisions)
+    asked = any(r.limit is not None for r in after.requirements)
+    headline = HEADLINES[decision] if asked or decision == "fail" else NOTHING_ASKED
+    return CampaignVerdict(decision, headline, reasons, after.requirements)
+
+
+def _of_identification(found: IdentificationVerdict | None) -> Iterator[str]:
+    if found is None:
+        yield "Nothing has been identified yet."
+    elif found.decision == "pass":
+        yield "The identification passed: pairs of shots that were not fitted improved too."
+    else:
+        yield f"The identification: {found.decision} ({'; '.join(found.reasons)})."
+
+
+def _of_limits(after: ValidationVerdict, *, validated: bool) -> Iterator[str]:
+    asked = [r for r in after.requirements if r.limit is not None]
+    if not asked:
+        yield "No limit is set under `acceptance` in campaign.yaml."
+    elif not validated:
+        yield "The robot has not been validated after calibration, so no limit is decided."
+    else:
+        for decision in ("fail", "not decided", "pass"):
+            names = [r.name for r in asked if r.decision == decision]
+            if names:
+                yield f"{decision.capitalize()}: {'; '.join(names)}."
+    yield from (f"Worse: {reason}." for reason in after.worse)

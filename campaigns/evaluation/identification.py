@@ -1,0 +1,130 @@
+"""Verdict on an identification: whether its result may be used, and why."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from campaigns.estimation.estimators import Estimator, LossShape
+from campaigns.estimation.information import ChiSquareTest
+from campaigns.estimation.least_squares import Solution
+from campaigns.evaluation.decision import Decision
+from campaigns.evaluation.summary import BeforeAfter
+
+Combination = tuple[str, ...]
+"""Parameters that move together without any effect on what was measured."""
+
+NOTHING_SHOWN = "no validation pairs: nothing shows that the result holds elsewhere"
+MANY_OUTLIERS = 0.1
+"""With a larger share of outliers they are no single mistakes."""
+WORTHLESS_MM, WORTHLESS_DEG = 5.0, 3.0
+"""A σ of which the nominal value is a better guess than the identified one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdentificationEvidence:
+    """Evidence on which a verdict rests."""
+
+    kind: str
+    """What was fitted, in the plural."""
+    fit: Solution
+    unobservable: tuple[Combination, ...]
+    outliers: float
+    """Their share in what was to be fitted."""
+    residuals: BeforeAfter
+    std: dict[str, float]
+    """σ by name, mm and deg, of what is known."""
+    contradicted: tuple[str, ...]
+    """Priors that the shots contradict, in words."""
+    unseen: BeforeAfter | None
+    lost: tuple[str, ...]
+    """Unseen pairs that the identified robot cannot take, in words."""
+
+
+def identification_verdict(
+    evidence: IdentificationEvidence,
+) -> tuple[Decision, tuple[str, ...]]:
+    """Whether the result may be used; the reasons against it, or for it."""
+    against = tuple(_reasons_against(evidence))
+    if against:
+        return "fail", against
+    if evidence.unseen is None:
+        return "not decided", (NOTHING_SHOWN,)
+    before, after = evidence.unseen.before, evidence.unseen.after
+    gain = (
+        f"unseen pairs: mean {before.mean_abs:.3f} → {after.mean_abs:.3f} mm, "
+        f"max {before.max_abs:.3f} → {after.max_abs:.3f} mm"
+    )
+    left = evidence.residuals
+    fitted = f"fitted {evidence.kind}: rms {left.before.rms:.3f} → {left.after.rms:.4f} mm"
+    return "pass", (gain, fitted)
+
+
+def noise_in_words(noise: ChiSquareTest, estimator: Estimator, loss: LossShape) -> str:
+    """Whether the scatter is as the tracker states, and what follows for σ."""
+    if noise.birge_ratio is None:
+        return "no degrees of freedom: nothing shows whether the shots scatter as stated"
+    test = f"χ² {noise.chi2:.0f} with {noise.dof} degrees of freedom"
+    scatter = _scatter_in_words(noise, noise.birge_ratio)
+    if noise.sigma0 is None:
+        return f"{scatter} ({test}); too little is left of them to tell any σ"
+    if estimator is Estimator.DISTANCES:
+        return f"{scatter} ({test}); σ come from the scatter"
+    if loss is not LossShape.LINEAR:
+        return f"{scatter} ({test}); σ are {noise.sigma0:.2g} times what is stated, by the loss"
+    if noise.consistent:
+        return f"{scatter} ({test}); σ come from what it states"
+    if noise.sigma0 > 1.0:
+        return (
+            f"{scatter} ({test}): σ are multiplied by {_by(noise.sigma0, noise.birge_ratio)} "
+            "(repeatability, backlash or a model error)"
+        )
+    return f"{scatter} ({test}): its statement is careful, σ are left as they are"
+
+
+def combination_in_words(names: Combination) -> str:
+    """What became of parameters that nothing tells."""
+    if len(names) == 1:
+        return f"nothing tells {names[0]}: held at nominal"
+    return f"{', '.join(names)} move together here: held at nominal along that combination"
+
+
+def _by(sigma0: float, ratio: float) -> str:
+    """Priors have a part in χ², but not in what σ are multiplied by."""
+    return "it" if abs(sigma0 - ratio) < 0.05 * ratio else f"{sigma0:.2g}"
+
+
+def _scatter_in_words(noise: ChiSquareTest, ratio: float) -> str:
+    if noise.consistent:
+        return "the shots scatter as the tracker states"
+    return f"the scatter is {ratio:.2g} times what the tracker states"
+
+
+def _reasons_against(evidence: IdentificationEvidence) -> Iterator[str]:
+    """Why the result must not be used."""
+    if not evidence.fit.converged:
+        yield evidence.fit.message
+    for names in evidence.unobservable:
+        prefix = "the data cannot tell apart: " if len(names) > 1 else ""
+        yield f"{prefix}{combination_in_words(names)}"
+    barely_known = {name: std for name, std in evidence.std.items() if std > _worthless(name)}
+    if barely_known:
+        name = max(barely_known, key=barely_known.__getitem__)
+        unit = name.rpartition("_")[2]
+        yield (
+            f"the data hardly tell {name}, ±{barely_known[name]:.3g} {unit}: measure at more "
+            "different poses, or hold it with --fix"
+        )
+    yield from evidence.contradicted
+    if evidence.outliers > MANY_OUTLIERS:
+        yield (
+            f"{100.0 * evidence.outliers:.0f} % of the {evidence.kind} were left out, "
+            f"limit {100.0 * MANY_OUTLIERS:.0f} %: so many are no single mistakes"
+        )
+    yield from evidence.lost
+    errors = evidence.unseen
+    if errors is not None and not errors.after.rms <= errors.before.rms:
+        yield f"unseen pairs got worse: rms {errors.before.rms:.4f} → {errors.after.rms:.4f} mm"
+
+
+def _worthless(name: str) -> float:
+    """σ of a parameter that is larger than robots are ever off, in file units."""
+    return WORTHLESS_DEG if name.endswith("_deg") else WORTHLESS_MM

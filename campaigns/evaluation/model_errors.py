@@ -1,0 +1,184 @@
+"""Model errors: what the nominal and the identified model miss of the measured shots."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.arrays import Array, Index, Mask
+from campaigns.estimation.point_sets import SHOTS_FOR_A_FRAME, distances_mm
+from campaigns.estimation.residuals import arm_joints
+from campaigns.estimation.rigid_transforms import Transform, fit_transform
+from campaigns.estimation.tracker_noise import TrackerUncertainty, distance_variance_mm2
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import Shots
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairErrors:
+    """Modelled minus measured distances of pairs, (M,) each, mm."""
+
+    pairs: tuple[int, ...]
+    before_mm: Array
+    after_mm: Array | None
+    instrument_mm: Array
+    """Standard uncertainty of each measured distance."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PositionErrors:
+    """Measured minus modelled positions in the base frame, the frame fitted for each model."""
+
+    poses: Array
+    """As modelled, (N, t), mm and rad."""
+    before_mm: Array
+    """(N, 3)"""
+    after_mm: Array | None
+    fitted: Mask
+    """Shots that were identified from; the others were never fitted."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShotErrors:
+    """Modelled minus measured positions of the fitted shots, in the tracker's axes, (N, 3).
+
+    Before with the frame that suits the nominal model best, after with the identified one.
+    """
+
+    before_mm: Array
+    after_mm: Array
+    instrument_mm: Array
+    """Standard uncertainty of each measured coordinate, as a root mean square of the three, (N,)"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelErrors:
+    """Errors of all kinds; None where there are too few shots, or where the estimator has none."""
+
+    fitted: PairErrors | None
+    unseen: PairErrors | None
+    shots: ShotErrors | None
+    positions: PositionErrors | None
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ComparedKinematics:
+    """Kinematics to compare, and where the tracker stood if that was identified too."""
+
+    before: Kinematics
+    after: Kinematics | None = None
+    tracker_from_base: Transform | None = None
+    backlash: Array | None = None
+    """What each gear was found to lose, (n,)."""
+
+
+def model_errors(
+    shots: Shots, models: ComparedKinematics, excluded: Mask, instrument: TrackerUncertainty
+) -> ModelErrors:
+    """Errors of the shots that count, not `excluded` (N,), and at which every model has a pose."""
+    solved = _Solved.of(models, shots)
+    usable = solved.found & ~excluded
+    points = shots.points_in_tracker_mm
+    covariance = shots.covariance_mm2(instrument)
+
+    def pair_errors(purpose: ShotSet) -> PairErrors | None:
+        rows = usable_pairs(shots, purpose, usable)
+        if len(rows) == 0:
+            return None
+        first, second = rows.T
+        missed = _missed_distances(points, first, second)
+        return PairErrors(
+            tuple(shots.pairs[row] or 0 for row in first.tolist()),
+            missed(solved.before),
+            None if solved.after is None else missed(solved.after),
+            np.sqrt(distance_variance_mm2(points, covariance, first, second)),
+        )
+
+    return ModelErrors(
+        pair_errors(ShotSet.IDENTIFICATION),
+        pair_errors(ShotSet.VALIDATION),
+        _shot_errors(shots, solved, usable, models.tracker_from_base, covariance),
+        _position_errors(shots, solved, usable),
+    )
+
+
+def excluded_rows(
+    shots: Shots, *, numbers: frozenset[int | None], pairs: frozenset[int | None]
+) -> Mask:
+    """Rows of the shots of some numbers or pairs, (N,)."""
+    both = zip(shots.numbers, shots.pairs, strict=True)
+    return np.array(
+        [shot in numbers or (pair is not None and pair in pairs) for shot, pair in both],
+        dtype=bool,
+    )
+
+
+def usable_pairs(shots: Shots, purpose: ShotSet, usable: Mask) -> Index:
+    """Rows (M, 2) of the pairs both shots of which are usable."""
+    rows = shots.whole_pairs(purpose).rows
+    return np.asarray(rows[usable[rows].all(axis=1)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solved:
+    """Poses (N, t) of every shot by each model; NaN where one cannot be assembled."""
+
+    before: Array
+    after: Array | None
+    found: Mask
+
+    @classmethod
+    def of(cls, models: ComparedKinematics, shots: Shots) -> "_Solved":
+        before = models.before.forward(shots.joints)
+        if models.after is None:
+            return cls(before.values, None, before.found)
+        joints = shots.joints
+        if models.backlash is not None:
+            joints = arm_joints(joints, shots.approach, models.backlash)
+        after = models.after.forward(joints)
+        return cls(before.values, after.values, before.found & after.found)
+
+
+def _shot_errors(
+    shots: Shots, solved: _Solved, usable: Mask, frame: Transform | None, covariance_mm2: Array
+) -> ShotErrors | None:
+    fitted = [purpose is ShotSet.IDENTIFICATION for purpose in shots.purposes]
+    rows = np.flatnonzero(usable & np.array(fitted, dtype=bool))
+    if frame is None or solved.after is None or len(rows) < SHOTS_FOR_A_FRAME:
+        return None
+    measured, nominal = shots.points_in_tracker_mm[rows], solved.before[rows, :3]
+    return ShotErrors(
+        fit_transform(nominal, measured).apply(nominal) - measured,
+        frame.apply(solved.after[rows, :3]) - measured,
+        np.sqrt(np.trace(covariance_mm2[rows], axis1=1, axis2=2) / 3.0),
+    )
+
+
+def _missed_distances(points: Array, first: Index, second: Index) -> Callable[[Array], Array]:
+    measured = distances_mm(points, first, second)
+
+    def missed(poses: Array) -> Array:
+        return distances_mm(poses[:, :3], first, second) - measured
+
+    return missed
+
+
+def _position_errors(shots: Shots, solved: _Solved, usable: Mask) -> PositionErrors | None:
+    counted = {ShotSet.IDENTIFICATION, ShotSet.VALIDATION}
+    rows = np.flatnonzero(usable & np.array([p in counted for p in shots.purposes], dtype=bool))
+    if len(rows) < SHOTS_FOR_A_FRAME:
+        return None
+    points = shots.points_in_tracker_mm[rows]
+    try:
+        before = _missed_positions(solved.before[rows], points)
+        after = None if solved.after is None else _missed_positions(solved.after[rows], points)
+    except ValueError:  # the points lie on one line and fix no frame
+        return None
+    poses = solved.before if solved.after is None else solved.after
+    fitted = [shots.purposes[row] is ShotSet.IDENTIFICATION for row in rows.tolist()]
+    return PositionErrors(poses[rows], before, after, np.array(fitted, dtype=bool))
+
+
+def _missed_positions(poses: Array, points: Array) -> Array:
+    return np.asarray(fit_transform(points, poses[:, :3]).apply(points) - poses[:, :3])

@@ -1,0 +1,69 @@
+"""Summaries of errors: how large a set of them is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.arrays import Array
+
+PERCENT = 95.0
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Size of a set of errors, mm."""
+
+    mean_abs: float
+    rms: float
+    max_abs: float
+
+
+@dataclass(frozen=True, slots=True)
+class BeforeAfter:
+    """Sizes of errors with the nominal and with the identified kinematics."""
+
+    before: Spread
+    after: Spread
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorSummary:
+    """Statistics of the absolute values of n errors, mm; σ is None for a single one."""
+
+    n: int
+    mean: float
+    sigma: float | None
+    max: float
+    p95: float
+
+    @property
+    def mean_plus_3_sigma(self) -> float | None:
+        """Mean and three standard deviations, as ISO 9283 forms RP."""
+        return None if self.sigma is None else self.mean + 3.0 * self.sigma
+
+
+def spread(errors_mm: Array) -> Spread:
+    """Size of errors (N,), or of vectors (N, 3) by their lengths; raises `ValueError` for none."""
+    size = _sizes(errors_mm)
+    return Spread(float(size.mean()), float(np.sqrt(np.mean(size**2))), float(size.max()))
+
+
+def summary(errors_mm: Array) -> ErrorSummary:
+    """Statistics of errors (N,), or of vectors (N, 3); raises `ValueError` for none."""
+    size = _sizes(errors_mm)
+    sigma = float(size.std(ddof=1)) if size.size > 1 else None
+    return ErrorSummary(
+        int(size.size),
+        float(size.mean()),
+        sigma,
+        float(size.max()),
+        float(np.percentile(size, PERCENT)),
+    )
+
+
+def _sizes(errors_mm: Array) -> Array:
+    if errors_mm.size == 0:
+        raise ValueError("no errors to summarise")
+    return np.asarray(
+        np.linalg.norm(errors_mm, axis=1) if errors_mm.ndim > 1 else np.abs(errors_mm)
+    )

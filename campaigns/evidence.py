@@ -1,0 +1,415 @@
+"""Evidence: everything that a campaign's folder holds, and its evaluation as one value.
+
+Only reads. The report and the live page show it; neither judges anything itself.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeVar
+
+import numpy as np
+from pydantic import JsonValue, TypeAdapter, ValidationError
+
+from campaigns.campaign import Campaign
+from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
+from campaigns.controllers.load import LoadRecord
+from campaigns.errors import CampaignError, FindingUnreadable
+from campaigns.evaluation.campaign_verdict import (
+    CampaignVerdict,
+    IdentificationVerdict,
+    campaign_verdict,
+)
+from campaigns.evaluation.integrity import (
+    CampaignDigests,
+    Check,
+    IdentifiedDigests,
+    integrity_checks,
+)
+from campaigns.evaluation.model_errors import (
+    ComparedKinematics,
+    ModelErrors,
+    excluded_rows,
+    model_errors,
+)
+from campaigns.evaluation.residual_budget import ResidualBudget, residual_budget
+from campaigns.evaluation.time_series import TimeSeries, time_series
+from campaigns.evaluation.validation import (
+    ValidationResult,
+    evaluate_validation,
+    validation_verdict,
+)
+from campaigns.identification.result import RecordedIdentification, read_identification
+from campaigns.journal.journal import JournalReader, read_journal
+from campaigns.journal.records import (
+    Event,
+    Finding,
+    FindingKind,
+    PairVoided,
+    Record,
+    Rejected,
+    SessionStarted,
+    Stage,
+)
+from campaigns.journal.views import Entry, Series, accepted_shots, unstopped_sessions
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.planning.plan_file import PlannedShot, plan_digest
+from campaigns.robots.robot import RobotFile, read_robot
+from campaigns.shots.shots import Shots, shots_of_journal
+from drivers.values import Identity
+
+FoundT = TypeVar("FoundT")
+
+IncidentKind = Literal["rejected", "pair voided", "event"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredSeries:
+    """Series with its accepted shots."""
+
+    series: Series
+    shots: Shots
+
+
+@dataclass(frozen=True, slots=True)
+class SeriesFacts:
+    """Line of the list of series."""
+
+    series: Series
+    accepted: int
+    sessions: int
+    unstopped: int
+    """Sessions that neither finished nor stopped in order: a crash, or still at work."""
+
+    @property
+    def robot(self) -> Identity | None:
+        """Who answered as controller."""
+        return self.series.started.robot
+
+    @property
+    def tracker(self) -> Identity | None:
+        """Who answered as tracker."""
+        return self.series.started.tracker
+
+
+@dataclass(frozen=True, slots=True)
+class Incident:
+    """Something that went otherwise than planned, or that the operator should know."""
+
+    at_utc: str
+    series: int | None
+    record: Rejected | PairVoided | Event
+
+    @property
+    def kind(self) -> IncidentKind:
+        """What sort of thing it is."""
+        match self.record:
+            case Rejected():
+                return "rejected"
+            case PairVoided():
+                return "pair voided"
+            case Event():
+                return "event"
+
+    @property
+    def concerns(self) -> str:
+        """The shot and attempt, or the pair."""
+        match self.record:
+            case Rejected(shot=shot, attempt=attempt):
+                return f"shot {shot}, attempt {attempt}"
+            case PairVoided(pair=pair, shots=shots):
+                return f"pair {pair}, shots {', '.join(map(str, shots))}"
+            case Event(kind=kind):
+                return kind
+
+    @property
+    def text(self) -> str:
+        """Why, in the words of the journal."""
+        record = self.record
+        return record.text if isinstance(record, Event) else record.reason
+
+
+@dataclass(frozen=True, slots=True)
+class JournalFacts:
+    """What the journal says besides shots and findings."""
+
+    series: tuple[SeriesFacts, ...]
+    incidents: tuple[Incident, ...]
+    digest: str
+    records: int
+    identified_digest: str | None
+    """Of the records up to where the identification was made, as they are now."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Evidence:
+    """Everything there is of a campaign; None: it is not there."""
+
+    campaign: Campaign
+    journal: JournalFacts | None = None
+    before: MeasuredSeries | None = None
+    run: MeasuredSeries | None = None
+    after: MeasuredSeries | None = None
+    identification: RecordedIdentification | None = None
+    loaded: LoadRecord | None = None
+    plan: tuple[PlannedShot, ...] | None = None
+    parameter_file: RobotFile | None = None
+    unreadable: tuple[str, ...] = ()
+    """What is there and cannot be read, and why."""
+
+    def by_stage(self) -> tuple[tuple[str, MeasuredSeries], ...]:
+        """The series that are there, in the order in which a campaign measures them."""
+        named = (("before", self.before), ("run", self.run), ("after", self.after))
+        return tuple((name, measured) for name, measured in named if measured is not None)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Evaluation:
+    """Evaluation of a campaign's evidence; None: the campaign does not have it yet."""
+
+    evidence: Evidence
+    before: ValidationResult | None
+    after: ValidationResult | None
+    errors: ModelErrors | None
+    budget: ResidualBudget | None
+    checks: tuple[Check, ...]
+    verdict: CampaignVerdict
+    time_series: tuple[TimeSeries, ...]
+
+
+def gather(campaign: Campaign) -> Evidence:
+    """Read everything that is there; raises `JournalFailed` for a journal that cannot be read."""
+    unreadable: list[str] = []
+    plan = _read_if_there(campaign.plan_path, lambda _: campaign.read_plan(), unreadable)
+    parameters = _read_if_there(
+        campaign.path(PARAMETER_FILE), lambda path: read_robot(path).robot, unreadable
+    )
+    if not campaign.journal_path.exists():
+        return Evidence(
+            campaign=campaign, plan=plan, parameter_file=parameters, unreadable=tuple(unreadable)
+        )
+    with read_journal(campaign.journal_path) as journal:
+        entries, all_series = journal.records(), journal.series()
+        identification = _latest(entries, "identification", read_identification, unreadable)
+        loaded = _latest(entries, "load", _read_load, unreadable)
+
+        def measured(series: Series | None) -> MeasuredSeries | None:
+            return _measured(campaign, entries, series)
+
+        return Evidence(
+            campaign=campaign,
+            journal=_facts(journal, entries, all_series, identification),
+            before=measured(_chosen(all_series, {"before"})),
+            run=measured(_identified_series(all_series, identification)),
+            after=measured(_chosen(all_series, {"after"})),
+            identification=identification,
+            loaded=loaded,
+            plan=plan,
+            parameter_file=parameters,
+            unreadable=tuple(unreadable),
+        )
+
+
+def evaluate(evidence: Evidence) -> Evaluation:
+    """Everything that evaluation says of a campaign's evidence."""
+    campaign, found = evidence.campaign, evidence.identification
+    before, after = (_validation(campaign, each) for each in (evidence.before, evidence.after))
+    errors, checks = _errors(evidence), integrity_checks(_digests(evidence))
+    mean_before_mm = before.distances.mean.value_mm if before and before.distances else None
+    validated = validation_verdict(after, campaign.config.acceptance, mean_before_mm)
+    identified = None if found is None else IdentificationVerdict(found.verdict, found.reasons)
+    series = (time_series(name, measured.shots) for name, measured in evidence.by_stage())
+    return Evaluation(
+        evidence=evidence,
+        before=before,
+        after=after,
+        errors=errors,
+        budget=_budget(found, errors, after or before),
+        checks=checks,
+        verdict=campaign_verdict(identified, validated, checks, validated=after is not None),
+        time_series=tuple(each for each in series if not each.is_empty),
+    )
+
+
+def compared_kinematics(
+    found: RecordedIdentification | None, nominal: Kinematics
+) -> ComparedKinematics:
+    """Kinematics of the identification, or the campaign's nominal one alone."""
+    if found is None:
+        return ComparedKinematics(before=nominal)
+    mechanism = nominal.mechanism
+    space, flat = mechanism.parameters, found.flat()
+    lost = np.array([flat.get(name, 0.0) for name in space.backlashes])
+    return ComparedKinematics(
+        before=Kinematics.from_flat(mechanism, found.nominal_flat()),
+        after=Kinematics.from_flat(mechanism, flat),
+        tracker_from_base=None if found.frame is None else found.frame.tracker_from_base,
+        backlash=lost * space.units(space.backlashes),
+    )
+
+
+def _read_if_there(
+    path: Path, read: Callable[[Path], FoundT], unreadable: list[str]
+) -> FoundT | None:
+    if not path.exists():
+        return None
+    try:
+        return read(path)
+    except CampaignError as error:
+        unreadable.append(error.problem)
+        return None
+
+
+def _read_load(body: Mapping[str, JsonValue]) -> LoadRecord:
+    try:
+        return TypeAdapter(LoadRecord).validate_python(body)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise FindingUnreadable(
+            f"the journal's load, {'.'.join(map(str, first['loc']))}: {first['msg'].lower()}",
+            remedy="load again",
+        ) from error
+
+
+def _latest(
+    entries: Iterable[Entry[Record]],
+    kind: FindingKind,
+    read: Callable[[Mapping[str, JsonValue]], FoundT],
+    unreadable: list[str],
+) -> FoundT | None:
+    """The last finding of a kind."""
+    found = [
+        (entry.number, entry.record.body)
+        for entry in entries
+        if isinstance(entry.record, Finding) and entry.record.kind == kind
+    ]
+    if not found:
+        return None
+    number, body = found[-1]
+    try:
+        return read(body)
+    except FindingUnreadable as error:
+        unreadable.append(f"record {number}: {error.problem}")
+        return None
+
+
+def _chosen(all_series: Iterable[Series], stages: set[Stage]) -> Series | None:
+    """The last finished series of these stages, or the last one begun when none is finished."""
+    of_stage = [series for series in all_series if series.started.stage in stages]
+    finished = [series for series in of_stage if series.finished]
+    return next(iter([*reversed(finished), *reversed(of_stage)]), None)
+
+
+def _identified_series(
+    all_series: tuple[Series, ...], identification: RecordedIdentification | None
+) -> Series | None:
+    """The series that the identification rests on, or the one that the next would rest on."""
+    if identification is None:
+        return _chosen(all_series, {"run", "import"})
+    return next((s for s in all_series if s.number == identification.series), None)
+
+
+def _measured(
+    campaign: Campaign, entries: Iterable[Entry[Record]], series: Series | None
+) -> MeasuredSeries | None:
+    if series is None:
+        return None
+    shots = accepted_shots(entry for entry in entries if entry.series == series.number)
+    mechanism = campaign.robot.mechanism
+    return MeasuredSeries(series, shots_of_journal(shots, mechanism)) if shots else None
+
+
+def _facts(
+    journal: JournalReader,
+    entries: tuple[Entry[Record], ...],
+    all_series: tuple[Series, ...],
+    identification: RecordedIdentification | None,
+) -> JournalFacts:
+    through = identification.journal_records if identification else None
+    return JournalFacts(
+        tuple(_series_facts(entries, series) for series in all_series),
+        tuple(
+            Incident(entry.at_utc, entry.series, entry.record)
+            for entry in entries
+            if isinstance(entry.record, Rejected | PairVoided | Event)
+        ),
+        journal.digest(),
+        journal.last_number(),
+        None if through is None else journal.digest(through=through),
+    )
+
+
+def _series_facts(entries: Iterable[Entry[Record]], series: Series) -> SeriesFacts:
+    own = [entry for entry in entries if entry.series == series.number]
+    sessions = sum(isinstance(entry.record, SessionStarted) for entry in own)
+    return SeriesFacts(series, len(accepted_shots(own)), sessions, len(unstopped_sessions(own)))
+
+
+def _validation(campaign: Campaign, measured: MeasuredSeries | None) -> ValidationResult | None:
+    return None if measured is None else evaluate_validation(measured.shots, campaign.instrument)
+
+
+def _errors(evidence: Evidence) -> ModelErrors | None:
+    if evidence.run is None:
+        return None
+    campaign, found, shots = evidence.campaign, evidence.identification, evidence.run.shots
+    left_out = found.excluded if found else ()
+    excluded = excluded_rows(
+        shots,
+        numbers=frozenset(left.shot for left in left_out),
+        pairs=frozenset(left.pair for left in left_out),
+    )
+    models = compared_kinematics(found, campaign.robot.kinematics)
+    return model_errors(shots, models, excluded, campaign.instrument)
+
+
+def _budget(
+    found: RecordedIdentification | None,
+    errors: ModelErrors | None,
+    stage: ValidationResult | None,
+) -> ResidualBudget | None:
+    if found is None or errors is None:
+        return None
+    repeated = stage.repeatability.away_mm if stage and stage.repeatability else None
+    chi2 = None if found.chi2 is None else found.chi2.value
+    return residual_budget(errors, found.estimator, found.dof, chi2, repeated)
+
+
+def _digests(evidence: Evidence) -> CampaignDigests:
+    campaign = evidence.campaign
+    mechanism, plan = campaign.robot.mechanism, evidence.plan
+    run = None if evidence.run is None else evidence.run.series.started
+    after = None if evidence.after is None else evidence.after.series.started
+    return CampaignDigests(
+        plan_now=None if plan is None else plan_digest(plan, mechanism),
+        plan_measured=None if run is None else run.plan_digest,
+        is_import=run is not None and run.stage == "import",
+        identified=_identified_digests(evidence),
+        limits_now=campaign.config.acceptance.model_dump(mode="json"),
+        limits_recorded=None if after is None else after.configuration.get("acceptance"),
+    )
+
+
+def _identified_digests(evidence: Evidence) -> IdentifiedDigests | None:
+    found, after = evidence.identification, evidence.after
+    if found is None:
+        return None
+    file, loaded, journal = evidence.parameter_file, evidence.loaded, evidence.journal
+    nominal = evidence.campaign.robot
+    return IdentifiedDigests(
+        robot=found.robot_digest,
+        nominal_now=nominal.digest(),
+        journal=found.journal_digest,
+        journal_now=None if journal is None else journal.identified_digest,
+        parameters=_digest_of(nominal, found.flat()),
+        file_now=None if file is None else file.digest(),
+        loaded=None if loaded is None else loaded.digest,
+        validated_with=None if after is None else after.series.started.robot_file_digest,
+    )
+
+
+def _digest_of(nominal: RobotFile, flat: Mapping[str, float]) -> str:
+    """Digest of a parameter set, as the file that holds it states it."""
+    mechanism = nominal.mechanism
+    known = {name: flat[name] for name in mechanism.parameters.geometry if name in flat}
+    return RobotFile.from_flat(mechanism, known, name=nominal.name, limits=nominal.limits).digest()

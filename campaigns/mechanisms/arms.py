@@ -1,0 +1,211 @@
+"""Actuated arms of parallel robots: where joints hold the upper ends of the forearms.
+
+Arrays of all arms lie by component and arm, (3, n, N): long rows are what the processor is fast at.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol, Self
+
+import numpy as np
+
+from campaigns.arrays import Array, Mask
+from campaigns.mechanisms.mechanism import Axis, ParameterField
+
+
+class Arms(Protocol):
+    """Arms of one robot at joints, one forearm each."""
+
+    @property
+    def forearm_mm(self) -> Array:
+        """L_i, (n,)."""
+        ...
+
+    @property
+    def elbows_mm(self) -> Array:
+        """A_i in the base frame, (3, n, N)."""
+        ...
+
+    def by_fields(self, forearms_mm: Array) -> Array:
+        """∂F_i of the closures by arm i's own fields and extensions, (n, k, N)."""
+        ...
+
+    def swing_rad(self, forearms_mm: Array) -> Array:
+        """Angles of forearms (3, n, N) out of their arms' planes, (N, n)."""
+        ...
+
+    def leverage(self, forearms_mm: Array) -> Array:
+        """Share of each forearm along which its joint moves it, (N, n)."""
+        ...
+
+
+class ArmKind(Protocol):
+    """Kind of arm: its fields in files, and how joints and elbows go together."""
+
+    @property
+    def fields(self) -> tuple[ParameterField, ...]:
+        """Of each arm, in the order of its values."""
+        ...
+
+    @property
+    def extensions(self) -> tuple[ParameterField, ...]:
+        """Beyond what controllers know."""
+        ...
+
+    @property
+    def lost_motion(self) -> str:
+        """Field of the lost motion of a joint's gear."""
+        ...
+
+    def joint(self, number: int) -> Axis:
+        """Joint axis of an arm."""
+        ...
+
+    def at(self, values: Array, extensions: Array, joints: Array) -> Arms:
+        """Arms of fields (n, k) and extensions (n, e) at encoder readings (N, n)."""
+        ...
+
+    def inverse(self, values: Array, extensions: Array, targets_mm: Array) -> tuple[Array, Mask]:
+        """Joints (N, n) whose forearms end at (N, n, 3), and which rows have all of them, (N,)."""
+        ...
+
+    def levers_mm(self, values: Array) -> Array:
+        """Length that turns an error of each field into one of place, (n, k)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RotaryArms:
+    """Cranks on motors (paper eqs. 1-8): elbow A_i = P_i + l_i (cos q u_i + sin q w_i).
+
+    q is the encoder's reading and the joint offset; u_i points along the azimuth, w_i down. Beyond
+    the paper the motor's axis may be tilted out of the horizontal, turned by τ_i about u_i.
+    """
+
+    arm_mm: Array
+    """l_i, (n,)."""
+    forearm_mm: Array
+    """L_i, (n,)."""
+    axis_tilt_rad: Array
+    """τ_i, (n,)."""
+    frames: Array
+    """u_i, the motor's axis and w_i, of unit length in the base frame, (3, n, 3)."""
+    cos: Array
+    """Of the arms' angles, (n, N)."""
+    sin: Array
+    elbows_mm: Array
+    """A_i in the base frame, (3, n, N); a positive angle lowers the elbow."""
+
+    @classmethod
+    def at(cls, values: Array, extensions: Array, joints: Array) -> Self:
+        """Cranks of (n, 7) fields and (n, 1) axis tilts at encoder angles (N, n)."""
+        motor, azimuth, offset, arm, forearm = _columns(values)
+        angle = np.ascontiguousarray(joints.T) + offset[:, None]
+        tilt = extensions[:, 0]
+        frames, cos, sin = crank_frames(azimuth, tilt), np.cos(angle), np.sin(angle)
+        outward, _, lowered = (arm * frames.swapaxes(1, 2))[..., None]
+        elbows = motor.T[..., None] + (cos * outward + sin * lowered)
+        return cls(arm, forearm, tilt, frames, cos, sin, elbows)
+
+    def by_fields(self, forearms_mm: Array) -> Array:
+        """∂F_i by x, y, z, azimuth, joint offset, arm, forearm and axis tilt, (n, 8, N)."""
+        cos, sin = self.cos, self.sin
+        out, aside, down = in_frames(self.frames, forearms_mm.T).transpose(0, 2, 1)
+        arm_mm, tilt_rad = self.arm_mm[:, None], self.axis_tilt_rad[:, None]
+        across = np.cos(tilt_rad) * aside + np.sin(tilt_rad) * down
+        _, arms, rows = forearms_mm.shape
+        jacobian = np.empty((arms, len(CRANK_FIELDS) + 1, rows))
+        jacobian[:, :3] = -2.0 * forearms_mm.swapaxes(0, 1)
+        jacobian[:, 3] = -2.0 * arm_mm * (cos * across - sin * np.sin(tilt_rad) * out)
+        jacobian[:, 4] = 2.0 * arm_mm * (sin * out - cos * down)
+        jacobian[:, 5] = -2.0 * (cos * out + sin * down)
+        jacobian[:, 6] = -2.0 * self.forearm_mm[:, None]
+        jacobian[:, 7] = -2.0 * arm_mm * sin * aside
+        return jacobian
+
+    def swing_rad(self, forearms_mm: Array) -> Array:
+        """Angles of forearms (3, n, N) out of the planes in which their cranks turn, (N, n)."""
+        _, aside, _ = in_frames(self.frames, forearms_mm.T)
+        return np.asarray(np.arcsin(np.clip(aside / self.forearm_mm, -1.0, 1.0)))
+
+    def leverage(self, forearms_mm: Array) -> Array:
+        """|∂F_i/∂q_i| / 2 l_i L_i: sine of the angle between crank and forearm, (N, n)."""
+        out, _, down = in_frames(self.frames, forearms_mm.T)
+        lever = self.cos.T * down - self.sin.T * out
+        return np.asarray(np.abs(lever / self.forearm_mm))
+
+
+CRANK_FIELDS = (
+    ParameterField("x_mm", "the motor centre's x in the base frame, mm", "place"),
+    ParameterField("y_mm", "the motor centre's y in the base frame, mm", "place"),
+    ParameterField("z_mm", "the motor centre's z in the base frame, mm", "place"),
+    ParameterField("azimuth_deg", "the arm's direction about z at joint angle 0, deg", "angle"),
+    ParameterField("joint_offset_deg", "the joint angle minus the encoder's reading, deg", "angle"),
+    ParameterField("arm_mm", "the arm's length, mm", "length"),
+    ParameterField("forearm_mm", "the forearm's length, mm", "length"),
+)
+AXIS_TILT = ParameterField(
+    "axis_tilt_deg", "the motor's axis out of the horizontal, deg; may be left out", "small angle"
+)
+
+
+class RotaryArmKind:
+    """Cranks turned by motors, the elbow outward."""
+
+    fields = CRANK_FIELDS
+    extensions = (AXIS_TILT,)
+    lost_motion = "backlash_deg"
+
+    def joint(self, number: int) -> Axis:
+        """Encoder angle of a motor."""
+        return Axis(f"q{number}", "revolute")
+
+    def at(self, values: Array, extensions: Array, joints: Array) -> RotaryArms:
+        """Cranks at encoder angles (N, n)."""
+        return RotaryArms.at(values, extensions, joints)
+
+    def inverse(self, values: Array, extensions: Array, targets_mm: Array) -> tuple[Array, Mask]:
+        """Encoder angles on the branch with the elbow outward (eqs. 10-14 as corrected)."""
+        motor, azimuth, offset, arm, forearm = _columns(values)
+        motor_to_plate = targets_mm - motor
+        out, _, down = in_frames(crank_frames(azimuth, extensions[:, 0]), motor_to_plate)
+        sine = -2.0 * arm * down
+        cosine = -2.0 * arm * out
+        constant = np.einsum("...k,...k->...", motor_to_plate, motor_to_plate) + arm**2 - forearm**2
+        discriminant = sine**2 + cosine**2 - constant**2
+        found = np.all(discriminant >= 0.0, axis=-1)
+        root = np.sqrt(np.where(discriminant >= 0.0, discriminant, np.nan))
+        # the root of eq. 14's half-angle form, without its 0/0 where both of its arguments vanish
+        angle = np.arctan2(sine, cosine) + np.arctan2(root, -constant) - offset
+        return np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi, found
+
+    def levers_mm(self, values: Array) -> Array:
+        """The crank's length for angles, 1 for lengths, (n, 7)."""
+        levers = np.ones_like(values)
+        levers[:, 3:5] = values[:, 5:6]
+        return levers
+
+
+def crank_frames(azimuth_rad: Array, axis_tilt_rad: Array) -> Array:
+    """u_i, the motor's axis, and w_i, of unit length in the base frame, (3, n, 3).
+
+    The crank points along u_i at an angle of 0° (eq. 5) and along w_i at 90°. The axis is v_i of
+    eq. 6 turned about u_i by the axis tilt; without one w_i points straight down.
+    """
+    cos, sin = np.cos(azimuth_rad), np.sin(azimuth_rad)
+    level, tilt = np.cos(axis_tilt_rad), np.sin(axis_tilt_rad)
+    outward = [cos, sin, np.zeros_like(cos)]
+    axis = [-sin * level, cos * level, tilt]
+    lowered = [-sin * tilt, cos * tilt, -level]
+    return np.array([outward, axis, lowered]).transpose(0, 2, 1)
+
+
+def in_frames(frames: Array, vectors: Array) -> Array:
+    """Vectors of the arms (N, n, 3) along their frames' axes (3, n, 3), as (3, N, n)."""
+    # a product of matrices for each arm; einsum takes ten times as long
+    along = vectors.swapaxes(0, 1) @ frames.transpose(1, 2, 0)
+    return np.ascontiguousarray(along.T)
+
+
+def _columns(values: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """Motor centres (n, 3), azimuths, joint offsets, crank and forearm lengths, (n,) each."""
+    return values[:, :3], values[:, 3], values[:, 4], values[:, 5], values[:, 6]

@@ -1,0 +1,427 @@
+"""Closed-chain mechanisms of equal legs: |B_i(pose) - A_i(q_i)|² = L_i², one closure an arm.
+
+A platform and a kind of arm make a mechanism: inverse, forward model, Jacobians and feasibility
+follow from the closures and their derivatives.
+
+For given joints more than one real assembly lies near the working region. The wanted one hangs
+below its elbows, has |θ| < 90°, and the determinant of the closures' Jacobian has the sign that it
+has at home. Newton alone ends on a wrong one, or far away, for about one pose in a hundred, so
+every answer is checked for residual, turn, branch and for hanging, and what fails is started again
+from elsewhere.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from campaigns.arrays import Array, Mask
+from campaigns.mechanisms.arms import ArmKind, Arms
+from campaigns.mechanisms.mechanism import (
+    Axis,
+    Feasibility,
+    KinematicSolution,
+    Limits,
+    ParameterSpace,
+    Violation,
+    outside,
+)
+from campaigns.mechanisms.platforms import Platform
+
+PLATE_LEVER_MM = 100.0
+"""Turns columns of angles into lengths before anything looks at singular values."""
+CHUNK = 4096
+"""Rows worked on at a time, so that they stay in the processor's cache."""
+ITERATIONS = 40
+STEP_MM = 120.0
+STEP_RAD = 0.35
+CONVERGED_MM = 1e-5
+"""A Newton step shorter than this leaves an error of its square over the forearm's length."""
+MISFIT_OF_STEP = 10.0
+"""How much longer than that step a forearm may have been too long before it."""
+LEVER_MM = 100.0
+"""Compares a step in the turn with one in position."""
+LEAST_TURN_RAD = np.pi / 4
+"""Searched each way, however narrow limits are drawn."""
+COORDINATES = 3
+FRAME_UNKNOWNS = 6
+FIX_FRAME = ("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg")
+"""The first arm places the frame, and its azimuth keeps it from turning about z."""
+
+STARTS = (
+    (0.0, 0.0),
+    (0.6, -40.0),
+    (-0.6, -40.0),
+    (0.0, -150.0),
+    (0.9, 60.0),
+    (-0.9, 60.0),
+    (0.0, 150.0),
+)
+"""Turn in rad and height above the guessed one in mm, tried in turn."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Legs:
+    """Elbows by component (3, n, N), forearm lengths (n, 1), platform fields and the branch."""
+
+    elbows_mm: Array
+    forearm_mm: Array
+    platform: Array
+    home_sign: float
+    """Sign of the determinant of the closures' Jacobian at home."""
+
+    def rows(self, chosen: Mask) -> "Legs":
+        """Some of the rows."""
+        return Legs(self.elbows_mm[:, :, chosen], self.forearm_mm, self.platform, self.home_sign)
+
+
+class ClosedChain:
+    """Mechanism of a kind of arm and a platform."""
+
+    def __init__(
+        self,
+        name: str,
+        arms: ArmKind,
+        platform: Platform,
+        *,
+        held_fields: tuple[str, ...],
+    ) -> None:
+        self.name = name
+        self.joints = tuple(arms.joint(number) for number in range(platform.arms))
+        self.task: tuple[Axis, ...] = platform.task
+        self.parameters = ParameterSpace(
+            platform.arms,
+            arms.fields,
+            platform.fields,
+            arms.extensions,
+            arms.lost_motion,
+            held_fields,
+            FIX_FRAME,
+        )
+        self._arms = arms
+        self._platform = platform
+        self._of_arms = platform.arms * len(arms.fields)
+        self._has_turn = len(platform.task) > COORDINATES
+
+    def inverse(self, p: Array, poses: Array) -> KinematicSolution:
+        """Joints (N, n) of poses (N, t) as the encoders read them."""
+        values, platform, extensions = self._split(p)
+        targets_mm = self._platform.joints_mm(platform, poses)
+        joints, found = self._arms.inverse(values, extensions, targets_mm)
+        return KinematicSolution.where(found, joints)
+
+    def forward(self, p: Array, joints: Array, near: Array | None = None) -> KinematicSolution:
+        """Poses (N, t) of joints (N, n); `near` (N, t) are poses near them, as those commanded."""
+        joints = np.atleast_2d(np.asarray(joints, dtype=np.float64))
+        starts = None if near is None else np.atleast_2d(near)
+        poses = np.empty((len(joints), len(self.task)))
+        status = np.empty(len(joints), dtype=np.uint8)
+        for first in range(0, len(joints), CHUNK):
+            rows = slice(first, first + CHUNK)
+            some_near = None if starts is None else starts[rows]
+            solved = self.posture(p, joints[rows]).assemble(some_near)
+            poses[rows], status[rows] = solved.values, solved.status
+        return KinematicSolution(poses, status)
+
+    def jacobian(self, p: Array, joints: Array, poses: Array) -> Array:
+        """d(pose)/dp (N, t, G) at fixed joints, by the implicit function theorem on the closures.
+
+        Raises `numpy.linalg.LinAlgError` at a singular pose.
+        """
+        return self.posture(p, joints).jacobian(poses)
+
+    def posture(self, p: Array, joints: Array) -> "ChainPosture":
+        """Arms at joints (N, n), for whoever needs both poses and Jacobian."""
+        values, platform, extensions = self._split(p)
+        arms = self._arms.at(values, extensions, joints)
+        return ChainPosture(self, platform, arms, self.home_sign(p))
+
+    def home_sign(self, p: Array) -> float:
+        """Sign of the closures' determinant at joints 0, the platform well below the elbows."""
+        values, platform, extensions = self._split(p)
+        arms = self._arms.at(values, extensions, np.zeros((1, len(self.joints))))
+        legs = Legs(arms.elbows_mm, arms.forearm_mm[:, None], platform, 1.0)
+        _, determinant, _ = self.newton_step(legs, self._guess(legs, 0.0, -LEVER_MM))
+        return float(np.sign(determinant[0]))
+
+    def closure_mm2(self, p: Array, joints: Array, poses: Array) -> Array:
+        """|A_iB_i|² - L_i², (N, n); zero when assembled (eq. 3 with L_i for the printed l_i)."""
+        posture = self.posture(p, joints)
+        forearms = posture.forearms_mm(poses).T
+        squares = np.einsum("...k,...k->...", forearms, forearms)
+        return np.asarray(squares - posture.arms.forearm_mm**2)
+
+    def pose_jacobian(self, p: Array, joints: Array, poses: Array) -> Array:
+        """∂F/∂pose of the closures, (N, n, t), in mm (columns of angles mm² per rad)."""
+        posture = self.posture(p, joints)
+        return posture.by_pose(poses, posture.forearms_mm(poses))
+
+    def closure_parameter_jacobian(self, p: Array, joints: Array, poses: Array) -> Array:
+        """∂F_i by arm i's own fields and extensions, then by the platform's, (N, n, k + f)."""
+        posture = self.posture(p, joints)
+        forearms = posture.forearms_mm(poses)
+        by_plate = self._platform.by_fields(posture.platform, poses, forearms)
+        own = posture.arms.by_fields(forearms)
+        return np.concatenate([own, by_plate.swapaxes(0, 1)], axis=1).transpose(2, 0, 1)
+
+    def feasibility(self, p: Array, limits: Limits, poses: Array) -> Feasibility:
+        """Margins of poses (N, t) by reach, limits, forearm swing and distance from singularity."""
+        solution = self.inverse(p, poses)
+        joints, found = solution.values, solution.found
+        judged = self._margins(p, limits, joints, poses, found)
+        beyond = outside(joints, limits.joint).any(axis=1) * int(Violation.JOINT_LIMIT)
+        violations = judged.violations | ~found * int(Violation.OUT_OF_REACH) | beyond
+        return replace(judged, violations=violations.astype(np.uint8))
+
+    def passage(self, p: Array, limits: Limits, joints: Array, poses: Array) -> Feasibility:
+        """The same of poses (N, t) that are passed at known joints, whose limits don't count."""
+        return self._margins(p, limits, joints, poses, np.ones(len(poses), dtype=bool))
+
+    def search_extent(self, p: Array, limits: Limits) -> Array:
+        """A forearm and half a carriage's travel each way, and half of the turn or 45°, (t,)."""
+        values, _, _ = self._split(p)
+        reach_mm = float(values[:, -1].max())
+        if not self.joints[0].is_revolute:
+            reach_mm += 0.5 * (limits.joint[1] - limits.joint[0])
+        half = np.full(len(self.task), reach_mm)
+        for place, interval in enumerate(limits.task):
+            if interval is not None:
+                half[place] = max(0.5 * (interval[1] - interval[0]), LEAST_TURN_RAD)
+        return half
+
+    def in_frame_of(self, nominal: Array, p: Array) -> Array:
+        """Vector of the same robot seen from a base whose first arm is as in the nominal, (G,)."""
+        first, reframed = nominal[: COORDINATES + 1], p.copy()
+        arms = reframed[: self._of_arms].reshape(self.parameters.arms, -1)
+        turn = float(first[COORDINATES] - arms[0, COORDINATES])
+        cos, sin = np.cos(turn), np.sin(turn)
+        turned_from_base = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        from_first_mm = (arms[:, :COORDINATES] - arms[0, :COORDINATES]) @ turned_from_base.T
+        arms[:, :COORDINATES] = first[:COORDINATES] + from_first_mm
+        arms[:, COORDINATES] += turn
+        return reframed
+
+    def minimum_shots(self, names: Sequence[str]) -> int:
+        """Fewest shots whose coordinates are as many as the named parameters and the frame."""
+        return max(COORDINATES, math.ceil((len(names) + FRAME_UNKNOWNS) / COORDINATES))
+
+    def levers_mm(self, p: Array) -> Array:
+        """Lengths that turn errors of `parameters.model` into errors of place, (M,)."""
+        values, _, _ = self._split(p)
+        levers = self._arms.levers_mm(values)
+        space = self.parameters
+        found = np.ones(len(space.model))
+        found[: levers.size] = levers.ravel()
+        of_offset = found[space.offsets]
+        beyond = len(space.names)
+        found[beyond:] = np.tile(of_offset, (len(found) - beyond) // len(of_offset))
+        return np.where(space.is_angle, found, 1.0)
+
+    def smallest_singular_value(self, p: Array, joints: Array, poses: Array) -> Array:
+        """Of the closures' Jacobian with unit rows, columns of angles divided by 100 mm, (N,)."""
+        return _smallest_singular_value(self.pose_jacobian(p, joints, poses))
+
+    def _split(self, p: Array) -> tuple[Array, Array, Array]:
+        """Fields of the arms (n, k), of the platform (f,), and extensions of the arms (n, e)."""
+        space, end = self.parameters, self._of_arms
+        named = len(space.names)
+        extensions = p[named:].reshape(len(space.extension_fields), space.arms).T
+        return p[:end].reshape(space.arms, -1), p[end:named], extensions
+
+    def _margins(
+        self, p: Array, limits: Limits, joints: Array, poses: Array, found: Mask
+    ) -> Feasibility:
+        posture = self.posture(p, joints)
+        forearms = posture.forearms_mm(poses)
+        swing = posture.arms.swing_rad(forearms)
+        elbow = posture.arms.leverage(forearms).min(axis=1)
+        singular = np.full(len(poses), np.nan)
+        singular[found] = _smallest_singular_value(posture.by_pose(poses, forearms)[found])
+        too_near = (singular < limits.singularity_margin) | (elbow < limits.elbow_margin)
+        beyond = np.zeros(len(poses), dtype=bool)
+        for column, interval in zip(poses.T, limits.task, strict=True):
+            if interval is not None:
+                beyond |= outside(column, interval)
+        violations = (
+            beyond * int(Violation.TASK_LIMIT)
+            | (np.abs(swing) > limits.forearm_swing_rad).any(axis=1) * int(Violation.SWING_LIMIT)
+            | too_near * int(Violation.SINGULAR)
+        )
+        return Feasibility(
+            poses,
+            joints,
+            swing,
+            singular,
+            elbow,
+            violations.astype(np.uint8),
+            limits,
+            self.joints,
+            self.task,
+        )
+
+    def newton_step(self, legs: Legs, poses: Array) -> tuple[Array, Array, Array]:
+        """Step (t, N), the branch's determinant (N,) and by how much forearms are too long, (n, N).
+
+        Poses (t, N) are by component.
+        """
+        ends = self._platform.joints_mm(legs.platform, poses.T)
+        forearms = np.ascontiguousarray(ends.T) - legs.elbows_mm
+        f = 0.5 * (np.einsum("kin,kin->in", forearms, forearms) - legs.forearm_mm**2)
+        matrix = np.empty((len(f), len(poses), poses.shape[1]))
+        matrix[:, :COORDINATES] = forearms.swapaxes(0, 1)
+        if self._has_turn:
+            by_turn = self._platform.by_turn(legs.platform, poses.T, forearms)
+            matrix[:, COORDINATES] = 0.5 * by_turn
+        step, determinant = solve_rows(matrix, -f)
+        return step, determinant, f / legs.forearm_mm
+
+    def assemble(self, legs: Legs, start: Array | None, converged_mm: float) -> KinematicSolution:
+        """Poses of arms that are at their joints; a step below `converged_mm` is the last one.
+
+        That leaves an error of about its square over the forearm's length.
+        """
+        if start is None:
+            poses, good = self._newton(legs, self._guess(legs, *STARTS[0]), converged_mm)
+        else:
+            poses, good = self._newton(legs, np.ascontiguousarray(start.T), converged_mm)
+        pending = ~good
+        for theta_rad, lift_mm in STARTS if start is not None else STARTS[1:]:
+            if not pending.any():
+                break
+            some = legs.rows(pending)
+            found, good = self._newton(some, self._guess(some, theta_rad, lift_mm), converged_mm)
+            places = np.flatnonzero(pending)[good]
+            poses[:, places] = found[:, good]
+            pending[places] = False
+        return KinematicSolution.where(~pending, poses.T)
+
+    def _guess(self, legs: Legs, theta_rad: float, lift_mm: float) -> Array:
+        """Platform that hangs under the middle of its elbows, (t, N)."""
+        middle = legs.elbows_mm.mean(axis=1)
+        outward = legs.elbows_mm[:2] - middle[:2, None]
+        drop2_mm2 = legs.forearm_mm**2 - (outward * outward).sum(axis=0)
+        drop_mm = np.sqrt(np.maximum(drop2_mm2, 0.0).mean(axis=0))
+        turned = np.zeros((1, len(self.task)))
+        turned[0, COORDINATES:] = theta_rad
+        aside = self._platform.joints_mm(legs.platform, turned)[0].mean(axis=0)
+        rows = [middle[0] - aside[0], middle[1] - aside[1], middle[2] - drop_mm + lift_mm]
+        turns = [np.full_like(drop_mm, theta_rad)] if self._has_turn else []
+        return np.stack([*rows, *turns])
+
+    @np.errstate(divide="ignore", invalid="ignore", over="ignore")
+    def _newton(self, legs: Legs, start: Array, converged_mm: float) -> tuple[Array, Mask]:
+        """Poses (t, N) and which of them passed the checks; singular rows are dropped."""
+        poses = start.copy()
+        good = np.zeros(poses.shape[1], dtype=bool)
+        active = np.arange(poses.shape[1])
+        some, current = legs, poses.copy()
+        for _ in range(ITERATIONS):
+            step, branch, misfit_mm = self.newton_step(some, current)
+            move_mm = np.abs(step[:COORDINATES]).max(axis=0)
+            turn_rad = np.abs(step[COORDINATES]) if self._has_turn else np.zeros_like(move_mm)
+            current += step / np.maximum(np.maximum(move_mm / STEP_MM, turn_rad / STEP_RAD), 1.0)
+            size_mm = move_mm + LEVER_MM * turn_rad
+            on_its_way = size_mm >= converged_mm
+            if not on_its_way.all():
+                closed = (np.abs(misfit_mm) < MISFIT_OF_STEP * converged_mm).all(axis=0)
+                wanted = current[2] < some.elbows_mm[2].mean(axis=0)
+                wanted &= branch * some.home_sign > 0.0
+                if self._has_turn:
+                    wanted &= np.abs(current[COORDINATES]) < 0.5 * np.pi
+                poses[:, active] = current
+                good[active] = (size_mm < converged_mm) & closed & wanted
+                keep = on_its_way & np.isfinite(size_mm)
+                if not keep.any():
+                    break
+                active, current, some = active[keep], current[:, keep], some.rows(keep)
+        return poses, good
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChainPosture:
+    """Arms of a closed chain at joints (N, n), and the platform's fields."""
+
+    chain: ClosedChain
+    platform: Array
+    arms: Arms
+    home_sign: float
+
+    def assemble(
+        self, near: Array | None = None, converged_mm: float = CONVERGED_MM
+    ) -> KinematicSolution:
+        """Poses (N, t) of the joints, from poses `near` them; a step below that is the last one."""
+        forearm_mm = self.arms.forearm_mm[:, None]
+        legs = Legs(self.arms.elbows_mm, forearm_mm, self.platform, self.home_sign)
+        return self.chain.assemble(legs, near, converged_mm)
+
+    def forearms_mm(self, poses: Array) -> Array:
+        """A_iB_i at poses (N, t), (3, n, N)."""
+        ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
+        return np.ascontiguousarray(ends.T) - self.arms.elbows_mm
+
+    def by_pose(self, poses: Array, forearms_mm: Array) -> Array:
+        """∂F/∂pose, (N, n, t), from forearms (3, n, N)."""
+        chain = self.chain
+        _, arms, rows = forearms_mm.shape
+        jacobian = np.zeros((rows, arms, len(chain.task)))
+        jacobian[:, :, :COORDINATES] = 2.0 * forearms_mm.T
+        if len(chain.task) > COORDINATES:
+            by_turn = chain._platform.by_turn(self.platform, poses, forearms_mm)  # noqa: SLF001
+            jacobian[:, :, COORDINATES] = by_turn.T
+        return jacobian
+
+    def jacobian(self, poses: Array) -> Array:
+        """d(pose)/dp (N, t, G) at fixed joints, of the poses that they assemble to."""
+        space = self.chain.parameters
+        forearms = self.forearms_mm(poses)
+        own = self.arms.by_fields(forearms)
+        by_plate = self.chain._platform.by_fields(self.platform, poses, forearms)  # noqa: SLF001
+        inverses = np.linalg.inv(self.by_pose(poses, forearms))
+        by_closure = -np.ascontiguousarray(inverses.transpose(1, 2, 0))
+        tasks, arms, rows = by_closure.shape
+        by_all = np.empty((tasks, len(space.geometry), rows))
+        fields, end = len(space.arm_fields), arms * len(space.arm_fields)
+        # a parameter of one arm is in no other arm's closure
+        by_arms = by_all[:, :end].reshape(tasks, arms, fields, rows)
+        np.multiply(by_closure[:, :, None], own[:, :fields], out=by_arms)
+        for place, each in enumerate(by_plate):
+            by_all[:, end + place] = (by_closure * each).sum(axis=1)
+        beyond = by_all[:, len(space.names) :].reshape(tasks, -1, arms, rows)
+        np.multiply(by_closure[:, None], own[:, fields:].swapaxes(0, 1), out=beyond)
+        return by_all.transpose(2, 0, 1)
+
+
+def solve_rows(matrix: Array, right: Array) -> tuple[Array, Array]:
+    """Solutions (t, N) and determinants (N,) of square systems (t, t, N) with right sides (t, N).
+
+    Gauss-Jordan with row pivots on all systems at once: for few unknowns several times faster than
+    a batched call.
+    """
+    system = np.concatenate([matrix, right[:, None]], axis=1)
+    size, columns = len(system), np.arange(system.shape[2])
+    determinant = np.ones(system.shape[2])
+    for place in range(size):
+        pivot = place + np.argmax(np.abs(system[place:, place]), axis=0)
+        swapped = pivot != place
+        if swapped.any():
+            rows, where = pivot[swapped], columns[swapped]
+            upper = system[place][:, where].copy()
+            system[place][:, where] = system[rows, :, where].T
+            system[rows, :, where] = upper.T
+            determinant[where] = -determinant[where]
+        head = system[place, place]
+        determinant = determinant * head
+        system[place, place:] = system[place, place:] / head
+        for row in range(size):
+            if row != place:
+                system[row, place:] = (
+                    system[row, place:] - system[row, place] * system[place, place:]
+                )
+    return system[:, size], determinant
+
+
+def _smallest_singular_value(jacobian: Array) -> Array:
+    jacobian[..., COORDINATES:] /= PLATE_LEVER_MM
+    jacobian /= np.linalg.norm(jacobian, axis=-1, keepdims=True)
+    return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[..., -1])

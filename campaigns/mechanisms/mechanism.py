@@ -1,0 +1,454 @@
+"""Mechanism interface: axes, named parameters, kinematic solutions and feasibility.
+
+A mechanism has no state; every robot of its kind is a parameter vector p, (G,), in mm and rad.
+Joints (N, n) and poses (N, t) are batches in inner units, one column an axis: rad for revolute
+axes, mm for prismatic ones. Files and screens say deg and mm.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum, IntFlag
+from functools import cached_property
+from typing import Literal, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from campaigns.arrays import Array, Index, Mask
+
+Interval = tuple[float, float]
+
+SINGULARITY_MARGIN = 0.2
+"""Smallest singular value of the closures' unit rows, columns of angles divided by 100 mm."""
+ELBOW_MARGIN = 0.05
+"""Smallest share of a forearm along which its joint moves it: below, the arm is stretched."""
+MM_PER_RAD = 300.0
+"""What compares a carriage's travel with a crank's turn: the length of a typical crank."""
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """Joint or task coordinate by name: revolute (rad inside, deg in files) or prismatic (mm)."""
+
+    name: str
+    kind: Literal["revolute", "prismatic"]
+
+    @property
+    def is_revolute(self) -> bool:
+        """Whether its values are angles."""
+        return self.kind == "revolute"
+
+    @property
+    def unit(self) -> str:
+        """Unit in files and on screens."""
+        return "deg" if self.is_revolute else "mm"
+
+    @property
+    def column(self) -> str:
+        """Name in files, with the unit: `q0_deg`."""
+        return f"{self.name}_{self.unit}"
+
+    @property
+    def scale(self) -> float:
+        """Inner units that compare with one radian of a crank."""
+        return 1.0 if self.is_revolute else MM_PER_RAD
+
+    def to_file(self, value: float) -> float:
+        """Value in the unit of files."""
+        return math.degrees(value) if self.is_revolute else value
+
+    def from_file(self, value: float) -> float:
+        """Inner value of one in the unit of files."""
+        return math.radians(value) if self.is_revolute else value
+
+    def text(self, value: float, form: str) -> str:
+        """Value for people: `12.345°` or `12.345 mm`, by a format such as `.3f`."""
+        return f"{self.to_file(value):{form}}{'°' if self.is_revolute else ' mm'}"
+
+    def span(self, interval: Interval) -> str:
+        """Interval for people: `[-45°, 90°]`."""
+        low, high = (self.text(end, "g") for end in interval)
+        return f"[{low}, {high}]"
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterField:
+    """Kind of parameter: its name with unit, what it is, and the range that a file may give it."""
+
+    name: str
+    description: str
+    quantity: Literal["place", "length", "angle", "small angle"]
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterSpace:
+    """Parameters of a mechanism by name, in the order of its vector.
+
+    Names are `arm0.x_mm` … for the fields of each arm, then those of the platform, then extensions
+    that are nominally 0 (axis tilts), which a robot file holds where they are not, then the lost
+    motion of each joint's gear, which belongs to what is measured and is in no file.
+    """
+
+    arms: int
+    arm_fields: tuple[ParameterField, ...]
+    platform_fields: tuple[ParameterField, ...]
+    extension_fields: tuple[ParameterField, ...]
+    """Of each arm, beyond what controllers know."""
+    lost_motion: str
+    """Field of the lost motion of a joint's gear, `backlash_deg` or `backlash_mm`."""
+    held_fields: tuple[str, ...]
+    """Fields that stay nominal unless told otherwise."""
+    fix_frame: tuple[str, ...]
+    """Names that place the base frame, which no measurement tells: they stay nominal too."""
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of files and controllers."""
+        arms = self._of_arms(tuple(field.name for field in self.arm_fields))
+        return (*arms, *(field.name for field in self.platform_fields))
+
+    @cached_property
+    def extensions(self) -> tuple[str, ...]:
+        """Beyond them, of the geometry too: nominally 0."""
+        return self._of_arms(tuple(field.name for field in self.extension_fields), by_field=True)
+
+    @cached_property
+    def backlashes(self) -> tuple[str, ...]:
+        """Of the joints' gears."""
+        return self._of_arms((self.lost_motion,))
+
+    @cached_property
+    def geometry(self) -> tuple[str, ...]:
+        """Of a vector p, (G,)."""
+        return self.names + self.extensions
+
+    @cached_property
+    def model(self) -> tuple[str, ...]:
+        """All that a fit may free."""
+        return self.geometry + self.backlashes
+
+    @cached_property
+    def free_by_default(self) -> tuple[str, ...]:
+        """What shots with a free frame can tell, unless told otherwise."""
+        return tuple(
+            name
+            for name in self.names
+            if name not in self.fix_frame and name.rpartition(".")[2] not in self.held_fields
+        )
+
+    @cached_property
+    def free_if_extended(self) -> tuple[str, ...]:
+        """All that shots with known directions of approach can tell apart."""
+        return tuple(name for name in self.model if name not in self.fix_frame)
+
+    @cached_property
+    def is_angle(self) -> Mask:
+        """Which of `model` are angles."""
+        return np.array([name.endswith("_deg") for name in self.model])
+
+    @cached_property
+    def file_unit(self) -> Array:
+        """Factors from the units of files (mm, deg) to inner ones (mm, rad), for `model`."""
+        return np.where(self.is_angle, np.pi / 180.0, 1.0)
+
+    @cached_property
+    def offsets(self) -> Index:
+        """Places of the joint offsets, one a joint."""
+        unit = self.lost_motion.rpartition("_")[2]
+        return self.places(self._of_arms((f"joint_offset_{unit}",)))
+
+    def places(self, names: Sequence[str]) -> Index:
+        """Places of parameters in `model`; raises `ValueError` for an unknown name."""
+        return np.array([self.model.index(name) for name in names], dtype=np.intp)
+
+    def units(self, names: Sequence[str]) -> Array:
+        """Factors from the units of files to inner ones, of the named parameters."""
+        return self.file_unit[self.places(names)]
+
+    def vector(self, flat: Mapping[str, float]) -> Array:
+        """Vector p (G,) of values by name in mm and deg; an extension that is not named is 0.
+
+        Raises `KeyError` when one that files hold is missing.
+        """
+        values = [flat[name] for name in self.names]
+        values += [flat.get(name, 0.0) for name in self.extensions]
+        return np.asarray(np.array(values) * self.file_unit[: len(self.geometry)])
+
+    def flat(self, p: Array) -> dict[str, float]:
+        """Values by name in mm and deg: those of files, and extensions that are not 0."""
+        values = (p / self.file_unit[: len(self.geometry)]).tolist()
+        named = zip(self.geometry, values, strict=True)
+        return {name: value for name, value in named if name in self.names or value}
+
+    def _of_arms(self, fields: tuple[str, ...], *, by_field: bool = False) -> tuple[str, ...]:
+        arms = range(self.arms)
+        if by_field:
+            return tuple(f"arm{arm}.{field}" for field in fields for arm in arms)
+        return tuple(f"arm{arm}.{field}" for arm in arms for field in fields)
+
+
+class KinematicStatus(IntEnum):
+    """Outcome of a kinematic solution."""
+
+    FOUND = 0
+    NONE = 1
+    """The mechanism cannot be assembled there."""
+
+
+class NoSolution(ValueError):
+    """A pose or a set of joints at which the mechanism cannot be assembled."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KinematicSolution:
+    """Joints or poses (N, k) and each row's status; rows without a solution hold NaN.
+
+    Whoever has not looked at the status takes the values by `values_or_raise`.
+    """
+
+    values: Array
+    status: NDArray[np.uint8]
+
+    @classmethod
+    def where(cls, found: Mask, values: Array) -> Self:
+        """Values (N, k) of the rows that were found, NaN elsewhere."""
+        values[~found] = np.nan
+        status = np.where(found, KinematicStatus.FOUND, KinematicStatus.NONE)
+        return cls(values, status.astype(np.uint8))
+
+    @property
+    def found(self) -> Mask:
+        """Rows that hold a solution, (N,)."""
+        return np.asarray(self.status == KinematicStatus.FOUND)
+
+    def values_or_raise(self) -> Array:
+        """All values; raises `NoSolution` naming the first row that has none."""
+        if not np.all(self.found):
+            row = int(np.argmin(self.found))
+            raise NoSolution(f"no assembly for row {row} of {len(self.status)}")
+        return self.values
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Motion limits of a robot, and how near it may come to what it cannot do."""
+
+    joint: Interval
+    """Of every joint, rad or mm."""
+    task: tuple[Interval | None, ...]
+    """Of each task coordinate; None: the workspace alone limits it."""
+    forearm_swing_rad: float
+    singularity_margin: float = SINGULARITY_MARGIN
+    elbow_margin: float = ELBOW_MARGIN
+
+    def drawn_in(
+        self, *, joint: float = 0.0, task: float = 0.0, swing_rad: float = 0.0
+    ) -> "Limits":
+        """Narrower limits, by so much at each end; negative amounts widen them."""
+        low, high = self.joint
+        return replace(
+            self,
+            joint=(low + joint, high - joint),
+            task=tuple(each and (each[0] + task, each[1] - task) for each in self.task),
+            forearm_swing_rad=self.forearm_swing_rad - swing_rad,
+        )
+
+
+class Violation(IntFlag):
+    """Why a pose cannot be taken; several may hold at once."""
+
+    NONE = 0
+    OUT_OF_REACH = 1
+    JOINT_LIMIT = 2
+    TASK_LIMIT = 4
+    SWING_LIMIT = 8
+    SINGULAR = 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Feasibility:
+    """Margins of poses, and what they violate. Rows out of reach hold NaN in every margin."""
+
+    poses: Array
+    """(N, t)"""
+    joints: Array
+    """(N, n)"""
+    swing_rad: Array
+    """Each forearm's angle out of its arm's plane, (N, n)."""
+    singular_value: Array
+    """Smallest of the closures' Jacobian, as `SINGULARITY_MARGIN` has it, (N,)."""
+    elbow: Array
+    """Share of a forearm along which its joint moves it, of the least arm, (N,)."""
+    violations: NDArray[np.uint8]
+    """`Violation` flags, (N,); zero when the pose can be taken."""
+    limits: Limits
+    joint_axes: tuple[Axis, ...]
+    task_axes: tuple[Axis, ...]
+
+    @property
+    def feasible(self) -> Mask:
+        """Poses that can be taken, (N,)."""
+        return np.asarray(self.violations == Violation.NONE)
+
+    def describe(self, row: int, limits: Limits | None = None) -> list[str]:
+        """Violations of one pose in words, each with its value and limit.
+
+        `limits` are those to be named, if others were tested with.
+        """
+        limits = limits or self.limits
+        violated = Violation(int(self.violations[row]))
+        if Violation.OUT_OF_REACH in violated:
+            return ["out of reach: a forearm cannot span from its elbow's circle to the plate"]
+        found = [
+            f"joint {place} at {axis.text(value, '.3f')} outside {axis.span(limits.joint)}"
+            for place, (axis, value) in enumerate(
+                zip(self.joint_axes, self.joints[row], strict=True)
+            )
+            if outside(value, limits.joint)
+        ]
+        if Violation.TASK_LIMIT in violated:
+            found += self._beyond_task_limits(row, limits)
+        found += [
+            f"forearm {place} swings {np.degrees(swing):.2f}° out of its arm's plane, limit "
+            f"{np.degrees(limits.forearm_swing_rad):g}°"
+            for place, swing in enumerate(self.swing_rad[row])
+            if abs(swing) > limits.forearm_swing_rad
+        ]
+        if Violation.SINGULAR in violated:
+            found.append(
+                f"too near a singularity: margin {self.singular_value[row]:.3f} "
+                f"(limit {limits.singularity_margin:g}), "
+                f"elbow {self.elbow[row]:.3f} (limit {limits.elbow_margin:g})"
+            )
+        return found
+
+    def _beyond_task_limits(self, row: int, limits: Limits) -> list[str]:
+        columns = zip(self.task_axes, self.poses[row], limits.task, strict=True)
+        return [
+            f"{axis.name} {axis.text(value, '.3f')} outside {axis.span(interval)}"
+            for axis, value, interval in columns
+            if interval is not None and outside(value, interval)
+        ]
+
+
+class Posture(Protocol):
+    """Arms of a robot at joints (N, n), worked out once for assembling and differentiating."""
+
+    def assemble(self, near: Array | None = None, converged_mm: float = ...) -> KinematicSolution:
+        """Poses (N, t) of the joints, from poses `near` them."""
+        ...
+
+    def jacobian(self, poses: Array) -> Array:
+        """d(pose)/dp (N, t, G) at fixed joints, of the poses that they assemble to."""
+        ...
+
+
+class Mechanism(Protocol):
+    """Kind of robot: what planning, measuring, estimation and evaluation need to know of it."""
+
+    @property
+    def name(self) -> str:
+        """Word in robot files."""
+        ...
+
+    @property
+    def joints(self) -> tuple[Axis, ...]:
+        """Joint axes, n of them."""
+        ...
+
+    @property
+    def task(self) -> tuple[Axis, ...]:
+        """Task axes, t of them: x, y, z of the measured point first."""
+        ...
+
+    @property
+    def parameters(self) -> ParameterSpace:
+        """Names, units and roles of the parameters, G of them in a vector p."""
+        ...
+
+    def inverse(self, p: Array, poses: Array) -> KinematicSolution:
+        """Joints (N, n) of poses (N, t) as the encoders read them."""
+        ...
+
+    def forward(self, p: Array, joints: Array, near: Array | None = None) -> KinematicSolution:
+        """Poses (N, t) of joints (N, n); `near` (N, t) are poses near them, as those commanded."""
+        ...
+
+    def jacobian(self, p: Array, joints: Array, poses: Array) -> Array:
+        """d(pose)/dp (N, t, G) at fixed joints, by the implicit function theorem.
+
+        Raises `numpy.linalg.LinAlgError` at a singular pose.
+        """
+        ...
+
+    def posture(self, p: Array, joints: Array) -> Posture:
+        """Arms at joints (N, n), for whoever needs both poses and Jacobian."""
+        ...
+
+    def feasibility(self, p: Array, limits: Limits, poses: Array) -> Feasibility:
+        """Margins of poses (N, t), and each violation."""
+        ...
+
+    def passage(self, p: Array, limits: Limits, joints: Array, poses: Array) -> Feasibility:
+        """The same of poses (N, t) that are passed at known joints, whose limits don't count."""
+        ...
+
+    def search_extent(self, p: Array, limits: Limits) -> Array:
+        """Half size (t,) of a box about a pose well inside that holds the workspace."""
+        ...
+
+    def in_frame_of(self, nominal: Array, p: Array) -> Array:
+        """Vector of the same robot as p, seen in the frame of the nominal's `fix_frame`, (G,)."""
+        ...
+
+    def minimum_shots(self, names: Sequence[str]) -> int:
+        """Fewest shots of the measured point that tell the named parameters and the frame."""
+        ...
+
+    def levers_mm(self, p: Array) -> Array:
+        """Lengths that turn errors of `parameters.model` into errors of place, (M,)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Kinematics:
+    """Kinematic model of one robot: a mechanism with its parameter vector."""
+
+    mechanism: Mechanism
+    p: Array
+    """(G,), mm and rad."""
+
+    @classmethod
+    def from_flat(cls, mechanism: Mechanism, flat: Mapping[str, float]) -> Self:
+        """From values by name in mm and deg; raises `KeyError` when one is missing."""
+        return cls(mechanism, mechanism.parameters.vector(flat))
+
+    def flat(self) -> dict[str, float]:
+        """Values by name in mm and deg."""
+        return self.mechanism.parameters.flat(self.p)
+
+    def inverse(self, poses: Array) -> KinematicSolution:
+        """Joints (N, n) of poses (N, t)."""
+        return self.mechanism.inverse(self.p, poses)
+
+    def forward(self, joints: Array, near: Array | None = None) -> KinematicSolution:
+        """Poses (N, t) of joints (N, n), from poses `near` them where there are such."""
+        return self.mechanism.forward(self.p, joints, near)
+
+    def jacobian(self, joints: Array, poses: Array) -> Array:
+        """d(pose)/dp (N, t, G) at fixed joints; raises `LinAlgError` at a singular pose."""
+        return self.mechanism.jacobian(self.p, joints, poses)
+
+    def feasibility(self, limits: Limits, poses: Array) -> Feasibility:
+        """Margins of poses (N, t), and each violation."""
+        return self.mechanism.feasibility(self.p, limits, poses)
+
+    def comparable(self, joints: Array) -> Array:
+        """Joints (…, n) in units that compare with a radian of a crank."""
+        return np.asarray(joints / np.array([axis.scale for axis in self.mechanism.joints]))
+
+
+def outside(values: Array, interval: Interval) -> Mask:
+    """Values that leave an interval; NaN does not."""
+    return np.asarray((values < interval[0]) | (values > interval[1]))

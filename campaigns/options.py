@@ -1,0 +1,92 @@
+"""Options of the chain's steps, as the command line and Python give them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from campaigns.design.criteria import CriterionName
+from campaigns.errors import OptionsInvalid
+from campaigns.estimation.estimators import Estimator, LossShape, Model, Outliers
+from campaigns.planning.plans import Placement
+
+BENDS_AT = 3.0
+"""Where robust losses bend, in σ."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Selection:
+    """Which parameters are looked for: patterns to free and to hold, and how they are estimated."""
+
+    estimator: Estimator = Estimator.POINTS
+    free: tuple[str, ...] = ()
+    fix: tuple[str, ...] = ()
+
+    def words(self) -> list[str]:
+        """As they are typed, for the next step's command."""
+        by = [] if self.estimator is Estimator.POINTS else ["--estimator", self.estimator.value]
+        freed = [word for pattern in self.free for word in ("--free", pattern)]
+        fixed = [word for pattern in self.fix for word in ("--fix", pattern)]
+        return [*by, *freed, *fixed]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanOptions(Selection):
+    """What a plan is asked for; None: as campaign.yaml says. Raises `OptionsInvalid`."""
+
+    shots: int | None = None
+    placement: Placement | None = None
+    until: str | None = None
+    """Goal such as σ=0.02, in mm."""
+    criterion: CriterionName | None = None
+    candidates: int | None = None
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.shots is not None and self.shots % 2:
+            raise OptionsInvalid(
+                f"--shots is {self.shots}, but two make a pair", remedy="give an even number"
+            )
+        option = next(self.choosing, None)
+        if self.placement is Placement.BOUNDARY and option is not None:
+            raise OptionsInvalid(
+                f"{option} is for shots that are chosen, but --placement boundary draws them",
+                remedy=f"give --placement optimal, or leave {option} out",
+            )
+
+    @property
+    def choosing(self) -> Iterator[str]:
+        """Options given that only choosing can heed."""
+        options = {
+            "--until": self.until,
+            "--criterion": self.criterion,
+            "--candidates": self.candidates,
+        }
+        return (option for option, value in options.items() if value is not None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOptions(Selection):
+    """When to end a run, and what `identify` will be asked for."""
+
+    until: str | None = None
+    """Goal such as σ=0.02, in mm."""
+
+    def run_words(self) -> list[str]:
+        """The options again, as they are typed."""
+        until = [] if self.until is None else ["--until", self.until]
+        return [*until, *self.words()]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdentifyOptions(Selection):
+    """How to identify."""
+
+    prior: tuple[str, ...] = ()
+    """Such as `arm*.forearm_mm=0.05`: 1 σ in mm or deg about the nominal value."""
+    loss: LossShape = LossShape.LINEAR
+    loss_scale: float = BENDS_AT
+    outliers: Outliers = Outliers.EXCLUDE
+    model: Model = Model.STANDARD
+
+
+AS_THE_PAPER = IdentifyOptions(estimator=Estimator.DISTANCES, outliers=Outliers.KEEP)
+"""Plain least squares of the distances of all pairs."""

@@ -1,0 +1,124 @@
+"""The verdict: when it passes, when it fails, and when nothing is decided."""
+
+from dataclasses import replace
+
+import pytest
+from paper_campaign import PaperCampaign
+
+from campaigns.evaluation.campaign_verdict import (
+    CampaignVerdict,
+    IdentificationVerdict,
+    campaign_verdict,
+)
+from campaigns.evaluation.integrity import Check
+from campaigns.evaluation.validation import ValidationResult, validation_verdict
+from campaigns.evidence import Evaluation, evaluate, gather
+from campaigns.settings.sections import AcceptanceConfig
+
+WIDE = AcceptanceConfig(
+    distance_mean_mm=1.0,
+    distance_max_mm=1.0,
+    rotation_mm=1.0,
+    straightness_mm=1.0,
+    repeatability_mm=1.0,
+)
+PASSED = IdentificationVerdict("pass", ())
+
+
+@pytest.fixture(scope="module")
+def evaluation(whole: PaperCampaign) -> Evaluation:
+    return evaluate(gather(whole.campaign))
+
+
+@pytest.fixture(scope="module")
+def after(evaluation: Evaluation) -> ValidationResult:
+    assert evaluation.after is not None
+    return evaluation.after
+
+
+def judged(
+    after: ValidationResult | None,
+    limits: AcceptanceConfig,
+    *checks: Check,
+    identification: IdentificationVerdict | None = PASSED,
+    mean_before_mm: float | None = None,
+) -> CampaignVerdict:
+    validated = validation_verdict(after, limits, mean_before_mm)
+    return campaign_verdict(identification, validated, checks, validated=after is not None)
+
+
+def decision_on(found: CampaignVerdict, name: str) -> str | None:
+    return next(r.decision for r in found.requirements if r.name == name)
+
+
+def test_every_limit_surely_kept_passes(after: ValidationResult) -> None:
+    assert judged(after, WIDE).decision == "pass"
+
+
+def test_one_limit_surely_broken_fails_all(after: ValidationResult) -> None:
+    found = judged(after, WIDE.model_copy(update={"repeatability_mm": 1e-6}))
+    assert decision_on(found, "repeatability, radius of the sphere") == "fail"
+    assert decision_on(found, "distances, mean error") == "pass"
+    assert found.decision == "fail"
+
+
+def test_a_limit_within_the_uncertainty_decides_nothing(after: ValidationResult) -> None:
+    assert after.repeatability is not None
+    limit = after.repeatability.radius.value_mm
+    found = judged(after, WIDE.model_copy(update={"repeatability_mm": limit}))
+    assert decision_on(found, "repeatability, radius of the sphere") == "not decided"
+    assert found.decision == "not decided"
+
+
+def test_no_limit_asked_for_decides_nothing(after: ValidationResult) -> None:
+    found = judged(after, AcceptanceConfig())
+    assert found.decision == "not decided"
+    assert {r.decision for r in found.requirements} == {None}
+
+
+def test_a_limit_without_a_measurement_decides_nothing() -> None:
+    found = judged(None, WIDE)
+    assert found.decision == "not decided"
+    assert "not been validated after" in " ".join(found.reasons)
+
+
+def test_distances_that_became_worse_fail_whatever_is_asked_for(after: ValidationResult) -> None:
+    assert after.distances is not None
+    mean_mm = after.distances.mean.value_mm
+    for limits in (WIDE, AcceptanceConfig()):
+        found = judged(after, limits, mean_before_mm=0.9 * mean_mm)
+        assert found.decision == "fail"
+        assert any("before loading" in reason for reason in found.reasons)
+    assert judged(after, WIDE, mean_before_mm=1.1 * mean_mm).decision == "pass"
+
+
+def test_without_an_identification_nothing_passes(after: ValidationResult) -> None:
+    assert judged(after, WIDE, identification=None).decision == "not decided"
+
+
+def test_a_failed_identification_fails_all(after: ValidationResult) -> None:
+    found = judged(after, WIDE, identification=IdentificationVerdict("fail", ("why",)))
+    assert found.decision == "fail"
+    assert "why" in " ".join(found.reasons)
+
+
+def test_a_campaigns_verdict_rests_on_its_own_identification(evaluation: Evaluation) -> None:
+    evidence = evaluation.evidence
+    assert evidence.identification is not None
+    assert "The identification passed" in evaluation.verdict.reasons[0]
+    failed = replace(evidence.identification, verdict="fail", reasons=("why",))
+    verdict = evaluate(replace(evidence, identification=failed)).verdict
+    assert verdict.decision == "fail"
+    assert "why" in verdict.reasons[0]
+    without = evaluate(replace(evidence, identification=None)).verdict
+    assert without.decision == "not decided"
+    assert "Nothing has been identified" in without.reasons[0]
+
+
+def test_files_that_do_not_belong_together_take_a_pass_away(after: ValidationResult) -> None:
+    broken = Check("the plan is the plan", holds=False, detail="")
+    unknown = Check("nothing to compare", holds=None, detail="")
+    assert judged(after, WIDE, unknown).decision == "pass"
+    found = judged(after, WIDE, broken)
+    assert found.decision == "not decided"
+    assert "the plan is the plan" in " ".join(found.reasons)

@@ -1,0 +1,208 @@
+"""A campaign's evaluation against numbers found another way."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from paper_campaign import ERRORS, NOISE_MM, NOMINAL, PaperCampaign, new_campaign
+from scipy.spatial.distance import pdist
+from scipy.spatial.transform import Rotation
+
+from campaigns.controllers.export import latest_identification
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.evaluation.iso_figures import iso_rows
+from campaigns.evaluation.model_errors import excluded_rows, model_errors
+from campaigns.evaluation.residual_budget import ResidualBudget
+from campaigns.evaluation.summary import summary
+from campaigns.evaluation.validation import TestShots
+from campaigns.evidence import Evaluation, compared_kinematics, evaluate, gather
+from campaigns.identification.result import RecordedIdentification, read_identification
+from campaigns.journal.records import Finding
+from campaigns.journal.views import AcceptedShot
+from campaigns.robots.robot import pose_row
+from campaigns.shots.shot_sets import ShotSet
+
+INSTRUMENT = TrackerUncertainty()
+NEWER = {"chi2", "covariance", "position_std_mm", "frame", "priors", "models", "fitted", "unseen"}
+"""What older software did not write of an identification."""
+
+
+@pytest.fixture(scope="module")
+def contents(whole: PaperCampaign) -> Evaluation:
+    return evaluate(gather(whole.campaign))
+
+
+def told_by(paper: PaperCampaign) -> RecordedIdentification:
+    with paper.journal() as journal:
+        return latest_identification(journal)
+
+
+@pytest.mark.parametrize("estimator", ["points", "distances"])
+def test_errors_are_those_that_the_identification_told(
+    whole: PaperCampaign, by_distances: PaperCampaign, estimator: str
+) -> None:
+    paper = whole if estimator == "points" else by_distances
+    errors, told = evaluate(gather(paper.campaign)).errors, told_by(paper)
+    fitted = errors.shots if estimator == "points" else errors.fitted
+    assert (errors.shots is None) == (estimator == "distances")
+    for group, both in ((fitted, told.residuals_mm), (errors.unseen, told.unseen_mm)):
+        for values, stated in ((group.before_mm, both.before), (group.after_mm, both.after)):
+            found = summary(values)
+            assert found.mean == pytest.approx(stated.mean_abs, rel=1e-6)
+            assert found.max == pytest.approx(stated.max_abs, rel=1e-6)
+
+
+def accepted(paper: PaperCampaign, stage: str, purpose: ShotSet) -> list[AcceptedShot]:
+    with paper.journal() as journal:
+        shots = journal.shots(journal.latest_series(stage).number)
+    return [shot for shot in shots if shot.intent.purpose == purpose.value]
+
+
+def points_mm(shots: list[AcceptedShot]) -> np.ndarray:
+    return np.array([shot.outcome.point_in_tracker_mm for shot in shots])
+
+
+def commanded_mm(shots: list[AcceptedShot]) -> np.ndarray:
+    return np.array([pose_row(shot.intent.target)[:3] for shot in shots])
+
+
+def away_from_line(points: np.ndarray) -> float:
+    about = points - points.mean(axis=0)
+    direction = np.linalg.svd(about)[2][0]
+    return float(np.linalg.norm(about - np.outer(about @ direction, direction), axis=1).max())
+
+
+@pytest.mark.parametrize("stage", ["before", "after"])
+def test_a_validation_says_what_its_shots_say(
+    whole: PaperCampaign, contents: Evaluation, stage: str
+) -> None:
+    found = getattr(contents, stage)
+    pairs = accepted(whole, stage, ShotSet.VALIDATION)
+    told, seen = commanded_mm(pairs), points_mm(pairs)
+    lengths = [np.linalg.norm(each[::2] - each[1::2], axis=1) for each in (told, seen)]
+    assert np.allclose(found.distances.errors_mm, lengths[0] - lengths[1])
+    about, seen_about = told - told.mean(axis=0), seen - seen.mean(axis=0)
+    turned = Rotation.align_vectors(about, seen_about)[0].apply(seen_about)
+    assert np.allclose(found.absolute_mm, np.linalg.norm(turned - about, axis=1), atol=1e-6)
+    turning = pdist(points_mm(accepted(whole, stage, ShotSet.ROTATION)))
+    assert found.rotation.moved.value_mm == pytest.approx(turning.max())
+    visits = points_mm(accepted(whole, stage, ShotSet.REPEATABILITY))
+    away = np.linalg.norm(visits - visits.mean(axis=0), axis=1)
+    assert found.repeatability.radius.value_mm == pytest.approx(away.max())
+    straight = np.split(points_mm(accepted(whole, stage, ShotSet.STRAIGHTNESS)), 3)
+    for axis, line in zip("xyz", straight, strict=True):
+        assert found.line(axis).straightness.value_mm == pytest.approx(away_from_line(line))
+
+
+def test_repeatability_is_the_iso_figure_of_the_same_points(
+    whole: PaperCampaign, contents: Evaluation
+) -> None:
+    visits = points_mm(accepted(whole, "after", ShotSet.REPEATABILITY))
+    away = np.linalg.norm(visits - visits.mean(axis=0), axis=1)
+    row = next(row for row in iso_rows(contents.after) if row.symbol == "RP")
+    assert row.figure.value_mm == pytest.approx(away.mean() + 3.0 * away.std(ddof=1))
+    assert row.figure.value_mm == contents.after.repeatability.rp_mm
+    assert row.figure.n == len(visits)
+
+
+def test_symbols_whose_tests_were_not_made_have_no_figure(contents: Evaluation) -> None:
+    without = {row.symbol for row in iso_rows(contents.after) if row.figure is None}
+    assert without == {"vAP", "RD"}
+
+
+def test_the_truth_lies_within_the_stated_deviations(contents: Evaluation) -> None:
+    parameters = contents.evidence.identification.parameters
+    true = NOMINAL.robot.geometry_flat()
+    misses = [
+        (each.value - true[name] - ERRORS.get(name, 0.0)) / each.std
+        for name, each in parameters.items()
+        if each.free
+    ]
+    assert np.abs(misses).max() < 4.5
+    assert 0.4 < np.sqrt(np.mean(np.square(misses))) < 1.8
+
+
+def test_residuals_of_a_perfect_robot_are_the_trackers_noise(
+    contents: Evaluation, by_distances: PaperCampaign
+) -> None:
+    of_shots, of_pairs = contents.budget, evaluate(gather(by_distances.campaign)).budget
+    assert (of_shots.of, of_pairs.of) == ("coordinate", "distance")
+    for left, noise_mm in ((of_shots, NOISE_MM), (of_pairs, np.sqrt(2.0) * NOISE_MM)):
+        assert left.chi == pytest.approx(1.0, abs=0.4)
+        assert left.residual_mm == pytest.approx(noise_mm, rel=0.4)
+        assert left.instrument_mm == pytest.approx(noise_mm)
+        assert left.repeatability_mm == pytest.approx(noise_mm, rel=0.4)
+
+
+def test_what_neither_tracker_nor_repeatability_explains_is_left() -> None:
+    left = ResidualBudget("distance", 0.5, 0.01, 0.3, 50.0, 38)
+    assert left.unexplained_mm == pytest.approx(0.4)
+    assert replace(left, repeatability_mm=0.6).unexplained_mm == 0.0
+    unknown = replace(left, instrument_mm=0.3, repeatability_mm=None)
+    assert unknown.unexplained_mm == pytest.approx(0.4)
+
+
+def test_correlations_are_symmetric_with_ones_and_sorted_by_size(contents: Evaluation) -> None:
+    found = contents.evidence.identification.covariance
+    matrix = found.correlations()
+    assert np.allclose(matrix, matrix.T)
+    assert np.allclose(np.diag(matrix), 1.0)
+    strongest = [abs(each.value) for each in found.strongest(5)]
+    assert strongest == sorted(strongest, reverse=True)
+    above = np.abs(matrix[np.triu_indices(len(found.names), 1)])
+    assert strongest[0] == pytest.approx(above.max())
+
+
+def test_an_identification_of_older_software_can_be_read_and_evaluated(
+    whole: PaperCampaign, contents: Evaluation
+) -> None:
+    with whole.journal() as journal:
+        findings = [entry.record for entry in journal.records_of(Finding)]
+    body = next(found.body for found in findings if found.kind == "identification")
+    older = read_identification({key: body[key] for key in body.keys() - NEWER})
+    assert (older.covariance, older.chi2, older.frame) == (None, None, None)
+    found = evaluate(replace(contents.evidence, identification=older))
+    assert found.budget is None
+    assert found.errors.shots is None
+    assert found.errors.fitted.after_mm == pytest.approx(contents.errors.fitted.after_mm)
+    assert read_identification(body).covariance.names == older.free
+
+
+def test_pairs_that_were_left_out_are_not_counted(whole: PaperCampaign) -> None:
+    evidence = gather(whole.campaign)
+    models = compared_kinematics(evidence.identification, NOMINAL.robot.kinematics)
+    shots = evidence.run.shots
+    excluded = excluded_rows(shots, numbers=frozenset({9, None}), pairs=frozenset({3, None}))
+    found = model_errors(shots, models, excluded, INSTRUMENT)
+    numbers = dict(zip(shots.numbers, shots.pairs, strict=True))
+    assert 3 not in found.fitted.pairs
+    assert numbers[9] not in found.fitted.pairs
+    assert len(found.fitted.pairs) == 38
+    assert len(found.shots.after_mm) == 77
+
+
+def test_errors_of_position_are_in_the_base_frame(contents: Evaluation) -> None:
+    positions = contents.errors.positions
+    after = np.linalg.norm(positions.after_mm, axis=1)
+    assert after.max() < 10.0 * NOISE_MM
+    assert np.linalg.norm(positions.before_mm, axis=1).max() > 1.0
+    assert positions.fitted.sum() == 80
+
+
+def test_drift_and_air_are_read_off_in_their_time(contents: Evaluation) -> None:
+    run = next(series for series in contents.time_series if series.name == "run")
+    assert len(run.drift_mm) == 2
+    assert run.drift_mm[0] == 0.0
+    assert np.all(np.diff(run.temperature_s) > 0.0)
+    assert run.temperature_degC[0] == pytest.approx(20.0)
+
+
+def test_shots_without_a_stated_uncertainty_get_the_instruments(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "x")
+    paper.validate("before", frozenset({ShotSet.ROTATION}))
+    shots = gather(paper.campaign).before.shots
+    bare = replace(shots, stated_covariance_mm2=np.full((len(shots), 3, 3), np.nan))
+    stated, assumed = (TestShots.of(each, INSTRUMENT).covariance_mm2 for each in (shots, bare))
+    assert np.allclose(stated, NOISE_MM**2 * np.eye(3))
+    assert assumed[0].trace() > stated[0].trace()

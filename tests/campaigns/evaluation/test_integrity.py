@@ -1,0 +1,86 @@
+"""Whether the files belong together: every broken link is found, and only that one."""
+
+from dataclasses import replace
+
+import pytest
+from paper_campaign import NOMINAL, PaperCampaign, new_campaign
+
+from campaigns.evaluation.integrity import Check
+from campaigns.evidence import Evidence, evaluate, gather
+from campaigns.journal.records import SeriesStarted
+
+
+@pytest.fixture(scope="module")
+def evidence(whole: PaperCampaign) -> Evidence:
+    return gather(whole.campaign)
+
+
+def checks(evidence: Evidence) -> tuple[Check, ...]:
+    return evaluate(evidence).checks
+
+
+def broken(evidence: Evidence) -> list[str]:
+    return [check.statement for check in checks(evidence) if check.holds is False]
+
+
+def restarted(evidence: Evidence, **changes: object) -> Evidence:
+    """With another beginning of the series after calibration."""
+    series = evidence.after.series
+    started: SeriesStarted = replace(series.started, **changes)
+    after = replace(evidence.after, series=replace(series, started=started))
+    return replace(evidence, after=after)
+
+
+def test_a_whole_campaign_holds_together(evidence: Evidence) -> None:
+    found = {check.statement: check.holds for check in checks(evidence)}
+    assert len(found) == 7
+    assert list(found.values()) == [True] * 6 + [None]  # the paper journal holds no settings
+
+
+def test_another_plan_than_was_measured_is_found(evidence: Evidence) -> None:
+    (found,) = broken(replace(evidence, plan=evidence.plan[:-1]))
+    assert found.startswith("plan.csv")
+
+
+def test_another_nominal_robot_is_found(evidence: Evidence) -> None:
+    other = replace(evidence.identification, robot_digest="0" * 64)
+    (found,) = broken(replace(evidence, identification=other))
+    assert found.startswith("the nominal robot")
+
+
+def test_a_changed_journal_is_found(evidence: Evidence) -> None:
+    other = replace(evidence.identification, journal_digest="0" * 64)
+    (found,) = broken(replace(evidence, identification=other))
+    assert found.startswith("the journal")
+
+
+def test_another_parameter_file_is_found(evidence: Evidence) -> None:
+    (found,) = broken(replace(evidence, parameter_file=NOMINAL.robot))
+    assert found.startswith("the parameter file")
+
+
+def test_another_load_is_found(evidence: Evidence) -> None:
+    rolled_back = replace(evidence.loaded, digest=NOMINAL.robot.digest())
+    (found,) = broken(replace(evidence, loaded=rolled_back))
+    assert found.startswith("what was loaded last")
+
+
+def test_a_validation_with_other_parameters_is_found(evidence: Evidence) -> None:
+    (found,) = broken(restarted(evidence, robot_file_digest=NOMINAL.robot.digest()))
+    assert found.startswith("the controller held it")
+
+
+def test_limits_changed_after_the_validation_are_found_and_decide_nothing(
+    evidence: Evidence,
+) -> None:
+    now = evidence.campaign.config.acceptance.model_dump(mode="json")
+    assert broken(restarted(evidence, configuration={"acceptance": now})) == []
+    then = restarted(evidence, configuration={"acceptance": now | {"rotation_mm": 0.1}})
+    (found,) = [check for check in checks(then) if check.holds is False]
+    assert found.statement.startswith("the limits")
+    assert not found.decides
+
+
+def test_an_empty_campaign_has_nothing_to_compare(tmp_path) -> None:
+    empty = gather(new_campaign(tmp_path / "empty").campaign)
+    assert {check.holds for check in checks(empty)} == {None}

@@ -1,0 +1,153 @@
+"""Only its own file and its robot files know a mechanism: nothing else names it or its shape.
+
+Looked through are the work, the door and the part of the instruments that any robot speaks.
+Mechanisms' own files, robot files, the paper reproduced, LinuxCNC's driver (whose kinematics module
+is Par4's) and the simulated cell, which is built of one mechanism's parts, are left out.
+"""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+from campaigns.mechanisms.catalog import MECHANISMS
+
+ROOT = Path(__file__).parents[3]
+LOOKED_THROUGH = (
+    "campaigns/**/*.py",
+    "app/**/*.py",
+    "app/**/*.jinja",
+    "drivers/*.py",
+    "drivers/robotline/*.py",
+    "drivers/wire/robotline*.py",
+)
+LEFT_OUT = ("campaigns/mechanisms/", "app/papers/", "campaigns/controllers/linuxcnc_export.py")
+
+TELLTALE = {
+    "a mechanism's name": r"\bpar4\w*|\bPar4\w*|\bPAR4\w*|\bDELTA\b|\bDelta\b|[\"']delta[\"']",
+    "a platform's turn": r"\btheta\w*|\bTHETA\w*|θ",
+    "a platform's parameter": r"\bplate_mm\b|\bpinion_mm\b",
+    "a fourth arm": r"\barm3\b|\bq3(?:_\w+)?\b",
+    "a number of arms": r"\b(?:three|four|3|4) (?:rotary )?(?:arms|joints|motors|forearms)\b"
+    r"|\b\w*(?:JOINTS|ARMS|MOTORS) = \d"
+    r"|\brange\(4\)|\([NMn](?:, n)?, 4\)",
+    "a number of parameters": r"\b(?:15|20|21|22|29) (?:free )?(?:parameters|values|pins)\b",
+    "a turn's place": r"\[(?:\.\.\.|:|\w+), 3(?:, None)?\]",
+}
+TOLD = {
+    "a mechanism's name": ("PAR4.parameters", "is DELTA", 'if name == "delta":', "of a Par4"),
+    "a platform's turn": ("theta_rad", "while θ turns", "THETA_LIMIT", "pose.theta_deg"),
+    "a platform's parameter": ('flat["plate_mm"]',),
+    "a fourth arm": ("arm3.x_mm", "q3_deg", "q0_deg…q3_deg"),
+    "a number of arms": ("four joints", "JOINTS = 4", "range(4)", "joints (N, 4)"),
+    "a number of parameters": ("the 22 parameters",),
+    "a turn's place": ("poses[:, 3]", "poses[..., 3]", "poses[row, 3]"),
+}
+INNOCENT = (
+    "found.delta",
+    "timedelta",
+    "poses[:, :3]",
+    "poses[:, 3:]",
+    "number(value, 4)",
+    "parameters of a robot",
+    "three coordinates",
+)
+
+CELL = "the simulated cell is a Par4, and says so to whoever brings another robot"
+EXAMPLE = "an example in a text for people"
+LETTER = "the letter of a platform's turn, drawn only where poses have one or a test of it was made"
+POSE = "a pose has a turn where the platform turns, and says None elsewhere"
+KINS = "LinuxCNC's own settings: its kinematics module is Par4's"
+ALLOWED = (
+    ("app/new_campaign.py", 'DEFAULT_ROBOT = "par4-prototype"', "the default of an option"),
+    ("app/wiring.py", "import PAR4", CELL),
+    ("app/wiring.py", "if campaign.robot.mechanism is not PAR4:", CELL),
+    ("app/wiring.py", "the simulated cell is a {PAR4.name}", CELL),
+    ("app/cli/import_shots.py", "name,q0_deg…q3_deg,pair,set", EXAMPLE),
+    ("app/cli/import_shots.py", "The header for a robot of four arms is", EXAMPLE),
+    ("app/cli/import_shots.py", "pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm", EXAMPLE),
+    ("app/cli/import_shots.py", "and may go on with set, theta_deg", EXAMPLE),
+    ("app/report/figures/tests.py", "while θ turns", LETTER),
+    ("app/report/figures/tests.py", 'xlabel="θ, °"', LETTER),
+    ("app/report/figures/workspace.py", '"θ, °"', LETTER),
+    ("app/report/pictures.py", "while only θ should change", LETTER),
+    ("campaigns/identification/result.py", '{"delta": found.delta}', "a parameter's change"),
+    ("campaigns/robots/robot.py", "says nothing of it: Par4's", "robot files older than the key"),
+    ("campaigns/settings/sections.py", "(kinematics par4kins: X Y Z C)", KINS),
+    ("campaigns/settings/sections.py", "(four rotary joints: X Y Z A)", KINS),
+    ("drivers/ports.py", "`plate_mm`", EXAMPLE),
+    ("drivers/values.py", "theta_rad: float | None = None", POSE),
+    ("drivers/values.py", "if self.theta_rad is None", POSE),
+    ("drivers/wire/robotline_messages.py", "`PLATE` for `plate_mm`", EXAMPLE),
+)
+"""File, a part of the line, and why it may stand there."""
+
+
+def lines_looked_through():
+    for path in sorted(path for pattern in LOOKED_THROUGH for path in ROOT.glob(pattern)):
+        name = path.relative_to(ROOT).as_posix()
+        if not name.startswith(LEFT_OUT):
+            for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+                yield name, number, line
+
+
+def is_allowed(name, line):
+    return any(name == file and part in line for file, part, _ in ALLOWED)
+
+
+def imports_of(path):
+    """Modules that a file imports by name."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            yield node.module
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+
+
+@pytest.mark.parametrize("kind", TELLTALE)
+def test_nothing_else_knows(kind):
+    found = [
+        f"{name}:{number}: {line.strip()}"
+        for name, number, line in lines_looked_through()
+        if re.search(TELLTALE[kind], line) and not is_allowed(name, line)
+    ]
+    assert not found, "\n".join([f"{kind} outside of the mechanism's file:", *found])
+
+
+@pytest.mark.parametrize(("file", "part", "why"), ALLOWED)
+def test_every_exception_is_still_needed(file, part, why):
+    lines = [line for name, _, line in lines_looked_through() if name == file and part in line]
+    assert len(lines) == 1
+    assert any(re.search(pattern, lines[0]) for pattern in TELLTALE.values())
+
+
+@pytest.mark.parametrize("kind", TELLTALE)
+def test_what_should_be_found_is_found(kind):
+    for text in TOLD[kind]:
+        assert re.search(TELLTALE[kind], text), text
+    for text in INNOCENT:
+        assert not re.search(TELLTALE[kind], text), text
+
+
+def test_everything_is_looked_through():
+    names = {name for name, _, _ in lines_looked_through()}
+    for room in ("planning", "measuring", "identification", "estimation", "evaluation", "journal"):
+        assert any(name.startswith(f"campaigns/{room}/") for name in names), room
+    for room in ("shots", "design", "studies"):
+        assert any(name.startswith(f"campaigns/{room}/") for name in names), room
+    assert {"app/main.py", "app/report/page.py", "drivers/robotline/robot.py"} <= names
+
+
+def test_the_delta_is_one_small_file_that_only_the_catalog_imports():
+    file = ROOT / "campaigns/mechanisms/delta.py"
+    assert len(file.read_text(encoding="utf-8").splitlines()) <= 30
+    assert all(module.startswith("campaigns.mechanisms.") for module in imports_of(file))
+    importers = [
+        path.relative_to(ROOT).as_posix()
+        for room in ("app", "campaigns", "drivers", "sim")
+        for path in (ROOT / room).rglob("*.py")
+        if "campaigns.mechanisms.delta" in imports_of(path)
+    ]
+    assert importers == ["campaigns/mechanisms/catalog.py"]
+    assert MECHANISMS["delta"].name == "delta"

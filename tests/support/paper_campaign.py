@@ -1,0 +1,238 @@
+"""Campaigns whose journals are written without a cell: the model itself stands for the robot.
+
+A campaign takes a fraction of a second, and what it must show is known.
+"""
+
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+from par4_space import par4, with_values
+from scipy.spatial.transform import Rotation
+
+from campaigns.campaign import Campaign, open_campaign
+from campaigns.controllers.export import compensated_robot, latest_identification
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.rigid_transforms import Transform
+from campaigns.identification.identify import identify
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.parameter_selection import select_parameters
+from campaigns.identification.result import RecordedIdentification
+from campaigns.journal.journal import Journal, open_journal
+from campaigns.journal.records import (
+    Finding,
+    Intent,
+    Outcome,
+    SeriesFinished,
+    SeriesStarted,
+    SessionStarted,
+    SessionStopped,
+)
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.planning.plan_file import PlannedShot, plan_digest, write_plan
+from campaigns.robots.robot import find_robot, pose_of, write_new_robot
+from campaigns.settings.config import CampaignConfig, write_new_campaign
+from campaigns.settings.sections import AcceptanceConfig, ControllerConfig, TrackerConfig
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import shots_of_journal
+from drivers.values import Identity, Weather
+
+NOMINAL = find_robot("par4-prototype")
+MECHANISM = NOMINAL.robot.mechanism
+ERRORS = {"arm0.arm_mm": 1.0, "arm1.x_mm": -0.8, "arm2.joint_offset_deg": 0.4, "plate_mm": 0.5}
+TRACKER_FROM_BASE = Transform(
+    Rotation.from_euler("ZYX", [140.0, 4.0, -3.0], degrees=True).as_matrix(),
+    np.array([2400.0, 250.0, -150.0]),
+)
+NOISE_MM = 0.005
+CONTROLLER = Identity("Acme", "Par4", "R-1", "1.0", "robotline 1")
+TRACKER = Identity("Leica", "AT403", "T-7", "2.3", "emScon")
+CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
+
+
+@dataclass
+class Clock:
+    """A second later each time it is read."""
+
+    now: datetime = datetime(2026, 3, 2, 8, 0, tzinfo=UTC)
+
+    def __call__(self) -> str:
+        self.now += timedelta(seconds=1)
+        return self.now.isoformat(timespec="milliseconds")
+
+
+@dataclass
+class PaperCampaign:
+    """A campaign in a folder that tests fill step by step."""
+
+    folder: Path
+    campaign: Campaign
+    rng: np.random.Generator
+    noise_mm: float = NOISE_MM
+    clock: Clock = field(default_factory=Clock)
+    controller: Kinematics = field(default_factory=lambda: NOMINAL.robot.kinematics)
+
+    def journal(self) -> Journal:
+        path = self.campaign.journal_path
+        return open_journal(path, now_utc=self.clock, create=not path.exists())
+
+    def run(self, pairs: int = 40, unseen: int = 8) -> None:
+        """Plan and measure pairs for identification and validation, with drift shots around."""
+        shots = self.plan(pairs, unseen)
+        write_plan(self.campaign.plan_path, shots, MECHANISM)
+        self.measure("run", shots)
+
+    def plan(self, pairs: int, unseen: int) -> tuple[PlannedShot, ...]:
+        """The same pairs always begin a longer plan."""
+        rng = np.random.default_rng(5)
+        shots = [planned(0, ShotSet.DRIFT, None, CENTRE)]
+        for pair in range(pairs + unseen):
+            purpose = ShotSet.IDENTIFICATION if pair < pairs else ShotSet.VALIDATION
+            for _ in range(2):
+                shots.append(planned(len(shots), purpose, pair, random_pose(rng)))
+        return (*shots, planned(len(shots), ShotSet.DRIFT, None, CENTRE))
+
+    def validate(self, stage: str, only: frozenset[ShotSet] = frozenset(ShotSet)) -> None:
+        """Measure the tests of section IV.E."""
+        shots = [s for s in validation_shots(np.random.default_rng(6)) if s.purpose in only]
+        self.measure(stage, tuple(shots))
+
+    def measure(self, stage: str, shots, *, finished: bool = True, stopped: bool = True) -> int:
+        """Write a series as the engine does; gives its number."""
+        air = Weather(20.0, 1013.2, 45.0)
+        digest = self.robot_digest()
+        with self.journal() as journal:
+            plan = plan_digest(shots, MECHANISM)
+            started = SeriesStarted(stage, plan, {}, "0.1.0", digest, CONTROLLER, TRACKER, air)
+            series = journal.start_series(started)
+            journal.append(SessionStarted("0.1.0", CONTROLLER, TRACKER, air), series=series)
+            for shot in shots:
+                self._take(journal, series, shot, as_joints=stage == "run")
+            if finished:
+                journal.append(SeriesFinished(), series=series)
+            if stopped:
+                journal.append(SessionStopped("finished", ""), series=series)
+        return series
+
+    def identify(self, estimator: Estimator = Estimator.POINTS) -> None:
+        """Identify and write the finding, as the command does."""
+        with self.journal() as journal:
+            series = journal.latest_series("run")
+            shots = journal.shots(series.number)
+            data = shots_of_journal(shots, MECHANISM)
+            selection = select_parameters(MECHANISM.parameters)
+            options = IdentificationOptions(estimator=estimator, workspace=WORKSPACE)
+            found = RecordedIdentification.of(
+                identify(NOMINAL.robot.kinematics, data, selection, options),
+                series=series.number,
+                shots=len(shots),
+                robot_digest=NOMINAL.robot.digest(),
+                plan_digest=series.started.plan_digest,
+                journal_digest=journal.digest(),
+                journal_records=journal.last_number(),
+                at_utc=self.clock(),
+            )
+            journal.append(Finding("identification", found.document()))
+
+    def export_and_load(self) -> None:
+        """Put the identified parameters into the controller."""
+        with self.journal() as journal:
+            finding = latest_identification(journal)
+            robot = compensated_robot("paper", NOMINAL, finding)
+            write_new_robot(self.folder / "robot-compensated.yaml", robot)
+            self.controller = robot.robot.kinematics
+            body = {"source": "robot-compensated.yaml", "digest": robot.robot.digest(), "kept": "k"}
+            journal.append(Finding("load", body))
+
+    def robot_digest(self) -> str:
+        return with_values(NOMINAL.robot, self.controller.flat()).digest()
+
+    def outcome(self, number: int, attempt: int, joints: np.ndarray) -> Outcome:
+        """What controller and tracker say at these joints."""
+        true = {**NOMINAL.robot.geometry_flat()}
+        true |= {name: true[name] + error for name, error in ERRORS.items()}
+        point = par4(true).forward(joints[None]).values_or_raise()[:, :3]
+        seen = TRACKER_FROM_BASE.apply(point)[0] + self.rng.normal(0.0, self.noise_mm, 3)
+        variance = NOISE_MM**2
+        covariance = tuple(tuple(variance * (r == c) for c in range(3)) for r in range(3))
+        air = Weather(20.0 + 0.01 * number, 1013.2, 45.0)
+        return Outcome(
+            number,
+            attempt,
+            tuple(joints.tolist()),
+            tuple(seen.tolist()),
+            covariance,
+            air,
+            "raw robot",
+            "raw tracker",
+            None,
+        )
+
+    def _take(self, journal: Journal, series: int, shot: PlannedShot, *, as_joints: bool) -> None:
+        joints = np.array(shot.joints)
+        if not as_joints:
+            pose = np.array([[shot.pose.x_mm, shot.pose.y_mm, shot.pose.z_mm, shot.pose.theta_rad]])
+            joints = self.controller.inverse(pose).values_or_raise()[0]
+        command = "joints" if as_joints else "pose"
+        purpose = shot.purpose.value
+        intent = Intent(
+            shot.shot, 1, purpose, shot.pose, tuple(joints.tolist()), command, shot.pair
+        )
+        journal.append(intent, series=series)
+        journal.append(self.outcome(shot.shot, 1, joints), series=series)
+
+
+def new_campaign(
+    folder: Path, *, acceptance: AcceptanceConfig | None = None, **settings: object
+) -> PaperCampaign:
+    """A campaign on real devices, as its settings say."""
+    config = CampaignConfig(
+        name="paper",
+        controller=ControllerConfig(url="tcp://127.0.0.1:1"),
+        tracker=TrackerConfig(url="tcp://127.0.0.1:2", reflector="CCR-1.5in"),
+        acceptance=acceptance or AcceptanceConfig(),
+        **settings,
+    )
+    write_new_campaign(folder, config, NOMINAL)
+    return PaperCampaign(folder, open_campaign(folder), np.random.default_rng(4))
+
+
+def whole_campaign(
+    folder: Path, estimator: Estimator = Estimator.POINTS, **settings: object
+) -> PaperCampaign:
+    """Everything done: before, run, identify, export, load, after."""
+    paper = new_campaign(folder, **settings)
+    paper.validate("before")
+    paper.run()
+    paper.identify(estimator)
+    paper.export_and_load()
+    paper.validate("after")
+    return paper
+
+
+def random_pose(rng: np.random.Generator) -> np.ndarray:
+    low, high = np.array([-350.0, -350.0, -800.0, -0.6]), np.array([350.0, 300.0, -400.0, 0.6])
+    return rng.uniform(low, high)
+
+
+WORKSPACE = np.array([random_pose(np.random.default_rng(seed)) for seed in range(50)])
+
+
+def planned(number: int, purpose: ShotSet, pair: int | None, pose: np.ndarray) -> PlannedShot:
+    joints = NOMINAL.robot.kinematics.inverse(pose[None]).values_or_raise()[0]
+    return PlannedShot(number, purpose, pair, pose_of(pose), tuple(joints.tolist()))
+
+
+def validation_shots(rng: np.random.Generator) -> tuple[PlannedShot, ...]:
+    """Rotation, three lines, pairs, repeated visits."""
+    poses: list[tuple[ShotSet, int | None, np.ndarray]] = []
+    for theta in np.linspace(-0.7, 0.7, 7):
+        poses.append((ShotSet.ROTATION, None, CENTRE + theta * np.eye(4)[3]))
+    for axis in range(3):
+        for place in np.linspace(-200.0, 200.0, 7):
+            poses.append((ShotSet.STRAIGHTNESS, None, CENTRE + place * np.eye(4)[axis]))
+    for pair in range(8):
+        poses += [(ShotSet.VALIDATION, pair, random_pose(rng)) for _ in range(2)]
+    poses += [(ShotSet.REPEATABILITY, None, CENTRE)] * 10
+    return tuple(planned(number, *pose) for number, pose in enumerate(poses))

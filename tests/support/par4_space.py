@@ -1,0 +1,57 @@
+"""Par4's parameters by name, as the tests say them."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from campaigns.mechanisms.mechanism import Kinematics, Limits
+from campaigns.mechanisms.par4 import PAR4
+from campaigns.robots.robot import RobotFile
+
+SPACE = PAR4.parameters
+NAMES = SPACE.names
+GEOMETRY_NAMES = SPACE.geometry
+MODEL_NAMES = SPACE.model
+AXIS_TILT_NAMES = SPACE.extensions
+BACKLASH_NAMES = SPACE.backlashes
+FREE_BY_DEFAULT = SPACE.free_by_default
+FREE_IF_EXTENDED = SPACE.free_if_extended
+IS_ANGLE = SPACE.is_angle
+FILE_UNIT = SPACE.file_unit
+ARMS = SPACE.arms
+ARM_FIELDS = tuple(field.name for field in SPACE.arm_fields)
+indices = SPACE.places
+PLATE = NAMES.index("plate_mm")
+OFFSETS = SPACE.offsets
+TILTS = indices(AXIS_TILT_NAMES)
+BACKLASHES = indices(BACKLASH_NAMES)
+"""Places in the vector of all parameters."""
+
+
+def places_of(field: str) -> np.ndarray:
+    """Places of a field of every arm, (4,)."""
+    return indices(tuple(f"arm{arm}.{field}" for arm in range(ARMS)))
+
+
+def par4(flat: Mapping[str, float]) -> Kinematics:
+    """Robot of values by name, mm and deg."""
+    return Kinematics.from_flat(PAR4, flat)
+
+
+def par4_of(vector: np.ndarray) -> Kinematics:
+    """Robot of a vector, mm and rad, that may end with backlashes."""
+    return Kinematics(PAR4, np.asarray(vector)[: len(GEOMETRY_NAMES)])
+
+
+def turning_limits(joint, theta, swing_rad, **margins) -> Limits:
+    """Limits of a robot whose plate may turn so far."""
+    return Limits(joint, (None, None, None, theta), swing_rad, **margins)
+
+
+def with_values(robot: RobotFile, flat: Mapping[str, float]) -> RobotFile:
+    """Robot file with some of its values replaced, mm and deg."""
+    values = RobotFile.from_flat(
+        robot.mechanism, robot.geometry_flat() | dict(flat), name=robot.name, limits=robot.limits
+    ).values
+    return replace(robot, values=values)

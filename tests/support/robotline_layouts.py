@@ -1,0 +1,54 @@
+"""Layouts of robots for the tests of robotline, and the meaning of its golden lines."""
+
+from drivers.wire import robotline_messages as messages
+from drivers.wire.robotline import Refused
+from sim.servers.robotline_server import LAYOUT
+
+PAR4_LAYOUT = LAYOUT
+THREE_CARRIAGES = messages.RobotLayout(
+    joints=("q0_mm", "q1_mm", "q2_mm"),
+    coordinates=("x_mm", "y_mm", "z_mm"),
+    parameters=tuple(f"arm{arm}.{name}" for arm in range(3) for name in ("x_mm", "forearm_mm")),
+)
+"""Joints in mm, no turn, no parameter beside those of the arms."""
+
+
+def command_of(case):
+    fields = _tuples(case["fields"])
+    match case["command"]:
+        case "MoveJoints":
+            return messages.MoveJoints(fields["joints_deg"], fields["speed_percent"])
+        case "MovePose":
+            *coordinates, speed_percent = fields.values()
+            return messages.MovePose(tuple(coordinates), speed_percent)
+        case "ReadArm":
+            return messages.ReadPart(f"ARM {fields['arm']}")
+        case "ReadPlate":
+            return messages.ReadPart("PLATE")
+        case "Stage":
+            return messages.Stage(_part_of(fields["part"]))
+        case name:
+            return getattr(messages, name)(**fields)
+
+
+def outcome_of(case):
+    fields = _tuples(case["fields"])
+    match case["outcome"]:
+        case "Refused":
+            return Refused(**fields)
+        case "ArmGeometry" | "PlateGeometry":
+            return messages.Parameters(_part_of(fields))
+        case "Status":
+            return messages.Status(*fields.values())
+        case name:
+            return getattr(messages, name)(**fields)
+
+
+def _part_of(fields):
+    if "plate_mm" in fields:
+        return messages.Part("PLATE", (fields["plate_mm"],))
+    return messages.Part(f"ARM {fields['arm']}", tuple(fields["values"]))
+
+
+def _tuples(fields):
+    return {name: tuple(v) if isinstance(v, list) else v for name, v in fields.items()}
