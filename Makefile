@@ -1,8 +1,9 @@
 # Set-up and checks. README.md says what to type on a machine without make.
 #
 #   make demo    the whole chain against a simulated cell, from nothing
-#   make test    the whole test suite
+#   make test    the test suite, on all processors
 #   make quick   what of it takes less than a minute
+#   make peers   tests with real peers: a controller, other people's clients, a browser
 #   make lint    style, format, types and layers
 #   make bench   the yardsticks, printed
 #
@@ -16,7 +17,10 @@ DEMO := demo/$(shell date +%Y-%m-%d-%H%M%S)
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test quick lint bench
+# Tests of one file stay on one processor: they share what is slow to make.
+PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile
+
+.PHONY: demo test quick peers lint bench
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/installed
@@ -25,10 +29,14 @@ demo: $(VENV)/installed
 	@echo "Report: $(DEMO)/report.html (the other files: README.md, \"Files of a campaign\")"
 
 test: $(VENV)/installed-dev
-	$(BIN)/python -m pytest
+	$(PYTEST) -m "not peer"
 
 quick: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -m "not slow and not peer"
+	$(PYTEST) -m "not slow and not peer"
+
+# One after the other: controllers and browsers need the processors for themselves.
+peers: $(VENV)/installed-dev
+	$(BIN)/python -m pytest -m peer
 
 lint: $(VENV)/installed-dev
 	@failed=0; \

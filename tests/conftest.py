@@ -1,19 +1,31 @@
-"""What every test keeps to: it leaves nothing running, and in CI no real peer is skipped."""
+"""What every test keeps to: it leaves nothing running, and in CI it goes deep and skips no peer."""
 
 import os
+import signal
 import threading
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")  # before NumPy: as `app.main` does for the program
+
+# What is started in the background ignores Ctrl-C, and so would every program that a test starts.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 TESTS = Path(__file__).parent
 PEERS = TESTS / "peers"
 WHOLE_PROGRAMS = tuple(TESTS / name for name in ("e2e", "app/report", "app/papers", "app/study"))
 OWN_TASKS = Path("/proc/self/task")
+
+# No deadlines: a busy machine is no fault of the code.
+settings.register_profile("default", max_examples=25, deadline=None)
+settings.register_profile(
+    "ci", max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 
 @pytest.fixture(autouse=True)
