@@ -1,15 +1,12 @@
-"""What goes on, told the way the screen can take it: a live picture, or a line now and then."""
+"""Progress of a work, told the way the screen can take it: a bar, or a line now and then."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Self
 
-from rich.console import Console, Group, RenderableType
-from rich.live import Live
-from rich.progress_bar import ProgressBar
-from rich.table import Table
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, TextColumn
+from rich.progress import Progress as Bars
 from rich.text import Text
 
 from campaigns.measuring.run_state import EngineState, ParameterPrecision, Progress
@@ -20,63 +17,161 @@ BAR_WIDTH = 30
 MINUTE_S = 60.0
 
 
-class LivePicture(ABC):
-    """A picture that is kept up to date on a terminal while the block runs, and then goes away."""
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """State of a work after so many seconds; `before` of it was done when it began."""
+
+    done: int
+    total: int
+    before: int
+    seconds: float
+
+    def __str__(self) -> str:
+        told = f"{self.done}/{self.total}"
+        if self.done == self.before or self.seconds <= 0.0:
+            return told  # there is no rate yet
+        rate_per_s = (self.done - self.before) / self.seconds
+        left_s = (self.total - self.done) / rate_per_s
+        return f"{told} · {_rate(rate_per_s)} · {interval((left_s, left_s))} left"
+
+
+class CountedWork:
+    """A bar on a terminal while the block runs, now and then a line where there is none.
+
+    Its text is `str` of it, asked for whenever the bar is drawn: by a thread of its own.
+    """
 
     def __init__(
-        self, console: Console, *, now_s: Callable[[], float], quiet_s: float = QUIET_S
+        self,
+        console: Console,
+        what: str,
+        total: int,
+        *,
+        done: int = 0,
+        now_s: Callable[[], float],
+        quiet_s: float = QUIET_S,
     ) -> None:
-        self._console = console
-        self._now_s = now_s
-        self._quiet_s = quiet_s
+        self._console, self._now_s, self._quiet_s = console, now_s, quiet_s
+        self._what, self._total = what, total
+        self._before = self._done = done
         self._began_s = self._told_s = now_s()
-        self._live = Live(self, console=console, transient=True)
+        self._bars = _Bars(console, self._below)
+        self._bar = self._bars.add_task(what, total=max(total, 1), completed=done, text=self)
+        self.news = ""
+        """Words behind the numbers."""
 
     def __enter__(self) -> Self:
-        if self._console.is_terminal:
-            self._live.start()
+        self._bars.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._live.stop()
+    def __exit__(self, *_error: object) -> None:
+        self._bars.stop()
 
-    def __rich__(self) -> RenderableType:
-        return self._picture()
+    def __str__(self) -> str:
+        return " · ".join(filter(None, [str(self.pace()), self.news]))
 
-    @property
-    def seconds(self) -> float:
-        """Time since it was made."""
-        return self._now_s() - self._began_s
+    def advance(self, more: int = 1) -> None:
+        """So many more are done."""
+        self._done += more
+        self._bars.update(self._bar, completed=self._done)
+        self._say_if_due()
+
+    def pace(self) -> Pace:
+        """State and rate now."""
+        return Pace(self._done, self._total, self._before, self._now_s() - self._began_s)
+
+    def line(self) -> str:
+        """The line for where there is no terminal."""
+        return f"{self._what}: {self}"
 
     def say(self, text: str, style: str = "dim") -> None:
-        """Print a line that stays, above the picture."""
-        self._console.print(Text(text, style), soft_wrap=True)  # the style is not the picture's
+        """Print a line that stays, above the bar."""
+        self._console.print(Text(text, style), soft_wrap=True)  # the style is not the bar's
 
-    def say_if_due(self, line: Callable[[], str]) -> None:
-        """Where there is no picture, print a line if the last one was long enough ago."""
-        if self._console.is_terminal:
-            return
-        now_s = self._now_s()
-        if now_s - self._told_s >= self._quiet_s:
-            self._told_s = now_s
-            self.say(line())
+    def _say_if_due(self) -> None:
+        """Where there is no bar, print a line if the last one was long enough ago."""
+        if self._bars.disable:
+            now_s = self._now_s()
+            if now_s - self._told_s >= self._quiet_s:
+                self._told_s = now_s
+                self.say(self.line())
 
-    @abstractmethod
-    def _picture(self) -> RenderableType:
-        """What is shown now; asked for several times a second, by a thread of its own."""
+    def _below(self) -> Iterable[Text]:
+        """Lines below the bar."""
+        return ()
 
 
-def bar_row(title: str, done: int, total: int, text: str) -> Table:
-    """A bar between its title and how far it is, in one row that is never wrapped."""
-    row = Table.grid(padding=(0, 1))
-    bar = ProgressBar(total=max(total, 1), completed=done, width=BAR_WIDTH)
-    row.add_row(Text(title, style="bold"), bar, Text(text, no_wrap=True))
-    return row
+class _Bars(Bars):
+    """A title, its bar and its text in one row that is never wrapped, and lines below it."""
+
+    def __init__(self, console: Console, below: Callable[[], Iterable[Text]]) -> None:
+        self._below = below
+        super().__init__(
+            TextColumn("{task.description}", style="bold", markup=False),
+            BarColumn(BAR_WIDTH),
+            TextColumn("{task.fields[text]}", markup=False),
+            console=console,
+            transient=True,
+            refresh_per_second=4,  # each drawing takes its time from the work
+            disable=not console.is_interactive,
+        )
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        """The parts of the picture, from above."""
+        yield from super().get_renderables()
+        yield from self._below()
+
+
+class RunDisplay(CountedWork):
+    """The shots of a run, with its news below the bar. A `RunObserver`.
+
+    `verbose` tells every state of every shot.
+    """
+
+    def __init__(
+        self, console: Console, title: str, *, now_s: Callable[[], float], verbose: bool
+    ) -> None:
+        self._progress: Progress | None = None  # first: the bars look at it when they are made
+        super().__init__(console, title, 0, now_s=now_s)
+        self._verbose = verbose
+        self._bars.update(self._bar, visible=False)
+
+    def __exit__(self, *error: object) -> None:
+        super().__exit__(*error)
+        if self._progress is not None:
+            for line in (summary(self._progress), *_known(self._progress)):
+                self.say(f"{self._what}: {line}")
+
+    def __str__(self) -> str:
+        return "connecting" if self._progress is None else counted(self._progress)
+
+    def progress(self, progress: Progress) -> None:
+        """The run has moved on."""
+        self._progress = progress
+        total = max(progress.total, 1)
+        self._bars.update(self._bar, completed=progress.done, total=total, visible=True)
+        if self._verbose:
+            self.say(f"{progress.done}/{progress.total} {news(progress)}")
+        else:
+            self._say_if_due()
+
+    def event(self, text: str) -> None:
+        """Something happened that the operator should read."""
+        self.say(f"! {text}", "yellow")
+
+    def line(self) -> str:
+        """Everything in one line."""
+        return " · ".join([super().line(), *(line.plain for line in self._below())])
+
+    def _below(self) -> Iterable[Text]:
+        """News, and what is known: lines that are cut rather than wrapped."""
+        if self._progress is None:
+            return [Text(f"{self._what}: {self}", "dim")]
+        style = "dim" if self._progress.beam_locked else "bold red"
+        told = [(news(self._progress), style)]
+        if knowledge := [*_goal(self._progress), *_known(self._progress)]:
+            told += [(" · ".join(knowledge), "dim")]
+        return [Text(text, style, no_wrap=True, overflow="ellipsis") for text, style in told]
 
 
 def interval(seconds: tuple[float, float]) -> str:
@@ -87,92 +182,33 @@ def interval(seconds: tuple[float, float]) -> str:
     return f"{'–'.join(ends)} {unit}"
 
 
-class RunDisplay(LivePicture):
-    """A live bar on a terminal; now and then a line where there is none. A `RunObserver`.
-
-    `verbose` tells every state of every shot.
-    """
-
-    def __init__(
-        self, console: Console, title: str, *, now_s: Callable[[], float], verbose: bool
-    ) -> None:
-        super().__init__(console, now_s=now_s)
-        self._title = title
-        self._verbose = verbose
-        self._progress: Progress | None = None
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        super().__exit__(kind, error, trace)
-        if self._progress is None:
-            return
-        for line in (summary(self._progress), *_known(self._progress)):
-            self.say(f"{self._title}: {line}")
-
-    def progress(self, progress: Progress) -> None:
-        """The run has moved on."""
-        self._progress = progress
-        if self._verbose:
-            self.say(f"{progress.done}/{progress.total} {news(progress)}")
-        else:
-            self.say_if_due(lambda: f"{self._title}: {_everything(progress)}")
-
-    def event(self, text: str) -> None:
-        """Something happened that the operator should read."""
-        self.say(f"! {text}", "yellow")
-
-    def _picture(self) -> Group | Text:
-        """The bar, and lines below it that are cut rather than wrapped."""
-        progress = self._progress
-        if progress is None:
-            return Text(f"{self._title}: connecting", style="dim")
-        row = bar_row(self._title, progress.done, progress.total, counted(progress))
-        style = "dim" if progress.beam_locked else "bold red"
-        below = [(news(progress), style), *((line, "dim") for line in _knowledge(progress))]
-        lines = [Text(text, style, no_wrap=True, overflow="ellipsis") for text, style in below]
-        return Group(row, *lines)
-
-
 def counted(progress: Progress) -> str:
-    """How far it is: `97/163 · 3–5 min left`."""
+    """Shots done and time left: `97/163 · 3–5 min left`."""
     left = [] if progress.eta_s is None else [f"{interval(progress.eta_s)} left"]
     return " · ".join([f"{progress.done}/{progress.total}", *left])
 
 
 def news(progress: Progress) -> str:
-    """What goes on: state, last residual, drift, beam."""
-    return " · ".join([_state(progress), *_figures(progress), _beam(progress)])
+    """State, last residual, drift, beam."""
+    beam = "beam ok" if progress.beam_locked else "BEAM LOST"
+    return " · ".join([_state(progress), *_figures(progress), beam])
 
 
 def summary(progress: Progress) -> str:
-    """What was reached, when it is over."""
+    """Shots done and last figures of a run that is over."""
     shots = f"{progress.done} of {progress.total} shots"
     return " · ".join([shots, progress.state.value, *_figures(progress)])
 
 
 def certainty(known: ParameterPrecision) -> str:
-    """How surely the parameters are known: `weakest arm2.z_mm ±0.021 mm · position ±0.006 mm`."""
+    """Precision of the parameters: `weakest arm2.z_mm ±0.021 mm · position ±0.006 mm`."""
     std = f"{known.weakest_std:.3f} mm" if known.unit == "mm" else f"{known.weakest_std:.4f}°"
     return f"weakest {known.weakest} ±{std} · position ±{known.position_std_mm:.3f} mm"
-
-
-def _everything(progress: Progress) -> str:
-    return " · ".join([counted(progress), news(progress), *_knowledge(progress)])
 
 
 def _figures(progress: Progress) -> list[str]:
     figures = (("residual", progress.residual_mm), ("drift", progress.drift_mm))
     return [f"{name} {value:.3f} mm" for name, value in figures if value is not None]
-
-
-def _knowledge(progress: Progress) -> list[str]:
-    """A line of what shall be known and what is; none where there is nothing to say of it."""
-    told = [*_goal(progress), *_known(progress)]
-    return [" · ".join(told)] if told else []
 
 
 def _known(progress: Progress) -> list[str]:
@@ -186,80 +222,10 @@ def _goal(progress: Progress) -> list[str]:
     return [f"goal σ={progress.goal_mm:g}: {now}"]
 
 
-def _beam(progress: Progress) -> str:
-    return "beam ok" if progress.beam_locked else "BEAM LOST"
-
-
 def _state(progress: Progress) -> str:
     if progress.shot is None or progress.state in (EngineState.FINISHED, EngineState.STOPPED):
         return progress.state.value
     return f"{progress.state.value} {progress.purpose} {progress.shot}"
-
-
-@dataclass(frozen=True, slots=True)
-class Pace:
-    """How far a work is after so many seconds; `before` of it was done when it began."""
-
-    done: int
-    total: int
-    before: int
-    seconds: float
-
-    @property
-    def rate_per_s(self) -> float:
-        """What was done in this time; 0 while nothing was."""
-        return (self.done - self.before) / self.seconds if self.seconds > 0.0 else 0.0
-
-    @property
-    def left_s(self) -> float | None:
-        """Time that the rest takes at this rate; None while there is no rate."""
-        return (self.total - self.done) / self.rate_per_s if self.rate_per_s else None
-
-    def __str__(self) -> str:
-        told = [f"{self.done}/{self.total}"]
-        if self.left_s is not None:
-            told += [_rate(self.rate_per_s), f"{interval((self.left_s, self.left_s))} left"]
-        return " · ".join(told)
-
-
-class CountedWork(LivePicture):
-    """A bar on a terminal while the block runs, now and then a line where there is none."""
-
-    def __init__(
-        self,
-        console: Console,
-        what: str,
-        total: int,
-        *,
-        done: int = 0,
-        now_s: Callable[[], float],
-        quiet_s: float = QUIET_S,
-    ) -> None:
-        super().__init__(console, now_s=now_s, quiet_s=quiet_s)
-        self._what = what
-        self._total = total
-        self._before = self._done = done
-        self.news = ""
-        """What else there is to say."""
-
-    def advance(self, more: int = 1) -> None:
-        """So many more are done."""
-        self._done += more
-        self.say_if_due(self.line)
-
-    def pace(self) -> Pace:
-        """How far it is now."""
-        return Pace(self._done, self._total, self._before, self.seconds)
-
-    def line(self) -> str:
-        """What is told where there is no terminal."""
-        return f"{self._what}: {self._told()}"
-
-    def _picture(self) -> Table:
-        return bar_row(self._what, self._done, self._total, self._told())
-
-    def _told(self) -> str:
-        return " · ".join(filter(None, [str(self.pace()), self.news]))
 
 
 def _rate(per_second: float) -> str:

@@ -6,26 +6,19 @@ Worst errors there and back, poses that ended elsewhere or nowhere, and poses a 
 time, without a hint and from one a few millimetres off. Exit code 1 when a figure misses its limit.
 """
 
-import argparse
-import json
-import os
-import sys
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
-
-os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")
-# before NumPy is imported: the limit is for one core
 
 import numpy as np
 
+from benchmarks.shared.prototype import CENTRE, NOMINAL, ROBOT
+from benchmarks.shared.yardstick import Figure, Report, main
 from campaigns.arrays import Array
-from campaigns.mechanisms.mechanism import Kinematics, Limits
+from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.par4 import PAR4
-from campaigns.robots.robot import find_robot
+from campaigns.robots.robot import pose_row
 from sim.scenarios.scenario import load_scenario
 
-CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
 BOX_HALF = np.array([700.0, 700.0, 450.0, np.pi / 4])
 BATCH = 50_000
 HINT_OFF = np.array([5.0, 5.0, 5.0, 0.02])
@@ -37,112 +30,62 @@ LIMIT = 1e-8
 LEAST_POSES_PER_S = 300_000
 
 
-@dataclass
-class Figures:
-    """Sums over batches; errors in mm and deg."""
-
-    poses: int = 0
-    forward_of_inverse_mm_deg: float = 0.0
-    inverse_of_forward_deg: float = 0.0
-    wrong: int = 0
-    lost: int = 0
-    forward_s: float = 0.0
-    forward_from_hint_s: float = 0.0
-    inverse_s: float = 0.0
-
-    def good(self) -> bool:
-        """Whether every figure keeps its limit."""
-        exact = max(self.forward_of_inverse_mm_deg, self.inverse_of_forward_deg) <= LIMIT
-        return exact and not self.wrong and not self.lost and self.slowest() >= LEAST_POSES_PER_S
-
-    def slowest(self) -> float:
-        """Poses a second of the forward model without a hint."""
-        return self.poses / self.forward_s
-
-    def document(self) -> dict[str, float | int]:
-        """The figures with speeds in place of times."""
-        told = asdict(self)
-        for name in ("forward", "forward_from_hint", "inverse"):
-            told[f"{name}_poses_per_s"] = round(self.poses / told.pop(f"{name}_s"))
-        return told
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("--poses", type=int, default=1_000_000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
-    prototype = find_robot("par4-prototype").robot
-    limits = prototype.limits
+def measure(poses: int, seed: int) -> Report:
+    true = load_scenario("paper-simulation").robot.true_flat()
     robots = {
-        "par4-prototype": prototype.geometry_flat(),
-        "par4-prototype + Table I": load_scenario("paper-simulation").robot.true_flat(),
+        "par4-prototype": NOMINAL,
+        "par4-prototype + Table I": Kinematics.from_flat(PAR4, true),
     }
-    told = {
-        name: measure(Kinematics.from_flat(PAR4, flat), limits, asked.poses, asked.seed)
-        for name, flat in robots.items()
-    }
-    if asked.json:
-        print(json.dumps({name: figures.document() for name, figures in told.items()}, indent=1))
-    else:
-        for name, figures in told.items():
-            show(name, figures)
-    return 0 if all(figures.good() for figures in told.values()) else 1
+    return Report([each for item in robots.items() for each in figures(*item, poses, seed)])
 
 
-def show(name: str, figures: Figures) -> None:
-    print(name)
-    for key, value in figures.document().items():
-        print(f"  {key:34} {value:>12.3g}" if value < 1 else f"  {key:34} {value:>12}")
-
-
-def measure(geometry: Kinematics, limits: Limits, count: int, seed: int) -> Figures:
-    figures, rng = Figures(), np.random.default_rng(seed)
-    for poses in batches(geometry, limits, count, rng):
+def figures(name: str, geometry: Kinematics, count: int, seed: int) -> list[Figure]:
+    there = back = wrong = lost = 0.0
+    seconds: dict[str, float] = dict.fromkeys(("inverse", "forward", "forward from a hint"), 0.0)
+    rng = np.random.default_rng(seed)
+    for poses in batches(geometry, count, rng):
         hints = poses + rng.uniform(-1.0, 1.0, poses.shape) * HINT_OFF
-        take_in(figures, geometry, poses, hints)
-    return figures
+        began_s = time.process_time()
+        joints = geometry.inverse(poses).values_or_raise()
+        inverse_s = time.process_time()
+        cold = geometry.forward(joints)
+        forward_s = time.process_time()
+        warm = geometry.forward(joints, hints)
+        ends_s = (inverse_s, forward_s, time.process_time())
+        for way, start_s, end_s in zip(seconds, (began_s, *ends_s), ends_s, strict=False):
+            seconds[way] += end_s - start_s
+        for solution in (cold, warm):
+            found = solution.found
+            off = np.abs(solution.values[found] - poses[found])
+            same = (off < ELSEWHERE).all(axis=1)
+            again = geometry.inverse(solution.values[found][same]).values_or_raise()
+            off_deg = np.degrees(np.abs(again - joints[found][same]))
+            lost += (~found).sum()
+            wrong += (~same).sum()
+            there = max(there, float((off[same] * IN_DEG).max(initial=0.0)))
+            back = max(back, float(off_deg.max(initial=0.0)))
+    least = {"forward": LEAST_POSES_PER_S}
+    return [
+        Figure(f"{name}: forward of inverse", there, "mm, °", highest=LIMIT),
+        Figure(f"{name}: inverse of forward", back, "°", highest=LIMIT),
+        Figure(f"{name}: wrong", float(wrong), f"of {count}, twice", highest=0.0),
+        Figure(f"{name}: lost", float(lost), f"of {count}, twice", highest=0.0),
+        *(
+            Figure(f"{name}: {way}", count / took_s, "poses/s", lowest=least.get(way, -np.inf))
+            for way, took_s in seconds.items()
+        ),
+    ]
 
 
-def batches(
-    geometry: Kinematics, limits: Limits, count: int, rng: np.random.Generator
-) -> Iterator[Array]:
+def batches(geometry: Kinematics, count: int, rng: np.random.Generator) -> Iterator[Array]:
     """Random reachable poses, (N, 4) at a time, until there are `count` of them."""
     left = count
     while left > 0:
-        drawn = CENTRE + rng.uniform(-1.0, 1.0, (BATCH, 4)) * BOX_HALF
-        poses = drawn[geometry.feasibility(limits, drawn).feasible][:left]
+        drawn = pose_row(CENTRE) + rng.uniform(-1.0, 1.0, (BATCH, 4)) * BOX_HALF
+        poses = drawn[geometry.feasibility(ROBOT.limits, drawn).feasible][:left]
         left -= len(poses)
         yield poses
 
 
-def take_in(figures: Figures, geometry: Kinematics, poses: Array, hints: Array) -> None:
-    began_s = time.process_time()
-    joints = geometry.inverse(poses).values_or_raise()
-    inverse_done_s = time.process_time()
-    cold = geometry.forward(joints)
-    forward_done_s = time.process_time()
-    warm = geometry.forward(joints, hints)
-    figures.forward_from_hint_s += time.process_time() - forward_done_s
-    figures.forward_s += forward_done_s - inverse_done_s
-    figures.inverse_s += inverse_done_s - began_s
-    figures.poses += len(poses)
-    for solution in (cold, warm):
-        found = solution.found
-        off = np.abs(solution.values[found] - poses[found])
-        same = (off < ELSEWHERE).all(axis=1)
-        again = geometry.inverse(solution.values[found][same]).values_or_raise()
-        off_deg = np.degrees(np.abs(again - joints[found][same]))
-        figures.lost += int((~found).sum())
-        figures.wrong += int((~same).sum())
-        figures.forward_of_inverse_mm_deg = max(
-            figures.forward_of_inverse_mm_deg, float((off[same] * IN_DEG).max(initial=0.0))
-        )
-        figures.inverse_of_forward_deg = max(
-            figures.inverse_of_forward_deg, float(off_deg.max(initial=0.0))
-        )
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main(__doc__, measure, poses=1_000_000, seed=0))

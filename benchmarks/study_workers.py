@@ -9,93 +9,66 @@ one processor, or with others on them, do less than twice as much as one. Exit c
 workers, once they run, reach less than 0.9 of it. Their start is given apart.
 """
 
-import argparse
-import json
 import multiprocessing
-import os
-import statistics
-import sys
 import time
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
 from multiprocessing.synchronize import Barrier
 
-os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")
-# before NumPy is imported, here and in the workers: one core each, as the program itself keeps to
-
 from app.study.workers import local_results
+from benchmarks.shared.rounds import medians
 from benchmarks.shared.studies import tasks_of
+from benchmarks.shared.yardstick import Figure, Report, main
 from campaigns.estimation.estimators import Estimator
 from campaigns.studies.study import StudyTask, run_task
 
 LEAST_OF_THE_MACHINE = 0.9
 START_S = 60.0
 """For processes to be ready."""
+RUNNING = "once each has come back with a first result"
+WITH_START = "their start included"
+MACHINE = "processes that know nothing of each other, without their start"
+FIRST_RESULTS = "first results after"
 
 
-@dataclass(frozen=True, slots=True)
-class Gains:
-    """How many times as fast as one worker; a round's, or medians."""
-
-    running: float
-    """Of the workers, from when each has come back with a first result."""
-    with_start: float
-    """Of the workers, their start included."""
-    machine: float
-    """Of processes that know nothing of each other, without their start."""
-    start_s: float
-    """Until then."""
-
-    def asked(self, workers: int) -> float:
-        """The least that is good enough for `running`."""
-        return LEAST_OF_THE_MACHINE * min(self.machine, float(workers))
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("--campaigns", type=int, default=1000)
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
-    tasks = tasks_of(Estimator.DISTANCES, 60, asked.campaigns)
-    gains = medians([one_round(tasks, asked.workers) for _ in range(asked.rounds)])
-    least = gains.asked(asked.workers)
-    if asked.json:
-        print(json.dumps({"workers": asked.workers, "least": least, **asdict(gains)}))
-    else:
-        show(gains, asked.workers, asked.campaigns, least)
-    return int(gains.running < least)
-
-
-def show(gains: Gains, workers: int, campaigns: int, least: float) -> None:
-    print(f"{workers} workers against one, {campaigns} campaigns")
-    print(f"  once they run          {gains.running:5.2f} times as fast, at least {least:.2f}")
-    print(
-        f"  their start included   {gains.with_start:5.2f}, first results in {gains.start_s:.1f} s"
+def measure(campaigns: int, workers: int, rounds: int) -> Report:
+    tasks = tasks_of(Estimator.DISTANCES, 60, campaigns)
+    found = medians([one_round(tasks, workers) for _ in range(rounds)])
+    least = {RUNNING: asked(found, workers)}
+    return Report(
+        [
+            Figure(
+                f"{workers} workers: {name}",
+                value,
+                "s" if name == FIRST_RESULTS else "× one worker",
+                lowest=least.get(name, float("-inf")),
+            )
+            for name, value in found.items()
+        ]
     )
-    print(f"  unconnected processes  {gains.machine:5.2f}, what this machine gives now")
 
 
-def medians(rounds: Sequence[Gains]) -> Gains:
-    by_figure = zip(*(asdict(each).values() for each in rounds), strict=True)
-    return Gains(*(statistics.median(values) for values in by_figure))
+def asked(found: Mapping[str, float], workers: int) -> float:
+    """The least that is good enough for workers once they run."""
+    return LEAST_OF_THE_MACHINE * min(found[MACHINE], float(workers))
 
 
-def one_round(tasks: Sequence[StudyTask], workers: int) -> Gains:
+def one_round(tasks: Sequence[StudyTask], workers: int) -> dict[str, float]:
     alone_s = arrivals_s(tasks, 1)[-1]
     arrivals = arrivals_s(tasks, workers)
     start_s, last_s = arrivals[workers - 1], arrivals[-1]
     running_s = (last_s - start_s) * len(tasks) / (len(tasks) - workers)
-    return Gains(
-        alone_s / running_s, alone_s / last_s, alone_s / unconnected_s(tasks, workers), start_s
-    )
+    return {
+        RUNNING: alone_s / running_s,
+        WITH_START: alone_s / last_s,
+        MACHINE: alone_s / unconnected_s(tasks, workers),
+        FIRST_RESULTS: start_s,
+    }
 
 
 def arrivals_s(tasks: Sequence[StudyTask], workers: int) -> list[float]:
     """When each task's result came, seconds from the beginning."""
     began_s = time.perf_counter()
-    return [time.perf_counter() - began_s for _ in local_results(tasks, workers)]
+    return [time.perf_counter() - began_s for _ in local_results(tasks, workers, run_task)]
 
 
 def unconnected_s(tasks: Sequence[StudyTask], processes: int) -> float:
@@ -122,4 +95,4 @@ def do_share(tasks: Sequence[StudyTask], together: Barrier) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main(__doc__, measure, campaigns=1000, workers=2, rounds=3))

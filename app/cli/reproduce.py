@@ -1,26 +1,38 @@
 """pkmcal reproduce: the paper's figures anew, ours beside the printed ones."""
 
-from dataclasses import dataclass
+import time
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from tempfile import TemporaryDirectory
+from typing import Annotated
 
 import typer
+from joblib import cpu_count
+from rich.console import Console
 
+from app.console import BAD, GOOD, Terminal, terminal_of
 from app.exits import Exit
+from app.interrupt import StopRequest, stop_on_signals
 from app.options import Json
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from app.console import Terminal
-    from app.papers.corbel2006.experiments import Trial
-    from app.papers.corbel2006.page import Material
-    from app.papers.corbel2006.runner import Failure, Outcome
-    from app.papers.corbel2006.trials import TrialResult
+from app.papers.corbel2006.comparison import Failed, compare
+from app.papers.corbel2006.evidence import evidence
+from app.papers.corbel2006.page import Page, page_html, page_of
+from app.papers.corbel2006.trials import Trial, TrialResult, TrialTable, rehearsed, trials
+from app.progress import CountedWork
+from app.report.parts import Paragraph, Table
+from app.study.running import Job, run_jobs
+from app.study.workers import local_results
+from campaigns.campaign import now_utc
+from campaigns.errors import Interrupted, OptionsInvalid
+from campaigns.files.lock import campaign_lock
+from campaigns.files.text_file import make_folder, replace_text
 
 DEFAULT_FOLDER = Path("reproduction")
 PAGE, RESULTS = "reproduction.html", "results.jsonl"
 SEEDS, QUICK_SEEDS = 20, 3
+ON_THE_PAGE_ONLY = "how"
+"""A section that the terminal does not show."""
 
 COLOURED = {"pass": "[green]pass[/]", "missed": "[bold red]missed[/]"}
 
@@ -57,178 +69,93 @@ def command(
 
     Exit code 1: a median is not as asked, or a seed failed.
     """
-    import time
-
-    from app.console import terminal_of
-    from app.papers.corbel2006.document import document_of
-
     terminal = terminal_of(context, as_json=json)
-    started_s = time.monotonic()
-    made = reproduce(to, seeds_asked(seeds, quick=quick), workers, terminal)
-    seconds = time.monotonic() - started_s
-    show(terminal, made.material)
-    terminal.say(f"{seconds:.0f} s; page: {made.page}")
-    material = made.material
-    document = document_of(material.comparison, material.verdict, made.failures)
-    terminal.document(document | {"page": str(made.page), "seconds": seconds})
-    if material.verdict.decision != "pass":
+    began_s = time.monotonic()
+    page = reproduce(to, seeds_asked(seeds, quick=quick), workers or cpu_count(), terminal)
+    seconds = time.monotonic() - began_s
+    show(terminal, page)
+    terminal.say(f"{seconds:.0f} s; page: {to / PAGE}")
+    terminal.document(page.comparison.document() | {"page": str(to / PAGE), "seconds": seconds})
+    if page.comparison.decision != "pass":
         raise typer.Exit(Exit.NOT_GOOD)
 
 
 def seeds_asked(seeds: int | None, *, quick: bool) -> int:
-    """How many seeds of each experiment; raises `OptionsInvalid`."""
-    from campaigns.errors import OptionsInvalid
-
+    """Number of seeds of each experiment; raises `OptionsInvalid`."""
     if quick and seeds is not None:
         raise OptionsInvalid("--quick and --seeds both say how many seeds", remedy="give one")
     return QUICK_SEEDS if quick else seeds or SEEDS
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Reproduced:
-    """What was found, and where the page lies."""
-
-    material: "Material"
-    failures: "tuple[Failure, ...]"
-    page: Path
-
-
-def reproduce(folder: Path, seeds: int, workers: int | None, terminal: "Terminal") -> Reproduced:
+def reproduce(folder: Path, seeds: int, workers: int, terminal: Terminal) -> Page:
     """Run the seeds that are missing and write the page.
 
-    Raises `CampaignLocked`, `ResultsInvalid`, `WriteFailed` or `Interrupted`.
+    Raises `CampaignLocked`, `OutputExists`, `WriteFailed` or `Interrupted`.
     """
-    from app.papers.corbel2006.comparison import compare
-    from app.papers.corbel2006.evidence import evidence
-    from app.papers.corbel2006.experiments import trials
-    from app.papers.corbel2006.page import Material, page_html, page_of
-    from app.papers.corbel2006.verdict import verdict
-    from campaigns.campaign import now_utc
-    from campaigns.files.lock import campaign_lock
-    from campaigns.files.text_file import make_folder, replace_text
-
     make_folder(folder)
     with campaign_lock(folder, now_utc=now_utc):
-        results, failures = _measured(folder, trials(seeds), workers, terminal)
-        comparison = compare(results)
-        found = verdict(comparison, failures, seeds)
-        material = Material(results, comparison, evidence(results), found)
-        page = folder / PAGE
-        replace_text(page, page_html(page_of(material, now_utc())))
-    return Reproduced(material, failures, page)
+        results, failed = measure(TrialTable(folder / RESULTS), trials(seeds), workers, terminal)
+        comparison = compare(results, seeds, failed)
+        page = page_of(results, comparison, evidence(results), now_utc())
+        replace_text(folder / PAGE, page_html(page))
+    return page
 
 
-def rehearsed(room: Path, trial: "Trial") -> "Outcome":
-    """One seed, in a process of its own; what it says to people is not shown."""
-    from app.papers.corbel2006.runner import Failure
-    from drivers.errors import ExplainedError
-
-    try:
-        return _rehearsed(room, trial)
-    except ExplainedError as error:
-        return Failure(trial, str(error))
-    except Exception as error:  # noqa: BLE001 - whatever it is, it costs this seed alone
-        return Failure(trial, f"unforeseen {type(error).__name__}: {error}")
-
-
-def _rehearsed(room: Path, trial: "Trial") -> "TrialResult":
-    """The whole chain in a campaign of its own; raises whatever went wrong."""
-    import time
-    from contextlib import redirect_stderr, redirect_stdout
-    from io import StringIO
-    from tempfile import TemporaryDirectory
-
-    from app.console import Terminal
-    from app.new_campaign import create_simulated
-    from app.papers.corbel2006.experiments import ROBOT, adapt
-    from app.papers.corbel2006.trials import TrialFailed, result_of
-    from app.rehearsal import rehearse
-    from campaigns.campaign import open_campaign
-    from campaigns.options import AS_THE_PAPER
-
-    started_s = time.monotonic()
-    with TemporaryDirectory(dir=room) as own:
-        folder = Path(own) / "campaign"
-        create_simulated(folder, ROBOT, trial.experiment.scenario, trial.seed)
-        adapt(folder, trial)
-        campaign = open_campaign(folder)
-        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-            _, against = rehearse(campaign, Terminal(as_json=False), AS_THE_PAPER)
-        if against:
-            raise TrialFailed("; ".join(against), remedy=f"pkmcal dry-run --seed {trial.seed}")
-        return result_of(campaign, trial, time.monotonic() - started_s)
-
-
-def _measured(
-    folder: Path, wanted: "Sequence[Trial]", workers: int | None, terminal: "Terminal"
-) -> "tuple[tuple[TrialResult, ...], tuple[Failure, ...]]":
-    """Results of all trials in their order, kept ones and new ones, and what failed."""
-    from joblib import cpu_count
-
-    from app.papers.corbel2006.kept import KeptResults, usable
-    from app.papers.corbel2006.runner import Failure
-
-    kept = KeptResults(folder / RESULTS)
-    found = usable(kept.read(), wanted)
-    left = [trial for trial in wanted if trial not in found]
-    failures: list[Failure] = []
-    if found:
-        terminal.note(f"{len(found)} of {len(wanted)} seeds are kept from before")
-
-    def keep(trial: "Trial", outcome: "Outcome") -> None:
-        if isinstance(outcome, Failure):
-            failures.append(outcome)
-        else:
-            kept.append(outcome)
-            found[trial] = outcome
-
+def measure(
+    table: TrialTable, wanted: Sequence[Trial], workers: int, terminal: Terminal
+) -> tuple[tuple[TrialResult, ...], tuple[Failed, ...]]:
+    """Results of trials in their order, kept ones and new ones, and what failed."""
+    known = table.read()
+    recipes = {trial.experiment: trial.experiment.recipe() for trial in wanted}
+    keys = {
+        trial: (trial.experiment.name, trial.seed, recipes[trial.experiment]) for trial in wanted
+    }
+    left = [Job(0, trial, 1) for trial in wanted if keys[trial] not in known]
+    done = len(wanted) - len(left)
+    if done:
+        terminal.note(f"{done} of {len(wanted)} seeds are kept from before")
+    lost: tuple[tuple[Job[Trial], str], ...] = ()
     if left:
-        _run(left, len(wanted), workers or cpu_count(), keep)
-    return tuple(found[trial] for trial in wanted if trial in found), tuple(failures)
+        screen = Console(stderr=True, highlight=False)
+        counted = CountedWork(screen, "seeds", len(wanted), done=done, now_s=time.monotonic)
+        processes = partial(local_results, processes=min(workers, len(left)), apart=True)
+        try:
+            with (
+                stop_on_signals(_StopAtOnce()),
+                TemporaryDirectory(prefix="pkmcal-reproduce-", ignore_cleanup_errors=True) as room,
+            ):
+                work = partial(rehearsed, Path(room))
+                lost = run_jobs(left, work, processes, [table], [known], counted)
+        except KeyboardInterrupt as stopped:
+            raise Interrupted(
+                "stopped by the operator; the results of finished seeds are kept",
+                remedy="the same command goes on with the others",
+            ) from stopped
+    results = tuple(known[key] for key in keys.values() if key in known)
+    return results, tuple((job.task, why) for job, why in lost)
 
 
-def _run(
-    left: "Sequence[Trial]", total: int, workers: int, keep: "Callable[[Trial, Outcome], None]"
-) -> None:
-    """Run the trials that are missing, each result kept as it comes; raises `Interrupted`."""
-    import time
-    from functools import partial
-    from tempfile import TemporaryDirectory
+class _StopAtOnce(StopRequest):
+    """Wish to stop that is not waited for: no robot moves here. Asking again changes nothing."""
 
-    from rich.console import Console
-
-    from app.interrupt import StopRequest, stop_on_signals
-    from app.papers.corbel2006.progress import SeedProgress
-    from app.papers.corbel2006.runner import outcomes, worker_processes
-
-    wish, screen = StopRequest(), Console(stderr=True, highlight=False)
-    done = total - len(left)
-    with (
-        stop_on_signals(wish),
-        TemporaryDirectory(prefix="pkmcal-reproduce-", ignore_cleanup_errors=True) as room,
-        SeedProgress(screen, total, done=done, now_s=time.monotonic) as progress,
-        worker_processes(min(workers, len(left))) as pool,
-    ):
-        for trial, outcome in outcomes(left, partial(rehearsed, Path(room)), pool, wish):
-            keep(trial, outcome)
-            progress.count(outcome)
+    def ask(self, number: int) -> None:
+        """Break off, whatever the signal."""
+        if not self():
+            super().ask(number)
+            raise KeyboardInterrupt
 
 
-def show(terminal: "Terminal", material: "Material") -> None:
-    """All tables, why figures differ, and the verdict."""
-    from app.console import BAD, GOOD
-    from app.papers.corbel2006.misfit import misfit_in_words
-    from app.papers.corbel2006.tables import all_tables, reason_lines
-
-    comparison, evidence, verdict = material.comparison, material.evidence, material.verdict
-    for table in all_tables(comparison, evidence):
-        rows = [[COLOURED.get(cell, cell) for cell in row] for row in table.rows]
-        terminal.table(table.title, [column.title for column in table.columns], rows)
-    terminal.listing("Why figures differ", reason_lines(comparison.reasons))
-    if evidence.pairs is not None:
-        terminal.say(evidence.pairs.in_words())
-    terminal.say(misfit_in_words(evidence.reaches[0]))
-    good = verdict.decision == "pass"
-    for line in verdict.lines:
+def show(terminal: Terminal, page: Page) -> None:
+    """Tables and texts of the page, and the verdict."""
+    for section in page.sections:
+        for part in section.parts if section.name != ON_THE_PAGE_ONLY else ():
+            if isinstance(part, Table):
+                rows = [[COLOURED.get(cell, cell) for cell in row] for row in part.rows]
+                terminal.table(part.title, [column.title for column in part.columns], rows)
+            elif isinstance(part, Paragraph):
+                terminal.say(part.text)
+    comparison = page.comparison
+    good = comparison.decision == "pass"
+    for line in comparison.lines:
         terminal.say(line, "" if good else BAD)
-    terminal.say(verdict.headline, GOOD if good else BAD)
+    terminal.say(comparison.headline, GOOD if good else BAD)

@@ -1,8 +1,10 @@
-"""An identification on the terminal."""
+"""Identification on the terminal."""
 
 from collections.abc import Iterator
 
 from app.console import BAD, GOOD, OPEN, WARNING, Terminal
+from app.report.model_sections import model_rows, parameter_cells
+from app.report.parts import Row, number
 from app.terminal_picture import histogram_lines
 from campaigns.estimation.estimators import Estimator
 from campaigns.identification.result import STRONG, IdentificationResult
@@ -14,14 +16,14 @@ CORRELATIONS = 5
 
 
 def show(terminal: Terminal, found: IdentificationResult, space: ParameterSpace) -> None:
-    """The result for people: parameters, errors, what is uncertain, the verdict last."""
+    """Result for people: parameters, errors, what is uncertain, the verdict last."""
     columns = ("", "nominal", "identified", "Δ", "σ")
     terminal.table("Parameters (mm, deg)", columns, list(_parameter_rows(found)))
     columns = ("", "mean before", "after", "max before", "after")
     terminal.table("Errors (mm)", columns, list(_error_rows(found)))
     if found.models:
         columns = ("", "parameters", "BIC", "unseen rms", "")
-        terminal.table("Models (mm)", columns, list(_model_rows(found)))
+        terminal.table("Models (mm)", columns, list(model_rows(found.models)))
     terminal.say(_remaining(found), "bold")
     if found.fitted is not None:
         for line in histogram_lines(found.fitted.after.ravel().tolist()):
@@ -44,19 +46,13 @@ def _remaining(found: IdentificationResult) -> str:
     return "What the model leaves of each fitted coordinate"
 
 
-def _parameter_rows(found: IdentificationResult) -> Iterator[tuple[str, ...]]:
+def _parameter_rows(found: IdentificationResult) -> Iterator[Row]:
     for name, parameter in found.parameters.items():
         if parameter.free:
-            yield (
-                name,
-                f"{parameter.nominal:.4f}",
-                f"{parameter.value:.4f}",
-                f"{parameter.delta:+.4f}",
-                "-" if parameter.std is None else f"{parameter.std:.4f}",
-            )
+            yield name, *parameter_cells(parameter)
 
 
-def _error_rows(found: IdentificationResult) -> Iterator[tuple[str, ...]]:
+def _error_rows(found: IdentificationResult) -> Iterator[Row]:
     distances = found.estimator is Estimator.DISTANCES
     fitted = "distances of fitted pairs" if distances else "positions of fitted shots"
     both = {fitted: found.residuals_mm, "distances of unseen pairs": found.unseen_mm}
@@ -64,18 +60,7 @@ def _error_rows(found: IdentificationResult) -> Iterator[tuple[str, ...]]:
         if errors is not None:
             before, after = errors.before, errors.after
             sizes = (before.mean_abs, after.mean_abs, before.max_abs, after.max_abs)
-            yield name, *(f"{size:.3f}" for size in sizes)
-
-
-def _model_rows(found: IdentificationResult) -> Iterator[tuple[str, ...]]:
-    for model in found.models:
-        yield (
-            model.name,
-            str(model.parameters),
-            "-" if model.bic is None else f"{model.bic:.0f}",
-            "-" if model.unseen_rms_mm is None else f"{model.unseen_rms_mm:.4f}",
-            model.outcome,
-        )
+            yield name, *map(number, sizes)
 
 
 def _uncertainty_lines(found: IdentificationResult) -> Iterator[str]:
@@ -101,3 +86,6 @@ def _warnings(found: IdentificationResult) -> Iterator[str]:
         yield f"left out: {left.what}: {left.reason}"
     for names in found.known_by_priors_alone:
         yield f"known by the priors alone: {', '.join(names)}"
+    for doubt in found.doubts:
+        if not doubt.weighs:
+            yield f"{doubt.says}{' (accepted)' if doubt.accepted else ''}"

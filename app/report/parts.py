@@ -1,4 +1,4 @@
-"""What a page is made of, and how numbers are written on it."""
+"""Parts of a page, and numbers as they are written on it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ NOTHING = "–"
 
 @dataclass(frozen=True, slots=True)
 class Paragraph:
-    """A sentence or two; `missing` says what is not there and what would bring it."""
+    """Sentence or two; `missing` says what is not there and what would bring it."""
 
     text: str
     tone: Tone = "text"
@@ -24,7 +24,7 @@ class Paragraph:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column's head; numbers are set to the right, words and code to the left."""
+    """Head of a column; numbers are set to the right, words and code to the left."""
 
     title: str
     unit: str = ""
@@ -48,7 +48,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure, how to draw it, and what is to be seen in it."""
+    """Figure: how to draw it, and what is to be seen in it."""
 
     name: str
     title: str
@@ -61,7 +61,7 @@ Part = Paragraph | Table | Picture
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A numbered section of the page."""
+    """Numbered section of the page."""
 
     name: str
     title: str
@@ -69,7 +69,7 @@ class Section:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """What this section would have shown and cannot."""
+        """Lacks of this section: what it would have shown and cannot."""
         return tuple(
             part.text
             for part in self.parts
@@ -88,7 +88,7 @@ def numbers(unit: str, titles: Sequence[str]) -> tuple[Column, ...]:
 
 
 def number(value: float | None, decimals: int = 3, *, signed: bool = False) -> str:
-    """With a true minus sign; a dash for None."""
+    """Number with a true minus sign; a dash for None."""
     if value is None:
         return NOTHING
     rounded = round(value, decimals) or 0.0  # what is nothing when rounded has no sign
@@ -97,12 +97,12 @@ def number(value: float | None, decimals: int = 3, *, signed: bool = False) -> s
 
 
 def percent_gained(before: float | None, after: float | None) -> str:
-    """How much smaller something has become."""
+    """Gain: by how much something has become smaller."""
     if before is None or after is None or before == 0.0:
         return NOTHING
     return f"{number(100.0 * (1.0 - after / before), 0)} %"
 
 
 def moment(utc: str) -> str:
-    """A time of the journal as people read it: `2026-03-02 08:15 UTC`."""
+    """Time of the journal as people read it: `2026-03-02 08:15 UTC`."""
     return f"{utc[:10]} {utc[11:16]} UTC"

@@ -1,219 +1,93 @@
-"""The sections for the record: tracker, drift, what went wrong, environment, versions, digests."""
+"""Rows of the tables for the record: tracker, what went wrong, instruments, versions, digests."""
 
 from collections.abc import Iterator
 
-import numpy as np
-
-from app.report.parts import (
-    NOTHING,
-    Column,
-    Paragraph,
-    Part,
-    Row,
-    Section,
-    Table,
-    moment,
-    number,
-    numbers,
-    words,
-)
-from app.report.pictures import time_picture
-from campaigns.arrays import Array
+from app.report.parts import NOTHING, Row, moment, number
 from campaigns.evaluation.integrity import Check
-from campaigns.evaluation.time_series import time_series
-from campaigns.evidence import Evaluation, Evidence, MeasuredSeries, SeriesFacts
+from campaigns.evaluation.time_series import stated_uncertainty_mm, time_series
+from campaigns.evidence import Evidence, JournalFacts, SeriesFacts
+from campaigns.identification.result import Excluded
 from campaigns.journal.records import Event, Rejected
-from drivers.values import Identity
-
-NO_JOURNAL = "There is no journal: nothing was ever measured in this campaign."
-FIELD_CHECK = (
-    "The journal holds no field check of the tracker (two faces, scale bar): keep the record of "
-    "the instrument's own check with this report."
-)
+from drivers.values import Weather
 
 
-def tracker_section(contents: Evaluation) -> Section:
-    """What the instrument said of itself, the air and the drift."""
-    parts: list[Part] = []
-    rows = tuple(_tracker_rows(contents))
-    if rows:
-        columns = (
-            *words("series"),
-            *numbers("mm", ("u of a point, median", "largest")),
-            *numbers("°C", ("air from", "to")),
-            Column("drift pose moved", "mm"),
+def tracker_rows(evidence: Evidence) -> tuple[Row, ...]:
+    """Rows of series: name, u of a point, median and largest, air from, to, drift."""
+    return tuple(
+        (
+            name,
+            *_two(stated_uncertainty_mm(measured.shots), 4, "not stated"),
+            *_two((series := time_series(name, measured.shots)).air_range, 2),
+            number(series.moved_mm),
         )
-        note = f"u: the tracker's statement, 1 σ in the worst direction. {_beam_losses(contents)}"
-        parts.append(Table("Tracker, air and drift", columns, rows, note))
-    picture = time_picture(contents)
-    if picture is not None:
-        parts.append(picture)
-    else:
-        parts.append(Paragraph("Neither temperature nor drift was recorded.", "missing"))
-    return Section("tracker", "Tracker, drift, temperature", (*parts, Paragraph(FIELD_CHECK)))
-
-
-def incidents_section(contents: Evaluation) -> Section:
-    """What does not count, and why."""
-    evidence = contents.evidence
-    if evidence.journal is None:
-        missing = Paragraph(NO_JOURNAL, "missing")
-        return Section("incidents", "Excluded shots and events", (missing,))
-    parts = (
-        _left_out(evidence),
-        _incident_table("Rejected shots and voided pairs", evidence, events=False),
-        _incident_table("Events", evidence, events=True),
-    )
-    return Section("incidents", "Excluded shots and events", parts)
-
-
-def provenance_section(contents: Evaluation) -> Section:
-    """Who, with what, when; and that the files belong together."""
-    return Section(
-        "provenance", "Identities, versions, digests", tuple(_provenance_parts(contents))
+        for name, measured in evidence.by_stage()
     )
 
 
-def _tracker_rows(contents: Evaluation) -> Iterator[Row]:
-    for name, measured in contents.evidence.by_stage():
-        air = time_series(name, measured.shots)
-        moved = float(air.drift_mm.max()) if len(air.drift_mm) > 1 else None
-        yield name, *_stated(measured), *_span(air.temperature_degC), number(moved)
+def beam_losses(evidence: Evidence) -> int:
+    """Number of shots lost with the beam."""
+    records = [each.record for each in evidence.journal.incidents] if evidence.journal else []
+    return sum(isinstance(r, Rejected) and r.reason.startswith("beam broken") for r in records)
 
 
-def _stated(measured: MeasuredSeries) -> Row:
-    """Median and largest of the shots' standard deviations in their worst direction."""
-    stated = measured.shots.stated_covariance_mm2
-    known = stated[~np.isnan(stated).any(axis=(1, 2))]
-    if len(known) == 0:
-        return "not stated", NOTHING
-    largest = np.sqrt(np.linalg.eigvalsh(known)[:, -1])
-    return number(float(np.median(largest)), 4), number(float(largest.max()), 4)
+def excluded_rows(excluded: tuple[Excluded, ...]) -> tuple[Row, ...]:
+    """Rows of what the identification left out: what, reason."""
+    return tuple((left.what, left.reason) for left in excluded)
 
 
-def _span(values: Array) -> Row:
-    if len(values) == 0:
-        return NOTHING, NOTHING
-    return number(float(values.min()), 2), number(float(values.max()), 2)
-
-
-def _beam_losses(contents: Evaluation) -> str:
-    journal = contents.evidence.journal
-    records = [incident.record for incident in journal.incidents] if journal else []
-    lost = sum(isinstance(r, Rejected) and r.reason.startswith("beam broken") for r in records)
-    return f"Shots lost with the beam: {lost}."
-
-
-def _left_out(evidence: Evidence) -> Part:
-    found = evidence.identification
-    if found is None or not found.excluded:
-        return Paragraph("The identification left out no shot and no pair.", "note")
-    rows = tuple(
-        (f"pair {left.pair}" if left.shot is None else f"shot {left.shot}", left.reason)
-        for left in found.excluded
-    )
-    return Table("Left out of the identification", words("", "reason"), rows)
-
-
-def _incident_table(title: str, evidence: Evidence, *, events: bool) -> Part:
-    assert evidence.journal is not None, "asked for only when there is one"
-    rows = tuple(
-        (moment(each.at_utc), _series_name(each.series), each.concerns, each.text)
-        for each in evidence.journal.incidents
+def incident_rows(journal: JournalFacts, *, events: bool) -> tuple[Row, ...]:
+    """Rows of events, or of rejected shots and voided pairs: time, series, what, text."""
+    return tuple(
+        (
+            moment(each.at_utc),
+            NOTHING if each.series is None else str(each.series),
+            each.concerns,
+            each.text,
+        )
+        for each in journal.incidents
         if isinstance(each.record, Event) is events
     )
-    if not rows:
-        return Paragraph(f"{title}: none.", "note")
-    return Table(title, words("time", "series", "what", "reason" if not events else "text"), rows)
 
 
-def _series_name(series: int | None) -> str:
-    return NOTHING if series is None else str(series)
+def check_rows(checks: tuple[Check, ...]) -> tuple[Row, ...]:
+    """Rows of checks: statement, whether it holds, detail."""
+    answers = {True: "yes", False: "no", None: NOTHING}
+    return tuple((check.statement, answers[check.holds], check.detail) for check in checks)
 
 
-def _provenance_parts(contents: Evaluation) -> Iterator[Part]:
-    evidence = contents.evidence
-    rows = tuple(_check_row(check) for check in contents.checks)
-    yield Table("Do the files belong together?", words("statement", "", "detail"), rows)
-    for text in evidence.unreadable:
-        yield Paragraph(f"Cannot be read: {text}.", "missing")
-    if evidence.journal is None:
-        yield Paragraph(NO_JOURNAL, "missing")
-        return
-    yield Table(
-        "Series measured",
-        (*words("series", "stage", "begun"), Column("shots"), *words("state", "software")),
-        tuple(_series_row(facts) for facts in evidence.journal.series),
-    )
-    yield from _crashes(evidence.journal.series)
-    yield Table("Instruments and air", words("", "series", ""), tuple(_identity_rows(evidence)))
-    columns = (*words(""), Column("sha256", kind="code"))
-    yield Table("Digests", columns, tuple(_digest_rows(evidence)))
-
-
-def _check_row(check: Check) -> Row:
-    answer = {True: "yes", False: "no", None: NOTHING}[check.holds]
-    return check.statement, answer, check.detail
-
-
-def _series_row(facts: SeriesFacts) -> Row:
-    series = facts.series
-    state = "finished" if series.finished else "unfinished"
-    if facts.sessions > 1:
-        state += f", {facts.sessions} sessions"
-    return (
-        str(series.number),
-        series.started.stage,
-        moment(series.started_utc),
-        str(facts.accepted),
-        state,
-        f"pkmcal {series.started.software_version}",
+def series_rows(every: tuple[SeriesFacts, ...]) -> tuple[Row, ...]:
+    """Rows of series: number, stage, begun, shots, state, software."""
+    return tuple(
+        (
+            str(facts.series.number),
+            facts.series.started.stage,
+            moment(facts.series.started_utc),
+            str(facts.accepted),
+            _state(facts),
+            f"pkmcal {facts.series.started.software_version}",
+        )
+        for facts in every
     )
 
 
-def _crashes(every: tuple[SeriesFacts, ...]) -> Iterator[Paragraph]:
-    for facts in every:
-        if facts.unstopped:
-            yield Paragraph(
-                f"Series {facts.series.number}: {facts.unstopped} session(s) ended without a stop "
-                "record, by a crash or a power cut (or one is still at work). What was measured "
-                "until then is complete.",
-                "missing",
-            )
-
-
-def _identity_rows(evidence: Evidence) -> Iterator[Row]:
-    """Each identity once, with the series it was there for."""
-    assert evidence.journal is not None, "asked for only when there is one"
+def instrument_rows(evidence: Evidence, journal: JournalFacts) -> tuple[Row, ...]:
+    """Rows of instruments and air: what, series, which; each once, with all its series."""
     seen: dict[tuple[str, str], list[str]] = {}
-    for facts in evidence.journal.series:
-        for name, identity in (("controller", facts.robot), ("tracker", facts.tracker)):
-            seen.setdefault((name, _identity(identity)), []).append(str(facts.series.number))
-        air = facts.series.started.weather
-        if air is not None:
-            text = (
-                f"{number(air.temperature_degC, 1)} °C, {number(air.pressure_hPa, 1)} hPa, "
-                f"{number(air.humidity_percent, 0)} % humidity"
-            )
-            seen.setdefault(("air at the start", text), []).append(str(facts.series.number))
-    for (name, text), series in seen.items():
-        yield name, ", ".join(series), text
+    for facts in journal.series:
+        for name, text in _present(facts):
+            seen.setdefault((name, text), []).append(str(facts.series.number))
     config = evidence.campaign.config
-    yield (
-        "reflector",
-        "now",
-        " ".join(filter(None, (config.tracker.reflector, config.instruments.reflector_serial))),
+    reflector = (config.tracker.reflector, config.instruments.reflector_serial)
+    return (
+        *((name, ", ".join(series), text) for (name, text), series in seen.items()),
+        ("reflector", "now", " ".join(filter(None, reflector))),
     )
 
 
-def _identity(identity: Identity | None) -> str:
-    return "none: imported" if identity is None else str(identity)
-
-
-def _digest_rows(evidence: Evidence) -> Iterator[Row]:
-    assert evidence.journal is not None, "asked for only when there is one"
+def digest_rows(evidence: Evidence, journal: JournalFacts) -> Iterator[Row]:
+    """Rows of digests: of what, sha256."""
     run, found = evidence.run, evidence.identification
-    yield f"journal, all {evidence.journal.records} records", evidence.journal.digest
+    yield f"journal, all {journal.records} records", journal.digest
     if found is not None:
         yield f"journal, first {found.journal_records} records", found.journal_digest
     if run is not None:
@@ -223,3 +97,29 @@ def _digest_rows(evidence: Evidence) -> Iterator[Row]:
         yield "compensated robot's geometry", evidence.parameter_file.digest()
     if evidence.loaded is not None:
         yield f"geometry loaded last ({evidence.loaded.source})", evidence.loaded.digest
+
+
+def _two(values: tuple[float, float] | None, decimals: int, otherwise: str = NOTHING) -> Row:
+    if values is None:
+        return otherwise, NOTHING
+    return number(values[0], decimals), number(values[1], decimals)
+
+
+def _state(facts: SeriesFacts) -> str:
+    state = "finished" if facts.series.finished else "unfinished"
+    return f"{state}, {facts.sessions} sessions" if facts.sessions > 1 else state
+
+
+def _present(facts: SeriesFacts) -> Iterator[tuple[str, str]]:
+    for name, identity in (("controller", facts.robot), ("tracker", facts.tracker)):
+        yield name, "none: imported" if identity is None else str(identity)
+    air = facts.series.started.weather
+    if air is not None:
+        yield "air at the start", _air(air)
+
+
+def _air(air: Weather) -> str:
+    return (
+        f"{number(air.temperature_degC, 1)} °C, {number(air.pressure_hPa, 1)} hPa, "
+        f"{number(air.humidity_percent, 0)} % humidity"
+    )

@@ -1,4 +1,4 @@
-"""A study on an existing Dask cluster, whose workers have pkmcal installed too."""
+"""Tasks on an existing Dask cluster, whose workers have pkmcal installed too."""
 
 import asyncio
 import importlib
@@ -7,11 +7,10 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from queue import Empty, Queue
-from typing import Any
+from typing import Any, Generic
 
-from app.study.results import Lost, Result, Results, Work, tried
+from app.study.results import Lost, Outcome, Result, Results, Task, Work, tried
 from campaigns.errors import OptionsInvalid
-from campaigns.studies.study import StudyTask, run_task
 
 LOGS = ("distributed", "distributed.client", "asyncio")
 """Of the client; each has a level of its own."""
@@ -32,11 +31,11 @@ class Patience:
 
 
 def cluster_results(
-    tasks: Sequence[StudyTask],
+    tasks: Sequence[Task],
     scheduler: str,
-    work: Work = run_task,
+    work: Work[Task, Outcome],
     patience: Patience = Patience(),
-) -> Results:
+) -> Results[Outcome]:
     """Results from the cluster of a scheduler, which is asked only if there is something to do.
 
     Raises `OptionsInvalid` at once when Dask is not installed or no scheduler or worker answers.
@@ -58,7 +57,7 @@ def cluster_results(
     return _from_cluster(client, tasks, work, patience)
 
 
-def _nothing() -> Results:
+def _nothing() -> Results[Outcome]:
     yield from ()
 
 
@@ -95,8 +94,8 @@ def _check_workers(client: Any, scheduler: str, within_s: float) -> None:
 
 
 def _from_cluster(
-    client: Any, tasks: Sequence[StudyTask], work: Work, patience: Patience
-) -> Results:
+    client: Any, tasks: Sequence[Task], work: Work[Task, Outcome], patience: Patience
+) -> Results[Outcome]:
     """Dask gives up whatever was with a worker that died, some times over.
 
     That may be others than the one that kills, so all of them are tried again one by one.
@@ -122,11 +121,15 @@ class _GivenUp:
     reason: str
 
 
-class _Cluster:
+class _Cluster(Generic[Task, Outcome]):
     """Gives tasks to a cluster and takes their results as they come."""
 
     def __init__(
-        self, client: Any, tasks: Sequence[StudyTask], work: Work, patience: Patience
+        self,
+        client: Any,
+        tasks: Sequence[Task],
+        work: Work[Task, Outcome],
+        patience: Patience,
     ) -> None:
         self._client = client
         self._tasks = tasks
@@ -136,7 +139,7 @@ class _Cluster:
         self._ended: Queue[Any] = Queue()
         self._gone: Counter[int] = Counter()
 
-    def results(self, places: Iterable[int]) -> Iterator[Result | _GivenUp]:
+    def results(self, places: Iterable[int]) -> Iterator[Result[Outcome] | _GivenUp]:
         """Of the tasks at these places."""
         for place in places:
             self._submit(place)
@@ -148,6 +151,7 @@ class _Cluster:
                     yield from self._deserted()
                 continue
             place = self._places.pop(future)  # and with the future what the cluster keeps of it
+            result: Result[Outcome] | _GivenUp | None
             result = _result_of(future, place, self._patience.result_s)
             if result is not None:
                 yield result
@@ -170,7 +174,7 @@ class _Cluster:
         self._places.clear()
 
 
-def _result_of(future: Any, place: int, within_s: float) -> Result | _GivenUp | None:
+def _result_of(future: Any, place: int, within_s: float) -> Result[Outcome] | _GivenUp | None:
     """None when the worker died with the result.
 
     Dask would compute that again, but whoever waits for it may wait for ever: the news of it can
@@ -179,7 +183,7 @@ def _result_of(future: Any, place: int, within_s: float) -> Result | _GivenUp | 
     if future.status == "cancelled":
         return Lost(place, "the cluster ended it")
     try:
-        result: Result = future.result(timeout=within_s)
+        result: Result[Outcome] = future.result(timeout=within_s)
     except TimeoutError:
         return None
     except Exception as error:  # noqa: BLE001 - Dask's own word on this task, told as it is

@@ -1,4 +1,4 @@
-"""Who computes a study: processes of this computer, or an existing Dask cluster.
+"""Who computes tasks, a study's or a reproduction's: processes of this computer, or a Dask cluster.
 
 Whoever it is, the numbers are the same; and when a worker dies, only what it was about is lost.
 """
@@ -15,17 +15,16 @@ from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from app.study.cluster import cluster_results
-from app.study.results import Lost, Result, Results, ResultsOf, Work, tried
+from app.study.results import Lost, Outcome, Result, Results, Task, Work, Workers, tried
 from campaigns.errors import OptionsInvalid
-from campaigns.studies.study import StudyTask, run_task
 
 SCHEDULER = ("tcp://", "tls://")
 AHEAD = 2
-"""Tasks that each local process has been given or waits for."""
+"""Tasks that each of several local processes has been given or waits for."""
 PARENT_LOOKED_AFTER_S = 1.0
 
 
-def workers_of(text: str | None) -> ResultsOf:
+def workers_of(text: str | None) -> Workers:
     """Local processes for a number, one a processor for None, a cluster for its scheduler.
 
     Raises `OptionsInvalid` for anything else.
@@ -42,13 +41,15 @@ def workers_of(text: str | None) -> ResultsOf:
     )
 
 
-def local_results(tasks: Sequence[StudyTask], processes: int, work: Work = run_task) -> Results:
-    """Results from so many processes; one works in this process.
+def local_results(
+    tasks: Sequence[Task], processes: int, work: Work[Task, Outcome], *, apart: bool = False
+) -> Results[Outcome]:
+    """Results from so many processes; a single one works in this process unless `apart`.
 
     When a process dies, the tasks that may have been its own are tried again one by one, so that
     the one that kills is found out and the others are not lost with it.
     """
-    if processes == 1 or not tasks:
+    if not tasks or (processes == 1 and not apart):
         yield from (tried(work, place, task) for place, task in enumerate(tasks))
         return
     left = dict(enumerate(tasks))
@@ -63,27 +64,32 @@ def local_results(tasks: Sequence[StudyTask], processes: int, work: Work = run_t
         get_reusable_executor().shutdown(wait=True)
 
 
-def _taken_off(left: dict[int, StudyTask], results: Iterator[Result]) -> Iterator[Result]:
+def _taken_off(
+    left: dict[int, Task], results: Iterator[Result[Outcome]]
+) -> Iterator[Result[Outcome]]:
     for result in results:
         del left[result.place]
         yield result
 
 
-def _alone(work: Work, place: int, task: StudyTask) -> Result:
-    """In a process of its own, which may die."""
+def _alone(work: Work[Task, Outcome], place: int, task: Task) -> Result[Outcome]:
+    """Result from a process of its own, which may die."""
     try:
-        return next(_parallel(work, {place: task}, 2))
+        return next(_parallel(work, {place: task}, 1))
     except TerminatedWorkerError:
         return Lost(place, "the process that computed it was killed")
 
 
-def _parallel(work: Work, tasks: Mapping[int, StudyTask], processes: int) -> Iterator[Result]:
+def _parallel(
+    work: Work[Task, Outcome], tasks: Mapping[int, Task], processes: int
+) -> Iterator[Result[Outcome]]:
+    """Results as they come; joblib would take this process for a single one, so it is given two."""
     parallel = Parallel(
-        n_jobs=processes,
+        n_jobs=max(processes, 2),
         backend="loky",
         return_as="generator_unordered",
         batch_size=1,
-        pre_dispatch=AHEAD * processes,
+        pre_dispatch=AHEAD * processes if processes > 1 else 1,
         initializer=_serve,
         initargs=(os.getpid(),),
     )

@@ -5,10 +5,10 @@ itself. Others still slow it down (they share caches and cores), so contestants 
 ratio is formed within each round.
 """
 
-import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from statistics import median
 from typing import Generic, TypeVar
 
 Answer = TypeVar("Answer")
@@ -18,22 +18,13 @@ Clock = Callable[[], float]
 
 @dataclass(frozen=True, slots=True)
 class Run(Generic[Answer]):
-    """What a round cost a contestant, and what it found."""
+    """Cost of a contestant's round, and what it found."""
 
     seconds: float
     answer: Answer
 
 
 Contestant = Callable[[], Run[Answer]]
-
-
-@dataclass(frozen=True, slots=True)
-class Ratio:
-    """How many times as long a rival takes: median, lowest and highest of the rounds."""
-
-    median: float
-    lowest: float
-    highest: float
 
 
 def timed_s(work: Callable[[], object], clock: Clock = time.process_time) -> float:
@@ -51,7 +42,7 @@ def contestant(
     def run() -> Run[Answer]:
         answers: list[Answer] = []
         costs_s = [timed_s(lambda: answers.append(work()), clock) for _ in range(repeats)]
-        return Run(statistics.median(costs_s) / parts, answers[-1])
+        return Run(median(costs_s) / parts, answers[-1])
 
     return run
 
@@ -67,7 +58,15 @@ def least_s(runs: Sequence[Run[Answer]]) -> float:
     return min(run.seconds for run in runs)
 
 
-def ratio(rival: Sequence[Run[Answer]], ours: Sequence[Run[Answer]]) -> Ratio:
-    """Formed within each round, where both met the same machine."""
+def ratio(rival: Sequence[Run[Answer]], ours: Sequence[Run[Answer]]) -> tuple[float, float, float]:
+    """Times as long that a rival takes: median, lowest and highest of the rounds.
+
+    Formed within each round, where both met the same machine.
+    """
     times = [theirs.seconds / own.seconds for theirs, own in zip(rival, ours, strict=True)]
-    return Ratio(statistics.median(times), min(times), max(times))
+    return median(times), min(times), max(times)
+
+
+def medians(rounds: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Of each figure over the rounds, each a median of its own."""
+    return {name: median(each[name] for each in rounds) for name in rounds[0]}

@@ -1,9 +1,11 @@
-"""The table of a study: one row a campaign, written as they come and sorted at the end."""
+"""Tables of results: rows are appended as they come and sorted at the end."""
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -19,22 +21,22 @@ KINDS = ("error ", "std ", "bound ")
 """Before a parameter's name, in whose unit the value is."""
 
 
+class _Ordered(Protocol):
+    def __lt__(self, other: Any, /) -> bool: ...
+
+
+Key = TypeVar("Key", bound=_Ordered)
+Outcome = TypeVar("Outcome")
+
+
 @dataclass(frozen=True, slots=True)
-class StudyTable:
-    """Where the rows of one study are kept; `study` tells it from others."""
+class ResultTable(ABC, Generic[Key, Outcome]):
+    """File of results by key, in whose form whoever says `lines_of` and `parsed` writes them."""
 
     path: Path
-    study: str
-    free: tuple[str, ...]
 
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """The header."""
-        values = (f"{kind}{name}" for kind in KINDS for name in self.free)
-        return ("study", "campaign", "failure", *UNSEEN_COLUMNS, *values)
-
-    def read(self) -> dict[int, CampaignOutcome]:
-        """What is there already, by campaign, but for a row that was cut off.
+    def read(self) -> dict[Key, Outcome]:
+        """Results that are there already, the last one of each key, but for a row that was cut off.
 
         Raises `OutputExists` for a file that holds anything else.
         """
@@ -42,10 +44,71 @@ class StudyTable:
             return {}
         text = read_text(self.path, OutputExists, if_missing="name another")
         whole = text[: text.rfind("\n") + 1]
-        self._check_header(whole.partition("\n")[0])
+        return {self.key_of(outcome): outcome for outcome in self.parsed(whole)}
+
+    def append(self, outcomes: Iterable[Outcome]) -> None:
+        """Add rows to what was written; raises `WriteFailed`."""
+        try:
+            with self.path.open("a", encoding="utf-8", newline="") as file:
+                file.write(self.lines_of(outcomes))
+        except OSError as error:
+            raise WriteFailed(
+                f"{self.path}: cannot be written ({error.strerror})",
+                remedy="free space on the disk, then give the same command again: it goes on",
+            ) from error
+
+    def write(self, outcomes: Mapping[Key, Outcome]) -> None:
+        """Write all rows anew, by key; raises `WriteFailed`."""
+        rows = (outcomes[key] for key in sorted(outcomes))
+        replace_text(self.path, self.header() + self.lines_of(rows))
+
+    def header(self) -> str:
+        """Lines before the rows."""
+        return ""
+
+    @abstractmethod
+    def key_of(self, outcome: Outcome) -> Key:
+        """Key of a result."""
+
+    @abstractmethod
+    def lines_of(self, outcomes: Iterable[Outcome]) -> str:
+        """Rows as text, a line each."""
+
+    @abstractmethod
+    def parsed(self, text: str) -> Iterable[Outcome]:
+        """Results of whole lines, the header's among them; raises `OutputExists`."""
+
+
+@dataclass(frozen=True, slots=True)
+class StudyTable(ResultTable[int, CampaignOutcome]):
+    """CSV file of one study, a row a campaign; `study` tells it from others."""
+
+    study: str
+    free: tuple[str, ...]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        values = (f"{kind}{name}" for kind in KINDS for name in self.free)
+        return ("study", "campaign", "failure", *UNSEEN_COLUMNS, *values)
+
+    def key_of(self, outcome: CampaignOutcome) -> int:
+        """Number of the campaign."""
+        return outcome.number
+
+    def header(self) -> str:
+        """Line with the columns' names."""
+        return csv_text(self.columns, ())
+
+    def lines_of(self, outcomes: Iterable[CampaignOutcome]) -> str:
+        """Rows without a header."""
+        return csv_text(self.columns, map(self._row_of, outcomes)).partition("\n")[2]
+
+    def parsed(self, text: str) -> Iterable[CampaignOutcome]:
+        """Outcomes of a table of this study; raises `OutputExists`."""
+        self._check_header(text.partition("\n")[0])
         form = CsvForm(self.columns, (), OutputExists)
-        outcomes = (self._outcome_of(row) for row in parse_csv(whole, str(self.path), form))
-        return {outcome.number: outcome for outcome in outcomes}
+        return map(self._outcome_of, parse_csv(text, str(self.path), form))
 
     def _check_header(self, header: str) -> None:
         """Before every column is looked at: other parameters mean another study."""
@@ -54,23 +117,6 @@ class StudyTable:
         is_study = header.startswith(",".join(self.columns[:3]))
         what = "belongs to a study of other parameters" if is_study else "is no table of a study"
         raise OutputExists(f"{self.path}: {what}", remedy=ANOTHER)
-
-    def append(self, outcomes: Iterable[CampaignOutcome]) -> None:
-        """Add rows to what was written; raises `WriteFailed`."""
-        text = csv_text(self.columns, map(self._row_of, outcomes)).split("\n", maxsplit=1)[1]
-        try:
-            with self.path.open("a", encoding="utf-8", newline="") as file:
-                file.write(text)
-        except OSError as error:
-            raise WriteFailed(
-                f"{self.path}: cannot be written ({error.strerror})",
-                remedy="free space on the disk, then start the same study again: it goes on",
-            ) from error
-
-    def write(self, outcomes: Mapping[int, CampaignOutcome]) -> None:
-        """Write all rows anew, by number; raises `WriteFailed`."""
-        rows = (self._row_of(outcomes[number]) for number in sorted(outcomes))
-        replace_text(self.path, csv_text(self.columns, rows))
 
     def _row_of(self, outcome: CampaignOutcome) -> list[str]:
         texts = [""] * (len(UNSEEN_COLUMNS) + len(KINDS) * len(self.free))

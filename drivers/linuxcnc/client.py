@@ -1,10 +1,10 @@
 """One connection to LinuxCNC's linuxcncrsh: questions, orders, and the messages it has queued."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from drivers.errors import DeviceRefused, WrongDevice
 from drivers.link import Link, LinkClient
+from drivers.linuxcnc.settings import Passwords, Patience
 from drivers.transport import Transport
 from drivers.wire.linuxcncrsh import (
     PROTOCOL,
@@ -20,33 +20,13 @@ from drivers.wire.linuxcncrsh import (
 CLIENT = "pkmcal"
 NO_MESSAGE = "OK"
 QUIET_ANSWERS = 3
-"""How many times "no message" must be said to be believed: a queued text for the operator makes one
+"""So often "no message" must be said to be believed: a queued text for the operator makes one
 answer sound like it."""
 ASKED_AT_MOST = 3
 """LinuxCNC 2.9 takes its clients' requests apart with shared means: beside another client, a word
 that it knows is sometimes refused."""
 MOST_MESSAGES = 100
 """More in one go means that something writes faster than it can be read."""
-
-
-@dataclass(frozen=True, slots=True)
-class Patience:
-    """How long LinuxCNC may take, in real seconds."""
-
-    greeting_s: float = 5.0
-    """It opens its port a second before it answers."""
-    answer_s: float = 1.0
-    order_s: float = 2.0
-    """What linuxcncrsh itself is told to wait for the task: the answer is NAK then."""
-    order_margin_s: float = 1.5
-
-
-@dataclass(frozen=True, slots=True)
-class Passwords:
-    """linuxcncrsh's options --connectpw and --enablepw; clear text on the wire."""
-
-    connect: str = "EMC"
-    enable: str = "EMCTOO"
 
 
 class LinuxcncClient(LinkClient[Message]):
@@ -80,11 +60,14 @@ class LinuxcncClient(LinkClient[Message]):
         )
         assert isinstance(greeting, Greeting), "only a greeting was accepted"
         if not greeting.accepted:
-            raise WrongDevice(
-                f"{self.name}: LinuxCNC does not accept the connection password",
-                remedy="set it as linuxcncrsh's option --connectpw says",
-            )
-        self._end_echo()
+            raise self._wrong_password("the connection password", "--connectpw")
+        echo_off = "set echo off"
+        self._link.ask(
+            encode(echo_off),
+            answers=lambda message: message.line == echo_off or _answers_set(message, "echo"),
+            within_s=self._patience.answer_s,
+            what=echo_off,
+        )
         self.order("verbose", "on")
         return greeting
 
@@ -96,10 +79,7 @@ class LinuxcncClient(LinkClient[Message]):
         try:
             self.order("enable", passwords.enable)
         except DeviceRefused as error:
-            raise WrongDevice(
-                f"{self.name}: LinuxCNC does not accept the password that gives control",
-                remedy="set it as linuxcncrsh's option --enablepw says",
-            ) from error
+            raise self._wrong_password("the password that gives control", "--enablepw") from error
         self.order("timeout", f"{self._patience.order_s:g}")
         try:
             self.order("set_wait", "received")
@@ -108,16 +88,17 @@ class LinuxcncClient(LinkClient[Message]):
 
     def get(self, word: str) -> Value:
         """Ask for a value; raises `DeviceRefused` for a word that it does not know."""
+        request = f"get {word}"
         for _ in range(ASKED_AT_MOST):
             answer = self._link.ask(
-                encode(f"get {word}"),
+                encode(request),
                 answers=lambda message: _answers_get(message, word),
                 within_s=self._patience.answer_s,
-                what=f"get {word}",
+                what=request,
             )
             if isinstance(answer, Value):
                 return answer
-        raise self._refusal(f"get {word}", self._complaint())
+        raise self._refusal(request, self._complaint())
 
     def is_on(self, word: str) -> bool:
         """Ask for what is ON or OFF."""
@@ -125,10 +106,9 @@ class LinuxcncClient(LinkClient[Message]):
 
     def order(self, word: str, argument: str = "") -> None:
         """Give an order; raises `DeviceRefused` when it is not even received."""
-        request = f"set {word} {argument}".strip()
         self._link.events()  # second lines of earlier messages say nothing about this order
         answer = self._link.ask(
-            encode(request),
+            encode(f"set {word} {argument}".strip()),
             answers=lambda message: _answers_set(message, word),
             within_s=self._patience.order_s + self._patience.order_margin_s,
             what=f"set {word}",
@@ -148,17 +128,8 @@ class LinuxcncClient(LinkClient[Message]):
             errors += [] if quiet else [text]
         return tuple(errors)
 
-    def _end_echo(self) -> None:
-        request = "set echo off"
-        self._link.ask(
-            encode(request),
-            answers=lambda message: message.line == request or _answers_set(message, "echo"),
-            within_s=self._patience.answer_s,
-            what=request,
-        )
-
     def _complaint(self) -> str:
-        """What a newer version said beside its answer."""
+        """Lines that a newer version said beside its answer."""
         lines = [event.line for event in self._link.events()]
         return "; ".join(line for line in lines if line.lower().startswith("error"))
 
@@ -167,6 +138,12 @@ class LinuxcncClient(LinkClient[Message]):
             f"{self.name}: LinuxCNC refused '{request}'" + (f" ({complaint})" if complaint else ""),
             remedy="look at LinuxCNC's own messages, then try again",
             code=request.removeprefix("set ").upper(),
+        )
+
+    def _wrong_password(self, which: str, option: str) -> WrongDevice:
+        return WrongDevice(
+            f"{self.name}: LinuxCNC does not accept {which}",
+            remedy=f"set it as linuxcncrsh's option {option} says",
         )
 
 

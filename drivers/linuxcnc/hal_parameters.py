@@ -50,7 +50,7 @@ finally:
 
 @dataclass(frozen=True, slots=True)
 class HalAccess:
-    """How to run a program beside LinuxCNC. `prefix` is empty on the same computer."""
+    """A way to run a program beside LinuxCNC. `prefix` is empty on the same computer."""
 
     prefix: tuple[str, ...] = ()
     python: str = "/usr/bin/python3"
@@ -186,7 +186,7 @@ class FileParameters:
         return False
 
     def read(self) -> Mapping[str, float]:
-        """What poses are converted with."""
+        """The parameters that poses are converted with."""
         return self.file.read()
 
     def write(self, geometry: Mapping[str, float]) -> None:
@@ -209,7 +209,7 @@ class HalParameters:
         return True
 
     def read(self) -> Mapping[str, float]:
-        """What LinuxCNC works with now; raises `DeviceRefused` when its file says otherwise."""
+        """The parameters at work in LinuxCNC; raises `DeviceRefused` when its file has others."""
         held = self._parameters(self.pins.read())
         filed = self.file.read()
         if different := [name for name in held if held[name] != filed.get(name)]:

@@ -1,38 +1,37 @@
-"""What LinuxCNC says of itself at one moment.
+"""State of a LinuxCNC machine at one moment, and the steps that bring it to the state moves need.
 
 Its ACK says "received", its IDLE may be older than the motion, and after `wait done` one move in
 sixty still runs. What has been found to hold: a motion is over when the *commanded* position is the
 target, the program is idle, and the joints read the same several times in a row.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from enum import Enum
 
-from drivers.errors import WireError
+from drivers.errors import (
+    DeviceNotReady,
+    DeviceRefused,
+    EmergencyStop,
+    LimitViolation,
+    MotionFault,
+    WireError,
+    WrongDevice,
+)
 from drivers.linuxcnc.client import LinuxcncClient
+from drivers.linuxcnc.settings import JOINTS, Coordinates, LinuxcncSettings
+from drivers.polling import comes_true
+from drivers.ports import Clock
+from drivers.session import Session
 from drivers.wire.linuxcncrsh import Value, read_numbers
 
-JOINTS = 4
-SAME_PLACE = 2e-6
-"""mm or deg: positions are told with six decimals."""
-READINGS = 3
-READING_PAUSE_S = 0.005
-QUESTIONS = ("joint_pos", "abs_cmd_pos", "program_status", "machine", "estop", "enable")
 LETTERS = "XYZABC"
 """The order in which positions are told; newer versions tell U V W after them."""
-
-
-class Coordinates(Enum):
-    """What a move's numbers mean to the controller, by the letters of its axes."""
-
-    JOINTS = "XYZA"
-    WORLD = "XYZC"
-
-    @property
-    def columns(self) -> tuple[int, ...]:
-        """Places of the letters in an answer."""
-        return tuple(LETTERS.index(letter) for letter in self.value)
+SAME_PLACE = 2e-6
+"""mm or deg: positions are told with six decimals."""
+QUESTIONS = ("joint_pos", "abs_cmd_pos", "program_status", "machine", "estop", "enable")
+UNITS = {"user_linear_units": "MM", "user_angular_units": "DEG"}
+LIMIT_WORDS = ("exceed", "limit", "kinematicsinverse")
+FAULT_WORDS = ("following error", "amplifier fault", "amp fault")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,44 +40,204 @@ class Snapshot:
 
     joints_deg: tuple[float, ...]
     commanded: tuple[float, ...]
-    """Where the trajectory is now, by the machine's own letters."""
+    """Place of the trajectory now, by the machine's own letters."""
     idle: bool
     machine_on: bool
     emergency_stop: bool
     in_control: bool
     raw: str
 
-    def is_as(self, other: "Snapshot", still_deg: float) -> bool:
-        """Whether the joints read the same as in another reading."""
-        pairs = zip(self.joints_deg, other.joints_deg, strict=True)
-        return all(abs(a - b) <= still_deg for a, b in pairs)
+    @property
+    def has_power(self) -> bool:
+        """On, and not held by the emergency stop."""
+        return self.machine_on and not self.emergency_stop
 
     def is_commanded(self, target: Sequence[float]) -> bool:
-        """Whether the trajectory has come to its end there."""
-        pairs = zip(self.commanded, target, strict=True)
-        return self.idle and all(abs(now - wanted) <= SAME_PLACE for now, wanted in pairs)
+        """True when the trajectory has come to its end there."""
+        return self.idle and agree(self.commanded, target, SAME_PLACE)
 
 
-def take_snapshot(conversation: LinuxcncClient, coordinates: Coordinates) -> Snapshot:
-    """Ask for everything that a state is made of; some 25 µs a question."""
-    answers = {word: conversation.get(word) for word in QUESTIONS}
-    return Snapshot(
-        joints_deg=first_numbers(answers["joint_pos"], JOINTS),
-        commanded=position_in(answers["abs_cmd_pos"], coordinates),
-        idle=answers["program_status"].text == "IDLE",
-        machine_on=answers["machine"].text == "ON",
-        emergency_stop=answers["estop"].text != "OFF",
-        in_control=answers["enable"].text == "ON",
-        raw="; ".join(answer.line for answer in answers.values()),
-    )
+class Machine:
+    """The machine at the far end of a session. What it does needs control of it."""
+
+    def __init__(
+        self, session: Session[LinuxcncClient], clock: Clock, settings: LinuxcncSettings
+    ) -> None:
+        self._session = session
+        self._clock = clock
+        self._coordinates = settings.coordinates
+        self._deadlines = settings.deadlines.setup
+
+    @property
+    def client(self) -> LinuxcncClient:
+        """The open connection; raises `LinkDown` when there is none."""
+        return self._session.connection
+
+    def snapshot(self) -> Snapshot:
+        """Everything that a state is made of; some 25 µs a question."""
+        client = self.client
+        answers = {word: client.get(word) for word in QUESTIONS}
+        return Snapshot(
+            joints_deg=_numbers(answers["joint_pos"], JOINTS),
+            commanded=_position(answers["abs_cmd_pos"], self._coordinates),
+            idle=answers["program_status"].text == "IDLE",
+            machine_on=answers["machine"].text == "ON",
+            emergency_stop=answers["estop"].text != "OFF",
+            in_control=answers["enable"].text == "ON",
+            raw="; ".join(answer.line for answer in answers.values()),
+        )
+
+    def joints_deg(self) -> tuple[float, ...]:
+        """The joints now."""
+        return _numbers(self.client.get("joint_pos"), JOINTS)
+
+    def position(self) -> tuple[float, ...]:
+        """LinuxCNC's own coordinates of where it is now, mm and deg."""
+        return _position(self.client.get("abs_act_pos"), self._coordinates)
+
+    def check_model(self) -> None:
+        """Raise `WrongDevice` unless it has exactly four rotary joints, in mm and deg."""
+        types = self.client.get("joint_type").text.split()
+        rotary = [kind == "ANGULAR" for kind in types]
+        if sum(rotary) != JOINTS or not all(rotary[:JOINTS]):
+            raise WrongDevice(
+                f"{self.client.name}: LinuxCNC has {sum(rotary)} rotary joints "
+                f"({' '.join(types)}), a Par4 has {JOINTS}",
+                remedy=f"check the address; set [KINS]JOINTS = {JOINTS} "
+                "and TYPE = ANGULAR for joints 0 to 3",
+            )
+        for word, unit in UNITS.items():
+            found = self.client.get(word).text
+            if found != unit:
+                raise WrongDevice(
+                    f"{self.client.name}: LinuxCNC works in {found}, not in {unit}",
+                    remedy="set [TRAJ]LINEAR_UNITS = mm and ANGULAR_UNITS = degree",
+                )
+
+    def check_ready(self, snapshot: Snapshot) -> None:
+        """Raise `DeviceNotReady` unless a machine with power can be given a move."""
+        if not snapshot.in_control:
+            problem = "another client has taken control of LinuxCNC"
+            remedy = "end that program, then start again"
+        elif not self._is_homed():
+            problem = "LinuxCNC's joints are not homed"
+            remedy = "start again: homing is part of getting ready"
+        elif not snapshot.idle:
+            problem, remedy = "LinuxCNC is still at work", "wait until it stands"
+        else:
+            return
+        raise DeviceNotReady(f"{self.client.name}: {problem}", remedy=remedy)
+
+    def bring_up(self) -> None:
+        """Take all steps that are still to be taken. Homing may move the joints.
+
+        Raises `EmergencyStop`, `MotionFault` or `DeviceRefused`, with LinuxCNC's own words.
+        """
+        self.client.messages()  # old ones would be taken for reasons
+        self._release_emergency_stop()
+        self._switch_on()
+        self._home()
+        self.enter_mdi()
+
+    def enter_mdi(self) -> None:
+        """Have it take single commands."""
+        if not self._is_in_mode("MDI"):
+            self.client.order("mode", "mdi")
+            self._await("mode MDI", lambda: self._is_in_mode("MDI"))
+
+    def switch_off(self) -> None:
+        """Take the power off the drives; raises `MotionFault` when that cannot be seen."""
+        if self.client.is_on("machine"):
+            self.client.order("machine", "off")
+            self._await("machine off", lambda: not self.client.is_on("machine"))
+
+    def refusal(self, snapshot: Snapshot, messages: Sequence[str]) -> DeviceRefused:
+        """The meaning of LinuxCNC's messages, those still queued among them, in its own words."""
+        name, said = self.client.name, "; ".join((*messages, *self.client.messages()))
+        if snapshot.emergency_stop:
+            return EmergencyStop(
+                f"{name}: the emergency stop is on" + (f" ({said})" if said else ""),
+                remedy="make the cell safe, release it, then start again",
+                code=said,
+            )
+        text = said.lower()
+        if not snapshot.machine_on or any(word in text for word in FAULT_WORDS):
+            remedy = "clear the fault at the machine, then start again"
+            return MotionFault(f"{name}: {said or 'the machine is off'}", remedy=remedy, code=said)
+        if any(word in text for word in LIMIT_WORDS):
+            remedy = "compare the plan's limits with [AXIS_…] and [JOINT_…] of LinuxCNC's INI file"
+            return LimitViolation(f"{name}: {said}", remedy=remedy, code=said)
+        remedy = "look at LinuxCNC's messages, then try again"
+        return DeviceRefused(f"{name}: {said}", remedy=remedy, code=said)
+
+    def _release_emergency_stop(self) -> None:
+        def is_released() -> bool:
+            return self.client.get("estop").text == "OFF"
+
+        if is_released():
+            return
+        self.client.order("estop", "off")
+        if not self._comes(is_released, self._deadlines.switch_s):
+            remedy = "make the cell safe, release it at the machine, then start again"
+            raise self._fault("the emergency stop stays on", remedy, EmergencyStop)
+
+    def _switch_on(self) -> None:
+        if not self.client.is_on("machine"):
+            self.client.order("machine", "on")
+            self._await("machine on", lambda: self.client.is_on("machine"))
+        self._clock.sleep_s(self._deadlines.stays_on_s)
+        if not self.client.is_on("machine"):
+            remedy = "clear the drives' fault at the machine, then start again"
+            raise self._fault("the machine goes off again", remedy)
+
+    def _home(self) -> None:
+        if self._is_homed():
+            return
+        self.client.order("mode", "manual")
+        self._await("mode manual", lambda: self._is_in_mode("MANUAL"))
+        self.client.order("teleop_enable", "off")
+        self.client.order("home", "-1")
+        self._await("homing", self._is_homed_with_power, self._deadlines.homing_s)
+
+    def _is_homed(self) -> bool:
+        """LinuxCNC tells of joints that it doesn't have, after those it has."""
+        homed = self.client.get("joint_homed").text.split()
+        return homed[:JOINTS] == ["YES"] * JOINTS
+
+    def _is_homed_with_power(self) -> bool:
+        if not self.client.is_on("machine"):
+            remedy = "clear the fault at the machine, then start again"
+            raise self._fault("the machine went off while homing", remedy)
+        return self._is_homed()
+
+    def _is_in_mode(self, mode: str) -> bool:
+        return self.client.get("mode").text == mode
+
+    def _await(self, what: str, is_so: Callable[[], bool], within_s: float | None = None) -> None:
+        within_s = within_s or self._deadlines.switch_s
+        if not self._comes(is_so, within_s):
+            remedy = "look at the machine and at LinuxCNC's messages, then start again"
+            raise self._fault(f"no {what} within {within_s:g} s", remedy)
+
+    def _comes(self, is_so: Callable[[], bool], within_s: float) -> bool:
+        give_up_s = self._clock.now_s() + within_s
+        return comes_true(is_so, self._clock, give_up_s=give_up_s, pause_s=self._deadlines.poll_s)
+
+    def _fault(
+        self, problem: str, remedy: str, kind: type[MotionFault] = MotionFault
+    ) -> MotionFault:
+        """A step that failed, with what LinuxCNC says of it."""
+        said = "; ".join(self.client.messages())
+        problem = f"{self.client.name}: {problem}" + (f" ({said})" if said else "")
+        return kind(problem, remedy=remedy)
 
 
-def read_joints_deg(conversation: LinuxcncClient) -> tuple[float, ...]:
-    """The joints now."""
-    return first_numbers(conversation.get("joint_pos"), JOINTS)
+def agree(first: Sequence[float], second: Sequence[float], within: float) -> bool:
+    """True where no two numbers differ by more."""
+    return all(abs(one - other) <= within for one, other in zip(first, second, strict=True))
 
 
-def first_numbers(answer: Value, count: int) -> tuple[float, ...]:
+def _numbers(answer: Value, count: int) -> tuple[float, ...]:
     """The first numbers of an answer: versions differ in how many follow. Raises `WireError`."""
     numbers = read_numbers(answer)
     if len(numbers) < count:
@@ -86,7 +245,7 @@ def first_numbers(answer: Value, count: int) -> tuple[float, ...]:
     return numbers[:count]
 
 
-def position_in(answer: Value, coordinates: Coordinates) -> tuple[float, ...]:
+def _position(answer: Value, coordinates: Coordinates) -> tuple[float, ...]:
     """The coordinates that this machine moves in; raises `WireError`."""
-    numbers = first_numbers(answer, len(LETTERS))
-    return tuple(numbers[column] for column in coordinates.columns)
+    told = dict(zip(LETTERS, _numbers(answer, len(LETTERS)), strict=True))
+    return tuple(told[letter] for letter in coordinates.value)

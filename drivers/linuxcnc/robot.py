@@ -1,18 +1,18 @@
 """Comes to LinuxCNC and leaves it: the same machine as before, in control, with nothing moving."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from math import degrees, radians
 
-from drivers.errors import DeviceNotReady, DriverError, WrongDevice
+from drivers.errors import DeviceNotReady, DeviceRefused, DriverError, WrongDevice
 from drivers.link import never
 from drivers.linuxcnc.client import LinuxcncClient
-from drivers.linuxcnc.machine_state import Coordinates, position_in, read_joints_deg
-from drivers.linuxcnc.motion import Target
-from drivers.linuxcnc.mover import LinuxcncMover, way_to
-from drivers.linuxcnc.setup import (
+from drivers.linuxcnc.machine_state import Machine, agree
+from drivers.linuxcnc.motion import MDI, Motion, way_to
+from drivers.linuxcnc.settings import (
+    Coordinates,
     Kinematics,
     KinematicsOf,
-    LinuxcncAccess,
     LinuxcncSettings,
     ParameterStore,
 )
@@ -25,6 +25,8 @@ from drivers.values import Identity, Pose, RobotState
 SAME_PLACE = 1e-3
 """mm or deg, between what LinuxCNC says and what its joints and the parameters make of it: far
 above rounding, far below what another kinematics or another robot would give."""
+PER_MINUTE = "G94"
+"""The mode of feed that an operator expects: after a paced move, F is a time."""
 
 
 class LinuxcncRobot:
@@ -45,6 +47,8 @@ class LinuxcncRobot:
         kinematics_of: KinematicsOf,
         cancelled: Callable[[], bool] = never,
     ) -> None:
+        self._open_transport = open_transport
+        self._clock = clock
         self._settings = settings
         self._store = store
         self._kinematics_of = kinematics_of
@@ -55,9 +59,9 @@ class LinuxcncRobot:
             pause_s=settings.deadlines.poll_s,
             cancelled=cancelled,
         )
-        self._access = LinuxcncAccess(open_transport, clock, settings, self._stopping.is_cancelled)
-        self._session = Session("controller", self._access.opened, self._access.greet)
-        self._mover = LinuxcncMover(self._access, clock, settings)
+        self._session = Session("controller", self._opened, self._greet)
+        self._machine = Machine(self._session, clock, settings)
+        self._motion = Motion(self._machine, clock, settings)
 
     def connect(self) -> None:
         """Open the wire, take control, stop what moves; raises `LinkDown` or `WrongDevice`.
@@ -66,7 +70,7 @@ class LinuxcncRobot:
         """
         self._kinematics = None
         self._enter()
-        self._mover.renew()
+        self._motion.renew()
 
     def reconnect(self) -> None:
         """Open anew after a fault of the wire, and stop what moves before anything else."""
@@ -78,26 +82,24 @@ class LinuxcncRobot:
         Raises `EmergencyStop`, `MotionFault` or `DeviceRefused` with LinuxCNC's words, and
         `WrongDevice` when another kinematics than Par4's, or with other parameters, is at work.
         """
-        conversation = self._session.connection
-        self._access.setup(conversation).bring_up()
-        self._mover.renew()
+        self._machine.bring_up()
+        self._motion.renew()
         self._kinematics = None
-        self._check_kinematics(conversation)
+        self._check_kinematics()
 
     def identity(self) -> Identity:
-        """Who answered when the connection was opened."""
+        """The machine that answered when the connection was opened."""
         return self._session.identity
 
     def state(self) -> RobotState:
         """The joints as read now. It takes up to some 10 ms to be sure that they stand."""
-        return self._mover.state(self._session.connection)
+        return self._motion.state()
 
     def move_joints(self, joints: Sequence[float], speed_fraction: float) -> None:
         """Start a move to joints; raises `LimitViolation`, `MotionFault` or `EmergencyStop`.
 
         A controller that works in world coordinates is led along by poses.
         """
-        self._settings.limits.check(joints)
         self._start(joints, None, speed_fraction)
 
     def move_pose(self, pose: Pose, speed_fraction: float) -> None:
@@ -105,9 +107,7 @@ class LinuxcncRobot:
 
         By LinuxCNC's own kinematics, or, where it only takes joints, converted with the stored set.
         """
-        joints = self._active().joints(pose)
-        self._settings.limits.check(joints)
-        self._start(joints, pose, speed_fraction)
+        self._start(self._active().joints(pose), pose, speed_fraction)
 
     def stop(self) -> None:
         """Stop at once, also when the wire is down or another client has control.
@@ -126,11 +126,11 @@ class LinuxcncRobot:
         Where LinuxCNC itself works with them, its drives are switched off first and stay off: with
         the power on, the joints would jump to where the new parameters put them.
         """
-        conversation = self._session.connection
+        self.identity()  # raises `LinkDown` without a connection
         if self._store.needs_machine_off:
-            if self._mover.is_moving(conversation):
+            if self._motion.is_moving():
                 raise DeviceNotReady("the robot moves", remedy="wait until it stands still")
-            self._access.setup(conversation).switch_off()
+            self._machine.switch_off()
         self._kinematics = None
         self._store.write(geometry)
 
@@ -138,24 +138,65 @@ class LinuxcncRobot:
         """Stop, give control back, close; raises `RobotStateUnknown` when a motion may go on."""
         if not self._session.is_open:
             return
-        conversation = self._session.connection
         try:
-            self._access.leave(conversation)
+            self._give_back(self._session.connection)
         except DriverError as error:
-            if self._mover.has_started:
+            if self._motion.has_started:
                 raise state_unknown(
                     f"LinuxCNC could not be left standing ({error.problem})"
                 ) from error
         finally:
-            conversation.close()
+            self._session.close()
+
+    def _opened(self) -> LinuxcncClient:
+        return LinuxcncClient(
+            self._open_transport(),
+            clock_s=self._clock.now_s,
+            patience=self._settings.deadlines.patience,
+            cancelled=self._stopping.is_cancelled,
+        )
+
+    def _greet(self, client: LinuxcncClient) -> Identity:
+        greeting = client.greet(self._settings.passwords)
+        return Identity(
+            vendor="LinuxCNC",
+            model=f"Par4 in {self._settings.coordinates.value}",
+            serial=greeting.name,
+            firmware="not told",
+            protocol=f"linuxcncrsh {greeting.version}",
+        )
+
+    def _enter(self) -> None:
+        """Connect, see that the machine is ours, take control, and first of all stop what moves."""
+        self._session.open()
+        client = self._session.connection
+        try:
+            self._machine.check_model()
+            client.take_control(self._settings.passwords)
+            if client.is_on("machine"):
+                client.order("abort")
+        except BaseException:  # also an interrupt: what it leaves behind is closed
+            client.close()
+            raise
+
+    def _give_back(self, client: LinuxcncClient) -> None:
+        """Stop and give up control. Another client's motion is left alone."""
+        if not client.is_on("enable"):
+            return
+        if client.is_on("machine"):
+            client.order("abort")
+            with suppress(DeviceRefused):  # not in MDI mode, or off by now: then it needs nothing
+                client.order(MDI, PER_MINUTE)
+        client.order("enable", "off")
+
+    def _stop_and_watch(self, give_up_s: float) -> None:
+        if not self._session.is_open:
+            self._enter()
+        self._motion.halt(give_up_s)
 
     @property
     def _works_in_world(self) -> bool:
         return self._settings.coordinates is Coordinates.WORLD
-
-    def _enter(self) -> None:
-        self._session.open()
-        self._access.take_over(self._session.connection)
 
     def _active(self) -> Kinematics:
         """The stored parameters at work; read once, and again whenever they may have changed."""
@@ -164,37 +205,32 @@ class LinuxcncRobot:
         return self._kinematics
 
     def _start(self, joints: Sequence[float], pose: Pose | None, speed_fraction: float) -> None:
-        conversation = self._session.connection
-        here_rad = tuple(map(radians, read_joints_deg(conversation)))
+        """Start a move; a pose is that of these joints, as it was asked for."""
+        self._settings.limits.check(joints)
+        here_rad = tuple(map(radians, self._machine.joints_deg()))
         travel_rad = max(abs(q - now) for q, now in zip(joints, here_rad, strict=True))
-        numbers = [tuple(map(degrees, joints))]
+        way = [tuple(map(degrees, joints))]
         if self._works_in_world:
             passing = self._settings.limits.wider_by(self._settings.passing_slack_rad)
-            way = way_to(self._active(), passing, here_rad, joints)
-            numbers = [*map(_world, way[:-1]), _world(pose or way[-1])]
-        targets = [Target.of(self._settings.coordinates, place) for place in numbers]
-        self._mover.start(conversation, targets, travel_rad, speed_fraction)
+            *between, end = way_to(self._active(), passing, here_rad, joints)
+            way = [*map(_world, between), _world(pose or end)]
+        self._motion.start(way, travel_rad, speed_fraction)
 
-    def _check_kinematics(self, conversation: LinuxcncClient) -> None:
-        joints_deg = read_joints_deg(conversation)
-        told = position_in(conversation.get("abs_act_pos"), self._settings.coordinates)
-        expected: tuple[float, ...] = joints_deg
+    def _check_kinematics(self) -> None:
+        """Raise `WrongDevice` unless LinuxCNC's coordinates are what its joints make of them."""
+        expected = self._machine.joints_deg()
+        told = self._machine.position()
         if self._works_in_world:
-            expected = _world(self._active().pose(tuple(map(radians, joints_deg))))
-        if all(abs(a - b) <= SAME_PLACE for a, b in zip(told, expected, strict=True)):
+            expected = _world(self._active().pose(tuple(map(radians, expected))))
+        if agree(told, expected, SAME_PLACE):
             return
         letters = self._settings.coordinates.value
         raise WrongDevice(
-            f"{conversation.name}: LinuxCNC says its {letters} is {_listed(told)}; "
+            f"{self._machine.client.name}: LinuxCNC says its {letters} is {_listed(told)}; "
             f"of its joints it should be {_listed(expected)}",
             remedy="another kinematics or other parameters are at work: check [KINS]KINEMATICS and "
             "the HAL file, then restart LinuxCNC",
         )
-
-    def _stop_and_watch(self, give_up_s: float) -> None:
-        if not self._session.is_open:
-            self._enter()
-        self._mover.halt(self._session.connection, give_up_s)
 
 
 def _world(pose: Pose) -> tuple[float, ...]:

@@ -7,12 +7,13 @@ from par4_space import indices, par4
 
 from benchmarks.against_rivals import by_differences
 from benchmarks.rivals import lab_script
-from benchmarks.shared.measured_robot import measured_robot, printed_parameters
+from benchmarks.shared.measured_robot import MeasuredRobot, measured_robot, printed_parameters
+from benchmarks.shared.prototype import NOMINAL
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.residuals import DistanceResiduals, PositionModel
 
 VECTORS = Path(__file__).parents[1] / "data" / "vectors"
-SHOTS = slice(0, 16)
+SHOTS = 16
 FREE = indices(("arm1.joint_offset_deg", "arm2.forearm_mm", "plate_mm"))
 COMMANDED_OFF = np.array([5.0, -5.0, 5.0, 0.02])
 """As far as a robot with errors is from where it was sent."""
@@ -20,18 +21,19 @@ COMMANDED_OFF = np.array([5.0, -5.0, 5.0, 0.02])
 
 @pytest.fixture(scope="module")
 def robot():
-    return measured_robot().of_shots(SHOTS)
+    whole = measured_robot()
+    return MeasuredRobot(whole.joints[:SHOTS], whole.points_mm[:SHOTS], whole.commanded[:SHOTS])
 
 
 @pytest.fixture(scope="module")
 def problem(robot):
-    model = PositionModel(robot.nominal, FREE, robot.joints)
+    model = PositionModel(NOMINAL, FREE, robot.joints)
     return DistanceResiduals.in_mm(model, *robot.pairs.T, robot.measured_mm())
 
 
 def test_the_lab_script_finds_the_parameters_that_we_find(robot, problem):
     data = robot.joints, robot.commanded, robot.pairs, robot.measured_mm()
-    theirs = lab_script.identify(printed_parameters(robot.nominal), FREE, *data)
+    theirs = lab_script.identify(printed_parameters(NOMINAL), FREE, *data)
     assert theirs == pytest.approx(solve(problem).x, abs=1e-4)
     assert abs(theirs - problem.start()).max() > 0.1, "the start is not the answer"
 

@@ -2,7 +2,7 @@ import itertools
 
 import pytest
 
-from benchmarks.shared.rounds import Ratio, Run, contestant, least_s, ratio, take_turns
+from benchmarks.shared.rounds import Run, contestant, least_s, medians, ratio, take_turns
 
 
 def clock_of(*moments_s):
@@ -30,11 +30,16 @@ def test_contestants_take_turns():
 def test_ratio_is_formed_within_each_round():
     ours = [Run(1.0, None), Run(10.0, None), Run(2.0, None)]  # the second round was disturbed
     rival = [Run(9.0, None), Run(100.0, None), Run(22.0, None)]
-    assert ratio(rival, ours) == Ratio(10.0, 9.0, 11.0)
+    assert ratio(rival, ours) == (10.0, 9.0, 11.0)
 
 
 def test_least_cost_is_that_of_the_round_disturbed_least():
     assert least_s([Run(3.0, None), Run(1.0, None), Run(2.0, None)]) == 1.0
+
+
+def test_each_figure_has_a_median_of_its_own():
+    rounds = [{"a": 1.0, "b": 9.0}, {"a": 2.0, "b": 8.0}, {"a": 3.0, "b": 7.0}]
+    assert medians(rounds) == {"a": 2.0, "b": 8.0}
 
 
 def test_a_round_that_fails_is_not_swallowed():

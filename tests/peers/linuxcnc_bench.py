@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from math import radians
 
@@ -13,12 +14,16 @@ from linuxcnc_instance import EXAMPLES, LinuxcncInstance, why_not
 from campaigns.controllers.active_kinematics import ActiveKinematics
 from campaigns.controllers.linuxcnc_export import PIN_OF, CalibrationFile, RobotIdentity
 from campaigns.robots.robot import find_robot
-from drivers.linuxcnc.client import Patience
 from drivers.linuxcnc.hal_parameters import FileParameters, HalAccess, HalParameters, HalPins
-from drivers.linuxcnc.machine_state import Coordinates
-from drivers.linuxcnc.motion import JointLimits
 from drivers.linuxcnc.robot import LinuxcncRobot
-from drivers.linuxcnc.setup import LinuxcncDeadlines, LinuxcncSettings, SetupDeadlines
+from drivers.linuxcnc.settings import (
+    Coordinates,
+    JointLimits,
+    LinuxcncDeadlines,
+    LinuxcncSettings,
+    Patience,
+    SetupDeadlines,
+)
 from drivers.ports import SystemClock
 from drivers.transport import open_transport
 
@@ -31,13 +36,25 @@ NOMINAL = find_robot("par4-prototype").robot
 IDENTITY = "par4-prototype"
 LIMITS = JointLimits(*NOMINAL.limits.joint)
 FULL_SPEED_RAD_S = radians(360.0)
-SHORT = LinuxcncDeadlines(
-    patience=Patience(order_s=0.5, order_margin_s=0.5),
-    setup=SetupDeadlines(switch_s=1.0, stays_on_s=0.05),
-    start_s=0.5,
+PATIENT = LinuxcncDeadlines(
+    patience=Patience(greeting_s=10.0, answer_s=10.0, order_s=10.0, order_margin_s=10.0),
+    setup=SetupDeadlines(switch_s=5.0, stays_on_s=0.5),
+    start_s=10.0,
+    frozen_s=10.0,
+    stop_s=10.0,
+)
+"""A busy machine may leave LinuxCNC or the test itself without a core for a second."""
+SHORT = replace(
+    PATIENT,
+    patience=replace(PATIENT.patience, order_s=1.0),
+    start_s=3.0,
+    frozen_s=1.5,
     stop_s=1.0,
 )
-ARRIVES_WITHIN_S = 10.0
+"""For a LinuxCNC that dies: what it will never do again is waited for in full."""
+SEEN_WITHIN_S = 10.0
+"""Of what the driver tells when it next looks."""
+ARRIVES_WITHIN_S = 30.0
 COMPILED = "par4kins.so"
 
 
@@ -67,7 +84,7 @@ def world_controller(folder, **settings):
 class Bench:
     """Our driver at one LinuxCNC."""
 
-    def __init__(self, linuxcnc, coordinates, *, deadlines=SHORT, identity=IDENTITY, **told):
+    def __init__(self, linuxcnc, coordinates, *, deadlines=PATIENT, identity=IDENTITY, **told):
         self.linuxcnc = linuxcnc
         file = linuxcnc.config / "calib.hal"
         self.file = CalibrationFile(file, RobotIdentity(identity, NOMINAL), otherwise=None)

@@ -19,8 +19,8 @@ STOCK_MODULES = Path("/usr/lib/linuxcnc/modules")
 STOCK_NML = Path("/usr/share/linuxcnc/linuxcnc.nml")
 PROGRAMS = ("linuxcnc", "linuxcncrsh", "halcmd", "unshare", "nsenter", "setpriv")
 NOBODY = 65534
-READY_WITHIN_S = 30.0
-GONE_WITHIN_S = 10.0
+READY_WITHIN_S = 60.0
+GONE_WITHIN_S = 30.0
 LOOK_AGAIN_S = 0.01
 
 NAMESPACES = ("--fork", "--pid", "--kill-child=SIGKILL", "--mount-proc", "--ipc", "--mount")

@@ -3,15 +3,18 @@ identified parameters go into its own kinematics.
 """
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
-from linuxcnc_bench import IDENTITY, NEEDS_LINUXCNC, NOMINAL, world_controller
+from linuxcnc_bench import IDENTITY, NEEDS_LINUXCNC, NOMINAL, PATIENT, world_controller
 from ruamel.yaml import YAML
 
+from app import wiring
 from app.main import run_command
 from campaigns.controllers.linuxcnc_export import RobotIdentity, parse_hal
 from campaigns.robots.robot import read_robot
+from drivers.linuxcnc.settings import LinuxcncSettings
 
 pytestmark = [*NEEDS_LINUXCNC, pytest.mark.timeout(240)]
 
@@ -44,6 +47,12 @@ def change(path, settings):
 def linuxcnc(tmp_path):
     with world_controller(tmp_path) as running:
         yield running
+
+
+@pytest.fixture(autouse=True)
+def _patient_driver(monkeypatch):
+    patient = partial(LinuxcncSettings, deadlines=PATIENT)
+    monkeypatch.setattr(wiring, "LinuxcncSettings", patient)
 
 
 @pytest.fixture

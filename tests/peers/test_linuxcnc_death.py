@@ -4,7 +4,15 @@ import time
 from math import radians
 
 import pytest
-from linuxcnc_bench import NEEDS_LINUXCNC, Bench, at, joints_controller, world_controller
+from linuxcnc_bench import (
+    NEEDS_LINUXCNC,
+    SEEN_WITHIN_S,
+    SHORT,
+    Bench,
+    at,
+    joints_controller,
+    world_controller,
+)
 
 from drivers.errors import (
     DeviceRefused,
@@ -13,7 +21,7 @@ from drivers.errors import (
     RobotStateUnknown,
     WrongDevice,
 )
-from drivers.linuxcnc.machine_state import Coordinates
+from drivers.linuxcnc.settings import Coordinates
 
 pytestmark = NEEDS_LINUXCNC
 
@@ -24,12 +32,12 @@ SLOW = 0.05
 
 @pytest.fixture
 def bench(tmp_path):
-    with joints_controller(tmp_path) as linuxcnc, at(linuxcnc) as ready:
+    with joints_controller(tmp_path) as linuxcnc, at(linuxcnc, deadlines=SHORT) as ready:
         yield ready
 
 
-def wait_for_fault(bench, within_s):
-    deadline_s = time.monotonic() + within_s
+def wait_for_fault(bench):
+    deadline_s = time.monotonic() + SEEN_WITHIN_S
     while not (state := bench.robot.state()).fault:
         assert time.monotonic() < deadline_s, state
         time.sleep(0.02)
@@ -40,7 +48,7 @@ def wait_for_fault(bench, within_s):
 def test_program_that_dies_in_motion_is_noticed_and_no_stop_is_believed(bench, program):
     bench.started(FAR_RAD, SLOW)
     bench.linuxcnc.kill(program)
-    assert "dead task or realtime part" in wait_for_fault(bench, 3.0)
+    assert "dead task or realtime part" in wait_for_fault(bench)
     with pytest.raises(RobotStateUnknown, match="hardware stop"):
         bench.robot.stop()
     with pytest.raises(RobotStateUnknown):
@@ -58,7 +66,7 @@ def test_task_that_died_at_rest_is_noticed_by_the_next_order_and_when_coming_in(
 def test_realtime_part_that_died_at_rest_is_noticed_by_a_move_without_motion(bench):
     bench.linuxcnc.kill("rtapi_app")
     bench.robot.move_joints(NEAR_RAD, 1.0)
-    assert "dead task or realtime part" in wait_for_fault(bench, 3.0)
+    assert "dead task or realtime part" in wait_for_fault(bench)
     with pytest.raises(RobotStateUnknown):
         bench.robot.stop()
     with pytest.raises(RobotStateUnknown):

@@ -13,7 +13,7 @@ from campaigns.controllers.linuxcnc_export import PIN_OF, write_hal
 from campaigns.controllers.load import write_verified
 from campaigns.errors import ConfigInvalid
 from drivers.errors import DeviceRefused, LimitViolation, WrongDevice
-from drivers.linuxcnc.machine_state import Coordinates
+from drivers.linuxcnc.settings import Coordinates
 from drivers.values import Pose
 from sim.robot.linuxcnc_joints import joint_source
 

@@ -10,7 +10,7 @@ from par4_space import NAMES, SPACE, par4
 from small_plans import LIMITS
 
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
-from campaigns.estimation.estimators import Estimator, LossShape, Outliers
+from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
 from campaigns.estimation.rigid_transforms import from_paper_angles
 from campaigns.estimation.robust import Loss
 from campaigns.identification.identify import identify
@@ -117,11 +117,16 @@ def identified(
     prior=(),
     loss: LossShape = LossShape.LINEAR,
     outliers: Outliers = Outliers.EXCLUDE,
+    weights: Weights = Weights.STATED,
     poses=None,
 ) -> IdentificationResult:
     known = select_parameters(SPACE, free, fix, prior)
     options = IdentificationOptions(
-        estimator=estimator, loss=Loss(loss), outliers=outliers, workspace=poses
+        estimator=estimator,
+        loss=Loss(loss),
+        outliers=outliers,
+        weights=weights,
+        workspace=poses,
     )
     return identify(NOMINAL, data, known, options)
 

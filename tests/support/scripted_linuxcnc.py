@@ -5,10 +5,8 @@ from math import radians
 from timed_pipe import HandClock, TimedPipe
 
 from drivers.errors import LinkDown
-from drivers.linuxcnc.machine_state import Coordinates
-from drivers.linuxcnc.motion import JointLimits
 from drivers.linuxcnc.robot import LinuxcncRobot
-from drivers.linuxcnc.setup import LinuxcncDeadlines, LinuxcncSettings
+from drivers.linuxcnc.settings import Coordinates, JointLimits, LinuxcncDeadlines, LinuxcncSettings
 from drivers.values import Pose
 
 ANSWER_S = 0.0001

@@ -1,127 +1,122 @@
-"""The page: the paper's figures beside ours, in one file that needs no network."""
+"""The page: the paper's figures beside ours, in the words of reproduction-sections.jinja."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from app.papers.corbel2006 import pictures
-from app.papers.corbel2006.comparison import Comparison
+import numpy as np
+
+from app.papers.corbel2006 import figures
+from app.papers.corbel2006.comparison import HIGH, LOW, Comparison, Distribution, of_experiment
+from app.papers.corbel2006.comparison import Row as Compared
 from app.papers.corbel2006.evidence import Evidence
-from app.papers.corbel2006.experiments import PROTOTYPE, REPEATABILITY, SIMULATION, Experiment
-from app.papers.corbel2006.misfit import misfit_in_words
-from app.papers.corbel2006.tables import (
-    comparison_tables,
-    floor_table,
-    geometry_table,
-    reach_table,
-    reason_lines,
-    table_ii,
-)
-from app.papers.corbel2006.trials import TrialResult
-from app.papers.corbel2006.verdict import Verdict
-from app.report.parts import Paragraph, Part, Row, Section, Table, moment, number
-from app.report.rendering import GENERATOR, rendered
+from app.papers.corbel2006.printed import LINES_MM, printed
+from app.papers.corbel2006.quantities import largest
+from app.papers.corbel2006.trials import EXPERIMENTS, PROTOTYPE, TrialResult
+from app.report.figures.distances import PairGroup, pair_errors
+from app.report.parts import Row, Section, number
+from app.report.rendering import GENERATOR, rendered, sections_of
 
-SOURCE = (
-    "D. Corbel, O. Company, V. Nabat, P. Maurine: Geometrical Calibration of the High Speed Robot "
-    "Par4 Using a Laser Tracker. MMAR 2006"
-)
-HOW_DONE = (
-    "Every seed is a campaign of its own on a simulated cell, through the same drivers, protocols "
-    "and sockets as a real one: plan, validate, run, identify, export, load, validate. It draws 60 "
-    "pairs near the limits of the workspace to identify from, 20 unseen pairs, and all noise. The "
-    "simulated robot is built of eight rods and shares no equation with the identification."
-)
-HOW_COMPARED = (
-    "The median over the seeds is set beside the paper's figure, with the range from 5 to 95 %. A "
-    'figure differs when nothing that the paper\'s words allow lies in this range; "about" allows '
-    "10 %. How each figure is defined: docs/model.md; more on this page: docs/reproduction.md."
-)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Material:
-    """What the page is made of."""
-
-    results: tuple[TrialResult, ...]
-    comparison: Comparison
-    evidence: Evidence
-    verdict: Verdict
+PACKAGE = "app.papers.corbel2006"
+PASSED = {True: "pass", False: "missed", None: ""}
+PARAMETER_DECIMALS = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """What the template fills in."""
+    """What the template fills in; no figure is drawn yet."""
 
-    facts: tuple[Row, ...]
-    verdict: Verdict
+    comparison: Comparison
+    computing_s: float
+    made_utc: str
     sections: tuple[Section, ...]
-    source: str = SOURCE
     generator: str = GENERATOR
 
 
-def page_of(material: Material, made_utc: str) -> Page:
-    """Put the page together; no figure is drawn yet."""
-    return Page(tuple(_facts(material, made_utc)), material.verdict, tuple(_sections(material)))
+def page_of(
+    results: Sequence[TrialResult], comparison: Comparison, evidence: Evidence, made_utc: str
+) -> Page:
+    """Put the page together."""
+    values = {
+        "comparison": comparison,
+        "evidence": evidence,
+        "results": {each.name: of_experiment(results, each) for each in EXPERIMENTS},
+        "spread": f"{LOW:g}–{HIGH:g} %",
+        "mean_before": printed(PROTOTYPE, "mean, before"),
+        "max_before": printed(PROTOTYPE, "max, before"),
+        "figure_rows": figure_rows,
+        "parameter_rows": parameter_rows,
+        "floor_rows": floor_rows,
+        "reach_rows": reach_rows,
+        "middle_seed": middle_seed,
+        "pair_groups": pair_groups,
+        "pair_errors": pair_errors,
+        "figures": figures,
+    }
+    sections = sections_of("reproduction-sections.jinja", values, package=PACKAGE)
+    return Page(comparison, sum(result.seconds for result in results), made_utc, sections)
 
 
 def page_html(page: Page) -> str:
     """Draw the figures and write the document."""
-    return rendered("reproduction.html.jinja", page, package="app.papers.corbel2006")
+    return rendered("reproduction.html.jinja", page, package=PACKAGE)
 
 
-def _facts(material: Material, made_utc: str) -> Iterator[Row]:
-    yield "seeds of each", f"{material.verdict.seeds}"
-    yield "computing time", f"{number(sum(r.seconds for r in material.results) / 60.0, 1)} min"
-    yield "page made", moment(made_utc)
-    yield "software", GENERATOR
+def figure_rows(comparison: Comparison, rows: Iterable[Compared]) -> Iterator[Row]:
+    """Rows of a group of figures."""
+    for row in rows:
+        yield (
+            row.figure.name,
+            row.written(row.figure.printed) or number(None),
+            row.written(row.ours.median),
+            _spread(row.ours, row.quantity.decimals),
+            row.written(row.figure.asked),
+            PASSED[row.passed],
+            comparison.letter(row),
+        )
 
 
-def _sections(material: Material) -> Iterator[Section]:
-    yield Section("glance", "At a glance", tuple(pictures.overview(material.comparison)))
-    yield Section("simulation", "Section IV.D: the simulation", tuple(_simulation(material)))
-    yield Section("experiment", "Section IV.E: the experiment", tuple(_experiment(material)))
-    yield Section("differences", "Where they differ, and why", tuple(_differences(material)))
-    yield Section("table-1", "Table I as printed", tuple(_misfit(material)))
-    yield Section("how", "How this was done", (Paragraph(HOW_DONE), Paragraph(HOW_COMPARED)))
+def parameter_rows(comparison: Comparison) -> Iterator[Row]:
+    """Rows of Table II."""
+    for row in comparison.parameters:
+        found = (row.printed, row.ours.median, row.ours.median - row.printed)
+        paper, ours, apart = (number(each, PARAMETER_DECIMALS, signed=True) for each in found)
+        spread = _spread(row.ours, PARAMETER_DECIMALS, signed=True)
+        yield row.name, paper, ours, spread, apart, number(row.std, PARAMETER_DECIMALS)
 
 
-def _simulation(material: Material) -> Iterator[Part]:
-    yield from pictures.fig_7(material.results)
-    yield from _tables_of(material, (SIMULATION, REPEATABILITY))
-    yield from pictures.parameters(material.results)
+def floor_rows(evidence: Evidence) -> Iterator[Row]:
+    """Rows of what noise alone leaves."""
+    for floor in evidence.floors:
+        left, paper = floor.left, ", ".join(floor.paper)
+        yield floor.name, floor.noise, number(left.median), _spread(left, 3), paper
 
 
-def _experiment(material: Material) -> Iterator[Part]:
-    yield from pictures.fig_8(material.results)
-    yield from _tables_of(material, (PROTOTYPE,))
-    yield from _present(table_ii(material.comparison))
+def reach_rows(evidence: Evidence) -> tuple[Row, ...]:
+    """Rows of what robots reach, and last what the tests need."""
+    reached = [
+        (reach.name, str(len(reach.points_mm)), *map("{:g}".format, reach.lines_mm))
+        for reach in evidence.reaches
+    ]
+    return *reached, ("needed, section IV.E", "", *map("{:g}".format, LINES_MM))
 
 
-def _differences(material: Material) -> Iterator[Part]:
-    for letter, text in reason_lines(material.comparison.reasons).items():
-        yield Paragraph(f"({letter}) {text}")
-    yield from pictures.noise(material.comparison, material.evidence)
-    yield floor_table(material.evidence)
-    yield from _present(geometry_table(material.evidence))
-    yield from pictures.lengths(material.evidence)
-    if material.evidence.pairs is not None:
-        yield Paragraph(material.evidence.pairs.in_words())
+def middle_seed(results: Sequence[TrialResult]) -> TrialResult:
+    """Seed whose largest error after calibration is nearest to the median, the first of several."""
+    after_mm = np.array([largest(result.fitted.after_mm) for result in results])
+    return results[int(np.argmin(np.abs(after_mm - np.median(after_mm))))]
 
 
-def _misfit(material: Material) -> Iterator[Part]:
-    yield Paragraph(misfit_in_words(material.evidence.reaches[0]))
-    yield pictures.reached(material.evidence)
-    yield reach_table(material.evidence)
+def pair_groups(result: TrialResult) -> list[PairGroup]:
+    """Pairs of a seed, fitted and unseen."""
+    return [
+        PairGroup(name, marker, np.array(errors.before_mm), np.array(errors.after_mm))
+        for name, marker, errors in (
+            ("fitted pairs", "o", result.fitted),
+            ("unseen pairs", "D", result.unseen),
+        )
+    ]
 
 
-def _tables_of(material: Material, experiments: Sequence[Experiment]) -> Iterable[Table]:
-    """The tables of the experiments' groups."""
-    tables = comparison_tables(material.comparison)
-    for compared, table in zip(material.comparison.groups, tables, strict=True):
-        if compared.group.experiment in experiments:
-            yield table
-
-
-def _present(table: Table | None) -> Iterator[Table]:
-    if table is not None:
-        yield table
+def _spread(ours: Distribution, decimals: int, *, signed: bool = False) -> str:
+    low, high = (number(value, decimals, signed=signed) for value in (ours.low, ours.high))
+    return f"{low} … {high}"

@@ -1,92 +1,66 @@
-"""A figure that is set beside the paper's: where it comes from, what is printed and asked."""
+"""Quantities that are computed of a seed's result, by the names by which printed.py calls them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from statistics import median
 from typing import Literal
 
-from app.papers.corbel2006.experiments import Experiment
-from app.papers.corbel2006.printed import Printed
-from app.papers.corbel2006.reasons import Reason
 from app.papers.corbel2006.trials import Stage, TrialResult
+from campaigns.evaluation.validation import AXES
 
-Value = Callable[[TrialResult], float]
+Unit = Literal["mm", "deg", "%"]
 OfStage = Callable[[Stage], float]
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """Lowest and highest median that is asked of us."""
-
-    low: float
-    high: float
-
-    def holds(self, value: float) -> bool:
-        """Whether a median is within."""
-        return self.low <= value <= self.high
-
-    def __str__(self) -> str:
-        return f"{self.low:g} to {self.high:g}" if self.low else f"≤ {self.high:g}"
-
-
-def at_most(limit: float) -> Asked:
-    """Anything up to a limit."""
-    return Asked(0.0, limit)
-
-
-@dataclass(frozen=True, slots=True)
 class Quantity:
-    """One figure of one seed."""
+    """Figure of a seed, and how it is written."""
 
-    name: str
-    of: Value
-    printed: Printed | None = None
-    reason: Reason | None = None
-    """Why it differs from what is printed, if it does."""
-    asked: Asked | None = None
-    unit: Literal["mm", "deg", "%"] = "mm"
+    of: Callable[[TrialResult], float]
+    unit: Unit = "mm"
     decimals: int = 2
 
 
-@dataclass(frozen=True, slots=True)
-class Group:
-    """Figures that the paper gives together."""
-
-    title: str
-    experiment: Experiment
-    quantities: tuple[Quantity, ...]
+def largest(errors_mm: Sequence[float]) -> float:
+    """Size of the largest error."""
+    return max(map(abs, errors_mm))
 
 
-def before(of: OfStage) -> Value:
-    """A figure of the validation before calibration."""
-    return lambda result: of(result.before)
+def gain_percent(of: OfStage, result: TrialResult) -> float:
+    """Share of itself by which a figure has become smaller."""
+    return 100.0 * (1.0 - of(result.after) / of(result.before))
 
 
-def after(of: OfStage) -> Value:
-    """A figure of the validation after calibration."""
-    return lambda result: of(result.after)
+def straightness_mm(axis: str, stage: Stage) -> float:
+    """Straightness of the line along an axis."""
+    return stage.straightness_mm[axis]
 
 
-def gain_percent(of: OfStage) -> Value:
-    """By how much of itself a figure has become smaller."""
-    return lambda result: 100.0 * (1.0 - of(result.after) / of(result.before))
+def _stages(name: str, of: OfStage) -> Iterator[tuple[str, Quantity]]:
+    yield f"{name}, before", Quantity(lambda result: of(result.before))
+    yield f"{name}, after", Quantity(lambda result: of(result.after))
+    yield f"{name}, gain", Quantity(partial(gain_percent, of), "%", 0)
 
 
-def straightness(axis: str) -> OfStage:
-    """Of the line along an axis."""
-    return lambda stage: stage.straightness_mm[axis]
-
-
-def largest_of(errors_mm: Callable[[TrialResult], tuple[float, ...]]) -> Value:
-    """The largest error of distance."""
-    return lambda result: max(map(abs, errors_mm(result)))
-
-
-def worst_missed(unit: str) -> Value:
-    """By how much the worst parameter of a unit, mm or deg, is missed."""
-    return lambda result: max(result.missed(unit))
-
-
-def middle_missed(unit: str) -> Value:
-    """By how much the middle one of the parameters of a unit, mm or deg, is missed."""
-    return lambda result: median(result.missed(unit))
+QUANTITIES = {
+    "fitted pairs, before": Quantity(lambda result: largest(result.fitted.before_mm)),
+    "fitted pairs, after": Quantity(lambda result: largest(result.fitted.after_mm), decimals=3),
+    "unseen pairs, after": Quantity(lambda result: largest(result.unseen.after_mm), decimals=3),
+    "worst of 18 lengths": Quantity(lambda result: max(result.missed("mm")), decimals=3),
+    "middle one of 18 lengths": Quantity(lambda result: median(result.missed("mm")), decimals=3),
+    "worst of 4 angles": Quantity(lambda result: max(result.missed("deg")), "deg", 4),
+    "middle one of 4 angles": Quantity(lambda result: median(result.missed("deg")), "deg", 4),
+    "radius of the sphere": Quantity(lambda result: result.before.radius_mm),
+    "RP as ISO 9283 forms it": Quantity(lambda result: result.before.rp_mm),
+    **dict(_stages("rotation", lambda stage: stage.rotation_mm)),
+    **{
+        name: quantity
+        for axis in AXES
+        for name, quantity in _stages(f"along {axis}", partial(straightness_mm, axis))
+    },
+    **dict(_stages("mean", lambda stage: stage.distance_mean_mm)),
+    **dict(_stages("max", lambda stage: stage.distance_max_mm)),
+    **dict(_stages("frame: mean", lambda stage: stage.frame_mean_mm)),
+    **dict(_stages("frame: max", lambda stage: stage.frame_max_mm)),
+}

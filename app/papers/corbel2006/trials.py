@@ -1,22 +1,96 @@
-"""What one seed of an experiment has given, as it is kept; lengths in mm, angles in deg."""
+"""Trials: one seed of one of the paper's experiments, run on a simulated cell, and its result.
 
-from collections.abc import Iterator
+Lengths in mm, angles in deg.
+"""
+
+import hashlib
+import math
+import time
+from collections.abc import Iterable
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationError
 
+from app.console import Terminal
 from app.exits import AppError
-from app.papers.corbel2006.experiments import Trial
+from app.new_campaign import create_simulated
+from app.rehearsal import rehearse
 from app.wiring import scenario_of
-from campaigns.campaign import Campaign
+from campaigns.campaign import Campaign, open_campaign
+from campaigns.errors import OutputExists
 from campaigns.evaluation.model_errors import PairErrors
 from campaigns.evaluation.validation import AXES, ValidationResult
 from campaigns.evidence import evaluate, gather
-from campaigns.identification.result import RecordedIdentification
+from campaigns.files.text_file import replace_text
+from campaigns.files.yaml_file import read_document, yaml_text
+from campaigns.options import AS_THE_PAPER
+from campaigns.robots.robot import find_robot
+from campaigns.studies.store import ResultTable
+from campaigns.version import VERSION
+
+ROBOT = "par4-prototype"
+REPEATABILITY_MM = 0.4 / math.sqrt(3.0)
+"""Half-width of the uniform draw on each coordinate, section IV.D."""
+SPEED_UP = 500.0
+"""Of the cell's time. The figures do not depend on it."""
+SETTLE_TIMEOUT_S = 300.0
+"""In the cell's time, 0.6 s outside: a computer that pauses for less does not fail a seed."""
+
+Thing = TypeVar("Thing")
+TrialKey = tuple[str, int, str]
+"""Name of the experiment, seed and recipe."""
 
 
 class TrialFailed(AppError):
     """A seed has not come to its end: its figures don't count."""
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """Part of the paper: a shipped scenario, and what is changed in it."""
+
+    name: str
+    scenario: str
+    position_noise_mm: float | None = None
+    """Half-width of the uniform draw on each coordinate at each arrival; None: the scenario's."""
+
+    def recipe(self) -> str:
+        """Digest of cell, nominal robot and software version: what makes results comparable."""
+        scenario = scenario_of(Path(), f"sim://{self.scenario}")
+        cell = scenario.model_dump_json(exclude={"seed", "speed_up"})
+        robot = find_robot(ROBOT).robot.digest()
+        words = "\n".join((VERSION, robot, cell, repr(self.position_noise_mm)))
+        return hashlib.sha256(words.encode()).hexdigest()[:16]
+
+
+SIMULATION = Experiment("simulation", "paper-simulation")
+REPEATABILITY = Experiment("repeatability", "paper-simulation", REPEATABILITY_MM)
+PROTOTYPE = Experiment("prototype", "paper-prototype")
+EXPERIMENTS = (SIMULATION, REPEATABILITY, PROTOTYPE)
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One seed of an experiment: it draws the pairs that are measured and all noise."""
+
+    experiment: Experiment
+    seed: int
+
+    def __str__(self) -> str:
+        return f"{self.experiment.name}, seed {self.seed}"
+
+
+def trials(seeds: int) -> tuple[Trial, ...]:
+    """Seeds 1 to `seeds` of every experiment, in turn: what is broken off is broken off evenly."""
+    return tuple(
+        Trial(experiment, seed) for seed in range(1, seeds + 1) for experiment in EXPERIMENTS
+    )
 
 
 class _Kept(BaseModel):
@@ -31,7 +105,7 @@ class Errors(_Kept):
 
 
 class Stage(_Kept):
-    """What the tests of section IV.E show before or after."""
+    """Figures of section IV.E's tests, before or after calibration."""
 
     lengths_mm: tuple[float, ...]
     """Commanded distances of the validation pairs."""
@@ -58,7 +132,7 @@ class Stage(_Kept):
 
 
 class Estimate(_Kept):
-    """A parameter that was identified: errors are what it differs by from nominal."""
+    """Identified parameter: errors are what it differs by from nominal."""
 
     true_error: float
     estimated_error: float
@@ -71,7 +145,7 @@ class Estimate(_Kept):
 
 
 class TrialResult(_Kept):
-    """One seed's figures."""
+    """Figures of one seed."""
 
     experiment: str
     seed: int
@@ -84,73 +158,123 @@ class TrialResult(_Kept):
     after: Stage
 
     def missed(self, unit: str) -> list[float]:
-        """By how much each parameter of this unit is missed, without signs."""
+        """Sizes of what the parameters of a unit, mm or deg, are missed by."""
         return [
             abs(e.missed_by) for name, e in self.parameters.items() if name.endswith(f"_{unit}")
         ]
 
 
+class TrialTable(ResultTable[TrialKey, TrialResult]):
+    """File of results, a line of JSON each; those of other recipes stay in it, unused."""
+
+    def key_of(self, outcome: TrialResult) -> TrialKey:
+        """Key of a result."""
+        return outcome.experiment, outcome.seed, outcome.recipe
+
+    def lines_of(self, outcomes: Iterable[TrialResult]) -> str:
+        """Rows as text."""
+        return "".join(f"{outcome.model_dump_json()}\n" for outcome in outcomes)
+
+    def parsed(self, text: str) -> Iterable[TrialResult]:
+        """Results of lines; raises `OutputExists` for any other line."""
+        for number, line in enumerate(text.splitlines(), start=1):
+            try:
+                yield TrialResult.model_validate_json(line)
+            except ValidationError as error:
+                raise OutputExists(
+                    f"{self.path}:{number}: is no result of `pkmcal reproduce`",
+                    remedy="delete the line, or name another folder with --to",
+                ) from error
+
+
+def rehearsed(room: Path, trial: Trial) -> tuple[TrialResult]:
+    """Result of the whole chain in a campaign of its own, below `room`.
+
+    What it says to people is not shown. Raises whatever went wrong.
+    """
+    started_s = time.monotonic()
+    with TemporaryDirectory(dir=room) as own:
+        folder = Path(own) / "campaign"
+        create_simulated(folder, ROBOT, trial.experiment.scenario, trial.seed)
+        adapt(folder, trial)
+        campaign = open_campaign(folder)
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+            _, against = rehearse(campaign, Terminal(as_json=False), AS_THE_PAPER)
+        if against:
+            raise TrialFailed("; ".join(against), remedy=f"pkmcal dry-run --seed {trial.seed}")
+        return (result_of(campaign, trial, time.monotonic() - started_s),)
+
+
+def adapt(folder: Path, trial: Trial) -> None:
+    """Make a new campaign on the experiment's scenario into the trial's; its files say so."""
+    cell = read_document(folder / "cell.yaml", if_missing="make the campaign first")
+    tree = cell.editable_tree()
+    tree["name"] = trial.experiment.name
+    tree["speed_up"] = SPEED_UP
+    if trial.experiment.position_noise_mm is not None:
+        tree["robot"]["repeatability"] = {"position_mm": trial.experiment.position_noise_mm}
+    replace_text(folder / "cell.yaml", yaml_text(tree))
+    campaign = read_document(folder / "campaign.yaml", if_missing="make the campaign first")
+    tree = campaign.editable_tree()
+    tree["plan"]["seed"] = trial.seed
+    tree["settle"]["timeout_s"] = SETTLE_TIMEOUT_S
+    replace_text(folder / "campaign.yaml", yaml_text(tree))
+
+
 def result_of(campaign: Campaign, trial: Trial, seconds: float) -> TrialResult:
-    """The figures of a campaign that went through the whole chain; raises `TrialFailed`."""
+    """Figures of a campaign that went through the whole chain; raises `TrialFailed`."""
     evaluation = evaluate(gather(campaign))
-    found, errors = evaluation.evidence.identification, evaluation.errors
-    if found is None or errors is None:
-        raise _incomplete(trial, "series")
+    found = _there(evaluation.evidence.identification, trial, "series")
+    errors = _there(evaluation.errors, trial, "series")
+    true = scenario_of(campaign.folder, campaign.config.controller.url).robot.true_flat()
+    identified = {name: found.parameters[name] for name in found.free}
     return TrialResult(
         experiment=trial.experiment.name,
         seed=trial.seed,
         recipe=trial.experiment.recipe(),
         seconds=seconds,
-        parameters=dict(_estimates(campaign, found)),
-        fitted=_errors(trial, errors.fitted),
-        unseen=_errors(trial, errors.unseen),
-        before=_stage(trial, evaluation.before),
-        after=_stage(trial, evaluation.after),
-    )
-
-
-def _estimates(campaign: Campaign, found: RecordedIdentification) -> Iterator[tuple[str, Estimate]]:
-    """Of what was identified, beside the simulated robot's own parameters."""
-    true = scenario_of(campaign.folder, campaign.config.controller.url).robot.true_flat()
-    for name in found.free:
-        parameter = found.parameters[name]
-        yield (
-            name,
-            Estimate(
+        parameters={
+            name: Estimate(
                 true_error=true[name] - parameter.nominal,
                 estimated_error=parameter.delta,
                 std=parameter.std,
-            ),
-        )
-
-
-def _errors(trial: Trial, found: PairErrors | None) -> Errors:
-    if found is None or found.after_mm is None:
-        raise _incomplete(trial, "errors of pairs")
-    return Errors(
-        before_mm=tuple(found.before_mm.tolist()), after_mm=tuple(found.after_mm.tolist())
+            )
+            for name, parameter in identified.items()
+        },
+        fitted=_errors(errors.fitted, trial),
+        unseen=_errors(errors.unseen, trial),
+        before=_stage(evaluation.before, trial),
+        after=_stage(evaluation.after, trial),
     )
 
 
-def _stage(trial: Trial, found: ValidationResult | None) -> Stage:
-    if found is None:
-        raise _incomplete(trial, "validations")
-    pairs, rotation, repeated = found.distances, found.rotation, found.repeatability
-    if pairs is None or rotation is None or repeated is None or found.absolute_mm is None:
-        raise _incomplete(trial, "tests of a validation")
-    if {line.axis for line in found.lines} != set(AXES):
-        raise _incomplete(trial, "lines")
+def _errors(errors: PairErrors | None, trial: Trial) -> Errors:
+    found = _there(errors, trial, "errors of pairs")
+    after_mm = _there(found.after_mm, trial, "errors of pairs")
+    return Errors(before_mm=tuple(found.before_mm.tolist()), after_mm=tuple(after_mm.tolist()))
+
+
+def _stage(validation: ValidationResult | None, trial: Trial) -> Stage:
+    found = _there(validation, trial, "validations")
+    pairs = _there(found.distances, trial, "tests of a validation")
+    rotation = _there(found.rotation, trial, "tests of a validation")
+    repeated = _there(found.repeatability, trial, "tests of a validation")
+    absolute_mm = _there(found.absolute_mm, trial, "tests of a validation")
+    lines_mm = {line.axis: line.straightness.value_mm for line in found.lines}
+    _there(set(lines_mm) == set(AXES) or None, trial, "lines")
     return Stage(
         lengths_mm=tuple(pairs.commanded_mm.tolist()),
         errors_mm=tuple(pairs.errors_mm.tolist()),
         rotation_mm=rotation.moved.value_mm,
-        straightness_mm={line.axis: line.straightness.value_mm for line in found.lines},
+        straightness_mm=lines_mm,
         radius_mm=repeated.radius.value_mm,
         rp_mm=repeated.rp_mm,
-        frame_mean_mm=float(found.absolute_mm.mean()),
-        frame_max_mm=float(found.absolute_mm.max()),
+        frame_mean_mm=float(absolute_mm.mean()),
+        frame_max_mm=float(absolute_mm.max()),
     )
 
 
-def _incomplete(trial: Trial, what: str) -> TrialFailed:
-    return TrialFailed(f"{trial}: {what} are missing", remedy="try this seed again")
+def _there(thing: Thing | None, trial: Trial, what: str) -> Thing:
+    if thing is None:
+        raise TrialFailed(f"{trial}: {what} are missing", remedy="try this seed again")
+    return thing

@@ -16,6 +16,7 @@ from app.report.figures.drawing import (
     in_house_style,
     legend_above,
     new_figure,
+    say_instead,
     zero_line,
 )
 from campaigns.arrays import Array, Index
@@ -46,7 +47,7 @@ class PairGroup:
 def pair_errors(
     groups: Sequence[PairGroup], *, quantity: str = "error of distance", what: str = "pairs"
 ) -> Figure:
-    """Every pair or shot before and after; below, after alone on its own scale."""
+    """Errors of every pair or shot, before and after; below, after alone on its own scale."""
     has_after = any(group.after_mm is not None for group in groups)
     has_both = has_after and any(group.before_mm is not None for group in groups)
     figure = new_figure(96.0 if has_both else 60.0)
@@ -69,7 +70,7 @@ def pair_errors(
 
 @in_house_style
 def histogram(groups: Sequence[PairGroup]) -> Figure:
-    """How the errors are spread, before and after, each on its own scale."""
+    """Histogram of the errors, before and after, each on its own scale."""
     figure = new_figure(56.0)
     left, right = figure.subplots(1, 2)
     for axes, title, colour, errors in (
@@ -144,7 +145,7 @@ def _bars(
     """Groups stacked, each in its own shade."""
     known = [(g, e) for g, e in zip(groups, errors, strict=True) if e is not None]
     if not known:
-        axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", color=QUIET)
+        say_instead(axes, "not measured")
         return
     together = np.concatenate([values for _, values in known])
     edges = np.histogram_bin_edges(together, bins=min(BINS, max(6, len(together) // 4)))

@@ -1,4 +1,4 @@
-"""How every figure looks, and how it becomes a picture: matplotlib's objects, no pyplot, no state.
+"""Style of every figure, and its way to a picture: matplotlib's objects, no pyplot, no state.
 
 Colours keep apart in grey print; markers say the same again. Text stays text in SVG.
 """
@@ -74,13 +74,13 @@ def in_house_style(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def new_figure(height_mm: float) -> Figure:
-    """An empty figure of the page's width."""
+    """Empty figure of the page's width."""
     size = (WIDTH_MM / INCH_MM, height_mm / INCH_MM)
     return Figure(figsize=size, layout="constrained")
 
 
 def svg_text(figure: Figure, name: str, title: str) -> str:
-    """The figure as an SVG element for a page; `name` keeps its ids apart from other figures'."""
+    """Figure as an SVG element for a page; `name` keeps its ids apart from other figures'."""
     text = StringIO()
     with rc_context(_STYLE):
         figure.savefig(text, format="svg", metadata=_NO_METADATA, transparent=True)
@@ -110,8 +110,13 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def zero_line(axes: Axes) -> None:
-    """A line at zero, above the grid and below the data."""
+    """Line at zero, above the grid and below the data."""
     axes.axhline(0.0, color=QUIET, linewidth=0.8, zorder=1.5)
+
+
+def say_instead(axes: Axes, text: str) -> None:
+    """Words in the middle of a panel that has nothing to show."""
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", color=QUIET)
 
 
 def legend_above(figure: FigureBase, axes: Axes, columns: int) -> None:

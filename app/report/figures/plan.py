@@ -1,4 +1,4 @@
-"""A plan: where it measures, how well parameters will be known, what more shots would tell."""
+"""Plan: where it measures, how well parameters will be known, what more shots would tell."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The tests of the paper's section IV.E, shot by shot: straightness, rotation, repeatability."""
+"""Tests of the paper's section IV.E, shot by shot: straightness, rotation, repeatability."""
 
 from collections.abc import Iterator
 
@@ -10,10 +10,10 @@ from matplotlib.patches import Circle
 from app.report.figures.drawing import (
     AFTER,
     BEFORE,
-    QUIET,
     in_house_style,
     legend_above,
     new_figure,
+    say_instead,
     zero_line,
 )
 from campaigns.arrays import Array
@@ -133,4 +133,4 @@ def _circle(axes: Axes, radius_mm: float, colour: str, *, dashed: bool) -> None:
 
 def _not_measured(axes: Axes, name: str) -> None:
     axes.set_title(f"{name}: not measured")
-    axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", color=QUIET)
+    say_instead(axes, "not measured")

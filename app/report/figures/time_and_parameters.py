@@ -6,7 +6,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from app.report.figures.drawing import AFTER, INK, QUIET, in_house_style, new_figure, zero_line
+from app.report.figures.drawing import (
+    AFTER,
+    INK,
+    QUIET,
+    in_house_style,
+    new_figure,
+    say_instead,
+    zero_line,
+)
 from campaigns.arrays import Array
 from campaigns.evaluation.time_series import TimeSeries
 from campaigns.identification.result import Covariance
@@ -55,7 +63,7 @@ def correlation_map(known: Covariance) -> Figure:
 
 def _plot(axes: Axes, times: Array, values: Array, style: str) -> None:
     if len(values) < LEAST_VALUES:
-        axes.text(0.5, 0.5, "not recorded here", transform=axes.transAxes, ha="center", color=QUIET)
+        say_instead(axes, "not recorded here")
         return
     axes.plot(times, values, style, color=AFTER, markeredgecolor=INK, markeredgewidth=0.3)
 

@@ -17,6 +17,7 @@ from app.report.figures.drawing import (
 )
 from app.report.figures.space import draw_box, flat
 from campaigns.arrays import Array, Mask
+from campaigns.evaluation.summary import binned_medians
 from campaigns.shots.shot_sets import ShotSet
 
 ARROW_MM = 130.0
@@ -78,7 +79,7 @@ def errors_against_position(poses: Array, errors_mm: Array, fitted: Mask) -> Fig
     for axes, column, name in zip(every, values, COORDINATES, strict=False):
         axes.plot(column[fitted], size[fitted], "o", color=AFTER, label="fitted")
         axes.plot(column[~fitted], size[~fitted], "D", color=AFTER, mfc="white", label="unseen")
-        axes.plot(*binned_medians(column, size), color=INK, label="median of each sixth")
+        axes.plot(*binned_medians(column, size, BINS), color=INK, label="median of each sixth")
         axes.set_xlabel(name)
         zero_line(axes)
     for axes in every[::2]:
@@ -88,19 +89,10 @@ def errors_against_position(poses: Array, errors_mm: Array, fitted: Mask) -> Fig
 
 
 def magnification(errors_mm: Array) -> float:
-    """A round factor that makes the longest of vectors (N, 3) about `ARROW_MM` long."""
+    """Round factor that makes the longest of vectors (N, 3) about `ARROW_MM` long."""
     longest = float(np.linalg.norm(errors_mm, axis=1).max())
     if longest == 0.0:
         return 1.0
     wanted = ARROW_MM / longest
     power = 10.0 ** np.floor(np.log10(wanted))
     return float(max(f * power for f in ROUND_FACTORS if f * power <= wanted))
-
-
-def binned_medians(values: Array, sizes: Array) -> tuple[Array, Array]:
-    """Median place and median size of equally many values each, (bins,)."""
-    parts = np.array_split(np.argsort(values), min(BINS, len(values)))
-    return (
-        np.array([np.median(values[part]) for part in parts]),
-        np.array([np.median(sizes[part]) for part in parts]),
-    )

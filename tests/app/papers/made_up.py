@@ -2,9 +2,19 @@
 
 import numpy as np
 
-from app.papers.corbel2006.experiments import EXPERIMENTS, PROTOTYPE, Experiment
-from app.papers.corbel2006.printed import TABLE_I, TABLE_II
-from app.papers.corbel2006.trials import Errors, Estimate, Stage, TrialResult
+from app.papers.corbel2006.printed import TABLE_II
+from app.papers.corbel2006.trials import (
+    EXPERIMENTS,
+    PROTOTYPE,
+    Errors,
+    Estimate,
+    Experiment,
+    Stage,
+    TrialResult,
+)
+from sim.scenarios.scenario import load_scenario
+
+TABLE_I = dict(load_scenario("paper-simulation").robot.errors)
 
 RECIPES = {experiment: experiment.recipe() for experiment in EXPERIMENTS}
 

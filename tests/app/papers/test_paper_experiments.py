@@ -3,22 +3,23 @@
 import math
 
 import pytest
+from made_up import TABLE_I
 from ruamel.yaml import YAML
 
 from app.console import Terminal
 from app.new_campaign import create_simulated
-from app.papers.corbel2006.experiments import (
+from app.papers.corbel2006.trials import (
     EXPERIMENTS,
     PROTOTYPE,
     REPEATABILITY,
     ROBOT,
     SIMULATION,
     Trial,
+    TrialFailed,
     adapt,
+    result_of,
     trials,
 )
-from app.papers.corbel2006.printed import TABLE_I
-from app.papers.corbel2006.trials import TrialFailed, result_of
 from app.rehearsal import rehearse
 from campaigns.campaign import open_campaign
 from campaigns.options import AS_THE_PAPER

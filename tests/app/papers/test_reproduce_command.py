@@ -1,7 +1,9 @@
 """The command with all or most seeds kept from before, so that no cell is needed."""
 
 import json
+import signal
 from dataclasses import dataclass
+from functools import partial
 
 import pytest
 import typer
@@ -9,13 +11,19 @@ from made_up import result, results
 from typer.testing import CliRunner
 
 from app.cli import reproduce
-from app.console import Terminal
 from app.exits import exit_code
 from app.papers.corbel2006.evidence import evidence
-from app.papers.corbel2006.experiments import PROTOTYPE, SIMULATION, Trial
-from app.papers.corbel2006.kept import KeptResults, ResultsInvalid
-from app.papers.corbel2006.runner import Failure
-from campaigns.errors import CampaignLocked, OptionsInvalid, WriteFailed
+from app.papers.corbel2006.trials import (
+    PROTOTYPE,
+    SIMULATION,
+    Trial,
+    TrialFailed,
+    TrialTable,
+    rehearsed,
+)
+from app.study.results import Lost, tried
+from app.study.workers import local_results
+from campaigns.errors import CampaignLocked, Interrupted, OptionsInvalid, OutputExists, WriteFailed
 from campaigns.files.lock import campaign_lock
 from drivers.errors import LinkDown
 
@@ -28,8 +36,11 @@ def folder(tmp_path):
 
 
 def keep(folder, found):
-    for each in found:
-        KeptResults(folder / reproduce.RESULTS).append(each)
+    TrialTable(folder / reproduce.RESULTS).append(found)
+
+
+def kept(folder):
+    return TrialTable(folder / reproduce.RESULTS).read()
 
 
 @dataclass(frozen=True)
@@ -57,25 +68,35 @@ def computed_once():
 @pytest.fixture(autouse=True)
 def without_page(monkeypatch, computed_once):
     """What takes seconds and is tested elsewhere: the evidence, and drawing the page."""
-    monkeypatch.setattr("app.papers.corbel2006.evidence.evidence", lambda found: computed_once)
-    monkeypatch.setattr("app.papers.corbel2006.page.page_html", lambda page: "a page")
+    monkeypatch.setattr(reproduce, "evidence", lambda found: computed_once)
+    monkeypatch.setattr(reproduce, "page_html", lambda page: "a page")
 
 
 @pytest.fixture
 def no_cells(monkeypatch):
-    """Trials that end by these outcomes, in this process, in place of whole campaigns."""
+    """Trials that end by these results, in this process, in place of whole campaigns."""
     ran = []
 
-    def outcomes_of(outcome_of):
-        def run(left, total, workers, keep):
-            for trial in left:
-                ran.append(trial)
-                keep(trial, outcome_of(trial))
+    def results_by(result_of):
+        def work(room, trial):
+            ran.append(trial)
+            return (result_of(trial),)
 
-        monkeypatch.setattr(reproduce, "_run", run)
+        def here(tasks, processes, work, *, apart):
+            assert apart, "a campaign would take over this process's signals and streams"
+            return local_results(tasks, 1, work)
+
+        monkeypatch.setattr(reproduce, "rehearsed", work)
+        monkeypatch.setattr(reproduce, "local_results", here)
         return ran
 
-    return outcomes_of
+    return results_by
+
+
+def without_beam(trial):
+    if trial.experiment is SIMULATION:
+        raise LinkDown("no beam", remedy="look")
+    return result(trial.experiment, trial.seed)
 
 
 def test_kept_seeds_are_not_measured_again(folder, no_cells):
@@ -93,17 +114,27 @@ def test_only_missing_seeds_are_measured_and_then_kept(folder, no_cells):
     ran = no_cells(lambda trial: result(trial.experiment, trial.seed))
     assert said("--to", folder, "--seeds", 4).code == 0
     assert [trial.seed for trial in ran] == [4, 4, 4]
-    assert len(KeptResults(folder / reproduce.RESULTS).read()) == 12
+    assert len(kept(folder)) == 12
+
+
+def test_finished_seeds_are_sorted_in_the_file(tmp_path, no_cells):
+    no_cells(lambda trial: result(trial.experiment, trial.seed))
+    assert said("--to", tmp_path, "--quick").code == 0
+    keys = [(each.experiment, each.seed) for each in kept(tmp_path).values()]
+    assert keys == sorted(keys)
+
+
+def test_progress_without_a_terminal_is_a_line_now_and_then(tmp_path, no_cells, monkeypatch):
+    monkeypatch.setattr(reproduce, "CountedWork", partial(reproduce.CountedWork, quiet_s=0.0))
+    no_cells(without_beam)
+    ended = said("--to", tmp_path, "--seeds", 1)
+    last = [line for line in ended.err.splitlines() if line.startswith("seeds: ")][-1]
+    assert last.startswith("seeds: 3/3 · ")
+    assert last.endswith(" · 1 lost")
 
 
 def test_failed_seed_costs_only_itself_and_is_tried_again_next_time(folder, no_cells):
-    no_cells(
-        lambda trial: (
-            Failure(trial, "no beam → look")
-            if trial.experiment is SIMULATION
-            else result(trial.experiment, trial.seed)
-        )
-    )
+    no_cells(without_beam)
     ended = said("--to", folder, "--seeds", 4, "--json")
     assert ended.code == 1
     document = json.loads(ended.out)
@@ -163,7 +194,7 @@ def test_quick_and_seeds_contradict_each_other():
 def test_folder_with_other_results_is_left_alone(tmp_path):
     (tmp_path / reproduce.RESULTS).write_text("mine\n")
     ended = said("--to", tmp_path, "--quick")
-    assert isinstance(ended.error, ResultsInvalid)
+    assert isinstance(ended.error, OutputExists)
     assert exit_code(ended.error) == 2
     assert (tmp_path / reproduce.RESULTS).read_text() == "mine\n"
 
@@ -192,15 +223,16 @@ def failing(error):
     ("error", "reason"),
     [
         (LinkDown("no answer in 2 s", remedy="look at the cable"), "no answer in 2 s → look at"),
-        (ZeroDivisionError("by nothing"), "unforeseen ZeroDivisionError: by nothing"),
+        (ZeroDivisionError("by nothing"), "ZeroDivisionError: by nothing"),
     ],
 )
 def test_whatever_goes_wrong_in_a_seed_becomes_its_reason(
     tmp_path, monkeypatch, capsys, error, reason
 ):
-    monkeypatch.setattr("app.rehearsal.rehearse", failing(error))
-    outcome = reproduce.rehearsed(tmp_path, Trial(SIMULATION, 1))
-    assert isinstance(outcome, Failure)
+    monkeypatch.setattr("app.papers.corbel2006.trials.rehearse", failing(error))
+    outcome = tried(partial(rehearsed, tmp_path), 7, Trial(SIMULATION, 1))
+    assert isinstance(outcome, Lost)
+    assert outcome.place == 7
     assert outcome.reason.startswith(reason)
     assert capsys.readouterr() == ("", "")
     assert list(tmp_path.iterdir()) == [], "its campaign is taken away"
@@ -208,19 +240,23 @@ def test_whatever_goes_wrong_in_a_seed_becomes_its_reason(
 
 def test_seed_with_a_bad_verdict_is_no_result(tmp_path, monkeypatch):
     bad = ("the unseen pairs got worse",)
-    monkeypatch.setattr("app.rehearsal.rehearse", lambda campaign, terminal, options: ({}, bad))
-    outcome = reproduce.rehearsed(tmp_path, Trial(SIMULATION, 1))
-    assert isinstance(outcome, Failure)
-    assert "the unseen pairs got worse" in outcome.reason
+    monkeypatch.setattr(
+        "app.papers.corbel2006.trials.rehearse", lambda campaign, terminal, options: ({}, bad)
+    )
+    with pytest.raises(TrialFailed, match="the unseen pairs got worse"):
+        rehearsed(tmp_path, Trial(SIMULATION, 1))
 
 
-def test_interrupted_run_keeps_what_is_finished(folder, monkeypatch):
-    def run(left, total, workers, keep):
-        keep(left[0], result(left[0].experiment, left[0].seed))
-        raise KeyboardInterrupt
+def test_interrupted_run_keeps_what_is_finished(folder, no_cells):
+    def stopped_at_the_second(trial):
+        if trial.experiment is not SIMULATION:
+            signal.raise_signal(signal.SIGINT)
+        return result(trial.experiment, trial.seed)
 
-    monkeypatch.setattr(reproduce, "_run", run)
-    with pytest.raises(KeyboardInterrupt):
-        reproduce.reproduce(folder, 5, None, Terminal(as_json=True))
-    assert len(KeptResults(folder / reproduce.RESULTS).read()) == 10
+    no_cells(stopped_at_the_second)
+    ended = said("--to", folder, "--seeds", 5)
+    assert isinstance(ended.error, Interrupted)
+    assert exit_code(ended.error) == 130
+    assert "the results of finished seeds are kept → the same command goes on" in str(ended.error)
+    assert len(kept(folder)) == 10
     assert not (folder / reproduce.PAGE).exists()

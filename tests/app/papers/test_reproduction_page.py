@@ -1,6 +1,7 @@
 """The page: whole, self-contained, escaped; it shows what there is."""
 
 import re
+from html import unescape
 from html.parser import HTMLParser
 
 import pytest
@@ -8,10 +9,8 @@ from made_up import result, results
 
 from app.papers.corbel2006.comparison import compare
 from app.papers.corbel2006.evidence import evidence
-from app.papers.corbel2006.experiments import PROTOTYPE, SIMULATION, Trial
-from app.papers.corbel2006.page import Material, page_html, page_of
-from app.papers.corbel2006.runner import Failure
-from app.papers.corbel2006.verdict import verdict
+from app.papers.corbel2006.page import page_html, page_of
+from app.papers.corbel2006.trials import PROTOTYPE, SIMULATION, Trial
 from app.report.parts import Picture
 
 MADE = "2026-03-02T08:15:00.000+00:00"
@@ -22,7 +21,6 @@ FIGURES = [
     "fig-8",
     "noise-alone",
     "errors-and-lengths",
-    "reached",
 ]
 NOT_LOADED = ("http://www.w3.org/", "data:")
 """Names of XML's, and what a page holds itself."""
@@ -57,9 +55,7 @@ def computed_once():
 
 def made(found, computed, failures=()):
     """The page, its figures not drawn."""
-    comparison = compare(found)
-    decided = verdict(comparison, failures, seeds=20)
-    return page_of(Material(tuple(found), comparison, computed, decided), MADE)
+    return page_of(found, compare(found, 20, failures), computed, MADE)
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +89,7 @@ def test_page_is_small_enough_to_send(html):
 
 
 def test_reason_of_a_failure_is_text(computed_once):
-    failed = [Failure(Trial(SIMULATION, 4), "<script>alert(1)</script>")]
+    failed = [(Trial(SIMULATION, 4), "<script>alert(1)</script>")]
     html = page_html(made([], computed_once, failed))
     assert "<script>" not in html
     assert "failed: simulation, seed 4: &lt;script&gt;" in html
@@ -105,6 +101,14 @@ def test_figures_are_set_beside_the_paper(html):
     assert re.search(r"along x, before\s+5\.48\s+5\.60", text)
     assert re.search(r"arm0\.joint_offset_deg\s+−4\.04\s+−4\.04", text)
     assert "2026-03-02 08:15 UTC" in text
+
+
+def test_page_says_in_words_what_the_evidence_says(html):
+    text = " ".join(unescape(re.sub(r"<[^>]+>", " ", html)).split())
+    assert "reaches 9 points of the grid" in text
+    assert "at most 50, 0, 50 mm anywhere; the tests of section IV.E need 800, 800, 500 mm" in text
+    assert re.search(r"off by \d+\.\d % of itself on average", text)
+    assert re.search(r"The paper's 7\.3 and 15\.2 mm belong to pairs of about \d+ and \d+ mm", text)
 
 
 @pytest.mark.parametrize(

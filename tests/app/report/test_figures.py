@@ -12,12 +12,13 @@ from paper_campaign import MECHANISM, NOMINAL, PaperCampaign
 from app.report.figures.distances import PairGroup, pair_errors
 from app.report.figures.drawing import save, svg_text
 from app.report.figures.space import flat
-from app.report.figures.workspace import binned_medians, error_arrows, magnification
+from app.report.figures.workspace import error_arrows, magnification
 from app.report.parts import Column, Table, moment, number, percent_gained
 from app.report.plots import plot_plan, plot_residuals
 from app.terminal_picture import bar, histogram_lines
 from campaigns.errors import WriteFailed
 from campaigns.estimation.estimators import Estimator
+from campaigns.evaluation.summary import binned_medians
 from campaigns.evidence import gather
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
@@ -77,7 +78,7 @@ def test_the_projection_keeps_up_upright_and_x_to_the_right() -> None:
 
 
 def test_medians_follow_a_rise() -> None:
-    places, medians = binned_medians(np.arange(60.0), 2.0 * np.arange(60.0))
+    places, medians = binned_medians(np.arange(60.0), 2.0 * np.arange(60.0), 6)
     assert np.allclose(medians, 2.0 * places)
     assert len(places) == 6
 

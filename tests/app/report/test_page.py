@@ -2,18 +2,24 @@
 
 import re
 import shutil
+import sys
 from dataclasses import replace
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from paper_campaign import NOMINAL, PaperCampaign, new_campaign, whole_campaign
 
 from app.cli.report import report, report_document
 from app.report.page import Page, page_html, page_of
+from app.report.parts import Paragraph, Section
+from app.report.rendering import sections_of
 from campaigns.campaign import open_campaign
 from campaigns.errors import JournalFailed, OutputExists
 from campaigns.evidence import evaluate, gather
+from campaigns.identification.result import ComparedModel, Excluded
 from campaigns.journal.records import Event, Intent, PairVoided, Rejected
 from campaigns.settings.sections import AcceptanceConfig, PeopleConfig
 from campaigns.shots.shot_sets import ShotSet
@@ -50,6 +56,12 @@ def figures(found: Page) -> set[str]:
 
 def missing(found: Page) -> str:
     return " ".join(text for text, _ in found.missing)
+
+
+def words_of(text: str) -> list[str]:
+    """Texts of a page between its tags, without white space around them."""
+    pieces = (" ".join(unescape(each).split()) for each in re.split(r"<[^>]*>", text))
+    return [each for each in pieces if each]
 
 
 class Outline(HTMLParser):
@@ -251,6 +263,113 @@ def test_an_identification_without_correlations_says_so(whole: PaperCampaign) ->
     found = page_of(evaluate(replace(evidence, identification=older)), MADE_UTC)
     assert figures(found) == FIGURES - {"correlations"}
     assert "There are no correlations" in missing(found)
+
+
+def test_everything_that_an_identification_says_stands_in_words(whole: PaperCampaign) -> None:
+    evidence = gather(whole.campaign)
+    found = replace(
+        evidence.identification,
+        converged=False,
+        condition=None,
+        priors={"arm0.arm_mm": 0.25, "plate_mm": 1.0},
+        models=(ComparedModel("with tilts", 30, -123.4, None, False, "left: no gain"),),
+        unobservable=(("arm1.x_mm", "arm1.y_mm"),),
+        known_by_priors_alone=(("plate_mm",),),
+        excluded=(Excluded("too far", shot=3), Excluded("its other shot was lost", pair=7)),
+    )
+    shown = page_of(evaluate(replace(evidence, identification=found)), MADE_UTC)
+    text = " ".join(words_of(page_html(shown)))
+    for sentence in (
+        "it did not converge after",
+        "with rank 22 of 22 and",
+        "about the old values (1 σ, mm and deg): arm0.arm_mm ± 0.25, plate_mm ± 1.",
+        "with tilts 30 −123 – left: no gain",
+        "Cannot be told by these shots, and was held: arm1.x_mm, arm1.y_mm.",
+        "Known by what was given beforehand alone: plate_mm.",
+        "shot 3 too far pair 7 its other shot was lost",
+    ):
+        assert sentence in text
+    assert "Cannot be told" in missing(shown)
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"chi": 1.2}, "explains: the model leaves nothing that this tracker could see."),
+        ({"chi": 3.0, "repeatability_mm": None}, "explains. Repeatability was not measured, so"),
+        ({"chi": 3.0, "repeatability_mm": 9.0}, "explains; the robot's repeatability accounts"),
+        (
+            {"chi": 3.0, "repeatability_mm": 0.3, "instrument_mm": 0.1, "residual_mm": 0.5},
+            "and more than its repeatability accounts for. 0.400 mm (1 σ) remain that neither",
+        ),
+    ],
+)
+def test_what_is_left_over_is_put_down_to_its_cause(
+    whole: PaperCampaign, changes: dict[str, float | None], sentence: str
+) -> None:
+    found = evaluate(gather(whole.campaign))
+    found = replace(found, budget=replace(found.budget, **changes))
+    sections = {section.name: section for section in page_of(found, MADE_UTC).sections}
+    assert sentence in sections["remainder"].parts[0].text
+
+
+def test_only_what_no_parameter_expresses_is_named_as_assumed(whole: PaperCampaign) -> None:
+    evidence = gather(whole.campaign)
+    parameters = evidence.identification.parameters
+    free = replace(parameters["plate_mm"], std=None)
+    space = whole.campaign.robot.mechanism.parameters
+
+    def assumed(*names: str) -> str:
+        found = replace(evidence.identification, parameters=parameters | dict.fromkeys(names, free))
+        shown = page_of(evaluate(replace(evidence, identification=found)), MADE_UTC)
+        return next(s for s in shown.sections if s.name == "remainder").parts[-1].text
+
+    level, play = "the motor axes are horizontal", "gears have no play"
+    assert f"grow with heat; {level}; {play}. Parameters marked held" in assumed()
+    assert level not in assumed(*space.extensions)
+    assert play not in assumed(*space.backlashes)
+
+
+def test_a_tracker_that_states_nothing_is_shown_as_that(whole: PaperCampaign) -> None:
+    evidence = gather(whole.campaign)
+    run = evidence.run.shots
+    silent = replace(
+        run,
+        stated_covariance_mm2=np.full_like(run.stated_covariance_mm2, np.nan),
+        temperature_degC=np.full_like(run.temperature_degC, np.nan),
+    )
+    measured = replace(evidence.run, shots=silent)
+    shown = page_of(evaluate(replace(evidence, run=measured)), MADE_UTC)
+    assert "run not stated – – – 0." in " ".join(words_of(page_html(shown)))
+
+
+def test_a_foreign_message_is_told_as_it_is_and_shown_as_text(whole: PaperCampaign) -> None:
+    message = "plan.csv:1: '<b>&amp;</b>' is no \"number\""
+    evidence = replace(gather(whole.campaign), unreadable=(message,))
+    shown = page_of(evaluate(evidence), MADE_UTC)
+    assert missing(shown) == f"Cannot be read: {message}."
+    text = page_html(shown)
+    assert "&lt;b&gt;&amp;amp;&lt;/b&gt;" in text
+    assert "<b>&" not in text
+
+
+def test_words_that_stand_in_no_part_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "pages_of_this_test"
+    folder.mkdir()
+    (folder / "__init__.py").touch()
+    section = "{% call section('one', 'One') %}LOST{% call text() %}kept{% endcall %}{% endcall %}"
+    (folder / "right.jinja").write_text(section.replace("LOST", "\n"))
+    (folder / "inside.jinja").write_text(section.replace("LOST", "lost"))
+    (folder / "outside.jinja").write_text(section.replace("LOST", "") + "lost")
+    monkeypatch.syspath_prepend(tmp_path)
+    found = sections_of("right.jinja", {}, package=folder.name)
+    assert found == (Section("one", "One", (Paragraph("kept"),)),)
+    for name in ("inside.jinja", "outside.jinja"):
+        with pytest.raises(ValueError, match="stand in no part of a section: 'lost'"):
+            sections_of(name, {}, package=folder.name)
+    monkeypatch.delitem(sys.modules, folder.name)
 
 
 def test_a_damaged_journal_is_refused(tmp_path: Path) -> None:

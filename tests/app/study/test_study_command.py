@@ -164,19 +164,19 @@ def small_tasks(monkeypatch):
     monkeypatch.setattr("app.study.setup.CAMPAIGNS_A_TASK", 4)
 
 
-def stopped_after_one_task(tasks):
-    yield next(iter(local_results(tasks, 1)))
+def stopped_after_one_task(tasks, *, work):
+    yield next(iter(local_results(tasks, 1, work)))
     raise KeyboardInterrupt
 
 
-def loses_the_second_task(tasks):
+def loses_the_second_task(tasks, *, work):
     yield Lost(1, "killed")
-    for result in local_results([tasks[0], *tasks[2:]], 1):
+    for result in local_results([tasks[0], *tasks[2:]], 1, work):
         yield Done(result.place and result.place + 1, result.outcomes)
 
 
-def with_workers(monkeypatch, results_of):
-    monkeypatch.setattr("app.cli.study.workers_of", lambda text: results_of)
+def with_workers(monkeypatch, workers):
+    monkeypatch.setattr("app.cli.study.workers_of", lambda text: workers)
 
 
 @pytest.mark.usefixtures("small_tasks")

@@ -119,7 +119,7 @@ def test_without_a_word_every_processor_works(monkeypatch):
 def test_cluster_without_dask_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(OptionsInvalid, match=r"pkmcal\[cluster\]"):
-        workers_of("tcp://127.0.0.1:8786")(tasks())
+        workers_of("tcp://127.0.0.1:8786")(tasks(), work=harmless)
 
 
 @pytest.mark.parametrize("url", [NOBODY, "tcp://127.0.0.1:port", "tcp://", "tls://127.0.0.1:1"])

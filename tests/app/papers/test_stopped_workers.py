@@ -1,0 +1,38 @@
+"""Seeds in other processes: what dies costs only itself, and a stop is a stop."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+REPOSITORY = HERE.parents[2]
+
+
+@pytest.mark.parametrize(
+    ("how", "processes", "said"),
+    [
+        ("SIGINT", 1, ["Interrupted", "gone"]),
+        ("SIGTERM", 2, ["Interrupted", "gone"]),
+        ("die", 2, ["named", "gone"]),
+    ],
+)
+def test_no_worker_outlives_the_seeds(how, processes, said):
+    """In processes of their own: the workers' helper process would outlive this test.
+
+    The seeds would take longer than this waits for them.
+    """
+    ended = subprocess.run(
+        [sys.executable, str(HERE / "stopped_workers.py"), how, str(processes)],
+        capture_output=True,
+        text=True,
+        timeout=110,
+        cwd=REPOSITORY,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(HERE)])},
+        start_new_session=True,
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout.split() == said
+    assert "Warning" not in ended.stderr
