@@ -4,7 +4,7 @@ from app.console import Terminal
 from app.measuring import measure_validation, run_plan
 from app.plan_text import plan_line
 from app.report.identification_text import show
-from app.validation_text import figures_mm, in_mm
+from app.validation_text import figures_mm, show_gain
 from app.wiring import connected_robot, scenario_of
 from campaigns import chain
 from campaigns.campaign import Campaign
@@ -42,27 +42,18 @@ def rehearse(
     terminal.say(path.name)
     document["parameter_file"] = str(path)
     heading(terminal, 6, "load")
-    kept = chain.load(campaign, connected_robot(campaign), path)
+    kept = chain.load(campaign, connected_robot(campaign), path).kept
     terminal.say(f"written, read back and compared; the old ones: {kept.name if kept else '-'}")
     heading(terminal, 7, "validate after")
     after = _validated(campaign, terminal, "after")
     document["after"] = after.result.document()
-    show_gain(terminal, before.result, after.result)
+    show_gain(terminal, figures_mm(before.result), after.result)
     return document, after.verdict.reasons
 
 
 def heading(terminal: Terminal, number: int, stage: str) -> None:
     """Say which stage begins."""
     terminal.say(f"\n{number}/{STAGES} {stage}", "bold cyan")
-
-
-def show_gain(terminal: Terminal, before: ValidationResult, after: ValidationResult) -> None:
-    """Before and after side by side."""
-    old, new = figures_mm(before), figures_mm(after)
-    rows = [
-        (name, *map(in_mm, (old[name], new[name])), _factor(old[name], new[name])) for name in old
-    ]
-    terminal.table("Gain (mm)", ("", "before", "after", "before/after"), rows)
 
 
 def _validated(campaign: Campaign, terminal: Terminal, stage: ValidationStage) -> Validated:
@@ -96,7 +87,3 @@ def _distance_line(found: ValidationResult) -> str:
         f"distances of unseen pairs off by {distances.mean.value_mm:.3f} mm on average, "
         f"{distances.largest.value_mm:.3f} mm at most"
     )
-
-
-def _factor(before: float | None, after: float | None) -> str:
-    return f"{before / after:.1f}" if before is not None and after else "-"

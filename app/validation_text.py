@@ -1,5 +1,7 @@
 """Result of a validation, for people and as a document."""
 
+from collections.abc import Iterable, Mapping
+
 from app.console import BAD, GOOD, OPEN, Terminal
 from campaigns.chain.validation import Validated, ValidationStage
 from campaigns.evaluation.validation import ValidationResult, ValidationVerdict
@@ -61,6 +63,30 @@ def figures_mm(found: ValidationResult) -> dict[str, float | None]:
     return {**values, **found.further_figures_mm()}
 
 
+def latest_figures_mm(found: Iterable[ValidationResult]) -> dict[str, float | None]:
+    """Figures of several validations, oldest first: of each test the latest."""
+    latest: dict[str, float | None] = {}
+    for each in found:
+        known = {name: value for name, value in figures_mm(each).items() if value is not None}
+        latest |= known
+    return latest
+
+
+def show_gain(
+    terminal: Terminal, before_mm: Mapping[str, float | None], after: ValidationResult
+) -> None:
+    """Before and after side by side; of the figures before by their names on the screen."""
+    rows = [
+        (name, *map(in_mm, (before_mm.get(name), value)), _factor(before_mm.get(name), value))
+        for name, value in figures_mm(after).items()
+    ]
+    terminal.table("Gain (mm)", ("", "before", "after", "before/after"), rows)
+
+
 def in_mm(value: float | None) -> str:
     """A figure as it is shown."""
     return "-" if value is None else f"{value:.3f}"
+
+
+def _factor(before: float | None, after: float | None) -> str:
+    return f"{before / after:.1f}" if before is not None and after else "-"

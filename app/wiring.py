@@ -23,12 +23,15 @@ from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import WrongDevice
 from drivers.geocom.tracker import GeocomTracker
 from drivers.link import never
-from drivers.linuxcnc.client import Passwords
 from drivers.linuxcnc.hal_parameters import FileParameters, HalAccess, HalParameters, HalPins
-from drivers.linuxcnc.machine_state import Coordinates
-from drivers.linuxcnc.motion import JointLimits
 from drivers.linuxcnc.robot import LinuxcncRobot
-from drivers.linuxcnc.setup import LinuxcncSettings, ParameterStore
+from drivers.linuxcnc.settings import (
+    Coordinates,
+    JointLimits,
+    LinuxcncSettings,
+    ParameterStore,
+    Passwords,
+)
 from drivers.ports import Clock, LaserTracker, RobotController, SystemClock
 from drivers.robotline.robot import LineRobot
 from drivers.transport import Transport, open_transport

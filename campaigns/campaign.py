@@ -26,7 +26,7 @@ PLAN = "plan.csv"
 JOURNAL = "campaign.db"
 SIMULATED = "sim://"
 FULL_JOINT_SPEED_RAD_S = float(np.radians(180.0))
-"""Only for estimates of time: what a fast parallel robot's joints do at 100 %."""
+"""Speed of a fast parallel robot's joints at 100 %, only for estimates of time."""
 
 
 def now_utc() -> str:
@@ -65,7 +65,7 @@ class Campaign:
 
     @property
     def robot_identity(self) -> str:
-        """Which robot this is about: its serial number, or the nominal one's name."""
+        """Identity of the robot this is about: its serial number, or the nominal one's name."""
         return self.config.instruments.robot_serial or self.robot.name
 
     def path(self, name: str) -> Path:
@@ -81,7 +81,7 @@ class Campaign:
 
     @property
     def view(self) -> View:
-        """How the tracker sees the reflector."""
+        """View of the reflector from the tracker."""
         tracker = self.config.tracker
         centre_mm = self.config.validation.centre_mm
         facing = tracker.reflector_facing or _towards(centre_mm, tracker.place_mm)
@@ -89,7 +89,7 @@ class Campaign:
 
     @property
     def region(self) -> FeasibleRegion:
-        """Where poses may be planned."""
+        """Region where poses may be planned."""
         robot = self.robot
         centre = pose_of(self.centre)
         return region_of(robot.kinematics, with_reserve(robot), self.view, centre)
@@ -107,13 +107,13 @@ class Campaign:
 
     @property
     def pace(self) -> Pace:
-        """What a shot takes besides the way."""
+        """Time that a shot takes besides the way."""
         config = self.config
         speed = FULL_JOINT_SPEED_RAD_S * config.controller.speed_percent / 100.0
         return Pace(speed, config.settle.time_s, config.tracker.measuring_time_s)
 
     def plan_request(self, shots: int | None = None) -> PlanRequest:
-        """What a plan shall hold."""
+        """Request for a plan, by campaign.yaml unless a number of shots is given."""
         plan = self.config.plan
         centre = pose_of(self.centre)
         return PlanRequest(shots or plan.shots, plan.validation_pairs, plan.drift_shots, centre)

@@ -1,4 +1,4 @@
-"""What can go wrong with a campaign, named by what the operator does next."""
+"""Errors of a campaign, named by what the operator does next."""
 
 from drivers.errors import ExplainedError
 
@@ -20,7 +20,7 @@ class PlanInvalid(CampaignError):
 
 
 class SelectionInvalid(CampaignError):
-    """What was said to be known of the parameters cannot be meant so: correct the option."""
+    """Selection of parameters that cannot be meant so: correct the option."""
 
 
 class OptionsInvalid(CampaignError):

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Literal, TypeVar
 
 import numpy as np
-from pydantic import JsonValue, TypeAdapter, ValidationError
+from pydantic import JsonValue
 
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
 from campaigns.controllers.load import LoadRecord
+from campaigns.controllers.load_journal import read_load
 from campaigns.errors import CampaignError, FindingUnreadable
 from campaigns.evaluation.campaign_verdict import (
     CampaignVerdict,
@@ -191,7 +192,7 @@ def gather(campaign: Campaign) -> Evidence:
     with read_journal(campaign.journal_path) as journal:
         entries, all_series = journal.records(), journal.series()
         identification = _latest(entries, "identification", read_identification, unreadable)
-        loaded = _latest(entries, "load", _read_load, unreadable)
+        loaded = _latest(entries, "load", read_load, unreadable)
 
         def measured(series: Series | None) -> MeasuredSeries | None:
             return _measured(campaign, entries, series)
@@ -258,17 +259,6 @@ def _read_if_there(
     except CampaignError as error:
         unreadable.append(error.problem)
         return None
-
-
-def _read_load(body: Mapping[str, JsonValue]) -> LoadRecord:
-    try:
-        return TypeAdapter(LoadRecord).validate_python(body)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise FindingUnreadable(
-            f"the journal's load, {'.'.join(map(str, first['loc']))}: {first['msg'].lower()}",
-            remedy="load again",
-        ) from error
 
 
 def _latest(

@@ -5,23 +5,25 @@ from dataclasses import dataclass
 
 from campaigns.design.criteria import CriterionName
 from campaigns.errors import OptionsInvalid
-from campaigns.estimation.estimators import Estimator, LossShape, Model, Outliers
+from campaigns.estimation.estimators import Estimator, LossShape, Model, Outliers, Weights
+from campaigns.evaluation.doubts import COMMON_SCALE, LARGE_CHANGE
 from campaigns.planning.plans import Placement
 
+MOST_HELD_OUT = 0.5
 BENDS_AT = 3.0
-"""Where robust losses bend, in σ."""
+"""Tuning constant of the robust losses, in σ: where they bend."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Selection:
-    """Which parameters are looked for: patterns to free and to hold, and how they are estimated."""
+    """Selection of parameters: patterns to free and to hold, and how they are estimated."""
 
     estimator: Estimator = Estimator.POINTS
     free: tuple[str, ...] = ()
     fix: tuple[str, ...] = ()
 
     def words(self) -> list[str]:
-        """As they are typed, for the next step's command."""
+        """Words as they are typed, for the next step's command."""
         by = [] if self.estimator is Estimator.POINTS else ["--estimator", self.estimator.value]
         freed = [word for pattern in self.free for word in ("--free", pattern)]
         fixed = [word for pattern in self.fix for word in ("--fix", pattern)]
@@ -30,7 +32,7 @@ class Selection:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanOptions(Selection):
-    """What a plan is asked for; None: as campaign.yaml says. Raises `OptionsInvalid`."""
+    """Options of a plan; None: as campaign.yaml says. Raises `OptionsInvalid`."""
 
     shots: int | None = None
     placement: Placement | None = None
@@ -65,7 +67,7 @@ class PlanOptions(Selection):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOptions(Selection):
-    """When to end a run, and what `identify` will be asked for."""
+    """Options of a run: when it ends, and what `identify` will be asked for."""
 
     until: str | None = None
     """Goal such as σ=0.02, in mm."""
@@ -78,15 +80,36 @@ class RunOptions(Selection):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifyOptions(Selection):
-    """How to identify."""
+    """Options of an identification."""
 
     prior: tuple[str, ...] = ()
-    """Such as `arm*.forearm_mm=0.05`: 1 σ in mm or deg about the nominal value."""
+    """Priors such as `arm*.forearm_mm=0.05`: 1 σ in mm or deg about the nominal value."""
     loss: LossShape = LossShape.LINEAR
     loss_scale: float = BENDS_AT
     outliers: Outliers = Outliers.EXCLUDE
     model: Model = Model.STANDARD
+    weights: Weights = Weights.STATED
+    """Of distances."""
+    hold_out: float = 0.0
+    """Share of the identification pairs that are kept unseen, as if they were for validation."""
+    accept_large_change: bool = False
+    accept_scale: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.hold_out <= MOST_HELD_OUT:
+            raise OptionsInvalid(
+                f"--hold-out is {self.hold_out:.4g}, must be 0 to {MOST_HELD_OUT:g}",
+                remedy="20% is usual",
+            )
+
+    @property
+    def accepted(self) -> frozenset[str]:
+        """Names of the doubts with which a result is taken all the same."""
+        asked = {LARGE_CHANGE: self.accept_large_change, COMMON_SCALE: self.accept_scale}
+        return frozenset(name for name, wanted in asked.items() if wanted)
 
 
-AS_THE_PAPER = IdentifyOptions(estimator=Estimator.DISTANCES, outliers=Outliers.KEEP)
+AS_THE_PAPER = IdentifyOptions(
+    estimator=Estimator.DISTANCES, outliers=Outliers.KEEP, weights=Weights.EQUAL
+)
 """Plain least squares of the distances of all pairs."""

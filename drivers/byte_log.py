@@ -1,4 +1,4 @@
-"""What the bytes of a byte log mean, by each protocol's own grammar."""
+"""Byte log, and the meaning of its bytes by each protocol's own grammar."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -29,26 +29,26 @@ LONGEST_MEANING = 500
 
 
 class Reading(Protocol):
-    """Reads both directions of one connection; never raises, whatever comes."""
+    """Reading of both directions of one connection; never raises, whatever comes."""
 
     def sent(self, data: bytes) -> Sequence[str]:
-        """What the messages mean that these bytes to the device complete."""
+        """Meanings of the messages that these bytes to the device complete."""
         ...
 
     def received(self, data: bytes) -> Sequence[str]:
-        """What the messages mean that these bytes from the device complete."""
+        """Meanings of the messages that these bytes from the device complete."""
         ...
 
 
 class NoReading:
-    """Of a protocol without a grammar here: the bytes speak for themselves."""
+    """Reading of a protocol without a grammar here: the bytes speak for themselves."""
 
     def sent(self, data: bytes) -> Sequence[str]:  # noqa: ARG002 - of the protocol
-        """Nothing."""
+        """Meanings: none."""
         return ()
 
     def received(self, data: bytes) -> Sequence[str]:  # noqa: ARG002 - of the protocol
-        """Nothing."""
+        """Meanings: none."""
         return ()
 
 
@@ -60,11 +60,11 @@ class EmsconReading:
         self._from_device = _PacketStream(lambda packet: _said(parse_from_server(packet)))
 
     def sent(self, data: bytes) -> Sequence[str]:
-        """What the messages mean that these bytes to the device complete."""
+        """Meanings of the messages that these bytes to the device complete."""
         return self._to_device.meanings(data)
 
     def received(self, data: bytes) -> Sequence[str]:
-        """What the messages mean that these bytes from the device complete."""
+        """Meanings of the messages that these bytes from the device complete."""
         return self._from_device.meanings(data)
 
 
@@ -76,11 +76,11 @@ class RobotlineReading:
         self._to_device, self._from_device = robotline.line_framer(), robotline.line_framer()
 
     def sent(self, data: bytes) -> Sequence[str]:
-        """What the messages mean that these bytes to the device complete."""
+        """Meanings of the messages that these bytes to the device complete."""
         return _lines(self._to_device, data, self._request)
 
     def received(self, data: bytes) -> Sequence[str]:
-        """What the messages mean that these bytes from the device complete."""
+        """Meanings of the messages that these bytes from the device complete."""
         return _lines(self._from_device, data, self._reply)
 
     def _request(self, line: bytes) -> str:
@@ -99,11 +99,11 @@ class GeocomReading:
         self._procedures: dict[int, str] = {}
 
     def sent(self, data: bytes) -> Sequence[str]:
-        """What the messages mean that these bytes to the device complete."""
+        """Meanings of the messages that these bytes to the device complete."""
         return _lines(self._to_device, data, self._request)
 
     def received(self, data: bytes) -> Sequence[str]:
-        """What the messages mean that these bytes from the device complete."""
+        """Meanings of the messages that these bytes from the device complete."""
         return _lines(self._from_device, data, self._reply)
 
     def _request(self, line: bytes) -> str:
@@ -126,7 +126,7 @@ class GeocomReading:
 
 
 def reading_for(driver: str, robot: RobotLayout) -> Callable[[], Reading]:
-    """What makes readings for a driver of that name, of a robot of that layout."""
+    """Factory of readings for a driver of that name, of a robot of that layout."""
     readings: Mapping[str, Callable[[], Reading]] = {
         "emscon": EmsconReading,
         "geocom": GeocomReading,
@@ -140,14 +140,14 @@ def _lines(framer: LineFramer, data: bytes, meaning: Callable[[bytes], str]) -> 
 
 
 class _PacketStream:
-    """One direction of packets. A stream that has lost its step is not read any further."""
+    """Packets of one direction. A stream that has lost its step is not read any further."""
 
     def __init__(self, meaning: Callable[[Packet], str]) -> None:
         self._meaning = meaning
         self._framer: PacketFramer | None = PacketFramer()
 
     def meanings(self, data: bytes) -> Sequence[str]:
-        """What the packets mean that these bytes complete."""
+        """Meanings of the packets that these bytes complete."""
         if self._framer is None:
             return ()
         try:
@@ -186,9 +186,9 @@ def _said(message: FromServer) -> str:
 
 
 LIMIT_CHARACTERS = 50_000_000
-"""Days of measuring; a device that babbles cannot fill the disk."""
+"""Length of days of measuring; a device that babbles cannot fill the disk."""
 SHOWN_BYTES = 4096
-"""Of one piece; the rest is only counted."""
+"""Bytes shown of one piece; the rest is only counted."""
 BYTES_A_LINE = 16
 SENT, RECEIVED, HAPPENED = ">", "<", "!"
 
@@ -215,7 +215,7 @@ class ByteLog:
         self._now_utc = now_utc
         self._left = limit_characters
         self.problem = ""
-        """Why the log ends before the work did; empty while it goes on."""
+        """Reason why the log ends before the work did; empty while it goes on."""
         self._put(HEADING)
 
     def enter(self, device: str, direction: str, what: str, lines: Iterable[str] = ()) -> None:
@@ -249,7 +249,7 @@ class LoggedTransport:
 
     @property
     def name(self) -> str:
-        """Where it leads."""
+        """Name of the device's place."""
         return self._pipe.name
 
     def send(self, data: bytes, timeout_s: float) -> None:

@@ -1,4 +1,4 @@
-"""What can go wrong with a device, named by what the operator does next."""
+"""Errors of a device, named by what the operator does next."""
 
 
 class ExplainedError(Exception):
@@ -31,7 +31,7 @@ class AddressInvalid(DriverError):
 
 
 class LinkDown(DriverError):
-    """No connection, or no answer in time. The link is closed: a late answer is never read."""
+    """Link without connection or answer in time. It is closed: a late answer is never read."""
 
 
 class Cancelled(DriverError):
@@ -39,7 +39,7 @@ class Cancelled(DriverError):
 
 
 class WrongDevice(DriverError):
-    """Somebody answers, but not the device that was expected."""
+    """Device that answers, but is not the one that was expected."""
 
 
 class DeviceRefused(DriverError):

@@ -1,11 +1,11 @@
-"""One question at a time over a byte pipe, with a deadline, and unsolicited messages kept apart."""
+"""Link: one question at a time over a byte pipe, with a deadline; unsolicited messages apart."""
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Generic, Protocol, TypeVar
 
-from drivers.errors import Cancelled, LinkDown, WireError
+from drivers.errors import BeamBroken, Cancelled, LinkDown, WireError
 from drivers.transport import Transport
 
 Message = TypeVar("Message")
@@ -13,7 +13,14 @@ MessageOut = TypeVar("MessageOut", covariant=True)
 
 EVENTS_KEPT = 1000
 PATIENCE_S = 0.05
-"""How long one wait may last before the operator's wish to stop is looked at."""
+"""Duration of one wait, after which the operator's wish to stop is looked at."""
+
+
+class NotAMeasurement(BeamBroken):
+    """A tracker's result that cannot be of the measurement that was asked for.
+
+    A broken beam's kind of failure: the shot gave no data, and is taken again.
+    """
 
 
 class Framer(Protocol[MessageOut]):
@@ -25,15 +32,16 @@ class Framer(Protocol[MessageOut]):
 
 
 def never() -> bool:
-    """Nobody asks to stop."""
+    """Wish to stop, of nobody: always False."""
     return False
 
 
 class Link(Generic[Message]):
-    """Asks one question at a time.
+    """Link with one question at a time.
 
     A question that is not answered in time, is answered by something else, or is abandoned, closes
     the link: what arrives later must never be read as the answer to the next question.
+    `keeps` is told every event at its arrival, once, and says whether it is worth queueing.
     `clock_s` is real time, also where a simulated cell runs faster: the wire is real.
     """
 
@@ -44,19 +52,22 @@ class Link(Generic[Message]):
         *,
         clock_s: Callable[[], float],
         is_event: Callable[[Message], bool],
+        keeps: Callable[[Message], bool] | None = None,
         cancelled: Callable[[], bool] = never,
     ) -> None:
         self._transport = transport
         self._framer = framer
         self._clock_s = clock_s
         self._is_event = is_event
+        self._keeps = keeps
         self._cancelled = cancelled
         self._events: deque[Message] = deque(maxlen=EVENTS_KEPT)
+        self._has_lost_events = False
         self._open = True
 
     @property
     def name(self) -> str:
-        """Where it leads, for messages."""
+        """Name of the device's place, for messages."""
         return self._transport.name
 
     @property
@@ -106,6 +117,11 @@ class Link(Generic[Message]):
         taken = list(self._events)
         self._events.clear()
         return taken
+
+    def has_lost_events(self) -> bool:
+        """Tell whether events fell out of a full queue since this was last asked."""
+        has_lost, self._has_lost_events = self._has_lost_events, False
+        return has_lost
 
     def close(self) -> None:
         """Close; a second time does nothing."""
@@ -159,10 +175,15 @@ class Link(Generic[Message]):
             if answer is None and answers(message):
                 answer = message
             elif self._is_event(message):
-                self._events.append(message)
+                self._queue(message)
             else:
                 raise WireError(f"{self.name}: answers what nobody asked: {message!r:.120}")
         return answer
+
+    def _queue(self, event: Message) -> None:
+        if self._keeps is None or self._keeps(event):
+            self._has_lost_events |= len(self._events) == EVENTS_KEPT
+            self._events.append(event)
 
     def _take_event(self, wanted: Callable[[Message], bool]) -> Message | None:
         for index, message in enumerate(self._events):
@@ -173,14 +194,14 @@ class Link(Generic[Message]):
 
 
 class LinkClient(Generic[Message]):
-    """What every conversation over one link has: where it leads, whether it goes on, its end."""
+    """Conversation over one link: where it leads, whether it goes on, its end."""
 
     def __init__(self, link: Link[Message]) -> None:
         self._link = link
 
     @property
     def name(self) -> str:
-        """Where it leads, for messages."""
+        """Name of the device's place, for messages."""
         return self._link.name
 
     @property

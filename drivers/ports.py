@@ -1,4 +1,4 @@
-"""What the work may ask of a device; a new controller or tracker is driven by providing one."""
+"""Ports of the devices; a new controller or tracker is driven by providing one."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ class RobotController(Protocol):
     """A robot's controller. Every call has a deadline; `state` watches what `move_*` started."""
 
     def identity(self) -> Identity:
-        """Who answers, with serial number and firmware."""
+        """Identity of the device that answers, with serial number and firmware."""
         ...
 
     def state(self) -> RobotState:
@@ -82,7 +82,7 @@ class LaserTracker(Protocol):
     """A laser tracker. Points are Cartesian, right-handed, in the tracker's own frame."""
 
     def identity(self) -> Identity:
-        """Who answers, with serial number and firmware."""
+        """Identity of the device that answers, with serial number and firmware."""
         ...
 
     def state(self) -> TrackerState:
@@ -105,7 +105,7 @@ class LaserTracker(Protocol):
         ...
 
     def measure(self) -> Measurement:
-        """One stationary measurement of the reflector; raises `BeamBroken` when it is lost."""
+        """Stationary measurement of the reflector; raises `BeamBroken` when it is lost."""
         ...
 
     def go_to(self, point_in_tracker_mm: Vector3) -> None:

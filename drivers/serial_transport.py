@@ -33,7 +33,7 @@ class SerialTransport:
 
     @property
     def name(self) -> str:
-        """Where it leads."""
+        """Name of the line."""
         return self._name
 
     def send(self, data: bytes, timeout_s: float) -> None:

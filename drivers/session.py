@@ -1,4 +1,4 @@
-"""One device's connections, one after another: the same device each time, and as it was prepared.
+"""Session: a device's connections, one after another, to the same device, as it was prepared.
 
 What goes wrong while a connection is opened closes it, and nothing is asked over a closed one.
 """
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 
 class Connection(Protocol):
-    """What a session has to know of a connection."""
+    """Connection as far as a session has to know it."""
 
     @property
     def name(self) -> str:
-        """Where it leads, for messages."""
+        """Name of the device's place, for messages."""
         ...
 
     @property
@@ -74,7 +74,7 @@ class Session(Generic[Connected]):
 
     @property
     def identity(self) -> Identity:
-        """Who answered when the open connection was greeted; raises `LinkDown` without one."""
+        """Identity greeted when the open connection began; raises `LinkDown` without one."""
         if self._identity is None or not self.is_open:
             raise self._down()
         return self._identity
@@ -157,7 +157,7 @@ class PreparedSession(Session[Connected], Generic[Connected, Wanted, Agreed]):
         return connection, self._wanted, self._agreed
 
     def not_ready(self, problem: str) -> DeviceNotReady:
-        """Say that the device needs preparing."""
+        """Error that says that the device needs preparing."""
         return DeviceNotReady(
             f"{self.connection.name}: the {self._device} {problem}",
             remedy=f"prepare the {self._device} again",

@@ -9,7 +9,7 @@ from drivers.session import Connected, Session
 
 
 class StopProcedure:
-    """How a robot is stopped, and whether that is under way. `clock` is real time."""
+    """Stop of a robot: how it is done, and whether it is under way. `clock` is real time."""
 
     def __init__(
         self, clock: Clock, *, within_s: float, pause_s: float, cancelled: Callable[[], bool]
@@ -67,5 +67,5 @@ def await_standstill(
 
 
 def state_unknown(problem: str) -> RobotStateUnknown:
-    """Say it as loudly as it can be said."""
+    """Error that says as loudly as can be said that the robot's state is not known."""
     return RobotStateUnknown(f"robot state unknown: {problem}", remedy="use the hardware stop")

@@ -1,4 +1,4 @@
-"""Where a device is, as a URL: a socket or a serial line."""
+"""Transports: a device's place as a URL, a socket or a serial line."""
 
 import re
 import socket
@@ -82,7 +82,7 @@ class Transport(Protocol):
 
     @property
     def name(self) -> str:
-        """Where it leads, for messages."""
+        """Name of the device's place, for messages."""
         ...
 
     def send(self, data: bytes, timeout_s: float) -> None:
@@ -132,7 +132,7 @@ class TcpTransport:
 
     @property
     def name(self) -> str:
-        """Where it leads."""
+        """Name of the device's place."""
         return self._name
 
     def send(self, data: bytes, timeout_s: float) -> None:

@@ -1,4 +1,4 @@
-"""What devices say, as values: millimetres, radians, seconds, degrees Celsius."""
+"""Values that devices give: millimetres, radians, seconds, degrees Celsius."""
 
 import math
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ Matrix3 = tuple[Vector3, Vector3, Vector3]
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who answers at the other end of a wire."""
+    """Identity of the device at the other end of a wire."""
 
     vendor: str
     model: str
@@ -42,7 +42,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
-    """One reading of a controller: `fault` is empty without one, `raw` is the answer as sent."""
+    """Reading of a controller: `fault` is empty without one, `raw` is the answer as sent."""
 
     joints: tuple[float, ...]
     moving: bool
@@ -71,7 +71,7 @@ class Reflector:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """One stationary measurement in the tracker's frame, with the instrument's own covariance."""
+    """Stationary measurement in the tracker's frame, with the instrument's own covariance."""
 
     point_in_tracker_mm: Vector3
     covariance_mm2: Matrix3
@@ -99,7 +99,7 @@ class TrackerState:
 
 
 LEAST_DETERMINANT = 1e-12
-"""Of the correlations; below it one direction would be known a million times better than others."""
+"""Least determinant of correlations; below, one direction is known a million times better."""
 
 
 def is_positive_definite(matrix: Matrix3, least_determinant: float = LEAST_DETERMINANT) -> bool:

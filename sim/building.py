@@ -61,7 +61,7 @@ def eight_rods(robot: RobotSection, true_flat: dict[str, float], seed: int) -> E
 
 
 def behaviour(robot: RobotSection) -> Behaviour:
-    """What comes between the encoders and the mechanism."""
+    """Effects between encoders and mechanism: backlash, noise of arrival, growth of arms."""
     thermal = robot.thermal
     growth = thermal.arm_ppm_per_degC * PPM * thermal.rise_degC
     return Behaviour(
@@ -80,7 +80,7 @@ def mount(robot: RobotSection, station: Station) -> Mount:
 
 
 def controller_settings(controller: ControllerSection) -> ControllerSettings:
-    """What the controller is delivered with."""
+    """Settings that the controller is delivered with."""
     lowest_deg, highest_deg = controller.joint_limits_deg
     return ControllerSettings(
         serial=controller.serial,
@@ -93,13 +93,13 @@ def controller_settings(controller: ControllerSection) -> ControllerSettings:
 
 
 def station_of(place: StationSection) -> Station:
-    """Where the tracker stands."""
+    """Pose of the tracker in the base frame."""
     turns_rad = np.radians([place.roll_deg, place.pitch_deg, place.yaw_deg])
     return Station(np.array([place.x_mm, place.y_mm, place.z_mm]), rotation(*turns_rad))
 
 
 def noise_of(tracker: TrackerSection) -> Noise:
-    """How its shots scatter."""
+    """Noise model of the tracker's shots."""
     noise = tracker.noise
     if noise.along is None or noise.azimuth is None or noise.elevation is None:
         return IsotropicNoise(noise.coordinate_mm or 0.0)
@@ -113,7 +113,7 @@ def _limit(limit: LimitSection) -> Limit:
 def tracker_settings(
     tracker: TrackerSection, *, initialised: bool, warm: bool, selected: int
 ) -> TrackerSettings:
-    """What the tracker is delivered with, and the state in which it is found."""
+    """Settings that the tracker is delivered with, and the state in which it is found."""
     return TrackerSettings(
         serial=tracker.serial,
         reflectors=tuple(
@@ -136,7 +136,7 @@ def other_reflector_mm(tracker: TrackerSection) -> Array | None:
 
 
 def fault_of(fault: FaultSection) -> Fault:
-    """One entry of the fault script."""
+    """Fault of one entry of the fault script."""
     if fault.device is not None and fault.at_answer is not None:
         return Fault(ANSWERS_OF[fault.device], fault.at_answer, fault.kind, fault.seconds)
     if fault.at_move is not None:

@@ -1,4 +1,4 @@
-"""What a cell keeps over a restart, as a real one does: parameters, places, counts."""
+"""Memory of a cell over a restart, as a real one has it: parameters, places, counts."""
 
 import json
 import math
@@ -28,7 +28,7 @@ REMEDY = "delete the simulated cell's memory to begin with a new cell"
 
 
 class CellMemory(BaseModel):
-    """Everything of a cell that its scenario and seed do not already say."""
+    """State of a cell beyond what its scenario and seed already say."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -57,7 +57,7 @@ class CellMemory(BaseModel):
         return self
 
     def as_dict(self) -> dict[str, object]:
-        """As plain values for a JSON file."""
+        """Plain values for a JSON file."""
         return self.model_dump(mode="json", by_alias=True)
 
 
@@ -76,7 +76,7 @@ def remembered(memory: Mapping[str, object], *, scenario: str) -> CellMemory:
 
 
 REMEMBERED_WITHIN_MM = 0.1
-"""More than arms can have grown since the robot came to rest."""
+"""Distance beyond any growth of the arms since the robot came to rest."""
 
 
 CellController = SimulatedController | FollowingController
@@ -98,7 +98,7 @@ class RobotScene:
         return not self._controller.state(now_s).moving
 
     def robot_target(self) -> tuple[int, ...]:
-        """What names the place where the robot rests."""
+        """Key of the place where the robot rests."""
         return target_key(self._robot.standing.encoders_rad.tolist())
 
 
@@ -149,7 +149,7 @@ class Cell:
             self.controller.close()
 
     def memory(self) -> dict[str, object]:
-        """What the next cell of this scenario should be given, as plain values for JSON."""
+        """State for the next cell of this scenario, as plain values for JSON."""
         standing = self.robot.standing
         return CellMemory(
             schema="pkmcal/cell-memory/1",
@@ -190,7 +190,7 @@ class Cell:
         )
 
     def _first_standing(self, rods: EightRods, growth: float) -> Standing:
-        """At the start pose as the controller understands it, reached by the true robot."""
+        """Standing at the start pose as the controller understands it, by the true robot."""
         start = self.scenario.controller.start
         position_mm = np.array([start.x_mm, start.y_mm, start.z_mm])
         theta_rad = math.radians(start.theta_deg)
@@ -268,7 +268,7 @@ def _agreed_seed(scenario: Scenario, seed: int | None, past: CellMemory | None) 
 
 
 def _restored(past: CellMemory, rods: EightRods, growth: float) -> Standing:
-    """As it was to the last bit, so that everything goes on unchanged."""
+    """Standing as it was to the last bit, so that everything goes on unchanged."""
     joints, plate = np.array(past.joints), Plate(np.array(past.plate))
     try:
         found = restore(rods, joints, plate, growth)

@@ -9,7 +9,7 @@ WORD = 2**64
 
 
 class Purpose(IntEnum):
-    """What a draw is for. The numbers are part of what a seed means: never renumber."""
+    """Purpose of a draw. The numbers are part of what a seed means: never renumber."""
 
     MANUFACTURE = 1
     ARRIVAL = 2
@@ -30,7 +30,7 @@ def target_key(joints: Sequence[float]) -> tuple[int, ...]:
 
 
 class Attempts:
-    """Counts how often something was done at each target."""
+    """Counts of how often something was done at each target."""
 
     def __init__(self, counts: Mapping[str, int]) -> None:
         self._counts = dict(counts)
@@ -57,7 +57,7 @@ class WorkedTime:
 
     @property
     def seconds(self) -> float:
-        """So far, over all restarts."""
+        """Seconds worked so far, over all restarts."""
         return self._seconds
 
     def add(self, seconds: float) -> None:

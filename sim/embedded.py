@@ -52,7 +52,7 @@ class EmbeddedCell:
             raise
 
     def memory(self) -> dict[str, object]:
-        """What the next cell should be given, as plain values for JSON; at any time."""
+        """State for the next cell, as plain values for JSON; at any time."""
         return self._server.call(self._memory_now)
 
     def close(self) -> None:
@@ -79,7 +79,7 @@ class EmbeddedCell:
         return self.cell.memory()
 
     def _controller_url(self, controller_on: Literal["tcp", "pty"], port: int) -> str:
-        """Where a controller answers; nowhere for a robot that follows a real one."""
+        """URL of a controller that answers; of nowhere for a robot that follows a real one."""
         if self._follows:
             return ""
         if controller_on == "pty":

@@ -1,4 +1,4 @@
-"""What can go wrong in the simulated cell itself, named by what its user does next."""
+"""Errors of the simulated cell itself, named by what its user does next."""
 
 from drivers.errors import ExplainedError
 
@@ -12,7 +12,7 @@ class ScenarioInvalid(SimError):
 
 
 class MemoryInvalid(SimError):
-    """What a cell remembered from its last run is damaged or belongs to another cell."""
+    """Memory of a cell's last run that is damaged or belongs to another cell."""
 
 
 class ServerFailed(SimError):

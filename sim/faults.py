@@ -1,4 +1,4 @@
-"""What goes wrong in a simulated cell, and when: scripted, counted, each once."""
+"""Fault script of a simulated cell: what goes wrong and when, counted, each once."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -9,12 +9,13 @@ DeviceName = Literal["controller", "tracker"]
 
 
 class Counted(StrEnum):
-    """What a fault script counts, over all restarts of the cell."""
+    """Occurrences that a fault script counts, over all restarts of the cell."""
 
     MEASUREMENT = "measurement"
     MOVE = "move"
     CONTROLLER_ANSWER = "controller answer"
     TRACKER_ANSWER = "tracker answer"
+    RESULT = "result"
 
 
 ANSWERS_OF: Mapping[DeviceName, Counted] = {
@@ -24,11 +25,14 @@ ANSWERS_OF: Mapping[DeviceName, Counted] = {
 MEASUREMENT_FAULTS = ("beam_break", "wrong_target")
 MOVE_FAULTS = ("emergency_stop", "drive_fault", "stall")
 ANSWER_FAULTS = ("late", "silent", "garbage", "torn", "close")
+RESULT_FAULTS = ("early", "repeated", "straggling", "other_units")
+"""Faults of an emScon tracker's results: sent at once; the one before again; after a failure, by
+`seconds` too late; in units that somebody else has just set."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One thing that goes wrong, at the `at`-th measurement, move or answer, counted from 1.
+    """Fault at the `at`-th measurement, move or answer, counted from 1.
 
     `seconds` is how long it lasts, or how late the answer is; without it, for good.
     """
@@ -40,7 +44,7 @@ class Fault:
 
 
 class FaultScript:
-    """Tells what goes wrong now. Counts survive a restart, so nothing goes wrong twice."""
+    """Faults by the occurrence they are due at. Counts survive a restart: none comes twice."""
 
     def __init__(self, faults: Iterable[Fault], counts: Mapping[str, int]) -> None:
         self._faults = {(fault.counted, fault.at): fault for fault in faults}

@@ -21,7 +21,7 @@ LOOK_AGAIN_S = 0.003
 
 
 class FollowingController:
-    """Has the robot be where a joint source says. It takes no orders: another gives them.
+    """Controller of a robot that is where a joint source says. It takes no orders: another does.
 
     Wherever the joints come to rest, the robot arrives. While they cannot be read it stands where
     it was: drives without orders hold.
@@ -46,7 +46,7 @@ class FollowingController:
         self._sleep_s = sleep_s
 
     def state(self, now_s: float) -> ControllerState:  # noqa: ARG002 - the joints have their time
-        """What the joints read now."""
+        """Readings of the joints now."""
         joints, moving = self._follow()
         return ControllerState(
             joints=tuple(map(float, joints)),
@@ -64,11 +64,11 @@ class FollowingController:
         self._source.close()
 
     def geometry(self) -> dict[str, float]:
-        """What the scenario says; the real controller's is its own."""
+        """Geometry that the scenario says; the real controller's is its own."""
         return dict(self._geometry)
 
     def _follow(self) -> tuple[Array, bool]:
-        """Where the joints are, and whether they move; what has come to rest arrives."""
+        """Joints (4,), and whether they move; what has come to rest arrives."""
         joints = self._read()
         if _is_same(joints, self._standing_rad):
             return self._standing_rad, False
@@ -134,7 +134,7 @@ class LookingSession:
         self._session.advance(now_s)
 
     def next_due_s(self) -> float | None:
-        """When to look next, or earlier."""
+        """Time of the next look, or earlier."""
         due_s = self._session.next_due_s()
         return self._next_s if due_s is None else min(due_s, self._next_s)
 

@@ -81,7 +81,7 @@ NOMINAL_ROBOTS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 
 
 def problem_with(flat: Mapping[str, float]) -> str:
-    """Why these flat parameters are no robot: the first thing wrong, or nothing."""
+    """Reason why these flat parameters are no robot: the first thing wrong, or nothing."""
     if missing := [name for name in FLAT_NAMES if name not in flat]:
         return f"{missing[0]} is missing"
     if unknown := [name for name in flat if name not in FLAT_NAMES]:

@@ -10,7 +10,8 @@ from app.options import Fix, Folder, Free, Json, Plot
 from app.report.identification_text import show
 from campaigns.campaign import open_campaign
 from campaigns.chain.identification import identify
-from campaigns.estimation.estimators import Estimator, LossShape, Model, Outliers
+from campaigns.errors import OptionsInvalid
+from campaigns.estimation.estimators import Estimator, LossShape, Model, Outliers, Weights
 from campaigns.options import BENDS_AT, IdentifyOptions
 
 Compared = Annotated[
@@ -46,6 +47,33 @@ LeftOut = Annotated[
     typer.Option(help="What becomes of shots that all others contradict; each is named."),
 ]
 
+Weigh = Annotated[
+    Weights,
+    typer.Option(help="Of distances: as stated of both ends, or all equal, as in the paper."),
+]
+HoldOut = Annotated[
+    str,
+    typer.Option(
+        metavar="SHARE", help="Keep so many of the pairs unseen, 20%: for data without any."
+    ),
+]
+AcceptLarge = Annotated[
+    bool,
+    typer.Option("--accept-large-change", help="Take a change beyond robot.yaml's tolerance."),
+]
+AcceptScale = Annotated[
+    bool, typer.Option("--accept-scale", help="Take it that all lengths changed by one share.")
+]
+
+
+def share_of(text: str) -> float:
+    """Share written as `20%` or `0.2`; raises `OptionsInvalid`."""
+    try:
+        value = float(text.removesuffix("%"))
+    except ValueError as error:
+        raise OptionsInvalid(f"--hold-out is '{text}'", remedy="give a share, 20%") from error
+    return value / 100.0 if text.endswith("%") else value
+
 
 def command(
     context: typer.Context,
@@ -59,6 +87,10 @@ def command(
     loss: Shape = LossShape.LINEAR,
     loss_scale: LossScale = BENDS_AT,
     outliers: LeftOut = Outliers.EXCLUDE,
+    weights: Weigh = Weights.STATED,
+    hold_out: HoldOut = "0%",
+    accept_large_change: AcceptLarge = False,
+    accept_scale: AcceptScale = False,
     plot: Plot = None,
     json: Json = False,
 ) -> None:
@@ -82,6 +114,10 @@ def command(
         loss_scale=loss_scale,
         outliers=outliers,
         model=model,
+        weights=weights,
+        hold_out=share_of(hold_out),
+        accept_large_change=accept_large_change,
+        accept_scale=accept_scale,
     )
     found = identify(campaign, options)
     terminal.detail(f"estimator: {estimator.value}, {found.seconds} s")

@@ -10,9 +10,9 @@ from app.console import terminal_of
 from app.options import Folder, Json
 from campaigns.campaign import open_campaign
 from campaigns.chain.files import import_shots
-from campaigns.shots.ascii_points import LengthUnit
+from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
 from campaigns.shots.joined_shots import Join, PointSource, read_joined_shots
-from campaigns.shots.shots_csv import read_shots
+from campaigns.shots.shots_csv import in_unit, read_shots
 
 
 class Form(Enum):
@@ -32,7 +32,7 @@ def command(
     ] = Form.SHOTS,
     unit: Annotated[
         LengthUnit | None,
-        typer.Option(help="Of an ascii file's lengths; it does not say itself."),
+        typer.Option(help="Of the file's lengths; an ascii file does not say itself, else mm."),
     ] = None,
     joints: Annotated[
         Path | None,
@@ -58,6 +58,10 @@ def command(
     Pairs of the set "validation" stay unseen by the fit and prove it; "identification" is the
     default.
 
+    What cannot be this robot's is refused with its cause: points in another unit or in a mirrored
+    frame, joints in radians or with another sign or order, a point farther from where the nominal
+    robot puts it than gate.distance_mm in campaign.yaml.
+
     With --format ascii: a point export of SpatialAnalyzer or OpenIndy, its --unit, and a file with
     the --joints of each point.
     """
@@ -65,9 +69,9 @@ def command(
     mechanism = campaign.robot.mechanism
     notes: tuple[str, ...] = ()
     if form is Form.SHOTS:
-        if unit or joints or columns:
-            raise typer.BadParameter("--unit, --joints and --columns go with --format ascii")
-        rows = read_shots(file, mechanism)
+        if joints or columns:
+            raise typer.BadParameter("--joints and --columns go with --format ascii")
+        rows = in_unit(read_shots(file, mechanism), MM_PER_UNIT[unit or "mm"])
     else:
         if joints is None:
             raise typer.BadParameter("--format ascii needs --joints FILE with each point's joints")
@@ -76,7 +80,7 @@ def command(
         rows, notes = joined.rows, joined.notes
     for note in notes:
         terminal.note(note)
-    series = import_shots(campaign, rows)
+    series = import_shots(campaign, rows, str(file))
     terminal.say(f"taken in: {len(rows)} shots, as series {series}")
     terminal.note(f"next: pkmcal identify {folder}")
     terminal.document({"series": series, "shots": len(rows)})

@@ -1,27 +1,53 @@
 """pkmcal load: the compensated parameters into the controller."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from app.console import Terminal, terminal_of
+from app.console import GOOD, Terminal, terminal_of
 from app.interrupt import StopRequest, stop_on_signals
 from app.options import Dry, Folder, Json
-from app.wiring import connected_robot
+from app.progress import RunDisplay
+from app.wiring import connected_cell, connected_robot, prepare
 from campaigns.campaign import open_campaign
-from campaigns.chain.loading import load
-from campaigns.controllers.export import FILE_NAME
-from campaigns.controllers.load import Change, last_kept
+from campaigns.chain.loading import (
+    LoadResult,
+    LoadTerms,
+    VerificationSetup,
+    load,
+    load_verified,
+    roll_back,
+)
+from campaigns.controllers.load import Change
 from campaigns.errors import OptionsInvalid
 
 SURE = "Write these parameters? The robot must stand still."
+MOVES = "Measure pairs, write these parameters, measure again? The robot will move: is it clear?"
 
 File = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Another robot file than DIR/robot-compensated.yaml."),
 ]
-Rollback = Annotated[bool, typer.Option("--rollback", help="Put back what the last load replaced.")]
+Rollback = Annotated[
+    bool, typer.Option("--rollback", help="Put back what the latest load still in effect replaced.")
+]
+Force = Annotated[
+    bool, typer.Option("--force", help="Load what would be refused; the journal keeps why.")
+]
+Verify = Annotated[
+    int,
+    typer.Option(
+        min=0,
+        metavar="N",
+        help="Measure N validation pairs before and after; roll back if they become worse.",
+        show_default=False,
+    ),
+]
 Standing = Annotated[bool, typer.Option("--yes", "-y", help="Don't ask: the robot stands still.")]
 
 
@@ -31,41 +57,93 @@ def command(
     *,
     file: File = None,
     rollback: Rollback = False,
+    verify: Verify = 0,
+    force: Force = False,
     dry: Dry = False,
     yes: Standing = False,
     json: Json = False,
 ) -> None:
     """Put the compensated parameters into the controller.
 
-    Shows the difference to what it holds, with Δ/σ, asks, keeps the old as
-    controller-before-N.yaml, writes all at once, reads back and compares. What does not verify
-    is taken back. Ctrl-C is heard before and after, never in between.
+    Refuses the file of another robot or campaign, one that did not pass, and parameters too far
+    from the nominal ones. Shows the difference to what the controller holds, with Δ/σ, asks,
+    keeps the old as controller-before-N.yaml, writes all at once, reads back and compares. What
+    does not verify is taken back. Ctrl-C is heard before and after, never in between.
+
+    Exit code 1: with --verify, distances after loading are worse than before; the old parameters
+    are back.
     """
     terminal = terminal_of(context, as_json=json)
-    if rollback and file is not None:
-        raise OptionsInvalid("--rollback and --file contradict each other", remedy="give one")
+    for option, given in (("--file", file is not None), ("--verify", verify > 0)):
+        if rollback and given:
+            raise OptionsInvalid(
+                f"--rollback and {option} contradict each other", remedy="give one"
+            )
     campaign = open_campaign(folder)
-    source = last_kept(campaign.folder) if rollback else file or campaign.path(FILE_NAME)
+    wish = StopRequest()
 
-    def approve(found: tuple[Change, ...]) -> bool:
+    def approve(found: tuple[Change, ...]) -> None:
         show(terminal, found)
         if not dry:
-            terminal.require_yes(SURE, yes=yes)
-        return not dry
+            terminal.require_yes(MOVES if verify else SURE, yes=yes)
 
-    wish = StopRequest()
-    connection = connected_robot(campaign)
-    kept = load(campaign, connection, source, approve=approve, uninterrupted=stop_on_signals(wish))
+    terms = LoadTerms(
+        approve=approve,
+        tell=terminal.note,
+        uninterrupted=stop_on_signals(wish),
+        force=force,
+        dry=dry,
+    )
+    if rollback:
+        done = roll_back(campaign, connected_robot(campaign), terms)
+    elif verify and not dry:
+        display = terminal.watching("load")
+        setup = VerificationSetup(
+            pairs=verify,
+            prepare=partial(prepare, campaign),
+            observer=display,
+            stop_requested=wish,
+        )
+        watched = replace(terms, uninterrupted=_watched(wish, display))
+        done = load_verified(campaign, connected_cell(campaign, wish), setup, file, watched)
+    else:
+        done = load(campaign, connected_robot(campaign), file, terms)
     if wish():
         raise KeyboardInterrupt
-    if kept is None:
-        terminal.say("nothing was written" if dry else "the controller holds these already")
+    _tell(terminal, done)
+
+
+@contextmanager
+def _watched(wish: StopRequest, display: RunDisplay) -> Iterator[None]:
+    """Signals are a wish to stop meanwhile, and what is measured is shown."""
+    with stop_on_signals(wish), display:
+        yield
+
+
+def _tell(terminal: Terminal, done: LoadResult) -> None:
+    """What was done, for people and for programs."""
+    found = done.verification
+    if done.outcome == "dry":
+        terminal.say("nothing was written")
+    elif done.outcome == "already":
+        terminal.say(f"nothing was written: the controller holds these already: {done.source}")
     else:
-        terminal.say(f"loaded and verified: {source}", "green")
-        terminal.say(f"what it held before: {kept}")
-    done = kept is not None
+        terminal.say(f"loaded and verified: {done.source}", GOOD)
+        terminal.say(f"what it held before: {done.kept}")
+    if found is not None:
+        terminal.say(
+            f"distances of {found.pairs} pairs are off by {found.after_mm:.3f} mm on average, "
+            f"before it was {found.before_mm:.3f} mm",
+            GOOD,
+        )
+    loaded = done.kept is not None
     terminal.document(
-        {"loaded": str(source) if done else None, "kept": str(kept) if done else None}
+        {
+            "loaded": str(done.source) if loaded else None,
+            "kept": str(done.kept) if loaded else None,
+            "forced": list(done.forced),
+            "verification": found and found.document(),
+        }
     )
 
 

@@ -5,11 +5,12 @@ from typing import Annotated
 
 import typer
 
-from app.console import terminal_of
+from app.console import BAD, terminal_of
 from app.options import Folder, Json
 from app.report.page import Page, page_html, page_of
 from app.report.parts import Picture
 from campaigns.campaign import Campaign, now_utc, open_campaign
+from campaigns.controllers.load_journal import load_history
 from campaigns.errors import OutputExists
 from campaigns.evidence import evaluate, gather
 from campaigns.files.text_file import replace_text
@@ -35,8 +36,11 @@ def command(
     the page. An older report is replaced, any other file is not.
     """
     terminal = terminal_of(context, as_json=json)
-    page, path = report(open_campaign(folder), to)
+    campaign = open_campaign(folder)
+    page, path = report(campaign, to)
     terminal.say(f"verdict: {page.decision}: {' '.join(page.reasons)}")
+    if left := unended_load(campaign):
+        terminal.say(f"! {left}", BAD)
     for text, _ in page.missing:
         terminal.note(f"missing: {text}")
     terminal.say(f"written: {path}")
@@ -53,6 +57,15 @@ def report(campaign: Campaign, to: Path | None = None) -> tuple[Page, Path]:
     page = page_of(evaluate(gather(campaign)), now_utc())
     replace_text(path, page_html(page))
     return page, path
+
+
+def unended_load(campaign: Campaign) -> str:
+    """Sentence about a load that was begun and not ended; empty when there is none."""
+    if not campaign.journal_path.exists():
+        return ""
+    with campaign.journal_reader() as journal:
+        found = load_history(journal).unended
+    return found.told(None) if found else ""
 
 
 def report_document(page: Page, path: Path) -> dict[str, object]:

@@ -6,13 +6,19 @@ from typing import Annotated
 
 import typer
 
-from app.console import terminal_of
+from app.console import WARNING, terminal_of
 from app.exits import Exit
 from app.measuring import CLEAR, measure_validation
 from app.options import Anew, Dry, Folder, Json, Yes
-from app.validation_text import show, validation_document
+from app.validation_text import latest_figures_mm, show, show_gain, validation_document
+from app.wiring import connected_robot
 from campaigns.campaign import open_campaign
-from campaigns.chain.validation import ValidationStage
+from campaigns.chain.validation import (
+    ValidationStage,
+    record_anyway,
+    results_before,
+    wrong_stage,
+)
 from campaigns.shots.shot_sets import ShotSet
 
 
@@ -36,6 +42,10 @@ Stage = Annotated[ValidationStage, typer.Option(help="Before or after `pkmcal lo
 Only = Annotated[
     list[Test] | None, typer.Option(metavar="TEST", help=f"Only this test; repeatable: {KNOWN}.")
 ]
+Anyway = Annotated[
+    bool,
+    typer.Option("--anyway", help="Measure though the controller's parameters are of the other."),
+]
 
 
 def command(
@@ -47,6 +57,7 @@ def command(
     dry: Dry = False,
     yes: Yes = False,
     anew: Anew = False,
+    anyway: Anyway = False,
     json: Json = False,
 ) -> None:
     """Measure how good the robot is, as its user commands it.
@@ -54,7 +65,8 @@ def command(
     Distances between the plan's validation pairs; how far the point strays while only the plate
     turns; how straight lines along x, y and z are; repeatability of approaches from all sides;
     and, from the same shots as the distances, absolute accuracy in the tracker's frame. Poses
-    are commanded, so the controller's own parameters are put to the test.
+    are commanded, so the controller's own parameters are put to the test. What it holds is read
+    first: the nominal parameters are not "after", identified ones not "before".
 
     Exit code 1: a limit under `acceptance` in campaign.yaml is not surely kept, or distances after
     loading are worse than before.
@@ -67,9 +79,17 @@ def command(
         terminal.say(f"would measure, as '{stage}': {', '.join(names)}; nothing was moved")
         terminal.document({"stage": stage, "tests": names})
         return
+    with connected_robot(campaign) as controller:
+        wrong = wrong_stage(campaign, controller.read_geometry(), stage, terminal.note)
+    if wrong is not None and not anyway:
+        raise wrong
     terminal.require_yes(CLEAR, yes=yes)
+    if wrong is not None:
+        terminal.note(f"! {wrong.problem}", WARNING)
+        record_anyway(campaign, wrong)
     wanted = () if set(tests) == set(Test) else tests
     words = [word for test in wanted for word in ("--only", test.value)]
+    words += ["--anyway"] if anyway else []
     found = measure_validation(
         campaign,
         stage,
@@ -79,6 +99,9 @@ def command(
         anew=anew,
     )
     show(terminal, stage, found)
+    before = results_before(campaign) if stage == "after" else ()
+    if before:
+        show_gain(terminal, latest_figures_mm(before), found.result)
     terminal.document(validation_document(found))
     if found.verdict.decision not in {None, "pass"}:
         raise typer.Exit(Exit.NOT_GOOD)

@@ -6,8 +6,10 @@ from pathlib import Path
 from campaigns.campaign import Campaign
 from campaigns.controllers import export as parameter_file
 from campaigns.controllers import linuxcnc_export
+from campaigns.evaluation.plausibility import check_distances, check_shots
 from campaigns.robots.robot import RobotDocument, RobotFile
 from campaigns.shots.import_export import ExportedShots, append_import, exported_shots
+from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, write_shots
 
 SHOTS_FILE = "shots.csv"
@@ -20,7 +22,11 @@ def identified_robot(campaign: Campaign) -> RobotDocument:
     """
     with campaign.journal_reader() as journal:
         found = parameter_file.latest_identification(journal)
-    return parameter_file.compensated_robot(campaign.config.name, campaign.nominal, found)
+        measured = next((s for s in journal.series() if s.number == found.series), None)
+    controller = measured.started.robot if measured else None
+    return parameter_file.compensated_robot(
+        campaign.config.name, campaign.nominal, found, controller
+    )
 
 
 def export(
@@ -55,8 +61,14 @@ def export_shots(
     return path, found
 
 
-def import_shots(campaign: Campaign, rows: Sequence[ShotRow]) -> int:
-    """Write shots of a file into the journal as a series; gives its number."""
+def import_shots(campaign: Campaign, rows: Sequence[ShotRow], name: str = "shots") -> int:
+    """Write shots of a file into the journal as a series; gives its number.
+
+    Raises `ShotsInvalid`, naming file and cause, for shots that cannot be this robot's.
+    """
     robot, settings = campaign.robot, campaign.config.model_dump(mode="json")
+    shots = shots_of_rows(rows, robot.kinematics)
+    check_shots(robot.kinematics, shots, name)
+    check_distances(robot.kinematics, shots, campaign.config.gate.distance_mm, name)
     with campaign.journal() as journal:
         return append_import(journal, rows, robot.kinematics, robot.digest(), settings)

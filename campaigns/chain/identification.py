@@ -14,8 +14,10 @@ from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.records import Finding
 from campaigns.options import IdentifyOptions
-from campaigns.shots.shots import shots_of_journal
+from campaigns.shots.shots import held_out, shots_of_journal
 
+HOLD_OUT_SEED = 1
+"""The same pairs are held out for every identification of the same shots."""
 WORKSPACE_SEED = 1
 """Positions are judged at the same places for every identification of a robot."""
 WORKSPACE_POSES = 300
@@ -36,6 +38,7 @@ def identify(campaign: Campaign, options: IdentifyOptions | None = None) -> Reco
     with campaign.journal() as journal:
         series = campaign.measured_series(journal)
         shots = shots_of_journal(journal.shots(series.number), robot.mechanism)
+        shots = held_out(shots, options.hold_out, np.random.default_rng(HOLD_OUT_SEED))
         started_s = time.perf_counter()
         found = select_model(robot.kinematics, shots, models, how)
         recorded = RecordedIdentification.of(
@@ -59,8 +62,19 @@ def identification_options(campaign: Campaign, options: IdentifyOptions) -> Iden
         loss=Loss(options.loss, options.loss_scale),
         outliers=options.outliers,
         instrument=campaign.instrument,
+        weights=options.weights,
+        tolerance=campaign.robot.tolerance,
+        accepted=options.accepted,
+        limits_mm=_limits_mm(campaign),
         workspace=_workspace(campaign),
     )
+
+
+def _limits_mm(campaign: Campaign) -> dict[str, float]:
+    """Acceptance limits of distances that are asked for."""
+    asked = campaign.config.acceptance
+    limits = {"mean": asked.distance_mean_mm, "max": asked.distance_max_mm}
+    return {name: limit for name, limit in limits.items() if limit is not None}
 
 
 def _workspace(campaign: Campaign) -> Array | None:

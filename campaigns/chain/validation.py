@@ -1,6 +1,7 @@
 """Validation of a campaign: how good the robot is as its user commands it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
@@ -8,14 +9,18 @@ import numpy as np
 
 from campaigns.campaign import Campaign
 from campaigns.chain.work import engine_work
+from campaigns.controllers.load import differing
+from campaigns.controllers.load_journal import Holding, load_history, settle
+from campaigns.errors import FindingUnreadable, OptionsInvalid
 from campaigns.evaluation.validation import (
     ValidationResult,
     ValidationVerdict,
     evaluate_validation,
     validation_verdict,
 )
+from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import Journal, JournalReader
-from campaigns.journal.records import Finding
+from campaigns.journal.records import Event, Finding, Stage
 from campaigns.measuring.run_state import SILENT, RunObserver
 from campaigns.measuring.session import (
     Work,
@@ -23,15 +28,17 @@ from campaigns.measuring.session import (
 )
 from campaigns.measuring.shot_taker import Cell
 from campaigns.options import Selection
+from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.predicted_precision import (
     EstimationSetup,
 )
 from campaigns.planning.validation_plan import Reachable, validation_steps
-from campaigns.robots.robot import RobotFile
+from campaigns.robots.robot import RobotFile, pose_row
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
 
 ValidationStage = Literal["before", "after"]
+VerificationStage = Literal["verify before", "verify after"]
 TESTS = frozenset(
     {ShotSet.VALIDATION, ShotSet.ROTATION, ShotSet.STRAIGHTNESS, ShotSet.REPEATABILITY}
 )
@@ -56,22 +63,95 @@ def validation_work(
 
     Planned with the parameters that are active in the controller, which takes the pose commands.
     """
-    nominal = campaign.robot
-    robot = RobotFile.from_flat(nominal.mechanism, active, name="active", limits=nominal.limits)
-    unseen = campaign.read_plan() if ShotSet.VALIDATION in tests else ()
-    planned = validation_steps(
-        campaign.config.validation,
-        [shot for shot in unseen if shot.purpose is ShotSet.VALIDATION],
-        Reachable(robot.kinematics, robot.limits),
-        tests,
-        np.random.default_rng(campaign.config.plan.seed),
-    )
-    setup = EstimationSetup(
-        Selection().estimator, nominal.mechanism.parameters.free_by_default, campaign.instrument
-    )
-    kinematics = robot.kinematics
-    work = engine_work(campaign, stage, planned.steps, kinematics, robot.digest(), setup)
-    return work, planned.notes
+    unseen = _unseen_pairs(campaign) if ShotSet.VALIDATION in tests else ()
+    return _work(campaign, stage, active, tests, unseen)
+
+
+def verification_pairs(
+    campaign: Campaign, sets: Sequence[Mapping[str, float]], count: int
+) -> tuple[PlannedShot, ...]:
+    """First validation pairs of the plan that every one of these parameter sets can be sent to.
+
+    Raises `OptionsInvalid` when there are fewer than asked for.
+    """
+    reachable = [_reachable(_active_robot(campaign, active)) for active in sets]
+    pairs: dict[int, list[PlannedShot]] = {}
+    for shot in _unseen_pairs(campaign):
+        if shot.pair is not None:
+            pairs.setdefault(shot.pair, []).append(shot)
+    able = [
+        both
+        for both in pairs.values()
+        if not any(
+            each.first_reason(np.array([pose_row(shot.pose) for shot in both]))
+            for each in reachable
+        )
+    ]
+    if len(able) < count:
+        raise OptionsInvalid(
+            f"--verify {count}: plan.csv has {len(pairs)} validation pairs, {len(able)} within "
+            "reach of the old and the new parameters",
+            remedy=f"give --verify {len(able)} or less" if able else "plan with validation pairs",
+        )
+    return tuple(shot for both in able[:count] for shot in both)
+
+
+def verification_work(
+    campaign: Campaign,
+    stage: VerificationStage,
+    active: Mapping[str, float],
+    shots: Sequence[PlannedShot],
+) -> Work:
+    """Pairs as work for the engine, commanded by poses as in a validation."""
+    work, _ = _work(campaign, stage, active, frozenset({ShotSet.VALIDATION}), shots)
+    return work
+
+
+def mean_of_pairs_mm(campaign: Campaign, journal: JournalReader, series: int) -> float:
+    """Mean error without signs of the distances of a series' pairs."""
+    distances = _evaluated(campaign, journal, series).distances
+    assert distances is not None, "a finished series has its pairs"
+    return distances.mean.value_mm
+
+
+def wrong_stage(
+    campaign: Campaign,
+    held: Mapping[str, float],
+    stage: ValidationStage,
+    tell: Callable[[str], None] = lambda _: None,
+) -> OptionsInvalid | None:
+    """What speaks against measuring a stage while the controller holds these parameters.
+
+    `tell` hears of a load that was begun and not ended; its end is written into the journal.
+    """
+    mixture = _ended_load(campaign, held, tell)
+    again = "--anyway measures it all the same"
+    if mixture:
+        return OptionsInvalid(f"--stage {stage}: {mixture}", remedy=again)
+    names = campaign.robot.mechanism.parameters.names
+    if stage == "after":
+        nominal = campaign.robot.geometry_flat()
+        if differing(held, {name: nominal[name] for name in names}):
+            return None
+        return OptionsInvalid(
+            "--stage after: the controller still holds the nominal parameters",
+            remedy=f"`pkmcal load {campaign.folder}` first, or --stage before; {again}",
+        )
+    for found in _identified(campaign):
+        if not differing(held, {name: found.flat()[name] for name in names}):
+            return OptionsInvalid(
+                "--stage before: the controller holds what was identified in this campaign "
+                f"({found.at_utc})",
+                remedy=f"`pkmcal load {campaign.folder} --rollback` first, or --stage after; "
+                f"{again}",
+            )
+    return None
+
+
+def record_anyway(campaign: Campaign, wrong: OptionsInvalid) -> None:
+    """Write into the journal that a stage is measured although it is the wrong one."""
+    with campaign.journal() as journal:
+        journal.append(Event("wrong stage", f"measured all the same: {wrong.problem}"))
 
 
 def validate(
@@ -82,9 +162,19 @@ def validate(
     *,
     observer: RunObserver = SILENT,
     stop_requested: Callable[[], bool] = lambda: False,
+    anyway: bool = False,
 ) -> Validated:
-    """Measure on a connected cell how good the robot is as its user commands it, and judge it."""
-    work, notes = validation_work(campaign, stage, cell.robot.read_geometry(), tests)
+    """Measure on a connected cell how good the robot is as its user commands it, and judge it.
+
+    Raises `OptionsInvalid` for the wrong stage unless it is measured `anyway`.
+    """
+    active = cell.robot.read_geometry()
+    wrong = wrong_stage(campaign, active, stage, observer.event)
+    if wrong is not None and not anyway:
+        raise wrong
+    if wrong is not None:
+        record_anyway(campaign, wrong)
+    work, notes = validation_work(campaign, stage, active, tests)
     for note in notes:
         observer.event(note)
     with campaign.journal() as journal:
@@ -96,8 +186,7 @@ def record_validation(
     campaign: Campaign, journal: Journal, series: int, stage: ValidationStage
 ) -> Validated:
     """Evaluate a series that was measured, and write the finding into the journal."""
-    shots = shots_of_journal(journal.shots(series), campaign.robot.mechanism)
-    found = evaluate_validation(shots, campaign.instrument)
+    found = _evaluated(campaign, journal, series)
     before_mm = mean_error_before_mm(journal) if stage == "after" else None
     verdict = validation_verdict(found, campaign.config.acceptance, before_mm)
     body = {"stage": stage, "series": series, **found.document()}
@@ -113,3 +202,87 @@ def mean_error_before_mm(journal: JournalReader) -> float | None:
     if not isinstance(before, dict):
         return None
     return float(str(before["mean_abs"]))
+
+
+def results_before(campaign: Campaign) -> tuple[ValidationResult, ...]:
+    """Results of the validations before loading, oldest first; each may be of some tests only."""
+    with campaign.journal_reader() as journal:
+        bodies = [entry.record.body for entry in journal.records_of(Finding)]
+        series = [body.get("series") for body in bodies if body.get("stage") == "before"]
+        return tuple(
+            _evaluated(campaign, journal, number)
+            for number in dict.fromkeys(series)
+            if isinstance(number, int)
+        )
+
+
+def _ended_load(campaign: Campaign, held: Mapping[str, float], tell: Callable[[str], None]) -> str:
+    """End a load that has none, by what the controller holds; gives what still cannot be ended."""
+    if not campaign.journal_path.exists():
+        return ""
+    with campaign.journal_reader() as journal:
+        unended = load_history(journal).unended
+    if unended is None:
+        return ""
+    if unended.holding(held) is Holding.OTHER:
+        return unended.told(held)
+    tell(unended.told(held))
+    with campaign.journal() as journal:
+        settle(journal, unended, held, "found when the controller was read again")
+    return ""
+
+
+def _identified(campaign: Campaign) -> tuple[RecordedIdentification, ...]:
+    """Identifications of the campaign that can be read, latest first."""
+    if not campaign.journal_path.exists():
+        return ()
+    with campaign.journal_reader() as journal:
+        entries = journal.records_of(Finding)
+    found: list[RecordedIdentification] = []
+    for entry in reversed(entries):
+        if entry.record.kind == "identification":
+            with suppress(FindingUnreadable):
+                found.append(read_identification(entry.record.body))
+    return tuple(found)
+
+
+def _evaluated(campaign: Campaign, journal: JournalReader, series: int) -> ValidationResult:
+    shots = shots_of_journal(journal.shots(series), campaign.robot.mechanism)
+    return evaluate_validation(shots, campaign.instrument)
+
+
+def _unseen_pairs(campaign: Campaign) -> tuple[PlannedShot, ...]:
+    return tuple(s for s in campaign.read_plan() if s.purpose is ShotSet.VALIDATION)
+
+
+def _active_robot(campaign: Campaign, active: Mapping[str, float]) -> RobotFile:
+    nominal = campaign.robot
+    return RobotFile.from_flat(nominal.mechanism, active, name="active", limits=nominal.limits)
+
+
+def _reachable(robot: RobotFile) -> Reachable:
+    return Reachable(robot.kinematics, robot.limits)
+
+
+def _work(
+    campaign: Campaign,
+    stage: Stage,
+    active: Mapping[str, float],
+    tests: frozenset[ShotSet],
+    unseen: Sequence[PlannedShot],
+) -> tuple[Work, tuple[str, ...]]:
+    robot = _active_robot(campaign, active)
+    reachable = _reachable(robot)
+    planned = validation_steps(
+        campaign.config.validation,
+        unseen,
+        reachable,
+        tests,
+        np.random.default_rng(campaign.config.plan.seed),
+    )
+    setup = EstimationSetup(
+        Selection().estimator, robot.mechanism.parameters.free_by_default, campaign.instrument
+    )
+    kinematics = reachable.kinematics
+    work = engine_work(campaign, stage, planned.steps, kinematics, robot.digest(), setup)
+    return work, planned.notes

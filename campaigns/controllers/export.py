@@ -11,6 +11,7 @@ from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Finding
 from campaigns.robots.robot import Compensation, RobotDocument, compensated
 from campaigns.version import VERSION
+from drivers.values import Identity
 
 FILE_NAME = "robot-compensated.yaml"
 
@@ -35,10 +36,14 @@ def latest_identification(journal: JournalReader) -> RecordedIdentification:
 
 
 def compensated_robot(
-    campaign: str, nominal: RobotDocument, found: RecordedIdentification
+    campaign: str,
+    nominal: RobotDocument,
+    found: RecordedIdentification,
+    controller: Identity | None = None,
 ) -> RobotDocument:
     """Nominal robot with the identified parameters, their 1 σ and their provenance.
 
+    `controller` answered when the shots were taken; None where nobody knows, as of an import.
     A backlash is no part of the geometry: it is reported, and stays out of the file.
     Raises `VerdictBad` for a result that did not pass, or that rests on another nominal robot.
     """
@@ -50,7 +55,7 @@ def compensated_robot(
             f"{nominal.robot.name}-compensated",
             {name: value for name, value in found.flat().items() if name in geometry},
             {name: std for name, std in found.std().items() if name in geometry},
-            _provenance(campaign, nominal, found),
+            _provenance(campaign, nominal, found, controller),
         ),
     )
 
@@ -77,7 +82,10 @@ def _check_usable(nominal: RobotDocument, found: RecordedIdentification) -> None
 
 
 def _provenance(
-    campaign: str, nominal: RobotDocument, found: RecordedIdentification
+    campaign: str,
+    nominal: RobotDocument,
+    found: RecordedIdentification,
+    controller: Identity | None,
 ) -> dict[str, JsonValue]:
     document = found.document()
     return {
@@ -85,6 +93,7 @@ def _provenance(
         "software": f"pkmcal {VERSION}",
         "nominal_robot": nominal.robot.name,
         "nominal_digest": nominal.robot.digest(),
+        "controller_serial": controller.serial or None if controller else None,
         "identified_utc": found.at_utc,
         **{key: document[key] for key in KEPT_AS_PROVENANCE},
     }

@@ -42,7 +42,7 @@ class RobotIdentity:
     nominal: RobotFile
 
     def having(self, geometry: Mapping[str, float], name: str) -> RobotFile:
-        """This robot with other parameters; raises `ConfigInvalid` unless it is all of them."""
+        """Robot of this identity with other parameters; raises `ConfigInvalid` unless it is all."""
         nominal = self.nominal
         return RobotFile.from_flat(nominal.mechanism, geometry, name=name, limits=nominal.limits)
 
@@ -95,7 +95,7 @@ def write_hal(path: Path, robot: RobotFile, identity: str, *, overwrite: bool) -
 
 
 def _notes(robot: RobotFile) -> Iterator[str]:
-    """Where the set comes from, as far as it fits: the robot file has all of it."""
+    """Notes on the set's origin, as far as they fit: the robot file has all of it."""
     for key, value in (robot.provenance or {}).items():
         note = f"{key}: {json.dumps(value)}"
         yield note if len(note) <= LONGEST_NOTE else f"{note[:LONGEST_NOTE]}..."
@@ -163,11 +163,11 @@ class CalibrationFile:
 
     @property
     def last_good(self) -> Path:
-        """Where the file before is kept."""
+        """Path of the kept file before this one."""
         return self._path.with_name(self._path.name + LAST_GOOD)
 
     def read(self) -> Mapping[str, float]:
-        """All parameters; raises `ConfigInvalid`, also for another robot's file."""
+        """Parameters, all of them; raises `ConfigInvalid`, also for another robot's file."""
         if self._otherwise is not None and not self._path.exists():
             return self._otherwise.controller_flat()
         return parse_hal(self._text(), str(self._path), self._whose).geometry_flat()

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from campaigns.errors import LoadNotVerified, ShotsMissing
+from campaigns.errors import LoadNotVerified
 from campaigns.robots.robot import (
     Compensation,
     RobotDocument,
@@ -17,7 +17,7 @@ from drivers.errors import DeviceRefused, DriverError
 from drivers.ports import RobotController
 
 TOLERANCE = 1e-9
-"""How far, absolutely or relatively, a value read back may be from the one written: a controller
+"""Tolerance, absolute or relative, of a value read back against the one written: a controller
 may keep it in other units."""
 
 
@@ -31,6 +31,13 @@ class LoadRecord:
     source: str
     digest: str
     kept: str
+    controller_serial: str | None = None
+    begun: int | None = None
+    """Record of its intent; None in journals that have none."""
+    rolls_back: int | None = None
+    """Record of the load that this one took back."""
+    forced: tuple[str, ...] = ()
+    """Objections that were overruled."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +91,20 @@ def write_verified(
         f"{problem}; the controller holds the old parameters",
         remedy="check the controller and its connection, then load again",
     )
+
+
+def put_back(robot: RobotController, old: Mapping[str, float]) -> None:
+    """Write the old parameters again and read them back; raises `LoadNotVerified`."""
+    try:
+        held = robot.read_geometry()
+    except DriverError as error:
+        held = _read_anew(robot, error)
+    problem = _restored(robot, old) if differing(held, old) else ""
+    if problem:
+        raise LoadNotVerified(
+            f"the old parameters are not back ({problem})",
+            remedy="don't move the robot; `pkmcal load DIR --rollback` tries again",
+        )
 
 
 def differing(held: Mapping[str, float], wanted: Mapping[str, float]) -> list[tuple[str, float]]:
@@ -150,17 +171,6 @@ def keep(folder: Path, nominal: RobotDocument, held: Mapping[str, float]) -> Pat
     name = f"{nominal.robot.name}-controller-before-{number}"
     write_new_robot(path, compensated(nominal, Compensation(name, held, {}, {})))
     return path
-
-
-def last_kept(folder: Path) -> Path:
-    """File that the last load kept; raises `ShotsMissing` when there is none."""
-    kept = _kept(folder)
-    if not kept:
-        raise ShotsMissing(
-            f"{folder}: nothing was loaded here yet",
-            remedy="there is nothing to roll back; name a robot file with --file",
-        )
-    return max(kept, key=_number)
 
 
 def _kept(folder: Path) -> list[Path]:

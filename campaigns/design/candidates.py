@@ -11,20 +11,20 @@ from campaigns.mechanisms.mechanism import Kinematics
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """What each of M measurements would tell of P unknowns, of which the first F are parameters."""
+    """Whitened Jacobians of M candidate measurements by P unknowns, the first F the parameters."""
 
     jacobians: Array
     """∂(whitened measurement)/∂(scaled unknowns), (M, k, P); columns of root mean square 1."""
     scale: Array
     """Scaled unknown over unknown in mm or rad, (P,)."""
     names: tuple[str, ...]
-    """Of the parameters, (F,); the unknowns after them are nuisance."""
+    """Names of the parameters, (F,); the unknowns after them are nuisance."""
     mean_information: Array
     """JᵀJ of an average candidate in scaled unknowns, (P, P)."""
 
     @classmethod
     def from_jacobians(cls, jacobians: Array, names: tuple[str, ...]) -> "Candidates":
-        """From whitened Jacobians (M, k, P) by unknowns in mm and rad."""
+        """Candidates from whitened Jacobians (M, k, P) by unknowns in mm and rad."""
         size = np.sqrt(np.mean(jacobians**2, axis=(0, 1)))
         scale = np.where(size > 0.0, size, 1.0)
         scaled = jacobians / scale
@@ -40,7 +40,7 @@ class Candidates:
         return len(self.names)
 
     def jacobian(self, chosen: Index) -> Array:
-        """Of the chosen ones together, by unknowns in mm and rad, (N k, P)."""
+        """Jacobian of the chosen ones together, by unknowns in mm and rad, (N k, P)."""
         return np.asarray((self.jacobians[chosen] * self.scale).reshape(-1, len(self.scale)))
 
     def information(self, chosen: Index) -> Array:

@@ -1,4 +1,4 @@
-"""What makes a set of shots good: criteria of optimal design, each a number to be made small."""
+"""Criteria of optimal design, each a number of a set of shots to be made small."""
 
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -15,10 +15,10 @@ CriterionName = Literal["I", "D", "A", "E"]
 
 
 class Criterion(Protocol):
-    """How to compare designs; covariances (P, P) are of scaled unknowns."""
+    """Criterion that compares designs; covariances (P, P) are of scaled unknowns."""
 
     def value(self, covariance: Array) -> float:
-        """What shall be small."""
+        """Value that shall be small."""
         ...
 
     def weight(self, covariance: Array) -> Array:
@@ -26,7 +26,7 @@ class Criterion(Protocol):
         ...
 
     def improvement(self, predicted_covariance: Array, sensitivity: Array) -> Array:
-        """How good it would be to add each candidate, (M,), the more the better.
+        """Improvement by adding each candidate, (M,), the more the better.
 
         `predicted_covariance` and `sensitivity`, (k, k, M), are J C Jᵀ and J C W C Jᵀ of each
         candidate's Jacobian J.
@@ -50,7 +50,7 @@ class TraceCriterion:
         return self.fixed
 
     def improvement(self, predicted_covariance: Array, sensitivity: Array) -> Array:
-        """By how much the trace would fall."""
+        """Fall of the trace with each candidate, (M,)."""
         return trace_improvement(predicted_covariance, sensitivity)
 
 
@@ -76,7 +76,7 @@ class MaxEigenvalue:
         return weight
 
     def improvement(self, predicted_covariance: Array, sensitivity: Array) -> Array:
-        """By how much the weighted variances would fall."""
+        """Fall of the weighted variances with each candidate, (M,)."""
         return trace_improvement(predicted_covariance, sensitivity)
 
     def _own(self, covariance: Array) -> Array:
@@ -92,11 +92,11 @@ class LogDet:
         return float(np.exp(np.linalg.slogdet(covariance).logabsdet / len(covariance)))
 
     def weight(self, covariance: Array) -> Array:
-        """Not needed for the gains, which are exact without."""
+        """Zeros (P, P): the improvements are exact without a weight."""
         return np.zeros_like(covariance)
 
     def improvement(self, predicted_covariance: Array, sensitivity: Array) -> Array:  # noqa: ARG002 - as `weight` says
-        """By how much log det C would fall."""
+        """Fall of log det C with each candidate, (M,)."""
         return inverse_of_one_plus(predicted_covariance)[1]
 
 

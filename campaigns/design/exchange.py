@@ -1,4 +1,4 @@
-"""How a set of shots stands to every candidate, kept up to date as shots come and go.
+"""Exchange of shots, with each candidate's statistics kept up to date as shots come and go.
 
 Adding or taking away a measurement changes the covariance by a matrix of rank k (Woodbury); what
 it would do to each candidate follows from one product of that thin matrix with all rows, without
@@ -20,7 +20,7 @@ ADD, REMOVE = 1.0, -1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CandidateStatistics:
-    """What is known, and what each candidate would make of it."""
+    """Covariance of the unknowns, and each candidate's prediction and sensitivity by it."""
 
     covariance: Array
     """C of scaled unknowns, (P, P)."""
@@ -32,31 +32,31 @@ class CandidateStatistics:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RankKUpdater:
-    """All candidates' rows in the order that makes products fast, and the weight W (P, P)."""
+    """Jacobians of all candidates, laid out for fast products, and the weight W (P, P)."""
 
     jacobians: Array
     """(M, k, P)"""
     columns: Array
-    """The same, (P, k, M)."""
+    """Jacobians by columns, (P, k, M)."""
     weight: Array
 
     @classmethod
     def of(cls, candidates: Candidates, weight: Array) -> "RankKUpdater":
-        """For candidates and a weight."""
+        """Updater for candidates and a weight."""
         columns = np.ascontiguousarray(candidates.jacobians.transpose(2, 1, 0))
         return cls(candidates.jacobians, columns, weight)
 
     def evaluate(self, covariance: Array) -> CandidateStatistics:
-        """From nothing but the covariance."""
+        """Statistics from nothing but the covariance."""
         weighted = covariance @ self.weight @ covariance
         return CandidateStatistics(covariance, self._seen(covariance), self._seen(weighted))
 
     def added(self, known: CandidateStatistics, which: int) -> CandidateStatistics:
-        """With a candidate taken in."""
+        """Statistics with a candidate taken in."""
         return self._changed(known, which, ADD)
 
     def removed(self, known: CandidateStatistics, which: int) -> CandidateStatistics:
-        """Without one that had been taken in."""
+        """Statistics without one that had been taken in."""
         return self._changed(known, which, REMOVE)
 
     def covariance_with(self, known: CandidateStatistics, which: int) -> Array:
@@ -95,9 +95,9 @@ class RankKUpdater:
 
 
 INITIAL_REGULARISATION = 0.3
-"""What a greedy choice pretends to know at first, in shares of a mean candidate's information."""
+"""Knowledge that a greedy choice pretends at first, in shares of a mean candidate's information."""
 EXCHANGE_REGULARISATION = 1e-4
-"""The same while exchanging: keeps the covariance finite when a shot is out, and weighs nothing."""
+"""Regularisation while exchanging: the covariance stays finite with a shot out; weighs nothing."""
 LEAST_GAIN = 1e-7
 """An exchange counts when the value falls by more than this part of it."""
 FRAGILE = 100.0
@@ -113,11 +113,11 @@ QUICKLY_EXCHANGED = 100
 
 
 class CountInvalid(ValueError):
-    """More measurements are asked for than there are candidates, or fewer than unknowns need."""
+    """Number of measurements above that of the candidates, or below what the unknowns need."""
 
 
 class Unobservable(ValueError):
-    """No choice of the candidates can tell the parameters apart."""
+    """Parameters that no choice of the candidates can tell apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -226,7 +226,7 @@ def _exchanged_among_all(candidates: Candidates, criterion: Criterion, chosen: I
 
 
 def _exchange_pass(candidates: Candidates, criterion: Criterion, design: Design) -> Index:
-    """Its members, each replaced if another candidate in its place gives a better value."""
+    """Members after a pass, each replaced if another candidate gives a better value."""
     members, value = design.chosen.copy(), design.value
     updater, known = _evaluated(candidates, criterion, members)
     for place, member in enumerate(members):
@@ -245,7 +245,7 @@ def _exchange_pass(candidates: Candidates, criterion: Criterion, design: Design)
 def _evaluated(
     candidates: Candidates, criterion: Criterion, members: Index
 ) -> tuple[RankKUpdater, CandidateStatistics]:
-    """From the information itself, free of the rounding of all updates before."""
+    """Statistics from the information itself, free of the rounding of all updates before."""
     covariance = _covariance(candidates, members, EXCHANGE_REGULARISATION)
     updater = RankKUpdater.of(candidates, criterion.weight(covariance))
     return updater, updater.evaluate(covariance)
@@ -258,13 +258,13 @@ def _best(criterion: Criterion, known: CandidateStatistics, taken: Sequence[int]
 
 
 def _covariance(candidates: Candidates, chosen: Index, pretended: float) -> Array:
-    """Of scaled unknowns, as if that share of a mean candidate were known besides."""
+    """Covariance of scaled unknowns, as if that share of a mean candidate were known besides."""
     information = candidates.information(chosen) + pretended * candidates.mean_information
     return np.asarray(np.linalg.inv(information))
 
 
 def minimum_measurements(candidates: Candidates) -> int:
-    """How many measurements it takes to tell all unknowns apart, if they are not chosen badly.
+    """Fewest measurements that tell all unknowns apart, if they are not chosen badly.
 
     That is more than equations over unknowns: after some shots another one tells little but its own
     turn. Raises `Unobservable`.

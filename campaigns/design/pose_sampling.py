@@ -1,4 +1,4 @@
-"""Where to measure: poses near the workspace's boundary or all over it, their pairs and order."""
+"""Pose sampling near the workspace's boundary or all over it; pairs of poses and their order."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,12 +17,12 @@ SHORTEST_PAIR_MM = 100.0
 
 
 class WorkspaceTooSmall(ValueError):
-    """Too few feasible poses were found for what was asked."""
+    """Workspace with too few feasible poses for what was asked."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeasibleRegion:
-    """Where poses may be placed: the robot's reach and whatever else is asked of a pose."""
+    """Region where poses may be placed: the robot's reach and whatever else is asked of a pose."""
 
     kinematics: Kinematics
     limits: Limits
@@ -40,7 +40,7 @@ class FeasibleRegion:
         return self.kinematics.mechanism.search_extent(self.kinematics.p, self.limits)
 
     def allows(self, poses: Array) -> Mask:
-        """Which poses can be taken and seen, (N,)."""
+        """Mask of the poses that can be taken and seen, (N,)."""
         seen = (
             incidence_rad(poses[:, :3], self.view_from_mm, self.reflector_facing)
             <= self.acceptance_rad
@@ -127,5 +127,5 @@ def random_pairs(poses: Array, rng: np.random.Generator) -> Index:
 
 
 def _long_enough(poses: Array, first: Index, second: Index) -> Mask:
-    """Which pairs of rows count, (M,)."""
+    """Mask of the pairs of rows that count, (M,)."""
     return np.asarray(distances_mm(poses[:, :3], first, second) >= SHORTEST_PAIR_MM)

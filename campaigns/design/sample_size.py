@@ -1,4 +1,4 @@
-"""How many measurements are enough: the least that meet a goal, and when more stop paying."""
+"""Sample size: the fewest measurements that meet a goal, and where more stop paying."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,9 +19,9 @@ from campaigns.design.exchange import (
 from campaigns.estimation.information import covariance, largest_std
 
 DIMINISHING_RETURNS_RATIO = 1.1
-"""More measurements only average when σ √N is within this factor of the least."""
+"""Factor of the least σ √N within which more measurements only average."""
 CURVE_STEP = math.sqrt(2.0)
-"""From one number on a curve to the next."""
+"""Factor from one number on a curve to the next."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +35,7 @@ class DesignPoint:
 
     @property
     def count(self) -> int:
-        """How many measurements it has."""
+        """Number of its measurements."""
         return len(self.chosen)
 
 
@@ -141,7 +141,7 @@ def _doubled(fewest: int, most: int) -> Iterator[int]:
 
 
 def evaluate(candidates: Candidates, chosen: Index) -> DesignPoint:
-    """What the chosen candidates tell of the parameters that are known worst."""
+    """Design of the chosen candidates, with the precision of the parameters known worst."""
     return DesignPoint(chosen, *largest_std_of_design(candidates, chosen))
 
 

@@ -13,7 +13,7 @@ from campaigns.arrays import Array, Index, Mask
 WORTHWHILE_PAIR_MM = 250.0
 """Neighbours on the shortest tour tell little by their distance; from here on they tell enough."""
 SHORTNESS_RAD_PER_MM = 0.1
-"""What a pair too short costs, against the travel between its ends."""
+"""Cost of a pair too short, against the travel between its ends."""
 BALANCED_SHARE = (0.3, 0.7)
 """Share of approaches from smaller angles that shows backlash and lets it average."""
 
@@ -86,7 +86,7 @@ def _reversals(tour: Index) -> Iterator[Index]:
 
 
 def _imbalance(tour: Index, joints: Array, start: Array, counted: Mask) -> float:
-    """By how much the shares leave their interval, summed over the joints."""
+    """Distance of the shares from their interval, summed over the joints."""
     order = tour.ravel()
     shares = positive_approach_shares(joints[order], start, counted[order])
     low, high = BALANCED_SHARE
@@ -103,7 +103,7 @@ LEAST_GAIN_RAD = 1e-9
 
 
 def shortest_tour(joints: Array, pairs: Index, start: Array) -> Index:
-    """The same pairs (M, 2) in an order, and each in a sense, that keeps the joints' travel short.
+    """Tour of the same pairs (M, 2), each in a sense, that keeps the joints' travel short.
 
     Nearest neighbour from `start`, then reversal of stretches (2-opt) while that helps. A
     stretch reversed turns its pairs round too, so only the two joins change.
@@ -112,7 +112,7 @@ def shortest_tour(joints: Array, pairs: Index, start: Array) -> Index:
 
 
 def travel_rad(from_rad: Array, to_rad: Array) -> Array:
-    """What a coordinated joint move takes time for: the largest joint's way."""
+    """Travel that a coordinated joint move takes time for: the largest joint's way."""
     return np.asarray(np.abs(to_rad - from_rad).max(axis=-1))
 
 
@@ -142,7 +142,7 @@ def _two_opt(pairs: Index, joints: Array, start: Array) -> Index:
 
 
 def _gains_rad(pairs: Index, joints: Array, start: Array, first: int) -> Array:
-    """How much shorter the way gets if the pairs from `first` to each later one are reversed."""
+    """Shortening of the way if the pairs from `first` to each later one are reversed."""
     before = joints[pairs[first - 1, 1]] if first else start
     entry, exits = joints[pairs[first, 0]], joints[pairs[first + 1 :, 1]]
     after = joints[pairs[first + 2 :, 0]]

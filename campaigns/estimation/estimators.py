@@ -12,6 +12,15 @@ class Estimator(StrEnum):
     """Distances of pairs, which need no common frame: the paper's (eq. 19)."""
 
 
+class Weights(StrEnum):
+    """Weights of distances."""
+
+    STATED = "stated"
+    """By what the tracker states of both ends and the robot scatters."""
+    EQUAL = "equal"
+    """All alike, as in the paper; the scatter of the residuals says how much they are worth."""
+
+
 class Model(StrEnum):
     """How much of a robot may be found."""
 

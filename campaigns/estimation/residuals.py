@@ -4,7 +4,7 @@ Every kind of residual has the same three methods (`start`, `residual`, `jacobia
 solver serves all of them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +39,8 @@ class _Expansion:
     about: _Assembled
     by_x: Array
     """(N, t, F)"""
+    by_all: Array
+    """By every parameter of the mechanism's `parameters.geometry`, (N, t, G)."""
 
     def at(self, x: Array) -> Array:
         return np.asarray(self.about.poses + self.by_x @ (x - self.about.x))
@@ -94,17 +96,29 @@ class PositionModel:
 
     def jacobian(self, x: Array) -> Array:
         """∂(X, Y, Z)/∂x, (N, 3, F); raises `NoSolution`."""
+        return self._expanded(x).by_x[:, :3]
+
+    def by_geometry(self, x: Array, places: Index) -> Array:
+        """∂(X, Y, Z)/∂(parameters at these places), free or not, (N, 3, K)."""
+        return self._expanded(x).by_all[:, :3][:, :, places]
+
+    def by_joints(self, x: Array) -> Array:
+        """∂(X, Y, Z)/∂joints, (N, 3, n): an arm turns as by its encoder's offset."""
+        return self.by_geometry(x, self._space.offsets)
+
+    def _expanded(self, x: Array) -> _Expansion:
         there = self._assembled_at(x)
         if self._expansion is None or self._expansion.about is not there:
-            by_all = there.posture.jacobian(there.poses)
-            if self._free.max() >= by_all.shape[-1]:
+            geometry = there.posture.jacobian(there.poses)
+            by_all = geometry
+            if self._free.size and self._free.max() >= by_all.shape[-1]:
                 by_offset = by_all[:, :, self._space.offsets]
                 by_backlash = by_offset * LEFT_BEHIND * self._approach[:, None]
                 by_all = np.concatenate([by_all, by_backlash], axis=-1)
             # shot by shot in memory, as it is read from here on
             by_free = np.ascontiguousarray(by_all[:, :, self._free])
-            self._expansion = _Expansion(there, by_free)
-        return self._expansion.by_x[:, :3]
+            self._expansion = _Expansion(there, by_free, geometry)
+        return self._expansion
 
     def arm_joints(self, x: Array) -> Array:
         """Where the arms are: encoder values less what the gears have lost, (N, n)."""
@@ -222,6 +236,10 @@ class PointResiduals:
         """The frame that x stands for."""
         turn, _ = small_rotation(x[-6:-3])
         return Transform(self.guess.rotation @ turn, self.guess.translation_mm + x[-3:])
+
+    def with_covariance(self, covariance_mm2: Array) -> "PointResiduals":
+        """The same points with other covariances (N, 3, 3); raises `LinAlgError`."""
+        return replace(self, whitening=np.linalg.inv(np.linalg.cholesky(covariance_mm2)))
 
     def residual(self, x: Array) -> Array:
         """Three rows a shot, (3 N,)."""

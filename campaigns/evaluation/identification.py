@@ -6,13 +6,19 @@ from dataclasses import dataclass
 from campaigns.estimation.estimators import Estimator, LossShape
 from campaigns.estimation.information import ChiSquareTest
 from campaigns.estimation.least_squares import Solution
+from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.evaluation.decision import Decision
+from campaigns.evaluation.doubts import Doubt
 from campaigns.evaluation.summary import BeforeAfter
 
 Combination = tuple[str, ...]
 """Parameters that move together without any effect on what was measured."""
 
-NOTHING_SHOWN = "no validation pairs: nothing shows that the result holds elsewhere"
+NOTHING_SHOWN = (
+    "no validation pairs: nothing shows that the result holds elsewhere; `identify --hold-out 20%` "
+    "keeps some of the shots for it"
+)
+PLAY = "play in the gears"
 MANY_OUTLIERS = 0.1
 """With a larger share of outliers they are no single mistakes."""
 WORTHLESS_MM, WORTHLESS_DEG = 5.0, 3.0
@@ -35,6 +41,7 @@ class IdentificationEvidence:
     contradicted: tuple[str, ...]
     """Priors that the shots contradict, in words."""
     unseen: BeforeAfter | None
+    doubts: tuple[Doubt, ...]
     lost: tuple[str, ...]
     """Unseen pairs that the identified robot cannot take, in words."""
 
@@ -48,6 +55,9 @@ def identification_verdict(
         return "fail", against
     if evidence.unseen is None:
         return "not decided", (NOTHING_SHOWN,)
+    open_ones = tuple(each.says for each in evidence.doubts if each.weighs)
+    if open_ones:
+        return "not decided", open_ones
     before, after = evidence.unseen.before, evidence.unseen.after
     gain = (
         f"unseen pairs: mean {before.mean_abs:.3f} → {after.mean_abs:.3f} mm, "
@@ -58,7 +68,14 @@ def identification_verdict(
     return "pass", (gain, fitted)
 
 
-def noise_in_words(noise: ChiSquareTest, estimator: Estimator, loss: LossShape) -> str:
+def noise_in_words(
+    noise: ChiSquareTest,
+    estimator: Estimator,
+    loss: LossShape,
+    *,
+    by_scatter: bool = True,
+    robot: str = "",
+) -> str:
     """Whether the scatter is as the tracker states, and what follows for σ."""
     if noise.birge_ratio is None:
         return "no degrees of freedom: nothing shows whether the shots scatter as stated"
@@ -66,8 +83,11 @@ def noise_in_words(noise: ChiSquareTest, estimator: Estimator, loss: LossShape) 
     scatter = _scatter_in_words(noise, noise.birge_ratio)
     if noise.sigma0 is None:
         return f"{scatter} ({test}); too little is left of them to tell any σ"
-    if estimator is Estimator.DISTANCES:
+    if estimator is Estimator.DISTANCES and by_scatter:
         return f"{scatter} ({test}); σ come from the scatter"
+    if robot:
+        more = f", and are multiplied by {noise.sigma0:.2g}" if noise.sigma0 > 1.0 else ""
+        return f"{scatter} ({test}): {robot}; σ take it in{more}"
     if loss is not LossShape.LINEAR:
         return f"{scatter} ({test}); σ are {noise.sigma0:.2g} times what is stated, by the loss"
     if noise.consistent:
@@ -113,6 +133,7 @@ def _reasons_against(evidence: IdentificationEvidence) -> Iterator[str]:
             f"the data hardly tell {name}, ±{barely_known[name]:.3g} {unit}: measure at more "
             "different poses, or hold it with --fix"
         )
+    yield from (each.says for each in evidence.doubts if each.weighs and each.decision == "fail")
     yield from evidence.contradicted
     if evidence.outliers > MANY_OUTLIERS:
         yield (
@@ -128,3 +149,20 @@ def _reasons_against(evidence: IdentificationEvidence) -> Iterator[str]:
 def _worthless(name: str) -> float:
     """σ of a parameter that is larger than robots are ever off, in file units."""
     return WORTHLESS_DEG if name.endswith("_deg") else WORTHLESS_MM
+
+
+def scatter_in_words(components: VarianceComponents, unit: str, scale: float) -> str:
+    """The robot's own scatter, in the joints' file unit."""
+    told = []
+    if components.point_mm > 0.0:
+        told.append(
+            f"the point scatters by {components.point_mm:.3g} ± {components.point_mm_std:.1g} mm "
+            "beside the tracker (repeatability)"
+        )
+    if components.joint > 0.0:
+        value, std = components.joint / scale, components.joint_std / scale
+        if unit == "deg":
+            told.append(f"the joints scatter by {60.0 * value:.2g} ± {60.0 * std:.1g}′: {PLAY}")
+        else:
+            told.append(f"the joints scatter by {value:.2g} ± {std:.1g} mm: {PLAY}")
+    return "; ".join(told)

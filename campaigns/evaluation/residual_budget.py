@@ -9,6 +9,11 @@ from campaigns.arrays import Array
 from campaigns.estimation.estimators import Estimator
 from campaigns.evaluation.model_errors import ModelErrors, PairErrors, ShotErrors
 
+Explanation = Literal["instrument", "repeatability", "neither", "not known"]
+
+INSTRUMENT_EXPLAINS = 1.5
+"""Up to this ratio of residuals to stated uncertainty nothing else needs to be looked for."""
+
 
 @dataclass(frozen=True, slots=True)
 class ResidualBudget:
@@ -30,6 +35,15 @@ class ResidualBudget:
         """What is left beyond the larger of the known causes."""
         known = max(self.instrument_mm, self.repeatability_mm or 0.0)
         return float(np.sqrt(max(self.residual_mm**2 - known**2, 0.0)))
+
+    @property
+    def explained_by(self) -> Explanation:
+        """Cause that accounts for the residuals; not known where repeatability was not measured."""
+        if self.chi <= INSTRUMENT_EXPLAINS:
+            return "instrument"
+        if self.repeatability_mm is None:
+            return "not known"
+        return "repeatability" if self.unexplained_mm == 0.0 else "neither"
 
 
 def residual_budget(

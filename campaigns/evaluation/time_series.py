@@ -32,6 +32,17 @@ class TimeSeries:
         """Whether it says nothing at all."""
         return len(self.temperature_degC) == 0 and len(self.drift_mm) < 2
 
+    @property
+    def air_range(self) -> tuple[float, float] | None:
+        """Lowest and highest temperature, °C; None where none was read."""
+        read = self.temperature_degC
+        return (float(read.min()), float(read.max())) if len(read) else None
+
+    @property
+    def moved_mm(self) -> float | None:
+        """Largest drift; None where the drift pose was not measured again."""
+        return float(self.drift_mm.max()) if len(self.drift_mm) > 1 else None
+
 
 def time_series(name: str, shots: Shots) -> TimeSeries:
     """Time series of shots, in the order in which they were measured."""
@@ -47,6 +58,16 @@ def time_series(name: str, shots: Shots) -> TimeSeries:
         at_s[drift],
         np.linalg.norm(points - points[:1], axis=1),
     )
+
+
+def stated_uncertainty_mm(shots: Shots) -> tuple[float, float] | None:
+    """Tracker's σ as stated, each shot in its worst direction: median and largest; None without."""
+    stated = shots.stated_covariance_mm2
+    known = stated[~np.isnan(stated).any(axis=(1, 2))]
+    if len(known) == 0:
+        return None
+    worst = np.sqrt(np.linalg.eigvalsh(known)[:, -1])
+    return float(np.median(worst)), float(worst.max())
 
 
 def _where(order: Index, chosen: Array) -> Index:

@@ -195,6 +195,12 @@ class ValidationResult:
         """Line along an axis."""
         return next((line for line in self.lines if line.axis == axis), None)
 
+    @property
+    def worst_straightness(self) -> MeasuredLength | None:
+        """Straightness of the least straight line."""
+        every = (line.straightness for line in self.lines)
+        return max(every, key=lambda length: length.value_mm, default=None)
+
     def figures(self) -> dict[str, MeasuredLength | None]:
         """All that limits may be asked for, by the names on screen and page."""
         distances, repeated = self.distances, self.repeatability

@@ -1,1 +1,1 @@
-"""How any file is read and written, and how what is wrong with it is said."""
+"""Files of any kind: reading, writing, and saying what is wrong with them."""

@@ -11,7 +11,7 @@ from campaigns.errors import CampaignError
 from campaigns.files.wording import shown, suggestion
 
 ANGLE_DECIMALS = 12
-"""Of a degree: far below what any encoder tells, and far above what converting to rad and back
+"""Decimals of a degree: far below what any encoder tells, far above what converting to rad and back
 loses. So a file that was read and written again is the same file."""
 
 
@@ -44,13 +44,13 @@ class CsvForm:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """All of them, in order."""
+        """Columns, all of them, in order."""
         return (*self.required, *self.optional)
 
 
 @dataclass(frozen=True, slots=True)
 class CsvRow:
-    """One line: where it stands, and its texts by column. A column that the file lacks is empty."""
+    """Line with its number and its texts by column. A column that the file lacks is empty."""
 
     where: str
     texts: Mapping[str, str]

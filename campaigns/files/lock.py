@@ -1,4 +1,4 @@
-"""One process per campaign."""
+"""Lock of a campaign: one process at a time."""
 
 import json
 import os
@@ -56,7 +56,7 @@ def _named_holder(folder: Path, since_utc: str) -> Iterator[None]:
 
 
 def _holder(folder: Path) -> str:
-    """Who holds the lock, as far as can be told; the note may be missing for a moment."""
+    """Holder of the lock, as far as can be told; the note may be missing for a moment."""
     try:
         words = json.loads((folder / HOLDER_FILE).read_text(encoding="utf-8"))
         return f"process {words['pid']} on {words['host']}, since {words['since_utc']}"

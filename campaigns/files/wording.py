@@ -1,4 +1,4 @@
-"""How errors show what was written, and say what was probably meant."""
+"""Wording of errors: what was written, and what was probably meant."""
 
 from collections.abc import Collection
 from difflib import get_close_matches
@@ -18,7 +18,7 @@ def shown(text: str) -> str:
 
 
 def suggestion(word: str, known: Collection[str]) -> str:
-    """Say what to write instead: the same quantity in its unit, the nearest word, or the choice."""
+    """Advice on what to write: the same quantity in its unit, the nearest word, or the choice."""
     for name in known:
         unit = name.rpartition("_")[2]
         if unit in UNITS and name != word and _quantity(name) == _quantity(word):

@@ -1,4 +1,4 @@
-"""What pydantic finds in a YAML file, as one line: file, line, key, value, limit, remedy."""
+"""YAML files, and pydantic's findings in them as one line: place, value, limit, remedy."""
 
 import io
 import json
@@ -47,7 +47,7 @@ WORDS: Mapping[str, str] = {
     "string_pattern_mismatch": "is {input}, which has not the right form",
     BROKEN_RULE: "{message}",
 }
-"""By pydantic's name of the finding; what is in braces comes from the finding itself."""
+"""Words by pydantic's name of the finding; what is in braces comes from the finding itself."""
 
 
 def broken_rule(message: str) -> PydanticCustomError:
@@ -153,7 +153,7 @@ UNBROKEN_LINE = 4096
 
 
 class FileModel(BaseModel):
-    """What a file may hold: nothing unknown, nothing converted, no NaN; fixed once read.
+    """Contents of a file: nothing unknown, nothing converted, no NaN; fixed once read.
 
     The `description` of a field is a noun phrase; it becomes the file's comment and the remedy.
     """

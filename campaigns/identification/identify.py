@@ -1,27 +1,46 @@
 """Identification: a robot's kinematics from measured shots, with its uncertainty and a verdict."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.special import chdtrc
 
-from campaigns.arrays import Array
+from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
-from campaigns.estimation.estimate import Estimate, OutlierPolicy, estimate
-from campaigns.estimation.estimators import Estimator, Outliers
-from campaigns.estimation.information import marginalise_frame, point_jacobian, position_std_mm
+from campaigns.estimation.estimate import Estimate
+from campaigns.estimation.information import (
+    SIGNIFICANCE,
+    marginalise_frame,
+    point_jacobian,
+    position_std_mm,
+)
 from campaigns.estimation.observability import unobservable_combinations
 from campaigns.estimation.point_sets import distances_mm
+from campaigns.estimation.residuals import DistanceResiduals, PositionModel
+from campaigns.estimation.tracker_noise import distance_variance_mm2
+from campaigns.evaluation.doubts import (
+    Doubt,
+    campaign_doubt,
+    change_doubts,
+    hold_out_doubt,
+    noise_doubts,
+)
 from campaigns.evaluation.identification import (
     Combination,
     IdentificationEvidence,
     identification_verdict,
     noise_in_words,
+    scatter_in_words,
 )
+from campaigns.evaluation.plausibility import check_shots
+from campaigns.evaluation.summary import Spread
+from campaigns.identification.change import change_of
+from campaigns.identification.fit import Fit, fit_shots
 from campaigns.identification.observations import (
+    DistanceObservations,
     Observations,
-    observations,
     position_model,
     usable_pairs,
     without_assembly,
@@ -32,12 +51,14 @@ from campaigns.identification.result import (
     Covariance,
     Excluded,
     Frame,
+    HoldOut,
     IdentificationResult,
     IdentifiedParameter,
     LossUsed,
     NoiseTest,
     PositionStd,
     ResidualTable,
+    RobotScatter,
     finite,
 )
 from campaigns.mechanisms.mechanism import Kinematics, NoSolution
@@ -60,21 +81,17 @@ def identify(
     for shots that no robot explains.
     """
     options = options or IdentificationOptions()
-    fitted = observations(nominal, shots, selection, options)
-    policy = OutlierPolicy(options.loss, exclude=options.outliers is Outliers.EXCLUDE)
-    known_variance = options.estimator is Estimator.POINTS
-    count = len(selection.free)
+    check_shots(nominal, shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION), "the shots")
     try:
-        found = estimate(fitted.problem, count, policy, known_variance=known_variance)
+        fit = fit_shots(nominal, shots, selection, options)
     except NoSolution as error:
         raise ShotsInvalid(
             "the shots lead to no robot that could be assembled",
             remedy="look for gross errors: order and signs of the joints, units of points and of "
             "covariances",
         ) from error
-    held_out = _holdout(nominal, shots, selection.free, found.x[:count])
-    told = _Identified(nominal, selection, options, fitted, found, held_out)
-    return told.result()
+    held_out = _holdout(nominal, shots, selection.free, fit, options)
+    return _Identified(nominal, shots, selection, options, fit, held_out).result()
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +99,8 @@ class _Holdout:
     """Pairs that were never fitted: their errors, and what of them could not be used."""
 
     errors: ResidualTable | None
+    tested: HoldOut | None
+    """None without pairs, or where no σ is known."""
     unusable: tuple[Excluded, ...]
     lost: tuple[Excluded, ...]
     """By the identified robot."""
@@ -92,18 +111,33 @@ class _Identified:
     """What the fitted and the unseen shots tell together."""
 
     nominal: Kinematics
+    shots: Shots
     selection: ParameterSelection
     options: IdentificationOptions
-    fitted: Observations
-    found: Estimate
+    fit: Fit
     held_out: _Holdout
+
+    @property
+    def fitted(self) -> Observations:
+        return self.fit.observations
+
+    @property
+    def found(self) -> Estimate:
+        return self.fit.found
 
     def result(self) -> IdentificationResult:
         found, options, fit = self.found, self.options, self.found.fit
         frame = self.fitted.tracker_from_base(found.x)
         unseen = self.held_out.errors
         verdict, reasons = identification_verdict(self._evidence())
-        says = noise_in_words(found.noise, options.estimator, options.loss.shape)
+        scatter, noise = self._robot_scatter(), self.fit.stated_noise
+        says = noise_in_words(
+            noise,
+            options.estimator,
+            options.loss.shape,
+            by_scatter=self.fit.points is None,
+            robot="" if scatter is None else scatter.says,
+        )
         return IdentificationResult(
             estimator=options.estimator,
             loss=LossUsed(options.loss.shape, options.loss.threshold),
@@ -123,9 +157,12 @@ class _Identified:
             excluded=self._excluded(),
             unobservable=self.unobservable,
             known_by_priors_alone=self._by_priors_alone(),
-            chi2=NoiseTest.of(found.noise, says),
+            chi2=NoiseTest.of(noise, says),
             covariance=self.covariance,
             position_std_mm=self._position_std(),
+            robot_scatter=scatter,
+            hold_out=self.held_out.tested,
+            doubts=self.doubts,
             frame=None if frame is None else Frame.of(frame),
             verdict=verdict,
             reasons=reasons,
@@ -168,6 +205,7 @@ class _Identified:
             residuals=self.errors.summary(),
             std=self.covariance.std(),
             contradicted=tuple(self._contradicted()),
+            doubts=self.doubts,
             unseen=None if unseen is None else unseen.summary(),
             lost=tuple(f"unseen {each.what}: {each.reason}" for each in self.held_out.lost),
         )
@@ -186,7 +224,46 @@ class _Identified:
     def _excluded(self) -> tuple[Excluded, ...]:
         held_out = self.held_out
         outliers = tuple(_named_outliers(self.fitted, self.found))
+        if self.fit.left_out is not None:
+            pair_of = dict(zip(self.shots.numbers, self.shots.pairs, strict=True))
+            named = _named_outliers(self.fit.left_out.observations, self.fit.left_out.found)
+            outliers += tuple(replace(each, pair=pair_of[each.shot or 0]) for each in named)
         return self.fitted.excluded + outliers + held_out.unusable + held_out.lost
+
+    @cached_property
+    def doubts(self) -> tuple[Doubt, ...]:
+        """All that speak against the result, by name."""
+        return tuple(self._doubts())
+
+    def _doubts(self) -> Iterator[Doubt]:
+        options, space = self.options, self.nominal.mechanism.parameters
+        parameters = self._parameters()
+        changes = {name: parameters[name].delta for name in self.free}
+        nominal = {name: each.nominal for name, each in parameters.items()}
+        yield from change_doubts(nominal, changes, options.tolerance, options.accepted)
+        yield from noise_doubts(self.fit.stated_noise)
+        if self.fit.points is not None:
+            change = change_of(self.fit.points, space)
+            if change is not None:
+                found, numbers = change
+                yield campaign_doubt(found, numbers, space)
+        tested, unseen = self.held_out.tested, self.held_out.errors
+        if tested is not None and unseen is not None and tested.p < SIGNIFICANCE:
+            met = _limits_met(unseen.summary().after, options.limits_mm)
+            yield hold_out_doubt(tested.ratio, tested.p, tested.pairs, limits_met=met)
+
+    def _robot_scatter(self) -> RobotScatter | None:
+        found, axis = self.fit.scatter, self.nominal.mechanism.joints[0]
+        if not found.any:
+            return None
+        says = scatter_in_words(found, axis.unit, axis.from_file(1.0))
+        return RobotScatter(
+            found.point_mm,
+            found.point_mm_std,
+            axis.to_file(found.joint),
+            axis.to_file(found.joint_std),
+            says,
+        )
 
     def _parameters(self) -> dict[str, IdentifiedParameter]:
         """All of files, extensions that are not 0, and whatever else was free."""
@@ -204,7 +281,11 @@ class _Identified:
 
     def _position_std(self) -> PositionStd | None:
         identified = self.fitted.model.kinematics(self.found.x[: len(self.free)])
-        return _position_std(identified, self.free, self.found, self.options.workspace)
+        found = _position_std(identified, self.free, self.found, self.options.workspace)
+        tested = self.held_out.tested
+        if found is None or tested is None or tested.p >= SIGNIFICANCE:
+            return found
+        return PositionStd(tested.ratio * found.mean, tested.ratio * found.max)
 
     def _by_priors_alone(self) -> tuple[Combination, ...]:
         """What the shots cannot tell and the priors do."""
@@ -256,8 +337,21 @@ def _position_std(
     return PositionStd(float(std.mean()), float(std.max()))
 
 
-def _holdout(nominal: Kinematics, shots: Shots, free: tuple[str, ...], x: Array) -> _Holdout:
-    """Errors of the pairs that were not fitted, with the nominal and the found parameters (F,)."""
+def _limits_met(after: Spread, limits_mm: Mapping[str, float]) -> bool:
+    """Whether acceptance limits of distances are asked for and all of them kept."""
+    reached = {"mean": after.mean_abs, "max": after.max_abs}
+    return bool(limits_mm) and all(reached[name] <= limit for name, limit in limits_mm.items())
+
+
+def _holdout(
+    nominal: Kinematics,
+    shots: Shots,
+    free: tuple[str, ...],
+    fit: Fit,
+    options: IdentificationOptions,
+) -> _Holdout:
+    """Errors of the pairs that were not fitted, with the nominal and the found parameters."""
+    x = fit.found.x[: len(free)]
     at_nominal = nominal.forward(shots.joints)
     usable = usable_pairs(at_nominal, shots, ShotSet.VALIDATION)
     model = position_model(nominal, shots, np.arange(len(shots)), free)
@@ -266,7 +360,7 @@ def _holdout(nominal: Kinematics, shots: Shots, free: tuple[str, ...], x: Array)
     lost = without_assembly(shots, usable.rows[~whole], solution.found, "identified")
     kept = usable.rows[whole]
     if len(kept) == 0:
-        return _Holdout(None, usable.excluded, lost)
+        return _Holdout(None, None, usable.excluded, lost)
     measured_mm = shots.measured_distances_mm(kept)
     before, after = (
         (distances_mm(values[:, :3], kept[:, 0], kept[:, 1]) - measured_mm)[:, None]
@@ -274,4 +368,60 @@ def _holdout(nominal: Kinematics, shots: Shots, free: tuple[str, ...], x: Array)
     )
     pairs = tuple(shots.pairs[row] or 0 for row in kept[:, 0].tolist())
     errors = ResidualTable.from_arrays("pairs", pairs, before, after)
-    return _Holdout(errors, usable.excluded, lost)
+    rows, places = np.unique(kept, return_inverse=True)
+    some = shots.rows(rows)
+    near = solution.values[rows]
+    tested = _tested(nominal, some, near, places.reshape(kept.shape), free, fit, options)
+    return _Holdout(errors, tested, usable.excluded, lost)
+
+
+def _tested(
+    nominal: Kinematics,
+    shots: Shots,
+    near: Array,
+    pairs: Index,
+    free: tuple[str, ...],
+    fit: Fit,
+    options: IdentificationOptions,
+) -> HoldOut | None:
+    """Test of unseen pairs (M, 2) against the covariance of parameters and shots."""
+    found, count = fit.found, len(free)
+    if found.covariance is None or found.noise.sigma0 is None:
+        return None
+    x = found.x[:count]
+    model = position_model(nominal, shots, np.arange(len(shots)), free, near)
+    try:
+        unseen = DistanceResiduals.in_mm(
+            model, pairs[:, 0], pairs[:, 1], shots.measured_distances_mm(pairs)
+        )
+        error_mm, by_x = unseen.errors_mm(x), unseen.jacobian(x)
+        variance = _pair_variance_mm2(shots, pairs, model, x, fit, options)
+    except (NoSolution, np.linalg.LinAlgError):
+        return None
+    predicted = by_x @ found.covariance[:count, :count] @ by_x.T + np.diag(variance)
+    chi2 = float(error_mm @ np.linalg.solve(predicted, error_mm))
+    ratio = float(np.sqrt(np.mean(error_mm**2 / np.diag(predicted))))
+    return HoldOut(len(pairs), chi2, float(chdtrc(len(pairs), chi2)), ratio)
+
+
+def _pair_variance_mm2(
+    shots: Shots,
+    pairs: Index,
+    model: PositionModel,
+    x: Array,
+    fit: Fit,
+    options: IdentificationOptions,
+) -> Array:
+    """Variance of each measured distance, the robot's own scatter included, (M,)."""
+    sigma0 = fit.found.noise.sigma0 or 1.0
+    if isinstance(fit.observations, DistanceObservations) and fit.points is None:
+        own = fit.observations.distances.whitening
+        return np.full(len(pairs), sigma0**2 / float(np.mean(own**2)))
+    points_mm, covariance = shots.points_in_tracker_mm, shots.covariance_mm2(options.instrument)
+    if fit.points is not None:
+        points = fit.points
+        frame = points.observations.tracker_from_base(points.found.x)
+        by_joints = frame.rotation @ model.by_joints(x)
+        covariance = points.scatter.covariance_mm2(covariance, by_joints)
+        sigma0 = points.found.noise.sigma0 or 1.0
+    return sigma0**2 * distance_variance_mm2(points_mm, covariance, pairs[:, 0], pairs[:, 1])

@@ -1,5 +1,6 @@
 """Observations of a fit: shots or pairs that can be used, with the problem that they pose."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.errors import ShotsInvalid, ShotsMissing
-from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.estimators import Estimator, Weights
 from campaigns.estimation.least_squares import LeastSquaresProblem, Priors
 from campaigns.estimation.residuals import (
     FRAME_COLUMNS,
@@ -166,6 +167,10 @@ class PointObservations:
     points: PointResiduals
     numbers: tuple[int, ...]
     excluded: tuple[Excluded, ...]
+    stated_mm2: Array
+    """Covariances that the tracker states, (N, 3, 3)."""
+    times: tuple[str, ...]
+    """When each was measured; empty where nobody said."""
 
     @property
     def kind(self) -> Kind:
@@ -206,8 +211,8 @@ def observations(
     that is none.
     """
     if options.estimator is Estimator.DISTANCES:
-        return _distance_observations(nominal, data, selection, options)
-    return _point_observations(nominal, data, selection, options)
+        return distance_observations(nominal, data, selection, options)
+    return point_observations(nominal, data, selection, options)
 
 
 def position_model(
@@ -223,9 +228,20 @@ def position_model(
     return PositionModel(nominal, places, joints, near, approach=approach)
 
 
-def _distance_observations(
-    nominal: Kinematics, data: Shots, selection: ParameterSelection, options: IdentificationOptions
+def distance_observations(
+    nominal: Kinematics,
+    data: Shots,
+    selection: ParameterSelection,
+    options: IdentificationOptions,
+    *,
+    covariance_mm2: Mapping[int, Array] | None = None,
+    left_out: frozenset[int] = frozenset(),
 ) -> DistanceObservations:
+    """Distances of the identification pairs, without the shots that are left out by number.
+
+    Weighed by the covariances (3, 3) of the shots' points, by number; as the tracker states them,
+    and all alike where that is asked for, without any. Raises as `observations` does.
+    """
     solution = nominal.forward(data.joints)
     usable = usable_pairs(solution, data, ShotSet.IDENTIFICATION)
     apart = data.measured_distances_mm(usable.rows) >= SHORTEST_MM
@@ -234,6 +250,9 @@ def _distance_observations(
         for row in usable.rows[~apart, 0].tolist()
     )
     rows, excluded, free = usable.rows[apart], usable.excluded + together, selection.free
+    numbers = np.array(data.numbers)[rows]
+    wrong = np.isin(numbers, sorted(left_out))
+    rows = rows[~wrong.any(axis=1)]
     wanted = max(1, len(free) - len(selection.priors))
     if len(rows) < wanted:
         raise ShotsMissing(
@@ -244,9 +263,14 @@ def _distance_observations(
     model = position_model(nominal, data, rows.ravel(), free, near)
     first, second = np.arange(rows.size).reshape(rows.shape).T
     covariance = _stated(data, rows.ravel(), options.instrument)
+    if covariance_mm2 is not None:
+        covariance = np.array([covariance_mm2[data.numbers[row]] for row in rows.ravel().tolist()])
     points = data.points_in_tracker_mm[rows.ravel()]
-    variance = pooled_variance_mm2(distance_variance_mm2(points, covariance, first, second))
-    whitening = np.full(len(rows), np.sqrt(1.0 / variance))
+    variance = distance_variance_mm2(points, covariance, first, second)
+    stated = np.isfinite(data.stated_covariance_mm2[rows.ravel()]).any()
+    if options.weights is Weights.EQUAL or not stated:
+        variance = np.full(len(rows), pooled_variance_mm2(variance))
+    whitening = np.sqrt(1.0 / variance)
     measured = data.measured_distances_mm(rows)
     distances = DistanceResiduals(model, first, second, measured, whitening)
     problem = LeastSquaresProblem(distances, 1, _priors(nominal, selection, model))
@@ -254,9 +278,10 @@ def _distance_observations(
     return DistanceObservations(problem, distances, pairs, excluded)
 
 
-def _point_observations(
+def point_observations(
     nominal: Kinematics, data: Shots, selection: ParameterSelection, options: IdentificationOptions
 ) -> PointObservations:
+    """Coordinates of the identification shots, weighed as the tracker states; raises likewise."""
     rows = np.flatnonzero([purpose is ShotSet.IDENTIFICATION for purpose in data.purposes])
     solution = nominal.forward(data.joints[rows])
     found = solution.found
@@ -277,7 +302,8 @@ def _point_observations(
         ) from error
     problem = LeastSquaresProblem(points, COORDINATES, _priors(nominal, selection, model))
     shots = tuple(data.numbers[row] for row in rows.tolist())
-    return PointObservations(problem, points, shots, excluded)
+    times = tuple(data.measured_utc[row] for row in rows.tolist())
+    return PointObservations(problem, points, shots, excluded, stated, times)
 
 
 def _check_coordinates(

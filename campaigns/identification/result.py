@@ -17,6 +17,7 @@ from campaigns.estimation.estimators import Estimator, LossShape, Outliers
 from campaigns.estimation.information import ChiSquareTest, correlations
 from campaigns.estimation.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
 from campaigns.evaluation.decision import Decision
+from campaigns.evaluation.doubts import Doubt
 from campaigns.evaluation.identification import Combination
 from campaigns.evaluation.summary import BeforeAfter, spread
 
@@ -64,8 +65,9 @@ class Excluded:
 
     @property
     def what(self) -> str:
-        """`shot 7` or `pair 3`."""
-        return f"pair {self.pair}" if self.shot is None else f"shot {self.shot}"
+        """`shot 7`, `pair 3`, or `shot 7 of pair 3`."""
+        words = {"shot": self.shot, "of pair" if self.shot is not None else "pair": self.pair}
+        return " ".join(f"{word} {number}" for word, number in words.items() if number is not None)
 
     @property
     def is_outlier(self) -> bool:
@@ -143,6 +145,29 @@ class Covariance:
             for row in order.tolist()
         )
         return tuple(each for each in found if abs(each.value) >= least)
+
+
+@dataclass(frozen=True, slots=True)
+class RobotScatter:
+    """Robot's own scatter beside the tracker's: of the point, and of the joints, 1 σ each."""
+
+    point_mm: float
+    point_mm_std: float
+    joint: float
+    """In the joints' file unit, deg or mm."""
+    joint_std: float
+    says: str
+
+
+@dataclass(frozen=True, slots=True)
+class HoldOut:
+    """Test of pairs that were never fitted against what σ predict of them."""
+
+    pairs: int
+    chi2: float
+    p: float
+    ratio: float
+    """Root mean square of their errors over that of their σ."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,6 +273,11 @@ class IdentificationResult:
     chi2: NoiseTest | None = None
     covariance: Covariance | None = None
     position_std_mm: PositionStd | None = None
+    robot_scatter: RobotScatter | None = None
+    """None where the shots do not ask for any."""
+    hold_out: HoldOut | None = None
+    doubts: tuple[Doubt, ...] = ()
+    """All that speak against the result, heeded, accepted or only told."""
     frame: Frame | None = None
     """None where no frame was estimated."""
     verdict: Decision

@@ -1,4 +1,4 @@
-"""Reads a campaign's journal: its series, accepted shots, crashes and digest."""
+"""Journal of a campaign: its series, accepted shots, crashes and digest."""
 
 import hashlib
 import json
@@ -40,7 +40,7 @@ def read_journal(path: Path) -> "JournalReader":
 
 
 class JournalReader:
-    """What the journal says. For one thread; everything raises `JournalFailed`."""
+    """Reader of a journal's records. For one thread; everything raises `JournalFailed`."""
 
     def __init__(self, connection: Connection, path: Path) -> None:
         self._connection = connection

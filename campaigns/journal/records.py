@@ -10,8 +10,8 @@ from pydantic import Field, JsonValue, TypeAdapter, ValidationError
 from drivers.values import Identity, Matrix3, Pose, Vector3, Weather
 
 Joints = tuple[float, ...]
-"""One value a joint, by whose kind its unit is: rad or mm. Keys in the file say rad."""
-Stage = Literal["run", "before", "after", "import"]
+"""Joint values, one a joint, by whose kind the unit is rad or mm. Keys in the file say rad."""
+Stage = Literal["run", "before", "after", "import", "verify before", "verify after"]
 Command = Literal["joints", "pose"]
 Ending = Literal["finished", "interrupted", "aborted"]
 EventKind = Literal[
@@ -23,13 +23,15 @@ EventKind = Literal[
     "temperature alarm",
     "goal met",
     "operator note",
+    "wrong stage",
 ]
-FindingKind = Literal["identification", "validation", "load"]
+FindingKind = Literal["identification", "validation", "load begun", "load", "load failed"]
+"""A load is begun, and then it took effect ("load") or did not; neither: the process died."""
 
 
 @dataclass(frozen=True, slots=True)
 class SeriesStarted:
-    """One execution of one plan for one stage begins. An import has neither device nor weather."""
+    """Start of one execution of a plan for a stage. An import has neither device nor weather."""
 
     stage: Stage
     plan_digest: str
@@ -43,7 +45,7 @@ class SeriesStarted:
 
 @dataclass(frozen=True, slots=True)
 class SeriesFinished:
-    """Every shot of the series' plan has an accepted outcome, or was left out: the goal was met."""
+    """End of a series: every shot has an accepted outcome, or was left out as the goal was met."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +68,7 @@ class SessionStopped:
 
 @dataclass(frozen=True, slots=True)
 class Intent:
-    """What is about to be done; written before anything moves. `purpose` is the shot's set."""
+    """Intention of one attempt, written before anything moves. `purpose` is the shot's set."""
 
     shot: int
     attempt: int
@@ -79,7 +81,7 @@ class Intent:
 
 @dataclass(frozen=True, slots=True)
 class Durations:
-    """Where a shot's time went."""
+    """Durations of a shot's parts."""
 
     move_s: float
     settle_s: float
@@ -134,7 +136,7 @@ class PairVoided:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened, for the reader of the report."""
+    """Event for the reader of the report."""
 
     kind: EventKind
     text: str

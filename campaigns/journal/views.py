@@ -1,4 +1,4 @@
-"""What a journal says, read off its records in their order. Pure."""
+"""Views of a journal, read off its records in their order. Pure."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ class Series:
 
 @dataclass(frozen=True, slots=True)
 class AcceptedShot:
-    """What was asked for and what came of it."""
+    """Accepted shot: what was asked for and what came of it."""
 
     intent: Intent
     outcome: Outcome

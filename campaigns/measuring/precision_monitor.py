@@ -8,7 +8,6 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.design.pose_sampling import WorkspaceTooSmall, workspace_poses
 from campaigns.errors import ShotsInvalid, ShotsMissing
-from campaigns.estimation.estimate import OutlierPolicy, estimate
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import (
     MINIMUM_DOF,
@@ -20,7 +19,7 @@ from campaigns.estimation.information import (
     position_std_mm,
     workspace_jacobian,
 )
-from campaigns.identification.observations import observations
+from campaigns.identification.fit import fit_shots
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.journal.records import Intent, Outcome
@@ -100,18 +99,19 @@ class PrecisionMonitor:
         setup, data = self.setup, shots_of_journal(shots, self.kinematics.mechanism)
         selection = ParameterSelection(setup.free)
         options = IdentificationOptions(estimator=setup.estimator, instrument=setup.uncertainty)
-        count, known_variance = len(setup.free), setup.estimator is Estimator.POINTS
+        count = len(setup.free)
         try:
-            problem = observations(self.kinematics, data, selection, options).problem
-            found = estimate(problem, count, OutlierPolicy(), known_variance=known_variance)
+            fit = fit_shots(self.kinematics, data, selection, options)
         except (ShotsMissing, ShotsInvalid, NoSolution, np.linalg.LinAlgError):
             return None
-        noise, of_all = found.noise, found.covariance
+        found = fit.found
+        noise, of_all = fit.stated_noise, found.covariance
         if not found.fit.converged or found.seen.rank < count or noise.dof < MINIMUM_DOF:
             return None
         if of_all is None or noise.birge_ratio is None or noise.sigma0 is None:
             return None
-        known = PosteriorCovariance(of_all[:count, :count], noise.birge_ratio, noise.sigma0)
+        widened = max(1.0, noise.birge_ratio) if fit.scatter.any else noise.sigma0
+        known = PosteriorCovariance(of_all[:count, :count], noise.birge_ratio, widened)
         return self._in_words(len(shots), known)
 
     def predicted(self, tracker_mm: Vector3, count: int | None = None) -> ParameterPrecision | None:

@@ -43,12 +43,12 @@ class ArmKind(Protocol):
 
     @property
     def fields(self) -> tuple[ParameterField, ...]:
-        """Of each arm, in the order of its values."""
+        """Fields of each arm, in the order of its values."""
         ...
 
     @property
     def extensions(self) -> tuple[ParameterField, ...]:
-        """Beyond what controllers know."""
+        """Fields beyond what controllers know."""
         ...
 
     @property
@@ -90,7 +90,7 @@ class RotaryArms:
     frames: Array
     """u_i, the motor's axis and w_i, of unit length in the base frame, (3, n, 3)."""
     cos: Array
-    """Of the arms' angles, (n, N)."""
+    """Cosines of the arms' angles, (n, N)."""
     sin: Array
     elbows_mm: Array
     """A_i in the base frame, (3, n, N); a positive angle lowers the elbow."""

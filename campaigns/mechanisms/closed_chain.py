@@ -30,7 +30,7 @@ from campaigns.mechanisms.mechanism import (
 from campaigns.mechanisms.platforms import Platform
 
 PLATE_LEVER_MM = 100.0
-"""Turns columns of angles into lengths before anything looks at singular values."""
+"""Lever that turns columns of angles into lengths, for singular values."""
 CHUNK = 4096
 """Rows worked on at a time, so that they stay in the processor's cache."""
 ITERATIONS = 40
@@ -39,11 +39,11 @@ STEP_RAD = 0.35
 CONVERGED_MM = 1e-5
 """A Newton step shorter than this leaves an error of its square over the forearm's length."""
 MISFIT_OF_STEP = 10.0
-"""How much longer than that step a forearm may have been too long before it."""
+"""Largest misfit of a forearm before that step, as a multiple of the step."""
 LEVER_MM = 100.0
-"""Compares a step in the turn with one in position."""
+"""Lever by which a step in the turn compares with one in position."""
 LEAST_TURN_RAD = np.pi / 4
-"""Searched each way, however narrow limits are drawn."""
+"""Turn that is searched each way, however narrow limits are drawn."""
 COORDINATES = 3
 FRAME_UNKNOWNS = 6
 FIX_FRAME = ("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg")
@@ -72,7 +72,7 @@ class Legs:
     """Sign of the determinant of the closures' Jacobian at home."""
 
     def rows(self, chosen: Mask) -> "Legs":
-        """Some of the rows."""
+        """Legs of some of the rows."""
         return Legs(self.elbows_mm[:, :, chosen], self.forearm_mm, self.platform, self.home_sign)
 
 
@@ -175,7 +175,7 @@ class ClosedChain:
         return replace(judged, violations=violations.astype(np.uint8))
 
     def passage(self, p: Array, limits: Limits, joints: Array, poses: Array) -> Feasibility:
-        """The same of poses (N, t) that are passed at known joints, whose limits don't count."""
+        """Feasibility of poses (N, t) that are passed at known joints, whose limits don't count."""
         return self._margins(p, limits, joints, poses, np.ones(len(poses), dtype=bool))
 
     def search_extent(self, p: Array, limits: Limits) -> Array:
@@ -219,7 +219,7 @@ class ClosedChain:
         return np.where(space.is_angle, found, 1.0)
 
     def smallest_singular_value(self, p: Array, joints: Array, poses: Array) -> Array:
-        """Of the closures' Jacobian with unit rows, columns of angles divided by 100 mm, (N,)."""
+        """Smallest singular value, unit rows, angles' columns divided by 100 mm, (N,)."""
         return _smallest_singular_value(self.pose_jacobian(p, joints, poses))
 
     def _split(self, p: Array) -> tuple[Array, Array, Array]:

@@ -24,7 +24,7 @@ SINGULARITY_MARGIN = 0.2
 ELBOW_MARGIN = 0.05
 """Smallest share of a forearm along which its joint moves it: below, the arm is stretched."""
 MM_PER_RAD = 300.0
-"""What compares a carriage's travel with a crank's turn: the length of a typical crank."""
+"""Length of a typical crank, by which a carriage's travel compares with a crank's turn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ class ParameterSpace:
     arm_fields: tuple[ParameterField, ...]
     platform_fields: tuple[ParameterField, ...]
     extension_fields: tuple[ParameterField, ...]
-    """Of each arm, beyond what controllers know."""
+    """Fields of each arm, beyond what controllers know."""
     lost_motion: str
     """Field of the lost motion of a joint's gear, `backlash_deg` or `backlash_mm`."""
     held_fields: tuple[str, ...]
@@ -104,33 +104,39 @@ class ParameterSpace:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of files and controllers."""
+        """Names in files and controllers."""
         arms = self._of_arms(tuple(field.name for field in self.arm_fields))
         return (*arms, *(field.name for field in self.platform_fields))
 
     @cached_property
     def extensions(self) -> tuple[str, ...]:
-        """Beyond them, of the geometry too: nominally 0."""
+        """Names beyond those, of the geometry too: nominally 0."""
         return self._of_arms(tuple(field.name for field in self.extension_fields), by_field=True)
 
     @cached_property
     def backlashes(self) -> tuple[str, ...]:
-        """Of the joints' gears."""
+        """Names of the backlashes of the joints' gears."""
         return self._of_arms((self.lost_motion,))
 
     @cached_property
+    def arm_lengths(self) -> tuple[str, ...]:
+        """Names of the length of the link that each joint drives."""
+        first = next(field.name for field in self.arm_fields if field.quantity == "length")
+        return self._of_arms((first,))
+
+    @cached_property
     def geometry(self) -> tuple[str, ...]:
-        """Of a vector p, (G,)."""
+        """Names of the entries of a vector p, (G,)."""
         return self.names + self.extensions
 
     @cached_property
     def model(self) -> tuple[str, ...]:
-        """All that a fit may free."""
+        """Names of all that a fit may free."""
         return self.geometry + self.backlashes
 
     @cached_property
     def free_by_default(self) -> tuple[str, ...]:
-        """What shots with a free frame can tell, unless told otherwise."""
+        """Names of what shots with a free frame can tell, unless told otherwise."""
         return tuple(
             name
             for name in self.names
@@ -139,12 +145,12 @@ class ParameterSpace:
 
     @cached_property
     def free_if_extended(self) -> tuple[str, ...]:
-        """All that shots with known directions of approach can tell apart."""
+        """Names of all that shots with known directions of approach can tell apart."""
         return tuple(name for name in self.model if name not in self.fix_frame)
 
     @cached_property
     def is_angle(self) -> Mask:
-        """Which of `model` are angles."""
+        """Mask of the angles among `model`."""
         return np.array([name.endswith("_deg") for name in self.model])
 
     @cached_property
@@ -223,7 +229,7 @@ class KinematicSolution:
         return np.asarray(self.status == KinematicStatus.FOUND)
 
     def values_or_raise(self) -> Array:
-        """All values; raises `NoSolution` naming the first row that has none."""
+        """Values of all rows; raises `NoSolution` naming the first row that has none."""
         if not np.all(self.found):
             row = int(np.argmin(self.found))
             raise NoSolution(f"no assembly for row {row} of {len(self.status)}")
@@ -235,9 +241,9 @@ class Limits:
     """Motion limits of a robot, and how near it may come to what it cannot do."""
 
     joint: Interval
-    """Of every joint, rad or mm."""
+    """Limits of every joint, rad or mm."""
     task: tuple[Interval | None, ...]
-    """Of each task coordinate; None: the workspace alone limits it."""
+    """Limits of each task coordinate; None: the workspace alone limits it."""
     forearm_swing_rad: float
     singularity_margin: float = SINGULARITY_MARGIN
     elbow_margin: float = ELBOW_MARGIN
@@ -256,7 +262,7 @@ class Limits:
 
 
 class Violation(IntFlag):
-    """Why a pose cannot be taken; several may hold at once."""
+    """Reason why a pose cannot be taken; several may hold at once."""
 
     NONE = 0
     OUT_OF_REACH = 1
@@ -275,7 +281,7 @@ class Feasibility:
     joints: Array
     """(N, n)"""
     swing_rad: Array
-    """Each forearm's angle out of its arm's plane, (N, n)."""
+    """Angle of each forearm out of its arm's plane, (N, n)."""
     singular_value: Array
     """Smallest of the closures' Jacobian, as `SINGULARITY_MARGIN` has it, (N,)."""
     elbow: Array
@@ -391,7 +397,7 @@ class Mechanism(Protocol):
         ...
 
     def passage(self, p: Array, limits: Limits, joints: Array, poses: Array) -> Feasibility:
-        """The same of poses (N, t) that are passed at known joints, whose limits don't count."""
+        """Feasibility of poses (N, t) that are passed at known joints, whose limits don't count."""
         ...
 
     def search_extent(self, p: Array, limits: Limits) -> Array:
@@ -421,7 +427,7 @@ class Kinematics:
 
     @classmethod
     def from_flat(cls, mechanism: Mechanism, flat: Mapping[str, float]) -> Self:
-        """From values by name in mm and deg; raises `KeyError` when one is missing."""
+        """Model from values by name in mm and deg; raises `KeyError` when one is missing."""
         return cls(mechanism, mechanism.parameters.vector(flat))
 
     def flat(self) -> dict[str, float]:

@@ -38,7 +38,7 @@ class Par4(ClosedChain):
         return max(SHOTS_FOR_A_FRAME, by_two, len(names) - near)
 
     def home_sign(self, p: Array) -> float:  # noqa: ARG002 - the same for all
-        """Positive, as the elimination below forms the determinant."""
+        """Sign of the determinant at home: positive, as the elimination below forms it."""
         return 1.0
 
     def newton_step(self, legs: Legs, poses: Array) -> tuple[Array, Array, Array]:

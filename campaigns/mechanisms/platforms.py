@@ -19,7 +19,7 @@ class Platform(Protocol):
 
     @property
     def arms(self) -> int:
-        """How many forearms hold it."""
+        """Number of forearms that hold it."""
         ...
 
     @property
@@ -61,7 +61,7 @@ class TranslatingPlatform:
         raise NotImplementedError
 
     def by_fields(self, values: Array, poses: Array, forearms_mm: Array) -> Array:  # noqa: ARG002
-        """Nothing: there are no fields."""
+        """Derivatives by no fields: there are none."""
         return np.empty((0, *forearms_mm.shape[1:]))
 
 

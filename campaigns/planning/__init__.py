@@ -1,1 +1,1 @@
-"""Where to measure, in which order, by which ways; and what a plan will tell."""
+"""Plans: poses to measure, their order and ways, and the precision a plan will give."""

@@ -55,7 +55,7 @@ from campaigns.shots.shot_sets import ShotSet
 
 CANDIDATES = 4000
 PAIRINGS = 6
-"""How often the candidate poses are paired anew: so many pairs have as many rows as the shots."""
+"""Number of pairings of the candidate poses: so many pairs have as many rows as the shots."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +85,7 @@ class CandidateSet:
     workspace: Array
     """Jacobian of the positions that are judged, (K, 3, P)."""
     variance_mm2: Array | None = None
-    """Of each distance, (M,); the candidates take them all as the common one."""
+    """Variance of each distance, (M,); the candidates take them all as the common one."""
 
     def variance_ratio(self, rows: Index) -> float:
         """σ of chosen measurements by their own pooled variance, over that by all's."""
@@ -96,7 +96,7 @@ class CandidateSet:
 
     @property
     def poses_each(self) -> int:
-        """How many poses a measurement takes."""
+        """Number of poses that a measurement takes."""
         return int(self.ends.shape[1])
 
     @property
@@ -105,7 +105,7 @@ class CandidateSet:
         return 2 // self.poses_each
 
     def criterion(self, name: CriterionName) -> Criterion:
-        """Of that name, for these candidates."""
+        """Criterion of that name, for these candidates."""
         return make_criterion(name, self.candidates, self.workspace)
 
 
@@ -144,11 +144,11 @@ def _many_pairs(poses: Array, rng: np.random.Generator) -> Index:
 
 MOST_SHOTS = 1000
 GOAL_ROUNDS = 4
-"""For a goal by distances, whose common variance is known when they are chosen."""
+"""Rounds for a goal by distances, whose common variance is known when they are chosen."""
 CURVE_REACH = 2
 """The curve goes on to so many times the plan's shots, and to twice that of the fewest."""
 NEARLY_THE_SAME = 0.15
-"""Other numbers of shots stay off the plan's own by more than this part of it."""
+"""Part of the plan's own number of shots by which other numbers stay off it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +157,7 @@ class OptimalPlan:
 
     shots: tuple[PlannedShot, ...]
     curve: tuple[PredictedPrecision, ...]
-    """What other numbers of shots would tell, this plan's own among them."""
+    """Precision that other numbers of shots would give, this plan's own among them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -304,7 +304,7 @@ def _start(region: FeasibleRegion) -> Array:
 def _ordered(
     region: FeasibleRegion, choice: _Choice, unseen: list[PlannedShot], drift_shots: int
 ) -> tuple[PlannedShot, ...]:
-    """All pairs in one tour, so that slow effects meet them alike, and the drift shots in it."""
+    """Shots of all pairs in one tour, so that slow effects meet them alike, drift shots in it."""
     fitted, start = len(choice.poses), _start(region)
     poses = np.vstack([choice.poses, poses_of(unseen).reshape(-1, len(region.centre))])
     joints = region.kinematics.inverse(poses).values_or_raise()

@@ -18,7 +18,7 @@ PASSING_SINGULARITY_MARGIN = 0.1
 
 @dataclass(frozen=True, slots=True)
 class PathFault:
-    """Why a joint move is not safe."""
+    """Reason why a joint move is not safe."""
 
     reason: str
     part_of_the_way: float
@@ -27,7 +27,7 @@ class PathFault:
 def path_fault(
     kinematics: Kinematics, limits: Limits, start: Array, end: Array
 ) -> PathFault | None:
-    """What goes wrong on the coordinated move from joints to joints, (n,) each, if anything."""
+    """First fault on the coordinated move from joints to joints, (n,) each, if any."""
     turn = np.abs(kinematics.comparable(end - start)).max()
     steps = max(2, int(np.ceil(turn / PATH_STEP_RAD)) + 1)
     part = np.linspace(0.0, 1.0, steps)
@@ -125,11 +125,11 @@ class PathReport:
     """Sum of the ways between stops."""
 
     detours: int
-    """How many are not straight because that would not be safe."""
+    """Number of ways that are not straight because that would not be safe."""
     travel_rad: float
-    """Of cranks, or what compares with it."""
+    """Travel of cranks, or what compares with it."""
     faults: tuple[str, ...]
-    """One line for each two stops between which no safe way was found."""
+    """Lines, one for each two stops between which no safe way was found."""
 
 
 def check_paths(stops: Sequence[Stop], robot: RobotModel) -> PathReport:

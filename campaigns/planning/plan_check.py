@@ -17,14 +17,14 @@ from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
 AGREEMENT_RAD = float(np.radians(0.01))
-"""How far a row's joints may be from those that its pose takes: of cranks, or what compares."""
+"""Largest distance of a row's joints from its pose's: of cranks, or what compares."""
 TOLERANCE_RAD = 1e-9
 FAULTS_NAMED = 5
 
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """What a shot takes besides the way."""
+    """Time that a shot takes besides the way."""
 
     joint_speed_rad_s: float
     settle_s: float
@@ -37,7 +37,7 @@ class CheckedPlan:
 
     shots: tuple[PlannedShot, ...]
     detours: int
-    """How many ways between shots are not straight because that would not be safe."""
+    """Number of ways between shots that are not straight because that would not be safe."""
     seconds: float
     travel_rad: float
 
@@ -82,7 +82,7 @@ def refuse(faults: Sequence[str], *, remedy: str) -> None:
 
 
 def view_fault(point_mm: Array, view: View) -> str:
-    """Why a point (3,) in the base frame cannot be seen; empty when it can."""
+    """Reason why a point (3,) in the base frame cannot be seen; empty when it can."""
     facing = np.array(view.facing) / np.linalg.norm(view.facing)
     (angle,) = incidence_rad(point_mm[None], np.array(view.tracker_mm), facing)
     if angle <= view.acceptance_rad:

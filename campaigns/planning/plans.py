@@ -32,7 +32,7 @@ other encoder angles, and it should still be there to be compared."""
 
 
 class Placement(StrEnum):
-    """Where poses are placed; the value is the word on the command line and in campaign.yaml."""
+    """Placement of poses; the value is the word on the command line and in campaign.yaml."""
 
     BOUNDARY = "boundary"
     OPTIMAL = "optimal"
@@ -40,7 +40,7 @@ class Placement(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """How the tracker sees the reflector; places in the base frame."""
+    """View of the reflector from the tracker; places in the base frame."""
 
     tracker_mm: Vector3
     facing: Vector3
@@ -50,7 +50,7 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class PlanRequest:
-    """What a plan shall hold."""
+    """Request for a plan: numbers of shots of each kind, and the workspace's centre."""
 
     identification_shots: int
     validation_pairs: int
@@ -68,7 +68,7 @@ def with_reserve(robot: RobotFile) -> Limits:
 
 
 def region_of(kinematics: Kinematics, limits: Limits, view: View, centre: Pose) -> FeasibleRegion:
-    """Where poses may be placed."""
+    """Region where poses may be placed."""
     facing = np.array(view.facing)
     return FeasibleRegion(
         kinematics,
@@ -115,7 +115,7 @@ def make_plan(
 
 
 def _inner(region: FeasibleRegion) -> FeasibleRegion:
-    """Where validation poses may be placed."""
+    """Region where validation poses may be placed."""
     further = UNSEEN_JOINT_RESERVE_RAD - JOINT_RESERVE_RAD
     scale = region.kinematics.mechanism.joints[0].scale
     return replace(region, limits=region.limits.drawn_in(joint=further * scale))

@@ -35,9 +35,9 @@ from campaigns.planning.plans import Placement, joints_of, pairs_of, poses_of
 from campaigns.shots.shot_sets import ShotSet
 
 WORKSPACE_SAMPLE = 1000
-"""At so many poses all over the workspace positions are judged."""
+"""Number of poses all over the workspace at which positions are judged."""
 WORKSPACE_SEED = 1
-"""The same ones for every plan of a robot."""
+"""Seed of these poses: they are the same ones for every plan of a robot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +102,7 @@ class PrecisionCurvePoint:
 
     @classmethod
     def of(cls, predicted: PredictedPrecision, jacobian: Array) -> "PrecisionCurvePoint":
-        """With the position judged where a workspace Jacobian (N, 3, F) looks."""
+        """Point of the curve, its position judged where a workspace Jacobian (N, 3, F) looks."""
         return cls(predicted, float(predicted.position_std_mm(jacobian).mean()))
 
 
@@ -113,7 +113,7 @@ class PlanPrecision:
     predicted: PredictedPrecision
     information: PredictedCovariance
     position_std_mm: Array
-    """Of positions all over the workspace, after a best fit of the frame, (N,)."""
+    """Standard deviation of positions all over the workspace, the frame best fitted, (N,)."""
     from_below: tuple[float, ...]
     """Share of shots to which each joint comes from a smaller value, (n,)."""
 
@@ -208,5 +208,5 @@ def require_identifiable(jacobian: Array, free: tuple[str, ...]) -> None:
 
 
 def not_identifiable(error: Unobservable) -> PlanInvalid:
-    """The same, for the operator."""
+    """Error for the operator: the parameters are not identifiable from the plan's shots."""
     return PlanInvalid(str(error), remedy="hold one of them at its nominal value, with --fix")

@@ -9,7 +9,7 @@ from campaigns.planning.plan_file import PlannedShot
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One shot to take: how it is commanded, and the joints to pass on the way to it."""
+    """Shot to take, how it is commanded, and the joints to pass on the way to it."""
 
     planned: PlannedShot
     command: Command

@@ -21,7 +21,7 @@ from campaigns.settings.sections import ValidationConfig
 from campaigns.shots.shot_sets import ShotSet
 
 APPROACH_MM = 80.0
-"""From how far away the repeated point is approached."""
+"""Distance from which the repeated point is approached."""
 SHRINK = 0.98
 SHRINKS = 20
 """A line or turn that is too long for the robot is shortened about its middle, step by step."""
@@ -40,7 +40,7 @@ class Reachable:
     view: View | None = None
 
     def first_reason(self, poses: Array) -> str:
-        """Why the first impossible one of poses (N, t) is impossible; empty when none is."""
+        """Reason why the first impossible one of poses (N, t) is so; empty when none is."""
         judged = self.kinematics.feasibility(self.limits, poses)
         if not judged.feasible.all():
             row = int(np.argmin(judged.feasible))
@@ -57,7 +57,7 @@ class Reachable:
 
 @dataclass(frozen=True, slots=True)
 class ValidationSteps:
-    """What will be measured; `notes` say what was shortened or left out, and why."""
+    """Steps of a validation; `notes` say what was shortened or left out, and why."""
 
     steps: tuple[Step, ...]
     notes: tuple[str, ...]
@@ -156,7 +156,7 @@ def _possible_pairs(shots: Sequence[PlannedShot], robot: Reachable) -> _Test:
 
 
 def _repetitions(centre: Array, count: int, robot: Reachable, rng: np.random.Generator) -> _Test:
-    """One pose again and again, from all around it: evenly over a sphere with a random turn."""
+    """Repetitions of one pose from all around it: evenly over a sphere with a random turn."""
     place = np.arange(count) + 0.5
     height = 1.0 - 2.0 * place / count
     around = np.pi * (1.0 + 5.0**0.5) * place + rng.uniform(0.0, 2.0 * np.pi)

@@ -31,13 +31,25 @@ from campaigns.robots.schema import SCHEMA, contents_model
 from drivers.values import Pose, Vector3
 
 DEFAULT_CENTRE_MM = (0.0, 0.0, -575.0)
-"""Of robots whose file says nothing of it: Par4's."""
+"""Centre for robots whose file says nothing of it: Par4's."""
 WITHOUT_TILTS = "--fix 'arm*.axis_tilt_deg'"
-"""What has `identify` find a set that controllers take."""
+"""Option by which `identify` finds a set that controllers take."""
 NOT_FOR_CONTROLLERS = (
     f"no controller takes axis tilts: identify with {WITHOUT_TILTS} for a set to load"
 )
-"""Said where such a set is found and where it is written."""
+"""Remark where such a set is found and where it is written."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """Largest believable change of a parameter from its nominal value."""
+
+    length_mm: float = 10.0
+    angle_deg: float = 5.0
+
+    def of(self, name: str) -> float:
+        """Limit for a parameter by its name, in its file unit."""
+        return self.angle_deg if name.endswith("_deg") else self.length_mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +67,13 @@ class RobotFile:
     uncertainty: Mapping[str, float] | None = None
     provenance: Mapping[str, JsonValue] | None = None
     workspace_centre_mm: Vector3 | None = None
+    tolerance: Tolerance = Tolerance()
 
     @classmethod
     def from_flat(
         cls, mechanism: Mechanism, flat: Mapping[str, float], *, name: str, limits: Limits
     ) -> Self:
-        """From values by name, extensions being 0 if not named; raises `ConfigInvalid`."""
+        """Robot from values by name, extensions being 0 if not named; raises `ConfigInvalid`."""
         return cls(name, mechanism, _ordered_values(mechanism, flat, name), limits)
 
     @property
@@ -118,7 +131,7 @@ class RobotDocument:
 
 @dataclass(frozen=True, slots=True)
 class Compensation:
-    """What an identification adds to a nominal robot; parameters by flat name, mm and deg."""
+    """Additions of an identification to a nominal robot; parameters by flat name, mm and deg."""
 
     name: str
     geometry: Mapping[str, float]
@@ -229,6 +242,7 @@ def _robot_of(document: YamlDocument) -> RobotDocument:
         contents.uncertainty,
         contents.provenance,
         contents.workspace_centre_mm,
+        Tolerance(contents.tolerance.length_mm, contents.tolerance.angle_deg),
     )
     if contents.sha256 not in {None, robot.digest()}:
         raise ConfigInvalid(

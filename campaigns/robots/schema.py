@@ -50,6 +50,13 @@ VALUE_OF: dict[str, Any] = {"place": Place, "length": Length, "angle": Turn, "sm
 COUNTS = ("no", "one", "two", "three", "four", "five", "six")
 
 
+class ToleranceContents(FileModel):
+    """Largest believable changes from the nominal values."""
+
+    length_mm: float = Field(default=10.0, gt=0.0, description="of a length or place, mm")
+    angle_deg: float = Field(default=5.0, gt=0.0, description="of an angle, deg")
+
+
 class RobotContents(FileModel):
     """Robot file of any mechanism; that of a certain one says what geometry and limits hold."""
 
@@ -59,6 +66,10 @@ class RobotContents(FileModel):
     limits: FileModel = Field(description="what the mechanism allows")
     workspace_centre_mm: tuple[Place, Place, Place] | None = Field(
         default=None, description="the middle of the workspace, [x, y, z] mm; may be left out"
+    )
+    tolerance: ToleranceContents = Field(
+        default=ToleranceContents(),
+        description="how far a parameter may be from its nominal value; may be left out",
     )
     uncertainty: Deviations | None = Field(
         default=None, description="one standard deviation for each identified parameter, mm or deg"

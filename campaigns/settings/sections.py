@@ -9,7 +9,7 @@ from campaigns.files.yaml_file import FileModel, broken_rule
 
 
 class LinuxcncConfig(FileModel):
-    """What no question can tell about a LinuxCNC."""
+    """Settings of a LinuxCNC that no question can tell."""
 
     coordinates: Literal["world", "joints"] = Field(
         default="world",
@@ -152,7 +152,7 @@ class TrackerConfig(FileModel):
 
 
 class PlanConfig(FileModel):
-    """What `pkmcal plan` makes when it is not told otherwise."""
+    """Defaults of `pkmcal plan`."""
 
     shots: int = Field(
         default=120,
@@ -175,7 +175,7 @@ class PlanConfig(FileModel):
 
 
 class SettleConfig(FileModel):
-    """When the robot counts as standing still in place."""
+    """Conditions by which the robot counts as standing still in place."""
 
     time_s: Seconds = Field(
         default=0.2, description="the time for which the joints must be still, s"
@@ -210,7 +210,7 @@ class SettleConfig(FileModel):
 
 
 class GateConfig(FileModel):
-    """What a shot must keep to count."""
+    """Limits that a shot must keep to count."""
 
     distance_mm: Distance = Field(
         default=60.0,
@@ -274,7 +274,7 @@ class AcceptanceConfig(FileModel):
 
 
 class PeopleConfig(FileModel):
-    """Who and where, for the record."""
+    """People and place, for the record."""
 
     operator: str = Field(default="", description="the operator's name")
     site: str = Field(default="", description="the place of the cell")
@@ -282,7 +282,7 @@ class PeopleConfig(FileModel):
 
 
 class InstrumentsConfig(FileModel):
-    """What no device tells about itself, for the record."""
+    """Facts that no device tells about itself, for the record."""
 
     robot_serial: str = Field(default="", description="the mechanism's serial number, in quotes")
     reflector_serial: str = Field(

@@ -17,15 +17,22 @@ from campaigns.files.text_file import read_text
 from campaigns.files.wording import shown, suggestion
 from drivers.values import Vector3
 
-LengthUnit = Literal["mm", "m", "inch"]
-MM_PER_UNIT: Mapping[LengthUnit, float] = {"mm": 1.0, "m": 1000.0, "inch": 25.4}
+LengthUnit = Literal["mm", "m", "inch", "ft", "cm", "um"]
+MM_PER_UNIT: Mapping[LengthUnit, float] = {
+    "mm": 1.0,
+    "m": 1000.0,
+    "inch": 25.4,
+    "ft": 304.8,
+    "cm": 10.0,
+    "um": 1e-3,
+}
 UNIT_WORDS = get_args(LengthUnit)
 
 COLUMN_WORDS = ("name", "x", "y", "z", "-")
 """A line's columns, when they are told: a name may have several parts, `-` is passed over."""
 AXES = ("x", "y", "z")
 NAME_JOINT = "::"
-"""Between the parts of a name, as SpatialAnalyzer has it."""
+"""Separator of the parts of a name, as SpatialAnalyzer has it."""
 MOST_NAME_PARTS = 3
 COMMENTS = ("//", "#", ";")
 SEPARATORS: Mapping[str, str] = {";": "semicolons", "\t": "tabs", ",": "commas", "": "blanks"}
@@ -40,7 +47,7 @@ _COLUMNS_REMEDY = "say what they are, for example --columns name,x,y,z"
 
 @dataclass(frozen=True, slots=True)
 class NamedPoint:
-    """One point, and where it stands in its file. The name is empty when it has none."""
+    """Point with its name, empty when it has none, and where it stands in its file."""
 
     where: str
     name: str
@@ -159,7 +166,7 @@ def _found_order(lines: Sequence[_Line]) -> tuple[str, ...]:
 
 
 def _run(line: _Line) -> tuple[int, int]:
-    """Where the first run of at least three numbers begins, and how many there are."""
+    """Start of the first run of at least three numbers, and how many there are."""
     is_number = [_NUMBER.fullmatch(word) is not None for word in line.words]
     for start in range(len(is_number)):
         length = _count_leading(is_number[start:])
@@ -172,7 +179,7 @@ def _run(line: _Line) -> tuple[int, int]:
 
 
 def _count_leading(flags: Sequence[bool]) -> int:
-    """How many of these are true before the first that isn't."""
+    """Number of true values before the first that isn't."""
     return next((index for index, flag in enumerate(flags) if not flag), len(flags))
 
 

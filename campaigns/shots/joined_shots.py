@@ -38,7 +38,7 @@ from campaigns.shots.shots_csv import ShotRow
 Join = Literal["name", "order"]
 JOIN_WORDS = get_args(Join)
 LISTED = 5
-"""How many names an error line lists."""
+"""Number of names that an error line lists."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class JoinedShots:
 
 @dataclass(frozen=True, slots=True)
 class _JointsRow:
-    """One shot of the joints file. `pair` is None where the file numbers none."""
+    """Row of the joints file. `pair` is None where the file numbers none."""
 
     row: CsvRow
     name: str
@@ -165,7 +165,7 @@ def _check_named(
 
 
 def _names(points: Sequence[NamedPoint]) -> dict[str, list[NamedPoint]]:
-    """Each point by its whole name and by what is left without its first parts."""
+    """Points by their whole name and by what is left without its first parts."""
     index: defaultdict[str, list[NamedPoint]] = defaultdict(list)
     for point in points:
         parts = point.name.split(NAME_JOINT)

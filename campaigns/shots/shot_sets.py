@@ -1,4 +1,4 @@
-"""What shots are for."""
+"""Sets of shots, by what they are for."""
 
 from enum import Enum
 

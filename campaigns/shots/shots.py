@@ -1,7 +1,7 @@
 """Measured shots as arrays, for everything that comes after the journal."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,14 +34,14 @@ class Shots:
     points_in_tracker_mm: Array
     """(N, 3)"""
     stated_covariance_mm2: Array
-    """What the tracker stated of each point, (N, 3, 3); NaN where it stated nothing."""
+    """Covariance that the tracker stated of each point, (N, 3, 3); NaN where it stated nothing."""
     approach: Array
     """+1 where a joint last moved towards larger values, -1 smaller, 0 where unknown, (N, n)."""
     commanded: Array
     """Poses (N, t) in the base frame; of imported shots the nominal robot's, for none is known."""
     measured_utc: tuple[str, ...]
     temperature_degC: Array
-    """Of the air, (N,); NaN where it is not known."""
+    """Temperature of the air, (N,); NaN where it is not known."""
 
     def __post_init__(self) -> None:
         """Refuse arrays that are not of the same shots; raises `ValueError`."""
@@ -70,7 +70,7 @@ class Shots:
         return bool(self.approach.any())
 
     def rows(self, rows: Index) -> "Shots":
-        """Some of them."""
+        """Shots of these rows."""
         chosen = rows.tolist()
         return Shots(
             numbers=tuple(self.numbers[row] for row in chosen),
@@ -86,11 +86,11 @@ class Shots:
         )
 
     def of_set(self, *purposes: ShotSet) -> "Shots":
-        """Those of some sets."""
+        """Shots of some sets."""
         return self.rows(np.flatnonzero([purpose in purposes for purpose in self.purposes]))
 
     def covariance_mm2(self, model: TrackerUncertainty) -> Array:
-        """What the tracker stated of each point, or `model` where it stated nothing, (N, 3, 3)."""
+        """Covariance stated of each point, or `model` where nothing was stated, (N, 3, 3)."""
         return _completed_mm2(self.stated_covariance_mm2, self.points_in_tracker_mm, model)
 
     def whole_pairs(self, purpose: ShotSet) -> PairRows:
@@ -99,8 +99,30 @@ class Shots:
         return pair_rows([pair if kind is purpose else None for kind, pair in own])
 
     def measured_distances_mm(self, rows: Index) -> Array:
-        """Between the two shots of each row of (M, 2), (M,)."""
+        """Distances between the two shots of each row of (M, 2), (M,)."""
         return distances_mm(self.points_in_tracker_mm, rows[:, 0], rows[:, 1])
+
+
+def held_out(shots: Shots, share: float, rng: np.random.Generator) -> Shots:
+    """Shots of which a share of the identification pairs is for validation, spread over the series.
+
+    Whole pairs: one of each run of neighbouring ones is drawn.
+    """
+    rows = shots.whole_pairs(ShotSet.IDENTIFICATION).rows
+    count = round(share * len(rows))
+    if not count:
+        return shots
+    purposes = list(shots.purposes)
+    for some in np.array_split(np.arange(len(rows)), count):
+        for row in rows[rng.choice(some)].tolist():
+            purposes[row] = ShotSet.VALIDATION
+    taken = {pair for pair in shots.pairs if pair is not None}
+    pairs = list(shots.pairs)
+    for number, row_pair in enumerate(rows.tolist(), start=max(taken, default=0) + 1):
+        for row in row_pair:
+            if purposes[row] is ShotSet.VALIDATION:
+                pairs[row] = number  # no validation pair has it yet
+    return replace(shots, purposes=tuple(purposes), pairs=tuple(pairs))
 
 
 def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: Mechanism) -> Shots:
@@ -170,14 +192,14 @@ def approach_directions(shots: Sequence[AcceptedShot], axes: Sequence[Axis]) -> 
 
 
 def _direction(moved_rad: Array, before: Array) -> Array:
-    """Of each joint after a leg, (n,), from how far it went and the direction before the leg."""
+    """Direction of each joint after a leg, (n,), from its length and the direction before it."""
     way = np.sign(moved_rad)
     kept = (np.abs(moved_rad) < AT_REST_RAD) | (way == before)
     return np.where(np.abs(moved_rad) > TAKEN_UP_RAD, way, np.where(kept, before, 0.0))
 
 
 def outcomes_covariance_mm2(outcomes: Sequence[Outcome], model: TrackerUncertainty) -> Array:
-    """What the tracker stated of each point, or `model` where it stated nothing, (N, 3, 3)."""
+    """Covariance stated of each point, or `model` where nothing was stated, (N, 3, 3)."""
     return _completed_mm2(_stated_covariance_mm2(outcomes), _points_mm(outcomes), model)
 
 
@@ -191,7 +213,7 @@ def _air_degC(outcomes: Sequence[Outcome]) -> Iterator[float]:  # noqa: N802 - t
 
 
 def _stated_covariance_mm2(outcomes: Sequence[Outcome]) -> Array:
-    """What the tracker stated of each point, (N, 3, 3); NaN where it stated nothing."""
+    """Covariance that the tracker stated of each point, (N, 3, 3); NaN where it stated nothing."""
     stated = np.full((len(outcomes), 3, 3), np.nan)
     for row, outcome in enumerate(outcomes):
         if outcome.covariance_mm2 is not None:

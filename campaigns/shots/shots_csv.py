@@ -1,7 +1,7 @@
 """shots.csv: measured shots, from and to other software."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
 
@@ -42,6 +42,30 @@ class ShotRow:
     covariance_mm2: Matrix3 | None = None
     temperature_degC: float | None = None
     time: str | None = None
+
+
+def in_unit(rows: Sequence[ShotRow], mm: float) -> tuple[ShotRow, ...]:
+    """Rows whose lengths were written in a unit of so many mm."""
+    return tuple(
+        replace(
+            row,
+            point_in_tracker_mm=_vector(mm * each for each in row.point_in_tracker_mm),
+            covariance_mm2=None
+            if row.covariance_mm2 is None
+            else _matrix(_vector(mm**2 * each for each in line) for line in row.covariance_mm2),
+        )
+        for row in rows
+    )
+
+
+def _vector(values: Iterable[float]) -> Vector3:
+    x, y, z = values
+    return x, y, z
+
+
+def _matrix(lines: Iterable[Vector3]) -> Matrix3:
+    x, y, z = lines
+    return x, y, z
 
 
 def read_shots(path: Path, mechanism: Mechanism) -> tuple[ShotRow, ...]:

@@ -9,14 +9,15 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import CampaignError
-from campaigns.estimation.estimate import Estimate, OutlierPolicy, estimate
-from campaigns.estimation.estimators import Estimator, Outliers
+from campaigns.estimation.estimate import Estimate
+from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import predict_distances, predict_points
 from campaigns.estimation.observability import observability, unobservable_combinations
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import distance_variance_mm2, point_covariance_mm2
+from campaigns.identification.fit import fit_shots
 from campaigns.identification.observations import observations
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
@@ -30,7 +31,7 @@ from campaigns.version import VERSION
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class StudySetup:
-    """What all campaigns of a study share.
+    """Setup that all campaigns of a study share.
 
     `shots` are those of the plan, fitted and unseen; where their points are each campaign draws.
     """
@@ -39,18 +40,18 @@ class StudySetup:
     shots: Shots
     free: tuple[str, ...]
     options: IdentificationOptions
-    """Its instrument is what the simulated tracker states, and what it has."""
+    """Options of the fits; their instrument is what the simulated tracker states, and has."""
     tracker_from_base: Transform
     seed: int
 
     @property
     def fitted(self) -> Shots:
-        """Those identified from."""
+        """Shots that are identified from."""
         return self.shots.of_set(ShotSet.IDENTIFICATION)
 
     @property
     def estimator(self) -> Estimator:
-        """What the fits compare."""
+        """Estimator of the fits."""
         return self.options.estimator
 
     @property
@@ -68,7 +69,8 @@ class StudySetup:
         parts.append(np.array(pairs, dtype=np.float64))
         sets = [purpose.value for purpose in shots.purposes]
         how = self.options
-        asked = (how.estimator.value, how.outliers.value, how.loss, how.instrument)
+        words = (how.estimator.value, how.outliers.value, how.weights.value)
+        asked = (*words, how.loss, how.instrument)
         settings = (truth, self.nominal.mechanism.name, sets, self.free, *asked, self.seed)
         text = repr((*settings, VERSION))  # another version may find other numbers
         hashed = hashlib.sha256(text.encode("utf-8"))
@@ -103,7 +105,7 @@ def planned_shots(shots: Sequence[PlannedShot]) -> Shots:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StudyTask:
-    """Some campaigns of a study, and the true parameter vectors of each, (C, G)."""
+    """Campaigns of a study, some of them, and the true parameter vectors of each, (C, G)."""
 
     setup: StudySetup
     numbers: tuple[int, ...]
@@ -117,11 +119,11 @@ class CampaignEstimate:
     errors: Array
     """Identified minus true, (F,)."""
     std: Array
-    """As the estimator states it, (F,)."""
+    """Standard deviations as the estimator states them, (F,)."""
     bound: Array
     """The least standard deviation that its data allow (Cramér and Rao), at the truth, (F,)."""
     unseen_mean_mm: float
-    """Of the errors of distances never fitted, against the true robot; NaN without such pairs."""
+    """Mean error of distances never fitted, against the true robot; NaN without such pairs."""
     unseen_max_mm: float
 
 
@@ -140,11 +142,11 @@ class _Robot:
 
     true: Kinematics
     points_mm: Array
-    """In the tracker's frame, (N, 3)."""
+    """Points in the tracker's frame, (N, 3)."""
     scatter_mm: Array
     """Square root of each point's covariance, (N, 3, 3)."""
     bound: Array
-    """Least standard deviations (Cramér and Rao), (F,), mm and rad."""
+    """Cramér-Rao bound of the standard deviations, (F,), mm and rad."""
     poses: Array
     """(N, t)"""
 
@@ -223,11 +225,7 @@ def _measured(robot: _Robot, rng: np.random.Generator) -> Array:
 def _identified(setup: StudySetup, points_mm: Array) -> Estimate:
     """Estimate as identification makes it of the same shots."""
     shots = replace(setup.shots, points_in_tracker_mm=points_mm)
-    options, selection = setup.options, ParameterSelection(setup.free)
-    problem = observations(setup.nominal, shots, selection, options).problem
-    policy = OutlierPolicy(options.loss, exclude=options.outliers is Outliers.EXCLUDE)
-    known_variance = options.estimator is Estimator.POINTS
-    return estimate(problem, len(setup.free), policy, known_variance=known_variance)
+    return fit_shots(setup.nominal, shots, ParameterSelection(setup.free), setup.options).found
 
 
 def _estimate(setup: StudySetup, robot: _Robot, found: Estimate) -> CampaignEstimate:

@@ -1,4 +1,4 @@
-"""What a study shows: how large errors are, whether stated σ are honest, what better could be."""
+"""Summary of a study: sizes of errors, whether stated σ are honest, what better could be."""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from scipy.special import bdtrik, ndtri, stdtr, stdtrit
 
 from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
-from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.estimators import Estimator, Weights
 from campaigns.studies.study import CampaignEstimate, CampaignOutcome, StudySetup
 
 CONFIDENCE = 0.95
@@ -21,7 +21,7 @@ FALSE_ALARM = 0.01
 
 @dataclass(frozen=True, slots=True)
 class ParameterSummary:
-    """Over all campaigns, in file units (mm or deg)."""
+    """Errors of one parameter over all campaigns, in file units (mm or deg)."""
 
     name: str
     bias: float
@@ -50,12 +50,12 @@ class Chance:
     ratio: tuple[float, float]
     covered: tuple[float, float]
     variance_over_bound: tuple[float, float]
-    """Of an estimator that reaches the bound."""
+    """Variance over the bound (Cramér and Rao), of an estimator that reaches it."""
 
 
 @dataclass(frozen=True, slots=True)
 class StudySummary:
-    """Over all campaigns that ended with an estimate."""
+    """Errors over all campaigns that ended with an estimate."""
 
     campaigns: int
     failed: int
@@ -67,19 +67,19 @@ class StudySummary:
 
     @property
     def too_sure(self) -> tuple[ParameterSummary, ...]:
-        """Those whose stated σ is smaller than their errors say, beyond chance."""
+        """Parameters whose stated σ is smaller than their errors say, beyond chance."""
         ratio, covered = self.chance.ratio[1], self.chance.covered[0]
         return tuple(p for p in self.parameters if p.ratio > ratio or p.covered < covered)
 
     @property
     def too_unsure(self) -> tuple[ParameterSummary, ...]:
-        """Those whose stated σ is larger than their errors say, beyond chance."""
+        """Parameters whose stated σ is larger than their errors say, beyond chance."""
         ratio, covered = self.chance.ratio[0], self.chance.covered[1]
         return tuple(p for p in self.parameters if p.ratio < ratio or p.covered > covered)
 
 
 def summarise(setup: StudySetup, outcomes: Sequence[CampaignOutcome]) -> StudySummary:
-    """Raises `ShotsMissing` when fewer than two campaigns ended with an estimate."""
+    """Summary of a study; raises `ShotsMissing` when fewer than two campaigns gave an estimate."""
     found = [outcome.estimate for outcome in outcomes if outcome.estimate is not None]
     if len(found) < LEAST_CAMPAIGNS:
         reasons = {outcome.failure for outcome in outcomes if outcome.failure}
@@ -103,9 +103,14 @@ def interval_factor(setup: StudySetup) -> float:
     Student's where the variance is the residuals' own, normal where the tracker's is known.
     """
     tail = 0.5 * (1.0 + CONFIDENCE)
-    if setup.estimator is Estimator.DISTANCES:
+    if _variance_is_estimated(setup):
         return float(stdtrit(setup.dof, tail))
     return float(ndtri(tail))
+
+
+def _variance_is_estimated(setup: StudySetup) -> bool:
+    """Whether σ come from the residuals of a few distances alone."""
+    return setup.estimator is Estimator.DISTANCES and setup.options.weights is Weights.EQUAL
 
 
 def normal_scores(setup: StudySetup, outcomes: Sequence[CampaignOutcome]) -> Array:
@@ -115,17 +120,17 @@ def normal_scores(setup: StudySetup, outcomes: Sequence[CampaignOutcome]) -> Arr
     """
     found = [outcome.estimate for outcome in outcomes if outcome.estimate is not None]
     scores = np.array([estimate.errors / estimate.std for estimate in found])
-    if setup.estimator is Estimator.DISTANCES:
+    if _variance_is_estimated(setup):
         return np.asarray(-np.sign(scores) * ndtri(stdtr(setup.dof, -np.abs(scores))))
     return scores
 
 
 def chance(setup: StudySetup, campaigns: int) -> Chance:
-    """What so many campaigns of an honest study may show, by the normal approximation for σ."""
+    """Chance in so many campaigns of an honest study, by the normal approximation for σ."""
     tail = FALSE_ALARM / (2.0 * len(setup.free))
     spread = -float(ndtri(tail)) / math.sqrt(2.0 * campaigns)
     variance = 2.0 * spread
-    if setup.estimator is Estimator.DISTANCES:
+    if _variance_is_estimated(setup):
         spread *= math.sqrt(1.0 + 1.0 / setup.dof)  # the stated σ scatter too
     few, many = (float(bdtrik(p, campaigns, CONFIDENCE)) for p in (tail, 1.0 - tail))
     return Chance(

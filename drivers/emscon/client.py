@@ -1,6 +1,7 @@
-"""From an emScon status to an error that tells the operator what to do next."""
+"""Client of emScon: commands, answers, and statuses as errors that say what to do next."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -9,16 +10,32 @@ from drivers.link import Link, LinkClient
 from drivers.polling import ask_until
 from drivers.ports import Clock
 from drivers.transport import Transport
-from drivers.wire.emscon import NOTHING, Answer, FromServer, FromServerFramer, Request, encode
-from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange, status_text
+from drivers.wire.emscon import (
+    NOTHING,
+    Answer,
+    FromServer,
+    FromServerFramer,
+    OtherPacket,
+    Request,
+    encode,
+)
+from drivers.wire.emscon_constants import (
+    Command,
+    ResultStatus,
+    SystemChange,
+    TrackerLight,
+    status_text,
+)
 from drivers.wire.emscon_messages import (
     Body,
     ErrorResponse,
     Nothing,
     ReflectorEntry,
+    ReflectorPosition,
     SingleResult,
     SingleResult2,
     StatusChange,
+    TrackerStatus,
 )
 
 NOT_READY: Mapping[int, str] = {
@@ -51,7 +68,7 @@ BEAM_LOST: frozenset[int] = frozenset(
         ResultStatus.NO_STATIONARY_RESULT,
     }
 )
-"""No public source has a number for a broken beam; these can mean one while a beam is needed."""
+"""Statuses that can mean a broken beam while one is needed: no public source has its number."""
 
 BEAM_REMEDY = "clear the line of sight and put the beam back on the reflector"
 OTHER_CLIENT_REMEDY = "end the other program that is connected to the tracker, then try again"
@@ -110,7 +127,7 @@ Result = SingleResult | SingleResult2
 
 @dataclass(frozen=True, slots=True)
 class EmsconDeadlines:
-    """How long the tracker may take, in seconds."""
+    """Deadlines of the tracker, in seconds."""
 
     answer_s: float = 5.0
     busy_s: float = 30.0
@@ -118,13 +135,25 @@ class EmsconDeadlines:
     motion_s: float = 30.0
     measuring_margin_s: float = 20.0
     old_connection_s: float = 5.0
-    """How long it may hold a connection that has broken."""
+    """Time for which it may hold a connection that has broken."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """Message that ended a measurement, and how long after its start it came.
+
+    In seconds of the instrument's clock, from before the question was sent.
+    """
+
+    message: Result | ErrorResponse
+    after_s: float
 
 
 class EmsconClient(LinkClient[FromServer]):
     """Commands and their answers over one connection; any fault of the wire closes it.
 
-    Closing never sends ExitApplication: it would end the tracker's server.
+    Closing never sends ExitApplication: it would end the tracker's server. `instrument_clock` is
+    time as the tracker lives it, by which a measurement's duration is judged.
     """
 
     def __init__(
@@ -133,18 +162,25 @@ class EmsconClient(LinkClient[FromServer]):
         clock: Clock,
         cancelled: Callable[[], bool],
         deadlines: EmsconDeadlines,
+        instrument_clock: Clock,
     ) -> None:
         link = Link(
             transport,
             FromServerFramer(),
             clock_s=clock.now_s,
             is_event=_comes_unasked,
+            keeps=self._hear,
             cancelled=cancelled,
         )
         super().__init__(link)
         self._clock = clock
         self._deadlines = deadlines
-        self._settings_touched = False
+        self._instrument_clock = instrument_clock
+        self._settings_in_doubt = False
+        self._asked_s = 0.0
+        self._first_end_s: float | None = None
+        self.may_hear_old_results = False
+        """Whether the result of a measurement that failed may still come."""
 
     def ask(
         self,
@@ -193,35 +229,86 @@ class EmsconClient(LinkClient[FromServer]):
             entries.append(_body_of(reply, ReflectorEntry))
         return entries[: max(total, 0)]
 
-    def result(self, within_s: float) -> Result | ErrorResponse:
+    def start_measurement(self) -> int:
+        """Drop older results, start a measurement and return the status of the answer."""
+        self.drain()
+        return self.attempt(Command.START_MEASUREMENT)
+
+    def ending(self, within_s: float) -> Ending:
         """Return what ends a running measurement: its result or an error."""
         message = self._link.await_event(
             _ends_measurement, within_s=within_s, what="the measurement"
         )
         assert isinstance(message, SingleResult | SingleResult2 | ErrorResponse)
-        return message
+        assert self._first_end_s is not None, "whatever ends a measurement was heard"
+        return Ending(message, self._first_end_s - self._asked_s)
+
+    def another_ending(self) -> bool:
+        """Tell whether the measurement goes on, or is ended twice, after what seemed to end it.
+
+        Waits until the tracker is no longer busy: by then its own result has come.
+        """
+        light = ask_until(
+            lambda light: light != TrackerLight.BUSY,
+            lambda: self.ask(Command.GET_TRACKER_STATUS, TrackerStatus).light,
+            self._clock,
+            give_up_s=self._clock.now_s() + self._deadlines.busy_s,
+            pause_s=BUSY_PAUSE_S,
+        )
+        return any(map(_ends_measurement, self._taken())) or light == TrackerLight.BUSY
 
     def abandon_measurement(self) -> None:
-        """Make sure that no result of a failed measurement can come later, or close the wire."""
+        """Stop a measurement that failed; closes the wire when it cannot be stopped.
+
+        A result of it may be under way all the same: the next one is then looked at twice.
+        """
+        self.may_hear_old_results = True
         if self.attempt(Command.STOP_MEASUREMENT) == ResultStatus.SERVER_BUSY:
             self.close()
 
     def drain(self) -> None:
-        """Drop what came unasked, old results too; remembers that settings were changed.
+        """Drop what came unasked, old results too.
 
         Raises `DeviceRefused` when the tracker says that it belongs to another program.
         """
-        for event in self._link.events():
-            if _is_other_client(event):
-                self.close()
-                raise refused(self.name, "the connection", OTHER_CLIENT)
-            self._settings_touched |= isinstance(event, StatusChange) and event.code in SETTINGS
+        self._taken()
 
-    def settings_touched(self) -> bool:
-        """Drain, and tell whether anybody, also we, changed settings since the last call."""
+    def settings_in_doubt(self) -> bool:
+        """Drain, and tell whether settings may be others than when they were last confirmed.
+
+        They may be after an event that says so, whoever caused it, after live results, which we
+        have switched off, and when the queue was too short for what came.
+        """
         self.drain()
-        touched, self._settings_touched = self._settings_touched, False
-        return touched
+        self._settings_in_doubt |= self._link.has_lost_events()
+        return self._settings_in_doubt
+
+    @contextmanager
+    def confirming_settings(self) -> Iterator[None]:
+        """End the doubt about settings, unless the block raises or they are changed meanwhile."""
+        self._settings_in_doubt = False
+        try:
+            yield
+        except BaseException:
+            self._settings_in_doubt = True
+            raise
+
+    def _taken(self) -> list[FromServer]:
+        """Empty the queue of events; raises `DeviceRefused` for another program's tracker."""
+        events = self._link.events()
+        self._first_end_s = None
+        if any(map(_is_other_client, events)):
+            self.close()
+            raise refused(self.name, "the connection", OTHER_CLIENT)
+        return events
+
+    def _hear(self, event: FromServer) -> bool:
+        """Latch what an event says at its arrival, and tell whether it is worth queueing."""
+        self._settings_in_doubt |= _may_change_settings(event)
+        ends = _ends_measurement(event)
+        if ends and self._first_end_s is None:
+            self._first_end_s = self._instrument_clock.now_s()
+        return ends or _is_reflector(event)
 
     def _exchange(self, request: Request, within_s: float | None) -> Answer | ErrorResponse:
         """Ask, and ask again while the tracker is busy with something else."""
@@ -234,6 +321,7 @@ class EmsconClient(LinkClient[FromServer]):
         )
 
     def _once(self, request: Request, within_s: float) -> Answer | ErrorResponse:
+        self._asked_s = self._instrument_clock.now_s()
         reply = self._link.ask(
             encode(request),
             answers=lambda message: _is_answer(message, request.command),
@@ -261,7 +349,7 @@ def _is_answer(message: FromServer, command: Command) -> bool:
 
 
 def _comes_unasked(message: FromServer) -> bool:
-    """Tell events from answers; of a list's answers all but the first come without being asked."""
+    """Whether it is an event; of a list's answers all but the first come unasked."""
     return not isinstance(message, Answer) or _is_reflector(message)
 
 
@@ -275,6 +363,16 @@ def _is_reflector(message: FromServer) -> bool:
 
 def _ends_measurement(message: FromServer) -> bool:
     return isinstance(message, SingleResult | SingleResult2 | ErrorResponse)
+
+
+def _may_change_settings(message: FromServer) -> bool:
+    """Tell events after which settings must be read back: changes, and streams that we never want.
+
+    A stream of positions or of continuous results shows that somebody switched it on.
+    """
+    if isinstance(message, StatusChange):
+        return message.code in SETTINGS
+    return isinstance(message, ReflectorPosition | OtherPacket)
 
 
 def _is_other_client(message: FromServer) -> bool:

@@ -1,10 +1,10 @@
-"""What an emScon tracker is brought to before it measures, and whether it still is."""
+"""Set-up of an emScon tracker before it measures, and whether it still holds."""
 
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 from drivers.emscon.client import EmsconClient
-from drivers.errors import DeviceNotReady
+from drivers.errors import DeviceNotReady, DeviceRefused
 from drivers.session import changed, require_kept
 from drivers.wire.emscon_constants import (
     AngleUnit,
@@ -55,7 +55,7 @@ LASER_REMEDIES: dict[int, str] = {
 
 @dataclass(frozen=True, slots=True)
 class SearchArea:
-    """How far from the expected place, and how long, a reflector is looked for."""
+    """Area and time in which a reflector is looked for around the expected place."""
 
     radius_mm: float = 50.0
     timeout_s: float = 10.0
@@ -63,7 +63,7 @@ class SearchArea:
 
 @dataclass(frozen=True, slots=True)
 class Preparation:
-    """What is wanted for a campaign."""
+    """Preparation wanted for a campaign."""
 
     reflector: str
     measuring_time_s: float
@@ -72,7 +72,7 @@ class Preparation:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Everything that decides what the numbers of a result mean, as read back."""
+    """Settings that decide what the numbers of a result mean, as read back."""
 
     units: Units
     coordinate_system: CoordinateSystem
@@ -102,6 +102,7 @@ def set_up(client: EmsconClient, wanted: Preparation, *, initialise_s: float) ->
     _set_switches(client)
     settings = read_settings(client)
     _require_kept(client.name, settings, identifier)
+    _require_time_kept(client.name, settings.stationary_mode.time_ms, time_ms)
     return settings
 
 
@@ -119,14 +120,15 @@ def read_settings(client: EmsconClient) -> Settings:
 
 def require_unchanged(client: EmsconClient, agreed: Settings) -> None:
     """Raise `DeviceNotReady` when somebody else has changed what a result means."""
-    if not client.settings_touched():
+    if not client.settings_in_doubt():
         return
-    current = read_settings(client)
-    if current != agreed:
-        raise DeviceNotReady(
-            f"{client.name}: another program changed the tracker's {changed(agreed, current)}",
-            remedy="end the other program, then start again: the tracker will be prepared anew",
-        )
+    with client.confirming_settings():
+        current = read_settings(client)
+        if current != agreed:
+            raise DeviceNotReady(
+                f"{client.name}: another program changed the tracker's {changed(agreed, current)}",
+                remedy="end the other program, then start again: the tracker will be prepared anew",
+            )
 
 
 def require_laser(where: str, status: SystemStatus) -> None:
@@ -140,12 +142,12 @@ def require_laser(where: str, status: SystemStatus) -> None:
 
 
 def is_warm(status: SystemStatus) -> bool:
-    """Tell whether the laser can be used."""
+    """Whether the laser can be used."""
     return status.laser_status not in LASER_REMEDIES
 
 
 def is_initialised(status: SystemStatus) -> bool:
-    """Tell whether the tracker has climbed its start-up ladder to the end."""
+    """Whether the tracker has climbed its start-up ladder to the end."""
     return status.processor_status == ProcessorStatus.INITIALIZED
 
 
@@ -210,3 +212,13 @@ def _require_kept(where: str, settings: Settings, identifier: int) -> None:
     }
     remedy = "end other programs that use the tracker, then start again"
     require_kept(f"{where}: the tracker", kept, remedy=remedy)
+
+
+def _require_time_kept(where: str, found_ms: int, wanted_ms: int) -> None:
+    """Raise `DeviceRefused` when the tracker measures for another time than it was told to."""
+    if found_ms != wanted_ms:
+        raise DeviceRefused(
+            f"{where}: the tracker's measuring time is {found_ms} ms after {wanted_ms} ms was set",
+            remedy="set tracker.measuring_time_s in campaign.yaml to a time that it keeps, and end "
+            "other programs that use the tracker",
+        )

@@ -1,4 +1,4 @@
-"""From an emScon result to a measurement with a covariance that can be used."""
+"""emScon laser tracker: results as measurements with a covariance that can be used."""
 
 from collections.abc import Callable
 from math import isfinite
@@ -7,9 +7,11 @@ from drivers.emscon.client import (
     OTHER_CLIENT,
     EmsconClient,
     EmsconDeadlines,
+    Result,
     beam_not_locked,
     failed_with_beam,
 )
+from drivers.emscon.own_result import OwnResult
 from drivers.emscon.setup import (
     UNITS,
     Preparation,
@@ -22,7 +24,7 @@ from drivers.emscon.setup import (
     set_up,
 )
 from drivers.errors import BeamBroken, DeviceRefused
-from drivers.link import never
+from drivers.link import NotAMeasurement, never
 from drivers.ports import Clock
 from drivers.session import PreparedSession
 from drivers.transport import Transport
@@ -63,9 +65,9 @@ from drivers.wire.emscon_messages import (
 
 NO_COVARIANCE: Vector3 = (0.0, 0.0, 0.0)
 STD_RANGE_MM = (1e-7, 1e3)
-"""What is taken for a standard deviation; a zero is a field that the instrument left out."""
+"""Range taken for a standard deviation; a zero is a field that the instrument left out."""
 SMALLEST_DETERMINANT = 1e-9
-"""Of the correlation matrix: less is singular within the rounding of what was sent."""
+"""Determinant of the correlation matrix: less is singular within the rounding of what was sent."""
 REMEDY = "measure again; if it comes back, look at the tracker's own status"
 
 
@@ -134,6 +136,8 @@ def _trace(matrix: Matrix3) -> float:
     return matrix[0][0] + matrix[1][1] + matrix[2][2]
 
 
+SIMULATED = "SIM-LT"
+"""Name by which our simulated tracker says what it is; no instrument is called so."""
 ADM_ON = 1
 RECONNECT_PAUSE_S = 0.1
 READINESS: dict[int, Readiness] = {
@@ -147,6 +151,8 @@ class EmsconTracker:
 
     Any fault of the wire closes it, and every call raises `LinkDown` until `reconnect`.
     `clock` is real time, also for a simulated cell that runs faster: the wire is real.
+    `instrument_clock` is time as the tracker lives it, by which its measuring time is judged; None
+    takes `clock`, and a simulated tracker is then not judged by it.
     """
 
     def __init__(
@@ -157,12 +163,15 @@ class EmsconTracker:
         deadlines: EmsconDeadlines = EmsconDeadlines(),  # noqa: B008 - frozen
         search: SearchArea = SearchArea(),  # noqa: B008 - frozen
         cancelled: Callable[[], bool] = never,
+        instrument_clock: Clock | None = None,
     ) -> None:
         self._open_transport = open_transport
         self._clock = clock
         self._deadlines = deadlines
         self._search = search
         self._cancelled = cancelled
+        self._instrument_clock = instrument_clock
+        self._own_result = OwnResult()
         self._session = PreparedSession("tracker", self._opened, self._greet, self._set_up)
 
     def connect(self) -> None:
@@ -219,18 +228,15 @@ class EmsconTracker:
         self._session.prepare(Preparation(reflector, measuring_time_s, self._search))
 
     def measure(self) -> Measurement:
-        """Take one stationary measurement; raises `BeamBroken` when the reflector is lost."""
+        """Take one stationary measurement; raises `BeamBroken` when the reflector is lost.
+
+        `NotAMeasurement`, which is one of these, when the result cannot be of this measurement.
+        """
         client, wanted, agreed = self._session.prepared()
         require_unchanged(client, agreed)
-        title = Command.START_MEASUREMENT.title
-        if status := client.attempt(Command.START_MEASUREMENT):
-            raise self._failure(title, status)
-        within_s = wanted.measuring_time_s + self._deadlines.measuring_margin_s
-        result = client.result(within_s)
-        if isinstance(result, ErrorResponse):
-            client.abandon_measurement()
-        if isinstance(result, ErrorResponse) or result.status != ResultStatus.ALL_OK:
-            raise self._failure(title, result.status)
+        if status := client.start_measurement():
+            raise self._failure(Command.START_MEASUREMENT.title, status)
+        result = self._result(client, wanted.measuring_time_s)
         require_unchanged(client, agreed)
         return measurement_of(client.name, result)
 
@@ -243,7 +249,15 @@ class EmsconTracker:
         self._move(Command.FIND_REFLECTOR, ApproximateDistance(distance_mm))
 
     def _opened(self) -> EmsconClient:
-        return EmsconClient(self._open_transport(), self._clock, self._cancelled, self._deadlines)
+        client = EmsconClient(
+            self._open_transport(),
+            self._clock,
+            self._cancelled,
+            self._deadlines,
+            self._instrument_clock or self._clock,
+        )
+        client.may_hear_old_results = self._session.latest is not None
+        return client
 
     def _greet(self, client: EmsconClient) -> Identity:
         client.drain()
@@ -254,7 +268,7 @@ class EmsconTracker:
         return set_up(client, wanted, initialise_s=self._deadlines.initialise_s)
 
     def _is_connected_again(self, give_up_s: float) -> bool:
-        """Tell a tracker that still holds our old connection from one that is open again."""
+        """Whether the tracker is open again, or still holds our old connection."""
         try:
             self.connect()
         except DeviceRefused as error:
@@ -262,6 +276,25 @@ class EmsconTracker:
                 raise
             return False
         return True
+
+    def _result(self, client: EmsconClient, measuring_time_s: float) -> Result:
+        """Wait for the result of the measurement that was started; stops one that fails."""
+        judged_s = measuring_time_s if self._knows_its_time() else None
+        ending = client.ending(measuring_time_s + self._deadlines.measuring_margin_s)
+        try:
+            result = self._own_result.require(client, ending, judged_s)
+        except NotAMeasurement:
+            client.abandon_measurement()
+            raise
+        if isinstance(result, ErrorResponse) or result.status != ResultStatus.ALL_OK:
+            client.abandon_measurement()
+            raise self._failure(Command.START_MEASUREMENT.title, result.status)
+        client.may_hear_old_results = False
+        return result
+
+    def _knows_its_time(self) -> bool:
+        """Tell whether the tracker's seconds are known: a simulated one's may be shorter."""
+        return self._instrument_clock is not None or self._session.identity.model != SIMULATED
 
     def _move(self, command: Command, body: Body = NOTHING) -> None:
         client, wanted, agreed = self._session.prepared()

@@ -1,4 +1,4 @@
-"""How well a total station knows a point: its class, and the covariance that follows from it."""
+"""Accuracy of a total station: its class, and the covariance of a point that follows from it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Accuracy:
 
 
 UNKNOWN_CLASS = Accuracy(angle_arcsec=5.0, distance_mm=2.0, distance_ppm=2.0)
-"""Of the coarsest instruments with target recognition."""
+"""Class of the coarsest instruments with target recognition."""
 
 _ANGLES_ARCSEC: Mapping[int, float] = {
     0: 3.0,
@@ -63,7 +63,7 @@ _ANGLES_ARCSEC: Mapping[int, float] = {
     650: 0.5,
     651: 1.0,
 }
-"""By the device class of CSV_GetDeviceConfig."""
+"""Standard deviations of angles by the device class of CSV_GetDeviceConfig."""
 _FINE_DISTANCES = frozenset({300, 301, 350, 650, 651})
 """Classes of monitoring and industrial instruments, with the finer distance meter."""
 _FINE = (0.6, 1.0)
@@ -143,7 +143,7 @@ def _cross(first: Vector3, second: Vector3) -> Vector3:
 
 
 PSYCHROMETER_PER_K = 6.62e-4
-"""Of a ventilated psychrometer (Sprung's formula)."""
+"""Constant of a ventilated psychrometer (Sprung's formula)."""
 FREEZING_hPa = 6.112
 
 

@@ -1,4 +1,4 @@
-"""From a GeoCOM return code to an error that tells the operator what to do next."""
+"""Client of GeoCOM: requests, replies, and return codes as errors that say what to do next."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -64,10 +64,10 @@ BEAM_LOST: frozenset[int] = frozenset(
         Result.AUT_ACCURACY,
     }
 )
-"""No prism, no distance to it, or not settled on it."""
+"""Codes without a prism, without a distance to it, or not settled on it."""
 
 BUSY: frozenset[int] = frozenset({Result.SYSTEM_BUSY, Result.TMC_BUSY, Result.MOTOR_BUSY})
-"""Worth asking again."""
+"""Codes of a question that is worth asking again."""
 
 BEAM_REMEDY = "clear the line of sight, let one prism face the instrument, and aim at it"
 REFUSAL_REMEDY = "see docs/geocom.md, section Errors, and the instrument's own display"
@@ -90,7 +90,7 @@ def not_locked(where: str, doing: str) -> BeamBroken:
 
 BUSY_PAUSE_S = 0.1
 DECIMALS = 10
-"""Of what the instrument sends: 1e-10 m and 1e-10 rad are far below what it can tell."""
+"""Decimals of what the instrument sends: 1e-10 m and rad are far below what it can tell."""
 
 Value = TypeVar("Value")
 Question = Callable[[GeoCom], GeoComResponse[Value]]
@@ -98,15 +98,15 @@ Question = Callable[[GeoCom], GeoComResponse[Value]]
 
 @dataclass(frozen=True, slots=True)
 class GeocomDeadlines:
-    """How long the instrument may take, in seconds."""
+    """Deadlines of the instrument, in seconds."""
 
     answer_s: float = 5.0
     greeting_s: float = 15.0
-    """For the first answer: what an earlier client had begun may have to end first."""
+    """Deadline of the first answer: what an earlier client had begun may have to end first."""
     distance_s: int = 10
-    """What a measurement is given; the instrument is told."""
+    """Deadline of a measurement; the instrument is told."""
     motion_s: float = 60.0
-    """For a turn with its search; an instrument gives up by itself before."""
+    """Deadline of a turn with its search; an instrument gives up by itself before."""
     busy_s: float = 30.0
 
 
@@ -136,7 +136,7 @@ class GeocomClient:
 
     @property
     def name(self) -> str:
-        """Where it leads, for messages."""
+        """Name of the instrument's place, for messages."""
         return self._connection.name
 
     @property

@@ -28,7 +28,7 @@ ENCODING = "ascii"
 
 
 class GeocomConnection(Connection):
-    """One question at a time; what goes wrong is kept in `failure`, and closes the connection.
+    """Connection with one question at a time; a failure is kept in `failure`, and closes it.
 
     geocompy makes a return code of every error that it is given, so whoever asks by it has to look
     at `failure` afterwards. A reply to another transaction is stale (after a fault it can sit in a
@@ -47,7 +47,7 @@ class GeocomConnection(Connection):
         self._within_s = within_s
         self._asked = -1
         self.failure: DriverError | None = None
-        """What broke the connection; None while it is whole."""
+        """Error that broke the connection; None while it is whole."""
         self._link: Link[Reply] = Link(
             transport,
             ReplyFramer(),
@@ -58,7 +58,7 @@ class GeocomConnection(Connection):
 
     @property
     def name(self) -> str:
-        """Where it leads, for messages."""
+        """Name of the instrument's place, for messages."""
         return self._link.name
 
     @contextmanager
@@ -71,7 +71,7 @@ class GeocomConnection(Connection):
             self._within_s = usual_s
 
     def is_open(self) -> bool:
-        """Tell whether a question can be asked, without sending anything."""
+        """Whether a question can be asked, without sending anything."""
         return self._link.is_open
 
     def exchange(self, cmd: str) -> str:

@@ -9,15 +9,16 @@ from geocompy.geo.gcdata import Measurement as Program
 from drivers.errors import BeamBroken, DeviceRefused
 from drivers.geocom.accuracy import direction_rad, relative_humidity_percent
 from drivers.geocom.client import BEAM_LOST, BEAM_REMEDY, GeocomClient, not_locked, refused
+from drivers.link import NotAMeasurement
 from drivers.values import Vector3, Weather
 from drivers.wire.geocom_constants import Result
 
 NARROWEST_RAD, WIDEST_RAD = 0.02, 0.5
-"""Of a search window: the field in which a prism is seen without searching, and half a room."""
+"""Bounds of a search window: the field where a prism is seen without searching, half a room."""
 
 
 def is_locked(client: GeocomClient) -> bool:
-    """Tell whether the telescope follows a prism now."""
+    """Whether the telescope follows a prism now."""
     return client.ask(lambda geocom: geocom.mot.get_lockon_status()) is ATRLock.LOCK
 
 
@@ -90,18 +91,23 @@ class MeasuredPoint:
     point_mm: Vector3
     warned: bool
     raw: str
+    distance_at_ms: int
+    """When its distance was measured, by the instrument's clock; 0: it doesn't say."""
 
 
-def measure_point(client: GeocomClient) -> MeasuredPoint:
+def measure_point(client: GeocomClient, before_ms: int) -> MeasuredPoint:
     """Measure a distance and take the point, and clear both so that nothing can use them again.
 
-    Raises `BeamBroken` when there is no distance, or when the angles are not the prism's.
+    Raises `BeamBroken` when there is no distance, or when the angles are not the prism's, and
+    `NotAMeasurement` when the distance is that of the point before, measured at `before_ms`.
     """
     try:
         client.tell(lambda geocom: geocom.tmc.do_measurement(Program.DISTANCE))
         point = _taken(client)
+        _require_new(client.name, point, before_ms)
     except DeviceRefused:
-        client.attempt(lambda geocom: geocom.tmc.do_measurement(Program.CLEAR))
+        if client.attempt(lambda geocom: geocom.tmc.do_measurement(Program.CLEAR)) != Result.OK:
+            client.close()  # its distance may still come, and would be the next one's
         raise
     client.tell(lambda geocom: geocom.tmc.do_measurement(Program.CLEAR))
     return point
@@ -125,10 +131,25 @@ def _taken(client: GeocomClient) -> MeasuredPoint:
     )
     if found.warned:
         _require_aimed(client, found.raw)
-    place = found.values[0]
+    place, distance_at_ms = found.values[:2]
     point_mm = (MM_PER_M * place.e, MM_PER_M * place.n, MM_PER_M * place.h)
     client.require_finite(*point_mm)
-    return MeasuredPoint(point_mm, warned=found.warned, raw=found.raw)
+    return MeasuredPoint(
+        point_mm, warned=found.warned, raw=found.raw, distance_at_ms=distance_at_ms
+    )
+
+
+def _require_new(where: str, point: MeasuredPoint, before_ms: int) -> None:
+    """Refuse a distance by its time stamp, which no later one can have.
+
+    Coordinates don't tell: they come rounded, and can be the same of a prism that stands still.
+    """
+    if point.distance_at_ms == before_ms != 0:
+        raise NotAMeasurement(
+            f"{where}: the distance is that of the point before, by its time stamp of "
+            f"{before_ms} ms ({point.raw})",
+            remedy="measure again; if it comes back, restart the instrument",
+        )
 
 
 def _require_aimed(client: GeocomClient, raw: str) -> None:

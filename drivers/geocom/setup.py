@@ -14,7 +14,7 @@ from drivers.session import changed, require_kept
 from drivers.wire.geocom_constants import Capability
 
 USER_KINDS = frozenset({Prism.USER, Prism.USER1, Prism.USER2, Prism.USER3})
-"""Told apart by their names; GeoCOM cannot list them."""
+"""Prisms told apart by their names; GeoCOM cannot list them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ NO_SCALE = (False, 1.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Everything that decides what the numbers of a result mean, as read back.
+    """Settings that decide what the numbers of a result mean, as read back.
 
     `station` is the instrument's place and height, `scale` a map projection; lengths in m. None:
     the instrument won't say.
@@ -94,7 +94,7 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What CSV_GetDeviceConfig says of an instrument."""
+    """Kind of an instrument by CSV_GetDeviceConfig."""
 
     device_class: int
     capabilities: int

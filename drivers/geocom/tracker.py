@@ -45,7 +45,7 @@ SEARCH_RADIUS_MM = 50.0
 
 @dataclass(frozen=True, slots=True)
 class _Agreement:
-    """How the instrument was prepared, and what its points are then worth."""
+    """Agreement on how the instrument was prepared, and what its points are then worth."""
 
     settings: Settings
     accuracy: Accuracy
@@ -75,6 +75,7 @@ class GeocomTracker:
         self._accuracy = accuracy
         self._deadlines = deadlines
         self._cancelled = cancelled
+        self._distance_at_ms = 0
         self._session = PreparedSession("tracker", self._opened, self._greet, self._set_up)
 
     def connect(self) -> None:
@@ -133,10 +134,14 @@ class GeocomTracker:
         self._session.prepare(reflector)
 
     def measure(self) -> Measurement:
-        """Take one point; raises `BeamBroken` when the prism is lost or has no distance."""
+        """Take one point; raises `BeamBroken` when the prism is lost or has no distance.
+
+        `NotAMeasurement`, which is one of these, when its distance was not measured anew.
+        """
         client, _, agreed = self._session.prepared()
         require_lock(client, "measuring")
-        found = measure_point(client)
+        found = measure_point(client, self._distance_at_ms)
+        self._distance_at_ms = found.distance_at_ms
         require_lock(client, "measuring")
         require_unchanged(client, agreed.settings)
         return Measurement(

@@ -1,4 +1,4 @@
-"""One connection to a controller that speaks robotline: numbered questions, refusals as errors."""
+"""Connection to a controller that speaks robotline: numbered questions, refusals as errors."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import TypeVar
@@ -40,7 +40,7 @@ OTHER_REFUSAL = (DeviceRefused, "compare the controller's program with docs/robo
 
 
 class RobotlineClient(LinkClient[Reply]):
-    """Asks one question after another; only the last one can be answered.
+    """Client that asks one question after another; only the last one can be answered.
 
     A reply to another number is stale (after a fault it can sit in a serial line's buffer): the
     link keeps it with the events, of which this protocol has none, and nobody ever reads it.

@@ -41,7 +41,7 @@ AnswerKind = TypeVar("AnswerKind", bound=Answer)
 
 @dataclass(frozen=True, slots=True)
 class Deadlines:
-    """How long the controller may take, in real seconds."""
+    """Deadlines of the controller, in real seconds."""
 
     answer_s: float = 2.0
     commit_s: float = 15.0

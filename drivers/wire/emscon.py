@@ -46,7 +46,7 @@ ANSWER_HEADER = struct.Struct("<ii")
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """What follows the command code in a request, and the status in an answer."""
+    """Contents after the command code in a request, and after the status in an answer."""
 
     request: type[Body] = Nothing
     answer: type[Body] = Nothing
@@ -206,7 +206,7 @@ def _known(code: int) -> Command | None:
 
 
 class FromServerFramer:
-    """What an instrument sends: bytes to messages, in any pieces; raises only `WireError`."""
+    """Messages of an instrument from its bytes, in any pieces; raises only `WireError`."""
 
     def __init__(self) -> None:
         self._packets = PacketFramer()
@@ -217,7 +217,7 @@ class FromServerFramer:
 
 
 class FromClientFramer:
-    """What a client sends: bytes to messages, in any pieces; raises only `WireError`."""
+    """Messages of a client from its bytes, in any pieces; raises only `WireError`."""
 
     def __init__(self) -> None:
         self._packets = PacketFramer()

@@ -55,7 +55,7 @@ class Command(IntEnum):
 
     @property
     def title(self) -> str:
-        """As people who know the interface write it: GoPosition."""
+        """Name as people who know the interface write it: GoPosition."""
         return "".join(word.capitalize() for word in self.name.split("_"))
 
 
@@ -122,13 +122,13 @@ class HumidityUnit(IntEnum):
 
 
 class CoordinateSystemType(IntEnum):
-    """Of eight systems, the one that we use: right-handed, rectangular."""
+    """Coordinate system, of eight the one that we use: right-handed, rectangular."""
 
     RIGHT_HANDED_RECTANGULAR = 0
 
 
 class Mode(IntEnum):
-    """Of the measurement modes, the one that we use."""
+    """Measurement mode, of several the one that we use."""
 
     STATIONARY = 0
 
@@ -167,7 +167,7 @@ class AdmStatus(IntEnum):
 
 
 class WeatherMonitor(IntEnum):
-    """What the instrument does with its weather station."""
+    """Use that the instrument makes of its weather station."""
 
     NOT_CONNECTED = 0
     READ_ONLY = 1
@@ -175,7 +175,7 @@ class WeatherMonitor(IntEnum):
 
 
 class Statistics(IntEnum):
-    """How much a result says about its uncertainty."""
+    """Detail of the uncertainty that a result carries."""
 
     STANDARD = 0
     EXTENDED = 1

@@ -1,4 +1,4 @@
-"""What stands in emScon packets: each body a dataclass, its fields in the order of the wire.
+"""Bodies of emScon packets, each a dataclass, its fields in the order of the wire.
 
 Values are in the units that the client has chosen; the wire doesn't say which.
 """
@@ -17,7 +17,7 @@ _STRUCT_CODES = {"i": "i", "d": "d", "v": "ddd", "s": f"{TEXT_BYTES}s"}
 
 
 class Body:
-    """What follows a packet's header, or a command's."""
+    """Body that follows a packet's header, or a command's."""
 
     __slots__ = ()
     LAYOUT: ClassVar[str] = ""
@@ -70,7 +70,7 @@ def _text_bytes(text: str) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class Nothing(Body):
-    """No parameters."""
+    """Body without parameters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +138,7 @@ class CoordinateSystem(Body):
 
 @dataclass(frozen=True, slots=True)
 class StationaryMode(Body):
-    """How long one stationary measurement lasts."""
+    """Duration of one stationary measurement."""
 
     LAYOUT: ClassVar[str] = "ii"
     time_ms: int
@@ -155,7 +155,7 @@ class ReflectorChoice(Body):
 
 @dataclass(frozen=True, slots=True)
 class ReflectorEntry(Body):
-    """One of `total` reflectors; each comes in an answer of its own."""
+    """Reflector, one of `total`; each comes in an answer of its own."""
 
     LAYOUT: ClassVar[str] = "iiids"
     total: int
@@ -167,7 +167,7 @@ class ReflectorEntry(Body):
 
 @dataclass(frozen=True, slots=True)
 class SearchParams(Body):
-    """How far and how long a reflector is looked for."""
+    """Radius and time in which a reflector is looked for."""
 
     LAYOUT: ClassVar[str] = "di"
     radius: float
@@ -192,7 +192,7 @@ class SystemSettings(Body):
 
 @dataclass(frozen=True, slots=True)
 class Target(Body):
-    """Where to point the beam."""
+    """Point that the beam is sent to."""
 
     LAYOUT: ClassVar[str] = "vi"
     point: Triple
@@ -201,7 +201,7 @@ class Target(Body):
 
 @dataclass(frozen=True, slots=True)
 class ApproximateDistance(Body):
-    """About how far away a reflector is."""
+    """Distance of a reflector, approximately."""
 
     LAYOUT: ClassVar[str] = "d"
     distance: float
@@ -209,7 +209,7 @@ class ApproximateDistance(Body):
 
 @dataclass(frozen=True, slots=True)
 class Direction(Body):
-    """Where the beam points."""
+    """Direction of the beam."""
 
     LAYOUT: ClassVar[str] = "dd"
     horizontal: float
@@ -236,7 +236,7 @@ class MeasurementStatusInfo(Body):
 
 @dataclass(frozen=True, slots=True)
 class TrackerInfo(Body):
-    """What the instrument is; `sensor_type` is a key of `SENSOR_NAMES`."""
+    """Kind of the instrument; `sensor_type` is a key of `SENSOR_NAMES`."""
 
     LAYOUT: ClassVar[str] = "isiiiiidddiiddiii"
     sensor_type: int
@@ -269,7 +269,7 @@ class ErrorResponse(Body):
 
 @dataclass(frozen=True, slots=True)
 class StatusChange(Body):
-    """Something changed, by this client or another; `code` may be a `SystemChange`."""
+    """Change of state, by this client or another; `code` may be a `SystemChange`."""
 
     LAYOUT: ClassVar[str] = "i"
     code: int

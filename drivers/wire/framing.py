@@ -7,7 +7,7 @@ from drivers.errors import WireError
 
 
 class LineFramer:
-    """Cuts a stream at line feeds and keeps the line that is not complete yet; never raises.
+    """Lines of a stream cut at line feeds, the incomplete one kept; never raises.
 
     A line comes without its line feed and without a carriage return before it. One that is longer
     than `limit_bytes` (carriage return counted) comes cut to `limit_bytes + 1`, as soon as that is
@@ -49,7 +49,7 @@ LARGEST_PACKET_BYTES = 65536
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """One whole packet without its header; `kind` is the type field."""
+    """Packet, whole, without its header; `kind` is the type field."""
 
     kind: int
     body: bytes
@@ -61,7 +61,7 @@ def encode_packet(packet: Packet) -> bytes:
 
 
 class PacketFramer:
-    """Cuts a byte stream into packets.
+    """Packets of a byte stream.
 
     A size outside 8…65536 bytes raises `WireError`: the stream has lost its step for good, so every
     later call raises it too. At most one packet's bytes are kept beside what was just fed.

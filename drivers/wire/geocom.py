@@ -8,7 +8,7 @@ from drivers.errors import WireError
 from drivers.wire.framing import LineFramer
 
 DECIMALS = 15
-"""With which a client writes a number."""
+"""Decimals with which a client writes a number."""
 
 _STRING = re.compile(r'"(?:[^"\\]|\\.)*"')
 _ESCAPE = re.compile(r"\\(?:[xX](?P<byte>[0-9a-fA-F]{2})|(?P<sign>.))")
@@ -113,12 +113,12 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Abort:
-    """Stops a motion."""
+    """Stop of a motion."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """What is said to a request: whether it could be carried, what came of it, and the values."""
+    """Reply to a request: whether it could be carried, what came of it, and the values."""
 
     communication: int
     transaction: int

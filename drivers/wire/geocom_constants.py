@@ -118,7 +118,7 @@ DELIVERED = frozenset({Result.OK, Result.NO_FULL_CORRECTION, Result.ACCURACY_NOT
 
 
 class Program(IntEnum):
-    """What TMC_DoMeasure is to do."""
+    """Program that TMC_DoMeasure is to run."""
 
     STOP = 0
     DISTANCE = 1
@@ -126,7 +126,7 @@ class Program(IntEnum):
 
 
 class TargetType(IntEnum):
-    """What the distance meter looks at."""
+    """Target of the distance meter."""
 
     REFLECTOR = 0
     DIRECT = 1

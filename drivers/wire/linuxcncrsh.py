@@ -22,7 +22,7 @@ PROTOCOL = "1.1"
 LONGEST_REQUEST = 255
 """Bytes, the line feed among them."""
 LONGEST_ANSWER = 1024
-"""Far above what 2.9 can say (255), and enough for a newer one's path of an INI file."""
+"""Bytes, far above what 2.9 can say (255), and enough for a newer one's path of an INI file."""
 
 _REQUEST = re.compile(r"[ -~]+")
 _ANSWER_WORD = re.compile(r"[A-Z][A-Z0-9_]*")

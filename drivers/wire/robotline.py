@@ -26,10 +26,10 @@ LINE_BYTES = 255
 """The longest line; line feed and carriage return count."""
 LAST_SEQUENCE = 999_999_999
 UNREAD_VERB = "?"
-"""Stands for the verb in the refusal of a line whose verb cannot be read."""
+"""Verb in the refusal of a line whose own cannot be read."""
 CLIENT_MARK, CONTROLLER_MARK = ">", "<"
 EMPTY_LINE = b"\n"
-"""Says nothing, but ends a line that was left half sent."""
+"""Line that says nothing, but ends one that was left half sent."""
 
 _REFUSAL_CHARACTERS = 200
 _SHOWN_BYTES = 80
@@ -61,7 +61,7 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """What is said to the question of that number and verb; `line` is it as it came."""
+    """Reply to the question of that number and verb; `line` is it as it came."""
 
     sequence: int
     verb: str

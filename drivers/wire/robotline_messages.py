@@ -144,7 +144,7 @@ class Hello(Message):
 
 @dataclass(frozen=True, slots=True)
 class AskState(Message):
-    """Asks what the encoders read now and whether anything is wrong."""
+    """Question for what the encoders read now and whether anything is wrong."""
 
     verb: ClassVar[str] = "STATE"
 
@@ -176,7 +176,7 @@ class Stop(Message):
 
 @dataclass(frozen=True, slots=True)
 class ReadPart(Message):
-    """Asks for the parameters of one part that the controller works with."""
+    """Question for the parameters of one part that the controller works with."""
 
     verb: ClassVar[str] = "GEOM"
     part: str
@@ -206,7 +206,7 @@ class Abandon(Message):
 
 @dataclass(frozen=True, slots=True)
 class Greeting(Message):
-    """Who the controller is."""
+    """Identity of the controller in its greeting."""
 
     version: int
     vendor: str
@@ -218,7 +218,7 @@ class Greeting(Message):
 
 @dataclass(frozen=True, slots=True)
 class Status(Message):
-    """What the encoders read at that moment; `fault` is empty when there is none."""
+    """Readings of the encoders at that moment; `fault` is empty when there is none."""
 
     moving: bool
     emergency_stop: bool
@@ -283,4 +283,4 @@ ANSWERS: Mapping[str, type[Answer]] = {
     Commit.verb: Done,
     Abandon.verb: Done,
 }
-"""What is answered to each verb."""
+"""Answers by verb."""

@@ -55,16 +55,16 @@ def _joint(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
 STEP_RAD = math.radians(5.0)
 SMALLEST_STEP_RAD = math.radians(0.05)
 ON_THE_WAY_MM = 0.1
-"""How far the plate is settled between the ends of a motion, where only the way matters."""
+"""Tolerance of the plate between the ends of a motion, where only the way matters."""
 MISFIT_LIMIT_MM = 2.0
 """Rods that miss by more are not strained but torn: the gap is closed by no assembly."""
 JUMP_LIMIT_MM = 100.0
-"""More than any joint step of `STEP_RAD` moves the plate while it stays in its assembly."""
+"""Jump of the plate beyond any within one assembly at a joint step of `STEP_RAD`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Assembly:
-    """One solved state of the mechanism. `side` tells two assemblies of the same joints apart."""
+    """Solved state of the mechanism. `side` tells two assemblies of the same joints apart."""
 
     joints: Array
     plate: Plate
@@ -74,7 +74,7 @@ class Assembly:
 def assemble(
     rods: EightRods, truth: Geometry, position_mm: Array, theta_rad: float, growth: float
 ) -> Assembly:
-    """Put the robot together at a pose by its contracted geometry, |θ| < 90°.
+    """Assembly of the robot at a pose by its contracted geometry, |θ| < 90°.
 
     Raises `sim.robot.assembly.OutOfReach` or `AssemblyLost`.
     """
@@ -119,7 +119,7 @@ def follow(rods: EightRods, start: Assembly, target_rad: Array, growth: float) -
 def _step(
     rods: EightRods, here: Assembly, joints: Array, growth: float, settled_mm: float
 ) -> Assembly | None:
-    """One step of the joints, or nothing when it may have left the assembly."""
+    """Assembly after one step of the joints, or nothing when the step may have left it."""
     try:
         plate, misfits_mm, jacobian = rods.settle(joints, growth, here.plate, settled_mm)
     except AssemblyLost:

@@ -33,7 +33,7 @@ def braking(part_of_time: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """One motion of all joints from rest or speed to rest."""
+    """Motion of all joints from rest or speed to rest."""
 
     start_rad: Array
     target_rad: Array
@@ -43,7 +43,7 @@ class Motion:
 
     @property
     def end_s(self) -> float:
-        """When it is over."""
+        """Time of the motion's end."""
         return self.start_s + self.duration_s
 
     def joints(self, now_s: float) -> Array:
@@ -63,7 +63,7 @@ def smooth_motion(
 
 
 def braked(motion: Motion, now_s: float) -> Motion:
-    """The same motion stopped at once, on its own path; unchanged when it is as good as over."""
+    """Motion stopped at once on its own path; unchanged when it is as good as over."""
     left_s = motion.end_s - now_s
     if left_s < 1.5 * BRAKING_S:
         return motion
@@ -76,7 +76,7 @@ def braked(motion: Motion, now_s: float) -> Motion:
 
 HALFWAY = 0.5
 HELD_FOR_S = 10.0
-"""How long until somebody has acknowledged that the mechanism held the axes."""
+"""Time until somebody has acknowledged that the mechanism held the axes."""
 AT_THE_LIMIT_RAD = 1e-9
 
 
@@ -91,7 +91,7 @@ class Refusal(Exception):
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """One reading: encoder angles, and whether anything is wrong (`fault` empty: nothing)."""
+    """Reading of encoder angles, and whether anything is wrong (`fault` empty: nothing)."""
 
     joints: tuple[float, ...]
     moving: bool
@@ -101,7 +101,7 @@ class ControllerState:
 
 @dataclass(frozen=True, slots=True)
 class ControllerSettings:
-    """What a controller is delivered with."""
+    """Settings that a controller is delivered with."""
 
     serial: str
     lowest_rad: float
@@ -112,10 +112,10 @@ class ControllerSettings:
 
 
 class Mechanism(Protocol):
-    """What the controller's axes move."""
+    """Mechanism that the controller's axes move."""
 
     def passable_part(self, encoders_rad: Array) -> float:
-        """How much of the straight joint path to there, 0 to 1, can be followed."""
+        """Part of the straight joint path to there, 0 to 1, that can be followed."""
         ...
 
     def arrive(self, encoders_rad: Array, target: tuple[int, ...]) -> None:
@@ -125,7 +125,7 @@ class Mechanism(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Trouble:
-    """Why the robot stands although nobody stopped it, and until when."""
+    """Reason why the robot stands although nobody stopped it, and until when."""
 
     kind: str
     text: str
@@ -166,7 +166,7 @@ class SimulatedController:
             self._trouble = _Trouble("emergency_stop", "emergency stop pressed", math.inf)
 
     def state(self, now_s: float) -> ControllerState:
-        """What the encoders read now."""
+        """Readings of the encoders now."""
         self._advance(now_s)
         trouble = self._trouble
         return ControllerState(
@@ -290,7 +290,7 @@ class SimulatedController:
 
 
 def _trouble_after(fault: Fault | None, part: float, end_s: float) -> _Trouble:
-    """What the motion ends in: a scripted fault, or axes held by a mechanism that cannot follow."""
+    """Trouble at a motion's end: a scripted fault, or axes held by the mechanism."""
     if fault is not None:
         texts = {"emergency_stop": "emergency stop pressed", "drive_fault": "drive fault axis 2"}
         until_s = math.inf if fault.seconds is None else end_s + fault.seconds

@@ -13,7 +13,7 @@ from sim.robot.assembly import Assembly, follow, restore
 from sim.robot.rods import EightRods
 
 SHORT_OF_THE_EDGE_RAD = math.radians(1.0)
-"""Where friction holds the axes before a singularity does; more than any noise of arrival."""
+"""Distance before a singularity where friction holds the axes; above any noise of arrival."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,13 +24,13 @@ class Thermal:
     time_constant_s: float
 
     def growth(self, worked_s: float) -> float:
-        """By what fraction the arms are longer now."""
+        """Relative growth of the arms by now."""
         return self.final_growth * -math.expm1(-worked_s / self.time_constant_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Behaviour:
-    """What comes between the encoders and the mechanism."""
+    """Effects between the encoders and the mechanism."""
 
     backlash_rad: Array
     """(4,): lost motion of each gear, from one side to the other."""
@@ -60,7 +60,7 @@ class SeenReflector(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Standing:
-    """How the robot came to rest the last time."""
+    """State in which the robot came to rest the last time."""
 
     encoders_rad: Array
     play_rad: Array
@@ -72,7 +72,7 @@ class Standing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _View:
-    """What was seen, and of what."""
+    """View of the reflector, and the state it is of."""
 
     standing: Standing
     growth: float
@@ -85,7 +85,7 @@ class _View:
 
 
 class DrivenRobot:
-    """From encoder angles to the reflector in space."""
+    """Robot from its encoder angles to the reflector in space."""
 
     def __init__(
         self,
@@ -109,7 +109,7 @@ class DrivenRobot:
         self._last_view: _View | None = None
 
     def passable_part(self, encoders_rad: Array) -> float:
-        """How much of the straight joint path to there, 0 to 1, the mechanism follows freely."""
+        """Part of the straight joint path to there, 0 to 1, that the mechanism follows freely."""
         try:
             self._ahead = self._followed(self.standing.assembly, encoders_rad)
         except AssemblyLost as lost:
@@ -135,7 +135,7 @@ class DrivenRobot:
         self._ahead = assembly
 
     def reflector(self, encoders_rad: Array) -> SeenReflector:
-        """Where the reflector is at rest, or at these encoders on the way to somewhere.
+        """Reflector at rest, or at these encoders on the way to somewhere.
 
         A tracker looks many times at a robot that stands: the last view is kept.
         """

@@ -52,7 +52,7 @@ class JointsLost(SimError):
 
 
 class JointSource(Protocol):
-    """Where the joints really are."""
+    """Source of the joints' real positions."""
 
     def read_rad(self) -> Array:
         """(4,): now; raises `JointsLost`, and begins anew the next time."""
@@ -71,7 +71,7 @@ def joint_source(joints_from: str) -> JointSource:
 
 
 class HalJoints:
-    """Reads the pins `joint.N.pos-fb`, as full doubles."""
+    """Joints read from the pins `joint.N.pos-fb`, as full doubles."""
 
     def __init__(self, prefix: tuple[str, ...]) -> None:
         self._command = (*prefix, PYTHON, "-u", "-c", shlex.quote(PROGRAM) if prefix else PROGRAM)
@@ -115,7 +115,7 @@ class HalJoints:
 
 
 class RshJoints:
-    """Asks linuxcncrsh; connects anew when the connection was lost."""
+    """Joints asked of linuxcncrsh; connects anew when the connection was lost."""
 
     def __init__(self, url: str) -> None:
         self._url = url

@@ -27,7 +27,7 @@ def rotation(about_x: float, about_y: float, about_z: float) -> Array:
 
 
 def rotation_and_rates(about_x: float, about_y: float, about_z: float) -> tuple[Array, Array]:
-    """The same, and its derivatives (3, 3, 3) by the three angles."""
+    """Rotation (3, 3), and its derivatives (3, 3, 3) by the three angles."""
     (x, dx), (y, dy), (z, dz) = _about(0, about_x), _about(1, about_y), _about(2, about_z)
     zy = z @ y
     return zy @ x, np.stack([zy @ dx, z @ dy @ x, dz @ y @ x])
@@ -36,7 +36,7 @@ def rotation_and_rates(about_x: float, about_y: float, about_z: float) -> tuple[
 RODS = 2 * ARMS
 UNKNOWNS = 7
 RADIAN_AS_MM = 100.0
-"""How a step in angle is compared with one in position."""
+"""Length by which a step in angle is compared with one in position."""
 SETTLED_MM = 1e-9
 """A step this small leaves an error at the rounding of the figures: convergence is fast."""
 ITERATIONS = 25
@@ -45,7 +45,7 @@ ON_HALF_2 = np.repeat([0.0, 0.0, 1.0, 1.0], 2)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Build:
-    """How the mechanism departs from its contracted model, in sizes and in errors."""
+    """Departures of the mechanism from its contracted model, in sizes and in errors."""
 
     plate_joints_mm: Array
     """(4, 3): b_i, where the bars sit on the plate as seen from B'_i."""
@@ -58,7 +58,7 @@ class Build:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plate:
-    """Where the plate is: B'_0, the orientation of half 1, and the bar's angle on it."""
+    """Place of the plate: B'_0, the orientation of half 1, and the bar's angle on it."""
 
     unknowns: Array
     """(7,): x, y, z mm; rotations about x, y, z in rad, applied in that order; θ rad."""
@@ -104,7 +104,7 @@ class EightRods:
         return _pairs(self._motors_mm + lengths_mm * arms, self._elbow_bar_mm)
 
     def misfit(self, elbows_mm: Array, unknowns: Array) -> tuple[Array, Array]:
-        """How much longer than the rods the gaps are, (8,) mm, and its derivative (8, 7)."""
+        """Excess of the gaps over the rods' lengths, (8,) mm, and its derivative (8, 7)."""
         turn, rates = rotation_and_rates(*unknowns[3:6])
         sine, cosine = math.sin(unknowns[6]), math.cos(unknowns[6])
         bar_mm = self._plate_mm * np.array([-sine, cosine, 0.0])

@@ -28,7 +28,7 @@ def changed(flat: Mapping[str, float], deltas: Mapping[str, float]) -> dict[str,
 
 
 class ArmSection(Section):
-    """One arm, as in a robot file."""
+    """Parameters of one arm, as in a robot file."""
 
     x_mm: float
     y_mm: float
@@ -46,7 +46,7 @@ class GeometrySection(Section):
     plate_mm: Positive
 
     def flat(self) -> dict[str, float]:
-        """By their flat names, mm and deg."""
+        """Values by their flat names, mm and deg."""
         flat = {
             f"arm{arm}.{field}": float(getattr(self.arms[arm], field))
             for arm in range(ARMS)
@@ -67,7 +67,7 @@ class Tolerances(Section):
 
 
 class Repeatability(Section):
-    """What differs at each arrival."""
+    """Repeatability: what differs at each arrival."""
 
     joint_arcsec: NotNegative = 0.0
     """Standard deviation of each joint."""

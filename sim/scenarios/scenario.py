@@ -1,4 +1,4 @@
-"""Reads scenarios: shipped ones by name, others by path."""
+"""Scenarios: shipped ones by name, others by path."""
 
 import json
 from importlib.resources import files

@@ -1,4 +1,4 @@
-"""What a scenario file (`pkmcal/cell/1`) may say."""
+"""Schema of a scenario file (`pkmcal/cell/1`)."""
 
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -12,7 +12,7 @@ from sim.scenarios.tracker import TrackerSection
 
 
 class FaultSection(Section):
-    """One fault: exactly one of at_measurement, at_move, or at_answer with its device."""
+    """Entry of the fault script: exactly one of at_measurement, at_move, at_answer with device."""
 
     KINDS: ClassVar[dict[str, tuple[str, ...]]] = {
         "at_measurement": MEASUREMENT_FAULTS,
@@ -26,7 +26,7 @@ class FaultSection(Section):
     device: Literal["controller", "tracker"] | None = None
     kind: str
     seconds: NotNegative | None = None
-    """How long it lasts, or how late the answer is; without it, for good."""
+    """Duration, or the lateness of the answer; without it, for good."""
 
     @property
     def counter(self) -> str:

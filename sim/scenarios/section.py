@@ -1,4 +1,4 @@
-"""What all sections of a scenario file have in common."""
+"""Section: what all of a scenario file have in common."""
 
 import difflib
 from collections.abc import Iterable
@@ -21,6 +21,6 @@ def nearest(unknown: str, known: Iterable[str]) -> str:
 
 
 class Section(BaseModel):
-    """Nothing unknown, nothing converted, no NaN; fixed once read."""
+    """Section of a file: nothing unknown, nothing converted, no NaN; fixed once read."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)

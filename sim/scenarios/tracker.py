@@ -16,7 +16,7 @@ class LimitSection(Section):
 
 
 class DataSheet(NamedTuple):
-    """What a data sheet of such a tracker would allow (MPE): a constant and a part per metre."""
+    """Limits (MPE) by a data sheet of such a tracker: a constant and a part per metre."""
 
     along_um: float
     along_um_per_m: float
@@ -25,7 +25,7 @@ class DataSheet(NamedTuple):
 
 
 class NoiseSection(Section):
-    """Either the same on all coordinates, or of a spherical instrument."""
+    """Noise, either the same on all coordinates, or of a spherical instrument."""
 
     coordinate_mm: Positive | None = None
     along: LimitSection | None = None
@@ -55,7 +55,7 @@ class NoiseSection(Section):
 
 
 class StationSection(Section):
-    """Where the tracker stands in the base frame; turned by roll, then pitch, then yaw."""
+    """Pose of the tracker in the base frame, turned by roll, then pitch, then yaw."""
 
     x_mm: float
     y_mm: float

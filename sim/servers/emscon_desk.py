@@ -125,7 +125,7 @@ class Scale:
 
 
 NO_POINTING_ERROR: Vector3 = (0.0, 0.0, 0.0)
-"""How far the beam was beside the reflector's centre; the simulated beam never is."""
+"""Distance of the beam from the reflector's centre; the simulated beam is never beside it."""
 
 
 def result_of(shot: TrackerShot, scale: Scale, *, extended: bool) -> SingleResult | SingleResult2:
@@ -174,7 +174,7 @@ FOUND = (
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a command leads to: a status, one answer or several, and what others are told."""
+    """Outcome of a command: a status, one answer or several, and what others are told."""
 
     status: int = ResultStatus.ALL_OK
     bodies: tuple[Body, ...] = (NOTHING,)
@@ -201,7 +201,7 @@ class InstrumentSettings:
 
     @property
     def measuring_time_s(self) -> float:
-        """How long one measurement lasts."""
+        """Duration of one measurement."""
         return self.stationary.time_ms / MS_PER_S
 
     @property
@@ -331,7 +331,7 @@ class InstrumentSettings:
         return MeasurementStatusInfo(ResultStatus.ALL_OK, bits)
 
     def _tracker_info(self, _now_s: float) -> TrackerInfo:
-        """Tell name and serial number; a sensor type and ranges it has none."""
+        """Name and serial number; a sensor type and ranges it has none."""
         return TrackerInfo(
             sensor_type=0,
             name=self._tracker.name[:LONGEST_NAME],

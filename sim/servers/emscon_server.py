@@ -23,11 +23,18 @@ from drivers.wire.emscon_messages import (
     Target,
     TrackerStatus,
 )
-from sim.servers.emscon_desk import InstrumentSettings, Outcome, result_of, wrong_parameter
+from sim.faults import Counted, Fault, FaultScript
+from sim.servers.emscon_desk import (
+    POWER_ON_UNITS,
+    InstrumentSettings,
+    Outcome,
+    result_of,
+    wrong_parameter,
+)
 from sim.tracker.instrument import SimulatedTracker
 
 UNKNOWN_COMMAND = 64
-"""What an error is about when it is about no command."""
+"""Command of an error that is about no command."""
 BEAM_LOST_STATUS = ResultStatus.NO_STATIONARY_RESULT
 NOT_FOUND_STATUS = ResultStatus.UNKNOWN
 """The real numbers are in no public source; these are taken from the public table."""
@@ -45,6 +52,14 @@ EVENT_CHANGES = {
 
 
 @dataclass(frozen=True, slots=True)
+class _Straggler:
+    """Result that comes after its measurement has been told to have failed, and when."""
+
+    result: bytes
+    due_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class _Pending:
     """The one command that is under way, and when it ends."""
 
@@ -59,16 +74,25 @@ class EmsconSession:
     """
 
     def __init__(
-        self, tracker: SimulatedTracker, send: Callable[[bytes], None], *, is_second: bool = False
+        self,
+        tracker: SimulatedTracker,
+        send: Callable[[bytes], None],
+        *,
+        is_second: bool = False,
+        faults: FaultScript | None = None,
     ) -> None:
         self._tracker = tracker
         self._send = send
         self._is_second = is_second
+        self._faults = faults
         self._framer = FromClientFramer()
         self._desk = InstrumentSettings(tracker)
         self._pending: _Pending | None = None
         self._shown: TrackerLight | None = None
         self._next_position_s = 0.0
+        self._fault: Fault | None = None
+        self._latest_result: bytes | None = None
+        self._straggler: _Straggler | None = None
 
     def received(self, data: bytes, now_s: float) -> None:
         """Obey what these bytes complete; raises `WireError` for what is not of the protocol.
@@ -87,11 +111,12 @@ class EmsconSession:
             self._tell_position(now_s)
 
     def next_due_s(self) -> float | None:
-        """When something will happen by itself next."""
+        """Time of the next thing that happens by itself."""
         if self._is_second:
             return None
         times = [
             self._pending.due_s if self._pending is not None else None,
+            self._straggler.due_s if self._straggler is not None else None,
             self._tracker.next_event_s(),
             self._next_position_s if self._desk.settings.send_reflector_position else None,
         ]
@@ -106,6 +131,7 @@ class EmsconSession:
             return
         self._tracker.advance(now_s)
         self._tell_events()
+        self._tell_straggler(now_s)
         if self._pending is not None and now_s >= self._pending.due_s:
             self._finish(self._pending.command, now_s)
 
@@ -117,7 +143,7 @@ class EmsconSession:
             self._act(request, now_s)
 
     def _obstacle(self, request: FromClient, now_s: float) -> ResultStatus:
-        """Say why a command cannot even be looked at."""
+        """Status that says why a command cannot even be looked at."""
         if self._is_second:
             return ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED
         if isinstance(request, UnknownRequest):
@@ -173,7 +199,9 @@ class EmsconSession:
                 status = ResultStatus.MEASUREMENT_STATUS_NOT_READY
         self._answer(Command.START_MEASUREMENT, Outcome(status))
         if end_s is not None:
-            self._pending = _Pending(Command.START_MEASUREMENT, end_s)
+            self._fault = None if self._faults is None else self._faults.next(Counted.RESULT)
+            due_s = now_s if self._is_wrong("early") else end_s
+            self._pending = _Pending(Command.START_MEASUREMENT, due_s)
 
     def _move(self, request: Request, now_s: float) -> None:
         if not self._tracker.initialised(now_s):
@@ -206,10 +234,38 @@ class EmsconSession:
     def _deliver(self, now_s: float) -> None:
         shot = self._tracker.finish_measurement(now_s)
         if shot is None:
-            self._send(encode(ErrorResponse(Command.START_MEASUREMENT, BEAM_LOST_STATUS)))
+            self._tell_failure()
             return
+        if self._is_wrong("other_units"):
+            self._desk.obey(Request(Command.SET_UNITS, POWER_ON_UNITS), now_s)
+            self._tell(SystemChange.UNITS)
         extended = self._desk.wants_covariance
-        self._send(encode(result_of(shot, self._desk.scale, extended=extended)))
+        self._tell_result(encode(result_of(shot, self._desk.scale, extended=extended)), now_s)
+
+    def _tell_result(self, result: bytes, now_s: float) -> None:
+        """Send a result, unless a fault has it come later or not at all."""
+        if self._is_wrong("straggling"):
+            late_s = 0.0 if self._fault is None else self._fault.seconds or 0.0
+            self._straggler = _Straggler(result, now_s + late_s)
+            self._tell_failure()
+            return
+        if self._is_wrong("repeated") and self._latest_result is not None:
+            result = self._latest_result
+        self._latest_result = result
+        self._send(result)
+
+    def _tell_failure(self) -> None:
+        self._send(encode(ErrorResponse(Command.START_MEASUREMENT, BEAM_LOST_STATUS)))
+
+    def _tell_straggler(self, now_s: float) -> None:
+        """Send a result that should have come with a measurement that has failed long since."""
+        if self._straggler is not None and now_s >= self._straggler.due_s:
+            result, self._straggler = self._straggler.result, None
+            self._send(result)
+
+    def _is_wrong(self, kind: str) -> bool:
+        """Whether the present measurement has a fault of this kind."""
+        return self._fault is not None and self._fault.kind == kind
 
     def _unready(self, now_s: float) -> ResultStatus:
         if not self._tracker.initialised(now_s):

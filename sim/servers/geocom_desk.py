@@ -1,4 +1,4 @@
-"""What a call of a simulated GeoCOM instrument leads to: now, or when it has ended."""
+"""Outcomes of the calls of a simulated GeoCOM instrument: now, or when they have ended."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -21,20 +21,20 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Later:
-    """Something that takes time: when it ends, and what then comes of it."""
+    """Action that takes time: when it ends, and what then comes of it."""
 
     due_s: float
     finish: Callable[[float], Outcome]
 
 
 Handler = Callable[[Sequence[str], float], Outcome | Later]
-"""Takes a call's parameters as words, and the time; may raise `WireError` for the words."""
+"""Handler of a call's words, at a time; may raise `WireError` for the words."""
 
 DONE = Outcome()
 
 
 def refusal(result: Result, values: int = 0) -> Outcome:
-    """Say no; an instrument still sends its values, as zeros."""
+    """Outcome that says no; an instrument still sends its values, as zeros."""
     return Outcome(result, (0.0,) * values)
 
 
@@ -51,7 +51,7 @@ MOST_DECIMALS = 15
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where the instrument is said to stand, in m, and the heights of both ends."""
+    """Station that the instrument is told, in m, and the heights of both ends."""
 
     east: float = 0.0
     north: float = 0.0
@@ -78,7 +78,7 @@ class InstrumentSettings:
         self._air: tuple[float, ...] | None = None
 
     def handlers(self) -> dict[Rpc, Handler]:
-        """What answers each call."""
+        """Handlers of the calls that are answered."""
         return self._readers() | self._setters() | self._prism_handlers()
 
     def _readers(self) -> dict[Rpc, Handler]:

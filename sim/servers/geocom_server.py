@@ -62,7 +62,7 @@ class GeocomSession:
             self._begin(self._waiting.popleft(), now_s)
 
     def next_due_s(self) -> float | None:
-        """When something will happen by itself next."""
+        """Time of the next thing that happens by itself."""
         times = [self._station.next_due_s(), self._pending.later.due_s if self._pending else None]
         return min((time_s for time_s in times if time_s is not None), default=None)
 

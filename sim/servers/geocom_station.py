@@ -20,11 +20,11 @@ SEARCH_S = 0.5
 AIM_S = 0.5
 LOCK_S = 0.2
 FIELD_RAD = 0.02
-"""In which target recognition sees a prism without searching."""
+"""Field in which target recognition sees a prism without searching."""
 
 
 class Head:
-    """Where the telescope looks, and whether it follows a prism.
+    """Direction of the telescope, and whether it follows a prism.
 
     Directions are Hz, clockwise from north (the y axis), and V from the zenith. The tracker's beam
     stands for the telescope; it sees prisms as the tracker sees its reflectors.
@@ -37,7 +37,7 @@ class Head:
         """Whether target recognition is on."""
         self.lock_mode = False
         self.orientation_rad = 0.0
-        """Added to every Hz."""
+        """Angle added to every Hz."""
 
     def lock_status(self, now_s: float) -> LockStatus:
         """Whether it follows a prism."""
@@ -124,14 +124,14 @@ DEFAULT_DISTANCE = 2
 
 @dataclass(frozen=True, slots=True)
 class _Distance:
-    """What the distance meter holds: a point in the tracker's frame, None when it found nothing."""
+    """Content of the distance meter: a point in the tracker's frame, None when it found nothing."""
 
     point_mm: Vector3 | None
     at_s: float
 
 
 class GeocomStation:
-    """One instrument, whoever is connected. Every call is told the time."""
+    """Instrument, whoever is connected. Every call is told the time."""
 
     def __init__(self, tracker: SimulatedTracker) -> None:
         self.tracker = tracker
@@ -157,7 +157,7 @@ class GeocomStation:
             self._distance = _Distance(None if shot is None else shot.point_in_tracker_mm, due_s)
 
     def next_due_s(self) -> float | None:
-        """When something will happen by itself next."""
+        """Time of the next thing that happens by itself."""
         times = [t for t in (self._measures_until_s, self.tracker.next_event_s()) if t is not None]
         return min(times, default=None)
 
@@ -254,7 +254,7 @@ class GeocomStation:
         return Outcome(code, (hz_rad, v_rad, distance_m))
 
     def _found(self, now_s: float) -> tuple[Result, Vector3 | None, float]:
-        """What the distance meter holds by now."""
+        """Content of the distance meter by now."""
         self.advance(now_s)
         if self._distance is None:
             return Result.ANGLES_ONLY, None, now_s

@@ -17,21 +17,21 @@ CHUNK_BYTES = 65536
 
 
 class Channel(Protocol):
-    """One connection's pipe."""
+    """Pipe of one connection."""
 
     keeps_open: bool
     """Whether it outlives its client, as a serial line does."""
 
     def fileno(self) -> int:
-        """For the selector."""
+        """File descriptor for the selector."""
         ...
 
     def read(self) -> bytes | None:
-        """What has come, empty if nothing; None when the client has gone."""
+        """Bytes that have come, empty if none; None when the client has gone."""
         ...
 
     def write(self, data: bytes) -> int | None:
-        """How many bytes went out; None when the client has gone."""
+        """Number of bytes that went out; None when the client has gone."""
         ...
 
     def close(self) -> None:
@@ -50,11 +50,11 @@ class TcpChannel:
         accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def fileno(self) -> int:
-        """For the selector."""
+        """File descriptor for the selector."""
         return self._socket.fileno()
 
     def read(self) -> bytes | None:
-        """What has come, empty if nothing; None when the client has gone."""
+        """Bytes that have come, empty if none; None when the client has gone."""
         try:
             return self._socket.recv(CHUNK_BYTES) or None
         except BlockingIOError:
@@ -63,7 +63,7 @@ class TcpChannel:
             return None
 
     def write(self, data: bytes) -> int | None:
-        """How many bytes went out; None when the client has gone."""
+        """Number of bytes that went out; None when the client has gone."""
         try:
             return self._socket.send(data)
         except BlockingIOError:
@@ -90,17 +90,17 @@ class PtyChannel:
         os.set_blocking(device_end, False)
 
     def fileno(self) -> int:
-        """For the selector."""
+        """File descriptor for the selector."""
         return self._device_end
 
     def read(self) -> bytes | None:
-        """What has come, empty if nothing."""
+        """Bytes that have come, empty if none."""
         with contextlib.suppress(OSError):
             return os.read(self._device_end, CHUNK_BYTES)
         return b""
 
     def write(self, data: bytes) -> int | None:
-        """How many bytes went out."""
+        """Number of bytes that went out."""
         with contextlib.suppress(OSError):
             return os.write(self._device_end, data)
         return 0
@@ -135,11 +135,11 @@ class SendQueue:
 
     @property
     def size_bytes(self) -> int:
-        """All that has not gone out yet."""
+        """Number of bytes that have not gone out yet."""
         return len(self._going) + sum(len(item.data) for item in self._items)
 
     def put(self, message: bytes, now_s: float) -> None:
-        """One whole message of the device."""
+        """Add one whole message of the device."""
         fault = self._next_fault()
         self._items.extend(
             [_Item(message, now_s)] if fault is None else _hit(message, fault, now_s)
@@ -154,11 +154,11 @@ class SendQueue:
         return bytes(self._going)
 
     def written(self, count: int) -> None:
-        """So many of them have gone out."""
+        """Drop so many bytes that have gone out."""
         del self._going[:count]
 
     def next_due_s(self) -> float | None:
-        """When the next message may go out."""
+        """Time when the next message may go out."""
         return self._items[0].due_s if self._items else None
 
     def discard(self) -> None:
@@ -168,7 +168,7 @@ class SendQueue:
 
 
 def _hit(message: bytes, fault: Fault, now_s: float) -> list[_Item]:
-    """What a fault leaves of a message."""
+    """Rest of a message that a fault has hit."""
     if fault.kind == "late":
         return [_Item(message, now_s + (LATE_S if fault.seconds is None else fault.seconds))]
     if fault.kind == "garbage":  # its last byte stays, so that a line still ends
@@ -200,7 +200,7 @@ class Session(Protocol):
         ...
 
     def next_due_s(self) -> float | None:
-        """When `advance` should be called next; None when nothing is pending."""
+        """Time of the next call of `advance`; None when nothing is pending."""
         ...
 
     def closed(self, now_s: float) -> None:
@@ -209,11 +209,11 @@ class Session(Protocol):
 
 
 SessionFactory = Callable[[Callable[[bytes], None], int], Session]
-"""Makes a session from its `send` and the number of this device's connections already open."""
+"""Factory of a session by its `send` and how many connections its device already has."""
 
 
 class Peer:
-    """Moves bytes between a pipe and a session; over when `is_over`."""
+    """Peer between a pipe and a session; over when `is_over`."""
 
     def __init__(
         self,
@@ -242,14 +242,14 @@ class Peer:
             self._flush()
 
     def interest(self) -> int:
-        """What the selector should watch for."""
+        """Events that the selector should watch for."""
         if self._is_paused():
             return selectors.EVENT_WRITE
         waits = bool(self._outbox.due(self._now_s()))
         return selectors.EVENT_READ | (selectors.EVENT_WRITE if waits else 0)
 
     def next_due_s(self) -> float | None:
-        """When `turn` should be called next."""
+        """Time of the next call of `turn`."""
         times = [
             t for t in (self._session.next_due_s(), self._outbox.next_due_s()) if t is not None
         ]
@@ -296,7 +296,7 @@ class Peer:
             self._close_as_scripted()
 
     def _give_up(self) -> None:
-        """Nobody reads: a socket is closed, a serial line loses what was said."""
+        """Give up on a client that reads nothing: close a socket, empty a serial line's queue."""
         self._outbox.discard()
         if not self.channel.keeps_open:
             self.hang_up()

@@ -1,4 +1,4 @@
-"""Serves simulated devices on loopback sockets and pseudo-terminals: one thread, one selector."""
+"""Server of simulated devices on loopback sockets and pseudo-terminals; one thread and selector."""
 
 import os
 import selectors
@@ -31,20 +31,20 @@ LOOPBACK = "127.0.0.1"
 CLIENTS_LIMIT = 8
 LOOK_AGAIN_S = 0.1
 SHORTEST_WAIT_S = 0.0005
-"""So that a session that stays due cannot keep the processor busy."""
+"""Wait by which a session that stays due cannot keep the processor busy."""
 
 Result = TypeVar("Result")
 
 
 class _Watch(NamedTuple):
-    """What to do when something has come; `admits` if that lets a new client in."""
+    """Step to take when something has come; `admits` if that lets a new client in."""
 
     step: Callable[[], None]
     admits: bool = False
 
 
 class CellServer:
-    """All devices of a cell. Name them before `start`; `stop` closes everything."""
+    """Server of all devices of a cell. Name them before `start`; `stop` closes everything."""
 
     def __init__(self, clock: CellClock, faults: FaultScript) -> None:
         self._clock = clock
@@ -179,7 +179,7 @@ class CellServer:
         self._selector.register(channel, selectors.EVENT_READ, _Watch(peer.ready))
 
     def _open_count(self, device_name: DeviceName) -> int:
-        """How many clients a device has that have not just left."""
+        """Number of clients that a device has and that have not just left."""
         return sum(n == device_name and not peer.is_over for peer, n in self._peers.items())
 
     def _next_fault(self, device_name: DeviceName) -> Fault | None:

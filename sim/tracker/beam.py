@@ -13,7 +13,7 @@ from sim.tracker.optics import Station, angle_between_rad
 
 
 class Scene(Protocol):
-    """What stands before the tracker."""
+    """Scene before the tracker."""
 
     def robot_reflector(self, now_s: float) -> SeenReflector:
         """The reflector on the robot's plate, in the base frame."""
@@ -24,7 +24,7 @@ class Scene(Protocol):
         ...
 
     def robot_target(self) -> tuple[int, ...]:
-        """What names the place where the robot rests."""
+        """Key of the place where the robot rests."""
         ...
 
 
@@ -44,7 +44,7 @@ class Aim:
     any_distance: bool
 
     def miss_mm(self, candidate_in_tracker_mm: Array) -> float:
-        """How far a candidate is from the middle of the search."""
+        """Distance of a candidate from the middle of the search."""
         point_mm = np.array(self.point_in_tracker_mm)
         if not self.any_distance:
             return float(np.linalg.norm(candidate_in_tracker_mm - point_mm))
@@ -77,12 +77,12 @@ class Beam:
         self._pointing_mm = self._place_mm(locked_on or Target.ROBOT, 0.0)
 
     def cut(self, from_s: float, lasts_s: float) -> None:
-        """Somebody steps into the beam."""
+        """Cut the beam, as somebody who steps into it."""
         self._cut_from_s, self._cut_until_s = from_s, from_s + lasts_s
         self._cut_is_new = True
 
     def next_cut_s(self) -> float | None:
-        """When the beam will be cut, if that is still to come."""
+        """Time of the beam's next cut, if that is still to come."""
         return self._cut_from_s if self._cut_is_new else None
 
     def confuse(self) -> None:

@@ -40,7 +40,7 @@ class Air:
 
 @dataclass(frozen=True, slots=True)
 class TrackerSettings:
-    """What a tracker is delivered with, and the state in which it is found."""
+    """Settings that a tracker is delivered with, and the state in which it is found."""
 
     serial: str
     reflectors: tuple[SimulatedReflector, ...]
@@ -55,7 +55,7 @@ class TrackerSettings:
 
 @dataclass(frozen=True, slots=True)
 class TrackerShot:
-    """One stationary measurement in the tracker's frame, and the covariance it was drawn by."""
+    """Stationary measurement in the tracker's frame, and the covariance it was drawn by."""
 
     point_in_tracker_mm: Vector3
     covariance_mm2: Matrix3
@@ -66,7 +66,7 @@ class TrackerShot:
 
 @dataclass(frozen=True, slots=True)
 class _Action:
-    """Something that takes time: what happens at its end."""
+    """Action that takes time: what happens at its end."""
 
     end_s: float
     finish: Callable[[float], None]
@@ -136,7 +136,7 @@ class SimulatedTracker:
         return air.temperature_degC + warmer, air.pressure_hPa, air.humidity_percent
 
     def direction(self, now_s: float) -> tuple[float, float]:
-        """Where the head points: horizontal angle and zenith angle, rad."""
+        """Direction of the head: horizontal angle and zenith angle, rad."""
         self.advance(now_s)
         return direction_of(self.beam.point_in_tracker_mm(now_s))
 
@@ -147,7 +147,7 @@ class SimulatedTracker:
         return _vector(self.beam.point_in_tracker_mm(now_s))
 
     def events(self) -> list[str]:
-        """What has happened by the last call since this was last asked.
+        """Events since this was last asked, up to the last call.
 
         "initialised", "warmed_up", "beam_lost", "beam_found".
         """
@@ -155,7 +155,7 @@ class SimulatedTracker:
         return taken
 
     def next_event_s(self) -> float | None:
-        """When something will happen by itself next, if so; `advance` then makes it happen."""
+        """Time of the next event that comes by itself, if any; `advance` then makes it happen."""
         warm_s = None if self.is_warm else self._settings.warm_up_s
         end_s = None if self._action is None else self._action.end_s
         times = [t for t in (warm_s, end_s, self.beam.next_cut_s()) if t is not None]
@@ -271,7 +271,7 @@ class SimulatedTracker:
 
 
 def _turn_rad(first_mm: Array, second_mm: Array) -> float:
-    """How far the head turns, about its faster axis' angle."""
+    """Turn of the head, about its faster axis' angle."""
     (hz, vt), (to_hz, to_vt) = direction_of(first_mm), direction_of(second_mm)
     turn_rad = max(abs(math.remainder(to_hz - hz, 2.0 * math.pi)), abs(to_vt - vt))
     return turn_rad if math.isfinite(turn_rad) else 0.0

@@ -1,4 +1,4 @@
-"""How a tracker sees: its place in the base frame, and how uncertain a point is in its own."""
+"""Optics of a tracker: its place in the base frame, and a point's uncertainty in its own."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ MPE_PER_SIGMA = math.sqrt(3.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Station:
-    """Where the tracker stands."""
+    """Pose of the tracker in the base frame."""
 
     origin_in_base_mm: Array
     base_from_tracker: Array
@@ -28,7 +28,7 @@ class Station:
 
 
 class Noise(Protocol):
-    """How a shot scatters around the true point, in the tracker's frame."""
+    """Scatter of a shot around the true point, in the tracker's frame."""
 
     def spread_mm(self, point_in_tracker_mm: Array) -> Array:
         """(3, 3): a square root S of the covariance, S Sᵀ, in mm."""
@@ -37,7 +37,7 @@ class Noise(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class IsotropicNoise:
-    """The same standard deviation on every coordinate, everywhere."""
+    """Noise with the same standard deviation on every coordinate, everywhere."""
 
     coordinate_mm: float
 

@@ -32,9 +32,15 @@ class Hands:
         return self.now_s
 
 
-def counted(*, is_terminal, width=80):
+def counted(*, is_terminal, can_draw=True, width=80):
     stream, hands = io.StringIO(), Hands()
-    console = Console(file=stream, width=width, force_terminal=is_terminal, color_system=None)
+    console = Console(
+        file=stream,
+        width=width,
+        force_terminal=is_terminal,
+        force_interactive=is_terminal and can_draw,
+        color_system=None,
+    )
     work = CountedWork(console, "campaigns", 100, done=10, now_s=hands, quiet_s=2.0)
     return work, stream, hands
 
@@ -55,13 +61,21 @@ def test_without_a_terminal_a_line_comes_now_and_then():
     ]
 
 
+def test_on_a_terminal_that_cannot_draw_the_lines_come_too():
+    work, stream, hands = counted(is_terminal=True, can_draw=False)
+    with work:
+        hands.now_s = 2.0
+        work.advance(10)
+    assert stream.getvalue() == "campaigns: 20/100 · 5/s · 16 s left\n"
+
+
 @pytest.mark.parametrize("width", [60, 80])
 def test_on_a_terminal_there_is_a_bar_and_no_line(width):
     work, stream, hands = counted(is_terminal=True, width=width)
     hands.now_s = 9.0
     work.advance(45)
     assert stream.getvalue() == ""
-    Console(file=stream, width=width, color_system=None).print(work)
+    Console(file=stream, width=width, color_system=None).print(work._bars)
     (row,) = stream.getvalue().splitlines()
     assert row.startswith("campaigns ━━━")
     assert row.rstrip().endswith("55/100 · 5/s · 9 s left")

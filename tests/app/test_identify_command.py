@@ -96,7 +96,8 @@ def test_moved_shots_are_named_and_cost_nothing(capsys, clean, spoilt, estimator
     assert code == 0
     assert [left[key] for left in found["excluded"]] == named
     assert unseen(found) <= 1.3 * unseen(good)
-    assert f"left out: {key} {named[0]}: " in err
+    assert f"left out: shot {WRONG[0]}" in err
+    assert f"{key} {named[0]}: " in err
     assert " σ, limit " in err
 
 

@@ -57,7 +57,7 @@ WEAKEST = "weakest arm2.z_mm ±0.021 mm · position ±0.006 mm"
 def pictured(progress):
     display, stream, _ = display_on()
     display.progress(progress)
-    Console(file=stream, width=80, color_system=None).print(display._picture())
+    Console(file=stream, width=80, color_system=None).print(display._bars)
     return stream.getvalue().splitlines()
 
 
@@ -104,7 +104,13 @@ class Hands:
 
 def display_on(*, width=80, is_terminal=False, verbose=False):
     stream, hands = io.StringIO(), Hands()
-    console = Console(file=stream, width=width, force_terminal=is_terminal, color_system=None)
+    console = Console(
+        file=stream,
+        width=width,
+        force_terminal=is_terminal,
+        force_interactive=is_terminal,
+        color_system=None,
+    )
     return RunDisplay(console, "run", now_s=hands, verbose=verbose), stream, hands
 
 
@@ -141,12 +147,18 @@ def test_an_event_is_never_cut():
     assert stream.getvalue() == text
 
 
+def test_before_the_first_news_it_is_connecting():
+    display, stream, _ = display_on(is_terminal=True)
+    Console(file=stream, width=80, color_system=None).print(display._bars)
+    assert stream.getvalue() == "run: connecting\n"
+
+
 @pytest.mark.parametrize("width", [40, 80, 120])
 def test_on_a_terminal_nothing_wraps(width):
     display, stream, _ = display_on(width=width, is_terminal=True)
     display.progress(AT_WORK)
     console = Console(file=stream, width=width, color_system=None)
-    console.print(display._picture())
+    console.print(display._bars)
     lines = stream.getvalue().splitlines()
     assert len(lines) == 2
     assert all(len(line) <= width for line in lines)

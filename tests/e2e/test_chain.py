@@ -15,6 +15,9 @@ PLAN_KEYS = {
     *("from_below", "curve"),
 }
 IDENTIFICATION_KEYS = {
+    "doubts",
+    "hold_out",
+    "robot_scatter",
     "schema",
     "estimator",
     "converged",

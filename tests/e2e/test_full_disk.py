@@ -4,6 +4,7 @@ import contextlib
 import errno
 import os
 import resource
+from pathlib import Path
 
 import pytest
 from command_line import contents
@@ -11,6 +12,8 @@ from command_line import contents
 from campaigns.files import text_file
 from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Outcome
+
+VECTORS = Path(__file__).parents[1] / "data" / "vectors"
 
 
 @contextlib.contextmanager
@@ -69,9 +72,7 @@ def test_a_run_stops_at_the_last_shot_that_could_be_written(full, pkmcal, planne
 
 
 def test_an_import_counts_whole_or_not_at_all(full, pkmcal, planned):
-    shots = planned.parent / "shots.csv"
-    rows = "".join(f"{pair},{q},0,0,0,1000,{q},{pair}\n" for pair in range(60) for q in (1, 2))
-    shots.write_text(f"pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm\n{rows}")
+    shots = VECTORS / "table1-tracker-noise.csv"
     assert "campaign.db" in full("import", planned, shots, bytes_left=60_000)
     refused = pkmcal("identify", planned)
     assert refused.code == 2

@@ -21,6 +21,7 @@ from campaigns.identification.result import RecordedIdentification, read_identif
 from campaigns.journal.records import Finding
 from campaigns.robots.robot import RobotDocument, find_robot, read_robot
 from campaigns.version import VERSION
+from drivers.values import Identity
 
 SPREAD = {"mean_abs": 1.0, "rms": 1.5, "max_abs": 3.0}
 COMMENTS = ("# the robot of line 3", "# measured in 2019")
@@ -105,12 +106,15 @@ def test_axis_tilts_are_exported_and_backlash_is_not(nominal: RobotDocument) -> 
 
 
 def test_provenance_says_where_everything_comes_from(nominal: RobotDocument) -> None:
-    provenance = compensated_robot("press 4", nominal, finding(nominal)).robot.provenance
+    controller = Identity("Acme", "Par4", "R-1", "1.0", "robotline 1")
+    robot = compensated_robot("press 4", nominal, finding(nominal), controller).robot
+    provenance = robot.provenance
     assert provenance == {
         "campaign": "press 4",
         "software": f"pkmcal {VERSION}",
         "nominal_robot": "line-3",
         "nominal_digest": nominal.robot.digest(),
+        "controller_serial": "R-1",
         "plan_digest": "a" * 64,
         "journal_digest": "b" * 64,
         "journal_records": 500,
@@ -122,6 +126,14 @@ def test_provenance_says_where_everything_comes_from(nominal: RobotDocument) -> 
         "identified_utc": "2026-03-02T08:00:00Z",
     }
     assert json.dumps(provenance, allow_nan=False)
+
+
+@pytest.mark.parametrize("controller", [None, Identity("LinuxCNC", "Par4", "", "1", "rsh")])
+def test_unknown_serial_is_stated_as_unknown(
+    nominal: RobotDocument, controller: Identity | None
+) -> None:
+    robot = compensated_robot("press 4", nominal, finding(nominal), controller).robot
+    assert (robot.provenance or {})["controller_serial"] is None
 
 
 def test_comments_of_the_nominal_file_are_kept(nominal: RobotDocument) -> None:

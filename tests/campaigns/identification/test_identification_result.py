@@ -19,7 +19,7 @@ from tested_journal import plain_journal
 
 from campaigns.controllers.export import latest_identification
 from campaigns.errors import FindingUnreadable
-from campaigns.estimation.estimators import Estimator, LossShape, Outliers
+from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
 from campaigns.identification.result import (
     Covariance,
     Frame,
@@ -88,7 +88,7 @@ def test_document_of_a_lost_rank_has_no_infinity() -> None:
 
 
 def test_document_without_degrees_of_freedom_has_neither_p_nor_covariance() -> None:
-    told = document(simulated(22, 5, seed=3), Estimator.DISTANCES)
+    told = document(simulated(22, 5, seed=3), Estimator.DISTANCES, weights=Weights.EQUAL)
     assert (told["chi2"]["p"], told["chi2"]["believable"], told["chi2"]["scale"]) == (None,) * 3
     assert told["covariance"] == {"names": [], "matrix": []}
     assert told["correlations"] == []
@@ -114,7 +114,8 @@ def test_noise_is_told_in_numbers_and_words() -> None:
     assert told["value"] / told["dof"] == pytest.approx(16.0, rel=0.3)
     assert told["p"] < 1e-3
     assert told["believable"] is False
-    assert told["scale"] == pytest.approx(np.sqrt(told["value"] / told["dof"]))
+    assert told["scale"] == 1.0, "the robot's own scatter takes it in"
+    assert "the point scatters by" in told["says"]
     assert "times what the tracker states" in told["says"]
 
 

@@ -150,15 +150,18 @@ def test_scatter_as_stated_is_believed_and_gives_sigma() -> None:
     assert "scatter as the tracker states" in found.chi2.says
 
 
-def test_scatter_beyond_the_stated_one_multiplies_sigma_and_is_said() -> None:
+def test_scatter_beyond_the_stated_one_is_the_robots_widens_sigma_and_is_said() -> None:
     calm = by_points(CLEAN)
     wild = by_points(noisy(simulated(60, 20, seed=1), seed=2, std_mm=4.0 * NOISE_MM))
     assert not wild.chi2.believable
-    assert wild.chi2.scale == pytest.approx(4.0, rel=0.15)
+    assert np.sqrt(wild.chi2.value / wild.chi2.dof) == pytest.approx(4.0, rel=0.15)
     ratio = deviations(wild)["plate_mm"] / deviations(calm)["plate_mm"]
-    assert ratio == pytest.approx(wild.chi2.scale, rel=0.02)
+    assert ratio == pytest.approx(4.0, rel=0.15)
+    own_mm = np.sqrt(4.0**2 - 1.0) * NOISE_MM
+    assert wild.robot_scatter.point_mm == pytest.approx(own_mm, rel=0.15)
+    assert calm.robot_scatter is None
     assert "times what the tracker states" in wild.chi2.says
-    assert "σ are multiplied by it" in wild.chi2.says
+    assert "the point scatters by" in wild.chi2.says
     assert wild.excluded == ()
 
 

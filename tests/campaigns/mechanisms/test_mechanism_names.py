@@ -71,7 +71,7 @@ ALLOWED = (
     ("app/report/figures/tests.py", "while θ turns", LETTER),
     ("app/report/figures/tests.py", 'xlabel="θ, °"', LETTER),
     ("app/report/figures/workspace.py", '"θ, °"', LETTER),
-    ("app/report/pictures.py", "while only θ should change", LETTER),
+    ("app/report/sections.jinja", "while only θ should change", LETTER),
     ("campaigns/identification/result.py", '{"delta": found.delta}', "a parameter's change"),
     ("campaigns/robots/robot.py", "says nothing of it: Par4's", "robot files older than the key"),
     ("campaigns/settings/sections.py", "(kinematics par4kins: X Y Z C)", KINS),

@@ -135,7 +135,9 @@ class TestUnits:
 
     def test_unit_that_nobody_tells_is_never_guessed(self):
         said = complaint(SPATIAL_ANALYZER, unit=None)
-        assert said.endswith("does not say its unit of length → give it with --unit mm|m|inch")
+        assert said.endswith(
+            "does not say its unit of length → give it with --unit mm|m|inch|ft|cm|um"
+        )
 
     def test_point_too_far_away_is_in_another_unit(self):
         said = complaint("p1 2000.5 10.0 -300.0\n", unit="m")

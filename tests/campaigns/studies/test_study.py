@@ -7,7 +7,7 @@ import pytest
 from par4_space import FILE_UNIT, FREE_BY_DEFAULT, IS_ANGLE, NAMES, indices, par4_of
 
 from campaigns.errors import OutputExists, ShotsMissing, WriteFailed
-from campaigns.estimation.estimators import Estimator, Outliers
+from campaigns.estimation.estimators import Estimator, Outliers, Weights
 from campaigns.estimation.rigid_transforms import Transform, small_rotation
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.identification.identify import identify
@@ -121,7 +121,7 @@ def test_stated_deviations_are_true_for_points(setup, outcomes):
 
 @pytest.fixture(scope="module")
 def by_distances(setup):
-    return with_options(setup, estimator=Estimator.DISTANCES)
+    return with_options(setup, estimator=Estimator.DISTANCES, weights=Weights.EQUAL)
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,8 @@
 """The emScon driver brings a tracker to what a campaign needs, and notices who changes it."""
 
 import pytest
-from scripted_emscon import NAMES, RESULT, Instrument, Station, system_status
+from emscon_stations import Station
+from scripted_emscon import NAMES, RESULT, Instrument, system_status
 
 from drivers.emscon.client import EmsconDeadlines
 from drivers.emscon.setup import SearchArea

@@ -1,7 +1,8 @@
 """The emScon driver: sessions, preparing, what it says about the tracker's state."""
 
 import pytest
-from scripted_emscon import NAMES, RESULT, Instrument, Station, system_status
+from emscon_stations import Station
+from scripted_emscon import NAMES, RESULT, Instrument, system_status
 
 from drivers.errors import (
     DeviceRefused,
@@ -123,7 +124,7 @@ class TestReconnect:
         station = Station().connected()
         station.instrument.says[Command.GET_REFLECTORS] = []
         with pytest.raises(LinkDown):
-            station.tracker.prepare("CCR-1.5in", 2.0)
+            station.tracker.prepare("CCR-1.5in", 0.5)
         del station.instrument.says[Command.GET_REFLECTORS]
         station.tracker.reconnect()
         assert station.tracker.measure()

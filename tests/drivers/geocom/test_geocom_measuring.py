@@ -3,10 +3,11 @@
 import contextlib
 
 import pytest
-from scripted_geocom import POINT_MM, Bench
+from scripted_geocom import POINT_M, POINT_MM, Bench
 
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, LinkDown, WireError
 from drivers.geocom.accuracy import Accuracy, accuracy_of_class, covariance_mm2
+from drivers.link import NotAMeasurement
 from drivers.wire.geocom import Reply, encode_reply, words_of
 from drivers.wire.geocom_constants import Result, Rpc
 
@@ -111,6 +112,59 @@ def test_nothing_of_a_measurement_is_left_for_the_next_one(code):
         bench.tracker.measure()
     programs = [r.parameters[0] for r in bench.instrument.asked if r.rpc == Rpc.TMC_DO_MEASURE]
     assert programs == ["1", "3"]
+
+
+def delivers(bench, at_ms, code=0):
+    words = words_of(*POINT_M, at_ms, *POINT_M, at_ms + 1)
+    bench.instrument.answers[Rpc.TMC_GET_COORDINATE] = (code, words)
+
+
+def test_distance_with_the_time_stamp_of_the_one_before_is_no_measurement():
+    bench = Bench().prepared()
+    bench.tracker.measure()
+    for _ in range(2):
+        with pytest.raises(NotAMeasurement, match="time stamp of 1000 ms") as caught:
+            bench.tracker.measure()
+        assert isinstance(caught.value, BeamBroken)  # the shot is taken again
+    delivers(bench, 1001)
+    assert bench.tracker.measure().point_in_tracker_mm == POINT_MM
+
+
+def test_warned_distance_of_the_point_before_is_no_measurement_either():
+    bench = Bench().prepared()
+    bench.tracker.measure()
+    delivers(bench, 1000, code=1284)
+    with pytest.raises(NotAMeasurement):
+        bench.tracker.measure()
+
+
+def test_distance_of_the_point_before_is_known_over_a_new_connection():
+    bench = Bench().prepared()
+    bench.tracker.measure()
+    bench.tracker.reconnect()
+    with pytest.raises(NotAMeasurement):
+        bench.tracker.measure()
+
+
+def test_instrument_without_time_stamps_may_measure_the_same_twice():
+    bench = Bench().prepared()
+    delivers(bench, 0)
+    assert bench.tracker.measure().point_in_tracker_mm == POINT_MM
+    assert bench.tracker.measure().point_in_tracker_mm == POINT_MM
+
+
+def test_failed_measurement_that_cannot_be_cleared_closes_the_wire():
+    bench = Bench().prepared()
+    bench.instrument.refuses(Rpc.TMC_GET_COORDINATE, 1285)
+    codes = {"1": 0, "3": Result.SHUT_DOWN}
+    bench.instrument.says[Rpc.TMC_DO_MEASURE] = lambda request: [
+        (0.0, encode_reply(Reply(0, request.transaction, codes[request.parameters[0]])))
+    ]
+    with pytest.raises(BeamBroken):
+        bench.tracker.measure()
+    assert bench.pipe.is_closed
+    with pytest.raises(LinkDown):
+        bench.tracker.measure()
 
 
 def test_busy_instrument_is_asked_again():

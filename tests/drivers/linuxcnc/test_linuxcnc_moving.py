@@ -15,7 +15,7 @@ from drivers.errors import (
     MotionFault,
     WireError,
 )
-from drivers.linuxcnc.machine_state import Coordinates
+from drivers.linuxcnc.settings import Coordinates
 from drivers.values import Pose
 
 

@@ -8,10 +8,11 @@ from scripted_linuxcnc import TARGET_RAD, ScriptedLinuxcnc, arrive, connected, r
 from drivers.errors import (
     DeviceNotReady,
     EmergencyStop,
+    LinkDown,
     MotionFault,
     WrongDevice,
 )
-from drivers.linuxcnc.machine_state import Coordinates
+from drivers.linuxcnc.settings import Coordinates
 from drivers.values import Identity
 
 IDENTITY = Identity("LinuxCNC", "Par4 in XYZA", "PAR4", "not told", "linuxcncrsh 1.1")
@@ -175,3 +176,11 @@ def test_geometry_of_our_own_conversion_needs_no_power_cut():
     linuxcnc = ready()
     linuxcnc.robot.write_geometry({"plate_mm": 101.0})
     assert linuxcnc.orders == []
+
+
+def test_without_a_connection_no_geometry_is_replaced():
+    linuxcnc = ready()
+    linuxcnc.robot.close()
+    with pytest.raises(LinkDown, match="not connected"):
+        linuxcnc.robot.write_geometry({"plate_mm": 101.0})
+    assert linuxcnc.store.geometry == {"plate_mm": 100.0}

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from scripted_linuxcnc import Straight, ready
 
 from drivers.errors import LimitViolation
-from drivers.linuxcnc.machine_state import Coordinates
-from drivers.linuxcnc.motion import JointLimits
-from drivers.linuxcnc.mover import way_to
+from drivers.linuxcnc.motion import way_to
+from drivers.linuxcnc.settings import Coordinates, JointLimits
 from drivers.values import Pose
 
 LIMITS = JointLimits(radians(-45.5), radians(90.5))

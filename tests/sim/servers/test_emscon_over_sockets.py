@@ -28,11 +28,12 @@ def cell_with(**tracker):
     return Cell(scenario.model_copy(update={"tracker": changed}))
 
 
-def driver_for(served, deadlines=PATIENT):
+def driver_for(served, deadlines=PATIENT, **options):
     return EmsconTracker(
         lambda: open_transport(served.tracker_url, timeout_s=1.0),
         clock=SystemClock(),
         deadlines=deadlines,
+        **options,
     )
 
 
@@ -89,6 +90,17 @@ def test_second_driver_is_refused_and_the_first_goes_on(served, tracker):
         driver_for(served).connect()
     tracker.prepare("CCR-1.5in", 0.5)
     assert tracker.measure()
+
+
+def test_measuring_time_is_over_by_the_cells_own_clock_when_a_result_comes():
+    with (
+        EmbeddedCell(cell_with(), ScaledClock(SPEED_UP)) as served,
+        closing(driver_for(served, instrument_clock=served.clock)) as tracker,
+    ):
+        tracker.connect()
+        tracker.prepare("CCR-1.5in", 0.5)
+        points_mm = [tracker.measure().point_in_tracker_mm for _ in range(3)]
+        assert points_mm == [pytest.approx(place_mm(served), abs=0.1)] * 3
 
 
 def test_cold_tracker_is_refused_without_moving():

@@ -28,6 +28,7 @@ from drivers.wire.emscon_messages import (
     SystemStatus,
     Target,
 )
+from sim.faults import Counted, Fault, FaultScript
 
 
 def test_unknown_command_is_not_implemented():
@@ -103,6 +104,54 @@ def test_beam_lost_and_not_noticed_until_the_end_still_gives_no_result():
     client.send(Command.START_MEASUREMENT)
     client.tracker.is_locked = False
     assert ErrorResponse(49, ResultStatus.NO_STATIONARY_RESULT) in client.later(0.5)
+
+
+def faulty_client(*faults):
+    """A client of a session with result faults: number of the result, kind, seconds."""
+    script = FaultScript([Fault(Counted.RESULT, *fault) for fault in faults], {})
+    client = Client(faults=script)
+    client.send(Command.SET_UNITS, MILLIMETRES)
+    return client
+
+
+def results(messages):
+    return [message for message in messages if isinstance(message, SingleResult)]
+
+
+def test_early_result_comes_with_the_answer():
+    client = faulty_client((2, "early", None))
+    assert len(results(client.measure())) == 1
+    assert len(results(client.send(Command.START_MEASUREMENT))) == 1
+    assert results(client.later(5.0)) == []
+
+
+def test_repeated_result_is_the_one_before():
+    client = faulty_client((2, "repeated", None))
+    (first,) = results(client.measure())
+    client.tracker.point_mm = (1.0, 2.0, 3.0)
+    assert results(client.measure()) == [first]
+    assert results(client.measure())[0].point == (1.0, 2.0, 3.0)
+
+
+def test_straggling_result_comes_after_its_measurement_has_failed_and_was_stopped():
+    client = faulty_client((1, "straggling", 3.0))
+    said = client.measure()
+    assert ErrorResponse(49, ResultStatus.NO_STATIONARY_RESULT) in said
+    assert results(said) == []
+    client.send(Command.STOP_MEASUREMENT)
+    assert client.session.next_due_s() == pytest.approx(client.now_s + 3.0)
+    assert results(client.later(2.9)) == []
+    assert len(results(client.later(0.1))) == 1
+    assert client.session.next_due_s() is None
+
+
+def test_units_that_somebody_else_sets_are_told_before_the_result_in_them():
+    client = faulty_client((1, "other_units", None))
+    said = client.measure()
+    (result,) = results(said)
+    assert said.index(StatusChange(SystemChange.UNITS)) < said.index(result)
+    assert result.point == (1.0, -2.0, 0.254)
+    assert client.ask(Command.GET_UNITS).body.length == 0
 
 
 def test_beam_break_between_measurements_is_told_unasked():

@@ -1,0 +1,187 @@
+"""Variance components: how much the robot itself scatters, beside what the tracker states.
+
+Σ_i = C_i + s² 1 + σ_q² J_i J_iᵀ: the tracker's covariance, scatter of the point in space, and
+scatter of the joints through J = ∂position/∂joints. Restricted maximum likelihood (REML; Patterson
+and Thompson 1971) finds s and σ_q with the unknowns of the fit integrated out, and takes each only
+where the likelihood asks for it.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize, minimize_scalar
+
+from campaigns.arrays import Array, Index, Mask
+
+WORTH = 6.0
+"""Gain in 2 log L that a component must bring."""
+SMALLEST = 1e-3
+"""Of a component's standard deviation in parts of what is stated: below it nothing can be told."""
+LARGEST = 1e4
+PROMISING = 1.0
+"""Gain beside the first component from which both are sought together."""
+SEARCHED_BELOW = 3.0
+"""A second component is sought between what it would be alone and e⁻³ of it."""
+NOWHERE = -math.inf
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearizedShots:
+    """Points of N shots about an estimate, to first order, in the tracker's axes."""
+
+    residual_mm: Array
+    """Modelled minus measured, (N, 3)."""
+    jacobian: Array
+    """∂point/∂unknowns, (N, 3, P)."""
+    stated_mm2: Array
+    """Covariance that the tracker states, (N, 3, 3)."""
+    by_joints: Array
+    """∂point/∂joints, (N, 3, n), mm per rad or mm."""
+
+    def __len__(self) -> int:
+        return len(self.residual_mm)
+
+    def rows(self, rows: Index | Mask) -> "LinearizedShots":
+        """Some of them, by number or mask."""
+        return LinearizedShots(
+            self.residual_mm[rows],
+            self.jacobian[rows],
+            self.stated_mm2[rows],
+            self.by_joints[rows],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class VarianceComponents:
+    """Standard deviations of the robot's own scatter, with their own 1 σ where found."""
+
+    point_mm: float = 0.0
+    joint: float = 0.0
+    """rad, or mm of a carriage."""
+    point_mm_std: float = 0.0
+    joint_std: float = 0.0
+
+    @property
+    def any(self) -> bool:
+        """Whether the robot scatters by itself."""
+        return self.point_mm > 0.0 or self.joint > 0.0
+
+    def covariance_mm2(self, stated_mm2: Array, by_joints: Array) -> Array:
+        """Covariance of points, the robot's scatter included, (N, 3, 3)."""
+        through = by_joints @ by_joints.swapaxes(1, 2)
+        return np.asarray(stated_mm2 + self.point_mm**2 * np.eye(3) + self.joint**2 * through)
+
+
+NONE = VarianceComponents()
+
+
+def estimate_components(shots: LinearizedShots) -> VarianceComponents:
+    """Components that the likelihood asks for; none with too few shots to tell any."""
+    count, unknowns = shots.residual_mm.size, shots.jacobian.shape[-1]
+    if count <= unknowns + 2:
+        return NONE
+    likelihood = _RestrictedLikelihood(shots)
+    none = likelihood.at(NOWHERE, NOWHERE)
+    singles = [likelihood.best_single(place) for place in (0, 1)]
+    value, logs = max(singles, key=lambda each: each[0])
+    if value - none <= WORTH:
+        return NONE
+    both_value, both = likelihood.best_pair(singles)
+    if both_value - value > WORTH:
+        logs = both
+    return likelihood.components(logs)
+
+
+class _RestrictedLikelihood:
+    """2 log L of the logarithms of both standard deviations, in parts of typical stated ones."""
+
+    def __init__(self, shots: LinearizedShots) -> None:
+        self._shots = shots
+        self._through = shots.by_joints @ shots.by_joints.swapaxes(1, 2)
+        typical_mm = math.sqrt(float(np.trace(shots.stated_mm2, axis1=1, axis2=2).mean()) / 3.0)
+        lever = math.sqrt(float(np.trace(self._through, axis1=1, axis2=2).mean()) / 3.0)
+        self._units = (typical_mm, typical_mm / lever if lever > 0.0 else 1.0)
+        scale = np.linalg.norm(shots.jacobian.reshape(-1, shots.jacobian.shape[-1]), axis=0)
+        scale = np.where(scale > 0.0, scale, 1.0)
+        self._rows = np.concatenate([shots.jacobian / scale, shots.residual_mm[:, :, None]], axis=2)
+
+    def at(self, log_point: float, log_joint: float) -> float:
+        """2 log L but for a constant; -∞ where a covariance is none."""
+        point, joint = self._std(log_point, log_joint)
+        covariance = self._shots.stated_mm2 + point**2 * np.eye(3) + joint**2 * self._through
+        try:
+            root = np.linalg.cholesky(covariance)
+            rows = np.linalg.solve(root, self._rows).reshape(-1, self._rows.shape[-1])
+            triangle = np.linalg.qr(rows, mode="r")
+        except np.linalg.LinAlgError:
+            return NOWHERE
+        own = np.abs(np.diag(triangle))
+        known = own[:-1] > own[:-1].max() * np.finfo(np.float64).eps * len(rows)
+        size = 2.0 * float(np.log(np.einsum("nii->ni", root)).sum())
+        return -(size + 2.0 * float(np.log(own[:-1][known]).sum()) + float(own[-1] ** 2))
+
+    def best_single(self, place: int) -> tuple[float, tuple[float, float]]:
+        """Best value with one component alone, and where it is."""
+
+        def less(log: float) -> float:
+            return -self.at(*self._logs(place, log))
+
+        low, high = math.log(SMALLEST), math.log(LARGEST)
+        found = minimize_scalar(less, bounds=(low, high), method="bounded", options={"xatol": 0.02})
+        return -float(found.fun), self._logs(place, float(found.x))
+
+    def best_pair(
+        self, singles: list[tuple[float, tuple[float, float]]]
+    ) -> tuple[float, tuple[float, float]]:
+        """Best value with both components, sought where a second one beside the first gains."""
+        value, logs = max(singles, key=lambda each: each[0])
+        second = 1 if logs[1] == NOWHERE else 0
+
+        def beside(log: float) -> tuple[float, float]:
+            return (logs[0], log) if second == 1 else (log, logs[1])
+
+        high = singles[second][1][second]
+        low = max(high - SEARCHED_BELOW, math.log(SMALLEST))
+        along = minimize_scalar(
+            lambda log: -self.at(*beside(log)),
+            bounds=(low, max(high, low + SEARCHED_BELOW)),
+            method="bounded",
+            options={"xatol": 0.05},
+        )
+        if -float(along.fun) - value < PROMISING:
+            return value, logs
+
+        def less(place: Array) -> float:
+            return -self.at(float(place[0]), float(place[1]))
+
+        found = minimize(
+            less,
+            np.array(beside(float(along.x))),
+            method="Nelder-Mead",
+            options={"xatol": 0.01, "fatol": 0.01, "maxfev": 120},
+        )
+        return -float(found.fun), (float(found.x[0]), float(found.x[1]))
+
+    def components(self, logs: tuple[float, float]) -> VarianceComponents:
+        """With standard deviations from the curvature of the likelihood at its top."""
+        point, joint = self._std(*logs)
+        point_std, joint_std = (self._relative_std(logs, place) for place in (0, 1))
+        return VarianceComponents(point, joint, point * point_std, joint * joint_std)
+
+    def _relative_std(self, logs: tuple[float, float], place: int) -> float:
+        if logs[place] == NOWHERE:
+            return 0.0
+        step = 0.05
+        lower, upper = list(logs), list(logs)
+        lower[place] -= step
+        upper[place] += step
+        bend = 2.0 * self.at(*logs) - self.at(lower[0], lower[1]) - self.at(upper[0], upper[1])
+        return math.sqrt(2.0 * step**2 / bend) if bend > 0.0 else 1.0
+
+    def _std(self, log_point: float, log_joint: float) -> tuple[float, float]:
+        return self._units[0] * math.exp(log_point), self._units[1] * math.exp(log_joint)
+
+    @staticmethod
+    def _logs(place: int, log: float) -> tuple[float, float]:
+        return (log, NOWHERE) if place == 0 else (NOWHERE, log)

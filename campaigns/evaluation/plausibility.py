@@ -1,0 +1,359 @@
+"""Plausibility of measured shots and of found parameters, by what is known of the nominal robot.
+
+A fit cannot tell points in metres from a robot a thousand times smaller, and pairs that it never
+saw agree, being in the same unit. Only the nominal robot speaks against it: its positions at the
+joints read must be the measured points up to a rigid motion, and nearly so before any fit.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+from scipy.special import stdtr
+
+from campaigns.arrays import Array, Index
+from campaigns.errors import ShotsInvalid
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.robots.robot import Tolerance
+from campaigns.shots.shots import Shots
+
+UNITS: Mapping[str, float] = {
+    "metres": 1e-3,
+    "centimetres": 0.1,
+    "inches": 1.0 / 25.4,
+    "feet": 1.0 / 304.8,
+    "micrometres": 1e3,
+}
+"""Numbers of a length in a unit over its numbers in mm."""
+FACTORS = (*UNITS.values(), 2.0, 0.5)
+UNIT_WORD = {
+    "metres": "m",
+    "centimetres": "cm",
+    "inches": "inch",
+    "feet": "ft",
+    "micrometres": "um",
+}
+"""Of the option --unit."""
+
+MIRRORED = "the frame of the points is mirrored"
+
+FEWEST = 5
+"""Shots below which a frame explains nearly everything."""
+SAMPLE = 24
+"""Shots by which other readings of the joints are tried."""
+KEPT = 0.8
+"""Share of the shots by which a fit is judged, so that a few gross errors say nothing."""
+TRIMMINGS = 5
+THIN = 0.02
+"""Points whose second spread is below this part of the first lie on a line and tell nothing."""
+NEAR = 0.06
+"""Misfit in parts of the points' spread: robots with lengths off by 10 mm and joints by 5° stay
+below it, and one of the wrong order of joints is above."""
+BETTER = 0.6
+"""Another reading must fit so much better to be the cause."""
+AS_GOOD = 1.2
+"""Readings this near to the best are named too: symmetry tells no difference between them."""
+IMPOSSIBLE = 0.3
+"""Misfit that no robot of this kind has, whatever the cause."""
+WHOLE_TURN_RAD = 2.0 * np.pi
+FARTHEST_MM = 200_000.0
+WORST_SIGMA_MM = 100.0
+PLACES = ("x_mm", "y_mm", "z_mm")
+SCALE_FREEDOM = 3
+SCALE_SIGNIFICANCE = 0.01
+LEAST_SHARE = 5e-4
+COLDEST_DEGC, HOTTEST_DEGC = -40.0, 70.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimilarityFit:
+    """Scale and misfit of the best rotation, translation and scale between two sets of points."""
+
+    scale: float
+    misfit: float
+    """Root mean square left over the points' spread."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """Way in which joints and points may have been meant."""
+
+    words: str
+    """Cause in words; empty for as they are written."""
+    remedy: str
+    cost: float
+    """Misfit and what no unit explains of the scale."""
+    steps: int
+    """How many things are different from what is written."""
+
+
+def beyond_tolerance(tolerance: Tolerance, changes: Mapping[str, float]) -> Iterator[str]:
+    """Changes (mm and deg, by name) beyond the tolerance, the largest first, in words."""
+    beyond = {
+        name: change for name, change in changes.items() if not abs(change) <= tolerance.of(name)
+    }
+    for name in sorted(beyond, key=lambda each: -abs(beyond[each]) / tolerance.of(each)):
+        unit = "°" if name.endswith("_deg") else " mm"
+        yield (
+            f"{name} changed by {beyond[name]:+.4g}{unit}, tolerance ± {tolerance.of(name):g}{unit}"
+        )
+
+
+def check_shots(nominal: Kinematics, shots: Shots, where: str) -> None:
+    """Raise `ShotsInvalid`, naming the cause, for shots that cannot be this robot's in mm and rad.
+
+    `where` names the file or series.
+    """
+    _check_joints(nominal, shots, where)
+    _check_reading(nominal, shots, where)
+    _check_values(shots, where)
+
+
+def check_distances(nominal: Kinematics, shots: Shots, limit_mm: float, where: str) -> None:
+    """Raise `ShotsInvalid` for a point farther from where the nominal robot puts it than a gate.
+
+    The same gate that a run has, after the best rigid fit of the greater part.
+    """
+    modelled = nominal.forward(shots.joints)
+    rows = np.flatnonzero(modelled.found & np.isfinite(shots.points_in_tracker_mm).all(axis=1))
+    if len(rows) < FEWEST:
+        return
+    left = _misfits(modelled.values[rows, :3], shots.points_in_tracker_mm[rows], scaled=False)
+    off_mm = np.linalg.norm(left, axis=1)
+    worst = int(np.argmax(off_mm))
+    if off_mm[worst] > limit_mm:
+        raise ShotsInvalid(
+            f"{where}: shot {shots.numbers[rows[worst]]}: its point is {off_mm[worst]:.0f} mm from "
+            f"where the nominal robot puts it, limit {limit_mm:g} mm",
+            remedy="a wrong target or wrong joints: correct the row or leave it out; a robot that "
+            "is so far off needs a larger gate.distance_mm",
+        )
+
+
+def _check_joints(nominal: Kinematics, shots: Shots, where: str) -> None:
+    for place, axis in enumerate(nominal.mechanism.joints):
+        beyond = np.abs(shots.joints[:, place]) > WHOLE_TURN_RAD
+        if axis.is_revolute and beyond.any():
+            row = int(np.argmax(beyond))
+            raise ShotsInvalid(
+                f"{where}: shot {shots.numbers[row]}: joint {axis.column} is "
+                f"{axis.to_file(float(shots.joints[row, place])):.6g}°, limit ± 360°",
+                remedy="give encoder angles in degrees, not counts, and of one turn",
+            )
+
+
+def _check_values(shots: Shots, where: str) -> None:
+    far_mm = np.linalg.norm(shots.points_in_tracker_mm, axis=1)
+    sigma_mm = np.sqrt(np.einsum("nii->n", shots.stated_covariance_mm2))
+    air = shots.temperature_degC
+    for values, least, most, what, unit in (
+        (far_mm, 0.0, FARTHEST_MM, "its point's distance from the tracker", "mm"),
+        (sigma_mm, 0.0, WORST_SIGMA_MM, "the stated σ of its point", "mm"),
+        (air, COLDEST_DEGC, HOTTEST_DEGC, "its air's temperature", "°C"),
+    ):
+        wrong = np.isfinite(values) & ((values < least) | (values > most))
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise ShotsInvalid(
+                f"{where}: shot {shots.numbers[row]}: {what} is {values[row]:.6g} {unit}, must be "
+                f"{least:g} to {most:g}",
+                remedy="correct the row, or the unit of its column",
+            )
+
+
+def _check_reading(nominal: Kinematics, shots: Shots, where: str) -> None:
+    points = shots.points_in_tracker_mm
+    if len(points) < FEWEST or _on_a_line(points):
+        return
+    unchanged = min(_readings(nominal, shots.joints, points, ""), key=lambda each: each.steps)
+    if unchanged.cost <= NEAR:
+        return
+    rows = np.unique(np.linspace(0, len(points) - 1, SAMPLE).astype(int))
+    tried = sorted(_all_readings(nominal, shots.joints, points, rows), key=lambda each: each.cost)
+    best = tried[0].cost
+    if best <= BETTER * unchanged.cost and best <= IMPOSSIBLE:
+        alike = [each for each in tried if each.cost <= AS_GOOD * max(best, 0.5 * NEAR)]
+        alike.sort(key=lambda each: MIRRORED not in each.words)  # the likelier of the two
+        fewest = min(each.steps for each in alike)
+        causes = {each.words: each for each in alike if each.steps == fewest and each.words}
+        if causes:
+            first = next(iter(causes.values()))
+            raise ShotsInvalid(f"{where}: {' or '.join(causes)}", remedy=first.remedy)
+    if unchanged.cost > IMPOSSIBLE:
+        raise ShotsInvalid(
+            f"{where}: the points do not follow the joints: after the best fit "
+            f"{100.0 * min(unchanged.cost, 9.99):.0f} % of their spread is left, limit "
+            f"{100.0 * IMPOSSIBLE:.0f} %",
+            remedy="look at the order of rows, the order and signs of joints, and whether "
+            "this is the robot of robot.yaml",
+        )
+
+
+def _on_a_line(points: Array) -> bool:
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] <= THIN * spread[0])
+
+
+def _all_readings(
+    nominal: Kinematics, joints: Array, points: Array, rows: Index
+) -> Iterator[Reading]:
+    """Readings with other units, orders and signs of joints, and a mirrored frame."""
+    axes = nominal.mechanism.joints
+    yield from _readings(nominal, joints, points, "")
+    some, where = joints[rows], points[rows]
+    if all(axis.is_revolute for axis in axes):
+        in_degrees = np.degrees(some)
+        words = "the joints look like radians"
+        yield from _readings(nominal, in_degrees, where, words, "give the joints in degrees")
+    straight = tuple(range(len(axes)))
+    signs = tuple(product((1.0, -1.0), repeat=len(axes)))
+    turned = [(straight, each) for each in signs]
+    swapped = [(order, signs[place]) for order in permutations(straight) for place in (0, -1)]
+    for order, sign in dict.fromkeys([*turned, *swapped]):
+        if order == straight and min(sign) > 0.0:
+            continue
+        words = " and ".join(_joint_words(axes_order=order, sign=sign))
+        read = some[:, order] * np.array(sign)
+        yield from _readings(nominal, read, where, words, "correct the columns of the joints")
+
+
+def _joint_words(*, axes_order: tuple[int, ...], sign: tuple[float, ...]) -> Iterator[str]:
+    if axes_order != tuple(range(len(axes_order))):
+        yield f"the joints seem to stand in the order {', '.join(f'q{q}' for q in axes_order)}"
+    if max(sign) < 0.0:
+        yield "all joints seem to have the other sign"
+    elif min(sign) < 0.0:
+        wrong = ", ".join(f"q{place}" for place, each in enumerate(sign) if each < 0.0)
+        yield f"the sign of {wrong} seems to be turned"
+
+
+def _readings(
+    nominal: Kinematics, joints: Array, points: Array, words: str, remedy: str = ""
+) -> Iterator[Reading]:
+    """Of joints (N, n) as they may have been meant, with every unit, mirrored and not."""
+    modelled = nominal.forward(joints)
+    rows = np.flatnonzero(modelled.found)
+    if len(rows) < FEWEST:
+        yield Reading(words, remedy, math.inf, 1 if words else 0)
+        return
+    lost = 0.5 * (1.0 - len(rows) / len(joints))
+    for mirrored in (False, True):
+        measured = points[rows] * (np.array([1.0, 1.0, -1.0]) if mirrored else 1.0)
+        found = similarity_fit(modelled.values[rows, :3], measured)
+        nearest = min(FACTORS, key=lambda each: abs(math.log(found.scale / each)))
+        for unit in (1.0, nearest):
+            causes = [words] if words else []
+            remedies = [remedy] if remedy else []
+            if mirrored:
+                causes.append(MIRRORED)
+                remedies.append("turn the sign of one coordinate, such as z")
+            if unit != 1.0:
+                causes.append(_unit_words(unit))
+                remedies.append(_unit_remedy(unit))
+            cost = math.hypot(found.misfit, math.log(found.scale / unit)) + lost
+            yield Reading(" and ".join(causes), "; ".join(remedies), cost, len(causes))
+
+
+def _unit_words(unit: float) -> str:
+    name = _unit_name(unit)
+    if name is not None:
+        return f"the points look like {name}"
+    return f"distances between the points are {unit:g} times those of the nominal robot"
+
+
+def _unit_remedy(unit: float) -> str:
+    name = _unit_name(unit)
+    if name is not None:
+        return f"import with --unit {UNIT_WORD[name]}, or give millimetres"
+    return "give millimetres as measured, neither doubled nor halved"
+
+
+def _unit_name(unit: float) -> str | None:
+    return next((name for name, factor in UNITS.items() if factor == unit), None)
+
+
+def similarity_fit(modelled: Array, measured: Array) -> SimilarityFit:
+    """Best similarity of modelled (N, 3) with the greater part of measured points (N, 3).
+
+    Closed form by SVD (Umeyama 1991).
+    """
+    rows = _greater_part(modelled, measured, scaled=True)
+    scale, _, left = _similarity(modelled[rows], measured[rows], scaled=True)
+    spread = measured[rows] - measured[rows].mean(axis=0)
+    size = float(np.sqrt(np.sum(spread**2)))
+    misfit = float(np.sqrt(np.sum(left**2))) / size if size > 0.0 else math.inf
+    return SimilarityFit(scale, misfit)
+
+
+def _misfits(modelled: Array, measured: Array, *, scaled: bool) -> Array:
+    """What the best fit of the greater part leaves of all, (N, 3)."""
+    rows = _greater_part(modelled, measured, scaled=scaled)
+    scale, rotation, _ = _similarity(modelled[rows], measured[rows], scaled=scaled)
+    moved = scale * (modelled - modelled[rows].mean(axis=0)) @ rotation.T
+    return np.asarray(measured - measured[rows].mean(axis=0) - moved)
+
+
+def _greater_part(modelled: Array, measured: Array, *, scaled: bool) -> Index:
+    """Rows that fit best together, after some rounds of leaving out the worst (trimmed squares)."""
+    rows = np.arange(len(modelled))
+    keep = max(FEWEST - 1, int(KEPT * len(modelled)))
+    for _ in range(TRIMMINGS):
+        scale, rotation, _ = _similarity(modelled[rows], measured[rows], scaled=scaled)
+        moved = scale * (modelled - modelled[rows].mean(axis=0)) @ rotation.T
+        left = np.linalg.norm(measured - measured[rows].mean(axis=0) - moved, axis=1)
+        rows = np.sort(np.argsort(left, kind="stable")[:keep])
+    return rows
+
+
+def _similarity(modelled: Array, measured: Array, *, scaled: bool) -> tuple[float, Array, Array]:
+    """Scale, rotation, and what they leave, (N, 3)."""
+    a, b = modelled - modelled.mean(axis=0), measured - measured.mean(axis=0)
+    u, spread, vt = np.linalg.svd(b.T @ a)
+    proper = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    rotation = u @ np.diag(proper) @ vt
+    size = float(np.sum(a**2))
+    scale = float(np.sum(spread * proper)) / size if scaled and size > 0.0 else 1.0
+    scale = max(scale, np.finfo(np.float64).tiny)
+    return scale, rotation, np.asarray(b - scale * a @ rotation.T)
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleTest:
+    """Common share by which all lengths changed, and how likely chance does as much."""
+
+    share: float
+    p: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether it is more than robots' errors make of chance, and large enough to matter."""
+        return self.p < SCALE_SIGNIFICANCE and abs(self.share) > LEAST_SHARE
+
+
+def common_scale(nominal: Mapping[str, float], changes: Mapping[str, float]) -> ScaleTest:
+    """Test whether found changes of lengths are "everything longer by the same share".
+
+    Regression of the changes (mm, by name) on the lengths themselves, places being counted from
+    the first arm's, which holds the frame. What scatters about it is the robot's own error.
+    """
+    lengths = {name: _from_first(name, nominal) for name in changes if name.endswith("_mm")}
+    along = np.array([lengths[name] for name in lengths])
+    found = np.array([changes[name] for name in lengths])
+    freedom = len(lengths) - 1
+    if freedom < SCALE_FREEDOM or not np.any(along):
+        return ScaleTest(0.0, 1.0)
+    share = float(along @ found / (along @ along))
+    left = found - share * along
+    std = math.sqrt(float(left @ left) / freedom / float(along @ along))
+    if std == 0.0:
+        return ScaleTest(share, 0.0 if share else 1.0)
+    return ScaleTest(share, float(2.0 * stdtr(freedom, -abs(share) / std)))
+
+
+def _from_first(name: str, nominal: Mapping[str, float]) -> float:
+    arm, _, field = name.rpartition(".")
+    if field in PLACES:
+        return nominal[name] - nominal[f"{arm[:-1]}0.{field}"]
+    return nominal[name]

@@ -1,0 +1,225 @@
+"""Fit of measured shots: outliers, the robot's own scatter, and the estimate that follows.
+
+Whatever estimator is asked for, all coordinates of the same shots, with a free frame, say which of
+them are wrong and how much the robot scatters: three times as many numbers as distances, and the
+frame is no concern of theirs.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.errors import ShotsMissing
+from campaigns.estimation.estimate import Estimate, OutlierPolicy, estimate
+from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
+from campaigns.estimation.information import ChiSquareTest, chi_square_test
+from campaigns.estimation.residuals import FRAME_COLUMNS, PointResiduals
+from campaigns.estimation.robust import Loss
+from campaigns.estimation.variance_components import (
+    NONE,
+    LinearizedShots,
+    VarianceComponents,
+    estimate_components,
+)
+from campaigns.identification.observations import (
+    Observations,
+    PointObservations,
+    distance_observations,
+    point_observations,
+)
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.parameter_selection import ParameterSelection
+from campaigns.mechanisms.mechanism import Kinematics, NoSolution
+from campaigns.shots.shots import Shots
+
+SCATTER_ROUNDS = 5
+SCATTER_SETTLED = 0.02
+"""Relative change of a component below which another round would tell nothing new."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointFit:
+    """Fit of all coordinates, with the robot's scatter in the covariances."""
+
+    observations: PointObservations
+    found: Estimate
+    scatter: VarianceComponents
+
+    @property
+    def stated_noise(self) -> ChiSquareTest:
+        """Test of what the tracker alone states, whatever the robot adds."""
+        found = self.found
+        if not self.scatter.any:
+            return found.noise
+        misfit_mm = self.observations.misfits_mm(found.x)[found.kept]
+        stated = self.observations.stated_mm2[found.kept]
+        explained = np.linalg.solve(stated, misfit_mm[:, :, None])[:, :, 0]
+        chi2 = float(np.sum(misfit_mm * explained))
+        return chi_square_test(chi2, found.noise.dof, found.noise.sigma0)
+
+    def linearized(self) -> LinearizedShots:
+        """All shots about the estimate, those left out too."""
+        return linearized(self.observations, self.found.x)
+
+    def covariance_mm2(self) -> Array:
+        """Covariances of the points, the robot's scatter included, (N, 3, 3)."""
+        return covariance_of(self.observations, self.found.x, self.scatter)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """Fit by the estimator asked for, and that of all coordinates beside it."""
+
+    observations: Observations
+    found: Estimate
+    points: PointFit | None
+    """Plain and without outliers; None where coordinates cannot be fitted, or were not asked."""
+
+    left_out: PointFit | None = None
+    """That by which shots of pairs were left out; None where pairs were not asked for."""
+
+    @property
+    def stated_noise(self) -> ChiSquareTest:
+        """Test of what the tracker states by what was fitted."""
+        points = self.points
+        if points is None or points.found is not self.found:
+            return self.found.noise
+        return points.stated_noise
+
+    @property
+    def scatter(self) -> VarianceComponents:
+        """The robot's own."""
+        return NONE if self.points is None else self.points.scatter
+
+
+def fit_shots(
+    nominal: Kinematics, shots: Shots, selection: ParameterSelection, options: IdentificationOptions
+) -> Fit:
+    """Fit of the identification shots.
+
+    Raises `ShotsMissing` for too few of them, `ShotsInvalid` for a covariance that is none, and
+    `NoSolution` where no robot explains them.
+    """
+    if options.estimator is Estimator.POINTS:
+        points = fit_points(nominal, shots, selection, options)
+        beside = points if _is_plain(options) else _analysis(nominal, shots, selection, options)
+        return Fit(points.observations, points.found, beside)
+    if options.weights is Weights.EQUAL:
+        return _fit_distances_alone(nominal, shots, selection, options)
+    return _fit_distances(nominal, shots, selection, options)
+
+
+def fit_points(
+    nominal: Kinematics, shots: Shots, selection: ParameterSelection, options: IdentificationOptions
+) -> PointFit:
+    """Fit of coordinates, the robot's scatter and outliers in turn until neither changes."""
+    fitted = stated = point_observations(nominal, shots, selection, options)
+    policy, count = _policy(options), len(selection.free)
+    found = estimate(fitted.problem, count, policy, known_variance=True)
+    scatter = NONE
+    if options.loss.shape is not LossShape.LINEAR:
+        return PointFit(fitted, found, scatter)
+    for _ in range(SCATTER_ROUNDS):
+        kept = found.kept
+        anew = estimate_components(linearized(fitted, found.x).rows(kept))
+        if _settled(scatter, anew):
+            break
+        scatter = anew
+        fitted = replace_covariance(stated, covariance_of(stated, found.x, scatter))
+        found = estimate(fitted.problem, count, policy, known_variance=True)
+        if np.array_equal(found.kept, kept) and not scatter.any:
+            break
+    return PointFit(fitted, found, scatter)
+
+
+def linearized(fitted: PointObservations, x: Array) -> LinearizedShots:
+    """All shots about the unknowns x, in the tracker's axes."""
+    points, count = fitted.points, len(fitted.numbers)
+    rotation = points.tracker_from_base(x).rotation
+    whitened = points.jacobian(x).reshape(count, 3, -1)
+    return LinearizedShots(
+        fitted.misfits_mm(x),
+        np.asarray(np.linalg.solve(points.whitening, whitened)),
+        fitted.stated_mm2,
+        rotation @ points.model.by_joints(_parameters(x)),
+    )
+
+
+def covariance_of(fitted: PointObservations, x: Array, scatter: VarianceComponents) -> Array:
+    """Covariances (N, 3, 3) of points, in the tracker's axes."""
+    if not scatter.any:
+        return fitted.stated_mm2
+    rotation = fitted.points.tracker_from_base(x).rotation
+    by_joints = rotation @ fitted.points.model.by_joints(_parameters(x))
+    return scatter.covariance_mm2(fitted.stated_mm2, by_joints)
+
+
+def replace_covariance(fitted: PointObservations, covariance_mm2: Array) -> PointObservations:
+    """The same observations, whitened with other covariances."""
+    points: PointResiduals = fitted.points.with_covariance(covariance_mm2)
+    return replace(fitted, points=points, problem=replace(fitted.problem, data=points))
+
+
+def _fit_distances(
+    nominal: Kinematics, shots: Shots, selection: ParameterSelection, options: IdentificationOptions
+) -> Fit:
+    """Distances weighed by what the coordinates of the same shots say of them."""
+    points = _analysis(nominal, shots, selection, options)
+    if points is None:
+        return _fit_distances_alone(nominal, shots, selection, options)
+    sigma0 = points.found.noise.sigma0 or 1.0
+    covariance = {
+        number: sigma0**2 * each
+        for number, each in zip(points.observations.numbers, points.covariance_mm2(), strict=True)
+    }
+    wrong = frozenset(np.array(points.observations.numbers)[~points.found.kept].tolist())
+    excludes = options.outliers is Outliers.EXCLUDE
+    if not excludes:
+        wrong = frozenset()
+    fitted = distance_observations(
+        nominal, shots, selection, options, covariance_mm2=covariance, left_out=wrong
+    )
+    policy = OutlierPolicy(options.loss, exclude=False)
+    found = estimate(fitted.problem, len(selection.free), policy, known_variance=True)
+    return Fit(fitted, found, points, points if excludes else None)
+
+
+def _fit_distances_alone(
+    nominal: Kinematics, shots: Shots, selection: ParameterSelection, options: IdentificationOptions
+) -> Fit:
+    fitted = distance_observations(nominal, shots, selection, options)
+    count = len(selection.free)
+    return Fit(
+        fitted, estimate(fitted.problem, count, _policy(options), known_variance=False), None
+    )
+
+
+def _is_plain(options: IdentificationOptions) -> bool:
+    return options.loss.shape is LossShape.LINEAR and options.outliers is Outliers.EXCLUDE
+
+
+def _analysis(
+    nominal: Kinematics, shots: Shots, selection: ParameterSelection, options: IdentificationOptions
+) -> PointFit | None:
+    """Plain fit of the coordinates by the shots alone, to judge them by; None for too few."""
+    plain = replace(options, loss=Loss(), outliers=Outliers.EXCLUDE)
+    alone = replace(selection, priors=())
+    try:
+        return fit_points(nominal, shots, alone, plain)
+    except (ShotsMissing, NoSolution):
+        return None
+
+
+def _policy(options: IdentificationOptions) -> OutlierPolicy:
+    return OutlierPolicy(options.loss, exclude=options.outliers is Outliers.EXCLUDE)
+
+
+def _parameters(x: Array) -> Array:
+    """The free parameters of the unknowns of points, which have a frame behind them."""
+    return x[:-FRAME_COLUMNS]
+
+
+def _settled(old: VarianceComponents, new: VarianceComponents) -> bool:
+    pairs = ((old.point_mm, new.point_mm), (old.joint, new.joint))
+    return all(abs(a - b) <= SCATTER_SETTLED * max(a, b) for a, b in pairs)

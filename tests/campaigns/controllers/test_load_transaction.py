@@ -1,0 +1,516 @@
+"""A load is a transaction: refused with its reason, found again after a death, and walked back."""
+
+import shutil
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+from fake_cell import FakeRobot, FakeTracker
+from paper_campaign import ERRORS, NOMINAL, new_campaign
+from par4_space import par4
+from virtual_time import VirtualClock
+
+from campaigns.campaign import Campaign, open_campaign
+from campaigns.chain.files import export
+from campaigns.chain.loading import (
+    LoadResult,
+    LoadTerms,
+    VerificationSetup,
+    load,
+    load_verified,
+    roll_back,
+)
+from campaigns.chain.validation import wrong_stage
+from campaigns.controllers.load_journal import load_history
+from campaigns.errors import (
+    ConfigInvalid,
+    GateRefused,
+    LoadNotVerified,
+    OptionsInvalid,
+    ShotsMissing,
+    VerdictBad,
+)
+from campaigns.journal.records import Finding
+from campaigns.measuring.shot_taker import Cell
+from campaigns.robots.robot import Compensation, compensated, find_robot, read_robot
+from drivers.errors import DeviceRefused
+from drivers.values import Identity
+
+EXPORTED = "robot-compensated.yaml"
+OLD = NOMINAL.robot.geometry_flat()
+FORCED = LoadTerms(force=True)
+
+
+class PowerCut(BaseException):
+    """The process ends here."""
+
+
+@dataclass
+class Controller:
+    """Holds parameters; the next write does what `next_write` says."""
+
+    held: dict[str, float] = field(default_factory=lambda: dict(OLD))
+    serial: str = "R-1"
+    next_write: str = "take"
+    writes: int = 0
+
+    def identity(self) -> Identity:
+        return Identity("Acme", "Par4", self.serial, "1.0", "robotline 1")
+
+    def read_geometry(self) -> dict[str, float]:
+        return dict(self.held)
+
+    def write_geometry(self, geometry: Mapping[str, float]) -> None:
+        self.writes += 1
+        act, self.next_write = self.next_write, "take"
+        if act == "refuse":
+            raise DeviceRefused("the robot moves", remedy="wait", code="BUSY")
+        if act == "take half, die":
+            self.held |= {name: geometry[name] for name in list(geometry)[:20]}
+        elif act.startswith("take"):
+            self.held = dict(geometry)
+        if act.endswith("die"):
+            raise PowerCut
+
+    def reconnect(self) -> None:
+        pass
+
+
+@pytest.fixture(scope="session")
+def exported_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    paper = new_campaign(tmp_path_factory.mktemp("loading") / "paper")
+    paper.run(pairs=40, unseen=4)
+    paper.identify()
+    export(paper.campaign)
+    return paper.folder
+
+
+@pytest.fixture
+def campaign(exported_once: Path, tmp_path: Path) -> Campaign:
+    """Everything is ready to be loaded."""
+    return open_campaign(shutil.copytree(exported_once, tmp_path / "paper"))
+
+
+def loaded(
+    campaign: Campaign,
+    controller: Controller,
+    source: Path | None = None,
+    terms: LoadTerms | None = None,
+) -> LoadResult:
+    return load(campaign, nullcontext(controller), source, terms)
+
+
+def rolled_back(campaign: Campaign, controller: Controller, **terms: object) -> LoadResult:
+    return roll_back(campaign, nullcontext(controller), LoadTerms(**terms))
+
+
+def new_set(campaign: Campaign) -> dict[str, float]:
+    return read_robot(campaign.path(EXPORTED)).robot.geometry_flat()
+
+
+def changed(
+    of: Campaign, values: Mapping[str, float] | None = None, /, **provenance: object
+) -> Path:
+    """The exported file with other values and another provenance."""
+    robot = read_robot(of.path(EXPORTED)).robot
+    stated = {**(robot.provenance or {}), **provenance}
+    path = of.path(f"changed-{len(list(of.folder.glob('changed-*')))}.yaml")
+    geometry = robot.geometry_flat() | dict(values or {})
+    document = compensated(NOMINAL, Compensation("changed", geometry, {}, stated))
+    path.write_text(document.document.text, encoding="utf-8")
+    return path
+
+
+def findings(campaign: Campaign) -> list[tuple[str, Mapping[str, object]]]:
+    with campaign.journal_reader() as journal:
+        found = [entry.record for entry in journal.records_of(Finding)]
+    return [(each.kind, each.body) for each in found if each.kind.startswith("load")]
+
+
+def unended(campaign: Campaign) -> bool:
+    with campaign.journal_reader() as journal:
+        return load_history(journal).unended is not None
+
+
+# what is refused
+
+
+def another_robots_file(campaign: Campaign) -> Path:
+    path = campaign.path("table1.yaml")
+    path.write_text(find_robot("par4-table1").document.text, encoding="utf-8")
+    return path
+
+
+REFUSED = {
+    "another robot's file": (another_robots_file, "does not say where its parameters come from"),
+    "another nominal robot": (
+        lambda campaign: changed(campaign, nominal_digest="0" * 64, nominal_robot="line-9"),
+        r"rests on another nominal robot \(line-9, sha256 0000",
+    ),
+    "another campaign's file": (
+        lambda campaign: changed(campaign, campaign="press 4"),
+        "is of the campaign 'press 4', this one is 'paper'",
+    ),
+    "verdict fail": (
+        lambda campaign: changed(campaign, verdict="fail"),
+        "verdict is 'fail', must be 'pass'",
+    ),
+    "an arm of 520 mm": (
+        lambda campaign: changed(campaign, {"arm2.arm_mm": 520.0}),
+        r"arm2\.arm_mm changed by \+170 mm, tolerance ± 10 mm",
+    ),
+    "an offset of 45°": (
+        lambda campaign: changed(campaign, {"arm1.joint_offset_deg": 45.0}),
+        r"arm1\.joint_offset_deg changed by \+45°, tolerance ± 5°",
+    ),
+    "a foreign serial": (
+        lambda campaign: changed(campaign, controller_serial="R-2"),
+        "for the controller of serial number R-2, connected is R-1",
+    ),
+}
+
+
+@pytest.mark.parametrize(("make", "reason"), REFUSED.values(), ids=REFUSED)
+def test_wrong_file_is_refused_with_its_reason_and_what_force_overrules_is_kept(
+    campaign: Campaign, make, reason: str
+) -> None:
+    source, controller = make(campaign), Controller()
+    with pytest.raises(ConfigInvalid, match=reason) as refused:
+        loaded(campaign, controller, source)
+    assert str(refused.value).startswith(f"{source}: not loaded: ")
+    assert "--force" in refused.value.remedy
+    assert "\n" not in str(refused.value)
+    assert (controller.held, controller.writes, findings(campaign)) == (OLD, 0, [])
+
+    assert loaded(campaign, controller, source, FORCED).outcome == "loaded"
+    kind, body = findings(campaign)[-1]
+    assert kind == "load"
+    assert body["forced"] != []
+    assert body["forced"] == findings(campaign)[-2][1]["forced"]
+
+
+def test_right_file_is_loaded_and_nothing_is_overruled(campaign: Campaign) -> None:
+    controller = Controller()
+    found = loaded(campaign, controller, terms=FORCED)
+    assert controller.held == new_set(campaign)
+    assert (found.outcome, found.forced) == ("loaded", ())
+    assert [kind for kind, _ in findings(campaign)] == ["load begun", "load"]
+
+
+def test_robots_own_tolerance_counts(campaign: Campaign) -> None:
+    path = campaign.path("robot.yaml")
+    stated = path.read_text("utf-8") + "tolerance: {length_mm: 0.5, angle_deg: 5.0}\n"
+    path.write_text(stated, encoding="utf-8")
+    with pytest.raises(ConfigInvalid, match=r"arm0\.arm_mm changed by .*, tolerance ± 0\.5 mm"):
+        loaded(open_campaign(campaign.folder), Controller())
+
+
+def test_every_objection_is_told_at_once(campaign: Campaign) -> None:
+    source = changed(campaign, {"arm0.arm_mm": 340.0 - 0.1}, verdict="fail", campaign="press 4")
+    with pytest.raises(ConfigInvalid) as refused:
+        loaded(campaign, Controller(), source)
+    for word in ("press 4", "'fail'", r"arm0.arm_mm changed by -10.1 mm"):
+        assert word in refused.value.problem
+
+
+def test_set_of_another_mechanism_cannot_be_forced(campaign: Campaign) -> None:
+    path = campaign.path("delta.yaml")
+    path.write_text(find_robot("delta").document.text, encoding="utf-8")
+    with pytest.raises(ConfigInvalid, match="it is of a delta, this campaign's robot is a par4"):
+        loaded(campaign, Controller(), path, FORCED)
+
+
+def test_nominal_set_may_always_be_loaded(campaign: Campaign) -> None:
+    controller = Controller(new_set(campaign))
+    assert loaded(campaign, controller, campaign.path("robot.yaml")).outcome == "loaded"
+    assert controller.held == OLD
+
+
+def test_exported_file_knows_the_controller_it_was_measured_with(campaign: Campaign) -> None:
+    stated = read_robot(campaign.path(EXPORTED)).robot.provenance or {}
+    assert stated["controller_serial"] == "R-1"
+    with pytest.raises(ConfigInvalid, match="serial number R-1, connected is R-7"):
+        loaded(campaign, Controller(serial="R-7"))
+
+
+@pytest.mark.parametrize("serial", [None, ""])
+def test_unknown_serial_objects_to_no_controller(campaign: Campaign, serial: str | None) -> None:
+    source = changed(campaign, controller_serial=serial)
+    assert loaded(campaign, Controller(serial="R-7"), source).outcome == "loaded"
+
+
+# found again
+
+
+@pytest.mark.parametrize(
+    ("death", "holds", "ends"),
+    [
+        ("die", "the controller holds the old parameters now", "load failed"),
+        ("take, die", "the controller holds the new parameters now", "load"),
+        ("take half, die", "holds neither the old nor the new parameters now", None),
+    ],
+)
+def test_load_that_died_is_found_again(
+    campaign: Campaign, death: str, holds: str, ends: str | None
+) -> None:
+    controller, told = Controller(next_write=death), []
+    with pytest.raises(PowerCut):
+        loaded(campaign, controller)
+    assert unended(campaign)
+    loaded(campaign, controller, terms=LoadTerms(dry=True, tell=told.append))
+    assert unended(campaign), "--dry writes nothing"
+    assert f"a load of {EXPORTED} was begun at" in told[0]
+    assert holds in told[0]
+    again = loaded(campaign, controller, terms=LoadTerms(tell=told.append))
+    assert told[1] == told[0]
+    assert controller.held == new_set(campaign)
+    assert again.outcome == ("already" if ends == "load" else "loaded")
+    kinds = [kind for kind, _ in findings(campaign)]
+    assert kinds[:2] == ["load begun", ends or "load begun"]
+    assert not unended(campaign)
+    assert loaded(campaign, controller, terms=LoadTerms(tell=told.append)).outcome == "already"
+    assert len(told) == 2, "once it has its end, nothing is told any more"
+
+
+@pytest.mark.parametrize("death", ["take, die", "take half, die"])
+def test_load_that_died_can_be_rolled_back(campaign: Campaign, death: str) -> None:
+    controller = Controller(next_write=death)
+    with pytest.raises(PowerCut):
+        loaded(campaign, controller)
+    rolled_back(campaign, controller)
+    assert controller.held == OLD
+    with pytest.raises(ShotsMissing):
+        rolled_back(campaign, controller)
+
+
+def test_validation_ends_a_load_that_died_and_refuses_a_mixture(campaign: Campaign) -> None:
+    controller, told = Controller(next_write="take, die"), []
+    with pytest.raises(PowerCut):
+        loaded(campaign, controller)
+    assert wrong_stage(campaign, controller.held, "after", told.append) is None
+    assert "holds the new parameters" in told[0]
+    assert not unended(campaign)
+    controller.next_write = "take half, die"
+    with pytest.raises(PowerCut):
+        rolled_back(campaign, controller)
+    for stage in ("before", "after"):
+        wrong = wrong_stage(campaign, controller.held, stage)
+        assert wrong is not None
+        assert "neither the old nor the new" in wrong.problem
+    rolled_back(campaign, controller)
+    assert controller.held == OLD
+
+
+def test_without_a_controller_it_is_said_how_to_ask_it(campaign: Campaign) -> None:
+    with pytest.raises(PowerCut):
+        loaded(campaign, Controller(next_write="die"))
+    with campaign.journal_reader() as journal:
+        left = load_history(journal).unended
+    assert left is not None
+    assert "not ended; `pkmcal load DIR --dry` says what the controller holds" in left.told(None)
+
+
+@pytest.mark.parametrize("act", ["refuse", "ignore"])
+def test_load_that_fails_is_ended_as_failed(campaign: Campaign, act: str) -> None:
+    controller = Controller(next_write=act)
+    with pytest.raises((DeviceRefused, LoadNotVerified)):
+        loaded(campaign, controller)
+    kind, body = findings(campaign)[-1]
+    assert kind == "load failed"
+    assert body["reason"]
+    assert not unended(campaign)
+
+
+# walked back
+
+
+def test_rollback_walks_back_through_the_loads_that_took_effect(campaign: Campaign) -> None:
+    controller, told = Controller(), []
+    loaded(campaign, controller)
+    second = changed(campaign, {"plate_mm": 101.0})
+    loaded(campaign, controller, second)
+    controller.next_write = "refuse"
+    with pytest.raises(DeviceRefused):  # keeps a file, and takes no effect
+        loaded(campaign, controller, changed(campaign, {"plate_mm": 102.0}))
+    rolled_back(campaign, controller, tell=told.append)
+    assert controller.held == new_set(campaign)
+    assert (
+        f"puts back controller-before-2.yaml: what the controller held before the load of "
+        f"{second.name}" in told[0]
+    )
+    rolled_back(campaign, controller, tell=told.append)
+    assert controller.held == OLD
+    assert EXPORTED in told[1]
+    with pytest.raises(ShotsMissing, match="no load is in effect"):
+        rolled_back(campaign, controller)
+    assert controller.held == OLD
+
+
+def test_load_after_a_rollback_is_rolled_back_by_itself(campaign: Campaign) -> None:
+    controller = Controller()
+    for _ in range(2):
+        loaded(campaign, controller)
+        rolled_back(campaign, controller)
+        assert controller.held == OLD
+
+
+def test_what_others_put_back_is_said_and_the_load_before_comes_next(campaign: Campaign) -> None:
+    controller, told = Controller(), []
+    loaded(campaign, controller)
+    loaded(campaign, controller, changed(campaign, {"plate_mm": 101.0}))
+    controller.held = new_set(campaign)
+    assert rolled_back(campaign, controller, tell=told.append).outcome == "already"
+    assert "was put back already by other means" in told[0]
+    assert rolled_back(campaign, controller).outcome == "loaded"
+    assert controller.held == OLD
+
+
+def test_rollback_of_another_controllers_load_is_refused(campaign: Campaign) -> None:
+    loaded(campaign, Controller())
+    other = Controller(new_set(campaign), serial="R-7")
+    with pytest.raises(ConfigInvalid, match="serial number R-1, connected is R-7"):
+        rolled_back(campaign, other)
+    assert other.writes == 0
+
+
+def test_journal_from_before_loads_were_begun_is_walked_back(campaign: Campaign) -> None:
+    """Its rollbacks are known by the kept file that they put back."""
+    kept = compensated(NOMINAL, Compensation("kept", OLD, {}, {})).document.text
+    campaign.path("controller-before-1.yaml").write_text(kept, encoding="utf-8")
+    digest = read_robot(campaign.path(EXPORTED)).robot.digest()
+
+    def write(source: str, kept: str) -> None:
+        with campaign.journal() as journal:
+            body = {"source": source, "digest": digest, "kept": kept}
+            journal.append(Finding("load", body))
+
+    write(EXPORTED, "controller-before-1.yaml")
+    controller = Controller(new_set(campaign))
+    assert rolled_back(campaign, controller, dry=True).outcome == "dry"
+    write("controller-before-1.yaml", "controller-before-2.yaml")
+    with pytest.raises(ShotsMissing):
+        rolled_back(campaign, controller)
+    write(EXPORTED, "controller-before-1.yaml")
+    rolled_back(campaign, controller)
+    assert controller.held == OLD
+
+
+# verified by pairs
+
+
+@dataclass
+class CellOf:
+    """A cell in virtual time whose true robot has the errors that were identified."""
+
+    robot: FakeRobot
+    tracker: FakeTracker
+    cell: Cell
+
+
+@pytest.fixture
+def cell() -> CellOf:
+    clock, calls = VirtualClock(), []
+    robot = FakeRobot(clock, calls)
+    true = {name: value + ERRORS.get(name, 0.0) for name, value in OLD.items()}
+    tracker = FakeTracker(clock, calls, robot, truth=par4(true))
+    return CellOf(robot, tracker, Cell(robot, tracker, clock, clock))
+
+
+def verified(
+    campaign: Campaign, cell: CellOf, pairs: int = 3, source: Path | None = None, **terms: object
+) -> LoadResult:
+    setup = VerificationSetup(pairs=pairs, prepare=lambda _: None)
+    return load_verified(campaign, nullcontext(cell.cell), setup, source, LoadTerms(**terms))
+
+
+def test_pairs_that_become_better_are_kept_with_the_load(campaign: Campaign, cell: CellOf) -> None:
+    found = verified(campaign, cell)
+    assert found.verification is not None
+    assert found.verification.after_mm < 0.1 < found.verification.before_mm
+    assert cell.robot.geometry == new_set(campaign)
+    kind, body = findings(campaign)[-1]
+    assert (kind, body["verification"]) == ("load", found.verification.document())
+    assert cell.tracker.measured == 2 * 2 * 3
+    with campaign.journal_reader() as journal:
+        stages = [series.started.stage for series in journal.series()]
+    assert stages == ["run", "verify before", "verify after"]
+
+
+def test_pairs_that_become_worse_bring_the_old_parameters_back(
+    campaign: Campaign, cell: CellOf
+) -> None:
+    told: list[str] = []
+    worse = {name: OLD[name] - error for name, error in ERRORS.items()}
+    with pytest.raises(VerdictBad, match=r"off by .* mm on average after .* before it was"):
+        verified(campaign, cell, source=changed(campaign, worse), tell=told.append)
+    assert cell.robot.geometry == OLD
+    assert findings(campaign)[-1][0] == "load failed"
+    assert told == [
+        "rolled back: the controller holds what it held before (controller-before-1.yaml)"
+    ]
+    assert not unended(campaign)
+    with pytest.raises(ShotsMissing):
+        roll_back(campaign, nullcontext(cell.robot))
+
+
+def test_pairs_that_cannot_be_measured_bring_the_old_parameters_back(
+    campaign: Campaign, cell: CellOf
+) -> None:
+    def lose(error: BaseException) -> None:
+        cell.tracker.during_measure[7] = lambda: _raise(error)
+
+    lose(GateRefused("too far", remedy="look"))
+    with pytest.raises(GateRefused):
+        verified(campaign, cell)
+    assert cell.robot.geometry == OLD
+    kind, body = findings(campaign)[-1]
+    assert (kind, body["reason"]) == ("load failed", "not verified: too far")
+
+
+def test_more_pairs_than_there_are_are_refused_before_anything_moves(
+    campaign: Campaign, cell: CellOf
+) -> None:
+    with pytest.raises(OptionsInvalid, match=r"--verify 5: plan.csv has 4 validation pairs"):
+        verified(campaign, cell, pairs=5)
+    assert cell.tracker.measured == 0
+    assert cell.robot.geometry == OLD
+
+
+def _raise(error: BaseException) -> None:
+    raise error
+
+
+# the right stage
+
+
+def test_stage_before_is_wrong_while_identified_parameters_are_loaded(campaign: Campaign) -> None:
+    wrong = wrong_stage(campaign, new_set(campaign), "before")
+    assert wrong is not None
+    assert "holds what was identified in this campaign" in wrong.problem
+    assert "--rollback" in wrong.remedy
+    assert wrong_stage(campaign, new_set(campaign), "after") is None
+
+
+def test_stage_after_is_wrong_while_the_nominal_parameters_are_loaded(campaign: Campaign) -> None:
+    wrong = wrong_stage(campaign, OLD, "after")
+    assert wrong is not None
+    assert "still holds the nominal parameters" in wrong.problem
+    assert wrong_stage(campaign, OLD, "before") is None
+
+
+@pytest.mark.parametrize("stage", ["before", "after"])
+def test_parameters_that_are_neither_may_be_of_any_stage(campaign: Campaign, stage) -> None:
+    assert wrong_stage(campaign, OLD | {"plate_mm": 100.3}, stage) is None
+
+
+def test_parameters_of_a_new_campaign_need_no_journal(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path / "new").campaign
+    assert wrong_stage(campaign, OLD, "before") is None
+    assert not campaign.journal_path.exists()
+
+
+def test_rounding_of_a_controllers_own_units_is_no_other_set(campaign: Campaign) -> None:
+    rounded = {name: value * (1.0 + 1e-12) for name, value in new_set(campaign).items()}
+    assert wrong_stage(campaign, rounded, "before") is not None

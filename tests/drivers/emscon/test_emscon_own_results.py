@@ -1,0 +1,334 @@
+"""The emScon driver takes no result for a measurement's own that cannot be."""
+
+from dataclasses import replace
+
+import pytest
+from emscon_stations import SimulatedStation, Station
+from scripted_emscon import RESULT
+from tracker_stage import seen_mm
+
+from drivers.emscon.tracker import SIMULATED
+from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, LinkDown
+from drivers.link import EVENTS_KEPT, NotAMeasurement
+from drivers.wire.emscon import Answer, OtherPacket, encode, refusal
+from drivers.wire.emscon_constants import Command, DataType, ResultStatus, SystemChange
+from drivers.wire.emscon_messages import (
+    ErrorResponse,
+    ReflectorPosition,
+    StationaryMode,
+    StatusChange,
+    TrackerStatus,
+    Units,
+)
+from sim.tracker.instrument import SimulatedTracker
+
+START = Command.START_MEASUREMENT
+INCHES = Units(5, 1, 0, 0, 0)
+OTHER_RESULT = replace(RESULT, point=(9.0, 9.0, 9.0))
+BROKEN = ErrorResponse(START, ResultStatus.NO_STATIONARY_RESULT)
+
+
+def says(station, *timed):
+    """The answer to the next StartMeasurement, and what follows it."""
+    station.instrument.says[START] = [(0.0, Answer(START)), *timed]
+
+
+class TestSameAgain:
+    def test_result_that_is_the_one_before_byte_for_byte_is_no_measurement(self):
+        station = SimulatedStation((2, "repeated", None))
+        station.tracker.measure()
+        with pytest.raises(NotAMeasurement, match="that of the measurement before"):
+            station.tracker.measure()
+
+    def test_it_is_taken_again_like_a_shot_with_a_broken_beam(self):
+        station = SimulatedStation((2, "repeated", None))
+        station.tracker.measure()
+        with pytest.raises(BeamBroken):
+            station.tracker.measure()
+        assert station.measured_mm() == pytest.approx(seen_mm(station.stage.point_mm), abs=0.1)
+
+    def test_it_is_no_measurement_however_often_it_comes(self):
+        station = Station().prepared()
+        station.tracker.measure()
+        for _ in range(3):
+            with pytest.raises(NotAMeasurement):
+                station.tracker.measure()
+
+    def test_it_is_no_measurement_over_a_new_connection_either(self):
+        station = Station().prepared()
+        station.tracker.measure()
+        station.tracker.reconnect()
+        with pytest.raises(NotAMeasurement):
+            station.tracker.measure()
+
+    def test_it_is_no_measurement_either_when_the_one_before_was_refused(self):
+        station = Station().prepared()
+        says(station, (0.1, RESULT))
+        with pytest.raises(NotAMeasurement, match="after its measurement was started"):
+            station.tracker.measure()
+        says(station, (0.5, RESULT))
+        with pytest.raises(NotAMeasurement, match="byte for byte"):
+            station.tracker.measure()
+
+    def test_same_point_with_another_scatter_is_a_measurement(self):
+        station = Station().prepared()
+        first = station.tracker.measure()
+        station.instrument.result = replace(RESULT, std=(0.01, 0.02, 0.030000000000000002))
+        assert station.tracker.measure().point_in_tracker_mm == first.point_in_tracker_mm
+
+    def test_instrument_that_states_no_scatter_may_measure_the_same_twice(self):
+        station = Station().prepared()
+        station.instrument.result = replace(RESULT, std=(0.0,) * 3, std_total=0.0)
+        assert station.tracker.measure() == station.tracker.measure()
+
+    def test_all_but_ideal_simulated_tracker_measures_one_pose_again_and_again(self):
+        station = SimulatedStation(noise_mm=1e-6)
+        points_mm = [station.measured_mm() for _ in range(5)]
+        assert points_mm == [pytest.approx(seen_mm(station.stage.point_mm), abs=1e-5)] * 5
+
+
+class TestTooSoon:
+    def test_result_before_the_measuring_time_is_over_is_no_measurement(self):
+        station = SimulatedStation((1, "early", None))
+        with pytest.raises(NotAMeasurement, match=r"0\.000 s after .* which takes 2 s"):
+            station.tracker.measure()
+        assert station.tracker.measure()
+
+    @pytest.mark.parametrize(("after_s", "counts"), [(1.79, False), (1.81, True), (4.0, True)])
+    def test_a_tenth_of_the_measuring_time_is_to_spare(self, after_s, counts):
+        station = Station().prepared(measuring_time_s=2.0)
+        says(station, (after_s, RESULT))
+        if counts:
+            assert station.tracker.measure()
+            return
+        with pytest.raises(NotAMeasurement):
+            station.tracker.measure()
+
+    def test_result_that_came_before_the_answer_is_judged_by_when_it_came(self):
+        station = Station().prepared(measuring_time_s=2.0)
+        station.instrument.says[START] = [(0.1, RESULT), (3.0, Answer(START))]
+        with pytest.raises(NotAMeasurement):
+            station.tracker.measure()
+
+    def test_time_counts_from_the_question_that_was_not_answered_with_busy(self):
+        station = Station().prepared(measuring_time_s=2.0)
+        free_s = station.clock.now_s() + 5.0
+
+        def busy_at_first(_request):
+            if station.clock.now_s() < free_s:
+                return [(0.0, refusal(START, ResultStatus.SERVER_BUSY))]
+            return [(0.0, Answer(START)), (0.3, RESULT)]
+
+        station.instrument.says[START] = busy_at_first
+        with pytest.raises(NotAMeasurement):
+            station.tracker.measure()
+
+    def test_measurement_under_way_is_stopped_when_its_result_came_too_soon(self):
+        station = Station().prepared(measuring_time_s=2.0)
+        with pytest.raises(NotAMeasurement):
+            station.tracker.measure()
+        assert station.instrument.commands()[-1] == Command.STOP_MEASUREMENT
+
+    def test_failure_may_come_at_any_time_and_is_called_what_it_is(self):
+        station = Station().prepared(measuring_time_s=2.0)
+        says(station, (0.1, replace(RESULT, status=ResultStatus.SENSOR_NOT_LEVELED)))
+        with pytest.raises(DeviceNotReady, match="level the tracker"):
+            station.tracker.measure()
+
+    def test_simulated_tracker_is_not_judged_by_a_clock_that_is_not_its_own(self):
+        assert SimulatedStation((1, "early", None), knows_time=False).tracker.measure()
+
+    def test_simulated_tracker_says_that_it_is_one(self):
+        assert SimulatedStation().tracker.identity().model == SIMULATED == SimulatedTracker.name
+
+
+class TestLateResults:
+    @pytest.mark.parametrize("late_s", [0.0, 0.5, 1.9, 1.999, 2.0, 2.5, 100.0])
+    def test_result_of_a_failed_measurement_is_never_that_of_the_next(self, late_s):
+        station = SimulatedStation((2, "straggling", late_s))
+        station.tracker.measure()
+        with pytest.raises(BeamBroken):
+            station.tracker.measure()
+        station.stage.point_mm += 1.0
+        believed = [mm for mm in (self.attempt_mm(station) for _ in range(4)) if mm is not None]
+        assert len(believed) >= 3
+        assert believed == [pytest.approx(seen_mm(station.stage.point_mm), abs=0.1)] * len(believed)
+
+    def attempt_mm(self, station):
+        try:
+            return station.measured_mm()
+        except NotAMeasurement:
+            return None
+
+    def failed_once(self):
+        """A station whose latest measurement has failed."""
+        station = Station().prepared()
+        station.tracker.measure()
+        says(station, (0.1, BROKEN))
+        with pytest.raises(BeamBroken):
+            station.tracker.measure()
+        return station
+
+    def is_busy_for(self, station, seconds):
+        ends_s = station.clock.now_s() + seconds
+        light = Command.GET_TRACKER_STATUS
+        station.instrument.says[light] = lambda _: [
+            (0.0, Answer(light, 0, TrackerStatus(1 if station.clock.now_s() < ends_s else 2)))
+        ]
+
+    def test_two_results_after_a_failure_are_none(self):
+        station = self.failed_once()
+        says(station, (0.5, OTHER_RESULT), (0.5, RESULT))
+        with pytest.raises(NotAMeasurement, match="a second result followed"):
+            station.tracker.measure()
+
+    def test_result_after_a_failure_is_none_when_another_follows_before_the_light_is_green(self):
+        station = self.failed_once()
+        says(station, (0.5, OTHER_RESULT), (1.5, RESULT))
+        self.is_busy_for(station, 1.6)
+        with pytest.raises(NotAMeasurement):
+            station.tracker.measure()
+
+    def test_result_after_a_failure_counts_when_the_light_turns_green_and_none_follows(self):
+        station = self.failed_once()
+        says(station, (0.5, OTHER_RESULT))
+        self.is_busy_for(station, 0.9)
+        assert station.tracker.measure().point_in_tracker_mm == OTHER_RESULT.point
+
+    def test_second_look_is_taken_once_after_a_failure(self):
+        station = self.failed_once()
+        says(station, (0.5, OTHER_RESULT))
+        station.tracker.measure()
+        station.instrument.asked.clear()
+        says(station, (0.5, RESULT))
+        station.tracker.measure()
+        assert station.instrument.commands() == [START]
+
+    def test_first_of_two_results_is_judged_by_its_own_time(self):
+        station = Station().prepared()
+        station.tracker.measure()
+        both = encode(Answer(START)) + encode(OTHER_RESULT)
+        station.instrument.says[START] = [
+            (0.1, replace(RESULT, point=(1.0, 2.0, 3.0))),
+            (3.0, both),
+        ]
+        with pytest.raises(NotAMeasurement, match=r"0\.1.* s after"):
+            station.tracker.measure()
+
+    def test_tracker_that_goes_on_measuring_for_ever_has_given_no_result(self):
+        station = self.failed_once()
+        says(station, (0.5, OTHER_RESULT))
+        station.instrument.state[Command.GET_TRACKER_STATUS] = TrackerStatus(1)
+        with pytest.raises(NotAMeasurement):
+            station.tracker.measure()
+
+    def test_result_that_the_connection_before_had_waited_for_is_not_taken_either(self):
+        station = Station().prepared()
+        station.tracker.reconnect()
+        says(station, (0.5, OTHER_RESULT), (0.5, RESULT))
+        with pytest.raises(NotAMeasurement):
+            station.tracker.measure()
+
+    def test_nothing_more_is_asked_while_all_goes_well(self):
+        station = Station().prepared()
+        station.tracker.measure()
+        station.instrument.asked.clear()
+        station.instrument.result = OTHER_RESULT
+        station.tracker.measure()
+        assert station.instrument.commands() == [START]
+
+
+class TestSettingsInDoubt:
+    def test_units_changed_just_before_a_result_spoil_it(self):
+        station = SimulatedStation((1, "other_units", None))
+        with pytest.raises(DeviceNotReady, match="changed the tracker's units"):
+            station.tracker.measure()
+
+    def test_change_stays_known_until_the_tracker_is_prepared_again(self):
+        station = Station().prepared()
+        station.instrument.state[Command.GET_UNITS] = INCHES
+        station.comes(StatusChange(SystemChange.UNITS))
+        for _ in range(3):
+            with pytest.raises(DeviceNotReady, match="units"):
+                station.tracker.measure()
+        station.tracker.prepare("CCR-1.5in", 0.5)
+        assert station.tracker.measure()
+
+    def test_change_stays_known_when_it_could_not_be_read_back(self):
+        station = Station().prepared()
+        station.instrument.state[Command.GET_UNITS] = INCHES
+        station.comes(StatusChange(SystemChange.UNITS))
+        station.instrument.refuses[Command.GET_UNITS] = ResultStatus.USAGE_CONFLICT
+        with pytest.raises(DeviceRefused, match="GetUnits"):
+            station.tracker.measure()
+        station.instrument.refuses.clear()
+        with pytest.raises(DeviceNotReady, match="units"):
+            station.tracker.measure()
+
+    def test_change_is_known_however_much_comes_after_it(self):
+        station = Station().prepared()
+        station.instrument.state[Command.GET_UNITS] = INCHES
+        station.comes(StatusChange(SystemChange.UNITS))
+        station.pipe.arrives(0.0, encode(StatusChange(SystemChange.LIGHT_BUSY)) * 2 * EVENTS_KEPT)
+        with pytest.raises(DeviceNotReady, match="units"):
+            station.tracker.measure()
+
+    @pytest.mark.parametrize(
+        "live",
+        [
+            ReflectorPosition(0, (1.0, 2.0, 3.0)),
+            OtherPacket(DataType.MULTI_RESULT, bytes(40)),
+            OtherPacket(DataType.MULTI_RESULT_2, bytes(40)),
+        ],
+    )
+    def test_live_results_push_nothing_out_of_the_queue(self, live):
+        station = Station().prepared()
+        data = encode(RESULT) + encode(live) * 2 * EVENTS_KEPT
+        says(station, (0.5, data))
+        assert station.tracker.measure().point_in_tracker_mm == RESULT.point
+
+    @pytest.mark.parametrize(
+        "live", [ReflectorPosition(0, (1.0, 2.0, 3.0)), OtherPacket(DataType.MULTI_RESULT, b"1234")]
+    )
+    def test_live_results_show_that_somebody_changed_settings(self, live):
+        station = Station().prepared()
+        station.instrument.state[Command.GET_UNITS] = INCHES
+        station.comes(live)
+        with pytest.raises(DeviceNotReady, match="units"):
+            station.tracker.measure()
+
+    def test_whatever_fell_out_of_the_queue_makes_settings_be_read_back(self):
+        station = Station().prepared()
+        station.tracker.measure()
+        station.instrument.state[Command.GET_UNITS] = INCHES
+        station.pipe.arrives(0.0, encode(ErrorResponse(64, 36)) * (EVENTS_KEPT + 1))
+        with pytest.raises(DeviceNotReady, match="units"):
+            station.tracker.measure()
+
+
+class TestMeasuringTime:
+    def test_time_that_is_accepted_but_not_kept_is_refused_with_both(self):
+        station = Station().connected()
+        station.instrument.state[Command.GET_STATIONARY_MODE_PARAMS] = StationaryMode(500, 1)
+        setting = Command.SET_STATIONARY_MODE_PARAMS
+        station.instrument.says[setting] = [(0.0, Answer(setting))]
+        with pytest.raises(DeviceRefused, match="is 500 ms after 2000 ms was set"):
+            station.tracker.prepare("CCR-1.5in", 2.0)
+        with pytest.raises(DeviceNotReady, match="not prepared"):
+            station.tracker.measure()
+
+    def test_time_changed_by_somebody_else_spoils_the_result(self):
+        station = Station().prepared()
+        station.instrument.state[Command.GET_STATIONARY_MODE_PARAMS] = StationaryMode(100, 1)
+        station.comes(StatusChange(SystemChange.STATIONARY_MODE_PARAMS))
+        with pytest.raises(DeviceNotReady, match="stationary mode"):
+            station.tracker.measure()
+
+
+def test_refused_result_leaves_the_wire_open_but_a_stop_that_is_busy_closes_it():
+    station = Station().prepared(measuring_time_s=2.0)
+    station.instrument.refuses[Command.STOP_MEASUREMENT] = ResultStatus.SERVER_BUSY
+    with pytest.raises(NotAMeasurement):
+        station.tracker.measure()
+    with pytest.raises(LinkDown):
+        station.tracker.measure()
