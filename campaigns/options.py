@@ -1,5 +1,6 @@
 """Options of the chain's steps, as the command line and Python give them."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -40,9 +41,15 @@ class PlanOptions(Selection):
     """Goal such as σ=0.02, in mm."""
     criterion: CriterionName | None = None
     candidates: int | None = None
+    scatter_mm: float = 0.0
+    """1 σ of the robot's own scatter, known from earlier campaigns; not in the tracker's σ."""
     seed: int | None = None
 
     def __post_init__(self) -> None:
+        if not 0.0 <= self.scatter_mm < math.inf:
+            raise OptionsInvalid(
+                f"--scatter is {self.scatter_mm:g} mm", remedy="give 0 or more, such as 0.1"
+            )
         if self.shots is not None and self.shots % 2:
             raise OptionsInvalid(
                 f"--shots is {self.shots}, but two make a pair", remedy="give an even number"
@@ -90,6 +97,8 @@ class IdentifyOptions(Selection):
     model: Model = Model.STANDARD
     weights: Weights = Weights.STATED
     """Of distances."""
+    shots: tuple[int | None, int | None] = (None, None)
+    """First and last number of the shots to identify from; None: no limit."""
     hold_out: float = 0.0
     """Share of the identification pairs that are kept unseen, as if they were for validation."""
     accept_large_change: bool = False

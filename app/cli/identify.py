@@ -1,5 +1,6 @@
 """pkmcal identify: the geometry from the measured shots."""
 
+import re
 from typing import Annotated
 
 import typer
@@ -14,6 +15,7 @@ from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Estimator, LossShape, Model, Outliers, Weights
 from campaigns.options import BENDS_AT, IdentifyOptions
 
+RANGE = re.compile(r"(\d*)-(\d*)", re.ASCII)
 Compared = Annotated[
     Estimator,
     typer.Option(
@@ -51,6 +53,13 @@ Weigh = Annotated[
     Weights,
     typer.Option(help="Of distances: as stated of both ends, or all equal, as in the paper."),
 ]
+Range = Annotated[
+    str | None,
+    typer.Option(
+        metavar="A-B",
+        help="Identify from these alone, by number: 0-60, -60 or 61-; after a change.",
+    ),
+]
 HoldOut = Annotated[
     str,
     typer.Option(
@@ -64,6 +73,15 @@ AcceptLarge = Annotated[
 AcceptScale = Annotated[
     bool, typer.Option("--accept-scale", help="Take it that all lengths changed by one share.")
 ]
+
+
+def range_of(text: str | None) -> tuple[int | None, int | None]:
+    """First and last number of a range such as `0-60`, `-60` or `61-`; raises `OptionsInvalid`."""
+    found = RANGE.fullmatch(text or "-")
+    if found is None:
+        raise OptionsInvalid(f"--shots is '{text}'", remedy="give a range, 0-60, -60 or 61-")
+    first, last = (int(part) if part else None for part in found.groups())
+    return first, last
 
 
 def share_of(text: str) -> float:
@@ -88,6 +106,7 @@ def command(
     loss_scale: LossScale = BENDS_AT,
     outliers: LeftOut = Outliers.EXCLUDE,
     weights: Weigh = Weights.STATED,
+    shots: Range = None,
     hold_out: HoldOut = "0%",
     accept_large_change: AcceptLarge = False,
     accept_scale: AcceptScale = False,
@@ -115,6 +134,7 @@ def command(
         outliers=outliers,
         model=model,
         weights=weights,
+        shots=range_of(shots),
         hold_out=share_of(hold_out),
         accept_large_change=accept_large_change,
         accept_scale=accept_scale,

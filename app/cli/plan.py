@@ -59,6 +59,13 @@ UsedBy = Annotated[
         "those of pairs, as in the paper."
     ),
 ]
+Scatter = Annotated[
+    float,
+    typer.Option(
+        metavar="MM",
+        help="The robot's own scatter (1 σ) where it is known, as `identify` has told it.",
+    ),
+]
 Seed = Annotated[
     int | None, typer.Option(min=0, metavar="N", help="Another seed than campaign.yaml's.")
 ]
@@ -76,6 +83,7 @@ def command(
     estimator: UsedBy = Estimator.POINTS,
     free: Free = None,
     fix: Fix = None,
+    scatter: Scatter = 0.0,
     seed: Seed = None,
     plot: Plot = None,
     json: Json = False,
@@ -98,6 +106,7 @@ def command(
         until=until,
         criterion=criterion,
         candidates=candidates,
+        scatter_mm=scatter,
         seed=seed,
     )
     terminal = terminal_of(context, as_json=json)

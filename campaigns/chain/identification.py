@@ -14,7 +14,7 @@ from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.records import Finding
 from campaigns.options import IdentifyOptions
-from campaigns.shots.shots import held_out, shots_of_journal
+from campaigns.shots.shots import between, held_out, shots_of_journal
 
 HOLD_OUT_SEED = 1
 """The same pairs are held out for every identification of the same shots."""
@@ -38,6 +38,7 @@ def identify(campaign: Campaign, options: IdentifyOptions | None = None) -> Reco
     with campaign.journal() as journal:
         series = campaign.measured_series(journal)
         shots = shots_of_journal(journal.shots(series.number), robot.mechanism)
+        shots = between(shots, *options.shots)
         shots = held_out(shots, options.hold_out, np.random.default_rng(HOLD_OUT_SEED))
         started_s = time.perf_counter()
         found = select_model(robot.kinematics, shots, models, how)

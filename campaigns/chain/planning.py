@@ -1,6 +1,6 @@
 """Planning of a campaign: poses chosen, checked and written, and what they will tell."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -65,7 +65,7 @@ def _settled(campaign: Campaign, options: PlanOptions) -> tuple[Placement, Optim
     most = MOST_SHOTS if options.shots is None and until_mm is not None else options.shots
     request = OptimalRequest(
         plan=campaign.plan_request(most),
-        uncertainty=campaign.instrument,
+        uncertainty=replace(campaign.instrument, robot_scatter_mm=options.scatter_mm),
         free=free,
         estimator=options.estimator,
         criterion=options.criterion or "I",

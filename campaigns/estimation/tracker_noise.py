@@ -27,6 +27,8 @@ class TrackerUncertainty:
     along_per_mm: float = 0.3e-6 / 3**0.5
     across_mm: float = 0.015 / 3**0.5
     across_per_mm: float = 6e-6 / 3**0.5
+    robot_scatter_mm: float = 0.0
+    """Scatter of the robot's point beside it, the same in every direction; known for plans."""
 
     @classmethod
     def of_limits(
@@ -49,8 +51,9 @@ def point_covariance_mm2(points_from_tracker_mm: Array, uncertainty: TrackerUnce
     along = (uncertainty.along_mm + uncertainty.along_per_mm * distance) ** 2
     across = (uncertainty.across_mm + uncertainty.across_per_mm * distance) ** 2
     projector = beam[:, :, None] * beam[:, None, :]
+    everywhere = across + uncertainty.robot_scatter_mm**2
     return np.asarray(
-        across[:, None, None] * np.eye(3) + (along - across)[:, None, None] * projector
+        everywhere[:, None, None] * np.eye(3) + (along - across)[:, None, None] * projector
     )
 
 

@@ -107,7 +107,9 @@ def campaign_doubt(change: Change, numbers: tuple[int, int], space: ParameterSpa
             if change.kind == "frame"
             else f"the tracker or the robot's base drifted by {moved_mm:.2g} mm over the campaign"
         )
-        remedy = "fit a frame for each session with --sessions, or leave out the shots before"
+        remedy = (
+            f"fasten both; identify from the shots before or after alone, {_ranges(before, after)}"
+        )
     else:
         unit = float(space.units((change.name,))[0])
         values |= {"size": size[0] / unit, "std": float(change.std[0]) / unit}
@@ -115,11 +117,21 @@ def campaign_doubt(change: Change, numbers: tuple[int, int], space: ParameterSpa
         if change.kind == "joint":
             degrees = "°" if change.name.endswith("_deg") else " mm"
             what = f"arm {arm}'s encoder changed by {size[0] / unit:+.3g}{degrees} {where}"
-            remedy = "mend the encoder or its coupling, and leave out the shots before or after"
+            remedy = (
+                "mend the encoder or its coupling; identify from the shots before or after alone, "
+                f"{_ranges(before, after)}"
+            )
         else:
             what = f"arm {arm} changed its length by {size[0] / unit:+.3g} mm {where}"
-            remedy = "look for warmth or a loose joint, and leave out the shots before or after"
+            remedy = (
+                "look for warmth or a loose joint; identify from the shots before or after alone, "
+                f"{_ranges(before, after)}"
+            )
     return Doubt(CHANGE, f"{what} ({chance}): {remedy}", "fail", values)
+
+
+def _ranges(before: int, after: int) -> str:
+    return f"--shots -{before} or --shots {after}-"
 
 
 def hold_out_doubt(ratio: float, p: float, pairs: int, *, limits_met: bool) -> Doubt:

@@ -36,8 +36,8 @@ NAME_JOINT = "::"
 MOST_NAME_PARTS = 3
 COMMENTS = ("//", "#", ";")
 SEPARATORS: Mapping[str, str] = {";": "semicolons", "\t": "tabs", ",": "commas", "": "blanks"}
-FARTHEST_MM = 1e6
-"""A kilometre: whatever is farther is in another unit than was told."""
+FARTHEST_MM = 1e8
+"""Whatever is farther is in no unit that could be told by its distances."""
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _WHOLE = re.compile(r"\d+", re.ASCII)

@@ -103,6 +103,19 @@ class Shots:
         return distances_mm(self.points_in_tracker_mm, rows[:, 0], rows[:, 1])
 
 
+def between(shots: Shots, first: int | None, last: int | None) -> Shots:
+    """Shots without those for identification whose numbers are outside of a range."""
+    low, high = (
+        first if first is not None else -1,
+        last if last is not None else max(shots.numbers, default=0),
+    )
+    inside = [
+        purpose is not ShotSet.IDENTIFICATION or low <= number <= high
+        for number, purpose in zip(shots.numbers, shots.purposes, strict=True)
+    ]
+    return shots if all(inside) else shots.rows(np.flatnonzero(inside))
+
+
 def held_out(shots: Shots, share: float, rng: np.random.Generator) -> Shots:
     """Shots of which a share of the identification pairs is for validation, spread over the series.
 

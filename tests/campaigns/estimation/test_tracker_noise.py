@@ -88,3 +88,10 @@ def test_directions_are_the_distances_gradient_and_zero_where_there_is_none():
 def test_limits_of_a_data_sheet_stand_for_an_even_distribution():
     at500 = TrackerUncertainty.of_limits(10.0, 0.3, 15.0, 6.0)
     assert astuple(at500) == pytest.approx(astuple(TrackerUncertainty()))
+
+
+def test_a_plan_can_reckon_with_the_robots_own_scatter():
+    points = np.array([[2000.0, 300.0, -400.0]])
+    alone = point_covariance_mm2(points, TrackerUncertainty())
+    together = point_covariance_mm2(points, TrackerUncertainty(robot_scatter_mm=0.1))
+    np.testing.assert_allclose(together - alone, 0.01 * np.eye(3)[None], atol=1e-15)

@@ -140,8 +140,8 @@ class TestUnits:
         )
 
     def test_point_too_far_away_is_in_another_unit(self):
-        said = complaint("p1 2000.5 10.0 -300.0\n", unit="m")
-        assert "points.txt:1: x is 2000.5 m, farther than 1e+06 mm → check --unit" in said
+        said = complaint("p1 200000.5 10.0 -300.0\n", unit="m")
+        assert "points.txt:1: x is 200000.5 m, farther than 1e+08 mm → check --unit" in said
 
 
 class TestComplaints:

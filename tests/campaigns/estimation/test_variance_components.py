@@ -1,0 +1,63 @@
+"""The robot's own scatter is found where there is some, and nowhere else."""
+
+import numpy as np
+import pytest
+
+from campaigns.estimation.variance_components import (
+    NONE,
+    LinearizedShots,
+    VarianceComponents,
+    estimate_components,
+)
+
+SHOTS, UNKNOWNS, JOINTS = 100, 12, 4
+
+
+def shots(seed, point_mm=0.0, joint=0.0, stated_mm=0.01):
+    """Linear shots with known scatter, their residuals being those of a plain fit."""
+    rng = np.random.default_rng(seed)
+    jacobian = rng.standard_normal((SHOTS, 3, UNKNOWNS))
+    by_joints = 300.0 * rng.standard_normal((SHOTS, 3, JOINTS))
+    stated = np.einsum("nij,nkj->nik", *2 * [stated_mm * rng.standard_normal((SHOTS, 3, 5))])
+    true = VarianceComponents(point_mm, joint).covariance_mm2(stated, by_joints)
+    noise = np.einsum("nij,nj->ni", np.linalg.cholesky(true), rng.standard_normal((SHOTS, 3)))
+    fitted = np.linalg.lstsq(jacobian.reshape(-1, UNKNOWNS), noise.ravel(), rcond=None)[0]
+    return LinearizedShots(noise - jacobian @ fitted, jacobian, stated, by_joints)
+
+
+def found(count, **scatter):
+    return [estimate_components(shots(seed, **scatter)) for seed in range(count)]
+
+
+def test_what_scatters_as_stated_has_no_components():
+    assert sum(each.any for each in found(40)) <= 2
+
+
+def test_scatter_of_the_point_is_found_with_its_uncertainty():
+    each = found(20, point_mm=0.1)
+    values = np.array([one.point_mm for one in each])
+    assert values.mean() == pytest.approx(0.1, rel=0.03)
+    assert values.std() == pytest.approx(np.mean([one.point_mm_std for one in each]), rel=0.5)
+    assert sum(one.joint > 0.0 for one in each) <= 1
+
+
+def test_scatter_of_the_joints_is_told_from_that_of_the_point():
+    each = found(20, joint=2e-4)
+    assert np.mean([one.joint for one in each]) == pytest.approx(2e-4, rel=0.05)
+    assert sum(one.point_mm > 0.0 for one in each) <= 1
+
+
+def test_both_are_found_beside_each_other():
+    each = found(10, point_mm=0.1, joint=3e-4)
+    assert np.mean([one.point_mm for one in each]) == pytest.approx(0.1, rel=0.15)
+    assert np.mean([one.joint for one in each]) == pytest.approx(3e-4, rel=0.15)
+
+
+def test_too_few_shots_tell_nothing():
+    assert estimate_components(shots(1, point_mm=0.1).rows(np.arange(4))) is NONE
+
+
+def test_covariance_is_the_sum_of_its_parts():
+    by_joints = np.array([[[2.0], [0.0], [0.0]]])
+    total = VarianceComponents(0.3, 0.5).covariance_mm2(0.04 * np.eye(3)[None], by_joints)
+    assert np.diag(total[0]) == pytest.approx([0.04 + 0.09 + 1.0, 0.13, 0.13])

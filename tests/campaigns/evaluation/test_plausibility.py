@@ -1,0 +1,201 @@
+"""What cannot be a robot's shots is named by its cause, and what robots are like is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from campaigns.errors import ShotsInvalid
+from campaigns.evaluation.plausibility import (
+    beyond_tolerance,
+    check_distances,
+    check_shots,
+    common_scale,
+)
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.planning.plans import PlanRequest, View, make_plan
+from campaigns.robots.robot import Tolerance, find_robot, pose_of
+from campaigns.studies.study import planned_shots
+
+ROBOTS = ("par4-prototype", "delta")
+TRACKER_MM = (2400.0, -300.0, -500.0)
+
+
+def plan_of(robot):
+    centre = robot.workspace_centre
+    view = View(TRACKER_MM, tuple((np.array(TRACKER_MM) - centre[:3]).tolist()), np.radians(25.0))
+    made = make_plan(robot, view, PlanRequest(60, 0, 0, pose_of(centre)), np.random.default_rng(2))
+    return planned_shots(made)
+
+
+PLANS = {name: plan_of(find_robot(name).robot) for name in ROBOTS}
+
+
+def measured(name, seed=1, share=0.3):
+    """Shots of a robot that is off by some share of the tolerance, in any frame."""
+    robot, planned = find_robot(name).robot, PLANS[name]
+    space, rng = robot.mechanism.parameters, np.random.default_rng(seed)
+    limits = np.array(
+        [
+            0.0 if "tilt" in each or "azimuth" in each else robot.tolerance.of(each)
+            for each in space.geometry
+        ]
+    )
+    limits *= space.units(space.geometry)
+    off = Kinematics(
+        robot.mechanism, robot.kinematics.p + share * rng.uniform(-1, 1, len(limits)) * limits
+    )
+    found = off.forward(planned.joints)
+    turn = Rotation.random(random_state=seed).as_matrix()
+    points = found.values[:, :3] @ turn.T + np.array([1500.0, -800.0, 300.0])
+    return replace(planned, points_in_tracker_mm=points).rows(np.flatnonzero(found.found))
+
+
+def complaint(name, shots):
+    with pytest.raises(ShotsInvalid) as caught:
+        check_shots(find_robot(name).robot.kinematics, shots, "shots.csv")
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("share", [0.1, 1.0])
+def test_robots_within_their_tolerance_are_never_accused(name, seed, share):
+    check_shots(find_robot(name).robot.kinematics, measured(name, seed, share), "shots.csv")
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize(
+    ("factor", "cause"),
+    [
+        (1e-3, "the points look like metres → import with --unit m"),
+        (0.1, "the points look like centimetres"),
+        (1.0 / 25.4, "the points look like inches → import with --unit inch"),
+        (1.0 / 304.8, "the points look like feet"),
+        (1e3, "the points look like micrometres"),
+        (2.0, "distances between the points are 2 times those of the nominal robot"),
+    ],
+)
+def test_points_in_another_unit_are_named(name, factor, cause):
+    shots = measured(name)
+    wrong = replace(shots, points_in_tracker_mm=factor * shots.points_in_tracker_mm)
+    assert f"shots.csv: {cause}" in complaint(name, wrong)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_joints_in_radians_are_named_also_with_points_in_metres(name):
+    shots = measured(name)
+    radians = replace(shots, joints=np.radians(shots.joints))
+    assert "the joints look like radians" in complaint(name, radians)
+    both = replace(radians, points_in_tracker_mm=1e-3 * shots.points_in_tracker_mm)
+    said = complaint(name, both)
+    assert "radians" in said
+    assert "metres" in said
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_turned_signs_are_named(name):
+    shots = measured(name)
+    assert "all joints seem to have the other sign" in complaint(
+        name, replace(shots, joints=-shots.joints)
+    )
+    one = np.ones(shots.joints.shape[1])
+    one[1] = -1.0
+    said = complaint(name, replace(shots, joints=shots.joints * one))
+    assert "the sign of q1 seems to be turned" in said
+
+
+def test_swapped_joints_are_named_by_the_right_order():
+    shots = measured("par4-prototype")
+    said = complaint("par4-prototype", replace(shots, joints=shots.joints[:, [1, 0, 2, 3]]))
+    assert "the joints seem to stand in the order q1, q0, q2, q3" in said
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_mirrored_frame_is_named(name):
+    shots = measured(name)
+    mirrored = replace(shots, points_in_tracker_mm=shots.points_in_tracker_mm * [1.0, 1.0, -1.0])
+    assert "shots.csv: the frame of the points is mirrored" in complaint(name, mirrored)
+
+
+def test_points_of_other_rows_follow_no_joints():
+    shots = measured("par4-prototype")
+    mixed = np.random.default_rng(3).permutation(shots.points_in_tracker_mm)
+    said = complaint("par4-prototype", replace(shots, points_in_tracker_mm=mixed))
+    assert "the points do not follow the joints" in said
+
+
+def test_one_gross_error_accuses_nothing_but_is_beyond_the_gate():
+    shots, nominal = measured("par4-prototype"), find_robot("par4-prototype").robot.kinematics
+    points = shots.points_in_tracker_mm.copy()
+    points[7] += 300.0
+    wrong = replace(shots, points_in_tracker_mm=points)
+    check_shots(nominal, wrong, "shots.csv")
+    with pytest.raises(ShotsInvalid, match=r"shot 7: its point is 5[0-9][0-9] mm from where"):
+        check_distances(nominal, wrong, 60.0, "shots.csv")
+    check_distances(nominal, shots, 60.0, "shots.csv")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"joints": 7.0}, "joint q1_deg is 401"),
+        ({"temperature_degC": 300.0}, "its air's temperature is 300 °C, must be -40 to 70"),
+        ({"stated_covariance_mm2": 1e6}, "the stated σ of its point is 1732.05 mm"),
+    ],
+)
+def test_values_beyond_reason_are_named_by_the_shot(change, said):
+    shots = measured("par4-prototype")
+    (name, value), *_ = change.items()
+    array = getattr(shots, name).copy()
+    array[5] = array[5] if array.ndim > 1 else value
+    if name == "joints":
+        array[5, 1] = value
+    if name == "stated_covariance_mm2":
+        array[5] = value * np.eye(3)
+    assert f"shot 5: {said}" in complaint("par4-prototype", replace(shots, **{name: array}))
+
+
+def test_a_point_farther_than_any_tracker_sees_is_named():
+    shots = measured("par4-prototype")
+    points = shots.points_in_tracker_mm.copy()
+    points[3] += 3e5
+    said = complaint("par4-prototype", replace(shots, points_in_tracker_mm=points))
+    assert "shot 3: its point's distance from the tracker" in said
+
+
+def test_changes_beyond_the_tolerance_are_told_largest_first():
+    told = [*beyond_tolerance(Tolerance(), {"a_mm": 12.0, "b_deg": -50.0, "c_mm": 9.9})]
+    assert told == [
+        "b_deg changed by -50°, tolerance ± 5°",
+        "a_mm changed by +12 mm, tolerance ± 10 mm",
+    ]
+
+
+class TestCommonScale:
+    NOMINAL = find_robot("par4-prototype").robot.geometry_flat()
+
+    def changes(self, scale, seed, std_mm=2.0):
+        """Found changes of a robot with random errors, everything longer by a share."""
+        rng = np.random.default_rng(seed)
+        found = {}
+        for name, value in self.NOMINAL.items():
+            if not name.endswith("_mm"):
+                continue
+            field = name.rpartition(".")[2]
+            held = self.NOMINAL[f"arm0.{field}"] if field in ("x_mm", "y_mm", "z_mm") else 0.0
+            if name.startswith("arm0.") and held:
+                continue
+            found[name] = held + scale * (value + rng.normal(0.0, std_mm) - held) - value
+        return found
+
+    def test_robots_with_random_errors_seldom_raise_it(self):
+        raised = [common_scale(self.NOMINAL, self.changes(1.0, s)).significant for s in range(1000)]
+        assert np.mean(raised) <= 0.015
+
+    @pytest.mark.parametrize("scale", [1.01, 0.99])
+    def test_a_percent_is_nearly_always_found(self, scale):
+        tests = [common_scale(self.NOMINAL, self.changes(scale, seed)) for seed in range(200)]
+        assert np.mean([each.significant for each in tests]) > 0.97
+        assert np.median([each.share for each in tests]) == pytest.approx(scale - 1.0, abs=1e-3)

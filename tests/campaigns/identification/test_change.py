@@ -1,0 +1,86 @@
+"""A change during a campaign is named by its cause and its place, and chance is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from identified_cases import NOISE_MM, TRACKER_FROM_BASE, TRUTH, identified, moved, noisy, simulated
+
+from campaigns.estimation.estimators import Estimator
+from campaigns.identification.change import isolated, order_of_time
+from campaigns.mechanisms.mechanism import Kinematics
+
+CHANGED_AT = 70
+
+
+def changed(seed, *, offset_deg=0.0, arm_mm=0.0, frame_mm=0.0, arm=2):
+    """Shots 0 to 119 for the fit, the robot or the stand changing before shot `CHANGED_AT`."""
+    data = simulated(60, 20, seed=seed, truth=TRUTH)
+    space, p = TRUTH.mechanism.parameters, TRUTH.p.copy()
+    p[space.offsets[arm]] += np.radians(offset_deg)
+    p[space.places(space.arm_lengths)[arm]] += arm_mm
+    later = Kinematics(TRUTH.mechanism, p)
+    rows = np.arange(len(data)) >= CHANGED_AT
+    old, new = (
+        TRACKER_FROM_BASE.apply(each.forward(data.joints).values_or_raise()[:, :3])
+        for each in (TRUTH, later)
+    )
+    step = new - old + frame_mm * np.array([0.6, -0.8, 0.0])
+    points = data.points_in_tracker_mm + np.where(rows[:, None], step, 0.0)
+    return noisy(replace(data, points_in_tracker_mm=points), seed=seed)
+
+
+def doubt_of(data, estimator=Estimator.POINTS):
+    found = identified(data, estimator)
+    (doubt,) = [each for each in found.doubts if each.name == "change-during-campaign"]
+    assert found.verdict == "fail"
+    assert doubt.says in found.reasons
+    return doubt
+
+
+@pytest.mark.parametrize("estimator", list(Estimator))
+def test_a_slipped_encoder_is_named_with_arm_place_and_size(estimator):
+    doubt = doubt_of(changed(3, offset_deg=0.05), estimator)
+    assert doubt.numbers["cause"] == "arm2.joint_offset_deg"
+    assert doubt.numbers["size"] == pytest.approx(0.05, abs=0.003)
+    assert abs(doubt.numbers["before_shot"] - CHANGED_AT) <= 1
+    assert "arm 2's encoder changed by +0.0" in doubt.says
+
+
+def test_an_arm_that_grew_is_named():
+    doubt = doubt_of(changed(4, arm_mm=0.3, arm=1))
+    assert doubt.numbers["cause"] == "arm1.arm_mm"
+    assert doubt.numbers["size"] == pytest.approx(0.3, abs=0.05)
+
+
+def test_a_stand_that_was_bumped_is_named_also_where_few_shots_follow():
+    doubt = doubt_of(changed(5, frame_mm=0.57))
+    assert doubt.numbers["kind"] == "frame"
+    assert abs(doubt.numbers["before_shot"] - CHANGED_AT) <= 1
+    assert "the tracker or the robot's base moved by 0.5" in doubt.says
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("std_mm", [NOISE_MM, 20.0 * NOISE_MM])
+def test_a_campaign_without_change_has_none(seed, std_mm):
+    found = identified(noisy(simulated(40, 10, seed=seed), seed, std_mm), Estimator.POINTS)
+    assert found.doubts == ()
+    assert found.verdict == "pass"
+
+
+def test_single_gross_errors_are_no_change():
+    data = moved(noisy(simulated(60, 20, seed=1), 1), (3, 60, 118), 5.0)
+    found = identified(data, Estimator.POINTS)
+    assert [each.shot for each in found.excluded] == [3, 60, 118]
+    assert found.doubts == ()
+
+
+def test_rows_left_out_alone_are_isolated_and_runs_are_not():
+    kept = np.array([True, False, True, False, False, True, False])
+    assert np.flatnonzero(isolated(kept)).tolist() == [1, 6]
+
+
+def test_order_is_that_of_times_where_each_shot_has_one():
+    assert order_of_time(("b", "a", "c")).tolist() == [1, 0, 2]
+    assert order_of_time(("b", "", "a")).tolist() == [0, 1, 2]
+    assert order_of_time(("a", "a", "a")).tolist() == [0, 1, 2]
