@@ -99,6 +99,8 @@ class IdentifyOptions(Selection):
     """Of distances."""
     shots: tuple[int | None, int | None] = (None, None)
     """First and last number of the shots to identify from; None: no limit."""
+    sessions: bool = False
+    """Whether each session of measuring has a frame of its own."""
     hold_out: float = 0.0
     """Share of the identification pairs that are kept unseen, as if they were for validation."""
     accept_large_change: bool = False

@@ -60,6 +60,12 @@ Range = Annotated[
         help="Identify from these alone, by number: 0-60, -60 or 61-; after a change.",
     ),
 ]
+Sessions = Annotated[
+    bool,
+    typer.Option(
+        "--sessions", help="Fit a frame of its own for each session: the tracker was moved between."
+    ),
+]
 HoldOut = Annotated[
     str,
     typer.Option(
@@ -107,6 +113,7 @@ def command(
     outliers: LeftOut = Outliers.EXCLUDE,
     weights: Weigh = Weights.STATED,
     shots: Range = None,
+    sessions: Sessions = False,
     hold_out: HoldOut = "0%",
     accept_large_change: AcceptLarge = False,
     accept_scale: AcceptScale = False,
@@ -135,6 +142,7 @@ def command(
         model=model,
         weights=weights,
         shots=range_of(shots),
+        sessions=sessions,
         hold_out=share_of(hold_out),
         accept_large_change=accept_large_change,
         accept_scale=accept_scale,

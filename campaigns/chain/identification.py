@@ -12,7 +12,8 @@ from campaigns.estimation.robust import Loss
 from campaigns.identification.model_selection import candidate_models, select_model
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification
-from campaigns.journal.records import Finding
+from campaigns.journal.journal import JournalReader
+from campaigns.journal.records import Finding, SessionStarted
 from campaigns.options import IdentifyOptions
 from campaigns.shots.shots import between, held_out, shots_of_journal
 
@@ -38,6 +39,8 @@ def identify(campaign: Campaign, options: IdentifyOptions | None = None) -> Reco
     with campaign.journal() as journal:
         series = campaign.measured_series(journal)
         shots = shots_of_journal(journal.shots(series.number), robot.mechanism)
+        if options.sessions:
+            how = replace(how, sessions=_sessions(journal, series.number))
         shots = between(shots, *options.shots)
         shots = held_out(shots, options.hold_out, np.random.default_rng(HOLD_OUT_SEED))
         started_s = time.perf_counter()
@@ -69,6 +72,15 @@ def identification_options(campaign: Campaign, options: IdentifyOptions) -> Iden
         limits_mm=_limits_mm(campaign),
         workspace=_workspace(campaign),
     )
+
+
+def _sessions(journal: JournalReader, series: int) -> dict[int, int]:
+    """Session in which each shot that counts was measured, by the shot's number."""
+    begun = [entry.at_utc for entry in journal.records_of(SessionStarted) if entry.series == series]
+    return {
+        shot.intent.shot: sum(each <= shot.measured_utc for each in begun)
+        for shot in journal.shots(series)
+    }
 
 
 def _limits_mm(campaign: Campaign) -> dict[str, float]:

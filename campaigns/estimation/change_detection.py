@@ -5,7 +5,7 @@ of a step from k on, in the linearised fit whitened with the whole covariance of
 Bonferroni over all tests.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -63,54 +63,63 @@ def detect_change(
     if freedom < 2 * FEWEST_BEYOND or count < 2 * FEWEST_BEYOND or chi2 <= 0.0:
         return None
     by_shot = basis.reshape(count, 3, -1)
-    found: list[tuple[float, Cause, int, Array, Array]] = []
-    tests = 0
-    for cause in causes.values():
-        columns = np.asarray(np.linalg.solve(root, cause.columns), dtype=np.float64)
-        m = columns.shape[-1]
-        for after, own, gained in _tests(cause, columns, left.reshape(count, 3), by_shot):
-            tests += 1
-            size, gain, covariance = _solved(own, gained)
-            rest = max(chi2 - gain, np.finfo(np.float64).tiny) / (freedom - m)
-            p = float(fdtrc(m, freedom - m, max(gain, 0.0) / m / rest))
-            found.append((p, cause, after, size, np.sqrt(np.abs(rest * np.diag(covariance)))))
-    if not found:
+    tests = [
+        _Tests.of(cause, np.asarray(np.linalg.solve(root, cause.columns)), left, by_shot)
+        for cause in causes.values()
+    ]
+    p_values = [each.p_values(chi2, freedom) for each in tests]
+    best = min(range(len(tests)), key=lambda place: float(p_values[place].min()))
+    p = float(p_values[best].min()) * sum(len(each) for each in p_values)
+    if p >= SIGNIFICANCE:
         return None
-    p, cause, after, size, std = min(found, key=lambda each: each[0])
-    if p * tests >= SIGNIFICANCE:
-        return None
-    return Change(cause.kind, cause.name, after, -size, std, min(1.0, p * tests))
+    return tests[best].change(int(np.argmin(p_values[best])), chi2, freedom, min(p, 1.0))
 
 
-def _tests(
-    cause: Cause, columns: Array, left: Array, basis: Array
-) -> Iterator[tuple[int, Array, Array]]:
-    """Place, normal matrix (m, m) and right side (m,) of each test of a cause."""
-    count = len(columns)
-    if cause.kind == "drift":
-        along = columns * np.linspace(0.0, 1.0, count)[:, None, None]
-        shared = np.einsum("nkp,nkm->pm", basis, along)
-        own = np.einsum("nkl,nkm->lm", along, along) - shared.T @ shared
-        yield 0, own, np.einsum("nkm,nk->m", along, left)
-        return
-    own = _from_there_on(np.einsum("nkl,nkm->nlm", columns, columns))
-    shared = _from_there_on(np.einsum("nkp,nkm->npm", basis, columns))
-    gained = _from_there_on(np.einsum("nkm,nk->nm", columns, left))
-    normal = own - shared.swapaxes(1, 2) @ shared
-    for first in range(FEWEST_BEYOND, count - FEWEST_BEYOND + 1):
-        yield first - 1, normal[first], gained[first]
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tests:
+    """Tests of one cause at K places: places, steps (K, m), their gains and unit covariances."""
+
+    cause: Cause
+    after: Array
+    size: Array
+    gain: Array
+    covariance: Array
+
+    @classmethod
+    def of(cls, cause: Cause, columns: Array, left: Array, basis: Array) -> "_Tests":
+        """Tests with the whitened columns (N, 3, m) beside those of the fit."""
+        count = len(columns)
+        by_shot = left.reshape(count, 3)
+        if cause.kind == "drift":
+            columns = columns * np.linspace(0.0, 1.0, count)[:, None, None]
+        own = _from_there_on(np.einsum("nkl,nkm->nlm", columns, columns))
+        shared = _from_there_on(np.einsum("nkp,nkm->npm", basis, columns))
+        gained = _from_there_on(np.einsum("nkm,nk->nm", columns, by_shot))
+        first = np.arange(FEWEST_BEYOND, count - FEWEST_BEYOND + 1)
+        first = np.zeros(1, dtype=np.intp) if cause.kind == "drift" else first
+        normal = (own - shared.swapaxes(1, 2) @ shared)[first]
+        inverse = np.asarray(np.linalg.pinv(normal, rcond=1e-10, hermitian=True))
+        size = np.einsum("nij,nj->ni", inverse, gained[first])
+        gain = np.maximum(np.einsum("ni,ni->n", gained[first], size), 0.0)
+        return cls(cause, np.maximum(first - 1, 0), size, gain, inverse)
+
+    def p_values(self, chi2: float, freedom: int) -> Array:
+        """Chance of good shots at each place, (K,)."""
+        m = self.size.shape[1]
+        rest = np.maximum(chi2 - self.gain, np.finfo(np.float64).tiny) / (freedom - m)
+        return np.asarray(fdtrc(m, freedom - m, self.gain / m / rest))
+
+    def change(self, place: int, chi2: float, freedom: int, p: float) -> Change:
+        """Change at one of the places."""
+        rest = max(chi2 - float(self.gain[place]), 0.0) / (freedom - self.size.shape[1])
+        std = np.sqrt(np.abs(rest * np.diag(self.covariance[place])))
+        cause, after = self.cause, int(self.after[place])
+        return Change(cause.kind, cause.name, after, -self.size[place], std, p)
 
 
 def _from_there_on(each: Array) -> Array:
     """Sums of a shot and all that follow it."""
     return np.asarray(np.cumsum(each[::-1], axis=0)[::-1])
-
-
-def _solved(normal: Array, gained: Array) -> tuple[Array, float, Array]:
-    """Step, what it takes off χ², and its covariance for unit variance."""
-    inverse = np.asarray(np.linalg.pinv(normal, rcond=1e-10, hermitian=True), dtype=np.float64)
-    size = inverse @ gained
-    return size, float(gained @ size), inverse
 
 
 def _orthonormal(rows: Array) -> tuple[Array, int]:

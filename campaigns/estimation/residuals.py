@@ -4,6 +4,7 @@ Every kind of residual has the same three methods (`start`, `residual`, `jacobia
 solver serves all of them.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -209,33 +210,71 @@ class PointResiduals:
     whitening: Array
     """W with W C Wᵀ = 1 for each shot's covariance C, (N, 3, 3)."""
     guess: Transform
+    sessions: Index | None = None
+    """Which session each shot is of, from 0, (N,); None: all of one."""
+    motions: tuple[Transform, ...] = ()
+    """Guessed motions of the tracker's frame from session 0 to each later one."""
 
     @classmethod
     def from_points(
-        cls, model: PositionModel, points_mm: Array, covariance_mm2: Array
+        cls,
+        model: PositionModel,
+        points_mm: Array,
+        covariance_mm2: Array,
+        sessions: Index | None = None,
     ) -> "PointResiduals":
-        """With the frame guessed from the nominal model.
+        """With frames guessed from the nominal model, one for each session.
 
         Raises `NoSolution`, `ValueError` for points that fix no frame and `LinAlgError` for an
         indefinite covariance.
         """
-        guess = fit_transform(model.positions_mm(model.nominal), points_mm)
         whitening = np.linalg.inv(np.linalg.cholesky(covariance_mm2))
-        return cls(model, points_mm, whitening, guess)
+        positions = model.positions_mm(model.nominal)
+        if sessions is None:
+            return cls(model, points_mm, whitening, fit_transform(positions, points_mm))
+        guess = fit_transform(positions[sessions == 0], points_mm[sessions == 0])
+        motions = tuple(
+            fit_transform(guess.apply(positions[sessions == each]), points_mm[sessions == each])
+            for each in range(1, int(sessions.max()) + 1)
+        )
+        return cls(model, points_mm, whitening, guess, sessions, motions)
 
     @property
     def rows(self) -> int:
         """Three a shot."""
         return self.points_in_tracker_mm.size
 
+    @property
+    def frames(self) -> int:
+        """Number of unknowns behind the parameters."""
+        return FRAME_COLUMNS * (1 + len(self.motions))
+
     def start(self) -> Array:
-        """Nominal parameters and the guessed frame."""
-        return np.concatenate([self.model.nominal, np.zeros(6)])
+        """Nominal parameters and the guessed frames."""
+        return np.concatenate([self.model.nominal, np.zeros(self.frames)])
+
+    def parameters(self, x: Array) -> Array:
+        """Free parameters of the unknowns x, (F,)."""
+        return x[: len(x) - self.frames]
 
     def tracker_from_base(self, x: Array) -> Transform:
-        """The frame that x stands for."""
+        """The frame that x stands for; of sessions that of the first."""
         turn, _ = small_rotation(x[-6:-3])
         return Transform(self.guess.rotation @ turn, self.guess.translation_mm + x[-3:])
+
+    def rotations(self, x: Array) -> Array:
+        """Rotation from base to tracker at every shot, (N, 3, 3)."""
+        found = np.tile(self.tracker_from_base(x).rotation, (len(self.points_in_tracker_mm), 1, 1))
+        for rows, _, motion, _ in self._moved(x):
+            found[rows] = motion.rotation @ found[rows]
+        return found
+
+    def modelled_mm(self, x: Array) -> Array:
+        """Points of the model in the tracker's frame, (N, 3)."""
+        modelled = self.tracker_from_base(x).apply(self.model.positions_mm(self.parameters(x)))
+        for rows, _, motion, _ in self._moved(x):
+            modelled[rows] = motion.apply(modelled[rows])
+        return modelled
 
     def with_covariance(self, covariance_mm2: Array) -> "PointResiduals":
         """The same points with other covariances (N, 3, 3); raises `LinAlgError`."""
@@ -243,18 +282,41 @@ class PointResiduals:
 
     def residual(self, x: Array) -> Array:
         """Three rows a shot, (3 N,)."""
-        modelled = self.tracker_from_base(x).apply(self.model.positions_mm(x[:-6]))
-        misfit = modelled - self.points_in_tracker_mm
+        misfit = self.modelled_mm(x) - self.points_in_tracker_mm
         return np.asarray(np.einsum("nij,nj->ni", self.whitening, misfit).ravel())
 
     def jacobian(self, x: Array) -> Array:
-        """Three rows a shot, (3 N, F + 6)."""
-        positions, count = self.model.positions_mm(x[:-6]), len(x) - 6
-        turn, turn_by_angle = small_rotation(x[-6:-3])
+        """Three rows a shot, (3 N, F + 6 for each frame)."""
+        p, first = self.parameters(x), self.tracker_from_base(x)
+        positions, count = self.model.positions_mm(p), len(p)
+        _, turn_by_angle = small_rotation(x[-6:-3])
         turned = (self.guess.rotation @ turn_by_angle) @ positions.T
-        whitened_from_base = self.whitening @ (self.guess.rotation @ turn)
-        jacobian = np.empty((len(positions), 3, len(x)))
-        jacobian[:, :, :count] = whitened_from_base @ self.model.jacobian(x[:-6])
-        jacobian[:, :, count:-3] = self.whitening @ turned.transpose(2, 1, 0)
-        jacobian[:, :, -3:] = self.whitening
+        from_frame = self.whitening
+        if self.motions:
+            from_frame = from_frame.copy()
+            for rows, _, motion, _ in self._moved(x):
+                from_frame[rows] = from_frame[rows] @ motion.rotation
+        jacobian = np.zeros((len(positions), 3, len(x)))
+        jacobian[:, :, :count] = (from_frame @ first.rotation) @ self.model.jacobian(p)
+        jacobian[:, :, -6:-3] = from_frame @ turned.transpose(2, 1, 0)
+        jacobian[:, :, -3:] = from_frame
+        for rows, columns, _, by_angle in self._moved(x):
+            before = first.apply(positions[rows])
+            by_turn = (by_angle @ before.T).transpose(2, 1, 0)
+            whitening = self.whitening[rows]
+            jacobian[rows, :, columns : columns + 3] = whitening @ by_turn
+            jacobian[rows, :, columns + 3 : columns + 6] = whitening
         return jacobian.reshape(-1, len(x))
+
+    def _moved(self, x: Array) -> Iterator[tuple[Index, int, Transform, Array]]:
+        """Rows of each later session, its columns, its motion, and that by the three angles."""
+        if self.sessions is None:
+            return
+        first = len(x) - self.frames
+        for place, guess in enumerate(self.motions):
+            columns = first + FRAME_COLUMNS * place
+            turn, by_angle = small_rotation(x[columns : columns + 3])
+            shift = x[columns + 3 : columns + FRAME_COLUMNS]
+            motion = Transform(guess.rotation @ turn, guess.translation_mm + shift)
+            rows = np.flatnonzero(self.sessions == place + 1)
+            yield rows, columns, motion, guess.rotation @ by_angle

@@ -19,6 +19,9 @@ WORTH = 6.0
 SMALLEST = 1e-3
 """Of a component's standard deviation in parts of what is stated: below it nothing can be told."""
 LARGEST = 1e4
+HOPELESS_SCORE = 1.5
+"""Score below which no component gains `WORTH`: that takes about 2.4."""
+TINY = 1e-300
 PROMISING = 1.0
 """Gain beside the first component from which both are sought together."""
 SEARCHED_BELOW = 3.0
@@ -81,6 +84,8 @@ def estimate_components(shots: LinearizedShots) -> VarianceComponents:
     count, unknowns = shots.residual_mm.size, shots.jacobian.shape[-1]
     if count <= unknowns + 2:
         return NONE
+    if max(_scores(shots)) < HOPELESS_SCORE:
+        return NONE
     likelihood = _RestrictedLikelihood(shots)
     none = likelihood.at(NOWHERE, NOWHERE)
     singles = [likelihood.best_single(place) for place in (0, 1)]
@@ -91,6 +96,30 @@ def estimate_components(shots: LinearizedShots) -> VarianceComponents:
     if both_value - value > WORTH:
         logs = both
     return likelihood.components(logs)
+
+
+def _scores(shots: LinearizedShots) -> tuple[float, float]:
+    """Score of each component at none, in about its own standard deviations.
+
+    It is the slope of the likelihood there: without one there is nothing to be gained.
+    """
+    root = np.linalg.cholesky(shots.stated_mm2)
+    rows = np.concatenate([shots.jacobian, shots.residual_mm[:, :, None]], axis=2)
+    whitened = np.linalg.solve(root, rows)
+    flat = whitened[:, :, :-1].reshape(-1, rows.shape[-1] - 1)
+    basis = np.linalg.qr(flat / np.maximum(np.linalg.norm(flat, axis=0), TINY))[0]
+    residual = whitened[:, :, -1].ravel()
+    left = (residual - basis @ (basis.T @ residual)).reshape(-1, 3)
+    inverse = np.linalg.inv(root)
+    found = []
+    for columns in (inverse, inverse @ shots.by_joints):
+        told = np.einsum("nij,ni->nj", columns, left)
+        own = np.einsum("nij,nkj->nik", columns, columns)
+        fitted = np.einsum("nij,nip->npj", columns, basis.reshape(len(left), 3, -1))
+        expected = float(np.einsum("nii->", own) - np.sum(fitted**2))
+        spread = math.sqrt(2.0 * float(np.sum(own**2)))
+        found.append((float(np.sum(told**2)) - expected) / spread)
+    return found[0], found[1]
 
 
 class _RestrictedLikelihood:

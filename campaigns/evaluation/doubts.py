@@ -108,7 +108,8 @@ def campaign_doubt(change: Change, numbers: tuple[int, int], space: ParameterSpa
             else f"the tracker or the robot's base drifted by {moved_mm:.2g} mm over the campaign"
         )
         remedy = (
-            f"fasten both; identify from the shots before or after alone, {_ranges(before, after)}"
+            "if it was between two sessions, --sessions; else identify from the shots before or "
+            f"after alone, {_ranges(before, after)}"
         )
     else:
         unit = float(space.units((change.name,))[0])

@@ -28,9 +28,9 @@ def change_of(points: PointFit, space: ParameterSpace) -> tuple[Change, tuple[in
     both = np.concatenate([shots.jacobian, shots.residual_mm[:, :, None]], axis=2)
     whitened = np.asarray(np.linalg.solve(root, both), dtype=np.float64)
     jacobian, residual = whitened[:, :, :-1], whitened[:, :, -1]
-    frame = fitted.points.tracker_from_base(found.x)
-    lengths = frame.rotation @ fitted.points.model.by_geometry(
-        found.x[:-FRAME_COLUMNS], space.places(space.arm_lengths)
+    data = fitted.points
+    lengths = data.rotations(found.x) @ data.model.by_geometry(
+        data.parameters(found.x), space.places(space.arm_lengths)
     )
     causes = {
         cause.name: cause

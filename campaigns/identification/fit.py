@@ -14,7 +14,7 @@ from campaigns.errors import ShotsMissing
 from campaigns.estimation.estimate import Estimate, OutlierPolicy, estimate
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
 from campaigns.estimation.information import ChiSquareTest, chi_square_test
-from campaigns.estimation.residuals import FRAME_COLUMNS, PointResiduals
+from campaigns.estimation.residuals import PointResiduals
 from campaigns.estimation.robust import Loss
 from campaigns.estimation.variance_components import (
     NONE,
@@ -136,13 +136,12 @@ def fit_points(
 def linearized(fitted: PointObservations, x: Array) -> LinearizedShots:
     """All shots about the unknowns x, in the tracker's axes."""
     points, count = fitted.points, len(fitted.numbers)
-    rotation = points.tracker_from_base(x).rotation
     whitened = points.jacobian(x).reshape(count, 3, -1)
     return LinearizedShots(
         fitted.misfits_mm(x),
         np.asarray(np.linalg.solve(points.whitening, whitened)),
         fitted.stated_mm2,
-        rotation @ points.model.by_joints(_parameters(x)),
+        points.rotations(x) @ points.model.by_joints(points.parameters(x)),
     )
 
 
@@ -150,8 +149,8 @@ def covariance_of(fitted: PointObservations, x: Array, scatter: VarianceComponen
     """Covariances (N, 3, 3) of points, in the tracker's axes."""
     if not scatter.any:
         return fitted.stated_mm2
-    rotation = fitted.points.tracker_from_base(x).rotation
-    by_joints = rotation @ fitted.points.model.by_joints(_parameters(x))
+    points = fitted.points
+    by_joints = points.rotations(x) @ points.model.by_joints(points.parameters(x))
     return scatter.covariance_mm2(fitted.stated_mm2, by_joints)
 
 
@@ -213,11 +212,6 @@ def _analysis(
 
 def _policy(options: IdentificationOptions) -> OutlierPolicy:
     return OutlierPolicy(options.loss, exclude=options.outliers is Outliers.EXCLUDE)
-
-
-def _parameters(x: Array) -> Array:
-    """The free parameters of the unknowns of points, which have a frame behind them."""
-    return x[:-FRAME_COLUMNS]
 
 
 def _settled(old: VarianceComponents, new: VarianceComponents) -> bool:

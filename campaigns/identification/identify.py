@@ -41,6 +41,8 @@ from campaigns.identification.fit import Fit, fit_shots
 from campaigns.identification.observations import (
     DistanceObservations,
     Observations,
+    UsablePairs,
+    pair_of,
     position_model,
     usable_pairs,
     without_assembly,
@@ -81,7 +83,7 @@ def identify(
     for shots that no robot explains.
     """
     options = options or IdentificationOptions()
-    check_shots(nominal, shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION), "the shots")
+    _check(nominal, shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION), options.sessions)
     try:
         fit = fit_shots(nominal, shots, selection, options)
     except NoSolution as error:
@@ -92,6 +94,13 @@ def identify(
         ) from error
     held_out = _holdout(nominal, shots, selection.free, fit, options)
     return _Identified(nominal, shots, selection, options, fit, held_out).result()
+
+
+def _check(nominal: Kinematics, shots: Shots, sessions: Mapping[int, int] | None) -> None:
+    """Refuse shots that cannot be this robot's, those of each session for themselves."""
+    own = np.array([(sessions or {}).get(number, 0) for number in shots.numbers])
+    for each in np.unique(own).tolist():
+        check_shots(nominal, shots.rows(np.flatnonzero(own == each)), "the shots")
 
 
 @dataclass(frozen=True, slots=True)
@@ -353,7 +362,9 @@ def _holdout(
     """Errors of the pairs that were not fitted, with the nominal and the found parameters."""
     x = fit.found.x[: len(free)]
     at_nominal = nominal.forward(shots.joints)
-    usable = usable_pairs(at_nominal, shots, ShotSet.VALIDATION)
+    usable = _of_one_session(
+        shots, usable_pairs(at_nominal, shots, ShotSet.VALIDATION), options.sessions
+    )
     model = position_model(nominal, shots, np.arange(len(shots)), free)
     solution = model.kinematics(x).forward(model.arm_joints(x))
     whole = solution.found[usable.rows].all(axis=1)
@@ -373,6 +384,21 @@ def _holdout(
     near = solution.values[rows]
     tested = _tested(nominal, some, near, places.reshape(kept.shape), free, fit, options)
     return _Holdout(errors, tested, usable.excluded, lost)
+
+
+def _of_one_session(
+    shots: Shots, usable: UsablePairs, sessions: Mapping[int, int] | None
+) -> UsablePairs:
+    """Pairs both of whose shots were taken in one session, where sessions have their own frames."""
+    if sessions is None:
+        return usable
+    own = np.array([sessions.get(number, 0) for number in shots.numbers])
+    together = own[usable.rows[:, 0]] == own[usable.rows[:, 1]]
+    apart = tuple(
+        Excluded("its shots are of two sessions", pair=pair_of(shots, row))
+        for row in usable.rows[~together, 0].tolist()
+    )
+    return UsablePairs(usable.rows[together], usable.excluded + apart)
 
 
 def _tested(

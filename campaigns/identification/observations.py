@@ -11,7 +11,6 @@ from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.estimation.estimators import Estimator, Weights
 from campaigns.estimation.least_squares import LeastSquaresProblem, Priors
 from campaigns.estimation.residuals import (
-    FRAME_COLUMNS,
     DistanceResiduals,
     PointResiduals,
     PositionModel,
@@ -74,6 +73,9 @@ def pair_of(data: Shots, row: int) -> int:
 
 Kind = Literal["shots", "pairs"]
 COORDINATES = 3
+FEWEST_OF_A_SESSION = 4
+SURELY = 1e-9
+"""Least eigenvalue over the size of a matrix that is positive definite beyond rounding."""
 SHORTEST_MM = 1.0
 """Of a distance: from shots at one place nothing is learnt."""
 
@@ -188,14 +190,20 @@ class PointObservations:
 
     def misfits_mm(self, x: Array) -> Array:
         """In the tracker's axes, (shots, 3)."""
-        positions = self.model.positions_mm(x[:-FRAME_COLUMNS])
-        return self.tracker_from_base(x).apply(positions) - self.points.points_in_tracker_mm
+        return self.points.modelled_mm(x) - self.points.points_in_tracker_mm
 
     def nominal_misfits_mm(self, kept: Mask) -> Array:
         """Of the kept shots, with a frame fitted to them."""
         positions = self.model.positions_mm(self.model.nominal)[kept]
         measured = self.points.points_in_tracker_mm[kept]
-        return fit_transform(positions, measured).apply(positions) - measured
+        sessions = self.points.sessions
+        own = np.zeros(len(positions), dtype=np.intp) if sessions is None else sessions[kept]
+        misfits = np.empty_like(measured)
+        for each in np.unique(own).tolist():
+            rows = own == each
+            frame = fit_transform(positions[rows], measured[rows])
+            misfits[rows] = frame.apply(positions[rows]) - measured[rows]
+        return misfits
 
     def tracker_from_base(self, x: Array) -> Transform:
         """The frame that x stands for."""
@@ -295,7 +303,8 @@ def point_observations(
     model = position_model(nominal, data, rows, selection.free, near)
     measured, stated = data.points_in_tracker_mm[rows], _stated(data, rows, options.instrument)
     try:
-        points = PointResiduals.from_points(model, measured, stated)
+        sessions = _sessions(data, rows, options)
+        points = PointResiduals.from_points(model, measured, stated, sessions)
     except ValueError as error:
         raise ShotsMissing(
             f"{len(rows)} shots fix no frame: {error}", remedy="measure all over the workspace"
@@ -304,6 +313,25 @@ def point_observations(
     shots = tuple(data.numbers[row] for row in rows.tolist())
     times = tuple(data.measured_utc[row] for row in rows.tolist())
     return PointObservations(problem, points, shots, excluded, stated, times)
+
+
+def _sessions(data: Shots, rows: Index, options: IdentificationOptions) -> Index | None:
+    """Session of each of some shots, from 0 without gaps, (N,); None where all are of one.
+
+    Raises `ShotsMissing` for a session whose shots fix no frame.
+    """
+    if options.sessions is None:
+        return None
+    own = [options.sessions.get(data.numbers[row], 0) for row in rows.tolist()]
+    _, found, counts = np.unique(own, return_inverse=True, return_counts=True)
+    if len(counts) < 2:
+        return None
+    if counts.min() < FEWEST_OF_A_SESSION:
+        raise ShotsMissing(
+            f"a session has {counts.min()} shots to identify from, which fix no frame of its own",
+            remedy=f"leave --sessions out, or measure at least {FEWEST_OF_A_SESSION} shots in each",
+        )
+    return np.asarray(found, dtype=np.intp)
 
 
 def _check_coordinates(
@@ -338,6 +366,8 @@ def _priors(nominal: Kinematics, known: ParameterSelection, model: PositionModel
 def _stated(data: Shots, rows: Index, instrument: TrackerUncertainty) -> Array:
     """Covariances (N, 3, 3) of some shots; raises `ShotsInvalid` naming the first that is none."""
     covariance = data.covariance_mm2(instrument)[rows]
+    if _all_positive_definite(covariance):
+        return covariance
     for row, matrix in zip(rows.tolist(), covariance.tolist(), strict=True):
         if not is_positive_definite(matrix):
             raise ShotsInvalid(
@@ -346,3 +376,14 @@ def _stated(data: Shots, rows: Index, instrument: TrackerUncertainty) -> Array:
                 "or measure that shot again",
             )
     return covariance
+
+
+def _all_positive_definite(covariance: Array) -> bool:
+    """Whether all of (N, 3, 3) surely are, at once; by far the usual case."""
+    try:
+        least = np.linalg.eigvalsh(covariance)[:, 0] if np.isfinite(covariance).all() else None
+    except np.linalg.LinAlgError:
+        return False
+    size = np.abs(covariance).max(axis=(1, 2), initial=0.0)
+    symmetric = np.array_equal(covariance, covariance.swapaxes(1, 2))
+    return least is not None and symmetric and bool((least > SURELY * size).all())

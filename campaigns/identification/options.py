@@ -24,6 +24,8 @@ class IdentificationOptions:
     tolerance: Tolerance = field(default_factory=Tolerance)
     accepted: frozenset[str] = frozenset()
     """Names of doubts with which a result is taken all the same."""
+    sessions: Mapping[int, int] | None = None
+    """Session of each shot by its number, each with a frame of its own; None: one for all."""
     limits_mm: Mapping[str, float] = field(default_factory=dict)
     """Acceptance limits of distances, `mean` and `max`, as far as any are asked for."""
     workspace: Array | None = None

@@ -4,13 +4,31 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identified_cases import NOISE_MM, TRACKER_FROM_BASE, TRUTH, identified, moved, noisy, simulated
+from identified_cases import (
+    NOISE_MM,
+    NOMINAL,
+    TRACKER_FROM_BASE,
+    TRUTH,
+    identified,
+    moved,
+    noisy,
+    simulated,
+)
+from par4_space import SPACE
+from scipy.spatial.transform import Rotation
 
+from campaigns.errors import ShotsMissing
 from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.rigid_transforms import Transform
 from campaigns.identification.change import isolated, order_of_time
+from campaigns.identification.identify import identify
+from campaigns.identification.observations import observations
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.parameter_selection import select_parameters
 from campaigns.mechanisms.mechanism import Kinematics
 
 CHANGED_AT = 70
+SESSIONS = {number: int(number >= CHANGED_AT) for number in range(160)}
 
 
 def changed(seed, *, offset_deg=0.0, arm_mm=0.0, frame_mm=0.0, arm=2):
@@ -84,3 +102,57 @@ def test_order_is_that_of_times_where_each_shot_has_one():
     assert order_of_time(("b", "a", "c")).tolist() == [1, 0, 2]
     assert order_of_time(("b", "", "a")).tolist() == [0, 1, 2]
     assert order_of_time(("a", "a", "a")).tolist() == [0, 1, 2]
+
+
+class TestSessions:
+    """A stand that was moved between sessions costs six unknowns and nothing else."""
+
+    def moved_stand(self, by):
+        data = noisy(simulated(60, 20, seed=6, truth=TRUTH), seed=6)
+        rows = np.arange(len(data)) >= CHANGED_AT
+        points = np.where(
+            rows[:, None], by.apply(data.points_in_tracker_mm), data.points_in_tracker_mm
+        )
+        return replace(data, points_in_tracker_mm=points)
+
+    BUMPED = Transform(Rotation.from_euler("z", 0.02, degrees=True).as_matrix(), np.full(3, 0.4))
+    ELSEWHERE = Transform(
+        Rotation.from_euler("zyx", [70.0, 3.0, -2.0], degrees=True).as_matrix(),
+        np.array([900.0, -2000.0, 40.0]),
+    )
+
+    @pytest.mark.parametrize("by", [BUMPED, ELSEWHERE])
+    def test_frames_of_their_own_bring_back_what_one_frame_would_give(self, by):
+        options = IdentificationOptions(sessions=SESSIONS)
+        found = identify(NOMINAL, self.moved_stand(by), select_parameters(SPACE), options)
+        calm = identified(noisy(simulated(60, 20, seed=6, truth=TRUTH), seed=6), Estimator.POINTS)
+        assert found.verdict == "pass"
+        assert found.doubts == ()
+        assert found.dof == calm.dof - 6
+        for name, each in found.parameters.items():
+            if each.std is not None:
+                assert each.value == pytest.approx(calm.parameters[name].value, abs=2.0 * each.std)
+                assert each.std < 1.5 * calm.parameters[name].std
+
+    def test_a_bump_without_them_is_no_pass(self):
+        assert doubt_of(self.moved_stand(self.BUMPED)).numbers["kind"] == "frame"
+
+    def test_derivatives_are_those_of_the_residuals(self):
+        data = self.moved_stand(self.ELSEWHERE)
+        options = IdentificationOptions(sessions=SESSIONS)
+        problem = observations(NOMINAL, data, select_parameters(SPACE), options).problem.data
+        x = problem.start() + 1e-3 * np.random.default_rng(1).standard_normal(len(problem.start()))
+        step = 1e-6
+        for place in range(len(x)):
+            ahead, behind = x.copy(), x.copy()
+            ahead[place] += step
+            behind[place] -= step
+            slope = (problem.residual(ahead) - problem.residual(behind)) / (2.0 * step)
+            scale = max(1.0, np.abs(slope).max())
+            assert np.abs(problem.jacobian(x)[:, place] - slope).max() < 1e-5 * scale
+
+    def test_a_session_of_too_few_shots_is_refused(self):
+        options = IdentificationOptions(sessions={0: 1, 1: 1})
+        data = self.moved_stand(self.BUMPED)
+        with pytest.raises(ShotsMissing, match="a session has 2 shots"):
+            identify(NOMINAL, data, select_parameters(SPACE), options)
