@@ -39,12 +39,17 @@ def create_simulated(
     robot: str = DEFAULT_ROBOT,
     scenario: str = DEFAULT_SCENARIO,
     seed: int | None = None,
+    *,
+    with_limits: bool = False,
 ) -> CampaignConfig:
     """Campaign on a simulated cell, whose scenario is kept in the folder as cell.yaml.
 
+    `with_limits` asks in campaign.yaml for what the scenario asks of a calibrated robot.
+
     Raises `ConfigInvalid`, `OutputExists`, `WriteFailed` or `ScenarioInvalid`.
     """
-    tracker, nominal = load_scenario(scenario).tracker, find_robot(robot)
+    cell, nominal = load_scenario(scenario), find_robot(robot)
+    tracker = cell.tracker
     url = SIMULATED + SCENARIO.removesuffix(".yaml")
     config = new_config(
         {
@@ -56,6 +61,7 @@ def create_simulated(
                 "place_mm": [tracker.station.x_mm, tracker.station.y_mm, tracker.station.z_mm],
                 "uncertainty": _limits(tracker.noise.data_sheet),
             },
+            **({"acceptance": cell.acceptance.model_dump()} if with_limits else {}),
             **_centre(nominal.robot),
         }
     )

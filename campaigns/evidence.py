@@ -3,7 +3,7 @@
 Only reads. The report and the live page show it; neither judges anything itself.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -14,13 +14,14 @@ from pydantic import JsonValue
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
 from campaigns.controllers.load import LoadRecord
-from campaigns.controllers.load_journal import read_load
+from campaigns.controllers.load_journal import load_history, read_load
 from campaigns.errors import CampaignError, FindingUnreadable
 from campaigns.evaluation.campaign_verdict import (
     CampaignVerdict,
     IdentificationVerdict,
     campaign_verdict,
 )
+from campaigns.evaluation.gains import Gain, gained_in_words, gains
 from campaigns.evaluation.integrity import (
     CampaignDigests,
     Check,
@@ -34,6 +35,7 @@ from campaigns.evaluation.model_errors import (
     model_errors,
 )
 from campaigns.evaluation.residual_budget import ResidualBudget, residual_budget
+from campaigns.evaluation.simulated_devices import SimulatedDevices, simulated_devices
 from campaigns.evaluation.time_series import TimeSeries, time_series
 from campaigns.evaluation.validation import (
     ValidationResult,
@@ -118,6 +120,8 @@ class Incident:
         match self.record:
             case Rejected(shot=shot, attempt=attempt):
                 return f"shot {shot}, attempt {attempt}"
+            case PairVoided(pair=None, shots=shots):
+                return f"shot {', '.join(map(str, shots))}"
             case PairVoided(pair=pair, shots=shots):
                 return f"pair {pair}, shots {', '.join(map(str, shots))}"
             case Event(kind=kind):
@@ -140,6 +144,8 @@ class JournalFacts:
     records: int
     identified_digest: str | None
     """Of the records up to where the identification was made, as they are now."""
+    unended_load: str = ""
+    """Sentence about a load that was begun and not ended; empty when there is none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -157,6 +163,12 @@ class Evidence:
     parameter_file: RobotFile | None = None
     unreadable: tuple[str, ...] = ()
     """What is there and cannot be read, and why."""
+
+    @property
+    def simulated(self) -> SimulatedDevices:
+        """Devices that were simulated, as each series says, or as campaign.yaml plans."""
+        series = (facts.series for facts in self.journal.series) if self.journal else ()
+        return simulated_devices(series, planned=self.campaign.is_simulated)
 
     def by_stage(self) -> tuple[tuple[str, MeasuredSeries], ...]:
         """The series that are there, in the order in which a campaign measures them."""
@@ -176,6 +188,7 @@ class Evaluation:
     checks: tuple[Check, ...]
     verdict: CampaignVerdict
     time_series: tuple[TimeSeries, ...]
+    gains: tuple[Gain, ...]
 
 
 def gather(campaign: Campaign) -> Evidence:
@@ -193,13 +206,14 @@ def gather(campaign: Campaign) -> Evidence:
         entries, all_series = journal.records(), journal.series()
         identification = _latest(entries, "identification", read_identification, unreadable)
         loaded = _latest(entries, "load", read_load, unreadable)
+        unended = _unended_load(journal, unreadable)
 
         def measured(series: Series | None) -> MeasuredSeries | None:
             return _measured(campaign, entries, series)
 
         return Evidence(
             campaign=campaign,
-            journal=_facts(journal, entries, all_series, identification),
+            journal=_facts(journal, entries, all_series, identification, unended),
             before=measured(_chosen(all_series, {"before"})),
             run=measured(_identified_series(all_series, identification)),
             after=measured(_chosen(all_series, {"after"})),
@@ -215,10 +229,10 @@ def evaluate(evidence: Evidence) -> Evaluation:
     """Everything that evaluation says of a campaign's evidence."""
     campaign, found = evidence.campaign, evidence.identification
     before, after = (_validation(campaign, each) for each in (evidence.before, evidence.after))
-    errors, checks = _errors(evidence), integrity_checks(_digests(evidence))
+    errors, gained = _errors(evidence), gains(before, after)
+    checks = (*integrity_checks(_digests(evidence)), *_load_check(evidence.journal))
     mean_before_mm = before.distances.mean.value_mm if before and before.distances else None
     validated = validation_verdict(after, campaign.config.acceptance, mean_before_mm)
-    identified = None if found is None else IdentificationVerdict(found.verdict, found.reasons)
     series = (time_series(name, measured.shots) for name, measured in evidence.by_stage())
     return Evaluation(
         evidence=evidence,
@@ -227,8 +241,15 @@ def evaluate(evidence: Evidence) -> Evaluation:
         errors=errors,
         budget=_budget(found, errors, after or before),
         checks=checks,
-        verdict=campaign_verdict(identified, validated, checks, validated=after is not None),
+        verdict=campaign_verdict(
+            _identification_verdict(found),
+            validated,
+            checks,
+            validated=after is not None,
+            gained=gained_in_words(gained, found.unseen_mm if found else None),
+        ),
         time_series=tuple(each for each in series if not each.is_empty),
+        gains=gained,
     )
 
 
@@ -283,6 +304,29 @@ def _latest(
         return None
 
 
+def _unended_load(journal: JournalReader, unreadable: list[str]) -> str:
+    try:
+        unended = load_history(journal).unended
+    except FindingUnreadable as error:
+        unreadable.append(error.problem)
+        return "a load was begun in a form that this version cannot read"
+    return unended.told(None) if unended else ""
+
+
+def _load_check(journal: JournalFacts | None) -> Iterator[Check]:
+    """What a load without an end leaves open; nothing where every one has ended."""
+    if journal is not None and journal.unended_load:
+        statement = "it is known what the controller holds"
+        yield Check(statement, holds=False, detail="a load was begun and not ended")
+
+
+def _identification_verdict(found: RecordedIdentification | None) -> IdentificationVerdict | None:
+    if found is None:
+        return None
+    accepted = tuple(doubt.says for doubt in found.doubts if doubt.accepted)
+    return IdentificationVerdict(found.verdict, found.reasons, accepted)
+
+
 def _chosen(all_series: Iterable[Series], stages: set[Stage]) -> Series | None:
     """The last finished series of these stages, or the last one begun when none is finished."""
     of_stage = [series for series in all_series if series.started.stage in stages]
@@ -314,6 +358,7 @@ def _facts(
     entries: tuple[Entry[Record], ...],
     all_series: tuple[Series, ...],
     identification: RecordedIdentification | None,
+    unended_load: str,
 ) -> JournalFacts:
     through = identification.journal_records if identification else None
     return JournalFacts(
@@ -326,6 +371,7 @@ def _facts(
         journal.digest(),
         journal.last_number(),
         None if through is None else journal.digest(through=through),
+        unended_load,
     )
 
 

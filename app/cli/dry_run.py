@@ -70,7 +70,9 @@ def prepared(folder: Path, scenario: str | None, seed: int | None) -> Campaign:
     Raises `OptionsInvalid` for one on real devices, with measurements, or of another scenario.
     """
     if not (folder / "campaign.yaml").exists():
-        create_simulated(folder, DEFAULT_ROBOT, scenario or DEFAULT_SCENARIO, seed)
+        create_simulated(
+            folder, DEFAULT_ROBOT, scenario or DEFAULT_SCENARIO, seed, with_limits=True
+        )
         return open_campaign(folder)
     remedy = "name a new folder"
     if scenario is not None or seed is not None:

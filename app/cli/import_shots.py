@@ -11,6 +11,7 @@ from app.options import Folder, Json
 from campaigns.campaign import open_campaign
 from campaigns.chain.files import import_shots
 from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
+from campaigns.shots.import_export import ImportedFile
 from campaigns.shots.joined_shots import Join, PointSource, read_joined_shots
 from campaigns.shots.shots_csv import in_unit, read_shots
 
@@ -64,6 +65,8 @@ def command(
 
     With --format ascii: a point export of SpatialAnalyzer or OpenIndy, its --unit, and a file with
     the --joints of each point.
+
+    The journal keeps the files' names and sha256, and the report shows them.
     """
     terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
     mechanism = campaign.robot.mechanism
@@ -80,7 +83,8 @@ def command(
         rows, notes = joined.rows, joined.notes
     for note in notes:
         terminal.note(note)
-    series = import_shots(campaign, rows, str(file))
+    files = tuple(ImportedFile.of(each) for each in (file, joints) if each is not None)
+    series = import_shots(campaign, rows, str(file), files)
     terminal.say(f"taken in: {len(rows)} shots, as series {series}")
     terminal.note(f"next: pkmcal identify {folder}")
     terminal.document({"series": series, "shots": len(rows)})

@@ -6,11 +6,11 @@ from typing import Annotated
 import typer
 
 from app.console import BAD, terminal_of
+from app.exits import Exit
 from app.options import Folder, Json
 from app.report.page import Page, page_html, page_of
 from app.report.parts import Picture
 from campaigns.campaign import Campaign, now_utc, open_campaign
-from campaigns.controllers.load_journal import load_history
 from campaigns.errors import OutputExists
 from campaigns.evidence import evaluate, gather
 from campaigns.files.text_file import replace_text
@@ -34,17 +34,23 @@ def command(
     Verdict, before and after, figures, parameters, records, in one HTML file that needs no network.
     The browser's print makes a PDF of it on A4. What the campaign does not have yet is named on
     the page. An older report is replaced, any other file is not.
+
+    Exit code 1: the verdict is fail.
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     page, path = report(campaign, to)
-    terminal.say(f"verdict: {page.decision}: {' '.join(page.reasons)}")
-    if left := unended_load(campaign):
-        terminal.say(f"! {left}", BAD)
+    more = "" if page.answer == page.decision else f" ({page.answer})"
+    terminal.say(f"verdict: {page.decision}{more}: {' '.join(page.reasons)}")
+    journal = page.evaluation.evidence.journal
+    if journal is not None and journal.unended_load:
+        terminal.say(f"! {journal.unended_load}", BAD)
     for text, _ in page.missing:
         terminal.note(f"missing: {text}")
     terminal.say(f"written: {path}")
     terminal.document(report_document(page, path))
+    if page.decision == "fail":
+        raise typer.Exit(Exit.NOT_GOOD)
 
 
 def report(campaign: Campaign, to: Path | None = None) -> tuple[Page, Path]:
@@ -57,15 +63,6 @@ def report(campaign: Campaign, to: Path | None = None) -> tuple[Page, Path]:
     page = page_of(evaluate(gather(campaign)), now_utc())
     replace_text(path, page_html(page))
     return page, path
-
-
-def unended_load(campaign: Campaign) -> str:
-    """Sentence about a load that was begun and not ended; empty when there is none."""
-    if not campaign.journal_path.exists():
-        return ""
-    with campaign.journal_reader() as journal:
-        found = load_history(journal).unended
-    return found.told(None) if found else ""
 
 
 def report_document(page: Page, path: Path) -> dict[str, object]:

@@ -4,6 +4,9 @@ The terminal shows some of them too, so nothing here needs matplotlib.
 """
 
 from app.report.parts import NOTHING, Row, number
+from campaigns.evaluation.decision import COVERAGE
+from campaigns.evaluation.doubts import Doubt
+from campaigns.evaluation.gains import NO_CHANGE
 from campaigns.evaluation.residual_budget import ResidualBudget
 from campaigns.identification.result import ComparedModel, Covariance, IdentifiedParameter
 
@@ -12,10 +15,17 @@ STRONGEST = 8
 
 
 def parameter_rows(parameters: dict[str, IdentifiedParameter]) -> tuple[Row, ...]:
-    """Rows of parameters: name, unit, old, new, Δ, σ, Δ ÷ σ."""
+    """Rows of parameters: name, unit, old, new, Δ, σ, Δ ÷ σ, whether that shows a change."""
     return tuple(
-        (*_name_and_unit(name), *parameter_cells(found), _change_in_sigma(found))
+        (*_name_and_unit(name), *parameter_cells(found), _change_in_sigma(found), _shown(found))
         for name, found in parameters.items()
+    )
+
+
+def doubt_rows(doubts: tuple[Doubt, ...]) -> tuple[Row, ...]:
+    """Rows of doubts: name, sentence, numbers, what follows."""
+    return tuple(
+        (doubt.name, doubt.says, _numbers_of(doubt), _consequence(doubt)) for doubt in doubts
     )
 
 
@@ -61,6 +71,25 @@ def budget_rows(left: ResidualBudget) -> tuple[Row, ...]:
         ),
         ("left beyond the larger of the two", number(left.unexplained_mm)),
     )
+
+
+def _numbers_of(doubt: Doubt) -> str:
+    return ", ".join(
+        f"{name} {each}" if isinstance(each, str) else f"{name} {each:.4g}".replace("-", "−")
+        for name, each in doubt.numbers.items()
+    )
+
+
+def _consequence(doubt: Doubt) -> str:
+    if doubt.accepted:
+        return "accepted all the same"
+    return "told only" if doubt.decision is None else f"verdict: {doubt.decision}"
+
+
+def _shown(found: IdentifiedParameter) -> str:
+    if not found.free or found.std is None:
+        return ""
+    return NO_CHANGE if abs(found.delta) <= COVERAGE * found.std else ""
 
 
 def _name_and_unit(name: str) -> Row:

@@ -38,13 +38,18 @@ class Page:
         return self.evaluation.verdict.decision
 
     @property
+    def answer(self) -> str:
+        """Decision, or that no limit was asked for where only that leaves it open."""
+        return self.evaluation.verdict.answer
+
+    @property
     def reasons(self) -> tuple[str, ...]:
         """Reasons of the verdict, a sentence each."""
         return self.evaluation.verdict.reasons
 
     @property
     def key_figures(self) -> tuple[Row, ...]:
-        """Rows of name, before and after, in mm."""
+        """Rows of name, before, after (mm), and whether that shows a change."""
         return results_sections.key_figure_rows(self.evaluation)
 
     @property

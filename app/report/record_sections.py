@@ -7,7 +7,8 @@ from campaigns.evaluation.integrity import Check
 from campaigns.evaluation.time_series import stated_uncertainty_mm, time_series
 from campaigns.evidence import Evidence, JournalFacts, SeriesFacts
 from campaigns.identification.result import Excluded
-from campaigns.journal.records import Event, Rejected
+from campaigns.journal.records import Event, Rejected, SeriesStarted
+from campaigns.shots.import_export import imported_files
 from drivers.values import Weather
 
 
@@ -70,6 +71,14 @@ def series_rows(every: tuple[SeriesFacts, ...]) -> tuple[Row, ...]:
     )
 
 
+def imported_rows(every: tuple[SeriesFacts, ...]) -> tuple[Row, ...]:
+    """Rows of imported files: series, name, sha256 of the file."""
+    imports = [facts.series for facts in every if facts.series.started.stage == "import"]
+    return tuple(
+        (str(series.number), *file) for series in imports for file in _files_of(series.started)
+    )
+
+
 def instrument_rows(evidence: Evidence, journal: JournalFacts) -> tuple[Row, ...]:
     """Rows of instruments and air: what, series, which; each once, with all its series."""
     seen: dict[tuple[str, str], list[str]] = {}
@@ -91,12 +100,19 @@ def digest_rows(evidence: Evidence, journal: JournalFacts) -> Iterator[Row]:
     if found is not None:
         yield f"journal, first {found.journal_records} records", found.journal_digest
     if run is not None:
-        yield "plan as measured", run.series.started.plan_digest
+        started = run.series.started
+        of = "shots taken in, as shots.csv" if started.stage == "import" else "plan as measured"
+        yield of, started.plan_digest
     yield "nominal robot's geometry", evidence.campaign.nominal.robot.digest()
     if evidence.parameter_file is not None:
         yield "compensated robot's geometry", evidence.parameter_file.digest()
     if evidence.loaded is not None:
         yield f"geometry loaded last ({evidence.loaded.source})", evidence.loaded.digest
+
+
+def _files_of(started: SeriesStarted) -> tuple[tuple[str, str], ...]:
+    files = tuple((file.name, file.sha256) for file in imported_files(started))
+    return files or (("not kept by the software that took them in", NOTHING),)
 
 
 def _two(values: tuple[float, float] | None, decimals: int, otherwise: str = NOTHING) -> Row:

@@ -7,38 +7,39 @@ from app.report.parts import NOTHING, Row, number, percent_gained
 from app.report.plots import pair_groups
 from campaigns.arrays import Array
 from campaigns.evaluation.decision import Requirement
+from campaigns.evaluation.gains import NO_CHANGE, Gain
 from campaigns.evaluation.iso_figures import IsoRow, iso_rows
 from campaigns.evaluation.summary import summary
-from campaigns.evaluation.validation import AXES, MeasuredLength, ValidationResult
+from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import Evaluation
 
 KEY_FIGURES = ("distances, mean error", "distances, largest error", "rotation")
-TESTS = (
-    "rotation",
-    *(f"straightness along {axis}" for axis in AXES),
-    "repeatability, radius of the sphere",
-)
+STRAIGHTNESS = "straightness"
 
 
 def key_figure_rows(found: Evaluation) -> tuple[Row, ...]:
-    """Rows of the figures for readers who read no further: name, before, after.
+    """Rows of the figures for readers who read no further: name, before, after, what is shown.
 
     Those of the commanded robot that were measured in at least one stage.
     """
-    before, after = (dict(_key_figures(stage)) for stage in (found.before, found.after))
+    lines = [gain for gain in found.gains if gain.name.startswith(STRAIGHTNESS)]
+    worst = max(lines, key=_larger, default=None)
+    chosen = [gain for gain in found.gains if gain.name in KEY_FIGURES]
     return tuple(
-        (name, number(before.get(name)), number(after.get(name))) for name in {**before, **after}
+        (gain.name, *_both(gain), NO_CHANGE if gain.shown is False else "")
+        for gain in (*chosen, *([worst] if worst else []))
     )
 
 
 def limit_rows(requirements: tuple[Requirement, ...]) -> tuple[Row, ...]:
-    """Rows of requirements: what, error, U, limit, decision."""
+    """Rows of requirements: what, error, U, limit, margin, decision."""
     return tuple(
         (
             each.name,
             "not measured" if each.error is None else number(each.error),
             number(each.expanded_uncertainty),
             "none set" if each.limit is None else number(each.limit),
+            number(each.margin, signed=True),
             each.decision or NOTHING,
         )
         for each in requirements
@@ -55,31 +56,24 @@ def error_rows(found: Evaluation) -> tuple[Row, ...]:
     )
 
 
-def test_rows(before: ValidationResult | None, after: ValidationResult | None) -> tuple[Row, ...]:
-    """Rows of the paper's tests: name, before, after, U, gain."""
-    return tuple(_test_rows(*(found.figures() if found else {} for found in (before, after))))
+def gain_rows(found: tuple[Gain, ...]) -> tuple[Row, ...]:
+    """Rows of gains: name, before, after, U of the difference, gain."""
+    return tuple(
+        (gain.name, *_both(gain), number(gain.expanded_uncertainty_mm), _gained(gain))
+        for gain in found
+    )
 
 
 def iso_table_rows(
     before: ValidationResult | None, after: ValidationResult | None
 ) -> tuple[Row, ...]:
-    """Rows of ISO 9283: symbol, figure, n, before and after with U each, conditions."""
+    """Rows beside ISO 9283: figure, n, before and after with U each, tested here, the standard."""
     stages = [iso_rows(stage) if stage else None for stage in (before, after)]
     known = next((rows for rows in stages if rows is not None), ())
     nothing = tuple(replace(row, figure=None) for row in known)
     return tuple(
         _iso_row(*pair) for pair in zip(*(rows or nothing for rows in stages), strict=True)
     )
-
-
-def _key_figures(found: ValidationResult | None) -> Iterator[tuple[str, float]]:
-    if found is None:
-        return
-    figures = found.figures()
-    named = {name: figures[name] for name in KEY_FIGURES}
-    for name, length in (named | {"straightness, worst line": found.worst_straightness}).items():
-        if length is not None:
-            yield name, length.value_mm
 
 
 def _compared_errors(found: Evaluation) -> Iterator[tuple[str, Array | None, Array | None]]:
@@ -98,26 +92,32 @@ def _summary_cells(errors_mm: Array) -> Row:
     return str(found.n), *map(number, values)
 
 
-def _test_rows(*stages: dict[str, MeasuredLength | None]) -> Iterator[Row]:
-    for name in TESTS:
-        before, after = (figures.get(name) for figures in stages)
-        known = after or before
-        if known is not None:
-            old, new = (None if length is None else length.value_mm for length in (before, after))
-            expanded = number(known.expanded_uncertainty_mm)
-            yield name, number(old), number(new), expanded, percent_gained(old, new)
+def _both(gain: Gain) -> Row:
+    both = (gain.before, gain.after)
+    return tuple(number(None if each is None else each.value_mm) for each in both)
+
+
+def _larger(gain: Gain) -> float:
+    return max(each.value_mm for each in (gain.before, gain.after) if each is not None)
+
+
+def _gained(gain: Gain) -> str:
+    if gain.before is None or gain.after is None:
+        return NOTHING
+    if not gain.shown:
+        return NO_CHANGE
+    return percent_gained(gain.before.value_mm, gain.after.value_mm)
 
 
 def _iso_row(before: IsoRow, after: IsoRow) -> Row:
     shown = after if after.figure else before
     n = str(shown.figure.n) if shown.figure else NOTHING
-    return shown.symbol, shown.what, n, *_iso_cells(before), *_iso_cells(after), shown.conditions
+    return shown.name, n, *_iso_cells(before), *_iso_cells(after), shown.tested, str(shown.asked)
 
 
 def _iso_cells(row: IsoRow) -> Row:
     figure = row.figure
     if figure is None:
         return NOTHING, NOTHING
-    value = number(figure.value_mm, signed=row.symbol == "AD")
-    value = f"± {value}" if row.symbol == "RD" else value
+    value = number(figure.value_mm, signed=figure.symbol == "AD")
     return value, number(figure.expanded_uncertainty_mm)

@@ -8,7 +8,12 @@ from campaigns.controllers import export as parameter_file
 from campaigns.controllers import linuxcnc_export
 from campaigns.evaluation.plausibility import check_distances, check_shots
 from campaigns.robots.robot import RobotDocument, RobotFile
-from campaigns.shots.import_export import ExportedShots, append_import, exported_shots
+from campaigns.shots.import_export import (
+    ExportedShots,
+    ImportedFile,
+    append_import,
+    exported_shots,
+)
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, write_shots
 
@@ -61,8 +66,13 @@ def export_shots(
     return path, found
 
 
-def import_shots(campaign: Campaign, rows: Sequence[ShotRow], name: str = "shots") -> int:
-    """Write shots of a file into the journal as a series; gives its number.
+def import_shots(
+    campaign: Campaign,
+    rows: Sequence[ShotRow],
+    name: str = "shots",
+    files: Sequence[ImportedFile] = (),
+) -> int:
+    """Write shots of files into the journal as a series; gives its number.
 
     Raises `ShotsInvalid`, naming file and cause, for shots that cannot be this robot's.
     """
@@ -71,4 +81,4 @@ def import_shots(campaign: Campaign, rows: Sequence[ShotRow], name: str = "shots
     check_shots(robot.kinematics, shots, name)
     check_distances(robot.kinematics, shots, campaign.config.gate.distance_mm, name)
     with campaign.journal() as journal:
-        return append_import(journal, rows, robot.kinematics, robot.digest(), settings)
+        return append_import(journal, rows, robot.kinematics, robot.digest(), settings, files)

@@ -5,6 +5,7 @@ from campaigns.identification.parameter_selection import select_parameters
 from campaigns.journal.records import Stage
 from campaigns.measuring.rules import gate_rules, motion_rules
 from campaigns.measuring.session import Work
+from campaigns.measuring.tracker_place import TrackerSight
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.options import Selection
 from campaigns.planning.paths import RobotModel
@@ -39,4 +40,10 @@ def engine_work(
         motion=motion_rules(config),
         gate=gate_rules(config),
         setup=setup,
+        sight=TrackerSight(
+            config.tracker.place_mm,
+            config.tracker.reflector_facing,
+            config.tracker.acceptance_rad,
+            config.validation.centre_mm,
+        ),
     )

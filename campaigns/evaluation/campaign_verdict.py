@@ -20,6 +20,8 @@ HEADLINES: Mapping[Decision, str] = {
     "not decided": "It is not shown that the robot keeps, or breaks, the limits asked for.",
 }
 NOTHING_ASKED = "No limit is asked for, so there is none to be kept or broken."
+NONE_ASKED_FOR = "no limit asked for"
+"""Stands in place of a decision where nothing but a limit is lacking."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,13 +30,19 @@ class IdentificationVerdict:
 
     decision: Decision
     reasons: tuple[str, ...]
+    accepted: tuple[str, ...] = ()
+    """Doubts that somebody accepted, in words."""
 
 
 @dataclass(frozen=True, slots=True)
 class CampaignVerdict:
-    """Decision as a whole, in a sentence each why."""
+    """Decision as a whole, in a sentence each why.
+
+    `answer` is the decision, or that no limit was asked for where only that leaves it open.
+    """
 
     decision: Decision
+    answer: str
     headline: str
     reasons: tuple[str, ...]
     requirements: tuple[Requirement, ...]
@@ -46,24 +54,30 @@ def campaign_verdict(
     checks: Sequence[Check],
     *,
     validated: bool,
+    gained: str = "",
 ) -> CampaignVerdict:
     """Pass only if the identification passed, the limits are surely kept and the files agree.
 
-    `validated`: whether the robot was measured after calibration.
+    `validated`: whether the robot was measured after calibration. `gained`: what calibration
+    gained, which is told where no limit is asked for.
     """
-    decisions: list[Decision] = [after.decision or NOT_DECIDED]
     broken = [check for check in checks if check.holds is False]
-    decisions += [NOT_DECIDED for check in broken if check.decides]
+    decisions: list[Decision] = [NOT_DECIDED for check in broken if check.decides]
     decisions.append(NOT_DECIDED if identification is None else identification.decision)
+    asked = any(r.limit is not None for r in after.requirements)
+    limits_alone_lack = not asked and after.decision is None and set(decisions) == {"pass"}
+    decisions.append(after.decision or NOT_DECIDED)
+    decision = decide_all(decisions)
     reasons = (
         *_of_identification(identification),
         *_of_limits(after, validated=validated),
         *(f"Does not hold: {check.statement} ({check.detail})." for check in broken),
     )
-    decision = decide_all(decisions)
-    asked = any(r.limit is not None for r in after.requirements)
-    headline = HEADLINES[decision] if asked or decision == "fail" else NOTHING_ASKED
-    return CampaignVerdict(decision, headline, reasons, after.requirements)
+    headline = HEADLINES[decision]
+    if not asked and decision != "fail":
+        headline = f"{gained} {NOTHING_ASKED}".strip()
+    answer = NONE_ASKED_FOR if limits_alone_lack else decision
+    return CampaignVerdict(decision, answer, headline, reasons, after.requirements)
 
 
 def _of_identification(found: IdentificationVerdict | None) -> Iterator[str]:
@@ -73,6 +87,8 @@ def _of_identification(found: IdentificationVerdict | None) -> Iterator[str]:
         yield "The identification passed: pairs of shots that were not fitted improved too."
     else:
         yield f"The identification: {found.decision} ({'; '.join(found.reasons)})."
+    if found is not None:
+        yield from (f"Accepted all the same: {doubt}." for doubt in found.accepted)
 
 
 def _of_limits(after: ValidationVerdict, *, validated: bool) -> Iterator[str]:

@@ -29,6 +29,13 @@ class Requirement:
         return None if self.error is None else COVERAGE * self.standard_uncertainty
 
     @property
+    def margin(self) -> float | None:
+        """What is left of the limit, below zero beyond it; None without error or limit."""
+        if self.error is None or self.limit is None:
+            return None
+        return self.limit - abs(self.error)
+
+    @property
     def decision(self) -> Decision | None:
         """None when no limit is asked for."""
         if self.limit is None:

@@ -5,17 +5,19 @@ from dataclasses import dataclass, field
 
 from campaigns.estimation.change_detection import Change
 from campaigns.estimation.information import ChiSquareTest
+from campaigns.estimation.lack_of_fit import LackOfFit
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.plausibility import beyond_tolerance, common_scale
 from campaigns.mechanisms.mechanism import ParameterSpace
 from campaigns.robots.robot import Tolerance
 
-COMMON_SCALE, LARGE_CHANGE, CHANGE, HOLD_OUT, CAREFUL = (
+COMMON_SCALE, LARGE_CHANGE, CHANGE, HOLD_OUT, CAREFUL, LACK = (
     "common-scale",
     "large-change",
     "change-during-campaign",
     "hold-out",
     "careful-statement",
+    "lack-of-fit",
 )
 FAR_BELOW = 0.2
 """Scatter over what is stated below which the statement is no caution any more."""
@@ -99,7 +101,11 @@ def campaign_doubt(change: Change, numbers: tuple[int, int], space: ParameterSpa
         "before_shot": float(after),
         "p": change.p,
     }
-    if change.kind in ("frame", "drift"):
+    if change.kind == "drift" and len(size) == 1:
+        values |= {"size": size[0], "std": float(change.std[0])}
+        what = f"all arms changed their lengths by {size[0]:+.2g} mm over the campaign"
+        remedy = "let the robot warm up first, or measure again when it is warm"
+    elif change.kind in ("frame", "drift"):
         moved_mm = float(sum(each**2 for each in size[3:]) ** 0.5)
         values |= {"moved_mm": moved_mm}
         what = (
@@ -133,6 +139,19 @@ def campaign_doubt(change: Change, numbers: tuple[int, int], space: ParameterSpa
 
 def _ranges(before: int, after: int) -> str:
     return f"--shots -{before} or --shots {after}-"
+
+
+def lack_doubt(found: LackOfFit, *, limits_met: bool) -> Doubt:
+    """Doubt of residuals that follow the joints, as no scatter does."""
+    more = "; acceptance limits are met all the same" if limits_met else ""
+    return Doubt(
+        LACK,
+        f"{100.0 * found.share:.0f} % of what is left follows the joints (p = {found.p:.1g}): the "
+        "model lacks something (rods of unequal length, tilted axes, bending), and positions are "
+        f"worse than their σ{more}",
+        None if limits_met else "not decided",
+        {"share": found.share, "p": found.p},
+    )
 
 
 def hold_out_doubt(ratio: float, p: float, pairs: int, *, limits_met: bool) -> Doubt:

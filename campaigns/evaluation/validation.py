@@ -33,6 +33,8 @@ NO_AXIS = -1
 SAME_MM = 1e-6
 """Below this a commanded coordinate has not changed."""
 SHOTS_OF_A_LINE = 3
+OF_THE_OUTERMOST = 0.5
+"""Standard deviation of the outermost of many visits' distances, over that of a coordinate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,11 @@ class MeasuredLength:
     def expanded_uncertainty_mm(self) -> float:
         """U, k = 2."""
         return COVERAGE * self.standard_uncertainty_mm
+
+    def with_scatter(self, scatter_mm: float) -> "MeasuredLength":
+        """The same with a scatter in its uncertainty beside the instrument's."""
+        together = float(np.hypot(self.standard_uncertainty_mm, scatter_mm))
+        return MeasuredLength(self.value_mm, together)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,8 +180,14 @@ class RepeatabilityTest:
         return away_from_mean(self.points_mm)
 
     @property
+    def scatter_mm(self) -> float:
+        """Standard deviation of one coordinate about the mean; the tracker's noise is in it."""
+        away = self.away_mm
+        return float(np.sqrt(np.sum(away**2) / (3 * (len(away) - 1))))
+
+    @property
     def rp_mm(self) -> float:
-        """ISO 9283's RP."""
+        """l̄ + 3 S of their distances from their mean: RP, were they visits from one direction."""
         return pose_repeatability(self.points_mm).value_mm
 
 
@@ -216,11 +229,34 @@ class ValidationResult:
             "repeatability, radius of the sphere": repeated.radius if repeated else None,
         }
 
+    def comparable_figures(self) -> dict[str, MeasuredLength | None]:
+        """The same figures for comparison with another validation's of the same tests.
+
+        Beside the instrument the uncertainty holds by how much the robot's own scatter would change
+        a figure, so far as repeated visits show it. That of the mean error is reduced by averaging:
+        what an instrument's errors have in common, two validations have too.
+        """
+        scatter_mm = self.repeatability.scatter_mm if self.repeatability else 0.0
+        shares = {
+            "distances, largest error": np.sqrt(2.0),
+            "rotation": np.sqrt(2.0),
+            "repeatability, radius of the sphere": OF_THE_OUTERMOST,
+        }
+        found = {
+            name: length and length.with_scatter(scatter_mm * float(shares.get(name, 1.0)))
+            for name, length in self.figures().items()
+        }
+        if self.distances is not None:
+            mean = self.distances.mean.with_scatter(scatter_mm * float(np.sqrt(2.0)))
+            together = mean.standard_uncertainty_mm / float(np.sqrt(len(self.distances.pairs)))
+            found["distances, mean error"] = MeasuredLength(mean.value_mm, together)
+        return found
+
     def further_figures_mm(self) -> dict[str, float | None]:
         """What else is told, of which no limit is asked."""
         repeated, absolute = self.repeatability, self.absolute_mm
         return {
-            "repeatability, RP": repeated.rp_mm if repeated else None,
+            "repeatability, l̄ + 3 S": repeated.rp_mm if repeated else None,
             "in the tracker's frame, mean": None if absolute is None else float(absolute.mean()),
             "in the tracker's frame, largest": None if absolute is None else float(absolute.max()),
         }
@@ -395,11 +431,17 @@ def limits_by_figure(limits: AcceptanceConfig) -> Mapping[str, float | None]:
 
 
 def _worse_than_before(found: ValidationResult | None, before_mm: float | None) -> Iterator[str]:
-    if found is None or found.distances is None or before_mm is None:
+    """What has become worse by more than the uncertainty of the difference.
+
+    The journal keeps no uncertainty of the mean before; the same pairs have the same one.
+    """
+    name = "distances, mean error"
+    after = None if found is None else found.comparable_figures()[name]
+    if after is None or before_mm is None:
         return
-    after_mm = found.distances.mean.value_mm
-    if after_mm > before_mm:
-        yield f"distances, mean error {after_mm:.3f} mm, before loading it was {before_mm:.3f} mm"
+    expanded_mm = float(np.sqrt(2.0)) * after.expanded_uncertainty_mm
+    if after.value_mm - before_mm > expanded_mm:
+        yield f"{name} {after.value_mm:.3f} mm, before loading it was {before_mm:.3f} mm"
 
 
 def _rows_of(shots: Shots, purpose: ShotSet) -> Index:

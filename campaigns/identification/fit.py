@@ -89,8 +89,11 @@ class Fit:
 
     @property
     def scatter(self) -> VarianceComponents:
-        """The robot's own."""
-        return NONE if self.points is None else self.points.scatter
+        """The robot's own, as far as the estimate takes it in: a robust loss does not."""
+        of_points = isinstance(self.observations, PointObservations)
+        if self.points is None or (of_points and self.points.found is not self.found):
+            return NONE
+        return self.points.scatter
 
 
 def fit_shots(

@@ -25,6 +25,7 @@ from campaigns.evaluation.doubts import (
     campaign_doubt,
     change_doubts,
     hold_out_doubt,
+    lack_doubt,
     noise_doubts,
 )
 from campaigns.evaluation.identification import (
@@ -36,7 +37,7 @@ from campaigns.evaluation.identification import (
 )
 from campaigns.evaluation.plausibility import check_shots
 from campaigns.evaluation.summary import Spread
-from campaigns.identification.change import change_of
+from campaigns.identification.change import change_of, lack_of_fit_of
 from campaigns.identification.fit import Fit, fit_shots
 from campaigns.identification.observations import (
     DistanceObservations,
@@ -251,14 +252,18 @@ class _Identified:
         nominal = {name: each.nominal for name, each in parameters.items()}
         yield from change_doubts(nominal, changes, options.tolerance, options.accepted)
         yield from noise_doubts(self.fit.stated_noise)
+        lack = None if self.fit.points is None else lack_of_fit_of(self.fit.points)
+        lacks = lack is not None and lack.significant
         if self.fit.points is not None:
-            change = change_of(self.fit.points, space)
+            change = change_of(self.fit.points, space, lacks=lacks)
             if change is not None:
                 found, numbers = change
                 yield campaign_doubt(found, numbers, space)
         tested, unseen = self.held_out.tested, self.held_out.errors
+        met = unseen is not None and _limits_met(unseen.summary().after, options.limits_mm)
+        if lack is not None and lacks:
+            yield lack_doubt(lack, limits_met=met)
         if tested is not None and unseen is not None and tested.p < SIGNIFICANCE:
-            met = _limits_met(unseen.summary().after, options.limits_mm)
             yield hold_out_doubt(tested.ratio, tested.p, tested.pairs, limits_met=met)
 
     def _robot_scatter(self) -> RobotScatter | None:

@@ -24,6 +24,8 @@ EventKind = Literal[
     "goal met",
     "operator note",
     "wrong stage",
+    "tracker place",
+    "shot voided",
 ]
 FindingKind = Literal["identification", "validation", "load begun", "load", "load failed"]
 """A load is begun, and then it took effect ("load") or did not; neither: the process died."""
@@ -127,9 +129,12 @@ class Rejected:
 
 @dataclass(frozen=True, slots=True)
 class PairVoided:
-    """The outcomes that these shots have so far no longer count; the pair is measured anew."""
+    """The outcomes that these shots have so far no longer count; the pair is measured anew.
 
-    pair: int
+    Without a pair, it is one shot that stands alone.
+    """
+
+    pair: int | None
     shots: tuple[int, ...]
     reason: str
 

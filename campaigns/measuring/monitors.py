@@ -17,6 +17,10 @@ SIGMAS = 4.0
 AGREEING = 2
 """Shots that agree in their distance; of one alone nobody knows whether it saw the right target."""
 WRONG = "a wrong target or a wrong pose"
+FIRST_SHOTS = 12
+"""Shots among which one that took the wrong target is looked for; later the fit is firm."""
+STANDING_MM = 1.0
+"""Points nearer to each other, of a robot that moved, are of a reflector that stands elsewhere."""
 ALARM_ENDS_AT = 0.8
 """Share of the limit below which an alarm ends: above the noise of one that is just at it."""
 
@@ -28,6 +32,8 @@ class GateDecision:
     predicted_in_tracker_mm: Vector3 | None
     residual_mm: float | None
     refusal: str
+    misfit: float = 0.0
+    """Distance from the expected over its limit."""
 
 
 class InnovationGate:
@@ -42,6 +48,11 @@ class InnovationGate:
         self._running = new_fit()
         self._accepted: dict[int, Outcome] = {}
 
+    @property
+    def distance_mm(self) -> float:
+        """Largest distance from where nominal parameters put a point."""
+        return self._rules.distance_mm
+
     def judge(self, joints: tuple[float, ...], point_in_tracker_mm: Vector3) -> GateDecision:
         """A point too far from where it should be is a wrong target or a wrong pose, never data.
 
@@ -50,7 +61,8 @@ class InnovationGate:
         read, point = np.array(joints), np.array(point_in_tracker_mm)
         predicted = self._running.predict(read)
         if predicted is None or predicted.std_mm > self._rules.distance_mm:
-            return GateDecision(None, None, self._fault_of_distances(read, point))
+            refusal, misfit = self._fault_of_distances(read, point)
+            return GateDecision(None, None, refusal, misfit)
         residual_mm = float(np.linalg.norm(point - predicted.point_mm))
         near_mm = self._rules.fitted_mm + SIGMAS * predicted.std_mm
         limit_mm = min(near_mm, self._rules.distance_mm)
@@ -59,7 +71,9 @@ class InnovationGate:
             refusal = (
                 f"{residual_mm:.2f} mm from the predicted point, limit {limit_mm:.2f} mm: {WRONG}"
             )
-        return GateDecision(vector(predicted.point_mm), residual_mm, refusal)
+        return GateDecision(
+            vector(predicted.point_mm), residual_mm, refusal, residual_mm / limit_mm
+        )
 
     def accept(self, outcome: Outcome) -> None:
         """Let an accepted shot teach the next prediction."""
@@ -73,6 +87,58 @@ class InnovationGate:
         self._running = self._new_fit()
         for outcome in self._accepted.values():
             self._teach(outcome)
+
+    def without(self, shot: int) -> "InnovationGate":
+        """Return a gate that knows all accepted shots but one."""
+        gate = InnovationGate(self._rules, self._new_fit)
+        for number, outcome in self._accepted.items():
+            if number != shot:
+                gate.accept(outcome)
+        return gate
+
+    def suspects(self, refused: Outcome) -> tuple[Outcome, ...]:
+        """Shots without which a refused one goes with all others, the likeliest to be wrong first.
+
+        Only among the first shots of a series: one that took the wrong target makes all others
+        look wrong. The very first, which nothing could contradict, is the likeliest.
+        """
+        if len(self._accepted) > FIRST_SHOTS:
+            return ()
+        first = next(iter(self._accepted), None)
+        found: list[tuple[float, Outcome]] = []
+        for shot, outcome in self._accepted.items():
+            others = self.without(shot)
+            if others.judge(refused.joints, refused.point_in_tracker_mm).refusal:
+                continue
+            others.accept(refused)
+            judged = others.judge(outcome.joints, outcome.point_in_tracker_mm)
+            found.append((np.inf if shot == first else judged.misfit, outcome))
+        found.sort(key=lambda each: -each[0])
+        return tuple(outcome for _, outcome in found)
+
+    def is_replaced(self, suspect: Outcome, again: Outcome, refused: Outcome) -> bool:
+        """Whether a suspect measured again is elsewhere, where it goes with the refused shot."""
+        moved_mm = dist(suspect.point_in_tracker_mm, again.point_in_tracker_mm)
+        if moved_mm <= self._rules.fitted_mm:
+            return False
+        others = self.without(suspect.shot)
+        others.accept(refused)
+        return not others.judge(again.joints, again.point_in_tracker_mm).refusal
+
+    def standing(self, refused: Outcome) -> tuple[Outcome, ...]:
+        """Shots whose point is that of a refused one, although the robot was elsewhere.
+
+        Of a reflector that stands still, all of them.
+        """
+        point_mm = refused.point_in_tracker_mm
+        alone = InnovationGate(self._rules, self._new_fit)
+        alone.accept(refused)
+        return tuple(
+            each
+            for each in self._accepted.values()
+            if dist(each.point_in_tracker_mm, point_mm) <= STANDING_MM
+            and alone.judge(each.joints, each.point_in_tracker_mm).refusal
+        )
 
     @property
     def accepted(self) -> tuple[Outcome, ...]:
@@ -102,18 +168,18 @@ class InnovationGate:
     def _teach(self, outcome: Outcome) -> None:
         self._running.add(np.array(outcome.joints), np.array(outcome.point_in_tracker_mm))
 
-    def _fault_of_distances(self, joints: Array, point: Array) -> str:
-        """While robot and frame are not known yet: distances to the shots before."""
+    def _fault_of_distances(self, joints: Array, point: Array) -> tuple[str, float]:
+        """While robot and frame are not known yet: distances to the shots before; over limit."""
         fault_mm = self._running.max_distance_innovation_mm(joints, point)
         limit_mm = self._rules.distance_mm
         if not isfinite(fault_mm):
-            return "the robot's model cannot be assembled at the joints that were read"
+            return "the robot's model cannot be assembled at the joints that were read", fault_mm
         if fault_mm <= limit_mm:
-            return ""
+            return "", fault_mm / limit_mm
         return (
             f"the distance to an earlier shot is {fault_mm:.2f} mm off, "
             f"limit {limit_mm:g} mm: {WRONG}"
-        )
+        ), fault_mm / limit_mm
 
 
 class DriftMonitor:
@@ -129,6 +195,11 @@ class DriftMonitor:
             self._first_mm = point_in_tracker_mm
             return None
         return dist(self._first_mm, point_in_tracker_mm)
+
+    def forget(self, point_in_tracker_mm: Vector3) -> None:
+        """Unlearn a first shot that does not count any more: the next one is the first."""
+        if self._first_mm == point_in_tracker_mm:
+            self._first_mm = None
 
 
 class TemperatureMonitor:

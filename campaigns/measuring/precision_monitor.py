@@ -19,7 +19,7 @@ from campaigns.estimation.information import (
     position_std_mm,
     workspace_jacobian,
 )
-from campaigns.identification.fit import fit_shots
+from campaigns.identification.fit import Fit, PointFit, fit_shots
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.journal.records import Intent, Outcome
@@ -91,18 +91,9 @@ class PrecisionMonitor:
 
         Takes some twenty times as long.
         """
-        shots = [
-            AcceptedShot(_intent(self.planned[outcome.shot], outcome), outcome, "")
-            for outcome in outcomes
-            if outcome.shot in self.planned
-        ]
-        setup, data = self.setup, shots_of_journal(shots, self.kinematics.mechanism)
-        selection = ParameterSelection(setup.free)
-        options = IdentificationOptions(estimator=setup.estimator, instrument=setup.uncertainty)
-        count = len(setup.free)
-        try:
-            fit = fit_shots(self.kinematics, data, selection, options)
-        except (ShotsMissing, ShotsInvalid, NoSolution, np.linalg.LinAlgError):
+        taken = self._to_identify_from(outcomes)
+        fit, count = self._fit(taken), len(self.setup.free)
+        if fit is None:
             return None
         found = fit.found
         noise, of_all = fit.stated_noise, found.covariance
@@ -112,7 +103,31 @@ class PrecisionMonitor:
             return None
         widened = max(1.0, noise.birge_ratio) if fit.scatter.any else noise.sigma0
         known = PosteriorCovariance(of_all[:count, :count], noise.birge_ratio, widened)
-        return self._in_words(len(shots), known)
+        return self._in_words(len(taken), known)
+
+    def point_fit(self, outcomes: Iterable[Outcome]) -> PointFit | None:
+        """Fit of all coordinates as `identify` makes it; None for too few shots to tell scatter."""
+        fit = self._fit(self._to_identify_from(outcomes))
+        points = None if fit is None else fit.points
+        if points is None or not points.found.fit.converged:
+            return None
+        return points if points.found.noise.dof >= MINIMUM_DOF else None
+
+    def _to_identify_from(self, outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
+        return tuple(outcome for outcome in outcomes if outcome.shot in self.planned)
+
+    def _fit(self, taken: Sequence[Outcome]) -> Fit | None:
+        shots = [
+            AcceptedShot(_intent(self.planned[outcome.shot], outcome), outcome, "")
+            for outcome in taken
+        ]
+        setup, data = self.setup, shots_of_journal(shots, self.kinematics.mechanism)
+        selection = ParameterSelection(setup.free)
+        options = IdentificationOptions(estimator=setup.estimator, instrument=setup.uncertainty)
+        try:
+            return fit_shots(self.kinematics, data, selection, options)
+        except (ShotsMissing, ShotsInvalid, NoSolution, np.linalg.LinAlgError):
+            return None
 
     def predicted(self, tracker_mm: Vector3, count: int | None = None) -> ParameterPrecision | None:
         """Precision by the plan's first shots or all, seen from there, if they scatter as stated.

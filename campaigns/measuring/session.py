@@ -7,27 +7,43 @@ import numpy as np
 from pydantic import JsonValue
 
 from campaigns.estimation.incremental_fit import IncrementalGaussNewton
+from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.journal.journal import Journal, JournalReader
-from campaigns.journal.records import Event, SeriesFinished, SeriesStarted, SessionStarted, Stage
+from campaigns.journal.records import (
+    Event,
+    Outcome,
+    SeriesFinished,
+    SeriesStarted,
+    SessionStarted,
+    Stage,
+)
 from campaigns.journal.views import AcceptedShot, Series
 from campaigns.measuring.engine import Engine, Monitors
 from campaigns.measuring.monitors import DriftMonitor, InnovationGate, TemperatureMonitor
 from campaigns.measuring.motion import Mover
 from campaigns.measuring.precision_monitor import PrecisionMonitor
+from campaigns.measuring.reference_poses import (
+    ReferenceScatter,
+    compare_as_body,
+    reference_poses,
+)
 from campaigns.measuring.resume import ResumeState, check_same, how_it_stopped, resume_state
 from campaigns.measuring.rules import GateRules, MotionRules
 from campaigns.measuring.run_state import ParameterPrecision, RunObserver, RunState
 from campaigns.measuring.series_log import SeriesLog, closing
 from campaigns.measuring.shot_taker import Cell, ShotTaker
 from campaigns.measuring.stopping_rule import PrecisionGoal, is_met
+from campaigns.measuring.tracker_place import PlaceMonitor, TrackerSight
 from campaigns.planning.paths import PathCache, RobotModel
 from campaigns.planning.predicted_precision import EstimationSetup
-from campaigns.planning.steps import Step, stops_of
+from campaigns.planning.steps import Step, groups, stops_of
 from campaigns.version import VERSION
 from drivers.values import Weather
 
 WORKSPACE_SEED = 1
 """Positions are judged at the same poses in every session."""
+UNKNOWN_SCATTER = 0.25
+"""Standard deviation, in parts of the limit of drift, of a robot whose scatter nobody knows yet."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -44,6 +60,8 @@ class Work:
     gate: GateRules
     setup: EstimationSetup
     """How the shots will be identified from, which says how much is known."""
+    sight: TrackerSight | None = None
+    """Where the tracker is said to stand; None: nobody said it."""
     goal: PrecisionGoal | None = None
     """Of what is identified; once it is met, only the other shots are taken."""
 
@@ -52,6 +70,27 @@ class Work:
         shots = [step.planned for step in self.steps]
         rng = np.random.default_rng(WORKSPACE_SEED)
         return PrecisionMonitor.of_plan(shots, self.robot, self.setup, rng)
+
+    def watched_place(self) -> PlaceMonitor | None:
+        """What compares the tracker's place with the shots, if anybody said where that is."""
+        if self.sight is None:
+            return None
+        shots = [step.planned for step in self.steps]
+        return PlaceMonitor(self.sight, self.robot.kinematics, shots)
+
+    def scatter_by(self, outcomes: Sequence[Outcome]) -> ReferenceScatter:
+        """Scatter of poses measured twice: the tracker's, and the robot's own by these shots.
+
+        Too few to tell that let the robot scatter by a part of what drift shots may.
+        """
+        instrument, fit = self.setup.uncertainty, self.knowing().point_fit(outcomes)
+        if fit is None:
+            drift = VarianceComponents(point_mm=self.gate.drift_mm * UNKNOWN_SCATTER)
+            return ReferenceScatter(drift, instrument, limit_mm=self.gate.drift_mm)
+        noise = fit.found.noise
+        return ReferenceScatter(
+            fit.scatter, instrument, max(1.0, noise.birge_ratio or 1.0), noise.dof
+        )
 
     def gate_taught_by(self, shots: Iterable[AcceptedShot]) -> InnovationGate:
         """A gate that knows these shots and no others.
@@ -141,10 +180,25 @@ class _Run:
             self.log.write(half)
         engine = self._engine(found, first_weather)
         wanted = engine.wanted(found.left)
-        reference = found.reference(self.work.steps)
-        if reference is not None and wanted:
-            engine.check_place(*reference)
+        if wanted:
+            self._check_unmoved(engine, found)
         engine.run(wanted)
+
+    def _check_unmoved(self, engine: Engine, found: ResumeState) -> None:
+        """Compare three or four spread poses with what they were, or one where there are few."""
+        work = self.work
+        references = reference_poses(work.steps, found.kept)
+        if not references:
+            reference = found.reference(work.steps)
+            if reference is not None:
+                engine.check_place(*reference)
+            return
+        kept = [shot.outcome for shot in found.kept]
+        then = [reference.then for reference in references]
+        kinematics, scatter = work.robot.kinematics, work.scatter_by(kept)
+        engine.check_body(
+            references, lambda now: compare_as_body(kinematics, kept, then, now, scatter)
+        )
 
     def _engine(self, found: ResumeState, first_weather: Weather | None) -> Engine:
         cell, work = self.cell, self.work
@@ -161,9 +215,10 @@ class _Run:
             TemperatureMonitor(work.gate.temperature_change_degC, first_weather),
             work.gate.attempts,
             work.knowing(),
+            work.watched_place(),
             work.goal,
         )
-        return Engine(cell, self.log, shooter, watches, tally)
+        return Engine(cell, self.log, shooter, watches, tally, groups(work.steps))
 
 
 def complete_series(journal: JournalReader, work: Work) -> Series | None:

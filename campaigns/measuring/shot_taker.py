@@ -16,10 +16,16 @@ from drivers.values import Measurement
 
 REACQUIRE_PATIENCE_S = 30.0
 LOOK_AGAIN_S = 1.0
+MOVED = "the robot moved while it was measured"
 
 
 class ShotFailed(Exception):
     """An attempt gave no data, and why. The tracker has been asked to find its reflector again."""
+
+    def __init__(self, reason: str, refused: Outcome | None = None) -> None:
+        super().__init__(reason)
+        self.refused = refused
+        """What was measured, when it is too far from what the shots before let one expect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +80,27 @@ class ShotTaker:
         taken = self._take(step, intent)
         outcome, refusal = self._judged(intent, taken)
         if refusal:
-            self._lose(Rejected(intent.shot, intent.attempt, refusal, outcome), taken.arrival)
+            lost = Rejected(intent.shot, intent.attempt, refusal, outcome)
+            self._lose(lost, taken.arrival, None if taken.moved else outcome)
         return outcome
+
+    def look(self, step: Step) -> Outcome:
+        """Measure a step whatever the gate would say of it; nobody has written its outcome yet.
+
+        Raises like `measure`.
+        """
+        self._tally.begin(step)
+        intent = self._log.begin(step)
+        taken = self._take(step, intent)
+        outcome = _outcome(intent, taken, GateDecision(None, None, ""))
+        if taken.moved:
+            self._lose(Rejected(intent.shot, intent.attempt, MOVED, outcome), taken.arrival)
+        return outcome
+
+    def put_aside(self, outcome: Outcome, reason: str) -> None:
+        """Write an outcome that was only compared: it does not count."""
+        self._log.write(Rejected(outcome.shot, outcome.attempt, reason, outcome))
+        self._tally.enter(EngineState.IDLE)
 
     def accept(self, outcome: Outcome) -> None:
         """Write an outcome: the shot counts, and teaches what to expect of the next one."""
@@ -102,10 +127,12 @@ class ShotTaker:
         judgement = self._gate.judge(
             taken.arrival.state.joints, taken.measurement.point_in_tracker_mm
         )
-        refusal = "the robot moved while it was measured" if taken.moved else judgement.refusal
+        refusal = MOVED if taken.moved else judgement.refusal
         return _outcome(intent, taken, judgement), refusal
 
-    def _lose(self, rejected: Rejected, arrival: Arrival) -> NoReturn:
+    def _lose(
+        self, rejected: Rejected, arrival: Arrival, refused: Outcome | None = None
+    ) -> NoReturn:
         """Write the rejection, have the tracker find its reflector, and raise `ShotFailed`."""
         self._log.write(rejected)
         self._tally.enter(EngineState.SUSPENDED)
@@ -113,7 +140,7 @@ class ShotTaker:
         self._announce(Event("suspended", text))
         self._reacquire(arrival)
         self._tally.enter(EngineState.IDLE)
-        raise ShotFailed(text)
+        raise ShotFailed(text, refused)
 
     def _reacquire(self, arrival: Arrival) -> None:
         """Have the tracker look for its reflector, again and again, while the robot stands still.

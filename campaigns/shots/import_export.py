@@ -3,7 +3,8 @@
 import hashlib
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 from pydantic import JsonValue
@@ -30,6 +31,8 @@ from campaigns.shots.shots_csv import ShotRow, shots_text
 from campaigns.version import VERSION
 
 IMPORTED = "imported"
+FILES = "imported_files"
+"""Key in an import's settings: what campaign.yaml does not say of it."""
 NOTE = re.compile(
     rf"{IMPORTED}(?:, air (?P<air>[-+.e\d]+) °C)?(?:, measured (?P<time>.*))?", re.DOTALL
 )
@@ -49,21 +52,54 @@ def noted(note: str) -> tuple[float | None, str | None]:
     return None if found["air"] is None else float(found["air"]), found["time"]
 
 
+@dataclass(frozen=True, slots=True)
+class ImportedFile:
+    """File that shots were taken from: its name, and the sha256 of its bytes."""
+
+    name: str
+    sha256: str
+
+    @classmethod
+    def of(cls, path: Path) -> "ImportedFile":
+        """File as it is now; raises `ShotsInvalid` when it cannot be read."""
+        try:
+            return cls(path.name, hashlib.sha256(path.read_bytes()).hexdigest())
+        except OSError as error:
+            raise ShotsInvalid(
+                f"{path}: cannot be read ({error.strerror})",
+                remedy="check the file's name and your rights to it",
+            ) from error
+
+
+def imported_files(started: SeriesStarted) -> tuple[ImportedFile, ...]:
+    """Files of an import; none where older software did not keep them."""
+    kept = started.configuration.get(FILES)
+    return tuple(
+        ImportedFile(str(each.get("name", "")), str(each.get("sha256", "")))
+        for each in (kept if isinstance(kept, list) else [])
+        if isinstance(each, dict)
+    )
+
+
 def append_import(
     journal: Journal,
     rows: Sequence[ShotRow],
     nominal: Kinematics,
     robot_digest: str,
     settings: Mapping[str, JsonValue],
+    files: Sequence[ImportedFile] = (),
 ) -> int:
     """Write rows as a finished series of stage `import`; gives its number.
 
-    The commanded pose is not known: the nominal model's pose of the joints stands for it. Raises
-    `ShotsInvalid` for joints that the nominal robot cannot take.
+    The names and digests of the files go into the series' settings. The commanded pose is not
+    known: the nominal model's pose of the joints stands for it. Raises `ShotsInvalid` for joints
+    that the nominal robot cannot take.
     """
     poses = _nominal_poses(nominal, rows)
     digest = hashlib.sha256(shots_text(rows, nominal.mechanism).encode()).hexdigest()
-    started = SeriesStarted("import", digest, settings, VERSION, robot_digest, None, None, None)
+    kept: list[JsonValue] = [asdict(each) for each in files]
+    known = {**settings, FILES: kept} if kept else settings
+    started = SeriesStarted("import", digest, known, VERSION, robot_digest, None, None, None)
     series = journal.start_series(started)
     journal.append(SessionStarted(VERSION, None, None, None), series=series)
     for number, (row, pose) in enumerate(zip(rows, poses, strict=True)):

@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 from sim.faults import ANSWER_FAULTS, MEASUREMENT_FAULTS, MOVE_FAULTS
 from sim.geometry import problem_with
 from sim.scenarios.robot import ControllerSection, RobotSection, changed
-from sim.scenarios.section import Count, NotNegative, Section, nearest
+from sim.scenarios.section import Count, NotNegative, Positive, Section, nearest
 from sim.scenarios.tracker import TrackerSection
 
 
@@ -45,6 +45,16 @@ class FaultSection(Section):
         return self
 
 
+class AcceptanceSection(Section):
+    """Limits that a campaign on this cell asks for; None: not asked for."""
+
+    distance_mean_mm: Positive | None = None
+    distance_max_mm: Positive | None = None
+    rotation_mm: Positive | None = None
+    straightness_mm: Positive | None = None
+    repeatability_mm: Positive | None = None
+
+
 class Scenario(Section):
     """A simulated cell."""
 
@@ -56,6 +66,7 @@ class Scenario(Section):
     controller: ControllerSection = ControllerSection()
     tracker: TrackerSection
     faults: tuple[FaultSection, ...] = ()
+    acceptance: AcceptanceSection = AcceptanceSection()
 
     def controller_flat(self) -> dict[str, float]:
         """The geometry that the controller is delivered with."""

@@ -9,6 +9,7 @@ from app.main import run_command
 from campaigns.campaign import open_campaign
 from campaigns.controllers.load import keep
 from campaigns.errors import OutputExists
+from sim.scenarios.scenario import load_scenario
 
 CONTROLLER, TRACKER = "tcp://192.168.0.10:5020", "tcp://192.168.0.1:700"
 
@@ -81,6 +82,17 @@ def test_new_keeps_the_scenario_and_its_seed_with_the_campaign(tmp_path):
 def test_new_plans_by_what_the_simulated_tracker_is_like(tmp_path, scenario, limits):
     tracker = new_campaign.create_simulated(tmp_path / "try", "par4-prototype", scenario).tracker
     assert tuple(tracker.uncertainty.model_dump().values()) == limits
+
+
+def test_limits_of_the_scenario_are_asked_for_where_they_are_wanted(tmp_path):
+    new_campaign.create_simulated(tmp_path / "new", "par4-prototype", "paper-prototype")
+    assert not any(open_campaign(tmp_path / "new").config.acceptance.model_dump().values())
+    new_campaign.create_simulated(
+        tmp_path / "try", "par4-prototype", "paper-prototype", with_limits=True
+    )
+    asked = open_campaign(tmp_path / "try").config.acceptance
+    assert asked.model_dump() == load_scenario("paper-prototype").acceptance.model_dump()
+    assert (asked.distance_mean_mm, asked.distance_max_mm) == (0.4, 1.2)
 
 
 def test_new_does_not_replace_somebodys_cell(tmp_path):

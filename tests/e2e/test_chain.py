@@ -88,6 +88,8 @@ def assert_is_identification(document):
 
 
 def test_a_dry_run_finds_the_errors_and_proves_the_gain(pkmcal, planned):
+    limits = load_scenario("paper-simulation").acceptance.model_dump()
+    change(planned / "campaign.yaml", {"acceptance": limits})
     ended = pkmcal("dry-run", planned, "--json")
     assert ended.code == 0, ended.err
     document = ended.document
@@ -106,6 +108,21 @@ def test_a_dry_run_finds_the_errors_and_proves_the_gain(pkmcal, planned):
         assert entry["value"] == pytest.approx(truth[name], abs=6.0 * (entry["std"] or 1e-9))
     assert document["parameter_file"] == str(planned / "robot-compensated.yaml")
     assert "7/8 validate after" in ended.err
+    page = Path(document["report"]).read_text(encoding="utf-8")
+    assert '<p class="decision">Pass</p>' in page
+    assert "Simulated cell: no real robot was measured." in page
+    assert pkmcal("report", planned).code == 0
+
+
+def test_a_dry_run_whose_limit_lies_within_the_uncertainty_decides_nothing(pkmcal, planned):
+    change(planned / "campaign.yaml", {"acceptance.rotation_mm": 0.001})
+    ended = pkmcal("dry-run", planned, "--json")
+    assert ended.code == 1
+    page = Path(ended.document["report"]).read_text(encoding="utf-8")
+    assert '<p class="decision">Not decided</p>' in page
+    again = pkmcal("report", planned)
+    assert again.code == 0, "only a fail is one"
+    assert "Not decided: rotation." in again.out
 
 
 def test_a_dry_run_whose_fit_is_not_good_loads_nothing(pkmcal, planned):

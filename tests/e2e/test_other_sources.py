@@ -1,6 +1,7 @@
 """Another tracker, points of other software, shots handed on, a byte log: through the commands."""
 
 import csv
+import hashlib
 
 import pytest
 from command_line import change
@@ -19,6 +20,12 @@ def test_shots_handed_on_and_taken_in_give_the_same_parameters(pkmcal, measured,
     other = tmp_path / "other"
     assert pkmcal("new", other).code == 0
     assert pkmcal("import", other, shots).code == 0
+    digest = hashlib.sha256(shots.read_bytes()).hexdigest()
+    assert pkmcal("report", other).code == 0
+    page = (other / "report.html").read_text(encoding="utf-8")
+    assert digest in page
+    assert "shots.csv" in page
+    assert "Simulated" not in page
     second = pkmcal("identify", other, "--json").document["parameters"]
     for name, found in first.items():
         assert second[name]["value"] == pytest.approx(found["value"], abs=1e-6)

@@ -134,7 +134,7 @@ def test_no_table_and_no_figure_is_cut_by_a_page(pdf_pages: list[str]) -> None:
         ("Limits asked for", "repeatability, radius of the sphere"),
         ("Errors of distance and position", "commanded positions"),
         ("Parameters old and new", "held: not identified"),
-        ("Before and after calibration", "line along z"),
+        ("Before and after calibration", "along z"),
         ("pairs, in the order of the plan", "Errors of distance, pair by pair."),
         ("since the first shot", "Air and drift while measuring."),
     ):

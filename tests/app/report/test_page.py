@@ -10,20 +10,37 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from paper_campaign import NOMINAL, PaperCampaign, new_campaign, whole_campaign
+from paper_campaign import (
+    CONTROLLER,
+    NOMINAL,
+    PaperCampaign,
+    new_campaign,
+    whole_campaign,
+)
 
 from app.cli.report import report, report_document
+from app.report import model_sections
 from app.report.page import Page, page_html, page_of
 from app.report.parts import Paragraph, Section
 from app.report.rendering import sections_of
 from campaigns.campaign import open_campaign
 from campaigns.errors import JournalFailed, OutputExists
+from campaigns.evaluation.doubts import Doubt
 from campaigns.evidence import evaluate, gather
-from campaigns.identification.result import ComparedModel, Excluded
-from campaigns.journal.records import Event, Intent, PairVoided, Rejected
+from campaigns.identification.result import ComparedModel, Excluded, HoldOut, RobotScatter
+from campaigns.journal.records import (
+    Event,
+    Finding,
+    Intent,
+    PairVoided,
+    Rejected,
+    SeriesStarted,
+)
 from campaigns.settings.sections import AcceptanceConfig, PeopleConfig
+from campaigns.shots.import_export import ImportedFile, append_import
 from campaigns.shots.shot_sets import ShotSet
-from drivers.values import Pose
+from campaigns.shots.shots_csv import ShotRow
+from drivers.values import Identity, Pose
 
 FIGURES = {
     "shot-errors",
@@ -385,6 +402,140 @@ def test_a_simulated_cell_is_called_that(tmp_path: Path) -> None:
     settings = tmp_path / "real" / "campaign.yaml"
     settings.write_text(re.sub(r"tcp://\S+", "sim://cell", settings.read_text()))
     assert "Simulated cell" in html(real)
+
+
+def test_a_served_cell_is_called_simulated_by_what_it_says_of_itself(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "served")
+    tracker = Identity("Leica", "SIM-LT", "390001", "1.0", "emScon")
+    started = SeriesStarted("before", "p", {}, "0.1.0", "r", CONTROLLER, tracker, None)
+    with paper.journal() as journal:
+        journal.start_series(started)
+    assert "Simulated: the tracker of series 1." in html(paper)
+
+
+def test_an_import_names_its_files_and_is_never_called_simulated(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "imported")
+    settings = paper.folder / "campaign.yaml"
+    settings.write_text(re.sub(r"tcp://\S+", "sim://cell", settings.read_text()))
+    planned = paper.plan(2, 0)[1:-1]
+    rows = tuple(ShotRow(s.pair, s.joints, (1000.0 + s.shot, 2.0, 3.0), s.purpose) for s in planned)
+    file = ImportedFile("points of May.csv", "5e" * 32)
+    with paper.journal() as journal:
+        for files in ((), (file,)):
+            append_import(journal, rows, NOMINAL.robot.kinematics, "r", {}, files)
+    words = " ".join(words_of(html(paper)))
+    assert "Simulated" not in words
+    assert f"2 points of May.csv {'5e' * 32}" in words
+    assert "1 not kept by the software that took them in" in words
+    assert "plan as measured" not in words
+
+
+def with_identification(paper: PaperCampaign, **changes: object) -> str:
+    evidence = gather(paper.campaign)
+    found = replace(evidence.identification, **changes)
+    shown = page_of(evaluate(replace(evidence, identification=found)), MADE_UTC)
+    return " ".join(words_of(page_html(shown)))
+
+
+def test_every_doubt_stands_with_its_name_sentence_and_numbers(whole: PaperCampaign) -> None:
+    doubts = (
+        Doubt("common-scale", "all lengths grew", "fail", {"share": 0.0101, "p": 1e-9}),
+        Doubt("large-change", "arm 2 is long", "fail", {"beyond": 1.0}, accepted=True),
+        Doubt("careful-statement", "too quiet", None, {"birge_ratio": 0.1, "kind": "stated"}),
+    )
+    text = with_identification(whole, doubts=doubts)
+    for row in (
+        "common-scale all lengths grew share 0.0101, p 1e−09 verdict: fail",
+        "large-change arm 2 is long beyond 1 accepted all the same",
+        "careful-statement too quiet birge_ratio 0.1, kind stated told only",
+        "Accepted all the same: arm 2 is long.",
+    ):
+        assert row in text
+    assert "The identification states no doubt." not in text
+    assert "The identification states no doubt." in with_identification(whole, doubts=())
+
+
+def test_the_robots_scatter_and_the_hold_out_test_stand_in_words(whole: PaperCampaign) -> None:
+    scatter = RobotScatter(0.14, 0.005, 0.0, 0.0, "the point scatters by 0.14 ± 0.005 mm")
+    text = with_identification(whole, robot_scatter=scatter)
+    assert "The robot's own scatter: the point scatters by 0.14 ± 0.005 mm. Every σ" in text
+    held = HoldOut(8, 12.34, 0.031, 1.24)
+    text = with_identification(whole, hold_out=held, doubts=())
+    assert "8 pairs that were never fitted are 1.24 times as far off as their σ predict" in text
+    assert "(χ² 12.3, p = 0.031). That agrees with these σ." in text
+    doubt = Doubt("hold-out", "the model lacks something", "not decided", {"ratio": 4.0})
+    text = with_identification(whole, hold_out=replace(held, ratio=4.0), doubts=(doubt,))
+    assert "That is not believable: see Doubts." in text
+    assert "Hold-out test" not in with_identification(whole, hold_out=None)
+
+
+def test_a_load_without_an_end_stands_above_the_verdict(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "loading")
+    begun = {
+        "source": "robot-compensated.yaml",
+        "digest": "d",
+        "kept": "k.yaml",
+        "wanted": {"plate_mm": 1.0},
+        "held": {"plate_mm": 2.0},
+        "controller_serial": "R-1",
+    }
+    assert 'class="alarm"' not in html(paper)
+    with paper.journal() as journal:
+        journal.append(Finding("load begun", begun))
+    text = html(paper)
+    alarm = text.index("A load of robot-compensated.yaml was begun at")
+    assert text.index('class="alarm"') < alarm < text.index('id="verdict"')
+
+
+def test_the_box_says_what_was_gained_where_no_limit_was_asked_for(
+    whole: PaperCampaign, whole_html: str
+) -> None:
+    box = whole_html[whole_html.index('id="verdict"') :].partition("</section>")[0]
+    assert '<p class="decision">No limit asked for</p>' in box
+    assert "Measured before and after: distances, mean error" in box
+    assert 'class="no-limit-asked-for"' in box
+    assert page(whole).decision == "not decided"
+
+
+def test_repeatability_that_calibration_did_not_change_shows_no_change(whole_html: str) -> None:
+    text = " ".join(words_of(whole_html))
+    row = re.search(
+        r"repeatability, radius of the sphere [\d.]+ [\d.]+ [\d.]+ (no change|\d)", text
+    )
+    assert row is not None
+    assert row[1] == "no change"
+
+
+def test_a_parameter_within_its_uncertainty_shows_no_change(whole: PaperCampaign) -> None:
+    parameters = gather(whole.campaign).identification.parameters
+    rows = {
+        (row[0], row[1]): row[-1]
+        for row in model_sections.parameter_rows(
+            {
+                "a_mm": replace(parameters["plate_mm"], nominal=1.0, value=1.19, std=0.1),
+                "b_mm": replace(parameters["plate_mm"], nominal=1.0, value=1.21, std=0.1),
+            }
+        )
+    }
+    assert rows == {("a", "mm"): "no change shown", ("b", "mm"): ""}
+
+
+def test_no_figure_of_ours_has_a_symbol_of_the_standard(whole: PaperCampaign) -> None:
+    sections = {section.name: section for section in page(whole).sections}
+    for row in sections["iso9283"].parts[0].rows:
+        *ours, theirs = row
+        assert not re.search(r"\b(AP|RP|vAP|AD|RD|AT)\b", " ".join(ours))
+        assert re.match(r"(AP|RP|vAP|AD|RD|AT) \(", theirs)
+
+
+def test_a_limit_stands_with_its_margin(tmp_path: Path) -> None:
+    limits = AcceptanceConfig(distance_mean_mm=0.5)
+    paper = new_campaign(tmp_path / "margin", acceptance=limits)
+    paper.validate("after", frozenset({ShotSet.VALIDATION}))
+    first = page(paper).sections[0].parts[0].rows[0]
+    error, margin = float(first[1]), float(first[4].replace("−", "-"))
+    assert first[0] == "distances, mean error"
+    assert margin == pytest.approx(0.5 - error, abs=0.001)
 
 
 def test_an_older_report_is_replaced_and_no_other_file(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import pytest
 from paper_campaign import PaperCampaign
 
 from campaigns.evaluation.campaign_verdict import (
+    NONE_ASKED_FOR,
     CampaignVerdict,
     IdentificationVerdict,
     campaign_verdict,
@@ -42,9 +43,18 @@ def judged(
     *checks: Check,
     identification: IdentificationVerdict | None = PASSED,
     mean_before_mm: float | None = None,
+    gained: str = "",
 ) -> CampaignVerdict:
     validated = validation_verdict(after, limits, mean_before_mm)
-    return campaign_verdict(identification, validated, checks, validated=after is not None)
+    was_there = after is not None
+    return campaign_verdict(identification, validated, checks, validated=was_there, gained=gained)
+
+
+def far_off(found: ValidationResult, error_mm: float) -> ValidationResult:
+    """The same with every distance off by so much."""
+    test = found.distances
+    assert test is not None
+    return replace(found, distances=replace(test, commanded_mm=test.measured_mm + error_mm))
 
 
 def decision_on(found: CampaignVerdict, name: str) -> str | None:
@@ -76,6 +86,43 @@ def test_no_limit_asked_for_decides_nothing(after: ValidationResult) -> None:
     assert {r.decision for r in found.requirements} == {None}
 
 
+def test_where_only_a_limit_lacks_the_answer_is_that_none_was_asked_for(
+    after: ValidationResult,
+) -> None:
+    found = judged(after, AcceptanceConfig(), gained="Gained: much.")
+    assert found.answer == "no limit asked for"
+    assert found.headline.startswith("Gained: much. No limit is asked for")
+    assert judged(after, WIDE, gained="Gained: much.").answer == "pass"
+    assert "Gained" not in judged(after, WIDE, gained="Gained: much.").headline
+
+
+@pytest.mark.parametrize(
+    ("identification", "checks", "answer"),
+    [
+        (None, (), "not decided"),
+        (IdentificationVerdict("not decided", ("why",)), (), "not decided"),
+        (IdentificationVerdict("fail", ("why",)), (), "fail"),
+        (PASSED, (Check("the plan is the plan", holds=False, detail=""),), "not decided"),
+        (PASSED, (Check("the limits", holds=False, detail="", decides=False),), NONE_ASKED_FOR),
+    ],
+)
+def test_what_else_leaves_it_open_is_not_hidden_by_a_limit_not_asked_for(
+    after: ValidationResult,
+    identification: IdentificationVerdict | None,
+    checks: tuple[Check, ...],
+    answer: str,
+) -> None:
+    found = judged(after, AcceptanceConfig(), *checks, identification=identification)
+    assert found.answer == answer
+
+
+def test_an_accepted_doubt_stands_among_the_reasons(after: ValidationResult) -> None:
+    accepted = IdentificationVerdict("pass", (), ("all lengths are longer",))
+    found = judged(after, WIDE, identification=accepted)
+    assert found.decision == "pass"
+    assert "Accepted all the same: all lengths are longer." in found.reasons
+
+
 def test_a_limit_without_a_measurement_decides_nothing() -> None:
     found = judged(None, WIDE)
     assert found.decision == "not decided"
@@ -83,13 +130,23 @@ def test_a_limit_without_a_measurement_decides_nothing() -> None:
 
 
 def test_distances_that_became_worse_fail_whatever_is_asked_for(after: ValidationResult) -> None:
-    assert after.distances is not None
-    mean_mm = after.distances.mean.value_mm
+    worse = far_off(after, 0.5)
     for limits in (WIDE, AcceptanceConfig()):
-        found = judged(after, limits, mean_before_mm=0.9 * mean_mm)
+        found = judged(worse, limits, mean_before_mm=0.4)
         assert found.decision == "fail"
         assert any("before loading" in reason for reason in found.reasons)
-    assert judged(after, WIDE, mean_before_mm=1.1 * mean_mm).decision == "pass"
+    assert judged(worse, WIDE, mean_before_mm=0.6).decision == "pass"
+
+
+def test_distances_worse_by_less_than_the_uncertainty_are_not_called_worse(
+    after: ValidationResult,
+) -> None:
+    worse = far_off(after, 0.5)
+    mean = worse.comparable_figures()["distances, mean error"]
+    assert mean is not None
+    expanded_mm = 2.0**0.5 * mean.expanded_uncertainty_mm
+    assert judged(worse, WIDE, mean_before_mm=0.5 - 0.99 * expanded_mm).decision == "pass"
+    assert judged(worse, WIDE, mean_before_mm=0.5 - 1.01 * expanded_mm).decision == "fail"
 
 
 def test_without_an_identification_nothing_passes(after: ValidationResult) -> None:

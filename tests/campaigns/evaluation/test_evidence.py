@@ -1,16 +1,25 @@
 """A campaign's evaluation against numbers found another way."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from paper_campaign import ERRORS, NOISE_MM, NOMINAL, PaperCampaign, new_campaign
+from paper_campaign import (
+    ERRORS,
+    NOISE_MM,
+    NOMINAL,
+    PaperCampaign,
+    new_campaign,
+    whole_campaign,
+)
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from campaigns.controllers.export import latest_identification
 from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.evaluation.doubts import Doubt
 from campaigns.evaluation.iso_figures import iso_rows
 from campaigns.evaluation.model_errors import excluded_rows, model_errors
 from campaigns.evaluation.residual_budget import ResidualBudget
@@ -21,6 +30,7 @@ from campaigns.identification.result import RecordedIdentification, read_identif
 from campaigns.journal.records import Finding
 from campaigns.journal.views import AcceptedShot
 from campaigns.robots.robot import pose_row
+from campaigns.settings.sections import AcceptanceConfig
 from campaigns.shots.shot_sets import ShotSet
 
 INSTRUMENT = TrackerUncertainty()
@@ -100,15 +110,25 @@ def test_repeatability_is_the_iso_figure_of_the_same_points(
 ) -> None:
     visits = points_mm(accepted(whole, "after", ShotSet.REPEATABILITY))
     away = np.linalg.norm(visits - visits.mean(axis=0), axis=1)
-    row = next(row for row in iso_rows(contents.after) if row.symbol == "RP")
+    row = next(row for row in iso_rows(contents.after) if row.asked.symbol == "RP")
     assert row.figure.value_mm == pytest.approx(away.mean() + 3.0 * away.std(ddof=1))
     assert row.figure.value_mm == contents.after.repeatability.rp_mm
     assert row.figure.n == len(visits)
 
 
 def test_symbols_whose_tests_were_not_made_have_no_figure(contents: Evaluation) -> None:
-    without = {row.symbol for row in iso_rows(contents.after) if row.figure is None}
+    without = {row.asked.symbol for row in iso_rows(contents.after) if row.figure is None}
     assert without == {"vAP", "RD"}
+
+
+def test_no_figure_that_is_not_formed_as_the_standard_forms_it_has_a_symbol(
+    contents: Evaluation,
+) -> None:
+    rows = iso_rows(contents.after)
+    symbols = {row.asked.symbol for row in rows}
+    assert symbols == {"AP", "RP", "vAP", "AD", "RD", "AT"}
+    for row in rows:
+        assert not symbols & set(re.findall(r"\w+", f"{row.name} {row.tested}"))
 
 
 def test_the_truth_lies_within_the_stated_deviations(contents: Evaluation) -> None:
@@ -206,3 +226,40 @@ def test_shots_without_a_stated_uncertainty_get_the_instruments(tmp_path: Path) 
     stated, assumed = (TestShots.of(each, INSTRUMENT).covariance_mm2 for each in (shots, bare))
     assert np.allclose(stated, NOISE_MM**2 * np.eye(3))
     assert assumed[0].trace() > stated[0].trace()
+
+
+def test_a_load_without_an_end_leaves_the_verdict_open(tmp_path: Path) -> None:
+    paper = whole_campaign(tmp_path / "loading", acceptance=AcceptanceConfig(distance_mean_mm=1.0))
+    assert evaluate(gather(paper.campaign)).verdict.decision == "pass"
+    begun = {
+        "source": "robot-compensated.yaml",
+        "digest": "d",
+        "kept": "k.yaml",
+        "wanted": {"plate_mm": 1.0},
+        "held": {"plate_mm": 2.0},
+        "controller_serial": "R-1",
+    }
+    with paper.journal() as journal:
+        journal.append(Finding("load begun", begun))
+    found = evaluate(gather(paper.campaign))
+    assert found.evidence.journal is not None
+    assert "was begun at" in found.evidence.journal.unended_load
+    assert found.verdict.decision == "not decided"
+    assert "it is known what the controller holds" in " ".join(found.verdict.reasons)
+    with paper.journal() as journal:
+        journal.append(Finding("load begun", {"source": "of another version"}))
+    other = gather(paper.campaign)
+    assert other.journal is not None
+    assert "cannot read" in other.journal.unended_load
+    assert other.unreadable
+    with paper.journal() as journal:
+        journal.append(Finding("load failed", {"source": "x", "reason": "y"}))
+    assert evaluate(gather(paper.campaign)).verdict.decision == "not decided"
+
+
+def test_what_was_accepted_stands_in_the_verdict(whole: PaperCampaign) -> None:
+    evidence = gather(whole.campaign)
+    doubt = Doubt("common-scale", "everything is longer", "fail", {"share": 0.01}, accepted=True)
+    found = replace(evidence.identification, doubts=(doubt, replace(doubt, accepted=False)))
+    reasons = evaluate(replace(evidence, identification=found)).verdict.reasons
+    assert [r for r in reasons if "longer" in r] == ["Accepted all the same: everything is longer."]

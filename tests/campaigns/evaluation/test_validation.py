@@ -209,7 +209,7 @@ def test_figures_on_screen_and_page_are_those_of_the_document(whole: ValidationR
         "repeatability, radius of the sphere": document["repeatability"]["radius_mm"],
     }
     assert further == {
-        "repeatability, RP": document["repeatability"]["rp_mm"],
+        "repeatability, l̄ + 3 S": document["repeatability"]["rp_mm"],
         "in the tracker's frame, mean": document["frame_mm"]["mean"],
         "in the tracker's frame, largest": document["frame_mm"]["max"],
     }

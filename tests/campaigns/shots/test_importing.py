@@ -11,7 +11,7 @@ from tested_journal import plain_journal
 
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.shots.import_export import append_import
+from campaigns.shots.import_export import ImportedFile, append_import, imported_files
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
 from campaigns.shots.shots_csv import ShotRow
@@ -98,3 +98,27 @@ def test_same_shots_have_the_same_digest_and_others_another(tmp_path: Path) -> N
             append_import(journal, shots, NOMINAL, ROBOT.digest(), {})
         digests = [series.started.plan_digest for series in journal.series("import")]
     assert digests[0] == digests[1] != digests[2]
+
+
+def test_names_and_digests_of_the_files_are_kept_with_the_series(tmp_path: Path) -> None:
+    points, joints = tmp_path / "points.txt", tmp_path / "joints.csv"
+    points.write_bytes(b"abc")
+    joints.write_bytes(b"")
+    files = tuple(ImportedFile.of(path) for path in (points, joints))
+    abc = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    assert files[0] == ImportedFile("points.txt", abc)
+    with plain_journal(tmp_path) as journal:
+        append_import(journal, rows(), NOMINAL, ROBOT.digest(), {"name": "test"}, files)
+        started = journal.series("import")[0].started
+    assert imported_files(started) == files
+    assert started.configuration["name"] == "test"
+
+
+def test_an_import_of_older_software_names_no_file(tmp_path: Path) -> None:
+    series, _ = imported(tmp_path, rows())
+    assert imported_files(series.started) == ()
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ShotsInvalid, match=r"nothing\.csv: cannot be read"):
+        ImportedFile.of(tmp_path / "nothing.csv")

@@ -43,6 +43,17 @@ def test_four_scenarios_are_shipped_and_each_makes_a_cell():
         assert Cell(scenario).tracker.live_point(0.0) is not None
 
 
+def test_every_shipped_scenario_asks_for_limits_and_a_wrong_one_is_explained():
+    for name in shipped_scenarios():
+        asked = load_scenario(name).acceptance
+        assert 0.0 < asked.distance_mean_mm < asked.distance_max_mm
+        assert asked.rotation_mm > 0.0
+        assert asked.straightness_mm > 0.0
+        assert asked.repeatability_mm is None, "calibration does not change it"
+    assert parse_scenario(MINIMAL, "cell.yaml").acceptance.distance_mean_mm is None
+    assert "rotation_mm" in explained(MINIMAL + "acceptance: {rotation_mm: -1.0}\n")
+
+
 def test_table_1_is_the_truth_of_the_papers_simulation():
     errors = load_scenario("paper-simulation").robot.errors
     assert len(errors) == 22

@@ -1,0 +1,77 @@
+"""Lack of fit: what a model leaves that is a smooth function of the joints, and no scatter.
+
+Scatter of a robot is new at every shot. What a model lacks (rods of unequal length, tilted axes,
+bending) is the same at the same joints and changes slowly with them: an F test of low polynomials
+of the joints, beside all unknowns of the fit, tells the two apart.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+from scipy.special import fdtrc
+
+from campaigns.arrays import Array
+
+SIGNIFICANCE = 1e-3
+DEGREE = 2
+LEAST_FREEDOM = 30
+"""Degrees of freedom that must be left beside the polynomials."""
+
+
+@dataclass(frozen=True, slots=True)
+class LackOfFit:
+    """Test of what a model leaves of the shots."""
+
+    share: float
+    """Part of the residuals' variance that smooth functions explain beyond chance."""
+    p: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether it is more than chance makes."""
+        return self.p < SIGNIFICANCE
+
+
+def smooth_columns(joints: Array) -> Array:
+    """Displacements of points (N, 3, m) that are polynomials of the joints (N, n)."""
+    spread = joints.std(axis=0)
+    scaled = (joints - joints.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
+    places = range(joints.shape[1])
+    terms = [
+        np.prod(scaled[:, list(chosen)], axis=1)
+        for degree in range(1, DEGREE + 1)
+        for chosen in combinations_with_replacement(places, degree)
+    ]
+    columns = np.einsum("nt,kl->nktl", np.stack(terms, axis=1), np.eye(3))
+    return np.asarray(columns.reshape(len(joints), 3, -1))
+
+
+def enough_shots(shots: int, unknowns: int, columns: int) -> bool:
+    """Whether so many shots tell anything beside unknowns and columns."""
+    return 3 * shots - unknowns - columns >= LEAST_FREEDOM
+
+
+def lack_of_fit(residual: Array, jacobian: Array, smooth: Array) -> LackOfFit | None:
+    """Test of smooth columns (N, 3, m) beside (N, 3) and (N, 3, P), all whitened; None for few."""
+    count, unknowns = len(residual), jacobian.shape[-1]
+    if not enough_shots(count, unknowns, smooth.shape[-1]):
+        return None
+    explained = _basis(jacobian.reshape(3 * count, -1))
+    left = residual.ravel() - explained @ (explained.T @ residual.ravel())
+    rows = smooth.reshape(3 * count, -1)
+    more = _basis(rows - explained @ (explained.T @ rows))
+    gain, chi2 = float(np.sum((more.T @ left) ** 2)), float(left @ left)
+    m, freedom = more.shape[1], 3 * count - explained.shape[1] - more.shape[1]
+    if m == 0 or chi2 <= gain:
+        return None
+    rest = (chi2 - gain) / freedom
+    return LackOfFit(max(0.0, gain - m * rest) / chi2, float(fdtrc(m, freedom, gain / m / rest)))
+
+
+def _basis(columns: Array) -> Array:
+    """Orthonormal basis of the columns' space."""
+    norms = np.linalg.norm(columns, axis=0)
+    kept = norms > 1e-9 * norms.max(initial=0.0)
+    u, spread, _ = np.linalg.svd(columns[:, kept] / norms[kept], full_matrices=False)
+    return np.asarray(u[:, spread > spread[0] * 1e-8] if len(spread) else u)

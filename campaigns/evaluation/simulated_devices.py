@@ -1,0 +1,76 @@
+"""Simulated devices: which series were not measured on real ones, as their records say."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from campaigns.journal.records import SeriesStarted
+from campaigns.journal.views import Series
+from drivers.values import Identity
+
+SCHEME = "sim://"
+VENDOR = "pkmcal"
+"""By which a simulated cell names itself, also where it is served to others."""
+MODELS = frozenset({"SIM-LT", "SIM-TS"})
+"""Names of the simulated trackers, whose wires have no word for a vendor."""
+NO_REAL_ROBOT = "Simulated cell: no real robot was measured."
+DEVICES = ("controller", "tracker")
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedDevices:
+    """Series by the devices that were simulated in them, and whether all that there is was."""
+
+    controller: tuple[int, ...]
+    tracker: tuple[int, ...]
+    everything: bool
+
+    @property
+    def says(self) -> str:
+        """Sentence for readers; empty where every device was real."""
+        if self.everything:
+            return NO_REAL_ROBOT
+        both = {"controller": self.controller, "tracker": self.tracker}
+        parts = [f"the {name} of series {_listed(each)}" for name, each in both.items() if each]
+        return f"Simulated: {'; '.join(parts)}." if parts else ""
+
+
+def simulated_devices(series: Iterable[Series], *, planned: bool) -> SimulatedDevices:
+    """Devices that were simulated; shots that were imported come from none of ours.
+
+    `planned`: whether campaign.yaml names a simulated cell, which counts as long as there is no
+    series at all.
+    """
+    every = tuple(series)
+    found = {
+        name: tuple(each.number for each in every if name in simulated_in(each.started))
+        for name in DEVICES
+    }
+    numbers = tuple(each.number for each in every)
+    everything = all(each == numbers for each in found.values()) if every else planned
+    return SimulatedDevices(found["controller"], found["tracker"], everything)
+
+
+def simulated_in(started: SeriesStarted) -> tuple[str, ...]:
+    """Names of the devices of a series that are simulated: by their address, or as they say."""
+    if started.stage == "import":
+        return ()
+    identities = {"controller": started.robot, "tracker": started.tracker}
+    return tuple(
+        name
+        for name in DEVICES
+        if _address(started.configuration, name).startswith(SCHEME)
+        or _calls_itself_simulated(identities[name])
+    )
+
+
+def _address(settings: Mapping[str, object], device: str) -> str:
+    section = settings.get(device)
+    return str(section.get("url", "")) if isinstance(section, Mapping) else ""
+
+
+def _calls_itself_simulated(identity: Identity | None) -> bool:
+    return identity is not None and (identity.vendor == VENDOR or identity.model in MODELS)
+
+
+def _listed(numbers: tuple[int, ...]) -> str:
+    return ", ".join(map(str, numbers))

@@ -1,0 +1,152 @@
+"""Tracker's place: where it stands by the shots, and whether the plan can be seen from there."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import dist, hypot
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.estimation.rigid_transforms import fit_transform
+from campaigns.journal.records import Event, Outcome
+from campaigns.measuring.stopping_rule import in_ranges
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.planning.plan_check import view_fault
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.plans import View
+from campaigns.robots.robot import pose_row
+from drivers.values import Vector3
+
+RANGE_LIMIT_MM = 300.0
+"""Difference of a first point's distance from the tracker that a rough place explains."""
+FIRST_SHOTS = 2
+SHOTS_FOR_A_PLACE = 4
+NOMINAL_STD_MM = 3.0
+"""Least scatter of a nominal robot's positions, by which the found place is uncertain."""
+PLACE_LIMIT_MM = 100.0
+"""A place that is given within some cm is right."""
+SIGMAS = 3.0
+MM_PER_M = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerSight:
+    """Tracker's place and the reflector's direction as campaign.yaml has them; base frame."""
+
+    place_mm: Vector3
+    facing: Vector3 | None
+    """None: from the workspace's centre to the tracker, wherever that stands."""
+    acceptance_rad: float
+    centre_mm: Vector3
+
+    def seen_from(self, place_mm: Vector3) -> View:
+        """View of the reflector from another place."""
+        away = np.subtract(place_mm, self.centre_mm)
+        return View(place_mm, self.facing or _vector(away), self.acceptance_rad)
+
+
+@dataclass(frozen=True, slots=True)
+class FoundPlace:
+    """Tracker's place in the base frame, by the best fit of nominal positions to points."""
+
+    place_mm: Vector3
+    std_mm: float
+
+
+class PlaceMonitor:
+    """Monitor of the place in campaign.yaml against what the first shots of a session show."""
+
+    def __init__(
+        self, sight: TrackerSight, kinematics: Kinematics, planned: Sequence[PlannedShot]
+    ) -> None:
+        self._sight = sight
+        self._kinematics = kinematics
+        self._planned = planned
+        self._range_told = False
+        self._settled = False
+
+    def news(self, accepted: Sequence[Outcome]) -> tuple[Event, ...]:
+        """What to tell of the shots that count so far; each thing once."""
+        if self._settled or not accepted:
+            return ()
+        return tuple(self._news(accepted))
+
+    def _news(self, accepted: Sequence[Outcome]) -> Iterator[Event]:
+        if len(accepted) <= FIRST_SHOTS and not self._range_told:
+            text = self._range_text(accepted[-1])
+            self._range_told = bool(text)
+            if text:
+                yield Event("tracker place", text)
+        found = found_place(self._kinematics, accepted)
+        if found is None:
+            return
+        off_mm = dist(found.place_mm, self._sight.place_mm)
+        limit_mm = max(PLACE_LIMIT_MM, SIGMAS * found.std_mm)
+        self._settled = off_mm > limit_mm or limit_mm == PLACE_LIMIT_MM
+        if off_mm > limit_mm:
+            yield Event(
+                "tracker place",
+                f"the tracker stands at {_listed(found.place_mm)} mm, campaign.yaml says "
+                f"{_listed(self._sight.place_mm)}: {off_mm / MM_PER_M:.1f} m off; "
+                "correct tracker.place_mm",
+            )
+            yield from self._unseen(found.place_mm)
+
+    def _range_text(self, outcome: Outcome) -> str:
+        """How far the first point is from where the nominal robot and the tracker's place put it.
+
+        The axes of the tracker are not known yet, so only its distance tells.
+        """
+        modelled = self._kinematics.forward(np.array([outcome.joints]))
+        if not modelled.found.all():
+            return ""
+        expected_mm = float(np.linalg.norm(modelled.values[0, :3] - self._sight.place_mm))
+        measured_mm = float(np.linalg.norm(outcome.point_in_tracker_mm))
+        if abs(measured_mm - expected_mm) <= RANGE_LIMIT_MM:
+            return ""
+        return (
+            f"shot {outcome.shot}: its point is {measured_mm / MM_PER_M:.2f} m from the tracker, "
+            f"by tracker.place_mm it should be {expected_mm / MM_PER_M:.2f} m: a wrong target, or "
+            "tracker.place_mm in campaign.yaml is wrong; the next shots will tell"
+        )
+
+    def _unseen(self, place_mm: Vector3) -> Iterator[Event]:
+        view = self._sight.seen_from(place_mm)
+        unseen = sorted(
+            shot.shot for shot in self._planned if view_fault(pose_row(shot.pose)[:3], view)
+        )
+        if unseen:
+            yield Event(
+                "tracker place",
+                f"from there {len(unseen)} of {len(self._planned)} shots of the plan cannot be "
+                f"seen, their reflector being turned away: {in_ranges(unseen)}; move the tracker, "
+                "or correct tracker.place_mm and plan anew",
+            )
+
+
+def found_place(kinematics: Kinematics, accepted: Sequence[Outcome]) -> FoundPlace | None:
+    """Tracker's place by these shots; None while they fix no frame."""
+    modelled = kinematics.forward(np.array([outcome.joints for outcome in accepted]))
+    positions_mm = modelled.values[modelled.found, :3]
+    points_mm = np.array([outcome.point_in_tracker_mm for outcome in accepted])[modelled.found]
+    if len(points_mm) < SHOTS_FOR_A_PLACE:
+        return None
+    extents_mm = np.linalg.svd(positions_mm - positions_mm.mean(axis=0), compute_uv=False)
+    if not extents_mm[1] > NOMINAL_STD_MM:
+        return None
+    tracker_from_base = fit_transform(positions_mm, points_mm)
+    place_mm = tracker_from_base.inverted().translation_mm
+    left_mm = points_mm - tracker_from_base.apply(positions_mm)
+    std_mm = max(NOMINAL_STD_MM, float(np.sqrt(np.mean(left_mm**2))))
+    away_mm = float(np.linalg.norm(place_mm - positions_mm.mean(axis=0)))
+    std_mm *= hypot(len(points_mm) ** -0.5, away_mm / float(extents_mm[1]))
+    return FoundPlace(_vector(place_mm), std_mm)
+
+
+def _listed(place_mm: Vector3) -> str:
+    return f"({', '.join(f'{value:.0f}' for value in place_mm)})"
+
+
+def _vector(values: Array) -> Vector3:
+    x, y, z = (float(value) for value in values)
+    return x, y, z

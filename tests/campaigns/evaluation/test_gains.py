@@ -1,0 +1,74 @@
+"""Gains: what is a difference, and what is within its uncertainty."""
+
+import numpy as np
+import pytest
+from paper_campaign import PaperCampaign
+
+from campaigns.evaluation.gains import Gain, gained_in_words, gains
+from campaigns.evaluation.summary import BeforeAfter, Spread
+from campaigns.evaluation.validation import MeasuredLength, ValidationResult
+from campaigns.evidence import evaluate, gather
+
+TOLD = BeforeAfter(Spread(3.0, 3.0, 9.0), Spread(0.3, 0.3, 0.9))
+
+
+def gain(before_mm: float, after_mm: float) -> Gain:
+    """Each with a standard uncertainty of 0.03 and 0.04 mm: U of the difference is 0.1 mm."""
+    return Gain("rotation", MeasuredLength(before_mm, 0.03), MeasuredLength(after_mm, 0.04))
+
+
+@pytest.mark.parametrize(
+    ("after_mm", "shown"), [(1.099, False), (1.101, True), (0.901, False), (0.899, True)]
+)
+def test_a_difference_within_its_uncertainty_is_no_change(after_mm: float, shown: bool) -> None:
+    found = gain(1.0, after_mm)
+    assert found.expanded_uncertainty_mm == pytest.approx(0.1)
+    assert found.shown is shown
+    assert ("no change shown" in found.in_words()) is not shown
+
+
+def test_what_was_measured_once_shows_neither_change_nor_none() -> None:
+    found = Gain("rotation", None, MeasuredLength(1.0, 0.1))
+    assert (found.shown, found.expanded_uncertainty_mm) == (None, None)
+    assert found.in_words() == "rotation 1.000 mm"
+
+
+def test_the_gain_is_told_by_the_commanded_robot_or_else_by_the_model() -> None:
+    told = gained_in_words((gain(2.0, 0.5),), TOLD)
+    assert told == "Measured before and after: rotation 2.000 → 0.500 mm."
+    by_model = gained_in_words((Gain("rotation", None, MeasuredLength(1.0, 0.1)),), TOLD)
+    assert by_model.startswith("By the model, not yet by the commanded robot")
+    assert "3.000 → 0.300 mm" in by_model
+    assert gained_in_words((), None) == ""
+
+
+def stages(paper: PaperCampaign) -> tuple[ValidationResult, ValidationResult]:
+    found = evaluate(gather(paper.campaign))
+    assert found.before is not None
+    assert found.after is not None
+    return found.before, found.after
+
+
+def test_the_robots_scatter_is_in_the_uncertainty_of_a_comparison(whole: PaperCampaign) -> None:
+    _, after = stages(whole)
+    assert after.repeatability is not None
+    away = after.repeatability.away_mm
+    scatter_mm = np.sqrt(np.sum(away**2) / (3 * (len(away) - 1)))
+    plain, compared = after.figures()["rotation"], after.comparable_figures()["rotation"]
+    assert plain is not None
+    assert compared is not None
+    assert compared.value_mm == plain.value_mm
+    together = np.hypot(plain.standard_uncertainty_mm, np.sqrt(2.0) * scatter_mm)
+    assert compared.standard_uncertainty_mm == pytest.approx(together)
+
+
+def test_calibration_changes_distances_and_not_repeatability(whole: PaperCampaign) -> None:
+    shown = {each.name: each.shown for each in gains(*stages(whole))}
+    assert shown["distances, mean error"] is True
+    assert shown["repeatability, radius of the sphere"] is False
+
+
+def test_the_scatter_of_the_outermost_visit_is_about_half_of_a_coordinates() -> None:
+    points = np.random.default_rng(1).normal(size=(4000, 28, 3))
+    away = np.linalg.norm(points - points.mean(axis=1, keepdims=True), axis=2)
+    assert away.max(axis=1).std() == pytest.approx(0.5, abs=0.1)

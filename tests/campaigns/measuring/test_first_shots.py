@@ -1,0 +1,181 @@
+"""First shots of a series: the wrong one among them, and the tracker's place."""
+
+from dataclasses import replace
+from math import dist
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_cell import NOMINAL, TRACKER_FROM_BASE, FakeCell
+from small_plans import FOUR_PAIRS, TWO_PAIRS, pair, work
+from tested_journal import journal_in
+
+from campaigns.errors import GateRefused
+from campaigns.journal.records import Event, Outcome, PairVoided
+from campaigns.measuring.tracker_place import TrackerSight, found_place
+from campaigns.planning.plan_file import PlannedShot
+
+PLACE_MM = tuple(TRACKER_FROM_BASE.inverted().translation_mm.tolist())
+SIGHT = TrackerSight(PLACE_MM, None, np.radians(25.0), (0.0, 0.0, -575.0))
+
+
+MORE = (
+    *pair(9, 4, (-150.0, -60.0, -560.0, 0.1), (120.0, -80.0, -620.0, -0.1)),
+    *pair(11, 5, (80.0, 160.0, -520.0, -0.2), (-60.0, 120.0, -680.0, 0.3)),
+)
+
+
+def shifts(cell: FakeCell, by_mm: float):
+    def shift() -> None:
+        cell.tracker.shifted_mm[1] = by_mm
+
+    return shift
+
+
+def events_of(journal, kind: str) -> list[str]:
+    return [e.record.text for e in journal.records_of(Event) if e.record.kind == kind]
+
+
+def test_wrong_first_shot_is_voided_named_and_taken_again(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.tracker.during_measure = {
+        1: cell.tracker.take_wrong_target,
+        2: cell.tracker.take_right_target,
+    }
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work())
+        attempts = [shot.outcome.attempt for shot in journal.shots(series)]
+        (voided,) = (entry.record for entry in journal.records_of(PairVoided))
+        (told,) = events_of(journal, "shot voided")
+    # wrong, compared, taken again; refused thrice, then right
+    assert attempts == [3, 4, 1, 1, 1, 1]
+    assert (voided.pair, voided.shots) == (None, (0,))
+    assert "shot 0 does not count: a wrong target or a wrong pose: measured again it is" in told
+    assert "where shot 1 agrees with it" in told
+    assert told in cell.watcher.events
+    assert cell.watcher.told[-1].done == cell.watcher.told[-1].total == 6
+
+
+@pytest.mark.parametrize("off_mm", [10.0, 50.0])
+def test_first_shot_off_by_less_than_the_gate_of_distances_is_found_when_the_fit_is_firmer(
+    tmp_path: Path, off_mm: float
+) -> None:
+    plan = (*FOUR_PAIRS[:-1], *MORE)
+    cell = FakeCell()
+    cell.tracker.during_measure = {1: shifts(cell, off_mm), 2: shifts(cell, 0.0)}
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work(plan))
+        assert [e.record.shots for e in journal.records_of(PairVoided)][-1] == (0,)
+        points = [shot.outcome for shot in journal.shots(series)]
+    assert len(points) == len(plan)
+    assert dist(points[0].point_in_tracker_mm, true_mm(points[0])) < 0.01
+
+
+def true_mm(outcome: Outcome | PlannedShot) -> tuple[float, ...]:
+    pose = NOMINAL.forward(np.array([outcome.joints])).values_or_raise()[:, :3]
+    return tuple(TRACKER_FROM_BASE.apply(pose)[0].tolist())
+
+
+def test_wrong_first_shot_whose_partner_comes_later_is_taken_again(tmp_path: Path) -> None:
+    """The pair stands apart in the plan, and is measured together all the same."""
+    cell = FakeCell()
+    cell.tracker.during_measure = {
+        1: cell.tracker.take_wrong_target,
+        2: cell.tracker.take_right_target,
+    }
+    lone = (TWO_PAIRS[1], TWO_PAIRS[3], TWO_PAIRS[2], TWO_PAIRS[4])
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work(lone))
+        assert [e.record.shots for e in journal.records_of(PairVoided)] == [(1,)]
+        assert len(journal.shots(series)) == 4
+
+
+def test_right_first_shot_is_confirmed_and_the_wrong_later_one_ends_the_run(
+    tmp_path: Path,
+) -> None:
+    cell = FakeCell()
+    cell.tracker.during_measure = {2: shifts(cell, 400.0), 5: shifts(cell, 0.0)}
+    with journal_in(tmp_path, cell.calls) as journal:
+        with pytest.raises(GateRefused, match="3 attempts failed, the last one: shot 1, attempt 3"):
+            cell.measure(journal, work())
+        assert [shot.outcome.attempt for shot in journal.shots(1)] == [1]
+        assert not journal.records_of(PairVoided)
+    assert [call[1:] for call in cell.named("journal.intent")][-1] == (0, 2), "looked at again"
+
+
+def test_shot_that_is_where_it_was_is_not_replaced() -> None:
+    """Without it little is known, and the refused one could go with anything."""
+    shots = [
+        Outcome(s.shot, 1, s.joints, true_mm(s), None, None, "", "", None) for s in FOUR_PAIRS[:3]
+    ]
+    gate = work().gate_taught_by([])
+    gate.accept(shots[0])
+    elsewhere = replace(shots[0], point_in_tracker_mm=(0.0, 0.0, 0.0))
+    assert not gate.is_replaced(shots[0], shots[0], shots[1])
+    assert gate.is_replaced(elsewhere, shots[0], shots[1])
+
+
+def test_shots_of_a_reflector_that_stands_elsewhere_are_voided_and_the_next_run_goes_on(
+    tmp_path: Path,
+) -> None:
+    cell = FakeCell()
+    cell.tracker.on_wrong_target = True
+    with journal_in(tmp_path, cell.calls) as journal:
+        with pytest.raises(GateRefused, match="shots 0–1 have one point, although the robot moved"):
+            cell.measure(journal, work())
+        assert not journal.shots(1)
+    again = FakeCell()
+    with journal_in(tmp_path, again.calls) as journal:
+        assert len(journal.shots(again.measure(journal, work()))) == len(TWO_PAIRS)
+
+
+def places_told(folder: Path, sight: TrackerSight | None, plan=FOUR_PAIRS) -> list[str]:
+    cell = FakeCell()
+    with journal_in(folder, cell.calls) as journal:
+        cell.measure(journal, work(plan, sight=sight))
+        told = events_of(journal, "tracker place")
+    assert cell.watcher.events == told
+    return told
+
+
+def test_tracker_where_it_is_said_to_stand_is_not_spoken_of(tmp_path: Path) -> None:
+    near_mm = (PLACE_MM[0] + 60.0, *PLACE_MM[1:])
+    assert places_told(tmp_path, replace(SIGHT, place_mm=near_mm)) == []
+
+
+def test_tracker_elsewhere_is_named_once_with_its_place_and_how_far_off(tmp_path: Path) -> None:
+    """All directions are seen, so that nothing is said of the plan."""
+    wrong_mm = tuple(np.add(PLACE_MM, (0.0, 0.0, 1600.0)).tolist())
+    sight = replace(SIGHT, place_mm=wrong_mm)
+    at, said = (f"({', '.join(f'{v:.0f}' for v in place)})" for place in (PLACE_MM, wrong_mm))
+    assert places_told(tmp_path, sight)[-1] == (
+        f"the tracker stands at {at} mm, campaign.yaml says {said}: 1.6 m off; "
+        "correct tracker.place_mm"
+    )
+
+
+def test_plan_that_cannot_be_seen_from_the_found_place_is_named(tmp_path: Path) -> None:
+    """The reflector looks where the tracker was said to stand, a quarter turn from where it is."""
+    x, y, z = PLACE_MM
+    sight = replace(SIGHT, place_mm=(-y, x, z), facing=(-y, x, z))
+    told = places_told(tmp_path, sight)
+    assert told[-1].startswith("from there 10 of 10 shots of the plan cannot be seen")
+    assert ": 0–9; move the tracker" in told[-1]
+
+
+def test_first_point_at_another_distance_than_the_place_says_is_told_at_once(
+    tmp_path: Path,
+) -> None:
+    sight = replace(SIGHT, place_mm=tuple(np.multiply(PLACE_MM, 2.0).tolist()))
+    first, second = places_told(tmp_path, sight)
+    assert first.startswith("shot 0: its point is 2.")
+    assert "by tracker.place_mm it should be 5." in first
+    assert second.startswith("the tracker stands at")
+
+
+def test_few_shots_or_shots_in_one_place_find_no_tracker() -> None:
+    outcomes = [
+        Outcome(s.shot, 1, s.joints, (0.0, 0.0, 0.0), None, None, "", "", None) for s in FOUR_PAIRS
+    ]
+    assert found_place(NOMINAL, outcomes[:3]) is None
+    assert found_place(NOMINAL, [outcomes[0]] * 5) is None

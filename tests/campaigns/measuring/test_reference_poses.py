@@ -1,0 +1,222 @@
+"""Spread poses measured again: tracker, encoder or robot, and nothing where it is only scatter."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_cell import NOMINAL, ROBOT, TRACKER_FROM_BASE, FakeCell
+from par4_space import par4
+from small_plans import FOUR_PAIRS, drift, planned, work
+from tested_journal import journal_in
+
+from campaigns.errors import GateRefused, Interrupted
+from campaigns.estimation.rigid_transforms import small_rotation
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.estimation.variance_components import NONE, VarianceComponents
+from campaigns.journal.records import Event, Intent, Outcome
+from campaigns.journal.views import AcceptedShot
+from campaigns.measuring.reference_poses import ReferenceScatter, compare_as_body, reference_poses
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.planning.steps import joint_steps
+from campaigns.shots.shot_sets import ShotSet
+
+STD_MM = 0.015
+STEPS = joint_steps(FOUR_PAIRS)
+SCATTER = ReferenceScatter(NONE, TrackerUncertainty())
+COVARIANCE = tuple(tuple(row) for row in (STD_MM**2 * np.eye(3)).tolist())
+TRUE = par4({**ROBOT.geometry_flat(), "arm1.arm_mm": ROBOT.geometry_flat()["arm1.arm_mm"] + 0.8})
+
+
+def outcomes(
+    rng: np.random.Generator,
+    robot: Kinematics = TRUE,
+    slip_rad: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0),
+    std_mm: float = STD_MM,
+) -> list[Outcome]:
+    """All shots as a tracker sees them; they stand up to 0.01° beside their targets."""
+    joints = np.array([shot.joints for shot in FOUR_PAIRS])
+    read = joints + rng.uniform(-1.7e-4, 1.7e-4, joints.shape)
+    points = TRACKER_FROM_BASE.apply(robot.forward(read + slip_rad).values_or_raise()[:, :3])
+    points = points + rng.normal(0.0, std_mm, points.shape)
+    return [
+        Outcome(shot.shot, 1, tuple(q), tuple(point), COVARIANCE, None, "", "", None)
+        for shot, q, point in zip(FOUR_PAIRS, read.tolist(), points.tolist(), strict=True)
+    ]
+
+
+def accepted(then: list[Outcome]) -> list[AcceptedShot]:
+    shots = zip(FOUR_PAIRS, then, strict=True)
+    return [
+        AcceptedShot(Intent(s.shot, 1, s.purpose.value, s.pose, s.joints, "joints"), each, "")
+        for s, each in shots
+    ]
+
+
+def compared(then: list[Outcome], now: list[Outcome], scatter: ReferenceScatter = SCATTER):
+    poses = reference_poses(STEPS, accepted(then))
+    first = [pose.then for pose in poses]
+    again = [now[pose.step.planned.shot] for pose in poses]
+    return compare_as_body(NOMINAL, then, first, again, scatter)
+
+
+def test_poses_are_spread_and_the_drift_pose_is_the_first() -> None:
+    poses = reference_poses(STEPS, accepted(outcomes(np.random.default_rng(1))))
+    assert poses[0].step.planned.shot == 0
+    assert len({pose.step.planned.shot for pose in poses}) == 4
+    places = np.array([pose.then.point_in_tracker_mm for pose in poses[:3]])
+    assert np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[1] > 100.0
+
+
+def test_few_poses_or_poses_on_a_line_are_no_body() -> None:
+    then = accepted(outcomes(np.random.default_rng(1)))
+    assert reference_poses(STEPS, then[:2]) == ()
+    assert len(reference_poses(STEPS, then[:3])) == 3
+    same = [replace(each, outcome=then[0].outcome) for each in then]
+    assert reference_poses(STEPS, same) == ()
+    line = [
+        replace(s, outcome=replace(s.outcome, point_in_tracker_mm=(100.0 * n, 0.0, 2000.0)))
+        for n, s in enumerate(then)
+    ]
+    assert reference_poses(STEPS, line) == ()
+
+
+def test_scatter_of_the_tracker_and_of_the_robot_is_no_change() -> None:
+    rng = np.random.default_rng(2)
+    robot = ReferenceScatter(VarianceComponents(point_mm=0.2), TrackerUncertainty())
+    for _ in range(40):
+        assert not compared(outcomes(rng), outcomes(rng)).change
+        worn = compared(outcomes(rng, std_mm=0.2), outcomes(rng, std_mm=0.2), robot)
+        assert not worn.change
+
+
+def test_moved_tracker_is_told_by_how_much() -> None:
+    rng = np.random.default_rng(3)
+    then, still = outcomes(rng), outcomes(rng)
+    turn = small_rotation(np.array([1e-4, -5e-5, 0.0]))[0]
+    now = [
+        replace(s, point_in_tracker_mm=tuple(turn @ s.point_in_tracker_mm + (0.0, 0.1, 0.0)))
+        for s in still
+    ]
+    found = compared(then, now)
+    assert found.change.startswith("the tracker, its stand or the robot's base has moved")
+    assert "encoder" not in found.change
+    assert f"χ² {found.chi2:.1f} of 12: the tracker" in found.text
+
+
+@pytest.mark.parametrize("joint", range(4))
+def test_slipped_encoder_is_named_with_its_angle(joint: int) -> None:
+    rng = np.random.default_rng(4)
+    slip = np.zeros(4)
+    slip[joint] = np.radians(0.05)
+    found = compared(outcomes(rng), outcomes(rng, slip_rad=tuple(slip)))
+    assert re.match(
+        rf"the encoder of joint q{joint} has changed by \+0\.0(4[5-9]|5[0-5])°", found.change
+    )
+
+
+def test_grown_arm_is_neither_trackers_nor_an_encoders() -> None:
+    rng = np.random.default_rng(5)
+    forearm_mm = ROBOT.geometry_flat()["arm2.forearm_mm"]
+    grown = par4({**ROBOT.geometry_flat(), "arm2.forearm_mm": forearm_mm + 1.0})
+    found = compared(outcomes(rng, NOMINAL), outcomes(rng, grown))
+    assert found.change.startswith("the robot has changed: the points moved by")
+
+
+def test_farther_than_the_limit_of_drift_is_moved_while_nobody_knows_the_scatter() -> None:
+    rng = np.random.default_rng(6)
+    loose = ReferenceScatter(VarianceComponents(point_mm=2.0), TrackerUncertainty(), limit_mm=1.0)
+    now = [
+        replace(s, point_in_tracker_mm=tuple(np.add(s.point_in_tracker_mm, (0.0, 1.2, 0.0))))
+        for s in outcomes(rng)
+    ]
+    assert compared(outcomes(rng), now, loose).change
+    assert not compared(outcomes(rng), now, replace(loose, limit_mm=5.0)).change
+
+
+def test_scatter_that_few_shots_tell_allows_more() -> None:
+    rng = np.random.default_rng(6)
+    now = outcomes(rng, std_mm=3.0 * STD_MM)
+    assert compared(outcomes(rng), now).change
+    assert not compared(outcomes(rng), now, replace(SCATTER, freedom=4.0)).change
+    assert not compared(outcomes(rng), now, replace(SCATTER, factor=2.0)).change
+
+
+def interrupted_then(folder: Path, cell: FakeCell, shots=FOUR_PAIRS, move: int = 8):
+    """A session that was stopped at a move, and another cell for the next."""
+    first = FakeCell()
+    first.robot.during_move = {move: first.wish.ask}
+    with journal_in(folder, first.calls) as journal, pytest.raises(Interrupted):
+        first.measure(journal, work(shots))
+    return journal_in(folder, cell.calls)
+
+
+def told(journal) -> list[str]:
+    texts = [e.record.text for e in journal.records_of(Event) if e.record.kind == "drift check"]
+    return [text for text in texts if "from where they were" in text]
+
+
+def test_unmoved_cell_goes_on_and_says_so_after_the_restart_and_at_the_end(tmp_path: Path) -> None:
+    cell = FakeCell()
+    with interrupted_then(tmp_path, cell) as journal:
+        series = cell.measure(journal, work(FOUR_PAIRS))
+        assert len(journal.shots(series)) == len(FOUR_PAIRS)
+        after, end = told(journal)
+        assert {shot.outcome.attempt for shot in journal.shots(series)} == {1, 2}
+    assert after.startswith("after the restart up to 0.000 mm from where they were")
+    assert end.startswith("at the end up to 0.000 mm from where they were")
+    assert end.endswith("neither tracker nor robot has changed")
+    assert cell.watcher.events == []
+
+
+def test_stand_that_was_bumped_ends_the_run_before_anything_is_measured(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.tracker.shifted_mm[:] = (0.6, 0.6, 0.6)
+    with interrupted_then(tmp_path, cell) as journal:
+        kept = [shot.outcome for shot in journal.shots(1)]
+        with pytest.raises(GateRefused, match="the tracker, its stand or the robot's base") as said:
+            cell.measure(journal, work(FOUR_PAIRS))
+        assert [shot.outcome for shot in journal.shots(1)] == [
+            each for each in kept if each.shot != 7
+        ]
+    assert "--anew" in said.value.remedy
+    assert len(cell.named("robot.stop")) == 1
+
+
+def test_stand_that_was_bumped_by_more_than_the_gate_allows_is_named_too(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.tracker.shifted_mm[:] = (30.0, 0.0, 0.0)
+    with (
+        interrupted_then(tmp_path, cell) as journal,
+        pytest.raises(GateRefused, match=r"after the restart up to 30\.000 mm"),
+    ):
+        cell.measure(journal, work(FOUR_PAIRS))
+
+
+def test_stand_bumped_after_the_restart_is_told_at_the_end_and_nothing_is_lost(
+    tmp_path: Path,
+) -> None:
+    cell = FakeCell()
+
+    def bump() -> None:
+        cell.tracker.shifted_mm[:] = (0.0, 1.5, 0.0)
+
+    plan = FOUR_PAIRS[:-1]
+    cell.tracker.during_measure = {6: bump}
+    with interrupted_then(tmp_path, cell, plan) as journal:
+        assert len(journal.shots(cell.measure(journal, work(plan)))) == len(plan)
+    (event,) = cell.watcher.events
+    assert event.startswith("at the end up to 1.500 mm from where they were")
+
+
+def test_series_of_few_shots_or_at_one_place_compares_one_pose(tmp_path: Path) -> None:
+    near = [
+        drift(0),
+        *(planned(n, ShotSet.ROTATION, None, 0.0, 0.0, -575.0, 0.1 * n) for n in range(1, 6)),
+    ]
+    cell = FakeCell()
+    with interrupted_then(tmp_path, cell, near, move=5) as journal:
+        cell.measure(journal, work(near))
+        assert not told(journal)
+    assert cell.named("journal.intent")[0] == ("journal.intent", 0, 2)
