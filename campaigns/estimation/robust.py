@@ -5,9 +5,10 @@ in it: they are neither weighed down nor left out.
 """
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
-from scipy.special import chdtri, fdtri
+from scipy.special import chdtrc, chdtri, fdtri
 
 from campaigns.arrays import Array, Mask
 from campaigns.estimation.estimators import LossShape
@@ -34,6 +35,11 @@ class Loss:
     """In standard deviations, as the blocks' median shows them."""
 
 
+SNOOPED = 3
+"""Measurements that are left out together at most."""
+FEW_FREEDOM = 40
+UNBELIEVABLE, BELIEVABLE = 1e-3, 1e-2
+"""Chances of χ²: below the first some are wrong, from the second on the rest is right."""
 LEAST_LEFT = 1e-8
 """Of a block's variance, when the fit follows it wherever it goes."""
 MOST_FITTED_AWAY = 0.9
@@ -153,6 +159,9 @@ def reject_outliers(problem: LeastSquaresProblem) -> Inliers:
     plain = solve(problem.weighted(everything))
     if problem.sizes(plain.x).max() <= rejection_threshold(problem.blocks, problem.block):
         return Inliers(everything, (), plain)
+    snooped = _snooped(problem, plain)
+    if snooped is not None:
+        return snooped
     kept, fit = _consensus_set(problem, plain.x), plain
     for _ in range(REJECTION_ROUNDS):
         if not _enough(problem, kept, len(plain.x)):
@@ -165,6 +174,43 @@ def reject_outliers(problem: LeastSquaresProblem) -> Inliers:
         kept = sizes <= limit
     outliers = (Outlier(row, float(sizes[row]), limit) for row in np.flatnonzero(~kept).tolist())
     return Inliers(kept, tuple(outliers), fit if settled else None)
+
+
+def _snooped(problem: LeastSquaresProblem, plain: Solution) -> Inliers | None:
+    """Fewest single measurements without which χ² is believable; None where there are none.
+
+    Data snooping (Baarda 1968) for blocks of one number with few degrees of freedom, where a robust
+    fit bends to the wrong ones: the best subset of one, two or three.
+    """
+    freedom = problem.blocks - len(plain.x)
+    if problem.block != 1 or len(problem.priors) or not SNOOPED < freedom <= FEW_FREEDOM:
+        return None
+    residual, jacobian = problem.residual(plain.x), problem.jacobian(plain.x)
+    if float(chdtrc(freedom, residual @ residual)) >= UNBELIEVABLE:
+        return None
+    basis, _ = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), ROUNDING))
+    left = np.eye(problem.blocks) - basis @ basis.T
+    for count in range(1, SNOOPED + 1):
+        wrong = _best_subset(left, left @ residual, count)
+        kept = np.ones(problem.blocks, dtype=bool)
+        kept[wrong] = False
+        fit = solve(problem.weighted(kept.astype(np.float64)), start=plain.x, spent=0)
+        sizes, limit = _studentized_residuals(problem, fit, kept)
+        chi2 = float(np.sum(problem.sizes(fit.x)[kept] ** 2))
+        if float(chdtrc(freedom - count, chi2)) >= BELIEVABLE:
+            return Inliers(
+                kept, tuple(Outlier(row, float(sizes[row]), limit) for row in wrong), fit
+            )
+    return None
+
+
+def _best_subset(left: Array, misfit: Array, count: int) -> list[int]:
+    """Rows whose deletion takes most off χ²; by all subsets of so many."""
+    chosen = np.array(list(combinations(range(len(misfit)), count)), dtype=np.intp)
+    own = left[chosen[:, :, None], chosen[:, None, :]] + LEAST_LEFT * np.eye(count)
+    told = misfit[chosen]
+    gain = np.einsum("ni,ni->n", told, np.linalg.solve(own, told[:, :, None])[:, :, 0])
+    return [int(row) for row in chosen[int(np.argmax(gain))]]
 
 
 def rejection_threshold(blocks: int, block: int, freedom: float = np.inf) -> float:

@@ -18,6 +18,10 @@ NOTHING_SHOWN = (
     "no validation pairs: nothing shows that the result holds elsewhere; `identify --hold-out 20%` "
     "keeps some of the shots for it"
 )
+NO_SIGMA = (
+    "nothing tells how sure the parameters are: measure more than there are parameters, or leave "
+    "--weights equal out"
+)
 PLAY = "play in the gears"
 MANY_OUTLIERS = 0.1
 """With a larger share of outliers they are no single mistakes."""
@@ -55,6 +59,8 @@ def identification_verdict(
         return "fail", against
     if evidence.unseen is None:
         return "not decided", (NOTHING_SHOWN,)
+    if not evidence.std:
+        return "not decided", (NO_SIGMA,)
     open_ones = tuple(each.says for each in evidence.doubts if each.weighs)
     if open_ones:
         return "not decided", open_ones

@@ -76,6 +76,8 @@ class Fit:
     points: PointFit | None
     """Plain and without outliers; None where coordinates cannot be fitted, or were not asked."""
 
+    beside: PointFit | None = None
+    """Coordinates that judge the shots and take no part in σ: of distances of equal weight."""
     left_out: PointFit | None = None
     """That by which shots of pairs were left out; None where pairs were not asked for."""
 
@@ -109,7 +111,10 @@ def fit_shots(
         beside = points if _is_plain(options) else _analysis(nominal, shots, selection, options)
         return Fit(points.observations, points.found, beside)
     if options.weights is Weights.EQUAL:
-        return _fit_distances_alone(nominal, shots, selection, options)
+        alone = _fit_distances_alone(nominal, shots, selection, options)
+        if options.outliers is Outliers.KEEP:
+            return alone
+        return replace(alone, beside=_analysis(nominal, shots, selection, options))
     return _fit_distances(nominal, shots, selection, options)
 
 
@@ -184,7 +189,7 @@ def _fit_distances(
     )
     policy = OutlierPolicy(options.loss, exclude=False)
     found = estimate(fitted.problem, len(selection.free), policy, known_variance=True)
-    return Fit(fitted, found, points, points if excludes else None)
+    return Fit(fitted, found, points, left_out=points if excludes else None)
 
 
 def _fit_distances_alone(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import chdtrc, fdtrc
 
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
@@ -252,10 +252,11 @@ class _Identified:
         nominal = {name: each.nominal for name, each in parameters.items()}
         yield from change_doubts(nominal, changes, options.tolerance, options.accepted)
         yield from noise_doubts(self.fit.stated_noise)
-        lack = None if self.fit.points is None else lack_of_fit_of(self.fit.points)
+        judged = self.fit.points or self.fit.beside
+        lack = None if judged is None else lack_of_fit_of(judged)
         lacks = lack is not None and lack.significant
-        if self.fit.points is not None:
-            change = change_of(self.fit.points, space, lacks=lacks)
+        if judged is not None:
+            change = change_of(judged, space, lacks=lacks)
             if change is not None:
                 found, numbers = change
                 yield campaign_doubt(found, numbers, space)
@@ -416,10 +417,10 @@ def _tested(
     options: IdentificationOptions,
 ) -> HoldOut | None:
     """Test of unseen pairs (M, 2) against the covariance of parameters and shots."""
-    found, count = fit.found, len(free)
+    found, parameters = fit.found, len(free)
     if found.covariance is None or found.noise.sigma0 is None:
         return None
-    x = found.x[:count]
+    x = found.x[:parameters]
     model = position_model(nominal, shots, np.arange(len(shots)), free, near)
     try:
         unseen = DistanceResiduals.in_mm(
@@ -429,10 +430,13 @@ def _tested(
         variance = _pair_variance_mm2(shots, pairs, model, x, fit, options)
     except (NoSolution, np.linalg.LinAlgError):
         return None
-    predicted = by_x @ found.covariance[:count, :count] @ by_x.T + np.diag(variance)
+    predicted = by_x @ found.covariance[:parameters, :parameters] @ by_x.T + np.diag(variance)
     chi2 = float(error_mm @ np.linalg.solve(predicted, error_mm))
     ratio = float(np.sqrt(np.mean(error_mm**2 / np.diag(predicted))))
-    return HoldOut(len(pairs), chi2, float(chdtrc(len(pairs), chi2)), ratio)
+    count, dof = len(pairs), found.noise.dof
+    by_scatter = fit.points is None and dof > 0  # σ are then known by so many degrees of freedom
+    p = fdtrc(count, dof, chi2 / count) if by_scatter else chdtrc(count, chi2)
+    return HoldOut(count, chi2, float(p), ratio)
 
 
 def _pair_variance_mm2(

@@ -7,9 +7,11 @@ import pytest
 from identified_cases import NOMINAL, TRUTH, identified, noisy, simulated
 from par4_space import SPACE
 
-from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.estimators import Estimator, Weights
+from campaigns.estimation.robust import reject_outliers
 from campaigns.evaluation.doubts import COMMON_SCALE, HOLD_OUT, LARGE_CHANGE
 from campaigns.identification.identify import identify
+from campaigns.identification.observations import distance_observations
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import select_parameters
 from campaigns.robots.robot import Tolerance
@@ -124,3 +126,40 @@ class TestRangeOfShots:
     def test_no_limits_leave_all(self):
         data = simulated(10, 2, seed=1)
         assert between(data, None, None) is data
+
+
+class TestBareDistances:
+    """Distances alone, with no coordinates to judge them by."""
+
+    def problem_with(self, wrong, seed=1):
+        data = noisy(simulated(30, 0, seed=seed), seed)
+        options = IdentificationOptions(weights=Weights.EQUAL)
+        found = distance_observations(NOMINAL, data, select_parameters(SPACE), options)
+        measured = found.distances.measured_mm.copy()
+        measured[wrong] += 2.0
+        return replace(found.problem, data=replace(found.distances, measured_mm=measured))
+
+    @pytest.mark.parametrize("seed", range(4))
+    @pytest.mark.parametrize("wrong", [[], [4], [7, 21]])
+    def test_wrong_ones_among_few_are_named_and_no_others(self, wrong, seed):
+        found = reject_outliers(self.problem_with(wrong, seed))
+        assert sorted(each.block for each in found.outliers) == wrong
+        assert np.flatnonzero(~found.kept).tolist() == wrong
+
+
+def test_no_sigma_at_all_is_not_decided():
+    found = found_with(
+        noisy(simulated(22, 8, seed=2), 2), estimator=Estimator.DISTANCES, weights=Weights.EQUAL
+    )
+    assert found.verdict == "not decided"
+    assert "nothing tells how sure the parameters are" in found.reasons[0]
+
+
+def test_a_slipped_encoder_is_no_pass_by_distances_of_equal_weight_either():
+    data = noisy(simulated(60, 20, seed=3), 3)
+    joints = data.joints.copy()
+    joints[60:120, 2] += np.radians(0.05)
+    slipped = replace(data, joints=joints)
+    found = found_with(slipped, estimator=Estimator.DISTANCES, weights=Weights.EQUAL)
+    assert found.verdict == "fail"
+    assert doubt(found, "change-during-campaign").numbers["cause"] == "arm2.joint_offset_deg"
