@@ -11,6 +11,8 @@ from campaigns.identification.result import STRONG, IdentificationResult
 from campaigns.mechanisms.mechanism import ParameterSpace
 from campaigns.robots.robot import NOT_FOR_CONTROLLERS
 
+NORMAL_95 = 2.0
+"""Above it a 95 % interval is wider than people take for granted."""
 CORRELATIONS = 5
 """So many of the strongest are shown."""
 
@@ -70,6 +72,8 @@ def _uncertainty_lines(found: IdentificationResult) -> Iterator[str]:
     )
     if found.chi2 is not None:
         yield found.chi2.says
+    if found.coverage_factor_95 is not None and found.coverage_factor_95 > NORMAL_95:
+        yield f"95 % intervals are ± {found.coverage_factor_95:.2f} σ: few degrees of freedom"
     if found.position_std_mm is not None:
         mean, most = found.position_std_mm.mean, found.position_std_mm.max
         yield (

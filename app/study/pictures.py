@@ -20,7 +20,8 @@ from app.report.figures.drawing import (
 )
 from app.study.comparison import Compared
 from app.study.tables import labels
-from campaigns.studies.summary import CONFIDENCE, normal_scores
+from campaigns.estimation.information import CONFIDENCE
+from campaigns.studies.summary import normal_scores
 
 Line = Literal["-", "--", ":", "-."]
 

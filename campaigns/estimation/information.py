@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtr, chdtrc
+from scipy.special import chdtr, chdtrc, ndtri, stdtrit
 
 from campaigns.arrays import Array, Index
 from campaigns.estimation.observability import (
@@ -29,6 +29,7 @@ from campaigns.mechanisms.mechanism import Kinematics
 
 SIGNIFICANCE = 1e-3
 """A χ² that good noise exceeds or falls below less often than this is not consistent with it."""
+CONFIDENCE = 0.95
 MINIMUM_DOF = 12
 """Degrees of freedom below which a Birge ratio, known to ± 20 % by so many, is not relied on."""
 
@@ -77,6 +78,16 @@ def variance_scale(
     if scatter is None or (tested.consistent and not robust):
         return 1.0
     return max(1.0, scatter)
+
+
+def coverage_factor(dof: int | None) -> float:
+    """Half-width of a 95 % interval in stated standard deviations.
+
+    Student's where the variance was estimated with so many degrees of freedom, normal (None) where
+    it is known.
+    """
+    tail = 0.5 * (1.0 + CONFIDENCE)
+    return float(ndtri(tail) if dof is None else stdtrit(dof, tail))
 
 
 def covariance(jacobian: Array) -> Array:

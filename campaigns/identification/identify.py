@@ -12,6 +12,7 @@ from campaigns.errors import ShotsInvalid
 from campaigns.estimation.estimate import Estimate
 from campaigns.estimation.information import (
     SIGNIFICANCE,
+    coverage_factor,
     marginalise_frame,
     point_jacobian,
     position_std_mm,
@@ -169,6 +170,7 @@ class _Identified:
             known_by_priors_alone=self._by_priors_alone(),
             chi2=NoiseTest.of(noise, says),
             covariance=self.covariance,
+            coverage_factor_95=self._coverage_factor(),
             position_std_mm=self._position_std(),
             robot_scatter=scatter,
             hold_out=self.held_out.tested,
@@ -301,6 +303,14 @@ class _Identified:
         if found is None or tested is None or tested.p >= SIGNIFICANCE:
             return found
         return PositionStd(tested.ratio * found.mean, tested.ratio * found.max)
+
+    def _coverage_factor(self) -> float | None:
+        """Student's where distances of equal weight tell their own variance, else normal."""
+        if self.found.covariance is None:
+            return None
+        dof = self.found.noise.dof
+        estimated = self.fit.points is None and dof > 0
+        return coverage_factor(dof if estimated else None)
 
     def _by_priors_alone(self) -> tuple[Combination, ...]:
         """What the shots cannot tell and the priors do."""

@@ -272,6 +272,8 @@ class IdentificationResult:
     """Those that it was chosen from, the standard one first; empty without a choice."""
     chi2: NoiseTest | None = None
     covariance: Covariance | None = None
+    coverage_factor_95: float | None = None
+    """Half-width of 95 % intervals in stated σ; None where nothing tells σ."""
     position_std_mm: PositionStd | None = None
     robot_scatter: RobotScatter | None = None
     """None where the shots do not ask for any."""

@@ -5,14 +5,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import bdtrik, ndtri, stdtr, stdtrit
+from scipy.special import bdtrik, ndtri, stdtr
 
 from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
 from campaigns.estimation.estimators import Estimator, Weights
+from campaigns.estimation.information import CONFIDENCE, coverage_factor
 from campaigns.studies.study import CampaignEstimate, CampaignOutcome, StudySetup
 
-CONFIDENCE = 0.95
 LEAST_CAMPAIGNS = 2
 QUANTILES = (0.5, 0.95)
 FALSE_ALARM = 0.01
@@ -102,10 +102,7 @@ def interval_factor(setup: StudySetup) -> float:
 
     Student's where the variance is the residuals' own, normal where the tracker's is known.
     """
-    tail = 0.5 * (1.0 + CONFIDENCE)
-    if _variance_is_estimated(setup):
-        return float(stdtrit(setup.dof, tail))
-    return float(ndtri(tail))
+    return coverage_factor(setup.dof if _variance_is_estimated(setup) else None)
 
 
 def _variance_is_estimated(setup: StudySetup) -> bool:

@@ -15,6 +15,7 @@ PLAN_KEYS = {
     *("from_below", "curve"),
 }
 IDENTIFICATION_KEYS = {
+    "coverage_factor_95",
     "doubts",
     "hold_out",
     "robot_scatter",

@@ -163,3 +163,13 @@ def test_a_slipped_encoder_is_no_pass_by_distances_of_equal_weight_either():
     found = found_with(slipped, estimator=Estimator.DISTANCES, weights=Weights.EQUAL)
     assert found.verdict == "fail"
     assert doubt(found, "change-during-campaign").numbers["cause"] == "arm2.joint_offset_deg"
+
+
+def test_intervals_are_students_where_few_distances_tell_their_own_variance():
+    data = noisy(simulated(30, 8, seed=2), 2)
+    few = found_with(data, estimator=Estimator.DISTANCES, weights=Weights.EQUAL)
+    assert few.dof == 8
+    assert few.coverage_factor_95 == pytest.approx(2.306, abs=1e-3)
+    assert found_with(data).coverage_factor_95 == pytest.approx(1.960, abs=1e-3)
+    stated = found_with(data, estimator=Estimator.DISTANCES)
+    assert stated.coverage_factor_95 == pytest.approx(1.960, abs=1e-3)
