@@ -5,7 +5,7 @@ of a step from k on, in the linearised fit whitened with the whole covariance of
 Bonferroni over all tests.
 """
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from campaigns.arrays import Array
+from campaigns.estimation.observability import orthonormal_basis
 
 SIGNIFICANCE = 1e-3
 """Chance of a false alarm over all tests of a campaign."""
@@ -47,17 +48,15 @@ class Change:
 
 
 def detect_change(
-    whitened_residual: Array, whitened_jacobian: Array, causes: Mapping[str, Cause], root: Array
+    whitened_residual: Array, whitened_jacobian: Array, causes: Sequence[Cause], root: Array
 ) -> Change | None:
     """Most likely change in shots that stand in the order of time; None where chance will do.
 
     Residual (N, 3) and Jacobian (N, 3, P) are whitened by the inverse of `root` (N, 3, 3).
     """
     count = len(whitened_residual)
-    flat = whitened_jacobian.reshape(-1, whitened_jacobian.shape[-1])
-    norms = np.linalg.norm(flat, axis=0)
-    basis, kept = _orthonormal(flat / np.where(norms > 0.0, norms, 1.0))
-    freedom = 3 * count - kept
+    basis = orthonormal_basis(whitened_jacobian.reshape(3 * count, -1))
+    freedom = 3 * count - basis.shape[1]
     left = whitened_residual.ravel() - basis @ (basis.T @ whitened_residual.ravel())
     chi2 = float(left @ left)
     if freedom < 2 * FEWEST_BEYOND or count < 2 * FEWEST_BEYOND or chi2 <= 0.0:
@@ -65,7 +64,7 @@ def detect_change(
     by_shot = basis.reshape(count, 3, -1)
     tests = [
         _Tests.of(cause, np.asarray(np.linalg.solve(root, cause.columns)), left, by_shot)
-        for cause in causes.values()
+        for cause in causes
     ]
     p_values = [each.p_values(chi2, freedom) for each in tests]
     best = min(range(len(tests)), key=lambda place: float(p_values[place].min()))
@@ -120,10 +119,3 @@ class _Tests:
 def _from_there_on(each: Array) -> Array:
     """Sums of a shot and all that follow it."""
     return np.asarray(np.cumsum(each[::-1], axis=0)[::-1])
-
-
-def _orthonormal(rows: Array) -> tuple[Array, int]:
-    """Basis of the columns' space, and its dimension."""
-    u, spread, _ = np.linalg.svd(rows, full_matrices=False)
-    kept = int(np.sum(spread > spread[0] * 1e-11))
-    return u[:, :kept], kept

@@ -12,8 +12,9 @@ import numpy as np
 from scipy.special import fdtrc
 
 from campaigns.arrays import Array
+from campaigns.estimation.information import SIGNIFICANCE
+from campaigns.estimation.observability import orthonormal_basis
 
-SIGNIFICANCE = 1e-3
 DEGREE = 2
 LEAST_FREEDOM = 30
 """Degrees of freedom that must be left beside the polynomials."""
@@ -57,21 +58,13 @@ def lack_of_fit(residual: Array, jacobian: Array, smooth: Array) -> LackOfFit | 
     count, unknowns = len(residual), jacobian.shape[-1]
     if not enough_shots(count, unknowns, smooth.shape[-1]):
         return None
-    explained = _basis(jacobian.reshape(3 * count, -1))
+    explained = orthonormal_basis(jacobian.reshape(3 * count, -1))
     left = residual.ravel() - explained @ (explained.T @ residual.ravel())
     rows = smooth.reshape(3 * count, -1)
-    more = _basis(rows - explained @ (explained.T @ rows))
+    more = orthonormal_basis(rows - explained @ (explained.T @ rows))
     gain, chi2 = float(np.sum((more.T @ left) ** 2)), float(left @ left)
     m, freedom = more.shape[1], 3 * count - explained.shape[1] - more.shape[1]
     if m == 0 or chi2 <= gain:
         return None
     rest = (chi2 - gain) / freedom
     return LackOfFit(max(0.0, gain - m * rest) / chi2, float(fdtrc(m, freedom, gain / m / rest)))
-
-
-def _basis(columns: Array) -> Array:
-    """Orthonormal basis of the columns' space."""
-    norms = np.linalg.norm(columns, axis=0)
-    kept = norms > 1e-9 * norms.max(initial=0.0)
-    u, spread, _ = np.linalg.svd(columns[:, kept] / norms[kept], full_matrices=False)
-    return np.asarray(u[:, spread > spread[0] * 1e-8] if len(spread) else u)

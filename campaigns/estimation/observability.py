@@ -54,6 +54,14 @@ def observability(jacobian: Array) -> Observability:
     return Observability(values, rank, directions, scale)
 
 
+def orthonormal_basis(columns: Array) -> Array:
+    """Orthonormal basis (M, R) of the space of columns (M, P), those of no length left out."""
+    norms = np.linalg.norm(columns, axis=0)
+    kept = norms > RANK_TOLERANCE * norms.max(initial=0.0)
+    u, spread, _ = np.linalg.svd(columns[:, kept] / norms[kept], full_matrices=False)
+    return np.asarray(u[:, spread > RANK_TOLERANCE * spread.max(initial=0.0)])
+
+
 def project_out_nuisance(jacobian: Array, count: int) -> Array:
     """∂/∂(first `count` unknowns) after the best fit of all others, (M, count).
 

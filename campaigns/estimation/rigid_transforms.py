@@ -27,20 +27,28 @@ class Transform:
         return Transform(self.rotation.T, -self.rotation.T @ self.translation_mm)
 
 
+def best_rotation(centred_a: Array, centred_b: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3) that brings centred points a (N, 3) best to b, and their common spreads (3,).
+
+    Closed form by SVD (Kabsch 1976). The last spread is negative where a reflection would fit
+    better.
+    """
+    u, spread, vt = np.linalg.svd(centred_b.T @ centred_a)
+    proper = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    return u @ np.diag(proper) @ vt, spread * proper
+
+
 def fit_transform(points_in_a_mm: Array, points_in_b_mm: Array) -> Transform:
     """`b_from_a` with the least sum of squared distances, from (N, 3) points each (paper eq. 25).
 
-    Closed form by SVD (Kabsch 1976). Raises `ValueError` for fewer than three points and for
-    points on a line.
+    Raises `ValueError` for fewer than three points and for points on a line.
     """
     if len(points_in_a_mm) < 3:
         raise ValueError(f"{len(points_in_a_mm)} points fix no frame: three are needed")
     centre_a, centre_b = points_in_a_mm.mean(axis=0), points_in_b_mm.mean(axis=0)
-    u, spread, vt = np.linalg.svd((points_in_b_mm - centre_b).T @ (points_in_a_mm - centre_a))
+    rotation, spread = best_rotation(points_in_a_mm - centre_a, points_in_b_mm - centre_b)
     if spread[1] <= LINE_TOLERANCE * spread[0]:
         raise ValueError("points on one line fix no frame")
-    mirror = np.sign(np.linalg.det(u @ vt))
-    rotation = u @ np.diag([1.0, 1.0, mirror]) @ vt
     return Transform(rotation, centre_b - rotation @ centre_a)
 
 

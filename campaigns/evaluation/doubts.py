@@ -3,11 +3,14 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from campaigns.estimation.change_detection import Change
 from campaigns.estimation.information import ChiSquareTest
 from campaigns.estimation.lack_of_fit import LackOfFit
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.plausibility import beyond_tolerance, common_scale
+from campaigns.evaluation.summary import Spread
 from campaigns.mechanisms.mechanism import ParameterSpace
 from campaigns.robots.robot import Tolerance
 
@@ -44,7 +47,7 @@ class Doubt:
         return self.decision is not None and not self.accepted
 
 
-def change_doubts(
+def parameter_doubts(
     nominal: Mapping[str, float],
     changes: Mapping[str, float],
     tolerance: Tolerance,
@@ -88,12 +91,10 @@ def noise_doubts(noise: ChiSquareTest) -> Iterator[Doubt]:
         )
 
 
-def campaign_doubt(change: Change, numbers: tuple[int, int], space: ParameterSpace) -> Doubt:
+def change_doubt(change: Change, numbers: tuple[int, int], space: ParameterSpace) -> Doubt:
     """Doubt of a change between two shots, by their numbers."""
-    size = [float(each) for each in change.size]
     before, after = numbers
-    where = f"between shots {before} and {after}"
-    chance = f"p = {change.p:.1g}" if change.p > 0.0 else "p < 1e-300"
+    size = float(change.size[0])
     values: dict[str, float | str] = {
         "kind": change.kind,
         "cause": change.name,
@@ -101,66 +102,69 @@ def campaign_doubt(change: Change, numbers: tuple[int, int], space: ParameterSpa
         "before_shot": float(after),
         "p": change.p,
     }
-    if change.kind == "drift" and len(size) == 1:
-        values |= {"size": size[0], "std": float(change.std[0])}
-        what = f"all arms changed their lengths by {size[0]:+.2g} mm over the campaign"
+    where = f"between shots {before} and {after}"
+    alone = f"identify from the shots before or after alone, --shots -{before} or --shots {after}-"
+    if change.kind == "drift" and len(change.size) == 1:
+        values |= {"size": size, "std": float(change.std[0])}
+        what = f"all arms changed their lengths by {size:+.2g} mm over the campaign"
         remedy = "let the robot warm up first, or measure again when it is warm"
     elif change.kind in ("frame", "drift"):
-        moved_mm = float(sum(each**2 for each in size[3:]) ** 0.5)
+        moved_mm = float(np.linalg.norm(change.size[3:]))
         values |= {"moved_mm": moved_mm}
+        moved = "the tracker or the robot's base"
         what = (
-            f"the tracker or the robot's base moved by {moved_mm:.2g} mm {where}"
+            f"{moved} moved by {moved_mm:.2g} mm {where}"
             if change.kind == "frame"
-            else f"the tracker or the robot's base drifted by {moved_mm:.2g} mm over the campaign"
+            else f"{moved} drifted by {moved_mm:.2g} mm over the campaign"
         )
-        remedy = (
-            "if it was between two sessions, --sessions; else identify from the shots before or "
-            f"after alone, {_ranges(before, after)}"
-        )
+        remedy = f"if it was between two sessions, --sessions; else {alone}"
     else:
         unit = float(space.units((change.name,))[0])
-        values |= {"size": size[0] / unit, "std": float(change.std[0]) / unit}
+        values |= {"size": size / unit, "std": float(change.std[0]) / unit}
         arm = change.name.partition(".")[0].removeprefix("arm")
         if change.kind == "joint":
-            degrees = "°" if change.name.endswith("_deg") else " mm"
-            what = f"arm {arm}'s encoder changed by {size[0] / unit:+.3g}{degrees} {where}"
-            remedy = (
-                "mend the encoder or its coupling; identify from the shots before or after alone, "
-                f"{_ranges(before, after)}"
-            )
+            sign = "°" if change.name.endswith("_deg") else " mm"
+            what = f"arm {arm}'s encoder changed by {size / unit:+.3g}{sign} {where}"
+            remedy = f"mend the encoder or its coupling; {alone}"
         else:
-            what = f"arm {arm} changed its length by {size[0] / unit:+.3g} mm {where}"
-            remedy = (
-                "look for warmth or a loose joint; identify from the shots before or after alone, "
-                f"{_ranges(before, after)}"
-            )
+            what = f"arm {arm} changed its length by {size / unit:+.3g} mm {where}"
+            remedy = f"look for warmth or a loose joint; {alone}"
+    chance = f"p = {change.p:.1g}" if change.p > 0.0 else "p < 1e-300"
     return Doubt(CHANGE, f"{what} ({chance}): {remedy}", "fail", values)
-
-
-def _ranges(before: int, after: int) -> str:
-    return f"--shots -{before} or --shots {after}-"
 
 
 def lack_doubt(found: LackOfFit, *, limits_met: bool) -> Doubt:
     """Doubt of residuals that follow the joints, as no scatter does."""
-    more = "; acceptance limits are met all the same" if limits_met else ""
-    return Doubt(
-        LACK,
+    says = (
         f"{100.0 * found.share:.0f} % of what is left follows the joints (p = {found.p:.1g}): the "
         "model lacks something (rods of unequal length, tilted axes, bending), and positions are "
-        f"worse than their σ{more}",
-        None if limits_met else "not decided",
-        {"share": found.share, "p": found.p},
+        "worse than their σ"
     )
+    return _unless_limits_are_met(LACK, says, {"share": found.share, "p": found.p}, met=limits_met)
 
 
 def hold_out_doubt(ratio: float, p: float, pairs: int, *, limits_met: bool) -> Doubt:
     """Doubt of unseen pairs that are farther off than their σ say."""
-    more = "; acceptance limits are met all the same" if limits_met else ""
-    return Doubt(
-        HOLD_OUT,
+    says = (
         f"{pairs} unseen pairs are {ratio:.2g} times as far off as their σ say (p = {p:.1g}): the "
-        f"model lacks something; σ of positions are multiplied by it{more}",
-        None if limits_met else "not decided",
-        {"ratio": ratio, "p": p, "pairs": float(pairs)},
+        "model lacks something; σ of positions are multiplied by it"
     )
+    numbers = {"ratio": ratio, "p": p, "pairs": float(pairs)}
+    return _unless_limits_are_met(HOLD_OUT, says, numbers, met=limits_met)
+
+
+def limits_met(after: Spread, limits_mm: Mapping[str, float]) -> bool:
+    """Whether acceptance limits of distances are asked for and all of them kept."""
+    reached = {"mean": after.mean_abs, "max": after.max_abs}
+    return bool(limits_mm) and all(reached[name] <= limit for name, limit in limits_mm.items())
+
+
+def _unless_limits_are_met(
+    name: str,
+    says: str,
+    numbers: Mapping[str, float],
+    *,
+    met: bool,
+) -> Doubt:
+    more = "; acceptance limits are met all the same" if met else ""
+    return Doubt(name, f"{says}{more}", None if met else "not decided", dict(numbers))

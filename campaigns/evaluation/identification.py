@@ -93,6 +93,7 @@ def noise_in_words(
         return f"{scatter} ({test}); σ come from the scatter"
     if robot:
         more = f", and are multiplied by {noise.sigma0:.2g}" if noise.sigma0 > 1.0 else ""
+        scatter = f"{scatter} and the robot scatters" if noise.consistent else scatter
         return f"{scatter} ({test}): {robot}; σ take it in{more}"
     if loss is not LossShape.LINEAR:
         return f"{scatter} ({test}); σ are {noise.sigma0:.2g} times what is stated, by the loss"

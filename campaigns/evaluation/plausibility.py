@@ -15,28 +15,21 @@ from scipy.special import stdtr
 
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
+from campaigns.estimation.rigid_transforms import best_rotation
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import Tolerance
+from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
 from campaigns.shots.shots import Shots
 
-UNITS: Mapping[str, float] = {
-    "metres": 1e-3,
-    "centimetres": 0.1,
-    "inches": 1.0 / 25.4,
-    "feet": 1.0 / 304.8,
-    "micrometres": 1e3,
+UNITS: Mapping[LengthUnit, str] = {
+    "m": "metres",
+    "cm": "centimetres",
+    "inch": "inches",
+    "ft": "feet",
+    "um": "micrometres",
 }
-"""Numbers of a length in a unit over its numbers in mm."""
-FACTORS = (*UNITS.values(), 2.0, 0.5)
-UNIT_WORD = {
-    "metres": "m",
-    "centimetres": "cm",
-    "inches": "inch",
-    "feet": "ft",
-    "micrometres": "um",
-}
-"""Of the option --unit."""
-
+"""Units that points may be in by mistake, by the word of --unit."""
+FACTORS = (*(1.0 / MM_PER_UNIT[unit] for unit in UNITS), 2.0, 0.5)
 MIRRORED = "the frame of the points is mirrored"
 
 FEWEST = 5
@@ -120,7 +113,9 @@ def check_distances(nominal: Kinematics, shots: Shots, limit_mm: float, where: s
     rows = np.flatnonzero(modelled.found & np.isfinite(shots.points_in_tracker_mm).all(axis=1))
     if len(rows) < FEWEST:
         return
-    left = _misfits(modelled.values[rows, :3], shots.points_in_tracker_mm[rows], scaled=False)
+    positions, points = modelled.values[rows, :3], shots.points_in_tracker_mm[rows]
+    part = _greater_part(positions, points, scaled=False)
+    _, left = _similarity(positions, points, part, scaled=False)
     off_mm = np.linalg.norm(left, axis=1)
     worst = int(np.argmax(off_mm))
     if off_mm[worst] > limit_mm:
@@ -256,43 +251,31 @@ def _readings(
             yield Reading(" and ".join(causes), "; ".join(remedies), cost, len(causes))
 
 
-def _unit_words(unit: float) -> str:
-    name = _unit_name(unit)
-    if name is not None:
-        return f"the points look like {name}"
-    return f"distances between the points are {unit:g} times those of the nominal robot"
+def _unit_words(factor: float) -> str:
+    unit = _unit(factor)
+    if unit is not None:
+        return f"the points look like {UNITS[unit]}"
+    return f"distances between the points are {factor:g} times those of the nominal robot"
 
 
-def _unit_remedy(unit: float) -> str:
-    name = _unit_name(unit)
-    if name is not None:
-        return f"import with --unit {UNIT_WORD[name]}, or give millimetres"
+def _unit_remedy(factor: float) -> str:
+    unit = _unit(factor)
+    if unit is not None:
+        return f"import with --unit {unit}, or give millimetres"
     return "give millimetres as measured, neither doubled nor halved"
 
 
-def _unit_name(unit: float) -> str | None:
-    return next((name for name, factor in UNITS.items() if factor == unit), None)
+def _unit(factor: float) -> LengthUnit | None:
+    return next((unit for unit in UNITS if 1.0 / MM_PER_UNIT[unit] == factor), None)
 
 
 def similarity_fit(modelled: Array, measured: Array) -> SimilarityFit:
-    """Best similarity of modelled (N, 3) with the greater part of measured points (N, 3).
-
-    Closed form by SVD (Umeyama 1991).
-    """
+    """Best similarity of modelled (N, 3) with the greater part of measured points (N, 3)."""
     rows = _greater_part(modelled, measured, scaled=True)
-    scale, _, left = _similarity(modelled[rows], measured[rows], scaled=True)
-    spread = measured[rows] - measured[rows].mean(axis=0)
-    size = float(np.sqrt(np.sum(spread**2)))
-    misfit = float(np.sqrt(np.sum(left**2))) / size if size > 0.0 else math.inf
+    scale, left = _similarity(modelled, measured, rows, scaled=True)
+    size = float(np.linalg.norm(measured[rows] - measured[rows].mean(axis=0)))
+    misfit = float(np.linalg.norm(left[rows])) / size if size > 0.0 else math.inf
     return SimilarityFit(scale, misfit)
-
-
-def _misfits(modelled: Array, measured: Array, *, scaled: bool) -> Array:
-    """What the best fit of the greater part leaves of all, (N, 3)."""
-    rows = _greater_part(modelled, measured, scaled=scaled)
-    scale, rotation, _ = _similarity(modelled[rows], measured[rows], scaled=scaled)
-    moved = scale * (modelled - modelled[rows].mean(axis=0)) @ rotation.T
-    return np.asarray(measured - measured[rows].mean(axis=0) - moved)
 
 
 def _greater_part(modelled: Array, measured: Array, *, scaled: bool) -> Index:
@@ -300,23 +283,21 @@ def _greater_part(modelled: Array, measured: Array, *, scaled: bool) -> Index:
     rows = np.arange(len(modelled))
     keep = max(FEWEST - 1, int(KEPT * len(modelled)))
     for _ in range(TRIMMINGS):
-        scale, rotation, _ = _similarity(modelled[rows], measured[rows], scaled=scaled)
-        moved = scale * (modelled - modelled[rows].mean(axis=0)) @ rotation.T
-        left = np.linalg.norm(measured - measured[rows].mean(axis=0) - moved, axis=1)
-        rows = np.sort(np.argsort(left, kind="stable")[:keep])
+        _, left = _similarity(modelled, measured, rows, scaled=scaled)
+        rows = np.sort(np.argsort(np.linalg.norm(left, axis=1), kind="stable")[:keep])
     return rows
 
 
-def _similarity(modelled: Array, measured: Array, *, scaled: bool) -> tuple[float, Array, Array]:
-    """Scale, rotation, and what they leave, (N, 3)."""
-    a, b = modelled - modelled.mean(axis=0), measured - measured.mean(axis=0)
-    u, spread, vt = np.linalg.svd(b.T @ a)
-    proper = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    rotation = u @ np.diag(proper) @ vt
-    size = float(np.sum(a**2))
-    scale = float(np.sum(spread * proper)) / size if scaled and size > 0.0 else 1.0
+def _similarity(
+    modelled: Array, measured: Array, rows: Index, *, scaled: bool
+) -> tuple[float, Array]:
+    """Scale of the best similarity of some rows (Umeyama 1991); what it leaves of all, (N, 3)."""
+    a, b = (points - points[rows].mean(axis=0) for points in (modelled, measured))
+    rotation, spread = best_rotation(a[rows], b[rows])
+    size = float(np.sum(a[rows] ** 2))
+    scale = float(np.sum(spread)) / size if scaled and size > 0.0 else 1.0
     scale = max(scale, np.finfo(np.float64).tiny)
-    return scale, rotation, np.asarray(b - scale * a @ rotation.T)
+    return scale, np.asarray(b - scale * a @ rotation.T)
 
 
 @dataclass(frozen=True, slots=True)
@@ -353,7 +334,7 @@ def common_scale(nominal: Mapping[str, float], changes: Mapping[str, float]) -> 
 
 
 def _from_first(name: str, nominal: Mapping[str, float]) -> float:
-    arm, _, field = name.rpartition(".")
+    field = name.rpartition(".")[2]
     if field in PLACES:
-        return nominal[name] - nominal[f"{arm[:-1]}0.{field}"]
+        return nominal[name] - nominal[f"arm0.{field}"]
     return nominal[name]

@@ -1,6 +1,7 @@
-"""Change during a campaign: what the shots of a fit say of a step or a drift, in order of time."""
+"""Tests of a fit's shots: a step or a drift in the order of time, and what the model lacks."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from campaigns.estimation.lack_of_fit import (
     smooth_columns,
 )
 from campaigns.estimation.residuals import FRAME_COLUMNS
+from campaigns.estimation.variance_components import LinearizedShots
 from campaigns.identification.fit import PointFit
 from campaigns.mechanisms.mechanism import ParameterSpace
 
@@ -28,27 +30,16 @@ def change_of(
     fitted, found = points.observations, points.found
     order = order_of_time(fitted.times)
     rows = order[~isolated(found.kept[order])]
-    shots = points.linearized().rows(rows)
-    covariance = points.covariance_mm2()[rows]
-    try:
-        root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
-    except np.linalg.LinAlgError:
+    shots = _whitened(points, rows)
+    if shots is None:
         return None
-    both = np.concatenate([shots.jacobian, shots.residual_mm[:, :, None]], axis=2)
-    whitened = np.asarray(np.linalg.solve(root, both), dtype=np.float64)
-    jacobian, residual = whitened[:, :, :-1], whitened[:, :, -1]
-    smooth = _smooth(points, root, rows)
-    if lacks and enough_shots(len(rows), jacobian.shape[-1], smooth.shape[-1]):
-        jacobian = np.concatenate([jacobian, smooth], axis=2)
-    data = fitted.points
-    lengths = data.rotations(found.x) @ data.model.by_geometry(
-        data.parameters(found.x), space.places(space.arm_lengths)
-    )
-    causes = {
-        cause.name: cause
-        for cause in _causes(space, shots.by_joints, lengths[rows], shots.jacobian)
-    }
-    change = detect_change(residual, jacobian, causes, root)
+    jacobian = shots.jacobian
+    if lacks:
+        smooth = _smooth(points, shots)
+        if enough_shots(len(rows), jacobian.shape[-1], smooth.shape[-1]):
+            jacobian = np.concatenate([jacobian, smooth], axis=2)
+    causes = tuple(_causes(points, space, shots))
+    change = detect_change(shots.residual, jacobian, causes, shots.root)
     if change is None:
         return None
     numbers = [fitted.numbers[row] for row in rows.tolist()]
@@ -58,22 +49,12 @@ def change_of(
 
 
 def lack_of_fit_of(points: PointFit) -> LackOfFit | None:
-    """Test of what the model leaves of the shots that were kept; None for too few."""
-    rows = np.flatnonzero(points.found.kept)
-    shots = points.linearized().rows(rows)
-    try:
-        root = np.asarray(np.linalg.cholesky(points.covariance_mm2()[rows]), dtype=np.float64)
-    except np.linalg.LinAlgError:
+    """What the model lacks by the shots that were kept; None where chance explains all."""
+    shots = _whitened(points, np.flatnonzero(points.found.kept))
+    if shots is None:
         return None
-    both = np.concatenate([shots.jacobian, shots.residual_mm[:, :, None]], axis=2)
-    whitened = np.asarray(np.linalg.solve(root, both), dtype=np.float64)
-    return lack_of_fit(whitened[:, :, -1], whitened[:, :, :-1], _smooth(points, root, rows))
-
-
-def _smooth(points: PointFit, root: Array, rows: Index) -> Array:
-    data = points.observations.points
-    columns = smooth_columns(data.model.arm_joints(data.parameters(points.found.x))[rows])
-    return np.asarray(np.linalg.solve(root, columns), dtype=np.float64)
+    found = lack_of_fit(shots.residual, shots.jacobian, _smooth(points, shots))
+    return found if found is not None and found.significant else None
 
 
 def order_of_time(times: tuple[str, ...]) -> Index:
@@ -92,15 +73,45 @@ def isolated(kept: Mask) -> Mask:
     return np.asarray(out & ~beside)
 
 
-def _causes(
-    space: ParameterSpace, by_joints: Array, by_lengths: Array, jacobian: Array
-) -> Iterator[Cause]:
-    names = [space.geometry[place] for place in space.offsets.tolist()]
-    for place, name in enumerate(names):
-        yield Cause("joint", name, by_joints[:, :, place : place + 1])
+@dataclass(frozen=True, slots=True, eq=False)
+class _Whitened:
+    """Some shots of a fit, with the roots of their covariances, (N, 3, 3), and whitened by them."""
+
+    rows: Index
+    linearized: LinearizedShots
+    root: Array
+    residual: Array
+    jacobian: Array
+
+
+def _whitened(points: PointFit, rows: Index) -> _Whitened | None:
+    """Shots in this order; None for covariances that are none."""
+    shots = points.linearized().rows(rows)
+    try:
+        root = np.linalg.cholesky(points.covariance_mm2()[rows])
+    except np.linalg.LinAlgError:
+        return None
+    both = np.concatenate([shots.jacobian, shots.residual_mm[:, :, None]], axis=2)
+    whitened = np.asarray(np.linalg.solve(root, both), dtype=np.float64)
+    return _Whitened(rows, shots, np.asarray(root), whitened[:, :, -1], whitened[:, :, :-1])
+
+
+def _smooth(points: PointFit, shots: _Whitened) -> Array:
+    data = points.observations.points
+    joints = data.model.arm_joints(data.parameters(points.found.x))[shots.rows]
+    return np.asarray(np.linalg.solve(shots.root, smooth_columns(joints)), dtype=np.float64)
+
+
+def _causes(points: PointFit, space: ParameterSpace, shots: _Whitened) -> Iterator[Cause]:
+    data, x = points.observations.points, points.found.x
+    places = space.places(space.arm_lengths)
+    by_lengths = data.rotations(x) @ data.model.by_geometry(data.parameters(x), places)
+    by_lengths, by_joints = by_lengths[shots.rows], shots.linearized.by_joints
+    for place, offset in enumerate(space.offsets.tolist()):
+        yield Cause("joint", space.geometry[offset], by_joints[:, :, place : place + 1])
     for place, name in enumerate(space.arm_lengths):
         yield Cause("length", name, by_lengths[:, :, place : place + 1])
-    frame = jacobian[:, :, -FRAME_COLUMNS:]
+    frame = shots.linearized.jacobian[:, :, -FRAME_COLUMNS:]
     yield Cause("frame", "frame", frame)
     yield Cause("drift", "drift", frame)
     yield Cause("drift", "lengths", by_lengths.sum(axis=2, keepdims=True))

@@ -14,7 +14,6 @@ from campaigns.errors import ShotsMissing
 from campaigns.estimation.estimate import Estimate, OutlierPolicy, estimate
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
 from campaigns.estimation.information import ChiSquareTest, chi_square_test
-from campaigns.estimation.residuals import PointResiduals
 from campaigns.estimation.robust import Loss
 from campaigns.estimation.variance_components import (
     NONE,
@@ -75,9 +74,6 @@ class Fit:
     found: Estimate
     points: PointFit | None
     """Plain and without outliers; None where coordinates cannot be fitted, or were not asked."""
-
-    beside: PointFit | None = None
-    """Coordinates that judge the shots and take no part in σ: of distances of equal weight."""
     left_out: PointFit | None = None
     """That by which shots of pairs were left out; None where pairs were not asked for."""
 
@@ -88,6 +84,11 @@ class Fit:
         if points is None or points.found is not self.found:
             return self.found.noise
         return points.stated_noise
+
+    @property
+    def variance_dof(self) -> int | None:
+        """Degrees of freedom by which residuals tell their own variance; None: it is known."""
+        return self.found.noise.dof if self.points is None else None
 
     @property
     def scatter(self) -> VarianceComponents:
@@ -108,13 +109,10 @@ def fit_shots(
     """
     if options.estimator is Estimator.POINTS:
         points = fit_points(nominal, shots, selection, options)
-        beside = points if _is_plain(options) else _analysis(nominal, shots, selection, options)
-        return Fit(points.observations, points.found, beside)
+        plain = points if _is_plain(options) else plain_fit(nominal, shots, selection, options)
+        return Fit(points.observations, points.found, plain)
     if options.weights is Weights.EQUAL:
-        alone = _fit_distances_alone(nominal, shots, selection, options)
-        if options.outliers is Outliers.KEEP:
-            return alone
-        return replace(alone, beside=_analysis(nominal, shots, selection, options))
+        return _fit_distances_alone(nominal, shots, selection, options)
     return _fit_distances(nominal, shots, selection, options)
 
 
@@ -141,6 +139,18 @@ def fit_points(
     return PointFit(fitted, found, scatter)
 
 
+def plain_fit(
+    nominal: Kinematics, shots: Shots, selection: ParameterSelection, options: IdentificationOptions
+) -> PointFit | None:
+    """Plain fit of the coordinates by the shots alone, to judge them by; None for too few."""
+    plain = replace(options, loss=Loss(), outliers=Outliers.EXCLUDE)
+    alone = replace(selection, priors=())
+    try:
+        return fit_points(nominal, shots, alone, plain)
+    except (ShotsMissing, NoSolution):
+        return None
+
+
 def linearized(fitted: PointObservations, x: Array) -> LinearizedShots:
     """All shots about the unknowns x, in the tracker's axes."""
     points, count = fitted.points, len(fitted.numbers)
@@ -164,7 +174,7 @@ def covariance_of(fitted: PointObservations, x: Array, scatter: VarianceComponen
 
 def replace_covariance(fitted: PointObservations, covariance_mm2: Array) -> PointObservations:
     """The same observations, whitened with other covariances."""
-    points: PointResiduals = fitted.points.with_covariance(covariance_mm2)
+    points = fitted.points.with_covariance(covariance_mm2)
     return replace(fitted, points=points, problem=replace(fitted.problem, data=points))
 
 
@@ -172,7 +182,7 @@ def _fit_distances(
     nominal: Kinematics, shots: Shots, selection: ParameterSelection, options: IdentificationOptions
 ) -> Fit:
     """Distances weighed by what the coordinates of the same shots say of them."""
-    points = _analysis(nominal, shots, selection, options)
+    points = plain_fit(nominal, shots, selection, options)
     if points is None:
         return _fit_distances_alone(nominal, shots, selection, options)
     sigma0 = points.found.noise.sigma0 or 1.0
@@ -180,16 +190,14 @@ def _fit_distances(
         number: sigma0**2 * each
         for number, each in zip(points.observations.numbers, points.covariance_mm2(), strict=True)
     }
-    wrong = frozenset(np.array(points.observations.numbers)[~points.found.kept].tolist())
-    excludes = options.outliers is Outliers.EXCLUDE
-    if not excludes:
-        wrong = frozenset()
+    left_out = points if options.outliers is Outliers.EXCLUDE else None
+    wrong = np.array(points.observations.numbers)[~points.found.kept].tolist() if left_out else ()
     fitted = distance_observations(
-        nominal, shots, selection, options, covariance_mm2=covariance, left_out=wrong
+        nominal, shots, selection, options, covariance_mm2=covariance, left_out=frozenset(wrong)
     )
     policy = OutlierPolicy(options.loss, exclude=False)
     found = estimate(fitted.problem, len(selection.free), policy, known_variance=True)
-    return Fit(fitted, found, points, left_out=points if excludes else None)
+    return Fit(fitted, found, points, left_out)
 
 
 def _fit_distances_alone(
@@ -197,25 +205,12 @@ def _fit_distances_alone(
 ) -> Fit:
     fitted = distance_observations(nominal, shots, selection, options)
     count = len(selection.free)
-    return Fit(
-        fitted, estimate(fitted.problem, count, _policy(options), known_variance=False), None
-    )
+    found = estimate(fitted.problem, count, _policy(options), known_variance=False)
+    return Fit(fitted, found, None)
 
 
 def _is_plain(options: IdentificationOptions) -> bool:
     return options.loss.shape is LossShape.LINEAR and options.outliers is Outliers.EXCLUDE
-
-
-def _analysis(
-    nominal: Kinematics, shots: Shots, selection: ParameterSelection, options: IdentificationOptions
-) -> PointFit | None:
-    """Plain fit of the coordinates by the shots alone, to judge them by; None for too few."""
-    plain = replace(options, loss=Loss(), outliers=Outliers.EXCLUDE)
-    alone = replace(selection, priors=())
-    try:
-        return fit_points(nominal, shots, alone, plain)
-    except (ShotsMissing, NoSolution):
-        return None
 
 
 def _policy(options: IdentificationOptions) -> OutlierPolicy:

@@ -10,8 +10,8 @@ from scipy.special import chdtrc, fdtrc
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.estimate import Estimate
+from campaigns.estimation.estimators import Outliers
 from campaigns.estimation.information import (
-    SIGNIFICANCE,
     coverage_factor,
     marginalise_frame,
     point_jacobian,
@@ -23,11 +23,12 @@ from campaigns.estimation.residuals import DistanceResiduals, PositionModel
 from campaigns.estimation.tracker_noise import distance_variance_mm2
 from campaigns.evaluation.doubts import (
     Doubt,
-    campaign_doubt,
-    change_doubts,
+    change_doubt,
     hold_out_doubt,
     lack_doubt,
+    limits_met,
     noise_doubts,
+    parameter_doubts,
 )
 from campaigns.evaluation.identification import (
     Combination,
@@ -37,9 +38,8 @@ from campaigns.evaluation.identification import (
     scatter_in_words,
 )
 from campaigns.evaluation.plausibility import check_shots
-from campaigns.evaluation.summary import Spread
 from campaigns.identification.change import change_of, lack_of_fit_of
-from campaigns.identification.fit import Fit, fit_shots
+from campaigns.identification.fit import Fit, PointFit, fit_shots, plain_fit
 from campaigns.identification.observations import (
     DistanceObservations,
     Observations,
@@ -146,7 +146,7 @@ class _Identified:
             noise,
             options.estimator,
             options.loss.shape,
-            by_scatter=self.fit.points is None,
+            by_scatter=self.fit.variance_dof is not None,
             robot="" if scatter is None else scatter.says,
         )
         return IdentificationResult(
@@ -213,7 +213,7 @@ class _Identified:
             kind=self.fitted.kind,
             fit=self.found.fit,
             unobservable=self.unobservable,
-            outliers=len(self.found.outliers) / len(self.found.kept),
+            outliers=self._outliers_share(),
             residuals=self.errors.summary(),
             std=self.covariance.std(),
             contradicted=tuple(self._contradicted()),
@@ -221,6 +221,11 @@ class _Identified:
             unseen=None if unseen is None else unseen.summary(),
             lost=tuple(f"unseen {each.what}: {each.reason}" for each in self.held_out.lost),
         )
+
+    def _outliers_share(self) -> float:
+        """Share in what was to be fitted: of pairs that of their shots."""
+        found = self.fit.left_out.found if self.fit.left_out else self.found
+        return len(found.outliers) / len(found.kept)
 
     def _contradicted(self) -> Iterator[str]:
         """Priors that the shots alone speak against."""
@@ -237,9 +242,11 @@ class _Identified:
         held_out = self.held_out
         outliers = tuple(_named_outliers(self.fitted, self.found))
         if self.fit.left_out is not None:
-            pair_of = dict(zip(self.shots.numbers, self.shots.pairs, strict=True))
+            pairs = dict(zip(self.shots.numbers, self.shots.pairs, strict=True))
             named = _named_outliers(self.fit.left_out.observations, self.fit.left_out.found)
-            outliers += tuple(replace(each, pair=pair_of[each.shot or 0]) for each in named)
+            outliers += tuple(
+                replace(each, pair=pairs[each.shot]) for each in named if each.shot is not None
+            )
         return self.fitted.excluded + outliers + held_out.unusable + held_out.lost
 
     @cached_property
@@ -252,22 +259,26 @@ class _Identified:
         parameters = self._parameters()
         changes = {name: parameters[name].delta for name in self.free}
         nominal = {name: each.nominal for name, each in parameters.items()}
-        yield from change_doubts(nominal, changes, options.tolerance, options.accepted)
+        yield from parameter_doubts(nominal, changes, options.tolerance, options.accepted)
         yield from noise_doubts(self.fit.stated_noise)
-        judged = self.fit.points or self.fit.beside
-        lack = None if judged is None else lack_of_fit_of(judged)
-        lacks = lack is not None and lack.significant
-        if judged is not None:
-            change = change_of(judged, space, lacks=lacks)
-            if change is not None:
-                found, numbers = change
-                yield campaign_doubt(found, numbers, space)
         tested, unseen = self.held_out.tested, self.held_out.errors
-        met = unseen is not None and _limits_met(unseen.summary().after, options.limits_mm)
-        if lack is not None and lacks:
-            yield lack_doubt(lack, limits_met=met)
-        if tested is not None and unseen is not None and tested.p < SIGNIFICANCE:
+        met = unseen is not None and limits_met(unseen.summary().after, options.limits_mm)
+        judged = self._judged()
+        if judged is not None:
+            lack = lack_of_fit_of(judged)
+            change = change_of(judged, space, lacks=lack is not None)
+            if change is not None:
+                yield change_doubt(*change, space)
+            if lack is not None:
+                yield lack_doubt(lack, limits_met=met)
+        if tested is not None and not tested.believable:
             yield hold_out_doubt(tested.ratio, tested.p, tested.pairs, limits_met=met)
+
+    def _judged(self) -> PointFit | None:
+        """Coordinates that the shots are judged by, also where they take no part in the fit."""
+        if self.fit.points is not None or self.options.outliers is Outliers.KEEP:
+            return self.fit.points
+        return plain_fit(self.nominal, self.shots, self.selection, self.options)
 
     def _robot_scatter(self) -> RobotScatter | None:
         found, axis = self.fit.scatter, self.nominal.mechanism.joints[0]
@@ -300,17 +311,13 @@ class _Identified:
         identified = self.fitted.model.kinematics(self.found.x[: len(self.free)])
         found = _position_std(identified, self.free, self.found, self.options.workspace)
         tested = self.held_out.tested
-        if found is None or tested is None or tested.p >= SIGNIFICANCE:
+        if found is None or tested is None or tested.believable:
             return found
         return PositionStd(tested.ratio * found.mean, tested.ratio * found.max)
 
     def _coverage_factor(self) -> float | None:
         """Student's where distances of equal weight tell their own variance, else normal."""
-        if self.found.covariance is None:
-            return None
-        dof = self.found.noise.dof
-        estimated = self.fit.points is None and dof > 0
-        return coverage_factor(dof if estimated else None)
+        return None if self.found.covariance is None else coverage_factor(self.fit.variance_dof)
 
     def _by_priors_alone(self) -> tuple[Combination, ...]:
         """What the shots cannot tell and the priors do."""
@@ -360,12 +367,6 @@ def _position_std(
             return None
     std = position_std_mm(jacobian, found.covariance[: len(free), : len(free)])
     return PositionStd(float(std.mean()), float(std.max()))
-
-
-def _limits_met(after: Spread, limits_mm: Mapping[str, float]) -> bool:
-    """Whether acceptance limits of distances are asked for and all of them kept."""
-    reached = {"mean": after.mean_abs, "max": after.max_abs}
-    return bool(limits_mm) and all(reached[name] <= limit for name, limit in limits_mm.items())
 
 
 def _holdout(
@@ -443,9 +444,8 @@ def _tested(
     predicted = by_x @ found.covariance[:parameters, :parameters] @ by_x.T + np.diag(variance)
     chi2 = float(error_mm @ np.linalg.solve(predicted, error_mm))
     ratio = float(np.sqrt(np.mean(error_mm**2 / np.diag(predicted))))
-    count, dof = len(pairs), found.noise.dof
-    by_scatter = fit.points is None and dof > 0  # σ are then known by so many degrees of freedom
-    p = fdtrc(count, dof, chi2 / count) if by_scatter else chdtrc(count, chi2)
+    count, dof = len(pairs), fit.variance_dof
+    p = chdtrc(count, chi2) if dof is None else fdtrc(count, dof, chi2 / count)
     return HoldOut(count, chi2, float(p), ratio)
 
 
@@ -462,11 +462,12 @@ def _pair_variance_mm2(
     if isinstance(fit.observations, DistanceObservations) and fit.points is None:
         own = fit.observations.distances.whitening
         return np.full(len(pairs), sigma0**2 / float(np.mean(own**2)))
-    points_mm, covariance = shots.points_in_tracker_mm, shots.covariance_mm2(options.instrument)
+    first, second = pairs.T
+    points_mm, stated = shots.points_in_tracker_mm, shots.covariance_mm2(options.instrument)
+    variance = distance_variance_mm2(points_mm, stated, first, second)
     if fit.points is not None:
-        points = fit.points
-        frame = points.observations.tracker_from_base(points.found.x)
-        by_joints = frame.rotation @ model.by_joints(x)
-        covariance = points.scatter.covariance_mm2(covariance, by_joints)
-        sigma0 = points.found.noise.sigma0 or 1.0
-    return sigma0**2 * distance_variance_mm2(points_mm, covariance, pairs[:, 0], pairs[:, 1])
+        # in the base frame: the robot's scatter is along the distance there, too
+        own = fit.points.scatter.covariance_mm2(np.zeros_like(stated), model.by_joints(x))
+        variance = variance + distance_variance_mm2(model.positions_mm(x), own, first, second)
+        sigma0 = fit.points.found.noise.sigma0 or 1.0
+    return sigma0**2 * variance

@@ -14,7 +14,7 @@ from pydantic import JsonValue, TypeAdapter, ValidationError
 from campaigns.arrays import Array
 from campaigns.errors import FindingUnreadable
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers
-from campaigns.estimation.information import ChiSquareTest, correlations
+from campaigns.estimation.information import SIGNIFICANCE, ChiSquareTest, correlations
 from campaigns.estimation.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.doubts import Doubt
@@ -168,6 +168,11 @@ class HoldOut:
     p: float
     ratio: float
     """Root mean square of their errors over that of their σ."""
+
+    @property
+    def believable(self) -> bool:
+        """Whether chance explains as much."""
+        return self.p >= SIGNIFICANCE
 
 
 @dataclass(frozen=True, slots=True)

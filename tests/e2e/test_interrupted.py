@@ -17,6 +17,8 @@ from campaigns.journal.records import Event, Intent, Outcome, SessionStopped
 
 SLOW = {"speed_up": 60}
 FAST = {"speed_up": 1000}
+WATCHED = {"speed_up": 15}
+"""So slow that a picture drawn four times a second, late on a busy machine, shows every state."""
 AT_WORK_SHOTS = 4
 PATIENCE_S = 20.0
 
@@ -135,7 +137,7 @@ class Screen:
 @pytest.fixture
 def screen_and_run(planned):
     """A run on a terminal of its own, at work."""
-    change(planned / "cell.yaml", SLOW)
+    change(planned / "cell.yaml", WATCHED)
     operator_end, program_end = pty.openpty()
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100", "LINES": "30"}
     process = started("run", planned, stdin=program_end, stderr=program_end, env=environment)
