@@ -58,6 +58,13 @@ class BeamBroken(DeviceRefused):
     """The tracker has lost its reflector."""
 
 
+class NotAMeasurement(BeamBroken):
+    """A tracker's result that cannot be of the measurement that was asked for.
+
+    A broken beam's kind of failure: the shot gave no data, and is taken again.
+    """
+
+
 class LimitViolation(DeviceRefused):
     """The controller refuses a target outside its limits or its reach."""
 

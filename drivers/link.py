@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Generic, Protocol, TypeVar
 
-from drivers.errors import BeamBroken, Cancelled, LinkDown, WireError
+from drivers.errors import Cancelled, LinkDown, WireError
 from drivers.transport import Transport
 
 Message = TypeVar("Message")
@@ -14,13 +14,6 @@ MessageOut = TypeVar("MessageOut", covariant=True)
 EVENTS_KEPT = 1000
 PATIENCE_S = 0.05
 """Duration of one wait, after which the operator's wish to stop is looked at."""
-
-
-class NotAMeasurement(BeamBroken):
-    """A tracker's result that cannot be of the measurement that was asked for.
-
-    A broken beam's kind of failure: the shot gave no data, and is taken again.
-    """
 
 
 class Framer(Protocol[MessageOut]):

@@ -1,6 +1,7 @@
 """Values that devices give: millimetres, radians, seconds, degrees Celsius."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from itertools import chain
@@ -22,6 +23,12 @@ class Identity:
     def __str__(self) -> str:
         version = f"{self.protocol}, firmware {self.firmware}"
         return f"{self.vendor} {self.model} serial {self.serial} ({version})"
+
+
+def vector(values: Iterable[float]) -> Vector3:
+    """Three plain floats."""
+    x, y, z = map(float, values)
+    return x, y, z
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from campaigns.estimation.incremental_fit import IncrementalGaussNewton
 from campaigns.estimation.information import LinearizedModel
 from campaigns.journal.records import Outcome
 from campaigns.measuring.rules import GateRules
-from drivers.values import Vector3, Weather
+from drivers.values import Vector3, Weather, vector
 
 SIGMAS = 4.0
 AGREEING = 2
@@ -223,9 +223,3 @@ class TemperatureMonitor:
         state = "has changed by" if self._alarmed else "is back within its limit:"
         limit = f"limit {self._limit_degC:g} °C"
         return f"the air {state} {change_degC:+.2f} °C since the start, {limit}"
-
-
-def vector(values: Array) -> Vector3:
-    """Three floats."""
-    x, y, z = (float(value) for value in values)
-    return x, y, z

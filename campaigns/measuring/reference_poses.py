@@ -27,8 +27,6 @@ SIGNIFICANCE = 1e-4
 LIKELY = 10.0
 """Difference of score up to which a cause is named beside the best."""
 RIGID_FREEDOM = 6
-DIFFERENCE = 1e-5
-"""Step of a joint by which derivatives are taken, in comparable radians."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,11 +226,7 @@ def _positions(nominal: Kinematics, joints: Array) -> Array:
 
 
 def _by_joints(nominal: Kinematics, joints: Array) -> Array:
-    """∂position/∂joints, (N, 3, n), by central differences."""
-    columns = []
-    for joint, axis in enumerate(nominal.mechanism.joints):
-        step = np.zeros(joints.shape[1])
-        step[joint] = DIFFERENCE * axis.scale
-        apart = _positions(nominal, joints + step) - _positions(nominal, joints - step)
-        columns.append(apart / (2.0 * step[joint]))
-    return np.stack(columns, axis=2)
+    """∂position/∂joints, (N, 3, n): an arm turns as by its encoder's offset."""
+    poses = nominal.forward(joints).values_or_raise()
+    offsets = nominal.mechanism.parameters.offsets
+    return np.asarray(nominal.jacobian(joints, poses)[:, :3][:, :, offsets])

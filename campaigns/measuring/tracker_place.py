@@ -6,7 +6,6 @@ from math import dist, hypot
 
 import numpy as np
 
-from campaigns.arrays import Array
 from campaigns.estimation.rigid_transforms import fit_transform
 from campaigns.journal.records import Event, Outcome
 from campaigns.measuring.stopping_rule import in_ranges
@@ -15,7 +14,7 @@ from campaigns.planning.plan_check import view_fault
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import View
 from campaigns.robots.robot import pose_row
-from drivers.values import Vector3
+from drivers.values import Vector3, vector
 
 RANGE_LIMIT_MM = 300.0
 """Difference of a first point's distance from the tracker that a rough place explains."""
@@ -42,7 +41,7 @@ class TrackerSight:
     def seen_from(self, place_mm: Vector3) -> View:
         """View of the reflector from another place."""
         away = np.subtract(place_mm, self.centre_mm)
-        return View(place_mm, self.facing or _vector(away), self.acceptance_rad)
+        return View(place_mm, self.facing or vector(away), self.acceptance_rad)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,13 +139,8 @@ def found_place(kinematics: Kinematics, accepted: Sequence[Outcome]) -> FoundPla
     std_mm = max(NOMINAL_STD_MM, float(np.sqrt(np.mean(left_mm**2))))
     away_mm = float(np.linalg.norm(place_mm - positions_mm.mean(axis=0)))
     std_mm *= hypot(len(points_mm) ** -0.5, away_mm / float(extents_mm[1]))
-    return FoundPlace(_vector(place_mm), std_mm)
+    return FoundPlace(vector(place_mm), std_mm)
 
 
 def _listed(place_mm: Vector3) -> str:
     return f"({', '.join(f'{value:.0f}' for value in place_mm)})"
-
-
-def _vector(values: Array) -> Vector3:
-    x, y, z = (float(value) for value in values)
-    return x, y, z

@@ -20,7 +20,7 @@ from campaigns.shots.columns import (
     shot_set,
 )
 from campaigns.shots.shot_sets import ShotSet
-from drivers.values import Matrix3, Vector3, is_positive_definite
+from drivers.values import Matrix3, Vector3, is_positive_definite, vector
 
 COVARIANCE_COLUMNS = ("sxx", "sxy", "sxz", "syy", "syz", "szz")
 
@@ -49,18 +49,13 @@ def in_unit(rows: Sequence[ShotRow], mm: float) -> tuple[ShotRow, ...]:
     return tuple(
         replace(
             row,
-            point_in_tracker_mm=_vector(mm * each for each in row.point_in_tracker_mm),
+            point_in_tracker_mm=vector(mm * each for each in row.point_in_tracker_mm),
             covariance_mm2=None
             if row.covariance_mm2 is None
-            else _matrix(_vector(mm**2 * each for each in line) for line in row.covariance_mm2),
+            else _matrix(vector(mm**2 * each for each in line) for line in row.covariance_mm2),
         )
         for row in rows
     )
-
-
-def _vector(values: Iterable[float]) -> Vector3:
-    x, y, z = values
-    return x, y, z
 
 
 def _matrix(lines: Iterable[Vector3]) -> Matrix3:

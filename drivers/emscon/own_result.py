@@ -1,7 +1,7 @@
 """Signs by which a result is known not to be of the measurement that was just asked for."""
 
 from drivers.emscon.client import EmsconClient, Ending, Result
-from drivers.link import NotAMeasurement
+from drivers.errors import NotAMeasurement
 from drivers.wire.emscon import encode
 from drivers.wire.emscon_constants import ResultStatus
 from drivers.wire.emscon_messages import ErrorResponse

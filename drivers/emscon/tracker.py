@@ -23,8 +23,8 @@ from drivers.emscon.setup import (
     require_unchanged,
     set_up,
 )
-from drivers.errors import BeamBroken, DeviceRefused
-from drivers.link import NotAMeasurement, never
+from drivers.errors import BeamBroken, DeviceRefused, NotAMeasurement
+from drivers.link import never
 from drivers.ports import Clock
 from drivers.session import PreparedSession
 from drivers.transport import Transport

@@ -6,10 +6,9 @@ from math import atan2
 from geocompy.geo.gcdata import ATR, ATRLock, Position
 from geocompy.geo.gcdata import Measurement as Program
 
-from drivers.errors import BeamBroken, DeviceRefused
+from drivers.errors import BeamBroken, DeviceRefused, NotAMeasurement
 from drivers.geocom.accuracy import direction_rad, relative_humidity_percent
 from drivers.geocom.client import BEAM_LOST, BEAM_REMEDY, GeocomClient, not_locked, refused
-from drivers.link import NotAMeasurement
 from drivers.values import Vector3, Weather
 from drivers.wire.geocom_constants import Result
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.values import Matrix3, Vector3
+from drivers.values import Matrix3, Vector3, vector
 from sim.draws import Attempts, Purpose, WorkedTime, generator
 from sim.faults import Counted, Fault, FaultScript
 from sim.geometry import Array
@@ -144,7 +144,7 @@ class SimulatedTracker:
         """The followed reflector's centre in the tracker's frame, mm; nothing without a lock."""
         if not self.beam_locked(now_s):
             return None
-        return _vector(self.beam.point_in_tracker_mm(now_s))
+        return vector(self.beam.point_in_tracker_mm(now_s))
 
     def events(self) -> list[str]:
         """Events since this was last asked, up to the last call.
@@ -251,7 +251,7 @@ class SimulatedTracker:
 
     def _aim_here(self, now_s: float) -> Aim:
         here_mm = self.beam.point_in_tracker_mm(now_s)
-        return Aim(_vector(here_mm), self.search_radius_mm, any_distance=True)
+        return Aim(vector(here_mm), self.search_radius_mm, any_distance=True)
 
     def _break(self, fault: Fault, at_s: float) -> None:
         if fault.kind == "wrong_target":
@@ -265,9 +265,9 @@ class SimulatedTracker:
         key = self._scene.robot_target()
         draw = generator(self._seed, Purpose.SHOT, *key, self.attempts.next(key))
         measured_mm = true_mm + spread_mm @ draw.standard_normal(3)
-        rows = [_vector(row) for row in spread_mm @ spread_mm.T]
+        rows = [vector(row) for row in spread_mm @ spread_mm.T]
         weather = self.weather(now_s)
-        return TrackerShot(_vector(measured_mm), (rows[0], rows[1], rows[2]), *weather)
+        return TrackerShot(vector(measured_mm), (rows[0], rows[1], rows[2]), *weather)
 
 
 def _turn_rad(first_mm: Array, second_mm: Array) -> float:
@@ -275,8 +275,3 @@ def _turn_rad(first_mm: Array, second_mm: Array) -> float:
     (hz, vt), (to_hz, to_vt) = direction_of(first_mm), direction_of(second_mm)
     turn_rad = max(abs(math.remainder(to_hz - hz, 2.0 * math.pi)), abs(to_vt - vt))
     return turn_rad if math.isfinite(turn_rad) else 0.0
-
-
-def _vector(values: Array) -> Vector3:
-    x, y, z = map(float, values)
-    return x, y, z

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identified_cases import NOMINAL, TRUTH, identified, noisy, simulated
+from identified_cases import NOMINAL, TRUTH, identified, moved, noisy, simulated
 from par4_space import SPACE
 
 from campaigns.estimation.estimators import Estimator, Weights
@@ -173,3 +173,10 @@ def test_intervals_are_students_where_few_distances_tell_their_own_variance():
     assert found_with(data).coverage_factor_95 == pytest.approx(1.960, abs=1e-3)
     stated = found_with(data, estimator=Estimator.DISTANCES)
     assert stated.coverage_factor_95 == pytest.approx(1.960, abs=1e-3)
+
+
+@pytest.mark.parametrize("estimator", list(Estimator))
+def test_so_many_wrong_shots_are_no_single_mistakes_by_either_estimator(estimator):
+    found = found_with(moved(CLEAN, tuple(range(0, 120, 8)), by_mm=2.0), estimator=estimator)
+    assert found.verdict == "fail"
+    assert "so many are no single mistakes" in found.reasons[0]

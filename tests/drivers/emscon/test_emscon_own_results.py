@@ -8,8 +8,8 @@ from scripted_emscon import RESULT
 from tracker_stage import seen_mm
 
 from drivers.emscon.tracker import SIMULATED
-from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, LinkDown
-from drivers.link import EVENTS_KEPT, NotAMeasurement
+from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, LinkDown, NotAMeasurement
+from drivers.link import EVENTS_KEPT
 from drivers.wire.emscon import Answer, OtherPacket, encode, refusal
 from drivers.wire.emscon_constants import Command, DataType, ResultStatus, SystemChange
 from drivers.wire.emscon_messages import (

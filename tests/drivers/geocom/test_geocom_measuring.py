@@ -5,9 +5,15 @@ import contextlib
 import pytest
 from scripted_geocom import POINT_M, POINT_MM, Bench
 
-from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, LinkDown, WireError
+from drivers.errors import (
+    BeamBroken,
+    DeviceNotReady,
+    DeviceRefused,
+    LinkDown,
+    NotAMeasurement,
+    WireError,
+)
 from drivers.geocom.accuracy import Accuracy, accuracy_of_class, covariance_mm2
-from drivers.link import NotAMeasurement
 from drivers.wire.geocom import Reply, encode_reply, words_of
 from drivers.wire.geocom_constants import Result, Rpc
 
