@@ -62,6 +62,8 @@ class Addresses:
     controller: str
     tracker: str
     clock: Clock
+    tracker_clock: Clock | None = None
+    """Time as a simulated tracker of ours lives it; None for one that is not served here."""
 
 
 def scenario_of(campaign_folder: Path, url: str) -> Scenario:
@@ -85,7 +87,7 @@ def connected_cell(
     with (
         _addresses(campaign) as at,
         _robot(campaign, _opener(at.controller, to_robot)) as robot,
-        _tracker(config, _opener(at.tracker, to_tracker), stop_requested) as tracker,
+        _tracker(config, at, _opener(at.tracker, to_tracker), stop_requested) as tracker,
     ):
         yield Devices(robot, tracker, at.clock, SystemClock())
 
@@ -128,6 +130,7 @@ def _addresses(campaign: Campaign) -> Iterator[Addresses]:
             cell.controller_url if controller in simulated else controller,
             cell.tracker_url if tracker in simulated else tracker,
             cell.clock if controller in simulated else SystemClock(),
+            cell.clock if tracker in simulated else None,
         )
 
 
@@ -223,9 +226,9 @@ def _layout(campaign: Campaign) -> RobotLayout:
 
 @contextmanager
 def _tracker(
-    config: CampaignConfig, opener: Opener, stop_requested: StopRequested
+    config: CampaignConfig, at: Addresses, opener: Opener, stop_requested: StopRequested
 ) -> Iterator[LaserTracker]:
-    tracker = _made_tracker(config.tracker.driver, opener, stop_requested)
+    tracker = _made_tracker(config.tracker.driver, at.tracker_clock, opener, stop_requested)
     try:
         tracker.connect()
         _check_serial("tracker", tracker.identity(), config.tracker.serial)
@@ -235,10 +238,15 @@ def _tracker(
 
 
 def _made_tracker(
-    driver: str, opener: Opener, stop_requested: StopRequested
+    driver: str, tracker_clock: Clock | None, opener: Opener, stop_requested: StopRequested
 ) -> EmsconTracker | GeocomTracker:
     if driver == "emscon":
-        return EmsconTracker(opener, clock=SystemClock(), cancelled=stop_requested)
+        return EmsconTracker(
+            opener,
+            clock=SystemClock(),
+            cancelled=stop_requested,
+            instrument_clock=tracker_clock,
+        )
     first = random.SystemRandom().randint(*FIRST_TRANSACTIONS)
     return GeocomTracker(
         opener, clock=SystemClock(), first_transaction=first, cancelled=stop_requested

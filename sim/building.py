@@ -141,4 +141,6 @@ def fault_of(fault: FaultSection) -> Fault:
         return Fault(ANSWERS_OF[fault.device], fault.at_answer, fault.kind, fault.seconds)
     if fault.at_move is not None:
         return Fault(Counted.MOVE, fault.at_move, fault.kind, fault.seconds)
+    if fault.at_result is not None:
+        return Fault(Counted.RESULT, fault.at_result, fault.kind, fault.seconds)
     return Fault(Counted.MEASUREMENT, fault.at_measurement or 0, fault.kind, fault.seconds)

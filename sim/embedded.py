@@ -101,7 +101,9 @@ class EmbeddedCell:
         return look
 
     def _emscon(self, send: Send, already_open: int) -> Session:
-        return EmsconSession(self.cell.tracker, send, is_second=already_open > 0)
+        return EmsconSession(
+            self.cell.tracker, send, is_second=already_open > 0, faults=self.cell.faults
+        )
 
     def _geocom(self, send: Send, already_open: int) -> Session:  # noqa: ARG002 - takes several
         return GeocomSession(self._station, send)

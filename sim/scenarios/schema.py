@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from sim.faults import ANSWER_FAULTS, MEASUREMENT_FAULTS, MOVE_FAULTS
+from sim.faults import ANSWER_FAULTS, MEASUREMENT_FAULTS, MOVE_FAULTS, RESULT_FAULTS
 from sim.geometry import problem_with
 from sim.scenarios.robot import ControllerSection, RobotSection, changed
 from sim.scenarios.section import Count, NotNegative, Positive, Section, nearest
@@ -12,17 +12,20 @@ from sim.scenarios.tracker import TrackerSection
 
 
 class FaultSection(Section):
-    """Entry of the fault script: exactly one of at_measurement, at_move, at_answer with device."""
+    """Entry of the fault script: exactly one of the keys of `KINDS`; at_answer with a device."""
 
     KINDS: ClassVar[dict[str, tuple[str, ...]]] = {
         "at_measurement": MEASUREMENT_FAULTS,
         "at_move": MOVE_FAULTS,
         "at_answer": ANSWER_FAULTS,
+        "at_result": RESULT_FAULTS,
     }
 
     at_measurement: Count | None = None
     at_move: Count | None = None
     at_answer: Count | None = None
+    at_result: Count | None = None
+    """Of an emScon tracker: the measurements that were begun."""
     device: Literal["controller", "tracker"] | None = None
     kind: str
     seconds: NotNegative | None = None

@@ -149,6 +149,7 @@ def test_bytes_that_are_no_text_are_no_scenario(tmp_path):
         ("par4-prototype", "par4-prototype, errors: {plate_mm: -100}", ("a length is above 0",)),
         ("name: mine", "name: mine\nfaults: [{at_move: 1, kind: late}]", ("faults.0", "stall")),
         ("name: mine", "name: mine\nfaults: [{kind: late}]", ("exactly one of",)),
+        ("name: mine", "name: mine\nfaults: [{at_result: 1, kind: late}]", ("straggling",)),
         ("name: mine", "name: mine\nfaults: [{at_answer: 1, kind: late}]", ("device",)),
         (
             "name: mine",
