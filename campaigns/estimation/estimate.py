@@ -92,6 +92,20 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """Unknowns near the solution, and the evaluations that it took to find them."""
+
+    x: Array
+    """(P,)"""
+    evaluations: int
+
+    @classmethod
+    def of(cls, found: Estimate, count: int | None = None) -> "Start":
+        """The first `count` unknowns of an estimate, else all."""
+        return cls(found.x[:count], found.fit.evaluations)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Solved:
     """A fit with the problem as it was at last, whose priors weigh against the scatter found."""
 
@@ -105,20 +119,29 @@ class _Solved:
 
 
 def estimate(
-    problem: LeastSquaresProblem, parameters: int, policy: OutlierPolicy, *, known_variance: bool
+    problem: LeastSquaresProblem,
+    parameters: int,
+    policy: OutlierPolicy,
+    *,
+    known_variance: bool,
+    start: Start | None = None,
 ) -> Estimate:
     """Estimate with the first unknowns being parameters, the others (a frame) nuisance.
 
     What neither data nor priors identify is held where it starts, also if it comes to be identified
-    a little once the others have moved. `known_variance`: as `variance_scale` has it. Raises
-    `NoSolution` when the start has no answer.
+    a little once the others have moved. `known_variance`: as `variance_scale` has it. `start` is
+    where the solver begins, if not where the problem does. Raises `NoSolution` when the problem's
+    own start has no answer.
     """
     at, kept = problem.data.start(), np.ones(problem.blocks, dtype=bool)
     for _ in range(CONSTRAINT_ROUNDS):
         seen = observability(project_out_nuisance(_jacobian(problem, at, kept), parameters))
         held = problem.restricted_to(_subspace(problem, seen))
-        agreed = reject_outliers(held) if policy.exclude else Inliers(kept, ())
-        solved = _solved(held, policy.loss, agreed, known_variance=known_variance)
+        near = start if held.subspace is None else None
+        begin, spent = (None, 0) if near is None else (near.x, near.evaluations)
+        agreed = reject_outliers(held, begin, spent) if policy.exclude else Inliers(kept, ())
+        first = fit_inliers(held, policy.loss, agreed, begin, spent)
+        solved = _solved(held, policy.loss, first, kept=agreed.kept, known_variance=known_variance)
         at, kept = solved.x, agreed.kept
         found = observability(project_out_nuisance(_jacobian(solved.problem, at, kept), parameters))
         if found.rank >= seen.rank:
@@ -163,7 +186,11 @@ def _prior_conflicts(problem: LeastSquaresProblem, x: Array, kept: Mask) -> Iter
 
 def _jacobian(problem: LeastSquaresProblem, x: Array, kept: Mask) -> Array:
     """∂(whitened measurements, priors)/∂unknowns, (M + K, P); zeros for what was left out."""
-    data = problem.data.jacobian(x) * (np.repeat(kept, problem.block) / problem.sigma0)[:, None]
+    data = problem.data.jacobian(x)
+    if problem.sigma0 != 1.0 or not kept.all():
+        data = data * (np.repeat(kept, problem.block) / problem.sigma0)[:, None]
+    if not len(problem.priors):
+        return data
     return np.vstack([data, problem.priors.jacobian(len(x))])
 
 
@@ -181,10 +208,14 @@ def _subspace(problem: LeastSquaresProblem, seen: Observability) -> Identifiable
 
 
 def _solved(
-    problem: LeastSquaresProblem, loss: Loss, agreed: Inliers, *, known_variance: bool
+    problem: LeastSquaresProblem,
+    loss: Loss,
+    first: RobustFit,
+    *,
+    kept: Mask,
+    known_variance: bool,
 ) -> _Solved:
-    """Solve; priors count against the scatter that the measurements turn out to have."""
-    kept, first = agreed.kept, fit_inliers(problem, loss, agreed)
+    """Fit whose priors count against the scatter that the measurements turn out to have."""
     tested = _tested(problem, first, kept)
     robust, scatter = first, _scatter(problem, first, loss, kept)
     scale_of = partial(

@@ -95,11 +95,12 @@ def covariance(jacobian: Array) -> Array:
 
     Raises `LinAlgError` when the rank is lost.
     """
-    rank, count = observability(jacobian).rank, jacobian.shape[1]
+    count, norms = jacobian.shape[1], np.linalg.norm(jacobian, axis=0)
+    scaled = jacobian / np.where(norms > 0.0, norms, 1.0)
+    triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
+    rank = observability(triangle).rank
     if rank < count:
         raise np.linalg.LinAlgError(f"rank {rank} of {count}: no finite covariance")
-    norms = np.linalg.norm(jacobian, axis=0)
-    triangle = np.linalg.qr(jacobian / norms, mode="r")
     root = np.linalg.inv(triangle) / norms[:, None]
     return np.asarray(root @ root.T)
 

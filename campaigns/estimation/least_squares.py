@@ -160,7 +160,7 @@ class LeastSquaresProblem:
 
     def _weighed(self, rows: Array) -> Array:
         """Rows (M,) or (M, P) of the measurements times the square roots of their weights."""
-        if self.weights is None and self.sigma0 == 1.0:
+        if self.sigma0 == 1.0 and (self.weights is None or np.all(self.weights == 1.0)):
             return rows
         weights = np.ones(self.blocks) if self.weights is None else self.weights
         root = np.repeat(np.sqrt(weights / self.sigma0**2), self.block)

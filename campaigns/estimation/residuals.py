@@ -4,8 +4,8 @@ Every kind of residual has the same three methods (`start`, `residual`, `jacobia
 solver serves all of them.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -153,6 +153,25 @@ def arm_joints(encoders: Array, approach: Array, backlash: Array) -> Array:
     return np.asarray(encoders + LEFT_BEHIND * approach * backlash)
 
 
+class LastAnswer:
+    """Last value of a function of the unknowns, read-only.
+
+    A solver, and whoever judges where it ended, ask for the same residual and Jacobian in turn.
+    """
+
+    def __init__(self) -> None:
+        self._x: Array | None = None
+        self._value = np.empty(0)
+
+    def at(self, x: Array, work: Callable[[Array], Array]) -> Array:
+        """Value at the unknowns x, worked out unless it is the last one."""
+        if self._x is None or not np.array_equal(x, self._x):
+            value = work(x)
+            value.flags.writeable = False
+            self._x, self._value = np.array(x), value
+        return self._value
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class DistanceResiduals:
     """Whitened nominal minus measured distances of pairs (paper eq. 19); no frame is involved."""
@@ -163,6 +182,8 @@ class DistanceResiduals:
     measured_mm: Array
     whitening: Array
     """Inverse standard deviations of the distances, (M,)."""
+    _residual: LastAnswer = field(default_factory=LastAnswer, init=False)
+    _jacobian: LastAnswer = field(default_factory=LastAnswer, init=False)
 
     @classmethod
     def in_mm(
@@ -187,10 +208,13 @@ class DistanceResiduals:
 
     def residual(self, x: Array) -> Array:
         """One row a pair, (M,)."""
-        return np.asarray(self.whitening * self.errors_mm(x))
+        return self._residual.at(x, lambda at: self.whitening * self.errors_mm(at))
 
     def jacobian(self, x: Array) -> Array:
         """One row a pair, (M, F)."""
+        return self._jacobian.at(x, self._differentiated)
+
+    def _differentiated(self, x: Array) -> Array:
         direction = directions(self.model.positions_mm(x), self.first, self.second)
         jacobian = self.model.jacobian(x)
         apart = jacobian[self.second] - jacobian[self.first]
@@ -214,6 +238,9 @@ class PointResiduals:
     """Which session each shot is of, from 0, (N,); None: all of one."""
     motions: tuple[Transform, ...] = ()
     """Guessed motions of the tracker's frame from session 0 to each later one."""
+    _modelled: LastAnswer = field(default_factory=LastAnswer, init=False)
+    _residual: LastAnswer = field(default_factory=LastAnswer, init=False)
+    _jacobian: LastAnswer = field(default_factory=LastAnswer, init=False)
 
     @classmethod
     def from_points(
@@ -271,6 +298,9 @@ class PointResiduals:
 
     def modelled_mm(self, x: Array) -> Array:
         """Points of the model in the tracker's frame, (N, 3)."""
+        return self._modelled.at(x, self._in_tracker_mm)
+
+    def _in_tracker_mm(self, x: Array) -> Array:
         modelled = self.tracker_from_base(x).apply(self.model.positions_mm(self.parameters(x)))
         for rows, _, motion, _ in self._moved(x):
             modelled[rows] = motion.apply(modelled[rows])
@@ -282,11 +312,17 @@ class PointResiduals:
 
     def residual(self, x: Array) -> Array:
         """Three rows a shot, (3 N,)."""
+        return self._residual.at(x, self._whitened_misfits)
+
+    def _whitened_misfits(self, x: Array) -> Array:
         misfit = self.modelled_mm(x) - self.points_in_tracker_mm
-        return np.asarray(np.einsum("nij,nj->ni", self.whitening, misfit).ravel())
+        return np.asarray(np.einsum("nij,nj->ni", self.whitening, misfit)).ravel()
 
     def jacobian(self, x: Array) -> Array:
         """Three rows a shot, (3 N, F + 6 for each frame)."""
+        return self._jacobian.at(x, self._differentiated)
+
+    def _differentiated(self, x: Array) -> Array:
         p, first = self.parameters(x), self.tracker_from_base(x)
         positions, count = self.model.positions_mm(p), len(p)
         _, turn_by_angle = small_rotation(x[-6:-3])

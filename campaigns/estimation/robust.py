@@ -110,13 +110,17 @@ def loss_curvature(shape: LossShape, square: Array, block: int) -> Array:
 
 
 def solve_robust(
-    problem: LeastSquaresProblem, loss: Loss, kept: Mask, start: Array | None = None
+    problem: LeastSquaresProblem,
+    loss: Loss,
+    kept: Mask,
+    start: Array | None = None,
+    spent: int = 0,
 ) -> RobustFit:
     """Least squares of the kept blocks, reweighted until the weights stand.
 
     A fit whose weights do not come to stand has not converged.
     """
-    weights, spent, change = kept.astype(np.float64), 0, 0.0
+    weights, change = kept.astype(np.float64), 0.0
     for _ in range(REWEIGHTINGS):
         fit = solve(problem.weighted(weights), start=start, spent=spent)
         sizes = problem.sizes(fit.x)
@@ -139,24 +143,32 @@ def _followed(problem: LeastSquaresProblem, fit: Solution) -> int:
     return max(len(fit.x) - len(problem.priors), 0)
 
 
-def fit_inliers(problem: LeastSquaresProblem, loss: Loss, agreed: Inliers) -> RobustFit:
+def fit_inliers(
+    problem: LeastSquaresProblem,
+    loss: Loss,
+    agreed: Inliers,
+    start: Array | None = None,
+    spent: int = 0,
+) -> RobustFit:
     """Of what agrees, by any loss; plain least squares need not be found twice."""
     if loss.shape is not LossShape.LINEAR or agreed.fit is None:
-        return solve_robust(problem, loss, agreed.kept)
+        return solve_robust(problem, loss, agreed.kept, start, spent)
     sizes = problem.sizes(agreed.fit.x)[agreed.kept]
     scale = robust_scale(sizes, problem.block, _followed(problem, agreed.fit))
     return RobustFit(agreed.fit, agreed.kept.astype(np.float64), scale)
 
 
-def reject_outliers(problem: LeastSquaresProblem) -> Inliers:
-    """Tell the blocks that agree from those that the others contradict.
+def reject_outliers(
+    problem: LeastSquaresProblem, start: Array | None = None, spent: int = 0
+) -> Inliers:
+    """Blocks that agree, told from those that the others contradict.
 
     Nothing within the stated noise is ever an outlier. Beyond it a robust fit shows which blocks
     stand apart; the rest is fitted plainly, and whatever then agrees comes back, until nothing
     changes. Where half of the blocks would have to go, none can be called wrong.
     """
     everything = np.ones(problem.blocks, dtype=bool)
-    plain = solve(problem.weighted(everything))
+    plain = solve(problem.weighted(everything), start=start, spent=spent)
     if problem.sizes(plain.x).max() <= rejection_threshold(problem.blocks, problem.block):
         return Inliers(everything, (), plain)
     snooped = _snooped(problem, plain)

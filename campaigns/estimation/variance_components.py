@@ -103,20 +103,19 @@ def _scores(shots: LinearizedShots) -> tuple[float, float]:
 
     It is the slope of the likelihood there: without one there is nothing to be gained.
     """
-    root = np.linalg.cholesky(shots.stated_mm2)
+    inverse = np.linalg.inv(np.linalg.cholesky(shots.stated_mm2))
     rows = np.concatenate([shots.jacobian, shots.residual_mm[:, :, None]], axis=2)
-    whitened = np.linalg.solve(root, rows)
+    whitened = inverse @ rows
     flat = whitened[:, :, :-1].reshape(-1, rows.shape[-1] - 1)
     basis = np.linalg.qr(flat / np.maximum(np.linalg.norm(flat, axis=0), TINY))[0]
     residual = whitened[:, :, -1].ravel()
     left = (residual - basis @ (basis.T @ residual)).reshape(-1, 3)
-    inverse = np.linalg.inv(root)
+    by_shot = basis.reshape(len(left), 3, -1).swapaxes(1, 2)
     found = []
     for columns in (inverse, inverse @ shots.by_joints):
         told = np.einsum("nij,ni->nj", columns, left)
-        own = np.einsum("nij,nkj->nik", columns, columns)
-        fitted = np.einsum("nij,nip->npj", columns, basis.reshape(len(left), 3, -1))
-        expected = float(np.einsum("nii->", own) - np.sum(fitted**2))
+        own = columns @ columns.swapaxes(1, 2)
+        expected = float(np.sum(columns**2) - np.sum((by_shot @ columns) ** 2))
         spread = math.sqrt(2.0 * float(np.sum(own**2)))
         found.append((float(np.sum(told**2)) - expected) / spread)
     return found[0], found[1]

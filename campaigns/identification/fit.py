@@ -11,7 +11,7 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
-from campaigns.estimation.estimate import Estimate, OutlierPolicy, estimate
+from campaigns.estimation.estimate import Estimate, OutlierPolicy, Start, estimate
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
 from campaigns.estimation.information import ChiSquareTest, chi_square_test
 from campaigns.estimation.robust import Loss
@@ -29,7 +29,7 @@ from campaigns.identification.observations import (
 )
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
-from campaigns.mechanisms.mechanism import Kinematics, NoSolution
+from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, NoSolution
 from campaigns.shots.shots import Shots
 
 SCATTER_ROUNDS = 5
@@ -100,27 +100,37 @@ class Fit:
 
 
 def fit_shots(
-    nominal: Kinematics, shots: Shots, selection: ParameterSelection, options: IdentificationOptions
+    nominal: Kinematics,
+    shots: Shots,
+    selection: ParameterSelection,
+    options: IdentificationOptions,
+    at_nominal: KinematicSolution | None = None,
 ) -> Fit:
-    """Fit of the identification shots.
+    """Fit of the identification shots; `at_nominal`: the nominal robot's poses at all of them.
 
     Raises `ShotsMissing` for too few of them, `ShotsInvalid` for a covariance that is none, and
     `NoSolution` where no robot explains them.
     """
+    at_nominal = at_nominal or nominal.forward(shots.joints)
+    asked = (nominal, shots, selection, options, at_nominal)
     if options.estimator is Estimator.POINTS:
-        points = fit_points(nominal, shots, selection, options)
-        plain = points if _is_plain(options) else plain_fit(nominal, shots, selection, options)
+        points = fit_points(*asked)
+        plain = points if _is_plain(options) else plain_fit(*asked)
         return Fit(points.observations, points.found, plain)
     if options.weights is Weights.EQUAL:
-        return _fit_distances_alone(nominal, shots, selection, options)
-    return _fit_distances(nominal, shots, selection, options)
+        return _fit_distances_alone(*asked)
+    return _fit_distances(*asked)
 
 
 def fit_points(
-    nominal: Kinematics, shots: Shots, selection: ParameterSelection, options: IdentificationOptions
+    nominal: Kinematics,
+    shots: Shots,
+    selection: ParameterSelection,
+    options: IdentificationOptions,
+    at_nominal: KinematicSolution | None = None,
 ) -> PointFit:
     """Fit of coordinates, the robot's scatter and outliers in turn until neither changes."""
-    fitted = stated = point_observations(nominal, shots, selection, options)
+    fitted = stated = point_observations(nominal, shots, selection, options, at_nominal=at_nominal)
     policy, count = _policy(options), len(selection.free)
     found = estimate(fitted.problem, count, policy, known_variance=True)
     scatter = NONE
@@ -133,20 +143,24 @@ def fit_points(
             break
         scatter = anew
         fitted = replace_covariance(stated, covariance_of(stated, found.x, scatter))
-        found = estimate(fitted.problem, count, policy, known_variance=True)
+        found = estimate(fitted.problem, count, policy, known_variance=True, start=Start.of(found))
         if np.array_equal(found.kept, kept) and not scatter.any:
             break
     return PointFit(fitted, found, scatter)
 
 
 def plain_fit(
-    nominal: Kinematics, shots: Shots, selection: ParameterSelection, options: IdentificationOptions
+    nominal: Kinematics,
+    shots: Shots,
+    selection: ParameterSelection,
+    options: IdentificationOptions,
+    at_nominal: KinematicSolution | None = None,
 ) -> PointFit | None:
     """Plain fit of the coordinates by the shots alone, to judge them by; None for too few."""
     plain = replace(options, loss=Loss(), outliers=Outliers.EXCLUDE)
     alone = replace(selection, priors=())
     try:
-        return fit_points(nominal, shots, alone, plain)
+        return fit_points(nominal, shots, alone, plain, at_nominal)
     except (ShotsMissing, NoSolution):
         return None
 
@@ -157,7 +171,7 @@ def linearized(fitted: PointObservations, x: Array) -> LinearizedShots:
     whitened = points.jacobian(x).reshape(count, 3, -1)
     return LinearizedShots(
         fitted.misfits_mm(x),
-        np.asarray(np.linalg.solve(points.whitening, whitened)),
+        np.linalg.inv(points.whitening) @ whitened,
         fitted.stated_mm2,
         points.rotations(x) @ points.model.by_joints(points.parameters(x)),
     )
@@ -179,12 +193,16 @@ def replace_covariance(fitted: PointObservations, covariance_mm2: Array) -> Poin
 
 
 def _fit_distances(
-    nominal: Kinematics, shots: Shots, selection: ParameterSelection, options: IdentificationOptions
+    nominal: Kinematics,
+    shots: Shots,
+    selection: ParameterSelection,
+    options: IdentificationOptions,
+    at_nominal: KinematicSolution,
 ) -> Fit:
     """Distances weighed by what the coordinates of the same shots say of them."""
-    points = plain_fit(nominal, shots, selection, options)
+    points = plain_fit(nominal, shots, selection, options, at_nominal)
     if points is None:
-        return _fit_distances_alone(nominal, shots, selection, options)
+        return _fit_distances_alone(nominal, shots, selection, options, at_nominal)
     sigma0 = points.found.noise.sigma0 or 1.0
     covariance = {
         number: sigma0**2 * each
@@ -193,17 +211,28 @@ def _fit_distances(
     left_out = points if options.outliers is Outliers.EXCLUDE else None
     wrong = np.array(points.observations.numbers)[~points.found.kept].tolist() if left_out else ()
     fitted = distance_observations(
-        nominal, shots, selection, options, covariance_mm2=covariance, left_out=frozenset(wrong)
+        nominal,
+        shots,
+        selection,
+        options,
+        at_nominal=at_nominal,
+        covariance_mm2=covariance,
+        left_out=frozenset(wrong),
     )
-    policy = OutlierPolicy(options.loss, exclude=False)
-    found = estimate(fitted.problem, len(selection.free), policy, known_variance=True)
+    policy, count = OutlierPolicy(options.loss, exclude=False), len(selection.free)
+    start = Start.of(points.found, count)  # the same robot within σ: a step or two are left
+    found = estimate(fitted.problem, count, policy, known_variance=True, start=start)
     return Fit(fitted, found, points, left_out)
 
 
 def _fit_distances_alone(
-    nominal: Kinematics, shots: Shots, selection: ParameterSelection, options: IdentificationOptions
+    nominal: Kinematics,
+    shots: Shots,
+    selection: ParameterSelection,
+    options: IdentificationOptions,
+    at_nominal: KinematicSolution,
 ) -> Fit:
-    fitted = distance_observations(nominal, shots, selection, options)
+    fitted = distance_observations(nominal, shots, selection, options, at_nominal=at_nominal)
     count = len(selection.free)
     found = estimate(fitted.problem, count, _policy(options), known_variance=False)
     return Fit(fitted, found, None)

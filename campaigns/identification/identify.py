@@ -65,7 +65,7 @@ from campaigns.identification.result import (
     RobotScatter,
     finite,
 )
-from campaigns.mechanisms.mechanism import Kinematics, NoSolution
+from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, NoSolution
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
@@ -86,15 +86,16 @@ def identify(
     """
     options = options or IdentificationOptions()
     _check(nominal, shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION), options.sessions)
+    at_nominal = nominal.forward(shots.joints)
     try:
-        fit = fit_shots(nominal, shots, selection, options)
+        fit = fit_shots(nominal, shots, selection, options, at_nominal)
     except NoSolution as error:
         raise ShotsInvalid(
             "the shots lead to no robot that could be assembled",
             remedy="look for gross errors: order and signs of the joints, units of points and of "
             "covariances",
         ) from error
-    held_out = _holdout(nominal, shots, selection.free, fit, options)
+    held_out = _holdout(nominal, shots, selection.free, fit, options, at_nominal)
     return _Identified(nominal, shots, selection, options, fit, held_out).result()
 
 
@@ -375,10 +376,10 @@ def _holdout(
     free: tuple[str, ...],
     fit: Fit,
     options: IdentificationOptions,
+    at_nominal: KinematicSolution,
 ) -> _Holdout:
     """Errors of the pairs that were not fitted, with the nominal and the found parameters."""
     x = fit.found.x[: len(free)]
-    at_nominal = nominal.forward(shots.joints)
     usable = _of_one_session(
         shots, usable_pairs(at_nominal, shots, ShotSet.VALIDATION), options.sessions
     )

@@ -242,15 +242,17 @@ def distance_observations(
     selection: ParameterSelection,
     options: IdentificationOptions,
     *,
+    at_nominal: KinematicSolution | None = None,
     covariance_mm2: Mapping[int, Array] | None = None,
     left_out: frozenset[int] = frozenset(),
 ) -> DistanceObservations:
     """Distances of the identification pairs, without the shots that are left out by number.
 
+    `at_nominal` are the nominal robot's poses at all shots, where they are known already.
     Weighed by the covariances (3, 3) of the shots' points, by number; as the tracker states them,
     and all alike where that is asked for, without any. Raises as `observations` does.
     """
-    solution = nominal.forward(data.joints)
+    solution = at_nominal or nominal.forward(data.joints)
     usable = usable_pairs(solution, data, ShotSet.IDENTIFICATION)
     apart = data.measured_distances_mm(usable.rows) >= SHORTEST_MM
     together = tuple(
@@ -287,19 +289,27 @@ def distance_observations(
 
 
 def point_observations(
-    nominal: Kinematics, data: Shots, selection: ParameterSelection, options: IdentificationOptions
+    nominal: Kinematics,
+    data: Shots,
+    selection: ParameterSelection,
+    options: IdentificationOptions,
+    *,
+    at_nominal: KinematicSolution | None = None,
 ) -> PointObservations:
-    """Coordinates of the identification shots, weighed as the tracker states; raises likewise."""
+    """Coordinates of the identification shots, weighed as the tracker states; raises likewise.
+
+    `at_nominal` are the nominal robot's poses at all shots, where they are known already.
+    """
+    solution = at_nominal or nominal.forward(data.joints)
     rows = np.flatnonzero([purpose is ShotSet.IDENTIFICATION for purpose in data.purposes])
-    solution = nominal.forward(data.joints[rows])
-    found = solution.found
+    found = solution.found[rows]
     excluded = tuple(
         Excluded("the nominal robot cannot be assembled at its joints", shot=data.numbers[row])
         for row in rows[~found].tolist()
     )
     rows = rows[found]
     _check_coordinates(len(rows), nominal, selection, excluded)
-    near = solution.values[found]
+    near = solution.values[rows]
     model = position_model(nominal, data, rows, selection.free, near)
     measured, stated = data.points_in_tracker_mm[rows], _stated(data, rows, options.instrument)
     try:

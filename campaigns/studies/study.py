@@ -21,7 +21,7 @@ from campaigns.identification.fit import fit_shots
 from campaigns.identification.observations import observations
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
-from campaigns.mechanisms.mechanism import Kinematics, NoSolution
+from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, NoSolution
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import joints_of, poses_of
 from campaigns.shots.shot_sets import ShotSet
@@ -153,10 +153,11 @@ class _Robot:
 
 def run_task(task: StudyTask) -> tuple[CampaignOutcome, ...]:
     """Simulate and identify; a campaign that cannot be identified is an outcome too."""
-    near = task.setup.nominal.forward(task.setup.shots.joints).values_or_raise()
+    at_nominal = task.setup.nominal.forward(task.setup.shots.joints)
+    near = at_nominal.values_or_raise()
     robot_of = cache(partial(_robot, task.setup, near))  # a scenario without tolerances has one
     return tuple(
-        _outcome(task.setup, number, partial(robot_of, tuple(truth)))
+        _outcome(task.setup, number, partial(robot_of, tuple(truth)), at_nominal)
         for number, truth in zip(task.numbers, task.truths.tolist(), strict=True)
     )
 
@@ -202,11 +203,13 @@ def _bound(setup: StudySetup, true: Kinematics, poses: Array, points_mm: Array) 
     return predict_distances(true, setup.free, joints, poses, pairs, variance_mm2).std
 
 
-def _outcome(setup: StudySetup, number: int, robot: Callable[[], _Robot]) -> CampaignOutcome:
+def _outcome(
+    setup: StudySetup, number: int, robot: Callable[[], _Robot], at_nominal: KinematicSolution
+) -> CampaignOutcome:
     rng = np.random.default_rng([setup.seed, number])
     try:
         drawn = robot()
-        found = _identified(setup, _measured(drawn, rng))
+        found = _identified(setup, _measured(drawn, rng), at_nominal)
         if not found.fit.converged:
             return CampaignOutcome(number, None, found.fit.message)
         if found.covariance is None or found.seen.rank < len(setup.free):
@@ -222,10 +225,11 @@ def _measured(robot: _Robot, rng: np.random.Generator) -> Array:
     return np.asarray(robot.points_mm + np.einsum("nij,nj->ni", robot.scatter_mm, draws))
 
 
-def _identified(setup: StudySetup, points_mm: Array) -> Estimate:
+def _identified(setup: StudySetup, points_mm: Array, at_nominal: KinematicSolution) -> Estimate:
     """Estimate as identification makes it of the same shots."""
     shots = replace(setup.shots, points_in_tracker_mm=points_mm)
-    return fit_shots(setup.nominal, shots, ParameterSelection(setup.free), setup.options).found
+    selection = ParameterSelection(setup.free)
+    return fit_shots(setup.nominal, shots, selection, setup.options, at_nominal).found
 
 
 def _estimate(setup: StudySetup, robot: _Robot, found: Estimate) -> CampaignEstimate:

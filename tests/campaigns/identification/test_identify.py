@@ -185,11 +185,22 @@ def test_unseen_shot_that_the_identified_robot_cannot_take_fails() -> None:
 @pytest.mark.slow
 def test_solver_that_stops_at_the_edge_of_the_model_has_not_converged() -> None:
     """Forearms 110 mm shorter: on its way there the solver meets robots that do not assemble."""
-    found = by_distances(simulated(60, 20, seed=1, truth=shortened(110.0)))
+    data = simulated(60, 20, seed=1, truth=shortened(110.0))
+    found = by_distances(data, weights=Weights.EQUAL)
     assert not found.converged
     assert found.verdict == "fail"
     assert found.reasons[0].startswith("not converged")
     assert found.message == found.reasons[0]
+
+
+@pytest.mark.slow
+def test_distances_begin_where_the_coordinates_beside_them_end() -> None:
+    """Which keeps them off the edge of the model, on the other side of which the robot is."""
+    truth = shortened(110.0)
+    found = by_distances(simulated(60, 20, seed=1, truth=truth))
+    assert found.converged
+    assert found.flat() == pytest.approx(truth.flat(), abs=1e-6)
+    assert found.verdict == "fail"
 
 
 @pytest.mark.slow

@@ -246,10 +246,11 @@ def test_study_states_what_identification_states_of_the_same_shots(setup, estima
     """`louder`: by so much the noise exceeds what the tracker states."""
     quiet = with_options(setup, estimator=estimator)
     loud = TrackerUncertainty(louder * NOISE_MM, 0.0, louder * NOISE_MM, 0.0)
-    near = NOMINAL.forward(setup.shots.joints).values_or_raise()
+    at_nominal = NOMINAL.forward(setup.shots.joints)
+    near = at_nominal.values_or_raise()
     robot = study._robot(with_options(quiet, instrument=loud), near, tuple(robots(1)[0]))
     points_mm = study._measured(robot, np.random.default_rng(1))
-    studied = study._estimate(quiet, robot, study._identified(quiet, points_mm))
+    studied = study._estimate(quiet, robot, study._identified(quiet, points_mm, at_nominal))
     shots = replace(setup.shots, points_in_tracker_mm=points_mm)
     found = identify(NOMINAL, shots, ParameterSelection(setup.free), quiet.options)
     stated = [found.parameters[name].std for name in setup.free]
