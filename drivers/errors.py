@@ -50,6 +50,10 @@ class DeviceRefused(DriverError):
         self.code = code
 
 
+class ImplausibleAnswer(DeviceRefused):
+    """The device answers what cannot be: nothing can be computed from it, and nothing goes on."""
+
+
 class DeviceNotReady(DeviceRefused):
     """The device cannot work yet: not initialised, not warm, no such reflector, busy."""
 

@@ -25,6 +25,35 @@ class Identity:
         return f"{self.vendor} {self.model} serial {self.serial} ({version})"
 
 
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """Bounds of a quantity, beyond which no cell of ours can be; in the unit that is shown."""
+
+    quantity: str
+    least: float
+    most: float
+    unit: str
+
+    def hold(self, value: float) -> bool:
+        """Whether it can be; NaN cannot."""
+        return self.least <= value <= self.most
+
+    def text(self) -> str:
+        """In words, for messages."""
+        return f"{self.least:g} to {self.most:g}{self.unit}"
+
+
+JOINT_ANGLE = Bounds("joint angle", -360.0, 360.0, "°")
+"""Encoder angles of one turn, in degrees."""
+JOINT_LENGTH = Bounds("joint length", -1e5, 1e5, " mm")
+DISTANCE = Bounds("distance of a point from the tracker", 0.0, 200_000.0, " mm")
+SIGMA = Bounds("standard deviation of a coordinate", 0.0, 100.0, " mm")
+TEMPERATURE = Bounds("air temperature", -40.0, 70.0, " °C")
+PRESSURE = Bounds("air pressure", 300.0, 1200.0, " hPa")
+HUMIDITY = Bounds("air humidity", 0.0, 110.0, " %")
+"""Above 100 % for what a sensor says in wet air."""
+
+
 def vector(values: Iterable[float]) -> Vector3:
     """Three plain floats."""
     x, y, z = map(float, values)

@@ -20,6 +20,7 @@ from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import Tolerance
 from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
 from campaigns.shots.shots import Shots
+from drivers.values import DISTANCE, JOINT_ANGLE, SIGMA, TEMPERATURE
 
 UNITS: Mapping[LengthUnit, str] = {
     "m": "metres",
@@ -50,14 +51,10 @@ AS_GOOD = 1.2
 """Readings this near to the best are named too: symmetry tells no difference between them."""
 IMPOSSIBLE = 0.3
 """Misfit that no robot of this kind has, whatever the cause."""
-WHOLE_TURN_RAD = 2.0 * np.pi
-FARTHEST_MM = 200_000.0
-WORST_SIGMA_MM = 100.0
 PLACES = ("x_mm", "y_mm", "z_mm")
 SCALE_FREEDOM = 3
 SCALE_SIGNIFICANCE = 0.01
 LEAST_SHARE = 5e-4
-COLDEST_DEGC, HOTTEST_DEGC = -40.0, 70.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,12 +126,13 @@ def check_distances(nominal: Kinematics, shots: Shots, limit_mm: float, where: s
 
 def _check_joints(nominal: Kinematics, shots: Shots, where: str) -> None:
     for place, axis in enumerate(nominal.mechanism.joints):
-        beyond = np.abs(shots.joints[:, place]) > WHOLE_TURN_RAD
+        beyond = np.abs(shots.joints[:, place]) > math.radians(JOINT_ANGLE.most)
         if axis.is_revolute and beyond.any():
             row = int(np.argmax(beyond))
             raise ShotsInvalid(
                 f"{where}: shot {shots.numbers[row]}: joint {axis.column} is "
-                f"{axis.to_file(float(shots.joints[row, place])):.6g}°, limit ± 360°",
+                f"{axis.to_file(float(shots.joints[row, place])):.6g}°, "
+                f"limit ± {JOINT_ANGLE.most:g}°",
                 remedy="give encoder angles in degrees, not counts, and of one turn",
             )
 
@@ -143,17 +141,17 @@ def _check_values(shots: Shots, where: str) -> None:
     far_mm = np.linalg.norm(shots.points_in_tracker_mm, axis=1)
     sigma_mm = np.sqrt(np.einsum("nii->n", shots.stated_covariance_mm2))
     air = shots.temperature_degC
-    for values, least, most, what, unit in (
-        (far_mm, 0.0, FARTHEST_MM, "its point's distance from the tracker", "mm"),
-        (sigma_mm, 0.0, WORST_SIGMA_MM, "the stated σ of its point", "mm"),
-        (air, COLDEST_DEGC, HOTTEST_DEGC, "its air's temperature", "°C"),
+    for values, bounds, what in (
+        (far_mm, DISTANCE, "its point's distance from the tracker"),
+        (sigma_mm, SIGMA, "the stated σ of its point"),
+        (air, TEMPERATURE, "its air's temperature"),
     ):
-        wrong = np.isfinite(values) & ((values < least) | (values > most))
+        wrong = np.isfinite(values) & ((values < bounds.least) | (values > bounds.most))
         if wrong.any():
             row = int(np.argmax(wrong))
             raise ShotsInvalid(
-                f"{where}: shot {shots.numbers[row]}: {what} is {values[row]:.6g} {unit}, must be "
-                f"{least:g} to {most:g}",
+                f"{where}: shot {shots.numbers[row]}: {what} is {values[row]:.6g}{bounds.unit}, "
+                f"must be {bounds.least:g} to {bounds.most:g}",
                 remedy="correct the row, or the unit of its column",
             )
 

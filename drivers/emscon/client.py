@@ -120,6 +120,15 @@ SETTINGS = frozenset(
     }
 )
 """Changes that would make the next result mean something else."""
+STATES = frozenset(
+    {
+        Command.GET_SYSTEM_STATUS,
+        Command.GET_TRACKER_STATUS,
+        Command.GET_MEASUREMENT_STATUS_INFO,
+    }
+)
+SETTINGS_COMMANDS = frozenset(c for c in Command if c.name.startswith(("GET_", "SET_")))
+"""Commands whose error is not about a measurement; one that names a motion or nothing may be."""
 
 BodyType = TypeVar("BodyType", bound=Body)
 Result = SingleResult | SingleResult2
@@ -181,6 +190,8 @@ class EmsconClient(LinkClient[FromServer]):
         self._first_end_s: float | None = None
         self.may_hear_old_results = False
         """Whether the result of a measurement that failed may still come."""
+        self.passed_over = 0
+        """Packets so far of types that nobody knows, and states that nobody asked for."""
 
     def ask(
         self,
@@ -305,6 +316,7 @@ class EmsconClient(LinkClient[FromServer]):
     def _hear(self, event: FromServer) -> bool:
         """Latch what an event says at its arrival, and tell whether it is worth queueing."""
         self._settings_in_doubt |= _may_change_settings(event)
+        self.passed_over += _is_passed_over(event)
         ends = _ends_measurement(event)
         if ends and self._first_end_s is None:
             self._first_end_s = self._instrument_clock.now_s()
@@ -350,7 +362,19 @@ def _is_answer(message: FromServer, command: Command) -> bool:
 
 def _comes_unasked(message: FromServer) -> bool:
     """Whether it is an event; of a list's answers all but the first come unasked."""
-    return not isinstance(message, Answer) or _is_reflector(message)
+    return not isinstance(message, Answer) or _is_reflector(message) or _is_state(message)
+
+
+def _is_state(message: FromServer) -> bool:
+    """Whether it answers a question about the tracker's state, which changes nothing if unasked.
+
+    Asked for, it is an answer; an earlier one that came unasked is gone by then.
+    """
+    return isinstance(message, Answer) and message.command in STATES
+
+
+def _is_passed_over(message: FromServer) -> bool:
+    return _is_state(message) or (isinstance(message, OtherPacket) and not message.is_known)
 
 
 def _is_reflector(message: FromServer) -> bool:
@@ -362,7 +386,11 @@ def _is_reflector(message: FromServer) -> bool:
 
 
 def _ends_measurement(message: FromServer) -> bool:
-    return isinstance(message, SingleResult | SingleResult2 | ErrorResponse)
+    """Whether it is a result, or an error that is none of a setting's or a question's."""
+    if isinstance(message, ErrorResponse):
+        is_about_it = message.command not in SETTINGS_COMMANDS or _is_other_client(message)
+        return is_about_it and message.status != ResultStatus.ALL_OK
+    return isinstance(message, SingleResult | SingleResult2)
 
 
 def _may_change_settings(message: FromServer) -> bool:
@@ -372,7 +400,9 @@ def _may_change_settings(message: FromServer) -> bool:
     """
     if isinstance(message, StatusChange):
         return message.code in SETTINGS
-    return isinstance(message, ReflectorPosition | OtherPacket)
+    if isinstance(message, OtherPacket):
+        return message.is_known
+    return isinstance(message, ReflectorPosition)
 
 
 def _is_other_client(message: FromServer) -> bool:

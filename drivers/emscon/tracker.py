@@ -25,10 +25,12 @@ from drivers.emscon.setup import (
 )
 from drivers.errors import BeamBroken, DeviceRefused, NotAMeasurement
 from drivers.link import never
+from drivers.plausible import require, require_point, require_weather
 from drivers.ports import Clock
 from drivers.session import PreparedSession
 from drivers.transport import Transport
 from drivers.values import (
+    SIGMA,
     Identity,
     Matrix3,
     Measurement,
@@ -64,8 +66,8 @@ from drivers.wire.emscon_messages import (
 )
 
 NO_COVARIANCE: Vector3 = (0.0, 0.0, 0.0)
-STD_RANGE_MM = (1e-7, 1e3)
-"""Range taken for a standard deviation; a zero is a field that the instrument left out."""
+LEAST_STD_MM = 1e-7
+"""Least value taken for a standard deviation; a zero is a field that the instrument left out."""
 SMALLEST_DETERMINANT = 1e-9
 """Determinant of the correlation matrix: less is singular within the rounding of what was sent."""
 REMEDY = "measure again; if it comes back, look at the tracker's own status"
@@ -73,26 +75,24 @@ REMEDY = "measure again; if it comes back, look at the tracker's own status"
 
 def measurement_of(where: str, result: SingleResult | SingleResult2) -> Measurement:
     """Interpret a result in mm, °C and hPa; raises `DeviceRefused` for one that is no data."""
-    _check(where, result)
+    _require_stationary(where, result)
+    air = Weather(result.temperature, result.pressure, result.humidity)
+    require_point(where, result.point)
+    require_weather(where, air)
     return Measurement(
         point_in_tracker_mm=result.point,
         covariance_mm2=_covariance(where, result),
-        weather=Weather(result.temperature, result.pressure, result.humidity),
+        weather=air,
         raw=encode(result).hex(),
     )
 
 
-def _check(where: str, result: SingleResult | SingleResult2) -> None:
+def _require_stationary(where: str, result: SingleResult | SingleResult2) -> None:
     if result.mode != Mode.STATIONARY or result.is_trial:
         raise DeviceRefused(
             f"{where}: a result of mode {result.mode}, trial {result.is_trial}, "
             f"is not the stationary measurement that was asked for",
             remedy="end other programs that use the tracker, then prepare it again",
-        )
-    air = (result.temperature, result.pressure, result.humidity)
-    if not all(map(isfinite, (*result.point, *air))):
-        raise DeviceRefused(
-            f"{where}: a result without numbers: point {result.point}, air {air}", remedy=REMEDY
         )
 
 
@@ -102,6 +102,9 @@ def _covariance(where: str, result: SingleResult | SingleResult2) -> Matrix3:
     The observed one is the scatter within this measurement and may be smaller than what the
     instrument can do; the a-priori one comes from its accuracy model and doesn't know this shot.
     """
+    for value in (*result.std, *result.apriori_std):
+        if isfinite(value) and value > 0.0:  # zeros and no numbers are fields that were left out
+            require(where, SIGMA, value)
     observed, apriori = NO_COVARIANCE, NO_COVARIANCE
     if isinstance(result, SingleResult2):
         observed, apriori = result.covariance, result.apriori_covariance
@@ -118,8 +121,7 @@ def _covariance(where: str, result: SingleResult | SingleResult2) -> Matrix3:
 
 def _matrix(std: Vector3, covariance: Vector3) -> Matrix3 | None:
     """Return a positive definite matrix, its diagonal if the whole is none, or None."""
-    smallest_mm, largest_mm = STD_RANGE_MM
-    if not all(smallest_mm < value < largest_mm for value in std):
+    if not all(LEAST_STD_MM < value <= SIGMA.most for value in std):
         return None
     full = _symmetric(std, covariance)
     possible = is_positive_definite(full, SMALLEST_DETERMINANT)
@@ -174,6 +176,11 @@ class EmsconTracker:
         self._own_result = OwnResult()
         self._session = PreparedSession("tracker", self._opened, self._greet, self._set_up)
 
+    @property
+    def packets_passed_over(self) -> int:
+        """Packets of this connection that nobody knows, and states that nobody asked for."""
+        return self._session.connection.passed_over
+
     def connect(self) -> None:
         """Open the wire, set our units and see who answers; raises what a question can raise.
 
@@ -210,8 +217,11 @@ class EmsconTracker:
 
     def weather(self) -> Weather:
         """Ask for the air as the instrument takes it to be."""
-        air = self._session.connection.ask(Command.GET_ENVIRONMENT_PARAMS, Environment)
-        return Weather(air.temperature, air.pressure, air.humidity)
+        client = self._session.connection
+        found = client.ask(Command.GET_ENVIRONMENT_PARAMS, Environment)
+        air = Weather(found.temperature, found.pressure, found.humidity)
+        require_weather(client.name, air)
+        return air
 
     def reflectors(self) -> tuple[Reflector, ...]:
         """Ask for the reflectors that the instrument has definitions for."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import isfinite
 from typing import Generic, TypeVar
 
 from geocompy.geo import GeoCom
@@ -10,9 +9,11 @@ from geocompy.geo.gctypes import GeoComResponse
 
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, WireError
 from drivers.geocom.connection import GeocomConnection
+from drivers.plausible import require
 from drivers.polling import ask_until
 from drivers.ports import Clock
 from drivers.transport import Transport
+from drivers.values import Bounds
 from drivers.wire.geocom import decode_reply
 from drivers.wire.geocom_constants import DELIVERED, Result, result_text
 
@@ -92,6 +93,9 @@ BUSY_PAUSE_S = 0.1
 DECIMALS = 10
 """Decimals of what the instrument sends: 1e-10 m and rad are far below what it can tell."""
 
+DIGITS = Bounds("number of decimals", 0.0, 15.0, "")
+"""As GeoCOM allows them."""
+
 Value = TypeVar("Value")
 Question = Callable[[GeoCom], GeoComResponse[Value]]
 
@@ -157,6 +161,7 @@ class GeocomClient:
         """Have values sent with enough digits, where the instrument lets us choose."""
         self.attempt(lambda geocom: geocom.com.set_double_precision(DECIMALS))
         digits = self.ask(lambda geocom: geocom.com.get_double_precision())
+        require(self.name, DIGITS, digits)
         self._geocom.precision = digits
 
     def ask(self, question: Question[Value], *, within_s: float | None = None) -> Value:
@@ -188,14 +193,6 @@ class GeocomClient:
             raise refused(self.name, response.rpcname, code)
         warned = code != Result.OK
         return Delivery(self._values(response), warned=warned, raw=response.response)
-
-    def require_finite(self, *values: float) -> None:
-        """Raise `DeviceRefused` for what is no number."""
-        if not all(map(isfinite, values)):
-            raise DeviceRefused(
-                f"{self.name}: a result without numbers: {values}",
-                remedy="measure again; if it comes back, restart the instrument",
-            )
 
     def _greeted(self) -> GeoCom:
         try:

@@ -9,7 +9,8 @@ from geocompy.geo.gcdata import Measurement as Program
 from drivers.errors import BeamBroken, DeviceRefused, NotAMeasurement
 from drivers.geocom.accuracy import direction_rad, relative_humidity_percent
 from drivers.geocom.client import BEAM_LOST, BEAM_REMEDY, GeocomClient, not_locked, refused
-from drivers.values import Vector3, Weather
+from drivers.plausible import require, require_point
+from drivers.values import PRESSURE, TEMPERATURE, Vector3, Weather
 from drivers.wire.geocom_constants import Result
 
 NARROWEST_RAD, WIDEST_RAD = 0.02, 0.5
@@ -117,7 +118,9 @@ def weather_set(client: GeocomClient) -> Weather:
     _wavelength, pressure_hPa, dry_degC, wet_degC = client.ask(
         lambda geocom: geocom.tmc.get_atmospheric_corrections()
     )
-    client.require_finite(pressure_hPa, dry_degC, wet_degC)
+    require(client.name, PRESSURE, pressure_hPa)
+    require(client.name, TEMPERATURE, dry_degC)
+    require(client.name, TEMPERATURE, wet_degC, which="wet air temperature")
     humidity_percent = relative_humidity_percent(dry_degC, wet_degC, pressure_hPa)
     return Weather(dry_degC, pressure_hPa, humidity_percent)
 
@@ -132,7 +135,7 @@ def _taken(client: GeocomClient) -> MeasuredPoint:
         _require_aimed(client, found.raw)
     place, distance_at_ms = found.values[:2]
     point_mm = (MM_PER_M * place.e, MM_PER_M * place.n, MM_PER_M * place.h)
-    client.require_finite(*point_mm)
+    require_point(client.name, point_mm)
     return MeasuredPoint(
         point_mm, warned=found.warned, raw=found.raw, distance_at_ms=distance_at_ms
     )

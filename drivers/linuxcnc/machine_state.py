@@ -19,9 +19,11 @@ from drivers.errors import (
 )
 from drivers.linuxcnc.client import LinuxcncClient
 from drivers.linuxcnc.settings import JOINTS, Coordinates, LinuxcncSettings
+from drivers.plausible import require
 from drivers.polling import comes_true
 from drivers.ports import Clock
 from drivers.session import Session
+from drivers.values import JOINT_ANGLE
 from drivers.wire.linuxcncrsh import Value, read_numbers
 
 LETTERS = "XYZABC"
@@ -88,8 +90,15 @@ class Machine:
         )
 
     def joints_deg(self) -> tuple[float, ...]:
-        """The joints now."""
-        return _numbers(self.client.get("joint_pos"), JOINTS)
+        """The joints now; raises `ImplausibleAnswer`."""
+        joints_deg = _numbers(self.client.get("joint_pos"), JOINTS)
+        self.require_plausible(joints_deg)
+        return joints_deg
+
+    def require_plausible(self, joints_deg: Sequence[float]) -> None:
+        """Raise `ImplausibleAnswer` for joints that cannot be. A stop does not ask for it."""
+        for joint, angle_deg in enumerate(joints_deg):
+            require(self.client.name, JOINT_ANGLE, angle_deg, which=f"joint {joint} at")
 
     def position(self) -> tuple[float, ...]:
         """LinuxCNC's own coordinates of where it is now, mm and deg."""

@@ -60,6 +60,7 @@ class Motion:
         fault = self._fault(snapshot, moving=moving)
         if not (moving or fault):
             self._target = None
+        self._machine.require_plausible(snapshot.joints_deg)
         return RobotState(
             joints=tuple(map(radians, snapshot.joints_deg)),
             moving=moving,

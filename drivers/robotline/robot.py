@@ -7,6 +7,7 @@ from typing import TypeVar
 
 from drivers.errors import DeviceRefused, WireError, WrongDevice
 from drivers.link import never
+from drivers.plausible import require_joints
 from drivers.ports import Clock
 from drivers.robotline.client import RobotlineClient, open_client
 from drivers.session import Session
@@ -102,9 +103,12 @@ class LineRobot:
 
     def state(self) -> RobotState:
         """Ask for the encoder angles as read now, and whether anything is wrong."""
-        status, line = self._session.connection.ask(AskState(), Status, self._deadlines.answer_s)
+        client = self._session.connection
+        status, line = client.ask(AskState(), Status, self._deadlines.answer_s)
+        joints = _inner(self._layout.joints, status.joints)
+        require_joints(client.name, self._layout.joints, joints)
         return RobotState(
-            joints=_inner(self._layout.joints, status.joints),
+            joints=joints,
             moving=status.moving,
             fault=status.fault,
             emergency_stop=status.emergency_stop,

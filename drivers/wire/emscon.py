@@ -16,16 +16,21 @@ from drivers.wire.emscon_messages import (
     Direction,
     Environment,
     ErrorResponse,
+    Face,
     MeasurementMode,
     MeasurementStatusInfo,
     Nothing,
+    Place,
     ReflectorChoice,
     ReflectorEntry,
     ReflectorPosition,
+    Refraction,
     SearchParams,
     SingleResult,
     SingleResult2,
+    SoftwareVersion,
     StationaryMode,
+    StationOrientation,
     StatisticMode,
     StatusChange,
     SystemSettings,
@@ -33,6 +38,7 @@ from drivers.wire.emscon_messages import (
     Target,
     TrackerInfo,
     TrackerStatus,
+    Transformation,
     Units,
     decode_body,
     encode_body,
@@ -58,8 +64,14 @@ SHAPES: dict[Command, Shape] = {
     Command.SET_UNITS: Shape(request=Units),
     Command.GET_UNITS: Shape(answer=Units),
     Command.INITIALIZE: Shape(),
+    Command.SET_STATION_ORIENTATION_PARAMS: Shape(request=StationOrientation),
+    Command.GET_STATION_ORIENTATION_PARAMS: Shape(answer=StationOrientation),
+    Command.SET_TRANSFORMATION_PARAMS: Shape(request=Transformation),
+    Command.GET_TRANSFORMATION_PARAMS: Shape(answer=Transformation),
     Command.SET_ENVIRONMENT_PARAMS: Shape(request=Environment),
     Command.GET_ENVIRONMENT_PARAMS: Shape(answer=Environment),
+    Command.SET_REFRACTION_PARAMS: Shape(request=Refraction),
+    Command.GET_REFRACTION_PARAMS: Shape(answer=Refraction),
     Command.SET_MEASUREMENT_MODE: Shape(request=MeasurementMode),
     Command.GET_MEASUREMENT_MODE: Shape(answer=MeasurementMode),
     Command.SET_COORDINATE_SYSTEM_TYPE: Shape(request=CoordinateSystem),
@@ -81,7 +93,10 @@ SHAPES: dict[Command, Shape] = {
     Command.SET_STATISTIC_MODE: Shape(request=StatisticMode),
     Command.GET_STATISTIC_MODE: Shape(answer=StatisticMode),
     Command.GET_MEASUREMENT_STATUS_INFO: Shape(answer=MeasurementStatusInfo),
+    Command.GET_FACE: Shape(answer=Face),
     Command.GET_TRACKER_INFO: Shape(answer=TrackerInfo),
+    Command.GO_AND_MEASURE: Shape(request=Place),
+    Command.GET_SYSTEM_SOFTWARE_VERSION: Shape(answer=SoftwareVersion),
 }
 
 
@@ -111,10 +126,15 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class OtherPacket:
-    """A packet of a kind that a client of stationary measurements has no use for."""
+    """A packet of a kind that a client of stationary measurements has no use for, or none knows."""
 
     kind: int
     body: bytes
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the interface, as far as it is public, has such packets."""
+        return self.kind in _KINDS
 
 
 Unasked = (
@@ -165,10 +185,8 @@ def parse_from_server(packet: Packet) -> FromServer:
     if packet.kind == DataType.COMMAND:
         return _answer(packet.body)
     if kind := _UNASKED.get(packet.kind):
-        return decode_body(kind, packet.body)
-    if packet.kind in _KINDS:
-        return OtherPacket(packet.kind, packet.body)
-    raise WireError(f"packet of unknown type {packet.kind}")
+        return decode_body(kind, packet.body, may_be_longer=True)
+    return OtherPacket(packet.kind, packet.body)
 
 
 def parse_from_client(packet: Packet) -> FromClient:
@@ -195,7 +213,8 @@ def _answer(body: bytes) -> Answer:
         raise WireError(f"answer to command {code}, which is never asked")
     if status != ResultStatus.ALL_OK:
         return Answer(command, status)
-    return Answer(command, status, decode_body(SHAPES[command].answer, body[ANSWER_HEADER.size :]))
+    tail = body[ANSWER_HEADER.size :]
+    return Answer(command, status, decode_body(SHAPES[command].answer, tail, may_be_longer=True))
 
 
 def _known(code: int) -> Command | None:

@@ -28,8 +28,14 @@ class Command(IntEnum):
     SET_UNITS = 5
     GET_UNITS = 6
     INITIALIZE = 7
+    SET_STATION_ORIENTATION_PARAMS = 12
+    GET_STATION_ORIENTATION_PARAMS = 13
+    SET_TRANSFORMATION_PARAMS = 14
+    GET_TRANSFORMATION_PARAMS = 15
     SET_ENVIRONMENT_PARAMS = 20
     GET_ENVIRONMENT_PARAMS = 21
+    SET_REFRACTION_PARAMS = 22
+    GET_REFRACTION_PARAMS = 23
     SET_MEASUREMENT_MODE = 24
     GET_MEASUREMENT_MODE = 25
     SET_COORDINATE_SYSTEM_TYPE = 26
@@ -50,8 +56,11 @@ class Command(IntEnum):
     GET_DIRECTION = 66
     SET_STATISTIC_MODE = 80
     GET_STATISTIC_MODE = 81
+    GET_FACE = 98
     GET_MEASUREMENT_STATUS_INFO = 122
     GET_TRACKER_INFO = 132
+    GO_AND_MEASURE = 135
+    GET_SYSTEM_SOFTWARE_VERSION = 142
 
     @property
     def title(self) -> str:
@@ -63,11 +72,14 @@ class SystemChange(IntEnum):
     """Codes of unsolicited status changes that mean something to us."""
 
     LASER_WARMED_UP = 1
+    REFRACTION_PARAMS = 3
     SEARCH_PARAMS = 4
     UNITS = 6
     REFLECTOR = 7
     SYSTEM_SETTINGS = 8
     COORDINATE_SYSTEM_TYPE = 12
+    STATION_ORIENTATION_PARAMS = 15
+    TRANSFORMATION_PARAMS = 16
     MEASUREMENT_MODE = 17
     STATIONARY_MODE_PARAMS = 18
     STATISTIC_MODE = 24
@@ -140,6 +152,14 @@ class TrackerLight(IntEnum):
     BUSY = 1
     READY = 2
     SIX_D_INVALID = 3
+
+
+class TelescopeFace(IntEnum):
+    """Face in which the head looks."""
+
+    UNKNOWN = 0
+    FACE_1 = 1
+    FACE_2 = 2
 
 
 class ProcessorStatus(IntEnum):

@@ -31,12 +31,15 @@ def layout_of(kind: type[Body]) -> struct.Struct:
     return struct.Struct("<" + "".join(_STRUCT_CODES[code] for code in kind.LAYOUT))
 
 
-def decode_body(kind: type[BodyType], data: bytes) -> BodyType:
-    """Read a body; raises `WireError` unless it has exactly its size."""
+def decode_body(kind: type[BodyType], data: bytes, *, may_be_longer: bool = False) -> BodyType:
+    """Read a body; raises `WireError` unless it has its size.
+
+    Later firmware appends fields: where it `may_be_longer`, they are passed over.
+    """
     layout = layout_of(kind)
-    if len(data) != layout.size:
+    if len(data) < layout.size or (len(data) > layout.size and not may_be_longer):
         raise WireError(f"{kind.__name__} has {len(data)} bytes, {layout.size} are expected")
-    values = iter(layout.unpack(data))
+    values = iter(layout.unpack_from(data))
     make = cast("Callable[..., BodyType]", kind)
     return make(*(_field(code, values) for code in kind.LAYOUT))
 
@@ -118,6 +121,34 @@ class Environment(Body):
     temperature: float
     pressure: float
     humidity: float
+
+
+@dataclass(frozen=True, slots=True)
+class StationOrientation(Body):
+    """Pose of the instrument, which it applies to points where its switches say so."""
+
+    LAYOUT: ClassVar[str] = "vv"
+    place: Triple
+    rotation: Triple
+
+
+@dataclass(frozen=True, slots=True)
+class Transformation(Body):
+    """Similarity that it applies to points where its switches say so."""
+
+    LAYOUT: ClassVar[str] = "vvd"
+    place: Triple
+    rotation: Triple
+    scale: float
+
+
+@dataclass(frozen=True, slots=True)
+class Refraction(Body):
+    """Refractive indices for the interferometer and for the distance meter."""
+
+    LAYOUT: ClassVar[str] = "dd"
+    interferometer: float
+    distance_meter: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,6 +254,30 @@ class StatisticMode(Body):
     LAYOUT: ClassVar[str] = "ii"
     stationary: int
     continuous: int
+
+
+@dataclass(frozen=True, slots=True)
+class Place(Body):
+    """Point at which a reflector is measured."""
+
+    LAYOUT: ClassVar[str] = "v"
+    point: Triple
+
+
+@dataclass(frozen=True, slots=True)
+class Face(Body):
+    """A `TelescopeFace`."""
+
+    LAYOUT: ClassVar[str] = "i"
+    face: int
+
+
+@dataclass(frozen=True, slots=True)
+class SoftwareVersion(Body):
+    """The controller's software, in its own words."""
+
+    LAYOUT: ClassVar[str] = "s"
+    version: str
 
 
 @dataclass(frozen=True, slots=True)

@@ -76,7 +76,7 @@ class AnswerFramer:
     def feed(self, data: bytes) -> list[Message]:
         """Return the messages completed by these bytes."""
         lines = self._lines.feed(data.replace(b"\r", b"\n"))
-        return [read_message(line) for line in lines if line.strip()]
+        return [message for line in lines if (message := read_message(line)) is not None]
 
 
 def encode(request: str) -> bytes:
@@ -99,14 +99,19 @@ def encode(request: str) -> bytes:
     return line
 
 
-def read_message(line: bytes) -> Message:
-    """Read one line; raises `WireError` when it is none of this protocol's."""
+def read_message(line: bytes) -> Message | None:
+    """Read one line, None for white space; raises `WireError` when it is none of this protocol's.
+
+    White space is Unicode's: what looks empty after decoding has no word to begin with.
+    """
     if len(line) > LONGEST_ANSWER:
         raise WireError(f"LinuxCNC answers more than {LONGEST_ANSWER} bytes in one line")
     text = line.decode("utf-8", errors="replace").replace("\t", " ").strip()
     if not text.isprintable():
         raise WireError(f"LinuxCNC answers what is no text: {text!r:.60}")
     words = text.split()
+    if not words:
+        return None
     if words[0] == "HELLO":
         return _greeting(words, text)
     if words[-1] in {"ACK", "NAK"} and len(words) <= 3 and _are_answer_words(words):

@@ -4,9 +4,11 @@ Each ends in one line that names the device, exit code 3, and a journal that can
 """
 
 import contextlib
+import math
 import shutil
 import socket
 import threading
+import time
 from functools import partial
 
 import pytest
@@ -178,6 +180,26 @@ def test_a_device_that_says_no(pkmcal, tiny, cell, campaign, words):
     assert ended.code == 3
     for word in words:
         assert word in ended.error_line
+
+
+@pytest.mark.parametrize("joint_deg", [1e300, 1e7])
+def test_a_controller_whose_joints_cannot_be(pkmcal, tiny, monkeypatch, joint_deg):
+    monkeypatch.setattr("sim.servers.robotline_server.degrees", lambda _angle_rad: joint_deg)
+    began_s = time.monotonic()
+    ended = pkmcal("run", tiny, "--yes")
+    assert ended.code == 3
+    assert f"answers what cannot be: joint q0 at {joint_deg:g}°" in ended.error_line
+    assert "tcp://127.0.0.1" in ended.error_line
+    assert time.monotonic() - began_s < 10.0
+
+
+def test_air_that_cannot_be(pkmcal, tiny, monkeypatch):
+    monkeypatch.setattr(
+        "sim.tracker.instrument.SimulatedTracker.weather", lambda *_: (math.nan, 1008.0, 44.0)
+    )
+    ended = pkmcal("devices", tiny, "--json")
+    assert ended.code == 3
+    assert "air temperature nan °C, possible is -40 to 70 °C" in ended.error_line
 
 
 def test_a_tracker_that_is_not_initialised_is_initialised(pkmcal, tiny):

@@ -1,6 +1,7 @@
 """The emScon driver measures and moves: what it believes, and what a failure means."""
 
 import math
+import tracemalloc
 from dataclasses import replace
 
 import pytest
@@ -17,16 +18,18 @@ from drivers.errors import (
     DeviceNotReady,
     DeviceRefused,
     DriverError,
+    ImplausibleAnswer,
     LinkDown,
 )
 from drivers.values import Weather
-from drivers.wire.emscon import Answer, encode
+from drivers.wire.emscon import Answer, OtherPacket, encode
 from drivers.wire.emscon_constants import Command, ResultStatus
 from drivers.wire.emscon_messages import (
     ErrorResponse,
     ReflectorPosition,
     StatusChange,
     Target,
+    TrackerStatus,
 )
 
 START = Command.START_MEASUREMENT
@@ -85,6 +88,46 @@ class TestMeasure:
         station = Station().prepared()
         noise = [ReflectorPosition(0, (1.0, 2.0, 3.0)), StatusChange(26), StatusChange(4711)]
         station.instrument.says[START] = [(0.0, m) for m in noise] + started(*noise, RESULT)
+        assert station.tracker.measure().point_in_tracker_mm == RESULT.point
+
+    @pytest.mark.parametrize(
+        "unasked",
+        [
+            Answer(Command.GET_TRACKER_STATUS, 0, TrackerStatus(1)),
+            Answer(Command.GET_SYSTEM_STATUS, 0, system_status()),
+            ErrorResponse(START, ResultStatus.ALL_OK),
+            ErrorResponse(Command.GET_ENVIRONMENT_PARAMS, 94),
+            OtherPacket(99, bytes(60_000)),
+        ],
+    )
+    def test_state_or_packet_that_nobody_asked_for_does_not_end_a_measurement(self, unasked):
+        station = Station().prepared()
+        station.instrument.says[START] = [(0.0, unasked), *started(unasked, RESULT, unasked)]
+        assert station.tracker.measure().point_in_tracker_mm == RESULT.point
+        assert not station.pipe.is_closed
+
+    def test_packets_that_are_passed_over_are_counted(self):
+        station = Station().prepared()
+        before = station.tracker.packets_passed_over
+        station.comes(OtherPacket(99, b""), OtherPacket(3, b""), StatusChange(26))
+        station.comes(Answer(Command.GET_TRACKER_STATUS, 0, TrackerStatus(1)))
+        station.tracker.weather()
+        assert station.tracker.packets_passed_over - before == 2
+
+    def test_what_is_queued_unread_is_bounded_in_bytes(self):
+        station = Station().prepared()
+        tracemalloc.start()
+        try:
+            before = tracemalloc.get_traced_memory()[0]
+            for number in range(2000):
+                station.comes(
+                    OtherPacket(99, bytes(60_000)), replace(RESULT, humidity=number / 100)
+                )
+                station.tracker.state()
+            grown = tracemalloc.get_traced_memory()[0] - before
+        finally:
+            tracemalloc.stop()
+        assert grown < 4_000_000
         assert station.tracker.measure().point_in_tracker_mm == RESULT.point
 
     def test_locked_beam_lost_is_a_broken_beam(self):
@@ -250,11 +293,34 @@ class TestUncertainty:
             self.measured(std=(0.0,) * 3, apriori_std=(0.0,) * 3)
 
     @pytest.mark.parametrize(
-        "changes", [{"point": (math.nan, 0.0, 0.0)}, {"temperature": math.inf}]
+        ("changes", "said"),
+        [
+            ({"point": (math.nan, 0.0, 0.0)}, "at a distance of nan mm, possible is 0 to 200000"),
+            ({"point": (1e300, 1e300, 0.0)}, r"1.41421e\+300 mm"),
+            ({"point": (0.0, 200_001.0, 0.0)}, "200001 mm"),
+            ({"temperature": math.inf}, "air temperature inf °C, possible is -40 to 70 °C"),
+            ({"temperature": -243.1}, "-243.1 °C"),
+            ({"pressure": 0.0}, "air pressure 0 hPa"),
+            ({"humidity": -1.0}, "air humidity -1 %"),
+            ({"std": (0.01, 100.5, 0.01)}, "standard deviation of a coordinate 100.5 mm"),
+            ({"apriori_std": (1e300, 1.0, 1.0)}, r"1e\+300 mm"),
+        ],
     )
-    def test_result_without_numbers_is_refused(self, changes):
-        with pytest.raises(DeviceRefused, match="without numbers"):
+    def test_result_that_cannot_be_is_refused_with_its_value(self, changes, said):
+        with pytest.raises(ImplausibleAnswer, match=f"pipe://test: .*{said}"):
             self.measured(**changes)
+
+    @pytest.mark.parametrize(
+        "changes",
+        [
+            {"point": (0.0, 200_000.0, 0.0)},
+            {"temperature": -40.0, "pressure": 300.0, "humidity": 0.0},
+            {"temperature": 70.0, "pressure": 1200.0, "humidity": 110.0},
+            {"std": (100.0, 0.01, 0.01)},
+        ],
+    )
+    def test_result_at_the_bounds_counts(self, changes):
+        assert self.measured(**changes)
 
     @pytest.mark.parametrize("changes", [{"mode": 1}, {"is_trial": 1}])
     def test_result_of_another_mode_is_refused(self, changes):
@@ -262,7 +328,7 @@ class TestUncertainty:
             self.measured(**changes)
 
     @given(
-        std=st.tuples(*[st.floats()] * 3),
+        std=st.tuples(*[st.floats(max_value=100.0)] * 3),
         covariance=st.tuples(*[st.floats()] * 3),
         apriori_std=st.tuples(*[st.floats(1e-3, 1.0)] * 3),
     )

@@ -51,6 +51,7 @@ from drivers.wire.emscon_messages import (
     layout_of,
 )
 
+UNITS = Units(1, 1, 0, 0, 0)
 GOLDEN = {
     name: bytes.fromhex(packet)
     for name, packet in json.loads(
@@ -221,9 +222,35 @@ def test_answer_to_a_command_that_is_never_asked_is_refused():
         FromServerFramer().feed(refusal(144, 0))
 
 
-def test_unknown_packet_type_is_refused():
-    with pytest.raises(WireError, match="unknown type 12"):
-        FromServerFramer().feed(struct.pack("<ii", 8, 12))
+def test_packet_of_a_type_that_nobody_knows_is_read_as_such_when_it_is_sound():
+    known, unknown = struct.pack("<iii", 12, 3, 1), struct.pack("<iii", 12, 99, 1)
+    packets = FromServerFramer().feed(known + unknown + encode(StatusChange(27)))
+    assert packets == [
+        OtherPacket(3, bytes((1, 0, 0, 0))),
+        OtherPacket(99, bytes((1, 0, 0, 0))),
+        StatusChange(27),
+    ]
+    assert [packet.is_known for packet in packets[:2]] == [True, False]
+    with pytest.raises(WireError, match="claims 7 bytes"):
+        FromServerFramer().feed(struct.pack("<ii", 7, 99))
+
+
+@pytest.mark.parametrize(
+    "message", [StatusChange(27), ErrorResponse(49, 36), Answer(Command.GET_UNITS, 0, UNITS)]
+)
+def test_fields_that_later_firmware_appends_are_passed_over(message):
+    data = encode(message)
+    longer = struct.pack("<i", len(data) + 12) + data[4:] + bytes(range(12))
+    assert FromServerFramer().feed(longer + data) == [message, message]
+    shorter = struct.pack("<i", len(data) - 1) + data[4:-1]
+    with pytest.raises(WireError):
+        FromServerFramer().feed(shorter)
+
+
+def test_client_is_held_to_the_size_of_each_request():
+    data = encode(Request(Command.SET_UNITS, UNITS))
+    with pytest.raises(WireError, match="Units has 24 bytes, 20 are expected"):
+        FromClientFramer().feed(struct.pack("<i", len(data) + 4) + data[4:] + bytes(4))
 
 
 def test_client_may_send_only_commands():

@@ -61,6 +61,14 @@ def test_garbage_is_read_or_raises_the_one_error(data):
         AnswerFramer().feed(data)
 
 
+@pytest.mark.parametrize(
+    "blank", ["", " ", "\t \x0b\x0c", "\x1c\x1d\x1e\x1f", "\x85", "\xa0\u2003"]
+)
+def test_line_of_white_space_only_says_nothing(blank):
+    line = f"{blank}\r\n".encode()
+    assert AnswerFramer().feed(line + b"SET NAK\r\n") == [Verdict("SET", "", False, "SET NAK")]
+
+
 def test_greeting_that_refuses_has_no_name():
     assert read_message(b"HELLO NAK") == Greeting(False, "", "", "HELLO NAK")
 

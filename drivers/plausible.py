@@ -1,0 +1,59 @@
+"""Plausibility of a device's answers: nothing is computed from a value that cannot be.
+
+The bounds stand in `drivers/values.py`; imported shots are held to the same ones.
+"""
+
+from collections.abc import Sequence
+from math import degrees, hypot
+
+from drivers.errors import ImplausibleAnswer
+from drivers.values import (
+    DISTANCE,
+    HUMIDITY,
+    JOINT_ANGLE,
+    JOINT_LENGTH,
+    PRESSURE,
+    TEMPERATURE,
+    Bounds,
+    Vector3,
+    Weather,
+)
+
+RESTART = "restart the device; if it comes back, have it serviced"
+IN_DEGREES = "_deg"
+
+
+def require(where: str, bounds: Bounds, value: float, *, which: str = "") -> None:
+    """Raise `ImplausibleAnswer` for a value beyond its bounds, in their unit.
+
+    `where` is the device's place, `which` the quantity where it has a name of its own.
+    """
+    if bounds.hold(value):
+        return
+    raise ImplausibleAnswer(
+        f"{where}: answers what cannot be: {which or bounds.quantity} {value:g}{bounds.unit}, "
+        f"possible is {bounds.text()}",
+        remedy=RESTART,
+    )
+
+
+def require_joints(where: str, names: Sequence[str], joints: Sequence[float]) -> None:
+    """Raise `ImplausibleAnswer` for joints (rad, mm) of which one cannot be; names as in files."""
+    for name, value in zip(names, joints, strict=True):
+        if name.endswith(IN_DEGREES):
+            which = f"joint {name.removesuffix(IN_DEGREES)} at"
+            require(where, JOINT_ANGLE, degrees(value), which=which)
+        else:
+            require(where, JOINT_LENGTH, value, which=f"joint {name.removesuffix('_mm')} at")
+
+
+def require_point(where: str, point_mm: Vector3) -> None:
+    """Raise `ImplausibleAnswer` for a point farther than a tracker sees, or none."""
+    require(where, DISTANCE, hypot(*point_mm), which=f"a point {point_mm} mm at a distance of")
+
+
+def require_weather(where: str, air: Weather) -> None:
+    """Raise `ImplausibleAnswer` for air in which nobody measures."""
+    require(where, TEMPERATURE, air.temperature_degC)
+    require(where, PRESSURE, air.pressure_hPa)
+    require(where, HUMIDITY, air.humidity_percent)

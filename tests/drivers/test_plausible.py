@@ -1,0 +1,95 @@
+"""What a device cannot answer: refused at once, with the device and the value, by every driver."""
+
+from dataclasses import replace
+
+import pytest
+from scripted_controller import connected
+from scripted_emscon import RESULT
+from scripted_geocom import Bench
+from scripted_linuxcnc import ScriptedLinuxcnc
+
+from drivers.errors import ImplausibleAnswer
+from drivers.plausible import require_joints, require_point, require_weather
+from drivers.values import DISTANCE, JOINT_ANGLE, TEMPERATURE, Weather
+from drivers.wire.geocom import words_of
+from drivers.wire.geocom_constants import Rpc
+
+
+@pytest.mark.parametrize(
+    ("word", "said"), [("1.0e300", "1e+300°"), ("1.0e7", "1e+07°"), ("-360.1", "-360.1°")]
+)
+def test_joint_of_a_robotline_controller(word, said):
+    controller = connected()
+    controller.answers["STATE"] = f"OK 0 0 - 0.0 {word} 0.0 0.0"
+    with pytest.raises(ImplausibleAnswer) as refused:
+        controller.robot.state()
+    assert f"pipe://test: answers what cannot be: joint q1 at {said}" in str(refused.value)
+    assert "possible is -360 to 360°" in str(refused.value)
+
+
+def test_stop_is_confirmed_whatever_the_joints_are():
+    controller = connected()
+    controller.answers["STATE"] = "OK 0 0 - 0.0 1.0e300 0.0 0.0"
+    controller.robot.stop()
+    assert controller.verbs == ["STOP", "STATE"]
+
+
+@pytest.mark.parametrize("word", ["1e300", "-360.5"])
+def test_joint_of_a_linuxcnc(word):
+    linuxcnc = ScriptedLinuxcnc()
+    linuxcnc.robot.connect()
+    linuxcnc.robot.prepare()
+    linuxcnc.overrides["get joint_pos"] = f"JOINT_POS 0.0 0.0 {word} 0.0 0.0 0.0\r\n"
+    for call in (linuxcnc.robot.state, lambda: linuxcnc.robot.move_joints([0.0] * 4, 1.0)):
+        with pytest.raises(ImplausibleAnswer, match="joint 2 at"):
+            call()
+    linuxcnc.robot.stop()
+
+
+@pytest.mark.usefixtures("no_pause_at_start")
+@pytest.mark.parametrize(
+    ("air", "said"),
+    [
+        ((1013.0, -243.12, 10.0), "air temperature -243.12 °C"),
+        ((1013.0, 20.0, -243.12), "wet air temperature -243.12 °C"),
+        ((1e99, 20.0, 14.0), r"air pressure 1e\+99 hPa"),
+    ],
+)
+def test_air_set_in_a_total_station(air, said):
+    bench = Bench().prepared()
+    bench.instrument.answers[Rpc.TMC_GET_ATM_CORR] = (0, (*words_of(6.58e-7), *map(str, air)))
+    for call in (bench.tracker.weather, bench.tracker.measure):
+        with pytest.raises(ImplausibleAnswer, match=said):
+            call()
+
+
+@pytest.mark.usefixtures("no_pause_at_start")
+def test_number_of_decimals_of_a_total_station():
+    bench = Bench()
+    bench.instrument.says[Rpc.COM_SET_DOUBLE_PRECISION] = lambda request: [
+        (0.0, bench.instrument.reply(request))
+    ]
+    bench.instrument.answers[Rpc.COM_GET_DOUBLE_PRECISION] = (0, ("999999999",))
+    with pytest.raises(ImplausibleAnswer, match="number of decimals 1e\\+09"):
+        bench.tracker.connect()
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -40.1, 70.1])
+def test_bounds_hold_no_number_that_is_none(value):
+    assert not TEMPERATURE.hold(value)
+    assert TEMPERATURE.hold(-40.0)
+    assert TEMPERATURE.hold(70.0)
+    with pytest.raises(ImplausibleAnswer):
+        require_weather("here", Weather(value, 1013.0, 50.0))
+
+
+def test_joints_that_slide_are_held_to_lengths():
+    names = ("q0_deg", "q1_mm")
+    require_joints("here", names, (6.28, 99_000.0))
+    with pytest.raises(ImplausibleAnswer, match=r"joint q1 at 100001 mm"):
+        require_joints("here", names, (0.0, 100_001.0))
+
+
+def test_bounds_are_those_of_imported_shots():
+    assert (JOINT_ANGLE.most, DISTANCE.most, TEMPERATURE.least) == (360.0, 200_000.0, -40.0)
+    require_point("here", replace(RESULT, point=(DISTANCE.most, 0.0, 0.0)).point)
