@@ -32,6 +32,7 @@ from drivers.linuxcnc.settings import (
     ParameterStore,
     Passwords,
 )
+from drivers.polling import WakefulClock
 from drivers.ports import Clock, LaserTracker, RobotController, SystemClock
 from drivers.robotline.robot import LineRobot
 from drivers.transport import Transport, open_transport
@@ -79,17 +80,18 @@ def connected_cell(
 ) -> Iterator[Devices]:
     """Both devices, connected; closed at the end of the block. `log` gets every byte.
 
-    Raises a driver's error when one is not there or not the expected one.
+    Once a stop is requested, nothing is waited for any more. Raises a driver's error when one is
+    not there or not the expected one.
     """
     config = campaign.config
     to_robot = _logging(campaign, log, "controller", config.controller.driver)
     to_tracker = _logging(campaign, log, "tracker", config.tracker.driver)
     with (
         _addresses(campaign) as at,
-        _robot(campaign, _opener(at.controller, to_robot)) as robot,
+        _robot(campaign, _opener(at.controller, to_robot), stop_requested) as robot,
         _tracker(config, at, _opener(at.tracker, to_tracker), stop_requested) as tracker,
     ):
-        yield Devices(robot, tracker, at.clock, SystemClock())
+        yield Devices(robot, tracker, WakefulClock(at.clock, stop_requested), SystemClock())
 
 
 @contextmanager
@@ -196,8 +198,10 @@ def _logging(campaign: Campaign, log: ByteLog | None, device: str, driver: str) 
 
 
 @contextmanager
-def _robot(campaign: Campaign, opener: Opener) -> Iterator[RobotController]:
-    robot = _made_robot(campaign, opener)
+def _robot(
+    campaign: Campaign, opener: Opener, stop_requested: StopRequested = never
+) -> Iterator[RobotController]:
+    robot = _made_robot(campaign, opener, stop_requested)
     try:
         robot.connect()
         _check_serial("controller", robot.identity(), campaign.config.controller.serial)
@@ -206,13 +210,20 @@ def _robot(campaign: Campaign, opener: Opener) -> Iterator[RobotController]:
         robot.close()
 
 
-def _made_robot(campaign: Campaign, opener: Opener) -> LineRobot | LinuxcncRobot:
+def _made_robot(
+    campaign: Campaign, opener: Opener, stop_requested: StopRequested
+) -> LineRobot | LinuxcncRobot:
     if campaign.config.controller.driver == "linuxcnc":
         section = campaign.config.controller.linuxcnc
         assert section is not None, "its settings were checked"
-        return linuxcnc_robot(campaign, section, opener)
-    first = random.SystemRandom().randint(1, LAST_SEQUENCE)
-    return LineRobot(opener, layout=_layout(campaign), clock=SystemClock(), first_sequence=first)
+        return linuxcnc_robot(campaign, section, opener, stop_requested)
+    return LineRobot(
+        opener,
+        layout=_layout(campaign),
+        clock=SystemClock(),
+        first_sequence=random.SystemRandom().randint(1, LAST_SEQUENCE),
+        cancelled=stop_requested,
+    )
 
 
 def _layout(campaign: Campaign) -> RobotLayout:
@@ -240,17 +251,16 @@ def _tracker(
 def _made_tracker(
     driver: str, tracker_clock: Clock | None, opener: Opener, stop_requested: StopRequested
 ) -> EmsconTracker | GeocomTracker:
+    clock = WakefulClock(SystemClock(), stop_requested)
     if driver == "emscon":
         return EmsconTracker(
             opener,
-            clock=SystemClock(),
+            clock=clock,
             cancelled=stop_requested,
             instrument_clock=tracker_clock,
         )
     first = random.SystemRandom().randint(*FIRST_TRANSACTIONS)
-    return GeocomTracker(
-        opener, clock=SystemClock(), first_transaction=first, cancelled=stop_requested
-    )
+    return GeocomTracker(opener, clock=clock, first_transaction=first, cancelled=stop_requested)
 
 
 def _check_serial(device: str, found: Identity, expected: str | None) -> None:
@@ -266,7 +276,10 @@ ACTIVE = "linuxcnc-active.hal"
 
 
 def linuxcnc_robot(
-    campaign: Campaign, section: LinuxcncConfig, opener: Callable[[], Transport]
+    campaign: Campaign,
+    section: LinuxcncConfig,
+    opener: Callable[[], Transport],
+    stop_requested: StopRequested = never,
 ) -> LinuxcncRobot:
     """The driver for this campaign's LinuxCNC; nothing is opened yet."""
     settings = LinuxcncSettings(
@@ -281,6 +294,7 @@ def linuxcnc_robot(
         settings=settings,
         store=_store(campaign, section),
         kinematics_of=partial(ActiveKinematics, campaign.robot.mechanism),
+        cancelled=stop_requested,
     )
 
 

@@ -12,8 +12,9 @@ Message = TypeVar("Message")
 MessageOut = TypeVar("MessageOut", covariant=True)
 
 EVENTS_KEPT = 1000
-PATIENCE_S = 0.05
-"""Duration of one wait, after which the operator's wish to stop is looked at."""
+PATIENCE_S = 0.02
+"""Duration of one wait, after which the operator's wish to stop is looked at: a signal ends no
+reading, and the stop has to be on its wire within 0.1 s."""
 
 
 class Framer(Protocol[MessageOut]):

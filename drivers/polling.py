@@ -1,4 +1,4 @@
-"""Asking again until something is so, or time is over."""
+"""Waiting: asking again until something is so, or time is over; sleeping no longer than wanted."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -6,6 +6,34 @@ from typing import TypeVar
 from drivers.ports import Clock
 
 Answer = TypeVar("Answer")
+NAP_S = 0.02
+"""Duration of one sleep, after which the operator's wish to stop is looked at."""
+
+
+class WakefulClock:
+    """Clock whose sleep ends soon after the operator wants to stop: nothing waits on in its sleep.
+
+    A signal alone ends no sleep. Whoever sleeps looks at the wish himself.
+    """
+
+    def __init__(self, clock: Clock, cancelled: Callable[[], bool]) -> None:
+        self._clock = clock
+        self._cancelled = cancelled
+
+    def now_s(self) -> float:
+        """Seconds of the clock inside."""
+        return self._clock.now_s()
+
+    def sleep_s(self, seconds: float) -> None:
+        """Return after that much of the clock's time, or after a nap once somebody wants to stop.
+
+        The nap keeps a loop that has not yet seen the wish from spinning.
+        """
+        end_s = self._clock.now_s() + seconds
+        while (left_s := end_s - self._clock.now_s()) > 0.0:
+            self._clock.sleep_s(min(left_s, NAP_S))
+            if self._cancelled():
+                return
 
 
 def ask_until(

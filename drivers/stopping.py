@@ -1,61 +1,108 @@
 """Stopping a robot: tried until it is confirmed, whatever wire and operator do meanwhile."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Protocol
 
 from drivers.errors import DriverError, MotionFault, RobotStateUnknown
 from drivers.polling import comes_true
 from drivers.ports import Clock
 from drivers.session import Connected, Session
 
+PATIENCE_GROWTH = 4.0
+"""Factor from one try's patience to the next: a link that is dead is soon left for a new one, and
+a controller that is only slow is waited for in the end."""
+
+
+class StopOnce(Protocol):
+    """One try to stop and to see the robot stand; raises `DriverError`.
+
+    It may watch until the clock shows `give_up_s`, and waits for each answer for `answer_s`. It may
+    open a connection where there is none.
+    """
+
+    def __call__(self, *, give_up_s: float, answer_s: float) -> None:
+        """Try once."""
+        ...
+
 
 class StopProcedure:
-    """Stop of a robot: how it is done, and whether it is under way. `clock` is real time."""
+    """Stop of a robot: how it is done, and whether it is under way. `clock` is real time.
+
+    `answer_s` is the first try's patience with an answer.
+    """
 
     def __init__(
-        self, clock: Clock, *, within_s: float, pause_s: float, cancelled: Callable[[], bool]
+        self,
+        clock: Clock,
+        *,
+        within_s: float,
+        answer_s: float,
+        pause_s: float,
+        cancelled: Callable[[], bool],
     ) -> None:
         self._clock = clock
         self._within_s = within_s
+        self._answer_s = answer_s
         self._pause_s = pause_s
         self._cancelled = cancelled
-        self._under_way = False
+        self._undisturbed = 0
+        self._give_up_s: float | None = None
+
+    @property
+    def is_under_way(self) -> bool:
+        """Whether the robot is being stopped now."""
+        return self._give_up_s is not None
+
+    def at_most_s(self, seconds: float) -> float:
+        """So many seconds, or what a stop that is under way has left."""
+        if self._give_up_s is None:
+            return seconds
+        return min(seconds, max(self._give_up_s - self._clock.now_s(), self._pause_s))
 
     def is_cancelled(self) -> bool:
-        """Look at the operator's wish to stop, but never abandon the stop itself for it."""
-        return not self._under_way and self._cancelled()
+        """Look at the operator's wish to stop, where it may disturb."""
+        return not self._undisturbed and self._cancelled()
+
+    @contextmanager
+    def undisturbed(self) -> Iterator[None]:
+        """Nothing is abandoned for the operator's wish: the robot stands, or is being stopped."""
+        self._undisturbed += 1
+        try:
+            yield
+        finally:
+            self._undisturbed -= 1
 
     def insist(
-        self,
-        session: Session[Connected],
-        stop_once: Callable[[float], None],
-        leave: Callable[[], None],
+        self, session: Session[Connected], stop_once: StopOnce, leave: Callable[[], None]
     ) -> None:
         """Try again and again until the stop is confirmed; raises `RobotStateUnknown`.
 
-        `stop_once` is told until when it may watch, as the clock shows it, and may open a
-        connection where there is none. Such a one is left at the end: what comes after the stop
-        waits for a reconnection.
+        A connection that a try has opened is left at the end: what comes after the stop waits for a
+        reconnection.
         """
         before = session.latest
-        self._under_way = True
-        try:
-            self._until_confirmed(stop_once)
-        finally:
-            self._under_way = False
-            if session.latest is not before:
-                leave()
+        with self.undisturbed():
+            self._give_up_s = self._clock.now_s() + self._within_s
+            try:
+                self._until_confirmed(stop_once, self._give_up_s)
+            finally:
+                self._give_up_s = None
+                if session.latest is not before:
+                    leave()
 
-    def _until_confirmed(self, stop_once: Callable[[float], None]) -> None:
-        give_up_s = self._clock.now_s() + self._within_s
+    def _until_confirmed(self, stop_once: StopOnce, give_up_s: float) -> None:
+        answer_s = self._answer_s
         while True:
             try:
-                return stop_once(give_up_s)
+                return stop_once(give_up_s=give_up_s, answer_s=self.at_most_s(answer_s))
             except DriverError as error:
-                if self._clock.now_s() >= give_up_s:
+                if self._clock.now_s() + self._pause_s >= give_up_s:
                     raise state_unknown(
                         f"the stop was not confirmed within {self._within_s:g} s ({error.problem})"
                     ) from error
             self._clock.sleep_s(self._pause_s)
+            answer_s *= PATIENCE_GROWTH
 
 
 def await_standstill(

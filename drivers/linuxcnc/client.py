@@ -44,18 +44,27 @@ class LinuxcncClient(LinkClient[Message]):
             transport,
             AnswerFramer(),
             clock_s=clock_s,
-            is_event=lambda message: isinstance(message, Remark),
+            is_event=self._is_event,
             cancelled=cancelled,
         )
         super().__init__(link)
         self._patience = patience
+        self._said_blindly = False
 
-    def greet(self, passwords: Passwords) -> Greeting:
-        """Say hello and have every order answered; raises `WrongDevice`. Takes no control yet."""
+    def greet(self, passwords: Passwords, *, within_s: float, aborting: bool) -> Greeting:
+        """Say hello and have every order answered; raises `WrongDevice`.
+
+        Takes no control yet, unless what moves is to be stopped: then that is said in the same
+        breath, before anything is read.
+        """
+        first = [f"hello {passwords.connect} {CLIENT} {PROTOCOL}"]
+        if aborting:
+            first += [f"set enable {passwords.enable}", "set abort"]
+        self._said_blindly = aborting
         greeting = self._link.ask(
-            encode(f"hello {passwords.connect} {CLIENT} {PROTOCOL}"),
+            b"".join(map(encode, first)),
             answers=lambda message: isinstance(message, Greeting),
-            within_s=self._patience.greeting_s,
+            within_s=within_s,
             what="hello",
         )
         assert isinstance(greeting, Greeting), "only a greeting was accepted"
@@ -68,6 +77,7 @@ class LinuxcncClient(LinkClient[Message]):
             within_s=self._patience.answer_s,
             what=echo_off,
         )
+        self._said_blindly = False  # answers keep the order of what was said
         self.order("verbose", "on")
         return greeting
 
@@ -127,6 +137,12 @@ class LinuxcncClient(LinkClient[Message]):
             quiet = quiet + 1 if text == NO_MESSAGE else 0
             errors += [] if quiet else [text]
         return tuple(errors)
+
+    def _is_event(self, message: Message) -> bool:
+        """Whether nobody waits for it: so with a refusal of what was said blindly."""
+        if self._said_blindly and isinstance(message, Verdict):
+            return any(_answers_set(message, word) for word in ("enable", "abort"))
+        return isinstance(message, Remark)
 
     def _complaint(self) -> str:
         """Lines that a newer version said beside its answer."""

@@ -128,7 +128,7 @@ class Machine:
         if not snapshot.in_control:
             problem = "another client has taken control of LinuxCNC"
             remedy = "end that program, then start again"
-        elif not self._is_homed():
+        elif not self.is_homed():
             problem = "LinuxCNC's joints are not homed"
             remedy = "start again: homing is part of getting ready"
         elif not snapshot.idle:
@@ -137,16 +137,27 @@ class Machine:
             return
         raise DeviceNotReady(f"{self.client.name}: {problem}", remedy=remedy)
 
-    def bring_up(self) -> None:
-        """Take all steps that are still to be taken. Homing may move the joints.
+    def is_homed(self) -> bool:
+        """Whether all joints are; LinuxCNC tells of more joints than it has, after those it has."""
+        homed = self.client.get("joint_homed").text.split()
+        return homed[:JOINTS] == ["YES"] * JOINTS
+
+    def switch_on(self) -> None:
+        """Release LinuxCNC's e-stop and switch the machine on, as far as that is still to be done.
 
         Raises `EmergencyStop`, `MotionFault` or `DeviceRefused`, with LinuxCNC's own words.
         """
         self.client.messages()  # old ones would be taken for reasons
         self._release_emergency_stop()
         self._switch_on()
-        self._home()
-        self.enter_mdi()
+
+    def home(self) -> None:
+        """Home all joints, which moves them; raises `MotionFault`."""
+        self.client.order("mode", "manual")
+        self._await("mode manual", lambda: self._is_in_mode("MANUAL"))
+        self.client.order("teleop_enable", "off")
+        self.client.order("home", "-1")
+        self._await("homing", self._is_homed_with_power, self._deadlines.homing_s)
 
     def enter_mdi(self) -> None:
         """Have it take single commands."""
@@ -199,25 +210,11 @@ class Machine:
             remedy = "clear the drives' fault at the machine, then start again"
             raise self._fault("the machine goes off again", remedy)
 
-    def _home(self) -> None:
-        if self._is_homed():
-            return
-        self.client.order("mode", "manual")
-        self._await("mode manual", lambda: self._is_in_mode("MANUAL"))
-        self.client.order("teleop_enable", "off")
-        self.client.order("home", "-1")
-        self._await("homing", self._is_homed_with_power, self._deadlines.homing_s)
-
-    def _is_homed(self) -> bool:
-        """LinuxCNC tells of joints that it doesn't have, after those it has."""
-        homed = self.client.get("joint_homed").text.split()
-        return homed[:JOINTS] == ["YES"] * JOINTS
-
     def _is_homed_with_power(self) -> bool:
         if not self.client.is_on("machine"):
             remedy = "clear the fault at the machine, then start again"
             raise self._fault("the machine went off while homing", remedy)
-        return self._is_homed()
+        return self.is_homed()
 
     def _is_in_mode(self, mode: str) -> bool:
         return self.client.get("mode").text == mode

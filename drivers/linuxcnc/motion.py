@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from math import isfinite, radians
+from math import inf, isfinite, radians
 
 from drivers.errors import DeviceRefused, LimitViolation, LinkDown, MotionFault
 from drivers.linuxcnc.machine_state import Machine, Snapshot, agree
@@ -115,7 +115,7 @@ class Motion:
             try:
                 client.order("abort")
             except DeviceRefused:
-                self._cut_power()
+                self._cut_power(give_up_s)
         self._target = None
         await_standstill(
             self.is_moving, self._clock, give_up_s=give_up_s, pause_s=self._deadlines.poll_s
@@ -187,17 +187,17 @@ class Motion:
             remedy=f"its task or realtime part seems to have died: {RESTART}",
         )
 
-    def _cut_power(self) -> None:
+    def _cut_power(self, give_up_s: float) -> None:
         client = self._machine.client
         client.order("estop", "on")
-        if not self._comes(lambda: not client.is_on("machine")):
+        if not self._comes(lambda: not client.is_on("machine"), give_up_s):
             raise MotionFault(
                 f"{client.name}: LinuxCNC takes neither abort nor e-stop",
                 remedy="use the hardware stop",
             )
 
-    def _comes(self, is_so: Callable[[], bool]) -> bool:
-        give_up_s = self._clock.now_s() + self._deadlines.start_s
+    def _comes(self, is_so: Callable[[], bool], latest_s: float = inf) -> bool:
+        give_up_s = min(self._clock.now_s() + self._deadlines.start_s, latest_s)
         return comes_true(is_so, self._clock, give_up_s=give_up_s, pause_s=self._deadlines.poll_s)
 
 

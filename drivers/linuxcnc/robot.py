@@ -56,6 +56,7 @@ class LinuxcncRobot:
         self._stopping = StopProcedure(
             clock,
             within_s=settings.deadlines.stop_s,
+            answer_s=settings.deadlines.patience.answer_s,
             pause_s=settings.deadlines.poll_s,
             cancelled=cancelled,
         )
@@ -69,7 +70,8 @@ class LinuxcncRobot:
         From the second time on it must be the same controller that answers.
         """
         self._kinematics = None
-        self._enter()
+        with self._stopping.undisturbed():
+            self._enter()
         self._motion.renew()
 
     def reconnect(self) -> None:
@@ -79,10 +81,18 @@ class LinuxcncRobot:
     def prepare(self) -> None:
         """Release the e-stop, switch on, home if need be. Homing may move the robot.
 
-        Raises `EmergencyStop`, `MotionFault` or `DeviceRefused` with LinuxCNC's words, and
-        `WrongDevice` when another kinematics than Par4's, or with other parameters, is at work.
+        A homing that fails, or that the operator wants to stop, is stopped first. Raises
+        `EmergencyStop`, `MotionFault` or `DeviceRefused` with LinuxCNC's words, and `WrongDevice`
+        when another kinematics than Par4's, or with other parameters, is at work.
         """
-        self._machine.bring_up()
+        self._machine.switch_on()
+        if not self._machine.is_homed():
+            try:
+                self._machine.home()
+            except BaseException:  # also an interrupt: nobody watches it any more
+                self.stop()
+                raise
+        self._machine.enter_mdi()
         self._motion.renew()
         self._kinematics = None
         self._check_kinematics()
@@ -127,19 +137,16 @@ class LinuxcncRobot:
         the power on, the joints would jump to where the new parameters put them.
         """
         self.identity()  # raises `LinkDown` without a connection
-        if self._store.needs_machine_off:
-            if self._motion.is_moving():
-                raise DeviceNotReady("the robot moves", remedy="wait until it stands still")
-            self._machine.switch_off()
-        self._kinematics = None
-        self._store.write(geometry)
+        with self._stopping.undisturbed():
+            self._write_geometry(geometry)
 
     def close(self) -> None:
         """Stop, give control back, close; raises `RobotStateUnknown` when a motion may go on."""
         if not self._session.is_open:
             return
         try:
-            self._give_back(self._session.connection)
+            with self._stopping.undisturbed():
+                self._give_back(self._session.connection)
         except DriverError as error:
             if self._motion.has_started:
                 raise state_unknown(
@@ -147,6 +154,14 @@ class LinuxcncRobot:
                 ) from error
         finally:
             self._session.close()
+
+    def _write_geometry(self, geometry: Mapping[str, float]) -> None:
+        if self._store.needs_machine_off:
+            if self._motion.is_moving():
+                raise DeviceNotReady("the robot moves", remedy="wait until it stands still")
+            self._machine.switch_off()
+        self._kinematics = None
+        self._store.write(geometry)
 
     def _opened(self) -> LinuxcncClient:
         return LinuxcncClient(
@@ -157,7 +172,11 @@ class LinuxcncRobot:
         )
 
     def _greet(self, client: LinuxcncClient) -> Identity:
-        greeting = client.greet(self._settings.passwords)
+        greeting = client.greet(
+            self._settings.passwords,
+            within_s=self._stopping.at_most_s(self._settings.deadlines.patience.greeting_s),
+            aborting=self._stopping.is_under_way,
+        )
         return Identity(
             vendor="LinuxCNC",
             model=f"Par4 in {self._settings.coordinates.value}",
@@ -167,13 +186,16 @@ class LinuxcncRobot:
         )
 
     def _enter(self) -> None:
-        """Connect, see that the machine is ours, take control, and first of all stop what moves."""
+        """Connect, see that the machine is ours, take control, and first of all stop what moves.
+
+        A stop that is under way does that itself, and by other means when an abort is refused.
+        """
         self._session.open()
         client = self._session.connection
         try:
             self._machine.check_model()
             client.take_control(self._settings.passwords)
-            if client.is_on("machine"):
+            if client.is_on("machine") and not self._stopping.is_under_way:
                 client.order("abort")
         except BaseException:  # also an interrupt: what it leaves behind is closed
             client.close()
@@ -189,7 +211,7 @@ class LinuxcncRobot:
                 client.order(MDI, PER_MINUTE)
         client.order("enable", "off")
 
-    def _stop_and_watch(self, give_up_s: float) -> None:
+    def _stop_and_watch(self, *, give_up_s: float, answer_s: float) -> None:  # noqa: ARG002 - its own
         if not self._session.is_open:
             self._enter()
         self._motion.halt(give_up_s)

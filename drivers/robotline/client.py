@@ -1,6 +1,7 @@
 """Connection to a controller that speaks robotline: numbered questions, refusals as errors."""
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import TypeVar
 
 from drivers.errors import (
@@ -73,23 +74,37 @@ class RobotlineClient(LinkClient[Reply]):
 
         Raises what a refusal means, or `LinkDown`, `WireError`, `Cancelled`; these three close.
         """
-        self._asked = next(self._numbers)
+        self._asked = number = next(self._numbers)
         reply = self._link.ask(
-            encode_request(Request(self._asked, command)),
-            answers=lambda reply: self._is_answer(reply, command.verb, kind),
+            encode_request(Request(number, command)),
+            answers=lambda reply: _is_answer(reply, number, command.verb, kind),
             within_s=within_s,
             what=command.verb,
         )
+        return self._outcome(reply, command.verb, kind)
+
+    def await_answer(
+        self, blind: "BlindCommand", kind: type[AnswerKind], within_s: float
+    ) -> tuple[AnswerKind, str]:
+        """Return the answer to what was said blindly when this connection began; raises as `ask`.
+
+        Nothing else has been asked since: its answer has a number that nobody asks for now, and so
+        it lies among the late ones.
+        """
+        verb = blind.command.verb
+        reply = self._link.await_event(
+            lambda reply: _is_answer(reply, blind.number, verb, kind),
+            within_s=within_s,
+            what=verb,
+        )
+        return self._outcome(reply, verb, kind)
+
+    def _outcome(self, reply: Reply, verb: str, kind: type[AnswerKind]) -> tuple[AnswerKind, str]:
         if isinstance(reply.outcome, kind):
             return reply.outcome, reply.line
         if isinstance(reply.outcome, Refused):
-            raise self._refusal(reply.outcome, command.verb)
+            raise self._refusal(reply.outcome, verb)
         raise AssertionError(reply)
-
-    def _is_answer(self, reply: Reply, verb: str, kind: type[object]) -> bool:
-        if reply.sequence != self._asked or reply.verb not in {verb, UNREAD_VERB}:
-            return False
-        return isinstance(reply.outcome, (kind, Refused))
 
     def _refusal(self, refused: Refused, verb: str) -> DriverError:
         problem = f"{self.name}: {verb} refused, {refused.code}: {refused.text}"
@@ -102,6 +117,20 @@ class RobotlineClient(LinkClient[Reply]):
         return error(problem, remedy=remedy, code=refused.code)
 
 
+@dataclass(frozen=True, slots=True)
+class BlindCommand:
+    """A command that is sent before anything is read, with its number."""
+
+    number: int
+    command: Command
+
+
+def _is_answer(reply: Reply, number: int, verb: str, kind: type[object]) -> bool:
+    if reply.sequence != number or reply.verb not in {verb, UNREAD_VERB}:
+        return False
+    return isinstance(reply.outcome, (kind, Refused))
+
+
 def open_client(
     transport: Transport,
     numbers: Iterator[int],
@@ -109,7 +138,7 @@ def open_client(
     robot: RobotLayout,
     clock_s: Callable[[], float],
     cancelled: Callable[[], bool],
-    blindly: Command | None = None,
+    blindly: BlindCommand | None = None,
     within_s: float,
 ) -> RobotlineClient:
     """Begin on a fresh transport; an empty line ends what an earlier client left half sent.
@@ -118,7 +147,7 @@ def open_client(
     """
     opening = EMPTY_LINE
     if blindly is not None:
-        opening += encode_request(Request(next(numbers), blindly))
+        opening += encode_request(Request(blindly.number, blindly.command))
     try:
         transport.send(opening, within_s)
     except DriverError:

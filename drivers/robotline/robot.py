@@ -9,7 +9,7 @@ from drivers.errors import DeviceRefused, WireError, WrongDevice
 from drivers.link import never
 from drivers.plausible import require_joints
 from drivers.ports import Clock
-from drivers.robotline.client import RobotlineClient, open_client
+from drivers.robotline.client import BlindCommand, RobotlineClient, open_client
 from drivers.session import Session
 from drivers.stopping import StopProcedure, await_standstill
 from drivers.transport import Transport
@@ -47,6 +47,7 @@ class Deadlines:
     answer_s: float = 2.0
     commit_s: float = 15.0
     stop_answer_s: float = 0.5
+    """Patience of the first try to stop; each further one waits longer."""
     standstill_s: float = 5.0
     poll_s: float = 0.01
 
@@ -58,6 +59,8 @@ class LineRobot:
     """A controller at the other end of a wire.
 
     Any fault of the wire closes it, and every call but `stop` raises `LinkDown` until `reconnect`.
+    Once `cancelled` says so, a question about a motion is abandoned, which closes the wire too;
+    `stop` then goes over a new one. What is asked of a robot at rest is always finished.
     `clock` is real time, also for a simulated cell that runs faster: the wire is real.
     `layout` names the robot's joints, coordinates and parameters. `first_sequence`, 1 to 999999999,
     should differ from one session to the next.
@@ -82,6 +85,7 @@ class LineRobot:
         self._stopping = StopProcedure(
             clock,
             within_s=deadlines.standstill_s,
+            answer_s=deadlines.stop_answer_s,
             pause_s=deadlines.poll_s,
             cancelled=cancelled,
         )
@@ -91,7 +95,8 @@ class LineRobot:
 
         From the second time on it must be the same controller that answers.
         """
-        self._session.open()
+        with self._stopping.undisturbed():
+            self._session.open()
 
     def reconnect(self) -> None:
         """Open anew after a fault. The controller has stopped, and dropped what was staged."""
@@ -99,7 +104,8 @@ class LineRobot:
 
     def identity(self) -> Identity:
         """Ask who answers; raises `WrongDevice` when it is none of ours or not the one before."""
-        return self._session.recognised(self._greet(self._session.connection))
+        with self._stopping.undisturbed():
+            return self._session.recognised(self._greet(self._session.connection))
 
     def state(self) -> RobotState:
         """Ask for the encoder angles as read now, and whether anything is wrong."""
@@ -138,12 +144,13 @@ class LineRobot:
     def read_geometry(self) -> Mapping[str, float]:
         """Read the parameters that the controller works with, by their flat names, mm and deg."""
         geometry: dict[str, float] = {}
-        for name in self._layout.parts:
-            part = self._ask(ReadPart(name), Parameters).part
-            if part.name != name:
-                self.close()
-                raise WireError(f"the controller answered for {part.name}, asked for {name}")
-            geometry |= self._layout.flat(part)
+        with self._stopping.undisturbed():
+            for name in self._layout.parts:
+                part = self._ask(ReadPart(name), Parameters).part
+                if part.name != name:
+                    self.close()
+                    raise WireError(f"the controller answered for {part.name}, asked for {name}")
+                geometry |= self._layout.flat(part)
         return geometry
 
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
@@ -152,13 +159,14 @@ class LineRobot:
         When the wire breaks here, only reading back tells which parameters the controller has.
         """
         _check_geometry(geometry, self._layout)
-        try:
-            for part in self._layout.parts_of(geometry):
-                self._ask(Stage(part), Done)
-            self._ask(Commit(), Done, self._deadlines.commit_s)
-        except DeviceRefused:
-            self._ask(Abandon(), Done)
-            raise
+        with self._stopping.undisturbed():
+            try:
+                for part in self._layout.parts_of(geometry):
+                    self._ask(Stage(part), Done)
+                self._ask(Commit(), Done, self._deadlines.commit_s)
+            except DeviceRefused:
+                self._ask(Abandon(), Done)
+                raise
 
     def close(self) -> None:
         """Close the wire; a motion that is going on is stopped by the controller."""
@@ -176,7 +184,7 @@ class LineRobot:
         greeting, _ = conversation.ask(Hello(VERSION), Greeting, self._deadlines.answer_s)
         return _identity(greeting, len(self._layout.joints))
 
-    def _opened(self, blindly: Command | None = None) -> RobotlineClient:
+    def _opened(self, blindly: BlindCommand | None = None) -> RobotlineClient:
         return open_client(
             self._open_transport(),
             self._numbers,
@@ -187,12 +195,19 @@ class LineRobot:
             within_s=self._deadlines.answer_s,
         )
 
-    def _stop_and_watch(self, give_up_s: float) -> None:
-        if not self._session.is_open:
-            self._session.use(self._opened(blindly=Stop()))
-        self._ask(Stop(), Done, self._deadlines.stop_answer_s)
+    def _stop_and_watch(self, *, give_up_s: float, answer_s: float) -> None:
+        if self._session.is_open:
+            self._ask(Stop(), Done, answer_s)
+        else:
+            blind = BlindCommand(next(self._numbers), Stop())
+            self._session.use(self._opened(blindly=blind))
+            self._session.connection.await_answer(blind, Done, answer_s)
+
+        def is_moving() -> bool:
+            return self._ask(AskState(), Status, self._stopping.at_most_s(answer_s)).moving
+
         await_standstill(
-            lambda: self._ask(AskState(), Status, self._deadlines.stop_answer_s).moving,
+            is_moving,
             self._clock,
             give_up_s=give_up_s,
             pause_s=self._deadlines.poll_s,

@@ -177,6 +177,26 @@ def test_stop_over_a_cut_connection_opens_another(bench):
     assert degrees(max(np.abs(np.subtract(bench.robot.state().joints, FAR_RAD)))) > 5.0
 
 
+def test_abort_in_one_breath_with_the_greeting_stops_it_before_anything_is_read(bench):
+    bench.started(FAR_RAD, 0.05)
+    bench.transports[-1].close()
+    bench.open().send(b"hello EMC pkmcal 1.1\nset enable EMCTOO\nset abort\n", 1.0)
+    time.sleep(1.0)  # another client's question would get mixed up with these
+    bench.transports[-1].close()
+    watcher = Bench(bench.linuxcnc, Coordinates.JOINTS)
+    places = []
+    for _ in range(2):
+        transport = watcher.open()
+        transport.send(b"hello EMC watcher 1.1\nget joint_pos\n", 1.0)
+        places.append(hear(transport, b"JOINT_POS").split(b"JOINT_POS")[-1].split()[:4])
+        transport.close()
+        time.sleep(0.2)
+    assert places[0] == places[1]
+    assert abs(float(places[0][0]) - degrees(FAR_RAD[0])) > 5.0
+    bench.robot.connect()
+    assert bench.move(HOME_RAD).fault == ""
+
+
 def hear(transport, word):
     """Wait for an answer with the word: two clients' requests at once get mixed up."""
     said = b""
@@ -184,6 +204,7 @@ def hear(transport, word):
     while word not in said:
         assert time.monotonic() < deadline_s, said
         said += transport.receive(0.1)
+    return said
 
 
 def test_control_that_another_client_takes_is_told_and_taken_back_by_the_stop(linuxcnc, bench):

@@ -76,7 +76,8 @@ class ScriptedLinuxcnc:
         self.start_deg = self.target_deg = (0.0, 0.0, 0.0, 0.0)
         self.started_s = -MOVE_S
         self.frozen_at = None
-        self.asked, self.pipes = [], []
+        self.asked, self.writes, self.pipes = [], [], []
+        self.verbose = set()
         self.connections = 1000
         self.store = store or Memory()
         self.robot = LinuxcncRobot(
@@ -112,13 +113,21 @@ class ScriptedLinuxcnc:
         return pipe
 
     def respond(self, pipe, data):
-        line = data.decode().rstrip("\n")
+        self.writes.append((self.clock.now_s(), data.decode()))
+        return [
+            timed for line in data.decode().splitlines() for timed in self.respond_to(pipe, line)
+        ]
+
+    def respond_to(self, pipe, line):
         self.asked.append(line)
         words = line.split()
         answer, after_s = self.answer(pipe, words), ANSWER_S
         if isinstance(answer, tuple):
             answer, after_s = answer
-        return [] if answer is NEVER else [(after_s, answer.encode())]
+        unsaid = words[0] == "set" and pipe not in self.verbose
+        if answer is NEVER or (unsaid and "ACK" in answer):
+            return []
+        return [(after_s, answer.encode())]
 
     def answer(self, pipe, words):
         key = " ".join(words[:2])
@@ -157,6 +166,7 @@ class ScriptedLinuxcnc:
         if word == "enable":
             return self.enable(pipe, arguments[0])
         if word == "verbose":
+            self.verbose.add(pipe)
             return verdict(word)
         if pipe is not self.in_control:
             return self.refused(word, "Connection must be enabled")

@@ -3,9 +3,9 @@
 from math import radians
 
 import pytest
-from scripted_linuxcnc import NEVER, ready
+from scripted_linuxcnc import NEVER, arrive, connected, ready
 
-from drivers.errors import LinkDown, RobotStateUnknown
+from drivers.errors import Cancelled, LinkDown, RobotStateUnknown
 
 TARGET_RAD = tuple(map(radians, (10.0, -20.0, 30.0, 40.0)))
 
@@ -42,6 +42,78 @@ def test_stop_opens_a_closed_wire_and_aborts_first():
     linuxcnc.robot.stop()
     assert "set abort" in linuxcnc.orders
     assert not linuxcnc.is_moving()
+
+
+def wish_after(linuxcnc, seconds):
+    """The wish to stop, from then on."""
+    asked_s = linuxcnc.clock.now_s() + seconds
+    return lambda: linuxcnc.clock.now_s() >= asked_s
+
+
+@pytest.mark.parametrize("pending", ["get joint_pos", "get program_status", "get error"])
+def test_pending_question_is_abandoned_and_the_abort_said_at_once_over_a_new_wire(pending):
+    wishes = [lambda: False]
+    linuxcnc = moving(cancelled=lambda: wishes[-1]())
+    linuxcnc.overrides[pending] = NEVER
+    wishes.append(wish_after(linuxcnc, 0.3))
+    pressed_s = linuxcnc.clock.now_s() + 0.3
+    with pytest.raises(Cancelled):
+        arrive(linuxcnc)
+    del linuxcnc.overrides[pending]
+    linuxcnc.writes.clear()
+    linuxcnc.robot.stop()
+    sent_s, first = linuxcnc.writes[0]
+    assert first == "hello EMC pkmcal 1.1\nset enable EMCTOO\nset abort\n"
+    assert sent_s - pressed_s <= 0.03
+    assert not linuxcnc.is_moving()
+
+
+def test_nothing_is_waited_for_before_the_abort_over_a_new_wire():
+    linuxcnc = moving()
+    lose_the_wire(linuxcnc)
+    linuxcnc.overrides["hello EMC"] = NEVER
+    begun_s = linuxcnc.clock.now_s()
+    with pytest.raises(RobotStateUnknown):
+        linuxcnc.robot.stop()
+    assert linuxcnc.clock.now_s() - begun_s <= 8.0 + 0.1
+    assert linuxcnc.asked[:3] == ["hello EMC pkmcal 1.1", "set enable EMCTOO", "set abort"]
+
+
+def test_abort_that_is_refused_when_said_blindly_is_followed_by_the_emergency_stop():
+    linuxcnc = moving()
+    lose_the_wire(linuxcnc)
+    linuxcnc.overrides["set abort"] = "SET ABORT NAK\n\r"
+    linuxcnc.robot.stop()
+    assert linuxcnc.asked.count("set abort") == 2, "and that refusal was read"
+    assert linuxcnc.orders[-2:] == ["set estop on", "set enable off"]
+    assert not linuxcnc.machine
+
+
+def test_emergency_stop_is_awaited_no_longer_than_the_stop_may_take():
+    linuxcnc = moving()
+    linuxcnc.overrides["set abort"] = "SET ABORT NAK\n\r"
+    linuxcnc.overrides["set estop"] = "SET ESTOP ACK\n\r"
+    linuxcnc.overrides["get machine"] = "MACHINE ON\r\n"
+    begun_s = linuxcnc.clock.now_s()
+    with pytest.raises(RobotStateUnknown):
+        linuxcnc.robot.stop()
+    assert linuxcnc.clock.now_s() - begun_s <= 8.0 + 0.1
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_homing_that_is_not_waited_for_is_stopped_first(wanted):
+    wishes = [lambda: False]
+    linuxcnc = connected(cancelled=lambda: wishes[-1]())
+    linuxcnc.overrides["set home"] = "SET HOME ACK\n\r"
+    if wanted:
+        wishes.append(wish_after(linuxcnc, 3.0))
+    else:
+        linuxcnc.overrides["get joint_homed"] = ["JOINT_HOMED NO NO NO NO\r\n"] * 9 + [NEVER]
+    linuxcnc.asked.clear()
+    with pytest.raises(Cancelled if wanted else LinkDown):
+        linuxcnc.robot.prepare()
+    orders = linuxcnc.orders
+    assert "set abort" in orders[orders.index("set home -1") :]
 
 
 def test_after_a_stop_over_a_new_wire_the_rest_waits_for_a_reconnection():

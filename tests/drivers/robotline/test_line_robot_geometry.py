@@ -31,6 +31,20 @@ def test_geometry_is_read_by_its_flat_names():
     assert controller.robot.read_geometry() == FLAT
 
 
+def test_parameters_are_written_and_read_whole_although_somebody_wants_to_stop():
+    wishes = []
+    controller = connected(cancelled=lambda: bool(wishes))
+    wishes.append("stop")
+    controller.robot.write_geometry(FLAT)
+    assert controller.verbs[-1] == "COMMIT"
+    for arm in range(4):
+        controller.answers[f"GEOM ARM {arm}"] = f"OK ARM {arm} " + ARM.format(arm=arm)
+    controller.answers["GEOM PLATE"] = "OK PLATE 100.0"
+    controller.robot.reconnect()
+    assert controller.robot.read_geometry() == FLAT
+    assert controller.robot.identity().serial == "SN-0042"
+
+
 def test_geometry_of_another_arm_than_asked_closes_the_wire():
     controller = connected()
     controller.answers["GEOM"] = "OK ARM 0 " + ARM.format(arm=0)

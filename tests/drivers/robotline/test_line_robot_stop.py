@@ -3,7 +3,7 @@
 import pytest
 from scripted_controller import ANSWER_S, connected
 
-from drivers.errors import LinkDown, RobotStateUnknown
+from drivers.errors import Cancelled, LinkDown, RobotStateUnknown
 from drivers.robotline.robot import Deadlines
 
 MOVING = "OK 1 0 - 0.0 0.0 0.0 0.0"
@@ -32,7 +32,7 @@ def test_stop_opens_a_closed_wire_and_says_stop_first():
     controller = connected()
     lose_the_wire(controller)
     controller.robot.stop()
-    assert controller.verbs == ["STOP", "STOP", "STATE"]
+    assert controller.verbs == ["STOP", "STATE"]
 
 
 def test_after_a_stop_over_a_new_wire_the_rest_waits_for_a_reconnection():
@@ -52,19 +52,64 @@ def test_stop_works_although_the_operator_has_cancelled():
     assert controller.verbs == ["STOP", "STATE"]
 
 
+def wish_after(controller, seconds):
+    """The wish to stop, from then on."""
+    asked_s = controller.clock.now_s() + seconds
+    return lambda: controller.clock.now_s() >= asked_s
+
+
+@pytest.mark.parametrize("verb", ["STATE", "MOVEJ"])
+def test_pending_question_is_abandoned_and_stop_goes_over_a_new_wire_at_once(verb):
+    wishes = [lambda: False]
+    controller = connected(cancelled=lambda: wishes[-1]())
+    controller.answers[verb] = None
+    wishes.append(wish_after(controller, 0.3))
+    pressed_s = controller.clock.now_s() + 0.3
+    with pytest.raises(Cancelled):
+        controller.robot.state() if verb == "STATE" else controller.robot.move_joints([0.0] * 4, 1)
+    controller.answers[verb] = STANDING
+    sent_s = []
+    usual = controller.respond
+    controller.respond = lambda data: sent_s.append(controller.clock.now_s()) or usual(data)
+    controller.robot.stop()
+    assert sent_s[0] - pressed_s <= 0.03
+    assert controller.verbs == [verb, "STOP", "STATE"]
+
+
+@pytest.mark.parametrize("answer_s", [0.6, 1.0, 1.5, 1.99])
+@pytest.mark.parametrize("lost", [True, False])
+def test_slow_controller_can_confirm_a_stop(answer_s, lost):
+    controller = connected()
+    if lost:
+        lose_the_wire(controller)
+    controller.delays_s = dict.fromkeys(("STOP", "STATE"), answer_s)
+    controller.robot.stop()
+    assert controller.clock.now_s() < 5.0 + 2.0
+
+
+def test_slow_controller_that_brakes_for_long_is_watched_no_longer_than_is_allowed():
+    controller = connected()
+    controller.delays_s = dict.fromkeys(("STOP", "STATE"), 1.5)
+    controller.answers["STATE"] = MOVING
+    begun_s = controller.clock.now_s()
+    with pytest.raises(RobotStateUnknown):
+        controller.robot.stop()
+    assert controller.clock.now_s() - begun_s <= 5.0 + 0.02
+
+
 def test_stop_comes_again_over_a_new_wire_when_it_is_not_answered():
     controller = connected()
     controller.pipes[0].respond = lambda _: []
     controller.robot.stop()
     assert len(controller.pipes) == 2
-    assert controller.verbs == ["STOP", "STOP", "STATE"]
+    assert controller.verbs == ["STOP", "STATE"], "the first pipe has kept its own to itself"
 
 
 def test_stop_comes_again_when_the_state_is_not_answered():
     controller = connected()
     controller.answers["STATE"] = [None, STANDING]
     controller.robot.stop()
-    assert controller.verbs == ["STOP", "STATE", "STOP", "STOP", "STATE"]
+    assert controller.verbs == ["STOP", "STATE", "STOP", "STATE"]
 
 
 def test_half_an_old_answer_in_the_line_does_not_prevent_a_stop():
