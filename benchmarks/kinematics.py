@@ -1,9 +1,11 @@
 """The forward and inverse model on a million random reachable poses of each robot.
 
-python -m benchmarks.kinematics [--poses N] [--seed N] [--json]
+python -m benchmarks.kinematics [--robot NAME] [--poses N] [--seed N] [--json]
 
-Worst errors there and back, poses that ended elsewhere or nowhere, and poses a second of one core's
-time, without a hint and from one a few millimetres off. Exit code 1 when a figure misses its limit.
+The robots are a shipped one and one like it with errors of manufacture: Par4's by Table I, another
+mechanism's drawn. Worst errors there and back, poses that ended elsewhere or nowhere, and poses a
+second of one core's time, without a hint and from one a few millimetres off. Exit code 1 when a
+figure misses its limit.
 """
 
 import time
@@ -11,40 +13,55 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from benchmarks.shared.prototype import CENTRE, NOMINAL, ROBOT
 from benchmarks.shared.yardstick import Figure, Report, main
 from campaigns.arrays import Array
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.par4 import PAR4
-from campaigns.robots.robot import pose_row
+from campaigns.robots.robot import RobotFile, find_robot
 from sim.scenarios.scenario import load_scenario
 
-BOX_HALF = np.array([700.0, 700.0, 450.0, np.pi / 4])
 BATCH = 50_000
 HINT_OFF = np.array([5.0, 5.0, 5.0, 0.02])
-"""A commanded pose is about this far from the pose that a robot with errors takes."""
+"""A commanded pose is about this far from the pose that a robot with errors takes, mm and rad."""
+ERRORS = (1.5, np.radians(0.4))
+"""Errors of manufacture of lengths and angles, 1 σ, mm and rad."""
 ELSEWHERE = 1e-3
 """Further from the pose it came from, an answer is another assembly."""
 IN_DEG = np.array([1.0, 1.0, 1.0, 180.0 / np.pi])
 LIMIT = 1e-8
-LEAST_POSES_PER_S = 300_000
+LEAST_POSES_PER_S = {"par4": 300_000}
+LEAST_OF_OTHERS = 100_000
 
 
-def measure(poses: int, seed: int) -> Report:
-    true = load_scenario("paper-simulation").robot.true_flat()
+def measure(robot: str, poses: int, seed: int) -> Report:
+    file = find_robot(robot).robot
+    nominal = file.kinematics
     robots = {
-        "par4-prototype": NOMINAL,
-        "par4-prototype + Table I": Kinematics.from_flat(PAR4, true),
+        robot: nominal,
+        f"{robot} + {'Table I' if file.mechanism is PAR4 else 'errors'}": true_robot(nominal, seed),
     }
-    return Report([each for item in robots.items() for each in figures(*item, poses, seed)])
+    return Report([each for item in robots.items() for each in figures(*item, file, poses, seed)])
 
 
-def figures(name: str, geometry: Kinematics, count: int, seed: int) -> list[Figure]:
+def true_robot(nominal: Kinematics, seed: int) -> Kinematics:
+    """The nominal with errors of manufacture."""
+    mechanism, p = nominal.mechanism, nominal.p.copy()
+    if mechanism is PAR4:
+        return Kinematics.from_flat(PAR4, load_scenario("paper-simulation").robot.true_flat())
+    free = mechanism.parameters.places(mechanism.parameters.free_by_default)
+    std = np.where(mechanism.parameters.is_angle[free], *ERRORS[::-1])
+    p[free] += std * np.random.default_rng(seed).standard_normal(len(free))
+    return Kinematics(mechanism, p)
+
+
+def figures(
+    name: str, geometry: Kinematics, robot: RobotFile, count: int, seed: int
+) -> list[Figure]:
     there = back = wrong = lost = 0.0
     seconds: dict[str, float] = dict.fromkeys(("inverse", "forward", "forward from a hint"), 0.0)
     rng = np.random.default_rng(seed)
-    for poses in batches(geometry, count, rng):
-        hints = poses + rng.uniform(-1.0, 1.0, poses.shape) * HINT_OFF
+    for poses in batches(geometry, robot, count, rng):
+        hints = poses + rng.uniform(-1.0, 1.0, poses.shape) * HINT_OFF[: poses.shape[1]]
         began_s = time.process_time()
         joints = geometry.inverse(poses).values_or_raise()
         inverse_s = time.process_time()
@@ -59,15 +76,17 @@ def figures(name: str, geometry: Kinematics, count: int, seed: int) -> list[Figu
             off = np.abs(solution.values[found] - poses[found])
             same = (off < ELSEWHERE).all(axis=1)
             again = geometry.inverse(solution.values[found][same]).values_or_raise()
-            off_deg = np.degrees(np.abs(again - joints[found][same]))
+            in_files = robot.mechanism.joints[0].to_file(1.0)
+            off_joints = in_files * np.abs(again - joints[found][same])
             lost += (~found).sum()
             wrong += (~same).sum()
-            there = max(there, float((off[same] * IN_DEG).max(initial=0.0)))
-            back = max(back, float(off_deg.max(initial=0.0)))
-    least = {"forward": LEAST_POSES_PER_S}
+            there = max(there, float((off[same] * IN_DEG[: off.shape[1]]).max(initial=0.0)))
+            back = max(back, float(off_joints.max(initial=0.0)))
+    least = {"forward": LEAST_POSES_PER_S.get(robot.mechanism.name, LEAST_OF_OTHERS)}
+    unit = "°" if robot.mechanism.joints[0].is_revolute else "mm"
     return [
         Figure(f"{name}: forward of inverse", there, "mm, °", highest=LIMIT),
-        Figure(f"{name}: inverse of forward", back, "°", highest=LIMIT),
+        Figure(f"{name}: inverse of forward", back, unit, highest=LIMIT),
         Figure(f"{name}: wrong", float(wrong), f"of {count}, twice", highest=0.0),
         Figure(f"{name}: lost", float(lost), f"of {count}, twice", highest=0.0),
         *(
@@ -77,15 +96,18 @@ def figures(name: str, geometry: Kinematics, count: int, seed: int) -> list[Figu
     ]
 
 
-def batches(geometry: Kinematics, count: int, rng: np.random.Generator) -> Iterator[Array]:
-    """Random reachable poses, (N, 4) at a time, until there are `count` of them."""
-    left = count
+def batches(
+    geometry: Kinematics, robot: RobotFile, count: int, rng: np.random.Generator
+) -> Iterator[Array]:
+    """Random reachable poses, (N, t) at a time, until there are `count` of them."""
+    extent = geometry.mechanism.search_extent(geometry.p, robot.limits)
+    centre, left = robot.workspace_centre, count
     while left > 0:
-        drawn = pose_row(CENTRE) + rng.uniform(-1.0, 1.0, (BATCH, 4)) * BOX_HALF
-        poses = drawn[geometry.feasibility(ROBOT.limits, drawn).feasible][:left]
+        drawn = centre + rng.uniform(-1.0, 1.0, (BATCH, len(centre))) * extent
+        poses = drawn[geometry.feasibility(robot.limits, drawn).feasible][:left]
         left -= len(poses)
         yield poses
 
 
 if __name__ == "__main__":
-    raise SystemExit(main(__doc__, measure, poses=1_000_000, seed=0))
+    raise SystemExit(main(__doc__, measure, robot="par4-prototype", poses=1_000_000, seed=0))

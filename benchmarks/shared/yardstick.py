@@ -101,12 +101,13 @@ def main(
     description: str | None,
     measure: Callable[..., Report],
     words: Sequence[str] | None = None,
-    **counts: int,
+    **defaults: int | str,
 ) -> int:
-    """Measure and print; `counts` are the options with their defaults. 1 when a limit is missed."""
+    """Measure and print; `defaults` are those of the options. 1 when a limit is missed."""
     parser = argparse.ArgumentParser(description=(description or "").split("\n", maxsplit=1)[0])
-    for name, default in counts.items():
-        parser.add_argument(f"--{name}", type=int, default=default, metavar="N")
+    for name, default in defaults.items():
+        word = "N" if isinstance(default, int) else "NAME"
+        parser.add_argument(f"--{name}", type=type(default), default=default, metavar=word)
     parser.add_argument("--json", action="store_true", help="one JSON document on stdout")
     asked = vars(parser.parse_args(words))
     as_json = asked.pop("json")

@@ -10,6 +10,8 @@ from campaigns.arrays import Array, Mask
 
 RANK_TOLERANCE = 1e-8
 """A singular value of the scaled Jacobian below this part of the largest counts as zero."""
+ROUNDING = 1e-13
+"""A column below this part of the longest is zero but for rounding."""
 SHARE_NAMED = 0.1
 """Parameters with at least this share in an unobservable combination are named in it."""
 
@@ -46,7 +48,8 @@ class Observability:
 def observability(jacobian: Array) -> Observability:
     """Rank and null space of a Jacobian (M, P) after column scaling."""
     norms = np.linalg.norm(jacobian, axis=0)
-    scale = np.where(norms > 0.0, norms, 1.0)
+    # a column of which only rounding is left must not be blown up to unit length
+    scale = np.where(norms > ROUNDING * norms.max(initial=0.0), norms, 1.0)
     rows, wide = jacobian / scale, len(jacobian) < jacobian.shape[1]
     # a triangle has the singular values and directions of the whole, in a fraction of the time
     triangle = rows if wide else np.linalg.qr(rows, mode="r")

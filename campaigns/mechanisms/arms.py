@@ -9,7 +9,7 @@ from typing import Protocol, Self
 import numpy as np
 
 from campaigns.arrays import Array, Mask
-from campaigns.mechanisms.mechanism import Axis, ParameterField
+from campaigns.mechanisms.mechanism import ArmWords, Axis, ParameterField
 
 
 class Arms(Protocol):
@@ -56,6 +56,16 @@ class ArmKind(Protocol):
         """Field of the lost motion of a joint's gear."""
         ...
 
+    @property
+    def shows_turn(self) -> bool:
+        """Whether arms of known azimuths show how the base is turned about z."""
+        ...
+
+    @property
+    def words(self) -> ArmWords:
+        """Parts in words."""
+        ...
+
     def joint(self, number: int) -> Axis:
         """Joint axis of an arm."""
         ...
@@ -69,7 +79,20 @@ class ArmKind(Protocol):
         ...
 
     def levers_mm(self, values: Array) -> Array:
-        """Length that turns an error of each field into one of place, (n, k)."""
+        """Length that turns an error into one of place, (n, k + e + 1).
+
+        Of each field, of each extension and of the lost motion.
+        """
+        ...
+
+    def in_frame_of(
+        self, nominal: tuple[Array, Array], own: tuple[Array, Array], *, may_turn: bool
+    ) -> Array:
+        """Fields (n, k) of the same arms from a base that sees the first as it is nominally.
+
+        Both are given by fields and extensions. The base may be shifted, and turned about z if the
+        platform allows it.
+        """
         ...
 
 
@@ -154,6 +177,8 @@ class RotaryArmKind:
     fields = CRANK_FIELDS
     extensions = (AXIS_TILT,)
     lost_motion = "backlash_deg"
+    shows_turn = True
+    words = ArmWords("its elbow's circle", "out of its arm's plane", "elbow")
 
     def joint(self, number: int) -> Axis:
         """Encoder angle of a motor."""
@@ -179,10 +204,23 @@ class RotaryArmKind:
         return np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi, found
 
     def levers_mm(self, values: Array) -> Array:
-        """The crank's length for angles, 1 for lengths, (n, 7)."""
-        levers = np.ones_like(values)
-        levers[:, 3:5] = values[:, 5:6]
+        """The crank's length for angles, 1 for lengths: of fields, tilt and backlash, (n, 9)."""
+        levers = np.ones((len(values), len(CRANK_FIELDS) + 2))
+        levers[:, [3, 4, 7, 8]] = values[:, 5:6]
         return levers
+
+    def in_frame_of(
+        self, nominal: tuple[Array, Array], own: tuple[Array, Array], *, may_turn: bool
+    ) -> Array:
+        """Fields (n, 7) of the same arms from a base that has the first where it is nominally."""
+        first, values = nominal[0][0], own[0]
+        seen = values.copy()
+        turn = float(first[3] - values[0, 3]) if may_turn else 0.0
+        cos, sin = np.cos(turn), np.sin(turn)
+        turned_from_base = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        seen[:, :3] = first[:3] + (values[:, :3] - values[0, :3]) @ turned_from_base.T
+        seen[:, 3] += turn
+        return seen
 
 
 def crank_frames(azimuth_rad: Array, axis_tilt_rad: Array) -> Array:

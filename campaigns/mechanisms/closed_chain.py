@@ -4,10 +4,10 @@ A platform and a kind of arm make a mechanism: inverse, forward model, Jacobians
 follow from the closures and their derivatives.
 
 For given joints more than one real assembly lies near the working region. The wanted one hangs
-below its elbows, has |θ| < 90°, and the determinant of the closures' Jacobian has the sign that it
-has at home. Newton alone ends on a wrong one, or far away, for about one pose in a hundred, so
-every answer is checked for residual, turn, branch and for hanging, and what fails is started again
-from elsewhere.
+below its elbows, has |θ| < 90° where the plate is hinged, and the determinant of the closures'
+Jacobian has the sign that it has at home. Newton alone ends on a wrong one, or far away, for about
+one pose in a hundred, so every answer is checked for residual, turn, branch and for hanging, and
+what fails is started again from elsewhere.
 """
 
 import math
@@ -29,25 +29,25 @@ from campaigns.mechanisms.mechanism import (
 )
 from campaigns.mechanisms.platforms import Platform
 
-PLATE_LEVER_MM = 100.0
-"""Lever that turns columns of angles into lengths, for singular values."""
 CHUNK = 4096
 """Rows worked on at a time, so that they stay in the processor's cache."""
 ITERATIONS = 40
 STEP_MM = 120.0
-STEP_RAD = 0.35
 CONVERGED_MM = 1e-5
 """A Newton step shorter than this leaves an error of its square over the forearm's length."""
 MISFIT_OF_STEP = 10.0
 """Largest misfit of a forearm before that step, as a multiple of the step."""
-LEVER_MM = 100.0
-"""Lever by which a step in the turn compares with one in position."""
+WELL_BELOW_MM = 100.0
+"""Below the height at which a platform is guessed, for the branch at home."""
 LEAST_TURN_RAD = np.pi / 4
 """Turn that is searched each way, however narrow limits are drawn."""
 COORDINATES = 3
 FRAME_UNKNOWNS = 6
+SHOTS_FOR_A_FRAME = 3
+SLIDING = [2, 3]
+"""Arms of the part that slides beside the controlled point's."""
 FIX_FRAME = ("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg")
-"""The first arm places the frame, and its azimuth keeps it from turning about z."""
+"""The first crank places the frame, and its azimuth keeps it from turning about z."""
 
 STARTS = (
     (0.0, 0.0),
@@ -86,6 +86,7 @@ class ClosedChain:
         platform: Platform,
         *,
         held_fields: tuple[str, ...],
+        fix_frame: tuple[str, ...] = FIX_FRAME,
     ) -> None:
         self.name = name
         self.joints = tuple(arms.joint(number) for number in range(platform.arms))
@@ -97,7 +98,7 @@ class ClosedChain:
             arms.extensions,
             arms.lost_motion,
             held_fields,
-            FIX_FRAME,
+            fix_frame,
         )
         self._arms = arms
         self._platform = platform
@@ -142,7 +143,7 @@ class ClosedChain:
         values, platform, extensions = self._split(p)
         arms = self._arms.at(values, extensions, np.zeros((1, len(self.joints))))
         legs = Legs(arms.elbows_mm, arms.forearm_mm[:, None], platform, 1.0)
-        _, determinant, _ = self.newton_step(legs, self._guess(legs, 0.0, -LEVER_MM))
+        _, determinant, _ = self.newton_step(legs, self._guess(legs, 0.0, -WELL_BELOW_MM))
         return float(np.sign(determinant[0]))
 
     def closure_mm2(self, p: Array, joints: Array, poses: Array) -> Array:
@@ -192,35 +193,42 @@ class ClosedChain:
 
     def in_frame_of(self, nominal: Array, p: Array) -> Array:
         """Vector of the same robot seen from a base whose first arm is as in the nominal, (G,)."""
-        first, reframed = nominal[: COORDINATES + 1], p.copy()
+        wanted, plate, tilts = self._split(nominal)
+        reframed, (_, _, own_tilts) = p.copy(), self._split(p)
         arms = reframed[: self._of_arms].reshape(self.parameters.arms, -1)
-        turn = float(first[COORDINATES] - arms[0, COORDINATES])
-        cos, sin = np.cos(turn), np.sin(turn)
-        turned_from_base = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        from_first_mm = (arms[:, :COORDINATES] - arms[0, :COORDINATES]) @ turned_from_base.T
-        arms[:, :COORDINATES] = first[:COORDINATES] + from_first_mm
-        arms[:, COORDINATES] += turn
+        fixed = self._platform.points_along_x
+        arms[:] = self._arms.in_frame_of((wanted, tilts), (arms, own_tilts), may_turn=not fixed)
+        if fixed:
+            # how the platform counts its turn is no more measured than where the base frame is
+            arms[SLIDING, 0] += wanted[SLIDING[0], 0] - arms[SLIDING[0], 0]
+            reframed[self._of_arms : len(self.parameters.names)] = plate
         return reframed
 
     def minimum_shots(self, names: Sequence[str]) -> int:
-        """Fewest shots whose coordinates are as many as the named parameters and the frame."""
-        return max(COORDINATES, math.ceil((len(names) + FRAME_UNKNOWNS) / COORDINATES))
+        """Fewest shots that tell the named parameters and the frame.
+
+        A shot has three coordinates. Where two arms end in the measured point two of them are about
+        these arms and the frame alone, the third about the rest, for the turn is not measured.
+        """
+        near = tuple(f"arm{arm}." for arm in self._platform.at_point)
+        if not near:
+            return max(SHOTS_FOR_A_FRAME, math.ceil((len(names) + FRAME_UNKNOWNS) / COORDINATES))
+        own = sum(name.startswith(near) for name in names)
+        by_rest = int(self._platform.points_along_x and not self._arms.shows_turn)
+        by_two = math.ceil((own + FRAME_UNKNOWNS - by_rest) / len(near))
+        return max(SHOTS_FOR_A_FRAME, by_two, len(names) - own + by_rest)
 
     def levers_mm(self, p: Array) -> Array:
         """Lengths that turn errors of `parameters.model` into errors of place, (M,)."""
-        values, _, _ = self._split(p)
-        levers = self._arms.levers_mm(values)
-        space = self.parameters
-        found = np.ones(len(space.model))
-        found[: levers.size] = levers.ravel()
-        of_offset = found[space.offsets]
-        beyond = len(space.names)
-        found[beyond:] = np.tile(of_offset, (len(found) - beyond) // len(of_offset))
-        return np.where(space.is_angle, found, 1.0)
+        space, (values, platform, _) = self.parameters, self._split(p)
+        levers, fields = self._arms.levers_mm(values), len(space.arm_fields)
+        own, beyond = levers[:, :fields].ravel(), levers[:, fields:].T.ravel()
+        return np.concatenate([own, np.ones(len(platform)), beyond])
 
     def smallest_singular_value(self, p: Array, joints: Array, poses: Array) -> Array:
-        """Smallest singular value, unit rows, angles' columns divided by 100 mm, (N,)."""
-        return _smallest_singular_value(self.pose_jacobian(p, joints, poses))
+        """Smallest singular value, unit rows, angles' columns divided by their lever, (N,)."""
+        lever_mm = self._platform.turn_scale(self._split(p)[1]).lever_mm
+        return _smallest_singular_value(self.pose_jacobian(p, joints, poses), lever_mm)
 
     def _split(self, p: Array) -> tuple[Array, Array, Array]:
         """Fields of the arms (n, k), of the platform (f,), and extensions of the arms (n, e)."""
@@ -237,14 +245,18 @@ class ClosedChain:
         swing = posture.arms.swing_rad(forearms)
         elbow = posture.arms.leverage(forearms).min(axis=1)
         singular = np.full(len(poses), np.nan)
-        singular[found] = _smallest_singular_value(posture.by_pose(poses, forearms)[found])
+        lever_mm = self._platform.turn_scale(posture.platform).lever_mm
+        by_pose = posture.by_pose(poses, forearms)[found]
+        singular[found] = _smallest_singular_value(by_pose, lever_mm)
         too_near = (singular < limits.singularity_margin) | (elbow < limits.elbow_margin)
         beyond = np.zeros(len(poses), dtype=bool)
         for column, interval in zip(poses.T, limits.task, strict=True):
             if interval is not None:
                 beyond |= outside(column, interval)
+        above = poses[:, 2] >= posture.arms.elbows_mm[2].mean(axis=0)
         violations = (
             beyond * int(Violation.TASK_LIMIT)
+            | above * int(Violation.ABOVE_ELBOWS)
             | (np.abs(swing) > limits.forearm_swing_rad).any(axis=1) * int(Violation.SWING_LIMIT)
             | too_near * int(Violation.SINGULAR)
         )
@@ -258,6 +270,7 @@ class ClosedChain:
             limits,
             self.joints,
             self.task,
+            self._arms.words,
         )
 
     def newton_step(self, legs: Legs, poses: Array) -> tuple[Array, Array, Array]:
@@ -316,19 +329,22 @@ class ClosedChain:
         good = np.zeros(poses.shape[1], dtype=bool)
         active = np.arange(poses.shape[1])
         some, current = legs, poses.copy()
+        turn = self._platform.turn_scale(legs.platform)
         for _ in range(ITERATIONS):
             step, branch, misfit_mm = self.newton_step(some, current)
             move_mm = np.abs(step[:COORDINATES]).max(axis=0)
             turn_rad = np.abs(step[COORDINATES]) if self._has_turn else np.zeros_like(move_mm)
-            current += step / np.maximum(np.maximum(move_mm / STEP_MM, turn_rad / STEP_RAD), 1.0)
-            size_mm = move_mm + LEVER_MM * turn_rad
+            current += step / np.maximum(
+                np.maximum(move_mm / STEP_MM, turn_rad / turn.step_rad), 1.0
+            )
+            size_mm = move_mm + turn.lever_mm * turn_rad
             on_its_way = size_mm >= converged_mm
             if not on_its_way.all():
                 closed = (np.abs(misfit_mm) < MISFIT_OF_STEP * converged_mm).all(axis=0)
                 wanted = current[2] < some.elbows_mm[2].mean(axis=0)
                 wanted &= branch * some.home_sign > 0.0
                 if self._has_turn:
-                    wanted &= np.abs(current[COORDINATES]) < 0.5 * np.pi
+                    wanted &= np.abs(current[COORDINATES]) < turn.limit_rad
                 poses[:, active] = current
                 good[active] = (size_mm < converged_mm) & closed & wanted
                 keep = on_its_way & np.isfinite(size_mm)
@@ -421,7 +437,7 @@ def solve_rows(matrix: Array, right: Array) -> tuple[Array, Array]:
     return system[:, size], determinant
 
 
-def _smallest_singular_value(jacobian: Array) -> Array:
-    jacobian[..., COORDINATES:] /= PLATE_LEVER_MM
+def _smallest_singular_value(jacobian: Array, lever_mm: float) -> Array:
+    jacobian[..., COORDINATES:] /= lever_mm
     jacobian /= np.linalg.norm(jacobian, axis=-1, keepdims=True)
     return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[..., -1])

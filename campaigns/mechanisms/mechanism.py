@@ -20,7 +20,7 @@ from campaigns.arrays import Array, Index, Mask
 Interval = tuple[float, float]
 
 SINGULARITY_MARGIN = 0.2
-"""Smallest singular value of the closures' unit rows, columns of angles divided by 100 mm."""
+"""Smallest singular value of the closures' unit rows, columns of angles divided by a lever."""
 ELBOW_MARGIN = 0.05
 """Smallest share of a forearm along which its joint moves it: below, the arm is stretched."""
 MM_PER_RAD = 300.0
@@ -100,7 +100,10 @@ class ParameterSpace:
     held_fields: tuple[str, ...]
     """Fields that stay nominal unless told otherwise."""
     fix_frame: tuple[str, ...]
-    """Names that place the base frame, which no measurement tells: they stay nominal too."""
+    """Names that no measured point tells: they stay nominal too.
+
+    They place the base frame, and say how a turn that is not measured is counted.
+    """
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -270,6 +273,18 @@ class Violation(IntFlag):
     TASK_LIMIT = 4
     SWING_LIMIT = 8
     SINGULAR = 16
+    ABOVE_ELBOWS = 32
+
+
+@dataclass(frozen=True, slots=True)
+class ArmWords:
+    """Parts of an arm in words, where a pose cannot be taken."""
+
+    path: str
+    """Where its joint moves the forearm's upper end."""
+    swing: str
+    """How a forearm's swing is counted."""
+    upper_end: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -281,7 +296,7 @@ class Feasibility:
     joints: Array
     """(N, n)"""
     swing_rad: Array
-    """Angle of each forearm out of its arm's plane, (N, n)."""
+    """Angle of each forearm out of its arm's plane, or away from its rail, (N, n)."""
     singular_value: Array
     """Smallest of the closures' Jacobian, as `SINGULARITY_MARGIN` has it, (N,)."""
     elbow: Array
@@ -291,6 +306,7 @@ class Feasibility:
     limits: Limits
     joint_axes: tuple[Axis, ...]
     task_axes: tuple[Axis, ...]
+    words: ArmWords
 
     @property
     def feasible(self) -> Mask:
@@ -305,7 +321,7 @@ class Feasibility:
         limits = limits or self.limits
         violated = Violation(int(self.violations[row]))
         if Violation.OUT_OF_REACH in violated:
-            return ["out of reach: a forearm cannot span from its elbow's circle to the plate"]
+            return [f"out of reach: a forearm cannot span from {self.words.path} to the plate"]
         found = [
             f"joint {place} at {axis.text(value, '.3f')} outside {axis.span(limits.joint)}"
             for place, (axis, value) in enumerate(
@@ -316,16 +332,20 @@ class Feasibility:
         if Violation.TASK_LIMIT in violated:
             found += self._beyond_task_limits(row, limits)
         found += [
-            f"forearm {place} swings {np.degrees(swing):.2f}° out of its arm's plane, limit "
+            f"forearm {place} swings {np.degrees(swing):.2f}° {self.words.swing}, limit "
             f"{np.degrees(limits.forearm_swing_rad):g}°"
             for place, swing in enumerate(self.swing_rad[row])
             if abs(swing) > limits.forearm_swing_rad
         ]
+        if Violation.ABOVE_ELBOWS in violated:
+            found.append(
+                f"another assembly: the platform would be above its {self.words.upper_end}s"
+            )
         if Violation.SINGULAR in violated:
             found.append(
                 f"too near a singularity: margin {self.singular_value[row]:.3f} "
                 f"(limit {limits.singularity_margin:g}), "
-                f"elbow {self.elbow[row]:.3f} (limit {limits.elbow_margin:g})"
+                f"{self.words.upper_end} {self.elbow[row]:.3f} (limit {limits.elbow_margin:g})"
             )
         return found
 

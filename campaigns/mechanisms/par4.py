@@ -1,8 +1,5 @@
 """Par4: four rotary arms and an articulated plate (paper eqs. 1-18, corrected in docs/model.md)."""
 
-import math
-from collections.abc import Sequence
-
 import numpy as np
 
 from campaigns.arrays import Array
@@ -12,8 +9,6 @@ from campaigns.mechanisms.platforms import HingedPlate
 
 NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 """The component after each of x, y, z, and the one after that."""
-FRAME_UNKNOWNS = 6
-SHOTS_FOR_A_FRAME = 3
 
 
 class Par4(ClosedChain):
@@ -23,19 +18,9 @@ class Par4(ClosedChain):
         super().__init__(
             "par4",
             RotaryArmKind(),
-            HingedPlate(),
+            HingedPlate(shares=(0.0, 1.0)),
             held_fields=("azimuth_deg",),  # hypothesis (iii) of the paper
         )
-
-    def minimum_shots(self, names: Sequence[str]) -> int:
-        """Fewest shots that tell the named parameters and the frame.
-
-        Arms 0 and 1 meet in the measured point, so two of its three coordinates are about them and
-        the frame. The third is about the rest, for θ is not measured.
-        """
-        near = sum(name.startswith(("arm0.", "arm1.")) for name in names)
-        by_two = math.ceil((near + FRAME_UNKNOWNS) / 2)
-        return max(SHOTS_FOR_A_FRAME, by_two, len(names) - near)
 
     def home_sign(self, p: Array) -> float:  # noqa: ARG002 - the same for all
         """Sign of the determinant at home: positive, as the elimination below forms it."""

@@ -3,6 +3,8 @@
 They depend on the platform's turn alone: B_i = X + b_i(θ).
 """
 
+import math
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -12,6 +14,24 @@ from campaigns.mechanisms.mechanism import Axis, ParameterField
 
 POSITION = (Axis("x", "prismatic"), Axis("y", "prismatic"), Axis("z", "prismatic"))
 TURN = Axis("theta", "revolute")
+OF_TWO_PARTS = 4
+"""Arms of a platform of two parts; 0 and 1 hold the first part, 2 and 3 the second."""
+SLIDE_STEP_MM = 120.0
+
+
+@dataclass(frozen=True, slots=True)
+class TurnScale:
+    """Sizes of a platform's turn beside those of its position."""
+
+    lever_mm: float
+    """Length that turns an angle into a way."""
+    step_rad: float
+    """Longest step by which the turn is sought."""
+    limit_rad: float
+    """The wanted assembly turns less than that."""
+
+
+HINGE_SCALE = TurnScale(lever_mm=100.0, step_rad=0.35, limit_rad=0.5 * math.pi)
 
 
 class Platform(Protocol):
@@ -30,6 +50,20 @@ class Platform(Protocol):
     @property
     def fields(self) -> tuple[ParameterField, ...]:
         """Parameters, in the order of its values."""
+        ...
+
+    @property
+    def at_point(self) -> tuple[int, ...]:
+        """Arms that end in the controlled point however a platform that turns is turned."""
+        ...
+
+    @property
+    def points_along_x(self) -> bool:
+        """Whether the base frame's x axis is a direction of the platform."""
+        ...
+
+    def turn_scale(self, values: Array) -> TurnScale:
+        """Sizes of the turn."""
         ...
 
     def joints_mm(self, values: Array, poses: Array) -> Array:
@@ -51,6 +85,12 @@ class TranslatingPlatform:
     arms = 3
     task = POSITION
     fields: tuple[ParameterField, ...] = ()
+    at_point: tuple[int, ...] = ()
+    points_along_x = False
+
+    def turn_scale(self, values: Array) -> TurnScale:  # noqa: ARG002 - it never turns
+        """Sizes of a turn that there is not."""
+        return HINGE_SCALE
 
     def joints_mm(self, values: Array, poses: Array) -> Array:  # noqa: ARG002 - it has no fields
         """X for every arm."""
@@ -65,36 +105,88 @@ class TranslatingPlatform:
         return np.empty((0, *forearms_mm.shape[1:]))
 
 
-class HingedPlate:
-    """Par4's articulated plate (paper eq. 9): half 1 carries arms 0, 1 and the controlled point.
+class TwoPartPlatform:
+    """Platform of two parts that stand apart by its one value and a direction of the turn.
 
-    Half 2 carries arms 2 and 3, h away in the direction (-sin θ, cos θ, 0).
+    Arms 0 and 1 end `shares[0]` of the way between the parts from the controlled point, arms 2 and
+    3 `shares[1]` of it.
     """
 
-    arms = 4
+    arms = OF_TWO_PARTS
     task = (*POSITION, TURN)
-    fields: tuple[ParameterField, ...] = (
-        ParameterField("plate_mm", "the distance between the halves of the plate, mm", "length"),
-    )
+    fields: tuple[ParameterField, ...]
+    points_along_x = False
+
+    def __init__(self, shares: tuple[float, float]) -> None:
+        self._shares = np.repeat(shares, OF_TWO_PARTS // 2)
+        self.at_point = tuple(np.flatnonzero(self._shares == 0.0).tolist())
+
+    def apart(self, turn: Array) -> Array:
+        """From part 1 to part 2 in the base frame at turns (N,), for a value of 1, (2, N)."""
+        raise NotImplementedError
+
+    def apart_by_turn(self, turn: Array) -> Array:
+        """∂(apart)/∂θ, (2, N)."""
+        raise NotImplementedError
 
     def joints_mm(self, values: Array, poses: Array) -> Array:
         """B'_i in the base frame, (N, 4, 3)."""
         joints = np.repeat(poses[..., None, :3], self.arms, axis=-2)
-        joints[..., 2:, 0] -= values[0] * np.sin(poses[..., 3, None])
-        joints[..., 2:, 1] += values[0] * np.cos(poses[..., 3, None])
+        apart = values[0] * self.apart(poses[..., 3])
+        for arm in np.flatnonzero(self._shares):
+            for axis in (0, 1):
+                joints[..., arm, axis] += self._shares[arm] * apart[axis]
         return joints
 
     def by_turn(self, values: Array, poses: Array, forearms_mm: Array) -> Array:
-        """∂F_i/∂θ, (4, N): nothing for half 1."""
-        by_turn = np.zeros(forearms_mm.shape[1:])
-        x, y, _ = forearms_mm[:, 2:]
-        sin, cos = np.sin(poses[:, 3]), np.cos(poses[:, 3])
-        by_turn[2:] = -2.0 * values[0] * (cos * x + sin * y)
-        return by_turn
+        """∂F_i/∂θ, (4, N): nothing for arms that end in the controlled point."""
+        return self._along(forearms_mm, values[0] * self.apart_by_turn(poses[:, 3]))
 
     def by_fields(self, values: Array, poses: Array, forearms_mm: Array) -> Array:  # noqa: ARG002
-        """∂F_i/∂h, (1, 4, N)."""
-        by_plate = np.zeros((1, *forearms_mm.shape[1:]))
-        x, y, _ = forearms_mm[:, 2:]
-        by_plate[0, 2:] = 2.0 * (np.cos(poses[:, 3]) * y - np.sin(poses[:, 3]) * x)
-        return by_plate
+        """∂F_i by the way between the parts, (1, 4, N)."""
+        return self._along(forearms_mm, self.apart(poses[:, 3]))[None]
+
+    def _along(self, forearms_mm: Array, apart: Array) -> Array:
+        """∂F_i by a motion of part 2 away from part 1 (2, N), (4, N)."""
+        along = forearms_mm[0] * apart[0] + forearms_mm[1] * apart[1]
+        return np.asarray(2.0 * self._shares[:, None] * along)
+
+
+class HingedPlate(TwoPartPlatform):
+    """Articulated plate of Par4 and H4 (paper eq. 9): part 2 lies along (-sin θ, cos θ, 0)."""
+
+    fields = (
+        ParameterField("plate_mm", "the distance between the halves of the plate, mm", "length"),
+    )
+
+    def turn_scale(self, values: Array) -> TurnScale:  # noqa: ARG002 - the same for all
+        """Beyond 90° the plate has turned over."""
+        return HINGE_SCALE
+
+    def apart(self, turn: Array) -> Array:
+        """(-sin θ, cos θ)."""
+        return np.array([-np.sin(turn), np.cos(turn)])
+
+    def apart_by_turn(self, turn: Array) -> Array:
+        """(-cos θ, -sin θ)."""
+        return np.array([-np.cos(turn), -np.sin(turn)])
+
+
+class SlidingBars(TwoPartPlatform):
+    """I4's two bars that slide along x, where a rack turns the tool: part 2 is rθ behind part 1."""
+
+    fields = (ParameterField("pinion_mm", "travel of the bars for a turn of 1 rad, mm", "length"),)
+    points_along_x = True
+
+    def turn_scale(self, values: Array) -> TurnScale:
+        """A slide of r for a turn of 1 rad; no turn is too far."""
+        pinion_mm = float(values[0])
+        return TurnScale(pinion_mm, SLIDE_STEP_MM / pinion_mm, math.inf)
+
+    def apart(self, turn: Array) -> Array:
+        """(-θ, 0)."""
+        return np.array([-turn, np.zeros_like(turn)])
+
+    def apart_by_turn(self, turn: Array) -> Array:
+        """(-1, 0)."""
+        return np.array([-np.ones_like(turn), np.zeros_like(turn)])

@@ -44,6 +44,7 @@ def path_fault(
         Violation.TASK_LIMIT: f"{', '.join(limited)} leaves its limits",
         Violation.SWING_LIMIT: "a forearm swings too far",
         Violation.SINGULAR: "it passes near a singularity",
+        Violation.ABOVE_ELBOWS: "the platform rises above its arms' ends",
     }
     for violation, reason in reasons.items():
         wrong = passed.violations & violation != 0

@@ -25,7 +25,8 @@ LOOKED_THROUGH = (
 LEFT_OUT = ("campaigns/mechanisms/", "app/papers/", "campaigns/controllers/linuxcnc_export.py")
 
 TELLTALE = {
-    "a mechanism's name": r"\bpar4\w*|\bPar4\w*|\bPAR4\w*|\bDELTA\b|\bDelta\b|[\"']delta[\"']",
+    "a mechanism's name": r"\bpar4\w*|\bPar4\w*|\bPAR4\w*|\b[Hh]4\b|\b[Ii]4[RrLl]\b"
+    r"|\b(?:LINEAR_)?DELTA\b|\bDelta\b|[\"'](?:linear-)?delta[\"']",
     "a platform's turn": r"\btheta\w*|\bTHETA\w*|θ",
     "a platform's parameter": r"\bplate_mm\b|\bpinion_mm\b",
     "a fourth arm": r"\barm3\b|\bq3(?:_\w+)?\b",
@@ -36,7 +37,15 @@ TELLTALE = {
     "a turn's place": r"\[(?:\.\.\.|:|\w+), 3(?:, None)?\]",
 }
 TOLD = {
-    "a mechanism's name": ("PAR4.parameters", "is DELTA", 'if name == "delta":', "of a Par4"),
+    "a mechanism's name": (
+        "PAR4.parameters",
+        "is DELTA",
+        'if name == "delta":',
+        "of a Par4",
+        "an H4's",
+        "I4R.joints",
+        'word == "linear-delta"',
+    ),
     "a platform's turn": ("theta_rad", "while θ turns", "THETA_LIMIT", "pose.theta_deg"),
     "a platform's parameter": ('flat["plate_mm"]',),
     "a fourth arm": ("arm3.x_mm", "q3_deg", "q0_deg…q3_deg"),
@@ -139,15 +148,18 @@ def test_everything_is_looked_through():
     assert {"app/main.py", "app/report/page.py", "drivers/robotline/robot.py"} <= names
 
 
-def test_the_delta_is_one_small_file_that_only_the_catalog_imports():
-    file = ROOT / "campaigns/mechanisms/delta.py"
-    assert len(file.read_text(encoding="utf-8").splitlines()) <= 30
-    assert all(module.startswith("campaigns.mechanisms.") for module in imports_of(file))
+@pytest.mark.parametrize("name", sorted({*MECHANISMS} - {"par4"}))
+def test_each_other_is_one_small_file_that_only_mechanisms_import(name):
+    module = name.replace("-", "_")
+    file = ROOT / f"campaigns/mechanisms/{module}.py"
+    assert len(file.read_text(encoding="utf-8").splitlines()) <= 50
+    assert all(each.startswith("campaigns.mechanisms.") for each in imports_of(file))
     importers = [
         path.relative_to(ROOT).as_posix()
         for room in ("app", "campaigns", "drivers", "sim")
         for path in (ROOT / room).rglob("*.py")
-        if "campaigns.mechanisms.delta" in imports_of(path)
+        if f"campaigns.mechanisms.{module}" in imports_of(path)
     ]
-    assert importers == ["campaigns/mechanisms/catalog.py"]
-    assert MECHANISMS["delta"].name == "delta"
+    assert "campaigns/mechanisms/catalog.py" in importers
+    assert all(each.startswith("campaigns/mechanisms/") for each in importers)
+    assert MECHANISMS[name].name == name

@@ -139,7 +139,7 @@ def test_absent_robot_file_is_said_to_be_absent(tmp_path):
         ("[-45.0, 90.0]", "[-45]", 26, "limits.joint_deg[1] is missing"),
         ("[-45.0, 90.0]", "[-45, 0, 90]", 26, "has 3 entries, must have 2"),
         ("[-45.0, 90.0]", "90", 26, "limits.joint_deg is 90, must be a list"),
-        ("mechanism: par4", "mechanism: hexapod", 12, "is \"hexapod\", must be 'par4' or 'delta'"),
+        ("mechanism: par4", "mechanism: hexapod", 12, "is \"hexapod\", must be 'par4', 'h4', "),
         ("mechanism: par4", "mechanism: delta", 23, "geometry.plate_mm is not a known key"),
         ("mechanism: par4", "mechanism: 4", 12, "mechanism is 4, must be"),
         ("name: par4-prototype", "name: 12", 13, "must be text: put it in quotes"),

@@ -1,0 +1,174 @@
+"""Carriages on straight rails, which hold the upper ends of the forearms.
+
+Arrays of all arms lie by component and arm, (3, n, N), as those of `campaigns.mechanisms.arms`.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from campaigns.arrays import Array, Mask
+from campaigns.mechanisms.mechanism import MM_PER_RAD, ArmWords, Axis, ParameterField
+
+LEVEL = 1e-9
+"""A rail that rises less than that leads to no other height."""
+UPRIGHT = 1e-12
+"""A rail that goes less aside than that is upright: no azimuth moves it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearArms:
+    """Carriages on rails: A_i = P_i + (q_i + δq_i) e_i (model.md, family).
+
+    e_i points along azimuth and elevation; beyond that the rail may be tilted by τ_i out of the
+    vertical plane of its azimuth.
+    """
+
+    forearm_mm: Array
+    """L_i, (n,)."""
+    rails: Array
+    """e_i and its derivatives by azimuth, elevation and tilt, (4, n, 3)."""
+    travel_mm: Array
+    """q_i + δq_i, (n, N)."""
+    elbows_mm: Array
+    """A_i in the base frame, (3, n, N)."""
+
+    @classmethod
+    def at(cls, values: Array, extensions: Array, joints: Array) -> Self:
+        """Carriages of (n, 7) fields and (n, 1) rail tilts at readings (N, n), mm."""
+        rails = rail_directions(values, extensions)
+        travel = np.ascontiguousarray(joints.T) + values[:, 5:6]
+        elbows = values[:, :3].T[..., None] + rails[0].T[..., None] * travel
+        return cls(values[:, 6], rails, travel, elbows)
+
+    def by_fields(self, forearms_mm: Array) -> Array:
+        """∂F_i by x, y, z, azimuth, elevation, joint offset, forearm and rail tilt, (n, 8, N)."""
+        along, aside, upward, across = self._along_rails(forearms_mm)
+        _, arms, rows = forearms_mm.shape
+        jacobian = np.empty((arms, len(RAIL_FIELDS) + 1, rows))
+        jacobian[:, :3] = -2.0 * forearms_mm.swapaxes(0, 1)
+        jacobian[:, 3] = -2.0 * self.travel_mm * aside
+        jacobian[:, 4] = -2.0 * self.travel_mm * upward
+        jacobian[:, 5] = -2.0 * along
+        jacobian[:, 6] = -2.0 * self.forearm_mm[:, None]
+        jacobian[:, 7] = -2.0 * self.travel_mm * across
+        return jacobian
+
+    def swing_rad(self, forearms_mm: Array) -> Array:
+        """Angles of forearms (3, n, N) off their rails, (N, n)."""
+        along = self._along_rails(forearms_mm)[0].T
+        return np.asarray(np.arccos(np.clip(-along / self.forearm_mm, -1.0, 1.0)))
+
+    def leverage(self, forearms_mm: Array) -> Array:
+        """|∂F_i/∂q_i| / 2 L_i: cosine of the angle between rail and forearm, (N, n)."""
+        return np.asarray(np.abs(self._along_rails(forearms_mm)[0].T / self.forearm_mm))
+
+    def _along_rails(self, forearms_mm: Array) -> Array:
+        """Forearms (3, n, N) along e_i and its derivatives, (4, n, N)."""
+        return np.asarray(np.einsum("fik,kin->fin", self.rails, forearms_mm))
+
+
+RAIL_FIELDS = (
+    ParameterField("x_mm", "x of the rail's zero in the base frame, mm", "place"),
+    ParameterField("y_mm", "y of the rail's zero in the base frame, mm", "place"),
+    ParameterField("z_mm", "z of the rail's zero in the base frame, mm", "place"),
+    ParameterField("azimuth_deg", "the rail's direction about z, deg", "angle"),
+    ParameterField("elevation_deg", "the rail's direction above the horizontal, deg", "angle"),
+    ParameterField("joint_offset_mm", "the carriage's place minus the reading, mm", "place"),
+    ParameterField("forearm_mm", "the forearm's length, mm", "length"),
+)
+RAIL_TILT = ParameterField(
+    "rail_tilt_deg",
+    "the rail out of the vertical plane of its azimuth, deg; may be left out",
+    "small angle",
+)
+
+
+class LinearArmKind:
+    """Carriages driven along rails, above the platform on a rail that points upward."""
+
+    fields = RAIL_FIELDS
+    extensions = (RAIL_TILT,)
+    lost_motion = "backlash_mm"
+    shows_turn = False
+    words = ArmWords("its carriage's rail", "away from its rail", "carriage")
+
+    def joint(self, number: int) -> Axis:
+        """Place of a carriage along its rail."""
+        return Axis(f"q{number}", "prismatic")
+
+    def at(self, values: Array, extensions: Array, joints: Array) -> LinearArms:
+        """Carriages at readings (N, n)."""
+        return LinearArms.at(values, extensions, joints)
+
+    def inverse(self, values: Array, extensions: Array, targets_mm: Array) -> tuple[Array, Mask]:
+        """Readings (N, n): of the two places on a rail the one further along it."""
+        to_target = targets_mm - values[:, :3]
+        along = np.einsum("...k,...k->...", to_target, rail_directions(values, extensions)[0])
+        square = along**2 - np.einsum("...k,...k->...", to_target, to_target) + values[:, 6] ** 2
+        found = np.all(square >= 0.0, axis=-1)
+        root = np.sqrt(np.where(square >= 0.0, square, np.nan))
+        return along + root - values[:, 5], found
+
+    def levers_mm(self, values: Array) -> Array:
+        """A typical travel for angles, 1 for lengths: of fields, tilt and backlash, (n, 9)."""
+        levers = np.ones((len(values), len(RAIL_FIELDS) + 2))
+        levers[:, [3, 4, 7]] = MM_PER_RAD
+        return levers
+
+    def in_frame_of(
+        self, nominal: tuple[Array, Array], own: tuple[Array, Array], *, may_turn: bool
+    ) -> Array:
+        """Fields (n, 7) of the same rails from a base that sees the first as it is nominally.
+
+        Its carriage at a reading of 0 is put where it is nominally, and a turn about z gives the
+        second rail its nominal x. Then zeros are moved along their rails to their nominal heights.
+        """
+        wanted, (values, tilts) = _at_zero(*nominal), own
+        seen, places = values.copy(), _at_zero(values, tilts)
+        places -= places[0]
+        if may_turn:
+            turn = _turn_to(places[1], (wanted[1] - wanted[0])[:2])
+            cos, sin = np.cos(turn), np.sin(turn)
+            places[:, :2] = places[:, :2] @ np.array([[cos, sin], [-sin, cos]])
+            seen[:, 3] += turn
+        places += wanted[0]
+        along = rail_directions(seen, tilts)[0]
+        rises = np.abs(along[:, 2]) > LEVEL
+        lift = (nominal[0][:, 2] - places[:, 2]) / np.where(rises, along[:, 2], np.inf)
+        seen[:, :3] = places + lift[:, None] * along
+        seen[:, 5] = -lift
+        return seen
+
+
+def rail_directions(values: Array, extensions: Array) -> Array:
+    """e_i of fields (n, 7) and tilts (n, 1), and ∂e_i by azimuth, elevation, tilt, (4, n, 3)."""
+    azimuth, elevation, tilt = values[:, 3], values[:, 4], extensions[:, 0]
+    outward = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)], axis=-1)
+    aside = np.stack([-np.sin(azimuth), np.cos(azimuth), np.zeros_like(azimuth)], axis=-1)
+    up = np.array([0.0, 0.0, 1.0])
+    level, rise = np.cos(elevation)[:, None], np.sin(elevation)[:, None]
+    level = np.where(np.abs(level) < UPRIGHT, 0.0, level)
+    cos, sin = np.cos(tilt)[:, None], np.sin(tilt)[:, None]
+    untilted = level * outward + rise * up
+    return np.stack(
+        [
+            cos * untilted + sin * aside,
+            cos * level * aside - sin * outward,
+            cos * (level * up - rise * outward),
+            cos * aside - sin * untilted,
+        ]
+    )
+
+
+def _at_zero(values: Array, tilts: Array) -> Array:
+    """Carriages at a reading of 0, (n, 3)."""
+    return np.asarray(values[:, :3] + values[:, 5:6] * rail_directions(values, tilts)[0])
+
+
+def _turn_to(place: Array, wanted: Array) -> float:
+    """Turn about z that gives a place the x of the wanted one (2,), on the same side of it."""
+    across = np.sqrt(max(float(place[0] ** 2 + place[1] ** 2 - wanted[0] ** 2), 0.0))
+    there = np.arctan2(np.copysign(across, wanted[1]), wanted[0])
+    return float(there - np.arctan2(place[1], place[0]))

@@ -1,0 +1,110 @@
+"""The mechanisms of the reference model: their robots, poses, shots and answers."""
+
+import json
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
+from campaigns.mechanisms.catalog import MECHANISMS
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.robots.robot import find_robot
+
+FAMILY = Path(__file__).parents[1] / "data" / "family"
+REFERENCE = json.loads((FAMILY / "kinematics.json").read_text(encoding="utf-8"))
+
+
+def flat_in(document):
+    """Values by name of a geometry in a document, mm and deg."""
+    arms = enumerate(document["arms"])
+    flat = {f"arm{i}.{key}": value for i, arm in arms for key, value in arm.items()}
+    return flat | {key: value for key, value in document.items() if key != "arms"}
+
+
+@dataclass(frozen=True)
+class Member:
+    """A mechanism with its shipped robot and what the reference model says of it."""
+
+    name: str
+
+    @property
+    def mechanism(self):
+        return MECHANISMS[self.name]
+
+    @property
+    def space(self):
+        return self.mechanism.parameters
+
+    @property
+    def reference(self):
+        return REFERENCE[self.name]
+
+    @cached_property
+    def shipped(self):
+        return find_robot(self.name).robot
+
+    @property
+    def nominal(self):
+        return self.shipped.kinematics
+
+    @property
+    def limits(self):
+        return self.shipped.limits
+
+    @property
+    def well_inside(self):
+        """Leaves room for errors of ten millimetres or of a tenth of a radian."""
+        narrow = self.limits.drawn_in(joint=0.1 * self.mechanism.joints[0].scale, swing_rad=0.1)
+        return replace(narrow, singularity_margin=0.3)
+
+    @property
+    def perturbed(self):
+        return self.robot_in(self.reference["cases"][1]["geometry"])
+
+    @property
+    def tilted(self):
+        """Far more than a workshop would leave, so that no sign and no size goes unnoticed."""
+        tilts = [0.03, -0.02, 0.05, -0.04][: self.space.arms]
+        p = np.concatenate([self.perturbed.p[: len(self.space.names)], tilts])
+        directions = [name for name in self.space.names if name.endswith("elevation_deg")]
+        p[self.space.places(directions)] += tilts[::-1][: len(directions)]
+        return self.robot_of(p)
+
+    @property
+    def robots(self):
+        return {"nominal": self.nominal, "perturbed": self.perturbed, "tilted": self.tilted}
+
+    def robot_in(self, document):
+        return Kinematics.from_flat(self.mechanism, flat_in(document))
+
+    def robot_of(self, vector):
+        return Kinematics(self.mechanism, np.asarray(vector))
+
+    def poses_of(self, case):
+        return np.array(case["poses_mm_deg"]) * self.file_units(self.mechanism.task)
+
+    def joints_of(self, case):
+        return np.array(case["joints"]) * self.file_units(self.mechanism.joints)
+
+    def answers(self, kind):
+        """Nominal, truth and least-squares solution of the shots of that kind."""
+        return json.loads((FAMILY / f"{self.name}-{kind}.json").read_text(encoding="utf-8"))
+
+    def shots_file(self, kind):
+        return FAMILY / f"{self.name}-{kind}.csv"
+
+    def reachable_poses(self, robot, count, seed, limits=None):
+        tracker_mm, facing = np.array([2500.0, 0.0, -600.0]), np.array([1.0, 0.0, 0.0])
+        centre = self.shipped.workspace_centre
+        region = FeasibleRegion(robot, limits or self.limits, centre, tracker_mm, facing, np.pi)
+        return interior_poses(region, count, np.random.default_rng(seed))
+
+    @staticmethod
+    def file_units(axes):
+        """Inner values of one in the unit of files."""
+        return np.array([axis.from_file(1.0) for axis in axes])
+
+
+MEMBERS = tuple(map(Member, REFERENCE))
