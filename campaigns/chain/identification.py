@@ -76,9 +76,9 @@ def identification_options(campaign: Campaign, options: IdentifyOptions) -> Iden
 
 def _sessions(journal: JournalReader, series: int) -> dict[int, int]:
     """Session in which each shot that counts was measured, by the shot's number."""
-    begun = [entry.at_utc for entry in journal.records_of(SessionStarted) if entry.series == series]
+    begun = [entry.number for entry in journal.records_of(SessionStarted, series)]
     return {
-        shot.intent.shot: sum(each <= shot.measured_utc for each in begun)
+        shot.intent.shot: sum(each <= shot.number for each in begun)
         for shot in journal.shots(series)
     }
 

@@ -3,14 +3,17 @@
 import os
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from itertools import chain
 from pathlib import Path
 
 from campaigns.errors import JournalFailed
+from campaigns.journal.chain import EMPTY, ChainEnd, Row
 
 _PRIMARY_CODE = 0xFF
 """SQLite's extended error codes keep their family in the lowest byte."""
 
+FROM_BACKUP = "the file was changed or damaged: bring campaign.db back from a backup"
 _AGAIN = "start the command again, and report this if it comes back"
 _RIGHTS = "give this user the right to write the campaign folder and its files"
 _OTHER_PROGRAM = "close the other program that has the journal open, then start again: it resumes"
@@ -45,12 +48,10 @@ def _remedy(error: sqlite3.Error) -> str:
 
 
 APPLICATION_ID = 0x706B6D63  # "pkmc"
-VERSION = 1
+VERSION = 2
 
 Upgraders = Mapping[int, tuple[str, ...]]
 """Version → the statements that bring a file of that version to the next one."""
-
-UPGRADERS: Upgraders = {}
 
 # The columns repeat from `body` what the database itself watches over: kind and numbers.
 # No STRICT table and no JSON functions: some supported systems come with an older SQLite.
@@ -123,6 +124,31 @@ BEGIN SELECT RAISE(ABORT, 'numbers are never reused: this attempt has its outcom
 )
 
 
+# The digests chain the records: chain.py says how. What the last one is stands beside them, so that
+# it shows when the last ones are missing. Records of version 1 have none, and come first.
+_CHAIN = (
+    "ALTER TABLE record ADD COLUMN digest TEXT",
+    """
+CREATE TABLE chain_end (
+    one    INTEGER PRIMARY KEY CHECK (one = 1),
+    record INTEGER NOT NULL,
+    digest TEXT NOT NULL
+)""",
+    """
+CREATE TRIGGER a_record_has_its_digest BEFORE INSERT ON record
+WHEN typeof(NEW.digest) <> 'text'
+BEGIN SELECT RAISE(ABORT, 'a record is chained to the one before by its digest'); END""",
+    """
+CREATE TRIGGER the_chain_ends_with_the_last_record AFTER INSERT ON record
+BEGIN INSERT OR REPLACE INTO chain_end VALUES (1, NEW.id, NEW.digest); END""",
+    """
+CREATE TRIGGER the_end_of_the_chain_is_never_removed BEFORE DELETE ON chain_end
+BEGIN SELECT RAISE(ABORT, 'the journal is append-only: the chain keeps its end'); END""",
+)
+
+UPGRADERS: Upgraders = {1: _CHAIN}
+
+
 def is_blank(connection: sqlite3.Connection) -> bool:
     """Whether nothing was ever stored: a new file, or one whose making was cut short."""
     tables: int = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
@@ -146,6 +172,7 @@ def create_tables(connection: sqlite3.Connection) -> None:
         (
             _RECORD_TABLE,
             *_RULES,
+            *chain.from_iterable(UPGRADERS.values()),
             f"PRAGMA application_id = {APPLICATION_ID}",
             _set_version(VERSION),
         ),
@@ -176,6 +203,58 @@ def _in_one_commit(connection: sqlite3.Connection, statements: tuple[str, ...]) 
             connection.execute(statement)
 
 
+def stored_records(connection: sqlite3.Connection) -> tuple[list[Row], ChainEnd]:
+    """All records as stored, in their order, and the last one that has a digest, of one moment."""
+    chained = version(connection) > 1
+    digest = "digest" if chained else "NULL"
+    query = (
+        f"SELECT id, at_utc, kind, series, shot, attempt, body, {digest} FROM record ORDER BY id"  # noqa: S608 - one of two words
+    )
+    connection.execute("BEGIN")
+    try:
+        rows: list[Row] = connection.execute(query).fetchall()
+        stated = (
+            connection.execute("SELECT record, digest FROM chain_end").fetchone()
+            if chained
+            else None
+        )
+    finally:
+        if connection.in_transaction:
+            connection.execute("ROLLBACK")
+    return rows, EMPTY if stated is None else ChainEnd(*stated)
+
+
+def last_digest(path: Path) -> str | None:
+    """Digest of the last record, by a connection of its own to what is at that path now."""
+    with sqlite_errors_explained(path, "the journal cannot be read"):
+        connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", uri=True)
+        with closing(connection):
+            found = connection.execute("SELECT digest FROM record ORDER BY id DESC LIMIT 1")
+            row: tuple[str] | None = found.fetchone()
+    return None if row is None else row[0]
+
+
+def undecodable_record(connection: sqlite3.Connection) -> int | None:
+    """Number of the first record whose text is no UTF-8, if there is one."""
+    plain = connection.text_factory
+    connection.text_factory = bytes
+    try:
+        for row in connection.execute("SELECT * FROM record ORDER BY id"):
+            if not all(_is_utf8(value) for value in row if isinstance(value, bytes)):
+                return int(row[0])
+    finally:
+        connection.text_factory = plain
+    return None
+
+
+def _is_utf8(text: bytes) -> bool:
+    try:
+        text.decode("utf-8")
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
 _LOCK_PATIENCE_S = 2.0
 
 
@@ -199,6 +278,7 @@ def connect_to_write(path: Path, *, create: bool) -> sqlite3.Connection:
 def connect_to_read(path: Path) -> sqlite3.Connection:
     """Open a connection that refuses to write; the caller closes it. Raises `JournalFailed`.
 
+    An older file stays as it is: `stored_records` reads every version.
     The file is opened for writing where it can be: only then does SQLite clear its -wal and -shm
     files away at the end. On a medium that cannot be written the bare file is read.
     """
@@ -206,7 +286,6 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
 
     def prepare(connection: sqlite3.Connection) -> None:
         _check_ours(connection, path)
-        upgrade(connection)
         connection.execute("PRAGMA query_only = ON")
 
     if os.access(path.parent, os.W_OK) and os.access(path, os.W_OK):

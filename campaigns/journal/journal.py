@@ -10,9 +10,17 @@ from typing import Self, TypeVar
 
 from campaigns.errors import JournalFailed
 from campaigns.journal import views
-from campaigns.journal.database import connect_to_read, connect_to_write, sqlite_errors_explained
+from campaigns.journal.chain import ChainEnd, digest_after
+from campaigns.journal.database import (
+    connect_to_read,
+    connect_to_write,
+    last_digest,
+    sqlite_errors_explained,
+)
+from campaigns.journal.own_file import OwnFile, close_untouched, rescue
 from campaigns.journal.records import (
     KIND_OF_TYPE,
+    Finding,
     Intent,
     Outcome,
     Record,
@@ -25,6 +33,7 @@ from campaigns.journal.records import (
     from_text,
     to_text,
 )
+from campaigns.journal.verification import JournalDamaged, verified_end, verify_file
 from campaigns.journal.views import AcceptedShot, Entry, Series
 
 RecordT = TypeVar("RecordT", bound=Record)
@@ -34,17 +43,22 @@ _Row = tuple[int, str, str, int | None, str]
 def read_journal(path: Path) -> "JournalReader":
     """Open the journal in that file for reading; needs no right to write the folder.
 
-    Raises `JournalFailed` when the file is missing, not ours, or newer than this program.
+    Raises `JournalFailed` when the file is missing, not ours, newer than this program, or not what
+    was written.
     """
     return JournalReader(connect_to_read(path), path)
 
 
 class JournalReader:
-    """Reader of a journal's records. For one thread; everything raises `JournalFailed`."""
+    """Reader of a journal's records, verified when it is made. For one thread.
+
+    Everything raises `JournalFailed`.
+    """
 
     def __init__(self, connection: Connection, path: Path) -> None:
         self._connection = connection
         self._path = path
+        self._end = self._verified()
 
     def __enter__(self) -> Self:
         return self
@@ -61,6 +75,10 @@ class JournalReader:
         """Close the file; a second time does nothing."""
         with sqlite_errors_explained(self._path, "the journal cannot be closed"):
             self._connection.close()
+
+    def verify_file(self) -> None:
+        """Raise `JournalDamaged` where SQLite finds pages, indexes or rules of the file broken."""
+        verify_file(self._connection, self._path)
 
     def records(self, series: int | None = None) -> tuple[Entry[Record], ...]:
         """Return all records, or those of one series, in their order."""
@@ -112,6 +130,10 @@ class JournalReader:
         """Return the place of the last record; 0 in an empty journal."""
         return self._highest("SELECT max(id) FROM record")
 
+    def end(self) -> ChainEnd:
+        """Return the end of the chain as it was verified, or written since."""
+        return self._end
+
     def digest(self, *, through: int | None = None) -> str:
         """Return the SHA-256 (hex) over the records as stored, all or up to place `through`."""
         digest = hashlib.sha256()
@@ -119,6 +141,13 @@ class JournalReader:
             if through is None or row[0] <= through:
                 digest.update(json.dumps(row, ensure_ascii=False).encode() + b"\n")
         return digest.hexdigest()
+
+    def _verified(self) -> ChainEnd:
+        try:
+            return verified_end(self._connection, self._path)
+        except BaseException:
+            self._connection.close()
+            raise
 
     def _highest(self, query: str, *values: int) -> int:
         """Return the one number that the query asks for; 0 when there is none."""
@@ -145,17 +174,16 @@ class JournalReader:
         try:
             return Entry(number, at_utc, series, from_text(kind, body))
         except ValueError as error:
-            raise JournalFailed(
-                f"{self._path}: record {number} cannot be read: {error}",
-                remedy="the file was changed or damaged: bring campaign.db back from a backup",
-            ) from error
+            problem = f"{self._path}: record {number} cannot be read: {error}"
+            raise JournalDamaged(problem, number=number) from error
 
 
 def open_journal(path: Path, *, now_utc: Callable[[], str], create: bool = False) -> "Journal":
     """Open the journal in that file; `create` makes one where there is none.
 
     `now_utc` stamps the records. The caller holds the campaign's lock. Raises `JournalFailed` when
-    the file is missing, not ours, newer than this program, or cannot be opened.
+    the file is missing, not ours, newer than this program, not what was written, or cannot be
+    opened.
     """
     return Journal(connect_to_write(path, create=create), path, now_utc)
 
@@ -168,6 +196,7 @@ class Journal(JournalReader):
         self._now_utc = now_utc
         self._own_sessions: set[int] = set()
         self._failed = False
+        self._file = OwnFile(path)
 
     def start_series(self, started: SeriesStarted) -> int:
         """Begin a new series and return its number."""
@@ -186,13 +215,32 @@ class Journal(JournalReader):
                 remedy="see the first error; start the command again, it resumes",
             )
         try:
-            place = self._insert(record, series)
+            self._append(record, series)
         except JournalFailed:
             self._failed = True
             raise
+        place = self._end.number
         if isinstance(record, SessionStarted):
             self._own_sessions.add(place)
         return place
+
+    def prove(self) -> None:
+        """Close the file and open it anew: all that was written has to be in it, and whole.
+
+        Raises `JournalFailed`. What is asked afterwards is answered by what is on the disk.
+        """
+        self._check_file()
+        written, self._failed = self._end, True  # until it is open again
+        self.close()
+        self._connection = connect_to_write(self._path, create=False)
+        self._end = self._verified()
+        self.verify_file()
+        if self._end != written:
+            raise JournalDamaged(
+                f"{self._path}: ends with record {self._end.number}, and {written.number} were "
+                "written: it is another file, or records were lost"
+            )
+        self._file, self._failed = OwnFile(self._path), False
 
     def crashed_sessions(self) -> tuple[Entry[SessionStarted], ...]:
         """Return the sessions that never stopped, but for those begun here."""
@@ -200,23 +248,66 @@ class Journal(JournalReader):
             entry for entry in super().crashed_sessions() if entry.number not in self._own_sessions
         )
 
-    def _insert(self, record: Record, series: int | None) -> int:
-        row = (
-            self._now_utc(),
-            KIND_OF_TYPE[type(record)],
-            series,
-            *_numbers(record),
-            self._text(record),
-        )
+    def _append(self, record: Record, series: int | None) -> None:
+        text = self._text(record)
+        self._check_file()
+        self._insert(record, series, text)
+        try:
+            self._file.settle()
+            if isinstance(record, Intent | Finding):
+                self._read_back()
+        except JournalFailed as changed:
+            raise self._given_up(changed) from changed
+
+    def _check_file(self) -> None:
+        with sqlite_errors_explained(self._path, "the journal cannot be written"):
+            self._connection.cursor()  # which a closed one does not give
+        try:
+            self._file.check()
+        except JournalFailed as changed:
+            raise self._given_up(changed) from changed
+
+    def _insert(self, record: Record, series: int | None, text: str) -> None:
+        number = self._end.number + 1
+        kind, (shot, attempt) = KIND_OF_TYPE[type(record)], _numbers(record)
+        content = (number, self._now_utc(), kind, series, shot, attempt, text)
+        digest = digest_after(self._end.digest, content)
         # No RETURNING here: with it the commit waits until the row has been fetched to the end.
         command = (
-            "INSERT INTO record (at_utc, kind, series, shot, attempt, body)"
-            " VALUES (?, ?, ?, ?, ?, ?)"
+            "INSERT INTO record (id, at_utc, kind, series, shot, attempt, body, digest)"
+            " VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
         )
         with sqlite_errors_explained(self._path, f"the record {_label(record)} cannot be written"):
-            place = self._connection.execute(command, row).lastrowid
-        assert place is not None, "an INSERT that succeeds has a row"
-        return place
+            self._connection.execute(command, (*content, digest))
+        self._end = ChainEnd(number, digest)
+
+    def _read_back(self) -> None:
+        """Raise unless whoever opens the file now finds the record that was written last."""
+        found = last_digest(self._path)
+        if found != self._end.digest:
+            raise JournalDamaged(
+                f"{self._path}: record {self._end.number}, written just now, is not in it: it is "
+                "another file, or was changed by another program"
+            )
+
+    def _given_up(self, changed: JournalFailed) -> JournalFailed:
+        """Error for a file that others have changed; keeps what can still be read in another."""
+        kept = rescue(self._connection, self._path, self._is_whole)
+        close_untouched(self._connection, self._path)
+        if kept is None:
+            return changed
+        return JournalFailed(
+            changed.problem,
+            remedy=f"its {self._end.number} records are whole in {kept.name}: move campaign.db and "
+            f"campaign.db-wal away, rename {kept.name} to campaign.db, and start again: it resumes",
+        )
+
+    def _is_whole(self, copy: Path) -> bool:
+        try:
+            with read_journal(copy) as reader:
+                return reader.end() == self._end
+        except JournalFailed:
+            return False
 
     def _text(self, record: Record) -> str:
         try:

@@ -47,6 +47,9 @@ class AcceptedShot:
     intent: Intent
     outcome: Outcome
     measured_utc: str
+    number: int = 0
+    """Place of the outcome in the journal, which is the order of time whatever the clock was set
+    to; 0 of one that is in none."""
 
 
 def series_of_stage(entries: Iterable[Entry[Record]], stage: Stage | None) -> tuple[Series, ...]:
@@ -79,7 +82,7 @@ def accepted_shots(entries: Iterable[Entry[Record]]) -> tuple[AcceptedShot, ...]
                 intents[intent.shot, intent.attempt] = intent
             case Outcome() as outcome:
                 intent = intents[outcome.shot, outcome.attempt]
-                accepted[outcome.shot] = AcceptedShot(intent, outcome, entry.at_utc)
+                accepted[outcome.shot] = AcceptedShot(intent, outcome, entry.at_utc, entry.number)
             case PairVoided() as voided:
                 for shot in voided.shots:
                     accepted.pop(shot, None)

@@ -26,7 +26,7 @@ class ResumeState:
     def first_drift_mm(self) -> Vector3 | None:
         """Where the drift pose was first."""
         drifts = [s for s in self.kept if s.intent.purpose == ShotSet.DRIFT.value]
-        first = min(drifts, key=lambda shot: shot.measured_utc, default=None)
+        first = min(drifts, key=lambda shot: shot.number, default=None)
         return first.outcome.point_in_tracker_mm if first else None
 
     def reference(self, steps: Sequence[Step]) -> tuple[Step, Vector3] | None:

@@ -143,7 +143,8 @@ def measure_series(
     """Measure what the latest series of this stage still lacks, or a new one; gives its number.
 
     `anew` leaves an unfinished series as it is and begins another. Raises `ResumeRefused` when plan
-    or devices are not those it began with, `Interrupted`, or whatever stopped the engine.
+    or devices are not those it began with, `Interrupted`, or whatever stopped the engine. What the
+    journal says afterwards is on the disk, opened anew and verified.
     """
     today = _start_record(cell, work)
     found = None if anew else _to_take_up(journal, work)
@@ -161,6 +162,7 @@ def measure_series(
         _Run(cell, log, work, watcher, stop_requested).measure(left, began.weather)
         if not (found and found.finished):  # one that ended early is finished already
             log.write(SeriesFinished())
+    journal.prove()
     return series
 
 

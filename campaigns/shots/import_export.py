@@ -111,6 +111,7 @@ def append_import(
         journal.append(_outcome(number, row), series=series)
     journal.append(SeriesFinished(), series=series)
     journal.append(SessionStopped("finished", "imported"), series=series)
+    journal.prove()
     return series
 
 

@@ -42,6 +42,8 @@ class Shots:
     measured_utc: tuple[str, ...]
     temperature_degC: Array
     """Temperature of the air, (N,); NaN where it is not known."""
+    records: tuple[int, ...] = ()
+    """Places in the journal, in the order of time whatever the clock was set to; () outside one."""
 
     def __post_init__(self) -> None:
         """Refuse arrays that are not of the same shots; raises `ValueError`."""
@@ -83,6 +85,7 @@ class Shots:
             commanded=self.commanded[rows],
             measured_utc=tuple(self.measured_utc[row] for row in chosen),
             temperature_degC=self.temperature_degC[rows],
+            records=tuple(self.records[row] for row in chosen) if self.records else (),
         )
 
     def of_set(self, *purposes: ShotSet) -> "Shots":
@@ -155,6 +158,7 @@ def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: Mechanism) -> Sho
         ),
         measured_utc=tuple(shot.measured_utc for shot in shots),
         temperature_degC=np.array([*_air_degC(outcomes)], dtype=np.float64),
+        records=numbers if all(numbers := tuple(shot.number for shot in shots)) else (),
     )
 
 
@@ -187,13 +191,13 @@ def approach_directions(shots: Sequence[AcceptedShot], axes: Sequence[Axis]) -> 
     """+1 where a joint last moved towards larger values, -1 smaller, 0 where unknown, (N, n).
 
     A joint that hardly moved on the last leg keeps the direction of the shot before, if it stood
-    there when the leg began and was not turned round. Before means before in time: a shot measured
-    again comes after others of higher numbers.
+    there when the leg began and was not turned round. Before means before in the journal: a shot
+    measured again comes after others of higher numbers.
     """
     scale = np.array([axis.scale for axis in axes])
     found = np.zeros((len(shots), len(axes)))
     before, standing = np.zeros(len(axes)), np.full(len(axes), np.nan)
-    for row in sorted(range(len(shots)), key=lambda row: shots[row].measured_utc):
+    for row in sorted(range(len(shots)), key=lambda row: shots[row].number):
         outcome = shots[row].outcome
         joints = np.array(outcome.joints)
         if outcome.came_from is not None:

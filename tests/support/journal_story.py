@@ -1,8 +1,8 @@
-"""Records to test the journal with, and the short campaign that tests/data/journal-v1.db holds.
+"""Records to test the journal with, and the short campaign that tests/data/journal-vN.db hold.
 
-The golden file was written once, by version 1 of the journal, with
+Each golden file was written once, by version N of the journal, with
 
-    python tests/support/journal_story.py tests/data/journal-v1.db
+    python tests/support/journal_story.py tests/data/journal-vN.db
 
 It stays as it is: it stands for the files that users have. A new version gets a file of its own.
 """

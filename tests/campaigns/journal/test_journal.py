@@ -237,17 +237,17 @@ def test_the_digest_depends_on_every_record_and_can_be_taken_back_in_time(
         "UPDATE record SET id = 99 WHERE id = 2",
         "DELETE FROM record WHERE id = 3",
         "DELETE FROM record",
-        "INSERT OR REPLACE INTO record VALUES (2, '', 'event', 1, NULL, NULL, '{}')",
-        "INSERT OR REPLACE INTO record VALUES (3, '', 'event', 1, NULL, NULL, '{}')",
-        "REPLACE INTO record VALUES (NULL, '', 'intent', 1, 1, 1, '{}')",
-        "REPLACE INTO record VALUES (NULL, '', 'outcome', 1, 1, 1, '{}')",
-        "REPLACE INTO record VALUES (NULL, '', 'series-started', 1, NULL, NULL, '{}')",
-        "INSERT OR IGNORE INTO record VALUES (NULL, '', 'intent', 1, 1, 1, '{}')",
-        "INSERT INTO record VALUES (-5, '', 'event', 1, NULL, NULL, '{}')",
-        "INSERT INTO record VALUES (NULL, '', 'gossip', 1, NULL, NULL, '{}')",
-        "INSERT INTO record VALUES (NULL, '', 'intent', 1, NULL, 1, '{}')",
-        "INSERT INTO record VALUES (NULL, '', 'event', 1, NULL, NULL, x'00')",
-        "INSERT INTO record VALUES (NULL, '', 'event', 'one', NULL, NULL, '{}')",
+        "INSERT OR REPLACE INTO record VALUES (2, '', 'event', 1, NULL, NULL, '{}', 'd')",
+        "INSERT OR REPLACE INTO record VALUES (3, '', 'event', 1, NULL, NULL, '{}', 'd')",
+        "REPLACE INTO record VALUES (NULL, '', 'intent', 1, 1, 1, '{}', 'd')",
+        "REPLACE INTO record VALUES (NULL, '', 'outcome', 1, 1, 1, '{}', 'd')",
+        "REPLACE INTO record VALUES (NULL, '', 'series-started', 1, NULL, NULL, '{}', 'd')",
+        "INSERT OR IGNORE INTO record VALUES (NULL, '', 'intent', 1, 1, 1, '{}', 'd')",
+        "INSERT INTO record VALUES (-5, '', 'event', 1, NULL, NULL, '{}', 'd')",
+        "INSERT INTO record VALUES (NULL, '', 'gossip', 1, NULL, NULL, '{}', 'd')",
+        "INSERT INTO record VALUES (NULL, '', 'intent', 1, NULL, 1, '{}', 'd')",
+        "INSERT INTO record VALUES (NULL, '', 'event', 1, NULL, NULL, x'00', 'd')",
+        "INSERT INTO record VALUES (NULL, '', 'event', 'one', NULL, NULL, '{}', 'd')",
     ],
 )
 def test_the_database_itself_refuses_what_would_change_history(
@@ -261,7 +261,7 @@ def test_the_database_itself_refuses_what_would_change_history(
 
 
 def test_a_place_between_two_records_cannot_be_filled_later(journal: Journal, path: Path) -> None:
-    place = "INSERT INTO record VALUES (?, '', 'event', NULL, NULL, NULL, '{}')"
+    place = "INSERT INTO record VALUES (?, '', 'event', NULL, NULL, NULL, '{}', 'd')"
     with closing(sqlite3.connect(path)) as other:
         other.execute(place, (7,))
         with pytest.raises(sqlite3.IntegrityError, match="after all others"):

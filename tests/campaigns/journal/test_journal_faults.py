@@ -98,7 +98,7 @@ def test_a_record_that_somebody_wrote_by_hand_is_named_when_it_cannot_be_read(
 ) -> None:
     journal.start_series(beginning())
     with closing(sqlite3.connect(path)) as other:
-        other.execute("INSERT INTO record VALUES (NULL, '', 'event', 1, NULL, NULL, '{}')")
+        other.execute("INSERT INTO record VALUES (NULL, '', 'event', 1, NULL, NULL, '{}', 'd')")
         other.commit()
     with pytest.raises(JournalFailed, match="record 2 cannot be read: event: kind: Field required"):
         journal.records()

@@ -15,8 +15,13 @@ from campaigns.journal import database as journal_database
 from campaigns.journal.journal import open_journal, read_journal
 
 Door = Callable[[Path], None]
-GOLDEN = Path(__file__).parents[2] / "data" / "journal-v1.db"
-GOLDEN_DIGEST = "fea95be113ed5a634a630e45d9f047bed59ac21deaa461b7f9b4c815f714fe5b"
+DATA = Path(__file__).parents[2] / "data"
+GOLDEN = DATA / "journal-v1.db"
+ALL_GOLDEN = [DATA / f"journal-v{version}.db" for version in (1, 2)]
+DIGESTS = {
+    "journal-v1.db": "fea95be113ed5a634a630e45d9f047bed59ac21deaa461b7f9b4c815f714fe5b",
+    "journal-v2.db": "5e07f86486554cd157fe983b68cd8b5bc2995a18aca7c8291c6bc84d2bcf84e7",
+}
 
 
 def opened_for_writing(path: Path) -> None:
@@ -41,12 +46,15 @@ def names_in(folder: Path) -> list[str]:
     return [path.name for path in folder.iterdir()]
 
 
-def test_the_golden_file_of_version_1_reads_as_it_was_told(tmp_path: Path) -> None:
-    golden = Path(shutil.copy(GOLDEN, tmp_path))
+@pytest.mark.parametrize("golden", ALL_GOLDEN)
+def test_the_golden_file_of_every_version_reads_as_it_was_told(
+    tmp_path: Path, golden: Path
+) -> None:
+    golden = Path(shutil.copy(golden, tmp_path))
     write_story(tmp_path / "today.db")
     with read_journal(golden) as old, read_journal(tmp_path / "today.db") as today:
         assert old.records()[:-1] == today.records()[:-1]
-        assert old.digest() == GOLDEN_DIGEST
+        assert old.digest() == DIGESTS[golden.name]
         assert [series.finished for series in old.series()] == [True, False]
         assert [shot.outcome for shot in old.shots(1)] == [
             outcome(1, 3, x_mm=1000.3),
@@ -57,10 +65,36 @@ def test_the_golden_file_of_version_1_reads_as_it_was_told(tmp_path: Path) -> No
         assert old.unanswered_intents(1) == (intent(1, 2),)
 
 
-def test_the_golden_file_can_be_written_on(tmp_path: Path) -> None:
-    golden = Path(shutil.copy(GOLDEN, tmp_path))
+def test_there_is_a_golden_file_of_every_version() -> None:
+    assert len(ALL_GOLDEN) == journal_database.VERSION
+
+
+@pytest.mark.parametrize("golden", ALL_GOLDEN)
+def test_the_golden_file_can_be_written_on(tmp_path: Path, golden: Path) -> None:
+    golden = Path(shutil.copy(golden, tmp_path))
     with open_journal(golden, now_utc=ticking()) as journal:
         assert journal.start_series(beginning("after")) == 3
+    with read_journal(golden) as reader:
+        assert len(reader.series()) == 3
+
+
+@pytest.mark.parametrize("golden", ALL_GOLDEN)
+def test_reading_leaves_the_golden_file_as_it_is(tmp_path: Path, golden: Path) -> None:
+    golden = Path(shutil.copy(golden, tmp_path))
+    before = golden.read_bytes()
+    read_journal(golden).close()
+    assert golden.read_bytes() == before
+
+
+@pytest.mark.parametrize("golden", ALL_GOLDEN)
+def test_a_write_protected_golden_file_is_read(
+    tmp_path: Path, golden: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    golden = Path(shutil.copy(golden, tmp_path))
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
+    with read_journal(golden) as journal:
+        assert len(journal.shots(1)) == 2
+    assert names_in(tmp_path) == [golden.name]
 
 
 @both_doors

@@ -23,15 +23,15 @@ def directions_of(shots):
     return approach_directions(shots, PAR4.joints)
 
 
-def shot(number, joints, came_from, second=None):
-    """Measured in the order of numbers unless a second of its own is given."""
+def shot(number, joints, came_from, record=None):
+    """Measured in the order of numbers unless a place in the journal is given; no clock is used."""
     measured = replace(
         outcome(number),
         joints=tuple(joints),
         came_from=None if came_from is None else tuple(came_from),
     )
-    when = f"2026-03-02T08:00:{number if second is None else second:02d}.000+00:00"
-    return AcceptedShot(intent(number), measured, when)
+    when = f"2026-03-02T08:00:{59 - number:02d}.000+00:00"
+    return AcceptedShot(intent(number), measured, when, number if record is None else record)
 
 
 def test_a_joint_came_the_way_it_moved_on_the_last_leg():
@@ -79,9 +79,9 @@ def test_nothing_is_kept_when_the_robot_has_been_elsewhere_between():
 def test_the_shot_before_is_the_one_measured_before_and_not_the_lower_number():
     """The pair of shots 1 and 2 was measured again, after shot 3."""
     there = HERE + np.radians([0.0, 10.0, -10.0, 10.0])
-    third = shot(3, HERE, HERE + np.radians(10.0), second=10)
-    first = shot(1, there, HERE, second=20)
-    second = shot(2, HERE, there, second=30)
+    third = shot(3, HERE, HERE + np.radians(10.0), record=10)
+    first = shot(1, there, HERE, record=20)
+    second = shot(2, HERE, there, record=30)
     directions = directions_of([first, second, third])
     assert directions[2].tolist() == [-1.0, -1.0, -1.0, -1.0]
     assert directions[0].tolist() == [-1.0, 1.0, -1.0, 1.0]

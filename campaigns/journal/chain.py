@@ -1,0 +1,74 @@
+"""Chain of digests over a journal's records: what was changed, renumbered or taken out shows."""
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+Content = tuple[int, str, str, int | None, int | None, int | None, str]
+"""A record as stored: number, at_utc, kind, series, shot, attempt, body."""
+Row = tuple[int, str, str, int | None, int | None, int | None, str, str | None]
+"""The same with its digest; None of a record from before there were any."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChainEnd:
+    """Last record of a journal, and the digest that all records up to it lead to."""
+
+    number: int
+    digest: str
+
+
+EMPTY = ChainEnd(0, "")
+
+
+class ChainBroken(Exception):
+    """Records that are not what was written; `number` is that of the first one found."""
+
+    def __init__(self, number: int, problem: str) -> None:
+        super().__init__(problem)
+        self.number = number
+
+
+def digest_after(before: str, content: Content) -> str:
+    """SHA-256 (hex) of a record and of the digest of the one before it, "" before the first.
+
+    Raises `TypeError` for what is neither text nor number, `ValueError` for what is no Unicode.
+    """
+    return hashlib.sha256(json.dumps([before, *content], ensure_ascii=False).encode()).hexdigest()
+
+
+def chain_end(rows: Iterable[Row], stated: ChainEnd = EMPTY) -> ChainEnd:
+    """End of the chain over all records, in the order of their numbers.
+
+    Records without a digest may only come first: the first digest after them covers them too.
+    `stated` is the last record that has a digest, as the file itself says. Raises `ChainBroken`.
+    """
+    end, sealed = EMPTY, EMPTY
+    for row in rows:
+        end = _next_end(end, row, sealed)
+        sealed = end if row[-1] is not None else sealed
+    if sealed.number < stated.number:
+        raise ChainBroken(
+            end.number + 1, f"the records from {end.number + 1} to {stated.number} are missing"
+        )
+    if sealed != stated:
+        raise ChainBroken(end.number, f"record {end.number} is not the last one that was written")
+    return end
+
+
+def _next_end(end: ChainEnd, row: Row, sealed: ChainEnd) -> ChainEnd:
+    number, due, stored = row[0], end.number + 1, row[-1]
+    if number != due:
+        raise ChainBroken(due, f"record {due} is missing or was renumbered: {number} comes next")
+    try:
+        digest = digest_after(end.digest, row[:-1])
+    except (TypeError, ValueError) as error:
+        raise ChainBroken(number, f"record {number} holds what none may hold: {error}") from error
+    if stored is None and sealed != EMPTY:
+        raise ChainBroken(number, f"record {number} has no digest, though those before it have one")
+    if stored is not None and stored != digest:
+        first = sealed.number + 1
+        which = f"record {number}" if first == number else f"one of the records {first} to {number}"
+        raise ChainBroken(first, f"{which} was changed after it was written")
+    return ChainEnd(number, digest)

@@ -1,0 +1,79 @@
+"""A journal that is deleted, replaced or cut during a run: the robot makes no further move."""
+
+from pathlib import Path
+
+import pytest
+from fake_cell import FakeCell
+from lost_files import HARMS
+from small_plans import TWO_PAIRS, work
+from tested_journal import journal_in
+
+from campaigns.errors import JournalFailed
+from campaigns.journal.journal import Journal
+
+MOVES = range(1, 7)
+SOME = ("delete", "replace", "truncate", "cut_log")
+
+
+def stopped_by(harm: str, folder: Path, *, move: int = 0, measurement: int = 0) -> FakeCell:
+    """A run in which the journal is harmed during that move or measurement."""
+    cell = FakeCell()
+
+    def do_harm() -> None:
+        HARMS[harm](folder / "campaign.db")
+
+    cell.robot.during_move = {move: do_harm}
+    cell.tracker.during_measure = {measurement: do_harm}
+    with journal_in(folder, cell.calls) as journal, pytest.raises(JournalFailed):
+        cell.measure(journal, work(TWO_PAIRS))
+    return cell
+
+
+@pytest.mark.parametrize("harm", HARMS)
+def test_no_move_follows_whatever_happens_to_the_files(tmp_path: Path, harm: str) -> None:
+    cell = stopped_by(harm, tmp_path, move=3)
+    assert len(cell.named("robot.move_joints")) == 3
+    assert cell.calls[-1] == ("robot.stop",)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("harm", SOME)
+@pytest.mark.parametrize("move", MOVES)
+def test_no_move_follows_whenever_it_happens(tmp_path: Path, harm: str, move: int) -> None:
+    cell = stopped_by(harm, tmp_path, move=move)
+    assert len(cell.named("robot.move_joints")) == move
+    assert len(cell.named("robot.stop")) == 1
+
+
+@pytest.mark.parametrize("harm", SOME)
+def test_harm_at_the_last_measurement_claims_no_series(tmp_path: Path, harm: str) -> None:
+    cell = stopped_by(harm, tmp_path, measurement=6)
+    assert not cell.named("journal.series-finished")
+    assert not cell.named("journal.session-stopped")
+
+
+@pytest.mark.parametrize("harm", SOME)
+def test_harm_after_the_last_record_claims_nothing_either(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, harm: str
+) -> None:
+    cell, prove = FakeCell(), Journal.prove
+
+    def proved(self: Journal) -> None:
+        HARMS[harm](tmp_path / "campaign.db")
+        prove(self)
+
+    monkeypatch.setattr(Journal, "prove", proved)
+    with journal_in(tmp_path, cell.calls) as journal, pytest.raises(JournalFailed):
+        cell.measure(journal, work())
+    assert cell.named("journal.session-stopped")
+
+
+def test_a_run_goes_on_with_the_journal_that_was_rescued(tmp_path: Path) -> None:
+    path = tmp_path / "campaign.db"
+    stopped_by("delete_all", tmp_path, move=4)
+    (tmp_path / "campaign-rescued-1.db").rename(path)
+    cell = FakeCell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work())
+        assert [shot.intent.shot for shot in journal.shots(series)] == list(range(6))
+    assert ("journal.intent", 0, 1) not in cell.calls, "what was measured is kept"
