@@ -8,6 +8,7 @@ from sim.cell import Cell
 from sim.clock import CellClock
 from sim.following import FollowingController, LookingSession
 from sim.robot.controller import SimulatedController
+from sim.servers.emscon_desk import InstrumentSettings
 from sim.servers.emscon_server import EmsconSession
 from sim.servers.geocom_server import GeocomSession
 from sim.servers.geocom_station import GeocomStation
@@ -40,6 +41,7 @@ class EmbeddedCell:
         self.clock = clock
         self._follows = isinstance(cell.controller, FollowingController)
         self._station = GeocomStation(cell.tracker)
+        self._desk = InstrumentSettings(cell.tracker)
         speaking: SessionFactory = self._geocom if tracker_speaks == "geocom" else self._emscon
         if self._follows:
             speaking = self._looking(speaking)
@@ -102,7 +104,11 @@ class EmbeddedCell:
 
     def _emscon(self, send: Send, already_open: int) -> Session:
         return EmsconSession(
-            self.cell.tracker, send, is_second=already_open > 0, faults=self.cell.faults
+            self.cell.tracker,
+            send,
+            desk=self._desk,
+            is_second=already_open > 0,
+            faults=self.cell.faults,
         )
 
     def _geocom(self, send: Send, already_open: int) -> Session:  # noqa: ARG002 - takes several

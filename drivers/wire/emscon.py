@@ -8,7 +8,12 @@ import struct
 from dataclasses import dataclass, field
 
 from drivers.errors import WireError
-from drivers.wire.emscon_constants import Command, DataType, ResultStatus
+from drivers.wire.emscon_constants import (
+    OTHER_TAILS_BYTES,
+    Command,
+    DataType,
+    ResultStatus,
+)
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
     Body,
@@ -42,6 +47,7 @@ from drivers.wire.emscon_messages import (
     Units,
     decode_body,
     encode_body,
+    layout_of,
 )
 from drivers.wire.framing import Packet, PacketFramer, encode_packet
 
@@ -176,8 +182,16 @@ def _packet(message: FromServer | FromClient) -> Packet:
 
 
 def refusal(command: int, status: int) -> bytes:
-    """Write a bare answer with a status, also to a command that the grammar doesn't know."""
-    return encode_packet(Packet(DataType.COMMAND, ANSWER_HEADER.pack(command, status)))
+    """Write a refusal, also of a command that the grammar doesn't know.
+
+    With zeros in place of the answer's fields: some clients read them whatever the status says.
+    """
+    known = _known(command)
+    tail_bytes = (
+        OTHER_TAILS_BYTES.get(command, 0) if known is None else layout_of(SHAPES[known].answer).size
+    )
+    body = ANSWER_HEADER.pack(command, status) + bytes(tail_bytes)
+    return encode_packet(Packet(DataType.COMMAND, body))
 
 
 def parse_from_server(packet: Packet) -> FromServer:

@@ -68,6 +68,34 @@ class Command(IntEnum):
         return "".join(word.capitalize() for word in self.name.split("_"))
 
 
+OTHER_TAILS_BYTES: dict[int, int] = {
+    31: 16,
+    33: 20,
+    46: 16,
+    65: 16,
+    67: 16,
+    84: 12,
+    85: 4,
+    86: 396,
+    87: 48,
+    90: 40,
+    91: 12,
+    93: 8,
+    121: 8,
+    123: 656,
+    124: 24,
+    126: 12,
+    127: 8,
+    129: 104,
+    131: 108,
+    133: 104,
+    138: 124,
+    139: 76,
+    140: 168,
+}
+"""Sizes of what follows the status in answers to commands that this grammar does not read."""
+
+
 class SystemChange(IntEnum):
     """Codes of unsolicited status changes that mean something to us."""
 

@@ -1,27 +1,23 @@
-"""Units on the emScon wire: from and to what the simulated tracker uses (mm, rad, °C, hPa)."""
+"""Settings of a simulated emScon instrument, and its readings, by command."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import isfinite, pi, radians, sqrt
+from math import isfinite
 
 from drivers.values import Vector3
 from drivers.wire.emscon import NOTHING, Request
 from drivers.wire.emscon_constants import (
     AdmStatus,
-    AngleUnit,
     Command,
     CoordinateSystemType,
-    HumidityUnit,
     LaserStatus,
-    LengthUnit,
     Mode,
-    PressureUnit,
     ProcessorStatus,
     ResultStatus,
     Statistics,
     StatusBit,
     SystemChange,
-    TemperatureUnit,
+    TelescopeFace,
     WeatherMonitor,
 )
 from drivers.wire.emscon_messages import (
@@ -29,135 +25,33 @@ from drivers.wire.emscon_messages import (
     CoordinateSystem,
     Direction,
     Environment,
+    Face,
     MeasurementMode,
     MeasurementStatusInfo,
     ReflectorChoice,
     ReflectorEntry,
+    Refraction,
     SearchParams,
-    SingleResult,
-    SingleResult2,
+    SoftwareVersion,
     StationaryMode,
+    StationOrientation,
     StatisticMode,
     SystemSettings,
     SystemStatus,
     TrackerInfo,
+    Transformation,
     Units,
 )
-from sim.tracker.instrument import SimulatedTracker, TrackerShot
-
-MM_PER_UNIT: dict[int, float] = {
-    LengthUnit.METRE: 1000.0,
-    LengthUnit.MILLIMETRE: 1.0,
-    LengthUnit.MICRON: 0.001,
-    LengthUnit.FOOT: 304.8,
-    LengthUnit.YARD: 914.4,
-    LengthUnit.INCH: 25.4,
-}
-RAD_PER_UNIT: dict[int, float] = {
-    AngleUnit.RADIAN: 1.0,
-    AngleUnit.DEGREE: radians(1.0),
-    AngleUnit.GON: pi / 200.0,
-}
-HPA_PER_UNIT: dict[int, float] = {
-    PressureUnit.MILLIBAR: 1.0,
-    PressureUnit.HECTOPASCAL: 1.0,
-    PressureUnit.KILOPASCAL: 10.0,
-    PressureUnit.MM_MERCURY: 1.33322,
-    PressureUnit.PSI: 68.94757,
-    PressureUnit.INCH_WATER: 2.49082,
-    PressureUnit.INCH_MERCURY: 33.86379,
-}
-POWER_ON_UNITS = Units(
-    LengthUnit.METRE,
-    AngleUnit.RADIAN,
-    TemperatureUnit.CELSIUS,
-    PressureUnit.MILLIBAR,
-    HumidityUnit.RELATIVE_PERCENT,
-)
-
-
-def first_unknown(units: Units) -> int | None:
-    """Return the number, from 1, of the first parameter that names no unit."""
-    known = (
-        units.length in MM_PER_UNIT,
-        units.angle in RAD_PER_UNIT,
-        units.temperature in set(TemperatureUnit),
-        units.pressure in HPA_PER_UNIT,
-        units.humidity in set(HumidityUnit),
-    )
-    return None if all(known) else 1 + known.index(False)
-
-
-@dataclass(frozen=True, slots=True)
-class Scale:
-    """Converts by one client's choice of units."""
-
-    units: Units
-
-    def length(self, length_mm: float) -> float:
-        """Convert a length for the wire."""
-        return length_mm / MM_PER_UNIT[self.units.length]
-
-    def length_mm(self, length: float) -> float:
-        """Convert a length from the wire."""
-        return length * MM_PER_UNIT[self.units.length]
-
-    def point(self, point_mm: Vector3) -> Vector3:
-        """Convert a point for the wire."""
-        x_mm, y_mm, z_mm = point_mm
-        return self.length(x_mm), self.length(y_mm), self.length(z_mm)
-
-    def point_mm(self, point: Vector3) -> Vector3:
-        """Convert a point from the wire."""
-        x, y, z = point
-        return self.length_mm(x), self.length_mm(y), self.length_mm(z)
-
-    def angle(self, angle_rad: float) -> float:
-        """Convert an angle for the wire."""
-        return angle_rad / RAD_PER_UNIT[self.units.angle]
-
-    def air(self, air: tuple[float, float, float]) -> tuple[float, float, float]:
-        """Convert temperature °C, pressure hPa and humidity % for the wire."""
-        celsius, hectopascal, humidity = air
-        is_celsius = self.units.temperature == TemperatureUnit.CELSIUS
-        temperature = celsius if is_celsius else 1.8 * celsius + 32.0
-        return temperature, hectopascal / HPA_PER_UNIT[self.units.pressure], humidity
-
-
-NO_POINTING_ERROR: Vector3 = (0.0, 0.0, 0.0)
-"""Distance of the beam from the reflector's centre; the simulated beam is never beside it."""
-
-
-def result_of(shot: TrackerShot, scale: Scale, *, extended: bool) -> SingleResult | SingleResult2:
-    """Write a shot in the client's units.
-
-    The covariance that it was drawn by stands for the observed and for the a-priori one.
-    """
-    point = scale.point(shot.point_in_tracker_mm)
-    std = _std(shot, scale)
-    total = sqrt(sum(value * value for value in std))
-    air = scale.air((shot.temperature_degC, shot.pressure_hPa, shot.humidity_percent))
-    head = (int(ResultStatus.ALL_OK), int(Mode.STATIONARY), 0, point, std, total)
-    if not extended:
-        return SingleResult(*head, NO_POINTING_ERROR, std, total, *air)
-    mixed = _covariance(shot, scale)
-    return SingleResult2(*head, mixed, NO_POINTING_ERROR, std, total, mixed, *air)
-
-
-def _std(shot: TrackerShot, scale: Scale) -> Vector3:
-    (xx, _, _), (_, yy, _), (_, _, zz) = shot.covariance_mm2
-    return scale.point((sqrt(xx), sqrt(yy), sqrt(zz)))
-
-
-def _covariance(shot: TrackerShot, scale: Scale) -> Vector3:
-    """Return the covariances 12, 13 and 23: squares of lengths."""
-    (_, xy, xz), (_, _, yz), _ = shot.covariance_mm2
-    return scale.point(scale.point((xy, xz, yz)))
-
+from sim.servers.emscon_units import POWER_ON_UNITS, Scale, first_unknown
+from sim.tracker.instrument import SimulatedTracker
 
 POWER_ON_SETTINGS = SystemSettings(WeatherMonitor.READ_AND_REFRACT, 0, 0, 1, 1, 0, 0, 0, 0)
 POWER_ON_STATIONARY = StationaryMode(time_ms=500, use_adm=1)
 POWER_ON_STATISTICS = StatisticMode(Statistics.STANDARD, Statistics.STANDARD)
+POWER_ON_REFRACTION = Refraction(1.000271, 1.000275)
+"""About those of 20 °C, 1013 hPa and 50 % at the wavelengths of the two distance meters."""
+LEAST_INDEX, MOST_INDEX = 1.000150, 1.000331
+"""Bounds within which instruments take a refractive index."""
 MS_PER_S = 1000.0
 LONGEST_NAME = 31
 MOST_DIGITS = 9
@@ -189,8 +83,17 @@ def wrong_parameter(number: int) -> Outcome:
 NOT_IMPLEMENTED = Outcome(ResultStatus.NOT_IMPLEMENTED)
 
 
+@dataclass(frozen=True, slots=True)
+class Similarity:
+    """Station orientation or transformation that somebody has set; it is kept, not applied."""
+
+    place_mm: Vector3 = (0.0, 0.0, 0.0)
+    rotation_rad: Vector3 = (0.0, 0.0, 0.0)
+    scale: float = 1.0
+
+
 class InstrumentSettings:
-    """Settings of one connection, as after power-on, and readings of the instrument."""
+    """Settings, as an instrument keeps them from power-on whoever is connected, and readings."""
 
     def __init__(self, tracker: SimulatedTracker) -> None:
         self._tracker = tracker
@@ -198,6 +101,9 @@ class InstrumentSettings:
         self.stationary = POWER_ON_STATIONARY
         self.statistics = POWER_ON_STATISTICS
         self.settings = POWER_ON_SETTINGS
+        self._refraction = POWER_ON_REFRACTION
+        self._orientation = Similarity()
+        self._transformation = Similarity()
 
     @property
     def measuring_time_s(self) -> float:
@@ -238,7 +144,42 @@ class InstrumentSettings:
                 return self._set_settings(body)
             case Environment():
                 return Outcome()  # its own weather station goes on
+            case _:
+                return self._set_geometry(body)
+
+    def _set_geometry(self, body: Body) -> Outcome:
+        """Keep what instruments apply to points, which this one does not."""
+        match body:
+            case Refraction():
+                return self._set_refraction(body)
+            case StationOrientation(place, rotation):
+                return self._set_orientation(place, rotation)
+            case Transformation(place, rotation, scale):
+                return self._set_transformation(place, rotation, scale)
         return NOT_IMPLEMENTED
+
+    def _set_refraction(self, refraction: Refraction) -> Outcome:
+        for number, index in enumerate((refraction.interferometer, refraction.distance_meter)):
+            if not LEAST_INDEX <= index <= MOST_INDEX:
+                return Outcome(ResultStatus.PARAMETER_1_OUT_OF_RANGE_NOK + 2 * number)
+        self._refraction = refraction
+        return Outcome(change=SystemChange.REFRACTION_PARAMS)
+
+    def _set_orientation(self, place: Vector3, rotation: Vector3) -> Outcome:
+        if number := _first_endless(*place, *rotation):
+            return wrong_parameter(number)
+        self._orientation = Similarity(self.scale.point_mm(place), self.scale.angles_rad(rotation))
+        return Outcome(change=SystemChange.STATION_ORIENTATION_PARAMS)
+
+    def _set_transformation(self, place: Vector3, rotation: Vector3, scale: float) -> Outcome:
+        if number := _first_endless(*place, *rotation, scale):
+            return wrong_parameter(number)
+        if scale <= 0.0:
+            return wrong_parameter(7)
+        self._transformation = Similarity(
+            self.scale.point_mm(place), self.scale.angles_rad(rotation), scale
+        )
+        return Outcome(change=SystemChange.TRANSFORMATION_PARAMS)
 
     def _set_units(self, units: Units) -> Outcome:
         if number := first_unknown(units):
@@ -296,7 +237,24 @@ class InstrumentSettings:
             Command.GET_STATISTIC_MODE: lambda _: self.statistics,
             Command.GET_MEASUREMENT_STATUS_INFO: self._status_info,
             Command.GET_TRACKER_INFO: self._tracker_info,
+            Command.GET_FACE: lambda _: Face(TelescopeFace.FACE_1),
+            Command.GET_SYSTEM_SOFTWARE_VERSION: lambda _: SoftwareVersion(self._tracker.firmware),
+            Command.GET_REFRACTION_PARAMS: lambda _: self._refraction,
+            Command.GET_STATION_ORIENTATION_PARAMS: lambda _: self._station_orientation(),
+            Command.GET_TRANSFORMATION_PARAMS: lambda _: self._transformation_params(),
         }
+
+    def _station_orientation(self) -> StationOrientation:
+        kept = self._orientation
+        return StationOrientation(
+            self.scale.point(kept.place_mm), self.scale.angles(kept.rotation_rad)
+        )
+
+    def _transformation_params(self) -> Transformation:
+        kept = self._transformation
+        return Transformation(
+            self.scale.point(kept.place_mm), self.scale.angles(kept.rotation_rad), kept.scale
+        )
 
     def _system_status(self, now_s: float) -> SystemStatus:
         is_up, is_warm = self._tracker.initialised(now_s), self._tracker.laser_warm(now_s)
@@ -380,3 +338,8 @@ class InstrumentSettings:
 
 def _only(supported: Body, wanted: Body, change: SystemChange) -> Outcome:
     return Outcome(change=change) if wanted == supported else NOT_IMPLEMENTED
+
+
+def _first_endless(*values: float) -> int | None:
+    """Return the number, from 1, of the first parameter that is no finite number."""
+    return next((n for n, value in enumerate(values, start=1) if not isfinite(value)), None)

@@ -18,19 +18,15 @@ from drivers.wire.emscon_messages import (
     ApproximateDistance,
     Body,
     ErrorResponse,
+    Place,
     ReflectorPosition,
     StatusChange,
     Target,
     TrackerStatus,
 )
 from sim.faults import Counted, Fault, FaultScript
-from sim.servers.emscon_desk import (
-    POWER_ON_UNITS,
-    InstrumentSettings,
-    Outcome,
-    result_of,
-    wrong_parameter,
-)
+from sim.servers.emscon_desk import InstrumentSettings, Outcome, wrong_parameter
+from sim.servers.emscon_units import POWER_ON_UNITS, result_of
 from sim.tracker.instrument import SimulatedTracker
 
 UNKNOWN_COMMAND = 64
@@ -70,7 +66,8 @@ class _Pending:
 class EmsconSession:
     """Answers one client, one command at a time; `WireError` means that it must be closed.
 
-    A second client is refused every command. Settings are those of power-on in each session.
+    A second client is refused every command. Settings are the instrument's: its `desk` outlives
+    the session; without one they are those of power-on.
     """
 
     def __init__(
@@ -78,6 +75,7 @@ class EmsconSession:
         tracker: SimulatedTracker,
         send: Callable[[bytes], None],
         *,
+        desk: InstrumentSettings | None = None,
         is_second: bool = False,
         faults: FaultScript | None = None,
     ) -> None:
@@ -86,7 +84,7 @@ class EmsconSession:
         self._is_second = is_second
         self._faults = faults
         self._framer = FromClientFramer()
-        self._desk = InstrumentSettings(tracker)
+        self._desk = InstrumentSettings(tracker) if desk is None else desk
         self._pending: _Pending | None = None
         self._shown: TrackerLight | None = None
         self._next_position_s = 0.0
@@ -168,7 +166,7 @@ class EmsconSession:
                 self._initialise(now_s)
             case Command.START_MEASUREMENT:
                 self._start_measurement(now_s)
-            case Command.GO_POSITION | Command.FIND_REFLECTOR:
+            case Command.GO_POSITION | Command.FIND_REFLECTOR | Command.GO_AND_MEASURE:
                 self._move(request, now_s)
             case Command.GET_TRACKER_STATUS:
                 light = TrackerStatus(self._light(now_s))
@@ -192,20 +190,28 @@ class EmsconSession:
         self._pending = _Pending(Command.INITIALIZE, now_s + self._tracker.initialise(now_s))
 
     def _start_measurement(self, now_s: float) -> None:
-        end_s = None
-        if (status := self._unready(now_s)) == ResultStatus.ALL_OK:
-            end_s = self._tracker.begin_measurement(self._desk.measuring_time_s, now_s)
-            if end_s is None:
-                status = ResultStatus.MEASUREMENT_STATUS_NOT_READY
-        self._answer(Command.START_MEASUREMENT, Outcome(status))
-        if end_s is not None:
-            self._fault = None if self._faults is None else self._faults.next(Counted.RESULT)
-            due_s = now_s if self._is_wrong("early") else end_s
-            self._pending = _Pending(Command.START_MEASUREMENT, due_s)
+        self._answer(Command.START_MEASUREMENT, Outcome(self._begin_measurement(now_s)))
+
+    def _begin_measurement(self, now_s: float) -> ResultStatus:
+        """Begin one, or say why not."""
+        if (status := self._unready(now_s)) != ResultStatus.ALL_OK:
+            return status
+        end_s = self._tracker.begin_measurement(self._desk.measuring_time_s, now_s)
+        if end_s is None:
+            return ResultStatus.MEASUREMENT_STATUS_NOT_READY
+        self._fault = None if self._faults is None else self._faults.next(Counted.RESULT)
+        due_s = now_s if self._is_wrong("early") else end_s
+        self._pending = _Pending(Command.START_MEASUREMENT, due_s)
+        return ResultStatus.ALL_OK
 
     def _move(self, request: Request, now_s: float) -> None:
-        if not self._tracker.initialised(now_s):
-            self._answer(request.command, Outcome(ResultStatus.TRACKER_NOT_INITIALIZED))
+        obstacle = ResultStatus.ALL_OK
+        if request.command == Command.GO_AND_MEASURE:
+            obstacle = self._unready(now_s)
+        elif not self._tracker.initialised(now_s):
+            obstacle = ResultStatus.TRACKER_NOT_INITIALIZED
+        if obstacle != ResultStatus.ALL_OK:
+            self._answer(request.command, Outcome(obstacle))
             return
         duration_s = self._motion_s(request.body, now_s)
         if duration_s is None:
@@ -216,7 +222,7 @@ class EmsconSession:
     def _motion_s(self, body: Body, now_s: float) -> float | None:
         """Start a motion and return how long it takes; None: there is no such place."""
         scale = self._desk.scale
-        if isinstance(body, Target) and all(map(isfinite, scale.point_mm(body.point))):
+        if isinstance(body, Target | Place) and all(map(isfinite, scale.point_mm(body.point))):
             return self._tracker.go_to(scale.point_mm(body.point), now_s)
         if isinstance(body, ApproximateDistance) and isfinite(scale.length_mm(body.distance)):
             return self._tracker.find(scale.length_mm(body.distance), now_s)
@@ -230,6 +236,11 @@ class EmsconSession:
             self._answer(command, Outcome())
         else:
             self._answer(command, Outcome(NOT_FOUND_STATUS))
+            return
+        if command == Command.GO_AND_MEASURE:
+            status = self._begin_measurement(now_s)
+            if status != ResultStatus.ALL_OK:
+                self._send(encode(ErrorResponse(command, status)))
 
     def _deliver(self, now_s: float) -> None:
         shot = self._tracker.finish_measurement(now_s)

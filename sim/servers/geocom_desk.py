@@ -33,9 +33,9 @@ Handler = Callable[[Sequence[str], float], Outcome | Later]
 DONE = Outcome()
 
 
-def refusal(result: Result, values: int = 0) -> Outcome:
-    """Outcome that says no; an instrument still sends its values, as zeros."""
-    return Outcome(result, (0.0,) * values)
+def refusal(result: Result) -> Outcome:
+    """Outcome that says no, without values."""
+    return Outcome(result)
 
 
 MODEL = "SIM-TS"

@@ -11,7 +11,15 @@ from drivers.values import Vector3
 from drivers.wire.geocom import parse_number, parse_whole, parse_words
 from drivers.wire.geocom_constants import LockStatus, Program, Result, Rpc
 from sim.geometry import Array
-from sim.servers.geocom_desk import DONE, Handler, InstrumentSettings, Later, Outcome, refusal
+from sim.servers.geocom_desk import (
+    DONE,
+    Handler,
+    InstrumentSettings,
+    Later,
+    Outcome,
+    Value,
+    refusal,
+)
 from sim.tracker.beam import Aim
 from sim.tracker.instrument import SLEW_RAD_PER_S, SimulatedTracker
 from sim.tracker.optics import MM_PER_M
@@ -117,7 +125,8 @@ def _aim(there_mm: Array, window_rad: float) -> Aim:
 
 MEASURING_S = 1.5
 MS_PER_S = 1e3
-COORDINATE_VALUES = 8
+NO_COORDINATES: tuple[Value, ...] = (0.0, 0.0, 0.0, 0) * 2
+"""East, north, height and time in whole milliseconds, twice: sent also where there are none."""
 DEFAULT_DISTANCE = 2
 """The mode of BAP_MeasDistanceAngle that measures."""
 
@@ -227,7 +236,7 @@ class GeocomStation:
     def _distance_and_angle(self, words: Sequence[str], now_s: float) -> Outcome | Later:
         (mode,) = map(parse_whole, parse_words(words, 1))
         if mode != DEFAULT_DISTANCE:
-            return refusal(Result.NOT_IMPLEMENTED, 4)
+            return Outcome(Result.NOT_IMPLEMENTED, (0.0, 0.0, 0.0, 0))
         self._distance = None
         self._begin(now_s)
 
@@ -241,7 +250,7 @@ class GeocomStation:
         """Coordinates of the distance, and the same again as those of the present angles."""
         code, point_mm, at_s = self._found(now_s)
         if point_mm is None:
-            return refusal(code, COORDINATE_VALUES)
+            return Outcome(code, NO_COORDINATES)
         point = (*self._surveyed_m(point_mm), round(at_s * MS_PER_S))
         return Outcome(values=(*point, *point))
 

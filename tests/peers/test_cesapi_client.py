@@ -4,8 +4,10 @@ It has no own notion of several answers to one command: the further packets of a
 its stream. It looks at its socket five times a second, so each packet takes 0.2 s.
 """
 
+import inspect
 import time
 from contextlib import closing
+from types import SimpleNamespace
 from urllib.parse import urlsplit
 
 import CESAPI.packet as cesapi
@@ -137,6 +139,132 @@ def assert_finding_nothing_is_an_error(client):
         client.command.GoPosition(1, 0.0, 0.0, 200.0)
     with pytest.raises(Exception, match="Command 49 failed with status 10004"):
         client.measure()
+
+
+MEASURING = {
+    "FindReflector",
+    "GetCoordinateSystemType",
+    "GetDirection",
+    "GetEnvironmentParams",
+    "GetFace",
+    "GetMeasurementMode",
+    "GetMeasurementStatusInfo",
+    "GetReflector",
+    "GetReflectors",
+    "GetRefractionParams",
+    "GetSearchParams",
+    "GetStationOrientationParams",
+    "GetStationaryModeParams",
+    "GetStatisticMode",
+    "GetSystemSettings",
+    "GetSystemSoftwareVersion",
+    "GetSystemStatus",
+    "GetTrackerInfo",
+    "GetTrackerStatus",
+    "GetTransformationParams",
+    "GetUnits",
+    "GoAndMeasure",
+    "GoPosition",
+    "Initialize",
+    "SetCoordinateSystemType",
+    "SetEnvironmentParams",
+    "SetMeasurementMode",
+    "SetReflector",
+    "SetRefractionParams",
+    "SetSearchParams",
+    "SetStationOrientationParams",
+    "SetStationaryModeParams",
+    "SetStatisticMode",
+    "SetSystemSettings",
+    "SetTransformationParams",
+    "SetUnits",
+    "StartMeasurement",
+}
+"""Commands that a client of stationary measurements uses; the others may be refused."""
+
+
+@pytest.fixture
+def quick_reader(monkeypatch):
+    """Their reader without the fifth of a second that it sleeps at each packet."""
+    nap = SimpleNamespace(sleep=lambda _s: None)
+    monkeypatch.setattr("CESAPI.connection.time", nap)
+
+
+@pytest.fixture
+def measuring_cell():
+    with EmbeddedCell(Cell(load_scenario("realistic")), ScaledClock(1000.0)) as served:
+        yield served
+
+
+def sensible(cell):
+    """Parameters that a client would give, by command; for the others, CESAPI's own zeros."""
+    place_mm = cell.cell.station.to_tracker_mm(cell.cell.true_reflector_mm(0.0))
+    refraction = cesapi.RefractionDataT()
+    refraction.dIfmRefractionIndex = refraction.dAdmRefractionIndex = 1.00027
+    transformation = cesapi.TransformationDataT()
+    transformation.dScale = 1.0
+    search = cesapi.SearchParamsDataT()
+    search.dSearchRadius, search.lTimeOut = 0.05, 5000
+    stationary = cesapi.StationaryModeDataT()
+    stationary.lMeasTime, stationary.bUseADM = 500, 1
+    return {
+        "FindReflector": {"dAproxDistance": 3.0},
+        "GoAndMeasure": dict(zip(("dVal1", "dVal2", "dVal3"), place_mm / 1e3, strict=True)),
+        "GoPosition": dict(zip(("dVal1", "dVal2", "dVal3"), place_mm / 1e3, strict=True)),
+        "SetReflector": {"iInternalReflectorId": 1},
+        "SetRefractionParams": {"refractionData": refraction},
+        "SetSearchParams": {"searchParams": search},
+        "SetStationaryModeParams": {"stationaryModeData": stationary},
+        "SetTransformationParams": {"transformationData": transformation},
+    }
+
+
+def arguments_of(name, given):
+    packet = getattr(cesapi, f"{name}CT")()
+    wanted = list(inspect.signature(getattr(CommandSync, name)).parameters)[1:]
+    return {each: given.get(each, getattr(packet, each)) for each in wanted}
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("quick_reader")
+def test_every_command_of_theirs_works_or_is_refused_and_their_reader_lives_on(measuring_cell):
+    connected = TheirClient(measuring_cell.tracker_url)
+    names = [name for name in vars(CommandSync) if name[0].isupper()]
+    given, refused = sensible(measuring_cell), set()
+    try:
+        for name in names:
+            arguments = arguments_of(name, given.get(name, {}))
+            if is_refused(getattr(connected.command, name), arguments):
+                refused.add(name)
+            assert_reader_lives(connected, name)
+    finally:
+        connected.close()
+    assert len(names) == 75
+    assert refused & MEASURING == set()
+    assert refused == set(names) - MEASURING
+
+
+def is_refused(command, arguments):
+    try:
+        command(**arguments)
+    except Exception as error:  # theirs has no class of its own
+        if "failed with status" not in str(error):
+            raise
+        return True
+    return False
+
+
+def assert_reader_lives(connected, name):
+    """Read what else may come, then ask for something of which the answer is known."""
+    give_up_s = time.monotonic() + SOON_S
+    if name == "GoAndMeasure":
+        while not isinstance(connected.stream.read(), cesapi.SingleMeasResultT):
+            assert time.monotonic() < give_up_s
+            assert connected.stream.is_alive()
+    while connected.stream.unreadCount():
+        connected.stream.read()
+    connected.command.GetUnits()
+    assert connected.stream.is_alive(), name
 
 
 def test_second_client_is_refused(cell, client):

@@ -3,13 +3,16 @@
 It sleeps for a second whenever it is connected.
 """
 
+import inspect
 import math
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from urllib.parse import urlsplit
 
 import pytest
 from geocompy.communication import open_serial, open_socket
-from geocompy.geo import GeoCom
+from geocompy.data import Coordinate
+from geocompy.geo import GeoCom, gcdata
 from geocompy.geo.gcdata import ATR, ATRLock, Measurement, Position, Prism, Program
 from geocompy.geo.gctypes import GeoComCode
 
@@ -92,6 +95,9 @@ def measure(geocom, cell):
     )
     assert geocom.tmc.do_measurement(Measurement.CLEAR)
     assert geocom.tmc.get_simple_coordinate().error is GeoComCode.TMC_ANGLE_OK
+    without = geocom.tmc.get_coordinate()  # whole-number times, else it cannot be decoded
+    assert without.error is GeoComCode.TMC_ANGLE_OK
+    assert without.params[1] == without.params[3] == 0
 
 
 def refuse(geocom):
@@ -100,3 +106,53 @@ def refuse(geocom):
     assert geocom.bap.set_prism_type(Prism.TAPE).error is GeoComCode.IVPARAM
     assert not geocom.abort().error.name.startswith("COM")
     assert geocom.com.nullprocess()
+
+
+FITTING = {
+    "bool": True,
+    "float": 1.0,
+    "int": 1,
+    "SupportsFloat": 1.0,
+    "str": "x",
+    "datetime": datetime(2026, 1, 1, tzinfo=UTC),
+    "Coordinate": Coordinate(0.0, 0.0, 0.0),
+}
+OLD_MODES = {"get_edm_mode_v1", "set_edm_mode_v1"}
+"""geocompy's own for instruments that number modes otherwise; it cannot write them at all."""
+
+
+def calls_of(geocom):
+    """Every call of every subsystem, with parameters that fit its signature."""
+    for system in vars(geocom).values():
+        if not type(system).__module__.startswith("geocompy.geo."):
+            continue
+        for name, call in inspect.getmembers(system, inspect.ismethod):
+            wanted = [
+                each
+                for each in inspect.signature(call).parameters.values()
+                if each.default is each.empty
+            ]
+            if not name.startswith("_") and name not in OLD_MODES:
+                yield name, call, {each.name: fitting(each.annotation) for each in wanted}
+
+
+def fitting(annotation):
+    if annotation in FITTING:
+        return FITTING[annotation]
+    return next(iter(getattr(gcdata, annotation.split(" | ")[0])))
+
+
+@pytest.mark.slow
+def test_every_call_of_theirs_is_answered_or_refused_and_the_session_goes_on(monkeypatch):
+    monkeypatch.setattr("geocompy.geo.sleep", lambda _s: None)
+    answered = set()
+    with served("tcp") as (_cell, url), their_connection(url) as connection:
+        geocom = GeoCom(connection)
+        for name, call, parameters in calls_of(geocom):
+            error = call(**parameters).error
+            assert error is GeoComCode.COM_PROC_UNAVAIL or not error.name.startswith("COM"), name
+            assert geocom.com.nullprocess().error is GeoComCode.OK, name
+            if error is not GeoComCode.COM_PROC_UNAVAIL:
+                answered.add(name)
+    assert {"do_measurement", "get_coordinate", "turn_to", "search", "fine_adjust"} < answered
+    assert len(answered) == 50

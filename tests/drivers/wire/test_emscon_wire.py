@@ -206,8 +206,9 @@ def test_body_of_a_wrong_size_is_refused():
 
 
 def test_refusal_is_read_with_or_without_what_would_follow():
-    bare = refusal(Command.GET_SYSTEM_STATUS, ResultStatus.SERVER_BUSY)
+    bare = struct.pack("<iiii", 16, 0, 1, 1)
     padded = struct.pack("<iiii", 56, 0, 1, 1) + bytes(40)
+    assert refusal(Command.GET_SYSTEM_STATUS, ResultStatus.SERVER_BUSY) == padded
     expected = [Answer(Command.GET_SYSTEM_STATUS, ResultStatus.SERVER_BUSY)]
     assert FromServerFramer().feed(bare) == expected
     assert FromServerFramer().feed(padded) == expected

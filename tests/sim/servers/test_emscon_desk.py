@@ -18,20 +18,27 @@ from drivers.wire.emscon_messages import (
     CoordinateSystem,
     Direction,
     Environment,
+    Face,
     MeasurementMode,
     MeasurementStatusInfo,
+    Place,
     ReflectorChoice,
+    Refraction,
     SearchParams,
     SingleResult2,
+    SoftwareVersion,
     StationaryMode,
+    StationOrientation,
     StatisticMode,
     StatusChange,
     SystemSettings,
     Target,
     TrackerInfo,
     TrackerStatus,
+    Transformation,
     Units,
 )
+from sim.servers.emscon_desk import InstrumentSettings
 
 
 def test_a_set_command_is_answered_and_its_event_told():
@@ -66,6 +73,21 @@ def test_no_event_is_told_to_a_client_that_wants_none():
         (Command.SET_SEARCH_PARAMS, Command.GET_SEARCH_PARAMS, SearchParams(0.25, 3000)),
         (Command.SET_STATISTIC_MODE, Command.GET_STATISTIC_MODE, StatisticMode(1, 0)),
         (Command.SET_SYSTEM_SETTINGS, Command.GET_SYSTEM_SETTINGS, STREAMING),
+        (
+            Command.SET_REFRACTION_PARAMS,
+            Command.GET_REFRACTION_PARAMS,
+            Refraction(1.00015, 1.000331),
+        ),
+        (
+            Command.SET_STATION_ORIENTATION_PARAMS,
+            Command.GET_STATION_ORIENTATION_PARAMS,
+            StationOrientation((1.0, -2.0, 0.5), (0.25, 0.0, -1.5)),
+        ),
+        (
+            Command.SET_TRANSFORMATION_PARAMS,
+            Command.GET_TRANSFORMATION_PARAMS,
+            Transformation((1.0, -2.0, 0.5), (0.25, 0.0, -1.5), 1.0001),
+        ),
     ],
 )
 def test_what_is_set_is_read_back(setting, getting, body):
@@ -95,6 +117,27 @@ def test_what_is_set_is_read_back(setting, getting, body):
             SystemSettings(2, 1, 0, 1, 1, 0, 0, 0, 0),
             ResultStatus.NOT_IMPLEMENTED,
         ),
+        (
+            Command.SET_REFRACTION_PARAMS,
+            Refraction(1.000332, 1.0002),
+            ResultStatus.PARAMETER_1_OUT_OF_RANGE_NOK,
+        ),
+        (
+            Command.SET_REFRACTION_PARAMS,
+            Refraction(1.0002, math.nan),
+            ResultStatus.PARAMETER_2_OUT_OF_RANGE_NOK,
+        ),
+        (
+            Command.SET_STATION_ORIENTATION_PARAMS,
+            StationOrientation((0.0, 0.0, 0.0), (0.0, math.nan, 0.0)),
+            ResultStatus.WRONG_PARAMETER_5,
+        ),
+        (
+            Command.SET_TRANSFORMATION_PARAMS,
+            Transformation((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0),
+            ResultStatus.WRONG_PARAMETER_7,
+        ),
+        (Command.GO_AND_MEASURE, Place((0.0, math.inf, 0.0)), ResultStatus.WRONG_PARAMETER_1),
         (Command.GO_POSITION, Target((0.0, math.inf, 0.0), 1), ResultStatus.WRONG_PARAMETER_1),
         (Command.GO_POSITION, Target((0.0, 1e308, 0.0), 1), ResultStatus.WRONG_PARAMETER_1),
         (Command.FIND_REFLECTOR, ApproximateDistance(math.nan), ResultStatus.WRONG_PARAMETER_1),
@@ -102,6 +145,33 @@ def test_what_is_set_is_read_back(setting, getting, body):
 )
 def test_what_cannot_be_set_is_refused(command, body, status):
     assert Client().status(command, body) == status
+
+
+def test_frames_that_were_set_are_told_in_the_units_of_who_asks():
+    client = Client()
+    set_up = StationOrientation((1.0, -2.0, 0.5), (math.pi, 0.0, 0.0))
+    client.send(Command.SET_STATION_ORIENTATION_PARAMS, set_up)
+    client.send(Command.SET_UNITS, Units(1, 1, 0, 0, 0))
+    told = client.ask(Command.GET_STATION_ORIENTATION_PARAMS).body
+    assert told == StationOrientation((1000.0, -2000.0, 500.0), (180.0, 0.0, 0.0))
+
+
+def test_settings_outlive_a_connection_and_are_those_of_power_on_in_another_instrument():
+    tracker = FakeTracker()
+    desk = InstrumentSettings(tracker)
+    client = Client(tracker, desk=desk)
+    client.send(Command.SET_UNITS, MILLIMETRES)
+    client.send(Command.SET_STATIONARY_MODE_PARAMS, StationaryMode(2500, 1))
+    client.session.closed(client.now_s)
+    after, other = Client(tracker, desk=desk), Client(tracker)
+    assert after.ask(Command.GET_UNITS).body == MILLIMETRES
+    assert after.ask(Command.GET_STATIONARY_MODE_PARAMS).body == StationaryMode(2500, 1)
+    assert other.ask(Command.GET_UNITS).body == Units(0, 0, 0, 0, 0)
+
+
+def test_face_and_software_are_told():
+    assert Client().ask(Command.GET_FACE).body == Face(1)
+    assert Client().ask(Command.GET_SYSTEM_SOFTWARE_VERSION).body == SoftwareVersion("1.2")
 
 
 def test_reflectors_come_one_packet_each_in_the_clients_unit():

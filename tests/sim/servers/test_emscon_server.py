@@ -21,6 +21,7 @@ from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
     ErrorResponse,
+    Place,
     ReflectorPosition,
     SingleResult,
     StationaryMode,
@@ -216,6 +217,40 @@ def test_search_that_finds_nothing_is_answered_with_an_error():
         refused(Command.FIND_REFLECTOR, ResultStatus.UNKNOWN),
         NOT_READY,
     ]
+
+
+def test_go_and_measure_is_answered_when_the_head_is_there_and_its_result_follows():
+    client = Client()
+    client.send(Command.SET_UNITS, MILLIMETRES)
+    assert client.send(Command.GO_AND_MEASURE, Place((1000.0, 2000.0, -300.0))) == [BUSY]
+    assert client.tracker.went_to_mm == (1000.0, 2000.0, -300.0)
+    assert client.later(1.0) == [ok(Command.GO_AND_MEASURE)]
+    result, light = client.later(0.5)
+    assert isinstance(result, SingleResult)
+    assert light == READY
+
+
+def test_go_and_measure_that_finds_nothing_measures_nothing():
+    client = Client()
+    client.tracker.finds = False
+    client.send(Command.GO_AND_MEASURE, Place((1.0, 2.0, 3.0)))
+    refusal_and_light = [refused(Command.GO_AND_MEASURE, ResultStatus.UNKNOWN), NOT_READY]
+    assert client.later(1.0) == refusal_and_light
+    assert client.later(5.0) == []
+    assert client.tracker.measured_s is None
+
+
+@pytest.mark.parametrize(
+    ("state", "status"),
+    [
+        ({"initialised": False}, ResultStatus.TRACKER_NOT_INITIALIZED),
+        ({"warm": False}, ResultStatus.SENSOR_NOT_WARMED_UP),
+    ],
+)
+def test_go_and_measure_needs_what_measuring_needs(state, status):
+    client = Client(FakeTracker(**state))
+    assert client.status(Command.GO_AND_MEASURE, Place((1.0, 2.0, 3.0))) == status
+    assert client.tracker.went_to_mm is None
 
 
 def test_live_positions_stream_while_wanted_and_locked():
