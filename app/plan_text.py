@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from app.console import WARNING, Terminal
 from app.progress import interval
+from campaigns.design.restricted_space import Refusals, RestrictedSpace
 from campaigns.design.sample_size import diminishing_returns_from
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.planning.predicted_precision import (
@@ -142,6 +143,29 @@ def _worst(predicted: PredictedPrecision) -> Iterator[str]:
 
 def _with_unit(name: str, std: float) -> str:
     return f"{std:.4f} {name.rsplit('_', 1)[1]}" if std < math.inf else "unknown"
+
+
+def refusals_lines(space: RestrictedSpace, refusals: Refusals) -> Iterator[str]:
+    """How far walls are kept off, how many candidates the space refuses, which zone how many."""
+    yield (
+        f"space: walls are kept off the measured point by the plate's radius of "
+        f"{space.plate_radius_mm:g} mm and a margin of {space.margin_mm:g} mm"
+    )
+    by_zone = [f"{count} by {name}" for name, count in refusals.by_zone if count]
+    zones = f": {', '.join(by_zone)}" if by_zone else ""
+    yield (
+        f"{refusals.refused} of {refusals.tried} candidates that could be measured "
+        f"are refused ({refusals.refused / refusals.tried:.0%}){zones}"
+    )
+
+
+def refusals_document(refusals: Refusals) -> dict[str, object]:
+    """The same for programs."""
+    return {
+        "tried": refusals.tried,
+        "refused": refusals.refused,
+        "by_zone": dict(refusals.by_zone),
+    }
 
 
 def plan_line(checked: CheckedPlan) -> str:

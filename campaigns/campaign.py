@@ -10,6 +10,7 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.design.pose_sampling import FeasibleRegion
+from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.errors import ShotsMissing
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.files.lock import campaign_lock
@@ -18,6 +19,7 @@ from campaigns.journal.views import Series
 from campaigns.planning.plan_check import CheckedPlan, Pace, check_plan
 from campaigns.planning.plan_file import PlannedShot, read_plan
 from campaigns.planning.plans import PlanRequest, View, region_of, with_reserve
+from campaigns.planning.space_zones import restricted_space
 from campaigns.robots.robot import RobotDocument, RobotFile, pose_of
 from campaigns.settings.config import CampaignConfig, read_campaign, read_campaign_robot
 from drivers.values import Vector3
@@ -88,11 +90,18 @@ class Campaign:
         return View(tracker.place_mm, facing, tracker.acceptance_rad)
 
     @property
+    def space(self) -> RestrictedSpace:
+        """Space that is left to the plate."""
+        robot = self.robot
+        radius_mm = robot.mechanism.platform_radius_mm(robot.kinematics.p, robot.limits)
+        return restricted_space(self.config.space, radius_mm)
+
+    @property
     def region(self) -> FeasibleRegion:
         """Region where poses may be planned."""
         robot = self.robot
         centre = pose_of(self.centre)
-        return region_of(robot.kinematics, with_reserve(robot), self.view, centre)
+        return region_of(robot.kinematics, with_reserve(robot), self.view, centre, self.space)
 
     @property
     def instrument(self) -> TrackerUncertainty:
@@ -116,7 +125,9 @@ class Campaign:
         """Request for a plan, by campaign.yaml unless a number of shots is given."""
         plan = self.config.plan
         centre = pose_of(self.centre)
-        return PlanRequest(shots or plan.shots, plan.validation_pairs, plan.drift_shots, centre)
+        return PlanRequest(
+            shots or plan.shots, plan.validation_pairs, plan.drift_shots, centre, self.space
+        )
 
     def read_plan(self) -> tuple[PlannedShot, ...]:
         """plan.csv; raises `PlanInvalid`."""
@@ -126,7 +137,9 @@ class Campaign:
         """Plan that the nominal robot can run, plan.csv by default; raises `PlanInvalid`."""
         shots = self.read_plan() if shots is None else shots
         robot, centre = self.robot, pose_of(self.centre)
-        return check_plan(shots, robot.kinematics, robot.limits, self.view, centre, self.pace)
+        return check_plan(
+            shots, robot.kinematics, robot.limits, self.view, centre, self.pace, self.space
+        )
 
     @contextmanager
     def held(self) -> Iterator[None]:

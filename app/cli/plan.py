@@ -7,7 +7,13 @@ import typer
 
 from app.console import Terminal, terminal_of
 from app.options import Fix, Folder, Free, Json, Plot
-from app.plan_text import plan_line, precision_document, show_precision
+from app.plan_text import (
+    plan_line,
+    precision_document,
+    refusals_document,
+    refusals_lines,
+    show_precision,
+)
 from app.terminal_picture import plan_picture
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.chain.planning import PlannedCampaign, plan
@@ -112,13 +118,13 @@ def command(
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     planned = plan(campaign, options)
-    show(terminal, planned)
+    show(terminal, campaign, planned)
     terminal.say(f"written: {campaign.plan_path}")
     if plot is not None:
         from app.report.plots import plot_plan  # matplotlib takes longer than a plan
 
         precision = planned.forecast.precision.predicted
-        plot_plan(plot, planned.checked.shots, precision, planned.forecast.curve)
+        plot_plan(plot, planned.checked.shots, precision, planned.forecast.curve, campaign.space)
         terminal.say(f"drawn: {plot}")
     validation = shlex.join(["pkmcal", "validate", str(folder), "--stage", "before"])
     run = shlex.join(["pkmcal", "run", str(folder), *options.words()])
@@ -133,15 +139,19 @@ def plan_document(campaign: Campaign, planned: PlannedCampaign) -> dict[str, obj
         "shots": 2 * pairs,
         "pairs": pairs,
         **precision_document(planned.forecast),
+        "space": None if planned.refusals is None else refusals_document(planned.refusals),
         "seconds_estimated": planned.checked.seconds,
         "path": str(campaign.plan_path),
     }
 
 
-def show(terminal: Terminal, planned: PlannedCampaign) -> None:
+def show(terminal: Terminal, campaign: Campaign, planned: PlannedCampaign) -> None:
     """Plan for people: picture, what it will tell, what it takes."""
     for line in plan_picture(planned.checked.shots):
         terminal.say(line)
+    if planned.refusals is not None:
+        for line in refusals_lines(campaign.space, planned.refusals):
+            terminal.say(line)
     show_precision(terminal, planned.forecast)
     detours = planned.checked.detours
     terminal.say(f"{plan_line(planned.checked)}; {detours} ways go round something")

@@ -9,6 +9,7 @@ from app.report.figures.distances import PairGroup, pair_errors
 from app.report.figures.drawing import save
 from app.report.figures.plan import plan_picture
 from campaigns.arrays import Array
+from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
 from campaigns.estimation.estimators import Estimator
 from campaigns.evaluation.model_errors import ShotErrors
 from campaigns.evidence import Evaluation
@@ -47,10 +48,11 @@ def plot_plan(
     shots: Sequence[PlannedShot],
     predicted: PredictedPrecision,
     curve: Sequence[PrecisionCurvePoint],
+    space: RestrictedSpace = UNRESTRICTED,
 ) -> None:
     """Draw a plan and what it will tell; .svg, .png or .pdf. Raises `WriteFailed`."""
     purposes = tuple(shot.purpose for shot in shots)
-    save(plan_picture(poses_of(shots), purposes, predicted, curve), path)
+    save(plan_picture(poses_of(shots), purposes, predicted, curve, space), path)
 
 
 def plot_residuals(path: Path, found: IdentificationResult) -> None:

@@ -95,7 +95,7 @@ def _workspace(campaign: Campaign) -> Array | None:
     robot, rng = campaign.robot, np.random.default_rng(WORKSPACE_SEED)
     try:
         return workspace_poses(
-            robot.kinematics, robot.limits, campaign.centre, WORKSPACE_POSES, rng
+            robot.kinematics, robot.limits, campaign.centre, WORKSPACE_POSES, rng, campaign.space
         )
     except WorkspaceTooSmall:
         return None

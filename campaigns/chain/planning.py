@@ -6,6 +6,8 @@ import numpy as np
 
 from campaigns.campaign import Campaign
 from campaigns.chain.work import free_parameters
+from campaigns.design.pose_sampling import WorkspaceTooSmall
+from campaigns.design.restricted_space import Refusals
 from campaigns.errors import OptionsInvalid
 from campaigns.measuring.stopping_rule import read_goal
 from campaigns.options import PlanOptions
@@ -27,6 +29,9 @@ from campaigns.planning.predicted_precision import (
     sampled_workspace,
 )
 
+REFUSALS_SAMPLE = 2000
+"""Poses by which it is told how much the space refuses."""
+
 
 @dataclass(frozen=True, slots=True)
 class PlannedCampaign:
@@ -34,6 +39,8 @@ class PlannedCampaign:
 
     checked: CheckedPlan
     forecast: PlanForecast
+    refusals: Refusals | None = None
+    """Refusals by the space; None without one."""
 
 
 def plan(campaign: Campaign, options: PlanOptions | None = None) -> PlannedCampaign:
@@ -55,7 +62,16 @@ def plan(campaign: Campaign, options: PlanOptions | None = None) -> PlannedCampa
     forecast = _forecast(campaign, placement, request, seed, checked.shots, curve)
     with campaign.held():
         write_beside_older(campaign.plan_path, checked.shots, campaign.robot.mechanism)
-    return PlannedCampaign(checked, forecast)
+    return PlannedCampaign(checked, forecast, _refusals(campaign, rng))
+
+
+def _refusals(campaign: Campaign, rng: np.random.Generator) -> Refusals | None:
+    if not campaign.space.is_restricted:
+        return None
+    try:
+        return campaign.region.refusals(REFUSALS_SAMPLE, rng)
+    except WorkspaceTooSmall:
+        return None
 
 
 def _settled(campaign: Campaign, options: PlanOptions) -> tuple[Placement, OptimalRequest]:

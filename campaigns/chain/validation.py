@@ -74,7 +74,7 @@ def verification_pairs(
 
     Raises `OptionsInvalid` when there are fewer than asked for.
     """
-    reachable = [_reachable(_active_robot(campaign, active)) for active in sets]
+    reachable = [_reachable(campaign, active) for active in sets]
     pairs: dict[int, list[PlannedShot]] = {}
     for shot in _unseen_pairs(campaign):
         if shot.pair is not None:
@@ -260,8 +260,9 @@ def _active_robot(campaign: Campaign, active: Mapping[str, float]) -> RobotFile:
     return RobotFile.from_flat(nominal.mechanism, active, name="active", limits=nominal.limits)
 
 
-def _reachable(robot: RobotFile) -> Reachable:
-    return Reachable(robot.kinematics, robot.limits)
+def _reachable(campaign: Campaign, active: Mapping[str, float]) -> Reachable:
+    robot = _active_robot(campaign, active)
+    return Reachable(robot.kinematics, robot.limits, space=campaign.space)
 
 
 def _work(
@@ -272,7 +273,7 @@ def _work(
     unseen: Sequence[PlannedShot],
 ) -> tuple[Work, tuple[str, ...]]:
     robot = _active_robot(campaign, active)
-    reachable = _reachable(robot)
+    reachable = _reachable(campaign, active)
     planned = validation_steps(
         campaign.config.validation,
         unseen,

@@ -36,7 +36,7 @@ def engine_work(
         plan_digest=plan_digest([step.planned for step in steps], robot.mechanism),
         robot_file_digest=digest,
         configuration=config.model_dump(mode="json"),
-        robot=RobotModel(kinematics, robot.limits, campaign.centre),
+        robot=RobotModel(kinematics, robot.limits, campaign.centre, campaign.space),
         motion=motion_rules(config),
         gate=gate_rules(config),
         setup=setup,

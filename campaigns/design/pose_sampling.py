@@ -2,10 +2,18 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
+from campaigns.design.restricted_space import (
+    UNRESTRICTED,
+    Refusals,
+    RestrictedSpace,
+    count_refusals,
+)
+from campaigns.design.roadmap import Roadmap
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.mechanisms.mechanism import Kinematics, Limits
 
@@ -20,7 +28,7 @@ class WorkspaceTooSmall(ValueError):
     """Workspace with too few feasible poses for what was asked."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class FeasibleRegion:
     """Region where poses may be placed: the robot's reach and whatever else is asked of a pose."""
 
@@ -33,6 +41,7 @@ class FeasibleRegion:
     reflector_facing: Array
     """Direction of the reflector's axis in the base frame, unit length, (3,)."""
     acceptance_rad: float
+    space: RestrictedSpace = UNRESTRICTED
 
     @property
     def extent(self) -> Array:
@@ -40,12 +49,33 @@ class FeasibleRegion:
         return self.kinematics.mechanism.search_extent(self.kinematics.p, self.limits)
 
     def allows(self, poses: Array) -> Mask:
-        """Mask of the poses that can be taken and seen, (N,)."""
+        """Mask of the poses that can be taken and seen, and come to in the space, (N,)."""
+        allowed = self.can_measure(poses)
+        if self.space.is_restricted:
+            allowed &= self.space.allows(poses[:, :3])
+        if self.space.has_obstacles:
+            allowed[allowed] = self._roadmap.connected(poses[allowed, :3])
+        return allowed
+
+    def can_measure(self, poses: Array) -> Mask:
+        """Mask of the poses that can be taken and seen, wherever that is, (N,)."""
         seen = (
             incidence_rad(poses[:, :3], self.view_from_mm, self.reflector_facing)
             <= self.acceptance_rad
         )
         return np.asarray(self.kinematics.feasibility(self.limits, poses).feasible & seen)
+
+    def refusals(self, count: int, rng: np.random.Generator) -> Refusals:
+        """Refusals by the space among so many poses that can be taken and seen.
+
+        Raises `WorkspaceTooSmall`.
+        """
+        poses = _rejection_sample(self.centre, self.extent, count, rng, self.can_measure)
+        return count_refusals(self.space, poses[:, :3])
+
+    @cached_property
+    def _roadmap(self) -> Roadmap:
+        return Roadmap.of(self.kinematics, self.limits, self.space, self.centre)
 
 
 def incidence_rad(points_mm: Array, tracker_mm: Array, facing: Array) -> Array:
@@ -75,15 +105,24 @@ def interior_poses(region: FeasibleRegion, count: int, rng: np.random.Generator)
 
 
 def workspace_poses(
-    kinematics: Kinematics, limits: Limits, centre: Array, count: int, rng: np.random.Generator
+    kinematics: Kinematics,
+    limits: Limits,
+    centre: Array,
+    count: int,
+    rng: np.random.Generator,
+    space: RestrictedSpace = UNRESTRICTED,
 ) -> Array:
     """Poses spread evenly over the robot's reach, whether a tracker sees them or not, (count, t).
+
+    In a restricted space, over what that leaves.
 
     Positions are judged there. Raises `WorkspaceTooSmall`.
     """
 
     def within_reach(poses: Array) -> Mask:
-        return kinematics.feasibility(limits, poses).feasible
+        allowed = space.allows(poses[:, :3])
+        allowed[allowed] = kinematics.feasibility(limits, poses[allowed]).feasible
+        return allowed
 
     extent = kinematics.mechanism.search_extent(kinematics.p, limits)
     return _rejection_sample(centre, extent, count, rng, within_reach)

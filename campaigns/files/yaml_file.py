@@ -138,6 +138,8 @@ def _annotation_at(model: type[BaseModel], location: Location) -> object:
 def _entry(annotation: object, key: int | str) -> object:
     """Find the type of a tuple's entry."""
     entries = get_args(annotation)
+    if entries[-1:] == (Ellipsis,) and isinstance(key, int):
+        return entries[0]
     return entries[key] if isinstance(key, int) and key < len(entries) else None
 
 
@@ -322,6 +324,8 @@ def _value(value: object, column: int) -> object:
         section = CommentedMap()
         _add(section, value, column)
         return section
+    if isinstance(value, tuple) and any(isinstance(entry, FileModel) for entry in value):
+        return CommentedSeq(_plain(entry) for entry in value)
     if isinstance(value, tuple):
         entries = CommentedSeq(value)
         entries.fa.set_flow_style()
@@ -329,3 +333,10 @@ def _value(value: object, column: int) -> object:
     if isinstance(value, str) and not value.isprintable():
         return DoubleQuotedScalarString(value)  # with escapes, so that no sign gets lost
     return value
+
+
+def _plain(entry: FileModel) -> CommentedMap:
+    """One of many alike: on one line, without comments."""
+    section = CommentedMap(entry.model_dump(mode="json"))
+    section.fa.set_flow_style()
+    return section

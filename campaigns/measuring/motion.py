@@ -124,6 +124,11 @@ class Mover:
 
     def _legs(self, here: Joints, target: Joints, shot: int) -> list[Joints]:
         legs = self._ways.legs(here, target)
+        if legs is None and (fault := self._ways.standing_fault(here)):
+            raise TargetOutOfReach(
+                f"no way to shot {shot}: the robot stands where it may not be: {fault}",
+                remedy="jog it out of there, or correct `space` in campaign.yaml, then run again",
+            )
         if legs is None:
             raise TargetOutOfReach(
                 f"no safe way to shot {shot} from joints {_listed(self._axes, here)}",

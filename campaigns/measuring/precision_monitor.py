@@ -174,6 +174,8 @@ def _intent(planned: PlannedShot, outcome: Outcome) -> Intent:
 def _workspace(robot: RobotModel, planned: Array, rng: np.random.Generator) -> Array:
     """Poses all over the workspace, (K, t); those planned where hardly any other can be taken."""
     try:
-        return workspace_poses(robot.kinematics, robot.limits, robot.centre, WORKSPACE_SAMPLE, rng)
+        return workspace_poses(
+            robot.kinematics, robot.limits, robot.centre, WORKSPACE_SAMPLE, rng, robot.space
+        )
     except WorkspaceTooSmall:
         return planned.reshape(-1, len(robot.centre))

@@ -41,6 +41,8 @@ WELL_BELOW_MM = 100.0
 """Below the height at which a platform is guessed, for the branch at home."""
 LEAST_TURN_RAD = np.pi / 4
 """Turn that is searched each way, however narrow limits are drawn."""
+TURNS_LOOKED_AT = 33
+"""For the largest reach of a platform whose arms move as it turns."""
 COORDINATES = 3
 FRAME_UNKNOWNS = 6
 SHOTS_FOR_A_FRAME = 3
@@ -190,6 +192,16 @@ class ClosedChain:
             if interval is not None:
                 half[place] = max(0.5 * (interval[1] - interval[0]), LEAST_TURN_RAD)
         return half
+
+    def platform_radius_mm(self, p: Array, limits: Limits) -> float:
+        """Farthest lower end of a forearm from the measured point; 0 of a contracted platform."""
+        _, platform, _ = self._split(p)
+        poses = np.zeros((TURNS_LOOKED_AT, len(self.task)))
+        for place, interval in enumerate(limits.task):
+            if interval is not None and self.task[place].is_revolute:
+                poses[:, place] = np.linspace(*interval, len(poses))
+        ends_mm = self._platform.joints_mm(platform, poses)
+        return float(np.linalg.norm(ends_mm, axis=-1).max())
 
     def in_frame_of(self, nominal: Array, p: Array) -> Array:
         """Vector of the same robot seen from a base whose first arm is as in the nominal, (G,)."""

@@ -424,6 +424,10 @@ class Mechanism(Protocol):
         """Half size (t,) of a box about a pose well inside that holds the workspace."""
         ...
 
+    def platform_radius_mm(self, p: Array, limits: Limits) -> float:
+        """Radius about the measured point that holds the modelled platform at every turn."""
+        ...
+
     def in_frame_of(self, nominal: Array, p: Array) -> Array:
         """Vector of the same robot as p, seen in the frame of the nominal's `fix_frame`, (G,)."""
         ...

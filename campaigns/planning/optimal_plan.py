@@ -43,6 +43,7 @@ from campaigns.planning.plans import (
     numbered_shots,
     poses_of,
     region_of,
+    too_small,
     with_reserve,
 )
 from campaigns.planning.predicted_precision import (
@@ -121,7 +122,7 @@ def draw_candidates(
     poses = np.vstack([inner, boundary_poses(region, near_boundary, rng)])
     joints = region.kinematics.inverse(poses).values_or_raise()
     workspace = workspace_poses(
-        region.kinematics, region.limits, region.centre, WORKSPACE_SAMPLE, rng
+        region.kinematics, region.limits, region.centre, WORKSPACE_SAMPLE, rng, region.space
     )
     there = region.kinematics.inverse(workspace).values_or_raise()
     judged_at = point_jacobian(region.kinematics, request.free, there, workspace)
@@ -179,14 +180,12 @@ def make_optimal_plan(
     """
     others = make_plan(robot, view, replace(request.plan, identification_shots=0), rng)
     unseen = [shot for shot in others if shot.purpose is ShotSet.VALIDATION]
-    region = region_of(robot.kinematics, with_reserve(robot), view, request.plan.centre)
+    wanted = request.plan
+    region = region_of(robot.kinematics, with_reserve(robot), view, wanted.centre, wanted.space)
     try:
         choice = _choose(region, request, rng)
     except WorkspaceTooSmall as error:
-        raise PlanInvalid(
-            f"too small a part of the workspace can be measured: {error}",
-            remedy="check the robot's limits and the tracker's place, or ask for fewer candidates",
-        ) from error
+        raise too_small(error, region, "candidates") from error
     except Unobservable as error:
         raise not_identifiable(error) from error
     return OptimalPlan(_ordered(region, choice, unseen, request.plan.drift_shots), choice.curve)

@@ -1,19 +1,40 @@
-"""Paths between poses: whether a joint move is safe, a way round where not, each leg of a plan."""
+"""Paths between poses: whether a joint move is safe, a way round where not, each leg of a plan.
+
+In a restricted space a move is safe if the plate stays in it on the joints' coordinated way, and
+on the straight line to the pose as well, or on straight parts of the way: which of them a move to a
+pose takes is the controller's choice.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from campaigns.arrays import Array
+from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
+from campaigns.design.roadmap import Roadmap
 from campaigns.design.tours import travel_rad
-from campaigns.mechanisms.mechanism import Axis, Kinematics, Limits, Violation, outside
+from campaigns.mechanisms.mechanism import Axis, Kinematics, Limits, NoSolution, Violation, outside
 
 PATH_STEP_RAD = np.radians(5.0)
 SLACK_RAD = np.radians(3.0)
 """A passing pose may exceed limits of turn and swing by this; one that is measured may not."""
 PASSING_SINGULARITY_MARGIN = 0.1
+SPACE_STEP_RAD = np.radians(1.0)
+PARTS = (1, 2, 4, 8, 16)
+"""Straight parts of equal turn into which a controller may divide a way."""
+FLAT_MM = 0.005
+"""Largest distance of the way from its chords: steps are halved until it is less."""
+HALVINGS = 6
+CURVATURE_RESERVE = 2.0
+"""Curvature between samples may be so many times what the samples around show."""
+TOLERANCE_MM = 0.01
+"""For poses on a zone's very wall."""
+STANDING_MM = 1.0
+"""By so much a robot may read itself beyond a wall at which it stands; no way leads it further."""
+MOST_REROUTES = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +46,23 @@ class PathFault:
 
 
 def path_fault(
-    kinematics: Kinematics, limits: Limits, start: Array, end: Array
+    kinematics: Kinematics,
+    limits: Limits,
+    start: Array,
+    end: Array,
+    space: RestrictedSpace = UNRESTRICTED,
 ) -> PathFault | None:
     """First fault on the coordinated move from joints to joints, (n,) each, if any."""
+    fault = _motion_fault(kinematics, limits, start, end)
+    if fault is None and space.is_restricted:
+        return _space_fault(kinematics, space, start, end)
+    return fault
+
+
+def _motion_fault(
+    kinematics: Kinematics, limits: Limits, start: Array, end: Array
+) -> PathFault | None:
+    """First fault by the mechanism and its limits."""
     turn = np.abs(kinematics.comparable(end - start)).max()
     steps = max(2, int(np.ceil(turn / PATH_STEP_RAD)) + 1)
     part = np.linspace(0.0, 1.0, steps)
@@ -53,6 +88,55 @@ def path_fault(
     return None
 
 
+def _space_fault(
+    kinematics: Kinematics, space: RestrictedSpace, start: Array, end: Array
+) -> PathFault | None:
+    """Zone that is entered on the way, or on straight lines that a controller may take instead."""
+    try:
+        points, bulge_mm = _fine_path(kinematics, start, end)
+    except NoSolution:
+        return PathFault("the mechanism cannot be assembled", 0.0)
+    steps = len(points) - 1
+    starts, ends = points[:-1], points[1:]
+    for parts in PARTS:
+        corners = points[:: steps // parts]
+        starts, ends = np.vstack([starts, corners[:-1]]), np.vstack([ends, corners[1:]])
+    clearance = space.line_clearance_mm(starts, ends)
+    clearance[:steps] -= bulge_mm[:, None]
+    standing = space.clearance_mm(points[:1])[0]
+    least = np.clip(standing, -STANDING_MM, 0.0) - TOLERANCE_MM
+    wrong = clearance < least
+    if not wrong.any():
+        return None
+    row = int(np.argmax(wrong.any(axis=1)))
+    zone = int(np.argmin(np.where(wrong[row], clearance[row], np.inf)))
+    reason = (
+        f"the plate{space.reach_text} would pass {-clearance[row, zone]:.3g} mm beyond the wall of "
+        f"{space.zones[zone].name}"
+    )
+    return PathFault(reason, row / steps if row < steps else 0.0)
+
+
+def _fine_path(kinematics: Kinematics, start: Array, end: Array) -> tuple[Array, Array]:
+    """Points (K + 1, 3) of a coordinated move, and how far it may be from each chord, (K,).
+
+    By the sagitta, from second differences: points are so near each other that it is next to none.
+    Raises `NoSolution`.
+    """
+    turn = float(np.abs(kinematics.comparable(end - start)).max())
+    steps = PARTS[-1] * max(1, int(np.ceil(turn / SPACE_STEP_RAD / PARTS[-1])))
+    for _ in range(HALVINGS):
+        part = np.linspace(0.0, 1.0, steps + 1)[:, None]
+        points = kinematics.forward(start + part * (end - start)).values_or_raise()[:, :3]
+        second = np.linalg.norm(np.diff(points, 2, axis=0), axis=1)
+        around = np.maximum(np.r_[second[0], second], np.r_[second, second[-1]])
+        bulge_mm = CURVATURE_RESERVE * around / 8.0
+        if bulge_mm.max() <= FLAT_MM:
+            break
+        steps *= 2
+    return points, bulge_mm
+
+
 def _passing_limits(limits: Limits) -> Limits:
     """Limits of a pose that is passed, not measured."""
     wider = limits.drawn_in(task=-SLACK_RAD, swing_rad=-SLACK_RAD)
@@ -60,13 +144,18 @@ def _passing_limits(limits: Limits) -> Limits:
 
 
 def route(
-    kinematics: Kinematics, limits: Limits, start: Array, end: Array, centre: Array
+    kinematics: Kinematics,
+    limits: Limits,
+    start: Array,
+    end: Array,
+    centre: Array,
+    space: RestrictedSpace = UNRESTRICTED,
 ) -> list[Array] | None:
     """Joint targets (n,) of a safe way, the last being `end`; None when none was found.
 
     Straight if that is safe, else by poses between the two ends and the workspace's centre (t,).
     """
-    if path_fault(kinematics, limits, start, end) is None:
+    if path_fault(kinematics, limits, start, end, space) is None:
         return [end]
     ends = kinematics.forward(np.stack([start, end]))
     if not ends.found.all():
@@ -75,13 +164,17 @@ def route(
         via = kinematics.inverse(poses)
         way = [start, *via.values, end]
         within = not outside(via.values, limits.joint).any()
-        if via.found.all() and within and _is_safe(kinematics, limits, way):
+        if via.found.all() and within and _is_safe(kinematics, limits, way, space):
             return way[1:]
     return None
 
 
-def _is_safe(kinematics: Kinematics, limits: Limits, way: list[Array]) -> bool:
-    return all(path_fault(kinematics, limits, here, there) is None for here, there in pairwise(way))
+def _is_safe(
+    kinematics: Kinematics, limits: Limits, way: list[Array], space: RestrictedSpace
+) -> bool:
+    return all(
+        path_fault(kinematics, limits, here, there, space) is None for here, there in pairwise(way)
+    )
 
 
 def _detours(from_pose: Array, to_pose: Array, centre: Array) -> Iterator[Array]:
@@ -98,7 +191,7 @@ def _detours(from_pose: Array, to_pose: Array, centre: Array) -> Iterator[Array]
 Joints = tuple[float, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class RobotModel:
     """Robot against which ways are checked."""
 
@@ -106,10 +199,68 @@ class RobotModel:
     limits: Limits
     centre: Array
     """A pose well inside the workspace, where detours may lead, (t,)."""
+    space: RestrictedSpace = UNRESTRICTED
+
+    def fault(self, start: Array, end: Array) -> PathFault | None:
+        """First fault on the coordinated move between joints (n,), if any."""
+        return path_fault(self.kinematics, self.limits, start, end, self.space)
+
+    def standing_fault(self, joints: Array) -> str:
+        """What the space has against the place of joints (n,), in words; empty: nothing."""
+        solution = self.kinematics.forward(joints[None])
+        if not solution.found[0]:
+            return ""
+        point = solution.values[:, :3]
+        if (self.space.clearance_mm(point) >= -STANDING_MM).all():
+            return ""
+        return self.space.fault(point[0])
 
     def safe_path(self, start: Array, end: Array) -> list[Array] | None:
         """Joint targets (n,) of a safe way, the last being `end`; None when none was found."""
-        return route(self.kinematics, self.limits, start, end, self.centre)
+        way = route(self.kinematics, self.limits, start, end, self.centre, self.space)
+        if way is None and self.space.has_obstacles:
+            return self._way_round(start, end)
+        return way
+
+    @cached_property
+    def _roadmap(self) -> Roadmap:
+        return Roadmap.of(self.kinematics, self.limits, self.space, self.centre)
+
+    def _way_round(self, start: Array, end: Array) -> list[Array] | None:
+        """Way by the roadmap, lines on which the robot cannot move left out one after another."""
+        ends = self.kinematics.forward(np.stack([start, end]))
+        if not ends.found.all() or not self._lets_stand(ends.values[:, :3]):
+            return None
+        between = self.kinematics.inverse(self._roadmap.poses).values_or_raise()
+        joints = np.vstack([between, start, end])
+        here, there = ends.values[:, :3]
+        blocked: set[tuple[int, int]] = set()
+        for _ in range(MOST_REROUTES):
+            rows = self._roadmap.way(here, there, frozenset(blocked))
+            if rows is None:
+                return None
+            legs = self._legs_along([joints[row] for row in rows])
+            if legs[-1] == len(rows) - 1:
+                return [joints[rows[place]] for place in legs[1:]]
+            held = rows[legs[-1]], rows[legs[-1] + 1]
+            blocked.add((min(held), max(held)))
+        return None
+
+    def _lets_stand(self, points: Array) -> bool:
+        return bool((self.space.clearance_mm(points) >= -STANDING_MM).all())
+
+    def _legs_along(self, way: Sequence[Array]) -> list[int]:
+        """Places of a way at which to stop, as few as are safe, as far as it can be followed."""
+        legs = [0]
+        while legs[-1] < len(way) - 1:
+            here = legs[-1]
+            ahead = range(len(way) - 1, here, -1)
+            safe = (there for there in ahead if self.fault(way[here], way[there]) is None)
+            there = next(safe, None)
+            if there is None:
+                break
+            legs.append(there)
+        return legs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,6 +314,10 @@ class PathCache:
         """Joint axes of the robot."""
         return self._robot.kinematics.mechanism.joints
 
+    def standing_fault(self, here: Joints) -> str:
+        """What the space has against standing there, in words; empty: nothing."""
+        return self._robot.standing_fault(np.array(here))
+
     def legs(self, here: Joints, there: Joints) -> list[Joints] | None:
         """Joint targets of a safe way, the last being `there`; None when none was found."""
         if (here, there) in self._known:
@@ -172,6 +327,6 @@ class PathCache:
 
 
 def _fault(robot: RobotModel, here: Stop, there: Stop) -> str:
-    straight = path_fault(robot.kinematics, robot.limits, here.joints, there.joints)
+    straight = robot.fault(here.joints, there.joints)
     why = f"{straight.reason}, {straight.part_of_the_way:.0%} of the way" if straight else "blocked"
     return f"no safe way from {here.name} to {there.name}: {why}, and no way round"

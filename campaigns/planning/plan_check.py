@@ -7,6 +7,7 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.design.pose_sampling import incidence_rad
+from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
 from campaigns.errors import PlanInvalid
 from campaigns.mechanisms.mechanism import Axis, Feasibility, Kinematics, Limits
 from campaigns.planning.paths import RobotModel, Stop, check_paths
@@ -49,14 +50,16 @@ def check_plan(
     view: View,
     centre: Pose,
     pace: Pace,
+    space: RestrictedSpace = UNRESTRICTED,
 ) -> CheckedPlan:
-    """Check reach, limits, swing, singularity, the tracker's view and every way between shots.
+    """Check reach, limits, swing, singularity, space, the tracker's view, every way between shots.
 
     Raises `PlanInvalid` naming the shots at fault with value and limit.
     """
     refuse(
         [
             *_pose_faults(shots, kinematics, limits),
+            *_space_faults(shots, space),
             *_view_faults(shots, view),
             *_drift_faults(shots),
         ],
@@ -66,7 +69,7 @@ def check_plan(
         Stop(f"shot {shot.shot}", joints)
         for shot, joints in zip(shots, joints_of(shots), strict=True)
     ]
-    ways = check_paths(stops, RobotModel(kinematics, limits, pose_row(centre)))
+    ways = check_paths(stops, RobotModel(kinematics, limits, pose_row(centre), space))
     refuse(ways.faults, remedy="move one of the two poses, or plan anew with `pkmcal plan`")
     seconds = ways.travel_rad / pace.joint_speed_rad_s
     seconds += len(shots) * (pace.settle_s + pace.measure_s)
@@ -129,6 +132,13 @@ def _tolerant(limits: Limits, joint: Axis) -> Limits:
 def _view_faults(shots: Sequence[PlannedShot], view: View) -> Iterator[str]:
     for shot in shots:
         if fault := view_fault(pose_row(shot.pose)[:3], view):
+            yield f"shot {shot.shot}: {fault}"
+
+
+def _space_faults(shots: Sequence[PlannedShot], space: RestrictedSpace) -> Iterator[str]:
+    """Poses at which the plate is where it may not be."""
+    for shot in shots:
+        if fault := space.fault(pose_row(shot.pose)[:3]):
             yield f"shot {shot.shot}: {fault}"
 
 

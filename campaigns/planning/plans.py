@@ -14,6 +14,7 @@ from campaigns.design.pose_sampling import (
     interior_poses,
     random_pairs,
 )
+from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
 from campaigns.design.tours import shortest_tour
 from campaigns.errors import PlanInvalid
 from campaigns.mechanisms.mechanism import Kinematics, Limits
@@ -26,6 +27,9 @@ from drivers.values import Pose, Vector3
 JOINT_RESERVE_RAD = float(np.radians(0.5))
 """Planned poses keep off the limits by this, so that the real robot's errors don't break them."""
 POSE_RESERVE_RAD = float(np.radians(1.0))
+SPACE_RESERVE_MM = 2.0
+"""Planned poses keep off the walls of zones by this: a robot that stands there may read itself a
+little beyond."""
 UNSEEN_JOINT_RESERVE_RAD = float(np.radians(5.0))
 """Validation poses keep further off: with other parameters in the controller the same pose takes
 other encoder angles, and it should still be there to be compared."""
@@ -50,12 +54,13 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class PlanRequest:
-    """Request for a plan: numbers of shots of each kind, and the workspace's centre."""
+    """Request for a plan: numbers of shots of each kind, the workspace's centre and its space."""
 
     identification_shots: int
     validation_pairs: int
     drift_shots: int
     centre: Pose
+    space: RestrictedSpace = UNRESTRICTED
 
 
 def with_reserve(robot: RobotFile) -> Limits:
@@ -67,7 +72,13 @@ def with_reserve(robot: RobotFile) -> Limits:
     )
 
 
-def region_of(kinematics: Kinematics, limits: Limits, view: View, centre: Pose) -> FeasibleRegion:
+def region_of(
+    kinematics: Kinematics,
+    limits: Limits,
+    view: View,
+    centre: Pose,
+    space: RestrictedSpace = UNRESTRICTED,
+) -> FeasibleRegion:
     """Region where poses may be placed."""
     facing = np.array(view.facing)
     return FeasibleRegion(
@@ -77,6 +88,7 @@ def region_of(kinematics: Kinematics, limits: Limits, view: View, centre: Pose) 
         np.array(view.tracker_mm),
         facing / np.linalg.norm(facing),
         view.acceptance_rad,
+        space.with_margin(SPACE_RESERVE_MM),
     )
 
 
@@ -89,21 +101,13 @@ def make_plan(
     Raises `PlanInvalid` when the workspace holds too few poses that can be taken and seen.
     """
     kinematics = robot.kinematics
-    region = region_of(kinematics, with_reserve(robot), view, request.centre)
-    if not region.allows(region.centre[None])[0]:
-        x, y, z = (f"{value:g}" for value in region.centre[:3])
-        raise PlanInvalid(
-            f"the workspace's centre ({x}, {y}, {z}) mm cannot be taken, or not be seen",
-            remedy="correct validation.centre_mm, tracker.place_mm or tracker.reflector_facing",
-        )
+    region = region_of(kinematics, with_reserve(robot), view, request.centre, request.space)
+    _check_centre(region)
     try:
         fitted = boundary_poses(region, request.identification_shots, rng)
         unseen = interior_poses(_inner(region), 2 * request.validation_pairs, rng)
     except WorkspaceTooSmall as error:
-        raise PlanInvalid(
-            f"too small a part of the workspace can be measured: {error}",
-            remedy="check the robot's limits and the tracker's place, or ask for fewer shots",
-        ) from error
+        raise too_small(error, region, "shots") from error
     poses = np.vstack([fitted, unseen])
     joints = kinematics.inverse(poses).values_or_raise()
     centre_joints = kinematics.inverse(region.centre[None]).values_or_raise()[0]
@@ -112,6 +116,34 @@ def make_plan(
     tour = shortest_tour(turns, pairs, start)
     drift = (region.centre, centre_joints)
     return numbered_shots(tour, poses, joints, len(fitted), drift, request.drift_shots)
+
+
+def _check_centre(region: FeasibleRegion) -> None:
+    """Raise `PlanInvalid` for a centre of the workspace that is no place for a shot."""
+    centre = region.centre[None]
+    if region.allows(centre)[0]:
+        return
+    x, y, z = (f"{value:g}" for value in region.centre[:3])
+    at = f"the workspace's centre ({x}, {y}, {z}) mm"
+    if not region.can_measure(centre)[0]:
+        raise PlanInvalid(
+            f"{at} cannot be taken, or not be seen",
+            remedy="correct validation.centre_mm, tracker.place_mm or tracker.reflector_facing",
+        )
+    why = region.space.fault(region.centre[:3]) or "no other pose can be come to from it"
+    raise PlanInvalid(
+        f"{at} is where the robot may not go: {why}",
+        remedy="move validation.centre_mm, or correct `space` in campaign.yaml",
+    )
+
+
+def too_small(error: WorkspaceTooSmall, region: FeasibleRegion, fewer: str) -> PlanInvalid:
+    """Error for the operator: hardly any place is left for shots, and why."""
+    remedy = f"check the robot's limits and the tracker's place, or ask for fewer {fewer}"
+    if region.space.is_restricted:
+        zones = ", ".join(zone.name for zone in region.space.zones)
+        remedy = f"widen `space` in campaign.yaml ({zones}), or {remedy}"
+    return PlanInvalid(f"too small a part of the workspace can be measured: {error}", remedy=remedy)
 
 
 def _inner(region: FeasibleRegion) -> FeasibleRegion:

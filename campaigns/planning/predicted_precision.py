@@ -192,7 +192,7 @@ def sampled_workspace(
     rng = np.random.default_rng(WORKSPACE_SEED)
     try:
         poses = workspace_poses(
-            region.kinematics, region.limits, region.centre, WORKSPACE_SAMPLE, rng
+            region.kinematics, region.limits, region.centre, WORKSPACE_SAMPLE, rng, region.space
         )
     except WorkspaceTooSmall:
         poses = poses_of(shots)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.arrays import Array
+from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
 from campaigns.errors import PlanInvalid
 from campaigns.mechanisms.mechanism import Axis, Interval, Kinematics, Limits
 from campaigns.planning.paths import RobotModel, Stop, check_paths
@@ -38,6 +39,7 @@ class Reachable:
     kinematics: Kinematics
     limits: Limits
     view: View | None = None
+    space: RestrictedSpace = UNRESTRICTED
 
     def first_reason(self, poses: Array) -> str:
         """Reason why the first impossible one of poses (N, t) is so; empty when none is."""
@@ -45,10 +47,21 @@ class Reachable:
         if not judged.feasible.all():
             row = int(np.argmin(judged.feasible))
             return judged.describe(row)[0]
+        beyond = (self.space.fault(pose[:3]) for pose in poses)
+        if fault := next(filter(None, beyond), ""):
+            return fault
         if self.view is None:
             return ""
         faults = (view_fault(pose[:3], self.view) for pose in poses)
         return next(filter(None, faults), "")
+
+    def line_reason(self, poses: Array) -> str:
+        """The same for poses (N, t) and the straight lines between them."""
+        if reason := self.first_reason(poses):
+            return reason
+        clearance = self.space.line_clearance_mm(poses[:-1, :3], poses[1:, :3])
+        crossed = np.flatnonzero((clearance < -ROUNDING_MM).any(axis=0))
+        return f"it crosses {self.space.zones[crossed[0]].name}" if crossed.size else ""
 
     def joints(self, poses: Array) -> Array:
         """Joints (N, n) of poses (N, t)."""
@@ -107,7 +120,7 @@ def validation_steps(
         replace(step, planned=replace(step.planned, shot=number))
         for number, step in enumerate(steps)
     )
-    _check_ways(numbered, RobotModel(robot.kinematics, robot.limits, centre))
+    _check_ways(numbered, RobotModel(robot.kinematics, robot.limits, centre, robot.space))
     return ValidationSteps(numbered, notes)
 
 
@@ -190,7 +203,8 @@ def _rotation(
         poses[:, place] = part * values
         return poses
 
-    poses, notes = _shortened(turned, robot, "rotation", axis.to_file(high - low), "°")
+    judge = robot.first_reason
+    poses, notes = _shortened(turned, judge, "rotation", axis.to_file(high - low), "°")
     return _Test(ShotSet.ROTATION, poses, [None] * steps, notes)
 
 
@@ -208,18 +222,23 @@ def _line(centre: Array, axis: int, length_mm: float, points: int, robot: Reacha
         poses[:, axis] += part * offsets
         return poses
 
-    poses, notes = _shortened(along, robot, f"line along {AXES[axis]}", length_mm, " mm")
+    judge = robot.line_reason
+    poses, notes = _shortened(along, judge, f"line along {AXES[axis]}", length_mm, " mm")
     return _Test(ShotSet.STRAIGHTNESS, poses, [None] * points, notes)
 
 
 def _shortened(
-    make: Callable[[float], Array], robot: Reachable, test: str, asked: float, unit: str
+    make: Callable[[float], Array],
+    judge: Callable[[Array], str],
+    test: str,
+    asked: float,
+    unit: str,
 ) -> tuple[Array, tuple[str, ...]]:
     """The largest version of a test that the robot can do, down to two thirds of what was asked."""
     first_reason = ""
     for part in SHRINK ** np.arange(SHRINKS):
         poses = make(float(part))
-        reason = robot.first_reason(poses)
+        reason = judge(poses)
         if not reason:
             used = f"{test} shortened from {asked:g} to {part * asked:.4g}{unit}: {first_reason}"
             return poses, (used,) if first_reason else ()

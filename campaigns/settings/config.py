@@ -26,6 +26,7 @@ from campaigns.settings.sections import (
     TrackerConfig,
     ValidationConfig,
 )
+from campaigns.settings.space import SpaceConfig
 
 SCHEMA = "pkmcal/campaign/1"
 FILE_NAME = "campaign.yaml"
@@ -43,6 +44,10 @@ class CampaignConfig(FileModel):
     controller: ControllerConfig = Field(description="the robot's controller")
     tracker: TrackerConfig = Field(description="the laser tracker and its reflector")
     plan: PlanConfig = Field(default=PlanConfig(), description="what is measured")
+    space: SpaceConfig = Field(
+        default=SpaceConfig(),
+        description="where the plate may be and where it may not, in the base frame",
+    )
     settle: SettleConfig = Field(
         default=SettleConfig(), description="when the robot counts as at rest"
     )

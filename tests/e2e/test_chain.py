@@ -12,7 +12,7 @@ DATA = Path(__file__).parents[1] / "data" / "vectors"
 PLAN_KEYS = {
     *("shots", "pairs", "predicted_std", "observability", "seconds_estimated", "path"),
     *("placement", "estimator", "criterion", "seed", "worst", "position_error_mm"),
-    *("from_below", "curve"),
+    *("from_below", "curve", "space"),
 }
 IDENTIFICATION_KEYS = {
     "coverage_factor_95",

@@ -10,6 +10,7 @@ from matplotlib.ticker import LogLocator, StrMethodFormatter
 from app.report.figures.drawing import AFTER, BEFORE, QUIET, in_house_style, new_figure
 from app.report.figures.workspace import ROUND_FACTORS, draw_poses
 from campaigns.arrays import Array
+from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.planning.predicted_precision import PrecisionCurvePoint, PredictedPrecision
 from campaigns.shots.shot_sets import ShotSet
 
@@ -24,14 +25,15 @@ def plan_picture(
     purposes: tuple[ShotSet, ...],
     predicted: PredictedPrecision,
     curve: Sequence[PrecisionCurvePoint],
+    space: RestrictedSpace,
 ) -> Figure:
-    """Poses (N, t) by what they are for; σ of parameters, if all will be known; the curve."""
+    """Poses (N, t) by what they are for, and zones; σ of parameters, if known; the curve."""
     heights = [POSES_MM]
     heights += [STD_MM] if predicted.full_rank else []
     heights += [CURVE_MM] if curve else []
     figure = new_figure(sum(heights))
     parts = list(figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False).flat)
-    draw_poses(parts.pop(0), poses, purposes)
+    draw_poses(parts.pop(0), poses, purposes, space)
     if predicted.full_rank:
         _draw_std(parts.pop(0), predicted)
     if curve:

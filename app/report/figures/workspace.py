@@ -16,7 +16,9 @@ from app.report.figures.drawing import (
     zero_line,
 )
 from app.report.figures.space import draw_box, flat
+from app.report.figures.zones import draw_zones, outlines
 from campaigns.arrays import Array, Mask
+from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.evaluation.summary import binned_medians
 from campaigns.shots.shot_sets import ShotSet
 
@@ -32,18 +34,25 @@ MARKERS: Mapping[ShotSet, tuple[str, str]] = {
 }
 
 
-def draw_poses(figure: FigureBase, poses: Array, purposes: tuple[ShotSet, ...]) -> None:
-    """Poses (N, t) of a plan, in space and from above, by what they are for."""
+def draw_poses(
+    figure: FigureBase, poses: Array, purposes: tuple[ShotSet, ...], restricted: RestrictedSpace
+) -> None:
+    """Poses (N, t) of a plan by what they are for, and zones, in space and from above."""
     space, above = figure.subplots(1, 2)
-    draw_box(space, poses[:, :3])
+    zones = outlines(restricted, poses[:, :3])
+    walls = [loop for zone in zones for loop in zone.loops]
+    draw_box(space, np.vstack([poses[:, :3], *walls]))
+    draw_zones(space, above, zones)
     for purpose, (marker, colour) in MARKERS.items():
         rows = [row for row, kind in enumerate(purposes) if kind is purpose]
         if rows:
             space.plot(*flat(poses[rows, :3]).T, marker, color=colour)
             above.plot(*poses[rows, :2].T, marker, color=colour, label=purpose.value)
     space.set_title("in the base frame, mm")
-    above.set(xlabel="x, mm", ylabel="y, mm", aspect="equal", title="from above")
-    legend_above(figure, above, len(MARKERS))
+    reach_mm = restricted.plate_radius_mm + restricted.margin_mm
+    kept_off = f", walls {reach_mm:g} mm off" if restricted.is_restricted else ""
+    above.set(xlabel="x, mm", ylabel="y, mm", aspect="equal", title=f"from above{kept_off}")
+    legend_above(figure, above, len(MARKERS) + 2)
 
 
 @in_house_style

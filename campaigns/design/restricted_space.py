@@ -1,0 +1,223 @@
+"""Restricted space (ISO 8373): where the plate may be, by zones to keep in and to keep out of.
+
+Zones are upright: a footprint in x and y, and an interval of z, in the base frame. The plate is
+an upright cylinder about the measured point, which holds it at every turn: its radius is the
+plate's and the margin, its half height the margin. Clearances are of that cylinder: 0 where it
+touches a zone's wall, negative where it is where it may not be.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from campaigns.arrays import Array, Mask
+from campaigns.mechanisms.mechanism import Interval
+
+ANYWHERE: Interval = (-math.inf, math.inf)
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+ROUNDING_MM = 1e-6
+"""For places on a zone's very wall."""
+SECTIONS = 48
+"""Golden sections of a line: what is left of it is 1e-10 of its length."""
+
+
+class Footprint(Protocol):
+    """Convex area in x and y."""
+
+    def distance_mm(self, points: Array) -> Array:
+        """Signed distance (N,) of points (N, 2 or more) from its edge, negative inside; convex."""
+        ...
+
+    def bounds_mm(self) -> tuple[Interval, Interval]:
+        """Intervals of x and y that hold it."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Rectangle:
+    """Rectangle along x and y; without ends it is everywhere."""
+
+    x_mm: Interval = ANYWHERE
+    y_mm: Interval = ANYWHERE
+
+    def distance_mm(self, points: Array) -> Array:
+        """Signed distance from the edge, (N,)."""
+        beyond = np.stack(
+            [_beyond(points[:, 0], self.x_mm), _beyond(points[:, 1], self.y_mm)], axis=-1
+        )
+        outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
+        return np.asarray(outside + np.minimum(beyond.max(axis=-1), 0.0))
+
+    def bounds_mm(self) -> tuple[Interval, Interval]:
+        """Its sides."""
+        return self.x_mm, self.y_mm
+
+
+@dataclass(frozen=True, slots=True)
+class Disc:
+    """Disc about a vertical axis."""
+
+    centre_mm: tuple[float, float]
+    radius_mm: float
+
+    def distance_mm(self, points: Array) -> Array:
+        """Signed distance from the edge, (N,)."""
+        from_axis = np.linalg.norm(points[:, :2] - self.centre_mm, axis=1)
+        return np.asarray(from_axis - self.radius_mm)
+
+    def bounds_mm(self) -> tuple[Interval, Interval]:
+        """Square about it."""
+        (x, y), radius = self.centre_mm, self.radius_mm
+        return (x - radius, x + radius), (y - radius, y + radius)
+
+
+@dataclass(frozen=True, slots=True)
+class Zone:
+    """Zone to keep in, or to keep out of."""
+
+    name: str
+    """Key in campaign.yaml, with the limit or the user's own name."""
+    footprint: Footprint
+    z_mm: Interval
+    keeps_in: bool
+
+    def clearance_mm(self, points: Array, radius_mm: float, margin_mm: float) -> Array:
+        """Clearance (N,) of a plate at points (N, 3): concave by place to keep in, else convex."""
+        aside = self.footprint.distance_mm(points)
+        above = _beyond(points[:, 2], self.z_mm)
+        if self.keeps_in:
+            return -np.maximum(aside + radius_mm, above + margin_mm)
+        return np.maximum(aside - radius_mm, above - margin_mm)
+
+
+@dataclass(frozen=True, slots=True)
+class RestrictedSpace:
+    """What zones leave to the plate; everything where there are none."""
+
+    zones: tuple[Zone, ...] = ()
+    plate_radius_mm: float = 0.0
+    """Radius about the measured point that holds the plate at every turn."""
+    margin_mm: float = 0.0
+
+    @property
+    def is_restricted(self) -> bool:
+        """Whether there is any place that is not allowed."""
+        return bool(self.zones)
+
+    @property
+    def has_obstacles(self) -> bool:
+        """Whether a straight line between two allowed places may be blocked."""
+        return not all(zone.keeps_in for zone in self.zones)
+
+    def with_margin(self, more_mm: float) -> "RestrictedSpace":
+        """The same, everything kept off by so much more."""
+        return replace(self, margin_mm=self.margin_mm + more_mm)
+
+    def clearance_mm(self, points: Array) -> Array:
+        """Clearance (N, Z) of a plate at points (N, 3), by zone."""
+        radius_mm = self.plate_radius_mm + self.margin_mm
+        columns = [zone.clearance_mm(points, radius_mm, self.margin_mm) for zone in self.zones]
+        return np.stack(columns, axis=1) if columns else np.empty((len(points), 0))
+
+    def allows(self, points: Array) -> Mask:
+        """Mask (N,) of the points (N, 3) at which a plate may be."""
+        return np.asarray((self.clearance_mm(points) >= 0.0).all(axis=1))
+
+    def line_clearance_mm(self, starts: Array, ends: Array) -> Array:
+        """Least clearance (N, Z) on straight lines between points (N, 3), by zone.
+
+        Exact, but where it is above 0 anyway only a lower bound of it.
+        """
+        first, last = self.clearance_mm(starts), self.clearance_mm(ends)
+        length = np.linalg.norm(ends - starts, axis=1)
+        least = np.minimum(first, last)  # of a concave function: that of zones to keep in
+        for place, zone in enumerate(self.zones):
+            if zone.keeps_in:
+                continue
+            # no clearance changes by more than the way
+            bound = 0.5 * (first[:, place] + last[:, place] - length)
+            near = bound <= 0.0
+            between = self._least_between(zone, starts[near], ends[near])
+            least[near, place] = np.minimum(least[near, place], between)
+            least[~near, place] = bound[~near]
+        return least
+
+    def _least_between(self, zone: Zone, starts: Array, ends: Array) -> Array:
+        """Least value (N,) of a convex clearance between points (N, 3), by golden sections."""
+        along = ends - starts
+        radius_mm = self.plate_radius_mm + self.margin_mm
+
+        def at(part: Array) -> Array:
+            return zone.clearance_mm(starts + part[:, None] * along, radius_mm, self.margin_mm)
+
+        low, high = np.zeros(len(starts)), np.ones(len(starts))
+        for _ in range(SECTIONS):
+            inner, outer = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+            falls = at(inner) > at(outer)
+            low, high = np.where(falls, inner, low), np.where(falls, high, outer)
+        return at(0.5 * (low + high))
+
+    def fault(self, point: Array) -> str:
+        """What speaks against a plate at a point (3,), with value and limit; empty: nothing."""
+        clearance = self.clearance_mm(point[None])[0]
+        wrong = zip(self.zones, clearance.tolist(), strict=True)
+        return "; ".join(
+            self._words(zone, point, each) for zone, each in wrong if each < -ROUNDING_MM
+        )
+
+    def _words(self, zone: Zone, point: Array, clearance_mm: float) -> str:
+        z_mm, low = float(point[2]), zone.z_mm[0]
+        if zone.keeps_in and not np.isfinite(zone.footprint.bounds_mm()).any():
+            side = "below" if z_mm < low + self.margin_mm else "above"
+            with_margin = f" with margin_mm {self.margin_mm:g}" if self.margin_mm else ""
+            return f"z {z_mm:.6g} mm is {side} {zone.name}{with_margin}"
+        side = "outside" if zone.keeps_in else "too near"
+        return f"the plate{self.reach_text} is {-clearance_mm:.3g} mm {side} {zone.name}"
+
+    @property
+    def reach_text(self) -> str:
+        """What is added to the measured point, in words; empty when it is nothing."""
+        parts = (("radius", self.plate_radius_mm), ("margin", self.margin_mm))
+        told = " and ".join(f"{name} {size:g} mm" for name, size in parts if size)
+        return f" ({told})" if told else ""
+
+    def bounds_mm(self) -> tuple[Array, Array]:
+        """Lowest and highest (3,) measured points that zones to keep in leave; may be infinite."""
+        low, high = np.full(3, -math.inf), np.full(3, math.inf)
+        radius_mm = self.plate_radius_mm + self.margin_mm
+        inwards = np.array([radius_mm, radius_mm, self.margin_mm])
+        for zone in self.zones:
+            if zone.keeps_in:
+                ends = np.array([*zone.footprint.bounds_mm(), zone.z_mm])
+                low = np.maximum(low, ends[:, 0] + inwards)
+                high = np.minimum(high, ends[:, 1] - inwards)
+        return low, high
+
+
+UNRESTRICTED = RestrictedSpace()
+
+
+@dataclass(frozen=True, slots=True)
+class Refusals:
+    """Number of poses that could be taken but for the space, of how many, and by which zone."""
+
+    tried: int
+    refused: int
+    by_zone: tuple[tuple[str, int], ...]
+    """A pose in two zones counts in both."""
+
+
+def count_refusals(space: RestrictedSpace, points: Array) -> Refusals:
+    """Refusals among points (N, 3)."""
+    wrong = space.clearance_mm(points) < 0.0
+    names: Sequence[str] = [zone.name for zone in space.zones]
+    counts = zip(names, wrong.sum(axis=0).tolist(), strict=True)
+    return Refusals(len(points), int(wrong.any(axis=1).sum()), tuple(counts))
+
+
+def _beyond(values: Array, interval: Interval) -> Array:
+    """Signed distance of values from an interval, negative inside; -inf in one without ends."""
+    return np.asarray(np.maximum(interval[0] - values, values - interval[1]))

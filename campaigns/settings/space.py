@@ -1,0 +1,98 @@
+"""Section `space` of campaign.yaml: where the plate may be, and where it may not."""
+
+from typing import Annotated, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from campaigns.files.yaml_file import FileModel, broken_rule
+
+MOST_ZONES = 100
+"""Zones of a kind: more would be a drawing, not a rule."""
+
+Place = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
+Length = Annotated[float, Field(gt=0.0, le=100_000.0)]
+Margin = Annotated[float, Field(ge=0.0, le=10_000.0)]
+
+
+def _rising(ends: tuple[float, float]) -> tuple[float, float]:
+    if ends[0] < ends[1]:
+        return ends
+    raise broken_rule(f"is {list(ends)}, the lowest must be below the highest")
+
+
+Side = Annotated[tuple[Place, Place], AfterValidator(_rising)]
+
+
+class BoxConfig(FileModel):
+    """Box along the base frame's axes; a side that is left out has no ends."""
+
+    name: str = Field(default="", description="what stands there, for messages")
+    x_mm: Side | None = Field(default=None, description="lowest and highest x, mm; empty: all")
+    y_mm: Side | None = Field(default=None, description="lowest and highest y, mm; empty: all")
+    z_mm: Side | None = Field(default=None, description="lowest and highest z, mm; empty: all")
+
+    @model_validator(mode="after")
+    def _has_a_side(self) -> Self:
+        if self.x_mm or self.y_mm or self.z_mm:
+            return self
+        raise broken_rule("has none of x_mm, y_mm and z_mm, so it would be everywhere")
+
+
+class CylinderConfig(FileModel):
+    """Cylinder with a vertical axis."""
+
+    name: str = Field(default="", description="what stands there, for messages")
+    centre_mm: tuple[Place, Place] = Field(description="x and y of its axis, [x, y] mm")
+    radius_mm: Length = Field(description="its radius, mm")
+    z_mm: Side | None = Field(default=None, description="lowest and highest z, mm; empty: all")
+
+
+class ZonesConfig(FileModel):
+    """Boxes and cylinders."""
+
+    boxes: tuple[BoxConfig, ...] = Field(
+        default=(), max_length=MOST_ZONES, description="boxes with x_mm, y_mm, z_mm and a name"
+    )
+    cylinders: tuple[CylinderConfig, ...] = Field(
+        default=(),
+        max_length=MOST_ZONES,
+        description="upright cylinders with centre_mm, radius_mm, z_mm and a name",
+    )
+
+
+class SpaceConfig(FileModel):
+    """Limits of the space of plate and tool, in the base frame."""
+
+    z_lowest_mm: Place | None = Field(
+        default=None, description="the lowest z of the measured point, mm; empty: no limit"
+    )
+    z_highest_mm: Place | None = Field(
+        default=None, description="the highest z of the measured point, mm; empty: no limit"
+    )
+    radius_mm: Length | None = Field(
+        default=None, description="the farthest from the base's z axis, mm; empty: no limit"
+    )
+    keep_out: ZonesConfig = Field(
+        default=ZonesConfig(), description="boxes and cylinders that the plate must not enter"
+    )
+    keep_in: ZonesConfig = Field(
+        default=ZonesConfig(), description="boxes and cylinders that the plate must not leave"
+    )
+    plate_radius_mm: Margin | None = Field(
+        default=None,
+        description="the radius about the measured point that holds plate and tool at every turn, "
+        "mm; empty: by the robot file",
+    )
+    margin_mm: Margin = Field(
+        default=0.0, description="the distance that the plate keeps from all of it, mm"
+    )
+
+    @model_validator(mode="after")
+    def _has_a_height(self) -> Self:
+        low, high = self.z_lowest_mm, self.z_highest_mm
+        if low is None or high is None or high - low > 2.0 * self.margin_mm:
+            return self
+        raise broken_rule(
+            f"leaves nothing between z_lowest_mm {low:g} and z_highest_mm {high:g} "
+            f"with margin_mm {self.margin_mm:g} at both"
+        )

@@ -1,0 +1,109 @@
+"""Moves of a run in a restricted space: from wherever the robot stands, and after a restart."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_cell import CENTRE, NOMINAL, FakeCell, FakeRobot
+from small_plans import FOUR_PAIRS, LIMITS, work
+from tested_journal import journal_in
+
+from campaigns.design.restricted_space import ANYWHERE, Disc, Rectangle, RestrictedSpace, Zone
+from campaigns.errors import Interrupted, TargetOutOfReach
+from campaigns.planning.paths import RobotModel
+
+PILLAR = Zone("pillar", Disc((60.0, 10.0), 10.0), ANYWHERE, keeps_in=False)
+FLOOR = Zone("space.z_lowest_mm -720", Rectangle(), (-720.0, np.inf), keeps_in=True)
+SPACE = RestrictedSpace((PILLAR, FLOOR), 20.0, 5.0)
+LOOKS = 2000
+
+
+@pytest.fixture
+def paths(monkeypatch: pytest.MonkeyPatch) -> list[np.ndarray]:
+    """Joint paths (N, n) of every move that a robot is given."""
+    recorded: list[np.ndarray] = []
+    move = FakeRobot._move
+
+    def watched(robot: FakeRobot, target: np.ndarray, speed_fraction: float) -> None:
+        here = robot.true_joints()
+        recorded.append(here + np.linspace(0.0, 1.0, LOOKS)[:, None] * (target - here))
+        move(robot, target, speed_fraction)
+
+    monkeypatch.setattr(FakeRobot, "_move", watched)
+    return recorded
+
+
+def fenced_work():
+    return work(FOUR_PAIRS, robot=RobotModel(NOMINAL, LIMITS, CENTRE, SPACE))
+
+
+def least_mm(paths: list[np.ndarray]) -> float:
+    points = NOMINAL.forward(np.vstack(paths)).values_or_raise()[:, :3]
+    return float(SPACE.clearance_mm(points).min())
+
+
+def standing_at(cell: FakeCell, *pose: float) -> None:
+    cell.robot.joints = NOMINAL.inverse(np.array([pose])).values_or_raise()[0]
+
+
+def measure(cell: FakeCell, folder: Path) -> None:
+    with journal_in(folder, cell.calls) as journal:
+        cell.measure(journal, fenced_work())
+
+
+def test_without_a_space_the_same_plan_passes_through(paths, tmp_path: Path) -> None:
+    """So that the tests below could fail."""
+    cell = FakeCell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        cell.measure(journal, work(FOUR_PAIRS))
+    assert least_mm(paths) < -10.0
+
+
+def test_a_run_that_is_stopped_jogged_and_resumed_keeps_to_the_space(paths, tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.robot.during_move = {6: cell.wish.ask}
+    with pytest.raises(Interrupted):
+        measure(cell, tmp_path)
+    assert least_mm(paths) > -0.02
+    paths.clear()
+    resumed = FakeCell()
+    standing_at(resumed, 110.0, 15.0, -600.0, 0.0)  # the pillar stands between it and the drift
+    measure(resumed, tmp_path)
+    assert least_mm(paths) > -0.02
+    assert len(paths) > 12
+
+
+def test_a_robot_in_a_forbidden_place_is_not_moved(paths, tmp_path: Path) -> None:
+    cell = FakeCell()
+    standing_at(cell, 0.0, -100.0, -735.0, 0.0)
+    with pytest.raises(TargetOutOfReach) as caught:
+        measure(cell, tmp_path)
+    assert caught.value.problem == (
+        "no way to shot 0: the robot stands where it may not be: "
+        "z -735 mm is below space.z_lowest_mm -720 with margin_mm 5"
+    )
+    assert "jog it out of there" in str(caught.value)
+    assert paths == []
+
+
+def test_a_robot_that_reads_itself_at_a_wall_goes_on(paths, tmp_path: Path) -> None:
+    cell = FakeCell()
+    standing_at(cell, 0.0, -100.0, -715.4, 0.0)
+    measure(cell, tmp_path)
+    assert least_mm(paths) > -0.41
+
+
+def test_a_space_changed_in_between_is_the_one_that_holds(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.robot.during_move = {6: cell.wish.ask}
+    with pytest.raises(Interrupted):
+        measure(cell, tmp_path)
+    raised = replace(SPACE, zones=(replace(FLOOR, z_mm=(-540.0, np.inf)),))
+    other = FakeCell()
+    wanted = replace(fenced_work(), robot=RobotModel(NOMINAL, LIMITS, CENTRE, raised))
+    with (
+        journal_in(tmp_path, other.calls) as journal,
+        pytest.raises(TargetOutOfReach, match="the robot stands where it may not be"),
+    ):
+        other.measure(journal, wanted)

@@ -1,0 +1,204 @@
+"""Plans, ways and tests in a restricted space."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from fake_cell import CENTRE, NOMINAL, ROBOT
+from hypothesis import given
+from hypothesis import strategies as st
+from small_plans import LIMITS, TWO_PAIRS
+
+from campaigns.design.pose_sampling import FURTHER
+from campaigns.design.restricted_space import (
+    ANYWHERE,
+    UNRESTRICTED,
+    Disc,
+    Rectangle,
+    RestrictedSpace,
+    Zone,
+)
+from campaigns.errors import PlanInvalid
+from campaigns.planning.paths import STANDING_MM, PathCache, RobotModel, path_fault
+from campaigns.planning.plan_check import Pace, check_plan
+from campaigns.planning.plans import (
+    SPACE_RESERVE_MM,
+    PlanRequest,
+    View,
+    joints_of,
+    make_plan,
+    poses_of,
+    region_of,
+    with_reserve,
+)
+from campaigns.planning.space_zones import restricted_space
+from campaigns.planning.validation_plan import Reachable, validation_steps
+from campaigns.settings.sections import ValidationConfig
+from campaigns.settings.space import SpaceConfig
+from campaigns.shots.shot_sets import ShotSet
+from drivers.values import Pose
+
+VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), float(np.radians(25.0)))
+MIDDLE = Pose(*CENTRE.tolist())
+PACE = Pace(1.0, 0.2, 1.0)
+CONFIG = SpaceConfig.model_validate_json(
+    """{"z_lowest_mm": -720.0, "z_highest_mm": -420.0, "radius_mm": 500.0, "margin_mm": 10.0,
+    "keep_out": {"boxes": [{"name": "conveyor", "x_mm": [-400.0, -150.0], "y_mm": [150.0, 400.0]}],
+    "cylinders": [{"centre_mm": [180.0, -260.0], "radius_mm": 20.0}]}}"""
+)
+SPACE = restricted_space(CONFIG, 100.0)
+PILLAR = Zone("pillar", Disc((0.0, 150.0), 10.0), ANYWHERE, keeps_in=False)
+SHEET = Zone("sheet", Rectangle((99.5, 100.5), (-150.0, 400.0)), ANYWHERE, keeps_in=False)
+FENCED = RobotModel(NOMINAL, LIMITS, CENTRE, RestrictedSpace((PILLAR, SHEET), 30.0, 5.0))
+FINE = 3000
+
+
+def joints_at(*pose):
+    return NOMINAL.inverse(np.array([pose], dtype=float)).values_or_raise()[0]
+
+
+def points_on(here, there):
+    joints = here + np.linspace(0.0, 1.0, FINE)[:, None] * (there - here)
+    return NOMINAL.forward(joints).values_or_raise()[:, :3]
+
+
+def least_mm(space, here, there):
+    """Least clearance on the joints' way and on the straight line, by many samples."""
+    curved = points_on(here, there)
+    straight = curved[0] + np.linspace(0.0, 1.0, FINE)[:, None] * (curved[-1] - curved[0])
+    return space.clearance_mm(np.vstack([curved, straight])).min()
+
+
+@pytest.fixture(scope="module")
+def plan():
+    request = PlanRequest(60, 10, 3, MIDDLE, SPACE)
+    return make_plan(ROBOT, VIEW, request, np.random.default_rng(2))
+
+
+@pytest.mark.slow
+def test_every_pose_of_a_plan_keeps_off_all_walls_with_its_reserve(plan):
+    points = poses_of(plan)[:, :3]
+    assert SPACE.clearance_mm(points).min() >= SPACE_RESERVE_MM - 1e-6
+
+
+@pytest.mark.slow
+def test_poses_to_identify_from_lie_near_the_boundary_of_what_is_allowed(plan):
+    poses = np.array([(*s.pose.coordinates,) for s in plan if s.purpose is ShotSet.IDENTIFICATION])
+    region = region_of(NOMINAL, with_reserve(ROBOT), VIEW, MIDDLE, SPACE)
+    assert region.allows(poses).all()
+    assert not region.allows(CENTRE + FURTHER * (poses - CENTRE)).any()
+    open_region = replace(region, space=UNRESTRICTED)
+    held_by_space = open_region.allows(CENTRE + FURTHER * (poses - CENTRE))
+    assert held_by_space.mean() > 0.5, "most are near a zone's wall, not near the reach's"
+
+
+@pytest.mark.slow
+def test_a_plan_is_checked_and_each_way_is_clear_between_all_samples(plan):
+    check_plan(plan, NOMINAL, LIMITS, VIEW, MIDDLE, PACE, SPACE)
+    robot = RobotModel(NOMINAL, LIMITS, CENTRE, SPACE)
+    joints = joints_of(plan)
+    detours = 0
+    for here, there in pairwise(joints[:60]):
+        way = [here, *robot.safe_path(here, there)]
+        detours += len(way) > 2
+        assert min(least_mm(SPACE, a, b) for a, b in pairwise(way)) > -0.02
+    assert detours > 0
+
+
+def test_a_pose_beyond_a_limit_is_refused_by_shot_and_rule():
+    low = restricted_space(SpaceConfig(z_lowest_mm=-640.0), 100.0)
+    with pytest.raises(PlanInvalid, match=r"shot 3: z -650 mm is below space.z_lowest_mm -640"):
+        check_plan(TWO_PAIRS, NOMINAL, LIMITS, VIEW, MIDDLE, PACE, low)
+
+
+def test_two_poses_parted_by_a_wall_are_named_with_the_zone():
+    wall = restricted_space(
+        SpaceConfig.model_validate_json('{"keep_out": {"boxes": [{"x_mm": [15.0, 16.0]}]}}'), 10.0
+    )
+    with pytest.raises(PlanInvalid, match=r"no safe way from shot 0 .*space.keep_out.boxes\[0\]"):
+        check_plan(TWO_PAIRS, NOMINAL, LIMITS, VIEW, MIDDLE, PACE, wall)
+
+
+@pytest.mark.slow
+@given(st.integers(0, 10_000))
+def test_a_way_that_counts_as_clear_is_clear_between_all_samples(seed):
+    rng = np.random.default_rng(seed)
+    poses = CENTRE + rng.uniform(-1.0, 1.0, (2, 4)) * (220.0, 220.0, 120.0, 0.3)
+    here, there = NOMINAL.inverse(poses).values_or_raise()
+    fault = path_fault(NOMINAL, LIMITS, here, there, FENCED.space)
+    least = least_mm(FENCED.space, here, there)
+    if fault is None:
+        assert least > -0.02
+    else:
+        assert "would pass" in fault.reason or path_fault(NOMINAL, LIMITS, here, there)
+    if least < -0.02:
+        assert fault is not None
+
+
+def test_a_thin_sheet_between_two_poses_is_gone_round():
+    here, there = joints_at(40, 0, -600, 0), joints_at(160, 0, -600, 0)
+    fault = FENCED.fault(here, there)
+    assert "beyond the wall of sheet" in fault.reason
+    way = [here, *FENCED.safe_path(here, there)]
+    assert len(way) > 2
+    assert min(least_mm(FENCED.space, a, b) for a, b in pairwise(way)) > -0.02
+    assert (way[-1] == there).all()
+
+
+def test_a_way_out_of_a_forbidden_place_is_none():
+    inside, there = joints_at(0, 150, -600, 0), joints_at(0, -50, -600, 0)
+    assert FENCED.safe_path(inside, there) is None
+    assert FENCED.safe_path(there, inside) is None
+    told = PathCache(FENCED, ()).standing_fault(tuple(inside))
+    assert told.startswith("the plate (radius 30 mm and margin 5 mm) is")
+    assert "too near pillar" in told
+    assert PathCache(FENCED, ()).standing_fault(tuple(there)) == ""
+
+
+def test_a_robot_that_reads_itself_a_little_beyond_a_wall_may_leave_it():
+    edge_mm = 150.0 - 10.0 - 35.0
+    away, little = joints_at(0, -50, -600, 0), joints_at(0, edge_mm + 0.5 * STANDING_MM, -600, 0)
+    further = joints_at(0, edge_mm + 2.0 * STANDING_MM, -600, 0)
+    assert FENCED.safe_path(little, away) is not None
+    assert FENCED.safe_path(further, away) is None
+    assert FENCED.fault(little, further) is not None, "but no deeper"
+
+
+def test_a_line_to_validate_on_is_shortened_or_refused_by_the_zone():
+    config = ValidationConfig(line_lengths_mm=(300.0, 300.0, 150.0), line_points=3)
+    only = frozenset({ShotSet.STRAIGHTNESS})
+
+    def steps(space):
+        robot = Reachable(NOMINAL, LIMITS, space=space)
+        return validation_steps(config, (), robot, only, np.random.default_rng(1))
+
+    near = restricted_space(SpaceConfig(radius_mm=240.0), 100.0)
+    (note, _) = steps(near).notes
+    assert "line along x shortened from 300 to" in note
+    assert "space.radius_mm 240" in note
+    # a sheet between two of the points
+    sheet = Zone("sheet", Rectangle((70.0, 71.0)), ANYWHERE, keeps_in=False)
+    with pytest.raises(
+        PlanInvalid, match=r"line along x of 300 mm cannot be done.*it crosses sheet"
+    ):
+        steps(RestrictedSpace((sheet,)))
+
+
+def test_repeatability_and_pairs_keep_to_the_space():
+    robot = Reachable(NOMINAL, LIMITS, space=restricted_space(SpaceConfig(z_lowest_mm=-640.0), 0.0))
+    rng = np.random.default_rng(1)
+    with pytest.raises(PlanInvalid, match=r"repeatability cannot be done.*space.z_lowest_mm -640"):
+        validation_steps(ValidationConfig(), (), robot, frozenset({ShotSet.REPEATABILITY}), rng)
+    pairs = [replace(s, purpose=ShotSet.VALIDATION) for s in TWO_PAIRS if s.pair is not None]
+    found = validation_steps(ValidationConfig(), pairs, robot, frozenset({ShotSet.VALIDATION}), rng)
+    assert [step.planned.pair for step in found.steps] == [0, 0]
+    assert "validation pair 1 left out: z -650 mm is below" in found.notes[0]
+
+
+def test_the_plates_radius_is_the_robots_unless_it_is_said():
+    radius_mm = ROBOT.mechanism.platform_radius_mm(NOMINAL.p, LIMITS)
+    assert radius_mm == pytest.approx(100.0)
+    assert restricted_space(CONFIG, radius_mm).plate_radius_mm == pytest.approx(100.0)
+    own = CONFIG.model_copy(update={"plate_radius_mm": 180.0})
+    assert restricted_space(own, radius_mm).plate_radius_mm == 180.0
