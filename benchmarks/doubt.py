@@ -1,18 +1,17 @@
-"""Whether every σ is true and nothing wrong passes, by simulated campaigns.
+"""Whether every σ is true and nothing wrong passes, by simulated campaigns, and the limits of it.
 
 python -m benchmarks.doubt [--campaigns N] [--workers N] [--json]
 
-N campaigns of each kind (three times as many where a false alarm in a hundred is asked about), each
-of a robot drawn anew: par4-prototype, 60 + 20 pairs, a tracker better along its beam than across
-it. The first table says how often "pass" is wrong; the one of docs/uncertainty.md is made with
---campaigns 100. Exit code 1 when a figure misses its limit; with few campaigns one miss of a rare
-kind is enough for that.
+The campaigns are those of `pkmcal study --effects`, N of each kind (three times as many where a
+false alarm in a hundred is asked about), each of a robot drawn anew: par4-prototype, 60 + 20 pairs,
+a tracker better along its beam than across it. The first table says how often "pass" is wrong. Exit
+code 1 when a figure misses its limit; with few campaigns one miss of a rare kind is enough.
 """
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
+from functools import cache, partial
 from multiprocessing import get_context
 from statistics import median
 from typing import Protocol, TypeVar
@@ -21,64 +20,64 @@ from zlib import crc32
 import numpy as np
 
 from app.papers.corbel2006.printed import TABLE_II
-from benchmarks.shared.prototype import FREE, NOMINAL, SPACE
-from benchmarks.shared.simulated import (
-    INSTRUMENT,
-    Effects,
-    Simulated,
-    position_error_mm,
-    simulate,
-    workspace,
-)
+from app.study.rods import EightRodRobots
+from app.study.setup import Method
+from benchmarks.shared.prototype import FREE, FREE_ANGLES, FREE_PLACES, NOMINAL, ROBOT, SPACE
 from benchmarks.shared.yardstick import Cell, Figure, Report, Table, main
+from campaigns.api import plan
 from campaigns.arrays import Array
+from campaigns.design.pose_sampling import workspace_poses
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.estimators import Estimator, Weights
+from campaigns.estimation.rigid_transforms import Transform
 from campaigns.evaluation.doubts import CHANGE, COMMON_SCALE
 from campaigns.evaluation.plausibility import check_shots
-from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
-from campaigns.identification.parameter_selection import ParameterSelection
-from campaigns.identification.result import IdentificationResult
-from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
+from campaigns.studies.affected import affected_campaign
+from campaigns.studies.effects import BACKLASH_DEG, EFFECTS, REPEATABILITY_MM, Effect
+from campaigns.studies.judged import (
+    EffectOutcome,
+    EffectSetup,
+    EffectTask,
+    JudgedCampaign,
+    judge,
+    run_effects,
+)
+from campaigns.studies.study import StudySetup, planned_shots
+from campaigns.studies.wrong_passes import covered, errors_over_sigma, wrong_passes
 from sim.scenarios.scenario import load_scenario
 
-ESTIMATORS = {
-    "points": IdentificationOptions(estimator=Estimator.POINTS, instrument=INSTRUMENT),
-    "distances": IdentificationOptions(estimator=Estimator.DISTANCES, instrument=INSTRUMENT),
-    "equal weights": IdentificationOptions(
-        estimator=Estimator.DISTANCES, weights=Weights.EQUAL, instrument=INSTRUMENT
-    ),
+TRACKER_MM = (2400.0, -300.0, -450.0)
+PAIRS, PLAN_SEED, SEED = 60, 3, 1
+WORKSPACE_POSES, WORKSPACE_SEED = 300, 1
+ERROR_STD = np.where(FREE_ANGLES, np.radians(0.1), 1.0)
+"""Of the true robots' parameters about the nominal ones, rad and mm."""
+METHODS = {
+    str(method): method
+    for method in (
+        Method(Estimator.POINTS),
+        Method(Estimator.DISTANCES),
+        Method(Estimator.DISTANCES, Weights.EQUAL),
+    )
 }
+POINTS, DISTANCES, EQUAL = METHODS
 """The third is the paper's: distances alone, no coordinates beside them."""
-JUDGED = ("points", "distances")
-NORMAL_95 = 1.959964
-WRONG_SIGMAS, FEW_WRONG_SIGMAS, WRONG_POSITION = 4.0, 5.0, 2.0
-NEAR_SHOTS = 5
+JUDGED = (POINTS, DISTANCES)
+FEW_WRONG_SIGMAS = 5.0
 TELLABLE = 7.0
 """σ of a step that is found in 98 of 100: 5 so that chance makes none in any of a thousand tests,
 and 2 more."""
-STEPS = {
-    "joint": (0.02, 0.05, 0.3, 1.0),
-    "frame": (0.1, 0.3, 0.9),
-    "length": (0.05, 0.2, 0.5),
-}
+STEPS = ("encoder-step", "bumped-stand", "grown-arm")
 CHANGES = ("right", "place", "cause", "")
-STEP_UNITS = {"joint": "deg", "frame": "mm", "length": "mm"}
-STEP_NAMES = {"joint": "encoder", "frame": "stand", "length": "arm"}
+OWN = Effect(scatter_mm=REPEATABILITY_MM)
+PLAY = Effect(backlash_deg=BACKLASH_DEG)
 SCATTERS = {
-    "clean": Effects(),
-    "repeatability": Effects(repeatability=True),
-    "backlash": Effects(backlash=True),
-    "both": Effects(repeatability=True, backlash=True),
-}
-RODS = {
-    "rods 0.05 mm": Effects(rods_mm=0.05),
-    "rods 0.2 mm": Effects(rods_mm=0.2),
-    "axes 0.5 mrad": Effects(axes_mrad=0.5),
-    "axes 2 mrad": Effects(axes_mrad=2.0),
-    "rods 0.2 mm, axes 2 mrad": Effects(rods_mm=0.2, axes_mrad=2.0),
+    "clean": Effect(),
+    "repeatability": OWN,
+    "backlash": PLAY,
+    "both": replace(OWN, backlash_deg=BACKLASH_DEG),
 }
 MISREAD: Mapping[str, tuple[Callable[[Shots], Shots], tuple[str, ...]]] = {
     "metres": (lambda shots: _scaled(shots, 1e-3), ("look like metres",)),
@@ -102,21 +101,6 @@ MISREAD: Mapping[str, tuple[Callable[[Shots], Shots], tuple[str, ...]]] = {
     "mirrored": (lambda shots: _scaled(shots, np.array([1.0, 1.0, -1.0])), ("mirrored",)),
 }
 """How shots were misread, and words that the refusal must have."""
-SCALES = (1.01, 0.995)
-SCENARIOS: Mapping[str, tuple[Effects, ...]] = {
-    "clean": (Effects(),),
-    "own scatter": (Effects(repeatability=True),),
-    "backlash": (Effects(backlash=True), Effects(backlash=True, repeatability=True)),
-    "bumped stand": tuple(Effects(step="frame", size=size) for size in STEPS["frame"]),
-    "encoder step": tuple(Effects(step="joint", size=size) for size in STEPS["joint"]),
-    "drift": tuple(
-        Effects(drift=kind, size=size) for size in (0.05, 0.1, 0.3) for kind in ("frame", "arms")
-    ),
-    "unequal rods": tuple(RODS.values()),
-    "gross errors": tuple(
-        Effects(gross=count, size=size) for count in (1, 3, 6) for size in (0.5, 2.0, 20.0)
-    ),
-}
 WRONG_PASSES = 0.01
 PAPER = {"Table I": load_scenario("paper-simulation").robot.errors, "Table II": TABLE_II}
 FEWEST_PAIRS, MORE_PAIRS = 22, 9
@@ -131,49 +115,6 @@ class Each(Protocol):
     def __call__(self, work: Callable[[int], Work], count: int) -> list[Work]: ...
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Judged:
-    """What was said of a campaign, beside what is true."""
-
-    verdict: str
-    errors: Array
-    """Of the free parameters, (F,), mm and rad."""
-    std: Array
-    """As stated; NaN where none is."""
-    least: Array
-    real_mm: float
-    stated_mm: float
-    """Of positions over the workspace; NaN where not known."""
-    doubts: frozenset[str]
-    change: str
-    """Whether a change was named, and rightly: empty, `right`, `place` or `cause`."""
-    signal: float
-    """Of a step or drift, in σ: below `TELLABLE` no test can be sure to find it."""
-    missing: int
-    """Gross errors not named."""
-    too_many: int
-    """Good shots, or pairs of good shots, left out."""
-
-    @property
-    def passed(self) -> bool:
-        return self.verdict == "pass"
-
-    @property
-    def in_sigma(self) -> Array:
-        """Errors of the parameters with a σ."""
-        known = np.isfinite(self.std)
-        return np.asarray(self.errors[known] / self.std[known])
-
-    def off(self, sigmas: float) -> bool:
-        """Whether a parameter is further off than so many of its σ."""
-        return bool((np.abs(self.in_sigma) > sigmas).any())
-
-    @property
-    def worse(self) -> bool:
-        """Whether positions are worse than what is stated allows; not stated is not worse."""
-        return self.real_mm > WRONG_POSITION * self.stated_mm
-
-
 def measure(campaigns: int, workers: int) -> Report:
     context = get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=context) as pool:
@@ -184,7 +125,7 @@ def measure(campaigns: int, workers: int) -> Report:
             return list(pool.map(work, range(count), chunksize=max(1, count // (4 * workers))))
 
         parts = [
-            wrong_passes(each, campaigns),
+            passes(each, campaigns),
             scatter(each, 3 * campaigns),
             few_distances(each, 2 * campaigns),
             gross_errors(each, campaigns),
@@ -198,139 +139,113 @@ def measure(campaigns: int, workers: int) -> Report:
     return Report(figures, [table for part in parts for table in part.tables])
 
 
-def judged(effects: Effects, estimator: str, errors: Array | None, number: int) -> Judged:
-    """One campaign, identified and compared with what is true of it."""
-    made = simulate(effects, (number, _key(effects)), errors)
-    return judge(made, made.shots, ESTIMATORS[estimator])
-
-
-def judge(made: Simulated, shots: Shots, options: IdentificationOptions) -> Judged:
-    found = identify(
-        NOMINAL, shots, ParameterSelection(FREE), replace(options, workspace=workspace())
+@cache
+def setup_of(method: str, pairs: int = PAIRS) -> EffectSetup:
+    """Setup with so many pairs for the fit, and 20 that it never sees."""
+    made = plan(ROBOT, TRACKER_MM, shots=2 * PAIRS, seed=PLAN_SEED)
+    shots = [shot for shot in made.shots if shot.purpose is not ShotSet.DRIFT]
+    fitted = [shot for shot in shots if shot.purpose is ShotSet.IDENTIFICATION][: 2 * pairs]
+    unseen = [shot for shot in shots if shot.purpose is ShotSet.VALIDATION]
+    chosen = METHODS[method]
+    rng = np.random.default_rng(WORKSPACE_SEED)
+    centre = ROBOT.workspace_centre
+    return EffectSetup(
+        StudySetup(
+            nominal=NOMINAL,
+            shots=planned_shots([*fitted, *unseen]),
+            free=FREE,
+            options=IdentificationOptions(estimator=chosen.estimator, weights=chosen.weights),
+            tracker_from_base=Transform(np.eye(3), -np.array(TRACKER_MM)),
+            seed=SEED,
+        ),
+        workspace_poses(NOMINAL, ROBOT.limits, centre, WORKSPACE_POSES, rng),
+        EightRodRobots(load_scenario("realistic").robot),
     )
-    units = SPACE.units(FREE)
-    values = np.array([found.parameters[name].value for name in FREE])
-    stated = [found.parameters[name].std for name in FREE]
-    std = np.array([np.nan if each is None else each for each in stated]) * units
+
+
+def truth_of(number: int, errors: Array | None = None) -> Array:
+    """Parameters (G,) of a campaign's robot: `errors` (F,) instead of drawn ones."""
+    drawn = ERROR_STD * np.random.default_rng([SEED, number]).standard_normal(len(FREE_PLACES))
     p = NOMINAL.p.copy()
-    p[SPACE.places(FREE)] = values * units
-    identified, position = Kinematics(NOMINAL.mechanism, p), found.position_std_mm
-    named = _left_out(made, found)
-    return Judged(
-        verdict=found.verdict,
-        errors=values * units - made.true_parameters,
-        std=std,
-        least=made.least_std(),
-        real_mm=position_error_mm(made.forward, identified),
-        stated_mm=np.nan if position is None else position.mean,
-        doubts=frozenset(each.name for each in found.doubts),
-        change=_change(made, found),
-        signal=made.signal(),
-        missing=len(made.gross - named),
-        too_many=len(named - made.gross),
-    )
+    p[FREE_PLACES] += drawn if errors is None else errors
+    return p
 
 
-def _key(effects: Effects) -> int:
-    """Number of a kind of campaign, by which its draws differ from others'."""
-    return crc32(repr(effects).encode())
+def judged(
+    effect: Effect, method: str, number: int, pairs: int = PAIRS, errors: Array | None = None
+) -> JudgedCampaign:
+    """One campaign, identified and compared with what is true of it."""
+    setup = setup_of(method, pairs)
+    rng = np.random.default_rng([SEED, number, crc32(repr(effect).encode())])
+    truth = truth_of(number, errors)
+    made = affected_campaign(setup.study, effect, truth, rng, setup.beyond_model)
+    return judge(setup, made)
 
 
-def _left_out(made: Simulated, found: IdentificationResult) -> frozenset[int]:
-    """Shots named as outliers; of a pair so named those that are wrong, or one of two good ones."""
-    outliers = [each for each in found.excluded if each.is_outlier]
-    named = {each.shot for each in outliers if each.shot is not None}
-    for pair in {each.pair for each in outliers if each.shot is None}:
-        both = [
-            n for n, own in zip(made.shots.numbers, made.shots.pairs, strict=True) if own == pair
-        ]
-        named |= made.gross.intersection(both) or {both[0]}
-    return frozenset(named)
+def of_effect(effect: Effect, method: str, pairs: int, number: int) -> JudgedCampaign:
+    """The same, its number last."""
+    return judged(effect, method, number, pairs)
 
 
-def _change(made: Simulated, found: IdentificationResult) -> str:
-    told = next((each for each in found.doubts if each.name == CHANGE), None)
-    if told is None:
-        return ""
-    numbers = [
-        number
-        for number, purpose in zip(made.shots.numbers, made.shots.purposes, strict=True)
-        if purpose.value == "identification"
-    ]
-    kind, cause = str(told.numbers["kind"]), str(told.numbers["cause"])
-    right = kind == made.step and (kind == "frame" or cause.startswith(f"arm{made.arm}."))
-    if not right:
-        return "cause"
-    place = numbers.index(int(float(told.numbers["before_shot"])))
-    return "right" if abs(place - numbers.index(made.first_after)) <= NEAR_SHOTS else "place"
-
-
-def wrong_passes(each: Each, campaigns: int) -> Report:
-    """How often "pass" is wrong, by scenario and estimator."""
+def passes(each: Each, campaigns: int) -> Report:
+    """How often "pass" is wrong, by effect and estimator."""
     rows: list[list[Cell]] = []
-    wrong_of = dict.fromkeys(ESTIMATORS, 0)
-    for scenario in SCENARIOS:
-        for estimator in ESTIMATORS:
-            taken = each(partial(_of_scenario, scenario, estimator), campaigns)
-            passed = [one for one in taken if one.passed]
-            off = sum(one.off(WRONG_SIGMAS) for one in passed)
-            worse = sum(one.worse for one in passed)
-            wrong = sum(one.off(WRONG_SIGMAS) or one.worse for one in passed)
-            wrong_of[estimator] += wrong
-            rows.append(
-                [
-                    scenario,
-                    estimator,
-                    len(taken),
-                    len(passed),
-                    off,
-                    worse,
-                    100.0 * wrong / campaigns,
-                ]
-            )
-    columns = ("scenario", "estimator", "campaigns", "pass", "> 4 σ", "> 2 × position", "wrong, %")
-    total = campaigns * len(SCENARIOS)
+    wrong_of = dict.fromkeys(METHODS, 0)
+    for effect in EFFECTS:
+        for method in METHODS:
+            taken = each(partial(_outcome, effect, method), campaigns)
+            found = wrong_passes([one for some in taken for one in some])
+            wrong_of[method] += found.wrong
+            honest: list[Cell] = [
+                np.nan if value is None else value
+                for value in (found.errors_over_sigma, found.covered)
+            ]
+            counts = (found.campaigns, found.passed, found.off, found.worse, found.wrong)
+            rows.append([effect, method, *counts, found.named, found.false_alarms, *honest])
+    columns = (
+        *("effect", "estimator", "campaigns", "pass", "> 4 σ", "> 2 × position", "wrong"),
+        *("named", "alarms", "errors/σ", "95 %"),
+    )
+    total = campaigns * len(EFFECTS)
     return Report(
         [
             Figure(
-                f'wrong "pass" by {estimator}',
+                f'wrong "pass" by {method}',
                 wrong / total,
                 f"of {total}",
-                highest=WRONG_PASSES if estimator in JUDGED else np.inf,
+                highest=WRONG_PASSES if method in JUDGED else np.inf,
             )
-            for estimator, wrong in wrong_of.items()
+            for method, wrong in wrong_of.items()
         ],
         [Table('how often "pass" is wrong', columns, rows)],
     )
 
 
-def _of_scenario(scenario: str, estimator: str, number: int) -> Judged:
-    """One campaign; sizes of what happens in it go round."""
-    kinds = SCENARIOS[scenario]
-    return judged(kinds[number % len(kinds)], estimator, None, number)
+def _outcome(effect: str, method: str, number: int) -> tuple[EffectOutcome, ...]:
+    truths = truth_of(number)[None]
+    return run_effects(EffectTask(setup_of(method), effect, (number,), truths))
 
 
 def scatter(each: Each, campaigns: int) -> Report:
     """The robot's own scatter: are σ true, and is nothing given away? And false alarms."""
     rows: list[list[Cell]] = []
     figures: list[Figure] = []
-    clean: list[Judged] = []
-    for name, effects in SCATTERS.items():
-        for estimator in JUDGED:
-            count = campaigns if estimator == "points" else campaigns // 3 + 1
-            taken = each(partial(judged, effects, estimator, None), count)
-            errors = np.concatenate([one.in_sigma for one in taken])
-            size, covered = _rms(errors), float((np.abs(errors) < NORMAL_95).mean())
-            by_points = estimator == "points"
-            bound = np.concatenate([one.errors / one.least for one in taken])
-            least = _rms(bound) ** 2 if by_points else np.nan
+    clean: list[JudgedCampaign] = []
+    for name, effect in SCATTERS.items():
+        for method in JUDGED:
+            count = campaigns if method == POINTS else campaigns // 3 + 1
+            taken = each(partial(of_effect, effect, method, PAIRS), count)
+            size, held = errors_over_sigma(taken) or np.nan, covered(taken) or np.nan
+            by_points = method == POINTS
+            least = float(np.mean([one.square_over_least for one in taken]))
+            least = least if by_points else np.nan
             passed = sum(one.passed for one in taken) / count
-            rows.append([name, estimator, count, size, covered, least, passed])
+            rows.append([name, method, count, size, held, least, passed])
             if by_points:
                 clean += taken
                 figures += [
                     Figure(f"{name}: errors over σ", size, highest=1.08),
-                    Figure(f"{name}: 95 % intervals hold", covered, "", 0.93, 0.97),
+                    Figure(f"{name}: 95 % intervals hold", held, "", 0.93, 0.97),
                     Figure(f"{name}: variance over the least possible", least, highest=1.12),
                 ]
     alarms = {
@@ -352,18 +267,17 @@ def few_distances(each: Each, campaigns: int) -> Report:
     """From 22 to 30 pairs for 22 parameters, coordinates beside them or not."""
     figures: list[Figure] = []
     rows: list[list[Cell]] = []
-    for estimator in ("distances", "equal weights"):
-        taken = each(partial(_of_few, estimator), campaigns)
-        errors = [np.abs(one.in_sigma) for one in taken]
-        normal = float((np.concatenate(errors) < NORMAL_95).mean())
+    for method in (DISTANCES, EQUAL):
+        taken = each(partial(_of_few, method), campaigns)
+        held = covered(taken) or np.nan
         wrong = sum(one.passed and one.off(FEW_WRONG_SIGMAS) for one in taken)
         passed = sum(one.passed for one in taken)
-        known = sum(np.isfinite(one.std).all() for one in taken)
-        rows.append([estimator, campaigns, int(known), passed, normal, wrong])
+        known = sum(one.known == len(FREE) for one in taken)
+        rows.append([method, campaigns, known, passed, held, wrong])
         figures += [
-            Figure(f"22 to 30 {estimator}: 95 % intervals hold", normal, "", 0.93, 0.97),
+            Figure(f"22 to 30 {method}: 95 % intervals hold", held, "", 0.93, 0.97),
             Figure(
-                f"22 to 30 {estimator}: wrong passes",
+                f"22 to 30 {method}: wrong passes",
                 wrong / campaigns,
                 f"of {campaigns}",
                 0,
@@ -374,23 +288,22 @@ def few_distances(each: Each, campaigns: int) -> Report:
     return Report(figures, [Table("22 to 30 distances", columns, rows)])
 
 
-def _of_few(estimator: str, number: int) -> Judged:
-    pairs = FEWEST_PAIRS + number % MORE_PAIRS
-    return judged(Effects(pairs=pairs), estimator, None, number)
+def _of_few(method: str, number: int) -> JudgedCampaign:
+    return judged(Effect(), method, number, FEWEST_PAIRS + number % MORE_PAIRS)
 
 
 def gross_errors(each: Each, campaigns: int) -> Report:
     """Shots of 60 that are off, by either estimator."""
     rows: list[list[Cell]] = []
     named, too_many = [], []
-    for estimator in JUDGED:
+    for method in JUDGED:
         for count in (0, 1, 3, 6):
             for size in (0.5, 2.0, 20.0) if count else (0.0,):
-                effects = Effects(pairs=OUTLIER_PAIRS, gross=count, size=size)
-                taken = each(partial(judged, effects, estimator, None), campaigns)
+                effect = Effect(gross=count, size=size)
+                taken = each(partial(of_effect, effect, method, OUTLIER_PAIRS), campaigns)
                 all_named = sum(one.missing == 0 for one in taken) / campaigns
                 more = sum(one.too_many > 0 for one in taken) / campaigns
-                rows.append([estimator, count, size, all_named, more])
+                rows.append([method, count, size, all_named, more])
                 if count:
                     named.append(all_named)
                 too_many.append(more)
@@ -408,8 +321,8 @@ def bare_distances(each: Each, campaigns: int) -> Report:
     rows: list[list[Cell]] = []
     figures: list[Figure] = []
     for count, least in limits.items():
-        effects = Effects(pairs=OUTLIER_PAIRS, gross=count, size=2.0, along_pairs=True)
-        taken = each(partial(judged, effects, "equal weights", None), campaigns)
+        effect = Effect(gross=count, size=2.0, along_pairs=True)
+        taken = each(partial(of_effect, effect, EQUAL, OUTLIER_PAIRS), campaigns)
         all_named = sum(one.missing == 0 for one in taken) / campaigns
         more = sum(one.too_many > 0 for one in taken) / campaigns
         passed = sum(one.passed for one in taken)
@@ -432,22 +345,21 @@ def steps(each: Each, campaigns: int) -> Report:
     rows: list[list[Cell]] = []
     figures: list[Figure] = []
     for scattering in ("", "repeatability"):
-        for kind, sizes in STEPS.items():
-            for size in sizes:
-                effects = Effects(step=kind, size=size, repeatability=bool(scattering))
-                taken = each(partial(judged, effects, "points", None), campaigns)
-                what = f"{STEP_NAMES[kind]} {size:g} {STEP_UNITS[kind]}"
+        for kind in STEPS:
+            for effect in EFFECTS[kind]:
+                own = replace(effect, scatter_mm=REPEATABILITY_MM if scattering else 0.0)
+                taken = each(partial(of_effect, own, POINTS, PAIRS), campaigns)
                 told = [one for one in taken if one.signal >= TELLABLE]
                 said = [sum(one.change == word for one in taken) for word in CHANGES]
                 passed = sum(one.passed for one in taken)
                 wrong = sum(one.passed for one in told)
-                rows.append([what, scattering or "tracker", *said, passed, len(told), wrong])
+                rows.append([str(effect), scattering or "tracker", *said, passed, len(told), wrong])
                 if told and not scattering:
                     right = sum(one.change == "right" for one in told) / len(told)
                     of = f"of {len(told)}"
                     figures += [
-                        Figure(f"{what}: cause, arm and place named", right, of, lowest=0.97),
-                        Figure(f"{what}: passed", wrong, of, highest=0),
+                        Figure(f"{effect}: cause, arm and place named", right, of, lowest=0.97),
+                        Figure(f"{effect}: passed", wrong, of, highest=0),
                     ]
     columns = (
         *("step", "scatter", "right", "place wrong", "cause wrong", "silent", "pass"),
@@ -464,23 +376,23 @@ def eight_rods(each: Each, campaigns: int) -> Report:
     """
     rows: list[list[Cell]] = []
     figures: list[Figure] = []
-    for name, effects in {"perfect parts": Effects(), **RODS}.items():
-        for estimator in JUDGED:
-            taken = each(partial(judged, effects, estimator, None), campaigns)
+    for effect in (Effect(), *EFFECTS["unequal-rods"], *EFFECTS["tilted-axes"]):
+        name = str(effect) if effect.beyond_the_model else "perfect parts"
+        for method in JUDGED:
+            taken = each(partial(of_effect, effect, method, PAIRS), campaigns)
             passed = [one for one in taken if one.passed]
-            ratios = [one.real_mm / one.stated_mm for one in taken]
+            ratios = [_ratio(one) for one in taken]
             honest = sum(not one.passed or 0.7 <= _ratio(one) <= 1.4 for one in taken) / campaigns
             low, high = (float(each_) for each_ in np.quantile(ratios, (0.05, 0.95)))
             over = [_ratio(one) for one in passed]
+            real_um = 1e3 * median(one.position_mm for one in taken)
+            rms = float(np.sqrt(np.mean(np.square(over)))) if over else np.nan
             rows.append(
-                [
-                    *(name, estimator, len(passed), 1e3 * median(one.real_mm for one in taken)),
-                    *(low, median(ratios), high, _rms(np.array(over)) if over else np.nan, honest),
-                ]
+                [name, method, len(passed), real_um, low, median(ratios), high, rms, honest]
             )
             if over:
-                what = f'{name}, {estimator}: real over stated where "pass"'
-                figures.append(Figure(what, _rms(np.array(over)), f"of {len(over)}", 0.7, 1.4))
+                what = f'{name}, {method}: real over stated where "pass"'
+                figures.append(Figure(what, rms, f"of {len(over)}", 0.7, 1.4))
     columns = (
         *("robot", "estimator", "pass", "real, µm", "5 %", "median", "95 %"),
         *("rms of passes", "honest"),
@@ -490,8 +402,8 @@ def eight_rods(each: Each, campaigns: int) -> Report:
     )
 
 
-def _ratio(one: Judged) -> float:
-    return one.real_mm / one.stated_mm
+def _ratio(one: JudgedCampaign) -> float:
+    return one.position_mm / one.stated_mm
 
 
 def misread(each: Each, campaigns: int) -> Report:
@@ -509,7 +421,8 @@ def misread(each: Each, campaigns: int) -> Report:
 
 
 def _cause_named(name: str, number: int) -> bool:
-    shots = simulate(Effects(), (number, crc32(b"misread"))).shots
+    rng = np.random.default_rng([SEED, number, crc32(b"misread")])
+    shots = affected_campaign(setup_of(POINTS).study, Effect(), truth_of(number), rng).shots
     change, words = MISREAD.get(name, (_unchanged, ()))
     try:
         check_shots(NOMINAL, change(shots), "shots.csv")
@@ -535,14 +448,13 @@ def _scaled(shots: Shots, factor: float | Array) -> Shots:
 def scales(each: Each, campaigns: int) -> Report:
     """Small common factors, which only the result tells: robots drawn, and those of the paper."""
     rows: list[list[Cell]] = []
-    figures: list[Figure] = []
-    for factor in SCALES:
+    for effect in EFFECTS["scale"]:
         for robot, count in (("drawn", campaigns), *((table, 3) for table in PAPER)):
-            taken = each(partial(_scaled_campaign, robot, factor), count)
+            taken = each(partial(_scaled_campaign, robot, effect), count)
             named = sum(COMMON_SCALE in one.doubts for one in taken)
             passed = sum(one.passed for one in taken)
-            rows.append([f"× {factor}", robot, count, named, passed])
-    figures += [
+            rows.append([str(effect), robot, count, named, passed])
+    figures = [
         Figure(
             "common scale: not named",
             sum(int(row[2]) - int(row[3]) for row in rows),
@@ -555,16 +467,11 @@ def scales(each: Each, campaigns: int) -> Report:
     return Report(figures, [Table("all points longer by the same share", columns, rows)])
 
 
-def _scaled_campaign(robot: str, factor: float, number: int) -> Judged:
+def _scaled_campaign(robot: str, effect: Effect, number: int) -> JudgedCampaign:
     errors = None
     if robot in PAPER:
         errors = np.array([PAPER[robot].get(name, 0.0) for name in FREE]) * SPACE.units(FREE)
-    made = simulate(Effects(), (number, crc32(robot.encode())), errors)
-    return judge(made, _scaled(made.shots, factor), ESTIMATORS["points"])
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    return judged(effect, POINTS, number, errors=errors)
 
 
 if __name__ == "__main__":

@@ -17,11 +17,24 @@ from app.study import tables
 from app.study.combinations import Combination, combinations
 from app.study.comparison import Compared, compare, comparison_csv
 from app.study.document import document_text, study_document
+from app.study.effects import (
+    EXPLAINED,
+    TABLE,
+    StudiedEffect,
+    effect_combinations,
+    effect_names,
+    effect_rows,
+    effects_csv,
+    effects_document,
+    run_effect_study,
+    wrong_by_method,
+)
 from app.study.running import run_study
 from app.study.setup import StudyOptions, left_out
 from app.study.workers import workers_of
 from campaigns.campaign import Campaign, now_utc, open_campaign
-from campaigns.estimation.estimators import Estimator
+from campaigns.errors import OptionsInvalid
+from campaigns.estimation.estimators import Estimator, Weights
 from campaigns.files.lock import campaign_lock
 from campaigns.files.text_file import make_folder, replace_text
 from campaigns.identification.parameter_selection import select_parameters
@@ -29,6 +42,7 @@ from campaigns.identification.parameter_selection import select_parameters
 MOST_CAMPAIGNS = 1_000_000
 OUTPUTS = "study"
 COMPARISON, DOCUMENT = "comparison.csv", "study.json"
+EFFECTS_TABLE, EFFECTS_DOCUMENT = "effects.csv", "effects.json"
 """What is written into the folder beside the tables."""
 
 Campaigns = Annotated[
@@ -58,6 +72,19 @@ Estimators = Annotated[
         "--estimator", help="What the fits compare; repeatable.", show_default=Estimator.POINTS
     ),
 ]
+WeightsOfDistances = Annotated[
+    list[Weights] | None,
+    typer.Option("--weights", help="How distances count; repeatable.", show_default=Weights.STATED),
+]
+Effects = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--effects",
+        metavar="all|NAME",
+        help="What goes wrong in the campaigns: is a pass then wrong? Repeatable.",
+        show_default="nothing",
+    ),
+]
 Workers = Annotated[
     str | None,
     typer.Option(
@@ -80,6 +107,8 @@ def command(
     plan: Plans = None,
     scenario: Scenarios = None,
     estimator: Estimators = None,
+    weights: WeightsOfDistances = None,
+    effects: Effects = None,
     free: Free = None,
     fix: Fix = None,
     seed: SeedOfAll = 1,
@@ -94,14 +123,30 @@ def command(
     describes (rods, backlash, warm arms) is for `pkmcal dry-run` to show. Tells whether the stated
     σ are true, how near they come to the least that the shots allow, and what is left elsewhere.
 
+    --effects lets something go wrong in each (a step of an encoder, a bumped stand, wrong shots,
+    unequal rods, …), identifies it as `pkmcal identify` does, and tells how often a "pass" is wrong
+    and how often the cause is named.
+
     The same command goes on where it was stopped; a larger N adds campaigns. Numbers depend on the
     seed, not on the workers. Exit code 1: campaigns were lost with their workers.
     """
     terminal, opened = terminal_of(context, as_json=json), open_campaign(folder)
     space = opened.robot.mechanism.parameters
     names = select_parameters(space, free or (), fix or ()).free
-    asked = StudyOptions(plan or (), scenario or (), estimator or (), names, seed)
+    asked = StudyOptions(
+        plan or (), scenario or (), estimator or (), names, seed, weights=weights or ()
+    )
     goal = Goal(campaigns, workers, to or opened.path(OUTPUTS))
+    if effects:
+        if plot is not None:
+            raise OptionsInvalid(
+                "--plot draws no effects", remedy="leave it out; the table is in effects.csv"
+            )
+        told = study_effects(opened, asked, effect_names(effects), goal, terminal)
+        terminal.document(told)
+        if told["lost"]:
+            raise typer.Exit(Exit.NOT_GOOD)
+        return
     document, compared = study(opened, asked, goal, terminal)
     show(terminal, compared)
     if plot is not None:
@@ -136,6 +181,49 @@ def study(
         replace_text(goal.to / COMPARISON, comparison_csv(compared))
         replace_text(goal.to / DOCUMENT, document_text(document))
     return document, compared
+
+
+def study_effects(
+    campaign: Campaign,
+    asked: StudyOptions,
+    effects: Sequence[str],
+    goal: Goal,
+    terminal: Terminal,
+) -> dict[str, object]:
+    """Run what the tables of effects lack, with their folder held, and write what all of it shows.
+
+    Gives the document.
+    """
+    began_s = time.monotonic()
+    found = effect_combinations(campaign, asked, effects, goal.to)
+    results_of = workers_of(goal.workers)
+    tell_what_is_left_out(terminal, [each.base for each in found])
+    make_folder(goal.to)
+    with campaign_lock(goal.to, now_utc=now_utc):
+        studied = run_effect_study(found, range(goal.campaigns), results_of, counting)
+        told = effects_document(studied, asked.seed, time.monotonic() - began_s)
+        document = told | {"path": str(goal.to)}
+        replace_text(goal.to / EFFECTS_TABLE, effects_csv(studied))
+        replace_text(goal.to / EFFECTS_DOCUMENT, document_text(document))
+    show_effects(terminal, studied, goal.to)
+    return document
+
+
+def show_effects(terminal: Terminal, studied: Sequence[StudiedEffect], folder: Path) -> None:
+    """The table for people, and the sum over all effects."""
+    terminal.table('How often is "pass" wrong?', TABLE, effect_rows(studied))
+    terminal.note(EXPLAINED)
+    for method, (wrong, campaigns) in wrong_by_method(studied).items():
+        terminal.say(f"{method}: {wrong} wrong of {campaigns} campaigns")
+    for one in studied:
+        words = " · ".join(one.combination.words)
+        if one.found.failed:
+            terminal.say(f"{words}: {one.found.failed} campaigns without an answer", WARNING)
+        if one.lost:
+            reasons = "; ".join(one.reasons[: tables.NAMED])
+            again = "the same command tries them again"
+            terminal.say(f"{words}: {one.lost} campaigns lost: {reasons} → {again}", WARNING)
+    terminal.say(f"written: {folder}")
 
 
 def counting(total: int, done: int) -> CountedWork:

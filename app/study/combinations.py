@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
-from app.study.setup import StudyOptions, robots_drawn, study_scenario, study_setup
+from app.study.setup import Method, StudyOptions, robots_drawn, study_scenario, study_setup
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Estimator
@@ -31,6 +31,11 @@ class Combination:
         """What its fits compare."""
         return self.setup.estimator
 
+    @property
+    def method(self) -> Method:
+        """Estimator and weights of its fits."""
+        return Method(self.estimator, self.setup.options.weights)
+
     def __str__(self) -> str:
         """As people are told."""
         return " · ".join(self.words)
@@ -38,7 +43,7 @@ class Combination:
     @property
     def words(self) -> tuple[str, str, str]:
         """Plan, scenario and estimator."""
-        return self.plan, self.scenario.name, self.estimator.value
+        return self.plan, self.scenario.name, str(self.method)
 
 
 def combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> tuple[Combination, ...]:
@@ -58,14 +63,17 @@ def combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> tuple
     return found
 
 
+def file_name(*words: str) -> str:
+    """Name of a table, from what tells it from others."""
+    return f"{UNFIT_FOR_FILES.sub('_', '-'.join(words).replace(', ', '-'))}.csv"
+
+
 def _combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> Iterator[Combination]:
     plans = dict.fromkeys(asked.plans or [campaign.plan_path])
     names: Iterable[str | None] = dict.fromkeys(asked.scenarios) or [None]
-    estimators = dict.fromkeys(asked.estimators or [Estimator.POINTS])
     scenarios = [study_scenario(campaign, name) for name in names]
-    for scenario, plan, estimator in product(scenarios, plans, estimators):
-        setup = study_setup(campaign, plan, scenario, estimator, asked)
-        stem = "-".join((plan.stem, scenario.name, estimator.value))
-        path = folder / f"{UNFIT_FOR_FILES.sub('_', stem)}.csv"
+    for scenario, plan, method in product(scenarios, plans, asked.methods):
+        setup = study_setup(campaign, plan, scenario, method, asked)
+        path = folder / file_name(plan.stem, scenario.name, str(method))
         table = StudyTable(path, setup.digest(robots_drawn(scenario)), setup.free)
         yield Combination(plan.stem, scenario, setup, table)

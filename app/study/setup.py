@@ -11,7 +11,7 @@ from app.new_campaign import SCENARIO
 from app.wiring import require_simulable
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid, PlanInvalid
-from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.estimators import Estimator, Weights
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.identification.options import IdentificationOptions
@@ -54,10 +54,42 @@ class StudyOptions:
     estimators: Sequence[Estimator]
     free: tuple[str, ...]
     seed: int
+    weights: Sequence[Weights] = ()
+    """Of distances; without any: as stated."""
+
+    @property
+    def methods(self) -> tuple["Method", ...]:
+        """Every estimator, distances by every way to weigh them."""
+        estimators = dict.fromkeys(self.estimators or [Estimator.POINTS])
+        weights = dict.fromkeys(self.weights or [Weights.STATED])
+        return tuple(
+            Method(estimator, each)
+            for estimator in estimators
+            for each in (weights if estimator is Estimator.DISTANCES else [Weights.STATED])
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """What a fit compares, and how it weighs distances."""
+
+    estimator: Estimator
+    weights: Weights = Weights.STATED
+
+    @property
+    def short(self) -> str:
+        """`points`, `distances` or `equal weights`."""
+        equal = self.weights is Weights.EQUAL
+        return "equal weights" if equal else self.estimator.value
+
+    def __str__(self) -> str:
+        """`points`, `distances` or `distances, equal weights`."""
+        equal = self.weights is Weights.EQUAL
+        return f"{self.estimator.value}{', equal weights' if equal else ''}"
 
 
 def study_setup(
-    campaign: Campaign, plan: Path, scenario: Scenario, estimator: Estimator, asked: StudyOptions
+    campaign: Campaign, plan: Path, scenario: Scenario, method: Method, asked: StudyOptions
 ) -> StudySetup:
     """What all campaigns of a combination share.
 
@@ -77,7 +109,9 @@ def study_setup(
         nominal=robot.kinematics,
         shots=planned_shots((*fitted, *unseen)),
         free=asked.free,
-        options=IdentificationOptions(estimator=estimator, instrument=_noise_of(scenario)),
+        options=IdentificationOptions(
+            estimator=method.estimator, weights=method.weights, instrument=_noise_of(scenario)
+        ),
         tracker_from_base=base_from_tracker.inverted(),
         seed=asked.seed,
     )

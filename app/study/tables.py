@@ -22,9 +22,13 @@ UNSEEN = ("", "mean: half", "95 %", "largest: half", "95 %", "relative")
 
 def labels(compared: Sequence[Compared]) -> list[str]:
     """What tells each combination from the others; all of it when there is one."""
-    words = [one.combination.words for one in compared]
+    return labels_of([one.combination.words for one in compared])
+
+
+def labels_of(words: Sequence[tuple[str, ...]]) -> list[str]:
+    """Labels of what is told by several words each, without those that all have in common."""
     differing = [place for place, each in enumerate(zip(*words, strict=True)) if len(set(each)) > 1]
-    return [" · ".join(each[place] for place in differing or range(3)) for each in words]
+    return [" · ".join(each[place] for place in differing or range(len(each))) for each in words]
 
 
 def parameter_rows(summary: StudySummary) -> list[Row]:

@@ -30,8 +30,9 @@ def explained(text):
     return line
 
 
-def test_four_scenarios_are_shipped_and_each_makes_a_cell():
+def test_five_scenarios_are_shipped_and_each_makes_a_cell():
     assert shipped_scenarios() == (
+        "drawn-robots",
         "hostile",
         "paper-prototype",
         "paper-simulation",

@@ -1,0 +1,92 @@
+"""Effects that make a result wrong: what happens in a campaign beside the tracker's noise."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+Step = Literal["", "joint", "length", "frame"]
+Drift = Literal["", "frame", "arms"]
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """Effect of one kind and size; without any the tracker's noise is all there is."""
+
+    scatter_mm: float = 0.0
+    """Half-width of an even draw on each coordinate of each point: repeatability."""
+    backlash_deg: float = 0.0
+    """From one side to the other, of a crank; of a carriage what moves the point as far."""
+    step: Step = ""
+    """What changes at one shot: a joint's encoder, an arm's length, the tracker's frame."""
+    drift: Drift = ""
+    """What changes from the first shot to the last: the tracker's frame, or arms that grow warm."""
+    gross: int = 0
+    """Shots that are off by `size`."""
+    size: float = 0.0
+    """Of a step in a joint deg of a crank, else mm."""
+    along_pairs: bool = False
+    """Whether gross errors are along the line to the shot's partner, for bare distances."""
+    rods_mm: float = 0.0
+    """Standard deviation of each rod's length about its forearm's."""
+    axes_mrad: float = 0.0
+    """Standard deviation of the motor axes' tilts."""
+    scale: float = 1.0
+    """Factor of all measured points."""
+
+    @property
+    def beyond_the_model(self) -> bool:
+        """Whether the robot has what no parameter of the model describes."""
+        return self.rods_mm > 0.0 or self.axes_mrad > 0.0
+
+    def __str__(self) -> str:
+        """Sizes in words."""
+        unit = "deg" if self.step == "joint" else "mm"
+        count = f"{self.gross} × " if self.gross else ""
+        what = f"{self.step or self.drift} " if self.step or self.drift else ""
+        told = {
+            f"{what}{count}{self.size:g} {unit}": self.size,
+            f"± {self.scatter_mm:.2g} mm": self.scatter_mm,
+            f"{60.0 * self.backlash_deg:.2g}′": self.backlash_deg,
+            f"rods {self.rods_mm:g} mm": self.rods_mm,
+            f"axes {self.axes_mrad:g} mrad": self.axes_mrad,
+            f"× {self.scale:g}": self.scale - 1.0,
+        }
+        return ", ".join(words for words, size in told.items() if size) or "none"
+
+
+REPEATABILITY_MM = 0.4 / 3**0.5
+BACKLASH_DEG = 1.0 / 60.0
+
+EFFECTS: Mapping[str, tuple[Effect, ...]] = {
+    "clean": (Effect(),),
+    "own-scatter": (Effect(scatter_mm=REPEATABILITY_MM),),
+    "backlash": (
+        Effect(backlash_deg=BACKLASH_DEG),
+        Effect(backlash_deg=BACKLASH_DEG, scatter_mm=REPEATABILITY_MM),
+    ),
+    "bumped-stand": tuple(Effect(step="frame", size=size) for size in (0.1, 0.3, 0.9)),
+    "encoder-step": tuple(Effect(step="joint", size=size) for size in (0.02, 0.05, 0.3, 1.0)),
+    "grown-arm": tuple(Effect(step="length", size=size) for size in (0.05, 0.2, 0.5)),
+    "drift": tuple(
+        Effect(drift=drift, size=size)
+        for size in (0.05, 0.1, 0.3)
+        for drift in ("frame", "arms")  # type: tuple[Drift, ...]
+    ),
+    "unequal-rods": (Effect(rods_mm=0.05), Effect(rods_mm=0.2)),
+    "tilted-axes": (
+        Effect(axes_mrad=0.5),
+        Effect(axes_mrad=2.0),
+        Effect(axes_mrad=2.0, rods_mm=0.2),
+    ),
+    "gross-errors": tuple(
+        Effect(gross=count, size=size) for count in (1, 3, 6) for size in (0.5, 2.0, 20.0)
+    ),
+    "scale": (Effect(scale=1.01), Effect(scale=0.995)),
+}
+"""Effects by name; where there are several sizes, campaigns take them in turn."""
+
+
+def effect_of(name: str, campaign: int) -> Effect:
+    """Effect of a campaign by its number."""
+    kinds = EFFECTS[name]
+    return kinds[campaign % len(kinds)]

@@ -1,0 +1,74 @@
+"""pkmcal study --effects: which wrong campaigns pass, as a table and a document; resumed."""
+
+import json
+
+import pytest
+
+from app.main import run_command
+
+pytestmark = pytest.mark.slow
+
+EFFECTS = ("--effects", "clean", "--effects", "scale")
+SCENARIO = ("--scenario", "drawn-robots")
+
+
+@pytest.fixture
+def studied(folder, capsys):
+    """Runs a study of effects in this process; gives exit code, document and what was said."""
+
+    def run(*arguments):
+        capsys.readouterr()
+        words = ["study", folder, *SCENARIO, *EFFECTS, *arguments, "--workers", "1"]
+        code = run_command([str(word) for word in words])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return run
+
+
+def test_document_counts_passes_and_named_causes(folder, studied):
+    code, out, err = studied("--campaigns", 2, "--json")
+    assert code == 0, err
+    document = json.loads(out)
+    assert document["schema"] == "pkmcal/study-effects/1"
+    clean, scale = document["effects"]
+    assert (clean["effect"], clean["estimator"]) == ("clean", "points")
+    assert (clean["campaigns"], clean["wrong"], clean["named"]) == (2, 0, 2)
+    assert (scale["passed"], scale["named"]) == (0, 2)
+    assert scale["kinds"] == ["× 1.01", "× 0.995"]
+    assert document["wrong_passes"] == {"points": {"wrong": 0, "campaigns": 4}}
+    kept = json.loads((folder / "study" / "effects.json").read_text(encoding="utf-8"))
+    assert kept == document
+
+
+def test_same_command_goes_on_where_it_was(folder, studied):
+    studied("--campaigns", 2)
+    table = folder / "study" / "effect-clean-plan-drawn-robots-points.csv"
+    first = table.read_text(encoding="utf-8")
+    _, out, _ = studied("--campaigns", 3, "--json")
+    assert json.loads(out)["computed"] == 2
+    assert table.read_text(encoding="utf-8").startswith(first)
+
+
+def test_distances_are_studied_by_either_weights(folder, studied):
+    methods = ("--estimator", "distances", "--weights", "stated", "--weights", "equal")
+    _, out, _ = studied("--campaigns", 2, "--json", *methods)
+    told = [one["estimator"] for one in json.loads(out)["effects"]]
+    assert told == ["distances", "distances, equal weights"] * 2
+
+
+def test_people_get_one_line_an_effect(studied):
+    code, out, _ = studied("--campaigns", 2)
+    assert code == 0
+    assert 'How often is "pass" wrong?' in out
+    assert "points: 0 wrong of 4 campaigns" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(("--effects", "gremlins"), "there is no effect gremlins"), (("--plot", "x.svg"), "--plot")],
+)
+def test_what_cannot_be_studied_is_refused(studied, words, said):
+    code, out, err = studied("--campaigns", 2, *words)
+    assert (code, out) == (2, "")
+    assert said in err
