@@ -62,6 +62,10 @@ class BeamBroken(DeviceRefused):
     """The tracker has lost its reflector."""
 
 
+class NoReflector(BeamBroken):
+    """The tracker had no reflector when it was asked to measure: this pose may not be seen."""
+
+
 class NotAMeasurement(BeamBroken):
     """A tracker's result that cannot be of the measurement that was asked for.
 

@@ -105,7 +105,14 @@ class LaserTracker(Protocol):
         ...
 
     def measure(self) -> Measurement:
-        """Stationary measurement of the reflector; raises `BeamBroken` when it is lost."""
+        """Stationary measurement of the reflector; raises `BeamBroken` when it is lost.
+
+        `NoReflector`, which is one of these, when there was none to begin with.
+        """
+        ...
+
+    def direction(self) -> Vector3 | None:
+        """Where the beam points, a unit vector in the tracker's frame; None: it doesn't tell."""
         ...
 
     def go_to(self, point_in_tracker_mm: Vector3) -> None:

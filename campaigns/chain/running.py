@@ -42,7 +42,7 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
     setup = EstimationSetup(options.estimator, free, campaign.instrument)
     steps = joint_steps(checked.shots)
     work = engine_work(campaign, "run", steps, robot.kinematics, robot.digest(), setup)
-    work = replace(work, goal=goal)
+    work = replace(work, goal=goal, compared_at_end=True)
     if options.free:
         require_identifiable(work.knowing().workspace, free)
     return work

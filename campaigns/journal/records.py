@@ -26,6 +26,9 @@ EventKind = Literal[
     "wrong stage",
     "tracker place",
     "shot voided",
+    "shot skipped",
+    "shots left out",
+    "gone on anyway",
 ]
 FindingKind = Literal["identification", "validation", "load begun", "load", "load failed"]
 """A load is begun, and then it took effect ("load") or did not; neither: the process died."""
@@ -141,10 +144,11 @@ class PairVoided:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Event for the reader of the report."""
+    """Event for the reader of the report. `shots` are those that it names, where that matters."""
 
     kind: EventKind
     text: str
+    shots: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,14 +3,15 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from math import dist
-from typing import TypeVar
 
 from campaigns.errors import GateRefused
 from campaigns.journal.records import Event, Outcome, PairVoided, Rejected
+from campaigns.measuring.attempts import Attempts
+from campaigns.measuring.body_check import ANEW, BodyCheck, BodyTest, drift_text
 from campaigns.measuring.monitors import DriftMonitor, InnovationGate, TemperatureMonitor
 from campaigns.measuring.precision_monitor import PrecisionMonitor
-from campaigns.measuring.reference_poses import BodyComparison, ReferencePose
+from campaigns.measuring.reacquisition import Reacquisition
+from campaigns.measuring.reference_poses import ReferencePose
 from campaigns.measuring.run_state import (
     AcceptedShotReport,
     EngineState,
@@ -18,19 +19,26 @@ from campaigns.measuring.run_state import (
     RunState,
 )
 from campaigns.measuring.series_log import SeriesLog, problem_of
-from campaigns.measuring.shot_taker import Cell, ShotFailed, ShotTaker
+from campaigns.measuring.shot_taker import (
+    Cell,
+    ReflectorUnseen,
+    ShotFailed,
+    ShotRefused,
+    ShotTaker,
+    TargetRefused,
+)
 from campaigns.measuring.stopping_rule import PrecisionGoal, early_stop, in_ranges, may_stop
 from campaigns.measuring.tracker_place import PlaceMonitor
+from campaigns.measuring.wrong_targets import WrongTargets
 from campaigns.planning.steps import Group, Step
 from campaigns.shots.shot_sets import ShotSet
 from drivers.errors import RobotStateUnknown
 from drivers.values import Vector3
 
-Result = TypeVar("Result")
-BodyTest = Callable[[Sequence[Outcome]], BodyComparison]
-"""What outcomes of the reference poses, in their order, say of tracker and robot."""
-SUSPECTS = 3
-"""First shots that are measured again when a later one contradicts them."""
+MOST_IN_A_ROW = 3
+"""Groups one after another that cannot be measured; then it is not the poses."""
+MOST_SET_ASIDE = 0.2
+"""Share of a plan's groups that cannot be measured and still let the run go on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +64,11 @@ class Engine:
         cell: Cell,
         log: SeriesLog,
         shooter: ShotTaker,
+        reacquisition: Reacquisition,
         watches: Monitors,
         tally: RunState,
         plan: Sequence[Group],
+        compare: BodyTest,
     ) -> None:
         self._cell = cell
         self._log = log
@@ -66,9 +76,22 @@ class Engine:
         self._watches = watches
         self._tally = tally
         self._plan = plan
-        self._looked_at_again: set[int] = set()
+        self._attempts = Attempts(watches.attempts, reacquisition)
+        self._wrong_targets = WrongTargets(
+            watches.gate,
+            shooter,
+            reacquisition,
+            self._attempts,
+            step_of=self._step,
+            void=self._void_first,
+            allowed=watches.attempts,
+        )
+        self._body = BodyCheck(
+            log, shooter, self._attempts, compare, watches.gate.distance_mm, watches.drift.limit_mm
+        )
         self._references: tuple[ReferencePose, ...] = ()
-        self._compare_body: BodyTest | None = None
+        self._aside: list[Group] = []
+        self._in_a_row = 0
         self._known: ParameterPrecision | None = None
         self._learn(self._running_knowledge())
 
@@ -84,28 +107,31 @@ class Engine:
         self._tally.leave_out(end.shots_left_out)
         return end.wanted
 
-    def run(self, groups: Sequence[Group]) -> None:
+    def run(
+        self,
+        groups: Sequence[Group],
+        at_end: Callable[[Sequence[Outcome]], Sequence[ReferencePose]] = lambda _: (),
+    ) -> None:
         """Measure all groups; raises whatever made it stop, once the robot has been stopped.
 
-        `RobotStateUnknown` when that could not be confirmed.
+        `at_end` chooses the poses that are compared once more when all is measured, where none were
+        after a restart. `RobotStateUnknown` when the stop could not be confirmed.
         """
-        self._guarded(lambda: self._measure_all(groups))
+        self._guarded(lambda: self._measure_all(groups, at_end))
 
-    def check_body(self, references: Sequence[ReferencePose], compare: BodyTest) -> None:
-        """Measure reference poses again after a restart; raises `GateRefused` when some have moved.
+    def check_unmoved(
+        self,
+        references: Sequence[ReferencePose],
+        alone: tuple[Step, Vector3] | None,
+        *,
+        anyway: bool,
+    ) -> None:
+        """Measure reference poses again after a restart, or where there are few, one `alone`.
 
-        And once more when all is measured; then the operator is told. These shots are kept in the
-        journal, but are none of the plan's. Stops the robot like `run`.
+        Raises `GateRefused` when something has changed, unless the operator goes on `anyway`: what
+        was measured before then predicts nothing any more. Stops the robot like `run`.
         """
-        self._references, self._compare_body = tuple(references), compare
-        self._guarded(self._refuse_changed_body)
-
-    def check_place(self, step: Step, first_mm: Vector3) -> None:
-        """Measure a step again after a restart; raises `GateRefused` when the point has moved.
-
-        The shot is kept in the journal, but is none of the plan's. Stops the robot like `run`.
-        """
-        self._guarded(lambda: self._compare(step, first_mm))
+        self._guarded(lambda: self._refuse_change(references, alone, anyway=anyway))
 
     def _guarded(self, work: Callable[[], None]) -> None:
         try:
@@ -132,102 +158,83 @@ class Engine:
         except KeyboardInterrupt:  # an impatient operator: the robot comes first
             self._cell.robot.stop()
 
-    def _measure_all(self, groups: Sequence[Group]) -> None:
+    def _measure_all(
+        self,
+        groups: Sequence[Group],
+        at_end: Callable[[Sequence[Outcome]], Sequence[ReferencePose]],
+    ) -> None:
         left = self.wanted(groups)
         while left:
             again = self._measured(left[0])
             left = self.wanted((*again, *left[1:]))
+        for group in self.wanted(self._aside):
+            self._measure_once_more(group)
         self._learn(self._knowledge_by_a_fit())
-        if compared := self._body():
-            event = Event("drift check", f"at the end {compared.text}")
-            self._log.write(event)
-            if compared.change:
-                self._tally.event(event.text)
+        if groups and (references := self._references or at_end(self._watches.gate.accepted)):
+            news = self._body.at_end(references)
+            if news:
+                self._tally.event(news)
         self._tally.enter(EngineState.FINISHED)
 
-    def _insist(self, attempt: Callable[[], Result]) -> Result:
-        """Try as often as is allowed; raises `GateRefused` when no attempt gave data."""
-        failures: list[ShotFailed] = []
-        for _ in range(self._watches.attempts):
-            try:
-                return attempt()
-            except ShotFailed as lost:
-                failures.append(lost)
-        raise GateRefused(
-            f"{len(failures)} attempts failed, the last one: {failures[-1]}",
-            remedy="look at the reflector, the beam and the robot there; then run again, it "
-            "resumes. If an earlier shot took the wrong reflector: begin anew with --anew",
-        ) from failures[-1]
-
     def _measured(self, group: Group) -> tuple[Group, ...]:
-        """Measure a group; gives what is to be measured before the rest.
+        """Measure a group, or set it aside; gives what is to be measured before the rest.
 
         That is nothing, unless an earlier shot was the wrong one: then its group, and this one.
         """
         try:
-            self._insist(partial(self._measure_group, group))
+            self._attempts.insist(partial(self._measure_group, group))
         except GateRefused as error:
             lost = error.__cause__
-            if not isinstance(lost, ShotFailed) or lost.refused is None:
+            if not isinstance(lost, ShotFailed):
                 raise
-            self._refuse_standing(lost.refused)
-            wrong = self._wrong_first_shot(lost.refused)
-            if wrong is None:
-                raise
-            return wrong, group
+            if isinstance(lost, ShotRefused):
+                before = self._wrong_targets.resolve(lost)
+                if before is not None:
+                    return (*before, group)
+            self._set_aside(group, error, lost)
+        else:
+            self._in_a_row = 0
         return ()
 
-    def _refuse_standing(self, refused: Outcome) -> None:
-        """Void shots of a reflector that stands still; raises `GateRefused` when there are any."""
-        standing = self._watches.gate.standing(refused)
-        if not standing:
-            return
-        shots = sorted((*(each.shot for each in standing), refused.shot))
-        text = f"shots {in_ranges(shots)} have one point, although the robot moved between them"
-        for each in standing:
-            self._void_first(each, f"{text}: a reflector that stands elsewhere")
-        raise GateRefused(
-            f"{text}: the tracker is on a reflector that stands elsewhere",
-            remedy="put the beam onto the robot's reflector by hand, cover the other one, then run "
-            "again: it resumes",
-        )
+    def _set_aside(self, group: Group, error: GateRefused, lost: ShotFailed) -> None:
+        """Leave a group for the end; raises what was wrong when it is more than single poses."""
+        self._aside.append(group)
+        self._in_a_row += not isinstance(lost, ReflectorUnseen)
+        most = max(MOST_IN_A_ROW, MOST_SET_ASIDE * len(self._plan))
+        if self._in_a_row >= MOST_IN_A_ROW or len(self._aside) > most:
+            if isinstance(lost, TargetRefused) and isinstance(lost.__cause__, Exception):
+                raise lost.__cause__
+            raise error
+        shots = _shots_of(group)
+        text = f"{_named(shots)} set aside, to be tried once more at the end: {error.problem}"
+        self._announce(Event("shot skipped", text, shots))
 
-    def _wrong_first_shot(self, refused: Outcome) -> Group | None:
-        """The group of a first shot that is wrong, voided, if it is not the refused one that is.
-
-        Whoever may be it is measured again: once each, and the three likeliest only.
-        """
-        gate = self._watches.gate
-        for suspect in gate.suspects(refused)[:SUSPECTS]:
-            if suspect.shot in self._looked_at_again:
-                continue
-            self._looked_at_again.add(suspect.shot)
-            step = self._step(suspect.shot)
-            again = self._insist(partial(self._shooter.look, step))
-            away_mm = _away_mm(suspect, again)
-            self._shooter.put_aside(
-                again, f"only compared with the one before, {away_mm:.3f} mm away"
+    def _measure_once_more(self, group: Group) -> None:
+        try:
+            self._attempts.insist(partial(self._measure_group, group), allowed=1)
+        except GateRefused as error:
+            if not isinstance(error.__cause__, ShotFailed):
+                raise
+            shots = _shots_of(group)
+            self._announce(
+                Event("shot skipped", f"{_named(shots)} skipped: {error.problem}", shots)
             )
-            if gate.is_replaced(suspect, again, refused):
-                return self._void_first(
-                    suspect,
-                    f"a wrong target or a wrong pose: measured again it is {away_mm:.1f} mm away, "
-                    f"where shot {refused.shot} agrees with it",
-                )
-        return None
 
     def _void_first(self, wrong: Outcome, why: str) -> Group:
         """Void a shot, its pair with it, and name it to the operator; gives its group."""
         event = Event("shot voided", f"shot {wrong.shot} does not count: {why}")
         self._announce(event)
-        group = next(group for group in self._plan if self._step(wrong.shot) in group)
-        counted = {outcome.shot for outcome in self._watches.gate.accepted}
+        group = next((g for g in self._plan if wrong.shot in _shots_of(g)), ())
         self._watches.drift.forget(wrong.point_in_tracker_mm)
-        self._void([step for step in group if step.planned.shot in counted], event.text)
+        counted = {outcome.shot for outcome in self._watches.gate.accepted}
+        pair = group[0].planned.pair if group else None
+        shots = tuple(shot for shot in _shots_of(group) if shot in counted) or (wrong.shot,)
+        self._void_shots(pair, shots, event.text)
         return group
 
-    def _step(self, shot: int) -> Step:
-        return next(s for group in self._plan for s in group if s.planned.shot == shot)
+    def _step(self, shot: int) -> Step | None:
+        """The plan's step of a shot; None when its row was taken out since it was measured."""
+        return next((s for g in self._plan for s in g if s.planned.shot == shot), None)
 
     def _measure_group(self, group: Group) -> None:
         """A pair or a single shot, as a whole."""
@@ -260,11 +267,12 @@ class Engine:
         self._tally.event(event.text)
 
     def _void(self, taken: Sequence[Step], reason: str) -> None:
-        """Shots of one group do not count: one without its partner, or what turned out wrong."""
-        if not taken:
-            return
-        pair = taken[0].planned.pair
-        shots = tuple(step.planned.shot for step in taken)
+        """Shots of one group do not count: one without its partner."""
+        if taken:
+            shots = tuple(step.planned.shot for step in taken)
+            self._void_shots(taken[0].planned.pair, shots, reason)
+
+    def _void_shots(self, pair: int | None, shots: tuple[int, ...], reason: str) -> None:
         self._log.write(PairVoided(pair, shots, reason))
         self._watches.gate.forget(shots)
         self._learn(self._running_knowledge())
@@ -287,56 +295,34 @@ class Engine:
         """How far a drift shot is from the first one; one too far is rejected and ends the run."""
         moved_mm = self._watches.drift.moved_mm(outcome.point_in_tracker_mm)
         if moved_mm is not None:
-            self._judge_drift(outcome, moved_mm, "the drift pose is")
+            self._judge_drift(outcome, moved_mm)
         return moved_mm
 
-    def _refuse_changed_body(self) -> None:
-        compared = self._body()
-        if compared is None:
+    def _refuse_change(
+        self,
+        references: Sequence[ReferencePose],
+        alone: tuple[Step, Vector3] | None,
+        *,
+        anyway: bool,
+    ) -> None:
+        change = ""
+        if references:
+            change = self._body.after_restart(references)
+        elif alone is not None:
+            change = self._body.of_one(*alone)
+        if change and not anyway:
+            raise GateRefused(change, remedy=ANEW)
+        if change:
+            self._announce(Event("gone on anyway", f"gone on all the same: {change}"))
+            self._watches.gate.forget([shot.shot for shot in self._watches.gate.accepted])
+            self._watches.drift.begin_anew()
+            self._learn(None)
             return
-        self._log.write(Event("drift check", f"after the restart {compared.text}"))
-        if compared.change:
-            raise GateRefused(
-                f"after the restart {compared.text}",
-                remedy="what had been measured does not go with what would come: mend it, then "
-                "begin anew with --anew",
-            )
+        self._references = tuple(references)
 
-    def _body(self) -> BodyComparison | None:
-        """Reference poses measured again and compared; None when there are none."""
-        if not self._references or self._compare_body is None:
-            return None
-        return self._compare_body([self._measured_again(each) for each in self._references])
-
-    def _measured_again(self, reference: ReferencePose) -> Outcome:
-        """Outcome of a reference pose, even one that the gate refuses each time for its place.
-
-        One beyond the gate of distances is a wrong target: raises `GateRefused`.
-        """
-        try:
-            outcome = self._insist(partial(self._shooter.measure, reference.step))
-        except GateRefused as error:
-            lost = error.__cause__
-            if not isinstance(lost, ShotFailed) or lost.refused is None:
-                raise
-            if _away_mm(reference.then, lost.refused) > self._watches.gate.distance_mm:
-                raise
-            return lost.refused  # the journal has it already
-        away_mm = _away_mm(reference.then, outcome)
-        self._shooter.put_aside(outcome, f"only compared with the first one, {away_mm:.3f} mm away")
-        return outcome
-
-    def _compare(self, step: Step, first_mm: Vector3) -> None:
-        outcome = self._insist(lambda: self._shooter.measure(step))
-        moved_mm = dist(first_mm, outcome.point_in_tracker_mm)
-        self._judge_drift(outcome, moved_mm, "after the restart the pose is")
-        self._shooter.put_aside(
-            outcome, f"only compared with the first one, {moved_mm:.3f} mm away"
-        )
-
-    def _judge_drift(self, outcome: Outcome, moved_mm: float, what: str) -> None:
+    def _judge_drift(self, outcome: Outcome, moved_mm: float) -> None:
         limit_mm = self._watches.drift.limit_mm
-        text = f"{what} {moved_mm:.3f} mm from where it was first, limit {limit_mm:g} mm"
+        text = drift_text("the drift pose is", moved_mm, limit_mm)
         self._log.write(Event("drift check", f"shot {outcome.shot}: {text}"))
         if moved_mm <= limit_mm:
             return
@@ -348,5 +334,9 @@ class Engine:
         )
 
 
-def _away_mm(then: Outcome, now: Outcome) -> float:
-    return dist(then.point_in_tracker_mm, now.point_in_tracker_mm)
+def _shots_of(group: Group) -> tuple[int, ...]:
+    return tuple(step.planned.shot for step in group)
+
+
+def _named(shots: Sequence[int]) -> str:
+    return f"shot{'s' if len(shots) > 1 else ''} {in_ranges(sorted(shots))}"

@@ -14,8 +14,10 @@ from campaigns.measuring.rules import GateRules
 from drivers.values import Vector3, Weather, vector
 
 SIGMAS = 4.0
-AGREEING = 2
-"""Shots that agree in their distance; of one alone nobody knows whether it saw the right target."""
+POINTING_STD_MM = 20.0
+"""Standard deviation of a prediction, up to which the tracker is pointed there; it searches 50."""
+SAME_POSE = 0.002
+"""Largest difference of joints, rad or mm, of a pose that is taken again."""
 WRONG = "a wrong target or a wrong pose"
 FIRST_SHOTS = 12
 """Shots among which one that took the wrong target is looked for; later the fit is firm."""
@@ -151,19 +153,19 @@ class InnovationGate:
         return self._running.linearized
 
     def expected_point_mm(self, joints: tuple[float, ...]) -> Vector3 | None:
-        """Where to point the tracker for these joints; None while the frame is unknown."""
-        predicted = self._running.predict(np.array(joints))
-        return None if predicted is None else vector(predicted.point_mm)
+        """Where to point the tracker for these joints; None while nobody can say well enough.
 
-    def nearest_point_mm(self, joints: tuple[float, ...]) -> Vector3 | None:
-        """Where the accepted shot with the nearest joints was; None before two shots agree."""
-        if len(self._accepted) < AGREEING:
-            return None
-        nearest = min(
-            self._accepted.values(),
-            key=lambda outcome: float(np.abs(np.subtract(outcome.joints, joints)).max()),
+        By the running fit, or where a shot at the same pose was.
+        """
+        predicted = self._running.predict(np.array(joints))
+        if predicted is not None and predicted.std_mm <= POINTING_STD_MM:
+            return vector(predicted.point_mm)
+        same = (
+            outcome.point_in_tracker_mm
+            for outcome in self._accepted.values()
+            if np.abs(np.subtract(outcome.joints, joints)).max() <= SAME_POSE
         )
-        return nearest.point_in_tracker_mm
+        return next(same, None)
 
     def _teach(self, outcome: Outcome) -> None:
         self._running.add(np.array(outcome.joints), np.array(outcome.point_in_tracker_mm))
@@ -199,7 +201,11 @@ class DriftMonitor:
     def forget(self, point_in_tracker_mm: Vector3) -> None:
         """Unlearn a first shot that does not count any more: the next one is the first."""
         if self._first_mm == point_in_tracker_mm:
-            self._first_mm = None
+            self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Unlearn the first shot whichever it was: tracker or robot have moved since."""
+        self._first_mm = None
 
 
 class TemperatureMonitor:

@@ -43,6 +43,7 @@ class Mover:
         self._axes = ways.axes
         self._stop_requested = stop_requested
         self._last_target: Joints | None = None
+        self._first_stop: Joints | None = None
 
     def go(self, step: Step, entering: Callable[[EngineState], None]) -> Arrival:
         """Take the step's way and settle at its end; `entering` is told each new state.
@@ -50,20 +51,58 @@ class Mover:
         Raises `TargetOutOfReach` before anything moves when no safe way is known, `NotSettled`,
         `Interrupted`, or a driver's error.
         """
-        last_stop = self._at_rest()
-        way = self._way(self._stop_of(last_stop), step)
+        here = self._at_rest()
+        way = self._way(self._stop_of(here), step)
+        return self._take(way, here, lambda: self._start(step), entering)
+
+    def return_to(
+        self, joints: Joints, name: str, entering: Callable[[EngineState], None]
+    ) -> Arrival:
+        """Take a safe way to joints that are none of a step's; `name` says where that is.
+
+        Raises like `go`.
+        """
+        here = self._at_rest()
+        way = self._legs(self._stop_of(here), joints, name)
+        return self._take(way, here, lambda: self._start_joints(joints), entering)
+
+    @property
+    def first_stop(self) -> Joints | None:
+        """The joints at which the robot stood before the first motion; None before it."""
+        return self._first_stop
+
+    def pause(self, seconds: float) -> None:
+        """Wait, looking at the wish to stop all the time; raises `Interrupted`."""
+        until_s = self._clock.now_s() + seconds
+        while (left_s := until_s - self._clock.now_s()) > 0.0:
+            self.check_stop()
+            self._clock.sleep_s(min(left_s, self._rules.poll_s))
+
+    def require_sound(self) -> None:
+        """Raise `EmergencyStop` or `MotionFault` when the robot has one."""
+        self._state()
+
+    def _take(
+        self,
+        way: Sequence[Joints],
+        last_stop: RobotState,
+        start: Callable[[], None],
+        entering: Callable[[EngineState], None],
+    ) -> Arrival:
+        """Take the legs of a way, whose last one `start` begins, and settle at its end."""
         entering(EngineState.MOVING)
         started_s = self._clock.now_s()
         for passed in way[:-1]:
             self._start_joints(passed)
             last_stop = self._await_arrival(passed, self._deadline_s())
-        self._start(step)
+        start()
         deadline_s = self._deadline_s()
-        self._await_arrival(step.planned.joints, deadline_s)
+        target = way[-1]
+        self._await_arrival(target, deadline_s)
         arrived_s = self._clock.now_s()
         entering(EngineState.SETTLING)
-        state = self._settled(step.planned.joints, deadline_s)
-        self._last_target = step.planned.joints
+        state = self._settled(target, deadline_s)
+        self._last_target = target
         settle_s = self._clock.now_s() - arrived_s
         return Arrival(state, last_stop.joints, arrived_s - started_s, settle_s)
 
@@ -101,6 +140,7 @@ class Mover:
             self.check_stop()
             now_s, state = self._clock.now_s(), self._state()
             if not state.moving:
+                self._first_stop = self._first_stop or state.joints
                 return state
             if now_s > deadline_s:
                 raise NotSettled(
@@ -118,20 +158,20 @@ class Mover:
         """Joint targets of a safe way, the last one being the step's."""
         way: list[Joints] = []
         for target in (*step.approach, step.planned.joints):
-            way += self._legs(here, target, step.planned.shot)
+            way += self._legs(here, target, f"to shot {step.planned.shot}")
             here = target
         return way
 
-    def _legs(self, here: Joints, target: Joints, shot: int) -> list[Joints]:
+    def _legs(self, here: Joints, target: Joints, name: str) -> list[Joints]:
         legs = self._ways.legs(here, target)
         if legs is None and (fault := self._ways.standing_fault(here)):
             raise TargetOutOfReach(
-                f"no way to shot {shot}: the robot stands where it may not be: {fault}",
+                f"no way {name}: the robot stands where it may not be: {fault}",
                 remedy="jog it out of there, or correct `space` in campaign.yaml, then run again",
             )
         if legs is None:
             raise TargetOutOfReach(
-                f"no safe way to shot {shot} from joints {_listed(self._axes, here)}",
+                f"no safe way {name} from joints {_listed(self._axes, here)}",
                 remedy="jog the robot near the workspace's centre, then run again",
             )
         return legs

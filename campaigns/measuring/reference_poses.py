@@ -12,7 +12,6 @@ from campaigns.estimation.rigid_transforms import fit_transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.journal.records import Outcome
-from campaigns.journal.views import AcceptedShot
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.steps import Step
 from campaigns.shots.shot_sets import ShotSet
@@ -73,14 +72,12 @@ class BodyComparison:
         return f"{figures}: {self.change or 'neither tracker nor robot has changed'}"
 
 
-def reference_poses(
-    steps: Sequence[Step], kept: Sequence[AcceptedShot]
-) -> tuple[ReferencePose, ...]:
+def reference_poses(steps: Sequence[Step], kept: Sequence[Outcome]) -> tuple[ReferencePose, ...]:
     """Three or four accepted poses far from each other and not on a line; none where there are few.
 
     The first drift shot is the first of them, or else the first shot.
     """
-    was = {shot.intent.shot: shot.outcome for shot in kept}
+    was = {outcome.shot: outcome for outcome in kept}
     taken = [ReferencePose(step, was[shot]) for step in steps if (shot := step.planned.shot) in was]
     if len(taken) < FEWEST:
         return ()

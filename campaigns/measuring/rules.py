@@ -31,6 +31,8 @@ class GateRules:
     attempts: int
     search_mm: float
     """How far from the tracker to search while the robot's place is not known to it."""
+    look_back_s: float = 60.0
+    """How long a reflector that was never seen at a pose is waited for there."""
 
 
 def motion_rules(config: CampaignConfig) -> MotionRules:
@@ -45,7 +47,7 @@ def motion_rules(config: CampaignConfig) -> MotionRules:
 
 
 def gate_rules(config: CampaignConfig) -> GateRules:
-    """From `gate`, and the rough places of tracker and workspace."""
+    """From `gate` and `run`, and the rough places of tracker and workspace."""
     gate = config.gate
     return GateRules(
         gate.distance_mm,
@@ -54,4 +56,5 @@ def gate_rules(config: CampaignConfig) -> GateRules:
         gate.drift_mm,
         gate.attempts,
         search_mm=dist(config.tracker.place_mm, config.validation.centre_mm),
+        look_back_s=config.run.look_back_s,
     )

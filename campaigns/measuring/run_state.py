@@ -61,6 +61,8 @@ class Progress:
     residual_mm: float | None = None
     drift_mm: float | None = None
     beam_locked: bool = True
+    beam_lost_s: float = 0.0
+    """How long the beam has been broken."""
     known: ParameterPrecision | None = None
     goal_mm: float | None = None
     """σ of the worst length at which measuring may end; None when all shall be measured."""
@@ -108,14 +110,18 @@ def time_left_s(shot_seconds: Sequence[float], shots_left: int) -> tuple[float, 
 
 FOLLOWERS: Mapping[EngineState, frozenset[EngineState]] = {
     EngineState.IDLE: frozenset({EngineState.MOVING, EngineState.FINISHED}),
-    EngineState.MOVING: frozenset({EngineState.SETTLING}),
-    EngineState.SETTLING: frozenset({EngineState.MEASURING}),
+    EngineState.MOVING: frozenset({EngineState.SETTLING, EngineState.IDLE}),
+    EngineState.SETTLING: frozenset({EngineState.MEASURING, EngineState.SUSPENDED}),
     EngineState.MEASURING: frozenset({EngineState.IDLE, EngineState.SUSPENDED}),
     EngineState.SUSPENDED: frozenset({EngineState.IDLE}),
     EngineState.STOPPED: frozenset(),
     EngineState.FINISHED: frozenset(),
 }
-"""What may come after what; `STOPPED` may come after anything."""
+"""What may come after what; `STOPPED` may come after anything.
+
+Idle after moving: the controller refused a target. Suspended after settling: the robot is back at a
+pose where the reflector is looked for.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,9 +155,17 @@ class RunState:
             raise AssertionError(f"{state.value} cannot follow {now.value}")
         self._tell(replace(self._progress, state=state))
 
-    def see_beam(self, *, locked: bool) -> None:
-        """Whether the tracker has its reflector, as far as is known."""
-        self._progress = replace(self._progress, beam_locked=locked)
+    def rest(self) -> None:
+        """The engine does nothing now, whatever it did before."""
+        if self._progress.state is not EngineState.IDLE:
+            self.enter(EngineState.IDLE)
+
+    def see_beam(self, *, locked: bool, lost_s: float = 0.0) -> None:
+        """Whether the tracker has its reflector, as far as is known, or for how long it has not."""
+        progress = replace(self._progress, beam_locked=locked, beam_lost_s=lost_s)
+        if lost_s > 0.0:
+            self._tell(progress)  # somebody may be waiting for a sign of life
+        self._progress = progress
 
     def accept(self, news: AcceptedShotReport) -> None:
         """A shot counts."""

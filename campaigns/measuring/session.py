@@ -22,7 +22,10 @@ from campaigns.measuring.engine import Engine, Monitors
 from campaigns.measuring.monitors import DriftMonitor, InnovationGate, TemperatureMonitor
 from campaigns.measuring.motion import Mover
 from campaigns.measuring.precision_monitor import PrecisionMonitor
+from campaigns.measuring.reacquisition import Reacquisition
 from campaigns.measuring.reference_poses import (
+    BodyComparison,
+    ReferencePose,
     ReferenceScatter,
     compare_as_body,
     reference_poses,
@@ -64,6 +67,10 @@ class Work:
     """Where the tracker is said to stand; None: nobody said it."""
     goal: PrecisionGoal | None = None
     """Of what is identified; once it is met, only the other shots are taken."""
+    anyway: bool = False
+    """Whether to go on although poses have moved since the last session."""
+    compared_at_end: bool = False
+    """Whether spread poses are measured again at the end of a series that nothing interrupted."""
 
     def knowing(self) -> PrecisionMonitor:
         """What tells how much is known of the parameters."""
@@ -180,37 +187,32 @@ class _Run:
         """Void what was cut in two, look whether anything has shifted, then measure the rest."""
         for half in found.halves:
             self.log.write(half)
-        engine = self._engine(found, first_weather)
+        gate = self.work.gate_taught_by(found.kept)
+        engine = self._engine(found, first_weather, gate)
         wanted = engine.wanted(found.left)
-        if wanted:
-            self._check_unmoved(engine, found)
-        engine.run(wanted)
+        if wanted and found.kept:
+            steps = self.work.steps
+            references = reference_poses(steps, gate.accepted)
+            engine.check_unmoved(references, found.reference(steps), anyway=self.work.anyway)
+        engine.run(wanted, self._at_end)
 
-    def _check_unmoved(self, engine: Engine, found: ResumeState) -> None:
-        """Compare three or four spread poses with what they were, or one where there are few."""
-        work = self.work
-        references = reference_poses(work.steps, found.kept)
-        if not references:
-            reference = found.reference(work.steps)
-            if reference is not None:
-                engine.check_place(*reference)
-            return
-        kept = [shot.outcome for shot in found.kept]
-        then = [reference.then for reference in references]
-        kinematics, scatter = work.robot.kinematics, work.scatter_by(kept)
-        engine.check_body(
-            references, lambda now: compare_as_body(kinematics, kept, then, now, scatter)
-        )
+    def _at_end(self, accepted: Sequence[Outcome]) -> Sequence[ReferencePose]:
+        """Poses that are compared at the end of a run that nothing has interrupted."""
+        return reference_poses(self.work.steps, accepted) if self.work.compared_at_end else ()
 
-    def _engine(self, found: ResumeState, first_weather: Weather | None) -> Engine:
+    def _engine(
+        self, found: ResumeState, first_weather: Weather | None, gate: InnovationGate
+    ) -> Engine:
         cell, work = self.cell, self.work
-        gate = work.gate_taught_by(found.kept)
         goal_mm = work.goal.std_mm if work.goal else None
         done, total = len(found.kept), len(work.steps)
         tally = RunState(self.watcher, done=done, total=total, goal_mm=goal_mm)
         ways = PathCache(work.robot, stops_of(found.left))
         mover = Mover(cell.robot, cell.clock, work.motion, ways, self.stop_requested)
-        shooter = ShotTaker(cell, self.log, mover, gate, tally, work.gate.search_mm)
+        reacquisition = Reacquisition(
+            cell.tracker, cell.clock, self.log, mover, gate, tally, work.gate
+        )
+        shooter = ShotTaker(cell, self.log, mover, gate, tally, reacquisition)
         watches = Monitors(
             gate,
             DriftMonitor(work.gate.drift_mm, found.first_drift_mm()),
@@ -220,7 +222,14 @@ class _Run:
             work.watched_place(),
             work.goal,
         )
-        return Engine(cell, self.log, shooter, watches, tally, groups(work.steps))
+
+        def compare(poses: Sequence[ReferencePose], now: Sequence[Outcome]) -> BodyComparison:
+            kept, then = gate.accepted, [pose.then for pose in poses]
+            scatter = work.scatter_by(kept)
+            return compare_as_body(work.robot.kinematics, kept, then, now, scatter)
+
+        plan = groups(work.steps)
+        return Engine(cell, self.log, shooter, reacquisition, watches, tally, plan, compare)
 
 
 def complete_series(journal: JournalReader, work: Work) -> Series | None:

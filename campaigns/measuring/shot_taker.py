@@ -1,31 +1,51 @@
 """One attempt at one shot: intent, move, settle, measure, judge."""
 
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import NoReturn
 
+from campaigns.errors import TargetOutOfReach
 from campaigns.journal.records import Durations, Event, Intent, Outcome, Rejected
 from campaigns.measuring.monitors import GateDecision, InnovationGate
 from campaigns.measuring.motion import Arrival, Mover
+from campaigns.measuring.reacquisition import Reacquisition
 from campaigns.measuring.run_state import EngineState, RunState
 from campaigns.measuring.series_log import SeriesLog
 from campaigns.planning.steps import Step
-from drivers.errors import BeamBroken
+from drivers.errors import BeamBroken, LimitViolation, NoReflector, NotAMeasurement
 from drivers.ports import Clock, LaserTracker, RobotController
 from drivers.values import Measurement
 
-REACQUIRE_PATIENCE_S = 30.0
-LOOK_AGAIN_S = 1.0
 MOVED = "the robot moved while it was measured"
+BROKEN = "beam broken"
+"""Beginning of the reason of a shot that was lost with the beam; the report counts these."""
+IMPOSSIBLE = "no measurement"
+"""Beginning of the reason of a shot whose result cannot be."""
 
 
 class ShotFailed(Exception):
-    """An attempt gave no data, and why. The tracker has been asked to find its reflector again."""
+    """An attempt gave no data, and why."""
 
-    def __init__(self, reason: str, refused: Outcome | None = None) -> None:
+
+class BeamReturned(ShotFailed):
+    """The beam was broken, and the tracker has its reflector again: no attempt is counted."""
+
+
+class ReflectorUnseen(ShotFailed):
+    """The reflector was never seen at this pose."""
+
+
+class ShotRefused(ShotFailed):
+    """What was measured is too far from what the shots before let one expect."""
+
+    def __init__(self, reason: str, refused: Outcome, *, relocked: bool) -> None:
         super().__init__(reason)
         self.refused = refused
-        """What was measured, when it is too far from what the shots before let one expect."""
+        self.relocked = relocked
+        """Whether the tracker is on a reflector where this pose's should be."""
+
+
+class TargetRefused(ShotFailed):
+    """The robot cannot be sent there; the next attempt could not either. Its cause says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,14 +81,14 @@ class ShotTaker:
         mover: Mover,
         gate: InnovationGate,
         tally: RunState,
-        search_mm: float,
+        reacquisition: Reacquisition,
     ) -> None:
         self._cell = cell
         self._log = log
         self._mover = mover
         self._gate = gate
         self._tally = tally
-        self._search_mm = search_mm
+        self._reacquisition = reacquisition
 
     def measure(self, step: Step) -> Outcome:
         """Measure a step; its outcome has passed the gate, and nobody has written it yet.
@@ -80,8 +100,11 @@ class ShotTaker:
         taken = self._take(step, intent)
         outcome, refusal = self._judged(intent, taken)
         if refusal:
-            lost = Rejected(intent.shot, intent.attempt, refusal, outcome)
-            self._lose(lost, taken.arrival, None if taken.moved else outcome)
+            text = self._reject(Rejected(intent.shot, intent.attempt, refusal, outcome))
+            if taken.moved:
+                raise ShotFailed(text)
+            relocked = self._reacquisition.at_expected(outcome.joints)
+            raise ShotRefused(text, outcome, relocked=relocked)
         return outcome
 
     def look(self, step: Step) -> Outcome:
@@ -94,7 +117,7 @@ class ShotTaker:
         taken = self._take(step, intent)
         outcome = _outcome(intent, taken, GateDecision(None, None, ""))
         if taken.moved:
-            self._lose(Rejected(intent.shot, intent.attempt, MOVED, outcome), taken.arrival)
+            raise ShotFailed(self._reject(Rejected(intent.shot, intent.attempt, MOVED, outcome)))
         return outcome
 
     def put_aside(self, outcome: Outcome, reason: str) -> None:
@@ -109,18 +132,42 @@ class ShotTaker:
         self._tally.enter(EngineState.IDLE)
 
     def _take(self, step: Step, intent: Intent) -> _Taken:
-        arrival = self._mover.go(step, self._tally.enter)
+        self._reacquisition.remember_start()
+        arrival = self._arrived(step, intent)
         self._tally.enter(EngineState.MEASURING)
         started_s = self._cell.clock.now_s()
         try:
             measurement = self._cell.tracker.measure()
+        except NotAMeasurement as error:
+            reason = f"{IMPOSSIBLE}: {error.problem}"
+            raise ShotFailed(self._reject(Rejected(intent.shot, intent.attempt, reason))) from error
         except BeamBroken as error:
-            self._tally.see_beam(locked=False)
-            reason = f"beam broken: {error.problem}"
-            self._lose(Rejected(intent.shot, intent.attempt, reason), arrival)
+            self._lose_beam(intent, arrival, error)
         measure_s = self._cell.clock.now_s() - started_s
         self._tally.see_beam(locked=True)
         return _Taken(arrival, measurement, measure_s, self._mover.has_moved(arrival.state))
+
+    def _arrived(self, step: Step, intent: Intent) -> Arrival:
+        try:
+            return self._mover.go(step, self._tally.enter)
+        except (LimitViolation, TargetOutOfReach) as error:
+            self._log.write(Rejected(intent.shot, intent.attempt, error.problem))
+            self._tally.rest()
+            raise TargetRefused(f"shot {intent.shot}: {error.problem}") from error
+
+    def _lose_beam(self, intent: Intent, arrival: Arrival, error: BeamBroken) -> NoReturn:
+        """Wait until the beam is back, or until another pose must tell where the reflector is."""
+        self._tally.see_beam(locked=False)
+        rejected = Rejected(intent.shot, intent.attempt, f"{BROKEN}: {error.problem}")
+        self._log.write(rejected)
+        self._tally.enter(EngineState.SUSPENDED)
+        text = self._suspended(rejected)
+        seen_here = not isinstance(error, NoReflector)
+        found = self._reacquisition.wait(arrival.state.joints, seen_here=seen_here)
+        self._tally.rest()
+        if found:
+            raise BeamReturned(text)
+        raise ReflectorUnseen(f"shot {intent.shot}: its reflector was not seen from the tracker")
 
     def _judged(self, intent: Intent, taken: _Taken) -> tuple[Outcome, str]:
         """The outcome with its prediction, and why it cannot count if it cannot."""
@@ -130,57 +177,18 @@ class ShotTaker:
         refusal = MOVED if taken.moved else judgement.refusal
         return _outcome(intent, taken, judgement), refusal
 
-    def _lose(
-        self, rejected: Rejected, arrival: Arrival, refused: Outcome | None = None
-    ) -> NoReturn:
-        """Write the rejection, have the tracker find its reflector, and raise `ShotFailed`."""
+    def _reject(self, rejected: Rejected) -> str:
+        """Write a rejection, and tell it; returns its text."""
         self._log.write(rejected)
         self._tally.enter(EngineState.SUSPENDED)
+        text = self._suspended(rejected)
+        self._tally.rest()
+        return text
+
+    def _suspended(self, rejected: Rejected) -> str:
         text = f"shot {rejected.shot}, attempt {rejected.attempt}: {rejected.reason}"
         self._announce(Event("suspended", text))
-        self._reacquire(arrival)
-        self._tally.enter(EngineState.IDLE)
-        raise ShotFailed(text, refused)
-
-    def _reacquire(self, arrival: Arrival) -> None:
-        """Have the tracker look for its reflector, again and again, while the robot stands still.
-
-        Whoever stands in the beam may take some seconds to leave. A failure in the end is the
-        next attempt's.
-        """
-        given_up_s = self._cell.clock.now_s() + REACQUIRE_PATIENCE_S
-        while (failure := self._failure_to_find(arrival)) is not None:
-            self._tally.see_beam(locked=False)
-            self._mover.check_stop()
-            if self._cell.clock.now_s() >= given_up_s:
-                self._announce(Event("beam broken", f"no reflector found again: {failure}"))
-                return
-            self._cell.clock.sleep_s(LOOK_AGAIN_S)
-        self._tally.see_beam(locked=True)
-        self._announce(Event("resumed", "the tracker has its reflector again"))
-
-    def _failure_to_find(self, arrival: Arrival) -> str | None:
-        try:
-            self._look_for_reflector(arrival.state.joints)
-        except BeamBroken as error:
-            return error.problem
-        return None
-
-    def _look_for_reflector(self, joints: tuple[float, ...]) -> None:
-        """Point to where it should be; while that is unknown, near where it was, and search there.
-
-        Raises `BeamBroken` when it is not found.
-        """
-        expected_mm = self._gate.expected_point_mm(joints)
-        if expected_mm is not None:
-            self._cell.tracker.go_to(expected_mm)
-            return
-        nearest_mm = self._gate.nearest_point_mm(joints)
-        if nearest_mm is not None:
-            with suppress(BeamBroken):
-                self._cell.tracker.go_to(nearest_mm)
-                return
-        self._cell.tracker.find_reflector(self._search_mm)
+        return text
 
     def _announce(self, event: Event) -> None:
         self._log.write(event)

@@ -22,6 +22,7 @@ from campaigns.settings.sections import (
     InstrumentsConfig,
     PeopleConfig,
     PlanConfig,
+    RunConfig,
     SettleConfig,
     TrackerConfig,
     ValidationConfig,
@@ -52,6 +53,9 @@ class CampaignConfig(FileModel):
         default=SettleConfig(), description="when the robot counts as at rest"
     )
     gate: GateConfig = Field(default=GateConfig(), description="what a shot must keep to count")
+    run: RunConfig = Field(
+        default=RunConfig(), description="what a run does by itself when something goes wrong"
+    )
     validation: ValidationConfig = Field(
         default=ValidationConfig(), description="the tests before and after calibration"
     )

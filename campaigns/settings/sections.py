@@ -234,6 +234,16 @@ class GateConfig(FileModel):
     )
 
 
+class RunConfig(FileModel):
+    """What a run does by itself when something goes wrong."""
+
+    look_back_s: Seconds = Field(
+        default=60.0,
+        description="the wait for a reflector that was never seen at a pose, before the robot goes "
+        "back to where it was; a beam that breaks is waited for as long as it takes, s",
+    )
+
+
 class ValidationConfig(FileModel):
     """The tests of section IV.E of the paper."""
 

@@ -1,7 +1,7 @@
 """emScon laser tracker: results as measurements with a covariance that can be used."""
 
 from collections.abc import Callable
-from math import isfinite
+from math import cos, isfinite, radians, sin
 
 from drivers.emscon.client import (
     OTHER_CLIENT,
@@ -23,7 +23,7 @@ from drivers.emscon.setup import (
     require_unchanged,
     set_up,
 )
-from drivers.errors import BeamBroken, DeviceRefused, NotAMeasurement
+from drivers.errors import BeamBroken, DeviceRefused, NoReflector, NotAMeasurement
 from drivers.link import never
 from drivers.plausible import require, require_point, require_weather
 from drivers.ports import Clock
@@ -53,6 +53,7 @@ from drivers.wire.emscon_constants import (
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
     Body,
+    Direction,
     Environment,
     ErrorResponse,
     MeasurementStatusInfo,
@@ -240,15 +241,28 @@ class EmsconTracker:
     def measure(self) -> Measurement:
         """Take one stationary measurement; raises `BeamBroken` when the reflector is lost.
 
-        `NotAMeasurement`, which is one of these, when the result cannot be of this measurement.
+        One of these is `NoReflector`, when it could not begin; another `NotAMeasurement`, when the
+        result cannot be of this measurement.
         """
         client, wanted, agreed = self._session.prepared()
         require_unchanged(client, agreed)
         if status := client.start_measurement():
-            raise self._failure(Command.START_MEASUREMENT.title, status)
+            error = self._failure(Command.START_MEASUREMENT.title, status)
+            if isinstance(error, BeamBroken):
+                raise NoReflector(error.problem, remedy=error.remedy, code=error.code)
+            raise error
         result = self._result(client, wanted.measuring_time_s)
         require_unchanged(client, agreed)
         return measurement_of(client.name, result)
+
+    def direction(self) -> Vector3 | None:
+        """Ask where the beam points, a unit vector; None from a tracker that doesn't tell."""
+        client = self._session.connection
+        found = client.ask_or_none(Command.GET_DIRECTION, Direction)
+        if found is None or not (isfinite(found.horizontal) and isfinite(found.vertical)):
+            return None
+        hz, zenith = radians(found.horizontal), radians(found.vertical)
+        return sin(zenith) * cos(hz), sin(zenith) * sin(hz), cos(zenith)
 
     def go_to(self, point_in_tracker_mm: Vector3) -> None:
         """Point there and lock on; raises `BeamBroken` when no reflector is found near."""

@@ -1,12 +1,12 @@
 """Turning a total station, searching, and following the prism that is found."""
 
 from dataclasses import dataclass
-from math import atan2
+from math import atan2, cos, isfinite, sin
 
 from geocompy.geo.gcdata import ATR, ATRLock, Position
 from geocompy.geo.gcdata import Measurement as Program
 
-from drivers.errors import BeamBroken, DeviceRefused, NotAMeasurement
+from drivers.errors import BeamBroken, DeviceRefused, NoReflector, NotAMeasurement
 from drivers.geocom.accuracy import direction_rad, relative_humidity_percent
 from drivers.geocom.client import BEAM_LOST, BEAM_REMEDY, GeocomClient, not_locked, refused
 from drivers.plausible import require, require_point
@@ -26,6 +26,24 @@ def require_lock(client: GeocomClient, doing: str) -> None:
     """Raise `BeamBroken` when the telescope doesn't follow a prism."""
     if not is_locked(client):
         raise not_locked(client.name, doing)
+
+
+def require_prism(client: GeocomClient, doing: str) -> None:
+    """Raise `NoReflector` when the telescope doesn't follow a prism before anything begins."""
+    if not is_locked(client):
+        lost = not_locked(client.name, doing)
+        raise NoReflector(lost.problem, remedy=lost.remedy, code=lost.code)
+
+
+def telescope_direction(client: GeocomClient) -> Vector3 | None:
+    """Read the angles as a unit vector, X east, Y north, Z up; None when there are none."""
+    angles = client.ask_or_none(lambda geocom: geocom.tmc.get_angle())
+    if angles is None:
+        return None
+    hz, zenith = map(float, angles)
+    if not (isfinite(hz) and isfinite(zenith)):
+        return None
+    return sin(zenith) * sin(hz), sin(zenith) * cos(hz), cos(zenith)
 
 
 def lock_if_in_view(client: GeocomClient) -> None:

@@ -14,7 +14,9 @@ from drivers.geocom.measuring import (
     lock_if_in_view,
     measure_point,
     require_lock,
+    require_prism,
     search,
+    telescope_direction,
     turn_to,
     weather_set,
 )
@@ -136,10 +138,11 @@ class GeocomTracker:
     def measure(self) -> Measurement:
         """Take one point; raises `BeamBroken` when the prism is lost or has no distance.
 
-        `NotAMeasurement`, which is one of these, when its distance was not measured anew.
+        One of these is `NoReflector`, when it was not followed before; another `NotAMeasurement`,
+        when its distance was not measured anew.
         """
         client, _, agreed = self._session.prepared()
-        require_lock(client, "measuring")
+        require_prism(client, "measuring")
         found = measure_point(client, self._distance_at_ms)
         self._distance_at_ms = found.distance_at_ms
         require_lock(client, "measuring")
@@ -150,6 +153,10 @@ class GeocomTracker:
             weather=weather_set(client),
             raw=found.raw,
         )
+
+    def direction(self) -> Vector3 | None:
+        """Ask where the telescope points, a unit vector; None when it cannot tell."""
+        return telescope_direction(self._session.connection)
 
     def go_to(self, point_in_tracker_mm: Vector3) -> None:
         """Turn there and follow the prism found near; raises `BeamBroken` when there is none."""

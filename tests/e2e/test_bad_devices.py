@@ -28,6 +28,8 @@ IMPATIENT_ROBOT = Deadlines(answer_s=0.3, stop_answer_s=0.3, standstill_s=3.0)
 IMPATIENT_TRACKER = EmsconDeadlines(answer_s=0.3, measuring_margin_s=0.3)
 LONG_S = 500.0
 """Of the cell's time, which is half a second of ours: nobody fails to notice."""
+AN_ANSWER = 61
+"""What the device says then answers a question; an event that is lost would go unnoticed."""
 TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
 
 
@@ -225,7 +227,7 @@ def test_a_tracker_that_another_program_uses(pkmcal, tiny):
 @pytest.mark.parametrize("kind", ["late", "silent", "garbage", "torn", "close"])
 def test_a_wire_that_fails_while_the_robot_works(pkmcal, tiny, impatient, device, kind):
     seconds = {"seconds": LONG_S} if kind == "late" else {}
-    fault = {"device": device, "at_answer": 60, "kind": kind, **seconds}
+    fault = {"device": device, "at_answer": AN_ANSWER, "kind": kind, **seconds}
     change(tiny / "cell.yaml", {"faults": [fault]})
     ended = pkmcal("run", tiny, "--yes")
     assert ended.code == 3

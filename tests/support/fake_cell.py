@@ -179,6 +179,9 @@ class FakeTracker:
         point = TRACKER_FROM_BASE.apply(plate)[0] + self.shifted_mm
         return tuple(point.tolist())
 
+    def direction(self) -> Vector3 | None:
+        return None
+
     def go_to(self, point_in_tracker_mm: Vector3) -> None:
         self.calls.append(("tracker.go_to", tuple(round(v, 1) for v in point_in_tracker_mm)))
         self.on_wrong_target = False

@@ -1,17 +1,21 @@
 """Shots that give no data: kept as rejected, their pair void, and measured again as a whole."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from fake_cell import FakeCell
-from small_plans import FOUR_PAIRS, TWO_PAIRS, drift, planned, work
+from small_plans import FOUR_PAIRS, GATE, TWO_PAIRS, drift, planned, work
 from tested_journal import journal_in
 
 from campaigns.errors import GateRefused
 from campaigns.journal.records import Event, PairVoided, Rejected
 from campaigns.journal.views import AcceptedShot
+from campaigns.measuring.attempts import FORGIVEN_BREAKS
 from campaigns.shots.shot_sets import ShotSet
+from drivers.errors import BeamBroken, NotAMeasurement
+from drivers.values import Measurement
 
 
 def attempts_of(shots: tuple[AcceptedShot, ...]) -> list[int]:
@@ -50,17 +54,16 @@ def test_tracker_searches_at_its_distance_while_the_robots_place_is_unknown(tmp_
     assert not cell.named("tracker.go_to")
 
 
-def test_tracker_looks_where_the_reflector_was_last_before_it_searches(tmp_path: Path) -> None:
+def test_search_starts_where_the_beam_points_and_never_at_another_shots_point(
+    tmp_path: Path,
+) -> None:
+    """A beam that is broken at the third measurement, before anybody knows the frame."""
     cell = FakeCell()
     cell.tracker.during_measure = {3: cell.tracker.break_beam}
     with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work())
-        first_mm = journal.shots(series)[0].outcome.point_in_tracker_mm
+        cell.measure(journal, work())
     looks = [call for call in cell.calls if call[0] in ("tracker.go_to", "tracker.find_reflector")]
-    assert looks == [
-        ("tracker.go_to", tuple(round(v, 1) for v in first_mm)),
-        ("tracker.find_reflector", 2500.0),
-    ]
+    assert looks == [("tracker.find_reflector", 2500.0)]
 
 
 def test_small_step_from_a_wrong_target_leads_back_to_the_right_one(tmp_path: Path) -> None:
@@ -100,19 +103,68 @@ def test_suspension_is_told_to_the_operator_and_to_the_journal(tmp_path: Path) -
     assert {progress.shot for progress in suspended} == {1}
 
 
-def test_reflector_that_is_not_found_again_ends_the_run_after_the_allowed_attempts(
+@pytest.mark.parametrize("measurement", [1, 2, 3, 5, 8])
+@pytest.mark.parametrize("lasts_s", [3.0, 600.0])
+def test_broken_beam_is_waited_for_as_long_as_it_takes_and_counts_no_attempt(
+    tmp_path: Path, measurement: int, lasts_s: float
+) -> None:
+    """The gate allows one attempt only, and the robot stands still until the beam is back."""
+    cell = FakeCell()
+
+    def break_it() -> None:
+        cell.tracker.break_beam()
+        cell.tracker.finds = False
+        cell.clock.after(lasts_s, lambda: setattr(cell.tracker, "finds", True))
+
+    cell.tracker.during_measure = {measurement: break_it}
+    once = replace(GATE, attempts=1)
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work(FOUR_PAIRS, gate=once))
+        assert len(journal.shots(series)) == len(FOUR_PAIRS)
+        found = [e.record.text for e in journal.records_of(Event) if e.record.kind == "resumed"]
+    broken = next(i for i, call in enumerate(cell.calls) if call[0] == "tracker.measure")
+    names = [call[0] for call in cell.calls]
+    waits = [
+        i for i, name in enumerate(names) if name in ("tracker.go_to", "tracker.find_reflector")
+    ]
+    assert "robot.move_joints" not in names[waits[0] : waits[-1]], (broken, names)
+    (text,) = found
+    lasted_s = float(text.removesuffix(" s").rpartition(" ")[2])
+    assert lasts_s - 2.0 <= lasted_s <= lasts_s + 5.0
+    assert max(p.beam_lost_s for p in cell.watcher.told) >= min(lasts_s - 3.0, 1.0)
+
+
+def test_reflector_that_is_found_and_lost_each_time_is_no_passer_by(tmp_path: Path) -> None:
+    cell = FakeCell()
+
+    def measure_badly() -> Measurement:
+        cell.calls.append(("tracker.measure",))
+        raise BeamBroken("the beam is broken", remedy="find the reflector")
+
+    cell.tracker.measure = measure_badly
+    with journal_in(tmp_path, cell.calls) as journal:
+        with pytest.raises(GateRefused, match="3 attempts failed, the last one: shot 3"):
+            cell.measure(journal, work())
+        assert not journal.shots(1)
+    assert len(cell.named("tracker.measure")) == 3 * (FORGIVEN_BREAKS + 3)
+
+
+def test_result_that_cannot_be_has_a_reason_of_its_own_and_is_no_broken_beam(
     tmp_path: Path,
 ) -> None:
     cell = FakeCell()
-    cell.tracker.finds = False
-    cell.tracker.during_measure = {3: cell.tracker.break_beam}
+
+    def too_soon() -> None:
+        raise NotAMeasurement("the result came too soon", remedy="measure again")
+
+    cell.tracker.during_measure = {2: too_soon}
     with journal_in(tmp_path, cell.calls) as journal:
-        with pytest.raises(GateRefused, match=r"3 attempts failed.*shot 1, attempt 3: beam broken"):
-            cell.measure(journal, work())
-        rejected = [(e.record.shot, e.record.attempt) for e in journal.records_of(Rejected)]
-    assert rejected == [(2, 1), (1, 2), (1, 3)]
-    assert cell.calls[-2] == ("robot.stop",)
-    assert not cell.watcher.told[-1].beam_locked
+        series = cell.measure(journal, work())
+        (rejected,) = (entry.record for entry in journal.records_of(Rejected))
+        assert attempts_of(journal.shots(series)) == [1, 2, 1, 1, 1, 1]
+    assert rejected.reason == "no measurement: the result came too soon"
+    assert not cell.named("tracker.find_reflector")
+    assert all(progress.beam_locked for progress in cell.watcher.told)
 
 
 def test_wrong_target_is_refused_with_its_data_and_the_tracker_sent_to_the_right_one(
@@ -131,13 +183,17 @@ def test_wrong_target_is_refused_with_its_data_and_the_tracker_sent_to_the_right
 
 
 def test_wrong_target_is_noticed_by_distances_before_the_frame_is_known(tmp_path: Path) -> None:
+    """The robot then brings the reflector back to where the beam was on it."""
     cell = FakeCell()
     cell.tracker.during_measure = {3: cell.tracker.take_wrong_target}
     with journal_in(tmp_path, cell.calls) as journal:
         series = cell.measure(journal, work())
-        (rejected,) = (entry.record for entry in journal.records_of(Rejected))
+        refused, looked = (entry.record for entry in journal.records_of(Rejected))
         assert attempts_of(journal.shots(series)) == [1, 2, 2, 1, 1, 1]
-    assert "the distance to an earlier shot is" in rejected.reason
+        first_mm = journal.shots(series)[0].outcome.point_in_tracker_mm
+    assert "the distance to an earlier shot is" in refused.reason
+    assert looked.reason.startswith("only compared with the one before")
+    assert cell.named("tracker.go_to") == [("tracker.go_to", tuple(round(v, 1) for v in first_mm))]
 
 
 def test_voided_shot_teaches_nothing_to_the_shots_after_it(tmp_path: Path) -> None:

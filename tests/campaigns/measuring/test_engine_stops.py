@@ -112,7 +112,7 @@ def test_trouble_while_measuring_stops_the_robot_and_drops_the_shot(
         assert [entry.record.shot for entry in journal.records_of(Outcome)] == [0]
 
 
-def test_refused_move_stops_the_robot(tmp_path: Path) -> None:
+def test_robot_that_refuses_one_target_after_another_is_stopped(tmp_path: Path) -> None:
     cell = FakeCell()
 
     def refuse(*_: object) -> None:
@@ -120,9 +120,13 @@ def test_refused_move_stops_the_robot(tmp_path: Path) -> None:
 
     cell.tracker.during_measure = {1: lambda: setattr(cell.robot, "move_joints", refuse)}
     with journal_in(tmp_path, cell.calls) as journal:
-        with pytest.raises(LimitViolation):
+        with pytest.raises(LimitViolation, match="joint 1 outside"):
             cell.measure(journal, work())
-        assert_stopped_in_order(cell, journal, "aborted")
+        rejected = [(e.record.shot, e.record.reason) for e in journal.records_of(Rejected)]
+        stopped = journal.records()[-1].record
+    assert rejected == [(shot, "joint 1 outside") for shot in (1, 3, 5)]
+    assert cell.calls[-2:] == [("robot.stop",), ("journal.session-stopped",)]
+    assert (stopped.how, stopped.reason) == ("aborted", "joint 1 outside")
 
 
 def ask_to_stop_while_moving(cell: FakeCell) -> None:

@@ -80,8 +80,13 @@ def test_joints_that_no_robot_could_have_are_refused() -> None:
 
 
 def test_tracker_is_pointed_only_when_the_frame_is_known() -> None:
-    assert taught(2).expected_point_mm(JOINTS[9]) is None
-    assert taught(9).expected_point_mm(JOINTS[9]) == pytest.approx(seen_mm(JOINTS[9]), abs=0.01)
+    assert taught(3).expected_point_mm(JOINTS[8]) is None
+    assert taught(8).expected_point_mm(JOINTS[8]) == pytest.approx(seen_mm(JOINTS[8]), abs=0.01)
+
+
+def test_pose_that_is_taken_again_is_expected_where_it_was() -> None:
+    assert np.allclose(JOINTS[0], JOINTS[9]), "both are the drift pose"
+    assert taught(1).expected_point_mm(JOINTS[9]) == seen_mm(JOINTS[0])
 
 
 def test_forgotten_shot_is_as_if_it_had_never_been() -> None:

@@ -15,8 +15,7 @@ from campaigns.errors import GateRefused, Interrupted
 from campaigns.estimation.rigid_transforms import small_rotation
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.estimation.variance_components import NONE, VarianceComponents
-from campaigns.journal.records import Event, Intent, Outcome
-from campaigns.journal.views import AcceptedShot
+from campaigns.journal.records import Event, Outcome
 from campaigns.measuring.reference_poses import ReferenceScatter, compare_as_body, reference_poses
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.steps import joint_steps
@@ -46,23 +45,15 @@ def outcomes(
     ]
 
 
-def accepted(then: list[Outcome]) -> list[AcceptedShot]:
-    shots = zip(FOUR_PAIRS, then, strict=True)
-    return [
-        AcceptedShot(Intent(s.shot, 1, s.purpose.value, s.pose, s.joints, "joints"), each, "")
-        for s, each in shots
-    ]
-
-
 def compared(then: list[Outcome], now: list[Outcome], scatter: ReferenceScatter = SCATTER):
-    poses = reference_poses(STEPS, accepted(then))
+    poses = reference_poses(STEPS, then)
     first = [pose.then for pose in poses]
     again = [now[pose.step.planned.shot] for pose in poses]
     return compare_as_body(NOMINAL, then, first, again, scatter)
 
 
 def test_poses_are_spread_and_the_drift_pose_is_the_first() -> None:
-    poses = reference_poses(STEPS, accepted(outcomes(np.random.default_rng(1))))
+    poses = reference_poses(STEPS, outcomes(np.random.default_rng(1)))
     assert poses[0].step.planned.shot == 0
     assert len({pose.step.planned.shot for pose in poses}) == 4
     places = np.array([pose.then.point_in_tracker_mm for pose in poses[:3]])
@@ -70,15 +61,12 @@ def test_poses_are_spread_and_the_drift_pose_is_the_first() -> None:
 
 
 def test_few_poses_or_poses_on_a_line_are_no_body() -> None:
-    then = accepted(outcomes(np.random.default_rng(1)))
+    then = outcomes(np.random.default_rng(1))
     assert reference_poses(STEPS, then[:2]) == ()
     assert len(reference_poses(STEPS, then[:3])) == 3
-    same = [replace(each, outcome=then[0].outcome) for each in then]
+    same = [replace(then[0], shot=each.shot) for each in then]
     assert reference_poses(STEPS, same) == ()
-    line = [
-        replace(s, outcome=replace(s.outcome, point_in_tracker_mm=(100.0 * n, 0.0, 2000.0)))
-        for n, s in enumerate(then)
-    ]
+    line = [replace(s, point_in_tracker_mm=(100.0 * n, 0.0, 2000.0)) for n, s in enumerate(then)]
     assert reference_poses(STEPS, line) == ()
 
 

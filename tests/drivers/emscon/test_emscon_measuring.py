@@ -20,6 +20,7 @@ from drivers.errors import (
     DriverError,
     ImplausibleAnswer,
     LinkDown,
+    NoReflector,
 )
 from drivers.values import Weather
 from drivers.wire.emscon import Answer, OtherPacket, encode
@@ -134,7 +135,7 @@ class TestMeasure:
         station = Station().prepared()
         station.instrument.lose_the_beam()
         station.instrument.refuses[START] = ResultStatus.MEASUREMENT_STATUS_NOT_READY
-        with pytest.raises(BeamBroken, match=r"10004 .measurement status not ready. → clear"):
+        with pytest.raises(NoReflector, match=r"10004 .measurement status not ready. → clear"):
             station.tracker.measure()
 
     def test_beam_that_breaks_during_the_measurement_is_a_broken_beam(self):
@@ -143,6 +144,7 @@ class TestMeasure:
         with pytest.raises(BeamBroken) as caught:
             station.tracker.measure()
         assert caught.value.code == "10009"
+        assert not isinstance(caught.value, NoReflector), "it was there when it began"
         del station.instrument.says[START]
         assert station.tracker.measure().point_in_tracker_mm == RESULT.point
 

@@ -68,6 +68,13 @@ def test_tracker_is_brought_up_aimed_and_measures(served, tracker):
     assert tracker.state().reflector == "CCR-1.5in"
 
 
+def test_direction_is_that_of_the_reflector_it_is_on(served, tracker):
+    tracker.prepare("CCR-1.5in", 0.5)
+    tracker.go_to(tuple(place_mm(served)))
+    place = place_mm(served)
+    assert tracker.direction() == pytest.approx(tuple(place / np.linalg.norm(place)), abs=1e-4)
+
+
 def test_reflector_out_of_reach_of_the_search_is_a_broken_beam(served, tracker):
     tracker.prepare("CCR-1.5in", 0.5)
     with pytest.raises(BeamBroken):

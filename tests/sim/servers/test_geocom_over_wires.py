@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from drivers.errors import BeamBroken, DriverError
+from drivers.errors import BeamBroken, DriverError, NoReflector
 from drivers.geocom.client import GeocomDeadlines
 from drivers.geocom.tracker import GeocomTracker
 from drivers.ports import SystemClock
@@ -69,6 +69,8 @@ def test_instrument_is_prepared_aimed_and_measures(wire):
         assert measurement.point_in_tracker_mm == pytest.approx(place_mm(cell), abs=0.1)
         assert np.linalg.eigvalsh(measurement.covariance_mm2)[0] > 0.3**2
         assert measurement.weather.humidity_percent == pytest.approx(45.0, abs=5.0)
+        place = place_mm(cell)
+        assert tracker.direction() == pytest.approx(tuple(place / np.linalg.norm(place)), abs=1e-4)
         assert tracker.state().beam_locked
         assert tracker.state().reflector == CCR
 
@@ -87,7 +89,7 @@ def test_prism_that_is_not_there_is_a_broken_beam_until_it_is_found():
         x, y, z = place_mm(cell)
         with pytest.raises(BeamBroken, match="searching"):
             tracker.go_to((-x, -y, z))
-        with pytest.raises(BeamBroken):
+        with pytest.raises(NoReflector):
             tracker.measure()
         tracker.go_to((x, y, z))
         assert tracker.measure()

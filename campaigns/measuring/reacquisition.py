@@ -1,0 +1,192 @@
+"""Reacquisition of the reflector: waiting for a broken beam, and going back to where it was seen.
+
+A search starts where the beam points and where the reflector of this very pose should be; it never
+starts at another pose's point while the robot is elsewhere.
+"""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from math import sqrt
+
+from campaigns.errors import NotSettled, TargetOutOfReach
+from campaigns.journal.records import Event, EventKind
+from campaigns.measuring.monitors import InnovationGate
+from campaigns.measuring.motion import Mover
+from campaigns.measuring.rules import GateRules
+from campaigns.measuring.run_state import EngineState, RunState
+from campaigns.measuring.series_log import SeriesLog
+from drivers.errors import BeamBroken, LimitViolation
+from drivers.ports import Clock, LaserTracker
+from drivers.values import Vector3
+
+LOOK_AGAIN_S = 1.0
+TOLD_AFTER_S = (30.0, 300.0, 3000.0)
+"""When the operator is told again that the beam is still broken."""
+MOST_ANCHORS = 3
+"""Poses, latest first, at which the reflector is looked for where it was measured."""
+
+
+@dataclass(frozen=True, slots=True)
+class Anchor:
+    """Pose of the robot at which the reflector was seen, and where."""
+
+    name: str
+    joints: tuple[float, ...]
+    point_in_tracker_mm: Vector3
+
+
+class Reacquisition:
+    """Finds the reflector again, while the robot stands still or back at a pose seen before."""
+
+    def __init__(
+        self,
+        tracker: LaserTracker,
+        clock: Clock,
+        log: SeriesLog,
+        mover: Mover,
+        gate: InnovationGate,
+        tally: RunState,
+        rules: GateRules,
+    ) -> None:
+        self._tracker = tracker
+        self._clock = clock
+        self._log = log
+        self._mover = mover
+        self._gate = gate
+        self._tally = tally
+        self._rules = rules
+        self._started_towards: Vector3 | None = None
+        self._knows_start = False
+
+    def remember_start(self) -> None:
+        """Note where the beam points before the session's first motion: on the robot's reflector.
+
+        Whoever began the session has put it there.
+        """
+        if not self._knows_start:
+            self._knows_start = True
+            self._started_towards = self._tracker.direction()
+
+    def may_look_back(self) -> bool:
+        """Whether there is a pose at which the reflector was measured."""
+        return bool(self._gate.accepted)
+
+    def wait(self, joints: tuple[float, ...], *, seen_here: bool) -> bool:
+        """Wait until the reflector is found, for as long as it takes, and say how long it took.
+
+        False: it was never seen at this pose, for as long as is waited before another is asked.
+        The robot stands still meanwhile, and is watched.
+        """
+        since_s = self._clock.now_s()
+        here = self._tracker.direction()
+        alarms = iter(TOLD_AFTER_S)
+        told_at_s = next(alarms)
+        while (failure := self._failure_to_find(joints, here)) is not None:
+            self._mover.check_stop()
+            self._mover.require_sound()
+            lasted_s = self._clock.now_s() - since_s
+            self._tally.see_beam(locked=False, lost_s=lasted_s)
+            if not seen_here and self.may_look_back() and lasted_s >= self._rules.look_back_s:
+                return False
+            if lasted_s >= told_at_s:
+                told_at_s = next(alarms, float("inf"))
+                text = f"the beam has been broken for {lasted_s:.0f} s and is waited for: {failure}"
+                self._announce("beam broken", text)
+            self._mover.pause(LOOK_AGAIN_S)
+        self._tally.see_beam(locked=True)
+        lasted_s = self._clock.now_s() - since_s
+        self._announce("resumed", f"the tracker has its reflector again, after {lasted_s:.0f} s")
+        return True
+
+    def at_expected(self, joints: tuple[float, ...]) -> bool:
+        """Whether the reflector was found where it should be; False too while that is unknown."""
+        expected_mm = self._gate.expected_point_mm(joints)
+        if expected_mm is None:
+            return False
+        try:
+            self._tracker.go_to(expected_mm)
+        except BeamBroken:
+            self._tally.see_beam(locked=False)
+            return False
+        return True
+
+    def wait_where_it_was(self) -> bool:
+        """Go back to the pose of the latest shot that counts, and wait for the beam there.
+
+        Whether it was there at once: then it is the pose where it was missing that cannot be seen.
+        """
+        latest = self._gate.accepted[-1]
+        name = f"where shot {latest.shot} was"
+        self._announce("suspended", f"looking for the reflector {name}")
+        self._mover.return_to(latest.joints, f"back to {name}", self._tally.enter)
+        self._tally.enter(EngineState.SUSPENDED)
+        began_s = self._clock.now_s()
+        self.wait(latest.joints, seen_here=True)
+        self._tally.rest()
+        return self._clock.now_s() - began_s < self._rules.look_back_s
+
+    def look_back(self) -> bool:
+        """Bring robot and beam together where the reflector was seen before; False: nowhere.
+
+        At the pose of a shot that counts, the latest first; else where the session began.
+        """
+        return any(map(self._locked_at, self._anchors()))
+
+    def _anchors(self) -> Iterator[Anchor]:
+        for outcome in tuple(reversed(self._gate.accepted))[:MOST_ANCHORS]:
+            name = f"where shot {outcome.shot} was"
+            yield Anchor(name, outcome.joints, outcome.point_in_tracker_mm)
+        start, towards = self._mover.first_stop, self._started_towards
+        if start is not None and towards is not None:
+            self._started_towards = None  # the beam may have been on the wrong one even then
+            yield Anchor("where the run began", start, _at(towards, self._rules.search_mm))
+
+    def _locked_at(self, anchor: Anchor) -> bool:
+        self._announce("suspended", f"looking for the reflector {anchor.name}")
+        try:
+            self._mover.return_to(anchor.joints, f"back to {anchor.name}", self._tally.enter)
+        except (TargetOutOfReach, LimitViolation, NotSettled):
+            self._tally.rest()
+            return False
+        self._tally.enter(EngineState.SUSPENDED)
+        locked = self._failure_at(anchor.point_in_tracker_mm) is None
+        self._tally.see_beam(locked=locked)
+        self._tally.rest()
+        return locked
+
+    def _failure_to_find(self, joints: tuple[float, ...], here: Vector3 | None) -> str | None:
+        """One round: at the expected point of this pose, and in the direction of the beam."""
+        if self.at_expected(joints):
+            return None
+        if here is not None and self._gate.expected_point_mm(joints) is not None:
+            return self._failure_at(_at(here, self._rules.search_mm))
+        try:
+            self._tracker.find_reflector(self._rules.search_mm)
+        except BeamBroken as error:
+            return error.problem
+        return None
+
+    def _failure_at(self, point_mm: Vector3) -> str | None:
+        """Point there, and search around that direction at any distance."""
+        with suppress(BeamBroken):
+            self._tracker.go_to(point_mm)
+            return None
+        try:
+            self._tracker.find_reflector(_length(point_mm))
+        except BeamBroken as error:
+            return error.problem
+        return None
+
+    def _announce(self, kind: EventKind, text: str) -> None:
+        self._log.write(Event(kind, text))
+        self._tally.event(text)
+
+
+def _at(direction: Vector3, distance_mm: float) -> Vector3:
+    x, y, z = direction
+    return x * distance_mm, y * distance_mm, z * distance_mm
+
+
+def _length(point_mm: Vector3) -> float:
+    return sqrt(sum(value * value for value in point_mm))

@@ -1,0 +1,155 @@
+"""Poses that cannot be measured: set aside, tried once more at the end, skipped, and named."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_cell import FakeCell
+from small_plans import FOUR_PAIRS, GATE, drift, work
+from tested_journal import journal_in
+
+from campaigns.errors import GateRefused
+from campaigns.journal.records import Event, Rejected
+from drivers.errors import BeamBroken, LimitViolation, NoReflector
+from drivers.values import Measurement
+
+LATER = work(FOUR_PAIRS).steps[3].planned
+"""A shot in the middle: the first of the pair 1, with number 3."""
+
+
+def blind_at(cell: FakeCell, shots, times: float = np.inf) -> None:
+    """The reflector cannot be seen at these poses, so often as they are tried."""
+    measure, left = cell.tracker.measure, [times]
+
+    def sees_there() -> bool:
+        here = cell.robot.true_joints()
+        return not any(np.allclose(here, shot.joints, atol=1e-4) for shot in shots)
+
+    def measured() -> Measurement:
+        if sees_there() or left[0] <= 0:
+            cell.tracker.beam_broken = False
+            return measure()
+        left[0] -= 1
+        cell.calls.append(("tracker.measure",))
+        raise NoReflector("no reflector", remedy="look for it")
+
+    def search(*call: object) -> None:
+        cell.calls.append(call)
+        cell.tracker._wait(1.0)
+        if not sees_there():
+            raise BeamBroken("no reflector found", remedy="look for it")
+
+    cell.tracker.measure = measured
+    cell.tracker.go_to = lambda point: search("tracker.go_to", point)
+    cell.tracker.find_reflector = lambda distance: search("tracker.find_reflector", distance)
+
+
+def refusing(cell: FakeCell, shots) -> None:
+    move = cell.robot.move_joints
+
+    def moved(joints, speed_fraction: float) -> None:
+        if any(np.allclose(joints, shot.joints) for shot in shots):
+            raise LimitViolation("joint 1 outside", remedy="compare limits")
+        move(joints, speed_fraction)
+
+    cell.robot.move_joints = moved
+
+
+def skips(journal) -> list[Event]:
+    return [e.record for e in journal.records_of(Event) if e.record.kind == "shot skipped"]
+
+
+def test_target_that_the_controller_refuses_costs_one_pair_and_is_tried_once_more(
+    tmp_path: Path,
+) -> None:
+    cell = FakeCell()
+    refusing(cell, [LATER])
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work(FOUR_PAIRS))
+        assert [shot.intent.shot for shot in journal.shots(series)] == [0, 1, 2, 5, 6, 7, 8, 9]
+        aside, skipped = skips(journal)
+        assert journal.latest_series("run").finished
+        tries = [e.record.attempt for e in journal.records_of(Rejected) if e.record.shot == 3]
+    assert aside.shots == skipped.shots == (3, 4)
+    assert aside.text == (
+        "shots 3–4 set aside, to be tried once more at the end: the attempt failed, the last one: "
+        "shot 3: joint 1 outside"
+    )
+    assert skipped.text.startswith("shots 3–4 skipped:")
+    assert tries == [1, 2]
+    assert cell.watcher.events == [aside.text, skipped.text]
+    assert (cell.watcher.told[-1].done, cell.watcher.told[-1].total) == (8, 10)
+
+
+def test_pose_whose_reflector_cannot_be_seen_is_told_from_a_broken_beam_by_going_back(
+    tmp_path: Path,
+) -> None:
+    cell = FakeCell()
+    blind_at(cell, [LATER])
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work(FOUR_PAIRS))
+        assert [shot.intent.shot for shot in journal.shots(series)] == [0, 1, 2, 5, 6, 7, 8, 9]
+        assert [event.shots for event in skips(journal)] == [(3, 4), (3, 4)]
+        texts = [e.record.text for e in journal.records_of(Event) if e.record.kind == "suspended"]
+    assert "looking for the reflector where shot 2 was" in texts
+
+
+def test_pose_that_could_not_be_seen_for_a_while_is_measured_in_the_end(tmp_path: Path) -> None:
+    cell = FakeCell()
+    blind_at(cell, [LATER], times=3)
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work(FOUR_PAIRS))
+        assert len(journal.shots(series)) == len(FOUR_PAIRS)
+        (aside,) = skips(journal)
+    assert aside.shots == (3, 4)
+
+
+def test_beam_that_is_broken_on_the_way_is_waited_for_where_the_reflector_was(
+    tmp_path: Path,
+) -> None:
+    """Nobody has seen the reflector at the new pose, and yet it is not the pose's fault."""
+    cell = FakeCell()
+
+    def break_beam() -> None:
+        cell.tracker.finds = False
+        cell.tracker.beam_broken = True
+        cell.clock.after(500.0, lambda: setattr(cell.tracker, "finds", True))
+
+    measure = cell.tracker.measure
+
+    def measured() -> Measurement:
+        if cell.tracker.beam_broken:
+            raise NoReflector("no reflector", remedy="look for it")
+        return measure()
+
+    cell.tracker.measure = measured
+    cell.robot.during_move = {4: break_beam}
+    with journal_in(tmp_path, cell.calls) as journal:
+        once = replace(GATE, attempts=1)
+        series = cell.measure(journal, work(FOUR_PAIRS, gate=once))
+        assert len(journal.shots(series)) == len(FOUR_PAIRS)
+        assert not skips(journal)
+
+
+def test_three_poses_in_a_row_that_contradict_the_others_end_the_run(tmp_path: Path) -> None:
+    cell = FakeCell()
+
+    def bump() -> None:
+        cell.tracker.shifted_mm[:] = (0.0, 40.0, 0.0)
+
+    plan = (*FOUR_PAIRS[:-1], *(replace(drift(n), shot=n) for n in (20, 21)))
+    cell.tracker.during_measure = {6: bump}
+    with journal_in(tmp_path, cell.calls) as journal:
+        with pytest.raises(GateRefused, match="a wrong target or a wrong pose"):
+            cell.measure(journal, work(plan))
+        assert len(journal.shots(1)) == 5
+        assert len(skips(journal)) == 2
+    assert cell.calls[-2:] == [("robot.stop",), ("journal.session-stopped",)]
+
+
+def test_controller_that_refuses_many_targets_ends_the_run(tmp_path: Path) -> None:
+    cell = FakeCell()
+    refusing(cell, FOUR_PAIRS[1:])
+    with journal_in(tmp_path, cell.calls) as journal, pytest.raises(LimitViolation):
+        cell.measure(journal, work(FOUR_PAIRS))
