@@ -94,7 +94,8 @@ class HalPins:
                 self.access.command,
                 input=program,
                 capture_output=True,
-                text=True,
+                encoding="utf-8",
+                errors="replace",
                 timeout=self.access.within_s,
                 check=False,
             )
@@ -136,7 +137,7 @@ def _answer_of(said: str) -> Mapping[str, object] | None:
     """The one line of JSON; None for anything else."""
     try:
         answer = json.loads(_last_line(said[:MOST_ANSWERED]))
-    except ValueError:
+    except (ValueError, RecursionError):  # brackets without an end nest too deeply
         return None
     return answer if isinstance(answer, dict) else None
 
@@ -146,7 +147,7 @@ def _values(pins: object, names: Sequence[str]) -> dict[str, float]:
         raise WireError("LinuxCNC's HAL answers other pins than were asked for")
     try:
         values = {name: float.fromhex(pins[name]) for name in names}
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise WireError("LinuxCNC's HAL answers a pin that is no number") from error
     if not all(map(math.isfinite, values.values())):
         raise WireError("LinuxCNC's HAL answers a pin that is not finite")

@@ -113,6 +113,7 @@ def test_access_that_leads_nowhere_says_why(access, reason):
         '{"pins": {}}',
         '{"pins": {"par4kins.arm0.x_mm": "nan", "par4kins.plate_mm": "0x1p+0"}}',
         '{"pins": {"par4kins.arm0.x_mm": 1.0, "par4kins.plate_mm": "0x1p+0"}}',
+        '{"pins": {"par4kins.arm0.x_mm": "0x1p+99999", "par4kins.plate_mm": "0x1p+0"}}',
         '{"pins": 3}',
         "{}",
     ],
@@ -120,3 +121,9 @@ def test_access_that_leads_nowhere_says_why(access, reason):
 def test_answer_that_is_none_is_refused(answer):
     with pytest.raises(WireError):
         HalPins(NAMES, HalAccess(prefix=("sh", "-c", f"echo '{answer}'"))).read()
+
+
+@pytest.mark.parametrize("said", ["printf '\\377\\376\\n'", "printf '[%.0s' $(seq 20000)"])
+def test_answer_that_is_no_text_or_nests_without_an_end_leads_nowhere(said):
+    with pytest.raises(LinkDown, match="no answer"):
+        HalPins(NAMES, HalAccess(prefix=("sh", "-c", said))).read()

@@ -1,0 +1,239 @@
+"""Frames to torture wire parsers with: examples of every message, and what can become of them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from random import Random
+
+from drivers.errors import WireError
+from drivers.wire import geocom, linuxcncrsh, robotline
+from drivers.wire import robotline_messages as said
+from drivers.wire.emscon import (
+    SHAPES,
+    Answer,
+    FromClientFramer,
+    FromServerFramer,
+    OtherPacket,
+    Request,
+    encode,
+    refusal,
+)
+from drivers.wire.emscon_messages import (
+    Body,
+    ErrorResponse,
+    ReflectorPosition,
+    SingleResult,
+    SingleResult2,
+    StatusChange,
+)
+from drivers.wire.framing import LineFramer, PacketFramer
+from sim.servers.robotline_server import LAYOUT
+
+Feed = Callable[[bytes], object]
+
+
+@dataclass(frozen=True)
+class Wire:
+    """One parser: a fresh one for each conversation, examples, and how a line is made to fit again.
+
+    `resealed` writes the checksum anew after a change, so that what is behind it is reached too.
+    """
+
+    name: str
+    fresh: Callable[[], Feed]
+    examples: Sequence[bytes]
+    resealed: Callable[[bytes], bytes] = field(default=lambda frame: frame)
+
+
+def example(kind: type[Body]) -> Body:
+    """A body in which no two fields are alike."""
+    values = {"i": 7, "d": 0.5, "v": (1.5, -2.5, 3.5), "s": "CCR-1.5in"}
+    return kind(*(values[code] for code in kind.LAYOUT))
+
+
+UNASKED = (ErrorResponse, StatusChange, ReflectorPosition, SingleResult, SingleResult2)
+FROM_INSTRUMENT = (
+    *(encode(Answer(command, 0, example(shape.answer))) for command, shape in SHAPES.items()),
+    *(encode(example(kind)) for kind in UNASKED),  # type: ignore[arg-type] # all are of the union
+    *(refusal(command, 39) for command in (1, 42)),
+    encode(OtherPacket(3, bytes(84))),
+)
+FROM_CLIENT = tuple(encode(Request(c, example(shape.request))) for c, shape in SHAPES.items())
+GEOCOM_REPLIES = tuple(
+    geocom.encode_reply(geocom.Reply(0, 7, result, words, checked))
+    for checked in (False, True)
+    for result, words in (
+        (0, ()),
+        (0, geocom.words_of(2.5, -1.25, 0.75, 1000, 2.5, -1.25, 0.75, 1001)),
+        (0, geocom.words_of(0, "Leica Circ Prism")),
+        (0, geocom.words_of('a "name", \\ and ü')),
+        (1285, geocom.words_of(0.0, 0.0, 0.0, 0)),
+    )
+)
+GEOCOM_REQUESTS = tuple(
+    geocom.encode_request(geocom.Request(rpc, 7, words, checked))
+    for checked in (False, True)
+    for rpc, words in (
+        (0, ()),
+        (2082, geocom.words_of(5000, 1)),
+        (9027, geocom.words_of(0.5, 1.5, 0, 1, 0)),
+        (17033, geocom.words_of("CCR-1.5in")),
+    )
+)
+PART = said.Part("ARM 0", tuple(1.5 * each for each in range(1, 1 + len(LAYOUT.parts["ARM 0"]))))
+OUTCOMES: tuple[tuple[str, said.Answer | robotline.Refused], ...] = (
+    ("HELLO", said.Greeting(1, "Example Robotics", "Par4", "SN-0042", "2.1", 4)),
+    ("STATE", said.Status(False, False, "drive 2", (0.0, -45.0, 90.0, 1e-300))),  # noqa: FBT003
+    ("MOVEJ", said.Motion(1.5)),
+    ("GEOM", said.Parameters(PART)),
+    ("STOP", said.Done()),
+    ("MOVEP", robotline.Refused("LIMIT", "joint 3 to 95.0 deg, limit 90.0 deg")),
+)
+ROBOTLINE_REPLIES = tuple(
+    robotline.encode_reply(robotline.Reply(7, verb, outcome)) for verb, outcome in OUTCOMES
+)
+ROBOTLINE_REQUESTS = tuple(
+    robotline.encode_request(robotline.Request(7, command))
+    for command in (
+        said.Hello(1),
+        said.AskState(),
+        said.MoveJoints((0.0, 90.0, -45.0, 1.5), 25.0),
+        said.MovePose((1.5, -2.5, -575.0, 45.0), 100.0),
+        said.ReadPart("ARM 0"),
+        said.Stage(PART),
+        said.Commit(),
+    )
+)
+LINUXCNC = (
+    b"HELLO ACK PAR4 1.1\r\n",
+    b"SET VERBOSE ACK\n\r",
+    b"GET NONSENSE NAK\r\n",
+    b"JOINT_POS 12.345679 -23.456789 34.567891 45.678912 0.000000 0.000000\r\n",
+    b"ERROR joint 3 following error\r\n",
+    b"error: Subcommand not found: SET SET_WAIT\r\nSET NAK\r\n",
+)
+
+
+def _geocom_reply() -> Feed:
+    framer = geocom.ReplyFramer()
+    readers = (geocom.parse_number, geocom.parse_whole, geocom.parse_string)
+
+    def feed(data: bytes) -> None:
+        for reply in framer.feed(data):
+            for read in readers:
+                for word in reply.parameters:
+                    _read(read, word)
+
+    return feed
+
+
+def _read(read: Callable[[str], object], word: str) -> None:
+    try:
+        read(word)
+    except WireError:
+        return
+
+
+def _geocom_request() -> Feed:
+    lines = geocom.line_framer()
+    return lambda data: [geocom.decode_request(line) for line in lines.feed(data)]
+
+
+def _robotline_request() -> Feed:
+    lines = robotline.line_framer()
+    return lambda data: [robotline.decode_request(line, LAYOUT) for line in lines.feed(data)]
+
+
+def _linuxcnc() -> Feed:
+    framer = linuxcncrsh.AnswerFramer()
+
+    def feed(data: bytes) -> None:
+        for message in framer.feed(data):
+            if isinstance(message, linuxcncrsh.Value) and message.word == "JOINT_POS":
+                linuxcncrsh.read_numbers(message)
+
+    return feed
+
+
+def resealed_robotline(line: bytes) -> bytes:
+    """The line with the checksum that fits what stands before it."""
+    text = line.rstrip(b"\n").rpartition(b" *")[0]
+    return b"%s *%04X\n" % (text, robotline.checksum(text))
+
+
+def resealed_geocom(line: bytes) -> bytes:
+    """The line with the checksum that fits, if it has a place for one."""
+    head, colon, tail = line.rstrip(b"\r\n").partition(b":")
+    *front, _old = head.split(b",")
+    if len(front) != 3:
+        return line
+    plain = b",".join(front)
+    return b"%s,%d:%s\r\n" % (plain, geocom.crc16(plain + colon + tail), tail)
+
+
+WIRES: tuple[Wire, ...] = (
+    Wire("packets", lambda: PacketFramer().feed, FROM_INSTRUMENT),
+    Wire("lines", lambda: LineFramer(255).feed, ROBOTLINE_REPLIES),
+    Wire("emScon, instrument", lambda: FromServerFramer().feed, FROM_INSTRUMENT),
+    Wire("emScon, client", lambda: FromClientFramer().feed, FROM_CLIENT),
+    Wire("GeoCOM, instrument", _geocom_reply, GEOCOM_REPLIES, resealed_geocom),
+    Wire("GeoCOM, client", _geocom_request, GEOCOM_REQUESTS, resealed_geocom),
+    Wire(
+        "robotline, controller",
+        lambda: robotline.ReplyFramer(LAYOUT).feed,
+        ROBOTLINE_REPLIES,
+        resealed_robotline,
+    ),
+    Wire("robotline, client", _robotline_request, ROBOTLINE_REQUESTS, resealed_robotline),
+    Wire("linuxcncrsh", _linuxcnc, LINUXCNC),
+)
+
+ODD = (
+    *(b"\x00", b"\xff", b"\n", b"\r", b" ", b",", b'"', b"\\", b":", b"*", b"%", b"-", b"1e999"),
+    *(b"nan", b"\xc2\xa0", b"\x1c", b"\xe2\x80\xae", b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80"),
+    *(b"9" * 40, bytes(8), b"OK", b"NO", b"ACK", b"HELLO", b"ARM 9"),
+)
+LONGEST_RANDOM = 400
+
+
+def frame(wire: Wire, draw: Random) -> list[bytes]:
+    """One torture in the pieces in which it comes: random, mutated, cut off, or run together."""
+    kind = draw.random()
+    if kind < 0.15:
+        return [draw.randbytes(draw.randrange(LONGEST_RANDOM))]
+    golden = draw.choice(wire.examples)
+    if kind < 0.6:
+        mutant = mutated(golden, draw)
+        return [wire.resealed(mutant) if draw.random() < 0.5 else mutant]
+    if kind < 0.8:
+        return [golden[: draw.randrange(len(golden))], draw.choice(wire.examples)]
+    some = [draw.choice(wire.examples) for _ in range(draw.randrange(2, 6))]
+    some[draw.randrange(len(some))] = mutated(golden, draw)
+    return pieces(b"".join(some), draw)
+
+
+def mutated(golden: bytes, draw: Random) -> bytes:
+    """Some bytes changed, lost, doubled, or replaced by what parsers stumble over."""
+    data = bytearray(golden)
+    for _ in range(draw.choice((1, 1, 1, 2, 3, 8))):
+        at = draw.randrange(len(data) + 1)
+        match draw.randrange(5):
+            case 0:
+                data[at : at + 1] = bytes((draw.randrange(256),))
+            case 1:
+                del data[at : at + draw.randrange(1, 9)]
+            case 2:
+                data[at:at] = data[at : at + draw.randrange(1, 17)]
+            case 3:
+                data[at:at] = draw.choice(ODD)
+            case _:
+                odd = draw.choice(ODD)
+                data[at : at + len(odd)] = odd
+    return bytes(data)
+
+
+def pieces(data: bytes, draw: Random) -> list[bytes]:
+    """The same bytes as a wire may bring them."""
+    cuts = sorted(draw.randrange(len(data) + 1) for _ in range(draw.randrange(4)))
+    edges = [0, *cuts, len(data)]
+    return [data[a:b] for a, b in pairwise(edges)]
