@@ -1,8 +1,10 @@
 """The one owner of the terminal: answers on stdout, talk on stderr."""
 
+import io
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from time import monotonic
 
 import typer
@@ -20,6 +22,20 @@ TALK, WARNING = "dim", "yellow"
 def terminal_of(context: typer.Context, *, as_json: bool) -> "Terminal":
     """The terminal as the global options want it."""
     return Terminal(as_json=as_json, verbose=context.obj is True)
+
+
+def forget_what_was_typed() -> None:
+    """Drop what waits to be read from the terminal: it answers no question that comes later."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        while msvcrt.kbhit():
+            msvcrt.getwch()
+        return
+    import termios  # there is none on Windows
+
+    with suppress(termios.error, io.UnsupportedOperation):  # no terminal, or none any more
+        termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
 
 
 class Terminal:
@@ -74,14 +90,15 @@ class Terminal:
 
     def document(self, document: Mapping[str, object]) -> None:
         """The answer for programs; only with `as_json`."""
-        if self._as_json:
+        if self._as_json and sys.stdout is not None:
             sys.stdout.write(json.dumps(document, allow_nan=False) + "\n")
             sys.stdout.flush()
 
     def asks(self, question: str) -> bool:
-        """Whether the operator says yes; without a terminal nobody does."""
-        if not sys.stdin.isatty():
+        """Whether the operator says yes, now; without a terminal nobody does."""
+        if sys.stdin is None or not sys.stdin.isatty():
             return False
+        forget_what_was_typed()
         self._talk.print(f"{question} [y/N] ", style="bold", end="", markup=False)
         try:
             return sys.stdin.readline().strip().lower() in {"y", "yes"}

@@ -16,6 +16,10 @@ class NotConfirmed(AppError):
     """The operator's yes is missing: ask on a terminal, or give --yes."""
 
 
+class AnswerLost(AppError):
+    """The answer could not be written to where it was sent."""
+
+
 class Exit(IntEnum):
     """The codes that scripts may rely on."""
 
@@ -32,6 +36,7 @@ def exit_code(error: Exception) -> Exit:
     """The code of a designed error; the most particular class in the table decides."""
     table: dict[type[Exception], Exit] = {
         AppError: Exit.BAD_INPUT,
+        AnswerLost: Exit.JOURNAL,
         campaign.CampaignError: Exit.BAD_INPUT,
         campaign.JournalFailed: Exit.JOURNAL,
         campaign.WriteFailed: Exit.JOURNAL,

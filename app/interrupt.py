@@ -1,21 +1,35 @@
-"""Ctrl-C as a wish that the work looks at, so that the robot is stopped in order."""
+"""Signals as a wish that the work looks at, so that the robot is stopped in order."""
 
+import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from queue import SimpleQueue
 from types import FrameType
 
-WATCHED = tuple(
-    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
-)
-"""Ctrl-C, a polite kill, and the loss of the terminal. Windows has no SIGHUP."""
+
+def _known(*names: str) -> tuple[signal.Signals, ...]:
+    """Those signals that this system has."""
+    return tuple(signal.Signals[name] for name in names if hasattr(signal, name))
+
+
+ENDING = _known("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGBREAK")
+"""Ctrl-C, a polite kill, the loss of the terminal, Ctrl-\\; on Windows Ctrl-Break."""
+SUSPENDING = _known("SIGTSTP")
+"""Ctrl-Z."""
+WATCHED = (*ENDING, *SUSPENDING)
+ANSWERED = _known("SIGINT", *(number.name for number in SUSPENDING))
+"""Those that come from somebody at the terminal, who can be asked whether to go on."""
+LEFT_ALONE = _known("SIGHUP", *(number.name for number in SUSPENDING))
+"""Those that stay ignored where whoever started us ignores them: nohup outlives its terminal, and
+what nobody could wake again is not suspended."""
 
 
 class StopRequest:
     """Whether the operator has asked to stop.
 
-    Asking again changes nothing: a stop is under way, and what it waits for has a deadline.
+    Asking again changes nothing: a stop is under way, and what it waits for has a deadline. But
+    after a signal that nobody can be asked about, nobody is asked any more.
     """
 
     def __init__(self) -> None:
@@ -27,41 +41,62 @@ class StopRequest:
 
     @property
     def may_go_on(self) -> bool:
-        """Whether the operator can be asked: only Ctrl-C comes from somebody at the terminal."""
-        return self._asked_by == signal.SIGINT
+        """Whether the operator can be asked: Ctrl-C and Ctrl-Z come from somebody there."""
+        return self._asked_by in ANSWERED
+
+    @property
+    def suspends(self) -> bool:
+        """Whether the process is to be suspended once the robot stands."""
+        return self._asked_by in SUSPENDING
 
     def ask(self, number: int) -> None:
         """Ask to stop, by the number of a signal."""
-        self._asked_by = number
+        if self._asked_by is None or self.may_go_on:
+            self._asked_by = number
 
 
 @contextmanager
 def stop_on_signals(wish: StopRequest) -> Iterator[None]:
     """Turn signals into the wish to stop, for the time of the block."""
-    with _handled(wish.ask):
+    with _handled(wish.ask, WATCHED):
+        yield
+
+
+@contextmanager
+def end_on_signals(wish: StopRequest) -> Iterator[None]:
+    """The same where no robot moves: Ctrl-Z suspends at once, as it always does."""
+    with _handled(wish.ask, ENDING):
         yield
 
 
 @contextmanager
 def awaited_signal() -> Iterator[Callable[[], None]]:
-    """Give a function that returns when a signal has come, also one that came before it."""
+    """Give a function that returns when a signal to end has come, also one that came before it."""
     came: SimpleQueue[int] = SimpleQueue()  # its `put` may be called from a signal handler
 
     def wait() -> None:
         came.get()
 
-    with _handled(came.put):
+    with _handled(came.put, ENDING):
         yield wait
 
 
+def suspend() -> None:
+    """Suspend this process as Ctrl-Z does where nobody handles it; returns when it is continued."""
+    os.kill(os.getpid(), SUSPENDING[0])
+
+
 @contextmanager
-def _handled(handle: Callable[[int], None]) -> Iterator[None]:
+def _handled(handle: Callable[[int], None], numbers: Sequence[signal.Signals]) -> Iterator[None]:
     def called(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - Python's signature
         handle(number)
 
-    before = [signal.signal(number, called) for number in WATCHED]
+    before = {number: signal.getsignal(number) for number in numbers}
+    for number, handler in before.items():
+        if number not in LEFT_ALONE or handler is not signal.SIG_IGN:
+            signal.signal(number, called)
     try:
         yield
     finally:
-        for number, handler in zip(WATCHED, before, strict=True):
+        for number, handler in before.items():
             signal.signal(number, handler)

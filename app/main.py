@@ -13,6 +13,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import Abort, TyperException
 
 from app.exits import Exit, exit_code
+from app.streams import make_streams_last
 from campaigns.version import VERSION
 from drivers.errors import ExplainedError
 
@@ -150,6 +151,7 @@ def main() -> None:
     """Run the command line and leave with the exit code that scripts may rely on."""
     for variable in LINEAR_ALGEBRA_THREADS:
         os.environ.setdefault(variable, "1")
+    make_streams_last()
     code = run_command(sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is over: the code says how, and stays so
     sys.exit(code)
@@ -161,8 +163,6 @@ def run_command(arguments: list[str]) -> int:
         code = app(arguments or ["--help"], prog_name="pkmcal", standalone_mode=False)
     except Abort:
         code = Exit.INTERRUPTED
-    except BrokenPipeError:
-        return _nobody_reads()
     except Exception as error:  # noqa: BLE001 - the last resort: a line rather than a traceback
         if "--debug" in takewhile(lambda word: word.startswith("-"), arguments):
             traceback.print_exception(error)
@@ -194,12 +194,6 @@ def _usage_line(error: TyperException) -> str:
 def _told(line: str, code: Exit) -> Exit:
     typer.echo(f"pkmcal: {' '.join(line.split())}", err=True)
     return code
-
-
-def _nobody_reads() -> Exit:
-    """Whoever read our output has left; nothing more is written to it, not even at the exit."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return Exit.NOT_GOOD
 
 
 if __name__ == "__main__":

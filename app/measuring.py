@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from typing import TypeVar
 
 from app.console import WARNING, Terminal
-from app.interrupt import StopRequest, stop_on_signals
+from app.interrupt import StopRequest, stop_on_signals, suspend
 from app.wiring import connected_cell, prepare
 from campaigns.campaign import Campaign
 from campaigns.chain.running import measured_before, run_work
@@ -63,7 +63,7 @@ def measure(
                         return finish(journal, series)
             except (Interrupted, Cancelled) as stopped:
                 # Out here the signals do what they always do: Ctrl-C at the question means no.
-                if not (wish.may_go_on and _goes_on(terminal)):
+                if not (wish.may_go_on and _goes_on(wish, terminal)):
                     raise _interrupted(title, again) from stopped
                 anew = False
 
@@ -78,8 +78,11 @@ def _ready_cell(campaign: Campaign, wish: StopRequest, terminal: Terminal) -> It
         yield cell
 
 
-def _goes_on(terminal: Terminal) -> bool:
+def _goes_on(wish: StopRequest, terminal: Terminal) -> bool:
     terminal.note("stopped: the robot stands still, everything measured is kept", WARNING)
+    if wish.suspends:
+        suspend()
+        terminal.note("continued: the robot still stands where it was stopped", WARNING)
     return terminal.asks("Go on where it was?")
 
 

@@ -1,5 +1,6 @@
 """Progress of a work, told the way the screen can take it: a bar, or a line now and then."""
 
+import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Self
@@ -10,10 +11,15 @@ from rich.progress import Progress as Bars
 from rich.text import Text
 
 from campaigns.measuring.run_state import EngineState, ParameterPrecision, Progress
+from drivers.errors import PRESS_THE_EMERGENCY_STOP, RobotStateUnknown
 
 QUIET_S = 10.0
 """Without a terminal a line is printed every so many seconds."""
+QUIET_RUN_S = 30.0
+QUIET_SHOTS = 10
+"""Of a run the same: after so many seconds, also while one thing is waited for, or shots."""
 BAR_WIDTH = 30
+SHORTEST_S = 0.1
 MINUTE_S = 60.0
 
 
@@ -53,7 +59,7 @@ class CountedWork:
     ) -> None:
         self._console, self._now_s, self._quiet_s = console, now_s, quiet_s
         self._what, self._total = what, total
-        self._before = self._done = done
+        self._before = self._done = self._told = done
         self._began_s = self._told_s = now_s()
         self._bars = _Bars(console, self._below)
         self._bar = self._bars.add_task(what, total=max(total, 1), completed=done, text=self)
@@ -89,12 +95,14 @@ class CountedWork:
         self._console.print(Text(text, style), soft_wrap=True)  # the style is not the bar's
 
     def _say_if_due(self) -> None:
-        """Where there is no bar, print a line if the last one was long enough ago."""
-        if self._bars.disable:
-            now_s = self._now_s()
-            if now_s - self._told_s >= self._quiet_s:
-                self._told_s = now_s
-                self.say(self.line())
+        """Where there is no bar, print a line if one is due."""
+        if self._bars.disable and self._is_due():
+            self._told_s, self._told = self._now_s(), self._done
+            self.say(self.line())
+
+    def _is_due(self) -> bool:
+        """Whether the last line was long enough ago."""
+        return self._now_s() - self._told_s >= self._quiet_s
 
     def _below(self) -> Iterable[Text]:
         """Lines below the bar."""
@@ -132,12 +140,26 @@ class RunDisplay(CountedWork):
         self, console: Console, title: str, *, now_s: Callable[[], float], verbose: bool
     ) -> None:
         self._progress: Progress | None = None  # first: the bars look at it when they are made
-        super().__init__(console, title, 0, now_s=now_s)
+        super().__init__(console, title, 0, now_s=now_s, quiet_s=QUIET_RUN_S)
         self._verbose = verbose
+        self._turn = threading.Lock()
+        self._over = threading.Event()
+        self._heart = threading.Thread(target=self._beat, name="progress", daemon=True)
         self._bars.update(self._bar, visible=False)
+
+    def __enter__(self) -> Self:
+        super().__enter__()
+        if self._bars.disable:
+            self._heart.start()
+        return self
 
     def __exit__(self, *error: object) -> None:
         super().__exit__(*error)
+        self._over.set()
+        if self._heart.ident is not None:
+            self._heart.join()
+        if isinstance(error[1], RobotStateUnknown):
+            self.say(PRESS_THE_EMERGENCY_STOP, "bold red")
         if self._progress is not None:
             for line in (summary(self._progress), *_known(self._progress)):
                 self.say(f"{self._what}: {line}")
@@ -147,12 +169,27 @@ class RunDisplay(CountedWork):
 
     def progress(self, progress: Progress) -> None:
         """The run has moved on."""
-        self._progress = progress
+        if self._progress is None:
+            self._told = progress.done
+        self._progress, self._done = progress, progress.done
         total = max(progress.total, 1)
         self._bars.update(self._bar, completed=progress.done, total=total, visible=True)
         if self._verbose:
             self.say(f"{progress.done}/{progress.total} {news(progress)}")
         else:
+            self._say_if_due()
+
+    def _say_if_due(self) -> None:
+        with self._turn:
+            super()._say_if_due()
+
+    def _is_due(self) -> bool:
+        """The same, and after every few shots."""
+        return super()._is_due() or abs(self._done - self._told) >= QUIET_SHOTS
+
+    def _beat(self) -> None:
+        """Say that it is still there, also while nothing is new."""
+        while not self._over.wait(max(self._told_s + self._quiet_s - self._now_s(), SHORTEST_S)):
             self._say_if_due()
 
     def event(self, text: str) -> None:

@@ -1,5 +1,7 @@
 """Errors of a device, named by what the operator does next."""
 
+PRESS_THE_EMERGENCY_STOP = "PRESS THE EMERGENCY STOP"
+
 
 class ExplainedError(Exception):
     """An error that an operator can act on: what is wrong, and what to do next, in one line."""
@@ -86,4 +88,7 @@ class EmergencyStop(MotionFault):
 
 
 class RobotStateUnknown(DriverError):
-    """A stop could not be confirmed. The loudest error there is."""
+    """A stop could not be confirmed. The loudest error there is: what to do stands first."""
+
+    def __str__(self) -> str:
+        return f"{PRESS_THE_EMERGENCY_STOP}: {super().__str__()}"

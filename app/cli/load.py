@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from app.console import GOOD, Terminal, terminal_of
-from app.interrupt import StopRequest, stop_on_signals
+from app.interrupt import StopRequest, stop_on_signals, suspend
 from app.options import Dry, Folder, Json
 from app.progress import RunDisplay
 from app.wiring import connected_cell, connected_robot, prepare
@@ -108,7 +108,9 @@ def command(
         done = load_verified(campaign, connected_cell(campaign, wish), setup, file, watched)
     else:
         done = load(campaign, connected_robot(campaign), file, terms)
-    if wish():
+    if wish.suspends:
+        suspend()
+    elif wish():
         raise KeyboardInterrupt
     _tell(terminal, done)
 

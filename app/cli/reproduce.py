@@ -13,7 +13,7 @@ from rich.console import Console
 
 from app.console import BAD, GOOD, Terminal, terminal_of
 from app.exits import Exit
-from app.interrupt import StopRequest, stop_on_signals
+from app.interrupt import StopRequest, end_on_signals
 from app.options import Json
 from app.papers.corbel2006.comparison import Failed, compare
 from app.papers.corbel2006.evidence import evidence
@@ -121,7 +121,7 @@ def measure(
         processes = partial(local_results, processes=min(workers, len(left)), apart=True)
         try:
             with (
-                stop_on_signals(_StopAtOnce()),
+                end_on_signals(_StopAtOnce()),
                 TemporaryDirectory(prefix="pkmcal-reproduce-", ignore_cleanup_errors=True) as room,
             ):
                 work = partial(rehearsed, Path(room))

@@ -1,13 +1,17 @@
 """What a run shows: a bar on a terminal, a line now and then where there is none."""
 
 import io
+import threading
+from contextlib import suppress
 from dataclasses import replace
+from time import monotonic
 
 import pytest
 from rich.console import Console
 
 from app.progress import RunDisplay, certainty, counted, interval, news, summary
 from campaigns.measuring.run_state import EngineState, ParameterPrecision, Progress
+from drivers.errors import RobotStateUnknown
 
 AT_WORK = Progress(
     12, 59, EngineState.MEASURING, 12, "identification", (190.0, 310.0), 0.0123, 0.004
@@ -114,18 +118,59 @@ def display_on(*, width=80, is_terminal=False, verbose=False):
     return RunDisplay(console, "run", now_s=hands, verbose=verbose), stream, hands
 
 
-def test_without_a_terminal_a_line_comes_every_ten_seconds_and_at_the_end():
+def lines_of(progress_at):
+    """Lines of a run without a terminal, told its shots by the second."""
     display, stream, hands = display_on()
     with display:
-        for second in range(25):
-            hands.now_s = float(second)
-            display.progress(Progress(second, 59, EngineState.MOVING, second, "drift"))
-    lines = stream.getvalue().splitlines()
-    assert lines == [
+        for hands.now_s, shots in progress_at:
+            display.progress(Progress(shots, 59, EngineState.MOVING, shots, "drift"))
+    return stream.getvalue().splitlines()
+
+
+def test_without_a_terminal_a_line_comes_every_ten_shots_and_at_the_end():
+    assert lines_of((second, second) for second in range(25)) == [
         "run: 10/59 · moving drift 10 · beam ok",
         "run: 20/59 · moving drift 20 · beam ok",
         "run: 24 of 59 shots · moving",
     ]
+
+
+def test_without_a_terminal_a_line_comes_every_thirty_seconds_where_shots_take_long():
+    assert lines_of((6 * shot, shot) for shot in range(8)) == [
+        "run: 5/59 · moving drift 5 · beam ok",
+        "run: 7 of 59 shots · moving",
+    ]
+
+
+def test_without_a_terminal_it_says_that_it_is_still_there_while_nothing_is_new(monkeypatch):
+    monkeypatch.setattr("app.progress.QUIET_RUN_S", 0.01)
+    stream = Awaited()
+    console = Console(file=stream, color_system=None)
+    with RunDisplay(console, "run", now_s=monotonic, verbose=False):
+        assert stream.came.wait(10.0)
+    assert stream.getvalue().startswith("run: connecting")
+
+
+class Awaited(io.StringIO):
+    """A text that somebody waits for."""
+
+    def __init__(self):
+        super().__init__()
+        self.came = threading.Event()
+
+    def write(self, text):
+        self.came.set()
+        return super().write(text)
+
+
+def test_a_stop_that_was_not_confirmed_stands_first():
+    display, stream, _ = display_on()
+    unknown = RobotStateUnknown("robot state unknown: no answer", remedy="use the hardware stop")
+    display.progress(AT_WORK)
+    with suppress(RobotStateUnknown), display:
+        raise unknown
+    assert stream.getvalue().splitlines()[0] == "PRESS THE EMERGENCY STOP"
+    assert str(unknown).startswith("PRESS THE EMERGENCY STOP: robot state unknown: ")
 
 
 def test_verbose_tells_every_state():

@@ -4,7 +4,19 @@ import signal
 
 import pytest
 
-from app.interrupt import WATCHED, StopRequest, awaited_signal, stop_on_signals
+from app.interrupt import (
+    ENDING,
+    WATCHED,
+    StopRequest,
+    awaited_signal,
+    end_on_signals,
+    stop_on_signals,
+)
+
+
+def test_all_signals_of_an_operator_and_of_a_terminal_are_watched():
+    names = {number.name for number in WATCHED}
+    assert names == {"SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP"}
 
 
 @pytest.mark.parametrize("number", WATCHED)
@@ -14,7 +26,9 @@ def test_a_signal_becomes_a_wish(number):
         assert not wish()
         signal.raise_signal(number)
         assert wish()
-    assert wish.may_go_on is (number == signal.SIGINT), "only Ctrl-C has somebody to ask"
+    at_the_terminal = {signal.SIGINT, signal.SIGTSTP}
+    assert wish.may_go_on is (number in at_the_terminal), "nobody else is there to be asked"
+    assert wish.suspends is (number == signal.SIGTSTP)
 
 
 def test_asking_again_changes_nothing():
@@ -32,6 +46,47 @@ def test_ctrl_c_and_then_a_lost_terminal_asks_nobody():
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGHUP)
     assert not wish.may_go_on
+
+
+@pytest.mark.parametrize("last", [signal.SIGINT, signal.SIGTSTP])
+def test_after_a_lost_terminal_nobody_is_asked_whatever_comes(last):
+    wish = StopRequest()
+    with stop_on_signals(wish):
+        signal.raise_signal(signal.SIGHUP)
+        signal.raise_signal(last)
+    assert not wish.may_go_on
+    assert not wish.suspends
+
+
+@pytest.fixture
+def ignored(request):
+    """A signal that whoever started us has us ignore."""
+    before = signal.signal(request.param, signal.SIG_IGN)
+    yield request.param
+    signal.signal(request.param, before)
+
+
+@pytest.mark.parametrize("ignored", [signal.SIGHUP, signal.SIGTSTP], indirect=True)
+def test_what_nohup_has_us_ignore_stays_ignored(ignored):
+    wish = StopRequest()
+    with stop_on_signals(wish):
+        signal.raise_signal(ignored)
+        assert not wish()
+    assert signal.getsignal(ignored) is signal.SIG_IGN
+
+
+@pytest.mark.parametrize("ignored", [signal.SIGINT], indirect=True)
+def test_ctrl_c_is_heard_although_a_run_was_started_in_the_background(ignored):
+    wish = StopRequest()
+    with stop_on_signals(wish):
+        signal.raise_signal(ignored)
+    assert wish()
+
+
+def test_where_no_robot_moves_ctrl_z_does_what_it_always_does():
+    with end_on_signals(StopRequest()):
+        assert signal.getsignal(signal.SIGTSTP) == signal.SIG_DFL
+        assert all(callable(signal.getsignal(number)) for number in ENDING)
 
 
 def test_afterwards_signals_do_what_they_did_before():

@@ -58,7 +58,7 @@ def started(*arguments, **options):
     return subprocess.Popen(
         [*PKMCAL, *map(str, arguments)],
         stdin=options.pop("stdin", subprocess.DEVNULL),
-        stdout=subprocess.PIPE,
+        stdout=options.pop("stdout", subprocess.PIPE),
         stderr=options.pop("stderr", subprocess.PIPE),
         text=True,
         **options,

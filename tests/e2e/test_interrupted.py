@@ -8,6 +8,7 @@ import signal
 import time
 from collections import Counter
 
+import psutil
 import pytest
 from command_line import change, ended, started
 
@@ -43,7 +44,7 @@ def is_at_work(folder):
 def at_work(planned):
     """A run in a process of its own, with the robot moving."""
     change(planned / "cell.yaml", SLOW)
-    process = started("run", planned, "--yes")
+    process = started("run", planned, "--yes", process_group=0)
     try:
         wait_until(lambda: is_at_work(planned), process)
         yield process
@@ -83,6 +84,42 @@ def test_ctrl_c_again_and_again_stops_the_robot_in_order(at_work, planned, pkmca
     assert f"`pkmcal run {planned}` takes up where it was" in stopped.error_line
     assert_interrupted(planned)
     assert_resumes(pkmcal, planned)
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGQUIT])
+def test_a_lost_terminal_and_ctrl_backslash_stop_the_robot_in_order(at_work, planned, number):
+    at_work.send_signal(number)
+    assert ended(at_work).code == 130
+    assert_interrupted(planned)
+
+
+def test_a_run_that_nobody_reads_goes_on_to_its_end(planned):
+    change(planned / "cell.yaml", SLOW)
+    reading, writing = os.pipe()
+    process = started("run", planned, "--yes", "--json", stdout=writing, stderr=writing)
+    os.close(writing)
+    try:
+        wait_until(lambda: is_at_work(planned), process)
+        os.close(reading)
+        assert process.wait(PATIENCE_S) == 0
+    finally:
+        process.kill()
+        process.communicate()
+    with read_journal(planned / "campaign.db") as journal:
+        assert [e.record.how for e in journal.records_of(SessionStopped)] == ["finished"]
+        assert len(journal.shots(1)) == 59
+
+
+def is_suspended(process):
+    return psutil.Process(process.pid).status() == psutil.STATUS_STOPPED
+
+
+def test_ctrl_z_stops_the_robot_and_only_then_the_program(at_work, planned):
+    at_work.send_signal(signal.SIGTSTP)
+    wait_until(lambda: is_suspended(at_work), at_work)
+    assert_interrupted(planned)
+    at_work.send_signal(signal.SIGCONT)
+    assert ended(at_work).code == 130, "there is nobody to be asked"
 
 
 def assert_interrupted(folder):
@@ -129,6 +166,12 @@ class Screen:
                 except OSError:  # the other end is closed
                     return
 
+    def read_for(self, seconds):
+        give_up = time.monotonic() + seconds
+        while (left := give_up - time.monotonic()) > 0:
+            if select.select([self._end], [], [], left)[0]:
+                self.shown += os.read(self._end, 65536).decode(errors="replace")
+
     def type(self, text):
         self.shown = ""
         os.write(self._end, text.encode())
@@ -140,11 +183,20 @@ def screen_and_run(planned):
     change(planned / "cell.yaml", WATCHED)
     operator_end, program_end = pty.openpty()
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100", "LINES": "30"}
-    process = started("run", planned, stdin=program_end, stderr=program_end, env=environment)
+    os.write(operator_end, b"y\n" * 10)  # typed before there is a question
+    process = started(
+        *("run", planned),
+        stdin=program_end,
+        stderr=program_end,
+        env=environment,
+        process_group=0,  # else nobody could continue it, and the system does not suspend it
+    )
     os.close(program_end)
     screen = Screen(operator_end)
     try:
         screen.read_until("Is the cell clear? [y/N]")
+        screen.read_for(0.3)
+        assert "run" not in screen.shown.partition("[y/N]")[2], "typed before, it is no answer"
         screen.type("y\n")
         screen.read_until("left")
         yield screen, process
@@ -170,6 +222,23 @@ def test_after_ctrl_c_the_operator_may_go_on(screen_and_run, planned):
         endings = [e.record.how for e in journal.records_of(SessionStopped)]
         assert endings == ["interrupted", "finished"]
         assert len(journal.shots(1)) == 59
+
+
+def test_after_ctrl_z_the_operator_is_asked_before_it_goes_on(screen_and_run, planned):
+    screen, process = screen_and_run
+    change(planned / "cell.yaml", FAST)
+    process.send_signal(signal.SIGTSTP)
+    screen.read_until("the robot stands still")
+    wait_until(lambda: is_suspended(process), process)
+    assert "Go on" not in screen.shown
+    screen.type("y\n")
+    process.send_signal(signal.SIGCONT)
+    screen.read_until("Go on where it was? [y/N]")
+    assert process.poll() is None, "what was typed meanwhile is no answer"
+    screen.type("y\n")
+    screen.read_until("59 of 59 shots")
+    screen.read_until("pkmcal identify")
+    assert process.wait(PATIENCE_S) == 0
 
 
 def test_ctrl_c_at_the_question_means_no(screen_and_run):

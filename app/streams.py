@@ -1,0 +1,94 @@
+"""Standard streams that outlast their readers, and write UTF-8 whatever the terminal's code page.
+
+A run must not end because nobody reads what it says: whoever stopped reading would not expect the
+robot to stop, nor that it is left without anybody who watches it.
+"""
+
+import errno
+import io
+import os
+import sys
+from collections.abc import Container
+from typing import TYPE_CHECKING, TextIO
+
+from app.exits import AnswerLost
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
+
+READER_GONE = frozenset({errno.EPIPE, errno.EIO, errno.ENXIO, errno.ECONNRESET, errno.EBADF})
+"""A pipe's reader has left, a terminal was closed."""
+
+
+class AnyError:
+    """All errors there are."""
+
+    def __contains__(self, code: object) -> bool:
+        """Whether it is one: always."""
+        return True
+
+
+class LastingStream(io.RawIOBase):
+    """Bytes into a stream; once it is of no use, into nothing.
+
+    An error that is not among `borne` is raised once, as `AnswerLost`.
+    """
+
+    def __init__(self, name: str, inner: io.RawIOBase, borne: Container[int]) -> None:
+        super().__init__()
+        self._name = name
+        self._inner = inner
+        self._borne = borne
+        self._is_of_use = True
+
+    def writable(self) -> bool:
+        """Whether it can be written to: always."""
+        return True
+
+    def isatty(self) -> bool:
+        """Whether it is a terminal."""
+        return self._inner.isatty()
+
+    def fileno(self) -> int:
+        """Number of the file behind it."""
+        return self._inner.fileno()
+
+    def write(self, data: "ReadableBuffer", /) -> int | None:
+        """Write, or drop; gives how many bytes are done with."""
+        size = memoryview(data).nbytes
+        if not self._is_of_use:
+            return size
+        try:
+            return self._inner.write(data)
+        except OSError as error:
+            self._is_of_use = False
+            if error.errno in self._borne:
+                return size
+            raise AnswerLost(
+                f"{self._name} cannot be written ({os.strerror(error.errno or 0).lower()})",
+                remedy="free space there, then ask again",
+            ) from error
+
+
+def lasting(stream: TextIO, name: str, borne: Container[int]) -> TextIO:
+    """The same stream, but lasting, in UTF-8; one that has no bytes behind it stays as it is."""
+    buffered = getattr(stream, "buffer", None)
+    raw = getattr(buffered, "raw", buffered)  # Python's own streams may be unbuffered
+    if not isinstance(raw, io.RawIOBase):
+        return stream
+    stream.flush()
+    return io.TextIOWrapper(
+        io.BufferedWriter(LastingStream(name, raw, borne)),
+        encoding="utf-8",
+        errors="backslashreplace",  # names of files that are no UTF-8
+        line_buffering=raw.isatty(),
+        write_through=True,
+    )
+
+
+def make_streams_last() -> None:
+    """Make the process's own streams last. Talk is lost in silence; a lost answer is an error."""
+    if sys.stdout is not None:
+        sys.stdout = lasting(sys.stdout, "standard output", READER_GONE)
+    if sys.stderr is not None:
+        sys.stderr = lasting(sys.stderr, "standard error", AnyError())

@@ -1,0 +1,113 @@
+"""The program's own streams: UTF-8 whatever the code page, and no end for want of readers."""
+
+import errno
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from app.exits import AnswerLost
+from app.streams import READER_GONE, lasting
+
+FULL = Path("/dev/full")
+CODE_PAGES = {
+    "ASCII": {"PYTHONIOENCODING": "ascii"},
+    "Latin-1": {"PYTHONIOENCODING": "latin-1"},
+    "code page 437": {"PYTHONIOENCODING": "cp437:strict"},
+    "C": {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+}
+
+
+def ended(*arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **variables):
+    words = [sys.executable, "-m", "app.main", *arguments]
+    environment = {**os.environ, **variables}
+    return subprocess.run(words, env=environment, stdout=stdout, stderr=stderr, check=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("code_page", CODE_PAGES)
+def test_answers_and_errors_are_utf_8_whatever_the_code_page(code_page):
+    helped = ended("run", "--help", **CODE_PAGES[code_page])
+    assert helped.returncode == 0
+    assert "σ=0.02" in helped.stdout.decode()
+    refused = ended("plan", "no-such-folder-σ", **CODE_PAGES[code_page])
+    assert refused.returncode == 2
+    assert refused.stderr.decode().startswith("pkmcal: no-such-folder-")
+    assert " → " in refused.stderr.decode()
+
+
+@pytest.mark.slow
+def test_a_name_that_is_no_utf_8_can_be_shown():
+    refused = ended("plan", os.fsdecode(b"\xff"))
+    assert refused.returncode == 2
+    assert "\\udcff" in refused.stderr.decode()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_an_answer_that_finds_no_room_is_an_error(unbuffered):
+    with FULL.open("wb") as full:
+        lost = ended("--help", stdout=full, PYTHONUNBUFFERED=unbuffered)
+    assert lost.returncode == 4
+    assert lost.stderr.decode().startswith("pkmcal: standard output cannot be written (no space")
+    assert lost.stderr.count(b"\n") == 1
+
+
+@pytest.mark.slow
+def test_talk_that_finds_no_room_changes_nothing():
+    with FULL.open("wb") as full:
+        assert ended("plan", "no-such-folder", stderr=full).returncode == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+def test_a_reader_that_has_left_changes_no_exit_code(stream):
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        assert ended("--help", **{stream: writing}).returncode == 0
+        assert ended("plan", "no-such-folder", **{stream: writing}).returncode == 2
+    finally:
+        os.close(writing)
+
+
+class Failing(io.RawIOBase):
+    """Bytes that cannot be written any more."""
+
+    def __init__(self, code):
+        self.code = code
+
+    def writable(self):
+        return True
+
+    def write(self, data):
+        raise OSError(self.code, "-")
+
+
+def over(code):
+    inner = io.TextIOWrapper(io.BufferedWriter(Failing(code)))
+    return lasting(inner, "standard output", READER_GONE)
+
+
+@pytest.mark.parametrize("code", [errno.EPIPE, errno.EIO, errno.ENXIO])
+def test_text_for_a_reader_that_has_left_is_dropped(code):
+    stream = over(code)
+    for _ in range(3):
+        print("σ", file=stream, flush=True)
+    stream.close()
+
+
+def test_text_that_finds_no_room_is_missed_once():
+    stream = over(errno.ENOSPC)
+    with pytest.raises(AnswerLost, match="standard output cannot be written"):
+        print("σ", file=stream, flush=True)
+    print("σ", file=stream, flush=True)
+    stream.close()
+
+
+def test_stream_without_bytes_behind_it_stays_as_it_is():
+    text = io.StringIO()
+    assert lasting(text, "standard output", READER_GONE) is text
