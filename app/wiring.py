@@ -4,7 +4,7 @@ import json
 import random
 import shlex
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -83,24 +83,46 @@ def connected_cell(
     Once a stop is requested, nothing is waited for any more. Raises a driver's error when one is
     not there or not the expected one.
     """
+    with (
+        doors(campaign, stop_requested, log) as each,
+        each.robot() as robot,
+        each.tracker() as tracker,
+    ):
+        yield Devices(robot, tracker, WakefulClock(each.clock, stop_requested), SystemClock())
+
+
+@dataclass(frozen=True, slots=True)
+class Doors:
+    """Ways to each device by itself: connected for the time of a block; and their cell's time.
+
+    Entering raises a driver's error when the device is not there or not the expected one.
+    """
+
+    robot: Callable[[], AbstractContextManager[RobotController]]
+    tracker: Callable[[], AbstractContextManager[LaserTracker]]
+    clock: Clock
+
+
+@contextmanager
+def doors(
+    campaign: Campaign, stop_requested: StopRequested = never, log: ByteLog | None = None
+) -> Iterator[Doors]:
+    """Ways to each device; a simulated cell is served for the time of the block."""
     config = campaign.config
     to_robot = _logging(campaign, log, "controller", config.controller.driver)
     to_tracker = _logging(campaign, log, "tracker", config.tracker.driver)
-    with (
-        _addresses(campaign) as at,
-        _robot(campaign, _opener(at.controller, to_robot), stop_requested) as robot,
-        _tracker(config, at, _opener(at.tracker, to_tracker), stop_requested) as tracker,
-    ):
-        yield Devices(robot, tracker, WakefulClock(at.clock, stop_requested), SystemClock())
+    with _addresses(campaign) as at:
+        yield Doors(
+            partial(_robot, campaign, _opener(at.controller, to_robot), stop_requested),
+            partial(_tracker, config, at, _opener(at.tracker, to_tracker), stop_requested),
+            at.clock,
+        )
 
 
 @contextmanager
 def connected_robot(campaign: Campaign) -> Iterator[RobotController]:
     """The controller alone."""
-    with (
-        _addresses(campaign) as at,
-        _robot(campaign, _opener(at.controller)) as robot,
-    ):
+    with doors(campaign) as each, each.robot() as robot:
         yield robot
 
 

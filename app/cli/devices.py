@@ -1,17 +1,23 @@
 """pkmcal devices: who answers, and in what state."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 
 from app.byte_log import byte_log
 from app.console import terminal_of
 from app.options import Folder, Json
-from app.wiring import connected_cell
+from app.wiring import doors
 from campaigns.campaign import Campaign, open_campaign
+from drivers.errors import DriverError
 from drivers.ports import LaserTracker, RobotController
+
+Device = TypeVar("Device")
+Facts = Mapping[str, object]
 
 
 def command(
@@ -26,24 +32,40 @@ def command(
 ) -> None:
     """Say who answers, and in what state; nothing moves.
 
-    Connects to controller and tracker and shows identities, joints, faults, the tracker's
-    start-up, beam, reflectors and weather. What campaign.yaml needs can be read off here: serial
-    numbers and the reflector's name.
+    Connects to controller and tracker, one after the other, and shows identities, joints, faults,
+    the tracker's start-up, beam, reflectors and weather. What campaign.yaml needs can be read off
+    here: serial numbers and the reflector's name. A device that is dead does not keep the other
+    from being asked. While a run is under way nobody is asked: it would be disturbed.
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
-    with byte_log(spy, terminal) as log, connected_cell(campaign, log=log) as cell:
-        found = {
-            "controller": of_controller(campaign, cell.robot),
-            "tracker": of_tracker(cell.tracker),
+    with campaign.held(), byte_log(spy, terminal) as log, doors(campaign, log=log) as to:
+        asked = {
+            "controller": _asked(to.robot, partial(of_controller, campaign)),
+            "tracker": _asked(to.tracker, of_tracker),
         }
     urls = {"controller": campaign.config.controller.url, "tracker": campaign.config.tracker.url}
-    for device, facts in found.items():
-        terminal.listing(f"{device} at {urls[device]}", _texts(facts))
-    terminal.document(found)
+    for device, facts in asked.items():
+        texts = {"failed": str(facts)} if isinstance(facts, DriverError) else _texts(facts)
+        terminal.listing(f"{device} at {urls[device]}", texts)
+    for facts in asked.values():
+        if isinstance(facts, DriverError):
+            raise facts
+    terminal.document(asked)
 
 
-def of_controller(campaign: Campaign, robot: RobotController) -> dict[str, object]:
+def _asked(
+    door: Callable[[], AbstractContextManager[Device]], facts_of: Callable[[Device], Facts]
+) -> Facts | DriverError:
+    """What a device says, or why it says nothing."""
+    try:
+        with door() as device:
+            return facts_of(device)
+    except DriverError as error:
+        return error
+
+
+def of_controller(campaign: Campaign, robot: RobotController) -> Facts:
     """What the controller says of itself."""
     identity, state = robot.identity(), robot.state()
     axes = campaign.robot.mechanism.joints
@@ -58,7 +80,7 @@ def of_controller(campaign: Campaign, robot: RobotController) -> dict[str, objec
     }
 
 
-def of_tracker(tracker: LaserTracker) -> dict[str, object]:
+def of_tracker(tracker: LaserTracker) -> Facts:
     """What the tracker says of itself and of the air."""
     identity, state, air = tracker.identity(), tracker.state(), tracker.weather()
     return {

@@ -14,6 +14,7 @@ from functools import partial
 import pytest
 from command_line import change
 
+from campaigns.campaign import open_campaign
 from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Intent, SessionStopped
 from drivers.emscon.client import EmsconDeadlines
@@ -193,6 +194,45 @@ def test_a_controller_whose_joints_cannot_be(pkmcal, tiny, monkeypatch, joint_de
     assert f"answers what cannot be: joint q0 at {joint_deg:g}°" in ended.error_line
     assert "tcp://127.0.0.1" in ended.error_line
     assert time.monotonic() - began_s < 10.0
+
+
+@pytest.mark.parametrize(
+    ("dead", "alive", "words"),
+    [
+        ("controller", "tracker", ["390001", "CCR-1.5in", "1013"]),
+        ("tracker", "controller", ["SIM-C-0001", "joints deg"]),
+    ],
+)
+def test_devices_goes_on_after_a_dead_device(pkmcal, tiny, dead, alive, words):
+    url = nobody()
+    change(tiny / "campaign.yaml", {f"{dead}.url": url})
+    ended = pkmcal("devices", tiny)
+    assert ended.code == 3
+    assert f"{url}: nobody answers" in ended.error_line
+    assert f"{dead} at {url}\n  failed  {url}: nobody answers" in ended.out
+    shown = ended.out.partition(f"{alive} at ")[2]
+    for word in words:
+        assert word in shown
+
+
+def test_devices_tells_of_both_when_both_are_dead(pkmcal, tiny):
+    urls = [nobody(), nobody()]
+    change(tiny / "campaign.yaml", dict(zip(("controller.url", "tracker.url"), urls, strict=True)))
+    ended = pkmcal("devices", tiny, "--json")
+    assert ended.code == 3
+    assert ended.out == ""
+    for url in urls:
+        assert f"failed  {url}: nobody answers" in ended.err
+
+
+def test_devices_asks_nobody_while_a_run_is_under_way(pkmcal, tiny):
+    before = (tiny / "cell-memory.json").exists()
+    with open_campaign(tiny).held():
+        ended = pkmcal("devices", tiny)
+    assert ended.code == 2
+    assert "another process works on this campaign: process" in ended.error_line
+    assert (tiny / "cell-memory.json").exists() == before
+    assert pkmcal("devices", tiny).code == 0
 
 
 def test_air_that_cannot_be(pkmcal, tiny, monkeypatch):
