@@ -1,4 +1,4 @@
-"""The one owner of the terminal: answers on stdout, talk on stderr."""
+"""The one owner of the terminal: answers on stdout, talk on stderr, all of it cleaned."""
 
 import io
 import json
@@ -14,6 +14,7 @@ from rich.table import Table
 
 from app.exits import NotConfirmed
 from app.progress import RunDisplay
+from drivers.texts import printable
 
 GOOD, BAD, OPEN = "bold green", "bold red", "bold yellow"
 TALK, WARNING = "dim", "yellow"
@@ -49,11 +50,11 @@ class Terminal:
 
     def say(self, text: str, style: str = "") -> None:
         """A line of the answer."""
-        self._answers.print(text, style=style, markup=False, soft_wrap=True)
+        self._answers.print(printable(text), style=style, markup=False, soft_wrap=True)
 
     def note(self, text: str, style: str = TALK) -> None:
         """A line of talk."""
-        self._talk.print(text, style=style, markup=False, soft_wrap=True)
+        self._talk.print(printable(text), style=style, markup=False, soft_wrap=True)
 
     def detail(self, text: str) -> None:
         """A line of talk for those who asked for more."""
@@ -66,7 +67,7 @@ class Terminal:
         A last column without a name holds words, which are broken into lines before anything else.
         """
         table = Table(
-            title=title,
+            title=printable(title),
             title_justify="left",
             title_style="bold",
             box=box.SIMPLE_HEAD,
@@ -78,7 +79,7 @@ class Terminal:
             kept_whole = place != words
             table.add_column(column, justify="right" if numbers else "left", no_wrap=kept_whole)
         for row in rows:
-            table.add_row(*row)
+            table.add_row(*(printable(cell) for cell in row))
         self._answers.print("", table, "", sep="\n")
 
     def listing(self, title: str, lines: Mapping[str, str]) -> None:
@@ -99,7 +100,7 @@ class Terminal:
         if sys.stdin is None or not sys.stdin.isatty():
             return False
         forget_what_was_typed()
-        self._talk.print(f"{question} [y/N] ", style="bold", end="", markup=False)
+        self._talk.print(f"{printable(question)} [y/N] ", style="bold", end="", markup=False)
         try:
             return sys.stdin.readline().strip().lower() in {"y", "yes"}
         except KeyboardInterrupt:

@@ -16,6 +16,7 @@ from app.exits import Exit, exit_code
 from app.streams import make_streams_last
 from campaigns.version import VERSION
 from drivers.errors import ExplainedError
+from drivers.texts import printable, shortened
 
 HELP = """Calibrates parallel robots with a laser tracker.
 
@@ -66,6 +67,9 @@ COMMANDS = {
 LINEAR_ALGEBRA_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Read when NumPy is imported. Our matrices are small: threads that wait for each other make a
 decomposition of 0.1 ms take 10 ms, once for every shot."""
+
+LONGEST_LINE = 950
+"""Characters of an error line: what a file or option says in it is cut in the middle."""
 
 SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
@@ -192,7 +196,8 @@ def _usage_line(error: TyperException) -> str:
 
 
 def _told(line: str, code: Exit) -> Exit:
-    typer.echo(f"pkmcal: {' '.join(line.split())}", err=True)
+    words = printable(shortened(line, LONGEST_LINE)).split()
+    typer.echo(f"pkmcal: {' '.join(words)}", err=True)
     return code
 
 

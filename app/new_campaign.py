@@ -4,9 +4,16 @@ from pathlib import Path
 
 from campaigns.campaign import SIMULATED
 from campaigns.errors import OutputExists
-from campaigns.files.text_file import make_folder, read_text, refuse_existing, write_new_text
+from campaigns.files.text_file import (
+    make_folder,
+    read_text,
+    refuse_existing,
+    resolved,
+    write_new_text,
+)
 from campaigns.robots.robot import RobotFile, find_robot
 from campaigns.settings.config import CampaignConfig, new_config, write_new_campaign
+from drivers.bounded_files import is_there
 from sim.scenarios.scenario import load_scenario, scenario_text
 from sim.scenarios.tracker import DataSheet
 
@@ -24,7 +31,7 @@ def create_for_devices(folder: Path, robot: str, controller: str, tracker: str) 
     nominal = find_robot(robot)
     config = new_config(
         {
-            "name": folder.resolve().name,
+            "name": resolved(folder).name,
             "controller": {"url": controller},
             "tracker": {"url": tracker, "reflector": DEFAULT_REFLECTOR},
             **_centre(nominal.robot),
@@ -53,7 +60,7 @@ def create_simulated(
     url = SIMULATED + SCENARIO.removesuffix(".yaml")
     config = new_config(
         {
-            "name": folder.resolve().name,
+            "name": resolved(folder).name,
             "controller": {"url": url, "speed_percent": SIMULATED_SPEED_PERCENT},
             "tracker": {
                 "url": url,
@@ -87,5 +94,5 @@ def _limits(data_sheet: DataSheet) -> dict[str, float]:
 
 def _write_unless_same(path: Path, text: str) -> None:
     """Write a new file; one that an attempt before has left is taken as it is."""
-    if not path.exists() or read_text(path, OutputExists, if_missing="try again") != text:
+    if not is_there(path) or read_text(path, OutputExists, if_missing="try again") != text:
         write_new_text(path, text)

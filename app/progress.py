@@ -12,6 +12,7 @@ from rich.text import Text
 
 from campaigns.measuring.run_state import EngineState, ParameterPrecision, Progress
 from drivers.errors import PRESS_THE_EMERGENCY_STOP, RobotStateUnknown
+from drivers.texts import printable
 
 QUIET_S = 10.0
 """Without a terminal a line is printed every so many seconds."""
@@ -92,7 +93,8 @@ class CountedWork:
 
     def say(self, text: str, style: str = "dim") -> None:
         """Print a line that stays, above the bar."""
-        self._console.print(Text(text, style), soft_wrap=True)  # the style is not the bar's
+        line = Text(printable(text), style)  # the style is not the bar's
+        self._console.print(line, soft_wrap=True)
 
     def _say_if_due(self) -> None:
         """Where there is no bar, print a line if one is due."""
@@ -208,7 +210,9 @@ class RunDisplay(CountedWork):
         told = [(news(self._progress), style)]
         if knowledge := [*_goal(self._progress), *_known(self._progress)]:
             told += [(" · ".join(knowledge), "dim")]
-        return [Text(text, style, no_wrap=True, overflow="ellipsis") for text, style in told]
+        return [
+            Text(printable(text), style, no_wrap=True, overflow="ellipsis") for text, style in told
+        ]
 
 
 def interval(seconds: tuple[float, float]) -> str:

@@ -53,7 +53,8 @@ def rehearse(
 
 def heading(terminal: Terminal, number: int, stage: str) -> None:
     """Say which stage begins."""
-    terminal.say(f"\n{number}/{STAGES} {stage}", "bold cyan")
+    terminal.say("")
+    terminal.say(f"{number}/{STAGES} {stage}", "bold cyan")
 
 
 def _validated(campaign: Campaign, terminal: Terminal, stage: ValidationStage) -> Validated:

@@ -18,6 +18,14 @@ from campaigns.measuring.shot_taker import Cell as Devices
 from campaigns.mechanisms.par4 import PAR4
 from campaigns.settings.config import CampaignConfig
 from campaigns.settings.sections import LinuxcncConfig
+from drivers.bounded_files import (
+    CSV_BYTES,
+    FileRefused,
+    decoded,
+    is_file,
+    is_there,
+    read_bounded,
+)
 from drivers.byte_log import ByteLog, logged, reading_for
 from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import WrongDevice
@@ -47,6 +55,8 @@ from sim.scenarios.scenario import load_scenario
 from sim.scenarios.schema import Scenario
 
 CELL_MEMORY = "cell-memory.json"
+MEMORY_BYTES = CSV_BYTES
+"""A line or two for each place at which the cell has ever stood."""
 CONNECT_S = 5.0
 FIRST_TRANSACTIONS = (1000, 30_000)
 """Where the question numbers of a GeoCOM session may begin: differently from one to the next."""
@@ -71,7 +81,7 @@ def scenario_of(campaign_folder: Path, url: str) -> Scenario:
     """The scenario that a sim:// URL names: a file of the campaign's folder, or a shipped one."""
     name = url.removeprefix(SIMULATED)
     own = campaign_folder / f"{name}.yaml"
-    return load_scenario(str(own) if own.is_file() else name)
+    return load_scenario(str(own) if is_file(own) else name)
 
 
 @contextmanager
@@ -191,11 +201,11 @@ def _remember(path: Path, embedded: EmbeddedCell) -> None:
 
 
 def _remembered(path: Path) -> dict[str, object] | None:
-    if not path.exists():
+    if not is_there(path):
         return None
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        found = json.loads(decoded(read_bounded(path, MEMORY_BYTES), str(path)))
+    except (FileRefused, RecursionError, ValueError) as error:
         raise MemoryInvalid(
             f"{path}: cannot be read ({error})", remedy="delete the file"
         ) from error

@@ -1,10 +1,16 @@
 """Errors of a device, named by what the operator does next."""
 
+from drivers.texts import printable, shortened
+
+PROBLEM_CHARACTERS, REMEDY_CHARACTERS = 600, 300
 PRESS_THE_EMERGENCY_STOP = "PRESS THE EMERGENCY STOP"
 
 
 class ExplainedError(Exception):
-    """An error that an operator can act on: what is wrong, and what to do next, in one line."""
+    """An error that an operator can act on: what is wrong, and what to do next, in one line.
+
+    As a text it is cleaned and of bounded length, whatever a device or file has put into it.
+    """
 
     def __init__(self, problem: str, *, remedy: str) -> None:
         super().__init__(problem, remedy)
@@ -12,7 +18,8 @@ class ExplainedError(Exception):
         self.remedy = remedy
 
     def __str__(self) -> str:
-        return f"{self.problem} → {self.remedy}"
+        problem = shortened(self.problem, PROBLEM_CHARACTERS)
+        return printable(f"{problem} → {shortened(self.remedy, REMEDY_CHARACTERS)}")
 
 
 class DriverError(ExplainedError):

@@ -14,6 +14,7 @@ from app.options import Json, Seed
 from app.rehearsal import STAGES, heading, rehearse
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
+from drivers.bounded_files import is_there
 
 NewFolder = Annotated[
     Path | None, typer.Argument(metavar="[DIR]", help="Default: a new folder dry-run-N.")
@@ -69,7 +70,7 @@ def prepared(folder: Path, scenario: str | None, seed: int | None) -> Campaign:
 
     Raises `OptionsInvalid` for one on real devices, with measurements, or of another scenario.
     """
-    if not (folder / "campaign.yaml").exists():
+    if not is_there(folder / "campaign.yaml"):
         create_simulated(
             folder, DEFAULT_ROBOT, scenario or DEFAULT_SCENARIO, seed, with_limits=True
         )

@@ -14,6 +14,7 @@ from campaigns.campaign import Campaign, now_utc, open_campaign
 from campaigns.errors import OutputExists
 from campaigns.evidence import evaluate, gather
 from campaigns.files.text_file import replace_text
+from drivers.bounded_files import is_file, is_there
 
 FILE_NAME = "report.html"
 HEAD = 1000
@@ -81,12 +82,22 @@ def report_document(page: Page, path: Path) -> dict[str, object]:
     }
 
 
+def _is_report(path: Path) -> bool:
+    """Whether the file begins as our reports do; what cannot be read does not."""
+    if not is_file(path):
+        return False
+    try:
+        with path.open("rb") as file:
+            return b'name="generator" content="pkmcal' in file.read(HEAD)
+    except OSError:
+        return False
+
+
 def _refuse_other_file(path: Path) -> None:
     """Replace nothing but an older report; raises `OutputExists`."""
-    if not path.exists():
+    if not is_there(path):
         return
-    is_report = path.is_file() and b'name="generator" content="pkmcal' in path.read_bytes()[:HEAD]
-    if not is_report:
+    if not _is_report(path):
         raise OutputExists(
             f"{path} already exists and is no report", remedy="name another, or move this one away"
         )

@@ -28,6 +28,7 @@ from app.report.parts import (
     words,
 )
 from campaigns.version import VERSION
+from drivers.texts import printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -123,6 +124,7 @@ def _environment(package: str) -> Environment:
             [PackageLoader(name, ".") for name in dict.fromkeys((package, PACKAGE))]
         ),
         autoescape=True,
+        finalize=_cleaned,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -136,6 +138,11 @@ def _environment(package: str) -> Environment:
         "moment": moment,
     }
     return environment
+
+
+def _cleaned(value: object) -> object:
+    """What a device or file says, without hidden characters; markup is ours and stays."""
+    return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def _is_table(part: Part) -> bool:
@@ -153,6 +160,6 @@ def _drawing(picture: Picture) -> Markup:
 
 def _prose(text: str) -> Markup:
     """A sentence in which `backticks` are commands."""
-    pieces = text.split("`")
+    pieces = printable(text).split("`")
     marked = (Markup("<code>{}</code>").format(p) if k % 2 else p for k, p in enumerate(pieces))
     return Markup("").join(marked)

@@ -25,9 +25,15 @@ def angle_text(angle_rad: float) -> str:
     return number_text(round(math.degrees(angle_rad), ANGLE_DECIMALS))
 
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+"""Matches in a time that grows with the text's length, not with its square."""
 _WHOLE_NUMBER = re.compile(r"[+-]?\d+", re.ASCII)
-_WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
+WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
+_TEXT_OF_FORMULA = re.compile(r"'*[=+\-@\t\r]")
+"""Beginning of a text that a spreadsheet would calculate, or of one that was marked as text."""
+_MARK = "'"
+MOST_LINES = 50_000
+"""Of a file, so that it is refused within a second: more than twice what a campaign can plan."""
 _DIGITS_MAX = 18
 """A longer whole number is no number of a shot or pair."""
 
@@ -41,6 +47,7 @@ class CsvForm:
     required: tuple[str, ...]
     optional: tuple[str, ...]
     invalid: type[CampaignError]
+    most_lines: int = MOST_LINES
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -63,7 +70,7 @@ class CsvRow:
     def number(self, column: str) -> float:
         """Read a finite number."""
         text = self.text(column)
-        if _NUMBER.fullmatch(text) and math.isfinite(value := float(text)):
+        if NUMBER.fullmatch(text) and math.isfinite(value := float(text)):
             return value
         raise self._not_a_number(column, "a number")
 
@@ -82,28 +89,42 @@ class CsvRow:
         text = shown(self.text(column))
         if not text:
             return self.wrong(f"{column} is empty", remedy=f"give {wanted}")
-        if _WITH_COMMA.fullmatch(text):
+        if WITH_COMMA.fullmatch(text):
             return self.wrong(f"{column} is '{text}', a decimal comma", remedy=_POINT_REMEDY)
         return self.wrong(f"{column} is '{text}', must be {wanted}", remedy="correct the value")
 
 
 def parse_csv(text: str, name: str, form: CsvForm) -> Iterator[CsvRow]:
     """Yield the rows of a file whose first line names its columns; raises `form.invalid`."""
+    check_lines(text, name, form.invalid, form.most_lines)
     lines = _filled_lines(text, name, form.invalid)
     where, header = next(lines, (f"{name}:1", []))
     _check_header(header, where, form)
     for where, values in lines:
         if len(values) != len(header):
             raise _wrong_length(values, header, where, form.invalid)
-        yield CsvRow(where, dict(zip(header, values, strict=True)), form)
+        yield CsvRow(where, dict(zip(header, map(_unmarked, values), strict=True)), form)
+
+
+def check_lines(text: str, name: str, invalid: type[CampaignError], most: int = MOST_LINES) -> None:
+    """Raise `invalid`, before a line is read, for more than could be of such a file."""
+    if max(text.count("\n"), text.count("\r")) > most:
+        raise invalid(
+            f"{name}: has more than {most} lines, the most that are read",
+            remedy="check that it is the right file",
+        )
 
 
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Write a header and rows as a file's text, each row on one line."""
+    """Write a header and rows as a file's text, each row on one line.
+
+    A text that a spreadsheet would take for a formula gets a `'` before it, which `parse_csv`
+    takes away again; numbers stay as they are.
+    """
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(header)
-    writer.writerows([_one_line(value) for value in row] for row in rows)
+    writer.writerows([_marked(_one_line(value)) for value in row] for row in rows)
     return stream.getvalue()
 
 
@@ -123,6 +144,16 @@ def _filled_lines(
         raise invalid(
             f"{name}:{line}: is not CSV ({error})", remedy="correct the line's quotes"
         ) from error
+
+
+def _marked(text: str) -> str:
+    is_text = _TEXT_OF_FORMULA.match(text) and not NUMBER.fullmatch(text)
+    return f"{_MARK}{text}" if is_text else text
+
+
+def _unmarked(text: str) -> str:
+    bare = text.removeprefix(_MARK)
+    return bare if _TEXT_OF_FORMULA.match(text) and not NUMBER.fullmatch(bare) else text
 
 
 def _one_line(text: str) -> str:

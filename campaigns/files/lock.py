@@ -10,10 +10,12 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from campaigns.errors import CampaignLocked, WriteFailed
+from drivers.bounded_files import FileRefused, read_bounded
 
 LOCK_FILE = "campaign.lock"
 HOLDER_FILE = "campaign.lock.holder"
 """A file of its own: some versions of filelock empty the lock file whenever somebody tries it."""
+HOLDER_BYTES = 10_000
 
 
 @contextmanager
@@ -58,9 +60,9 @@ def _named_holder(folder: Path, since_utc: str) -> Iterator[None]:
 def _holder(folder: Path) -> str:
     """Holder of the lock, as far as can be told; the note may be missing for a moment."""
     try:
-        words = json.loads((folder / HOLDER_FILE).read_text(encoding="utf-8"))
+        words = json.loads(read_bounded(folder / HOLDER_FILE, HOLDER_BYTES))
         return f"process {words['pid']} on {words['host']}, since {words['since_utc']}"
-    except (OSError, ValueError, KeyError, TypeError):
+    except (FileRefused, ValueError, KeyError, TypeError, RecursionError):
         return "holder unknown"
 
 

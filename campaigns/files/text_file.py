@@ -6,32 +6,22 @@ import os
 from pathlib import Path
 
 from campaigns.errors import CampaignError, OutputExists, WriteFailed
+from drivers.bounded_files import YAML_BYTES, FileMissing, FileRefused, decoded, read_bounded
 
 
-def read_text(path: Path, invalid: type[CampaignError], *, if_missing: str) -> str:
-    """Read a file; raises `invalid`, with the remedy `if_missing` when there is no such file."""
+def read_text(
+    path: Path, invalid: type[CampaignError], *, if_missing: str, most_bytes: int = YAML_BYTES
+) -> str:
+    """Read a file; raises `invalid`, with the remedy `if_missing` when there is no such file.
+
+    A larger file than `most_bytes`, a folder, a pipe or a device is refused before it is read.
+    """
     try:
-        data = path.read_bytes()
-    except FileNotFoundError as error:
-        raise invalid(f"{path}: there is no such file", remedy=if_missing) from error
-    except OSError as error:
-        raise invalid(
-            f"{path}: cannot be read ({_reason(error)})",
-            remedy="check that it is a file and that this user may read it",
-        ) from error
-    return decoded(data, str(path), invalid)
-
-
-def decoded(data: bytes, name: str, invalid: type[CampaignError]) -> str:
-    """Decode UTF-8, byte-order mark or not; raises `invalid` naming the first wrong byte's line."""
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise invalid(
-            f"{name}:{line}: byte 0x{data[error.start]:02x} is not UTF-8 text",
-            remedy="save the file as plain text in UTF-8",
-        ) from error
+        return decoded(read_bounded(path, most_bytes), str(path))
+    except FileMissing as error:
+        raise invalid(error.problem, remedy=if_missing) from error
+    except FileRefused as error:
+        raise invalid(error.problem, remedy=error.remedy) from error
 
 
 def write_new_text(path: Path, text: str) -> None:
@@ -66,7 +56,7 @@ def make_folder(path: Path) -> None:
 
 def replace_text(path: Path, text: str) -> None:
     """Write a file whole or not at all, over an older one if there is one; raises `WriteFailed`."""
-    target = path.resolve()  # through a link, to the file that it stands for
+    target = resolved(path)
     fresh = target.with_name(f".{target.name}.{os.getpid()}.new")
     try:
         _write_to_disk(fresh, text)
@@ -77,6 +67,16 @@ def replace_text(path: Path, text: str) -> None:
     finally:
         with contextlib.suppress(OSError):  # after success there is none
             fresh.unlink()
+
+
+def resolved(path: Path) -> Path:
+    """File or folder that a path leads to, through links; raises `WriteFailed` for a circle."""
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # before Python 3.13 a RuntimeError
+        raise WriteFailed(
+            f"{path}: leads nowhere ({error})", remedy="take the link away, or name another"
+        ) from error
 
 
 def _write_to_disk(path: Path, text: str) -> None:

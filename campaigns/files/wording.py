@@ -3,18 +3,24 @@
 from collections.abc import Collection
 from difflib import get_close_matches
 
+from drivers.texts import printable
+
 UNITS = frozenset(
     {"um", "mm", "cm", "m", "in", "inch", "mm2", "m2", "deg", "rad", "mrad", "ms", "s", "min"}
     | {"degC", "degF", "K", "percent"}
 )
 
 SHOWN_CHARACTERS = 40
+LOOKED_AT = 10 * SHOWN_CHARACTERS
+"""Characters of a text that are looked at: it may be 5 MB."""
 
 
 def shown(text: str) -> str:
     """Make a text fit to stand in an error line: short, on one line, printable."""
-    line = "".join(sign if sign.isprintable() else "?" for sign in " ".join(text.split()))
-    return line if len(line) <= SHOWN_CHARACTERS else f"{line[:SHOWN_CHARACTERS]}…"
+    text = text.strip()
+    line = printable(" ".join(text[:LOOKED_AT].split()))
+    fits = len(line) <= SHOWN_CHARACTERS and len(text) <= LOOKED_AT
+    return line if fits else f"{line[:SHOWN_CHARACTERS]}…"
 
 
 def suggestion(word: str, known: Collection[str]) -> str:

@@ -13,12 +13,12 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from campaigns.errors import ConfigInvalid
 from campaigns.files.text_file import read_text
 from campaigns.files.wording import shown, suggestion
+from drivers.bounded_files import FileRefused, bounded, loaded_yaml
 
 Location = Sequence[int | str]
 
@@ -229,39 +229,17 @@ def checked_settings(settings: Mapping[str, object], name: str, model: type[Mode
 
 def _loaded(text: str, name: str) -> object:
     try:
-        tree: object = _yaml().load(text)
-    except MarkedYAMLError as error:
-        raise _not_yaml(error, name) from error
-    except (YAMLError, ValueError) as error:
-        problem = " ".join(str(error).split())
-        raise ConfigInvalid(f"{name}: is not YAML: {problem}", remedy="correct the file") from error
-    except (AssertionError, AttributeError, LookupError, RecursionError) as error:
-        # what ruamel lets slip on unusual tags and directives, found by feeding it garbage
-        raise ConfigInvalid(
-            f"{name}: has tags, directives or nesting that cannot be read",
-            remedy="write plain keys, lists and values",
-        ) from error
-    return tree
+        return loaded_yaml(_yaml(), text, name)
+    except FileRefused as error:
+        raise ConfigInvalid(error.problem, remedy=error.remedy) from error
 
 
 def _yaml() -> YAML:
-    yaml = YAML()
-    yaml.composer.warn_double_anchors = False
+    yaml = bounded(YAML())
     yaml.preserve_quotes = True
     yaml.width = UNBROKEN_LINE
     yaml.indent(mapping=2, sequence=4, offset=2)
     return yaml
-
-
-def _not_yaml(error: MarkedYAMLError, name: str) -> ConfigInvalid:
-    mark = error.problem_mark or error.context_mark
-    where = f"{name}:{mark.line + 1}" if mark else name
-    problem = " ".join(str(error.problem or error.context).split())
-    if "duplicate key" in problem:
-        return ConfigInvalid(f"{where}: {problem}", remedy="keep one of the two")
-    return ConfigInvalid(
-        f"{where}: is not YAML: {problem}", remedy="correct the line, or the one before it"
-    )
 
 
 def _plain_json(document: YamlDocument) -> str:
@@ -295,9 +273,15 @@ def _schema_remedy(found: str, wanted: str) -> str:
     found_kind, _, found_version = found.rpartition("/")
     if found_kind != kind:
         return f"give a {kind} file here"
-    if found_version.isdecimal() and int(found_version) > int(version):
+    if found_version.isdecimal() and _is_newer(found_version, version):
         return "a newer pkmcal wrote the file: update this one"
     return f"write 'schema: {wanted}'"
+
+
+def _is_newer(found: str, known: str) -> bool:
+    """Whether a version in digits, perhaps thousands of them, is above another."""
+    digits = found.lstrip("0")
+    return (len(digits), digits) > (len(known), known)
 
 
 INDENT = 2

@@ -297,7 +297,13 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
 def _connect(
     path: Path, mode: str, prepare: Callable[[sqlite3.Connection], None]
 ) -> sqlite3.Connection:
-    address = f"{path.resolve().as_uri()}?mode={mode}"
+    try:
+        address = f"{path.resolve().as_uri()}?mode={mode}"
+    except (OSError, RuntimeError) as error:  # before Python 3.13 a RuntimeError
+        raise JournalFailed(
+            f"{path}: leads nowhere ({error})",
+            remedy="take the link away, and bring campaign.db back from a backup",
+        ) from error
     with sqlite_errors_explained(path, "the journal cannot be opened"):
         connection = sqlite3.connect(
             address, uri=True, isolation_level=None, timeout=_LOCK_PATIENCE_S

@@ -20,6 +20,7 @@ from campaigns.shots.columns import (
     shot_set,
 )
 from campaigns.shots.shot_sets import ShotSet
+from drivers.bounded_files import CSV_BYTES
 from drivers.values import Pose
 
 KEYS = ("shot", "set", "pair")
@@ -46,7 +47,8 @@ def plan_columns(mechanism: Mechanism) -> tuple[str, ...]:
 
 def read_plan(path: Path, mechanism: Mechanism) -> tuple[PlannedShot, ...]:
     """Plan in the order in which it will be run; raises `PlanInvalid`."""
-    text = read_text(path, PlanInvalid, if_missing="make one with `pkmcal plan`")
+    remedy = "make one with `pkmcal plan`"
+    text = read_text(path, PlanInvalid, if_missing=remedy, most_bytes=CSV_BYTES)
     return parse_plan(text, str(path), mechanism)
 
 

@@ -28,6 +28,7 @@ from campaigns.files.yaml_file import (
 from campaigns.mechanisms.catalog import MECHANISMS
 from campaigns.mechanisms.mechanism import Axis, Interval, Kinematics, Limits, Mechanism
 from campaigns.robots.schema import SCHEMA, contents_model
+from drivers.bounded_files import is_there
 from drivers.values import Pose, Vector3
 
 DEFAULT_CENTRE_MM = (0.0, 0.0, -575.0)
@@ -152,7 +153,7 @@ def find_robot(name_or_path: str) -> RobotDocument:
     if name_or_path in shipped:
         text = shipped[name_or_path].read_text(encoding="utf-8")
         return _robot_of(parse_document(text, f"{name_or_path}.yaml"))
-    if Path(name_or_path).exists():
+    if is_there(Path(name_or_path)):
         return read_robot(Path(name_or_path))
     nearest = nearest_word(name_or_path, shipped)
     raise ConfigInvalid(

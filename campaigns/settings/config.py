@@ -28,6 +28,7 @@ from campaigns.settings.sections import (
     ValidationConfig,
 )
 from campaigns.settings.space import SpaceConfig
+from drivers.bounded_files import is_file
 
 SCHEMA = "pkmcal/campaign/1"
 FILE_NAME = "campaign.yaml"
@@ -75,7 +76,7 @@ def read_campaign(directory: Path) -> CampaignConfig:
     """Read a campaign's settings; raises `NotACampaign` or `ConfigInvalid`."""
     path = directory / FILE_NAME
     remedy = f"name a campaign's folder, or make one with `pkmcal new {directory}`"
-    if not path.is_file():
+    if not is_file(path):
         raise NotACampaign(f"{directory} holds no {FILE_NAME}", remedy=remedy)
     return checked(read_document(path, if_missing=remedy), SCHEMA, CampaignConfig)
 
@@ -102,7 +103,7 @@ def write_new_campaign(directory: Path, config: CampaignConfig, robot: RobotDocu
     refuse_existing(path)
     make_folder(directory)
     robot_path = directory / config.robot
-    if not (robot_path.is_file() and _text_of(robot_path) == robot.document.text):
+    if not (is_file(robot_path) and _text_of(robot_path) == robot.document.text):
         write_new_text(robot_path, robot.document.text)
     write_new_text(path, commented_yaml(SCHEMA, config))
 

@@ -9,12 +9,16 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from io import StringIO
+from itertools import groupby
 from pathlib import Path
 from typing import Literal, get_args
 
 from campaigns.errors import ShotsInvalid
+from campaigns.files.csv_file import NUMBER, WITH_COMMA, check_lines
 from campaigns.files.text_file import read_text
 from campaigns.files.wording import shown, suggestion
+from drivers.bounded_files import CSV_BYTES
 from drivers.values import Vector3
 
 LengthUnit = Literal["mm", "m", "inch", "ft", "cm", "um"]
@@ -39,9 +43,7 @@ SEPARATORS: Mapping[str, str] = {";": "semicolons", "\t": "tabs", ",": "commas",
 FARTHEST_MM = 1e8
 """Whatever is farther is in no unit that could be told by its distances."""
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _WHOLE = re.compile(r"\d+", re.ASCII)
-_WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
 _COLUMNS_REMEDY = "say what they are, for example --columns name,x,y,z"
 
 
@@ -72,7 +74,7 @@ def read_points(
     path: Path, *, unit: LengthUnit | None, columns: Sequence[str] | None = None
 ) -> PointFile:
     """Read a point file; raises `ShotsInvalid`, also when nobody says the unit."""
-    text = read_text(path, ShotsInvalid, if_missing="check the file's name")
+    text = read_text(path, ShotsInvalid, if_missing="check the file's name", most_bytes=CSV_BYTES)
     return parse_points(text, str(path), unit=unit, columns=columns)
 
 
@@ -85,6 +87,7 @@ def parse_points(
             f"{name}: the file does not say its unit of length",
             remedy=f"give it with --unit {'|'.join(UNIT_WORDS)}",
         )
+    check_lines(text, name, ShotsInvalid)
     separator, lines = _split_lines(text, name)
     order = _told_order(columns, name) if columns is not None else _found_order(lines)
     points = tuple(_point(line, order, unit) for line in lines)
@@ -97,7 +100,7 @@ def _split_lines(text: str, name: str) -> tuple[str, list[_Line]]:
     """Leave out what holds no data, and cut the rest at the separator of the first line."""
     filled = [
         (f"{name}:{number}", line.strip())
-        for number, line in enumerate(text.splitlines(), start=1)
+        for number, line in enumerate(StringIO(text, newline=None), start=1)
         if line.strip() and not line.lstrip().startswith(COMMENTS)
     ]
     if not filled:
@@ -111,7 +114,7 @@ def _split_lines(text: str, name: str) -> tuple[str, list[_Line]]:
 def _check_decimal_comma(where: str, line: str) -> None:
     """Refuse `2000,5 10,25 -300,125`, which commas would cut to pieces."""
     for words in (line.split(), line.split(";"), line.split("\t")):
-        commas = [word for word in words if _WITH_COMMA.fullmatch(word.strip())]
+        commas = [word for word in words if WITH_COMMA.fullmatch(word.strip())]
         if len(commas) >= len(AXES) - 1 and len(words) > len(AXES) - 1:
             raise ShotsInvalid(
                 f"{where}: '{shown(commas[0].strip())}' is a decimal comma",
@@ -167,20 +170,16 @@ def _found_order(lines: Sequence[_Line]) -> tuple[str, ...]:
 
 def _run(line: _Line) -> tuple[int, int]:
     """Start of the first run of at least three numbers, and how many there are."""
-    is_number = [_NUMBER.fullmatch(word) is not None for word in line.words]
-    for start in range(len(is_number)):
-        length = _count_leading(is_number[start:])
-        if length >= len(AXES):
+    start = 0
+    for is_number, words in groupby(line.words, lambda word: NUMBER.fullmatch(word) is not None):
+        length = len(list(words))
+        if is_number and length >= len(AXES):
             return start, length
+        start += length
     raise ShotsInvalid(
         f"{line.where}: no X Y Z: '{shown(' '.join(line.words))}' has no three numbers in a row",
         remedy="take the line out, or put // before it",
     )
-
-
-def _count_leading(flags: Sequence[bool]) -> int:
-    """Number of true values before the first that isn't."""
-    return next((index for index, flag in enumerate(flags) if not flag), len(flags))
 
 
 def _unlike(line: _Line, first: _Line) -> ShotsInvalid:
@@ -206,7 +205,7 @@ def _point(line: _Line, order: Sequence[str], unit: LengthUnit) -> NamedPoint:
 
 def _length_mm(line: _Line, index: int, axis: str, unit: LengthUnit) -> float:
     word = line.words[index]
-    if not _NUMBER.fullmatch(word):
+    if not NUMBER.fullmatch(word):
         raise ShotsInvalid(
             f"{line.where}: {axis} is '{shown(word)}', must be a number",
             remedy="correct the line, or --columns",

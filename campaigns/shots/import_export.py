@@ -29,6 +29,7 @@ from campaigns.shots.pairs import pair_rows
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, shots_text
 from campaigns.version import VERSION
+from drivers.bounded_files import CSV_BYTES, FileRefused, read_bounded
 
 IMPORTED = "imported"
 FILES = "imported_files"
@@ -63,12 +64,9 @@ class ImportedFile:
     def of(cls, path: Path) -> "ImportedFile":
         """File as it is now; raises `ShotsInvalid` when it cannot be read."""
         try:
-            return cls(path.name, hashlib.sha256(path.read_bytes()).hexdigest())
-        except OSError as error:
-            raise ShotsInvalid(
-                f"{path}: cannot be read ({error.strerror})",
-                remedy="check the file's name and your rights to it",
-            ) from error
+            return cls(path.name, hashlib.sha256(read_bounded(path, CSV_BYTES)).hexdigest())
+        except FileRefused as error:
+            raise ShotsInvalid(error.problem, remedy=error.remedy) from error
 
 
 def imported_files(started: SeriesStarted) -> tuple[ImportedFile, ...]:

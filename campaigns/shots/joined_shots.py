@@ -34,6 +34,7 @@ from campaigns.shots.columns import (
 from campaigns.shots.pairs import SHOTS_OF_A_PAIR
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow
+from drivers.bounded_files import CSV_BYTES
 
 Join = Literal["name", "order"]
 JOIN_WORDS = get_args(Join)
@@ -74,7 +75,8 @@ def read_joined_shots(
 ) -> JoinedShots:
     """Shots of both files; raises `ShotsInvalid`."""
     found = read_points(points.path, unit=points.unit, columns=points.columns)
-    text = read_text(joints, ShotsInvalid, if_missing="check the name of the joints file")
+    remedy = "check the name of the joints file"
+    text = read_text(joints, ShotsInvalid, if_missing=remedy, most_bytes=CSV_BYTES)
     return join_shots(found, str(points.path), text, str(joints), mechanism, join=join)
 
 

@@ -20,6 +20,7 @@ from campaigns.shots.columns import (
     shot_set,
 )
 from campaigns.shots.shot_sets import ShotSet
+from drivers.bounded_files import CSV_BYTES
 from drivers.values import Matrix3, Vector3, is_positive_definite, vector
 
 COVARIANCE_COLUMNS = ("sxx", "sxy", "sxz", "syy", "syz", "szz")
@@ -65,7 +66,7 @@ def _matrix(lines: Iterable[Vector3]) -> Matrix3:
 
 def read_shots(path: Path, mechanism: Mechanism) -> tuple[ShotRow, ...]:
     """Measured shots of a robot, in the file's order; raises `ShotsInvalid`."""
-    text = read_text(path, ShotsInvalid, if_missing="check the file's name")
+    text = read_text(path, ShotsInvalid, if_missing="check the file's name", most_bytes=CSV_BYTES)
     return parse_shots(text, str(path), mechanism)
 
 

@@ -14,8 +14,12 @@ from campaigns.errors import OutputExists, WriteFailed
 from campaigns.files.csv_file import CsvForm, CsvRow, csv_text, number_text, parse_csv
 from campaigns.files.text_file import read_text, replace_text
 from campaigns.studies.study import CampaignEstimate, CampaignOutcome
+from drivers.bounded_files import MEGABYTE, is_there
 
 UNSEEN_COLUMNS = ("unseen_mean_mm", "unseen_max_mm")
+MOST_BYTES = 50 * MEGABYTE
+MOST_LINES = 200_000
+"""Of a table: some 40 000 campaigns of 22 parameters."""
 ANOTHER = "name another folder with --to, or move this file away"
 KINDS = ("error ", "std ", "bound ")
 """Before a parameter's name, in whose unit the value is."""
@@ -40,9 +44,9 @@ class ResultTable(ABC, Generic[Key, Outcome]):
 
         Raises `OutputExists` for a file that holds anything else.
         """
-        if not self.path.exists():
+        if not is_there(self.path):
             return {}
-        text = read_text(self.path, OutputExists, if_missing="name another")
+        text = read_text(self.path, OutputExists, if_missing="name another", most_bytes=MOST_BYTES)
         whole = text[: text.rfind("\n") + 1]
         return {self.key_of(outcome): outcome for outcome in self.parsed(whole)}
 
@@ -107,7 +111,7 @@ class StudyTable(ResultTable[int, CampaignOutcome]):
     def parsed(self, text: str) -> Iterable[CampaignOutcome]:
         """Outcomes of a table of this study; raises `OutputExists`."""
         self._check_header(text.partition("\n")[0])
-        form = CsvForm(self.columns, (), OutputExists)
+        form = CsvForm(self.columns, (), OutputExists, MOST_LINES)
         return map(self._outcome_of, parse_csv(text, str(self.path), form))
 
     def _check_header(self, header: str) -> None:

@@ -9,8 +9,16 @@ from typing import get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
+from drivers.bounded_files import (
+    YAML_BYTES,
+    FileRefused,
+    bounded,
+    decoded,
+    is_there,
+    loaded_yaml,
+    read_bounded,
+)
 from sim.errors import ScenarioInvalid
 from sim.scenarios.schema import Scenario
 from sim.scenarios.section import nearest
@@ -36,26 +44,20 @@ def load_scenario(name_or_path: str) -> Scenario:
     if name_or_path in shipped_scenarios():
         return parse_scenario(shipped_text(name_or_path), f"{name_or_path}{SUFFIX}")
     path = Path(name_or_path)
-    if not path.exists():
+    if not is_there(path):
         raise ScenarioInvalid(
             f"scenario '{name_or_path}' is neither a shipped one nor a file",
             remedy=nearest(name_or_path, shipped_scenarios()),
         )
-    try:
-        return parse_scenario(path.read_text(encoding="utf-8"), str(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioInvalid(
-            f"{path}: cannot be read ({error})", remedy="check the file and your rights to it"
-        ) from error
+    return parse_scenario(_text_of(path), str(path))
 
 
 def parse_scenario(text: str, name: str) -> Scenario:
     """A scenario from its YAML; `name` is the file's, for messages. Raises `ScenarioInvalid`."""
     try:
-        tree: object = YAML(typ="safe", pure=True).load(text)
-    except (YAMLError, ValueError, RecursionError) as error:
-        problem = " ".join(str(error).split())
-        raise ScenarioInvalid(f"{name}: is not YAML: {problem}", remedy="correct it") from error
+        tree = loaded_yaml(bounded(YAML(typ="safe", pure=True)), text, name)
+    except FileRefused as error:
+        raise ScenarioInvalid(error.problem, remedy=error.remedy) from error
     if not isinstance(tree, dict) or tree.get("schema") != SCHEMA:
         raise ScenarioInvalid(
             f"{name}: is not a scenario file", remedy=f"begin with 'schema: {SCHEMA}'"
@@ -131,4 +133,11 @@ def scenario_text(name_or_path: str, seed: int | None = None) -> str:
 def _source(name_or_path: str) -> str:
     if name_or_path in shipped_scenarios():
         return shipped_text(name_or_path)
-    return Path(name_or_path).read_text(encoding="utf-8")
+    return _text_of(Path(name_or_path))
+
+
+def _text_of(path: Path) -> str:
+    try:
+        return decoded(read_bounded(path, YAML_BYTES), str(path))
+    except FileRefused as error:
+        raise ScenarioInvalid(error.problem, remedy=error.remedy) from error

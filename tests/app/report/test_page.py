@@ -176,6 +176,17 @@ def test_backticks_in_foreign_text_make_no_markup(tmp_path: Path) -> None:
     assert "<b>bold" not in html(paper)
 
 
+def test_hidden_characters_of_foreign_texts_are_not_on_the_page(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "hidden", people=PeopleConfig(operator="Ann\x1b[2J\u202egpj"))
+    series = paper.measure("before", ())
+    with paper.journal() as journal:
+        journal.append(Event("note", "\u2066turned\x07\x9b"), series=series)
+    text = html(paper)
+    assert "Ann?[2J?gpj" in text
+    assert "?turned??" in text
+    assert not set("\x1b\x07\x9b\u202e\u2066") & set(text)
+
+
 def test_a_campaign_without_a_journal_says_that_nothing_was_measured(tmp_path: Path) -> None:
     found = page(new_campaign(tmp_path / "empty"))
     assert figures(found) == set()

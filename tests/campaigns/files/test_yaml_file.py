@@ -60,10 +60,16 @@ def with_schema(text):
         ("just text\n", "holds no keys with values"),
         ("a: [1, 2\n", "is not YAML"),
         ("a:\n\tb: 1\n", "sample.yaml:2: is not YAML"),
-        ("a: *nowhere\n", "sample.yaml:1: is not YAML"),
+        ("a: *nowhere\n", "sample.yaml:1: has & or *"),
+        ("a: 1\nb: &there [1]\n", "sample.yaml:2: has & or *"),
+        ("a: &loop [*loop]\n", "sample.yaml:1: has & or *"),
+        ("a: [" + "1, " * 10_001 + "]\n", "sample.yaml:1: has more than 10000 entries"),
+        ("a: 1\n" + "# x\n" * 20_000, "more than 20000 lines"),
+        (f"schema: pkmcal/test/{'9' * 5000}\n", "a newer pkmcal wrote the file"),
+        ("a: 1e99999999999999999999\n", "schema is missing"),
         ("a: 1\n---\nb: 2\n", "is not YAML"),
         ("a: \x00\n", "is not YAML"),
-        ("[" * 500, "nesting that cannot be read"),
+        ("[" * 500, "nested deeper than 30 levels"),
         ("%YAML 1.3\n---\na: 1\n", "directives"),
         ("a: !!float\n", "has tags"),
         ("day: 2024-13-45\n", "month must be in"),
@@ -120,7 +126,7 @@ def test_absent_file_is_answered_with_the_remedy_given(tmp_path):
 
 
 def test_folder_in_a_files_place_is_refused(tmp_path):
-    with pytest.raises(ConfigInvalid, match="cannot be read"):
+    with pytest.raises(ConfigInvalid, match="is no file but a folder"):
         read_document(tmp_path, if_missing="make it")
 
 

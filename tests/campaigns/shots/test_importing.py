@@ -120,5 +120,5 @@ def test_an_import_of_older_software_names_no_file(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ShotsInvalid, match=r"nothing\.csv: cannot be read"):
+    with pytest.raises(ShotsInvalid, match=r"nothing\.csv: there is no such file"):
         ImportedFile.of(tmp_path / "nothing.csv")

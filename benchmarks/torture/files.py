@@ -1,0 +1,343 @@
+"""Every reader of files by odd files: no refusal may be a crash, be slow, be large or be long.
+
+    python -m benchmarks.torture.files [--files 1500] [--seed 1] [--json]
+
+A campaign is made, planned, measured in simulation, identified and exported. Each odd file then
+stands in the place of one of its files, and every command that reads this file is given in a
+process of its own.
+"""
+
+import argparse
+import json
+import os
+import random
+import resource
+import select
+import shutil
+import signal
+import sys
+import tempfile
+import unicodedata
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+from app.exits import Exit
+from app.main import COMMANDS, LINEAR_ALGEBRA_THREADS, run_command
+from benchmarks.torture.odd_files import (
+    ODD_NAMES,
+    Oddity,
+    drawn,
+    no_files,
+    of_csv,
+    of_journal,
+    of_json,
+    of_yaml,
+)
+
+FILES = 1500
+MOST_SECONDS, MOST_MIB, MOST_CHARACTERS = 1.0, 200.0, 1000
+HANGS_AFTER_S = 20.0
+DESIGNED = frozenset({Exit.DONE, Exit.NOT_GOOD, Exit.BAD_INPUT, Exit.DEVICE, Exit.JOURNAL})
+REFUSED = frozenset({Exit.BAD_INPUT, Exit.JOURNAL})
+KIB = 1024
+Specials = Callable[[bytes], tuple[Oddity, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """File of a campaign, the commands that read it, and what else it can be made of.
+
+    In a command `{dir}` is the campaign's folder, `{new}` one that is not there yet.
+    """
+
+    file: str
+    commands: tuple[str, ...]
+    specials: Specials
+    keep: tuple[str, ...] = ()
+    """Files that must be there for it, beside campaign.yaml, robot.yaml and cell.yaml."""
+
+
+READS = (
+    Read(
+        "campaign.yaml",
+        ("validate {dir} --stage before --dry", "devices {dir}", "run {dir} --dry"),
+        of_yaml,
+        ("plan.csv",),
+    ),
+    Read(
+        "robot.yaml",
+        ("run {dir} --dry", "new {new} --robot {dir}/robot.yaml"),
+        of_yaml,
+        ("plan.csv",),
+    ),
+    Read(
+        "robot-compensated.yaml",
+        ("load {dir} --dry", "load {dir} --dry --file {dir}/robot-compensated.yaml"),
+        of_yaml,
+        ("campaign.db", "cell-memory.json"),
+    ),
+    Read("cell.yaml", ("devices {dir}", "new {new} --scenario {dir}/cell.yaml"), of_yaml),
+    Read("cell-memory.json", ("devices {dir}",), of_json),
+    Read("plan.csv", ("run {dir} --dry",), of_csv),
+    Read("shots.csv", ("import {dir} {dir}/shots.csv",), of_csv),
+    Read(
+        "points.txt",
+        ("import {dir} {dir}/points.txt --format ascii --unit mm --joints {dir}/joints.csv",),
+        of_csv,
+        ("joints.csv",),
+    ),
+    Read(
+        "joints.csv",
+        ("import {dir} {dir}/points.txt --format ascii --unit mm --joints {dir}/joints.csv",),
+        of_csv,
+        ("points.txt",),
+    ),
+    Read(
+        "campaign.db",
+        ("export {dir} --shots --to {new}.csv", "identify {dir}", "import {dir} {dir}/shots.csv"),
+        of_journal,
+        ("shots.csv",),
+    ),
+    Read(
+        "study/plan-paper-prototype-points.csv",
+        ("study {dir} --campaigns 2 --to {dir}/study",),
+        of_csv,
+        ("plan.csv",),
+    ),
+)
+ALWAYS = ("campaign.yaml", "robot.yaml", "cell.yaml")
+NAMED = (
+    "devices {name}",
+    "export {name}",
+    "import {dir} {name}",
+    "import {dir} {dir}/points.txt --format ascii --unit mm --joints {name}",
+    "load {dir} --dry --file {name}",
+    "new {new} --robot {name}",
+    "new {new} --scenario {name}",
+    "sim {name}",
+)
+"""Commands to which the name of a file or folder to read is given."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One command on one odd file, and how it ended."""
+
+    file: str
+    oddity: str
+    command: str
+    code: int
+    seconds: float
+    """Of the processor, after the start of the program."""
+    peak_mib: float
+    error: str
+
+    def __str__(self) -> str:
+        return f"{self.file} · {self.oddity} · {self.command} · {self.error[-200:]!r}"
+
+    def faults(self) -> Iterator[str]:
+        """What must not be."""
+        if self.code not in DESIGNED:
+            yield f"exit code {self.code}"
+        if self.code not in {Exit.DONE, Exit.NOT_GOOD}:
+            if self.seconds > MOST_SECONDS:
+                yield f"refused after {self.seconds:.1f} s"
+            if self.peak_mib > MOST_MIB:
+                yield f"refused with {self.peak_mib:.0f} MiB"
+            yield from _faults_of_line(self.error)
+
+
+def _faults_of_line(error: str) -> Iterator[str]:
+    lines = error.splitlines()
+    last = lines[-1] if lines else ""
+    if not last.startswith("pkmcal: ") or " → " not in last:
+        yield f"no error line with a remedy, but {last[:80]!r}"
+    if len(last) > MOST_CHARACTERS:
+        yield f"an error line of {len(last)} characters"
+    signs = {unicodedata.name(sign, hex(ord(sign))) for sign in error if _is_unclean(sign)}
+    if signs:
+        yield f"shows {', '.join(sorted(signs))}"
+
+
+def _is_unclean(sign: str) -> bool:
+    is_control = unicodedata.category(sign) in {"Cc", "Cs", "Zl", "Zp"} and sign != "\n"
+    return is_control or unicodedata.bidirectional(sign) in {
+        *("LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI")
+    }
+
+
+def main() -> None:
+    """Say what odd files do, and end with 1 if one of them does harm."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--files", type=int, default=FILES)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    for variable in LINEAR_ALGEBRA_THREADS:
+        os.environ.setdefault(variable, "1")
+    with tempfile.TemporaryDirectory(prefix="odd-files-") as folder:
+        trials = []
+        for each in tortured(Path(folder), asked.files, asked.seed):
+            trials.append(each)
+            for fault in each.faults():
+                print(f"{each}: {fault}", file=sys.stderr, flush=True)
+    figures = summary(trials)
+    print(json.dumps(figures) if asked.json else "\n".join(f"{k}: {v}" for k, v in figures.items()))
+    sys.exit(bool(figures["faulty"]))
+
+
+def load_all_commands() -> None:
+    """What each child would import anew: what it then takes is the work itself."""
+    for module, _ in COMMANDS.values():
+        import_module(f"app.cli.{module}")
+
+
+def tortured(folder: Path, files: int, seed: int) -> Iterator[Trial]:
+    """Trials of so many odd files in turn, all that are not drawn among them."""
+    load_all_commands()
+    base = folder / "base"
+    prepare(base)
+    yield from odd_names(base, folder)
+    prepared = odd_files(base, files, random.Random(seed))
+    for read, oddity in prepared:
+        yield from tried(base, folder / "tried", read, oddity)
+
+
+def odd_files(base: Path, files: int, rng: random.Random) -> Iterator[tuple[Read, Oddity]]:
+    """Odd files: first those that are not drawn, then each kind in turn until there are enough."""
+    fixed = [
+        (read, oddity)
+        for read in READS
+        for oddity in (*no_files(), *read.specials((base / read.file).read_bytes()))
+    ]
+    yield from fixed[:files]
+    texts = {read.file: (base / read.file).read_bytes() for read in READS}
+    others = list(texts.values())
+    for number in range(files - len(fixed)):
+        read = READS[number % len(READS)]
+        yield read, drawn(texts[read.file], others, rng)
+
+
+def odd_names(base: Path, folder: Path) -> Iterator[Trial]:
+    """Trials of names that no file of a campaign has."""
+    for name in ODD_NAMES:
+        for command in NAMED:
+            new = folder / "named"
+            words = [word.format(dir=base, new=new, name=name) for word in command.split()]
+            yield trial(words, "(name)", repr(name[:40]), command)
+            shutil.rmtree(new, ignore_errors=True)
+
+
+def tried(base: Path, folder: Path, read: Read, oddity: Oddity) -> Iterator[Trial]:
+    """Each command that reads the file, with the odd one in its place."""
+    for command in read.commands:
+        folder.mkdir()
+        try:
+            for name in {*ALWAYS, *read.keep} - {read.file}:
+                shutil.copyfile(base / name, folder / name)
+            path = folder / read.file
+            path.parent.mkdir(exist_ok=True)
+            oddity.put(path)
+            words = [word.format(dir=folder, new=folder / "new") for word in command.split()]
+            yield trial(words, read.file, oddity.name, command)
+        finally:
+            shutil.rmtree(folder)
+
+
+def trial(words: Sequence[str], file: str, oddity: str, command: str) -> Trial:
+    """Give a command in a process of its own, and look how that ends."""
+    with tempfile.TemporaryFile() as output:
+        child = os.fork()
+        if child == 0:
+            _become_the_program(words, output.fileno())
+        status, usage = _ended(child)
+        output.seek(0)
+        error = output.read().decode("utf-8", errors="surrogateescape")
+    seconds = usage.ru_utime + usage.ru_stime
+    code = os.waitstatus_to_exitcode(status)
+    return Trial(file, oddity, command, code, seconds, usage.ru_maxrss / KIB, error)
+
+
+def _ended(child: int) -> tuple[int, resource.struct_rusage]:
+    """Wait for a process, and kill it when it hangs."""
+    descriptor = os.pidfd_open(child)
+    try:
+        ended, _, _ = select.select([descriptor], [], [], HANGS_AFTER_S)
+    finally:
+        os.close(descriptor)
+    if not ended:
+        os.kill(child, signal.SIGKILL)
+    _, status, usage = os.wait4(child, 0)
+    return status, usage
+
+
+def _become_the_program(words: Sequence[str], output: int) -> None:
+    """End as the program does, whatever happens; what it says on stderr goes into the file."""
+    code = 99
+    try:
+        nothing = os.open(os.devnull, os.O_RDWR)
+        os.dup2(nothing, 0)
+        os.dup2(nothing, 1)
+        os.dup2(output, 2)
+        sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
+        sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+        sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+        code = run_command(list(words))
+        sys.stdout.flush()
+        sys.stderr.flush()
+    finally:
+        os._exit(code)
+
+
+def prepare(base: Path) -> None:
+    """A campaign in which everything was done, with every file that a command may read."""
+    steps = (
+        f"new {base}",
+        f"plan {base} --shots 40",
+        f"run {base} --yes",
+        f"identify {base}",
+        f"export {base}",
+        f"export {base} --shots",
+        f"study {base} --campaigns 2 --to {base}/study",
+    )
+    for step in steps:
+        done = trial(step.split(), "", "", step)
+        if done.code != Exit.DONE:
+            raise RuntimeError(f"{step}: exit code {done.code}: {done.error}")
+    _write_points(base)
+
+
+def _write_points(base: Path) -> None:
+    """The same shots as points of other software and a file of joints."""
+    header, *rows = (line.split(",") for line in (base / "shots.csv").read_text().splitlines())
+    joints = [header.index(f"q{joint}_deg") for joint in range(4)]
+    axes = [header.index(f"{axis}_mm") for axis in "xyz"]
+    keys = [header.index(key) for key in ("pair", "set")]
+    points = [f"P{number} {' '.join(row[at] for at in axes)}" for number, row in enumerate(rows)]
+    values = [
+        ",".join([f"P{number}", *(row[at] for at in (*joints, *keys))])
+        for number, row in enumerate(rows)
+    ]
+    (base / "points.txt").write_text("\n".join(points) + "\n")
+    heading = "name,q0_deg,q1_deg,q2_deg,q3_deg,pair,set"
+    (base / "joints.csv").write_text("\n".join([heading, *values]) + "\n")
+
+
+def summary(trials: Sequence[Trial]) -> dict[str, object]:
+    """Figures of all trials."""
+    refusals = [each for each in trials if each.code not in {Exit.DONE, Exit.NOT_GOOD}]
+    codes = Counter(each.code for each in trials)
+    return {
+        "trials": len(trials),
+        "codes": {str(code): count for code, count in sorted(codes.items())},
+        "refusal_seconds_max": max((each.seconds for each in refusals), default=0.0),
+        "refusal_mib_max": max((each.peak_mib for each in refusals), default=0.0),
+        "faulty": sum(any(each.faults()) for each in trials),
+    }
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,174 @@
+"""Files as texts, and YAML in them, within bounds: what is too much is refused before it is read.
+
+No file may cost more than its reader is worth: not a folder or pipe of that name, not one of
+50 GB, not ten lines of YAML that stand for a billion.
+"""
+
+import stat
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.composer import Composer
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.events import AliasEvent
+
+from drivers.errors import ExplainedError
+from drivers.texts import printable, shortened
+
+MEGABYTE = 1_000_000
+YAML_BYTES = MEGABYTE
+CSV_BYTES = 20 * MEGABYTE
+YAML_LINES = 20_000
+YAML_ENTRIES = 10_000
+YAML_DEPTH = 30
+"""Keys, values and list entries, lines, and levels: dozens of times what any file of ours has."""
+PROBLEM_CHARACTERS = 200
+_KINDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (lambda mode: stat.S_ISCHR(mode) or stat.S_ISBLK(mode), "a device"),
+)
+
+
+class FileRefused(ExplainedError):
+    """A file that cannot be read as what it should be: look at it, or name another."""
+
+
+class FileMissing(FileRefused):
+    """There is no such file."""
+
+
+def is_file(path: Path) -> bool:
+    """Whether a file can be seen by that name, whatever the name; never raises."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # too long, in a circle, in a folder that is not for us
+        return False
+
+
+def is_there(path: Path) -> bool:
+    """Whether anything can be seen by that name, whatever the name; never raises."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
+
+
+def read_bounded(path: Path, most_bytes: int) -> bytes:
+    """Contents of a file; raises `FileRefused`, before reading when it is no file or too large."""
+    try:
+        _check_kind(path)
+        with path.open("rb") as file:
+            data = file.read(most_bytes + 1)
+    except FileNotFoundError as error:
+        raise FileMissing(f"{path}: there is no such file", remedy="check its name") from error
+    except (OSError, ValueError) as error:  # a ValueError is about a name with a NUL
+        reason = (getattr(error, "strerror", None) or str(error)).lower()
+        raise FileRefused(
+            f"{path}: cannot be read ({reason})",
+            remedy="check that it is a file and that this user may read it",
+        ) from error
+    if len(data) > most_bytes:
+        raise FileRefused(
+            f"{path}: has more than {most_bytes / MEGABYTE:g} MB, the most that is read of it",
+            remedy="check that it is the right file",
+        )
+    return data
+
+
+def _check_kind(path: Path) -> None:
+    """Before it is opened: opening a pipe waits for its writer, a device may do anything."""
+    mode = path.stat().st_mode
+    if stat.S_ISREG(mode):
+        return
+    kind = next((words for is_one, words in _KINDS if is_one(mode)), "something else")
+    raise FileRefused(f"{path}: is no file but {kind}", remedy="name a file, or take this away")
+
+
+def decoded(data: bytes, name: str) -> str:
+    """Decode UTF-8, byte-order mark or not; raises `FileRefused` naming the wrong byte's line."""
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise FileRefused(
+            f"{name}:{line}: byte 0x{data[error.start]:02x} is not UTF-8 text",
+            remedy="save the file as plain text in UTF-8",
+        ) from error
+
+
+def loaded_yaml(yaml: YAML, text: str, name: str) -> object:
+    """Tree of a YAML text by a loader from `bounded`; raises `FileRefused` with the line."""
+    if len(text) > YAML_BYTES or text.count("\n") > YAML_LINES:
+        raise FileRefused(
+            f"{name}: has more than {YAML_LINES} lines or {YAML_BYTES / MEGABYTE:g} MB",
+            remedy="check that it is the right file",
+        )
+    try:
+        tree: object = yaml.load(text)
+    except MarkedYAMLError as error:
+        raise _not_yaml(error, name) from error
+    except (YAMLError, ValueError) as error:
+        raise FileRefused(
+            f"{name}: is not YAML: {_worded(str(error))}", remedy="correct the file"
+        ) from error
+    except (ArithmeticError, AssertionError, AttributeError, LookupError, RecursionError) as error:
+        # what ruamel lets slip on unusual tags, numbers and directives, found by feeding it garbage
+        raise FileRefused(
+            f"{name}: has tags, directives or nesting that cannot be read",
+            remedy="write plain keys, lists and values",
+        ) from error
+    return tree
+
+
+def bounded(yaml: YAML) -> YAML:
+    """The same loader, which refuses aliases, deep nesting, and too many entries."""
+    yaml.max_depth = YAML_DEPTH
+    yaml.Composer = _PlainComposer
+    return yaml
+
+
+class _PlainComposer(Composer):
+    """Nodes of a file that says each thing where it stands."""
+
+    # Any: the library's own types are not public
+    def __init__(self, loader: Any = None) -> None:
+        super().__init__(loader)
+        self._entries = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        event = self.parser.peek_event()
+        if isinstance(event, AliasEvent) or event.anchor is not None:
+            raise MarkedYAMLError(
+                problem="has & or *, anchors and aliases", problem_mark=event.start_mark
+            )
+        self._entries += 1
+        if self._entries > YAML_ENTRIES:
+            raise MarkedYAMLError(
+                problem=f"has more than {YAML_ENTRIES} entries", problem_mark=event.start_mark
+            )
+        return super().compose_node(parent, index)
+
+
+def _not_yaml(error: MarkedYAMLError, name: str) -> FileRefused:
+    mark = error.problem_mark or error.context_mark
+    where = f"{name}:{mark.line + 1}" if mark else name
+    problem = _worded(str(error.problem or error.context))
+    if problem.startswith("has "):
+        return FileRefused(f"{where}: {problem}", remedy="write each value where it belongs")
+    if "maximum depth" in problem:
+        return FileRefused(
+            f"{where}: is nested deeper than {YAML_DEPTH} levels",
+            remedy="write plain keys, lists and values",
+        )
+    if "duplicate key" in problem:
+        return FileRefused(f"{where}: {problem}", remedy="keep one of the two")
+    return FileRefused(
+        f"{where}: is not YAML: {problem}", remedy="correct the line, or the one before it"
+    )
+
+
+def _worded(problem: str) -> str:
+    return shortened(printable(" ".join(problem.split())), PROBLEM_CHARACTERS)

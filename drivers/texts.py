@@ -1,0 +1,33 @@
+"""Texts of devices, files and operators, made fit to be shown: the one place that cleans them."""
+
+import unicodedata
+
+INSTEAD = "?"
+_GAPS = "\t\n\v\f\r\x1c\x1d\x1e\x85\u2028\u2029"
+_JOINERS = "\u200c\u200d"
+_HIDDEN = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+_AS_BLANKS = str.maketrans(dict.fromkeys(_GAPS, " "))
+
+
+def printable(text: str) -> str:
+    """Text on one line without control, bidirectional or other hidden characters.
+
+    Line breaks and tabs become blanks, the others `?`: a serial number cannot clear a terminal,
+    forge a line, or turn the reading direction of what stands behind it. What scripts join their
+    letters by stays.
+    """
+    if text.isprintable():
+        return text
+    return "".join(INSTEAD if _is_hidden(sign) else sign for sign in text.translate(_AS_BLANKS))
+
+
+def shortened(text: str, most: int) -> str:
+    """Text of at most so many characters: of a longer one its beginning and its end."""
+    if len(text) <= most:
+        return text
+    half = (most - 1) // 2
+    return f"{text[:half]}…{text[-half:]}"
+
+
+def _is_hidden(sign: str) -> bool:
+    return unicodedata.category(sign) in _HIDDEN and sign not in _JOINERS

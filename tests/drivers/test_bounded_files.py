@@ -1,0 +1,103 @@
+"""Files from outside: what no reader should begin to read is refused before it is read."""
+
+import os
+import socket
+import time
+import tracemalloc
+
+import pytest
+from ruamel.yaml import YAML
+
+from drivers.bounded_files import (
+    CSV_BYTES,
+    YAML_BYTES,
+    FileMissing,
+    FileRefused,
+    bounded,
+    is_file,
+    is_there,
+    loaded_yaml,
+    read_bounded,
+)
+
+LONG = "x" * 5000
+
+
+def sparse(path):
+    with path.open("wb") as file:
+        file.truncate(50 * 1024**3)
+
+
+def unix_socket(path):
+    with socket.socket(socket.AF_UNIX) as made:
+        made.bind(os.path.relpath(path))
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda path: path.mkdir(), "is no file but a folder"),
+        (os.mkfifo, "is no file but a pipe"),
+        (unix_socket, "is no file but a socket"),
+        (lambda path: path.symlink_to("/dev/zero"), "is no file but a device"),
+        (lambda path: path.symlink_to(path.name), "cannot be read"),
+        (lambda path: path.symlink_to("/proc/self/mem"), "cannot be read"),
+        (sparse, "has more than 1 MB"),
+        (lambda path: path.write_bytes(b"x" * (YAML_BYTES + 1)), "has more than 1 MB"),
+    ],
+)
+def test_what_is_no_file_of_ours_is_refused_at_once(tmp_path, monkeypatch, make, words):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "robot.yaml"
+    make(path)
+    tracemalloc.start()
+    began_s = time.process_time()
+    with pytest.raises(FileRefused, match=words):
+        read_bounded(path, YAML_BYTES)
+    assert time.process_time() - began_s < 1.0
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 2 * CSV_BYTES
+
+
+def test_a_file_of_just_the_allowed_size_is_read(tmp_path):
+    path = tmp_path / "robot.yaml"
+    path.write_bytes(b"x" * YAML_BYTES)
+    assert len(read_bounded(path, YAML_BYTES)) == YAML_BYTES
+
+
+@pytest.mark.parametrize("name", ["a\x00b", LONG, "\udcff", "none", f"{'d/' * 3000}x"])
+def test_no_name_brings_the_reader_down(tmp_path, name):
+    path = tmp_path / name
+    assert not is_file(path)
+    assert not is_there(path)
+    with pytest.raises(FileRefused):
+        read_bounded(path, YAML_BYTES)
+
+
+def test_a_missing_file_is_told_from_an_unreadable_one(tmp_path):
+    with pytest.raises(FileMissing):
+        read_bounded(tmp_path / "none", YAML_BYTES)
+
+
+@pytest.mark.parametrize("kind", ["rt", "safe"])
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: &a [x, x]\nb: [*a, *a]\n", "f:1: has & or *"),
+        ("a: 1\n<<: *a\n", "f:2: has & or *"),
+        ("a: " + "[" * 50, "f:1: is nested deeper than 30 levels"),
+        ("a: [" + "1," * 20_000 + "]", "f:1: has more than 10000 entries"),
+        ("# \n" * 30_000, "f: has more than 20000 lines"),
+        ("a: " + "9" * 5000, "f: is not YAML"),
+        ('a: "' + "x" * 900_000, "f:1: is not YAML"),
+        ("a: 1\na: 2\n", "f:2: found duplicate key"),
+    ],
+)
+def test_yaml_that_stands_for_too_much_is_refused_with_its_line(kind, text, words):
+    began_s = time.process_time()
+    with pytest.raises(FileRefused) as refused:
+        loaded_yaml(bounded(YAML(typ=kind, pure=True)), text, "f")
+    assert time.process_time() - began_s < 1.0
+    assert refused.value.problem.startswith(words)
+    assert len(str(refused.value)) < 500
