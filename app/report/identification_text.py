@@ -3,7 +3,12 @@
 from collections.abc import Iterator
 
 from app.console import BAD, GOOD, OPEN, WARNING, Terminal
-from app.report.model_sections import model_rows, parameter_cells
+from app.report.model_sections import (
+    interval_cell,
+    interval_in_words,
+    model_rows,
+    parameter_cells,
+)
 from app.report.parts import Row, number
 from app.terminal_picture import histogram_lines
 from campaigns.estimation.estimators import Estimator
@@ -11,21 +16,19 @@ from campaigns.identification.result import STRONG, IdentificationResult
 from campaigns.mechanisms.mechanism import ParameterSpace
 from campaigns.robots.robot import NOT_FOR_CONTROLLERS
 
-NORMAL_95 = 2.0
-"""Above it a 95 % interval is wider than people take for granted."""
 CORRELATIONS = 5
 """So many of the strongest are shown."""
 
 
 def show(terminal: Terminal, found: IdentificationResult, space: ParameterSpace) -> None:
     """Result for people: parameters, errors, what is uncertain, the verdict last."""
-    columns = ("", "nominal", "identified", "Δ", "σ")
+    columns = ("", "nominal", "identified", "Δ", "σ", "± 95 %")
     terminal.table("Parameters (mm, deg)", columns, list(_parameter_rows(found)))
-    columns = ("", "mean before", "after", "max before", "after")
-    terminal.table("Errors (mm)", columns, list(_error_rows(found)))
+    of_errors = ("", "mean before", "after", "max before", "after")
+    terminal.table("Errors (mm)", of_errors, list(_error_rows(found)))
     if found.models:
-        columns = ("", "parameters", "BIC", "unseen rms", "")
-        terminal.table("Models (mm)", columns, list(model_rows(found.models)))
+        of_models = ("", "parameters", "BIC", "unseen rms", "")
+        terminal.table("Models (mm)", of_models, list(model_rows(found.models)))
     terminal.say(_remaining(found), "bold")
     if found.fitted is not None:
         for line in histogram_lines(found.fitted.after.ravel().tolist()):
@@ -51,7 +54,8 @@ def _remaining(found: IdentificationResult) -> str:
 def _parameter_rows(found: IdentificationResult) -> Iterator[Row]:
     for name, parameter in found.parameters.items():
         if parameter.free:
-            yield name, *parameter_cells(parameter)
+            interval = interval_cell(parameter, found.coverage_factor_95)
+            yield name, *parameter_cells(parameter), interval
 
 
 def _error_rows(found: IdentificationResult) -> Iterator[Row]:
@@ -72,8 +76,8 @@ def _uncertainty_lines(found: IdentificationResult) -> Iterator[str]:
     )
     if found.chi2 is not None:
         yield found.chi2.says
-    if found.coverage_factor_95 is not None and found.coverage_factor_95 > NORMAL_95:
-        yield f"95 % intervals are ± {found.coverage_factor_95:.2f} σ: few degrees of freedom"
+    if words := interval_in_words(found.coverage_factor_95):
+        yield words
     if found.position_std_mm is not None:
         mean, most = found.position_std_mm.mean, found.position_std_mm.max
         yield (

@@ -14,12 +14,38 @@ PARAMETER_DECIMALS = 4
 STRONGEST = 8
 
 
-def parameter_rows(parameters: dict[str, IdentifiedParameter]) -> tuple[Row, ...]:
-    """Rows of parameters: name, unit, old, new, Δ, σ, Δ ÷ σ, whether that shows a change."""
+def parameter_rows(
+    parameters: dict[str, IdentifiedParameter], interval: float | None
+) -> tuple[Row, ...]:
+    """Rows of parameters: name, unit, old, new, Δ, σ, ± 95 %, Δ ÷ σ, whether that shows a change.
+
+    `interval`: half-width of 95 % intervals in σ; None where nothing tells it.
+    """
     return tuple(
-        (*_name_and_unit(name), *parameter_cells(found), _change_in_sigma(found), _shown(found))
+        (
+            *_name_and_unit(name),
+            *parameter_cells(found),
+            interval_cell(found, interval),
+            _change_in_sigma(found),
+            _shown(found, interval),
+        )
         for name, found in parameters.items()
     )
+
+
+def interval_cell(found: IdentifiedParameter, interval: float | None) -> str:
+    """Half-width of a parameter's 95 % interval."""
+    if not found.free or found.std is None or interval is None:
+        return NOTHING
+    return number(interval * found.std, PARAMETER_DECIMALS)
+
+
+def interval_in_words(interval: float | None) -> str:
+    """How 95 % intervals are formed of σ; empty where nothing tells them."""
+    if interval is None:
+        return ""
+    why = "" if interval < COVERAGE else ", Student's factor: σ themselves are known a little only"
+    return f"95 % intervals are ± {interval:.2f} σ{why}"
 
 
 def doubt_rows(doubts: tuple[Doubt, ...]) -> tuple[Row, ...]:
@@ -86,10 +112,11 @@ def _consequence(doubt: Doubt) -> str:
     return "told only" if doubt.decision is None else f"verdict: {doubt.decision}"
 
 
-def _shown(found: IdentifiedParameter) -> str:
+def _shown(found: IdentifiedParameter, interval: float | None) -> str:
     if not found.free or found.std is None:
         return ""
-    return NO_CHANGE if abs(found.delta) <= COVERAGE * found.std else ""
+    expanded = max(COVERAGE, interval or 0.0) * found.std
+    return NO_CHANGE if abs(found.delta) <= expanded else ""
 
 
 def _name_and_unit(name: str) -> Row:

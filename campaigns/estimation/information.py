@@ -32,6 +32,9 @@ SIGNIFICANCE = 1e-3
 CONFIDENCE = 0.95
 MINIMUM_DOF = 12
 """Degrees of freedom below which a Birge ratio, known to ± 20 % by so many, is not relied on."""
+STATED_DOF = 12
+"""Degrees of freedom that the stated noise is worth where residuals tell their own variance: as a
+prior it is taken to be known to ± 20 %."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +74,25 @@ def variance_scale(
 
     `scatter` is that of the whitened residuals. Where the stated variance counts as known, σ come
     from it until a test of χ² rejects it (or a robust loss leaves no such test), and then from the
-    scatter, but never smaller; elsewhere σ always come from the scatter.
+    scatter, but never smaller. Elsewhere σ come from the scatter, with the stated variance as a
+    prior of `STATED_DOF` degrees of freedom (scaled inverse χ²) until the test rejects it.
     """
     if not known_variance:
-        return scatter
+        if scatter is None or not tested.consistent:
+            return scatter
+        pooled = (STATED_DOF + tested.dof * scatter**2) / (STATED_DOF + tested.dof)
+        return float(np.sqrt(pooled))
     if scatter is None or (tested.consistent and not robust):
         return 1.0
     return max(1.0, scatter)
+
+
+def variance_dof(tested: ChiSquareTest, *, known_variance: bool) -> int | None:
+    """Degrees of freedom by which `variance_scale` knows the variance; None: it counts as known."""
+    if known_variance and (tested.sigma0 is None or tested.sigma0 <= 1.0):
+        return None
+    prior = STATED_DOF if tested.consistent and not known_variance else 0
+    return max(tested.dof, 1) + prior
 
 
 def coverage_factor(dof: int | None) -> float:

@@ -90,7 +90,8 @@ def noise_in_words(
     if noise.sigma0 is None:
         return f"{scatter} ({test}); too little is left of them to tell any σ"
     if estimator is Estimator.DISTANCES and by_scatter:
-        return f"{scatter} ({test}); σ come from the scatter"
+        also = " and from what it states" if noise.consistent else ""
+        return f"{scatter} ({test}); σ come from the scatter{also}"
     if robot:
         more = f", and are multiplied by {noise.sigma0:.2g}" if noise.sigma0 > 1.0 else ""
         scatter = f"{scatter} and the robot scatters" if noise.consistent else scatter

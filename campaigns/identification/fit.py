@@ -13,7 +13,7 @@ from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
 from campaigns.estimation.estimate import Estimate, OutlierPolicy, Start, estimate
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
-from campaigns.estimation.information import ChiSquareTest, chi_square_test
+from campaigns.estimation.information import ChiSquareTest, chi_square_test, variance_dof
 from campaigns.estimation.robust import Loss
 from campaigns.estimation.variance_components import (
     NONE,
@@ -87,8 +87,8 @@ class Fit:
 
     @property
     def variance_dof(self) -> int | None:
-        """Degrees of freedom by which residuals tell their own variance; None: it is known."""
-        return self.found.noise.dof if self.points is None else None
+        """Degrees of freedom by which the variance is known; None: it counts as known."""
+        return variance_dof(self.found.noise, known_variance=self.points is not None)
 
     @property
     def scatter(self) -> VarianceComponents:

@@ -147,7 +147,7 @@ class _Identified:
             noise,
             options.estimator,
             options.loss.shape,
-            by_scatter=self.fit.variance_dof is not None,
+            by_scatter=self.fit.points is None,
             robot="" if scatter is None else scatter.says,
         )
         return IdentificationResult(
@@ -317,7 +317,7 @@ class _Identified:
         return PositionStd(tested.ratio * found.mean, tested.ratio * found.max)
 
     def _coverage_factor(self) -> float | None:
-        """Student's where distances of equal weight tell their own variance, else normal."""
+        """Student's where the residuals tell their own variance, else normal."""
         return None if self.found.covariance is None else coverage_factor(self.fit.variance_dof)
 
     def _by_priors_alone(self) -> tuple[Combination, ...]:

@@ -10,7 +10,7 @@ from scipy.special import bdtrik, ndtri, stdtr
 from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
 from campaigns.estimation.estimators import Estimator, Weights
-from campaigns.estimation.information import CONFIDENCE, coverage_factor
+from campaigns.estimation.information import CONFIDENCE, STATED_DOF, coverage_factor
 from campaigns.studies.study import CampaignEstimate, CampaignOutcome, StudySetup
 
 LEAST_CAMPAIGNS = 2
@@ -102,7 +102,15 @@ def interval_factor(setup: StudySetup) -> float:
 
     Student's where the variance is the residuals' own, normal where the tracker's is known.
     """
-    return coverage_factor(setup.dof if _variance_is_estimated(setup) else None)
+    return coverage_factor(setup.dof + STATED_DOF if _variance_is_estimated(setup) else None)
+
+
+def _effective_dof(setup: StudySetup) -> float:
+    """Degrees of freedom of a variance that scatters like the stated one (Satterthwaite 1946).
+
+    In a study the noise is what is stated: the part that comes from there does not scatter.
+    """
+    return (setup.dof + STATED_DOF) ** 2 / setup.dof
 
 
 def _variance_is_estimated(setup: StudySetup) -> bool:
@@ -118,7 +126,8 @@ def normal_scores(setup: StudySetup, outcomes: Sequence[CampaignOutcome]) -> Arr
     found = [outcome.estimate for outcome in outcomes if outcome.estimate is not None]
     scores = np.array([estimate.errors / estimate.std for estimate in found])
     if _variance_is_estimated(setup):
-        return np.asarray(-np.sign(scores) * ndtri(stdtr(setup.dof, -np.abs(scores))))
+        tails = stdtr(_effective_dof(setup), -np.abs(scores))
+        return np.asarray(-np.sign(scores) * ndtri(tails))
     return scores
 
 
@@ -126,10 +135,11 @@ def chance(setup: StudySetup, campaigns: int) -> Chance:
     """Chance in so many campaigns of an honest study, by the normal approximation for σ."""
     tail = FALSE_ALARM / (2.0 * len(setup.free))
     spread = -float(ndtri(tail)) / math.sqrt(2.0 * campaigns)
-    variance = 2.0 * spread
+    variance, held = 2.0 * spread, CONFIDENCE
     if _variance_is_estimated(setup):
-        spread *= math.sqrt(1.0 + 1.0 / setup.dof)  # the stated σ scatter too
-    few, many = (float(bdtrik(p, campaigns, CONFIDENCE)) for p in (tail, 1.0 - tail))
+        spread *= math.sqrt(1.0 + 1.0 / _effective_dof(setup))  # the stated σ scatter too
+        held = 1.0 - 2.0 * float(stdtr(_effective_dof(setup), -interval_factor(setup)))
+    few, many = (float(bdtrik(p, campaigns, held)) for p in (tail, 1.0 - tail))
     return Chance(
         (1.0 - spread, 1.0 + spread),
         (math.floor(few) / campaigns, math.ceil(many) / campaigns),

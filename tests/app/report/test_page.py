@@ -519,16 +519,15 @@ def test_repeatability_that_calibration_did_not_change_shows_no_change(whole_htm
 
 def test_a_parameter_within_its_uncertainty_shows_no_change(whole: PaperCampaign) -> None:
     parameters = gather(whole.campaign).identification.parameters
-    rows = {
-        (row[0], row[1]): row[-1]
-        for row in model_sections.parameter_rows(
-            {
-                "a_mm": replace(parameters["plate_mm"], nominal=1.0, value=1.19, std=0.1),
-                "b_mm": replace(parameters["plate_mm"], nominal=1.0, value=1.21, std=0.1),
-            }
-        )
+    found = {
+        "a_mm": replace(parameters["plate_mm"], nominal=1.0, value=1.19, std=0.1),
+        "b_mm": replace(parameters["plate_mm"], nominal=1.0, value=1.21, std=0.1),
     }
-    assert rows == {("a", "mm"): "no change shown", ("b", "mm"): ""}
+    usual = model_sections.parameter_rows(found, 1.96)
+    assert [row[-1] for row in usual] == ["no change shown", ""]
+    assert [row[6] for row in usual] == ["0.1960", "0.1960"]
+    with_few = model_sections.parameter_rows(found, 2.3)
+    assert [row[-1] for row in with_few] == ["no change shown"] * 2
 
 
 def test_no_figure_of_ours_has_a_symbol_of_the_standard(whole: PaperCampaign) -> None:

@@ -10,8 +10,12 @@ from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.incremental_fit import PRIOR_LENGTH_MM, IncrementalGaussNewton
 from campaigns.estimation.information import (
     MINIMUM_DOF,
+    STATED_DOF,
+    chi_square_test,
     covariance_from_distances,
     covariance_from_points,
+    variance_dof,
+    variance_scale,
 )
 from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, solve
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
@@ -80,11 +84,32 @@ def test_a_scatter_that_may_be_chance_changes_no_deviation():
     assert told.sigma0 == 1.0
 
 
-@pytest.mark.parametrize("scatter", [1.3, 0.5, 0.1])
+@pytest.mark.parametrize("scatter", [5.0, 0.1])
 def test_distances_are_as_sure_as_their_own_scatter_says(scatter):
-    """Whether that is more or less than stated."""
+    """Whether that is more or less than stated, when it cannot be as stated."""
     told = covariance_from_distances(seen_after(SHOTS, points_mm(scatter)), stated(SHOTS), PAIRS)
     assert told.sigma0 == told.birge_ratio == pytest.approx(scatter, rel=0.3)
+
+
+@pytest.mark.parametrize("scatter", [1.3, 0.7])
+def test_stated_noise_counts_as_a_prior_on_the_scatter_of_distances(scatter):
+    told = covariance_from_distances(seen_after(SHOTS, points_mm(scatter)), stated(SHOTS), PAIRS)
+    dof = len(PAIRS) - COUNT
+    pooled = (STATED_DOF + dof * told.birge_ratio**2) / (STATED_DOF + dof)
+    assert told.sigma0 == pytest.approx(pooled**0.5)
+    assert abs(told.sigma0 - 1.0) < abs(told.birge_ratio - 1.0)
+
+
+def test_variance_is_known_by_its_residuals_and_by_what_is_stated():
+    believed, refuted = chi_square_test(4.0, 4, 1.0), chi_square_test(40.0, 4, 10.0**0.5)
+    assert variance_dof(believed, known_variance=True) is None
+    assert variance_dof(believed, known_variance=False) == 4 + STATED_DOF
+    assert variance_dof(refuted, known_variance=False) == 4
+    assert variance_dof(refuted, known_variance=True) == 4
+
+
+def test_without_any_residual_nothing_tells_the_variance_of_distances():
+    assert variance_scale(None, chi_square_test(0.0, 0), known_variance=False) is None
 
 
 @pytest.mark.parametrize("scatter", [3.0, 30.0])

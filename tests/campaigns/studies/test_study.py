@@ -133,7 +133,7 @@ def test_stated_deviations_are_true_for_distances(by_distances, distance_outcome
     summary = summarise(by_distances, distance_outcomes)
     covered = np.mean([parameter.covered for parameter in summary.parameters])
     assert 0.93 < covered < 0.97
-    assert interval_factor(by_distances) == pytest.approx(2.101, abs=1e-3), "18 left over"
+    assert interval_factor(by_distances) == pytest.approx(2.042, abs=1e-3), "18 and 12 stated"
 
 
 def test_neither_estimator_leaves_much_of_what_its_data_hold(
