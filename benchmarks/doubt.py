@@ -20,7 +20,7 @@ from zlib import crc32
 import numpy as np
 
 from app.papers.corbel2006.printed import TABLE_II
-from app.study.rods import EightRodRobots
+from app.study.rods import RodRobots
 from app.study.setup import Method
 from benchmarks.shared.prototype import FREE, FREE_ANGLES, FREE_PLACES, NOMINAL, ROBOT, SPACE
 from benchmarks.shared.yardstick import Cell, Figure, Report, Table, main
@@ -159,7 +159,7 @@ def setup_of(method: str, pairs: int = PAIRS) -> EffectSetup:
             seed=SEED,
         ),
         workspace_poses(NOMINAL, ROBOT.limits, centre, WORKSPACE_POSES, rng),
-        EightRodRobots(load_scenario("realistic").robot),
+        RodRobots(load_scenario("realistic").robot),
     )
 
 

@@ -130,7 +130,7 @@ def driven(cell: Cell, joints: Array) -> tuple[Array, Array]:
     side = np.zeros(joints.shape[1])
     for target in joints:
         for stop in (*way(cell, target), target):
-            turned = stop - robot.standing.encoders_rad
+            turned = stop - robot.standing.encoders
             side = np.where(np.abs(turned) > TURNED_RAD, np.sign(turned), side)
             assert robot.passable_part(stop) == 1.0
             robot.arrive(stop, target_key(stop.tolist()))

@@ -1,22 +1,26 @@
 """Builds the parts of a cell from its scenario, drawing what manufacture left to chance."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from sim.draws import Purpose, generator
 from sim.faults import ANSWERS_OF, Counted, Fault
-from sim.geometry import ARMS, FLAT_NAMES, Array, geometry_of
+from sim.geometry import Array, Geometry, Kind, geometry_of
 from sim.robot.controller import ControllerSettings
 from sim.robot.driven_robot import Behaviour, Mount, Thermal
-from sim.robot.rods import Build, EightRods, rotation
+from sim.robot.rods import Build, RodMechanism, rotation
 from sim.scenarios.robot import ControllerSection, RobotSection, Tolerances
 from sim.scenarios.schema import FaultSection
 from sim.scenarios.tracker import LimitSection, StationSection, TrackerSection
 from sim.tracker.instrument import Air, SimulatedReflector, TrackerSettings
 from sim.tracker.optics import IsotropicNoise, Limit, Noise, SphericalNoise, Station
 
-WORKSPACE_CENTRE_MM = np.array([0.0, 0.0, -575.0])
+PLATE_RADIUS_MM = 45.0
+"""Of a single platform's joints, where the cell file says nothing of them."""
+PART_HALF_WIDTH_MM = 60.0
+"""Half of the way between the two joints of a part, likewise."""
 RAD_PER_ARCMIN = math.radians(1.0 / 60.0)
 RAD_PER_ARCSEC = math.radians(1.0 / 3600.0)
 RAD_PER_MRAD = 1e-3
@@ -25,48 +29,70 @@ PPM = 1e-6
 
 def true_geometry(robot: RobotSection, seed: int) -> dict[str, float]:
     """The robot as it was really made, by flat names, mm and deg."""
-    draw = generator(seed, Purpose.MANUFACTURE).standard_normal(len(FLAT_NAMES))
+    names = robot.kind.names
+    draw = generator(seed, Purpose.MANUFACTURE).standard_normal(len(names))
     flat = robot.true_flat()
     return {
         name: flat[name] + _sigma(robot.tolerances, name) * float(draw[index])
-        for index, name in enumerate(FLAT_NAMES)
+        for index, name in enumerate(names)
     }
 
 
 def _sigma(tolerances: Tolerances, name: str) -> float:
     """A parameter's standard deviation of manufacture, in the unit of its name."""
     arm, _, field = name.rpartition(".")
-    if field in {"x_mm", "y_mm", "z_mm"}:
+    if field in {"x_mm", "y_mm", "z_mm", "joint_offset_mm"}:
         return 0.0 if arm == "arm0" else tolerances.position_mm
     if field == "joint_offset_deg":
         return tolerances.joint_offset_deg
     if field == "azimuth_deg":
         return math.degrees(tolerances.azimuth_mrad * RAD_PER_MRAD)
-    return tolerances.length_mm
+    # where a rail points is drawn with the axes, which lean both ways; a pinion's only scales turns
+    return 0.0 if field in {"elevation_deg", "pinion_mm"} else tolerances.length_mm
 
 
-def eight_rods(robot: RobotSection, true_flat: dict[str, float], seed: int) -> EightRods:
+def rod_mechanism(robot: RobotSection, true_flat: dict[str, float], seed: int) -> RodMechanism:
     """The mechanism, with what no parameter of its model describes."""
-    rods = generator(seed, Purpose.RODS).standard_normal((ARMS, 2))
-    tilts = generator(seed, Purpose.TILTS).standard_normal(ARMS)
-    rod_errors_mm = np.reshape(robot.rod_errors_mm, (ARMS, 2)) + robot.tolerances.rod_mm * rods
-    tilts_mrad = np.array(robot.axis_tilts_mrad) + robot.tolerances.axis_tilt_mrad * tilts
+    kind = robot.kind
+    rods = generator(seed, Purpose.RODS).standard_normal((kind.arms, 2))
+    tilts = generator(seed, Purpose.TILTS).standard_normal((1 + kind.on_rails, kind.arms))
+    tilts_mrad = robot.tolerances.axis_tilt_mrad * tilts
+    told_mm = np.reshape(robot.rod_errors_mm or np.zeros(2 * kind.arms), (kind.arms, 2))
+    geometry = geometry_of(true_flat, kind)
     build = Build(
-        plate_joints_mm=np.array(robot.plate_joints_mm),
+        plate_joints_mm=plate_joints_mm(robot, geometry),
         rod_spacing_mm=robot.rod_spacing_mm,
-        rod_errors_mm=rod_errors_mm,
-        axis_tilts_rad=tilts_mrad * RAD_PER_MRAD,
+        rod_errors_mm=told_mm + robot.tolerances.rod_mm * rods,
+        axis_tilts_rad=(_of_arms(robot.axis_tilts_mrad, kind) + tilts_mrad[0]) * RAD_PER_MRAD,
+        leans_rad=tilts_mrad[1] * RAD_PER_MRAD if kind.on_rails else None,
     )
-    return EightRods(geometry_of(true_flat), build)
+    return RodMechanism(geometry, build)
+
+
+def plate_joints_mm(robot: RobotSection, geometry: Geometry) -> Array:
+    """(n, 3): as told, or on either side of two parts, or around a single one."""
+    if robot.plate_joints_mm is not None:
+        return np.array(robot.plate_joints_mm)
+    if geometry.kind.turn is None:
+        return PLATE_RADIUS_MM * geometry.outward
+    return np.sign(geometry.motors_mm) * [PART_HALF_WIDTH_MM, 0.0, 0.0]
+
+
+def _of_arms(values: Sequence[float], kind: Kind) -> Array:
+    """(n,): as told, or 0 for every arm."""
+    return np.array(values) if values else np.zeros(kind.arms)
 
 
 def behaviour(robot: RobotSection) -> Behaviour:
     """Effects between encoders and mechanism: backlash, noise of arrival, growth of arms."""
-    thermal = robot.thermal
+    thermal, kind = robot.thermal, robot.kind
     growth = thermal.arm_ppm_per_degC * PPM * thermal.rise_degC
+    told, noise = robot.backlash_arcmin, robot.repeatability.joint_arcsec * RAD_PER_ARCSEC
+    if kind.on_rails:
+        told, noise = robot.backlash_mm, robot.repeatability.joint_mm
     return Behaviour(
-        backlash_rad=np.array(robot.backlash_arcmin) * RAD_PER_ARCMIN,
-        joint_noise_rad=robot.repeatability.joint_arcsec * RAD_PER_ARCSEC,
+        backlash=_of_arms(told, kind) * (1.0 if kind.on_rails else RAD_PER_ARCMIN),
+        joint_noise=noise,
         position_noise_mm=robot.repeatability.position_mm,
         thermal=Thermal(growth, thermal.time_constant_s),
     )
@@ -75,19 +101,23 @@ def behaviour(robot: RobotSection) -> Behaviour:
 def mount(robot: RobotSection, station: Station) -> Mount:
     """The reflector, facing the tracker from the workspace's centre unless told otherwise."""
     told = robot.reflector.facing
-    facing = station.origin_in_base_mm - WORKSPACE_CENTRE_MM if told is None else np.array(told)
+    centre_mm = np.array(robot.workspace_centre_mm)
+    facing = station.origin_in_base_mm - centre_mm if told is None else np.array(told)
     return Mount(np.array(robot.reflector.offset_mm), facing / np.linalg.norm(facing))
 
 
-def controller_settings(controller: ControllerSection) -> ControllerSettings:
+def controller_settings(controller: ControllerSection, kind: Kind) -> ControllerSettings:
     """Settings that the controller is delivered with."""
-    lowest_deg, highest_deg = controller.joint_limits_deg
+    on_rails = kind.on_rails
+    limits = controller.joint_limits_mm if on_rails else controller.joint_limits_deg
+    speed = controller.joint_speed_mm_per_s if on_rails else controller.joint_speed_deg_per_s
+    step = controller.encoder_step_mm if on_rails else controller.encoder_step_deg
     return ControllerSettings(
         serial=controller.serial,
-        lowest_rad=math.radians(lowest_deg),
-        highest_rad=math.radians(highest_deg),
-        speed_rad_per_s=math.radians(controller.joint_speed_deg_per_s),
-        resolution_rad=math.radians(controller.encoder_step_deg),
+        lowest=kind.inner(limits[0]),
+        highest=kind.inner(limits[1]),
+        speed_per_s=kind.inner(speed),
+        resolution=kind.inner(step),
         emergency_stop=controller.emergency_stop,
     )
 

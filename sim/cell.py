@@ -13,14 +13,14 @@ from sim.draws import Attempts, WorkedTime, target_key
 from sim.errors import AssemblyLost, MemoryInvalid, ScenarioInvalid
 from sim.faults import FaultScript
 from sim.following import FollowingController
-from sim.geometry import ARMS, Array, geometry_of, problem_with
+from sim.geometry import KINDS, Array, geometry_of, problem_with
 from sim.robot.assembly import Assembly, OutOfReach, assemble, follow, joints_for, restore
 from sim.robot.controller import SimulatedController
 from sim.robot.driven_robot import DrivenRobot, SeenReflector, Standing
 from sim.robot.linuxcnc_joints import joint_source
-from sim.robot.rods import EightRods, Plate
+from sim.robot.rods import Plate, RodMechanism
 from sim.scenarios.schema import Scenario
-from sim.scenarios.section import PerArm, Point
+from sim.scenarios.section import Point
 from sim.tracker.beam import Beam, Target
 from sim.tracker.instrument import SimulatedTracker
 
@@ -36,11 +36,13 @@ class CellMemory(BaseModel):
     scenario: str
     seed: int
     worked_s: float
+    mechanism: str = "par4"
     geometry: dict[str, float]
-    encoders_rad: PerArm
-    play_rad: PerArm
-    joints: PerArm
-    plate: tuple[float, float, float, float, float, float, float]
+    encoders_rad: tuple[float, ...]
+    """Of carriages mm, here and in `play_rad` and `joints`."""
+    play_rad: tuple[float, ...]
+    joints: tuple[float, ...]
+    plate: tuple[float, ...]
     displaced_mm: Point
     arrivals: dict[str, int]
     shots: dict[str, int]
@@ -52,8 +54,15 @@ class CellMemory(BaseModel):
 
     @model_validator(mode="after")
     def _geometry_is_a_robot(self) -> Self:
-        if problem := problem_with(self.geometry):
+        kind = KINDS.get(self.mechanism)
+        if kind is None:
+            raise ValueError(f"mechanism '{self.mechanism}' is not known")
+        if problem := problem_with(self.geometry, kind):
             raise ValueError(f"geometry: {problem}")
+        if {len(self.encoders_rad), len(self.play_rad), len(self.joints)} != {kind.arms}:
+            raise ValueError(f"a {kind.name} has {kind.arms} joints")
+        if len(self.plate) != kind.unknowns:
+            raise ValueError(f"plate holds {len(self.plate)} values, not {kind.unknowns}")
         return self
 
     def as_dict(self) -> dict[str, object]:
@@ -61,7 +70,7 @@ class CellMemory(BaseModel):
         return self.model_dump(mode="json", by_alias=True)
 
 
-def remembered(memory: Mapping[str, object], *, scenario: str) -> CellMemory:
+def remembered(memory: Mapping[str, object], *, scenario: str, mechanism: str) -> CellMemory:
     """Check what was remembered; raises `MemoryInvalid`."""
     try:
         found = CellMemory.model_validate_json(json.dumps(memory))
@@ -71,6 +80,10 @@ def remembered(memory: Mapping[str, object], *, scenario: str) -> CellMemory:
     if found.scenario != scenario:
         raise MemoryInvalid(
             f"the cell's memory is of scenario '{found.scenario}', not '{scenario}'", remedy=REMEDY
+        )
+    if found.mechanism != mechanism:
+        raise MemoryInvalid(
+            f"the cell's memory is of a {found.mechanism}, not a {mechanism}", remedy=REMEDY
         )
     return found
 
@@ -91,7 +104,7 @@ class RobotScene:
 
     def robot_reflector(self, now_s: float) -> SeenReflector:
         """The reflector on the plate, in the base frame."""
-        return self._robot.reflector(self._controller.encoders_rad(now_s))
+        return self._robot.reflector(self._controller.encoders(now_s))
 
     def robot_is_still(self, now_s: float) -> bool:
         """Whether the robot stands."""
@@ -99,7 +112,7 @@ class RobotScene:
 
     def robot_target(self) -> tuple[int, ...]:
         """Key of the place where the robot rests."""
-        return target_key(self._robot.standing.encoders_rad.tolist())
+        return target_key(self._robot.standing.encoders.tolist())
 
 
 class Cell:
@@ -117,7 +130,10 @@ class Cell:
         memory: Mapping[str, object] | None = None,
     ) -> None:
         self.scenario = scenario
-        past = None if memory is None else remembered(memory, scenario=scenario.name)
+        self.kind = scenario.robot.kind
+        past = None
+        if memory is not None:
+            past = remembered(memory, scenario=scenario.name, mechanism=self.kind.name)
         self.seed = _agreed_seed(scenario, seed, past)
         self.true_geometry = building.true_geometry(scenario.robot, self.seed)
         self._worked = WorkedTime(0.0 if past is None else past.worked_s)
@@ -156,10 +172,11 @@ class Cell:
             scenario=self.scenario.name,
             seed=self.seed,
             worked_s=self._worked.seconds,
+            mechanism=self.kind.name,
             geometry=self.controller.geometry(),
-            encoders_rad=_tuple4(standing.encoders_rad),
-            play_rad=_tuple4(standing.play_rad),
-            joints=_tuple4(standing.assembly.joints),
+            encoders_rad=tuple(standing.encoders.tolist()),
+            play_rad=tuple(standing.play.tolist()),
+            joints=tuple(standing.assembly.joints.tolist()),
             plate=tuple(standing.assembly.plate.unknowns.tolist()),
             displaced_mm=tuple(standing.displaced_mm.tolist()),
             arrivals=self.robot.arrivals.memory(),
@@ -173,7 +190,7 @@ class Cell:
 
     def _built_robot(self, past: CellMemory | None) -> DrivenRobot:
         section = self.scenario.robot
-        rods = building.eight_rods(section, self.true_geometry, self.seed)
+        rods = building.rod_mechanism(section, self.true_geometry, self.seed)
         behaviour = building.behaviour(section)
         growth = behaviour.thermal.growth(self._worked.seconds)
         standing = (
@@ -189,46 +206,46 @@ class Cell:
             arrivals=Attempts({} if past is None else past.arrivals),
         )
 
-    def _first_standing(self, rods: EightRods, growth: float) -> Standing:
+    def _first_standing(self, rods: RodMechanism, growth: float) -> Standing:
         """Standing at the start pose as the controller understands it, by the true robot."""
         start = self.scenario.controller.start
         position_mm = np.array([start.x_mm, start.y_mm, start.z_mm])
         theta_rad = math.radians(start.theta_deg)
-        commanded = geometry_of(self.scenario.controller_flat())
-        truth = geometry_of(self.true_geometry)
-        step_rad = math.radians(self.scenario.controller.encoder_step_deg)
+        commanded = geometry_of(self.scenario.controller_flat(), self.kind)
+        truth = geometry_of(self.true_geometry, self.kind)
+        step = building.controller_settings(self.scenario.controller, self.kind).resolution
         try:
-            encoders_rad = (
-                np.round(joints_for(commanded, position_mm, theta_rad) / step_rad) * step_rad
-            )
+            encoders = np.round(joints_for(commanded, position_mm, theta_rad) / step) * step
             near = assemble(rods, truth, position_mm, theta_rad, growth)
-            assembly = follow(rods, near, encoders_rad, growth)
+            assembly = follow(rods, near, encoders, growth)
         except (OutOfReach, AssemblyLost) as error:
             raise ScenarioInvalid(
                 f"{self.scenario.name}: the robot cannot stand at controller.start ({error})",
                 remedy="choose a start pose in its workspace, or smaller errors",
             ) from error
-        return Standing(encoders_rad, np.zeros(ARMS), assembly, np.zeros(3))
+        return Standing(encoders, np.zeros(self.kind.arms), assembly, np.zeros(3))
 
     def _built_controller(self, past: CellMemory | None) -> CellController:
-        settings = building.controller_settings(self.scenario.controller)
+        settings = building.controller_settings(self.scenario.controller, self.kind)
         geometry = self.scenario.controller_flat() if past is None else past.geometry
         joints_from = self.scenario.controller.joints_from
         if joints_from is not None:
             return FollowingController(
-                joint_source(joints_from),
+                joint_source(joints_from, self.kind),
                 self.robot,
                 geometry=geometry,
-                speed_rad_per_s=settings.speed_rad_per_s,
+                speed_per_s=settings.speed_per_s,
                 worked=self._worked,
+                kind=self.kind,
             )
         return SimulatedController(
             settings,
             self.robot,
             geometry=geometry,
-            joints=self.robot.standing.encoders_rad,
+            joints=self.robot.standing.encoders,
             faults=self.faults,
             worked=self._worked,
+            kind=self.kind,
         )
 
     def _built_tracker(self, past: CellMemory | None) -> SimulatedTracker:
@@ -267,7 +284,7 @@ def _agreed_seed(scenario: Scenario, seed: int | None, past: CellMemory | None) 
     return past.seed
 
 
-def _restored(past: CellMemory, rods: EightRods, growth: float) -> Standing:
+def _restored(past: CellMemory, rods: RodMechanism, growth: float) -> Standing:
     """Standing as it was to the last bit, so that everything goes on unchanged."""
     joints, plate = np.array(past.joints), Plate(np.array(past.plate))
     try:
@@ -284,8 +301,3 @@ def _restored(past: CellMemory, rods: EightRods, growth: float) -> Standing:
         Assembly(joints, plate, found.side),
         np.array(past.displaced_mm),
     )
-
-
-def _tuple4(values: Array) -> tuple[float, float, float, float]:
-    a, b, c, d = map(float, values)
-    return a, b, c, d

@@ -8,7 +8,7 @@ import numpy as np
 
 from sim.draws import WorkedTime, target_key
 from sim.errors import AssemblyLost
-from sim.geometry import Array
+from sim.geometry import PAR4, Array, Kind
 from sim.robot.controller import ControllerState
 from sim.robot.driven_robot import DrivenRobot, Standing
 from sim.robot.linuxcnc_joints import JointsLost, JointSource
@@ -33,15 +33,17 @@ class FollowingController:
         robot: DrivenRobot,
         *,
         geometry: Mapping[str, float],
-        speed_rad_per_s: float,
+        speed_per_s: float,
         worked: WorkedTime,
         sleep_s: Callable[[float], None] = time.sleep,
+        kind: Kind = PAR4,
     ) -> None:
+        self.kind = kind
         self._source = source
         self._robot = robot
         self._first: Standing = robot.standing
         self._geometry = dict(geometry)
-        self._speed_rad_per_s = speed_rad_per_s
+        self._speed_per_s = speed_per_s
         self._worked = worked
         self._sleep_s = sleep_s
 
@@ -55,8 +57,8 @@ class FollowingController:
             emergency_stop=False,
         )
 
-    def encoders_rad(self, now_s: float) -> Array:  # noqa: ARG002 - as in `state`
-        """(4,): the joints now."""
+    def encoders(self, now_s: float) -> Array:  # noqa: ARG002 - as in `state`
+        """(n,): the joints now."""
         return self._follow()[0]
 
     def close(self) -> None:
@@ -68,43 +70,43 @@ class FollowingController:
         return dict(self._geometry)
 
     def _follow(self) -> tuple[Array, bool]:
-        """Joints (4,), and whether they move; what has come to rest arrives."""
+        """Joints (n,), and whether they move; what has come to rest arrives."""
         joints = self._read()
-        if _is_same(joints, self._standing_rad):
-            return self._standing_rad, False
+        if _is_same(joints, self._standing):
+            return self._standing, False
         self._sleep_s(LOOK_AGAIN_S)
-        again_rad = self._read()
-        if not _is_same(again_rad, joints):
-            return again_rad, True
-        self._arrive(again_rad)
-        return again_rad, False
+        again = self._read()
+        if not _is_same(again, joints):
+            return again, True
+        self._arrive(again)
+        return again, False
 
     @property
-    def _standing_rad(self) -> Array:
-        return self._robot.standing.encoders_rad
+    def _standing(self) -> Array:
+        return self._robot.standing.encoders
 
     def _read(self) -> Array:
         try:
-            return self._source.read_rad()
+            return self._source.read()
         except JointsLost:
-            return self._standing_rad
+            return self._standing
 
     def _arrive(self, joints: Array) -> None:
         """Come to rest there, by the straight joint path or, after a jump, from the first place.
 
         A controller that is started anew tells other joints at once; no way leads to them.
         """
-        travel_rad = float(np.abs(joints - self._standing_rad).max())
+        travel = float(np.abs(joints - self._standing).max())
         if self._robot.passable_part(joints) < 1.0:
             self._robot.standing = self._first
             if self._robot.passable_part(joints) < 1.0:
-                listed = ", ".join(f"{angle:.2f}" for angle in np.degrees(joints))
+                listed = ", ".join(f"{self.kind.outer(joint):.2f}" for joint in joints)
                 raise AssemblyLost(
-                    f"the simulated robot cannot be at joints {listed} deg",
+                    f"the simulated robot cannot be at joints {listed} {self.kind.unit}",
                     remedy="keep the real controller's joints inside its workspace",
                 )
         self._robot.arrive(joints, target_key(joints.tolist()))
-        self._worked.add(travel_rad / self._speed_rad_per_s)
+        self._worked.add(travel / self._speed_per_s)
 
 
 class LookingSession:
@@ -143,5 +145,5 @@ class LookingSession:
         self._session.closed(now_s)
 
 
-def _is_same(a_rad: Array, b_rad: Array) -> bool:
-    return bool(np.abs(a_rad - b_rad).max() <= SAME_RAD)
+def _is_same(a: Array, b: Array) -> bool:
+    return bool(np.abs(a - b).max() <= SAME_RAD)

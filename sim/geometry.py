@@ -1,17 +1,22 @@
-"""A Par4's 29 parameters for the simulator's own use: flat names outside, arrays inside."""
+"""Kinds of mechanisms and their parameters for the simulator's own use.
+
+Flat names outside, arrays inside. A kind says of which parts a robot is built: cranks or carriages,
+three or four, and what its platform does.
+"""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-ARMS = 4
-ARM_FIELDS = (
+CRANK_FIELDS = (
     "x_mm",
     "y_mm",
     "z_mm",
@@ -20,44 +25,155 @@ ARM_FIELDS = (
     "arm_mm",
     "forearm_mm",
 )
-FLAT_NAMES = (
-    *(f"arm{arm}.{field}" for arm in range(ARMS) for field in ARM_FIELDS),
-    "plate_mm",
+CARRIAGE_FIELDS = (
+    "x_mm",
+    "y_mm",
+    "z_mm",
+    "azimuth_deg",
+    "elevation_deg",
+    "joint_offset_mm",
+    "forearm_mm",
 )
-LENGTH_FIELDS = ("arm_mm", "forearm_mm", "plate_mm")
+LENGTH_FIELDS = ("arm_mm", "forearm_mm", "plate_mm", "pinion_mm")
+CRANK_MM = 300.0
+"""A typical crank: a carriage's travel of that length compares with a crank's turn of 1 rad."""
 
 UP = np.array([0.0, 0.0, 1.0])
+ALONG_X = np.array([1.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """Platform's inner joint: the two parts that it joins, and the parameter of their way apart."""
+
+    joint: Literal["hinge", "slide"]
+    parameter: str
+
+
+HINGE, SLIDE = Turn("hinge", "plate_mm"), Turn("slide", "pinion_mm")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Kind of mechanism, by the parts of which it is built."""
+
+    name: str
+    shares: tuple[float, ...]
+    """Of each arm: where its plate joint moves when the platform turns, as a part of the way."""
+    turn: Turn | None = None
+    on_rails: bool = False
+
+    @property
+    def arms(self) -> int:
+        """Number of arms, each with two rods."""
+        return len(self.shares)
+
+    @property
+    def unknowns(self) -> int:
+        """Unknowns of a platform: place, orientation, and the turn where there is one."""
+        return 6 if self.turn is None else 7
+
+    @property
+    def turns_point(self) -> bool:
+        """Whether the part at the controlled point turns, neither arm's end being there."""
+        return self.turn is not None and 0.0 not in self.shares
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Flat names of its parameters."""
+        fields = CARRIAGE_FIELDS if self.on_rails else CRANK_FIELDS
+        of_arms = (f"arm{arm}.{field}" for arm in range(self.arms) for field in fields)
+        return (*of_arms, *(() if self.turn is None else (self.turn.parameter,)))
+
+    @property
+    def unit(self) -> str:
+        """Unit of the joints outside."""
+        return "mm" if self.on_rails else "deg"
+
+    @property
+    def scale(self) -> float:
+        """Inner units of a joint that compare with a crank's turn of 1 rad."""
+        return CRANK_MM if self.on_rails else 1.0
+
+    def inner(self, joint: float) -> float:
+        """Joint in rad or mm of one in the unit outside."""
+        return joint if self.on_rails else math.radians(joint)
+
+    def outer(self, joint: float) -> float:
+        """Joint in deg or mm."""
+        return joint if self.on_rails else math.degrees(joint)
+
+    def text(self, joint: float, form: str) -> str:
+        """Joint for people: `12.345°` or `12.345 mm`."""
+        return f"{self.outer(joint):{form}}{' mm' if self.on_rails else '°'}"
+
+
+PAR4 = Kind("par4", (0.0, 0.0, 1.0, 1.0), HINGE)
+KINDS: Mapping[str, Kind] = MappingProxyType(
+    {
+        kind.name: kind
+        for kind in (
+            PAR4,
+            Kind("h4", (-0.5, -0.5, 0.5, 0.5), HINGE),
+            Kind("i4r", (0.0, 0.0, 1.0, 1.0), SLIDE),
+            Kind("i4l", (0.0, 0.0, 1.0, 1.0), SLIDE, on_rails=True),
+            Kind("delta", (0.0, 0.0, 0.0)),
+            Kind("linear-delta", (0.0, 0.0, 0.0), on_rails=True),
+        )
+    }
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Geometry:
     """The contracted parameters (paper, eq. 1) as arrays, one row an arm, in the base frame."""
 
+    kind: Kind
     motors_mm: Array
-    """(4, 3): the contracted motor centres P_i."""
+    """(n, 3): the contracted motor centres P_i, or the zeros of the rails."""
     azimuths_rad: Array
-    """(4,)"""
-    joint_offsets_rad: Array
-    """(4,): arm angle = encoder + offset."""
+    """(n,)"""
+    elevations_rad: Array
+    """(n,): of rails; 0 for cranks."""
+    joint_offsets: Array
+    """(n,): joint = encoder + offset, rad or mm."""
     arms_mm: Array
-    """(4,)"""
+    """(n,): of cranks; 0 for rails."""
     forearms_mm: Array
-    """(4,)"""
-    plate_mm: float
+    """(n,)"""
+    apart_mm: float
+    """The way between the platform's parts, or that for a turn of 1 rad; 0 without a turn."""
 
     @property
     def outward(self) -> Array:
-        """(4, 3): u_i, where the arms point at 0°."""
-        return np.column_stack(
-            [np.cos(self.azimuths_rad), np.sin(self.azimuths_rad), np.zeros(ARMS)]
-        )
+        """(n, 3): u_i, where cranks point at 0°; from the middle of the robot to each rail."""
+        if not self.kind.on_rails:
+            azimuth = self.azimuths_rad
+            return np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)])
+        level = (self.motors_mm - self.motors_mm.mean(axis=0)) * [1.0, 1.0, 0.0]
+        return np.asarray(level / np.linalg.norm(level, axis=1, keepdims=True))
 
     @property
     def sideways(self) -> Array:
-        """(4, 3): v_i, the motor axes without any tilt."""
-        return np.column_stack(
-            [-np.sin(self.azimuths_rad), np.cos(self.azimuths_rad), np.zeros(ARMS)]
-        )
+        """(n, 3): v_i, the motor axes without any tilt; the bars on the carriages."""
+        return np.cross(UP, self.outward)
+
+    @property
+    def rails(self) -> Array:
+        """(n, 3): where the carriages move with a growing joint."""
+        level = np.cos(self.elevations_rad)[:, None]
+        east = np.column_stack([np.cos(self.azimuths_rad), np.sin(self.azimuths_rad)])
+        return np.column_stack([level * east, np.sin(self.elevations_rad)])
+
+    def plate_joints_apart(self, turn_rad: float) -> tuple[Array, Array]:
+        """Where the turn takes each plate joint on a level platform, and its rate, (n, 3) each."""
+        sine, cosine = math.sin(turn_rad), math.cos(turn_rad)
+        if self.kind.turn is HINGE:
+            apart, rate = np.array([-sine, cosine, 0.0]), np.array([-cosine, -sine, 0.0])
+        else:
+            apart, rate = -turn_rad * ALONG_X, -ALONG_X
+        shares = self.apart_mm * np.array(self.kind.shares)[:, None]
+        return shares * apart, shares * rate
 
 
 def _prototype() -> dict[str, float]:
@@ -71,7 +187,7 @@ def _prototype() -> dict[str, float]:
     flat = {}
     for arm, (x_mm, y_mm, azimuth_deg) in enumerate(corners):
         values = (x_mm, y_mm, 0.0, azimuth_deg, 0.0, 350.0, 700.0)
-        flat.update({f"arm{arm}.{f}": v for f, v in zip(ARM_FIELDS, values, strict=True)})
+        flat.update({f"arm{arm}.{f}": v for f, v in zip(CRANK_FIELDS, values, strict=True)})
     return {**flat, "plate_mm": 100.0}
 
 
@@ -80,13 +196,13 @@ NOMINAL_ROBOTS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 )
 
 
-def problem_with(flat: Mapping[str, float]) -> str:
+def problem_with(flat: Mapping[str, float], kind: Kind = PAR4) -> str:
     """Reason why these flat parameters are no robot: the first thing wrong, or nothing."""
-    if missing := [name for name in FLAT_NAMES if name not in flat]:
+    if missing := [name for name in kind.names if name not in flat]:
         return f"{missing[0]} is missing"
-    if unknown := [name for name in flat if name not in FLAT_NAMES]:
+    if unknown := [name for name in flat if name not in kind.names]:
         return f"{unknown[0]} is no parameter of this robot"
-    for name in FLAT_NAMES:
+    for name in kind.names:
         if not math.isfinite(flat[name]):
             return f"{name} is {flat[name]}, not a finite number"
         if name.endswith(LENGTH_FIELDS) and flat[name] <= 0.0:
@@ -94,16 +210,20 @@ def problem_with(flat: Mapping[str, float]) -> str:
     return ""
 
 
-def geometry_of(flat: Mapping[str, float]) -> Geometry:
+def geometry_of(flat: Mapping[str, float], kind: Kind = PAR4) -> Geometry:
     """Arrays from flat parameters that `problem_with` finds nothing wrong with."""
-    column = {
-        field: np.array([flat[f"arm{arm}.{field}"] for arm in range(ARMS)]) for field in ARM_FIELDS
-    }
+
+    def column(field: str) -> Array:
+        return np.array([flat.get(f"arm{arm}.{field}", 0.0) for arm in range(kind.arms)])
+
+    offset = column(f"joint_offset_{kind.unit}")
     return Geometry(
-        motors_mm=np.column_stack([column["x_mm"], column["y_mm"], column["z_mm"]]),
-        azimuths_rad=np.radians(column["azimuth_deg"]),
-        joint_offsets_rad=np.radians(column["joint_offset_deg"]),
-        arms_mm=column["arm_mm"],
-        forearms_mm=column["forearm_mm"],
-        plate_mm=float(flat["plate_mm"]),
+        kind,
+        motors_mm=np.column_stack([column("x_mm"), column("y_mm"), column("z_mm")]),
+        azimuths_rad=np.radians(column("azimuth_deg")),
+        elevations_rad=np.radians(column("elevation_deg")),
+        joint_offsets=offset if kind.on_rails else np.radians(offset),
+        arms_mm=column("arm_mm"),
+        forearms_mm=column("forearm_mm"),
+        apart_mm=0.0 if kind.turn is None else float(flat[kind.turn.parameter]),
     )

@@ -9,7 +9,7 @@ import numpy as np
 from app.progress import CountedWork
 from app.study.combinations import Combination, combinations, file_name
 from app.study.results import Workers
-from app.study.rods import EightRodRobots
+from app.study.rods import RodRobots
 from app.study.running import Job, run_jobs
 from app.study.setup import StudyOptions, robots_drawn, study_tasks
 from app.study.tables import labels_of
@@ -100,7 +100,7 @@ def effect_combinations(
 def _combination(
     effect: str, base: Combination, workspace: Array, folder: Path
 ) -> EffectCombination:
-    setup = EffectSetup(base.setup, workspace, EightRodRobots(base.scenario.robot))
+    setup = EffectSetup(base.setup, workspace, RodRobots(base.scenario.robot))
     digest = effect_digest(setup, effect, robots_drawn(base.scenario))
     path = folder / file_name("effect", effect, *base.words)
     return EffectCombination(effect, base, setup, EffectTable(path, digest))

@@ -1,4 +1,4 @@
-"""The controller's own inverse kinematics, by triangles in each arm's plane."""
+"""The controller's own inverse kinematics, by triangles, and assemblies on their way."""
 
 import math
 from dataclasses import dataclass
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.errors import AssemblyLost
-from sim.geometry import ARMS, Array, Geometry
-from sim.robot.rods import SETTLED_MM, EightRods, Plate
+from sim.geometry import HINGE, Array, Geometry, Kind
+from sim.robot.rods import SETTLED_MM, Plate, RodMechanism
 
 
 class OutOfReach(Exception):
@@ -19,19 +19,32 @@ class OutOfReach(Exception):
 
 
 def plate_joints_mm(geometry: Geometry, position_mm: Array, theta_rad: float) -> Array:
-    """(4, 3): B'_i in the base frame (paper, eq. 9)."""
-    h = geometry.plate_mm
-    bar_mm = np.array([-h * math.sin(theta_rad), h * math.cos(theta_rad), 0.0])
-    return np.array([position_mm, position_mm, position_mm + bar_mm, position_mm + bar_mm])
+    """(n, 3): B'_i in the base frame (paper, eq. 9)."""
+    return np.asarray(position_mm + geometry.plate_joints_apart(theta_rad)[0])
 
 
 def joints_for(geometry: Geometry, position_mm: Array, theta_rad: float) -> Array:
-    """(4,) encoder angles, rad, with every elbow outward; raises `OutOfReach`."""
+    """(n,) encoder values, rad or mm, elbows outward, carriages above; raises `OutOfReach`."""
     to_plate_mm = plate_joints_mm(geometry, position_mm, theta_rad) - geometry.motors_mm
-    return np.array([_joint(geometry, arm, to_plate_mm[arm]) for arm in range(ARMS)])
+    one = _carriage if geometry.kind.on_rails else _crank
+    return np.array([one(geometry, arm, each) for arm, each in enumerate(to_plate_mm)])
 
 
-def _joint(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
+def _carriage(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
+    """The carriage stands above the foot of the plate joint on its rail.
+
+    By how much follows from the right triangle of carriage, foot and plate joint.
+    """
+    rail = geometry.rails[arm]
+    foot_mm = float(to_plate_mm @ rail)
+    squared_off_rail = float(np.sum(np.cross(to_plate_mm, rail) ** 2))
+    squared_above = float(geometry.forearms_mm[arm]) ** 2 - squared_off_rail
+    if squared_above < 0.0:
+        raise OutOfReach(arm)
+    return foot_mm + math.sqrt(squared_above) - float(geometry.joint_offsets[arm])
+
+
+def _crank(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
     """The arm's angle is the angle down to the plate joint less the triangle's angle at the motor.
 
     The triangle is motor, elbow, plate joint in the arm's plane; the forearm counts there with
@@ -48,11 +61,12 @@ def _joint(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
     if not -1.0 <= cosine <= 1.0:
         raise OutOfReach(arm)
     down_rad = math.atan2(-float(to_plate_mm[2]), outward_mm)
-    angle_rad = down_rad - math.acos(cosine) - float(geometry.joint_offsets_rad[arm])
+    angle_rad = down_rad - math.acos(cosine) - float(geometry.joint_offsets[arm])
     return math.remainder(angle_rad, 2.0 * math.pi)
 
 
 STEP_RAD = math.radians(5.0)
+"""Of cranks; of carriages the travel that compares with it."""
 SMALLEST_STEP_RAD = math.radians(0.05)
 ON_THE_WAY_MM = 0.1
 """Tolerance of the plate between the ends of a motion, where only the way matters."""
@@ -64,47 +78,48 @@ JUMP_LIMIT_MM = 100.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Assembly:
-    """Solved state of the mechanism. `side` tells two assemblies of the same joints apart."""
+    """Solved state of the mechanism; `side` tells two assemblies of the same joints apart."""
 
     joints: Array
+    """(n,) rad or mm"""
     plate: Plate
     side: float
 
 
 def assemble(
-    rods: EightRods, truth: Geometry, position_mm: Array, theta_rad: float, growth: float
+    rods: RodMechanism, truth: Geometry, position_mm: Array, theta_rad: float, growth: float
 ) -> Assembly:
     """Assembly of the robot at a pose by its contracted geometry, |θ| < 90°.
 
     Raises `sim.robot.assembly.OutOfReach` or `AssemblyLost`.
     """
     joints = joints_for(truth, position_mm, theta_rad)
-    guess = Plate(np.array([*position_mm, 0.0, 0.0, 0.0, theta_rad]))
+    guess = Plate.level(rods.kind, position_mm, theta_rad)
     return restore(rods, joints, guess, growth)
 
 
-def restore(rods: EightRods, joints: Array, guess: Plate, growth: float) -> Assembly:
+def restore(rods: RodMechanism, joints: Array, guess: Plate, growth: float) -> Assembly:
     """The assembly at known joints and an almost exactly known plate; raises `AssemblyLost`."""
     plate, misfits_mm, jacobian = rods.settle(joints, growth, guess)
-    if not _is_whole(plate, misfits_mm):
-        raise _lost(joints, 0.0)
+    if not _is_whole(rods.kind, plate, misfits_mm):
+        raise _lost(rods.kind, joints, 0.0)
     return Assembly(joints, plate, _side(jacobian))
 
 
-def follow(rods: EightRods, start: Assembly, target_rad: Array, growth: float) -> Assembly:
+def follow(rods: RodMechanism, start: Assembly, target: Array, growth: float) -> Assembly:
     """Move the joints in a straight line to the target, in steps small enough to stay assembled.
 
     Raises `AssemblyLost` with the part of the line that could be followed.
     """
-    change_rad = target_rad - start.joints
-    length_rad = float(np.abs(change_rad).max())
+    change = target - start.joints
+    length_rad = float(np.abs(change).max()) / rods.kind.scale
     if length_rad == 0.0:
-        return restore(rods, target_rad, start.plate, growth)
+        return restore(rods, target, start.plate, growth)
     here, part, step = start, 0.0, STEP_RAD / length_rad
     while part < 1.0:
         tried = min(part + step, 1.0)
         at_end = tried == 1.0
-        joints = target_rad if at_end else start.joints + tried * change_rad
+        joints = target if at_end else start.joints + tried * change
         settled_mm = SETTLED_MM if at_end else ON_THE_WAY_MM
         reached = _step(rods, here, joints, growth, settled_mm)
         if reached is not None:
@@ -112,12 +127,12 @@ def follow(rods: EightRods, start: Assembly, target_rad: Array, growth: float) -
         elif step * length_rad > SMALLEST_STEP_RAD:
             step *= 0.5
         else:
-            raise _lost(joints, part)
+            raise _lost(rods.kind, joints, part)
     return here
 
 
 def _step(
-    rods: EightRods, here: Assembly, joints: Array, growth: float, settled_mm: float
+    rods: RodMechanism, here: Assembly, joints: Array, growth: float, settled_mm: float
 ) -> Assembly | None:
     """Assembly after one step of the joints, or nothing when the step may have left it."""
     try:
@@ -126,26 +141,29 @@ def _step(
         return None
     jump_mm = float(np.abs(plate.position_mm - here.plate.position_mm).max())
     is_same = _side(jacobian) == here.side and jump_mm < JUMP_LIMIT_MM
-    if not is_same or not _is_whole(plate, misfits_mm):
+    if not is_same or not _is_whole(rods.kind, plate, misfits_mm):
         return None
     return Assembly(joints, plate, here.side)
 
 
-def _is_whole(plate: Plate, misfits_mm: Array) -> bool:
-    """Whether the rods reach and the bar has not turned over."""
-    return bool(np.abs(misfits_mm).max() < MISFIT_LIMIT_MM) and math.cos(plate.theta_rad) > 0.0
+def _is_whole(kind: Kind, plate: Plate, misfits_mm: Array) -> bool:
+    """Whether the rods reach and a hinged platform has not turned over."""
+    turned_over = kind.turn is HINGE and math.cos(plate.theta_rad) <= 0.0
+    return bool(np.abs(misfits_mm).max() < MISFIT_LIMIT_MM) and not turned_over
 
 
 def _side(jacobian: Array) -> float:
     """The sign of the forearms' determinant by x, y, z and θ: changes only in a singularity."""
-    forearms = jacobian.reshape(ARMS, 2, 7).sum(axis=1)[:, [0, 1, 2, 6]]
+    rods, unknowns = jacobian.shape
+    by_pose = [0, 1, 2, *range(6, unknowns)]
+    forearms = jacobian.reshape(rods // 2, 2, unknowns).sum(axis=1)[:, by_pose]
     return float(np.sign(np.linalg.det(forearms)))
 
 
-def _lost(joints: Array, part: float) -> AssemblyLost:
-    angles = ", ".join(f"{angle:.2f}°" for angle in np.degrees(joints))
+def _lost(kind: Kind, joints: Array, part: float) -> AssemblyLost:
+    listed = ", ".join(kind.text(joint, ".2f") for joint in joints)
     return AssemblyLost(
-        f"no assembly of the robot at joints {angles} ({part:.0%} of the way)",
+        f"no assembly of the robot at joints {listed} ({part:.0%} of the way)",
         remedy="choose a target, and a way to it, inside the robot's workspace",
         part=part,
     )

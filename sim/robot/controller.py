@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.draws import WorkedTime, target_key
 from sim.faults import Counted, Fault, FaultScript
-from sim.geometry import ARMS, Array, geometry_of, problem_with
+from sim.geometry import PAR4, Array, Kind, geometry_of, problem_with
 from sim.robot.assembly import OutOfReach, joints_for
 
 PEAK_OF_SMOOTH = 1.875
@@ -35,8 +35,9 @@ def braking(part_of_time: float) -> float:
 class Motion:
     """Motion of all joints from rest or speed to rest."""
 
-    start_rad: Array
-    target_rad: Array
+    start: Array
+    """(n,) rad or mm"""
+    target: Array
     start_s: float
     duration_s: float
     profile: Profile
@@ -47,19 +48,17 @@ class Motion:
         return self.start_s + self.duration_s
 
     def joints(self, now_s: float) -> Array:
-        """(4,): where the joints are."""
+        """(n,): where the joints are."""
         part = (now_s - self.start_s) / self.duration_s
         travelled = self.profile(min(max(part, 0.0), 1.0))
-        return self.start_rad + travelled * (self.target_rad - self.start_rad)
+        return self.start + travelled * (self.target - self.start)
 
 
-def smooth_motion(
-    start_rad: Array, target_rad: Array, speed_rad_per_s: float, now_s: float
-) -> Motion:
+def smooth_motion(start: Array, target: Array, speed_per_s: float, now_s: float) -> Motion:
     """A motion whose fastest joint just reaches that speed."""
-    longest_rad = float(abs(target_rad - start_rad).max())
-    duration_s = max(PEAK_OF_SMOOTH * longest_rad / speed_rad_per_s, SHORTEST_S)
-    return Motion(start_rad, target_rad, now_s, duration_s, smooth)
+    longest = float(abs(target - start).max())
+    duration_s = max(PEAK_OF_SMOOTH * longest / speed_per_s, SHORTEST_S)
+    return Motion(start, target, now_s, duration_s, smooth)
 
 
 def braked(motion: Motion, now_s: float) -> Motion:
@@ -67,17 +66,17 @@ def braked(motion: Motion, now_s: float) -> Motion:
     left_s = motion.end_s - now_s
     if left_s < 1.5 * BRAKING_S:
         return motion
-    here_rad = motion.joints(now_s)
+    here = motion.joints(now_s)
     glimpse_s = 1e-3 * BRAKING_S
-    ahead_rad = motion.joints(now_s + glimpse_s) - here_rad
-    target_rad = here_rad + ahead_rad * (0.5 * BRAKING_S / glimpse_s)
-    return Motion(here_rad, target_rad, now_s, BRAKING_S, braking)
+    ahead = motion.joints(now_s + glimpse_s) - here
+    target = here + ahead * (0.5 * BRAKING_S / glimpse_s)
+    return Motion(here, target, now_s, BRAKING_S, braking)
 
 
 HALFWAY = 0.5
 HELD_FOR_S = 10.0
 """Time until somebody has acknowledged that the mechanism held the axes."""
-AT_THE_LIMIT_RAD = 1e-9
+AT_THE_LIMIT = 1e-9
 
 
 class Refusal(Exception):
@@ -91,7 +90,7 @@ class Refusal(Exception):
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """Reading of encoder angles, and whether anything is wrong (`fault` empty: nothing)."""
+    """Readings of encoders (rad, mm), and whether anything is wrong (`fault` empty: nothing)."""
 
     joints: tuple[float, ...]
     moving: bool
@@ -104,21 +103,24 @@ class ControllerSettings:
     """Settings that a controller is delivered with."""
 
     serial: str
-    lowest_rad: float
-    highest_rad: float
-    speed_rad_per_s: float
-    resolution_rad: float
+    lowest: float
+    """Of every joint, rad or mm."""
+    highest: float
+    speed_per_s: float
+    """Of a joint, rad/s or mm/s."""
+    resolution: float
+    """Of an encoder, rad or mm."""
     emergency_stop: bool
 
 
 class Mechanism(Protocol):
     """Mechanism that the controller's axes move."""
 
-    def passable_part(self, encoders_rad: Array) -> float:
+    def passable_part(self, encoders: Array) -> float:
         """Part of the straight joint path to there, 0 to 1, that can be followed."""
         ...
 
-    def arrive(self, encoders_rad: Array, target: tuple[int, ...]) -> None:
+    def arrive(self, encoders: Array, target: tuple[int, ...]) -> None:
         """Come to rest there."""
         ...
 
@@ -139,7 +141,6 @@ class SimulatedController:
     """A controller with its own clockwork: every call is told the time."""
 
     vendor = "pkmcal"
-    model = "simulated Par4 controller"
     firmware = "1.0"
 
     def __init__(
@@ -151,7 +152,10 @@ class SimulatedController:
         joints: Array,
         faults: FaultScript,
         worked: WorkedTime,
+        kind: Kind = PAR4,
     ) -> None:
+        self.kind = kind
+        self.model = f"simulated {'Par4' if kind is PAR4 else kind.name} controller"
         self.serial = settings.serial
         self._settings = settings
         self._mechanism = mechanism
@@ -170,28 +174,26 @@ class SimulatedController:
         self._advance(now_s)
         trouble = self._trouble
         return ControllerState(
-            joints=tuple(map(float, self.encoders_rad(now_s))),
+            joints=tuple(map(float, self.encoders(now_s))),
             moving=self._motion is not None or trouble.kind == "stall",
             fault=trouble.text if trouble.kind != "stall" else "",
             emergency_stop=trouble.kind == "emergency_stop",
         )
 
-    def encoders_rad(self, now_s: float) -> Array:
-        """(4,): the encoder angles now, whole steps of the encoders' resolution."""
+    def encoders(self, now_s: float) -> Array:
+        """(n,): the encoders now, rad or mm, whole steps of the encoders' resolution."""
         self._advance(now_s)
         if self._motion is None:
             return self._joints
         return self._quantised(self._motion.joints(now_s))
 
-    def move_joints(
-        self, target_rad: Sequence[float], speed_fraction: float, now_s: float
-    ) -> float:
+    def move_joints(self, target: Sequence[float], speed_fraction: float, now_s: float) -> float:
         """Start a joint move and say how long it takes, s; raises `Refusal`."""
         self._check_ready(now_s)
         self._check_speed(speed_fraction)
-        target = np.array(target_rad, dtype=float)
-        self._check_limits(target)
-        return self._start(self._quantised(target), speed_fraction, now_s)
+        joints = np.array(target, dtype=float)
+        self._check_limits(joints)
+        return self._start(self._quantised(joints), speed_fraction, now_s)
 
     def move_pose(
         self,
@@ -208,7 +210,7 @@ class SimulatedController:
         if not np.isfinite([*position_mm, theta_rad]).all():
             raise Refusal("REACH", "the pose is not made of finite numbers")
         try:
-            joints = joints_for(geometry_of(self._geometry), position_mm, theta_rad)
+            joints = joints_for(geometry_of(self._geometry, self.kind), position_mm, theta_rad)
         except OutOfReach as reason:
             raise Refusal("REACH", str(reason)) from reason
         return self.move_joints(joints.tolist(), speed_fraction, now_s)
@@ -230,7 +232,7 @@ class SimulatedController:
         """Take over all parameters at once, or raise `Refusal` and keep the old."""
         if self.state(now_s).moving:
             raise Refusal("BUSY", "the robot is moving")
-        if problem := problem_with(geometry):
+        if problem := problem_with(geometry, self.kind):
             raise Refusal("GEOMETRY", problem)
         self._geometry = {name: float(value) for name, value in geometry.items()}
 
@@ -239,7 +241,7 @@ class SimulatedController:
         motion = self._motion
         if motion is not None and now_s >= motion.end_s:
             self._motion = None
-            self._joints = self._quantised(motion.target_rad)
+            self._joints = self._quantised(motion.target)
             self._mechanism.arrive(self._joints, target_key(self._joints.tolist()))
             self._worked.add(motion.duration_s)
             self._trouble = self._ends_in
@@ -251,11 +253,11 @@ class SimulatedController:
         part = self._mechanism.passable_part(target)
         if fault is not None and part > HALFWAY:
             part = HALFWAY
-        speed_rad_per_s = speed_fraction * self._settings.speed_rad_per_s
-        whole = smooth_motion(self._joints, target, speed_rad_per_s, now_s)
+        speed_per_s = speed_fraction * self._settings.speed_per_s
+        whole = smooth_motion(self._joints, target, speed_per_s, now_s)
         if part < 1.0:
             target = self._joints + part * (target - self._joints)
-        self._motion = smooth_motion(self._joints, target, speed_rad_per_s, now_s)
+        self._motion = smooth_motion(self._joints, target, speed_per_s, now_s)
         self._ends_in = _trouble_after(fault, part, self._motion.end_s)
         return whole.duration_s
 
@@ -272,21 +274,22 @@ class SimulatedController:
         if not 0.0 < speed_fraction <= 1.0:
             raise Refusal("LIMIT", f"speed {speed_fraction:g} is outside 0 to 1")
 
-    def _check_limits(self, target_rad: Array) -> None:
-        if target_rad.shape != (ARMS,):
-            raise Refusal("LIMIT", f"{target_rad.size} joints were given, the robot has {ARMS}")
-        lowest, highest = self._settings.lowest_rad, self._settings.highest_rad
-        for joint, angle_rad in enumerate(target_rad):
-            if not lowest - AT_THE_LIMIT_RAD <= angle_rad <= highest + AT_THE_LIMIT_RAD:
-                limits = f"{math.degrees(lowest):g}° to {math.degrees(highest):g}°"
+    def _check_limits(self, target: Array) -> None:
+        kind = self.kind
+        if target.shape != (kind.arms,):
+            raise Refusal("LIMIT", f"{target.size} joints were given, the robot has {kind.arms}")
+        lowest, highest = self._settings.lowest, self._settings.highest
+        for joint, value in enumerate(target):
+            if not lowest - AT_THE_LIMIT <= value <= highest + AT_THE_LIMIT:
+                limits = f"{kind.text(lowest, 'g')} to {kind.text(highest, 'g')}"
                 raise Refusal(
-                    "LIMIT", f"joint {joint} to {math.degrees(angle_rad):.4f}°, limits {limits}"
+                    "LIMIT", f"joint {joint} to {kind.text(value, '.4f')}, limits {limits}"
                 )
 
     def _quantised(self, joints: Array) -> Array:
-        step_rad = self._settings.resolution_rad
-        steps: Array = np.round(joints / step_rad)
-        return steps * step_rad
+        step = self._settings.resolution
+        steps: Array = np.round(joints / step)
+        return steps * step
 
 
 def _trouble_after(fault: Fault | None, part: float, end_s: float) -> _Trouble:

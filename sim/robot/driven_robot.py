@@ -8,12 +8,15 @@ import numpy as np
 
 from sim.draws import Attempts, Purpose, WorkedTime, generator
 from sim.errors import AssemblyLost
-from sim.geometry import ARMS, Array
+from sim.geometry import Array
 from sim.robot.assembly import Assembly, follow, restore
-from sim.robot.rods import EightRods
+from sim.robot.rods import RodMechanism
 
 SHORT_OF_THE_EDGE_RAD = math.radians(1.0)
-"""Distance before a singularity where friction holds the axes; above any noise of arrival."""
+"""Distance before a singularity where friction holds the axes; above any noise of arrival.
+
+Of carriages the travel that compares with it.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +35,10 @@ class Thermal:
 class Behaviour:
     """Effects between the encoders and the mechanism."""
 
-    backlash_rad: Array
-    """(4,): lost motion of each gear, from one side to the other."""
-    joint_noise_rad: float
-    """Standard deviation of each joint, drawn at each arrival."""
+    backlash: Array
+    """(n,): lost motion of each gear, from one side to the other, rad or mm."""
+    joint_noise: float
+    """Standard deviation of each joint, rad or mm, drawn at each arrival."""
     position_noise_mm: float
     """Half-width of a uniform draw on each coordinate of the plate, at each arrival."""
     thermal: Thermal
@@ -43,10 +46,10 @@ class Behaviour:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mount:
-    """The reflector on half 1 of the plate."""
+    """The reflector at the controlled point: on half 1 of a Par4's plate."""
 
     offset_mm: Array
-    """(3,): from B'_0, as long as the plate is level."""
+    """(3,): from the controlled point, as long as the plate is level and not turned."""
     facing: Array
     """(3,): where it looks, a unit vector in the base frame as long as the plate is level."""
 
@@ -62,9 +65,10 @@ class SeenReflector(NamedTuple):
 class Standing:
     """State in which the robot came to rest the last time."""
 
-    encoders_rad: Array
-    play_rad: Array
-    """(4,): each arm's angle less its encoder's, left by the gear's lost motion."""
+    encoders: Array
+    """(n,) rad or mm"""
+    play: Array
+    """(n,): each joint less its encoder's reading, left by the gear's lost motion."""
     assembly: Assembly
     displaced_mm: Array
     """(3,): what repeatability moved the plate by."""
@@ -76,20 +80,20 @@ class _View:
 
     standing: Standing
     growth: float
-    encoders_rad: Array
+    encoders: Array
     seen: SeenReflector
 
-    def is_of(self, standing: Standing, growth: float, encoders_rad: Array) -> bool:
+    def is_of(self, standing: Standing, growth: float, encoders: Array) -> bool:
         same_robot = self.standing is standing and self.growth == growth
-        return same_robot and np.array_equal(self.encoders_rad, encoders_rad)
+        return same_robot and np.array_equal(self.encoders, encoders)
 
 
 class DrivenRobot:
-    """Robot from its encoder angles to the reflector in space."""
+    """Robot from its encoders to the reflector in space."""
 
     def __init__(
         self,
-        rods: EightRods,
+        rods: RodMechanism,
         behaviour: Behaviour,
         mount: Mount,
         standing: Standing,
@@ -108,66 +112,67 @@ class DrivenRobot:
         self._ahead = standing.assembly
         self._last_view: _View | None = None
 
-    def passable_part(self, encoders_rad: Array) -> float:
+    def passable_part(self, encoders: Array) -> float:
         """Part of the straight joint path to there, 0 to 1, that the mechanism follows freely."""
         try:
-            self._ahead = self._followed(self.standing.assembly, encoders_rad)
+            self._ahead = self._followed(self.standing.assembly, encoders)
         except AssemblyLost as lost:
             self._ahead = self.standing.assembly
-            length_rad = float(np.abs(encoders_rad - self.standing.encoders_rad).max())
+            length_rad = (
+                float(np.abs(encoders - self.standing.encoders).max()) / self._rods.kind.scale
+            )
             return max(0.0, lost.part - SHORT_OF_THE_EDGE_RAD / length_rad)
         return 1.0
 
-    def arrive(self, encoders_rad: Array, target: tuple[int, ...]) -> None:
+    def arrive(self, encoders: Array, target: tuple[int, ...]) -> None:
         """Come to rest there; `target` names it for the draw of repeatability.
 
         Raises `AssemblyLost` for a place that `passable_part` has not let through.
         """
-        play_rad = self._play(encoders_rad)
+        play = self._play(encoders)
         attempt = self.arrivals.next(target)
         draw = generator(self._seed, Purpose.ARRIVAL, *target, attempt)
-        jitter_rad = self._behaviour.joint_noise_rad * draw.standard_normal(ARMS)
+        jitter = self._behaviour.joint_noise * draw.standard_normal(len(encoders))
         limit_mm = self._behaviour.position_noise_mm
         displaced_mm = limit_mm * draw.uniform(-1.0, 1.0, 3)
-        joints = encoders_rad + play_rad + jitter_rad
+        joints = encoders + play + jitter
         assembly = follow(self._rods, self._ahead, joints, self._growth())
-        self.standing = Standing(encoders_rad, play_rad, assembly, displaced_mm)
+        self.standing = Standing(encoders, play, assembly, displaced_mm)
         self._ahead = assembly
 
-    def reflector(self, encoders_rad: Array) -> SeenReflector:
+    def reflector(self, encoders: Array) -> SeenReflector:
         """Reflector at rest, or at these encoders on the way to somewhere.
 
         A tracker looks many times at a robot that stands: the last view is kept.
         """
         last, growth = self._last_view, self._growth()
-        if last and last.is_of(self.standing, growth, encoders_rad):
+        if last and last.is_of(self.standing, growth, encoders):
             return last.seen
-        seen = self._view(encoders_rad)
-        self._last_view = _View(self.standing, growth, np.array(encoders_rad), seen)
+        seen = self._view(encoders)
+        self._last_view = _View(self.standing, growth, np.array(encoders), seen)
         return seen
 
-    def _view(self, encoders_rad: Array) -> SeenReflector:
+    def _view(self, encoders: Array) -> SeenReflector:
         standing = self.standing
-        if np.array_equal(encoders_rad, standing.encoders_rad):
+        if np.array_equal(encoders, standing.encoders):
             at_rest = standing.assembly
             now = restore(self._rods, at_rest.joints, at_rest.plate, self._growth())
             return self._seen(now, standing.displaced_mm)
-        return self._seen(self._followed(standing.assembly, encoders_rad), np.zeros(3))
+        return self._seen(self._followed(standing.assembly, encoders), np.zeros(3))
 
-    def _followed(self, start: Assembly, encoders_rad: Array) -> Assembly:
-        return follow(self._rods, start, encoders_rad + self._play(encoders_rad), self._growth())
+    def _followed(self, start: Assembly, encoders: Array) -> Assembly:
+        return follow(self._rods, start, encoders + self._play(encoders), self._growth())
 
-    def _play(self, encoders_rad: Array) -> Array:
+    def _play(self, encoders: Array) -> Array:
         """The gears' lost motion: the arm stays behind until the tooth touches the other flank."""
-        standing, half = self.standing, 0.5 * self._behaviour.backlash_rad
-        left_behind_rad = standing.play_rad - (encoders_rad - standing.encoders_rad)
-        return np.clip(left_behind_rad, -half, half)
+        standing, half = self.standing, 0.5 * self._behaviour.backlash
+        left_behind = standing.play - (encoders - standing.encoders)
+        return np.clip(left_behind, -half, half)
 
     def _growth(self) -> float:
         return self._behaviour.thermal.growth(self._worked.seconds)
 
     def _seen(self, assembly: Assembly, displaced_mm: Array) -> SeenReflector:
         rotation = assembly.plate.rotation
-        offset_mm = rotation @ self._mount.offset_mm
-        point_mm = assembly.plate.position_mm + offset_mm + displaced_mm
+        point_mm = self._rods.reflector_mm(assembly.plate, self._mount.offset_mm) + displaced_mm
         return SeenReflector(point_mm, rotation @ self._mount.facing)

@@ -26,7 +26,7 @@ import numpy as np
 from drivers.errors import WireError
 from drivers.wire.linuxcncrsh import AnswerFramer, Value, encode, read_numbers
 from sim.errors import SimError
-from sim.geometry import ARMS, Array
+from sim.geometry import PAR4, Array, Kind
 
 HAL = "hal:"
 PYTHON = "/usr/bin/python3"
@@ -54,7 +54,7 @@ class JointsLost(SimError):
 class JointSource(Protocol):
     """Source of the joints' real positions."""
 
-    def read_rad(self) -> Array:
+    def read(self) -> Array:
         """(4,): now; raises `JointsLost`, and begins anew the next time."""
         ...
 
@@ -63,24 +63,25 @@ class JointSource(Protocol):
         ...
 
 
-def joint_source(joints_from: str) -> JointSource:
+def joint_source(joints_from: str, kind: Kind = PAR4) -> JointSource:
     """The source that a scenario names; raises `JointsLost` for what is none."""
     if joints_from.startswith(HAL):
-        return HalJoints(tuple(shlex.split(joints_from.removeprefix(HAL))))
-    return RshJoints(joints_from)
+        return HalJoints(tuple(shlex.split(joints_from.removeprefix(HAL))), kind)
+    return RshJoints(joints_from, kind)
 
 
 class HalJoints:
     """Joints read from the pins `joint.N.pos-fb`, as full doubles."""
 
-    def __init__(self, prefix: tuple[str, ...]) -> None:
+    def __init__(self, prefix: tuple[str, ...], kind: Kind = PAR4) -> None:
+        self._kind = kind
         self._command = (*prefix, PYTHON, "-u", "-c", shlex.quote(PROGRAM) if prefix else PROGRAM)
         self._program: subprocess.Popen[bytes] | None = None
 
-    def read_rad(self) -> Array:
-        """(4,): the joints now; raises `JointsLost`."""
+    def read(self) -> Array:
+        """(n,): the joints now, rad or mm; raises `JointsLost`."""
         try:
-            return _rad(self._answer().split())
+            return _joints(self._answer().split(), self._kind)
         except (OSError, ValueError) as error:
             self.close()
             raise JointsLost(f"LinuxCNC's joints cannot be read ({error})", remedy=CHECK) from error
@@ -117,16 +118,17 @@ class HalJoints:
 class RshJoints:
     """Joints asked of linuxcncrsh; connects anew when the connection was lost."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, kind: Kind = PAR4) -> None:
+        self._kind = kind
         self._url = url
         self._address = _address(url)
         self._socket: socket.socket | None = None
         self._framer = AnswerFramer()
 
-    def read_rad(self) -> Array:
-        """(4,): the joints now; raises `JointsLost`."""
+    def read(self) -> Array:
+        """(n,): the joints now, rad or mm; raises `JointsLost`."""
         try:
-            return _rad(read_numbers(self._ask(time.monotonic() + WITHIN_S)))
+            return _joints(read_numbers(self._ask(time.monotonic() + WITHIN_S)), self._kind)
         except (OSError, ValueError, WireError) as error:
             self.close()
             raise JointsLost(
@@ -171,11 +173,11 @@ def _address(url: str) -> tuple[str, int]:
     return host, port
 
 
-def _rad(numbers: Sequence[float | str]) -> Array:
-    """(4,): of the first numbers, in deg; raises `ValueError`."""
-    if len(numbers) < ARMS:
-        raise ValueError(f"{len(numbers)} joints are told, {ARMS} are needed")
-    joints_deg = [float(number) for number in numbers[:ARMS]]
-    if not all(map(math.isfinite, joints_deg)):
+def _joints(numbers: Sequence[float | str], kind: Kind) -> Array:
+    """(n,) rad or mm: of the first numbers, in deg or mm; raises `ValueError`."""
+    if len(numbers) < kind.arms:
+        raise ValueError(f"{len(numbers)} joints are told, {kind.arms} are needed")
+    told = [float(number) for number in numbers[: kind.arms]]
+    if not all(map(math.isfinite, told)):
         raise ValueError("a joint that is not finite")
-    return np.radians(joints_deg)
+    return np.array([kind.inner(joint) for joint in told])

@@ -1,12 +1,16 @@
-"""Rotations by three angles about fixed axes, with their derivatives."""
+"""The mechanism's rods, bars and platform, of whatever kind: six or eight rods hold it.
+
+First, rotations by three angles about fixed axes, with their derivatives.
+"""
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from sim.errors import AssemblyLost
-from sim.geometry import ARMS, UP, Array, Geometry
+from sim.geometry import UP, Array, Geometry, Kind
 
 
 def _about(axis: int, angle_rad: float) -> tuple[Array, Array]:
@@ -33,14 +37,11 @@ def rotation_and_rates(about_x: float, about_y: float, about_z: float) -> tuple[
     return zy @ x, np.stack([zy @ dx, z @ dy @ x, dz @ y @ x])
 
 
-RODS = 2 * ARMS
-UNKNOWNS = 7
 RADIAN_AS_MM = 100.0
 """Length by which a step in angle is compared with one in position."""
 SETTLED_MM = 1e-9
 """A step this small leaves an error at the rounding of the figures: convergence is fast."""
 ITERATIONS = 25
-ON_HALF_2 = np.repeat([0.0, 0.0, 1.0, 1.0], 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,81 +49,107 @@ class Build:
     """Departures of the mechanism from its contracted model, in sizes and in errors."""
 
     plate_joints_mm: Array
-    """(4, 3): b_i, where the bars sit on the plate as seen from B'_i."""
+    """(n, 3): b_i, where the bars sit on the plate as seen from B'_i."""
     rod_spacing_mm: float
     rod_errors_mm: Array
-    """(4, 2): each rod's length less its forearm's."""
+    """(n, 2): each rod's length less its forearm's."""
     axis_tilts_rad: Array
-    """(4,): motor axes out of the horizontal, turned about the arm's direction at 0°."""
+    """(n,): motor axes out of the horizontal, or rails and the bars on them leaning aside.
+
+    They are turned about the arm's direction outward.
+    """
+    leans_rad: Array | None = None
+    """(n,): rails leaning outward, turned about the bars."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plate:
-    """Place of the plate: B'_0, the orientation of half 1, and the bar's angle on it."""
+    """Place of the platform: controlled point, orientation, and its inner joint's turn."""
 
     unknowns: Array
-    """(7,): x, y, z mm; rotations about x, y, z in rad, applied in that order; θ rad."""
+    """(6,) or (7,): x, y, z mm; rotations about x, y, z in rad, applied in that order; θ rad."""
+
+    @classmethod
+    def level(cls, kind: Kind, position_mm: Array, theta_rad: float) -> Self:
+        """Platform that is not tilted."""
+        return cls(np.array([*position_mm, 0.0, 0.0, 0.0, theta_rad])[: kind.unknowns])
 
     @property
     def position_mm(self) -> Array:
-        """(3,): B'_0 in the base frame."""
+        """(3,): the controlled point in the base frame."""
         return self.unknowns[:3]
 
     @property
     def rotation(self) -> Array:
-        """(3, 3): base_from_plate."""
+        """(3, 3): base_from_plate, of every part that an arm's rods hold."""
         return rotation(*self.unknowns[3:6])
 
     @property
     def theta_rad(self) -> float:
-        """The bar's angle on half 1."""
-        return float(self.unknowns[6])
+        """Turn of the inner joint; 0 of a platform without one."""
+        return float(self.unknowns[6:].sum())
 
 
-class EightRods:
+class RodMechanism:
     """The mechanism's parts and their closure. Holds no state: joints in, plate out."""
 
     def __init__(self, truth: Geometry, build: Build) -> None:
-        sine, cosine = np.sin(build.axis_tilts_rad), np.cos(build.axis_tilts_rad)
-        sideways, half_bar_mm = truth.sideways, 0.5 * build.rod_spacing_mm
-        axes = cosine[:, None] * sideways + sine[:, None] * UP
+        self.kind = truth.kind
+        self._truth = truth
+        outward, sideways = truth.outward, truth.sideways
+        half_bar_mm = 0.5 * build.rod_spacing_mm
         self._motors_mm = truth.motors_mm + build.plate_joints_mm
-        self._offsets_rad = truth.joint_offsets_rad
-        self._arms_mm = truth.arms_mm
-        self._outward = truth.outward
-        self._down = sine[:, None] * sideways - cosine[:, None] * UP
-        self._elbow_bar_mm = half_bar_mm * axes
+        tilts, leans = build.axis_tilts_rad, build.leans_rad
+        self._down = turned(np.tile(-UP, (self.kind.arms, 1)), outward, tilts)
+        leaning = truth.rails if leans is None else turned(truth.rails, sideways, leans)
+        self._rails = turned(leaning, outward, tilts)
+        self._elbow_bar_mm = half_bar_mm * turned(sideways, outward, tilts)
         self._anchors_mm = _pairs(build.plate_joints_mm, half_bar_mm * sideways)
-        self._rods_mm = (truth.forearms_mm[:, None] + build.rod_errors_mm).reshape(RODS)
-        self._plate_mm = truth.plate_mm
+        self._rods_mm = (truth.forearms_mm[:, None] + build.rod_errors_mm).ravel()
 
     def elbows_mm(self, joints: Array, growth: float) -> Array:
-        """(8, 3): the rods' upper ends in the base frame; arms longer by the fraction `growth`."""
-        angles = joints + self._offsets_rad
-        arms = np.cos(angles)[:, None] * self._outward + np.sin(angles)[:, None] * self._down
-        lengths_mm = (self._arms_mm * (1.0 + growth))[:, None]
-        return _pairs(self._motors_mm + lengths_mm * arms, self._elbow_bar_mm)
+        """(2n, 3): the rods' upper ends in the base frame.
+
+        Cranks, or the rails' scales, are longer by the fraction `growth`.
+        """
+        places = (joints + self._truth.joint_offsets)[:, None]
+        if self.kind.on_rails:
+            return _pairs(
+                self._motors_mm + (1.0 + growth) * places * self._rails, self._elbow_bar_mm
+            )
+        cranks = np.cos(places) * self._truth.outward + np.sin(places) * self._down
+        lengths_mm = (self._truth.arms_mm * (1.0 + growth))[:, None]
+        return _pairs(self._motors_mm + lengths_mm * cranks, self._elbow_bar_mm)
 
     def misfit(self, elbows_mm: Array, unknowns: Array) -> tuple[Array, Array]:
-        """Excess of the gaps over the rods' lengths, (8,) mm, and its derivative (8, 7)."""
+        """Excess of the gaps over the rods' lengths, (2n,) mm, and its derivative (2n, u)."""
         turn, rates = rotation_and_rates(*unknowns[3:6])
-        sine, cosine = math.sin(unknowns[6]), math.cos(unknowns[6])
-        bar_mm = self._plate_mm * np.array([-sine, cosine, 0.0])
-        bar_rate_mm = self._plate_mm * np.array([-cosine, -sine, 0.0])
-        on_plate_mm = self._anchors_mm + ON_HALF_2[:, None] * bar_mm
+        apart_mm, apart_rate_mm = self._truth.plate_joints_apart(float(unknowns[6:].sum()))
+        on_plate_mm = self._anchors_mm + np.repeat(apart_mm, 2, axis=0)
         gaps_mm = unknowns[:3] + on_plate_mm @ turn.T - elbows_mm
         lengths_mm = np.sqrt(np.einsum("ij,ij->i", gaps_mm, gaps_mm))
         along = gaps_mm / lengths_mm[:, None]
-        jacobian = np.empty((RODS, UNKNOWNS))
+        jacobian = np.empty((len(gaps_mm), len(unknowns)))
         jacobian[:, :3] = along
         jacobian[:, 3:6] = np.einsum("ri,kij,rj->rk", along, rates, on_plate_mm)
-        jacobian[:, 6] = ON_HALF_2 * (along @ (turn @ bar_rate_mm))
+        if self.kind.turn is not None:
+            moved = np.repeat(apart_rate_mm, 2, axis=0) @ turn.T
+            jacobian[:, 6] = np.einsum("ri,ri->r", along, moved)
         return lengths_mm - self._rods_mm, jacobian
+
+    def reflector_mm(self, plate: Plate, offset_mm: Array) -> Array:
+        """(3,): a reflector at an offset from the controlled point, on the part that is there.
+
+        A part that turns takes the offset with it: only along its axis does an offset stay.
+        """
+        if self.kind.turns_point:
+            offset_mm = _about(2, plate.theta_rad)[0] @ offset_mm
+        return np.asarray(plate.position_mm + plate.rotation @ offset_mm)
 
     def settle(
         self, joints: Array, growth: float, guess: Plate, settled_mm: float = SETTLED_MM
     ) -> tuple[Plate, Array, Array]:
-        """The plate near a guess, with the rods' misfits (8,) mm and their derivative (8, 7).
+        """The plate near a guess, with the rods' misfits (2n,) mm and their derivative (2n, u).
 
         Gauss–Newton until the last step was below `settled_mm`; raises `AssemblyLost` when that
         never comes.
@@ -139,17 +166,21 @@ class EightRods:
             unknowns = unknowns + step_mm
             if largest_mm < settled_mm:
                 return Plate(unknowns), misfits_mm, jacobian
+        listed = ", ".join(self.kind.text(joint, ".3f") for joint in joints)
         raise AssemblyLost(
-            f"the plate does not settle at joints {_degrees(joints)}",
+            f"the plate does not settle at joints {listed}",
             remedy="stay away from the edge of the robot's reach",
         )
 
 
+def turned(vectors: Array, axes: Array, angles_rad: Array) -> Array:
+    """Vectors (n, 3), each turned about its unit axis by its angle (Rodrigues)."""
+    cosine, sine = np.cos(angles_rad)[:, None], np.sin(angles_rad)[:, None]
+    along = np.einsum("ij,ij->i", axes, vectors)[:, None] * axes
+    return np.asarray(along + cosine * (vectors - along) + sine * np.cross(axes, vectors))
+
+
 def _pairs(centres_mm: Array, half_bars_mm: Array) -> Array:
-    """(8, 3): both ends of four bars, arm by arm."""
+    """(2n, 3): both ends of each bar, arm by arm."""
     ends = np.stack([centres_mm - half_bars_mm, centres_mm + half_bars_mm], axis=1)
-    return np.reshape(ends, (RODS, 3))
-
-
-def _degrees(joints: Array) -> str:
-    return ", ".join(f"{angle:.3f}°" for angle in np.degrees(joints))
+    return np.reshape(ends, (-1, 3))

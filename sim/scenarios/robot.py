@@ -1,58 +1,41 @@
 """The robot's and the controller's part of a scenario. Every default means "ideal"."""
 
 from collections.abc import Mapping
-from typing import Annotated, Self
+from typing import Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from sim.geometry import ARM_FIELDS, ARMS, FLAT_NAMES, NOMINAL_ROBOTS, problem_with
-from sim.scenarios.section import NotNegative, PerArm, Point, Positive, Section, nearest
+from sim.geometry import KINDS, NOMINAL_ROBOTS, PAR4, Kind, problem_with
+from sim.scenarios.section import NotNegative, Point, Positive, Section, nearest
 
-NOWHERE: PerArm = (0.0, 0.0, 0.0, 0.0)
-
-
-def _only_parameters(deltas: dict[str, float]) -> dict[str, float]:
-    for name in deltas:
-        if name not in FLAT_NAMES:
-            raise ValueError(f"{name} is no parameter; {nearest(name, FLAT_NAMES)}")
-    return deltas
-
-
-FlatDeltas = Annotated[dict[str, float], AfterValidator(_only_parameters)]
+FlatDeltas = dict[str, float]
 """Differences of single parameters, by flat name, in the name's unit."""
 
 
 def changed(flat: Mapping[str, float], deltas: Mapping[str, float]) -> dict[str, float]:
-    """The parameters with these differences."""
-    return {name: flat[name] + deltas.get(name, 0.0) for name in FLAT_NAMES}
-
-
-class ArmSection(Section):
-    """Parameters of one arm, as in a robot file."""
-
-    x_mm: float
-    y_mm: float
-    z_mm: float
-    azimuth_deg: float
-    joint_offset_deg: float
-    arm_mm: Positive
-    forearm_mm: Positive
+    """The parameters with these differences; raises `ValueError` for one of no parameter."""
+    for name in deltas:
+        if name not in flat:
+            raise ValueError(f"{name} is no parameter; {nearest(name, flat)}")
+    return {name: value + deltas.get(name, 0.0) for name, value in flat.items()}
 
 
 class GeometrySection(Section):
     """A robot's parameters, as in a robot file."""
 
-    arms: tuple[ArmSection, ArmSection, ArmSection, ArmSection]
-    plate_mm: Positive
+    arms: tuple[dict[str, float], ...]
+    plate_mm: Positive | None = None
+    pinion_mm: Positive | None = None
 
-    def flat(self) -> dict[str, float]:
-        """Values by their flat names, mm and deg."""
-        flat = {
-            f"arm{arm}.{field}": float(getattr(self.arms[arm], field))
-            for arm in range(ARMS)
-            for field in ARM_FIELDS
-        }
-        return {**flat, "plate_mm": self.plate_mm}
+    def flat(self, kind: Kind) -> dict[str, float]:
+        """Values by their flat names, mm and deg; raises `ValueError` for what is no such robot."""
+        arms = enumerate(self.arms)
+        flat = {f"arm{arm}.{field}": value for arm, row in arms for field, value in row.items()}
+        whole = {"plate_mm": self.plate_mm, "pinion_mm": self.pinion_mm}
+        flat |= {name: value for name, value in whole.items() if value is not None}
+        if problem := problem_with(flat, kind):
+            raise ValueError(problem)
+        return {name: flat[name] for name in kind.names}
 
 
 class Tolerances(Section):
@@ -71,6 +54,8 @@ class Repeatability(Section):
 
     joint_arcsec: NotNegative = 0.0
     """Standard deviation of each joint."""
+    joint_mm: NotNegative = 0.0
+    """The same of carriages."""
     position_mm: NotNegative = 0.0
     """Half-width of a uniform draw on each coordinate."""
 
@@ -99,39 +84,62 @@ class MountSection(Section):
 class RobotSection(Section):
     """The true robot: a nominal one, errors on it, and what its model does not know."""
 
+    mechanism: str = PAR4.name
     nominal: str | None = None
     geometry: GeometrySection | None = None
     errors: FlatDeltas = Field(default_factory=dict)
     tolerances: Tolerances = Tolerances()
-    rod_errors_mm: tuple[float, float, float, float, float, float, float, float] = (0.0,) * 8
-    axis_tilts_mrad: PerArm = NOWHERE
-    backlash_arcmin: tuple[NotNegative, NotNegative, NotNegative, NotNegative] = NOWHERE
+    rod_errors_mm: tuple[float, ...] = ()
+    axis_tilts_mrad: tuple[float, ...] = ()
+    backlash_arcmin: tuple[NotNegative, ...] = ()
+    """Of cranks."""
+    backlash_mm: tuple[NotNegative, ...] = ()
+    """Of carriages."""
     repeatability: Repeatability = Repeatability()
     thermal: ThermalSection = ThermalSection()
-    plate_joints_mm: tuple[Point, Point, Point, Point] = (
-        (-60.0, 0.0, 0.0),
-        (60.0, 0.0, 0.0),
-        (60.0, 0.0, 0.0),
-        (-60.0, 0.0, 0.0),
-    )
+    plate_joints_mm: tuple[Point, ...] | None = None
+    workspace_centre_mm: Point = (0.0, 0.0, -575.0)
     rod_spacing_mm: Positive = 80.0
     reflector: MountSection = MountSection()
 
     @model_validator(mode="after")
     def _is_a_robot(self) -> Self:
+        if self.mechanism not in KINDS:
+            hint = nearest(self.mechanism, KINDS)
+            raise ValueError(f"mechanism '{self.mechanism}' is not known; {hint}")
         if (self.nominal is None) == (self.geometry is None):
             raise ValueError("give either nominal (a name) or geometry (arms and plate_mm)")
         if self.nominal is not None and self.nominal not in NOMINAL_ROBOTS:
             hint = nearest(self.nominal, NOMINAL_ROBOTS)
             raise ValueError(f"nominal '{self.nominal}' is not known; {hint}")
-        if problem := problem_with(self.true_flat()):
+        if self.nominal is not None and self.kind is not PAR4:
+            raise ValueError(f"nominal '{self.nominal}' is no {self.kind.name}; give geometry")
+        if problem := problem_with(self.true_flat(), self.kind):
             raise ValueError(f"with its errors, {problem}")
         return self
+
+    @model_validator(mode="after")
+    def _has_an_entry_for_each_arm(self) -> Self:
+        arms = self.kind.arms
+        counts = {"rod_errors_mm": 2 * arms, "plate_joints_mm": arms, "axis_tilts_mrad": arms}
+        counts |= {"backlash_arcmin": arms, "backlash_mm": arms}
+        for key, count in counts.items():
+            if (given := getattr(self, key)) and len(given) != count:
+                raise ValueError(f"{key} has {len(given)} entries, a {self.mechanism} has {count}")
+        unfit = "backlash_arcmin" if self.kind.on_rails else "backlash_mm"
+        if any(getattr(self, unfit)):
+            raise ValueError(f"{unfit} is of other arms than a {self.mechanism} has")
+        return self
+
+    @property
+    def kind(self) -> Kind:
+        """Parts of which it is built."""
+        return KINDS[self.mechanism]
 
     def nominal_flat(self) -> dict[str, float]:
         """The robot as it was meant to be."""
         if self.geometry is not None:
-            return self.geometry.flat()
+            return self.geometry.flat(self.kind)
         return dict(NOMINAL_ROBOTS[str(self.nominal)])
 
     def true_flat(self) -> dict[str, float]:
@@ -156,6 +164,10 @@ class ControllerSection(Section):
     joint_limits_deg: tuple[float, float] = (-45.0, 90.0)
     joint_speed_deg_per_s: Positive = 180.0
     encoder_step_deg: Positive = 1e-6
+    joint_limits_mm: tuple[float, float] = (-450.0, 450.0)
+    """Of carriages, which have no angles."""
+    joint_speed_mm_per_s: Positive = 500.0
+    encoder_step_mm: Positive = 1e-5
     emergency_stop: bool = False
     joints_from: str | None = None
     """A real controller whose joints the robot follows: hal:, hal:ssh HOST, tcp://HOST:PORT."""
@@ -163,6 +175,8 @@ class ControllerSection(Section):
 
     @model_validator(mode="after")
     def _limits_are_in_order(self) -> Self:
-        if self.joint_limits_deg[0] >= self.joint_limits_deg[1]:
-            raise ValueError("joint_limits_deg: the lowest must be below the highest")
+        for key in ("joint_limits_deg", "joint_limits_mm"):
+            lowest, highest = getattr(self, key)
+            if lowest >= highest:
+                raise ValueError(f"{key}: the lowest must be below the highest")
         return self

@@ -77,7 +77,7 @@ class Scenario(Section):
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Self:
-        if problem := problem_with(self.controller_flat()):
+        if problem := problem_with(self.controller_flat(), self.robot.kind):
             raise ValueError(f"the controller's geometry: {problem}")
         wrong = any(fault.kind == "wrong_target" for fault in self.faults)
         if wrong and self.tracker.other_reflector_mm is None:

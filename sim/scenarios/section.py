@@ -9,7 +9,6 @@ from pydantic import BaseModel, ConfigDict, Field
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 Count = Annotated[int, Field(ge=1)]
-PerArm = tuple[float, float, float, float]
 Point = tuple[float, float, float]
 
 

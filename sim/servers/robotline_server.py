@@ -1,7 +1,7 @@
 """The simulated controller's side of robotline (docs/robotline.md): one connection, no socket."""
 
 from collections.abc import Callable
-from math import degrees, radians
+from math import radians
 
 from drivers.wire.robotline import (
     BadRequest,
@@ -33,14 +33,15 @@ from drivers.wire.robotline_messages import (
     Status,
     Stop,
 )
-from sim.geometry import ARMS, FLAT_NAMES
+from sim.geometry import Kind
 from sim.robot.controller import Refusal, SimulatedController
 
-LAYOUT = RobotLayout(
-    joints=tuple(f"q{arm}_deg" for arm in range(ARMS)),
-    coordinates=("x_mm", "y_mm", "z_mm", "theta_deg"),
-    parameters=FLAT_NAMES,
-)
+
+def layout_of(kind: Kind) -> RobotLayout:
+    """Names of a mechanism's joints, coordinates and parameters, as the wire has them."""
+    turn = () if kind.turn is None else ("theta_deg",)
+    joints = tuple(f"q{arm}_{kind.unit}" for arm in range(kind.arms))
+    return RobotLayout(joints, ("x_mm", "y_mm", "z_mm", *turn), kind.names)
 
 
 class RobotlineSession:
@@ -48,6 +49,7 @@ class RobotlineSession:
 
     def __init__(self, controller: SimulatedController, send: Callable[[bytes], None]) -> None:
         self._controller = controller
+        self._layout = layout_of(controller.kind)
         self._send = send
         self._lines = line_framer()
         self._staged: dict[str, float] = {}
@@ -74,7 +76,7 @@ class RobotlineSession:
 
     def _reply(self, line: bytes, now_s: float) -> Reply | None:
         try:
-            request = decode_request(line, LAYOUT)
+            request = decode_request(line, self._layout)
         except BadRequest as bad:
             return bad.reply
         outcome = self._outcome(request.command, now_s)
@@ -99,7 +101,7 @@ class RobotlineSession:
                 return Done()
             case ReadPart(name):
                 held = self._controller.geometry()
-                values = tuple(held[parameter] for parameter in LAYOUT.parts[name])
+                values = tuple(held[parameter] for parameter in self._layout.parts[name])
                 return Parameters(Part(name, values))
             case Stage() | Commit() | Abandon():
                 return self._replace_geometry(command, now_s)
@@ -109,29 +111,28 @@ class RobotlineSession:
             return Refused("VERSION", f"version {VERSION} is spoken here, not {version}")
         self._staged.clear()
         who = self._controller
-        return Greeting(VERSION, who.vendor, who.model, who.serial, who.firmware, ARMS)
+        return Greeting(VERSION, who.vendor, who.model, who.serial, who.firmware, who.kind.arms)
 
     def _status(self, now_s: float) -> Status:
         state = self._controller.state(now_s)
-        joints_deg = tuple(map(degrees, state.joints))
-        return Status(state.moving, state.emergency_stop, state.fault, joints_deg)
+        joints = tuple(map(self._controller.kind.outer, state.joints))
+        return Status(state.moving, state.emergency_stop, state.fault, joints)
 
     def _move(self, command: MoveJoints | MovePose, now_s: float) -> Motion:
         speed = command.speed_percent / FASTEST_PERCENT
         if isinstance(command, MoveJoints):
-            target_rad = tuple(map(radians, command.joints))
-            expected_s = self._controller.move_joints(target_rad, speed, now_s)
+            target = tuple(map(self._controller.kind.inner, command.joints))
+            expected_s = self._controller.move_joints(target, speed, now_s)
         else:
-            x_mm, y_mm, z_mm, theta_deg = command.coordinates
-            expected_s = self._controller.move_pose(
-                x_mm, y_mm, z_mm, radians(theta_deg), speed, now_s
-            )
+            x_mm, y_mm, z_mm, *turn_deg = command.coordinates
+            theta_rad = radians(sum(turn_deg))
+            expected_s = self._controller.move_pose(x_mm, y_mm, z_mm, theta_rad, speed, now_s)
         self._has_moved = True
         return Motion(expected_s)
 
     def _replace_geometry(self, command: Stage | Commit | Abandon, now_s: float) -> Done:
         if isinstance(command, Stage):
-            self._staged |= LAYOUT.flat(command.part)
+            self._staged |= self._layout.flat(command.part)
             return Done()
         if isinstance(command, Commit):
             self._controller.replace_geometry(self._staged, now_s)

@@ -138,9 +138,9 @@ def test_parameters_that_somebody_set_by_hand_are_not_taken_for_the_robots(linux
 def test_joints_of_the_simulated_cell_are_the_real_ones(linuxcnc, bench):
     joints = bench.move(tuple(map(radians, (20.0, 25.0, 30.0, 15.0)))).joints
     with closing(joint_source(f"hal:{linuxcnc.beside}")) as source:
-        assert away_deg(source.read_rad(), joints) <= SAME_DEG
+        assert away_deg(source.read(), joints) <= SAME_DEG
     with closing(joint_source(linuxcnc.url)) as source:
-        assert away_deg(source.read_rad(), joints) <= SAME_DEG
+        assert away_deg(source.read(), joints) <= SAME_DEG
 
 
 def test_joints_only_controller_is_not_taken_for_one_in_world_coordinates(linuxcnc):

@@ -24,7 +24,7 @@ class Joints:
         self.now = CENTRE
         self.lost = False
 
-    def read_rad(self):
+    def read(self):
         if self.lost:
             raise JointsLost("lost", remedy="-")
         if isinstance(self.now, list):
@@ -46,7 +46,7 @@ class Followed:
             self.joints,
             cell.robot,
             geometry={"plate_mm": 100.0},
-            speed_rad_per_s=radians(180.0),
+            speed_per_s=radians(180.0),
             worked=self.worked,
             sleep_s=self.slept_s.append,
         )
@@ -60,7 +60,7 @@ def followed():
 def test_joints_that_have_come_to_rest_are_where_the_robot_arrives(followed):
     state = followed.controller.state(0.0)
     assert (state.joints, state.moving) == (tuple(CENTRE), False)
-    assert np.array_equal(followed.robot.standing.encoders_rad, CENTRE)
+    assert np.array_equal(followed.robot.standing.encoders, CENTRE)
 
 
 def test_joints_that_read_differently_a_moment_later_are_moving(followed):
@@ -76,7 +76,7 @@ def test_joints_that_stay_are_looked_at_once(followed):
     followed.controller.state(0.0)
     followed.slept_s.clear()
     arrived = followed.robot.standing
-    followed.controller.encoders_rad(1.0)
+    followed.controller.encoders(1.0)
     assert followed.slept_s == []
     assert followed.robot.standing is arrived
 
@@ -103,7 +103,7 @@ def test_joints_that_jump_where_no_straight_way_leads_are_reached_all_the_same(f
     assert followed.robot.passable_part(jumped) < 1.0
     followed.joints.now = jumped
     assert not followed.controller.state(0.0).moving
-    assert np.array_equal(followed.robot.standing.encoders_rad, jumped)
+    assert np.array_equal(followed.robot.standing.encoders, jumped)
 
 
 def test_joints_at_which_no_robot_can_be_assembled_are_told(followed):

@@ -3,16 +3,17 @@
 from dataclasses import dataclass, field
 from math import radians
 
-from sim.geometry import FLAT_NAMES
+from sim.geometry import PAR4, Kind
 from sim.robot.controller import ControllerState, Refusal
 
-GEOMETRY = {name: float(number) for number, name in enumerate(FLAT_NAMES)}
+GEOMETRY = {name: float(number) for number, name in enumerate(PAR4.names)}
 
 
 @dataclass
 class FakeController:
     """Writes down what it is asked to do."""
 
+    kind: Kind = PAR4
     vendor: str = "pkmcal"
     model: str = "Par4 (simulated)"
     serial: str = "7"

@@ -2,9 +2,10 @@
 
 from drivers.wire import robotline_messages as messages
 from drivers.wire.robotline import Refused
-from sim.servers.robotline_server import LAYOUT
+from sim.geometry import PAR4
+from sim.servers.robotline_server import layout_of
 
-PAR4_LAYOUT = LAYOUT
+PAR4_LAYOUT = layout_of(PAR4)
 THREE_CARRIAGES = messages.RobotLayout(
     joints=("q0_mm", "q1_mm", "q2_mm"),
     coordinates=("x_mm", "y_mm", "z_mm"),

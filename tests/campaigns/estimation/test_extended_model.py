@@ -34,7 +34,7 @@ from sim.draws import Attempts, WorkedTime, target_key
 from sim.geometry import geometry_of
 from sim.robot.assembly import assemble
 from sim.robot.driven_robot import Behaviour, DrivenRobot, Mount, Standing, Thermal
-from sim.robot.rods import Build, EightRods
+from sim.robot.rods import Build, RodMechanism
 
 ARCSEC = np.radians(1.0 / 3600.0)
 ALL = indices(MODEL_NAMES)
@@ -164,7 +164,7 @@ def test_azimuths_tilts_and_backlash_are_found_from_exact_shots(estimator):
 def driven_robot(backlash_rad):
     """The simulator's eight rods on gears with lost motion, and nothing else wrong."""
     made = geometry_of(NOMINAL.flat())
-    rods = EightRods(made, Build(np.zeros((4, 3)), 80.0, np.zeros((4, 2)), np.zeros(4)))
+    rods = RodMechanism(made, Build(np.zeros((4, 3)), 80.0, np.zeros((4, 2)), np.zeros(4)))
     start = assemble(rods, made, np.array([0.0, 0.0, -575.0]), 0.0, growth=0.0)
     return DrivenRobot(
         rods,
@@ -183,7 +183,7 @@ def visited(robot, targets):
     for encoders in targets:
         if robot.passable_part(encoders) < 1.0:
             continue
-        approach.append(np.sign(encoders - robot.standing.encoders_rad))
+        approach.append(np.sign(encoders - robot.standing.encoders))
         robot.arrive(encoders, target_key(encoders))
         joints.append(encoders)
         points.append(robot.reflector(encoders).point_mm)

@@ -7,7 +7,7 @@ from par4_space import NAMES, TILTS, par4
 
 from campaigns.mechanisms.par4 import PAR4
 from sim.geometry import geometry_of
-from sim.robot.rods import Build, EightRods, Plate
+from sim.robot.rods import Build, Plate, RodMechanism
 
 PLATE_JOINTS_MM = np.array([[-60, 5, 3], [55, 0, -2], [60, 10, 0], [-70, 0, 4.0]])
 
@@ -20,7 +20,7 @@ def eight_rods(geometry, rod_spacing_mm=80.0):
         rod_errors_mm=np.zeros((4, 2)),
         axis_tilts_rad=geometry.p[TILTS],
     )
-    return EightRods(geometry_of({name: flat[name] for name in NAMES}), build)
+    return RodMechanism(geometry_of({name: flat[name] for name in NAMES}), build)
 
 
 def level_plate(pose):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from par4_space import FREE_BY_DEFAULT, IS_ANGLE, indices
 
-from app.study.rods import EightRodRobots
+from app.study.rods import RodRobots
 from campaigns.design.pose_sampling import workspace_poses
 from campaigns.errors import OutputExists
 from campaigns.estimation.rigid_transforms import Transform, small_rotation
@@ -55,7 +55,7 @@ def setup():
             seed=3,
         ),
         workspace_poses(NOMINAL, ROBOT.limits, centre, 60, rng),
-        EightRodRobots(load_scenario("realistic").robot),
+        RodRobots(load_scenario("realistic").robot),
     )
 
 

@@ -9,7 +9,7 @@ from sim.draws import Attempts, WorkedTime, target_key
 from sim.geometry import NOMINAL_ROBOTS, geometry_of
 from sim.robot.assembly import assemble, follow
 from sim.robot.driven_robot import Behaviour, DrivenRobot, Mount, Standing, Thermal
-from sim.robot.rods import Build, EightRods
+from sim.robot.rods import Build, RodMechanism
 
 GEOMETRY = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
 COLD = Thermal(0.0, 1800.0)
@@ -23,7 +23,7 @@ def behaviour(*, backlash=0.0, joint_noise=0.0, position_mm=0.0, thermal=COLD):
 
 def driven(behaviour, *, seed=1, worked=None):
     build = Build(np.zeros((4, 3)), 80.0, np.zeros((4, 2)), np.zeros(4))
-    rods = EightRods(GEOMETRY, build)
+    rods = RodMechanism(GEOMETRY, build)
     start = assemble(rods, GEOMETRY, np.array([0.0, 0.0, -575.0]), 0.0, growth=0.0)
     standing = Standing(start.joints, np.zeros(4), start, np.zeros(3))
     mount = Mount(np.array([0.0, 0.0, -50.0]), np.array([1.0, 0.0, 0.0]))
@@ -41,7 +41,7 @@ def move(robot, encoders):
 
 def test_an_ideal_robot_comes_back_to_the_same_point():
     robot = driven(behaviour())
-    home = robot.standing.encoders_rad
+    home = robot.standing.encoders
     first = robot.reflector(home).point_mm
     move(robot, home + TEN_DEG / 2)
     assert move(robot, home) == pytest.approx(first, abs=1e-10)
@@ -49,19 +49,19 @@ def test_an_ideal_robot_comes_back_to_the_same_point():
 
 def test_backlash_leaves_the_arms_behind_on_both_sides():
     robot = driven(behaviour(backlash=ARCMIN))
-    home = robot.standing.encoders_rad
+    home = robot.standing.encoders
     move(robot, home - TEN_DEG)
     from_below = move(robot, home)
-    assert robot.standing.play_rad == pytest.approx(np.full(4, -ARCMIN / 2))
+    assert robot.standing.play == pytest.approx(np.full(4, -ARCMIN / 2))
     move(robot, home + TEN_DEG)
     from_above = move(robot, home)
-    assert robot.standing.play_rad == pytest.approx(np.full(4, ARCMIN / 2))
+    assert robot.standing.play == pytest.approx(np.full(4, ARCMIN / 2))
     assert 0.05 < np.linalg.norm(from_above - from_below) < 0.5
 
 
 def test_backlash_swallows_a_motion_smaller_than_itself():
     robot = driven(behaviour(backlash=ARCMIN))
-    home = robot.standing.encoders_rad
+    home = robot.standing.encoders
     move(robot, home - TEN_DEG)
     there = move(robot, home)
     assert move(robot, home - ARCMIN / 2) == pytest.approx(there, abs=1e-10)
@@ -70,7 +70,7 @@ def test_backlash_swallows_a_motion_smaller_than_itself():
 def test_each_arrival_differs_and_each_seed_repeats_itself():
     def visits(seed):
         robot = driven(behaviour(position_mm=0.2, joint_noise=1e-6), seed=seed)
-        home = robot.standing.encoders_rad
+        home = robot.standing.encoders
         return [move(robot, target) for target in (home, home + TEN_DEG, home)]
 
     first, again, other = visits(1), visits(1), visits(2)
@@ -84,7 +84,7 @@ def test_a_draw_depends_on_the_target_and_not_on_the_way():
     ends = []
     for way in ways:
         robot = driven(behaviour(position_mm=0.2))
-        home = robot.standing.encoders_rad
+        home = robot.standing.encoders
         for step in way:
             move(robot, home + step)
         ends.append(move(robot, home))
@@ -93,7 +93,7 @@ def test_a_draw_depends_on_the_target_and_not_on_the_way():
 
 def test_looking_at_a_moving_robot_does_not_change_where_it_ends():
     watched, unwatched = driven(behaviour(backlash=ARCMIN)), driven(behaviour(backlash=ARCMIN))
-    home = watched.standing.encoders_rad
+    home = watched.standing.encoders
     watched.passable_part(home + TEN_DEG)
     for part in (0.2, 0.5, 0.9):
         watched.reflector(home + part * TEN_DEG)
@@ -103,7 +103,7 @@ def test_looking_at_a_moving_robot_does_not_change_where_it_ends():
 def test_arms_grow_with_worked_time_toward_their_end():
     worked = WorkedTime(0.0)
     robot = driven(behaviour(thermal=Thermal(50e-6, 1800.0)), worked=worked)
-    home = robot.standing.encoders_rad
+    home = robot.standing.encoders
     heights = []
     for _ in range(4):
         heights.append(robot.reflector(home).point_mm[2])
@@ -115,7 +115,7 @@ def test_arms_grow_with_worked_time_toward_their_end():
 
 def test_the_reflector_turns_with_the_plate():
     robot = driven(behaviour())
-    seen = robot.reflector(robot.standing.encoders_rad)
+    seen = robot.reflector(robot.standing.encoders)
     plate = robot.standing.assembly.plate
     assert seen.point_mm == pytest.approx(plate.position_mm + np.array([0.0, 0.0, -50.0]))
     assert seen.facing == pytest.approx([1.0, 0.0, 0.0])
@@ -123,7 +123,7 @@ def test_the_reflector_turns_with_the_plate():
 
 def test_the_way_to_a_singularity_is_open_only_short_of_it():
     robot = driven(behaviour())
-    home, target = robot.standing.encoders_rad, np.radians([90.0, -45.0, 90.0, -45.0])
+    home, target = robot.standing.encoders, np.radians([90.0, -45.0, 90.0, -45.0])
     part = robot.passable_part(target)
     assert 0.0 < part < 1.0
     edge = home + part * (target - home)

@@ -58,7 +58,7 @@ def test_other_address_is_refused(address):
 def test_rsh_is_only_asked_where_the_joints_are():
     line = b"JOINT_POS 10.000000 -20.0 30.0 40.0 0.0 0.0\r\n"
     with served(line) as (url, asked), closing(RshJoints(url)) as source:
-        assert source.read_rad() == pytest.approx(list(map(radians, (10, -20, 30, 40))))
+        assert source.read() == pytest.approx(list(map(radians, (10, -20, 30, 40))))
     assert asked == [b"get joint_pos\n"]
 
 
@@ -71,15 +71,15 @@ def test_rsh_that_does_not_tell_is_lost_and_then_asked_anew(answer):
         closing(RshJoints(url)) as source,
     ):
         with pytest.raises(JointsLost, match="cannot be read"):
-            source.read_rad()
-        assert source.read_rad()[3] == radians(4.0)
+            source.read()
+        assert source.read()[3] == radians(4.0)
 
 
 def test_rsh_that_is_not_there_is_lost():
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
     with pytest.raises(JointsLost, match="cannot be read"):
-        RshJoints(f"tcp://127.0.0.1:{port}").read_rad()
+        RshJoints(f"tcp://127.0.0.1:{port}").read()
 
 
 @pytest.fixture
@@ -94,29 +94,29 @@ def hal(tmp_path, monkeypatch):
 
 def test_pins_are_read_again_and_again_by_one_program(hal):
     with closing(joint_source("hal:")) as source:
-        assert source.read_rad()[3] == radians(40.123456789012345)
+        assert source.read()[3] == radians(40.123456789012345)
         (hal / "joints").write_text("11.0 0 0 0")
-        assert source.read_rad()[0] == radians(11.0)
+        assert source.read()[0] == radians(11.0)
 
 
 def test_prefix_hands_the_program_to_a_shell(hal):
     (hal / "like-ssh").write_text('#!/bin/sh\nexec sh -c "$*"\n')
     (hal / "like-ssh").chmod(0o755)
     with closing(joint_source(f"hal:{hal}/like-ssh")) as source:
-        assert source.read_rad()[0] == radians(10.0)
+        assert source.read()[0] == radians(10.0)
 
 
 def test_program_that_ended_is_started_anew(hal):
     with closing(joint_source("hal:")) as source:
-        source.read_rad()
+        source.read()
         source._program.kill()
         source._program.wait()
         with pytest.raises(JointsLost):
-            source.read_rad()
-        assert source.read_rad()[0] == radians(10.0)
+            source.read()
+        assert source.read()[0] == radians(10.0)
 
 
 def test_joint_that_is_no_number_is_lost(hal):
     (hal / "joints").write_text("nan 0 0 0")
     with closing(joint_source("hal:")) as source, pytest.raises(JointsLost, match="not finite"):
-        source.read_rad()
+        source.read()

@@ -13,10 +13,10 @@ from sim.robot.controller import ControllerSettings, Refusal, SimulatedControlle
 
 SETTINGS = ControllerSettings(
     serial="SIM-C-7",
-    lowest_rad=math.radians(-45.0),
-    highest_rad=math.radians(90.0),
-    speed_rad_per_s=math.radians(180.0),
-    resolution_rad=math.radians(1e-6),
+    lowest=math.radians(-45.0),
+    highest=math.radians(90.0),
+    speed_per_s=math.radians(180.0),
+    resolution=math.radians(1e-6),
     emergency_stop=False,
 )
 HOME = np.radians([30.0, 30.0, 20.0, 20.0])
@@ -30,11 +30,11 @@ class Axes:
         self.part = part
         self.rests = []
 
-    def passable_part(self, encoders_rad):
+    def passable_part(self, encoders):
         return self.part
 
-    def arrive(self, encoders_rad, target):
-        self.rests.append((encoders_rad, target))
+    def arrive(self, encoders, target):
+        self.rests.append((encoders, target))
 
 
 def controller(*, faults=(), axes=None, worked=None, **settings):
@@ -79,7 +79,7 @@ def test_no_joint_exceeds_its_speed_and_all_arrive_together():
 
 
 def test_encoders_read_whole_steps():
-    robot = controller(resolution_rad=math.radians(0.01))
+    robot = controller(resolution=math.radians(0.01))
     robot.move_joints(tuple(np.radians([31.2345, 30.0, 20.0, 20.0])), 1.0, 0.0)
     for now_s in (0.01, 0.03, 9.0):
         steps = np.degrees(robot.state(now_s).joints) / 0.01

@@ -10,7 +10,7 @@ import pytest
 from sim.errors import AssemblyLost
 from sim.geometry import NOMINAL_ROBOTS, UP, geometry_of
 from sim.robot.assembly import OutOfReach, assemble, follow, joints_for, plate_joints_mm, restore
-from sim.robot.rods import Build, EightRods, Plate, rotation, rotation_and_rates
+from sim.robot.rods import Build, Plate, RodMechanism, rotation, rotation_and_rates
 from sim.scenarios.scenario import load_scenario
 
 VECTORS = Path(__file__).parents[2] / "data" / "vectors" / "kinematics.json"
@@ -26,7 +26,7 @@ def mechanism(geometry, *, rod_mm=0.0, tilt_mrad=0.0, seed=0):
         rod_errors_mm=rod_mm * draw.standard_normal((4, 2)),
         axis_tilts_rad=1e-3 * tilt_mrad * draw.standard_normal(4),
     )
-    return EightRods(geometry, build)
+    return RodMechanism(geometry, build)
 
 
 def reachable_joints(geometry, count, seed):
@@ -45,7 +45,7 @@ def reachable_joints(geometry, count, seed):
 
 def contracted_misfit_mm(geometry, joints, plate):
     """|A_i B'_i| − L_i, written down directly from the paper's equations."""
-    angles = joints + geometry.joint_offsets_rad
+    angles = joints + geometry.joint_offsets
     elbows_mm = geometry.motors_mm + geometry.arms_mm[:, None] * (
         np.cos(angles)[:, None] * geometry.outward - np.sin(angles)[:, None] * UP
     )
