@@ -11,10 +11,13 @@ from campaigns.files.text_file import (
     resolved,
     write_new_text,
 )
+from campaigns.planning.validation_plan import fitting_lines
 from campaigns.robots.robot import RobotFile, find_robot
 from campaigns.settings.config import CampaignConfig, new_config, write_new_campaign
+from campaigns.settings.sections import ValidationConfig
 from drivers.bounded_files import is_there
-from sim.scenarios.scenario import load_scenario, scenario_text
+from sim.scenarios.adaptation import OtherRobot, adapted
+from sim.scenarios.scenario import parse_scenario, scenario_text
 from sim.scenarios.tracker import DataSheet
 
 DEFAULT_ROBOT = "par4-prototype"
@@ -34,7 +37,7 @@ def create_for_devices(folder: Path, robot: str, controller: str, tracker: str) 
             "name": resolved(folder).name,
             "controller": {"url": controller},
             "tracker": {"url": tracker, "reflector": DEFAULT_REFLECTOR},
-            **_centre(nominal.robot),
+            **_validation(nominal.robot),
         }
     )
     write_new_campaign(folder, config, nominal)
@@ -55,7 +58,9 @@ def create_simulated(
 
     Raises `ConfigInvalid`, `OutputExists`, `WriteFailed` or `ScenarioInvalid`.
     """
-    cell, nominal = load_scenario(scenario), find_robot(robot)
+    nominal = find_robot(robot)
+    text = cell_text(nominal.robot, scenario, seed)
+    cell = parse_scenario(text, scenario)
     tracker = cell.tracker
     url = SIMULATED + SCENARIO.removesuffix(".yaml")
     config = new_config(
@@ -69,20 +74,39 @@ def create_simulated(
                 "uncertainty": _limits(tracker.noise.data_sheet),
             },
             **({"acceptance": cell.acceptance.model_dump()} if with_limits else {}),
-            **_centre(nominal.robot),
+            **_validation(nominal.robot),
         }
     )
     refuse_existing(folder / "campaign.yaml")
     make_folder(folder)
-    _write_unless_same(folder / SCENARIO, scenario_text(scenario, seed))
+    _write_unless_same(folder / SCENARIO, text)
     write_new_campaign(folder, config, nominal)
     return config
 
 
-def _centre(robot: RobotFile) -> dict[str, object]:
-    """What the robot's file says of its workspace."""
+def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
+    """Cell file of a scenario, for that robot; raises `ScenarioInvalid`."""
+    joint, flat = robot.mechanism.joints[0], robot.geometry_flat()
+    low, high = robot.limits.joint
+    x_mm, y_mm, z_mm = robot.workspace_centre[:3].tolist()
+    wanted = OtherRobot(
+        robot.mechanism.name,
+        {name: flat[name] for name in robot.mechanism.parameters.names},
+        (joint.to_file(low), joint.to_file(high)),
+        (x_mm, y_mm, z_mm),
+    )
+    return adapted(scenario_text(scenario, seed), wanted)
+
+
+def _validation(robot: RobotFile) -> dict[str, object]:
+    """What the robot's file says of its workspace, and the lines that fit into it."""
     centre_mm = robot.workspace_centre_mm
-    return {} if centre_mm is None else {"validation": {"centre_mm": list(centre_mm)}}
+    if centre_mm is None:
+        return {}
+    usual = ValidationConfig().line_lengths_mm
+    lengths = fitting_lines(robot.kinematics, robot.limits, robot.workspace_centre, usual)
+    lines = {} if lengths == usual else {"line_lengths_mm": list(lengths)}
+    return {"validation": {"centre_mm": list(centre_mm), **lines}}
 
 
 def _limits(data_sheet: DataSheet) -> dict[str, float]:

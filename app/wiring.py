@@ -15,7 +15,6 @@ from campaigns.controllers.linuxcnc_export import PIN_OF, CalibrationFile, Robot
 from campaigns.errors import ConfigInvalid, WriteFailed
 from campaigns.files.text_file import replace_text
 from campaigns.measuring.shot_taker import Cell as Devices
-from campaigns.mechanisms.par4 import PAR4
 from campaigns.settings.config import CampaignConfig
 from campaigns.settings.sections import LinuxcncConfig
 from drivers.bounded_files import (
@@ -168,22 +167,22 @@ def _addresses(campaign: Campaign) -> Iterator[Addresses]:
         )
 
 
-def require_simulable(campaign: Campaign) -> None:
-    """Raise `ConfigInvalid` for a robot whose like cannot be simulated."""
-    if campaign.robot.mechanism is not PAR4:
+def require_same_mechanism(campaign: Campaign, scenario: Scenario) -> None:
+    """Raise `ConfigInvalid` for a cell of another mechanism than the campaign's robot."""
+    if campaign.robot.mechanism.name != scenario.robot.kind.name:
         raise ConfigInvalid(
-            f"the simulated cell is a {PAR4.name}, but this campaign's robot is a "
-            f"{campaign.robot.mechanism.name}",
-            remedy="take in measured shots with `pkmcal import`, or connect real devices",
+            f"the simulated cell {scenario.name} is a {scenario.robot.kind.name}, but this "
+            f"campaign's robot is a {campaign.robot.mechanism.name}",
+            remedy="make a new campaign with `pkmcal new DIR --robot FILE`, whose cell is of it",
         )
 
 
 @contextmanager
 def _embedded(campaign: Campaign, url: str) -> Iterator[EmbeddedCell]:
     """A simulated cell that remembers, in the campaign's folder, what a real one would remember."""
-    require_simulable(campaign)
     path = campaign.path(CELL_MEMORY)
     scenario = scenario_of(campaign.folder, url)
+    require_same_mechanism(campaign, scenario)
     cell = Cell(scenario, memory=_remembered(path))
     speaks = campaign.config.tracker.driver
     with EmbeddedCell(cell, ScaledClock(scenario.speed_up), tracker_speaks=speaks) as embedded:

@@ -26,12 +26,22 @@ Scenario = Annotated[
     ),
 ]
 
+Robot = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="The nominal robot: a shipped one, or a robot file. The cell becomes one of its kind.",
+        show_default=DEFAULT_ROBOT,
+    ),
+]
+
 
 def command(
     context: typer.Context,
     folder: NewFolder = None,
     *,
     scenario: Scenario = None,
+    robot: Robot = None,
     seed: Seed = None,
     json: Json = False,
 ) -> None:
@@ -46,7 +56,7 @@ def command(
     """
     terminal = terminal_of(context, as_json=json)
     started_s = time.monotonic()
-    campaign = prepared(folder or _free_folder(), scenario, seed)
+    campaign = prepared(folder or _free_folder(), scenario, seed, robot)
     document, against = rehearse(campaign, terminal)
     heading(terminal, STAGES, "report")
     _, path = report(campaign)
@@ -65,20 +75,23 @@ def command(
         raise typer.Exit(Exit.NOT_GOOD)
 
 
-def prepared(folder: Path, scenario: str | None, seed: int | None) -> Campaign:
+def prepared(
+    folder: Path, scenario: str | None, seed: int | None, robot: str | None = None
+) -> Campaign:
     """New campaign on a simulated cell, or one that stands ready.
 
     Raises `OptionsInvalid` for one on real devices, with measurements, or of another scenario.
     """
     if not is_there(folder / "campaign.yaml"):
         create_simulated(
-            folder, DEFAULT_ROBOT, scenario or DEFAULT_SCENARIO, seed, with_limits=True
+            folder, robot or DEFAULT_ROBOT, scenario or DEFAULT_SCENARIO, seed, with_limits=True
         )
         return open_campaign(folder)
     remedy = "name a new folder"
-    if scenario is not None or seed is not None:
+    if scenario is not None or seed is not None or robot is not None:
         raise OptionsInvalid(
-            f"{folder} is a campaign already, with a scenario and seed of its own", remedy=remedy
+            f"{folder} is a campaign already, with a robot, scenario and seed of its own",
+            remedy=remedy,
         )
     campaign = open_campaign(folder)
     if not campaign.is_simulated:

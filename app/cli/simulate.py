@@ -6,11 +6,13 @@ import typer
 
 from app.console import terminal_of
 from app.interrupt import awaited_signal
+from app.new_campaign import cell_text
 from app.options import Seed
+from campaigns.robots.robot import find_robot
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell
-from sim.scenarios.scenario import load_scenario
+from sim.scenarios.scenario import load_scenario, parse_scenario
 
 Port = Annotated[int, typer.Option(min=0, max=65535, metavar="N", help="0: any free one.")]
 Name = Annotated[
@@ -20,11 +22,21 @@ Serial = Annotated[
     bool, typer.Option("--serial", help="The controller on a pseudo-terminal instead of TCP.")
 ]
 
+Robot = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="A shipped robot or a robot file, of which the cell becomes one.",
+        show_default="the scenario's",
+    ),
+]
+
 
 def command(
     context: typer.Context,
     scenario: Name,
     *,
+    robot: Robot = None,
     seed: Seed = None,
     controller_port: Port = 0,
     tracker_port: Port = 0,
@@ -37,6 +49,8 @@ def command(
     addresses, then serves until Ctrl-C or SIGTERM.
     """
     loaded = load_scenario(scenario)
+    if robot is not None:
+        loaded = parse_scenario(cell_text(find_robot(robot).robot, scenario), scenario)
     cell = EmbeddedCell(
         Cell(loaded, seed=seed),
         ScaledClock(loaded.speed_up),

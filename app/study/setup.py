@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from app.new_campaign import SCENARIO
-from app.wiring import require_simulable
+from app.new_campaign import SCENARIO, cell_text
+from app.wiring import require_same_mechanism
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid, PlanInvalid
 from campaigns.estimation.estimators import Estimator, Weights
@@ -21,7 +21,7 @@ from campaigns.planning.plans import joints_of
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.study import StudySetup, StudyTask, indistinguishable, planned_shots
 from sim.building import station_of, true_geometry
-from sim.scenarios.scenario import load_scenario
+from sim.scenarios.scenario import load_scenario, parse_scenario
 from sim.scenarios.schema import Scenario
 from sim.scenarios.tracker import NoiseSection
 
@@ -32,7 +32,7 @@ CAMPAIGNS_A_TASK = 25
 def study_scenario(campaign: Campaign, name: str | None) -> Scenario:
     """The scenario asked for, or the campaign's own; raises `OptionsInvalid`, `ScenarioInvalid`."""
     if name is not None:
-        return load_scenario(name)
+        return parse_scenario(cell_text(campaign.robot, name), name)
     own: Path = campaign.path(SCENARIO)
     if own.exists():
         return load_scenario(str(own))
@@ -97,7 +97,7 @@ def study_setup(
     Raises `ConfigInvalid` for a robot that cannot be simulated, `PlanInvalid`, and `OptionsInvalid`
     for shots that cannot give the free parameters.
     """
-    require_simulable(campaign)
+    require_same_mechanism(campaign, scenario)
     robot = campaign.robot
     fitted = _of_set(read_plan(plan, robot.mechanism), ShotSet.IDENTIFICATION)
     unseen = _of_set(campaign.read_plan(), ShotSet.VALIDATION)

@@ -3,6 +3,7 @@
 Repeatability, rotation, straightness and distances.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -26,6 +27,9 @@ APPROACH_MM = 80.0
 SHRINK = 0.98
 SHRINKS = 20
 """A line or turn that is too long for the robot is shortened about its middle, step by step."""
+LINE_PROBES = 401
+LINE_SPARE = 0.9
+"""A line is no longer than that part of what the nominal robot can do."""
 AXES = ("x", "y", "z")
 
 
@@ -122,6 +126,28 @@ def validation_steps(
     )
     _check_ways(numbered, RobotModel(robot.kinematics, robot.limits, centre, robot.space))
     return ValidationSteps(numbered, notes)
+
+
+def fitting_lines(
+    kinematics: Kinematics, limits: Limits, centre: Array, lengths_mm: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Lengths of the lines along x, y and z through the centre, the robot being able to do them.
+
+    Of those that are too long the longest that fits with something to spare, in whole centimetres.
+    """
+    robot = Reachable(kinematics, limits)
+
+    def fitting(axis: int) -> float:
+        poses = np.tile(centre, (LINE_PROBES, 1))
+        poses[:, axis] += np.linspace(-0.5, 0.5, LINE_PROBES) * lengths_mm[axis]
+        if not robot.first_reason(poses):
+            return lengths_mm[axis]
+        half = np.abs(poses[:, axis] - centre[axis])
+        beyond = ~kinematics.feasibility(limits, poses).feasible
+        return max(10.0, 10.0 * math.floor(0.1 * LINE_SPARE * 2.0 * float(half[beyond].min())))
+
+    x, y, z = map(fitting, range(len(AXES)))
+    return x, y, z
 
 
 def _steps(test: _Test, robot: Reachable) -> list[Step]:

@@ -12,6 +12,7 @@ from delta_cases import LIMITS, NOMINAL, SPACE, answers, flat_in, shots_file
 from app.main import run_command
 from campaigns.mechanisms.delta import DELTA
 from campaigns.robots.robot import find_robot
+from sim.scenarios.scenario import shipped_text
 
 CLOSE_TO_TRUTH = {"mm": 1e-6, "deg": 1e-7}
 """The files' points have six decimals, their joints nine."""
@@ -197,10 +198,11 @@ def test_shots_of_four_joints_are_refused(pkmcal, new):
 
 def test_a_simulated_cell_of_another_mechanism_is_refused(pkmcal, new):
     assert pkmcal("plan", new).code == 0
+    (new / "cell.yaml").write_text(shipped_text("realistic"), encoding="utf-8")
     ended = pkmcal("run", new, "--yes")
     assert ended.code == 2
-    assert "par4" in ended.error_line
-    assert "pkmcal import" in ended.error_line
+    assert "cell realistic is a par4, but this campaign's robot is a delta" in ended.error_line
+    assert "pkmcal new DIR --robot FILE" in ended.error_line
 
 
 def test_a_controller_file_of_another_mechanism_is_refused(pkmcal, passed):

@@ -1,4 +1,4 @@
-"""The simulator's rods and the estimator's contracted model of every mechanism: no equation shared."""
+"""The simulator's rods and the estimator's contracted models, which share no equation."""
 
 import numpy as np
 import pytest

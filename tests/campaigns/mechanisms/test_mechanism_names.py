@@ -63,16 +63,12 @@ INNOCENT = (
     "three coordinates",
 )
 
-CELL = "the simulated cell is a Par4, and says so to whoever brings another robot"
 EXAMPLE = "an example in a text for people"
 LETTER = "the letter of a platform's turn, drawn only where poses have one or a test of it was made"
 POSE = "a pose has a turn where the platform turns, and says None elsewhere"
 KINS = "LinuxCNC's own settings: its kinematics module is Par4's"
 ALLOWED = (
     ("app/new_campaign.py", 'DEFAULT_ROBOT = "par4-prototype"', "the default of an option"),
-    ("app/wiring.py", "import PAR4", CELL),
-    ("app/wiring.py", "if campaign.robot.mechanism is not PAR4:", CELL),
-    ("app/wiring.py", "the simulated cell is a {PAR4.name}", CELL),
     ("app/cli/import_shots.py", "name,q0_deg…q3_deg,pair,set", EXAMPLE),
     ("app/cli/import_shots.py", "The header for a robot of four arms is", EXAMPLE),
     ("app/cli/import_shots.py", "pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm", EXAMPLE),

@@ -1,0 +1,138 @@
+"""A scenario for another robot than it was written for: its errors as large, its cell the same.
+
+Named errors of one robot mean nothing to another: they become tolerances of the same size, drawn by
+the seed. What is told of cranks' angles is told of carriages by the way of a typical crank's end.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from io import StringIO
+
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
+
+from sim.geometry import CRANK_MM, KINDS, Kind
+from sim.scenarios.scenario import parse_scenario
+from sim.scenarios.section import Point
+
+ARCMIN = math.radians(1.0 / 60.0)
+ARCSEC = math.radians(1.0 / 3600.0)
+SAME_WITHIN = {"mm": 20.0, "deg": 5.0}
+"""Robots nearer than that are one, before and after a calibration."""
+REFLECTOR_HEIGHT_MM = -45.0
+DIGITS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class OtherRobot:
+    """Robot for which a cell is wanted, in mm and deg."""
+
+    mechanism: str
+    geometry: Mapping[str, float]
+    """By flat name."""
+    joint_limits: tuple[float, float]
+    """In the unit of its joints."""
+    centre_mm: Point
+
+    @property
+    def kind(self) -> Kind:
+        """Parts of which it is built."""
+        return KINDS[self.mechanism]
+
+
+def adapted(text: str, robot: OtherRobot) -> str:
+    """Cell file for that robot; unchanged where it is of the same one. Raises `ScenarioInvalid`."""
+    scenario = parse_scenario(text, "the scenario")
+    same_kind = scenario.robot.kind is robot.kind
+    if same_kind and _is_same(scenario.robot.nominal_flat(), robot.geometry):
+        return text
+    yaml = YAML()
+    yaml.width = 1000
+    tree = yaml.load(text)
+    section = tree["robot"]
+    section.pop("nominal", None)
+    if not same_kind:
+        _spread_errors(section)
+        _fit_arms(section, robot.kind)
+        section.insert(0, "mechanism", robot.mechanism)
+    section.insert(1, "geometry", _geometry(robot))
+    section["workspace_centre_mm"] = _row(list(robot.centre_mm))
+    if robot.kind.turns_point:
+        section.setdefault("reflector", {})["offset_mm"] = _row([0.0, 0.0, REFLECTOR_HEIGHT_MM])
+        section.yaml_add_eol_comment("the part at the point turns: on its axis", "reflector")
+    _fit_controller(tree, robot)
+    if robot.kind.turn is None:
+        tree.get("acceptance", {}).pop("rotation_mm", None)
+    written = StringIO()
+    yaml.dump(tree, written)
+    parse_scenario(written.getvalue(), f"the scenario for {robot.mechanism}")
+    return written.getvalue()
+
+
+def _is_same(flat: Mapping[str, float], other: Mapping[str, float]) -> bool:
+    units = {name: name.rpartition("_")[2] for name in flat}
+    return all(abs(flat[name] - other[name]) <= SAME_WITHIN[unit] for name, unit in units.items())
+
+
+def _geometry(robot: OtherRobot) -> CommentedMap:
+    arms = [CommentedMap() for _ in range(robot.kind.arms)]
+    whole = CommentedMap(arms=arms)
+    for name in robot.kind.names:
+        arm, _, field = name.rpartition(".")
+        holder = arms[int(arm.removeprefix("arm"))] if arm else whole
+        holder[field] = robot.geometry[name]
+    for each in arms:
+        each.fa.set_flow_style()
+    return whole
+
+
+def _row(values: list[float]) -> CommentedSeq:
+    row = CommentedSeq(values)
+    row.fa.set_flow_style()
+    return row
+
+
+def _spread_errors(section: CommentedMap) -> None:
+    """Tolerances of the size (rms) of the errors that are named."""
+    errors = section.pop("errors", None)
+    if not errors:
+        return
+    sizes: dict[str, list[float]] = {}
+    for name, value in errors.items():
+        sizes.setdefault(_tolerance_of(name), []).append(float(value))
+    tolerances = section.setdefault("tolerances", CommentedMap())
+    for key, values in sizes.items():
+        tolerances[key] = round(math.sqrt(sum(v * v for v in values) / len(values)), 3)
+
+
+def _tolerance_of(name: str) -> str:
+    field = name.rpartition(".")[2]
+    if field in {"x_mm", "y_mm", "z_mm"}:
+        return "position_mm"
+    return "joint_offset_deg" if field == "joint_offset_deg" else "length_mm"
+
+
+def _fit_arms(section: CommentedMap, kind: Kind) -> None:
+    """What is told of each joint, for as many joints and in their unit."""
+    for key in ("rod_errors_mm", "axis_tilts_mrad", "plate_joints_mm"):
+        section.pop(key, None)
+    backlash = section.pop("backlash_arcmin", None)
+    if backlash:
+        size = sum(backlash) / len(backlash)
+        key = "backlash_mm" if kind.on_rails else "backlash_arcmin"
+        size = round(size * ARCMIN * CRANK_MM, DIGITS) if kind.on_rails else size
+        section[key] = _row([size] * kind.arms)
+    repeatability = section.get("repeatability", {})
+    if kind.on_rails and (noise := repeatability.pop("joint_arcsec", None)):
+        repeatability["joint_mm"] = round(noise * ARCSEC * CRANK_MM, DIGITS)
+
+
+def _fit_controller(tree: CommentedMap, robot: OtherRobot) -> None:
+    """Limits and start of the robot."""
+    controller = tree.setdefault("controller", CommentedMap())
+    controller.pop("geometry_errors", None)
+    controller[f"joint_limits_{robot.kind.unit}"] = _row(list(robot.joint_limits))
+    start = CommentedMap(zip(("x_mm", "y_mm", "z_mm"), robot.centre_mm, strict=True))
+    start.fa.set_flow_style()
+    controller["start"] = start
