@@ -27,7 +27,8 @@ from drivers.wire.emscon_messages import (
     StatusChange,
 )
 from drivers.wire.framing import LineFramer, PacketFramer
-from sim.servers.robotline_server import LAYOUT
+from sim.geometry import PAR4
+from sim.servers.robotline_server import layout_of
 
 Feed = Callable[[bytes], object]
 
@@ -80,6 +81,7 @@ GEOCOM_REQUESTS = tuple(
         (17033, geocom.words_of("CCR-1.5in")),
     )
 )
+LAYOUT = layout_of(PAR4)
 PART = said.Part("ARM 0", tuple(1.5 * each for each in range(1, 1 + len(LAYOUT.parts["ARM 0"]))))
 OUTCOMES: tuple[tuple[str, said.Answer | robotline.Refused], ...] = (
     ("HELLO", said.Greeting(1, "Example Robotics", "Par4", "SN-0042", "2.1", 4)),
