@@ -19,7 +19,7 @@ from drivers.bounded_files import MEGABYTE, is_there
 UNSEEN_COLUMNS = ("unseen_mean_mm", "unseen_max_mm")
 MOST_BYTES = 50 * MEGABYTE
 MOST_LINES = 200_000
-"""Of a table: some 40 000 campaigns of 22 parameters."""
+"""Of a table: some 40 000 campaigns with two dozen parameters each."""
 ANOTHER = "name another folder with --to, or move this file away"
 KINDS = ("error ", "std ", "bound ")
 """Before a parameter's name, in whose unit the value is."""
