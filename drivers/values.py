@@ -132,6 +132,8 @@ class TrackerState:
     laser_warm: bool
     beam_locked: bool
     reflector: str
+    packets_passed_over: int = 0
+    """Of this connection: of kinds that nobody knows, and states that nobody asked for."""
 
 
 LEAST_DETERMINANT = 1e-12

@@ -91,6 +91,7 @@ def of_tracker(tracker: LaserTracker) -> Facts:
         "laser_warm": state.laser_warm,
         "beam_locked": state.beam_locked,
         "reflector": state.reflector,
+        "packets_passed_over": state.packets_passed_over,
         "reflectors": [reflector.name for reflector in tracker.reflectors()],
         "temperature_degC": air.temperature_degC,
         "pressure_hPa": air.pressure_hPa,

@@ -177,11 +177,6 @@ class EmsconTracker:
         self._own_result = OwnResult()
         self._session = PreparedSession("tracker", self._opened, self._greet, self._set_up)
 
-    @property
-    def packets_passed_over(self) -> int:
-        """Packets of this connection that nobody knows, and states that nobody asked for."""
-        return self._session.connection.passed_over
-
     def connect(self) -> None:
         """Open the wire, set our units and see who answers; raises what a question can raise.
 
@@ -206,7 +201,8 @@ class EmsconTracker:
 
     def state(self) -> TrackerState:
         """Ask for the traffic light, start-up, beam and the reflector in use."""
-        status = self._session.connection.ask(Command.GET_SYSTEM_STATUS, SystemStatus)
+        client = self._session.connection
+        status = client.ask(Command.GET_SYSTEM_STATUS, SystemStatus)
         readiness = self._readiness()
         return TrackerState(
             readiness=readiness,
@@ -214,6 +210,7 @@ class EmsconTracker:
             laser_warm=is_warm(status),
             beam_locked=readiness is not Readiness.NOT_READY and self._sees_reflector(),
             reflector=self._reflector_in_use(),
+            packets_passed_over=client.passed_over,
         )
 
     def weather(self) -> Weather:

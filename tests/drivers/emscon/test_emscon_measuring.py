@@ -109,11 +109,10 @@ class TestMeasure:
 
     def test_packets_that_are_passed_over_are_counted(self):
         station = Station().prepared()
-        before = station.tracker.packets_passed_over
+        before = station.tracker.state().packets_passed_over
         station.comes(OtherPacket(99, b""), OtherPacket(3, b""), StatusChange(26))
         station.comes(Answer(Command.GET_TRACKER_STATUS, 0, TrackerStatus(1)))
-        station.tracker.weather()
-        assert station.tracker.packets_passed_over - before == 2
+        assert station.tracker.state().packets_passed_over - before == 2
 
     def test_what_is_queued_unread_is_bounded_in_bytes(self):
         station = Station().prepared()

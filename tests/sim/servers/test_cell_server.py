@@ -1,5 +1,6 @@
 """The server: many clients, one thread, and nobody outside can bring it down."""
 
+import contextlib
 import os
 import socket
 import threading
@@ -186,7 +187,8 @@ def test_a_session_can_hang_up_on_garbage():
 def test_a_client_that_never_reads_is_dropped_and_the_others_served():
     with Bench() as bench, bench.client() as deaf, bench.client() as client:
         for _ in range(4):
-            deaf.sendall(b"flood")
+            with contextlib.suppress(ConnectionError):  # it may have been dropped by now
+                deaf.sendall(b"flood")
             assert asked(client, b"hello") == b"hello"
         assert bench.log == ["closed"]
 

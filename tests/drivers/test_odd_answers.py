@@ -1,0 +1,149 @@
+"""Sound frames with odd contents, to any question: every driver raises its own errors only."""
+
+import math
+from collections import Counter
+from random import Random
+
+import pytest
+from scripted_controller import ScriptedController
+from scripted_emscon import Instrument, Station
+from scripted_geocom import Bench
+from scripted_linuxcnc import ScriptedLinuxcnc
+
+from drivers.errors import DriverError
+from drivers.linuxcnc.settings import Coordinates
+from drivers.values import Pose
+from drivers.wire.emscon import SHAPES, Answer
+from drivers.wire.emscon_messages import SingleResult2
+from drivers.wire.geocom import Reply, encode_reply
+
+WHOLES = (0, 1, -1, 2, 3, 5, 39, 70, 2048, 10011, 2**31 - 1, -(2**31))
+FLOATS = (0.0, 1.0, -1.0, 20.0, 1013.0, 0.01, 1e-300, 1e300, math.nan, math.inf, -math.inf)
+TEXTS = ("", "CCR-1.5in", "\x1b[31m", "x" * 31, "\u202e")
+GEOCOM_WORDS = ("0", "1", "-1", "350", "0.0", "1e99", "-1e99", "nan", '"x"', '"\\x1B"', "", "x")
+ROBOTLINE_NUMBERS = ("0.0", "90.0", "361.0", "1.0e7", "1.0e300", "-1.0e300", "nan", "1", "x")
+LINUXCNC_WORDS = ("joint_pos", "abs_cmd_pos", "program_status", "machine", "mode", "joint_type")
+LINUXCNC_VALUES = ("", "ON", "IDLE", "MDI", "1e300 0 0 0 0 0", "nan 0 0 0", "400 0 0 0 0 0", "\x1c")
+
+
+def endings(calls):
+    """How calls end, by the name of what they raise; only a driver's own errors are caught."""
+    ends = Counter()
+    for call in calls:
+        try:
+            call()
+        except DriverError as error:
+            ends[type(error).__name__] += 1
+        else:
+            ends["done"] += 1
+    return ends
+
+
+def odd(kind, draw):
+    """A body of that kind with any values."""
+    one = {
+        "i": lambda: draw.choice(WHOLES),
+        "d": lambda: draw.choice(FLOATS),
+        "v": lambda: tuple(draw.choice(FLOATS) for _ in range(3)),
+        "s": lambda: draw.choice(TEXTS),
+    }
+    return kind(*(one[code]() for code in kind.LAYOUT))
+
+
+def emscon_calls(draw):
+    instrument = Instrument()
+    for command, shape in SHAPES.items():
+        if shape.answer.LAYOUT and draw.random() < 0.1:
+            body = odd(shape.answer, draw)
+            instrument.says[command] = [(0.0, Answer(command, 0, body))]
+    if draw.random() < 0.5:
+        instrument.result = odd(SingleResult2, draw)
+    tracker = Station(instrument).tracker
+    return (
+        tracker.connect,
+        lambda: tracker.prepare("CCR-1.5in", 0.5),
+        tracker.state,
+        tracker.weather,
+        tracker.reflectors,
+        tracker.measure,
+        lambda: tracker.go_to((1.0, 2.0, 3.0)),
+        tracker.reconnect,
+        tracker.close,
+    )
+
+
+def geocom_calls(draw):
+    bench = Bench()
+    instrument, tracker = bench.instrument, bench.tracker
+
+    def odd_reply(request):
+        count = len(instrument.answers[request.rpc][1]) if draw.random() < 0.8 else 3
+        words = tuple(draw.choice(GEOCOM_WORDS) for _ in range(count))
+        code = draw.choice((0, 0, 0, 1283, 1285, 9999))
+        return [(0.01, encode_reply(Reply(0, request.transaction, code, words)))]
+
+    for rpc in instrument.answers:
+        if draw.random() < 0.1:
+            instrument.says[rpc] = odd_reply
+    return (
+        tracker.connect,
+        lambda: tracker.prepare("CCR-1.5in", 0.5),
+        tracker.state,
+        tracker.weather,
+        tracker.reflectors,
+        tracker.measure,
+        lambda: tracker.go_to((1.0, 2.0, 3.0)),
+        tracker.reconnect,
+        tracker.close,
+    )
+
+
+def robot_calls(robot):
+    return (
+        robot.connect,
+        robot.prepare,
+        robot.state,
+        lambda: robot.move_joints([0.1] * 4, 0.5),
+        robot.state,
+        lambda: robot.move_pose(Pose(0.0, 0.0, 0.0, 0.0), 1.0),
+        robot.stop,
+        robot.reconnect,
+        robot.close,
+    )
+
+
+def robotline_calls(draw):
+    controller = ScriptedController()
+    numbers = " ".join(draw.choice(ROBOTLINE_NUMBERS) for _ in range(draw.choice((4, 4, 4, 3, 5))))
+    controller.answers["STATE"] = [
+        f"OK 0 {draw.choice('012')} - {numbers}",
+        "OK 0 0 - 0.0 0.0 0.0 0.0",
+    ]
+    if draw.random() < 0.3:
+        verb = draw.choice(("HELLO", "MOVEJ", "STOP"))
+        controller.answers[verb] = draw.choice(("NO BUSY", "OK", "OK 1.0e300", "NO X y"))
+    return robot_calls(controller.robot)
+
+
+def linuxcnc_calls(draw):
+    linuxcnc = ScriptedLinuxcnc(draw.choice(list(Coordinates)))
+    linuxcnc.homed = True
+    word = draw.choice(LINUXCNC_WORDS)
+    told = f"\x1c\r\n{word.upper()} {draw.choice(LINUXCNC_VALUES)}\r\n"
+    usual = f"{linuxcnc.get(None, word)}\r\n" if word != "joint_type" else told
+    linuxcnc.overrides[f"get {word}"] = [usual] * draw.randrange(3) + [told]
+    return robot_calls(linuxcnc.robot)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_pause_at_start")
+@pytest.mark.parametrize(
+    ("calls_of", "seeds"),
+    [(emscon_calls, 40), (geocom_calls, 40), (robotline_calls, 40), (linuxcnc_calls, 8)],
+)
+def test_odd_answer_ends_in_an_error_of_the_drivers_or_in_none(calls_of, seeds):
+    ends = Counter()
+    for seed in range(seeds):
+        ends += endings(calls_of(Random(seed)))
+    assert ends["done"] > seeds
+    assert len(ends) > 3, "several kinds of errors"
