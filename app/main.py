@@ -59,6 +59,10 @@ COMMANDS = {
         "study",
         "Simulate and identify many campaigns, by every plan, scenario and estimator named.",
     ),
+    "check-journal": (
+        "check_journal",
+        "Say whether the journal is whole, and what is in it.",
+    ),
     "sim": ("simulate", "Serve a simulated cell on loopback."),
     "dry-run": ("dry_run", "Go through a whole campaign without hardware."),
 }

@@ -1,6 +1,7 @@
 """New campaigns: on real devices, or on a simulated cell of its own."""
 
 from pathlib import Path
+from uuid import uuid4
 
 from campaigns.campaign import SIMULATED
 from campaigns.errors import OutputExists
@@ -34,7 +35,7 @@ def create_for_devices(folder: Path, robot: str, controller: str, tracker: str) 
     nominal = find_robot(robot)
     config = new_config(
         {
-            "name": resolved(folder).name,
+            **_identity(folder),
             "controller": {"url": controller},
             "tracker": {"url": tracker, "reflector": DEFAULT_REFLECTOR},
             **_validation(nominal.robot),
@@ -65,7 +66,7 @@ def create_simulated(
     url = SIMULATED + SCENARIO.removesuffix(".yaml")
     config = new_config(
         {
-            "name": resolved(folder).name,
+            **_identity(folder),
             "controller": {"url": url, "speed_percent": SIMULATED_SPEED_PERCENT},
             "tracker": {
                 "url": url,
@@ -96,6 +97,11 @@ def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
         (x_mm, y_mm, z_mm),
     )
     return adapted(scenario_text(scenario, seed), wanted)
+
+
+def _identity(folder: Path) -> dict[str, object]:
+    """Name of a campaign, and what no other has: a name may be given twice."""
+    return {"name": resolved(folder).name, "identity": uuid4().hex}
 
 
 def _validation(robot: RobotFile) -> dict[str, object]:

@@ -14,6 +14,7 @@ from campaigns.controllers.active_kinematics import ActiveKinematics
 from campaigns.controllers.linuxcnc_export import PIN_OF, CalibrationFile, RobotIdentity
 from campaigns.errors import ConfigInvalid, WriteFailed
 from campaigns.files.text_file import replace_text
+from campaigns.journal.inspection import RawReaders
 from campaigns.measuring.shot_taker import Cell as Devices
 from campaigns.settings.config import CampaignConfig
 from campaigns.settings.sections import LinuxcncConfig
@@ -41,6 +42,7 @@ from drivers.linuxcnc.settings import (
 )
 from drivers.polling import WakefulClock
 from drivers.ports import Clock, LaserTracker, RobotController, SystemClock
+from drivers.raw_answers import joints_said, measurement_said
 from drivers.robotline.robot import LineRobot
 from drivers.transport import Transport, open_transport
 from drivers.values import Identity
@@ -255,6 +257,12 @@ def _made_robot(
         first_sequence=random.SystemRandom().randint(1, LAST_SEQUENCE),
         cancelled=stop_requested,
     )
+
+
+def raw_readers(campaign: Campaign) -> RawReaders:
+    """Readers of the raw answers that a campaign's journal keeps."""
+    layout = _layout(campaign)
+    return RawReaders(lambda driver, raw: joints_said(driver, raw, layout), measurement_said)
 
 
 def _layout(campaign: Campaign) -> RobotLayout:

@@ -1,17 +1,18 @@
 """Campaign: a folder with settings, nominal robot, plan and journal, and what follows from them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.design.pose_sampling import FeasibleRegion
 from campaigns.design.restricted_space import RestrictedSpace
-from campaigns.errors import ShotsMissing
+from campaigns.errors import JournalFailed, ShotsMissing
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.files.lock import campaign_lock
 from campaigns.journal.journal import Journal, JournalReader, open_journal, read_journal
@@ -23,6 +24,8 @@ from campaigns.planning.space_zones import restricted_space
 from campaigns.robots.robot import RobotDocument, RobotFile, pose_of
 from campaigns.settings.config import CampaignConfig, read_campaign, read_campaign_robot
 from drivers.values import Vector3
+
+JournalT = TypeVar("JournalT", bound=JournalReader)
 
 PLAN = "plan.csv"
 JOURNAL = "campaign.db"
@@ -154,14 +157,45 @@ class Campaign:
             yield journal
 
     def opened_journal(self) -> Journal:
-        """Journal, made if there is none; the caller holds the campaign."""
+        """Journal, made if there is none; the caller holds the campaign.
+
+        Raises `JournalFailed` also for one of another campaign.
+        """
         path = self.journal_path
-        return open_journal(path, now_utc=now_utc, create=not path.exists())
+        return self._own(open_journal(path, now_utc=now_utc, create=not path.exists()))
 
     def journal_reader(self) -> JournalReader:
-        """Journal to read; raises `ShotsMissing` when nothing was ever written to it."""
+        """Journal to read; raises `ShotsMissing` when nothing was ever written to it.
+
+        Raises `JournalFailed` also for one of another campaign.
+        """
         self.require_journal()
-        return read_journal(self.journal_path)
+        return self._own(read_journal(self.journal_path))
+
+    def _own(self, journal: JournalT) -> JournalT:
+        try:
+            self.require_own(journal.series())
+        except BaseException:
+            journal.close()
+            raise
+        return journal
+
+    def require_own(self, all_series: Iterable[Series]) -> None:
+        """Raise `JournalFailed` when series of a journal are another campaign's.
+
+        Series from before campaigns had an identity may be any campaign's.
+        """
+        for series in all_series:
+            settings = series.started.configuration
+            identity = str(settings.get("identity") or "")
+            if identity and identity != self.config.identity:
+                raise JournalFailed(
+                    f"{self.journal_path}: series {series.number} is of another campaign, "
+                    f"'{settings.get('name')}' of identity {identity}; campaign.yaml says "
+                    f"{self.config.identity or 'none'}",
+                    remedy="bring campaign.db back from a backup; if it is campaign.yaml that was "
+                    f"exchanged, write `identity: {identity}` into it",
+                )
 
     def require_journal(self) -> None:
         """Raise `ShotsMissing` when nothing was ever written to the journal."""

@@ -43,7 +43,7 @@ from campaigns.evaluation.validation import (
     validation_verdict,
 )
 from campaigns.identification.result import RecordedIdentification, read_identification
-from campaigns.journal.journal import JournalReader, read_journal
+from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import (
     Event,
     Finding,
@@ -202,7 +202,7 @@ def gather(campaign: Campaign) -> Evidence:
         return Evidence(
             campaign=campaign, plan=plan, parameter_file=parameters, unreadable=tuple(unreadable)
         )
-    with read_journal(campaign.journal_path) as journal:
+    with campaign.journal_reader() as journal:
         entries, all_series = journal.records(), journal.series()
         identification = _latest(entries, "identification", read_identification, unreadable)
         loaded = _latest(entries, "load", read_load, unreadable)

@@ -14,6 +14,7 @@ _PRIMARY_CODE = 0xFF
 """SQLite's extended error codes keep their family in the lowest byte."""
 
 FROM_BACKUP = "the file was changed or damaged: bring campaign.db back from a backup"
+_LOCK_PATIENCE_S = 2.0
 _AGAIN = "start the command again, and report this if it comes back"
 _RIGHTS = "give this user the right to write the campaign folder and its files"
 _OTHER_PROGRAM = "close the other program that has the journal open, then start again: it resumes"
@@ -203,6 +204,21 @@ def _in_one_commit(connection: sqlite3.Connection, statements: tuple[str, ...]) 
             connection.execute(statement)
 
 
+def missing_rules(connection: sqlite3.Connection) -> list[str]:
+    """Names of the indexes and triggers that a journal of this version has, and this one lacks."""
+    with closing(sqlite3.connect(":memory:", isolation_level=None)) as whole:
+        whole.execute(_RECORD_TABLE)
+        for rule in (*_RULES, *(_CHAIN if version(connection) > 1 else ())):
+            whole.execute(rule)
+        wanted, found = _names(whole), _names(connection)
+    return sorted(wanted - found)
+
+
+def _names(connection: sqlite3.Connection) -> set[str]:
+    rows = connection.execute("SELECT name FROM sqlite_master WHERE sql IS NOT NULL")
+    return {name for (name,) in rows}
+
+
 def stored_records(connection: sqlite3.Connection) -> tuple[list[Row], ChainEnd]:
     """All records as stored, in their order, and the last one that has a digest, of one moment."""
     chained = version(connection) > 1
@@ -224,14 +240,13 @@ def stored_records(connection: sqlite3.Connection) -> tuple[list[Row], ChainEnd]
     return rows, EMPTY if stated is None else ChainEnd(*stated)
 
 
-def last_digest(path: Path) -> str | None:
-    """Digest of the last record, by a connection of its own to what is at that path now."""
-    with sqlite_errors_explained(path, "the journal cannot be read"):
-        connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", uri=True)
-        with closing(connection):
-            found = connection.execute("SELECT digest FROM record ORDER BY id DESC LIMIT 1")
-            row: tuple[str] | None = found.fetchone()
-    return None if row is None else row[0]
+def checkpoint(connection: sqlite3.Connection) -> None:
+    """Move the log into the database and empty it, unless somebody reads it just now."""
+    connection.execute("PRAGMA busy_timeout = 0")
+    try:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+    finally:
+        connection.execute(f"PRAGMA busy_timeout = {round(1e3 * _LOCK_PATIENCE_S)}")
 
 
 def undecodable_record(connection: sqlite3.Connection) -> int | None:
@@ -255,11 +270,11 @@ def _is_utf8(text: bytes) -> bool:
     return True
 
 
-_LOCK_PATIENCE_S = 2.0
-
-
 def connect_to_write(path: Path, *, create: bool) -> sqlite3.Connection:
-    """Open a connection in autocommit mode; the caller closes it. Raises `JournalFailed`."""
+    """Open a connection in autocommit mode; the caller closes it. Raises `JournalFailed`.
+
+    Its writes go to the log alone, until `checkpoint`.
+    """
     if not create:
         _check_there(path)
 
@@ -354,4 +369,5 @@ def _make_durable(connection: sqlite3.Connection, path: Path) -> None:
             remedy="put the campaign folder on a local disk",
         )
     connection.execute("PRAGMA synchronous = FULL")
+    connection.execute("PRAGMA wal_autocheckpoint = 0")  # the writer says when: `checkpoint`
     connection.execute("PRAGMA fullfsync = ON")  # macOS: fsync alone stops at the drive's cache

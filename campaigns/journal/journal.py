@@ -12,15 +12,14 @@ from campaigns.errors import JournalFailed
 from campaigns.journal import views
 from campaigns.journal.chain import ChainEnd, digest_after
 from campaigns.journal.database import (
+    checkpoint,
     connect_to_read,
     connect_to_write,
-    last_digest,
     sqlite_errors_explained,
 )
 from campaigns.journal.own_file import OwnFile, close_untouched, rescue
 from campaigns.journal.records import (
     KIND_OF_TYPE,
-    Finding,
     Intent,
     Outcome,
     Record,
@@ -253,9 +252,11 @@ class Journal(JournalReader):
         self._check_file()
         self._insert(record, series, text)
         try:
-            self._file.settle()
-            if isinstance(record, Intent | Finding):
-                self._read_back()
+            self._file.settle(self._end.digest)
+            if self._file.wants_checkpoint:
+                with sqlite_errors_explained(self._path, "the log cannot be moved into it"):
+                    checkpoint(self._connection)
+                self._file.settle_checkpoint()
         except JournalFailed as changed:
             raise self._given_up(changed) from changed
 
@@ -280,15 +281,6 @@ class Journal(JournalReader):
         with sqlite_errors_explained(self._path, f"the record {_label(record)} cannot be written"):
             self._connection.execute(command, (*content, digest))
         self._end = ChainEnd(number, digest)
-
-    def _read_back(self) -> None:
-        """Raise unless whoever opens the file now finds the record that was written last."""
-        found = last_digest(self._path)
-        if found != self._end.digest:
-            raise JournalDamaged(
-                f"{self._path}: record {self._end.number}, written just now, is not in it: it is "
-                "another file, or was changed by another program"
-            )
 
     def _given_up(self, changed: JournalFailed) -> JournalFailed:
         """Error for a file that others have changed; keeps what can still be read in another."""

@@ -10,6 +10,10 @@ from campaigns.errors import JournalFailed
 
 LOG, INDEX = "-wal", "-shm"
 RESCUED = "-rescued"
+LONG_LOG_BYTES = 4_000_000
+"""Length from which the log is moved into the database."""
+LOG_END_BYTES = 8192
+"""More than the last page with its header: a log that was cut has a hole there once it grows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,44 +30,72 @@ class _Stamp:
 class OwnFile:
     """A journal's database, write-ahead log and index, as this process alone writes them.
 
-    Others may read them with SQLite: that changes nothing while the writer has them open. Files are
-    looked at by name only: closing one that SQLite has open would free the process's locks on it.
+    Others may read them with SQLite: that changes nothing while the writer has them open. The
+    database and the index are looked at by name only: closing a file that SQLite has open would
+    free the process's locks on it. The log has none.
     """
 
     def __init__(self, path: Path) -> None:
-        self._written = (path, path.with_name(path.name + LOG))
+        self._path = path
+        self._log = path.with_name(path.name + LOG)
         self._index = path.with_name(path.name + INDEX)
         self._index_seen = _stamp(self._index)
-        self._seen = self._look()
+        self._path_seen, self._log_seen = _stamp(path), _stamp(self._log)
+        self._log_end = _end(self._log, _size(self._log_seen))
+        self._log_is_own = not self._log_end
 
     def check(self) -> None:
         """Raise `JournalFailed` when anything has been changed since the last own write."""
-        for path, then, now in zip(self._written, self._seen, self._look(), strict=True):
-            if now is not None and now.links > 1:
-                raise _linked(path, now.links)
-            if then != now:
-                raise _changed(path, _difference(then, now))
+        _require_same(self._path, self._path_seen)
+        _require_same(self._log, self._log_seen)
         self._check_index()
 
-    def settle(self) -> None:
-        """Take the files as they are after an own write; raises when they are others by then."""
-        found = self._look()
-        for path, then, now in zip(self._written, self._seen, found, strict=True):
-            if now is None or (then is not None and _identity(then) != _identity(now)):
+    def settle(self, digest: str) -> None:
+        """Take note of an own write of a record with this digest.
+
+        A write goes to the log alone, behind what is there. Raises `JournalFailed` when it does not
+        stand there, or when anything else has been changed since the check before it.
+        """
+        _require_same(self._path, self._path_seen)
+        found, before = _stamp(self._log), self._log_end
+        if found is None or not _is_same_file(found, self._log_seen):
+            raise _changed(self._log, _difference(self._log_seen, found))
+        added = _end(self._log, _size(self._log_seen) if self._log_is_own else 0)
+        if self._log_is_own and not added.startswith(before):
+            raise _changed(self._log, "was cut or changed by another program")
+        if digest.encode() not in added[len(before) if self._log_is_own else 0 :]:
+            raise _changed(self._log, "lacks the record that was written just now")
+        self._log_seen, self._log_end = found, added[-LOG_END_BYTES:]
+
+    @property
+    def wants_checkpoint(self) -> bool:
+        """Whether it is time to move the log into the database: it is long, or not all its own.
+
+        What a crash left behind its last record is written over, and what was moved while somebody
+        read it is begun anew: such a log does not only grow.
+        """
+        return not self._log_is_own or _size(self._log_seen) > LONG_LOG_BYTES
+
+    def settle_checkpoint(self) -> None:
+        """Take note that the log was moved into the database and emptied, if no reader kept it."""
+        path_found, log_found = _stamp(self._path), _stamp(self._log)
+        for path, then, now in (
+            (self._path, self._path_seen, path_found),
+            (self._log, self._log_seen, log_found),
+        ):
+            if now is None or not _is_same_file(now, then):
                 raise _changed(path, _difference(then, now))
-        self._seen = found
+        self._path_seen, self._log_seen = path_found, log_found
+        self._log_end = _end(self._log, _size(self._log_seen))
+        self._log_is_own = not self._log_end
 
     def _check_index(self) -> None:
         """The index in memory is written all the time: only which file it is can be compared."""
         now = _stamp(self._index)
         if self._index_seen is None:
             self._index_seen = now
-        elif now is None or _identity(now) != _identity(self._index_seen):
+        elif now is None or not _is_same_file(now, self._index_seen):
             raise _changed(self._index, _difference(self._index_seen, now))
-
-    def _look(self) -> tuple[_Stamp | None, _Stamp | None]:
-        path, log = self._written
-        return _stamp(path), _stamp(log)
 
 
 def rescue(
@@ -103,14 +135,39 @@ def _stamp(path: Path) -> _Stamp | None:
     return _Stamp(found.st_dev, found.st_ino, found.st_nlink, found.st_size, found.st_mtime_ns)
 
 
-def _identity(stamp: _Stamp) -> tuple[int, int]:
-    return stamp.device, stamp.inode
+def _size(stamp: _Stamp | None) -> int:
+    return 0 if stamp is None else stamp.size
+
+
+def _end(log: Path, size: int) -> bytes:
+    """Contents of the log from a little before this size on.
+
+    SQLite has no locks on it, so it may be opened and closed.
+    """
+    try:
+        with log.open("rb") as file:
+            file.seek(max(0, size - LOG_END_BYTES))
+            return file.read()
+    except OSError:
+        return b""
+
+
+def _is_same_file(now: _Stamp, then: _Stamp | None) -> bool:
+    return then is None or (now.device, now.inode) == (then.device, then.inode)
+
+
+def _require_same(path: Path, then: _Stamp | None) -> None:
+    now = _stamp(path)
+    if now is not None and now.links > 1:
+        raise _linked(path, now.links)
+    if then != now:
+        raise _changed(path, _difference(then, now))
 
 
 def _difference(then: _Stamp | None, now: _Stamp | None) -> str:
     if now is None:
         return "was deleted or moved away"
-    if then is None or _identity(then) != _identity(now):
+    if then is None or not _is_same_file(now, then):
         return "was replaced by another file"
     if now.size < then.size:
         return f"was cut from {then.size} to {now.size} bytes"

@@ -38,6 +38,11 @@ class CampaignConfig(FileModel):
     """A campaign's settings."""
 
     name: str = Field(min_length=1, description="the campaign's name")
+    identity: str = Field(
+        default="",
+        max_length=64,
+        description="what tells its journal from those of other campaigns; leave it as it is",
+    )
     robot: str = Field(
         default="robot.yaml",
         pattern=r"^[^/\\]+$",

@@ -111,7 +111,7 @@ class LineRobot:
         """Ask for the encoder angles as read now, and whether anything is wrong."""
         client = self._session.connection
         status, line = client.ask(AskState(), Status, self._deadlines.answer_s)
-        joints = _inner(self._layout.joints, status.joints)
+        joints = inner_units(self._layout.joints, status.joints)
         require_joints(client.name, self._layout.joints, joints)
         return RobotState(
             joints=joints,
@@ -249,7 +249,7 @@ def _on_wire(names: Sequence[str], values: Sequence[float]) -> tuple[float, ...]
     return tuple(degrees(value) if name.endswith("_deg") else value for name, value in each)
 
 
-def _inner(names: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
+def inner_units(names: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
     """Values of the wire in rad and mm."""
     each = zip(names, values, strict=True)
     return tuple(radians(value) if name.endswith("_deg") else value for name, value in each)

@@ -15,7 +15,7 @@ from drivers.errors import LinkDown
 
 COMMANDS = (
     *("new", "devices", "plan", "run", "import", "identify", "validate", "export", "load"),
-    *("report", "reproduce", "study", "sim", "dry-run"),
+    *("report", "reproduce", "study", "check-journal", "sim", "dry-run"),
 )
 HEAVY = (
     "numpy",

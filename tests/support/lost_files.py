@@ -4,8 +4,8 @@ import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from journal_story import write_story
-
+ANOTHER = Path(__file__).parents[1] / "data" / "journal-v2.db"
+"""A whole journal, of another campaign."""
 Harm = Callable[[Path], None]
 
 
@@ -23,17 +23,12 @@ def move_away(path: Path) -> None:
 
 
 def replace(path: Path) -> None:
-    """By a whole journal, of another campaign."""
-    other = path.with_name("other.db")
-    write_story(other)
-    other.replace(path)
+    Path(shutil.copy(ANOTHER, path.with_name("other.db"))).replace(path)
 
 
 def overwrite(path: Path) -> None:
     """The same, as `cp` does it: the file stays, its contents are others."""
-    other = path.with_name("other.db")
-    write_story(other)
-    shutil.copyfile(other, path)
+    shutil.copyfile(ANOTHER, path)
 
 
 def truncate(path: Path) -> None:
@@ -65,7 +60,7 @@ def cut_log(path: Path) -> None:
 def scribble_in_log(path: Path) -> None:
     with log_of(path).open("r+b") as file:
         file.seek(log_of(path).stat().st_size // 2)
-        file.write(b"\x00" * 64)
+        file.write(b"\xa5" * 64)
 
 
 def delete_index(path: Path) -> None:

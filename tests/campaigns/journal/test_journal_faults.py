@@ -117,7 +117,7 @@ def test_a_log_torn_by_a_power_cut_gives_the_records_before_the_tear(
     journal: Journal, path: Path, tmp_path: Path, share_kept: float
 ) -> None:
     run = journal.start_series(beginning())
-    for shot in range(1, 20):
+    for shot in range(1, 12):
         journal.append(intent(shot), series=run)
         journal.append(outcome(shot), series=run)
     told = journal.records()

@@ -194,7 +194,8 @@ def test_a_write_protected_journal_is_not_read_without_its_latest_records(
     path = tmp_path / "campaign.db"
     monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
     with open_journal(path, now_utc=ticking(), create=True) as journal:
-        journal.start_series(beginning())
+        series = journal.start_series(beginning())
+        journal.append(SESSION, series=series)
         with pytest.raises(JournalFailed, match=r"campaign\.db-wal"):
             read_journal(path)
 

@@ -2,14 +2,15 @@
 
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
-from journal_story import SESSION, beginning, intent, outcome, ticking, write_story
+from journal_story import SESSION, beginning, intent, outcome, ticking
 from lost_files import HARMS, cut_log, delete, empty_log, link, log_of, scribble_in_log
 
 from campaigns.errors import JournalFailed
+from campaigns.journal import own_file
 from campaigns.journal.journal import Journal, open_journal, read_journal
 from campaigns.journal.own_file import OwnFile
 from campaigns.journal.records import Event
@@ -136,19 +137,59 @@ def test_a_record_that_others_wrote_is_not_built_upon(journal: Journal, path: Pa
     assert "changed by another program" in refused(journal).problem
 
 
-def test_an_intent_is_read_back_through_the_path_whatever_the_system_says_of_the_file(
-    journal: Journal, path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("harm", sorted({*HARMS} - {"scribble_in_log"}))
+def test_harm_in_the_very_moment_of_writing_is_found_too(
+    journal: Journal, path: Path, monkeypatch: pytest.MonkeyPatch, harm: str
+) -> None:
+    """After the look at the files and before the write, which then hides what was cut.
+
+    What is scribbled far before the end of the log in that millisecond is found only at the end.
+    """
+    check = OwnFile.check
+
+    def checked(self: OwnFile) -> None:
+        check(self)
+        HARMS[harm](path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(OwnFile, "check", checked)
+        with suppress(JournalFailed):  # a new name or another index is found only at the next one
+            journal.append(intent(2), series=1)
+    with pytest.raises(JournalFailed):
+        journal.append(outcome(1), series=1)
+
+
+@pytest.mark.parametrize("harm", ["delete", "replace", "truncate", "delete_log", "cut_log"])
+def test_harm_between_a_write_and_the_look_at_it_is_found_before_the_robot_could_move(
+    journal: Journal, path: Path, monkeypatch: pytest.MonkeyPatch, harm: str
 ) -> None:
     insert = Journal._insert
 
     def inserted(self: Journal, *record: object) -> None:
         insert(self, *record)  # type: ignore[arg-type]
-        HARMS["delete_all"](path)
+        HARMS[harm](path)
 
     monkeypatch.setattr(Journal, "_insert", inserted)
-    monkeypatch.setattr(OwnFile, "settle", lambda self: None)
-    with pytest.raises(JournalFailed, match="cannot be read: unable to open"):
+    with pytest.raises(JournalFailed):
         journal.append(intent(2), series=1)
+
+
+def test_a_log_that_somebody_reads_is_moved_later(
+    journal: Journal, path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(own_file, "LONG_LOG_BYTES", 300_000)
+    with closing(sqlite3.connect(path, isolation_level=None)) as reader:
+        reader.execute("BEGIN")
+        reader.execute("SELECT count(*) FROM record").fetchone()
+        for _ in range(4):
+            journal.append(Event("operator note", "x" * 400_000), series=1)
+        assert log_of(path).stat().st_size > 1_500_000
+        reader.execute("COMMIT")
+        for _ in range(4):
+            journal.append(Event("operator note", "x" * 400_000), series=1)
+    assert log_of(path).stat().st_size < 1_000_000
+    journal.prove()
+    assert journal.last_number() == RECORDS + 8
 
 
 @pytest.mark.parametrize("harm", [delete, cut_log, empty_log, scribble_in_log, link])
@@ -171,12 +212,11 @@ def test_a_journal_that_is_whole_is_opened_anew_and_goes_on(journal: Journal, pa
 def test_a_file_that_was_replaced_just_before_it_is_opened_anew_is_not_taken(
     journal: Journal, path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    close, other = Journal.close, path.with_name("other.db")
-    write_story(other)
+    close = Journal.close
 
     def replaced(self: Journal) -> None:
         close(self)
-        other.replace(path)
+        HARMS["replace"](path)
 
     with monkeypatch.context() as patch:
         patch.setattr(Journal, "close", replaced)
