@@ -49,7 +49,7 @@ NOTHING_MOVES = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class OutlierPolicy:
-    """What is done with measurements that do not fit."""
+    """Policy for measurements that do not fit."""
 
     loss: Loss = field(default_factory=Loss)
     exclude: bool = True
@@ -291,7 +291,7 @@ def _covariance(solved: _Solved, kept: Mask) -> Array | None:
 
 
 def _identifiable(seen: Observability) -> Mask:
-    """Which parameters take part in no unobservable combination, (F,)."""
+    """Mask of parameters that take part in no unobservable combination, (F,)."""
     return np.asarray(np.abs(seen.null_directions).max(axis=0, initial=0.0) < NOTHING_MOVES)
 
 

@@ -4,7 +4,7 @@ from enum import StrEnum
 
 
 class Estimator(StrEnum):
-    """What the fit compares with the model."""
+    """Estimator: what the fit compares with the model."""
 
     POINTS = "points"
     """All coordinates of every shot, the tracker's frame being six more unknowns."""
@@ -22,7 +22,7 @@ class Weights(StrEnum):
 
 
 class Model(StrEnum):
-    """How much of a robot may be found."""
+    """Model: how much of a robot may be found."""
 
     STANDARD = "standard"
     """Those that shots with a free frame can tell, unless told otherwise."""
@@ -31,7 +31,7 @@ class Model(StrEnum):
 
 
 class LossShape(StrEnum):
-    """How the price of a misfit grows with its size."""
+    """Loss: how the price of a misfit grows with its size."""
 
     LINEAR = "linear"
     """With its square, however large: least squares."""
@@ -42,7 +42,7 @@ class LossShape(StrEnum):
 
 
 class Outliers(StrEnum):
-    """What becomes of shots that all the others contradict."""
+    """Treatment of shots that all the others contradict."""
 
     EXCLUDE = "exclude"
     """They are left out, each by name."""

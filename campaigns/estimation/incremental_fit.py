@@ -22,7 +22,7 @@ SPREAD_FOR_A_FRAME_MM = 50.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PredictedPoint:
-    """Where the reflector should be in the tracker's frame, (3,), and its standard deviation."""
+    """Predicted place of the reflector in the tracker's frame, (3,), and its standard deviation."""
 
     point_mm: Array
     std_mm: float
@@ -64,7 +64,7 @@ class IncrementalGaussNewton:
 
     @property
     def shots(self) -> int:
-        """How many shots it rests on."""
+        """Number of shots it rests on."""
         return len(self._joints)
 
     def predict(self, joints: Array) -> PredictedPoint | None:
@@ -95,7 +95,7 @@ class IncrementalGaussNewton:
         return float(np.abs(modelled - measured).max(initial=0.0))
 
     def add(self, joints: Array, point_mm: Array) -> None:
-        """Take an accepted shot in."""
+        """Update with an accepted shot."""
         self._joints.append(joints)
         self._points.append(point_mm)
         if self.shots >= SHOTS_FOR_A_FRAME:

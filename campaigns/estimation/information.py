@@ -50,7 +50,7 @@ class ChiSquareTest:
 
     @property
     def consistent(self) -> bool | None:
-        """Whether the measurements scatter as stated; None: there is nothing to tell by."""
+        """Consistency: the measurements scatter as stated; None: there is nothing to tell by."""
         return None if self.p is None else self.p >= SIGNIFICANCE
 
     @property
@@ -197,7 +197,7 @@ class PredictedCovariance:
 
     @property
     def full_rank(self) -> bool:
-        """Whether every parameter will be known."""
+        """Full rank: every parameter will be known."""
         return bool(np.isfinite(self.covariance).all())
 
     @property

@@ -30,7 +30,7 @@ class LackOfFit:
 
     @property
     def significant(self) -> bool:
-        """Whether it is more than chance makes."""
+        """Significance: it is more than chance makes."""
         return self.p < SIGNIFICANCE
 
 
@@ -49,7 +49,7 @@ def smooth_columns(joints: Array) -> Array:
 
 
 def enough_shots(shots: int, unknowns: int, columns: int) -> bool:
-    """Whether so many shots tell anything beside unknowns and columns."""
+    """Sufficiency of so many shots to tell anything beside unknowns and columns."""
     return 3 * shots - unknowns - columns >= LEAST_FREEDOM
 
 

@@ -32,11 +32,11 @@ class Residuals(Protocol):
 
     @property
     def rows(self) -> int:
-        """How many residuals there are, M."""
+        """Number of residuals, M."""
         ...
 
     def start(self) -> Array:
-        """Where to begin, (P,)."""
+        """Unknowns to begin with, (P,)."""
         ...
 
     def residual(self, x: Array) -> Array:
@@ -78,7 +78,7 @@ class Priors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IdentifiableSubspace:
-    """Where a fit may go: x = origin + directions @ y."""
+    """Subspace in which a fit may go: x = origin + directions @ y."""
 
     origin: Array
     """(P,)"""
@@ -110,7 +110,7 @@ class LeastSquaresProblem:
 
     @property
     def blocks(self) -> int:
-        """How many there are."""
+        """Number of blocks."""
         return self.data.rows // self.block
 
     @property
@@ -119,7 +119,7 @@ class LeastSquaresProblem:
         return self.data.rows + len(self.priors)
 
     def start(self) -> Array:
-        """Where the data's unknowns begin; of a subspace its origin."""
+        """Beginning of the data's unknowns; of a subspace its origin."""
         if self.subspace is None:
             return self.data.start()
         return np.zeros(self.subspace.directions.shape[1])
@@ -174,7 +174,7 @@ def block_norms(residual: Array, block: int) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """Where the solver ended."""
+    """Solution where the solver ended."""
 
     x: Array
     """(P,), mm and rad."""
@@ -230,7 +230,7 @@ def solve(
 
 
 def _begun(problem: Residuals, start: Array | None) -> tuple[Array, Array]:
-    """Where to begin, and the residual there."""
+    """Unknowns to begin with, and the residual there."""
     if start is not None:
         try:
             return start, problem.residual(start)

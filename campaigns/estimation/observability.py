@@ -18,7 +18,7 @@ SHARE_NAMED = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observability:
-    """What a Jacobian with columns of unit length tells, and the directions it tells nothing of."""
+    """Singular values of a column-scaled Jacobian, and the directions it tells nothing of."""
 
     singular_values: Array
     """(P,), from the largest."""
@@ -125,7 +125,7 @@ def _combined(row: Array, other: Array) -> Iterator[Array]:
 
 
 def _named(row: Array) -> Mask:
-    """Which parameters have a share in a combination worth naming, (P,)."""
+    """Mask of parameters that have a share in a combination worth naming, (P,)."""
     return np.asarray(np.abs(row) >= SHARE_NAMED * np.abs(row).max())
 
 

@@ -122,7 +122,7 @@ class PositionModel:
         return self._expansion
 
     def arm_joints(self, x: Array) -> Array:
-        """Where the arms are: encoder values less what the gears have lost, (N, n)."""
+        """Joints of the arms: encoder values less what the gears have lost, (N, n)."""
         backlash = self._replaced(x)[len(self._space.geometry) :]
         return arm_joints(self._joints, self._approach, backlash)
 
@@ -149,7 +149,7 @@ class PositionModel:
 
 
 def arm_joints(encoders: Array, approach: Array, backlash: Array) -> Array:
-    """Where the arms are when their encoders came by `approach`, each (N, n); backlash (n,)."""
+    """Joints of the arms when their encoders came by `approach`, each (N, n); backlash (n,)."""
     return np.asarray(encoders + LEFT_BEHIND * approach * backlash)
 
 

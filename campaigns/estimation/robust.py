@@ -28,7 +28,7 @@ TUNING_CONSTANT = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """How the price of a block's misfit grows, and where that begins to differ from its square."""
+    """Price of a block's misfit: how it grows, and where it begins to differ from the square."""
 
     shape: LossShape = LossShape.LINEAR
     threshold: float = TUNING_CONSTANT
@@ -139,7 +139,7 @@ def solve_robust(
 
 
 def _followed(problem: LeastSquaresProblem, fit: Solution) -> int:
-    """How many measurements a fit can go through: what priors tell needs none."""
+    """Number of measurements that a fit can go through: what priors tell needs none."""
     return max(len(fit.x) - len(problem.priors), 0)
 
 
@@ -270,6 +270,6 @@ def _leverages(problem: LeastSquaresProblem, fit: Solution, kept: Mask) -> Array
 
 
 def _enough(problem: LeastSquaresProblem, kept: Mask, unknowns: int) -> bool:
-    """Whether what is kept is the greater part, and can still be fitted."""
+    """Sufficiency of what is kept: it is the greater part, and can still be fitted."""
     told = problem.block * int(kept.sum()) + len(problem.priors)
     return bool(2 * kept.sum() > len(kept) and told > unknowns)

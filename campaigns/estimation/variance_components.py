@@ -67,7 +67,7 @@ class VarianceComponents:
 
     @property
     def any(self) -> bool:
-        """Whether the robot scatters by itself."""
+        """Presence of any scatter of the robot's own."""
         return self.point_mm > 0.0 or self.joint > 0.0
 
     def covariance_mm2(self, stated_mm2: Array, by_joints: Array) -> Array:

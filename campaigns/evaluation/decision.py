@@ -30,7 +30,7 @@ class Requirement:
 
     @property
     def margin(self) -> float | None:
-        """What is left of the limit, below zero beyond it; None without error or limit."""
+        """Margin: what is left of the limit, below zero beyond it; None without error or limit."""
         if self.error is None or self.limit is None:
             return None
         return self.limit - abs(self.error)

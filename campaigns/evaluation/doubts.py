@@ -43,7 +43,7 @@ class Doubt:
 
     @property
     def weighs(self) -> bool:
-        """Whether the verdict has to heed it."""
+        """Weight: the verdict has to heed it."""
         return self.decision is not None and not self.accepted
 
 
@@ -154,7 +154,7 @@ def hold_out_doubt(ratio: float, p: float, pairs: int, *, limits_met: bool) -> D
 
 
 def limits_met(after: Spread, limits_mm: Mapping[str, float]) -> bool:
-    """Whether acceptance limits of distances are asked for and all of them kept."""
+    """State in which acceptance limits of distances are asked for and all of them kept."""
     reached = {"mean": after.mean_abs, "max": after.max_abs}
     return bool(limits_mm) and all(reached[name] <= limit for name, limit in limits_mm.items())
 

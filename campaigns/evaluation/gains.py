@@ -33,7 +33,7 @@ class Gain:
 
     @property
     def shown(self) -> bool | None:
-        """Whether the difference is larger than its U; None without both."""
+        """Significance: the difference is larger than its U; None without both."""
         expanded_mm = self.expanded_uncertainty_mm
         if self.before is None or self.after is None or expanded_mm is None:
             return None
@@ -55,7 +55,7 @@ def gains(before: ValidationResult | None, after: ValidationResult | None) -> tu
 
 
 def gained_in_words(found: tuple[Gain, ...], unseen: BeforeAfter | None) -> str:
-    """What calibration gained: in distances as commanded, or else of unseen pairs by the model.
+    """Gain of calibration: in distances as commanded, or else of unseen pairs by the model.
 
     Empty where neither was compared.
     """

@@ -53,7 +53,7 @@ class IdentificationEvidence:
 def identification_verdict(
     evidence: IdentificationEvidence,
 ) -> tuple[Decision, tuple[str, ...]]:
-    """Whether the result may be used; the reasons against it, or for it."""
+    """Decision whether the result may be used; the reasons against it, or for it."""
     against = tuple(_reasons_against(evidence))
     if against:
         return "fail", against
@@ -82,7 +82,7 @@ def noise_in_words(
     by_scatter: bool = True,
     robot: str = "",
 ) -> str:
-    """Whether the scatter is as the tracker states, and what follows for σ."""
+    """Words on the scatter, stated or not, and what follows for σ."""
     if noise.birge_ratio is None:
         return "no degrees of freedom: nothing shows whether the shots scatter as stated"
     test = f"χ² {noise.chi2:.0f} with {noise.dof} degrees of freedom"
@@ -109,7 +109,7 @@ def noise_in_words(
 
 
 def combination_in_words(names: Combination) -> str:
-    """What became of parameters that nothing tells."""
+    """Words on parameters that nothing tells."""
     if len(names) == 1:
         return f"nothing tells {names[0]}: held at nominal"
     return f"{', '.join(names)} move together here: held at nominal along that combination"

@@ -18,7 +18,7 @@ NO_FRAME = "not formed: too few commanded points for a base frame"
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What the standard asks for before a figure has its symbol."""
+    """Condition that the standard asks for before a figure has its symbol."""
 
     symbol: Symbol
     clause: str

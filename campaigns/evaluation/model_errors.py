@@ -70,7 +70,7 @@ class ComparedKinematics:
     after: Kinematics | None = None
     tracker_from_base: Transform | None = None
     backlash: Array | None = None
-    """What each gear was found to lose, (n,)."""
+    """Lost motion found of each gear, (n,)."""
 
 
 def model_errors(

@@ -76,7 +76,7 @@ class Reading:
     cost: float
     """Misfit and what no unit explains of the scale."""
     steps: int
-    """How many things are different from what is written."""
+    """Number of things that are different from what is written."""
 
 
 def beyond_tolerance(tolerance: Tolerance, changes: Mapping[str, float]) -> Iterator[str]:
@@ -307,12 +307,12 @@ class ScaleTest:
 
     @property
     def significant(self) -> bool:
-        """Whether it is more than robots' errors make of chance, and large enough to matter."""
+        """Significance: more than robots' errors make of chance, and large enough to matter."""
         return self.p < SCALE_SIGNIFICANCE and abs(self.share) > LEAST_SHARE
 
 
 def common_scale(nominal: Mapping[str, float], changes: Mapping[str, float]) -> ScaleTest:
-    """Test whether found changes of lengths are "everything longer by the same share".
+    """Test of found changes of lengths: are they "everything longer by the same share".
 
     Regression of the changes (mm, by name) on the lengths themselves, places being counted from
     the first arm's, which holds the frame. What scatters about it is the robot's own error.

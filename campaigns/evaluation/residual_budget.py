@@ -32,7 +32,7 @@ class ResidualBudget:
 
     @property
     def unexplained_mm(self) -> float:
-        """What is left beyond the larger of the known causes."""
+        """Remainder beyond the larger of the known causes."""
         known = max(self.instrument_mm, self.repeatability_mm or 0.0)
         return float(np.sqrt(max(self.residual_mm**2 - known**2, 0.0)))
 

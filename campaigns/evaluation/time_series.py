@@ -24,12 +24,12 @@ class TimeSeries:
 
     @property
     def longest_s(self) -> float:
-        """When the last value was read."""
+        """Time at which the last value was read."""
         return float(max(self.temperature_s.max(initial=0.0), self.drift_s.max(initial=0.0)))
 
     @property
     def is_empty(self) -> bool:
-        """Whether it says nothing at all."""
+        """Emptiness: it says nothing at all."""
         return len(self.temperature_degC) == 0 and len(self.drift_mm) < 2
 
     @property

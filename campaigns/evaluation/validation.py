@@ -196,7 +196,7 @@ class ValidationResult:
     """Results of a validation; None or empty for a test that was not run."""
 
     in_base: bool
-    """Whether vectors are in the base frame."""
+    """Frame of the vectors: the base's, or not."""
     distances: DistanceTest | None
     absolute_mm: Array | None
     """Distances of the pairs' points from where they were commanded, the frame fitted, (N,)."""
@@ -253,7 +253,7 @@ class ValidationResult:
         return found
 
     def further_figures_mm(self) -> dict[str, float | None]:
-        """What else is told, of which no limit is asked."""
+        """Further figures, of which no limit is asked."""
         repeated, absolute = self.repeatability, self.absolute_mm
         return {
             "repeatability, l̄ + 3 S": repeated.rp_mm if repeated else None,
@@ -381,11 +381,11 @@ class ValidationVerdict:
     decision: Decision | None
     requirements: tuple[Requirement, ...]
     worse: tuple[str, ...]
-    """What has become worse than before, in words."""
+    """Losses against before, in words."""
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """What speaks against it, or leaves it open, in words."""
+        """Reasons against it, or for leaving it open, in words."""
         needed = (each for each in self.requirements if each.decision in ("fail", "not decided"))
         return (*(each.in_words() for each in needed), *self.worse)
 
@@ -431,7 +431,7 @@ def limits_by_figure(limits: AcceptanceConfig) -> Mapping[str, float | None]:
 
 
 def _worse_than_before(found: ValidationResult | None, before_mm: float | None) -> Iterator[str]:
-    """What has become worse by more than the uncertainty of the difference.
+    """Losses by more than the uncertainty of the difference.
 
     The journal keeps no uncertainty of the mean before; the same pairs have the same one.
     """

@@ -49,7 +49,7 @@ def change_of(
 
 
 def lack_of_fit_of(points: PointFit) -> LackOfFit | None:
-    """What the model lacks by the shots that were kept; None where chance explains all."""
+    """Lack of fit by the shots that were kept; None where chance explains all."""
     shots = _whitened(points, np.flatnonzero(points.found.kept))
     if shots is None:
         return None

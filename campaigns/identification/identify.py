@@ -100,7 +100,7 @@ def identify(
 
 
 def _check(nominal: Kinematics, shots: Shots, sessions: Mapping[int, int] | None) -> None:
-    """Refuse shots that cannot be this robot's, those of each session for themselves."""
+    """Refusal of shots that cannot be this robot's, those of each session for themselves."""
     own = np.array([(sessions or {}).get(number, 0) for number in shots.numbers])
     for each in np.unique(own).tolist():
         check_shots(nominal, shots.rows(np.flatnonzero(own == each)), "the shots")
@@ -120,7 +120,7 @@ class _Holdout:
 
 @dataclass(frozen=True, eq=False)
 class _Identified:
-    """What the fitted and the unseen shots tell together."""
+    """Findings of the fitted and the unseen shots together."""
 
     nominal: Kinematics
     shots: Shots
@@ -321,7 +321,7 @@ class _Identified:
         return None if self.found.covariance is None else coverage_factor(self.fit.variance_dof)
 
     def _by_priors_alone(self) -> tuple[Combination, ...]:
-        """What the shots cannot tell and the priors do."""
+        """Combinations that the shots cannot tell and the priors do."""
         by_data = unobservable_combinations(self.found.data_seen, self.free)
         return tuple(names for names in by_data if names not in self.unobservable)
 

@@ -52,7 +52,7 @@ def usable_pairs(nominal: KinematicSolution, data: Shots, purpose: ShotSet) -> U
 
 
 def without_assembly(data: Shots, pairs: Index, found: Mask, which: str) -> tuple[Excluded, ...]:
-    """Say of pairs (M, 2) at which of their shots there is no assembly."""
+    """Exclusions of pairs (M, 2): at which of their shots there is no assembly."""
     return tuple(
         Excluded(
             f"the {which} robot cannot be assembled at the joints of shot {data.numbers[row]}",
@@ -85,7 +85,7 @@ class Observations(Protocol):
 
     @property
     def kind(self) -> Kind:
-        """What the blocks are, in the plural."""
+        """Name of the blocks, in the plural."""
         ...
 
     @property
@@ -95,7 +95,7 @@ class Observations(Protocol):
 
     @property
     def problem(self) -> LeastSquaresProblem:
-        """What is to be solved; its first unknowns are the free parameters."""
+        """Problem to be solved; its first unknowns are the free parameters."""
         ...
 
     @property
@@ -105,7 +105,7 @@ class Observations(Protocol):
 
     @property
     def excluded(self) -> tuple[Excluded, ...]:
-        """What could not be used at all."""
+        """Exclusions of what could not be used at all."""
         ...
 
     def excluded_for(self, block: int, reason: str) -> Excluded:
@@ -347,7 +347,7 @@ def _sessions(data: Shots, rows: Index, options: IdentificationOptions) -> Index
 def _check_coordinates(
     shots: int, nominal: Kinematics, known: ParameterSelection, excluded: tuple[Excluded, ...]
 ) -> None:
-    """Refuse fewer shots than can tell what is free; a prior is worth a coordinate."""
+    """Refusal of fewer shots than can tell what is free; a prior is worth a coordinate."""
     priors = {prior.name for prior in known.priors}
     unknown = [name for name in known.free if name not in priors]
     least = nominal.mechanism.minimum_shots(unknown)
@@ -389,7 +389,7 @@ def _stated(data: Shots, rows: Index, instrument: TrackerUncertainty) -> Array:
 
 
 def _all_positive_definite(covariance: Array) -> bool:
-    """Whether all of (N, 3, 3) surely are, at once; by far the usual case."""
+    """Positive definiteness of all of (N, 3, 3), surely and at once; by far the usual case."""
     try:
         least = np.linalg.eigvalsh(covariance)[:, 0] if np.isfinite(covariance).all() else None
     except np.linalg.LinAlgError:

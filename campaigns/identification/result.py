@@ -71,7 +71,7 @@ class Excluded:
 
     @property
     def is_outlier(self) -> bool:
-        """Whether it could have been fitted, but the others contradict it."""
+        """Outlier: it could have been fitted, but the others contradict it."""
         return self.size_mm is not None
 
 
@@ -171,7 +171,7 @@ class HoldOut:
 
     @property
     def believable(self) -> bool:
-        """Whether chance explains as much."""
+        """Believability: chance explains as much."""
         return self.p >= SIGNIFICANCE
 
 
@@ -237,7 +237,7 @@ class ResidualTable:
         return np.array(self.after_mm)
 
     def summary(self) -> BeforeAfter:
-        """How large they are."""
+        """Sizes before and after."""
         return BeforeAfter(spread(self.before), spread(self.after))
 
 

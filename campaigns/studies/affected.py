@@ -57,7 +57,7 @@ class AffectedCampaign:
     """Numbers of the shots that are off."""
 
     def least_std(self) -> Array:
-        """What the coordinates allow at best, with every covariance known, (F,), mm and rad."""
+        """Standard deviations, (F,), mm and rad, at best: by coordinates of known covariances."""
         rows, poses = self._fitted()
         found = predict_points(
             self.true, self.free, self.shots.joints[rows], poses, self.covariance_mm2[rows]
@@ -65,7 +65,7 @@ class AffectedCampaign:
         return np.asarray(found.std)
 
     def signal(self) -> float:
-        """What no parameter and no frame explains of the shift, in σ.
+        """Part of the shift that no parameter and no frame explains, in σ.
 
         The square is what the best of all tests, with cause and place known, gains of it.
         """

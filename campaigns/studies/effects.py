@@ -35,7 +35,7 @@ class Effect:
 
     @property
     def beyond_the_model(self) -> bool:
-        """Whether the robot has what no parameter of the model describes."""
+        """Presence of what no parameter of the model describes."""
         return self.rods_mm > 0.0 or self.axes_mrad > 0.0
 
     def __str__(self) -> str:

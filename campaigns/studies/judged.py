@@ -31,7 +31,7 @@ NEAR_SHOTS = 5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgedCampaign:
-    """What was said of a campaign, and how far that is from the truth."""
+    """Verdict on a campaign, and how far it is from the truth."""
 
     verdict: Decision
     doubts: tuple[str, ...]
@@ -65,21 +65,21 @@ class JudgedCampaign:
 
     @property
     def passed(self) -> bool:
-        """Whether the verdict is "pass"."""
+        """Pass: the verdict is "pass"."""
         return self.verdict == "pass"
 
     def off(self, sigmas: float = WRONG_SIGMAS) -> bool:
-        """Whether a parameter is further off than so many of its σ."""
+        """Error of a parameter beyond so many of its σ."""
         return self.worst_sigmas > sigmas
 
     @property
     def worse(self) -> bool:
-        """Whether positions are worse than what is stated allows; not stated is not worse."""
+        """Positions worse than what is stated allows; not stated is not worse."""
         return self.position_mm > WRONG_POSITION * self.stated_mm
 
     @property
     def wrong(self) -> bool:
-        """Whether the campaign passed and should not have."""
+        """Wrong pass: the campaign passed and should not have."""
         return self.passed and (self.off() or self.worse)
 
 
@@ -194,7 +194,7 @@ def _left_out(made: AffectedCampaign, found: IdentificationResult) -> frozenset[
 
 
 def _change(made: AffectedCampaign, found: IdentificationResult) -> str:
-    """How rightly a change was named; empty where none was."""
+    """Rightness of a change that was named; empty where none was."""
     told = next((each for each in found.doubts if each.name == CHANGE), None)
     if told is None:
         return ""
@@ -211,7 +211,7 @@ def _change(made: AffectedCampaign, found: IdentificationResult) -> str:
 
 
 def _named(effect: Effect, found: IdentificationResult, change: str, *, all_named: bool) -> bool:
-    """Whether the result names what happened; of a clean campaign whether it names nothing."""
+    """Naming of what happened; of a clean campaign naming nothing."""
     names, scatter = {each.name for each in found.doubts}, found.robot_scatter
     if effect.step or effect.drift:
         return change == "right"
@@ -229,7 +229,7 @@ def _named(effect: Effect, found: IdentificationResult, change: str, *, all_name
 
 
 def _false_alarm(effect: Effect, doubts: tuple[str, ...], change: str, too_many: int) -> bool:
-    """Whether a change, a scale or a wrong shot was named where there is none."""
+    """Naming of a change, a scale or a wrong shot where there is none."""
     changes = bool(effect.step or effect.drift)
     return (
         (bool(change) and not changes)

@@ -51,7 +51,7 @@ class ResultTable(ABC, Generic[Key, Outcome]):
         return {self.key_of(outcome): outcome for outcome in self.parsed(whole)}
 
     def append(self, outcomes: Iterable[Outcome]) -> None:
-        """Add rows to what was written; raises `WriteFailed`."""
+        """Addition of rows to what was written; raises `WriteFailed`."""
         try:
             with self.path.open("a", encoding="utf-8", newline="") as file:
                 file.write(self.lines_of(outcomes))
@@ -62,7 +62,7 @@ class ResultTable(ABC, Generic[Key, Outcome]):
             ) from error
 
     def write(self, outcomes: Mapping[Key, Outcome]) -> None:
-        """Write all rows anew, by key; raises `WriteFailed`."""
+        """Rewriting of all rows, by key; raises `WriteFailed`."""
         rows = (outcomes[key] for key in sorted(outcomes))
         replace_text(self.path, self.header() + self.lines_of(rows))
 

@@ -152,7 +152,7 @@ class _Robot:
 
 
 def run_task(task: StudyTask) -> tuple[CampaignOutcome, ...]:
-    """Simulate and identify; a campaign that cannot be identified is an outcome too."""
+    """Outcomes of simulated campaigns; one that cannot be identified is an outcome too."""
     at_nominal = task.setup.nominal.forward(task.setup.shots.joints)
     near = at_nominal.values_or_raise()
     robot_of = cache(partial(_robot, task.setup, near))  # a scenario without tolerances has one

@@ -114,7 +114,7 @@ def _effective_dof(setup: StudySetup) -> float:
 
 
 def _variance_is_estimated(setup: StudySetup) -> bool:
-    """Whether σ come from the residuals of a few distances alone."""
+    """Case that σ come from the residuals of distances."""
     return setup.estimator is Estimator.DISTANCES and setup.options.weights is Weights.EQUAL
 
 
