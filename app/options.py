@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from campaigns.errors import OptionsInvalid
+from campaigns.estimation.estimators import Model
 
 PICTURES = (".svg", ".png", ".pdf")
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The campaign's folder.")]
@@ -38,6 +39,15 @@ Plot = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE", help="Draw a picture too: .svg, .png or .pdf.", callback=picture_file
+    ),
+]
+ModelOption = Annotated[
+    Model,
+    typer.Option(
+        "--model",
+        help="paper, standard: lengths, places and joint offsets. full: unequal rods and tilted "
+        "axes too, which tilt the plate. auto: the smallest that unseen pairs and BIC don't "
+        "reject. extended: as auto, of where axes point and what gears lose.",
     ),
 ]
 Seed = Annotated[

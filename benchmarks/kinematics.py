@@ -38,7 +38,9 @@ def measure(robot: str, poses: int, seed: int) -> Report:
     nominal = file.kinematics
     robots = {
         robot: nominal,
-        f"{robot} + {'Table I' if file.mechanism is PAR4 else 'errors'}": true_robot(nominal, seed),
+        f"{robot} + {'Table I' if file.mechanism.name == PAR4.name else 'errors'}": true_robot(
+            nominal, seed
+        ),
     }
     return Report([each for item in robots.items() for each in figures(*item, file, poses, seed)])
 
@@ -46,7 +48,7 @@ def measure(robot: str, poses: int, seed: int) -> Report:
 def true_robot(nominal: Kinematics, seed: int) -> Kinematics:
     """The nominal with errors of manufacture."""
     mechanism, p = nominal.mechanism, nominal.p.copy()
-    if mechanism is PAR4:
+    if mechanism.name == PAR4.name:
         return Kinematics.from_flat(PAR4, load_scenario("paper-simulation").robot.true_flat())
     free = mechanism.parameters.places(mechanism.parameters.free_by_default)
     std = np.where(mechanism.parameters.is_angle[free], *ERRORS[::-1])

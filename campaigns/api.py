@@ -9,9 +9,13 @@ import numpy as np
 from campaigns.estimation.estimators import Estimator, Model
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.identification.model_selection import candidate_models, select_model
+from campaigns.identification.model_selection import (
+    asked_of,
+    candidate_models,
+    select_geometry,
+    select_model,
+)
 from campaigns.identification.options import IdentificationOptions
-from campaigns.identification.parameter_selection import select_parameters
 from campaigns.identification.result import IdentificationResult
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
 from campaigns.planning.plan_file import PlannedShot
@@ -64,7 +68,7 @@ def identify(
     `ShotsInvalid`.
     """
     models = candidate_models(robot.mechanism.parameters, model, free, fix, priors)
-    return select_model(robot.kinematics, shots, models, options)
+    return select_model(robot.kinematics, shots, models, options, asked=asked_of(model))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,6 +88,7 @@ def plan(
     drift_shots: int = 3,
     placement: Placement = Placement.BOUNDARY,
     estimator: Estimator = Estimator.POINTS,
+    model: Model = Model.STANDARD,
     free: Sequence[str] = (),
     fix: Sequence[str] = (),
     acceptance_deg: float = 25.0,
@@ -96,7 +101,7 @@ def plan(
     within `acceptance_deg`. Raises `PlanInvalid` and `SelectionInvalid`.
     """
     space, centre = robot.mechanism.parameters, robot.workspace_centre
-    known = select_parameters(space, free, fix, names=space.geometry).free
+    known = select_geometry(space, model, free, fix)
     x_mm, y_mm, z_mm = (np.array(tracker_mm) - centre[:3]).tolist()
     view = View(tracker_mm, (x_mm, y_mm, z_mm), float(np.radians(acceptance_deg)))
     wanted = PlanRequest(shots, validation_pairs, drift_shots, pose_of(centre))
@@ -122,6 +127,7 @@ def study(
     *,
     campaigns: int = 100,
     estimator: Estimator = Estimator.POINTS,
+    model: Model = Model.STANDARD,
     free: Sequence[str] = (),
     fix: Sequence[str] = (),
     uncertainty: TrackerUncertainty | None = None,
@@ -135,7 +141,7 @@ def study(
     campaigns can be identified.
     """
     space = robot.mechanism.parameters
-    known = select_parameters(space, free, fix, names=space.geometry).free
+    known = select_geometry(space, model, free, fix)
     setup = StudySetup(
         nominal=robot.kinematics,
         shots=planned_shots(shots),

@@ -20,15 +20,17 @@ class Selection:
     """Selection of parameters: patterns to free and to hold, and how they are estimated."""
 
     estimator: Estimator = Estimator.POINTS
+    model: Model = Model.STANDARD
     free: tuple[str, ...] = ()
     fix: tuple[str, ...] = ()
 
     def words(self) -> list[str]:
         """Words as they are typed, for the next step's command."""
         by = [] if self.estimator is Estimator.POINTS else ["--estimator", self.estimator.value]
+        model = [] if self.model is Model.STANDARD else ["--model", self.model.value]
         freed = [word for pattern in self.free for word in ("--free", pattern)]
         fixed = [word for pattern in self.fix for word in ("--fix", pattern)]
-        return [*by, *freed, *fixed]
+        return [*by, *model, *freed, *fixed]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,7 +96,6 @@ class IdentifyOptions(Selection):
     loss: LossShape = LossShape.LINEAR
     loss_scale: float = BENDS_AT
     outliers: Outliers = Outliers.EXCLUDE
-    model: Model = Model.STANDARD
     weights: Weights = Weights.STATED
     """Of distances."""
     shots: tuple[int | None, int | None] = (None, None)

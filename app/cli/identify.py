@@ -7,7 +7,7 @@ import typer
 
 from app.console import terminal_of
 from app.exits import Exit
-from app.options import Fix, Folder, Free, Json, Plot
+from app.options import Fix, Folder, Free, Json, ModelOption, Plot
 from app.report.identification_text import show
 from campaigns.campaign import open_campaign
 from campaigns.chain.identification import identify
@@ -20,13 +20,6 @@ Compared = Annotated[
     Estimator,
     typer.Option(
         help="points: all coordinates of every shot. distances: of pairs, as in the paper."
-    ),
-]
-Extent = Annotated[
-    Model,
-    typer.Option(
-        help="standard: lengths, places and joint offsets. extended: also where the motors' axes "
-        "point and what their gears lose, if unseen pairs speak for it."
     ),
 ]
 Prior = Annotated[
@@ -104,7 +97,7 @@ def command(
     folder: Folder,
     *,
     estimator: Compared = Estimator.POINTS,
-    model: Extent = Model.STANDARD,
+    model: ModelOption = Model.STANDARD,
     free: Free = None,
     fix: Fix = None,
     prior: Prior = None,

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from app.console import Terminal, terminal_of
-from app.options import Fix, Folder, Free, Json, Plot
+from app.options import Fix, Folder, Free, Json, ModelOption, Plot
 from app.plan_text import (
     plan_line,
     precision_document,
@@ -18,7 +18,7 @@ from app.terminal_picture import plan_picture
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.chain.planning import PlannedCampaign, plan
 from campaigns.design.criteria import CriterionName
-from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.estimators import Estimator, Model
 from campaigns.options import PlanOptions
 from campaigns.planning.plans import Placement, pairs_of
 from campaigns.shots.shot_sets import ShotSet
@@ -87,6 +87,7 @@ def command(
     criterion: Criterion = None,
     candidates: Candidates = None,
     estimator: UsedBy = Estimator.POINTS,
+    model: ModelOption = Model.STANDARD,
     free: Free = None,
     fix: Fix = None,
     scatter: Scatter = 0.0,
@@ -105,6 +106,7 @@ def command(
     """
     options = PlanOptions(
         estimator=estimator,
+        model=model,
         free=tuple(free or ()),
         fix=tuple(fix or ()),
         shots=shots,

@@ -8,13 +8,13 @@ import typer
 from app.console import Terminal, terminal_of
 from app.exits import Exit
 from app.measuring import CLEAR, found_measured, measure_plan
-from app.options import Anew, Dry, Fix, Folder, Free, Json, Yes
+from app.options import Anew, Dry, Fix, Folder, Free, Json, ModelOption, Yes
 from app.plan_text import plan_line
 from app.progress import certainty
 from app.run_text import knowledge, run_document, show_run
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.chain.running import predicted_end, run_work
-from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.estimators import Estimator, Model
 from campaigns.measuring.session import Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
@@ -38,6 +38,7 @@ def command(
     *,
     until: Until = None,
     estimator: Identifying = Estimator.POINTS,
+    model: ModelOption = Model.STANDARD,
     free: Free = None,
     fix: Fix = None,
     dry: Dry = False,
@@ -54,15 +55,15 @@ def command(
     looks for its reflector, and the pair is measured again.
 
     Meanwhile the parameter known worst is shown, with its σ. --until ends the run when enough is
-    known; without it the next run measures what was left out. Give it the --estimator, --free and
-    --fix that you will give to identify.
+    known; without it the next run measures what was left out. Give it the --estimator, --model,
+    --free and --fix that you will give to identify.
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     checked = campaign.checked_plan()
     terminal.note(plan_line(checked))
     options = RunOptions(
-        estimator=estimator, free=tuple(free or ()), fix=tuple(fix or ()), until=until
+        estimator=estimator, model=model, free=tuple(free or ()), fix=tuple(fix or ()), until=until
     )
     work = run_work(campaign, checked, options)
     if dry:

@@ -9,7 +9,7 @@ from campaigns.arrays import Array
 from campaigns.campaign import Campaign, now_utc
 from campaigns.design.pose_sampling import WorkspaceTooSmall, workspace_poses
 from campaigns.estimation.robust import Loss
-from campaigns.identification.model_selection import candidate_models, select_model
+from campaigns.identification.model_selection import asked_of, candidate_models, select_model
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.journal import JournalReader
@@ -44,7 +44,7 @@ def identify(campaign: Campaign, options: IdentifyOptions | None = None) -> Reco
         shots = between(shots, *options.shots)
         shots = held_out(shots, options.hold_out, np.random.default_rng(HOLD_OUT_SEED))
         started_s = time.perf_counter()
-        found = select_model(robot.kinematics, shots, models, how)
+        found = select_model(robot.kinematics, shots, models, how, asked=asked_of(options.model))
         recorded = RecordedIdentification.of(
             replace(found, seconds=time.perf_counter() - started_s),
             series=series.number,

@@ -6,6 +6,7 @@ from dataclasses import replace
 from campaigns.campaign import Campaign
 from campaigns.chain.work import engine_work, free_parameters
 from campaigns.errors import OptionsInvalid
+from campaigns.estimation.estimators import Model
 from campaigns.measuring.run_state import SILENT, RunObserver
 from campaigns.measuring.session import (
     RunResult,
@@ -43,7 +44,7 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
     steps = joint_steps(checked.shots)
     work = engine_work(campaign, "run", steps, robot.kinematics, robot.digest(), setup)
     work = replace(work, goal=goal, compared_at_end=True)
-    if options.free:
+    if options.free or options.model not in {Model.PAPER, Model.STANDARD}:
         require_identifiable(work.knowing().workspace, free)
     return work
 

@@ -1,7 +1,7 @@
 """Work for the engine: steps with the rules of a campaign's settings, and free parameters."""
 
 from campaigns.campaign import Campaign
-from campaigns.identification.parameter_selection import select_parameters
+from campaigns.identification.model_selection import select_geometry
 from campaigns.journal.records import Stage
 from campaigns.measuring.rules import gate_rules, motion_rules
 from campaigns.measuring.session import Work
@@ -17,7 +17,7 @@ from campaigns.planning.steps import Step
 def free_parameters(campaign: Campaign, options: Selection) -> tuple[str, ...]:
     """Names of the parameters that the shots will be looked at for; raises `SelectionInvalid`."""
     space = campaign.robot.mechanism.parameters
-    return select_parameters(space, options.free, options.fix, names=space.geometry).free
+    return select_geometry(space, options.model, options.free, options.fix)
 
 
 def engine_work(

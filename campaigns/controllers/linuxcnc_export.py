@@ -52,7 +52,7 @@ def hal_text(robot: RobotFile, identity: str) -> str:
 
     Raises `ConfigInvalid` for another mechanism and for a set with axis tilts.
     """
-    if robot.mechanism is not PAR4:
+    if robot.mechanism.name != PAR4.name:
         raise ConfigInvalid(
             f"{robot.name}: a {robot.mechanism.name}, but {MODULE} is for a {PAR4.name}",
             remedy="export a robot file, without --format linuxcnc",

@@ -60,7 +60,7 @@ def refuse(source: Path, objections: Sequence[Objection]) -> None:
 
 def require_same_mechanism(source: Path, robot: RobotFile, nominal: RobotFile) -> None:
     """Raise `ConfigInvalid` for the set of another mechanism, of which no controller knows."""
-    if robot.mechanism is not nominal.mechanism:
+    if robot.mechanism.name != nominal.mechanism.name:
         raise ConfigInvalid(
             f"{source}: not loaded: it is of a {robot.mechanism.name}, this campaign's robot is a "
             f"{nominal.mechanism.name}",

@@ -24,8 +24,14 @@ class Weights(StrEnum):
 class Model(StrEnum):
     """Model: how much of a robot may be found."""
 
+    PAPER = "paper"
+    """Lengths, places and joint offsets: the paper's model."""
     STANDARD = "standard"
-    """Those that shots with a free frame can tell, unless told otherwise."""
+    """The same unless told otherwise."""
+    FULL = "full"
+    """Unequal rods and tilted axes too, which tilt the plate."""
+    AUTO = "auto"
+    """The smallest that neither unseen pairs nor BIC reject, of these and with lost motion."""
     EXTENDED = "extended"
     """Where the motors' axes point and what their gears lose too, if unseen pairs speak for it."""
 

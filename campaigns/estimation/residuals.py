@@ -72,6 +72,8 @@ class PositionModel:
         self._geometry = slice(0, len(self._space.geometry))
         self._vector = np.concatenate([nominal.p, np.zeros(len(self._space.backlashes))])
         self._free = free
+        extensions = self._space.places(self._space.extensions)
+        self._is_extended = bool(np.isin(free, extensions).any())
         self._joints = joints
         self._approach = np.zeros_like(joints) if approach is None else approach
         self._start = start
@@ -110,7 +112,7 @@ class PositionModel:
     def _expanded(self, x: Array) -> _Expansion:
         there = self._assembled_at(x)
         if self._expansion is None or self._expansion.about is not there:
-            geometry = there.posture.jacobian(there.poses)
+            geometry = there.posture.jacobian(there.poses, extended=self._is_extended)
             by_all = geometry
             if self._free.size and self._free.max() >= by_all.shape[-1]:
                 by_offset = by_all[:, :, self._space.offsets]

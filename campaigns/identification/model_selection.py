@@ -18,7 +18,7 @@ from campaigns.identification.result import ComparedModel, IdentificationResult
 from campaigns.mechanisms.mechanism import Kinematics, ParameterSpace
 from campaigns.shots.shots import Shots
 
-STANDARD = Model.STANDARD.value
+STANDARD, FULL = Model.STANDARD.value, Model.FULL.value
 NO_SCATTER = 1e-12
 """Of whitened squares: below this only rounding is left, which no parameter explains."""
 
@@ -40,6 +40,19 @@ class _Candidate:
         return unseen.after.rms if unseen else None
 
 
+def select_geometry(
+    space: ParameterSpace, model: Model, freed: Sequence[str] = (), fixed: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Names of the geometry's parameters that a model looks for, in the order of the vector.
+
+    What a choice of models may end with is looked for whole. Raises `SelectionInvalid`.
+    """
+    is_level = model in {Model.PAPER, Model.STANDARD}
+    by_default = space.free_by_default if is_level else space.free_in_full
+    names = space.geometry
+    return select_parameters(space, freed, fixed, names=names, by_default=by_default).free
+
+
 def candidate_models(
     space: ParameterSpace,
     model: Model,
@@ -49,21 +62,42 @@ def candidate_models(
 ) -> dict[str, ParameterSelection]:
     """Parameters of each model to compare, the standard one first; raises `SelectionInvalid`."""
     names = space.model
-    if model is Model.STANDARD:
+    more_of = extensions(space, model)
+    if not more_of:
         return {STANDARD: select_parameters(space, freed, fixed, priors, names=names)}
     usual = select_parameters(space, freed, fixed, names=names).free
     by_default = space.free_if_extended
     full = select_parameters(space, freed, fixed, priors, names=names, by_default=by_default)
-    models = {STANDARD: (), **extensions(space)}
+    models = {STANDARD: (), **more_of}
     return {name: _narrowed(full, {*usual, *more}) for name, more in models.items()}
 
 
-def extensions(space: ParameterSpace) -> dict[str, tuple[str, ...]]:
-    """Parameters beyond the usual ones: where the joints' axes point, and what gears lose."""
+def asked_of(model: Model) -> str | None:
+    """Name of the model that is kept whatever speaks against it, where one is asked for."""
+    return FULL if model is Model.FULL else None
+
+
+def extensions(space: ParameterSpace, model: Model) -> dict[str, tuple[str, ...]]:
+    """Parameters beyond the usual ones of each larger model to compare, the fewest first.
+
+    Rods: differences of a forearm's two rods. Full: tilted axes too. Axes: where all axes point.
+    Backlash: what gears lose.
+    """
     beyond = [name for name in space.free_if_extended if name not in space.free_by_default]
     axes = tuple(name for name in beyond if name not in space.backlashes)
+    full = tuple(name for name in space.free_in_full if name in beyond)
+    rods = space.skews
     gears = space.backlashes
-    return {"axes": axes, "backlash": gears, "axes+backlash": (*axes, *gears)}
+    both = {"backlash": gears, "axes+backlash": (*axes, *gears)}
+    match model:
+        case Model.PAPER | Model.STANDARD:
+            return {}
+        case Model.FULL:
+            return {"rods": rods, FULL: full}
+        case Model.AUTO:
+            return {"rods": rods, FULL: full, "axes": axes, **both}
+        case Model.EXTENDED:
+            return {"axes": axes, **both}
 
 
 def select_model(
@@ -71,10 +105,13 @@ def select_model(
     shots: Shots,
     models: dict[str, ParameterSelection],
     options: IdentificationOptions | None = None,
+    *,
+    asked: str | None = None,
 ) -> IdentificationResult:
     """Identify by each of the models, the first being the standard one, and keep the best.
 
-    Raises as `identify` does for the standard model.
+    The one that was `asked` for by name is kept whatever speaks against it. Raises as `identify`
+    does for the standard model, or for that one.
     """
     (name, known), *others = models.items()
     found = identify(nominal, shots, known, options)
@@ -82,9 +119,13 @@ def select_model(
         return found
     standard = _Candidate(name, len(known.free), found)
     larger = [_candidate(name, nominal, shots, known, options) for name, known in others]
-    worthy = [each for each in larger if not _objection(each, standard)]
-    best = min(worthy, key=_price, default=standard)
-    assert best.found is not None, "what could not be fitted has an objection"
+    if asked is None:
+        worthy = [each for each in larger if not _objection(each, standard)]
+        best = min(worthy, key=_price, default=standard)
+    else:
+        best = next(each for each in larger if each.name == asked)
+    if best.found is None:
+        return identify(nominal, shots, models[best.name], options)
     compared = tuple(_compared(each, standard, best) for each in (standard, *larger))
     return replace(best.found, models=compared)
 

@@ -50,7 +50,7 @@ def select_parameters(
     """
     names = space.names if names is None else names
     by_default = space.free_by_default if by_default is None else by_default
-    free = _free(freed, fixed, names, by_default)
+    free = _free(_freed(space, freed, names), _ranked(fixed, names), names, by_default)
     return ParameterSelection(free, _priors(priors, names, free))
 
 
@@ -68,12 +68,11 @@ def matching(pattern: str, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _free(
-    freed: Sequence[str],
-    fixed: Sequence[str],
+    to_free: dict[str, int],
+    to_fix: dict[str, int],
     names: tuple[str, ...],
     by_default: tuple[str, ...],
 ) -> tuple[str, ...]:
-    to_free, to_fix = _ranked(freed, names), _ranked(fixed, names)
     for name in names:
         if name in to_free and to_free.get(name) == to_fix.get(name):
             raise SelectionInvalid(
@@ -84,6 +83,15 @@ def _free(
     if not wanted:
         raise SelectionInvalid("--fix leaves no parameter to find", remedy="fix fewer")
     return tuple(name for name in names if name in wanted)
+
+
+def _freed(
+    space: ParameterSpace, patterns: Sequence[str], names: tuple[str, ...]
+) -> dict[str, int]:
+    """Names to free; of the tilts a pattern leaves those out that are the frame's horizontal."""
+    horizontal = {*space.fix_frame} & {*space.extensions}
+    ranked = _ranked(patterns, names)
+    return {name: rank for name, rank in ranked.items() if rank or name not in horizontal}
 
 
 def _ranked(patterns: Sequence[str], names: tuple[str, ...]) -> dict[str, int]:

@@ -62,6 +62,15 @@ class ArmKind(Protocol):
         ...
 
     @property
+    def azimuth_is_outward(self) -> bool:
+        """Whether forearms' bars lie across the azimuths of the arms."""
+        ...
+
+    def outward_rad(self, values: Array) -> Array:
+        """Azimuths from the robot's middle to the arms, (n,), of fields (n, k)."""
+        ...
+
+    @property
     def words(self) -> ArmWords:
         """Parts in words."""
         ...
@@ -178,7 +187,12 @@ class RotaryArmKind:
     extensions = (AXIS_TILT,)
     lost_motion = "backlash_deg"
     shows_turn = True
+    azimuth_is_outward = True
     words = ArmWords("its elbow's circle", "out of its arm's plane", "elbow")
+
+    def outward_rad(self, values: Array) -> Array:
+        """Azimuths of the cranks at 0°, (n,)."""
+        return values[:, 3]
 
     def joint(self, number: int) -> Axis:
         """Encoder angle of a motor."""

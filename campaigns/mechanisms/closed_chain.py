@@ -8,17 +8,24 @@ below its elbows, has |θ| < 90° where the plate is hinged, and the determinant
 Jacobian has the sign that it has at home. Newton alone ends on a wrong one, or far away, for about
 one pose in a hundred, so every answer is checked for residual, turn, branch and for hanging, and
 what fails is started again from elsewhere.
+
+Unequal rods and tilted axes tilt the plate by milliradians (`plate_tilt.py`), and the tilt moves
+the plate's joints. Seen from the measured point that is the level chain with its elbows moved the
+other way: a few rounds of tilt and pose agree to rounding.
 """
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from campaigns.arrays import Array, Mask
 from campaigns.mechanisms.arms import ArmKind, Arms
 from campaigns.mechanisms.mechanism import (
+    PARALLELOGRAM_SKEW,
     Axis,
     Feasibility,
     KinematicSolution,
@@ -26,6 +33,13 @@ from campaigns.mechanisms.mechanism import (
     ParameterSpace,
     Violation,
     outside,
+)
+from campaigns.mechanisms.plate_tilt import (
+    PlateDrawing,
+    RodPairs,
+    TiltedForearms,
+    displacement,
+    rotation_vectors,
 )
 from campaigns.mechanisms.platforms import Platform
 
@@ -48,8 +62,22 @@ FRAME_UNKNOWNS = 6
 SHOTS_FOR_A_FRAME = 3
 SLIDING = [2, 3]
 """Arms of the part that slides beside the controlled point's."""
-FIX_FRAME = ("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg")
+SKEW_LEVER_MM = 100.0
+"""Typical distance of a plate joint from the measured point, which a tilted plate moves."""
+HORIZONTAL = ("arm0.axis_tilt_deg", "arm1.axis_tilt_deg")
+"""The axes of the first two cranks, which keep the frame from tilting, or the bars of the first two
+carriages, which keep the platform from it."""
+FIX_FRAME = ("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg", *HORIZONTAL)
 """The first crank places the frame, and its azimuth keeps it from turning about z."""
+
+TILT_ROUNDS = 30
+TILT_SETTLED = 1e-4
+"""Last step of poses and tilts in turn over that of poses alone: each leaves a thousandth."""
+TILT_CLOSED_MM = 1e-4
+NEARLY_MM = 1e-1
+"""Step at which a level plate is near enough to be tilted."""
+TILT_SETTLED_JOINT = 1e-13
+"""Likewise of joints, rad or mm."""
 
 STARTS = (
     (0.0, 0.0),
@@ -97,22 +125,61 @@ class ClosedChain:
             platform.arms,
             arms.fields,
             platform.fields,
-            arms.extensions,
+            (*arms.extensions, PARALLELOGRAM_SKEW),
             arms.lost_motion,
             held_fields,
             fix_frame,
         )
         self._arms = arms
         self._platform = platform
+        self.plate = PlateDrawing.typical(
+            np.linspace(0.0, 2.0 * np.pi, platform.arms, endpoint=False),
+            follows_arms=arms.azimuth_is_outward,
+        )
         self._of_arms = platform.arms * len(arms.fields)
         self._has_turn = len(platform.task) > COORDINATES
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, ClosedChain):
+            return NotImplemented
+        return self.name == other.name and self.plate == other.plate
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.plate))
 
     def inverse(self, p: Array, poses: Array) -> KinematicSolution:
         """Joints (N, n) of poses (N, t) as the encoders read them."""
         values, platform, extensions = self._split(p)
         targets_mm = self._platform.joints_mm(platform, poses)
-        joints, found = self._arms.inverse(values, extensions, targets_mm)
+        tilts, pairs = extensions[:, :-1], self._rod_pairs(values, extensions)
+        joints, found = self._arms.inverse(values, tilts, targets_mm)
+        if not pairs.are_level and found.any():
+            levers_mm = self.levers_on_plate_mm(poses[found], targets_mm[found])
+            joints[found], found[found] = self._tilted_inverse(
+                values, tilts, pairs, targets_mm[found], levers_mm, joints[found]
+            )
         return KinematicSolution.where(found, joints)
+
+    def _tilted_inverse(
+        self,
+        values: Array,
+        tilts: Array,
+        pairs: RodPairs,
+        targets_mm: Array,
+        levers_mm: Array,
+        joints: Array,
+    ) -> tuple[Array, Mask]:
+        """Joints (N, n) that hold a tilted plate, from those of a level one."""
+        found, gibbs = np.ones(len(joints), dtype=bool), None
+        for _ in range(TILT_ROUNDS):
+            arms = self._arms.at(values, tilts, joints)
+            gibbs = pairs.tilt(targets_mm.T - arms.elbows_mm, levers_mm, gibbs)
+            moved_mm = targets_mm + displacement(gibbs, levers_mm).T
+            before = joints
+            joints, found = self._arms.inverse(values, tilts, moved_mm)
+            if not np.abs(joints - before)[found].max(initial=0.0) > TILT_SETTLED_JOINT:
+                break
+        return joints, found
 
     def forward(self, p: Array, joints: Array, near: Array | None = None) -> KinematicSolution:
         """Poses (N, t) of joints (N, n); `near` (N, t) are poses near them, as those commanded."""
@@ -134,16 +201,33 @@ class ClosedChain:
         """
         return self.posture(p, joints).jacobian(poses)
 
+    def plate_tilt(self, p: Array, joints: Array, poses: Array) -> Array:
+        """Rotation vectors of the plate in the base frame, (N, 3) rad; zero of perfect parts."""
+        return rotation_vectors(self.posture(p, joints).tilt(poses)).T
+
+    def typical_plate(self, p: Array) -> PlateDrawing:
+        """Drawing for a robot whose file has none."""
+        values, _, _ = self._split(p)
+        outward_rad = self._arms.outward_rad(values)
+        return PlateDrawing.typical(outward_rad, follows_arms=self._arms.azimuth_is_outward)
+
+    def with_plate(self, plate: PlateDrawing) -> Self:
+        """Mechanism whose plate is as in a drawing."""
+        chain = copy.copy(self)
+        chain.plate = plate
+        return chain
+
     def posture(self, p: Array, joints: Array) -> "ChainPosture":
         """Arms at joints (N, n), for whoever needs both poses and Jacobian."""
         values, platform, extensions = self._split(p)
-        arms = self._arms.at(values, extensions, joints)
-        return ChainPosture(self, platform, arms, self.home_sign(p))
+        arms = self._arms.at(values, extensions[:, :-1], joints)
+        pairs = self._rod_pairs(values, extensions)
+        return ChainPosture(self, platform, arms, pairs, self.home_sign(p))
 
     def home_sign(self, p: Array) -> float:
         """Sign of the closures' determinant at joints 0, the platform well below the elbows."""
         values, platform, extensions = self._split(p)
-        arms = self._arms.at(values, extensions, np.zeros((1, len(self.joints))))
+        arms = self._arms.at(values, extensions[:, :-1], np.zeros((1, len(self.joints))))
         legs = Legs(arms.elbows_mm, arms.forearm_mm[:, None], platform, 1.0)
         _, determinant, _ = self.newton_step(legs, self._guess(legs, 0.0, -WELL_BELOW_MM))
         return float(np.sign(determinant[0]))
@@ -234,6 +318,7 @@ class ClosedChain:
         """Lengths that turn errors of `parameters.model` into errors of place, (M,)."""
         space, (values, platform, _) = self.parameters, self._split(p)
         levers, fields = self._arms.levers_mm(values), len(space.arm_fields)
+        levers = np.insert(levers, -1, SKEW_LEVER_MM, axis=1)
         own, beyond = levers[:, :fields].ravel(), levers[:, fields:].T.ravel()
         return np.concatenate([own, np.ones(len(platform)), beyond])
 
@@ -248,6 +333,16 @@ class ClosedChain:
         named = len(space.names)
         extensions = p[named:].reshape(len(space.extension_fields), space.arms).T
         return p[:end].reshape(space.arms, -1), p[end:named], extensions
+
+    def _rod_pairs(self, values: Array, extensions: Array) -> RodPairs:
+        azimuths = values[:, self.parameters.arm_field_names.index("azimuth_deg")]
+        if self.plate.outward_rad is not None:
+            azimuths = np.array(self.plate.outward_rad)
+        return RodPairs.of(azimuths, extensions[:, -2], extensions[:, -1], values[:, -1])
+
+    def levers_on_plate_mm(self, poses: Array, joints_mm: Array) -> Array:
+        """Plate joints seen from the measured point, (3, n, N), of contracted ones (N, n, 3)."""
+        return self.plate.levers_mm((joints_mm - poses[:, None, :COORDINATES]).T)
 
     def _margins(
         self, p: Array, limits: Limits, joints: Array, poses: Array, found: Mask
@@ -373,51 +468,170 @@ class ChainPosture:
     chain: ClosedChain
     platform: Array
     arms: Arms
+    pairs: RodPairs
     home_sign: float
 
     def assemble(
         self, near: Array | None = None, converged_mm: float = CONVERGED_MM
     ) -> KinematicSolution:
         """Poses (N, t) of the joints, from poses `near` them; a step below that is the last one."""
-        forearm_mm = self.arms.forearm_mm[:, None]
-        legs = Legs(self.arms.elbows_mm, forearm_mm, self.platform, self.home_sign)
-        return self.chain.assemble(legs, near, converged_mm)
+        legs = self._legs()
+        if self.pairs.are_level:
+            return self.chain.assemble(legs, near, converged_mm)
+        start = legs if near is None else self._moved(legs, near, self.tilt(near))
+        level = self.chain.assemble(start, near, NEARLY_MM)
+        return self._tilted(level, TILT_SETTLED * converged_mm)
+
+    def tilt(self, poses: Array) -> Array:
+        """Gibbs vectors (3, N) of the plate at poses (N, t)."""
+        ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
+        if self.pairs.are_level:
+            return np.zeros((COORDINATES, len(poses)))
+        forearms = np.ascontiguousarray(ends.T) - self.arms.elbows_mm
+        return self.pairs.tilt(forearms, self.chain.levers_on_plate_mm(poses, ends))
 
     def forearms_mm(self, poses: Array) -> Array:
-        """A_iB_i at poses (N, t), (3, n, N)."""
+        """A_iB_i at poses (N, t) of a level plate, (3, n, N)."""
         ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
         return np.ascontiguousarray(ends.T) - self.arms.elbows_mm
 
-    def by_pose(self, poses: Array, forearms_mm: Array) -> Array:
-        """∂F/∂pose, (N, n, t), from forearms (3, n, N)."""
+    def tilted_forearms(self, poses: Array) -> TiltedForearms:
+        """A_iB_i at poses (N, t) of the plate as it tilts there."""
+        ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
+        forearms = np.ascontiguousarray(ends.T) - self.arms.elbows_mm
+        levers = self.chain.levers_on_plate_mm(poses, ends)
+        return self.pairs.state(forearms, levers, self.tilt(poses))
+
+    def by_pose(self, poses: Array, forearms_mm: Array, on_plate_mm: Array | None = None) -> Array:
+        """∂F/∂pose, (N, n, t), from forearms (3, n, N), and these as seen from a tilted plate."""
         chain = self.chain
         _, arms, rows = forearms_mm.shape
         jacobian = np.zeros((rows, arms, len(chain.task)))
         jacobian[:, :, :COORDINATES] = 2.0 * forearms_mm.T
         if len(chain.task) > COORDINATES:
-            by_turn = chain._platform.by_turn(self.platform, poses, forearms_mm)  # noqa: SLF001
+            seen = forearms_mm if on_plate_mm is None else on_plate_mm
+            by_turn = chain._platform.by_turn(self.platform, poses, seen)  # noqa: SLF001
             jacobian[:, :, COORDINATES] = by_turn.T
         return jacobian
 
-    def jacobian(self, poses: Array) -> Array:
-        """d(pose)/dp (N, t, G) at fixed joints, of the poses that they assemble to."""
-        space = self.chain.parameters
-        forearms = self.forearms_mm(poses)
-        own = self.arms.by_fields(forearms)
-        by_plate = self.chain._platform.by_fields(self.platform, poses, forearms)  # noqa: SLF001
-        inverses = np.linalg.inv(self.by_pose(poses, forearms))
-        by_closure = -np.ascontiguousarray(inverses.transpose(1, 2, 0))
-        tasks, arms, rows = by_closure.shape
-        by_all = np.empty((tasks, len(space.geometry), rows))
+    def jacobian(self, poses: Array, *, extended: bool = True) -> Array:
+        """d(pose)/dp (N, t, G) at fixed joints, of the poses that they assemble to.
+
+        The columns of extensions are left 0 where they are not asked for and the plate is level.
+        """
+        if self.pairs.are_level and not extended:
+            forearms = self.forearms_mm(poses)
+            by_platform = self._by_platform(poses, forearms)
+            by_closure = _inverse(self.by_pose(poses, forearms))
+            by_all = self._by_all(by_closure, self.arms.by_fields(forearms), by_platform)
+            by_all[:, len(self.chain.parameters.names) :] = 0.0
+            return by_all.transpose(2, 0, 1)
+        return self._tilting_jacobian(poses)
+
+    def _tilting_jacobian(self, poses: Array) -> Array:
+        """Jacobian with the plate's tilt eliminated: closures F and balance H vanish together.
+
+        dF = F_z dz + F_s ds + F_p dp and dH alike give ds, and with C = -F_s H_s⁻¹
+        dz = -(F_z + C H_z)⁻¹ (F_p + C H_p).
+        """
+        state = self.tilted_forearms(poses)
+        by_forearms = state.balance_by_forearms()
+        back = state.rotated_back(state.forearms_mm)
+        by_pose = self.by_pose(poses, state.forearms_mm, back)
+        by_turn = state.balance_by_turn(by_forearms)
+        inverse = np.linalg.inv(by_turn.transpose(2, 0, 1)).transpose(1, 2, 0)
+        eliminated = -np.einsum("kin,kln->iln", state.closures_by_turn(), inverse)
+        turned = [state.rotated_back(each) for each in by_forearms]
+        balance_by_pose = [
+            0.5 * self.by_pose(poses, *each).sum(axis=1).T
+            for each in zip(by_forearms, turned, strict=True)
+        ]
+        by_pose += np.einsum("iln,ltn->nit", eliminated, np.stack(balance_by_pose))
+        by_closure = _inverse(by_pose)
+        by_balance = np.einsum("tin,iln->tln", by_closure, eliminated)
+        own = self.arms.by_fields(state.forearms_mm)
+        by_all = self._by_all(by_closure, own, self._by_platform(poses, back))
+        space, (tasks, arms, count) = self.chain.parameters, by_closure.shape
         fields, end = len(space.arm_fields), arms * len(space.arm_fields)
-        # a parameter of one arm is in no other arm's closure
+        of_arms = self._balance_by_fields(state, by_forearms)
+        moved = np.einsum("tln,lifn->tifn", by_balance, of_arms)
+        by_all[:, :end] += moved[:, :, :fields].reshape(tasks, end, count)
+        beyond = moved[:, :, fields:].swapaxes(1, 2)
+        by_all[:, len(space.names) :] += beyond.reshape(tasks, -1, count)
+        for place in range(len(space.platform_fields)):
+            of_field = [self._by_platform(poses, each)[place].sum(axis=0) for each in turned]
+            by_all[:, end + place] += 0.5 * np.einsum("tln,ln->tn", by_balance, np.stack(of_field))
+        return by_all.transpose(2, 0, 1)
+
+    def _balance_by_fields(self, state: TiltedForearms, rows: Array) -> Array:
+        """∂balance by each arm's own fields and extensions, (3, n, k, N)."""
+        names = self.chain.parameters.arm_field_names
+        moved = np.stack([0.5 * self.arms.by_fields(row) for row in rows])
+        of_arms = np.zeros((*moved.shape[:2], moved.shape[2] + 1, moved.shape[3]))
+        of_arms[:, :, :-1] = moved
+        own = state.by_own_parameters()
+        if self.chain.plate.outward_rad is None:
+            of_arms[:, :, names.index("azimuth_deg")] += own.azimuth
+        of_arms[:, :, names.index("forearm_mm")] = own.forearm
+        of_arms[:, :, -2] += own.axis_tilt
+        of_arms[:, :, -1] = own.skew
+        return of_arms
+
+    def _by_platform(self, poses: Array, forearms_mm: Array) -> Array:
+        return self.chain._platform.by_fields(self.platform, poses, forearms_mm)  # noqa: SLF001
+
+    def _by_all(self, by_closure: Array, own: Array, by_platform: Array) -> Array:
+        """d(pose)/dp (t, G, N) of parameters that enter their own arm's closure alone."""
+        space = self.chain.parameters
+        tasks, arms, rows = by_closure.shape
+        by_all = np.zeros((tasks, len(space.geometry), rows))
+        fields, end = len(space.arm_fields), arms * len(space.arm_fields)
         by_arms = by_all[:, :end].reshape(tasks, arms, fields, rows)
         np.multiply(by_closure[:, :, None], own[:, :fields], out=by_arms)
-        for place, each in enumerate(by_plate):
+        for place, each in enumerate(by_platform):
             by_all[:, end + place] = (by_closure * each).sum(axis=1)
         beyond = by_all[:, len(space.names) :].reshape(tasks, -1, arms, rows)
-        np.multiply(by_closure[:, None], own[:, fields:].swapaxes(0, 1), out=beyond)
-        return by_all.transpose(2, 0, 1)
+        extensions = own.shape[1] - fields
+        np.multiply(by_closure[:, None], own[:, fields:].swapaxes(0, 1), out=beyond[:, :extensions])
+        return by_all
+
+    def _legs(self) -> Legs:
+        forearm_mm = self.arms.forearm_mm[:, None]
+        return Legs(self.arms.elbows_mm, forearm_mm, self.platform, self.home_sign)
+
+    def _moved(self, legs: Legs, poses: Array, gibbs: Array) -> Legs:
+        """Legs that hold a level plate where the tilted one is."""
+        ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
+        levers = self.chain.levers_on_plate_mm(poses, ends)
+        return replace(legs, elbows_mm=legs.elbows_mm - displacement(gibbs, levers))
+
+    def _tilted(self, level: KinematicSolution, settled_mm: float) -> KinematicSolution:
+        """Poses of the tilted plate, from those nearly so; rows that don't settle are lost."""
+        found = level.found.copy()
+        if not found.any():
+            return level
+        legs, poses = self._legs().rows(found), level.values[found]
+        gibbs = np.zeros((COORDINATES, len(poses)))
+        step_mm = np.full(len(poses), np.inf)
+        for _ in range(TILT_ROUNDS):
+            ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001
+            levers = self.chain.levers_on_plate_mm(poses, ends)
+            gibbs, _ = self.pairs.approached(ends.T - legs.elbows_mm, levers, gibbs)
+            moved = replace(legs, elbows_mm=legs.elbows_mm - displacement(gibbs, levers))
+            step, _, _ = self.chain.newton_step(moved, np.ascontiguousarray(poses.T))
+            poses = poses + step.T
+            step_mm = np.abs(step[:COORDINATES]).max(axis=0)
+            if not step_mm.max() > settled_mm:
+                break
+        values = np.full_like(level.values, np.nan)
+        values[found] = poses
+        found[found] = step_mm < TILT_CLOSED_MM
+        return KinematicSolution.where(found, values)
+
+
+def _inverse(by_pose: Array) -> Array:
+    """-(∂F/∂pose)⁻¹ with the poses last, (t, n, N), of (N, n, t)."""
+    return -np.ascontiguousarray(np.linalg.inv(by_pose).transpose(1, 2, 0))
 
 
 def solve_rows(matrix: Array, right: Array) -> tuple[Array, Array]:

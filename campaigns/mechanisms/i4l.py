@@ -4,7 +4,7 @@ What is held is what cannot be told of upright rails, as for the linear Delta; t
 is the base frame's x, which keeps it from turning and from tilting about y.
 """
 
-from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.mechanisms.closed_chain import HORIZONTAL, ClosedChain
 from campaigns.mechanisms.i4r import SLIDE
 from campaigns.mechanisms.linear_arms import LinearArmKind
 from campaigns.mechanisms.linear_delta import FIRST_RAIL, UNTOLD_OF_EACH, UPRIGHT
@@ -19,6 +19,7 @@ I4L = ClosedChain(
     held_fields=UPRIGHT,
     fix_frame=(
         *FIRST_RAIL,
+        *HORIZONTAL,
         *SLIDE,
         *(f"arm{arm}.{field}" for arm in range(ARMS) for field in UNTOLD_OF_EACH),
     ),

@@ -1,7 +1,7 @@
 """I4R: four rotary arms, and two bars whose slide along x turns the tool (model.md, family)."""
 
 from campaigns.mechanisms.arms import RotaryArmKind
-from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.mechanisms.closed_chain import HORIZONTAL, ClosedChain
 from campaigns.mechanisms.platforms import SlidingBars
 
 SLIDE = ("arm2.x_mm", "pinion_mm")
@@ -13,5 +13,5 @@ I4R = ClosedChain(
     SlidingBars(shares=(0.0, 1.0)),
     held_fields=("azimuth_deg",),
     # the bars' direction is the frame's x, so that every azimuth could be told
-    fix_frame=("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", *SLIDE),
+    fix_frame=("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", *SLIDE, *HORIZONTAL),
 )

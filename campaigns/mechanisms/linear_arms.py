@@ -43,10 +43,13 @@ class LinearArms:
         return cls(values[:, 6], rails, travel, elbows)
 
     def by_fields(self, forearms_mm: Array) -> Array:
-        """∂F_i by x, y, z, azimuth, elevation, joint offset, forearm and rail tilt, (n, 8, N)."""
+        """∂F_i by x, y, z, azimuth, elevation, joint offset, forearm, rail, bar tilt, (n, 9, N).
+
+        The last are 0: the bar on a carriage turns about its middle.
+        """
         along, aside, upward, across = self._along_rails(forearms_mm)
         _, arms, rows = forearms_mm.shape
-        jacobian = np.empty((arms, len(RAIL_FIELDS) + 1, rows))
+        jacobian = np.zeros((arms, len(RAIL_FIELDS) + 2, rows))
         jacobian[:, :3] = -2.0 * forearms_mm.swapaxes(0, 1)
         jacobian[:, 3] = -2.0 * self.travel_mm * aside
         jacobian[:, 4] = -2.0 * self.travel_mm * upward
@@ -83,16 +86,25 @@ RAIL_TILT = ParameterField(
     "the rail out of the vertical plane of its azimuth, deg; may be left out",
     "small angle",
 )
+BAR_TILT = ParameterField(
+    "axis_tilt_deg", "the carriage's bar out of the horizontal, deg; may be left out", "small angle"
+)
 
 
 class LinearArmKind:
     """Carriages driven along rails, above the platform on a rail that points upward."""
 
     fields = RAIL_FIELDS
-    extensions = (RAIL_TILT,)
+    extensions = (RAIL_TILT, BAR_TILT)
     lost_motion = "backlash_mm"
     shows_turn = False
+    azimuth_is_outward = False
     words = ArmWords("its carriage's rail", "away from its rail", "carriage")
+
+    def outward_rad(self, values: Array) -> Array:
+        """Azimuths from the middle of the rails' zeros to each, (n,)."""
+        x, y = (values[:, :2] - values[:, :2].mean(axis=0)).T
+        return np.asarray(np.arctan2(y, x))
 
     def joint(self, number: int) -> Axis:
         """Place of a carriage along its rail."""
@@ -112,9 +124,9 @@ class LinearArmKind:
         return along + root - values[:, 5], found
 
     def levers_mm(self, values: Array) -> Array:
-        """A typical travel for angles, 1 for lengths: of fields, tilt and backlash, (n, 9)."""
-        levers = np.ones((len(values), len(RAIL_FIELDS) + 2))
-        levers[:, [3, 4, 7]] = MM_PER_RAD
+        """A typical travel for angles, 1 for lengths: of fields, tilts and backlash, (n, 10)."""
+        levers = np.ones((len(values), len(RAIL_FIELDS) + 3))
+        levers[:, [3, 4, 7, 8]] = MM_PER_RAD
         return levers
 
     def in_frame_of(

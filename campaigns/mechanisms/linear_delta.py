@@ -4,7 +4,7 @@ What is held is what cannot be told of upright rails: where on its rail a zero l
 offset; where the frame is; and its turn about the vertical.
 """
 
-from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.mechanisms.closed_chain import HORIZONTAL, ClosedChain
 from campaigns.mechanisms.linear_arms import LinearArmKind
 from campaigns.mechanisms.platforms import TranslatingPlatform
 
@@ -22,6 +22,7 @@ LINEAR_DELTA = ClosedChain(
     held_fields=UPRIGHT,
     fix_frame=(
         *FIRST_RAIL,
+        *HORIZONTAL,
         "arm0.elevation_deg",
         "arm1.x_mm",
         *(f"arm{arm}.{field}" for arm in range(ARMS) for field in UNTOLD_OF_EACH),

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.arrays import Array, Index, Mask
+from campaigns.mechanisms.plate_tilt import PlateDrawing
 
 Interval = tuple[float, float]
 
@@ -81,6 +82,14 @@ class ParameterField:
     quantity: Literal["place", "length", "angle", "small angle"]
 
 
+PARALLELOGRAM_SKEW = ParameterField(
+    "parallelogram_skew_deg",
+    "the difference of the forearm's two rods over their distance, deg; may be left out",
+    "small angle",
+)
+"""The rod on the side of (-sin azimuth, cos azimuth, 0) less the other one."""
+
+
 @dataclass(frozen=True, eq=False)
 class ParameterSpace:
     """Parameters of a mechanism by name, in the order of its vector.
@@ -106,15 +115,25 @@ class ParameterSpace:
     """
 
     @cached_property
+    def arm_field_names(self) -> tuple[str, ...]:
+        """Names of the fields of each arm, in the order of its values."""
+        return tuple(field.name for field in self.arm_fields)
+
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names in files and controllers."""
-        arms = self._of_arms(tuple(field.name for field in self.arm_fields))
+        arms = self._of_arms(self.arm_field_names)
         return (*arms, *(field.name for field in self.platform_fields))
 
     @cached_property
     def extensions(self) -> tuple[str, ...]:
         """Names beyond those, of the geometry too: nominally 0."""
         return self._of_arms(tuple(field.name for field in self.extension_fields), by_field=True)
+
+    @cached_property
+    def skews(self) -> tuple[str, ...]:
+        """Names of the differences of the forearms' rods."""
+        return self._of_arms((PARALLELOGRAM_SKEW.name,))
 
     @cached_property
     def backlashes(self) -> tuple[str, ...]:
@@ -145,6 +164,12 @@ class ParameterSpace:
             for name in self.names
             if name not in self.fix_frame and name.rpartition(".")[2] not in self.held_fields
         )
+
+    @cached_property
+    def free_in_full(self) -> tuple[str, ...]:
+        """Names of what shots tell of imperfect parts too: unequal rods and tilted axes."""
+        free = {*self.free_by_default, *self.extensions} - {*self.fix_frame}
+        return tuple(name for name in self.geometry if name in free)
 
     @cached_property
     def free_if_extended(self) -> tuple[str, ...]:
@@ -365,8 +390,11 @@ class Posture(Protocol):
         """Poses (N, t) of the joints, from poses `near` them."""
         ...
 
-    def jacobian(self, poses: Array) -> Array:
-        """d(pose)/dp (N, t, G) at fixed joints, of the poses that they assemble to."""
+    def jacobian(self, poses: Array, *, extended: bool = ...) -> Array:
+        """d(pose)/dp (N, t, G) at fixed joints, of the poses that they assemble to.
+
+        The columns of extensions are left 0 where they are not asked for and all of them are 0.
+        """
         ...
 
 
@@ -391,6 +419,23 @@ class Mechanism(Protocol):
     @property
     def parameters(self) -> ParameterSpace:
         """Names, units and roles of the parameters, G of them in a vector p."""
+        ...
+
+    @property
+    def plate(self) -> PlateDrawing:
+        """Drawing of the plate."""
+        ...
+
+    def typical_plate(self, p: Array) -> PlateDrawing:
+        """Drawing for a robot whose file has none."""
+        ...
+
+    def with_plate(self, plate: PlateDrawing) -> Self:
+        """Mechanism whose plate is as in a drawing."""
+        ...
+
+    def plate_tilt(self, p: Array, joints: Array, poses: Array) -> Array:
+        """Rotation vectors of the plate in the base frame, (N, 3) rad; zero of perfect parts."""
         ...
 
     def inverse(self, p: Array, poses: Array) -> KinematicSolution:

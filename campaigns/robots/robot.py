@@ -27,16 +27,15 @@ from campaigns.files.yaml_file import (
 )
 from campaigns.mechanisms.catalog import MECHANISMS
 from campaigns.mechanisms.mechanism import Axis, Interval, Kinematics, Limits, Mechanism
-from campaigns.robots.schema import SCHEMA, contents_model
+from campaigns.mechanisms.plate_tilt import PlateDrawing
+from campaigns.robots.schema import SCHEMA, RobotContents, contents_model
 from drivers.bounded_files import is_there
 from drivers.values import Pose, Vector3
 
 DEFAULT_CENTRE_MM = (0.0, 0.0, -575.0)
 """Centre for robots whose file says nothing of it: Par4's."""
-WITHOUT_TILTS = "--fix 'arm*.axis_tilt_deg'"
-"""Option by which `identify` finds a set that controllers take."""
 NOT_FOR_CONTROLLERS = (
-    f"no controller takes axis tilts: identify with {WITHOUT_TILTS} for a set to load"
+    "no controller takes axis tilts or skews: identify with --model standard for a set to load"
 )
 """Remark where such a set is found and where it is written."""
 
@@ -96,13 +95,16 @@ class RobotFile:
     def controller_flat(self) -> dict[str, float]:
         """Values that a controller knows, by name; raises `ConfigInvalid` for a tilted axis."""
         flat = self.geometry_flat()
-        for name in self.mechanism.parameters.extensions:
-            if name in flat:
-                raise ConfigInvalid(
-                    f"{self.name}: {name} is {flat[name]:g}, but the controller's kinematics has "
-                    "no axis tilts",
-                    remedy=f"identify again with {WITHOUT_TILTS}, and export again",
-                )
+        beyond = [name for name in self.mechanism.parameters.extensions if name in flat]
+        if beyond:
+            fields = dict.fromkeys(name.rpartition(".")[2] for name in beyond)
+            held = " ".join(f"--fix 'arm*.{field}'" for field in fields)
+            what = beyond[0].rpartition(".")[2].rpartition("_")[0].replace("_", " ")
+            raise ConfigInvalid(
+                f"{self.name}: {beyond[0]} is {flat[beyond[0]]:g}, but the controller's "
+                f"kinematics has no {what}s",
+                remedy=f"identify again with {held}, and export again",
+            )
         return flat
 
     @property
@@ -235,10 +237,11 @@ def _robot_of(document: YamlDocument) -> RobotDocument:
     """Check a document; raises `ConfigInvalid`, also when its sha256 is not its geometry's."""
     contents = checked(document, SCHEMA, contents_model(document.tree.get("mechanism")))
     mechanism = MECHANISMS[contents.mechanism]
+    values = _ordered_values(mechanism, _flat(contents.geometry), contents.name)
     robot = RobotFile(
         contents.name,
-        mechanism,
-        _ordered_values(mechanism, _flat(contents.geometry), contents.name),
+        mechanism.with_plate(_plate(mechanism, values, contents)),
+        values,
         _limits(mechanism, contents.limits),
         contents.uncertainty,
         contents.provenance,
@@ -252,6 +255,18 @@ def _robot_of(document: YamlDocument) -> RobotDocument:
             remedy="somebody changed the geometry: restore the file, or delete the line sha256",
         )
     return RobotDocument(robot, document)
+
+
+def _plate(mechanism: Mechanism, values: Iterable[float], contents: RobotContents) -> PlateDrawing:
+    """Drawing of the plate, typical where the file does not say."""
+    space = mechanism.parameters
+    p = space.vector(dict(zip(space.geometry, values, strict=True)))
+    typical = mechanism.typical_plate(p)
+    return replace(
+        typical,
+        joints_mm=contents.plate_joints_mm or typical.joints_mm,
+        reflector_mm=contents.reflector_mm or typical.reflector_mm,
+    )
 
 
 def _flat(geometry: FileModel) -> dict[str, float]:

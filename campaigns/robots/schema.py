@@ -40,6 +40,7 @@ Turn = Annotated[float, Field(ge=-360.0, le=360.0)]
 Tilt = Annotated[float, Field(ge=-10.0, le=10.0)]
 TurnRange = Annotated[tuple[Turn, Turn], AfterValidator(_rising)]
 PlaceRange = Annotated[tuple[Place, Place], AfterValidator(_rising)]
+Point = tuple[Place, Place, Place]
 Deviation = Annotated[float, Field(ge=0.0)]
 Deviations = dict[str, Deviation]
 
@@ -47,6 +48,7 @@ Deviations = dict[str, Deviation]
 Definition = tuple[Any, Any]
 
 VALUE_OF: dict[str, Any] = {"place": Place, "length": Length, "angle": Turn, "small angle": Tilt}
+JOINTS_ON_PLATE = "where each arm's bar sits on its part of the plate, [x, y, z] mm"
 COUNTS = ("no", "one", "two", "three", "four", "five", "six")
 
 
@@ -64,8 +66,16 @@ class RobotContents(FileModel):
     name: str = Field(min_length=1, description="the robot's name")
     geometry: FileModel = Field(description="the parameters")
     limits: FileModel = Field(description="what the mechanism allows")
-    workspace_centre_mm: tuple[Place, Place, Place] | None = Field(
+    workspace_centre_mm: Point | None = Field(
         default=None, description="the middle of the workspace, [x, y, z] mm; may be left out"
+    )
+    plate_joints_mm: tuple[Point, ...] | None = Field(
+        default=None, description=f"{JOINTS_ON_PLATE}; may be left out"
+    )
+    reflector_mm: Point | None = Field(
+        default=None,
+        description="the reflector on the plate, [x, y, z] mm from the controlled point; may be "
+        "left out",
     )
     tolerance: ToleranceContents = Field(
         default=ToleranceContents(),
@@ -112,6 +122,11 @@ def _model_of(word: str) -> type[RobotContents]:
     named = ", ".join(("arms", *(field.name for field in space.platform_fields)))
     limits = _limits_model(mechanism)
     described = ", ".join(limits.model_fields)
+    points: Any = tuple[(Point,) * space.arms]  # type: ignore[misc]
+    joints: Definition = (
+        points | None,
+        Field(default=None, description=f"{count} places, {JOINTS_ON_PLATE}"),
+    )
     deviations = Annotated[Deviations, AfterValidator(_naming(space.geometry))]
     return create_model(
         "RobotContents",
@@ -119,6 +134,7 @@ def _model_of(word: str) -> type[RobotContents]:
         mechanism=(_literal(word), Field(description=f"the kind of mechanism: {word}")),
         geometry=(geometry, Field(description=f"the parameters: {named}")),
         limits=(limits, Field(description=described)),
+        plate_joints_mm=joints,
         uncertainty=(deviations | None, RobotContents.model_fields["uncertainty"]),
     )
 

@@ -49,7 +49,9 @@ def answers(name):
 
 NOMINAL = delta_in(CASES["nominal"]["geometry"])
 PERTURBED = delta_in(CASES["perturbed"]["geometry"])
-TILTED = delta_of(np.concatenate([PERTURBED.p[: len(SPACE.names)], [0.03, -0.02, 0.05]]))
+TILTED = delta_of(
+    np.concatenate([PERTURBED.p[: len(SPACE.names)], [0.03, -0.02, 0.05, 0.01, 0.004, -0.006]])
+)
 """Far more than a workshop would leave, so that no sign and no size goes unnoticed."""
 ROBOTS = {"nominal": NOMINAL, "perturbed": PERTURBED, "perturbed + axis tilts": TILTED}
 LIMITS = Limits(tuple(np.radians([-40.0, 85.0])), (None, None, None), np.radians(45.0))

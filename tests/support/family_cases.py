@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
-from campaigns.mechanisms.catalog import MECHANISMS
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import find_robot
 
@@ -31,7 +30,7 @@ class Member:
 
     @property
     def mechanism(self):
-        return MECHANISMS[self.name]
+        return self.shipped.mechanism
 
     @property
     def space(self):
@@ -66,10 +65,10 @@ class Member:
     @property
     def tilted(self):
         """Far more than a workshop would leave, so that no sign and no size goes unnoticed."""
-        tilts = [0.03, -0.02, 0.05, -0.04][: self.space.arms]
-        p = np.concatenate([self.perturbed.p[: len(self.space.names)], tilts])
-        directions = [name for name in self.space.names if name.endswith("elevation_deg")]
-        p[self.space.places(directions)] += tilts[::-1][: len(directions)]
+        p = self.perturbed.p.copy()
+        for ending in ("elevation_deg", "rail_tilt_deg", "axis_tilt_deg", "skew_deg"):
+            names = [name for name in self.space.geometry if name.endswith(ending)]
+            p[self.space.places(names)] += [0.03, -0.02, 0.05, -0.04][: len(names)]
         return self.robot_of(p)
 
     @property

@@ -26,7 +26,8 @@ def geometry_in(document):
 
 NOMINAL = geometry_in(CASES["nominal"]["geometry"])
 TABLE1 = geometry_in(CASES["nominal+table1"]["geometry"])
-TILTED = par4_of(np.concatenate([TABLE1.p[: len(NAMES)], [0.03, -0.02, 0.05, -0.04]]))
+TILTS_RAD, SKEWS_RAD = (0.03, -0.02, 0.05, -0.04), (0.01, 0.004, -0.006, 0.02)
+TILTED = par4_of(np.concatenate([TABLE1.p[: len(NAMES)], TILTS_RAD, SKEWS_RAD]))
 """Far more than a workshop would leave, so that no sign and no size goes unnoticed."""
 LEVEL_ROBOTS = {"par4-prototype": NOMINAL, "par4-prototype + Table I": TABLE1}
 ROBOTS = {**LEVEL_ROBOTS, "par4-prototype + Table I + axis tilts": TILTED}

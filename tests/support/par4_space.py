@@ -13,7 +13,8 @@ SPACE = PAR4.parameters
 NAMES = SPACE.names
 GEOMETRY_NAMES = SPACE.geometry
 MODEL_NAMES = SPACE.model
-AXIS_TILT_NAMES = SPACE.extensions
+AXIS_TILT_NAMES = tuple(name for name in SPACE.extensions if name.endswith("axis_tilt_deg"))
+SKEW_NAMES = tuple(name for name in SPACE.extensions if name.endswith("skew_deg"))
 BACKLASH_NAMES = SPACE.backlashes
 FREE_BY_DEFAULT = SPACE.free_by_default
 FREE_IF_EXTENDED = SPACE.free_if_extended
@@ -25,6 +26,7 @@ indices = SPACE.places
 PLATE = NAMES.index("plate_mm")
 OFFSETS = SPACE.offsets
 TILTS = indices(AXIS_TILT_NAMES)
+SKEWS = indices(SKEW_NAMES)
 BACKLASHES = indices(BACKLASH_NAMES)
 """Places in the vector of all parameters."""
 

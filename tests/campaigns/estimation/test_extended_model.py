@@ -1,4 +1,4 @@
-"""The model beyond 22 parameters: freed azimuths, axis tilts, and gears with lost motion."""
+"""The model beyond 22 parameters: azimuths, axis tilts, skews, and gears with lost motion."""
 
 import numpy as np
 import pytest
@@ -20,6 +20,7 @@ from par4_space import (
     FREE_IF_EXTENDED,
     IS_ANGLE,
     MODEL_NAMES,
+    SKEWS,
     TILTS,
     indices,
     par4_of,
@@ -42,14 +43,16 @@ FREE = indices(FREE_IF_EXTENDED)
 BACKLASH_RAD = np.array([60.0, 20.0, -10.0, 90.0]) * ARCSEC
 """One has the wrong sign, which a fit must be able to say."""
 AZIMUTH_ERRORS_RAD = np.array([0.0, 5e-4, -3e-4, 8e-4])
-AXIS_TILTS_RAD = np.array([5e-4, -4e-4, 2e-4, -7e-4])
+AXIS_TILTS_RAD = np.array([0.0, 0.0, 2e-4, -7e-4])
+"""The axes of arms 0 and 1 are the frame's horizontal."""
+SKEWS_RAD = np.array([6e-4, -3e-4, -5e-4, 9e-4])
 DECADES = 10.0 ** -np.arange(2, 8)
 
 
 def as_made():
     made = TABLE1.p.copy()
     made[places_of("azimuth_deg")] += AZIMUTH_ERRORS_RAD
-    made[TILTS] = AXIS_TILTS_RAD
+    made[TILTS], made[SKEWS] = AXIS_TILTS_RAD, SKEWS_RAD
     return par4_of(made)
 
 
@@ -109,7 +112,7 @@ def test_a_model_without_backlash_has_none():
     assert (standard.arm_joints(standard.nominal) == joints).all()
 
 
-def test_derivative_of_the_position_by_all_37_in_every_decade():
+def test_derivative_of_the_position_by_all_41_in_every_decade():
     """Central differences: the truncation falls with the step's square, then rounding rises."""
     joints = reachable_joints(TILTED, 12, seed=64, limits=WELL_INSIDE)
     tried = model(TILTED, joints, approaches(12), ALL)
@@ -126,7 +129,7 @@ def test_derivative_of_the_position_by_all_37_in_every_decade():
     assert (errors[1] < 0.02 * errors[0] + 1e-9).all()
 
 
-def test_33_parameters_can_be_told_apart_when_the_directions_of_approach_are_known():
+def test_35_parameters_can_be_told_apart_when_the_directions_of_approach_are_known():
     joints = reachable_joints(NOMINAL, 120, seed=65, limits=LIMITS)
     points_mm = measured_points(NOMINAL, joints)
 
@@ -134,10 +137,11 @@ def test_33_parameters_can_be_told_apart_when_the_directions_of_approach_are_kno
         problem = points_problem(model(NOMINAL, joints, approach, indices(names)), points_mm)
         return observability(problem.jacobian(problem.start())).rank - 6
 
-    assert len(FREE_IF_EXTENDED) == 33
-    assert rank(approaches(120)) == 33
-    assert rank(None) == 29
-    assert rank(approaches(120), ("arm0.azimuth_deg", *FREE_IF_EXTENDED)) == 33
+    assert len(FREE_IF_EXTENDED) == 35
+    assert rank(approaches(120)) == 35
+    assert rank(None) == 31
+    turns = ("arm0.azimuth_deg", "arm0.axis_tilt_deg", "arm1.axis_tilt_deg")
+    assert rank(approaches(120), (*turns, *FREE_IF_EXTENDED)) == 35
 
 
 def problems_of(points_mm, tried):

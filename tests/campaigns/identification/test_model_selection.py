@@ -5,13 +5,29 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identified_cases import NOMINAL, TRACKER_FROM_BASE, TRUTH, noisy, simulated
-from par4_space import AXIS_TILT_NAMES, BACKLASH_NAMES, MODEL_NAMES, SPACE, indices, par4, par4_of
+from par4_space import (
+    AXIS_TILT_NAMES,
+    BACKLASH_NAMES,
+    MODEL_NAMES,
+    SKEW_NAMES,
+    SPACE,
+    indices,
+    par4,
+    par4_of,
+)
 
 from campaigns.errors import SelectionInvalid
 from campaigns.estimation.estimators import Model
 from campaigns.estimation.residuals import PositionModel
 from campaigns.identification.identify import identify
-from campaigns.identification.model_selection import STANDARD, bic, candidate_models, select_model
+from campaigns.identification.model_selection import (
+    FULL,
+    STANDARD,
+    asked_of,
+    bic,
+    candidate_models,
+    select_model,
+)
 from campaigns.identification.parameter_selection import Prior, select_parameters
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.shots.shot_sets import ShotSet
@@ -88,6 +104,27 @@ def test_the_standard_model_is_the_one_that_is_fitted_without_a_choice():
     assert chosen(data).flat() == alone.flat()
 
 
+def test_unequal_rods_are_found_and_no_more_kept_than_they_need():
+    p = TRUTH.p.copy()
+    p[indices(SKEW_NAMES)] = [6e-4, -9e-4, 1e-3, 4e-4]
+    choice = select_model(NOMINAL, shots(par4_of(p)), candidate_models(SPACE, Model.AUTO))
+    assert kept(choice) == "rods"
+    found = choice.parameters
+    for name in SKEW_NAMES:
+        assert abs(found[name].value - par4_of(p).flat()[name]) < 4.0 * found[name].std
+
+
+def test_a_model_that_is_asked_for_is_kept_whatever_speaks_against_it():
+    models = candidate_models(SPACE, Model.FULL)
+    choice = select_model(NOMINAL, shots(TRUTH), models, asked=asked_of(Model.FULL))
+    assert kept(choice) == FULL
+    assert set(SKEW_NAMES) <= {*choice.free}
+    assert [each.name for each in choice.models] == [STANDARD, "rods", FULL]
+    only = candidate_models(SPACE, Model.PAPER)
+    assert list(only) == [STANDARD]
+    assert asked_of(Model.AUTO) is None
+
+
 def test_one_model_alone_is_no_choice():
     data = shots(TRUTH)
     only = candidate_models(SPACE, Model.STANDARD)
@@ -145,9 +182,9 @@ def test_what_the_user_frees_by_name_belongs_to_the_standard_model_too():
 
 
 def test_a_prior_counts_in_the_models_that_have_its_parameter():
-    texts = ["arm1.axis_tilt_deg=0.03", "plate_mm=0.1"]
+    texts = ["arm2.axis_tilt_deg=0.03", "plate_mm=0.1"]
     models = candidate_models(SPACE, Model.EXTENDED, priors=texts)
-    assert models["axes"].priors == (Prior("plate_mm", 0.1), Prior("arm1.axis_tilt_deg", 0.03))
+    assert models["axes"].priors == (Prior("plate_mm", 0.1), Prior("arm2.axis_tilt_deg", 0.03))
     assert models[STANDARD].priors == (Prior("plate_mm", 0.1),)
     with pytest.raises(SelectionInvalid, match="is held"):
         candidate_models(SPACE, Model.EXTENDED, priors=["arm0.x_mm=0.1"])
@@ -158,4 +195,4 @@ def test_the_criterion_charges_a_parameter_the_logarithm_of_the_measurements():
     found = identify(NOMINAL, data, USUAL)
     dearer = replace(found, rank=found.rank + 1)
     assert bic(dearer) - bic(found) == pytest.approx(np.log(3 * 120))
-    assert len(indices(MODELS["axes+backlash"].free)) == 33
+    assert len(indices(MODELS["axes+backlash"].free)) == 35

@@ -15,6 +15,7 @@ from par4_space import (
     NAMES,
     OFFSETS,
     PLATE,
+    SKEW_NAMES,
     TILTS,
     indices,
     par4,
@@ -29,7 +30,7 @@ def values_of(names):
 @given(values_of(GEOMETRY_NAMES))
 def test_names_and_vector_hold_the_same(flat):
     geometry = par4(flat)
-    told = dict.fromkeys(AXIS_TILT_NAMES, 0.0) | geometry.flat()
+    told = dict.fromkeys(AXIS_TILT_NAMES + SKEW_NAMES, 0.0) | geometry.flat()
     assert told == pytest.approx(flat, rel=1e-15, abs=1e-300)
     assert par4(geometry.flat()).p == pytest.approx(geometry.p, rel=1e-15, abs=1e-300)
 
@@ -70,8 +71,8 @@ def test_an_unknown_name_has_no_place():
 
 
 def test_what_lies_beyond_the_29_stands_after_them():
-    """A place by name is the same whether one thinks of 29, 33 or 37 parameters."""
-    assert MODEL_NAMES == NAMES + AXIS_TILT_NAMES + BACKLASH_NAMES
+    """A place by name is the same whether one thinks of 29, 37 or 41 parameters."""
+    assert MODEL_NAMES == NAMES + AXIS_TILT_NAMES + SKEW_NAMES + BACKLASH_NAMES
     assert indices(NAMES).tolist() == list(range(29))
     assert NAMES[PLATE] == "plate_mm"
     assert [NAMES[place] for place in OFFSETS] == [f"arm{i}.joint_offset_deg" for i in range(4)]

@@ -1,0 +1,253 @@
+"""Plate tilt by unequal rods and tilted axes: what no contracted parallelogram can express.
+
+Forearm i is two rods between the ends of an elbow bar and of a plate bar, both of half width w.
+With g the vector from the middle of the elbow bar to that of the plate bar, e = R v - a the
+difference of the bars' directions (v: plate bar on a level plate, a: motor axis, R: plate's
+rotation) and rods of lengths L ± κ w, the rods close where
+
+    sum of the squares        |g|² = L²           (- w² |e|² + w² κ², of second order, left out)
+    difference of the squares g · e = κ L
+
+independent of w. The sums are the contracted closures with plate joints moved by the tilt; the
+differences give the tilt: as many equations as arms for three unknowns, solved in the sense of
+least squares weighted by the level plate's sensitivities, exactly with three arms.
+Derivation: docs/model.md, "Plate tilt".
+
+Arrays of all arms lie by component and arm, (3, n, N). A rotation is a Gibbs vector s, (3, N), the
+tangent of half its angle along its axis; derivatives are by a further small turn φ in the base
+frame, d(R c) = φ × R c.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from campaigns.arrays import Array
+
+Place = tuple[float, float, float]
+TYPICAL_JOINT_MM = 50.0
+DIAGONAL = np.arange(3), np.arange(3)
+ROUNDS = 15
+SETTLED_RAD = 1e-13
+"""Last step of a tilt, a thousandth of which is left."""
+
+
+@dataclass(frozen=True)
+class PlateDrawing:
+    """Nominal places on the plate in the base frame, of a level plate at θ = 0."""
+
+    joints_mm: tuple[Place, ...]
+    """b_i: the plate bars' middles, seen from the contracted B_i, where perfect parts have them."""
+    reflector_mm: Place
+    """r: the measured point, seen from the controlled one."""
+    outward_rad: tuple[float, ...] | None = None
+    """Azimuths across the plate's bars; None: the arms'."""
+
+    @classmethod
+    def typical(cls, outward_rad: Array, *, follows_arms: bool) -> Self:
+        """Drawing where none is given: joints `TYPICAL_JOINT_MM` outward, the point between."""
+        outward_mm = TYPICAL_JOINT_MM * np.stack([np.cos(outward_rad), np.sin(outward_rad)], axis=1)
+        joints_mm = tuple((float(x), float(y), 0.0) for x, y in outward_mm)
+        fixed = None if follows_arms else tuple(outward_rad.tolist())
+        return cls(joints_mm, (0.0, 0.0, 0.0), fixed)
+
+    @cached_property
+    def from_reflector_mm(self) -> Array:
+        """b_i - r, (3, n, 1)."""
+        seen_mm = np.array(self.joints_mm) - np.array(self.reflector_mm)
+        return np.asarray(seen_mm.T[..., None])
+
+    def levers_mm(self, offsets_mm: Array) -> Array:
+        """Plate joints seen from the reflector, (3, n, N), of contracted offsets B_i - X."""
+        return np.asarray(offsets_mm + self.from_reflector_mm)
+
+
+@dataclass(frozen=True, eq=False)
+class RodPairs:
+    """Directions of the bars and skews that tilt the plate, of all arms."""
+
+    plate_bars: Array
+    """v_i (3, n, 1): horizontal, across the arm."""
+    motor_axes: Array
+    """a_i (3, n, 1): v_i turned by the axis tilt."""
+    skew: Array
+    """κ_i (n, 1): half the difference of the rods' lengths over half the parallelogram's width."""
+    forearm_mm: Array
+    """L_i (n, 1)."""
+
+    @classmethod
+    def of(cls, azimuths_rad: Array, tilts_rad: Array, skew: Array, forearm_mm: Array) -> Self:
+        """Pairs of rods by azimuths, axis tilts, skews and forearm lengths, (n,) each."""
+        level = np.zeros_like(azimuths_rad)
+        bars = np.stack([-np.sin(azimuths_rad), np.cos(azimuths_rad), level])
+        axes = np.cos(tilts_rad) * bars
+        axes[2] = np.sin(tilts_rad)
+        return cls(bars[..., None], axes[..., None], skew[:, None], forearm_mm[:, None])
+
+    @cached_property
+    def are_level(self) -> bool:
+        """Whether rods and axes are perfect, which leaves the plate level everywhere."""
+        return not (self.skew.any() or self.motor_axes[2].any())
+
+    def tilt(self, forearms_mm: Array, levers_mm: Array, start: Array | None = None) -> Array:
+        """Gibbs vectors (3, N) of the plate at given contracted forearms and levers, (3, n, N)."""
+        gibbs = np.zeros((3, forearms_mm.shape[2])) if start is None else start
+        for _ in range(ROUNDS):
+            gibbs, step = self.approached(forearms_mm, levers_mm, gibbs)
+            if not np.abs(step).max(initial=0.0) > SETTLED_RAD:
+                break
+        return gibbs
+
+    def approached(self, forearms_mm: Array, levers_mm: Array, gibbs: Array) -> tuple[Array, Array]:
+        """Gibbs vectors (3, N) some thousand times nearer to the plate's, and the step, rad."""
+        state = self.state(forearms_mm, levers_mm, gibbs)
+        weights = state.weights
+        matrix = np.einsum("kin,lin->kln", weights, weights)
+        step = _solved(matrix, -state.balance())
+        return _turned_further(gibbs, step), step
+
+    def state(self, forearms_mm: Array, levers_mm: Array, gibbs: Array) -> "TiltedForearms":
+        """Forearms of the tilted plate, with what its balance needs."""
+        excess = rotation_excess(gibbs)
+        moved = forearms_mm + applied(excess, levers_mm)
+        across = applied(excess, self.plate_bars) + (self.plate_bars - self.motor_axes)
+        misfit = _dot(moved, across) / self.forearm_mm - self.skew
+        weights = _cross(self.plate_bars / self.forearm_mm, moved)
+        return TiltedForearms(self, excess, levers_mm, moved, across, misfit, weights)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TiltedForearms:
+    """Forearms g_i of a tilted plate, and the misfits of the differences of their rods."""
+
+    pairs: RodPairs
+    excess: Array
+    """R - 1, (3, 3, N)."""
+    levers_mm: Array
+    forearms_mm: Array
+    """g_i (3, n, N)."""
+    across: Array
+    """e_i = R v_i - a_i (3, n, N)."""
+    misfit: Array
+    """g_i·e_i / L_i - κ_i (n, N)."""
+    weights: Array
+    """v_i × g_i / L_i (3, n, N): how a tilt moves a misfit, to first order."""
+
+    def balance(self) -> Array:
+        """Σ weights · misfit (3, N), zero at the plate's tilt."""
+        return np.asarray((self.weights * self.misfit).sum(axis=1))
+
+    def closures_by_turn(self) -> Array:
+        """∂|g_i|²/∂φ, (3, n, N)."""
+        levers = self.levers_mm + applied(self.excess, self.levers_mm)
+        return np.asarray(2.0 * _cross(levers, self.forearms_mm))
+
+    def balance_by_forearms(self) -> Array:
+        """∂balance/∂g_i, (3, 3, n, N): a vector by component for each part of the balance."""
+        length, (x, y, _) = self.pairs.forearm_mm, self.pairs.plate_bars
+        by_forearms = self.weights[:, None] * (self.across / length)
+        scaled = self.misfit / length
+        # the cross product by v_i, which is horizontal
+        by_forearms[0, 2] += y * scaled
+        by_forearms[1, 2] -= x * scaled
+        by_forearms[2, 1] += x * scaled
+        by_forearms[2, 0] -= y * scaled
+        return by_forearms
+
+    def balance_by_turn(self, by_forearms: Array) -> Array:
+        """∂balance/∂φ, (3, 3, N)."""
+        levers = self.levers_mm + applied(self.excess, self.levers_mm)
+        by_joint = _cross(levers[:, None], by_forearms.swapaxes(0, 1)).sum(axis=2)
+        bars = self.across + self.pairs.motor_axes
+        by_bar = _cross(bars, self.forearms_mm / self.pairs.forearm_mm)
+        turned = np.einsum("kin,lin->kln", self.weights, by_bar)
+        return np.asarray(by_joint.swapaxes(0, 1) + turned)
+
+    def rotated_back(self, vectors: Array) -> Array:
+        """Rᵀ y, (3, n, N), of vectors y (3, n, N)."""
+        return np.asarray(vectors + applied(self.excess.swapaxes(0, 1), vectors))
+
+    def by_own_parameters(self) -> "OwnDerivatives":
+        """∂balance by the bars' directions and what the rods are, (3, n, N) each, elbows held."""
+        length, bars, axes = self.pairs.forearm_mm, self.pairs.plate_bars, self.pairs.motor_axes
+        level = np.hypot(axes[0], axes[1])
+        by_azimuth = np.stack([-bars[1], bars[0], np.zeros_like(bars[0])])
+        across = by_azimuth * (1.0 - level) + applied(self.excess, by_azimuth)
+        weighted = _cross(by_azimuth, self.forearms_mm) * self.misfit
+        azimuth = self.weights * _dot(self.forearms_mm, across) + weighted
+        by_tilt = -axes[2] * bars
+        by_tilt[2] = level
+        return OwnDerivatives(
+            azimuth / length,
+            -self.weights * (2.0 * self.misfit + self.pairs.skew) / length,
+            -self.weights * _dot(self.forearms_mm, by_tilt) / length,
+            -self.weights,
+        )
+
+
+class OwnDerivatives(NamedTuple):
+    """Derivatives of the balance by each arm's own parameters, (3, n, N) each."""
+
+    azimuth: Array
+    forearm: Array
+    axis_tilt: Array
+    skew: Array
+
+
+def rotation_excess(gibbs: Array) -> Array:
+    """R - 1 (3, 3, N) of Gibbs vectors (3, N)."""
+    square = (gibbs * gibbs).sum(axis=0)
+    excess = gibbs[:, None] * gibbs
+    excess[DIAGONAL] -= square
+    x, y, z = gibbs
+    excess[(0, 1, 2), (1, 2, 0)] -= np.stack([z, x, y])
+    excess[(1, 2, 0), (0, 1, 2)] += np.stack([z, x, y])
+    return np.asarray(excess * (2.0 / (1.0 + square)))
+
+
+def applied(matrices: Array, vectors: Array) -> Array:
+    """Products (3, n, N) of matrices (3, 3, N) and vectors (3, n, N) or (3, n, 1)."""
+    by_row = matrices[:, :, None]
+    return np.asarray(
+        by_row[:, 0] * vectors[0] + by_row[:, 1] * vectors[1] + by_row[:, 2] * vectors[2]
+    )
+
+
+def displacement(gibbs: Array, vectors: Array) -> Array:
+    """(R - 1) c, (3, n, N), of vectors c (3, n, N) on a plate turned by Gibbs vectors s (3, N)."""
+    return applied(rotation_excess(gibbs), vectors)
+
+
+def rotation_vectors(gibbs: Array) -> Array:
+    """Rotation vectors (3, N), rad, of Gibbs vectors."""
+    size = np.linalg.norm(gibbs, axis=0)
+    # 2 atan(x) / x is 2 where x vanishes, and smooth there
+    ratio = np.where(size > 0.0, 2.0 * np.arctan(size) / np.where(size > 0.0, size, 1.0), 2.0)
+    return np.asarray(ratio * gibbs)
+
+
+def _turned_further(gibbs: Array, turn_rad: Array) -> Array:
+    """Gibbs vectors of rotations followed by small turns (their Gibbs vectors half as long)."""
+    half = 0.5 * turn_rad
+    return np.asarray((gibbs + half + _cross(half, gibbs)) / (1.0 - _dot(half, gibbs)))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray((a * b).sum(axis=0))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    product[0] = a[1] * b[2] - a[2] * b[1]
+    product[1] = a[2] * b[0] - a[0] * b[2]
+    product[2] = a[0] * b[1] - a[1] * b[0]
+    return product
+
+
+def _solved(matrices: Array, right: Array) -> Array:
+    """Solutions (3, N) of symmetrical systems (3, 3, N)."""
+    a, b, c = matrices
+    bc, ca, ab = _cross(b, c), _cross(c, a), _cross(a, b)
+    return np.asarray((right[0] * bc + right[1] * ca + right[2] * ab) / _dot(a, bc))
