@@ -14,6 +14,8 @@ from sim.robot.assembly import OutOfReach, joints_for
 
 PEAK_OF_SMOOTH = 1.875
 """Highest speed of the smooth profile, as a multiple of its mean."""
+FARTHEST_MM = 1e6
+"""Beyond, squares of lengths are no numbers to compute with, and no robot reaches."""
 SHORTEST_S = 0.05
 BRAKING_S = 0.05
 
@@ -209,6 +211,8 @@ class SimulatedController:
         position_mm = np.array([x_mm, y_mm, z_mm])
         if not np.isfinite([*position_mm, theta_rad]).all():
             raise Refusal("REACH", "the pose is not made of finite numbers")
+        if np.abs(position_mm).max() > FARTHEST_MM:
+            raise Refusal("REACH", f"the pose is {np.abs(position_mm).max():g} mm away")
         try:
             joints = joints_for(geometry_of(self._geometry, self.kind), position_mm, theta_rad)
         except OutOfReach as reason:

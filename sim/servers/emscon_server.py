@@ -2,8 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import isfinite
+from math import hypot
 
+from drivers.values import DISTANCE
 from drivers.wire.emscon import (
     Answer,
     FromClient,
@@ -222,9 +223,9 @@ class EmsconSession:
     def _motion_s(self, body: Body, now_s: float) -> float | None:
         """Start a motion and return how long it takes; None: there is no such place."""
         scale = self._desk.scale
-        if isinstance(body, Target | Place) and all(map(isfinite, scale.point_mm(body.point))):
+        if isinstance(body, Target | Place) and _is_in_sight(*scale.point_mm(body.point)):
             return self._tracker.go_to(scale.point_mm(body.point), now_s)
-        if isinstance(body, ApproximateDistance) and isfinite(scale.length_mm(body.distance)):
+        if isinstance(body, ApproximateDistance) and _is_in_sight(scale.length_mm(body.distance)):
             return self._tracker.find(scale.length_mm(body.distance), now_s)
         return None
 
@@ -327,3 +328,8 @@ class EmsconSession:
     def _tell(self, change: SystemChange) -> None:
         if self._desk.settings.send_unsolicited_messages:
             self._send(encode(StatusChange(change)))
+
+
+def _is_in_sight(*coordinates_mm: float) -> bool:
+    """Whether a place is as near as a tracker can see; nothing without numbers is."""
+    return DISTANCE.hold(hypot(*coordinates_mm))

@@ -140,6 +140,7 @@ def test_what_is_set_is_read_back(setting, getting, body):
         (Command.GO_AND_MEASURE, Place((0.0, math.inf, 0.0)), ResultStatus.WRONG_PARAMETER_1),
         (Command.GO_POSITION, Target((0.0, math.inf, 0.0), 1), ResultStatus.WRONG_PARAMETER_1),
         (Command.GO_POSITION, Target((0.0, 1e308, 0.0), 1), ResultStatus.WRONG_PARAMETER_1),
+        (Command.GO_POSITION, Target((0.0, 201.0, 0.0), 1), ResultStatus.WRONG_PARAMETER_1),
         (Command.FIND_REFLECTOR, ApproximateDistance(math.nan), ResultStatus.WRONG_PARAMETER_1),
     ],
 )

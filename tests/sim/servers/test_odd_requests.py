@@ -1,0 +1,79 @@
+"""Sound requests with odd contents, to a whole cell: it answers, refuses or hangs up."""
+
+import math
+from contextlib import suppress
+from random import Random
+
+import pytest
+
+from drivers.errors import WireError
+from drivers.wire import geocom, robotline
+from drivers.wire import robotline_messages as messages
+from drivers.wire.emscon import SHAPES, Request, encode
+from drivers.wire.geocom_constants import Rpc
+from sim.cell import Cell
+from sim.geometry import PAR4
+from sim.scenarios.scenario import load_scenario
+from sim.servers.emscon_server import EmsconSession
+from sim.servers.geocom_server import GeocomSession
+from sim.servers.geocom_station import GeocomStation
+from sim.servers.robotline_server import RobotlineSession, layout_of
+
+WHOLES = (0, 1, -1, 2, 5, 500, 2**31 - 1, -(2**31))
+FINITE = (0.0, 1.0, -1.0, 1.0002, 2500.0, 1e9, 1e-300, -1e155, 1e300)
+FLOATS = (*FINITE, math.nan, math.inf)
+WORDS = ("0", "1", "-1", "9" * 18, "1e99", "-1e99", "0.5", "5000", '"CCR-1.5in"', '""', "x")
+REQUESTS = 60
+PART = "ARM 0"
+
+
+def emscon_request(draw, _number):
+    command = draw.choice(list(SHAPES))
+    kind = SHAPES[command].request
+    one = {
+        "i": lambda: draw.choice(WHOLES),
+        "d": lambda: draw.choice(FLOATS),
+        "v": lambda: tuple(draw.choice(FLOATS) for _ in range(3)),
+    }
+    return encode(Request(command, kind(*(one[code]() for code in kind.LAYOUT))))
+
+
+def geocom_request(draw, number):
+    words = tuple(draw.choice(WORDS) for _ in range(draw.randrange(6)))
+    return geocom.encode_request(geocom.Request(int(draw.choice(list(Rpc))), number, words))
+
+
+def robotline_request(draw, number):
+    def some(count):
+        return tuple(draw.choice(FINITE) for _ in range(count))
+
+    parameters = len(layout_of(PAR4).parts[PART])
+    commands = (
+        messages.AskState(),
+        messages.Stop(),
+        messages.MoveJoints(some(4), 50.0),
+        messages.MovePose(some(4), 100.0),
+        messages.Stage(messages.Part(PART, some(parameters))),
+        messages.Commit(),
+        messages.ReadPart(PART),
+    )
+    return robotline.encode_request(robotline.Request(number, draw.choice(commands)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(8))
+def test_odd_request_is_answered_refused_or_hung_up_on(seed):
+    draw, said, now_s = Random(seed), [], 0.0
+    cell = Cell(load_scenario("realistic"))
+    sessions = (
+        (EmsconSession(cell.tracker, said.append), emscon_request),
+        (GeocomSession(GeocomStation(cell.tracker), said.append), geocom_request),
+        (RobotlineSession(cell.controller, said.append), robotline_request),
+    )
+    for number in range(1, REQUESTS + 1):
+        session, request = draw.choice(sessions)
+        now_s += draw.choice((0.0, 0.01, 1.0, 30.0))
+        with suppress(WireError):
+            session.received(request(draw, number), now_s)
+            session.advance(now_s)
+    assert len(said) > REQUESTS // 3
