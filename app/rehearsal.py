@@ -4,7 +4,7 @@ from app.console import Terminal
 from app.measuring import measure_validation, run_plan
 from app.plan_text import plan_line
 from app.report.identification_text import show
-from app.validation_text import figures_mm, show_gain
+from app.validation_text import show_gain
 from app.wiring import connected_robot, scenario_of
 from campaigns import chain
 from campaigns.campaign import Campaign
@@ -47,7 +47,7 @@ def rehearse(
     heading(terminal, 7, "validate after")
     after = _validated(campaign, terminal, "after")
     document["after"] = after.result.document()
-    show_gain(terminal, figures_mm(before.result), after.result)
+    show_gain(terminal, (before.result,), after.result)
     return document, after.verdict.reasons
 
 

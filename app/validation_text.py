@@ -1,9 +1,10 @@
 """Result of a validation, for people and as a document."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Sequence
 
 from app.console import BAD, GOOD, OPEN, Terminal
 from campaigns.chain.validation import Validated, ValidationStage
+from campaigns.evaluation.gains import NO_CHANGE, Gain, gains_over
 from campaigns.evaluation.validation import ValidationResult, ValidationVerdict
 
 STYLES = {"pass": GOOD, "fail": BAD, "not decided": OPEN}
@@ -56,31 +57,25 @@ def show_verdict(terminal: Terminal, verdict: ValidationVerdict) -> None:
         terminal.say("good: every limit asked for is kept, by more than the uncertainty", GOOD)
 
 
-def figures_mm(found: ValidationResult) -> dict[str, float | None]:
-    """All figures by their names on the screen; None for a test that was not run."""
-    lengths = found.figures().items()
-    values = {name: None if each is None else each.value_mm for name, each in lengths}
-    return {**values, **found.further_figures_mm()}
-
-
-def latest_figures_mm(found: Iterable[ValidationResult]) -> dict[str, float | None]:
-    """Figures of several validations, oldest first: of each test the latest."""
-    latest: dict[str, float | None] = {}
-    for each in found:
-        known = {name: value for name, value in figures_mm(each).items() if value is not None}
-        latest |= known
-    return latest
-
-
 def show_gain(
-    terminal: Terminal, before_mm: Mapping[str, float | None], after: ValidationResult
+    terminal: Terminal, before: Sequence[ValidationResult], after: ValidationResult
 ) -> None:
-    """Before and after side by side; of the figures before by their names on the screen."""
+    """Before, oldest first, and after side by side; U (k = 2) is that of the difference."""
     rows = [
-        (name, *map(in_mm, (before_mm.get(name), value)), _factor(before_mm.get(name), value))
-        for name, value in figures_mm(after).items()
+        (
+            each.name,
+            *(in_mm(length.value_mm if length else None) for length in (each.before, each.after)),
+            in_mm(each.expanded_uncertainty_mm),
+            _change(each),
+        )
+        for each in gains_over(before, after)
     ]
-    terminal.table("Gain (mm)", ("", "before", "after", "before/after"), rows)
+    rows += [
+        (name, in_mm(_latest_further_mm(before, name)), in_mm(value), "-", "")
+        for name, value in after.further_figures_mm().items()
+    ]
+    columns = ("", "before", "after", "U", "")
+    terminal.table("Gain (mm)", columns, rows)
 
 
 def in_mm(value: float | None) -> str:
@@ -88,5 +83,17 @@ def in_mm(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-def _factor(before: float | None, after: float | None) -> str:
-    return f"{before / after:.1f}" if before is not None and after else "-"
+def _latest_further_mm(stages: Sequence[ValidationResult], name: str) -> float | None:
+    values = (stage.further_figures_mm()[name] for stage in reversed(stages))
+    return next((value for value in values if value is not None), None)
+
+
+def _change(gain: Gain) -> str:
+    """Factor of the change, unless the difference is within its uncertainty."""
+    if gain.shown is False:
+        return NO_CHANGE
+    if gain.before is None or gain.after is None:
+        return ""
+    least, most = sorted((gain.before.value_mm, gain.after.value_mm))
+    word = "less" if gain.after.value_mm < gain.before.value_mm else "more"
+    return f"{most / least:.1f} × {word}" if least > 0.0 else word

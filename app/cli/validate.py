@@ -10,7 +10,7 @@ from app.console import WARNING, terminal_of
 from app.exits import Exit
 from app.measuring import CLEAR, measure_validation
 from app.options import Anew, Dry, Folder, Json, Yes
-from app.validation_text import latest_figures_mm, show, show_gain, validation_document
+from app.validation_text import show, show_gain, validation_document
 from app.wiring import connected_robot
 from campaigns.campaign import open_campaign
 from campaigns.chain.validation import (
@@ -101,7 +101,7 @@ def command(
     show(terminal, stage, found)
     before = results_before(campaign) if stage == "after" else ()
     if before:
-        show_gain(terminal, latest_figures_mm(before), found.result)
+        show_gain(terminal, before, found.result)
     terminal.document(validation_document(found))
     if found.verdict.decision not in {None, "pass"}:
         raise typer.Exit(Exit.NOT_GOOD)

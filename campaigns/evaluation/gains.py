@@ -1,5 +1,6 @@
 """Gains: what a validation after calibration shows against one before, beyond its uncertainty."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,8 +49,18 @@ class Gain:
 
 def gains(before: ValidationResult | None, after: ValidationResult | None) -> tuple[Gain, ...]:
     """Every figure that was measured in at least one stage."""
-    old, new = (stage.comparable_figures() if stage else {} for stage in (before, after))
-    names = dict.fromkeys((*old, *new))
+    return gains_over((before,) if before else (), after)
+
+
+def gains_over(
+    before: Iterable[ValidationResult], after: ValidationResult | None
+) -> tuple[Gain, ...]:
+    """The same with several validations before, oldest first: of each test the latest counts."""
+    old: dict[str, MeasuredLength] = {}
+    for stage in before:
+        old |= {name: each for name, each in stage.comparable_figures().items() if each}
+    new = after.comparable_figures() if after else {}
+    names = dict.fromkeys((*new, *old))
     every = (Gain(name, old.get(name), new.get(name)) for name in names)
     return tuple(each for each in every if each.before or each.after)
 

@@ -99,7 +99,7 @@ def test_the_wrong_stage_is_refused_and_a_load_that_made_it_worse_is_not_good(pk
     assert "not good: distances, mean error" in ended.out
     assert "before loading it was" in ended.out
     gain = ended.out.partition("Gain (mm)")[2]
-    assert "before/after" in gain
+    assert "× more" in gain
     with read_journal(exported / "campaign.db") as journal:
         texts = [e.record.text for e in journal.records_of(Event) if e.record.kind == "wrong stage"]
     assert len(texts) == 2
