@@ -39,6 +39,13 @@ def forget_what_was_typed() -> None:
         termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
 
 
+def _not_confirmed() -> NotConfirmed:
+    return NotConfirmed(
+        "not confirmed, nothing was done",
+        remedy="answer y on a terminal, or give --yes when the cell is clear",
+    )
+
+
 class Terminal:
     """With `as_json` everything for people goes to stderr, and one document to stdout."""
 
@@ -100,20 +107,23 @@ class Terminal:
         if sys.stdin is None or not sys.stdin.isatty():
             return False
         forget_what_was_typed()
-        self._talk.print(f"{printable(question)} [y/N] ", style="bold", end="", markup=False)
+        asked = f"{printable(question)} [y/N] "
+        self._talk.print(asked, style="bold", end="", markup=False, soft_wrap=True)
         try:
             return sys.stdin.readline().strip().lower() in {"y", "yes"}
         except KeyboardInterrupt:
             self._talk.print()  # what is said next begins a line
             raise
 
+    def require_somebody(self) -> None:
+        """Raise `NotConfirmed` where there is nobody who could be asked."""
+        if sys.stdin is None or not sys.stdin.isatty():
+            raise _not_confirmed()
+
     def require_yes(self, question: str, *, yes: bool) -> None:
         """Go on only with the operator's yes, given before or now; raises `NotConfirmed`."""
         if not yes and not self.asks(question):
-            raise NotConfirmed(
-                "not confirmed, nothing was done",
-                remedy="answer y on a terminal, or give --yes when the cell is clear",
-            )
+            raise _not_confirmed()
 
     def watching(self, title: str) -> RunDisplay:
         """Shows a run while the block runs."""

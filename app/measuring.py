@@ -7,9 +7,10 @@ from typing import TypeVar
 
 from app.console import WARNING, Terminal
 from app.interrupt import StopRequest, stop_on_signals, suspend
+from app.run_text import Briefing, DeviceIdentities
 from app.wiring import connected_cell, prepare
 from campaigns.campaign import Campaign
-from campaigns.chain.running import measured_before, run_work
+from campaigns.chain.running import measured_before, run_work, to_measure
 from campaigns.chain.validation import (
     TESTS,
     Validated,
@@ -24,7 +25,7 @@ from campaigns.measuring.shot_taker import Cell
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.shots.shot_sets import ShotSet
-from drivers.errors import Cancelled
+from drivers.errors import Cancelled, WrongDevice
 
 CLEAR = "The robot will move. Is the cell clear?"
 
@@ -42,20 +43,24 @@ def measure(
     title: str,
     again: str,
     anew: bool,
+    clearance: "Clearance | None" = None,
 ) -> Result:
     """Connect, make the work, measure it, and finish with the journal still held.
 
-    `again` is the command that goes on later. Raises `Interrupted` when the operator stopped and
-    does not want to go on now.
+    `again` is the command that goes on later. Without a `clearance` the operator has said already
+    that the cell is clear. Raises `Interrupted` when the operator stopped and does not want to go
+    on now.
     """
     with campaign.held():
+        if clearance is not None:
+            clearance.obtain(campaign, terminal)
         while True:
             wish = StopRequest()
             try:
                 with (
                     stop_on_signals(wish),
                     terminal.watching(title) as display,
-                    _ready_cell(campaign, wish, terminal) as cell,
+                    _ready_cell(campaign, wish, terminal, clearance) as cell,
                 ):
                     work = make_work(cell)
                     with campaign.opened_journal() as journal:
@@ -68,12 +73,54 @@ def measure(
                 anew = False
 
 
+def identities(cell: Cell) -> DeviceIdentities:
+    """Ask both devices of a connected cell who they are."""
+    return DeviceIdentities(cell.robot.identity(), cell.tracker.identity())
+
+
+class Clearance:
+    """The operator's yes to a robot that will move, given by an option or asked for.
+
+    He is told which devices answer before he is asked; it must be these that are measured with.
+    """
+
+    def __init__(self, briefing: Callable[[DeviceIdentities], str], *, yes: bool) -> None:
+        self._briefing = briefing
+        self._yes = yes
+        self._told: DeviceIdentities | None = None
+
+    def obtain(self, campaign: Campaign, terminal: Terminal) -> None:
+        """Ask, unless it was given; raises `NotConfirmed`. Connects, and moves nothing."""
+        if self._yes:
+            return
+        terminal.require_somebody()
+        with connected_cell(campaign) as cell:
+            self._told = identities(cell)
+        terminal.require_yes(f"{self._briefing(self._told)}. Is the cell clear?", yes=False)
+
+    def check(self, found: DeviceIdentities, terminal: Terminal) -> None:
+        """Raise `WrongDevice` for others than were told; tell whoever has not been asked."""
+        if self._told is None:
+            self._told = found
+            terminal.note(self._briefing(found))
+        if found != self._told:
+            raise WrongDevice(
+                f"{found} answer now, before the question it was {self._told}",
+                remedy="check the addresses, then start again",
+            )
+
+
 @contextmanager
-def _ready_cell(campaign: Campaign, wish: StopRequest, terminal: Terminal) -> Iterator[Cell]:
+def _ready_cell(
+    campaign: Campaign, wish: StopRequest, terminal: Terminal, clearance: Clearance | None
+) -> Iterator[Cell]:
     """Both devices, connected, the tracker ready to measure, the robot ready to move."""
     with connected_cell(campaign, wish) as cell:
-        terminal.detail(f"controller: {cell.robot.identity()}")
-        terminal.detail(f"tracker: {cell.tracker.identity()}")
+        found = identities(cell)
+        terminal.detail(f"controller: {found.controller}")
+        terminal.detail(f"tracker: {found.tracker}")
+        if clearance is not None:
+            clearance.check(found, terminal)
         prepare(campaign, cell)
         yield cell
 
@@ -111,18 +158,20 @@ def run_plan(campaign: Campaign, checked: CheckedPlan, terminal: Terminal) -> Ru
     options = RunOptions()
     work = run_work(campaign, checked, options)
     before = found_measured(campaign, work, terminal)
-    return before or measure_plan(campaign, work, terminal, options)
+    return before or measure_plan(campaign, checked, work, terminal, options, yes=True)
 
 
 def measure_plan(
     campaign: Campaign,
+    checked: CheckedPlan,
     work: Work,
     terminal: Terminal,
     options: RunOptions,
     *,
+    yes: bool,
     anew: bool = False,
 ) -> RunResult:
-    """Take up the unfinished series, or begin one."""
+    """Take up the unfinished series, or begin one, with the operator's yes."""
 
     def prepare(cell: Cell) -> Work:  # noqa: ARG001 - the plan asks nothing of the devices
         return work
@@ -131,7 +180,17 @@ def measure_plan(
         return run_result(journal, series, work)
 
     again = shlex.join(["pkmcal", "run", str(campaign.folder), *options.run_words()])
-    return measure(campaign, prepare, finish, terminal, title="run", again=again, anew=anew)
+    briefing = Briefing(campaign, checked, work, to_measure(campaign, work, anew=anew))
+    return measure(
+        campaign,
+        prepare,
+        finish,
+        terminal,
+        title="run",
+        again=again,
+        anew=anew,
+        clearance=Clearance(briefing.text, yes=yes),
+    )
 
 
 def measure_validation(

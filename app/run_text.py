@@ -1,8 +1,49 @@
 """Result of a run, for people and as a document."""
 
+from dataclasses import dataclass
+
 from app.console import BAD, GOOD, Terminal
+from app.progress import interval
+from campaigns.campaign import Campaign
+from campaigns.chain.running import ToMeasure
 from campaigns.measuring.run_state import ParameterPrecision
-from campaigns.measuring.session import RunResult
+from campaigns.measuring.session import RunResult, Work
+from campaigns.planning.plan_check import CheckedPlan
+from drivers.values import Identity
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceIdentities:
+    """Who answers at both addresses of a cell."""
+
+    controller: Identity
+    tracker: Identity
+
+    def __str__(self) -> str:
+        return f"controller {self.controller.serial}, tracker {self.tracker.serial}"
+
+
+@dataclass(frozen=True, slots=True)
+class Briefing:
+    """What a run says before anything moves."""
+
+    campaign: Campaign
+    checked: CheckedPlan
+    work: Work
+    todo: ToMeasure
+
+    def text(self, devices: DeviceIdentities) -> str:
+        """Shots, time, speed and devices: `138 shots, about 6 min, 30 % speed, controller …`."""
+        todo, total = self.todo, len(self.checked.shots)
+        seconds = self.checked.seconds * todo.left / max(total, 1)
+        shots = f"{todo.left} shots"
+        if todo.series is not None:
+            shots = f"series {todo.series} has {todo.there} of {total} shots, {todo.left} are left"
+        goal = "" if self.work.goal is None else f", fewer once {self.work.goal} is met"
+        return (
+            f"{shots}{goal}, about {interval((seconds, seconds))}, "
+            f"{self.campaign.config.controller.speed_percent:g} % speed, {devices}"
+        )
 
 
 def show_run(terminal: Terminal, ran: RunResult) -> None:

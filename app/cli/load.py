@@ -25,9 +25,13 @@ from campaigns.chain.loading import (
 )
 from campaigns.controllers.load import Change
 from campaigns.errors import OptionsInvalid
+from drivers.values import Identity
 
-SURE = "Write these parameters? The robot must stand still."
-MOVES = "Measure pairs, write these parameters, measure again? The robot will move: is it clear?"
+SURE = "Write these parameters into controller {serial}? The robot must stand still."
+MOVES = (
+    "Measure pairs, write these parameters into controller {serial}, measure again? "
+    "The robot will move: is it clear?"
+)
 
 File = Annotated[
     Path | None,
@@ -82,10 +86,11 @@ def command(
     campaign = open_campaign(folder)
     wish = StopRequest()
 
-    def approve(found: tuple[Change, ...]) -> None:
+    def approve(controller: Identity, found: tuple[Change, ...]) -> None:
         show(terminal, found)
         if not dry:
-            terminal.require_yes(MOVES if verify else SURE, yes=yes)
+            question = MOVES if verify else SURE
+            terminal.require_yes(question.format(serial=controller.serial), yes=yes)
 
     terms = LoadTerms(
         approve=approve,

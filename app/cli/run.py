@@ -7,7 +7,7 @@ import typer
 
 from app.console import Terminal, terminal_of
 from app.exits import Exit
-from app.measuring import CLEAR, found_measured, measure_plan
+from app.measuring import found_measured, measure_plan
 from app.options import Anew, Dry, Fix, Folder, Free, Json, ModelOption, Yes
 from app.plan_text import plan_line
 from app.progress import certainty
@@ -72,8 +72,7 @@ def command(
     ran = None if anew else found_measured(campaign, work, terminal)
     if ran is None:
         predicted_end(campaign, work)
-        terminal.require_yes(CLEAR, yes=yes)
-        ran = measure_plan(campaign, work, terminal, options, anew=anew)
+        ran = measure_plan(campaign, checked, work, terminal, options, yes=yes, anew=anew)
     show_run(terminal, ran)
     next_step = shlex.join(["pkmcal", "identify", str(folder), *options.words()])
     terminal.note(f"next: {next_step}")

@@ -32,6 +32,11 @@ class _Way:
     waiting: deque[tuple[float, bytes | None]] = field(default_factory=deque)
     is_over: bool = False
 
+    @property
+    def is_done(self) -> bool:
+        """Whether nothing comes any more, and nothing is on its way."""
+        return self.is_over and not self.waiting
+
 
 class Relay:
     """A context manager: clients connect to `url`, and what they say reaches the device.
@@ -99,6 +104,7 @@ class Relay:
                     self._read(way, now_s)
             for way in self._ways:
                 self._pass_on(way, now_s)
+            self._hang_up()
 
     def _admit(self) -> None:
         client, _ = self._listener.accept()
@@ -109,6 +115,16 @@ class Relay:
             _Way(client, device, is_from_client=True),
             _Way(device, client, is_from_client=False),
         ]
+
+    def _hang_up(self) -> None:
+        """Close the connections that are over in both directions."""
+        both = list(zip(self._ways[::2], self._ways[1::2], strict=True))
+        for one, other in both:
+            if one.is_done and other.is_done:
+                one.source.close()
+                other.source.close()
+        going_on = [pair for pair in both if not (pair[0].is_done and pair[1].is_done)]
+        self._ways = [way for pair in going_on for way in pair]
 
     def _read(self, way: _Way, now_s: float) -> None:
         try:

@@ -121,6 +121,7 @@ def one_try(folder: Path, wires: Wires, number: int, wait: Callable[[], None]) -
     finally:
         process.kill()
         process.join()
+        process.close()
     return heard_s - asked_s
 
 
@@ -179,6 +180,8 @@ def tried_in_a_cell(tries: SimpleQueue[Try], found: Found, wrong: list[str]) -> 
             try:
                 took_s = one_try(folder, wires, signal.Signals[each.name], wait)
                 found[each.situation, each.name].append(took_s)
+                told = f"{each.situation}, {each.name}, {each.number}: {1e3 * took_s:.1f} ms"
+                print(told, file=sys.stderr, flush=True)
             except (AssertionError, TimeoutError) as error:
                 wrong.append(f"{each}: {error}")
             shutil.rmtree(folder)

@@ -45,17 +45,19 @@ from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.robot import RobotFile, read_robot
 from drivers.errors import DeviceRefused, DriverError
 from drivers.ports import RobotController
+from drivers.values import Identity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadTerms:
     """Terms of a load: who is asked and told, and what is allowed.
 
-    `approve` is shown the changes and raises what keeps them from being made; `tell` gets what
-    should be said; `uninterrupted` holds signals off from the first to the last record.
+    `approve` is told which controller and which changes, and raises what keeps them from being
+    made; `tell` gets what should be said; `uninterrupted` holds signals off from the first to the
+    last record.
     """
 
-    approve: Callable[[tuple[Change, ...]], object] = lambda _: None
+    approve: Callable[[Identity, tuple[Change, ...]], object] = lambda *_: None
     tell: Callable[[str], None] = lambda _: None
     uninterrupted: AbstractContextManager[object] = field(default_factory=nullcontext)
     force: bool = False
@@ -291,7 +293,7 @@ class _Loading:
         if not differing(held, values):
             return LoadResult(wanted.source, "already")
         shots = self.verifier.shots(held, values) if self.verifier else ()
-        self.terms.approve(changes(held, wanted.robot))
+        self.terms.approve(self.controller.identity(), changes(held, wanted.robot))
         if self.terms.dry:
             return LoadResult(wanted.source, "dry")
         with self.terms.uninterrupted:

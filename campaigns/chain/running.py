@@ -1,12 +1,13 @@
 """Running of a plan on a connected cell, or as much of it as a goal takes."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from campaigns.campaign import Campaign
 from campaigns.chain.work import engine_work, free_parameters
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Model
+from campaigns.measuring.resume import resume_state
 from campaigns.measuring.run_state import SILENT, RunObserver
 from campaigns.measuring.session import (
     RunResult,
@@ -14,6 +15,7 @@ from campaigns.measuring.session import (
     complete_series,
     measure_series,
     run_result,
+    series_to_take_up,
 )
 from campaigns.measuring.shot_taker import Cell
 from campaigns.measuring.stopping_rule import PredictedStop, predicted_stop, read_goal
@@ -66,6 +68,30 @@ def measured_before(campaign: Campaign, work: Work) -> RunResult | None:
     with campaign.journal_reader() as journal:
         done = complete_series(journal, work)
         return None if done is None else run_result(journal, done.number, work)
+
+
+@dataclass(frozen=True, slots=True)
+class ToMeasure:
+    """Numbers of shots of a plan: those that a run will take, and those that are there.
+
+    `series` is what it goes on with; None where it begins one.
+    """
+
+    left: int
+    there: int = 0
+    series: int | None = None
+
+
+def to_measure(campaign: Campaign, work: Work, *, anew: bool = False) -> ToMeasure:
+    """What a run that begins now will take, unless a goal ends it before."""
+    if anew or not campaign.journal_path.exists():
+        return ToMeasure(len(work.steps))
+    with campaign.journal_reader() as journal:
+        series = series_to_take_up(journal, work)
+        if series is None:
+            return ToMeasure(len(work.steps))
+        found = resume_state(work.steps, journal.shots(series.number))
+        return ToMeasure(sum(map(len, found.left)), len(found.kept), series.number)
 
 
 def run(

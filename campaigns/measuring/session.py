@@ -154,7 +154,7 @@ def measure_series(
     journal says afterwards is on the disk, opened anew and verified.
     """
     today = _start_record(cell, work)
-    found = None if anew else _to_take_up(journal, work)
+    found = None if anew else series_to_take_up(journal, work)
     if found is not None:
         check_same(found, today)
     series = found.number if found else journal.start_series(today)
@@ -258,7 +258,7 @@ def precision_from(shots: Sequence[AcceptedShot], work: Work) -> ParameterPrecis
     return work.knowing().fitted(shot.outcome for shot in shots)
 
 
-def _to_take_up(journal: Journal, work: Work) -> Series | None:
+def series_to_take_up(journal: JournalReader, work: Work) -> Series | None:
     """The series to go on with: an unfinished one, or one that left shots of this plan out."""
     latest = journal.latest_series(work.stage)
     if latest is None or not latest.finished:

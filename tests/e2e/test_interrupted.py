@@ -3,6 +3,7 @@
 import contextlib
 import os
 import pty
+import re
 import select
 import signal
 import time
@@ -21,6 +22,8 @@ FAST = {"speed_up": 1000}
 WATCHED = {"speed_up": 15}
 """So slow that a picture drawn four times a second, late on a busy machine, shows every state."""
 AT_WORK_SHOTS = 4
+DEVICES = "50 % speed, controller SIM-C-0001, tracker 390001"
+RESUMED = re.compile(rf"series 1 has (\d+) of 59 shots, (\d+) are left, about .*, {DEVICES}")
 PATIENCE_S = 20.0
 
 
@@ -59,6 +62,9 @@ def assert_resumes(pkmcal, folder):
     resumed = pkmcal("run", folder, "--yes", "--json")
     assert resumed.code == 0, resumed.err
     assert (resumed.document["series"], resumed.document["shots"]) == (1, 59)
+    there, left = map(int, RESUMED.search(resumed.err).groups())
+    assert there >= AT_WORK_SHOTS - 1, "but for half a pair"
+    assert there + left == 59
     with read_journal(folder / "campaign.db") as journal:
         tries = Counter((e.record.shot, e.record.attempt) for e in journal.records_of(Intent, 1))
         assert set(tries.values()) == {1}
@@ -196,6 +202,7 @@ def screen_and_run(planned):
     try:
         screen.read_until("Is the cell clear? [y/N]")
         screen.read_for(0.3)
+        assert f"59 shots, about 103 s, {DEVICES}. Is the cell" in screen.shown
         assert "run" not in screen.shown.partition("[y/N]")[2], "typed before, it is no answer"
         screen.type("y\n")
         screen.read_until("left")

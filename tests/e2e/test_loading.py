@@ -1,5 +1,6 @@
 """Parameters into the controller, out of it again, and whether they made it better."""
 
+import io
 import signal
 
 import pytest
@@ -44,6 +45,21 @@ def test_ctrl_c_while_loading_waits_until_it_is_verified(pkmcal, exported, monke
     with read_journal(exported / "campaign.db") as journal:
         assert [e.record.kind for e in journal.records_of(Finding)][-1] == "load"
     assert "holds these already" in pkmcal("load", exported, "--yes").out
+
+
+class Keyboard(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize("words", [(), ("--verify", "2")])
+def test_the_question_names_the_controller_that_is_written_to(pkmcal, exported, monkeypatch, words):
+    monkeypatch.setattr("sys.stdin", Keyboard("n\n"))
+    refused = pkmcal("load", exported, *words)
+    assert refused.code == 2
+    assert "these parameters into controller SIM-C-0001" in refused.err
+    assert "not confirmed, nothing was done" in refused.err
+    assert not list(exported.glob("controller-before-*"))
 
 
 def test_rollback_without_a_load(pkmcal, exported):
