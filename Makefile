@@ -6,6 +6,7 @@
 #   make peers   tests with real peers: a controller, other people's clients, a browser
 #   make lint    style, format, types and layers
 #   make bench   the yardsticks, printed
+#   make torture the long forms of the tests by garbage, kills, signals and faults; takes hours
 #
 # PYTHON names the interpreter that the environment is made with (3.11 or newer), VENV where it
 # lies: make test PYTHON=python3.12
@@ -20,7 +21,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Tests of one file stay on one processor: they share what is slow to make.
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile
 
-.PHONY: demo test quick peers lint bench
+.PHONY: demo test quick peers lint bench torture
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/installed
@@ -47,13 +48,22 @@ lint: $(VENV)/installed-dev
 	exit $$failed
 
 bench: $(VENV)/installed-dev
-	@missed=""; \
-	for file in benchmarks/[a-z]*.py; do \
-		yardstick=$$(basename "$$file" .py); \
-		echo "== $$yardstick"; \
-		$(BIN)/python -m "benchmarks.$$yardstick" || missed="$$missed $$yardstick"; \
-	done; \
-	[ -z "$$missed" ] || { echo "missed:$$missed"; exit 1; }
+	@$(call all_of,benchmarks,$(wildcard benchmarks/[a-z]*.py))
+
+# Those that can be run: others only help them.
+torture: $(VENV)/installed-dev
+	@$(call all_of,benchmarks.torture,$(shell grep -l __main__ benchmarks/torture/[a-z]*.py))
+
+# Runs modules of a package one after the other, whatever comes of those before.
+define all_of
+missed=""; \
+for file in $(2); do \
+	yardstick=$$(basename "$$file" .py); \
+	echo "== $$yardstick"; \
+	$(BIN)/python -m "$(1).$$yardstick" || missed="$$missed $$yardstick"; \
+done; \
+[ -z "$$missed" ] || { echo "missed:$$missed"; exit 1; }
+endef
 
 # Whatever is installed is installed again when what it depends on has changed.
 $(VENV)/installed: pyproject.toml | $(BIN)/python

@@ -127,6 +127,9 @@ class InstantTracker:
     def weather(self) -> Weather:
         return AIR
 
+    def direction(self) -> None:
+        """Nobody asks where it looks: its beam never breaks."""
+
     def measure(self) -> Measurement:
         if self.answered is not None:
             self.wall_s.append(time.perf_counter() - self.answered[0])

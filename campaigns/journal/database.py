@@ -277,6 +277,8 @@ def connect_to_write(path: Path, *, create: bool) -> sqlite3.Connection:
     """
     if not create:
         _check_there(path)
+    elif not path.exists():
+        _make_whole(path)
 
     def prepare(connection: sqlite3.Connection) -> None:
         blank = create and is_blank(connection)
@@ -288,6 +290,27 @@ def connect_to_write(path: Path, *, create: bool) -> sqlite3.Connection:
         upgrade(connection)
 
     return _connect(path, "rwc" if create else "rw", prepare)
+
+
+@contextmanager
+def _rights_explained(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        problem = f"{path}: the journal cannot be made: {error.strerror or error}"
+        raise JournalFailed(problem, remedy=_RIGHTS) from error
+
+
+def _make_whole(path: Path) -> None:
+    """Make a journal under another name first: a kill leaves a whole one at the path, or none."""
+    unfinished = path.with_name(f"{path.name}.new")
+    with sqlite_errors_explained(path, "the journal cannot be made"), _rights_explained(path):
+        unfinished.unlink(missing_ok=True)
+        address = f"{unfinished.resolve().as_uri()}?mode=rwc"
+        with closing(sqlite3.connect(address, uri=True, isolation_level=None)) as connection:
+            connection.execute("PRAGMA synchronous = FULL")
+            create_tables(connection)
+        unfinished.replace(path)
 
 
 def connect_to_read(path: Path) -> sqlite3.Connection:

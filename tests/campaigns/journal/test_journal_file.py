@@ -161,6 +161,19 @@ def test_a_file_whose_making_was_cut_short_is_made_anew(
     write_story(path)
 
 
+def test_a_journal_whose_making_is_cut_short_leaves_no_half_of_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "campaign.db"
+    with monkeypatch.context() as patch:
+        patch.setattr(journal_database, "_RULES", ("SELECT nothing",))
+        with pytest.raises(JournalFailed, match="the journal cannot be made"):
+            opened_for_writing(path)
+    assert not path.exists()
+    write_story(path)
+    assert names_in(tmp_path) == ["campaign.db"]
+
+
 def test_a_path_with_url_signs_is_taken_literally(tmp_path: Path) -> None:
     folder = tmp_path / "50% of #2?mode=memory"
     folder.mkdir()
