@@ -159,6 +159,16 @@ def refusals_lines(space: RestrictedSpace, refusals: Refusals) -> Iterator[str]:
     )
 
 
+def plate_warning(space: RestrictedSpace) -> str:
+    """What speaks against walls kept off a plate that nobody has measured; empty: nothing."""
+    if not space.is_restricted or space.plate_radius_mm > 0.0:
+        return ""
+    return (
+        "the robot file does not say how far the plate reaches from the measured point: walls are "
+        "kept off that point only; give space.plate_radius_mm in campaign.yaml"
+    )
+
+
 def refusals_document(refusals: Refusals) -> dict[str, object]:
     """The same for programs."""
     return {

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
 from campaigns.estimation.estimators import Estimator, Model
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
@@ -94,17 +95,19 @@ def plan(
     acceptance_deg: float = 25.0,
     uncertainty: TrackerUncertainty | None = None,
     seed: int = 1,
+    restricted: RestrictedSpace = UNRESTRICTED,
 ) -> Plan:
     """Plan of identification shots, validation pairs and drift shots, and its predicted σ.
 
     `tracker_mm` is the tracker's place in the base frame; the reflector faces it, and is seen
-    within `acceptance_deg`. Raises `PlanInvalid` and `SelectionInvalid`.
+    within `acceptance_deg`. Poses keep to the `restricted` space. Raises `PlanInvalid` and
+    `SelectionInvalid`.
     """
     space, centre = robot.mechanism.parameters, robot.workspace_centre
     known = select_geometry(space, model, free, fix)
     x_mm, y_mm, z_mm = (np.array(tracker_mm) - centre[:3]).tolist()
     view = View(tracker_mm, (x_mm, y_mm, z_mm), float(np.radians(acceptance_deg)))
-    wanted = PlanRequest(shots, validation_pairs, drift_shots, pose_of(centre))
+    wanted = PlanRequest(shots, validation_pairs, drift_shots, pose_of(centre), restricted)
     instrument, rng = uncertainty or TrackerUncertainty(), np.random.default_rng(seed)
     if placement is Placement.OPTIMAL:
         request = OptimalRequest(
@@ -114,7 +117,7 @@ def plan(
     else:
         made = make_plan(robot, view, wanted, rng)
     setup = EstimationSetup(estimator, known, instrument)
-    region = region_of(robot.kinematics, with_reserve(robot), view, wanted.centre)
+    region = region_of(robot.kinematics, with_reserve(robot), view, wanted.centre, restricted)
     judged_at = sampled_workspace(region, known, made)
     place = np.array(tracker_mm)
     return Plan(made, predict_precision(made, robot.kinematics, place, setup, judged_at))

@@ -5,10 +5,11 @@ from typing import Annotated
 
 import typer
 
-from app.console import Terminal, terminal_of
+from app.console import WARNING, Terminal, terminal_of
 from app.options import Fix, Folder, Free, Json, ModelOption, Plot
 from app.plan_text import (
     plan_line,
+    plate_warning,
     precision_document,
     refusals_document,
     refusals_lines,
@@ -154,6 +155,8 @@ def show(terminal: Terminal, campaign: Campaign, planned: PlannedCampaign) -> No
     if planned.refusals is not None:
         for line in refusals_lines(campaign.space, planned.refusals):
             terminal.say(line)
+    if warning := plate_warning(campaign.space):
+        terminal.say(warning, WARNING)
     show_precision(terminal, planned.forecast)
     detours = planned.checked.detours
     terminal.say(f"{plan_line(planned.checked)}; {detours} ways go round something")

@@ -140,9 +140,11 @@ class RestrictedSpace:
             # no clearance changes by more than the way
             bound = 0.5 * (first[:, place] + last[:, place] - length)
             near = bound <= 0.0
+            least[~near, place] = bound[~near]
+            if not near.any():
+                continue
             between = self._least_between(zone, starts[near], ends[near])
             least[near, place] = np.minimum(least[near, place], between)
-            least[~near, place] = bound[~near]
         return least
 
     def _least_between(self, zone: Zone, starts: Array, ends: Array) -> Array:

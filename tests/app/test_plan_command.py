@@ -10,10 +10,11 @@ from par4_space import FREE_BY_DEFAULT, SKEW_NAMES, SPACE
 
 from app.main import run_command
 from app.new_campaign import create_simulated
-from app.plan_text import paying_line, told_lines, warnings
+from app.plan_text import paying_line, plate_warning, told_lines, warnings
 from campaigns.campaign import open_campaign
 from campaigns.chain.planning import plan
 from campaigns.design.criteria import CriterionName
+from campaigns.design.restricted_space import UNRESTRICTED, Rectangle, RestrictedSpace, Zone
 from campaigns.errors import GoalInvalid, OptionsInvalid, PlanInvalid, WriteFailed
 from campaigns.estimation.estimators import Estimator, Model
 from campaigns.estimation.information import PredictedCovariance, predict_points
@@ -332,3 +333,10 @@ def test_where_hardly_any_pose_can_be_taken_positions_are_judged_at_the_plans_ow
     monkeypatch.setattr("campaigns.planning.predicted_precision.WORKSPACE_SAMPLE", 10**6)
     planned = plan(campaign, PlanOptions(shots=44))
     assert len(planned.forecast.precision.position_std_mm) == len(planned.checked.shots)
+
+
+def test_a_plate_whose_size_nobody_said_is_warned_of():
+    floor = Zone("floor", Rectangle(), (-800.0, 0.0), keeps_in=True)
+    assert "space.plate_radius_mm" in plate_warning(RestrictedSpace((floor,)))
+    assert plate_warning(RestrictedSpace((floor,), 100.0)) == ""
+    assert plate_warning(UNRESTRICTED) == ""

@@ -6,11 +6,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from fake_cell import CENTRE, NOMINAL, ROBOT
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from small_plans import LIMITS, TWO_PAIRS
 
-from campaigns.design.pose_sampling import FURTHER
+from campaigns.design.pose_sampling import FURTHER, workspace_poses
 from campaigns.design.restricted_space import (
     ANYWHERE,
     UNRESTRICTED,
@@ -20,6 +20,8 @@ from campaigns.design.restricted_space import (
     Zone,
 )
 from campaigns.errors import PlanInvalid
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
 from campaigns.planning.paths import STANDING_MM, PathCache, RobotModel, path_fault
 from campaigns.planning.plan_check import Pace, check_plan
 from campaigns.planning.plans import (
@@ -51,23 +53,24 @@ SPACE = restricted_space(CONFIG, 100.0)
 PILLAR = Zone("pillar", Disc((0.0, 150.0), 10.0), ANYWHERE, keeps_in=False)
 SHEET = Zone("sheet", Rectangle((99.5, 100.5), (-150.0, 400.0)), ANYWHERE, keeps_in=False)
 FENCED = RobotModel(NOMINAL, LIMITS, CENTRE, RestrictedSpace((PILLAR, SHEET), 30.0, 5.0))
-FINE = 3000
+FINE = 3200
 
 
 def joints_at(*pose):
     return NOMINAL.inverse(np.array([pose], dtype=float)).values_or_raise()[0]
 
 
-def points_on(here, there):
-    joints = here + np.linspace(0.0, 1.0, FINE)[:, None] * (there - here)
-    return NOMINAL.forward(joints).values_or_raise()[:, :3]
-
-
 def least_mm(space, here, there):
-    """Least clearance on the joints' way and on the straight line, by many samples."""
-    curved = points_on(here, there)
-    straight = curved[0] + np.linspace(0.0, 1.0, FINE)[:, None] * (curved[-1] - curved[0])
-    return space.clearance_mm(np.vstack([curved, straight])).min()
+    """Least clearance by many samples: on the joints' way, and on its straight parts."""
+    joints = here + np.linspace(0.0, 1.0, FINE + 1)[:, None] * (there - here)
+    points = NOMINAL.forward(joints).values_or_raise()[:, :3]
+    along = np.linspace(0.0, 1.0, FINE)[:, None]
+    least = space.clearance_mm(points).min()
+    for parts in (1, 2, 4, 8, 16):
+        for a, b in pairwise(points[:: FINE // parts]):
+            straight = a + along[::parts] * (b - a)
+            least = min(least, space.clearance_mm(straight).min())
+    return least
 
 
 @pytest.fixture(scope="module")
@@ -126,6 +129,7 @@ def test_a_way_that_counts_as_clear_is_clear_between_all_samples(seed):
     rng = np.random.default_rng(seed)
     poses = CENTRE + rng.uniform(-1.0, 1.0, (2, 4)) * (220.0, 220.0, 120.0, 0.3)
     here, there = NOMINAL.inverse(poses).values_or_raise()
+    assume(FENCED.space.allows(poses[:1, :3])[0])  # one in a wall may leave it
     fault = path_fault(NOMINAL, LIMITS, here, there, FENCED.space)
     least = least_mm(FENCED.space, here, there)
     if fault is None:
@@ -134,6 +138,31 @@ def test_a_way_that_counts_as_clear_is_clear_between_all_samples(seed):
         assert "would pass" in fault.reason or path_fault(NOMINAL, LIMITS, here, there)
     if least < -0.02:
         assert fault is not None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("parts", [0, 1, 2, 4, 8, 16])
+def test_a_needle_that_no_sample_meets_is_found_wherever_a_controller_may_pass(parts):
+    """On the joints' coordinated way (0 parts) or on so many straight parts of it."""
+    rng = np.random.default_rng(parts)
+    missed = 0
+    for _ in range(10):
+        poses = CENTRE + rng.uniform(0.5, 1.0, 4) * np.array(
+            [[-230, -150, 70, 0], [230, 150, -70, 0]]
+        )
+        here, there = NOMINAL.inverse(poses).values_or_raise()
+        part = rng.uniform(0.02, 0.98)
+        corners = np.array([part, part])
+        if parts:
+            corners = (np.floor(part * parts) + np.array([0.0, 1.0])) / parts
+        ends = NOMINAL.forward(here + corners[:, None] * (there - here)).values_or_raise()[:, :3]
+        point = ends[0] + (part * parts - np.floor(part * parts)) * (ends[1] - ends[0])
+        needle = Disc((point[0], point[1]), 0.03)
+        height = (point[2] - 0.03, point[2] + 0.03)
+        space = RestrictedSpace((Zone("needle", needle, height, keeps_in=False),))
+        fault = path_fault(NOMINAL, LIMITS, here, there, space)
+        missed += fault is None or "needle" not in fault.reason
+    assert missed == 0
 
 
 def test_a_thin_sheet_between_two_poses_is_gone_round():
@@ -202,3 +231,37 @@ def test_the_plates_radius_is_the_robots_unless_it_is_said():
     assert restricted_space(CONFIG, radius_mm).plate_radius_mm == pytest.approx(100.0)
     own = CONFIG.model_copy(update={"plate_radius_mm": 180.0})
     assert restricted_space(own, radius_mm).plate_radius_mm == 180.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("placement", ["boundary", "optimal"])
+def test_a_space_that_refuses_nothing_changes_nothing(placement):
+    far_wall = Zone("far", Rectangle((5000.0, 5001.0)), ANYWHERE, keeps_in=False)
+    plans = []
+    for space in (UNRESTRICTED, RestrictedSpace((far_wall,), 100.0, 10.0)):
+        wanted = PlanRequest(32, 4, 3, MIDDLE, space)
+        rng = np.random.default_rng(5)
+        if placement == "boundary":
+            plans.append(make_plan(ROBOT, VIEW, wanted, rng))
+            continue
+        free = ROBOT.mechanism.parameters.free_by_default
+        request = OptimalRequest(
+            plan=wanted, uncertainty=TrackerUncertainty(), free=free, candidates=300
+        )
+        plans.append(make_optimal_plan(ROBOT, VIEW, request, rng).shots)
+    assert plans[0] == plans[1]
+
+
+@pytest.mark.slow
+def test_optimal_poses_keep_to_the_space_and_are_judged_by_what_it_leaves():
+    free = ROBOT.mechanism.parameters.free_by_default
+    request = OptimalRequest(
+        plan=PlanRequest(32, 4, 3, MIDDLE, SPACE),
+        uncertainty=TrackerUncertainty(),
+        free=free,
+        candidates=300,
+    )
+    made = make_optimal_plan(ROBOT, VIEW, request, np.random.default_rng(5))
+    check_plan(made.shots, NOMINAL, LIMITS, VIEW, MIDDLE, PACE, SPACE)
+    judged = workspace_poses(NOMINAL, LIMITS, CENTRE, 300, np.random.default_rng(5), SPACE)
+    assert SPACE.allows(judged[:, :3]).all()
