@@ -50,9 +50,8 @@ class FeasibleRegion:
 
     def allows(self, poses: Array) -> Mask:
         """Mask of the poses that can be taken and seen, and come to in the space, (N,)."""
-        allowed = self.can_measure(poses)
-        if self.space.is_restricted:
-            allowed &= self.space.allows(poses[:, :3])
+        allowed = self.space.allows(poses[:, :3])
+        allowed[allowed] = self.can_measure(poses[allowed])
         if self.space.has_obstacles:
             allowed[allowed] = self._roadmap.connected(poses[allowed, :3])
         return allowed

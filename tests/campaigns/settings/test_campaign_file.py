@@ -54,6 +54,24 @@ def test_new_campaign_reads_back_as_it_was_told(tmp_path):
     assert read_campaign_robot(tmp_path / "spring", config).robot == PROTOTYPE.robot
 
 
+def test_zones_of_a_new_campaign_read_back_as_they_were_told(tmp_path):
+    box = {"name": "conveyor, left", "x_mm": [-400.0, -150.0], "z_mm": [-900.0, -600.0]}
+    pillar = {"centre_mm": [180.0, -260.0], "radius_mm": 20.0}
+    space = {"z_lowest_mm": -800.0, "keep_out": {"boxes": [box, box], "cylinders": [pillar]}}
+    config = new_config(TOLD | {"space": space})
+    write_new_campaign(tmp_path / "spring", config, PROTOTYPE)
+    found = read_campaign(tmp_path / "spring")
+    assert found == config
+    assert [each.name for each in found.space.keep_out.boxes] == ["conveyor, left"] * 2
+    assert found.space.keep_out.cylinders[0].centre_mm == (180.0, -260.0)
+
+
+def test_a_campaign_without_a_space_is_everywhere():
+    space = read(MINIMAL).space
+    assert space == new_config(TOLD).space
+    assert (space.z_lowest_mm, space.radius_mm, space.keep_out.boxes) == (None, None, ())
+
+
 def test_new_campaign_holds_the_robot_file_byte_by_byte(tmp_path):
     write_new_campaign(tmp_path, new_config(TOLD), PROTOTYPE)
     assert (tmp_path / "robot.yaml").read_bytes() == PROTOTYPE.document.text.encode()
