@@ -40,6 +40,7 @@ def exit_code(error: Exception) -> Exit:
         campaign.CampaignError: Exit.BAD_INPUT,
         campaign.JournalFailed: Exit.JOURNAL,
         campaign.WriteFailed: Exit.JOURNAL,
+        campaign.JogRequired: Exit.DEVICE,
         campaign.NotSettled: Exit.DEVICE,
         campaign.TargetOutOfReach: Exit.DEVICE,
         campaign.GateRefused: Exit.DEVICE,

@@ -67,6 +67,10 @@ class TargetOutOfReach(CampaignError):
     """A pose breaks a limit of the robot or the tracker's view: change the pose or the limit."""
 
 
+class JogRequired(CampaignError):
+    """The robot stands where no program may move it: jog it out of there by hand."""
+
+
 class NotSettled(CampaignError):
     """The robot did not come to rest in place in time: look at it, then at the settle limits."""
 

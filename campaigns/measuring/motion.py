@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
+from campaigns.errors import Interrupted, JogRequired, NotSettled, TargetOutOfReach
 from campaigns.measuring.rules import MotionRules
 from campaigns.measuring.run_state import EngineState
 from campaigns.mechanisms.mechanism import Axis
@@ -48,8 +48,8 @@ class Mover:
     def go(self, step: Step, entering: Callable[[EngineState], None]) -> Arrival:
         """Take the step's way and settle at its end; `entering` is told each new state.
 
-        Raises `TargetOutOfReach` before anything moves when no safe way is known, `NotSettled`,
-        `Interrupted`, or a driver's error.
+        Raises before anything moves `TargetOutOfReach` when no safe way is known and `JogRequired`
+        when none may begin here; `NotSettled`, `Interrupted`, or a driver's error.
         """
         here = self._at_rest()
         way = self._way(self._stop_of(here), step)
@@ -165,7 +165,7 @@ class Mover:
     def _legs(self, here: Joints, target: Joints, name: str) -> list[Joints]:
         legs = self._ways.legs(here, target)
         if legs is None and (fault := self._ways.standing_fault(here)):
-            raise TargetOutOfReach(
+            raise JogRequired(
                 f"no way {name}: the robot stands where it may not be: {fault}",
                 remedy="jog it out of there, or correct `space` in campaign.yaml, then run again",
             )

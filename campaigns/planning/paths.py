@@ -33,7 +33,7 @@ CURVATURE_RESERVE = 2.0
 TOLERANCE_MM = 0.01
 """For poses on a zone's very wall."""
 STANDING_MM = 1.0
-"""By so much a robot may read itself beyond a wall at which it stands; no way leads it further."""
+"""By so much a robot may read itself beyond a wall at which it stood; no way leads it further."""
 MOST_REROUTES = 40
 
 
@@ -103,7 +103,7 @@ def _space_fault(
         starts, ends = np.vstack([starts, corners[:-1]]), np.vstack([ends, corners[1:]])
     clearance = space.line_clearance_mm(starts, ends)
     clearance[:steps] -= bulge_mm[:, None]
-    standing = space.clearance_mm(points[:1])[0]
+    standing = space.clearance_mm(points[[0, -1]]).min(axis=0)
     least = np.clip(standing, -STANDING_MM, 0.0) - TOLERANCE_MM
     wrong = clearance < least
     if not wrong.any():

@@ -43,6 +43,7 @@ def test_every_error_has_a_code(root):
         (driver_errors.AddressInvalid, 2),
         (campaign_errors.VerdictBad, 1),
         (campaign_errors.NotSettled, 3),
+        (campaign_errors.JogRequired, 3),
         (driver_errors.LinkDown, 3),
         (driver_errors.EmergencyStop, 3),
         (driver_errors.RobotStateUnknown, 3),

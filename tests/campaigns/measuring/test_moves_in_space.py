@@ -10,7 +10,7 @@ from small_plans import FOUR_PAIRS, LIMITS, work
 from tested_journal import journal_in
 
 from campaigns.design.restricted_space import ANYWHERE, Disc, Rectangle, RestrictedSpace, Zone
-from campaigns.errors import Interrupted, TargetOutOfReach
+from campaigns.errors import Interrupted, JogRequired
 from campaigns.planning.paths import RobotModel
 
 PILLAR = Zone("pillar", Disc((60.0, 10.0), 10.0), ANYWHERE, keeps_in=False)
@@ -77,12 +77,13 @@ def test_a_run_that_is_stopped_jogged_and_resumed_keeps_to_the_space(paths, tmp_
 def test_a_robot_in_a_forbidden_place_is_not_moved(paths, tmp_path: Path) -> None:
     cell = FakeCell()
     standing_at(cell, 0.0, -100.0, -735.0, 0.0)
-    with pytest.raises(TargetOutOfReach) as caught:
+    with pytest.raises(JogRequired) as caught:
         measure(cell, tmp_path)
     assert caught.value.problem == (
         "no way to shot 0: the robot stands where it may not be: "
         "z -735 mm is below space.z_lowest_mm -720 with margin_mm 5"
     )
+    assert [call[1:] for call in cell.named("journal.intent")] == [(0, 1)], "and asked for once"
     assert "jog it out of there" in str(caught.value)
     assert paths == []
 
@@ -104,6 +105,6 @@ def test_a_space_changed_in_between_is_the_one_that_holds(tmp_path: Path) -> Non
     wanted = replace(fenced_work(), robot=RobotModel(NOMINAL, LIMITS, CENTRE, raised))
     with (
         journal_in(tmp_path, other.calls) as journal,
-        pytest.raises(TargetOutOfReach, match="the robot stands where it may not be"),
+        pytest.raises(JogRequired, match="the robot stands where it may not be"),
     ):
         other.measure(journal, wanted)

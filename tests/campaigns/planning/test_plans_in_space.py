@@ -129,7 +129,7 @@ def test_a_way_that_counts_as_clear_is_clear_between_all_samples(seed):
     rng = np.random.default_rng(seed)
     poses = CENTRE + rng.uniform(-1.0, 1.0, (2, 4)) * (220.0, 220.0, 120.0, 0.3)
     here, there = NOMINAL.inverse(poses).values_or_raise()
-    assume(FENCED.space.allows(poses[:1, :3])[0])  # one in a wall may leave it
+    assume(FENCED.space.allows(poses[:, :3]).all())  # one in a wall may leave it
     fault = path_fault(NOMINAL, LIMITS, here, there, FENCED.space)
     least = least_mm(FENCED.space, here, there)
     if fault is None:
@@ -192,6 +192,8 @@ def test_a_robot_that_reads_itself_a_little_beyond_a_wall_may_leave_it():
     assert FENCED.safe_path(little, away) is not None
     assert FENCED.safe_path(further, away) is None
     assert FENCED.fault(little, further) is not None, "but no deeper"
+    assert FENCED.safe_path(away, little) is not None, "back to where it was read"
+    assert FENCED.safe_path(away, further) is None
 
 
 def test_a_line_to_validate_on_is_shortened_or_refused_by_the_zone():
