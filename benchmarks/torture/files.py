@@ -193,7 +193,6 @@ def load_all_commands() -> None:
 
 def tortured(folder: Path, files: int, seed: int) -> Iterator[Trial]:
     """Trials of so many odd files in turn, all that are not drawn among them."""
-    load_all_commands()
     base = folder / "base"
     prepare(base)
     yield from odd_names(base, folder)
@@ -296,6 +295,7 @@ def _become_the_program(words: Sequence[str], output: int) -> None:
 
 def prepare(base: Path) -> None:
     """A campaign in which everything was done, with every file that a command may read."""
+    load_all_commands()
     steps = (
         f"new {base}",
         f"plan {base} --shots 40",
