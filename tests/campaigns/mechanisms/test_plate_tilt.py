@@ -4,10 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from family_cases import MEMBERS
 from par4_cases import LIMITS, NOMINAL, TILTED, reachable_joints
 from par4_space import SKEWS, TILTS, places_of
 from scipy.spatial.transform import Rotation
 
+from campaigns.estimation.observability import observability
+from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.par4 import PAR4
 from campaigns.mechanisms.plate_tilt import (
@@ -17,8 +20,8 @@ from campaigns.mechanisms.plate_tilt import (
     rotation_vectors,
 )
 from campaigns.robots.robot import find_robot
-from sim.geometry import geometry_of
-from sim.robot.rods import Build, Plate, RodMechanism
+from sim.geometry import KINDS, geometry_of
+from sim.robot.rods import Build, Plate, RodMechanism, turned
 
 DRAWING = PlateDrawing(
     ((-60.0, 5.0, 3.0), (55.0, 0.0, -2.0), (60.0, 10.0, 0.0), (-70.0, 0.0, 4.0)),
@@ -142,3 +145,65 @@ def test_a_drawing_is_read_from_the_robot_s_file_and_typical_without_one():
     typical = find_robot("par4-table1").robot.mechanism.plate
     assert typical.reflector_mm == (0.0, 0.0, 0.0)
     assert np.linalg.norm(typical.joints_mm, axis=1) == pytest.approx(50.0)
+
+
+def rods_of(member, rods_mm, tilts_rad, leans_rad):
+    """Simulator's rods of a member, and the model's robot of the same parts."""
+    space, plate, kind = member.space, member.mechanism.plate, KINDS[member.name]
+    flat = member.nominal.flat()
+    geometry = geometry_of({name: flat[name] for name in kind.names}, kind)
+    leans = leans_rad if kind.on_rails else None
+    build = Build(np.array(plate.joints_mm), SPACING_MM, rods_mm, tilts_rad, leans)
+    p = member.nominal.p.copy()
+
+    def places(field):
+        return space.places([f"arm{arm}.{field}" for arm in range(space.arms)])
+
+    p[places("forearm_mm")] += rods_mm.mean(axis=1)
+    p[places("parallelogram_skew_deg")] = (rods_mm[:, 1] - rods_mm[:, 0]) / SPACING_MM
+    p[places("axis_tilt_deg")] = tilts_rad
+    if kind.on_rails:
+        leaning = turned(geometry.rails, geometry.sideways, leans_rad)
+        rails = turned(leaning, geometry.outward, tilts_rad)
+        p[places("rail_tilt_deg")] = np.arcsin(rails[:, 1])
+        p[places("elevation_deg")] = np.arctan2(rails[:, 2], rails[:, 0])
+    return RodMechanism(geometry, build), Kinematics(member.mechanism, p)
+
+
+@pytest.mark.parametrize(("rod_mm", "tilt_rad", "left_um"), [(0.05, 5e-4, 0.4), (0.2, 2e-3, 5.0)])
+@pytest.mark.parametrize("member", MEMBERS, ids=lambda each: each.name)
+def test_every_member_s_rods_and_axes_move_the_reflector_as_its_rods_do(
+    member, rod_mm, tilt_rad, left_um
+):
+    rng, arms = np.random.default_rng(11), member.space.arms
+    rods_mm = rng.normal(0.0, rod_mm, (arms, 2))
+    tilts_rad, leans_rad = rng.normal(0.0, tilt_rad, (2, arms))
+    rods, robot = rods_of(member, rods_mm, tilts_rad, leans_rad)
+    near = member.reachable_poses(member.nominal, 30, seed=12, limits=member.well_inside)
+    joints = member.nominal.inverse(near).values_or_raise()
+    poses = robot.forward(joints).values_or_raise()
+    reflector_mm = np.array(member.mechanism.plate.reflector_mm)
+    points = []
+    for q, pose in zip(joints, poses, strict=True):
+        guess = Plate.level(rods.kind, pose[:3], float(pose[3:].sum()))
+        plate = rods.settle(q, 0.0, guess)[0]
+        points.append(rods.reflector_mm(plate, reflector_mm) - reflector_mm)
+    assert 1e3 * rms(poses[:, :3] - points) < left_um
+    assert rms(near[:, :3] - points) > 40.0 * 1e-3 * left_um
+
+
+@pytest.mark.parametrize("member", MEMBERS, ids=lambda each: each.name)
+def test_what_shots_tell_of_the_full_model_but_not_of_the_frame(member):
+    """With all tilts free the robot could be turned whole; two of them hold it."""
+    poses = member.reachable_poses(member.nominal, 150, seed=13)
+    joints = member.nominal.inverse(poses).values_or_raise()
+    free = member.space.free_in_full
+    problem = PointResiduals.from_points(
+        PositionModel(member.nominal, member.space.places(free), joints),
+        poses[:, :3],
+        np.tile(1e-4 * np.eye(3), (len(poses), 1, 1)),
+    )
+    assert observability(problem.jacobian(problem.start())).rank == len(free) + 6
+    assert len(free) - len(member.space.free_by_default) == 2 * member.space.arms - 2 + len(
+        [name for name in free if name.endswith("rail_tilt_deg")]
+    )
