@@ -63,6 +63,10 @@ class Terminal:
         """A line of talk."""
         self._talk.print(printable(text), style=style, markup=False, soft_wrap=True)
 
+    def alarm(self, text: str) -> None:
+        """A line that the operator has to read at once."""
+        self.note(text, BAD)
+
     def detail(self, text: str) -> None:
         """A line of talk for those who asked for more."""
         if self._verbose:

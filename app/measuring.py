@@ -8,7 +8,7 @@ from typing import TypeVar
 from app.console import WARNING, Terminal
 from app.interrupt import StopRequest, stop_on_signals, suspend
 from app.run_text import Briefing, DeviceIdentities
-from app.wiring import connected_cell, prepare
+from app.wiring import Operator, connected_cell, prepare
 from campaigns.campaign import Campaign
 from campaigns.chain.running import measured_before, run_work, to_measure
 from campaigns.chain.validation import (
@@ -115,7 +115,7 @@ def _ready_cell(
     campaign: Campaign, wish: StopRequest, terminal: Terminal, clearance: Clearance | None
 ) -> Iterator[Cell]:
     """Both devices, connected, the tracker ready to measure, the robot ready to move."""
-    with connected_cell(campaign, wish) as cell:
+    with connected_cell(campaign, Operator(wish, terminal.alarm)) as cell:
         found = identities(cell)
         terminal.detail(f"controller: {found.controller}")
         terminal.detail(f"tracker: {found.tracker}")

@@ -44,6 +44,7 @@ from drivers.polling import WakefulClock
 from drivers.ports import Clock, LaserTracker, RobotController, SystemClock
 from drivers.raw_answers import joints_said, measurement_said
 from drivers.robotline.robot import LineRobot
+from drivers.stopping import Alarm, unheard
 from drivers.transport import Transport, open_transport
 from drivers.values import Identity
 from drivers.wire.robotline import LAST_SEQUENCE
@@ -68,6 +69,18 @@ Reading = Callable[[Opener], Opener]
 
 
 @dataclass(frozen=True, slots=True)
+class Operator:
+    """Whoever may want to stop, and has to read an alarm at once."""
+
+    stop_requested: StopRequested = never
+    alarm: Alarm = unheard
+
+
+NOBODY = Operator()
+"""Where nothing moves that could be stopped."""
+
+
+@dataclass(frozen=True, slots=True)
 class Addresses:
     """Where the devices answer, and the time they live in."""
 
@@ -87,7 +100,7 @@ def scenario_of(campaign_folder: Path, url: str) -> Scenario:
 
 @contextmanager
 def connected_cell(
-    campaign: Campaign, stop_requested: StopRequested = never, log: ByteLog | None = None
+    campaign: Campaign, operator: Operator = NOBODY, log: ByteLog | None = None
 ) -> Iterator[Devices]:
     """Both devices, connected; closed at the end of the block. `log` gets every byte.
 
@@ -95,11 +108,12 @@ def connected_cell(
     not there or not the expected one.
     """
     with (
-        doors(campaign, stop_requested, log) as each,
+        doors(campaign, operator, log) as each,
         each.robot() as robot,
         each.tracker() as tracker,
     ):
-        yield Devices(robot, tracker, WakefulClock(each.clock, stop_requested), SystemClock())
+        clock = WakefulClock(each.clock, operator.stop_requested)
+        yield Devices(robot, tracker, clock, SystemClock())
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +130,7 @@ class Doors:
 
 @contextmanager
 def doors(
-    campaign: Campaign, stop_requested: StopRequested = never, log: ByteLog | None = None
+    campaign: Campaign, operator: Operator = NOBODY, log: ByteLog | None = None
 ) -> Iterator[Doors]:
     """Ways to each device; a simulated cell is served for the time of the block."""
     config = campaign.config
@@ -124,8 +138,8 @@ def doors(
     to_tracker = _logging(campaign, log, "tracker", config.tracker.driver)
     with _addresses(campaign) as at:
         yield Doors(
-            partial(_robot, campaign, _opener(at.controller, to_robot), stop_requested),
-            partial(_tracker, config, at, _opener(at.tracker, to_tracker), stop_requested),
+            partial(_robot, campaign, _opener(at.controller, to_robot), operator),
+            partial(_tracker, config, at, _opener(at.tracker, to_tracker), operator.stop_requested),
             at.clock,
         )
 
@@ -232,9 +246,9 @@ def _logging(campaign: Campaign, log: ByteLog | None, device: str, driver: str) 
 
 @contextmanager
 def _robot(
-    campaign: Campaign, opener: Opener, stop_requested: StopRequested = never
+    campaign: Campaign, opener: Opener, operator: Operator = NOBODY
 ) -> Iterator[RobotController]:
-    robot = _made_robot(campaign, opener, stop_requested)
+    robot = _made_robot(campaign, opener, operator)
     try:
         robot.connect()
         _check_serial("controller", robot.identity(), campaign.config.controller.serial)
@@ -244,18 +258,19 @@ def _robot(
 
 
 def _made_robot(
-    campaign: Campaign, opener: Opener, stop_requested: StopRequested
+    campaign: Campaign, opener: Opener, operator: Operator
 ) -> LineRobot | LinuxcncRobot:
     if campaign.config.controller.driver == "linuxcnc":
         section = campaign.config.controller.linuxcnc
         assert section is not None, "its settings were checked"
-        return linuxcnc_robot(campaign, section, opener, stop_requested)
+        return linuxcnc_robot(campaign, section, opener, operator)
     return LineRobot(
         opener,
         layout=_layout(campaign),
         clock=SystemClock(),
         first_sequence=random.SystemRandom().randint(1, LAST_SEQUENCE),
-        cancelled=stop_requested,
+        cancelled=operator.stop_requested,
+        alarm=operator.alarm,
     )
 
 
@@ -318,7 +333,7 @@ def linuxcnc_robot(
     campaign: Campaign,
     section: LinuxcncConfig,
     opener: Callable[[], Transport],
-    stop_requested: StopRequested = never,
+    operator: Operator = NOBODY,
 ) -> LinuxcncRobot:
     """The driver for this campaign's LinuxCNC; nothing is opened yet."""
     settings = LinuxcncSettings(
@@ -333,7 +348,8 @@ def linuxcnc_robot(
         settings=settings,
         store=_store(campaign, section),
         kinematics_of=partial(ActiveKinematics, campaign.robot.mechanism),
-        cancelled=stop_requested,
+        cancelled=operator.stop_requested,
+        alarm=operator.alarm,
     )
 
 

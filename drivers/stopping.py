@@ -4,7 +4,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
-from drivers.errors import DriverError, MotionFault, RobotStateUnknown
+from drivers.errors import (
+    PRESS_THE_EMERGENCY_STOP,
+    DriverError,
+    MotionFault,
+    RobotStateUnknown,
+)
 from drivers.polling import comes_true
 from drivers.ports import Clock
 from drivers.session import Connected, Session
@@ -12,6 +17,14 @@ from drivers.session import Connected, Session
 PATIENCE_GROWTH = 4.0
 """Factor from one try's patience to the next: a link that is dead is soon left for a new one, and
 a controller that is only slow is waited for in the end."""
+
+
+Alarm = Callable[[str], None]
+"""What the operator has to read at once."""
+
+
+def unheard(_alarm: str) -> None:
+    """Alarm that nobody hears."""
 
 
 class StopOnce(Protocol):
@@ -29,7 +42,7 @@ class StopOnce(Protocol):
 class StopProcedure:
     """Stop of a robot: how it is done, and whether it is under way. `clock` is real time.
 
-    `answer_s` is the first try's patience with an answer.
+    `answer_s` is the first try's patience with an answer; `alarm` is told when that was in vain.
     """
 
     def __init__(
@@ -40,12 +53,14 @@ class StopProcedure:
         answer_s: float,
         pause_s: float,
         cancelled: Callable[[], bool],
+        alarm: Alarm = unheard,
     ) -> None:
         self._clock = clock
         self._within_s = within_s
         self._answer_s = answer_s
         self._pause_s = pause_s
         self._cancelled = cancelled
+        self._alarm = alarm
         self._undisturbed = 0
         self._give_up_s: float | None = None
 
@@ -92,7 +107,7 @@ class StopProcedure:
                     leave()
 
     def _until_confirmed(self, stop_once: StopOnce, give_up_s: float) -> None:
-        answer_s = self._answer_s
+        answer_s, is_first = self._answer_s, True
         while True:
             try:
                 return stop_once(give_up_s=give_up_s, answer_s=self.at_most_s(answer_s))
@@ -101,8 +116,13 @@ class StopProcedure:
                     raise state_unknown(
                         f"the stop was not confirmed within {self._within_s:g} s ({error.problem})"
                     ) from error
+                if is_first:
+                    self._alarm(
+                        f"{PRESS_THE_EMERGENCY_STOP} unless you see the robot stand: "
+                        f"it has not confirmed its stop yet ({error.problem})"
+                    )
             self._clock.sleep_s(self._pause_s)
-            answer_s *= PATIENCE_GROWTH
+            answer_s, is_first = answer_s * PATIENCE_GROWTH, False
 
 
 def await_standstill(

@@ -13,7 +13,7 @@ from app.console import GOOD, Terminal, terminal_of
 from app.interrupt import StopRequest, stop_on_signals, suspend
 from app.options import Dry, Folder, Json
 from app.progress import RunDisplay
-from app.wiring import connected_cell, connected_robot, prepare
+from app.wiring import Operator, connected_cell, connected_robot, prepare
 from campaigns.campaign import open_campaign
 from campaigns.chain.loading import (
     LoadResult,
@@ -110,7 +110,9 @@ def command(
             stop_requested=wish,
         )
         watched = replace(terms, uninterrupted=_watched(wish, display))
-        done = load_verified(campaign, connected_cell(campaign, wish), setup, file, watched)
+        done = load_verified(
+            campaign, connected_cell(campaign, Operator(wish, terminal.alarm)), setup, file, watched
+        )
     else:
         done = load(campaign, connected_robot(campaign), file, terms)
     if wish.suspends:

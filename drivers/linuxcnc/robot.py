@@ -18,7 +18,7 @@ from drivers.linuxcnc.settings import (
 )
 from drivers.ports import Clock
 from drivers.session import Session
-from drivers.stopping import StopProcedure, state_unknown
+from drivers.stopping import Alarm, StopProcedure, state_unknown, unheard
 from drivers.transport import Transport
 from drivers.values import Identity, Pose, RobotState
 
@@ -46,6 +46,7 @@ class LinuxcncRobot:
         store: ParameterStore,
         kinematics_of: KinematicsOf,
         cancelled: Callable[[], bool] = never,
+        alarm: Alarm = unheard,
     ) -> None:
         self._open_transport = open_transport
         self._clock = clock
@@ -59,6 +60,7 @@ class LinuxcncRobot:
             answer_s=settings.deadlines.patience.answer_s,
             pause_s=settings.deadlines.poll_s,
             cancelled=cancelled,
+            alarm=alarm,
         )
         self._session = Session("controller", self._opened, self._greet)
         self._machine = Machine(self._session, clock, settings)

@@ -11,7 +11,7 @@ from drivers.plausible import require_joints
 from drivers.ports import Clock
 from drivers.robotline.client import BlindCommand, RobotlineClient, open_client
 from drivers.session import Session
-from drivers.stopping import StopProcedure, await_standstill
+from drivers.stopping import Alarm, StopProcedure, await_standstill, unheard
 from drivers.transport import Transport
 from drivers.values import Identity, Pose, RobotState
 from drivers.wire.robotline import sequence_from
@@ -75,6 +75,7 @@ class LineRobot:
         first_sequence: int,
         deadlines: Deadlines = DEADLINES,
         cancelled: Callable[[], bool] = never,
+        alarm: Alarm = unheard,
     ) -> None:
         self._open_transport = open_transport
         self._layout = layout
@@ -88,6 +89,7 @@ class LineRobot:
             answer_s=deadlines.stop_answer_s,
             pause_s=deadlines.poll_s,
             cancelled=cancelled,
+            alarm=alarm,
         )
 
     def connect(self) -> None:

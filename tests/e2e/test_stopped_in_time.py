@@ -105,5 +105,7 @@ def test_a_stop_that_nobody_confirms_says_first_what_to_do(stage, number):
     assert unknown.code == 3
     assert unknown.error_line.startswith("PRESS THE EMERGENCY STOP: robot state unknown: ")
     lines = unknown.err.splitlines()
+    alarm = "PRESS THE EMERGENCY STOP unless you see the robot stand"
+    assert alarm in unknown.err.partition("\nPRESS THE EMERGENCY STOP\n")[0], "while it is tried"
     before = lines[: lines.index("PRESS THE EMERGENCY STOP")]
     assert not [line for line in before if line.startswith("run: ")], "nothing of how it ended"

@@ -141,6 +141,20 @@ def test_stop_that_nobody_answers_is_loud_and_in_time():
     assert controller.clock.now_s() - begun_s < 3.0 + 0.5
 
 
+def test_operator_is_alarmed_once_as_soon_as_a_stop_is_not_confirmed():
+    alarms = []
+    controller = connected(alarm=lambda text: alarms.append((text, controller.clock.now_s())))
+    controller.robot.stop()
+    assert not alarms
+    controller.answers["STOP"] = None
+    begun_s = controller.clock.now_s()
+    with pytest.raises(RobotStateUnknown):
+        controller.robot.stop()
+    ((text, told_s),) = alarms
+    assert text.startswith("PRESS THE EMERGENCY STOP unless you see the robot stand: ")
+    assert told_s - begun_s == pytest.approx(0.5, abs=0.1)
+
+
 def test_robot_that_goes_on_moving_is_loud():
     controller = connected()
     controller.answers["STATE"] = MOVING
