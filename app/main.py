@@ -39,6 +39,7 @@ value and limit, what to do next.
 
 COMMANDS = {
     "new": ("new", "Make a campaign's folder: settings and nominal robot."),
+    "robot": ("robot", "Make a robot file from the sizes of a symmetrical robot."),
     "devices": ("devices", "Say who answers, and in what state; nothing moves."),
     "plan": ("plan", "Choose the poses and write plan.csv."),
     "run": ("run", "Measure what the plan still lacks."),

@@ -102,8 +102,8 @@ def batches(
     geometry: Kinematics, robot: RobotFile, count: int, rng: np.random.Generator
 ) -> Iterator[Array]:
     """Random reachable poses, (N, t) at a time, until there are `count` of them."""
-    extent = geometry.mechanism.search_extent(geometry.p, robot.limits)
     centre, left = robot.workspace_centre, count
+    extent = geometry.mechanism.search_extent(geometry.p, robot.limits, centre)
     while left > 0:
         drawn = centre + rng.uniform(-1.0, 1.0, (BATCH, len(centre))) * extent
         poses = drawn[geometry.feasibility(robot.limits, drawn).feasible][:left]

@@ -46,7 +46,8 @@ class FeasibleRegion:
     @property
     def extent(self) -> Array:
         """Half size (t,) of a box about the centre that holds it."""
-        return self.kinematics.mechanism.search_extent(self.kinematics.p, self.limits)
+        mechanism, p = self.kinematics.mechanism, self.kinematics.p
+        return mechanism.search_extent(p, self.limits, self.centre)
 
     def allows(self, poses: Array) -> Mask:
         """Mask of the poses that can be taken and seen, and come to in the space, (N,)."""
@@ -123,7 +124,7 @@ def workspace_poses(
         allowed[allowed] = kinematics.feasibility(limits, poses[allowed]).feasible
         return allowed
 
-    extent = kinematics.mechanism.search_extent(kinematics.p, limits)
+    extent = kinematics.mechanism.search_extent(kinematics.p, limits, centre)
     return _rejection_sample(centre, extent, count, rng, within_reach)
 
 

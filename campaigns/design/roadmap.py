@@ -40,7 +40,7 @@ class Roadmap:
         cls, kinematics: Kinematics, limits: Limits, space: RestrictedSpace, centre: Array
     ) -> "Roadmap":
         """Roadmap of the part of the workspace that holds the centre (t,)."""
-        extent = kinematics.mechanism.search_extent(kinematics.p, limits)[:3]
+        extent = kinematics.mechanism.search_extent(kinematics.p, limits, centre)[:3]
         low, high = space.bounds_mm()
         low, high = np.maximum(low, centre[:3] - extent), np.minimum(high, centre[:3] + extent)
         sides = [np.linspace(*ends, GRID) for ends in zip(low, high, strict=True)]

@@ -9,7 +9,7 @@ from typing import Protocol, Self
 import numpy as np
 
 from campaigns.arrays import Array, Mask
-from campaigns.mechanisms.mechanism import ArmWords, Axis, ParameterField
+from campaigns.mechanisms.mechanism import ArmWords, Axis, Limits, ParameterField
 
 
 class Arms(Protocol):
@@ -92,6 +92,10 @@ class ArmKind(Protocol):
 
         Of each field, of each extension and of the lost motion.
         """
+        ...
+
+    def reach_mm(self, values: Array, extensions: Array, limits: Limits, centre_mm: Array) -> Array:
+        """Half size (3,) of a box about a place that holds all that the forearms' ends reach."""
         ...
 
     def in_frame_of(
@@ -222,6 +226,16 @@ class RotaryArmKind:
         levers = np.ones((len(values), len(CRANK_FIELDS) + 2))
         levers[:, [3, 4, 7, 8]] = values[:, 5:6]
         return levers
+
+    def reach_mm(
+        self,
+        values: Array,
+        extensions: Array,  # noqa: ARG002 - tilts are small
+        limits: Limits,  # noqa: ARG002 - as far as joints could turn
+        centre_mm: Array,  # noqa: ARG002 - the same about any
+    ) -> Array:
+        """A forearm each way, (3,)."""
+        return np.full(3, values[:, 6].max())
 
     def in_frame_of(
         self, nominal: tuple[Array, Array], own: tuple[Array, Array], *, may_turn: bool

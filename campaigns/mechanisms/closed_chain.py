@@ -265,16 +265,21 @@ class ClosedChain:
         """Feasibility of poses (N, t) that are passed at known joints, whose limits don't count."""
         return self._margins(p, limits, joints, poses, np.ones(len(poses), dtype=bool))
 
-    def search_extent(self, p: Array, limits: Limits) -> Array:
-        """A forearm and half a carriage's travel each way, and half of the turn or 45°, (t,)."""
-        values, _, _ = self._split(p)
-        reach_mm = float(values[:, -1].max())
-        if not self.joints[0].is_revolute:
-            reach_mm += 0.5 * (limits.joint[1] - limits.joint[0])
-        half = np.full(len(self.task), reach_mm)
-        for place, interval in enumerate(limits.task):
+    def search_extent(self, p: Array, limits: Limits, centre: Array) -> Array:
+        """Half size (t,) of a box about a pose that holds all that arms reach, and the turn."""
+        values, platform, extensions = self._split(p)
+        half = np.empty(len(self.task))
+        half[COORDINATES:] = LEAST_TURN_RAD
+        for place, interval in enumerate(limits.task[COORDINATES:], COORDINATES):
             if interval is not None:
                 half[place] = max(0.5 * (interval[1] - interval[0]), LEAST_TURN_RAD)
+        reach_mm = self._arms.reach_mm(values, extensions, limits, centre[:COORDINATES])
+        slides = self._platform.points_along_x
+        aside_mm = self._platform.turn_scale(platform).lever_mm if slides else 0.0
+        half[:COORDINATES] = reach_mm + aside_mm * half[COORDINATES:].sum()
+        for place, interval in enumerate(limits.task[:COORDINATES]):
+            if interval is not None:
+                half[place] = 0.5 * (interval[1] - interval[0])
         return half
 
     def platform_radius_mm(self, p: Array, limits: Limits) -> float:

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from campaigns.arrays import Array, Mask
-from campaigns.mechanisms.mechanism import MM_PER_RAD, ArmWords, Axis, ParameterField
+from campaigns.mechanisms.mechanism import MM_PER_RAD, ArmWords, Axis, Limits, ParameterField
 
 LEVEL = 1e-9
 """A rail that rises less than that leads to no other height."""
@@ -128,6 +128,19 @@ class LinearArmKind:
         levers = np.ones((len(values), len(RAIL_FIELDS) + 3))
         levers[:, [3, 4, 7, 8]] = MM_PER_RAD
         return levers
+
+    def reach_mm(self, values: Array, extensions: Array, limits: Limits, centre_mm: Array) -> Array:
+        """Half size (3,) about a place: forearms within their swing, from carriages in limits."""
+        rails = rail_directions(values, extensions)[0]
+        ends = values[:, :3] + rails * (np.array(limits.joint)[:, None, None] + values[:, 5:6])
+        off_axis = np.arccos(np.clip(-rails, -1.0, 1.0))
+        least = np.cos(np.minimum(off_axis + limits.forearm_swing_rad, np.pi))
+        most = np.cos(np.maximum(off_axis - limits.forearm_swing_rad, 0.0))
+        forearm_mm = values[:, 6:7]
+        # the platform is where all forearms end
+        low = (ends.min(axis=0) + forearm_mm * least).max(axis=0)
+        high = (ends.max(axis=0) + forearm_mm * most).min(axis=0)
+        return np.asarray(np.maximum(np.maximum(high - centre_mm, centre_mm - low), 0.0))
 
     def in_frame_of(
         self, nominal: tuple[Array, Array], own: tuple[Array, Array], *, may_turn: bool

@@ -465,8 +465,8 @@ class Mechanism(Protocol):
         """Feasibility of poses (N, t) that are passed at known joints, whose limits don't count."""
         ...
 
-    def search_extent(self, p: Array, limits: Limits) -> Array:
-        """Half size (t,) of a box about a pose well inside that holds the workspace."""
+    def search_extent(self, p: Array, limits: Limits, centre: Array) -> Array:
+        """Half size (t,) of a box about a pose (t,) well inside that holds the workspace."""
         ...
 
     def platform_radius_mm(self, p: Array, limits: Limits) -> float:

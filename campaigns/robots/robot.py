@@ -164,6 +164,17 @@ def find_robot(name_or_path: str) -> RobotDocument:
     )
 
 
+def parse_robot(text: str, name: str) -> RobotDocument:
+    """Check the text of a robot file; raises `ConfigInvalid`."""
+    return _robot_of(parse_document(text, name))
+
+
+def shipped_of(mechanism: Mechanism) -> RobotDocument:
+    """First shipped robot of a mechanism."""
+    found = map(find_robot, _shipped_robots())
+    return next(each for each in found if each.robot.mechanism.name == mechanism.name)
+
+
 def compensated(nominal: RobotDocument, compensation: Compensation) -> RobotDocument:
     """Put an identified set into a copy of the nominal's document; its comments stay.
 

@@ -14,7 +14,7 @@ from app.main import run_command
 from drivers.errors import LinkDown
 
 COMMANDS = (
-    *("new", "devices", "plan", "run", "import", "identify", "validate", "export", "load"),
+    *("new", "robot", "devices", "plan", "run", "import", "identify", "validate", "export", "load"),
     *("report", "reproduce", "study", "check-journal", "sim", "dry-run"),
 )
 HEAVY = (

@@ -474,7 +474,7 @@ class TestFeasibility:
         assert np.abs(judged.swing_rad).max() <= LIMITS.forearm_swing_rad
 
     def test_the_searched_box_holds_the_workspace(self):
-        extent = DELTA.search_extent(NOMINAL.p, LIMITS)
+        extent = DELTA.search_extent(NOMINAL.p, LIMITS, CENTRE)
         assert extent.shape == (3,)
         rng = np.random.default_rng(33)
         wide = CENTRE + rng.uniform(-2.0, 2.0, (20_000, 3)) * extent

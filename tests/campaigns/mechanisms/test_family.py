@@ -252,8 +252,8 @@ class TestFeasibility:
 
     @all_members
     def test_the_searched_box_holds_the_workspace(self, member):
-        extent = member.mechanism.search_extent(member.nominal.p, member.limits)
         rng, centre = np.random.default_rng(33), member.shipped.workspace_centre
+        extent = member.mechanism.search_extent(member.nominal.p, member.limits, centre)
         wide = centre + rng.uniform(-2.0, 2.0, (200_000, len(extent))) * extent
         feasible = wide[member.nominal.feasibility(member.limits, wide).feasible]
         assert len(feasible) > 20

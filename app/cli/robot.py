@@ -1,0 +1,122 @@
+"""pkmcal robot: a robot file from the sizes of a symmetrical robot."""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from app.console import terminal_of
+from app.options import Json
+from campaigns.errors import OptionsInvalid
+from campaigns.files.wording import suggestion
+from campaigns.mechanisms.catalog import MECHANISMS
+from campaigns.mechanisms.mechanism import Mechanism
+from campaigns.mechanisms.sizes import Sizes
+from campaigns.robots.robot import write_new_robot
+from campaigns.robots.symmetrical import symmetrical_robot
+
+LONGEST_MM = 100_000.0
+
+
+def _length(what: str) -> typer.models.OptionInfo:
+    option: typer.models.OptionInfo = typer.Option(metavar="MM", help=what)
+    return option
+
+
+Kind = Annotated[str, typer.Argument(metavar="MECHANISM", help=f"One of {', '.join(MECHANISMS)}.")]
+Base = Annotated[float, _length("Radius on which the motors or rails stand.")]
+Platform = Annotated[
+    float,
+    _length("Radius of the platform's joints; of two parts, half the way between a part's two."),
+]
+Forearm = Annotated[float, _length("Length of the forearms (rods).")]
+Arm = Annotated[float | None, _length("Length of the cranks.")]
+Plate = Annotated[float | None, _length("Distance of the platform's hinged parts.")]
+Pinion = Annotated[float | None, _length("Travel of the platform's bars for a turn of 1 rad.")]
+Travel = Annotated[float | None, _length("Travel of the carriages, half of it each way from 0.")]
+First = Annotated[
+    float | None,
+    typer.Option(
+        metavar="DEG",
+        help="Direction of the first arm from x towards y.",
+        show_default="0; 225 where the platform has two parts",
+    ),
+]
+
+
+def command(
+    context: typer.Context,
+    mechanism: Kind,
+    *,
+    base: Base,
+    platform: Platform,
+    forearm: Forearm,
+    arm: Arm = None,
+    plate: Plate = None,
+    pinion: Pinion = None,
+    travel: Travel = None,
+    first: First = None,
+    to: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Default: my-MECHANISM.yaml here.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Make a robot file from the sizes of a symmetrical robot.
+
+    The file explains how base and platform become the parameters of a campaign. Limits are
+    typical: correct them by the robot's data sheet, then: pkmcal new DIR --robot FILE
+
+    pkmcal robot delta --base 200 --platform 45 --arm 300 --forearm 800
+
+    pkmcal robot linear-delta --base 295 --platform 45 --forearm 520 --travel 900
+    """
+    kind = _known(mechanism)
+    given = {"arm": arm, "forearm": forearm, "plate": plate, "pinion": pinion}
+    lengths = {f"{name}_mm": value for name, value in given.items() if value is not None}
+    sizes = Sizes(base, platform, lengths, first)
+    _check(sizes, travel, kind)
+    path = to or Path(f"my-{kind.name}.yaml")
+    joint = None if travel is None else (-0.5 * travel, 0.5 * travel)
+    document = symmetrical_robot(kind, path.stem, sizes, joint)
+    write_new_robot(path, document)
+    terminal = terminal_of(context, as_json=json)
+    terminal.say(f"made: {path}, mechanism {kind.name}")
+    terminal.note(f"next: correct its limits, then: pkmcal new DIR --robot {path}")
+    terminal.document(
+        {
+            "file": str(path),
+            "mechanism": kind.name,
+            "geometry": document.robot.geometry_flat(),
+            "workspace_centre_mm": list(document.robot.workspace_centre_mm or ()),
+        }
+    )
+
+
+def _known(word: str) -> Mechanism:
+    if word in MECHANISMS:
+        return MECHANISMS[word]
+    raise OptionsInvalid(f"mechanism '{word}' is not known", remedy=suggestion(word, MECHANISMS))
+
+
+def _check(sizes: Sizes, travel: float | None, kind: Mechanism) -> None:
+    """Raise `OptionsInvalid` for a size that is none."""
+    above = dict(sizes.lengths_mm) | {"base_mm": sizes.base_mm}
+    above |= {} if travel is None else {"travel_mm": travel}
+    for name, value in above.items():
+        if not (0.0 < value <= LONGEST_MM):
+            raise OptionsInvalid(
+                f"--{name.removesuffix('_mm')} is {value:g} mm",
+                remedy=f"give a length above 0 and up to {LONGEST_MM:g} mm",
+            )
+    if not 0.0 <= sizes.platform_mm <= LONGEST_MM:
+        raise OptionsInvalid(
+            f"--platform is {sizes.platform_mm:g} mm",
+            remedy=f"give a radius from 0 to {LONGEST_MM:g} mm",
+        )
+    if sizes.first_deg is not None and not (
+        math.isfinite(sizes.first_deg) and abs(sizes.first_deg) <= 360.0
+    ):
+        raise OptionsInvalid(f"--first is {sizes.first_deg:g}°", remedy="give -360 to 360")
+    if travel is not None and kind.joints[0].is_revolute:
+        raise OptionsInvalid(f"{kind.name} has cranks, and no --travel", remedy="leave it out")

@@ -1,0 +1,142 @@
+"""Robot files made from sizes: parameters, limits and a centre of the workspace, explained."""
+
+import math
+import textwrap
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.errors import ConfigInvalid
+from campaigns.mechanisms.mechanism import Interval, Kinematics, Limits, Mechanism
+from campaigns.mechanisms.sizes import Sizes, lengths_needed, symmetrical
+from campaigns.robots.robot import RobotDocument, parse_robot, shipped_of
+from campaigns.robots.schema import SCHEMA
+
+HEIGHTS = 200
+REACHES = 40
+AROUND = 8
+ROUND_MM = 10.0
+COMMENT_WIDTH = 97
+CONTRACTED = (
+    "The platform keeps its direction, so where its joints sit on it cannot be told from where the "
+    "arms stand: the platform is contracted. x_mm and y_mm below are the arm's place on the base "
+    "less its joint's place on the platform, and the platform is a point."
+)
+TYPICAL_LIMITS = (
+    "Limits are typical ones: correct them, and the centre of the workspace, by the robot's data "
+    "sheet."
+)
+
+
+def symmetrical_robot(
+    mechanism: Mechanism, name: str, sizes: Sizes, joint: Interval | None = None
+) -> RobotDocument:
+    """Robot of those sizes; limits are those of the shipped one but for `joint`, rad or mm.
+
+    Raises `ConfigInvalid` for a length that is missing or too much, and for sizes that do not fit.
+    """
+    _check_lengths(mechanism, sizes.lengths_mm)
+    flat = symmetrical(mechanism, sizes)
+    like = shipped_of(mechanism).robot
+    limits = like.limits if joint is None else replace(like.limits, joint=joint)
+    kinematics = Kinematics.from_flat(mechanism, flat)
+    centre_mm = _centre_mm(kinematics, limits)
+    text = "".join(
+        f"{line}\n"
+        for line in (*_heading(mechanism, name, sizes), *_body(mechanism, name, flat, limits))
+    )
+    return parse_robot(f"{text}workspace_centre_mm: {centre_mm}\n", f"{name}.yaml")
+
+
+def _check_lengths(mechanism: Mechanism, lengths_mm: Mapping[str, float]) -> None:
+    needed = lengths_needed(mechanism)
+    options = {field: f"--{field.removesuffix('_mm')}" for field in (*needed, *lengths_mm)}
+    for field in needed:
+        if field not in lengths_mm:
+            raise ConfigInvalid(
+                f"{options[field]} is missing", remedy=f"give it in mm: {mechanism.name} has it"
+            )
+    for field in lengths_mm:
+        if field not in needed:
+            raise ConfigInvalid(f"{mechanism.name} has no {options[field]}", remedy="leave it out")
+
+
+def _centre_mm(kinematics: Kinematics, limits: Limits) -> list[float]:
+    """Place on the base's axis from which the robot reaches furthest, [x, y, z].
+
+    Raises `ConfigInvalid` when there is none.
+    """
+    origin = np.zeros(len(kinematics.mechanism.task))
+    extent = kinematics.mechanism.search_extent(kinematics.p, limits, origin)
+    heights = -np.linspace(0.0, 2.0 * float(extent[2]), HEIGHTS)
+    reaches = np.array([_reach_mm(kinematics, limits, float(z), extent) for z in heights])
+    if not (reaches > 0.0).any():
+        raise ConfigInvalid(
+            "a robot of these sizes reaches nothing below the middle of its base",
+            remedy="check the sizes: the forearms must span from the arms' ends to the platform",
+        )
+    best = heights[reaches >= 0.95 * reaches.max()].mean()
+    return [0.0, 0.0, float(ROUND_MM * np.round(best / ROUND_MM))]
+
+
+def _reach_mm(kinematics: Kinematics, limits: Limits, z_mm: float, extent: Array) -> float:
+    """Largest ball about a place on the axis whose surroundings can all be reached; 0 for none."""
+    around = 2.0 * np.pi * np.arange(AROUND) / AROUND
+    level = np.column_stack([np.cos(around), np.sin(around), np.zeros(AROUND)])
+    directions = np.vstack([level, [[0.0, 0.0, 0.5], [0.0, 0.0, -0.5]]])
+    reaches = np.linspace(0.0, float(extent[0]), REACHES)
+    poses = np.zeros((REACHES, len(directions), len(extent)))
+    poses[:, :, 2] = z_mm
+    poses[:, :, :3] += reaches[:, None, None] * directions
+    feasible = kinematics.feasibility(limits, poses.reshape(-1, len(extent))).feasible
+    whole = np.logical_and.accumulate(feasible.reshape(REACHES, -1).all(axis=1))
+    return float(reaches[whole][-1]) if whole.any() else 0.0
+
+
+def _heading(mechanism: Mechanism, name: str, sizes: Sizes) -> list[str]:
+    """Comment that explains the file."""
+    lengths = ", ".join(
+        f"{field.removesuffix('_mm')} {value:g} mm" for field, value in sizes.lengths_mm.items()
+    )
+    stand = "motor centres" if mechanism.joints[0].is_revolute else "rails"
+    joints = "the radius of its joints"
+    if mechanism.parameters.platform_fields:
+        joints = "half of the way between the two joints of each of its parts"
+    made = (
+        f"{name}, made by `pkmcal robot` from its sizes: base {sizes.base_mm:g} mm (the radius of "
+        f"{stand}), platform {sizes.platform_mm:g} mm ({joints}), {lengths}."
+    )
+    return [*_comment(made), "#", *_comment(CONTRACTED), "#", *_comment(TYPICAL_LIMITS)]
+
+
+def _comment(text: str) -> list[str]:
+    return [f"# {line}" for line in textwrap.wrap(text, COMMENT_WIDTH)]
+
+
+def _body(mechanism: Mechanism, name: str, flat: Mapping[str, float], limits: Limits) -> list[str]:
+    space, joint = mechanism.parameters, mechanism.joints[0]
+    arms = [
+        ", ".join(f"{field.name}: {flat[f'arm{arm}.{field.name}']!r}" for field in space.arm_fields)
+        for arm in range(space.arms)
+    ]
+    task = zip(mechanism.task, limits.task, strict=True)
+    turns = [
+        f"  {axis.column}: {[round(axis.to_file(end), 9) for end in interval]}"
+        for axis, interval in task
+        if interval is not None
+    ]
+    return [
+        f"schema: {SCHEMA}",
+        f"mechanism: {mechanism.name}",
+        f"name: {name}",
+        "geometry:",
+        "  arms:",
+        *(f"    - {{{arm}}}" for arm in arms),
+        *(f"  {field.name}: {flat[field.name]!r}" for field in space.platform_fields),
+        "limits:",
+        f"  joint_{joint.unit}: {[round(joint.to_file(end), 9) for end in limits.joint]}",
+        *turns,
+        f"  forearm_swing_deg: {round(math.degrees(limits.forearm_swing_rad), 9)}",
+    ]

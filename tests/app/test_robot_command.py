@@ -1,0 +1,106 @@
+"""Robot files from the sizes of a symmetrical robot, by `pkmcal robot`."""
+
+import json
+
+import numpy as np
+import pytest
+
+from app.main import run_command
+from campaigns.mechanisms.catalog import MECHANISMS
+from campaigns.robots.robot import find_robot
+
+SIZES = {
+    "delta": "--base 200 --platform 45 --arm 300 --forearm 800",
+    "linear-delta": "--base 295 --platform 45 --forearm 520 --travel 900 --first 90",
+    "par4": "--base 320 --platform 60 --arm 350 --forearm 700 --plate 100",
+    "h4": "--base 342.85 --platform 60 --arm 350 --forearm 700 --plate 120",
+    "i4r": "--base 320 --platform 60 --arm 350 --forearm 700 --pinion 30",
+    "i4l": "--base 380 --platform 60 --forearm 600 --pinion 30",
+}
+"""Of every mechanism; some near the shipped robots."""
+
+
+@pytest.fixture
+def made(tmp_path, capsys):
+    """Makes a robot file; gives its exit code, document and error line."""
+
+    def robot(mechanism, sizes):
+        path = tmp_path / "mine.yaml"
+        code = run_command(["robot", mechanism, *sizes.split(), "--to", str(path), "--json"])
+        said = capsys.readouterr()
+        return code, json.loads(said.out) if said.out else None, said.err.strip()
+
+    return robot
+
+
+def test_every_mechanism_has_sizes_here():
+    assert {*SIZES} == {*MECHANISMS}
+
+
+@pytest.mark.parametrize("mechanism", SIZES)
+def test_a_file_is_a_robot_that_stands_in_the_middle_of_its_workspace(made, mechanism):
+    code, document, _ = made(mechanism, SIZES[mechanism])
+    assert code == 0
+    robot = find_robot(document["file"]).robot
+    assert robot.mechanism.name == mechanism
+    assert robot.geometry_flat() == document["geometry"]
+    around = np.tile(robot.workspace_centre, (7, 1))
+    around[1:4, :3] += 50.0 * np.eye(3)
+    around[4:, :3] -= 50.0 * np.eye(3)
+    assert robot.kinematics.feasibility(robot.limits, around).feasible.all()
+
+
+@pytest.mark.parametrize(("mechanism", "within_mm"), [("delta", 1e-8), ("linear-delta", 1e-8)])
+def test_the_sizes_of_a_shipped_robot_give_that_robot(made, mechanism, within_mm):
+    _, document, _ = made(mechanism, SIZES[mechanism])
+    shipped = find_robot(mechanism).robot
+    assert document["geometry"] == pytest.approx(shipped.geometry_flat(), abs=within_mm)
+    made_one = find_robot(document["file"]).robot
+    assert made_one.limits == shipped.limits
+
+
+def test_only_the_difference_of_the_radii_counts(made, tmp_path):
+    _, one, _ = made("delta", "--base 200 --platform 45 --arm 300 --forearm 800")
+    (tmp_path / "mine.yaml").unlink()
+    _, other, _ = made("delta", "--base 255 --platform 100 --arm 300 --forearm 800")
+    assert one["geometry"] == pytest.approx(other["geometry"], abs=1e-8)
+
+
+def test_the_file_explains_what_was_done_with_the_sizes(made, tmp_path):
+    made("i4l", SIZES["i4l"])
+    text = (tmp_path / "mine.yaml").read_text(encoding="utf-8")
+    comment = " ".join(line.removeprefix("# ") for line in text.splitlines() if line[0] == "#")
+    assert "base 380 mm (the radius of rails), platform 60 mm (half of the way between" in comment
+    assert "the platform is contracted" in comment
+    assert max(map(len, text.splitlines()[:8])) <= 100
+
+
+@pytest.mark.parametrize(
+    ("mechanism", "sizes", "words"),
+    [
+        ("hexapod", "--base 1 --platform 1 --forearm 1", "mechanism 'hexapod' is not known"),
+        ("delta", "--base 200 --platform 45 --forearm 800", "--arm is missing"),
+        ("delta", f"{SIZES['delta']} --plate 10", "delta has no --plate"),
+        ("delta", f"{SIZES['delta']} --travel 10", "delta has cranks, and no --travel"),
+        ("h4", "--base 300 --platform 60 --arm 350 --forearm 700", "--plate is missing"),
+        ("delta", "--base 200 --platform 45 --arm 30 --forearm 80", "reaches nothing below"),
+        ("delta", "--base nan --platform 45 --arm 300 --forearm 800", "--base is nan mm"),
+        ("delta", "--base 200 --platform -1 --arm 300 --forearm 800", "--platform is -1 mm"),
+        ("delta", f"{SIZES['delta']} --first inf", "--first is inf"),
+        ("linear-delta", "--base 295 --platform 45 --forearm 0", "--forearm is 0 mm"),
+    ],
+)
+def test_sizes_that_make_no_robot_are_refused(made, tmp_path, mechanism, sizes, words):
+    code, _, line = made(mechanism, sizes)
+    assert code == 2
+    assert words in line
+    assert "→" in line
+    assert not (tmp_path / "mine.yaml").exists()
+
+
+def test_a_file_that_is_there_stays(made, tmp_path):
+    (tmp_path / "mine.yaml").write_text("mine", encoding="utf-8")
+    code, _, line = made("delta", SIZES["delta"])
+    assert code == 2
+    assert "mine.yaml" in line
+    assert (tmp_path / "mine.yaml").read_text(encoding="utf-8") == "mine"
