@@ -7,10 +7,11 @@ from typing import TypeVar
 
 from app.console import WARNING, Terminal
 from app.interrupt import StopRequest, stop_on_signals, suspend
+from app.retrying import Retries
 from app.run_text import Briefing, DeviceIdentities
 from app.wiring import Operator, connected_cell, prepare
 from campaigns.campaign import Campaign
-from campaigns.chain.running import measured_before, run_work, to_measure
+from campaigns.chain.running import RunOutlook, measured_before, run_outlook, run_work
 from campaigns.chain.validation import (
     TESTS,
     Validated,
@@ -18,14 +19,15 @@ from campaigns.chain.validation import (
     record_validation,
     validation_work,
 )
-from campaigns.errors import Interrupted
+from campaigns.errors import CampaignError, Interrupted
 from campaigns.journal.journal import Journal
 from campaigns.measuring.session import RunResult, Work, measure_series, run_result
 from campaigns.measuring.shot_taker import Cell
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.shots.shot_sets import ShotSet
-from drivers.errors import Cancelled, WrongDevice
+from drivers.errors import Cancelled, DriverError, ExplainedError, WrongDevice
+from drivers.ports import SystemClock
 
 CLEAR = "The robot will move. Is the cell clear?"
 
@@ -43,34 +45,64 @@ def measure(
     title: str,
     again: str,
     anew: bool,
+    retries: Retries,
     clearance: "Clearance | None" = None,
 ) -> Result:
     """Connect, make the work, measure it, and finish with the journal still held.
 
-    `again` is the command that goes on later. Without a `clearance` the operator has said already
-    that the cell is clear. Raises `Interrupted` when the operator stopped and does not want to go
-    on now.
+    `again` is the command that goes on later. After a lost link it connects anew as often as
+    `retries` allow. Without a `clearance` the operator has said already that the cell is clear.
+    Raises `Interrupted` when the operator stopped and does not want to go on now.
     """
     with campaign.held():
         if clearance is not None:
             clearance.obtain(campaign, terminal)
+        before = _latest_series(campaign)
+
+        def measure_once(wish: StopRequest, *, anew: bool) -> Result:
+            with (
+                terminal.watching(title) as display,
+                _ready_cell(campaign, wish, terminal, clearance) as cell,
+            ):
+                work = make_work(cell)
+                with campaign.opened_journal() as journal:
+                    series = measure_series(cell, journal, work, display, wish, anew=anew)
+                    return finish(journal, series)
+
         while True:
             wish = StopRequest()
+            is_new = anew and _latest_series(campaign) == before
             try:
-                with (
-                    stop_on_signals(wish),
-                    terminal.watching(title) as display,
-                    _ready_cell(campaign, wish, terminal, clearance) as cell,
-                ):
-                    work = make_work(cell)
-                    with campaign.opened_journal() as journal:
-                        series = measure_series(cell, journal, work, display, wish, anew=anew)
-                        return finish(journal, series)
+                with stop_on_signals(wish):
+                    try:
+                        return measure_once(wish, anew=is_new)
+                    except (Interrupted, Cancelled):
+                        raise
+                    except (DriverError, CampaignError) as error:
+                        _wait_for_next_try(error, retries, terminal, wish)
             except (Interrupted, Cancelled) as stopped:
                 # Out here the signals do what they always do: Ctrl-C at the question means no.
                 if not (wish.may_go_on and _goes_on(wish, terminal)):
                     raise _interrupted(title, again) from stopped
-                anew = False
+
+
+def _wait_for_next_try(
+    error: ExplainedError, retries: Retries, terminal: Terminal, wish: StopRequest
+) -> None:
+    """Wait until it is tried again; raises the error when it is not, `Interrupted` when stopped."""
+    pause_s = retries.again_after(error)
+    if pause_s is None:
+        raise error
+    terminal.note(f"! {retries.text(error)}", WARNING)
+    retries.wait(pause_s, wish)
+
+
+def _latest_series(campaign: Campaign) -> int:
+    """Number of the series that was begun last, of any stage; 0: none was."""
+    if not campaign.journal_path.exists():
+        return 0
+    with campaign.journal_reader() as journal:
+        return max((series.number for series in journal.series()), default=0)
 
 
 def identities(cell: Cell) -> DeviceIdentities:
@@ -158,12 +190,15 @@ def run_plan(campaign: Campaign, checked: CheckedPlan, terminal: Terminal) -> Ru
     options = RunOptions()
     work = run_work(campaign, checked, options)
     before = found_measured(campaign, work, terminal)
-    return before or measure_plan(campaign, checked, work, terminal, options, yes=True)
+    if before is not None:
+        return before
+    outlook = run_outlook(campaign, checked, work)
+    return measure_plan(campaign, outlook, work, terminal, options, yes=True)
 
 
 def measure_plan(
     campaign: Campaign,
-    checked: CheckedPlan,
+    outlook: RunOutlook,
     work: Work,
     terminal: Terminal,
     options: RunOptions,
@@ -180,7 +215,8 @@ def measure_plan(
         return run_result(journal, series, work)
 
     again = shlex.join(["pkmcal", "run", str(campaign.folder), *options.run_words()])
-    briefing = Briefing(campaign, checked, work, to_measure(campaign, work, anew=anew))
+    briefing = Briefing(campaign, work, outlook)
+    allowed = campaign.config.run.retry if options.retry is None else options.retry
     return measure(
         campaign,
         prepare,
@@ -189,6 +225,7 @@ def measure_plan(
         title="run",
         again=again,
         anew=anew,
+        retries=Retries(campaign, "run", allowed, SystemClock()),
         clearance=Clearance(briefing.text, yes=yes),
     )
 
@@ -214,4 +251,7 @@ def measure_validation(
         return record_validation(campaign, journal, series, stage)
 
     title = f"validate {stage}"
-    return measure(campaign, prepare, finish, terminal, title=title, again=again, anew=anew)
+    retries = Retries(campaign, stage, campaign.config.run.retry, SystemClock())
+    return measure(
+        campaign, prepare, finish, terminal, title=title, again=again, anew=anew, retries=retries
+    )

@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 
-from app.console import BAD, GOOD, Terminal
+from app.console import BAD, GOOD, WARNING, Terminal
 from app.progress import interval
 from campaigns.campaign import Campaign
-from campaigns.chain.running import ToMeasure
+from campaigns.chain.running import RunOutlook
 from campaigns.measuring.run_state import ParameterPrecision
 from campaigns.measuring.session import RunResult, Work
-from campaigns.planning.plan_check import CheckedPlan
+from campaigns.measuring.stopping_rule import in_words
 from drivers.values import Identity
 
 
@@ -28,27 +28,20 @@ class Briefing:
     """What a run says before anything moves."""
 
     campaign: Campaign
-    checked: CheckedPlan
     work: Work
-    todo: ToMeasure
+    outlook: RunOutlook
 
     def text(self, devices: DeviceIdentities) -> str:
         """Shots, time, speed and devices: `138 shots, about 6 min, 30 % speed, controller …`."""
-        todo, total = self.todo, len(self.checked.shots)
-        seconds = self.checked.seconds * todo.left / max(total, 1)
-        shots = f"{todo.left} shots"
-        if todo.series is not None:
-            shots = f"series {todo.series} has {todo.there} of {total} shots, {todo.left} are left"
-        goal = "" if self.work.goal is None else f", fewer once {self.work.goal} is met"
-        return (
-            f"{shots}{goal}, about {interval((seconds, seconds))}, "
-            f"{self.campaign.config.controller.speed_percent:g} % speed, {devices}"
-        )
+        speed = self.campaign.config.controller.speed_percent
+        return f"{outlook_line(self.outlook, self.work)}, {speed:g} % speed, {devices}"
 
 
 def show_run(terminal: Terminal, ran: RunResult) -> None:
-    """Say what was measured, and whether the goal is met."""
+    """Say what was measured and what was not, and whether the goal is met."""
     terminal.say(f"measured: series {ran.series} has {_count(ran)}")
+    for skipped in ran.skipped:
+        terminal.say(f"not measured: {in_words(skipped.shots)}: {skipped.reason}", WARNING)
     if ran.goal is None:
         return
     if ran.good:
@@ -70,6 +63,33 @@ def run_document(ran: RunResult) -> dict[str, object]:
         "shots": ran.shots,
         "goal": goal,
         "knowledge": ran.known and knowledge(ran.known),
+        "skipped": [
+            {"shots": list(skipped.shots), "reason": skipped.reason} for skipped in ran.skipped
+        ],
+    }
+
+
+def outlook_line(outlook: RunOutlook, work: Work) -> str:
+    """What a run is about to do: `138 shots, about 6 min`, or what is there of a series."""
+    shots = f"{len(outlook.left)} shots"
+    if outlook.series is not None:
+        shots = (
+            f"series {outlook.series} has {outlook.measured} of {outlook.shots} shots, "
+            f"{len(outlook.left)} are left"
+        )
+    skipped = f", {in_words(outlook.skipped)} left out" if outlook.skipped else ""
+    goal = "" if work.goal is None else f", fewer once {work.goal} is met"
+    return f"{shots}{skipped}{goal}, about {interval((outlook.seconds, outlook.seconds))}"
+
+
+def outlook_document(outlook: RunOutlook) -> dict[str, object]:
+    """The same as part of a document."""
+    return {
+        "series": outlook.series,
+        "measured": outlook.measured,
+        "left": list(outlook.left),
+        "skipped": list(outlook.skipped),
+        "seconds_left_estimated": outlook.seconds,
     }
 
 
@@ -88,9 +108,13 @@ def knowledge(known: ParameterPrecision) -> dict[str, object]:
 
 
 def _count(ran: RunResult) -> str:
-    if ran.left_out == 0:
-        return f"all {ran.shots} shots"
-    return f"{ran.shots} shots; {ran.left_out} of the plan were left out"
+    skipped = sum(len(each.shots) for each in ran.skipped)
+    missing = [
+        f"{count} of the plan {word}"
+        for count, word in ((ran.left_out, "were left out"), (skipped, "were skipped"))
+        if count
+    ]
+    return "; ".join([f"{ran.shots} shots", *missing]) if missing else f"all {ran.shots} shots"
 
 
 def _reached(ran: RunResult) -> str:

@@ -28,7 +28,13 @@ from drivers.bounded_files import (
 )
 from drivers.byte_log import ByteLog, logged, reading_for
 from drivers.emscon.tracker import EmsconTracker
-from drivers.errors import WrongDevice
+from drivers.errors import (
+    BeamBroken,
+    DriverError,
+    LimitViolation,
+    MotionFault,
+    WrongDevice,
+)
 from drivers.geocom.tracker import GeocomTracker
 from drivers.link import never
 from drivers.linuxcnc.hal_parameters import FileParameters, HalAccess, HalParameters, HalPins
@@ -138,7 +144,7 @@ def doors(
     to_tracker = _logging(campaign, log, "tracker", config.tracker.driver)
     with _addresses(campaign) as at:
         yield Doors(
-            partial(_robot, campaign, _opener(at.controller, to_robot), operator),
+            partial(_robot, campaign, at, _opener(at.controller, to_robot), operator),
             partial(_tracker, config, at, _opener(at.tracker, to_tracker), operator.stop_requested),
             at.clock,
         )
@@ -245,14 +251,40 @@ def _logging(campaign: Campaign, log: ByteLog | None, device: str, driver: str) 
 
 
 @contextmanager
+def _named(
+    device: str, url: str, own: tuple[type[DriverError], ...]
+) -> Iterator[Callable[[Identity], None]]:
+    """Name a device in every error that is about it: which one, its address, its serial number.
+
+    That is one that says its address, or one of its `own` kinds. The block is given what to tell
+    who answered.
+    """
+    names = [device]
+
+    def greeted(identity: Identity) -> None:
+        names[:] = [f"{device} {identity.serial}"]
+
+    try:
+        yield greeted
+    except DriverError as error:
+        if url and url in error.problem:
+            error.problem = error.problem.replace(url, f"{names[0]} at {url}", 1)
+        elif isinstance(error, own):
+            error.problem = f"{names[0]} at {url}: {error.problem}"
+        raise
+
+
+@contextmanager
 def _robot(
-    campaign: Campaign, opener: Opener, operator: Operator = NOBODY
+    campaign: Campaign, at: Addresses, opener: Opener, operator: Operator = NOBODY
 ) -> Iterator[RobotController]:
     robot = _made_robot(campaign, opener, operator)
     try:
-        robot.connect()
-        _check_serial("controller", robot.identity(), campaign.config.controller.serial)
-        yield robot
+        with _named("controller", at.controller, (MotionFault, LimitViolation)) as greeted:
+            robot.connect()
+            greeted(identity := robot.identity())
+            _check_serial("controller", identity, campaign.config.controller.serial)
+            yield robot
     finally:
         robot.close()
 
@@ -295,9 +327,11 @@ def _tracker(
 ) -> Iterator[LaserTracker]:
     tracker = _made_tracker(config.tracker.driver, at.tracker_clock, opener, stop_requested)
     try:
-        tracker.connect()
-        _check_serial("tracker", tracker.identity(), config.tracker.serial)
-        yield tracker
+        with _named("tracker", at.tracker, (BeamBroken,)) as greeted:
+            tracker.connect()
+            greeted(identity := tracker.identity())
+            _check_serial("tracker", identity, config.tracker.serial)
+            yield tracker
     finally:
         tracker.close()
 

@@ -48,6 +48,7 @@ from campaigns.journal.records import (
     Event,
     Finding,
     FindingKind,
+    Intent,
     PairVoided,
     Record,
     Rejected,
@@ -57,6 +58,7 @@ from campaigns.journal.records import (
 from campaigns.journal.views import Entry, Series, accepted_shots, unstopped_sessions
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plan_file import PlannedShot, plan_digest
+from campaigns.planning.plan_match import plan_difference
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.shots.shots import Shots, shots_of_journal
 from drivers.values import Identity
@@ -72,6 +74,8 @@ class MeasuredSeries:
 
     series: Series
     shots: Shots
+    intents: tuple[Intent, ...] = ()
+    """What was asked for of each of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -349,8 +353,10 @@ def _measured(
     if series is None:
         return None
     shots = accepted_shots(entry for entry in entries if entry.series == series.number)
-    mechanism = campaign.robot.mechanism
-    return MeasuredSeries(series, shots_of_journal(shots, mechanism)) if shots else None
+    if not shots:
+        return None
+    intents = tuple(shot.intent for shot in shots)
+    return MeasuredSeries(series, shots_of_journal(shots, campaign.robot.mechanism), intents)
 
 
 def _facts(
@@ -415,15 +421,30 @@ def _digests(evidence: Evidence) -> CampaignDigests:
     campaign = evidence.campaign
     mechanism, plan = campaign.robot.mechanism, evidence.plan
     run = None if evidence.run is None else evidence.run.series.started
+    plan_now = None if plan is None else plan_digest(plan, mechanism)
     after = None if evidence.after is None else evidence.after.series.started
     return CampaignDigests(
-        plan_now=None if plan is None else plan_digest(plan, mechanism),
-        plan_measured=None if run is None else run.plan_digest,
+        plan_now=plan_now,
+        plan_measured=_plan_measured(evidence, plan_now),
         is_import=run is not None and run.stage == "import",
         identified=_identified_digests(evidence),
         limits_now=campaign.config.acceptance.model_dump(mode="json"),
         limits_recorded=None if after is None else after.configuration.get("acceptance"),
     )
+
+
+def _plan_measured(evidence: Evidence, plan_now: str | None) -> str | None:
+    """Digest of the plan that was measured: that of plan.csv where it has all that was measured.
+
+    Rows may have come since, and rows gone that were never measured.
+    """
+    if evidence.run is None:
+        return None
+    plan, intents = evidence.plan or (), evidence.run.intents
+    has_all = {intent.shot for intent in intents} <= {shot.shot for shot in plan}
+    if intents and has_all and not plan_difference(intents, plan):
+        return plan_now
+    return evidence.run.series.started.plan_digest
 
 
 def _identified_digests(evidence: Evidence) -> IdentifiedDigests | None:

@@ -80,11 +80,19 @@ class RunOptions(Selection):
 
     until: str | None = None
     """Goal such as σ=0.02, in mm."""
+    skip: tuple[int, ...] = ()
+    """Shots that shall not be measured."""
+    retry: int | None = None
+    """How often to connect again in a row; None: as campaign.yaml says."""
+    anyway: bool = False
+    """Whether to go on although poses have moved since the last session."""
 
     def run_words(self) -> list[str]:
-        """The options again, as they are typed."""
+        """The options again, as they are typed; not `--anyway`, which is said each time."""
         until = [] if self.until is None else ["--until", self.until]
-        return [*until, *self.words()]
+        skip = [word for shot in self.skip for word in ("--skip", str(shot))]
+        retry = [] if self.retry is None else ["--retry", str(self.retry)]
+        return [*until, *skip, *retry, *self.words()]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

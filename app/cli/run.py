@@ -11,11 +11,17 @@ from app.measuring import found_measured, measure_plan
 from app.options import Anew, Dry, Fix, Folder, Free, Json, ModelOption, Yes
 from app.plan_text import plan_line
 from app.progress import certainty
-from app.run_text import knowledge, run_document, show_run
+from app.run_text import (
+    knowledge,
+    outlook_document,
+    outlook_line,
+    run_document,
+    show_run,
+)
 from campaigns.campaign import Campaign, open_campaign
-from campaigns.chain.running import predicted_end, run_work
+from campaigns.chain.running import predicted_end, run_outlook, run_work
 from campaigns.estimation.estimators import Estimator, Model
-from campaigns.measuring.session import Work
+from campaigns.measuring.session import RunResult, Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
 
@@ -31,6 +37,29 @@ Identifying = Annotated[
     Estimator, typer.Option("--estimator", help="What will identify, and so says what is known.")
 ]
 
+Skip = Annotated[
+    list[int] | None,
+    typer.Option(
+        metavar="SHOT", help="Leave this shot out, and the other one of its pair; repeatable."
+    ),
+]
+Retry = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        max=1000,
+        metavar="N",
+        help="After a lost link or a drive's fault connect again and go on, up to N times in a "
+        "row without a new shot. The cell must be safe without anybody there.",
+    ),
+]
+Anyway = Annotated[
+    bool,
+    typer.Option(
+        "--anyway", help="Go on although poses have moved since the last session; it is recorded."
+    ),
+]
+
 
 def command(
     context: typer.Context,
@@ -41,6 +70,9 @@ def command(
     model: ModelOption = Model.STANDARD,
     free: Free = None,
     fix: Fix = None,
+    skip: Skip = None,
+    retry: Retry = None,
+    anyway: Anyway = False,
     dry: Dry = False,
     yes: Yes = False,
     anew: Anew = False,
@@ -51,8 +83,9 @@ def command(
     Every shot is in the journal, campaign.db, before the next motion: whatever happens, the next
     run takes up where this one ended. It then measures the drift pose first and compares it.
 
-    Ctrl-C stops the robot at once, and then asks. A broken beam suspends the run, the tracker
-    looks for its reflector, and the pair is measured again.
+    Ctrl-C stops the robot at once, and then asks. A broken beam suspends the run for as long as it
+    lasts, then the pair is measured again. A pose that cannot be measured is set aside, tried once
+    more at the end, and else skipped. --dry says what is left and what speaks against going on.
 
     Meanwhile the parameter known worst is shown, with its σ. --until ends the run when enough is
     known; without it the next run measures what was left out. Give it the --estimator, --model,
@@ -63,16 +96,24 @@ def command(
     checked = campaign.checked_plan()
     terminal.note(plan_line(checked))
     options = RunOptions(
-        estimator=estimator, model=model, free=tuple(free or ()), fix=tuple(fix or ()), until=until
+        estimator=estimator,
+        model=model,
+        free=tuple(free or ()),
+        fix=tuple(fix or ()),
+        until=until,
+        skip=tuple(skip or ()),
+        retry=retry,
+        anyway=anyway,
     )
     work = run_work(campaign, checked, options)
-    if dry:
-        show_plan(terminal, campaign, checked, work)
-        return
     ran = None if anew else found_measured(campaign, work, terminal)
+    if dry:
+        show_outlook(terminal, campaign, checked, work, ran, anew=anew)
+        return
     if ran is None:
         predicted_end(campaign, work)
-        ran = measure_plan(campaign, checked, work, terminal, options, yes=yes, anew=anew)
+        outlook = run_outlook(campaign, checked, work, anew=anew)
+        ran = measure_plan(campaign, outlook, work, terminal, options, yes=yes, anew=anew)
     show_run(terminal, ran)
     next_step = shlex.join(["pkmcal", "identify", str(folder), *options.words()])
     terminal.note(f"next: {next_step}")
@@ -81,13 +122,27 @@ def command(
         raise typer.Exit(Exit.NOT_GOOD)
 
 
-def show_plan(terminal: Terminal, campaign: Campaign, checked: CheckedPlan, work: Work) -> None:
-    """Say that the plan can be run, and what it will tell if a goal asks for it."""
+def show_outlook(
+    terminal: Terminal,
+    campaign: Campaign,
+    checked: CheckedPlan,
+    work: Work,
+    ran: RunResult | None,
+    *,
+    anew: bool,
+) -> None:
+    """Say what a run would do, and what the plan will tell if a goal asks for it."""
     answer: dict[str, object] = {
         "shots": len(checked.shots),
         "seconds_estimated": checked.seconds,
     }
-    predicted = predicted_end(campaign, work)
+    predicted = predicted_end(campaign, work) if ran is None else None
+    if ran is None:
+        outlook = run_outlook(campaign, checked, work, anew=anew)
+        terminal.say(outlook_line(outlook, work))
+        answer |= outlook_document(outlook)
+    else:
+        answer |= {"series": ran.series, "measured": ran.shots, "left": [], "skipped": []}
     terminal.say("the plan can be run; nothing was moved")
     if predicted is not None and work.goal is not None:
         terminal.say(f"the whole of it will tell: {certainty(predicted.whole)}")

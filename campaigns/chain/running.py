@@ -7,7 +7,7 @@ from campaigns.campaign import Campaign
 from campaigns.chain.work import engine_work, free_parameters
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Model
-from campaigns.measuring.resume import resume_state
+from campaigns.measuring.resume import ResumeState, check_same_devices, resume_state
 from campaigns.measuring.run_state import SILENT, RunObserver
 from campaigns.measuring.session import (
     RunResult,
@@ -25,7 +25,7 @@ from campaigns.planning.predicted_precision import (
     EstimationSetup,
     require_identifiable,
 )
-from campaigns.planning.steps import joint_steps
+from campaigns.planning.steps import groups, joint_steps, shots_of
 
 
 def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | None = None) -> Work:
@@ -45,10 +45,66 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
     setup = EstimationSetup(options.estimator, free, campaign.instrument)
     steps = joint_steps(checked.shots)
     work = engine_work(campaign, "run", steps, robot.kinematics, robot.digest(), setup)
-    work = replace(work, goal=goal, compared_at_end=True)
+    skip = _known_shots(checked, options.skip)
+    work = replace(work, goal=goal, skip=skip, anyway=options.anyway, compared_at_end=True)
     if options.free or options.model not in {Model.PAPER, Model.STANDARD}:
         require_identifiable(work.knowing().workspace, free)
     return work
+
+
+def _known_shots(checked: CheckedPlan, skip: tuple[int, ...]) -> frozenset[int]:
+    unknown = sorted(set(skip) - {shot.shot for shot in checked.shots})
+    if unknown:
+        raise OptionsInvalid(
+            f"--skip {unknown[0]}: plan.csv has no such shot",
+            remedy="give a number of the column shot",
+        )
+    return frozenset(skip)
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutlook:
+    """What a run would do: what is there of its plan, and what it would measure."""
+
+    series: int | None
+    """The series that it would go on with; None: a new one."""
+    shots: int
+    """Of the plan."""
+    measured: int
+    """Of these, what counts already."""
+    left: tuple[int, ...]
+    """What it would measure; a pair that was cut in two as a whole."""
+    skipped: tuple[int, ...]
+    """What --skip leaves out."""
+    seconds: float
+    """Estimate for what is left."""
+
+
+def run_outlook(
+    campaign: Campaign, checked: CheckedPlan, work: Work, *, anew: bool = False
+) -> RunOutlook:
+    """What `run` would do now, by plan.csv, journal and campaign.yaml; asks no device.
+
+    Raises `ResumeRefused` as far as that can be known without one.
+    """
+    found, kept = None, ResumeState((), (), groups(work.steps))
+    if campaign.journal_path.exists() and not anew:
+        with campaign.journal_reader() as journal:
+            found = series_to_take_up(journal, work)
+            if found is not None:
+                config = campaign.config
+                check_same_devices(found, config.controller.serial, config.tracker.serial)
+                kept = resume_state(work.steps, journal.shots(found.number))
+    skipped = [group for group in kept.left if group in work.skipped_groups]
+    left = [shot for group in kept.left if group not in skipped for shot in shots_of(group)]
+    return RunOutlook(
+        None if found is None else found.number,
+        len(work.steps),
+        len(work.steps) - sum(map(len, kept.left)),
+        tuple(left),
+        tuple(shot for group in skipped for shot in shots_of(group)),
+        checked.seconds * len(left) / len(work.steps),
+    )
 
 
 def predicted_end(campaign: Campaign, work: Work) -> PredictedStop | None:
@@ -68,30 +124,6 @@ def measured_before(campaign: Campaign, work: Work) -> RunResult | None:
     with campaign.journal_reader() as journal:
         done = complete_series(journal, work)
         return None if done is None else run_result(journal, done.number, work)
-
-
-@dataclass(frozen=True, slots=True)
-class ToMeasure:
-    """Numbers of shots of a plan: those that a run will take, and those that are there.
-
-    `series` is what it goes on with; None where it begins one.
-    """
-
-    left: int
-    there: int = 0
-    series: int | None = None
-
-
-def to_measure(campaign: Campaign, work: Work, *, anew: bool = False) -> ToMeasure:
-    """What a run that begins now will take, unless a goal ends it before."""
-    if anew or not campaign.journal_path.exists():
-        return ToMeasure(len(work.steps))
-    with campaign.journal_reader() as journal:
-        series = series_to_take_up(journal, work)
-        if series is None:
-            return ToMeasure(len(work.steps))
-        found = resume_state(work.steps, journal.shots(series.number))
-        return ToMeasure(sum(map(len, found.left)), len(found.kept), series.number)
 
 
 def run(

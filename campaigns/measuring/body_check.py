@@ -17,7 +17,8 @@ from drivers.values import Vector3
 BodyTest = Callable[[Sequence[ReferencePose], Sequence[Outcome]], BodyComparison]
 """What outcomes of the reference poses, in their order, say of tracker and robot."""
 ANEW = (
-    "what had been measured does not go with what would come: mend it, then begin anew with --anew"
+    "what had been measured does not go with what would come: mend it, then begin anew with "
+    "--anew; or `pkmcal run` goes on all the same with --anyway"
 )
 
 

@@ -27,10 +27,10 @@ from campaigns.measuring.shot_taker import (
     ShotTaker,
     TargetRefused,
 )
-from campaigns.measuring.stopping_rule import PrecisionGoal, early_stop, in_ranges, may_stop
+from campaigns.measuring.stopping_rule import PrecisionGoal, early_stop, in_words, may_stop
 from campaigns.measuring.tracker_place import PlaceMonitor
 from campaigns.measuring.wrong_targets import WrongTargets
-from campaigns.planning.steps import Group, Step
+from campaigns.planning.steps import Group, Step, shots_of
 from campaigns.shots.shot_sets import ShotSet
 from drivers.errors import RobotStateUnknown
 from drivers.values import Vector3
@@ -205,8 +205,8 @@ class Engine:
             if isinstance(lost, TargetRefused) and isinstance(lost.__cause__, Exception):
                 raise lost.__cause__
             raise error
-        shots = _shots_of(group)
-        text = f"{_named(shots)} set aside, to be tried once more at the end: {error.problem}"
+        shots = shots_of(group)
+        text = f"{in_words(shots)} set aside, to be tried once more at the end: {error.problem}"
         self._announce(Event("shot skipped", text, shots))
 
     def _measure_once_more(self, group: Group) -> None:
@@ -215,20 +215,20 @@ class Engine:
         except GateRefused as error:
             if not isinstance(error.__cause__, ShotFailed):
                 raise
-            shots = _shots_of(group)
+            shots = shots_of(group)
             self._announce(
-                Event("shot skipped", f"{_named(shots)} skipped: {error.problem}", shots)
+                Event("shot skipped", f"{in_words(shots)} skipped: {error.problem}", shots)
             )
 
     def _void_first(self, wrong: Outcome, why: str) -> Group:
         """Void a shot, its pair with it, and name it to the operator; gives its group."""
         event = Event("shot voided", f"shot {wrong.shot} does not count: {why}")
         self._announce(event)
-        group = next((g for g in self._plan if wrong.shot in _shots_of(g)), ())
+        group = next((g for g in self._plan if wrong.shot in shots_of(g)), ())
         self._watches.drift.forget(wrong.point_in_tracker_mm)
         counted = {outcome.shot for outcome in self._watches.gate.accepted}
         pair = group[0].planned.pair if group else None
-        shots = tuple(shot for shot in _shots_of(group) if shot in counted) or (wrong.shot,)
+        shots = tuple(shot for shot in shots_of(group) if shot in counted) or (wrong.shot,)
         self._void_shots(pair, shots, event.text)
         return group
 
@@ -332,11 +332,3 @@ class Engine:
             remedy="the tracker, the robot or its base has moved: fix it, then begin anew "
             "with --anew",
         )
-
-
-def _shots_of(group: Group) -> tuple[int, ...]:
-    return tuple(step.planned.shot for step in group)
-
-
-def _named(shots: Sequence[int]) -> str:
-    return f"shot{'s' if len(shots) > 1 else ''} {in_ranges(sorted(shots))}"

@@ -5,11 +5,13 @@ from dataclasses import dataclass
 
 from campaigns.errors import ResumeRefused
 from campaigns.journal.journal import JournalReader
-from campaigns.journal.records import PairVoided, SeriesStarted, SessionStarted, SessionStopped
+from campaigns.journal.records import PairVoided, SessionStarted, SessionStopped
 from campaigns.journal.views import AcceptedShot, Series
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.plan_match import plan_difference
 from campaigns.planning.steps import Group, Step, groups
 from campaigns.shots.shot_sets import ShotSet
-from drivers.values import Identity, Vector3
+from drivers.values import Vector3
 
 REMEDY = "bring back what it began with, or begin anew with --anew"
 
@@ -61,27 +63,44 @@ def _half(group: Group, taken: set[int]) -> PairVoided | None:
     return PairVoided(pair, shots, "the session ended between the two shots of the pair")
 
 
-def check_same(series: Series, today: SeriesStarted) -> None:
-    """Raise `ResumeRefused` unless plan, parameters and devices are those it began with.
+def other_plan(
+    series: Series,
+    accepted: Sequence[AcceptedShot],
+    planned: Sequence[PlannedShot],
+    plan_digest: str,
+) -> str:
+    """How a plan is another one than that of a series, in words; empty when it is not.
 
-    `today` is what the series would begin with now.
+    Only plan.csv, which a run measures, is edited by people: rows may go and come. Other stages
+    make their plans themselves, and one of them is the same to the last digit or another one.
     """
     began = series.started
-    for what, then, now in (
-        ("another plan", began.plan_digest, today.plan_digest),
-        ("another parameter set", began.robot_file_digest, today.robot_file_digest),
+    if began.plan_digest == plan_digest:
+        return ""
+    if began.stage == "run":
+        return plan_difference((shot.intent for shot in accepted), planned)
+    return f"{began.plan_digest[:8]}…, now {plan_digest[:8]}…"
+
+
+def check_same_robot(series: Series, robot_file_digest: str) -> None:
+    """Raise `ResumeRefused` unless the parameter set is the one that the series began with."""
+    then, now = series.started.robot_file_digest, robot_file_digest
+    if then != now:
+        raise refused(series, f"another parameter set ({then[:8]}…, now {now[:8]}…)")
+
+
+def check_same_devices(
+    series: Series, controller_serial: str | None, tracker_serial: str | None
+) -> None:
+    """Raise `ResumeRefused` unless both are those that it began with; None: nobody says which."""
+    began = series.started
+    for device, before, now in (
+        ("controller", began.robot, controller_serial),
+        ("tracker", began.tracker, tracker_serial),
     ):
-        if then != now:
-            raise _refused(series, f"{what} ({then[:8]}…, now {now[:8]}…)")
-    for device, before, present in (
-        ("controller", began.robot, today.robot),
-        ("tracker", began.tracker, today.tracker),
-    ):
-        if _serial(before) != _serial(present):
-            raise _refused(
-                series,
-                f"the {device} of serial number {_serial(before)}, now it is {_serial(present)}",
-            )
+        then = before.serial if before else "unknown"
+        if now is not None and then != now:
+            raise refused(series, f"the {device} of serial number {then}, now it is {now}")
 
 
 def how_it_stopped(journal: JournalReader, series: int) -> str:
@@ -95,11 +114,8 @@ def how_it_stopped(journal: JournalReader, series: int) -> str:
     return "a crash: the last session wrote no end"
 
 
-def _serial(identity: Identity | None) -> str:
-    return identity.serial if identity else "unknown"
-
-
-def _refused(series: Series, began_with: str) -> ResumeRefused:
+def refused(series: Series, began_with: str) -> ResumeRefused:
+    """Error that says with what else a series was begun."""
     return ResumeRefused(
         f"series {series.number} ({series.started.stage}) was begun with {began_with}",
         remedy=REMEDY,

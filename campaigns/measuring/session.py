@@ -30,18 +30,26 @@ from campaigns.measuring.reference_poses import (
     compare_as_body,
     reference_poses,
 )
-from campaigns.measuring.resume import ResumeState, check_same, how_it_stopped, resume_state
+from campaigns.measuring.resume import (
+    ResumeState,
+    check_same_devices,
+    check_same_robot,
+    how_it_stopped,
+    other_plan,
+    refused,
+    resume_state,
+)
 from campaigns.measuring.rules import GateRules, MotionRules
 from campaigns.measuring.run_state import ParameterPrecision, RunObserver, RunState
 from campaigns.measuring.series_log import SeriesLog, closing
 from campaigns.measuring.shot_taker import Cell, ShotTaker
-from campaigns.measuring.stopping_rule import PrecisionGoal, is_met
+from campaigns.measuring.stopping_rule import PrecisionGoal, in_words, is_met
 from campaigns.measuring.tracker_place import PlaceMonitor, TrackerSight
 from campaigns.planning.paths import PathCache, RobotModel
 from campaigns.planning.predicted_precision import EstimationSetup
-from campaigns.planning.steps import Step, groups, stops_of
+from campaigns.planning.steps import Group, Step, groups, shots_of, stops_of
 from campaigns.version import VERSION
-from drivers.values import Weather
+from drivers.values import Identity, Weather
 
 WORKSPACE_SEED = 1
 """Positions are judged at the same poses in every session."""
@@ -67,10 +75,17 @@ class Work:
     """Where the tracker is said to stand; None: nobody said it."""
     goal: PrecisionGoal | None = None
     """Of what is identified; once it is met, only the other shots are taken."""
+    skip: frozenset[int] = frozenset()
+    """Shots that shall not be measured, nor the partners of their pairs."""
     anyway: bool = False
     """Whether to go on although poses have moved since the last session."""
     compared_at_end: bool = False
     """Whether spread poses are measured again at the end of a series that nothing interrupted."""
+
+    @property
+    def skipped_groups(self) -> tuple[Group, ...]:
+        """Groups with a shot that shall not be measured."""
+        return tuple(group for group in groups(self.steps) if self.skip & set(shots_of(group)))
 
     def knowing(self) -> PrecisionMonitor:
         """What tells how much is known of the parameters."""
@@ -115,6 +130,14 @@ class Work:
 
 
 @dataclass(frozen=True, slots=True)
+class SkippedShots:
+    """Shots of the plan that were not measured, and why."""
+
+    shots: tuple[int, ...]
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class RunResult:
     """What there is of a plan when its run is over."""
 
@@ -124,6 +147,8 @@ class RunResult:
     """Shots of the plan that were not taken: the goal was met without them."""
     goal: PrecisionGoal | None
     known: ParameterPrecision | None
+    skipped: tuple[SkippedShots, ...] = ()
+    """Shots that could not be measured, or should not be."""
 
     @property
     def good(self) -> bool:
@@ -134,8 +159,24 @@ class RunResult:
 def run_result(journal: JournalReader, series: int, work: Work) -> RunResult:
     """Result of a series by what the journal holds of it."""
     shots = journal.shots(series)
-    left_out, known = count_left_out(shots, work), precision_from(shots, work)
-    return RunResult(series, len(shots), left_out, work.goal, known)
+    missing = missing_shots(shots, work)
+    skipped = _skipped(journal, series, missing)
+    left_out = len(missing) - sum(len(each.shots) for each in skipped)
+    known = precision_from(shots, work)
+    return RunResult(series, len(shots), left_out, work.goal, known, skipped)
+
+
+def _skipped(
+    journal: JournalReader, series: int, missing: Sequence[int]
+) -> tuple[SkippedShots, ...]:
+    """The latest word about each group that was skipped and is still missing."""
+    events = [entry.record for entry in journal.records_of(Event, series)]
+    latest = {event.shots: event for event in events if event.kind == "shot skipped"}
+    return tuple(
+        SkippedShots(shots, event.text.partition(": ")[2])
+        for shots, event in latest.items()
+        if set(shots) <= set(missing)
+    )
 
 
 def measure_series(
@@ -156,7 +197,7 @@ def measure_series(
     today = _start_record(cell, work)
     found = None if anew else series_to_take_up(journal, work)
     if found is not None:
-        check_same(found, today)
+        check_same_devices(found, _serial(today.robot), _serial(today.tracker))
     series = found.number if found else journal.start_series(today)
     log = SeriesLog(journal, series)
     resumed = how_it_stopped(journal, series) if found else ""
@@ -189,12 +230,22 @@ class _Run:
             self.log.write(half)
         gate = self.work.gate_taught_by(found.kept)
         engine = self._engine(found, first_weather, gate)
-        wanted = engine.wanted(found.left)
+        wanted = engine.wanted(self._without_skipped(found.left))
         if wanted and found.kept:
             steps = self.work.steps
             references = reference_poses(steps, gate.accepted)
             engine.check_unmoved(references, found.reference(steps), anyway=self.work.anyway)
         engine.run(wanted, self._at_end)
+
+    def _without_skipped(self, left: Sequence[Group]) -> tuple[Group, ...]:
+        """Groups that shall be measured; the journal names the others."""
+        skipped = self.work.skipped_groups
+        for group in left:
+            if group in skipped:
+                shots = shots_of(group)
+                text = f"{in_words(shots)} skipped: left out by --skip"
+                self.log.write(Event("shot skipped", text, shots))
+        return tuple(group for group in left if group not in skipped)
 
     def _at_end(self, accepted: Sequence[Outcome]) -> Sequence[ReferencePose]:
         """Poses that are compared at the end of a run that nothing has interrupted."""
@@ -235,36 +286,69 @@ class _Run:
 def complete_series(journal: JournalReader, work: Work) -> Series | None:
     """The latest series of this stage if it is finished and measured this very plan.
 
-    To one that ended early something is left, unless it meets the goal of this work.
+    To one that ended early something is left, unless it meets the goal of this work, or all that is
+    left shall be skipped.
     """
     latest = journal.latest_series(work.stage)
-    if latest is None or not latest.finished or latest.started.plan_digest != work.plan_digest:
+    if latest is None or not latest.finished:
         return None
     shots = journal.shots(latest.number)
-    done = not count_left_out(shots, work) or (
+    if _other_plan(latest, shots, work):
+        return None
+    done = not _wanted_shots(shots, work) or (
         work.goal and is_met(work.goal, precision_from(shots, work))
     )
     return latest if done else None
 
 
+def series_to_take_up(journal: JournalReader, work: Work) -> Series | None:
+    """The series to go on with: an unfinished one, or one that lacks shots of this plan.
+
+    Raises `ResumeRefused` when plan or parameters are not those it began with.
+    """
+    latest = journal.latest_series(work.stage)
+    if latest is None:
+        return None
+    shots = journal.shots(latest.number)
+    difference = _other_plan(latest, shots, work)
+    if latest.finished and (difference or not missing_shots(shots, work)):
+        return None
+    if difference:
+        raise refused(latest, f"another plan ({difference})")
+    check_same_robot(latest, work.robot_file_digest)
+    return latest
+
+
+def missing_shots(shots: Sequence[AcceptedShot], work: Work) -> tuple[int, ...]:
+    """Shots of the plan that are not among the accepted ones of its series, in their order."""
+    taken = {shot.intent.shot for shot in shots}
+    numbers = (step.planned.shot for step in work.steps)
+    return tuple(number for number in numbers if number not in taken)
+
+
 def count_left_out(shots: Sequence[AcceptedShot], work: Work) -> int:
     """How many shots of the plan are not among the accepted ones of its series."""
-    taken = {shot.intent.shot for shot in shots}
-    return sum(step.planned.shot not in taken for step in work.steps)
+    return len(missing_shots(shots, work))
+
+
+def _wanted_shots(shots: Sequence[AcceptedShot], work: Work) -> set[int]:
+    """Missing shots that shall not be skipped."""
+    skipped = {shot for group in work.skipped_groups for shot in shots_of(group)}
+    return set(missing_shots(shots, work)) - skipped
+
+
+def _other_plan(series: Series, shots: Sequence[AcceptedShot], work: Work) -> str:
+    planned = [step.planned for step in work.steps]
+    return other_plan(series, shots, planned, work.plan_digest)
+
+
+def _serial(identity: Identity | None) -> str | None:
+    return identity.serial if identity else None
 
 
 def precision_from(shots: Sequence[AcceptedShot], work: Work) -> ParameterPrecision | None:
     """What the accepted shots of a series tell of the parameters, as `identify` will find it."""
     return work.knowing().fitted(shot.outcome for shot in shots)
-
-
-def series_to_take_up(journal: JournalReader, work: Work) -> Series | None:
-    """The series to go on with: an unfinished one, or one that left shots of this plan out."""
-    latest = journal.latest_series(work.stage)
-    if latest is None or not latest.finished:
-        return latest
-    same_plan = latest.started.plan_digest == work.plan_digest
-    return latest if same_plan and count_left_out(journal.shots(latest.number), work) else None
 
 
 def _start_record(cell: Cell, work: Work) -> SeriesStarted:

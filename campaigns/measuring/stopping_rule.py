@@ -150,6 +150,11 @@ def in_ranges(numbers: Sequence[int]) -> str:
     return ", ".join(f"{run[0]}–{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
 
 
+def in_words(shots: Sequence[int]) -> str:
+    """`shot 3`, `shots 3–5, 8`."""
+    return f"shot{'s' if len(shots) > 1 else ''} {in_ranges(sorted(shots))}"
+
+
 def _only_identifies(group: Group) -> bool:
     return all(step.planned.purpose is ShotSet.IDENTIFICATION for step in group)
 

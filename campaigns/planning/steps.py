@@ -41,6 +41,11 @@ def groups(steps: Sequence[Step]) -> tuple[Group, ...]:
     return tuple(found)
 
 
+def shots_of(group: Group) -> tuple[int, ...]:
+    """Numbers of a group's shots."""
+    return tuple(step.planned.shot for step in group)
+
+
 def stops_of(all_groups: Iterable[Group]) -> list[tuple[float, ...]]:
     """The joints at which the robot stops when it takes these groups, one after another."""
     steps = [step for group in all_groups for step in group]

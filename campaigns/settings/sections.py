@@ -237,6 +237,13 @@ class GateConfig(FileModel):
 class RunConfig(FileModel):
     """What a run does by itself when something goes wrong."""
 
+    retry: int = Field(
+        default=0,
+        ge=0,
+        le=1000,
+        description="how often in a row it connects again after a lost link or a drive's fault; a "
+        "new shot begins the row anew",
+    )
     look_back_s: Seconds = Field(
         default=60.0,
         description="the wait for a reflector that was never seen at a pose, before the robot goes "

@@ -30,8 +30,8 @@ IMPATIENT_ROBOT = Deadlines(answer_s=0.3, stop_answer_s=0.3, standstill_s=3.0)
 IMPATIENT_TRACKER = EmsconDeadlines(answer_s=0.3, measuring_margin_s=0.3)
 LONG_S = 500.0
 """Of the cell's time, which is half a second of ours: nobody fails to notice."""
-AN_ANSWER = 61
-"""What the device says then answers a question; an event that is lost would go unnoticed."""
+ANSWERS = (60, 61, 62)
+"""One of them answers a question; an event that is lost or late would go unnoticed."""
 TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
 
 
@@ -211,7 +211,7 @@ def test_devices_goes_on_after_a_dead_device(pkmcal, tiny, dead, alive, words):
     ended = pkmcal("devices", tiny)
     assert ended.code == 3
     assert f"{url}: nobody answers" in ended.error_line
-    assert f"{dead} at {url}\n  failed  {url}: nobody answers" in ended.out
+    assert f"{dead} at {url}\n  failed  {dead} at {url}: nobody answers" in ended.out
     shown = ended.out.partition(f"{alive} at ")[2]
     for word in words:
         assert word in shown
@@ -223,8 +223,8 @@ def test_devices_tells_of_both_when_both_are_dead(pkmcal, tiny):
     ended = pkmcal("devices", tiny, "--json")
     assert ended.code == 3
     assert ended.out == ""
-    for url in urls:
-        assert f"failed  {url}: nobody answers" in ended.err
+    for device, url in zip(("controller", "tracker"), urls, strict=True):
+        assert f"failed  {device} at {url}: nobody answers" in ended.err
 
 
 def test_devices_asks_nobody_while_a_run_is_under_way(pkmcal, tiny):
@@ -269,8 +269,8 @@ def test_a_tracker_that_another_program_uses(pkmcal, tiny):
 @pytest.mark.parametrize("kind", ["late", "silent", "garbage", "torn", "close"])
 def test_a_wire_that_fails_while_the_robot_works(pkmcal, tiny, impatient, device, kind):
     seconds = {"seconds": LONG_S} if kind == "late" else {}
-    fault = {"device": device, "at_answer": AN_ANSWER, "kind": kind, **seconds}
-    change(tiny / "cell.yaml", {"faults": [fault]})
+    faults = [{"device": device, "at_answer": at, "kind": kind, **seconds} for at in ANSWERS]
+    change(tiny / "cell.yaml", {"faults": faults})
     ended = pkmcal("run", tiny, "--yes")
     assert ended.code == 3
     assert " → check the" in ended.error_line

@@ -222,7 +222,10 @@ def test_a_sharper_goal_ends_early_again(ended_early: Path) -> None:
 
 def test_another_plan_begins_a_series_of_its_own(ended_early: Path) -> None:
     cell = noisy_cell()
-    other = until(GOAL_MM, plan_digest="0" * 64)
+    first, *rest = until(None).steps
+    moved = replace(first.planned, pose=replace(first.planned.pose, x_mm=1.0))
+    steps = (replace(first, planned=moved), *rest)
+    other = until(GOAL_MM, plan_digest="0" * 64, steps=steps)
     with journal_in(ended_early, cell.calls) as journal:
         assert complete_series(journal, other) is None
         assert cell.measure(journal, other) == 2

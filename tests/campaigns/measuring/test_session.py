@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from fake_cell import FakeCell
-from small_plans import FOUR_PAIRS, TWO_PAIRS, planned, work
+from small_plans import FOUR_PAIRS, TWO_PAIRS, pair, planned, work
 from tested_journal import PowerCut, journal_in
 
 from campaigns.errors import GateRefused, Interrupted, ResumeRefused
@@ -20,7 +20,7 @@ from campaigns.journal.records import (
     SessionStopped,
 )
 from campaigns.measuring.monitors import InnovationGate
-from campaigns.measuring.session import complete_series
+from campaigns.measuring.session import SkippedShots, complete_series, run_result
 from campaigns.planning.steps import groups, joint_steps
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Weather
@@ -204,9 +204,85 @@ def refused(folder: Path, cell: FakeCell, **changes: object) -> str:
     return caught.value.problem
 
 
-def test_changed_plan_is_not_resumed(tmp_path: Path) -> None:
+MOVED = (
+    TWO_PAIRS[0],
+    replace(TWO_PAIRS[1], pose=replace(TWO_PAIRS[1].pose, x_mm=151.0)),
+    *TWO_PAIRS[2:],
+)
+
+
+def test_plan_of_which_a_measured_shot_was_moved_is_not_resumed(tmp_path: Path) -> None:
     interrupted_at_move(tmp_path, 4)
-    assert "another plan" in refused(tmp_path, FakeCell(), plan_digest="0" * 64)
+    plan = {"plan_digest": "0" * 64, "steps": joint_steps(MOVED)}
+    problem = refused(tmp_path, FakeCell(), **plan)
+    assert problem == (
+        "series 1 (run) was begun with another plan "
+        "(shot 1 was measured at another pose than plan.csv has now)"
+    )
+
+
+def test_plan_that_has_none_of_the_measured_shots_is_not_resumed(tmp_path: Path) -> None:
+    interrupted_at_move(tmp_path, 4)
+    renumbered = [replace(shot, shot=shot.shot + 50) for shot in TWO_PAIRS]
+    plan = {"plan_digest": "0" * 64, "steps": joint_steps(renumbered)}
+    assert "none of its shots is in plan.csv" in refused(tmp_path, FakeCell(), **plan)
+
+
+def test_another_plan_of_a_validation_is_not_resumed(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.robot.during_move = {4: cell.wish.ask}
+    with journal_in(tmp_path, cell.calls) as journal, pytest.raises(Interrupted):
+        cell.measure(journal, work(stage="before"))
+    assert "another plan" in refused(tmp_path, FakeCell(), stage="before", plan_digest="0" * 64)
+
+
+def test_rows_taken_out_and_added_are_no_other_plan(tmp_path: Path) -> None:
+    """Measured are 0, 1 and 2; the pair of 3 goes, and that of 20 comes."""
+    interrupted_at_move(tmp_path, 4)
+    cell = FakeCell()
+    more = pair(20, 9, (150.0, -60.0, -560.0), (-120.0, 80.0, -620.0))
+    edited = (*TWO_PAIRS[:3], *more, TWO_PAIRS[5])
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work(edited))
+        assert [shot.intent.shot for shot in journal.shots(series)] == [0, 1, 2, 5, 20, 21]
+        assert len(journal.series()) == 1
+    numbers = {call[1] for call in cell.named("journal.intent")}
+    assert numbers == {0, 1, 2, 5, 20, 21}, "three of them only compared"
+
+
+def test_rows_added_to_a_finished_plan_are_measured_in_its_series(tmp_path: Path) -> None:
+    first, second = FakeCell(), FakeCell()
+    more = pair(20, 9, (150.0, -60.0, -560.0), (-120.0, 80.0, -620.0))
+    with journal_in(tmp_path, first.calls) as journal:
+        first.measure(journal, work())
+    with journal_in(tmp_path, second.calls) as journal:
+        assert complete_series(journal, work((*TWO_PAIRS, *more))) is None
+        assert second.measure(journal, work((*TWO_PAIRS, *more))) == 1
+        assert len(journal.shots(1)) == len(TWO_PAIRS) + 2
+        assert complete_series(journal, work(TWO_PAIRS)).number == 1
+
+
+def test_shot_to_be_skipped_costs_its_pair_and_is_named(tmp_path: Path) -> None:
+    cell = FakeCell()
+    skipping = work(skip=frozenset({4}))
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, skipping)
+        assert [shot.intent.shot for shot in journal.shots(series)] == [0, 1, 2, 5]
+        ran = run_result(journal, series, skipping)
+        assert complete_series(journal, skipping).number == series
+        assert complete_series(journal, work()) is None
+    assert ran.skipped == (SkippedShots((3, 4), "left out by --skip"),)
+    assert ran.left_out == 0
+
+
+def test_skipped_shot_is_measured_by_the_next_run_that_does_not_skip_it(tmp_path: Path) -> None:
+    first, second = FakeCell(), FakeCell()
+    with journal_in(tmp_path, first.calls) as journal:
+        first.measure(journal, work(skip=frozenset({4})))
+    with journal_in(tmp_path, second.calls) as journal:
+        assert second.measure(journal, work()) == 1
+        assert len(journal.shots(1)) == len(TWO_PAIRS)
+        assert run_result(journal, 1, work()).skipped == ()
 
 
 def test_changed_parameters_are_not_resumed(tmp_path: Path) -> None:

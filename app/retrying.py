@@ -1,0 +1,74 @@
+"""Retrying: connecting again after a lost link or a drive's fault, a few times in a row."""
+
+from collections.abc import Callable
+
+from campaigns.campaign import Campaign
+from campaigns.errors import Interrupted, NotSettled
+from campaigns.journal.records import Event, Stage
+from drivers.errors import (
+    DeviceNotReady,
+    EmergencyStop,
+    ExplainedError,
+    ImplausibleAnswer,
+    LinkDown,
+    MotionFault,
+    WireError,
+)
+from drivers.ports import Clock
+
+RETRIED = (LinkDown, WireError, MotionFault, NotSettled, DeviceNotReady, ImplausibleAnswer)
+"""What may be over by the next try. Not an emergency stop: whoever pressed it starts the robot."""
+FIRST_PAUSE_S = 1.0
+LONGEST_PAUSE_S = 60.0
+LOOK_S = 0.02
+
+
+class Retries:
+    """Tries left in a row; a shot that counts begins the row anew."""
+
+    def __init__(self, campaign: Campaign, stage: Stage, allowed: int, clock: Clock) -> None:
+        self._campaign = campaign
+        self._stage = stage
+        self._allowed = allowed
+        self._clock = clock
+        self._tried = 0
+        self._most_shots = self._progress()
+
+    def again_after(self, error: ExplainedError) -> float | None:
+        """Pause before the next try, in seconds; None: there is none. The journal names it."""
+        if not isinstance(error, RETRIED) or isinstance(error, EmergencyStop):
+            return None
+        progress = self._progress()
+        if progress > self._most_shots:
+            self._tried, self._most_shots = 0, progress
+        if self._tried >= self._allowed:
+            return None
+        self._tried += 1
+        if self._campaign.journal_path.exists():
+            with self._campaign.opened_journal() as journal:
+                journal.append(Event("reconnected", self.text(error)))
+        return min(FIRST_PAUSE_S * 2.0 ** (self._tried - 1), LONGEST_PAUSE_S)
+
+    def text(self, error: ExplainedError) -> str:
+        """What is tried again, and for how many times now."""
+        return (
+            f"connecting again, {self._tried} of {self._allowed} in a row, after: {error.problem}"
+        )
+
+    def wait(self, seconds: float, stop_requested: Callable[[], bool]) -> None:
+        """Wait; raises `Interrupted` as soon as the operator asks to stop."""
+        until_s = self._clock.now_s() + seconds
+        while (left_s := until_s - self._clock.now_s()) > 0.0:
+            if stop_requested():
+                raise Interrupted(
+                    "stopped by the operator", remedy="the same command takes up where it was"
+                )
+            self._clock.sleep_s(min(left_s, LOOK_S))
+
+    def _progress(self) -> tuple[int, int]:
+        """Latest series of the stage, and the shots of it that count."""
+        if not self._campaign.journal_path.exists():
+            return 0, 0
+        with self._campaign.journal_reader() as journal:
+            latest = journal.latest_series(self._stage)
+            return (0, 0) if latest is None else (latest.number, len(journal.shots(latest.number)))

@@ -1,0 +1,111 @@
+"""Going on although poses have moved, and comparing them at the end of an uninterrupted run."""
+
+from pathlib import Path
+
+import pytest
+from fake_cell import FakeCell
+from small_plans import FOUR_PAIRS, TWO_PAIRS, work
+from tested_journal import journal_in
+
+from campaigns.errors import GateRefused, Interrupted
+from campaigns.journal.records import Event, Rejected
+
+
+def interrupted(folder: Path, shots=FOUR_PAIRS, move: int = 8):
+    first = FakeCell()
+    first.robot.during_move = {move: first.wish.ask}
+    with journal_in(folder, first.calls) as journal, pytest.raises(Interrupted):
+        first.measure(journal, work(shots))
+
+
+def texts(journal, kind: str) -> list[str]:
+    return [e.record.text for e in journal.records_of(Event) if e.record.kind == kind]
+
+
+@pytest.mark.parametrize("by_mm", [1.5, 40.0])
+def test_run_goes_on_anyway_with_a_moved_stand_and_says_so_in_the_journal(
+    tmp_path: Path, by_mm: float
+) -> None:
+    """Moved by more than the gate allows, no shot would pass by what was measured before."""
+    interrupted(tmp_path)
+    cell = FakeCell()
+    cell.tracker.shifted_mm[1] = by_mm
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work(FOUR_PAIRS, anyway=True))
+        assert len(journal.shots(series)) == len(FOUR_PAIRS)
+        (text,) = texts(journal, "gone on anyway")
+    assert text.startswith("gone on all the same: after the restart up to")
+    assert "the tracker, its stand or the robot's base has moved" in text
+    assert text in cell.watcher.events
+
+
+def test_run_goes_on_anyway_where_only_one_pose_can_be_compared(tmp_path: Path) -> None:
+    interrupted(tmp_path, TWO_PAIRS, 3)
+    cell = FakeCell()
+    cell.tracker.shifted_mm[0] = 1.5
+    with journal_in(tmp_path, cell.calls) as journal:
+        cell.measure(journal, work(anyway=True))
+        assert len(texts(journal, "gone on anyway")) == 1
+        assert len(journal.shots(1)) == len(TWO_PAIRS)
+
+
+def test_nothing_is_said_anyway_where_nothing_has_moved(tmp_path: Path) -> None:
+    interrupted(tmp_path)
+    cell = FakeCell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        cell.measure(journal, work(FOUR_PAIRS, anyway=True))
+        assert not texts(journal, "gone on anyway")
+
+
+def test_without_anyway_the_remedy_names_it(tmp_path: Path) -> None:
+    interrupted(tmp_path)
+    cell = FakeCell()
+    cell.tracker.shifted_mm[1] = 1.5
+    with journal_in(tmp_path, cell.calls) as journal, pytest.raises(GateRefused) as caught:
+        cell.measure(journal, work(FOUR_PAIRS, compared_at_end=True))
+    assert "--anyway" in caught.value.remedy
+
+
+def test_poses_are_compared_at_the_end_of_a_run_that_nothing_interrupted(tmp_path: Path) -> None:
+    cell = FakeCell()
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work(FOUR_PAIRS, compared_at_end=True))
+        assert {shot.outcome.attempt for shot in journal.shots(series)} == {1}
+        end = texts(journal, "drift check")[-1]
+        compared = [e.record for e in journal.records_of(Rejected)]
+    assert end.startswith("at the end up to 0.000 mm from where they were")
+    assert end.endswith("neither tracker nor robot has changed")
+    assert len(compared) == 4
+    assert all(each.reason.startswith("only compared with the first one") for each in compared)
+    assert cell.watcher.events == []
+
+
+def test_stand_bumped_during_a_run_is_told_at_its_end_and_nothing_is_lost(tmp_path: Path) -> None:
+    cell = FakeCell()
+
+    def bump() -> None:
+        cell.tracker.shifted_mm[:] = (0.0, 1.5, 0.0)
+
+    plan = FOUR_PAIRS[:-1]
+    cell.tracker.during_measure = {8: bump}
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work(plan, compared_at_end=True))
+        assert len(journal.shots(series)) == len(plan)
+    (told,) = cell.watcher.events
+    assert told.startswith("at the end up to 1.")
+    assert "has moved" in told
+
+
+def test_pose_that_cannot_be_compared_at_the_end_loses_nothing(tmp_path: Path) -> None:
+    cell = FakeCell()
+
+    def go_away() -> None:
+        cell.tracker.shifted_mm[:] = (0.0, 500.0, 0.0)
+
+    cell.tracker.during_measure = {7: go_away}
+    with journal_in(tmp_path, cell.calls) as journal:
+        series = cell.measure(journal, work(compared_at_end=True))
+        assert len(journal.shots(series)) == len(TWO_PAIRS)
+        assert journal.latest_series("run").finished
+    (told,) = [text for text in cell.watcher.events if text.startswith("at the end")]
+    assert "a pose could not be compared" in told
