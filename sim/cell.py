@@ -22,7 +22,7 @@ from sim.robot.rods import Plate, RodMechanism
 from sim.scenarios.schema import Scenario
 from sim.scenarios.section import Point
 from sim.tracker.beam import Beam, Target
-from sim.tracker.instrument import SimulatedTracker
+from sim.tracker.instrument import SimulatedTracker, TakenShot
 
 REMEDY = "delete the simulated cell's memory to begin with a new cell"
 
@@ -51,6 +51,8 @@ class CellMemory(BaseModel):
     tracker_warm: bool
     selected_reflector: int
     beam_on: Target | None
+    taken: tuple[TakenShot, ...] = ()
+    """What the tracker told, as it really was; memories from before have none."""
 
     @model_validator(mode="after")
     def _geometry_is_a_robot(self) -> Self:
@@ -186,6 +188,7 @@ class Cell:
             tracker_warm=self.tracker.is_warm,
             selected_reflector=self.tracker.selected,
             beam_on=self.tracker.beam.locked_on,
+            taken=tuple(self.tracker.taken),
         ).as_dict()
 
     def _built_robot(self, past: CellMemory | None) -> DrivenRobot:
@@ -272,6 +275,7 @@ class Cell:
             faults=self.faults,
             worked=self._worked,
             attempts=Attempts({} if past is None else past.shots),
+            taken=() if past is None else past.taken,
         )
 
 

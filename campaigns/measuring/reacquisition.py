@@ -24,7 +24,10 @@ LOOK_AGAIN_S = 1.0
 TOLD_AFTER_S = (30.0, 300.0, 3000.0)
 """When the operator is told again that the beam is still broken."""
 MOST_ANCHORS = 3
-"""Poses, latest first, at which the reflector is looked for where it was measured."""
+"""Poses, latest first, at which the reflector is looked for where it was measured.
+
+As often, over a whole session, where it began.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +61,7 @@ class Reacquisition:
         self._rules = rules
         self._started_towards: Vector3 | None = None
         self._knows_start = False
+        self._starts_left = MOST_ANCHORS
 
     def remember_start(self) -> None:
         """Note where the beam points before the session's first motion: on the robot's reflector.
@@ -138,8 +142,8 @@ class Reacquisition:
             name = f"where shot {outcome.shot} was"
             yield Anchor(name, outcome.joints, outcome.point_in_tracker_mm)
         start, towards = self._mover.first_stop, self._started_towards
-        if start is not None and towards is not None:
-            self._started_towards = None  # the beam may have been on the wrong one even then
+        if start is not None and towards is not None and self._starts_left > 0:
+            self._starts_left -= 1  # the beam may have been on the wrong one even then
             yield Anchor("where the run began", start, _at(towards, self._rules.search_mm))
 
     def _locked_at(self, anchor: Anchor) -> bool:

@@ -1,7 +1,7 @@
 """The simulated laser tracker: initialises, warms up, follows its beam, measures with noise."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ from drivers.values import Matrix3, Vector3, vector
 from sim.draws import Attempts, Purpose, WorkedTime, generator
 from sim.faults import Counted, Fault, FaultScript
 from sim.geometry import Array
-from sim.tracker.beam import Aim, Beam, Scene
+from sim.tracker.beam import Aim, Beam, Scene, Target
 from sim.tracker.optics import Noise, direction_of
 
 SLEW_RAD_PER_S = math.radians(90.0)
@@ -65,6 +65,18 @@ class TrackerShot:
 
 
 @dataclass(frozen=True, slots=True)
+class TakenShot:
+    """Record of truth of one shot: what was told, of which reflector, and where the robot stood.
+
+    The place is the encoders' in whole microdegrees.
+    """
+
+    point_in_tracker_mm: Vector3
+    on: Target
+    robot_target: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class _Action:
     """Action that takes time: what happens at its end."""
 
@@ -90,7 +102,10 @@ class SimulatedTracker:
         faults: FaultScript,
         worked: WorkedTime,
         attempts: Attempts,
+        taken: Iterable[TakenShot] = (),
     ) -> None:
+        self.taken = list(taken)
+        """All shots that were ever told, oldest first. A back door for tests."""
         self.serial = settings.serial
         self.reflectors = settings.reflectors
         self.selected = settings.selected
@@ -267,6 +282,8 @@ class SimulatedTracker:
         measured_mm = true_mm + spread_mm @ draw.standard_normal(3)
         rows = [vector(row) for row in spread_mm @ spread_mm.T]
         weather = self.weather(now_s)
+        assert self.beam.locked_on is not None, "without a lock there is no shot"
+        self.taken.append(TakenShot(vector(measured_mm), self.beam.locked_on, key))
         return TrackerShot(vector(measured_mm), (rows[0], rows[1], rows[2]), *weather)
 
 

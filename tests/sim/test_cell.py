@@ -101,6 +101,21 @@ def test_a_restart_goes_on_as_if_nothing_had_happened():
     assert np.array_equal(unbroken, [*first, *second])
 
 
+def test_the_record_of_truth_says_of_which_reflector_each_shot_was_and_outlives_a_restart():
+    scenario = load_scenario("hostile")
+    cell = Cell(scenario)
+    (right,), now_s = visited(cell, [CENTRE])
+    cell.tracker.beam.confuse()
+    end_s = cell.tracker.begin_measurement(0.5, now_s)
+    cell.tracker.finish_measurement(end_s)
+    after = Cell(scenario, memory=json.loads(json.dumps(cell.memory())))
+    first, second = after.tracker.taken
+    assert (first.on, second.on) == ("robot", "standing")
+    assert first.point_in_tracker_mm == tuple(right)
+    encoders_deg = np.degrees(cell.controller.state(now_s).joints)
+    assert np.allclose(first.robot_target, encoders_deg * 1e6, atol=1.0)
+
+
 def test_a_controller_keeps_its_parameters_over_a_restart():
     scenario = load_scenario("paper-simulation")
     cell = Cell(scenario)
