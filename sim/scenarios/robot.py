@@ -166,7 +166,7 @@ class ControllerSection(Section):
     encoder_step_deg: Positive = 1e-6
     joint_limits_mm: tuple[float, float] = (-450.0, 450.0)
     """Of carriages, which have no angles."""
-    joint_speed_mm_per_s: Positive = 500.0
+    joint_speed_mm_per_s: Positive = 1500.0
     encoder_step_mm: Positive = 1e-5
     emergency_stop: bool = False
     joints_from: str | None = None

@@ -1,0 +1,137 @@
+"""Every mechanism of the family through the whole chain, on a simulated cell of its own parts."""
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from command_line import change
+from family_cases import MEMBERS
+
+from app.main import run_command
+from campaigns.robots.robot import find_robot
+from sim.building import true_geometry
+from sim.scenarios.scenario import load_scenario
+
+pytestmark = pytest.mark.slow
+SMALL = {
+    "settle.timeout_s": 300,  # of the cell's time: a busy machine may look up late
+    "plan.shots": 30,
+    "plan.validation_pairs": 4,
+    "validation.repeatability_approaches": 3,
+    "validation.rotation_steps": 3,
+    "validation.line_points": 3,
+}
+FAST = {"speed_up": 1000}
+
+all_members = pytest.mark.parametrize("member", MEMBERS, ids=lambda each: each.name)
+
+
+@pytest.fixture(scope="session")
+def new_once(tmp_path_factory):
+    """New campaigns on a simulated cell, by mechanism."""
+    made = {}
+
+    def folder_of(member):
+        if member.name not in made:
+            folder = tmp_path_factory.mktemp(member.name) / "small"
+            words = ["--robot", member.name, "--scenario", "paper-simulation"]
+            assert run_command(["new", str(folder), *words]) == 0
+            change(folder / "campaign.yaml", SMALL)
+            change(folder / "cell.yaml", FAST)
+            made[member.name] = folder
+        return made[member.name]
+
+    return folder_of
+
+
+@pytest.fixture
+def new(new_once, tmp_path):
+    """Copies a member's new campaign."""
+    return lambda member: shutil.copytree(new_once(member), tmp_path / member.name)
+
+
+def true_robot(member, folder):
+    """The cell's robot in the frames that the nominal's held parameters fix."""
+    scenario = load_scenario(str(folder / "cell.yaml"))
+    flat = true_geometry(scenario.robot, scenario.seed)
+    p = member.mechanism.in_frame_of(member.nominal.p, member.space.vector(flat))
+    return member.space.flat(p)
+
+
+@all_members
+def test_a_dry_run_finds_the_errors_and_proves_the_gain(pkmcal, new, member):
+    folder = new(member)
+    ended = pkmcal("dry-run", folder, "--json")
+    assert ended.code == 0, ended.err
+    before, after = ended.document["before"], ended.document["after"]
+    assert before["distances_mm"]["mean_abs"] > 0.2
+    assert after["distances_mm"]["max_abs"] < 0.1
+    assert after["distances_mm"]["mean_abs"] < 0.1 * before["distances_mm"]["mean_abs"]
+    assert after["frame_mm"]["max"] < 0.1
+    has_turn = len(member.mechanism.task) > 3
+    assert (after["rotation_mm"] is not None) == has_turn
+    if has_turn:
+        assert after["rotation_mm"] < 0.5 * before["rotation_mm"]
+    assert_found(ended.document["identification"], true_robot(member, folder), member)
+    assert_loaded(folder, member)
+    assert_files(folder, member)
+    assert_report(Path(ended.document["report"]), has_turn)
+
+
+def assert_found(document, truth, member):
+    """What was free is the cell's robot within six σ; the rest is nominal."""
+    for name, entry in document["parameters"].items():
+        assert entry["free"] == (name in member.space.free_by_default)
+        if entry["free"]:
+            assert entry["value"] == pytest.approx(truth[name], abs=6.0 * entry["std"]), name
+        else:
+            assert entry["value"] == entry["nominal"]
+
+
+def assert_loaded(folder, member):
+    """The controller's parameters are those of the exported file."""
+    robot = find_robot(str(folder / "robot-compensated.yaml")).robot
+    memory = json.loads((folder / "cell-memory.json").read_text(encoding="utf-8"))
+    assert memory["geometry"] == robot.geometry_flat()
+    assert memory["mechanism"] == member.name
+
+
+def assert_files(folder, member):
+    """The plan's columns are the mechanism's own: as many joints, in their unit."""
+    with (folder / "plan.csv").open(encoding="utf-8", newline="") as file:
+        head = next(csv.reader(file))
+    task, joints = (
+        [axis.column for axis in axes] for axes in (member.mechanism.task, member.mechanism.joints)
+    )
+    assert head == ["shot", "set", "pair", *task, *joints]
+
+
+def assert_report(path, has_turn):
+    page = path.read_text(encoding="utf-8")
+    assert page.startswith("<!DOCTYPE html>")
+    assert ("while θ turns" in page or "only θ" in page) == has_turn
+
+
+@all_members
+def test_the_fewest_best_shots_are_planned_and_say_how_well_they_will_tell(pkmcal, new, member):
+    folder = new(member)
+    planned = pkmcal(
+        "plan", folder, "--placement", "optimal", "--shots", "24", "--candidates", "600", "--json"
+    )
+    assert planned.code == 0, planned.err
+    document = planned.document
+    assert document["placement"] == "optimal"
+    assert set(document["predicted_std"]) == set(member.space.free_by_default)
+    assert max(document["predicted_std"].values()) < 1.0
+
+
+@all_members
+def test_a_study_draws_its_robots_and_finds_them(pkmcal, new, member):
+    folder = new(member)
+    assert pkmcal("plan", folder).code == 0
+    studied = pkmcal("study", folder, "--campaigns", "4", "--workers", "1", "--json")
+    assert studied.code == 0, studied.err
+    text = json.dumps(studied.document)
+    assert all(name in text for name in member.space.free_by_default)
