@@ -37,6 +37,8 @@ class PositionErrors:
     after_mm: Array | None
     fitted: Mask
     """Shots that were identified from; the others were never fitted."""
+    plate_tilt_rad: Array
+    """Rotation vectors of the plate by the model after, (N, 3); 0 where it stays level."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +101,7 @@ def model_errors(
         pair_errors(ShotSet.IDENTIFICATION),
         pair_errors(ShotSet.VALIDATION),
         _shot_errors(shots, solved, usable, models.tracker_from_base, covariance),
-        _position_errors(shots, solved, usable),
+        _position_errors(shots, models, solved, usable),
     )
 
 
@@ -164,7 +166,9 @@ def _missed_distances(points: Array, first: Index, second: Index) -> Callable[[A
     return missed
 
 
-def _position_errors(shots: Shots, solved: _Solved, usable: Mask) -> PositionErrors | None:
+def _position_errors(
+    shots: Shots, models: ComparedKinematics, solved: _Solved, usable: Mask
+) -> PositionErrors | None:
     counted = {ShotSet.IDENTIFICATION, ShotSet.VALIDATION}
     rows = np.flatnonzero(usable & np.array([p in counted for p in shots.purposes], dtype=bool))
     if len(rows) < SHOTS_FOR_A_FRAME:
@@ -176,8 +180,10 @@ def _position_errors(shots: Shots, solved: _Solved, usable: Mask) -> PositionErr
     except ValueError:  # the points lie on one line and fix no frame
         return None
     poses = solved.before if solved.after is None else solved.after
+    robot = models.after or models.before
+    tilt = robot.mechanism.plate_tilt(robot.p, shots.joints[rows], poses[rows])
     fitted = [shots.purposes[row] is ShotSet.IDENTIFICATION for row in rows.tolist()]
-    return PositionErrors(poses[rows], before, after, np.array(fitted, dtype=bool))
+    return PositionErrors(poses[rows], before, after, np.array(fitted, dtype=bool), tilt)
 
 
 def _missed_positions(poses: Array, points: Array) -> Array:

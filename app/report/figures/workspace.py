@@ -24,6 +24,7 @@ from campaigns.shots.shot_sets import ShotSet
 
 ARROW_MM = 130.0
 """Length at which the longest arrow is drawn."""
+LEAN_ARROW_MM = 90.0
 ROUND_FACTORS = (1, 2, 5)
 BINS = 6
 COORDINATES = ("x, mm", "y, mm", "z, mm", "θ, °")
@@ -94,6 +95,35 @@ def errors_against_position(poses: Array, errors_mm: Array, fitted: Mask) -> Fig
     for axes in every[::2]:
         axes.set_ylabel("error of position, mm")
     legend_above(figure, every[0], 3)
+    return figure
+
+
+@in_house_style
+def plate_tilt(poses: Array, tilt_rad: Array) -> Figure:
+    """How the tool leans: from above as arrows to where its lower end goes, and by distance."""
+    figure = new_figure(76.0)
+    above, along = figure.subplots(1, 2)
+    lean_mrad = 1e3 * np.stack([-tilt_rad[:, 1], tilt_rad[:, 0]], axis=1)
+    size = np.linalg.norm(lean_mrad, axis=1)
+    arrows = (LEAN_ARROW_MM / float(size.max())) * lean_mrad
+    above.plot(*poses[:, :2].T, ".", color=QUIET, markersize=2.0)
+    above.quiver(
+        *poses[:, :2].T,
+        *arrows.T,
+        color=AFTER,
+        angles="xy",
+        scale_units="xy",
+        scale=1.0,
+        width=0.0045,
+    )
+    above.set(xlabel="x, mm", ylabel="y, mm", aspect="equal")
+    above.set_title(f"from above: the longest is {size.max():.2f} mrad")
+    middle = poses[:, :2].mean(axis=0)
+    away_mm = np.linalg.norm(poses[:, :2] - middle, axis=1)
+    along.plot(away_mm, size, "o", color=AFTER)
+    along.plot(*binned_medians(away_mm, size, BINS), color=INK, label="median of each sixth")
+    along.set(xlabel="distance from the middle, mm", ylabel="lean, mrad", ylim=(0.0, None))
+    legend_above(figure, along, 1)
     return figure
 
 

@@ -12,7 +12,7 @@ from paper_campaign import MECHANISM, NOMINAL, PaperCampaign
 from app.report.figures.distances import PairGroup, pair_errors
 from app.report.figures.drawing import save, svg_text
 from app.report.figures.space import flat
-from app.report.figures.workspace import error_arrows, magnification
+from app.report.figures.workspace import error_arrows, magnification, plate_tilt
 from app.report.parts import Column, Table, moment, number, percent_gained
 from app.report.plots import plot_plan, plot_residuals
 from app.terminal_picture import bar, histogram_lines
@@ -199,3 +199,16 @@ def test_moments_are_cut_to_the_minute() -> None:
 def test_a_row_that_does_not_fit_its_table_is_refused() -> None:
     with pytest.raises(ValueError, match="don't fit"):
         Table("two", (Column("a"), Column("b")), (("1",),))
+
+
+def test_the_plate_s_lean_is_drawn_towards_where_the_tool_goes():
+    """Turned about x by 2 mrad, the lower end of a tool goes towards +y."""
+    poses = np.array([[0.0, 0.0, -500.0, 0.0], [100.0, 0.0, -500.0, 0.0], [0.0, 90.0, -500.0, 0.0]])
+    figure = plate_tilt(poses, np.array([[2e-3, 0.0, 0.0], [1e-3, 0.0, 0.0], [0.0, 0.0, 5e-3]]))
+    above, along = figure.axes
+    assert "2.00 mrad" in above.get_title(loc="left")
+    [arrows] = [each for each in above.collections if hasattr(each, "U")]
+    assert pytest.approx([0.0, 0.0, 0.0]) == arrows.U
+    assert arrows.V[0] == pytest.approx(2.0 * arrows.V[1])
+    assert arrows.V[0] > 0.0
+    assert along.lines[0].get_ydata() == pytest.approx([2.0, 1.0, 0.0])
