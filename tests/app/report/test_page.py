@@ -180,7 +180,7 @@ def test_hidden_characters_of_foreign_texts_are_not_on_the_page(tmp_path: Path) 
     paper = new_campaign(tmp_path / "hidden", people=PeopleConfig(operator="Ann\x1b[2J\u202egpj"))
     series = paper.measure("before", ())
     with paper.journal() as journal:
-        journal.append(Event("note", "\u2066turned\x07\x9b"), series=series)
+        journal.append(Event("operator note", "\u2066turned\x07\x9b"), series=series)
     text = html(paper)
     assert "Ann?[2J?gpj" in text
     assert "?turned??" in text
