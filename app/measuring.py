@@ -29,8 +29,6 @@ from campaigns.shots.shot_sets import ShotSet
 from drivers.errors import Cancelled, DriverError, ExplainedError, WrongDevice
 from drivers.ports import SystemClock
 
-CLEAR = "The robot will move. Is the cell clear?"
-
 Prepare = Callable[[Cell], Work]
 Result = TypeVar("Result")
 Finish = Callable[[Journal, int], Result]

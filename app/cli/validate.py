@@ -8,7 +8,7 @@ import typer
 
 from app.console import WARNING, terminal_of
 from app.exits import Exit
-from app.measuring import CLEAR, measure_validation
+from app.measuring import measure_validation
 from app.options import Anew, Dry, Folder, Json, Yes
 from app.validation_text import show, show_gain, validation_document
 from app.wiring import connected_robot
@@ -37,6 +37,10 @@ SET_OF = {
     Test.STRAIGHTNESS: ShotSet.STRAIGHTNESS,
     Test.REPEATABILITY: ShotSet.REPEATABILITY,
 }
+CLEAR = (
+    "Validation '{stage}', {speed} speed, controller {serial}: the robot will move. "
+    "Is the cell clear?"
+)
 KNOWN = ", ".join(test.value for test in Test)
 Stage = Annotated[ValidationStage, typer.Option(help="Before or after `pkmcal load`.")]
 Only = Annotated[
@@ -81,9 +85,12 @@ def command(
         return
     with connected_robot(campaign) as controller:
         wrong = wrong_stage(campaign, controller.read_geometry(), stage, terminal.note)
+        serial = controller.identity().serial
     if wrong is not None and not anyway:
         raise wrong
-    terminal.require_yes(CLEAR, yes=yes)
+    speed_percent = campaign.config.controller.speed_percent
+    question = CLEAR.format(stage=stage, speed=f"{speed_percent:g} %", serial=serial)
+    terminal.require_yes(question, yes=yes)
     if wrong is not None:
         terminal.note(f"! {wrong.problem}", WARNING)
         record_anyway(campaign, wrong)

@@ -1,5 +1,6 @@
 """The whole chain, command by command and as one dry run, on a small cell."""
 
+import io
 from pathlib import Path
 
 import pytest
@@ -280,6 +281,33 @@ def test_without_a_terminal_nothing_moves_unless_told(pkmcal, exported, command)
     assert "--yes" in ended.error_line
     memory = {"cell-memory.json": None}  # the simulated controller was asked what it holds
     assert contents(exported) | memory == before | memory
+
+
+class Keyboard(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize(
+    ("command", "question"),
+    [
+        (("run",), "59 shots, about 103 s, 50 % speed, controller SIM-C-0001, tracker 390001. Is"),
+        (
+            ("validate", "--stage", "before"),
+            "Validation 'before', 50 % speed, controller SIM-C-0001: the robot will move. Is",
+        ),
+    ],
+    ids=["run", "validate"],
+)
+def test_the_question_says_what_will_move_and_with_which_devices(
+    pkmcal, planned, monkeypatch, command, question
+):
+    monkeypatch.setattr("sys.stdin", Keyboard("n\n"))
+    name, *options = command
+    refused = pkmcal(name, planned, *options)
+    assert refused.code == 2
+    assert f"{question} the cell clear? [y/N] " in refused.err
+    assert not (planned / "campaign.db").exists()
 
 
 def test_one_test_alone_needs_no_plan(pkmcal, planned):
