@@ -92,6 +92,9 @@ SITUATIONS: Mapping[str, Callable[[Wires, random.Random], None]] = {
 def run_in(folder: str) -> None:
     """The program in a process that has everything imported already, in a job of its own."""
     os.setpgid(0, 0)
+    for name in SIGNALS:
+        signal.signal(getattr(signal, name), signal.SIG_DFL)  # also where this runs under nohup
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     nowhere = os.open(os.devnull, os.O_RDWR)
     for number in range(3):
         os.dup2(nowhere, number)
