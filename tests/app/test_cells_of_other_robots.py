@@ -1,0 +1,56 @@
+"""Every scenario, made a cell of every robot of the family."""
+
+import numpy as np
+import pytest
+from family_cases import MEMBERS
+
+from app.new_campaign import cell_text
+from campaigns.robots.robot import find_robot
+from sim.cell import Cell
+from sim.scenarios.scenario import load_scenario, parse_scenario, scenario_text, shipped_scenarios
+
+all_members = pytest.mark.parametrize("member", MEMBERS, ids=lambda each: each.name)
+all_scenarios = pytest.mark.parametrize("name", shipped_scenarios())
+
+
+def cell_of(member, name):
+    return Cell(parse_scenario(cell_text(member.shipped, name), name))
+
+
+@all_members
+@all_scenarios
+def test_stands_in_the_middle_of_its_workspace(member, name):
+    cell = cell_of(member, name)
+    assert cell.kind.name == member.name
+    assert cell.controller.geometry() == pytest.approx(member.shipped.geometry_flat(), abs=1e-9)
+    plate = cell.robot.standing.assembly.plate
+    assert np.abs(plate.position_mm - member.shipped.workspace_centre[:3]).max() < 60.0
+    assert cell.memory()["mechanism"] == member.name
+
+
+@all_members
+def test_its_errors_are_as_large_as_the_scenario_s(member):
+    """Of the robot's own parameters, drawn by the seed; the frame's are nominal."""
+    nominal = member.shipped.geometry_flat()
+    text = cell_text(member.shipped, "paper-simulation")
+    scenario = parse_scenario(text, "cell")
+    errors = []
+    for seed in range(20):
+        true = Cell(scenario, seed=seed).true_geometry
+        errors += [true[name] - nominal[name] for name in nominal if name.endswith("forearm_mm")]
+        assert true["arm0.x_mm"] == nominal["arm0.x_mm"]
+    told = load_scenario("paper-simulation").robot.errors.items()
+    sizes = [error for name, error in told if name.endswith(("arm_mm", "plate_mm"))]
+    assert np.std(errors) == pytest.approx(np.sqrt(np.mean(np.square(sizes))), rel=0.3)
+
+
+@all_scenarios
+def test_of_the_same_robot_is_the_scenario_as_it_was_written(name):
+    assert cell_text(find_robot("par4-prototype").robot, name) == scenario_text(name)
+
+
+def test_acceptance_asks_for_no_turn_where_there_is_none():
+    for member in MEMBERS:
+        limits = cell_of(member, "realistic").scenario.acceptance
+        assert (limits.rotation_mm is not None) == (len(member.mechanism.task) > 3)
+        assert limits.distance_max_mm is not None
