@@ -1,12 +1,13 @@
-"""Lack of fit: what a model leaves that is a smooth function of the joints, and no scatter.
+"""Lack of fit: what a model leaves that is a function of the joints, and no scatter.
 
 Scatter of a robot is new at every shot. What a model lacks (rods of unequal length, tilted axes,
-bending) is the same at the same joints and changes slowly with them: an F test of low polynomials
-of the joints, beside all unknowns of the fit, tells the two apart.
+bending) is the same at the same joints and changes slowly with them: F tests of low polynomials of
+the joints, and of what imperfect parts would make, beside all unknowns of the fit, tell them apart.
 """
 
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
+from typing import Literal, get_args
 
 import numpy as np
 from scipy.special import fdtrc
@@ -15,6 +16,8 @@ from campaigns.arrays import Array
 from campaigns.estimation.information import SIGNIFICANCE
 from campaigns.estimation.observability import orthonormal_basis
 
+Kind = Literal["joints", "parts"]
+"""Polynomials of the joints, or unequal rods and tilted axes."""
 DEGREE = 2
 LEAST_FREEDOM = 30
 """Degrees of freedom that must be left beside the polynomials."""
@@ -22,16 +25,17 @@ LEAST_FREEDOM = 30
 
 @dataclass(frozen=True, slots=True)
 class LackOfFit:
-    """Test of what a model leaves of the shots."""
+    """Test of what a model leaves of the shots, by columns of one kind."""
 
+    kind: Kind
     share: float
-    """Part of the residuals' variance that smooth functions explain beyond chance."""
+    """Part of the residuals' variance that the columns explain beyond chance."""
     p: float
 
     @property
     def significant(self) -> bool:
-        """Significance: it is more than chance makes."""
-        return self.p < SIGNIFICANCE
+        """Significance: it is more than chance makes, of as many tests as there are kinds."""
+        return self.p < SIGNIFICANCE / len(get_args(Kind))
 
 
 def smooth_columns(joints: Array) -> Array:
@@ -53,18 +57,19 @@ def enough_shots(shots: int, unknowns: int, columns: int) -> bool:
     return 3 * shots - unknowns - columns >= LEAST_FREEDOM
 
 
-def lack_of_fit(residual: Array, jacobian: Array, smooth: Array) -> LackOfFit | None:
-    """Test of smooth columns (N, 3, m) beside (N, 3) and (N, 3, P), all whitened; None for few."""
+def lack_of_fit(residual: Array, jacobian: Array, columns: Array, kind: Kind) -> LackOfFit | None:
+    """Test of columns (N, 3, m) beside (N, 3) and (N, 3, P), all whitened; None for few shots."""
     count, unknowns = len(residual), jacobian.shape[-1]
-    if not enough_shots(count, unknowns, smooth.shape[-1]):
+    if not enough_shots(count, unknowns, columns.shape[-1]):
         return None
     explained = orthonormal_basis(jacobian.reshape(3 * count, -1))
     left = residual.ravel() - explained @ (explained.T @ residual.ravel())
-    rows = smooth.reshape(3 * count, -1)
+    rows = columns.reshape(3 * count, -1)
     more = orthonormal_basis(rows - explained @ (explained.T @ rows))
     gain, chi2 = float(np.sum((more.T @ left) ** 2)), float(left @ left)
     m, freedom = more.shape[1], 3 * count - explained.shape[1] - more.shape[1]
     if m == 0 or chi2 <= gain:
         return None
     rest = (chi2 - gain) / freedom
-    return LackOfFit(max(0.0, gain - m * rest) / chi2, float(fdtrc(m, freedom, gain / m / rest)))
+    share = max(0.0, gain - m * rest) / chi2
+    return LackOfFit(kind, share, float(fdtrc(m, freedom, gain / m / rest)))

@@ -12,7 +12,7 @@ import numpy as np
 from campaigns.arrays import Array, Index
 from campaigns.estimation.point_sets import directions, distances_mm
 from campaigns.estimation.rigid_transforms import Transform, fit_transform, small_rotation
-from campaigns.mechanisms.mechanism import Kinematics, Posture
+from campaigns.mechanisms.mechanism import Kinematics, Mechanism, Posture
 
 FRAME_COLUMNS = 6
 """Three small angles and a translation, which stand after the free parameters."""
@@ -72,13 +72,18 @@ class PositionModel:
         self._geometry = slice(0, len(self._space.geometry))
         self._vector = np.concatenate([nominal.p, np.zeros(len(self._space.backlashes))])
         self._free = free
-        extensions = self._space.places(self._space.extensions)
-        self._is_extended = bool(np.isin(free, extensions).any())
+        self._extensions = self._space.places(self._space.extensions)
+        self._is_extended = bool(np.isin(free, self._extensions).any())
         self._joints = joints
         self._approach = np.zeros_like(joints) if approach is None else approach
         self._start = start
         self._last: _Assembled | None = None
         self._expansion: _Expansion | None = None
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """Mechanism whose model it is."""
+        return self._mechanism
 
     @property
     def nominal(self) -> Array:
@@ -103,7 +108,11 @@ class PositionModel:
 
     def by_geometry(self, x: Array, places: Index) -> Array:
         """∂(X, Y, Z)/∂(parameters at these places), free or not, (N, 3, K)."""
-        return self._expanded(x).by_all[:, :3][:, :, places]
+        by_all = self._expanded(x).by_all
+        if not self._is_extended and np.isin(places, self._extensions).any():
+            there = self._assembled_at(x)
+            by_all = there.posture.jacobian(there.poses)
+        return by_all[:, :3][:, :, places]
 
     def by_joints(self, x: Array) -> Array:
         """∂(X, Y, Z)/∂joints, (N, 3, n): an arm turns as by its encoder's offset."""

@@ -135,11 +135,17 @@ def change_doubt(change: Change, numbers: tuple[int, int], space: ParameterSpace
 
 def lack_doubt(found: LackOfFit, *, limits_met: bool) -> Doubt:
     """Doubt of residuals that follow the joints, as no scatter does."""
-    says = (
-        f"{100.0 * found.share:.0f} % of what is left follows the joints (p = {found.p:.1g}): the "
-        "model lacks something (rods of unequal length, tilted axes, bending), and positions are "
-        "worse than their σ"
-    )
+    share = f"{100.0 * found.share:.0f} % of what is left"
+    if found.kind == "parts":
+        says = (
+            f"{share} is as rods of unequal length and tilted axes make it (p = {found.p:.1g}), "
+            "and positions are worse than their σ: --model full, or auto, looks for them"
+        )
+    else:
+        says = (
+            f"{share} follows the joints (p = {found.p:.1g}): the model lacks something (bending, "
+            "backlash, tilted axes), and positions are worse than their σ: --model auto may tell"
+        )
     return _unless_limits_are_met(LACK, says, {"share": found.share, "p": found.p}, met=limits_met)
 
 

@@ -48,13 +48,20 @@ def change_of(
     return change, (numbers[change.after], numbers[change.after + 1])
 
 
-def lack_of_fit_of(points: PointFit) -> LackOfFit | None:
-    """Lack of fit by the shots that were kept; None where chance explains all."""
+def lack_of_fit_of(points: PointFit, parts: tuple[str, ...]) -> LackOfFit | None:
+    """Lack of fit by the shots that were kept; None where chance explains all.
+
+    `parts` are the parameters of imperfect parts that were not looked for.
+    """
     shots = _whitened(points, np.flatnonzero(points.found.kept))
     if shots is None:
         return None
-    found = lack_of_fit(shots.residual, shots.jacobian, _smooth(points, shots))
-    return found if found is not None and found.significant else None
+    tests = [lack_of_fit(shots.residual, shots.jacobian, _smooth(points, shots), "joints")]
+    if parts:
+        columns = _imperfect(points, parts, shots)
+        tests.append(lack_of_fit(shots.residual, shots.jacobian, columns, "parts"))
+    told = [each for each in tests if each is not None and each.significant]
+    return min(told, key=lambda each: each.p, default=None)
 
 
 def order_of_time(times: tuple[str, ...]) -> Index:
@@ -100,6 +107,14 @@ def _smooth(points: PointFit, shots: _Whitened) -> Array:
     data = points.observations.points
     joints = data.model.arm_joints(data.parameters(points.found.x))[shots.rows]
     return np.asarray(np.linalg.solve(shots.root, smooth_columns(joints)), dtype=np.float64)
+
+
+def _imperfect(points: PointFit, parts: tuple[str, ...], shots: _Whitened) -> Array:
+    data, x = points.observations.points, points.found.x
+    model, parameters = data.model, data.parameters(x)
+    places = model.mechanism.parameters.places(parts)
+    columns = data.rotations(x) @ model.by_geometry(parameters, places)
+    return np.asarray(np.linalg.solve(shots.root, columns[shots.rows]), dtype=np.float64)
 
 
 def _causes(points: PointFit, space: ParameterSpace, shots: _Whitened) -> Iterator[Cause]:

@@ -266,7 +266,8 @@ class _Identified:
         met = unseen is not None and limits_met(unseen.summary().after, options.limits_mm)
         judged = self._judged()
         if judged is not None:
-            lack = lack_of_fit_of(judged)
+            parts = tuple(name for name in space.free_in_full if name not in self.selection.free)
+            lack = lack_of_fit_of(judged, tuple(name for name in parts if name in space.extensions))
             change = change_of(judged, space, lacks=lack is not None)
             if change is not None:
                 yield change_doubt(*change, space)

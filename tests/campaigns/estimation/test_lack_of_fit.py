@@ -14,7 +14,7 @@ def found_of(seed, bend=0.0):
     jacobian = rng.standard_normal((SHOTS, 3, UNKNOWNS))
     residual = rng.standard_normal((SHOTS, 3))
     residual[:, 1] += bend * (joints[:, 0] - 0.25) * (joints[:, 2] - 0.25) / 0.19
-    return lack_of_fit(residual, jacobian, smooth_columns(joints))
+    return lack_of_fit(residual, jacobian, smooth_columns(joints), "joints")
 
 
 def test_scatter_alone_seldom_looks_like_it():
@@ -34,4 +34,4 @@ def test_few_shots_tell_nothing():
     assert not enough_shots(20, 28, 42)
     rng = np.random.default_rng(1)
     smooth = smooth_columns(rng.standard_normal((20, 4)))
-    assert lack_of_fit(np.ones((20, 3)), rng.standard_normal((20, 3, 10)), smooth) is None
+    assert lack_of_fit(np.ones((20, 3)), rng.standard_normal((20, 3, 10)), smooth, "joints") is None
