@@ -31,7 +31,7 @@ from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pa
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 from campaigns.studies.study import planned_shots
-from sim.building import WORKSPACE_CENTRE_MM, noise_of, station_of, true_geometry
+from sim.building import noise_of, station_of, true_geometry
 from sim.cell import Cell
 from sim.draws import target_key
 from sim.scenarios.scenario import load_scenario
@@ -105,7 +105,8 @@ def measured(seed: int, drive: Drive) -> tuple[Shots, Shots]:
     """A campaign's shots, and fresh ones that it does not know of, in pairs of neighbours."""
     rng, station = np.random.default_rng(seed), station_of(SCENARIO.tracker.station)
     tracker = station.origin_in_base_mm
-    view = View(tuple(tracker), tuple(tracker - WORKSPACE_CENTRE_MM), ACCEPTANCE_RAD)
+    centre_mm = np.array(SCENARIO.robot.workspace_centre_mm)
+    view = View(tuple(tracker), tuple(tracker - centre_mm), ACCEPTANCE_RAD)
     request = PlanRequest(2 * PAIRS, UNSEEN_PAIRS + FRESH_PAIRS, 3, CENTRE)
     plan = make_plan(ROBOT, view, request, rng)
     in_base, approach = drive(joints_of(plan))
