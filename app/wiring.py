@@ -11,11 +11,18 @@ from pathlib import Path
 
 from campaigns.campaign import SIMULATED, Campaign
 from campaigns.controllers.active_kinematics import ActiveKinematics
-from campaigns.controllers.linuxcnc_export import PIN_OF, CalibrationFile, RobotIdentity
+from campaigns.controllers.linuxcnc_export import (
+    CalibrationFile,
+    RobotIdentity,
+    drawing_flat,
+    parameter_pins,
+    pin_of,
+)
 from campaigns.errors import ConfigInvalid, WriteFailed
 from campaigns.files.text_file import replace_text
 from campaigns.journal.inspection import RawReaders
 from campaigns.measuring.shot_taker import Cell as Devices
+from campaigns.mechanisms.mechanism import Mechanism
 from campaigns.settings.config import CampaignConfig
 from campaigns.settings.sections import LinuxcncConfig
 from drivers.bounded_files import (
@@ -43,6 +50,7 @@ from drivers.linuxcnc.settings import (
     Coordinates,
     JointLimits,
     LinuxcncSettings,
+    MachineAxes,
     ParameterStore,
     Passwords,
 )
@@ -370,10 +378,11 @@ def linuxcnc_robot(
     operator: Operator = NOBODY,
 ) -> LinuxcncRobot:
     """The driver for this campaign's LinuxCNC; nothing is opened yet."""
+    axes = _machine_axes(campaign.robot.mechanism)
     settings = LinuxcncSettings(
         Coordinates[section.coordinates.upper()],
-        JointLimits(*campaign.robot.limits.joint),
-        section.full_speed_rad_s,
+        JointLimits(*campaign.robot.limits.joint, axes),
+        section.full_speed_rad_s if axes.are_rotary else section.full_speed_mm_per_s,
         passwords=Passwords(section.connect_password, section.enable_password),
     )
     return LinuxcncRobot(
@@ -394,5 +403,21 @@ def _store(campaign: Campaign, section: LinuxcncConfig) -> ParameterStore:
     if section.coordinates == "joints":
         return FileParameters(CalibrationFile(path, whose, otherwise=nominal))
     access = HalAccess(prefix=tuple(shlex.split(section.beside)))
-    pins = HalPins(tuple(PIN_OF.values()), access)
-    return HalParameters(CalibrationFile(path, whose), pins, PIN_OF)
+    pins = parameter_pins(nominal.mechanism)
+    drawing = {pin_of(name): value for name, value in drawing_flat(nominal.mechanism).items()}
+    return HalParameters(
+        CalibrationFile(path, whose),
+        HalPins((*pins.values(), *drawing), access),
+        pins,
+        frozenset(nominal.mechanism.parameters.extensions),
+        drawing,
+    )
+
+
+def _machine_axes(mechanism: Mechanism) -> MachineAxes:
+    return MachineAxes(
+        mechanism.name.capitalize(),
+        len(mechanism.joints),
+        mechanism.joints[0].is_revolute,
+        any(axis.is_revolute for axis in mechanism.task),
+    )

@@ -1,7 +1,5 @@
 """Raw answers that records keep beside what was parsed from them: read anew, by grammar alone."""
 
-from math import radians
-
 from drivers.emscon.tracker import measurement_of
 from drivers.errors import WireError
 from drivers.geocom.measuring import MM_PER_M
@@ -22,7 +20,7 @@ ANSWERS_OF_A_STATE = "; "
 def joints_said(driver: str, raw: str, layout: RobotLayout) -> tuple[float, ...]:
     """Joint values of a controller's state, rad or mm; raises `WireError`."""
     if driver == "linuxcnc":
-        return _joints_of_linuxcnc(raw, len(layout.joints))
+        return _joints_of_linuxcnc(raw, layout)
     status = decode_robotline(_bytes(raw), layout).outcome
     if not isinstance(status, Status):
         raise WireError(f"no state of a controller: {raw!r:.80}")
@@ -40,11 +38,11 @@ def measurement_said(driver: str, raw: str) -> tuple[Vector3, Matrix3 | None]:
     return measured.point_in_tracker_mm, measured.covariance_mm2
 
 
-def _joints_of_linuxcnc(raw: str, count: int) -> tuple[float, ...]:
+def _joints_of_linuxcnc(raw: str, layout: RobotLayout) -> tuple[float, ...]:
     answer = read_message(_bytes(raw.split(ANSWERS_OF_A_STATE)[0]))
     if not isinstance(answer, Value):
         raise WireError(f"no joints of LinuxCNC: {raw!r:.80}")
-    return tuple(map(radians, read_numbers(answer)[:count]))
+    return inner_units(layout.joints, read_numbers(answer)[: len(layout.joints)])
 
 
 def _result_of_emscon(raw: str) -> SingleResult | SingleResult2:

@@ -1,6 +1,7 @@
 """Files of a campaign: shots taken in, identified parameters and measured shots written out."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from campaigns.campaign import Campaign
@@ -49,7 +50,8 @@ def export(
 def export_hal(campaign: Campaign, to: Path | None = None, *, overwrite: bool = False) -> Path:
     """Write the same for LinuxCNC's kinematics; raises likewise."""
     path = to or campaign.path(linuxcnc_export.FILE_NAME)
-    robot = identified_robot(campaign).robot
+    # a plate tilts as the nominal robot's drawing has it, also where a file says nothing of it
+    robot = replace(identified_robot(campaign).robot, mechanism=campaign.robot.mechanism)
     linuxcnc_export.write_hal(path, robot, campaign.robot_identity, overwrite=overwrite)
     return path
 

@@ -1,11 +1,13 @@
-"""LinuxCNC's HAL file of a robot: one `setp` a parameter, for our kinematics module par4kins.
+"""LinuxCNC's HAL file of a robot: one `setp` a parameter, for our kinematics module pkmkins.
 
-The 29 pins are named after the parameters. The heading says whose they are: a file of another
-robot or another kinematics, with a parameter missing, or changed by hand without saying so, is
-refused.
+Its pins are named after the parameters. The heading says whose they are: a file of another robot
+or another kinematics, with a parameter missing, or changed by hand without saying so, is refused.
+Extensions (axis tilts, skews) are in the file where they are not 0, and with them the drawing of
+the plate, which they then need.
 """
 
 import json
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,15 +17,16 @@ from campaigns.errors import ConfigInvalid
 from campaigns.files.csv_file import number_text
 from campaigns.files.text_file import read_text, replace_text, write_text_unless_there
 from campaigns.files.wording import shown
-from campaigns.mechanisms.par4 import PAR4
+from campaigns.mechanisms.mechanism import Mechanism
 from campaigns.robots.robot import RobotFile
 from campaigns.version import VERSION
 
 FILE_NAME = "calib.hal"
 SCHEMA = "pkmcal/linuxcnc/1"
-MODULE = "par4kins"
-PIN_OF: Mapping[str, str] = {name: f"{MODULE}.{name}" for name in PAR4.parameters.names}
-LENGTHS = ("arm_mm", "forearm_mm", "plate_mm")
+MODULE = "pkmkins"
+MODULE_BEFORE = "par4kins"
+"""Name under which earlier versions wrote their files, of a Par4 alone."""
+LENGTHS = ("arm_mm", "forearm_mm", "plate_mm", "pinion_mm")
 LAST_GOOD = ".last-good"
 LONGEST_NOTE = 160
 """halcmd takes lines of some 250 characters."""
@@ -31,7 +34,30 @@ REMEDY = "restore the file, or write it anew with `pkmcal export --format linuxc
 
 _HEADING = re.compile(r"#\s*(robot|sha256):\s*(\S.*)")
 _SETTING = re.compile(r"setp\s+(\S+)\s+(\S+)")
-_PARAMETER_OF = {pin: name for name, pin in PIN_OF.items()}
+
+
+def pin_of(name: str) -> str:
+    """Pin of a parameter or of a value of the plate's drawing."""
+    return f"{MODULE}.{name}"
+
+
+def parameter_pins(mechanism: Mechanism) -> dict[str, str]:
+    """Pins of all parameters of a mechanism by name, extensions among them."""
+    return {name: pin_of(name) for name in mechanism.parameters.geometry}
+
+
+def drawing_flat(mechanism: Mechanism) -> dict[str, float]:
+    """Values of the plate's drawing by name, mm and deg."""
+    plate = mechanism.plate
+    flat = {
+        f"arm{arm}.plate_{axis}_mm": value
+        for arm, place in enumerate(plate.joints_mm)
+        for axis, value in zip("xyz", place, strict=True)
+    }
+    for arm, outward_rad in enumerate(plate.outward_rad or ()):
+        flat[f"arm{arm}.bar_azimuth_deg"] = math.degrees(outward_rad)
+    reflector = zip("xyz", plate.reflector_mm, strict=True)
+    return flat | {f"reflector_{axis}_mm": value for axis, value in reflector}
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,17 +74,9 @@ class RobotIdentity:
 
 
 def hal_text(robot: RobotFile, identity: str) -> str:
-    """Write a parameter set as a HAL file: full doubles, and where they come from.
-
-    Raises `ConfigInvalid` for another mechanism and for a set with axis tilts.
-    """
-    if robot.mechanism.name != PAR4.name:
-        raise ConfigInvalid(
-            f"{robot.name}: a {robot.mechanism.name}, but {MODULE} is for a {PAR4.name}",
-            remedy="export a robot file, without --format linuxcnc",
-        )
+    """Write a parameter set as a HAL file: full doubles, and where they come from."""
     heading = [
-        f"{SCHEMA}: parameters of a Par4, written by pkmcal {VERSION}",
+        f"{SCHEMA}: parameters of a {robot.mechanism.name}, written by pkmcal {VERSION}",
         f"robot: {identity}",
         f"sha256: {robot.digest()}",
         f"set: {robot.name}",
@@ -67,26 +85,27 @@ def hal_text(robot: RobotFile, identity: str) -> str:
         "In the INI file, after the HALFILE that loads the kinematics: HALFILE = calib.hal",
         "Set these pins only while the machine is off: with power, the joints would jump.",
     ]
-    settings = [
-        f"setp {PIN_OF[name]} {number_text(value)}"
-        for name, value in robot.controller_flat().items()
-    ]
+    values = robot.geometry_flat()
+    if robot.is_extended:
+        values |= drawing_flat(robot.mechanism)
+    settings = [f"setp {pin_of(name)} {number_text(value)}" for name, value in values.items()]
     return "\n".join([*(f"# {line}".rstrip() for line in heading), *settings, ""])
 
 
 def parse_hal(text: str, name: str, whose: RobotIdentity) -> RobotFile:
     """Read a HAL file of this robot; raises `ConfigInvalid` naming the line that is wrong."""
     headings: dict[str, str] = {}
-    geometry: dict[str, float] = {}
+    values: dict[str, float] = {}
+    mechanism = whose.nominal.mechanism
     for number, line in enumerate(text.splitlines(), start=1):
         if heading := _HEADING.fullmatch(line.strip()):
             headings[heading[1]] = heading[2]
         elif line.strip() and not line.lstrip().startswith("#"):
-            parameter, value = _setting(line, f"{name}:{number}")
-            if parameter in geometry:
+            parameter, value = _setting(line, f"{name}:{number}", mechanism)
+            if parameter in values:
                 raise ConfigInvalid(f"{name}:{number}: {parameter} is set twice", remedy=REMEDY)
-            geometry[parameter] = value
-    return _checked(name, headings, geometry, whose)
+            values[parameter] = value
+    return _checked(name, headings, values, whose)
 
 
 def write_hal(path: Path, robot: RobotFile, identity: str, *, overwrite: bool) -> None:
@@ -101,7 +120,7 @@ def _notes(robot: RobotFile) -> Iterator[str]:
         yield note if len(note) <= LONGEST_NOTE else f"{note[:LONGEST_NOTE]}..."
 
 
-def _setting(line: str, where: str) -> tuple[str, float]:
+def _setting(line: str, where: str, mechanism: Mechanism) -> tuple[str, float]:
     """The parameter and value of a line `setp PIN VALUE`."""
     setting = _SETTING.fullmatch(line.strip())
     if setting is None:
@@ -110,12 +129,17 @@ def _setting(line: str, where: str) -> tuple[str, float]:
             remedy="keep other HAL commands in a file of their own",
         )
     pin, word = setting[1], setting[2]
-    if pin not in _PARAMETER_OF:
+    module, _, name = pin.partition(".")
+    if module not in {MODULE, MODULE_BEFORE} or not _is_known(name, mechanism):
         raise ConfigInvalid(
-            f"{where}: {shown(pin)} is no pin of {MODULE}",
+            f"{where}: {shown(pin)} is no pin of {MODULE} for a {mechanism.name}",
             remedy="a file of another kinematics, or a misspelt parameter: " + REMEDY,
         )
-    return _PARAMETER_OF[pin], _number(word, where, pin)
+    return name, _number(word, where, pin)
+
+
+def _is_known(name: str, mechanism: Mechanism) -> bool:
+    return name in mechanism.parameters.geometry or name in drawing_flat(mechanism)
 
 
 def _number(word: str, where: str, pin: str) -> float:
@@ -129,7 +153,7 @@ def _number(word: str, where: str, pin: str) -> float:
 
 
 def _checked(
-    name: str, headings: Mapping[str, str], geometry: Mapping[str, float], whose: RobotIdentity
+    name: str, headings: Mapping[str, str], values: Mapping[str, float], whose: RobotIdentity
 ) -> RobotFile:
     if headings.get("robot") != whose.identity:
         found = shown(headings.get("robot", "nobody said"))
@@ -138,13 +162,32 @@ def _checked(
             remedy="connect the right robot or take the right file; "
             f"a file written by hand needs a line '# robot: {whose.identity}'",
         )
+    drawing = drawing_flat(whose.nominal.mechanism)
+    geometry = {key: value for key, value in values.items() if key not in drawing}
     robot = whose.having(geometry, name)
+    _check_drawing(name, robot, values, drawing)
     if headings.get("sha256", robot.digest()) != robot.digest():
         raise ConfigInvalid(
             f"{name}: its sha256 is not that of its parameters",
             remedy=f"somebody changed it: {REMEDY}; or delete the line sha256",
         )
     return robot
+
+
+def _check_drawing(
+    name: str, robot: RobotFile, values: Mapping[str, float], drawing: Mapping[str, float]
+) -> None:
+    """Raise `ConfigInvalid` where a plate that tilts is not the nominal robot's."""
+    if not robot.is_extended:
+        return
+    for key, expected in drawing.items():
+        if values.get(key) != expected:
+            raise ConfigInvalid(
+                f"{name}: {key} is {values.get(key, 'missing')}, of the nominal robot's plate it "
+                f"is {expected:g}",
+                remedy="a file of another plate: bring plate_joints_mm and reflector_mm of the "
+                "robot file back, or " + REMEDY,
+            )
 
 
 class CalibrationFile:
@@ -169,7 +212,7 @@ class CalibrationFile:
     def read(self) -> Mapping[str, float]:
         """Parameters, all of them; raises `ConfigInvalid`, also for another robot's file."""
         if self._otherwise is not None and not self._path.exists():
-            return self._otherwise.controller_flat()
+            return self._otherwise.geometry_flat()
         return parse_hal(self._text(), str(self._path), self._whose).geometry_flat()
 
     def write(self, geometry: Mapping[str, float]) -> None:

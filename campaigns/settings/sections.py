@@ -13,8 +13,8 @@ class LinuxcncConfig(FileModel):
 
     coordinates: Literal["world", "joints"] = Field(
         default="world",
-        description="what its moves are in: world (kinematics par4kins: X Y Z C) "
-        "or joints (four rotary joints: X Y Z A)",
+        description="what its moves are in: world (kinematics pkmkins: X Y Z, and C where a plate "
+        "turns) or joints (X Y Z, and A for a fourth)",
     )
     hal_file: str | None = Field(
         default=None,
@@ -31,6 +31,12 @@ class LinuxcncConfig(FileModel):
         gt=0.0,
         le=10_000.0,
         description="the speed of the fastest joint at speed_percent 100, deg/s",
+    )
+    full_speed_mm_per_s: float = Field(
+        default=1000.0,
+        gt=0.0,
+        le=100_000.0,
+        description="likewise of carriages, mm/s",
     )
     connect_password: str = Field(
         default="EMC", min_length=1, description="the password of linuxcncrsh's --connectpw"

@@ -201,8 +201,13 @@ class HalParameters:
 
     file: ParameterFile
     pins: HalPins
+    """Those of `pin_of` and of `drawing`."""
     pin_of: Mapping[str, str]
     """The pin of each parameter."""
+    extensions: frozenset[str] = frozenset()
+    """Parameters of imperfect parts, which a set leaves out where they are 0."""
+    drawing: Mapping[str, float] = field(default_factory=dict)
+    """What other pins hold, by pin, wherever an extension is not 0."""
 
     @property
     def needs_machine_off(self) -> bool:
@@ -211,16 +216,20 @@ class HalParameters:
 
     def read(self) -> Mapping[str, float]:
         """The parameters at work in LinuxCNC; raises `DeviceRefused` when its file has others."""
-        held = self._parameters(self.pins.read())
-        filed = self.file.read()
-        if different := [name for name in held if held[name] != filed.get(name)]:
+        pins = self.pins.read()
+        held, filed = self._parameters(pins), self.file.read()
+        names = [name for name in self.pin_of if name in held or name in filed]
+        different = [name for name in names if held.get(name, 0.0) != filed.get(name, 0.0)]
+        if different:
             name = different[0]
             raise DeviceRefused(
-                f"LinuxCNC works with {name} = {held[name]!r}, its HAL file says "
-                f"{filed.get(name)!r} ({len(different)} of {len(held)} differ)",
+                f"LinuxCNC works with {name} = {held.get(name, 0.0)!r}, its HAL file says "
+                f"{filed.get(name)!r} ({len(different)} of {len(names)} differ)",
                 remedy="restart LinuxCNC to take the file, or load again to replace both",
                 code="FILE",
             )
+        if not self.extensions.isdisjoint(held):
+            self._check_drawing(pins)
         return held
 
     def write(self, geometry: Mapping[str, float]) -> None:
@@ -236,14 +245,27 @@ class HalParameters:
             raise self._taken_back(before, error) from error
 
     def _set(self, geometry: Mapping[str, float]) -> None:
-        settings = {self.pin_of[name]: value for name, value in geometry.items()}
-        held = self._parameters(self.pins.write(settings))
-        for name, value in geometry.items():
-            if held.get(name) != value:
+        whole = dict.fromkeys(self.extensions, 0.0) | dict(geometry)
+        settings = {self.pin_of[name]: value for name, value in whole.items()}
+        held = self.pins.write(settings | dict(self.drawing))
+        for name, value in whole.items():
+            if held[self.pin_of[name]] != value:
                 raise DeviceRefused(
-                    f"{name} is {held.get(name)!r} in LinuxCNC after {value!r} was set",
+                    f"{name} is {held[self.pin_of[name]]!r} in LinuxCNC after {value!r} was set",
                     remedy="check what else writes the pins of its kinematics",
                     code="PINS",
+                )
+        self._check_drawing(held)
+
+    def _check_drawing(self, held: Mapping[str, float]) -> None:
+        """Raise `DeviceRefused` where a plate that tilts is drawn otherwise."""
+        for pin, value in self.drawing.items():
+            if held[pin] != value:
+                raise DeviceRefused(
+                    f"LinuxCNC works with {pin} = {held[pin]!r}, the robot file's plate has "
+                    f"{value!r}",
+                    remedy="bring the robot file's plate back, or load again",
+                    code="PLATE",
                 )
 
     def _taken_back(self, before: Mapping[str, float], error: DriverError) -> DeviceRefused:
@@ -260,4 +282,5 @@ class HalParameters:
         return DeviceRefused(f"{error.problem}; {problem}", remedy=remedy, code="NOT LOADED")
 
     def _parameters(self, held: Mapping[str, float]) -> dict[str, float]:
-        return {name: held[pin] for name, pin in self.pin_of.items()}
+        named = {name: held[pin] for name, pin in self.pin_of.items()}
+        return {name: v for name, v in named.items() if v or name not in self.extensions}

@@ -18,12 +18,12 @@ from drivers.errors import (
     WrongDevice,
 )
 from drivers.linuxcnc.client import LinuxcncClient
-from drivers.linuxcnc.settings import JOINTS, Coordinates, LinuxcncSettings
+from drivers.linuxcnc.settings import LinuxcncSettings
 from drivers.plausible import require
 from drivers.polling import comes_true
 from drivers.ports import Clock
 from drivers.session import Session
-from drivers.values import JOINT_ANGLE
+from drivers.values import JOINT_ANGLE, JOINT_LENGTH
 from drivers.wire.linuxcncrsh import Value, read_numbers
 
 LETTERS = "XYZABC"
@@ -40,7 +40,8 @@ FAULT_WORDS = ("following error", "amplifier fault", "amp fault")
 class Snapshot:
     """One reading, in deg and mm as LinuxCNC tells them."""
 
-    joints_deg: tuple[float, ...]
+    joints: tuple[float, ...]
+    """By the machine's own joints."""
     commanded: tuple[float, ...]
     """Place of the trajectory now, by the machine's own letters."""
     idle: bool
@@ -67,7 +68,7 @@ class Machine:
     ) -> None:
         self._session = session
         self._clock = clock
-        self._coordinates = settings.coordinates
+        self._axes, self._letters = settings.axes, settings.letters
         self._deadlines = settings.deadlines.setup
 
     @property
@@ -80,8 +81,8 @@ class Machine:
         client = self.client
         answers = {word: client.get(word) for word in QUESTIONS}
         return Snapshot(
-            joints_deg=_numbers(answers["joint_pos"], JOINTS),
-            commanded=_position(answers["abs_cmd_pos"], self._coordinates),
+            joints=_numbers(answers["joint_pos"], self._axes.joints),
+            commanded=_position(answers["abs_cmd_pos"], self._letters),
             idle=answers["program_status"].text == "IDLE",
             machine_on=answers["machine"].text == "ON",
             emergency_stop=answers["estop"].text != "OFF",
@@ -89,31 +90,39 @@ class Machine:
             raw="; ".join(answer.line for answer in answers.values()),
         )
 
-    def joints_deg(self) -> tuple[float, ...]:
-        """The joints now; raises `ImplausibleAnswer`."""
-        joints_deg = _numbers(self.client.get("joint_pos"), JOINTS)
-        self.require_plausible(joints_deg)
-        return joints_deg
+    def joints(self) -> tuple[float, ...]:
+        """The joints now, deg or mm; raises `ImplausibleAnswer`."""
+        joints = _numbers(self.client.get("joint_pos"), self._axes.joints)
+        self.require_plausible(joints)
+        return joints
 
-    def require_plausible(self, joints_deg: Sequence[float]) -> None:
+    def require_plausible(self, joints: Sequence[float]) -> None:
         """Raise `ImplausibleAnswer` for joints that cannot be. A stop does not ask for it."""
-        for joint, angle_deg in enumerate(joints_deg):
-            require(self.client.name, JOINT_ANGLE, angle_deg, which=f"joint {joint} at")
+        bounds = JOINT_ANGLE if self._axes.are_rotary else JOINT_LENGTH
+        for number, joint in enumerate(joints):
+            require(self.client.name, bounds, joint, which=f"joint {number} at")
 
     def position(self) -> tuple[float, ...]:
         """LinuxCNC's own coordinates of where it is now, mm and deg."""
-        return _position(self.client.get("abs_act_pos"), self._coordinates)
+        return _position(self.client.get("abs_act_pos"), self._letters)
 
     def check_model(self) -> None:
-        """Raise `WrongDevice` unless it has exactly four rotary joints, in mm and deg."""
+        """Raise `WrongDevice` unless it has the robot's joints and no others, in mm and deg.
+
+        LinuxCNC tells of linear joints beyond those that it has, so that these are not counted.
+        """
+        axes = self._axes
         types = self.client.get("joint_type").text.split()
-        rotary = [kind == "ANGULAR" for kind in types]
-        if sum(rotary) != JOINTS or not all(rotary[:JOINTS]):
+        rotary = types.count("ANGULAR")
+        alike = types[: axes.joints] == [axes.joint_type] * axes.joints
+        if not alike or rotary != axes.joints * axes.are_rotary:
+            counted = types if axes.are_rotary else types[: axes.joints]
+            count = counted.count(axes.joint_type)
             raise WrongDevice(
-                f"{self.client.name}: LinuxCNC has {sum(rotary)} rotary joints "
-                f"({' '.join(types)}), a Par4 has {JOINTS}",
-                remedy=f"check the address; set [KINS]JOINTS = {JOINTS} "
-                "and TYPE = ANGULAR for joints 0 to 3",
+                f"{self.client.name}: LinuxCNC has {count} {axes.joint_word} joints "
+                f"({' '.join(types)}), a {axes.robot} has {axes.joints}",
+                remedy=f"check the address; set [KINS]JOINTS = {axes.joints} "
+                f"and TYPE = {axes.joint_type} for joints 0 to {axes.joints - 1}",
             )
         for word, unit in UNITS.items():
             found = self.client.get(word).text
@@ -140,7 +149,7 @@ class Machine:
     def is_homed(self) -> bool:
         """Whether all joints are; LinuxCNC tells of more joints than it has, after those it has."""
         homed = self.client.get("joint_homed").text.split()
-        return homed[:JOINTS] == ["YES"] * JOINTS
+        return homed[: self._axes.joints] == ["YES"] * self._axes.joints
 
     def switch_on(self) -> None:
         """Release LinuxCNC's e-stop and switch the machine on, as far as that is still to be done.
@@ -251,7 +260,7 @@ def _numbers(answer: Value, count: int) -> tuple[float, ...]:
     return numbers[:count]
 
 
-def _position(answer: Value, coordinates: Coordinates) -> tuple[float, ...]:
+def _position(answer: Value, letters: str) -> tuple[float, ...]:
     """The coordinates that this machine moves in; raises `WireError`."""
     told = dict(zip(LETTERS, _numbers(answer, len(LETTERS)), strict=True))
-    return tuple(told[letter] for letter in coordinates.value)
+    return tuple(told[letter] for letter in letters)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from math import inf, isfinite, radians
+from math import inf, isfinite
 
 from drivers.errors import DeviceRefused, LimitViolation, LinkDown, MotionFault
 from drivers.linuxcnc.machine_state import Machine, Snapshot, agree
@@ -60,9 +60,9 @@ class Motion:
         fault = self._fault(snapshot, moving=moving)
         if not (moving or fault):
             self._target = None
-        self._machine.require_plausible(snapshot.joints_deg)
+        self._machine.require_plausible(snapshot.joints)
         return RobotState(
-            joints=tuple(map(radians, snapshot.joints_deg)),
+            joints=tuple(map(self._settings.axes.from_machine, snapshot.joints)),
             moving=moving,
             fault=fault,
             emergency_stop=snapshot.emergency_stop,
@@ -73,10 +73,10 @@ class Motion:
         """True while anything moves, whoever started it."""
         return self._standing(self._machine.snapshot()) is None
 
-    def start(self, way: Sequence[Place], travel_rad: float, speed_fraction: float) -> None:
+    def start(self, way: Sequence[Place], travel: float, speed_fraction: float) -> None:
         """Give the orders and see the motion begin; raises what LinuxCNC's refusal means.
 
-        `travel_rad` is how far the longest joint goes. Orders that follow each other are queued.
+        `travel` is how far the longest joint goes, rad or mm. Orders that follow are queued.
         """
         way = [rounded(place) for place in way]
         snapshot = self._machine.snapshot()
@@ -90,10 +90,11 @@ class Motion:
         self._seen, self._changed_s = (), self._clock.now_s()
         duration_s = None
         if speed_fraction < 1.0:
-            duration_s = travel_rad / len(way) / (speed_fraction * self._settings.full_speed_rad_s)
+            speed_per_s = speed_fraction * self._settings.full_speed_per_s
+            duration_s = travel / len(way) / speed_per_s
         for place in way:
             try:
-                client.order(MDI, block(self._settings.coordinates.value, place, duration_s))
+                client.order(MDI, block(self._settings.letters, place, duration_s))
             except DeviceRefused as error:
                 raise self._not_taken(error) from error
         if not self._comes(lambda: self._has_begun(way[-1])):
@@ -129,7 +130,7 @@ class Motion:
                 return None
             self._clock.sleep_s(READING_PAUSE_S)
             latest = self._machine.snapshot()
-            if not agree(latest.joints_deg, first.joints_deg, self._settings.still_deg):
+            if not agree(latest.joints, first.joints, self._settings.still):
                 return None
         return None if self._is_under_way(latest) else latest
 
@@ -157,7 +158,7 @@ class Motion:
 
     def _is_frozen(self, snapshot: Snapshot, *, moving: bool) -> bool:
         """Positions that should change have stopped changing: stale values look like it."""
-        now_s, seen = self._clock.now_s(), (*snapshot.commanded, *snapshot.joints_deg)
+        now_s, seen = self._clock.now_s(), (*snapshot.commanded, *snapshot.joints)
         if seen != self._seen or not moving:
             self._seen, self._changed_s = seen, now_s
         return now_s - self._changed_s > self._deadlines.frozen_s
@@ -227,12 +228,12 @@ REMEDY = "jog the robot towards the workspace's centre, or allow the joints more
 
 
 def way_to(
-    kinematics: Kinematics, passing: JointLimits, from_rad: Sequence[float], to_rad: Sequence[float]
+    kinematics: Kinematics, passing: JointLimits, here: Sequence[float], there: Sequence[float]
 ) -> tuple[Pose, ...]:
-    """Poses to pass, the last being that of `to_rad`; raises `LimitViolation`."""
-    start, end = kinematics.pose(from_rad), kinematics.pose(to_rad)
+    """Poses to pass, the last being that of the joints `there`; raises `LimitViolation`."""
+    start, end = kinematics.pose(here), kinematics.pose(there)
     for parts in PARTS:
-        between = (_between(from_rad, to_rad, part / parts) for part in range(1, parts))
+        between = (_between(here, there, part / parts) for part in range(1, parts))
         poses = (*map(kinematics.pose, between), end)
         if all(_is_within(kinematics, passing, *leg) for leg in pairwise((start, *poses))):
             return poses

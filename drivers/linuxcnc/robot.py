@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from math import degrees, radians
+from math import degrees
 
 from drivers.errors import DeviceNotReady, DeviceRefused, DriverError, WrongDevice
 from drivers.link import never
@@ -85,7 +85,7 @@ class LinuxcncRobot:
 
         A homing that fails, or that the operator wants to stop, is stopped first. Raises
         `EmergencyStop`, `MotionFault` or `DeviceRefused` with LinuxCNC's words, and `WrongDevice`
-        when another kinematics than Par4's, or with other parameters, is at work.
+        when another kinematics than the robot's, or with other parameters, is at work.
         """
         self._machine.switch_on()
         if not self._machine.is_homed():
@@ -181,7 +181,7 @@ class LinuxcncRobot:
         )
         return Identity(
             vendor="LinuxCNC",
-            model=f"Par4 in {self._settings.coordinates.value}",
+            model=f"{self._settings.axes.robot} in {self._settings.letters}",
             serial=greeting.name,
             firmware="not told",
             protocol=f"linuxcncrsh {greeting.version}",
@@ -231,24 +231,25 @@ class LinuxcncRobot:
     def _start(self, joints: Sequence[float], pose: Pose | None, speed_fraction: float) -> None:
         """Start a move; a pose is that of these joints, as it was asked for."""
         self._settings.limits.check(joints)
-        here_rad = tuple(map(radians, self._machine.joints_deg()))
-        travel_rad = max(abs(q - now) for q, now in zip(joints, here_rad, strict=True))
-        way = [tuple(map(degrees, joints))]
+        axes = self._settings.axes
+        here = tuple(map(axes.from_machine, self._machine.joints()))
+        travel = max(abs(q - now) for q, now in zip(joints, here, strict=True))
+        way = [tuple(map(axes.to_machine, joints))]
         if self._works_in_world:
-            passing = self._settings.limits.wider_by(self._settings.passing_slack_rad)
-            *between, end = way_to(self._active(), passing, here_rad, joints)
-            way = [*map(_world, between), _world(pose or end)]
-        self._motion.start(way, travel_rad, speed_fraction)
+            *between, end = way_to(self._active(), self._settings.passing, here, joints)
+            way = [*map(self._world, between), self._world(pose or end)]
+        self._motion.start(way, travel, speed_fraction)
 
     def _check_kinematics(self) -> None:
         """Raise `WrongDevice` unless LinuxCNC's coordinates are what its joints make of them."""
-        expected = self._machine.joints_deg()
+        expected = self._machine.joints()
         told = self._machine.position()
         if self._works_in_world:
-            expected = _world(self._active().pose(tuple(map(radians, expected))))
+            joints = tuple(map(self._settings.axes.from_machine, expected))
+            expected = self._world(self._active().pose(joints))
         if agree(told, expected, SAME_PLACE):
             return
-        letters = self._settings.coordinates.value
+        letters = self._settings.letters
         raise WrongDevice(
             f"{self._machine.client.name}: LinuxCNC says its {letters} is {_listed(told)}; "
             f"of its joints it should be {_listed(expected)}",
@@ -256,10 +257,12 @@ class LinuxcncRobot:
             "the HAL file, then restart LinuxCNC",
         )
 
-
-def _world(pose: Pose) -> tuple[float, ...]:
-    """X, Y, Z in mm and C in deg."""
-    return pose.x_mm, pose.y_mm, pose.z_mm, degrees(pose.theta_rad or 0.0)
+    def _world(self, pose: Pose) -> tuple[float, ...]:
+        """X, Y, Z in mm and, of a plate that turns, C in deg."""
+        position = pose.x_mm, pose.y_mm, pose.z_mm
+        if not self._settings.axes.has_turn:
+            return position
+        return *position, degrees(pose.theta_rad or 0.0)
 
 
 def _listed(numbers: Sequence[float]) -> str:

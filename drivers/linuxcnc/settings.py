@@ -1,7 +1,7 @@
 """Settings of the LinuxCNC driver, and what it asks of others: kinematics, stored parameters."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from math import degrees, radians
 from typing import Protocol
@@ -9,45 +9,90 @@ from typing import Protocol
 from drivers.errors import LimitViolation
 from drivers.values import Pose
 
-JOINTS = 4
-AT_THE_LIMIT_RAD = 1e-8
+AT_THE_LIMIT = 1e-8
+POSITION = 3
+PASSING_SLACK_DEG = 0.5
+PASSING_SLACK_MM = 5.0
 
 
 class Coordinates(Enum):
-    """The meaning of a move's numbers to the controller, by the letters of its axes."""
+    """The meaning of a move's numbers to the controller, by the letters of its axes.
+
+    A robot of three joints, or without a turn, has the first three.
+    """
 
     JOINTS = "XYZA"
     WORLD = "XYZC"
 
 
 @dataclass(frozen=True, slots=True)
-class JointLimits:
-    """The lowest and the highest angle of every joint."""
+class MachineAxes:
+    """Axes of a robot: how many joints, of which kind, and whether its plate turns."""
 
-    lowest_rad: float
-    highest_rad: float
+    robot: str = "Par4"
+    joints: int = 4
+    are_rotary: bool = True
+    has_turn: bool = True
+
+    @property
+    def joint_type(self) -> str:
+        """Type of the joints in LinuxCNC's word."""
+        return "ANGULAR" if self.are_rotary else "LINEAR"
+
+    @property
+    def joint_word(self) -> str:
+        """Type of the joints for people."""
+        return "rotary" if self.are_rotary else "linear"
+
+    def letters(self, coordinates: Coordinates) -> str:
+        """Letters of the machine's axes in such coordinates."""
+        letters: str = coordinates.value
+        if coordinates is Coordinates.JOINTS:
+            return letters[: self.joints]
+        return letters[: POSITION + self.has_turn]
+
+    def to_machine(self, joint: float) -> float:
+        """Joint in deg or mm, of one in rad or mm."""
+        return degrees(joint) if self.are_rotary else joint
+
+    def from_machine(self, joint: float) -> float:
+        """Joint in rad or mm, of one as LinuxCNC tells it."""
+        return radians(joint) if self.are_rotary else joint
+
+    def text(self, joint: float, form: str) -> str:
+        """Joint for people: `12.345°` or `12.345 mm`."""
+        return f"{self.to_machine(joint):{form}}{'°' if self.are_rotary else ' mm'}"
+
+
+@dataclass(frozen=True, slots=True)
+class JointLimits:
+    """The lowest and the highest place of every joint, rad or mm."""
+
+    lowest: float
+    highest: float
+    axes: MachineAxes = MachineAxes()
 
     def text(self) -> str:
-        """In degrees, for messages."""
-        return f"{degrees(self.lowest_rad):g}° to {degrees(self.highest_rad):g}°"
+        """In degrees or millimetres, for messages."""
+        return f"{self.axes.text(self.lowest, 'g')} to {self.axes.text(self.highest, 'g')}"
 
-    def wider_by(self, slack_rad: float) -> "JointLimits":
+    def wider_by(self, slack: float) -> "JointLimits":
         """Limits of joints that only pass."""
-        return JointLimits(self.lowest_rad - slack_rad, self.highest_rad + slack_rad)
+        return replace(self, lowest=self.lowest - slack, highest=self.highest + slack)
 
     def check(self, joints: Sequence[float]) -> None:
         """Raise `LimitViolation` for a target outside, before anything is sent."""
-        if len(joints) != JOINTS:
+        if len(joints) != self.axes.joints:
             raise LimitViolation(
-                f"{len(joints)} joints were given, the robot has {JOINTS}",
+                f"{len(joints)} joints were given, the robot has {self.axes.joints}",
                 remedy="check the plan",
                 code="LIMIT",
             )
-        allowed = self.wider_by(AT_THE_LIMIT_RAD)
-        for joint, angle_rad in enumerate(joints):
-            if not allowed.lowest_rad <= angle_rad <= allowed.highest_rad:
+        allowed = self.wider_by(AT_THE_LIMIT)
+        for number, joint in enumerate(joints):
+            if not allowed.lowest <= joint <= allowed.highest:
                 raise LimitViolation(
-                    f"joint {joint} to {degrees(angle_rad):.4f}°, limits {self.text()}",
+                    f"joint {number} to {self.axes.text(joint, '.4f')}, limits {self.text()}",
                     remedy="check the plan against the robot file's limits",
                     code="LIMIT",
                 )
@@ -57,11 +102,11 @@ class Kinematics(Protocol):
     """A parameter set at work."""
 
     def joints(self, pose: Pose) -> tuple[float, ...]:
-        """Encoder angles of a pose; raises `LimitViolation` for one out of reach."""
+        """Joints of a pose, rad or mm; raises `LimitViolation` for one out of reach."""
         ...
 
     def pose(self, joints: Sequence[float]) -> Pose:
-        """Pose of encoder angles; raises `LimitViolation` where nothing can be assembled."""
+        """Pose of joints; raises `LimitViolation` where nothing can be assembled."""
         ...
 
 
@@ -137,11 +182,25 @@ class LinuxcncSettings:
 
     coordinates: Coordinates
     limits: JointLimits
-    full_speed_rad_s: float
-    """Of the fastest joint at a speed fraction of 1."""
+    full_speed_per_s: float
+    """Of the fastest joint at a speed fraction of 1, rad/s or mm/s."""
     passwords: Passwords = field(default_factory=Passwords)
-    passing_slack_rad: float = radians(0.5)
-    """Joints may exceed their limits by so much on the way. LinuxCNC must allow it."""
-    still_deg: float = 0.001
-    """The largest difference between readings of a joint that stands."""
+    still: float = 0.001
+    """The largest difference between readings of a joint that stands, deg or mm."""
     deadlines: LinuxcncDeadlines = field(default_factory=LinuxcncDeadlines)
+
+    @property
+    def axes(self) -> MachineAxes:
+        """Axes of the robot."""
+        return self.limits.axes
+
+    @property
+    def letters(self) -> str:
+        """Letters of the machine's axes."""
+        return self.axes.letters(self.coordinates)
+
+    @property
+    def passing(self) -> JointLimits:
+        """Limits of joints on their way, which may exceed the others: LinuxCNC must allow it."""
+        slack = PASSING_SLACK_DEG if self.axes.are_rotary else PASSING_SLACK_MM
+        return self.limits.wider_by(self.axes.from_machine(slack))

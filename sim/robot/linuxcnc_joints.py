@@ -1,4 +1,4 @@
-"""Encoder angles from a real LinuxCNC: the simulated robot is where its joints say.
+"""Encoder readings from a real LinuxCNC: the simulated robot is where its joints say.
 
 Two ways to them, both only reading:
 
@@ -42,9 +42,9 @@ import os, sys, hal
 component = hal.component("pkmcal-joints-%d" % os.getpid())
 component.ready()
 for _ in sys.stdin:
-    print(*(hal.get_value("joint.%d.pos-fb" % joint) for joint in range(4)), flush=True)
+    print(*(hal.get_value("joint.%d.pos-fb" % joint) for joint in range(JOINTS)), flush=True)
 """
-"""Runs beside LinuxCNC: for every line a line, the joints in deg."""
+"""Runs beside LinuxCNC: for every line a line, the joints in deg or mm."""
 
 
 class JointsLost(SimError):
@@ -55,7 +55,7 @@ class JointSource(Protocol):
     """Source of the joints' real positions."""
 
     def read(self) -> Array:
-        """(4,): now; raises `JointsLost`, and begins anew the next time."""
+        """(n,): now; raises `JointsLost`, and begins anew the next time."""
         ...
 
     def close(self) -> None:
@@ -75,7 +75,8 @@ class HalJoints:
 
     def __init__(self, prefix: tuple[str, ...], kind: Kind = PAR4) -> None:
         self._kind = kind
-        self._command = (*prefix, PYTHON, "-u", "-c", shlex.quote(PROGRAM) if prefix else PROGRAM)
+        program = f"JOINTS = {kind.arms}{PROGRAM}"
+        self._command = (*prefix, PYTHON, "-u", "-c", shlex.quote(program) if prefix else program)
         self._program: subprocess.Popen[bytes] | None = None
 
     def read(self) -> Array:

@@ -12,7 +12,7 @@ import pytest
 from linuxcnc_instance import EXAMPLES, LinuxcncInstance, why_not
 
 from campaigns.controllers.active_kinematics import ActiveKinematics
-from campaigns.controllers.linuxcnc_export import PIN_OF, CalibrationFile, RobotIdentity
+from campaigns.controllers.linuxcnc_export import CalibrationFile, RobotIdentity, parameter_pins
 from campaigns.robots.robot import find_robot
 from drivers.linuxcnc.hal_parameters import FileParameters, HalAccess, HalParameters, HalPins
 from drivers.linuxcnc.robot import LinuxcncRobot
@@ -34,6 +34,7 @@ NEEDS_LINUXCNC = [
 ]
 NOMINAL = find_robot("par4-prototype").robot
 IDENTITY = "par4-prototype"
+PIN_OF = parameter_pins(NOMINAL.mechanism)
 LIMITS = JointLimits(*NOMINAL.limits.joint)
 FULL_SPEED_RAD_S = radians(360.0)
 PATIENT = LinuxcncDeadlines(
@@ -55,14 +56,14 @@ SHORT = replace(
 SEEN_WITHIN_S = 10.0
 """Of what the driver tells when it next looks."""
 ARRIVES_WITHIN_S = 30.0
-COMPILED = "par4kins.so"
+COMPILED = "pkmkins.so"
 
 
 def compiled_kinematics(folder):
     """Our kinematics module, compiled as `halcompile --install` would, but not installed."""
     if shutil.which("halcompile") is None:
         pytest.skip("halcompile is not installed")
-    source = EXAMPLES / "par4kins" / "par4kins.c"
+    source = EXAMPLES / "pkmkins" / "pkmkins.c"
     command = ["halcompile", "--compile", str(source)]
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
     return folder / COMPILED
@@ -93,7 +94,9 @@ class Bench:
             self.store = FileParameters(self.file)
         else:
             access = HalAccess(prefix=(str(linuxcnc.beside),))
-            self.store = HalParameters(self.file, HalPins(tuple(PIN_OF.values()), access), PIN_OF)
+            extensions = frozenset(NOMINAL.mechanism.parameters.extensions)
+            pins = HalPins(tuple(PIN_OF.values()), access)
+            self.store = HalParameters(self.file, pins, PIN_OF, extensions)
         settings = LinuxcncSettings(
             coordinates, LIMITS, FULL_SPEED_RAD_S, deadlines=deadlines, **told
         )

@@ -114,7 +114,7 @@ def test_machine_of_five_joints_is_the_wrong_device(tmp_path):
 
 def test_other_kinematics_than_ours_is_the_wrong_device(tmp_path):
     edits = [
-        ("KINEMATICS = par4kins", "KINEMATICS = scarakins"),
+        ("KINEMATICS = pkmkins", "KINEMATICS = scarakins"),
         ("\nHALFILE = calib.hal", ""),
     ]
     with world_controller(tmp_path, edits=edits) as linuxcnc:

@@ -5,11 +5,11 @@ from math import radians
 
 import numpy as np
 import pytest
-from linuxcnc_bench import IDENTITY, NEEDS_LINUXCNC, NOMINAL, Bench, at, world_controller
+from linuxcnc_bench import IDENTITY, NEEDS_LINUXCNC, NOMINAL, PIN_OF, Bench, at, world_controller
 from par4_space import par4
 
 from campaigns.controllers.active_kinematics import ActiveKinematics
-from campaigns.controllers.linuxcnc_export import PIN_OF, write_hal
+from campaigns.controllers.linuxcnc_export import write_hal
 from campaigns.controllers.load import write_verified
 from campaigns.errors import ConfigInvalid
 from drivers.errors import DeviceRefused, LimitViolation, WrongDevice

@@ -6,12 +6,12 @@ import re
 from pathlib import Path
 
 import pytest
-from par4_space import ARM_FIELDS
 from ruamel.yaml import YAML
 
-from campaigns.controllers.linuxcnc_export import PIN_OF, RobotIdentity, parse_hal
+from campaigns.controllers.linuxcnc_export import RobotIdentity, drawing_flat, parse_hal
 from campaigns.errors import ConfigInvalid
 from campaigns.files.yaml_file import checked_settings
+from campaigns.mechanisms.catalog import MECHANISMS
 from campaigns.robots.robot import find_robot
 from campaigns.settings.sections import LinuxcncConfig
 
@@ -42,19 +42,30 @@ def test_soft_limits_leave_joints_room_to_pass(variant):
         assert float(section["MAX_LIMIT"]) >= high + PASSING_DEG
 
 
-def test_kinematics_module_names_its_pins_after_the_parameters():
-    source = (EXAMPLES / "par4kins" / "par4kins.c").read_text()
-    fields = re.search(r"field_name\[FIELDS\] = \{([^}]*)\}", source)
-    assert tuple(re.findall(r'"(\w+)"', fields[1])) == ARM_FIELDS
-    assert '"par4kins.arm%d.%s"' in source
-    assert f'"{PIN_OF["plate_mm"]}"' in source
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_kinematics_module_names_its_pins_after_the_parameters(name):
+    mechanism = MECHANISMS[name]
+    source = (EXAMPLES / "pkmkins" / "pkmkins.c").read_text()
+    arm = "crank" if mechanism.joints[0].is_revolute else "rail"
+    table = re.search(rf"{arm}_fields\[FIELDS\] = \{{([^}}]*)\}}", source)[1]
+    fields = re.findall(r'"(\w+)"', table)
+    space = mechanism.parameters
+    of_arms = {f"arm{arm}.{field}" for arm in range(space.arms) for field in fields}
+    drawing = {key for key in drawing_flat(mechanism) if key.startswith("arm")}
+    platform = {field.name for field in space.platform_fields}
+    assert of_arms | platform == {*space.geometry} | drawing
+    assert all(f'"{field}"' in source for field in platform)
+    assert '"pkmkins.arm%d.%s"' in source
+    assert '"pkmkins.reflector_%c_mm"' in source
+    assert f'{{"{name}", {space.arms}, ' in (EXAMPLES / "pkmkins" / "pkm_robot.h").read_text()
 
 
 def test_kinematics_module_and_its_folder_declare_their_licence():
-    for file in ("par4kins.c", "par4_model.h"):
-        first = (EXAMPLES / "par4kins" / file).read_text().splitlines()[0]
-        assert first == "/* SPDX-License-Identifier: GPL-2.0-or-later"
-    assert "GPL-2.0-or-later" in (EXAMPLES / "par4kins" / "LICENSE.md").read_text()
+    files = sorted((EXAMPLES / "pkmkins").glob("*.[ch]"))
+    assert len(files) == 5
+    for file in files:
+        assert file.read_text().splitlines()[0] == "/* SPDX-License-Identifier: GPL-2.0-or-later"
+    assert "GPL-2.0-or-later" in (EXAMPLES / "pkmkins" / "LICENSE.md").read_text()
 
 
 def documented_settings():

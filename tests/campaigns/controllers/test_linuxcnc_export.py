@@ -10,15 +10,18 @@ from par4_space import NAMES, with_values
 from campaigns.controllers.linuxcnc_export import (
     CalibrationFile,
     RobotIdentity,
+    drawing_flat,
     hal_text,
     parse_hal,
     write_hal,
 )
 from campaigns.errors import ConfigInvalid, OutputExists
+from campaigns.mechanisms.catalog import MECHANISMS
 from campaigns.robots.robot import find_robot
 
 NOMINAL = find_robot("par4-prototype").robot
 WHOSE = RobotIdentity("PAR4-7", NOMINAL)
+TILTED = {"arm1.axis_tilt_deg": 0.02, "arm2.parallelogram_skew_deg": -0.01}
 lengths = st.floats(1e-3, 1e5)
 anything = st.floats(-1e5, 1e5)
 geometries = st.fixed_dictionaries(
@@ -43,36 +46,65 @@ def test_every_double_is_read_as_it_was_written(geometry):
 
 def test_file_is_one_setting_a_parameter_named_after_it():
     lines = [line for line in text_of().splitlines() if not line.startswith("#")]
-    assert lines[0] == "setp par4kins.arm0.x_mm -172.5"
-    assert lines[-1] == "setp par4kins.plate_mm 100.0"
+    assert lines[0] == "setp pkmkins.arm0.x_mm -172.5"
+    assert lines[-1] == "setp pkmkins.plate_mm 100.0"
     assert len(lines) == 29
 
 
-def test_a_set_with_axis_tilts_is_refused_and_the_file_before_stays(tmp_path):
-    path = tmp_path / "calib.hal"
-    file = CalibrationFile(path, WHOSE)
-    file.write(NOMINAL.geometry_flat())
-    before = path.read_text()
-    with pytest.raises(ConfigInvalid, match="kinematics has no axis tilts"):
-        file.write(NOMINAL.geometry_flat() | {"arm1.axis_tilt_deg": 0.02})
-    assert path.read_text() == before
-    assert not file.last_good.exists()
+def test_a_set_with_axis_tilts_and_skews_is_read_as_it_was_written(tmp_path):
+    file = CalibrationFile(tmp_path / "calib.hal", WHOSE)
+    geometry = NOMINAL.geometry_flat() | TILTED
+    file.write(geometry)
+    assert file.read() == geometry
 
 
-def test_a_nominal_robot_with_axis_tilts_cannot_stand_for_a_file_that_is_not_there(tmp_path):
-    tilted = with_values(NOMINAL, {"arm1.axis_tilt_deg": 0.02})
+def test_the_plates_drawing_goes_with_a_set_that_tilts_the_plate_alone():
+    tilted = text_of(with_values(NOMINAL, TILTED))
+    assert "setp pkmkins.arm1.axis_tilt_deg 0.02\n" in tilted
+    for name, value in drawing_flat(NOMINAL.mechanism).items():
+        assert f"setp pkmkins.{name} {value!r}\n" in tilted
+        assert name not in text_of()
+
+
+@pytest.mark.parametrize("change", ["20.5", None])
+def test_a_plate_drawn_otherwise_is_refused_where_it_tilts(change):
+    tilted = with_values(NOMINAL, TILTED)
+    text, line = text_of(tilted), "setp pkmkins.reflector_x_mm 20.0\n"
+    wrong = text.replace(line, "" if change is None else line.replace("20.0", change))
+    assert wrong != text
+    with pytest.raises(ConfigInvalid, match=r"reflector_x_mm is (20\.5|missing), .* it is 20"):
+        parse_hal(wrong, "calib.hal", WHOSE)
+
+
+def test_a_nominal_robot_with_axis_tilts_stands_for_a_file_that_is_not_there(tmp_path):
+    tilted = with_values(NOMINAL, TILTED)
     file = CalibrationFile(
         tmp_path / "calib.hal", RobotIdentity("PAR4-7", tilted), otherwise=tilted
     )
-    with pytest.raises(ConfigInvalid, match=r"arm1\.axis_tilt_deg is 0\.02"):
-        file.read()
+    assert file.read() == tilted.geometry_flat()
 
 
-def test_a_robot_of_another_mechanism_is_refused_for_par4kins_is_none_of_its():
-    delta = find_robot("delta").robot
-    with pytest.raises(ConfigInvalid, match="a delta, but par4kins is for a par4") as caught:
-        hal_text(delta, "DELTA-1")
-    assert "without --format linuxcnc" in caught.value.remedy
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_every_mechanism_is_written_and_read(name):
+    nominal = find_robot("par4-prototype" if name == "par4" else name).robot
+    whose = RobotIdentity("SN-1", nominal)
+    extended = {
+        key: 0.01 * (place + 1) for place, key in enumerate(nominal.mechanism.parameters.extensions)
+    }
+    for robot in (nominal, with_values(nominal, extended)):
+        found = parse_hal(hal_text(robot, "SN-1"), "calib.hal", whose)
+        assert found.geometry_flat() == robot.geometry_flat()
+
+
+def test_a_file_of_another_mechanism_is_refused():
+    whose = RobotIdentity("PAR4-7", find_robot("delta").robot)
+    with pytest.raises(ConfigInvalid, match=r"arm3\.x_mm is no pin of pkmkins for a delta"):
+        parse_hal(text_of(), "calib.hal", whose)
+
+
+def test_a_file_that_was_written_for_par4kins_is_still_read():
+    text = text_of().replace("setp pkmkins.", "setp par4kins.")
+    assert parse_hal(text, "calib.hal", WHOSE).geometry_flat() == NOMINAL.geometry_flat()
 
 
 def test_heading_says_whose_it_is_and_where_it_comes_from():
@@ -113,14 +145,14 @@ def test_file_changed_by_hand_is_refused_until_it_says_so():
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
-        ("setp par4kins.plate_mm 100.0\n", "", "plate_mm is missing"),
-        ("setp par4kins.plate_mm", "setp rotarydeltakins.shinlength", "calib.hal:.*no pin of"),
-        ("setp par4kins.plate_mm", "setp par4kins.plate", "no pin of par4kins"),
+        ("setp pkmkins.plate_mm 100.0\n", "", "plate_mm is missing"),
+        ("setp pkmkins.plate_mm", "setp rotarydeltakins.shinlength", "calib.hal:.*no pin of"),
+        ("setp pkmkins.plate_mm", "setp pkmkins.plate", "no pin of pkmkins"),
         ("plate_mm 100.0", "plate_mm 100,0", "'100,0' is no number"),
         ("plate_mm 100.0", "plate_mm nan", "plate_mm is nan"),
         ("plate_mm 100.0", "plate_mm -100.0", "a length of -100 mm"),
-        ("setp par4kins.plate_mm 100.0", "loadrt par4kins", "no line `setp PIN VALUE`"),
-        ("setp par4kins.plate_mm", "setp par4kins.arm0.x_mm", "arm0.x_mm is set twice"),
+        ("setp pkmkins.plate_mm 100.0", "loadrt pkmkins", "no line `setp PIN VALUE`"),
+        ("setp pkmkins.plate_mm", "setp pkmkins.arm0.x_mm", "arm0.x_mm is set twice"),
     ],
 )
 def test_file_that_is_not_all_and_only_the_parameters_is_refused(old, new, problem):

@@ -66,7 +66,6 @@ INNOCENT = (
 EXAMPLE = "an example in a text for people"
 LETTER = "the letter of a platform's turn, drawn only where poses have one or a test of it was made"
 POSE = "a pose has a turn where the platform turns, and says None elsewhere"
-KINS = "LinuxCNC's own settings: its kinematics module is Par4's"
 ALLOWED = (
     ("app/new_campaign.py", 'DEFAULT_ROBOT = "par4-prototype"', "the default of an option"),
     ("app/cli/import_shots.py", "name,q0_deg…q3_deg,pair,set", EXAMPLE),
@@ -79,8 +78,6 @@ ALLOWED = (
     ("app/report/sections.jinja", "while only θ should change", LETTER),
     ("campaigns/identification/result.py", '{"delta": found.delta}', "a parameter's change"),
     ("campaigns/robots/robot.py", "says nothing of it: Par4's", "robot files older than the key"),
-    ("campaigns/settings/sections.py", "(kinematics par4kins: X Y Z C)", KINS),
-    ("campaigns/settings/sections.py", "(four rotary joints: X Y Z A)", KINS),
     ("drivers/ports.py", "`plate_mm`", EXAMPLE),
     ("drivers/values.py", "theta_rad: float | None = None", POSE),
     ("drivers/values.py", "if self.theta_rad is None", POSE),

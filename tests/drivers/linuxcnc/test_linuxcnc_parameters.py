@@ -5,7 +5,7 @@ import pytest
 from drivers.errors import DeviceRefused, LinkDown
 from drivers.linuxcnc.hal_parameters import FileParameters, HalParameters
 
-PIN_OF = {"arm0.x_mm": "par4kins.arm0.x_mm", "plate_mm": "par4kins.plate_mm"}
+PIN_OF = {"arm0.x_mm": "pkmkins.arm0.x_mm", "plate_mm": "pkmkins.plate_mm"}
 OLD = {"arm0.x_mm": -172.5, "plate_mm": 100.0}
 NEW = {"arm0.x_mm": -172.4, "plate_mm": 100.1}
 
@@ -80,7 +80,7 @@ def test_nothing_is_written_with_the_machine_on(store):
 
 
 def test_pin_that_does_not_take_its_value_has_everything_taken_back(store):
-    store.pins.sticks = "par4kins.plate_mm"
+    store.pins.sticks = "pkmkins.plate_mm"
     with pytest.raises(DeviceRefused, match=r"plate_mm is 100\.0.*old parameters are back"):
         store.write(NEW)
     assert held(store) == (OLD, OLD)

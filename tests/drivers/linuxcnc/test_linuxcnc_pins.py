@@ -8,7 +8,7 @@ import pytest
 from drivers.errors import DeviceRefused, LinkDown, WireError
 from drivers.linuxcnc.hal_parameters import HalAccess, HalPins
 
-NAMES = ("par4kins.arm0.x_mm", "par4kins.plate_mm")
+NAMES = ("pkmkins.arm0.x_mm", "pkmkins.plate_mm")
 ODD = 0.1 + 0.2  # needs 17 digits
 
 HAL = """
@@ -111,9 +111,9 @@ def test_access_that_leads_nowhere_says_why(access, reason):
     "answer",
     [
         '{"pins": {}}',
-        '{"pins": {"par4kins.arm0.x_mm": "nan", "par4kins.plate_mm": "0x1p+0"}}',
-        '{"pins": {"par4kins.arm0.x_mm": 1.0, "par4kins.plate_mm": "0x1p+0"}}',
-        '{"pins": {"par4kins.arm0.x_mm": "0x1p+99999", "par4kins.plate_mm": "0x1p+0"}}',
+        '{"pins": {"pkmkins.arm0.x_mm": "nan", "pkmkins.plate_mm": "0x1p+0"}}',
+        '{"pins": {"pkmkins.arm0.x_mm": 1.0, "pkmkins.plate_mm": "0x1p+0"}}',
+        '{"pins": {"pkmkins.arm0.x_mm": "0x1p+99999", "pkmkins.plate_mm": "0x1p+0"}}',
         '{"pins": 3}',
         "{}",
     ],

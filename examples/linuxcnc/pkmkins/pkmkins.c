@@ -1,0 +1,246 @@
+/* SPDX-License-Identifier: GPL-2.0-or-later
+ *
+ * pkmkins: kinematics of parallel robots for LinuxCNC: Par4, H4, I4R, I4L, Delta, linear Delta.
+ *
+ * This program is free software; you can redistribute it and/or modify it under the terms of the
+ * GNU General Public License as published by the Free Software Foundation, version 2 or later. It
+ * comes WITHOUT ANY WARRANTY. This licence holds for this folder only; see LICENSE.md beside it.
+ *
+ * In the INI file: KINEMATICS = pkmkins type=TYPE, with TYPE par4, h4, i4r, i4l, delta or linear-delta.
+ *
+ * The joints are the motors as the encoders read them, deg, or the carriages, mm. World: X, Y, Z of
+ * the controlled point in mm and, of robots with four arms, C = the plate's natural angle in deg.
+ *
+ * HAL pins hold the geometry, mm and deg, named as pkmcal names parameters: pkmkins.arm0.x_mm and so
+ * on, and pkmkins.plate_mm or pkmkins.pinion_mm. Those that all robots of a type have are 0 at first,
+ * and with lengths of 0 nothing has a solution: nothing moves in world coordinates before a HAL file
+ * has set them. Those of imperfect parts may stay 0, which means perfect ones:
+ *     armN.axis_tilt_deg, armN.parallelogram_skew_deg, of rails armN.rail_tilt_deg
+ * Where one of them is not 0, the plate tilts, and its drawing counts:
+ *     armN.plate_x_mm _y_mm _z_mm    where the forearm's bar sits on its part of the plate
+ *     armN.bar_azimuth_deg           of rails: the direction across which the bars lie
+ *     reflector_x_mm _y_mm _z_mm     the point that is to be at X, Y, Z, seen from the controlled one
+ * Set them only while the machine is off: with power, the joints would jump to where the new values
+ * put them.
+ *
+ * Build and install: halcompile --install pkmkins.c
+ */
+#include "rtapi.h"
+#include "rtapi_app.h"
+#include "rtapi_math.h"
+#include "rtapi_string.h"
+#include "hal.h"
+#include "kinematics.h"
+#include "pkm_model.h"
+
+#define KINDS (int)(sizeof kinds / sizeof kinds[0])
+
+MODULE_LICENSE("GPL");
+MODULE_DESCRIPTION("Kinematics of Par4, H4, I4R, I4L, Delta and linear Delta, parameters as HAL pins");
+
+static char *type = "par4";
+RTAPI_MP_STRING(type, "par4, h4, i4r, i4l, delta or linear-delta");
+
+enum field {
+    X, Y, Z, AZIMUTH, ELEVATION, OFFSET, ARM, FOREARM, RAIL_TILT, AXIS_TILT, SKEW,
+    PLATE_X, PLATE_Y, PLATE_Z, BAR_AZIMUTH, FIELDS
+};
+
+/* no name: the field does not exist, and counts as 0 */
+static const char *const crank_fields[FIELDS] = {
+    "x_mm", "y_mm", "z_mm", "azimuth_deg", 0, "joint_offset_deg", "arm_mm", "forearm_mm",
+    0, "axis_tilt_deg", "parallelogram_skew_deg", "plate_x_mm", "plate_y_mm", "plate_z_mm", 0
+};
+static const char *const rail_fields[FIELDS] = {
+    "x_mm", "y_mm", "z_mm", "azimuth_deg", "elevation_deg", "joint_offset_mm", 0, "forearm_mm",
+    "rail_tilt_deg", "axis_tilt_deg", "parallelogram_skew_deg",
+    "plate_x_mm", "plate_y_mm", "plate_z_mm", "bar_azimuth_deg"
+};
+static const char *const apart_fields[] = {[HINGE] = "plate_mm", [SLIDE] = "pinion_mm"};
+
+static struct pins {
+    hal_float_t *arm[ARMS_AT_MOST][FIELDS];
+    hal_float_t *apart;
+    hal_float_t *reflector[3];
+} *pins;
+
+static const robot_kind *kind;
+
+static double value_of(hal_float_t *pin) { return pin ? *pin : 0.0; }
+
+static vector reflector(void)
+{
+    vector place = {*pins->reflector[0], *pins->reflector[1], *pins->reflector[2]};
+    return place;
+}
+
+/* An arm as its values say; 0 when they cannot be an arm's. */
+static int read_arm(arm_geometry *arm, const double value[FIELDS])
+{
+    double azimuth = value[AZIMUTH] * DEG, axis_tilt = value[AXIS_TILT] * DEG;
+    vector place = {value[X], value[Y], value[Z]};
+    vector on_plate = {value[PLATE_X], value[PLATE_Y], value[PLATE_Z]};
+
+    arm->place = place;
+    arm->on_plate = minus(on_plate, reflector());
+    arm->forearm = value[FOREARM];
+    arm->skew = value[SKEW] * DEG;
+    arm->arm = value[ARM];
+    if (kind->on_rails) {
+        arm->offset = value[OFFSET];
+        set_rail(arm, azimuth, value[ELEVATION] * DEG, value[RAIL_TILT] * DEG);
+        set_bars(arm, value[BAR_AZIMUTH] * DEG, axis_tilt);
+    } else {
+        arm->offset = value[OFFSET] * DEG;
+        set_crank(arm, azimuth, axis_tilt);
+        set_bars(arm, azimuth, axis_tilt);
+    }
+    return arm->forearm > 0.0 && (kind->on_rails || arm->arm > 0.0);
+}
+
+/* The geometry as the pins say now; 0 when it cannot be a robot's. */
+static int read_geometry(robot_geometry *robot)
+{
+    int i, k;
+
+    if (!pins)
+        return 0;
+    robot->kind = kind;
+    robot->is_level = 1;
+    robot->apart = value_of(pins->apart);
+    if (kind->turn != NO_TURN && (!(robot->apart > 0.0) || !isfinite(robot->apart)))
+        return 0;
+    if (!isfinite(dot(reflector(), reflector())))
+        return 0;
+    for (i = 0; i < kind->arms; i++) {
+        double value[FIELDS];
+        for (k = 0; k < FIELDS; k++) {
+            value[k] = value_of(pins->arm[i][k]);
+            if (!isfinite(value[k]))
+                return 0;
+        }
+        if (!read_arm(&robot->arm[i], value))
+            return 0;
+        robot->is_level &= value[SKEW] == 0.0 && value[AXIS_TILT] == 0.0;
+    }
+    robot->home_side = side_at_home(robot);
+    return 1;
+}
+
+static double unit(void) { return kind->on_rails ? 1.0 : DEG; }
+
+/* World coordinates of joints: from where the plate was last, else from safe starts.
+ * Without an assembly the world is left as it was. */
+int kinematicsForward(const double *joint, EmcPose *world, const KINEMATICS_FORWARD_FLAGS *fflags,
+                      KINEMATICS_INVERSE_FLAGS *iflags)
+{
+    robot_geometry robot;
+    plate_pose pose = {{world->tran.x, world->tran.y, world->tran.z}, world->c * DEG};
+    double inner[ARMS_AT_MOST];
+    int i;
+    (void)fflags;
+    (void)iflags;
+
+    if (!read_geometry(&robot))
+        return -1;
+    for (i = 0; i < kind->arms; i++)
+        inner[i] = joint[i] * unit();
+    if (kind->turn == NO_TURN)
+        pose.theta = 0.0;
+    if (!pose_of(&robot, inner, &pose))
+        return -1;
+    world->tran.x = pose.point.x;
+    world->tran.y = pose.point.y;
+    world->tran.z = pose.point.z;
+    world->c = pose.theta / DEG;
+    world->a = world->b = world->u = world->v = world->w = 0.0;
+    return 0;
+}
+
+/* Joints of world coordinates; without a solution the joints are left as they were. */
+int kinematicsInverse(const EmcPose *world, double *joint, const KINEMATICS_INVERSE_FLAGS *iflags,
+                      KINEMATICS_FORWARD_FLAGS *fflags)
+{
+    robot_geometry robot;
+    double inner[ARMS_AT_MOST];
+    plate_pose pose = {{world->tran.x, world->tran.y, world->tran.z}, world->c * DEG};
+    int i;
+    (void)iflags;
+    (void)fflags;
+
+    if (!read_geometry(&robot) || !joints_of(&robot, &pose, inner))
+        return -1;
+    for (i = 0; i < kind->arms; i++)
+        joint[i] = inner[i] / unit();
+    return 0;
+}
+
+KINEMATICS_TYPE kinematicsType(void) { return KINEMATICS_BOTH; }
+
+KINS_NOT_SWITCHABLE
+EXPORT_SYMBOL(kinematicsType);
+EXPORT_SYMBOL(kinematicsForward);
+EXPORT_SYMBOL(kinematicsInverse);
+
+static int component;
+
+static int make_arm_pins(int i)
+{
+    const char *const *names = kind->on_rails ? rail_fields : crank_fields;
+    int k, error = 0;
+
+    for (k = 0; k < FIELDS; k++)
+        if (names[k])
+            error |= hal_pin_float_newf(HAL_IN, &pins->arm[i][k], component, "pkmkins.arm%d.%s",
+                                        i, names[k]);
+    return error;
+}
+
+static int make_pins(void)
+{
+    int i, error = 0;
+
+    for (i = 0; i < kind->arms; i++)
+        error |= make_arm_pins(i);
+    for (i = 0; i < 3; i++)
+        error |= hal_pin_float_newf(HAL_IN, &pins->reflector[i], component,
+                                    "pkmkins.reflector_%c_mm", "xyz"[i]);
+    if (kind->turn != NO_TURN)
+        error |= hal_pin_float_newf(HAL_IN, &pins->apart, component, "pkmkins.%s",
+                                    apart_fields[kind->turn]);
+    return error;
+}
+
+static const robot_kind *find_kind(const char *name)
+{
+    int i;
+
+    for (i = 0; i < KINDS; i++)
+        if (!strcmp(kinds[i].name, name))
+            return &kinds[i];
+    return 0;
+}
+
+int rtapi_app_main(void)
+{
+    kind = find_kind(type);
+    if (!kind) {
+        rtapi_print_msg(RTAPI_MSG_ERR, "pkmkins: type=%s is none of par4, h4, i4r, i4l, delta, "
+                        "linear-delta\n", type);
+        return -1;
+    }
+    component = hal_init("pkmkins");
+    if (component < 0)
+        return component;
+    pins = hal_malloc(sizeof *pins);
+    if (pins)
+        memset(pins, 0, sizeof *pins);
+    if (!pins || make_pins()) {
+        hal_exit(component);
+        return -1;
+    }
+    hal_ready(component);
+    return 0;
+}
+
+void rtapi_app_exit(void) { hal_exit(component); }
