@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from campaigns.errors import Interrupted, JogRequired, NotSettled, TargetOutOfReach
 from campaigns.measuring.rules import MotionRules
 from campaigns.measuring.run_state import EngineState
+from campaigns.measuring.watched_deadline import WatchedDeadline
 from campaigns.mechanisms.mechanism import Axis
 from campaigns.planning.paths import Joints, PathCache
 from campaigns.planning.steps import Step
@@ -94,14 +95,14 @@ class Mover:
         started_s = self._clock.now_s()
         for passed in way[:-1]:
             self._start_joints(passed)
-            last_stop = self._await_arrival(passed, self._deadline_s())
+            last_stop = self._await_arrival(passed, self._deadline())
         start()
-        deadline_s = self._deadline_s()
+        deadline = self._deadline()
         target = way[-1]
-        self._await_arrival(target, deadline_s)
+        self._await_arrival(target, deadline)
         arrived_s = self._clock.now_s()
         entering(EngineState.SETTLING)
-        state = self._settled(target, deadline_s)
+        state = self._settled(target, deadline)
         self._last_target = target
         settle_s = self._clock.now_s() - arrived_s
         return Arrival(state, last_stop.joints, arrived_s - started_s, settle_s)
@@ -135,14 +136,14 @@ class Mover:
 
     def _at_rest(self) -> RobotState:
         """The robot's state before a motion: somebody else may still be moving it."""
-        deadline_s = self._deadline_s()
+        deadline = self._deadline()
         while True:
             self.check_stop()
-            now_s, state = self._clock.now_s(), self._state()
+            is_late, state = deadline.has_passed(), self._state()
             if not state.moving:
                 self._first_stop = self._first_stop or state.joints
                 return state
-            if now_s > deadline_s:
+            if is_late:
                 raise NotSettled(
                     f"the robot has been moving for {self._rules.timeout_s:g} s unasked",
                     remedy="stop it at the controller, then run again",
@@ -176,9 +177,9 @@ class Mover:
             )
         return legs
 
-    def _deadline_s(self) -> float:
-        """When a move that begins now must have ended and settled."""
-        return self._clock.now_s() + self._rules.timeout_s
+    def _deadline(self) -> WatchedDeadline:
+        """Deadline by which a move that begins now must have ended and settled."""
+        return WatchedDeadline(self._clock, self._rules.timeout_s)
 
     def _start(self, step: Step) -> None:
         if step.command == "joints":
@@ -191,25 +192,25 @@ class Mover:
         self.check_stop()
         self._robot.move_joints(target, self._rules.speed_fraction)
 
-    def _await_arrival(self, target: Joints, deadline_s: float) -> RobotState:
+    def _await_arrival(self, target: Joints, deadline: WatchedDeadline) -> RobotState:
         """Wait until the controller has stopped moving, and in place: the next way starts there."""
         while True:
             self.check_stop()
-            now_s, state = self._clock.now_s(), self._state()
+            is_late, state = deadline.has_passed(), self._state()
             if not state.moving and self._in_place(state, target):
                 return state
-            if now_s > deadline_s:
+            if is_late:
                 raise self._not_settled(self._why_not_there(state, target))
             self._clock.sleep_s(self._rules.poll_s)
 
-    def _settled(self, target: Joints, deadline_s: float) -> RobotState:
+    def _settled(self, target: Joints, deadline: WatchedDeadline) -> RobotState:
         """Wait until the joints have been still, and in place, for the settling time."""
         since_s, reference = self._clock.now_s(), self._state()
         last_motion = (0, 0.0)
         while True:
             self._clock.sleep_s(self._rules.poll_s)
             self.check_stop()
-            now_s, state = self._clock.now_s(), self._state()
+            is_late, now_s, state = deadline.has_passed(), self._clock.now_s(), self._state()
             motion = self._apart(state, reference.joints)
             still = not state.moving and _within(motion, self._rules.still_rad)
             if not still:
@@ -217,7 +218,7 @@ class Mover:
             in_place = self._in_place(state, target)
             if still and in_place and now_s - since_s >= self._rules.settle_s:
                 return state
-            if now_s > deadline_s:
+            if is_late:
                 there = state.moving or not in_place
                 raise self._not_settled(
                     self._why_not_there(state, target)

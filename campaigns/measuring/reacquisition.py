@@ -16,6 +16,7 @@ from campaigns.measuring.motion import Mover
 from campaigns.measuring.rules import GateRules
 from campaigns.measuring.run_state import EngineState, RunState
 from campaigns.measuring.series_log import SeriesLog
+from campaigns.measuring.watched_deadline import WatchedDeadline
 from drivers.errors import BeamBroken, LimitViolation
 from drivers.ports import Clock, LaserTracker
 from drivers.values import Vector3
@@ -23,6 +24,11 @@ from drivers.values import Vector3
 LOOK_AGAIN_S = 1.0
 TOLD_AFTER_S = (30.0, 300.0, 3000.0)
 """When the operator is told again that the beam is still broken."""
+FEWEST_SEARCHES = 3
+"""Searches in vain before a pose is held for one at which the reflector cannot be seen.
+
+Few, for each may take as long as a tracker wants.
+"""
 MOST_ANCHORS = 3
 """Poses, latest first, at which the reflector is looked for where it was measured.
 
@@ -82,7 +88,7 @@ class Reacquisition:
         False: it was never seen at this pose, for as long as is waited before another is asked.
         The robot stands still meanwhile, and is watched.
         """
-        since_s = self._clock.now_s()
+        since_s, look_back = self._clock.now_s(), self._look_back_deadline()
         here = self._tracker.direction()
         alarms = iter(TOLD_AFTER_S)
         told_at_s = next(alarms)
@@ -91,7 +97,7 @@ class Reacquisition:
             self._mover.require_sound()
             lasted_s = self._clock.now_s() - since_s
             self._tally.see_beam(locked=False, lost_s=lasted_s)
-            if not seen_here and self.may_look_back() and lasted_s >= self._rules.look_back_s:
+            if look_back.has_passed() and not seen_here and self.may_look_back():
                 return False
             if lasted_s >= told_at_s:
                 told_at_s = next(alarms, float("inf"))
@@ -102,6 +108,10 @@ class Reacquisition:
         lasted_s = self._clock.now_s() - since_s
         self._announce("resumed", f"the tracker has its reflector again, after {lasted_s:.0f} s")
         return True
+
+    def _look_back_deadline(self) -> WatchedDeadline:
+        """Deadline by which a reflector must be found at a pose where it never was."""
+        return WatchedDeadline(self._clock, self._rules.look_back_s, fewest_looks=FEWEST_SEARCHES)
 
     def at_expected(self, joints: tuple[float, ...]) -> bool:
         """Whether the reflector was found where it should be; False too while that is unknown."""

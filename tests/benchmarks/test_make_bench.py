@@ -1,5 +1,6 @@
 """`make bench` and `make torture` themselves, on yardsticks of the test's own."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -25,7 +26,11 @@ def bench(tmp_path):
         for name, text in yardsticks.items():
             (folder / f"{name}.py").write_text(text, encoding="utf-8")
         words = ["make", "--no-print-directory", target, "VENV=venv"]
-        return subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+        # A PYTHONPATH to our own tree would put its `benchmarks` before the test's.
+        own = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+        return subprocess.run(
+            words, cwd=tmp_path, env=own, capture_output=True, text=True, check=False
+        )
 
     return run
 

@@ -11,6 +11,7 @@ from small_plans import LIMITS, MOTION, commanded_as_pose, planned
 from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
 from campaigns.measuring.motion import Arrival, Mover
 from campaigns.measuring.run_state import EngineState
+from campaigns.measuring.watched_deadline import WatchedDeadline
 from campaigns.planning.paths import PathCache, RobotModel, route
 from campaigns.planning.steps import Step
 from campaigns.shots.shot_sets import ShotSet
@@ -210,6 +211,18 @@ def test_joint_that_shakes_is_named_with_value_and_limit() -> None:
     )
 
 
+def test_robot_is_not_late_because_nobody_looked() -> None:
+    """As in a simulated cell whose seconds pass while the process waits for a processor."""
+    cell = FakeCell()
+    sleep_s = cell.clock.sleep_s
+    cell.clock.sleep_s = lambda seconds: sleep_s(max(seconds, 6.0))
+    crept = np.add(NEAR.joints, np.radians([0.0, 0.0, 0.0035, 0.0]))
+    cell.clock.after(7.0, lambda: setattr(cell.robot, "joints", crept))
+    arrival, _ = go(cell, Step(NEAR, "joints"))
+    assert arrival.state.joints == pytest.approx(crept)
+    assert cell.clock.now_s() > MOTION.timeout_s
+
+
 def test_slow_robot_is_named_as_still_moving() -> None:
     cell = FakeCell()
     with pytest.raises(NotSettled, match=r"joint \d is .* from its target .* and still moves"):
@@ -249,7 +262,7 @@ def test_angle_that_is_no_number_is_never_still_nor_in_place() -> None:
     cell.robot.joints = cell.robot.joints + np.array([0.0, 0.0, np.nan, 0.0])
     assert mover.has_moved(before)
     with pytest.raises(NotSettled):
-        mover._await_arrival(before.joints, cell.clock.now_s() + 1.0)
+        mover._await_arrival(before.joints, WatchedDeadline(cell.clock, 1.0))
 
 
 @pytest.mark.parametrize(("moved_deg", "has_moved"), [(0.001, False), (0.003, True)])

@@ -21,7 +21,7 @@ from sim.servers.serving import CellServer
 
 SPEED_UP = 500.0
 PATIENT = GeocomDeadlines()
-IMPATIENT = GeocomDeadlines(answer_s=0.25, greeting_s=0.25, distance_s=2)
+IMPATIENT = GeocomDeadlines(answer_s=0.4, greeting_s=0.4, distance_s=2)
 CCR = "CCR-1.5in"
 
 
@@ -116,7 +116,10 @@ def test_whatever_the_wire_does_no_wrong_point_is_believed(kind, wire):
     with served(wire, faults) as (cell, url), closing(driver_for(url, IMPATIENT)) as tracker:
         tracker.connect()
         tracker.prepare(CCR, 1.0)
-        for _ in range(8):
+        # Eight find both faults; more where a served cell waits too long for a processor.
+        for tried in range(24):
+            if tried >= 8 and measured >= 6:
+                break
             try:
                 point_mm = tracker.measure().point_in_tracker_mm
             except DriverError:
