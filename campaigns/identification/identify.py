@@ -266,8 +266,9 @@ class _Identified:
         met = unseen is not None and limits_met(unseen.summary().after, options.limits_mm)
         judged = self._judged()
         if judged is not None:
-            parts = tuple(name for name in space.free_in_full if name not in self.selection.free)
-            lack = lack_of_fit_of(judged, tuple(name for name in parts if name in space.extensions))
+            beside = {*space.free_by_default, *self.selection.free}
+            parts = tuple(name for name in space.free_in_full if name not in beside)
+            lack = lack_of_fit_of(judged, parts)
             change = change_of(judged, space, lacks=lack is not None)
             if change is not None:
                 yield change_doubt(*change, space)

@@ -95,7 +95,9 @@ def extensions(space: ParameterSpace, model: Model) -> dict[str, tuple[str, ...]
         case Model.FULL:
             return {"rods": rods, FULL: full}
         case Model.AUTO:
-            return {"rods": rods, FULL: full, "axes": axes, **both}
+            # where carriages have no azimuths to tell, axes are the full model
+            wider = {"axes": axes} if set(axes) != set(full) else {}
+            return {"rods": rods, FULL: full, **wider, **both}
         case Model.EXTENDED:
             return {"axes": axes, **both}
 

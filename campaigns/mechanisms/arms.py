@@ -62,6 +62,11 @@ class ArmKind(Protocol):
         ...
 
     @property
+    def tilt_fields(self) -> tuple[str, ...]:
+        """Fields that say which way imperfect parts lean, beside the extensions."""
+        ...
+
+    @property
     def azimuth_is_outward(self) -> bool:
         """Whether forearms' bars lie across the azimuths of the arms."""
         ...
@@ -191,6 +196,7 @@ class RotaryArmKind:
     extensions = (AXIS_TILT,)
     lost_motion = "backlash_deg"
     shows_turn = True
+    tilt_fields: tuple[str, ...] = ()
     azimuth_is_outward = True
     words = ArmWords("its elbow's circle", "out of its arm's plane", "elbow")
 

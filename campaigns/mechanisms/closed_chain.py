@@ -129,6 +129,7 @@ class ClosedChain:
             arms.lost_motion,
             held_fields,
             fix_frame,
+            arms.tilt_fields,
         )
         self._arms = arms
         self._platform = platform

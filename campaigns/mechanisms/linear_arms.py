@@ -98,6 +98,7 @@ class LinearArmKind:
     extensions = (RAIL_TILT, BAR_TILT)
     lost_motion = "backlash_mm"
     shows_turn = False
+    tilt_fields = ("elevation_deg",)
     azimuth_is_outward = False
     words = ArmWords("its carriage's rail", "away from its rail", "carriage")
 

@@ -114,6 +114,9 @@ class ParameterSpace:
     They place the base frame, and say how a turn that is not measured is counted.
     """
 
+    tilt_fields: tuple[str, ...] = ()
+    """Fields in files that say which way imperfect parts lean, beside the extensions."""
+
     @cached_property
     def arm_field_names(self) -> tuple[str, ...]:
         """Names of the fields of each arm, in the order of its values."""
@@ -167,8 +170,9 @@ class ParameterSpace:
 
     @cached_property
     def free_in_full(self) -> tuple[str, ...]:
-        """Names of what shots tell of imperfect parts too: unequal rods and tilted axes."""
-        free = {*self.free_by_default, *self.extensions} - {*self.fix_frame}
+        """Names of what shots tell of imperfect parts too: unequal rods, tilted axes and rails."""
+        tilts = {name for name in self.names if name.rpartition(".")[2] in self.tilt_fields}
+        free = {*self.free_by_default, *self.extensions, *tilts} - {*self.fix_frame}
         return tuple(name for name in self.geometry if name in free)
 
     @cached_property

@@ -205,5 +205,5 @@ def test_what_shots_tell_of_the_full_model_but_not_of_the_frame(member):
     )
     assert observability(problem.jacobian(problem.start())).rank == len(free) + 6
     assert len(free) - len(member.space.free_by_default) == 2 * member.space.arms - 2 + len(
-        [name for name in free if name.endswith("rail_tilt_deg")]
+        [name for name in free if name.endswith(("rail_tilt_deg", "elevation_deg"))]
     )
