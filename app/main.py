@@ -47,6 +47,7 @@ COMMANDS = {
     "identify": ("identify", "Find the parameters that explain what was measured."),
     "validate": ("validate", "Measure how good the robot is, as its user commands it."),
     "export": ("export", "Write the identified parameters as a robot file."),
+    "correct": ("correct", "Correct targets for a controller that keeps its nominal parameters."),
     "load": ("load", "Put the compensated parameters into the controller."),
     "report": (
         "report",

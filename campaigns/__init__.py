@@ -7,10 +7,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from campaigns.api import find_robot, identify, plan, read_shots, study
+    from campaigns.api import correct_targets, find_robot, identify, plan, read_shots, study
     from campaigns.campaign import open_campaign
 
-__all__ = ["find_robot", "identify", "open_campaign", "plan", "read_shots", "study"]
+__all__ = [
+    "correct_targets",
+    "find_robot",
+    "identify",
+    "open_campaign",
+    "plan",
+    "read_shots",
+    "study",
+]
 
 
 def __getattr__(name: str) -> object:

@@ -6,7 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from campaigns.arrays import Array
+from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
+from campaigns.errors import TargetsInvalid
 from campaigns.estimation.estimators import Estimator, Model
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
@@ -70,6 +73,18 @@ def identify(
     """
     models = candidate_models(robot.mechanism.parameters, model, free, fix, priors)
     return select_model(robot.kinematics, shots, models, options, asked=asked_of(model))
+
+
+def correct_targets(poses: Array, identified: RobotFile, nominal: RobotFile) -> Array:
+    """Poses (N, t) to command to a controller that holds the nominal parameters, for wanted ones.
+
+    In mm and rad. Raises `TargetsInvalid` for a pose that the identified robot cannot take.
+    """
+    correction = TargetCorrection(identified.kinematics, nominal.kinematics, nominal.limits)
+    fault = correction.first_fault(poses)
+    if fault is not None:
+        raise TargetsInvalid(f"row {fault.row}: {fault.reason}", remedy="change the pose")
+    return correction.commanded(poses).values_or_raise()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

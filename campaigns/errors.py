@@ -39,6 +39,10 @@ class ShotsMissing(CampaignError):
     """The work asked for needs shots that have not been taken yet: run or import first."""
 
 
+class TargetsInvalid(CampaignError):
+    """A pose or a line of G-code cannot be corrected as written: change the line that is named."""
+
+
 class OutputExists(CampaignError):
     """The file to be written is already there, and nothing is overwritten unasked."""
 

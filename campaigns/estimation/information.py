@@ -170,6 +170,25 @@ def workspace_jacobian(kinematics: Kinematics, free: tuple[str, ...], poses: Arr
     return marginalise_frame(point_jacobian(kinematics, free, joints, poses))
 
 
+def jacobian_in_frame(
+    kinematics: Kinematics, free: tuple[str, ...], poses: Array, reference: Array
+) -> Array:
+    """∂position/∂(free parameters) at poses (N, t), in the best frame of others (M, t), (N, 3, F).
+
+    At the reference poses themselves it is `workspace_jacobian`.
+    """
+    count = len(free)
+
+    def at(each: Array) -> Array:
+        joints = kinematics.inverse(each).values_or_raise()
+        return point_jacobian(kinematics, free, joints, each)
+
+    flat = at(reference).reshape(-1, count + FRAME_COLUMNS)
+    moved = np.linalg.lstsq(flat[:, count:], flat[:, :count], rcond=None)[0]
+    jacobian = at(poses)
+    return np.asarray(jacobian[:, :, :count] - jacobian[:, :, count:] @ moved)
+
+
 def position_std_mm(jacobian: Array, covariance_matrix: Array) -> Array:
     """Root of the summed variances of X, Y and Z where a Jacobian (N, 3, P) looks, (N,).
 

@@ -14,7 +14,19 @@ from app.main import run_command
 from drivers.errors import LinkDown
 
 COMMANDS = (
-    *("new", "robot", "devices", "plan", "run", "import", "identify", "validate", "export", "load"),
+    *(
+        "new",
+        "robot",
+        "devices",
+        "plan",
+        "run",
+        "import",
+        "identify",
+        "validate",
+        "export",
+        "correct",
+    ),
+    "load",
     *("report", "reproduce", "study", "check-journal", "sim", "dry-run"),
 )
 HEAVY = (

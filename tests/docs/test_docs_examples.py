@@ -11,6 +11,7 @@ from typer import Context
 from typer.main import get_command
 
 from app.main import app
+from campaigns.controllers.target_poses import parse_poses
 from campaigns.planning.plan_file import parse_plan
 from campaigns.planning.plans import joints_of, poses_of
 from campaigns.robots.robot import RobotFile, find_robot, read_robot
@@ -75,6 +76,8 @@ def take_part(block: Block) -> None:
 def test_csv_example_is_taken_by_our_readers(block):
     if block.text.startswith("shot,"):
         parse_plan(block.text, block.where, robot_of(block).mechanism)
+    elif block.text.startswith("name,"):
+        parse_poses(block.text, block.where, find_robot("par4-prototype").robot.mechanism)
     else:
         parse_shots(block.text, block.where, robot_of(block).mechanism)
 

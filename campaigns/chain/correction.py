@@ -1,0 +1,159 @@
+"""Correction of targets by a campaign: for controllers that take no parameters."""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.campaign import Campaign
+from campaigns.controllers.calibrated_workspace import (
+    MARGIN_MM,
+    TURN_MARGIN_DEG,
+    CalibratedWorkspace,
+)
+from campaigns.controllers.corrected_targets import PositionPrecision, TargetCorrection
+from campaigns.controllers.export import FILE_NAME
+from campaigns.controllers.gcode_correction import (
+    TOLERANCE_MM,
+    CorrectedProgram,
+    correct_gcode,
+)
+from campaigns.controllers.gcode_moves import ROTARY
+from campaigns.controllers.load_checks import file_objections
+from campaigns.controllers.target_poses import (
+    CorrectedPoses,
+    correct_poses,
+    corrected_text,
+    read_poses,
+)
+from campaigns.errors import ConfigInvalid, FindingUnreadable, TargetsInvalid
+from campaigns.files.text_file import read_text, write_text_unless_there
+from campaigns.identification.result import RecordedIdentification, read_identification
+from campaigns.journal.journal import JournalReader
+from campaigns.journal.records import Finding
+from campaigns.robots.robot import RobotFile, read_robot
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import shots_of_journal
+from drivers.bounded_files import CSV_BYTES, is_there
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectionTerms:
+    """Parameter set that counts as the robot's, and how far beyond its shots it is believed."""
+
+    robot: Path | None = None
+    """Robot file; None: the exported one."""
+    margin_mm: float = MARGIN_MM
+    turn_margin_deg: float = TURN_MARGIN_DEG
+
+
+def target_correction(campaign: Campaign, terms: CorrectionTerms | None = None) -> TargetCorrection:
+    """Correction from the identified set to the nominal one, which the controller holds.
+
+    σ are known where the set is that of an identification in the journal. Raises `ConfigInvalid`
+    for a robot file that is not for this campaign, `ShotsMissing` without measured shots.
+    """
+    terms = terms or CorrectionTerms()
+    robot = identified_set(campaign, terms.robot)
+    with campaign.journal_reader() as journal:
+        found = _identification_of(journal, robot)
+        series = found.series if found else campaign.measured_series(journal).number
+        shots = shots_of_journal(journal.shots(series), campaign.robot.mechanism)
+    measured = robot.kinematics.forward(shots.of_set(ShotSet.IDENTIFICATION).joints)
+    poses = measured.values[measured.found]
+    return TargetCorrection(
+        robot.kinematics,
+        campaign.robot.kinematics,
+        campaign.robot.limits,
+        campaign.space,
+        CalibratedWorkspace.of(poses, robot.mechanism.task, terms.margin_mm, terms.turn_margin_deg),
+        _precision(robot, found, poses),
+    )
+
+
+def identified_set(campaign: Campaign, path: Path | None = None) -> RobotFile:
+    """Identified robot of a file, the exported one by default; raises `ConfigInvalid`."""
+    path = path or campaign.path(FILE_NAME)
+    if not is_there(path):
+        raise ConfigInvalid(
+            f"{path}: there is no such file",
+            remedy=f"`pkmcal export {campaign.folder}` writes what was identified",
+        )
+    robot, nominal = read_robot(path).robot, campaign.robot
+    if robot.mechanism.name != nominal.mechanism.name:
+        raise ConfigInvalid(
+            f"{path}: it is of a {robot.mechanism.name}, this campaign's robot is a "
+            f"{nominal.mechanism.name}",
+            remedy=f"take the file that `pkmcal export {campaign.folder}` writes",
+        )
+    objections = tuple(file_objections(robot, campaign.config.name, nominal))
+    if objections:
+        problems = "; ".join(each.problem for each in objections)
+        raise ConfigInvalid(
+            f"{path}: {problems}",
+            remedy=f"take the file that `pkmcal export {campaign.folder} --overwrite` writes",
+        )
+    return robot
+
+
+def correct_poses_file(
+    campaign: Campaign, source: Path, to: Path, terms: CorrectionTerms, *, overwrite: bool
+) -> CorrectedPoses:
+    """Write a CSV file of wanted and commanded poses.
+
+    Raises `TargetsInvalid`, `OutputExists` or `WriteFailed`.
+    """
+    mechanism = campaign.robot.mechanism
+    targets = read_poses(source, mechanism)
+    found = correct_poses(targets, target_correction(campaign, terms))
+    write_text_unless_there(to, corrected_text(found, mechanism.task), overwrite=overwrite)
+    return found
+
+
+def correct_gcode_file(
+    campaign: Campaign,
+    source: Path,
+    to: Path,
+    terms: CorrectionTerms,
+    *,
+    tolerance_mm: float = TOLERANCE_MM,
+    rotary: str = ROTARY,
+    overwrite: bool,
+) -> CorrectedProgram:
+    """Write a program of corrected moves.
+
+    Raises `TargetsInvalid`, `OutputExists` or `WriteFailed`.
+    """
+    missing = "name a file of G-code"
+    text = read_text(source, TargetsInvalid, if_missing=missing, most_bytes=CSV_BYTES)
+    correction = target_correction(campaign, terms)
+    found = correct_gcode(text, str(source), correction, tolerance_mm=tolerance_mm, rotary=rotary)
+    write_text_unless_there(to, found.text, overwrite=overwrite)
+    return found
+
+
+def _identification_of(journal: JournalReader, robot: RobotFile) -> RecordedIdentification | None:
+    """Latest identification that found just these parameters."""
+    values = robot.geometry_flat()
+    for entry in reversed(journal.records_of(Finding)):
+        if entry.record.kind == "identification":
+            with suppress(FindingUnreadable):
+                found = read_identification(entry.record.body)
+                if {name: found.flat().get(name) for name in values} == values:
+                    return found
+    return None
+
+
+def _precision(
+    robot: RobotFile, found: RecordedIdentification | None, measured: Array
+) -> PositionPrecision | None:
+    if found is None or found.covariance is None:
+        return None
+    space = robot.mechanism.parameters
+    names = [name for name in found.covariance.names if name in space.geometry]
+    rows = [found.covariance.names.index(name) for name in names]
+    units = space.units(names)
+    covariance = found.covariance.array[np.ix_(rows, rows)] * np.outer(units, units)
+    return PositionPrecision(robot.kinematics, tuple(names), covariance, measured)

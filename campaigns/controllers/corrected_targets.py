@@ -1,0 +1,100 @@
+"""Corrected targets: what to command a controller that keeps its nominal parameters.
+
+With the identified model K and the controller's own K0 a wanted pose x has the joints
+q = inverse(K, x); commanded x' = forward(K0, q) makes the controller set these very joints
+(model.md, family).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.controllers.calibrated_workspace import CalibratedWorkspace
+from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
+from campaigns.estimation.information import jacobian_in_frame, position_std_mm
+from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, Limits
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PositionPrecision:
+    """Precision of positions that an identification leaves, in the frame of its own shots."""
+
+    kinematics: Kinematics
+    free: tuple[str, ...]
+    covariance: Array
+    """Of the free parameters, (F, F), mm and rad."""
+    measured: Array
+    """Poses (M, t) of the shots, whose best fit is the frame."""
+
+    def std_mm(self, poses: Array) -> Array:
+        """Root of the summed variances of X, Y and Z at poses (N, t), (N,)."""
+        jacobian = jacobian_in_frame(self.kinematics, self.free, poses, self.measured)
+        return position_std_mm(jacobian, self.covariance)
+
+
+@dataclass(frozen=True, slots=True)
+class TargetFault:
+    """First of several poses that cannot be taken, and why."""
+
+    row: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetCorrection:
+    """Correction of targets from an identified model to the controller's."""
+
+    identified: Kinematics
+    nominal: Kinematics
+    limits: Limits
+    space: RestrictedSpace = UNRESTRICTED
+    workspace: CalibratedWorkspace | None = None
+    """None: it is not looked at."""
+    precision: PositionPrecision | None = None
+    """None: nobody knows it."""
+
+    def commanded(self, wanted: Array) -> KinematicSolution:
+        """Poses (N, t) to command for wanted ones."""
+        joints = self.identified.inverse(wanted)
+        found = joints.found.copy()
+        values = np.full_like(wanted, np.nan)
+        poses = self.nominal.forward(joints.values[found], wanted[found])
+        values[found] = poses.values
+        found[found] = poses.found
+        return KinematicSolution.where(found, values)
+
+    def first_fault(self, wanted: Array) -> TargetFault | None:
+        """First of the poses (N, t) that cannot be taken; None: there is none.
+
+        The real robot's limits count, at the joints that it will have.
+        """
+        judged = self.identified.feasibility(self.limits, wanted)
+        fine = judged.feasible & self.commanded(wanted).found
+        fine &= (self.space.clearance_mm(wanted[:, :3]) >= -ROUNDING_MM).all(axis=1)
+        if self.workspace is not None:
+            fine &= self.workspace.holds(wanted)
+        if fine.all():
+            return None
+        row = int(np.argmin(fine))
+        return TargetFault(row, self._reason(judged.describe(row), wanted[row]))
+
+    def _reason(self, violations: list[str], pose: Array) -> str:
+        if violations:
+            return violations[0]
+        if fault := self.space.fault(pose[:3]):
+            return fault
+        if self.workspace is not None and (fault := self.workspace.fault(pose)):
+            return fault
+        return "the controller's own kinematics cannot be assembled there"
+
+    def std_mm(self, wanted: Array) -> Array:
+        """1 σ of the position at wanted poses (N, t), (N,); NaN where it is not known."""
+        if self.precision is None:
+            return np.full(len(wanted), np.nan)
+        return self.precision.std_mm(wanted)
+
+
+def correction_mm(wanted: Array, commanded: Array) -> Array:
+    """Distances (N,) of commanded positions from wanted ones."""
+    return np.asarray(np.linalg.norm(commanded[:, :3] - wanted[:, :3], axis=1))

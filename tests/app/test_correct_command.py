@@ -1,0 +1,156 @@
+"""`pkmcal correct`: targets of files, and what is refused."""
+
+import csv
+import json
+import shutil
+
+import numpy as np
+import pytest
+from paper_campaign import NOMINAL, PaperCampaign
+from whole_campaigns import whole
+
+from app.main import run_command
+from campaigns.robots.robot import read_robot
+
+__all__ = ["whole"]
+
+POSES = "name,x_mm,y_mm,z_mm,theta_deg\npick,100,0,-600,10\nplace,-120.5,80,-550,-20\n"
+GCODE = "G21 G90\nG0 X0 Y0 Z-575 C0\nG1 X150 F600 (along x)\nM2\n"
+
+
+@pytest.fixture
+def folder(whole: PaperCampaign, tmp_path):
+    return shutil.copytree(whole.folder, tmp_path / "paper")
+
+
+@pytest.fixture
+def correct(folder, capsys):
+    def run(*arguments):
+        capsys.readouterr()
+        code = run_command(["correct", str(folder), *map(str, arguments)])
+        captured = capsys.readouterr()
+        return int(code), captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def poses(tmp_path):
+    path = tmp_path / "targets.csv"
+    path.write_text(POSES, encoding="utf-8")
+    return path
+
+
+def test_poses_with_what_to_command_beside_them(correct, poses, folder):
+    code, out, err = correct("--poses", poses)
+    assert (code, err) == (0, "")
+    written = poses.with_name("targets-corrected.csv")
+    assert f"written: {written}" in out
+    rows = list(csv.DictReader(written.read_text(encoding="utf-8").splitlines()))
+    assert [row["name"] for row in rows] == ["pick", "place"]
+    identified = read_robot(folder / "robot-compensated.yaml").robot.kinematics
+    columns = ("x_mm", "y_mm", "z_mm", "theta_deg")
+    unit = np.array([1.0, 1.0, 1.0, np.pi / 180.0])
+    wanted = np.array([[float(row[each]) for each in columns] for row in rows]) * unit
+    commanded = np.array([[float(row[f"commanded_{each}"]) for each in columns] for row in rows])
+    joints = NOMINAL.robot.kinematics.inverse(commanded * unit).values_or_raise()
+    there = identified.forward(joints).values_or_raise()
+    np.testing.assert_allclose(there, wanted, atol=5e-6)
+    for row, pose, other in zip(rows, wanted, commanded * unit, strict=True):
+        size = np.linalg.norm((other - pose)[:3])
+        assert float(row["correction_mm"]) == pytest.approx(size, abs=2e-6)
+        assert 1e-4 < float(row["position_std_mm"]) < 0.02
+        turned = np.degrees(other[3] - pose[3])
+        assert float(row["correction_theta_deg"]) == pytest.approx(turned, abs=2e-6)
+
+
+def test_what_was_done_as_a_document(correct, poses):
+    code, out, _ = correct("--poses", poses, "--json")
+    document = json.loads(out)
+    assert code == 0
+    assert document["poses"] == 2
+    assert 0.1 < document["correction_mm"]["mean"] <= document["correction_mm"]["max"] < 10.0
+    assert 0.0 < document["position_std_mm"] < 0.02
+
+
+def test_a_set_that_no_identification_found_has_no_uncertainty(correct, poses, folder, tmp_path):
+    text = (folder / "robot-compensated.yaml").read_text(encoding="utf-8")
+    changed = tmp_path / "other.yaml"
+    lines = [line for line in text.splitlines() if not line.startswith("sha256")]
+    changed.write_text("\n".join(lines).replace("z_mm: 0.0", "z_mm: 0.01", 1), encoding="utf-8")
+    code, out, _ = correct("--poses", poses, "--robot", changed, "--json")
+    assert code == 0
+    assert json.loads(out)["position_std_mm"] is None
+    written = poses.with_name("targets-corrected.csv").read_text(encoding="utf-8")
+    assert all(line.endswith(",") for line in written.splitlines()[1:])
+
+
+@pytest.mark.parametrize(
+    ("row", "says"),
+    [
+        ("far,2000,0,-600,0", "targets.csv:4: far: out of reach"),
+        (",0,0,-575,60", "targets.csv:4: theta 60.000° outside [-45°, 45°]"),
+        ("high,0,0,-330,0", "mm outside of the calibrated workspace (limit 25 mm)"),
+        ("turned,0,0,-575,42", "theta 42.000° is"),
+        ("x,0,0,,0", "targets.csv:4: z_mm is empty"),
+    ],
+)
+def test_poses_that_cannot_be_taken_are_refused_by_their_line(correct, poses, row, says):
+    poses.write_text(f"{POSES}{row}\n", encoding="utf-8")
+    code, out, err = correct("--poses", poses)
+    assert (code, out) == (2, "")
+    assert says in err
+    assert " → " in err
+    assert not poses.with_name("targets-corrected.csv").exists()
+
+
+def test_the_calibrated_workspace_can_be_widened(correct, poses):
+    poses.write_text(f"{POSES}turned,0,0,-575,42\n", encoding="utf-8")
+    assert correct("--poses", poses)[0] == 2
+    assert correct("--poses", poses, "--turn-margin", "10")[0] == 0
+
+
+def test_gcode_is_split_and_the_rest_of_it_kept(correct, tmp_path):
+    path, to = tmp_path / "part.ngc", tmp_path / "for-the-robot.ngc"
+    path.write_text(GCODE, encoding="utf-8")
+    code, out, _ = correct("--gcode", path, "--to", to, "--tolerance", "0.001")
+    assert code == 0
+    lines = to.read_text(encoding="utf-8").splitlines()
+    assert (lines[0], lines[-1]) == ("G21 G90", "M2")
+    assert lines[2].endswith("F600 (along x)")
+    assert f"2 moves as {len(lines) - 2} straight ones" in out
+    assert len(lines) > 5
+    assert "1 σ of the position" in out
+    assert correct("--gcode", path, "--to", to)[0] == 2
+    assert correct("--gcode", path, "--to", to, "--overwrite")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ((), "neither --poses nor --gcode"),
+        (("--poses", "a", "--gcode", "b"), "both --poses and --gcode"),
+        (("--gcode", "part.ngc", "--rotary", "X"), "must be one of A, B, C"),
+        (("--poses", "missing.csv"), "missing.csv"),
+    ],
+)
+def test_options_that_cannot_be_meant(correct, words, says):
+    code, _, err = correct(*words)
+    assert code == 2
+    assert says in err
+
+
+def test_without_an_exported_set(correct, folder, poses):
+    (folder / "robot-compensated.yaml").unlink()
+    code, _, err = correct("--poses", poses)
+    assert code == 2
+    assert "pkmcal export" in err
+
+
+def test_a_set_of_another_nominal_robot_is_refused(correct, folder, poses):
+    path = folder / "robot.yaml"
+    text = path.read_text(encoding="utf-8").replace("plate_mm: 100.0", "plate_mm: 100.5")
+    path.write_text(text, encoding="utf-8")
+    code, _, err = correct("--poses", poses)
+    assert code == 2
+    assert "rests on another nominal robot" in err

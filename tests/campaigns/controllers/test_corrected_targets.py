@@ -1,0 +1,132 @@
+"""Corrected targets: commanded to the nominal controller, they bring the robot where it should."""
+
+import numpy as np
+import pytest
+from target_cases import TARGETS
+
+from campaigns.controllers.calibrated_workspace import CalibratedWorkspace
+from campaigns.controllers.corrected_targets import (
+    PositionPrecision,
+    TargetCorrection,
+    correction_mm,
+)
+from campaigns.design.restricted_space import Rectangle, RestrictedSpace, Zone
+from campaigns.errors import ShotsMissing
+from campaigns.estimation.information import position_std_mm, workspace_jacobian
+from campaigns.mechanisms.catalog import MECHANISMS
+
+MEMBERS = pytest.mark.parametrize("member", TARGETS, ids=lambda each: each.name)
+
+
+def correction_of(member, identified="perturbed", **more):
+    robot = member.robots[identified]
+    return TargetCorrection(robot, member.nominal, member.limits, **more)
+
+
+def test_every_mechanism_is_tried():
+    assert {member.name for member in TARGETS} == set(MECHANISMS)
+
+
+@MEMBERS
+@pytest.mark.parametrize("identified", ["perturbed", "tilted"])
+def test_the_robot_stands_where_it_was_wanted(member, identified):
+    correction = correction_of(member, identified)
+    wanted = member.poses(200)
+    commanded = correction.commanded(wanted).values_or_raise()
+    joints = member.nominal.inverse(commanded).values_or_raise()
+    there = member.robots[identified].forward(joints, wanted).values_or_raise()
+    assert np.abs(there - wanted).max() < 1e-8
+    assert correction_mm(wanted, commanded).mean() > 0.1
+
+
+@MEMBERS
+def test_identical_parameters_correct_nothing(member):
+    correction = TargetCorrection(member.nominal, member.nominal, member.limits)
+    wanted = member.poses(200)
+    assert np.abs(correction.commanded(wanted).values_or_raise() - wanted).max() < 1e-9
+
+
+@MEMBERS
+def test_poses_out_of_reach_are_the_fault_that_is_named(member):
+    correction = correction_of(member)
+    wanted = member.poses(5)
+    assert correction.first_fault(wanted) is None
+    wanted[3, 0] += 10_000.0
+    fault = correction.first_fault(wanted)
+    assert fault is not None
+    assert fault.row == 3
+    assert "out of reach" in fault.reason
+    assert not correction.commanded(wanted).found[3]
+
+
+def test_poses_beyond_a_limit_say_value_and_limit():
+    member = next(each for each in TARGETS if each.name == "par4")
+    wanted = member.poses(3)
+    wanted[1, 3] = np.radians(50.0)
+    fault = correction_of(member).first_fault(wanted)
+    assert fault is not None
+    assert (fault.row, "50.000° outside [-45°, 45°]" in fault.reason) == (1, True)
+
+
+def test_poses_in_a_zone_to_keep_out_of_are_refused():
+    member = next(each for each in TARGETS if each.name == "delta")
+    wanted = member.poses(20)
+    zone = Zone("space.z_mm", Rectangle(), (float(wanted[7, 2]) + 1e-3, np.inf), keeps_in=True)
+    fault = correction_of(member, space=RestrictedSpace((zone,))).first_fault(wanted)
+    assert fault is not None
+    assert fault.row == int(np.argmax(wanted[:, 2] < zone.z_mm[0] - 1e-6))
+    assert "below space.z_mm" in fault.reason
+
+
+@MEMBERS
+def test_the_precision_is_that_of_the_workspace(member):
+    """At the shots' own poses it is what plans and identifications say of positions."""
+    free = member.space.free_by_default
+    robot, poses = member.perturbed, member.poses(60)
+    rng = np.random.default_rng(3)
+    root = 1e-3 * rng.standard_normal((len(free), len(free)))
+    precision = PositionPrecision(robot, free, root @ root.T, poses)
+    expected = position_std_mm(workspace_jacobian(robot, free, poses), root @ root.T)
+    np.testing.assert_allclose(precision.std_mm(poses), expected, rtol=1e-6)
+    alone = precision.std_mm(poses[4:5])
+    np.testing.assert_allclose(alone, expected[4:5], rtol=1e-6)
+
+
+class TestCalibratedWorkspace:
+    task = MECHANISMS["par4"].task
+    shots = np.array(
+        [
+            [x, y, z, turn]
+            for x in (0.0, 100.0)
+            for y in (0.0, 100.0)
+            for z in (-500.0, -400.0)
+            for turn in (-0.2, 0.3)
+        ]
+    )
+
+    def workspace(self, **margins):
+        return CalibratedWorkspace.of(self.shots, self.task, **margins)
+
+    def test_holds_what_is_within_the_margin_of_its_hull(self):
+        workspace = self.workspace(margin_mm=10.0)
+        poses = np.array([[50.0, 50.0, -450.0, 0.0]] * 3)
+        poses[1, 0], poses[2, 0] = 109.9, 110.1
+        assert workspace.holds(poses).tolist() == [True, True, False]
+        np.testing.assert_allclose(workspace.beyond_mm(poses), [-50.0, 9.9, 10.1])
+
+    def test_says_how_far_outside_and_the_limit(self):
+        workspace = self.workspace(margin_mm=10.0, turn_margin_deg=1.0)
+        place = np.array([50.0, 50.0, -380.0, 0.0])
+        assert "20.0 mm outside of the calibrated workspace (limit 10 mm)" in workspace.fault(place)
+        turned = np.array([50.0, 50.0, -450.0, 0.4])
+        assert "theta 22.918° is 5.73° outside" in workspace.fault(turned)
+        assert "limit 1°" in workspace.fault(turned)
+        assert not workspace.holds(turned[None])[0]
+
+    def test_can_be_widened(self):
+        wide = self.workspace(margin_mm=30.0, turn_margin_deg=10.0)
+        assert wide.fault(np.array([50.0, 50.0, -380.0, 0.4])) == ""
+
+    def test_needs_shots_that_span_a_volume(self):
+        with pytest.raises(ShotsMissing, match="span no volume"):
+            CalibratedWorkspace.of(self.shots[:4] * [1.0, 1.0, 0.0, 1.0], self.task)
