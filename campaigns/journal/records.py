@@ -54,13 +54,28 @@ class SeriesFinished:
 
 
 @dataclass(frozen=True, slots=True)
+class BeamStart:
+    """Joints at which the robot stood before a session moved it, and the beam's direction then.
+
+    The direction is a unit vector in the tracker's frame.
+    """
+
+    joints: Annotated[Joints, Field(alias="joints_rad")]
+    direction: Vector3
+
+
+@dataclass(frozen=True, slots=True)
 class SessionStarted:
-    """A process takes up a series, for the first time or after a stop or a crash."""
+    """A process takes up a series, for the first time or after a stop or a crash.
+
+    `beam` is None where the tracker told no direction, or the robot was moving; and in old files.
+    """
 
     software_version: str
     robot: Identity | None
     tracker: Identity | None
     weather: Weather | None
+    beam: BeamStart | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,7 +44,6 @@ class Mover:
         self._axes = ways.axes
         self._stop_requested = stop_requested
         self._last_target: Joints | None = None
-        self._first_stop: Joints | None = None
 
     def go(self, step: Step, entering: Callable[[EngineState], None]) -> Arrival:
         """Take the step's way and settle at its end; `entering` is told each new state.
@@ -66,11 +65,6 @@ class Mover:
         here = self._at_rest()
         way = self._legs(self._stop_of(here), joints, name)
         return self._take(way, here, lambda: self._start_joints(joints), entering)
-
-    @property
-    def first_stop(self) -> Joints | None:
-        """The joints at which the robot stood before the first motion; None before it."""
-        return self._first_stop
 
     def pause(self, seconds: float) -> None:
         """Wait, looking at the wish to stop all the time; raises `Interrupted`."""
@@ -141,7 +135,6 @@ class Mover:
             self.check_stop()
             is_late, state = deadline.has_passed(), self._state()
             if not state.moving:
-                self._first_stop = self._first_stop or state.joints
                 return state
             if is_late:
                 raise NotSettled(

@@ -4,13 +4,14 @@ A search starts where the beam points and where the reflector of this very pose 
 starts at another pose's point while the robot is elsewhere.
 """
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from math import sqrt
+from math import dist, sqrt
 
 from campaigns.errors import NotSettled, TargetOutOfReach
-from campaigns.journal.records import Event, EventKind
+from campaigns.journal.records import BeamStart, Event, EventKind
 from campaigns.measuring.monitors import InnovationGate
 from campaigns.measuring.motion import Mover
 from campaigns.measuring.rules import GateRules
@@ -32,8 +33,10 @@ Few, for each may take as long as a tracker wants.
 MOST_ANCHORS = 3
 """Poses, latest first, at which the reflector is looked for where it was measured.
 
-As often, over a whole session, where it began.
+As often, over a whole session, at each place where one began.
 """
+SAME_DIRECTION = 1e-3
+"""Distance of unit vectors of a beam that has stayed where it was."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +60,7 @@ class Reacquisition:
         gate: InnovationGate,
         tally: RunState,
         rules: GateRules,
+        starts: Sequence[BeamStart],
     ) -> None:
         self._tracker = tracker
         self._clock = clock
@@ -65,18 +69,7 @@ class Reacquisition:
         self._gate = gate
         self._tally = tally
         self._rules = rules
-        self._started_towards: Vector3 | None = None
-        self._knows_start = False
-        self._starts_left = MOST_ANCHORS
-
-    def remember_start(self) -> None:
-        """Note where the beam points before the session's first motion: on the robot's reflector.
-
-        Whoever began the session has put it there.
-        """
-        if not self._knows_start:
-            self._knows_start = True
-            self._started_towards = self._tracker.direction()
+        self._starts = deque(MOST_ANCHORS * tuple(starts))
 
     def may_look_back(self) -> bool:
         """Whether there is a pose at which the reflector was measured."""
@@ -140,21 +133,24 @@ class Reacquisition:
         self._tally.rest()
         return self._clock.now_s() - began_s < self._rules.look_back_s
 
-    def look_back(self) -> bool:
+    def look_back(self, standing_mm: Vector3 | None = None) -> bool:
         """Bring robot and beam together where the reflector was seen before; False: nowhere.
 
-        At the pose of a shot that counts, the latest first; else where the session began.
+        At the pose of a shot that counts, the latest first; else where a session began: whoever
+        began it has put the beam onto the robot's reflector, unless it pointed at one that is
+        known to stand elsewhere, at `standing_mm`.
         """
-        return any(map(self._locked_at, self._anchors()))
+        return any(map(self._locked_at, self._anchors(standing_mm)))
 
-    def _anchors(self) -> Iterator[Anchor]:
+    def _anchors(self, standing_mm: Vector3 | None) -> Iterator[Anchor]:
         for outcome in tuple(reversed(self._gate.accepted))[:MOST_ANCHORS]:
             name = f"where shot {outcome.shot} was"
             yield Anchor(name, outcome.joints, outcome.point_in_tracker_mm)
-        start, towards = self._mover.first_stop, self._started_towards
-        if start is not None and towards is not None and self._starts_left > 0:
-            self._starts_left -= 1  # the beam may have been on the wrong one even then
-            yield Anchor("where the run began", start, _at(towards, self._rules.search_mm))
+        while self._starts:  # each is left behind: the beam may have been on a wrong one even then
+            start = self._starts.popleft()
+            if standing_mm is None or not _points_at(start.direction, standing_mm):
+                towards_mm = _at(start.direction, self._rules.search_mm)
+                yield Anchor("where the run began", start.joints, towards_mm)
 
     def _locked_at(self, anchor: Anchor) -> bool:
         self._announce("suspended", f"looking for the reflector {anchor.name}")
@@ -195,6 +191,24 @@ class Reacquisition:
     def _announce(self, kind: EventKind, text: str) -> None:
         self._log.write(Event(kind, text))
         self._tally.event(text)
+
+
+def distinct_starts(starts: Iterable[BeamStart | None]) -> tuple[BeamStart, ...]:
+    """Beginnings of sessions with beams of their own, the latest first.
+
+    Of those with the same, which do not follow the robot, the first: there it had been put.
+    """
+    distinct: list[BeamStart] = []
+    for start in starts:
+        if start is not None and not any(
+            dist(start.direction, each.direction) <= SAME_DIRECTION for each in distinct
+        ):
+            distinct.append(start)
+    return tuple(reversed(distinct))
+
+
+def _points_at(direction: Vector3, point_mm: Vector3) -> bool:
+    return dist(_at(direction, _length(point_mm)), point_mm) <= SAME_DIRECTION * _length(point_mm)
 
 
 def _at(direction: Vector3, distance_mm: float) -> Vector3:

@@ -10,6 +10,7 @@ from campaigns.estimation.incremental_fit import IncrementalGaussNewton
 from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import (
+    BeamStart,
     Event,
     Outcome,
     SeriesFinished,
@@ -22,7 +23,7 @@ from campaigns.measuring.engine import Engine, Monitors
 from campaigns.measuring.monitors import DriftMonitor, InnovationGate, TemperatureMonitor
 from campaigns.measuring.motion import Mover
 from campaigns.measuring.precision_monitor import PrecisionMonitor
-from campaigns.measuring.reacquisition import Reacquisition
+from campaigns.measuring.reacquisition import Reacquisition, distinct_starts
 from campaigns.measuring.reference_poses import (
     BodyComparison,
     ReferencePose,
@@ -201,13 +202,16 @@ def measure_series(
     series = found.number if found else journal.start_series(today)
     log = SeriesLog(journal, series)
     resumed = how_it_stopped(journal, series) if found else ""
-    log.write(SessionStarted(VERSION, today.robot, today.tracker, today.weather))
+    beam = _beam_start(cell)
+    log.write(SessionStarted(VERSION, today.robot, today.tracker, today.weather, beam))
+    starts = [entry.record.beam for entry in journal.records_of(SessionStarted, series)]
     with closing(log):
         if resumed:
             log.write(Event("resumed", f"{work.stage} goes on after {resumed}"))
         left = resume_state(work.steps, journal.shots(series))
         began = found.started if found else today
-        _Run(cell, log, work, watcher, stop_requested).measure(left, began.weather)
+        ours = _Run(cell, log, work, watcher, stop_requested, distinct_starts(starts))
+        ours.measure(left, began.weather)
         if not (found and found.finished):  # one that ended early is finished already
             log.write(SeriesFinished())
     journal.prove()
@@ -223,6 +227,7 @@ class _Run:
     work: Work
     watcher: RunObserver
     stop_requested: Callable[[], bool]
+    starts: Sequence[BeamStart]
 
     def measure(self, found: ResumeState, first_weather: Weather | None) -> None:
         """Void what was cut in two, look whether anything has shifted, then measure the rest."""
@@ -261,7 +266,7 @@ class _Run:
         ways = PathCache(work.robot, stops_of(found.left))
         mover = Mover(cell.robot, cell.clock, work.motion, ways, self.stop_requested)
         reacquisition = Reacquisition(
-            cell.tracker, cell.clock, self.log, mover, gate, tally, work.gate
+            cell.tracker, cell.clock, self.log, mover, gate, tally, work.gate, self.starts
         )
         shooter = ShotTaker(cell, self.log, mover, gate, tally, reacquisition)
         watches = Monitors(
@@ -349,6 +354,14 @@ def _serial(identity: Identity | None) -> str | None:
 def precision_from(shots: Sequence[AcceptedShot], work: Work) -> ParameterPrecision | None:
     """What the accepted shots of a series tell of the parameters, as `identify` will find it."""
     return work.knowing().fitted(shot.outcome for shot in shots)
+
+
+def _beam_start(cell: Cell) -> BeamStart | None:
+    """Where the robot stands and the beam points before this session moves anything."""
+    direction, state = cell.tracker.direction(), cell.robot.state()
+    if direction is None or state.moving:
+        return None
+    return BeamStart(state.joints, direction)
 
 
 def _start_record(cell: Cell, work: Work) -> SeriesStarted:

@@ -132,7 +132,6 @@ class ShotTaker:
         self._tally.enter(EngineState.IDLE)
 
     def _take(self, step: Step, intent: Intent) -> _Taken:
-        self._reacquisition.remember_start()
         arrival = self._arrived(step, intent)
         self._tally.enter(EngineState.MEASURING)
         started_s = self._cell.clock.now_s()

@@ -70,7 +70,7 @@ class WrongTargets:
             for each in standing
             if each.shot in {outcome.shot for outcome in self._gate.accepted}
         )
-        if not self._reacquisition.look_back():
+        if not self._reacquisition.look_back(refused.point_in_tracker_mm):
             raise GateRefused(
                 f"{text}: the tracker is on a reflector that stands elsewhere",
                 remedy="put the beam onto the robot's reflector by hand, cover the other one, then "

@@ -11,7 +11,7 @@ from campaigns.campaign import open_campaign
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize("number", [3, 5])
+@pytest.mark.parametrize("number", [3, 5, 8])
 def test_wrong_targets_at_the_first_shots_end_in_a_complete_campaign(tmp_path, number):
     ran = faults.run_small(tmp_path, "first", faults.first_script(number))
     assert (ran.complete, ran.wrong, ran.shots) == (True, 0, 30)

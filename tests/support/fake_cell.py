@@ -142,6 +142,7 @@ class FakeTracker:
     on_wrong_target: bool = False
     beam_broken: bool = False
     finds: bool = True
+    tells_direction: bool = False
     during_measure: dict[int, Act] = field(default_factory=dict)
     cancelled: Callable[[], bool] = lambda: False
     measured: int = 0
@@ -180,7 +181,10 @@ class FakeTracker:
         return tuple(point.tolist())
 
     def direction(self) -> Vector3 | None:
-        return None
+        if not self.tells_direction:
+            return None
+        point_mm = np.array(self.seen_mm())
+        return tuple((point_mm / np.linalg.norm(point_mm)).tolist())
 
     def go_to(self, point_in_tracker_mm: Vector3) -> None:
         self.calls.append(("tracker.go_to", tuple(round(v, 1) for v in point_in_tracker_mm)))

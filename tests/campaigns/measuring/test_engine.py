@@ -14,6 +14,7 @@ from drivers.values import Weather
 
 GOLDEN_TWO_PAIRS = [
     ("journal.series-started",),
+    ("robot.state",),
     ("journal.session-started",),
     # the drift pose: the robot stands there already, and is still sent there
     ("journal.intent", 0, 1),

@@ -10,10 +10,12 @@ from fake_cell import NOMINAL, TRACKER_FROM_BASE, FakeCell
 from small_plans import FOUR_PAIRS, TWO_PAIRS, pair, work
 from tested_journal import journal_in
 
-from campaigns.errors import GateRefused
-from campaigns.journal.records import Event, Outcome, PairVoided
+from campaigns.errors import GateRefused, Interrupted
+from campaigns.journal.records import BeamStart, Event, Outcome, PairVoided, SessionStarted
+from campaigns.measuring.reacquisition import distinct_starts
 from campaigns.measuring.tracker_place import TrackerSight, found_place
 from campaigns.planning.plan_file import PlannedShot
+from drivers.values import Vector3
 
 PLACE_MM = tuple(TRACKER_FROM_BASE.inverted().translation_mm.tolist())
 SIGHT = TrackerSight(PLACE_MM, None, np.radians(25.0), (0.0, 0.0, -575.0))
@@ -126,6 +128,43 @@ def test_shots_of_a_reflector_that_stands_elsewhere_are_voided_and_the_next_run_
     again = FakeCell()
     with journal_in(tmp_path, again.calls) as journal:
         assert len(journal.shots(again.measure(journal, work()))) == len(TWO_PAIRS)
+
+
+def went_to(cell: FakeCell, direction: Vector3) -> bool:
+    """Whether the tracker was sent there at any distance."""
+    sent_mm = (np.array(call[1]) for call in cell.named("tracker.go_to"))
+    return any(dist(point_mm / np.linalg.norm(point_mm), direction) < 1e-3 for point_mm in sent_mm)
+
+
+def test_session_that_begins_on_a_wrong_target_uses_the_direction_in_which_the_first_began(
+    tmp_path: Path,
+) -> None:
+    """Nothing has contradicted the first shot yet when the first session is cut off."""
+    first, second = FakeCell(), FakeCell()
+    for cell in (first, second):
+        cell.tracker.tells_direction = True
+    began = first.tracker.direction()
+    first.tracker.during_measure = {1: first.tracker.take_wrong_target}
+    first.robot.during_move = {2: first.wish.ask}
+    with journal_in(tmp_path, first.calls) as journal, pytest.raises(Interrupted):
+        first.measure(journal, work())
+    second.tracker.on_wrong_target = True
+    second.robot.joints = first.robot.joints
+    with journal_in(tmp_path, second.calls) as journal:
+        series = second.measure(journal, work())
+        points = [shot.outcome for shot in journal.shots(series)]
+        starts = [entry.record.beam for entry in journal.records_of(SessionStarted)]
+    assert [dist(p.point_in_tracker_mm, true_mm(p)) < 0.01 for p in points] == [True] * 6
+    assert starts[0].direction == pytest.approx(began)
+    assert went_to(second, starts[0].direction)
+    assert not went_to(second, starts[1].direction)
+
+
+def test_beam_that_nobody_moved_between_sessions_is_known_from_where_it_was_first() -> None:
+    put = BeamStart((0.1, 0.2, 0.3, 0.4), (1.0, 0.0, 0.0))
+    left = BeamStart((0.5, 0.5, 0.5, 0.5), (1.0, 1e-4, 0.0))
+    other = BeamStart((0.2, 0.2, 0.2, 0.2), (0.0, 1.0, 0.0))
+    assert distinct_starts([None, put, left, other, None]) == (other, put)
 
 
 def places_told(folder: Path, sight: TrackerSight | None, plan=FOUR_PAIRS) -> list[str]:
