@@ -31,6 +31,7 @@ from campaigns.evaluation.integrity import (
 from campaigns.evaluation.model_errors import (
     ComparedKinematics,
     ModelErrors,
+    SessionShots,
     excluded_rows,
     model_errors,
 )
@@ -42,7 +43,11 @@ from campaigns.evaluation.validation import (
     evaluate_validation,
     validation_verdict,
 )
-from campaigns.identification.result import RecordedIdentification, read_identification
+from campaigns.identification.result import (
+    RecordedIdentification,
+    SessionFrame,
+    read_identification,
+)
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import (
     Event,
@@ -269,8 +274,19 @@ def compared_kinematics(
     return ComparedKinematics(
         before=Kinematics.from_flat(mechanism, found.nominal_flat()),
         after=Kinematics.from_flat(mechanism, flat),
-        tracker_from_base=None if found.frame is None else found.frame.tracker_from_base,
+        sessions=_sessions(found),
         backlash=lost * space.units(space.backlashes),
+    )
+
+
+def _sessions(found: RecordedIdentification) -> tuple[SessionShots, ...]:
+    """Sessions with frames of their own, or all shots as one."""
+    each = found.sessions or (SessionFrame((), found.frame),)
+    return tuple(
+        SessionShots(
+            frozenset(one.shots), None if one.frame is None else one.frame.tracker_from_base
+        )
+        for one in each
     )
 
 

@@ -300,6 +300,11 @@ class PointResiduals:
         turn, _ = small_rotation(x[-6:-3])
         return Transform(self.guess.rotation @ turn, self.guess.translation_mm + x[-3:])
 
+    def session_frames(self, x: Array) -> tuple[Transform, ...]:
+        """Frames from base to tracker that x stands for, one a session."""
+        first = self.tracker_from_base(x)
+        return first, *(motion.after(first) for _, _, motion, _ in self._moved(x))
+
     def rotations(self, x: Array) -> Array:
         """Rotation from base to tracker at every shot, (N, 3, 3)."""
         found = np.tile(self.tracker_from_base(x).rotation, (len(self.points_in_tracker_mm), 1, 1))

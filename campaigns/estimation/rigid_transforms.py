@@ -22,6 +22,13 @@ class Transform:
         """Points (N, 3) in the other frame."""
         return np.asarray(points_mm @ self.rotation.T + self.translation_mm)
 
+    def after(self, first: "Transform") -> "Transform":
+        """This transform behind another one."""
+        return Transform(
+            self.rotation @ first.rotation,
+            self.rotation @ first.translation_mm + self.translation_mm,
+        )
+
     def inverted(self) -> "Transform":
         """The way back."""
         return Transform(self.rotation.T, -self.rotation.T @ self.translation_mm)

@@ -1,6 +1,7 @@
 """Model errors: what the nominal and the identified model miss of the measured shots."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,13 +65,23 @@ class ModelErrors:
     positions: PositionErrors | None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionShots:
+    """Shots between which the tracker's frame did not move."""
+
+    numbers: frozenset[int] = frozenset()
+    """Empty: all that are of no other session."""
+    tracker_from_base: Transform | None = None
+    """None where it was not identified."""
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ComparedKinematics:
-    """Kinematics to compare, and where the tracker stood if that was identified too."""
+    """Kinematics to compare, and where the tracker stood in each session."""
 
     before: Kinematics
     after: Kinematics | None = None
-    tracker_from_base: Transform | None = None
+    sessions: tuple[SessionShots, ...] = (SessionShots(),)
     backlash: Array | None = None
     """Lost motion found of each gear, (n,)."""
 
@@ -81,11 +92,13 @@ def model_errors(
     """Errors of the shots that count, not `excluded` (N,), and at which every model has a pose."""
     solved = _Solved.of(models, shots)
     usable = solved.found & ~excluded
+    session = _session_of(shots, models.sessions)
     points = shots.points_in_tracker_mm
     covariance = shots.covariance_mm2(instrument)
 
     def pair_errors(purpose: ShotSet) -> PairErrors | None:
         rows = usable_pairs(shots, purpose, usable)
+        rows = rows[session[rows[:, 0]] == session[rows[:, 1]]]
         if len(rows) == 0:
             return None
         first, second = rows.T
@@ -100,7 +113,7 @@ def model_errors(
     return ModelErrors(
         pair_errors(ShotSet.IDENTIFICATION),
         pair_errors(ShotSet.VALIDATION),
-        _shot_errors(shots, solved, usable, models.tracker_from_base, covariance),
+        _shot_errors(shots, models, solved, usable, covariance),
         _position_errors(shots, models, solved, usable),
     )
 
@@ -142,19 +155,45 @@ class _Solved:
         return cls(before.values, after.values, before.found & after.found)
 
 
+def _session_of(shots: Shots, sessions: tuple[SessionShots, ...]) -> Index:
+    """Place of each shot's session, (N,); of one that is in none the first's."""
+    places = {number: place for place, each in enumerate(sessions) for number in each.numbers}
+    return np.array([places.get(number, 0) for number in shots.numbers], dtype=np.intp)
+
+
+def _by_session(
+    shots: Shots, models: ComparedKinematics, counted: Mask
+) -> Iterator[tuple[Index, Transform | None]]:
+    """Rows of the counted shots of each session that has enough of them, and its frame."""
+    session = _session_of(shots, models.sessions)
+    for place, each in enumerate(models.sessions):
+        rows = np.flatnonzero(counted & (session == place))
+        if len(rows) >= SHOTS_FOR_A_FRAME:
+            yield rows, each.tracker_from_base
+
+
 def _shot_errors(
-    shots: Shots, solved: _Solved, usable: Mask, frame: Transform | None, covariance_mm2: Array
+    shots: Shots,
+    models: ComparedKinematics,
+    solved: _Solved,
+    usable: Mask,
+    covariance_mm2: Array,
 ) -> ShotErrors | None:
-    fitted = [purpose is ShotSet.IDENTIFICATION for purpose in shots.purposes]
-    rows = np.flatnonzero(usable & np.array(fitted, dtype=bool))
-    if frame is None or solved.after is None or len(rows) < SHOTS_FOR_A_FRAME:
+    fitted = np.array([each is ShotSet.IDENTIFICATION for each in shots.purposes], dtype=bool)
+    if solved.after is None:
         return None
-    measured, nominal = shots.points_in_tracker_mm[rows], solved.before[rows, :3]
-    return ShotErrors(
-        fit_transform(nominal, measured).apply(nominal) - measured,
-        frame.apply(solved.after[rows, :3]) - measured,
-        np.sqrt(np.trace(covariance_mm2[rows], axis1=1, axis2=2) / 3.0),
-    )
+    before, after = np.full((2, len(shots), 3), np.nan)
+    for rows, frame in _by_session(shots, models, usable & fitted):
+        if frame is None:
+            continue
+        measured, nominal = shots.points_in_tracker_mm[rows], solved.before[rows, :3]
+        before[rows] = fit_transform(nominal, measured).apply(nominal) - measured
+        after[rows] = frame.apply(solved.after[rows, :3]) - measured
+    rows = np.flatnonzero(~np.isnan(after[:, 0]))
+    if len(rows) == 0:
+        return None
+    stated_mm = np.sqrt(np.trace(covariance_mm2[rows], axis1=1, axis2=2) / 3.0)
+    return ShotErrors(before[rows], after[rows], stated_mm)
 
 
 def _missed_distances(points: Array, first: Index, second: Index) -> Callable[[Array], Array]:
@@ -169,21 +208,28 @@ def _missed_distances(points: Array, first: Index, second: Index) -> Callable[[A
 def _position_errors(
     shots: Shots, models: ComparedKinematics, solved: _Solved, usable: Mask
 ) -> PositionErrors | None:
-    counted = {ShotSet.IDENTIFICATION, ShotSet.VALIDATION}
-    rows = np.flatnonzero(usable & np.array([p in counted for p in shots.purposes], dtype=bool))
-    if len(rows) < SHOTS_FOR_A_FRAME:
-        return None
-    points = shots.points_in_tracker_mm[rows]
-    try:
-        before = _missed_positions(solved.before[rows], points)
-        after = None if solved.after is None else _missed_positions(solved.after[rows], points)
-    except ValueError:  # the points lie on one line and fix no frame
+    of_sets = {ShotSet.IDENTIFICATION, ShotSet.VALIDATION}
+    counted = usable & np.array([p in of_sets for p in shots.purposes], dtype=bool)
+    before, after = np.full((2, len(shots), 3), np.nan)
+    for rows, _ in _by_session(shots, models, counted):
+        points = shots.points_in_tracker_mm[rows]
+        with suppress(ValueError):  # points on one line fix no frame
+            before[rows] = _missed_positions(solved.before[rows], points)
+            if solved.after is not None:
+                after[rows] = _missed_positions(solved.after[rows], points)
+    rows = np.flatnonzero(~np.isnan(before[:, 0]))
+    if len(rows) == 0:
         return None
     poses = solved.before if solved.after is None else solved.after
     robot = models.after or models.before
     tilt = robot.mechanism.plate_tilt(robot.p, shots.joints[rows], poses[rows])
-    fitted = [shots.purposes[row] is ShotSet.IDENTIFICATION for row in rows.tolist()]
-    return PositionErrors(poses[rows], before, after, np.array(fitted, dtype=bool), tilt)
+    return PositionErrors(
+        poses[rows],
+        before[rows],
+        None if solved.after is None else after[rows],
+        np.array([shots.purposes[row] is ShotSet.IDENTIFICATION for row in rows.tolist()]),
+        tilt,
+    )
 
 
 def _missed_positions(poses: Array, points: Array) -> Array:

@@ -47,7 +47,7 @@ class TimeSeries:
 def time_series(name: str, shots: Shots) -> TimeSeries:
     """Time series of shots, in the order in which they were measured."""
     at_s = _seconds(shots)
-    order = np.argsort(shots.records if shots.records else at_s, kind="stable")
+    order = shots.order_of_time()
     known = _where(order, ~np.isnan(shots.temperature_degC))
     drift = _where(order, np.array([each is ShotSet.DRIFT for each in shots.purposes]))
     points = shots.points_in_tracker_mm[drift]

@@ -28,7 +28,7 @@ def change_of(
     model `lacks` something, what a smooth function of the joints explains is that, not a change.
     """
     fitted, found = points.observations, points.found
-    order = order_of_time(fitted.times)
+    order = fitted.order
     rows = order[~isolated(found.kept[order])]
     shots = _whitened(points, rows)
     if shots is None:
@@ -62,13 +62,6 @@ def lack_of_fit_of(points: PointFit, parts: tuple[str, ...]) -> LackOfFit | None
         tests.append(lack_of_fit(shots.residual, shots.jacobian, columns, "parts"))
     told = [each for each in tests if each is not None and each.significant]
     return min(told, key=lambda each: each.p, default=None)
-
-
-def order_of_time(times: tuple[str, ...]) -> Index:
-    """Rows as they were measured; as they stand where not each has a time of its own."""
-    if len(set(times)) < len(times) or not all(times):
-        return np.arange(len(times))
-    return np.array(sorted(range(len(times)), key=lambda row: times[row]), dtype=np.intp)
 
 
 def isolated(kept: Mask) -> Mask:

@@ -43,9 +43,9 @@ from campaigns.identification.fit import Fit, PointFit, fit_shots, plain_fit
 from campaigns.identification.observations import (
     DistanceObservations,
     Observations,
-    UsablePairs,
-    pair_of,
+    of_one_session,
     position_model,
+    session_of,
     usable_pairs,
     without_assembly,
 )
@@ -63,6 +63,7 @@ from campaigns.identification.result import (
     PositionStd,
     ResidualTable,
     RobotScatter,
+    SessionFrame,
     finite,
 )
 from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, NoSolution
@@ -101,7 +102,7 @@ def identify(
 
 def _check(nominal: Kinematics, shots: Shots, sessions: Mapping[int, int] | None) -> None:
     """Refusal of shots that cannot be this robot's, those of each session for themselves."""
-    own = np.array([(sessions or {}).get(number, 0) for number in shots.numbers])
+    own = session_of(shots, sessions)
     for each in np.unique(own).tolist():
         check_shots(nominal, shots.rows(np.flatnonzero(own == each)), "the shots")
 
@@ -139,7 +140,7 @@ class _Identified:
 
     def result(self) -> IdentificationResult:
         found, options, fit = self.found, self.options, self.found.fit
-        frame = self.fitted.tracker_from_base(found.x)
+        frames = tuple(map(Frame.of, self.fitted.tracker_from_base(found.x)))
         unseen = self.held_out.errors
         verdict, reasons = identification_verdict(self._evidence())
         scatter, noise = self._robot_scatter(), self.fit.stated_noise
@@ -176,7 +177,8 @@ class _Identified:
             robot_scatter=scatter,
             hold_out=self.held_out.tested,
             doubts=self.doubts,
-            frame=None if frame is None else Frame.of(frame),
+            frame=frames[0] if frames else None,
+            sessions=self._sessions(frames),
             verdict=verdict,
             reasons=reasons,
         )
@@ -238,6 +240,18 @@ class _Identified:
                 f"{each.value / unit:.4f} ± {each.std / unit:.4f}, "
                 f"{each.sigmas:.1f} σ off: leave it out or widen it"
             )
+
+    def _sessions(self, frames: tuple[Frame, ...]) -> tuple[SessionFrame, ...]:
+        """Shots of each session by its own frame; empty where all are of one."""
+        if self.options.sessions is None:
+            return ()
+        own, numbers = session_of(self.shots, self.options.sessions), np.array(self.shots.numbers)
+        fitted = np.unique(own[np.isin(numbers, self.fitted.numbers)]).tolist()
+        known = dict(zip(fitted, frames, strict=True)) if frames else {}
+        return tuple(
+            SessionFrame(tuple(numbers[own == each].tolist()), known.get(each))
+            for each in np.unique(own).tolist()
+        )
 
     def _excluded(self) -> tuple[Excluded, ...]:
         held_out = self.held_out
@@ -382,7 +396,7 @@ def _holdout(
 ) -> _Holdout:
     """Errors of the pairs that were not fitted, with the nominal and the found parameters."""
     x = fit.found.x[: len(free)]
-    usable = _of_one_session(
+    usable = of_one_session(
         shots, usable_pairs(at_nominal, shots, ShotSet.VALIDATION), options.sessions
     )
     model = position_model(nominal, shots, np.arange(len(shots)), free)
@@ -404,21 +418,6 @@ def _holdout(
     near = solution.values[rows]
     tested = _tested(nominal, some, near, places.reshape(kept.shape), free, fit, options)
     return _Holdout(errors, tested, usable.excluded, lost)
-
-
-def _of_one_session(
-    shots: Shots, usable: UsablePairs, sessions: Mapping[int, int] | None
-) -> UsablePairs:
-    """Pairs both of whose shots were taken in one session, where sessions have their own frames."""
-    if sessions is None:
-        return usable
-    own = np.array([sessions.get(number, 0) for number in shots.numbers])
-    together = own[usable.rows[:, 0]] == own[usable.rows[:, 1]]
-    apart = tuple(
-        Excluded("its shots are of two sessions", pair=pair_of(shots, row))
-        for row in usable.rows[~together, 0].tolist()
-    )
-    return UsablePairs(usable.rows[together], usable.excluded + apart)
 
 
 def _tested(

@@ -51,6 +51,27 @@ def usable_pairs(nominal: KinematicSolution, data: Shots, purpose: ShotSet) -> U
     return UsablePairs(rows[whole], halves + without_assembly(data, rows[~whole], found, "nominal"))
 
 
+def of_one_session(
+    data: Shots, usable: UsablePairs, sessions: Mapping[int, int] | None
+) -> UsablePairs:
+    """Pairs both of whose shots were taken in one session, where sessions have their own frames."""
+    if sessions is None:
+        return usable
+    own = session_of(data, sessions)
+    together = own[usable.rows[:, 0]] == own[usable.rows[:, 1]]
+    apart = tuple(
+        Excluded("its shots are of two sessions", pair=pair_of(data, row))
+        for row in usable.rows[~together, 0].tolist()
+    )
+    return UsablePairs(usable.rows[together], usable.excluded + apart)
+
+
+def session_of(data: Shots, sessions: Mapping[int, int] | None) -> Index:
+    """Session of each shot, (N,), from those by number; 0 of one that is in none."""
+    own = [(sessions or {}).get(number, 0) for number in data.numbers]
+    return np.array(own, dtype=np.intp)
+
+
 def without_assembly(data: Shots, pairs: Index, found: Mask, which: str) -> tuple[Excluded, ...]:
     """Exclusions of pairs (M, 2): at which of their shots there is no assembly."""
     return tuple(
@@ -120,8 +141,8 @@ class Observations(Protocol):
         """The same with the nominal parameters and, if any, the frame that suits them best."""
         ...
 
-    def tracker_from_base(self, x: Array) -> Transform | None:
-        """None where no frame is estimated."""
+    def tracker_from_base(self, x: Array) -> tuple[Transform, ...]:
+        """Frames at the unknowns x, one a session; none where no frame is estimated."""
         ...
 
 
@@ -156,9 +177,9 @@ class DistanceObservations:
         """Of the kept pairs."""
         return self.misfits_mm(self.model.nominal)[kept]
 
-    def tracker_from_base(self, x: Array) -> None:  # noqa: ARG002 - points need it
+    def tracker_from_base(self, x: Array) -> tuple[Transform, ...]:  # noqa: ARG002 - as points
         """Distances know of no frame."""
-        return
+        return ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,8 +192,8 @@ class PointObservations:
     excluded: tuple[Excluded, ...]
     stated_mm2: Array
     """Covariances that the tracker states, (N, 3, 3)."""
-    times: tuple[str, ...]
-    """When each was measured; empty where nobody said."""
+    order: Index
+    """Rows as they were measured."""
 
     @property
     def kind(self) -> Kind:
@@ -205,9 +226,9 @@ class PointObservations:
             misfits[rows] = frame.apply(positions[rows]) - measured[rows]
         return misfits
 
-    def tracker_from_base(self, x: Array) -> Transform:
-        """The frame that x stands for."""
-        return self.points.tracker_from_base(x)
+    def tracker_from_base(self, x: Array) -> tuple[Transform, ...]:
+        """The frames that x stands for, one a session."""
+        return self.points.session_frames(x)
 
 
 def observations(
@@ -253,7 +274,9 @@ def distance_observations(
     and all alike where that is asked for, without any. Raises as `observations` does.
     """
     solution = at_nominal or nominal.forward(data.joints)
-    usable = usable_pairs(solution, data, ShotSet.IDENTIFICATION)
+    usable = of_one_session(
+        data, usable_pairs(solution, data, ShotSet.IDENTIFICATION), options.sessions
+    )
     apart = data.measured_distances_mm(usable.rows) >= SHORTEST_MM
     together = tuple(
         Excluded("its two shots are at one place", pair=pair_of(data, row))
@@ -321,8 +344,8 @@ def point_observations(
         ) from error
     problem = LeastSquaresProblem(points, COORDINATES, _priors(nominal, selection, model))
     shots = tuple(data.numbers[row] for row in rows.tolist())
-    times = tuple(data.measured_utc[row] for row in rows.tolist())
-    return PointObservations(problem, points, shots, excluded, stated, times)
+    order = data.rows(rows).order_of_time()
+    return PointObservations(problem, points, shots, excluded, stated, order)
 
 
 def _sessions(data: Shots, rows: Index, options: IdentificationOptions) -> Index | None:
@@ -332,7 +355,7 @@ def _sessions(data: Shots, rows: Index, options: IdentificationOptions) -> Index
     """
     if options.sessions is None:
         return None
-    own = [options.sessions.get(data.numbers[row], 0) for row in rows.tolist()]
+    own = session_of(data, options.sessions)[rows]
     _, found, counts = np.unique(own, return_inverse=True, return_counts=True)
     if len(counts) < 2:
         return None

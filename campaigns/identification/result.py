@@ -208,6 +208,15 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True)
+class SessionFrame:
+    """Shots of a session that has a frame of its own, by number, and that frame."""
+
+    shots: tuple[int, ...]
+    frame: Frame | None = None
+    """None where no frame was estimated, or none of its shots was fitted."""
+
+
+@dataclass(frozen=True, slots=True)
 class ResidualTable:
     """Modelled minus measured with the nominal and the identified kinematics, mm, a row each.
 
@@ -286,7 +295,9 @@ class IdentificationResult:
     doubts: tuple[Doubt, ...] = ()
     """All that speak against the result, heeded, accepted or only told."""
     frame: Frame | None = None
-    """None where no frame was estimated."""
+    """None where no frame was estimated; of sessions that of the first that was fitted."""
+    sessions: tuple[SessionFrame, ...] = ()
+    """Empty where all shots share one frame."""
     verdict: Decision
     reasons: tuple[str, ...]
     seconds: float = 0.0

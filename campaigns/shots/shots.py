@@ -71,6 +71,17 @@ class Shots:
         """Whether of any shot it is known from which side its joints came."""
         return bool(self.approach.any())
 
+    def order_of_time(self) -> Index:
+        """Rows as they were measured, by the journal's records: a clock may be set back.
+
+        Outside of a journal by time; as they stand where not each has a time of its own.
+        """
+        if self.records:
+            return np.argsort(self.records, kind="stable")
+        if len(set(self.measured_utc)) < len(self) or not all(self.measured_utc):
+            return np.arange(len(self))
+        return np.argsort(np.array(self.measured_utc), kind="stable")
+
     def rows(self, rows: Index) -> "Shots":
         """Shots of these rows."""
         chosen = rows.tolist()

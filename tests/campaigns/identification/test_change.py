@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from campaigns.errors import ShotsMissing
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.rigid_transforms import Transform
-from campaigns.identification.change import isolated, order_of_time
+from campaigns.identification.change import isolated
 from campaigns.identification.identify import identify
 from campaigns.identification.observations import observations
 from campaigns.identification.options import IdentificationOptions
@@ -98,10 +98,27 @@ def test_rows_left_out_alone_are_isolated_and_runs_are_not():
     assert np.flatnonzero(isolated(kept)).tolist() == [1, 6]
 
 
-def test_order_is_that_of_times_where_each_shot_has_one():
-    assert order_of_time(("b", "a", "c")).tolist() == [1, 0, 2]
-    assert order_of_time(("b", "", "a")).tolist() == [0, 1, 2]
-    assert order_of_time(("a", "a", "a")).tolist() == [0, 1, 2]
+def test_place_of_a_step_is_told_by_records_when_the_clock_was_set_back():
+    """Set back by an hour before shot 100, times would have the last shots come first."""
+    data = changed(3, offset_deg=0.05)
+    times = tuple(
+        f"2026-03-02T{8 if row < 100 else 7:02d}:{row // 60:02d}:{row % 60:02d}.000+00:00"
+        for row in range(len(data))
+    )
+    data = replace(data, measured_utc=times, records=tuple(range(1, len(data) + 1)))
+    doubt = doubt_of(data)
+    assert doubt.numbers["cause"] == "arm2.joint_offset_deg"
+    assert abs(doubt.numbers["before_shot"] - CHANGED_AT) <= 1
+
+
+def test_a_shot_measured_again_at_the_end_comes_last():
+    """As a skipped pose does, which keeps its number."""
+    data = changed(3, offset_deg=0.05)
+    late = (10, 20, 30)
+    records = tuple(row + 1000 * (row in late) for row in range(1, len(data) + 1))
+    rows = replace(data, records=records).order_of_time().tolist()
+    assert rows[-3:] == [row - 1 for row in late]
+    assert rows[:-3] == sorted(rows[:-3])
 
 
 class TestSessions:

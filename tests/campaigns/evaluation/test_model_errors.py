@@ -1,0 +1,110 @@
+"""Model errors over several sessions: each shot by the frame of its own."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from identified_cases import NOISE_MM, NOMINAL, TRACKER_FROM_BASE, TRUTH, noisy, simulated
+from par4_space import SPACE
+from scipy.spatial.transform import Rotation
+
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.rigid_transforms import Transform
+from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.evaluation.model_errors import model_errors
+from campaigns.evidence import compared_kinematics
+from campaigns.identification.identify import identify
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.parameter_selection import select_parameters
+from campaigns.identification.result import RecordedIdentification, read_identification
+
+MOVED_AT = 70
+ELSEWHERE = Transform(
+    Rotation.from_euler("zyx", [70.0, 3.0, -2.0], degrees=True).as_matrix(),
+    np.array([900.0, -2000.0, 40.0]),
+)
+
+
+@pytest.fixture(scope="module")
+def shots():
+    """60 pairs to identify from and 20 unseen ones, the tracker elsewhere from shot 70 on."""
+    data = noisy(simulated(60, 20, seed=6, truth=TRUTH), seed=6)
+    later = np.array(data.numbers) >= MOVED_AT
+    points = data.points_in_tracker_mm
+    points = np.where(later[:, None], ELSEWHERE.apply(points), points)
+    return replace(data, points_in_tracker_mm=points)
+
+
+def recorded(data, estimator, sessions):
+    options = IdentificationOptions(estimator=estimator, sessions=sessions)
+    found = identify(NOMINAL, data, select_parameters(SPACE), options)
+    provenance = {"series": 1, "journal_records": 1, "at_utc": ""}
+    digests = dict.fromkeys(("robot_digest", "plan_digest", "journal_digest"), "")
+    return RecordedIdentification.of(found, **provenance, **digests)
+
+
+def by_number(data):
+    return {number: int(number >= MOVED_AT) for number in data.numbers}
+
+
+def errors_of(data, found):
+    nobody = np.zeros(len(data), dtype=bool)
+    return model_errors(data, compared_kinematics(found, NOMINAL), nobody, TrackerUncertainty())
+
+
+def rms(errors_mm):
+    return float(np.sqrt(np.mean(errors_mm**2)))
+
+
+def test_errors_are_as_small_as_if_nobody_had_moved_the_tracker(shots):
+    found = recorded(shots, Estimator.POINTS, by_number(shots))
+    errors = errors_of(shots, read_identification(found.document()))
+    assert len(errors.shots.after_mm) == 120
+    assert len(errors.positions.after_mm) == 160
+    for after_mm in (errors.shots.after_mm, errors.positions.after_mm, errors.unseen.after_mm):
+        assert rms(after_mm) < 2.0 * NOISE_MM
+    np.testing.assert_allclose(errors.shots.after_mm, found.fitted.after, atol=1e-6)
+    np.testing.assert_allclose(errors.shots.before_mm, found.fitted.before, atol=1e-6)
+
+
+def test_frames_are_those_in_which_the_tracker_stood(shots):
+    found = recorded(shots, Estimator.POINTS, by_number(shots))
+    places = np.eye(3) * 500.0
+    stood = (TRACKER_FROM_BASE, ELSEWHERE.after(TRACKER_FROM_BASE))
+    assert [each.shots for each in found.sessions] == [
+        tuple(n for n in shots.numbers if (n >= MOVED_AT) == late) for late in (False, True)
+    ]
+    one_robot = found.sessions[0].frame.tracker_from_base.inverted()
+    moved = found.sessions[1].frame.tracker_from_base.after(one_robot)
+    in_tracker_mm = stood[0].apply(places)
+    np.testing.assert_allclose(
+        moved.apply(in_tracker_mm), ELSEWHERE.apply(in_tracker_mm), atol=20.0 * NOISE_MM
+    )
+
+
+def test_one_frame_for_all_shots_has_no_sessions(shots):
+    early = shots.rows(np.flatnonzero(np.array(shots.numbers) < MOVED_AT))
+    found = recorded(early, Estimator.POINTS, None)
+    assert found.sessions == ()
+    assert rms(errors_of(early, found).shots.after_mm) < 2.0 * NOISE_MM
+
+
+def test_distances_between_sessions_are_none(shots):
+    """The stand moves between the two shots of a pair: their distance is left out, and named."""
+    between = dict.fromkeys(shots.numbers, 1) | dict.fromkeys(range(MOVED_AT - 1), 0)
+    data = replace(
+        shots,
+        points_in_tracker_mm=np.where(
+            (np.array(shots.numbers) == MOVED_AT - 1)[:, None],
+            ELSEWHERE.apply(shots.points_in_tracker_mm),
+            shots.points_in_tracker_mm,
+        ),
+    )
+    found = recorded(data, Estimator.DISTANCES, between)
+    assert [(each.pair, each.reason) for each in found.excluded] == [
+        (data.pairs[MOVED_AT - 1], "its shots are of two sessions")
+    ]
+    errors = errors_of(data, found)
+    assert len(errors.fitted.pairs) == 59
+    assert rms(errors.fitted.after_mm) < 2.0 * NOISE_MM
+    assert found.verdict == "pass"
