@@ -326,7 +326,7 @@ def _layout(campaign: Campaign) -> RobotLayout:
     joints, task = (
         tuple(axis.column for axis in axes) for axes in (mechanism.joints, mechanism.task)
     )
-    return RobotLayout(joints, task, mechanism.parameters.names)
+    return RobotLayout(joints, task, mechanism.parameters.names, mechanism.parameters.extensions)
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """Ports of the devices; a new controller or tracker is driven by providing one."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Protocol
 
 from drivers.values import (
@@ -62,7 +62,14 @@ class RobotController(Protocol):
         ...
 
     def read_geometry(self) -> Mapping[str, float]:
-        """The active parameters by flat name (`arm0.x_mm`, …, `plate_mm`), mm and deg."""
+        """The active parameters by flat name (`arm0.x_mm`, …, `plate_mm`), mm and deg.
+
+        Those of imperfect parts (axis tilts, skews) are left out where they are 0.
+        """
+        ...
+
+    def lacks(self, names: Collection[str]) -> tuple[str, ...]:
+        """Those of the named parameters of imperfect parts that its kinematics does not have."""
         ...
 
     def write_geometry(self, geometry: Mapping[str, float]) -> None:

@@ -11,8 +11,9 @@ from sim.geometry import Array, Geometry, Kind, geometry_of
 from sim.robot.controller import ControllerSettings
 from sim.robot.driven_robot import Behaviour, Mount, Thermal
 from sim.robot.rods import Build, RodMechanism, rotation
+from sim.robot.tilting_kinematics import PlateDrawing
 from sim.scenarios.robot import ControllerSection, RobotSection, Tolerances
-from sim.scenarios.schema import FaultSection
+from sim.scenarios.schema import FaultSection, Scenario
 from sim.scenarios.tracker import LimitSection, StationSection, TrackerSection
 from sim.tracker.instrument import Air, SimulatedReflector, TrackerSettings
 from sim.tracker.optics import IsotropicNoise, Limit, Noise, SphericalNoise, Station
@@ -76,6 +77,18 @@ def plate_joints_mm(robot: RobotSection, geometry: Geometry) -> Array:
     if geometry.kind.turn is None:
         return PLATE_RADIUS_MM * geometry.outward
     return np.sign(geometry.motors_mm) * [PART_HALF_WIDTH_MM, 0.0, 0.0]
+
+
+def known_drawing(scenario: Scenario, true_flat: dict[str, float]) -> PlateDrawing | None:
+    """What its controller knows of the plate, if it computes how the plate tilts."""
+    if not scenario.controller.computes_plate_tilt:
+        return None
+    robot = scenario.robot
+    return PlateDrawing(
+        plate_joints_mm(robot, geometry_of(true_flat, robot.kind)),
+        robot.rod_spacing_mm,
+        np.array(robot.reflector.offset_mm),
+    )
 
 
 def _of_arms(values: Sequence[float], kind: Kind) -> Array:

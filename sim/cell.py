@@ -59,7 +59,7 @@ class CellMemory(BaseModel):
         kind = KINDS.get(self.mechanism)
         if kind is None:
             raise ValueError(f"mechanism '{self.mechanism}' is not known")
-        if problem := problem_with(self.geometry, kind):
+        if problem := problem_with(self.geometry, kind, extensions=kind.extensions):
             raise ValueError(f"geometry: {problem}")
         if {len(self.encoders_rad), len(self.play_rad), len(self.joints)} != {kind.arms}:
             raise ValueError(f"a {kind.name} has {kind.arms} joints")
@@ -249,6 +249,7 @@ class Cell:
             faults=self.faults,
             worked=self._worked,
             kind=self.kind,
+            drawing=building.known_drawing(self.scenario, self.true_geometry),
         )
 
     def _built_tracker(self, past: CellMemory | None) -> SimulatedTracker:

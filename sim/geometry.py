@@ -5,7 +5,7 @@ three or four, and what its platform does.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -34,6 +34,8 @@ CARRIAGE_FIELDS = (
     "joint_offset_mm",
     "forearm_mm",
 )
+CRANK_EXTENSIONS = ("axis_tilt_deg", "parallelogram_skew_deg")
+CARRIAGE_EXTENSIONS = ("rail_tilt_deg", *CRANK_EXTENSIONS)
 LENGTH_FIELDS = ("arm_mm", "forearm_mm", "plate_mm", "pinion_mm")
 CRANK_MM = 300.0
 """A typical crank: a carriage's travel of that length compares with a crank's turn of 1 rad."""
@@ -84,6 +86,12 @@ class Kind:
         fields = CARRIAGE_FIELDS if self.on_rails else CRANK_FIELDS
         of_arms = (f"arm{arm}.{field}" for arm in range(self.arms) for field in fields)
         return (*of_arms, *(() if self.turn is None else (self.turn.parameter,)))
+
+    @cached_property
+    def extensions(self) -> tuple[str, ...]:
+        """Flat names of what tilts its plate, or a rail aside: 0 of perfect parts."""
+        fields = CARRIAGE_EXTENSIONS if self.on_rails else CRANK_EXTENSIONS
+        return tuple(f"arm{arm}.{field}" for field in fields for arm in range(self.arms))
 
     @property
     def unit(self) -> str:
@@ -196,13 +204,18 @@ NOMINAL_ROBOTS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 )
 
 
-def problem_with(flat: Mapping[str, float], kind: Kind = PAR4) -> str:
-    """Reason why these flat parameters are no robot: the first thing wrong, or nothing."""
+def problem_with(
+    flat: Mapping[str, float], kind: Kind = PAR4, *, extensions: Collection[str] = ()
+) -> str:
+    """Reason why these flat parameters are no robot: the first thing wrong, or nothing.
+
+    Some may be there beside the kind's own.
+    """
     if missing := [name for name in kind.names if name not in flat]:
         return f"{missing[0]} is missing"
-    if unknown := [name for name in flat if name not in kind.names]:
+    if unknown := [name for name in flat if name not in kind.names and name not in extensions]:
         return f"{unknown[0]} is no parameter of this robot"
-    for name in kind.names:
+    for name in flat:
         if not math.isfinite(flat[name]):
             return f"{name} is {flat[name]}, not a finite number"
         if name.endswith(LENGTH_FIELDS) and flat[name] <= 0.0:

@@ -10,7 +10,7 @@ from app.console import terminal_of
 from app.options import Folder, Json
 from campaigns.campaign import open_campaign
 from campaigns.chain.files import export, export_hal, export_shots
-from campaigns.robots.robot import NOT_FOR_CONTROLLERS
+from campaigns.robots.robot import FOR_SOME_CONTROLLERS
 
 
 class Format(Enum):
@@ -57,7 +57,9 @@ def command(
         path = export_hal(campaign, to, overwrite=overwrite)
     else:
         path, robot = export(campaign, to, overwrite=overwrite)
-        next_step = NOT_FOR_CONTROLLERS if robot.is_extended else f"next: pkmcal load {folder}"
+        next_step = f"next: pkmcal load {folder}"
+        if robot.is_extended:
+            terminal.note(FOR_SOME_CONTROLLERS)
     terminal.say(f"written: {path}")
     if next_step:
         terminal.note(next_step)

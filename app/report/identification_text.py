@@ -14,7 +14,7 @@ from app.terminal_picture import histogram_lines
 from campaigns.estimation.estimators import Estimator
 from campaigns.identification.result import STRONG, IdentificationResult
 from campaigns.mechanisms.mechanism import ParameterSpace
-from campaigns.robots.robot import NOT_FOR_CONTROLLERS
+from campaigns.robots.robot import FOR_SOME_CONTROLLERS
 
 CORRELATIONS = 5
 """So many of the strongest are shown."""
@@ -42,7 +42,7 @@ def show(terminal: Terminal, found: IdentificationResult, space: ParameterSpace)
     for reason in found.reasons:
         terminal.say(f"  {reason}")
     if any(name in space.extensions for name in found.free):
-        terminal.say(NOT_FOR_CONTROLLERS, WARNING)
+        terminal.say(FOR_SOME_CONTROLLERS, WARNING)
 
 
 def _remaining(found: IdentificationResult) -> str:

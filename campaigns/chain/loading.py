@@ -225,7 +225,6 @@ def _wanted(campaign: Campaign, source: Path | None, terms: LoadTerms) -> _Wante
     source = source or campaign.path(parameter_file.FILE_NAME)
     robot, nominal = read_robot(source).robot, campaign.robot
     require_same_mechanism(source, robot, nominal)
-    robot.controller_flat()
     objections = tuple(file_objections(robot, campaign.config.name, nominal))
     if not terms.force:
         refuse(source, objections)
@@ -259,7 +258,7 @@ class _Loading:
         robot = read_robot(source).robot
         require_same_mechanism(source, robot, self.campaign.robot)
         what = f"what the controller held before the load of {latest.record.source}"
-        if not differing(held, robot.controller_flat()):
+        if not differing(held, robot.geometry_flat()):
             self.terms.tell(f"{what} ({latest.at_utc}) was put back already by other means")
             if not self.terms.dry:
                 already_back(self.journal, latest, robot.digest())
@@ -279,7 +278,11 @@ class _Loading:
         return held
 
     def _checked(self, wanted: _Wanted, expected_serial: object) -> _Wanted:
-        """With what the controller's serial number says; raises `ConfigInvalid`."""
+        """With what the controller's serial number says; raises `ConfigInvalid`.
+
+        Also for parameters that its kinematics lacks, which no force can put into it.
+        """
+        wanted.robot.controller_flat(self.controller.lacks(wanted.robot.extended_by))
         found = tuple(serial_objections(expected_serial, self.controller.identity().serial))
         if not self.terms.force:
             refuse(wanted.source, found)
@@ -289,7 +292,7 @@ class _Loading:
         return _Wanted(wanted.source, wanted.robot, objections, wanted.takes_back)
 
     def _carry_out(self, wanted: _Wanted, held: dict[str, float]) -> LoadResult:
-        values = wanted.robot.controller_flat()
+        values = wanted.robot.geometry_flat()
         if not differing(held, values):
             return LoadResult(wanted.source, "already")
         shots = self.verifier.shots(held, values) if self.verifier else ()
@@ -320,7 +323,7 @@ class _Loading:
             source=wanted.source.name,
             digest=wanted.robot.digest(),
             kept=kept.name,
-            wanted=wanted.robot.controller_flat(),
+            wanted=wanted.robot.geometry_flat(),
             held=held,
             controller_serial=self.controller.identity().serial,
             rolls_back=wanted.takes_back.number if wanted.takes_back else None,

@@ -128,17 +128,16 @@ def wrong_stage(
     again = "--anyway measures it all the same"
     if mixture:
         return OptionsInvalid(f"--stage {stage}: {mixture}", remedy=again)
-    names = campaign.robot.mechanism.parameters.names
     if stage == "after":
-        nominal = campaign.robot.geometry_flat()
-        if differing(held, {name: nominal[name] for name in names}):
+        if differing(held, campaign.robot.geometry_flat()):
             return None
         return OptionsInvalid(
             "--stage after: the controller still holds the nominal parameters",
             remedy=f"`pkmcal load {campaign.folder}` first, or --stage before; {again}",
         )
     for found in _identified(campaign):
-        if not differing(held, {name: found.flat()[name] for name in names}):
+        space = campaign.robot.mechanism.parameters
+        if not differing(held, space.flat(space.vector(found.flat()))):
             return OptionsInvalid(
                 "--stage before: the controller holds what was identified in this campaign "
                 f"({found.at_utc})",

@@ -63,11 +63,12 @@ class Change:
 def changes(active: Mapping[str, float], robot: RobotFile) -> tuple[Change, ...]:
     """Changes that loading a robot file would make, parameter by parameter, all of them.
 
-    Raises `ConfigInvalid` for a set with axis tilts.
+    Extensions (axis tilts, skews) are among them where they are not 0 before or after.
     """
-    new, std = robot.controller_flat(), robot.uncertainty or {}
-    names = robot.mechanism.parameters.names
-    return tuple(Change(n, active[n], new[n], std.get(n)) for n in names)
+    new, std, space = robot.geometry_flat(), robot.uncertainty or {}, robot.mechanism.parameters
+    beyond = (name for name in space.extensions if name in active or name in new)
+    own = tuple(Change(n, active[n], new[n], std.get(n)) for n in space.names)
+    return own + tuple(Change(n, active.get(n, 0.0), new.get(n, 0.0), std.get(n)) for n in beyond)
 
 
 def write_verified(
@@ -108,12 +109,16 @@ def put_back(robot: RobotController, old: Mapping[str, float]) -> None:
 
 
 def differing(held: Mapping[str, float], wanted: Mapping[str, float]) -> list[tuple[str, float]]:
-    """The parameters that are not as wanted, with what is held instead."""
+    """The parameters that are not as wanted, with what is held instead.
+
+    What is held but not named in what is wanted is to be 0: sets leave out extensions that are.
+    """
+    names = (*wanted, *(name for name in held if name not in wanted))
     return [
         (name, held.get(name, math.nan))
-        for name in wanted
+        for name in names
         if not math.isclose(
-            held.get(name, math.nan), wanted[name], rel_tol=TOLERANCE, abs_tol=TOLERANCE
+            held.get(name, math.nan), wanted.get(name, 0.0), rel_tol=TOLERANCE, abs_tol=TOLERANCE
         )
     ]
 
@@ -138,7 +143,7 @@ def _written(robot: RobotController, wanted: Mapping[str, float]) -> str:
     name, value = wrong[0]
     return (
         f"{len(wrong)} of {len(wanted)} parameters are not as written{interruption}: "
-        f"{name} is {value!r}, not {wanted[name]!r}"
+        f"{name} is {value!r}, not {wanted.get(name, 0.0)!r}"
     )
 
 

@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from importlib import resources
 from importlib.resources.abc import Traversable
@@ -34,8 +34,9 @@ from drivers.values import Pose, Vector3
 
 DEFAULT_CENTRE_MM = (0.0, 0.0, -575.0)
 """Centre for robots whose file says nothing of it: Par4's."""
-NOT_FOR_CONTROLLERS = (
-    "no controller takes axis tilts or skews: identify with --model standard for a set to load"
+FOR_SOME_CONTROLLERS = (
+    "only a controller that computes plate tilt takes axis tilts and skews, as LinuxCNC with "
+    "pkmkins does; for any other identify with --model standard"
 )
 """Remark where such a set is found and where it is written."""
 
@@ -89,13 +90,22 @@ class RobotFile:
 
     @property
     def is_extended(self) -> bool:
-        """Whether a parameter beyond those that controllers know is not 0."""
-        return any(self.values[len(self.mechanism.parameters.names) :])
+        """Whether a parameter beyond those that every controller knows is not 0."""
+        return bool(self.extended_by)
 
-    def controller_flat(self) -> dict[str, float]:
-        """Values that a controller knows, by name; raises `ConfigInvalid` for a tilted axis."""
+    @property
+    def extended_by(self) -> tuple[str, ...]:
+        """Names of extensions that are not 0."""
         flat = self.geometry_flat()
-        beyond = [name for name in self.mechanism.parameters.extensions if name in flat]
+        return tuple(name for name in self.mechanism.parameters.extensions if name in flat)
+
+    def controller_flat(self, lacking: Collection[str]) -> dict[str, float]:
+        """Values for a controller that lacks some extensions, by name.
+
+        Raises `ConfigInvalid` where one of these is not 0.
+        """
+        flat = self.geometry_flat()
+        beyond = [name for name in lacking if name in flat]
         if beyond:
             fields = dict.fromkeys(name.rpartition(".")[2] for name in beyond)
             held = " ".join(f"--fix 'arm*.{field}'" for field in fields)

@@ -1,6 +1,6 @@
 """Comes to LinuxCNC and leaves it: the same machine as before, in control, with nothing moving."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from math import degrees
 
@@ -131,6 +131,10 @@ class LinuxcncRobot:
     def read_geometry(self) -> Mapping[str, float]:
         """The parameters that poses are converted with, by flat name, mm and deg."""
         return self._store.read()
+
+    def lacks(self, names: Collection[str]) -> tuple[str, ...]:  # noqa: ARG002 - it has them all
+        """Nothing: pkmkins has all parameters, and so has what converts poses to joints."""
+        return ()
 
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
         """Replace all parameters, or none; the robot must stand.

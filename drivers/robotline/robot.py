@@ -1,6 +1,6 @@
 """A robot controller that speaks robotline (docs/robotline.md): units and meaning."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees, isfinite, radians
 from typing import TypeVar
@@ -53,6 +53,8 @@ class Deadlines:
 
 
 DEADLINES = Deadlines()
+NOT_KNOWN = ("ARGUMENT", "GEOMETRY", "VERB")
+"""Refusals of a parameter that a controller does not have."""
 
 
 class LineRobot:
@@ -83,6 +85,7 @@ class LineRobot:
         self._numbers = sequence_from(first_sequence)
         self._deadlines = deadlines
         self._session = Session("controller", self._opened, self._greet)
+        self._has_extensions: bool | None = None
         self._stopping = StopProcedure(
             clock,
             within_s=deadlines.standstill_s,
@@ -97,6 +100,7 @@ class LineRobot:
 
         From the second time on it must be the same controller that answers.
         """
+        self._has_extensions = None
         with self._stopping.undisturbed():
             self._session.open()
 
@@ -145,15 +149,18 @@ class LineRobot:
 
     def read_geometry(self) -> Mapping[str, float]:
         """Read the parameters that the controller works with, by their flat names, mm and deg."""
-        geometry: dict[str, float] = {}
         with self._stopping.undisturbed():
-            for name in self._layout.parts:
-                part = self._ask(ReadPart(name), Parameters).part
-                if part.name != name:
-                    self.close()
-                    raise WireError(f"the controller answered for {part.name}, asked for {name}")
-                geometry |= self._layout.flat(part)
+            geometry = self._read(self._layout.parts)
+            if self._knows_extensions():
+                beyond = self._read(self._layout.extensions)
+                geometry |= {name: value for name, value in beyond.items() if value}
         return geometry
+
+    def lacks(self, names: Collection[str]) -> tuple[str, ...]:
+        """Parameters of imperfect parts among the named ones, of a controller that has none."""
+        asked = tuple(name for name in names if name in self._layout.extensions)
+        with self._stopping.undisturbed():
+            return asked if asked and not self._knows_extensions() else ()
 
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
         """Replace all parameters at once, or none; raises `DeviceRefused`.
@@ -173,6 +180,32 @@ class LineRobot:
     def close(self) -> None:
         """Close the wire; a motion that is going on is stopped by the controller."""
         self._session.close()
+
+    def _read(self, parts: Iterable[str]) -> dict[str, float]:
+        geometry: dict[str, float] = {}
+        for name in parts:
+            part = self._ask(ReadPart(name), Parameters).part
+            if part.name != name:
+                self.close()
+                raise WireError(f"the controller answered for {part.name}, asked for {name}")
+            geometry |= self._layout.flat(part)
+        return geometry
+
+    def _knows_extensions(self) -> bool:
+        """Whether its kinematics has the parameters of imperfect parts; asked once a connection.
+
+        It has all of them or none, so that the first one tells.
+        """
+        if self._has_extensions is None:
+            try:
+                self._read(self._layout.extensions[:1])
+            except DeviceRefused as error:
+                if error.code not in NOT_KNOWN:
+                    raise
+                self._has_extensions = False
+            else:
+                self._has_extensions = bool(self._layout.extensions)
+        return self._has_extensions
 
     def _ask(
         self, command: Command, kind: type[AnswerKind], within_s: float | None = None
@@ -235,7 +268,7 @@ def _identity(greeting: Greeting, axes: int) -> Identity:
 
 def _check_geometry(geometry: Mapping[str, float], layout: RobotLayout) -> None:
     """Refuse, before anything is sent, what the controller could only refuse half way."""
-    wrong = sorted(geometry.keys() ^ set(layout.parameters))
+    wrong = sorted((geometry.keys() - set(layout.extensions)) ^ set(layout.parameters))
     wrong += [name for name, value in geometry.items() if not isfinite(value)]
     if wrong:
         raise DeviceRefused(

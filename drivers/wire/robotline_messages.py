@@ -23,16 +23,18 @@ class RobotLayout:
     """Names of a robot's joints, coordinates and parameters, each with its unit (`q0_deg`).
 
     Parameters of an arm, `arm0.x_mm`, go into one line `ARM 0`; any other has a line of its own,
-    `PLATE` for `plate_mm`.
+    `PLATE` for `plate_mm`. Each of `extensions`, `arm0.axis_tilt_deg`, has a line by its name; a
+    controller may have none of them.
     """
 
     joints: tuple[str, ...]
     coordinates: tuple[str, ...]
     parameters: tuple[str, ...]
+    extensions: tuple[str, ...] = ()
 
     @cached_property
     def parts(self) -> dict[str, tuple[str, ...]]:
-        """Parameters of each line, by the words with which it begins."""
+        """Parameters of each line that every controller has, by the words that begin it."""
         parts: dict[str, tuple[str, ...]] = {}
         for name in self.parameters:
             arm = _OF_ARM.fullmatch(name)
@@ -44,10 +46,17 @@ class RobotLayout:
         """Lines that hold a whole parameter set; raises `KeyError` for one that is missing."""
         for words, names in self.parts.items():
             yield Part(words, tuple(parameters[name] for name in names))
+        for name in self.extensions:
+            if name in parameters:
+                yield Part(name, (parameters[name],))
+
+    def names_of(self, words: str) -> tuple[str, ...]:
+        """Parameters of a line by the words that begin it; raises `KeyError`."""
+        return (words,) if words in self.extensions else self.parts[words]
 
     def flat(self, part: "Part") -> dict[str, float]:
         """Parameters of a line by their names."""
-        return dict(zip(self.parts[part.name], part.values, strict=True))
+        return dict(zip(self.names_of(part.name), part.values, strict=True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +74,7 @@ class Part:
     def read(cls, words: Words, robot: RobotLayout) -> Self:
         """Part of a line."""
         name = _read_part_name(words, robot)
-        return cls(name, tuple(words.number(each) for each in robot.parts[name]))
+        return cls(name, tuple(words.number(each) for each in robot.names_of(name)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +90,7 @@ def _read_part_name(words: Words, robot: RobotLayout) -> str:
     """`ARM` with a number, or the name of a single parameter."""
     singles = [name for name in robot.parts if " " not in name]
     word = words.word(" or ".join(["ARM", *singles]))
-    if word in singles:
+    if word in singles or word in robot.extensions:
         return word
     if word != "ARM":
         raise WireError(f"'{word}' is neither {' nor '.join(['ARM', *singles])}")

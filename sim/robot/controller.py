@@ -11,6 +11,7 @@ from sim.draws import WorkedTime, target_key
 from sim.faults import Counted, Fault, FaultScript
 from sim.geometry import PAR4, Array, Kind, geometry_of, problem_with
 from sim.robot.assembly import OutOfReach, joints_for
+from sim.robot.tilting_kinematics import PlateDrawing, is_level, tilted_joints_for
 
 PEAK_OF_SMOOTH = 1.875
 """Highest speed of the smooth profile, as a multiple of its mean."""
@@ -155,8 +156,10 @@ class SimulatedController:
         faults: FaultScript,
         worked: WorkedTime,
         kind: Kind = PAR4,
+        drawing: PlateDrawing | None = None,
     ) -> None:
         self.kind = kind
+        self._drawing = drawing
         self.model = f"simulated {'Par4' if kind is PAR4 else kind.name} controller"
         self.serial = settings.serial
         self._settings = settings
@@ -214,10 +217,15 @@ class SimulatedController:
         if np.abs(position_mm).max() > FARTHEST_MM:
             raise Refusal("REACH", f"the pose is {np.abs(position_mm).max():g} mm away")
         try:
-            joints = joints_for(geometry_of(self._geometry, self.kind), position_mm, theta_rad)
+            joints = self._joints_for(position_mm, theta_rad)
         except OutOfReach as reason:
             raise Refusal("REACH", str(reason)) from reason
         return self.move_joints(joints.tolist(), speed_fraction, now_s)
+
+    @property
+    def extensions(self) -> tuple[str, ...]:
+        """Flat names of the parameters of imperfect parts, if its kinematics has them."""
+        return () if self._drawing is None else self.kind.extensions
 
     def stop(self, now_s: float) -> None:
         """Brake at once, whatever happens; the state says when the robot stands."""
@@ -236,9 +244,16 @@ class SimulatedController:
         """Take over all parameters at once, or raise `Refusal` and keep the old."""
         if self.state(now_s).moving:
             raise Refusal("BUSY", "the robot is moving")
-        if problem := problem_with(geometry, self.kind):
+        if problem := problem_with(geometry, self.kind, extensions=self.extensions):
             raise Refusal("GEOMETRY", problem)
         self._geometry = {name: float(value) for name, value in geometry.items()}
+
+    def _joints_for(self, position_mm: Array, turn_rad: float) -> Array:
+        """Joints (n,) of a pose; raises `OutOfReach`."""
+        flat, kind = self._geometry, self.kind
+        if self._drawing is None or is_level(flat, kind):
+            return joints_for(geometry_of(flat, kind), position_mm, turn_rad)
+        return tilted_joints_for(flat, kind, self._drawing, position_mm, turn_rad)
 
     def _advance(self, now_s: float) -> None:
         """Let end what has ended by now."""

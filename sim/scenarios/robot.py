@@ -169,6 +169,8 @@ class ControllerSection(Section):
     joint_speed_mm_per_s: Positive = 1500.0
     encoder_step_mm: Positive = 1e-5
     emergency_stop: bool = False
+    computes_plate_tilt: bool = False
+    """Whether its kinematics has axis tilts and skews of parallelograms."""
     joints_from: str | None = None
     """A real controller whose joints the robot follows: hal:, hal:ssh HOST, tcp://HOST:PORT."""
     start: Pose = Pose()

@@ -37,11 +37,11 @@ from sim.geometry import Kind
 from sim.robot.controller import Refusal, SimulatedController
 
 
-def layout_of(kind: Kind) -> RobotLayout:
+def layout_of(kind: Kind, extensions: tuple[str, ...] = ()) -> RobotLayout:
     """Names of a mechanism's joints, coordinates and parameters, as the wire has them."""
     turn = () if kind.turn is None else ("theta_deg",)
     joints = tuple(f"q{arm}_{kind.unit}" for arm in range(kind.arms))
-    return RobotLayout(joints, ("x_mm", "y_mm", "z_mm", *turn), kind.names)
+    return RobotLayout(joints, ("x_mm", "y_mm", "z_mm", *turn), kind.names, extensions)
 
 
 class RobotlineSession:
@@ -49,7 +49,7 @@ class RobotlineSession:
 
     def __init__(self, controller: SimulatedController, send: Callable[[bytes], None]) -> None:
         self._controller = controller
-        self._layout = layout_of(controller.kind)
+        self._layout = layout_of(controller.kind, controller.extensions)
         self._send = send
         self._lines = line_framer()
         self._staged: dict[str, float] = {}
@@ -100,8 +100,8 @@ class RobotlineSession:
                 self._controller.stop(now_s)
                 return Done()
             case ReadPart(name):
-                held = self._controller.geometry()
-                values = tuple(held[parameter] for parameter in self._layout.parts[name])
+                held = dict.fromkeys(self._layout.extensions, 0.0) | self._controller.geometry()
+                values = tuple(held[parameter] for parameter in self._layout.names_of(name))
                 return Parameters(Part(name, values))
             case Stage() | Commit() | Abandon():
                 return self._replace_geometry(command, now_s)

@@ -1,25 +1,62 @@
-"""Parameters that no controller knows are refused before anything is connected."""
+"""Sets with plate tilt go into controllers whose kinematics has it, and whole or not at all."""
+
+import pytest
+from ruamel.yaml import YAML
 
 from app.main import run_command
+from app.wiring import connected_robot
 from campaigns.campaign import open_campaign
 from campaigns.robots.robot import Compensation, compensated, write_new_robot
 
-NOBODY = "tcp://127.0.0.1:1"
+EXTENSIONS = {"arm1.axis_tilt_deg": 0.02, "arm2.parallelogram_skew_deg": -0.01}
 
 
-def test_a_tilted_robot_is_not_loaded_and_nobody_is_connected(capsys, tmp_path):
+@pytest.fixture
+def folder(tmp_path):
+    """A campaign on a simulated cell, and a set with plate tilt to be loaded."""
     folder = tmp_path / "cell"
-    words = ["new", str(folder), "--controller", NOBODY, "--tracker", NOBODY]
-    assert run_command(words) == 0
+    assert run_command(["new", str(folder), "--scenario", "paper-simulation"]) == 0
     nominal = open_campaign(folder).nominal
-    flat = nominal.robot.geometry_flat() | {"arm1.axis_tilt_deg": 0.02}
+    flat = nominal.robot.geometry_flat() | EXTENSIONS
     tilted = compensated(nominal, Compensation("tilted", flat, {}, {}))
     write_new_robot(folder / "robot-compensated.yaml", tilted)
+    return folder
+
+
+def held(folder):
+    with connected_robot(open_campaign(folder)) as robot:
+        return robot.read_geometry()
+
+
+def load(folder, *options):
+    return run_command(["load", str(folder), "--yes", "--json", *options])
+
+
+def give_plate_tilt(folder):
+    """Have the simulated controller compute plate tilt."""
+    yaml, path = YAML(), folder / "cell.yaml"
+    cell = yaml.load(path.read_text(encoding="utf-8"))
+    cell.setdefault("controller", {})["computes_plate_tilt"] = True
+    with path.open("w", encoding="utf-8") as file:
+        yaml.dump(cell, file)
+
+
+def test_controller_that_does_not_know_a_name_gets_nothing_even_by_force(capsys, folder):
+    before = held(folder)
     capsys.readouterr()
-    code = run_command(["load", str(folder), "--yes", "--json"])
+    assert load(folder, "--force") == 2
     said = capsys.readouterr()
-    assert code == 2
     assert "arm1.axis_tilt_deg is 0.02" in said.err
-    assert "identify again with --fix 'arm*.axis_tilt_deg', and export again" in said.err
+    assert "identify again with --fix 'arm*.axis_tilt_deg'" in said.err
     assert said.out == ""
-    assert not (folder / "campaign.db").exists()
+    assert held(folder) == before == open_campaign(folder).robot.geometry_flat()
+
+
+def test_controller_that_computes_plate_tilt_gets_all_and_gives_it_up_again(folder):
+    give_plate_tilt(folder)
+    nominal = open_campaign(folder).robot.geometry_flat()
+    assert held(folder) == nominal
+    assert load(folder, "--force") == 0
+    assert held(folder) == nominal | EXTENSIONS
+    assert load(folder, "--rollback") == 0
+    assert held(folder) == nominal

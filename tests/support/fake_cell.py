@@ -1,6 +1,6 @@
 """A cell without wires: virtual time, one list of everything that was asked, faults on schedule."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import degrees
 
@@ -104,6 +104,9 @@ class FakeRobot:
 
     def read_geometry(self) -> Mapping[str, float]:
         return dict(self.geometry)
+
+    def lacks(self, names: Collection[str]) -> tuple[str, ...]:
+        return tuple(names)
 
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
         self.geometry = dict(geometry)

@@ -14,6 +14,7 @@ class FakeController:
     """Writes down what it is asked to do."""
 
     kind: Kind = PAR4
+    extensions: tuple[str, ...] = ()
     vendor: str = "pkmcal"
     model: str = "Par4 (simulated)"
     serial: str = "7"

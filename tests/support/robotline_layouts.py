@@ -6,6 +6,7 @@ from sim.geometry import PAR4
 from sim.servers.robotline_server import layout_of
 
 PAR4_LAYOUT = layout_of(PAR4)
+TILTING_LAYOUT = layout_of(PAR4, PAR4.extensions)
 THREE_CARRIAGES = messages.RobotLayout(
     joints=("q0_mm", "q1_mm", "q2_mm"),
     coordinates=("x_mm", "y_mm", "z_mm"),

@@ -34,7 +34,7 @@ class ScriptedController:
     in the line when it is opened next; `connections` is how often it can be opened.
     """
 
-    def __init__(self, **settings):
+    def __init__(self, layout=PAR4_LAYOUT, **settings):
         self.clock = HandClock()
         self.answers = dict(ANSWERS)
         self.delays_s = {}
@@ -43,7 +43,7 @@ class ScriptedController:
         self.waiting = b""
         self.connections = 1000
         self.robot = LineRobot(
-            self.open, layout=PAR4_LAYOUT, clock=self.clock, first_sequence=7, **settings
+            self.open, layout=layout, clock=self.clock, first_sequence=7, **settings
         )
 
     @property

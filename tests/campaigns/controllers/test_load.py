@@ -1,6 +1,6 @@
 """Parameters in a controller: verified there, or the old ones back, and never a silent mixture."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 import pytest
@@ -8,7 +8,7 @@ from fake_cell import ROBOT
 from par4_space import NAMES, with_values
 
 from campaigns.controllers.load import changes, differing, write_verified
-from campaigns.errors import ConfigInvalid, LoadNotVerified
+from campaigns.errors import LoadNotVerified
 from drivers.errors import DeviceRefused, DriverError, LinkDown
 
 OLD = ROBOT.geometry_flat()
@@ -33,6 +33,9 @@ class Controller:
         if self.read_errors and (error := self.read_errors.pop(0)):
             raise error
         return dict(self.held)
+
+    def lacks(self, names: Collection[str]) -> tuple[str, ...]:
+        return tuple(names)
 
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
         self.calls.append("write")
@@ -79,9 +82,20 @@ def failure(controller: Controller) -> LoadNotVerified:
     return caught.value
 
 
-def test_a_set_with_axis_tilts_is_not_compared_with_a_controller_that_has_none() -> None:
-    with pytest.raises(ConfigInvalid, match="the controller's kinematics has no axis tilts"):
-        changes(OLD, with_values(ROBOT, {"arm2.axis_tilt_deg": 0.03}))
+def test_extensions_are_among_the_changes_where_they_are_or_were() -> None:
+    held = OLD | {"arm1.axis_tilt_deg": 0.01}
+    made = changes(held, with_values(ROBOT, {"arm2.axis_tilt_deg": 0.03}))
+    assert [(each.name, each.old, each.new) for each in made[len(OLD) :]] == [
+        ("arm1.axis_tilt_deg", 0.01, 0.0),
+        ("arm2.axis_tilt_deg", 0.0, 0.03),
+    ]
+
+
+def test_an_extension_that_stayed_behind_differs_from_a_set_without_it() -> None:
+    assert differing(OLD | {"arm1.axis_tilt_deg": 0.01}, OLD) == [("arm1.axis_tilt_deg", 0.01)]
+    assert [name for name, _ in differing(OLD, OLD | {"arm1.axis_tilt_deg": 0.01})] == [
+        "arm1.axis_tilt_deg"
+    ]
 
 
 def test_written_parameters_are_read_back() -> None:

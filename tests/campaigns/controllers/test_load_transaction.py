@@ -1,7 +1,7 @@
 """A load is a transaction: refused with its reason, found again after a death, and walked back."""
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -61,6 +61,9 @@ class Controller:
 
     def read_geometry(self) -> dict[str, float]:
         return dict(self.held)
+
+    def lacks(self, names: Collection[str]) -> tuple[str, ...]:
+        return tuple(names)
 
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
         self.writes += 1

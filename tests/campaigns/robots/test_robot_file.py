@@ -296,9 +296,11 @@ def test_digest_tells_axis_tilts_and_is_as_ever_without_them():
 
 
 def test_a_controller_is_told_29_parameters_or_why_not():
-    assert PROTOTYPE.robot.controller_flat() == PROTOTYPE.robot.geometry_flat()
+    lacking = PROTOTYPE.robot.mechanism.parameters.extensions
+    assert PROTOTYPE.robot.controller_flat(lacking) == PROTOTYPE.robot.geometry_flat()
+    assert tilted().robot.controller_flat(()) == tilted().robot.geometry_flat()
     with pytest.raises(ConfigInvalid) as caught:
-        tilted().robot.controller_flat()
+        tilted().robot.controller_flat(lacking)
     assert str(caught.value) == (
         "par4-prototype compensated: arm0.axis_tilt_deg is 0.03, but the controller's kinematics "
         "has no axis tilts → identify again with --fix 'arm*.axis_tilt_deg', and export again"

@@ -3,6 +3,7 @@
 from math import nan
 
 import pytest
+from robotline_layouts import TILTING_LAYOUT
 from scripted_controller import connected
 
 from drivers.errors import DeviceRefused, LinkDown, WireError
@@ -102,3 +103,62 @@ def test_geometry_that_is_not_whole_is_never_sent(change, name):
     with pytest.raises(DeviceRefused, match=f"'{name}'"):
         controller.robot.write_geometry(geometry)
     assert controller.questions == []
+
+
+TILTS = {"arm1.axis_tilt_deg": 0.02, "arm2.parallelogram_skew_deg": -0.01}
+
+
+def tilting(answer):
+    """A controller asked for extensions, all of which it answers with `answer` but for `TILTS`."""
+    controller = connected(layout=TILTING_LAYOUT)
+    for arm in range(4):
+        controller.answers[f"GEOM ARM {arm}"] = f"OK ARM {arm} " + ARM.format(arm=arm)
+    controller.answers["GEOM PLATE"] = "OK PLATE 100.0"
+    for name in TILTING_LAYOUT.extensions:
+        controller.answers[f"GEOM {name}"] = answer.format(name=name)
+    return controller
+
+
+def test_extensions_that_are_not_zero_are_part_of_the_geometry():
+    controller = tilting("OK {name} 0.0")
+    for name, value in TILTS.items():
+        controller.answers[f"GEOM {name}"] = f"OK {name} {value}"
+    assert controller.robot.read_geometry() == FLAT | TILTS
+    assert controller.robot.lacks(tuple(TILTS)) == ()
+
+
+@pytest.mark.parametrize("code", ["ARGUMENT no such word", "GEOMETRY", "VERB"])
+def test_controller_without_extensions_is_asked_once_a_connection(code):
+    controller = tilting(f"NO {code}")
+    for _ in range(2):
+        assert controller.robot.read_geometry() == FLAT
+        assert controller.robot.lacks(["arm0.x_mm", *TILTS]) == tuple(TILTS)
+    assert sum("tilt_deg" in question for question in controller.questions) == 1
+    controller.robot.reconnect()
+    controller.robot.read_geometry()
+    assert sum("tilt_deg" in question for question in controller.questions) == 2
+
+
+def test_another_refusal_is_not_taken_for_a_lack_of_extensions():
+    with pytest.raises(DeviceRefused, match="BUSY"):
+        tilting("NO BUSY").robot.read_geometry()
+
+
+def test_extensions_are_staged_with_the_rest_before_the_commit():
+    controller = connected(layout=TILTING_LAYOUT)
+    controller.robot.write_geometry(FLAT | TILTS)
+    assert [question.split(" ", 1)[1] for question in controller.questions][-4:] == [
+        "STAGE PLATE 100.0",
+        "STAGE arm1.axis_tilt_deg 0.02",
+        "STAGE arm2.parallelogram_skew_deg -0.01",
+        "COMMIT",
+    ]
+
+
+def test_refused_extension_leaves_nothing_half_loaded():
+    controller = connected(layout=TILTING_LAYOUT)
+    controller.answers["STAGE arm2.parallelogram_skew_deg -0.01"] = "NO ARGUMENT no such word"
+    with pytest.raises(DeviceRefused, match="ARGUMENT: no such word"):
+        controller.robot.write_geometry(FLAT | TILTS)
+    assert controller.verbs[-1] == "ABANDON"
+    assert "COMMIT" not in controller.verbs

@@ -9,9 +9,10 @@ import pytest
 from fake_controller import GEOMETRY, FakeController
 from hypothesis import given
 from hypothesis import strategies as st
-from robotline_layouts import PAR4_LAYOUT
+from robotline_layouts import PAR4_LAYOUT, TILTING_LAYOUT
 
 from drivers.wire.robotline import decode_reply
+from sim.geometry import PAR4
 from sim.robot.controller import Refusal
 from sim.servers.robotline_server import RobotlineSession
 
@@ -21,6 +22,8 @@ GOLDEN = json.loads((Path(__file__).parents[2] / "data/robotline-golden.json").r
 
 class Client:
     """One connection to a fake controller, spoken to by hand."""
+
+    layout = PAR4_LAYOUT
 
     def __init__(self, controller=None):
         self.controller = controller or FakeController()
@@ -33,7 +36,7 @@ class Client:
         self.session.received(checked(f">5 {command}"), NOW_S)
         (answer,) = self.sent
         head = f"<5 {command.split()[0]} "
-        decode_reply(answer[:-1], PAR4_LAYOUT)
+        decode_reply(answer[:-1], self.layout)
         body = answer.decode().rpartition(" *")[0]
         assert body.startswith(head)
         return body.removeprefix(head)
@@ -42,6 +45,12 @@ class Client:
         return [
             self.ask(" ".join(["STAGE", *part.words()])) for part in PAR4_LAYOUT.parts_of(geometry)
         ]
+
+
+class TiltingClient(Client):
+    """The same to one that computes plate tilt."""
+
+    layout = TILTING_LAYOUT
 
 
 def checked(body):
@@ -203,3 +212,24 @@ def test_garbage_never_raises_and_every_answer_is_sound(pieces):
         client.session.received(piece, NOW_S)
     for line in client.sent:
         decode_reply(line[:-1], PAR4_LAYOUT)
+
+
+def test_extensions_are_unknown_words_to_a_plain_controller():
+    client = Client()
+    for question in ("GEOM arm0.axis_tilt_deg", "STAGE arm0.axis_tilt_deg 0.02"):
+        client.sent.clear()
+        client.session.received(checked(f">5 {question}"), NOW_S)
+        assert client.sent[0].startswith(f"<5 {question.split()[0]} NO ARGUMENT".encode())
+
+
+def test_extension_that_is_not_staged_is_zero_after_the_commit():
+    controller = FakeController(extensions=PAR4.extensions)
+    client = TiltingClient(controller)
+    controller.parameters |= {"arm1.axis_tilt_deg": 0.5}
+    assert client.ask("GEOM arm1.axis_tilt_deg") == "OK arm1.axis_tilt_deg 0.5"
+    assert client.ask("GEOM arm0.axis_tilt_deg") == "OK arm0.axis_tilt_deg 0.0"
+    client.stage_all(GEOMETRY)
+    assert client.ask("STAGE arm0.axis_tilt_deg 0.02") == "OK"
+    assert client.ask("COMMIT") == "OK"
+    assert controller.parameters == GEOMETRY | {"arm0.axis_tilt_deg": 0.02}
+    assert client.ask("GEOM arm1.axis_tilt_deg") == "OK arm1.axis_tilt_deg 0.0"

@@ -1,0 +1,108 @@
+"""Inverse kinematics of a controller that knows how its plate tilts: by its rods, numerically.
+
+Unequal rods and tilted axes tilt the plate and move the reflector. Such a controller aims its plain
+kinematics a little beside the wanted pose, until the rods put the reflector where it is wanted.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.errors import AssemblyLost
+from sim.geometry import Array, Geometry, Kind, geometry_of
+from sim.robot.assembly import OutOfReach, joints_for
+from sim.robot.rods import Build, Plate, RodMechanism, turned
+
+ROUNDS = 20
+CLOSE_MM = 1e-8
+"""Distance between where the reflector is and where it is wanted."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlateDrawing:
+    """Sizes of a platform that parameters do not tell."""
+
+    joints_mm: Array
+    """(n, 3): where the bars sit, as seen from the contracted joints."""
+    rod_spacing_mm: float
+    reflector_mm: Array
+    """(3,): from the controlled point."""
+
+
+def is_level(flat: Mapping[str, float], kind: Kind) -> bool:
+    """Whether no parameter tilts the plate or a rail."""
+    return not any(flat.get(name, 0.0) for name in kind.extensions)
+
+
+def tilted_joints_for(
+    flat: Mapping[str, float],
+    kind: Kind,
+    drawing: PlateDrawing,
+    position_mm: Array,
+    turn_rad: float,
+) -> Array:
+    """Encoder values (n,), rad or mm, that put the reflector where a level plate would have it.
+
+    Raises `OutOfReach`.
+    """
+    geometry, rods = _mechanism(flat, kind, drawing)
+    level = Plate.level(kind, position_mm, turn_rad)
+    wanted_mm = rods.reflector_mm(level, drawing.reflector_mm)
+    aim_mm, aim_rad, plate = position_mm, turn_rad, level
+    for _ in range(ROUNDS):
+        joints = joints_for(geometry, aim_mm, aim_rad)
+        try:
+            plate, _, _ = rods.settle(joints, 0.0, plate)
+        except AssemblyLost as lost:
+            raise OutOfReach(0) from lost
+        error_mm = rods.reflector_mm(plate, drawing.reflector_mm) - wanted_mm
+        error_rad = plate.theta_rad - level.theta_rad
+        if float(np.abs([*error_mm, geometry.apart_mm * error_rad]).max()) < CLOSE_MM:
+            return joints
+        aim_mm, aim_rad = aim_mm - error_mm, aim_rad - error_rad
+    raise OutOfReach(0)
+
+
+def _mechanism(
+    flat: Mapping[str, float], kind: Kind, drawing: PlateDrawing
+) -> tuple[Geometry, RodMechanism]:
+    def column(field: str) -> Array:
+        values = [flat.get(f"arm{arm}.{field}", 0.0) for arm in range(kind.arms)]
+        return np.radians(values)
+
+    tilts = column("axis_tilt_deg")
+    geometry = geometry_of(flat, kind)
+    if kind.on_rails:
+        geometry = _on_tilted_rails(geometry, column("rail_tilt_deg"))
+    # the rod on the side of the bar's direction is the longer one of a positive skew
+    half_mm = 0.5 * drawing.rod_spacing_mm * column("parallelogram_skew_deg")
+    build = Build(
+        plate_joints_mm=drawing.joints_mm,
+        rod_spacing_mm=drawing.rod_spacing_mm,
+        rod_errors_mm=np.column_stack([-half_mm, half_mm]),
+        axis_tilts_rad=tilts,
+    )
+    if not kind.on_rails:
+        return geometry, RodMechanism(geometry, build)
+    # rods tilt rails together with their bars; these rails lie where they do already
+    untilted = _along(geometry, turned(geometry.rails, geometry.outward, -tilts))
+    return geometry, RodMechanism(untilted, build)
+
+
+def _on_tilted_rails(geometry: Geometry, tilts_rad: Array) -> Geometry:
+    """The same rails, out of the vertical plane of their azimuth."""
+    azimuths = geometry.azimuths_rad
+    aside = np.column_stack([-np.sin(azimuths), np.cos(azimuths), np.zeros_like(azimuths)])
+    tilted = np.cos(tilts_rad)[:, None] * geometry.rails + np.sin(tilts_rad)[:, None] * aside
+    return _along(geometry, tilted)
+
+
+def _along(geometry: Geometry, rails: Array) -> Geometry:
+    """Geometry with rails of these directions, (n, 3)."""
+    level = np.hypot(rails[:, 0], rails[:, 1])
+    return replace(
+        geometry,
+        azimuths_rad=np.arctan2(rails[:, 1], rails[:, 0]),
+        elevations_rad=np.arctan2(rails[:, 2], level),
+    )
