@@ -24,7 +24,11 @@ def command(
     folder: Folder,
     *,
     poses: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="CSV: name, x_mm, y_mm, z_mm, theta_deg.")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="CSV with a column for each coordinate, such as x_mm; name may be left out.",
+        ),
     ] = None,
     gcode: Annotated[Path | None, typer.Option(metavar="FILE", help="A program of moves.")] = None,
     to: Annotated[

@@ -53,7 +53,7 @@ class CalibratedWorkspace:
 
     def beyond_mm(self, poses: Array) -> Array:
         """Distance (N,) from the hull's faces, negative inside; a lower bound beyond its edges."""
-        reach = poses[:, :3] @ self.planes[:, :3].T + self.planes[:, 3]
+        reach = poses[:, :3] @ self.planes[:, :-1].T + self.planes[:, -1]
         return np.asarray(reach.max(axis=1))
 
     def beyond_turns_rad(self, poses: Array) -> Array:

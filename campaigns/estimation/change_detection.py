@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import fdtrc, ndtr, ndtri, owens_t
 
 from campaigns.arrays import Array
+from campaigns.estimation.information import EXACT
 from campaigns.estimation.observability import orthonormal_basis
 
 SIGNIFICANCE = 3e-3
@@ -63,7 +64,7 @@ def detect_change(
     freedom = 3 * count - basis.shape[1]
     left = whitened_residual.ravel() - basis @ (basis.T @ whitened_residual.ravel())
     chi2 = float(left @ left)
-    if freedom < 2 * FEWEST_BEYOND or count < 2 * FEWEST_BEYOND or chi2 <= 0.0:
+    if freedom < 2 * FEWEST_BEYOND or count < 2 * FEWEST_BEYOND or chi2 <= EXACT**2 * freedom:
         return None
     by_shot = basis.reshape(count, 3, -1)
     tests = [
@@ -113,7 +114,7 @@ class _Tests:
         if columns.shape[2] == 1:
             together = own[first[1:], 0, 0]  # what both of two neighbours have: the later one's
             together = together - np.sum(shared[first[:-1], :, 0] * shared[first[1:], :, 0], axis=1)
-            unit = np.sqrt(inverse[:, 0, 0])
+            unit = np.sqrt(np.maximum(inverse[:, 0, 0], 0.0))  # rounding where a fit says it all
             correlation = together * unit[:-1] * unit[1:]
         return cls(cause, np.maximum(first - 1, 0), size, gain, inverse, correlation)
 

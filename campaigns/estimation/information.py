@@ -29,6 +29,8 @@ from campaigns.mechanisms.mechanism import Kinematics
 
 SIGNIFICANCE = 1e-3
 """A χ² that good noise exceeds or falls below less often than this is not consistent with it."""
+EXACT = 1e-5
+"""σ: misfits below it are rounding, which has patterns of its own."""
 CONFIDENCE = 0.95
 MINIMUM_DOF = 12
 """Degrees of freedom below which a Birge ratio, known to ± 20 % by so many, is not relied on."""

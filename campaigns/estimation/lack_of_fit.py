@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from campaigns.arrays import Array
-from campaigns.estimation.information import SIGNIFICANCE
+from campaigns.estimation.information import EXACT, SIGNIFICANCE
 from campaigns.estimation.observability import orthonormal_basis
 
 Kind = Literal["joints", "parts"]
@@ -68,7 +68,7 @@ def lack_of_fit(residual: Array, jacobian: Array, columns: Array, kind: Kind) ->
     more = orthonormal_basis(rows - explained @ (explained.T @ rows))
     gain, chi2 = float(np.sum((more.T @ left) ** 2)), float(left @ left)
     m, freedom = more.shape[1], 3 * count - explained.shape[1] - more.shape[1]
-    if m == 0 or chi2 <= gain:
+    if m == 0 or chi2 <= gain or chi2 <= EXACT**2 * 3 * count:
         return None
     rest = (chi2 - gain) / freedom
     share = max(0.0, gain - m * rest) / chi2

@@ -1,13 +1,15 @@
 """Match of a plan with what was measured by it: shot by shot, whatever rows came or went since."""
 
 from collections.abc import Iterable, Sequence
+from itertools import zip_longest
 
 import numpy as np
 
 from campaigns.journal.records import Intent
 from campaigns.planning.plan_file import PlannedShot
-from drivers.values import Pose
 
+POSITION = 3
+"""Coordinates in mm, before those of a turn."""
 SAME_MM = 1e-3
 SAME_RAD = 1e-5
 """Rounding of plan.csv and of a pose's joints is far below, another pose far above."""
@@ -35,12 +37,7 @@ def plan_difference(measured: Iterable[Intent], planned: Sequence[PlannedShot]) 
 def _is_same(intent: Intent, row: PlannedShot) -> bool:
     if len(intent.target_joints) != len(row.joints):
         return False
-    apart_mm = np.subtract(_position(intent.target), _position(row.pose))
-    apart = np.subtract(intent.target_joints, row.joints)
-    turned = (intent.target.theta_rad or 0.0) - (row.pose.theta_rad or 0.0)
-    near = np.abs(apart_mm).max() <= SAME_MM and abs(turned) <= SAME_RAD
-    return bool(near and np.abs(apart).max() <= SAME_RAD)
-
-
-def _position(pose: Pose) -> tuple[float, float, float]:
-    return pose.x_mm, pose.y_mm, pose.z_mm
+    both = zip_longest(intent.target.coordinates, row.pose.coordinates, fillvalue=0.0)
+    apart, turned = np.split(np.abs([measured - planned for measured, planned in both]), [POSITION])
+    near = apart.max() <= SAME_MM and turned.max(initial=0.0) <= SAME_RAD
+    return bool(near and np.abs(np.subtract(intent.target_joints, row.joints)).max() <= SAME_RAD)

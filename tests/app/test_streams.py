@@ -43,7 +43,7 @@ def test_answers_and_errors_are_utf_8_whatever_the_code_page(code_page):
 def test_a_name_that_is_no_utf_8_can_be_shown():
     refused = ended("plan", os.fsdecode(b"\xff"))
     assert refused.returncode == 2
-    assert "\\udcff" in refused.stderr.decode()
+    assert refused.stderr.decode().startswith("pkmcal: ? holds no campaign.yaml")
 
 
 @pytest.mark.slow

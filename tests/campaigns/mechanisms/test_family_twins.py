@@ -126,8 +126,8 @@ def test_unequal_rods_and_tilts_tilt_the_plate_and_move_the_reflector(member):
 def test_tilted_motors_hold_the_elbows_where_the_model_has_them(member):
     robot, arms = member.nominal, member.space.arms
     tilts = LARGE_RAD * np.random.default_rng(5).standard_normal(arms)
-    p = np.concatenate([robot.p[: len(member.space.names)], tilts])
-    flat = robot.flat()
+    p, flat = robot.p.copy(), robot.flat()
+    p[member.space.places([f"arm{arm}.axis_tilt_deg" for arm in range(arms)])] = tilts
     geometry = geometry_of({name: flat[name] for name in member.space.names}, kind_of(member))
     rods = RodMechanism(geometry, Build(np.zeros((arms, 3)), 80.0, np.zeros((arms, 2)), tilts))
     joints = robot.inverse(member.reachable_poses(robot, 20, seed=45)).values_or_raise()
