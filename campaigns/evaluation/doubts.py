@@ -9,7 +9,7 @@ from campaigns.estimation.change_detection import Change
 from campaigns.estimation.information import ChiSquareTest
 from campaigns.estimation.lack_of_fit import LackOfFit
 from campaigns.evaluation.decision import Decision
-from campaigns.evaluation.plausibility import beyond_tolerance, common_scale
+from campaigns.evaluation.plausibility import FoundChanges, beyond_tolerance, common_scale
 from campaigns.evaluation.summary import Spread
 from campaigns.mechanisms.mechanism import ParameterSpace
 from campaigns.robots.robot import Tolerance
@@ -49,12 +49,12 @@ class Doubt:
 
 def parameter_doubts(
     nominal: Mapping[str, float],
-    changes: Mapping[str, float],
+    found: FoundChanges,
     tolerance: Tolerance,
     accepted: frozenset[str],
 ) -> Iterator[Doubt]:
-    """Doubts of found changes (new − nominal, mm and deg, by name)."""
-    beyond = tuple(beyond_tolerance(tolerance, changes))
+    """Doubts of what a fit found."""
+    beyond = tuple(beyond_tolerance(tolerance, found.changes))
     if beyond:
         more = f" (and {len(beyond) - 1} more)" if len(beyond) > 1 else ""
         yield Doubt(
@@ -65,7 +65,7 @@ def parameter_doubts(
             {"beyond": float(len(beyond))},
             LARGE_CHANGE in accepted,
         )
-    scale = common_scale(nominal, changes)
+    scale = common_scale(nominal, found)
     if scale.significant:
         yield Doubt(
             COMMON_SCALE,

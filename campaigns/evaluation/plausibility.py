@@ -6,8 +6,8 @@ joints read must be the measured points up to a rigid motion, and nearly so befo
 """
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import permutations, product
 
 import numpy as np
@@ -53,7 +53,8 @@ IMPOSSIBLE = 0.3
 """Misfit that no robot of this kind has, whatever the cause."""
 PLACES = ("x_mm", "y_mm", "z_mm")
 SCALE_FREEDOM = 3
-SCALE_SIGNIFICANCE = 0.01
+SCALE_SIGNIFICANCE = 0.005
+"""So often chance alone raises it, half of what is promised."""
 LEAST_SHARE = 5e-4
 
 
@@ -311,21 +312,46 @@ class ScaleTest:
         return self.p < SCALE_SIGNIFICANCE and abs(self.share) > LEAST_SHARE
 
 
-def common_scale(nominal: Mapping[str, float], changes: Mapping[str, float]) -> ScaleTest:
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundChanges:
+    """Changes that a fit found (new − nominal, mm and deg, by name), and their covariance."""
+
+    changes: Mapping[str, float]
+    names: tuple[str, ...] = ()
+    """Those whose covariance is known."""
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(K, K) of the names."""
+
+    def covariance_of(self, names: Sequence[str]) -> Array:
+        """Covariance of some changes, (M, M); 0 where it is not known."""
+        rows = [row for row, name in enumerate(names) if name in self.names]
+        places = [self.names.index(names[row]) for row in rows]
+        found = np.zeros((len(names), len(names)))
+        found[np.ix_(rows, rows)] = self.covariance[np.ix_(places, places)]
+        return found
+
+
+def common_scale(nominal: Mapping[str, float], found: FoundChanges) -> ScaleTest:
     """Test of found changes of lengths: are they "everything longer by the same share".
 
-    Regression of the changes (mm, by name) on the lengths themselves, places being counted from
-    the first arm's, which holds the frame. What scatters about it is the robot's own error.
+    Regression of the changes on the lengths themselves, places being counted from the first arm's,
+    which holds the frame. They scatter about it by the robot's own errors, all of one variance,
+    and by what the fit leaves uncertain: where little tells lengths, least of all tells their
+    scale. The robot's variance is what scatters more than the fit explains (method of moments).
     """
-    lengths = {name: _from_first(name, nominal) for name in changes if name.endswith("_mm")}
+    lengths = {name: _from_first(name, nominal) for name in found.changes if name.endswith("_mm")}
     along = np.array([lengths[name] for name in lengths])
-    found = np.array([changes[name] for name in lengths])
+    changes = np.array([found.changes[name] for name in lengths])
     freedom = len(lengths) - 1
     if freedom < SCALE_FREEDOM or not np.any(along):
         return ScaleTest(0.0, 1.0)
-    share = float(along @ found / (along @ along))
-    left = found - share * along
-    std = math.sqrt(float(left @ left) / freedom / float(along @ along))
+    square = float(along @ along)
+    share = float(along @ changes) / square
+    left = changes - share * along
+    fitted = found.covariance_of(tuple(lengths))
+    by_fit = float(along @ fitted @ along) / square
+    robot = max(float(left @ left) - (float(np.trace(fitted)) - by_fit), 0.0) / freedom
+    std = math.sqrt((robot + by_fit) / square)
     if std == 0.0:
         return ScaleTest(share, 0.0 if share else 1.0)
     return ScaleTest(share, float(2.0 * stdtr(freedom, -abs(share) / std)))

@@ -37,7 +37,7 @@ from campaigns.evaluation.identification import (
     noise_in_words,
     scatter_in_words,
 )
-from campaigns.evaluation.plausibility import check_shots
+from campaigns.evaluation.plausibility import FoundChanges, check_shots
 from campaigns.identification.change import change_of, lack_of_fit_of
 from campaigns.identification.fit import Fit, PointFit, fit_shots, plain_fit
 from campaigns.identification.observations import (
@@ -272,7 +272,11 @@ class _Identified:
     def _doubts(self) -> Iterator[Doubt]:
         options, space = self.options, self.nominal.mechanism.parameters
         parameters = self._parameters()
-        changes = {name: parameters[name].delta for name in self.free}
+        changes = FoundChanges(
+            {name: parameters[name].delta for name in self.free},
+            self.covariance.names,
+            self.covariance.array,
+        )
         nominal = {name: each.nominal for name, each in parameters.items()}
         yield from parameter_doubts(nominal, changes, options.tolerance, options.accepted)
         yield from noise_doubts(self.fit.stated_noise)
