@@ -59,7 +59,7 @@ from drivers.ports import Clock, LaserTracker, RobotController, SystemClock
 from drivers.raw_answers import joints_said, measurement_said
 from drivers.robotline.robot import LineRobot
 from drivers.stopping import Alarm, unheard
-from drivers.transport import Transport, open_transport
+from drivers.transport import CONNECT_S, Opener, Transport, open_transport
 from drivers.values import Identity
 from drivers.wire.robotline import LAST_SEQUENCE
 from drivers.wire.robotline_messages import RobotLayout
@@ -73,12 +73,10 @@ from sim.scenarios.schema import Scenario
 CELL_MEMORY = "cell-memory.json"
 MEMORY_BYTES = CSV_BYTES
 """A line or two for each place at which the cell has ever stood."""
-CONNECT_S = 5.0
 FIRST_TRANSACTIONS = (1000, 30_000)
 """Where the question numbers of a GeoCOM session may begin: differently from one to the next."""
 
 StopRequested = Callable[[], bool]
-Opener = Callable[[], Transport]
 Reading = Callable[[Opener], Opener]
 
 
@@ -244,8 +242,8 @@ def _remembered(path: Path) -> dict[str, object] | None:
 
 
 def _opener(url: str, within: Reading | None = None) -> Opener:
-    def opened() -> Transport:
-        return open_transport(url, timeout_s=CONNECT_S)
+    def opened(*, timeout_s: float = CONNECT_S) -> Transport:
+        return open_transport(url, timeout_s=timeout_s)
 
     return opened if within is None else within(opened)
 
@@ -374,7 +372,7 @@ ACTIVE = "linuxcnc-active.hal"
 def linuxcnc_robot(
     campaign: Campaign,
     section: LinuxcncConfig,
-    opener: Callable[[], Transport],
+    opener: Opener,
     operator: Operator = NOBODY,
 ) -> LinuxcncRobot:
     """The driver for this campaign's LinuxCNC; nothing is opened yet."""

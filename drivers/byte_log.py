@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Protocol, TextIO, TypeVar
 
 from drivers.errors import DriverError, WireError
-from drivers.transport import Transport
+from drivers.transport import CONNECT_S, Opener, Transport
 from drivers.wire import geocom, robotline
 from drivers.wire.emscon import (
     Answer,
@@ -285,16 +285,16 @@ class LoggedTransport:
 
 
 def logged(
-    open_pipe: Callable[[], Transport],
+    open_pipe: Opener,
     log: ByteLog,
     device: str,
     new_reading: Callable[[], Reading],
-) -> Callable[[], Transport]:
+) -> Opener:
     """Open a pipe as before, but one that is written down; each time with a fresh reading."""
 
-    def open_spied() -> Transport:
+    def open_spied(*, timeout_s: float = CONNECT_S) -> Transport:
         try:
-            pipe = open_pipe()
+            pipe = open_pipe(timeout_s=timeout_s)
         except DriverError as error:
             log.enter(device, HAPPENED, error.problem)
             raise

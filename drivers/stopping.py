@@ -63,6 +63,7 @@ class StopProcedure:
         self._alarm = alarm
         self._undisturbed = 0
         self._give_up_s: float | None = None
+        self._try_s = answer_s
 
     @property
     def is_under_way(self) -> bool:
@@ -74,6 +75,10 @@ class StopProcedure:
         if self._give_up_s is None:
             return seconds
         return min(seconds, max(self._give_up_s - self._clock.now_s(), self._pause_s))
+
+    def patience_s(self, seconds: float) -> float:
+        """So many seconds to connect in, or what a stop's try waits: the alarm comes after it."""
+        return self.at_most_s(min(seconds, self._try_s) if self.is_under_way else seconds)
 
     def is_cancelled(self) -> bool:
         """Look at the operator's wish to stop, where it may disturb."""
@@ -107,10 +112,10 @@ class StopProcedure:
                     leave()
 
     def _until_confirmed(self, stop_once: StopOnce, give_up_s: float) -> None:
-        answer_s, is_first = self._answer_s, True
+        self._try_s, is_first = self._answer_s, True
         while True:
             try:
-                return stop_once(give_up_s=give_up_s, answer_s=self.at_most_s(answer_s))
+                return stop_once(give_up_s=give_up_s, answer_s=self.at_most_s(self._try_s))
             except DriverError as error:
                 if self._clock.now_s() + self._pause_s >= give_up_s:
                     raise state_unknown(
@@ -122,7 +127,7 @@ class StopProcedure:
                         f"it has not confirmed its stop yet ({error.problem})"
                     )
             self._clock.sleep_s(self._pause_s)
-            answer_s, is_first = answer_s * PATIENCE_GROWTH, False
+            self._try_s, is_first = self._try_s * PATIENCE_GROWTH, False
 
 
 def await_standstill(

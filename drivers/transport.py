@@ -73,6 +73,8 @@ def _serial_device(path: str) -> str:
 
 
 CHUNK_BYTES = 65536
+CONNECT_S = 5.0
+"""How long a device may take to accept a connection."""
 SHORTEST_SEND_S = 1e-3
 """A time limit of zero would mean a socket that never waits, not an impatient one."""
 
@@ -95,6 +97,14 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Close; a second time does nothing."""
+        ...
+
+
+class Opener(Protocol):
+    """Opening of one device's transport; raises `LinkDown` within the time limit."""
+
+    def __call__(self, *, timeout_s: float = CONNECT_S) -> Transport:
+        """Connect."""
         ...
 
 

@@ -19,7 +19,7 @@ from drivers.linuxcnc.settings import (
 from drivers.ports import Clock
 from drivers.session import Session
 from drivers.stopping import Alarm, StopProcedure, state_unknown, unheard
-from drivers.transport import Transport
+from drivers.transport import CONNECT_S, Opener
 from drivers.values import Identity, Pose, RobotState
 
 SAME_PLACE = 1e-3
@@ -39,7 +39,7 @@ class LinuxcncRobot:
 
     def __init__(
         self,
-        open_transport: Callable[[], Transport],
+        open_transport: Opener,
         *,
         clock: Clock,
         settings: LinuxcncSettings,
@@ -57,7 +57,7 @@ class LinuxcncRobot:
         self._stopping = StopProcedure(
             clock,
             within_s=settings.deadlines.stop_s,
-            answer_s=settings.deadlines.patience.answer_s,
+            answer_s=settings.deadlines.stop_answer_s,
             pause_s=settings.deadlines.poll_s,
             cancelled=cancelled,
             alarm=alarm,
@@ -171,7 +171,7 @@ class LinuxcncRobot:
 
     def _opened(self) -> LinuxcncClient:
         return LinuxcncClient(
-            self._open_transport(),
+            self._open_transport(timeout_s=self._stopping.patience_s(CONNECT_S)),
             clock_s=self._clock.now_s,
             patience=self._settings.deadlines.patience,
             cancelled=self._stopping.is_cancelled,
@@ -180,7 +180,7 @@ class LinuxcncRobot:
     def _greet(self, client: LinuxcncClient) -> Identity:
         greeting = client.greet(
             self._settings.passwords,
-            within_s=self._stopping.at_most_s(self._settings.deadlines.patience.greeting_s),
+            within_s=self._stopping.patience_s(self._settings.deadlines.patience.greeting_s),
             aborting=self._stopping.is_under_way,
         )
         return Identity(

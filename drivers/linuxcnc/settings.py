@@ -173,6 +173,8 @@ class LinuxcncDeadlines:
     frozen_s: float = 1.5
     """Until positions that stay the same in a motion are a fault."""
     stop_s: float = 8.0
+    stop_answer_s: float = 0.5
+    """Patience of the first try to connect for a stop; each further one waits longer."""
     poll_s: float = 0.005
 
 

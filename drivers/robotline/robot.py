@@ -12,7 +12,7 @@ from drivers.ports import Clock
 from drivers.robotline.client import BlindCommand, RobotlineClient, open_client
 from drivers.session import Session
 from drivers.stopping import Alarm, StopProcedure, await_standstill, unheard
-from drivers.transport import Transport
+from drivers.transport import CONNECT_S, Opener
 from drivers.values import Identity, Pose, RobotState
 from drivers.wire.robotline import sequence_from
 from drivers.wire.robotline_messages import (
@@ -70,7 +70,7 @@ class LineRobot:
 
     def __init__(
         self,
-        open_transport: Callable[[], Transport],
+        open_transport: Opener,
         *,
         layout: RobotLayout,
         clock: Clock,
@@ -221,7 +221,7 @@ class LineRobot:
 
     def _opened(self, blindly: BlindCommand | None = None) -> RobotlineClient:
         return open_client(
-            self._open_transport(),
+            self._open_transport(timeout_s=self._stopping.patience_s(CONNECT_S)),
             self._numbers,
             robot=self._layout,
             clock_s=self._clock.now_s,

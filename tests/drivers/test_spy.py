@@ -38,7 +38,7 @@ class Desk:
         self.log = ByteLog(self.file, now_utc=lambda: NOW, **options)
         self.clock = HandClock()
         self.pipe = TimedPipe(self.clock, lambda _: said)
-        self.transport = logged(lambda: self.pipe, self.log, "tracker", reading)()
+        self.transport = logged(lambda **_: self.pipe, self.log, "tracker", reading)()
 
     def entries(self):
         """What was written below the heading."""
@@ -94,7 +94,7 @@ class TestLog:
     def test_pipe_that_cannot_be_opened_is_written_down(self):
         file = io.StringIO()
 
-        def refuse():
+        def refuse(**_):
             raise LinkDown("tcp://10.0.0.1:700: nobody answers", remedy="-")
 
         log = ByteLog(file, now_utc=lambda: NOW)

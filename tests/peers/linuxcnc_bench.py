@@ -25,7 +25,7 @@ from drivers.linuxcnc.settings import (
     SetupDeadlines,
 )
 from drivers.ports import SystemClock
-from drivers.transport import open_transport
+from drivers.transport import CONNECT_S, open_transport
 
 LACKING = why_not()
 NEEDS_LINUXCNC = [
@@ -109,8 +109,8 @@ class Bench:
             kinematics_of=partial(ActiveKinematics, NOMINAL.mechanism),
         )
 
-    def open(self):
-        self.transports.append(open_transport(self.linuxcnc.url, timeout_s=5.0))
+    def open(self, *, timeout_s=CONNECT_S):
+        self.transports.append(open_transport(self.linuxcnc.url, timeout_s=timeout_s))
         return self.transports[-1]
 
     def move(self, joints, speed_fraction=1.0):

@@ -1,6 +1,7 @@
 """A served cell: real sockets to the real drivers, and nothing left when it is closed."""
 
 import threading
+from functools import partial
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ class Work:
     def __init__(self, served, **options):
         clock = SystemClock()
         self.robot = LineRobot(
-            lambda: open_transport(served.controller_url, timeout_s=1.0),
+            partial(open_transport, served.controller_url, timeout_s=1.0),
             layout=PAR4_LAYOUT,
             clock=clock,
             first_sequence=1,

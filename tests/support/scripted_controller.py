@@ -7,6 +7,7 @@ from timed_pipe import HandClock, TimedPipe
 
 from drivers.errors import LinkDown
 from drivers.robotline.robot import LineRobot
+from drivers.transport import CONNECT_S
 
 ANSWER_S = 0.001
 ANSWERS = {
@@ -31,7 +32,8 @@ class ScriptedController:
 
     `answers` maps a verb, or a verb with its words, to what follows the verb in the answer: a text,
     a list of texts (one a question, the last again and again), or None for silence. `waiting` lies
-    in the line when it is opened next; `connections` is how often it can be opened.
+    in the line when it is opened next; `connections` is how often it can be opened, each time after
+    `accepts_after_s`.
     """
 
     def __init__(self, layout=PAR4_LAYOUT, **settings):
@@ -42,6 +44,7 @@ class ScriptedController:
         self.pipes = []
         self.waiting = b""
         self.connections = 1000
+        self.accepts_after_s = 0.0
         self.robot = LineRobot(
             self.open, layout=layout, clock=self.clock, first_sequence=7, **settings
         )
@@ -56,7 +59,10 @@ class ScriptedController:
         """The numbers of all questions so far."""
         return [int(question.split()[0][1:]) for question in self.questions]
 
-    def open(self):
+    def open(self, *, timeout_s=CONNECT_S):
+        self.clock.sleep_s(min(self.accepts_after_s, timeout_s))
+        if self.accepts_after_s > timeout_s:
+            raise LinkDown("pipe://test: nobody answers (timed out)", remedy="-")
         if len(self.pipes) >= self.connections:
             self.clock.sleep_s(0.1)
             raise LinkDown("pipe://test: nobody answers", remedy="-")

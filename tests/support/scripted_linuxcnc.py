@@ -7,6 +7,7 @@ from timed_pipe import HandClock, TimedPipe
 from drivers.errors import LinkDown
 from drivers.linuxcnc.robot import LinuxcncRobot
 from drivers.linuxcnc.settings import Coordinates, JointLimits, LinuxcncDeadlines, LinuxcncSettings
+from drivers.transport import CONNECT_S
 from drivers.values import Pose
 
 ANSWER_S = 0.0001
@@ -79,6 +80,7 @@ class ScriptedLinuxcnc:
         self.asked, self.writes, self.pipes = [], [], []
         self.verbose = set()
         self.connections = 1000
+        self.accepts_after_s = 0.0
         self.store = store or Memory()
         self.robot = LinuxcncRobot(
             self.open,
@@ -103,7 +105,10 @@ class ScriptedLinuxcnc:
     def moves(self):
         return [line.removeprefix("set mdi ") for line in self.orders if "G53" in line]
 
-    def open(self):
+    def open(self, *, timeout_s=CONNECT_S):
+        self.clock.sleep_s(min(self.accepts_after_s, timeout_s))
+        if self.accepts_after_s > timeout_s:
+            raise LinkDown("pipe://test: nobody answers (timed out)", remedy="-")
         if len(self.pipes) >= self.connections:
             self.clock.sleep_s(0.1)
             raise LinkDown("pipe://test: nobody answers", remedy="-")

@@ -44,6 +44,19 @@ def test_stop_opens_a_closed_wire_and_aborts_first():
     assert not linuxcnc.is_moving()
 
 
+def test_operator_is_alarmed_within_half_a_second_when_the_host_is_gone_and_connecting_hangs():
+    alarms = []
+    linuxcnc = moving(alarm=lambda _: alarms.append(linuxcnc.clock.now_s()))
+    lose_the_wire(linuxcnc)
+    linuxcnc.accepts_after_s = 1e6
+    begun_s = linuxcnc.clock.now_s()
+    with pytest.raises(RobotStateUnknown, match="within 8 s"):
+        linuxcnc.robot.stop()
+    (told_s,) = alarms
+    assert told_s - begun_s == pytest.approx(0.5)
+    assert linuxcnc.clock.now_s() - begun_s < 8.5
+
+
 def wish_after(linuxcnc, seconds):
     """The wish to stop, from then on."""
     asked_s = linuxcnc.clock.now_s() + seconds

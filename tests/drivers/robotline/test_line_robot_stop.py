@@ -155,6 +155,28 @@ def test_operator_is_alarmed_once_as_soon_as_a_stop_is_not_confirmed():
     assert told_s - begun_s == pytest.approx(0.5, abs=0.1)
 
 
+def test_operator_is_alarmed_as_soon_when_the_host_is_gone_and_connecting_hangs():
+    """The wire was closed with the question that the operator's wish abandoned."""
+    alarms = []
+    controller = connected(alarm=lambda _: alarms.append(controller.clock.now_s()))
+    controller.robot.close()
+    controller.accepts_after_s = 1e6
+    begun_s = controller.clock.now_s()
+    with pytest.raises(RobotStateUnknown, match="within 5 s"):
+        controller.robot.stop()
+    (told_s,) = alarms
+    assert told_s - begun_s == pytest.approx(0.5)
+    assert controller.clock.now_s() - begun_s < 5.5
+
+
+def test_host_that_accepts_slowly_still_confirms_a_stop():
+    controller = connected()
+    controller.robot.close()
+    controller.accepts_after_s = 1.5
+    controller.robot.stop()
+    assert controller.verbs[-2:] == ["STOP", "STATE"]
+
+
 def test_robot_that_goes_on_moving_is_loud():
     controller = connected()
     controller.answers["STATE"] = MOVING

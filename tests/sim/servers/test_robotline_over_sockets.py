@@ -1,5 +1,7 @@
 """The device and the simulated controller's server together, over TCP and a pseudo-terminal."""
 
+from functools import partial
+
 import pytest
 from fake_controller import FakeController
 from robotline_layouts import PAR4_LAYOUT
@@ -26,7 +28,7 @@ class Served:
         serve = self.server.serve_tcp if wire == "tcp" else self.server.serve_pty
         url = serve(self._session, "controller")
         self.robot = LineRobot(
-            lambda: open_transport(url, timeout_s=1.0),
+            partial(open_transport, url, timeout_s=1.0),
             layout=PAR4_LAYOUT,
             clock=SystemClock(),
             first_sequence=1,
