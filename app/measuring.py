@@ -14,6 +14,7 @@ from campaigns.campaign import Campaign
 from campaigns.chain.running import RunOutlook, measured_before, run_outlook, run_work
 from campaigns.chain.validation import (
     TESTS,
+    Means,
     Validated,
     ValidationStage,
     record_validation,
@@ -236,17 +237,18 @@ def measure_validation(
     *,
     again: str,
     anew: bool = False,
+    by: Means = "parameters",
 ) -> Validated:
     """Measure, evaluate and judge; `again` is the command that goes on later."""
 
     def prepare(cell: Cell) -> Work:
-        work, notes = validation_work(campaign, stage, cell.robot.read_geometry(), tests)
+        work, notes = validation_work(campaign, stage, cell.robot.read_geometry(), tests, by)
         for note in notes:
             terminal.note(f"! {note}", WARNING)
         return work
 
     def finish(journal: Journal, series: int) -> Validated:
-        return record_validation(campaign, journal, series, stage)
+        return record_validation(campaign, journal, series, stage, by)
 
     title = f"validate {stage}"
     retries = Retries(campaign, stage, campaign.config.run.retry, SystemClock())

@@ -225,7 +225,7 @@ def gather(campaign: Campaign) -> Evidence:
             journal=_facts(journal, entries, all_series, identification, unended),
             before=measured(_chosen(all_series, {"before"})),
             run=measured(_identified_series(all_series, identification)),
-            after=measured(_chosen(all_series, {"after"})),
+            after=measured(_chosen(all_series, {"after", "after by targets"})),
             identification=identification,
             loaded=loaded,
             plan=plan,
@@ -478,6 +478,7 @@ def _identified_digests(evidence: Evidence) -> IdentifiedDigests | None:
         file_now=None if file is None else file.digest(),
         loaded=None if loaded is None else loaded.digest,
         validated_with=None if after is None else after.series.started.robot_file_digest,
+        by_targets=after is not None and after.series.started.stage == "after by targets",
     )
 
 

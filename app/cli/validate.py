@@ -14,8 +14,10 @@ from app.validation_text import show, show_gain, validation_document
 from app.wiring import connected_robot
 from campaigns.campaign import open_campaign
 from campaigns.chain.validation import (
+    Means,
     ValidationStage,
     record_anyway,
+    require_means,
     results_before,
     wrong_stage,
 )
@@ -52,6 +54,15 @@ Anyway = Annotated[
 ]
 
 
+By = Annotated[
+    Means,
+    typer.Option(
+        help="What calibrates the robot, --stage after: parameters in its controller, or targets "
+        "corrected for a controller that keeps the nominal ones."
+    ),
+]
+
+
 def command(
     context: typer.Context,
     folder: Folder,
@@ -62,6 +73,7 @@ def command(
     yes: Yes = False,
     anew: Anew = False,
     anyway: Anyway = False,
+    by: By = "parameters",
     json: Json = False,
 ) -> None:
     """Measure how good the robot is, as its user commands it.
@@ -72,6 +84,10 @@ def command(
     are commanded, so the controller's own parameters are put to the test. What it holds is read
     first: the nominal parameters are not "after", identified ones not "before".
 
+    With --by targets nothing is loaded: the controller keeps its nominal parameters, corrected
+    poses are commanded, as `pkmcal correct` writes them, and errors are judged against the wanted
+    ones.
+
     Exit code 1: a limit under `acceptance` in campaign.yaml is not surely kept, or distances after
     loading are worse than before.
     """
@@ -79,12 +95,13 @@ def command(
     campaign = open_campaign(folder)
     tests = tuple(only or Test)
     names = [test.value for test in tests]
+    require_means(stage, by)
     if dry:
         terminal.say(f"would measure, as '{stage}': {', '.join(names)}; nothing was moved")
         terminal.document({"stage": stage, "tests": names})
         return
     with connected_robot(campaign) as controller:
-        wrong = wrong_stage(campaign, controller.read_geometry(), stage, terminal.note)
+        wrong = wrong_stage(campaign, controller.read_geometry(), stage, terminal.note, by=by)
         serial = controller.identity().serial
     if wrong is not None and not anyway:
         raise wrong
@@ -97,6 +114,7 @@ def command(
     wanted = () if set(tests) == set(Test) else tests
     words = [word for test in wanted for word in ("--only", test.value)]
     words += ["--anyway"] if anyway else []
+    words += ["--by", by] if by == "targets" else []
     found = measure_validation(
         campaign,
         stage,
@@ -104,6 +122,7 @@ def command(
         frozenset(SET_OF[test] for test in tests),
         again=shlex.join(["pkmcal", "validate", str(folder), "--stage", stage, *words]),
         anew=anew,
+        by=by,
     )
     show(terminal, stage, found)
     before = results_before(campaign) if stage == "after" else ()

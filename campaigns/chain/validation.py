@@ -8,7 +8,9 @@ from typing import Literal
 import numpy as np
 
 from campaigns.campaign import Campaign
+from campaigns.chain.correction import identified_set
 from campaigns.chain.work import engine_work
+from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.controllers.load import differing
 from campaigns.controllers.load_journal import Holding, load_history, settle
 from campaigns.errors import FindingUnreadable, OptionsInvalid
@@ -32,12 +34,14 @@ from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.predicted_precision import (
     EstimationSetup,
 )
-from campaigns.planning.validation_plan import Reachable, validation_steps
+from campaigns.planning.validation_plan import Correct, Reachable, validation_steps
 from campaigns.robots.robot import RobotFile, pose_row
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
 
 ValidationStage = Literal["before", "after"]
+Means = Literal["parameters", "targets"]
+"""What calibrates the robot: parameters in its controller, or targets corrected for it."""
 VerificationStage = Literal["verify before", "verify after"]
 TESTS = frozenset(
     {ShotSet.VALIDATION, ShotSet.ROTATION, ShotSet.STRAIGHTNESS, ShotSet.REPEATABILITY}
@@ -58,13 +62,20 @@ def validation_work(
     stage: ValidationStage,
     active: Mapping[str, float],
     tests: frozenset[ShotSet] = TESTS,
+    by: Means = "parameters",
 ) -> tuple[Work, tuple[str, ...]]:
     """Tests as work for the engine, and what had to be shortened or left out.
 
-    Planned with the parameters that are active in the controller, which takes the pose commands.
+    Planned with the parameters that are active in the controller, which takes the pose commands; by
+    targets with the identified ones of the exported file, the active ones being the controller's.
+    Raises `ConfigInvalid` for a file that is not for this campaign.
     """
     unseen = _unseen_pairs(campaign) if ShotSet.VALIDATION in tests else ()
-    return _work(campaign, stage, active, tests, unseen)
+    if by == "parameters":
+        return _work(campaign, stage, _active_robot(campaign, active), tests, unseen)
+    identified, held = identified_set(campaign), _active_robot(campaign, active)
+    correct = TargetCorrection(identified.kinematics, held.kinematics, held.limits).commanded
+    return _work(campaign, "after by targets", identified, tests, unseen, correct)
 
 
 def verification_pairs(
@@ -74,7 +85,7 @@ def verification_pairs(
 
     Raises `OptionsInvalid` when there are fewer than asked for.
     """
-    reachable = [_reachable(campaign, active) for active in sets]
+    reachable = [_reachable(campaign, _active_robot(campaign, active)) for active in sets]
     pairs: dict[int, list[PlannedShot]] = {}
     for shot in _unseen_pairs(campaign):
         if shot.pair is not None:
@@ -103,7 +114,8 @@ def verification_work(
     shots: Sequence[PlannedShot],
 ) -> Work:
     """Pairs as work for the engine, commanded by poses as in a validation."""
-    work, _ = _work(campaign, stage, active, frozenset({ShotSet.VALIDATION}), shots)
+    robot = _active_robot(campaign, active)
+    work, _ = _work(campaign, stage, robot, frozenset({ShotSet.VALIDATION}), shots)
     return work
 
 
@@ -119,6 +131,8 @@ def wrong_stage(
     held: Mapping[str, float],
     stage: ValidationStage,
     tell: Callable[[str], None] = lambda _: None,
+    *,
+    by: Means = "parameters",
 ) -> OptionsInvalid | None:
     """What speaks against measuring a stage while the controller holds these parameters.
 
@@ -129,11 +143,15 @@ def wrong_stage(
     if mixture:
         return OptionsInvalid(f"--stage {stage}: {mixture}", remedy=again)
     if stage == "after":
-        if differing(held, campaign.robot.geometry_flat()):
+        holds_others = bool(differing(held, campaign.robot.geometry_flat()))
+        if by == "targets":
+            return _wrong_for_targets(campaign, again) if holds_others else None
+        if holds_others:
             return None
         return OptionsInvalid(
             "--stage after: the controller still holds the nominal parameters",
-            remedy=f"`pkmcal load {campaign.folder}` first, or --stage before; {again}",
+            remedy=f"`pkmcal load {campaign.folder}` first, or --by targets, or --stage before; "
+            f"{again}",
         )
     for found in _identified(campaign):
         space = campaign.robot.mechanism.parameters
@@ -145,6 +163,24 @@ def wrong_stage(
                 f"{again}",
             )
     return None
+
+
+def _wrong_for_targets(campaign: Campaign, again: str) -> OptionsInvalid:
+    return OptionsInvalid(
+        "--by targets: the controller does not hold the nominal parameters, for which targets are "
+        "corrected",
+        remedy=f"`pkmcal load {campaign.folder} --rollback` first, or leave --by targets out; "
+        f"{again}",
+    )
+
+
+def require_means(stage: ValidationStage, by: Means) -> None:
+    """Raise `OptionsInvalid` for corrected targets before calibration."""
+    if by == "targets" and stage == "before":
+        raise OptionsInvalid(
+            "--stage before --by targets: before calibration no target is corrected",
+            remedy="give --stage after, or leave --by targets out",
+        )
 
 
 def record_anyway(campaign: Campaign, wrong: OptionsInvalid) -> None:
@@ -162,33 +198,41 @@ def validate(
     observer: RunObserver = SILENT,
     stop_requested: Callable[[], bool] = lambda: False,
     anyway: bool = False,
+    by: Means = "parameters",
 ) -> Validated:
     """Measure on a connected cell how good the robot is as its user commands it, and judge it.
 
-    Raises `OptionsInvalid` for the wrong stage unless it is measured `anyway`.
+    By targets, the controller keeps its nominal parameters and is commanded corrected poses; errors
+    are judged against the wanted ones. Raises `OptionsInvalid` for the wrong stage unless it is
+    measured `anyway`.
     """
+    require_means(stage, by)
     active = cell.robot.read_geometry()
-    wrong = wrong_stage(campaign, active, stage, observer.event)
+    wrong = wrong_stage(campaign, active, stage, observer.event, by=by)
     if wrong is not None and not anyway:
         raise wrong
     if wrong is not None:
         record_anyway(campaign, wrong)
-    work, notes = validation_work(campaign, stage, active, tests)
+    work, notes = validation_work(campaign, stage, active, tests, by)
     for note in notes:
         observer.event(note)
     with campaign.journal() as journal:
         series = measure_series(cell, journal, work, observer, stop_requested)
-        return record_validation(campaign, journal, series, stage)
+        return record_validation(campaign, journal, series, stage, by)
 
 
 def record_validation(
-    campaign: Campaign, journal: Journal, series: int, stage: ValidationStage
+    campaign: Campaign,
+    journal: Journal,
+    series: int,
+    stage: ValidationStage,
+    by: Means = "parameters",
 ) -> Validated:
     """Evaluate a series that was measured, and write the finding into the journal."""
     found = _evaluated(campaign, journal, series)
     before_mm = mean_error_before_mm(journal) if stage == "after" else None
     verdict = validation_verdict(found, campaign.config.acceptance, before_mm)
-    body = {"stage": stage, "series": series, **found.document()}
+    body = {"stage": stage, "by": by, "series": series, **found.document()}
     journal.append(Finding("validation", body), series=series)
     return Validated(found, verdict)
 
@@ -259,20 +303,19 @@ def _active_robot(campaign: Campaign, active: Mapping[str, float]) -> RobotFile:
     return RobotFile.from_flat(nominal.mechanism, active, name="active", limits=nominal.limits)
 
 
-def _reachable(campaign: Campaign, active: Mapping[str, float]) -> Reachable:
-    robot = _active_robot(campaign, active)
-    return Reachable(robot.kinematics, robot.limits, space=campaign.space)
+def _reachable(campaign: Campaign, robot: RobotFile, correct: Correct | None = None) -> Reachable:
+    return Reachable(robot.kinematics, robot.limits, space=campaign.space, correct=correct)
 
 
 def _work(
     campaign: Campaign,
     stage: Stage,
-    active: Mapping[str, float],
+    robot: RobotFile,
     tests: frozenset[ShotSet],
     unseen: Sequence[PlannedShot],
+    correct: Correct | None = None,
 ) -> tuple[Work, tuple[str, ...]]:
-    robot = _active_robot(campaign, active)
-    reachable = _reachable(campaign, active)
+    reachable = _reachable(campaign, robot, correct)
     planned = validation_steps(
         campaign.config.validation,
         unseen,

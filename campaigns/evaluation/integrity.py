@@ -31,6 +31,8 @@ class IdentifiedDigests:
     file_now: str | None
     loaded: str | None
     validated_with: str | None
+    by_targets: bool = False
+    """Whether targets were corrected with it then, and nothing was loaded."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,8 +68,11 @@ def _identified(found: IdentifiedDigests | None) -> Iterator[Check]:
     statement = "the journal is unchanged up to the identification"
     yield _same(statement, found.journal_now, found.journal)
     yield _same("the parameter file holds what was identified", found.file_now, found.parameters)
-    yield _same("what was loaded last is what was identified", found.loaded, found.parameters)
-    statement = "the controller held it when it was validated after"
+    if found.by_targets:
+        statement = "targets were corrected with it when it was validated after"
+    else:
+        yield _same("what was loaded last is what was identified", found.loaded, found.parameters)
+        statement = "the controller held it when it was validated after"
     yield _same(statement, found.validated_with, found.parameters)
 
 

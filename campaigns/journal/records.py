@@ -11,7 +11,9 @@ from drivers.values import Identity, Matrix3, Pose, Vector3, Weather
 
 Joints = tuple[float, ...]
 """Joint values, one a joint, by whose kind the unit is rad or mm. Keys in the file say rad."""
-Stage = Literal["run", "before", "after", "import", "verify before", "verify after"]
+Stage = Literal[
+    "run", "before", "after", "after by targets", "import", "verify before", "verify after"
+]
 Command = Literal["joints", "pose"]
 Ending = Literal["finished", "interrupted", "aborted"]
 EventKind = Literal[
@@ -88,7 +90,10 @@ class SessionStopped:
 
 @dataclass(frozen=True, slots=True)
 class Intent:
-    """Intention of one attempt, written before anything moves. `purpose` is the shot's set."""
+    """Intention of one attempt, written before anything moves. `purpose` is the shot's set.
+
+    `commanded` is the pose that the controller is sent where that is another than the target.
+    """
 
     shot: int
     attempt: int
@@ -97,6 +102,7 @@ class Intent:
     target_joints: Annotated[Joints, Field(alias="target_joints_rad")]
     command: Command
     pair: int | None = None
+    commanded: Pose | None = None
 
 
 @dataclass(frozen=True, slots=True)

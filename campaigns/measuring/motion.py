@@ -179,7 +179,8 @@ class Mover:
             self._start_joints(step.planned.joints)
             return
         self.check_stop()
-        self._robot.move_pose(step.planned.pose, self._rules.speed_fraction)
+        pose = step.corrected or step.planned.pose
+        self._robot.move_pose(pose, self._rules.speed_fraction)
 
     def _start_joints(self, target: Joints) -> None:
         self.check_stop()

@@ -32,6 +32,7 @@ class SeriesLog:
             planned.joints,
             step.command,
             planned.pair,
+            step.corrected,
         )
         self.write(intent)
         self._attempts[intent.shot] = intent.attempt

@@ -5,15 +5,21 @@ from dataclasses import dataclass
 
 from campaigns.journal.records import Command
 from campaigns.planning.plan_file import PlannedShot
+from drivers.values import Pose
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """Shot to take, how it is commanded, and the joints to pass on the way to it."""
+    """Shot to take, how it is commanded, and the joints to pass on the way to it.
+
+    `corrected` is the pose to command instead of the wanted one, to a controller that keeps its
+    nominal parameters.
+    """
 
     planned: PlannedShot
     command: Command
     approach: tuple[tuple[float, ...], ...] = ()
+    corrected: Pose | None = None
 
 
 Group = tuple[Step, ...]

@@ -12,7 +12,13 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
 from campaigns.errors import PlanInvalid
-from campaigns.mechanisms.mechanism import Axis, Interval, Kinematics, Limits
+from campaigns.mechanisms.mechanism import (
+    Axis,
+    Interval,
+    Kinematics,
+    KinematicSolution,
+    Limits,
+)
 from campaigns.planning.paths import RobotModel, Stop, check_paths
 from campaigns.planning.plan_check import refuse, view_fault
 from campaigns.planning.plan_file import PlannedShot
@@ -21,6 +27,7 @@ from campaigns.planning.steps import Step
 from campaigns.robots.robot import pose_of, pose_row
 from campaigns.settings.sections import ValidationConfig
 from campaigns.shots.shot_sets import ShotSet
+from drivers.values import Pose
 
 APPROACH_MM = 80.0
 """Distance from which the repeated point is approached."""
@@ -33,17 +40,22 @@ LINE_SPARE = 0.9
 AXES = ("x", "y", "z")
 
 
+Correct = Callable[[Array], KinematicSolution]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Reachable:
     """The robot as its controller believes it to be, for that is what takes pose commands.
 
-    `view` is how the tracker sees it; None when that need not be looked at.
+    Or as it really is, where `correct` gives the poses to command to its controller for wanted
+    ones. `view` is how the tracker sees it; None when that need not be looked at.
     """
 
     kinematics: Kinematics
     limits: Limits
     view: View | None = None
     space: RestrictedSpace = UNRESTRICTED
+    correct: Correct | None = None
 
     def first_reason(self, poses: Array) -> str:
         """Reason why the first impossible one of poses (N, t) is so; empty when none is."""
@@ -54,6 +66,8 @@ class Reachable:
         beyond = (self.space.fault(pose[:3]) for pose in poses)
         if fault := next(filter(None, beyond), ""):
             return fault
+        if self.correct is not None and not self.correct(poses).found.all():
+            return "the controller's own kinematics cannot be assembled there"
         if self.view is None:
             return ""
         faults = (view_fault(pose[:3], self.view) for pose in poses)
@@ -70,6 +84,12 @@ class Reachable:
     def joints(self, poses: Array) -> Array:
         """Joints (N, n) of poses (N, t)."""
         return self.kinematics.feasibility(self.limits, poses).joints
+
+    def corrected(self, poses: Array) -> list[Pose | None]:
+        """Poses to command for poses (N, t) where they are others."""
+        if self.correct is None:
+            return [None] * len(poses)
+        return [pose_of(row) for row in self.correct(poses).values_or_raise()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,9 +174,17 @@ def _steps(test: _Test, robot: Reachable) -> list[Step]:
     """A test's steps, each still with the number 0."""
     joints = robot.joints(test.poses)
     via = [()] * len(joints) if test.approaches is None else _vias(robot, test.approaches)
+    corrected = robot.corrected(test.poses)
     return [
-        Step(PlannedShot(0, test.purpose, pair, pose_of(pose), tuple(q.tolist())), "pose", passed)
-        for pose, pair, q, passed in zip(test.poses, test.pairs, joints, via, strict=True)
+        Step(
+            PlannedShot(0, test.purpose, pair, pose_of(pose), tuple(q.tolist())),
+            "pose",
+            passed,
+            instead,
+        )
+        for pose, pair, q, passed, instead in zip(
+            test.poses, test.pairs, joints, via, corrected, strict=True
+        )
     ]
 
 

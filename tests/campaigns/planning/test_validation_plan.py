@@ -8,6 +8,7 @@ from fake_cell import CENTRE, NOMINAL
 from par4_space import par4
 from small_plans import LIMITS, planned
 
+from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.errors import PlanInvalid
 from campaigns.planning.plans import View
 from campaigns.planning.steps import Step
@@ -173,3 +174,17 @@ def test_unsafe_way_between_poses_is_refused_beforehand(monkeypatch: pytest.Monk
     monkeypatch.setattr("campaigns.planning.paths.route", lambda *_: None)
     with pytest.raises(PlanInvalid, match="no safe way from validation shot 0 to validation shot"):
         steps()
+
+
+def test_corrected_poses_bring_the_nominal_controller_to_the_joints_of_the_wanted_ones() -> None:
+    real = par4(NOMINAL.flat() | {"plate_mm": 103.0, "arm1.arm_mm": 351.0})
+    correct = TargetCorrection(real, NOMINAL, LIMITS).commanded
+    found = steps(robot=Reachable(real, LIMITS, correct=correct))
+    assert len(found.steps) > 90
+    for step in found.steps:
+        assert step.corrected is not None
+        assert step.corrected != step.planned.pose
+        row = pose_row(step.corrected)[None]
+        joints = NOMINAL.inverse(row).values_or_raise()[0]
+        np.testing.assert_allclose(joints, step.planned.joints, atol=1e-9)
+    assert all(step.corrected is None for step in steps().steps)
