@@ -45,9 +45,10 @@ ModelOption = Annotated[
     Model,
     typer.Option(
         "--model",
-        help="paper, standard: lengths, places and joint offsets. full: unequal rods and tilted "
-        "axes too, which tilt the plate. auto: the smallest that unseen pairs and BIC don't "
-        "reject. extended: as auto, of where axes point and what gears lose.",
+        help="paper, standard: lengths, places and joint offsets. rods: unequal rods too, which "
+        "tilt the plate. full: tilted axes too, which do so as well. auto: the smallest that "
+        "unseen pairs and BIC don't reject. extended: as auto, of where axes point and what gears "
+        "lose.",
     ),
 ]
 Seed = Annotated[

@@ -53,21 +53,25 @@ def _sigma(tolerances: Tolerances, name: str) -> float:
 
 
 def rod_mechanism(robot: RobotSection, true_flat: dict[str, float], seed: int) -> RodMechanism:
-    """The mechanism, with what no parameter of its model describes."""
+    """The mechanism, with what no parameter of its contracted model describes."""
+    geometry = geometry_of(true_flat, robot.kind)
+    return RodMechanism(geometry, build_of(robot, geometry, seed))
+
+
+def build_of(robot: RobotSection, geometry: Geometry, seed: int) -> Build:
+    """Plate, rods and axes as they were really made."""
     kind = robot.kind
     rods = generator(seed, Purpose.RODS).standard_normal((kind.arms, 2))
     tilts = generator(seed, Purpose.TILTS).standard_normal((1 + kind.on_rails, kind.arms))
     tilts_mrad = robot.tolerances.axis_tilt_mrad * tilts
     told_mm = np.reshape(robot.rod_errors_mm or np.zeros(2 * kind.arms), (kind.arms, 2))
-    geometry = geometry_of(true_flat, kind)
-    build = Build(
+    return Build(
         plate_joints_mm=plate_joints_mm(robot, geometry),
         rod_spacing_mm=robot.rod_spacing_mm,
         rod_errors_mm=told_mm + robot.tolerances.rod_mm * rods,
         axis_tilts_rad=(_of_arms(robot.axis_tilts_mrad, kind) + tilts_mrad[0]) * RAD_PER_MRAD,
         leans_rad=tilts_mrad[1] * RAD_PER_MRAD if kind.on_rails else None,
     )
-    return RodMechanism(geometry, build)
 
 
 def plate_joints_mm(robot: RobotSection, geometry: Geometry) -> Array:

@@ -14,30 +14,28 @@ from app.exits import Exit
 from app.options import Fix, Folder, Free, Json, Plot
 from app.progress import CountedWork
 from app.study import tables
-from app.study.combinations import Combination, combinations
+from app.study.combinations import Combination, combinations, told_words
 from app.study.comparison import Compared, compare, comparison_csv
 from app.study.document import document_text, study_document
 from app.study.effects import (
     EXPLAINED,
-    TABLE,
     StudiedEffect,
     effect_combinations,
     effect_names,
-    effect_rows,
+    effect_table,
     effects_csv,
     effects_document,
     run_effect_study,
     wrong_by_method,
 )
 from app.study.running import run_study
-from app.study.setup import StudyOptions, left_out
+from app.study.setup import CHOICES, StudyOptions, left_out
 from app.study.workers import workers_of
 from campaigns.campaign import Campaign, now_utc, open_campaign
 from campaigns.errors import OptionsInvalid
-from campaigns.estimation.estimators import Estimator, Weights
+from campaigns.estimation.estimators import Estimator, Model, Weights
 from campaigns.files.lock import campaign_lock
 from campaigns.files.text_file import make_folder, replace_text
-from campaigns.identification.parameter_selection import select_parameters
 
 MOST_CAMPAIGNS = 1_000_000
 OUTPUTS = "study"
@@ -76,6 +74,14 @@ WeightsOfDistances = Annotated[
     list[Weights] | None,
     typer.Option("--weights", help="How distances count; repeatable.", show_default=Weights.STATED),
 ]
+Models = Annotated[
+    list[Model] | None,
+    typer.Option(
+        "--model",
+        help="What the fits find; repeatable. auto and extended: with --effects.",
+        show_default=Model.STANDARD,
+    ),
+]
 Effects = Annotated[
     list[str] | None,
     typer.Option(
@@ -109,6 +115,7 @@ def command(
     estimator: Estimators = None,
     weights: WeightsOfDistances = None,
     effects: Effects = None,
+    model: Models = None,
     free: Free = None,
     fix: Fix = None,
     seed: SeedOfAll = 1,
@@ -117,11 +124,12 @@ def command(
     plot: Plot = None,
     json: Json = False,
 ) -> None:
-    """Simulate and identify many campaigns, by every plan, scenario and estimator named.
+    """Simulate and identify many campaigns, by every plan, scenario, estimator and model named.
 
-    Each draws a robot and the tracker's noise, and that is all there is: what no parameter
-    describes (rods, backlash, warm arms) is for `pkmcal dry-run` to show. Tells whether the stated
-    σ are true, how near they come to the least that the shots allow, and what is left elsewhere.
+    Each draws a robot and the tracker's noise, and that is all there is: what no parameter of the
+    model describes (rods, backlash, warm arms) is for `pkmcal dry-run` to show. Tells whether the
+    stated σ are true, how near they come to the least that the shots allow, and what is left
+    elsewhere.
 
     --effects lets something go wrong in each (a step of an encoder, a bumped stand, wrong shots,
     unequal rods, …), identifies it as `pkmcal identify` does, and tells how often a "pass" is wrong
@@ -131,10 +139,15 @@ def command(
     seed, not on the workers. Exit code 1: campaigns were lost with their workers.
     """
     terminal, opened = terminal_of(context, as_json=json), open_campaign(folder)
-    space = opened.robot.mechanism.parameters
-    names = select_parameters(space, free or (), fix or ()).free
     asked = StudyOptions(
-        plan or (), scenario or (), estimator or (), names, seed, weights=weights or ()
+        plans=plan or (),
+        scenarios=scenario or (),
+        estimators=estimator or (),
+        freed=free or (),
+        fixed=fix or (),
+        seed=seed,
+        weights=weights or (),
+        models=model or (),
     )
     goal = Goal(campaigns, workers, to or opened.path(OUTPUTS))
     if effects:
@@ -147,6 +160,11 @@ def command(
         if told["lost"]:
             raise typer.Exit(Exit.NOT_GOOD)
         return
+    if chosen := CHOICES & {*asked.models}:
+        raise OptionsInvalid(
+            f"--model {min(chosen)} finds other parameters in each campaign, whose σ don't compare",
+            remedy="name one, such as --model full, or study the choice with --effects",
+        )
     document, compared = study(opened, asked, goal, terminal)
     show(terminal, compared)
     if plot is not None:
@@ -211,12 +229,12 @@ def study_effects(
 
 def show_effects(terminal: Terminal, studied: Sequence[StudiedEffect], folder: Path) -> None:
     """The table for people, and the sum over all effects."""
-    terminal.table('How often is "pass" wrong?', TABLE, effect_rows(studied))
+    terminal.table('How often is "pass" wrong?', *effect_table(studied))
     terminal.note(EXPLAINED)
     for method, (wrong, campaigns) in wrong_by_method(studied).items():
         terminal.say(f"{method}: {wrong} wrong of {campaigns} campaigns")
     for one in studied:
-        words = " · ".join(one.combination.words)
+        words = " · ".join(told_words(one.combination.words))
         if one.found.failed:
             terminal.say(f"{words}: {one.found.failed} campaigns without an answer", WARNING)
         if one.lost:
@@ -234,8 +252,9 @@ def counting(total: int, done: int) -> CountedWork:
 
 def tell_what_is_left_out(terminal: Terminal, combinations: Sequence[Combination]) -> None:
     """Say what the scenarios have that no campaign of a study has."""
+    models = [one.method.model for one in combinations]
     for scenario in {one.scenario.name: one.scenario for one in combinations}.values():
-        if effects := left_out(scenario):
+        if effects := left_out(scenario, models):
             terminal.note(f"{scenario.name}: not simulated here: {', '.join(effects)}", WARNING)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from app.study.setup import Method, StudyOptions, robots_drawn, study_scenario, study_setup
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid
-from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.estimators import Model
 from campaigns.studies.store import StudyTable
 from campaigns.studies.study import StudySetup
 from sim.scenarios.schema import Scenario
@@ -25,25 +25,17 @@ class Combination:
     scenario: Scenario
     setup: StudySetup
     table: StudyTable
-
-    @property
-    def estimator(self) -> Estimator:
-        """What its fits compare."""
-        return self.setup.estimator
-
-    @property
-    def method(self) -> Method:
-        """Estimator and weights of its fits."""
-        return Method(self.estimator, self.setup.options.weights)
+    method: Method
+    """Estimator, weights and model of its fits."""
 
     def __str__(self) -> str:
-        """As people are told."""
-        return " · ".join(self.words)
+        """As people are told; of the usual model nothing."""
+        return " · ".join(told_words(self.words))
 
     @property
-    def words(self) -> tuple[str, str, str]:
-        """Plan, scenario and estimator."""
-        return self.plan, self.scenario.name, str(self.method)
+    def words(self) -> tuple[str, str, str, str]:
+        """Plan, scenario, estimator and model."""
+        return self.plan, self.scenario.name, str(self.method), self.method.model.value
 
 
 def combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> tuple[Combination, ...]:
@@ -64,8 +56,13 @@ def combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> tuple
 
 
 def file_name(*words: str) -> str:
-    """Name of a table, from what tells it from others."""
-    return f"{UNFIT_FOR_FILES.sub('_', '-'.join(words).replace(', ', '-'))}.csv"
+    """Name of a table, from what tells it from others; the model last."""
+    return f"{UNFIT_FOR_FILES.sub('_', '-'.join(told_words(words)).replace(', ', '-'))}.csv"
+
+
+def told_words(words: tuple[str, ...]) -> tuple[str, ...]:
+    """Words of a combination without those of the usual model, which are last."""
+    return words[:-1] if words[-1] == Model.STANDARD else words
 
 
 def _combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> Iterator[Combination]:
@@ -74,6 +71,6 @@ def _combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> Iter
     scenarios = [study_scenario(campaign, name) for name in names]
     for scenario, plan, method in product(scenarios, plans, asked.methods):
         setup = study_setup(campaign, plan, scenario, method, asked)
-        path = folder / file_name(plan.stem, scenario.name, str(method))
+        path = folder / file_name(plan.stem, scenario.name, str(method), method.model.value)
         table = StudyTable(path, setup.digest(robots_drawn(scenario)), setup.free)
-        yield Combination(plan.stem, scenario, setup, table)
+        yield Combination(plan.stem, scenario, setup, table, method)

@@ -11,7 +11,7 @@ from campaigns.files.csv_file import csv_text, number_text
 from campaigns.studies.summary import ParameterSummary, StudySummary, summarise
 
 COLUMNS = (
-    *("plan", "scenario", "estimator", "campaigns", "failed"),
+    *("plan", "scenario", "estimator", "model", "campaigns", "failed"),
     *("worst_length_mm", "worst_angle_deg", "ratio_least", "ratio_most"),
     *("covered_95_least", "covered_95_most", "variance_over_bound_most"),
     *("unseen_mean_median_mm", "unseen_mean_q95_mm", "unseen_max_median_mm", "unseen_max_q95_mm"),

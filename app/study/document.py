@@ -28,12 +28,13 @@ def document_text(document: dict[str, object]) -> str:
 
 
 def _combination(one: Compared) -> dict[str, object]:
-    plan, scenario, estimator = one.combination.words
+    plan, scenario, estimator, model = one.combination.words
     setup, summary, studied = one.combination.setup, one.summary, one.studied
     return {
         "plan": plan,
         "scenario": scenario,
         "estimator": estimator,
+        "model": model,
         "shots": len(setup.fitted),
         "pairs": len(setup.shots.whole_pairs(ShotSet.IDENTIFICATION).rows),
         "study": one.combination.table.study,

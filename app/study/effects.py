@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -11,33 +12,36 @@ from app.study.combinations import Combination, combinations, file_name
 from app.study.results import Workers
 from app.study.rods import RodRobots
 from app.study.running import Job, run_jobs
-from app.study.setup import StudyOptions, robots_drawn, study_tasks
+from app.study.setup import CHOICES, StudyOptions, robots_drawn, study_tasks
 from app.study.tables import labels_of
 from campaigns.arrays import Array
 from campaigns.campaign import Campaign
 from campaigns.design.pose_sampling import workspace_poses
 from campaigns.errors import OptionsInvalid
 from campaigns.files.csv_file import csv_text, number_text
+from campaigns.identification.model_selection import candidate_models
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.effect_table import EffectTable, effect_digest
-from campaigns.studies.effects import EFFECTS
+from campaigns.studies.effects import EFFECTS, KINDS, PARTS
 from campaigns.studies.judged import EffectOutcome, EffectSetup, EffectTask, run_effects
-from campaigns.studies.wrong_passes import WrongPasses, wrong_passes
+from campaigns.studies.wrong_passes import WrongPasses, by_kind, wrong_passes
 
 ALL = "all"
 SCHEMA = "pkmcal/study-effects/1"
 WORKSPACE_POSES, WORKSPACE_SEED = 300, 1
-PERCENT = 100.0
+PERCENT, UM_PER_MM = 100.0, 1e3
 COLUMNS = (
-    *("effect", "plan", "scenario", "estimator", "campaigns", "failed", "passed"),
+    *("effect", "plan", "scenario", "estimator", "model", "kind", "campaigns", "failed", "passed"),
     *("passed_parameter_off", "passed_position_worse", "wrong", "named", "false_alarms"),
-    *("errors_over_sigma", "covered_95"),
+    *("errors_over_sigma", "covered_95", "position_rms_median_mm", "kept"),
 )
-TABLE = ("", "of", "pass", "wrong", "named", "alarms", "errors/σ", "95 %")
+TABLE = ("", "of", "pass", "wrong", "named", "alarms", "errors/σ", "95 %", "left µm")
+KEPT = "kept"
 EXPLAINED = (
     "wrong: passed with a parameter more than 4 σ off, or positions worse than twice what is "
     "stated; named: the cause, of a step its arm and place too (± 5 shots), %; alarms: a change, a "
-    "scale or a wrong shot named that is none; 95 %: share of intervals that hold the truth"
+    "scale or a wrong shot named that is none; 95 %: share of intervals that hold the truth; left: "
+    "real error of unseen positions, rms, in half of the campaigns; kept: models, %"
 )
 
 
@@ -51,8 +55,8 @@ class EffectCombination:
     table: EffectTable
 
     @property
-    def words(self) -> tuple[str, str, str, str]:
-        """Effect, plan, scenario and estimator."""
+    def words(self) -> tuple[str, str, str, str, str]:
+        """Effect, plan, scenario, estimator and model."""
         return (self.effect, *self.base.words)
 
 
@@ -63,18 +67,24 @@ class StudiedEffect:
     combination: EffectCombination
     outcomes: tuple[EffectOutcome, ...]
     found: WrongPasses
+    kinds: dict[str, WrongPasses]
+    """Of each size of the effect."""
     computed: int
     lost: int
     reasons: tuple[str, ...]
 
 
 def effect_names(asked: Sequence[str]) -> tuple[str, ...]:
-    """Effects asked for, each once; raises `OptionsInvalid` for one that there is not."""
-    if unknown := [name for name in asked if name not in (ALL, *EFFECTS)]:
+    """Effects asked for, each once; all of them are those that go wrong.
+
+    Raises `OptionsInvalid` for one that there is not.
+    """
+    if unknown := [name for name in asked if name not in (ALL, *KINDS)]:
         raise OptionsInvalid(
-            f"there is no effect {unknown[0]}", remedy=f"choose from {ALL}, {', '.join(EFFECTS)}"
+            f"there is no effect {unknown[0]}", remedy=f"choose from {ALL}, {', '.join(KINDS)}"
         )
-    return tuple(EFFECTS) if ALL in asked else tuple(dict.fromkeys(asked))
+    names = [(*EFFECTS,) if name == ALL else (name,) for name in asked]
+    return tuple(dict.fromkeys(chain.from_iterable(names)))
 
 
 def effect_combinations(
@@ -93,14 +103,19 @@ def effect_combinations(
             )
     workspace = _workspace(campaign)
     return tuple(
-        _combination(effect, base, workspace, folder) for effect in effects for base in bases
+        _combination(effect, base, asked, workspace, folder) for effect in effects for base in bases
     )
 
 
 def _combination(
-    effect: str, base: Combination, workspace: Array, folder: Path
+    effect: str, base: Combination, asked: StudyOptions, workspace: Array, folder: Path
 ) -> EffectCombination:
-    setup = EffectSetup(base.setup, workspace, RodRobots(base.scenario.robot))
+    model, models = base.method.model, None
+    if model in CHOICES:
+        space = base.setup.nominal.mechanism.parameters
+        models = candidate_models(space, model, asked.freed, asked.fixed)
+    robots = RodRobots(base.scenario.robot)
+    setup = EffectSetup(base.setup, workspace, robots, models, model)
     digest = effect_digest(setup, effect, robots_drawn(base.scenario))
     path = folder / file_name("effect", effect, *base.words)
     return EffectCombination(effect, base, setup, EffectTable(path, digest))
@@ -138,7 +153,8 @@ def run_effect_study(
         reasons = tuple(dict.fromkeys(reason for _, reason in own))
         computed, missing = len(known[place]) - begun[place], sum(count for count, _ in own)
         passes = wrong_passes(outcomes)
-        studied.append(StudiedEffect(each, outcomes, passes, computed, missing, reasons))
+        kinds = by_kind(outcomes)
+        studied.append(StudiedEffect(each, outcomes, passes, kinds, computed, missing, reasons))
     return tuple(studied)
 
 
@@ -164,37 +180,69 @@ def wrong_by_method(studied: Sequence[StudiedEffect]) -> dict[str, tuple[int, in
     return counts
 
 
-def effect_rows(studied: Sequence[StudiedEffect]) -> list[tuple[str, ...]]:
-    """Lines for people, one a combination, by the words in which they differ."""
-    words = [(*one.combination.words[:3], one.combination.base.method.short) for one in studied]
-    labels = labels_of(words)
-    return [(label, *_cells(one)) for label, one in zip(labels, studied, strict=True)]
+def effect_table(
+    studied: Sequence[StudiedEffect],
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Head and lines for people, one a combination, by the words in which they differ.
+
+    Of imperfect parts one a size; where models were chosen, which ones.
+    """
+    shown = [each for one in studied for each in _shown(one)]
+    labels = labels_of([words for words, _ in shown])
+    rows = [(label, *_cells(found)) for label, (_, found) in zip(labels, shown, strict=True)]
+    if not any(one.combination.base.method.model in CHOICES for one in studied):
+        return TABLE, rows
+    kept = [_kept_words(found) for _, found in shown]
+    return (*TABLE, KEPT), [(*row, each) for row, each in zip(rows, kept, strict=True)]
 
 
-def _cells(one: StudiedEffect) -> tuple[str, ...]:
-    found = one.found
+def _shown(one: StudiedEffect) -> list[tuple[tuple[str, ...], WrongPasses]]:
+    *first, _, model = one.combination.words
+    words = (*first, one.combination.base.method.short, model)
+    if one.combination.effect not in PARTS:
+        return [((*words, ""), one.found)]
+    return [((*words, kind), found) for kind, found in one.kinds.items()]
+
+
+def _cells(found: WrongPasses) -> tuple[str, ...]:
     return (
         *map(str, (found.campaigns, found.passed, found.wrong)),
         f"{PERCENT * found.named / max(found.campaigns, 1):.0f}",
         str(found.false_alarms),
         "-" if found.errors_over_sigma is None else f"{found.errors_over_sigma:.2f}",
         "-" if found.covered is None else f"{PERCENT * found.covered:.1f}",
+        "-" if found.position_mm is None else f"{UM_PER_MM * found.position_mm:.1f}",
+    )
+
+
+def _kept_words(found: WrongPasses) -> str:
+    """Models with the share that kept them, where there was a choice."""
+    if len(found.kept) == 1:
+        return next(iter(found.kept))
+    return ", ".join(
+        f"{name} {PERCENT * count / found.campaigns:.0f}" for name, count in found.kept.items()
     )
 
 
 def effects_csv(studied: Sequence[StudiedEffect]) -> str:
-    """Table for programs, a row a combination; what there is not is empty."""
-    return csv_text(COLUMNS, map(_csv_row, studied))
+    """Table for programs, a row a combination and one a size; what there is not is empty."""
+    rows = [
+        _csv_row((*one.combination.words, kind), found)
+        for one in studied
+        for kind, found in (("", one.found), *one.kinds.items())
+    ]
+    return csv_text(COLUMNS, rows)
 
 
-def _csv_row(one: StudiedEffect) -> list[str]:
-    found = one.found
+def _csv_row(words: tuple[str, ...], found: WrongPasses) -> list[str]:
     counts = (found.campaigns, found.failed, found.passed, found.off, found.worse)
-    values = (found.errors_over_sigma, found.covered)
+    values = (found.errors_over_sigma, found.covered, found.position_mm)
+    kept = " ".join(f"{name}:{count}" for name, count in found.kept.items())
     return [
-        *one.combination.words,
+        *words,
         *map(str, (*counts, found.wrong, found.named, found.false_alarms)),
         *("" if value is None else number_text(value) for value in values),
+        kept,
     ]
 
 
@@ -217,15 +265,17 @@ def effects_document(
 
 
 def _document(one: StudiedEffect) -> dict[str, object]:
-    effect, plan, scenario, estimator = one.combination.words
+    effect, plan, scenario, estimator, model = one.combination.words
     return {
         "effect": effect,
-        "kinds": [str(each) for each in EFFECTS[effect]],
+        "kinds": [str(each) for each in KINDS[effect]],
         "plan": plan,
         "scenario": scenario,
         "estimator": estimator,
+        "model": model,
         "study": one.combination.table.study,
         **asdict(one.found),
+        "by_kind": [{"kind": kind, **asdict(found)} for kind, found in one.kinds.items()],
         "lost": one.lost,
         "computed": one.computed,
         "path": str(one.combination.table.path),

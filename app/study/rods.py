@@ -1,16 +1,15 @@
 """Robots of rods for studies, drawn and moved by the simulated cell's own mechanism."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from campaigns.arrays import Array
-from campaigns.mechanisms.mechanism import Kinematics
-from campaigns.studies.affected import Forward
+from campaigns.arrays import Array, Index
+from campaigns.mechanisms.mechanism import Kinematics, ParameterSpace
+from campaigns.studies.affected import ImperfectRobot
 from campaigns.studies.effects import Effect
-from sim.building import plate_joints_mm
-from sim.geometry import geometry_of
-from sim.robot.rods import Build, Plate, RodMechanism
+from sim.geometry import Geometry, geometry_of
+from sim.robot.rods import Build, Plate, RodMechanism, turned
 from sim.scenarios.robot import RobotSection
 
 
@@ -20,25 +19,76 @@ class RodRobots:
 
     section: RobotSection
 
-    def __call__(self, true: Kinematics, effect: Effect, rng: np.random.Generator) -> Forward:
-        """Forward model of one, from joints (N, n) to points (N, 3)."""
-        flat, section, kind = true.flat(), self.section, self.section.kind
-        geometry = geometry_of({name: flat[name] for name in kind.names}, kind)
+    def __call__(
+        self, true: Kinematics, effect: Effect, rng: np.random.Generator
+    ) -> ImperfectRobot:
+        """One of them, its plate as in the robot's drawing."""
+        section, kind, plate = self.section, self.section.kind, true.mechanism.plate
+        geometry = geometry_of_model(true, section)
+        rods_mm = effect.rods_mm * rng.standard_normal((kind.arms, 2))
+        axes_rad = 1e-3 * effect.axes_mrad * rng.standard_normal((1 + kind.on_rails, kind.arms))
         build = Build(
-            plate_joints_mm=plate_joints_mm(section, geometry),
+            plate_joints_mm=np.array(plate.joints_mm),
             rod_spacing_mm=section.rod_spacing_mm,
-            rod_errors_mm=effect.rods_mm * rng.standard_normal((kind.arms, 2)),
-            axis_tilts_rad=1e-3 * effect.axes_mrad * rng.standard_normal(kind.arms),
+            rod_errors_mm=rods_mm,
+            axis_tilts_rad=axes_rad[0],
+            leans_rad=axes_rad[1] if kind.on_rails else None,
         )
-        rods = RodMechanism(geometry, build)
-        offset = np.array(section.reflector.offset_mm)
+        rods, offset = RodMechanism(geometry, build), np.array(plate.reflector_mm)
 
         def forward(joints: Array) -> Array:
             near, points = true.forward(joints).values_or_raise(), []
             for row, pose in zip(joints, near, strict=True):
                 guess = Plate.level(kind, pose[:3], float(pose[3:].sum()))
-                plate = rods.settle(row, 0.0, guess)[0]
-                points.append(rods.reflector_mm(plate, offset))
+                settled = rods.settle(row, 0.0, guess)[0]
+                points.append(rods.reflector_mm(settled, offset))
             return np.array(points)
 
-        return forward
+        p = vector_of_parts(true, geometry, build)
+        return ImperfectRobot(forward, true.mechanism.in_frame_of(true.p, p))
+
+
+def geometry_of_model(model: Kinematics, section: RobotSection) -> Geometry:
+    """The simulator's geometry of a robot with perfect parts."""
+    flat = model.flat()
+    return geometry_of({name: flat[name] for name in section.kind.names}, section.kind)
+
+
+def vector_of_parts(level: Kinematics, geometry: Geometry, build: Build) -> Array:
+    """Parameters (G,) of a robot of these rods and axes, in the base that it is built in.
+
+    A skew is the difference of a forearm's rods over their distance, the forearm their mean.
+    """
+    space, p = level.mechanism.parameters, level.p.copy()
+    p[_places(space, "forearm_mm")] += build.rod_errors_mm.mean(axis=1)
+    apart_mm = build.rod_errors_mm[:, 1] - build.rod_errors_mm[:, 0]
+    p[_places(space, "parallelogram_skew_deg")] += apart_mm / build.rod_spacing_mm
+    p[_places(space, "axis_tilt_deg")] += build.axis_tilts_rad
+    if geometry.kind.on_rails:
+        leaning = geometry.rails
+        if build.leans_rad is not None:
+            leaning = turned(leaning, geometry.sideways, build.leans_rad)
+        rails = turned(leaning, geometry.outward, build.axis_tilts_rad)
+        azimuths = geometry.azimuths_rad
+        outward = rails[:, 0] * np.cos(azimuths) + rails[:, 1] * np.sin(azimuths)
+        aside = rails[:, 1] * np.cos(azimuths) - rails[:, 0] * np.sin(azimuths)
+        p[_places(space, "elevation_deg")] = np.arctan2(rails[:, 2], outward)
+        p[_places(space, "rail_tilt_deg")] = np.arcsin(aside)
+    return p
+
+
+def told_by(build: Build, free: tuple[str, ...]) -> Build:
+    """Build without what no free parameter describes."""
+    has_skews = any(name.endswith(".parallelogram_skew_deg") for name in free)
+    has_tilts = any(name.endswith("_tilt_deg") for name in free)
+    leans = build.leans_rad
+    return replace(
+        build,
+        rod_errors_mm=build.rod_errors_mm * has_skews,
+        axis_tilts_rad=build.axis_tilts_rad * has_tilts,
+        leans_rad=None if leans is None else leans * has_tilts,
+    )
+
+
+def _places(space: ParameterSpace, field: str) -> Index:
+    return space.places([f"arm{arm}.{field}" for arm in range(space.arms)])

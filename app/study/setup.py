@@ -8,23 +8,28 @@ from pathlib import Path
 import numpy as np
 
 from app.new_campaign import SCENARIO, cell_text
+from app.study.rods import told_by, vector_of_parts
 from app.wiring import require_same_mechanism
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid, PlanInvalid
-from campaigns.estimation.estimators import Estimator, Weights
+from campaigns.estimation.estimators import Estimator, Model, Weights
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.identification.model_selection import select_geometry
 from campaigns.identification.options import IdentificationOptions
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plan_file import PlannedShot, read_plan
 from campaigns.planning.plans import joints_of
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.study import StudySetup, StudyTask, indistinguishable, planned_shots
-from sim.building import station_of, true_geometry
+from sim.building import build_of, station_of, true_geometry
+from sim.geometry import geometry_of
 from sim.scenarios.scenario import load_scenario, parse_scenario
 from sim.scenarios.schema import Scenario
 from sim.scenarios.tracker import NoiseSection
 
+CHOICES = frozenset({Model.AUTO, Model.EXTENDED})
+"""Models that are chosen among others by what is measured."""
 CAMPAIGNS_A_TASK = 25
 """A tenth of a second's work: long against sending it, short against all of it."""
 
@@ -46,35 +51,42 @@ def study_scenario(campaign: Campaign, name: str | None) -> Scenario:
 class StudyOptions:
     """What is compared, and what all combinations share.
 
-    Without plans, scenarios or estimators: the campaign's own plan and cell, and points.
+    Without plans, scenarios, estimators or models: the campaign's own plan and cell, points, and
+    the standard model.
     """
 
     plans: Sequence[Path]
     scenarios: Sequence[str]
     estimators: Sequence[Estimator]
-    free: tuple[str, ...]
+    freed: Sequence[str]
+    """Patterns of what is to be found beside what the model has free."""
+    fixed: Sequence[str]
     seed: int
     weights: Sequence[Weights] = ()
     """Of distances; without any: as stated."""
+    models: Sequence[Model] = ()
 
     @property
     def methods(self) -> tuple["Method", ...]:
-        """Every estimator, distances by every way to weigh them."""
+        """Every estimator, distances by every way to weigh them, and every model."""
         estimators = dict.fromkeys(self.estimators or [Estimator.POINTS])
         weights = dict.fromkeys(self.weights or [Weights.STATED])
+        models = dict.fromkeys(self.models or [Model.STANDARD])
         return tuple(
-            Method(estimator, each)
+            Method(estimator, each, model)
             for estimator in estimators
             for each in (weights if estimator is Estimator.DISTANCES else [Weights.STATED])
+            for model in models
         )
 
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """What a fit compares, and how it weighs distances."""
+    """What a fit compares, how it weighs distances, and what it finds."""
 
     estimator: Estimator
     weights: Weights = Weights.STATED
+    model: Model = Model.STANDARD
 
     @property
     def short(self) -> str:
@@ -108,7 +120,7 @@ def study_setup(
     setup = StudySetup(
         nominal=robot.kinematics,
         shots=planned_shots((*fitted, *unseen)),
-        free=asked.free,
+        free=select_geometry(robot.mechanism.parameters, method.model, asked.freed, asked.fixed),
         options=IdentificationOptions(
             estimator=method.estimator, weights=method.weights, instrument=_noise_of(scenario)
         ),
@@ -124,12 +136,15 @@ def robots_drawn(scenario: Scenario) -> str:
     return scenario.robot.model_dump_json()
 
 
-def left_out(scenario: Scenario) -> tuple[str, ...]:
-    """What the scenario has and a study has not: whatever no parameter of the model describes."""
-    robot = scenario.robot
+def left_out(scenario: Scenario, models: Iterable[Model]) -> tuple[str, ...]:
+    """What the scenario has and a study has not: whatever no parameter of a model describes."""
+    robot, asked = scenario.robot, {*models}
+    has_skews, has_tilts = asked <= {Model.RODS, Model.FULL}, asked <= {Model.FULL}
+    rods = (robot.tolerances.rod_mm, *robot.rod_errors_mm)
+    tilts = (robot.tolerances.axis_tilt_mrad, *robot.axis_tilts_mrad)
     effects = {
-        "rods of unequal length": (robot.tolerances.rod_mm, *robot.rod_errors_mm),
-        "tilted axes": (robot.tolerances.axis_tilt_mrad, *robot.axis_tilts_mrad),
+        "rods of unequal length": () if has_skews else rods,
+        "tilted axes": () if has_tilts else tilts,
         "backlash": robot.backlash_arcmin,
         "repeatability": (robot.repeatability.joint_arcsec, robot.repeatability.position_mm),
         "warm arms": (robot.thermal.rise_degC,),
@@ -167,9 +182,17 @@ def _noise_of(scenario: Scenario) -> TrackerUncertainty:
 
 
 def _drawn(setup: StudySetup, scenario: Scenario, number: int) -> Kinematics:
-    """The robot of one campaign, as the simulated cell would draw it."""
+    """The robot of one campaign, as the simulated cell would draw it.
+
+    With its unequal rods and tilted axes as far as free parameters describe them.
+    """
     own_seed = int(np.random.SeedSequence([setup.seed, number]).generate_state(1, np.uint64)[0])
-    return Kinematics.from_flat(setup.nominal.mechanism, true_geometry(scenario.robot, own_seed))
+    section, mechanism = scenario.robot, setup.nominal.mechanism
+    flat = true_geometry(section, own_seed)
+    level = Kinematics.from_flat(mechanism, flat)
+    geometry = geometry_of(flat, section.kind)
+    build = told_by(build_of(section, geometry, own_seed), setup.free)
+    return Kinematics(mechanism, vector_of_parts(level, geometry, build))
 
 
 def _of_set(shots: Sequence[PlannedShot], purpose: ShotSet) -> tuple[PlannedShot, ...]:

@@ -28,6 +28,8 @@ class Model(StrEnum):
     """Lengths, places and joint offsets: the paper's model."""
     STANDARD = "standard"
     """The same unless told otherwise."""
+    RODS = "rods"
+    """Unequal rods too, which tilt the plate; all axes horizontal."""
     FULL = "full"
     """Unequal rods and tilted axes too, which tilt the plate."""
     AUTO = "auto"

@@ -18,7 +18,7 @@ from campaigns.identification.result import ComparedModel, IdentificationResult
 from campaigns.mechanisms.mechanism import Kinematics, ParameterSpace
 from campaigns.shots.shots import Shots
 
-STANDARD, FULL = Model.STANDARD.value, Model.FULL.value
+STANDARD, RODS, FULL = Model.STANDARD.value, Model.RODS.value, Model.FULL.value
 NO_SCATTER = 1e-12
 """Of whitened squares: below this only rounding is left, which no parameter explains."""
 
@@ -47,8 +47,11 @@ def select_geometry(
 
     What a choice of models may end with is looked for whole. Raises `SelectionInvalid`.
     """
-    is_level = model in {Model.PAPER, Model.STANDARD}
-    by_default = space.free_by_default if is_level else space.free_in_full
+    by_default = space.free_in_full
+    if model in {Model.PAPER, Model.STANDARD}:
+        by_default = space.free_by_default
+    elif model is Model.RODS:
+        by_default = (*space.free_by_default, *space.skews)
     names = space.geometry
     return select_parameters(space, freed, fixed, names=names, by_default=by_default).free
 
@@ -74,7 +77,7 @@ def candidate_models(
 
 def asked_of(model: Model) -> str | None:
     """Name of the model that is kept whatever speaks against it, where one is asked for."""
-    return FULL if model is Model.FULL else None
+    return model.value if model in {Model.RODS, Model.FULL} else None
 
 
 def extensions(space: ParameterSpace, model: Model) -> dict[str, tuple[str, ...]]:
@@ -92,12 +95,14 @@ def extensions(space: ParameterSpace, model: Model) -> dict[str, tuple[str, ...]
     match model:
         case Model.PAPER | Model.STANDARD:
             return {}
+        case Model.RODS:
+            return {RODS: rods}
         case Model.FULL:
-            return {"rods": rods, FULL: full}
+            return {RODS: rods, FULL: full}
         case Model.AUTO:
             # where carriages have no azimuths to tell, axes are the full model
             wider = {"axes": axes} if set(axes) != set(full) else {}
-            return {"rods": rods, FULL: full, **wider, **both}
+            return {RODS: rods, FULL: full, **wider, **both}
         case Model.EXTENDED:
             return {"axes": axes, **both}
 

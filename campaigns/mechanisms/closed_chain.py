@@ -294,15 +294,24 @@ class ClosedChain:
         return float(np.linalg.norm(ends_mm, axis=-1).max())
 
     def in_frame_of(self, nominal: Array, p: Array) -> Array:
-        """Vector of the same robot seen from a base whose first arm is as in the nominal, (G,)."""
-        wanted, plate, tilts = self._split(nominal)
-        reframed, (_, _, own_tilts) = p.copy(), self._split(p)
-        arms = reframed[: self._of_arms].reshape(self.parameters.arms, -1)
+        """Vector of the same robot seen from a base whose first arms are as in the nominal, (G,).
+
+        Exact, but for plate bars that follow the azimuths of tilted arms and for carriages' plates
+        that are tilted instead of the base: what is left there is of second order in the tilts.
+        """
+        wanted, plate, level = self._split(nominal)
+        reframed = p.copy()
+        values, _, own = self._split(reframed)
         fixed = self._platform.points_along_x
-        arms[:] = self._arms.in_frame_of((wanted, tilts), (arms, own_tilts), may_turn=not fixed)
+        values[:], own[:, :-1] = self._arms.in_frame_of(
+            (wanted, level[:, :-1]),
+            (values, own[:, :-1]),
+            self.plate,
+            may_turn=not fixed,
+        )
         if fixed:
             # how the platform counts its turn is no more measured than where the base frame is
-            arms[SLIDING, 0] += wanted[SLIDING[0], 0] - arms[SLIDING[0], 0]
+            values[SLIDING, 0] += wanted[SLIDING[0], 0] - values[SLIDING[0], 0]
             reframed[self._of_arms : len(self.parameters.names)] = plate
         return reframed
 

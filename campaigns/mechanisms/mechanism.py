@@ -113,7 +113,6 @@ class ParameterSpace:
 
     They place the base frame, and say how a turn that is not measured is counted.
     """
-
     tilt_fields: tuple[str, ...] = ()
     """Fields in files that say which way imperfect parts lean, beside the extensions."""
 

@@ -30,8 +30,19 @@ DIFFERENCE = 1e-6
 
 Forward = Callable[[Array], Array]
 """From joints (N, n) to a robot's points in the base frame, (N, 3)."""
-BeyondModel = Callable[[Kinematics, Effect, np.random.Generator], Forward]
-"""From a robot of the model to a like one with rods and axes that no parameter describes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImperfectRobot:
+    """Robot of unequal rods and tilted axes."""
+
+    forward: Forward
+    p: Array
+    """(G,), with skews and tilts, in the frame of the nominal robot."""
+
+
+BeyondModel = Callable[[Kinematics, Effect, np.random.Generator], ImperfectRobot]
+"""From a robot of perfect parts to a like one with rods and axes that an effect has put out."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +52,7 @@ class AffectedCampaign:
     shots: Shots
     free: tuple[str, ...]
     true: Kinematics
-    """The robot as it is at the end, as far as the model goes."""
+    """The robot as it is at the end, as far as the free parameters go."""
     forward: Forward
     """Points of the robot as it is at the end."""
     covariance_mm2: Array
@@ -105,10 +116,14 @@ def affected_campaign(
     before = Kinematics(mechanism, truth)
     arm, first = int(rng.integers(mechanism.parameters.arms)), _first_after(rng, fitted)
     after = _changed(before, effect, arm, rng)
+    told = after
     joints = shots.joints + _backlash(before, effect) * rng.choice([-0.5, 0.5], shots.joints.shape)
     if effect.beyond_the_model:
         assert beyond_model is not None, "only asked for where there is one"
-        forward = beyond_model(after, effect, rng)
+        imperfect = beyond_model(after, effect, rng)
+        forward = imperfect.forward
+        if {*setup.free} & {*mechanism.parameters.extensions}:
+            told = Kinematics(mechanism, imperfect.p)
     else:
         forward = _points_of(after)
     in_base = forward(joints)
@@ -140,7 +155,7 @@ def affected_campaign(
             stated_covariance_mm2=effect.scale**2 * stated,
         ),
         free=setup.free,
-        true=after,
+        true=told,
         forward=forward,
         covariance_mm2=turn.T @ stated @ turn + _own_mm2(before, effect, forward, shots.joints),
         shift_mm=shift @ turn if after is before else shift,

@@ -8,11 +8,11 @@ from typing import Any
 
 from campaigns.errors import OutputExists
 from campaigns.files.csv_file import CsvForm, CsvRow, csv_text, number_text, parse_csv
-from campaigns.studies.effects import EFFECTS
+from campaigns.studies.effects import KINDS
 from campaigns.studies.judged import EffectOutcome, EffectSetup, JudgedCampaign
 from campaigns.studies.store import ANOTHER, ResultTable
 
-WORDS = ("verdict", "doubts", "change")
+WORDS = ("verdict", "model", "doubts", "change")
 COUNTS = ("known", "missing", "too_many")
 MARKS = ("named", "false_alarm")
 JUDGED = tuple(each.name for each in fields(JudgedCampaign))
@@ -21,9 +21,9 @@ COLUMNS = ("study", "campaign", "what", "failure", *JUDGED)
 
 def effect_digest(setup: EffectSetup, effect: str, truth: str) -> str:
     """Twelve characters that differ between studies; `truth` says how robots are drawn."""
-    kinds = ", ".join(map(repr, EFFECTS[effect]))
+    kinds = ", ".join(map(repr, KINDS[effect]))
     poses = hashlib.sha256(setup.workspace.tobytes()).hexdigest()
-    return setup.study.digest(f"{truth} {effect}: {kinds} {poses}")
+    return setup.study.digest(f"{truth} {effect}: {kinds} {poses} {setup.model}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,8 @@ class EffectTable(ResultTable[int, EffectOutcome]):
     def parsed(self, text: str) -> Iterable[EffectOutcome]:
         """Outcomes of a table of this study; raises `OutputExists`."""
         if text.partition("\n")[0].split(",") != list(COLUMNS):
-            raise OutputExists(f"{self.path}: is no table of a study of effects", remedy=ANOTHER)
+            problem = "is no table of a study of effects by this version"
+            raise OutputExists(f"{self.path}: {problem}", remedy=ANOTHER)
         form = CsvForm(COLUMNS, (), OutputExists)
         return map(self._outcome_of, parse_csv(text, str(self.path), form))
 
@@ -61,7 +62,8 @@ class EffectTable(ResultTable[int, EffectOutcome]):
     def _outcome_of(self, row: CsvRow) -> EffectOutcome:
         if row.text("study") != self.study:
             raise row.wrong(
-                "belongs to another study: other plan, robots, noise, effect, estimator or seed",
+                "belongs to another study: other plan, robots, noise, effect, estimator, model or "
+                "seed",
                 remedy=ANOTHER,
             )
         number, what, failure = row.whole_number("campaign"), row.text("what"), row.text("failure")

@@ -35,7 +35,7 @@ class Effect:
 
     @property
     def beyond_the_model(self) -> bool:
-        """Presence of what no parameter of the model describes."""
+        """Presence of what no parameter of the contracted model describes."""
         return self.rods_mm > 0.0 or self.axes_mrad > 0.0
 
     def __str__(self) -> str:
@@ -83,10 +83,26 @@ EFFECTS: Mapping[str, tuple[Effect, ...]] = {
     ),
     "scale": (Effect(scale=1.01), Effect(scale=0.995)),
 }
-"""Effects by name; where there are several sizes, campaigns take them in turn."""
+"""Effects that go wrong by name; where there are several sizes, campaigns take them in turn."""
+
+PARTS: Mapping[str, tuple[Effect, ...]] = {
+    "imperfect-parts": (
+        Effect(),
+        Effect(rods_mm=0.05),
+        Effect(rods_mm=0.2),
+        Effect(axes_mrad=0.5),
+        Effect(axes_mrad=2.0),
+        Effect(rods_mm=0.05, axes_mrad=0.5),
+        Effect(rods_mm=0.2, axes_mrad=2.0),
+        Effect(rods_mm=0.05, axes_mrad=0.5, scatter_mm=0.1 / 3**0.5),
+    ),
+}
+"""Parts that are never perfect, from none to coarse: what each model leaves of them."""
+
+KINDS: Mapping[str, tuple[Effect, ...]] = {**EFFECTS, **PARTS}
 
 
 def effect_of(name: str, campaign: int) -> Effect:
     """Effect of a campaign by its number."""
-    kinds = EFFECTS[name]
+    kinds = KINDS[name]
     return kinds[campaign % len(kinds)]

@@ -1,18 +1,21 @@
 """Judged campaigns: what identification says of an affected campaign, beside what is true of it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import CampaignError
+from campaigns.estimation.estimators import Model
 from campaigns.estimation.rigid_transforms import fit_transform
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.doubts import CHANGE, COMMON_SCALE, HOLD_OUT, LACK
-from campaigns.identification.identify import identify
+from campaigns.identification.model_selection import select_model
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.identification.result import IdentificationResult
-from campaigns.mechanisms.mechanism import Kinematics, NoSolution
+from campaigns.mechanisms.arms import AXIS_TILT
+from campaigns.mechanisms.mechanism import PARALLELOGRAM_SKEW, Kinematics, NoSolution
 from campaigns.studies.affected import (
     AffectedCampaign,
     BeyondModel,
@@ -20,7 +23,7 @@ from campaigns.studies.affected import (
     affected_campaign,
     fitted_rows,
 )
-from campaigns.studies.effects import EFFECTS, Effect, effect_of
+from campaigns.studies.effects import KINDS, Effect, effect_of
 from campaigns.studies.study import StudySetup
 
 WRONG_SIGMAS, WRONG_POSITION = 4.0, 2.0
@@ -34,6 +37,8 @@ class JudgedCampaign:
     """Verdict on a campaign, and how far it is from the truth."""
 
     verdict: Decision
+    model: str
+    """The one that was kept."""
     doubts: tuple[str, ...]
     """Names."""
     known: int
@@ -92,6 +97,10 @@ class EffectSetup:
     """Poses (N, t) at which positions are judged."""
     beyond_model: BeyondModel | None = None
     """Robots with unequal rods and tilted axes; None where nothing simulates them."""
+    models: Mapping[str, ParameterSelection] | None = None
+    """Models among which identification chooses, the standard one first; None: none but one."""
+    model: Model = Model.STANDARD
+    """Name of that one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,7 +134,7 @@ def run_effects(task: EffectTask) -> tuple[EffectOutcome, ...]:
 
 def _outcome(task: EffectTask, number: int, truth: Array) -> EffectOutcome:
     effect, setup = effect_of(task.effect, number), task.setup
-    seed = [setup.study.seed, number, list(EFFECTS).index(task.effect)]
+    seed = [setup.study.seed, number, list(KINDS).index(task.effect)]
     rng = np.random.default_rng(seed)
     try:
         made = affected_campaign(setup.study, effect, truth, rng, setup.beyond_model)
@@ -138,15 +147,17 @@ def judge(setup: EffectSetup, made: AffectedCampaign) -> JudgedCampaign:
     """Verdict on a campaign, compared with the truth; raises as `identify` does."""
     study, space = setup.study, setup.study.nominal.mechanism.parameters
     options = replace(study.options, workspace=setup.workspace)
-    found = identify(study.nominal, made.shots, ParameterSelection(made.free), options)
-    units, places = space.units(made.free), space.places(made.free)
-    values = np.array([found.parameters[name].value for name in made.free]) * units
-    stated = [found.parameters[name].std for name in made.free]
-    std = np.array([np.nan if each is None else each for each in stated]) * units
-    errors, known = values - made.true.p[places], np.isfinite(std)
+    models = setup.models or {setup.model.value: ParameterSelection(made.free)}
+    found = select_model(study.nominal, made.shots, dict(models), options)
+    names = [name for name in found.free if name in space.geometry]
+    units, places = space.units(names), space.places(names)
+    p, std = study.nominal.p.copy(), np.full(len(study.nominal.p), np.nan)
+    p[places] = np.array([found.parameters[name].value for name in names]) * units
+    stated = [found.parameters[name].std for name in names]
+    std[places] = np.array([np.nan if each is None else each for each in stated]) * units
+    errors = p - made.true.p
+    known = np.isfinite(std)
     sigmas = np.abs(errors[known] / std[known])
-    p = study.nominal.p.copy()
-    p[places] = values
     position, factor = found.position_std_mm, found.coverage_factor_95 or np.nan
     outliers = _left_out(made, found)
     change = _change(made, found)
@@ -154,12 +165,13 @@ def judge(setup: EffectSetup, made: AffectedCampaign) -> JudgedCampaign:
     doubts = tuple(each.name for each in found.doubts)
     return JudgedCampaign(
         verdict=found.verdict,
+        model=next((each.name for each in found.models if each.kept), setup.model.value),
         doubts=doubts,
         known=int(known.sum()),
         worst_sigmas=float(sigmas.max(initial=0.0)),
         square_over_variance=float(np.mean(sigmas**2)) if known.any() else np.nan,
         covered=float(np.mean(sigmas <= factor)) if known.any() else np.nan,
-        square_over_least=float(np.mean((errors / made.least_std()) ** 2)),
+        square_over_least=float(np.mean((errors[space.places(made.free)] / made.least_std()) ** 2)),
         position_mm=position_error_mm(
             setup.workspace, made.forward, Kinematics(study.nominal.mechanism, p)
         ),
@@ -219,13 +231,20 @@ def _named(effect: Effect, found: IdentificationResult, change: str, *, all_name
         return all_named
     if effect.scale != 1.0:
         return COMMON_SCALE in names
-    if effect.beyond_the_model:
+    if effect.beyond_the_model and not _described(effect, found):
         return bool(names & {LACK, HOLD_OUT})
     if effect.backlash_deg:
         return scatter is not None and scatter.joint > 0.0
     if effect.scatter_mm:
         return scatter is not None and scatter.point_mm > 0.0
     return not any(each.weighs for each in found.doubts) and all_named
+
+
+def _described(effect: Effect, found: IdentificationResult) -> bool:
+    """Presence of parameters for all that is imperfect."""
+    fields = {name.rpartition(".")[2] for name in found.free}
+    has_skews, has_tilts = PARALLELOGRAM_SKEW.name in fields, AXIS_TILT.name in fields
+    return (has_skews or not effect.rods_mm) and (has_tilts or not effect.axes_mrad)
 
 
 def _false_alarm(effect: Effect, doubts: tuple[str, ...], change: str, too_many: int) -> bool:

@@ -134,7 +134,7 @@ class StudyTable(ResultTable[int, CampaignOutcome]):
     def _outcome_of(self, row: CsvRow) -> CampaignOutcome:
         if row.text("study") != self.study:
             raise row.wrong(
-                "belongs to another study: other plan, robots, noise, estimator or seed",
+                "belongs to another study: other plan, robots, noise, estimator, model or seed",
                 remedy=ANOTHER,
             )
         number, failure = row.whole_number("campaign"), row.text("failure")

@@ -1,7 +1,9 @@
 """Wrong passes: how often a "pass" is wrong over judged campaigns, and causes are named."""
 
 import math
-from collections.abc import Sequence
+import statistics
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +33,10 @@ class WrongPasses:
     """Root mean square; None where no σ is known."""
     covered: float | None
     """Share of 95 % intervals that hold the truth."""
+    position_mm: float | None
+    """Real error of positions over the workspace, rms: in half of the campaigns."""
+    kept: Mapping[str, int]
+    """How often each model was kept."""
 
 
 def wrong_passes(outcomes: Sequence[EffectOutcome]) -> WrongPasses:
@@ -47,7 +53,15 @@ def wrong_passes(outcomes: Sequence[EffectOutcome]) -> WrongPasses:
         sum(each.false_alarm for each in judged),
         errors_over_sigma(judged),
         covered(judged),
+        statistics.median(each.position_mm for each in judged) if judged else None,
+        dict(sorted(Counter(each.model for each in judged).items())),
     )
+
+
+def by_kind(outcomes: Sequence[EffectOutcome]) -> dict[str, WrongPasses]:
+    """Counts over the campaigns of each size of an effect, by its words."""
+    kinds = dict.fromkeys(each.what for each in outcomes)
+    return {kind: wrong_passes([each for each in outcomes if each.what == kind]) for kind in kinds}
 
 
 def errors_over_sigma(judged: Sequence[JudgedCampaign]) -> float | None:

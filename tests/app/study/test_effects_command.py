@@ -57,6 +57,27 @@ def test_distances_are_studied_by_either_weights(folder, studied):
     assert told == ["distances", "distances, equal weights"] * 2
 
 
+def test_choice_among_models_is_told_by_size_with_what_is_left(folder, capsys):
+    """Two of each size: the 22 of perfect parts, more of coarse ones."""
+    capsys.readouterr()
+    words = ["study", folder, *SCENARIO, "--effects", "imperfect-parts", "--campaigns", 7]
+    words += ["--workers", "1", "--model", "standard", "--model", "auto"]
+    assert run_command([str(word) for word in (*words, "--json")]) == 0
+    standard, auto = json.loads(capsys.readouterr().out)["effects"]
+    assert (standard["model"], auto["model"]) == ("standard", "auto")
+    assert standard["kept"] == {"standard": 7}
+    perfect, _, rods, _, _, _, both = auto["by_kind"]
+    assert (perfect["kind"], perfect["kept"]) == ("none", {"standard": 1})
+    assert rods["kept"].keys() <= {"rods", "full"}
+    assert both["kind"] == "rods 0.2 mm, axes 2 mrad"
+    assert both["kept"] == {"full": 1}
+    assert both["position_mm"] < 0.3 * standard["by_kind"][-1]["position_mm"]
+    assert run_command([str(word) for word in words]) == 0
+    told = capsys.readouterr().out
+    assert "kept" in told
+    assert "full 100" not in told, "one model alone needs no share"
+
+
 def test_people_get_one_line_an_effect(studied):
     code, out, _ = studied("--campaigns", 2)
     assert code == 0

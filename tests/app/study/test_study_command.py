@@ -2,14 +2,17 @@
 
 import csv
 import json
+import re
 import shutil
 from functools import partial
+from importlib.resources import files
 
 import matplotlib.image
 import numpy as np
 import pytest
 from par4_space import FREE_BY_DEFAULT, indices, par4_of
 
+import sim.scenarios
 from app.main import run_command
 from app.study.cluster import Patience, cluster_results
 from app.study.comparison import COLUMNS
@@ -17,10 +20,12 @@ from app.study.results import Done, Lost
 from app.study.setup import left_out, uncertainty_of
 from app.study.workers import local_results
 from campaigns.campaign import now_utc
+from campaigns.estimation.estimators import Model
 from campaigns.files.lock import campaign_lock
 from campaigns.robots.robot import find_robot
 from sim.scenarios.scenario import load_scenario
 
+STANDARD = [Model.STANDARD]
 TABLE = "plan-paper-simulation-points.csv"
 
 
@@ -268,8 +273,44 @@ def test_what_no_parameter_describes_is_said_to_be_missing(folder, pkmcal):
     _, _, err = pkmcal("study", folder, "--campaigns", 2, "--workers", 1, "--scenario", "realistic")
     missing = "rods of unequal length, tilted axes, backlash, repeatability, warm arms"
     assert f"realistic: not simulated here: {missing}" in err
-    assert left_out(load_scenario("paper-simulation")) == ()
-    assert left_out(load_scenario("hostile"))[-1] == "faults"
+    assert left_out(load_scenario("paper-simulation"), STANDARD) == ()
+    assert left_out(load_scenario("hostile"), STANDARD)[-1] == "faults"
+
+
+def test_models_that_describe_rods_and_axes_have_robots_with_them():
+    realistic = load_scenario("realistic")
+    others = ("backlash", "repeatability", "warm arms")
+    assert left_out(realistic, [Model.FULL]) == others
+    assert left_out(realistic, [Model.RODS]) == ("tilted axes", *others)
+    assert left_out(realistic, [Model.FULL, Model.STANDARD])[0] == "rods of unequal length"
+
+
+@pytest.mark.slow
+def test_full_model_s_deviations_are_true_of_robots_with_skews_and_tilts(folder, studied):
+    text = files(sim.scenarios).joinpath("drawn-robots.yaml").read_text(encoding="utf-8")
+    imperfect = "tolerances:\n    rod_mm: 0.2\n    axis_tilt_mrad: 2.0\n"
+    cell = folder / "imperfect.yaml"
+    cell.write_text(re.sub(r"tolerances:.*\n", imperfect, text, count=1), encoding="utf-8")
+    models = ("--model", "full", "--model", "standard")
+    code, document = studied(folder, "--campaigns", 40, "--scenario", cell, *models)
+    assert code == 0
+    full, standard = document["combinations"]
+    assert (full["model"], standard["model"]) == ("full", "standard")
+    assert {*full["parameters"]} - {*standard["parameters"]} == {
+        *(f"arm{arm}.parallelogram_skew_deg" for arm in range(4)),
+        *("arm2.axis_tilt_deg", "arm3.axis_tilt_deg"),
+    }
+    low, high = full["chance"]["ratio"]
+    assert all(low < p["ratio"] < high for p in full["parameters"].values())
+    assert full["path"].endswith("points-full.csv")
+    assert standard["path"].endswith("points.csv"), "as before there were models"
+
+
+@pytest.mark.slow
+def test_study_of_sigma_needs_one_model(folder, pkmcal):
+    code, _, err = pkmcal("study", folder, "--campaigns", 2, "--model", "auto")
+    assert code == 2
+    assert "--model auto finds other parameters in each campaign" in err
 
 
 def test_wrong_model_makes_the_stated_deviations_look_too_small(folder, pkmcal):

@@ -78,6 +78,7 @@ def judged(setup, effect, seed=1):
 def one(**told):
     values = {
         "verdict": "pass",
+        "model": "standard",
         "doubts": (),
         "known": 22,
         "worst_sigmas": 3.0,
