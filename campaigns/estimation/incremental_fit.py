@@ -51,6 +51,7 @@ class IncrementalGaussNewton:
         self._joints: list[Array] = []
         self._points: list[Array] = []
         self._poses: Array | None = None
+        self._foreseen: tuple[Array, Array] | None = None
         self._known: _Posterior | None = None
         self._linearized: LinearizedModel | None = None
 
@@ -79,6 +80,7 @@ class IncrementalGaussNewton:
             place, jacobian = point.residual(x), point.jacobian(x)
         except NoSolution:
             return None
+        self._foreseen = joints, model.poses(known.parameters)[0]
         return PredictedPoint(place, float(np.linalg.norm(jacobian @ known.covariance_root)))
 
     def max_distance_innovation_mm(self, joints: Array, point_mm: Array) -> float:
@@ -110,11 +112,17 @@ class IncrementalGaussNewton:
         return PositionModel(self._nominal, self._free, np.array(joints), near)
 
     def _near(self) -> Array | None:
-        """Poses near those of the shots: where they were last, and the last one for newer shots."""
+        """Poses near those of the shots: where they were last; of newer ones what was predicted."""
         if self._poses is None:
             return None
-        newer = len(self._joints) - len(self._poses)
-        return np.vstack([self._poses, np.repeat(self._poses[-1:], newer, axis=0)])
+        newer = [self._near_one(joints) for joints in self._joints[len(self._poses) :]]
+        return np.vstack([self._poses, *newer])
+
+    def _near_one(self, joints: Array) -> Array:
+        assert self._poses is not None, "there is a fit"
+        if self._foreseen is not None and np.array_equal(joints, self._foreseen[0]):
+            return self._foreseen[1]
+        return np.asarray(self._poses[-1])
 
     def _update(self) -> None:
         """One Gauss-Newton step from the last answer, once the points fix a frame."""

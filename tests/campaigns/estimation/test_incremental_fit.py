@@ -112,3 +112,15 @@ def test_the_same_shots_give_the_same_predictions():
     first, second = (after(12).predict(JOINTS[30]) for _ in range(2))
     assert (first.point_mm == second.point_mm).all()
     assert first.std_mm == second.std_mm
+
+
+def test_asking_for_a_prediction_first_changes_no_answer():
+    """The next step begins with the predicted pose instead of the last one's."""
+    asked, not_asked = (IncrementalGaussNewton(NOMINAL, FREE_BY_DEFAULT) for _ in range(2))
+    for row in range(20):
+        asked.predict(JOINTS[row])
+        for running in (asked, not_asked):
+            running.add(JOINTS[row], MEASURED_MM[row])
+    ours, theirs = (running.predict(JOINTS[30]) for running in (asked, not_asked))
+    assert ours.point_mm == pytest.approx(theirs.point_mm, abs=1e-6)
+    assert ours.std_mm == pytest.approx(theirs.std_mm, rel=1e-6)
