@@ -3,8 +3,9 @@
 import shutil
 import subprocess
 import time
+from collections.abc import Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from math import radians
 
@@ -12,7 +13,13 @@ import pytest
 from linuxcnc_instance import EXAMPLES, LinuxcncInstance, why_not
 
 from campaigns.controllers.active_kinematics import ActiveKinematics
-from campaigns.controllers.linuxcnc_export import CalibrationFile, RobotIdentity, parameter_pins
+from campaigns.controllers.linuxcnc_export import (
+    CalibrationFile,
+    RobotIdentity,
+    drawing_flat,
+    parameter_pins,
+    pin_of,
+)
 from campaigns.robots.robot import find_robot
 from drivers.linuxcnc.hal_parameters import FileParameters, HalAccess, HalParameters, HalPins
 from drivers.linuxcnc.robot import LinuxcncRobot
@@ -21,6 +28,7 @@ from drivers.linuxcnc.settings import (
     JointLimits,
     LinuxcncDeadlines,
     LinuxcncSettings,
+    MachineAxes,
     Patience,
     SetupDeadlines,
 )
@@ -35,6 +43,7 @@ NEEDS_LINUXCNC = [
 NOMINAL = find_robot("par4-prototype").robot
 IDENTITY = "par4-prototype"
 PIN_OF = parameter_pins(NOMINAL.mechanism)
+DRAWING = {pin_of(name): value for name, value in drawing_flat(NOMINAL.mechanism).items()}
 LIMITS = JointLimits(*NOMINAL.limits.joint)
 FULL_SPEED_RAD_S = radians(360.0)
 PATIENT = LinuxcncDeadlines(
@@ -74,19 +83,25 @@ def joints_controller(folder, **settings):
     return LinuxcncInstance(folder / "joints", "joints", **settings)
 
 
-def world_controller(folder, **settings):
-    """A LinuxCNC with our kinematics."""
+def world_controller(folder, variant="cartesian", **settings):
+    """A LinuxCNC with our kinematics: of a Par4, or as the example for another robot."""
     build = folder / "build"
     build.mkdir()
     module = compiled_kinematics(build)
-    return LinuxcncInstance(folder / "world", "cartesian", modules=[module], **settings)
+    return LinuxcncInstance(folder / "world", variant, modules=[module], **settings)
 
 
 class Bench:
     """Our driver at one LinuxCNC."""
 
     def __init__(self, linuxcnc, coordinates, *, deadlines=PATIENT, identity=IDENTITY, **told):
-        self.linuxcnc = linuxcnc
+        self._use_stored_parameters(linuxcnc, coordinates, identity)
+        settings = LinuxcncSettings(
+            coordinates, LIMITS, FULL_SPEED_RAD_S, deadlines=deadlines, **told
+        )
+        self._drive(linuxcnc, settings, NOMINAL.mechanism)
+
+    def _use_stored_parameters(self, linuxcnc, coordinates, identity):
         file = linuxcnc.config / "calib.hal"
         self.file = CalibrationFile(file, RobotIdentity(identity, NOMINAL), otherwise=None)
         if coordinates is Coordinates.JOINTS:
@@ -95,18 +110,18 @@ class Bench:
         else:
             access = HalAccess(prefix=(str(linuxcnc.beside),))
             extensions = frozenset(NOMINAL.mechanism.parameters.extensions)
-            pins = HalPins(tuple(PIN_OF.values()), access)
-            self.store = HalParameters(self.file, pins, PIN_OF, extensions)
-        settings = LinuxcncSettings(
-            coordinates, LIMITS, FULL_SPEED_RAD_S, deadlines=deadlines, **told
-        )
+            pins = HalPins((*PIN_OF.values(), *DRAWING), access)
+            self.store = HalParameters(self.file, pins, PIN_OF, extensions, DRAWING)
+
+    def _drive(self, linuxcnc, settings, mechanism):
+        self.linuxcnc = linuxcnc
         self.transports = []
         self.robot = LinuxcncRobot(
             self.open,
             clock=SystemClock(),
             settings=settings,
             store=self.store,
-            kinematics_of=partial(ActiveKinematics, NOMINAL.mechanism),
+            kinematics_of=partial(ActiveKinematics, mechanism),
         )
 
     def open(self, *, timeout_s=CONNECT_S):
@@ -134,10 +149,36 @@ class Bench:
             time.sleep(0.005)
 
 
-@contextmanager
+@dataclass(frozen=True)
+class FixedParameters:
+    """Parameters that a kinematics is believed to work with."""
+
+    geometry: Mapping[str, float]
+    needs_machine_off: bool = False
+
+    def read(self):
+        return self.geometry
+
+
+class ForeignBench(Bench):
+    """Our driver at a LinuxCNC whose kinematics is not ours, but should be that of a Delta."""
+
+    def __init__(self, linuxcnc, robot, full_speed_per_s):
+        axes = MachineAxes("Delta", 3, robot.mechanism.joints[0].is_revolute, has_turn=False)
+        limits = JointLimits(*robot.limits.joint, axes)
+        self.store = FixedParameters(robot.geometry_flat())
+        settings = LinuxcncSettings(Coordinates.WORLD, limits, full_speed_per_s, deadlines=PATIENT)
+        self._drive(linuxcnc, settings, robot.mechanism)
+
+
 def at(linuxcnc, coordinates=Coordinates.JOINTS, **settings):
     """Our driver, connected and ready, and afterwards everything as before."""
-    bench = Bench(linuxcnc, coordinates, **settings)
+    return ready(Bench(linuxcnc, coordinates, **settings))
+
+
+@contextmanager
+def ready(bench):
+    """A bench connected and ready, and afterwards everything as before."""
     bench.robot.connect()
     try:
         bench.robot.prepare()

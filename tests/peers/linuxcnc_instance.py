@@ -32,7 +32,7 @@ mount --rbind /usr/lib/linuxcnc/modules /mnt/stock
 mount --bind /mnt/modules /usr/lib/linuxcnc/modules
 mount --bind /mnt/tmp /tmp
 cd "/mnt/config/$VARIANT"
-linuxcnc -r "$PWD/par4.ini" </dev/null >/mnt/run.log 2>&1 &
+linuxcnc -r "$PWD/$INI" </dev/null >/mnt/run.log 2>&1 &
 wait $!
 """
 
@@ -49,7 +49,7 @@ def why_not() -> str:
 class LinuxcncInstance:
     """One LinuxCNC with one of the example configurations; `start` it, and `stop` it in the end.
 
-    `edits` are replacements in its par4.ini. `modules` are kinematics beside LinuxCNC's own.
+    `edits` are replacements in its INI file. `modules` are kinematics beside LinuxCNC's own.
     """
 
     def __init__(self, folder: Path, variant: str, *, modules=(), edits=()):
@@ -57,6 +57,7 @@ class LinuxcncInstance:
         self.folder = folder
         self.config = folder / "config" / variant
         self._variant = variant
+        self._ini = next((EXAMPLES / variant).glob("*.ini")).name
         self._process: subprocess.Popen | None = None
         shutil.copytree(EXAMPLES, folder / "config")
         folder.chmod(0o755)  # its realtime part may run as another user
@@ -171,7 +172,7 @@ class LinuxcncInstance:
         self.beside.chmod(0o755)
 
     def _adapt_ini(self, edits):
-        ini = self.config / "par4.ini"
+        ini = self.config / self._ini
         nml = self.config / "own.nml"
         nml.write_text(STOCK_NML.read_text().replace("TCP=5005", f"TCP={_free_port()}"))
         text = ini.read_text().replace("--port 5007", f"--port {self.port}")
@@ -186,6 +187,7 @@ class LinuxcncInstance:
         own = {
             "PRIVATE": str(self.folder),
             "VARIANT": self._variant,
+            "INI": self._ini,
             "HOME": "/mnt",
             "RTAPI_FIFO_PATH": "/tmp/rtapi_fifo",
         }

@@ -17,29 +17,51 @@ from campaigns.settings.sections import LinuxcncConfig
 
 ROOT = Path(__file__).parents[3]
 EXAMPLES = ROOT / "examples" / "linuxcnc"
-NOMINAL = find_robot("par4-prototype").robot
-PASSING_DEG = 0.5
+ROBOTS = {
+    "joints": "par4-prototype",
+    "cartesian": "par4-prototype",
+    "delta": "delta",
+    "linear-delta": "linear-delta",
+}
+PASSING = {"deg": 0.5, "mm": 5.0}
 
 
 def ini(variant):
     parser = configparser.ConfigParser(strict=False, inline_comment_prefixes=None)
-    parser.read(EXAMPLES / variant / "par4.ini")
+    (file,) = (EXAMPLES / variant).glob("*.ini")
+    parser.read(file)
     return parser
 
 
-def test_calibration_of_the_example_is_the_nominal_robot():
-    text = (EXAMPLES / "cartesian" / "calib.hal").read_text()
-    found = parse_hal(text, "calib.hal", RobotIdentity("par4-prototype", NOMINAL))
-    assert found.geometry_flat() == NOMINAL.geometry_flat()
+@pytest.mark.parametrize("variant", ["cartesian", "delta", "linear-delta"])
+def test_calibration_of_the_example_is_the_nominal_robot(variant):
+    nominal = find_robot(ROBOTS[variant]).robot
+    text = (EXAMPLES / variant / "calib.hal").read_text()
+    found = parse_hal(text, "calib.hal", RobotIdentity(ROBOTS[variant], nominal))
+    assert found.geometry_flat() == nominal.geometry_flat()
 
 
-@pytest.mark.parametrize("variant", ["joints", "cartesian"])
-def test_soft_limits_leave_joints_room_to_pass(variant):
-    low, high = map(math.degrees, NOMINAL.limits.joint)
-    for joint in range(4):
-        section = ini(variant)[f"JOINT_{joint}"]
-        assert float(section["MIN_LIMIT"]) <= low - PASSING_DEG
-        assert float(section["MAX_LIMIT"]) >= high + PASSING_DEG
+@pytest.mark.parametrize("variant", ROBOTS)
+def test_example_has_the_robots_joints_with_room_to_pass_their_limits(variant):
+    robot, settings = find_robot(ROBOTS[variant]).robot, ini(variant)
+    joints = robot.mechanism.joints
+    assert int(settings["KINS"]["JOINTS"]) == len(joints)
+    assert f"JOINT_{len(joints)}" not in settings
+    for number, joint in enumerate(joints):
+        section = settings[f"JOINT_{number}"]
+        low, high = map(joint.to_file, robot.limits.joint)
+        assert section["TYPE"] == ("ANGULAR" if joint.is_revolute else "LINEAR")
+        assert float(section["MIN_LIMIT"]) <= low - PASSING[joint.unit]
+        assert float(section["MAX_LIMIT"]) >= high + PASSING[joint.unit]
+
+
+@pytest.mark.parametrize("variant", ["cartesian", "delta", "linear-delta"])
+def test_kinematics_of_the_example_is_the_robots_mechanism(variant):
+    mechanism = find_robot(ROBOTS[variant]).robot.mechanism
+    settings = ini(variant)
+    assert settings["KINS"]["KINEMATICS"] == f"pkmkins type={mechanism.name}"
+    turns = len(mechanism.task) > len("XYZ")
+    assert settings["TRAJ"]["COORDINATES"] == ("XYZC" if turns else "XYZ")
 
 
 @pytest.mark.parametrize("name", MECHANISMS)

@@ -1,0 +1,56 @@
+"""Campaigns whose controller is a real LinuxCNC, and whose hidden robot follows its joints."""
+
+import sys
+from functools import partial
+
+from linuxcnc_bench import PATIENT
+from ruamel.yaml import YAML
+
+from app import wiring
+from app.main import run_command
+from drivers.linuxcnc.settings import LinuxcncSettings
+
+
+def tell(figures):
+    """Show measured figures; `pytest -s` lets them through."""
+    sys.stdout.write(f"{figures}\n")
+
+
+def patient_driver(monkeypatch):
+    """Have the product's driver wait for a busy machine."""
+    patient = partial(LinuxcncSettings, deadlines=PATIENT)
+    monkeypatch.setattr(wiring, "LinuxcncSettings", patient)
+
+
+def change(path, settings):
+    """Set keys of a YAML file, named like `plan.shots`."""
+    yaml = YAML()
+    tree = yaml.load(path.read_text(encoding="utf-8"))
+    for name, value in settings.items():
+        *sections, key = name.split(".")
+        section = tree
+        for step in sections:
+            section = section.setdefault(step, {})
+        section[key] = value
+    with path.open("w", encoding="utf-8") as file:
+        yaml.dump(tree, file)
+
+
+def made_campaign(folder, linuxcnc, robot, settings):
+    """A campaign's folder for a robot by its name."""
+    words = ["new", str(folder), "--robot", robot, "--scenario", "paper-simulation"]
+    assert run_command(words) == 0
+    section = {
+        "coordinates": "world",
+        "hal_file": str(linuxcnc.config / "calib.hal"),
+        "beside": str(linuxcnc.beside),
+    }
+    address = {
+        "controller.driver": "linuxcnc",
+        "controller.url": linuxcnc.url,
+        "controller.speed_percent": 100.0,
+        "controller.linuxcnc": section,
+    }
+    change(folder / "campaign.yaml", settings | address)
+    change(folder / "cell.yaml", {"controller.joints_from": f"hal:{linuxcnc.beside}"})
+    return folder

@@ -1,0 +1,83 @@
+"""The full model on the real LinuxCNC: a robot of unequal rods and tilted axes, moved by a
+kinematics that computes how they tilt the plate.
+"""
+
+import json
+
+import pytest
+from linuxcnc_bench import NEEDS_LINUXCNC, world_controller
+from linuxcnc_campaign import change, made_campaign, patient_driver, tell
+
+from app.main import run_command
+from campaigns.campaign import open_campaign
+from campaigns.robots.robot import Compensation, compensated, read_robot, write_new_robot
+
+pytestmark = [*NEEDS_LINUXCNC, pytest.mark.timeout(500)]
+
+IMPERFECT = {"robot.tolerances.rod_mm": 0.05, "robot.tolerances.axis_tilt_mrad": 0.5}
+SETTINGS = {"plan.shots": 120, "plan.validation_pairs": 20, "settle.time_s": 0.05}
+SAME_FACTOR = 1.5
+
+
+@pytest.fixture(autouse=True)
+def _patient_driver(monkeypatch):
+    patient_driver(monkeypatch)
+
+
+class Campaign:
+    """A campaign by its commands."""
+
+    def __init__(self, folder, capsys):
+        self.folder, self._capsys = folder, capsys
+
+    def __call__(self, command, *options, codes=(0,)):
+        self._capsys.readouterr()
+        assert run_command([command, str(self.folder), *options, "--json"]) in codes
+        return json.loads(self._capsys.readouterr().out)
+
+    def validated_mm(self, stage):
+        """Rms error of unseen distances of the robot that LinuxCNC moves by poses."""
+        distances = ("--only", "distances", "--yes")
+        return self("validate", "--stage", stage, *distances)["distances_mm"]["rms"]
+
+    def loaded_all_the_same(self, found):
+        """Load what was identified although its verdict does not let it pass."""
+        nominal = open_campaign(self.folder).nominal
+        flat = {name: each["value"] for name, each in found["parameters"].items()}
+        path = self.folder / "standard.yaml"
+        write_new_robot(path, compensated(nominal, Compensation("standard", flat, {}, {})))
+        self("load", "--file", str(path), "--force", "--yes")
+
+
+def test_loaded_full_model_takes_off_distances_what_it_took_off_unseen_ones(tmp_path, capsys):
+    with world_controller(tmp_path) as linuxcnc:
+        folder = made_campaign(tmp_path / "campaign", linuxcnc, "par4-prototype", SETTINGS)
+        change(folder / "cell.yaml", IMPERFECT)
+        pkmcal = Campaign(folder, capsys)
+        pkmcal("plan", "--model", "full")
+        before_mm = pkmcal.validated_mm("before")
+        pkmcal("run", "--yes")
+
+        standard = pkmcal("identify", "--model", "standard", codes=(0, 1))
+        pkmcal.loaded_all_the_same(standard)
+        standard_mm = pkmcal.validated_mm("after")
+
+        full = pkmcal("identify", "--model", "full")
+        assert full["verdict"] == "pass"
+        pkmcal("export")
+        pkmcal("load", "--yes")
+        full_mm = pkmcal.validated_mm("after")
+        calib = (linuxcnc.config / "calib.hal").read_text()
+
+    unseen = {name: found["unseen_mm"] for name, found in (("22", standard), ("full", full))}
+    foreseen = unseen["full"]["before"]["rms"] / unseen["full"]["after"]["rms"]
+    with capsys.disabled():
+        for name, each in unseen.items():
+            tell(f"unseen pairs, {name}: rms {each['before']['rms']} to {each['after']['rms']} mm")
+        tell(f"validated on LinuxCNC: {before_mm}, by the 22 {standard_mm}, full {full_mm} mm rms")
+    loaded = read_robot(folder / "robot-compensated.yaml").robot
+    assert len(loaded.extended_by) == 6
+    assert all(f"setp pkmkins.{name} " in calib for name in loaded.extended_by)
+    assert "setp pkmkins.reflector_x_mm 20.0" in calib
+    assert full_mm < standard_mm
+    assert foreseen / SAME_FACTOR < before_mm / full_mm < foreseen * SAME_FACTOR
