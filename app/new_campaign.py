@@ -17,7 +17,7 @@ from campaigns.robots.robot import RobotFile, find_robot
 from campaigns.settings.config import CampaignConfig, new_config, write_new_campaign
 from campaigns.settings.sections import ValidationConfig
 from drivers.bounded_files import is_there
-from sim.scenarios.adaptation import OtherRobot, adapted
+from sim.scenarios.adaptation import OtherRobot, adapted, computing_plate_tilt
 from sim.scenarios.scenario import parse_scenario, scenario_text
 from sim.scenarios.tracker import DataSheet
 
@@ -52,15 +52,19 @@ def create_simulated(
     seed: int | None = None,
     *,
     with_limits: bool = False,
+    computes_plate_tilt: bool = False,
 ) -> CampaignConfig:
     """Campaign on a simulated cell, whose scenario is kept in the folder as cell.yaml.
 
-    `with_limits` asks in campaign.yaml for what the scenario asks of a calibrated robot.
+    `computes_plate_tilt` says whether its controller does. `with_limits` asks in campaign.yaml for
+    what the scenario asks of a calibrated robot.
 
     Raises `ConfigInvalid`, `OutputExists`, `WriteFailed` or `ScenarioInvalid`.
     """
     nominal = find_robot(robot)
     text = cell_text(nominal.robot, scenario, seed)
+    if computes_plate_tilt:
+        text = computing_plate_tilt(text)
     cell = parse_scenario(text, scenario)
     tracker = cell.tracker
     url = SIMULATED + SCENARIO.removesuffix(".yaml")

@@ -9,8 +9,9 @@ from app.wiring import connected_robot, scenario_of
 from campaigns import chain
 from campaigns.campaign import Campaign
 from campaigns.chain.validation import Validated, ValidationStage
+from campaigns.estimation.estimators import Model
 from campaigns.evaluation.validation import ValidationResult
-from campaigns.options import IdentifyOptions
+from campaigns.options import IdentifyOptions, PlanOptions
 
 STAGES = 8
 
@@ -24,7 +25,8 @@ def rehearse(
     """
     document = _beginning(campaign, terminal)
     heading(terminal, 1, "plan")
-    checked = chain.plan(campaign).checked
+    model = Model.STANDARD if options is None else options.model
+    checked = chain.plan(campaign, PlanOptions(model=model)).checked
     terminal.say(plan_line(checked))
     heading(terminal, 2, "validate before")
     before = _validated(campaign, terminal, "before")

@@ -10,10 +10,12 @@ from app.cli.report import report
 from app.console import BAD, GOOD, terminal_of
 from app.exits import Exit
 from app.new_campaign import DEFAULT_ROBOT, DEFAULT_SCENARIO, create_simulated
-from app.options import Json, Seed
+from app.options import Json, ModelOption, Seed
 from app.rehearsal import STAGES, heading, rehearse
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
+from campaigns.estimation.estimators import Model
+from campaigns.options import IdentifyOptions
 from drivers.bounded_files import is_there
 
 NewFolder = Annotated[
@@ -42,6 +44,7 @@ def command(
     *,
     scenario: Scenario = None,
     robot: Robot = None,
+    model: ModelOption = Model.STANDARD,
     seed: Seed = None,
     json: Json = False,
 ) -> None:
@@ -49,15 +52,17 @@ def command(
 
     Plan, validate before, run, identify, export, load, validate after. Controller and tracker
     are simulated, but reached through the same drivers, protocols and sockets as real ones, and
-    what the simulated robot's errors are, the identification has to find out.
+    what the simulated robot's errors are, the identification has to find out. With a --model beyond
+    the paper's the new cell's controller computes plate tilt.
 
     DIR may also be a campaign made by `pkmcal new` on a simulated cell in which nothing was
     measured yet: then its settings hold.
     """
     terminal = terminal_of(context, as_json=json)
     started_s = time.monotonic()
-    campaign = prepared(folder or _free_folder(), scenario, seed, robot)
-    document, against = rehearse(campaign, terminal)
+    campaign = prepared(folder or _free_folder(), scenario, seed, robot, model)
+    options = None if model is Model.STANDARD else IdentifyOptions(model=model)
+    document, against = rehearse(campaign, terminal, options)
     heading(terminal, STAGES, "report")
     _, path = report(campaign)
     terminal.say(path.name)
@@ -76,7 +81,11 @@ def command(
 
 
 def prepared(
-    folder: Path, scenario: str | None, seed: int | None, robot: str | None = None
+    folder: Path,
+    scenario: str | None,
+    seed: int | None,
+    robot: str | None = None,
+    model: Model = Model.STANDARD,
 ) -> Campaign:
     """New campaign on a simulated cell, or one that stands ready.
 
@@ -84,7 +93,12 @@ def prepared(
     """
     if not is_there(folder / "campaign.yaml"):
         create_simulated(
-            folder, robot or DEFAULT_ROBOT, scenario or DEFAULT_SCENARIO, seed, with_limits=True
+            folder,
+            robot or DEFAULT_ROBOT,
+            scenario or DEFAULT_SCENARIO,
+            seed,
+            with_limits=True,
+            computes_plate_tilt=model not in {Model.PAPER, Model.STANDARD},
         )
         return open_campaign(folder)
     remedy = "name a new folder"

@@ -70,6 +70,18 @@ def adapted(text: str, robot: OtherRobot) -> str:
     return written.getvalue()
 
 
+def computing_plate_tilt(text: str) -> str:
+    """Cell file whose controller computes plate tilt; raises `ScenarioInvalid`."""
+    yaml = YAML()
+    yaml.width = 1000
+    tree = yaml.load(text)
+    tree.setdefault("controller", CommentedMap())["computes_plate_tilt"] = True
+    written = StringIO()
+    yaml.dump(tree, written)
+    parse_scenario(written.getvalue(), "the scenario whose controller computes plate tilt")
+    return written.getvalue()
+
+
 def _is_same(flat: Mapping[str, float], other: Mapping[str, float]) -> bool:
     units = {name: name.rpartition("_")[2] for name in flat}
     return all(abs(flat[name] - other[name]) <= SAME_WITHIN[unit] for name, unit in units.items())

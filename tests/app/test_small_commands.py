@@ -5,10 +5,12 @@ import json
 import pytest
 
 from app import new_campaign
+from app.cli.dry_run import prepared
 from app.main import run_command
 from campaigns.campaign import open_campaign
 from campaigns.controllers.load import keep
 from campaigns.errors import OutputExists
+from campaigns.estimation.estimators import Model
 from sim.scenarios.scenario import load_scenario
 
 CONTROLLER, TRACKER = "tcp://192.168.0.10:5020", "tcp://192.168.0.1:700"
@@ -93,6 +95,14 @@ def test_limits_of_the_scenario_are_asked_for_where_they_are_wanted(tmp_path):
     asked = open_campaign(tmp_path / "try").config.acceptance
     assert asked.model_dump() == load_scenario("paper-prototype").acceptance.model_dump()
     assert (asked.distance_mean_mm, asked.distance_max_mm) == (0.4, 1.2)
+
+
+@pytest.mark.parametrize("model", [Model.STANDARD, Model.FULL, Model.AUTO])
+def test_a_dry_run_by_a_larger_model_has_a_controller_that_computes_plate_tilt(tmp_path, model):
+    prepared(tmp_path / "try", "realistic", None, "delta", model)
+    cell = load_scenario(str(tmp_path / "try" / "cell.yaml"))
+    assert cell.controller.computes_plate_tilt is (model is not Model.STANDARD)
+    assert cell.robot.kind.name == "delta"
 
 
 def test_new_does_not_replace_somebodys_cell(tmp_path):
