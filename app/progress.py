@@ -208,6 +208,8 @@ class RunDisplay(CountedWork):
             return [Text(f"{self._what}: {self}", "dim")]
         style = "dim" if self._progress.beam_locked else "bold red"
         told = [(news(self._progress), style)]
+        if self._progress.beam_advice:
+            told += [(self._progress.beam_advice, style)]
         if knowledge := [*_goal(self._progress), *_known(self._progress)]:
             told += [(" · ".join(knowledge), "dim")]
         return [
@@ -231,7 +233,9 @@ def counted(progress: Progress) -> str:
 
 def news(progress: Progress) -> str:
     """State, last residual, drift, beam."""
-    beam = "beam ok" if progress.beam_locked else "BEAM LOST"
+    lost_s = progress.beam_lost_s
+    lasted = f" for {interval((lost_s, lost_s))}" if lost_s else ""
+    beam = "beam ok" if progress.beam_locked else f"BEAM LOST{lasted}"
     return " · ".join([_state(progress), *_figures(progress), beam])
 
 

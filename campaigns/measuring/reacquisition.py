@@ -24,7 +24,10 @@ from drivers.values import Vector3
 
 LOOK_AGAIN_S = 1.0
 TOLD_AFTER_S = (30.0, 300.0, 3000.0)
-"""When the operator is told again that the beam is still broken."""
+"""When the operator is told again that the beam is still broken.
+
+He is told at once while nothing says where the reflector should be: then he has to place the beam.
+"""
 FEWEST_SEARCHES = 3
 """Searches in vain before a pose is held for one at which the reflector cannot be seen.
 
@@ -35,6 +38,7 @@ MOST_ANCHORS = 3
 
 As often, over a whole session, at each place where one began.
 """
+MM_PER_M = 1000.0
 SAME_DIRECTION = 1e-3
 """Distance of unit vectors of a beam that has stayed where it was."""
 
@@ -83,19 +87,20 @@ class Reacquisition:
         """
         since_s, look_back = self._clock.now_s(), self._look_back_deadline()
         here = self._tracker.direction()
-        alarms = iter(TOLD_AFTER_S)
+        advice, may_find_alone = self._advice(joints)
+        alarms = iter(TOLD_AFTER_S if may_find_alone else (0.0, *TOLD_AFTER_S))
         told_at_s = next(alarms)
         while (failure := self._failure_to_find(joints, here)) is not None:
             self._mover.check_stop()
             self._mover.require_sound()
             lasted_s = self._clock.now_s() - since_s
-            self._tally.see_beam(locked=False, lost_s=lasted_s)
+            self._tally.see_beam(locked=False, lost_s=lasted_s, advice=advice)
             if look_back.has_passed() and not seen_here and self.may_look_back():
                 return False
             if lasted_s >= told_at_s:
                 told_at_s = next(alarms, float("inf"))
                 text = f"the beam has been broken for {lasted_s:.0f} s and is waited for: {failure}"
-                self._announce("beam broken", text)
+                self._announce("beam broken", f"{text}; {advice}")
             self._mover.pause(LOOK_AGAIN_S)
         self._tally.see_beam(locked=True)
         lasted_s = self._clock.now_s() - since_s
@@ -141,6 +146,16 @@ class Reacquisition:
         known to stand elsewhere, at `standing_mm`.
         """
         return any(map(self._locked_at, self._anchors(standing_mm)))
+
+    def _advice(self, joints: tuple[float, ...]) -> tuple[str, bool]:
+        """What the operator can do, and whether the tracker may find the reflector by itself."""
+        expected_mm = self._gate.expected_point_mm(joints)
+        if expected_mm is None:
+            away_m = self._rules.search_mm / MM_PER_M
+            put = "put the beam onto the robot's reflector by hand"
+            return f"{put}, about {away_m:.1f} m from the tracker", False
+        away_m, at = _length(expected_mm) / MM_PER_M, ", ".join(f"{v:.0f}" for v in expected_mm)
+        return f"clear the way to ({at}) mm in the tracker's frame, {away_m:.2f} m away", True
 
     def _anchors(self, standing_mm: Vector3 | None) -> Iterator[Anchor]:
         for outcome in tuple(reversed(self._gate.accepted))[:MOST_ANCHORS]:

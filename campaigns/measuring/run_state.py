@@ -63,6 +63,8 @@ class Progress:
     beam_locked: bool = True
     beam_lost_s: float = 0.0
     """How long the beam has been broken."""
+    beam_advice: str = ""
+    """What the operator can do about it; empty before it was looked for in vain."""
     known: ParameterPrecision | None = None
     goal_mm: float | None = None
     """σ of the worst length at which measuring may end; None when all shall be measured."""
@@ -160,9 +162,11 @@ class RunState:
         if self._progress.state is not EngineState.IDLE:
             self.enter(EngineState.IDLE)
 
-    def see_beam(self, *, locked: bool, lost_s: float = 0.0) -> None:
+    def see_beam(self, *, locked: bool, lost_s: float = 0.0, advice: str = "") -> None:
         """Whether the tracker has its reflector, as far as is known, or for how long it has not."""
-        progress = replace(self._progress, beam_locked=locked, beam_lost_s=lost_s)
+        progress = replace(
+            self._progress, beam_locked=locked, beam_lost_s=lost_s, beam_advice=advice
+        )
         if lost_s > 0.0:
             self._tell(progress)  # somebody may be waiting for a sign of life
         self._progress = progress

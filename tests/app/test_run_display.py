@@ -94,6 +94,30 @@ def test_what_is_known_is_told_at_the_end():
 def test_a_lost_beam_is_loud():
     lost = Progress(3, 9, EngineState.SUSPENDED, 3, "validation", beam_locked=False)
     assert news(lost) == "suspended validation 3 · BEAM LOST"
+    for seconds, told in ((45.0, "45 s"), (720.0, "12 min")):
+        still = replace(lost, beam_lost_s=seconds)
+        assert news(still) == f"suspended validation 3 · BEAM LOST for {told}"
+
+
+def test_what_to_do_about_a_lost_beam_stands_below_it_and_in_the_plain_line():
+    lost = Progress(
+        0,
+        9,
+        EngineState.SUSPENDED,
+        0,
+        "drift",
+        beam_locked=False,
+        beam_lost_s=45.0,
+        beam_advice="put the beam onto the robot's reflector by hand",
+    )
+    assert pictured(lost)[2] == "put the beam onto the robot's reflector by hand"
+    display, stream, hands = display_on()
+    with display:
+        display.progress(replace(lost, beam_lost_s=1.0))
+        hands.now_s = 31.0
+        display.progress(lost)
+    told = next(line for line in stream.getvalue().splitlines() if "45 s" in line)
+    assert told.endswith("BEAM LOST for 45 s · put the beam onto the robot's reflector by hand")
 
 
 class Hands:

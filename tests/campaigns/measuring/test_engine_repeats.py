@@ -134,6 +134,39 @@ def test_broken_beam_is_waited_for_as_long_as_it_takes_and_counts_no_attempt(
     assert max(p.beam_lost_s for p in cell.watcher.told) >= min(lasts_s - 3.0, 1.0)
 
 
+@pytest.mark.parametrize(
+    ("measurement", "lasts_s", "advice"),
+    [
+        (1, 5.0, "put the beam onto the robot's reflector by hand, about 2."),
+        (8, 40.0, " mm in the tracker's frame, 2."),
+    ],
+)
+def test_operator_is_told_what_to_do_about_a_broken_beam(
+    tmp_path: Path, measurement: int, lasts_s: float, advice: str
+) -> None:
+    """At once where nothing says where the reflector is; else when the beam stays broken."""
+    cell = FakeCell()
+
+    def break_it() -> None:
+        cell.tracker.break_beam()
+        cell.tracker.finds = False
+        cell.clock.after(lasts_s, lambda: setattr(cell.tracker, "finds", True))
+
+    cell.tracker.during_measure = {measurement: break_it}
+    with journal_in(tmp_path, cell.calls) as journal:
+        cell.measure(journal, work(FOUR_PAIRS))
+        (told,) = (
+            e.record.text for e in journal.records_of(Event) if e.record.kind == "beam broken"
+        )
+    assert advice in told
+    assert told in cell.watcher.events
+    shown = [p for p in cell.watcher.told if p.beam_advice]
+    assert shown
+    assert all(advice in p.beam_advice and not p.beam_locked for p in shown)
+    assert all(len(p.beam_advice) <= 80 for p in shown), "a line of a small terminal"
+    assert not cell.watcher.told[-1].beam_advice
+
+
 def test_reflector_that_is_found_and_lost_each_time_is_no_passer_by(tmp_path: Path) -> None:
     cell = FakeCell()
 
