@@ -19,6 +19,7 @@ SMALL = {
     "validation.rotation_steps": 3,
     "validation.line_points": 3,
 }
+TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
 FAST = {"speed_up": 1000}
 
 
@@ -42,6 +43,20 @@ def planned_once(tmp_path_factory):
 def planned(planned_once, tmp_path):
     """A campaign with a plan, and nothing measured."""
     return shutil.copytree(planned_once, tmp_path / "small")
+
+
+@pytest.fixture(scope="session")
+def tiny_once(planned_once, tmp_path_factory):
+    folder = shutil.copytree(planned_once, tmp_path_factory.mktemp("campaigns") / "tiny")
+    change(folder / "campaign.yaml", TINY)
+    assert run_command(["plan", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture
+def tiny(tiny_once, tmp_path):
+    """A campaign of ten shots."""
+    return shutil.copytree(tiny_once, tmp_path / "tiny")
 
 
 @pytest.fixture(scope="session")

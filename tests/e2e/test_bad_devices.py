@@ -5,7 +5,6 @@ Each ends in one line that names the device, exit code 3, and a journal that can
 
 import contextlib
 import math
-import shutil
 import socket
 import threading
 import time
@@ -32,23 +31,6 @@ LONG_S = 500.0
 """Of the cell's time, which is half a second of ours: nobody fails to notice."""
 ANSWERS = (60, 61, 62)
 """One of them answers a question; an event that is lost or late would go unnoticed."""
-TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
-
-
-@pytest.fixture(scope="module")
-def tiny_once(planned_once, tmp_path_factory):
-    from app.main import run_command
-
-    folder = shutil.copytree(planned_once, tmp_path_factory.mktemp("campaigns") / "tiny")
-    change(folder / "campaign.yaml", TINY)
-    assert run_command(["plan", str(folder)]) == 0
-    return folder
-
-
-@pytest.fixture
-def tiny(tiny_once, tmp_path):
-    """A campaign of ten shots."""
-    return shutil.copytree(tiny_once, tmp_path / "tiny")
 
 
 @pytest.fixture

@@ -1,33 +1,14 @@
 """Runs that nobody watches: lost links, poses that cannot be measured, edited plans, `--dry`."""
 
-import shutil
-
 import pytest
 from command_line import change, ended, started
 
 from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Event, SessionStopped
 
-TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
 SHOTS = 10
 LONG_S = 500.0
 """Of the cell's time, which is half a second of ours: nobody fails to notice."""
-
-
-@pytest.fixture(scope="module")
-def tiny_once(planned_once, tmp_path_factory):
-    from app.main import run_command
-
-    folder = shutil.copytree(planned_once, tmp_path_factory.mktemp("campaigns") / "tiny")
-    change(folder / "campaign.yaml", TINY)
-    assert run_command(["plan", str(folder)]) == 0
-    return folder
-
-
-@pytest.fixture
-def tiny(tiny_once, tmp_path):
-    """A campaign of ten shots."""
-    return shutil.copytree(tiny_once, tmp_path / "tiny")
 
 
 def events(folder, kind):

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 from par4_cases import (
+    DECADES,
     NOMINAL,
     ROBOTS,
     TABLE1,
     WELL_INSIDE,
-    central_differences,
+    assert_exact_in_every_decade,
     reachable_joints,
 )
 from par4_space import GEOMETRY_NAMES, IS_ANGLE, PLATE, TILTS, par4_of
 
 from campaigns.mechanisms.par4 import PAR4
 
-DECADES = 10.0 ** -np.arange(1, 9)
 LEVER_MM = 100.0
 BY_LENGTH = np.where(IS_ANGLE[: len(GEOMETRY_NAMES)], 1.0, LEVER_MM)
 """A step of 0.01 is 0.01 rad or 1 mm."""
@@ -79,7 +79,6 @@ def test_derivative_of_the_closures_by_the_parameters(assembled, row):
 
 @pytest.mark.slow
 def test_derivative_of_the_pose_by_every_parameter_in_every_decade(assembled):
-    """Central differences: the truncation falls first, then rounding takes over and rises."""
     geometry, joints, poses = assembled
     unit = np.array([1.0, 1.0, 1.0, LEVER_MM])[:, None] * BY_LENGTH
     exact = geometry.jacobian(joints, poses) * unit
@@ -87,17 +86,7 @@ def test_derivative_of_the_pose_by_every_parameter_in_every_decade(assembled):
     def moved(vector):
         return par4_of(vector).forward(joints, poses).values_or_raise()
 
-    def error(step):
-        differences = central_differences(moved, geometry.p, step * BY_LENGTH)
-        return np.abs(differences * unit - exact).max() / np.abs(exact).max()
-
-    errors = np.array([error(step) for step in DECADES])
-    best = int(np.argmin(errors))
-    assert errors[best] < 1e-9
-    assert 0 < best < len(DECADES) - 1
-    assert (np.diff(errors[: best + 1]) < 0.0).all()
-    assert errors[1] < 0.02 * errors[0]
-    assert errors[-1] > 10.0 * errors[best]
+    assert_exact_in_every_decade(exact, moved, geometry.p, unit, BY_LENGTH)
 
 
 def test_parameters_of_one_arm_leave_the_other_closures_alone(assembled):
