@@ -15,6 +15,7 @@ ORDER_S = 0.1
 MOVE_S = 0.3
 SPEED_DEG_S = 100.0
 NEVER = object()
+LIMITS = JointLimits(radians(-45), radians(90))
 TARGET_RAD = tuple(map(radians, (10.0, -20.0, 30.0, 40.123456789)))
 
 
@@ -58,7 +59,9 @@ class Memory:
 class ScriptedLinuxcnc:
     """The far end. Its attributes are what a test says of the machine; `asked` is what it heard."""
 
-    def __init__(self, coordinates=Coordinates.JOINTS, *, newer=False, store=None, **settings):
+    def __init__(
+        self, coordinates=Coordinates.JOINTS, *, newer=False, store=None, limits=LIMITS, **settings
+    ):
         self.clock = HandClock()
         self.newer = newer
         self.name, self.version = "PAR4", "1.1"
@@ -87,7 +90,7 @@ class ScriptedLinuxcnc:
             clock=self.clock,
             settings=LinuxcncSettings(
                 coordinates,
-                JointLimits(radians(-45), radians(90)),
+                limits,
                 radians(SPEED_DEG_S),
                 deadlines=LinuxcncDeadlines(),
             ),

@@ -103,3 +103,60 @@ def test_parameters_of_our_own_conversion_are_the_file_alone():
     store = FileParameters(File())
     store.write(NEW)
     assert store.read() == NEW
+
+
+TILT, REFLECTOR = "arm0.axis_tilt_deg", "pkmkins.reflector_x_mm"
+TILTED = NEW | {TILT: 0.02}
+
+
+@pytest.fixture
+def tilting():
+    """A store whose kinematics has an extension, and a plate that is drawn."""
+    pins = Pins()
+    pins.values |= {f"pkmkins.{TILT}": 0.0, REFLECTOR: 0.0}
+    pin_of = PIN_OF | {TILT: f"pkmkins.{TILT}"}
+    return HalParameters(File(), pins, pin_of, frozenset({TILT}), {REFLECTOR: 20.0})
+
+
+def test_extension_that_is_zero_is_no_part_of_the_set(tilting):
+    assert tilting.read() == OLD
+
+
+def test_extension_is_written_with_the_plates_drawing_and_read_back(tilting):
+    tilting.write(TILTED)
+    assert tilting.pins.values[f"pkmkins.{TILT}"] == 0.02
+    assert tilting.pins.values[REFLECTOR] == 20.0
+    assert tilting.read() == TILTED == tilting.file.geometry
+
+
+def test_set_without_the_extension_sets_it_back_to_zero(tilting):
+    tilting.write(TILTED)
+    tilting.write(OLD)
+    assert tilting.pins.values[f"pkmkins.{TILT}"] == 0.0
+    assert tilting.read() == OLD
+
+
+def test_extension_that_only_the_file_or_only_linuxcnc_has_is_told(tilting):
+    tilting.file.geometry = OLD | {TILT: 0.02}
+    with pytest.raises(DeviceRefused, match=r"axis_tilt_deg = 0\.0.*says 0\.02"):
+        tilting.read()
+    tilting.file.geometry = dict(OLD)
+    tilting.pins.values[f"pkmkins.{TILT}"] = 0.02
+    with pytest.raises(DeviceRefused, match=r"axis_tilt_deg = 0\.02"):
+        tilting.read()
+
+
+def test_plate_that_is_drawn_otherwise_counts_only_where_it_tilts(tilting):
+    tilting.pins.values[REFLECTOR] = 21.0
+    assert tilting.read() == OLD
+    tilting.write(TILTED)
+    tilting.pins.values[REFLECTOR] = 21.0
+    with pytest.raises(DeviceRefused, match=r"reflector_x_mm = 21\.0, the robot file's plate"):
+        tilting.read()
+
+
+def test_pin_of_the_drawing_that_does_not_take_its_value_has_everything_taken_back(tilting):
+    tilting.pins.sticks = REFLECTOR
+    with pytest.raises(DeviceRefused, match=r"reflector_x_mm = 0\.0.*old parameters are back"):
+        tilting.write(TILTED)
+    assert tilting.read() == OLD
