@@ -20,12 +20,16 @@ from campaigns.mechanisms.mechanism import ParameterSpace
 
 
 def change_of(
-    points: PointFit, space: ParameterSpace, *, lacks: bool = False
+    points: PointFit,
+    space: ParameterSpace,
+    lack: LackOfFit | None = None,
+    parts: tuple[str, ...] = (),
 ) -> tuple[Change, tuple[int, int]] | None:
     """Change, and the numbers of the shots before and after it; None where chance explains all.
 
     Single shots left out are no change; several in a row may be one, and are looked at. Where the
-    model `lacks` something, what a smooth function of the joints explains is that, not a change.
+    model has a `lack`, what smooth functions of the joints or imperfect `parts` explain is that,
+    not a change.
     """
     fitted, found = points.observations, points.found
     order = fitted.order
@@ -34,10 +38,12 @@ def change_of(
     if shots is None:
         return None
     jacobian = shots.jacobian
-    if lacks:
-        smooth = _smooth(points, shots)
-        if enough_shots(len(rows), jacobian.shape[-1], smooth.shape[-1]):
-            jacobian = np.concatenate([jacobian, smooth], axis=2)
+    explained = [] if lack is None else [_smooth(points, shots)]
+    if lack is not None and lack.kind == "parts":
+        explained.insert(0, _imperfect(points, parts, shots))
+    for columns in explained:
+        if enough_shots(len(rows), jacobian.shape[-1], columns.shape[-1]):
+            jacobian = np.concatenate([jacobian, columns], axis=2)
     causes = tuple(_causes(points, space, shots))
     change = detect_change(shots.residual, jacobian, causes, shots.root)
     if change is None:

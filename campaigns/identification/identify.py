@@ -287,7 +287,7 @@ class _Identified:
             beside = {*space.free_by_default, *self.selection.free}
             parts = tuple(name for name in space.free_in_full if name not in beside)
             lack = lack_of_fit_of(judged, parts)
-            change = change_of(judged, space, lacks=lack is not None)
+            change = change_of(judged, space, lack, parts)
             if change is not None:
                 yield change_doubt(*change, space)
             if lack is not None:
