@@ -54,6 +54,10 @@ class StopRequest:
         if self._asked_by is None or self.may_go_on:
             self._asked_by = number
 
+    def withdraw(self) -> None:
+        """Go on: whoever asked to stop has been asked, and wants it."""
+        self._asked_by = None
+
 
 @contextmanager
 def stop_on_signals(wish: StopRequest) -> Iterator[None]:
@@ -67,6 +71,24 @@ def end_on_signals(wish: StopRequest) -> Iterator[None]:
     """The same where no robot moves: Ctrl-Z suspends at once, as it always does."""
     with _handled(wish.ask, ENDING):
         yield
+
+
+@contextmanager
+def asking() -> Iterator[None]:
+    """Within `stop_on_signals`, a time in which Ctrl-Z suspends and the others mean no.
+
+    They raise `KeyboardInterrupt`, so that what is half done can still be taken back.
+    """
+    before = {number: signal.getsignal(number) for number in SUSPENDING}
+    with _handled(_refuse, ENDING):
+        for number, handler in before.items():
+            if handler is not signal.SIG_IGN:
+                signal.signal(number, signal.SIG_DFL)
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
 
 
 @contextmanager
@@ -84,6 +106,10 @@ def awaited_signal() -> Iterator[Callable[[], None]]:
 def suspend() -> None:
     """Suspend this process as Ctrl-Z does where nobody handles it; returns when it is continued."""
     os.kill(os.getpid(), SUSPENDING[0])
+
+
+def _refuse(_number: int) -> None:
+    raise KeyboardInterrupt
 
 
 @contextmanager

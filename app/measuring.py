@@ -81,7 +81,7 @@ def measure(
                         _wait_for_next_try(error, retries, terminal, wish)
             except (Interrupted, Cancelled) as stopped:
                 # Out here the signals do what they always do: Ctrl-C at the question means no.
-                if not (wish.may_go_on and _goes_on(wish, terminal)):
+                if not (wish.may_go_on and goes_on(wish, terminal)):
                     raise _interrupted(title, again) from stopped
 
 
@@ -156,7 +156,8 @@ def _ready_cell(
         yield cell
 
 
-def _goes_on(wish: StopRequest, terminal: Terminal) -> bool:
+def goes_on(wish: StopRequest, terminal: Terminal) -> bool:
+    """Whether the operator wants to go on; suspended first, if that was his wish."""
     terminal.note("stopped: the robot stands still, everything measured is kept", WARNING)
     if wish.suspends:
         suspend()

@@ -1,7 +1,8 @@
 """Progress of a work, told the way the screen can take it: a bar, or a line now and then."""
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Self
 
@@ -76,6 +77,15 @@ class CountedWork:
 
     def __str__(self) -> str:
         return " · ".join(filter(None, [str(self.pace()), self.news]))
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Time without the bar, for questions and answers."""
+        self._bars.stop()
+        try:
+            yield
+        finally:
+            self._bars.start()
 
     def advance(self, more: int = 1) -> None:
         """So many more are done."""

@@ -10,7 +10,8 @@ from typing import Annotated
 import typer
 
 from app.console import GOOD, Terminal, terminal_of
-from app.interrupt import StopRequest, stop_on_signals, suspend
+from app.interrupt import StopRequest, asking, stop_on_signals, suspend
+from app.measuring import goes_on
 from app.options import Dry, Folder, Json
 from app.progress import RunDisplay
 from app.wiring import Operator, connected_cell, connected_robot, prepare
@@ -72,7 +73,8 @@ def command(
     Refuses the file of another robot or campaign, one that did not pass, and parameters too far
     from the nominal ones. Shows the difference to what the controller holds, with Δ/σ, asks,
     keeps the old as controller-before-N.yaml, writes all at once, reads back and compares. What
-    does not verify is taken back. Ctrl-C is heard before and after, never in between.
+    does not verify is taken back. Ctrl-C is heard before and after, never in between; while pairs
+    are measured it takes all back, and Ctrl-Z stops the robot, suspends, and asks whether to go on.
 
     Exit code 1: with --verify, distances after loading are worse than before; the old parameters
     are back.
@@ -103,11 +105,13 @@ def command(
         done = roll_back(campaign, connected_robot(campaign), terms)
     elif verify and not dry:
         display = terminal.watching("load")
+
         setup = VerificationSetup(
             pairs=verify,
             prepare=partial(prepare, campaign),
             observer=display,
             stop_requested=wish,
+            goes_on=partial(_goes_on, wish, display, terminal),
         )
         watched = replace(terms, uninterrupted=_watched(wish, display))
         done = load_verified(
@@ -127,6 +131,17 @@ def _watched(wish: StopRequest, display: RunDisplay) -> Iterator[None]:
     """Signals are a wish to stop meanwhile, and what is measured is shown."""
     with stop_on_signals(wish), display:
         yield
+
+
+def _goes_on(wish: StopRequest, display: RunDisplay, terminal: Terminal) -> bool:
+    """Ask after Ctrl-Z; Ctrl-C takes back at once what is not verified."""
+    if not wish.suspends:
+        return False
+    with display.paused(), asking():
+        answer = goes_on(wish, terminal)
+    if answer:
+        wish.withdraw()
+    return answer
 
 
 def _tell(terminal: Terminal, done: LoadResult) -> None:

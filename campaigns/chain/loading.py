@@ -35,15 +35,15 @@ from campaigns.controllers.load_journal import (
     load_history,
     settle,
 )
-from campaigns.errors import JournalFailed, LoadNotVerified, ShotsMissing, VerdictBad
+from campaigns.errors import Interrupted, JournalFailed, LoadNotVerified, ShotsMissing, VerdictBad
 from campaigns.journal.journal import Journal
 from campaigns.measuring.run_state import SILENT, RunObserver
 from campaigns.measuring.series_log import problem_of
-from campaigns.measuring.session import measure_series
+from campaigns.measuring.session import Work, measure_series
 from campaigns.measuring.shot_taker import Cell
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.robot import RobotFile, read_robot
-from drivers.errors import DeviceRefused, DriverError
+from drivers.errors import Cancelled, DeviceRefused, DriverError
 from drivers.ports import RobotController
 from drivers.values import Identity
 
@@ -122,13 +122,15 @@ class _PairErrors:
 class VerificationSetup:
     """How pairs are measured before and after writing.
 
-    `prepare` brings the devices into the state that measuring needs; the robot may move.
+    `prepare` brings the devices into the state that measuring needs; the robot may move. `goes_on`
+    is asked when the operator has stopped it, and the robot stands.
     """
 
     pairs: int
     prepare: Callable[[Cell], None]
     observer: RunObserver = SILENT
     stop_requested: Callable[[], bool] = lambda: False
+    goes_on: Callable[[], bool] = lambda: False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,11 +152,28 @@ class _Verifier:
         self, stage: VerificationStage, active: Mapping[str, float], shots: tuple[PlannedShot, ...]
     ) -> _PairErrors:
         """Errors of the pairs as the controller commands them now."""
-        self.setup.prepare(self.cell)
         work = verification_work(self.campaign, stage, active, shots)
+        before = self._latest(stage)
+        while True:
+            try:
+                series = self._series(work, anew=self._latest(stage) == before)
+            except (Interrupted, Cancelled):
+                if not self.setup.goes_on():
+                    raise
+                self.cell.robot.reconnect()
+                self.cell.tracker.reconnect()
+            else:
+                return _PairErrors(series, mean_of_pairs_mm(self.campaign, self.journal, series))
+
+    def _series(self, work: Work, *, anew: bool) -> int:
+        self.setup.prepare(self.cell)
         observer, stop_requested = self.setup.observer, self.setup.stop_requested
-        series = measure_series(self.cell, self.journal, work, observer, stop_requested, anew=True)
-        return _PairErrors(series, mean_of_pairs_mm(self.campaign, self.journal, series))
+        return measure_series(self.cell, self.journal, work, observer, stop_requested, anew=anew)
+
+    def _latest(self, stage: VerificationStage) -> int:
+        """Number of the latest series of a stage; 0: there is none."""
+        latest = self.journal.latest_series(stage)
+        return 0 if latest is None else latest.number
 
 
 def load(

@@ -15,7 +15,7 @@ from command_line import change, ended, started
 
 from campaigns.errors import JournalFailed
 from campaigns.journal.journal import read_journal
-from campaigns.journal.records import Event, Intent, Outcome, SessionStopped
+from campaigns.journal.records import Event, Finding, Intent, Outcome, SessionStopped
 
 SLOW = {"speed_up": 60}
 FAST = {"speed_up": 1000}
@@ -246,6 +246,76 @@ def test_after_ctrl_z_the_operator_is_asked_before_it_goes_on(screen_and_run, pl
     screen.read_until("59 of 59 shots")
     screen.read_until("pkmcal identify")
     assert process.wait(PATIENCE_S) == 0
+
+
+@pytest.fixture
+def screen_and_load(exported):
+    """A load that verifies, on a terminal of its own, measuring with the new parameters."""
+    change(exported / "cell.yaml", WATCHED)
+    operator_end, program_end = pty.openpty()
+    process = started(
+        *("load", exported, "--verify", "4", "--yes"),
+        stdin=program_end,
+        stderr=program_end,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "100", "LINES": "30"},
+        process_group=0,
+    )
+    os.close(program_end)
+    try:
+        wait_until(lambda: has_begun(exported, "verify after"), process)
+        yield Screen(operator_end), process
+    finally:
+        process.kill()
+        process.communicate()
+        os.close(operator_end)
+
+
+def has_begun(folder, stage):
+    with contextlib.suppress(JournalFailed), read_journal(folder / "campaign.db") as journal:
+        latest = journal.latest_series(stage)
+        return latest is not None and bool(journal.records_of(Outcome, latest.number))
+    return False
+
+
+def loads(folder):
+    with read_journal(folder / "campaign.db") as journal:
+        kinds = [e.record.kind for e in journal.records_of(Finding)]
+    return [kind for kind in kinds if kind.startswith("load")]
+
+
+def test_after_ctrl_z_a_load_is_suspended_and_verified_once_the_operator_says_so(
+    screen_and_load, exported
+):
+    screen, process = screen_and_load
+    process.send_signal(signal.SIGTSTP)
+    screen.read_until("the robot stands still")
+    wait_until(lambda: is_suspended(process), process)
+    assert loads(exported) == ["load begun"]
+    process.send_signal(signal.SIGCONT)
+    screen.read_until("Go on where it was? [y/N]")
+    screen.type("y\n")
+    screen.read_until("4/8")
+    out, _ = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, "loaded and verified" in out) == (0, True)
+    assert loads(exported) == ["load begun", "load"]
+    with read_journal(exported / "campaign.db") as journal:
+        latest = journal.latest_series("verify after")
+        endings = [e.record.how for e in journal.records_of(SessionStopped, latest.number)]
+        assert endings == ["interrupted", "finished"]
+        assert len(journal.shots(latest.number)) == 8
+
+
+@pytest.mark.parametrize("answer", [signal.SIGINT, signal.SIGHUP])
+def test_suspended_load_that_does_not_go_on_is_taken_back(screen_and_load, exported, answer):
+    screen, process = screen_and_load
+    process.send_signal(signal.SIGTSTP)
+    wait_until(lambda: is_suspended(process), process)
+    process.send_signal(signal.SIGCONT)
+    screen.read_until("Go on where it was? [y/N]")
+    process.send_signal(answer)
+    screen.read_until("rolled back")
+    assert process.wait(PATIENCE_S) == 130
+    assert loads(exported) == ["load begun", "load failed"]
 
 
 def test_ctrl_c_at_the_question_means_no(screen_and_run):
