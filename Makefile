@@ -3,6 +3,7 @@
 #   make demo    the whole chain against a simulated cell, from nothing
 #   make test    the test suite, on all processors
 #   make quick   what of it takes less than a minute
+#   make long    tests that take many seconds each: runs killed at every record, faults, odd files
 #   make peers   tests with real peers: a controller, other people's clients, a browser
 #   make lint    style, format, types and layers
 #   make bench   the yardsticks, printed
@@ -21,7 +22,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Tests of one file stay on one processor: they share what is slow to make.
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile
 
-.PHONY: demo test quick peers lint bench torture
+.PHONY: demo test quick long peers lint bench torture
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/installed
@@ -30,10 +31,13 @@ demo: $(VENV)/installed
 	@echo "Report: $(DEMO)/report.html (the other files: README.md, \"Files of a campaign\")"
 
 test: $(VENV)/installed-dev
-	$(PYTEST) -m "not peer"
+	$(PYTEST) -m "not peer and not long"
 
 quick: $(VENV)/installed-dev
-	$(PYTEST) -m "not slow and not peer"
+	$(PYTEST) -m "not slow and not peer and not long"
+
+long: $(VENV)/installed-dev
+	$(PYTEST) -m "long and not peer"
 
 # One after the other: controllers and browsers need the processors for themselves.
 peers: $(VENV)/installed-dev

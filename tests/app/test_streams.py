@@ -28,7 +28,10 @@ def ended(*arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **variable
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("code_page", CODE_PAGES)
+@pytest.mark.parametrize(
+    "code_page",
+    [pytest.param(each, marks=[] if each == "ASCII" else pytest.mark.long) for each in CODE_PAGES],
+)
 def test_answers_and_errors_are_utf_8_whatever_the_code_page(code_page):
     helped = ended("run", "--help", **CODE_PAGES[code_page])
     assert helped.returncode == 0

@@ -8,10 +8,11 @@ import sys
 import pytest
 
 EVERY = 1 if os.environ.get("CI") else 4
-KILLS = 20
+KILLS = 12
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(600)
 def test_killed_runs_lose_nothing_double_nothing_and_come_to_their_end():
     words = [f"--kills={KILLS}", f"--every={EVERY}", "--json"]

@@ -11,17 +11,20 @@ from campaigns.campaign import open_campaign
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize("number", [3, 5, 8])
+@pytest.mark.long
+@pytest.mark.parametrize("number", [3, 8])
 def test_wrong_targets_at_the_first_shots_end_in_a_complete_campaign(tmp_path, number):
     ran = faults.run_small(tmp_path, "first", faults.first_script(number))
     assert (ran.complete, ran.wrong, ran.shots) == (True, 0, 30)
 
 
+@pytest.mark.long
 def test_beam_that_is_broken_for_ten_minutes_at_the_third_measurement_only_costs_time(tmp_path):
     ran = faults.run_small(tmp_path, "break", [faults.broken_beam(3, 600.0)])
     assert (ran.complete, ran.wrong, ran.sessions) == (True, 0, 1)
 
 
+@pytest.mark.long
 def test_shot_that_the_simulator_has_otherwise_is_found_wrong(tmp_path):
     faults.run_small(tmp_path, "clean", [])
     folder = tmp_path / "clean"

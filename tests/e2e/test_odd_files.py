@@ -22,12 +22,22 @@ def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+OFTEN = ("plan.csv", "robot.yaml")
+
+
 def harm(trials) -> list[str]:
     """What must not be, but for the memory: this process holds much already."""
     return [f"{each}: {fault}" for each in trials for fault in each.faults(math.inf)]
 
 
-@pytest.mark.parametrize("read", files.READS, ids=lambda read: read.file)
+@pytest.mark.parametrize(
+    "read",
+    [
+        pytest.param(each, marks=[] if each.file in OFTEN else pytest.mark.long)
+        for each in files.READS
+    ],
+    ids=lambda read: read.file,
+)
 def test_no_odd_file_does_harm(base, tmp_path, read):
     data = (base / read.file).read_bytes()
     fixed = (*no_files(), *read.specials(data))
@@ -39,6 +49,7 @@ def test_no_odd_file_does_harm(base, tmp_path, read):
     assert {each.code for each in trials} & files.REFUSED
 
 
+@pytest.mark.long
 def test_no_odd_name_does_harm(base, tmp_path):
     trials = list(files.odd_names(base, tmp_path, ODD_NAMES[::4]))
     assert len(trials) == len(ODD_NAMES[::4]) * len(files.NAMED)

@@ -119,6 +119,7 @@ def fenced(fenced_once, tmp_path):
     return shutil.copytree(fenced_once, tmp_path / "fenced")
 
 
+@pytest.mark.long
 def test_no_way_of_the_simulated_robot_leaves_the_space(pkmcal, fenced, recorder):
     validate = ("validate", fenced, "--stage", "before", "--yes")
     assert pkmcal(*validate).code == 3, "stopped half way"

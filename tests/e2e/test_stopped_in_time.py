@@ -72,8 +72,8 @@ def stage(planned):
 @pytest.mark.parametrize(
     ("until", "number"),
     [
-        (Stage.moving, signal.SIGQUIT),
-        (Stage.measuring, signal.SIGTERM),
+        pytest.param(Stage.moving, signal.SIGQUIT, marks=pytest.mark.long),
+        pytest.param(Stage.measuring, signal.SIGTERM, marks=pytest.mark.long),
         (Stage.with_frozen_controller, signal.SIGINT),
         (Stage.with_slow_controller, signal.SIGHUP),
     ],
@@ -98,7 +98,9 @@ def test_ctrl_z_is_on_the_wire_at_once_and_suspends_only_after_the_stop(stage):
     assert ended(stage.process, PATIENCE_S).code == 130
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGTSTP])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, pytest.param(signal.SIGTSTP, marks=pytest.mark.long)]
+)
 def test_a_stop_that_nobody_confirms_says_first_what_to_do(stage, number):
     stage.with_frozen_controller().stopped_by(number)
     unknown = ended(stage.process, PATIENCE_S)

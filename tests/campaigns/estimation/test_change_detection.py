@@ -46,6 +46,7 @@ def test_good_shots_show_no_change():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_stated_chance_is_no_smaller_than_the_real_one(always_told):
     told = [detect_change(residual(seed), JACOBIAN, CAUSES, ROOT).p for seed in range(1500)]
     for level in (0.02, 0.1, 0.3):

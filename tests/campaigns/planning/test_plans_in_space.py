@@ -97,6 +97,7 @@ def test_poses_to_identify_from_lie_near_the_boundary_of_what_is_allowed(plan):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_plan_is_checked_and_each_way_is_clear_between_all_samples(plan):
     check_plan(plan, NOMINAL, LIMITS, VIEW, MIDDLE, PACE, SPACE)
     robot = RobotModel(NOMINAL, LIMITS, CENTRE, SPACE)
@@ -236,7 +237,7 @@ def test_the_plates_radius_is_the_robots_unless_it_is_said():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("placement", ["boundary", "optimal"])
+@pytest.mark.parametrize("placement", ["boundary", pytest.param("optimal", marks=pytest.mark.long)])
 def test_a_space_that_refuses_nothing_changes_nothing(placement):
     far_wall = Zone("far", Rectangle((5000.0, 5001.0)), ANYWHERE, keeps_in=False)
     plans = []
@@ -255,6 +256,7 @@ def test_a_space_that_refuses_nothing_changes_nothing(placement):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_optimal_poses_keep_to_the_space_and_are_judged_by_what_it_leaves():
     free = ROBOT.mechanism.parameters.free_by_default
     request = OptimalRequest(
