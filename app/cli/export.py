@@ -6,10 +6,11 @@ from typing import Annotated
 
 import typer
 
-from app.console import terminal_of
+from app.console import Terminal, terminal_of
 from app.options import Folder, Json
 from campaigns.campaign import open_campaign
 from campaigns.chain.files import export, export_hal, export_shots
+from campaigns.chain.projecting import Projected, export_projected
 from campaigns.robots.robot import FOR_SOME_CONTROLLERS
 
 
@@ -18,6 +19,11 @@ class Format(Enum):
 
     YAML = "yaml"
     LINUXCNC = "linuxcnc"
+    LINUXCNC_ROTARYDELTA = "linuxcnc-rotarydelta"
+    LINUXCNC_LINEARDELTA = "linuxcnc-lineardelta"
+    KLIPPER_ROTARY_DELTA = "klipper-rotary-delta"
+    KLIPPER_DELTA = "klipper-delta"
+    PLAIN = "plain"
 
 
 def command(
@@ -34,7 +40,12 @@ def command(
         bool, typer.Option("--shots", help="Write the measured shots as shots.csv instead.")
     ] = False,
     format_: Annotated[
-        Format, typer.Option("--format", help="yaml: a robot file. linuxcnc: a HAL file.")
+        Format,
+        typer.Option(
+            "--format",
+            help="yaml: a robot file. linuxcnc: a HAL file for pkmkins. The others are nearest "
+            "values for fewer parameters; plain: a robot file without tilts and skews.",
+        ),
     ] = Format.YAML,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace the file if it exists.")
@@ -46,15 +57,25 @@ def command(
     It holds the parameters, 1 σ of each that was identified, where they come from, and the
     sha256 of the geometry. Only an identification whose verdict is "pass" is written. The file
     can be the nominal robot of a next campaign.
+
+    For a controller with fewer parameters it is the values that leave the least mean square error
+    of position over the workspace, and what they leave is said beside what all parameters leave.
     """
     terminal, next_step = terminal_of(context, as_json=json), ""
     campaign = open_campaign(folder)
     if shots:
-        path, found = export_shots(campaign, to, overwrite=overwrite)
-        if found.halves:
-            terminal.note(f"left out, as their partner is missing: shots {found.halves}")
+        path, exported = export_shots(campaign, to, overwrite=overwrite)
+        if exported.halves:
+            terminal.note(f"left out, as their partner is missing: shots {exported.halves}")
     elif format_ is Format.LINUXCNC:
         path = export_hal(campaign, to, overwrite=overwrite)
+    elif format_ is not Format.YAML:
+        found = export_projected(campaign, format_.value, to, overwrite=overwrite)
+        _show(terminal, found)
+        if format_ is Format.PLAIN:
+            terminal.note(f"next: pkmcal load {folder} --file {found.path}")
+        terminal.document(found.document())
+        return
     else:
         path, robot = export(campaign, to, overwrite=overwrite)
         next_step = f"next: pkmcal load {folder}"
@@ -64,3 +85,10 @@ def command(
     if next_step:
         terminal.note(next_step)
     terminal.document({"path": str(path)})
+
+
+def _show(terminal: Terminal, found: Projected) -> None:
+    """What is left, and the file."""
+    rows = [(each.parameters, f"{each.mean_mm:.4f}", f"{each.max_mm:.4f}") for each in found.left]
+    terminal.table("Left of position over the workspace (mm)", ("with", "mean", "max"), rows)
+    terminal.say(f"written: {found.path}")

@@ -36,7 +36,7 @@ DEFAULT_CENTRE_MM = (0.0, 0.0, -575.0)
 """Centre for robots whose file says nothing of it: Par4's."""
 FOR_SOME_CONTROLLERS = (
     "only a controller that computes plate tilt takes axis tilts and skews, as LinuxCNC with "
-    "pkmkins does; for any other identify with --model standard"
+    "pkmkins does; for any other: export --format plain, or `pkmcal correct`"
 )
 """Remark where such a set is found and where it is written."""
 

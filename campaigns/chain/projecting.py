@@ -1,0 +1,113 @@
+"""Projection of what a campaign identified to controllers with fewer parameters."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydantic import JsonValue
+
+from campaigns.arrays import Array
+from campaigns.campaign import Campaign
+from campaigns.chain.files import identified_robot
+from campaigns.controllers.export import latest_identification
+from campaigns.controllers.few_parameters import (
+    FORMATS,
+    WhatIsLeft,
+    configuration_text,
+    few_parameters,
+)
+from campaigns.controllers.projection import NamedParameters, Workspace, left_by, project
+from campaigns.design.pose_sampling import WorkspaceTooSmall, workspace_poses
+from campaigns.errors import IdentificationRefused
+from campaigns.files.text_file import write_text_unless_there
+from campaigns.planning.predicted_precision import WORKSPACE_SAMPLE, WORKSPACE_SEED
+from campaigns.robots.robot import Compensation, RobotFile, compensated
+
+PLAIN = "plain"
+PLAIN_FILE = "robot-plain.yaml"
+
+
+@dataclass(frozen=True, slots=True)
+class Projected:
+    """Written file, and what parameters leave of position over the workspace, fewest last."""
+
+    path: Path
+    left: tuple[WhatIsLeft, ...]
+
+    def document(self) -> dict[str, JsonValue]:
+        """As `export --json` prints it."""
+        left: dict[str, JsonValue] = {
+            each.parameters: {"mean": each.mean_mm, "max": each.max_mm} for each in self.left
+        }
+        return {"path": str(self.path), "left_mm": left}
+
+
+def export_projected(
+    campaign: Campaign, word: str, to: Path | None = None, *, overwrite: bool = False
+) -> Projected:
+    """Write the nearest parameters of a controller that `FORMATS` names, or the plain ones.
+
+    Raises `ConfigInvalid` for another mechanism, `VerdictBad`, `IdentificationRefused`,
+    `OutputExists` or `WriteFailed`.
+    """
+    if word == PLAIN:
+        return _export_plain(campaign, to, overwrite=overwrite)
+    made, robot = FORMATS[word], identified_robot(campaign).robot
+    few, found = few_parameters(robot, campaign.robot, _poses(campaign, robot), made)
+    left = (*found, *_full(campaign))
+    path = to or campaign.path(made.file_name)
+    write_text_unless_there(path, configuration_text(few, left, made), overwrite=overwrite)
+    return Projected(path, left)
+
+
+def _export_plain(campaign: Campaign, to: Path | None, *, overwrite: bool) -> Projected:
+    """Write a robot file without extensions."""
+    document = identified_robot(campaign)
+    robot, nominal = document.robot, campaign.robot
+    workspace = Workspace.of(robot.kinematics, _poses(campaign, robot))
+    found = project(robot.mechanism, NamedParameters.plain(robot.kinematics), workspace)
+    left = (
+        WhatIsLeft.of("nominal parameters", left_by(nominal.kinematics, workspace)),
+        WhatIsLeft.of("these values", found.error),
+        *_full(campaign),
+    )
+    lost: dict[str, JsonValue] = {
+        "of": robot.digest(),
+        "lost_mean_mm": found.error.mean_mm,
+        "lost_max_mm": found.error.max_mm,
+    }
+    plain = compensated(
+        campaign.nominal,
+        Compensation(
+            f"{nominal.name}-plain",
+            found.kinematics.flat(),
+            {},
+            {**(robot.provenance or {}), "projection": lost},
+        ),
+    )
+    path = to or campaign.path(PLAIN_FILE)
+    write_text_unless_there(path, plain.document.text, overwrite=overwrite)
+    return Projected(path, left)
+
+
+def _poses(campaign: Campaign, robot: RobotFile) -> Array:
+    """Poses (N, t) all over the workspace."""
+    rng = np.random.default_rng(WORKSPACE_SEED)
+    try:
+        return workspace_poses(
+            robot.kinematics, robot.limits, campaign.centre, WORKSPACE_SAMPLE, rng, campaign.space
+        )
+    except WorkspaceTooSmall as error:
+        raise IdentificationRefused(
+            f"the identified robot can take hardly any pose: {error}",
+            remedy="correct limits in robot.yaml or `space` in campaign.yaml",
+        ) from error
+
+
+def _full(campaign: Campaign) -> tuple[WhatIsLeft, ...]:
+    """What all identified parameters leave: their own uncertainty."""
+    with campaign.journal_reader() as journal:
+        std = latest_identification(journal).position_std_mm
+    if std is None:
+        return ()
+    return (WhatIsLeft("all identified parameters, 1 σ", std.mean, std.max),)

@@ -1,0 +1,322 @@
+"""Projection: the few parameters of a controller that come nearest to an identified robot.
+
+At the joints that the identified model has all over the workspace the controller's model puts the
+plate somewhere else. Its parameters are those of the least mean square error of position, after the
+best fit of the controller's frame, which its user may place as he likes (model.md, family).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from campaigns.arrays import Array, Index
+from campaigns.errors import IdentificationRefused
+from campaigns.estimation.observability import project_out_nuisance
+from campaigns.estimation.rigid_transforms import Transform, fit_transform
+from campaigns.mechanisms.mechanism import Kinematics, Mechanism, NoSolution
+
+CONVERGED = 1e-14
+"""Relative change of the sum of squares and of the parameters at which the search ends."""
+CANNOT_FOLLOW = "correct targets with `pkmcal correct` instead"
+
+
+class ControllerModel(Protocol):
+    """Robots that a controller can be told of: so many values, each set of them a robot."""
+
+    @property
+    def start(self) -> Array:
+        """Values to begin with, (C,), mm and rad."""
+        ...
+
+    def vector(self, values: Array) -> Array:
+        """Parameter vector p (G,) of the mechanism."""
+        ...
+
+    def by_values(self, values: Array) -> Array:
+        """∂p/∂values, (G, C)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class PositionError:
+    """Error of position over the workspace, mm."""
+
+    mean_mm: float
+    max_mm: float
+    rms_mm: float
+
+    @classmethod
+    def of(cls, errors: Array) -> "PositionError":
+        """From errors (N, 3)."""
+        size = np.linalg.norm(errors, axis=1)
+        rms = float(np.sqrt(np.mean(size**2)))
+        return cls(float(size.mean()), float(size.max()), rms)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Projection:
+    """Values of a controller's parameters, and what they leave."""
+
+    values: Array
+    """(C,), mm and rad."""
+    kinematics: Kinematics
+    base_from_controller: Transform
+    error: PositionError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Workspace:
+    """Joints (N, n) all over the workspace, and the poses (N, t) that the identified robot has."""
+
+    joints: Array
+    poses: Array
+
+    @classmethod
+    def of(cls, identified: Kinematics, poses: Array) -> "Workspace":
+        """From poses that the identified robot can take."""
+        return cls(identified.inverse(poses).values_or_raise(), poses)
+
+
+def left_by(kinematics: Kinematics, workspace: Workspace) -> PositionError:
+    """What other parameters leave of position over a workspace, the frame best fitted."""
+    return PositionError.of(_fitted(kinematics, workspace).errors)
+
+
+def project(mechanism: Mechanism, model: ControllerModel, workspace: Workspace) -> Projection:
+    """Values that leave the least mean square error of position.
+
+    Raises `IdentificationRefused` when the controller's robot cannot take the joints.
+    """
+
+    def fitted(values: Array) -> _Fitted:
+        return _fitted(Kinematics(mechanism, model.vector(values)), workspace)
+
+    def jacobian(values: Array) -> Array:
+        at = fitted(values)
+        own = Kinematics(mechanism, model.vector(values)).jacobian(workspace.joints, at.poses)
+        by_values = at.frame.rotation @ own[:, :3] @ model.by_values(values)
+        points = workspace.poses[:, :3] + at.errors
+        columns = np.concatenate([by_values, _by_frame(points)], axis=2)
+        return project_out_nuisance(columns.reshape(-1, columns.shape[2]), len(values))
+
+    def residual(values: Array) -> Array:
+        return fitted(values).errors.ravel()
+
+    try:
+        found = least_squares(
+            residual,
+            model.start,
+            jac=jacobian,
+            x_scale="jac",
+            ftol=CONVERGED,
+            xtol=CONVERGED,
+            gtol=CONVERGED,
+        )
+    except NoSolution as error:
+        raise IdentificationRefused(
+            f"the controller's kinematics cannot be assembled all over the workspace: {error}",
+            remedy=CANNOT_FOLLOW,
+        ) from error
+    best = fitted(found.x)
+    kinematics = Kinematics(mechanism, model.vector(found.x))
+    return Projection(found.x, kinematics, best.frame, PositionError.of(best.errors))
+
+
+FRAME = 6
+"""Columns of a frame."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fitted:
+    """Poses (N, t) by other parameters, and errors (N, 3) of them in their best frame."""
+
+    poses: Array
+    frame: Transform
+    errors: Array
+
+
+def _fitted(kinematics: Kinematics, workspace: Workspace) -> _Fitted:
+    poses = kinematics.forward(workspace.joints, workspace.poses).values_or_raise()
+    frame = fit_transform(poses[:, :3], workspace.poses[:, :3])
+    return _Fitted(poses, frame, frame.apply(poses[:, :3]) - workspace.poses[:, :3])
+
+
+def _by_frame(points: Array) -> Array:
+    """∂point by a small turn and a shift of its frame, (N, 3, 6)."""
+    columns = np.zeros((len(points), 3, FRAME))
+    x, y, z = points.T
+    columns[:, 0, 1], columns[:, 0, 2] = z, -y
+    columns[:, 1, 0], columns[:, 1, 2] = -z, x
+    columns[:, 2, 0], columns[:, 2, 1] = y, -x
+    columns[:, :, 3:] = np.eye(3)
+    return columns
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NamedParameters:
+    """Controller of the same mechanism that knows some parameters, the others being fixed."""
+
+    fixed: Array
+    """(G,)"""
+    places: Index
+    """Of the C that it knows."""
+
+    @classmethod
+    def plain(cls, identified: Kinematics) -> "NamedParameters":
+        """Parameters that controllers know, without extensions; those that are held stay."""
+        space = identified.mechanism.parameters
+        fixed = identified.p.copy()
+        fixed[space.places(space.extensions)] = 0.0
+        return cls(fixed, space.places(space.free_by_default))
+
+    @property
+    def start(self) -> Array:
+        """Identified values."""
+        return self.fixed[self.places]
+
+    def vector(self, values: Array) -> Array:
+        """With these values in their places."""
+        p = self.fixed.copy()
+        p[self.places] = values
+        return p
+
+    def by_values(self, values: Array) -> Array:
+        """One column a value."""
+        return np.eye(len(self.fixed))[:, self.places[: len(values)]]
+
+
+THIRD = 2.0 * np.pi / 3.0
+ARMS = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SymmetricDelta:
+    """Delta or linear Delta with arms of one radius about the vertical, a third of a turn apart.
+
+    Values: the radius; lengths of arms (rotary only) and of forearms, one for all or one each; the
+    second and third arm's direction, if it may be told; joint offsets, if they may be. All arms are
+    at one height: of carriages the first offset is the frame's height, and stays 0.
+    """
+
+    mechanism: Mechanism
+    azimuths: Array
+    """Of the arms about the vertical, (3,), the first one being the frame's."""
+    per_arm: bool
+    angles_free: bool
+    offsets_free: bool
+    typical: Array
+    """Radius, arm and forearm to begin with, mm; the arm of carriages is 0."""
+
+    @property
+    def is_rotary(self) -> bool:
+        """Whether cranks drive it."""
+        return self.mechanism.joints[0].is_revolute
+
+    @property
+    def columns(self) -> tuple[tuple[str, int | None], ...]:
+        """Kind of each value and the arm that it is of; None: of all."""
+        each: Sequence[int | None] = range(ARMS) if self.per_arm else (None,)
+        kinds: list[tuple[str, int | None]] = [("radius", None)]
+        if self.is_rotary:
+            kinds += [("arm", arm) for arm in each]
+        kinds += [("forearm", arm) for arm in each]
+        if self.angles_free:
+            kinds += [("angle", arm) for arm in (1, 2)]
+        if self.offsets_free:
+            kinds += [("offset", arm) for arm in (range(ARMS) if self.is_rotary else (1, 2))]
+        return tuple(kinds)
+
+    @property
+    def start(self) -> Array:
+        """Typical lengths, no offsets, arms a third of a turn apart."""
+        own = dict(zip(("radius", "arm", "forearm"), self.typical.tolist(), strict=True))
+        return np.array([own.get(kind, 0.0) for kind, _ in self.columns])
+
+    def of_arms(self, values: Array, kind: str) -> Array:
+        """Values of a kind by arm, (3,); 0 where there are none."""
+        found = np.zeros(ARMS)
+        for (each, arm), value in zip(self.columns, values.tolist(), strict=True):
+            if each == kind:
+                found[slice(None) if arm is None else arm] = value
+        return found
+
+    def vector(self, values: Array) -> Array:
+        """Parameters of the robot."""
+        angle = self.azimuths + self.of_arms(values, "angle")
+        radius = self.of_arms(values, "radius")
+        fields = {
+            "x_mm": radius * np.cos(angle),
+            "y_mm": radius * np.sin(angle),
+            "azimuth_deg": angle,
+            self._offset: self.of_arms(values, "offset"),
+            "arm_mm": self.of_arms(values, "arm"),
+            "elevation_deg": np.full(ARMS, 0.5 * np.pi),
+            "forearm_mm": self.of_arms(values, "forearm"),
+        }
+        p = np.zeros(len(self.mechanism.parameters.geometry))
+        for arm in range(ARMS):
+            for field in self._fields:
+                p[self._place(arm, field)] = fields[field][arm] if field in fields else 0.0
+        return p
+
+    def by_values(self, values: Array) -> Array:
+        """Derivatives of the parameters."""
+        angle = self.azimuths + self.of_arms(values, "angle")
+        radius = self.of_arms(values, "radius")
+        cos, sin = np.cos(angle), np.sin(angle)
+        one = np.ones(ARMS)
+        by_kind: dict[str, dict[str, Array]] = {
+            "radius": {"x_mm": cos, "y_mm": sin},
+            "arm": {"arm_mm": one},
+            "forearm": {"forearm_mm": one},
+            "angle": {"x_mm": -radius * sin, "y_mm": radius * cos, "azimuth_deg": one},
+            "offset": {self._offset: one},
+        }
+        jacobian = np.zeros((len(self.mechanism.parameters.geometry), len(values)))
+        for column, (kind, own) in enumerate(self.columns):
+            for arm in range(ARMS) if own is None else (own,):
+                for field, slope in by_kind[kind].items():
+                    jacobian[self._place(arm, field), column] = slope[arm]
+        return jacobian
+
+    @property
+    def _fields(self) -> tuple[str, ...]:
+        return self.mechanism.parameters.arm_field_names
+
+    @property
+    def _offset(self) -> str:
+        return next(name for name in self._fields if name.startswith("joint_offset_"))
+
+    def _place(self, arm: int, field: str) -> int:
+        return self.mechanism.parameters.geometry.index(f"arm{arm}.{field}")
+
+
+def symmetric_delta(
+    nominal: Kinematics, *, per_arm: bool, angles_free: bool, offsets_free: bool
+) -> SymmetricDelta:
+    """Symmetrical robot nearest to a nominal one by eye, to begin with."""
+    space, flat = nominal.mechanism.parameters, nominal.flat()
+
+    def of_arms(field: str) -> Array:
+        return np.array([flat[f"arm{arm}.{field}"] for arm in range(ARMS)])
+
+    x, y = of_arms("x_mm"), of_arms("y_mm")
+    rotary = "arm_mm" in space.arm_field_names
+    first = float(np.radians(flat["arm0.azimuth_deg"])) if rotary else float(np.arctan2(y[0], x[0]))
+    way = np.sign(np.sin(np.arctan2(y[1], x[1]) - np.arctan2(y[0], x[0])))
+    typical = [
+        float(np.hypot(x, y).mean()),
+        float(of_arms("arm_mm").mean()) if rotary else 0.0,
+        float(of_arms("forearm_mm").mean()),
+    ]
+    return SymmetricDelta(
+        nominal.mechanism,
+        first + way * THIRD * np.arange(ARMS),
+        per_arm,
+        angles_free,
+        offsets_free,
+        np.array(typical),
+    )

@@ -1,0 +1,295 @@
+"""Projection: few parameters that come nearest, and what they leave."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, least_squares
+from scipy.spatial.transform import Rotation
+from target_cases import TARGETS
+
+from campaigns.controllers.few_parameters import (
+    FORMATS,
+    configuration_text,
+    few_parameters,
+)
+from campaigns.controllers.projection import (
+    NamedParameters,
+    Workspace,
+    left_by,
+    project,
+    symmetric_delta,
+)
+from campaigns.errors import ConfigInvalid
+from campaigns.estimation.point_sets import fitted_frame
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.robots.robot import RobotFile
+
+MEMBERS = pytest.mark.parametrize("member", TARGETS, ids=lambda each: each.name)
+BY_NAME = {member.name: member for member in TARGETS}
+MEMBER_OF = {word: BY_NAME[made.mechanism] for word, made in FORMATS.items()}
+WORDS = pytest.mark.parametrize("word", FORMATS)
+KINS = Path("/usr/lib/python3/dist-packages")
+
+
+def workspace_of(member, robot, count=300):
+    poses = member.poses(count)
+    return Workspace.of(robot, poses[robot.inverse(poses).found])
+
+
+def slightly_tilted(member):
+    """Skews and tilts as workshops leave them."""
+    p, space = member.perturbed.p.copy(), member.space
+    names = [name for name in space.extensions if name not in space.fix_frame]
+    p[space.places(names)] += np.random.default_rng(2).normal(0.0, 5e-4, len(names))
+    return Kinematics(member.mechanism, p)
+
+
+@MEMBERS
+def test_plain_parameters_leave_nothing_of_a_robot_without_tilts(member):
+    workspace = workspace_of(member, member.perturbed)
+    found = project(member.mechanism, NamedParameters.plain(member.perturbed), workspace)
+    assert found.error.max_mm < 1e-9
+    assert left_by(member.nominal, workspace).mean_mm > 0.3
+
+
+@MEMBERS
+def test_plain_parameters_leave_less_than_the_full_ones_without_their_extensions(member):
+    robot = slightly_tilted(member)
+    workspace = workspace_of(member, robot)
+    model = NamedParameters.plain(robot)
+    cut = left_by(Kinematics(member.mechanism, model.vector(model.start)), workspace)
+    found = project(member.mechanism, model, workspace)
+    assert 1e-3 < found.error.rms_mm < 0.8 * cut.rms_mm
+    assert not found.kinematics.p[member.space.places(member.space.extensions)].any()
+
+
+@MEMBERS
+def test_no_other_values_leave_less(member):
+    """Every small change of a value, the frame fitted anew, makes the error larger."""
+    robot = slightly_tilted(member)
+    workspace = workspace_of(member, robot, 150)
+    model = NamedParameters.plain(robot)
+    found = project(member.mechanism, model, workspace)
+    for place in range(len(found.values)):
+        for step in (-1e-4, 1e-4):
+            values = found.values.copy()
+            values[place] += step
+            other = left_by(Kinematics(member.mechanism, model.vector(values)), workspace)
+            assert other.rms_mm > found.error.rms_mm
+
+
+@WORDS
+def test_derivatives_of_a_symmetrical_robot(word):
+    made, member = FORMATS[word], MEMBER_OF[word]
+    model = symmetric_delta(
+        member.nominal, per_arm=made.per_arm, angles_free=made.angles_free, offsets_free=True
+    )
+    values = model.start + np.random.default_rng(1).normal(0.0, 0.1, len(model.start))
+    slopes = model.by_values(values)
+    for column in range(len(values)):
+        step = np.zeros(len(values))
+        step[column] = 1e-6
+        change = (model.vector(values + step) - model.vector(values - step)) / 2e-6
+        np.testing.assert_allclose(slopes[:, column], change, atol=1e-7)
+
+
+def made_for(word, robot=None, count=300):
+    member, made = MEMBER_OF[word], FORMATS[word]
+    identified = RobotFile.from_flat(
+        member.mechanism,
+        (robot or member.perturbed).flat(),
+        name="identified",
+        limits=member.limits,
+    )
+    poses = member.poses(count)
+    few, left = few_parameters(identified, member.shipped, poses, made)
+    return few, left, configuration_text(few, left, made)
+
+
+@WORDS
+def test_the_nearest_values_are_better_than_the_nominal_ones(word):
+    few, left, text = made_for(word)
+    nominal, nearest = left[0], left[-1]
+    assert nearest.mean_mm < nominal.mean_mm
+    rms = [few.found.error.rms_mm, left_by(MEMBER_OF[word].nominal, few.workspace).rms_mm]
+    assert rms[0] < rms[1]
+    assert f"these values: mean {nearest.mean_mm:.4f}, max {nearest.max_mm:.4f}" in text
+    assert f"nominal parameters: mean {nominal.mean_mm:.4f}" in text
+
+
+@WORDS
+def test_the_shipped_robot_is_found_again(word):
+    member = MEMBER_OF[word]
+    few, left, _ = made_for(word, member.nominal)
+    assert max(each.max_mm for each in left) < 1e-8
+    assert few.radius_mm == pytest.approx(np.hypot(*member.nominal.p[:2]), abs=1e-7)
+
+
+@pytest.mark.parametrize("member", TARGETS, ids=lambda each: each.name)
+@WORDS
+def test_other_mechanisms_are_refused_with_what_to_do(word, member):
+    made = FORMATS[word]
+    if member.name == made.mechanism:
+        return
+    with pytest.raises(ConfigInvalid, match=f"is for a {made.mechanism}") as caught:
+        few_parameters(member.shipped, member.shipped, member.poses(20), made)
+    assert "pkmcal correct" in str(caught.value)
+
+
+def settings(text):
+    """Values of a configuration by section and key, or by pin."""
+    found, section = {}, ""
+    for line in text.splitlines():
+        if line.startswith("["):
+            section = line.strip("[]") + "."
+        elif line.startswith("setp "):
+            _, pin, value = line.split()
+            found[pin] = float(value)
+        elif pair := re.fullmatch(r"# \[JOINT_(\d)\]HOME_OFFSET: add (\S+) \S+ \(arm (\d)\)", line):
+            found[f"joint{pair[1]}"] = (float(pair[2]), int(pair[3]))
+        elif not line.startswith("#") and ":" in line:
+            key, value = line.split(": ")
+            found[section + key] = value if "kinematics" in key else float(value)
+    return found
+
+
+def spheres(centres, lengths, near):
+    """Lower common point of three spheres, by an equation solver that is not ours."""
+
+    def residual(point):
+        return np.linalg.norm(centres - point, axis=1) - lengths
+
+    return least_squares(residual, near, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+
+
+def klipper_points(text, few):
+    """Positions that Klipper believes in at the workspace's joints, from its documented keys."""
+    found, points = settings(text), []
+    steppers = [f"stepper_{each}." for each in "abc"]
+    angles = np.radians([found[each + "angle"] for each in steppers])
+    endstops = np.array([found[each + "position_endstop"] for each in steppers])
+    outward = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(3)])
+    up = np.array([0.0, 0.0, 1.0])
+    rotary = "printer.shoulder_radius" in found
+    if rotary:
+        radius, height = found["printer.shoulder_radius"], found["printer.shoulder_height"]
+        arms = np.array([found[each + "upper_arm_length"] for each in steppers])
+        lengths = np.array([found[each + "lower_arm_length"] for each in steppers])
+        at_endstop = [
+            upward(radius, height, arm, length, endstop)
+            for arm, length, endstop in zip(arms, lengths, endstops, strict=True)
+        ]
+    else:
+        radius = found["printer.delta_radius"]
+        lengths = np.array([found[each + "arm_length"] for each in steppers])
+        at_endstop = endstops + np.sqrt(lengths**2 - radius**2)
+    for joints, pose in zip(few.workspace.joints, few.workspace.poses, strict=True):
+        moved = joints - few.endstop
+        if rotary:
+            spos = at_endstop - moved  # motors count arms upward, readings downward
+            centres = outward * (radius + arms * np.cos(spos))[:, None]
+            centres = centres + np.outer(height + arms * np.sin(spos), up)
+        else:
+            centres = radius * outward + np.outer(at_endstop + moved, up)
+        points.append(spheres(centres, lengths, pose[:3] - [0.0, 0.0, few.bed_mm]))
+    return np.array(points)
+
+
+def upward(radius, height, arm, length, endstop):
+    """Angle of an arm, positive upward, with the nozzle in the middle at some height."""
+
+    def away(angle):
+        out, up = radius + arm * np.cos(angle), height + arm * np.sin(angle)
+        return np.hypot(out, up - endstop) - length
+
+    angles = np.linspace(-1.6, 1.6, 2000)
+    signs = np.sign([float(away(angle)) for angle in angles])
+    last = int(np.flatnonzero(np.diff(signs))[-1])
+    return brentq(away, angles[last], angles[last + 1], xtol=1e-14)
+
+
+def mean_left_mm(points, few):
+    wanted = few.workspace.poses[:, :3]
+    return np.linalg.norm(fitted_frame(points, wanted).apply(points) - wanted, axis=1).mean()
+
+
+@pytest.mark.parametrize("word", ["klipper-delta", "klipper-rotary-delta"])
+def test_klipper_does_with_its_keys_what_was_promised(word):
+    few, left, text = made_for(word, count=60)
+    assert mean_left_mm(klipper_points(text, few), few) == pytest.approx(left[-1].mean_mm, abs=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("word", "name", "pins"),
+    [
+        (
+            "linuxcnc-rotarydelta",
+            "rotarydeltakins",
+            ("platformradius", "thighlength", "shinlength", "footradius"),
+        ),
+        ("linuxcnc-lineardelta", "lineardeltakins", ("R", "L")),
+    ],
+)
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_linuxcnc_does_with_its_pins_what_was_promised(word, name, pins, mirrored):
+    kins = linuxcnc_module(name)
+    member = MEMBER_OF[word]
+    robot = clockwise(member.perturbed) if mirrored else member.perturbed
+    shipped = member.shipped
+    if mirrored:
+        flat = clockwise(member.nominal).flat()
+        shipped = RobotFile.from_flat(member.mechanism, flat, name="m", limits=member.limits)
+    identified = RobotFile.from_flat(
+        member.mechanism, robot.flat(), name="identified", limits=member.limits
+    )
+    poses = member.poses(100) * ([1.0, -1.0, 1.0] if mirrored else [1.0, 1.0, 1.0])
+    few, left = few_parameters(identified, shipped, poses, FORMATS[word])
+    text = configuration_text(few, left, FORMATS[word])
+    found = settings(text)
+    kins.set_geometry(*(found[f"{name}.{pin}"] for pin in pins))
+    adds = [found[f"joint{joint}"] for joint in range(3)]
+    to_file = member.mechanism.joints[0].to_file
+    points = np.array(
+        [
+            kins.forward(*(to_file(float(joints[arm])) + add for add, arm in adds))
+            for joints in few.workspace.joints
+        ]
+    )[:, :3]
+    assert mean_left_mm(points, few) == pytest.approx(left[-1].mean_mm, abs=2e-5)
+    origin, turns = frame_in(text)
+    rotation = Rotation.from_euler("ZYX", turns, degrees=True)
+    seen = rotation.apply(points) + origin
+    away = np.linalg.norm(seen - few.workspace.poses[:, :3], axis=1)
+    assert away.mean() == pytest.approx(left[-1].mean_mm, abs=1e-3)
+
+
+def frame_in(text):
+    """Frame that the heading tells."""
+    number = r"(-?\d+\.\d+)"
+    origin = re.search(rf"origin {number}, {number}, {number} mm", text)
+    turns = re.search(
+        rf"turned {number} deg about z, then {number} about y, then {number} about x", text
+    )
+    return tuple(np.array([float(each) for each in found.groups()]) for found in (origin, turns))
+
+
+def clockwise(robot):
+    """The same robot in a mirror: its arms follow each other the other way round."""
+    p, space = robot.p.copy(), robot.mechanism.parameters
+    for arm in range(3):
+        p[space.places((f"arm{arm}.y_mm", f"arm{arm}.azimuth_deg"))] *= -1.0
+    return Kinematics(robot.mechanism, p)
+
+
+def linuxcnc_module(name):
+    """LinuxCNC's own kinematics as Python module, where it is installed."""
+    files = sorted(KINS.glob(f"{name}.cpython-*.so"))
+    if not files:
+        pytest.skip(f"LinuxCNC's {name} is not installed")
+    spec = importlib.util.spec_from_file_location(name, files[0])
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

@@ -1,0 +1,84 @@
+"""Fewer parameters than were identified, by the commands: what is written, said and refused."""
+
+import json
+
+import numpy as np
+import pytest
+from command_line import CommandLine
+from target_cases import TARGETS
+
+from app.main import run_command
+from campaigns.robots.robot import read_robot
+
+MEMBERS = {member.name: member for member in TARGETS if member.name != "par4"}
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module", params=MEMBERS)
+def campaign(request, tmp_path_factory):
+    """A member's noisy shots, identified with a share of the pairs unseen; its folder and name."""
+    member = MEMBERS[request.param]
+    folder = tmp_path_factory.mktemp("members") / member.name
+    assert run_command(["new", str(folder), "--robot", member.name]) == 0
+    assert run_command(["import", str(folder), str(member.shots_file("noise"))]) == 0
+    assert run_command(["identify", str(folder), "--hold-out", "20%"]) == 0
+    return member, folder
+
+
+FITS = {
+    "delta": ("linuxcnc-rotarydelta", "klipper-rotary-delta"),
+    "linear-delta": ("linuxcnc-lineardelta", "klipper-delta"),
+}
+
+
+def test_what_fits_is_written_with_what_it_leaves_and_what_does_not_is_refused(campaign, pkmcal):
+    member, folder = campaign
+    for word in (word for words in FITS.values() for word in words):
+        ended = pkmcal("export", folder, "--format", word, "--json", "--overwrite")
+        if word not in FITS.get(member.name, ()):
+            assert ended.code == 2
+            assert f"a {member.name}, but" in ended.error_line
+            assert "pkmcal correct" in ended.error_line
+            continue
+        left = ended.document["left_mm"]
+        assert left["these values"]["mean"] < left["nominal parameters"]["mean"]
+        assert left["all identified parameters, 1 σ"]["mean"] < 0.05
+        text = (folder / ended.document["path"]).read_text(encoding="utf-8")
+        assert f"these values: mean {left['these values']['mean']:.4f}" in text
+        again = pkmcal("export", folder, "--format", word)
+        assert again.code == 2
+        assert "--overwrite" in again.error_line
+
+
+def test_plain_parameters_of_a_set_without_tilts_are_the_set(campaign, pkmcal):
+    member, folder = campaign
+    assert pkmcal("export", folder, "--overwrite").code == 0
+    ended = pkmcal("export", folder, "--format", "plain", "--overwrite", "--json")
+    assert ended.document["left_mm"]["these values"]["max"] < 1e-9
+    plain = read_robot(folder / "robot-plain.yaml").robot
+    full = read_robot(folder / "robot-compensated.yaml").robot
+    poses = member.poses(50)
+    joints = full.kinematics.inverse(poses).values_or_raise()
+    np.testing.assert_allclose(plain.kinematics.inverse(poses).values_or_raise(), joints, atol=1e-9)
+    assert plain.provenance["projection"]["of"] == full.digest()
+    shown = pkmcal("export", folder, "--format", "plain", "--overwrite")
+    assert "Left of position over the workspace (mm)" in shown.out
+
+
+def test_targets_of_every_member_are_corrected(campaign, pkmcal, tmp_path):
+    member, folder = campaign
+    assert pkmcal("export", folder, "--overwrite").code == 0
+    x, y, z = member.shipped.workspace_centre[:3]
+    turn, column = (",0", ",theta_deg") if len(member.mechanism.task) > 3 else ("", "")
+    path = tmp_path / "targets.csv"
+    path.write_text(f"x_mm,y_mm,z_mm{column}\n{x},{y},{z}{turn}\n", encoding="utf-8")
+    ended = pkmcal("correct", folder, "--poses", path, "--json")
+    document = json.loads(ended.out)
+    assert ended.code == 0
+    assert 0.01 < document["correction_mm"]["max"] < 20.0
+    assert 0.0 < document["position_std_mm"] < 0.1
+
+
+@pytest.fixture
+def pkmcal(capsys):
+    return CommandLine(capsys)
