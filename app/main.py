@@ -59,7 +59,7 @@ COMMANDS = {
     ),
     "study": (
         "study",
-        "Simulate and identify many campaigns, by every plan, scenario and estimator named.",
+        "Simulate and identify many campaigns, by every plan, scenario, estimator and model named.",
     ),
     "check-journal": (
         "check_journal",
