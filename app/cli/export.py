@@ -26,6 +26,9 @@ class Format(Enum):
     PLAIN = "plain"
 
 
+FEWER = [each.value for each in Format if each not in {Format.YAML, Format.LINUXCNC, Format.PLAIN}]
+
+
 def command(
     context: typer.Context,
     folder: Folder,
@@ -43,8 +46,9 @@ def command(
         Format,
         typer.Option(
             "--format",
-            help="yaml: a robot file. linuxcnc: a HAL file for pkmkins. The others are nearest "
-            "values for fewer parameters; plain: a robot file without tilts and skews.",
+            metavar="FORMAT",
+            help="yaml: a robot file. linuxcnc: a HAL file for pkmkins. Nearest values for fewer "
+            f"parameters: {', '.join(FEWER)}; plain: a robot file without tilts and skews.",
         ),
     ] = Format.YAML,
     overwrite: Annotated[
