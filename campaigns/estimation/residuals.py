@@ -142,7 +142,8 @@ class PositionModel:
         if self._last is None or not np.array_equal(x, self._last.x):
             p = self._replaced(x)[self._geometry]
             posture = self._mechanism.posture(p, self.arm_joints(x))
-            poses = posture.assemble(self._near(x), CLOSE_ENOUGH_MM).values_or_raise()
+            tilt = None if self._last is None else self._last.posture.last_tilt
+            poses = posture.assemble(self._near(x), CLOSE_ENOUGH_MM, tilt).values_or_raise()
             self._last = _Assembled(np.array(x), posture, poses)
         return self._last
 

@@ -1,14 +1,18 @@
 """Model selection: whether the shots call for more parameters, by unseen pairs and BIC.
 
-A larger model always fits better; it is kept only where pairs that it never saw say that it knows
-more, and Schwarz's (1978) criterion says that its gain is more than its parameters would make of
-chance.
+A larger model always fits better; it is kept only where Schwarz's (1978) criterion says that its
+gain is more than its parameters would make of chance, and pairs that it never saw do not say that
+it knows less. Where the criterion speaks very strongly they must only not be worse beyond chance:
+beside a robot's own scatter a few of them may have larger errors with a model that leaves half.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from scipy.special import stdtrit
+
+from campaigns.arrays import Array
 from campaigns.errors import CampaignError
 from campaigns.estimation.estimators import Model
 from campaigns.identification.identify import identify
@@ -19,6 +23,12 @@ from campaigns.mechanisms.mechanism import Kinematics, ParameterSpace
 from campaigns.shots.shots import Shots
 
 STANDARD, RODS, FULL = Model.STANDARD.value, Model.RODS.value, Model.FULL.value
+VERY_STRONG = 10.0
+"""Difference of the criterion, after Kass and Raftery (1995)."""
+FEWEST_PAIRS = 3
+"""By which chance can be told; with fewer the mean counts."""
+WORSE_BEYOND = 0.95
+"""Chance that unseen pairs of equal models stay below."""
 NO_SCATTER = 1e-12
 """Of whitened squares: below this only rounding is left, which no parameter explains."""
 
@@ -193,11 +203,32 @@ def _objection(candidate: _Candidate, standard: _Candidate) -> str:
         return f"the data cannot tell apart: {', '.join(found.unobservable[0])}"
     if candidate.unseen_rms_mm is None or standard.unseen_rms_mm is None:
         return "no unseen pairs speak for it"
-    if candidate.unseen_rms_mm >= standard.unseen_rms_mm:
+    is_better = candidate.unseen_rms_mm < standard.unseen_rms_mm
+    if not is_better and _price(candidate) > _price(standard) - VERY_STRONG:
         return "unseen pairs are no better for it"
+    if _is_worse(candidate, standard):
+        return "unseen pairs are worse for it, beyond chance"
     if _price(candidate) >= _price(standard):
         return "its gain is not worth its parameters (BIC)"
     return ""
+
+
+def _is_worse(candidate: _Candidate, standard: _Candidate) -> bool:
+    """Whether unseen pairs are worse for a model, pair by pair and beyond chance (Student's)."""
+    squares = [_unseen_mm(each) ** 2 for each in (candidate, standard)]
+    more = squares[0] - squares[1]
+    count, mean = len(more), float(more.mean())
+    if count < FEWEST_PAIRS:
+        return mean >= 0.0
+    limit = float(stdtrit(count - 1, WORSE_BEYOND)) * float(more.std(ddof=1)) / math.sqrt(count)
+    return mean > limit
+
+
+def _unseen_mm(candidate: _Candidate) -> Array:
+    """Errors of unseen pairs, (M,)."""
+    assert candidate.found is not None, "compared with it"
+    assert candidate.found.unseen is not None, "likewise"
+    return candidate.found.unseen.after[:, 0]
 
 
 def _compared(each: _Candidate, standard: _Candidate, best: _Candidate) -> ComparedModel:

@@ -17,7 +17,7 @@ other way: a few rounds of tilt and pose agree to rounding.
 import copy
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -35,10 +35,12 @@ from campaigns.mechanisms.mechanism import (
     outside,
 )
 from campaigns.mechanisms.plate_tilt import (
+    OwnDerivatives,
     PlateDrawing,
     RodPairs,
     TiltedForearms,
     displacement,
+    inverse_of_three,
     rotation_vectors,
 )
 from campaigns.mechanisms.platforms import Platform
@@ -71,8 +73,13 @@ FIX_FRAME = ("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg", *HORIZON
 """The first crank places the frame, and its azimuth keeps it from turning about z."""
 
 TILT_ROUNDS = 30
-TILT_SETTLED = 1e-4
-"""Last step of poses and tilts in turn over that of poses alone: each leaves a thousandth."""
+ROUNDS_AT_ONCE = 10
+"""From poses and tilts near by; where these don't settle, a level plate is assembled first."""
+TILT_SETTLED_PER_MM = 10.0
+"""Last step of poses and tilts in turn over the square of that of poses alone.
+
+Each leaves a thousandth; that of poses alone leaves its square over the forearm's length.
+"""
 TILT_CLOSED_MM = 1e-4
 NEARLY_MM = 1e-1
 """Step at which a level plate is near enough to be tilted."""
@@ -444,6 +451,15 @@ class ClosedChain:
         turns = [np.full_like(drop_mm, theta_rad)] if self._has_turn else []
         return np.stack([*rows, *turns])
 
+    def wanted(self, legs: Legs, poses: Array, branch: Array) -> Mask:
+        """Whether assembled poses (t, N) hang below their elbows on the branch of home, (N,)."""
+        wanted = poses[2] < legs.elbows_mm[2].mean(axis=0)
+        wanted &= branch * legs.home_sign > 0.0
+        if self._has_turn:
+            limit_rad = self._platform.turn_scale(legs.platform).limit_rad
+            wanted &= np.abs(poses[COORDINATES]) < limit_rad
+        return np.asarray(wanted)
+
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
     def _newton(self, legs: Legs, start: Array, converged_mm: float) -> tuple[Array, Mask]:
         """Poses (t, N) and which of them passed the checks; singular rows are dropped."""
@@ -463,10 +479,7 @@ class ClosedChain:
             on_its_way = size_mm >= converged_mm
             if not on_its_way.all():
                 closed = (np.abs(misfit_mm) < MISFIT_OF_STEP * converged_mm).all(axis=0)
-                wanted = current[2] < some.elbows_mm[2].mean(axis=0)
-                wanted &= branch * some.home_sign > 0.0
-                if self._has_turn:
-                    wanted &= np.abs(current[COORDINATES]) < turn.limit_rad
+                wanted = self.wanted(some, current, branch)
                 poses[:, active] = current
                 good[active] = (size_mm < converged_mm) & closed & wanted
                 keep = on_its_way & np.isfinite(size_mm)
@@ -485,23 +498,48 @@ class ChainPosture:
     arms: Arms
     pairs: RodPairs
     home_sign: float
+    _assembled: list[tuple[Array, Array]] = field(default_factory=list)
+    """Poses last assembled, and the plate's tilt there."""
+
+    @property
+    def last_tilt(self) -> Array | None:
+        """Tilt of the plate where it was last assembled, for `assemble` of joints near these."""
+        return self._assembled[0][1] if self._assembled else None
 
     def assemble(
-        self, near: Array | None = None, converged_mm: float = CONVERGED_MM
+        self,
+        near: Array | None = None,
+        converged_mm: float = CONVERGED_MM,
+        tilt: Array | None = None,
     ) -> KinematicSolution:
-        """Poses (N, t) of the joints, from poses `near` them; a step below that is the last one."""
+        """Poses (N, t) of the joints, from poses and a tilt near them.
+
+        A step below `converged_mm` is the last one.
+        """
         legs = self._legs()
         if self.pairs.are_level:
             return self.chain.assemble(legs, near, converged_mm)
-        start = legs if near is None else self._moved(legs, near, self.tilt(near))
-        level = self.chain.assemble(start, near, NEARLY_MM)
-        return self._tilted(level, TILT_SETTLED * converged_mm)
+        settled_mm = TILT_SETTLED_PER_MM * converged_mm**2
+        gibbs = np.zeros((COORDINATES, legs.elbows_mm.shape[2]))
+        if near is None:
+            level = self.chain.assemble(legs, None, NEARLY_MM)
+            return self._tilted(level, gibbs, settled_mm)
+        at_once = KinematicSolution.where(np.ones(len(near), dtype=bool), near.copy())
+        start_tilt = gibbs if tilt is None else tilt
+        found = self._tilted(at_once, start_tilt, settled_mm, at_once=True)
+        if found.found.all():
+            return found
+        gibbs = self._approached(legs, near, gibbs)
+        level = self.chain.assemble(self._moved(legs, near, gibbs), near, NEARLY_MM)
+        return self._tilted(level, gibbs, settled_mm)
 
     def tilt(self, poses: Array) -> Array:
         """Gibbs vectors (3, N) of the plate at poses (N, t)."""
-        ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
         if self.pairs.are_level:
             return np.zeros((COORDINATES, len(poses)))
+        if self._assembled and self._assembled[0][0] is poses:
+            return self._assembled[0][1]
+        ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
         forearms = np.ascontiguousarray(ends.T) - self.arms.elbows_mm
         return self.pairs.tilt(forearms, self.chain.levers_on_plate_mm(poses, ends))
 
@@ -554,43 +592,64 @@ class ChainPosture:
         back = state.rotated_back(state.forearms_mm)
         by_pose = self.by_pose(poses, state.forearms_mm, back)
         by_turn = state.balance_by_turn(by_forearms)
-        inverse = np.linalg.inv(by_turn.transpose(2, 0, 1)).transpose(1, 2, 0)
-        eliminated = -np.einsum("kin,kln->iln", state.closures_by_turn(), inverse)
+        eliminated = -_product(state.closures_by_turn().swapaxes(0, 1), inverse_of_three(by_turn))
         turned = [state.rotated_back(each) for each in by_forearms]
         balance_by_pose = [
             0.5 * self.by_pose(poses, *each).sum(axis=1).T
             for each in zip(by_forearms, turned, strict=True)
         ]
-        by_pose += np.einsum("iln,ltn->nit", eliminated, np.stack(balance_by_pose))
+        by_pose += _product(eliminated, np.stack(balance_by_pose)).transpose(2, 0, 1)
         by_closure = _inverse(by_pose)
-        by_balance = np.einsum("tin,iln->tln", by_closure, eliminated)
-        own = self.arms.by_fields(state.forearms_mm)
-        by_all = self._by_all(by_closure, own, self._by_platform(poses, back))
+        by_balance = _product(by_closure, eliminated)
+        # derivatives by fields are linear in the forearms: one call for closures and balance
+        seen = zip(
+            self._weighted(by_closure, by_balance, state.forearms_mm, by_forearms),
+            self._weighted(by_closure, by_balance, back, turned),
+            strict=True,
+        )
         space, (tasks, arms, count) = self.chain.parameters, by_closure.shape
-        fields, end = len(space.arm_fields), arms * len(space.arm_fields)
-        of_arms = self._balance_by_fields(state, by_forearms)
-        moved = np.einsum("tln,lifn->tifn", by_balance, of_arms)
-        by_all[:, :end] += moved[:, :, :fields].reshape(tasks, end, count)
-        beyond = moved[:, :, fields:].swapaxes(1, 2)
-        by_all[:, len(space.names) :] += beyond.reshape(tasks, -1, count)
-        for place in range(len(space.platform_fields)):
-            of_field = [self._by_platform(poses, each)[place].sum(axis=0) for each in turned]
-            by_all[:, end + place] += 0.5 * np.einsum("tln,ln->tn", by_balance, np.stack(of_field))
+        by_all = np.zeros((tasks, len(space.geometry), count))
+        fields, end, named = len(space.arm_fields), arms * len(space.arm_fields), len(space.names)
+        by_arms = by_all[:, :end].reshape(tasks, arms, fields, count)
+        beyond = by_all[:, named:].reshape(tasks, -1, arms, count)
+        for row, (forearms, on_plate) in enumerate(seen):
+            own = self.arms.by_fields(forearms)
+            by_arms[row], beyond[row, :-1] = own[:, :fields], own[:, fields:].swapaxes(0, 1)
+            by_all[row, end:named] = self._by_platform(poses, on_plate).sum(axis=1)
+        self._add_own(state, by_closure, by_balance, by_arms, beyond)
         return by_all.transpose(2, 0, 1)
 
-    def _balance_by_fields(self, state: TiltedForearms, rows: Array) -> Array:
-        """∂balance by each arm's own fields and extensions, (3, n, k, N)."""
+    @staticmethod
+    def _weighted(
+        by_closure: Array, by_balance: Array, forearms_mm: Array, rows: Sequence[Array] | Array
+    ) -> list[Array]:
+        """Forearms (3, n, N) of each task coordinate whose derivatives are that coordinate's."""
+        first, second, third = rows
+        return [
+            closure * forearms_mm
+            + (0.5 * balance[0]) * first
+            + (0.5 * balance[1]) * second
+            + (0.5 * balance[2]) * third
+            for closure, balance in zip(by_closure, by_balance, strict=True)
+        ]
+
+    def _add_own(
+        self,
+        state: TiltedForearms,
+        by_closure: Array,
+        by_balance: Array,
+        by_arms: Array,
+        beyond: Array,
+    ) -> None:
+        """Add what does not go through the forearms: lengths, and the directions of bars."""
         names = self.chain.parameters.arm_field_names
-        moved = np.stack([0.5 * self.arms.by_fields(row) for row in rows])
-        of_arms = np.zeros((*moved.shape[:2], moved.shape[2] + 1, moved.shape[3]))
-        of_arms[:, :, :-1] = moved
-        own = state.by_own_parameters()
+        own = OwnDerivatives(*(_product(by_balance, each) for each in state.by_own_parameters()))
         if self.chain.plate.outward_rad is None:
-            of_arms[:, :, names.index("azimuth_deg")] += own.azimuth
-        of_arms[:, :, names.index("forearm_mm")] = own.forearm
-        of_arms[:, :, -2] += own.axis_tilt
-        of_arms[:, :, -1] = own.skew
-        return of_arms
+            by_arms[:, :, names.index("azimuth_deg")] += own.azimuth
+        lengths = -2.0 * by_closure * self.pairs.forearm_mm
+        by_arms[:, :, names.index("forearm_mm")] = lengths + own.forearm
+        beyond[:, -2] += own.axis_tilt
+        beyond[:, -1] = own.skew
 
     def _by_platform(self, poses: Array, forearms_mm: Array) -> Array:
         return self.chain._platform.by_fields(self.platform, poses, forearms_mm)  # noqa: SLF001
@@ -620,28 +679,45 @@ class ChainPosture:
         levers = self.chain.levers_on_plate_mm(poses, ends)
         return replace(legs, elbows_mm=legs.elbows_mm - displacement(gibbs, levers))
 
-    def _tilted(self, level: KinematicSolution, settled_mm: float) -> KinematicSolution:
+    def _approached(self, legs: Legs, poses: Array, gibbs: Array) -> Array:
+        """Gibbs vectors (3, N) of the plate at poses, some thousand times nearer than before."""
+        ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
+        levers = self.chain.levers_on_plate_mm(poses, ends)
+        return self.pairs.approached(ends.T - legs.elbows_mm, levers, gibbs)[0]
+
+    @np.errstate(divide="ignore", invalid="ignore", over="ignore")
+    def _tilted(
+        self, level: KinematicSolution, gibbs: Array, settled_mm: float, *, at_once: bool = False
+    ) -> KinematicSolution:
         """Poses of the tilted plate, from those nearly so; rows that don't settle are lost."""
         found = level.found.copy()
         if not found.any():
             return level
         legs, poses = self._legs().rows(found), level.values[found]
-        gibbs = np.zeros((COORDINATES, len(poses)))
+        gibbs = gibbs[:, found]
         step_mm = np.full(len(poses), np.inf)
-        for _ in range(TILT_ROUNDS):
+        for _ in range(ROUNDS_AT_ONCE if at_once else TILT_ROUNDS):
             ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001
             levers = self.chain.levers_on_plate_mm(poses, ends)
             gibbs, _ = self.pairs.approached(ends.T - legs.elbows_mm, levers, gibbs)
             moved = replace(legs, elbows_mm=legs.elbows_mm - displacement(gibbs, levers))
-            step, _, _ = self.chain.newton_step(moved, np.ascontiguousarray(poses.T))
+            step, branch, _ = self.chain.newton_step(moved, np.ascontiguousarray(poses.T))
             poses = poses + step.T
             step_mm = np.abs(step[:COORDINATES]).max(axis=0)
             if not step_mm.max() > settled_mm:
                 break
         values = np.full_like(level.values, np.nan)
         values[found] = poses
-        found[found] = step_mm < TILT_CLOSED_MM
+        if found.all():
+            self._assembled[:] = [(values, gibbs)]
+        wanted = self.chain.wanted(legs, np.ascontiguousarray(poses.T), branch)
+        found[found] = wanted & (step_mm < (settled_mm if at_once else TILT_CLOSED_MM))
         return KinematicSolution.where(found, values)
+
+
+def _product(one: Array, other: Array) -> Array:
+    """Products (a, c, N) of matrices (a, b, N) and (b, c, N)."""
+    return np.asarray((one[:, :, None] * other).sum(axis=1))
 
 
 def _inverse(by_pose: Array) -> Array:

@@ -389,8 +389,15 @@ class Feasibility:
 class Posture(Protocol):
     """Arms of a robot at joints (N, n), worked out once for assembling and differentiating."""
 
-    def assemble(self, near: Array | None = None, converged_mm: float = ...) -> KinematicSolution:
-        """Poses (N, t) of the joints, from poses `near` them."""
+    @property
+    def last_tilt(self) -> Array | None:
+        """Tilt of the plate where it was last assembled, for joints near these."""
+        ...
+
+    def assemble(
+        self, near: Array | None = None, converged_mm: float = ..., tilt: Array | None = None
+    ) -> KinematicSolution:
+        """Poses (N, t) of the joints, from poses and a tilt near them."""
         ...
 
     def jacobian(self, poses: Array, *, extended: bool = ...) -> Array:

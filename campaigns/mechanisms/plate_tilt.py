@@ -228,6 +228,13 @@ def rotation_vectors(gibbs: Array) -> Array:
     return np.asarray(ratio * gibbs)
 
 
+def inverse_of_three(matrices: Array) -> Array:
+    """Inverses (3, 3, N) of systems (3, 3, N), by row: columns over the determinant."""
+    a, b, c = matrices
+    columns = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)
+    return np.asarray(columns / _dot(a, columns[:, 0]))
+
+
 def _turned_further(gibbs: Array, turn_rad: Array) -> Array:
     """Gibbs vectors of rotations followed by small turns (their Gibbs vectors half as long)."""
     half = 0.5 * turn_rad
