@@ -114,7 +114,7 @@ def test_machine_of_five_joints_is_the_wrong_device(tmp_path):
 
 def test_other_kinematics_than_ours_is_the_wrong_device(tmp_path):
     edits = [
-        ("KINEMATICS = pkmkins", "KINEMATICS = scarakins"),
+        ("KINEMATICS = pkmkins type=par4", "KINEMATICS = scarakins"),
         ("\nHALFILE = calib.hal", ""),
     ]
     with world_controller(tmp_path, edits=edits) as linuxcnc:
