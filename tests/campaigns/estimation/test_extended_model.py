@@ -112,6 +112,7 @@ def test_a_model_without_backlash_has_none():
     assert (standard.arm_joints(standard.nominal) == joints).all()
 
 
+@pytest.mark.slow
 def test_derivative_of_the_position_by_all_41_in_every_decade():
     """Central differences: the truncation falls with the step's square, then rounding rises."""
     joints = reachable_joints(TILTED, 12, seed=64, limits=WELL_INSIDE)

@@ -7,6 +7,7 @@ is Par4's) and the simulated cell, which is built of one mechanism's parts, are 
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -98,13 +99,15 @@ def is_allowed(name, line):
     return any(name == file and part in line for file, part, _ in ALLOWED)
 
 
+@cache
 def imports_of(path):
     """Modules that a file imports by name."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom):
-            yield node.module
-        elif isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    direct = [each for each in nodes if isinstance(each, ast.Import)]
+    return frozenset(
+        [each.module for each in nodes if isinstance(each, ast.ImportFrom)]
+        + [alias.name for each in direct for alias in each.names]
+    )
 
 
 @pytest.mark.parametrize("kind", TELLTALE)
