@@ -70,7 +70,9 @@ def test_loaded_full_model_takes_off_distances_what_it_took_off_unseen_ones(tmp_
         calib = (linuxcnc.config / "calib.hal").read_text()
 
     unseen = {name: found["unseen_mm"] for name, found in (("22", standard), ("full", full))}
-    foreseen = unseen["full"]["before"]["mean_abs"] / unseen["full"]["after"]["mean_abs"]
+    foreseen_mm = unseen["full"]["after"]["mean_abs"]
+    from_nominal = unseen["full"]["before"]["mean_abs"] / foreseen_mm
+    from_22 = unseen["22"]["after"]["mean_abs"] / foreseen_mm
     with capsys.disabled():
         for name, each in unseen.items():
             means_mm = [each[when]["mean_abs"] for when in ("before", "after")]
@@ -81,4 +83,5 @@ def test_loaded_full_model_takes_off_distances_what_it_took_off_unseen_ones(tmp_
     assert all(f"setp pkmkins.{name} " in calib for name in loaded.extended_by)
     assert "setp pkmkins.reflector_x_mm 20.0" in calib
     assert full_mm < standard_mm
-    assert foreseen / SAME_FACTOR < before_mm / full_mm < foreseen * SAME_FACTOR
+    assert from_nominal / SAME_FACTOR < before_mm / full_mm < from_nominal * SAME_FACTOR
+    assert from_22 / SAME_FACTOR < standard_mm / full_mm < from_22 * SAME_FACTOR
