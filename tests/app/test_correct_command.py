@@ -147,6 +147,7 @@ def test_without_an_exported_set(correct, folder, poses):
     assert "pkmcal export" in err
 
 
+@pytest.mark.slow
 def test_a_set_of_another_nominal_robot_is_refused(correct, folder, poses):
     path = folder / "robot.yaml"
     text = path.read_text(encoding="utf-8").replace("plate_mm: 100.0", "plate_mm: 100.5")

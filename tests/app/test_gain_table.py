@@ -36,6 +36,7 @@ def rows_of(capsys, before: tuple[ValidationResult, ...], after: ValidationResul
     return rows
 
 
+@pytest.mark.slow
 def test_a_difference_below_its_uncertainty_is_no_change_as_on_the_page(capsys, found):
     rows = rows_of(capsys, (found.before,), found.after)
     page = {row[0]: row for row in gain_rows(found.gains)}

@@ -60,6 +60,7 @@ def test_without_a_space_the_same_plan_passes_through(paths, tmp_path: Path) -> 
     assert least_mm(paths) < -10.0
 
 
+@pytest.mark.slow
 def test_a_run_that_is_stopped_jogged_and_resumed_keeps_to_the_space(paths, tmp_path: Path) -> None:
     cell = FakeCell()
     cell.robot.during_move = {6: cell.wish.ask}
