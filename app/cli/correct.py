@@ -1,5 +1,6 @@
 """pkmcal correct: targets for a controller that takes no parameters."""
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -73,6 +74,7 @@ def command(
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     terms = CorrectionTerms(robot, margin, turn_margin)
+    _require_finite(tolerance=tolerance, margin=margin, turn_margin=turn_margin)
     if (poses is None) == (gcode is None):
         raise OptionsInvalid(
             "neither --poses nor --gcode" if poses is None else "both --poses and --gcode",
@@ -134,6 +136,14 @@ def _poses(
             "position_std_mm": std,
         }
     )
+
+
+def _require_finite(**options: float) -> None:
+    for name, value in options.items():
+        if not math.isfinite(value):
+            raise OptionsInvalid(
+                f"--{name.replace('_', '-')} is {value}", remedy="give a finite number"
+            )
 
 
 def _sigma(std_mm: float | None) -> str:

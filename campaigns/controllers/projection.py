@@ -81,7 +81,10 @@ class Workspace:
 
 
 def left_by(kinematics: Kinematics, workspace: Workspace) -> PositionError:
-    """What other parameters leave of position over a workspace, the frame best fitted."""
+    """What other parameters leave of position over a workspace, the frame best fitted.
+
+    Raises `IdentificationRefused` when a robot of these parameters cannot take the joints.
+    """
     return PositionError.of(_fitted(kinematics, workspace).errors)
 
 
@@ -105,21 +108,15 @@ def project(mechanism: Mechanism, model: ControllerModel, workspace: Workspace) 
     def residual(values: Array) -> Array:
         return fitted(values).errors.ravel()
 
-    try:
-        found = least_squares(
-            residual,
-            model.start,
-            jac=jacobian,
-            x_scale="jac",
-            ftol=CONVERGED,
-            xtol=CONVERGED,
-            gtol=CONVERGED,
-        )
-    except NoSolution as error:
-        raise IdentificationRefused(
-            f"the controller's kinematics cannot be assembled all over the workspace: {error}",
-            remedy=CANNOT_FOLLOW,
-        ) from error
+    found = least_squares(
+        residual,
+        model.start,
+        jac=jacobian,
+        x_scale="jac",
+        ftol=CONVERGED,
+        xtol=CONVERGED,
+        gtol=CONVERGED,
+    )
     best = fitted(found.x)
     kinematics = Kinematics(mechanism, model.vector(found.x))
     return Projection(found.x, kinematics, best.frame, PositionError.of(best.errors))
@@ -139,7 +136,13 @@ class _Fitted:
 
 
 def _fitted(kinematics: Kinematics, workspace: Workspace) -> _Fitted:
-    poses = kinematics.forward(workspace.joints, workspace.poses).values_or_raise()
+    try:
+        poses = kinematics.forward(workspace.joints, workspace.poses).values_or_raise()
+    except NoSolution as error:
+        raise IdentificationRefused(
+            f"the controller's kinematics cannot be assembled all over the workspace: {error}",
+            remedy=CANNOT_FOLLOW,
+        ) from error
     frame = fit_transform(poses[:, :3], workspace.poses[:, :3])
     return _Fitted(poses, frame, frame.apply(poses[:, :3]) - workspace.poses[:, :3])
 

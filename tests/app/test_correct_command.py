@@ -132,6 +132,8 @@ def test_gcode_is_split_and_the_rest_of_it_kept(correct, tmp_path):
         (("--poses", "a", "--gcode", "b"), "both --poses and --gcode"),
         (("--gcode", "part.ngc", "--rotary", "X"), "must be one of A, B, C"),
         (("--poses", "missing.csv"), "missing.csv"),
+        (("--gcode", "part.ngc", "--tolerance", "nan"), "--tolerance"),
+        (("--poses", "a", "--turn-margin", "inf"), "--turn-margin is inf"),
     ],
 )
 def test_options_that_cannot_be_meant(correct, words, says):

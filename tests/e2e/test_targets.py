@@ -29,7 +29,6 @@ SMALL = {
 """Unequal rods are more than the standard model explains: the limit accepts what that leaves."""
 IMPERFECT = {
     "speed_up": 10_000,
-    "robot.backlash_arcmin": None,
     "robot.repeatability": None,
     "robot.thermal": None,
 }
@@ -42,10 +41,11 @@ HARDLY_ANY_NOISE = {
 """For validation: what differs then is the correction, or the path."""
 
 
-def calibrated(folder):
-    assert run_command(["new", str(folder), "--scenario", "realistic"]) == 0
+def calibrated(folder, robot="par4-prototype"):
+    assert run_command(["new", str(folder), "--robot", robot, "--scenario", "realistic"]) == 0
     change(folder / "campaign.yaml", SMALL)
-    change(folder / "cell.yaml", IMPERFECT)
+    backlash = "backlash_mm" if robot == "linear-delta" else "backlash_arcmin"
+    change(folder / "cell.yaml", {**IMPERFECT, f"robot.{backlash}": None})
     for words in (("plan",), ("run", "--yes"), ("identify",), ("export",)):
         assert run_command([words[0], str(folder), *words[1:]]) == 0, words
     change(folder / "cell.yaml", HARDLY_ANY_NOISE)
@@ -58,12 +58,18 @@ def quiet(tmp_path_factory):
     return calibrated(tmp_path_factory.mktemp("quiet") / "quiet")
 
 
+@pytest.fixture(params=["delta", "linear-delta"])
+def other(request, tmp_path):
+    """The same of mechanisms with three joints, also in mm."""
+    return calibrated(tmp_path / request.param, request.param)
+
+
 def figures(document):
-    distances = document["distances_mm"]
+    distances, rotation = document["distances_mm"], document["rotation_mm"]
     return {
         "distances, mean": distances["mean_abs"],
         "distances, largest": distances["max_abs"],
-        "rotation": document["rotation_mm"],
+        **({} if rotation is None else {"rotation": rotation}),
         **{f"straightness, {axis}": mm for axis, mm in document["straightness_mm"].items()},
         "frame, mean": document["frame_mm"]["mean"],
     }
@@ -163,6 +169,16 @@ def path_error_mm(points, shape):
     for _ in range(FITS):
         away, nearest = curve.query(fitted_frame(points, path[nearest]).apply(points))
     return float(away.max())
+
+
+@pytest.mark.slow
+def test_errors_of_other_mechanisms_are_those_of_loaded_parameters(pkmcal, other):
+    words = ("validate", other, "--stage", "after", "--yes", "--json")
+    by_targets = figures(pkmcal(*words, "--by", "targets").document)
+    assert pkmcal("load", other, "--yes").code == 0
+    by_load = figures(pkmcal(*words).document)
+    for name, figure in by_load.items():
+        assert by_targets[name] == pytest.approx(figure, rel=0.1, abs=2e-4), name
 
 
 @pytest.mark.slow

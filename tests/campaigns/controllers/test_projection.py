@@ -22,7 +22,7 @@ from campaigns.controllers.projection import (
     project,
     symmetric_delta,
 )
-from campaigns.errors import ConfigInvalid
+from campaigns.errors import ConfigInvalid, IdentificationRefused
 from campaigns.estimation.point_sets import fitted_frame
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import RobotFile
@@ -79,6 +79,15 @@ def test_no_other_values_leave_less(member):
             values[place] += step
             other = left_by(Kinematics(member.mechanism, model.vector(values)), workspace)
             assert other.rms_mm > found.error.rms_mm
+
+
+def test_a_controller_that_cannot_take_the_joints_is_refused():
+    member = BY_NAME["delta"]
+    workspace = workspace_of(member, member.nominal, 50)
+    p = member.nominal.p.copy()
+    p[member.space.places([f"arm{arm}.forearm_mm" for arm in range(3)])] *= 0.3
+    with pytest.raises(IdentificationRefused, match="cannot be assembled all over the workspace"):
+        left_by(Kinematics(member.mechanism, p), workspace)
 
 
 @WORDS
