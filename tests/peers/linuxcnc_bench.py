@@ -161,10 +161,11 @@ class FixedParameters:
 
 
 class ForeignBench(Bench):
-    """Our driver at a LinuxCNC whose kinematics is not ours, but should be that of a Delta."""
+    """Our driver at a LinuxCNC whose kinematics should be a robot's, whatever its pins say."""
 
     def __init__(self, linuxcnc, robot, full_speed_per_s):
-        axes = MachineAxes("Delta", 3, robot.mechanism.joints[0].is_revolute, has_turn=False)
+        joints, turns = robot.mechanism.joints, len(robot.mechanism.task) > len("XYZ")
+        axes = MachineAxes(robot.name, len(joints), joints[0].is_revolute, turns)
         limits = JointLimits(*robot.limits.joint, axes)
         self.store = FixedParameters(robot.geometry_flat())
         settings = LinuxcncSettings(Coordinates.WORLD, limits, full_speed_per_s, deadlines=PATIENT)
