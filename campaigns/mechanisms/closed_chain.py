@@ -9,21 +9,20 @@ Jacobian has the sign that it has at home. Newton alone ends on a wrong one, or 
 one pose in a hundred, so every answer is checked for residual, turn, branch and for hanging, and
 what fails is started again from elsewhere.
 
-Unequal rods and tilted axes tilt the plate by milliradians (`plate_tilt.py`), and the tilt moves
-the plate's joints. Seen from the measured point that is the level chain with its elbows moved the
-other way: a few rounds of tilt and pose agree to rounding.
+How a plate tilts that imperfect parts hold is in `chain_posture.py` and `plate_tilt.py`.
 """
 
 import copy
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
 
 from campaigns.arrays import Array, Mask
-from campaigns.mechanisms.arms import ArmKind, Arms
+from campaigns.mechanisms.arms import ArmKind
+from campaigns.mechanisms.chain_posture import COORDINATES, ChainPosture, Legs
 from campaigns.mechanisms.mechanism import (
     PARALLELOGRAM_SKEW,
     Axis,
@@ -35,12 +34,9 @@ from campaigns.mechanisms.mechanism import (
     outside,
 )
 from campaigns.mechanisms.plate_tilt import (
-    OwnDerivatives,
     PlateDrawing,
     RodPairs,
-    TiltedForearms,
     displacement,
-    inverse_of_three,
     rotation_vectors,
 )
 from campaigns.mechanisms.platforms import Platform
@@ -49,8 +45,6 @@ CHUNK = 4096
 """Rows worked on at a time, so that they stay in the processor's cache."""
 ITERATIONS = 40
 STEP_MM = 120.0
-CONVERGED_MM = 1e-5
-"""A Newton step shorter than this leaves an error of its square over the forearm's length."""
 MISFIT_OF_STEP = 10.0
 """Largest misfit of a forearm before that step, as a multiple of the step."""
 WELL_BELOW_MM = 100.0
@@ -59,7 +53,9 @@ LEAST_TURN_RAD = np.pi / 4
 """Turn that is searched each way, however narrow limits are drawn."""
 TURNS_LOOKED_AT = 33
 """For the largest reach of a platform whose arms move as it turns."""
-COORDINATES = 3
+TILT_ROUNDS = 30
+TILT_SETTLED_JOINT = 1e-13
+"""Last step of joints and tilts in turn, rad or mm: each is some thousandth of the one before."""
 FRAME_UNKNOWNS = 6
 SHOTS_FOR_A_FRAME = 3
 SLIDING = [2, 3]
@@ -72,19 +68,6 @@ carriages, which keep the platform from it."""
 FIX_FRAME = ("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg", *HORIZONTAL)
 """The first crank places the frame, and its azimuth keeps it from turning about z."""
 
-TILT_ROUNDS = 30
-ROUNDS_AT_ONCE = 10
-"""From poses and tilts near by; where these don't settle, a level plate is assembled first."""
-TILT_SETTLED_PER_MM = 10.0
-"""Last step of poses and tilts in turn over the square of that of poses alone.
-
-Each leaves a thousandth; that of poses alone leaves its square over the forearm's length.
-"""
-TILT_CLOSED_MM = 1e-4
-NEARLY_MM = 1e-1
-"""Step at which a level plate is near enough to be tilted."""
-TILT_SETTLED_JOINT = 1e-13
-"""Likewise of joints, rad or mm."""
 
 STARTS = (
     (0.0, 0.0),
@@ -96,21 +79,6 @@ STARTS = (
     (0.0, 150.0),
 )
 """Turn in rad and height above the guessed one in mm, tried in turn."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Legs:
-    """Elbows by component (3, n, N), forearm lengths (n, 1), platform fields and the branch."""
-
-    elbows_mm: Array
-    forearm_mm: Array
-    platform: Array
-    home_sign: float
-    """Sign of the determinant of the closures' Jacobian at home."""
-
-    def rows(self, chosen: Mask) -> "Legs":
-        """Legs of some of the rows."""
-        return Legs(self.elbows_mm[:, :, chosen], self.forearm_mm, self.platform, self.home_sign)
 
 
 class ClosedChain:
@@ -225,7 +193,7 @@ class ClosedChain:
         chain.plate = plate
         return chain
 
-    def posture(self, p: Array, joints: Array) -> "ChainPosture":
+    def posture(self, p: Array, joints: Array) -> ChainPosture:
         """Arms at joints (N, n), for whoever needs both poses and Jacobian."""
         values, platform, extensions = self._split(p)
         arms = self._arms.at(values, extensions[:, :-1], joints)
@@ -487,242 +455,6 @@ class ClosedChain:
                     break
                 active, current, some = active[keep], current[:, keep], some.rows(keep)
         return poses, good
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ChainPosture:
-    """Arms of a closed chain at joints (N, n), and the platform's fields."""
-
-    chain: ClosedChain
-    platform: Array
-    arms: Arms
-    pairs: RodPairs
-    home_sign: float
-    _assembled: list[tuple[Array, Array]] = field(default_factory=list)
-    """Poses last assembled, and the plate's tilt there."""
-
-    @property
-    def last_tilt(self) -> Array | None:
-        """Tilt of the plate where it was last assembled, for `assemble` of joints near these."""
-        return self._assembled[0][1] if self._assembled else None
-
-    def assemble(
-        self,
-        near: Array | None = None,
-        converged_mm: float = CONVERGED_MM,
-        tilt: Array | None = None,
-    ) -> KinematicSolution:
-        """Poses (N, t) of the joints, from poses and a tilt near them.
-
-        A step below `converged_mm` is the last one.
-        """
-        legs = self._legs()
-        if self.pairs.are_level:
-            return self.chain.assemble(legs, near, converged_mm)
-        settled_mm = TILT_SETTLED_PER_MM * converged_mm**2
-        gibbs = np.zeros((COORDINATES, legs.elbows_mm.shape[2]))
-        if near is None:
-            level = self.chain.assemble(legs, None, NEARLY_MM)
-            return self._tilted(level, gibbs, settled_mm)
-        at_once = KinematicSolution.where(np.ones(len(near), dtype=bool), near.copy())
-        start_tilt = gibbs if tilt is None else tilt
-        found = self._tilted(at_once, start_tilt, settled_mm, at_once=True)
-        if found.found.all():
-            return found
-        gibbs = self._approached(legs, near, gibbs)
-        level = self.chain.assemble(self._moved(legs, near, gibbs), near, NEARLY_MM)
-        return self._tilted(level, gibbs, settled_mm)
-
-    def tilt(self, poses: Array) -> Array:
-        """Gibbs vectors (3, N) of the plate at poses (N, t)."""
-        if self.pairs.are_level:
-            return np.zeros((COORDINATES, len(poses)))
-        if self._assembled and self._assembled[0][0] is poses:
-            return self._assembled[0][1]
-        ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
-        forearms = np.ascontiguousarray(ends.T) - self.arms.elbows_mm
-        return self.pairs.tilt(forearms, self.chain.levers_on_plate_mm(poses, ends))
-
-    def forearms_mm(self, poses: Array) -> Array:
-        """A_iB_i at poses (N, t) of a level plate, (3, n, N)."""
-        ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
-        return np.ascontiguousarray(ends.T) - self.arms.elbows_mm
-
-    def tilted_forearms(self, poses: Array) -> TiltedForearms:
-        """A_iB_i at poses (N, t) of the plate as it tilts there."""
-        ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
-        forearms = np.ascontiguousarray(ends.T) - self.arms.elbows_mm
-        levers = self.chain.levers_on_plate_mm(poses, ends)
-        return self.pairs.state(forearms, levers, self.tilt(poses))
-
-    def by_pose(self, poses: Array, forearms_mm: Array, on_plate_mm: Array | None = None) -> Array:
-        """∂F/∂pose, (N, n, t), from forearms (3, n, N), and these as seen from a tilted plate."""
-        chain = self.chain
-        _, arms, rows = forearms_mm.shape
-        jacobian = np.zeros((rows, arms, len(chain.task)))
-        jacobian[:, :, :COORDINATES] = 2.0 * forearms_mm.T
-        if len(chain.task) > COORDINATES:
-            seen = forearms_mm if on_plate_mm is None else on_plate_mm
-            by_turn = chain._platform.by_turn(self.platform, poses, seen)  # noqa: SLF001
-            jacobian[:, :, COORDINATES] = by_turn.T
-        return jacobian
-
-    def jacobian(self, poses: Array, *, extended: bool = True) -> Array:
-        """d(pose)/dp (N, t, G) at fixed joints, of the poses that they assemble to.
-
-        The columns of extensions are left 0 where they are not asked for and the plate is level.
-        """
-        if self.pairs.are_level and not extended:
-            forearms = self.forearms_mm(poses)
-            by_platform = self._by_platform(poses, forearms)
-            by_closure = _inverse(self.by_pose(poses, forearms))
-            by_all = self._by_all(by_closure, self.arms.by_fields(forearms), by_platform)
-            by_all[:, len(self.chain.parameters.names) :] = 0.0
-            return by_all.transpose(2, 0, 1)
-        return self._tilting_jacobian(poses)
-
-    def _tilting_jacobian(self, poses: Array) -> Array:
-        """Jacobian with the plate's tilt eliminated: closures F and balance H vanish together.
-
-        dF = F_z dz + F_s ds + F_p dp and dH alike give ds, and with C = -F_s H_s⁻¹
-        dz = -(F_z + C H_z)⁻¹ (F_p + C H_p).
-        """
-        state = self.tilted_forearms(poses)
-        by_forearms = state.balance_by_forearms()
-        back = state.rotated_back(state.forearms_mm)
-        by_pose = self.by_pose(poses, state.forearms_mm, back)
-        by_turn = state.balance_by_turn(by_forearms)
-        eliminated = -_product(state.closures_by_turn().swapaxes(0, 1), inverse_of_three(by_turn))
-        turned = [state.rotated_back(each) for each in by_forearms]
-        balance_by_pose = [
-            0.5 * self.by_pose(poses, *each).sum(axis=1).T
-            for each in zip(by_forearms, turned, strict=True)
-        ]
-        by_pose += _product(eliminated, np.stack(balance_by_pose)).transpose(2, 0, 1)
-        by_closure = _inverse(by_pose)
-        by_balance = _product(by_closure, eliminated)
-        # derivatives by fields are linear in the forearms: one call for closures and balance
-        seen = zip(
-            self._weighted(by_closure, by_balance, state.forearms_mm, by_forearms),
-            self._weighted(by_closure, by_balance, back, turned),
-            strict=True,
-        )
-        space, (tasks, arms, count) = self.chain.parameters, by_closure.shape
-        by_all = np.zeros((tasks, len(space.geometry), count))
-        fields, end, named = len(space.arm_fields), arms * len(space.arm_fields), len(space.names)
-        by_arms = by_all[:, :end].reshape(tasks, arms, fields, count)
-        beyond = by_all[:, named:].reshape(tasks, -1, arms, count)
-        for row, (forearms, on_plate) in enumerate(seen):
-            own = self.arms.by_fields(forearms)
-            by_arms[row], beyond[row, :-1] = own[:, :fields], own[:, fields:].swapaxes(0, 1)
-            by_all[row, end:named] = self._by_platform(poses, on_plate).sum(axis=1)
-        self._add_own(state, by_closure, by_balance, by_arms, beyond)
-        return by_all.transpose(2, 0, 1)
-
-    @staticmethod
-    def _weighted(
-        by_closure: Array, by_balance: Array, forearms_mm: Array, rows: Sequence[Array] | Array
-    ) -> list[Array]:
-        """Forearms (3, n, N) of each task coordinate whose derivatives are that coordinate's."""
-        first, second, third = rows
-        return [
-            closure * forearms_mm
-            + (0.5 * balance[0]) * first
-            + (0.5 * balance[1]) * second
-            + (0.5 * balance[2]) * third
-            for closure, balance in zip(by_closure, by_balance, strict=True)
-        ]
-
-    def _add_own(
-        self,
-        state: TiltedForearms,
-        by_closure: Array,
-        by_balance: Array,
-        by_arms: Array,
-        beyond: Array,
-    ) -> None:
-        """Add what does not go through the forearms: lengths, and the directions of bars."""
-        names = self.chain.parameters.arm_field_names
-        own = OwnDerivatives(*(_product(by_balance, each) for each in state.by_own_parameters()))
-        if self.chain.plate.outward_rad is None:
-            by_arms[:, :, names.index("azimuth_deg")] += own.azimuth
-        lengths = -2.0 * by_closure * self.pairs.forearm_mm
-        by_arms[:, :, names.index("forearm_mm")] = lengths + own.forearm
-        beyond[:, -2] += own.axis_tilt
-        beyond[:, -1] = own.skew
-
-    def _by_platform(self, poses: Array, forearms_mm: Array) -> Array:
-        return self.chain._platform.by_fields(self.platform, poses, forearms_mm)  # noqa: SLF001
-
-    def _by_all(self, by_closure: Array, own: Array, by_platform: Array) -> Array:
-        """d(pose)/dp (t, G, N) of parameters that enter their own arm's closure alone."""
-        space = self.chain.parameters
-        tasks, arms, rows = by_closure.shape
-        by_all = np.zeros((tasks, len(space.geometry), rows))
-        fields, end = len(space.arm_fields), arms * len(space.arm_fields)
-        by_arms = by_all[:, :end].reshape(tasks, arms, fields, rows)
-        np.multiply(by_closure[:, :, None], own[:, :fields], out=by_arms)
-        for place, each in enumerate(by_platform):
-            by_all[:, end + place] = (by_closure * each).sum(axis=1)
-        beyond = by_all[:, len(space.names) :].reshape(tasks, -1, arms, rows)
-        extensions = own.shape[1] - fields
-        np.multiply(by_closure[:, None], own[:, fields:].swapaxes(0, 1), out=beyond[:, :extensions])
-        return by_all
-
-    def _legs(self) -> Legs:
-        forearm_mm = self.arms.forearm_mm[:, None]
-        return Legs(self.arms.elbows_mm, forearm_mm, self.platform, self.home_sign)
-
-    def _moved(self, legs: Legs, poses: Array, gibbs: Array) -> Legs:
-        """Legs that hold a level plate where the tilted one is."""
-        ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
-        levers = self.chain.levers_on_plate_mm(poses, ends)
-        return replace(legs, elbows_mm=legs.elbows_mm - displacement(gibbs, levers))
-
-    def _approached(self, legs: Legs, poses: Array, gibbs: Array) -> Array:
-        """Gibbs vectors (3, N) of the plate at poses, some thousand times nearer than before."""
-        ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
-        levers = self.chain.levers_on_plate_mm(poses, ends)
-        return self.pairs.approached(ends.T - legs.elbows_mm, levers, gibbs)[0]
-
-    @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-    def _tilted(
-        self, level: KinematicSolution, gibbs: Array, settled_mm: float, *, at_once: bool = False
-    ) -> KinematicSolution:
-        """Poses of the tilted plate, from those nearly so; rows that don't settle are lost."""
-        found = level.found.copy()
-        if not found.any():
-            return level
-        legs, poses = self._legs().rows(found), level.values[found]
-        gibbs = gibbs[:, found]
-        step_mm = np.full(len(poses), np.inf)
-        for _ in range(ROUNDS_AT_ONCE if at_once else TILT_ROUNDS):
-            ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001
-            levers = self.chain.levers_on_plate_mm(poses, ends)
-            gibbs, _ = self.pairs.approached(ends.T - legs.elbows_mm, levers, gibbs)
-            moved = replace(legs, elbows_mm=legs.elbows_mm - displacement(gibbs, levers))
-            step, branch, _ = self.chain.newton_step(moved, np.ascontiguousarray(poses.T))
-            poses = poses + step.T
-            step_mm = np.abs(step[:COORDINATES]).max(axis=0)
-            if not step_mm.max() > settled_mm:
-                break
-        values = np.full_like(level.values, np.nan)
-        values[found] = poses
-        if found.all():
-            self._assembled[:] = [(values, gibbs)]
-        wanted = self.chain.wanted(legs, np.ascontiguousarray(poses.T), branch)
-        found[found] = wanted & (step_mm < (settled_mm if at_once else TILT_CLOSED_MM))
-        return KinematicSolution.where(found, values)
-
-
-def _product(one: Array, other: Array) -> Array:
-    """Products (a, c, N) of matrices (a, b, N) and (b, c, N)."""
-    return np.asarray((one[:, :, None] * other).sum(axis=1))
-
-
-def _inverse(by_pose: Array) -> Array:
-    """-(∂F/∂pose)⁻¹ with the poses last, (t, n, N), of (N, n, t)."""
-    return -np.ascontiguousarray(np.linalg.inv(by_pose).transpose(1, 2, 0))
 
 
 def solve_rows(matrix: Array, right: Array) -> tuple[Array, Array]:

@@ -4,7 +4,8 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.mechanisms.arms import RotaryArmKind
-from campaigns.mechanisms.closed_chain import ClosedChain, Legs
+from campaigns.mechanisms.chain_posture import Legs
+from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.platforms import HingedPlate
 
 NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
