@@ -1,5 +1,7 @@
 """What identification costs: both estimators on 60 measured pairs, and the fit while measuring.
 
+The full model, with unequal rods and tilted axes, beside the 22 parameters.
+
 python -m benchmarks.identification [--rounds N] [--json]
 
 Milliseconds of one core: medians of 21, of the least disturbed of some rounds. The shots are those
@@ -10,13 +12,15 @@ import statistics
 from functools import partial
 
 from benchmarks.shared.measured_robot import MeasuredRobot, by_distances, by_points, measured_robot
-from benchmarks.shared.prototype import FREE, NOMINAL
+from benchmarks.shared.prototype import FREE, FREE_PLACES, NOMINAL, SPACE
 from benchmarks.shared.rounds import contestant, least_s, take_turns, timed_s
 from benchmarks.shared.yardstick import Figure, Report, main
 from campaigns.estimation.incremental_fit import IncrementalGaussNewton
 
 REPEATS = 21
 RUNNING_AT = (20, 60, 160)
+FULL = SPACE.places(SPACE.free_in_full)
+FULL_OVER_USUAL = 2.0
 LIMITS_MS = {"60 distances": 4.0, "120 points": 8.0}
 
 
@@ -26,11 +30,22 @@ def measure(rounds: int) -> Report:
 
 
 def solving(robot: MeasuredRobot, rounds: int) -> list[Figure]:
-    estimators = partial(by_distances, robot), partial(by_points, robot)
-    taken = take_turns([contestant(solve, REPEATS) for solve in estimators], rounds)
+    estimators = by_distances, by_points
+    solves = [partial(solve, robot, free) for free in (FREE_PLACES, FULL) for solve in estimators]
+    taken_ms = [
+        1e3 * least_s(runs)
+        for runs in take_turns([contestant(solve, REPEATS) for solve in solves], rounds)
+    ]
+    usual, full = taken_ms[: len(estimators)], taken_ms[len(estimators) :]
     return [
-        Figure(f"solution of {name}", 1e3 * least_s(runs), "ms", highest=limit)
-        for (name, limit), runs in zip(LIMITS_MS.items(), taken, strict=True)
+        *(
+            Figure(f"solution of {name}", ms, "ms", highest=limit)
+            for (name, limit), ms in zip(LIMITS_MS.items(), usual, strict=True)
+        ),
+        *(
+            Figure(f"full model over the 22, {name}", more / ms, highest=FULL_OVER_USUAL)
+            for name, more, ms in zip(LIMITS_MS, full, usual, strict=True)
+        ),
     ]
 
 

@@ -46,33 +46,33 @@ def measured_robot() -> MeasuredRobot:
     return MeasuredRobot(joints, shots[:, 5:], commanded)
 
 
-def position_model(robot: MeasuredRobot) -> PositionModel:
-    return PositionModel(NOMINAL, FREE_PLACES, robot.joints, robot.commanded)
+def position_model(robot: MeasuredRobot, free: Index = FREE_PLACES) -> PositionModel:
+    return PositionModel(NOMINAL, free, robot.joints, robot.commanded)
 
 
-def distance_problem(robot: MeasuredRobot) -> DistanceResiduals:
+def distance_problem(robot: MeasuredRobot, free: Index = FREE_PLACES) -> DistanceResiduals:
     first, second = robot.pairs.T
-    return DistanceResiduals.in_mm(position_model(robot), first, second, robot.measured_mm())
+    return DistanceResiduals.in_mm(position_model(robot, free), first, second, robot.measured_mm())
 
 
-def point_problem(robot: MeasuredRobot) -> PointResiduals:
+def point_problem(robot: MeasuredRobot, free: Index = FREE_PLACES) -> PointResiduals:
     covariance = np.broadcast_to(VARIANCE_MM2 * np.eye(3), (len(robot.points_mm), 3, 3))
-    return PointResiduals.from_points(position_model(robot), robot.points_mm, covariance)
+    return PointResiduals.from_points(position_model(robot, free), robot.points_mm, covariance)
 
 
-def by_distances(robot: MeasuredRobot) -> Array:
-    """The identified parameters, (22,)."""
-    return _parameters(solve(distance_problem(robot)))
+def by_distances(robot: MeasuredRobot, free: Index = FREE_PLACES) -> Array:
+    """The identified parameters, (F,), 22 unless told."""
+    return _parameters(solve(distance_problem(robot, free)), free)
 
 
-def by_points(robot: MeasuredRobot) -> Array:
-    """The identified parameters, (22,)."""
-    return _parameters(solve(point_problem(robot)))
+def by_points(robot: MeasuredRobot, free: Index = FREE_PLACES) -> Array:
+    """The identified parameters, (F,), 22 unless told."""
+    return _parameters(solve(point_problem(robot, free)), free)
 
 
-def _parameters(fit: Solution) -> Array:
+def _parameters(fit: Solution, free: Index) -> Array:
     assert fit.converged, fit.message
-    return fit.x[: len(FREE_PLACES)]
+    return fit.x[: len(free)]
 
 
 def printed_parameters(geometry: Kinematics) -> Array:
