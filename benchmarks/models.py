@@ -13,6 +13,7 @@ import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from math import nan
 
 import numpy as np
 
@@ -45,6 +46,7 @@ SHOT_S = 1.5
 NEAR_CENTRE_POSES = np.array([[0.0, 0.0, z, 0.0] for z in (-575.0, -650.0, -700.0)])
 WAYPOINTS_RAD = NOMINAL.inverse(NEAR_CENTRE_POSES).values_or_raise()
 MODELS = candidate_models(SPACE, Model.EXTENDED)
+ALL_MODELS = candidate_models(SPACE, Model.AUTO)
 LARGEST = "axes+backlash"
 NEVER_WORSE, MEDIAN_RATIO, SELDOM_KEPT = 1.10, 0.85, 0.05
 
@@ -54,6 +56,7 @@ Drive = Callable[[Array], tuple[Array, Array]]
 
 def measure(robots: int, plain: int) -> Report:
     rows = [realistic_robot(seed) for seed in range(1, robots + 1)]
+    gains = [gained(seed) for seed in range(1, robots + 1)]
     kept = [plain_choice(seed) for seed in range(1, plain + 1)]
     share = sum(name != STANDARD for name in kept) / max(len(kept), 1)
     median = statistics.median(ratio for *_, ratio in rows)
@@ -65,8 +68,31 @@ def measure(robots: int, plain: int) -> Report:
             Figure("worst chosen / better of the two", worst, highest=NEVER_WORSE),
             Figure("larger kept, 22 being the truth", share, f"of {plain}", highest=SELDOM_KEPT),
         ],
-        [Table("errors of fresh distances, rms in µm", columns, rows)],
+        [
+            Table("errors of fresh distances, rms in µm", columns, rows),
+            Table(
+                "medians by model",
+                ("free", "errors over the 22's", "χ² per degree of freedom"),
+                [(name, *medians([each[name] for each in gains])) for name in ALL_MODELS],
+            ),
+        ],
     )
+
+
+def gained(seed: int) -> dict[str, tuple[float, float]]:
+    """Errors of fresh distances over the standard's, and χ² per degree of freedom, by model."""
+    data, fresh = measured(seed, partial(driven, Cell(SCENARIO, seed=seed)))
+    found = {name: identify(NOMINAL, data, known) for name, known in ALL_MODELS.items()}
+    usual = rms_mm(found[STANDARD], fresh)
+    return {
+        name: (rms_mm(each, fresh) / usual, each.chi2.value / each.chi2.dof if each.chi2 else nan)
+        for name, each in found.items()
+    }
+
+
+def medians(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    first, second = (statistics.median(values) for values in zip(*pairs, strict=True))
+    return first, second
 
 
 def realistic_robot(seed: int) -> tuple[int, str, float, float, float, float]:

@@ -203,6 +203,16 @@ def test_a_plan_for_axis_tilts_says_how_well_it_will_tell_them(campaign, placeme
     assert all(0.001 < std[name] < 0.1 for name in (*TILTS, *SKEW_NAMES)), std
 
 
+@pytest.mark.slow
+def test_until_takes_as_many_shots_as_the_full_model_asks_for(campaign):
+    goal = PlanOptions(until="σ=0.06", candidates=FEW)
+    usual, full = plan(campaign, goal), plan(campaign, replace(goal, model=Model.FULL))
+    assert len(identification(usual)) < len(identification(full))
+    std = predicted(full).std_in_file_units
+    assert {*TILTS, *SKEW_NAMES} <= {*std}
+    assert max(value for name, value in std.items() if name.endswith("_mm")) <= 0.06
+
+
 def test_a_single_pair_tells_nothing_and_is_a_plan_all_the_same(campaign):
     precision = plan(campaign, PlanOptions(shots=2)).forecast.precision
     assert not precision.predicted.full_rank
