@@ -31,7 +31,7 @@ CONVERGED_MM = 1e-5
 TILT_ROUNDS = 30
 ROUNDS_AT_ONCE = 10
 """From poses and tilts near by; where these don't settle, a level plate is assembled first."""
-TILT_SETTLED_PER_MM = 10.0
+TILT_SETTLED_PER_MM = 0.001
 """Last step of poses and tilts in turn over the square of that of poses alone.
 
 Each leaves a thousandth; that of poses alone leaves its square over the forearm's length.

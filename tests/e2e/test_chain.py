@@ -42,6 +42,7 @@ IDENTIFICATION_KEYS = {
     "correlations",
     "position_std_mm",
     "frame",
+    "sessions",
     "verdict",
     "reasons",
     "seconds",

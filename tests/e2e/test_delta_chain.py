@@ -206,7 +206,7 @@ def test_a_simulated_cell_of_another_mechanism_is_refused(pkmcal, new):
 
 
 def test_a_controller_file_of_another_mechanism_is_refused(pkmcal, passed):
-    ended = pkmcal("export", passed, "--format", "linuxcnc")
+    ended = pkmcal("export", passed, "--format", "linuxcnc-lineardelta")
     assert ended.code == 2
     assert "delta" in ended.error_line
     assert not (passed / "calib.hal").exists()

@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
-from robotline_layouts import PAR4_LAYOUT, command_of, outcome_of
+from robotline_layouts import PAR4_LAYOUT, TILTING_LAYOUT, command_of, outcome_of
 
 from drivers.errors import WireError
 from drivers.wire.robotline import (
@@ -78,7 +78,7 @@ def test_every_line_in_the_specification_is_right():
     assert len(lines) >= len(GOLDEN["requests"] + GOLDEN["replies"])
     for text in lines:
         decode = decode_request if text.startswith(">") else decode_reply
-        assert decode(text.encode(), PAR4_LAYOUT)
+        assert decode(text.encode(), TILTING_LAYOUT)
 
 
 def test_checksum_in_the_specification_is_the_one_used():
