@@ -38,10 +38,11 @@ quick: $(VENV)/installed-dev
 
 long: $(VENV)/installed-dev
 	$(PYTEST) -m "long and not peer"
+	$(BIN)/python -m pytest -m "long and peer"
 
 # One after the other: controllers and browsers need the processors for themselves.
 peers: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -m peer
+	$(BIN)/python -m pytest -m "peer and not long"
 
 lint: $(VENV)/installed-dev
 	@failed=0; \

@@ -23,7 +23,7 @@ OWN_TASKS = Path("/proc/self/task")
 # No deadlines: a busy machine is no fault of the code.
 settings.register_profile("default", max_examples=25, deadline=None)
 settings.register_profile(
-    "ci", max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+    "ci", max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("ci" if os.environ.get("CI") else "default")
 

@@ -5,6 +5,8 @@ import pytest
 from benchmarks import plate_tilt
 from benchmarks.plate_tilt import REFERENCE_UM, choices, coverage, limits
 
+pytestmark = pytest.mark.long
+
 KINDS = [f"kind {place}" for place in range(8)]
 
 

@@ -25,7 +25,14 @@ SMALL = {
 }
 FAST = {"speed_up": 1000}
 
-all_members = pytest.mark.parametrize("member", MEMBERS, ids=lambda each: each.name)
+all_members = pytest.mark.parametrize(
+    "member",
+    [
+        pytest.param(each, marks=[] if each.name == "delta" else pytest.mark.long)
+        for each in MEMBERS
+    ],
+    ids=lambda each: each.name,
+)
 
 
 @pytest.fixture(scope="session")
@@ -60,14 +67,7 @@ def true_robot(member, folder):
     return member.space.flat(p)
 
 
-@pytest.mark.parametrize(
-    "member",
-    [
-        pytest.param(each, marks=[] if each.name == "delta" else pytest.mark.long)
-        for each in MEMBERS
-    ],
-    ids=lambda each: each.name,
-)
+@all_members
 def test_a_dry_run_finds_the_errors_and_proves_the_gain(pkmcal, new, member):
     folder = new(member)
     ended = pkmcal("dry-run", folder, "--json")

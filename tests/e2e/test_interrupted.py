@@ -116,6 +116,11 @@ def test_a_run_that_nobody_reads_goes_on_to_its_end(planned):
         assert len(journal.shots(1)) == 59
 
 
+def is_waiting(process):
+    """Whether it waits, as for an answer: one that comes while the question is written is early."""
+    return psutil.Process(process.pid).status() == psutil.STATUS_SLEEPING
+
+
 def is_suspended(process):
     return psutil.Process(process.pid).status() == psutil.STATUS_STOPPED
 
@@ -312,6 +317,7 @@ def test_suspended_load_that_does_not_go_on_is_taken_back(screen_and_load, expor
     wait_until(lambda: is_suspended(process), process)
     process.send_signal(signal.SIGCONT)
     screen.read_until("Go on where it was? [y/N]")
+    wait_until(lambda: is_waiting(process), process)
     process.send_signal(answer)
     screen.read_until("rolled back")
     assert process.wait(PATIENCE_S) == 130

@@ -15,6 +15,8 @@ from app.main import run_command
 from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Outcome, Rejected
 
+pytestmark = pytest.mark.long
+
 POINT = "point_in_tracker_mm"
 BACKUP = "bring campaign.db back from a backup"
 

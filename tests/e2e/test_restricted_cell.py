@@ -15,6 +15,8 @@ from campaigns.robots.robot import find_robot
 from sim.robot.assembly import follow
 from sim.robot.controller import SimulatedController
 
+pytestmark = pytest.mark.long
+
 SMALL_TESTS = {
     "plan.shots": 32,
     "validation.repeatability_approaches": 4,

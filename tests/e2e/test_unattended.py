@@ -6,6 +6,8 @@ from command_line import change, ended, started
 from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Event, SessionStopped
 
+pytestmark = pytest.mark.long
+
 SHOTS = 10
 LONG_S = 500.0
 """Of the cell's time, which is half a second of ours: nobody fails to notice."""

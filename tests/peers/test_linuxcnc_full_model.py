@@ -12,7 +12,7 @@ from app.main import run_command
 from campaigns.campaign import open_campaign
 from campaigns.robots.robot import Compensation, compensated, read_robot, write_new_robot
 
-pytestmark = [*NEEDS_LINUXCNC, pytest.mark.timeout(500)]
+pytestmark = [*NEEDS_LINUXCNC, pytest.mark.timeout(500), pytest.mark.long]
 
 IMPERFECT = {"robot.tolerances.rod_mm": 0.05, "robot.tolerances.axis_tilt_mrad": 0.5}
 SETTINGS = {"plan.shots": 120, "plan.validation_pairs": 20, "settle.time_s": 0.05}

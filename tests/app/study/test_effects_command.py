@@ -6,7 +6,7 @@ import pytest
 
 from app.main import run_command
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 EFFECTS = ("--effects", "clean", "--effects", "scale")
 SCENARIO = ("--scenario", "drawn-robots")
