@@ -6,7 +6,12 @@ from family_cases import MEMBERS, flat_in
 CLOSE_TO_TRUTH = {"mm": 1e-4, "deg": 1e-5}
 """The files' points have six decimals, their joints nine."""
 CLOSE_TO_LEAST_SQUARES = {"mm": 1e-4, "deg": 1e-6}
-all_members = pytest.mark.parametrize("member", MEMBERS, ids=lambda each: each.name)
+OFTEN = ("delta", "linear-delta")
+all_members = pytest.mark.parametrize(
+    "member",
+    [pytest.param(each, marks=[] if each.name in OFTEN else pytest.mark.long) for each in MEMBERS],
+    ids=lambda each: each.name,
+)
 pytestmark = pytest.mark.slow
 
 

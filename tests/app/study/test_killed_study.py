@@ -9,6 +9,8 @@ import pytest
 
 from app.main import run_command
 
+pytestmark = pytest.mark.long
+
 TABLE = "plan-paper-simulation-points.csv"
 MANY = 4000
 """More than are computed before the end."""

@@ -21,6 +21,8 @@ from app.study.workers import local_results, workers_of
 from campaigns.errors import OptionsInvalid
 from campaigns.studies.study import StudyTask
 
+pytestmark = pytest.mark.long
+
 HERE = Path(__file__).parent
 REPOSITORY = HERE.parents[2]
 TABLE = "plan-paper-simulation-points.csv"

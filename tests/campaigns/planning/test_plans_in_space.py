@@ -142,6 +142,7 @@ def test_a_way_that_counts_as_clear_is_clear_between_all_samples(seed):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("parts", [0, 1, 2, 4, 8, 16])
 def test_a_needle_that_no_sample_meets_is_found_wherever_a_controller_may_pass(parts):
     """On the joints' coordinated way (0 parts) or on so many straight parts of it."""
