@@ -25,7 +25,15 @@ BAD_BEFORE_MM = 1.0
 GOOD_AFTER_MM = 0.05
 
 
-@pytest.fixture(params=VARIANTS)
+OFTEN = "linear-delta"
+"""A minute each: the others are for `make long`."""
+
+
+@pytest.fixture(
+    params=[
+        pytest.param(each, marks=[] if each == OFTEN else pytest.mark.long) for each in VARIANTS
+    ]
+)
 def name(request):
     return request.param
 
