@@ -12,7 +12,7 @@ from campaigns.robots.robot import find_robot, pose_of
 from sim.geometry import KINDS
 from sim.robot.linuxcnc_joints import joint_source
 
-pytestmark = NEEDS_LINUXCNC
+pytestmark = [*NEEDS_LINUXCNC, pytest.mark.long]
 
 POSES = 5
 DECIMALS = 6
