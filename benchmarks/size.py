@@ -3,8 +3,8 @@
 python -m benchmarks.size [--product 44000] [--classes 620] [--dataclasses 370] [--tests 37000]
     [--benchmarks 3000] [--contracts 11] [--json]
 
-The options are the limits. Lines are all lines of .py files. A dataclass is a class with a decorator
-of that name. Imports for type checkers alone make no circle; those within functions do.
+The options are the limits. Lines are all lines of .py files; a dataclass is a class with a
+decorator of that name. Imports for type checkers alone make no circle; those within functions do.
 """
 
 import ast
