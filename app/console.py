@@ -3,9 +3,10 @@
 import io
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from time import monotonic
+from typing import TypeVar
 
 import typer
 from rich import box
@@ -14,7 +15,10 @@ from rich.table import Table
 
 from app.exits import NotConfirmed
 from app.progress import RunDisplay
+from campaigns.files.table import Column, texts
 from drivers.texts import printable
+
+T = TypeVar("T")
 
 GOOD, BAD, OPEN = "bold green", "bold red", "bold yellow"
 TALK, WARNING = "dim", "yellow"
@@ -92,6 +96,10 @@ class Terminal:
         for row in rows:
             table.add_row(*(printable(cell) for cell in row))
         self._answers.print("", table, "", sep="\n")
+
+    def rows(self, title: str, columns: Sequence[Column[T]], rows: Iterable[T]) -> None:
+        """The table of these rows."""
+        self.table(title, [column.head for column in columns], texts(columns, rows))
 
     def listing(self, title: str, lines: Mapping[str, str]) -> None:
         """Names with texts that may be long."""

@@ -9,9 +9,9 @@ from app.report.model_sections import (
     model_rows,
     parameter_cells,
 )
-from app.report.parts import Row, number
 from app.terminal_picture import histogram_lines
 from campaigns.estimation.estimators import Estimator
+from campaigns.files.table import Row, number
 from campaigns.identification.result import STRONG, IdentificationResult
 from campaigns.mechanisms.mechanism import ParameterSpace
 from campaigns.robots.robot import FOR_SOME_CONTROLLERS

@@ -3,11 +3,11 @@
 The terminal shows some of them too, so nothing here needs matplotlib.
 """
 
-from app.report.parts import NOTHING, Row, number
 from campaigns.evaluation.decision import COVERAGE
 from campaigns.evaluation.doubts import Doubt
 from campaigns.evaluation.gains import NO_CHANGE
 from campaigns.evaluation.residual_budget import ResidualBudget
+from campaigns.files.table import NOTHING, Row, number
 from campaigns.identification.result import ComparedModel, Covariance, IdentifiedParameter
 
 PARAMETER_DECIMALS = 4

@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 from app.report import model_sections, plots, record_sections, results_sections
 from app.report.figures import distances, tests, time_and_parameters, workspace
-from app.report.parts import Row, Section
+from app.report.parts import Section
 from app.report.rendering import GENERATOR, rendered, sections_of
 from campaigns.evaluation.campaign_verdict import RULE
 from campaigns.evidence import Evaluation
+from campaigns.files.table import Row
 
 MAKERS = {
     "results": results_sections,

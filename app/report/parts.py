@@ -4,14 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from campaigns.files.table import NOTHING, Row, number
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Row = tuple[str, ...]
 Tone = Literal["text", "missing", "note"]
-
-NOTHING = "–"
-"""Stands where there is no number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,15 +83,6 @@ def words(*titles: str) -> tuple[Column, ...]:
 def numbers(unit: str, titles: Sequence[str]) -> tuple[Column, ...]:
     """Columns of numbers of one unit."""
     return tuple(Column(title, unit) for title in titles)
-
-
-def number(value: float | None, decimals: int = 3, *, signed: bool = False) -> str:
-    """Number with a true minus sign; a dash for None."""
-    if value is None:
-        return NOTHING
-    rounded = round(value, decimals) or 0.0  # what is nothing when rounded has no sign
-    text = f"{rounded:{'+' if signed and rounded else ''}.{decimals}f}"
-    return text.replace("-", "−")
 
 
 def percent_gained(before: float | None, after: float | None) -> str:

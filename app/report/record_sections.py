@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator
 
-from app.report.parts import NOTHING, Row, moment, number
+from app.report.parts import moment
 from campaigns.evaluation.integrity import Check
 from campaigns.evaluation.time_series import stated_uncertainty_mm, time_series
 from campaigns.evidence import Evidence, JournalFacts, SeriesFacts
+from campaigns.files.table import NOTHING, Row, number
 from campaigns.identification.result import Excluded
 from campaigns.journal.records import Event, Rejected, SeriesStarted
 from campaigns.shots.import_export import imported_files

@@ -18,15 +18,14 @@ from app.report.parts import (
     Paragraph,
     Part,
     Picture,
-    Row,
     Section,
     Table,
     Tone,
     moment,
-    number,
     numbers,
     words,
 )
+from campaigns.files.table import Row, number
 from campaigns.version import VERSION
 from drivers.texts import printable
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
-from app.report.parts import NOTHING, Row, number, percent_gained
+from app.report.parts import percent_gained
 from app.report.plots import pair_groups
 from campaigns.arrays import Array
 from campaigns.evaluation.decision import Requirement
@@ -12,6 +12,7 @@ from campaigns.evaluation.iso_figures import IsoRow, iso_rows
 from campaigns.evaluation.summary import summary
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import Evaluation
+from campaigns.files.table import NOTHING, Row, number
 
 KEY_FIGURES = ("distances, mean error", "distances, largest error", "rotation")
 STRAIGHTNESS = "straightness"

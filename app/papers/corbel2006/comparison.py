@@ -11,7 +11,7 @@ import numpy as np
 from app.papers.corbel2006.printed import GROUPS, TABLE_II, Figure, Group, allowed
 from app.papers.corbel2006.quantities import QUANTITIES, Quantity
 from app.papers.corbel2006.trials import PROTOTYPE, Experiment, Trial, TrialResult
-from app.report.parts import number
+from campaigns.files.table import number
 
 SCHEMA = "pkmcal/reproduction/1"
 LOW, HIGH = 5.0, 95.0

@@ -13,8 +13,9 @@ from app.papers.corbel2006.printed import LINES_MM, printed
 from app.papers.corbel2006.quantities import largest
 from app.papers.corbel2006.trials import EXPERIMENTS, PROTOTYPE, TrialResult
 from app.report.figures.distances import PairGroup, pair_errors
-from app.report.parts import Row, Section, number
+from app.report.parts import Section
 from app.report.rendering import GENERATOR, rendered, sections_of
+from campaigns.files.table import Row, number
 
 PACKAGE = "app.papers.corbel2006"
 PASSED = {True: "pass", False: "missed", None: ""}

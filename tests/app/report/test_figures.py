@@ -13,13 +13,14 @@ from app.report.figures.distances import PairGroup, pair_errors
 from app.report.figures.drawing import save, svg_text
 from app.report.figures.space import flat
 from app.report.figures.workspace import error_arrows, magnification, plate_tilt
-from app.report.parts import Column, Table, moment, number, percent_gained
+from app.report.parts import Column, Table, moment, percent_gained
 from app.report.plots import plot_plan, plot_residuals
 from app.terminal_picture import bar, histogram_lines
 from campaigns.errors import WriteFailed
 from campaigns.estimation.estimators import Estimator
 from campaigns.evaluation.summary import binned_medians
 from campaigns.evidence import gather
+from campaigns.files.table import number
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import select_parameters

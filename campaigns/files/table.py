@@ -1,0 +1,69 @@
+"""Tables: head and cell of every column in one place, for the terminal, for CSV and for pages."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Generic, Literal, TypeVar
+
+from campaigns.files.csv_file import csv_text, number_text
+
+T = TypeVar("T")
+Cell = str | float | None
+Row = tuple[str, ...]
+"""Texts of a row, one a column."""
+
+NOTHING = "–"
+"""Stands where there is no number."""
+
+
+@dataclass(frozen=True, slots=True)
+class Column(Generic[T]):
+    """Head of a column, its unit, and its cell in a row: a text, a number, or None for neither.
+
+    Numbers are set to the right, words and code to the left.
+    """
+
+    head: str
+    of: Callable[[T], Cell]
+    unit: str = ""
+    decimals: int = 3
+    signed: bool = False
+    kind: Literal["number", "words", "code"] = "number"
+
+    def text(self, row: T) -> str:
+        """Cell as people read it."""
+        cell = self.of(row)
+        if isinstance(cell, str | int):  # a count has no decimals
+            return str(cell)
+        return number(cell, self.decimals, signed=self.signed)
+
+    def csv(self, row: T) -> str:
+        """Cell as programs read it: the shortest decimals that give the number again."""
+        cell = self.of(row)
+        if cell is None:
+            return ""
+        return str(cell) if isinstance(cell, str | int) else number_text(cell)
+
+
+def words(head: str, of: Callable[[T], str]) -> Column[T]:
+    """Column of words."""
+    return Column(head, of, kind="words")
+
+
+def texts(columns: Sequence[Column[T]], rows: Iterable[T]) -> tuple[Row, ...]:
+    """Rows as people read them."""
+    return tuple(tuple(column.text(row) for column in columns) for row in rows)
+
+
+def csv_table(columns: Sequence[Column[T]], rows: Iterable[T]) -> str:
+    """Rows as a CSV file's text, below the columns' heads."""
+    heads = [column.head for column in columns]
+    return csv_text(heads, ([column.csv(row) for column in columns] for row in rows))
+
+
+def number(value: float | None, decimals: int = 3, *, signed: bool = False) -> str:
+    """Number with a true minus sign; a dash for None."""
+    if value is None:
+        return NOTHING
+    rounded = round(value, decimals) or 0.0  # what is nothing when rounded has no sign
+    text = f"{rounded:{'+' if signed and rounded else ''}.{decimals}f}"
+    return text.replace("-", "−")
