@@ -21,7 +21,7 @@ WHOLE_PROGRAMS = tuple(TESTS / name for name in ("e2e", "app/report", "app/paper
 OWN_TASKS = Path("/proc/self/task")
 
 # No deadlines: a busy machine is no fault of the code.
-settings.register_profile("default", max_examples=25, deadline=None)
+settings.register_profile("default", max_examples=10, deadline=None)
 settings.register_profile(
     "ci", max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )

@@ -14,6 +14,14 @@ from app.interrupt import (
 )
 
 
+@pytest.fixture(autouse=True)
+def heeded():
+    """SIGHUP as a terminal leaves it: under `nohup` the tests themselves ignore it."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
 def test_all_signals_of_an_operator_and_of_a_terminal_are_watched():
     names = {number.name for number in WATCHED}
     assert names == {"SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP"}

@@ -17,7 +17,7 @@ def test_there_are_six_examples_of_at_most_ten_lines():
     assert max(lengths) <= MOST_LINES
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_examples_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     shutil.copy(SHOTS, Path("shots.csv"))

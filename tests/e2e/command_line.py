@@ -1,6 +1,7 @@
 """The command line as its users see it: a command in, exit code and both streams out."""
 
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -54,15 +55,19 @@ class CommandLine:
 
 
 def started(*arguments, **options):
-    """The same in a process of its own, still running."""
-    return subprocess.Popen(
-        [*PKMCAL, *map(str, arguments)],
-        stdin=options.pop("stdin", subprocess.DEVNULL),
-        stdout=options.pop("stdout", subprocess.PIPE),
-        stderr=options.pop("stderr", subprocess.PIPE),
-        text=True,
-        **options,
-    )
+    """The same in a process of its own, still running; it heeds SIGHUP also under `nohup`."""
+    heeded = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    try:
+        return subprocess.Popen(
+            [*PKMCAL, *map(str, arguments)],
+            stdin=options.pop("stdin", subprocess.DEVNULL),
+            stdout=options.pop("stdout", subprocess.PIPE),
+            stderr=options.pop("stderr", subprocess.PIPE),
+            text=True,
+            **options,
+        )
+    finally:
+        signal.signal(signal.SIGHUP, heeded)
 
 
 def ended(process, within_s=20.0):

@@ -2,9 +2,11 @@
 
 import os
 import shutil
+from pathlib import Path
 
 import pytest
 from command_line import CommandLine, change
+from filelock import FileLock
 
 from app.main import LINEAR_ALGEBRA_THREADS, run_command
 
@@ -30,13 +32,38 @@ def pkmcal(capsys):
 
 
 @pytest.fixture(scope="session")
-def planned_once(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("campaigns") / "small"
-    assert run_command(["new", str(folder), "--scenario", "paper-simulation"]) == 0
-    change(folder / "campaign.yaml", SMALL)
-    change(folder / "cell.yaml", FAST)
-    assert run_command(["plan", str(folder)]) == 0
-    return folder
+def made_once(tmp_path_factory, worker_id):
+    """Makes a folder by a function of it, once for all workers of this test run."""
+    base = tmp_path_factory.getbasetemp()
+    shared = (base if worker_id == "master" else base.parent) / "made once"
+    shared.mkdir(exist_ok=True)
+
+    def made(name, make):
+        folder = shared / name
+        with FileLock(f"{folder}.lock"):
+            if not folder.exists():
+                make(unfinished := shared / f"{name}.{worker_id}")
+                unfinished.rename(folder)
+        return folder
+
+    return made
+
+
+def ran(folder: Path, *commands: str) -> None:
+    for words in commands:
+        name, *options = words.split()
+        assert run_command([name, str(folder), *options]) == 0, words
+
+
+@pytest.fixture(scope="session")
+def planned_once(made_once):
+    def make(folder):
+        ran(folder, "new --scenario paper-simulation")
+        change(folder / "campaign.yaml", SMALL)
+        change(folder / "cell.yaml", FAST)
+        ran(folder, "plan")
+
+    return made_once("planned", make)
 
 
 @pytest.fixture
@@ -46,11 +73,13 @@ def planned(planned_once, tmp_path):
 
 
 @pytest.fixture(scope="session")
-def tiny_once(planned_once, tmp_path_factory):
-    folder = shutil.copytree(planned_once, tmp_path_factory.mktemp("campaigns") / "tiny")
-    change(folder / "campaign.yaml", TINY)
-    assert run_command(["plan", str(folder)]) == 0
-    return folder
+def tiny_once(made_once, planned_once):
+    def make(folder):
+        shutil.copytree(planned_once, folder)
+        change(folder / "campaign.yaml", TINY)
+        ran(folder, "plan")
+
+    return made_once("tiny", make)
 
 
 @pytest.fixture
@@ -60,10 +89,12 @@ def tiny(tiny_once, tmp_path):
 
 
 @pytest.fixture(scope="session")
-def measured_once(planned_once, tmp_path_factory):
-    folder = shutil.copytree(planned_once, tmp_path_factory.mktemp("campaigns") / "measured")
-    assert run_command(["run", str(folder), "--yes"]) == 0
-    return folder
+def measured_once(made_once, planned_once):
+    def make(folder):
+        shutil.copytree(planned_once, folder)
+        ran(folder, "run --yes")
+
+    return made_once("measured", make)
 
 
 @pytest.fixture
@@ -73,11 +104,12 @@ def measured(measured_once, tmp_path):
 
 
 @pytest.fixture(scope="session")
-def exported_once(measured_once, tmp_path_factory):
-    folder = shutil.copytree(measured_once, tmp_path_factory.mktemp("campaigns") / "exported")
-    assert run_command(["identify", str(folder)]) == 0
-    assert run_command(["export", str(folder)]) == 0
-    return folder
+def exported_once(made_once, measured_once):
+    def make(folder):
+        shutil.copytree(measured_once, folder)
+        ran(folder, "identify", "export")
+
+    return made_once("exported", make)
 
 
 @pytest.fixture

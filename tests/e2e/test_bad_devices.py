@@ -29,8 +29,17 @@ IMPATIENT_ROBOT = Deadlines(answer_s=0.3, stop_answer_s=0.3, standstill_s=3.0)
 IMPATIENT_TRACKER = EmsconDeadlines(answer_s=0.3, measuring_margin_s=0.3)
 LONG_S = 500.0
 """Of the cell's time, which is half a second of ours: nobody fails to notice."""
+KINDS = ("late", "silent", "garbage", "torn", "close")
 ANSWERS = (60, 61, 62)
 """One of them answers a question; an event that is lost or late would go unnoticed."""
+
+WIRE_FAULTS = [
+    pytest.param(device, kind, marks=[] if brief else pytest.mark.long)
+    for device, kind, brief in (
+        *(("controller", kind, kind in {"late", "torn"}) for kind in KINDS),
+        *(("tracker", kind, kind in {"silent", "garbage"}) for kind in KINDS),
+    )
+]
 
 
 @pytest.fixture
@@ -247,8 +256,7 @@ def test_a_tracker_that_another_program_uses(pkmcal, tiny):
     assert "end the other program" in ended.error_line
 
 
-@pytest.mark.parametrize("device", ["controller", "tracker"])
-@pytest.mark.parametrize("kind", ["late", "silent", "garbage", "torn", "close"])
+@pytest.mark.parametrize(("device", "kind"), WIRE_FAULTS)
 def test_a_wire_that_fails_while_the_robot_works(pkmcal, tiny, impatient, device, kind):
     seconds = {"seconds": LONG_S} if kind == "late" else {}
     faults = [{"device": device, "at_answer": at, "kind": kind, **seconds} for at in ANSWERS]

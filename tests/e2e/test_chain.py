@@ -117,6 +117,7 @@ def test_a_dry_run_finds_the_errors_and_proves_the_gain(pkmcal, planned):
     assert pkmcal("report", planned).code == 0
 
 
+@pytest.mark.long
 def test_a_dry_run_whose_limit_lies_within_the_uncertainty_decides_nothing(pkmcal, planned):
     change(planned / "campaign.yaml", {"acceptance.rotation_mm": 0.001})
     ended = pkmcal("dry-run", planned, "--json")
@@ -128,6 +129,7 @@ def test_a_dry_run_whose_limit_lies_within_the_uncertainty_decides_nothing(pkmca
     assert "Not decided: rotation." in again.out
 
 
+@pytest.mark.long
 def test_a_dry_run_whose_fit_is_not_good_loads_nothing(pkmcal, planned):
     change(planned / "campaign.yaml", {"plan.validation_pairs": 0})
     ended = pkmcal("dry-run", planned, "--json")

@@ -14,7 +14,7 @@ from campaigns.robots.robot import find_robot
 from sim.building import true_geometry
 from sim.scenarios.scenario import load_scenario
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 SMALL = {
     "settle.timeout_s": 300,  # of the cell's time: a busy machine may look up late
     "plan.shots": 30,
@@ -25,14 +25,7 @@ SMALL = {
 }
 FAST = {"speed_up": 1000}
 
-all_members = pytest.mark.parametrize(
-    "member",
-    [
-        pytest.param(each, marks=[] if each.name == "delta" else pytest.mark.long)
-        for each in MEMBERS
-    ],
-    ids=lambda each: each.name,
-)
+all_members = pytest.mark.parametrize("member", MEMBERS, ids=lambda each: each.name)
 
 
 @pytest.fixture(scope="session")

@@ -73,8 +73,18 @@ def campaign(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("form", [as_csv, as_ascii])
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    ("case", "form"),
+    [
+        ("swapped", as_csv),
+        ("metres", as_ascii),
+        *(
+            pytest.param(case, form, marks=pytest.mark.long)
+            for case in CASES
+            for form in (as_csv, as_ascii)
+        ),
+    ],
+)
 def test_cause_is_named_and_nothing_is_taken_in(pkmcal, campaign, tmp_path, form, case):
     change, cause = CASES[case]
     ended = pkmcal("import", campaign, *form(tmp_path, change))
@@ -89,7 +99,7 @@ def test_what_is_meant_can_be_said(pkmcal, campaign, tmp_path):
     assert pkmcal("identify", campaign, "--hold-out", "20%").code == 0
 
 
-@pytest.mark.parametrize("factor", [1.01, 0.995])
+@pytest.mark.parametrize("factor", [pytest.param(1.01, marks=pytest.mark.long), 0.995])
 def test_a_scale_in_the_export_is_named_and_never_passed(pkmcal, tmp_path, factor):
     folder = tmp_path / "campaign"
     assert pkmcal("new", folder, "--scenario", "paper-simulation").code == 0

@@ -92,13 +92,16 @@ def test_ctrl_c_again_and_again_stops_the_robot_in_order(at_work, planned, pkmca
     assert_resumes(pkmcal, planned)
 
 
-@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGQUIT])
+@pytest.mark.parametrize(
+    "number", [signal.SIGHUP, pytest.param(signal.SIGQUIT, marks=pytest.mark.long)]
+)
 def test_a_lost_terminal_and_ctrl_backslash_stop_the_robot_in_order(at_work, planned, number):
     at_work.send_signal(number)
     assert ended(at_work).code == 130
     assert_interrupted(planned)
 
 
+@pytest.mark.long
 def test_a_run_that_nobody_reads_goes_on_to_its_end(planned):
     change(planned / "cell.yaml", SLOW)
     reading, writing = os.pipe()
@@ -125,6 +128,7 @@ def is_suspended(process):
     return psutil.Process(process.pid).status() == psutil.STATUS_STOPPED
 
 
+@pytest.mark.long
 def test_ctrl_z_stops_the_robot_and_only_then_the_program(at_work, planned):
     at_work.send_signal(signal.SIGTSTP)
     wait_until(lambda: is_suspended(at_work), at_work)
@@ -236,6 +240,7 @@ def test_after_ctrl_c_the_operator_may_go_on(screen_and_run, planned):
         assert len(journal.shots(1)) == 59
 
 
+@pytest.mark.long
 def test_after_ctrl_z_the_operator_is_asked_before_it_goes_on(screen_and_run, planned):
     screen, process = screen_and_run
     change(planned / "cell.yaml", FAST)
@@ -288,6 +293,7 @@ def loads(folder):
     return [kind for kind in kinds if kind.startswith("load")]
 
 
+@pytest.mark.long
 def test_after_ctrl_z_a_load_is_suspended_and_verified_once_the_operator_says_so(
     screen_and_load, exported
 ):
@@ -310,7 +316,9 @@ def test_after_ctrl_z_a_load_is_suspended_and_verified_once_the_operator_says_so
         assert len(journal.shots(latest.number)) == 8
 
 
-@pytest.mark.parametrize("answer", [signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "answer", [signal.SIGINT, pytest.param(signal.SIGHUP, marks=pytest.mark.long)]
+)
 def test_suspended_load_that_does_not_go_on_is_taken_back(screen_and_load, exported, answer):
     screen, process = screen_and_load
     process.send_signal(signal.SIGTSTP)
@@ -324,6 +332,7 @@ def test_suspended_load_that_does_not_go_on_is_taken_back(screen_and_load, expor
     assert loads(exported) == ["load begun", "load failed"]
 
 
+@pytest.mark.long
 def test_ctrl_c_at_the_question_means_no(screen_and_run):
     screen, process = screen_and_run
     process.send_signal(signal.SIGINT)

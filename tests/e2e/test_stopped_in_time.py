@@ -75,7 +75,7 @@ def stage(planned):
         pytest.param(Stage.moving, signal.SIGQUIT, marks=pytest.mark.long),
         pytest.param(Stage.measuring, signal.SIGTERM, marks=pytest.mark.long),
         (Stage.with_frozen_controller, signal.SIGINT),
-        (Stage.with_slow_controller, signal.SIGHUP),
+        pytest.param(Stage.with_slow_controller, signal.SIGHUP, marks=pytest.mark.long),
     ],
 )
 def test_stop_is_on_the_wire_at_once_and_confirmed(stage, until, number):
@@ -84,6 +84,7 @@ def test_stop_is_on_the_wire_at_once_and_confirmed(stage, until, number):
     assert ended(stage.process, PATIENCE_S).code == 130
 
 
+@pytest.mark.long
 def test_ctrl_z_is_on_the_wire_at_once_and_suspends_only_after_the_stop(stage):
     stage.with_frozen_controller().stopped_by(signal.SIGTSTP)
     running = psutil.Process(stage.process.pid)

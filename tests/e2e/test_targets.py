@@ -58,7 +58,7 @@ def quiet(tmp_path_factory):
     return calibrated(tmp_path_factory.mktemp("quiet") / "quiet")
 
 
-@pytest.fixture(params=["delta", "linear-delta"])
+@pytest.fixture(params=["delta", pytest.param("linear-delta", marks=pytest.mark.long)])
 def other(request, tmp_path):
     """The same of mechanisms with three joints, also in mm."""
     return calibrated(tmp_path / request.param, request.param)
@@ -75,7 +75,7 @@ def figures(document):
     }
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_errors_are_those_of_loaded_parameters(pkmcal, quiet, record_property):
     before = pkmcal("validate", quiet, "--stage", "before", "--yes", "--json").document
     targets = pkmcal("validate", quiet, "--stage", "after", "--by", "targets", "--yes", "--json")
@@ -181,7 +181,7 @@ def test_errors_of_other_mechanisms_are_those_of_loaded_parameters(pkmcal, other
         assert by_targets[name] == pytest.approx(figure, rel=0.1, abs=2e-4), name
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("shape", PROGRAMS)
 def test_a_program_is_followed_as_well_as_the_robot_can(quiet, shape, record_property):
     campaign = open_campaign(quiet)

@@ -1,5 +1,6 @@
 """`run --until`: ends early, says what is known, and leaves nothing else out."""
 
+import pytest
 from command_line import change
 
 from campaigns.journal.journal import read_journal
@@ -38,6 +39,7 @@ def test_a_run_ends_early_and_what_it_took_is_enough_to_identify(pkmcal, planned
     assert max(lengths) <= 0.09
 
 
+@pytest.mark.long
 def test_afterwards_a_run_without_the_goal_takes_the_rest(pkmcal, planned):
     taken = until(pkmcal, planned, REACHABLE).document["shots"]
     again = until(pkmcal, planned, REACHABLE)
@@ -51,6 +53,7 @@ def test_afterwards_a_run_without_the_goal_takes_the_rest(pkmcal, planned):
     assert "the session ended" not in rest.err
 
 
+@pytest.mark.long
 def test_a_goal_that_the_scatter_forbids_is_not_good_and_says_why(pkmcal, planned):
     change(planned / "cell.yaml", {"robot.repeatability": {"position_mm": 0.05}})
     ended = pkmcal("run", planned, "--until", REACHABLE, "--yes")
@@ -91,6 +94,7 @@ def test_dry_says_what_the_plan_would_give(pkmcal, planned):
     assert not (planned / "campaign.db").exists()
 
 
+@pytest.mark.long
 def test_more_parameters_to_find_take_more_shots_for_the_same_goal(pkmcal, planned):
     words = ("--dry", "--json", "--until", REACHABLE)
     usual = pkmcal("run", planned, *words).document
@@ -105,6 +109,7 @@ def test_more_parameters_to_find_take_more_shots_for_the_same_goal(pkmcal, plann
     assert "arm9.* matches no parameter" in ended.error_line
 
 
+@pytest.mark.long
 def test_a_goal_for_lengths_needs_one_and_a_run_does_not(pkmcal, planned):
     held = ("--fix", "*_mm")
     ended = until(pkmcal, planned, REACHABLE, *held, "--dry")
@@ -115,6 +120,7 @@ def test_a_goal_for_lengths_needs_one_and_a_run_does_not(pkmcal, planned):
     assert f"next: pkmcal identify {planned} --fix '*_mm'" in ended.err
 
 
+@pytest.mark.long
 def test_a_plan_for_a_goal_by_distances_is_one_that_a_run_accepts(pkmcal, tmp_path):
     """Also where the tracker is surer along the beam than across it, and with few pairs."""
     folder = tmp_path / "campaign"
@@ -135,6 +141,7 @@ def test_dry_without_a_goal_says_what_it_always_said(pkmcal, planned):
     assert not {"goal", "knowledge"} & set(document)
 
 
+@pytest.mark.long
 def test_the_estimator_that_will_identify_says_what_is_known(pkmcal, measured):
     points = pkmcal("run", measured, "--json")
     assert points.code == 0, "nothing is left to measure, so nothing is asked"
