@@ -1,21 +1,35 @@
-"""Client of GeoCOM: requests, replies, and return codes as errors that say what to do next."""
+"""Client of GeoCOM: numbered questions, and return codes as errors that say what to do next."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from geocompy.geo import GeoCom
-from geocompy.geo.gctypes import GeoComResponse
-
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, WireError
-from drivers.geocom.connection import GeocomConnection
+from drivers.link import Link, LinkClient
 from drivers.plausible import require
 from drivers.polling import ask_until
 from drivers.ports import Clock
 from drivers.transport import Transport
 from drivers.values import Bounds
-from drivers.wire.geocom import decode_reply
-from drivers.wire.geocom_constants import DELIVERED, Result, result_text
+from drivers.wire import geocom
+from drivers.wire.geocom_constants import DELIVERED, Result, Rpc, procedure_text, result_text
+
+BUSY_PAUSE_S = 0.1
+DECIMALS = 10
+"""Decimals of what the instrument sends: 1e-10 m and rad are far below what it can tell."""
+WRITTEN_DECIMALS = 6
+"""Decimals of what it is told, at most."""
+DIGITS = Bounds("number of decimals", 0.0, 15.0, "")
+"""As GeoCOM allows them."""
+LAST_TRANSACTION = 2**15 - 1
+GREETING = (
+    Rpc.COM_GET_DOUBLE_PRECISION,
+    Rpc.CSV_GET_INSTRUMENT_NAME,
+    Rpc.CSV_GET_INSTRUMENT_NO,
+    Rpc.COM_GET_SW_VERSION,
+    Rpc.CSV_GET_SW_VERSION,
+)
+"""Questions with which a session begins; what is answered is asked again where it is needed."""
 
 LEVEL = "level the instrument and let it stand still, then try again"
 MOTORS = "check that nothing blocks the telescope, then try again"
@@ -89,15 +103,9 @@ def not_locked(where: str, doing: str) -> BeamBroken:
     return BeamBroken(f"{where}: {doing}: not locked on a prism", remedy=BEAM_REMEDY)
 
 
-BUSY_PAUSE_S = 0.1
-DECIMALS = 10
-"""Decimals of what the instrument sends: 1e-10 m and rad are far below what it can tell."""
-
-DIGITS = Bounds("number of decimals", 0.0, 15.0, "")
-"""As GeoCOM allows them."""
-
 Value = TypeVar("Value")
-Question = Callable[[GeoCom], GeoComResponse[Value]]
+Read = Callable[[Sequence[str]], Value]
+"""Reads an answer's words; raises `WireError`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +114,7 @@ class GeocomDeadlines:
 
     answer_s: float = 5.0
     greeting_s: float = 15.0
-    """Deadline of the first answer: what an earlier client had begun may have to end first."""
+    """Deadline of the first answers: what an earlier client had begun may have to end first."""
     distance_s: int = 10
     """Deadline of a measurement; the instrument is told."""
     motion_s: float = 60.0
@@ -114,11 +122,21 @@ class GeocomDeadlines:
     busy_s: float = 30.0
 
 
-class GeocomClient:
+@dataclass(frozen=True, slots=True)
+class Delivery(Generic[Value]):
+    """Values of a measurement; `warned`: the instrument doesn't vouch for their full accuracy."""
+
+    values: Value
+    warned: bool
+    raw: str
+
+
+class GeocomClient(LinkClient[geocom.Reply]):
     """Commands and their answers; any fault of the wire closes it.
 
-    Making one greets the instrument: geocompy's own start-up, which sleeps for a second. It is
-    geocompy's class as it comes, because only patching it would spare that second.
+    A reply to another transaction is stale (after a fault it can sit in a serial line's buffer):
+    the link keeps it with the events, of which this protocol has none, and nobody ever reads it.
+    Questions are numbered from `first_transaction` on, but for those of the greeting.
     """
 
     def __init__(
@@ -130,119 +148,149 @@ class GeocomClient:
         *,
         first_transaction: int,
     ) -> None:
+        link = Link(
+            transport,
+            geocom.ReplyFramer(),
+            clock_s=clock.now_s,
+            is_event=lambda reply: reply.transaction != self._asked,
+            cancelled=cancelled,
+        )
+        super().__init__(link)
+        self._transport = transport
+        self._first_transaction = first_transaction
         self._clock = clock
         self.deadlines = deadlines
-        self._connection = GeocomConnection(
-            transport, clock_s=clock.now_s, within_s=deadlines.answer_s, cancelled=cancelled
-        )
-        self._geocom = self._greeted()
-        self._geocom.transaction_counter = first_transaction
-
-    @property
-    def name(self) -> str:
-        """Name of the instrument's place, for messages."""
-        return self._connection.name
-
-    @property
-    def is_open(self) -> bool:
-        """Whether a question can be asked."""
-        return self._connection.is_open()
-
-    @property
-    def next_transaction(self) -> int:
+        self._asked = -1
+        self._decimals = WRITTEN_DECIMALS
+        self.next_transaction = 0
         """A number that no question has had yet."""
-        return self._geocom.transaction_counter
 
-    def close(self) -> None:
-        """Free the wire; the instrument stays on."""
-        self._connection.close()
+    def greet(self) -> None:
+        """Wake the instrument by an empty line, and have values sent with enough digits.
 
-    def set_decimals(self) -> None:
-        """Have values sent with enough digits, where the instrument lets us choose."""
-        self.attempt(lambda geocom: geocom.com.set_double_precision(DECIMALS))
-        digits = self.ask(lambda geocom: geocom.com.get_double_precision())
+        Raises `DeviceNotReady` for one that takes no commands.
+        """
+        within_s = self.deadlines.greeting_s
+        self._transport.send(geocom.TERMINATOR, within_s)
+        if self.attempt(Rpc.COM_NULL_PROC, within_s=within_s):
+            problem = f"{self.name}: the instrument answers, but takes no commands"
+            raise DeviceNotReady(problem, remedy=WAKE)
+        for rpc in GREETING:
+            self.attempt(rpc, within_s=within_s)
+        self.next_transaction = self._first_transaction
+        self.attempt(Rpc.COM_SET_DOUBLE_PRECISION, DECIMALS)
+        digits = self.ask(Rpc.COM_GET_DOUBLE_PRECISION, whole)
         require(self.name, DIGITS, digits)
-        self._geocom.precision = digits
+        self._decimals = min(digits, WRITTEN_DECIMALS)
 
-    def ask(self, question: Question[Value], *, within_s: float | None = None) -> Value:
+    def ask(
+        self, rpc: Rpc, read: Read[Value], *values: float | str, within_s: float | None = None
+    ) -> Value:
         """Return a command's values; raises `DeviceRefused` when the instrument says no."""
-        response, code = self._response(question, within_s)
-        if code != Result.OK:
-            raise refused(self.name, response.rpcname, code)
-        return self._values(response)
+        return self._read(rpc, read, self._accepted(rpc, values, within_s))
 
-    def ask_or_none(self, question: Question[Value]) -> Value | None:
-        """Return a command's values, or None from an instrument that refuses it or lacks it."""
-        response, code = self._response(question, None)
-        return response.params if code == Result.OK else None
+    def ask_or_none(self, rpc: Rpc, read: Read[Value], *values: float | str) -> Value | None:
+        """Return a command's values, or None from an instrument that refuses it or lacks it.
 
-    def tell(self, question: Question[None], *, within_s: float | None = None) -> None:
-        """Give a command that has no values; raises `DeviceRefused`."""
-        response, code = self._response(question, within_s)
-        if code != Result.OK:
-            raise refused(self.name, response.rpcname, code)
-
-    def attempt(self, question: Question[None], *, within_s: float | None = None) -> int:
-        """Give a command that has no values, and return its code."""
-        return self._response(question, within_s)[1]
-
-    def deliver(self, question: Question[Value], *, within_s: float) -> "Delivery[Value]":
-        """Return values that may come with a warning; raises `DeviceRefused` when none come."""
-        response, code = self._response(question, within_s)
-        if code not in DELIVERED:
-            raise refused(self.name, response.rpcname, code)
-        warned = code != Result.OK
-        return Delivery(self._values(response), warned=warned, raw=response.response)
-
-    def _greeted(self) -> GeoCom:
+        One that answers something else lacks it too.
+        """
+        reply = self._reply(rpc, values, None)
+        if reply.code != Result.OK:
+            return None
         try:
-            with self._connection.patience(self.deadlines.greeting_s):
-                return GeoCom(self._connection, attempts=1)
-        except ConnectionRefusedError as error:
-            self.close()
-            if self._connection.failure is not None:
-                raise self._connection.failure from error
-            raise DeviceNotReady(
-                f"{self.name}: the instrument answers, but takes no commands", remedy=WAKE
-            ) from error
+            return read(reply.parameters)
+        except WireError:
+            return None
 
-    def _response(
-        self, question: Question[Value], within_s: float | None
-    ) -> tuple[GeoComResponse[Value], int]:
+    def tell(self, rpc: Rpc, *values: float | str) -> None:
+        """Give a command that has no values; raises `DeviceRefused`."""
+        self._accepted(rpc, values, None)
+
+    def attempt(self, rpc: Rpc, *values: float | str, within_s: float | None = None) -> int:
+        """Give a command that has no values, and return its code."""
+        return self._reply(rpc, values, within_s).code
+
+    def deliver(
+        self, rpc: Rpc, read: Read[Value], *values: float | str, within_s: float
+    ) -> Delivery[Value]:
+        """Return values that may come with a warning; raises `DeviceRefused` when none come."""
+        reply = self._reply(rpc, values, within_s)
+        if reply.code not in DELIVERED:
+            raise refused(self.name, procedure_text(rpc), reply.code)
+        found = self._read(rpc, read, reply)
+        return Delivery(found, warned=reply.code != Result.OK, raw=reply.line)
+
+    def _accepted(
+        self, rpc: Rpc, values: Sequence[float | str], within_s: float | None
+    ) -> geocom.Reply:
+        reply = self._reply(rpc, values, within_s)
+        if reply.code != Result.OK:
+            raise refused(self.name, procedure_text(rpc), reply.code)
+        return reply
+
+    def _reply(
+        self, rpc: Rpc, values: Sequence[float | str], within_s: float | None
+    ) -> geocom.Reply:
         """Ask, and ask again while the instrument is busy with something else."""
+        words = geocom.words_of(*values, decimals=self._decimals)
         return ask_until(
-            lambda answer: answer[1] not in BUSY,
-            lambda: self._once(question, within_s or self.deadlines.answer_s),
+            lambda reply: reply.code not in BUSY,
+            lambda: self._once(rpc, words, within_s or self.deadlines.answer_s),
             self._clock,
             give_up_s=self._clock.now_s() + self.deadlines.busy_s,
             pause_s=BUSY_PAUSE_S,
         )
 
-    def _once(
-        self, question: Question[Value], within_s: float
-    ) -> tuple[GeoComResponse[Value], int]:
-        with self._connection.patience(within_s):
-            response = question(self._geocom)
-        return response, self._code(response)
+    def _once(self, rpc: Rpc, words: tuple[str, ...], within_s: float) -> geocom.Reply:
+        self._asked = number = self.next_transaction % (LAST_TRANSACTION + 1)
+        self.next_transaction += 1
+        return self._link.ask(
+            geocom.encode_request(geocom.Request(rpc, number, words)),
+            answers=lambda reply: reply.transaction == number,
+            within_s=within_s,
+            what=procedure_text(rpc),
+        )
 
-    def _code(self, response: GeoComResponse[Value]) -> int:
-        """Return the code as it came, not as geocompy's table has it."""
-        if self._connection.failure is not None:
-            raise self._connection.failure
-        reply = decode_reply(response.response.encode("ascii"))
-        return reply.communication or reply.result
-
-    def _values(self, response: GeoComResponse[Value]) -> Value:
-        if response.params is None:
+    def _read(self, rpc: Rpc, read: Read[Value], reply: geocom.Reply) -> Value:
+        try:
+            return read(reply.parameters)
+        except WireError as error:
             self.close()
-            raise WireError(f"{self.name}: {response.rpcname} answers {response.response!r:.120}")
-        return response.params
+            problem = f"{self.name}: {procedure_text(rpc)} answers {reply.line!r:.120}"
+            raise WireError(problem) from error
 
 
-@dataclass(frozen=True, slots=True)
-class Delivery(Generic[Value]):
-    """Values of a measurement; `warned`: the instrument doesn't vouch for their full accuracy."""
+def whole(words: Sequence[str]) -> int:
+    """Read a whole number."""
+    (number,) = wholes(1)(words)
+    return number
 
-    values: Value
-    warned: bool
-    raw: str
+
+def wholes(count: int) -> Read[tuple[int, ...]]:
+    """Read so many whole numbers."""
+    return lambda words: tuple(map(geocom.parse_whole, geocom.parse_words(words, count)))
+
+
+def number(words: Sequence[str]) -> float:
+    """Read a number."""
+    (value,) = numbers(1)(words)
+    return value
+
+
+def numbers(count: int) -> Read[tuple[float, ...]]:
+    """Read so many numbers, one that is none (NaN) too: bounds tell what cannot be."""
+    return lambda words: tuple(map(any_number, geocom.parse_words(words, count)))
+
+
+def any_number(word: str) -> float:
+    """Read a number as any program writes it, NaN and infinity too; raises `WireError`."""
+    try:
+        return float(word)
+    except ValueError as error:
+        raise WireError(f"{word!r:.80} is not a number") from error
+
+
+def text(words: Sequence[str]) -> str:
+    """Read a string, as it came: its escapes are part of a prism's name."""
+    (word,) = geocom.parse_words(words, 1)
+    return word.removeprefix('"').removesuffix('"')

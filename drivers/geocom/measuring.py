@@ -1,25 +1,35 @@
-"""Turning a total station, searching, and following the prism that is found."""
+"""What a total station does: turns, searches, follows the prism that is found, measures it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import atan2, cos, isfinite, sin
 
-from geocompy.geo.gcdata import ATR, ATRLock, Position
-from geocompy.geo.gcdata import Measurement as Program
-
-from drivers.errors import BeamBroken, DeviceRefused, NoReflector, NotAMeasurement
+from drivers.errors import BeamBroken, DeviceRefused, NoReflector, NotAMeasurement, WireError
 from drivers.geocom.accuracy import direction_rad, relative_humidity_percent
-from drivers.geocom.client import BEAM_LOST, BEAM_REMEDY, GeocomClient, not_locked, refused
+from drivers.geocom.client import (
+    BEAM_LOST,
+    BEAM_REMEDY,
+    GeocomClient,
+    any_number,
+    not_locked,
+    numbers,
+    refused,
+    whole,
+)
 from drivers.plausible import require, require_point
-from drivers.values import PRESSURE, TEMPERATURE, Vector3, Weather
-from drivers.wire.geocom_constants import Result
+from drivers.values import PRESSURE, TEMPERATURE, Vector3, Weather, vector
+from drivers.wire.geocom import parse_whole, parse_words
+from drivers.wire.geocom_constants import INCLINATION_AUTO, LockStatus, Program, Result, Rpc
 
 NARROWEST_RAD, WIDEST_RAD = 0.02, 0.5
 """Bounds of a search window: the field where a prism is seen without searching, half a room."""
+MM_PER_M = 1e3
+NORMAL_POSITIONING, TO_TARGET, UNUSED = 0, 1, 0
 
 
 def is_locked(client: GeocomClient) -> bool:
     """Whether the telescope follows a prism now."""
-    return client.ask(lambda geocom: geocom.mot.get_lockon_status()) is ATRLock.LOCK
+    return client.ask(Rpc.MOT_READ_LOCK_STATUS, _lock_status) is LockStatus.LOCKED
 
 
 def require_lock(client: GeocomClient, doing: str) -> None:
@@ -37,12 +47,10 @@ def require_prism(client: GeocomClient, doing: str) -> None:
 
 def telescope_direction(client: GeocomClient) -> Vector3 | None:
     """Read the angles as a unit vector, X east, Y north, Z up; None when there are none."""
-    angles = client.ask_or_none(lambda geocom: geocom.tmc.get_angle())
-    if angles is None:
+    angles = client.ask_or_none(Rpc.TMC_GET_ANGLE_5, numbers(2), INCLINATION_AUTO)
+    if angles is None or not all(map(isfinite, angles)):
         return None
-    hz, zenith = map(float, angles)
-    if not (isfinite(hz) and isfinite(zenith)):
-        return None
+    hz, zenith = angles
     return sin(zenith) * sin(hz), sin(zenith) * cos(hz), cos(zenith)
 
 
@@ -62,9 +70,9 @@ def turn_to(client: GeocomClient, point_mm: Vector3, radius_mm: float) -> None:
             remedy="check the plan's points and the tracker's place",
         )
     hz_rad, v_rad, distance_mm = direction
+    how = NORMAL_POSITIONING, TO_TARGET, UNUSED
     code = client.attempt(
-        lambda geocom: geocom.aut.turn_to(hz_rad, v_rad, Position.NORMAL, ATR.TARGET),
-        within_s=client.deadlines.motion_s,
+        Rpc.AUT_MAKE_POSITIONING, hz_rad, v_rad, *how, within_s=client.deadlines.motion_s
     )
     if code in BEAM_LOST:
         search(client, distance_mm, radius_mm)
@@ -77,8 +85,7 @@ def search(client: GeocomClient, distance_mm: float, radius_mm: float) -> None:
     width_rad = 2.0 * atan2(radius_mm, max(distance_mm, 0.0))
     window_rad = min(max(width_rad, NARROWEST_RAD), WIDEST_RAD)
     code = client.attempt(
-        lambda geocom: geocom.aut.search(window_rad, window_rad),
-        within_s=client.deadlines.motion_s,
+        Rpc.AUT_SEARCH, window_rad, window_rad, UNUSED, within_s=client.deadlines.motion_s
     )
     _follow(client, "searching", code)
 
@@ -93,13 +100,16 @@ def _follow(client: GeocomClient, doing: str, code: int) -> None:
 def _lock(client: GeocomClient) -> int:
     """Aim finely at the prism in view and follow it; returns what failed, or OK."""
     within_s = client.deadlines.motion_s
-    code = client.attempt(
-        lambda geocom: geocom.aut.fine_adjust(NARROWEST_RAD, NARROWEST_RAD), within_s=within_s
-    )
-    return code or client.attempt(lambda geocom: geocom.aut.lock_in(), within_s=within_s)
+    window = NARROWEST_RAD, NARROWEST_RAD, UNUSED
+    code = client.attempt(Rpc.AUT_FINE_ADJUST, *window, within_s=within_s)
+    return code or client.attempt(Rpc.AUT_LOCK_IN, within_s=within_s)
 
 
-MM_PER_M = 1e3
+def _lock_status(words: Sequence[str]) -> LockStatus:
+    try:
+        return LockStatus(whole(words))
+    except ValueError as error:
+        raise WireError(f"{words[0]!r:.80} is no status of a lock") from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,23 +129,22 @@ def measure_point(client: GeocomClient, before_ms: int) -> MeasuredPoint:
     Raises `BeamBroken` when there is no distance, or when the angles are not the prism's, and
     `NotAMeasurement` when the distance is that of the point before, measured at `before_ms`.
     """
+    clear = Rpc.TMC_DO_MEASURE, Program.CLEAR, INCLINATION_AUTO
     try:
-        client.tell(lambda geocom: geocom.tmc.do_measurement(Program.DISTANCE))
+        client.tell(Rpc.TMC_DO_MEASURE, Program.DISTANCE, INCLINATION_AUTO)
         point = _taken(client)
         _require_new(client.name, point, before_ms)
     except DeviceRefused:
-        if client.attempt(lambda geocom: geocom.tmc.do_measurement(Program.CLEAR)) != Result.OK:
+        if client.attempt(*clear) != Result.OK:
             client.close()  # its distance may still come, and would be the next one's
         raise
-    client.tell(lambda geocom: geocom.tmc.do_measurement(Program.CLEAR))
+    client.tell(*clear)
     return point
 
 
 def weather_set(client: GeocomClient) -> Weather:
     """Read the air as the operator has set it: a total station measures none itself."""
-    _wavelength, pressure_hPa, dry_degC, wet_degC = client.ask(
-        lambda geocom: geocom.tmc.get_atmospheric_corrections()
-    )
+    _wavelength, pressure_hPa, dry_degC, wet_degC = client.ask(Rpc.TMC_GET_ATM_CORR, numbers(4))
     require(client.name, PRESSURE, pressure_hPa)
     require(client.name, TEMPERATURE, dry_degC)
     require(client.name, TEMPERATURE, wet_degC, which="wet air temperature")
@@ -143,16 +152,29 @@ def weather_set(client: GeocomClient) -> Weather:
     return Weather(dry_degC, pressure_hPa, humidity_percent)
 
 
+def read_coordinates(words: Sequence[str]) -> tuple[Vector3, int]:
+    """Point in mm and the time in ms at which its distance was measured; raises `WireError`.
+
+    East, north, height and their time; behind them, the same of the present angles.
+    """
+    east, north, height, at_ms, *present, _present_at_ms = parse_words(words, 8)
+    for word in present:
+        any_number(word)
+    return vector(MM_PER_M * any_number(word) for word in (east, north, height)), parse_whole(at_ms)
+
+
 def _taken(client: GeocomClient) -> MeasuredPoint:
     wait_s = client.deadlines.distance_s
     found = client.deliver(
-        lambda geocom: geocom.tmc.get_coordinate(wait_s),
+        Rpc.TMC_GET_COORDINATE,
+        read_coordinates,
+        wait_s * 1000,
+        INCLINATION_AUTO,
         within_s=wait_s + client.deadlines.answer_s,
     )
     if found.warned:
         _require_aimed(client, found.raw)
-    place, distance_at_ms = found.values[:2]
-    point_mm = (MM_PER_M * place.e, MM_PER_M * place.n, MM_PER_M * place.h)
+    point_mm, distance_at_ms = found.values
     require_point(client.name, point_mm)
     return MeasuredPoint(
         point_mm, warned=found.warned, raw=found.raw, distance_at_ms=distance_at_ms
@@ -174,7 +196,7 @@ def _require_new(where: str, point: MeasuredPoint, before_ms: int) -> None:
 
 def _require_aimed(client: GeocomClient, raw: str) -> None:
     """Refuse a point whose angles are where the telescope happened to look."""
-    if client.ask_or_none(lambda geocom: geocom.tmc.was_not_atr_corrected()):
+    if client.ask_or_none(Rpc.TMC_IF_DATA_AZE_CORR_ERROR, whole):
         raise BeamBroken(
             f"{client.name}: the angles were not corrected by target recognition ({raw})",
             remedy=BEAM_REMEDY,

@@ -1,65 +1,103 @@
-"""Prisms by the names that the instrument has for them."""
+"""Set-up of a total station before it measures: its prism, its frame, and whether both hold."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from math import isclose
 
-from geocompy.data import Coordinate
-from geocompy.geo.gcdata import EDMModeV2, Measurement, Prism, Target
-
 from drivers.errors import DeviceNotReady, DeviceRefused
-from drivers.geocom.client import GeocomClient
+from drivers.geocom.client import GeocomClient, number, numbers, text, whole, wholes
 from drivers.session import changed, require_kept
-from drivers.wire.geocom_constants import Capability
+from drivers.wire.geocom import parse_words
+from drivers.wire.geocom_constants import (
+    INCLINATION_AUTO,
+    PRISMS,
+    USER_PRISM,
+    USER_PRISMS,
+    Capability,
+    EdmMode,
+    Program,
+    Rpc,
+    TargetType,
+)
 
-USER_KINDS = frozenset({Prism.USER, Prism.USER1, Prism.USER2, Prism.USER3})
-"""Prisms told apart by their names; GeoCOM cannot list them."""
+ON, OFF = 1, 0
+ORIGIN = (0.0, 0.0, 0.0)
+NO_SCALE = (OFF, 1.0, 0.0, 0.0, 0.0)
+"""Projections leave distances as they are."""
+NO_REFRACTION = (OFF, 6378000, 0.13)
+"""Switch, radius of the earth in m, coefficient."""
 
 
 @dataclass(frozen=True, slots=True)
 class NamedPrism:
     """A prism type, and its name."""
 
-    kind: Prism
+    kind: int
     name: str
+
+
+@dataclass(frozen=True, slots=True)
+class GeocomSettings:
+    """Settings that decide what the numbers of a result mean, as read back.
+
+    `station` is the instrument's place and height, `scale` a map projection; lengths in m. None:
+    the instrument won't say.
+    """
+
+    station: tuple[float, ...]
+    target_height: float
+    prism_constant: float
+    target_type: int | None
+    scale: tuple[float, ...] | None
+
+
+@dataclass(frozen=True, slots=True)
+class InstrumentKind:
+    """Kind of an instrument by CSV_GetDeviceConfig."""
+
+    device_class: int
+    capabilities: int
 
 
 def known_prisms(client: GeocomClient) -> list[NamedPrism]:
     """Return the instrument's own prisms, and the one in use if its operator defined it."""
     standard = [
-        NamedPrism(kind, definition[0])
-        for kind in Prism
-        if kind not in USER_KINDS and (definition := _definition(client, kind)) is not None
+        NamedPrism(kind, name)
+        for kind in PRISMS
+        if kind not in USER_PRISMS
+        and (name := client.ask_or_none(Rpc.BAP_GET_PRISM_DEF, _first_text, kind)) is not None
     ]
     in_use = prism_in_use(client)
-    own = [] if in_use is None or in_use.kind not in USER_KINDS else [in_use]
+    own = [] if in_use is None or in_use.kind not in USER_PRISMS else [in_use]
     return [*standard, *own]
 
 
 def prism_in_use(client: GeocomClient) -> NamedPrism | None:
     """Return the prism that distances are corrected for; None when the instrument won't say."""
-    found = client.ask_or_none(lambda geocom: geocom.bap.get_prism_type_name())
-    return None if found is None else NamedPrism(*found)
+    return client.ask_or_none(Rpc.BAP_GET_PRISM_TYPE_2, _named_prism)
 
 
 def choose_prism(client: GeocomClient, name: str) -> None:
     """Use the prism of that name; raises `DeviceNotReady` when there is none."""
     known = known_prisms(client)
     standard = [prism.kind for prism in known if prism.name == name]
-    if standard and standard[0] not in USER_KINDS:
-        client.tell(lambda geocom: geocom.bap.set_prism_type(standard[0]))
+    if standard and standard[0] not in USER_PRISMS:
+        client.tell(Rpc.BAP_SET_PRISM_TYPE, standard[0])
         return
-    if client.ask_or_none(lambda geocom: geocom.bap.get_user_prism_definition(name)) is None:
+    if not _knows_user_prism(client, name):
         raise DeviceNotReady(
             f"{client.name}: the instrument has no prism '{name}'",
             remedy=_named_instead(name, [prism.name for prism in known]),
         )
-    client.tell(lambda geocom: geocom.bap.set_prism_type_name(Prism.USER, name))
+    client.tell(Rpc.BAP_SET_PRISM_TYPE_2, USER_PRISM, name)
 
 
-def _definition(client: GeocomClient, kind: Prism) -> tuple[str, float, object] | None:
-    return client.ask_or_none(lambda geocom: geocom.bap.get_prism_definition(kind))
+def _knows_user_prism(client: GeocomClient, name: str) -> bool:
+    """Whether its operator has defined it; a name beyond ASCII comes with its escapes."""
+    if not name.isascii():
+        return False
+    return client.ask_or_none(Rpc.BAP_GET_USER_PRISM_DEF, _three_words, name) is not None
 
 
 def _named_instead(name: str, known: Sequence[str]) -> str:
@@ -72,44 +110,13 @@ def _named_instead(name: str, known: Sequence[str]) -> str:
     return f"{guess}define it on the instrument under this name, or take one of {listed}"
 
 
-ORIGIN = Coordinate(0.0, 0.0, 0.0)
-NO_SCALE = (False, 1.0, 0.0, 0.0, 0.0)
-"""Projections leave distances as they are."""
+def read_kind(client: GeocomClient) -> InstrumentKind | None:
+    """Return the instrument's class and what it has; None when it won't say."""
+    found = client.ask_or_none(Rpc.CSV_GET_DEVICE_CONFIG, wholes(2))
+    return None if found is None else InstrumentKind(*found)
 
 
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """Settings that decide what the numbers of a result mean, as read back.
-
-    `station` is the instrument's place and height, `scale` a map projection; lengths in m. None:
-    the instrument won't say.
-    """
-
-    station: tuple[float, float, float, float]
-    target_height: float
-    prism_constant: float
-    target_type: Target | None
-    scale: tuple[bool, float, float, float, float] | None
-
-
-@dataclass(frozen=True, slots=True)
-class Kind:
-    """Kind of an instrument by CSV_GetDeviceConfig."""
-
-    device_class: int
-    capabilities: int
-
-
-def read_kind(client: GeocomClient) -> Kind | None:
-    """Return the instrument's class and what it has; None when it won't say.
-
-    Read as numbers, because geocompy refuses classes that came after it.
-    """
-    found = client.ask_or_none(lambda geocom: geocom.request(5035, (), (int, int)))
-    return None if found is None else Kind(*found)
-
-
-def set_up(client: GeocomClient, prism: str) -> Settings:
+def set_up(client: GeocomClient, prism: str) -> GeocomSettings:
     """Bring the instrument to what measuring needs and return its settings as it then has them.
 
     Points are then in its own frame: station and heights zero, no projection, no refraction.
@@ -117,31 +124,30 @@ def set_up(client: GeocomClient, prism: str) -> Settings:
     aim by itself.
     """
     _require_robotic(client)
-    client.tell(lambda geocom: geocom.tmc.do_measurement(Measurement.CLEAR))
-    client.attempt(lambda geocom: geocom.bap.set_target_type(Target.REFLECTOR))
-    client.attempt(lambda geocom: geocom.tmc.set_edm_mode_v2(EDMModeV2.SINGLE_STANDARD))
+    client.tell(Rpc.TMC_DO_MEASURE, Program.CLEAR, INCLINATION_AUTO)
+    client.attempt(Rpc.BAP_SET_TARGET_TYPE, TargetType.REFLECTOR)
+    client.attempt(Rpc.TMC_SET_EDM_MODE, EdmMode.SINGLE_STANDARD)
     choose_prism(client, prism)
     _set_own_frame(client)
-    client.tell(lambda geocom: geocom.aus.switch_user_atr(enabled=True))
-    client.tell(lambda geocom: geocom.aus.switch_user_lock(enabled=True))
+    client.tell(Rpc.AUS_SET_USER_ATR_STATE, ON)
+    client.tell(Rpc.AUS_SET_USER_LOCK_STATE, ON)
     settings = read_settings(client)
     _require_kept(client, settings, prism)
     return settings
 
 
-def read_settings(client: GeocomClient) -> Settings:
+def read_settings(client: GeocomClient) -> GeocomSettings:
     """Read back everything that decides what a result means."""
-    place, height = client.ask(lambda geocom: geocom.tmc.get_station())
-    return Settings(
-        (place.x, place.y, place.z, height),
-        client.ask(lambda geocom: geocom.tmc.get_target_height()),
-        client.ask(lambda geocom: geocom.tmc.get_prism_correction()),
-        client.ask_or_none(lambda geocom: geocom.bap.get_target_type()),
-        client.ask_or_none(lambda geocom: geocom.tmc.get_geometric_correction_ppm()),
+    return GeocomSettings(
+        client.ask(Rpc.TMC_GET_STATION, numbers(4)),
+        client.ask(Rpc.TMC_GET_HEIGHT, number),
+        client.ask(Rpc.TMC_GET_PRISM_CORR, number),
+        client.ask_or_none(Rpc.BAP_GET_TARGET_TYPE, whole),
+        client.ask_or_none(Rpc.TMC_GET_GEO_PPM, numbers(5)),
     )
 
 
-def require_unchanged(client: GeocomClient, agreed: Settings) -> None:
+def require_unchanged(client: GeocomClient, agreed: GeocomSettings) -> None:
     """Raise `DeviceNotReady` when somebody has changed what a result means."""
     current = read_settings(client)
     if current == agreed:
@@ -168,18 +174,18 @@ def _require_robotic(client: GeocomClient) -> None:
 
 def _set_own_frame(client: GeocomClient) -> None:
     """Set station and heights to zero; what a simpler instrument lacks it also doesn't apply."""
-    client.tell(lambda geocom: geocom.tmc.set_station(ORIGIN, 0.0))
-    client.tell(lambda geocom: geocom.tmc.set_target_height(0.0))
-    client.attempt(lambda geocom: geocom.tmc.set_refractive_correction(enabled=False))
-    client.attempt(lambda geocom: geocom.tmc.set_geometric_correction_ppm(*NO_SCALE))
+    client.tell(Rpc.TMC_SET_STATION, *ORIGIN, 0.0)
+    client.tell(Rpc.TMC_SET_HEIGHT, 0.0)
+    client.attempt(Rpc.TMC_SET_REFRACTIVE_CORR, *NO_REFRACTION)
+    client.attempt(Rpc.TMC_SET_GEO_PPM, *NO_SCALE)
 
 
-def _require_kept(client: GeocomClient, settings: Settings, prism: str) -> None:
+def _require_kept(client: GeocomClient, settings: GeocomSettings, prism: str) -> None:
     in_use = prism_in_use(client)
     kept = {
         "station": not any(settings.station),
         "target height": settings.target_height == 0.0,
-        "target type": settings.target_type in {None, Target.REFLECTOR},
+        "target type": settings.target_type in {None, TargetType.REFLECTOR},
         "scale": settings.scale is None or _is_neutral(settings.scale),
         "prism": in_use is None or in_use.name == prism,
     }
@@ -187,7 +193,20 @@ def _require_kept(client: GeocomClient, settings: Settings, prism: str) -> None:
     require_kept(f"{client.name}: the instrument", kept, remedy=remedy)
 
 
-def _is_neutral(scale: tuple[bool, float, float, float, float]) -> bool:
+def _is_neutral(scale: Sequence[float]) -> bool:
     automatic, factor, _offset, reduction_ppm, individual_ppm = scale
     is_neutral = isclose(factor, 1.0) and reduction_ppm == individual_ppm == 0.0
     return is_neutral and not automatic
+
+
+def _named_prism(words: Sequence[str]) -> NamedPrism:
+    kind, name = parse_words(words, 2)
+    return NamedPrism(whole([kind]), text([name]))
+
+
+def _first_text(words: Sequence[str]) -> str:
+    return text(_three_words(words)[:1])
+
+
+def _three_words(words: Sequence[str]) -> Sequence[str]:
+    return parse_words(words, 3)

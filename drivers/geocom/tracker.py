@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.geocom.accuracy import Accuracy, accuracy_of_class, covariance_mm2
-from drivers.geocom.client import GeocomClient, GeocomDeadlines
+from drivers.geocom.client import GeocomClient, GeocomDeadlines, text, whole, wholes
 from drivers.geocom.measuring import (
     is_locked,
     lock_if_in_view,
@@ -21,7 +21,7 @@ from drivers.geocom.measuring import (
     weather_set,
 )
 from drivers.geocom.setup import (
-    Settings,
+    GeocomSettings,
     known_prisms,
     prism_in_use,
     read_kind,
@@ -41,6 +41,7 @@ from drivers.values import (
     Vector3,
     Weather,
 )
+from drivers.wire.geocom_constants import Rpc
 
 SEARCH_RADIUS_MM = 50.0
 
@@ -49,7 +50,7 @@ SEARCH_RADIUS_MM = 50.0
 class _Agreement:
     """Agreement on how the instrument was prepared, and what its points are then worth."""
 
-    settings: Settings
+    settings: GeocomSettings
     accuracy: Accuracy
 
 
@@ -81,7 +82,7 @@ class GeocomTracker:
         self._session = PreparedSession("tracker", self._opened, self._greet, self._set_up)
 
     def connect(self) -> None:
-        """Open the wire and see who answers; takes a second more than its answers do.
+        """Open the wire and see who answers.
 
         From the second time on it must be the same instrument that answers, else `WrongDevice`.
         """
@@ -125,7 +126,7 @@ class GeocomTracker:
         GeoCOM knows no offset from a prism to a surface; it is told as 0.
         """
         prisms = known_prisms(self._session.connection)
-        return tuple(Reflector(prism.name, prism.kind.value, 0.0) for prism in prisms)
+        return tuple(Reflector(prism.name, prism.kind, 0.0) for prism in prisms)
 
     def prepare(self, reflector: str, measuring_time_s: float) -> None:  # noqa: ARG002 - see below
         """Bring the instrument to what measuring needs, and have it follow a prism in view.
@@ -181,7 +182,7 @@ class GeocomTracker:
         )
 
     def _greet(self, client: GeocomClient) -> Identity:
-        client.set_decimals()
+        client.greet()
         return _identity(client)
 
     def _set_up(self, client: GeocomClient, reflector: str) -> _Agreement:
@@ -197,11 +198,11 @@ class GeocomTracker:
 
 
 def _identity(client: GeocomClient) -> Identity:
-    firmware = client.ask(lambda geocom: geocom.csv.get_firmware_version())
+    firmware = client.ask(Rpc.CSV_GET_SW_VERSION, wholes(3))
     return Identity(
         vendor="Leica",
-        model=client.ask(lambda geocom: geocom.csv.get_instrument_name()),
-        serial=str(client.ask(lambda geocom: geocom.csv.get_serial_number())),
+        model=client.ask(Rpc.CSV_GET_INSTRUMENT_NAME, text),
+        serial=str(client.ask(Rpc.CSV_GET_INSTRUMENT_NO, whole)),
         firmware=".".join(map(str, firmware)),
         protocol="GeoCOM",
     )

@@ -1,32 +1,54 @@
-"""The parameters of GeoCOM as words: numbers and quoted strings."""
+"""Grammar of GeoCOM: requests and replies as lines, their parameters as words."""
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from drivers.errors import WireError
 from drivers.wire.framing import LineFramer
 
 DECIMALS = 15
-"""Decimals with which a client writes a number."""
-
+"""Decimals with which a client writes a number, unless it says otherwise."""
+LINE_BYTES = 1024
+"""The longest line; carriage return counts. Nothing that measuring needs comes near it."""
+TERMINATOR = b"\r\n"
+ABORT = b"c"
+"""A single character that stops a motion; answered by `ABORTED`."""
+ABORTED = b"?"
+_SHOWN_BYTES = 80
+_CRC_POLYNOMIAL = 0xA001
+_NUMBER = rb"0|[1-9][0-9]{0,8}"
+_HEAD = rb"(?P<transaction>%b)(?:,(?P<crc>[0-9]{1,5}))?" % _NUMBER
+_REQUEST = re.compile(rb"%%R1Q,(?P<rpc>%b)(?:,%b)?:(?P<rest>[ -~]*)" % (_NUMBER, _HEAD))
+_REPLY = re.compile(
+    rb"%%R1P,(?P<communication>%b),%b:(?P<result>%b)(?:,(?P<rest>[ -~]*))?"
+    % (_NUMBER, _HEAD, _NUMBER)
+)
+_PARAMETER = re.compile(r'(?:"(?:[^"\\]|\\.)*"|[^",])*')
 _STRING = re.compile(r'"(?:[^"\\]|\\.)*"')
 _ESCAPE = re.compile(r"\\(?:[xX](?P<byte>[0-9a-fA-F]{2})|(?P<sign>.))")
 _WHOLE = re.compile(r"-?[0-9]{1,18}")
 _DECIMAL = re.compile(r"[+-]?[0-9]{1,18}(\.[0-9]{0,30})?([eE][+-]?[0-9]{1,2})?")
 
 
-def words_of(*values: float | str) -> tuple[str, ...]:
-    """Write whole numbers, numbers with a point, and strings, as a driver sends them."""
-    return tuple(_word(value) for value in values)
+def words_of(*values: float | str, decimals: int = DECIMALS) -> tuple[str, ...]:
+    """Write whole numbers, numbers with a point, and strings, as a driver sends them.
+
+    A string is sent as it is: what an instrument has escaped in a name, it knows again. Raises
+    `WireError` for one that would end before its end.
+    """
+    return tuple(_word(value, decimals) for value in values)
 
 
-def _word(value: float | str) -> str:
+def _word(value: float | str, decimals: int) -> str:
     if isinstance(value, str):
-        return string_word(value)
+        word = f'"{value}"'
+        if not _STRING.fullmatch(word):
+            raise WireError(f"{value!r:.80} cannot be sent as a string")
+        return word
     if isinstance(value, int):
         return f"{value:d}"
-    return number_word(value, DECIMALS)
+    return number_word(value, decimals)
 
 
 def number_word(value: float, digits: int) -> str:
@@ -79,25 +101,6 @@ def parse_words(parameters: Sequence[str], count: int) -> Sequence[str]:
     return parameters
 
 
-LINE_BYTES = 1024
-"""The longest line; carriage return counts. Nothing that measuring needs comes near it."""
-TERMINATOR = b"\r\n"
-ABORT = b"c"
-"""A single character that stops a motion; answered by `ABORTED`."""
-ABORTED = b"?"
-
-_SHOWN_BYTES = 80
-_CRC_POLYNOMIAL = 0xA001
-_NUMBER = rb"0|[1-9][0-9]{0,8}"
-_HEAD = rb"(?P<transaction>%b)(?:,(?P<crc>[0-9]{1,5}))?" % _NUMBER
-_REQUEST = re.compile(rb"%%R1Q,(?P<rpc>%b)(?:,%b)?:(?P<rest>[ -~]*)" % (_NUMBER, _HEAD))
-_REPLY = re.compile(
-    rb"%%R1P,(?P<communication>%b),%b:(?P<result>%b)(?:,(?P<rest>[ -~]*))?"
-    % (_NUMBER, _HEAD, _NUMBER)
-)
-_PARAMETER = re.compile(r'(?:"(?:[^"\\]|\\.)*"|[^",])*')
-
-
 @dataclass(frozen=True, slots=True)
 class Request:
     """A call of a remote procedure; its parameters are words as on the wire.
@@ -118,13 +121,22 @@ class Abort:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """Reply to a request: whether it could be carried, what came of it, and the values."""
+    """Reply to a request: whether it could be carried, what came of it, and the values.
+
+    `line` is it as it came, without its end.
+    """
 
     communication: int
     transaction: int
     result: int
     parameters: tuple[str, ...] = ()
     checked: bool = False
+    line: str = field(default="", compare=False)
+
+    @property
+    def code(self) -> int:
+        """What went wrong, on the way or in the instrument; 0 when nothing did."""
+        return self.communication or self.result
 
 
 class BadChecksum(WireError):
@@ -181,6 +193,7 @@ def decode_reply(line: bytes) -> Reply:
         int(found["result"]),
         _split(found["rest"]),
         checked=found["crc"] is not None,
+        line=line.decode("ascii"),
     )
 
 
@@ -205,10 +218,10 @@ def line_framer() -> LineFramer:
 
 
 def _line(head: str, tail: str, *, checked: bool) -> bytes:
-    try:
-        plain = (head + tail).encode("ascii")
-    except UnicodeEncodeError as error:
-        raise WireError(f"{head}{tail!r:.80} cannot be sent: it is not ASCII") from error
+    text = head + tail
+    if not (text.isascii() and text.isprintable()):
+        raise WireError(f"{text!r:.80} cannot be sent: it is not printable ASCII")
+    plain = text.encode("ascii")
     if checked:
         plain = f"{head},{crc16(plain)}{tail}".encode("ascii")
     if len(plain) >= LINE_BYTES:

@@ -147,8 +147,20 @@ class Capability(IntEnum):
     TARGET_RECOGNITION = 0x8
 
 
+class EdmMode(IntEnum):
+    """Mode of the distance meter, of several the one that we use."""
+
+    SINGLE_STANDARD = 2
+
+
+INCLINATION_AUTO = 1
+"""Angles are corrected by the inclination, which is measured where it has to be."""
+PRISMS = range(13)
+"""Prism types."""
 USER_PRISM = 9
 """The prism type that is told apart by its name."""
+USER_PRISMS = frozenset({4, 5, 6, USER_PRISM})
+"""Prisms told apart by their names; GeoCOM cannot list them."""
 
 
 def result_text(code: int) -> str:

@@ -136,7 +136,6 @@ def linuxcnc_calls(draw):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("no_pause_at_start")
 @pytest.mark.parametrize(
     ("calls_of", "seeds"),
     [(emscon_calls, 40), (geocom_calls, 40), (robotline_calls, 40), (linuxcnc_calls, 8)],

@@ -46,7 +46,6 @@ def test_joint_of_a_linuxcnc(word):
     linuxcnc.robot.stop()
 
 
-@pytest.mark.usefixtures("no_pause_at_start")
 @pytest.mark.parametrize(
     ("air", "said"),
     [
@@ -63,7 +62,6 @@ def test_air_set_in_a_total_station(air, said):
             call()
 
 
-@pytest.mark.usefixtures("no_pause_at_start")
 def test_number_of_decimals_of_a_total_station():
     bench = Bench()
     bench.instrument.says[Rpc.COM_SET_DOUBLE_PRECISION] = lambda request: [

@@ -8,8 +8,6 @@ from scripted_geocom import POINT_MM, Bench
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused
 from drivers.wire.geocom_constants import Result, Rpc
 
-pytestmark = pytest.mark.usefixtures("no_pause_at_start")
-
 
 def test_point_becomes_a_clockwise_angle_from_north_and_one_from_the_zenith():
     bench = Bench().prepared()

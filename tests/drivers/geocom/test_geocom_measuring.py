@@ -18,8 +18,6 @@ from drivers.geocom.accuracy import Accuracy, accuracy_of_class, covariance_mm2
 from drivers.wire.geocom import Reply, encode_reply, words_of
 from drivers.wire.geocom_constants import Result, Rpc
 
-pytestmark = pytest.mark.usefixtures("no_pause_at_start")
-
 
 def test_east_north_and_height_are_x_y_and_z_in_mm():
     measurement = Bench().prepared().tracker.measure()
@@ -106,7 +104,7 @@ def test_call_that_the_instrument_does_not_know_is_refused():
     bench.instrument.says[Rpc.TMC_DO_MEASURE] = lambda request: [
         (0.0, encode_reply(Reply(Result.COM_UNKNOWN_PROCEDURE, request.transaction, 0)))
     ]
-    with pytest.raises(DeviceRefused, match=r"TMC_DoMeasure failed: GeoCOM 3081"):
+    with pytest.raises(DeviceRefused, match=r"TMC_DO_MEASURE failed: GeoCOM 3081"):
         bench.tracker.measure()
 
 
@@ -230,7 +228,7 @@ def test_result_without_numbers_is_refused(word):
 def test_result_of_another_form_closes_the_wire(words):
     bench = Bench().prepared()
     bench.instrument.answers[Rpc.TMC_GET_COORDINATE] = (0, words)
-    with pytest.raises(WireError, match="TMC_GetCoordinate answers"):
+    with pytest.raises(WireError, match="TMC_GET_COORDINATE answers"):
         bench.tracker.measure()
     assert bench.pipe.is_closed
 

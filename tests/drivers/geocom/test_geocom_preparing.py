@@ -8,8 +8,6 @@ from drivers.values import Readiness
 from drivers.wire.geocom import Reply, encode_reply, words_of
 from drivers.wire.geocom_constants import Result, Rpc
 
-pytestmark = pytest.mark.usefixtures("no_pause_at_start")
-
 
 def test_points_are_in_the_instruments_own_frame_then():
     instrument = Bench().prepared().instrument

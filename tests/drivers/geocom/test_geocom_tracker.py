@@ -7,8 +7,6 @@ from drivers.errors import Cancelled, DeviceNotReady, DeviceRefused, LinkDown, W
 from drivers.wire.geocom import Reply, encode_reply, words_of
 from drivers.wire.geocom_constants import Result, Rpc
 
-pytestmark = pytest.mark.usefixtures("no_pause_at_start")
-
 
 class TestSession:
     def test_identity_is_name_serial_and_firmware(self):

@@ -123,7 +123,7 @@ class TestLines:
             encode_request(Request(1, 1, words_of("x" * LINE_BYTES)))
 
     def test_word_that_is_not_ascii_is_not_written(self):
-        with pytest.raises(WireError, match="not ASCII"):
+        with pytest.raises(WireError, match="not printable ASCII"):
             encode_request(Request(1, 1, ("°",)))
 
 

@@ -25,12 +25,6 @@ IMPATIENT = GeocomDeadlines(answer_s=0.4, greeting_s=0.4, distance_s=2)
 CCR = "CCR-1.5in"
 
 
-@pytest.fixture(autouse=True)
-def no_pause_at_start(monkeypatch):
-    """geocompy sleeps for a second whenever it is connected."""
-    monkeypatch.setattr("geocompy.geo.sleep", lambda seconds: None)
-
-
 @contextmanager
 def served(wire="tcp", faults=(), **tracker):
     """A cell whose tracker answers GeoCOM; gives the cell and the tracker's URL."""
