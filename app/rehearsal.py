@@ -49,7 +49,7 @@ def rehearse(
     heading(terminal, 7, "validate after")
     after = _validated(campaign, terminal, "after")
     document["after"] = after.result.document()
-    show_gain(terminal, (before.result,), after.result)
+    show_gain(terminal, after.evaluation)
     return document, after.verdict.reasons
 
 

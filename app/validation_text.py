@@ -1,11 +1,10 @@
 """Result of a validation, for people and as a document."""
 
-from collections.abc import Sequence
-
 from app.console import BAD, GOOD, OPEN, Terminal
 from campaigns.chain.validation import Validated, ValidationStage
-from campaigns.evaluation.gains import NO_CHANGE, Gain, gains_over
-from campaigns.evaluation.validation import ValidationResult, ValidationVerdict
+from campaigns.evaluation.gains import NO_CHANGE, Gain
+from campaigns.evaluation.validation import ValidationResult
+from campaigns.evidence import Evaluation
 
 STYLES = {"pass": GOOD, "fail": BAD, "not decided": OPEN}
 
@@ -15,6 +14,7 @@ def validation_document(found: Validated) -> dict[str, object]:
     verdict = found.verdict
     return {
         **found.result.document(),
+        "series": dict(found.whole.series),
         "decision": verdict.decision,
         "reasons": list(verdict.reasons),
         "requirements": [
@@ -42,25 +42,20 @@ def show(terminal: Terminal, stage: ValidationStage, found: Validated) -> None:
     ]
     rows += [
         (name, in_mm(value), "-", "-", "-")
-        for name, value in found.result.further_figures_mm().items()
+        for name, value in found.whole.further_figures_mm().items()
     ]
     columns = ("", stage, "U (k = 2)", "limit", "decision")
     terminal.table(f"Validation, {stage} (mm)", columns, rows)
-    show_verdict(terminal, found.verdict)
-
-
-def show_verdict(terminal: Terminal, verdict: ValidationVerdict) -> None:
-    """What was decided, and why it is not good."""
+    _show_series(terminal, stage, found.whole)
+    verdict = found.verdict
     for reason in verdict.reasons:
         terminal.say(f"not good: {reason}", STYLES.get(verdict.decision or "", ""))
     if verdict.decision == "pass":
         terminal.say("good: every limit asked for is kept, by more than the uncertainty", GOOD)
 
 
-def show_gain(
-    terminal: Terminal, before: Sequence[ValidationResult], after: ValidationResult
-) -> None:
-    """Before, oldest first, and after side by side; U (k = 2) is that of the difference."""
+def show_gain(terminal: Terminal, found: Evaluation) -> None:
+    """Before and after side by side; U (k = 2) is that of the difference."""
     rows = [
         (
             each.name,
@@ -68,24 +63,25 @@ def show_gain(
             in_mm(each.expanded_uncertainty_mm),
             _change(each),
         )
-        for each in gains_over(before, after)
+        for each in found.gains
     ]
-    rows += [
-        (name, in_mm(_latest_further_mm(before, name)), in_mm(value), "-", "")
-        for name, value in after.further_figures_mm().items()
-    ]
+    if found.before is not None and found.after is not None:
+        old, new = found.before.further_figures_mm(), found.after.further_figures_mm()
+        rows += [(name, in_mm(old[name]), in_mm(value), "-", "") for name, value in new.items()]
     columns = ("", "before", "after", "U", "")
     terminal.table("Gain (mm)", columns, rows)
+    for stage, whole in (("before", found.before), ("after", found.after)):
+        _show_series(terminal, stage, whole)
+
+
+def _show_series(terminal: Terminal, stage: str, whole: ValidationResult | None) -> None:
+    if whole is not None and whole.series_in_words:
+        terminal.say(f"{stage}: {whole.series_in_words}")
 
 
 def in_mm(value: float | None) -> str:
     """A figure as it is shown."""
     return "-" if value is None else f"{value:.3f}"
-
-
-def _latest_further_mm(stages: Sequence[ValidationResult], name: str) -> float | None:
-    values = (stage.further_figures_mm()[name] for stage in reversed(stages))
-    return next((value for value in values if value is not None), None)
 
 
 def _change(gain: Gain) -> str:

@@ -5,6 +5,7 @@ Only reads. The report and the live page show it; neither judges anything itself
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -21,7 +22,7 @@ from campaigns.evaluation.campaign_verdict import (
     IdentificationVerdict,
     campaign_verdict,
 )
-from campaigns.evaluation.gains import Gain, gained_in_words, gains
+from campaigns.evaluation.gains import Gain, gained_in_words, gains, worse_than_before
 from campaigns.evaluation.integrity import (
     CampaignDigests,
     Check,
@@ -40,7 +41,9 @@ from campaigns.evaluation.simulated_devices import SimulatedDevices, simulated_d
 from campaigns.evaluation.time_series import TimeSeries, time_series
 from campaigns.evaluation.validation import (
     ValidationResult,
+    ValidationVerdict,
     evaluate_validation,
+    latest_of_each_test,
     validation_verdict,
 )
 from campaigns.identification.result import (
@@ -163,9 +166,10 @@ class Evidence:
 
     campaign: Campaign
     journal: JournalFacts | None = None
-    before: MeasuredSeries | None = None
+    before: tuple[MeasuredSeries, ...] = ()
+    """Those of the validation, oldest first; of each test the latest counts."""
     run: MeasuredSeries | None = None
-    after: MeasuredSeries | None = None
+    after: tuple[MeasuredSeries, ...] = ()
     identification: RecordedIdentification | None = None
     loaded: LoadRecord | None = None
     plan: tuple[PlannedShot, ...] | None = None
@@ -181,23 +185,94 @@ class Evidence:
 
     def by_stage(self) -> tuple[tuple[str, MeasuredSeries], ...]:
         """The series that are there, in the order in which a campaign measures them."""
-        named = (("before", self.before), ("run", self.run), ("after", self.after))
-        return tuple((name, measured) for name, measured in named if measured is not None)
+        run = () if self.run is None else (self.run,)
+        stages = (("before", self.before), ("run", run), ("after", self.after))
+        return tuple(
+            (name if len(every) == 1 else f"{name}, series {measured.series.number}", measured)
+            for name, every in stages
+            for measured in every
+        )
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Evaluation of a campaign's evidence; None: the campaign does not have it yet."""
+    """Evaluation of a campaign's evidence, worked out as it is asked for.
+
+    None: the campaign does not have it yet.
+    """
 
     evidence: Evidence
-    before: ValidationResult | None
-    after: ValidationResult | None
-    errors: ModelErrors | None
-    budget: ResidualBudget | None
-    checks: tuple[Check, ...]
-    verdict: CampaignVerdict
-    time_series: tuple[TimeSeries, ...]
-    gains: tuple[Gain, ...]
+
+    @cached_property
+    def before(self) -> ValidationResult | None:
+        """Validation before calibration: of each test the latest."""
+        return self._validation(self.evidence.before)
+
+    @cached_property
+    def after(self) -> ValidationResult | None:
+        """Validation after calibration: of each test the latest."""
+        return self._validation(self.evidence.after)
+
+    @cached_property
+    def gains(self) -> tuple[Gain, ...]:
+        """Every figure of the commanded robot before and after."""
+        return gains(self.before, self.after)
+
+    @cached_property
+    def errors(self) -> ModelErrors | None:
+        """Errors of the models."""
+        return _errors(self.evidence)
+
+    @cached_property
+    def budget(self) -> ResidualBudget | None:
+        """Causes of what the model leaves."""
+        found, errors, stage = self.evidence.identification, self.errors, self.after or self.before
+        if found is None or errors is None:
+            return None
+        repeated = stage.repeatability.away_mm if stage and stage.repeatability else None
+        chi2 = None if found.chi2 is None else found.chi2.value
+        return residual_budget(errors, found.estimator, found.dof, chi2, repeated)
+
+    @cached_property
+    def checks(self) -> tuple[Check, ...]:
+        """Checks of whether the files belong together."""
+        return (*integrity_checks(_digests(self.evidence)), *_load_check(self.evidence.journal))
+
+    @cached_property
+    def time_series(self) -> tuple[TimeSeries, ...]:
+        """Temperature and drift of each series that tells of them."""
+        every = (time_series(name, each.shots) for name, each in self.evidence.by_stage())
+        return tuple(each for each in every if not each.is_empty)
+
+    def validated(self, stage: Literal["before", "after"]) -> ValidationVerdict:
+        """Verdict on the robot in a stage; after calibration it must not be worse than before."""
+        limits = self.evidence.campaign.config.acceptance
+        if stage == "before":
+            return validation_verdict(self.before, limits)
+        return validation_verdict(self.after, limits, worse_than_before(self.gains))
+
+    @cached_property
+    def verdict(self) -> CampaignVerdict:
+        """Verdict on the whole campaign."""
+        found = self.evidence.identification
+        return campaign_verdict(
+            _identification_verdict(found),
+            self.validated("after"),
+            self.checks,
+            validated=self.after is not None,
+            gained=gained_in_words(self.gains, found.unseen_mm if found else None),
+        )
+
+    def _validation(self, every: tuple[MeasuredSeries, ...]) -> ValidationResult | None:
+        instrument = self.evidence.campaign.instrument
+        return latest_of_each_test(
+            evaluate_validation(each.shots, instrument, each.series.number) for each in every
+        )
+
+
+def evaluate(campaign: Campaign) -> Evaluation:
+    """Evaluation of all that a campaign has; raises as `gather` does."""
+    return Evaluation(gather(campaign))
 
 
 def gather(campaign: Campaign) -> Evidence:
@@ -216,50 +291,20 @@ def gather(campaign: Campaign) -> Evidence:
         identification = _latest(entries, "identification", read_identification, unreadable)
         loaded = _latest(entries, "load", read_load, unreadable)
         unended = _unended_load(journal, unreadable)
-
-        def measured(series: Series | None) -> MeasuredSeries | None:
-            return _measured(campaign, entries, series)
-
         return Evidence(
             campaign=campaign,
             journal=_facts(journal, entries, all_series, identification, unended),
-            before=measured(_chosen(all_series, {"before"})),
-            run=measured(_identified_series(all_series, identification)),
-            after=measured(_chosen(all_series, {"after", "after by targets"})),
+            before=_all_measured(campaign, entries, _chosen(all_series, {"before"})),
+            run=_measured(campaign, entries, _identified_series(all_series, identification)),
+            after=_all_measured(
+                campaign, entries, _chosen(all_series, {"after", "after by targets"})
+            ),
             identification=identification,
             loaded=loaded,
             plan=plan,
             parameter_file=parameters,
             unreadable=tuple(unreadable),
         )
-
-
-def evaluate(evidence: Evidence) -> Evaluation:
-    """Everything that evaluation says of a campaign's evidence."""
-    campaign, found = evidence.campaign, evidence.identification
-    before, after = (_validation(campaign, each) for each in (evidence.before, evidence.after))
-    errors, gained = _errors(evidence), gains(before, after)
-    checks = (*integrity_checks(_digests(evidence)), *_load_check(evidence.journal))
-    mean_before_mm = before.distances.mean.value_mm if before and before.distances else None
-    validated = validation_verdict(after, campaign.config.acceptance, mean_before_mm)
-    series = (time_series(name, measured.shots) for name, measured in evidence.by_stage())
-    return Evaluation(
-        evidence=evidence,
-        before=before,
-        after=after,
-        errors=errors,
-        budget=_budget(found, errors, after or before),
-        checks=checks,
-        verdict=campaign_verdict(
-            _identification_verdict(found),
-            validated,
-            checks,
-            validated=after is not None,
-            gained=gained_in_words(gained, found.unseen_mm if found else None),
-        ),
-        time_series=tuple(each for each in series if not each.is_empty),
-        gains=gained,
-    )
 
 
 def compared_kinematics(
@@ -347,11 +392,19 @@ def _identification_verdict(found: RecordedIdentification | None) -> Identificat
     return IdentificationVerdict(found.verdict, found.reasons, accepted)
 
 
-def _chosen(all_series: Iterable[Series], stages: set[Stage]) -> Series | None:
-    """The last finished series of these stages, or the last one begun when none is finished."""
+def _chosen(all_series: Iterable[Series], stages: set[Stage]) -> tuple[Series, ...]:
+    """Finished series of these stages, or the last one begun when none is finished.
+
+    All of the last one's stage, and with the same parameters in the controller: what was measured
+    with others says nothing of these.
+    """
     of_stage = [series for series in all_series if series.started.stage in stages]
-    finished = [series for series in of_stage if series.finished]
-    return next(iter([*reversed(finished), *reversed(of_stage)]), None)
+    counted = [series for series in of_stage if series.finished] or of_stage[-1:]
+    return tuple(each for each in counted if _conditions(each) == _conditions(counted[-1]))
+
+
+def _conditions(series: Series) -> tuple[str, str]:
+    return series.started.stage, series.started.robot_file_digest
 
 
 def _identified_series(
@@ -359,7 +412,8 @@ def _identified_series(
 ) -> Series | None:
     """The series that the identification rests on, or the one that the next would rest on."""
     if identification is None:
-        return _chosen(all_series, {"run", "import"})
+        runs = [each for each in all_series if each.started.stage in {"run", "import"}]
+        return max(runs, key=lambda each: (each.finished, each.number), default=None)
     return next((s for s in all_series if s.number == identification.series), None)
 
 
@@ -373,6 +427,13 @@ def _measured(
         return None
     intents = tuple(shot.intent for shot in shots)
     return MeasuredSeries(series, shots_of_journal(shots, campaign.robot.mechanism), intents)
+
+
+def _all_measured(
+    campaign: Campaign, entries: Iterable[Entry[Record]], every: Iterable[Series]
+) -> tuple[MeasuredSeries, ...]:
+    found = (_measured(campaign, entries, series) for series in every)
+    return tuple(measured for measured in found if measured is not None)
 
 
 def _facts(
@@ -403,10 +464,6 @@ def _series_facts(entries: Iterable[Entry[Record]], series: Series) -> SeriesFac
     return SeriesFacts(series, len(accepted_shots(own)), sessions, len(unstopped_sessions(own)))
 
 
-def _validation(campaign: Campaign, measured: MeasuredSeries | None) -> ValidationResult | None:
-    return None if measured is None else evaluate_validation(measured.shots, campaign.instrument)
-
-
 def _errors(evidence: Evidence) -> ModelErrors | None:
     if evidence.run is None:
         return None
@@ -421,24 +478,12 @@ def _errors(evidence: Evidence) -> ModelErrors | None:
     return model_errors(shots, models, excluded, campaign.instrument)
 
 
-def _budget(
-    found: RecordedIdentification | None,
-    errors: ModelErrors | None,
-    stage: ValidationResult | None,
-) -> ResidualBudget | None:
-    if found is None or errors is None:
-        return None
-    repeated = stage.repeatability.away_mm if stage and stage.repeatability else None
-    chi2 = None if found.chi2 is None else found.chi2.value
-    return residual_budget(errors, found.estimator, found.dof, chi2, repeated)
-
-
 def _digests(evidence: Evidence) -> CampaignDigests:
     campaign = evidence.campaign
     mechanism, plan = campaign.robot.mechanism, evidence.plan
     run = None if evidence.run is None else evidence.run.series.started
     plan_now = None if plan is None else plan_digest(plan, mechanism)
-    after = None if evidence.after is None else evidence.after.series.started
+    after = evidence.after[-1].series.started if evidence.after else None
     return CampaignDigests(
         plan_now=plan_now,
         plan_measured=_plan_measured(evidence, plan_now),
@@ -464,7 +509,7 @@ def _plan_measured(evidence: Evidence, plan_now: str | None) -> str | None:
 
 
 def _identified_digests(evidence: Evidence) -> IdentifiedDigests | None:
-    found, after = evidence.identification, evidence.after
+    found, after = evidence.identification, evidence.after[-1:]
     if found is None:
         return None
     file, loaded, journal = evidence.parameter_file, evidence.loaded, evidence.journal
@@ -477,8 +522,8 @@ def _identified_digests(evidence: Evidence) -> IdentifiedDigests | None:
         parameters=_digest_of(nominal, found.flat()),
         file_now=None if file is None else file.digest(),
         loaded=None if loaded is None else loaded.digest,
-        validated_with=None if after is None else after.series.started.robot_file_digest,
-        by_targets=after is not None and after.series.started.stage == "after by targets",
+        validated_with=after[0].series.started.robot_file_digest if after else None,
+        by_targets=bool(after) and after[0].series.started.stage == "after by targets",
     )
 
 

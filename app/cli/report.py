@@ -12,7 +12,7 @@ from app.report.page import Page, page_html, page_of
 from app.report.parts import Picture
 from campaigns.campaign import Campaign, now_utc, open_campaign
 from campaigns.errors import OutputExists
-from campaigns.evidence import evaluate, gather
+from campaigns.evidence import evaluate
 from campaigns.files.text_file import replace_text
 from drivers.bounded_files import is_file, is_there
 
@@ -61,7 +61,7 @@ def report(campaign: Campaign, to: Path | None = None) -> tuple[Page, Path]:
     """
     path = to or campaign.path(FILE_NAME)
     _refuse_other_file(path)
-    page = page_of(evaluate(gather(campaign)), now_utc())
+    page = page_of(evaluate(campaign), now_utc())
     replace_text(path, page_html(page))
     return page, path
 

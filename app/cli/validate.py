@@ -18,7 +18,6 @@ from campaigns.chain.validation import (
     ValidationStage,
     record_anyway,
     require_means,
-    results_before,
     wrong_stage,
 )
 from campaigns.shots.shot_sets import ShotSet
@@ -125,9 +124,8 @@ def command(
         by=by,
     )
     show(terminal, stage, found)
-    before = results_before(campaign) if stage == "after" else ()
-    if before:
-        show_gain(terminal, before, found.result)
+    if stage == "after" and found.evaluation.before is not None:
+        show_gain(terminal, found.evaluation)
     terminal.document(validation_document(found))
     if found.verdict.decision not in {None, "pass"}:
         raise typer.Exit(Exit.NOT_GOOD)

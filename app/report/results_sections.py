@@ -112,13 +112,13 @@ def _gained(gain: Gain) -> str:
 
 def _iso_row(before: IsoRow, after: IsoRow) -> Row:
     shown = after if after.figure else before
-    n = str(shown.figure.n) if shown.figure else NOTHING
-    return shown.name, n, *_iso_cells(before), *_iso_cells(after), shown.tested, str(shown.asked)
+    n = str(shown.n) if shown.figure else NOTHING
+    return shown.name, n, *_iso_cells(before), *_iso_cells(after), shown.tested, shown.asked
 
 
 def _iso_cells(row: IsoRow) -> Row:
     figure = row.figure
     if figure is None:
         return NOTHING, NOTHING
-    value = number(figure.value_mm, signed=figure.symbol == "AD")
+    value = number(figure.value_mm, signed=row.is_signed)
     return value, number(figure.expanded_uncertainty_mm)

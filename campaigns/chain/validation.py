@@ -18,8 +18,8 @@ from campaigns.evaluation.validation import (
     ValidationResult,
     ValidationVerdict,
     evaluate_validation,
-    validation_verdict,
 )
+from campaigns.evidence import Evaluation, evaluate
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Event, Finding, Stage
@@ -51,10 +51,22 @@ TESTS = frozenset(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Validated:
-    """Result of a validation, and the verdict on it."""
+    """Result of a validation, and the campaign with it: earlier tests of the stage count too."""
 
+    stage: ValidationStage
     result: ValidationResult
-    verdict: ValidationVerdict
+    evaluation: Evaluation
+
+    @property
+    def whole(self) -> ValidationResult:
+        """Of each test of the stage the latest."""
+        found = self.evaluation
+        return (found.before if self.stage == "before" else found.after) or self.result
+
+    @property
+    def verdict(self) -> ValidationVerdict:
+        """Verdict on the stage."""
+        return self.evaluation.validated(self.stage)
 
 
 def validation_work(
@@ -230,33 +242,9 @@ def record_validation(
 ) -> Validated:
     """Evaluate a series that was measured, and write the finding into the journal."""
     found = _evaluated(campaign, journal, series)
-    before_mm = mean_error_before_mm(journal) if stage == "after" else None
-    verdict = validation_verdict(found, campaign.config.acceptance, before_mm)
     body = {"stage": stage, "by": by, "series": series, **found.document()}
     journal.append(Finding("validation", body), series=series)
-    return Validated(found, verdict)
-
-
-def mean_error_before_mm(journal: JournalReader) -> float | None:
-    """Mean error of distances by the latest validation before loading; None without one."""
-    bodies = [entry.record.body for entry in journal.records_of(Finding)]
-    known = [body["distances_mm"] for body in bodies if body.get("stage") == "before"]
-    before = next((distances for distances in reversed(known) if distances is not None), None)
-    if not isinstance(before, dict):
-        return None
-    return float(str(before["mean_abs"]))
-
-
-def results_before(campaign: Campaign) -> tuple[ValidationResult, ...]:
-    """Results of the validations before loading, oldest first; each may be of some tests only."""
-    with campaign.journal_reader() as journal:
-        bodies = [entry.record.body for entry in journal.records_of(Finding)]
-        series = [body.get("series") for body in bodies if body.get("stage") == "before"]
-        return tuple(
-            _evaluated(campaign, journal, number)
-            for number in dict.fromkeys(series)
-            if isinstance(number, int)
-        )
+    return Validated(stage, found, evaluate(campaign))
 
 
 def _ended_load(campaign: Campaign, held: Mapping[str, float], tell: Callable[[str], None]) -> str:
@@ -291,7 +279,7 @@ def _identified(campaign: Campaign) -> tuple[RecordedIdentification, ...]:
 
 def _evaluated(campaign: Campaign, journal: JournalReader, series: int) -> ValidationResult:
     shots = shots_of_journal(journal.shots(series), campaign.robot.mechanism)
-    return evaluate_validation(shots, campaign.instrument)
+    return evaluate_validation(shots, campaign.instrument, series)
 
 
 def _unseen_pairs(campaign: Campaign) -> tuple[PlannedShot, ...]:

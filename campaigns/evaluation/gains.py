@@ -1,6 +1,6 @@
 """Gains: what a validation after calibration shows against one before, beyond its uncertainty."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,8 @@ from campaigns.evaluation.summary import BeforeAfter
 from campaigns.evaluation.validation import MeasuredLength, ValidationResult
 
 NO_CHANGE = "no change shown"
+JUDGED = "distances, mean error"
+"""The figure that must not become worse."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,20 +51,19 @@ class Gain:
 
 def gains(before: ValidationResult | None, after: ValidationResult | None) -> tuple[Gain, ...]:
     """Every figure that was measured in at least one stage."""
-    return gains_over((before,) if before else (), after)
-
-
-def gains_over(
-    before: Iterable[ValidationResult], after: ValidationResult | None
-) -> tuple[Gain, ...]:
-    """The same with several validations before, oldest first: of each test the latest counts."""
-    old: dict[str, MeasuredLength] = {}
-    for stage in before:
-        old |= {name: each for name, each in stage.comparable_figures().items() if each}
-    new = after.comparable_figures() if after else {}
-    names = dict.fromkeys((*new, *old))
-    every = (Gain(name, old.get(name), new.get(name)) for name in names)
+    old, new = (stage.comparable_figures() if stage else {} for stage in (before, after))
+    every = (Gain(name, old.get(name), new.get(name)) for name in {**new, **old})
     return tuple(each for each in every if each.before or each.after)
+
+
+def worse_than_before(found: Iterable[Gain]) -> Iterator[str]:
+    """Words on the distances, if their mean error became larger beyond its uncertainty."""
+    for each in found:
+        if each.name != JUDGED or not each.shown or each.before is None or each.after is None:
+            continue
+        before_mm, after_mm = each.before.value_mm, each.after.value_mm
+        if after_mm > before_mm:
+            yield f"{JUDGED} {after_mm:.3f} mm, before loading it was {before_mm:.3f} mm"
 
 
 def gained_in_words(found: tuple[Gain, ...], unseen: BeforeAfter | None) -> str:

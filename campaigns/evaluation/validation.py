@@ -4,8 +4,8 @@ Lengths are in mm. Vectors are in the base frame as fitted to the commanded poin
 or, with too few of them, in the tracker's axes.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pydantic import JsonValue
@@ -19,16 +19,17 @@ from campaigns.estimation.point_sets import (
     farthest_apart,
     fitted_frame,
 )
-from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.evaluation.decision import COVERAGE, Decision, Requirement, decide_all
-from campaigns.evaluation.iso9283 import pose_repeatability
 from campaigns.settings.sections import AcceptanceConfig
-from campaigns.shots.pairs import pair_rows
+from campaigns.shots.pairs import PairRows
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
 AXES = ("x", "y", "z")
+TESTS = ("distances", "rotation", "straightness", "repeatability")
+DEVIATIONS = 3.0
+"""Standard deviations in RP."""
 NO_AXIS = -1
 SAME_MM = 1e-6
 """Below this a commanded coordinate has not changed."""
@@ -53,55 +54,6 @@ class MeasuredLength:
         """The same with a scatter in its uncertainty beside the instrument's."""
         together = float(np.hypot(self.standard_uncertainty_mm, scatter_mm))
         return MeasuredLength(self.value_mm, together)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TestShots:
-    """Shots of one test: what was commanded in the base frame, and what was measured."""
-
-    __test__ = False  # its name is not that of a test of ours
-
-    pairs: tuple[int | None, ...]
-    commanded: Array
-    """(N, t), mm and rad."""
-    points_mm: Array
-    """(N, 3)"""
-    covariance_mm2: Array
-    """(N, 3, 3)"""
-
-    @classmethod
-    def of(cls, shots: Shots, instrument: TrackerUncertainty) -> "TestShots":
-        """Shots in the tracker's frame; those of no stated covariance get the instrument's."""
-        points = shots.points_in_tracker_mm
-        return cls(shots.pairs, shots.commanded, points, shots.covariance_mm2(instrument))
-
-    def __len__(self) -> int:
-        return len(self.pairs)
-
-    @property
-    def turn(self) -> Array:
-        """Commanded turn of a platform that turns, its last coordinate, (N,)."""
-        return np.asarray(self.commanded[:, -1])
-
-    def rows(self, rows: Index) -> "TestShots":
-        """Some of them."""
-        return TestShots(
-            tuple(self.pairs[row] for row in rows.tolist()),
-            self.commanded[rows],
-            self.points_mm[rows],
-            self.covariance_mm2[rows],
-        )
-
-    def seen_from(self, other_from_this: Transform) -> "TestShots":
-        """With the measured points in another frame."""
-        rotation = other_from_this.rotation
-        covariance = rotation @ self.covariance_mm2 @ rotation.T
-        points = other_from_this.apply(self.points_mm)
-        return TestShots(self.pairs, self.commanded, points, covariance)
-
-    def base_from_tracker(self) -> Transform | None:
-        """Base frame that fits the commanded points best; None with too few for one."""
-        return fitted_frame(self.points_mm, self.commanded[:, :3])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,6 +98,20 @@ class LineTest:
     away_mm: Array
     """From the best line to the measured points."""
     straightness: MeasuredLength
+    in_base: bool
+    """Frame of the points: the base's, or not."""
+
+    @property
+    def off_commanded(self) -> MeasuredLength | None:
+        """Largest distance from the commanded line; None without a base frame."""
+        start, end = self.commanded_mm[0], self.commanded_mm[-1]
+        direction = (end - start) / np.linalg.norm(end - start)
+        from_start = self.points_mm - start
+        away = from_start - np.outer(from_start @ direction, direction)
+        largest = float(np.linalg.norm(away, axis=1).max())
+        if not self.in_base:
+            return None
+        return MeasuredLength(largest, self.straightness.standard_uncertainty_mm)
 
     @property
     def along_mm(self) -> Array:
@@ -173,6 +139,8 @@ class RepeatabilityTest:
     points_mm: Array
     radius: MeasuredLength
     """Of the sphere about their mean."""
+    in_base: bool
+    """Frame of the points: the base's, or not."""
 
     @property
     def away_mm(self) -> Array:
@@ -186,33 +154,66 @@ class RepeatabilityTest:
         return float(np.sqrt(np.sum(away**2) / (3 * (len(away) - 1))))
 
     @property
-    def rp_mm(self) -> float:
-        """l̄ + 3 S of their distances from their mean: RP, were they visits from one direction."""
-        return pose_repeatability(self.points_mm).value_mm
+    def accuracy(self) -> MeasuredLength | None:
+        """Distance of their mean from the commanded point; None without a base frame.
+
+        The scatter of the mean and the instrument's uncertainty are in its own.
+        """
+        away = self.points_mm.mean(axis=0) - self.commanded_mm
+        length = float(np.linalg.norm(away))
+        if not self.in_base:
+            return None
+        along = self.points_mm @ (away / length) if length > 0.0 else np.zeros(len(self.points_mm))
+        of_mean = float(along.std(ddof=1) / np.sqrt(len(along)))
+        return MeasuredLength(length, self.radius.standard_uncertainty_mm).with_scatter(of_mean)
+
+    @property
+    def rp(self) -> MeasuredLength:
+        """l̄ + 3 S of their distances from their mean: RP, were they visits from one direction.
+
+        The instrument's noise is part of the spread; what is uncertain is the finite sample.
+        """
+        lengths, count = np.linalg.norm(self.away_mm, axis=1), len(self.points_mm)
+        deviation = float(lengths.std(ddof=1))
+        relative = np.sqrt(1.0 / count + DEVIATIONS**2 / (2.0 * (count - 1)))
+        value_mm = float(lengths.mean()) + DEVIATIONS * deviation
+        return MeasuredLength(value_mm, deviation * float(relative))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ValidationResult:
     """Results of a validation; None or empty for a test that was not run."""
 
-    in_base: bool
-    """Frame of the vectors: the base's, or not."""
     distances: DistanceTest | None
     absolute_mm: Array | None
     """Distances of the pairs' points from where they were commanded, the frame fitted, (N,)."""
     rotation: RotationTest | None
     lines: tuple[LineTest, ...]
     repeatability: RepeatabilityTest | None
+    series: Mapping[str, int] = field(default_factory=dict)
+    """Series in which each test was made, by the test's name."""
+
+    def over(self, older: "ValidationResult") -> "ValidationResult":
+        """The same, with the tests of an older validation that it lacks."""
+        return ValidationResult(
+            self.distances or older.distances,
+            self.absolute_mm if self.distances else older.absolute_mm,
+            self.rotation or older.rotation,
+            self.lines or older.lines,
+            self.repeatability or older.repeatability,
+            {**older.series, **self.series},
+        )
+
+    @property
+    def series_in_words(self) -> str:
+        """Series of each test; empty where all are of one."""
+        if len(set(self.series.values())) < 2:
+            return ""
+        return ", ".join(f"{name} of series {number}" for name, number in self.series.items())
 
     def line(self, axis: str) -> LineTest | None:
         """Line along an axis."""
         return next((line for line in self.lines if line.axis == axis), None)
-
-    @property
-    def worst_straightness(self) -> MeasuredLength | None:
-        """Straightness of the least straight line."""
-        every = (line.straightness for line in self.lines)
-        return max(every, key=lambda length: length.value_mm, default=None)
 
     def figures(self) -> dict[str, MeasuredLength | None]:
         """All that limits may be asked for, by the names on screen and page."""
@@ -256,7 +257,7 @@ class ValidationResult:
         """Further figures, of which no limit is asked."""
         repeated, absolute = self.repeatability, self.absolute_mm
         return {
-            "repeatability, l̄ + 3 S": repeated.rp_mm if repeated else None,
+            "repeatability, l̄ + 3 S": repeated.rp.value_mm if repeated else None,
             "in the tracker's frame, mean": None if absolute is None else float(absolute.mean()),
             "in the tracker's frame, largest": None if absolute is None else float(absolute.max()),
         }
@@ -281,81 +282,110 @@ def _distances(test: DistanceTest) -> dict[str, JsonValue]:
 
 def _repeated(test: RepeatabilityTest) -> dict[str, JsonValue]:
     approaches = len(test.points_mm)
-    return {"radius_mm": test.radius.value_mm, "rp_mm": test.rp_mm, "approaches": approaches}
+    return {"radius_mm": test.radius.value_mm, "rp_mm": test.rp.value_mm, "approaches": approaches}
 
 
 def _absolute(away_mm: Array) -> dict[str, JsonValue]:
     return {"mean": float(away_mm.mean()), "max": float(away_mm.max())}
 
 
-def evaluate_validation(shots: Shots, instrument: TrackerUncertainty) -> ValidationResult:
+def evaluate_validation(
+    shots: Shots, instrument: TrackerUncertainty, series: int = 0
+) -> ValidationResult:
     """Result of the accepted shots of a validation series.
 
     `instrument` stands in for shots of which the tracker stated no uncertainty. The frame is that
     of the pairs, or of all shots where there are too few pairs.
     """
-    everything = TestShots.of(shots, instrument)
-    validation = everything.rows(_rows_of(shots, ShotSet.VALIDATION))
-    frame = validation.base_from_tracker() or everything.base_from_tracker()
-    in_base = everything if frame is None else everything.seen_from(frame)
+    commanded, points = shots.commanded, shots.points_in_tracker_mm
+    covariance, pairs = shots.covariance_mm2(instrument), shots.rows_of(ShotSet.VALIDATION)
+    of_pairs = fitted_frame(points[pairs], commanded[pairs, :3])
+    frame = of_pairs or fitted_frame(points, commanded[:, :3])
+    if frame is not None:
+        points = frame.apply(points)
+        covariance = frame.rotation @ covariance @ frame.rotation.T
 
-    def test(purpose: ShotSet) -> TestShots:
-        return in_base.rows(_rows_of(shots, purpose))
+    def of(purpose: ShotSet) -> tuple[Array, Array, Array]:
+        rows = shots.rows_of(purpose)
+        return commanded[rows], points[rows], covariance[rows]
 
-    distances = test(ShotSet.VALIDATION)
-    return ValidationResult(
-        frame is not None,
-        distance_test(distances),
-        None if frame is None or len(distances) == 0 else _absolute_mm(distances),
-        rotation_test(test(ShotSet.ROTATION)),
-        line_tests(test(ShotSet.STRAIGHTNESS)),
-        repeatability_test(test(ShotSet.REPEATABILITY)),
+    in_base = frame is not None
+    absolute_mm = np.asarray(np.linalg.norm(points[pairs] - commanded[pairs, :3], axis=1))
+    found = ValidationResult(
+        distance_test(shots.whole_pairs(ShotSet.VALIDATION), commanded, points, covariance),
+        absolute_mm if in_base and len(pairs) else None,
+        rotation_test(*of(ShotSet.ROTATION)),
+        line_tests(*of(ShotSet.STRAIGHTNESS), in_base=in_base),
+        repeatability_test(*of(ShotSet.REPEATABILITY), in_base=in_base),
+    )
+    made = (found.distances, found.rotation, found.lines, found.repeatability)
+    return replace(
+        found, series={name: series for name, each in zip(TESTS, made, strict=True) if each}
     )
 
 
-def distance_test(shots: TestShots) -> DistanceTest | None:
-    """Distances of the whole pairs; None when there is none."""
-    pairs = pair_rows(shots.pairs)
+def latest_of_each_test(oldest_first: Iterable[ValidationResult]) -> ValidationResult | None:
+    """Validations of one stage as one: of each test the latest counts; None without any."""
+    found = None
+    for each in oldest_first:
+        found = each if found is None else each.over(found)
+    return found
+
+
+def distance_test(
+    pairs: PairRows, commanded: Array, points_mm: Array, covariance_mm2: Array
+) -> DistanceTest | None:
+    """Distances of the whole pairs; None when there is none.
+
+    As in the other tests `commanded` is (N, t), in mm and rad, the points are (N, 3) and their
+    covariances (N, 3, 3).
+    """
     if not pairs.numbers:
         return None
     first, second = pairs.rows.T
-    direction = directions(shots.points_mm, first, second)
-    covariance = shots.covariance_mm2[first] + shots.covariance_mm2[second]
+    direction = directions(points_mm, first, second)
+    covariance = covariance_mm2[first] + covariance_mm2[second]
     return DistanceTest(
         pairs.numbers,
-        distances_mm(shots.commanded[:, :3], first, second),
-        distances_mm(shots.points_mm, first, second),
+        distances_mm(commanded[:, :3], first, second),
+        distances_mm(points_mm, first, second),
         np.sqrt(np.einsum("mi,mij,mj->m", direction, covariance, direction)),
     )
 
 
-def line_tests(shots: TestShots) -> tuple[LineTest, ...]:
+def line_tests(
+    commanded: Array, points_mm: Array, covariance_mm2: Array, *, in_base: bool
+) -> tuple[LineTest, ...]:
     """Every line of at least three shots, in the order x, y, z."""
-    along = line_axes(shots.commanded[:, :3])
-    lines = [np.flatnonzero(along == axis) for axis in range(len(AXES))]
-    return tuple(
-        _line_test(axis, shots.rows(rows))
-        for axis, rows in zip(AXES, lines, strict=True)
-        if len(rows) >= SHOTS_OF_A_LINE
-    )
+    along, found = line_axes(commanded[:, :3]), []
+    for place, axis in enumerate(AXES):
+        rows = np.flatnonzero(along == place)
+        if len(rows) >= SHOTS_OF_A_LINE:
+            away = away_from_best_line(points_mm[rows])
+            straightness = _longest(away, covariance_mm2[rows])
+            line = LineTest(axis, commanded[rows, :3], points_mm[rows], away, straightness, in_base)
+            found.append(line)
+    return tuple(found)
 
 
-def rotation_test(shots: TestShots) -> RotationTest | None:
+def rotation_test(commanded: Array, points_mm: Array, covariance_mm2: Array) -> RotationTest | None:
     """Motion of the point while only the platform should turn; None for fewer than two shots."""
-    if len(shots) < 2:
+    if len(points_mm) < 2:
         return None
-    first, second = farthest_apart(shots.points_mm)
-    together = shots.covariance_mm2[first] + shots.covariance_mm2[second]
-    moved = _length(shots.points_mm[first] - shots.points_mm[second], together)
-    return RotationTest(shots.turn, away_from_mean(shots.points_mm), moved)
+    first, second = farthest_apart(points_mm)
+    together = covariance_mm2[first] + covariance_mm2[second]
+    moved = _length(points_mm[first] - points_mm[second], together)
+    return RotationTest(np.asarray(commanded[:, -1]), away_from_mean(points_mm), moved)
 
 
-def repeatability_test(shots: TestShots) -> RepeatabilityTest | None:
+def repeatability_test(
+    commanded: Array, points_mm: Array, covariance_mm2: Array, *, in_base: bool
+) -> RepeatabilityTest | None:
     """Sphere about the mean of points at one commanded pose; None for fewer than two."""
-    if len(shots) < 2:
+    if len(points_mm) < 2:
         return None
-    radius = _longest(away_from_mean(shots.points_mm), shots.covariance_mm2)
-    return RepeatabilityTest(shots.commanded[0, :3], shots.points_mm, radius)
+    radius = _longest(away_from_mean(points_mm), covariance_mm2)
+    return RepeatabilityTest(commanded[0, :3], points_mm, radius, in_base)
 
 
 def line_axes(commanded_mm: Array) -> Index:
@@ -391,16 +421,13 @@ class ValidationVerdict:
 
 
 def validation_verdict(
-    found: ValidationResult | None,
-    limits: AcceptanceConfig,
-    mean_before_mm: float | None = None,
+    found: ValidationResult | None, limits: AcceptanceConfig, worse: Iterable[str] = ()
 ) -> ValidationVerdict:
-    """Verdict by the limits, and by the mean error of distances before the parameters were loaded.
+    """Verdict by the limits, and by what is `worse` than before the parameters were loaded.
 
     None for what was not measured.
     """
-    needed = tuple(_requirements(found, limits))
-    worse = tuple(_worse_than_before(found, mean_before_mm))
+    needed, worse = tuple(_requirements(found, limits)), tuple(worse)
     decisions = [each.decision for each in needed if each.decision is not None]
     if worse:
         decisions.append("fail")
@@ -428,34 +455,6 @@ def limits_by_figure(limits: AcceptanceConfig) -> Mapping[str, float | None]:
         **{f"straightness along {axis}": limits.straightness_mm for axis in AXES},
         "repeatability, radius of the sphere": limits.repeatability_mm,
     }
-
-
-def _worse_than_before(found: ValidationResult | None, before_mm: float | None) -> Iterator[str]:
-    """Losses by more than the uncertainty of the difference.
-
-    The journal keeps no uncertainty of the mean before; the same pairs have the same one.
-    """
-    name = "distances, mean error"
-    after = None if found is None else found.comparable_figures()[name]
-    if after is None or before_mm is None:
-        return
-    expanded_mm = float(np.sqrt(2.0)) * after.expanded_uncertainty_mm
-    if after.value_mm - before_mm > expanded_mm:
-        yield f"{name} {after.value_mm:.3f} mm, before loading it was {before_mm:.3f} mm"
-
-
-def _rows_of(shots: Shots, purpose: ShotSet) -> Index:
-    return np.flatnonzero([each is purpose for each in shots.purposes])
-
-
-def _absolute_mm(shots: TestShots) -> Array:
-    return np.asarray(np.linalg.norm(shots.points_mm - shots.commanded[:, :3], axis=1))
-
-
-def _line_test(axis: str, shots: TestShots) -> LineTest:
-    away = away_from_best_line(shots.points_mm)
-    straightness = _longest(away, shots.covariance_mm2)
-    return LineTest(axis, shots.commanded[:, :3], shots.points_mm, away, straightness)
 
 
 def _longest(away_mm: Array, covariance_mm2: Array) -> MeasuredLength:

@@ -101,7 +101,11 @@ class Shots:
 
     def of_set(self, *purposes: ShotSet) -> "Shots":
         """Shots of some sets."""
-        return self.rows(np.flatnonzero([purpose in purposes for purpose in self.purposes]))
+        return self.rows(self.rows_of(*purposes))
+
+    def rows_of(self, *purposes: ShotSet) -> Index:
+        """Rows of some sets."""
+        return np.flatnonzero([purpose in purposes for purpose in self.purposes])
 
     def covariance_mm2(self, model: TrackerUncertainty) -> Array:
         """Covariance stated of each point, or `model` where nothing was stated, (N, 3, 3)."""

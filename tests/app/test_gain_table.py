@@ -9,9 +9,7 @@ from whole_campaigns import whole
 from app.console import Terminal
 from app.report.results_sections import gain_rows
 from app.validation_text import show_gain
-from campaigns.evaluation.gains import gains
-from campaigns.evaluation.validation import ValidationResult
-from campaigns.evidence import Evaluation, evaluate, gather
+from campaigns.evidence import Evaluation, evaluate
 
 __all__ = ["whole"]
 
@@ -20,12 +18,12 @@ TERMINAL_WIDTH = 80
 
 @pytest.fixture(scope="module")
 def found(whole: PaperCampaign) -> Evaluation:
-    return evaluate(gather(whole.campaign))
+    return evaluate(whole.campaign)
 
 
-def rows_of(capsys, before: tuple[ValidationResult, ...], after: ValidationResult):
+def rows_of(capsys, found: Evaluation) -> dict[str, list[str]]:
     """Cells by their row's name."""
-    show_gain(Terminal(as_json=False), before, after)
+    show_gain(Terminal(as_json=False), found)
     lines = capsys.readouterr().out.splitlines()
     assert all(cell_len(line) <= TERMINAL_WIDTH for line in lines)
     rows: dict[str, list[str]] = {}
@@ -38,7 +36,7 @@ def rows_of(capsys, before: tuple[ValidationResult, ...], after: ValidationResul
 
 @pytest.mark.slow
 def test_a_difference_below_its_uncertainty_is_no_change_as_on_the_page(capsys, found):
-    rows = rows_of(capsys, (found.before,), found.after)
+    rows = rows_of(capsys, found)
     page = {row[0]: row for row in gain_rows(found.gains)}
     assert set(page) <= set(rows)
     for name, (_, *_, on_page) in page.items():
@@ -48,14 +46,7 @@ def test_a_difference_below_its_uncertainty_is_no_change_as_on_the_page(capsys, 
 
 
 def test_the_uncertainty_of_each_difference_stands_beside_it(capsys, found):
-    rows = rows_of(capsys, (found.before,), found.after)
-    for gain in gains(found.before, found.after):
+    rows = rows_of(capsys, found)
+    for gain in found.gains:
         expanded_mm = float(np.round(gain.expanded_uncertainty_mm, 3))
         assert float(rows[gain.name][2]) == expanded_mm
-
-
-def test_of_several_validations_before_the_latest_of_each_test_counts(capsys, found):
-    rows = rows_of(capsys, (found.after, found.before), found.after)
-    assert rows == rows_of(capsys, (found.before,), found.after)
-    same = rows_of(capsys, (found.before, found.after), found.after)
-    assert same["distances, mean error"][3] == "no change shown"

@@ -26,7 +26,7 @@ from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OutputExists
 from campaigns.evaluation.model_errors import PairErrors
 from campaigns.evaluation.validation import AXES, ValidationResult
-from campaigns.evidence import evaluate, gather
+from campaigns.evidence import evaluate
 from campaigns.files.text_file import replace_text
 from campaigns.files.yaml_file import read_document, yaml_text
 from campaigns.options import AS_THE_PAPER
@@ -223,7 +223,7 @@ def adapt(folder: Path, trial: Trial) -> None:
 
 def result_of(campaign: Campaign, trial: Trial, seconds: float) -> TrialResult:
     """Figures of a campaign that went through the whole chain; raises `TrialFailed`."""
-    evaluation = evaluate(gather(campaign))
+    evaluation = evaluate(campaign)
     found = _there(evaluation.evidence.identification, trial, "series")
     errors = _there(evaluation.errors, trial, "series")
     true = scenario_of(campaign.folder, campaign.config.controller.url).robot.true_flat()
@@ -268,7 +268,7 @@ def _stage(validation: ValidationResult | None, trial: Trial) -> Stage:
         rotation_mm=rotation.moved.value_mm,
         straightness_mm=lines_mm,
         radius_mm=repeated.radius.value_mm,
-        rp_mm=repeated.rp_mm,
+        rp_mm=repeated.rp.value_mm,
         frame_mean_mm=float(absolute_mm.mean()),
         frame_max_mm=float(absolute_mm.max()),
     )

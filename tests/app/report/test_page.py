@@ -26,7 +26,7 @@ from app.report.rendering import sections_of
 from campaigns.campaign import open_campaign
 from campaigns.errors import JournalFailed, OutputExists
 from campaigns.evaluation.doubts import Doubt
-from campaigns.evidence import evaluate, gather
+from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.identification.result import ComparedModel, Excluded, HoldOut, RobotScatter
 from campaigns.journal.records import (
     Event,
@@ -288,7 +288,7 @@ def test_a_journal_of_another_version_shows_what_can_be_read(tmp_path: Path) -> 
 def test_an_identification_without_correlations_says_so(whole: PaperCampaign) -> None:
     evidence = gather(whole.campaign)
     older = replace(evidence.identification, covariance=None)
-    found = page_of(evaluate(replace(evidence, identification=older)), MADE_UTC)
+    found = page_of(Evaluation(replace(evidence, identification=older)), MADE_UTC)
     assert figures(found) == FIGURES - {"correlations"}
     assert "There are no correlations" in missing(found)
 
@@ -305,7 +305,7 @@ def test_everything_that_an_identification_says_stands_in_words(whole: PaperCamp
         known_by_priors_alone=(("plate_mm",),),
         excluded=(Excluded("too far", shot=3), Excluded("its other shot was lost", pair=7)),
     )
-    shown = page_of(evaluate(replace(evidence, identification=found)), MADE_UTC)
+    shown = page_of(Evaluation(replace(evidence, identification=found)), MADE_UTC)
     text = " ".join(words_of(page_html(shown)))
     for sentence in (
         "it did not converge after",
@@ -335,7 +335,7 @@ def test_everything_that_an_identification_says_stands_in_words(whole: PaperCamp
 def test_what_is_left_over_is_put_down_to_its_cause(
     whole: PaperCampaign, changes: dict[str, float | None], sentence: str
 ) -> None:
-    found = evaluate(gather(whole.campaign))
+    found = evaluate(whole.campaign)
     found = replace(found, budget=replace(found.budget, **changes))
     sections = {section.name: section for section in page_of(found, MADE_UTC).sections}
     assert sentence in sections["remainder"].parts[0].text
@@ -349,7 +349,7 @@ def test_only_what_no_parameter_expresses_is_named_as_assumed(whole: PaperCampai
 
     def assumed(*names: str) -> str:
         found = replace(evidence.identification, parameters=parameters | dict.fromkeys(names, free))
-        shown = page_of(evaluate(replace(evidence, identification=found)), MADE_UTC)
+        shown = page_of(Evaluation(replace(evidence, identification=found)), MADE_UTC)
         return next(s for s in shown.sections if s.name == "remainder").parts[-1].text
 
     level, play = "the motor axes are horizontal", "gears have no play"
@@ -367,14 +367,14 @@ def test_a_tracker_that_states_nothing_is_shown_as_that(whole: PaperCampaign) ->
         temperature_degC=np.full_like(run.temperature_degC, np.nan),
     )
     measured = replace(evidence.run, shots=silent)
-    shown = page_of(evaluate(replace(evidence, run=measured)), MADE_UTC)
+    shown = page_of(Evaluation(replace(evidence, run=measured)), MADE_UTC)
     assert "run not stated – – – 0." in " ".join(words_of(page_html(shown)))
 
 
 def test_a_foreign_message_is_told_as_it_is_and_shown_as_text(whole: PaperCampaign) -> None:
     message = "plan.csv:1: '<b>&amp;</b>' is no \"number\""
     evidence = replace(gather(whole.campaign), unreadable=(message,))
-    shown = page_of(evaluate(evidence), MADE_UTC)
+    shown = page_of(Evaluation(evidence), MADE_UTC)
     assert missing(shown) == f"Cannot be read: {message}."
     text = page_html(shown)
     assert "&lt;b&gt;&amp;amp;&lt;/b&gt;" in text
@@ -444,7 +444,7 @@ def test_an_import_names_its_files_and_is_never_called_simulated(tmp_path: Path)
 def with_identification(paper: PaperCampaign, **changes: object) -> str:
     evidence = gather(paper.campaign)
     found = replace(evidence.identification, **changes)
-    shown = page_of(evaluate(replace(evidence, identification=found)), MADE_UTC)
+    shown = page_of(Evaluation(replace(evidence, identification=found)), MADE_UTC)
     return " ".join(words_of(page_html(shown)))
 
 

@@ -11,9 +11,10 @@ from campaigns.evaluation.campaign_verdict import (
     IdentificationVerdict,
     campaign_verdict,
 )
+from campaigns.evaluation.gains import gains, worse_than_before
 from campaigns.evaluation.integrity import Check
 from campaigns.evaluation.validation import ValidationResult, validation_verdict
-from campaigns.evidence import Evaluation, evaluate, gather
+from campaigns.evidence import Evaluation, evaluate
 from campaigns.settings.sections import AcceptanceConfig
 
 WIDE = AcceptanceConfig(
@@ -28,7 +29,7 @@ PASSED = IdentificationVerdict("pass", ())
 
 @pytest.fixture(scope="module")
 def evaluation(whole: PaperCampaign) -> Evaluation:
-    return evaluate(gather(whole.campaign))
+    return evaluate(whole.campaign)
 
 
 @pytest.fixture(scope="module")
@@ -42,10 +43,10 @@ def judged(
     limits: AcceptanceConfig,
     *checks: Check,
     identification: IdentificationVerdict | None = PASSED,
-    mean_before_mm: float | None = None,
+    before: ValidationResult | None = None,
     gained: str = "",
 ) -> CampaignVerdict:
-    validated = validation_verdict(after, limits, mean_before_mm)
+    validated = validation_verdict(after, limits, worse_than_before(gains(before, after)))
     was_there = after is not None
     return campaign_verdict(identification, validated, checks, validated=was_there, gained=gained)
 
@@ -132,10 +133,10 @@ def test_a_limit_without_a_measurement_decides_nothing() -> None:
 def test_distances_that_became_worse_fail_whatever_is_asked_for(after: ValidationResult) -> None:
     worse = far_off(after, 0.5)
     for limits in (WIDE, AcceptanceConfig()):
-        found = judged(worse, limits, mean_before_mm=0.4)
+        found = judged(worse, limits, before=far_off(after, 0.4))
         assert found.decision == "fail"
         assert any("before loading" in reason for reason in found.reasons)
-    assert judged(worse, WIDE, mean_before_mm=0.6).decision == "pass"
+    assert judged(worse, WIDE, before=far_off(after, 0.6)).decision == "pass"
 
 
 def test_distances_worse_by_less_than_the_uncertainty_are_not_called_worse(
@@ -145,8 +146,9 @@ def test_distances_worse_by_less_than_the_uncertainty_are_not_called_worse(
     mean = worse.comparable_figures()["distances, mean error"]
     assert mean is not None
     expanded_mm = 2.0**0.5 * mean.expanded_uncertainty_mm
-    assert judged(worse, WIDE, mean_before_mm=0.5 - 0.99 * expanded_mm).decision == "pass"
-    assert judged(worse, WIDE, mean_before_mm=0.5 - 1.01 * expanded_mm).decision == "fail"
+    for share, decision in ((0.99, "pass"), (1.01, "fail")):
+        before = far_off(after, 0.5 - share * expanded_mm)
+        assert judged(worse, WIDE, before=before).decision == decision
 
 
 def test_without_an_identification_nothing_passes(after: ValidationResult) -> None:
@@ -164,10 +166,10 @@ def test_a_campaigns_verdict_rests_on_its_own_identification(evaluation: Evaluat
     assert evidence.identification is not None
     assert "The identification passed" in evaluation.verdict.reasons[0]
     failed = replace(evidence.identification, verdict="fail", reasons=("why",))
-    verdict = evaluate(replace(evidence, identification=failed)).verdict
+    verdict = Evaluation(replace(evidence, identification=failed)).verdict
     assert verdict.decision == "fail"
     assert "why" in verdict.reasons[0]
-    without = evaluate(replace(evidence, identification=None)).verdict
+    without = Evaluation(replace(evidence, identification=None)).verdict
     assert without.decision == "not decided"
     assert "Nothing has been identified" in without.reasons[0]
 

@@ -11,7 +11,6 @@ from paper_campaign import (
     NOISE_MM,
     NOMINAL,
     PaperCampaign,
-    new_campaign,
     whole_campaign,
 )
 from scipy.spatial.distance import pdist
@@ -24,7 +23,6 @@ from campaigns.evaluation.iso_figures import iso_rows
 from campaigns.evaluation.model_errors import excluded_rows, model_errors
 from campaigns.evaluation.residual_budget import ResidualBudget
 from campaigns.evaluation.summary import summary
-from campaigns.evaluation.validation import TestShots
 from campaigns.evidence import Evaluation, compared_kinematics, evaluate, gather
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
@@ -40,7 +38,7 @@ NEWER = {"chi2", "covariance", "position_std_mm", "frame", "priors", "models", "
 
 @pytest.fixture(scope="module")
 def contents(whole: PaperCampaign) -> Evaluation:
-    return evaluate(gather(whole.campaign))
+    return evaluate(whole.campaign)
 
 
 def told_by(paper: PaperCampaign) -> RecordedIdentification:
@@ -53,7 +51,7 @@ def test_errors_are_those_that_the_identification_told(
     whole: PaperCampaign, by_distances: PaperCampaign, estimator: str
 ) -> None:
     paper = whole if estimator == "points" else by_distances
-    errors, told = evaluate(gather(paper.campaign)).errors, told_by(paper)
+    errors, told = evaluate(paper.campaign).errors, told_by(paper)
     fitted = errors.shots if estimator == "points" else errors.fitted
     assert (errors.shots is None) == (estimator == "distances")
     for group, both in ((fitted, told.residuals_mm), (errors.unseen, told.unseen_mm)):
@@ -110,14 +108,13 @@ def test_repeatability_is_the_iso_figure_of_the_same_points(
 ) -> None:
     visits = points_mm(accepted(whole, "after", ShotSet.REPEATABILITY))
     away = np.linalg.norm(visits - visits.mean(axis=0), axis=1)
-    row = next(row for row in iso_rows(contents.after) if row.asked.symbol == "RP")
+    row = next(row for row in iso_rows(contents.after) if row.asked.startswith("RP"))
     assert row.figure.value_mm == pytest.approx(away.mean() + 3.0 * away.std(ddof=1))
-    assert row.figure.value_mm == contents.after.repeatability.rp_mm
-    assert row.figure.n == len(visits)
+    assert row.n == len(visits)
 
 
 def test_symbols_whose_tests_were_not_made_have_no_figure(contents: Evaluation) -> None:
-    without = {row.asked.symbol for row in iso_rows(contents.after) if row.figure is None}
+    without = {row.asked.split()[0] for row in iso_rows(contents.after) if row.figure is None}
     assert without == {"vAP", "RD"}
 
 
@@ -125,7 +122,7 @@ def test_no_figure_that_is_not_formed_as_the_standard_forms_it_has_a_symbol(
     contents: Evaluation,
 ) -> None:
     rows = iso_rows(contents.after)
-    symbols = {row.asked.symbol for row in rows}
+    symbols = {row.asked.split()[0] for row in rows}
     assert symbols == {"AP", "RP", "vAP", "AD", "RD", "AT"}
     for row in rows:
         assert not symbols & set(re.findall(r"\w+", f"{row.name} {row.tested}"))
@@ -146,7 +143,7 @@ def test_the_truth_lies_within_the_stated_deviations(contents: Evaluation) -> No
 def test_residuals_of_a_perfect_robot_are_the_trackers_noise(
     contents: Evaluation, by_distances: PaperCampaign
 ) -> None:
-    of_shots, of_pairs = contents.budget, evaluate(gather(by_distances.campaign)).budget
+    of_shots, of_pairs = contents.budget, evaluate(by_distances.campaign).budget
     assert (of_shots.of, of_pairs.of) == ("coordinate", "distance")
     for left, noise_mm in ((of_shots, NOISE_MM), (of_pairs, np.sqrt(2.0) * NOISE_MM)):
         assert left.chi == pytest.approx(1.0, abs=0.4)
@@ -182,7 +179,7 @@ def test_an_identification_of_older_software_can_be_read_and_evaluated(
     body = next(found.body for found in findings if found.kind == "identification")
     older = read_identification({key: body[key] for key in body.keys() - NEWER})
     assert (older.covariance, older.chi2, older.frame) == (None, None, None)
-    found = evaluate(replace(contents.evidence, identification=older))
+    found = Evaluation(replace(contents.evidence, identification=older))
     assert found.budget is None
     assert found.errors.shots is None
     assert found.errors.fitted.after_mm == pytest.approx(contents.errors.fitted.after_mm)
@@ -218,19 +215,9 @@ def test_drift_and_air_are_read_off_in_their_time(contents: Evaluation) -> None:
     assert run.temperature_degC[0] == pytest.approx(20.0)
 
 
-def test_shots_without_a_stated_uncertainty_get_the_instruments(tmp_path: Path) -> None:
-    paper = new_campaign(tmp_path / "x")
-    paper.validate("before", frozenset({ShotSet.ROTATION}))
-    shots = gather(paper.campaign).before.shots
-    bare = replace(shots, stated_covariance_mm2=np.full((len(shots), 3, 3), np.nan))
-    stated, assumed = (TestShots.of(each, INSTRUMENT).covariance_mm2 for each in (shots, bare))
-    assert np.allclose(stated, NOISE_MM**2 * np.eye(3))
-    assert assumed[0].trace() > stated[0].trace()
-
-
 def test_a_load_without_an_end_leaves_the_verdict_open(tmp_path: Path) -> None:
     paper = whole_campaign(tmp_path / "loading", acceptance=AcceptanceConfig(distance_mean_mm=1.0))
-    assert evaluate(gather(paper.campaign)).verdict.decision == "pass"
+    assert evaluate(paper.campaign).verdict.decision == "pass"
     begun = {
         "source": "robot-compensated.yaml",
         "digest": "d",
@@ -241,7 +228,7 @@ def test_a_load_without_an_end_leaves_the_verdict_open(tmp_path: Path) -> None:
     }
     with paper.journal() as journal:
         journal.append(Finding("load begun", begun))
-    found = evaluate(gather(paper.campaign))
+    found = evaluate(paper.campaign)
     assert found.evidence.journal is not None
     assert "was begun at" in found.evidence.journal.unended_load
     assert found.verdict.decision == "not decided"
@@ -254,12 +241,12 @@ def test_a_load_without_an_end_leaves_the_verdict_open(tmp_path: Path) -> None:
     assert other.unreadable
     with paper.journal() as journal:
         journal.append(Finding("load failed", {"source": "x", "reason": "y"}))
-    assert evaluate(gather(paper.campaign)).verdict.decision == "not decided"
+    assert evaluate(paper.campaign).verdict.decision == "not decided"
 
 
 def test_what_was_accepted_stands_in_the_verdict(whole: PaperCampaign) -> None:
     evidence = gather(whole.campaign)
     doubt = Doubt("common-scale", "everything is longer", "fail", {"share": 0.01}, accepted=True)
     found = replace(evidence.identification, doubts=(doubt, replace(doubt, accepted=False)))
-    reasons = evaluate(replace(evidence, identification=found)).verdict.reasons
+    reasons = Evaluation(replace(evidence, identification=found)).verdict.reasons
     assert [r for r in reasons if "longer" in r] == ["Accepted all the same: everything is longer."]

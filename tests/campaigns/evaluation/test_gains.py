@@ -1,13 +1,20 @@
 """Gains: what is a difference, and what is within its uncertainty."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
-from paper_campaign import PaperCampaign
+from paper_campaign import PaperCampaign, new_campaign
+from par4_space import par4
 
+from app.report.results_sections import key_figure_rows
+from campaigns.chain.validation import record_validation
 from campaigns.evaluation.gains import Gain, gained_in_words, gains
 from campaigns.evaluation.summary import BeforeAfter, Spread
 from campaigns.evaluation.validation import MeasuredLength, ValidationResult
-from campaigns.evidence import evaluate, gather
+from campaigns.evidence import Evaluation, evaluate, gather
+from campaigns.shots.shot_sets import ShotSet
 
 TOLD = BeforeAfter(Spread(3.0, 3.0, 9.0), Spread(0.3, 0.3, 0.9))
 
@@ -43,7 +50,7 @@ def test_the_gain_is_told_by_the_commanded_robot_or_else_by_the_model() -> None:
 
 
 def stages(paper: PaperCampaign) -> tuple[ValidationResult, ValidationResult]:
-    found = evaluate(gather(paper.campaign))
+    found = evaluate(paper.campaign)
     assert found.before is not None
     assert found.after is not None
     return found.before, found.after
@@ -72,3 +79,55 @@ def test_the_scatter_of_the_outermost_visit_is_about_half_of_a_coordinates() -> 
     points = np.random.default_rng(1).normal(size=(4000, 28, 3))
     away = np.linalg.norm(points - points.mean(axis=1, keepdims=True), axis=2)
     assert away.max(axis=1).std() == pytest.approx(0.5, abs=0.1)
+
+
+@pytest.fixture(scope="module")
+def in_parts(tmp_path_factory: pytest.TempPathFactory) -> PaperCampaign:
+    """Before calibration the tests were measured one by one."""
+    paper = new_campaign(tmp_path_factory.mktemp("parts") / "x")
+    paper.validate("before", frozenset({ShotSet.VALIDATION}))
+    paper.validate("before", frozenset({ShotSet.ROTATION}))
+    paper.run()
+    paper.identify()
+    paper.export_and_load()
+    paper.validate("after")
+    return paper
+
+
+def test_of_several_validations_the_latest_of_each_test_counts_for_all_who_ask(in_parts) -> None:
+    found = evaluate(in_parts.campaign)
+    before = {each.name: each.before for each in found.gains}
+    assert before["distances, mean error"].value_mm > 1.0
+    assert before["rotation"] is not None
+    assert before["repeatability, radius of the sphere"] is None
+    assert found.before.series == {"distances": 1, "rotation": 2}
+    assert found.before.series_in_words == "distances of series 1, rotation of series 2"
+    assert [name for name, _ in found.evidence.by_stage()][:2] == [
+        "before, series 1",
+        "before, series 2",
+    ]
+    on_page = {name: cell for name, cell, *_ in key_figure_rows(found)}
+    assert on_page["distances, mean error"] == f"{before['distances, mean error'].value_mm:.3f}"
+    with in_parts.journal() as journal:
+        told = record_validation(in_parts.campaign, journal, 4, "after")
+    assert [each.name for each in told.evaluation.gains] == [each.name for each in found.gains]
+    assert told.verdict == found.validated("after")
+
+
+def test_a_loss_is_told_by_every_answer_whichever_series_holds_the_distances(in_parts) -> None:
+    evidence = gather(in_parts.campaign)
+    turned = replace(evidence, before=evidence.after, after=evidence.before)
+    found = Evaluation(turned)
+    assert found.validated("after").decision == "fail"
+    (reason,) = found.validated("after").worse
+    assert reason.startswith("distances, mean error")
+    assert f"Worse: {reason}." in found.verdict.reasons
+
+
+def test_what_was_measured_with_other_parameters_is_of_no_use(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "x")
+    paper.validate("before", frozenset({ShotSet.VALIDATION}))
+    flat = paper.controller.flat()
+    paper.controller = par4(flat | {"plate_mm": flat["plate_mm"] + 1.0})
+    paper.validate("before", frozenset({ShotSet.ROTATION}))
+    assert evaluate(paper.campaign).before.series == {"rotation": 2}

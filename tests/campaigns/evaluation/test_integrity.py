@@ -6,7 +6,7 @@ import pytest
 from paper_campaign import NOMINAL, PaperCampaign, new_campaign
 
 from campaigns.evaluation.integrity import Check
-from campaigns.evidence import Evidence, evaluate, gather
+from campaigns.evidence import Evaluation, Evidence, gather
 from campaigns.journal.records import SeriesStarted
 
 
@@ -16,7 +16,7 @@ def evidence(whole: PaperCampaign) -> Evidence:
 
 
 def checks(evidence: Evidence) -> tuple[Check, ...]:
-    return evaluate(evidence).checks
+    return Evaluation(evidence).checks
 
 
 def broken(evidence: Evidence) -> list[str]:
@@ -25,10 +25,10 @@ def broken(evidence: Evidence) -> list[str]:
 
 def restarted(evidence: Evidence, **changes: object) -> Evidence:
     """With another beginning of the series after calibration."""
-    series = evidence.after.series
+    (measured,) = evidence.after
+    series = measured.series
     started: SeriesStarted = replace(series.started, **changes)
-    after = replace(evidence.after, series=replace(series, started=started))
-    return replace(evidence, after=after)
+    return replace(evidence, after=(replace(measured, series=replace(series, started=started)),))
 
 
 def test_a_whole_campaign_holds_together(evidence: Evidence) -> None:
