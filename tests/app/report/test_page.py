@@ -60,7 +60,7 @@ MADE_UTC = "2026-03-02T09:30:00.000+00:00"
 
 
 def page(paper: PaperCampaign) -> Page:
-    return page_of(evaluate(gather(open_campaign(paper.folder))), MADE_UTC)
+    return page_of(evaluate(open_campaign(paper.folder)), MADE_UTC)
 
 
 def html(paper: PaperCampaign) -> str:
