@@ -14,8 +14,7 @@ from pydantic import JsonValue
 
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
-from campaigns.controllers.load import LoadRecord
-from campaigns.controllers.load_journal import load_history, read_load
+from campaigns.controllers.load_journal import Load, load_history, read_load
 from campaigns.errors import CampaignError, FindingUnreadable
 from campaigns.evaluation.campaign_verdict import (
     CampaignVerdict,
@@ -171,7 +170,7 @@ class Evidence:
     run: MeasuredSeries | None = None
     after: tuple[MeasuredSeries, ...] = ()
     identification: RecordedIdentification | None = None
-    loaded: LoadRecord | None = None
+    loaded: Load | None = None
     plan: tuple[PlannedShot, ...] | None = None
     parameter_file: RobotFile | None = None
     unreadable: tuple[str, ...] = ()

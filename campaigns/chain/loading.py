@@ -18,28 +18,24 @@ from campaigns.chain.validation import (
 from campaigns.controllers import export as parameter_file
 from campaigns.controllers.load import Change, changes, differing, keep, put_back, write_verified
 from campaigns.controllers.load_checks import (
-    Objection,
     file_objections,
     refuse,
     require_same_mechanism,
     serial_objections,
 )
-from campaigns.controllers.load_journal import (
-    EffectiveLoad,
-    LoadIntent,
-    UnendedLoad,
-    already_back,
-    begin,
-    end,
-    fail,
-    load_history,
-    settle,
+from campaigns.controllers.load_journal import FOUND_AGAIN, Load, already_back, load_history
+from campaigns.errors import (
+    ConfigInvalid,
+    Interrupted,
+    JournalFailed,
+    LoadNotVerified,
+    ShotsMissing,
+    VerdictBad,
 )
-from campaigns.errors import Interrupted, JournalFailed, LoadNotVerified, ShotsMissing, VerdictBad
 from campaigns.journal.journal import Journal
 from campaigns.measuring.run_state import SILENT, RunObserver
 from campaigns.measuring.series_log import problem_of
-from campaigns.measuring.session import Work, measure_series
+from campaigns.measuring.session import measure_series
 from campaigns.measuring.shot_taker import Cell
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.robot import RobotFile, read_robot
@@ -100,24 +96,6 @@ class LoadResult:
     verification: Verification | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Wanted:
-    """File to be written, what speaks against it, and which load it takes back."""
-
-    source: Path
-    robot: RobotFile
-    objections: tuple[Objection, ...] = ()
-    takes_back: EffectiveLoad | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class _PairErrors:
-    """Mean error of the distances of a series' pairs, mm."""
-
-    series: int
-    mean_mm: float
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class VerificationSetup:
     """How pairs are measured before and after writing.
@@ -131,49 +109,6 @@ class VerificationSetup:
     observer: RunObserver = SILENT
     stop_requested: Callable[[], bool] = lambda: False
     goes_on: Callable[[], bool] = lambda: False
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Verifier:
-    """Measures the same pairs with the cell before and after writing."""
-
-    campaign: Campaign
-    journal: Journal
-    cell: Cell
-    setup: VerificationSetup
-
-    def shots(
-        self, held: Mapping[str, float], wanted: Mapping[str, float]
-    ) -> tuple[PlannedShot, ...]:
-        """Pairs that both parameter sets reach; raises `OptionsInvalid` when there are too few."""
-        return verification_pairs(self.campaign, (held, wanted), self.setup.pairs)
-
-    def measured(
-        self, stage: VerificationStage, active: Mapping[str, float], shots: tuple[PlannedShot, ...]
-    ) -> _PairErrors:
-        """Errors of the pairs as the controller commands them now."""
-        work = verification_work(self.campaign, stage, active, shots)
-        before = self._latest(stage)
-        while True:
-            try:
-                series = self._series(work, anew=self._latest(stage) == before)
-            except (Interrupted, Cancelled):
-                if not self.setup.goes_on():
-                    raise
-                self.cell.robot.reconnect()
-                self.cell.tracker.reconnect()
-            else:
-                return _PairErrors(series, mean_of_pairs_mm(self.campaign, self.journal, series))
-
-    def _series(self, work: Work, *, anew: bool) -> int:
-        self.setup.prepare(self.cell)
-        observer, stop_requested = self.setup.observer, self.setup.stop_requested
-        return measure_series(self.cell, self.journal, work, observer, stop_requested, anew=anew)
-
-    def _latest(self, stage: VerificationStage) -> int:
-        """Number of the latest series of a stage; 0: there is none."""
-        latest = self.journal.latest_series(stage)
-        return 0 if latest is None else latest.number
 
 
 def load(
@@ -190,7 +125,7 @@ def load(
     terms = terms or LoadTerms()
     wanted = _wanted(campaign, source, terms)
     with campaign.journal() as journal, connection as controller:
-        return _Loading(campaign, journal, controller, terms).load(wanted)
+        return _Loading(campaign, journal, controller, terms).load(*wanted)
 
 
 def load_verified(
@@ -208,8 +143,7 @@ def load_verified(
     terms = terms or LoadTerms()
     wanted = _wanted(campaign, source, terms)
     with campaign.journal() as journal, connection as cell:
-        verifier = _Verifier(campaign, journal, cell, setup)
-        return _Loading(campaign, journal, cell.robot, terms, verifier).load(wanted)
+        return _Loading(campaign, journal, cell.robot, terms, (cell, setup)).load(*wanted)
 
 
 def roll_back(
@@ -239,32 +173,44 @@ def _nothing_to_take_back(campaign: Campaign) -> ShotsMissing:
     )
 
 
-def _wanted(campaign: Campaign, source: Path | None, terms: LoadTerms) -> _Wanted:
-    """File with what speaks against it; raises `ConfigInvalid` unless that is overruled."""
+def _wanted(
+    campaign: Campaign, source: Path | None, terms: LoadTerms
+) -> tuple[Path, RobotFile, tuple[ConfigInvalid, ...]]:
+    """File, its robot, and what was overruled of what speaks against it.
+
+    Raises `ConfigInvalid` unless that is overruled.
+    """
     source = source or campaign.path(parameter_file.FILE_NAME)
     robot, nominal = read_robot(source).robot, campaign.robot
     require_same_mechanism(source, robot, nominal)
     objections = tuple(file_objections(robot, campaign.config.name, nominal))
     if not terms.force:
         refuse(source, objections)
-    return _Wanted(source, robot, objections)
+    return source, robot, objections
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Loading:
-    """Connected controller and open journal, and what is done with them."""
+    """Loading with a connected controller and an open journal.
+
+    Read, checked, approved, [pairs measured], begun in the journal, written and read back,
+    [pairs measured again], ended in the journal; or taken back and ended as failed.
+    """
 
     campaign: Campaign
     journal: Journal
     controller: RobotController
     terms: LoadTerms
-    verifier: _Verifier | None = None
+    verified_by: tuple[Cell, VerificationSetup] | None = None
 
-    def load(self, wanted: _Wanted) -> LoadResult:
+    def load(
+        self, source: Path, robot: RobotFile, objections: tuple[ConfigInvalid, ...]
+    ) -> LoadResult:
         """Load a file."""
         held = self._held()
-        expected = (wanted.robot.provenance or {}).get("controller_serial")
-        return self._carry_out(self._checked(wanted, expected), held)
+        expected = (robot.provenance or {}).get("controller_serial")
+        objections += self._checked(source, robot, expected)
+        return self._carry_out(source, robot, held, objections)
 
     def roll_back(self) -> LoadResult:
         """Put back what the latest effective load replaced."""
@@ -273,18 +219,18 @@ class _Loading:
         if not standing:
             raise _nothing_to_take_back(self.campaign)
         latest = standing[-1]
-        source = self.campaign.path(latest.record.kept)
+        source = self.campaign.path(latest.kept)
         robot = read_robot(source).robot
         require_same_mechanism(source, robot, self.campaign.robot)
-        what = f"what the controller held before the load of {latest.record.source}"
+        what = f"what the controller held before the load of {latest.source}"
         if not differing(held, robot.geometry_flat()):
             self.terms.tell(f"{what} ({latest.at_utc}) was put back already by other means")
             if not self.terms.dry:
                 already_back(self.journal, latest, robot.digest())
             return LoadResult(source, "already")
         self.terms.tell(f"puts back {source.name}: {what} ({latest.at_utc})")
-        wanted = _Wanted(source, robot, takes_back=latest)
-        return self._carry_out(self._checked(wanted, latest.record.controller_serial), held)
+        objections = self._checked(source, robot, latest.controller_serial)
+        return self._carry_out(source, robot, held, objections, takes_back=latest.number)
 
     def _held(self) -> dict[str, float]:
         """What the controller holds; tells of a load without an end, and ends it in the journal."""
@@ -293,102 +239,115 @@ class _Loading:
         if unended is not None:
             self.terms.tell(unended.told(held))
             if not self.terms.dry:
-                settle(self.journal, unended, held, "found when the controller was read again")
+                unended.settle(self.journal, held, FOUND_AGAIN)
         return held
 
-    def _checked(self, wanted: _Wanted, expected_serial: object) -> _Wanted:
-        """With what the controller's serial number says; raises `ConfigInvalid`.
+    def _checked(
+        self, source: Path, robot: RobotFile, expected_serial: object
+    ) -> tuple[ConfigInvalid, ...]:
+        """What the controller's serial number says against it, overruled; raises `ConfigInvalid`.
 
         Also for parameters that its kinematics lacks, which no force can put into it.
         """
-        wanted.robot.controller_flat(self.controller.lacks(wanted.robot.extended_by))
+        robot.controller_flat(self.controller.lacks(robot.extended_by))
         found = tuple(serial_objections(expected_serial, self.controller.identity().serial))
         if not self.terms.force:
-            refuse(wanted.source, found)
-        objections = (*wanted.objections, *found)
-        for each in objections:
-            self.terms.tell(f"overruled by --force: {each.problem}")
-        return _Wanted(wanted.source, wanted.robot, objections, wanted.takes_back)
+            refuse(source, found)
+        return found
 
-    def _carry_out(self, wanted: _Wanted, held: dict[str, float]) -> LoadResult:
-        values = wanted.robot.geometry_flat()
-        if not differing(held, values):
-            return LoadResult(wanted.source, "already")
-        shots = self.verifier.shots(held, values) if self.verifier else ()
-        self.terms.approve(self.controller.identity(), changes(held, wanted.robot))
-        if self.terms.dry:
-            return LoadResult(wanted.source, "dry")
-        with self.terms.uninterrupted:
-            verifier = self.verifier
-            before = verifier and verifier.measured("verify before", held, shots)
-            kept = keep(self.campaign.folder, self.campaign.nominal, held)
-            intent = self._intent(wanted, kept, held, shots)
-            begun = begin(self.journal, intent)
-            self._write(begun, intent)
-            found = None
-            if verifier and before:
-                found = self._verified(begun, intent, shots, verifier, before)
-            end(self.journal, begun, intent, None if found is None else found.document())
-        return LoadResult(wanted.source, "loaded", kept, intent.forced, found)
-
-    def _intent(
+    def _carry_out(
         self,
-        wanted: _Wanted,
-        kept: Path,
-        held: Mapping[str, float],
-        shots: tuple[PlannedShot, ...],
-    ) -> LoadIntent:
-        return LoadIntent(
-            source=wanted.source.name,
-            digest=wanted.robot.digest(),
-            kept=kept.name,
-            wanted=wanted.robot.geometry_flat(),
-            held=held,
-            controller_serial=self.controller.identity().serial,
-            rolls_back=wanted.takes_back.number if wanted.takes_back else None,
-            verify=len(shots) // 2,
-            forced=tuple(each.problem for each in wanted.objections),
-        )
+        source: Path,
+        robot: RobotFile,
+        held: dict[str, float],
+        overruled: tuple[ConfigInvalid, ...],
+        takes_back: int | None = None,
+    ) -> LoadResult:
+        for each in overruled:
+            self.terms.tell(f"overruled by --force: {each.problem}")
+        wanted, controller = robot.geometry_flat(), self.controller.identity()
+        if not differing(held, wanted):
+            return LoadResult(source, "already")
+        pairs = self.verified_by[1].pairs if self.verified_by else 0
+        shots = verification_pairs(self.campaign, (held, wanted), pairs) if pairs else ()
+        self.terms.approve(controller, changes(held, robot))
+        if self.terms.dry:
+            return LoadResult(source, "dry")
+        forced = tuple(each.problem for each in overruled)
+        with self.terms.uninterrupted:
+            before = self._measured("verify before", held, shots) if shots else None
+            kept = keep(self.campaign.folder, self.campaign.nominal, held)
+            begun = Load(
+                source=source.name,
+                digest=robot.digest(),
+                kept=kept.name,
+                wanted=wanted,
+                held=held,
+                controller_serial=controller.serial,
+                rolls_back=takes_back,
+                verify=pairs,
+                forced=forced,
+            ).begin(self.journal)
+            self._write(begun)
+            found = None if before is None else self._verified(begun, shots, *before)
+            begun.end(self.journal, None if found is None else found.document())
+        return LoadResult(source, "loaded", kept, forced, found)
 
-    def _write(self, begun: int, intent: LoadIntent) -> None:
+    def _write(self, begun: Load) -> None:
         """Write and read back; a failure is ended in the journal where its outcome is known."""
         try:
-            write_verified(self.controller, intent.wanted, intent.held)
+            write_verified(self.controller, begun.wanted, begun.held)
         except (DeviceRefused, LoadNotVerified) as error:
-            unended = UnendedLoad(begun, "", intent)
             with suppress(DriverError, JournalFailed):  # what went wrong first is what counts
-                settle(self.journal, unended, self.controller.read_geometry(), error.problem)
+                begun.settle(self.journal, self.controller.read_geometry(), error.problem)
             raise
 
     def _verified(
-        self,
-        begun: int,
-        intent: LoadIntent,
-        shots: tuple[PlannedShot, ...],
-        verifier: _Verifier,
-        before: _PairErrors,
+        self, begun: Load, shots: tuple[PlannedShot, ...], series: int, before_mm: float
     ) -> Verification:
         """Measure with the new parameters; raises `VerdictBad` when they are worse."""
         try:
-            after = verifier.measured("verify after", intent.wanted, shots)
+            again, after_mm = self._measured("verify after", begun.wanted, shots)
         except BaseException as error:
-            self._take_back(begun, intent, f"not verified: {problem_of(error)}")
+            self._take_back(begun, f"not verified: {problem_of(error)}")
             raise
-        if after.mean_mm <= before.mean_mm:
-            series = (before.series, after.series)
-            return Verification(intent.verify, before.mean_mm, after.mean_mm, series)
+        if after_mm <= before_mm:
+            return Verification(begun.verify, before_mm, after_mm, (series, again))
         worse = (
-            f"distances of {intent.verify} pairs are off by {after.mean_mm:.3f} mm on average "
-            f"after loading {intent.source}, before it was {before.mean_mm:.3f} mm"
+            f"distances of {begun.verify} pairs are off by {after_mm:.3f} mm on average "
+            f"after loading {begun.source}, before it was {before_mm:.3f} mm"
         )
-        self._take_back(begun, intent, worse)
+        self._take_back(begun, worse)
         raise VerdictBad(
             f"{worse}; rolled back, the controller holds the old parameters",
             remedy="identify again, with other shots or parameters",
         )
 
-    def _take_back(self, begun: int, intent: LoadIntent, reason: str) -> None:
+    def _take_back(self, begun: Load, reason: str) -> None:
         """Put the old parameters back and end the load; raises `LoadNotVerified`."""
-        put_back(self.controller, intent.held)
-        fail(self.journal, begun, intent, reason)
-        self.terms.tell(f"rolled back: the controller holds what it held before ({intent.kept})")
+        put_back(self.controller, begun.held)
+        begun.fail(self.journal, reason)
+        self.terms.tell(f"rolled back: the controller holds what it held before ({begun.kept})")
+
+    def _measured(
+        self, stage: VerificationStage, active: Mapping[str, float], shots: tuple[PlannedShot, ...]
+    ) -> tuple[int, float]:
+        """Series of the pairs as the controller commands them now, and their mean error, mm."""
+        assert self.verified_by is not None, "pairs are measured where they were asked for"
+        cell, setup = self.verified_by
+        work = verification_work(self.campaign, stage, active, shots)
+        before = self.journal.latest_series(stage)
+        while True:
+            anew = self.journal.latest_series(stage) == before
+            try:
+                setup.prepare(cell)
+                series = measure_series(
+                    cell, self.journal, work, setup.observer, setup.stop_requested, anew=anew
+                )
+            except (Interrupted, Cancelled):
+                if not setup.goes_on():
+                    raise
+                cell.robot.reconnect()
+                cell.tracker.reconnect()
+            else:
+                return series, mean_of_pairs_mm(self.campaign, self.journal, series)

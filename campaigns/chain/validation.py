@@ -12,7 +12,7 @@ from campaigns.chain.correction import identified_set
 from campaigns.chain.work import engine_work
 from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.controllers.load import differing
-from campaigns.controllers.load_journal import Holding, load_history, settle
+from campaigns.controllers.load_journal import FOUND_AGAIN, Holding, load_history
 from campaigns.errors import FindingUnreadable, OptionsInvalid
 from campaigns.evaluation.validation import (
     ValidationResult,
@@ -259,7 +259,7 @@ def _ended_load(campaign: Campaign, held: Mapping[str, float], tell: Callable[[s
         return unended.told(held)
     tell(unended.told(held))
     with campaign.journal() as journal:
-        settle(journal, unended, held, "found when the controller was read again")
+        unended.settle(journal, held, FOUND_AGAIN)
     return ""
 
 

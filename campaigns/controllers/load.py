@@ -25,22 +25,6 @@ KEPT = "controller-before-{number}.yaml"
 
 
 @dataclass(frozen=True, slots=True)
-class LoadRecord:
-    """Parameter file that was written into the controller and read back, as the journal has it."""
-
-    source: str
-    digest: str
-    kept: str
-    controller_serial: str | None = None
-    begun: int | None = None
-    """Record of its intent; None in journals that have none."""
-    rolls_back: int | None = None
-    """Record of the load that this one took back."""
-    forced: tuple[str, ...] = ()
-    """Objections that were overruled."""
-
-
-@dataclass(frozen=True, slots=True)
 class Change:
     """Parameter in the controller and in the file, mm or deg."""
 
@@ -171,17 +155,9 @@ def _read_anew(robot: RobotController, broken: DriverError) -> Mapping[str, floa
 
 def keep(folder: Path, nominal: RobotDocument, held: Mapping[str, float]) -> Path:
     """Write what the controller holds as a robot file under the next free number; gives it."""
-    number = 1 + max((_number(path) for path in _kept(folder)), default=0)
+    numbers = (path.stem.rpartition("-")[2] for path in folder.glob(KEPT.format(number="*")))
+    number = 1 + max((int(each) for each in numbers if each.isdecimal()), default=0)
     path = folder / KEPT.format(number=number)
     name = f"{nominal.robot.name}-controller-before-{number}"
     write_new_robot(path, compensated(nominal, Compensation(name, held, {}, {})))
     return path
-
-
-def _kept(folder: Path) -> list[Path]:
-    return list(folder.glob(KEPT.format(number="*")))
-
-
-def _number(path: Path) -> int:
-    digits = path.stem.rpartition("-")[2]
-    return int(digits) if digits.isdecimal() else 0

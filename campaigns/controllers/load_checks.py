@@ -4,7 +4,6 @@ Every objection can be overruled by `--force`, but not silently.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from campaigns.errors import ConfigInvalid
@@ -14,15 +13,7 @@ from campaigns.robots.robot import RobotFile
 OWN_FILE = "load the file that `pkmcal export` writes for this campaign"
 
 
-@dataclass(frozen=True, slots=True)
-class Objection:
-    """Reason against loading a file, and what to do instead."""
-
-    problem: str
-    remedy: str
-
-
-def file_objections(robot: RobotFile, campaign: str, nominal: RobotFile) -> Iterator[Objection]:
+def file_objections(robot: RobotFile, campaign: str, nominal: RobotFile) -> Iterator[ConfigInvalid]:
     """Objections to a robot file for the campaign of that name and nominal robot.
 
     The nominal set itself may always be loaded.
@@ -33,22 +24,22 @@ def file_objections(robot: RobotFile, campaign: str, nominal: RobotFile) -> Iter
     old, new = nominal.geometry_flat(), robot.geometry_flat()
     changes = {name: new[name] - old[name] for name in old if name in new}
     for text in beyond_tolerance(nominal.tolerance, changes):
-        yield Objection(text, "look for the mistake in the file or in what was measured")
+        yield ConfigInvalid(text, remedy="look for the mistake in the file or in what was measured")
 
 
-def serial_objections(expected: object, connected: str) -> Iterator[Objection]:
+def serial_objections(expected: object, connected: str) -> Iterator[ConfigInvalid]:
     """Objection to a set found with another controller than the connected one.
 
     Nothing is said where either has no serial number.
     """
     if expected and connected and expected != connected:
-        yield Objection(
+        yield ConfigInvalid(
             f"it is for the controller of serial number {expected}, connected is {connected}",
-            "connect the right controller, or identify this robot",
+            remedy="connect the right controller, or identify this robot",
         )
 
 
-def refuse(source: Path, objections: Sequence[Objection]) -> None:
+def refuse(source: Path, objections: Sequence[ConfigInvalid]) -> None:
     """Raise `ConfigInvalid` with all objections in one line, if there are any."""
     if objections:
         problems = "; ".join(each.problem for each in objections)
@@ -70,24 +61,25 @@ def require_same_mechanism(source: Path, robot: RobotFile, nominal: RobotFile) -
 
 def _provenance_objections(
     robot: RobotFile, campaign: str, nominal: RobotFile
-) -> Iterator[Objection]:
+) -> Iterator[ConfigInvalid]:
     stated = robot.provenance
     if not stated:
-        yield Objection("it does not say where its parameters come from", OWN_FILE)
+        yield ConfigInvalid("it does not say where its parameters come from", remedy=OWN_FILE)
         return
     if stated.get("campaign") != campaign:
-        yield Objection(
-            f"it is of the campaign '{stated.get('campaign')}', this one is '{campaign}'", OWN_FILE
+        yield ConfigInvalid(
+            f"it is of the campaign '{stated.get('campaign')}', this one is '{campaign}'",
+            remedy=OWN_FILE,
         )
     if stated.get("nominal_digest") != nominal.digest():
-        yield Objection(
+        yield ConfigInvalid(
             f"it rests on another nominal robot ({stated.get('nominal_robot')}, sha256 "
             f"{str(stated.get('nominal_digest'))[:16]}…) than this campaign's ({nominal.name}, "
             f"sha256 {nominal.digest()[:16]}…)",
-            OWN_FILE,
+            remedy=OWN_FILE,
         )
     if stated.get("verdict") != "pass":
-        yield Objection(
+        yield ConfigInvalid(
             f"its identification's verdict is '{stated.get('verdict')}', must be 'pass'",
-            "measure more or correct the campaign, then identify and export again",
+            remedy="measure more or correct the campaign, then identify and export again",
         )

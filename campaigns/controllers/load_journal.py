@@ -1,37 +1,17 @@
 """Loads in the journal: begun, ended, taken back, and found again when the process died."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import TypeVar
 
 from pydantic import JsonValue, TypeAdapter, ValidationError
 
-from campaigns.controllers.load import LoadRecord, differing
+from campaigns.controllers.load import differing
 from campaigns.errors import FindingUnreadable
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Finding
-from campaigns.journal.views import Entry
 
-RecordT = TypeVar("RecordT")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LoadIntent:
-    """Parameters about to be written and those that they replace, by name, mm and deg."""
-
-    source: str
-    digest: str
-    kept: str
-    wanted: Mapping[str, float]
-    held: Mapping[str, float]
-    controller_serial: str
-    rolls_back: int | None = None
-    """Record of the load that this one takes back."""
-    verify: int = 0
-    """Verification pairs asked for."""
-    forced: tuple[str, ...] = ()
-    """Objections that were overruled."""
+FOUND_AGAIN = "found when the controller was read again"
 
 
 class Holding(Enum):
@@ -42,61 +22,106 @@ class Holding(Enum):
     OTHER = "neither the old nor the new parameters"
 
 
-@dataclass(frozen=True, slots=True)
-class UnendedLoad:
-    """Load that was begun and has no end in the journal: the process died in between."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Load:
+    """Load of a robot file; parameters by name, mm and deg. `kept` is the file of the old ones."""
 
-    number: int
-    at_utc: str
-    intent: LoadIntent
+    source: str
+    digest: str
+    kept: str
+    wanted: Mapping[str, float] = field(default_factory=dict)
+    """About to be written; the record of a load that ended does not repeat them."""
+    held: Mapping[str, float] = field(default_factory=dict)
+    """What they replace."""
+    controller_serial: str | None = None
+    rolls_back: int | None = None
+    """Record of the load that this one takes back."""
+    verify: int = 0
+    """Verification pairs asked for."""
+    forced: tuple[str, ...] = ()
+    """Objections that were overruled."""
+    begun: int | None = None
+    """Record of its beginning; None in journals that have none."""
+    number: int = 0
+    """Record of its end, or of its beginning while it has none."""
+    at_utc: str = ""
 
     def holding(self, held: Mapping[str, float]) -> Holding:
-        """Holding of a controller that has these parameters."""
-        if not differing(held, self.intent.wanted):
+        """What a controller that has these parameters holds of a load that was begun."""
+        if not differing(held, self.wanted):
             return Holding.NEW
-        return Holding.OTHER if differing(held, self.intent.held) else Holding.OLD
+        return Holding.OTHER if differing(held, self.held) else Holding.OLD
 
     def told(self, held: Mapping[str, float] | None) -> str:
-        """Sentence about it; None: nobody has asked the controller."""
-        begun = f"a load of {self.intent.source} was begun at {self.at_utc} and not ended"
+        """Sentence about a load without an end; None: nobody has asked the controller."""
+        begun = f"a load of {self.source} was begun at {self.at_utc} and not ended"
         if held is None:
             return f"{begun}; `pkmcal load DIR --dry` says what the controller holds now"
         found = self.holding(held)
         advice = {
-            Holding.NEW: ", without the verification asked for" if self.intent.verify else "",
+            Holding.NEW: ", without the verification asked for" if self.verify else "",
             Holding.OLD: "",
             Holding.OTHER: ": don't move the robot; load again, or put the old ones back with "
             "`pkmcal load DIR --rollback`",
         }
         return f"{begun}; the controller holds {found.value} now{advice[found]}"
 
+    def _ended(self) -> dict[str, JsonValue]:
+        """Body of the record that it took effect."""
+        return {
+            "source": self.source,
+            "digest": self.digest,
+            "kept": self.kept,
+            "controller_serial": self.controller_serial,
+            "begun": self.begun,
+            "rolls_back": self.rolls_back,
+            "forced": list(self.forced),
+        }
 
-@dataclass(frozen=True, slots=True)
-class EffectiveLoad:
-    """Load that took effect, by its place in the journal; `record.kept` is what it replaced."""
+    def begin(self, journal: Journal) -> "Load":
+        """Write that it is about to be written, as it stands then."""
+        body = self._ended() | {"verify": self.verify}
+        del body["begun"]
+        sets: dict[str, JsonValue] = {"wanted": {**self.wanted}, "held": {**self.held}}
+        begun = journal.append(Finding("load begun", body | sets))
+        return replace(self, begun=begun, number=begun)
 
-    number: int
-    at_utc: str
-    record: LoadRecord
+    def end(self, journal: Journal, verification: dict[str, JsonValue] | None) -> None:
+        """Write that it took effect, and what its verification pairs said."""
+        journal.append(Finding("load", self._ended() | {"verification": verification}))
+
+    def fail(self, journal: Journal, reason: str) -> None:
+        """Write that it took no effect: the controller holds what it held before."""
+        body: dict[str, JsonValue] = {"source": self.source, "begun": self.begun, "reason": reason}
+        journal.append(Finding("load failed", body))
+
+    def settle(self, journal: Journal, held: Mapping[str, float], reason: str) -> None:
+        """Write the end that it lacks, by what the controller holds, where that tells."""
+        found = self.holding(held)
+        if found is Holding.NEW:
+            body = self._ended() | {"verification": None, "reason": reason}
+            journal.append(Finding("load", body))
+        elif found is Holding.OLD:
+            self.fail(journal, reason)
 
 
 @dataclass(frozen=True, slots=True)
 class LoadHistory:
     """Loads that took effect and were not taken back, oldest first, and one without an end."""
 
-    effective: tuple[EffectiveLoad, ...]
-    unended: UnendedLoad | None
+    effective: tuple[Load, ...]
+    unended: Load | None
 
-    def standing(self, held: Mapping[str, float]) -> tuple[EffectiveLoad, ...]:
+    def standing(self, held: Mapping[str, float]) -> tuple[Load, ...]:
         """Effective loads, with the unended one as the controller's parameters show it."""
         unended = self.unended
         if unended is None:
             return self.effective
         found = unended.holding(held)
-        going_back = unended.intent.rolls_back is not None
+        going_back = unended.rolls_back is not None
         if found is Holding.OLD or (found is Holding.OTHER and going_back):
             return self.effective
-        return _after(self.effective, unended.number, unended.at_utc, _record(unended))
+        return _after(self.effective, unended)
 
 
 def load_history(journal: JournalReader) -> LoadHistory:
@@ -104,107 +129,53 @@ def load_history(journal: JournalReader) -> LoadHistory:
 
     Raises `FindingUnreadable` for a begun load in another form.
     """
-    effective: tuple[EffectiveLoad, ...] = ()
-    unended: UnendedLoad | None = None
+    effective: tuple[Load, ...] = ()
+    unended: Load | None = None
     for entry in journal.records_of(Finding):
-        kind, body = entry.record.kind, entry.record.body
+        kind, body, number = entry.record.kind, entry.record.body, entry.number
         if kind == "load begun":
-            unended = UnendedLoad(entry.number, entry.at_utc, _read(body, LoadIntent))
+            begun = replace(read_load(body), begun=number)
+            if not (begun.wanted and begun.held):
+                raise _unreadable("wanted, held: missing")
+            unended = replace(begun, number=number, at_utc=entry.at_utc)
         elif kind == "load failed":
             unended = None
         elif kind == "load":
-            unended, effective = None, _after_entry(effective, entry)
+            unended = None
+            try:
+                ended = replace(read_load(body), number=number, at_utc=entry.at_utc)
+                effective = _after(effective, ended)
+            except FindingUnreadable:
+                effective = ()  # nobody knows what it replaced: nothing before it can be put back
     return LoadHistory(effective, unended)
 
 
-def read_load(body: Mapping[str, JsonValue]) -> LoadRecord:
+def read_load(body: Mapping[str, JsonValue]) -> Load:
     """Load as the journal has it; raises `FindingUnreadable`."""
-    return _read(body, LoadRecord)
+    try:
+        return TypeAdapter(Load).validate_python(body)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        raise _unreadable(f"{where}: {first['msg'].lower()}") from error
 
 
-def begin(journal: Journal, intent: LoadIntent) -> int:
-    """Number of the record that says what is about to be written."""
-    return journal.append(Finding("load begun", asdict(intent)))
-
-
-def end(
-    journal: Journal, begun: int, intent: LoadIntent, verification: dict[str, JsonValue] | None
-) -> None:
-    """Write that a load took effect, and what its verification pairs said."""
-    journal.append(Finding("load", _ended(begun, intent) | {"verification": verification}))
-
-
-def fail(journal: Journal, begun: int, intent: LoadIntent, reason: str) -> None:
-    """Write that a load took no effect: the controller holds what it held before."""
-    body: dict[str, JsonValue] = {"source": intent.source, "begun": begun, "reason": reason}
-    journal.append(Finding("load failed", body))
-
-
-def already_back(journal: Journal, load: EffectiveLoad, digest: str) -> None:
+def already_back(journal: Journal, load: Load, digest: str) -> None:
     """Write that what a load replaced is there again, by other means than ours."""
-    kept = load.record.kept
-    body: dict[str, JsonValue] = {"source": kept, "digest": digest, "kept": kept}
+    body: dict[str, JsonValue] = {"source": load.kept, "digest": digest, "kept": load.kept}
     journal.append(Finding("load", body | {"rolls_back": load.number}))
 
 
-def settle(
-    journal: Journal, unended: UnendedLoad, held: Mapping[str, float], reason: str
-) -> Holding:
-    """Write the end of a load that has none, by what the controller holds, where that tells."""
-    found = unended.holding(held)
-    if found is Holding.NEW:
-        body = _ended(unended.number, unended.intent) | {"verification": None, "reason": reason}
-        journal.append(Finding("load", body))
-    elif found is Holding.OLD:
-        fail(journal, unended.number, unended.intent, reason)
-    return found
-
-
-def _ended(begun: int, intent: LoadIntent) -> dict[str, JsonValue]:
-    return {
-        "source": intent.source,
-        "digest": intent.digest,
-        "kept": intent.kept,
-        "controller_serial": intent.controller_serial,
-        "begun": begun,
-        "rolls_back": intent.rolls_back,
-        "forced": list(intent.forced),
-    }
-
-
-def _record(unended: UnendedLoad) -> LoadRecord:
-    return read_load(_ended(unended.number, unended.intent))
-
-
-def _after_entry(
-    effective: tuple[EffectiveLoad, ...], entry: Entry[Finding]
-) -> tuple[EffectiveLoad, ...]:
-    try:
-        record = read_load(entry.record.body)
-    except FindingUnreadable:
-        return ()  # nobody knows what it replaced, so nothing before it can be walked back to
-    return _after(effective, entry.number, entry.at_utc, record)
-
-
-def _after(
-    effective: tuple[EffectiveLoad, ...], number: int, at_utc: str, record: LoadRecord
-) -> tuple[EffectiveLoad, ...]:
+def _after(effective: tuple[Load, ...], load: Load) -> tuple[Load, ...]:
     """Loads in effect after one more, which may have taken others back."""
-    if record.rolls_back is not None:
-        return tuple(each for each in effective if each.number < record.rolls_back)
-    if record.begun is None:  # written when a rollback was known by the file that it put back
-        kept = [each.record.kept for each in effective]
-        if record.source in kept:
-            return effective[: kept.index(record.source)]
-    return (*effective, EffectiveLoad(number, at_utc, record))
+    if load.rolls_back is not None:
+        return tuple(each for each in effective if each.number < load.rolls_back)
+    if load.begun is None:  # written when a rollback was known by the file that it put back
+        kept = [each.kept for each in effective]
+        if load.source in kept:
+            return effective[: kept.index(load.source)]
+    return (*effective, load)
 
 
-def _read(body: Mapping[str, JsonValue], kind: type[RecordT]) -> RecordT:
-    try:
-        return TypeAdapter(kind).validate_python(body)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise FindingUnreadable(
-            f"the journal's load, {'.'.join(map(str, first['loc']))}: {first['msg'].lower()}",
-            remedy="load again",
-        ) from error
+def _unreadable(what: str) -> FindingUnreadable:
+    return FindingUnreadable(f"the journal's load, {what}", remedy="load again")
