@@ -59,16 +59,14 @@ from campaigns.journal.records import (
     PairVoided,
     Record,
     Rejected,
-    SessionStarted,
     Stage,
 )
-from campaigns.journal.views import Entry, Series, accepted_shots, unstopped_sessions
+from campaigns.journal.views import Entry, Series
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plan_file import PlannedShot, plan_digest
 from campaigns.planning.plan_match import plan_difference
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.shots.shots import Shots, shots_of_journal
-from drivers.values import Identity
 
 FoundT = TypeVar("FoundT")
 
@@ -83,27 +81,6 @@ class MeasuredSeries:
     shots: Shots
     intents: tuple[Intent, ...] = ()
     """What was asked for of each of them."""
-
-
-@dataclass(frozen=True, slots=True)
-class SeriesFacts:
-    """Line of the list of series."""
-
-    series: Series
-    accepted: int
-    sessions: int
-    unstopped: int
-    """Sessions that neither finished nor stopped in order: a crash, or still at work."""
-
-    @property
-    def robot(self) -> Identity | None:
-        """Who answered as controller."""
-        return self.series.started.robot
-
-    @property
-    def tracker(self) -> Identity | None:
-        """Who answered as tracker."""
-        return self.series.started.tracker
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +126,7 @@ class Incident:
 class JournalFacts:
     """What the journal says besides shots and findings."""
 
-    series: tuple[SeriesFacts, ...]
+    series: tuple[Series, ...]
     incidents: tuple[Incident, ...]
     digest: str
     records: int
@@ -179,7 +156,7 @@ class Evidence:
     @property
     def simulated(self) -> SimulatedDevices:
         """Devices that were simulated, as each series says, or as campaign.yaml plans."""
-        series = (facts.series for facts in self.journal.series) if self.journal else ()
+        series = self.journal.series if self.journal else ()
         return simulated_devices(series, planned=self.campaign.is_simulated)
 
     def by_stage(self) -> tuple[tuple[str, MeasuredSeries], ...]:
@@ -293,11 +270,9 @@ def gather(campaign: Campaign) -> Evidence:
         return Evidence(
             campaign=campaign,
             journal=_facts(journal, entries, all_series, identification, unended),
-            before=_all_measured(campaign, entries, _chosen(all_series, {"before"})),
-            run=_measured(campaign, entries, _identified_series(all_series, identification)),
-            after=_all_measured(
-                campaign, entries, _chosen(all_series, {"after", "after by targets"})
-            ),
+            before=_all_measured(campaign, _chosen(all_series, {"before"})),
+            run=_measured(campaign, _identified_series(all_series, identification)),
+            after=_all_measured(campaign, _chosen(all_series, {"after", "after by targets"})),
             identification=identification,
             loaded=loaded,
             plan=plan,
@@ -416,22 +391,15 @@ def _identified_series(
     return next((s for s in all_series if s.number == identification.series), None)
 
 
-def _measured(
-    campaign: Campaign, entries: Iterable[Entry[Record]], series: Series | None
-) -> MeasuredSeries | None:
-    if series is None:
+def _measured(campaign: Campaign, series: Series | None) -> MeasuredSeries | None:
+    if series is None or not series.shots:
         return None
-    shots = accepted_shots(entry for entry in entries if entry.series == series.number)
-    if not shots:
-        return None
-    intents = tuple(shot.intent for shot in shots)
-    return MeasuredSeries(series, shots_of_journal(shots, campaign.robot.mechanism), intents)
+    intents = tuple(shot.intent for shot in series.shots)
+    return MeasuredSeries(series, shots_of_journal(series.shots, campaign.robot.mechanism), intents)
 
 
-def _all_measured(
-    campaign: Campaign, entries: Iterable[Entry[Record]], every: Iterable[Series]
-) -> tuple[MeasuredSeries, ...]:
-    found = (_measured(campaign, entries, series) for series in every)
+def _all_measured(campaign: Campaign, every: Iterable[Series]) -> tuple[MeasuredSeries, ...]:
+    found = (_measured(campaign, series) for series in every)
     return tuple(measured for measured in found if measured is not None)
 
 
@@ -444,7 +412,7 @@ def _facts(
 ) -> JournalFacts:
     through = identification.journal_records if identification else None
     return JournalFacts(
-        tuple(_series_facts(entries, series) for series in all_series),
+        all_series,
         tuple(
             Incident(entry.at_utc, entry.series, entry.record)
             for entry in entries
@@ -455,12 +423,6 @@ def _facts(
         None if through is None else journal.digest(through=through),
         unended_load,
     )
-
-
-def _series_facts(entries: Iterable[Entry[Record]], series: Series) -> SeriesFacts:
-    own = [entry for entry in entries if entry.series == series.number]
-    sessions = sum(isinstance(entry.record, SessionStarted) for entry in own)
-    return SeriesFacts(series, len(accepted_shots(own)), sessions, len(unstopped_sessions(own)))
 
 
 def _errors(evidence: Evidence) -> ModelErrors | None:

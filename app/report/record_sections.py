@@ -5,10 +5,11 @@ from collections.abc import Iterator
 from app.report.parts import moment
 from campaigns.evaluation.integrity import Check
 from campaigns.evaluation.time_series import stated_uncertainty_mm, time_series
-from campaigns.evidence import Evidence, JournalFacts, SeriesFacts
+from campaigns.evidence import Evidence, JournalFacts
 from campaigns.files.table import NOTHING, Row, number
 from campaigns.identification.result import Excluded
 from campaigns.journal.records import Event, Rejected, SeriesStarted
+from campaigns.journal.views import Series
 from campaigns.shots.import_export import imported_files
 from drivers.values import Weather
 
@@ -57,24 +58,24 @@ def check_rows(checks: tuple[Check, ...]) -> tuple[Row, ...]:
     return tuple((check.statement, answers[check.holds], check.detail) for check in checks)
 
 
-def series_rows(every: tuple[SeriesFacts, ...]) -> tuple[Row, ...]:
+def series_rows(every: tuple[Series, ...]) -> tuple[Row, ...]:
     """Rows of series: number, stage, begun, shots, state, software."""
     return tuple(
         (
-            str(facts.series.number),
-            facts.series.started.stage,
-            moment(facts.series.started_utc),
-            str(facts.accepted),
-            _state(facts),
-            f"pkmcal {facts.series.started.software_version}",
+            str(series.number),
+            series.started.stage,
+            moment(series.started_utc),
+            str(len(series.shots)),
+            _state(series),
+            f"pkmcal {series.started.software_version}",
         )
-        for facts in every
+        for series in every
     )
 
 
-def imported_rows(every: tuple[SeriesFacts, ...]) -> tuple[Row, ...]:
+def imported_rows(every: tuple[Series, ...]) -> tuple[Row, ...]:
     """Rows of imported files: series, name, sha256 of the file."""
-    imports = [facts.series for facts in every if facts.series.started.stage == "import"]
+    imports = [each for each in every if each.started.stage == "import"]
     return tuple(
         (str(series.number), *file) for series in imports for file in _files_of(series.started)
     )
@@ -83,9 +84,9 @@ def imported_rows(every: tuple[SeriesFacts, ...]) -> tuple[Row, ...]:
 def instrument_rows(evidence: Evidence, journal: JournalFacts) -> tuple[Row, ...]:
     """Rows of instruments and air: what, series, which; each once, with all its series."""
     seen: dict[tuple[str, str], list[str]] = {}
-    for facts in journal.series:
-        for name, text in _present(facts):
-            seen.setdefault((name, text), []).append(str(facts.series.number))
+    for each in journal.series:
+        for name, text in _present(each):
+            seen.setdefault((name, text), []).append(str(each.number))
     config = evidence.campaign.config
     reflector = (config.tracker.reflector, config.instruments.reflector_serial)
     return (
@@ -122,15 +123,18 @@ def _two(values: tuple[float, float] | None, decimals: int, otherwise: str = NOT
     return number(values[0], decimals), number(values[1], decimals)
 
 
-def _state(facts: SeriesFacts) -> str:
-    state = "finished" if facts.series.finished else "unfinished"
-    return f"{state}, {facts.sessions} sessions" if facts.sessions > 1 else state
+def _state(series: Series) -> str:
+    state = "finished" if series.finished else "unfinished"
+    return f"{state}, {series.sessions} sessions" if series.sessions > 1 else state
 
 
-def _present(facts: SeriesFacts) -> Iterator[tuple[str, str]]:
-    for name, identity in (("controller", facts.robot), ("tracker", facts.tracker)):
+def _present(series: Series) -> Iterator[tuple[str, str]]:
+    for name, identity in (
+        ("controller", series.started.robot),
+        ("tracker", series.started.tracker),
+    ):
         yield name, "none: imported" if identity is None else str(identity)
-    air = facts.series.started.weather
+    air = series.started.weather
     if air is not None:
         yield "air at the start", _air(air)
 

@@ -30,7 +30,12 @@ from benchmarks.engine import AIR, COVARIANCE_MM2, DEVICE, InstantRobot, work_of
 from benchmarks.shared.prototype import CENTRE, EVERYWHERE, NOMINAL, ROBOT
 from benchmarks.shared.yardstick import Figure, Report, main
 from campaigns.campaign import now_utc
-from campaigns.journal.database import connect_to_read, connect_to_write, stored_records
+from campaigns.journal.database import (
+    connect_to_read,
+    connect_to_write,
+    stored_records,
+    verify_file,
+)
 from campaigns.journal.journal import Journal, read_journal
 from campaigns.journal.records import Intent, Outcome, Record
 from campaigns.measuring.run_state import SILENT
@@ -236,8 +241,9 @@ def check_durable(path: Path, durable: Sequence[Sequence[str]], found: Tally) ->
 
 def check_whole(path: Path, shots: Sequence[PlannedShot], found: Tally) -> None:
     """Count doubled attempts and shots, wrong points, and whether the campaign is complete."""
+    with closing(connect_to_read(path)) as connection:
+        verify_file(connection, path)
     with read_journal(path) as journal:
-        journal.verify_file()
         accepted = journal.shots(1)
         attempts = Counter((e.record.shot, e.record.attempt) for e in journal.records_of(Intent))
         outcomes = [entry.record for entry in journal.records_of(Outcome)]

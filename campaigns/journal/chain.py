@@ -5,6 +5,10 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from campaigns.errors import JournalFailed
+
+FROM_BACKUP = "the file was changed or damaged: bring campaign.db back from a backup"
+
 Content = tuple[int, str, str, int | None, int | None, int | None, str]
 """A record as stored: number, at_utc, kind, series, shot, attempt, body."""
 Row = tuple[int, str, str, int | None, int | None, int | None, str, str | None]
@@ -22,11 +26,13 @@ class ChainEnd:
 EMPTY = ChainEnd(0, "")
 
 
-class ChainBroken(Exception):
-    """Records that are not what was written; `number` is that of the first one found."""
+class JournalDamaged(JournalFailed):
+    """A journal that is not what was written; `number` is the first record concerned, if known."""
 
-    def __init__(self, number: int, problem: str) -> None:
-        super().__init__(problem)
+    def __init__(
+        self, problem: str, *, remedy: str = FROM_BACKUP, number: int | None = None
+    ) -> None:
+        super().__init__(problem, remedy=remedy)
         self.number = number
 
 
@@ -42,33 +48,41 @@ def chain_end(rows: Iterable[Row], stated: ChainEnd = EMPTY) -> ChainEnd:
     """End of the chain over all records, in the order of their numbers.
 
     Records without a digest may only come first: the first digest after them covers them too.
-    `stated` is the last record that has a digest, as the file itself says. Raises `ChainBroken`.
+    `stated` is the last record that has a digest, as the file itself says. Raises `JournalDamaged`.
     """
     end, sealed = EMPTY, EMPTY
     for row in rows:
         end = _next_end(end, row, sealed)
         sealed = end if row[-1] is not None else sealed
     if sealed.number < stated.number:
-        raise ChainBroken(
-            end.number + 1, f"the records from {end.number + 1} to {stated.number} are missing"
+        first = end.number + 1
+        raise JournalDamaged(
+            f"the records from {first} to {stated.number} are missing", number=first
         )
     if sealed != stated:
-        raise ChainBroken(end.number, f"record {end.number} is not the last one that was written")
+        problem = f"record {end.number} is not the last one that was written"
+        raise JournalDamaged(problem, number=end.number)
     return end
 
 
 def _next_end(end: ChainEnd, row: Row, sealed: ChainEnd) -> ChainEnd:
     number, due, stored = row[0], end.number + 1, row[-1]
     if number != due:
-        raise ChainBroken(due, f"record {due} is missing or was renumbered: {number} comes next")
+        problem = f"record {due} is missing or was renumbered: {number} comes next"
+        raise JournalDamaged(problem, number=due)
     try:
         digest = digest_after(end.digest, row[:-1])
+    except UnicodeEncodeError:
+        problem = f"record {number} holds text that is no UTF-8"
+        raise JournalDamaged(problem, number=number) from None
     except (TypeError, ValueError) as error:
-        raise ChainBroken(number, f"record {number} holds what none may hold: {error}") from error
+        problem = f"record {number} holds what none may hold: {error}"
+        raise JournalDamaged(problem, number=number) from error
     if stored is None and sealed != EMPTY:
-        raise ChainBroken(number, f"record {number} has no digest, though those before it have one")
+        problem = f"record {number} has no digest, though those before it have one"
+        raise JournalDamaged(problem, number=number)
     if stored is not None and stored != digest:
         first = sealed.number + 1
         which = f"record {number}" if first == number else f"one of the records {first} to {number}"
-        raise ChainBroken(first, f"{which} was changed after it was written")
+        raise JournalDamaged(f"{which} was changed after it was written", number=first)
     return ChainEnd(number, digest)

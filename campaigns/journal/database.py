@@ -1,4 +1,4 @@
-"""SQLite's errors in the operator's words."""
+"""The journal as an SQLite file: its tables and rules, opened, verified, and errors explained."""
 
 import os
 import sqlite3
@@ -8,12 +8,11 @@ from itertools import chain
 from pathlib import Path
 
 from campaigns.errors import JournalFailed
-from campaigns.journal.chain import EMPTY, ChainEnd, Row
+from campaigns.journal.chain import EMPTY, ChainEnd, JournalDamaged, Row, chain_end
 
 _PRIMARY_CODE = 0xFF
 """SQLite's extended error codes keep their family in the lowest byte."""
 
-FROM_BACKUP = "the file was changed or damaged: bring campaign.db back from a backup"
 _LOCK_PATIENCE_S = 2.0
 _AGAIN = "start the command again, and report this if it comes back"
 _RIGHTS = "give this user the right to write the campaign folder and its files"
@@ -240,6 +239,27 @@ def stored_records(connection: sqlite3.Connection) -> tuple[list[Row], ChainEnd]
     return rows, EMPTY if stated is None else ChainEnd(*stated)
 
 
+def verified_end(connection: sqlite3.Connection, path: Path) -> ChainEnd:
+    """End of the journal's chain; raises `JournalDamaged` where a record is not what was written.
+
+    Raises `JournalFailed` for what SQLite cannot read.
+    """
+    with sqlite_errors_explained(path, "the journal cannot be read"):
+        rows, stated = stored_records(connection)
+    try:
+        return chain_end(rows, stated)
+    except JournalDamaged as broken:
+        raise JournalDamaged(f"{path}: {broken.problem}", number=broken.number) from broken
+
+
+def verify_file(connection: sqlite3.Connection, path: Path) -> None:
+    """Raise `JournalDamaged` where SQLite finds its pages, indexes or rules broken."""
+    with sqlite_errors_explained(path, "the journal cannot be read"):
+        found = [text for (text,) in connection.execute("PRAGMA integrity_check(1)")]
+    if found != ["ok"]:
+        raise JournalDamaged(f"{path}: the file is damaged: {' '.join(found[0].split())}")
+
+
 def checkpoint(connection: sqlite3.Connection) -> None:
     """Move the log into the database and empty it, unless somebody reads it just now."""
     connection.execute("PRAGMA busy_timeout = 0")
@@ -247,27 +267,6 @@ def checkpoint(connection: sqlite3.Connection) -> None:
         connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
     finally:
         connection.execute(f"PRAGMA busy_timeout = {round(1e3 * _LOCK_PATIENCE_S)}")
-
-
-def undecodable_record(connection: sqlite3.Connection) -> int | None:
-    """Number of the first record whose text is no UTF-8, if there is one."""
-    plain = connection.text_factory
-    connection.text_factory = bytes
-    try:
-        for row in connection.execute("SELECT * FROM record ORDER BY id"):
-            if not all(_is_utf8(value) for value in row if isinstance(value, bytes)):
-                return int(row[0])
-    finally:
-        connection.text_factory = plain
-    return None
-
-
-def _is_utf8(text: bytes) -> bool:
-    try:
-        text.decode("utf-8")
-    except UnicodeDecodeError:
-        return False
-    return True
 
 
 def connect_to_write(path: Path, *, create: bool) -> sqlite3.Connection:
@@ -346,12 +345,18 @@ def _connect(
         connection = sqlite3.connect(
             address, uri=True, isolation_level=None, timeout=_LOCK_PATIENCE_S
         )
+        connection.text_factory = _text
         try:
             prepare(connection)
         except BaseException:
             connection.close()
             raise
     return connection
+
+
+def _text(stored: bytes) -> str:
+    """Text of a column; what is no UTF-8 becomes surrogates, which no digest takes."""
+    return stored.decode("utf-8", errors="surrogateescape")
 
 
 def _check_there(path: Path) -> None:

@@ -12,11 +12,13 @@ from pydantic import JsonValue
 
 from campaigns.errors import JournalFailed
 from campaigns.journal import views
-from campaigns.journal.chain import Row
+from campaigns.journal.chain import JournalDamaged, Row
 from campaigns.journal.database import (
     connect_to_read,
     missing_rules,
     stored_records,
+    verified_end,
+    verify_file,
     version,
 )
 from campaigns.journal.records import (
@@ -24,10 +26,8 @@ from campaigns.journal.records import (
     Record,
     Rejected,
     SeriesStarted,
-    SessionStarted,
     from_text,
 )
-from campaigns.journal.verification import JournalDamaged, verified_end, verify_file
 from campaigns.journal.views import Entry
 from drivers.errors import DriverError
 from drivers.values import Matrix3, Vector3
@@ -94,17 +94,16 @@ def inspect_journal(path: Path, readers: RawReaders) -> Inspection:
         answers = _Answers(readers, entries)
         for entry in entries:
             answers.compare(entry)
-        sessions = [entry for entry in entries if isinstance(entry.record, SessionStarted)]
-        of_series = {entry.series for entry in entries if entry.series is not None}
+        series = views.all_series(entries)
         return Inspection(
             version=version(connection),
             records=len(rows),
             chained=sum(row[-1] is not None for row in rows),
             digest=digest,
-            series=sum(isinstance(entry.record, SeriesStarted) for entry in entries),
-            sessions=len(sessions),
-            crashed=len(views.unstopped_sessions(entries)),
-            shots=sum(_shots(entries, series) for series in of_series),
+            series=len(series),
+            sessions=sum(each.sessions for each in series),
+            crashed=sum(each.unstopped for each in series),
+            shots=sum(len(each.shots) for each in series),
             compared=answers.compared,
             problems=(*problems, *unreadable, *answers.problems),
         )
@@ -123,20 +122,15 @@ def _damage(connection: sqlite3.Connection, path: Path) -> Iterator[Problem]:
 
 
 def _rows(connection: sqlite3.Connection) -> tuple[list[Row], str]:
-    """Records as stored, text that is no UTF-8 with its signs replaced; the digest of the last.
+    """Records as stored, and the digest of the last; none where SQLite cannot read them.
 
-    None where SQLite cannot read them, which is among the damage.
+    That is among the damage.
     """
-    connection.text_factory = _replaced
     try:
         rows, stated = stored_records(connection)
     except sqlite3.Error:
         return [], ""
     return rows, stated.digest
-
-
-def _replaced(text: bytes) -> str:
-    return text.decode("utf-8", errors="replace")
 
 
 def _entries(rows: Sequence[Row]) -> tuple[list[Entry[Record]], list[Problem]]:
@@ -148,13 +142,6 @@ def _entries(rows: Sequence[Row]) -> tuple[list[Entry[Record]], list[Problem]]:
         except ValueError as error:
             problems.append(Problem(f"record {number} cannot be read: {error}", number))
     return entries, problems
-
-
-def _shots(entries: Sequence[Entry[Record]], series: int) -> int:
-    try:
-        return len(views.accepted_shots(entry for entry in entries if entry.series == series))
-    except KeyError:  # an outcome without its intent, of a journal that lacks records
-        return 0
 
 
 class _Answers:
@@ -197,10 +184,8 @@ class _Answers:
 
 
 def _measured(record: Record) -> Outcome | None:
-    return record.measured if isinstance(record, Rejected) else _outcome(record)
-
-
-def _outcome(record: Record) -> Outcome | None:
+    if isinstance(record, Rejected):
+        return record.measured
     return record if isinstance(record, Outcome) else None
 
 

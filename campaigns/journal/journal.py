@@ -1,8 +1,8 @@
-"""Journal of a campaign: its series, accepted shots, crashes and digest."""
+"""Journal of a campaign: its records, series, accepted shots and digest."""
 
 import hashlib
 import json
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from pathlib import Path
 from sqlite3 import Connection
 from types import TracebackType
@@ -10,12 +10,14 @@ from typing import Self, TypeVar
 
 from campaigns.errors import JournalFailed
 from campaigns.journal import views
-from campaigns.journal.chain import ChainEnd, digest_after
+from campaigns.journal.chain import ChainEnd, JournalDamaged, digest_after
 from campaigns.journal.database import (
     checkpoint,
     connect_to_read,
     connect_to_write,
     sqlite_errors_explained,
+    verified_end,
+    verify_file,
 )
 from campaigns.journal.own_file import OwnFile, close_untouched, rescue
 from campaigns.journal.records import (
@@ -24,15 +26,11 @@ from campaigns.journal.records import (
     Outcome,
     Record,
     Rejected,
-    SeriesFinished,
     SeriesStarted,
-    SessionStarted,
-    SessionStopped,
     Stage,
     from_text,
     to_text,
 )
-from campaigns.journal.verification import JournalDamaged, verified_end, verify_file
 from campaigns.journal.views import AcceptedShot, Entry, Series
 
 RecordT = TypeVar("RecordT", bound=Record)
@@ -57,6 +55,7 @@ class JournalReader:
     def __init__(self, connection: Connection, path: Path) -> None:
         self._connection = connection
         self._path = path
+        self._known: list[Entry[Record]] = []
         self._end = self._verified()
 
     def __enter__(self) -> Self:
@@ -75,59 +74,38 @@ class JournalReader:
         with sqlite_errors_explained(self._path, "the journal cannot be closed"):
             self._connection.close()
 
-    def verify_file(self) -> None:
-        """Raise `JournalDamaged` where SQLite finds pages, indexes or rules of the file broken."""
-        verify_file(self._connection, self._path)
-
     def records(self, series: int | None = None) -> tuple[Entry[Record], ...]:
         """Return all records, or those of one series, in their order."""
-        return self._entries(KIND_OF_TYPE.values(), series)
+        for row in self._rows(after=len(self._known)):
+            self._known.append(self._entry(row))
+        return tuple(each for each in self._known if series is None or each.series == series)
 
     def records_of(
         self, kind: type[RecordT], series: int | None = None
     ) -> tuple[Entry[RecordT], ...]:
         """Return the records of one kind, of all series or of one, in their order."""
-        found = self._entries([KIND_OF_TYPE[kind]], series)
         return tuple(
             Entry(entry.number, entry.at_utc, entry.series, entry.record)
-            for entry in found
+            for entry in self.records(series)
             if isinstance(entry.record, kind)
         )
 
     def series(self, stage: Stage | None = None) -> tuple[Series, ...]:
         """Return the series of one stage, or of all, oldest first."""
-        kinds = (KIND_OF_TYPE[SeriesStarted], KIND_OF_TYPE[SeriesFinished])
-        return views.series_of_stage(self._entries(kinds), stage)
+        found = views.all_series(self.records())
+        return tuple(each for each in found if stage in (None, each.started.stage))
 
     def latest_series(self, stage: Stage) -> Series | None:
         """Return the series of that stage that began last, if any did."""
-        found = self.series(stage)
-        return found[-1] if found else None
-
-    def next_attempt(self, series: int, shot: int) -> int:
-        """Return the number for the next try at a shot, from 1; none is given twice."""
-        query = "SELECT max(attempt) FROM record WHERE kind = 'intent' AND series = ? AND shot = ?"
-        return self._highest(query, series, shot) + 1
+        return next(reversed(self.series(stage)), None)
 
     def shots(self, series: int) -> tuple[AcceptedShot, ...]:
         """Return each shot's latest accepted outcome that was not voided since, by shot number."""
-        return views.accepted_shots(self.records(series))
-
-    def unanswered_intents(self, series: int) -> tuple[Intent, ...]:
-        """Return what was set out to do and has no end: the process died in between."""
-        return views.unanswered_intents(self.records(series))
-
-    def crashed_sessions(self) -> tuple[Entry[SessionStarted], ...]:
-        """Return the sessions that never stopped.
-
-        Without the campaign's lock the last of them may be a process that is still at work.
-        """
-        kinds = (KIND_OF_TYPE[SessionStarted], KIND_OF_TYPE[SessionStopped])
-        return views.unstopped_sessions(self._entries(kinds))
+        return next((each.shots for each in self.series() if each.number == series), ())
 
     def last_number(self) -> int:
         """Return the place of the last record; 0 in an empty journal."""
-        return self._highest("SELECT max(id) FROM record")
+        return len(self.records())
 
     def end(self) -> ChainEnd:
         """Return the end of the chain as it was verified, or written since."""
@@ -148,25 +126,10 @@ class JournalReader:
             self._connection.close()
             raise
 
-    def _highest(self, query: str, *values: int) -> int:
-        """Return the one number that the query asks for; 0 when there is none."""
+    def _rows(self, after: int = 0) -> list[_Row]:
+        query = "SELECT id, at_utc, kind, series, body FROM record WHERE id > ? ORDER BY id"
         with sqlite_errors_explained(self._path, "the journal cannot be read"):
-            highest: int | None = self._connection.execute(query, values).fetchone()[0]
-        return highest or 0
-
-    def _rows(self) -> list[_Row]:
-        query = "SELECT id, at_utc, kind, series, body FROM record ORDER BY id"
-        with sqlite_errors_explained(self._path, "the journal cannot be read"):
-            return self._connection.execute(query).fetchall()
-
-    def _entries(
-        self, kinds: Collection[str], series: int | None = None
-    ) -> tuple[Entry[Record], ...]:
-        return tuple(
-            self._entry(row)
-            for row in self._rows()
-            if row[2] in kinds and (series is None or row[3] == series)
-        )
+            return self._connection.execute(query, (after,)).fetchall()
 
     def _entry(self, row: _Row) -> Entry[Record]:
         number, at_utc, kind, series, body = row
@@ -193,13 +156,12 @@ class Journal(JournalReader):
     def __init__(self, connection: Connection, path: Path, now_utc: Callable[[], str]) -> None:
         super().__init__(connection, path)
         self._now_utc = now_utc
-        self._own_sessions: set[int] = set()
         self._failed = False
         self._file = OwnFile(path)
 
     def start_series(self, started: SeriesStarted) -> int:
         """Begin a new series and return its number."""
-        series = self._highest("SELECT max(series) FROM record") + 1
+        series = 1 + max((each.series or 0 for each in self.records()), default=0)
         self.append(started, series=series)
         return series
 
@@ -218,10 +180,7 @@ class Journal(JournalReader):
         except JournalFailed:
             self._failed = True
             raise
-        place = self._end.number
-        if isinstance(record, SessionStarted):
-            self._own_sessions.add(place)
-        return place
+        return self._end.number
 
     def prove(self) -> None:
         """Close the file and open it anew: all that was written has to be in it, and whole.
@@ -231,21 +190,15 @@ class Journal(JournalReader):
         self._check_file()
         written, self._failed = self._end, True  # until it is open again
         self.close()
-        self._connection = connect_to_write(self._path, create=False)
+        self._connection, self._known = connect_to_write(self._path, create=False), []
         self._end = self._verified()
-        self.verify_file()
+        verify_file(self._connection, self._path)
         if self._end != written:
             raise JournalDamaged(
                 f"{self._path}: ends with record {self._end.number}, and {written.number} were "
                 "written: it is another file, or records were lost"
             )
         self._file, self._failed = OwnFile(self._path), False
-
-    def crashed_sessions(self) -> tuple[Entry[SessionStarted], ...]:
-        """Return the sessions that never stopped, but for those begun here."""
-        return tuple(
-            entry for entry in super().crashed_sessions() if entry.number not in self._own_sessions
-        )
 
     def _append(self, record: Record, series: int | None) -> None:
         text = self._text(record)

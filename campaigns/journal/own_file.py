@@ -3,8 +3,8 @@
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing, suppress
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from campaigns.errors import JournalFailed
 
@@ -16,8 +16,7 @@ LOG_END_BYTES = 8192
 """More than the last page with its header: a log that was cut has a hole there once it grows."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Stamp:
+class _Stamp(NamedTuple):
     """What the system says of a file. `size` and `changed_ns` change with every write."""
 
     device: int
@@ -37,18 +36,26 @@ class OwnFile:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._log = path.with_name(path.name + LOG)
-        self._index = path.with_name(path.name + INDEX)
+        self._log, self._index = (path.with_name(path.name + end) for end in (LOG, INDEX))
         self._index_seen = _stamp(self._index)
-        self._path_seen, self._log_seen = _stamp(path), _stamp(self._log)
-        self._log_end = _end(self._log, _size(self._log_seen))
+        self._take_note()
+
+    def _take_note(self) -> None:
+        self._path_seen, self._log_seen = _stamp(self._path), _stamp(self._log)
+        self._log_end = _end(self._log, self._log_seen)
         self._log_is_own = not self._log_end
 
     def check(self) -> None:
-        """Raise `JournalFailed` when anything has been changed since the last own write."""
-        _require_same(self._path, self._path_seen)
-        _require_same(self._log, self._log_seen)
-        self._check_index()
+        """Raise `JournalFailed` when anything has been changed since the last own write.
+
+        The index in memory is written all the time: only which file it is can be compared.
+        """
+        _require(self._path, self._path_seen)
+        _require(self._log, self._log_seen)
+        if self._index_seen is None:
+            self._index_seen = _stamp(self._index)
+        else:
+            _require(self._index, self._index_seen, written=True)
 
     def settle(self, digest: str) -> None:
         """Take note of an own write of a record with this digest.
@@ -56,14 +63,13 @@ class OwnFile:
         A write goes to the log alone, behind what is there. Raises `JournalFailed` when it does not
         stand there, or when anything else has been changed since the check before it.
         """
-        _require_same(self._path, self._path_seen)
-        found, before = _stamp(self._log), self._log_end
-        if found is None or not _is_same_file(found, self._log_seen):
-            raise _changed(self._log, _difference(self._log_seen, found))
-        added = _end(self._log, _size(self._log_seen) if self._log_is_own else 0)
-        if self._log_is_own and not added.startswith(before):
+        _require(self._path, self._path_seen)
+        _require(self._log, self._log_seen, written=True)
+        before, found = self._log_end if self._log_is_own else b"", _stamp(self._log)
+        added = _end(self._log, self._log_seen if self._log_is_own else None)
+        if not added.startswith(before):
             raise _changed(self._log, "was cut or changed by another program")
-        if digest.encode() not in added[len(before) if self._log_is_own else 0 :]:
+        if digest.encode() not in added[len(before) :]:
             raise _changed(self._log, "lacks the record that was written just now")
         self._log_seen, self._log_end = found, added[-LOG_END_BYTES:]
 
@@ -74,42 +80,26 @@ class OwnFile:
         What a crash left behind its last record is written over, and what was moved while somebody
         read it is begun anew: such a log does not only grow.
         """
-        return not self._log_is_own or _size(self._log_seen) > LONG_LOG_BYTES
+        return not self._log_is_own or (self._log_seen or _NONE).size > LONG_LOG_BYTES
 
     def settle_checkpoint(self) -> None:
         """Take note that the log was moved into the database and emptied, if no reader kept it."""
-        path_found, log_found = _stamp(self._path), _stamp(self._log)
-        for path, then, now in (
-            (self._path, self._path_seen, path_found),
-            (self._log, self._log_seen, log_found),
-        ):
-            if now is None or not _is_same_file(now, then):
-                raise _changed(path, _difference(then, now))
-        self._path_seen, self._log_seen = path_found, log_found
-        self._log_end = _end(self._log, _size(self._log_seen))
-        self._log_is_own = not self._log_end
-
-    def _check_index(self) -> None:
-        """The index in memory is written all the time: only which file it is can be compared."""
-        now = _stamp(self._index)
-        if self._index_seen is None:
-            self._index_seen = now
-        elif now is None or not _is_same_file(now, self._index_seen):
-            raise _changed(self._index, _difference(self._index_seen, now))
+        _require(self._path, self._path_seen, written=True)
+        _require(self._log, self._log_seen, written=True)
+        self._take_note()
 
 
 def rescue(
     connection: sqlite3.Connection, path: Path, is_whole: Callable[[Path], bool]
 ) -> Path | None:
     """Copy of the records that the connection still sees, beside the file; None if not whole."""
-    copy = _free_name(path)
-    try:
+    taken = 1
+    while (copy := path.with_name(f"{path.stem}{RESCUED}-{taken}{path.suffix}")).exists():
+        taken += 1
+    with suppress(sqlite3.Error):
         connection.execute("VACUUM INTO ?", (str(copy),))
-    except sqlite3.Error:
-        copy.unlink(missing_ok=True)
-        return None
-    if is_whole(copy):
-        return copy
+        if is_whole(copy):
+            return copy
     copy.unlink(missing_ok=True)
     return None
 
@@ -127,6 +117,9 @@ def close_untouched(connection: sqlite3.Connection, path: Path) -> None:
     connection.close()
 
 
+_NONE = _Stamp(0, 0, 0, 0, 0)
+
+
 def _stamp(path: Path) -> _Stamp | None:
     try:
         found = path.stat()
@@ -135,43 +128,41 @@ def _stamp(path: Path) -> _Stamp | None:
     return _Stamp(found.st_dev, found.st_ino, found.st_nlink, found.st_size, found.st_mtime_ns)
 
 
-def _size(stamp: _Stamp | None) -> int:
-    return 0 if stamp is None else stamp.size
-
-
-def _end(log: Path, size: int) -> bytes:
-    """Contents of the log from a little before this size on.
+def _end(log: Path, seen: _Stamp | None) -> bytes:
+    """Contents of the log from a little before the size that was seen on.
 
     SQLite has no locks on it, so it may be opened and closed.
     """
     try:
         with log.open("rb") as file:
-            file.seek(max(0, size - LOG_END_BYTES))
+            file.seek(max(0, (seen or _NONE).size - LOG_END_BYTES))
             return file.read()
     except OSError:
         return b""
 
 
-def _is_same_file(now: _Stamp, then: _Stamp | None) -> bool:
-    return then is None or (now.device, now.inode) == (then.device, then.inode)
-
-
-def _require_same(path: Path, then: _Stamp | None) -> None:
+def _require(path: Path, then: _Stamp | None, *, written: bool = False) -> None:
+    """Raise `JournalFailed` unless the file is the same, and untouched unless it was `written`."""
     now = _stamp(path)
     if now is not None and now.links > 1:
-        raise _linked(path, now.links)
-    if then != now:
-        raise _changed(path, _difference(then, now))
-
-
-def _difference(then: _Stamp | None, now: _Stamp | None) -> str:
+        raise JournalFailed(
+            f"{path}: has {now.links} names (hard links), and may have 1: by another name SQLite "
+            "would write another log",
+            remedy="keep a copy in place of the link, then start again: it resumes",
+        )
+    if now == then and not (written and now is None):
+        return
     if now is None:
-        return "was deleted or moved away"
-    if then is None or not _is_same_file(now, then):
-        return "was replaced by another file"
+        raise _changed(path, "was deleted or moved away")
+    if then is None and written:
+        return
+    if then is None or (now.device, now.inode) != (then.device, then.inode):
+        raise _changed(path, "was replaced by another file")
+    if written:
+        return
     if now.size < then.size:
-        return f"was cut from {then.size} to {now.size} bytes"
-    return "was changed by another program"
+        raise _changed(path, f"was cut from {then.size} to {now.size} bytes")
+    raise _changed(path, "was changed by another program")
 
 
 def _changed(path: Path, how: str) -> JournalFailed:
@@ -179,18 +170,3 @@ def _changed(path: Path, how: str) -> JournalFailed:
         f"{path}: {how} while this process worked with it",
         remedy="find out which program did it; bring campaign.db back from a backup",
     )
-
-
-def _linked(path: Path, links: int) -> JournalFailed:
-    return JournalFailed(
-        f"{path}: has {links} names (hard links), and may have 1: by another name SQLite would "
-        "write another log",
-        remedy="keep a copy in place of the link, then start again: it resumes",
-    )
-
-
-def _free_name(path: Path) -> Path:
-    taken = 1
-    while (copy := path.with_name(f"{path.stem}{RESCUED}-{taken}{path.suffix}")).exists():
-        taken += 1
-    return copy

@@ -1,5 +1,6 @@
-"""Views of a journal, read off its records in their order. Pure."""
+"""Series of a journal with their shots, read in one walk over its records. Pure."""
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -9,12 +10,10 @@ from campaigns.journal.records import (
     Outcome,
     PairVoided,
     Record,
-    Rejected,
     SeriesFinished,
     SeriesStarted,
     SessionStarted,
     SessionStopped,
-    Stage,
 )
 
 RecordT = TypeVar("RecordT", bound=Record, covariant=True)
@@ -31,16 +30,6 @@ class Entry(Generic[RecordT]):
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
-    """A series as it stands."""
-
-    number: int
-    started_utc: str
-    started: SeriesStarted
-    finished: bool
-
-
-@dataclass(frozen=True, slots=True)
 class AcceptedShot:
     """Accepted shot: what was asked for and what came of it."""
 
@@ -52,65 +41,57 @@ class AcceptedShot:
     to; 0 of one that is in none."""
 
 
-def series_of_stage(entries: Iterable[Entry[Record]], stage: Stage | None) -> tuple[Series, ...]:
-    """Return the series of one stage, or of all, in the order of their beginning."""
-    begun: list[tuple[int, Entry[Record], SeriesStarted]] = []
-    finished: set[int] = set()
+@dataclass(frozen=True, slots=True)
+class Series:
+    """A series as it stands."""
+
+    number: int
+    started_utc: str
+    started: SeriesStarted
+    finished: bool
+    shots: tuple[AcceptedShot, ...] = ()
+    """Each shot's latest accepted outcome that was not voided since, by shot number."""
+    sessions: int = 0
+    unstopped: int = 0
+    """Sessions without a stop before the next session or the journal's end."""
+
+
+def all_series(entries: Iterable[Entry[Record]]) -> tuple[Series, ...]:
+    """Return all series, in the order of their beginning."""
+    own: dict[int | None, list[Entry[Record]]] = {}
     for entry in entries:
-        if entry.series is None:
-            continue
-        if isinstance(entry.record, SeriesStarted) and stage in (None, entry.record.stage):
-            begun.append((entry.series, entry, entry.record))
-        if isinstance(entry.record, SeriesFinished):
-            finished.add(entry.series)
+        own.setdefault(entry.series, []).append(entry)
     return tuple(
-        Series(number, entry.at_utc, started, number in finished)
-        for number, entry, started in begun
+        _series(number, first.at_utc, first.record, each)
+        for number, each in own.items()
+        if number is not None and isinstance((first := each[0]).record, SeriesStarted)
     )
 
 
-def accepted_shots(entries: Iterable[Entry[Record]]) -> tuple[AcceptedShot, ...]:
-    """Return each shot's latest accepted outcome that was not voided since, by shot number.
-
-    `entries` are those of one series.
-    """
+def _series(
+    number: int, started_utc: str, started: SeriesStarted, entries: Iterable[Entry[Record]]
+) -> Series:
+    """One of them; an outcome without its intent, of a damaged journal, does not count."""
+    kinds: Counter[type[Record]] = Counter()
     intents: dict[tuple[int, int], Intent] = {}
     accepted: dict[int, AcceptedShot] = {}
     for entry in entries:
+        kinds[type(entry.record)] += 1
         match entry.record:
             case Intent() as intent:
                 intents[intent.shot, intent.attempt] = intent
-            case Outcome() as outcome:
-                intent = intents[outcome.shot, outcome.attempt]
-                accepted[outcome.shot] = AcceptedShot(intent, outcome, entry.at_utc, entry.number)
+            case Outcome(shot=shot, attempt=attempt) as outcome if (shot, attempt) in intents:
+                intent = intents[shot, attempt]
+                accepted[shot] = AcceptedShot(intent, outcome, entry.at_utc, entry.number)
             case PairVoided() as voided:
                 for shot in voided.shots:
                     accepted.pop(shot, None)
-    return tuple(accepted[shot] for shot in sorted(accepted))
-
-
-def unanswered_intents(entries: Iterable[Entry[Record]]) -> tuple[Intent, ...]:
-    """Return the intents of one series that have neither outcome nor rejection."""
-    waiting: dict[tuple[int, int], Intent] = {}
-    for entry in entries:
-        match entry.record:
-            case Intent() as intent:
-                waiting[intent.shot, intent.attempt] = intent
-            case Outcome() | Rejected() as ended:
-                waiting.pop((ended.shot, ended.attempt), None)
-    return tuple(waiting.values())
-
-
-def unstopped_sessions(entries: Iterable[Entry[Record]]) -> tuple[Entry[SessionStarted], ...]:
-    """Return the sessions without a stop before the next session or the journal's end."""
-    unstopped: list[Entry[SessionStarted]] = []
-    running: Entry[SessionStarted] | None = None
-    for entry in entries:
-        match entry.record:
-            case SessionStarted() as started:
-                if running:
-                    unstopped.append(running)
-                running = Entry(entry.number, entry.at_utc, entry.series, started)
-            case SessionStopped():
-                running = None
-    return (*unstopped, running) if running else tuple(unstopped)
+    return Series(
+        number,
+        started_utc,
+        started,
+        finished=kinds[SeriesFinished] > 0,
+        shots=tuple(accepted[shot] for shot in sorted(accepted)),
+        sessions=kinds[SessionStarted],
+        unstopped=kinds[SessionStarted] - kinds[SessionStopped],
+    )

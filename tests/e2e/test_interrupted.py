@@ -140,14 +140,14 @@ def test_ctrl_z_stops_the_robot_and_only_then_the_program(at_work, planned):
 def assert_interrupted(folder):
     with read_journal(folder / "campaign.db") as journal:
         assert [e.record.how for e in journal.records_of(SessionStopped)] == ["interrupted"]
-        assert not journal.crashed_sessions()
+        assert not sum(series.unstopped for series in journal.series())
 
 
 def test_a_killed_run_is_taken_up(at_work, planned, pkmcal):
     at_work.kill()
     at_work.wait(PATIENCE_S)
     with read_journal(planned / "campaign.db") as journal:
-        assert len(journal.crashed_sessions()) == 1
+        assert sum(series.unstopped for series in journal.series()) == 1
         measured = {e.record.shot for e in journal.records_of(Outcome)}
         assert len(measured) >= AT_WORK_SHOTS
     assert_resumes(pkmcal, planned)

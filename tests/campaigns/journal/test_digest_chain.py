@@ -14,10 +14,16 @@ from journal_story import intent, ticking
 from tampering import change_text, tamper
 
 from campaigns.errors import JournalFailed
-from campaigns.journal.chain import EMPTY, ChainBroken, ChainEnd, Row, chain_end, digest_after
+from campaigns.journal.chain import (
+    EMPTY,
+    ChainEnd,
+    JournalDamaged,
+    Row,
+    chain_end,
+    digest_after,
+)
 from campaigns.journal.journal import open_journal, read_journal
 from campaigns.journal.records import Event
-from campaigns.journal.verification import JournalDamaged
 
 DATA = Path(__file__).parents[2] / "data"
 OLD, TODAY = DATA / "journal-v1.db", DATA / "journal-v2.db"
@@ -195,7 +201,7 @@ def test_no_two_records_that_differ_anywhere_have_one_digest(
     changed = list(rows[place])
     changed[column] = str(changed[column]) + data.draw(texts.filter(bool))
     rows[place] = tuple(changed)  # type: ignore[assignment]
-    with pytest.raises(ChainBroken) as caught:
+    with pytest.raises(JournalDamaged) as caught:
         chain_end(rows, ChainEnd(len(rows), str(rows[-1][-1])))
     assert caught.value.number == place + 1
 

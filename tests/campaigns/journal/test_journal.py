@@ -125,14 +125,6 @@ def test_only_events_and_findings_stand_outside_a_series(journal: Journal) -> No
         journal.append(intent(1))
 
 
-def test_attempts_count_up_and_are_spent_by_the_intent_alone(journal: Journal, run: int) -> None:
-    assert journal.next_attempt(run, 1) == 1
-    appended(journal, run, intent(1))
-    assert journal.next_attempt(run, 1) == 2
-    assert journal.next_attempt(run, 2) == 1
-    assert journal.next_attempt(journal.start_series(beginning()), 1) == 1
-
-
 def test_the_latest_accepted_outcome_is_the_shot(journal: Journal, run: int) -> None:
     appended(journal, run, intent(2), outcome(2), intent(1), outcome(1))
     appended(journal, run, intent(2, 2), outcome(2, 2, x_mm=5.0))
@@ -164,21 +156,11 @@ def test_a_voided_pair_counts_again_only_once_it_is_measured_anew(
     assert [shot.outcome for shot in journal.shots(run)] == [outcome(1, 2), outcome(3)]
 
 
-def test_an_intent_without_an_end_is_told(journal: Journal, run: int) -> None:
-    appended(journal, run, intent(1), outcome(1), intent(2), Rejected(2, 1, "gate"), intent(3))
-    assert journal.unanswered_intents(run) == (intent(3),)
-
-
-def test_a_session_without_stop_shows_as_crashed_once_another_process_looks(
-    journal: Journal, run: int, path: Path
-) -> None:
+def test_a_session_without_stop_is_counted_in_its_series(journal: Journal, run: int) -> None:
     appended(journal, run, SESSION, STOPPED, SESSION)
-    assert journal.crashed_sessions() == ()
-
-    with open_journal(path, now_utc=ticking()) as later:
-        assert [entry.number for entry in later.crashed_sessions()] == [4]
-        later.append(SESSION, series=run)
-        assert [entry.number for entry in later.crashed_sessions()] == [4]
+    other = journal.start_series(beginning("after"))
+    appended(journal, other, SESSION, STOPPED)
+    assert [(each.sessions, each.unstopped) for each in journal.series()] == [(2, 1), (1, 0)]
 
 
 @pytest.mark.parametrize(
