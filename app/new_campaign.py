@@ -19,7 +19,7 @@ from campaigns.settings.sections import ValidationConfig
 from drivers.bounded_files import is_there
 from sim.scenarios.adaptation import OtherRobot, adapted, computing_plate_tilt
 from sim.scenarios.scenario import parse_scenario, scenario_text
-from sim.scenarios.tracker import DataSheet
+from sim.tracker.optics import DataSheet
 
 DEFAULT_ROBOT = "par4-prototype"
 DEFAULT_SCENARIO = "paper-prototype"

@@ -32,9 +32,9 @@ from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pa
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 from campaigns.studies.study import planned_shots
-from sim.building import noise_of, station_of, true_geometry
 from sim.cell import Cell
-from sim.draws import target_key
+from sim.factory import true_geometry
+from sim.random_streams import target_key
 from sim.scenarios.scenario import load_scenario
 
 SCENARIO = load_scenario("realistic")
@@ -129,7 +129,7 @@ def rms_mm(found: IdentificationResult, fresh: Shots) -> float:
 
 def measured(seed: int, drive: Drive) -> tuple[Shots, Shots]:
     """A campaign's shots, and fresh ones that it does not know of, in pairs of neighbours."""
-    rng, station = np.random.default_rng(seed), station_of(SCENARIO.tracker.station)
+    rng, station = np.random.default_rng(seed), SCENARIO.tracker.station.pose()
     tracker = station.origin_in_base_mm
     centre_mm = np.array(SCENARIO.robot.workspace_centre_mm)
     view = View(tuple(tracker), tuple(tracker - centre_mm), ACCEPTANCE_RAD)
@@ -137,7 +137,7 @@ def measured(seed: int, drive: Drive) -> tuple[Shots, Shots]:
     plan = make_plan(ROBOT, view, request, rng)
     in_base, approach = drive(joints_of(plan))
     points = np.array([station.to_tracker_mm(point) for point in in_base])
-    noise = noise_of(SCENARIO.tracker)
+    noise = SCENARIO.tracker.noise
     roots = np.array([noise.spread_mm(point) for point in points])
     points += np.einsum("nij,nj->ni", roots, rng.standard_normal(points.shape))
     shots = replace(

@@ -1,4 +1,4 @@
-"""Memory of a cell over a restart, as a real one has it: parameters, places, counts."""
+"""A scenario come alive as a cell, and its memory over restarts: parameters, places, counts."""
 
 import json
 import math
@@ -8,23 +8,26 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from sim import building
-from sim.draws import Attempts, WorkedTime, target_key
+from sim import factory
 from sim.errors import AssemblyLost, MemoryInvalid, ScenarioInvalid
 from sim.faults import FaultScript
-from sim.following import FollowingController
-from sim.geometry import KINDS, Array, geometry_of, problem_with
+from sim.geometry import KINDS, Array, Geometry, geometry_of, problem_with
+from sim.random_streams import Attempts, WorkedTime
 from sim.robot.assembly import Assembly, OutOfReach, assemble, follow, joints_for, restore
 from sim.robot.controller import SimulatedController
-from sim.robot.driven_robot import DrivenRobot, SeenReflector, Standing
+from sim.robot.driven_robot import DrivenRobot, Standing
+from sim.robot.follower import FollowingController
 from sim.robot.linuxcnc_joints import joint_source
 from sim.robot.rods import Plate, RodMechanism
 from sim.scenarios.schema import Scenario
-from sim.scenarios.section import Point
-from sim.tracker.beam import Beam, Target
+from sim.section import Point
+from sim.tracker.beam import Beam, Scene, Target
 from sim.tracker.instrument import SimulatedTracker, TakenShot
 
+SCHEMA: Literal["pkmcal/cell-memory/1"] = "pkmcal/cell-memory/1"
 REMEDY = "delete the simulated cell's memory to begin with a new cell"
+REMEMBERED_WITHIN_MM = 0.1
+"""Distance beyond any growth of the arms since the robot came to rest."""
 
 
 class CellMemory(BaseModel):
@@ -32,7 +35,7 @@ class CellMemory(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
-    schema_: Literal["pkmcal/cell-memory/1"] = Field("pkmcal/cell-memory/1", alias="schema")
+    schema_: Literal["pkmcal/cell-memory/1"] = Field(SCHEMA, alias="schema")
     scenario: str
     seed: int
     worked_s: float
@@ -90,33 +93,6 @@ def remembered(memory: Mapping[str, object], *, scenario: str, mechanism: str) -
     return found
 
 
-REMEMBERED_WITHIN_MM = 0.1
-"""Distance beyond any growth of the arms since the robot came to rest."""
-
-
-CellController = SimulatedController | FollowingController
-
-
-class RobotScene:
-    """The robot as the tracker sees it."""
-
-    def __init__(self, controller: CellController, robot: DrivenRobot) -> None:
-        self._controller = controller
-        self._robot = robot
-
-    def robot_reflector(self, now_s: float) -> SeenReflector:
-        """The reflector on the plate, in the base frame."""
-        return self._robot.reflector(self._controller.encoders(now_s))
-
-    def robot_is_still(self, now_s: float) -> bool:
-        """Whether the robot stands."""
-        return not self._controller.state(now_s).moving
-
-    def robot_target(self) -> tuple[int, ...]:
-        """Key of the place where the robot rests."""
-        return target_key(self._robot.standing.encoders.tolist())
-
-
 class Cell:
     """A scenario come alive. `memory` continues an earlier cell; `seed` overrides the scenario's.
 
@@ -132,21 +108,31 @@ class Cell:
         memory: Mapping[str, object] | None = None,
     ) -> None:
         self.scenario = scenario
-        self.kind = scenario.robot.kind
+        section, kind = scenario.robot, scenario.robot.kind
+        self.kind = kind
         past = None
         if memory is not None:
-            past = remembered(memory, scenario=scenario.name, mechanism=self.kind.name)
+            past = remembered(memory, scenario=scenario.name, mechanism=kind.name)
         self.seed = _agreed_seed(scenario, seed, past)
-        self.true_geometry = building.true_geometry(scenario.robot, self.seed)
-        self._worked = WorkedTime(0.0 if past is None else past.worked_s)
-        self.faults = FaultScript(
-            map(building.fault_of, scenario.faults), {} if past is None else past.fault_counts
+        self.true_geometry = factory.true_geometry(section, self.seed)
+        truth = geometry_of(self.true_geometry, kind)
+        rods = RodMechanism(truth, factory.build_of(section, truth, self.seed))
+        state = _first_state(scenario, self.seed, rods, truth) if past is None else past
+        self._worked = WorkedTime(state.worked_s)
+        self.faults = FaultScript((each.fault() for each in scenario.faults), state.fault_counts)
+        self.station = scenario.tracker.station.pose()
+        self.robot = DrivenRobot(
+            rods,
+            factory.behaviour(section),
+            factory.mount(section, self.station),
+            _standing(state, rods, section.thermal.growth(state.worked_s)),
+            seed=self.seed,
+            worked=self._worked,
+            arrivals=Attempts(state.arrivals),
         )
-        self.station = building.station_of(scenario.tracker.station)
-        self.robot = self._built_robot(past)
-        self.controller = self._built_controller(past)
-        self._scene = RobotScene(self.controller, self.robot)
-        self.tracker = self._built_tracker(past)
+        self.controller = self._controller(state.geometry)
+        self._scene = Scene(self.controller, self.robot)
+        self.tracker = self._tracker(state)
 
     def true_reflector_mm(self, now_s: float) -> Array:
         """(3,): where the reflector really is, in the base frame. A back door for tests."""
@@ -170,7 +156,7 @@ class Cell:
         """State for the next cell of this scenario, as plain values for JSON."""
         standing = self.robot.standing
         return CellMemory(
-            schema="pkmcal/cell-memory/1",
+            schema=SCHEMA,
             scenario=self.scenario.name,
             seed=self.seed,
             worked_s=self._worked.seconds,
@@ -191,50 +177,14 @@ class Cell:
             taken=tuple(self.tracker.taken),
         ).as_dict()
 
-    def _built_robot(self, past: CellMemory | None) -> DrivenRobot:
-        section = self.scenario.robot
-        rods = building.rod_mechanism(section, self.true_geometry, self.seed)
-        behaviour = building.behaviour(section)
-        growth = behaviour.thermal.growth(self._worked.seconds)
-        standing = (
-            self._first_standing(rods, growth) if past is None else _restored(past, rods, growth)
-        )
-        return DrivenRobot(
-            rods,
-            behaviour,
-            building.mount(section, self.station),
-            standing,
-            seed=self.seed,
-            worked=self._worked,
-            arrivals=Attempts({} if past is None else past.arrivals),
-        )
-
-    def _first_standing(self, rods: RodMechanism, growth: float) -> Standing:
-        """Standing at the start pose as the controller understands it, by the true robot."""
-        start = self.scenario.controller.start
-        position_mm = np.array([start.x_mm, start.y_mm, start.z_mm])
-        theta_rad = math.radians(start.theta_deg)
-        commanded = geometry_of(self.scenario.controller_flat(), self.kind)
-        truth = geometry_of(self.true_geometry, self.kind)
-        step = building.controller_settings(self.scenario.controller, self.kind).resolution
-        try:
-            encoders = np.round(joints_for(commanded, position_mm, theta_rad) / step) * step
-            near = assemble(rods, truth, position_mm, theta_rad, growth)
-            assembly = follow(rods, near, encoders, growth)
-        except (OutOfReach, AssemblyLost) as error:
-            raise ScenarioInvalid(
-                f"{self.scenario.name}: the robot cannot stand at controller.start ({error})",
-                remedy="choose a start pose in its workspace, or smaller errors",
-            ) from error
-        return Standing(encoders, np.zeros(self.kind.arms), assembly, np.zeros(3))
-
-    def _built_controller(self, past: CellMemory | None) -> CellController:
-        settings = building.controller_settings(self.scenario.controller, self.kind)
-        geometry = self.scenario.controller_flat() if past is None else past.geometry
-        joints_from = self.scenario.controller.joints_from
-        if joints_from is not None:
+    def _controller(
+        self, geometry: Mapping[str, float]
+    ) -> SimulatedController | FollowingController:
+        section = self.scenario.controller
+        settings = factory.controller_settings(section, self.kind)
+        if section.joints_from is not None:
             return FollowingController(
-                joint_source(joints_from, self.kind),
+                joint_source(section.joints_from, self.kind),
                 self.robot,
                 geometry=geometry,
                 speed_per_s=settings.speed_per_s,
@@ -249,35 +199,71 @@ class Cell:
             faults=self.faults,
             worked=self._worked,
             kind=self.kind,
-            drawing=building.known_drawing(self.scenario, self.true_geometry),
+            plate=factory.known_plate(self.scenario, self.true_geometry),
         )
 
-    def _built_tracker(self, past: CellMemory | None) -> SimulatedTracker:
+    def _tracker(self, state: CellMemory) -> SimulatedTracker:
         section = self.scenario.tracker
-        settings = building.tracker_settings(
-            section,
-            initialised=section.initialised if past is None else past.tracker_initialised,
-            warm=past is not None and past.tracker_warm,
-            selected=section.selected if past is None else past.selected_reflector,
-        )
-        locked_on = Target.ROBOT if section.beam_locked else None
+        other = section.other_reflector_mm
         beam = Beam(
             self._scene,
             self.station,
-            standing_in_base_mm=building.other_reflector_mm(section),
+            standing_in_base_mm=None if other is None else np.array(other),
             acceptance_rad=math.radians(section.acceptance_deg),
-            locked_on=locked_on if past is None else past.beam_on,
+            locked_on=state.beam_on,
         )
         return SimulatedTracker(
-            settings,
+            section,
             self._scene,
             beam,
+            initialised=state.tracker_initialised,
+            warm=state.tracker_warm,
+            selected=state.selected_reflector,
             seed=self.seed,
             faults=self.faults,
             worked=self._worked,
-            attempts=Attempts({} if past is None else past.shots),
-            taken=() if past is None else past.taken,
+            attempts=Attempts(state.shots),
+            taken=state.taken,
         )
+
+
+def _first_state(scenario: Scenario, seed: int, rods: RodMechanism, truth: Geometry) -> CellMemory:
+    """State of a new cell: the true robot at the start pose as its controller understands it."""
+    start, tracker, kind = scenario.controller.start, scenario.tracker, scenario.robot.kind
+    position_mm = np.array([start.x_mm, start.y_mm, start.z_mm])
+    theta_rad = math.radians(start.theta_deg)
+    geometry, growth = scenario.controller_flat(), scenario.robot.thermal.growth(0.0)
+    step = factory.controller_settings(scenario.controller, kind).resolution
+    try:
+        wanted = joints_for(geometry_of(geometry, kind), position_mm, theta_rad)
+        encoders = np.round(wanted / step) * step
+        near = assemble(rods, truth, position_mm, theta_rad, growth)
+        assembly = follow(rods, near, encoders, growth)
+    except (OutOfReach, AssemblyLost) as error:
+        raise ScenarioInvalid(
+            f"{scenario.name}: the robot cannot stand at controller.start ({error})",
+            remedy="choose a start pose in its workspace, or smaller errors",
+        ) from error
+    return CellMemory(
+        schema=SCHEMA,
+        scenario=scenario.name,
+        seed=seed,
+        worked_s=0.0,
+        mechanism=kind.name,
+        geometry=geometry,
+        encoders_rad=tuple(encoders.tolist()),
+        play_rad=(0.0,) * kind.arms,
+        joints=tuple(assembly.joints.tolist()),
+        plate=tuple(assembly.plate.unknowns.tolist()),
+        displaced_mm=(0.0, 0.0, 0.0),
+        arrivals={},
+        shots={},
+        fault_counts={},
+        tracker_initialised=tracker.initialised,
+        tracker_warm=False,
+        selected_reflector=tracker.selected,
+        beam_on=Target.ROBOT if tracker.beam_locked else None,
+    )
 
 
 def _agreed_seed(scenario: Scenario, seed: int | None, past: CellMemory | None) -> int:
@@ -289,9 +275,9 @@ def _agreed_seed(scenario: Scenario, seed: int | None, past: CellMemory | None) 
     return past.seed
 
 
-def _restored(past: CellMemory, rods: RodMechanism, growth: float) -> Standing:
+def _standing(state: CellMemory, rods: RodMechanism, growth: float) -> Standing:
     """Standing as it was to the last bit, so that everything goes on unchanged."""
-    joints, plate = np.array(past.joints), Plate(np.array(past.plate))
+    joints, plate = np.array(state.joints), Plate(np.array(state.plate))
     try:
         found = restore(rods, joints, plate, growth)
     except AssemblyLost as error:
@@ -301,8 +287,8 @@ def _restored(past: CellMemory, rods: RodMechanism, growth: float) -> Standing:
     if np.abs(found.plate.unknowns - plate.unknowns).max() > REMEMBERED_WITHIN_MM:
         raise MemoryInvalid("the cell's memory is damaged: its plate is elsewhere", remedy=REMEDY)
     return Standing(
-        np.array(past.encoders_rad),
-        np.array(past.play_rad),
+        np.array(state.encoders_rad),
+        np.array(state.play_rad),
         Assembly(joints, plate, found.side),
-        np.array(past.displaced_mm),
+        np.array(state.displaced_mm),
     )

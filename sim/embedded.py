@@ -6,15 +6,15 @@ from typing import Literal
 
 from sim.cell import Cell
 from sim.clock import CellClock
-from sim.following import FollowingController, LookingSession
 from sim.robot.controller import SimulatedController
-from sim.servers.emscon_desk import InstrumentSettings
+from sim.robot.follower import FollowingController
+from sim.servers.emscon_instrument import EmsconInstrument
 from sim.servers.emscon_server import EmsconSession
 from sim.servers.geocom_server import GeocomSession
 from sim.servers.geocom_station import GeocomStation
 from sim.servers.peers import Session, SessionFactory
 from sim.servers.robotline_server import RobotlineSession
-from sim.servers.serving import CellServer
+from sim.servers.server import CellServer
 
 Send = Callable[[bytes], None]
 LOOK_EVERY_S = 0.01
@@ -41,7 +41,7 @@ class EmbeddedCell:
         self.clock = clock
         self._follows = isinstance(cell.controller, FollowingController)
         self._station = GeocomStation(cell.tracker)
-        self._desk = InstrumentSettings(cell.tracker)
+        self._instrument = EmsconInstrument(cell.tracker)
         speaking: SessionFactory = self._geocom if tracker_speaks == "geocom" else self._emscon
         if self._follows:
             speaking = self._looking(speaking)
@@ -106,10 +106,46 @@ class EmbeddedCell:
         return EmsconSession(
             self.cell.tracker,
             send,
-            desk=self._desk,
+            instrument=self._instrument,
             is_second=already_open > 0,
             faults=self.cell.faults,
         )
 
     def _geocom(self, send: Send, already_open: int) -> Session:  # noqa: ARG002 - takes several
         return GeocomSession(self._station, send)
+
+
+class LookingSession:
+    """A device's session that also looks at the joints, often enough to see every stop.
+
+    The places at which the joints stand between two measurements count: backlash depends on the
+    side from which a place was approached.
+    """
+
+    def __init__(
+        self, session: Session, look: Callable[[float], object], *, every_s: float
+    ) -> None:
+        self._session = session
+        self._look = look
+        self._every_s = every_s
+        self._next_s = 0.0
+
+    def received(self, data: bytes, now_s: float) -> None:
+        """Bytes from the client, for the device."""
+        self._session.received(data, now_s)
+
+    def advance(self, now_s: float) -> None:
+        """Look, and let the device say what is due."""
+        if now_s >= self._next_s:
+            self._look(now_s)
+            self._next_s = now_s + self._every_s
+        self._session.advance(now_s)
+
+    def next_due_s(self) -> float | None:
+        """Time of the next look, or earlier."""
+        due_s = self._session.next_due_s()
+        return self._next_s if due_s is None else min(due_s, self._next_s)
+
+    def closed(self, now_s: float) -> None:
+        """The client has gone."""
+        self._session.closed(now_s)

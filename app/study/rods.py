@@ -10,7 +10,7 @@ from campaigns.studies.affected import ImperfectRobot
 from campaigns.studies.effects import Effect
 from sim.geometry import Geometry, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism, turned
-from sim.scenarios.robot import RobotSection
+from sim.robot.section import RobotSection
 
 
 @dataclass(frozen=True, slots=True)

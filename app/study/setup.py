@@ -22,11 +22,11 @@ from campaigns.planning.plan_file import PlannedShot, read_plan
 from campaigns.planning.plans import joints_of
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.study import StudySetup, StudyTask, indistinguishable, planned_shots
-from sim.building import build_of, station_of, true_geometry
+from sim.factory import build_of, true_geometry
 from sim.geometry import geometry_of
 from sim.scenarios.scenario import load_scenario, parse_scenario
 from sim.scenarios.schema import Scenario
-from sim.scenarios.tracker import NoiseSection
+from sim.tracker.optics import Noise
 
 CHOICES = frozenset({Model.AUTO, Model.EXTENDED})
 """Models that are chosen among others by what is measured."""
@@ -115,7 +115,7 @@ def study_setup(
     unseen = _of_set(campaign.read_plan(), ShotSet.VALIDATION)
     for path, shots in ((plan, fitted), (campaign.plan_path, unseen)):
         _check_assembled(path, robot.kinematics, shots)
-    station = station_of(scenario.tracker.station)
+    station = scenario.tracker.station.pose()
     base_from_tracker = Transform(station.base_from_tracker, station.origin_in_base_mm)
     setup = StudySetup(
         nominal=robot.kinematics,
@@ -165,7 +165,7 @@ def study_tasks(
         yield StudyTask(setup, some, np.array(truths))
 
 
-def uncertainty_of(noise: NoiseSection) -> TrackerUncertainty:
+def uncertainty_of(noise: Noise) -> TrackerUncertainty:
     """The simulated tracker's, as its data sheet would have it."""
     return TrackerUncertainty.of_limits(*noise.data_sheet)
 

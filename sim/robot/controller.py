@@ -1,17 +1,17 @@
-"""Motions of the simulated axes in time: all joints together along a straight joint path."""
+"""The simulated controller: its axes' motions in time, its limits, troubles and parameters."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
-from sim.draws import WorkedTime, target_key
 from sim.faults import Counted, Fault, FaultScript
 from sim.geometry import PAR4, Array, Kind, geometry_of, problem_with
+from sim.random_streams import WorkedTime, target_key
 from sim.robot.assembly import OutOfReach, joints_for
-from sim.robot.tilting_kinematics import PlateDrawing, is_level, tilted_joints_for
+from sim.robot.driven_robot import DrivenRobot
+from sim.robot.tilting_kinematics import PlateGeometry, is_level, tilted_joints_for
 
 PEAK_OF_SMOOTH = 1.875
 """Highest speed of the smooth profile, as a multiple of its mean."""
@@ -19,6 +19,10 @@ FARTHEST_MM = 1e6
 """Beyond, squares of lengths are no numbers to compute with, and no robot reaches."""
 SHORTEST_S = 0.05
 BRAKING_S = 0.05
+HALFWAY = 0.5
+HELD_FOR_S = 10.0
+"""Time until somebody has acknowledged that the mechanism held the axes."""
+AT_THE_LIMIT = 1e-9
 
 Profile = Callable[[float], float]
 
@@ -35,8 +39,8 @@ def braking(part_of_time: float) -> float:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
-    """Motion of all joints from rest or speed to rest."""
+class AxisMotion:
+    """AxisMotion of all joints together, along a straight joint path from rest or speed to rest."""
 
     start: Array
     """(n,) rad or mm"""
@@ -57,15 +61,15 @@ class Motion:
         return self.start + travelled * (self.target - self.start)
 
 
-def smooth_motion(start: Array, target: Array, speed_per_s: float, now_s: float) -> Motion:
+def smooth_motion(start: Array, target: Array, speed_per_s: float, now_s: float) -> AxisMotion:
     """A motion whose fastest joint just reaches that speed."""
     longest = float(abs(target - start).max())
     duration_s = max(PEAK_OF_SMOOTH * longest / speed_per_s, SHORTEST_S)
-    return Motion(start, target, now_s, duration_s, smooth)
+    return AxisMotion(start, target, now_s, duration_s, smooth)
 
 
-def braked(motion: Motion, now_s: float) -> Motion:
-    """Motion stopped at once on its own path; unchanged when it is as good as over."""
+def braked(motion: AxisMotion, now_s: float) -> AxisMotion:
+    """AxisMotion stopped at once on its own path; unchanged when it is as good as over."""
     left_s = motion.end_s - now_s
     if left_s < 1.5 * BRAKING_S:
         return motion
@@ -73,13 +77,7 @@ def braked(motion: Motion, now_s: float) -> Motion:
     glimpse_s = 1e-3 * BRAKING_S
     ahead = motion.joints(now_s + glimpse_s) - here
     target = here + ahead * (0.5 * BRAKING_S / glimpse_s)
-    return Motion(here, target, now_s, BRAKING_S, braking)
-
-
-HALFWAY = 0.5
-HELD_FOR_S = 10.0
-"""Time until somebody has acknowledged that the mechanism held the axes."""
-AT_THE_LIMIT = 1e-9
+    return AxisMotion(here, target, now_s, BRAKING_S, braking)
 
 
 class Refusal(Exception):
@@ -116,18 +114,6 @@ class ControllerSettings:
     emergency_stop: bool
 
 
-class Mechanism(Protocol):
-    """Mechanism that the controller's axes move."""
-
-    def passable_part(self, encoders: Array) -> float:
-        """Part of the straight joint path to there, 0 to 1, that can be followed."""
-        ...
-
-    def arrive(self, encoders: Array, target: tuple[int, ...]) -> None:
-        """Come to rest there."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
 class _Trouble:
     """Reason why the robot stands although nobody stopped it, and until when."""
@@ -149,26 +135,26 @@ class SimulatedController:
     def __init__(
         self,
         settings: ControllerSettings,
-        mechanism: Mechanism,
+        robot: DrivenRobot,
         *,
         geometry: Mapping[str, float],
         joints: Array,
         faults: FaultScript,
         worked: WorkedTime,
         kind: Kind = PAR4,
-        drawing: PlateDrawing | None = None,
+        plate: PlateGeometry | None = None,
     ) -> None:
         self.kind = kind
-        self._drawing = drawing
+        self._plate = plate
         self.model = f"simulated {'Par4' if kind is PAR4 else kind.name} controller"
         self.serial = settings.serial
         self._settings = settings
-        self._mechanism = mechanism
+        self._robot = robot
         self._geometry = dict(geometry)
         self._joints = joints
         self._faults = faults
         self._worked = worked
-        self._motion: Motion | None = None
+        self._motion: AxisMotion | None = None
         self._ends_in = NO_TROUBLE
         self._trouble = NO_TROUBLE
         if settings.emergency_stop:
@@ -225,7 +211,7 @@ class SimulatedController:
     @property
     def extensions(self) -> tuple[str, ...]:
         """Flat names of the parameters of imperfect parts, if its kinematics has them."""
-        return () if self._drawing is None else self.kind.extensions
+        return () if self._plate is None else self.kind.extensions
 
     def stop(self, now_s: float) -> None:
         """Brake at once, whatever happens; the state says when the robot stands."""
@@ -251,9 +237,9 @@ class SimulatedController:
     def _joints_for(self, position_mm: Array, turn_rad: float) -> Array:
         """Joints (n,) of a pose; raises `OutOfReach`."""
         flat, kind = self._geometry, self.kind
-        if self._drawing is None or is_level(flat, kind):
+        if self._plate is None or is_level(flat, kind):
             return joints_for(geometry_of(flat, kind), position_mm, turn_rad)
-        return tilted_joints_for(flat, kind, self._drawing, position_mm, turn_rad)
+        return tilted_joints_for(flat, kind, self._plate, position_mm, turn_rad)
 
     def _advance(self, now_s: float) -> None:
         """Let end what has ended by now."""
@@ -261,7 +247,7 @@ class SimulatedController:
         if motion is not None and now_s >= motion.end_s:
             self._motion = None
             self._joints = self._quantised(motion.target)
-            self._mechanism.arrive(self._joints, target_key(self._joints.tolist()))
+            self._robot.arrive(self._joints, target_key(self._joints.tolist()))
             self._worked.add(motion.duration_s)
             self._trouble = self._ends_in
         if now_s >= self._trouble.until_s:
@@ -269,7 +255,7 @@ class SimulatedController:
 
     def _start(self, target: Array, speed_fraction: float, now_s: float) -> float:
         fault = self._faults.next(Counted.MOVE)
-        part = self._mechanism.passable_part(target)
+        part = self._robot.passable_part(target)
         if fault is not None and part > HALFWAY:
             part = HALFWAY
         speed_per_s = speed_fraction * self._settings.speed_per_s

@@ -6,29 +6,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.draws import Attempts, Purpose, WorkedTime, generator
 from sim.errors import AssemblyLost
 from sim.geometry import Array
+from sim.random_streams import Attempts, Purpose, WorkedTime, generator
 from sim.robot.assembly import Assembly, follow, restore
 from sim.robot.rods import RodMechanism
+from sim.robot.section import Thermal
 
 SHORT_OF_THE_EDGE_RAD = math.radians(1.0)
 """Distance before a singularity where friction holds the axes; above any noise of arrival.
 
 Of carriages the travel that compares with it.
 """
-
-
-@dataclass(frozen=True, slots=True)
-class Thermal:
-    """Arms that come to lengthen by `final_growth` of themselves, with a time constant."""
-
-    final_growth: float
-    time_constant_s: float
-
-    def growth(self, worked_s: float) -> float:
-        """Relative growth of the arms by now."""
-        return self.final_growth * -math.expm1(-worked_s / self.time_constant_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,7 +20,7 @@ CLOSE_MM = 1e-8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlateDrawing:
+class PlateGeometry:
     """Sizes of a platform that parameters do not tell."""
 
     joints_mm: Array
@@ -38,7 +38,7 @@ def is_level(flat: Mapping[str, float], kind: Kind) -> bool:
 def tilted_joints_for(
     flat: Mapping[str, float],
     kind: Kind,
-    drawing: PlateDrawing,
+    sizes: PlateGeometry,
     position_mm: Array,
     turn_rad: float,
 ) -> Array:
@@ -46,9 +46,9 @@ def tilted_joints_for(
 
     Raises `OutOfReach`.
     """
-    geometry, rods = _mechanism(flat, kind, drawing)
+    geometry, rods = _mechanism(flat, kind, sizes)
     level = Plate.level(kind, position_mm, turn_rad)
-    wanted_mm = rods.reflector_mm(level, drawing.reflector_mm)
+    wanted_mm = rods.reflector_mm(level, sizes.reflector_mm)
     aim_mm, aim_rad, plate = position_mm, turn_rad, level
     for _ in range(ROUNDS):
         joints = joints_for(geometry, aim_mm, aim_rad)
@@ -56,7 +56,7 @@ def tilted_joints_for(
             plate, _, _ = rods.settle(joints, 0.0, plate)
         except AssemblyLost as lost:
             raise OutOfReach(0) from lost
-        error_mm = rods.reflector_mm(plate, drawing.reflector_mm) - wanted_mm
+        error_mm = rods.reflector_mm(plate, sizes.reflector_mm) - wanted_mm
         error_rad = plate.theta_rad - level.theta_rad
         if float(np.abs([*error_mm, geometry.apart_mm * error_rad]).max()) < CLOSE_MM:
             return joints
@@ -65,7 +65,7 @@ def tilted_joints_for(
 
 
 def _mechanism(
-    flat: Mapping[str, float], kind: Kind, drawing: PlateDrawing
+    flat: Mapping[str, float], kind: Kind, sizes: PlateGeometry
 ) -> tuple[Geometry, RodMechanism]:
     def column(field: str) -> Array:
         values = [flat.get(f"arm{arm}.{field}", 0.0) for arm in range(kind.arms)]
@@ -76,10 +76,10 @@ def _mechanism(
     if kind.on_rails:
         geometry = _on_tilted_rails(geometry, column("rail_tilt_deg"))
     # the rod on the side of the bar's direction is the longer one of a positive skew
-    half_mm = 0.5 * drawing.rod_spacing_mm * column("parallelogram_skew_deg")
+    half_mm = 0.5 * sizes.rod_spacing_mm * column("parallelogram_skew_deg")
     build = Build(
-        plate_joints_mm=drawing.joints_mm,
-        rod_spacing_mm=drawing.rod_spacing_mm,
+        plate_joints_mm=sizes.joints_mm,
+        rod_spacing_mm=sizes.rod_spacing_mm,
         rod_errors_mm=np.column_stack([-half_mm, half_mm]),
         axis_tilts_rad=tilts,
     )

@@ -14,7 +14,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from sim.geometry import CRANK_MM, KINDS, Kind
 from sim.scenarios.scenario import parse_scenario
-from sim.scenarios.section import Point
+from sim.section import Point
 
 ARCMIN = math.radians(1.0 / 60.0)
 ARCSEC = math.radians(1.0 / 3600.0)

@@ -21,7 +21,7 @@ from drivers.bounded_files import (
 )
 from sim.errors import ScenarioInvalid
 from sim.scenarios.schema import Scenario
-from sim.scenarios.section import nearest
+from sim.section import nearest
 
 SCHEMA = "pkmcal/cell/1"
 VALUE_SHOWN = 40

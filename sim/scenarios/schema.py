@@ -4,11 +4,19 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from sim.faults import ANSWER_FAULTS, MEASUREMENT_FAULTS, MOVE_FAULTS, RESULT_FAULTS
+from sim.faults import (
+    ANSWER_FAULTS,
+    ANSWERS_OF,
+    MEASUREMENT_FAULTS,
+    MOVE_FAULTS,
+    RESULT_FAULTS,
+    Counted,
+    Fault,
+)
 from sim.geometry import problem_with
-from sim.scenarios.robot import ControllerSection, RobotSection, changed
-from sim.scenarios.section import Count, NotNegative, Positive, Section, nearest
-from sim.scenarios.tracker import TrackerSection
+from sim.robot.section import ControllerSection, RobotSection, changed
+from sim.section import Count, NotNegative, Positive, Section, nearest
+from sim.tracker.section import TrackerSection
 
 
 class FaultSection(Section):
@@ -35,6 +43,14 @@ class FaultSection(Section):
     def counter(self) -> str:
         """The key that says when."""
         return next(key for key in self.KINDS if getattr(self, key) is not None)
+
+    def fault(self) -> Fault:
+        """The same with the occurrence that it counts."""
+        counts = {"at_measurement": Counted.MEASUREMENT, "at_move": Counted.MOVE}
+        counts |= {"at_result": Counted.RESULT}
+        key = self.counter
+        counted = counts[key] if self.device is None else ANSWERS_OF[self.device]
+        return Fault(counted, getattr(self, key), self.kind, self.seconds)
 
     @model_validator(mode="after")
     def _is_one_fault(self) -> Self:

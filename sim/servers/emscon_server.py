@@ -26,7 +26,7 @@ from drivers.wire.emscon_messages import (
     TrackerStatus,
 )
 from sim.faults import Counted, Fault, FaultScript
-from sim.servers.emscon_desk import InstrumentSettings, Outcome, wrong_parameter
+from sim.servers.emscon_instrument import EmsconInstrument, Outcome, wrong_parameter
 from sim.servers.emscon_units import POWER_ON_UNITS, result_of
 from sim.tracker.instrument import SimulatedTracker
 
@@ -67,8 +67,8 @@ class _Pending:
 class EmsconSession:
     """Answers one client, one command at a time; `WireError` means that it must be closed.
 
-    A second client is refused every command. Settings are the instrument's: its `desk` outlives
-    the session; without one they are those of power-on.
+    A second client is refused every command. The instrument keeps its settings longer than a
+    session; without one they are those of power-on.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class EmsconSession:
         tracker: SimulatedTracker,
         send: Callable[[bytes], None],
         *,
-        desk: InstrumentSettings | None = None,
+        instrument: EmsconInstrument | None = None,
         is_second: bool = False,
         faults: FaultScript | None = None,
     ) -> None:
@@ -85,7 +85,7 @@ class EmsconSession:
         self._is_second = is_second
         self._faults = faults
         self._framer = FromClientFramer()
-        self._desk = InstrumentSettings(tracker) if desk is None else desk
+        self._instrument = EmsconInstrument(tracker) if instrument is None else instrument
         self._pending: _Pending | None = None
         self._shown: TrackerLight | None = None
         self._next_position_s = 0.0
@@ -117,7 +117,7 @@ class EmsconSession:
             self._pending.due_s if self._pending is not None else None,
             self._straggler.due_s if self._straggler is not None else None,
             self._tracker.next_event_s(),
-            self._next_position_s if self._desk.settings.send_reflector_position else None,
+            self._next_position_s if self._instrument.settings.send_reflector_position else None,
         ]
         return min((time_s for time_s in times if time_s is not None), default=None)
 
@@ -173,7 +173,7 @@ class EmsconSession:
                 light = TrackerStatus(self._light(now_s))
                 self._answer(request.command, Outcome(bodies=(light,)))
             case _:
-                self._answer(request.command, self._desk.obey(request, now_s))
+                self._answer(request.command, self._instrument.obey(request, now_s))
 
     def _answer(self, command: Command, outcome: Outcome) -> None:
         if outcome.status != ResultStatus.ALL_OK:
@@ -197,7 +197,7 @@ class EmsconSession:
         """Begin one, or say why not."""
         if (status := self._unready(now_s)) != ResultStatus.ALL_OK:
             return status
-        end_s = self._tracker.begin_measurement(self._desk.measuring_time_s, now_s)
+        end_s = self._tracker.begin_measurement(self._instrument.measuring_time_s, now_s)
         if end_s is None:
             return ResultStatus.MEASUREMENT_STATUS_NOT_READY
         self._fault = None if self._faults is None else self._faults.next(Counted.RESULT)
@@ -222,7 +222,7 @@ class EmsconSession:
 
     def _motion_s(self, body: Body, now_s: float) -> float | None:
         """Start a motion and return how long it takes; None: there is no such place."""
-        scale = self._desk.scale
+        scale = self._instrument.scale
         if isinstance(body, Target | Place) and _is_in_sight(*scale.point_mm(body.point)):
             return self._tracker.go_to(scale.point_mm(body.point), now_s)
         if isinstance(body, ApproximateDistance) and _is_in_sight(scale.length_mm(body.distance)):
@@ -249,10 +249,10 @@ class EmsconSession:
             self._tell_failure()
             return
         if self._is_wrong("other_units"):
-            self._desk.obey(Request(Command.SET_UNITS, POWER_ON_UNITS), now_s)
+            self._instrument.obey(Request(Command.SET_UNITS, POWER_ON_UNITS), now_s)
             self._tell(SystemChange.UNITS)
-        extended = self._desk.wants_covariance
-        self._tell_result(encode(result_of(shot, self._desk.scale, extended=extended)), now_s)
+        extended = self._instrument.wants_covariance
+        self._tell_result(encode(result_of(shot, self._instrument.scale, extended=extended)), now_s)
 
     def _tell_result(self, result: bytes, now_s: float) -> None:
         """Send a result, unless a fault has it come later or not at all."""
@@ -308,7 +308,7 @@ class EmsconSession:
         failed: int = UNKNOWN_COMMAND
         if self._pending is not None and self._pending.command == Command.START_MEASUREMENT:
             failed, self._pending = self._pending.command, None
-        if failed != UNKNOWN_COMMAND or self._desk.settings.send_unsolicited_messages:
+        if failed != UNKNOWN_COMMAND or self._instrument.settings.send_unsolicited_messages:
             self._send(encode(ErrorResponse(failed, BEAM_LOST_STATUS)))
 
     def _show(self, light: TrackerLight) -> None:
@@ -318,15 +318,15 @@ class EmsconSession:
         self._shown = light
 
     def _tell_position(self, now_s: float) -> None:
-        if not self._desk.settings.send_reflector_position or now_s < self._next_position_s:
+        if not self._instrument.settings.send_reflector_position or now_s < self._next_position_s:
             return
         self._next_position_s = now_s + POSITION_INTERVAL_S
         if (point_mm := self._tracker.live_point(now_s)) is not None:
-            point = self._desk.scale.point(point_mm)
+            point = self._instrument.scale.point(point_mm)
             self._send(encode(ReflectorPosition(ResultStatus.ALL_OK, point)))
 
     def _tell(self, change: SystemChange) -> None:
-        if self._desk.settings.send_unsolicited_messages:
+        if self._instrument.settings.send_unsolicited_messages:
             self._send(encode(StatusChange(change)))
 
 

@@ -19,7 +19,7 @@ from drivers.wire.geocom import (
     string_word,
 )
 from drivers.wire.geocom_constants import Result
-from sim.servers.geocom_desk import Later, Outcome, Value
+from sim.servers.geocom_instrument import Later, Outcome, Value
 from sim.servers.geocom_station import GeocomStation
 
 MOST_WAITING = 100
@@ -121,4 +121,4 @@ class GeocomSession:
             return string_word(value)
         if isinstance(value, int):
             return str(int(value))
-        return number_word(value, self._station.desk.decimals)
+        return number_word(value, self._station.instrument.decimals)

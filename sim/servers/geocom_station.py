@@ -11,10 +11,10 @@ from drivers.values import Vector3
 from drivers.wire.geocom import parse_number, parse_whole, parse_words
 from drivers.wire.geocom_constants import LockStatus, Program, Result, Rpc
 from sim.geometry import Array
-from sim.servers.geocom_desk import (
+from sim.servers.geocom_instrument import (
     DONE,
+    GeocomInstrument,
     Handler,
-    InstrumentSettings,
     Later,
     Outcome,
     Value,
@@ -144,11 +144,11 @@ class GeocomStation:
 
     def __init__(self, tracker: SimulatedTracker) -> None:
         self.tracker = tracker
-        self.desk = InstrumentSettings(tracker)
+        self.instrument = GeocomInstrument(tracker)
         self.head = Head(tracker)
         self._measures_until_s: float | None = None
         self._distance: _Distance | None = None
-        self._handlers = self.desk.handlers() | self._measuring() | self._aiming()
+        self._handlers = self.instrument.handlers() | self._measuring() | self._aiming()
 
     def obey(self, rpc: int, words: Sequence[str], now_s: float) -> Outcome | Later | None:
         """Do what a call wants; None: there is no such call. Raises `WireError` for its words."""
@@ -273,7 +273,7 @@ class GeocomStation:
     def _surveyed_m(self, point_mm: Vector3) -> Vector3:
         """East, north and height of the ground below the prism, as the instrument is set up."""
         x_m, y_m, z_m = (value / MM_PER_M for value in point_mm)
-        turn_rad, place = self.head.orientation_rad, self.desk.place
+        turn_rad, place = self.head.orientation_rad, self.instrument.place
         east = place.east + x_m * cos(turn_rad) + y_m * sin(turn_rad)
         north = place.north + y_m * cos(turn_rad) - x_m * sin(turn_rad)
         return east, north, place.up + place.instrument_height + z_m - place.target_height

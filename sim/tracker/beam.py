@@ -3,29 +3,37 @@
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol
 
 import numpy as np
 
 from sim.geometry import Array
-from sim.robot.driven_robot import SeenReflector
+from sim.random_streams import target_key
+from sim.robot.controller import SimulatedController
+from sim.robot.driven_robot import DrivenRobot, SeenReflector
+from sim.robot.follower import FollowingController
 from sim.tracker.optics import Station, angle_between_rad
 
 
-class Scene(Protocol):
-    """Scene before the tracker."""
+class Scene:
+    """The robot as the tracker sees it."""
+
+    def __init__(
+        self, controller: SimulatedController | FollowingController, robot: DrivenRobot
+    ) -> None:
+        self._controller = controller
+        self._robot = robot
 
     def robot_reflector(self, now_s: float) -> SeenReflector:
-        """The reflector on the robot's plate, in the base frame."""
-        ...
+        """The reflector on the plate, in the base frame."""
+        return self._robot.reflector(self._controller.encoders(now_s))
 
     def robot_is_still(self, now_s: float) -> bool:
         """Whether the robot stands."""
-        ...
+        return not self._controller.state(now_s).moving
 
     def robot_target(self) -> tuple[int, ...]:
         """Key of the place where the robot rests."""
-        ...
+        return target_key(self._robot.standing.encoders.tolist())
 
 
 class Target(StrEnum):

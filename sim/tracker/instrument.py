@@ -7,50 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.values import Matrix3, Vector3, vector
-from sim.draws import Attempts, Purpose, WorkedTime, generator
 from sim.faults import Counted, Fault, FaultScript
 from sim.geometry import Array
+from sim.random_streams import Attempts, Purpose, WorkedTime, generator
 from sim.tracker.beam import Aim, Beam, Scene, Target
-from sim.tracker.optics import Noise, direction_of
+from sim.tracker.optics import direction_of
+from sim.tracker.section import TrackerSection
 
 SLEW_RAD_PER_S = math.radians(90.0)
 FOREVER_S = 1e9
 S_PER_H = 3600.0
-
-
-@dataclass(frozen=True, slots=True)
-class SimulatedReflector:
-    """A reflector definition that the instrument holds. Target type 1 is a corner cube."""
-
-    identifier: int
-    name: str
-    target_type: int
-    surface_offset_mm: float
-
-
-@dataclass(frozen=True, slots=True)
-class Air:
-    """Weather at the start, and how the temperature drifts with worked time."""
-
-    temperature_degC: float
-    pressure_hPa: float
-    humidity_percent: float
-    drift_degC_per_h: float
-
-
-@dataclass(frozen=True, slots=True)
-class TrackerSettings:
-    """Settings that a tracker is delivered with, and the state in which it is found."""
-
-    serial: str
-    reflectors: tuple[SimulatedReflector, ...]
-    noise: Noise
-    air: Air
-    initialise_s: float
-    warm_up_s: float
-    """Since the cell's start; 0: it is warm."""
-    initialised: bool
-    selected: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,10 +60,13 @@ class SimulatedTracker:
 
     def __init__(
         self,
-        settings: TrackerSettings,
+        section: TrackerSection,
         scene: Scene,
         beam: Beam,
         *,
+        initialised: bool,
+        warm: bool,
+        selected: int,
         seed: int,
         faults: FaultScript,
         worked: WorkedTime,
@@ -106,20 +75,20 @@ class SimulatedTracker:
     ) -> None:
         self.taken = list(taken)
         """All shots that were ever told, oldest first. A back door for tests."""
-        self.serial = settings.serial
-        self.reflectors = settings.reflectors
-        self.selected = settings.selected
+        self.serial = section.serial
+        self.reflectors = section.reflectors
+        self.selected = selected
         self.search_radius_mm = 50.0
         self.search_timeout_s = 10.0
         self.beam = beam
         self.attempts = attempts
-        self._settings = settings
+        self._section = section
         self._scene = scene
         self._seed = seed
         self._faults = faults
         self._worked = worked
-        self.is_initialised = settings.initialised
-        self.is_warm = settings.warm_up_s <= 0.0
+        self.is_initialised = initialised
+        self.is_warm = warm or section.warm_up_s <= 0.0
         self._action: _Action | None = None
         self._measuring_s: float | None = None
         self._events: list[str] = []
@@ -146,7 +115,7 @@ class SimulatedTracker:
 
     def weather(self, now_s: float) -> tuple[float, float, float]:  # noqa: ARG002 - all calls tell it
         """Temperature °C, pressure hPa, humidity %, as its own station reads them."""
-        air = self._settings.air
+        air = self._section.air
         warmer = air.drift_degC_per_h * self._worked.seconds / S_PER_H
         return air.temperature_degC + warmer, air.pressure_hPa, air.humidity_percent
 
@@ -171,14 +140,14 @@ class SimulatedTracker:
 
     def next_event_s(self) -> float | None:
         """Time of the next event that comes by itself, if any; `advance` then makes it happen."""
-        warm_s = None if self.is_warm else self._settings.warm_up_s
+        warm_s = None if self.is_warm else self._section.warm_up_s
         end_s = None if self._action is None else self._action.end_s
         times = [t for t in (warm_s, end_s, self.beam.next_cut_s()) if t is not None]
         return min(times, default=None)
 
     def select_reflector(self, identifier: int) -> bool:
         """Use another reflector definition; false when there is no such one."""
-        if all(reflector.identifier != identifier for reflector in self.reflectors):
+        if all(reflector.id != identifier for reflector in self.reflectors):
             return False
         self.selected = identifier
         return True
@@ -198,7 +167,7 @@ class SimulatedTracker:
             self._events.append("initialised")
             self._lock(aim, end_s)
 
-        return self._begin(self._settings.initialise_s, finish, now_s)
+        return self._begin(self._section.initialise_s, finish, now_s)
 
     def go_to(self, point_in_tracker_mm: Vector3, now_s: float) -> float:
         """Start pointing there and say how long it takes, s.
@@ -236,7 +205,7 @@ class SimulatedTracker:
 
     def advance(self, now_s: float) -> None:
         """Let happen what is due by now."""
-        if not self.is_warm and now_s >= self._settings.warm_up_s:
+        if not self.is_warm and now_s >= self._section.warm_up_s:
             self.is_warm = True
             self._events.append("warmed_up")
         if self.beam.is_lost(now_s):
@@ -276,7 +245,7 @@ class SimulatedTracker:
 
     def _shot(self, now_s: float) -> TrackerShot:
         true_mm = self.beam.point_in_tracker_mm(now_s)
-        spread_mm = self._settings.noise.spread_mm(true_mm)
+        spread_mm = self._section.noise.spread_mm(true_mm)
         key = self._scene.robot_target()
         draw = generator(self._seed, Purpose.SHOT, *key, self.attempts.next(key))
         measured_mm = true_mm + spread_mm @ draw.standard_normal(3)

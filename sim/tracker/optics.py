@@ -2,11 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Self
 
 import numpy as np
+from pydantic import model_validator
 
 from sim.geometry import UP, Array
+from sim.section import NotNegative, Positive, Section
 
 MM_PER_M = 1000.0
 UM_PER_MM = 1000.0
@@ -27,31 +29,20 @@ class Station:
         return self.base_from_tracker.T @ (point_in_base_mm - self.origin_in_base_mm)
 
 
-class Noise(Protocol):
-    """Scatter of a shot around the true point, in the tracker's frame."""
+class DataSheet(NamedTuple):
+    """Limits (MPE) by a data sheet of such a tracker: a constant and a part per metre."""
 
-    def spread_mm(self, point_in_tracker_mm: Array) -> Array:
-        """(3, 3): a square root S of the covariance, S Sᵀ, in mm."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class IsotropicNoise:
-    """Noise with the same standard deviation on every coordinate, everywhere."""
-
-    coordinate_mm: float
-
-    def spread_mm(self, point_in_tracker_mm: Array) -> Array:  # noqa: ARG002 - of the protocol
-        """(3, 3): a square root S of the covariance, S Sᵀ, in mm."""
-        return self.coordinate_mm * np.eye(3)
+    along_um: float
+    along_um_per_m: float
+    across_um: float
+    across_um_per_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class Limit:
-    """A maximum permissible error of a + b · distance."""
+class Limit(Section):
+    """A maximum permissible error of a + b · distance; its standard uncertainty is 1/√3 of it."""
 
-    constant_um: float
-    per_metre_um: float
+    constant_um: NotNegative
+    per_metre_um: NotNegative
 
     def sigma_mm(self, distance_mm: float) -> float:
         """The standard uncertainty at that distance."""
@@ -59,21 +50,47 @@ class Limit:
         return limit_um / UM_PER_MM / MPE_PER_SIGMA
 
 
-@dataclass(frozen=True, slots=True)
-class SphericalNoise:
-    """Along the beam, across it horizontally (azimuth) and across it upward (elevation)."""
+class Noise(Section):
+    """Scatter of shots: the same on every coordinate, or of a spherical instrument.
 
-    along: Limit
-    azimuth: Limit
-    elevation: Limit
+    Its limits are along the beam, across it horizontally (azimuth) and upward (elevation).
+    """
+
+    coordinate_mm: Positive | None = None
+    """Standard deviation of each coordinate, everywhere."""
+    along: Limit | None = None
+    azimuth: Limit | None = None
+    elevation: Limit | None = None
+
+    @model_validator(mode="after")
+    def _is_one_of_two(self) -> Self:
+        spherical = [limit is not None for limit in (self.along, self.azimuth, self.elevation)]
+        if any(spherical) == (self.coordinate_mm is not None) or any(spherical) != all(spherical):
+            raise ValueError("give either coordinate_mm, or along, azimuth and elevation")
+        return self
 
     def spread_mm(self, point_in_tracker_mm: Array) -> Array:
-        """(3, 3): a square root S of the covariance, S Sᵀ, in mm."""
+        """(3, 3): a square root S of a shot's covariance, S Sᵀ, in the tracker's frame, mm."""
+        if self.along is None or self.azimuth is None or self.elevation is None:
+            return (self.coordinate_mm or 0.0) * np.eye(3)
         distance_mm = float(np.linalg.norm(point_in_tracker_mm))
         limits = (self.along, self.azimuth, self.elevation)
         sigmas_mm = np.array([limit.sigma_mm(distance_mm) for limit in limits])
-        spread_mm: Array = _beam_axes(point_in_tracker_mm) * sigmas_mm
-        return spread_mm
+        return np.asarray(_beam_axes(point_in_tracker_mm) * sigmas_mm)
+
+    @property
+    def data_sheet(self) -> DataSheet:
+        """Across the beam the larger of azimuth's and elevation's."""
+        if self.along is None or self.azimuth is None or self.elevation is None:
+            limit_um = (self.coordinate_mm or 0.0) * UM_PER_MM * MPE_PER_SIGMA
+            return DataSheet(limit_um, 0.0, limit_um, 0.0)
+        across = (self.azimuth, self.elevation)
+        return DataSheet(
+            self.along.constant_um,
+            self.along.per_metre_um,
+            max(limit.constant_um for limit in across),
+            max(limit.per_metre_um for limit in across),
+        )
 
 
 def _beam_axes(point_in_tracker_mm: Array) -> Array:

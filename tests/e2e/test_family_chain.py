@@ -11,7 +11,7 @@ from family_cases import MEMBERS
 
 from app.main import run_command
 from campaigns.robots.robot import find_robot
-from sim.building import true_geometry
+from sim.factory import true_geometry
 from sim.scenarios.scenario import load_scenario
 
 pytestmark = pytest.mark.long

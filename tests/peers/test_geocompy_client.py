@@ -22,7 +22,7 @@ from sim.faults import FaultScript
 from sim.scenarios.scenario import load_scenario
 from sim.servers.geocom_server import GeocomSession
 from sim.servers.geocom_station import GeocomStation
-from sim.servers.serving import CellServer
+from sim.servers.server import CellServer
 
 pytestmark = pytest.mark.peer
 

@@ -1,11 +1,12 @@
 """A tracker without a cell: does at once, or after a second, what a test tells it."""
 
-from sim.tracker.instrument import SimulatedReflector, TrackerShot
+from sim.tracker.instrument import TrackerShot
+from sim.tracker.section import SimulatedReflector
 
 COVARIANCE_MM2 = ((4e-4, 1e-5, -2e-5), (1e-5, 9e-4, 3e-5), (-2e-5, 3e-5, 1e-4))
 REFLECTORS = (
-    SimulatedReflector(3, "CCR-1.5in", 1, 19.05),
-    SimulatedReflector(7, "CCR-0.5in", 1, 6.35),
+    SimulatedReflector(id=3, name="CCR-1.5in", surface_offset_mm=19.05),
+    SimulatedReflector(id=7, name="CCR-0.5in", surface_offset_mm=6.35),
 )
 
 
@@ -64,7 +65,7 @@ class FakeTracker:
         return self._end[0] if self._end else None
 
     def select_reflector(self, identifier):
-        if identifier not in {reflector.identifier for reflector in self.reflectors}:
+        if identifier not in {reflector.id for reflector in self.reflectors}:
             return False
         self.selected = identifier
         return True

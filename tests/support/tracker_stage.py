@@ -4,20 +4,21 @@ import math
 
 import numpy as np
 
-from sim.draws import Attempts, WorkedTime
 from sim.faults import FaultScript
+from sim.random_streams import Attempts, WorkedTime
 from sim.robot.driven_robot import SeenReflector
 from sim.robot.rods import rotation
 from sim.tracker.beam import Beam, Target
-from sim.tracker.instrument import Air, SimulatedReflector, SimulatedTracker, TrackerSettings
-from sim.tracker.optics import IsotropicNoise, Station
+from sim.tracker.instrument import SimulatedTracker
+from sim.tracker.optics import Noise, Station
+from sim.tracker.section import Air, SimulatedReflector, TrackerSection
 
 STATION = Station(np.array([2000.0, -1500.0, -200.0]), rotation(-0.04, 0.07, 2.4))
 REFLECTORS = (
-    SimulatedReflector(1, "CCR-1.5in", 1, 19.05),
-    SimulatedReflector(3, "CCR-75mm", 1, 37.5),
+    SimulatedReflector(id=1, name="CCR-1.5in", surface_offset_mm=19.05),
+    SimulatedReflector(id=3, name="CCR-75mm", surface_offset_mm=37.5),
 )
-QUIET = IsotropicNoise(0.0)
+QUIET = Noise.model_construct(coordinate_mm=0.0)
 STANDING_MM = np.array([600.0, 300.0, -400.0])
 
 
@@ -40,11 +41,25 @@ class Stage:
         return self.target
 
 
-def tracker(stage, *, noise=QUIET, faults=(), seed=1, locked=True, worked=None, **settings):
-    defaults = {"initialise_s": 20.0, "warm_up_s": 0.0, "initialised": True, "selected": 1}
-    air = Air(20.0, 1013.0, 50.0, drift_degC_per_h=0.5)
+def tracker(
+    stage,
+    *,
+    noise=QUIET,
+    faults=(),
+    seed=1,
+    locked=True,
+    worked=None,
+    initialised=True,
+    selected=1,
+    **delivered,
+):
     return SimulatedTracker(
-        TrackerSettings("390001", REFLECTORS, noise, air, **(defaults | settings)),
+        TrackerSection.model_construct(
+            reflectors=REFLECTORS,
+            noise=noise,
+            air=Air(pressure_hPa=1013.0, drift_degC_per_h=0.5),
+            **delivered,
+        ),
         stage,
         Beam(
             stage,
@@ -53,6 +68,9 @@ def tracker(stage, *, noise=QUIET, faults=(), seed=1, locked=True, worked=None, 
             acceptance_rad=math.radians(30.0),
             locked_on=Target.ROBOT if locked else None,
         ),
+        initialised=initialised,
+        warm=False,
+        selected=selected,
         seed=seed,
         faults=FaultScript(faults, {}),
         worked=worked or WorkedTime(0.0),

@@ -31,11 +31,12 @@ from campaigns.estimation.least_squares import solve
 from campaigns.estimation.observability import observability
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
-from sim.draws import Attempts, WorkedTime, target_key
 from sim.geometry import geometry_of
+from sim.random_streams import Attempts, WorkedTime, target_key
 from sim.robot.assembly import assemble
-from sim.robot.driven_robot import Behaviour, DrivenRobot, Mount, Standing, Thermal
+from sim.robot.driven_robot import Behaviour, DrivenRobot, Mount, Standing
 from sim.robot.rods import Build, RodMechanism
+from sim.robot.section import Thermal
 
 ARCSEC = np.radians(1.0 / 3600.0)
 ALL = indices(MODEL_NAMES)
@@ -183,7 +184,7 @@ def driven_robot(backlash_rad):
     start = assemble(rods, made, np.array([0.0, 0.0, -575.0]), 0.0, growth=0.0)
     return DrivenRobot(
         rods,
-        Behaviour(backlash_rad, 0.0, 0.0, Thermal(0.0, 1800.0)),
+        Behaviour(backlash_rad, 0.0, 0.0, Thermal()),
         Mount(np.array([20.0, -30.0, -45.0]), np.array([1.0, 0.0, 0.0])),
         Standing(start.joints, np.zeros(4), start, np.zeros(3)),
         seed=1,

@@ -7,7 +7,7 @@ from campaigns.journal.records import SeriesStarted, Stage
 from campaigns.journal.views import Series
 from drivers.values import Identity
 from sim.robot.controller import SimulatedController
-from sim.servers.geocom_desk import MODEL
+from sim.servers.geocom_instrument import MODEL
 from sim.tracker.instrument import SimulatedTracker
 
 REAL = Identity("Acme", "Par4", "R-1", "1.0", "robotline 1")

@@ -8,7 +8,7 @@ from drivers.emscon.tracker import EmsconTracker
 from drivers.errors import LinkDown
 from sim.faults import Counted, Fault, FaultScript
 from sim.servers.emscon_server import EmsconSession
-from sim.tracker.optics import IsotropicNoise
+from sim.tracker.optics import Noise
 
 MEASURING_S = 0.5
 """How long after its start a scripted result comes."""
@@ -64,7 +64,7 @@ class SimulatedStation:
     def __init__(self, *faults, noise_mm=0.01, measuring_time_s=2.0, knows_time=True):
         self.clock = HandClock()
         self.stage = Stage()
-        self.instrument = tracker(self.stage, noise=IsotropicNoise(noise_mm))
+        self.instrument = tracker(self.stage, noise=Noise(coordinate_mm=noise_mm))
         self.faults = FaultScript([Fault(Counted.RESULT, *fault) for fault in faults], {})
         self.pipes = []
         self.tracker = EmsconTracker(

@@ -5,14 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from sim.draws import Attempts, WorkedTime, target_key
 from sim.geometry import NOMINAL_ROBOTS, geometry_of
+from sim.random_streams import Attempts, WorkedTime, target_key
 from sim.robot.assembly import assemble, follow
-from sim.robot.driven_robot import Behaviour, DrivenRobot, Mount, Standing, Thermal
+from sim.robot.driven_robot import Behaviour, DrivenRobot, Mount, Standing
 from sim.robot.rods import Build, RodMechanism
+from sim.robot.section import Thermal
 
 GEOMETRY = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
-COLD = Thermal(0.0, 1800.0)
+COLD = Thermal()
 ARCMIN = math.radians(1.0 / 60.0)
 TEN_DEG = np.radians([10.0, 10.0, 10.0, 10.0])
 
@@ -102,7 +103,7 @@ def test_looking_at_a_moving_robot_does_not_change_where_it_ends():
 
 def test_arms_grow_with_worked_time_toward_their_end():
     worked = WorkedTime(0.0)
-    robot = driven(behaviour(thermal=Thermal(50e-6, 1800.0)), worked=worked)
+    robot = driven(behaviour(thermal=Thermal(arm_ppm_per_degC=50.0, rise_degC=1.0)), worked=worked)
     home = robot.standing.encoders
     heights = []
     for _ in range(4):

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from sim.draws import WorkedTime
 from sim.faults import Counted, Fault, FaultScript
 from sim.geometry import NOMINAL_ROBOTS, geometry_of
+from sim.random_streams import WorkedTime
 from sim.robot.assembly import joints_for
 from sim.robot.controller import ControllerSettings, Refusal, SimulatedController
 

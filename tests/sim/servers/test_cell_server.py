@@ -15,7 +15,7 @@ from sim.clock import ManualClock, ScaledClock
 from sim.errors import ServerFailed
 from sim.faults import Counted, Fault, FaultScript
 from sim.servers.peers import GIVE_UP_ABOVE_BYTES
-from sim.servers.serving import CLIENTS_LIMIT, CellServer
+from sim.servers.server import CLIENTS_LIMIT, CellServer
 
 PATIENCE_S = 5.0
 

@@ -17,7 +17,7 @@ from sim.faults import Counted, Fault, FaultScript
 from sim.scenarios.scenario import load_scenario
 from sim.servers.geocom_server import GeocomSession
 from sim.servers.geocom_station import GeocomStation
-from sim.servers.serving import CellServer
+from sim.servers.server import CellServer
 
 SPEED_UP = 500.0
 PATIENT = GeocomDeadlines()

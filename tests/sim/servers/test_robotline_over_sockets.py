@@ -14,7 +14,7 @@ from sim.clock import ScaledClock
 from sim.faults import Counted, Fault, FaultScript
 from sim.robot.controller import Refusal
 from sim.servers.robotline_server import RobotlineSession
-from sim.servers.serving import CellServer
+from sim.servers.server import CellServer
 
 THIRD_ANSWER = 3
 

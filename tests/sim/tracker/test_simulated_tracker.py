@@ -6,11 +6,16 @@ import numpy as np
 import pytest
 from tracker_stage import STATION, Stage, measured, seen_mm, tracker
 
-from sim.draws import WorkedTime
 from sim.faults import Counted, Fault
-from sim.tracker.optics import Limit, SphericalNoise, angle_between_rad
+from sim.random_streams import WorkedTime
+from sim.tracker.optics import Limit, Noise, angle_between_rad
 
-SPHERICAL = SphericalNoise(Limit(10.0, 0.3), Limit(15.0, 6.0), Limit(20.0, 7.0))
+
+def limit(constant_um, per_metre_um):
+    return Limit(constant_um=constant_um, per_metre_um=per_metre_um)
+
+
+SPHERICAL = Noise(along=limit(10.0, 0.3), azimuth=limit(15.0, 6.0), elevation=limit(20.0, 7.0))
 
 
 def test_a_shot_is_the_reflector_in_the_trackers_own_frame():
@@ -54,7 +59,7 @@ def test_the_covariance_is_that_of_a_spherical_instrument():
 
 
 def test_a_limit_becomes_a_standard_uncertainty():
-    assert Limit(15.0, 6.0).sigma_mm(2500.0) == pytest.approx(0.030 / math.sqrt(3.0))
+    assert limit(15.0, 6.0).sigma_mm(2500.0) == pytest.approx(0.030 / math.sqrt(3.0))
 
 
 def test_straight_up_has_a_covariance_too():

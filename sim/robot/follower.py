@@ -6,13 +6,12 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from sim.draws import WorkedTime, target_key
 from sim.errors import AssemblyLost
 from sim.geometry import PAR4, Array, Kind
+from sim.random_streams import WorkedTime, target_key
 from sim.robot.controller import ControllerState
 from sim.robot.driven_robot import DrivenRobot, Standing
 from sim.robot.linuxcnc_joints import JointsLost, JointSource
-from sim.servers.peers import Session
 
 SAME_RAD = math.radians(2e-6)
 """Joints are told with six decimals of a degree."""
@@ -107,42 +106,6 @@ class FollowingController:
                 )
         self._robot.arrive(joints, target_key(joints.tolist()))
         self._worked.add(travel / self._speed_per_s)
-
-
-class LookingSession:
-    """A device's session that also looks at the joints, often enough to see every stop.
-
-    The places at which the joints stand between two measurements count: backlash depends on the
-    side from which a place was approached.
-    """
-
-    def __init__(
-        self, session: Session, look: Callable[[float], object], *, every_s: float
-    ) -> None:
-        self._session = session
-        self._look = look
-        self._every_s = every_s
-        self._next_s = 0.0
-
-    def received(self, data: bytes, now_s: float) -> None:
-        """Bytes from the client, for the device."""
-        self._session.received(data, now_s)
-
-    def advance(self, now_s: float) -> None:
-        """Look, and let the device say what is due."""
-        if now_s >= self._next_s:
-            self._look(now_s)
-            self._next_s = now_s + self._every_s
-        self._session.advance(now_s)
-
-    def next_due_s(self) -> float | None:
-        """Time of the next look, or earlier."""
-        due_s = self._session.next_due_s()
-        return self._next_s if due_s is None else min(due_s, self._next_s)
-
-    def closed(self, now_s: float) -> None:
-        """The client has gone."""
-        self._session.closed(now_s)
 
 
 def _is_same(a: Array, b: Array) -> bool:

@@ -38,7 +38,7 @@ from drivers.wire.emscon_messages import (
     Transformation,
     Units,
 )
-from sim.servers.emscon_desk import InstrumentSettings
+from sim.servers.emscon_instrument import EmsconInstrument
 
 
 def test_a_set_command_is_answered_and_its_event_told():
@@ -159,12 +159,12 @@ def test_frames_that_were_set_are_told_in_the_units_of_who_asks():
 
 def test_settings_outlive_a_connection_and_are_those_of_power_on_in_another_instrument():
     tracker = FakeTracker()
-    desk = InstrumentSettings(tracker)
-    client = Client(tracker, desk=desk)
+    instrument = EmsconInstrument(tracker)
+    client = Client(tracker, instrument=instrument)
     client.send(Command.SET_UNITS, MILLIMETRES)
     client.send(Command.SET_STATIONARY_MODE_PARAMS, StationaryMode(2500, 1))
     client.session.closed(client.now_s)
-    after, other = Client(tracker, desk=desk), Client(tracker)
+    after, other = Client(tracker, instrument=instrument), Client(tracker)
     assert after.ask(Command.GET_UNITS).body == MILLIMETRES
     assert after.ask(Command.GET_STATIONARY_MODE_PARAMS).body == StationaryMode(2500, 1)
     assert other.ask(Command.GET_UNITS).body == Units(0, 0, 0, 0, 0)

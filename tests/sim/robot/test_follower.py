@@ -7,9 +7,10 @@ import pytest
 
 from sim.cell import Cell
 from sim.clock import ManualClock
-from sim.draws import WorkedTime
+from sim.embedded import LookingSession
 from sim.errors import AssemblyLost
-from sim.following import FollowingController, LookingSession
+from sim.random_streams import WorkedTime
+from sim.robot.follower import FollowingController
 from sim.robot.linuxcnc_joints import JointsLost
 from sim.scenarios.scenario import load_scenario
 

@@ -1,4 +1,4 @@
-"""Chance that can be repeated: a draw depends on the seed, what it is for, and which try it is."""
+"""Random streams: a draw depends on the seed, what it is for, and which try it is."""
 
 from collections.abc import Mapping, Sequence
 from enum import IntEnum

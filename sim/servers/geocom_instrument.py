@@ -60,7 +60,7 @@ class Place:
     target_height: float = 0.0
 
 
-class InstrumentSettings:
+class GeocomInstrument:
     """Settings, as an instrument keeps them while nobody is connected, and readings.
 
     As it is found: somebody has surveyed with it before.
@@ -216,7 +216,7 @@ class InstrumentSettings:
 
     def _reflector(self, name: str) -> int | None:
         """The tracker's reflectors stand for prisms that the operator has defined."""
-        by_name = {reflector.name: reflector.identifier for reflector in self._tracker.reflectors}
+        by_name = {reflector.name: reflector.id for reflector in self._tracker.reflectors}
         return by_name.get(name)
 
 

@@ -1,12 +1,26 @@
 """The robot's and the controller's part of a scenario. Every default means "ideal"."""
 
+import math
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Self
 
 from pydantic import Field, model_validator
 
 from sim.geometry import KINDS, NOMINAL_ROBOTS, PAR4, Kind, problem_with
-from sim.scenarios.section import NotNegative, Point, Positive, Section, nearest
+from sim.section import NotNegative, Point, Positive, Section, nearest
+
+PPM = 1e-6
+ENTRIES_OF_AN_ARM: Mapping[str, int] = MappingProxyType(
+    {
+        "rod_errors_mm": 2,
+        "plate_joints_mm": 1,
+        "axis_tilts_mrad": 1,
+        "backlash_arcmin": 1,
+        "backlash_mm": 1,
+    }
+)
+"""Keys of a robot that list something of each arm, and how many values of it."""
 
 FlatDeltas = dict[str, float]
 """Differences of single parameters, by flat name, in the name's unit."""
@@ -60,12 +74,17 @@ class Repeatability(Section):
     """Half-width of a uniform draw on each coordinate."""
 
 
-class ThermalSection(Section):
-    """Arms that grow with worked time."""
+class Thermal(Section):
+    """Arms, or the scales of rails, that grow with worked time."""
 
     arm_ppm_per_degC: float = 12.0
     rise_degC: float = 0.0
     time_constant_s: Positive = 1800.0
+
+    def growth(self, worked_s: float) -> float:
+        """Relative growth by now."""
+        final = self.arm_ppm_per_degC * PPM * self.rise_degC
+        return final * -math.expm1(-worked_s / self.time_constant_s)
 
 
 class MountSection(Section):
@@ -96,7 +115,7 @@ class RobotSection(Section):
     backlash_mm: tuple[NotNegative, ...] = ()
     """Of carriages."""
     repeatability: Repeatability = Repeatability()
-    thermal: ThermalSection = ThermalSection()
+    thermal: Thermal = Thermal()
     plate_joints_mm: tuple[Point, ...] | None = None
     workspace_centre_mm: Point = (0.0, 0.0, -575.0)
     rod_spacing_mm: Positive = 80.0
@@ -120,10 +139,8 @@ class RobotSection(Section):
 
     @model_validator(mode="after")
     def _has_an_entry_for_each_arm(self) -> Self:
-        arms = self.kind.arms
-        counts = {"rod_errors_mm": 2 * arms, "plate_joints_mm": arms, "axis_tilts_mrad": arms}
-        counts |= {"backlash_arcmin": arms, "backlash_mm": arms}
-        for key, count in counts.items():
+        for key, entries in ENTRIES_OF_AN_ARM.items():
+            count = entries * self.kind.arms
             if (given := getattr(self, key)) and len(given) != count:
                 raise ValueError(f"{key} has {len(given)} entries, a {self.mechanism} has {count}")
         unfit = "backlash_arcmin" if self.kind.on_rails else "backlash_mm"
@@ -147,8 +164,8 @@ class RobotSection(Section):
         return changed(self.nominal_flat(), self.errors)
 
 
-class Pose(Section):
-    """A pose of the controlled point."""
+class StartSection(Section):
+    """Pose of the controlled point at the start."""
 
     x_mm: float = 0.0
     y_mm: float = 0.0
@@ -173,7 +190,7 @@ class ControllerSection(Section):
     """Whether its kinematics has axis tilts and skews of parallelograms."""
     joints_from: str | None = None
     """A real controller whose joints the robot follows: hal:, hal:ssh HOST, tcp://HOST:PORT."""
-    start: Pose = Pose()
+    start: StartSection = StartSection()
 
     @model_validator(mode="after")
     def _limits_are_in_order(self) -> Self:

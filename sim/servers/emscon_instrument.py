@@ -92,7 +92,7 @@ class Similarity:
     scale: float = 1.0
 
 
-class InstrumentSettings:
+class EmsconInstrument:
     """Settings, as an instrument keeps them from power-on whoever is connected, and readings."""
 
     def __init__(self, tracker: SimulatedTracker) -> None:
@@ -317,7 +317,7 @@ class InstrumentSettings:
         return tuple(
             ReflectorEntry(
                 len(known),
-                reflector.identifier,
+                reflector.id,
                 reflector.target_type,
                 self.scale.length(reflector.surface_offset_mm),
                 reflector.name[:LONGEST_NAME],

@@ -1,4 +1,4 @@
-"""Section: what all of a scenario file have in common."""
+"""Section of a scenario file: what all of them have in common."""
 
 import difflib
 from collections.abc import Iterable

@@ -1,0 +1,121 @@
+"""Factory of the parts of a cell from its scenario, drawing what manufacture left to chance."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from sim.geometry import Array, Geometry, Kind, geometry_of
+from sim.random_streams import Purpose, generator
+from sim.robot.controller import ControllerSettings
+from sim.robot.driven_robot import Behaviour, Mount
+from sim.robot.rods import Build
+from sim.robot.section import ControllerSection, RobotSection, Tolerances
+from sim.robot.tilting_kinematics import PlateGeometry
+from sim.scenarios.schema import Scenario
+from sim.tracker.optics import Station
+
+PLATE_RADIUS_MM = 45.0
+"""Of a single platform's joints, where the cell file says nothing of them."""
+PART_HALF_WIDTH_MM = 60.0
+"""Half of the way between the two joints of a part, likewise."""
+RAD_PER_ARCMIN = math.radians(1.0 / 60.0)
+RAD_PER_ARCSEC = math.radians(1.0 / 3600.0)
+RAD_PER_MRAD = 1e-3
+
+
+def true_geometry(robot: RobotSection, seed: int) -> dict[str, float]:
+    """The robot as it was really made, by flat names, mm and deg."""
+    names = robot.kind.names
+    draw = generator(seed, Purpose.MANUFACTURE).standard_normal(len(names))
+    flat = robot.true_flat()
+    return {
+        name: flat[name] + _sigma(robot.tolerances, name) * float(draw[index])
+        for index, name in enumerate(names)
+    }
+
+
+def _sigma(tolerances: Tolerances, name: str) -> float:
+    """A parameter's standard deviation of manufacture, in the unit of its name."""
+    arm, _, field = name.rpartition(".")
+    if field in {"x_mm", "y_mm", "z_mm", "joint_offset_mm"}:
+        return 0.0 if arm == "arm0" else tolerances.position_mm
+    if field == "joint_offset_deg":
+        return tolerances.joint_offset_deg
+    if field == "azimuth_deg":
+        return math.degrees(tolerances.azimuth_mrad * RAD_PER_MRAD)
+    # where a rail points is drawn with the axes, which lean both ways; a pinion's only scales turns
+    return 0.0 if field in {"elevation_deg", "pinion_mm"} else tolerances.length_mm
+
+
+def build_of(robot: RobotSection, geometry: Geometry, seed: int) -> Build:
+    """Plate, rods and axes as they were really made."""
+    kind = robot.kind
+    rods = generator(seed, Purpose.RODS).standard_normal((kind.arms, 2))
+    tilts = generator(seed, Purpose.TILTS).standard_normal((1 + kind.on_rails, kind.arms))
+    tilts_mrad = robot.tolerances.axis_tilt_mrad * tilts
+    told_mm = np.reshape(robot.rod_errors_mm or np.zeros(2 * kind.arms), (kind.arms, 2))
+    return Build(
+        plate_joints_mm=plate_joints_mm(robot, geometry),
+        rod_spacing_mm=robot.rod_spacing_mm,
+        rod_errors_mm=told_mm + robot.tolerances.rod_mm * rods,
+        axis_tilts_rad=(_of_arms(robot.axis_tilts_mrad, kind) + tilts_mrad[0]) * RAD_PER_MRAD,
+        leans_rad=tilts_mrad[1] * RAD_PER_MRAD if kind.on_rails else None,
+    )
+
+
+def plate_joints_mm(robot: RobotSection, geometry: Geometry) -> Array:
+    """(n, 3): as told, or on either side of two parts, or around a single one."""
+    if robot.plate_joints_mm is not None:
+        return np.array(robot.plate_joints_mm)
+    if geometry.kind.turn is None:
+        return PLATE_RADIUS_MM * geometry.outward
+    return np.sign(geometry.motors_mm) * [PART_HALF_WIDTH_MM, 0.0, 0.0]
+
+
+def known_plate(scenario: Scenario, true_flat: dict[str, float]) -> PlateGeometry | None:
+    """What its controller knows of the plate, if it computes how the plate tilts."""
+    if not scenario.controller.computes_plate_tilt:
+        return None
+    robot = scenario.robot
+    return PlateGeometry(
+        plate_joints_mm(robot, geometry_of(true_flat, robot.kind)),
+        robot.rod_spacing_mm,
+        np.array(robot.reflector.offset_mm),
+    )
+
+
+def _of_arms(values: Sequence[float], kind: Kind) -> Array:
+    """(n,): as told, or 0 for every arm."""
+    return np.array(values) if values else np.zeros(kind.arms)
+
+
+def behaviour(robot: RobotSection) -> Behaviour:
+    """Effects between encoders and mechanism: backlash, noise of arrival, growth of arms."""
+    kind, repeatability = robot.kind, robot.repeatability
+    backlash = _of_arms(robot.backlash_arcmin, kind) * RAD_PER_ARCMIN
+    noise = repeatability.joint_arcsec * RAD_PER_ARCSEC
+    if kind.on_rails:
+        backlash, noise = _of_arms(robot.backlash_mm, kind), repeatability.joint_mm
+    return Behaviour(backlash, noise, repeatability.position_mm, robot.thermal)
+
+
+def mount(robot: RobotSection, station: Station) -> Mount:
+    """The reflector, facing the tracker from the workspace's centre unless told otherwise."""
+    told = robot.reflector.facing
+    centre_mm = np.array(robot.workspace_centre_mm)
+    facing = station.origin_in_base_mm - centre_mm if told is None else np.array(told)
+    return Mount(np.array(robot.reflector.offset_mm), facing / np.linalg.norm(facing))
+
+
+def controller_settings(controller: ControllerSection, kind: Kind) -> ControllerSettings:
+    """Settings that the controller is delivered with."""
+    lowest, highest = getattr(controller, f"joint_limits_{kind.unit}")
+    return ControllerSettings(
+        serial=controller.serial,
+        lowest=kind.inner(lowest),
+        highest=kind.inner(highest),
+        speed_per_s=kind.inner(getattr(controller, f"joint_speed_{kind.unit}_per_s")),
+        resolution=kind.inner(getattr(controller, f"encoder_step_{kind.unit}")),
+        emergency_stop=controller.emergency_stop,
+    )

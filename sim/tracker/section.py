@@ -1,0 +1,75 @@
+"""The tracker's part of a scenario."""
+
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from sim.robot.rods import rotation
+from sim.section import Count, NotNegative, Point, Positive, Section
+from sim.tracker.optics import Noise, Station
+
+
+class StationSection(Section):
+    """Pose of the tracker in the base frame, turned by roll, then pitch, then yaw."""
+
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    yaw_deg: float = 0.0
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
+
+    def pose(self) -> Station:
+        """The same as a point and a rotation."""
+        turns_rad = np.radians([self.roll_deg, self.pitch_deg, self.yaw_deg])
+        return Station(np.array([self.x_mm, self.y_mm, self.z_mm]), rotation(*turns_rad))
+
+
+class Air(Section):
+    """Weather at the start, and its drift with worked time."""
+
+    temperature_degC: float = 20.0
+    pressure_hPa: float = 1013.25
+    humidity_percent: Annotated[float, Field(ge=0.0, le=100.0)] = 50.0
+    drift_degC_per_h: float = 0.0
+
+
+class SimulatedReflector(Section):
+    """A reflector definition that the tracker holds. Target type 1 is a corner cube."""
+
+    id: Count
+    name: Annotated[str, Field(min_length=1, max_length=31)]
+    target_type: Annotated[int, Field(ge=0, le=11)] = 1
+    surface_offset_mm: NotNegative
+
+
+class TrackerSection(Section):
+    """Tracker as it is delivered, and the state in which it is found."""
+
+    serial: Annotated[str, Field(pattern="^[0-9]{1,9}$")] = "390001"
+    station: StationSection
+    noise: Noise
+    air: Air = Air()
+    initialise_s: NotNegative = 20.0
+    warm_up_s: NotNegative = 0.0
+    """Since the cell's start; 0: it is warm."""
+    initialised: bool = True
+    beam_locked: bool = True
+    acceptance_deg: Positive = 30.0
+    reflectors: tuple[SimulatedReflector, ...] = (
+        SimulatedReflector(id=1, name="CCR-1.5in", surface_offset_mm=19.05),
+        SimulatedReflector(id=3, name="CCR-75mm", surface_offset_mm=37.5),
+    )
+    selected: Count = 1
+    other_reflector_mm: Point | None = None
+    """A second reflector that stands about, in the base frame."""
+
+    @model_validator(mode="after")
+    def _reflectors_are_told_apart(self) -> Self:
+        identifiers = [reflector.id for reflector in self.reflectors]
+        if len(set(identifiers)) < len(identifiers):
+            raise ValueError("two reflectors have the same id")
+        if self.selected not in identifiers:
+            raise ValueError(f"selected is {self.selected}, the reflectors are {identifiers}")
+        return self
