@@ -98,6 +98,8 @@ class LazyGroup(TyperGroup):
         """Command of that name, from its module."""
         if cmd_name not in COMMANDS:
             return None
+        from app.options import expanded  # with pydantic and more, for commands only
+
         module, _ = COMMANDS[cmd_name]
         alone = typer.Typer(
             add_completion=False,
@@ -105,7 +107,7 @@ class LazyGroup(TyperGroup):
             context_settings=SETTINGS,
             rich_markup_mode=None,
         )
-        alone.command(cmd_name)(import_module(f"app.cli.{module}").command)
+        alone.command(cmd_name)(expanded(import_module(f"app.cli.{module}").command))
         command = typer.main.get_command(alone)
         assert isinstance(command, TyperCommand), "one command makes no group"
         return command

@@ -11,13 +11,14 @@ from campaigns.campaign import Campaign
 from campaigns.chain.validation import Validated, ValidationStage
 from campaigns.estimation.estimators import Model
 from campaigns.evaluation.validation import ValidationResult
-from campaigns.options import IdentifyOptions, PlanOptions
+from campaigns.identification.options import IdentificationOptions
+from campaigns.options import PlanOptions
 
 STAGES = 8
 
 
 def rehearse(
-    campaign: Campaign, terminal: Terminal, options: IdentifyOptions | None = None
+    campaign: Campaign, terminal: Terminal, options: IdentificationOptions | None = None
 ) -> tuple[dict[str, object], tuple[str, ...]]:
     """The whole chain but its report; gives what `--json` prints, and what speaks against it.
 

@@ -1,51 +1,76 @@
-"""Options of the chain's steps, as the command line and Python give them."""
+"""Options of planning and running, as the command line and Python give them."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Annotated
 
 from campaigns.design.criteria import CriterionName
 from campaigns.errors import OptionsInvalid
-from campaigns.estimation.estimators import Estimator, LossShape, Model, Outliers, Weights
-from campaigns.evaluation.doubts import COMMON_SCALE, LARGE_CHANGE
+from campaigns.estimation.estimators import Estimator, Model
+from campaigns.identification.options import Fixed, Freed, ModelChoice, Selection
 from campaigns.planning.plans import Placement
-
-MOST_HELD_OUT = 0.5
-BENDS_AT = 3.0
-"""Tuning constant of the robust losses, in σ: where they bend."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Selection:
-    """Selection of parameters: patterns to free and to hold, and how they are estimated."""
-
-    estimator: Estimator = Estimator.POINTS
-    model: Model = Model.STANDARD
-    free: tuple[str, ...] = ()
-    fix: tuple[str, ...] = ()
-
-    def words(self) -> list[str]:
-        """Words as they are typed, for the next step's command."""
-        by = [] if self.estimator is Estimator.POINTS else ["--estimator", self.estimator.value]
-        model = [] if self.model is Model.STANDARD else ["--model", self.model.value]
-        freed = [word for pattern in self.free for word in ("--free", pattern)]
-        fixed = [word for pattern in self.fix for word in ("--fix", pattern)]
-        return [*by, *model, *freed, *fixed]
+from campaigns.settings.option import Option
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanOptions(Selection):
     """Options of a plan; None: as campaign.yaml says. Raises `OptionsInvalid`."""
 
-    shots: int | None = None
-    placement: Placement | None = None
-    until: str | None = None
-    """Goal such as σ=0.02, in mm."""
-    criterion: CriterionName | None = None
-    candidates: int | None = None
-    scatter_mm: float = 0.0
-    """1 σ of the robot's own scatter, known from earlier campaigns; not in the tracker's σ."""
-    seed: int | None = None
+    shots: Annotated[
+        int | None,
+        Option(
+            "Shots to identify from, two a pair, others on top; with --until the most allowed.",
+            metavar="N",
+            least=2,
+        ),
+    ] = None
+    placement: Annotated[
+        Placement | None,
+        Option(
+            "boundary: near the limits of the workspace, as in the paper. optimal: those of "
+            "thousands of candidates that tell most together."
+        ),
+    ] = None
+    until: Annotated[
+        str | None,
+        Option(
+            "Optimal, and as few shots as bring every length to this σ, such as σ=0.02.",
+            metavar="GOAL",
+        ),
+    ] = None
+    """In mm."""
+    criterion: Annotated[
+        CriterionName | None,
+        Option(
+            "Optimal for what. I: positions all over the workspace, the default. D: all "
+            "parameters together. A: each of them, on average. E: what is known worst."
+        ),
+    ] = None
+    candidates: Annotated[
+        int | None,
+        Option("Optimal, of so many poses; 4000 unless told.", metavar="N", least=100, most=20_000),
+    ] = None
+    estimator: Annotated[
+        Estimator,
+        Option(
+            "By what identify will use the shots. points: all their coordinates. distances: "
+            "those of pairs, as in the paper."
+        ),
+    ] = Estimator.POINTS
+    model: ModelChoice = Model.STANDARD
+    free: Freed = ()
+    fix: Fixed = ()
+    scatter_mm: Annotated[
+        float,
+        Option(
+            "The robot's own scatter (1 σ) where it is known, as `identify` has told it.",
+            metavar="MM",
+            name="--scatter",
+        ),
+    ] = 0.0
+    """Known from earlier campaigns; not in the tracker's σ."""
+    seed: Annotated[int | None, Option("Another seed than campaign.yaml's.", "N", least=0)] = None
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.scatter_mm < math.inf:
@@ -78,14 +103,38 @@ class PlanOptions(Selection):
 class RunOptions(Selection):
     """Options of a run: when it ends, and what `identify` will be asked for."""
 
-    until: str | None = None
-    """Goal such as σ=0.02, in mm."""
-    skip: tuple[int, ...] = ()
-    """Shots that shall not be measured."""
-    retry: int | None = None
-    """How often to connect again in a row; None: as campaign.yaml says."""
-    anyway: bool = False
-    """Whether to go on although poses have moved since the last session."""
+    until: Annotated[
+        str | None,
+        Option(
+            "End early, once every length is known to this standard deviation: σ=0.02 (mm). "
+            "Validation and drift shots are taken all the same.",
+            metavar="GOAL",
+        ),
+    ] = None
+    estimator: Annotated[Estimator, Option("What will identify, and so says what is known.")] = (
+        Estimator.POINTS
+    )
+    model: ModelChoice = Model.STANDARD
+    free: Freed = ()
+    fix: Fixed = ()
+    skip: Annotated[
+        tuple[int, ...],
+        Option("Leave this shot out, and the other one of its pair; repeatable.", metavar="SHOT"),
+    ] = ()
+    retry: Annotated[
+        int | None,
+        Option(
+            "After a lost link or a drive's fault connect again and go on, up to N times in a "
+            "row without a new shot. The cell must be safe without anybody there.",
+            metavar="N",
+            least=0,
+            most=1000,
+        ),
+    ] = None
+    """None: as campaign.yaml says."""
+    anyway: Annotated[
+        bool, Option("Go on although poses have moved since the last session; it is recorded.")
+    ] = False
 
     def run_words(self) -> list[str]:
         """The options again, as they are typed; not `--anyway`, which is said each time."""
@@ -93,43 +142,3 @@ class RunOptions(Selection):
         skip = [word for shot in self.skip for word in ("--skip", str(shot))]
         retry = [] if self.retry is None else ["--retry", str(self.retry)]
         return [*until, *skip, *retry, *self.words()]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class IdentifyOptions(Selection):
-    """Options of an identification."""
-
-    prior: tuple[str, ...] = ()
-    """Priors such as `arm*.forearm_mm=0.05`: 1 σ in mm or deg about the nominal value."""
-    loss: LossShape = LossShape.LINEAR
-    loss_scale: float = BENDS_AT
-    outliers: Outliers = Outliers.EXCLUDE
-    weights: Weights = Weights.STATED
-    """Of distances."""
-    shots: tuple[int | None, int | None] = (None, None)
-    """First and last number of the shots to identify from; None: no limit."""
-    sessions: bool = False
-    """Whether each session of measuring has a frame of its own."""
-    hold_out: float = 0.0
-    """Share of the identification pairs that are kept unseen, as if they were for validation."""
-    accept_large_change: bool = False
-    accept_scale: bool = False
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.hold_out <= MOST_HELD_OUT:
-            raise OptionsInvalid(
-                f"--hold-out is {self.hold_out:.4g}, must be 0 to {MOST_HELD_OUT:g}",
-                remedy="20% is usual",
-            )
-
-    @property
-    def accepted(self) -> frozenset[str]:
-        """Names of the doubts with which a result is taken all the same."""
-        asked = {LARGE_CHANGE: self.accept_large_change, COMMON_SCALE: self.accept_scale}
-        return frozenset(name for name, wanted in asked.items() if wanted)
-
-
-AS_THE_PAPER = IdentifyOptions(
-    estimator=Estimator.DISTANCES, outliers=Outliers.KEEP, weights=Weights.EQUAL
-)
-"""Plain least squares of the distances of all pairs."""

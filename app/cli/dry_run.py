@@ -10,12 +10,12 @@ from app.cli.report import report
 from app.console import BAD, GOOD, terminal_of
 from app.exits import Exit
 from app.new_campaign import DEFAULT_ROBOT, DEFAULT_SCENARIO, create_simulated
-from app.options import Json, ModelOption, Seed
+from app.options import Json, Seed
 from app.rehearsal import STAGES, heading, rehearse
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Model
-from campaigns.options import IdentifyOptions
+from campaigns.identification.options import IdentificationOptions, ModelChoice
 from drivers.bounded_files import is_there
 
 NewFolder = Annotated[
@@ -44,7 +44,7 @@ def command(
     *,
     scenario: Scenario = None,
     robot: Robot = None,
-    model: ModelOption = Model.STANDARD,
+    model: ModelChoice = Model.STANDARD,
     seed: Seed = None,
     json: Json = False,
 ) -> None:
@@ -61,7 +61,7 @@ def command(
     terminal = terminal_of(context, as_json=json)
     started_s = time.monotonic()
     campaign = prepared(folder or _free_folder(), scenario, seed, robot, model)
-    options = None if model is Model.STANDARD else IdentifyOptions(model=model)
+    options = None if model is Model.STANDARD else IdentificationOptions(model=model)
     document, against = rehearse(campaign, terminal, options)
     heading(terminal, STAGES, "report")
     _, path = report(campaign)

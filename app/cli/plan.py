@@ -1,12 +1,11 @@
 """pkmcal plan: where to measure."""
 
 import shlex
-from typing import Annotated
 
 import typer
 
 from app.console import WARNING, Terminal, terminal_of
-from app.options import Fix, Folder, Free, Json, ModelOption, Plot
+from app.options import Folder, Json, Plot
 from app.plan_text import (
     plan_line,
     plate_warning,
@@ -18,81 +17,16 @@ from app.plan_text import (
 from app.terminal_picture import plan_picture
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.chain.planning import PlannedCampaign, plan
-from campaigns.design.criteria import CriterionName
-from campaigns.estimation.estimators import Estimator, Model
 from campaigns.options import PlanOptions
-from campaigns.planning.plans import Placement, pairs_of
+from campaigns.planning.plans import pairs_of
 from campaigns.shots.shot_sets import ShotSet
-
-Shots = Annotated[
-    int | None,
-    typer.Option(
-        min=2,
-        metavar="N",
-        help="Shots to identify from, two a pair, others on top; with --until the most allowed.",
-    ),
-]
-Placed = Annotated[
-    Placement | None,
-    typer.Option(
-        help="boundary: near the limits of the workspace, as in the paper. optimal: those of "
-        "thousands of candidates that tell most together."
-    ),
-]
-Until = Annotated[
-    str | None,
-    typer.Option(
-        metavar="GOAL",
-        help="Optimal, and as few shots as bring every length to this σ, such as σ=0.02.",
-    ),
-]
-Criterion = Annotated[
-    CriterionName | None,
-    typer.Option(
-        help="Optimal for what. I: positions all over the workspace, the default. D: all "
-        "parameters together. A: each of them, on average. E: what is known worst."
-    ),
-]
-Candidates = Annotated[
-    int | None,
-    typer.Option(
-        min=100, max=20_000, metavar="N", help="Optimal, of so many poses; 4000 unless told."
-    ),
-]
-UsedBy = Annotated[
-    Estimator,
-    typer.Option(
-        help="By what identify will use the shots. points: all their coordinates. distances: "
-        "those of pairs, as in the paper."
-    ),
-]
-Scatter = Annotated[
-    float,
-    typer.Option(
-        metavar="MM",
-        help="The robot's own scatter (1 σ) where it is known, as `identify` has told it.",
-    ),
-]
-Seed = Annotated[
-    int | None, typer.Option(min=0, metavar="N", help="Another seed than campaign.yaml's.")
-]
 
 
 def command(
     context: typer.Context,
     folder: Folder,
+    options: PlanOptions,
     *,
-    shots: Shots = None,
-    placement: Placed = None,
-    until: Until = None,
-    criterion: Criterion = None,
-    candidates: Candidates = None,
-    estimator: UsedBy = Estimator.POINTS,
-    model: ModelOption = Model.STANDARD,
-    free: Free = None,
-    fix: Fix = None,
-    scatter: Scatter = 0.0,
-    seed: Seed = None,
     plot: Plot = None,
     json: Json = False,
 ) -> None:
@@ -105,19 +39,6 @@ def command(
     are chosen, when more of them stop paying. Defaults stand under `plan` in campaign.yaml.
     plan.csv may be edited and is checked again; an older one is kept.
     """
-    options = PlanOptions(
-        estimator=estimator,
-        model=model,
-        free=tuple(free or ()),
-        fix=tuple(fix or ()),
-        shots=shots,
-        placement=placement,
-        until=until,
-        criterion=criterion,
-        candidates=candidates,
-        scatter_mm=scatter,
-        seed=seed,
-    )
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     planned = plan(campaign, options)

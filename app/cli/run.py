@@ -1,14 +1,13 @@
 """pkmcal run: measure the plan, or as much of it as the goal takes."""
 
 import shlex
-from typing import Annotated
 
 import typer
 
 from app.console import Terminal, terminal_of
 from app.exits import Exit
 from app.measuring import found_measured, measure_plan
-from app.options import Anew, Dry, Fix, Folder, Free, Json, ModelOption, Yes
+from app.options import Anew, Dry, Folder, Json, Yes
 from app.plan_text import plan_line
 from app.progress import certainty
 from app.run_text import (
@@ -20,59 +19,16 @@ from app.run_text import (
 )
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.chain.running import predicted_end, run_outlook, run_work
-from campaigns.estimation.estimators import Estimator, Model
 from campaigns.measuring.session import RunResult, Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
-
-Until = Annotated[
-    str | None,
-    typer.Option(
-        metavar="GOAL",
-        help="End early, once every length is known to this standard deviation: σ=0.02 (mm). "
-        "Validation and drift shots are taken all the same.",
-    ),
-]
-Identifying = Annotated[
-    Estimator, typer.Option("--estimator", help="What will identify, and so says what is known.")
-]
-
-Skip = Annotated[
-    list[int] | None,
-    typer.Option(
-        metavar="SHOT", help="Leave this shot out, and the other one of its pair; repeatable."
-    ),
-]
-Retry = Annotated[
-    int | None,
-    typer.Option(
-        min=0,
-        max=1000,
-        metavar="N",
-        help="After a lost link or a drive's fault connect again and go on, up to N times in a "
-        "row without a new shot. The cell must be safe without anybody there.",
-    ),
-]
-Anyway = Annotated[
-    bool,
-    typer.Option(
-        "--anyway", help="Go on although poses have moved since the last session; it is recorded."
-    ),
-]
 
 
 def command(
     context: typer.Context,
     folder: Folder,
+    options: RunOptions,
     *,
-    until: Until = None,
-    estimator: Identifying = Estimator.POINTS,
-    model: ModelOption = Model.STANDARD,
-    free: Free = None,
-    fix: Fix = None,
-    skip: Skip = None,
-    retry: Retry = None,
-    anyway: Anyway = False,
     dry: Dry = False,
     yes: Yes = False,
     anew: Anew = False,
@@ -95,16 +51,6 @@ def command(
     campaign = open_campaign(folder)
     checked = campaign.checked_plan()
     terminal.note(plan_line(checked))
-    options = RunOptions(
-        estimator=estimator,
-        model=model,
-        free=tuple(free or ()),
-        fix=tuple(fix or ()),
-        until=until,
-        skip=tuple(skip or ()),
-        retry=retry,
-        anyway=anyway,
-    )
     work = run_work(campaign, checked, options)
     ran = None if anew else found_measured(campaign, work, terminal)
     if dry:

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from app.console import WARNING, Terminal, terminal_of
 from app.exits import Exit
-from app.options import Fix, Folder, Free, Json, Plot
+from app.options import Folder, Json, Plot
 from app.progress import CountedWork
 from app.study import tables
 from app.study.combinations import Combination, combinations, told_words
@@ -36,6 +36,7 @@ from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Estimator, Model, Weights
 from campaigns.files.lock import campaign_lock
 from campaigns.files.text_file import make_folder, replace_text
+from campaigns.identification.options import Fixed, Freed
 
 MOST_CAMPAIGNS = 1_000_000
 OUTPUTS = "study"
@@ -116,8 +117,8 @@ def command(
     weights: WeightsOfDistances = None,
     effects: Effects = None,
     model: Models = None,
-    free: Free = None,
-    fix: Fix = None,
+    free: Freed = (),
+    fix: Fixed = (),
     seed: SeedOfAll = 1,
     workers: Workers = None,
     to: To = None,
@@ -143,8 +144,8 @@ def command(
         plans=plan or (),
         scenarios=scenario or (),
         estimators=estimator or (),
-        freed=free or (),
-        fixed=fix or (),
+        freed=free,
+        fixed=fix,
         seed=seed,
         weights=weights or (),
         models=model or (),

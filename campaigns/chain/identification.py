@@ -8,13 +8,11 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.campaign import Campaign, now_utc
 from campaigns.design.pose_sampling import WorkspaceTooSmall, workspace_poses
-from campaigns.estimation.robust import Loss
 from campaigns.identification.model_selection import asked_of, candidate_models, select_model
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Finding, SessionStarted
-from campaigns.options import IdentifyOptions
 from campaigns.shots.shots import between, held_out, shots_of_journal
 
 HOLD_OUT_SEED = 1
@@ -25,12 +23,14 @@ WORKSPACE_POSES = 300
 """So many poses stand for the workspace when σ of positions is told."""
 
 
-def identify(campaign: Campaign, options: IdentifyOptions | None = None) -> RecordedIdentification:
+def identify(
+    campaign: Campaign, options: IdentificationOptions | None = None
+) -> RecordedIdentification:
     """Identify from the latest run or import, and write the result into the journal.
 
     Raises `SelectionInvalid`, `ShotsMissing` and `ShotsInvalid`.
     """
-    options = options or IdentifyOptions()
+    options = options or IdentificationOptions()
     robot = campaign.robot
     space = robot.mechanism.parameters
     models = candidate_models(space, options.model, options.free, options.fix, options.prior)
@@ -40,7 +40,7 @@ def identify(campaign: Campaign, options: IdentifyOptions | None = None) -> Reco
         series = campaign.measured_series(journal)
         shots = shots_of_journal(journal.shots(series.number), robot.mechanism)
         if options.sessions:
-            how = replace(how, sessions=_sessions(journal, series.number))
+            how = replace(how, session_of=_sessions(journal, series.number))
         shots = between(shots, *options.shots)
         shots = held_out(shots, options.hold_out, np.random.default_rng(HOLD_OUT_SEED))
         started_s = time.perf_counter()
@@ -59,16 +59,14 @@ def identify(campaign: Campaign, options: IdentifyOptions | None = None) -> Reco
     return recorded
 
 
-def identification_options(campaign: Campaign, options: IdentifyOptions) -> IdentificationOptions:
-    """Options for this campaign, but for what each model leaves to be found."""
-    return IdentificationOptions(
-        estimator=options.estimator,
-        loss=Loss(options.loss, options.loss_scale),
-        outliers=options.outliers,
+def identification_options(
+    campaign: Campaign, options: IdentificationOptions
+) -> IdentificationOptions:
+    """Options with what this campaign says of itself."""
+    return replace(
+        options,
         instrument=campaign.instrument,
-        weights=options.weights,
         tolerance=campaign.robot.tolerance,
-        accepted=options.accepted,
         limits_mm=_limits_mm(campaign),
         workspace=_workspace(campaign),
     )

@@ -20,6 +20,7 @@ from campaigns.evaluation.validation import (
     evaluate_validation,
 )
 from campaigns.evidence import Evaluation, evaluate
+from campaigns.identification.options import Selection
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Event, Finding, Stage
@@ -29,7 +30,6 @@ from campaigns.measuring.session import (
     measure_series,
 )
 from campaigns.measuring.shot_taker import Cell
-from campaigns.options import Selection
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.predicted_precision import (
     EstimationSetup,

@@ -2,12 +2,12 @@
 
 from campaigns.campaign import Campaign
 from campaigns.identification.model_selection import select_geometry
+from campaigns.identification.options import Selection
 from campaigns.journal.records import Stage
 from campaigns.measuring.rules import gate_rules, motion_rules
 from campaigns.measuring.session import Work
 from campaigns.measuring.tracker_place import TrackerSight
 from campaigns.mechanisms.mechanism import Kinematics
-from campaigns.options import Selection
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import plan_digest
 from campaigns.planning.predicted_precision import EstimationSetup

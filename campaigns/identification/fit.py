@@ -14,7 +14,6 @@ from campaigns.errors import ShotsMissing
 from campaigns.estimation.estimate import Estimate, OutlierPolicy, Start, estimate
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
 from campaigns.estimation.information import ChiSquareTest, chi_square_test, variance_dof
-from campaigns.estimation.robust import Loss
 from campaigns.estimation.variance_components import (
     NONE,
     LinearizedShots,
@@ -134,7 +133,7 @@ def fit_points(
     policy, count = _policy(options), len(selection.free)
     found = estimate(fitted.problem, count, policy, known_variance=True)
     scatter = NONE
-    if options.loss.shape is not LossShape.LINEAR:
+    if options.loss is not LossShape.LINEAR:
         return PointFit(fitted, found, scatter)
     for _ in range(SCATTER_ROUNDS):
         kept = found.kept
@@ -157,7 +156,7 @@ def plain_fit(
     at_nominal: KinematicSolution | None = None,
 ) -> PointFit | None:
     """Plain fit of the coordinates by the shots alone, to judge them by; None for too few."""
-    plain = replace(options, loss=Loss(), outliers=Outliers.EXCLUDE)
+    plain = replace(options, loss=LossShape.LINEAR, outliers=Outliers.EXCLUDE)
     alone = replace(selection, priors=())
     try:
         return fit_points(nominal, shots, alone, plain, at_nominal)
@@ -219,7 +218,7 @@ def _fit_distances(
         covariance_mm2=covariance,
         left_out=frozenset(wrong),
     )
-    policy, count = OutlierPolicy(options.loss, exclude=False), len(selection.free)
+    policy, count = OutlierPolicy(options.robust_loss, exclude=False), len(selection.free)
     start = Start.of(points.found, count)  # the same robot within σ: a step or two are left
     found = estimate(fitted.problem, count, policy, known_variance=True, start=start)
     return Fit(fitted, found, points, left_out)
@@ -239,11 +238,11 @@ def _fit_distances_alone(
 
 
 def _is_plain(options: IdentificationOptions) -> bool:
-    return options.loss.shape is LossShape.LINEAR and options.outliers is Outliers.EXCLUDE
+    return options.loss is LossShape.LINEAR and options.outliers is Outliers.EXCLUDE
 
 
 def _policy(options: IdentificationOptions) -> OutlierPolicy:
-    return OutlierPolicy(options.loss, exclude=options.outliers is Outliers.EXCLUDE)
+    return OutlierPolicy(options.robust_loss, exclude=options.outliers is Outliers.EXCLUDE)
 
 
 def _settled(old: VarianceComponents, new: VarianceComponents) -> bool:

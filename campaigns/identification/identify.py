@@ -86,7 +86,7 @@ def identify(
     for shots that no robot explains.
     """
     options = options or IdentificationOptions()
-    _check(nominal, shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION), options.sessions)
+    _check(nominal, shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION), options.session_of)
     at_nominal = nominal.forward(shots.joints)
     try:
         fit = fit_shots(nominal, shots, selection, options, at_nominal)
@@ -147,13 +147,13 @@ class _Identified:
         says = noise_in_words(
             noise,
             options.estimator,
-            options.loss.shape,
+            options.loss,
             by_scatter=self.fit.points is None,
             robot="" if scatter is None else scatter.says,
         )
         return IdentificationResult(
             estimator=options.estimator,
-            loss=LossUsed(options.loss.shape, options.loss.threshold),
+            loss=LossUsed(options.loss, options.loss_scale),
             outliers=options.outliers,
             priors={prior.name: prior.std for prior in self.selection.priors},
             converged=fit.converged,
@@ -243,9 +243,9 @@ class _Identified:
 
     def _sessions(self, frames: tuple[Frame, ...]) -> tuple[SessionFrame, ...]:
         """Shots of each session by its own frame; empty where all are of one."""
-        if self.options.sessions is None:
+        if self.options.session_of is None:
             return ()
-        own, numbers = session_of(self.shots, self.options.sessions), np.array(self.shots.numbers)
+        own, numbers = session_of(self.shots, self.options.session_of), np.array(self.shots.numbers)
         fitted = np.unique(own[np.isin(numbers, self.fitted.numbers)]).tolist()
         known = dict(zip(fitted, frames, strict=True)) if frames else {}
         return tuple(
@@ -401,7 +401,7 @@ def _holdout(
     """Errors of the pairs that were not fitted, with the nominal and the found parameters."""
     x = fit.found.x[: len(free)]
     usable = of_one_session(
-        shots, usable_pairs(at_nominal, shots, ShotSet.VALIDATION), options.sessions
+        shots, usable_pairs(at_nominal, shots, ShotSet.VALIDATION), options.session_of
     )
     model = position_model(nominal, shots, np.arange(len(shots)), free)
     solution = model.kinematics(x).forward(model.arm_joints(x))

@@ -275,7 +275,7 @@ def distance_observations(
     """
     solution = at_nominal or nominal.forward(data.joints)
     usable = of_one_session(
-        data, usable_pairs(solution, data, ShotSet.IDENTIFICATION), options.sessions
+        data, usable_pairs(solution, data, ShotSet.IDENTIFICATION), options.session_of
     )
     apart = data.measured_distances_mm(usable.rows) >= SHORTEST_MM
     together = tuple(
@@ -353,9 +353,9 @@ def _sessions(data: Shots, rows: Index, options: IdentificationOptions) -> Index
 
     Raises `ShotsMissing` for a session whose shots fix no frame.
     """
-    if options.sessions is None:
+    if options.session_of is None:
         return None
-    own = session_of(data, options.sessions)[rows]
+    own = session_of(data, options.session_of)[rows]
     _, found, counts = np.unique(own, return_inverse=True, return_counts=True)
     if len(counts) < 2:
         return None

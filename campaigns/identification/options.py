@@ -1,32 +1,168 @@
-"""Options of an identification: how the shots are to be understood."""
+"""Options of an identification: what is found of which shots, and how they are understood."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Annotated
 
 from campaigns.arrays import Array
-from campaigns.estimation.estimators import Estimator, Outliers, Weights
-from campaigns.estimation.robust import Loss
+from campaigns.errors import OptionsInvalid
+from campaigns.estimation.estimators import Estimator, LossShape, Model, Outliers, Weights
+from campaigns.estimation.robust import TUNING_CONSTANT, Loss
 from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.evaluation.doubts import COMMON_SCALE, LARGE_CHANGE
 from campaigns.robots.robot import Tolerance
+from campaigns.settings.option import Option
+
+MOST_HELD_OUT = 0.5
+RANGE = re.compile(r"(\d*)-(\d*)", re.ASCII)
+
+ModelChoice = Annotated[
+    Model,
+    Option(
+        "paper, standard: lengths, places and joint offsets. rods: unequal rods too, which "
+        "tilt the plate. full: tilted axes too, which do so as well. auto: the smallest that "
+        "unseen pairs and BIC don't reject. extended: as auto, of where axes point and what gears "
+        "lose."
+    ),
+]
+Freed = Annotated[
+    tuple[str, ...],
+    Option("Find these too, such as 'arm*.azimuth_deg'; repeatable.", metavar="PATTERN"),
+]
+Fixed = Annotated[
+    tuple[str, ...],
+    Option("Hold these at their nominal values, 'arm1.*'; repeatable.", metavar="PATTERN"),
+]
+
+
+def range_of(text: str) -> tuple[int | None, int | None]:
+    """First and last number of a range such as `0-60`, `-60` or `61-`; raises `OptionsInvalid`."""
+    found = RANGE.fullmatch(text)
+    if found is None:
+        raise OptionsInvalid(f"--shots is '{text}'", remedy="give a range, 0-60, -60 or 61-")
+    first, last = (int(part) if part else None for part in found.groups())
+    return first, last
+
+
+def share_of(text: str) -> float:
+    """Share written as `20%` or `0.2`; raises `OptionsInvalid`."""
+    try:
+        value = float(text.removesuffix("%"))
+    except ValueError as error:
+        raise OptionsInvalid(f"--hold-out is '{text}'", remedy="give a share, 20%") from error
+    return value / 100.0 if text.endswith("%") else value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Selection:
+    """Selection of parameters: patterns to free and to hold, and how they are estimated."""
+
+    estimator: Estimator = Estimator.POINTS
+    model: ModelChoice = Model.STANDARD
+    free: Freed = ()
+    fix: Fixed = ()
+
+    def words(self) -> list[str]:
+        """Words as they are typed, for the next step's command."""
+        by = [] if self.estimator is Estimator.POINTS else ["--estimator", self.estimator.value]
+        model = [] if self.model is Model.STANDARD else ["--model", self.model.value]
+        freed = [word for pattern in self.free for word in ("--free", pattern)]
+        fixed = [word for pattern in self.fix for word in ("--fix", pattern)]
+        return [*by, *model, *freed, *fixed]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class IdentificationOptions:
-    """Estimator, treatment of outliers, and what stands in where the tracker stated nothing."""
+class IdentificationOptions(Selection):
+    """Options of an identification; raises `OptionsInvalid`.
 
-    estimator: Estimator = Estimator.POINTS
-    loss: Loss = field(default_factory=Loss)
-    outliers: Outliers = Outliers.EXCLUDE
+    What is no `Option` is not asked for: a campaign says it of itself.
+    """
+
+    estimator: Annotated[
+        Estimator,
+        Option("points: all coordinates of every shot. distances: of pairs, as in the paper."),
+    ] = Estimator.POINTS
+    model: ModelChoice = Model.STANDARD
+    free: Freed = ()
+    fix: Fixed = ()
+    prior: Annotated[
+        tuple[str, ...],
+        Option(
+            "Known to lie about nominal with σ (mm, deg), 'arm*.arm_mm=0.05'; repeatable.",
+            metavar="PATTERN=σ",
+        ),
+    ] = ()
+    loss: Annotated[
+        LossShape,
+        Option("How the price of a misfit grows: with its square, or less where it is big."),
+    ] = LossShape.LINEAR
+    loss_scale: Annotated[
+        float, Option("Where soft-l1 and cauchy bend, in σ.", metavar="N", least=0.1, most=1000.0)
+    ] = TUNING_CONSTANT
+    outliers: Annotated[
+        Outliers, Option("What becomes of shots that all others contradict; each is named.")
+    ] = Outliers.EXCLUDE
+    weights: Annotated[
+        Weights, Option("Of distances: as stated of both ends, or all equal, as in the paper.")
+    ] = Weights.STATED
+    shots: Annotated[
+        tuple[int | None, int | None],
+        Option(
+            "Identify from these alone, by number: 0-60, -60 or 61-; after a change.",
+            metavar="A-B",
+            read=range_of,
+        ),
+    ] = (None, None)
+    """First and last number of the shots to identify from; None: no limit."""
+    sessions: Annotated[
+        bool, Option("Fit a frame of its own for each session: the tracker was moved between.")
+    ] = False
+    hold_out: Annotated[
+        float,
+        Option(
+            "Keep so many of the pairs unseen, 20%: for data without any.",
+            metavar="SHARE",
+            read=share_of,
+            typed="0%",
+        ),
+    ] = 0.0
+    """Share of the identification pairs that are kept unseen, as if they were for validation."""
+    accept_large_change: Annotated[bool, Option("Take a change beyond robot.yaml's tolerance.")] = (
+        False
+    )
+    accept_scale: Annotated[bool, Option("Take it that all lengths changed by one share.")] = False
+
     instrument: TrackerUncertainty = field(default_factory=TrackerUncertainty)
     """Of shots of which the tracker stated nothing."""
-    weights: Weights = Weights.STATED
-    """Of distances; points are always weighed."""
     tolerance: Tolerance = field(default_factory=Tolerance)
-    accepted: frozenset[str] = frozenset()
-    """Names of doubts with which a result is taken all the same."""
-    sessions: Mapping[int, int] | None = None
+    session_of: Mapping[int, int] | None = None
     """Session of each shot by its number, each with a frame of its own; None: one for all."""
     limits_mm: Mapping[str, float] = field(default_factory=dict)
     """Acceptance limits of distances, `mean` and `max`, as far as any are asked for."""
     workspace: Array | None = None
     """Poses (N, t) at which the position's uncertainty is asked for."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.hold_out <= MOST_HELD_OUT:
+            raise OptionsInvalid(
+                f"--hold-out is {self.hold_out:.4g}, must be 0 to {MOST_HELD_OUT:g}",
+                remedy="20% is usual",
+            )
+
+    @property
+    def robust_loss(self) -> Loss:
+        """Loss by its shape and where it bends."""
+        return Loss(self.loss, self.loss_scale)
+
+    @property
+    def accepted(self) -> frozenset[str]:
+        """Names of the doubts with which a result is taken all the same."""
+        asked = {LARGE_CHANGE: self.accept_large_change, COMMON_SCALE: self.accept_scale}
+        return frozenset(name for name, wanted in asked.items() if wanted)
+
+
+AS_THE_PAPER = IdentificationOptions(
+    estimator=Estimator.DISTANCES, outliers=Outliers.KEEP, weights=Weights.EQUAL
+)
+"""Plain least squares of the distances of all pairs."""

@@ -16,7 +16,7 @@ from campaigns.design.pose_sampling import interior_poses
 from campaigns.errors import SelectionInvalid
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers
 from campaigns.estimation.rigid_transforms import from_paper_angles
-from campaigns.options import AS_THE_PAPER, IdentifyOptions
+from campaigns.identification.options import AS_THE_PAPER, IdentificationOptions
 from campaigns.planning.plans import region_of
 from campaigns.robots.robot import pose_of
 from campaigns.shots.shot_sets import ShotSet
@@ -203,14 +203,14 @@ def test_too_few_shots_are_refused_with_their_count(capsys, tmp_path):
 def test_what_the_options_mean_is_checked_before_anything_is_read(tmp_path):
     campaign = made(tmp_path / "campaign")
     with pytest.raises(SelectionInvalid, match="matches no parameter"):
-        identify(campaign, IdentifyOptions(free=("arm7.*",)))
+        identify(campaign, IdentificationOptions(free=("arm7.*",)))
     assert not campaign.journal_path.exists()
 
 
 def test_the_papers_way_is_plain_least_squares_of_all_distances(clean):
     options = identification_options(clean, AS_THE_PAPER)
     assert options.estimator is Estimator.DISTANCES
-    assert (options.loss.shape, options.outliers) == (LossShape.LINEAR, Outliers.KEEP)
+    assert (options.loss, options.outliers) == (LossShape.LINEAR, Outliers.KEEP)
     found = identify(clean, AS_THE_PAPER)
     assert found.free == FREE_BY_DEFAULT
     assert found.priors == {}

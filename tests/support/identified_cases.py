@@ -12,7 +12,6 @@ from small_plans import LIMITS
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
 from campaigns.estimation.rigid_transforms import from_paper_angles
-from campaigns.estimation.robust import Loss
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import select_parameters
@@ -123,7 +122,7 @@ def identified(
     known = select_parameters(SPACE, free, fix, prior)
     options = IdentificationOptions(
         estimator=estimator,
-        loss=Loss(loss),
+        loss=loss,
         outliers=outliers,
         weights=weights,
         workspace=poses,

@@ -29,7 +29,7 @@ from campaigns.evaluation.validation import AXES, ValidationResult
 from campaigns.evidence import evaluate
 from campaigns.files.text_file import replace_text
 from campaigns.files.yaml_file import read_document, yaml_text
-from campaigns.options import AS_THE_PAPER
+from campaigns.identification.options import AS_THE_PAPER
 from campaigns.robots.robot import find_robot
 from campaigns.studies.store import ResultTable
 from campaigns.version import VERSION

@@ -22,7 +22,7 @@ from app.papers.corbel2006.trials import (
 )
 from app.rehearsal import rehearse
 from campaigns.campaign import open_campaign
-from campaigns.options import AS_THE_PAPER
+from campaigns.identification.options import AS_THE_PAPER
 from sim.scenarios.scenario import load_scenario
 
 SMALL = {

@@ -36,7 +36,7 @@ def shots():
 
 
 def recorded(data, estimator, sessions):
-    options = IdentificationOptions(estimator=estimator, sessions=sessions)
+    options = IdentificationOptions(estimator=estimator, session_of=sessions)
     found = identify(NOMINAL, data, select_parameters(SPACE), options)
     provenance = {"series": 1, "journal_records": 1, "at_utc": ""}
     digests = dict.fromkeys(("robot_digest", "plan_digest", "journal_digest"), "")

@@ -140,7 +140,7 @@ class TestSessions:
 
     @pytest.mark.parametrize("by", [BUMPED, ELSEWHERE])
     def test_frames_of_their_own_bring_back_what_one_frame_would_give(self, by):
-        options = IdentificationOptions(sessions=SESSIONS)
+        options = IdentificationOptions(session_of=SESSIONS)
         found = identify(NOMINAL, self.moved_stand(by), select_parameters(SPACE), options)
         calm = identified(noisy(simulated(60, 20, seed=6, truth=TRUTH), seed=6), Estimator.POINTS)
         assert found.verdict == "pass"
@@ -156,7 +156,7 @@ class TestSessions:
 
     def test_derivatives_are_those_of_the_residuals(self):
         data = self.moved_stand(self.ELSEWHERE)
-        options = IdentificationOptions(sessions=SESSIONS)
+        options = IdentificationOptions(session_of=SESSIONS)
         problem = observations(NOMINAL, data, select_parameters(SPACE), options).problem.data
         x = problem.start() + 1e-3 * np.random.default_rng(1).standard_normal(len(problem.start()))
         step = 1e-6
@@ -169,7 +169,7 @@ class TestSessions:
             assert np.abs(problem.jacobian(x)[:, place] - slope).max() < 1e-5 * scale
 
     def test_a_session_of_too_few_shots_is_refused(self):
-        options = IdentificationOptions(sessions={0: 1, 1: 1})
+        options = IdentificationOptions(session_of={0: 1, 1: 1})
         data = self.moved_stand(self.BUMPED)
         with pytest.raises(ShotsMissing, match="a session has 2 shots"):
             identify(NOMINAL, data, select_parameters(SPACE), options)
