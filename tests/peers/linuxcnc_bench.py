@@ -1,13 +1,16 @@
 """A LinuxCNC and our driver at it, as the tests with the real one need them."""
 
+import atexit
 import shutil
 import subprocess
 import time
 from collections.abc import Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from math import radians
+from pathlib import Path
+from tempfile import mkdtemp
 
 import pytest
 from linuxcnc_instance import EXAMPLES, LinuxcncInstance, why_not
@@ -68,12 +71,15 @@ ARRIVES_WITHIN_S = 30.0
 COMPILED = "pkmkins.so"
 
 
-def compiled_kinematics(folder):
+@cache
+def compiled_kinematics():
     """Our kinematics module, compiled as `halcompile --install` would, but not installed."""
     if shutil.which("halcompile") is None:
         pytest.skip("halcompile is not installed")
     source = EXAMPLES / "pkmkins" / "pkmkins.c"
     command = ["halcompile", "--compile", str(source)]
+    folder = Path(mkdtemp(prefix="pkmkins-"))
+    atexit.register(shutil.rmtree, folder)
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
     return folder / COMPILED
 
@@ -85,10 +91,8 @@ def joints_controller(folder, **settings):
 
 def world_controller(folder, variant="cartesian", **settings):
     """A LinuxCNC with our kinematics: of a Par4, or as the example for another robot."""
-    build = folder / "build"
-    build.mkdir()
-    module = compiled_kinematics(build)
-    return LinuxcncInstance(folder / "world", variant, modules=[module], **settings)
+    modules = [compiled_kinematics()]
+    return LinuxcncInstance(folder / "world", variant, modules=modules, **settings)
 
 
 class Bench:

@@ -210,4 +210,6 @@ def _prepare_modules(folder, modules):
     for stock in STOCK_MODULES.iterdir():
         (folder / "modules" / stock.name).symlink_to(Path("/mnt/stock") / stock.name)
     for own in modules:
-        shutil.copy(own, folder / "modules")
+        ours = folder / "modules" / own.name
+        ours.unlink(missing_ok=True)  # one that is installed gives way to the one under test
+        shutil.copy(own, ours)

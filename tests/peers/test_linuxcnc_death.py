@@ -44,7 +44,7 @@ def wait_for_fault(bench):
     return state.fault
 
 
-@pytest.mark.parametrize("program", ["milltask", "rtapi_app"])
+@pytest.mark.parametrize("program", ["milltask", pytest.param("rtapi_app", marks=pytest.mark.long)])
 def test_program_that_dies_in_motion_is_noticed_and_no_stop_is_believed(bench, program):
     bench.started(FAR_RAD, SLOW)
     bench.linuxcnc.kill(program)

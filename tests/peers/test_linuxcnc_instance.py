@@ -3,11 +3,12 @@
 from contextlib import ExitStack
 from pathlib import Path
 
+import pytest
 from linuxcnc_bench import NEEDS_LINUXCNC, joints_controller
 
 pytestmark = NEEDS_LINUXCNC
 
-ROUNDS, AT_A_TIME = 5, 4
+AT_A_TIME = 4
 LOCK = Path("/tmp/linuxcnc.lock")
 PROGRAMS = ("milltask", "rtapi_app", "linuxcncrsh", "linuxcncsvr", "io")
 
@@ -33,10 +34,11 @@ def processes_of(folder):
     return found
 
 
-def test_twenty_starts_and_stops_leave_no_process_lock_or_shared_memory(tmp_path):
+@pytest.mark.parametrize("rounds", [1, pytest.param(5, marks=pytest.mark.long)])
+def test_starts_and_stops_leave_no_process_lock_or_shared_memory(tmp_path, rounds):
     before, locked = shared_memory(), LOCK.exists()
     all_of_them = [joints_controller(tmp_path / str(number)) for number in range(AT_A_TIME)]
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         with ExitStack() as stops:
             for linuxcnc in all_of_them:
                 stops.callback(linuxcnc.stop)

@@ -81,9 +81,13 @@ def drawn(name, *, extended, seed=5):
         nominal = replace(nominal, mechanism=nominal.mechanism.with_plate(plate))
     robot = RobotFile.from_flat(nominal.mechanism, flat, name=name, limits=nominal.limits)
     model, limits = robot.kinematics, nominal.limits
-    found = model.forward(draw.uniform(*limits.joint, (60 * POSES, space.arms)))
-    poses = found.values[found.found]
-    kept = poses[model.feasibility(limits, poses).feasible][:POSES]
+    kept = np.empty((0, len(nominal.mechanism.task)))
+    for _ in range(60):
+        found = model.forward(draw.uniform(*limits.joint, (POSES, space.arms)))
+        poses = found.values[found.found]
+        kept = np.concatenate([kept, poses[model.feasibility(limits, poses).feasible]])[:POSES]
+        if len(kept) == POSES:
+            break
     assert len(kept) == POSES
     return Case(robot, kept, model.inverse(kept).values_or_raise())
 
@@ -164,7 +168,7 @@ def loaded(tmp_path_factory):
     subprocess.run(["gcc", "-O2", "-shared", "-fPIC", "-o", stub, STUB], check=True)
     hal = ctypes.CDLL(str(stub), mode=ctypes.RTLD_GLOBAL)
     hal.stub_set.argtypes = [ctypes.c_int, ctypes.c_char_p, ctypes.c_double]
-    compiled = compiled_kinematics(folder)
+    compiled = compiled_kinematics()
     modules = {}
 
     def load(kind):
