@@ -19,8 +19,7 @@ DEMO := demo/$(shell date +%Y-%m-%d-%H%M%S)
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-# Tests of one file stay on one processor: they share what is slow to make.
-PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile
+PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 .PHONY: demo test quick long peers lint bench torture
 .DELETE_ON_ERROR:
