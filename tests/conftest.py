@@ -26,7 +26,9 @@ settings.register_profile(
     "deep", max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("brief")
-DEEP_IN_CI = tuple(TESTS / name for name in ("campaigns/mechanisms", "campaigns/files", "drivers/wire"))
+DEEP_IN_CI = tuple(
+    TESTS / name for name in ("campaigns/mechanisms", "campaigns/files", "drivers/wire")
+)
 """Properties of mechanisms, files and wires are what a rare case hides in."""
 
 

@@ -1,10 +1,14 @@
-"""The Python page's examples run as they stand, one after the other in one folder."""
+"""The Python page's examples run as they stand; so does the calibration in thirty lines."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pages import ROOT, blocks
+
+from campaigns import identify
 
 EXAMPLES = [block for block in blocks("python") if block.where.startswith("docs/python.md")]
 MOST_LINES = 10
@@ -24,3 +28,19 @@ def test_examples_run(tmp_path, monkeypatch, capsys):
     for block in EXAMPLES:
         exec(compile(block.text, block.where, "exec"), {})
         assert capsys.readouterr().out, f"{block.where} says nothing"
+
+
+def test_calibration_in_thirty_lines_finds_what_identify_finds(tmp_path, monkeypatch, capsys):
+    (block,) = (block for block in blocks("python") if block.where.startswith("docs/how-it-works"))
+    assert len(list(filter(None, block.text.splitlines()))) <= 32
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(SHOTS, Path("shots.csv"))
+    ran = {}
+    exec(compile(block.text, block.where, "exec"), ran)
+    shots, stated_mm2 = ran["shots"], ran["tracker_std_mm"] ** 2 * np.eye(3)
+    alike = replace(shots, stated_covariance_mm2=np.tile(stated_mm2, (len(shots), 1, 1)))
+    theirs = identify(alike, ran["robot"])
+    unit = ran["space"].units(theirs.free)
+    parameters = [theirs.parameters[name] for name in theirs.free]
+    assert ran["identified"] / unit == pytest.approx([p.value for p in parameters], abs=1e-4)
+    assert ran["std"][: len(unit)] / unit == pytest.approx([p.std for p in parameters], rel=1e-3)
