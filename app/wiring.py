@@ -61,8 +61,7 @@ from drivers.robotline.robot import LineRobot
 from drivers.stopping import Alarm, unheard
 from drivers.transport import CONNECT_S, Opener, Transport, open_transport
 from drivers.values import Identity
-from drivers.wire.robotline import LAST_SEQUENCE
-from drivers.wire.robotline_messages import RobotLayout
+from drivers.wire.robotline import LAST_SEQUENCE, RobotLayout
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell

@@ -20,7 +20,7 @@ from drivers.wire.emscon import (
 from drivers.wire.emscon_constants import ResultStatus, status_text
 from drivers.wire.framing import LineFramer, Packet, PacketFramer
 from drivers.wire.geocom_constants import procedure_text, result_text
-from drivers.wire.robotline_messages import RobotLayout
+from drivers.wire.robotline import RobotLayout
 
 Message = TypeVar("Message")
 

@@ -10,8 +10,8 @@ from drivers.wire.emscon_messages import SingleResult, SingleResult2
 from drivers.wire.geocom import decode_reply as decode_geocom
 from drivers.wire.geocom import parse_number
 from drivers.wire.linuxcncrsh import Value, read_message, read_numbers
+from drivers.wire.robotline import ControllerStatus, RobotLayout
 from drivers.wire.robotline import decode_reply as decode_robotline
-from drivers.wire.robotline_messages import RobotLayout, Status
 
 ANSWERS_OF_A_STATE = "; "
 """What the driver for LinuxCNC puts between the answers that make a state."""
@@ -22,7 +22,7 @@ def joints_said(driver: str, raw: str, layout: RobotLayout) -> tuple[float, ...]
     if driver == "linuxcnc":
         return _joints_of_linuxcnc(raw, layout)
     status = decode_robotline(_bytes(raw), layout).outcome
-    if not isinstance(status, Status):
+    if not isinstance(status, ControllerStatus):
         raise WireError(f"no state of a controller: {raw!r:.80}")
     return inner_units(layout.joints, status.joints)
 

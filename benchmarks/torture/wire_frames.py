@@ -7,7 +7,7 @@ from random import Random
 
 from drivers.errors import WireError
 from drivers.wire import geocom, linuxcncrsh, robotline
-from drivers.wire import robotline_messages as said
+from drivers.wire import robotline as said
 from drivers.wire.emscon import (
     SHAPES,
     Answer,
@@ -84,25 +84,25 @@ GEOCOM_REQUESTS = tuple(
 LAYOUT = layout_of(PAR4)
 PART = said.Part("ARM 0", tuple(1.5 * each for each in range(1, 1 + len(LAYOUT.parts["ARM 0"]))))
 OUTCOMES: tuple[tuple[str, said.Answer | robotline.Refused], ...] = (
-    ("HELLO", said.Greeting(1, "Example Robotics", "Par4", "SN-0042", "2.1", 4)),
-    ("STATE", said.Status(False, False, "drive 2", (0.0, -45.0, 90.0, 1e-300))),  # noqa: FBT003
-    ("MOVEJ", said.Motion(1.5)),
-    ("GEOM", said.Parameters(PART)),
-    ("STOP", said.Done()),
+    ("HELLO", said.ControllerGreeting(1, "Example Robotics", "Par4", "SN-0042", "2.1", 4)),
+    ("STATE", said.ControllerStatus(False, False, "drive 2", (0.0, -45.0, 90.0, 1e-300))),  # noqa: FBT003
+    ("MOVEJ", said.MotionBegun(1.5)),
+    ("GEOM", said.PartValues(PART)),
+    ("STOP", said.CommandDone()),
     ("MOVEP", robotline.Refused("LIMIT", "joint 3 to 95.0 deg, limit 90.0 deg")),
 )
 ROBOTLINE_REPLIES = tuple(
-    robotline.encode_reply(robotline.Reply(7, verb, outcome)) for verb, outcome in OUTCOMES
+    robotline.encode_reply(robotline.RobotlineReply(7, verb, outcome)) for verb, outcome in OUTCOMES
 )
 ROBOTLINE_REQUESTS = tuple(
-    robotline.encode_request(robotline.Request(7, command))
+    robotline.encode_request(robotline.RobotlineRequest(7, command))
     for command in (
         said.Hello(1),
         said.AskState(),
         said.MoveJoints((0.0, 90.0, -45.0, 1.5), 25.0),
         said.MovePose((1.5, -2.5, -575.0, 45.0), 100.0),
         said.ReadPart("ARM 0"),
-        said.Stage(PART),
+        said.StagePart(PART),
         said.Commit(),
     )
 )
@@ -182,7 +182,7 @@ WIRES: tuple[Wire, ...] = (
     Wire("GeoCOM, client", _geocom_request, GEOCOM_REQUESTS, resealed_geocom),
     Wire(
         "robotline, controller",
-        lambda: robotline.ReplyFramer(LAYOUT).feed,
+        lambda: robotline.RobotlineFramer(LAYOUT).feed,
         ROBOTLINE_REPLIES,
         resealed_robotline,
     ),

@@ -1,7 +1,6 @@
 """Connection to a controller that speaks robotline: numbered questions, refusals as errors."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import TypeVar
 
 from drivers.errors import (
@@ -16,18 +15,9 @@ from drivers.errors import (
 )
 from drivers.link import Link, LinkClient
 from drivers.transport import Transport
-from drivers.wire.robotline import (
-    EMPTY_LINE,
-    UNREAD_VERB,
-    Refused,
-    Reply,
-    ReplyFramer,
-    Request,
-    encode_request,
-)
-from drivers.wire.robotline_messages import Answer, Command, RobotLayout
+from drivers.wire import robotline as wire
 
-AnswerKind = TypeVar("AnswerKind", bound=Answer)
+AnswerKind = TypeVar("AnswerKind", bound=wire.Answer)
 
 REFUSALS: Mapping[str, tuple[type[DeviceRefused], str]] = {
     "LIMIT": (LimitViolation, "compare the plan's limits with the controller's"),
@@ -40,7 +30,7 @@ REFUSALS: Mapping[str, tuple[type[DeviceRefused], str]] = {
 OTHER_REFUSAL = (DeviceRefused, "compare the controller's program with docs/robotline.md")
 
 
-class RobotlineClient(LinkClient[Reply]):
+class RobotlineClient(LinkClient[wire.RobotlineReply]):
     """Client that asks one question after another; only the last one can be answered.
 
     A reply to another number is stale (after a fault it can sit in a serial line's buffer): the
@@ -52,13 +42,13 @@ class RobotlineClient(LinkClient[Reply]):
         transport: Transport,
         numbers: Iterator[int],
         *,
-        robot: RobotLayout,
+        robot: wire.RobotLayout,
         clock_s: Callable[[], float],
         cancelled: Callable[[], bool],
     ) -> None:
         link = Link(
             transport,
-            ReplyFramer(robot),
+            wire.RobotlineFramer(robot),
             clock_s=clock_s,
             is_event=lambda reply: reply.sequence != self._asked,
             cancelled=cancelled,
@@ -68,45 +58,48 @@ class RobotlineClient(LinkClient[Reply]):
         self._asked = 0
 
     def ask(
-        self, command: Command, kind: type[AnswerKind], within_s: float
+        self, command: wire.Command, kind: type[AnswerKind], within_s: float
     ) -> tuple[AnswerKind, str]:
         """Return the answer, and the line in which it came.
 
         Raises what a refusal means, or `LinkDown`, `WireError`, `Cancelled`; these three close.
         """
         self._asked = number = next(self._numbers)
+        verb = wire.verb_of(command)
         reply = self._link.ask(
-            encode_request(Request(number, command)),
-            answers=lambda reply: _is_answer(reply, number, command.verb, kind),
+            wire.encode_request(wire.RobotlineRequest(number, command)),
+            answers=lambda reply: _is_answer(reply, number, verb, kind),
             within_s=within_s,
-            what=command.verb,
+            what=verb,
         )
-        return self._outcome(reply, command.verb, kind)
+        return self._outcome(reply, verb, kind)
 
     def await_answer(
-        self, blind: "BlindCommand", kind: type[AnswerKind], within_s: float
+        self, blind: wire.RobotlineRequest, kind: type[AnswerKind], within_s: float
     ) -> tuple[AnswerKind, str]:
         """Return the answer to what was said blindly when this connection began; raises as `ask`.
 
         Nothing else has been asked since: its answer has a number that nobody asks for now, and so
         it lies among the late ones.
         """
-        verb = blind.command.verb
+        verb = wire.verb_of(blind.command)
         reply = self._link.await_event(
-            lambda reply: _is_answer(reply, blind.number, verb, kind),
+            lambda reply: _is_answer(reply, blind.sequence, verb, kind),
             within_s=within_s,
             what=verb,
         )
         return self._outcome(reply, verb, kind)
 
-    def _outcome(self, reply: Reply, verb: str, kind: type[AnswerKind]) -> tuple[AnswerKind, str]:
+    def _outcome(
+        self, reply: wire.RobotlineReply, verb: str, kind: type[AnswerKind]
+    ) -> tuple[AnswerKind, str]:
         if isinstance(reply.outcome, kind):
             return reply.outcome, reply.line
-        if isinstance(reply.outcome, Refused):
+        if isinstance(reply.outcome, wire.Refused):
             raise self._refusal(reply.outcome, verb)
         raise AssertionError(reply)
 
-    def _refusal(self, refused: Refused, verb: str) -> DriverError:
+    def _refusal(self, refused: wire.Refused, verb: str) -> DriverError:
         problem = f"{self.name}: {verb} refused, {refused.code}: {refused.text}"
         if refused.code == "CHECKSUM":
             self.close()
@@ -117,37 +110,29 @@ class RobotlineClient(LinkClient[Reply]):
         return error(problem, remedy=remedy, code=refused.code)
 
 
-@dataclass(frozen=True, slots=True)
-class BlindCommand:
-    """A command that is sent before anything is read, with its number."""
-
-    number: int
-    command: Command
-
-
-def _is_answer(reply: Reply, number: int, verb: str, kind: type[object]) -> bool:
-    if reply.sequence != number or reply.verb not in {verb, UNREAD_VERB}:
+def _is_answer(reply: wire.RobotlineReply, number: int, verb: str, kind: type[object]) -> bool:
+    if reply.sequence != number or reply.verb not in {verb, wire.UNREAD_VERB}:
         return False
-    return isinstance(reply.outcome, (kind, Refused))
+    return isinstance(reply.outcome, (kind, wire.Refused))
 
 
 def open_client(
     transport: Transport,
     numbers: Iterator[int],
     *,
-    robot: RobotLayout,
+    robot: wire.RobotLayout,
     clock_s: Callable[[], float],
     cancelled: Callable[[], bool],
-    blindly: BlindCommand | None = None,
+    blindly: wire.RobotlineRequest | None = None,
     within_s: float,
 ) -> RobotlineClient:
     """Begin on a fresh transport; an empty line ends what an earlier client left half sent.
 
     A command can be sent `blindly`, before anything is read: noise on the line cannot keep it back.
     """
-    opening = EMPTY_LINE
+    opening = wire.EMPTY_LINE
     if blindly is not None:
-        opening += encode_request(Request(blindly.number, blindly.command))
+        opening += wire.encode_request(blindly)
     try:
         transport.send(opening, within_s)
     except DriverError:

@@ -9,35 +9,14 @@ from drivers.errors import DeviceRefused, WireError, WrongDevice
 from drivers.link import never
 from drivers.plausible import require_joints
 from drivers.ports import Clock
-from drivers.robotline.client import BlindCommand, RobotlineClient, open_client
+from drivers.robotline.client import RobotlineClient, open_client
 from drivers.session import Session
 from drivers.stopping import Alarm, StopProcedure, await_standstill, unheard
 from drivers.transport import CONNECT_S, Opener
 from drivers.values import Identity, Pose, RobotState
-from drivers.wire.robotline import sequence_from
-from drivers.wire.robotline_messages import (
-    FASTEST_PERCENT,
-    VERSION,
-    Abandon,
-    Answer,
-    AskState,
-    Command,
-    Commit,
-    Done,
-    Greeting,
-    Hello,
-    Motion,
-    MoveJoints,
-    MovePose,
-    Parameters,
-    ReadPart,
-    RobotLayout,
-    Stage,
-    Status,
-    Stop,
-)
+from drivers.wire import robotline as wire
 
-AnswerKind = TypeVar("AnswerKind", bound=Answer)
+AnswerKind = TypeVar("AnswerKind", bound=wire.Answer)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +51,7 @@ class LineRobot:
         self,
         open_transport: Opener,
         *,
-        layout: RobotLayout,
+        layout: wire.RobotLayout,
         clock: Clock,
         first_sequence: int,
         deadlines: Deadlines = DEADLINES,
@@ -82,7 +61,7 @@ class LineRobot:
         self._open_transport = open_transport
         self._layout = layout
         self._clock = clock
-        self._numbers = sequence_from(first_sequence)
+        self._numbers = wire.sequence_from(first_sequence)
         self._deadlines = deadlines
         self._session = Session("controller", self._opened, self._greet)
         self._has_extensions: bool | None = None
@@ -116,7 +95,7 @@ class LineRobot:
     def state(self) -> RobotState:
         """Ask for the encoder angles as read now, and whether anything is wrong."""
         client = self._session.connection
-        status, line = client.ask(AskState(), Status, self._deadlines.answer_s)
+        status, line = client.ask(wire.AskState(), wire.ControllerStatus, self._deadlines.answer_s)
         joints = inner_units(self._layout.joints, status.joints)
         require_joints(client.name, self._layout.joints, joints)
         return RobotState(
@@ -133,15 +112,15 @@ class LineRobot:
     def move_joints(self, joints: Sequence[float], speed_fraction: float) -> None:
         """Start a joint move; raises `LimitViolation`, `MotionFault` or `EmergencyStop`."""
         on_wire = _on_wire(self._layout.joints, joints)
-        self._ask(MoveJoints(on_wire, speed_fraction * FASTEST_PERCENT), Motion)
+        self._ask(wire.MoveJoints(on_wire, speed_fraction * wire.FASTEST_PERCENT), wire.MotionBegun)
 
     def move_pose(self, pose: Pose, speed_fraction: float) -> None:
         """Start a move to a pose by the controller's own kinematics; raises like a joint move."""
         on_wire = _on_wire(self._layout.coordinates, pose.coordinates)
-        self._ask(MovePose(on_wire, speed_fraction * FASTEST_PERCENT), Motion)
+        self._ask(wire.MovePose(on_wire, speed_fraction * wire.FASTEST_PERCENT), wire.MotionBegun)
 
     def stop(self) -> None:
-        """Stop at once, also when the wire is down or the operator has asked to stop.
+        """StopNow at once, also when the wire is down or the operator has asked to stop.
 
         Returns when the controller has said that the robot stands; raises `RobotStateUnknown`.
         """
@@ -157,7 +136,7 @@ class LineRobot:
         return geometry
 
     def lacks(self, names: Collection[str]) -> tuple[str, ...]:
-        """Parameters of imperfect parts among the named ones, of a controller that has none."""
+        """PartValues of imperfect parts among the named ones, of a controller that has none."""
         asked = tuple(name for name in names if name in self._layout.extensions)
         with self._stopping.undisturbed():
             return asked if asked and not self._knows_extensions() else ()
@@ -171,10 +150,10 @@ class LineRobot:
         with self._stopping.undisturbed():
             try:
                 for part in self._layout.parts_of(geometry):
-                    self._ask(Stage(part), Done)
-                self._ask(Commit(), Done, self._deadlines.commit_s)
+                    self._ask(wire.StagePart(part), wire.CommandDone)
+                self._ask(wire.Commit(), wire.CommandDone, self._deadlines.commit_s)
             except DeviceRefused:
-                self._ask(Abandon(), Done)
+                self._ask(wire.Abandon(), wire.CommandDone)
                 raise
 
     def close(self) -> None:
@@ -184,7 +163,7 @@ class LineRobot:
     def _read(self, parts: Iterable[str]) -> dict[str, float]:
         geometry: dict[str, float] = {}
         for name in parts:
-            part = self._ask(ReadPart(name), Parameters).part
+            part = self._ask(wire.ReadPart(name), wire.PartValues).part
             if part.name != name:
                 self.close()
                 raise WireError(f"the controller answered for {part.name}, asked for {name}")
@@ -208,7 +187,7 @@ class LineRobot:
         return self._has_extensions
 
     def _ask(
-        self, command: Command, kind: type[AnswerKind], within_s: float | None = None
+        self, command: wire.Command, kind: type[AnswerKind], within_s: float | None = None
     ) -> AnswerKind:
         answer, _ = self._session.connection.ask(
             command, kind, within_s or self._deadlines.answer_s
@@ -216,10 +195,12 @@ class LineRobot:
         return answer
 
     def _greet(self, conversation: RobotlineClient) -> Identity:
-        greeting, _ = conversation.ask(Hello(VERSION), Greeting, self._deadlines.answer_s)
+        greeting, _ = conversation.ask(
+            wire.Hello(wire.VERSION), wire.ControllerGreeting, self._deadlines.answer_s
+        )
         return _identity(greeting, len(self._layout.joints))
 
-    def _opened(self, blindly: BlindCommand | None = None) -> RobotlineClient:
+    def _opened(self, blindly: wire.RobotlineRequest | None = None) -> RobotlineClient:
         return open_client(
             self._open_transport(timeout_s=self._stopping.patience_s(CONNECT_S)),
             self._numbers,
@@ -232,24 +213,23 @@ class LineRobot:
 
     def _stop_and_watch(self, *, give_up_s: float, answer_s: float) -> None:
         if self._session.is_open:
-            self._ask(Stop(), Done, answer_s)
+            self._ask(wire.StopNow(), wire.CommandDone, answer_s)
         else:
-            blind = BlindCommand(next(self._numbers), Stop())
+            blind = wire.RobotlineRequest(next(self._numbers), wire.StopNow())
             self._session.use(self._opened(blindly=blind))
-            self._session.connection.await_answer(blind, Done, answer_s)
+            self._session.connection.await_answer(blind, wire.CommandDone, answer_s)
 
         def is_moving() -> bool:
-            return self._ask(AskState(), Status, self._stopping.at_most_s(answer_s)).moving
+            return self._ask(
+                wire.AskState(), wire.ControllerStatus, self._stopping.at_most_s(answer_s)
+            ).moving
 
         await_standstill(
-            is_moving,
-            self._clock,
-            give_up_s=give_up_s,
-            pause_s=self._deadlines.poll_s,
+            is_moving, self._clock, give_up_s=give_up_s, pause_s=self._deadlines.poll_s
         )
 
 
-def _identity(greeting: Greeting, axes: int) -> Identity:
+def _identity(greeting: wire.ControllerGreeting, axes: int) -> Identity:
     identity = Identity(
         vendor=greeting.vendor,
         model=greeting.model,
@@ -257,16 +237,16 @@ def _identity(greeting: Greeting, axes: int) -> Identity:
         firmware=greeting.firmware,
         protocol=f"robotline {greeting.version}",
     )
-    if (greeting.version, greeting.axes) != (VERSION, axes):
+    if (greeting.version, greeting.axes) != (wire.VERSION, axes):
         raise WrongDevice(
             f"{identity} answers with {greeting.axes} axes; "
-            f"robotline {VERSION} with {axes} axes is needed",
+            f"robotline {wire.VERSION} with {axes} axes is needed",
             remedy="check the address and the controller's program",
         )
     return identity
 
 
-def _check_geometry(geometry: Mapping[str, float], layout: RobotLayout) -> None:
+def _check_geometry(geometry: Mapping[str, float], layout: wire.RobotLayout) -> None:
     """Refuse, before anything is sent, what the controller could only refuse half way."""
     wrong = sorted((geometry.keys() - set(layout.extensions)) ^ set(layout.parameters))
     wrong += [name for name, value in geometry.items() if not isfinite(value)]

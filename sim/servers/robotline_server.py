@@ -3,45 +3,16 @@
 from collections.abc import Callable
 from math import radians
 
-from drivers.wire.robotline import (
-    BadRequest,
-    Refused,
-    Reply,
-    decode_request,
-    encode_reply,
-    line_framer,
-)
-from drivers.wire.robotline_messages import (
-    FASTEST_PERCENT,
-    VERSION,
-    Abandon,
-    Answer,
-    AskState,
-    Command,
-    Commit,
-    Done,
-    Greeting,
-    Hello,
-    Motion,
-    MoveJoints,
-    MovePose,
-    Parameters,
-    Part,
-    ReadPart,
-    RobotLayout,
-    Stage,
-    Status,
-    Stop,
-)
+from drivers.wire import robotline as wire
 from sim.geometry import Kind
 from sim.robot.controller import Refusal, SimulatedController
 
 
-def layout_of(kind: Kind, extensions: tuple[str, ...] = ()) -> RobotLayout:
+def layout_of(kind: Kind, extensions: tuple[str, ...] = ()) -> wire.RobotLayout:
     """Names of a mechanism's joints, coordinates and parameters, as the wire has them."""
     turn = () if kind.turn is None else ("theta_deg",)
     joints = tuple(f"q{arm}_{kind.unit}" for arm in range(kind.arms))
-    return RobotLayout(joints, ("x_mm", "y_mm", "z_mm", *turn), kind.names, extensions)
+    return wire.RobotLayout(joints, ("x_mm", "y_mm", "z_mm", *turn), kind.names, extensions)
 
 
 class RobotlineSession:
@@ -51,7 +22,7 @@ class RobotlineSession:
         self._controller = controller
         self._layout = layout_of(controller.kind, controller.extensions)
         self._send = send
-        self._lines = line_framer()
+        self._lines = wire.line_framer()
         self._staged: dict[str, float] = {}
         self._has_moved = False
 
@@ -59,7 +30,7 @@ class RobotlineSession:
         """Obey every line that these bytes complete, and answer each."""
         for line in self._lines.feed(data):
             if line and (reply := self._reply(line, now_s)) is not None:
-                self._send(encode_reply(reply))
+                self._send(wire.encode_reply(reply))
 
     def advance(self, now_s: float) -> None:
         """Do nothing: this protocol says nothing unasked."""
@@ -69,58 +40,60 @@ class RobotlineSession:
         return None
 
     def closed(self, now_s: float) -> None:
-        """Stop the motion that nobody watches any more."""
+        """StopNow the motion that nobody watches any more."""
         self._staged.clear()
         if self._has_moved and self._controller.state(now_s).moving:
             self._controller.stop(now_s)
 
-    def _reply(self, line: bytes, now_s: float) -> Reply | None:
+    def _reply(self, line: bytes, now_s: float) -> wire.RobotlineReply | None:
         try:
-            request = decode_request(line, self._layout)
-        except BadRequest as bad:
+            request = wire.decode_request(line, self._layout)
+        except wire.BadRequest as bad:
             return bad.reply
         outcome = self._outcome(request.command, now_s)
-        return Reply(request.sequence, request.command.verb, outcome)
+        return wire.RobotlineReply(request.sequence, wire.verb_of(request.command), outcome)
 
-    def _outcome(self, command: Command, now_s: float) -> Answer | Refused:
+    def _outcome(self, command: wire.Command, now_s: float) -> wire.Answer | wire.Refused:
         try:
             return self._obey(command, now_s)
         except Refusal as refusal:
-            return Refused(refusal.code, refusal.text.replace("°", " deg"))
+            return wire.Refused(refusal.code, refusal.text.replace("°", " deg"))
 
-    def _obey(self, command: Command, now_s: float) -> Answer | Refused:
+    def _obey(self, command: wire.Command, now_s: float) -> wire.Answer | wire.Refused:
         match command:
-            case Hello(version):
+            case wire.Hello(version):
                 return self._greet(version)
-            case AskState():
+            case wire.AskState():
                 return self._status(now_s)
-            case MoveJoints() | MovePose():
+            case wire.MoveJoints() | wire.MovePose():
                 return self._move(command, now_s)
-            case Stop():
+            case wire.StopNow():
                 self._controller.stop(now_s)
-                return Done()
-            case ReadPart(name):
+                return wire.CommandDone()
+            case wire.ReadPart(name):
                 held = dict.fromkeys(self._layout.extensions, 0.0) | self._controller.geometry()
                 values = tuple(held[parameter] for parameter in self._layout.names_of(name))
-                return Parameters(Part(name, values))
-            case Stage() | Commit() | Abandon():
+                return wire.PartValues(wire.Part(name, values))
+            case wire.StagePart() | wire.Commit() | wire.Abandon():
                 return self._replace_geometry(command, now_s)
 
-    def _greet(self, version: int) -> Greeting | Refused:
-        if version != VERSION:
-            return Refused("VERSION", f"version {VERSION} is spoken here, not {version}")
+    def _greet(self, version: int) -> wire.ControllerGreeting | wire.Refused:
+        if version != wire.VERSION:
+            return wire.Refused("VERSION", f"version {wire.VERSION} is spoken here, not {version}")
         self._staged.clear()
         who = self._controller
-        return Greeting(VERSION, who.vendor, who.model, who.serial, who.firmware, who.kind.arms)
+        return wire.ControllerGreeting(
+            wire.VERSION, who.vendor, who.model, who.serial, who.firmware, who.kind.arms
+        )
 
-    def _status(self, now_s: float) -> Status:
+    def _status(self, now_s: float) -> wire.ControllerStatus:
         state = self._controller.state(now_s)
         joints = tuple(map(self._controller.kind.outer, state.joints))
-        return Status(state.moving, state.emergency_stop, state.fault, joints)
+        return wire.ControllerStatus(state.moving, state.emergency_stop, state.fault, joints)
 
-    def _move(self, command: MoveJoints | MovePose, now_s: float) -> Motion:
-        speed = command.speed_percent / FASTEST_PERCENT
-        if isinstance(command, MoveJoints):
+    def _move(self, command: wire.MoveJoints | wire.MovePose, now_s: float) -> wire.MotionBegun:
+        speed = command.speed_percent / wire.FASTEST_PERCENT
+        if isinstance(command, wire.MoveJoints):
             target = tuple(map(self._controller.kind.inner, command.joints))
             expected_s = self._controller.move_joints(target, speed, now_s)
         else:
@@ -128,13 +101,15 @@ class RobotlineSession:
             theta_rad = radians(sum(turn_deg))
             expected_s = self._controller.move_pose(x_mm, y_mm, z_mm, theta_rad, speed, now_s)
         self._has_moved = True
-        return Motion(expected_s)
+        return wire.MotionBegun(expected_s)
 
-    def _replace_geometry(self, command: Stage | Commit | Abandon, now_s: float) -> Done:
-        if isinstance(command, Stage):
+    def _replace_geometry(
+        self, command: wire.StagePart | wire.Commit | wire.Abandon, now_s: float
+    ) -> wire.CommandDone:
+        if isinstance(command, wire.StagePart):
             self._staged |= self._layout.flat(command.part)
-            return Done()
-        if isinstance(command, Commit):
+            return wire.CommandDone()
+        if isinstance(command, wire.Commit):
             self._controller.replace_geometry(self._staged, now_s)
         self._staged.clear()
-        return Done()
+        return wire.CommandDone()

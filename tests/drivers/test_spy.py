@@ -25,7 +25,7 @@ from drivers.wire import geocom, robotline
 from drivers.wire.emscon import Answer, Request, encode, refusal
 from drivers.wire.emscon_constants import Command
 from drivers.wire.emscon_messages import StatusChange, Units
-from drivers.wire.robotline_messages import AskState, Status
+from drivers.wire.robotline import AskState, ControllerStatus
 
 NOW = "2026-05-04T10:00:00.000Z"
 
@@ -209,12 +209,12 @@ class TestEmsconReading:
 class TestLineReadings:
     def test_robotline_is_read_in_both_directions(self):
         reading = RobotlineReading(PAR4_LAYOUT)
-        question = robotline.encode_request(robotline.Request(8, AskState()))
-        status = Status(moving=False, emergency_stop=True, fault="", joints=(1.0,) * 4)
-        answer = robotline.encode_reply(robotline.Reply(8, "STATE", status))
-        assert reading.sent(question) == ["Request(sequence=8, command=AskState())"]
+        question = robotline.encode_request(robotline.RobotlineRequest(8, AskState()))
+        status = ControllerStatus(moving=False, emergency_stop=True, fault="", joints=(1.0,) * 4)
+        answer = robotline.encode_reply(robotline.RobotlineReply(8, "STATE", status))
+        assert reading.sent(question) == ["RobotlineRequest(sequence=8, command=AskState())"]
         (said,) = reading.received(answer)
-        assert said.startswith("answer 8 to STATE: Status(moving=False, emergency_stop=True")
+        assert said.startswith("answer 8 to STATE: ControllerStatus(moving=False")
 
     def test_geocom_reply_names_its_question_and_its_code(self):
         reading = GeocomReading()

@@ -19,7 +19,7 @@ from campaigns.journal.records import Intent, SessionStopped
 from drivers.emscon.client import EmsconDeadlines
 from drivers.emscon.tracker import EmsconTracker
 from drivers.robotline.robot import Deadlines, LineRobot
-from drivers.wire.robotline_messages import Status
+from drivers.wire.robotline import ControllerStatus
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell
@@ -179,7 +179,7 @@ def test_a_device_that_says_no(pkmcal, tiny, cell, campaign, words):
 
 @pytest.mark.parametrize("joint_deg", [1e300, 1e7])
 def test_a_controller_whose_joints_cannot_be(pkmcal, tiny, monkeypatch, joint_deg):
-    absurd = Status(moving=False, emergency_stop=False, fault="", joints=(joint_deg,) * 4)
+    absurd = ControllerStatus(moving=False, emergency_stop=False, fault="", joints=(joint_deg,) * 4)
     monkeypatch.setattr("sim.servers.robotline_server.RobotlineSession._status", lambda *_: absurd)
     began_s = time.monotonic()
     ended = pkmcal("run", tiny, "--yes")

@@ -1,7 +1,6 @@
 """Layouts of robots for the tests of robotline, and the meaning of its golden lines."""
 
-from drivers.wire import robotline_messages as messages
-from drivers.wire.robotline import Refused
+from drivers.wire import robotline as messages
 from sim.geometry import PAR4
 from sim.servers.robotline_server import layout_of
 
@@ -13,6 +12,15 @@ THREE_CARRIAGES = messages.RobotLayout(
     parameters=tuple(f"arm{arm}.{name}" for arm in range(3) for name in ("x_mm", "forearm_mm")),
 )
 """Joints in mm, no turn, no parameter beside those of the arms."""
+
+
+NAMES = {
+    "Stop": "StopNow",
+    "Greeting": "ControllerGreeting",
+    "Motion": "MotionBegun",
+    "Done": "CommandDone",
+}
+"""Classes of messages whose golden lines name them otherwise."""
 
 
 def command_of(case):
@@ -28,22 +36,22 @@ def command_of(case):
         case "ReadPlate":
             return messages.ReadPart("PLATE")
         case "Stage":
-            return messages.Stage(_part_of(fields["part"]))
+            return messages.StagePart(_part_of(fields["part"]))
         case name:
-            return getattr(messages, name)(**fields)
+            return getattr(messages, NAMES.get(name, name))(**fields)
 
 
 def outcome_of(case):
     fields = _tuples(case["fields"])
     match case["outcome"]:
         case "Refused":
-            return Refused(**fields)
+            return messages.Refused(**fields)
         case "ArmGeometry" | "PlateGeometry":
-            return messages.Parameters(_part_of(fields))
+            return messages.PartValues(_part_of(fields))
         case "Status":
-            return messages.Status(*fields.values())
+            return messages.ControllerStatus(*fields.values())
         case name:
-            return getattr(messages, name)(**fields)
+            return getattr(messages, NAMES.get(name, name))(**fields)
 
 
 def _part_of(fields):

@@ -10,8 +10,8 @@ from robotline_layouts import PAR4_LAYOUT, TILTING_LAYOUT, command_of, outcome_o
 from drivers.errors import WireError
 from drivers.wire.robotline import (
     BadRequest,
-    Reply,
-    Request,
+    RobotlineReply,
+    RobotlineRequest,
     checksum,
     decode_reply,
     decode_request,
@@ -39,14 +39,14 @@ def test_checksum_of_golden_text(case):
 
 @pytest.mark.parametrize("case", GOLDEN["requests"], ids=line)
 def test_golden_request_is_written_and_read(case):
-    request = Request(case["sequence"], command_of(case))
+    request = RobotlineRequest(case["sequence"], command_of(case))
     assert encode_request(request) == case["line"].encode() + b"\n"
     assert decode_request(case["line"].encode(), PAR4_LAYOUT) == request
 
 
 @pytest.mark.parametrize("case", GOLDEN["replies"], ids=line)
 def test_golden_reply_is_written_and_read(case):
-    reply = Reply(case["sequence"], case["verb"], outcome_of(case))
+    reply = RobotlineReply(case["sequence"], case["verb"], outcome_of(case))
     assert encode_reply(reply) == case["line"].encode() + b"\n"
     assert decode_reply(case["line"].encode(), PAR4_LAYOUT) == reply
     assert decode_reply(case["line"].encode(), PAR4_LAYOUT).line == case["line"]

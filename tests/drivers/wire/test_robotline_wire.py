@@ -8,24 +8,7 @@ from hypothesis import strategies as st
 from robotline_layouts import PAR4_LAYOUT, THREE_CARRIAGES
 
 from drivers.errors import WireError
-from drivers.wire import robotline_messages as messages
-from drivers.wire.robotline import (
-    LAST_SEQUENCE,
-    LINE_BYTES,
-    BadRequest,
-    Refused,
-    Reply,
-    ReplyFramer,
-    Request,
-    checksum,
-    decode_reply,
-    decode_request,
-    encode_reply,
-    encode_request,
-    line_framer,
-    sequence_from,
-)
-from drivers.wire.robotline_words import Words, name_word, number_word
+from drivers.wire import robotline as wire
 
 
 def checksum_by_bits(data):
@@ -44,98 +27,105 @@ def checked(body):
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 speeds = st.floats(min_value=0.0, exclude_min=True, max_value=100.0)
-sequences = st.integers(1, LAST_SEQUENCE)
+sequences = st.integers(1, wire.LAST_SEQUENCE)
 arms = st.integers(0, 3)
 joints = st.tuples(*[numbers] * 4)
 names = st.text(max_size=5).filter(str.isprintable)
 part_names = st.sampled_from(list(PAR4_LAYOUT.parts))
 parts = part_names.flatmap(
     lambda name: st.builds(
-        messages.Part, st.just(name), st.tuples(*[numbers] * len(PAR4_LAYOUT.parts[name]))
+        wire.Part, st.just(name), st.tuples(*[numbers] * len(PAR4_LAYOUT.parts[name]))
     )
 )
 any_command = st.one_of(
-    st.builds(messages.Hello, st.integers(0, 999)),
-    st.builds(messages.MoveJoints, joints, speeds),
-    st.builds(messages.MovePose, joints, speeds),
-    st.builds(messages.ReadPart, part_names),
-    st.builds(messages.Stage, parts),
-    st.sampled_from([messages.AskState(), messages.Stop()]),
-    st.sampled_from([messages.Commit(), messages.Abandon()]),
+    st.builds(wire.Hello, st.integers(0, 999)),
+    st.builds(wire.MoveJoints, joints, speeds),
+    st.builds(wire.MovePose, joints, speeds),
+    st.builds(wire.ReadPart, part_names),
+    st.builds(wire.StagePart, parts),
+    st.sampled_from([wire.AskState(), wire.StopNow()]),
+    st.sampled_from([wire.Commit(), wire.Abandon()]),
 )
 any_outcome = st.one_of(
     st.tuples(
-        st.just("HELLO"), st.builds(messages.Greeting, arms, names, names, names, names, arms)
+        st.just("HELLO"), st.builds(wire.ControllerGreeting, arms, names, names, names, names, arms)
     ),
     st.tuples(
-        st.just("STATE"), st.builds(messages.Status, st.booleans(), st.booleans(), names, joints)
+        st.just("STATE"),
+        st.builds(wire.ControllerStatus, st.booleans(), st.booleans(), names, joints),
     ),
-    st.tuples(st.just("MOVEP"), st.builds(messages.Motion, numbers)),
-    st.tuples(st.just("GEOM"), st.builds(messages.Parameters, parts)),
-    st.tuples(st.sampled_from(["STOP", "STAGE", "COMMIT"]), st.just(messages.Done())),
+    st.tuples(st.just("MOVEP"), st.builds(wire.MotionBegun, numbers)),
+    st.tuples(st.just("GEOM"), st.builds(wire.PartValues, parts)),
+    st.tuples(st.sampled_from(["STOP", "STAGE", "COMMIT"]), st.just(wire.CommandDone())),
 )
 
 
 def request_of(data):
-    return decode_request(data, PAR4_LAYOUT)
+    return wire.decode_request(data, PAR4_LAYOUT)
 
 
 def reply_of(data):
-    return decode_reply(data, PAR4_LAYOUT)
+    return wire.decode_reply(data, PAR4_LAYOUT)
 
 
 @given(sequences, any_command)
 def test_request_reads_as_it_was_written(sequence, command):
-    request = Request(sequence, command)
-    written = encode_request(request)
+    request = wire.RobotlineRequest(sequence, command)
+    written = wire.encode_request(request)
     assert written.endswith(b"\n")
-    assert len(written) <= LINE_BYTES
+    assert len(written) <= wire.LINE_BYTES
     assert request_of(written[:-1]) == request
 
 
 @given(sequences, any_outcome)
 def test_reply_reads_as_it_was_written(sequence, verb_and_outcome):
-    reply = Reply(sequence, *verb_and_outcome)
-    assert reply_of(encode_reply(reply)[:-1]) == reply
+    reply = wire.RobotlineReply(sequence, *verb_and_outcome)
+    assert reply_of(wire.encode_reply(reply)[:-1]) == reply
 
 
 @given(sequences, st.text(max_size=600))
 def test_any_text_of_a_refusal_fits_into_a_line(sequence, text):
-    written = encode_reply(Reply(sequence, "ABANDON", Refused("GEOMETRY", text)))
-    assert len(written) <= LINE_BYTES
+    written = wire.encode_reply(
+        wire.RobotlineReply(sequence, "ABANDON", wire.Refused("GEOMETRY", text))
+    )
+    assert len(written) <= wire.LINE_BYTES
     assert reply_of(written[:-1]).outcome.code == "GEOMETRY"
 
 
 @given(st.binary())
 def test_checksum_is_the_one_that_is_specified(data):
-    assert checksum(data) == checksum_by_bits(data)
+    assert wire.checksum(data) == checksum_by_bits(data)
 
 
 @given(numbers)
 def test_number_reads_as_the_same_double(value):
-    word = number_word(value)
+    word = wire.number_word(value)
     assert "." in word
-    assert repr(Words([word]).number("it")) == repr(value)
+    assert repr(wire.Words([word], PAR4_LAYOUT).number("it")) == repr(value)
 
 
 @given(names)
 def test_name_reads_as_it_was_written(text):
-    assert Words([name_word(text)]).name("it") == text
+    assert wire.Words([wire.name_word(text)], PAR4_LAYOUT).name("it") == text
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_number_that_is_not_finite_is_never_sent(value):
     with pytest.raises(WireError, match="not a finite number"):
-        encode_request(Request(1, messages.MoveJoints((0.0, value, 0.0, 0.0), 10.0)))
+        wire.encode_request(wire.RobotlineRequest(1, wire.MoveJoints((0.0, value, 0.0, 0.0), 10.0)))
 
 
 def test_line_that_would_be_too_long_is_never_sent():
     with pytest.raises(WireError, match="limit is 255"):
-        encode_reply(Reply(1, "STATE", messages.Status(False, False, "x" * 300, (0.0,) * 4)))
+        wire.encode_reply(
+            wire.RobotlineReply(
+                1, "STATE", wire.ControllerStatus(False, False, "x" * 300, (0.0,) * 4)
+            )
+        )
 
 
 def test_longest_line_is_read_and_one_byte_more_is_not():
-    room = LINE_BYTES - len(b"<1 STOP NO FAULT  *0000\n")
+    room = wire.LINE_BYTES - len(b"<1 STOP NO FAULT  *0000\n")
     longest = checked(b"<1 STOP NO FAULT " + b"x" * room)
     assert reply_of(longest).outcome.code == "FAULT"
     with pytest.raises(WireError, match="more than 255 bytes"):
@@ -143,8 +133,8 @@ def test_longest_line_is_read_and_one_byte_more_is_not():
 
 
 def test_number_of_a_question_starts_again_after_the_last():
-    numbers = sequence_from(LAST_SEQUENCE - 1)
-    assert [next(numbers) for _ in range(4)] == [LAST_SEQUENCE - 1, LAST_SEQUENCE, 1, 2]
+    numbers = wire.sequence_from(wire.LAST_SEQUENCE - 1)
+    assert [next(numbers) for _ in range(4)] == [wire.LAST_SEQUENCE - 1, wire.LAST_SEQUENCE, 1, 2]
 
 
 def test_parameters_keep_their_names_through_the_parts():
@@ -158,15 +148,21 @@ def test_parameters_keep_their_names_through_the_parts():
 
 def test_another_robot_has_other_words():
     """Three joints, no turn, and no parameter beside those of its arms."""
-    moved = Request(1, messages.MoveJoints((1.0, 2.0, 3.0), 50.0))
-    assert decode_request(encode_request(moved)[:-1], THREE_CARRIAGES) == moved
-    with pytest.raises(BadRequest):
-        request_of(encode_request(moved)[:-1])
+    moved = wire.RobotlineRequest(1, wire.MoveJoints((1.0, 2.0, 3.0), 50.0))
+    assert wire.decode_request(wire.encode_request(moved)[:-1], THREE_CARRIAGES) == moved
+    with pytest.raises(wire.BadRequest):
+        request_of(wire.encode_request(moved)[:-1])
     assert list(THREE_CARRIAGES.parts) == ["ARM 0", "ARM 1", "ARM 2"]
-    with pytest.raises(BadRequest, match="'PLATE' is neither ARM"):
-        decode_request(encode_request(Request(1, messages.ReadPart("PLATE")))[:-1], THREE_CARRIAGES)
-    with pytest.raises(BadRequest, match="not 0 to 2"):
-        decode_request(encode_request(Request(1, messages.ReadPart("ARM 3")))[:-1], THREE_CARRIAGES)
+    with pytest.raises(wire.BadRequest, match="'PLATE' is neither ARM"):
+        wire.decode_request(
+            wire.encode_request(wire.RobotlineRequest(1, wire.ReadPart("PLATE")))[:-1],
+            THREE_CARRIAGES,
+        )
+    with pytest.raises(wire.BadRequest, match="not 0 to 2"):
+        wire.decode_request(
+            wire.encode_request(wire.RobotlineRequest(1, wire.ReadPart("ARM 3")))[:-1],
+            THREE_CARRIAGES,
+        )
 
 
 # Garbage
@@ -186,23 +182,23 @@ streams = st.lists(almost_lines | st.binary()).map(b"\n".join)
 @given(almost_lines | st.binary())
 def test_any_bytes_are_a_request_or_a_bad_one(data):
     try:
-        assert isinstance(request_of(data), Request)
-    except BadRequest as bad:
+        assert isinstance(request_of(data), wire.RobotlineRequest)
+    except wire.BadRequest as bad:
         if bad.reply is not None:
-            reply_of(encode_reply(bad.reply)[:-1])
+            reply_of(wire.encode_reply(bad.reply)[:-1])
 
 
 @given(almost_lines | st.binary())
 def test_any_bytes_are_a_reply_or_a_wire_error(data):
     try:
-        assert isinstance(reply_of(data), Reply)
+        assert isinstance(reply_of(data), wire.RobotlineReply)
     except WireError:
         return
 
 
 def read_until_error(pieces):
     """The replies of a stream, and whether it ended in an error."""
-    framer, replies = ReplyFramer(PAR4_LAYOUT), []
+    framer, replies = wire.RobotlineFramer(PAR4_LAYOUT), []
     try:
         for piece in pieces:
             replies += framer.feed(piece)
@@ -221,8 +217,8 @@ def test_stream_byte_by_byte_ends_as_it_does_whole(stream):
 
 @given(sequences, any_outcome, st.binary())
 def test_reply_is_read_whatever_trails_behind_its_line(sequence, verb_and_outcome, trailing):
-    reply = Reply(sequence, *verb_and_outcome)
-    first, *_ = line_framer().feed(encode_reply(reply) + trailing)
+    reply = wire.RobotlineReply(sequence, *verb_and_outcome)
+    first, *_ = wire.line_framer().feed(wire.encode_reply(reply) + trailing)
     assert reply_of(first) == reply
 
 
@@ -232,9 +228,9 @@ def test_no_damage_of_two_bytes_goes_unseen(data):
     at = data.draw(st.integers(0, len(whole) - 2))
     damaged = bytes(whole[:at]) + data.draw(st.binary(min_size=2, max_size=2)) + whole[at + 2 :]
     if damaged != bytes(whole):
-        with pytest.raises(BadRequest):
+        with pytest.raises(wire.BadRequest):
             request_of(damaged)
 
 
 def test_empty_lines_are_passed_over():
-    assert ReplyFramer(PAR4_LAYOUT).feed(b"\n\r\n\n") == []
+    assert wire.RobotlineFramer(PAR4_LAYOUT).feed(b"\n\r\n\n") == []

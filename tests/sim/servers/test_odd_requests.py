@@ -8,7 +8,7 @@ import pytest
 
 from drivers.errors import WireError
 from drivers.wire import geocom, robotline
-from drivers.wire import robotline_messages as messages
+from drivers.wire import robotline as messages
 from drivers.wire.emscon import SHAPES, Request, encode
 from drivers.wire.geocom_constants import Rpc
 from sim.cell import Cell
@@ -50,14 +50,14 @@ def robotline_request(draw, number):
     parameters = len(layout_of(PAR4).parts[PART])
     commands = (
         messages.AskState(),
-        messages.Stop(),
+        messages.StopNow(),
         messages.MoveJoints(some(4), 50.0),
         messages.MovePose(some(4), 100.0),
-        messages.Stage(messages.Part(PART, some(parameters))),
+        messages.StagePart(messages.Part(PART, some(parameters))),
         messages.Commit(),
         messages.ReadPart(PART),
     )
-    return robotline.encode_request(robotline.Request(number, draw.choice(commands)))
+    return robotline.encode_request(robotline.RobotlineRequest(number, draw.choice(commands)))
 
 
 @pytest.mark.slow
