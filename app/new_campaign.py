@@ -91,12 +91,12 @@ def create_simulated(
 
 def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
     """Cell file of a scenario, for that robot; raises `ScenarioInvalid`."""
-    joint, flat = robot.mechanism.joints[0], robot.geometry_flat()
+    joint = robot.mechanism.joints[0]
     low, high = robot.limits.joint
     x_mm, y_mm, z_mm = robot.workspace_centre[:3].tolist()
     wanted = OtherRobot(
         robot.mechanism.name,
-        {name: flat[name] for name in robot.mechanism.parameters.names},
+        {name: robot.parameters[name] for name in robot.mechanism.parameters.names},
         (joint.to_file(low), joint.to_file(high)),
         (x_mm, y_mm, z_mm),
     )

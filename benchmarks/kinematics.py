@@ -49,7 +49,7 @@ def true_robot(nominal: Kinematics, seed: int) -> Kinematics:
     """The nominal with errors of manufacture."""
     mechanism, p = nominal.mechanism, nominal.p.copy()
     if mechanism.name == PAR4.name:
-        return Kinematics.from_flat(PAR4, load_scenario("paper-simulation").robot.true_flat())
+        return Kinematics.of(PAR4, load_scenario("paper-simulation").robot.true_flat())
     free = mechanism.parameters.places(mechanism.parameters.free_by_default)
     std = np.where(mechanism.parameters.is_angle[free], *ERRORS[::-1])
     p[free] += std * np.random.default_rng(seed).standard_normal(len(free))

@@ -106,8 +106,8 @@ def realistic_robot(seed: int) -> tuple[int, str, float, float, float, float]:
 
 def plain_choice(seed: int) -> str:
     """The model chosen for a robot of the same tolerances that 22 parameters describe exactly."""
-    held = {name: value for name, value in NOMINAL.flat().items() if name not in FREE}
-    truth = Kinematics.from_flat(PAR4, true_geometry(SCENARIO.robot, seed) | held)
+    held = {name: value for name, value in NOMINAL.parameters.items() if name not in FREE}
+    truth = Kinematics.of(PAR4, true_geometry(SCENARIO.robot, seed) | held)
     data, _ = measured(seed, partial(ideal, truth))
     return kept_name(select_model(NOMINAL, data, MODELS))
 

@@ -45,8 +45,8 @@ Flat = Mapping[str, float]
 
 
 def measure() -> Report:
-    prototype = ROBOT.geometry_flat()
-    printed = find_robot("par4-table1").robot.geometry_flat()
+    prototype = dict(ROBOT.parameters)
+    printed = find_robot("par4-table1").robot.parameters
     flipped = {f"arm{arm}.x_mm": -printed[f"arm{arm}.x_mm"] for arm in range(SPACE.arms)}
     readings = {"as printed": printed}
     for name, flat in {"radial arms": prototype, FLIPPED: printed | flipped}.items():
@@ -69,7 +69,7 @@ def measure() -> Report:
 
 
 def par4(flat: Flat) -> Kinematics:
-    return Kinematics.from_flat(PAR4, flat)
+    return Kinematics.of(PAR4, flat)
 
 
 def reachable_on_grid(flat: Flat) -> int:
@@ -128,7 +128,7 @@ def largest_error_mm(errors: Flat, seed: int) -> float:
     assert NOMINAL.feasibility(ROBOT.limits, poses).feasible.all()
     ends = random_pairs(poses, rng).T
     commanded = distances_mm(poses[:, :3], *ends)
-    true = distances_mm(reached(ROBOT.geometry_flat(), errors, poses)[:, :3], *ends)
+    true = distances_mm(reached(dict(ROBOT.parameters), errors, poses)[:, :3], *ends)
     return float(np.abs(commanded - true).max())
 
 

@@ -63,6 +63,7 @@ from campaigns.journal.records import (
 )
 from campaigns.journal.views import Entry, Series
 from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.parameters import Parameters
 from campaigns.planning.plan_file import PlannedShot, plan_digest
 from campaigns.planning.plan_match import plan_difference
 from campaigns.robots.robot import RobotFile, read_robot
@@ -291,8 +292,8 @@ def compared_kinematics(
     space, flat = mechanism.parameters, found.flat()
     lost = np.array([flat.get(name, 0.0) for name in space.backlashes])
     return ComparedKinematics(
-        before=Kinematics.from_flat(mechanism, found.nominal_flat()),
-        after=Kinematics.from_flat(mechanism, flat),
+        before=Kinematics.of(mechanism, found.nominal_flat()),
+        after=Kinematics.of(mechanism, flat),
         sessions=_sessions(found),
         backlash=lost * space.units(space.backlashes),
     )
@@ -480,16 +481,9 @@ def _identified_digests(evidence: Evidence) -> IdentifiedDigests | None:
         nominal_now=nominal.digest(),
         journal=found.journal_digest,
         journal_now=None if journal is None else journal.identified_digest,
-        parameters=_digest_of(nominal, found.flat()),
+        parameters=Parameters.of(nominal.mechanism.parameters, found.flat()).digest(),
         file_now=None if file is None else file.digest(),
         loaded=None if loaded is None else loaded.digest,
         validated_with=after[0].series.started.robot_file_digest if after else None,
         by_targets=bool(after) and after[0].series.started.stage == "after by targets",
     )
-
-
-def _digest_of(nominal: RobotFile, flat: Mapping[str, float]) -> str:
-    """Digest of a parameter set, as the file that holds it states it."""
-    mechanism = nominal.mechanism
-    known = {name: flat[name] for name in mechanism.parameters.geometry if name in flat}
-    return RobotFile.from_flat(mechanism, known, name=nominal.name, limits=nominal.limits).digest()

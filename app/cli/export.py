@@ -10,7 +10,7 @@ from app.console import Terminal, terminal_of
 from app.options import Folder, Json
 from campaigns.campaign import open_campaign
 from campaigns.chain.files import export, export_hal, export_shots
-from campaigns.chain.projecting import Projected, export_projected
+from campaigns.chain.projecting import ReducedExport, export_projected
 from campaigns.robots.robot import FOR_SOME_CONTROLLERS
 
 
@@ -91,8 +91,9 @@ def command(
     terminal.document({"path": str(path)})
 
 
-def _show(terminal: Terminal, found: Projected) -> None:
+def _show(terminal: Terminal, found: ReducedExport) -> None:
     """What is left, and the file."""
-    rows = [(each.parameters, f"{each.mean_mm:.4f}", f"{each.max_mm:.4f}") for each in found.left]
+    left = found.left.items()
+    rows = [(name, f"{each.mean_mm:.4f}", f"{each.max_mm:.4f}") for name, each in left]
     terminal.table("Left of position over the workspace (mm)", ("with", "mean", "max"), rows)
     terminal.say(f"written: {found.path}")

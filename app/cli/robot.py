@@ -87,7 +87,7 @@ def command(
         {
             "file": str(path),
             "mechanism": kind.name,
-            "geometry": document.robot.geometry_flat(),
+            "geometry": dict(document.robot.parameters),
             "workspace_centre_mm": list(document.robot.workspace_centre_mm or ()),
         }
     )

@@ -13,7 +13,7 @@ from app.terminal_picture import histogram_lines
 from campaigns.estimation.estimators import Estimator
 from campaigns.files.table import Row, number
 from campaigns.identification.result import STRONG, IdentificationResult
-from campaigns.mechanisms.mechanism import ParameterSpace
+from campaigns.mechanisms.parameters import ParameterSpace
 from campaigns.robots.robot import FOR_SOME_CONTROLLERS
 
 CORRELATIONS = 5

@@ -4,13 +4,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from campaigns.arrays import Array, Index
-from campaigns.mechanisms.mechanism import Kinematics, ParameterSpace
+from campaigns.arrays import Array
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.parameters import PARALLELOGRAM_SKEW, ParameterSpace
 from campaigns.studies.affected import ImperfectRobot
 from campaigns.studies.effects import Effect
 from sim.geometry import Geometry, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism, turned
 from sim.robot.section import RobotSection
+
+AXIS_TILT, RAIL_TILT = "axis_tilt_deg", "rail_tilt_deg"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +53,8 @@ class RodRobots:
 
 def geometry_of_model(model: Kinematics, section: RobotSection) -> Geometry:
     """The simulator's geometry of a robot with perfect parts."""
-    flat = model.flat()
-    return geometry_of({name: flat[name] for name in section.kind.names}, section.kind)
+    known = model.parameters
+    return geometry_of({name: known[name] for name in section.kind.names}, section.kind)
 
 
 def vector_of_parts(level: Kinematics, geometry: Geometry, build: Build) -> Array:
@@ -60,10 +63,10 @@ def vector_of_parts(level: Kinematics, geometry: Geometry, build: Build) -> Arra
     A skew is the difference of a forearm's rods over their distance, the forearm their mean.
     """
     space, p = level.mechanism.parameters, level.p.copy()
-    p[_places(space, "forearm_mm")] += build.rod_errors_mm.mean(axis=1)
+    p[space.places(space.of_field("forearm_mm"))] += build.rod_errors_mm.mean(axis=1)
     apart_mm = build.rod_errors_mm[:, 1] - build.rod_errors_mm[:, 0]
-    p[_places(space, "parallelogram_skew_deg")] += apart_mm / build.rod_spacing_mm
-    p[_places(space, "axis_tilt_deg")] += build.axis_tilts_rad
+    p[space.places(space.of_field("parallelogram_skew_deg"))] += apart_mm / build.rod_spacing_mm
+    p[space.places(space.of_field(AXIS_TILT))] += build.axis_tilts_rad
     if geometry.kind.on_rails:
         leaning = geometry.rails
         if build.leans_rad is not None:
@@ -72,15 +75,15 @@ def vector_of_parts(level: Kinematics, geometry: Geometry, build: Build) -> Arra
         azimuths = geometry.azimuths_rad
         outward = rails[:, 0] * np.cos(azimuths) + rails[:, 1] * np.sin(azimuths)
         aside = rails[:, 1] * np.cos(azimuths) - rails[:, 0] * np.sin(azimuths)
-        p[_places(space, "elevation_deg")] = np.arctan2(rails[:, 2], outward)
-        p[_places(space, "rail_tilt_deg")] = np.arcsin(aside)
+        p[space.places(space.of_field("elevation_deg"))] = np.arctan2(rails[:, 2], outward)
+        p[space.places(space.of_field(RAIL_TILT))] = np.arcsin(aside)
     return p
 
 
-def told_by(build: Build, free: tuple[str, ...]) -> Build:
+def told_by(build: Build, space: ParameterSpace, free: tuple[str, ...]) -> Build:
     """Build without what no free parameter describes."""
-    has_skews = any(name.endswith(".parallelogram_skew_deg") for name in free)
-    has_tilts = any(name.endswith("_tilt_deg") for name in free)
+    has_skews = bool({*free} & {*space.of_field(PARALLELOGRAM_SKEW.name)})
+    has_tilts = bool({*free} & {*space.of_field(AXIS_TILT, RAIL_TILT)})
     leans = build.leans_rad
     return replace(
         build,
@@ -88,7 +91,3 @@ def told_by(build: Build, free: tuple[str, ...]) -> Build:
         axis_tilts_rad=build.axis_tilts_rad * has_tilts,
         leans_rad=None if leans is None else leans * has_tilts,
     )
-
-
-def _places(space: ParameterSpace, field: str) -> Index:
-    return space.places([f"arm{arm}.{field}" for arm in range(space.arms)])

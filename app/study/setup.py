@@ -189,9 +189,9 @@ def _drawn(setup: StudySetup, scenario: Scenario, number: int) -> Kinematics:
     own_seed = int(np.random.SeedSequence([setup.seed, number]).generate_state(1, np.uint64)[0])
     section, mechanism = scenario.robot, setup.nominal.mechanism
     flat = true_geometry(section, own_seed)
-    level = Kinematics.from_flat(mechanism, flat)
+    level = Kinematics.of(mechanism, flat)
     geometry = geometry_of(flat, section.kind)
-    build = told_by(build_of(section, geometry, own_seed), setup.free)
+    build = told_by(build_of(section, geometry, own_seed), mechanism.parameters, setup.free)
     return Kinematics(mechanism, vector_of_parts(level, geometry, build))
 
 
@@ -227,7 +227,7 @@ def _check_enough(setup: StudySetup, plan: Path) -> None:
             f"{plan}: {sought} cannot be told apart: {', '.join(together[0])} move together",
             remedy=f"hold one of them, as with --fix {together[0][0]}, or plan other shots",
         )
-    held = setup.nominal.mechanism.parameters.fix_frame
+    held = setup.nominal.mechanism.parameters.datum
     if shifted := [name for name in setup.free if name in held]:
         raise OptionsInvalid(
             f"{', '.join(shifted)} cannot be free in a study: true robots are told in the frame "

@@ -136,7 +136,7 @@ def correct_gcode_file(
 
 def _identification_of(journal: JournalReader, robot: RobotFile) -> RecordedIdentification | None:
     """Latest identification that found just these parameters."""
-    values = robot.geometry_flat()
+    values = dict(robot.parameters)
     for entry in reversed(journal.records_of(Finding)):
         if entry.record.kind == "identification":
             with suppress(FindingUnreadable):

@@ -223,7 +223,7 @@ class _Loading:
         robot = read_robot(source).robot
         require_same_mechanism(source, robot, self.campaign.robot)
         what = f"what the controller held before the load of {latest.source}"
-        if not differing(held, robot.geometry_flat()):
+        if not differing(held, robot.parameters):
             self.terms.tell(f"{what} ({latest.at_utc}) was put back already by other means")
             if not self.terms.dry:
                 already_back(self.journal, latest, robot.digest())
@@ -249,7 +249,7 @@ class _Loading:
 
         Also for parameters that its kinematics lacks, which no force can put into it.
         """
-        robot.controller_flat(self.controller.lacks(robot.extended_by))
+        robot.require_known(self.controller.lacks(robot.parameters.extended_by))
         found = tuple(serial_objections(expected_serial, self.controller.identity().serial))
         if not self.terms.force:
             refuse(source, found)
@@ -265,7 +265,7 @@ class _Loading:
     ) -> LoadResult:
         for each in overruled:
             self.terms.tell(f"overruled by --force: {each.problem}")
-        wanted, controller = robot.geometry_flat(), self.controller.identity()
+        wanted, controller = robot.parameters, self.controller.identity()
         if not differing(held, wanted):
             return LoadResult(source, "already")
         pairs = self.verified_by[1].pairs if self.verified_by else 0
@@ -281,7 +281,7 @@ class _Loading:
                 source=source.name,
                 digest=robot.digest(),
                 kept=kept.name,
-                wanted=wanted,
+                wanted=dict(wanted),
                 held=held,
                 controller_serial=controller.serial,
                 rolls_back=takes_back,

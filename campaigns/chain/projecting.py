@@ -1,5 +1,6 @@
 """Projection of what a campaign identified to controllers with fewer parameters."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,39 +13,44 @@ from campaigns.chain.files import identified_robot
 from campaigns.controllers.export import latest_identification
 from campaigns.controllers.few_parameters import (
     FORMATS,
-    WhatIsLeft,
     configuration_text,
     few_parameters,
 )
-from campaigns.controllers.projection import NamedParameters, Workspace, left_by, project
+from campaigns.controllers.projection import (
+    NamedParameters,
+    ResidualError,
+    Workspace,
+    left_by,
+    project,
+)
 from campaigns.design.pose_sampling import WorkspaceTooSmall, workspace_poses
 from campaigns.errors import IdentificationRefused
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.planning.predicted_precision import WORKSPACE_SAMPLE, WORKSPACE_SEED
-from campaigns.robots.robot import Compensation, RobotFile, compensated
+from campaigns.robots.robot import RobotFile, compensated
 
 PLAIN = "plain"
 PLAIN_FILE = "robot-plain.yaml"
 
 
 @dataclass(frozen=True, slots=True)
-class Projected:
+class ReducedExport:
     """Written file, and what parameters leave of position over the workspace, fewest last."""
 
     path: Path
-    left: tuple[WhatIsLeft, ...]
+    left: Mapping[str, ResidualError]
 
     def document(self) -> dict[str, JsonValue]:
         """As `export --json` prints it."""
         left: dict[str, JsonValue] = {
-            each.parameters: {"mean": each.mean_mm, "max": each.max_mm} for each in self.left
+            name: {"mean": each.mean_mm, "max": each.max_mm} for name, each in self.left.items()
         }
         return {"path": str(self.path), "left_mm": left}
 
 
 def export_projected(
     campaign: Campaign, word: str, to: Path | None = None, *, overwrite: bool = False
-) -> Projected:
+) -> ReducedExport:
     """Write the nearest parameters of a controller that `FORMATS` names, or the plain ones.
 
     Raises `ConfigInvalid` for another mechanism, `VerdictBad`, `IdentificationRefused`,
@@ -54,23 +60,23 @@ def export_projected(
         return _export_plain(campaign, to, overwrite=overwrite)
     made, robot = FORMATS[word], identified_robot(campaign).robot
     few, found = few_parameters(robot, campaign.robot, _poses(campaign, robot), made)
-    left = (*found, *_full(campaign))
+    left = found | _full(campaign)
     path = to or campaign.path(made.file_name)
     write_text_unless_there(path, configuration_text(few, left, made), overwrite=overwrite)
-    return Projected(path, left)
+    return ReducedExport(path, left)
 
 
-def _export_plain(campaign: Campaign, to: Path | None, *, overwrite: bool) -> Projected:
+def _export_plain(campaign: Campaign, to: Path | None, *, overwrite: bool) -> ReducedExport:
     """Write a robot file without extensions."""
     document = identified_robot(campaign)
     robot, nominal = document.robot, campaign.robot
     workspace = Workspace.of(robot.kinematics, _poses(campaign, robot))
     found = project(robot.mechanism, NamedParameters.plain(robot.kinematics), workspace)
-    left = (
-        WhatIsLeft.of("nominal parameters", left_by(nominal.kinematics, workspace)),
-        WhatIsLeft.of("these values", found.error),
-        *_full(campaign),
-    )
+    left = {
+        "nominal parameters": left_by(nominal.kinematics, workspace),
+        "these values": found.error,
+        **_full(campaign),
+    }
     lost: dict[str, JsonValue] = {
         "of": robot.digest(),
         "lost_mean_mm": found.error.mean_mm,
@@ -78,16 +84,13 @@ def _export_plain(campaign: Campaign, to: Path | None, *, overwrite: bool) -> Pr
     }
     plain = compensated(
         campaign.nominal,
-        Compensation(
-            f"{nominal.name}-plain",
-            found.kinematics.flat(),
-            {},
-            {**(robot.provenance or {}), "projection": lost},
-        ),
+        f"{nominal.name}-plain",
+        found.kinematics.parameters,
+        {**(robot.provenance or {}), "projection": lost},
     )
     path = to or campaign.path(PLAIN_FILE)
     write_text_unless_there(path, plain.document.text, overwrite=overwrite)
-    return Projected(path, left)
+    return ReducedExport(path, left)
 
 
 def _poses(campaign: Campaign, robot: RobotFile) -> Array:
@@ -104,10 +107,10 @@ def _poses(campaign: Campaign, robot: RobotFile) -> Array:
         ) from error
 
 
-def _full(campaign: Campaign) -> tuple[WhatIsLeft, ...]:
+def _full(campaign: Campaign) -> dict[str, ResidualError]:
     """What all identified parameters leave: their own uncertainty."""
     with campaign.journal_reader() as journal:
         std = latest_identification(journal).position_std_mm
-    if std is None:
-        return ()
-    return (WhatIsLeft("all identified parameters, 1 σ", std.mean, std.max),)
+    return (
+        {} if std is None else {"all identified parameters, 1 σ": ResidualError(std.mean, std.max)}
+    )

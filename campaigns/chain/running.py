@@ -36,7 +36,7 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
     options = options or RunOptions()
     goal = None if options.until is None else read_goal(options.until)
     free = free_parameters(campaign, options)
-    if goal is not None and not any(name.endswith("_mm") for name in free):
+    if goal is not None and not campaign.robot.parameters.space.of_unit("mm", free):
         raise OptionsInvalid(
             f"--until {goal} is a goal for lengths, but none of them is free",
             remedy="leave --until out, or hold fewer parameters with --fix",

@@ -30,6 +30,7 @@ from campaigns.measuring.session import (
     measure_series,
 )
 from campaigns.measuring.shot_taker import Cell
+from campaigns.mechanisms.parameters import Parameters
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.predicted_precision import (
     EstimationSetup,
@@ -155,7 +156,7 @@ def wrong_stage(
     if mixture:
         return OptionsInvalid(f"--stage {stage}: {mixture}", remedy=again)
     if stage == "after":
-        holds_others = bool(differing(held, campaign.robot.geometry_flat()))
+        holds_others = bool(differing(held, campaign.robot.parameters))
         if by == "targets":
             return _wrong_for_targets(campaign, again) if holds_others else None
         if holds_others:
@@ -167,7 +168,7 @@ def wrong_stage(
         )
     for found in _identified(campaign):
         space = campaign.robot.mechanism.parameters
-        if not differing(held, space.flat(space.vector(found.flat()))):
+        if not differing(held, Parameters.of(space, found.flat())):
             return OptionsInvalid(
                 "--stage before: the controller holds what was identified in this campaign "
                 f"({found.at_utc})",
@@ -288,7 +289,7 @@ def _unseen_pairs(campaign: Campaign) -> tuple[PlannedShot, ...]:
 
 def _active_robot(campaign: Campaign, active: Mapping[str, float]) -> RobotFile:
     nominal = campaign.robot
-    return RobotFile.from_flat(nominal.mechanism, active, name="active", limits=nominal.limits)
+    return RobotFile.of(nominal.mechanism, active, name="active", limits=nominal.limits)
 
 
 def _reachable(campaign: Campaign, robot: RobotFile, correct: Correct | None = None) -> Reachable:

@@ -12,11 +12,11 @@ from drivers.values import Pose
 
 
 class ActiveKinematics:
-    """Parameter set at work: flat names, mm and deg."""
+    """Parameter set at work: by name, mm and deg."""
 
     def __init__(self, mechanism: Mechanism, parameters: Mapping[str, float]) -> None:
         self._mechanism = mechanism
-        self._kinematics = Kinematics.from_flat(mechanism, parameters)
+        self._kinematics = Kinematics.of(mechanism, parameters)
 
     def joints(self, pose: Pose) -> tuple[float, ...]:
         """Joints of a pose; raises `LimitViolation`."""

@@ -9,7 +9,8 @@ from campaigns.files.text_file import write_text_unless_there
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Finding
-from campaigns.robots.robot import Compensation, RobotDocument, compensated
+from campaigns.mechanisms.parameters import Parameters
+from campaigns.robots.robot import RobotDocument, compensated
 from campaigns.version import VERSION
 from drivers.values import Identity
 
@@ -48,15 +49,11 @@ def compensated_robot(
     Raises `VerdictBad` for a result that did not pass, or that rests on another nominal robot.
     """
     _check_usable(nominal, found)
-    geometry = nominal.robot.mechanism.parameters.geometry
     return compensated(
         nominal,
-        Compensation(
-            f"{nominal.robot.name}-compensated",
-            {name: value for name, value in found.flat().items() if name in geometry},
-            {name: std for name, std in found.std().items() if name in geometry},
-            _provenance(campaign, nominal, found, controller),
-        ),
+        f"{nominal.robot.name}-compensated",
+        Parameters.of(nominal.robot.mechanism.parameters, found.flat(), found.std()),
+        _provenance(campaign, nominal, found, controller),
     )
 
 

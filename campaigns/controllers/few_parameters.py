@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from campaigns.arrays import Array
 from campaigns.controllers.projection import (
     ARMS,
-    PositionError,
-    Projection,
+    ModelReduction,
+    ResidualError,
     SymmetricDelta,
     Workspace,
     left_by,
@@ -37,27 +37,13 @@ ALTERNATIVES = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class WhatIsLeft:
-    """Error of position over the workspace with one set of parameters."""
-
-    parameters: str
-    mean_mm: float
-    max_mm: float
-
-    @classmethod
-    def of(cls, parameters: str, error: PositionError) -> "WhatIsLeft":
-        """From an error."""
-        return cls(parameters, error.mean_mm, error.max_mm)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class FewParameters:
+class ReducedParameters:
     """Values for a controller, with what is needed to write them."""
 
     robot: RobotFile
     model: SymmetricDelta
-    found: Projection
+    found: ModelReduction
     workspace: Workspace
     endstop: float
     """Reading at which the switches of joints are taken to be, rad or mm."""
@@ -94,7 +80,7 @@ class FewParameters:
         return (0, 2, 1) if self.clockwise else (0, 1, 2)
 
 
-Lines = Callable[[FewParameters], Iterator[str]]
+Lines = Callable[[ReducedParameters], Iterator[str]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +103,7 @@ class ControllerFormat:
 
 def few_parameters(
     robot: RobotFile, nominal: RobotFile, poses: Array, made: ControllerFormat
-) -> tuple[FewParameters, tuple[WhatIsLeft, ...]]:
+) -> tuple[ReducedParameters, dict[str, ResidualError]]:
     """Nearest values, and what is left of position with others and with these.
 
     `poses` (N, t) are all over the workspace. Raises `ConfigInvalid` for another mechanism, and
@@ -131,7 +117,7 @@ def few_parameters(
         )
     workspace = Workspace.of(robot.kinematics, poses)
 
-    def projected(*, offsets_free: bool) -> tuple[SymmetricDelta, Projection]:
+    def projected(*, offsets_free: bool) -> tuple[SymmetricDelta, ModelReduction]:
         model = symmetric_delta(
             nominal.kinematics,
             per_arm=made.per_arm,
@@ -141,18 +127,18 @@ def few_parameters(
         return model, project(robot.mechanism, model, workspace)
 
     model, found = projected(offsets_free=True)
-    left = [WhatIsLeft.of("nominal parameters", left_by(nominal.kinematics, workspace))]
+    left = {"nominal parameters": left_by(nominal.kinematics, workspace)}
     if made.offsets:
         _, alone = projected(offsets_free=False)
-        left.append(WhatIsLeft.of(f"nearest values without {made.offsets}", alone.error))
-    left.append(WhatIsLeft.of("these values", found.error))
+        left[f"nearest values without {made.offsets}"] = alone.error
+    left["these values"] = found.error
     clockwise = bool(np.sin(model.azimuths[1] - model.azimuths[0]) < 0.0)
     endstop = _endstop(robot.limits.joint, rotary=model.is_rotary)
-    return FewParameters(robot, model, found, workspace, endstop, clockwise), tuple(left)
+    return ReducedParameters(robot, model, found, workspace, endstop, clockwise), left
 
 
 def configuration_text(
-    few: FewParameters, left: tuple[WhatIsLeft, ...], made: ControllerFormat
+    few: ReducedParameters, left: Mapping[str, ResidualError], made: ControllerFormat
 ) -> str:
     """Text of the configuration with its heading."""
     heading = [
@@ -168,13 +154,13 @@ def configuration_text(
     return "\n".join(lines)
 
 
-def _left_lines(left: tuple[WhatIsLeft, ...], count: int) -> Iterator[str]:
+def _left_lines(left: Mapping[str, ResidualError], count: int) -> Iterator[str]:
     yield f"Left of position over the workspace ({count} poses, frame best fitted), mm:"
-    for each in left:
-        yield f"  {each.parameters}: mean {each.mean_mm:.4f}, max {each.max_mm:.4f}"
+    for name, each in left.items():
+        yield f"  {name}: mean {each.mean_mm:.4f}, max {each.max_mm:.4f}"
 
 
-def _frame_lines(few: FewParameters, made: ControllerFormat) -> Iterator[str]:
+def _frame_lines(few: ReducedParameters, made: ControllerFormat) -> Iterator[str]:
     frame = few.found.base_from_controller
     if made.first_arm_deg is not None:
         turn = few.model.azimuths[0] - math.radians(made.first_arm_deg)
@@ -190,7 +176,7 @@ def _endstop(joint: Interval, *, rotary: bool) -> float:
     return joint[0] if rotary else joint[1]
 
 
-def _rotarydeltakins(few: FewParameters) -> Iterator[str]:
+def _rotarydeltakins(few: ReducedParameters) -> Iterator[str]:
     plate = np.array(few.robot.mechanism.plate.joints_mm)
     foot_mm = float(np.hypot(plate[:, 0], plate[:, 1]).mean())
     yield f"setp rotarydeltakins.platformradius {_number(few.radius_mm + foot_mm)}"
@@ -200,13 +186,13 @@ def _rotarydeltakins(few: FewParameters) -> Iterator[str]:
     yield from _home_offsets(few)
 
 
-def _lineardeltakins(few: FewParameters) -> Iterator[str]:
+def _lineardeltakins(few: ReducedParameters) -> Iterator[str]:
     yield f"setp lineardeltakins.R {_number(few.radius_mm)}"
     yield f"setp lineardeltakins.L {_number(few.of_arms('forearm')[0])}"
     yield from _home_offsets(few)
 
 
-def _home_offsets(few: FewParameters) -> Iterator[str]:
+def _home_offsets(few: ReducedParameters) -> Iterator[str]:
     """Joint offsets as comments: they are of the INI file, which pkmcal does not write."""
     offsets, axis = few.of_arms("offset"), few.joint_axis
     for joint, arm in enumerate(few.arm_of_joint):
@@ -214,7 +200,7 @@ def _home_offsets(few: FewParameters) -> Iterator[str]:
         yield f"# [JOINT_{joint}]HOME_OFFSET: add {value:+.{DECIMALS}f} {axis.unit} (arm {arm})"
 
 
-def _klipper_rotary(few: FewParameters) -> Iterator[str]:
+def _klipper_rotary(few: ReducedParameters) -> Iterator[str]:
     height_mm = -few.bed_mm
     yield "[printer]"
     yield "kinematics: rotary_delta"
@@ -232,7 +218,7 @@ def _klipper_rotary(few: FewParameters) -> Iterator[str]:
         yield f"position_endstop: {_number(elbow_mm - drop_mm)}"
 
 
-def _klipper_linear(few: FewParameters) -> Iterator[str]:
+def _klipper_linear(few: ReducedParameters) -> Iterator[str]:
     yield "[printer]"
     yield "kinematics: delta"
     yield f"delta_radius: {_number(few.radius_mm)}"
@@ -245,7 +231,7 @@ def _klipper_linear(few: FewParameters) -> Iterator[str]:
         yield f"position_endstop: {_number(carriage_mm - drop_mm)}"
 
 
-def _stepper(few: FewParameters, arm: int) -> Iterator[str]:
+def _stepper(few: ReducedParameters, arm: int) -> Iterator[str]:
     reading = few.joint_axis.text(few.endstop, "g")
     yield ""
     yield f"[stepper_{'abc'[arm]}]"

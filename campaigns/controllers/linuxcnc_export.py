@@ -26,7 +26,6 @@ SCHEMA = "pkmcal/linuxcnc/1"
 MODULE = "pkmkins"
 MODULE_BEFORE = "par4kins"
 """Name under which earlier versions wrote their files, of a Par4 alone."""
-LENGTHS = ("arm_mm", "forearm_mm", "plate_mm", "pinion_mm")
 LAST_GOOD = ".last-good"
 LONGEST_NOTE = 160
 """halcmd takes lines of some 250 characters."""
@@ -70,7 +69,7 @@ class RobotIdentity:
     def having(self, geometry: Mapping[str, float], name: str) -> RobotFile:
         """Robot of this identity with other parameters; raises `ConfigInvalid` unless it is all."""
         nominal = self.nominal
-        return RobotFile.from_flat(nominal.mechanism, geometry, name=name, limits=nominal.limits)
+        return RobotFile.of(nominal.mechanism, geometry, name=name, limits=nominal.limits)
 
 
 def hal_text(robot: RobotFile, identity: str) -> str:
@@ -85,7 +84,7 @@ def hal_text(robot: RobotFile, identity: str) -> str:
         "In the INI file, after the HALFILE that loads the kinematics: HALFILE = calib.hal",
         "Set these pins only while the machine is off: with power, the joints would jump.",
     ]
-    values = robot.geometry_flat()
+    values = dict(robot.parameters)
     if robot.is_extended:
         values |= drawing_flat(robot.mechanism)
     settings = [f"setp {pin_of(name)} {number_text(value)}" for name, value in values.items()]
@@ -135,19 +134,21 @@ def _setting(line: str, where: str, mechanism: Mechanism) -> tuple[str, float]:
             f"{where}: {shown(pin)} is no pin of {MODULE} for a {mechanism.name}",
             remedy="a file of another kinematics, or a misspelt parameter: " + REMEDY,
         )
-    return name, _number(word, where, pin)
+    known = mechanism.parameters.geometry
+    is_length = name in known and mechanism.parameters[name].field.quantity == "length"
+    return name, _number(word, where, is_length=is_length)
 
 
 def _is_known(name: str, mechanism: Mechanism) -> bool:
     return name in mechanism.parameters.geometry or name in drawing_flat(mechanism)
 
 
-def _number(word: str, where: str, pin: str) -> float:
+def _number(word: str, where: str, *, is_length: bool) -> float:
     try:
         value = float(word)
     except ValueError as error:
         raise ConfigInvalid(f"{where}: '{shown(word)}' is no number", remedy=REMEDY) from error
-    if pin.endswith(LENGTHS) and value <= 0.0:
+    if is_length and value <= 0.0:
         raise ConfigInvalid(f"{where}: a length of {value:g} mm", remedy=REMEDY)
     return value
 
@@ -212,8 +213,8 @@ class CalibrationFile:
     def read(self) -> Mapping[str, float]:
         """Parameters, all of them; raises `ConfigInvalid`, also for another robot's file."""
         if self._otherwise is not None and not self._path.exists():
-            return self._otherwise.geometry_flat()
-        return parse_hal(self._text(), str(self._path), self._whose).geometry_flat()
+            return self._otherwise.parameters
+        return parse_hal(self._text(), str(self._path), self._whose).parameters
 
     def write(self, geometry: Mapping[str, float]) -> None:
         """Replace the file whole; raises `ConfigInvalid`, `WriteFailed`."""

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from campaigns.errors import LoadNotVerified
 from campaigns.robots.robot import (
-    Compensation,
     RobotDocument,
     RobotFile,
     compensated,
@@ -49,7 +48,7 @@ def changes(active: Mapping[str, float], robot: RobotFile) -> tuple[Change, ...]
 
     Extensions (axis tilts, skews) are among them where they are not 0 before or after.
     """
-    new, std, space = robot.geometry_flat(), robot.uncertainty or {}, robot.mechanism.parameters
+    new, std, space = robot.parameters, robot.parameters.std or {}, robot.mechanism.parameters
     beyond = (name for name in space.extensions if name in active or name in new)
     own = tuple(Change(n, active[n], new[n], std.get(n)) for n in space.names)
     return own + tuple(Change(n, active.get(n, 0.0), new.get(n, 0.0), std.get(n)) for n in beyond)
@@ -159,5 +158,5 @@ def keep(folder: Path, nominal: RobotDocument, held: Mapping[str, float]) -> Pat
     number = 1 + max((int(each) for each in numbers if each.isdecimal()), default=0)
     path = folder / KEPT.format(number=number)
     name = f"{nominal.robot.name}-controller-before-{number}"
-    write_new_robot(path, compensated(nominal, Compensation(name, held, {}, {})))
+    write_new_robot(path, compensated(nominal, name, held))
     return path

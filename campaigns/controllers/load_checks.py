@@ -21,9 +21,9 @@ def file_objections(robot: RobotFile, campaign: str, nominal: RobotFile) -> Iter
     if robot.digest() == nominal.digest():
         return
     yield from _provenance_objections(robot, campaign, nominal)
-    old, new = nominal.geometry_flat(), robot.geometry_flat()
+    old, new = nominal.parameters, robot.parameters
     changes = {name: new[name] - old[name] for name in old if name in new}
-    for text in beyond_tolerance(nominal.tolerance, changes):
+    for text in beyond_tolerance(old.space, nominal.tolerance, changes):
         yield ConfigInvalid(text, remedy="look for the mistake in the file or in what was measured")
 
 

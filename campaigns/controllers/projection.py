@@ -20,10 +20,16 @@ from campaigns.mechanisms.mechanism import Kinematics, Mechanism, NoSolution
 
 CONVERGED = 1e-14
 """Relative change of the sum of squares and of the parameters at which the search ends."""
+STEP = 1e-4
+"""Of a controller's value, mm or rad, by which a robot is differentiated: robots are smooth."""
+FRAME = 6
+"""Columns of a frame."""
+THIRD = 2.0 * np.pi / 3.0
+ARMS = 3
 CANNOT_FOLLOW = "correct targets with `pkmcal correct` instead"
 
 
-class ControllerModel(Protocol):
+class ReducedModel(Protocol):
     """Robots that a controller can be told of: so many values, each set of them a robot."""
 
     @property
@@ -35,21 +41,17 @@ class ControllerModel(Protocol):
         """Parameter vector p (G,) of the mechanism."""
         ...
 
-    def by_values(self, values: Array) -> Array:
-        """∂p/∂values, (G, C)."""
-        ...
-
 
 @dataclass(frozen=True, slots=True)
-class PositionError:
-    """Error of position over the workspace, mm."""
+class ResidualError:
+    """Error of position over the workspace that one set of parameters leaves, mm."""
 
     mean_mm: float
     max_mm: float
-    rms_mm: float
+    rms_mm: float | None = None
 
     @classmethod
-    def of(cls, errors: Array) -> "PositionError":
+    def of(cls, errors: Array) -> "ResidualError":
         """From errors (N, 3)."""
         size = np.linalg.norm(errors, axis=1)
         rms = float(np.sqrt(np.mean(size**2)))
@@ -57,14 +59,14 @@ class PositionError:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Projection:
+class ModelReduction:
     """Values of a controller's parameters, and what they leave."""
 
     values: Array
     """(C,), mm and rad."""
     kinematics: Kinematics
     base_from_controller: Transform
-    error: PositionError
+    error: ResidualError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,15 +82,15 @@ class Workspace:
         return cls(identified.inverse(poses).values_or_raise(), poses)
 
 
-def left_by(kinematics: Kinematics, workspace: Workspace) -> PositionError:
+def left_by(kinematics: Kinematics, workspace: Workspace) -> ResidualError:
     """What other parameters leave of position over a workspace, the frame best fitted.
 
     Raises `IdentificationRefused` when a robot of these parameters cannot take the joints.
     """
-    return PositionError.of(_fitted(kinematics, workspace).errors)
+    return ResidualError.of(_fitted(kinematics, workspace).errors)
 
 
-def project(mechanism: Mechanism, model: ControllerModel, workspace: Workspace) -> Projection:
+def project(mechanism: Mechanism, model: ReducedModel, workspace: Workspace) -> ModelReduction:
     """Values that leave the least mean square error of position.
 
     Raises `IdentificationRefused` when the controller's robot cannot take the joints.
@@ -100,7 +102,7 @@ def project(mechanism: Mechanism, model: ControllerModel, workspace: Workspace) 
     def jacobian(values: Array) -> Array:
         at = fitted(values)
         own = Kinematics(mechanism, model.vector(values)).jacobian(workspace.joints, at.poses)
-        by_values = at.frame.rotation @ own[:, :3] @ model.by_values(values)
+        by_values = at.frame.rotation @ own[:, :3] @ _by_values(model, values)
         points = workspace.poses[:, :3] + at.errors
         columns = np.concatenate([by_values, _by_frame(points)], axis=2)
         return project_out_nuisance(columns.reshape(-1, columns.shape[2]), len(values))
@@ -119,11 +121,7 @@ def project(mechanism: Mechanism, model: ControllerModel, workspace: Workspace) 
     )
     best = fitted(found.x)
     kinematics = Kinematics(mechanism, model.vector(found.x))
-    return Projection(found.x, kinematics, best.frame, PositionError.of(best.errors))
-
-
-FRAME = 6
-"""Columns of a frame."""
+    return ModelReduction(found.x, kinematics, best.frame, ResidualError.of(best.errors))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,6 +156,17 @@ def _by_frame(points: Array) -> Array:
     return columns
 
 
+def _by_values(model: ReducedModel, values: Array) -> Array:
+    """∂p/∂values, (G, C), by central differences."""
+    steps = STEP * np.eye(len(values))
+    return np.column_stack(
+        [
+            (model.vector(values + step) - model.vector(values - step)) / (2.0 * STEP)
+            for step in steps
+        ]
+    )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class NamedParameters:
     """Controller of the same mechanism that knows some parameters, the others being fixed."""
@@ -185,14 +194,6 @@ class NamedParameters:
         p = self.fixed.copy()
         p[self.places] = values
         return p
-
-    def by_values(self, values: Array) -> Array:
-        """One column a value."""
-        return np.eye(len(self.fixed))[:, self.places[: len(values)]]
-
-
-THIRD = 2.0 * np.pi / 3.0
-ARMS = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,69 +251,39 @@ class SymmetricDelta:
         """Parameters of the robot."""
         angle = self.azimuths + self.of_arms(values, "angle")
         radius = self.of_arms(values, "radius")
-        fields = {
-            "x_mm": radius * np.cos(angle),
-            "y_mm": radius * np.sin(angle),
-            "azimuth_deg": angle,
-            self._offset: self.of_arms(values, "offset"),
-            "arm_mm": self.of_arms(values, "arm"),
-            "elevation_deg": np.full(ARMS, 0.5 * np.pi),
-            "forearm_mm": self.of_arms(values, "forearm"),
+        by_stem = {
+            "x": radius * np.cos(angle),
+            "y": radius * np.sin(angle),
+            "azimuth": angle,
+            "joint_offset": self.of_arms(values, "offset"),
+            "arm": self.of_arms(values, "arm"),
+            "elevation": np.full(ARMS, 0.5 * np.pi),
+            "forearm": self.of_arms(values, "forearm"),
         }
-        p = np.zeros(len(self.mechanism.parameters.geometry))
-        for arm in range(ARMS):
-            for field in self._fields:
-                p[self._place(arm, field)] = fields[field][arm] if field in fields else 0.0
+        space = self.mechanism.parameters
+        p = np.zeros(len(space.geometry))
+        for field in space.arm_fields:
+            p[space.places(space.of_field(field.name))] = by_stem.get(field.stem, 0.0)
         return p
-
-    def by_values(self, values: Array) -> Array:
-        """Derivatives of the parameters."""
-        angle = self.azimuths + self.of_arms(values, "angle")
-        radius = self.of_arms(values, "radius")
-        cos, sin = np.cos(angle), np.sin(angle)
-        one = np.ones(ARMS)
-        by_kind: dict[str, dict[str, Array]] = {
-            "radius": {"x_mm": cos, "y_mm": sin},
-            "arm": {"arm_mm": one},
-            "forearm": {"forearm_mm": one},
-            "angle": {"x_mm": -radius * sin, "y_mm": radius * cos, "azimuth_deg": one},
-            "offset": {self._offset: one},
-        }
-        jacobian = np.zeros((len(self.mechanism.parameters.geometry), len(values)))
-        for column, (kind, own) in enumerate(self.columns):
-            for arm in range(ARMS) if own is None else (own,):
-                for field, slope in by_kind[kind].items():
-                    jacobian[self._place(arm, field), column] = slope[arm]
-        return jacobian
-
-    @property
-    def _fields(self) -> tuple[str, ...]:
-        return self.mechanism.parameters.arm_field_names
-
-    @property
-    def _offset(self) -> str:
-        return next(name for name in self._fields if name.startswith("joint_offset_"))
-
-    def _place(self, arm: int, field: str) -> int:
-        return self.mechanism.parameters.geometry.index(f"arm{arm}.{field}")
 
 
 def symmetric_delta(
     nominal: Kinematics, *, per_arm: bool, angles_free: bool, offsets_free: bool
 ) -> SymmetricDelta:
     """Symmetrical robot nearest to a nominal one by eye, to begin with."""
-    space, flat = nominal.mechanism.parameters, nominal.flat()
+    space, p = nominal.mechanism.parameters, nominal.p
 
     def of_arms(field: str) -> Array:
-        return np.array([flat[f"arm{arm}.{field}"] for arm in range(ARMS)])
+        return p[space.places(space.of_field(field))]
 
     x, y = of_arms("x_mm"), of_arms("y_mm")
-    rotary = "arm_mm" in space.arm_field_names
-    first = float(np.radians(flat["arm0.azimuth_deg"])) if rotary else float(np.arctan2(y[0], x[0]))
+    arms_mm = of_arms("arm_mm")
+    rotary = bool(arms_mm.size)
+    first = float(of_arms("azimuth_deg")[0]) if rotary else float(np.arctan2(y[0], x[0]))
     way = np.sign(np.sin(np.arctan2(y[1], x[1]) - np.arctan2(y[0], x[0])))
     typical = [
         float(np.hypot(x, y).mean()),
-        float(of_arms("arm_mm").mean()) if rotary else 0.0,
+        float(arms_mm.mean()) if rotary else 0.0,
         float(of_arms("forearm_mm").mean()),
     ]
     return SymmetricDelta(

@@ -11,7 +11,7 @@ from campaigns.estimation.lack_of_fit import LackOfFit
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.plausibility import FoundChanges, beyond_tolerance, common_scale
 from campaigns.evaluation.summary import Spread
-from campaigns.mechanisms.mechanism import ParameterSpace
+from campaigns.mechanisms.parameters import Parameters, ParameterSpace
 from campaigns.robots.robot import Tolerance
 
 COMMON_SCALE, LARGE_CHANGE, CHANGE, HOLD_OUT, CAREFUL, LACK = (
@@ -48,13 +48,13 @@ class Doubt:
 
 
 def parameter_doubts(
-    nominal: Mapping[str, float],
+    nominal: Parameters,
     found: FoundChanges,
     tolerance: Tolerance,
     accepted: frozenset[str],
 ) -> Iterator[Doubt]:
     """Doubts of what a fit found."""
-    beyond = tuple(beyond_tolerance(tolerance, found.changes))
+    beyond = tuple(beyond_tolerance(nominal.space, tolerance, found.changes))
     if beyond:
         more = f" (and {len(beyond) - 1} more)" if len(beyond) > 1 else ""
         yield Doubt(
@@ -119,15 +119,15 @@ def change_doubt(change: Change, numbers: tuple[int, int], space: ParameterSpace
         )
         remedy = f"if it was between two sessions, --sessions; else {alone}"
     else:
-        unit = float(space.units((change.name,))[0])
+        changed, unit = space[change.name], float(space.units((change.name,))[0])
         values |= {"size": size / unit, "std": float(change.std[0]) / unit}
-        arm = change.name.partition(".")[0].removeprefix("arm")
         if change.kind == "joint":
-            sign = "°" if change.name.endswith("_deg") else " mm"
-            what = f"arm {arm}'s encoder changed by {size / unit:+.3g}{sign} {where}"
+            what = (
+                f"arm {changed.arm}'s encoder changed by {size / unit:+.3g}{changed.sign} {where}"
+            )
             remedy = f"mend the encoder or its coupling; {alone}"
         else:
-            what = f"arm {arm} changed its length by {size / unit:+.3g} mm {where}"
+            what = f"arm {changed.arm} changed its length by {size / unit:+.3g} mm {where}"
             remedy = f"look for warmth or a loose joint; {alone}"
     chance = f"p = {change.p:.1g}" if change.p > 0.0 else "p < 1e-300"
     return Doubt(CHANGE, f"{what} ({chance}): {remedy}", "fail", values)

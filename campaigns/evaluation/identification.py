@@ -10,6 +10,7 @@ from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.doubts import Doubt
 from campaigns.evaluation.summary import BeforeAfter
+from campaigns.mechanisms.parameters import ParameterSpace
 
 Combination = tuple[str, ...]
 """Parameters that move together without any effect on what was measured."""
@@ -33,6 +34,7 @@ WORTHLESS_MM, WORTHLESS_DEG = 5.0, 3.0
 class IdentificationEvidence:
     """Evidence on which a verdict rests."""
 
+    space: ParameterSpace
     kind: str
     """What was fitted, in the plural."""
     fit: Solution
@@ -133,12 +135,14 @@ def _reasons_against(evidence: IdentificationEvidence) -> Iterator[str]:
     for names in evidence.unobservable:
         prefix = "the data cannot tell apart: " if len(names) > 1 else ""
         yield f"{prefix}{combination_in_words(names)}"
-    barely_known = {name: std for name, std in evidence.std.items() if std > _worthless(name)}
+    space, std = evidence.space, evidence.std
+    worthless = {name: WORTHLESS_DEG if space[name].is_angle else WORTHLESS_MM for name in std}
+    barely_known = {name: std[name] for name in std if std[name] > worthless[name]}
     if barely_known:
         name = max(barely_known, key=barely_known.__getitem__)
-        unit = name.rpartition("_")[2]
+        worst = f"±{barely_known[name]:.3g} {space[name].unit}"
         yield (
-            f"the data hardly tell {name}, ±{barely_known[name]:.3g} {unit}: measure at more "
+            f"the data hardly tell {name}, {worst}: measure at more "
             "different poses, or hold it with --fix"
         )
     yield from (each.says for each in evidence.doubts if each.weighs and each.decision == "fail")
@@ -152,11 +156,6 @@ def _reasons_against(evidence: IdentificationEvidence) -> Iterator[str]:
     errors = evidence.unseen
     if errors is not None and not errors.after.rms <= errors.before.rms:
         yield f"unseen pairs got worse: rms {errors.before.rms:.4f} → {errors.after.rms:.4f} mm"
-
-
-def _worthless(name: str) -> float:
-    """σ of a parameter that is larger than robots are ever off, in file units."""
-    return WORTHLESS_DEG if name.endswith("_deg") else WORTHLESS_MM
 
 
 def scatter_in_words(components: VarianceComponents, unit: str, scale: float) -> str:

@@ -17,6 +17,7 @@ from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.rigid_transforms import best_rotation
 from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.parameters import Parameters, ParameterSpace
 from campaigns.robots.robot import Tolerance
 from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
 from campaigns.shots.shots import Shots
@@ -80,16 +81,15 @@ class Reading:
     """Number of things that are different from what is written."""
 
 
-def beyond_tolerance(tolerance: Tolerance, changes: Mapping[str, float]) -> Iterator[str]:
+def beyond_tolerance(
+    space: ParameterSpace, tolerance: Tolerance, changes: Mapping[str, float]
+) -> Iterator[str]:
     """Changes (mm and deg, by name) beyond the tolerance, the largest first, in words."""
-    beyond = {
-        name: change for name, change in changes.items() if not abs(change) <= tolerance.of(name)
-    }
-    for name in sorted(beyond, key=lambda each: -abs(beyond[each]) / tolerance.of(each)):
-        unit = "°" if name.endswith("_deg") else " mm"
-        yield (
-            f"{name} changed by {beyond[name]:+.4g}{unit}, tolerance ± {tolerance.of(name):g}{unit}"
-        )
+    limits = {name: tolerance.of(space[name]) for name in changes}
+    beyond = {name: change for name, change in changes.items() if not abs(change) <= limits[name]}
+    for name in sorted(beyond, key=lambda each: -abs(beyond[each]) / limits[each]):
+        sign = space[name].sign
+        yield f"{name} changed by {beyond[name]:+.4g}{sign}, tolerance ± {limits[name]:g}{sign}"
 
 
 def check_shots(nominal: Kinematics, shots: Shots, where: str) -> None:
@@ -331,7 +331,7 @@ class FoundChanges:
         return found
 
 
-def common_scale(nominal: Mapping[str, float], found: FoundChanges) -> ScaleTest:
+def common_scale(nominal: Parameters, found: FoundChanges) -> ScaleTest:
     """Test of found changes of lengths: are they "everything longer by the same share".
 
     Regression of the changes on the lengths themselves, places being counted from the first arm's,
@@ -339,7 +339,8 @@ def common_scale(nominal: Mapping[str, float], found: FoundChanges) -> ScaleTest
     and by what the fit leaves uncertain: where little tells lengths, least of all tells their
     scale. The robot's variance is what scatters more than the fit explains (method of moments).
     """
-    lengths = {name: _from_first(name, nominal) for name in found.changes if name.endswith("_mm")}
+    own = nominal.space.of_unit("mm", tuple(found.changes))
+    lengths = {name: _from_first(name, nominal) for name in own}
     along = np.array([lengths[name] for name in lengths])
     changes = np.array([found.changes[name] for name in lengths])
     freedom = len(lengths) - 1
@@ -357,8 +358,7 @@ def common_scale(nominal: Mapping[str, float], found: FoundChanges) -> ScaleTest
     return ScaleTest(share, float(2.0 * stdtr(freedom, -abs(share) / std)))
 
 
-def _from_first(name: str, nominal: Mapping[str, float]) -> float:
-    field = name.rpartition(".")[2]
-    if field in PLACES:
-        return nominal[name] - nominal[f"arm0.{field}"]
-    return nominal[name]
+def _from_first(name: str, nominal: Parameters) -> float:
+    field = nominal.space[name].field.name
+    value = nominal.get(name, 0.0)
+    return value - nominal[nominal.space.of_field(field)[0]] if field in PLACES else value

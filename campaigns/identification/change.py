@@ -16,7 +16,7 @@ from campaigns.estimation.lack_of_fit import (
 from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.estimation.variance_components import LinearizedShots
 from campaigns.identification.fit import PointFit
-from campaigns.mechanisms.mechanism import ParameterSpace
+from campaigns.mechanisms.parameters import ParameterSpace
 
 
 def change_of(

@@ -213,6 +213,7 @@ class _Identified:
     def _evidence(self) -> IdentificationEvidence:
         unseen = self.held_out.errors
         return IdentificationEvidence(
+            space=self.nominal.mechanism.parameters,
             kind=self.fitted.kind,
             fit=self.found.fit,
             unobservable=self.unobservable,
@@ -277,8 +278,9 @@ class _Identified:
             self.covariance.names,
             self.covariance.array,
         )
-        nominal = {name: each.nominal for name, each in parameters.items()}
-        yield from parameter_doubts(nominal, changes, options.tolerance, options.accepted)
+        yield from parameter_doubts(
+            self.nominal.parameters, changes, options.tolerance, options.accepted
+        )
         yield from noise_doubts(self.fit.stated_noise)
         tested, unseen = self.held_out.tested, self.held_out.errors
         met = unseen is not None and limits_met(unseen.summary().after, options.limits_mm)
@@ -317,8 +319,8 @@ class _Identified:
     def _parameters(self) -> dict[str, IdentifiedParameter]:
         """All of files, extensions that are not 0, and whatever else was free."""
         std, free = self.covariance.std(), self.free
-        old = self.nominal.flat()
-        old |= dict.fromkeys((name for name in free if name not in old), 0.0)
+        known = self.nominal.parameters
+        old = known | dict.fromkeys((name for name in free if name not in known), 0.0)
         values = self.found.x[: len(free)] / self.nominal.mechanism.parameters.units(free)
         new = old | dict(zip(free, values.tolist(), strict=True))
         return {

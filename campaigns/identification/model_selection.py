@@ -19,7 +19,8 @@ from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection, select_parameters
 from campaigns.identification.result import ComparedModel, IdentificationResult
-from campaigns.mechanisms.mechanism import Kinematics, ParameterSpace
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.parameters import ParameterSpace
 from campaigns.shots.shots import Shots
 
 STANDARD, RODS, FULL = Model.STANDARD.value, Model.RODS.value, Model.FULL.value

@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 
 from campaigns.errors import SelectionInvalid
 from campaigns.files.wording import shown, suggestion
-from campaigns.mechanisms.mechanism import ParameterSpace
+from campaigns.mechanisms.parameters import ParameterSpace
 
 LEAST_STD = 1e-6
 """mm or deg, of a prior: what is known better need not be looked for."""
@@ -89,7 +89,7 @@ def _freed(
     space: ParameterSpace, patterns: Sequence[str], names: tuple[str, ...]
 ) -> dict[str, int]:
     """Names to free; of the tilts a pattern leaves those out that are the frame's horizontal."""
-    horizontal = {*space.fix_frame} & {*space.extensions}
+    horizontal = {*space.datum} & {*space.extensions}
     ranked = _ranked(patterns, names)
     return {name: rank for name, rank in ranked.items() if rank or name not in horizontal}
 

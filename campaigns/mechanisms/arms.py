@@ -10,7 +10,8 @@ import numpy as np
 
 from campaigns.arrays import Array, Mask
 from campaigns.mechanisms.frames import about_z, tilting, upright_seen_from
-from campaigns.mechanisms.mechanism import ArmWords, Axis, Limits, ParameterField
+from campaigns.mechanisms.mechanism import ArmWords, Axis, Limits
+from campaigns.mechanisms.parameters import ParameterField
 from campaigns.mechanisms.plate_tilt import PlateDrawing
 
 ArmValues = tuple[Array, Array]
@@ -57,7 +58,7 @@ class ArmKind(Protocol):
         ...
 
     @property
-    def lost_motion(self) -> str:
+    def lost_motion(self) -> ParameterField:
         """Field of the lost motion of a joint's gear."""
         ...
 
@@ -199,7 +200,7 @@ class RotaryArmKind:
 
     fields = CRANK_FIELDS
     extensions = (AXIS_TILT,)
-    lost_motion = "backlash_deg"
+    lost_motion = ParameterField("backlash_deg", "the gear's lost motion, deg", "angle")
     shows_turn = True
     tilt_fields: tuple[str, ...] = ()
     azimuth_is_outward = True

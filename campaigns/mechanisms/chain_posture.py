@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from campaigns.mechanisms.closed_chain import ClosedChain
 
 COORDINATES = 3
+AZIMUTH, FOREARM = 3, 6
+"""Places among the fields of an arm of any kind."""
 CONVERGED_MM = 1e-5
 """A Newton step shorter than this leaves an error of its square over the forearm's length."""
 TILT_ROUNDS = 30
@@ -209,12 +211,11 @@ class ChainPosture:
         beyond: Array,
     ) -> None:
         """Add what does not go through the forearms: lengths, and the directions of bars."""
-        names = self.chain.parameters.arm_field_names
         own = OwnDerivatives(*(_product(by_balance, each) for each in state.by_own_parameters()))
         if self.chain.plate.outward_rad is None:
-            by_arms[:, :, names.index("azimuth_deg")] += own.azimuth
+            by_arms[:, :, AZIMUTH] += own.azimuth
         lengths = -2.0 * by_closure * self.pairs.forearm_mm
-        by_arms[:, :, names.index("forearm_mm")] = lengths + own.forearm
+        by_arms[:, :, FOREARM] = lengths + own.forearm
         beyond[:, -2] += own.axis_tilt
         beyond[:, -1] = own.skew
 

@@ -22,17 +22,16 @@ import numpy as np
 
 from campaigns.arrays import Array, Mask
 from campaigns.mechanisms.arms import ArmKind
-from campaigns.mechanisms.chain_posture import COORDINATES, ChainPosture, Legs
+from campaigns.mechanisms.chain_posture import AZIMUTH, COORDINATES, ChainPosture, Legs
 from campaigns.mechanisms.mechanism import (
-    PARALLELOGRAM_SKEW,
     Axis,
     Feasibility,
     KinematicSolution,
     Limits,
-    ParameterSpace,
     Violation,
     outside,
 )
+from campaigns.mechanisms.parameters import PARALLELOGRAM_SKEW, ParameterSpace, Role
 from campaigns.mechanisms.plate_tilt import (
     PlateDrawing,
     RodPairs,
@@ -65,7 +64,7 @@ SKEW_LEVER_MM = 100.0
 HORIZONTAL = ("arm0.axis_tilt_deg", "arm1.axis_tilt_deg")
 """The axes of the first two cranks, which keep the frame from tilting, or the bars of the first two
 carriages, which keep the platform from it."""
-FIX_FRAME = ("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg", *HORIZONTAL)
+FIRST_CRANK = ("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg", *HORIZONTAL)
 """The first crank places the frame, and its azimuth keeps it from turning about z."""
 
 
@@ -91,20 +90,19 @@ class ClosedChain:
         platform: Platform,
         *,
         held_fields: tuple[str, ...],
-        fix_frame: tuple[str, ...] = FIX_FRAME,
+        datum: tuple[str, ...] = FIRST_CRANK,
     ) -> None:
         self.name = name
         self.joints = tuple(arms.joint(number) for number in range(platform.arms))
         self.task: tuple[Axis, ...] = platform.task
-        self.parameters = ParameterSpace(
+        self.parameters = ParameterSpace.of(
             platform.arms,
             arms.fields,
             platform.fields,
             (*arms.extensions, PARALLELOGRAM_SKEW),
             arms.lost_motion,
-            held_fields,
-            fix_frame,
-            arms.tilt_fields,
+            dict.fromkeys(held_fields, Role.HELD) | dict.fromkeys(arms.tilt_fields, Role.LEANING),
+            datum,
         )
         self._arms = arms
         self._platform = platform
@@ -296,10 +294,10 @@ class ClosedChain:
         A shot has three coordinates. Where two arms end in the measured point two of them are about
         these arms and the frame alone, the third about the rest, for the turn is not measured.
         """
-        near = tuple(f"arm{arm}." for arm in self._platform.at_point)
+        near = self._platform.at_point
         if not near:
             return max(SHOTS_FOR_A_FRAME, math.ceil((len(names) + FRAME_UNKNOWNS) / COORDINATES))
-        own = sum(name.startswith(near) for name in names)
+        own = sum(self.parameters[name].arm in near for name in names)
         by_rest = int(self._platform.points_along_x and not self._arms.shows_turn)
         by_two = math.ceil((own + FRAME_UNKNOWNS - by_rest) / len(near))
         return max(SHOTS_FOR_A_FRAME, by_two, len(names) - own + by_rest)
@@ -325,7 +323,7 @@ class ClosedChain:
         return p[:end].reshape(space.arms, -1), p[end:named], extensions
 
     def _rod_pairs(self, values: Array, extensions: Array) -> RodPairs:
-        azimuths = values[:, self.parameters.arm_field_names.index("azimuth_deg")]
+        azimuths = values[:, AZIMUTH]
         if self.plate.outward_rad is not None:
             azimuths = np.array(self.plate.outward_rad)
         return RodPairs.of(azimuths, extensions[:, -2], extensions[:, -1], values[:, -1])

@@ -17,7 +17,7 @@ I4L = ClosedChain(
     LinearArmKind(),
     SlidingBars(shares=(0.0, 1.0)),
     held_fields=UPRIGHT,
-    fix_frame=(
+    datum=(
         *FIRST_RAIL,
         *HORIZONTAL,
         *SLIDE,

@@ -13,5 +13,5 @@ I4R = ClosedChain(
     SlidingBars(shares=(0.0, 1.0)),
     held_fields=("azimuth_deg",),
     # the bars' direction is the frame's x, so that every azimuth could be told
-    fix_frame=("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", *SLIDE, *HORIZONTAL),
+    datum=("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", *SLIDE, *HORIZONTAL),
 )

@@ -18,7 +18,8 @@ from campaigns.mechanisms.frames import (
     tilting,
     upright_seen_from,
 )
-from campaigns.mechanisms.mechanism import MM_PER_RAD, ArmWords, Axis, Limits, ParameterField
+from campaigns.mechanisms.mechanism import MM_PER_RAD, ArmWords, Axis, Limits
+from campaigns.mechanisms.parameters import ParameterField
 from campaigns.mechanisms.plate_tilt import PlateDrawing
 
 LEVEL = 1e-9
@@ -106,7 +107,7 @@ class LinearArmKind:
 
     fields = RAIL_FIELDS
     extensions = (RAIL_TILT, BAR_TILT)
-    lost_motion = "backlash_mm"
+    lost_motion = ParameterField("backlash_mm", "the drive's lost motion, mm", "place")
     shows_turn = False
     tilt_fields = ("elevation_deg",)
     azimuth_is_outward = False

@@ -20,7 +20,7 @@ LINEAR_DELTA = ClosedChain(
     LinearArmKind(),
     TranslatingPlatform(),
     held_fields=UPRIGHT,
-    fix_frame=(
+    datum=(
         *FIRST_RAIL,
         *HORIZONTAL,
         "arm0.elevation_deg",

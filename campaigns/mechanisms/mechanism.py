@@ -9,13 +9,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum, IntFlag
-from functools import cached_property
 from typing import Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.arrays import Array, Index, Mask
+from campaigns.arrays import Array, Mask
+from campaigns.mechanisms.parameters import Parameters, ParameterSpace
 from campaigns.mechanisms.plate_tilt import PlateDrawing
 
 Interval = tuple[float, float]
@@ -71,158 +71,6 @@ class Axis:
         """Interval for people: `[-45°, 90°]`."""
         low, high = (self.text(end, "g") for end in interval)
         return f"[{low}, {high}]"
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterField:
-    """Kind of parameter: its name with unit, what it is, and the range that a file may give it."""
-
-    name: str
-    description: str
-    quantity: Literal["place", "length", "angle", "small angle"]
-
-
-PARALLELOGRAM_SKEW = ParameterField(
-    "parallelogram_skew_deg",
-    "the difference of the forearm's two rods over their distance, deg; may be left out",
-    "small angle",
-)
-"""The rod on the side of (-sin azimuth, cos azimuth, 0) less the other one."""
-
-
-@dataclass(frozen=True, eq=False)
-class ParameterSpace:
-    """Parameters of a mechanism by name, in the order of its vector.
-
-    Names are `arm0.x_mm` … for the fields of each arm, then those of the platform, then extensions
-    that are nominally 0 (axis tilts), which a robot file holds where they are not, then the lost
-    motion of each joint's gear, which belongs to what is measured and is in no file.
-    """
-
-    arms: int
-    arm_fields: tuple[ParameterField, ...]
-    platform_fields: tuple[ParameterField, ...]
-    extension_fields: tuple[ParameterField, ...]
-    """Fields of each arm, beyond what controllers know."""
-    lost_motion: str
-    """Field of the lost motion of a joint's gear, `backlash_deg` or `backlash_mm`."""
-    held_fields: tuple[str, ...]
-    """Fields that stay nominal unless told otherwise."""
-    fix_frame: tuple[str, ...]
-    """Names that no measured point tells: they stay nominal too.
-
-    They place the base frame, and say how a turn that is not measured is counted.
-    """
-    tilt_fields: tuple[str, ...] = ()
-    """Fields in files that say which way imperfect parts lean, beside the extensions."""
-
-    @cached_property
-    def arm_field_names(self) -> tuple[str, ...]:
-        """Names of the fields of each arm, in the order of its values."""
-        return tuple(field.name for field in self.arm_fields)
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names in files and controllers."""
-        arms = self._of_arms(self.arm_field_names)
-        return (*arms, *(field.name for field in self.platform_fields))
-
-    @cached_property
-    def extensions(self) -> tuple[str, ...]:
-        """Names beyond those, of the geometry too: nominally 0."""
-        return self._of_arms(tuple(field.name for field in self.extension_fields), by_field=True)
-
-    @cached_property
-    def skews(self) -> tuple[str, ...]:
-        """Names of the differences of the forearms' rods."""
-        return self._of_arms((PARALLELOGRAM_SKEW.name,))
-
-    @cached_property
-    def backlashes(self) -> tuple[str, ...]:
-        """Names of the backlashes of the joints' gears."""
-        return self._of_arms((self.lost_motion,))
-
-    @cached_property
-    def arm_lengths(self) -> tuple[str, ...]:
-        """Names of the length of the link that each joint drives."""
-        first = next(field.name for field in self.arm_fields if field.quantity == "length")
-        return self._of_arms((first,))
-
-    @cached_property
-    def geometry(self) -> tuple[str, ...]:
-        """Names of the entries of a vector p, (G,)."""
-        return self.names + self.extensions
-
-    @cached_property
-    def model(self) -> tuple[str, ...]:
-        """Names of all that a fit may free."""
-        return self.geometry + self.backlashes
-
-    @cached_property
-    def free_by_default(self) -> tuple[str, ...]:
-        """Names of what shots with a free frame can tell, unless told otherwise."""
-        return tuple(
-            name
-            for name in self.names
-            if name not in self.fix_frame and name.rpartition(".")[2] not in self.held_fields
-        )
-
-    @cached_property
-    def free_in_full(self) -> tuple[str, ...]:
-        """Names of what shots tell of imperfect parts too: unequal rods, tilted axes and rails."""
-        tilts = {name for name in self.names if name.rpartition(".")[2] in self.tilt_fields}
-        free = {*self.free_by_default, *self.extensions, *tilts} - {*self.fix_frame}
-        return tuple(name for name in self.geometry if name in free)
-
-    @cached_property
-    def free_if_extended(self) -> tuple[str, ...]:
-        """Names of all that shots with known directions of approach can tell apart."""
-        return tuple(name for name in self.model if name not in self.fix_frame)
-
-    @cached_property
-    def is_angle(self) -> Mask:
-        """Mask of the angles among `model`."""
-        return np.array([name.endswith("_deg") for name in self.model])
-
-    @cached_property
-    def file_unit(self) -> Array:
-        """Factors from the units of files (mm, deg) to inner ones (mm, rad), for `model`."""
-        return np.where(self.is_angle, np.pi / 180.0, 1.0)
-
-    @cached_property
-    def offsets(self) -> Index:
-        """Places of the joint offsets, one a joint."""
-        unit = self.lost_motion.rpartition("_")[2]
-        return self.places(self._of_arms((f"joint_offset_{unit}",)))
-
-    def places(self, names: Sequence[str]) -> Index:
-        """Places of parameters in `model`; raises `ValueError` for an unknown name."""
-        return np.array([self.model.index(name) for name in names], dtype=np.intp)
-
-    def units(self, names: Sequence[str]) -> Array:
-        """Factors from the units of files to inner ones, of the named parameters."""
-        return self.file_unit[self.places(names)]
-
-    def vector(self, flat: Mapping[str, float]) -> Array:
-        """Vector p (G,) of values by name in mm and deg; an extension that is not named is 0.
-
-        Raises `KeyError` when one that files hold is missing.
-        """
-        values = [flat[name] for name in self.names]
-        values += [flat.get(name, 0.0) for name in self.extensions]
-        return np.asarray(np.array(values) * self.file_unit[: len(self.geometry)])
-
-    def flat(self, p: Array) -> dict[str, float]:
-        """Values by name in mm and deg: those of files, and extensions that are not 0."""
-        values = (p / self.file_unit[: len(self.geometry)]).tolist()
-        named = zip(self.geometry, values, strict=True)
-        return {name: value for name, value in named if name in self.names or value}
-
-    def _of_arms(self, fields: tuple[str, ...], *, by_field: bool = False) -> tuple[str, ...]:
-        arms = range(self.arms)
-        if by_field:
-            return tuple(f"arm{arm}.{field}" for field in fields for arm in arms)
-        return tuple(f"arm{arm}.{field}" for arm in arms for field in fields)
 
 
 class KinematicStatus(IntEnum):
@@ -505,13 +353,14 @@ class Kinematics:
     """(G,), mm and rad."""
 
     @classmethod
-    def from_flat(cls, mechanism: Mechanism, flat: Mapping[str, float]) -> Self:
+    def of(cls, mechanism: Mechanism, values: Mapping[str, float]) -> Self:
         """Model from values by name in mm and deg; raises `KeyError` when one is missing."""
-        return cls(mechanism, mechanism.parameters.vector(flat))
+        return cls(mechanism, Parameters.of(mechanism.parameters, values).vector)
 
-    def flat(self) -> dict[str, float]:
-        """Values by name in mm and deg."""
-        return self.mechanism.parameters.flat(self.p)
+    @property
+    def parameters(self) -> Parameters:
+        """Parameters by name in mm and deg."""
+        return Parameters.of_vector(self.mechanism.parameters, self.p)
 
     def inverse(self, poses: Array) -> KinematicSolution:
         """Joints (N, n) of poses (N, t)."""

@@ -10,7 +10,8 @@ from typing import Protocol
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.mechanisms.mechanism import Axis, ParameterField
+from campaigns.mechanisms.mechanism import Axis
+from campaigns.mechanisms.parameters import ParameterField
 
 POSITION = (Axis("x", "prismatic"), Axis("y", "prismatic"), Axis("z", "prismatic"))
 TURN = Axis("theta", "revolute")

@@ -1,6 +1,5 @@
 """Robot files: one robot's parameter set with its limits, read from and written to YAML."""
 
-import hashlib
 import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -27,6 +26,7 @@ from campaigns.files.yaml_file import (
 )
 from campaigns.mechanisms.catalog import MECHANISMS
 from campaigns.mechanisms.mechanism import Axis, Interval, Kinematics, Limits, Mechanism
+from campaigns.mechanisms.parameters import Parameter, Parameters, ParameterSpace, Role
 from campaigns.mechanisms.plate_tilt import PlateDrawing
 from campaigns.robots.schema import SCHEMA, RobotContents, contents_model
 from drivers.bounded_files import is_there
@@ -48,74 +48,55 @@ class Tolerance:
     length_mm: float = 10.0
     angle_deg: float = 5.0
 
-    def of(self, name: str) -> float:
-        """Limit for a parameter by its name, in its file unit."""
-        return self.angle_deg if name.endswith("_deg") else self.length_mm
+    def of(self, parameter: Parameter) -> float:
+        """Limit for a parameter, in its file unit."""
+        return self.angle_deg if parameter.is_angle else self.length_mm
 
 
 @dataclass(frozen=True, slots=True)
 class RobotFile:
-    """Parameter set of one robot, in mm and deg as in its file, and the robot's limits.
+    """Parameter set of one robot, and the robot's limits.
 
-    `values` are in the order of the mechanism's `parameters.geometry`. An identified set also has
-    standard deviations (1 σ, of what was free) and says where it comes from.
+    An identified set also has standard deviations and says where it comes from.
     """
 
     name: str
     mechanism: Mechanism
-    values: tuple[float, ...]
+    parameters: Parameters
     limits: Limits
-    uncertainty: Mapping[str, float] | None = None
     provenance: Mapping[str, JsonValue] | None = None
     workspace_centre_mm: Vector3 | None = None
     tolerance: Tolerance = Tolerance()
 
     @classmethod
-    def from_flat(
-        cls, mechanism: Mechanism, flat: Mapping[str, float], *, name: str, limits: Limits
+    def of(
+        cls, mechanism: Mechanism, values: Mapping[str, float], *, name: str, limits: Limits
     ) -> Self:
         """Robot from values by name, extensions being 0 if not named; raises `ConfigInvalid`."""
-        return cls(name, mechanism, _ordered_values(mechanism, flat, name), limits)
+        return cls(name, mechanism, checked_parameters(mechanism, values, name), limits)
 
     @property
     def kinematics(self) -> Kinematics:
         """Kinematic model of the robot."""
-        return Kinematics.from_flat(self.mechanism, self.geometry_flat())
-
-    def geometry_flat(self) -> dict[str, float]:
-        """Values by name, in order, in mm and deg; extensions only where they are not 0."""
-        space = self.mechanism.parameters
-        named = zip(space.geometry, self.values, strict=True)
-        return {name: value for name, value in named if name in space.names or value}
+        return Kinematics(self.mechanism, self.parameters.vector)
 
     @property
     def is_extended(self) -> bool:
         """Whether a parameter beyond those that every controller knows is not 0."""
-        return bool(self.extended_by)
+        return bool(self.parameters.extended_by)
 
-    @property
-    def extended_by(self) -> tuple[str, ...]:
-        """Names of extensions that are not 0."""
-        flat = self.geometry_flat()
-        return tuple(name for name in self.mechanism.parameters.extensions if name in flat)
-
-    def controller_flat(self, lacking: Collection[str]) -> dict[str, float]:
-        """Values for a controller that lacks some extensions, by name.
-
-        Raises `ConfigInvalid` where one of these is not 0.
-        """
-        flat = self.geometry_flat()
-        beyond = [name for name in lacking if name in flat]
+    def require_known(self, lacking: Collection[str]) -> None:
+        """Raise `ConfigInvalid` where an extension that a controller lacks is not 0."""
+        values = self.parameters
+        beyond = [name for name in lacking if name in values]
         if beyond:
-            fields = dict.fromkeys(name.rpartition(".")[2] for name in beyond)
-            held = " ".join(f"--fix 'arm*.{field}'" for field in fields)
-            what = beyond[0].rpartition(".")[2].rpartition("_")[0].replace("_", " ")
+            fields = [values.space[name].field for name in beyond]
+            held = " ".join(f"--fix 'arm*.{key}'" for key in dict.fromkeys(f.name for f in fields))
             raise ConfigInvalid(
-                f"{self.name}: {beyond[0]} is {flat[beyond[0]]:g}, but the controller's "
-                f"kinematics has no {what}s",
+                f"{self.name}: {beyond[0]} is {values[beyond[0]]:g}, but the controller's "
+                f"kinematics has no {fields[0].words}s",
                 remedy=f"identify again with {held}, and export again",
             )
-        return flat
 
     @property
     def workspace_centre(self) -> Array:
@@ -125,13 +106,8 @@ class RobotFile:
         return centre
 
     def digest(self) -> str:
-        """SHA-256 of the geometry: equal exactly when all its doubles are.
-
-        It is taken of lines `name=value`, the value in the shortest decimals that give the double.
-        """
-        named = self.geometry_flat().items()
-        text = "".join(f"{name}={value + 0.0!r}\n" for name, value in named)  # -0.0 becomes 0.0
-        return hashlib.sha256(text.encode("ascii")).hexdigest()
+        """SHA-256 of the geometry: equal exactly when all its doubles are."""
+        return self.parameters.digest()
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,16 +116,6 @@ class RobotDocument:
 
     robot: RobotFile
     document: YamlDocument
-
-
-@dataclass(frozen=True, slots=True)
-class Compensation:
-    """Additions of an identification to a nominal robot; parameters by flat name, mm and deg."""
-
-    name: str
-    geometry: Mapping[str, float]
-    uncertainty: Mapping[str, float]
-    provenance: Mapping[str, JsonValue]
 
 
 def read_robot(path: Path) -> RobotDocument:
@@ -185,20 +151,25 @@ def shipped_of(mechanism: Mechanism) -> RobotDocument:
     return next(each for each in found if each.robot.mechanism.name == mechanism.name)
 
 
-def compensated(nominal: RobotDocument, compensation: Compensation) -> RobotDocument:
-    """Put an identified set into a copy of the nominal's document; its comments stay.
+def compensated(
+    nominal: RobotDocument,
+    name: str,
+    parameters: Mapping[str, float],
+    provenance: Mapping[str, JsonValue] | None = None,
+) -> RobotDocument:
+    """Put other parameters, with their 1 σ, into a copy of the nominal's document.
 
-    Raises `ConfigInvalid` when the set would not make a robot file.
+    Its comments stay. Raises `ConfigInvalid` when the set would not make a robot file.
     """
-    mechanism = nominal.robot.mechanism
-    values = _ordered_values(mechanism, compensation.geometry, compensation.name)
+    own = checked_parameters(nominal.robot.mechanism, parameters, name)
+    known = parameters.std if isinstance(parameters, Parameters) else None
     tree = nominal.document.editable_tree()
-    _set_values(tree["geometry"], mechanism, values)
-    tree["name"] = compensation.name
-    tree["uncertainty"] = dict(compensation.uncertainty)
-    tree["provenance"] = dict(compensation.provenance)
-    tree["sha256"] = replace(nominal.robot, values=values).digest()
-    return _robot_of(parse_document(yaml_text(tree), compensation.name))
+    _set_values(tree["geometry"], own)
+    tree["name"] = name
+    tree["uncertainty"] = known or {}
+    tree["provenance"] = dict(provenance or {})
+    tree["sha256"] = own.digest()
+    return _robot_of(parse_document(yaml_text(tree), name))
 
 
 def write_new_robot(path: Path, robot: RobotDocument) -> None:
@@ -206,45 +177,47 @@ def write_new_robot(path: Path, robot: RobotDocument) -> None:
     write_new_text(path, robot.document.text)
 
 
-def _set_values(geometry: CommentedMap, mechanism: Mechanism, values: tuple[float, ...]) -> None:
+def _set_values(geometry: CommentedMap, parameters: Parameters) -> None:
     """Replace what differs; what stays equal keeps the form in which it was written.
 
     An extension that becomes 0 leaves the file.
     """
-    space = mechanism.parameters
-    for name, value in zip(space.geometry, values, strict=True):
-        arm, _, field = name.rpartition(".")
-        holder = geometry["arms"][int(arm.removeprefix("arm"))] if arm else geometry
-        before = holder.get(field, 0.0 if name in space.extensions else None)
-        if before == value:
+    for each in parameters.space:
+        if each.role is Role.LOST_MOTION:
             continue
-        if name in space.extensions and not value:
-            del holder[field]
+        holder = geometry if each.arm is None else geometry["arms"][each.arm]
+        value = parameters.get(each.name, 0.0)
+        if value == holder.get(each.field.name, 0.0):
+            continue
+        if each.name in parameters:
+            holder[each.field.name] = value
         else:
-            holder[field] = value
+            del holder[each.field.name]
 
 
-def _ordered_values(
-    mechanism: Mechanism, flat: Mapping[str, float], name: str
-) -> tuple[float, ...]:
-    """Values of `parameters.geometry`, extensions that are not given being 0.
+def checked_parameters(
+    mechanism: Mechanism,
+    values: Mapping[str, float],
+    name: str,
+    std: Mapping[str, float] | None = None,
+) -> Parameters:
+    """Parameters of values by name, extensions that are not given being 0, and 1 σ of some.
 
-    Raises `ConfigInvalid`.
+    `name` says whose they are. Raises `ConfigInvalid` for what is unknown, missing or not finite.
     """
     space = mechanism.parameters
-    for unknown in flat.keys() - set(space.geometry):
+    for unknown in values.keys() - set(space.geometry):
         raise ConfigInvalid(
             f"{name}: {unknown} is not a parameter of a robot",
             remedy=suggestion(unknown, space.geometry),
         )
-    given = dict.fromkeys(space.extensions, 0.0) | dict(flat)
-    for parameter in space.geometry:
-        if not math.isfinite(given.get(parameter, math.nan)):
+    for parameter in (*space.names, *(each for each in space.extensions if each in values)):
+        if not math.isfinite(values.get(parameter, math.nan)):
             raise ConfigInvalid(
-                f"{name}: {parameter} is {given.get(parameter, 'missing')}",
+                f"{name}: {parameter} is {values.get(parameter, 'missing')}",
                 remedy=f"give finite values for all {len(space.names)} parameters",
             )
-    return tuple(float(given[parameter]) for parameter in space.geometry)
+    return Parameters.of(space, values, std)
 
 
 def _shipped_robots() -> dict[str, Traversable]:
@@ -258,13 +231,13 @@ def _robot_of(document: YamlDocument) -> RobotDocument:
     """Check a document; raises `ConfigInvalid`, also when its sha256 is not its geometry's."""
     contents = checked(document, SCHEMA, contents_model(document.tree.get("mechanism")))
     mechanism = MECHANISMS[contents.mechanism]
-    values = _ordered_values(mechanism, _flat(contents.geometry), contents.name)
+    values = _by_name(mechanism.parameters, contents.geometry)
+    parameters = checked_parameters(mechanism, values, contents.name, contents.uncertainty)
     robot = RobotFile(
         contents.name,
-        mechanism.with_plate(_plate(mechanism, values, contents)),
-        values,
+        mechanism.with_plate(_plate(mechanism, parameters, contents)),
+        parameters,
         _limits(mechanism, contents.limits),
-        contents.uncertainty,
         contents.provenance,
         contents.workspace_centre_mm,
         Tolerance(contents.tolerance.length_mm, contents.tolerance.angle_deg),
@@ -278,11 +251,9 @@ def _robot_of(document: YamlDocument) -> RobotDocument:
     return RobotDocument(robot, document)
 
 
-def _plate(mechanism: Mechanism, values: Iterable[float], contents: RobotContents) -> PlateDrawing:
+def _plate(mechanism: Mechanism, parameters: Parameters, contents: RobotContents) -> PlateDrawing:
     """Drawing of the plate, typical where the file does not say."""
-    space = mechanism.parameters
-    p = space.vector(dict(zip(space.geometry, values, strict=True)))
-    typical = mechanism.typical_plate(p)
+    typical = mechanism.typical_plate(parameters.vector)
     return replace(
         typical,
         joints_mm=contents.plate_joints_mm or typical.joints_mm,
@@ -290,12 +261,15 @@ def _plate(mechanism: Mechanism, values: Iterable[float], contents: RobotContent
     )
 
 
-def _flat(geometry: FileModel) -> dict[str, float]:
+def _by_name(space: ParameterSpace, geometry: FileModel) -> dict[str, float]:
     """Values by name, as the file has them."""
     values = geometry.model_dump()
-    arms = enumerate(values.pop("arms"))
-    of_arms = {f"arm{arm}.{field}": each for arm, row in arms for field, each in row.items()}
-    return of_arms | values
+    arms = values.pop("arms")
+    return {
+        each.name: (values if each.arm is None else arms[each.arm])[each.field.name]
+        for each in space
+        if each.role is not Role.LOST_MOTION
+    }
 
 
 def _limits(mechanism: Mechanism, limits: FileModel) -> Limits:

@@ -13,7 +13,8 @@ from pydantic import AfterValidator, Field, JsonValue, create_model
 from campaigns.files.wording import shown, suggestion
 from campaigns.files.yaml_file import FileModel, broken_rule
 from campaigns.mechanisms.catalog import MECHANISMS
-from campaigns.mechanisms.mechanism import Axis, Mechanism, ParameterField
+from campaigns.mechanisms.mechanism import Axis, Mechanism
+from campaigns.mechanisms.parameters import ParameterField
 
 SCHEMA = "pkmcal/robot/1"
 

@@ -41,7 +41,7 @@ def symmetrical_robot(
     flat = symmetrical(mechanism, sizes)
     like = shipped_of(mechanism).robot
     limits = like.limits if joint is None else replace(like.limits, joint=joint)
-    kinematics = Kinematics.from_flat(mechanism, flat)
+    kinematics = Kinematics.of(mechanism, flat)
     centre_mm = _centre_mm(kinematics, limits)
     text = "".join(
         f"{line}\n"

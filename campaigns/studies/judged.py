@@ -15,7 +15,8 @@ from campaigns.identification.model_selection import select_model
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.identification.result import IdentificationResult
 from campaigns.mechanisms.arms import AXIS_TILT
-from campaigns.mechanisms.mechanism import PARALLELOGRAM_SKEW, Kinematics, NoSolution
+from campaigns.mechanisms.mechanism import Kinematics, NoSolution
+from campaigns.mechanisms.parameters import PARALLELOGRAM_SKEW
 from campaigns.studies.affected import (
     AffectedCampaign,
     BeyondModel,

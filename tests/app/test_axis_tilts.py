@@ -6,7 +6,7 @@ from ruamel.yaml import YAML
 from app.main import run_command
 from app.wiring import connected_robot
 from campaigns.campaign import open_campaign
-from campaigns.robots.robot import Compensation, compensated, write_new_robot
+from campaigns.robots.robot import compensated, write_new_robot
 
 EXTENSIONS = {"arm1.axis_tilt_deg": 0.02, "arm2.parallelogram_skew_deg": -0.01}
 
@@ -17,8 +17,8 @@ def folder(tmp_path):
     folder = tmp_path / "cell"
     assert run_command(["new", str(folder), "--scenario", "paper-simulation"]) == 0
     nominal = open_campaign(folder).nominal
-    flat = nominal.robot.geometry_flat() | EXTENSIONS
-    tilted = compensated(nominal, Compensation("tilted", flat, {}, {}))
+    flat = nominal.robot.parameters | EXTENSIONS
+    tilted = compensated(nominal, "tilted", flat)
     write_new_robot(folder / "robot-compensated.yaml", tilted)
     return folder
 
@@ -49,12 +49,12 @@ def test_controller_that_does_not_know_a_name_gets_nothing_even_by_force(capsys,
     assert "arm1.axis_tilt_deg is 0.02" in said.err
     assert "identify again with --fix 'arm*.axis_tilt_deg'" in said.err
     assert said.out == ""
-    assert held(folder) == before == open_campaign(folder).robot.geometry_flat()
+    assert held(folder) == before == dict(open_campaign(folder).robot.parameters)
 
 
 def test_controller_that_computes_plate_tilt_gets_all_and_gives_it_up_again(folder):
     give_plate_tilt(folder)
-    nominal = open_campaign(folder).robot.geometry_flat()
+    nominal = dict(open_campaign(folder).robot.parameters)
     assert held(folder) == nominal
     assert load(folder, "--force") == 0
     assert held(folder) == nominal | EXTENSIONS

@@ -22,7 +22,7 @@ def cell_of(member, name):
 def test_stands_in_the_middle_of_its_workspace(member, name):
     cell = cell_of(member, name)
     assert cell.kind.name == member.name
-    assert cell.controller.geometry() == pytest.approx(member.shipped.geometry_flat(), abs=1e-9)
+    assert cell.controller.geometry() == pytest.approx(dict(member.shipped.parameters), abs=1e-9)
     plate = cell.robot.standing.assembly.plate
     assert np.abs(plate.position_mm - member.shipped.workspace_centre[:3]).max() < 60.0
     assert cell.memory()["mechanism"] == member.name
@@ -31,7 +31,7 @@ def test_stands_in_the_middle_of_its_workspace(member, name):
 @all_members
 def test_its_errors_are_as_large_as_the_scenario_s(member):
     """Of the robot's own parameters, drawn by the seed; the frame's are nominal."""
-    nominal = member.shipped.geometry_flat()
+    nominal = dict(member.shipped.parameters)
     text = cell_text(member.shipped, "paper-simulation")
     scenario = parse_scenario(text, "cell")
     errors = []

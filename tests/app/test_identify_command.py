@@ -40,7 +40,7 @@ def measured(campaign, moved_mm=0.0, seed=1):
     from_everywhere = replace(campaign.view, acceptance_rad=float(np.pi))
     region = region_of(nominal, robot.limits, from_everywhere, pose_of(campaign.centre))
     joints = nominal.inverse(interior_poses(region, 160, rng)).values_or_raise()
-    flat = nominal.flat()
+    flat = nominal.parameters
     truth = par4(flat | {name: flat[name] + e for name, e in ERRORS.items()})
     frame = from_paper_angles(np.array([2.1, 0.02, -0.03]), np.array([2500.0, 400.0, 300.0]))
     points = frame.apply(truth.forward(joints).values_or_raise()[:, :3])

@@ -120,7 +120,7 @@ def campaign(tmp_path):
 
 
 def test_what_the_controller_held_is_kept_under_the_next_free_number(campaign):
-    held = campaign.nominal.robot.geometry_flat()
+    held = dict(campaign.nominal.robot.parameters)
     assert keep(campaign.folder, campaign.nominal, held).name == "controller-before-1.yaml"
     campaign.path("controller-before-9.yaml").write_text("")
     campaign.path("controller-before-x.yaml").write_text("")

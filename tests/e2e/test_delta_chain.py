@@ -158,8 +158,8 @@ def test_its_exported_robot_file_holds_the_true_robot(pkmcal, passed):
     assert robot.mechanism.name == DELTA.name
     assert robot.limits == LIMITS
     assert robot.workspace_centre_mm == (0.0, 0.0, -700.0)
-    assert list(robot.uncertainty) == list(SPACE.free_by_default)
-    assert_same(robot.geometry_flat(), flat_in(answers("exact")["truth"]), CLOSE_TO_TRUTH)
+    assert list(robot.parameters.std) == list(SPACE.free_by_default)
+    assert_same(dict(robot.parameters), flat_in(answers("exact")["truth"]), CLOSE_TO_TRUTH)
 
 
 def test_its_exported_robot_is_the_nominal_of_a_next_campaign(pkmcal, passed, tmp_path):

@@ -10,6 +10,7 @@ from command_line import change
 from family_cases import MEMBERS
 
 from app.main import run_command
+from campaigns.mechanisms.parameters import Parameters
 from campaigns.robots.robot import find_robot
 from sim.factory import true_geometry
 from sim.scenarios.scenario import load_scenario
@@ -56,8 +57,8 @@ def true_robot(member, folder):
     """The cell's robot in the frames that the nominal's held parameters fix."""
     scenario = load_scenario(str(folder / "cell.yaml"))
     flat = true_geometry(scenario.robot, scenario.seed)
-    p = member.mechanism.in_frame_of(member.nominal.p, member.space.vector(flat))
-    return member.space.flat(p)
+    p = member.mechanism.in_frame_of(member.nominal.p, Parameters.of(member.space, flat).vector)
+    return Parameters.of_vector(member.space, p)
 
 
 @all_members
@@ -94,7 +95,7 @@ def assert_loaded(folder, member):
     """The controller's parameters are those of the exported file."""
     robot = find_robot(str(folder / "robot-compensated.yaml")).robot
     memory = json.loads((folder / "cell-memory.json").read_text(encoding="utf-8"))
-    assert memory["geometry"] == robot.geometry_flat()
+    assert memory["geometry"] == dict(robot.parameters)
     assert memory["mechanism"] == member.name
 
 

@@ -61,7 +61,7 @@ def test_noisy_points_give_the_reference_s_least_squares(identified, member):
 @all_members
 def test_what_no_point_tells_is_said_when_it_is_freed(identified, member):
     """By rank, with the parameters that move together; and nothing of it is taken for found."""
-    fixed = {*member.space.fix_frame} & {*member.space.names}
+    fixed = {*member.space.datum} & {*member.space.names}
     everything = [word for name in member.space.names for word in ("--free", name)]
     found = identified(member, "noise", *everything)
     assert found["rank"] == len(member.space.names) - len(fixed)

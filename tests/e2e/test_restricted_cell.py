@@ -39,7 +39,7 @@ STOPPED_HALF_WAY = {"faults": [{"at_move": 12, **HALF_WAY}, {"at_move": 65, **HA
 """Once in the first validation, once in the run."""
 LOOKS = 400
 TRUE_LOOKS = 6
-NOMINAL = par4(find_robot("par4-prototype").robot.geometry_flat())
+NOMINAL = par4(dict(find_robot("par4-prototype").robot.parameters))
 
 
 class Recorder:

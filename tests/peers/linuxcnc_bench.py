@@ -171,7 +171,7 @@ class ForeignBench(Bench):
         joints, turns = robot.mechanism.joints, len(robot.mechanism.task) > len("XYZ")
         axes = MachineAxes(robot.name, len(joints), joints[0].is_revolute, turns)
         limits = JointLimits(*robot.limits.joint, axes)
-        self.store = FixedParameters(robot.geometry_flat())
+        self.store = FixedParameters(dict(robot.parameters))
         settings = LinuxcncSettings(Coordinates.WORLD, limits, full_speed_per_s, deadlines=PATIENT)
         self._drive(linuxcnc, settings, robot.mechanism)
 

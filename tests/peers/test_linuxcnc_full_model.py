@@ -10,7 +10,7 @@ from linuxcnc_campaign import change, made_campaign, patient_driver, tell
 
 from app.main import run_command
 from campaigns.campaign import open_campaign
-from campaigns.robots.robot import Compensation, compensated, read_robot, write_new_robot
+from campaigns.robots.robot import compensated, read_robot, write_new_robot
 
 pytestmark = [*NEEDS_LINUXCNC, pytest.mark.timeout(500), pytest.mark.long]
 
@@ -45,7 +45,7 @@ class Campaign:
         nominal = open_campaign(self.folder).nominal
         flat = {name: each["value"] for name, each in found["parameters"].items()}
         path = self.folder / "standard.yaml"
-        write_new_robot(path, compensated(nominal, Compensation("standard", flat, {}, {})))
+        write_new_robot(path, compensated(nominal, "standard", flat))
         self("load", "--file", str(path), "--force", "--yes")
 
 
@@ -79,8 +79,8 @@ def test_loaded_full_model_takes_off_distances_what_it_took_off_unseen_ones(tmp_
             tell(f"unseen pairs, {name}: mean error before and after {means_mm} mm")
         tell(f"validated on LinuxCNC: {before_mm}, by the 22 {standard_mm}, full {full_mm} mm")
     loaded = read_robot(folder / "robot-compensated.yaml").robot
-    assert len(loaded.extended_by) == 6
-    assert all(f"setp pkmkins.{name} " in calib for name in loaded.extended_by)
+    assert len(loaded.parameters.extended_by) == 6
+    assert all(f"setp pkmkins.{name} " in calib for name in loaded.parameters.extended_by)
     assert "setp pkmkins.reflector_x_mm 20.0" in calib
     assert full_mm < standard_mm
     assert from_nominal / SAME_FACTOR < before_mm / full_mm < from_nominal * SAME_FACTOR

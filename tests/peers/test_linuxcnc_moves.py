@@ -63,7 +63,7 @@ def test_joints_are_read_back_as_they_were_commanded(bench):
 
 def test_poses_are_converted_with_the_set_in_use(bench):
     pose = Pose(100.0, -50.0, -600.0, radians(15.0))
-    other = NOMINAL.geometry_flat() | {"arm1.joint_offset_deg": 0.5}
+    other = NOMINAL.parameters | {"arm1.joint_offset_deg": 0.5}
     bench.robot.write_geometry(other)
     bench.robot.move_pose(pose, 1.0)
     expected = ActiveKinematics(NOMINAL.mechanism, other).joints(pose)

@@ -34,14 +34,14 @@ class Oracle:
 def turned(name, first_deg):
     """A shipped robot with its first arm in another direction."""
     nominal = find_robot(name).robot
-    flat = nominal.geometry_flat()
+    flat = dict(nominal.parameters)
     turn = np.radians(first_deg - flat["arm0.azimuth_deg"])
     cos, sin = np.cos(turn), np.sin(turn)
     for arm in range(3):
         x, y = flat[f"arm{arm}.x_mm"], flat[f"arm{arm}.y_mm"]
         flat[f"arm{arm}.x_mm"], flat[f"arm{arm}.y_mm"] = cos * x - sin * y, sin * x + cos * y
         flat[f"arm{arm}.azimuth_deg"] += float(np.degrees(turn))
-    return RobotFile.from_flat(nominal.mechanism, flat, name=name, limits=nominal.limits)
+    return RobotFile.of(nominal.mechanism, flat, name=name, limits=nominal.limits)
 
 
 def rotary():

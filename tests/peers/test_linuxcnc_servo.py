@@ -11,7 +11,7 @@ from drivers.values import Pose
 
 pytestmark = NEEDS_LINUXCNC
 
-OLD = NOMINAL.geometry_flat()
+OLD = dict(NOMINAL.parameters)
 FULL = OLD | dict.fromkeys(NOMINAL.mechanism.parameters.extensions, 0.03)
 FUNCTIONS = ("motion-controller", "servo-thread")
 SPEED = 0.3

@@ -21,7 +21,7 @@ pytestmark = NEEDS_LINUXCNC
 
 SAME_DEG = 1e-6
 WORLD = Coordinates.WORLD
-OLD = NOMINAL.geometry_flat()
+OLD = dict(NOMINAL.parameters)
 NEW = {name: value + 0.1 + 0.01 * place for place, (name, value) in enumerate(OLD.items())}
 LOW = np.array([-520.0, -550.0, -990.0, -np.pi / 4])
 HIGH = np.array([520.0, 450.0, -270.0, np.pi / 4])

@@ -67,7 +67,7 @@ def drawn(name, *, extended, seed=5):
     space = nominal.mechanism.parameters
     flat = {
         key: value + draw.normal(0.0, 0.5 if key.endswith("mm") else 0.2)
-        for key, value in nominal.geometry_flat().items()
+        for key, value in nominal.parameters.items()
     }
     if extended:
         flat |= {key: draw.normal(0.0, 0.1) for key in space.extensions}
@@ -79,7 +79,7 @@ def drawn(name, *, extended, seed=5):
             reflector_mm=(20.0, -30.0, -45.0),
         )
         nominal = replace(nominal, mechanism=nominal.mechanism.with_plate(plate))
-    robot = RobotFile.from_flat(nominal.mechanism, flat, name=name, limits=nominal.limits)
+    robot = RobotFile.of(nominal.mechanism, flat, name=name, limits=nominal.limits)
     model, limits = robot.kinematics, nominal.limits
     kept = np.empty((0, len(nominal.mechanism.task)))
     for _ in range(60):
@@ -117,7 +117,7 @@ class Module:
     def set_robot(self, robot):
         """Set all pins as a robot's file and drawing say."""
         pins = parameter_pins(robot.mechanism)
-        values = dict.fromkeys(pins, 0.0) | robot.geometry_flat()
+        values = dict.fromkeys(pins, 0.0) | dict(robot.parameters)
         self.arms, self.turns = len(robot.mechanism.joints), len(robot.mechanism.task) > 3
         self.set_pins({pins[name]: value for name, value in values.items()})
         self.set_pins({pin_of(n): value for n, value in drawing_flat(robot.mechanism).items()})
@@ -231,8 +231,8 @@ def test_forward_is_our_models_on_joints(module, case):
 def test_unequal_rods_and_tilted_axes_do_move_the_plate(loaded, case):
     """The comparisons above would pass too if both left the extensions out."""
     space = case.robot.mechanism.parameters
-    flat = case.robot.geometry_flat()
-    level = RobotFile.from_flat(
+    flat = dict(case.robot.parameters)
+    level = RobotFile.of(
         case.robot.mechanism,
         {name: flat[name] for name in space.names},
         name="level",

@@ -22,7 +22,7 @@ def flat_in(document):
 
 
 def delta_in(document):
-    return Kinematics.from_flat(DELTA, flat_in(document))
+    return Kinematics.of(DELTA, flat_in(document))
 
 
 def delta_of(vector):

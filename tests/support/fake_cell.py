@@ -29,7 +29,7 @@ from drivers.values import (
 )
 
 ROBOT = find_robot("par4-prototype").robot
-NOMINAL = par4(ROBOT.geometry_flat())
+NOMINAL = par4(dict(ROBOT.parameters))
 CENTRE = np.array([0.0, 0.0, -575.0, 0.0])
 TRACKER_FROM_BASE = Transform(
     small_rotation(np.array([2.1, 0.02, -0.03]))[0], np.array([2500.0, 400.0, 300.0])
@@ -54,7 +54,7 @@ class FakeRobot:
     fault: str = ""
     emergency_stop: bool = False
     keeps_moving: bool = False
-    geometry: dict[str, float] = field(default_factory=ROBOT.geometry_flat)
+    geometry: dict[str, float] = field(default_factory=lambda: dict(ROBOT.parameters))
     during_move: dict[int, Act] = field(default_factory=dict)
     stop_errors: list[BaseException] = field(default_factory=list)
     state_errors: list[BaseException] = field(default_factory=list)

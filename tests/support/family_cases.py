@@ -76,7 +76,7 @@ class Member:
         return {"nominal": self.nominal, "perturbed": self.perturbed, "tilted": self.tilted}
 
     def robot_in(self, document):
-        return Kinematics.from_flat(self.mechanism, flat_in(document))
+        return Kinematics.of(self.mechanism, flat_in(document))
 
     def robot_of(self, vector):
         return Kinematics(self.mechanism, np.asarray(vector))

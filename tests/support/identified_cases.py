@@ -139,7 +139,7 @@ def deviations(found: IdentificationResult) -> dict[str, float | None]:
 
 
 def shortened(forearms_mm: float) -> Kinematics:
-    flat_values = NOMINAL.flat()
+    flat_values = NOMINAL.parameters
     shorter = {n: v - forearms_mm for n, v in flat_values.items() if n.endswith("forearm_mm")}
     return par4(flat_values | shorter)
 

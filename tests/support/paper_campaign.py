@@ -146,11 +146,11 @@ class PaperCampaign:
             journal.append(Finding("load", body))
 
     def robot_digest(self) -> str:
-        return with_values(NOMINAL.robot, self.controller.flat()).digest()
+        return with_values(NOMINAL.robot, self.controller.parameters).digest()
 
     def outcome(self, number: int, attempt: int, joints: np.ndarray) -> Outcome:
         """What controller and tracker say at these joints."""
-        true = {**NOMINAL.robot.geometry_flat()}
+        true = {**NOMINAL.robot.parameters}
         true |= {name: true[name] + error for name, error in ERRORS.items()}
         point = par4(true).forward(joints[None]).values_or_raise()[:, :3]
         seen = TRACKER_FROM_BASE.apply(point)[0] + self.rng.normal(0.0, self.noise_mm, 3)

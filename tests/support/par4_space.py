@@ -7,6 +7,7 @@ import numpy as np
 
 from campaigns.mechanisms.mechanism import Kinematics, Limits
 from campaigns.mechanisms.par4 import PAR4
+from campaigns.mechanisms.parameters import Parameters
 from campaigns.robots.robot import RobotFile
 
 SPACE = PAR4.parameters
@@ -38,7 +39,7 @@ def places_of(field: str) -> np.ndarray:
 
 def par4(flat: Mapping[str, float]) -> Kinematics:
     """Robot of values by name, mm and deg."""
-    return Kinematics.from_flat(PAR4, flat)
+    return Kinematics.of(PAR4, flat)
 
 
 def par4_of(vector: np.ndarray) -> Kinematics:
@@ -53,7 +54,5 @@ def turning_limits(joint, theta, swing_rad, **margins) -> Limits:
 
 def with_values(robot: RobotFile, flat: Mapping[str, float]) -> RobotFile:
     """Robot file with some of its values replaced, mm and deg."""
-    values = RobotFile.from_flat(
-        robot.mechanism, robot.geometry_flat() | dict(flat), name=robot.name, limits=robot.limits
-    ).values
-    return replace(robot, values=values)
+    parameters = Parameters.of(robot.parameters.space, robot.parameters | flat)
+    return replace(robot, parameters=parameters)

@@ -10,7 +10,7 @@ from campaigns.robots.robot import find_robot
 from drivers.errors import LimitViolation
 from drivers.values import Pose
 
-FLAT = find_robot("par4-prototype").robot.geometry_flat()
+FLAT = dict(find_robot("par4-prototype").robot.parameters)
 POSE = Pose(120.0, -80.0, -600.0, radians(20.0))
 
 

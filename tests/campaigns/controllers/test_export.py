@@ -45,7 +45,7 @@ def entry(name: str, old: float) -> dict[str, object]:
 
 
 def body(nominal: RobotDocument, **changes: object) -> dict[str, object]:
-    flat = nominal.robot.geometry_flat()
+    flat = dict(nominal.robot.parameters)
     found = {
         "schema": "pkmcal/identification/1",
         "estimator": "distances",
@@ -85,11 +85,11 @@ def test_exported_parameters_and_deviations_are_read_back(
         path, compensated_robot("press 4", nominal, finding(nominal)), overwrite=False
     )
     robot = read_robot(path).robot
-    old = nominal.robot.geometry_flat()
+    old = dict(nominal.robot.parameters)
     for name in NAMES:
         free = name.endswith(("arm_mm", "plate_mm"))
-        assert robot.geometry_flat()[name] == old[name] + (0.25 if free else 0.0)
-        assert (robot.uncertainty or {}).get(name) == (0.01 if free else None)
+        assert robot.parameters[name] == old[name] + (0.25 if free else 0.0)
+        assert (robot.parameters.std or {}).get(name) == (0.01 if free else None)
     assert robot.name == "line-3-compensated"
     assert robot.limits == nominal.robot.limits
 
@@ -99,10 +99,10 @@ def test_axis_tilts_are_exported_and_backlash_is_not(nominal: RobotDocument) -> 
     extended = {"arm2.axis_tilt_deg": beyond, "arm2.backlash_deg": beyond}
     parameters = body(nominal)["parameters"] | extended
     robot = compensated_robot("press 4", nominal, finding(nominal, parameters=parameters)).robot
-    tilts = {name: v for name, v in robot.geometry_flat().items() if name in AXIS_TILT_NAMES}
+    tilts = {name: v for name, v in robot.parameters.items() if name in AXIS_TILT_NAMES}
     assert tilts == {"arm2.axis_tilt_deg": 0.02}
-    assert (robot.uncertainty or {})["arm2.axis_tilt_deg"] == 0.001
-    assert not any("backlash" in name for name in robot.uncertainty or {})
+    assert (robot.parameters.std or {})["arm2.axis_tilt_deg"] == 0.001
+    assert not any("backlash" in name for name in robot.parameters.std or {})
 
 
 def test_provenance_says_where_everything_comes_from(nominal: RobotDocument) -> None:

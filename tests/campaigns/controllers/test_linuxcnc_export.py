@@ -30,7 +30,7 @@ geometries = st.fixed_dictionaries(
 
 
 def robot_with(**changes):
-    flat = NOMINAL.geometry_flat() | {name.replace("__", "."): v for name, v in changes.items()}
+    flat = NOMINAL.parameters | {name.replace("__", "."): v for name, v in changes.items()}
     return WHOSE.having(flat, "changed")
 
 
@@ -41,7 +41,7 @@ def text_of(robot=NOMINAL):
 @given(geometries)
 def test_every_double_is_read_as_it_was_written(geometry):
     robot = WHOSE.having(geometry, "drawn")
-    assert parse_hal(text_of(robot), "calib.hal", WHOSE).geometry_flat() == geometry
+    assert parse_hal(text_of(robot), "calib.hal", WHOSE).parameters == geometry
 
 
 def test_file_is_one_setting_a_parameter_named_after_it():
@@ -53,7 +53,7 @@ def test_file_is_one_setting_a_parameter_named_after_it():
 
 def test_a_set_with_axis_tilts_and_skews_is_read_as_it_was_written(tmp_path):
     file = CalibrationFile(tmp_path / "calib.hal", WHOSE)
-    geometry = NOMINAL.geometry_flat() | TILTED
+    geometry = NOMINAL.parameters | TILTED
     file.write(geometry)
     assert file.read() == geometry
 
@@ -81,7 +81,7 @@ def test_a_nominal_robot_with_axis_tilts_stands_for_a_file_that_is_not_there(tmp
     file = CalibrationFile(
         tmp_path / "calib.hal", RobotIdentity("PAR4-7", tilted), otherwise=tilted
     )
-    assert file.read() == tilted.geometry_flat()
+    assert file.read() == dict(tilted.parameters)
 
 
 @pytest.mark.parametrize("name", MECHANISMS)
@@ -93,7 +93,7 @@ def test_every_mechanism_is_written_and_read(name):
     }
     for robot in (nominal, with_values(nominal, extended)):
         found = parse_hal(hal_text(robot, "SN-1"), "calib.hal", whose)
-        assert found.geometry_flat() == robot.geometry_flat()
+        assert dict(found.parameters) == dict(robot.parameters)
 
 
 def test_a_file_of_another_mechanism_is_refused():
@@ -104,7 +104,7 @@ def test_a_file_of_another_mechanism_is_refused():
 
 def test_a_file_that_was_written_for_par4kins_is_still_read():
     text = text_of().replace("setp pkmkins.", "setp par4kins.")
-    assert parse_hal(text, "calib.hal", WHOSE).geometry_flat() == NOMINAL.geometry_flat()
+    assert dict(parse_hal(text, "calib.hal", WHOSE).parameters) == dict(NOMINAL.parameters)
 
 
 def test_heading_says_whose_it_is_and_where_it_comes_from():
@@ -139,7 +139,7 @@ def test_file_changed_by_hand_is_refused_until_it_says_so():
         parse_hal(text, "calib.hal", WHOSE)
     assert "delete the line sha256" in error.value.remedy
     without = "\n".join(line for line in text.splitlines() if "sha256" not in line)
-    assert parse_hal(without, "calib.hal", WHOSE).geometry_flat()["plate_mm"] == 100.5
+    assert parse_hal(without, "calib.hal", WHOSE).parameters["plate_mm"] == 100.5
 
 
 @pytest.mark.parametrize(
@@ -174,9 +174,9 @@ def test_export_does_not_overwrite_unasked(tmp_path):
 def test_written_file_keeps_the_last_good_one_beside(tmp_path):
     path = tmp_path / "calib.hal"
     file = CalibrationFile(path, WHOSE)
-    file.write(NOMINAL.geometry_flat())
+    file.write(dict(NOMINAL.parameters))
     before = path.read_text()
-    file.write(robot_with(plate_mm=101.0).geometry_flat())
+    file.write(dict(robot_with(plate_mm=101.0).parameters))
     assert file.read()["plate_mm"] == 101.0
     assert file.last_good.read_text() == before
 
@@ -186,14 +186,14 @@ def test_what_was_written_last_can_be_taken_back_to_the_byte(tmp_path):
     write_hal(path, NOMINAL, "PAR4-7", overwrite=False)
     before = path.read_text()
     file = CalibrationFile(path, WHOSE)
-    file.write(robot_with(plate_mm=101.0).geometry_flat())
+    file.write(dict(robot_with(plate_mm=101.0).parameters))
     file.take_back()
     assert path.read_text() == before
 
 
 def test_first_file_is_taken_back_by_removing_it(tmp_path):
     file = CalibrationFile(tmp_path / "calib.hal", WHOSE)
-    file.write(NOMINAL.geometry_flat())
+    file.write(dict(NOMINAL.parameters))
     file.take_back()
     assert not (tmp_path / "calib.hal").exists()
 
@@ -205,7 +205,7 @@ def test_another_robots_file_is_neither_read_nor_replaced(tmp_path):
     with pytest.raises(ConfigInvalid, match="of robot 'PAR4-8'"):
         file.read()
     with pytest.raises(ConfigInvalid, match="of robot 'PAR4-8'"):
-        file.write(NOMINAL.geometry_flat())
+        file.write(dict(NOMINAL.parameters))
     assert "PAR4-8" in path.read_text()
 
 
@@ -217,8 +217,8 @@ def test_missing_file_is_told_with_the_command_that_writes_it(tmp_path):
 
 def test_controller_that_only_takes_joints_begins_with_the_nominal_set(tmp_path):
     file = CalibrationFile(tmp_path / "active.hal", WHOSE, otherwise=NOMINAL)
-    assert file.read() == NOMINAL.geometry_flat()
-    file.write(robot_with(plate_mm=101.0).geometry_flat())
+    assert file.read() == dict(NOMINAL.parameters)
+    file.write(dict(robot_with(plate_mm=101.0).parameters))
     assert file.read()["plate_mm"] == 101.0
 
 

@@ -9,9 +9,10 @@ from par4_space import NAMES, with_values
 
 from campaigns.controllers.load import changes, differing, write_verified
 from campaigns.errors import LoadNotVerified
+from campaigns.mechanisms.parameters import Parameters
 from drivers.errors import DeviceRefused, DriverError, LinkDown
 
-OLD = ROBOT.geometry_flat()
+OLD = dict(ROBOT.parameters)
 NEW = OLD | {"plate_mm": 101.25, "arm0.arm_mm": 350.5}
 DOWN = LinkDown("no answer to COMMIT within 15 s", remedy="check the cable")
 REFUSED = DeviceRefused("the robot moves", remedy="wait", code="BUSY")
@@ -173,7 +174,8 @@ def test_old_parameters_that_do_not_come_back_are_loud(
 
 
 def test_changes_are_told_in_units_of_their_deviation() -> None:
-    robot = replace(with_values(ROBOT, NEW), uncertainty={"plate_mm": 0.05})
+    parameters = Parameters.of(ROBOT.parameters.space, NEW, {"plate_mm": 0.05})
+    robot = replace(ROBOT, parameters=parameters)
     found = {change.name: change for change in changes(OLD, robot)}
     assert list(found) == list(NAMES)
     assert found["plate_mm"].delta == 1.25

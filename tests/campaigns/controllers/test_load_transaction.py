@@ -34,12 +34,12 @@ from campaigns.errors import (
 )
 from campaigns.journal.records import Finding
 from campaigns.measuring.shot_taker import Cell
-from campaigns.robots.robot import Compensation, compensated, find_robot, read_robot
+from campaigns.robots.robot import compensated, find_robot, read_robot
 from drivers.errors import DeviceRefused
 from drivers.values import Identity
 
 EXPORTED = "robot-compensated.yaml"
-OLD = NOMINAL.robot.geometry_flat()
+OLD = dict(NOMINAL.robot.parameters)
 FORCED = LoadTerms(force=True)
 
 
@@ -110,7 +110,7 @@ def rolled_back(campaign: Campaign, controller: Controller, **terms: object) -> 
 
 
 def new_set(campaign: Campaign) -> dict[str, float]:
-    return read_robot(campaign.path(EXPORTED)).robot.geometry_flat()
+    return read_robot(campaign.path(EXPORTED)).robot.parameters
 
 
 def changed(
@@ -120,8 +120,8 @@ def changed(
     robot = read_robot(of.path(EXPORTED)).robot
     stated = {**(robot.provenance or {}), **provenance}
     path = of.path(f"changed-{len(list(of.folder.glob('changed-*')))}.yaml")
-    geometry = robot.geometry_flat() | dict(values or {})
-    document = compensated(NOMINAL, Compensation("changed", geometry, {}, stated))
+    geometry = robot.parameters | dict(values or {})
+    document = compensated(NOMINAL, "changed", geometry, stated)
     path.write_text(document.document.text, encoding="utf-8")
     return path
 
@@ -380,7 +380,7 @@ def test_rollback_of_another_controllers_load_is_refused(campaign: Campaign) -> 
 
 def test_journal_from_before_loads_were_begun_is_walked_back(campaign: Campaign) -> None:
     """Its rollbacks are known by the kept file that they put back."""
-    kept = compensated(NOMINAL, Compensation("kept", OLD, {}, {})).document.text
+    kept = compensated(NOMINAL, "kept", OLD).document.text
     campaign.path("controller-before-1.yaml").write_text(kept, encoding="utf-8")
     digest = read_robot(campaign.path(EXPORTED)).robot.digest()
 

@@ -217,7 +217,7 @@ def test_what_nothing_tells_stays_nominal_along_its_combination(joints, measured
 
 
 def test_everything_free_is_held_along_four_shifts_and_turns(joints, measured):
-    free = tuple(name for name in NOMINAL.flat())
+    free = tuple(name for name in NOMINAL.parameters)
     found = estimate(points(joints, measured, free), 29, PLAIN, known_variance=True)
     assert found.seen.rank < 29
     assert found.fit.converged

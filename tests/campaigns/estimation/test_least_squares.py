@@ -40,7 +40,7 @@ def distances(name):
 
 
 def assert_same_robot(geometry, document, within_mm, within_deg):
-    found = geometry.flat()
+    found = geometry.parameters
     for name, expected in flat_in(document).items():
         within = within_deg if name.endswith("_deg") else within_mm
         assert found[name] == pytest.approx(expected, abs=within), name

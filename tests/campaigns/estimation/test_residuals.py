@@ -173,9 +173,10 @@ def test_the_model_s_memory_changes_no_answer():
 def test_the_model_replaces_only_what_is_free():
     freed = indices(("arm2.forearm_mm", "plate_mm"))
     geometry = PositionModel(NOMINAL, freed, JOINTS).kinematics(np.array([701.5, 98.0]))
-    changed = {n: v for n, v in geometry.flat().items() if v != pytest.approx(NOMINAL.flat()[n])}
+    nominal = NOMINAL.parameters
+    changed = {n: v for n, v in geometry.parameters.items() if v != pytest.approx(nominal[n])}
     assert changed == {"arm2.forearm_mm": 701.5, "plate_mm": 98.0}
-    assert tuple(geometry.flat()) == NAMES
+    assert tuple(geometry.parameters) == NAMES
 
 
 def test_after_parameters_without_an_assembly_the_model_goes_on():

@@ -24,7 +24,7 @@ from campaigns.robots.robot import find_robot
 
 NOISE_MM = 0.015 / 3**0.5
 FREE = indices(FREE_BY_DEFAULT)
-NOMINAL = par4(find_robot("par4-prototype").robot.geometry_flat())
+NOMINAL = par4(dict(find_robot("par4-prototype").robot.parameters))
 
 
 @pytest.fixture(scope="module")

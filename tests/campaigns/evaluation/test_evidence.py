@@ -130,7 +130,7 @@ def test_no_figure_that_is_not_formed_as_the_standard_forms_it_has_a_symbol(
 
 def test_the_truth_lies_within_the_stated_deviations(contents: Evaluation) -> None:
     parameters = contents.evidence.identification.parameters
-    true = NOMINAL.robot.geometry_flat()
+    true = dict(NOMINAL.robot.parameters)
     misses = [
         (each.value - true[name] - ERRORS.get(name, 0.0)) / each.std
         for name, each in parameters.items()

@@ -40,7 +40,7 @@ def measured(name, seed=1, share=0.3):
     space, rng = robot.mechanism.parameters, np.random.default_rng(seed)
     limits = np.array(
         [
-            0.0 if "tilt" in each or "azimuth" in each else robot.tolerance.of(each)
+            0.0 if "tilt" in each or "azimuth" in each else robot.tolerance.of(space[each])
             for each in space.geometry
         ]
     )
@@ -168,15 +168,16 @@ def test_a_point_farther_than_any_tracker_sees_is_named():
 
 
 def test_changes_beyond_the_tolerance_are_told_largest_first():
-    told = [*beyond_tolerance(Tolerance(), {"a_mm": 12.0, "b_deg": -50.0, "c_mm": 9.9})]
-    assert told == [
-        "b_deg changed by -50°, tolerance ± 5°",
-        "a_mm changed by +12 mm, tolerance ± 10 mm",
+    changes = {"arm0.x_mm": 12.0, "arm1.joint_offset_deg": -50.0, "plate_mm": 9.9}
+    space = find_robot("par4-prototype").robot.parameters.space
+    assert [*beyond_tolerance(space, Tolerance(), changes)] == [
+        "arm1.joint_offset_deg changed by -50°, tolerance ± 5°",
+        "arm0.x_mm changed by +12 mm, tolerance ± 10 mm",
     ]
 
 
 class TestCommonScale:
-    NOMINAL = find_robot("par4-prototype").robot.geometry_flat()
+    NOMINAL = find_robot("par4-prototype").robot.parameters
 
     def held(self, name):
         """The first arm's place, which the frame's origin keeps; 0 of what is no place."""

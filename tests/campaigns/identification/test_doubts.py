@@ -84,7 +84,7 @@ def test_unseen_pairs_worse_than_their_sigmas_leave_it_open_unless_limits_are_me
 @pytest.mark.parametrize("seed", range(3))
 def test_sigma_of_22_pairs_is_true_by_the_coordinates_of_their_shots(seed):
     found = identified(noisy(simulated(22, 6, seed=seed), seed), Estimator.DISTANCES)
-    truth = TRUTH.flat()
+    truth = TRUTH.parameters
     sigmas = [
         (each.value - truth[name]) / each.std
         for name, each in found.parameters.items()

@@ -108,7 +108,7 @@ def test_as_many_pairs_as_parameters_of_equal_weight_give_no_deviations() -> Non
 def test_as_many_pairs_as_parameters_have_deviations_by_what_their_coordinates_show() -> None:
     found = by_distances(noisy(simulated(22, 5, seed=3), seed=1))
     assert found.dof == 0
-    truth = TRUTH.flat()
+    truth = TRUTH.parameters
     sigmas = [
         abs(values(found)[name] - truth[name]) / std
         for name, std in deviations(found).items()
@@ -136,7 +136,7 @@ def test_held_parameters_stay_as_they_were() -> None:
     found = by_distances(simulated(60, 20, seed=1), fix=["plate_mm"])
     plate = found.parameters["plate_mm"]
     assert (plate.free, plate.delta, plate.std) == (False, 0.0, None)
-    assert plate.value == NOMINAL.flat()["plate_mm"]
+    assert plate.value == NOMINAL.parameters["plate_mm"]
     assert len(found.free) == 21
 
 
@@ -199,7 +199,7 @@ def test_distances_begin_where_the_coordinates_beside_them_end() -> None:
     truth = shortened(110.0)
     found = by_distances(simulated(60, 20, seed=1, truth=truth))
     assert found.converged
-    assert found.flat() == pytest.approx(truth.flat(), abs=1e-6)
+    assert found.flat() == pytest.approx(truth.parameters, abs=1e-6)
     assert found.verdict == "fail"
 
 
@@ -207,7 +207,7 @@ def test_distances_begin_where_the_coordinates_beside_them_end() -> None:
 def test_stated_deviations_are_those_that_repeated_campaigns_show() -> None:
     """Monte Carlo: (value - truth) / σ over 60 campaigns has variance 1, within its own error."""
     exact = simulated(60, 0, seed=1)
-    truth = TRUTH.flat()
+    truth = TRUTH.parameters
     scores = []
     for seed in range(60):
         found = by_distances(noisy(exact, seed))

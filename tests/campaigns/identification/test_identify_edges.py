@@ -28,7 +28,8 @@ from campaigns.identification.parameter_selection import select_parameters
 from campaigns.shots.shot_sets import ShotSet
 
 BOTH = pytest.mark.parametrize("estimator", list(Estimator))
-LITTLE_OFF = par4(NOMINAL.flat() | {"arm1.x_mm": 172.2, "arm2.forearm_mm": 700.3, "plate_mm": 99.9})
+OFF = {"arm1.x_mm": 172.2, "arm2.forearm_mm": 700.3, "plate_mm": 99.9}
+LITTLE_OFF = par4(NOMINAL.parameters | OFF)
 
 
 def at_one_theta(theta_rad: float, spread_rad: float = 0.0):
@@ -65,7 +66,7 @@ def test_a_robust_loss_of_few_distances_stays_honest(shape: LossShape) -> None:
     data = noisy(simulated(30, 8, seed=3, truth=LITTLE_OFF), 4)
     found = identified(data, Estimator.DISTANCES, loss=shape)
     assert found.chi2.scale > 0.5
-    truth = LITTLE_OFF.flat()
+    truth = LITTLE_OFF.parameters
     for name, std in deviations(found).items():
         if std is not None:
             assert abs(values(found)[name] - truth[name]) < 4.5 * std, name

@@ -17,7 +17,7 @@ from par4_space import NAMES
 
 from campaigns.estimation.estimators import Estimator, LossShape
 
-NOMINAL_PLATE_MM = NOMINAL.flat()["plate_mm"]
+NOMINAL_PLATE_MM = NOMINAL.parameters["plate_mm"]
 AZIMUTHS = {f"arm{arm}.azimuth_deg" for arm in range(4)}
 SHIFT_ALONG_X = {f"arm{arm}.x_mm" for arm in range(4)}
 CLEAN = noisy(simulated(60, 20, seed=1), seed=2)
@@ -41,7 +41,7 @@ def test_what_is_held_does_not_walk_off(estimator) -> None:
     found = identified(CLEAN, estimator, free=["arm*.azimuth_deg"])
     (turn,) = found.unobservable
     assert set(turn) >= AZIMUTHS
-    nominal = NOMINAL.flat()
+    nominal = NOMINAL.parameters
     assert max(abs(values(found)[name] - nominal[name]) for name in AZIMUTHS) < 1.0
     assert found.converged
 
@@ -64,7 +64,7 @@ def test_a_prior_covers_what_the_data_cannot_tell(estimator) -> None:
     assert [set(names) for names in found.known_by_priors_alone] == [SHIFT_ALONG_X]
     assert found.verdict == "pass"
     assert deviations(found)["arm0.x_mm"] == pytest.approx(0.2, rel=0.01)
-    assert values(found)["arm0.x_mm"] == pytest.approx(NOMINAL.flat()["arm0.x_mm"], abs=0.1)
+    assert values(found)["arm0.x_mm"] == pytest.approx(NOMINAL.parameters["arm0.x_mm"], abs=0.1)
 
 
 @BOTH
@@ -82,7 +82,7 @@ def test_a_good_prior_sharpens_what_hangs_together_with_it(estimator) -> None:
 @BOTH
 def test_a_wrong_prior_makes_the_scatter_unbelievable(estimator) -> None:
     """Table I's plate is far from nominal: a prior that denies it contradicts the shots."""
-    assert abs(TRUTH.flat()["plate_mm"] - NOMINAL_PLATE_MM) > 0.5
+    assert abs(TRUTH.parameters["plate_mm"] - NOMINAL_PLATE_MM) > 0.5
     found = identified(CLEAN, estimator, prior=["plate_mm=0.0001"])
     assert not found.chi2.believable
 

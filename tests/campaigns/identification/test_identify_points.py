@@ -38,7 +38,7 @@ def by_points(data: Shots, **options) -> IdentificationResult:
 
 def missed(found: IdentificationResult) -> float:
     """Largest distance of a free parameter from the truth, mm or deg."""
-    truth = TRUTH.flat()
+    truth = TRUTH.parameters
     return max(abs(value - truth[name]) for name, value in values(found).items())
 
 

@@ -111,7 +111,7 @@ def test_unequal_rods_are_found_and_no_more_kept_than_they_need():
     assert kept(choice) == "rods"
     found = choice.parameters
     for name in SKEW_NAMES:
-        assert abs(found[name].value - par4_of(p).flat()[name]) < 4.0 * found[name].std
+        assert abs(found[name].value - par4_of(p).parameters[name]) < 4.0 * found[name].std
 
 
 def test_a_model_that_is_asked_for_is_kept_whatever_speaks_against_it():

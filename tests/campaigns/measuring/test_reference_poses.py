@@ -25,7 +25,7 @@ STD_MM = 0.015
 STEPS = joint_steps(FOUR_PAIRS)
 SCATTER = ReferenceScatter(NONE, TrackerUncertainty())
 COVARIANCE = tuple(tuple(row) for row in (STD_MM**2 * np.eye(3)).tolist())
-TRUE = par4({**ROBOT.geometry_flat(), "arm1.arm_mm": ROBOT.geometry_flat()["arm1.arm_mm"] + 0.8})
+TRUE = par4({**ROBOT.parameters, "arm1.arm_mm": ROBOT.parameters["arm1.arm_mm"] + 0.8})
 
 
 def outcomes(
@@ -106,8 +106,8 @@ def test_slipped_encoder_is_named_with_its_angle(joint: int) -> None:
 
 def test_grown_arm_is_neither_trackers_nor_an_encoders() -> None:
     rng = np.random.default_rng(5)
-    forearm_mm = ROBOT.geometry_flat()["arm2.forearm_mm"]
-    grown = par4({**ROBOT.geometry_flat(), "arm2.forearm_mm": forearm_mm + 1.0})
+    forearm_mm = ROBOT.parameters["arm2.forearm_mm"]
+    grown = par4({**ROBOT.parameters, "arm2.forearm_mm": forearm_mm + 1.0})
     found = compared(outcomes(rng, NOMINAL), outcomes(rng, grown))
     assert found.change.startswith("the robot has changed: the points moved by")
 

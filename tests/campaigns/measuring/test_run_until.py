@@ -309,7 +309,7 @@ FEWER = tuple(name for name in FREE_BY_DEFAULT if not name.endswith("forearm_mm"
 
 
 def test_what_is_held_at_nominal_scatters_what_is_told_while_it_is_measured(tmp_path: Path) -> None:
-    off = par4(NOMINAL.flat() | {"arm1.forearm_mm": 700.8, "arm3.forearm_mm": 698.8})
+    off = par4(NOMINAL.parameters | {"arm1.forearm_mm": 700.8, "arm3.forearm_mm": 698.8})
     cell = noisy_cell(truth=off)
     with journal_in(tmp_path, cell.calls) as journal:
         shots = journal.shots(cell.measure(journal, freeing(FEWER)))
@@ -338,7 +338,7 @@ def test_parameters_held_wrongly_do_not_refuse_shots(tmp_path: Path) -> None:
 
     With this forearm held at 700 mm it would refuse, 3 mm off.
     """
-    long_armed = par4(NOMINAL.flat() | {"arm1.forearm_mm": 720.0})
+    long_armed = par4(NOMINAL.parameters | {"arm1.forearm_mm": 720.0})
     cell = noisy_cell(truth=long_armed)
     with journal_in(tmp_path, cell.calls) as journal:
         cell.measure(journal, freeing(FEWER))

@@ -115,7 +115,7 @@ class TestParameters:
     def test_and_limits_of_the_shipped_robot_are_the_reference_s(self):
         robot = find_robot("delta").robot
         assert robot.mechanism.name == DELTA.name
-        assert robot.geometry_flat() == flat_in(REFERENCE["robot"]["geometry"])
+        assert dict(robot.parameters) == flat_in(REFERENCE["robot"]["geometry"])
         assert robot.limits == LIMITS
         assert np.degrees(robot.limits.joint).tolist() == pytest.approx(
             REFERENCE["robot"]["limits"]["joint_deg"]

@@ -79,7 +79,7 @@ class TestReferenceVectors:
         robot, reference = member.shipped, member.reference
         expected = flat_in(reference["robot"]["geometry"])
         assert robot.mechanism.name == member.name
-        assert robot.geometry_flat() == pytest.approx(expected, abs=1e-12)
+        assert dict(robot.parameters) == pytest.approx(expected, abs=1e-12)
         assert robot.workspace_centre.tolist() == reference["home_mm_deg"]
         limits, joint = reference["robot"]["limits"], member.mechanism.joints[0]
         in_file = [joint.to_file(end) for end in robot.limits.joint]
@@ -165,7 +165,7 @@ class TestWhatShotsTell:
     @all_members
     def test_everything_in_files_but_what_fixes_the_frames(self, member):
         poses = member.reachable_poses(member.nominal, 200, seed=4)
-        told = [name for name in member.space.names if name not in member.space.fix_frame]
+        told = [name for name in member.space.names if name not in member.space.datum]
         for names in (told, member.space.names):
             assert rank(singular_values(member, member.nominal, poses, names)) == len(told) + 6
 
@@ -198,7 +198,7 @@ class TestFrame:
         seen = member.mechanism.in_frame_of(member.nominal.p, p)
         fixed = [
             name
-            for name in member.space.fix_frame
+            for name in member.space.datum
             if name in member.space.geometry and "azimuth" not in name
         ]
         places = member.space.places(fixed)

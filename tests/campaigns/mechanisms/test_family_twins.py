@@ -21,7 +21,7 @@ def kind_of(member):
 def twin(member, robot, *, rods_mm=0.0, tilts_rad=0.0, leans_rad=0.0, seed=0):
     """Rods of a robot whose plate joints are a few cm from its controlled point, each elsewhere."""
     arms, draw = member.space.arms, np.random.default_rng(seed)
-    flat = robot.flat()
+    flat = robot.parameters
     geometry = geometry_of({name: flat[name] for name in member.space.names}, kind_of(member))
     aside = 50.0 * geometry.outward + draw.uniform(-10.0, 10.0, (arms, 3))
     build = Build(
@@ -69,7 +69,7 @@ def test_perfect_rods_equal_the_contracted_model(member, which):
 @all_members
 def test_the_controller_s_own_inverse_agrees_with_the_model_s(member):
     robot = member.perturbed
-    flat = robot.flat()
+    flat = robot.parameters
     geometry = geometry_of({name: flat[name] for name in member.space.names}, kind_of(member))
     poses = member.reachable_poses(robot, 50, seed=42)
     joints = robot.inverse(poses).values_or_raise()
@@ -92,7 +92,7 @@ def test_names_of_parameters_and_joints_are_the_same(member):
 def test_it_follows_its_joints_over_the_workspace_and_back(member):
     robot = member.perturbed
     rods = twin(member, robot)
-    flat = robot.flat()
+    flat = robot.parameters
     geometry = geometry_of({name: flat[name] for name in member.space.names}, kind_of(member))
     centre = member.shipped.workspace_centre
     home = assemble(rods, geometry, centre[:3], 0.0, growth=0.0)
@@ -126,7 +126,7 @@ def test_unequal_rods_and_tilts_tilt_the_plate_and_move_the_reflector(member):
 def test_tilted_motors_hold_the_elbows_where_the_model_has_them(member):
     robot, arms = member.nominal, member.space.arms
     tilts = LARGE_RAD * np.random.default_rng(5).standard_normal(arms)
-    p, flat = robot.p.copy(), robot.flat()
+    p, flat = robot.p.copy(), robot.parameters
     p[member.space.places([f"arm{arm}.axis_tilt_deg" for arm in range(arms)])] = tilts
     geometry = geometry_of({name: flat[name] for name in member.space.names}, kind_of(member))
     rods = RodMechanism(geometry, Build(np.zeros((arms, 3)), 80.0, np.zeros((arms, 2)), tilts))
@@ -141,7 +141,7 @@ def test_tilted_motors_hold_the_elbows_where_the_model_has_them(member):
     "member", [each for each in MEMBERS if kind_of(each).on_rails], ids=lambda each: each.name
 )
 def test_leaning_rails_lead_their_carriages_aside_and_outward(member):
-    geometry = geometry_of(member.nominal.flat(), kind_of(member))
+    geometry = geometry_of(member.nominal.parameters, kind_of(member))
     arms = member.space.arms
     tilts, leans = np.full(arms, LARGE_RAD), np.full(arms, -0.5 * LARGE_RAD)
     build = Build(np.zeros((arms, 3)), 80.0, np.zeros((arms, 2)), tilts, leans)

@@ -30,22 +30,22 @@ def values_of(names):
 @given(values_of(GEOMETRY_NAMES))
 def test_names_and_vector_hold_the_same(flat):
     geometry = par4(flat)
-    told = dict.fromkeys(AXIS_TILT_NAMES + SKEW_NAMES, 0.0) | geometry.flat()
+    told = dict.fromkeys(AXIS_TILT_NAMES + SKEW_NAMES, 0.0) | geometry.parameters
     assert told == pytest.approx(flat, rel=1e-15, abs=1e-300)
-    assert par4(geometry.flat()).p == pytest.approx(geometry.p, rel=1e-15, abs=1e-300)
+    assert par4(geometry.parameters).p == pytest.approx(geometry.p, rel=1e-15, abs=1e-300)
 
 
 def test_a_robot_without_axis_tilts_has_the_29_names_of_files_and_controllers():
-    assert tuple(NOMINAL.flat()) == NAMES
+    assert tuple(NOMINAL.parameters) == NAMES
     assert (NOMINAL.p[TILTS] == 0.0).all()
 
 
 def test_an_axis_tilt_is_named_where_there_is_one():
-    flat = NOMINAL.flat() | {"arm2.axis_tilt_deg": 90.0}
+    flat = NOMINAL.parameters | {"arm2.axis_tilt_deg": 90.0}
     geometry = par4(flat)
     assert geometry.p[TILTS].tolist() == [0.0, 0.0, np.pi / 2, 0.0]
-    assert geometry.flat().keys() - set(NAMES) == {"arm2.axis_tilt_deg"}
-    assert par4(TILTED.flat()).p == pytest.approx(TILTED.p, rel=1e-15)
+    assert geometry.parameters.keys() - set(NAMES) == {"arm2.axis_tilt_deg"}
+    assert par4(TILTED.parameters).p == pytest.approx(TILTED.p, rel=1e-15)
 
 
 def test_files_hold_degrees_and_the_inside_radians():
@@ -58,7 +58,7 @@ def test_files_hold_degrees_and_the_inside_radians():
 
 
 def test_a_missing_parameter_is_named():
-    flat = NOMINAL.flat()
+    flat = dict(NOMINAL.parameters)
     del flat["arm1.forearm_mm"]
     with pytest.raises(KeyError, match=r"arm1\.forearm_mm"):
         par4(flat)

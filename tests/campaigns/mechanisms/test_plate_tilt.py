@@ -44,7 +44,7 @@ def made(rods_mm, tilts_rad):
 def settled(rods_mm, tilts_rad, joints, near):
     """Reflector less its place on a level plate (N, 3), and the plate's rotation vectors (N, 3)."""
     build = Build(np.array(DRAWING.joints_mm), SPACING_MM, rods_mm, tilts_rad)
-    rods = RodMechanism(geometry_of(NOMINAL.flat()), build)
+    rods = RodMechanism(geometry_of(NOMINAL.parameters), build)
     plates = [
         rods.settle(q, 0.0, Plate(np.array([*x[:3], 0.0, 0.0, 0.0, x[3]])))[0]
         for q, x in zip(joints, near, strict=True)
@@ -150,7 +150,7 @@ def test_a_drawing_is_read_from_the_robot_s_file_and_typical_without_one():
 def rods_of(member, rods_mm, tilts_rad, leans_rad):
     """Simulator's rods of a member, and the model's robot of the same parts."""
     space, plate, kind = member.space, member.mechanism.plate, KINDS[member.name]
-    flat = member.nominal.flat()
+    flat = member.nominal.parameters
     geometry = geometry_of({name: flat[name] for name in kind.names}, kind)
     leans = leans_rad if kind.on_rails else None
     build = Build(np.array(plate.joints_mm), SPACING_MM, rods_mm, tilts_rad, leans)

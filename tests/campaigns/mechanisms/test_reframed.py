@@ -29,7 +29,7 @@ def apart_mm(member, one, other):
 @pytest.mark.parametrize("member", MEMBERS, ids=lambda each: each.name)
 def test_the_frame_s_parameters_of_imperfect_parts_become_nominal(member):
     seen = member.mechanism.in_frame_of(member.nominal.p, of_parts(member, 2e-3).p)
-    held = [name for name in member.space.fix_frame if name in member.space.geometry]
+    held = [name for name in member.space.datum if name in member.space.geometry]
     places = member.space.places([name for name in held if not name.endswith("azimuth_deg")])
     assert seen[places] == pytest.approx(member.nominal.p[places], abs=1e-9)
 

@@ -13,7 +13,7 @@ PLATE_JOINTS_MM = np.array([[-60, 5, 3], [55, 0, -2], [60, 10, 0], [-70, 0, 4.0]
 
 
 def eight_rods(geometry, rod_spacing_mm=80.0):
-    flat = geometry.flat()
+    flat = geometry.parameters
     build = Build(
         plate_joints_mm=PLATE_JOINTS_MM,
         rod_spacing_mm=rod_spacing_mm,
@@ -50,7 +50,7 @@ def test_perfect_rods_stand_where_the_contracted_model_says(robot):
 def test_tilted_axes_leave_the_level_model():
     """What makes the comparison above able to fail: a model without tilts misses by so much."""
     joints = reachable_joints(TILTED, 20, seed=92)
-    flat = NOMINAL.flat() | {f"arm{arm}.axis_tilt_deg": np.degrees(5e-4) for arm in range(4)}
+    flat = NOMINAL.parameters | {f"arm{arm}.axis_tilt_deg": np.degrees(5e-4) for arm in range(4)}
     poses = NOMINAL.forward(joints).values_or_raise()
     rods = eight_rods(par4(flat))
     plates = np.array([settled(rods, *row) for row in zip(joints, poses, strict=True)])

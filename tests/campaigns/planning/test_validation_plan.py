@@ -65,7 +65,7 @@ def test_only_what_is_asked_for_is_measured(purpose: ShotSet) -> None:
 
 
 def test_joints_of_a_step_are_those_of_its_pose_with_the_controllers_geometry() -> None:
-    other = par4(NOMINAL.flat() | {"plate_mm": 103.0})
+    other = par4(NOMINAL.parameters | {"plate_mm": 103.0})
     for step in steps(robot=Reachable(other, LIMITS)).steps:
         joints = np.array([step.planned.joints])
         away = other.forward(joints).values_or_raise()[0] - pose_row(step.planned.pose)
@@ -177,7 +177,7 @@ def test_unsafe_way_between_poses_is_refused_beforehand(monkeypatch: pytest.Monk
 
 
 def test_corrected_poses_bring_the_nominal_controller_to_the_joints_of_the_wanted_ones() -> None:
-    real = par4(NOMINAL.flat() | {"plate_mm": 103.0, "arm1.arm_mm": 351.0})
+    real = par4(NOMINAL.parameters | {"plate_mm": 103.0, "arm1.arm_mm": 351.0})
     correct = TargetCorrection(real, NOMINAL, LIMITS).commanded
     found = steps(robot=Reachable(real, LIMITS, correct=correct))
     assert len(found.steps) > 90

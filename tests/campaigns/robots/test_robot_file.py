@@ -1,5 +1,6 @@
 """Robot files: read, checked, compensated, written."""
 
+import hashlib
 import json
 import math
 from pathlib import Path
@@ -12,8 +13,8 @@ from par4_space import AXIS_TILT_NAMES, NAMES, indices
 from campaigns.errors import ConfigInvalid, OutputExists
 from campaigns.mechanisms.delta import DELTA
 from campaigns.mechanisms.par4 import PAR4
+from campaigns.mechanisms.parameters import Parameters
 from campaigns.robots.robot import (
-    Compensation,
     RobotFile,
     compensated,
     find_robot,
@@ -28,6 +29,17 @@ LINE_OF_ARM_2 = 20
 LAST_LINE = "  forearm_swing_deg: 45.0\n"
 TILTS = {"arm0.axis_tilt_deg": 0.03, "arm3.axis_tilt_deg": -0.02}
 DIGEST_OF_PROTOTYPE = "169ab5bb17abe80aebf0d4aa7d3a40465facae8ace7c99c32b213d31a4ae0fc6"
+
+DIGESTS = {
+    "delta": ("56dbe97438f7e92c", "575da048a86c982d", "429f84a8a9b91816"),
+    "h4": ("22eb3c6826841239", "a7a1ae0190685b8b", "8a934a82dffa8388"),
+    "i4l": ("6711755e768466ee", "b88ea5dc03b9cf24", "77d5fde0aeda2699"),
+    "i4r": ("6a178fbbd804dd3e", "77775310f8305908", "fabb89c83fe99def"),
+    "linear-delta": ("6996612ec06c5875", "bb352505acc1ca48", "c3db4f9558fdc705"),
+    "par4-prototype": ("169ab5bb17abe80a", "674adb92234fdb78", "8e4ef425fab68b8e"),
+    "par4-table1": ("f6c8eb5cc6af5de5", "5ba2adb27bf2a2aa", "ac14ce5fd195a237"),
+}
+"""First digits of sha256: of the shipped geometry, of a changed one and of its file."""
 
 
 def geometry_in(vectors_geometry):
@@ -53,19 +65,19 @@ def complaint(folder, old, new):
     return said.removeprefix(f"{path}:")
 
 
-def compensation(**changes):
-    settings = {
-        "name": "par4-prototype compensated",
-        "geometry": PROTOTYPE.robot.geometry_flat(),
-        "uncertainty": {"arm1.x_mm": 0.05, "arm0.joint_offset_deg": 0.002},
-        "provenance": {"campaign": "spring", "shots": 120, "before_mm": {"max_abs": 7.25}},
-    }
-    return Compensation(**(settings | changes))
+UNCERTAINTY = {"arm0.joint_offset_deg": 0.002, "arm1.x_mm": 0.05}
+PROVENANCE = {"campaign": "spring", "shots": 120, "before_mm": {"max_abs": 7.25}}
+
+
+def changed(geometry=PROTOTYPE.robot.parameters, of=PROTOTYPE, std=None, provenance=PROVENANCE):
+    """A document with other parameters, their σ and where they come from."""
+    parameters = Parameters.of(PAR4.parameters, geometry, UNCERTAINTY if std is None else std)
+    return compensated(of, "par4-prototype compensated", parameters, provenance)
 
 
 def test_shipped_prototype_is_the_robot_of_the_reference_vectors():
     cases = json.loads((VECTORS / "kinematics.json").read_text())["cases"]
-    assert PROTOTYPE.robot.geometry_flat() == geometry_in(cases["nominal"]["geometry"])
+    assert PROTOTYPE.robot.parameters == geometry_in(cases["nominal"]["geometry"])
 
 
 def test_prototype_allows_what_the_validation_lines_need():
@@ -77,7 +89,7 @@ def test_prototype_allows_what_the_validation_lines_need():
 
 def test_table1_is_shipped_as_printed():
     robot = find_robot("par4-table1").robot
-    flat = robot.geometry_flat()
+    flat = robot.parameters
     printed_rule = [45.0 + (3 - arm) * 90.0 for arm in range(4)]
     assert [flat[f"arm{arm}.azimuth_deg"] for arm in range(4)] == printed_rule
     assert [flat[f"arm{arm}.forearm_mm"] for arm in range(4)] == [350.0] * 4
@@ -88,15 +100,15 @@ def test_a_robot_has_29_parameters_arm_by_arm_and_then_the_plate():
     assert len(NAMES) == 29
     assert NAMES[7:9] == ("arm1.x_mm", "arm1.y_mm")
     assert NAMES[-2:] == ("arm3.forearm_mm", "plate_mm")
-    assert tuple(PROTOTYPE.robot.geometry_flat()) == NAMES
+    assert tuple(PROTOTYPE.robot.parameters) == NAMES
 
 
 def test_a_delta_is_shipped_with_three_arms_no_plate_and_no_angle_to_limit():
     robot = find_robot("delta").robot
     assert robot.mechanism.name == DELTA.name
-    assert tuple(robot.geometry_flat()) == DELTA.parameters.names
+    assert tuple(robot.parameters) == DELTA.parameters.names
     assert len(DELTA.parameters.names) == 21
-    assert not any(name.startswith(("arm3", "plate")) for name in robot.geometry_flat())
+    assert not any(name.startswith(("arm3", "plate")) for name in robot.parameters)
     assert robot.limits.task == (None, None, None)
     assert robot.workspace_centre.tolist() == [0.0, 0.0, -700.0]
 
@@ -170,25 +182,23 @@ def test_key_path_names_the_arm(tmp_path):
 
 
 def test_digest_tells_parameters_that_differ_by_one_unit_in_the_last_place():
-    flat = PROTOTYPE.robot.geometry_flat()
-    changed = flat | {"arm2.arm_mm": math.nextafter(flat["arm2.arm_mm"], math.inf)}
+    flat = PROTOTYPE.robot.parameters
+    other = flat | {"arm2.arm_mm": math.nextafter(flat["arm2.arm_mm"], math.inf)}
     digests = [
-        RobotFile.from_flat(PAR4, each, name="x", limits=PROTOTYPE.robot.limits).digest()
-        for each in (flat, changed, flat)
+        RobotFile.of(PAR4, each, name="x", limits=PROTOTYPE.robot.limits).digest()
+        for each in (flat, other, flat)
     ]
     assert digests[0] == digests[2] != digests[1]
 
 
 def test_digest_does_not_tell_minus_zero_from_zero():
-    flat = PROTOTYPE.robot.geometry_flat()
-    robot = RobotFile.from_flat(
-        PAR4, flat | {"arm0.z_mm": -0.0}, name="x", limits=PROTOTYPE.robot.limits
-    )
+    flat = PROTOTYPE.robot.parameters
+    robot = RobotFile.of(PAR4, flat | {"arm0.z_mm": -0.0}, name="x", limits=PROTOTYPE.robot.limits)
     assert robot.digest() == PROTOTYPE.robot.digest()
 
 
 def test_changed_geometry_under_an_old_digest_is_refused_naming_both(tmp_path):
-    text = compensated(PROTOTYPE, compensation()).document.text
+    text = changed().document.text
     digest = PROTOTYPE.robot.digest()
     path = written(tmp_path, text.replace("plate_mm: 100.0", "plate_mm: 100.5"))
     with pytest.raises(ConfigInvalid) as caught:
@@ -203,22 +213,22 @@ def test_changed_geometry_under_an_old_digest_is_refused_naming_both(tmp_path):
     ("flat", "words"),
     [
         ({"plate_mm": 1.0}, "arm0.x_mm is missing"),
-        (PROTOTYPE.robot.geometry_flat() | {"arm4.x_mm": 1.0}, "arm4.x_mm is not a parameter"),
-        (PROTOTYPE.robot.geometry_flat() | {"plate_mm": math.nan}, "plate_mm is nan"),
+        (PROTOTYPE.robot.parameters | {"arm4.x_mm": 1.0}, "arm4.x_mm is not a parameter"),
+        (PROTOTYPE.robot.parameters | {"plate_mm": math.nan}, "plate_mm is nan"),
     ],
 )
 def test_parameters_that_are_not_the_29_make_no_robot(flat, words):
     with pytest.raises(ConfigInvalid, match=words):
-        RobotFile.from_flat(PAR4, flat, name="x", limits=PROTOTYPE.robot.limits)
+        RobotFile.of(PAR4, flat, name="x", limits=PROTOTYPE.robot.limits)
 
 
 def test_compensated_file_keeps_the_comments_and_changes_only_what_differs(tmp_path):
-    geometry = PROTOTYPE.robot.geometry_flat() | {"arm1.x_mm": 171.25}
-    text = compensated(PROTOTYPE, compensation(geometry=geometry)).document.text
+    geometry = PROTOTYPE.robot.parameters | {"arm1.x_mm": 171.25}
+    text = changed(geometry).document.text
     before = PROTOTYPE.document.text.splitlines()
     after = text.splitlines()[: len(before)]
-    changed = [(old, new) for old, new in zip(before, after, strict=True) if old != new]
-    assert changed == [
+    differing = [(old, new) for old, new in zip(before, after, strict=True) if old != new]
+    assert differing == [
         ("name: par4-prototype", "name: par4-prototype compensated"),
         (before[LINE_OF_ARM_0], before[LINE_OF_ARM_0].replace("172.5", "171.25")),
     ]
@@ -226,26 +236,26 @@ def test_compensated_file_keeps_the_comments_and_changes_only_what_differs(tmp_p
 
 def test_compensated_file_tells_uncertainty_provenance_and_digest(tmp_path):
     path = tmp_path / "compensated.yaml"
-    write_new_robot(path, compensated(PROTOTYPE, compensation()))
+    write_new_robot(path, changed())
     robot = read_robot(path).robot
-    assert robot.uncertainty == compensation().uncertainty
-    assert robot.provenance == compensation().provenance
+    assert robot.parameters.std == UNCERTAINTY
+    assert robot.provenance == PROVENANCE
     assert f"sha256: {robot.digest()}" in path.read_text(encoding="utf-8")
 
 
 def test_compensated_robot_can_be_the_next_nominal_one():
-    first = compensated(PROTOTYPE, compensation())
-    geometry = PROTOTYPE.robot.geometry_flat() | {"plate_mm": 101.5}
-    second = compensated(first, compensation(geometry=geometry, uncertainty={"plate_mm": 0.1}))
-    assert second.robot.geometry_flat() == geometry
-    assert second.robot.uncertainty == {"plate_mm": 0.1}
+    first = changed()
+    geometry = PROTOTYPE.robot.parameters | {"plate_mm": 101.5}
+    second = changed(geometry, of=first, std={"plate_mm": 0.1})
+    assert second.robot.parameters == geometry
+    assert second.robot.parameters.std == {"plate_mm": 0.1}
     assert second.document.text.startswith("# Par4, the prototype")
 
 
 def test_compensation_with_a_negative_length_makes_no_file():
-    geometry = PROTOTYPE.robot.geometry_flat() | {"arm0.arm_mm": -1.0}
+    geometry = PROTOTYPE.robot.parameters | {"arm0.arm_mm": -1.0}
     with pytest.raises(ConfigInvalid, match="must be above 0"):
-        compensated(PROTOTYPE, compensation(geometry=geometry))
+        changed(geometry)
 
 
 def test_existing_robot_file_is_not_overwritten(tmp_path):
@@ -256,26 +266,24 @@ def test_existing_robot_file_is_not_overwritten(tmp_path):
 
 
 def tilted(**changes):
-    return compensated(
-        PROTOTYPE, compensation(geometry=PROTOTYPE.robot.geometry_flat() | TILTS, **changes)
-    )
+    return changed(PROTOTYPE.robot.parameters | TILTS, **changes)
 
 
 def test_axis_tilts_are_written_where_there_are_any_and_read_back(tmp_path):
     path = tmp_path / "tilted.yaml"
-    write_new_robot(path, tilted(uncertainty={"arm0.axis_tilt_deg": 0.01}))
+    write_new_robot(path, tilted(std={"arm0.axis_tilt_deg": 0.01}))
     robot = read_robot(path).robot
     assert path.read_text(encoding="utf-8").count("axis_tilt_deg: ") == 3
-    assert robot.geometry_flat() == PROTOTYPE.robot.geometry_flat() | TILTS
-    assert robot.uncertainty == {"arm0.axis_tilt_deg": 0.01}
+    assert robot.parameters == PROTOTYPE.robot.parameters | TILTS
+    assert robot.parameters.std == {"arm0.axis_tilt_deg": 0.01}
     assert robot.is_extended
     tilts_rad = robot.kinematics.p[indices(AXIS_TILT_NAMES)]
     assert tilts_rad.tolist() == [math.radians(0.03), 0.0, 0.0, math.radians(-0.02)]
 
 
 def test_an_axis_that_is_tilted_no_more_loses_the_key(tmp_path):
-    assert "arm0.axis_tilt_deg" in tilted().robot.geometry_flat()
-    back = compensated(tilted(), compensation())
+    assert "arm0.axis_tilt_deg" in tilted().robot.parameters
+    back = changed(of=tilted())
     assert "axis_tilt_deg" not in back.document.text
     assert not back.robot.is_extended
     assert back.robot.digest() == PROTOTYPE.robot.digest()
@@ -285,22 +293,35 @@ def test_an_axis_tilt_of_zero_may_stand_in_a_file_and_changes_nothing(tmp_path):
     text = PROTOTYPE.document.text.replace("arm_mm: 350.0", "arm_mm: 350.0, axis_tilt_deg: 0.0", 1)
     document = read_robot(written(tmp_path, text))
     assert document.robot == PROTOTYPE.robot
-    assert "axis_tilt_deg: 0.0" in compensated(document, compensation()).document.text
+    assert "axis_tilt_deg: 0.0" in changed(of=document).document.text
+
+
+@pytest.mark.parametrize("name", DIGESTS)
+def test_digests_and_exported_files_of_every_shipped_robot_are_as_ever(name):
+    nominal = find_robot(name)
+    values, space = nominal.robot.parameters, nominal.robot.mechanism.parameters
+    other = {each: value + 0.1 * (i + 1) / 7 for i, (each, value) in enumerate(values.items())}
+    other |= {each: 0.01 * (i + 1) / 3 for i, each in enumerate(space.extensions)}
+    std = {each: 0.001 * (i + 1) / 3 for i, each in enumerate(space.free_in_full)}
+    made = compensated(nominal, "made", Parameters.of(space, other, std), {"campaign": "golden"})
+    text = hashlib.sha256(made.document.text.encode()).hexdigest()
+    found = (nominal.robot.digest(), made.robot.digest(), text)
+    assert tuple(each[:16] for each in found) == DIGESTS[name]
 
 
 def test_digest_tells_axis_tilts_and_is_as_ever_without_them():
     assert PROTOTYPE.robot.digest() == DIGEST_OF_PROTOTYPE
     assert tilted().robot.digest() != DIGEST_OF_PROTOTYPE
-    other = compensation(geometry=PROTOTYPE.robot.geometry_flat() | {"arm1.axis_tilt_deg": 0.03})
-    assert compensated(PROTOTYPE, other).robot.digest() != tilted().robot.digest()
+    other = changed(PROTOTYPE.robot.parameters | {"arm1.axis_tilt_deg": 0.03})
+    assert other.robot.digest() != tilted().robot.digest()
 
 
 def test_a_controller_is_told_29_parameters_or_why_not():
     lacking = PROTOTYPE.robot.mechanism.parameters.extensions
-    assert PROTOTYPE.robot.controller_flat(lacking) == PROTOTYPE.robot.geometry_flat()
-    assert tilted().robot.controller_flat(()) == tilted().robot.geometry_flat()
+    PROTOTYPE.robot.require_known(lacking)
+    tilted().robot.require_known(())
     with pytest.raises(ConfigInvalid) as caught:
-        tilted().robot.controller_flat(lacking)
+        tilted().robot.require_known(lacking)
     assert str(caught.value) == (
         "par4-prototype compensated: arm0.axis_tilt_deg is 0.03, but the controller's kinematics "
         "has no axis tilts → identify again with --fix 'arm*.axis_tilt_deg', and export again"
@@ -308,9 +329,9 @@ def test_a_controller_is_told_29_parameters_or_why_not():
 
 
 def test_a_backlash_is_no_parameter_of_a_robot():
-    flat = PROTOTYPE.robot.geometry_flat() | {"arm0.backlash_deg": 0.01}
+    flat = PROTOTYPE.robot.parameters | {"arm0.backlash_deg": 0.01}
     with pytest.raises(ConfigInvalid, match=r"arm0\.backlash_deg is not a parameter of a robot"):
-        RobotFile.from_flat(PAR4, flat, name="x", limits=PROTOTYPE.robot.limits)
+        RobotFile.of(PAR4, flat, name="x", limits=PROTOTYPE.robot.limits)
 
 
 lengths = st.floats(min_value=1e-6, max_value=1e5)
@@ -337,5 +358,5 @@ def any_value_of(name):
     )
 )
 def test_any_parameters_come_back_from_the_file_bit_by_bit(geometry):
-    robot = compensated(PROTOTYPE, compensation(geometry=geometry)).robot
-    assert robot.geometry_flat() == geometry
+    robot = changed(geometry).robot
+    assert robot.parameters == geometry

@@ -27,7 +27,7 @@ def drawn(name):
     """A robot with rods off by some 0.05 mm and axes off by 0.5 mrad, and poses within reach."""
     draw, nominal = np.random.default_rng(3), find_robot(ROBOTS[name]).robot
     space, kind = nominal.mechanism.parameters, KINDS[name]
-    outward = geometry_of(nominal.geometry_flat(), kind).outward
+    outward = geometry_of(dict(nominal.parameters), kind).outward
     drawing = PlateGeometry(50.0 * outward, SPACING_MM, np.array([0.0, 0.0, -45.0]))
     plate = Drawing(
         tuple(map(tuple, drawing.joints_mm.tolist())),
@@ -39,9 +39,9 @@ def drawn(name):
         key: draw.normal(0.0, scale["skew" if key.endswith("skew_deg") else "tilt"])
         for key in space.extensions
     }
-    robot = RobotFile.from_flat(
+    robot = RobotFile.of(
         replace(nominal, mechanism=nominal.mechanism.with_plate(plate)).mechanism,
-        nominal.geometry_flat() | extensions,
+        nominal.parameters | extensions,
         name=name,
         limits=nominal.limits,
     )
@@ -55,7 +55,7 @@ def drawn(name):
 @pytest.mark.parametrize("name", KINDS)
 def test_rods_put_the_reflector_where_the_models_tilted_plate_has_it(name):
     robot, kind, drawing, poses = drawn(name)
-    flat = robot.geometry_flat()
+    flat = dict(robot.parameters)
     wanted = [(pose[:3], float(pose[3:].sum())) for pose in poses]
     tilted = np.array([tilted_joints_for(flat, kind, drawing, *pose) for pose in wanted])
     plain = np.array([joints_for(geometry_of(flat, kind), *pose) for pose in wanted])
@@ -72,12 +72,12 @@ def test_pose_out_of_reach_is_told():
     robot, kind, drawing, _ = drawn("delta")
     with pytest.raises(OutOfReach):
         tilted_joints_for(
-            robot.geometry_flat(), kind, drawing, np.array([3000.0, 0.0, -500.0]), 0.0
+            dict(robot.parameters), kind, drawing, np.array([3000.0, 0.0, -500.0]), 0.0
         )
 
 
 def test_perfect_parts_are_level():
     robot, kind, _, _ = drawn("par4")
-    flat = robot.geometry_flat()
+    flat = dict(robot.parameters)
     assert not is_level(flat, kind)
     assert is_level({name: flat[name] for name in kind.names}, kind)

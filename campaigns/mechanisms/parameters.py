@@ -1,0 +1,348 @@
+"""Parameters of a mechanism: what each is, and the values that one robot has of them.
+
+A name such as `arm2.arm_mm` is formed here, of the arm and its field, and read nowhere: who needs
+a parameter's arm, unit or role asks the `ParameterSpace` for it by its name.
+"""
+
+import hashlib
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import cached_property
+from typing import Literal, Self
+
+import numpy as np
+
+from campaigns.arrays import Array, Index, Mask
+
+JOINT_OFFSETS = ("joint_offset_deg", "joint_offset_mm")
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterField:
+    """Kind of parameter: its key in files, what it is, and the range that a file may give it."""
+
+    name: str
+    description: str
+    quantity: Literal["place", "length", "angle", "small angle"]
+
+    @property
+    def unit(self) -> Literal["mm", "deg"]:
+        """Unit in files and on screens."""
+        return "mm" if self.quantity in {"place", "length"} else "deg"
+
+    @property
+    def stem(self) -> str:
+        """Key without the unit: `joint_offset`."""
+        return self.name.removesuffix(f"_{self.unit}")
+
+    @property
+    def words(self) -> str:
+        """What it is called: `joint offset`."""
+        return self.stem.replace("_", " ")
+
+
+PARALLELOGRAM_SKEW = ParameterField(
+    "parallelogram_skew_deg",
+    "the difference of the forearm's two rods over their distance, deg; may be left out",
+    "small angle",
+)
+"""The rod on the side of (-sin azimuth, cos azimuth, 0) less the other one."""
+
+
+class Role(Enum):
+    """What a parameter is to a fit, to files and to controllers."""
+
+    FREE = "told by shots with a free frame"
+    HELD = "nominal unless told otherwise"
+    LEANING = "held unless imperfect parts are looked for: which way they lean"
+    EXTENSION = "of imperfect parts, nominally 0: not every controller has it"
+    LOST_MOTION = "of a joint's gear: it belongs to what is measured and is in no file"
+
+
+IN_FILES = (Role.FREE, Role.HELD, Role.LEANING)
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """Parameter of a mechanism: an arm's, or the platform's."""
+
+    arm: int | None
+    field: ParameterField
+    role: Role
+    fixes_datum: bool = False
+    """Whether no measured point tells it: it places the base frame or says how a turn counts."""
+
+    @property
+    def name(self) -> str:
+        """Name in files, journals and tables: `arm2.arm_mm`, `plate_mm`."""
+        return self.field.name if self.arm is None else f"arm{self.arm}.{self.field.name}"
+
+    @property
+    def unit(self) -> Literal["mm", "deg"]:
+        """Unit in files and on screens."""
+        return self.field.unit
+
+    @property
+    def sign(self) -> str:
+        """Unit as it follows a number: `°` or ` mm`."""
+        return "°" if self.is_angle else " mm"
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether it is in rad inside."""
+        return self.field.unit == "deg"
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterSpace:
+    """Parameters of a mechanism, in the order of its vectors.
+
+    First those of each arm, then the platform's, then extensions, which a robot file holds where
+    they are not 0, then lost motions. Selections are by name.
+    """
+
+    every: tuple[Parameter, ...]
+
+    @classmethod
+    def of(
+        cls,
+        arms: int,
+        arm_fields: Sequence[ParameterField],
+        platform_fields: Sequence[ParameterField],
+        extensions: Sequence[ParameterField],
+        lost_motion: ParameterField,
+        roles: Mapping[str, Role],
+        datum: Collection[str],
+    ) -> Self:
+        """Space of fields; `roles` by field where they are not free, and what fixes the datum."""
+        numbers = range(arms)
+        named = (
+            *((arm, each, Role.FREE) for arm in numbers for each in arm_fields),
+            *((None, each, Role.FREE) for each in platform_fields),
+            *((arm, each, Role.EXTENSION) for each in extensions for arm in numbers),
+            *((arm, lost_motion, Role.LOST_MOTION) for arm in numbers),
+        )
+        every = (Parameter(arm, each, roles.get(each.name, role)) for arm, each, role in named)
+        return cls(tuple(replace(each, fixes_datum=each.name in datum) for each in every))
+
+    def __iter__(self) -> Iterator[Parameter]:
+        return iter(self.every)
+
+    def __getitem__(self, name: str) -> Parameter:
+        """Parameter of a name; raises `KeyError`."""
+        return self._by_name[name]
+
+    @cached_property
+    def _by_name(self) -> dict[str, Parameter]:
+        return {each.name: each for each in self.every}
+
+    @cached_property
+    def arms(self) -> int:
+        """Number of arms."""
+        return len(self.backlashes)
+
+    @cached_property
+    def arm_fields(self) -> tuple[ParameterField, ...]:
+        """Fields of each arm that every file holds, in the order of its values."""
+        return tuple(each.field for each in self.every if each.arm == 0 and each.role in IN_FILES)
+
+    @cached_property
+    def platform_fields(self) -> tuple[ParameterField, ...]:
+        """Fields of the platform."""
+        return tuple(each.field for each in self.every if each.arm is None)
+
+    @cached_property
+    def extension_fields(self) -> tuple[ParameterField, ...]:
+        """Fields of each arm beyond those of every file."""
+        own = (each for each in self.every if each.role is Role.EXTENSION)
+        return tuple(each.field for each in own if each.arm == 0)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of what every file and every controller has."""
+        return self._of_roles(*IN_FILES)
+
+    @cached_property
+    def extensions(self) -> tuple[str, ...]:
+        """Names beyond those, of the geometry too: nominally 0."""
+        return self._of_roles(Role.EXTENSION)
+
+    @cached_property
+    def skews(self) -> tuple[str, ...]:
+        """Names of the differences of the forearms' rods."""
+        return self.of_field(PARALLELOGRAM_SKEW.name)
+
+    @cached_property
+    def backlashes(self) -> tuple[str, ...]:
+        """Names of the backlashes of the joints' gears."""
+        return self._of_roles(Role.LOST_MOTION)
+
+    @cached_property
+    def arm_lengths(self) -> tuple[str, ...]:
+        """Names of the length of the link that each joint drives."""
+        first = next(each for each in self.arm_fields if each.quantity == "length")
+        return self.of_field(first.name)
+
+    @cached_property
+    def geometry(self) -> tuple[str, ...]:
+        """Names of the entries of a vector p, (G,)."""
+        return self.names + self.extensions
+
+    @cached_property
+    def model(self) -> tuple[str, ...]:
+        """Names of all that a fit may free."""
+        return self.geometry + self.backlashes
+
+    @cached_property
+    def datum(self) -> tuple[str, ...]:
+        """Names that no measured point tells: they are held in every fit."""
+        return tuple(each.name for each in self.every if each.fixes_datum)
+
+    @cached_property
+    def free_by_default(self) -> tuple[str, ...]:
+        """Names of what shots with a free frame can tell, unless told otherwise."""
+        return self._told(Role.FREE)
+
+    @cached_property
+    def free_in_full(self) -> tuple[str, ...]:
+        """Names of what shots tell of imperfect parts too: unequal rods, tilted axes and rails."""
+        return self._told(Role.FREE, Role.LEANING, Role.EXTENSION)
+
+    @cached_property
+    def free_if_extended(self) -> tuple[str, ...]:
+        """Names of all that shots with known directions of approach can tell apart."""
+        return self._told(*Role)
+
+    @cached_property
+    def is_angle(self) -> Mask:
+        """Mask of the angles among `model`."""
+        return np.array([each.is_angle for each in self.every])
+
+    @cached_property
+    def file_unit(self) -> Array:
+        """Factors from the units of files (mm, deg) to inner ones (mm, rad), for `model`."""
+        return np.where(self.is_angle, np.pi / 180.0, 1.0)
+
+    @cached_property
+    def offsets(self) -> Index:
+        """Places of the joint offsets, one a joint."""
+        return self.places(self.of_field(*JOINT_OFFSETS))
+
+    def of_field(self, *fields: str) -> tuple[str, ...]:
+        """Names of the parameters of some fields; none where the mechanism has no such field."""
+        return tuple(each.name for each in self.every if each.field.name in fields)
+
+    def of_unit(self, unit: str, names: Sequence[str]) -> tuple[str, ...]:
+        """Those of some names that are in mm, or in deg."""
+        return tuple(name for name in names if self[name].unit == unit)
+
+    def places(self, names: Sequence[str]) -> Index:
+        """Places of parameters in `model`; raises `ValueError` for an unknown name."""
+        return np.array([self.model.index(name) for name in names], dtype=np.intp)
+
+    def units(self, names: Sequence[str]) -> Array:
+        """Factors from the units of files to inner ones, of the named parameters."""
+        return self.file_unit[self.places(names)]
+
+    def _of_roles(self, *roles: Role) -> tuple[str, ...]:
+        return tuple(each.name for each in self.every if each.role in roles)
+
+    def _told(self, *roles: Role) -> tuple[str, ...]:
+        return tuple(name for name in self._of_roles(*roles) if not self[name].fixes_datum)
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters(Mapping[str, float]):
+    """Values of one robot's parameters, by name in mm and deg as its file has them.
+
+    It lists what a file lists: extensions only where they are not 0. `vector` is the same for the
+    solver, `std` what a file says of its uncertainty.
+    """
+
+    space: ParameterSpace
+    values_in_file: tuple[float, ...]
+    """Of all of `space.geometry`."""
+    covariance: Array | None = None
+    """Of `space.geometry`, (G, G), mm and deg; NaN where it is not known. None: nothing is."""
+
+    @classmethod
+    def of(
+        cls,
+        space: ParameterSpace,
+        values: Mapping[str, float],
+        std: Mapping[str, float] | None = None,
+    ) -> Self:
+        """From values by name, extensions that are not named being 0, and 1 σ of some of them.
+
+        Names beyond the geometry are left out. Raises `KeyError` for a value that is missing.
+        """
+        ordered = [values[name] for name in space.names]
+        ordered += [values.get(name, 0.0) for name in space.extensions]
+        known = None if std is None else _covariance(space.geometry, std)
+        return cls(space, tuple(map(float, ordered)), known)
+
+    @classmethod
+    def of_vector(cls, space: ParameterSpace, p: Array) -> Self:
+        """From a vector p (G,), mm and rad."""
+        return cls(space, tuple((p / space.file_unit[: len(p)]).tolist()))
+
+    @cached_property
+    def _by_name(self) -> dict[str, float]:
+        named = zip(self.space.every, self.values_in_file, strict=False)
+        return {each.name: v for each, v in named if v or each.role is not Role.EXTENSION}
+
+    def __getitem__(self, name: str) -> float:
+        """Value of a parameter that is listed; raises `KeyError`."""
+        return self._by_name[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._by_name)
+
+    def __len__(self) -> int:
+        return len(self._by_name)
+
+    def __hash__(self) -> int:
+        return hash(self.values_in_file)
+
+    @cached_property
+    def vector(self) -> Array:
+        """Vector p (G,), mm and rad."""
+        values = np.array(self.values_in_file)
+        return np.asarray(values * self.space.file_unit[: len(values)])
+
+    @property
+    def std(self) -> dict[str, float] | None:
+        """1 σ by name of what is known, mm and deg; None where nothing is said of it."""
+        if self.covariance is None:
+            return None
+        std = np.sqrt(np.diag(self.covariance)).tolist()
+        return {name: s for name, s in zip(self.space.geometry, std, strict=True) if s == s}
+
+    @property
+    def extended_by(self) -> tuple[str, ...]:
+        """Names of extensions that are not 0: what not every controller knows."""
+        return tuple(name for name in self.space.extensions if name in self)
+
+    def __or__(self, other: Mapping[str, float]) -> dict[str, float]:
+        """Values by name with others in their place, as of dictionaries."""
+        return {**self, **other}
+
+    def __ror__(self, other: Mapping[str, float]) -> dict[str, float]:
+        """Values by name in the place of others."""
+        return {**other, **self}
+
+    def digest(self) -> str:
+        """SHA-256 of the geometry: equal exactly when all its doubles are.
+
+        It is taken of lines `name=value`, the value in the shortest decimals that give the double.
+        """
+        lines = "".join(f"{name}={value + 0.0!r}\n" for name, value in self.items())  # no -0.0
+        return hashlib.sha256(lines.encode("ascii")).hexdigest()
+
+
+def _covariance(names: Sequence[str], std: Mapping[str, float]) -> Array:
+    """Covariance (G, G) of which the diagonal alone is known."""
+    known = np.full((len(names), len(names)), np.nan)
+    np.fill_diagonal(known, np.square([std.get(name, np.nan) for name in names]))
+    return known
