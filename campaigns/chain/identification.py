@@ -11,8 +11,7 @@ from campaigns.design.pose_sampling import WorkspaceTooSmall, workspace_poses
 from campaigns.identification.model_selection import asked_of, candidate_models, select_model
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification
-from campaigns.journal.journal import JournalReader
-from campaigns.journal.records import Finding, SessionStarted
+from campaigns.journal.records import Finding
 from campaigns.shots.shots import between, held_out, shots_of_journal
 
 HOLD_OUT_SEED = 1
@@ -39,8 +38,6 @@ def identify(
     with campaign.journal() as journal:
         series = campaign.measured_series(journal)
         shots = shots_of_journal(journal.shots(series.number), robot.mechanism)
-        if options.sessions:
-            how = replace(how, session_of=_sessions(journal, series.number))
         shots = between(shots, *options.shots)
         shots = held_out(shots, options.hold_out, np.random.default_rng(HOLD_OUT_SEED))
         started_s = time.perf_counter()
@@ -70,15 +67,6 @@ def identification_options(
         limits_mm=_limits_mm(campaign),
         workspace=_workspace(campaign),
     )
-
-
-def _sessions(journal: JournalReader, series: int) -> dict[int, int]:
-    """Session in which each shot that counts was measured, by the shot's number."""
-    begun = [entry.number for entry in journal.records_of(SessionStarted, series)]
-    return {
-        shot.intent.shot: sum(each <= shot.number for each in begun)
-        for shot in journal.shots(series)
-    }
 
 
 def _limits_mm(campaign: Campaign) -> dict[str, float]:

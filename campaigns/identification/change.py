@@ -32,7 +32,7 @@ def change_of(
     not a change.
     """
     fitted, found = points.observations, points.found
-    order = fitted.order
+    order = fitted.shots.order_of_time()
     rows = order[~isolated(found.kept[order])]
     shots = _whitened(points, rows)
     if shots is None:

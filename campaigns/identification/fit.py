@@ -22,7 +22,6 @@ from campaigns.estimation.variance_components import (
 )
 from campaigns.identification.observations import (
     Observations,
-    PointObservations,
     distance_observations,
     point_observations,
 )
@@ -40,7 +39,7 @@ SCATTER_SETTLED = 0.02
 class PointFit:
     """Fit of all coordinates, with the robot's scatter in the covariances."""
 
-    observations: PointObservations
+    observations: Observations
     found: Estimate
     scatter: VarianceComponents
 
@@ -73,16 +72,15 @@ class Fit:
     found: Estimate
     points: PointFit | None
     """Plain and without outliers; None where coordinates cannot be fitted, or were not asked."""
+    asked: PointFit | None = None
+    """That of the coordinates as it was asked for; None where distances were."""
     left_out: PointFit | None = None
     """That by which shots of pairs were left out; None where pairs were not asked for."""
 
     @property
     def stated_noise(self) -> ChiSquareTest:
         """Test of what the tracker states by what was fitted."""
-        points = self.points
-        if points is None or points.found is not self.found:
-            return self.found.noise
-        return points.stated_noise
+        return self.found.noise if self.asked is None else self.asked.stated_noise
 
     @property
     def variance_dof(self) -> int | None:
@@ -91,11 +89,9 @@ class Fit:
 
     @property
     def scatter(self) -> VarianceComponents:
-        """The robot's own, as far as the estimate takes it in: a robust loss does not."""
-        of_points = isinstance(self.observations, PointObservations)
-        if self.points is None or (of_points and self.points.found is not self.found):
-            return NONE
-        return self.points.scatter
+        """The robot's own that the estimate takes in."""
+        weighed_by = self.asked or self.points
+        return NONE if weighed_by is None else weighed_by.scatter
 
 
 def fit_shots(
@@ -115,7 +111,7 @@ def fit_shots(
     if options.estimator is Estimator.POINTS:
         points = fit_points(*asked)
         plain = points if _is_plain(options) else plain_fit(*asked)
-        return Fit(points.observations, points.found, plain)
+        return Fit(points.observations, points.found, plain, asked=points)
     if options.weights is Weights.EQUAL:
         return _fit_distances_alone(*asked)
     return _fit_distances(*asked)
@@ -164,7 +160,7 @@ def plain_fit(
         return None
 
 
-def linearized(fitted: PointObservations, x: Array) -> LinearizedShots:
+def linearized(fitted: Observations, x: Array) -> LinearizedShots:
     """All shots about the unknowns x, in the tracker's axes."""
     points, count = fitted.points, len(fitted.numbers)
     whitened = points.jacobian(x).reshape(count, 3, -1)
@@ -176,7 +172,7 @@ def linearized(fitted: PointObservations, x: Array) -> LinearizedShots:
     )
 
 
-def covariance_of(fitted: PointObservations, x: Array, scatter: VarianceComponents) -> Array:
+def covariance_of(fitted: Observations, x: Array, scatter: VarianceComponents) -> Array:
     """Covariances (N, 3, 3) of points, in the tracker's axes."""
     if not scatter.any:
         return fitted.stated_mm2
@@ -185,10 +181,9 @@ def covariance_of(fitted: PointObservations, x: Array, scatter: VarianceComponen
     return scatter.covariance_mm2(fitted.stated_mm2, by_joints)
 
 
-def replace_covariance(fitted: PointObservations, covariance_mm2: Array) -> PointObservations:
+def replace_covariance(fitted: Observations, covariance_mm2: Array) -> Observations:
     """The same observations, whitened with other covariances."""
-    points = fitted.points.with_covariance(covariance_mm2)
-    return replace(fitted, points=points, problem=replace(fitted.problem, data=points))
+    return replace(fitted, residuals=fitted.points.with_covariance(covariance_mm2))
 
 
 def _fit_distances(
@@ -221,7 +216,7 @@ def _fit_distances(
     policy, count = OutlierPolicy(options.robust_loss, exclude=False), len(selection.free)
     start = Start.of(points.found, count)  # the same robot within σ: a step or two are left
     found = estimate(fitted.problem, count, policy, known_variance=True, start=start)
-    return Fit(fitted, found, points, left_out)
+    return Fit(fitted, found, points, left_out=left_out)
 
 
 def _fit_distances_alone(

@@ -1,6 +1,6 @@
 """Identification: a robot's kinematics from measured shots, with its uncertainty and a verdict."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -41,11 +41,8 @@ from campaigns.evaluation.plausibility import FoundChanges, check_shots
 from campaigns.identification.change import change_of, lack_of_fit_of
 from campaigns.identification.fit import Fit, PointFit, fit_shots, plain_fit
 from campaigns.identification.observations import (
-    DistanceObservations,
     Observations,
-    of_one_session,
     position_model,
-    session_of,
     usable_pairs,
     without_assembly,
 )
@@ -86,7 +83,9 @@ def identify(
     for shots that no robot explains.
     """
     options = options or IdentificationOptions()
-    _check(nominal, shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION), options.session_of)
+    _check(
+        nominal, shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION), sessions=options.sessions
+    )
     at_nominal = nominal.forward(shots.joints)
     try:
         fit = fit_shots(nominal, shots, selection, options, at_nominal)
@@ -100,9 +99,9 @@ def identify(
     return _Identified(nominal, shots, selection, options, fit, held_out).result()
 
 
-def _check(nominal: Kinematics, shots: Shots, sessions: Mapping[int, int] | None) -> None:
+def _check(nominal: Kinematics, shots: Shots, *, sessions: bool) -> None:
     """Refusal of shots that cannot be this robot's, those of each session for themselves."""
-    own = session_of(shots, sessions)
+    own = shots.session if sessions else np.zeros(len(shots))
     for each in np.unique(own).tolist():
         check_shots(nominal, shots.rows(np.flatnonzero(own == each)), "the shots")
 
@@ -244,9 +243,9 @@ class _Identified:
 
     def _sessions(self, frames: tuple[Frame, ...]) -> tuple[SessionFrame, ...]:
         """Shots of each session by its own frame; empty where all are of one."""
-        if self.options.session_of is None:
+        if not self.options.sessions:
             return ()
-        own, numbers = session_of(self.shots, self.options.session_of), np.array(self.shots.numbers)
+        own, numbers = self.shots.session, np.array(self.shots.numbers)
         fitted = np.unique(own[np.isin(numbers, self.fitted.numbers)]).tolist()
         known = dict(zip(fitted, frames, strict=True)) if frames else {}
         return tuple(
@@ -402,10 +401,8 @@ def _holdout(
 ) -> _Holdout:
     """Errors of the pairs that were not fitted, with the nominal and the found parameters."""
     x = fit.found.x[: len(free)]
-    usable = of_one_session(
-        shots, usable_pairs(at_nominal, shots, ShotSet.VALIDATION), options.session_of
-    )
-    model = position_model(nominal, shots, np.arange(len(shots)), free)
+    usable = usable_pairs(at_nominal, shots, ShotSet.VALIDATION, sessions=options.sessions)
+    model = position_model(nominal, shots, free)
     solution = model.kinematics(x).forward(model.arm_joints(x))
     whole = solution.found[usable.rows].all(axis=1)
     lost = without_assembly(shots, usable.rows[~whole], solution.found, "identified")
@@ -440,7 +437,7 @@ def _tested(
     if found.covariance is None or found.noise.sigma0 is None:
         return None
     x = found.x[:parameters]
-    model = position_model(nominal, shots, np.arange(len(shots)), free, near)
+    model = position_model(nominal, shots, free, near)
     try:
         unseen = DistanceResiduals.in_mm(
             model, pairs[:, 0], pairs[:, 1], shots.measured_distances_mm(pairs)
@@ -467,8 +464,8 @@ def _pair_variance_mm2(
 ) -> Array:
     """Variance of each measured distance, the robot's own scatter included, (M,)."""
     sigma0 = fit.found.noise.sigma0 or 1.0
-    if isinstance(fit.observations, DistanceObservations) and fit.points is None:
-        own = fit.observations.distances.whitening
+    if isinstance(fit.observations.residuals, DistanceResiduals) and fit.points is None:
+        own = fit.observations.residuals.whitening
         return np.full(len(pairs), sigma0**2 / float(np.mean(own**2)))
     first, second = pairs.T
     points_mm, stated = shots.points_in_tracker_mm, shots.covariance_mm2(options.instrument)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
@@ -10,17 +10,9 @@ from campaigns.arrays import Array, Index, Mask
 from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.estimation.estimators import Estimator, Weights
 from campaigns.estimation.least_squares import LeastSquaresProblem, Priors
-from campaigns.estimation.residuals import (
-    DistanceResiduals,
-    PointResiduals,
-    PositionModel,
-)
+from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
 from campaigns.estimation.rigid_transforms import Transform, fit_transform
-from campaigns.estimation.tracker_noise import (
-    TrackerUncertainty,
-    distance_variance_mm2,
-    pooled_variance_mm2,
-)
+from campaigns.estimation.tracker_noise import distance_variance_mm2, pooled_variance_mm2
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.identification.result import Excluded
@@ -28,6 +20,82 @@ from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 from drivers.values import is_positive_definite
+
+COORDINATES = 3
+FEWEST_OF_A_SESSION = 4
+SURELY = 1e-9
+"""Least eigenvalue over the size of a matrix that is positive definite beyond rounding."""
+SHORTEST_MM = 1.0
+"""Of a distance: from shots at one place nothing is learnt."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observations:
+    """The shots or pairs of a fit, one a block, and the residuals that they make."""
+
+    residuals: PointResiduals | DistanceResiduals
+    priors: Priors
+    shots: Shots
+    """Those that take part, in the order of the residuals' model."""
+    numbers: tuple[int, ...]
+    """Of the shots or pairs, one a block."""
+    stated_mm2: Array
+    """Covariances of the points as the tracker states them, (N, 3, 3)."""
+    excluded: tuple[Excluded, ...]
+    """Exclusions of what could not be used at all."""
+
+    @property
+    def kind(self) -> Literal["shots", "pairs"]:
+        """Name of the blocks, in the plural."""
+        return "shots" if isinstance(self.residuals, PointResiduals) else "pairs"
+
+    @property
+    def problem(self) -> LeastSquaresProblem:
+        """Problem to be solved; its first unknowns are the free parameters."""
+        block = COORDINATES if self.kind == "shots" else 1
+        return LeastSquaresProblem(self.residuals, block, self.priors)
+
+    @property
+    def points(self) -> PointResiduals:
+        """Residuals of coordinates, where it is these that are fitted."""
+        assert isinstance(self.residuals, PointResiduals), "distances know of no frame"
+        return self.residuals
+
+    @property
+    def model(self) -> PositionModel:
+        """Of the shots."""
+        return self.residuals.model
+
+    def excluded_for(self, block: int, reason: str) -> Excluded:
+        """The shot or pair of a block, without the size of its misfit."""
+        number = self.numbers[block]
+        if self.kind == "shots":
+            return Excluded(reason, shot=number)
+        return Excluded(reason, pair=number)
+
+    def misfits_mm(self, x: Array) -> Array:
+        """Modelled minus measured at the unknowns x, (pairs, 1) or in the tracker's axes (N, 3)."""
+        if isinstance(self.residuals, DistanceResiduals):
+            return self.residuals.errors_mm(x)[:, None]
+        return self.residuals.modelled_mm(x) - self.residuals.points_in_tracker_mm
+
+    def nominal_misfits_mm(self, kept: Mask) -> Array:
+        """The same of what is kept with the nominal parameters and frames that suit them best."""
+        if isinstance(self.residuals, DistanceResiduals):
+            return self.misfits_mm(self.model.nominal)[kept]
+        positions = self.model.positions_mm(self.model.nominal)[kept]
+        measured, sessions = self.residuals.points_in_tracker_mm[kept], self.residuals.sessions
+        own = np.zeros(len(positions), dtype=np.intp) if sessions is None else sessions[kept]
+        misfits = np.empty_like(measured)
+        for each in np.unique(own).tolist():
+            rows = own == each
+            frame = fit_transform(positions[rows], measured[rows])
+            misfits[rows] = frame.apply(positions[rows]) - measured[rows]
+        return misfits
+
+    def tracker_from_base(self, x: Array) -> tuple[Transform, ...]:
+        """Frames at the unknowns x, one a session; none where no frame is estimated."""
+        return self.points.session_frames(x) if self.kind == "shots" else ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,38 +106,30 @@ class UsablePairs:
     excluded: tuple[Excluded, ...]
 
 
-def usable_pairs(nominal: KinematicSolution, data: Shots, purpose: ShotSet) -> UsablePairs:
-    """Those of a set, and the others by name, from the nominal robot's poses at all shots."""
-    found = nominal.found
+def usable_pairs(
+    nominal: KinematicSolution, data: Shots, purpose: ShotSet, *, sessions: bool
+) -> UsablePairs:
+    """Those of a set, and the others by name, from the nominal robot's poses at all shots.
+
+    Where `sessions` have frames of their own, both shots must be of one.
+    """
     pairs = data.whole_pairs(purpose)
     halves = tuple(
         Excluded(f"shot {data.numbers[row]} has no partner", pair=pair_of(data, row))
         for row in pairs.halves
     )
-    rows = pairs.rows
-    whole = found[rows].all(axis=1)
-    return UsablePairs(rows[whole], halves + without_assembly(data, rows[~whole], found, "nominal"))
+    whole = nominal.found[pairs.rows].all(axis=1)
+    apart = without_assembly(data, pairs.rows[~whole], nominal.found, "nominal")
+    rows = pairs.rows[whole]
+    together = np.ones(len(rows), dtype=bool)
+    if sessions:
+        together = data.session[rows[:, 0]] == data.session[rows[:, 1]]
+    between = _excluded_pairs(data, rows[~together], "its shots are of two sessions")
+    return UsablePairs(rows[together], halves + apart + between)
 
 
-def of_one_session(
-    data: Shots, usable: UsablePairs, sessions: Mapping[int, int] | None
-) -> UsablePairs:
-    """Pairs both of whose shots were taken in one session, where sessions have their own frames."""
-    if sessions is None:
-        return usable
-    own = session_of(data, sessions)
-    together = own[usable.rows[:, 0]] == own[usable.rows[:, 1]]
-    apart = tuple(
-        Excluded("its shots are of two sessions", pair=pair_of(data, row))
-        for row in usable.rows[~together, 0].tolist()
-    )
-    return UsablePairs(usable.rows[together], usable.excluded + apart)
-
-
-def session_of(data: Shots, sessions: Mapping[int, int] | None) -> Index:
-    """Session of each shot, (N,), from those by number; 0 of one that is in none."""
-    own = [(sessions or {}).get(number, 0) for number in data.numbers]
-    return np.array(own, dtype=np.intp)
+def _excluded_pairs(data: Shots, rows: Index, reason: str) -> tuple[Excluded, ...]:
+    return tuple(Excluded(reason, pair=pair_of(data, row)) for row in rows[:, 0].tolist())
 
 
 def without_assembly(data: Shots, pairs: Index, found: Mask, which: str) -> tuple[Excluded, ...]:
@@ -92,145 +152,6 @@ def pair_of(data: Shots, row: int) -> int:
     return pair
 
 
-Kind = Literal["shots", "pairs"]
-COORDINATES = 3
-FEWEST_OF_A_SESSION = 4
-SURELY = 1e-9
-"""Least eigenvalue over the size of a matrix that is positive definite beyond rounding."""
-SHORTEST_MM = 1.0
-"""Of a distance: from shots at one place nothing is learnt."""
-
-
-class Observations(Protocol):
-    """The shots or pairs of a fit, one a block."""
-
-    @property
-    def kind(self) -> Kind:
-        """Name of the blocks, in the plural."""
-        ...
-
-    @property
-    def numbers(self) -> tuple[int, ...]:
-        """Of the shots or pairs, one a block."""
-        ...
-
-    @property
-    def problem(self) -> LeastSquaresProblem:
-        """Problem to be solved; its first unknowns are the free parameters."""
-        ...
-
-    @property
-    def model(self) -> PositionModel:
-        """Of the shots."""
-        ...
-
-    @property
-    def excluded(self) -> tuple[Excluded, ...]:
-        """Exclusions of what could not be used at all."""
-        ...
-
-    def excluded_for(self, block: int, reason: str) -> Excluded:
-        """The shot or pair of a block, without the size of its misfit."""
-        ...
-
-    def misfits_mm(self, x: Array) -> Array:
-        """Modelled minus measured at the unknowns x, (blocks, 1) or (blocks, 3)."""
-        ...
-
-    def nominal_misfits_mm(self, kept: Mask) -> Array:
-        """The same with the nominal parameters and, if any, the frame that suits them best."""
-        ...
-
-    def tracker_from_base(self, x: Array) -> tuple[Transform, ...]:
-        """Frames at the unknowns x, one a session; none where no frame is estimated."""
-        ...
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DistanceObservations:
-    """Distances of pairs, all of one weight, as in the paper (eq. 19)."""
-
-    problem: LeastSquaresProblem
-    distances: DistanceResiduals
-    numbers: tuple[int, ...]
-    excluded: tuple[Excluded, ...]
-
-    @property
-    def kind(self) -> Kind:
-        """Pairs."""
-        return "pairs"
-
-    @property
-    def model(self) -> PositionModel:
-        """Of the shots of the pairs."""
-        return self.distances.model
-
-    def excluded_for(self, block: int, reason: str) -> Excluded:
-        """The pair."""
-        return Excluded(reason, pair=self.numbers[block])
-
-    def misfits_mm(self, x: Array) -> Array:
-        """Modelled minus measured distances, (pairs, 1)."""
-        return self.distances.errors_mm(x)[:, None]
-
-    def nominal_misfits_mm(self, kept: Mask) -> Array:
-        """Of the kept pairs."""
-        return self.misfits_mm(self.model.nominal)[kept]
-
-    def tracker_from_base(self, x: Array) -> tuple[Transform, ...]:  # noqa: ARG002 - as points
-        """Distances know of no frame."""
-        return ()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PointObservations:
-    """Coordinates of every shot, weighed by its covariance."""
-
-    problem: LeastSquaresProblem
-    points: PointResiduals
-    numbers: tuple[int, ...]
-    excluded: tuple[Excluded, ...]
-    stated_mm2: Array
-    """Covariances that the tracker states, (N, 3, 3)."""
-    order: Index
-    """Rows as they were measured."""
-
-    @property
-    def kind(self) -> Kind:
-        """Shots."""
-        return "shots"
-
-    @property
-    def model(self) -> PositionModel:
-        """Of the shots."""
-        return self.points.model
-
-    def excluded_for(self, block: int, reason: str) -> Excluded:
-        """The shot."""
-        return Excluded(reason, shot=self.numbers[block])
-
-    def misfits_mm(self, x: Array) -> Array:
-        """In the tracker's axes, (shots, 3)."""
-        return self.points.modelled_mm(x) - self.points.points_in_tracker_mm
-
-    def nominal_misfits_mm(self, kept: Mask) -> Array:
-        """Of the kept shots, with a frame fitted to them."""
-        positions = self.model.positions_mm(self.model.nominal)[kept]
-        measured = self.points.points_in_tracker_mm[kept]
-        sessions = self.points.sessions
-        own = np.zeros(len(positions), dtype=np.intp) if sessions is None else sessions[kept]
-        misfits = np.empty_like(measured)
-        for each in np.unique(own).tolist():
-            rows = own == each
-            frame = fit_transform(positions[rows], measured[rows])
-            misfits[rows] = frame.apply(positions[rows]) - measured[rows]
-        return misfits
-
-    def tracker_from_base(self, x: Array) -> tuple[Transform, ...]:
-        """The frames that x stands for, one a session."""
-        return self.points.session_frames(x)
-
-
 def observations(
     nominal: Kinematics, data: Shots, selection: ParameterSelection, options: IdentificationOptions
 ) -> Observations:
@@ -245,16 +166,11 @@ def observations(
 
 
 def position_model(
-    nominal: Kinematics,
-    data: Shots,
-    rows: Index,
-    free: tuple[str, ...],
-    near: Array | None = None,
+    nominal: Kinematics, data: Shots, free: tuple[str, ...], near: Array | None = None
 ) -> PositionModel:
-    """Positions of some shots by the parameters to be found, from poses (N, t) near theirs."""
-    joints, approach = data.joints[rows], data.approach[rows]
+    """Positions of shots by the parameters to be found, from poses (N, t) near theirs."""
     places = nominal.mechanism.parameters.places(free)
-    return PositionModel(nominal, places, joints, near, approach=approach)
+    return PositionModel(nominal, places, data.joints, near, approach=data.approach)
 
 
 def distance_observations(
@@ -266,25 +182,19 @@ def distance_observations(
     at_nominal: KinematicSolution | None = None,
     covariance_mm2: Mapping[int, Array] | None = None,
     left_out: frozenset[int] = frozenset(),
-) -> DistanceObservations:
+) -> Observations:
     """Distances of the identification pairs, without the shots that are left out by number.
 
     `at_nominal` are the nominal robot's poses at all shots, where they are known already.
     Weighed by the covariances (3, 3) of the shots' points, by number; as the tracker states them,
     and all alike where that is asked for, without any. Raises as `observations` does.
     """
-    solution = at_nominal or nominal.forward(data.joints)
-    usable = of_one_session(
-        data, usable_pairs(solution, data, ShotSet.IDENTIFICATION), options.session_of
-    )
+    solution, free = at_nominal or nominal.forward(data.joints), selection.free
+    usable = usable_pairs(solution, data, ShotSet.IDENTIFICATION, sessions=options.sessions)
     apart = data.measured_distances_mm(usable.rows) >= SHORTEST_MM
-    together = tuple(
-        Excluded("its two shots are at one place", pair=pair_of(data, row))
-        for row in usable.rows[~apart, 0].tolist()
-    )
-    rows, excluded, free = usable.rows[apart], usable.excluded + together, selection.free
-    numbers = np.array(data.numbers)[rows]
-    wrong = np.isin(numbers, sorted(left_out))
+    at_one_place = _excluded_pairs(data, usable.rows[~apart], "its two shots are at one place")
+    rows, excluded = usable.rows[apart], usable.excluded + at_one_place
+    wrong = np.isin(np.array(data.numbers)[rows], sorted(left_out))
     rows = rows[~wrong.any(axis=1)]
     wanted = max(1, len(free) - len(selection.priors))
     if len(rows) < wanted:
@@ -292,23 +202,20 @@ def distance_observations(
             f"{len(rows)} pairs{_left_out(excluded)} cannot give {len(free)} parameters",
             remedy=f"measure at least {wanted} pairs, better 60; or hold parameters",
         )
-    near = solution.values[rows.ravel()]
-    model = position_model(nominal, data, rows.ravel(), free, near)
-    first, second = np.arange(rows.size).reshape(rows.shape).T
-    covariance = _stated(data, rows.ravel(), options.instrument)
+    shots, ends = data.rows(rows.ravel()), np.arange(rows.size).reshape(rows.shape)
+    model = position_model(nominal, shots, free, solution.values[rows.ravel()])
+    stated = covariance = _stated(shots, options)
     if covariance_mm2 is not None:
-        covariance = np.array([covariance_mm2[data.numbers[row]] for row in rows.ravel().tolist()])
-    points = data.points_in_tracker_mm[rows.ravel()]
-    variance = distance_variance_mm2(points, covariance, first, second)
-    stated = np.isfinite(data.stated_covariance_mm2[rows.ravel()]).any()
-    if options.weights is Weights.EQUAL or not stated:
+        covariance = np.array([covariance_mm2[number] for number in shots.numbers])
+    variance = distance_variance_mm2(shots.points_in_tracker_mm, covariance, *ends.T)
+    is_stated = np.isfinite(shots.stated_covariance_mm2).any()
+    if options.weights is Weights.EQUAL or not is_stated:
         variance = np.full(len(rows), pooled_variance_mm2(variance))
-    whitening = np.sqrt(1.0 / variance)
-    measured = data.measured_distances_mm(rows)
-    distances = DistanceResiduals(model, first, second, measured, whitening)
-    problem = LeastSquaresProblem(distances, 1, _priors(nominal, selection, model))
+    measured, whitening = shots.measured_distances_mm(ends), np.sqrt(1.0 / variance)
+    distances = DistanceResiduals(model, ends[:, 0], ends[:, 1], measured, whitening)
     pairs = tuple(pair_of(data, row) for row in rows[:, 0].tolist())
-    return DistanceObservations(problem, distances, pairs, excluded)
+    priors = _priors(nominal, selection, model)
+    return Observations(distances, priors, shots, pairs, stated, excluded)
 
 
 def point_observations(
@@ -318,45 +225,39 @@ def point_observations(
     options: IdentificationOptions,
     *,
     at_nominal: KinematicSolution | None = None,
-) -> PointObservations:
+) -> Observations:
     """Coordinates of the identification shots, weighed as the tracker states; raises likewise.
 
     `at_nominal` are the nominal robot's poses at all shots, where they are known already.
     """
     solution = at_nominal or nominal.forward(data.joints)
-    rows = np.flatnonzero([purpose is ShotSet.IDENTIFICATION for purpose in data.purposes])
+    rows = data.rows_of(ShotSet.IDENTIFICATION)
     found = solution.found[rows]
     excluded = tuple(
         Excluded("the nominal robot cannot be assembled at its joints", shot=data.numbers[row])
         for row in rows[~found].tolist()
     )
-    rows = rows[found]
-    _check_coordinates(len(rows), nominal, selection, excluded)
-    near = solution.values[rows]
-    model = position_model(nominal, data, rows, selection.free, near)
-    measured, stated = data.points_in_tracker_mm[rows], _stated(data, rows, options.instrument)
+    shots = data.rows(rows[found])
+    _check_coordinates(len(shots), nominal, selection, excluded)
+    model = position_model(nominal, shots, selection.free, solution.values[rows[found]])
+    measured, stated = shots.points_in_tracker_mm, _stated(shots, options)
+    sessions = _sessions(shots) if options.sessions else None
     try:
-        sessions = _sessions(data, rows, options)
         points = PointResiduals.from_points(model, measured, stated, sessions)
     except ValueError as error:
         raise ShotsMissing(
-            f"{len(rows)} shots fix no frame: {error}", remedy="measure all over the workspace"
+            f"{len(shots)} shots fix no frame: {error}", remedy="measure all over the workspace"
         ) from error
-    problem = LeastSquaresProblem(points, COORDINATES, _priors(nominal, selection, model))
-    shots = tuple(data.numbers[row] for row in rows.tolist())
-    order = data.rows(rows).order_of_time()
-    return PointObservations(problem, points, shots, excluded, stated, order)
+    priors = _priors(nominal, selection, model)
+    return Observations(points, priors, shots, shots.numbers, stated, excluded)
 
 
-def _sessions(data: Shots, rows: Index, options: IdentificationOptions) -> Index | None:
-    """Session of each of some shots, from 0 without gaps, (N,); None where all are of one.
+def _sessions(shots: Shots) -> Index | None:
+    """Session of each shot, from 0 without gaps, (N,); None where all are of one.
 
     Raises `ShotsMissing` for a session whose shots fix no frame.
     """
-    if options.session_of is None:
-        return None
-    own = session_of(data, options.session_of)[rows]
-    _, found, counts = np.unique(own, return_inverse=True, return_counts=True)
+    _, found, counts = np.unique(shots.session, return_inverse=True, return_counts=True)
     if len(counts) < 2:
         return None
     if counts.min() < FEWEST_OF_A_SESSION:
@@ -396,15 +297,15 @@ def _priors(nominal: Kinematics, known: ParameterSelection, model: PositionModel
     return Priors(places, model.nominal[places], std)
 
 
-def _stated(data: Shots, rows: Index, instrument: TrackerUncertainty) -> Array:
-    """Covariances (N, 3, 3) of some shots; raises `ShotsInvalid` naming the first that is none."""
-    covariance = data.covariance_mm2(instrument)[rows]
+def _stated(shots: Shots, options: IdentificationOptions) -> Array:
+    """Covariances (N, 3, 3) of shots; raises `ShotsInvalid` naming the first that is none."""
+    covariance = shots.covariance_mm2(options.instrument)
     if _all_positive_definite(covariance):
         return covariance
-    for row, matrix in zip(rows.tolist(), covariance.tolist(), strict=True):
+    for number, matrix in zip(shots.numbers, covariance.tolist(), strict=True):
         if not is_positive_definite(matrix):
             raise ShotsInvalid(
-                f"shot {data.numbers[row]}: its covariance is not positive definite",
+                f"shot {number}: its covariance is not positive definite",
                 remedy="import the shots again with the file's sxx … szz corrected or left empty, "
                 "or measure that shot again",
             )

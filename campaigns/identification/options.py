@@ -136,8 +136,6 @@ class IdentificationOptions(Selection):
     instrument: TrackerUncertainty = field(default_factory=TrackerUncertainty)
     """Of shots of which the tracker stated nothing."""
     tolerance: Tolerance = field(default_factory=Tolerance)
-    session_of: Mapping[int, int] | None = None
-    """Session of each shot by its number, each with a frame of its own; None: one for all."""
     limits_mm: Mapping[str, float] = field(default_factory=dict)
     """Acceptance limits of distances, `mean` and `max`, as far as any are asked for."""
     workspace: Array | None = None

@@ -39,6 +39,8 @@ class AcceptedShot:
     number: int = 0
     """Place of the outcome in the journal, which is the order of time whatever the clock was set
     to; 0 of one that is in none."""
+    session: int = 0
+    """Which session of its series it was measured in, from 1; 0 where none was begun."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +84,9 @@ def _series(
                 intents[intent.shot, intent.attempt] = intent
             case Outcome(shot=shot, attempt=attempt) as outcome if (shot, attempt) in intents:
                 intent = intents[shot, attempt]
-                accepted[shot] = AcceptedShot(intent, outcome, entry.at_utc, entry.number)
+                accepted[shot] = AcceptedShot(
+                    intent, outcome, entry.at_utc, entry.number, kinds[SessionStarted]
+                )
             case PairVoided() as voided:
                 for shot in voided.shots:
                     accepted.pop(shot, None)

@@ -1,7 +1,8 @@
 """Measured shots as arrays, for everything that comes after the journal."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -44,10 +45,14 @@ class Shots:
     """Temperature of the air, (N,); NaN where it is not known."""
     records: tuple[int, ...] = ()
     """Places in the journal, in the order of time whatever the clock was set to; () outside one."""
+    session: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    """Which session of the series each was measured in, (N,); 0 where nobody told."""
 
     def __post_init__(self) -> None:
         """Refuse arrays that are not of the same shots; raises `ValueError`."""
         count, (_, joints) = len(self.numbers), self.joints.shape
+        if not len(self.session):
+            object.__setattr__(self, "session", np.zeros(count, dtype=np.intp))
         shapes = {
             "joints": (self.joints.shape, (count, joints)),
             "points_in_tracker_mm": (self.points_in_tracker_mm.shape, (count, 3)),
@@ -55,6 +60,7 @@ class Shots:
             "approach": (self.approach.shape, (count, joints)),
             "commanded": (self.commanded.shape[:1], (count,)),
             "temperature_degC": (self.temperature_degC.shape, (count,)),
+            "session": (self.session.shape, (count,)),
             "purposes": ((len(self.purposes),), (count,)),
             "pairs": ((len(self.pairs),), (count,)),
             "measured_utc": ((len(self.measured_utc),), (count,)),
@@ -85,19 +91,15 @@ class Shots:
     def rows(self, rows: Index) -> "Shots":
         """Shots of these rows."""
         chosen = rows.tolist()
-        return Shots(
-            numbers=tuple(self.numbers[row] for row in chosen),
-            purposes=tuple(self.purposes[row] for row in chosen),
-            pairs=tuple(self.pairs[row] for row in chosen),
-            joints=self.joints[rows],
-            points_in_tracker_mm=self.points_in_tracker_mm[rows],
-            stated_covariance_mm2=self.stated_covariance_mm2[rows],
-            approach=self.approach[rows],
-            commanded=self.commanded[rows],
-            measured_utc=tuple(self.measured_utc[row] for row in chosen),
-            temperature_degC=self.temperature_degC[rows],
-            records=tuple(self.records[row] for row in chosen) if self.records else (),
-        )
+
+        def taken(column: Array | Index | tuple[object, ...]) -> object:
+            if isinstance(column, np.ndarray):
+                return column[rows]
+            return tuple(column[row] for row in chosen) if column else ()
+
+        # Any: each column is cut to another of its own type
+        cut: dict[str, Any] = {name: taken(getattr(self, name)) for name in COLUMNS}
+        return Shots(**cut)
 
     def of_set(self, *purposes: ShotSet) -> "Shots":
         """Shots of some sets."""
@@ -119,6 +121,9 @@ class Shots:
     def measured_distances_mm(self, rows: Index) -> Array:
         """Distances between the two shots of each row of (M, 2), (M,)."""
         return distances_mm(self.points_in_tracker_mm, rows[:, 0], rows[:, 1])
+
+
+COLUMNS = tuple(each.name for each in fields(Shots))
 
 
 def between(shots: Shots, first: int | None, last: int | None) -> Shots:
@@ -174,6 +179,7 @@ def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: Mechanism) -> Sho
         measured_utc=tuple(shot.measured_utc for shot in shots),
         temperature_degC=np.array([*_air_degC(outcomes)], dtype=np.float64),
         records=numbers if all(numbers := tuple(shot.number for shot in shots)) else (),
+        session=np.array([shot.session for shot in shots], dtype=np.intp),
     )
 
 

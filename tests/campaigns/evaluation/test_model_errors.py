@@ -32,19 +32,15 @@ def shots():
     later = np.array(data.numbers) >= MOVED_AT
     points = data.points_in_tracker_mm
     points = np.where(later[:, None], ELSEWHERE.apply(points), points)
-    return replace(data, points_in_tracker_mm=points)
+    return replace(data, points_in_tracker_mm=points, session=later.astype(int))
 
 
-def recorded(data, estimator, sessions):
-    options = IdentificationOptions(estimator=estimator, session_of=sessions)
+def recorded(data, estimator, *, sessions):
+    options = IdentificationOptions(estimator=estimator, sessions=sessions)
     found = identify(NOMINAL, data, select_parameters(SPACE), options)
     provenance = {"series": 1, "journal_records": 1, "at_utc": ""}
     digests = dict.fromkeys(("robot_digest", "plan_digest", "journal_digest"), "")
     return RecordedIdentification.of(found, **provenance, **digests)
-
-
-def by_number(data):
-    return {number: int(number >= MOVED_AT) for number in data.numbers}
 
 
 def errors_of(data, found):
@@ -57,7 +53,7 @@ def rms(errors_mm):
 
 
 def test_errors_are_as_small_as_if_nobody_had_moved_the_tracker(shots):
-    found = recorded(shots, Estimator.POINTS, by_number(shots))
+    found = recorded(shots, Estimator.POINTS, sessions=True)
     errors = errors_of(shots, read_identification(found.document()))
     assert len(errors.shots.after_mm) == 120
     assert len(errors.positions.after_mm) == 160
@@ -68,7 +64,7 @@ def test_errors_are_as_small_as_if_nobody_had_moved_the_tracker(shots):
 
 
 def test_frames_are_those_in_which_the_tracker_stood(shots):
-    found = recorded(shots, Estimator.POINTS, by_number(shots))
+    found = recorded(shots, Estimator.POINTS, sessions=True)
     places = np.eye(3) * 500.0
     stood = (TRACKER_FROM_BASE, ELSEWHERE.after(TRACKER_FROM_BASE))
     assert [each.shots for each in found.sessions] == [
@@ -84,23 +80,23 @@ def test_frames_are_those_in_which_the_tracker_stood(shots):
 
 def test_one_frame_for_all_shots_has_no_sessions(shots):
     early = shots.rows(np.flatnonzero(np.array(shots.numbers) < MOVED_AT))
-    found = recorded(early, Estimator.POINTS, None)
+    found = recorded(early, Estimator.POINTS, sessions=False)
     assert found.sessions == ()
     assert rms(errors_of(early, found).shots.after_mm) < 2.0 * NOISE_MM
 
 
 def test_distances_between_sessions_are_none(shots):
     """The stand moves between the two shots of a pair: their distance is left out, and named."""
-    between = dict.fromkeys(shots.numbers, 1) | dict.fromkeys(range(MOVED_AT - 1), 0)
     data = replace(
         shots,
+        session=(np.array(shots.numbers) >= MOVED_AT - 1).astype(int),
         points_in_tracker_mm=np.where(
             (np.array(shots.numbers) == MOVED_AT - 1)[:, None],
             ELSEWHERE.apply(shots.points_in_tracker_mm),
             shots.points_in_tracker_mm,
         ),
     )
-    found = recorded(data, Estimator.DISTANCES, between)
+    found = recorded(data, Estimator.DISTANCES, sessions=True)
     assert [(each.pair, each.reason) for each in found.excluded] == [
         (data.pairs[MOVED_AT - 1], "its shots are of two sessions")
     ]

@@ -28,7 +28,6 @@ from campaigns.identification.parameter_selection import select_parameters
 from campaigns.mechanisms.mechanism import Kinematics
 
 CHANGED_AT = 70
-SESSIONS = {number: int(number >= CHANGED_AT) for number in range(160)}
 
 
 def changed(seed, *, offset_deg=0.0, arm_mm=0.0, frame_mm=0.0, arm=2):
@@ -130,7 +129,7 @@ class TestSessions:
         points = np.where(
             rows[:, None], by.apply(data.points_in_tracker_mm), data.points_in_tracker_mm
         )
-        return replace(data, points_in_tracker_mm=points)
+        return replace(data, points_in_tracker_mm=points, session=rows.astype(int))
 
     BUMPED = Transform(Rotation.from_euler("z", 0.02, degrees=True).as_matrix(), np.full(3, 0.4))
     ELSEWHERE = Transform(
@@ -140,7 +139,7 @@ class TestSessions:
 
     @pytest.mark.parametrize("by", [BUMPED, ELSEWHERE])
     def test_frames_of_their_own_bring_back_what_one_frame_would_give(self, by):
-        options = IdentificationOptions(session_of=SESSIONS)
+        options = IdentificationOptions(sessions=True)
         found = identify(NOMINAL, self.moved_stand(by), select_parameters(SPACE), options)
         calm = identified(noisy(simulated(60, 20, seed=6, truth=TRUTH), seed=6), Estimator.POINTS)
         assert found.verdict == "pass"
@@ -156,7 +155,7 @@ class TestSessions:
 
     def test_derivatives_are_those_of_the_residuals(self):
         data = self.moved_stand(self.ELSEWHERE)
-        options = IdentificationOptions(session_of=SESSIONS)
+        options = IdentificationOptions(sessions=True)
         problem = observations(NOMINAL, data, select_parameters(SPACE), options).problem.data
         x = problem.start() + 1e-3 * np.random.default_rng(1).standard_normal(len(problem.start()))
         step = 1e-6
@@ -169,7 +168,8 @@ class TestSessions:
             assert np.abs(problem.jacobian(x)[:, place] - slope).max() < 1e-5 * scale
 
     def test_a_session_of_too_few_shots_is_refused(self):
-        options = IdentificationOptions(session_of={0: 1, 1: 1})
+        options = IdentificationOptions(sessions=True)
         data = self.moved_stand(self.BUMPED)
+        data = replace(data, session=np.array([1, 1] + [0] * (len(data) - 2)))
         with pytest.raises(ShotsMissing, match="a session has 2 shots"):
             identify(NOMINAL, data, select_parameters(SPACE), options)

@@ -136,9 +136,9 @@ class TestBareDistances:
         data = noisy(simulated(30, 0, seed=seed), seed)
         options = IdentificationOptions(weights=Weights.EQUAL)
         found = distance_observations(NOMINAL, data, select_parameters(SPACE), options)
-        measured = found.distances.measured_mm.copy()
+        measured = found.residuals.measured_mm.copy()
         measured[wrong] += 2.0
-        return replace(found.problem, data=replace(found.distances, measured_mm=measured))
+        return replace(found.problem, data=replace(found.residuals, measured_mm=measured))
 
     @pytest.mark.parametrize("seed", range(4))
     @pytest.mark.parametrize("wrong", [[], [4], [7, 21]])

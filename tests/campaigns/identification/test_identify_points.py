@@ -165,6 +165,15 @@ def test_scatter_beyond_the_stated_one_is_the_robots_widens_sigma_and_is_said() 
     assert wild.excluded == ()
 
 
+def test_scatter_is_stated_also_where_outliers_are_kept() -> None:
+    """Else χ² is whitened by what the result says is not there."""
+    wild = noisy(simulated(60, 20, seed=1), seed=2, std_mm=4.0 * NOISE_MM)
+    left_out, kept = (by_points(wild, outliers=each) for each in (Outliers.EXCLUDE, Outliers.KEEP))
+    assert kept.robot_scatter.point_mm == pytest.approx(left_out.robot_scatter.point_mm)
+    assert kept.chi2.value == pytest.approx(left_out.chi2.value)
+    assert kept.chi2.says == left_out.chi2.says
+
+
 def test_scatter_far_below_the_stated_one_does_not_shrink_sigma() -> None:
     still = by_points(noisy(simulated(60, 20, seed=1), seed=2, std_mm=0.2 * NOISE_MM))
     assert not still.chi2.believable
