@@ -1,7 +1,6 @@
 """`run --until`: ends early, says what is known, and leaves nothing else out."""
 
 import pytest
-from command_line import change
 
 from campaigns.journal.journal import read_journal
 from campaigns.shots.shot_sets import ShotSet
@@ -39,34 +38,6 @@ def test_a_run_ends_early_and_what_it_took_is_enough_to_identify(pkmcal, planned
     assert max(lengths) <= 0.09
 
 
-@pytest.mark.long
-def test_afterwards_a_run_without_the_goal_takes_the_rest(pkmcal, planned):
-    taken = until(pkmcal, planned, REACHABLE).document["shots"]
-    again = until(pkmcal, planned, REACHABLE)
-    assert (again.code, again.document["shots"]) == (0, taken)
-    assert "nothing is left to measure; a run without --until takes the rest" in again.err
-    rest = pkmcal("run", planned, "--yes", "--json")
-    assert rest.code == 0, rest.err
-    assert (rest.document["series"], rest.document["shots"]) == (1, SHOTS)
-    assert rest.document["goal"] is None
-    assert rest.document["knowledge"]["shots"] == TO_IDENTIFY
-    assert "the session ended" not in rest.err
-
-
-@pytest.mark.long
-def test_a_goal_that_the_scatter_forbids_is_not_good_and_says_why(pkmcal, planned):
-    change(planned / "cell.yaml", {"robot.repeatability": {"position_mm": 0.05}})
-    ended = pkmcal("run", planned, "--until", REACHABLE, "--yes")
-    assert ended.code == 1
-    assert f"has all {SHOTS} shots" in ended.out
-    assert "not good: goal σ=0.09 is not met: the worst length is known to ±" in ended.out
-    assert "times what the tracker states" in ended.out
-    again = until(pkmcal, planned, REACHABLE)
-    assert again.code == 1
-    assert again.document["goal"]["met"] is False
-    assert again.document["knowledge"]["scatter"] > 2.0
-
-
 def test_a_goal_out_of_the_plans_reach_is_refused_before_anything_moves(pkmcal, planned):
     for options in ((), ("--dry",)):
         ended = until(pkmcal, planned, "σ=0.001", *options)
@@ -75,12 +46,6 @@ def test_a_goal_out_of_the_plans_reach_is_refused_before_anything_moves(pkmcal, 
         assert "pkmcal plan --until σ=0.001" in ended.error_line
         assert ended.out == ""
     assert not (planned / "campaign.db").exists()
-
-
-def test_a_goal_that_is_none_is_refused(pkmcal, planned):
-    ended = until(pkmcal, planned, "0.02")
-    assert ended.code == 2
-    assert "σ=0.02" in ended.error_line
 
 
 def test_dry_says_what_the_plan_would_give(pkmcal, planned):
@@ -133,18 +98,3 @@ def test_a_plan_for_a_goal_by_distances_is_one_that_a_run_accepts(pkmcal, tmp_pa
     assert dry.code == 0, dry.err
     foreseen = dry.document["knowledge"]["length_std_mm"]
     assert 0.9 * promised < foreseen < 1.1 * promised
-
-
-def test_dry_without_a_goal_says_what_it_always_said(pkmcal, planned):
-    document = pkmcal("run", planned, "--dry", "--json").document
-    assert {"shots", "seconds_estimated"} <= set(document)
-    assert not {"goal", "knowledge"} & set(document)
-
-
-@pytest.mark.long
-def test_the_estimator_that_will_identify_says_what_is_known(pkmcal, measured):
-    points = pkmcal("run", measured, "--json")
-    assert points.code == 0, "nothing is left to measure, so nothing is asked"
-    assert 0.01 < points.document["knowledge"]["length_std_mm"] < 0.1
-    distances = pkmcal("run", measured, "--estimator", "distances", "--json")
-    assert distances.document["knowledge"] is None, "24 pairs tell nothing certain of 22 parameters"
