@@ -7,13 +7,14 @@ import shutil
 import numpy as np
 import pytest
 from command_line import change
-from delta_cases import LIMITS, NOMINAL, SPACE, answers, flat_in, shots_file
+from family_cases import Member, flat_in
 
 from app.main import run_command
-from campaigns.mechanisms.delta import DELTA
 from campaigns.robots.robot import find_robot
 from sim.scenarios.scenario import shipped_text
 
+DELTA = Member("delta")
+SPACE = DELTA.space
 CLOSE_TO_TRUTH = {"mm": 1e-6, "deg": 1e-7}
 """The files' points have six decimals, their joints nine."""
 CLOSE_TO_LEAST_SQUARES = {"mm": 1e-9, "deg": 1e-10}
@@ -63,7 +64,7 @@ def passed(passed_once, tmp_path):
 
 def take_in(folder, name, unseen):
     file = folder / "measured.csv"
-    text = marked(shots_file(name).read_text(encoding="utf-8"), unseen)
+    text = marked(DELTA.shots_file(name).read_text(encoding="utf-8"), unseen)
     file.write_text(text, encoding="utf-8")
     assert run_command(["import", str(folder), str(file)]) == 0
 
@@ -93,7 +94,7 @@ def test_its_plan_has_three_joints_and_no_turn(pkmcal, new):
         head, *rows = csv.reader(file)
     assert head == ["shot", "set", "pair", "x_mm", "y_mm", "z_mm", "q0_deg", "q1_deg", "q2_deg"]
     poses, joints_deg = np.split(np.array([row[3:] for row in rows], dtype=float), 2, axis=1)
-    judged = NOMINAL.feasibility(LIMITS, poses)
+    judged = DELTA.nominal.feasibility(DELTA.limits, poses)
     assert len(rows) == 40 + 2 * 4 + 3
     assert judged.feasible.all()
     assert np.abs(np.degrees(judged.joints) - joints_deg).max() < 1e-9
@@ -101,7 +102,7 @@ def test_its_plan_has_three_joints_and_no_turn(pkmcal, new):
 
 @pytest.mark.parametrize("name", ["exact", "noise"])
 def test_its_parameters_are_the_reference_s_least_squares(pkmcal, taken_in, name):
-    answer = answers(name)
+    answer = DELTA.answers(name)
     found = pkmcal("identify", taken_in(name), "--json").document
     free = [parameter for parameter, entry in found["parameters"].items() if entry["free"]]
     assert free == answer["free"]
@@ -111,16 +112,9 @@ def test_its_parameters_are_the_reference_s_least_squares(pkmcal, taken_in, name
     assert of_coordinates == pytest.approx(answer["rms_mm"], rel=1e-6)
 
 
-def test_exact_distances_give_the_true_parameters(pkmcal, taken_in):
-    folder = taken_in("exact")
-    found = pkmcal("identify", folder, "--estimator", "distances", "--json").document
-    truth = flat_in(answers("exact")["truth"])
-    assert_same(values(found), truth, {"mm": 1e-5, "deg": 1e-6})
-
-
 def test_the_truth_lies_within_the_stated_uncertainty(pkmcal, taken_in):
     found = pkmcal("identify", taken_in("noise"), "--json").document
-    truth = flat_in(answers("noise")["truth"])
+    truth = flat_in(DELTA.answers("noise")["truth"])
     off = [
         (entry["value"] - truth[name]) / entry["std"]
         for name, entry in found["parameters"].items()
@@ -156,10 +150,10 @@ def test_its_exported_robot_file_holds_the_true_robot(pkmcal, passed):
     assert ended.code == 0, ended.err
     robot = find_robot(str(passed / "robot-compensated.yaml")).robot
     assert robot.mechanism.name == DELTA.name
-    assert robot.limits == LIMITS
+    assert robot.limits == DELTA.limits
     assert robot.workspace_centre_mm == (0.0, 0.0, -700.0)
     assert list(robot.parameters.std) == list(SPACE.free_by_default)
-    assert_same(dict(robot.parameters), flat_in(answers("exact")["truth"]), CLOSE_TO_TRUTH)
+    assert_same(dict(robot.parameters), flat_in(DELTA.answers("exact")["truth"]), CLOSE_TO_TRUTH)
 
 
 def test_its_exported_robot_is_the_nominal_of_a_next_campaign(pkmcal, passed, tmp_path):
