@@ -22,8 +22,8 @@ from campaigns.chain.validation import (
 )
 from campaigns.errors import CampaignError, Interrupted
 from campaigns.journal.journal import Journal
-from campaigns.measuring.session import RunResult, Work, measure_series, run_result
-from campaigns.measuring.shot_taker import Cell
+from campaigns.measuring.session import RunResult, measure_series, run_result
+from campaigns.measuring.work import Cell, Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.shots.shot_sets import ShotSet

@@ -7,8 +7,9 @@ from app.progress import interval
 from campaigns.campaign import Campaign
 from campaigns.chain.running import RunOutlook
 from campaigns.measuring.run_state import ParameterPrecision
-from campaigns.measuring.session import RunResult, Work
+from campaigns.measuring.session import RunResult
 from campaigns.measuring.stopping_rule import in_words
+from campaigns.measuring.work import Work
 from drivers.values import Identity
 
 

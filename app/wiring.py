@@ -21,7 +21,7 @@ from campaigns.controllers.linuxcnc_export import (
 from campaigns.errors import ConfigInvalid, WriteFailed
 from campaigns.files.text_file import replace_text
 from campaigns.journal.inspection import RawReaders
-from campaigns.measuring.shot_taker import Cell as Devices
+from campaigns.measuring.work import Cell as Devices
 from campaigns.mechanisms.mechanism import Mechanism
 from campaigns.settings.config import CampaignConfig
 from campaigns.settings.sections import LinuxcncConfig

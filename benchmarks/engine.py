@@ -23,10 +23,9 @@ from campaigns.campaign import now_utc
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.journal.journal import open_journal
-from campaigns.measuring.rules import MotionRules, gate_rules
 from campaigns.measuring.run_state import SILENT
-from campaigns.measuring.session import Work, measure_series
-from campaigns.measuring.shot_taker import Cell
+from campaigns.measuring.session import measure_series
+from campaigns.measuring.work import Cell, Work
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot, plan_digest
 from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan
@@ -34,6 +33,7 @@ from campaigns.planning.predicted_precision import EstimationSetup
 from campaigns.planning.steps import joint_steps
 from campaigns.robots.robot import pose_row
 from campaigns.settings.config import new_config
+from campaigns.settings.sections import SettleConfig
 from drivers.ports import LaserTracker, RobotController
 from drivers.values import Identity, Measurement, RobotState, Weather
 from sim.clock import ManualClock
@@ -88,8 +88,12 @@ def work_of(shots: Sequence[PlannedShot]) -> Work:
         robot_file_digest=ROBOT.digest(),
         configuration={},
         robot=RobotModel(NOMINAL, ROBOT.limits, pose_row(CENTRE)),
-        motion=MotionRules(0.3, settle_s=0.0, still_rad=1e-5, in_place_rad=1e-4, timeout_s=10.0),
-        gate=gate_rules(new_config(SETTINGS)),
+        speed_fraction=0.3,
+        settle=SettleConfig.model_construct(
+            time_s=0.0, still_deg=5e-4, in_place_deg=5e-3, timeout_s=10.0
+        ),
+        gate=new_config(SETTINGS).gate,
+        search_mm=2500.0,
         setup=EstimationSetup(Estimator.POINTS, FREE, TrackerUncertainty()),
     )
 

@@ -19,7 +19,8 @@ from app.run_text import (
 )
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.chain.running import predicted_end, run_outlook, run_work
-from campaigns.measuring.session import RunResult, Work
+from campaigns.measuring.session import RunResult
+from campaigns.measuring.work import Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
 

@@ -40,7 +40,7 @@ from campaigns.journal.journal import Journal, read_journal
 from campaigns.journal.records import Intent, Outcome, Record
 from campaigns.measuring.run_state import SILENT
 from campaigns.measuring.session import complete_series, measure_series
-from campaigns.measuring.shot_taker import Cell
+from campaigns.measuring.work import Cell
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import PlanRequest, make_plan
 from drivers.ports import LaserTracker, RobotController

@@ -36,7 +36,7 @@ from campaigns.journal.journal import Journal
 from campaigns.measuring.run_state import SILENT, RunObserver
 from campaigns.measuring.series_log import problem_of
 from campaigns.measuring.session import measure_series
-from campaigns.measuring.shot_taker import Cell
+from campaigns.measuring.work import Cell
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.robot import RobotFile, read_robot
 from drivers.errors import Cancelled, DeviceRefused, DriverError

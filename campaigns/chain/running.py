@@ -11,14 +11,13 @@ from campaigns.measuring.resume import ResumeState, check_same_devices, resume_s
 from campaigns.measuring.run_state import SILENT, RunObserver
 from campaigns.measuring.session import (
     RunResult,
-    Work,
     complete_series,
     measure_series,
     run_result,
     series_to_take_up,
 )
-from campaigns.measuring.shot_taker import Cell
 from campaigns.measuring.stopping_rule import PredictedStop, predicted_stop, read_goal
+from campaigns.measuring.work import Cell, Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.planning.predicted_precision import (
@@ -46,9 +45,9 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
     steps = joint_steps(checked.shots)
     work = engine_work(campaign, "run", steps, robot.kinematics, robot.digest(), setup)
     skip = _known_shots(checked, options.skip)
-    work = replace(work, goal=goal, skip=skip, anyway=options.anyway, compared_at_end=True)
+    work = replace(work, goal=goal, skip=skip, override=options.anyway, compared_at_end=True)
     if options.free or options.model not in {Model.PAPER, Model.STANDARD}:
-        require_identifiable(work.knowing().workspace, free)
+        require_identifiable(work.precision_monitor().workspace, free)
     return work
 
 
@@ -114,7 +113,7 @@ def predicted_end(campaign: Campaign, work: Work) -> PredictedStop | None:
     """
     if work.goal is None:
         return None
-    return predicted_stop(work.goal, work.knowing(), campaign.config.tracker.place_mm)
+    return predicted_stop(work.goal, work.precision_monitor(), campaign.config.tracker.place_mm)
 
 
 def measured_before(campaign: Campaign, work: Work) -> RunResult | None:

@@ -25,11 +25,8 @@ from campaigns.identification.result import RecordedIdentification, read_identif
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Event, Finding, Stage
 from campaigns.measuring.run_state import SILENT, RunObserver
-from campaigns.measuring.session import (
-    Work,
-    measure_series,
-)
-from campaigns.measuring.shot_taker import Cell
+from campaigns.measuring.session import measure_series
+from campaigns.measuring.work import Cell, Work
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.predicted_precision import (

@@ -1,12 +1,13 @@
 """Work for the engine: steps with the rules of a campaign's settings, and free parameters."""
 
+from math import dist
+
 from campaigns.campaign import Campaign
 from campaigns.identification.model_selection import select_geometry
 from campaigns.identification.options import Selection
 from campaigns.journal.records import Stage
-from campaigns.measuring.rules import gate_rules, motion_rules
-from campaigns.measuring.session import Work
-from campaigns.measuring.tracker_place import TrackerSight
+from campaigns.measuring.tracker_place import Station
+from campaigns.measuring.work import Work
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import plan_digest
@@ -37,10 +38,13 @@ def engine_work(
         robot_file_digest=digest,
         configuration=config.model_dump(mode="json"),
         robot=RobotModel(kinematics, robot.limits, campaign.centre, campaign.space),
-        motion=motion_rules(config),
-        gate=gate_rules(config),
+        speed_fraction=config.controller.speed_percent / 100.0,
+        settle=config.settle,
+        gate=config.gate,
+        search_mm=dist(config.tracker.place_mm, config.validation.centre_mm),
+        look_back_s=config.run.look_back_s,
         setup=setup,
-        sight=TrackerSight(
+        station=Station(
             config.tracker.place_mm,
             config.tracker.reflector_facing,
             config.tracker.acceptance_rad,

@@ -9,8 +9,8 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.estimation.incremental_fit import IncrementalGaussNewton
 from campaigns.estimation.information import LinearizedModel
-from campaigns.journal.records import Outcome
-from campaigns.measuring.rules import GateRules
+from campaigns.journal.records import Event, Outcome
+from campaigns.settings.sections import GateConfig
 from drivers.values import Vector3, Weather, vector
 
 SIGMAS = 4.0
@@ -44,16 +44,11 @@ class InnovationGate:
     `new_fit` gives a running fit that knows no shot yet.
     """
 
-    def __init__(self, rules: GateRules, new_fit: Callable[[], IncrementalGaussNewton]) -> None:
+    def __init__(self, rules: GateConfig, new_fit: Callable[[], IncrementalGaussNewton]) -> None:
         self._rules = rules
         self._new_fit = new_fit
         self._running = new_fit()
         self._accepted: dict[int, Outcome] = {}
-
-    @property
-    def distance_mm(self) -> float:
-        """Largest distance from where nominal parameters put a point."""
-        return self._rules.distance_mm
 
     def judge(self, joints: tuple[float, ...], point_in_tracker_mm: Vector3) -> GateDecision:
         """A point too far from where it should be is a wrong target or a wrong pose, never data.
@@ -82,8 +77,8 @@ class InnovationGate:
         self._accepted[outcome.shot] = outcome
         self._teach(outcome)
 
-    def forget(self, shots: Iterable[int]) -> None:
-        """Unlearn shots that were accepted and do not count any more."""
+    def reset(self, shots: Iterable[int]) -> None:
+        """Take out shots that were accepted and do not count any more."""
         for shot in shots:
             del self._accepted[shot]
         self._running = self._new_fit()
@@ -198,14 +193,10 @@ class DriftMonitor:
             return None
         return dist(self._first_mm, point_in_tracker_mm)
 
-    def forget(self, point_in_tracker_mm: Vector3) -> None:
-        """Unlearn a first shot that does not count any more: the next one is the first."""
-        if self._first_mm == point_in_tracker_mm:
-            self.begin_anew()
-
-    def begin_anew(self) -> None:
-        """Unlearn the first shot whichever it was: tracker or robot have moved since."""
-        self._first_mm = None
+    def reset(self, point_in_tracker_mm: Vector3 | None = None) -> None:
+        """The next shot is the first; of a point that does not count any more, if that was it."""
+        if point_in_tracker_mm in (None, self._first_mm):
+            self._first_mm = None
 
 
 class TemperatureMonitor:
@@ -216,16 +207,17 @@ class TemperatureMonitor:
         self._first = first
         self._alarmed = False
 
-    def news(self, weather: Weather | None) -> str:
-        """What to tell the operator of this shot's air; empty when there is nothing new."""
+    def events(self, weather: Weather | None) -> tuple[Event, ...]:
+        """What to tell the operator of this shot's air, if there is anything new."""
         if weather is None:
-            return ""
+            return ()
         self._first = self._first or weather
         change_degC = weather.temperature_degC - self._first.temperature_degC
         limit_degC = self._limit_degC * (ALARM_ENDS_AT if self._alarmed else 1.0)
         if (abs(change_degC) > limit_degC) is self._alarmed:
-            return ""
+            return ()
         self._alarmed = not self._alarmed
         state = "has changed by" if self._alarmed else "is back within its limit:"
         limit = f"limit {self._limit_degC:g} °C"
-        return f"the air {state} {change_degC:+.2f} °C since the start, {limit}"
+        text = f"the air {state} {change_degC:+.2f} °C since the start, {limit}"
+        return (Event("temperature alarm", text),)

@@ -4,15 +4,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from campaigns.errors import Interrupted, JogRequired, NotSettled, TargetOutOfReach
-from campaigns.measuring.rules import MotionRules
 from campaigns.measuring.run_state import EngineState
 from campaigns.measuring.watched_deadline import WatchedDeadline
 from campaigns.mechanisms.mechanism import Axis
 from campaigns.planning.paths import Joints, PathCache
 from campaigns.planning.steps import Step
+from campaigns.settings.sections import SettleConfig
 from drivers.errors import EmergencyStop, MotionFault
 from drivers.ports import Clock, RobotController
 from drivers.values import RobotState
+
+POLL_S = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +35,15 @@ class Mover:
         self,
         robot: RobotController,
         clock: Clock,
-        rules: MotionRules,
+        speed_fraction: float,
+        settle: SettleConfig,
         ways: PathCache,
         stop_requested: Callable[[], bool],
     ) -> None:
         self._robot = robot
         self._clock = clock
-        self._rules = rules
+        self._speed_fraction = speed_fraction
+        self._settle = settle
         self._ways = ways
         self._axes = ways.axes
         self._stop_requested = stop_requested
@@ -71,7 +75,7 @@ class Mover:
         until_s = self._clock.now_s() + seconds
         while (left_s := until_s - self._clock.now_s()) > 0.0:
             self.check_stop()
-            self._clock.sleep_s(min(left_s, self._rules.poll_s))
+            self._clock.sleep_s(min(left_s, POLL_S))
 
     def require_sound(self) -> None:
         """Raise `EmergencyStop` or `MotionFault` when the robot has one."""
@@ -104,7 +108,7 @@ class Mover:
     def has_moved(self, since: RobotState) -> bool:
         """Whether the robot has left the place where it was read before; raises its faults."""
         now = self._state()
-        return now.moving or not _within(self._apart(now, since.joints), self._rules.still_rad)
+        return now.moving or not _within(self._apart(now, since.joints), self._settle.still_rad)
 
     def check_stop(self) -> None:
         """Raise `Interrupted` when the operator has asked to stop."""
@@ -138,10 +142,10 @@ class Mover:
                 return state
             if is_late:
                 raise NotSettled(
-                    f"the robot has been moving for {self._rules.timeout_s:g} s unasked",
+                    f"the robot has been moving for {self._settle.timeout_s:g} s unasked",
                     remedy="stop it at the controller, then run again",
                 )
-            self._clock.sleep_s(self._rules.poll_s)
+            self._clock.sleep_s(POLL_S)
 
     def _stop_of(self, state: RobotState) -> Joints:
         """Where the robot stands: its last target if it is still there, else as it was read."""
@@ -172,7 +176,7 @@ class Mover:
 
     def _deadline(self) -> WatchedDeadline:
         """Deadline by which a move that begins now must have ended and settled."""
-        return WatchedDeadline(self._clock, self._rules.timeout_s)
+        return WatchedDeadline(self._clock, self._settle.timeout_s)
 
     def _start(self, step: Step) -> None:
         if step.command == "joints":
@@ -180,11 +184,11 @@ class Mover:
             return
         self.check_stop()
         pose = step.corrected or step.planned.pose
-        self._robot.move_pose(pose, self._rules.speed_fraction)
+        self._robot.move_pose(pose, self._speed_fraction)
 
     def _start_joints(self, target: Joints) -> None:
         self.check_stop()
-        self._robot.move_joints(target, self._rules.speed_fraction)
+        self._robot.move_joints(target, self._speed_fraction)
 
     def _await_arrival(self, target: Joints, deadline: WatchedDeadline) -> RobotState:
         """Wait until the controller has stopped moving, and in place: the next way starts there."""
@@ -195,22 +199,22 @@ class Mover:
                 return state
             if is_late:
                 raise self._not_settled(self._why_not_there(state, target))
-            self._clock.sleep_s(self._rules.poll_s)
+            self._clock.sleep_s(POLL_S)
 
     def _settled(self, target: Joints, deadline: WatchedDeadline) -> RobotState:
         """Wait until the joints have been still, and in place, for the settling time."""
         since_s, reference = self._clock.now_s(), self._state()
         last_motion = (0, 0.0)
         while True:
-            self._clock.sleep_s(self._rules.poll_s)
+            self._clock.sleep_s(POLL_S)
             self.check_stop()
             is_late, now_s, state = deadline.has_passed(), self._clock.now_s(), self._state()
             motion = self._apart(state, reference.joints)
-            still = not state.moving and _within(motion, self._rules.still_rad)
+            still = not state.moving and _within(motion, self._settle.still_rad)
             if not still:
                 since_s, reference, last_motion = now_s, state, _worst(motion)
             in_place = self._in_place(state, target)
-            if still and in_place and now_s - since_s >= self._rules.settle_s:
+            if still and in_place and now_s - since_s >= self._settle.time_s:
                 return state
             if is_late:
                 there = state.moving or not in_place
@@ -221,11 +225,11 @@ class Mover:
                 )
 
     def _in_place(self, state: RobotState, target: Joints) -> bool:
-        return _within(self._apart(state, target), self._rules.in_place_rad)
+        return _within(self._apart(state, target), self._settle.in_place_rad)
 
     def _not_settled(self, why: str) -> NotSettled:
         return NotSettled(
-            f"{why}, {self._rules.timeout_s:g} s after the move began",
+            f"{why}, {self._settle.timeout_s:g} s after the move began",
             remedy="look for what holds or shakes the robot, then at `settle` in campaign.yaml",
         )
 
@@ -236,7 +240,7 @@ class Mover:
 
     def _why_not_there(self, state: RobotState, target: Joints) -> str:
         joint, away = _worst(self._apart(state, target))
-        limit = self._rules.in_place_rad
+        limit = self._settle.in_place_rad
         if away <= limit:
             return "the controller still reports motion"
         moves = "and still moves" if state.moving else "and stands there"
@@ -248,7 +252,7 @@ class Mover:
     def _why_not_still(self, joint: int, moved: float) -> str:
         return (
             f"joint {joint} moved {self._text(joint, moved, '.4f')} within the settling time of "
-            f"{self._rules.settle_s:g} s (limit {self._text(joint, self._rules.still_rad, 'g')})"
+            f"{self._settle.time_s:g} s (limit {self._text(joint, self._settle.still_rad, 'g')})"
         )
 
     def _text(self, joint: int, size: float, form: str) -> str:

@@ -12,14 +12,10 @@ from math import dist, sqrt
 
 from campaigns.errors import NotSettled, TargetOutOfReach
 from campaigns.journal.records import BeamStart, Event, EventKind
-from campaigns.measuring.monitors import InnovationGate
-from campaigns.measuring.motion import Mover
-from campaigns.measuring.rules import GateRules
-from campaigns.measuring.run_state import EngineState, RunState
-from campaigns.measuring.series_log import SeriesLog
+from campaigns.measuring.run_state import EngineState
 from campaigns.measuring.watched_deadline import WatchedDeadline
+from campaigns.measuring.work import Session
 from drivers.errors import BeamBroken, LimitViolation
-from drivers.ports import Clock, LaserTracker
 from drivers.values import Vector3
 
 LOOK_AGAIN_S = 1.0
@@ -55,29 +51,12 @@ class Anchor:
 class Reacquisition:
     """Finds the reflector again, while the robot stands still or back at a pose seen before."""
 
-    def __init__(
-        self,
-        tracker: LaserTracker,
-        clock: Clock,
-        log: SeriesLog,
-        mover: Mover,
-        gate: InnovationGate,
-        tally: RunState,
-        rules: GateRules,
-        starts: Sequence[BeamStart],
-    ) -> None:
-        self._tracker = tracker
-        self._clock = clock
-        self._log = log
-        self._mover = mover
-        self._gate = gate
-        self._tally = tally
-        self._rules = rules
+    def __init__(self, session: Session, starts: Sequence[BeamStart]) -> None:
+        self._session = session
+        self._tracker, self._clock = session.cell.tracker, session.cell.clock
+        self._mover, self._gate = session.mover, session.gate
+        self._run_state = session.run_state
         self._starts = deque(MOST_ANCHORS * tuple(starts))
-
-    def may_look_back(self) -> bool:
-        """Whether there is a pose at which the reflector was measured."""
-        return bool(self._gate.accepted)
 
     def wait(self, joints: tuple[float, ...], *, seen_here: bool) -> bool:
         """Wait until the reflector is found, for as long as it takes, and say how long it took.
@@ -94,22 +73,24 @@ class Reacquisition:
             self._mover.check_stop()
             self._mover.require_sound()
             lasted_s = self._clock.now_s() - since_s
-            self._tally.see_beam(locked=False, lost_s=lasted_s, advice=advice)
-            if look_back.has_passed() and not seen_here and self.may_look_back():
+            self._run_state.see_beam(locked=False, lost_s=lasted_s, advice=advice)
+            if look_back.has_passed() and not seen_here and self._gate.accepted:
                 return False
             if lasted_s >= told_at_s:
                 told_at_s = next(alarms, float("inf"))
                 text = f"the beam has been broken for {lasted_s:.0f} s and is waited for: {failure}"
                 self._announce("beam broken", f"{text}; {advice}")
             self._mover.pause(LOOK_AGAIN_S)
-        self._tally.see_beam(locked=True)
+        self._run_state.see_beam(locked=True)
         lasted_s = self._clock.now_s() - since_s
         self._announce("resumed", f"the tracker has its reflector again, after {lasted_s:.0f} s")
         return True
 
     def _look_back_deadline(self) -> WatchedDeadline:
         """Deadline by which a reflector must be found at a pose where it never was."""
-        return WatchedDeadline(self._clock, self._rules.look_back_s, fewest_looks=FEWEST_SEARCHES)
+        return WatchedDeadline(
+            self._clock, self._session.work.look_back_s, fewest_looks=FEWEST_SEARCHES
+        )
 
     def at_expected(self, joints: tuple[float, ...]) -> bool:
         """Whether the reflector was found where it should be; False too while that is unknown."""
@@ -119,7 +100,7 @@ class Reacquisition:
         try:
             self._tracker.go_to(expected_mm)
         except BeamBroken:
-            self._tally.see_beam(locked=False)
+            self._run_state.see_beam(locked=False)
             return False
         return True
 
@@ -131,12 +112,12 @@ class Reacquisition:
         latest = self._gate.accepted[-1]
         name = f"where shot {latest.shot} was"
         self._announce("suspended", f"looking for the reflector {name}")
-        self._mover.return_to(latest.joints, f"back to {name}", self._tally.enter)
-        self._tally.enter(EngineState.SUSPENDED)
+        self._mover.return_to(latest.joints, f"back to {name}", self._run_state.enter)
+        self._run_state.enter(EngineState.SUSPENDED)
         began_s = self._clock.now_s()
         self.wait(latest.joints, seen_here=True)
-        self._tally.rest()
-        return self._clock.now_s() - began_s < self._rules.look_back_s
+        self._run_state.rest()
+        return self._clock.now_s() - began_s < self._session.work.look_back_s
 
     def look_back(self, standing_mm: Vector3 | None = None) -> bool:
         """Bring robot and beam together where the reflector was seen before; False: nowhere.
@@ -151,7 +132,7 @@ class Reacquisition:
         """What the operator can do, and whether the tracker may find the reflector by itself."""
         expected_mm = self._gate.expected_point_mm(joints)
         if expected_mm is None:
-            away_m = self._rules.search_mm / MM_PER_M
+            away_m = self._session.work.search_mm / MM_PER_M
             put = "put the beam onto the robot's reflector by hand"
             return f"{put}, about {away_m:.1f} m from the tracker", False
         away_m, at = _length(expected_mm) / MM_PER_M, ", ".join(f"{v:.0f}" for v in expected_mm)
@@ -164,20 +145,20 @@ class Reacquisition:
         while self._starts:  # each is left behind: the beam may have been on a wrong one even then
             start = self._starts.popleft()
             if standing_mm is None or not _points_at(start.direction, standing_mm):
-                towards_mm = _at(start.direction, self._rules.search_mm)
+                towards_mm = _at(start.direction, self._session.work.search_mm)
                 yield Anchor("where the run began", start.joints, towards_mm)
 
     def _locked_at(self, anchor: Anchor) -> bool:
         self._announce("suspended", f"looking for the reflector {anchor.name}")
         try:
-            self._mover.return_to(anchor.joints, f"back to {anchor.name}", self._tally.enter)
+            self._mover.return_to(anchor.joints, f"back to {anchor.name}", self._run_state.enter)
         except (TargetOutOfReach, LimitViolation, NotSettled):
-            self._tally.rest()
+            self._run_state.rest()
             return False
-        self._tally.enter(EngineState.SUSPENDED)
+        self._run_state.enter(EngineState.SUSPENDED)
         locked = self._failure_at(anchor.point_in_tracker_mm) is None
-        self._tally.see_beam(locked=locked)
-        self._tally.rest()
+        self._run_state.see_beam(locked=locked)
+        self._run_state.rest()
         return locked
 
     def _failure_to_find(self, joints: tuple[float, ...], here: Vector3 | None) -> str | None:
@@ -185,9 +166,9 @@ class Reacquisition:
         if self.at_expected(joints):
             return None
         if here is not None and self._gate.expected_point_mm(joints) is not None:
-            return self._failure_at(_at(here, self._rules.search_mm))
+            return self._failure_at(_at(here, self._session.work.search_mm))
         try:
-            self._tracker.find_reflector(self._rules.search_mm)
+            self._tracker.find_reflector(self._session.work.search_mm)
         except BeamBroken as error:
             return error.problem
         return None
@@ -204,8 +185,7 @@ class Reacquisition:
         return None
 
     def _announce(self, kind: EventKind, text: str) -> None:
-        self._log.write(Event(kind, text))
-        self._tally.event(text)
+        self._session.log.announce(Event(kind, text))
 
 
 def distinct_starts(starts: Iterable[BeamStart | None]) -> tuple[BeamStart, ...]:

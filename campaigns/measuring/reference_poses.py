@@ -1,4 +1,4 @@
-"""Reference poses: spread poses measured again and compared as a body; what moved, and how far."""
+"""Rigid-body test: spread reference poses measured again; what moved, and how far."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,8 +37,8 @@ class ReferencePose:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ReferenceScatter:
-    """Scatter by which poses measured twice may differ."""
+class ReferenceNoise:
+    """Noise by which poses measured twice may differ."""
 
     robot: VarianceComponents
     instrument: TrackerUncertainty
@@ -98,12 +98,12 @@ def reference_poses(steps: Sequence[Step], kept: Sequence[Outcome]) -> tuple[Ref
     return tuple(taken[place] for place in chosen)
 
 
-def compare_as_body(
+def rigid_body_test(
     nominal: Kinematics,
     kept: Sequence[Outcome],
     then: Sequence[Outcome],
     now: Sequence[Outcome],
-    scatter: ReferenceScatter,
+    noise: ReferenceNoise,
 ) -> BodyComparison:
     """What has moved between two measurements of the same poses.
 
@@ -120,16 +120,16 @@ def compare_as_body(
     moved = moved - points - commanded
     by_joints = np.einsum("ab,nbj->naj", axes, _by_joints(nominal, q_then))
     covariance = sum(
-        scatter.robot.covariance_mm2(outcomes_covariance_mm2(each, scatter.instrument), by_joints)
+        noise.robot.covariance_mm2(outcomes_covariance_mm2(each, noise.instrument), by_joints)
         for each in (then, now)
     )
-    whitening = np.linalg.inv(np.linalg.cholesky(covariance)) / scatter.factor
+    whitening = np.linalg.inv(np.linalg.cholesky(covariance)) / noise.factor
     seen = np.einsum("nab,nb->na", whitening, moved).ravel()
     chi2 = float(seen @ seen)
-    whitened = _Displacements(seen, whitening, scatter.freedom)
+    whitened = _Displacements(seen, whitening, noise.freedom)
     largest_mm = float(np.linalg.norm(moved, axis=1).max())
     size_mm = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
-    unmoved = size_mm <= scatter.limit_mm and whitened.may_be_chance(chi2, 0)
+    unmoved = size_mm <= noise.limit_mm and whitened.may_be_chance(chi2, 0)
     change = "" if unmoved else _cause(whitened, nominal, points, moved, by_joints)
     return BodyComparison(largest_mm, chi2, seen.size, change)
 

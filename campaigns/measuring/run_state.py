@@ -126,22 +126,13 @@ pose where the reflector is looked for.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class AcceptedShotReport:
-    """What an accepted shot adds to the progress."""
-
-    seconds: float
-    residual_mm: float | None
-    drift_mm: float | None
-
-
 class RunState:
     """The state of a run, checked against what may follow what."""
 
     def __init__(
-        self, watcher: RunObserver, *, done: int, total: int, goal_mm: float | None = None
+        self, observer: RunObserver, *, done: int, total: int, goal_mm: float | None = None
     ) -> None:
-        self._watcher = watcher
+        self._observer = observer
         self._progress = Progress(done, total, EngineState.IDLE, goal_mm=goal_mm)
         self._seconds: list[float] = []
 
@@ -171,22 +162,21 @@ class RunState:
             self._tell(progress)  # somebody may be waiting for a sign of life
         self._progress = progress
 
-    def accept(self, news: AcceptedShotReport) -> None:
+    def accept(self, seconds: float, residual_mm: float | None, drift_mm: float | None) -> None:
         """A shot counts."""
-        self._seconds.append(news.seconds)
-        done = self._progress.done + 1
-        drift = self._progress.drift_mm if news.drift_mm is None else news.drift_mm
+        self._seconds.append(seconds)
+        now, done = self._progress, self._progress.done + 1
         self._tell(
             replace(
-                self._progress,
+                now,
                 done=done,
-                eta_s=time_left_s(self._seconds, self._progress.total - done),
-                residual_mm=news.residual_mm,
-                drift_mm=drift,
+                eta_s=time_left_s(self._seconds, now.total - done),
+                residual_mm=residual_mm,
+                drift_mm=now.drift_mm if drift_mm is None else drift_mm,
             )
         )
 
-    def know(self, known: ParameterPrecision | None) -> None:
+    def update(self, known: ParameterPrecision | None) -> None:
         """What the shots that count tell."""
         self._progress = replace(self._progress, known=known)
 
@@ -198,10 +188,6 @@ class RunState:
         """Shots that had counted do so no more."""
         self._progress = replace(self._progress, done=self._progress.done - shots)
 
-    def event(self, text: str) -> None:
-        """Something that the operator should read."""
-        self._watcher.event(text)
-
     def _tell(self, progress: Progress) -> None:
         self._progress = progress
-        self._watcher.progress(progress)
+        self._observer.progress(progress)

@@ -1,11 +1,20 @@
-"""Writes into one series of the journal; every attempt and every session gets its end."""
+"""Log of one series in the journal; every attempt and every session gets its end."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 from campaigns.errors import Interrupted, JournalFailed
 from campaigns.journal.journal import Journal
-from campaigns.journal.records import Ending, Intent, Outcome, Record, Rejected, SessionStopped
+from campaigns.journal.records import (
+    Ending,
+    Event,
+    Intent,
+    Outcome,
+    Record,
+    Rejected,
+    SessionStopped,
+)
+from campaigns.measuring.run_state import SILENT, RunObserver
 from campaigns.planning.steps import Step
 from drivers.errors import Cancelled, ExplainedError, RobotStateUnknown
 
@@ -13,8 +22,9 @@ from drivers.errors import Cancelled, ExplainedError, RobotStateUnknown
 class SeriesLog:
     """One series, as the engine writes it. This process alone writes to the journal."""
 
-    def __init__(self, journal: Journal, series: int) -> None:
+    def __init__(self, journal: Journal, series: int, observer: RunObserver = SILENT) -> None:
         self._journal = journal
+        self._observer = observer
         self._series = series
         self._open: Intent | None = None
         self._attempts: dict[int, int] = {}
@@ -44,6 +54,15 @@ class SeriesLog:
         self._journal.append(record, series=self._series)
         if isinstance(record, Outcome | Rejected):
             self._open = None
+
+    def announce(self, event: Event) -> None:
+        """Write an event, and tell it to whoever shows the run."""
+        self.write(event)
+        self.tell(event.text)
+
+    def tell(self, text: str) -> None:
+        """Tell whoever shows the run what the journal has already."""
+        self._observer.event(text)
 
     def close(self, how: Ending, reason: str) -> None:
         """Write how the session ended, and that an attempt which has no end yet gave no data."""

@@ -1,36 +1,21 @@
 """Session: one series begun or resumed, what is missing measured, and closed."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from pydantic import JsonValue
-
-from campaigns.estimation.incremental_fit import IncrementalGaussNewton
-from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import (
     BeamStart,
     Event,
-    Outcome,
     SeriesFinished,
     SeriesStarted,
     SessionStarted,
-    Stage,
 )
 from campaigns.journal.views import AcceptedShot, Series
 from campaigns.measuring.engine import Engine, Monitors
-from campaigns.measuring.monitors import DriftMonitor, InnovationGate, TemperatureMonitor
+from campaigns.measuring.monitors import DriftMonitor, TemperatureMonitor
 from campaigns.measuring.motion import Mover
-from campaigns.measuring.precision_monitor import PrecisionMonitor
 from campaigns.measuring.reacquisition import Reacquisition, distinct_starts
-from campaigns.measuring.reference_poses import (
-    BodyComparison,
-    ReferencePose,
-    ReferenceScatter,
-    compare_as_body,
-    reference_poses,
-)
 from campaigns.measuring.resume import (
     ResumeState,
     check_same_devices,
@@ -40,94 +25,16 @@ from campaigns.measuring.resume import (
     refused,
     resume_state,
 )
-from campaigns.measuring.rules import GateRules, MotionRules
 from campaigns.measuring.run_state import ParameterPrecision, RunObserver, RunState
 from campaigns.measuring.series_log import SeriesLog, closing
-from campaigns.measuring.shot_taker import Cell, ShotTaker
+from campaigns.measuring.shot_taker import ShotTaker
 from campaigns.measuring.stopping_rule import PrecisionGoal, in_words, is_met
-from campaigns.measuring.tracker_place import PlaceMonitor, TrackerSight
-from campaigns.planning.paths import PathCache, RobotModel
-from campaigns.planning.predicted_precision import EstimationSetup
-from campaigns.planning.steps import Group, Step, groups, shots_of, stops_of
+from campaigns.measuring.tracker_place import StationMonitor
+from campaigns.measuring.work import Cell, Session, Work
+from campaigns.planning.paths import PathCache
+from campaigns.planning.steps import Group, shots_of, stops_of
 from campaigns.version import VERSION
 from drivers.values import Identity, Weather
-
-WORKSPACE_SEED = 1
-"""Positions are judged at the same poses in every session."""
-UNKNOWN_SCATTER = 0.25
-"""Standard deviation, in parts of the limit of drift, of a robot whose scatter nobody knows yet."""
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Work:
-    """Work of a session: what is to be measured, and by which rules."""
-
-    stage: Stage
-    steps: tuple[Step, ...]
-    plan_digest: str
-    robot_file_digest: str
-    configuration: Mapping[str, JsonValue]
-    robot: RobotModel
-    motion: MotionRules
-    gate: GateRules
-    setup: EstimationSetup
-    """How the shots will be identified from, which says how much is known."""
-    sight: TrackerSight | None = None
-    """Where the tracker is said to stand; None: nobody said it."""
-    goal: PrecisionGoal | None = None
-    """Of what is identified; once it is met, only the other shots are taken."""
-    skip: frozenset[int] = frozenset()
-    """Shots that shall not be measured, nor the partners of their pairs."""
-    anyway: bool = False
-    """Whether to go on although poses have moved since the last session."""
-    compared_at_end: bool = False
-    """Whether spread poses are measured again at the end of a series that nothing interrupted."""
-
-    @property
-    def skipped_groups(self) -> tuple[Group, ...]:
-        """Groups with a shot that shall not be measured."""
-        return tuple(group for group in groups(self.steps) if self.skip & set(shots_of(group)))
-
-    def knowing(self) -> PrecisionMonitor:
-        """What tells how much is known of the parameters."""
-        shots = [step.planned for step in self.steps]
-        rng = np.random.default_rng(WORKSPACE_SEED)
-        return PrecisionMonitor.of_plan(shots, self.robot, self.setup, rng)
-
-    def watched_place(self) -> PlaceMonitor | None:
-        """What compares the tracker's place with the shots, if anybody said where that is."""
-        if self.sight is None:
-            return None
-        shots = [step.planned for step in self.steps]
-        return PlaceMonitor(self.sight, self.robot.kinematics, shots)
-
-    def scatter_by(self, outcomes: Sequence[Outcome]) -> ReferenceScatter:
-        """Scatter of poses measured twice: the tracker's, and the robot's own by these shots.
-
-        Too few to tell that let the robot scatter by a part of what drift shots may.
-        """
-        instrument, fit = self.setup.uncertainty, self.knowing().point_fit(outcomes)
-        if fit is None:
-            drift = VarianceComponents(point_mm=self.gate.drift_mm * UNKNOWN_SCATTER)
-            return ReferenceScatter(drift, instrument, limit_mm=self.gate.drift_mm)
-        noise = fit.found.noise
-        return ReferenceScatter(
-            fit.scatter, instrument, max(1.0, noise.birge_ratio or 1.0), noise.dof
-        )
-
-    def gate_taught_by(self, shots: Iterable[AcceptedShot]) -> InnovationGate:
-        """A gate that knows these shots and no others.
-
-        What `identify` is told to hold need not be right: the usual parameters are free here.
-        """
-        kinematics = self.robot.kinematics
-        space = kinematics.mechanism.parameters
-        wanted = {*space.free_by_default, *self.setup.free}
-        free = tuple(name for name in space.geometry if name in wanted)
-        gate = InnovationGate(self.gate, lambda: IncrementalGaussNewton(kinematics, free))
-        for shot in shots:
-            gate.accept(shot.outcome)
-        return gate
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +91,7 @@ def measure_series(
     cell: Cell,
     journal: Journal,
     work: Work,
-    watcher: RunObserver,
+    observer: RunObserver,
     stop_requested: Callable[[], bool],
     *,
     anew: bool = False,
@@ -200,7 +107,7 @@ def measure_series(
     if found is not None:
         check_same_devices(found, _serial(today.robot), _serial(today.tracker))
     series = found.number if found else journal.start_series(today)
-    log = SeriesLog(journal, series)
+    log = SeriesLog(journal, series, observer)
     resumed = how_it_stopped(journal, series) if found else ""
     beam = _beam_start(cell)
     log.write(SessionStarted(VERSION, today.robot, today.tracker, today.weather, beam))
@@ -209,83 +116,56 @@ def measure_series(
         if resumed:
             log.write(Event("resumed", f"{work.stage} goes on after {resumed}"))
         left = resume_state(work.steps, journal.shots(series))
+        for half in left.halves:
+            log.write(half)
+        done, total = len(left.kept), len(work.steps)
+        goal_mm = work.goal.std_mm if work.goal else None
+        run_state = RunState(observer, done=done, total=total, goal_mm=goal_mm)
+        ways = PathCache(work.robot, stops_of(left.left))
+        mover = Mover(
+            cell.robot, cell.clock, work.speed_fraction, work.settle, ways, stop_requested
+        )
+        session = Session(cell, work, log, run_state, work.gate_taught_by(left.kept), mover)
         began = found.started if found else today
-        ours = _Run(cell, log, work, watcher, stop_requested, distinct_starts(starts))
-        ours.measure(left, began.weather)
+        _measure(session, left, began.weather, distinct_starts(starts))
         if not (found and found.finished):  # one that ended early is finished already
             log.write(SeriesFinished())
     journal.prove()
     return series
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Run:
-    """One session's work on a series."""
+def _measure(
+    session: Session,
+    found: ResumeState,
+    first_weather: Weather | None,
+    starts: Sequence[BeamStart],
+) -> None:
+    """Look whether anything has shifted since the last session, then measure what is left."""
+    work = session.work
+    reacquisition = Reacquisition(session, starts)
+    shots = [step.planned for step in work.steps]
+    monitors = Monitors(
+        DriftMonitor(work.gate.drift_mm, found.first_drift_mm()),
+        TemperatureMonitor(work.gate.temperature_change_degC, first_weather),
+        work.precision_monitor(),
+        StationMonitor(work.station, work.robot.kinematics, shots) if work.station else None,
+    )
+    engine = Engine(session, ShotTaker(session, reacquisition), reacquisition, monitors)
+    wanted = engine.wanted(_without_skipped(session, found.left))
+    if wanted and found.kept:
+        engine.check_unmoved(found.reference(work.steps))
+    engine.run(wanted)
 
-    cell: Cell
-    log: SeriesLog
-    work: Work
-    watcher: RunObserver
-    stop_requested: Callable[[], bool]
-    starts: Sequence[BeamStart]
 
-    def measure(self, found: ResumeState, first_weather: Weather | None) -> None:
-        """Void what was cut in two, look whether anything has shifted, then measure the rest."""
-        for half in found.halves:
-            self.log.write(half)
-        gate = self.work.gate_taught_by(found.kept)
-        engine = self._engine(found, first_weather, gate)
-        wanted = engine.wanted(self._without_skipped(found.left))
-        if wanted and found.kept:
-            steps = self.work.steps
-            references = reference_poses(steps, gate.accepted)
-            engine.check_unmoved(references, found.reference(steps), anyway=self.work.anyway)
-        engine.run(wanted, self._at_end)
-
-    def _without_skipped(self, left: Sequence[Group]) -> tuple[Group, ...]:
-        """Groups that shall be measured; the journal names the others."""
-        skipped = self.work.skipped_groups
-        for group in left:
-            if group in skipped:
-                shots = shots_of(group)
-                text = f"{in_words(shots)} skipped: left out by --skip"
-                self.log.write(Event("shot skipped", text, shots))
-        return tuple(group for group in left if group not in skipped)
-
-    def _at_end(self, accepted: Sequence[Outcome]) -> Sequence[ReferencePose]:
-        """Poses that are compared at the end of a run that nothing has interrupted."""
-        return reference_poses(self.work.steps, accepted) if self.work.compared_at_end else ()
-
-    def _engine(
-        self, found: ResumeState, first_weather: Weather | None, gate: InnovationGate
-    ) -> Engine:
-        cell, work = self.cell, self.work
-        goal_mm = work.goal.std_mm if work.goal else None
-        done, total = len(found.kept), len(work.steps)
-        tally = RunState(self.watcher, done=done, total=total, goal_mm=goal_mm)
-        ways = PathCache(work.robot, stops_of(found.left))
-        mover = Mover(cell.robot, cell.clock, work.motion, ways, self.stop_requested)
-        reacquisition = Reacquisition(
-            cell.tracker, cell.clock, self.log, mover, gate, tally, work.gate, self.starts
-        )
-        shooter = ShotTaker(cell, self.log, mover, gate, tally, reacquisition)
-        watches = Monitors(
-            gate,
-            DriftMonitor(work.gate.drift_mm, found.first_drift_mm()),
-            TemperatureMonitor(work.gate.temperature_change_degC, first_weather),
-            work.gate.attempts,
-            work.knowing(),
-            work.watched_place(),
-            work.goal,
-        )
-
-        def compare(poses: Sequence[ReferencePose], now: Sequence[Outcome]) -> BodyComparison:
-            kept, then = gate.accepted, [pose.then for pose in poses]
-            scatter = work.scatter_by(kept)
-            return compare_as_body(work.robot.kinematics, kept, then, now, scatter)
-
-        plan = groups(work.steps)
-        return Engine(cell, self.log, shooter, reacquisition, watches, tally, plan, compare)
+def _without_skipped(session: Session, left: Sequence[Group]) -> tuple[Group, ...]:
+    """Groups that shall be measured; the journal names the others."""
+    skipped = session.work.skipped_groups
+    for group in left:
+        if group in skipped:
+            shots = shots_of(group)
+            text = f"{in_words(shots)} skipped: left out by --skip"
+            session.log.write(Event("shot skipped", text, shots))
+    return tuple(group for group in left if group not in skipped)
 
 
 def complete_series(journal: JournalReader, work: Work) -> Series | None:
@@ -331,11 +211,6 @@ def missing_shots(shots: Sequence[AcceptedShot], work: Work) -> tuple[int, ...]:
     return tuple(number for number in numbers if number not in taken)
 
 
-def count_left_out(shots: Sequence[AcceptedShot], work: Work) -> int:
-    """How many shots of the plan are not among the accepted ones of its series."""
-    return len(missing_shots(shots, work))
-
-
 def _wanted_shots(shots: Sequence[AcceptedShot], work: Work) -> set[int]:
     """Missing shots that shall not be skipped."""
     skipped = {shot for group in work.skipped_groups for shot in shots_of(group)}
@@ -353,7 +228,7 @@ def _serial(identity: Identity | None) -> str | None:
 
 def precision_from(shots: Sequence[AcceptedShot], work: Work) -> ParameterPrecision | None:
     """What the accepted shots of a series tell of the parameters, as `identify` will find it."""
-    return work.knowing().fitted(shot.outcome for shot in shots)
+    return work.precision_monitor().fitted(shot.outcome for shot in shots)
 
 
 def _beam_start(cell: Cell) -> BeamStart | None:

@@ -1,25 +1,29 @@
-"""One attempt at one shot: intent, move, settle, measure, judge."""
+"""One attempt at one shot: intent, move, settle, measure, judge; and again until there is data."""
 
-from dataclasses import dataclass
-from typing import NoReturn
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NoReturn, TypeVar
 
-from campaigns.errors import TargetOutOfReach
+from campaigns.errors import GateRefused, TargetOutOfReach
 from campaigns.journal.records import Durations, Event, Intent, Outcome, Rejected
-from campaigns.measuring.monitors import GateDecision, InnovationGate
-from campaigns.measuring.motion import Arrival, Mover
+from campaigns.measuring.motion import Arrival
 from campaigns.measuring.reacquisition import Reacquisition
-from campaigns.measuring.run_state import EngineState, RunState
-from campaigns.measuring.series_log import SeriesLog
+from campaigns.measuring.run_state import EngineState
+from campaigns.measuring.work import Session
 from campaigns.planning.steps import Step
 from drivers.errors import BeamBroken, LimitViolation, NoReflector, NotAMeasurement
-from drivers.ports import Clock, LaserTracker, RobotController
-from drivers.values import Measurement
 
 MOVED = "the robot moved while it was measured"
 BROKEN = "beam broken"
 """Beginning of the reason of a shot that was lost with the beam; the report counts these."""
 IMPOSSIBLE = "no measurement"
 """Beginning of the reason of a shot whose result cannot be."""
+FORGIVEN_BREAKS = 10
+"""Breaks of the beam, one after another at one shot, that count no attempt.
+
+A reflector that is found each time and lost each time while it is measured is no passer-by.
+"""
+Result = TypeVar("Result")
 
 
 class ShotFailed(Exception):
@@ -48,61 +52,49 @@ class TargetRefused(ShotFailed):
     """The robot cannot be sent there; the next attempt could not either. Its cause says why."""
 
 
-@dataclass(frozen=True, slots=True)
-class Cell:
-    """The devices of one cell, and its time."""
-
-    robot: RobotController
-    tracker: LaserTracker
-    clock: Clock
-    """Time as the cell lives it: settling and deadlines of motions."""
-    wall_clock: Clock
-    """Time as the operator lives it: what is left."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Taken:
-    """What the devices said at one settled pose, and what that took."""
-
-    arrival: Arrival
-    measurement: Measurement
-    measure_s: float
-    moved: bool
-    """Whether the robot moved while it was measured."""
-
-
 class ShotTaker:
     """Measures shots of one series, each attempt with its intent before and its end after it."""
 
-    def __init__(
-        self,
-        cell: Cell,
-        log: SeriesLog,
-        mover: Mover,
-        gate: InnovationGate,
-        tally: RunState,
-        reacquisition: Reacquisition,
-    ) -> None:
-        self._cell = cell
-        self._log = log
-        self._mover = mover
-        self._gate = gate
-        self._tally = tally
+    def __init__(self, session: Session, reacquisition: Reacquisition) -> None:
+        self._session = session
         self._reacquisition = reacquisition
+
+    def retry(self, attempt: Callable[[], Result], allowed: int | None = None) -> Result:
+        """Try until there is data; raises `GateRefused`, whose cause is the last `ShotFailed`.
+
+        At once where another attempt could not change anything.
+        """
+        failures: list[ShotFailed] = []
+        breaks = 0
+        while len(failures) < (allowed or self._session.work.gate.attempts):
+            try:
+                return attempt()
+            except BeamReturned as lost:
+                breaks += 1
+                failures += [lost] if breaks > FORGIVEN_BREAKS else []
+            except ReflectorUnseen as lost:
+                failures += [lost] if self._reacquisition.wait_where_it_was() else []
+            except ShotFailed as lost:
+                failures.append(lost)
+                if isinstance(lost, TargetRefused) or _is_hopeless(lost):
+                    break
+        raise _refused(failures) from failures[-1]
 
     def measure(self, step: Step) -> Outcome:
         """Measure a step; its outcome has passed the gate, and nobody has written it yet.
 
         Raises `ShotFailed` when the attempt gave no data, or whatever ends the run.
         """
-        self._tally.begin(step)
-        intent = self._log.begin(step)
-        taken = self._take(step, intent)
-        outcome, refusal = self._judged(intent, taken)
-        if refusal:
-            text = self._reject(Rejected(intent.shot, intent.attempt, refusal, outcome))
-            if taken.moved:
-                raise ShotFailed(text)
+        outcome, moved = self._taken(step)
+        judged = self._session.gate.judge(outcome.joints, outcome.point_in_tracker_mm)
+        outcome = replace(
+            outcome,
+            predicted_in_tracker_mm=judged.predicted_in_tracker_mm,
+            residual_mm=judged.residual_mm,
+        )
+        self._require_still(outcome, moved=moved)
+        if judged.refusal:
+            text = self._reject(outcome, judged.refusal, outcome)
             relocked = self._reacquisition.at_expected(outcome.joints)
             raise ShotRefused(text, outcome, relocked=relocked)
         return outcome
@@ -112,101 +104,103 @@ class ShotTaker:
 
         Raises like `measure`.
         """
-        self._tally.begin(step)
-        intent = self._log.begin(step)
-        taken = self._take(step, intent)
-        outcome = _outcome(intent, taken, GateDecision(None, None, ""))
-        if taken.moved:
-            raise ShotFailed(self._reject(Rejected(intent.shot, intent.attempt, MOVED, outcome)))
+        outcome, moved = self._taken(step)
+        self._require_still(outcome, moved=moved)
         return outcome
 
-    def put_aside(self, outcome: Outcome, reason: str) -> None:
+    def compare_only(self, outcome: Outcome, reason: str) -> None:
         """Write an outcome that was only compared: it does not count."""
-        self._log.write(Rejected(outcome.shot, outcome.attempt, reason, outcome))
-        self._tally.enter(EngineState.IDLE)
+        self._session.log.write(Rejected(outcome.shot, outcome.attempt, reason, outcome))
+        self._session.run_state.enter(EngineState.IDLE)
 
     def accept(self, outcome: Outcome) -> None:
         """Write an outcome: the shot counts, and teaches what to expect of the next one."""
-        self._log.write(outcome)
-        self._gate.accept(outcome)
-        self._tally.enter(EngineState.IDLE)
+        self._session.log.write(outcome)
+        self._session.gate.accept(outcome)
+        self._session.run_state.enter(EngineState.IDLE)
 
-    def _take(self, step: Step, intent: Intent) -> _Taken:
+    def _taken(self, step: Step) -> tuple[Outcome, bool]:
+        """What the devices said at the settled pose, and whether the robot moved meanwhile."""
+        session, clock = self._session, self._session.cell.clock
+        session.run_state.begin(step)
+        intent = session.log.begin(step)
         arrival = self._arrived(step, intent)
-        self._tally.enter(EngineState.MEASURING)
-        started_s = self._cell.clock.now_s()
+        session.run_state.enter(EngineState.MEASURING)
+        started_s = clock.now_s()
         try:
-            measurement = self._cell.tracker.measure()
+            measurement = session.cell.tracker.measure()
         except NotAMeasurement as error:
-            reason = f"{IMPOSSIBLE}: {error.problem}"
-            raise ShotFailed(self._reject(Rejected(intent.shot, intent.attempt, reason))) from error
+            raise ShotFailed(self._reject(intent, f"{IMPOSSIBLE}: {error.problem}")) from error
         except BeamBroken as error:
             self._lose_beam(intent, arrival, error)
-        measure_s = self._cell.clock.now_s() - started_s
-        self._tally.see_beam(locked=True)
-        return _Taken(arrival, measurement, measure_s, self._mover.has_moved(arrival.state))
+        measure_s = clock.now_s() - started_s
+        session.run_state.see_beam(locked=True)
+        outcome = Outcome(
+            intent.shot,
+            intent.attempt,
+            arrival.state.joints,
+            measurement.point_in_tracker_mm,
+            measurement.covariance_mm2,
+            measurement.weather,
+            arrival.state.raw,
+            measurement.raw,
+            Durations(arrival.move_s, arrival.settle_s, measure_s),
+            came_from=arrival.came_from,
+        )
+        return outcome, session.mover.has_moved(arrival.state)
 
     def _arrived(self, step: Step, intent: Intent) -> Arrival:
+        session = self._session
         try:
-            return self._mover.go(step, self._tally.enter)
+            return session.mover.go(step, session.run_state.enter)
         except (LimitViolation, TargetOutOfReach) as error:
-            self._log.write(Rejected(intent.shot, intent.attempt, error.problem))
-            self._tally.rest()
+            session.log.write(Rejected(intent.shot, intent.attempt, error.problem))
+            session.run_state.rest()
             raise TargetRefused(f"shot {intent.shot}: {error.problem}") from error
 
     def _lose_beam(self, intent: Intent, arrival: Arrival, error: BeamBroken) -> NoReturn:
         """Wait until the beam is back, or until another pose must tell where the reflector is."""
-        self._tally.see_beam(locked=False)
-        rejected = Rejected(intent.shot, intent.attempt, f"{BROKEN}: {error.problem}")
-        self._log.write(rejected)
-        self._tally.enter(EngineState.SUSPENDED)
-        text = self._suspended(rejected)
+        self._session.run_state.see_beam(locked=False)
+        text = self._suspend(intent, f"{BROKEN}: {error.problem}")
         seen_here = not isinstance(error, NoReflector)
         found = self._reacquisition.wait(arrival.state.joints, seen_here=seen_here)
-        self._tally.rest()
+        self._session.run_state.rest()
         if found:
             raise BeamReturned(text)
         raise ReflectorUnseen(f"shot {intent.shot}: its reflector was not seen from the tracker")
 
-    def _judged(self, intent: Intent, taken: _Taken) -> tuple[Outcome, str]:
-        """The outcome with its prediction, and why it cannot count if it cannot."""
-        judgement = self._gate.judge(
-            taken.arrival.state.joints, taken.measurement.point_in_tracker_mm
-        )
-        refusal = MOVED if taken.moved else judgement.refusal
-        return _outcome(intent, taken, judgement), refusal
+    def _require_still(self, outcome: Outcome, *, moved: bool) -> None:
+        if moved:
+            raise ShotFailed(self._reject(outcome, MOVED, outcome))
 
-    def _reject(self, rejected: Rejected) -> str:
+    def _reject(
+        self, attempt: Intent | Outcome, reason: str, measured: Outcome | None = None
+    ) -> str:
         """Write a rejection, and tell it; returns its text."""
-        self._log.write(rejected)
-        self._tally.enter(EngineState.SUSPENDED)
-        text = self._suspended(rejected)
-        self._tally.rest()
+        text = self._suspend(attempt, reason, measured)
+        self._session.run_state.rest()
         return text
 
-    def _suspended(self, rejected: Rejected) -> str:
-        text = f"shot {rejected.shot}, attempt {rejected.attempt}: {rejected.reason}"
-        self._announce(Event("suspended", text))
+    def _suspend(
+        self, attempt: Intent | Outcome, reason: str, measured: Outcome | None = None
+    ) -> str:
+        session, shot, number = self._session, attempt.shot, attempt.attempt
+        session.log.write(Rejected(shot, number, reason, measured))
+        session.run_state.enter(EngineState.SUSPENDED)
+        text = f"shot {shot}, attempt {number}: {reason}"
+        session.log.announce(Event("suspended", text))
         return text
 
-    def _announce(self, event: Event) -> None:
-        self._log.write(event)
-        self._tally.event(event.text)
+
+def _is_hopeless(lost: ShotFailed) -> bool:
+    """Whether the tracker is still on what was refused: it would be refused again."""
+    return isinstance(lost, ShotRefused) and not lost.relocked
 
 
-def _outcome(intent: Intent, taken: _Taken, judgement: GateDecision) -> Outcome:
-    arrival, measurement = taken.arrival, taken.measurement
-    return Outcome(
-        intent.shot,
-        intent.attempt,
-        arrival.state.joints,
-        measurement.point_in_tracker_mm,
-        measurement.covariance_mm2,
-        measurement.weather,
-        arrival.state.raw,
-        measurement.raw,
-        Durations(arrival.move_s, arrival.settle_s, taken.measure_s),
-        judgement.predicted_in_tracker_mm,
-        judgement.residual_mm,
-        arrival.came_from,
+def _refused(failures: list[ShotFailed]) -> GateRefused:
+    attempts = f"{len(failures)} attempts" if len(failures) > 1 else "the attempt"
+    return GateRefused(
+        f"{attempts} failed, the last one: {failures[-1]}",
+        remedy="look at the reflector, the beam and the robot there; then run again, it resumes. "
+        "If an earlier shot took the wrong reflector: begin anew with --anew",
     )

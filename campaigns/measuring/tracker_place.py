@@ -1,4 +1,4 @@
-"""Tracker's place: where it stands by the shots, and whether the plan can be seen from there."""
+"""Station: where the tracker stands by the shots, and whether the plan can be seen from there."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -29,8 +29,8 @@ MM_PER_M = 1000.0
 
 
 @dataclass(frozen=True, slots=True)
-class TrackerSight:
-    """Tracker's place and the reflector's direction as campaign.yaml has them; base frame."""
+class Station:
+    """The tracker's place and the reflector's direction as campaign.yaml has them; base frame."""
 
     place_mm: Vector3
     facing: Vector3 | None
@@ -52,25 +52,25 @@ class FoundPlace:
     std_mm: float
 
 
-class PlaceMonitor:
+class StationMonitor:
     """Monitor of the place in campaign.yaml against what the first shots of a session show."""
 
     def __init__(
-        self, sight: TrackerSight, kinematics: Kinematics, planned: Sequence[PlannedShot]
+        self, station: Station, kinematics: Kinematics, planned: Sequence[PlannedShot]
     ) -> None:
-        self._sight = sight
+        self._station = station
         self._kinematics = kinematics
         self._planned = planned
         self._range_told = False
         self._settled = False
 
-    def news(self, accepted: Sequence[Outcome]) -> tuple[Event, ...]:
+    def events(self, accepted: Sequence[Outcome]) -> tuple[Event, ...]:
         """What to tell of the shots that count so far; each thing once."""
         if self._settled or not accepted:
             return ()
-        return tuple(self._news(accepted))
+        return tuple(self._events(accepted))
 
-    def _news(self, accepted: Sequence[Outcome]) -> Iterator[Event]:
+    def _events(self, accepted: Sequence[Outcome]) -> Iterator[Event]:
         if len(accepted) <= FIRST_SHOTS and not self._range_told:
             text = self._range_text(accepted[-1])
             self._range_told = bool(text)
@@ -79,14 +79,14 @@ class PlaceMonitor:
         found = found_place(self._kinematics, accepted)
         if found is None:
             return
-        off_mm = dist(found.place_mm, self._sight.place_mm)
+        off_mm = dist(found.place_mm, self._station.place_mm)
         limit_mm = max(PLACE_LIMIT_MM, SIGMAS * found.std_mm)
         self._settled = off_mm > limit_mm or limit_mm == PLACE_LIMIT_MM
         if off_mm > limit_mm:
             yield Event(
                 "tracker place",
                 f"the tracker stands at {_listed(found.place_mm)} mm, campaign.yaml says "
-                f"{_listed(self._sight.place_mm)}: {off_mm / MM_PER_M:.1f} m off; "
+                f"{_listed(self._station.place_mm)}: {off_mm / MM_PER_M:.1f} m off; "
                 "correct tracker.place_mm",
             )
             yield from self._unseen(found.place_mm)
@@ -99,7 +99,7 @@ class PlaceMonitor:
         modelled = self._kinematics.forward(np.array([outcome.joints]))
         if not modelled.found.all():
             return ""
-        expected_mm = float(np.linalg.norm(modelled.values[0, :3] - self._sight.place_mm))
+        expected_mm = float(np.linalg.norm(modelled.values[0, :3] - self._station.place_mm))
         measured_mm = float(np.linalg.norm(outcome.point_in_tracker_mm))
         if abs(measured_mm - expected_mm) <= RANGE_LIMIT_MM:
             return ""
@@ -110,7 +110,7 @@ class PlaceMonitor:
         )
 
     def _unseen(self, place_mm: Vector3) -> Iterator[Event]:
-        view = self._sight.seen_from(place_mm)
+        view = self._station.seen_from(place_mm)
         unseen = sorted(
             shot.shot for shot in self._planned if view_fault(pose_row(shot.pose)[:3], view)
         )

@@ -11,8 +11,8 @@ from virtual_time import Act, StopWish, VirtualClock
 from campaigns.estimation.rigid_transforms import Transform, small_rotation
 from campaigns.journal.journal import Journal
 from campaigns.measuring.run_state import Progress
-from campaigns.measuring.session import Work, measure_series
-from campaigns.measuring.shot_taker import Cell
+from campaigns.measuring.session import measure_series
+from campaigns.measuring.work import Cell, Work
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import find_robot
 from drivers.errors import BeamBroken, Cancelled

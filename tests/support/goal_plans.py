@@ -9,8 +9,8 @@ from small_plans import work
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.journal.views import AcceptedShot
-from campaigns.measuring.session import Work
 from campaigns.measuring.stopping_rule import PrecisionGoal
+from campaigns.measuring.work import Work
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plans import PlanRequest, View, make_plan
 from campaigns.shots.shot_sets import ShotSet

@@ -1,19 +1,18 @@
 """Plans of a few shots, and the work that they make for the engine."""
 
 from collections.abc import Sequence
-from math import radians
 
 import numpy as np
 from fake_cell import CENTRE, NOMINAL, ROBOT
 
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.measuring.rules import GateRules, MotionRules
-from campaigns.measuring.session import Work
+from campaigns.measuring.work import Work
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot, plan_digest
 from campaigns.planning.predicted_precision import EstimationSetup
 from campaigns.planning.steps import Step, joint_steps
+from campaigns.settings.sections import GateConfig, SettleConfig
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
@@ -21,21 +20,9 @@ LIMITS = ROBOT.limits
 SETUP = EstimationSetup(
     Estimator.POINTS, ROBOT.mechanism.parameters.free_by_default, TrackerUncertainty()
 )
-MOTION = MotionRules(
-    speed_fraction=0.3,
-    settle_s=0.2,
-    still_rad=radians(0.002),
-    in_place_rad=radians(0.02),
-    timeout_s=10.0,
-)
-GATE = GateRules(
-    distance_mm=60.0,
-    fitted_mm=3.0,
-    temperature_change_degC=1.0,
-    drift_mm=1.0,
-    attempts=3,
-    search_mm=2500.0,
-)
+SPEED_FRACTION = 0.3
+SETTLE = SettleConfig()
+GATE = GateConfig()
 
 
 def planned(
@@ -81,8 +68,10 @@ def work(shots: Sequence[PlannedShot] = TWO_PAIRS, **changes: object) -> Work:
         "robot_file_digest": ROBOT.digest(),
         "configuration": {"name": "test"},
         "robot": RobotModel(NOMINAL, LIMITS, CENTRE),
-        "motion": MOTION,
+        "speed_fraction": SPEED_FRACTION,
+        "settle": SETTLE,
         "gate": GATE,
+        "search_mm": 2500.0,
         "setup": SETUP,
     }
     return Work(**(settings | changes))

@@ -33,7 +33,7 @@ from campaigns.errors import (
     VerdictBad,
 )
 from campaigns.journal.records import Finding
-from campaigns.measuring.shot_taker import Cell
+from campaigns.measuring.work import Cell
 from campaigns.robots.robot import compensated, find_robot, read_robot
 from drivers.errors import DeviceRefused
 from drivers.values import Identity

@@ -31,7 +31,7 @@ def test_run_goes_on_anyway_with_a_moved_stand_and_says_so_in_the_journal(
     cell = FakeCell()
     cell.tracker.shifted_mm[1] = by_mm
     with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work(FOUR_PAIRS, anyway=True))
+        series = cell.measure(journal, work(FOUR_PAIRS, override=True))
         assert len(journal.shots(series)) == len(FOUR_PAIRS)
         (text,) = texts(journal, "gone on anyway")
     assert text.startswith("gone on all the same: after the restart up to")
@@ -44,7 +44,7 @@ def test_run_goes_on_anyway_where_only_one_pose_can_be_compared(tmp_path: Path) 
     cell = FakeCell()
     cell.tracker.shifted_mm[0] = 1.5
     with journal_in(tmp_path, cell.calls) as journal:
-        cell.measure(journal, work(anyway=True))
+        cell.measure(journal, work(override=True))
         assert len(texts(journal, "gone on anyway")) == 1
         assert len(journal.shots(1)) == len(TWO_PAIRS)
 
@@ -53,7 +53,7 @@ def test_nothing_is_said_anyway_where_nothing_has_moved(tmp_path: Path) -> None:
     interrupted(tmp_path)
     cell = FakeCell()
     with journal_in(tmp_path, cell.calls) as journal:
-        cell.measure(journal, work(FOUR_PAIRS, anyway=True))
+        cell.measure(journal, work(FOUR_PAIRS, override=True))
         assert not texts(journal, "gone on anyway")
 
 

@@ -1,6 +1,5 @@
 """Shots that give no data: kept as rejected, their pair void, and measured again as a whole."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from tested_journal import journal_in
 from campaigns.errors import GateRefused
 from campaigns.journal.records import Event, PairVoided, Rejected
 from campaigns.journal.views import AcceptedShot
-from campaigns.measuring.attempts import FORGIVEN_BREAKS
+from campaigns.measuring.shot_taker import FORGIVEN_BREAKS
 from campaigns.shots.shot_sets import ShotSet
 from drivers.errors import BeamBroken, NotAMeasurement
 from drivers.values import Measurement
@@ -117,7 +116,7 @@ def test_broken_beam_is_waited_for_as_long_as_it_takes_and_counts_no_attempt(
         cell.clock.after(lasts_s, lambda: setattr(cell.tracker, "finds", True))
 
     cell.tracker.during_measure = {measurement: break_it}
-    once = replace(GATE, attempts=1)
+    once = GATE.model_copy(update={"attempts": 1})
     with journal_in(tmp_path, cell.calls) as journal:
         series = cell.measure(journal, work(FOUR_PAIRS, gate=once))
         assert len(journal.shots(series)) == len(FOUR_PAIRS)

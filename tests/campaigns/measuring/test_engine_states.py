@@ -24,15 +24,15 @@ def way_to(state: EngineState) -> list[EngineState]:
 @pytest.mark.parametrize(("state", "follower"), EVERY_STEP)
 def test_only_what_the_table_says_may_follow(state: EngineState, follower: EngineState) -> None:
     listener = Listener()
-    tally = RunState(listener, done=0, total=1)
+    run_state = RunState(listener, done=0, total=1)
     for step in way_to(state):
-        tally.enter(step)
+        run_state.enter(step)
     if follower is EngineState.STOPPED or follower in FOLLOWERS[state]:
-        tally.enter(follower)
+        run_state.enter(follower)
         assert listener.told[-1].state is follower
     else:
         with pytest.raises(AssertionError, match=f"{follower.value} cannot follow {state.value}"):
-            tally.enter(follower)
+            run_state.enter(follower)
 
 
 def test_every_state_is_in_the_table_and_can_be_reached() -> None:

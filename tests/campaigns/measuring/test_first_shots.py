@@ -13,12 +13,12 @@ from tested_journal import journal_in
 from campaigns.errors import GateRefused, Interrupted
 from campaigns.journal.records import BeamStart, Event, Outcome, PairVoided, SessionStarted
 from campaigns.measuring.reacquisition import distinct_starts
-from campaigns.measuring.tracker_place import TrackerSight, found_place
+from campaigns.measuring.tracker_place import Station, found_place
 from campaigns.planning.plan_file import PlannedShot
 from drivers.values import Vector3
 
 PLACE_MM = tuple(TRACKER_FROM_BASE.inverted().translation_mm.tolist())
-SIGHT = TrackerSight(PLACE_MM, None, np.radians(25.0), (0.0, 0.0, -575.0))
+STATION = Station(PLACE_MM, None, np.radians(25.0), (0.0, 0.0, -575.0))
 
 
 MORE = (
@@ -167,10 +167,10 @@ def test_beam_that_nobody_moved_between_sessions_is_known_from_where_it_was_firs
     assert distinct_starts([None, put, left, other, None]) == (other, put)
 
 
-def places_told(folder: Path, sight: TrackerSight | None, plan=FOUR_PAIRS) -> list[str]:
+def places_told(folder: Path, station: Station | None, plan=FOUR_PAIRS) -> list[str]:
     cell = FakeCell()
     with journal_in(folder, cell.calls) as journal:
-        cell.measure(journal, work(plan, sight=sight))
+        cell.measure(journal, work(plan, station=station))
         told = events_of(journal, "tracker place")
     assert cell.watcher.events == told
     return told
@@ -178,15 +178,15 @@ def places_told(folder: Path, sight: TrackerSight | None, plan=FOUR_PAIRS) -> li
 
 def test_tracker_where_it_is_said_to_stand_is_not_spoken_of(tmp_path: Path) -> None:
     near_mm = (PLACE_MM[0] + 60.0, *PLACE_MM[1:])
-    assert places_told(tmp_path, replace(SIGHT, place_mm=near_mm)) == []
+    assert places_told(tmp_path, replace(STATION, place_mm=near_mm)) == []
 
 
 def test_tracker_elsewhere_is_named_once_with_its_place_and_how_far_off(tmp_path: Path) -> None:
     """All directions are seen, so that nothing is said of the plan."""
     wrong_mm = tuple(np.add(PLACE_MM, (0.0, 0.0, 1600.0)).tolist())
-    sight = replace(SIGHT, place_mm=wrong_mm)
+    station = replace(STATION, place_mm=wrong_mm)
     at, said = (f"({', '.join(f'{v:.0f}' for v in place)})" for place in (PLACE_MM, wrong_mm))
-    assert places_told(tmp_path, sight)[-1] == (
+    assert places_told(tmp_path, station)[-1] == (
         f"the tracker stands at {at} mm, campaign.yaml says {said}: 1.6 m off; "
         "correct tracker.place_mm"
     )
@@ -195,8 +195,8 @@ def test_tracker_elsewhere_is_named_once_with_its_place_and_how_far_off(tmp_path
 def test_plan_that_cannot_be_seen_from_the_found_place_is_named(tmp_path: Path) -> None:
     """The reflector looks where the tracker was said to stand, a quarter turn from where it is."""
     x, y, z = PLACE_MM
-    sight = replace(SIGHT, place_mm=(-y, x, z), facing=(-y, x, z))
-    told = places_told(tmp_path, sight)
+    station = replace(STATION, place_mm=(-y, x, z), facing=(-y, x, z))
+    told = places_told(tmp_path, station)
     assert told[-1].startswith("from there 10 of 10 shots of the plan cannot be seen")
     assert ": 0–9; move the tracker" in told[-1]
 
@@ -204,8 +204,8 @@ def test_plan_that_cannot_be_seen_from_the_found_place_is_named(tmp_path: Path) 
 def test_first_point_at_another_distance_than_the_place_says_is_told_at_once(
     tmp_path: Path,
 ) -> None:
-    sight = replace(SIGHT, place_mm=tuple(np.multiply(PLACE_MM, 2.0).tolist()))
-    first, second = places_told(tmp_path, sight)
+    station = replace(STATION, place_mm=tuple(np.multiply(PLACE_MM, 2.0).tolist()))
+    first, second = places_told(tmp_path, station)
     assert first.startswith("shot 0: its point is 2.")
     assert "by tracker.place_mm it should be 5." in first
     assert second.startswith("the tracker stands at")

@@ -1,7 +1,5 @@
 """The gate, the drift and the air: what may be data."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from fake_cell import NOMINAL, TRACKER_FROM_BASE
@@ -63,7 +61,7 @@ def test_known_robot_narrows_the_gate() -> None:
 
 
 def test_limit_never_exceeds_that_of_nominal_parameters() -> None:
-    strict = gate(replace(GATE, distance_mm=0.5))
+    strict = gate(GATE.model_copy(update={"distance_mm": 0.5}))
     for shot in range(9):
         strict.accept(outcome(shot))
     assert "limit 0.50 mm" in strict.judge(JOINTS[9], seen_mm(JOINTS[9], 1.0)).refusal
@@ -92,7 +90,7 @@ def test_pose_that_is_taken_again_is_expected_where_it_was() -> None:
 def test_forgotten_shot_is_as_if_it_had_never_been() -> None:
     spoilt = taught(5)
     spoilt.accept(outcome(5, off_mm=40.0))
-    spoilt.forget([5])
+    spoilt.reset([5])
     assert spoilt.judge(JOINTS[9], seen_mm(JOINTS[9])) == taught(5).judge(
         JOINTS[9], seen_mm(JOINTS[9])
     )
@@ -112,17 +110,17 @@ def air(temperature_degC: float) -> Weather:
 
 def test_alarm_of_the_air_ends_only_well_below_its_limit() -> None:
     watch = TemperatureMonitor(1.0, air(20.0))
-    told = [bool(watch.news(air(t))) for t in (20.9, 21.05, 20.95, 21.05, 20.85, 20.7, 20.9)]
+    told = [bool(watch.events(air(t))) for t in (20.9, 21.05, 20.95, 21.05, 20.85, 20.7, 20.9)]
     assert told == [False, True, False, False, False, True, False]
 
 
 def test_air_that_cools_alarms_too() -> None:
-    text = TemperatureMonitor(1.0, air(20.0)).news(air(18.5))
-    assert text == "the air has changed by -1.50 °C since the start, limit 1 °C"
+    (event,) = TemperatureMonitor(1.0, air(20.0)).events(air(18.5))
+    assert event.text == "the air has changed by -1.50 °C since the start, limit 1 °C"
 
 
 def test_shot_without_weather_says_nothing_of_the_air() -> None:
     watch = TemperatureMonitor(1.0, None)
-    assert watch.news(None) == ""
-    assert watch.news(air(20.0)) == ""
-    assert watch.news(air(21.5)) != ""
+    assert watch.events(None) == ()
+    assert watch.events(air(20.0)) == ()
+    assert watch.events(air(21.5))

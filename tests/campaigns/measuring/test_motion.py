@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from fake_cell import CENTRE, NOMINAL, FakeCell, rounded_deg
-from small_plans import LIMITS, MOTION, commanded_as_pose, planned
+from small_plans import LIMITS, SETTLE, SPEED_FRACTION, commanded_as_pose, planned
 
 from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
-from campaigns.measuring.motion import Arrival, Mover
+from campaigns.measuring.motion import POLL_S, Arrival, Mover
 from campaigns.measuring.run_state import EngineState
 from campaigns.measuring.watched_deadline import WatchedDeadline
 from campaigns.planning.paths import PathCache, RobotModel, route
@@ -22,9 +22,11 @@ NO_WAYS = PathCache(MECHANISM, ())
 NEAR = planned(7, ShotSet.ROTATION, None, 120.0, 40.0, -600.0, 0.1)
 
 
-def go(cell: FakeCell, step: Step, rules=MOTION) -> tuple[Arrival, list[EngineState]]:
+def go(
+    cell: FakeCell, step: Step, speed_fraction=SPEED_FRACTION
+) -> tuple[Arrival, list[EngineState]]:
     states: list[EngineState] = []
-    mover = Mover(cell.robot, cell.clock, rules, NO_WAYS, cell.wish)
+    mover = Mover(cell.robot, cell.clock, speed_fraction, SETTLE, NO_WAYS, cell.wish)
     return mover.go(step, states.append), states
 
 
@@ -38,7 +40,7 @@ def test_arrival_is_the_robot_at_rest_at_its_target() -> None:
     assert states == [EngineState.MOVING, EngineState.SETTLING]
     assert arrival.state.joints == pytest.approx(NEAR.joints)
     assert not arrival.state.moving
-    assert arrival.settle_s >= MOTION.settle_s
+    assert arrival.settle_s >= SETTLE.time_s
     assert arrival.move_s + arrival.settle_s == pytest.approx(cell.clock.now_s())
 
 
@@ -115,7 +117,7 @@ def test_way_of_the_plan_is_not_searched_again(monkeypatch: pytest.MonkeyPatch) 
     cell = FakeCell()
     further = planned(8, ShotSet.ROTATION, None, -60.0, 0.0, -520.0)
     ways = PathCache(MECHANISM, [NEAR.joints, further.joints])
-    mover = Mover(cell.robot, cell.clock, MOTION, ways, cell.wish)
+    mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, ways, cell.wish)
     mover.go(Step(NEAR, "joints"), lambda _: None)
     monkeypatch.setattr("campaigns.planning.paths.route", lambda *_: None)
     mover.go(Step(further, "joints"), lambda _: None)
@@ -128,7 +130,7 @@ def test_robot_that_was_pushed_away_is_led_from_where_it_really_stands() -> None
     cell = FakeCell()
     target = replace(NEAR, joints=tuple(there.tolist()))
     ways = PathCache(MECHANISM, [NEAR.joints, target.joints])
-    mover = Mover(cell.robot, cell.clock, MOTION, ways, cell.wish)
+    mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, ways, cell.wish)
     mover.go(Step(NEAR, "joints"), lambda _: None)
     cell.robot.joints = here
     cell.calls.clear()
@@ -197,7 +199,7 @@ def test_joint_off_its_target_is_named_with_value_and_limit() -> None:
         "joint 2 is 0.0300° from its target (limit 0.02°) and stands there, "
         "10 s after the move began"
     )
-    assert cell.clock.now_s() == pytest.approx(MOTION.timeout_s, abs=0.05)
+    assert cell.clock.now_s() == pytest.approx(SETTLE.timeout_s, abs=0.05)
 
 
 def test_joint_that_shakes_is_named_with_value_and_limit() -> None:
@@ -220,13 +222,13 @@ def test_robot_is_not_late_because_nobody_looked() -> None:
     cell.clock.after(7.0, lambda: setattr(cell.robot, "joints", crept))
     arrival, _ = go(cell, Step(NEAR, "joints"))
     assert arrival.state.joints == pytest.approx(crept)
-    assert cell.clock.now_s() > MOTION.timeout_s
+    assert cell.clock.now_s() > SETTLE.timeout_s
 
 
 def test_slow_robot_is_named_as_still_moving() -> None:
     cell = FakeCell()
     with pytest.raises(NotSettled, match=r"joint \d is .* from its target .* and still moves"):
-        go(cell, Step(NEAR, "joints"), replace(MOTION, speed_fraction=0.002))
+        go(cell, Step(NEAR, "joints"), 0.002)
 
 
 def test_shaking_that_ends_is_waited_for() -> None:
@@ -234,17 +236,17 @@ def test_shaking_that_ends_is_waited_for() -> None:
     cell.robot.wobble_rad = np.radians(0.01)
     cell.clock.after(3.0, lambda: setattr(cell.robot, "wobble_rad", 0.0))
     go(cell, Step(NEAR, "joints"))
-    assert 3.0 + MOTION.settle_s - 2 * MOTION.poll_s < cell.clock.now_s() < 3.3
+    assert 3.0 + SETTLE.time_s - 2 * POLL_S < cell.clock.now_s() < 3.3
 
 
 def test_move_and_settling_share_one_deadline() -> None:
     cell = FakeCell()
     cell.robot.wobble_rad = np.radians(0.0035)
-    slow = replace(MOTION, speed_fraction=0.02)
+    slow = 0.02
     with pytest.raises(NotSettled):
         go(cell, Step(NEAR, "joints"), slow)
     assert cell.robot._ends_s > 4.0
-    assert cell.clock.now_s() == pytest.approx(MOTION.timeout_s, abs=0.05)
+    assert cell.clock.now_s() == pytest.approx(SETTLE.timeout_s, abs=0.05)
 
 
 def test_controller_that_goes_on_reporting_motion_is_not_settled() -> None:
@@ -257,7 +259,7 @@ def test_controller_that_goes_on_reporting_motion_is_not_settled() -> None:
 
 def test_angle_that_is_no_number_is_never_still_nor_in_place() -> None:
     cell = FakeCell()
-    mover = Mover(cell.robot, cell.clock, MOTION, NO_WAYS, cell.wish)
+    mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, NO_WAYS, cell.wish)
     before = cell.robot.state()
     cell.robot.joints = cell.robot.joints + np.array([0.0, 0.0, np.nan, 0.0])
     assert mover.has_moved(before)
@@ -270,7 +272,7 @@ def test_robot_has_moved_when_a_joint_leaves_its_stillness(
     moved_deg: float, has_moved: bool
 ) -> None:
     cell = FakeCell()
-    mover = Mover(cell.robot, cell.clock, MOTION, NO_WAYS, cell.wish)
+    mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, NO_WAYS, cell.wish)
     before = cell.robot.state()
     cell.robot.joints = cell.robot.joints + np.radians([0.0, 0.0, 0.0, moved_deg])
     assert mover.has_moved(before) is has_moved

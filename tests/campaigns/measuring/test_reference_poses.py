@@ -16,14 +16,14 @@ from campaigns.estimation.rigid_transforms import small_rotation
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.estimation.variance_components import NONE, VarianceComponents
 from campaigns.journal.records import Event, Outcome
-from campaigns.measuring.reference_poses import ReferenceScatter, compare_as_body, reference_poses
+from campaigns.measuring.reference_poses import ReferenceNoise, reference_poses, rigid_body_test
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.steps import joint_steps
 from campaigns.shots.shot_sets import ShotSet
 
 STD_MM = 0.015
 STEPS = joint_steps(FOUR_PAIRS)
-SCATTER = ReferenceScatter(NONE, TrackerUncertainty())
+NOISE = ReferenceNoise(NONE, TrackerUncertainty())
 COVARIANCE = tuple(tuple(row) for row in (STD_MM**2 * np.eye(3)).tolist())
 TRUE = par4({**ROBOT.parameters, "arm1.arm_mm": ROBOT.parameters["arm1.arm_mm"] + 0.8})
 
@@ -45,11 +45,11 @@ def outcomes(
     ]
 
 
-def compared(then: list[Outcome], now: list[Outcome], scatter: ReferenceScatter = SCATTER):
+def compared(then: list[Outcome], now: list[Outcome], noise: ReferenceNoise = NOISE):
     poses = reference_poses(STEPS, then)
     first = [pose.then for pose in poses]
     again = [now[pose.step.planned.shot] for pose in poses]
-    return compare_as_body(NOMINAL, then, first, again, scatter)
+    return rigid_body_test(NOMINAL, then, first, again, noise)
 
 
 def test_poses_are_spread_and_the_drift_pose_is_the_first() -> None:
@@ -72,7 +72,7 @@ def test_few_poses_or_poses_on_a_line_are_no_body() -> None:
 
 def test_scatter_of_the_tracker_and_of_the_robot_is_no_change() -> None:
     rng = np.random.default_rng(2)
-    robot = ReferenceScatter(VarianceComponents(point_mm=0.2), TrackerUncertainty())
+    robot = ReferenceNoise(VarianceComponents(point_mm=0.2), TrackerUncertainty())
     for _ in range(40):
         assert not compared(outcomes(rng), outcomes(rng)).change
         worn = compared(outcomes(rng, std_mm=0.2), outcomes(rng, std_mm=0.2), robot)
@@ -114,7 +114,7 @@ def test_grown_arm_is_neither_trackers_nor_an_encoders() -> None:
 
 def test_farther_than_the_limit_of_drift_is_moved_while_nobody_knows_the_scatter() -> None:
     rng = np.random.default_rng(6)
-    loose = ReferenceScatter(VarianceComponents(point_mm=2.0), TrackerUncertainty(), limit_mm=1.0)
+    loose = ReferenceNoise(VarianceComponents(point_mm=2.0), TrackerUncertainty(), limit_mm=1.0)
     now = [
         replace(s, point_in_tracker_mm=tuple(np.add(s.point_in_tracker_mm, (0.0, 1.2, 0.0))))
         for s in outcomes(rng)
@@ -127,8 +127,8 @@ def test_scatter_that_few_shots_tell_allows_more() -> None:
     rng = np.random.default_rng(6)
     now = outcomes(rng, std_mm=3.0 * STD_MM)
     assert compared(outcomes(rng), now).change
-    assert not compared(outcomes(rng), now, replace(SCATTER, freedom=4.0)).change
-    assert not compared(outcomes(rng), now, replace(SCATTER, factor=2.0)).change
+    assert not compared(outcomes(rng), now, replace(NOISE, freedom=4.0)).change
+    assert not compared(outcomes(rng), now, replace(NOISE, factor=2.0)).change
 
 
 def interrupted_then(folder: Path, cell: FakeCell, shots=FOUR_PAIRS, move: int = 8):

@@ -26,7 +26,8 @@ from campaigns.journal.records import (
 )
 from campaigns.journal.views import Entry
 from campaigns.measuring.run_state import ParameterPrecision
-from campaigns.measuring.session import Work, complete_series, count_left_out, precision_from
+from campaigns.measuring.session import complete_series, missing_shots, precision_from
+from campaigns.measuring.work import Work
 from campaigns.shots.shot_sets import ShotSet
 
 BY_DISTANCES = replace(SETUP, estimator=Estimator.DISTANCES)
@@ -182,7 +183,7 @@ def test_an_early_end_finishes_the_series(ended_early: Path) -> None:
         assert journal.latest_series("run").finished
         assert complete_series(journal, until(GOAL_MM)).number == 1
         assert complete_series(journal, until(2.0 * GOAL_MM)).number == 1
-        assert count_left_out(journal.shots(1), until(None)) > 0
+        assert missing_shots(journal.shots(1), until(None))
         stopped = journal.records_of(SessionStopped)[-1].record
     assert (stopped.how, stopped.reason) == ("finished", "everything wanted was measured")
 

@@ -126,7 +126,7 @@ def test_beam_that_is_broken_on_the_way_is_waited_for_where_the_reflector_was(
     cell.tracker.measure = measured
     cell.robot.during_move = {4: break_beam}
     with journal_in(tmp_path, cell.calls) as journal:
-        once = replace(GATE, attempts=1)
+        once = GATE.model_copy(update={"attempts": 1})
         series = cell.measure(journal, work(FOUR_PAIRS, gate=once))
         assert len(journal.shots(series)) == len(FOUR_PAIRS)
         assert not skips(journal)

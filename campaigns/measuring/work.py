@@ -1,0 +1,124 @@
+"""Work of a session: what is to be measured, by which rules, and what all that do it share."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import JsonValue
+
+from campaigns.estimation.incremental_fit import IncrementalGaussNewton
+from campaigns.estimation.variance_components import VarianceComponents
+from campaigns.journal.records import Outcome, Stage
+from campaigns.journal.views import AcceptedShot
+from campaigns.measuring.monitors import InnovationGate
+from campaigns.measuring.motion import Mover
+from campaigns.measuring.precision_monitor import PrecisionMonitor
+from campaigns.measuring.reference_poses import ReferenceNoise
+from campaigns.measuring.run_state import RunState
+from campaigns.measuring.series_log import SeriesLog
+from campaigns.measuring.stopping_rule import PrecisionGoal
+from campaigns.measuring.tracker_place import Station
+from campaigns.planning.paths import RobotModel
+from campaigns.planning.predicted_precision import EstimationSetup
+from campaigns.planning.steps import Group, Step, groups, shots_of
+from campaigns.settings.sections import GateConfig, SettleConfig
+from drivers.ports import Clock, LaserTracker, RobotController
+
+WORKSPACE_SEED = 1
+"""Positions are judged at the same poses in every session."""
+UNKNOWN_NOISE = 0.25
+"""Standard deviation, in parts of the limit of drift, of a robot whose noise nobody knows yet."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """The devices of one cell, and its time."""
+
+    robot: RobotController
+    tracker: LaserTracker
+    clock: Clock
+    """Time as the cell lives it: settling and deadlines of motions."""
+    wall_clock: Clock
+    """Time as the operator lives it: what is left."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Work:
+    """Work of a session: what is to be measured, and by which rules."""
+
+    stage: Stage
+    steps: tuple[Step, ...]
+    plan_digest: str
+    robot_file_digest: str
+    configuration: Mapping[str, JsonValue]
+    robot: RobotModel
+    speed_fraction: float
+    settle: SettleConfig
+    gate: GateConfig
+    search_mm: float
+    """How far from the tracker to search while the robot's place is not known to it."""
+    look_back_s: float = 60.0
+    """How long a reflector that was never seen at a pose is waited for there."""
+    setup: EstimationSetup
+    """How the shots will be identified from, which says how much is known."""
+    station: Station | None = None
+    """Where the tracker is said to stand; None: nobody said it."""
+    goal: PrecisionGoal | None = None
+    """Of what is identified; once it is met, only the other shots are taken."""
+    skip: frozenset[int] = frozenset()
+    """Shots that shall not be measured, nor the partners of their pairs."""
+    override: bool = False
+    """Whether to go on although poses have moved since the last session."""
+    compared_at_end: bool = False
+    """Whether spread poses are measured again at the end of a series that nothing interrupted."""
+
+    @property
+    def skipped_groups(self) -> tuple[Group, ...]:
+        """Groups with a shot that shall not be measured."""
+        return tuple(group for group in groups(self.steps) if self.skip & set(shots_of(group)))
+
+    def precision_monitor(self) -> PrecisionMonitor:
+        """Monitor of how much is known of the parameters."""
+        shots = [step.planned for step in self.steps]
+        rng = np.random.default_rng(WORKSPACE_SEED)
+        return PrecisionMonitor.of_plan(shots, self.robot, self.setup, rng)
+
+    def reference_noise(self, outcomes: Sequence[Outcome]) -> ReferenceNoise:
+        """Noise of poses measured twice: the tracker's, and the robot's own by these shots.
+
+        Too few to tell that let the robot scatter by a part of what drift shots may.
+        """
+        instrument, fit = self.setup.uncertainty, self.precision_monitor().point_fit(outcomes)
+        if fit is None:
+            drift = VarianceComponents(point_mm=self.gate.drift_mm * UNKNOWN_NOISE)
+            return ReferenceNoise(drift, instrument, limit_mm=self.gate.drift_mm)
+        noise = fit.found.noise
+        return ReferenceNoise(
+            fit.scatter, instrument, max(1.0, noise.birge_ratio or 1.0), noise.dof
+        )
+
+    def gate_taught_by(self, shots: Iterable[AcceptedShot]) -> InnovationGate:
+        """A gate that knows these shots and no others.
+
+        What `identify` is told to hold need not be right: the usual parameters are free here.
+        """
+        kinematics = self.robot.kinematics
+        space = kinematics.mechanism.parameters
+        wanted = {*space.free_by_default, *self.setup.free}
+        free = tuple(name for name in space.geometry if name in wanted)
+        gate = InnovationGate(self.gate, lambda: IncrementalGaussNewton(kinematics, free))
+        for shot in shots:
+            gate.accept(shot.outcome)
+        return gate
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Session:
+    """What all that measure in one session share."""
+
+    cell: Cell
+    work: Work
+    log: SeriesLog
+    run_state: RunState
+    gate: InnovationGate
+    mover: Mover
