@@ -12,28 +12,25 @@ from typing import Literal, TypeVar
 import numpy as np
 from pydantic import JsonValue
 
+from campaigns.arrays import Mask
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
 from campaigns.controllers.load_journal import Load, load_history, read_load
 from campaigns.errors import CampaignError, FindingUnreadable
+from campaigns.estimation.residuals import arm_joints
 from campaigns.evaluation.campaign_verdict import (
     CampaignVerdict,
     IdentificationVerdict,
     campaign_verdict,
 )
 from campaigns.evaluation.gains import Gain, gained_in_words, gains, worse_than_before
-from campaigns.evaluation.integrity import (
-    CampaignDigests,
-    Check,
-    IdentifiedDigests,
-    integrity_checks,
-)
+from campaigns.evaluation.integrity import Check, same_digest
 from campaigns.evaluation.model_errors import (
-    ComparedKinematics,
     ModelErrors,
-    SessionShots,
-    excluded_rows,
-    model_errors,
+    ModelledShots,
+    ShotErrors,
+    pair_errors,
+    position_errors,
 )
 from campaigns.evaluation.residual_budget import ResidualBudget, residual_budget
 from campaigns.evaluation.simulated_devices import SimulatedDevices, simulated_devices
@@ -45,17 +42,12 @@ from campaigns.evaluation.validation import (
     latest_of_each_test,
     validation_verdict,
 )
-from campaigns.identification.result import (
-    RecordedIdentification,
-    SessionFrame,
-    read_identification,
-)
+from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import (
     Event,
     Finding,
     FindingKind,
-    Intent,
     PairVoided,
     Record,
     Rejected,
@@ -67,21 +59,18 @@ from campaigns.mechanisms.parameters import Parameters
 from campaigns.planning.plan_file import PlannedShot, plan_digest
 from campaigns.planning.plan_match import plan_difference
 from campaigns.robots.robot import RobotFile, read_robot
+from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, shots_of_journal
 
 FoundT = TypeVar("FoundT")
 
-IncidentKind = Literal["rejected", "pair voided", "event"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredSeries:
-    """Series with its accepted shots."""
+    """Series with its accepted shots as arrays."""
 
     series: Series
     shots: Shots
-    intents: tuple[Intent, ...] = ()
-    """What was asked for of each of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,17 +80,6 @@ class Incident:
     at_utc: str
     series: int | None
     record: Rejected | PairVoided | Event
-
-    @property
-    def kind(self) -> IncidentKind:
-        """What sort of thing it is."""
-        match self.record:
-            case Rejected():
-                return "rejected"
-            case PairVoided():
-                return "pair voided"
-            case Event():
-                return "event"
 
     @property
     def concerns(self) -> str:
@@ -198,7 +176,15 @@ class Evaluation:
     @cached_property
     def errors(self) -> ModelErrors | None:
         """Errors of the models."""
-        return _errors(self.evidence)
+        modelled, instrument = _modelled(self.evidence), self.evidence.campaign.instrument
+        if modelled is None:
+            return None
+        return ModelErrors(
+            pair_errors(modelled, ShotSet.IDENTIFICATION, instrument),
+            pair_errors(modelled, ShotSet.VALIDATION, instrument),
+            _shot_errors(self.evidence),
+            position_errors(modelled),
+        )
 
     @cached_property
     def budget(self) -> ResidualBudget | None:
@@ -213,7 +199,7 @@ class Evaluation:
     @cached_property
     def checks(self) -> tuple[Check, ...]:
         """Checks of whether the files belong together."""
-        return (*integrity_checks(_digests(self.evidence)), *_load_check(self.evidence.journal))
+        return tuple(_checks(self.evidence))
 
     @cached_property
     def time_series(self) -> tuple[TimeSeries, ...]:
@@ -282,34 +268,6 @@ def gather(campaign: Campaign) -> Evidence:
         )
 
 
-def compared_kinematics(
-    found: RecordedIdentification | None, nominal: Kinematics
-) -> ComparedKinematics:
-    """Kinematics of the identification, or the campaign's nominal one alone."""
-    if found is None:
-        return ComparedKinematics(before=nominal)
-    mechanism = nominal.mechanism
-    space, flat = mechanism.parameters, found.flat()
-    lost = np.array([flat.get(name, 0.0) for name in space.backlashes])
-    return ComparedKinematics(
-        before=Kinematics.of(mechanism, found.nominal_flat()),
-        after=Kinematics.of(mechanism, flat),
-        sessions=_sessions(found),
-        backlash=lost * space.units(space.backlashes),
-    )
-
-
-def _sessions(found: RecordedIdentification) -> tuple[SessionShots, ...]:
-    """Sessions with frames of their own, or all shots as one."""
-    each = found.sessions or (SessionFrame((), found.frame),)
-    return tuple(
-        SessionShots(
-            frozenset(one.shots), None if one.frame is None else one.frame.tracker_from_base
-        )
-        for one in each
-    )
-
-
 def _read_if_there(
     path: Path, read: Callable[[Path], FoundT], unreadable: list[str]
 ) -> FoundT | None:
@@ -353,13 +311,6 @@ def _unended_load(journal: JournalReader, unreadable: list[str]) -> str:
     return unended.told(None) if unended else ""
 
 
-def _load_check(journal: JournalFacts | None) -> Iterator[Check]:
-    """What a load without an end leaves open; nothing where every one has ended."""
-    if journal is not None and journal.unended_load:
-        statement = "it is known what the controller holds"
-        yield Check(statement, holds=False, detail="a load was begun and not ended")
-
-
 def _identification_verdict(found: RecordedIdentification | None) -> IdentificationVerdict | None:
     if found is None:
         return None
@@ -395,8 +346,7 @@ def _identified_series(
 def _measured(campaign: Campaign, series: Series | None) -> MeasuredSeries | None:
     if series is None or not series.shots:
         return None
-    intents = tuple(shot.intent for shot in series.shots)
-    return MeasuredSeries(series, shots_of_journal(series.shots, campaign.robot.mechanism), intents)
+    return MeasuredSeries(series, shots_of_journal(series.shots, campaign.robot.mechanism))
 
 
 def _all_measured(campaign: Campaign, every: Iterable[Series]) -> tuple[MeasuredSeries, ...]:
@@ -426,64 +376,120 @@ def _facts(
     )
 
 
-def _errors(evidence: Evidence) -> ModelErrors | None:
-    if evidence.run is None:
-        return None
-    campaign, found, shots = evidence.campaign, evidence.identification, evidence.run.shots
-    left_out = found.excluded if found else ()
-    excluded = excluded_rows(
-        shots,
-        numbers=frozenset(left.shot for left in left_out),
-        pairs=frozenset(left.pair for left in left_out),
-    )
-    models = compared_kinematics(found, campaign.robot.kinematics)
-    return model_errors(shots, models, excluded, campaign.instrument)
+def _modelled(evidence: Evidence) -> ModelledShots | None:
+    """Shots that were identified from or kept unseen, as the models have them.
 
-
-def _digests(evidence: Evidence) -> CampaignDigests:
-    campaign = evidence.campaign
-    mechanism, plan = campaign.robot.mechanism, evidence.plan
-    run = None if evidence.run is None else evidence.run.series.started
-    plan_now = None if plan is None else plan_digest(plan, mechanism)
-    after = evidence.after[-1].series.started if evidence.after else None
-    return CampaignDigests(
-        plan_now=plan_now,
-        plan_measured=_plan_measured(evidence, plan_now),
-        is_import=run is not None and run.stage == "import",
-        identified=_identified_digests(evidence),
-        limits_now=campaign.config.acceptance.model_dump(mode="json"),
-        limits_recorded=None if after is None else after.configuration.get("acceptance"),
-    )
-
-
-def _plan_measured(evidence: Evidence, plan_now: str | None) -> str | None:
-    """Digest of the plan that was measured: that of plan.csv where it has all that was measured.
-
-    Rows may have come since, and rows gone that were never measured.
+    All that can be assembled, while nothing was identified. Worked out for results of older
+    software, which did not keep the poses.
     """
     if evidence.run is None:
         return None
-    plan, intents = evidence.plan or (), evidence.run.intents
-    has_all = {intent.shot for intent in intents} <= {shot.shot for shot in plan}
-    if intents and has_all and not plan_difference(intents, plan):
-        return plan_now
-    return evidence.run.series.started.plan_digest
-
-
-def _identified_digests(evidence: Evidence) -> IdentifiedDigests | None:
-    found, after = evidence.identification, evidence.after[-1:]
-    if found is None:
-        return None
-    file, loaded, journal = evidence.parameter_file, evidence.loaded, evidence.journal
-    nominal = evidence.campaign.robot
-    return IdentifiedDigests(
-        robot=found.robot_digest,
-        nominal_now=nominal.digest(),
-        journal=found.journal_digest,
-        journal_now=None if journal is None else journal.identified_digest,
-        parameters=Parameters.of(nominal.mechanism.parameters, found.flat()).digest(),
-        file_now=None if file is None else file.digest(),
-        loaded=None if loaded is None else loaded.digest,
-        validated_with=after[0].series.started.robot_file_digest if after else None,
-        by_targets=bool(after) and after[0].series.started.stage == "after by targets",
+    found, nominal = evidence.identification, evidence.campaign.robot.kinematics
+    shots = evidence.run.shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
+    mechanism, after = nominal.mechanism, None
+    model = nominal if found is None else Kinematics.of(mechanism, found.nominal_flat())
+    before = model.forward(shots.joints)
+    counted = before.found
+    if found is not None:
+        space, flat = mechanism.parameters, found.flat()
+        lost = np.array([flat.get(name, 0.0) for name in space.backlashes])
+        backlash = lost * space.units(space.backlashes)
+        model = Kinematics.of(mechanism, flat)
+        after = model.forward(arm_joints(shots.joints, shots.approach, backlash))
+        counted = counted & after.found & ~_left_out(shots, found)
+    rows = np.flatnonzero(counted)
+    poses = (after or before).values[rows]
+    return ModelledShots(
+        shots=shots.rows(rows),
+        before=before.values[rows],
+        after=None if after is None else after.values[rows],
+        plate_tilt_rad=mechanism.plate_tilt(model.p, shots.joints[rows], poses),
+        sessions=found is not None and bool(found.sessions),
     )
+
+
+def _left_out(shots: Shots, found: RecordedIdentification) -> Mask:
+    """Rows of shots that were excluded, by themselves or with their pair, (N,)."""
+    numbers = {left.shot for left in found.excluded} - {None}
+    pairs = {left.pair for left in found.excluded} - {None}
+    both = zip(shots.numbers, shots.pairs, strict=True)
+    return np.array([shot in numbers or pair in pairs for shot, pair in both], dtype=bool)
+
+
+def _shot_errors(evidence: Evidence) -> ShotErrors | None:
+    """Residuals of the fitted shots, as identified, beside what the tracker states of them."""
+    table = evidence.identification.fitted if evidence.identification else None
+    if evidence.run is None or table is None or table.of == "pairs":
+        return None
+    shots = evidence.run.shots
+    stated_mm2 = shots.covariance_mm2(evidence.campaign.instrument)
+    stated_mm = np.sqrt(np.trace(stated_mm2, axis1=1, axis2=2) / 3.0)
+    of_shot = dict(zip(shots.numbers, stated_mm.tolist(), strict=True))
+    stated = np.array([of_shot.get(number, np.nan) for number in table.numbers])
+    known = np.isfinite(stated)
+    return ShotErrors(table.before[known], table.after[known], stated[known])
+
+
+def _checks(evidence: Evidence) -> Iterator[Check]:
+    """Every link of the chain from plan to controller, and the limits."""
+    run, found, journal = evidence.run, evidence.identification, evidence.journal
+    if run is None or run.series.started.stage != "import":
+        yield same_digest("plan.csv is the plan that was measured", *_plan_digests(evidence))
+    if found is None:
+        yield Check("the results belong to one identification", None, "nothing was identified")
+    else:
+        yield from _identified_checks(evidence, found)
+    yield _limits_check(evidence)
+    if journal is not None and journal.unended_load:
+        statement = "it is known what the controller holds"
+        yield Check(statement, holds=False, detail="a load was begun and not ended")
+
+
+def _plan_digests(evidence: Evidence) -> tuple[str | None, str | None]:
+    """Digests of plan.csv and of the plan that was measured, which is plan.csv where it has it all.
+
+    Rows may have come since, and rows gone that were never measured.
+    """
+    plan, mechanism = evidence.plan, evidence.campaign.robot.mechanism
+    now = None if plan is None else plan_digest(plan, mechanism)
+    if evidence.run is None:
+        return now, None
+    intents = [shot.intent for shot in evidence.run.series.shots]
+    has_all = {intent.shot for intent in intents} <= {shot.shot for shot in plan or ()}
+    if intents and has_all and not plan_difference(intents, plan or ()):
+        return now, now
+    return now, evidence.run.series.started.plan_digest
+
+
+def _identified_checks(evidence: Evidence, found: RecordedIdentification) -> Iterator[Check]:
+    """Digests that the identification stated, and of what it found, beside those of what is now."""
+    nominal, journal = evidence.campaign.robot, evidence.journal
+    parameters = Parameters.of(nominal.mechanism.parameters, found.flat()).digest()
+    statement = "the nominal robot is the one that was identified from"
+    yield same_digest(statement, nominal.digest(), found.robot_digest)
+    statement = "the journal is unchanged up to the identification"
+    journal_now = None if journal is None else journal.identified_digest
+    yield same_digest(statement, journal_now, found.journal_digest)
+    file, loaded = evidence.parameter_file, evidence.loaded
+    statement = "the parameter file holds what was identified"
+    yield same_digest(statement, None if file is None else file.digest(), parameters)
+    after = evidence.after[-1].series.started if evidence.after else None
+    if after is not None and after.stage == "after by targets":
+        statement = "targets were corrected with it when it was validated after"
+    else:
+        last = None if loaded is None else loaded.digest
+        yield same_digest("what was loaded last is what was identified", last, parameters)
+        statement = "the controller held it when it was validated after"
+    yield same_digest(statement, after.robot_file_digest if after else None, parameters)
+
+
+def _limits_check(evidence: Evidence) -> Check:
+    """Limits may be set late, but a reader should know."""
+    statement = "the limits are those that stood when the robot was validated after"
+    after = evidence.after[-1].series.started if evidence.after else None
+    recorded = after.configuration.get("acceptance") if after else None
+    if recorded is None:
+        return Check(statement, None, "nothing to compare", decides=False)
+    holds = recorded == evidence.campaign.config.acceptance.model_dump(mode="json")
+    detail = "as in the journal" if holds else "changed in campaign.yaml since"
+    return Check(statement, holds, detail, decides=False)

@@ -17,21 +17,18 @@ from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from campaigns.controllers.export import latest_identification
-from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.evaluation.doubts import Doubt
 from campaigns.evaluation.iso_figures import iso_rows
-from campaigns.evaluation.model_errors import excluded_rows, model_errors
 from campaigns.evaluation.residual_budget import ResidualBudget
 from campaigns.evaluation.summary import summary
-from campaigns.evidence import Evaluation, compared_kinematics, evaluate, gather
-from campaigns.identification.result import RecordedIdentification, read_identification
+from campaigns.evidence import Evaluation, evaluate, gather
+from campaigns.identification.result import Excluded, RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
 from campaigns.journal.views import AcceptedShot
 from campaigns.robots.robot import pose_row
 from campaigns.settings.sections import AcceptanceConfig
 from campaigns.shots.shot_sets import ShotSet
 
-INSTRUMENT = TrackerUncertainty()
 NEWER = {"chi2", "covariance", "position_std_mm", "frame", "priors", "models", "fitted", "unseen"}
 """What older software did not write of an identification."""
 
@@ -188,15 +185,13 @@ def test_an_identification_of_older_software_can_be_read_and_evaluated(
 
 def test_pairs_that_were_left_out_are_not_counted(whole: PaperCampaign) -> None:
     evidence = gather(whole.campaign)
-    models = compared_kinematics(evidence.identification, NOMINAL.robot.kinematics)
-    shots = evidence.run.shots
-    excluded = excluded_rows(shots, numbers=frozenset({9, None}), pairs=frozenset({3, None}))
-    found = model_errors(shots, models, excluded, INSTRUMENT)
-    numbers = dict(zip(shots.numbers, shots.pairs, strict=True))
+    left_out = (Excluded("wrong", shot=9), Excluded("half", pair=3))
+    excluded = replace(evidence.identification, excluded=left_out)
+    found = Evaluation(replace(evidence, identification=excluded)).errors
+    numbers = dict(zip(evidence.run.shots.numbers, evidence.run.shots.pairs, strict=True))
     assert 3 not in found.fitted.pairs
     assert numbers[9] not in found.fitted.pairs
     assert len(found.fitted.pairs) == 38
-    assert len(found.shots.after_mm) == 77
 
 
 def test_errors_of_position_are_in_the_base_frame(contents: Evaluation) -> None:

@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.rigid_transforms import Transform
-from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.evaluation.model_errors import model_errors
-from campaigns.evidence import compared_kinematics
+from campaigns.evaluation.model_errors import ModelErrors
+from campaigns.evidence import Evaluation, Evidence, MeasuredSeries, gather
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import select_parameters
@@ -43,16 +42,23 @@ def recorded(data, estimator, *, sessions):
     return RecordedIdentification.of(found, **provenance, **digests)
 
 
-def errors_of(data, found):
-    nobody = np.zeros(len(data), dtype=bool)
-    return model_errors(data, compared_kinematics(found, NOMINAL), nobody, TrackerUncertainty())
+@pytest.fixture
+def errors_of(whole):
+    """Errors of shots by what was identified, in a campaign that has nothing else."""
+
+    def errors(data, found) -> ModelErrors:
+        run = MeasuredSeries(gather(whole.campaign).run.series, data)
+        evidence = Evidence(campaign=whole.campaign, run=run, identification=found)
+        return Evaluation(evidence).errors
+
+    return errors
 
 
 def rms(errors_mm):
     return float(np.sqrt(np.mean(errors_mm**2)))
 
 
-def test_errors_are_as_small_as_if_nobody_had_moved_the_tracker(shots):
+def test_errors_are_as_small_as_if_nobody_had_moved_the_tracker(shots, errors_of):
     found = recorded(shots, Estimator.POINTS, sessions=True)
     errors = errors_of(shots, read_identification(found.document()))
     assert len(errors.shots.after_mm) == 120
@@ -78,14 +84,14 @@ def test_frames_are_those_in_which_the_tracker_stood(shots):
     )
 
 
-def test_one_frame_for_all_shots_has_no_sessions(shots):
+def test_one_frame_for_all_shots_has_no_sessions(shots, errors_of):
     early = shots.rows(np.flatnonzero(np.array(shots.numbers) < MOVED_AT))
     found = recorded(early, Estimator.POINTS, sessions=False)
     assert found.sessions == ()
     assert rms(errors_of(early, found).shots.after_mm) < 2.0 * NOISE_MM
 
 
-def test_distances_between_sessions_are_none(shots):
+def test_distances_between_sessions_are_none(shots, errors_of):
     """The stand moves between the two shots of a pair: their distance is left out, and named."""
     data = replace(
         shots,
