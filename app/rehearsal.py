@@ -4,7 +4,7 @@ from app.console import Terminal
 from app.measuring import measure_validation, run_plan
 from app.plan_text import plan_line
 from app.report.identification_text import show
-from app.validation_text import show_gain
+from app.report.validation_text import show_gain
 from app.wiring import connected_robot, scenario_of
 from campaigns import chain
 from campaigns.campaign import Campaign

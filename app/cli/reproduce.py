@@ -151,7 +151,7 @@ def show(terminal: Terminal, page: Page) -> None:
         for part in section.parts if section.name != ON_THE_PAGE_ONLY else ():
             if isinstance(part, Table):
                 rows = [[COLOURED.get(cell, cell) for cell in row] for row in part.rows]
-                terminal.table(part.title, [column.title for column in part.columns], rows)
+                terminal.table(part.title, [column.head for column in part.columns], rows)
             elif isinstance(part, Paragraph):
                 terminal.say(part.text)
     comparison = page.comparison

@@ -10,7 +10,7 @@ from app.console import WARNING, terminal_of
 from app.exits import Exit
 from app.measuring import measure_validation
 from app.options import Anew, Dry, Folder, Json, Yes
-from app.validation_text import show, show_gain, validation_document
+from app.report.validation_text import show, show_gain, validation_document
 from app.wiring import connected_robot
 from campaigns.campaign import open_campaign
 from campaigns.chain.validation import (

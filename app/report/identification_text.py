@@ -3,15 +3,11 @@
 from collections.abc import Iterator
 
 from app.console import BAD, GOOD, OPEN, WARNING, Terminal
-from app.report.model_sections import (
-    interval_cell,
-    interval_in_words,
-    model_rows,
-    parameter_cells,
-)
+from app.report import model_sections
 from app.terminal_picture import histogram_lines
 from campaigns.estimation.estimators import Estimator
-from campaigns.files.table import Row, number
+from campaigns.evaluation.summary import BeforeAfter
+from campaigns.files.table import Column, words
 from campaigns.identification.result import STRONG, IdentificationResult
 from campaigns.mechanisms.parameters import ParameterSpace
 from campaigns.robots.robot import FOR_SOME_CONTROLLERS
@@ -20,15 +16,24 @@ CORRELATIONS = 5
 """So many of the strongest are shown."""
 
 
+NAME: Column[model_sections.Named] = words("", lambda row: row[0])
+ERRORS: tuple[Column[tuple[str, BeforeAfter]], ...] = (
+    words("", lambda row: row[0]),
+    Column("mean before", lambda row: row[1].before.mean_abs),
+    Column("after", lambda row: row[1].after.mean_abs),
+    Column("max before", lambda row: row[1].before.max_abs),
+    Column("after", lambda row: row[1].after.max_abs),
+)
+
+
 def show(terminal: Terminal, found: IdentificationResult, space: ParameterSpace) -> None:
     """Result for people: parameters, errors, what is uncertain, the verdict last."""
-    columns = ("", "nominal", "identified", "Δ", "σ", "± 95 %")
-    terminal.table("Parameters (mm, deg)", columns, list(_parameter_rows(found)))
-    of_errors = ("", "mean before", "after", "max before", "after")
-    terminal.table("Errors (mm)", of_errors, list(_error_rows(found)))
+    columns = (NAME, *model_sections.values(found.coverage_factor_95))
+    free = [(name, each) for name, each in found.parameters.items() if each.free]
+    terminal.rows("Parameters (mm, deg)", columns, free)
+    terminal.rows("Errors (mm)", ERRORS, list(_errors(found)))
     if found.models:
-        of_models = ("", "parameters", "BIC", "unseen rms", "")
-        terminal.table("Models (mm)", of_models, list(model_rows(found.models)))
+        terminal.rows("Models (mm)", model_sections.MODELS, found.models)
     terminal.say(_remaining(found), "bold")
     if found.fitted is not None:
         for line in histogram_lines(found.fitted.after.ravel().tolist()):
@@ -51,22 +56,11 @@ def _remaining(found: IdentificationResult) -> str:
     return "What the model leaves of each fitted coordinate"
 
 
-def _parameter_rows(found: IdentificationResult) -> Iterator[Row]:
-    for name, parameter in found.parameters.items():
-        if parameter.free:
-            interval = interval_cell(parameter, found.coverage_factor_95)
-            yield name, *parameter_cells(parameter), interval
-
-
-def _error_rows(found: IdentificationResult) -> Iterator[Row]:
+def _errors(found: IdentificationResult) -> Iterator[tuple[str, BeforeAfter]]:
     distances = found.estimator is Estimator.DISTANCES
     fitted = "distances of fitted pairs" if distances else "positions of fitted shots"
     both = {fitted: found.residuals_mm, "distances of unseen pairs": found.unseen_mm}
-    for name, errors in both.items():
-        if errors is not None:
-            before, after = errors.before, errors.after
-            sizes = (before.mean_abs, after.mean_abs, before.max_abs, after.max_abs)
-            yield name, *map(number, sizes)
+    return ((name, errors) for name, errors in both.items() if errors is not None)
 
 
 def _uncertainty_lines(found: IdentificationResult) -> Iterator[str]:
@@ -76,7 +70,7 @@ def _uncertainty_lines(found: IdentificationResult) -> Iterator[str]:
     )
     if found.chi2 is not None:
         yield found.chi2.says
-    if words := interval_in_words(found.coverage_factor_95):
+    if words := model_sections.interval_in_words(found.coverage_factor_95):
         yield words
     if found.position_std_mm is not None:
         mean, most = found.position_std_mm.mean, found.position_std_mm.max

@@ -1,4 +1,4 @@
-"""Rows of the tables on the model: its parameters, how surely they are known, what is left over.
+"""Tables on the model: its parameters, how surely they are known, what is left over.
 
 The terminal shows some of them too, so nothing here needs matplotlib.
 """
@@ -7,37 +7,81 @@ from campaigns.evaluation.decision import COVERAGE
 from campaigns.evaluation.doubts import Doubt
 from campaigns.evaluation.gains import NO_CHANGE
 from campaigns.evaluation.residual_budget import ResidualBudget
-from campaigns.files.table import NOTHING, Row, number
-from campaigns.identification.result import ComparedModel, Covariance, IdentifiedParameter
+from campaigns.files.table import Column, words
+from campaigns.identification.result import ComparedModel, Correlation, IdentifiedParameter
 
-PARAMETER_DECIMALS = 4
+DECIMALS = 4
+"""Of parameters, and of what models leave."""
 STRONGEST = 8
+Named = tuple[str, IdentifiedParameter]
 
 
-def parameter_rows(
-    parameters: dict[str, IdentifiedParameter], interval: float | None
-) -> tuple[Row, ...]:
-    """Rows of parameters: name, unit, old, new, Δ, σ, ± 95 %, Δ ÷ σ, whether that shows a change.
-
-    `interval`: half-width of 95 % intervals in σ; None where nothing tells it.
-    """
-    return tuple(
-        (
-            *_name_and_unit(name),
-            *parameter_cells(found),
-            interval_cell(found, interval),
-            _change_in_sigma(found),
-            _shown(found, interval),
-        )
-        for name, found in parameters.items()
+def parameters(interval: float | None) -> tuple[Column[Named], ...]:
+    """Columns of parameters. `interval`: half-width of 95 % intervals in σ; None: not known."""
+    return (
+        words("parameter", lambda row: row[0].rpartition("_")[0]),
+        words("unit", lambda row: row[0].rpartition("_")[2].replace("deg", "°")),
+        *values(interval),
+        Column("Δ ÷ σ", lambda row: _change_in_sigma(row[1]), decimals=1, signed=True),
+        words("", lambda row: _shown(row[1], interval)),
     )
 
 
-def interval_cell(found: IdentifiedParameter, interval: float | None) -> str:
-    """Half-width of a parameter's 95 % interval."""
-    if not found.free or found.std is None or interval is None:
-        return NOTHING
-    return number(interval * found.std, PARAMETER_DECIMALS)
+def values(interval: float | None) -> tuple[Column[Named], ...]:
+    """Columns of parameters' values: nominal, identified, Δ, σ, ± 95 %."""
+
+    def delta(row: Named) -> float | str:
+        return row[1].delta if row[1].free else "held"
+
+    def half_width(row: Named) -> float | None:
+        std = _std(row[1])
+        return None if std is None or interval is None else interval * std
+
+    return (
+        Column("nominal", lambda row: row[1].nominal, decimals=DECIMALS),
+        Column("identified", lambda row: row[1].value, decimals=DECIMALS),
+        Column("Δ", delta, decimals=DECIMALS, signed=True),
+        Column("σ", lambda row: _std(row[1]), decimals=DECIMALS),
+        Column("± 95 %", half_width, decimals=DECIMALS),
+    )
+
+
+DOUBTS: tuple[Column[Doubt], ...] = (
+    words("doubt", lambda doubt: doubt.name),
+    words("finding", lambda doubt: doubt.says),
+    words("numbers", lambda doubt: _numbers_of(doubt)),
+    words("what follows", lambda doubt: _consequence(doubt)),
+)
+
+MODELS: tuple[Column[ComparedModel], ...] = (
+    words("model", lambda model: model.name),
+    Column("parameters", lambda model: model.parameters),
+    Column("BIC", lambda model: model.bic, decimals=0),
+    Column("unseen rms", lambda model: model.unseen_rms_mm, "mm", DECIMALS),
+    words("", lambda model: model.outcome),
+)
+
+CORRELATIONS: tuple[Column[Correlation], ...] = (
+    words("", lambda each: each.a),
+    words("", lambda each: each.b),
+    Column("ρ", lambda each: each.value, decimals=2, signed=True),
+)
+
+
+def budget(left: ResidualBudget) -> tuple[Column[tuple[str, float | str]], ...]:
+    """Columns of residuals and their known causes."""
+    return words(f"one {left.of}, 1 σ", lambda row: row[0]), Column("", lambda row: row[1], "mm")
+
+
+def budget_rows(left: ResidualBudget) -> tuple[tuple[str, float | str], ...]:
+    """Residuals and their known causes, mm."""
+    repeated = left.repeatability_mm
+    return (
+        (f"residuals of the fitted {left.of}s, √(Σ r² / ν)", left.residual_mm),
+        ("the tracker's stated uncertainty alone", left.instrument_mm),
+        ("the robot's repeatability alone", "not measured" if repeated is None else repeated),
+        ("left beyond the larger of the two", left.unexplained_mm),
+    )
 
 
 def interval_in_words(interval: float | None) -> str:
@@ -46,57 +90,6 @@ def interval_in_words(interval: float | None) -> str:
         return ""
     why = "" if interval < COVERAGE else ", Student's factor: σ themselves are known a little only"
     return f"95 % intervals are ± {interval:.2f} σ{why}"
-
-
-def doubt_rows(doubts: tuple[Doubt, ...]) -> tuple[Row, ...]:
-    """Rows of doubts: name, sentence, numbers, what follows."""
-    return tuple(
-        (doubt.name, doubt.says, _numbers_of(doubt), _consequence(doubt)) for doubt in doubts
-    )
-
-
-def parameter_cells(found: IdentifiedParameter) -> Row:
-    """Cells of a parameter: old, new, Δ, σ; the last two only if it was looked for."""
-    values = [number(value, PARAMETER_DECIMALS) for value in (found.nominal, found.value)]
-    if not found.free:
-        return *values, "held", NOTHING
-    delta = number(found.delta, PARAMETER_DECIMALS, signed=True)
-    return *values, delta, number(found.std, PARAMETER_DECIMALS)
-
-
-def model_rows(models: tuple[ComparedModel, ...]) -> tuple[Row, ...]:
-    """Rows of compared models: name, parameters, BIC, rms of unseen pairs, outcome."""
-    return tuple(
-        (
-            model.name,
-            str(model.parameters),
-            number(model.bic, 0),
-            number(model.unseen_rms_mm, PARAMETER_DECIMALS),
-            model.outcome,
-        )
-        for model in models
-    )
-
-
-def correlation_rows(known: Covariance) -> tuple[Row, ...]:
-    """Rows of the strongest correlations: two parameters and their ρ."""
-    return tuple(
-        (each.a, each.b, number(each.value, 2, signed=True)) for each in known.strongest(STRONGEST)
-    )
-
-
-def budget_rows(left: ResidualBudget) -> tuple[Row, ...]:
-    """Rows of residuals and their known causes, mm."""
-    repeated = left.repeatability_mm
-    return (
-        (f"residuals of the fitted {left.of}s, √(Σ r² / ν)", number(left.residual_mm)),
-        ("the tracker's stated uncertainty alone", number(left.instrument_mm)),
-        (
-            "the robot's repeatability alone",
-            "not measured" if repeated is None else number(repeated),
-        ),
-        ("left beyond the larger of the two", number(left.unexplained_mm)),
-    )
 
 
 def _numbers_of(doubt: Doubt) -> str:
@@ -112,17 +105,16 @@ def _consequence(doubt: Doubt) -> str:
     return "told only" if doubt.decision is None else f"verdict: {doubt.decision}"
 
 
+def _std(found: IdentifiedParameter) -> float | None:
+    return found.std if found.free else None
+
+
 def _shown(found: IdentifiedParameter, interval: float | None) -> str:
-    if not found.free or found.std is None:
+    if (std := _std(found)) is None:
         return ""
-    expanded = max(COVERAGE, interval or 0.0) * found.std
-    return NO_CHANGE if abs(found.delta) <= expanded else ""
+    return NO_CHANGE if abs(found.delta) <= max(COVERAGE, interval or 0.0) * std else ""
 
 
-def _name_and_unit(name: str) -> Row:
-    stem, _, unit = name.rpartition("_")
-    return stem, {"deg": "°"}.get(unit, unit)
-
-
-def _change_in_sigma(found: IdentifiedParameter) -> str:
-    return number(found.delta / found.std, 1, signed=True) if found.free and found.std else NOTHING
+def _change_in_sigma(found: IdentifiedParameter) -> float | None:
+    std = _std(found)
+    return found.delta / std if std else None

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from app.report import model_sections, plots, record_sections, results_sections
+from app.report import groups, model_sections, record_sections, results_sections
 from app.report.figures import distances, tests, time_and_parameters, workspace
 from app.report.parts import Section
 from app.report.rendering import GENERATOR, rendered, sections_of
@@ -14,7 +14,7 @@ MAKERS = {
     "results": results_sections,
     "model": model_sections,
     "record": record_sections,
-    "groups": plots,
+    "groups": groups,
     "distances": distances,
     "workspace": workspace,
     "tests": tests,

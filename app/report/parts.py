@@ -1,10 +1,10 @@
-"""Parts of a page, and numbers as they are written on it."""
+"""Parts of a page, and times as they are written on it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from campaigns.files.table import NOTHING, Row, number
+from campaigns.files.table import Column, Row
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,27 +21,13 @@ class Paragraph:
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
-    """Head of a column; numbers are set to the right, words and code to the left."""
-
-    title: str
-    unit: str = ""
-    kind: Literal["number", "words", "code"] = "number"
-
-
-@dataclass(frozen=True, slots=True)
 class Table:
     """Rows of texts. `note` stands below in small print."""
 
     title: str
-    columns: tuple[Column, ...]
+    columns: tuple[Column[Any], ...]
     rows: tuple[Row, ...]
     note: str = ""
-
-    def __post_init__(self) -> None:
-        """A row with a cell too many or too few would shift its meaning."""
-        if any(len(row) != len(self.columns) for row in self.rows):
-            raise ValueError(f"table '{self.title}': rows don't fit {len(self.columns)} columns")
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,23 +59,6 @@ class Section:
             for part in self.parts
             if isinstance(part, Paragraph) and part.tone == "missing"
         )
-
-
-def words(*titles: str) -> tuple[Column, ...]:
-    """Columns of words."""
-    return tuple(Column(title, kind="words") for title in titles)
-
-
-def numbers(unit: str, titles: Sequence[str]) -> tuple[Column, ...]:
-    """Columns of numbers of one unit."""
-    return tuple(Column(title, unit) for title in titles)
-
-
-def percent_gained(before: float | None, after: float | None) -> str:
-    """Gain: by how much something has become smaller."""
-    if before is None or after is None or before == 0.0:
-        return NOTHING
-    return f"{number(100.0 * (1.0 - after / before), 0)} %"
 
 
 def moment(utc: str) -> str:

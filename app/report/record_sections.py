@@ -1,30 +1,45 @@
-"""Rows of the tables for the record: tracker, what went wrong, instruments, versions, digests."""
+"""Tables for the record: tracker, what went wrong, instruments, versions, digests."""
 
 from collections.abc import Iterator
 
 from app.report.parts import moment
 from campaigns.evaluation.integrity import Check
 from campaigns.evaluation.time_series import stated_uncertainty_mm, time_series
-from campaigns.evidence import Evidence, JournalFacts
-from campaigns.files.table import NOTHING, Row, number
+from campaigns.evidence import Evidence, Incident, JournalFacts
+from campaigns.files.table import NOTHING, Column, Row, by_place, number, words
 from campaigns.identification.result import Excluded
 from campaigns.journal.records import Event, Rejected, SeriesStarted
 from campaigns.journal.views import Series
 from campaigns.shots.import_export import imported_files
+from campaigns.shots.shots import Shots
 from drivers.values import Weather
 
+Measured = tuple[str, Shots]
 
-def tracker_rows(evidence: Evidence) -> tuple[Row, ...]:
-    """Rows of series: name, u of a point, median and largest, air from, to, drift."""
-    return tuple(
-        (
-            name,
-            *_two(stated_uncertainty_mm(measured.shots), 4, "not stated"),
-            *_two((series := time_series(name, measured.shots)).air_range, 2),
-            number(series.moved_mm),
-        )
-        for name, measured in evidence.by_stage()
-    )
+
+TRACKER: tuple[Column[Measured], ...] = (
+    words("series", lambda row: row[0]),
+    Column("u of a point, median", lambda row: _stated(row, 0) or "not stated", "mm", 4),
+    Column("largest", lambda row: _stated(row, 1), "mm", 4),
+    Column("air from", lambda row: _air_range(row, 0), "°C", 2),
+    Column("to", lambda row: _air_range(row, 1), "°C", 2),
+    Column("drift pose moved", lambda row: time_series(*row).moved_mm, "mm"),
+)
+
+
+def tracker_rows(evidence: Evidence) -> list[Measured]:
+    """Shots of each series by its name."""
+    return [(name, measured.shots) for name, measured in evidence.by_stage()]
+
+
+def _stated(row: Measured, place: int) -> float | None:
+    stated = stated_uncertainty_mm(row[1])
+    return None if stated is None else stated[place]
+
+
+def _air_range(row: Measured, place: int) -> float | None:
+    air = time_series(*row).air_range
+    return None if air is None else air[place]
 
 
 def beam_losses(evidence: Evidence) -> int:
@@ -33,48 +48,50 @@ def beam_losses(evidence: Evidence) -> int:
     return sum(isinstance(r, Rejected) and r.reason.startswith("beam broken") for r in records)
 
 
-def excluded_rows(excluded: tuple[Excluded, ...]) -> tuple[Row, ...]:
-    """Rows of what the identification left out: what, reason."""
-    return tuple((left.what, left.reason) for left in excluded)
+EXCLUDED: tuple[Column[Excluded], ...] = (
+    words("", lambda left: left.what),
+    words("reason", lambda left: left.reason),
+)
 
 
-def incident_rows(journal: JournalFacts, *, events: bool) -> tuple[Row, ...]:
-    """Rows of events, or of rejected shots and voided pairs: time, series, what, text."""
-    return tuple(
-        (
-            moment(each.at_utc),
-            NOTHING if each.series is None else str(each.series),
-            each.concerns,
-            each.text,
-        )
-        for each in journal.incidents
-        if isinstance(each.record, Event) is events
+def incidents(text: str) -> tuple[Column[Incident], ...]:
+    """Columns of events, or of rejected shots and voided pairs."""
+    return (
+        words("time", lambda each: moment(each.at_utc)),
+        words("series", lambda each: NOTHING if each.series is None else str(each.series)),
+        words("what", lambda each: each.concerns),
+        words(text, lambda each: each.text),
     )
 
 
-def check_rows(checks: tuple[Check, ...]) -> tuple[Row, ...]:
-    """Rows of checks: statement, whether it holds, detail."""
-    answers = {True: "yes", False: "no", None: NOTHING}
-    return tuple((check.statement, answers[check.holds], check.detail) for check in checks)
+def incidents_of(journal: JournalFacts, *, events: bool) -> list[Incident]:
+    """Events, or rejected shots and voided pairs."""
+    return [each for each in journal.incidents if isinstance(each.record, Event) is events]
 
 
-def series_rows(every: tuple[Series, ...]) -> tuple[Row, ...]:
-    """Rows of series: number, stage, begun, shots, state, software."""
-    return tuple(
-        (
-            str(series.number),
-            series.started.stage,
-            moment(series.started_utc),
-            str(len(series.shots)),
-            _state(series),
-            f"pkmcal {series.started.software_version}",
-        )
-        for series in every
-    )
+CHECKS: tuple[Column[Check], ...] = (
+    words("statement", lambda check: check.statement),
+    words("", lambda check: {True: "yes", False: "no", None: NOTHING}[check.holds]),
+    words("detail", lambda check: check.detail),
+)
+
+SERIES: tuple[Column[Series], ...] = (
+    words("series", lambda series: str(series.number)),
+    words("stage", lambda series: series.started.stage),
+    words("begun", lambda series: moment(series.started_utc)),
+    Column("shots", lambda series: len(series.shots)),
+    words("state", lambda series: _state(series)),
+    words("software", lambda series: f"pkmcal {series.started.software_version}"),
+)
+
+SHA256: Column[Row] = Column("sha256", lambda row: row[-1], kind="code")
+IMPORTED = (*by_place("series", "file"), SHA256)
+INSTRUMENTS = by_place("", "series", "")
+DIGESTS = (*by_place(""), SHA256)
 
 
 def imported_rows(every: tuple[Series, ...]) -> tuple[Row, ...]:
-    """Rows of imported files: series, name, sha256 of the file."""
+    """Imported files: series, name, sha256 of the file."""
     imports = [each for each in every if each.started.stage == "import"]
     return tuple(
         (str(series.number), *file) for series in imports for file in _files_of(series.started)
@@ -82,7 +99,7 @@ def imported_rows(every: tuple[Series, ...]) -> tuple[Row, ...]:
 
 
 def instrument_rows(evidence: Evidence, journal: JournalFacts) -> tuple[Row, ...]:
-    """Rows of instruments and air: what, series, which; each once, with all its series."""
+    """Instruments and air: what, series, which; each once, with all its series."""
     seen: dict[tuple[str, str], list[str]] = {}
     for each in journal.series:
         for name, text in _present(each):
@@ -96,7 +113,7 @@ def instrument_rows(evidence: Evidence, journal: JournalFacts) -> tuple[Row, ...
 
 
 def digest_rows(evidence: Evidence, journal: JournalFacts) -> Iterator[Row]:
-    """Rows of digests: of what, sha256."""
+    """Digests: of what, sha256."""
     run, found = evidence.run, evidence.identification
     yield f"journal, all {journal.records} records", journal.digest
     if found is not None:
@@ -115,12 +132,6 @@ def digest_rows(evidence: Evidence, journal: JournalFacts) -> Iterator[Row]:
 def _files_of(started: SeriesStarted) -> tuple[tuple[str, str], ...]:
     files = tuple((file.name, file.sha256) for file in imported_files(started))
     return files or (("not kept by the software that took them in", NOTHING),)
-
-
-def _two(values: tuple[float, float] | None, decimals: int, otherwise: str = NOTHING) -> Row:
-    if values is None:
-        return otherwise, NOTHING
-    return number(values[0], decimals), number(values[1], decimals)
 
 
 def _state(series: Series) -> str:

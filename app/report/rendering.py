@@ -7,14 +7,13 @@ which says in which words the rows and pictures stand that it is given.
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from app.report.figures.drawing import svg_text
 from app.report.parts import (
-    Column,
     Paragraph,
     Part,
     Picture,
@@ -22,15 +21,15 @@ from app.report.parts import (
     Table,
     Tone,
     moment,
-    numbers,
-    words,
 )
-from campaigns.files.table import Row, number
+from campaigns.files.table import Column, number, texts
 from campaigns.version import VERSION
 from drivers.texts import printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+T = TypeVar("T")
 
 GENERATOR = f"pkmcal {VERSION}"
 PACKAGE = "app.report"
@@ -59,8 +58,7 @@ def sections_of(
         "picture": writer.picture,
         **{tone: partial(writer.paragraph, tone) for tone in ("text", "note", "missing")},
     }
-    columns = {"words": words, "numbers": numbers, "column": Column}
-    _nothing(_environment(package).get_template(template).render(values, **calls, **columns))
+    _nothing(_environment(package).get_template(template).render(values, **calls))
     return tuple(writer.sections)
 
 
@@ -84,13 +82,13 @@ class _SectionWriter:
     def table(
         self,
         title: str,
-        columns: tuple[Column, ...],
-        rows: Iterable[Row],
+        columns: tuple[Column[T], ...],
+        rows: Iterable[T],
         *,
         caller: Callable[[], str] | None = None,
     ) -> str:
         note = "" if caller is None else _plain(caller())
-        self._parts.append(Table(title, columns, tuple(rows), note))
+        self._parts.append(Table(title, columns, texts(columns, rows), note))
         return ""
 
     def picture(

@@ -1,80 +1,96 @@
-"""Rows of the tables on results: key figures, limits, errors, tests, ISO 9283."""
+"""Tables on results: key figures, limits, errors, tests, ISO 9283."""
 
 from collections.abc import Iterator
-from dataclasses import replace
+from itertools import zip_longest
 
-from app.report.parts import percent_gained
-from app.report.plots import pair_groups
+from app.report.groups import pair_groups
 from campaigns.arrays import Array
 from campaigns.evaluation.decision import Requirement
 from campaigns.evaluation.gains import NO_CHANGE, Gain
 from campaigns.evaluation.iso_figures import IsoRow, iso_rows
-from campaigns.evaluation.summary import summary
-from campaigns.evaluation.validation import ValidationResult
+from campaigns.evaluation.summary import ErrorSummary, summary
+from campaigns.evaluation.validation import MeasuredLength, ValidationResult
 from campaigns.evidence import Evaluation
-from campaigns.files.table import NOTHING, Row, number
+from campaigns.files.table import NOTHING, Column, Row, number, texts, words
 
 KEY_FIGURES = ("distances, mean error", "distances, largest error", "rotation")
 STRAIGHTNESS = "straightness"
+Stages = tuple[IsoRow | None, IsoRow | None]
+"""The same figure before and after."""
+
+
+def limits(head: str) -> tuple[Column[Requirement], ...]:
+    """Columns of requirements: what, error, U, limit, margin, decision."""
+    return (
+        words(head, lambda each: each.name),
+        Column("e", lambda each: "not measured" if each.error is None else each.error, "mm"),
+        Column("U", lambda each: each.expanded_uncertainty, "mm"),
+        Column("limit", lambda each: "none set" if each.limit is None else each.limit, "mm"),
+        Column("margin", lambda each: each.margin, "mm", signed=True),
+        words("decision", lambda each: each.decision or NOTHING),
+    )
+
+
+ERRORS: tuple[Column[tuple[str, str, ErrorSummary]], ...] = (
+    words("errors", lambda row: row[0]),
+    words("", lambda row: row[1]),
+    Column("n", lambda row: row[2].n),
+    Column("mean", lambda row: row[2].mean, "mm"),
+    Column("σ", lambda row: row[2].sigma, "mm"),
+    Column("max", lambda row: row[2].max, "mm"),
+    Column("mean + 3σ", lambda row: row[2].mean_plus_3_sigma, "mm"),
+    Column("P95", lambda row: row[2].p95, "mm"),
+)
+
+BEFORE_AND_AFTER: tuple[Column[Gain], ...] = (
+    words("", lambda gain: gain.name),
+    Column("before", lambda gain: _mm(gain.before), "mm"),
+    Column("after", lambda gain: _mm(gain.after), "mm"),
+)
+GAINS: tuple[Column[Gain], ...] = (
+    *BEFORE_AND_AFTER,
+    Column("U of the difference", lambda gain: gain.expanded_uncertainty_mm, "mm"),
+    Column("gain", lambda gain: _percent_gained(gain)),
+)
+
+ISO: tuple[Column[Stages], ...] = (
+    words("figure", lambda both: _known(both).name),
+    Column("n", lambda both: _shown(both).n if _shown(both).figure else None),
+    Column("before", lambda both: _iso_value(both[0]), "mm"),
+    Column("U", lambda both: _iso_uncertainty(both[0]), "mm"),
+    Column("after", lambda both: _iso_value(both[1]), "mm"),
+    Column("U", lambda both: _iso_uncertainty(both[1]), "mm"),
+    words("tested here", lambda both: _shown(both).tested),
+    words("in the standard", lambda both: _shown(both).asked),
+)
 
 
 def key_figure_rows(found: Evaluation) -> tuple[Row, ...]:
-    """Rows of the figures for readers who read no further: name, before, after, what is shown.
+    """Figures for readers who read no further: name, before, after, what is shown.
 
     Those of the commanded robot that were measured in at least one stage.
     """
     lines = [gain for gain in found.gains if gain.name.startswith(STRAIGHTNESS)]
     worst = max(lines, key=_larger, default=None)
     chosen = [gain for gain in found.gains if gain.name in KEY_FIGURES]
-    return tuple(
-        (gain.name, *_both(gain), NO_CHANGE if gain.shown is False else "")
-        for gain in (*chosen, *([worst] if worst else []))
-    )
+    shown: Column[Gain] = words("", lambda gain: NO_CHANGE if gain.shown is False else "")
+    return texts((*BEFORE_AND_AFTER, shown), [*chosen, *([worst] if worst else [])])
 
 
-def limit_rows(requirements: tuple[Requirement, ...]) -> tuple[Row, ...]:
-    """Rows of requirements: what, error, U, limit, margin, decision."""
-    return tuple(
-        (
-            each.name,
-            "not measured" if each.error is None else number(each.error),
-            number(each.expanded_uncertainty),
-            "none set" if each.limit is None else number(each.limit),
-            number(each.margin, signed=True),
-            each.decision or NOTHING,
-        )
-        for each in requirements
-    )
-
-
-def error_rows(found: Evaluation) -> tuple[Row, ...]:
-    """Rows of errors before and after: what, stage, n, mean, σ, max, mean + 3σ, P95."""
-    return tuple(
-        (name, stage, *_summary_cells(errors))
+def errors(found: Evaluation) -> list[tuple[str, str, ErrorSummary]]:
+    """Errors before and after: of what, stage, summary."""
+    return [
+        (name, stage, summary(errors))
         for name, *stages in _compared_errors(found)
         for stage, errors in zip(("before", "after"), stages, strict=True)
         if errors is not None
-    )
+    ]
 
 
-def gain_rows(found: tuple[Gain, ...]) -> tuple[Row, ...]:
-    """Rows of gains: name, before, after, U of the difference, gain."""
-    return tuple(
-        (gain.name, *_both(gain), number(gain.expanded_uncertainty_mm), _gained(gain))
-        for gain in found
-    )
-
-
-def iso_table_rows(
-    before: ValidationResult | None, after: ValidationResult | None
-) -> tuple[Row, ...]:
-    """Rows beside ISO 9283: figure, n, before and after with U each, tested here, the standard."""
-    stages = [iso_rows(stage) if stage else None for stage in (before, after)]
-    known = next((rows for rows in stages if rows is not None), ())
-    nothing = tuple(replace(row, figure=None) for row in known)
-    return tuple(
-        _iso_row(*pair) for pair in zip(*(rows or nothing for rows in stages), strict=True)
-    )
+def iso_stages(before: ValidationResult | None, after: ValidationResult | None) -> list[Stages]:
+    """Figures beside ISO 9283, before and after."""
+    stages = [iso_rows(stage) if stage else () for stage in (before, after)]
+    return list(zip_longest(stages[0], stages[1]))
 
 
 def _compared_errors(found: Evaluation) -> Iterator[tuple[str, Array | None, Array | None]]:
@@ -87,22 +103,16 @@ def _compared_errors(found: Evaluation) -> Iterator[tuple[str, Array | None, Arr
     yield "commanded positions", before, after
 
 
-def _summary_cells(errors_mm: Array) -> Row:
-    found = summary(errors_mm)
-    values = (found.mean, found.sigma, found.max, found.mean_plus_3_sigma, found.p95)
-    return str(found.n), *map(number, values)
-
-
-def _both(gain: Gain) -> Row:
-    both = (gain.before, gain.after)
-    return tuple(number(None if each is None else each.value_mm) for each in both)
+def _mm(length: MeasuredLength | None) -> float | None:
+    return None if length is None else length.value_mm
 
 
 def _larger(gain: Gain) -> float:
     return max(each.value_mm for each in (gain.before, gain.after) if each is not None)
 
 
-def _gained(gain: Gain) -> str:
+def _percent_gained(gain: Gain) -> str:
+    """By how much something has become smaller, unless the difference is within its U."""
     if gain.before is None or gain.after is None:
         return NOTHING
     if not gain.shown:
@@ -110,15 +120,30 @@ def _gained(gain: Gain) -> str:
     return percent_gained(gain.before.value_mm, gain.after.value_mm)
 
 
-def _iso_row(before: IsoRow, after: IsoRow) -> Row:
-    shown = after if after.figure else before
-    n = str(shown.n) if shown.figure else NOTHING
-    return shown.name, n, *_iso_cells(before), *_iso_cells(after), shown.tested, shown.asked
+def percent_gained(before: float | None, after: float | None) -> str:
+    """Gain: by how much something has become smaller."""
+    if before is None or after is None or before == 0.0:
+        return NOTHING
+    return f"{number(100.0 * (1.0 - after / before), 0)} %"
 
 
-def _iso_cells(row: IsoRow) -> Row:
-    figure = row.figure
-    if figure is None:
-        return NOTHING, NOTHING
-    value = number(figure.value_mm, signed=row.is_signed)
-    return value, number(figure.expanded_uncertainty_mm)
+def _known(both: Stages) -> IsoRow:
+    known = both[1] or both[0]
+    assert known is not None, "a row is of one stage at least"
+    return known
+
+
+def _shown(both: Stages) -> IsoRow:
+    """Stage whose n and test are told: after, if it was measured there."""
+    before, after = both
+    return after if after and after.figure else before or _known(both)
+
+
+def _iso_value(row: IsoRow | None) -> str | None:
+    if row is None or row.figure is None:
+        return None
+    return number(row.figure.value_mm, signed=row.is_signed)
+
+
+def _iso_uncertainty(row: IsoRow | None) -> float | None:
+    return row.figure.expanded_uncertainty_mm if row and row.figure else None

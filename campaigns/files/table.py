@@ -2,11 +2,13 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Generic, Literal, TypeVar
 
 from campaigns.files.csv_file import csv_text, number_text
 
 T = TypeVar("T")
+Kind = Literal["number", "words", "code"]
 Cell = str | float | None
 Row = tuple[str, ...]
 """Texts of a row, one a column."""
@@ -27,7 +29,7 @@ class Column(Generic[T]):
     unit: str = ""
     decimals: int = 3
     signed: bool = False
-    kind: Literal["number", "words", "code"] = "number"
+    kind: Kind = "number"
 
     def text(self, row: T) -> str:
         """Cell as people read it."""
@@ -47,6 +49,11 @@ class Column(Generic[T]):
 def words(head: str, of: Callable[[T], str]) -> Column[T]:
     """Column of words."""
     return Column(head, of, kind="words")
+
+
+def by_place(*heads: str, kind: Kind = "words") -> tuple[Column[Row], ...]:
+    """Columns of rows that are texts already."""
+    return tuple(Column(head, itemgetter(place), kind=kind) for place, head in enumerate(heads))
 
 
 def texts(columns: Sequence[Column[T]], rows: Iterable[T]) -> tuple[Row, ...]:

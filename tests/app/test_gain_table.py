@@ -7,9 +7,10 @@ from rich.cells import cell_len
 from whole_campaigns import whole
 
 from app.console import Terminal
-from app.report.results_sections import gain_rows
-from app.validation_text import show_gain
+from app.report.results_sections import GAINS
+from app.report.validation_text import show_gain
 from campaigns.evidence import Evaluation, evaluate
+from campaigns.files.table import texts
 
 __all__ = ["whole"]
 
@@ -37,7 +38,7 @@ def rows_of(capsys, found: Evaluation) -> dict[str, list[str]]:
 @pytest.mark.slow
 def test_a_difference_below_its_uncertainty_is_no_change_as_on_the_page(capsys, found):
     rows = rows_of(capsys, found)
-    page = {row[0]: row for row in gain_rows(found.gains)}
+    page = {row[0]: row for row in texts(GAINS, found.gains)}
     assert set(page) <= set(rows)
     for name, (_, *_, on_page) in page.items():
         assert (rows[name][3] == "no change shown") is (on_page == "no change shown"), name

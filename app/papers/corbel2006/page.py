@@ -1,25 +1,34 @@
 """The page: the paper's figures beside ours, in the words of reproduction-sections.jinja."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from app.papers.corbel2006 import figures
-from app.papers.corbel2006.comparison import HIGH, LOW, Comparison, Distribution, of_experiment
+from app.papers.corbel2006.comparison import (
+    HIGH,
+    LOW,
+    Comparison,
+    Distribution,
+    ParameterRow,
+    of_experiment,
+)
 from app.papers.corbel2006.comparison import Row as Compared
-from app.papers.corbel2006.evidence import Evidence
+from app.papers.corbel2006.evidence import Evidence, Floor
 from app.papers.corbel2006.printed import LINES_MM, printed
 from app.papers.corbel2006.quantities import largest
 from app.papers.corbel2006.trials import EXPERIMENTS, PROTOTYPE, TrialResult
-from app.report.figures.distances import PairGroup, pair_errors
+from app.report.figures.distances import pair_errors
+from app.report.groups import PairGroup
 from app.report.parts import Section
 from app.report.rendering import GENERATOR, rendered, sections_of
-from campaigns.files.table import Row, number
+from campaigns.files.table import Column, Row, by_place, number, words
 
 PACKAGE = "app.papers.corbel2006"
 PASSED = {True: "pass", False: "missed", None: ""}
 PARAMETER_DECIMALS = 2
+SPREAD = f"{LOW:g}–{HIGH:g} %"
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,12 +50,12 @@ def page_of(
         "comparison": comparison,
         "evidence": evidence,
         "results": {each.name: of_experiment(results, each) for each in EXPERIMENTS},
-        "spread": f"{LOW:g}–{HIGH:g} %",
         "mean_before": printed(PROTOTYPE, "mean, before"),
         "max_before": printed(PROTOTYPE, "max, before"),
-        "figure_rows": figure_rows,
-        "parameter_rows": parameter_rows,
-        "floor_rows": floor_rows,
+        "figure_columns": figure_columns(comparison),
+        "TABLE_2": TABLE_2,
+        "FLOORS": FLOORS,
+        "REACHES": REACHES,
         "reach_rows": reach_rows,
         "middle_seed": middle_seed,
         "pair_groups": pair_groups,
@@ -62,34 +71,45 @@ def page_html(page: Page) -> str:
     return rendered("reproduction.html.jinja", page, package=PACKAGE)
 
 
-def figure_rows(comparison: Comparison, rows: Iterable[Compared]) -> Iterator[Row]:
-    """Rows of a group of figures."""
-    for row in rows:
-        yield (
-            row.figure.name,
-            row.written(row.figure.printed) or number(None),
-            row.written(row.ours.median),
-            _spread(row.ours, row.quantity.decimals),
-            row.written(row.figure.asked),
-            PASSED[row.passed],
-            comparison.letter(row),
-        )
+def figure_columns(comparison: Comparison) -> tuple[Column[Compared], ...]:
+    """Columns of a group of figures."""
+    return (
+        words("", lambda row: row.figure.name),
+        Column("paper", lambda row: row.written(row.figure.printed) or None),
+        Column("ours", lambda row: row.written(row.ours.median)),
+        Column(SPREAD, lambda row: _spread(row.ours, row.quantity.decimals)),
+        Column("asked", lambda row: row.written(row.figure.asked)),
+        Column("", lambda row: PASSED[row.passed]),
+        Column("why", comparison.letter),
+    )
 
 
-def parameter_rows(comparison: Comparison) -> Iterator[Row]:
-    """Rows of Table II."""
-    for row in comparison.parameters:
-        found = (row.printed, row.ours.median, row.ours.median - row.printed)
-        paper, ours, apart = (number(each, PARAMETER_DECIMALS, signed=True) for each in found)
-        spread = _spread(row.ours, PARAMETER_DECIMALS, signed=True)
-        yield row.name, paper, ours, spread, apart, number(row.std, PARAMETER_DECIMALS)
+TABLE_2: tuple[Column[ParameterRow], ...] = (
+    words("parameter", lambda row: row.name),
+    Column("paper", lambda row: row.printed, decimals=PARAMETER_DECIMALS, signed=True),
+    Column("ours", lambda row: row.ours.median, decimals=PARAMETER_DECIMALS, signed=True),
+    Column(SPREAD, lambda row: _spread(row.ours, PARAMETER_DECIMALS, signed=True)),
+    Column(
+        "difference",
+        lambda row: row.ours.median - row.printed,
+        decimals=PARAMETER_DECIMALS,
+        signed=True,
+    ),
+    Column("stated σ", lambda row: row.std, decimals=PARAMETER_DECIMALS),
+)
 
+FLOORS: tuple[Column[Floor], ...] = (
+    words("test", lambda floor: floor.name),
+    words("noise", lambda floor: floor.noise),
+    Column("median", lambda floor: floor.left.median),
+    Column(SPREAD, lambda floor: _spread(floor.left, 3)),
+    Column("paper", lambda floor: ", ".join(floor.paper)),
+)
 
-def floor_rows(evidence: Evidence) -> Iterator[Row]:
-    """Rows of what noise alone leaves."""
-    for floor in evidence.floors:
-        left, paper = floor.left, ", ".join(floor.paper)
-        yield floor.name, floor.noise, number(left.median), _spread(left, 3), paper
+REACHES = (
+    *by_place("robot"),
+    *by_place("robot", "points reached", "longest line x", "y", "z", kind="number")[1:],
+)
 
 
 def reach_rows(evidence: Evidence) -> tuple[Row, ...]:

@@ -1,7 +1,6 @@
 """Errors of distances: pair by pair (the paper's Fig. 8), as histogram, and over the workspace."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,6 +18,7 @@ from app.report.figures.drawing import (
     say_instead,
     zero_line,
 )
+from app.report.groups import PairGroup
 from campaigns.arrays import Array, Index
 
 GAP = 3
@@ -28,19 +28,6 @@ LEAST_PLACES = 20
 BINS = 24
 SHADES = (0.95, 0.45, 0.1)
 """Of the groups in a histogram."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PairGroup:
-    """Errors of a group of pairs, mm; a stage that was not measured is None."""
-
-    name: str
-    marker: str
-    before_mm: Array | None
-    after_mm: Array | None
-
-    def __len__(self) -> int:
-        return max(len(e) for e in (self.before_mm, self.after_mm) if e is not None)
 
 
 @in_house_style

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from paper_campaign import MECHANISM, NOMINAL, PaperCampaign
 
-from app.report.figures.distances import PairGroup, pair_errors
+from app.report.figures.distances import pair_errors
 from app.report.figures.drawing import save, svg_text
 from app.report.figures.space import flat
 from app.report.figures.workspace import error_arrows, magnification, plate_tilt
-from app.report.parts import Column, Table, moment, percent_gained
+from app.report.groups import PairGroup
+from app.report.parts import moment
 from app.report.plots import plot_plan, plot_residuals
+from app.report.results_sections import percent_gained
 from app.terminal_picture import bar, histogram_lines
 from campaigns.errors import WriteFailed
 from campaigns.estimation.estimators import Estimator
@@ -195,11 +197,6 @@ def test_gain_is_told_only_where_there_was_something() -> None:
 
 def test_moments_are_cut_to_the_minute() -> None:
     assert moment("2026-03-02T08:15:30.123+00:00") == "2026-03-02 08:15 UTC"
-
-
-def test_a_row_that_does_not_fit_its_table_is_refused() -> None:
-    with pytest.raises(ValueError, match="don't fit"):
-        Table("two", (Column("a"), Column("b")), (("1",),))
 
 
 def test_the_plate_s_lean_is_drawn_towards_where_the_tool_goes():

@@ -27,6 +27,7 @@ from campaigns.campaign import open_campaign
 from campaigns.errors import JournalFailed, OutputExists
 from campaigns.evaluation.doubts import Doubt
 from campaigns.evidence import Evaluation, evaluate, gather
+from campaigns.files.table import texts
 from campaigns.identification.result import ComparedModel, Excluded, HoldOut, RobotScatter
 from campaigns.journal.records import (
     Event,
@@ -523,10 +524,11 @@ def test_a_parameter_within_its_uncertainty_shows_no_change(whole: PaperCampaign
         "a_mm": replace(parameters["plate_mm"], nominal=1.0, value=1.19, std=0.1),
         "b_mm": replace(parameters["plate_mm"], nominal=1.0, value=1.21, std=0.1),
     }
-    usual = model_sections.parameter_rows(found, 1.96)
+    usual, with_few = (
+        texts(model_sections.parameters(interval), found.items()) for interval in (1.96, 2.3)
+    )
     assert [row[-1] for row in usual] == ["no change shown", ""]
     assert [row[6] for row in usual] == ["0.1960", "0.1960"]
-    with_few = model_sections.parameter_rows(found, 2.3)
     assert [row[-1] for row in with_few] == ["no change shown"] * 2
 
 

@@ -1,10 +1,12 @@
 """Result of a validation, for people and as a document."""
 
 from app.console import BAD, GOOD, OPEN, Terminal
+from app.report.results_sections import BEFORE_AND_AFTER, limits
 from campaigns.chain.validation import Validated, ValidationStage
 from campaigns.evaluation.gains import NO_CHANGE, Gain
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import Evaluation
+from campaigns.files.table import NOTHING, Column, number, texts, words
 
 STYLES = {"pass": GOOD, "fail": BAD, "not decided": OPEN}
 
@@ -32,20 +34,11 @@ def validation_document(found: Validated) -> dict[str, object]:
 
 def show(terminal: Terminal, stage: ValidationStage, found: Validated) -> None:
     """Results for people: every figure with its uncertainty, and what was decided."""
-    rows = [
-        (
-            each.name,
-            *map(in_mm, (each.error, each.expanded_uncertainty, each.limit)),
-            each.decision or "-",
-        )
-        for each in found.verdict.requirements
-    ]
-    rows += [
-        (name, in_mm(value), "-", "-", "-")
-        for name, value in found.whole.further_figures_mm().items()
-    ]
-    columns = ("", stage, "U (k = 2)", "limit", "decision")
-    terminal.table(f"Validation, {stage} (mm)", columns, rows)
+    further = found.whole.further_figures_mm()
+    columns, nothing = limits(""), (NOTHING,) * 4
+    rows = texts(columns, found.verdict.requirements)
+    rows += tuple((name, number(each), *nothing) for name, each in further.items())
+    terminal.table(f"Validation, {stage} (mm)", [column.head for column in columns], rows)
     _show_series(terminal, stage, found.whole)
     verdict = found.verdict
     for reason in verdict.reasons:
@@ -56,20 +49,12 @@ def show(terminal: Terminal, stage: ValidationStage, found: Validated) -> None:
 
 def show_gain(terminal: Terminal, found: Evaluation) -> None:
     """Before and after side by side; U (k = 2) is that of the difference."""
-    rows = [
-        (
-            each.name,
-            *(in_mm(length.value_mm if length else None) for length in (each.before, each.after)),
-            in_mm(each.expanded_uncertainty_mm),
-            _change(each),
-        )
-        for each in found.gains
-    ]
+    rows = texts(GAIN, found.gains)
     if found.before is not None and found.after is not None:
         old, new = found.before.further_figures_mm(), found.after.further_figures_mm()
-        rows += [(name, in_mm(old[name]), in_mm(value), "-", "") for name, value in new.items()]
-    columns = ("", "before", "after", "U", "")
-    terminal.table("Gain (mm)", columns, rows)
+        further = ((name, number(old[name]), number(each)) for name, each in new.items())
+        rows += tuple((*both, NOTHING, "") for both in further)
+    terminal.table("Gain (mm)", [column.head for column in GAIN], rows)
     for stage, whole in (("before", found.before), ("after", found.after)):
         _show_series(terminal, stage, whole)
 
@@ -77,11 +62,6 @@ def show_gain(terminal: Terminal, found: Evaluation) -> None:
 def _show_series(terminal: Terminal, stage: str, whole: ValidationResult | None) -> None:
     if whole is not None and whole.series_in_words:
         terminal.say(f"{stage}: {whole.series_in_words}")
-
-
-def in_mm(value: float | None) -> str:
-    """A figure as it is shown."""
-    return "-" if value is None else f"{value:.3f}"
 
 
 def _change(gain: Gain) -> str:
@@ -93,3 +73,10 @@ def _change(gain: Gain) -> str:
     least, most = sorted((gain.before.value_mm, gain.after.value_mm))
     word = "less" if gain.after.value_mm < gain.before.value_mm else "more"
     return f"{most / least:.1f} × {word}" if least > 0.0 else word
+
+
+GAIN: tuple[Column[Gain], ...] = (
+    *BEFORE_AND_AFTER,
+    Column("U", lambda gain: gain.expanded_uncertainty_mm),
+    words("", _change),
+)

@@ -1,0 +1,54 @@
+"""Errors of shots and pairs in groups, each with a mark of its own."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.evaluation.model_errors import ShotErrors
+from campaigns.evidence import Evaluation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairGroup:
+    """Errors of a group of pairs, mm; a stage that was not measured is None."""
+
+    name: str
+    marker: str
+    before_mm: Array | None
+    after_mm: Array | None
+
+    def __len__(self) -> int:
+        return max(len(e) for e in (self.before_mm, self.after_mm) if e is not None)
+
+
+def shot_group(shots: ShotErrors) -> PairGroup:
+    """Lengths of the errors of fitted shots."""
+    return error_group("fitted shots", "o", shots.before_mm, shots.after_mm)
+
+
+def pair_groups(found: Evaluation) -> tuple[PairGroup, ...]:
+    """Fitted and unseen pairs by the models, and the pairs that the controller was told."""
+    errors, stages = found.errors, (found.before, found.after)
+    modelled = (
+        ("fitted pairs", "o", errors.fitted if errors else None),
+        ("unseen pairs", "D", errors.unseen if errors else None),
+    )
+    groups = [
+        PairGroup(name, marker, pairs.before_mm, pairs.after_mm)
+        for name, marker, pairs in modelled
+        if pairs is not None
+    ]
+    tests = [stage.distances if stage else None for stage in stages]
+    if any(tests):
+        told = (test.errors_mm if test else None for test in tests)
+        groups.append(PairGroup("commanded pairs", "s", *told))
+    return tuple(groups)
+
+
+def error_group(name: str, marker: str, *errors: Array) -> PairGroup:
+    """Group of distances (N, 1) with their sign, or of positions (N, 3) by their length."""
+    before, after = (
+        each[:, 0] if each.shape[1] == 1 else np.linalg.norm(each, axis=1) for each in errors
+    )
+    return PairGroup(name, marker, before, after)
