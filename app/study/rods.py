@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.arrays import Array
+from campaigns.estimation.datum import datum_parameters
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import PARALLELOGRAM_SKEW, ParameterSpace
 from campaigns.studies.affected import ImperfectRobot
@@ -48,7 +49,7 @@ class RodRobots:
             return np.array(points)
 
         p = vector_of_parts(true, geometry, build)
-        return ImperfectRobot(forward, true.mechanism.in_frame_of(true.p, p))
+        return ImperfectRobot(forward, datum_parameters(true, Kinematics(true.mechanism, p)).p)
 
 
 def geometry_of_model(model: Kinematics, section: RobotSection) -> Geometry:

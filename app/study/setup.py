@@ -12,6 +12,7 @@ from app.study.rods import told_by, vector_of_parts
 from app.wiring import require_same_mechanism
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid, PlanInvalid
+from campaigns.estimation.datum import datum_parameters
 from campaigns.estimation.estimators import Estimator, Model, Weights
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
@@ -161,7 +162,7 @@ def study_tasks(
     while some := tuple(islice(left, CAMPAIGNS_A_TASK)):
         robots = (_drawn(setup, scenario, number) for number in some)
         nominal = setup.nominal
-        truths = [nominal.mechanism.in_frame_of(nominal.p, robot.p) for robot in robots]
+        truths = [datum_parameters(nominal, robot).p for robot in robots]
         yield StudyTask(setup, some, np.array(truths))
 
 

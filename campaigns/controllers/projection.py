@@ -15,15 +15,13 @@ from scipy.optimize import least_squares
 from campaigns.arrays import Array, Index
 from campaigns.errors import IdentificationRefused
 from campaigns.estimation.observability import project_out_nuisance
-from campaigns.estimation.rigid_transforms import Transform, fit_transform
+from campaigns.estimation.rigid_transforms import Transform, fit_transform, frame_jacobian
 from campaigns.mechanisms.mechanism import Kinematics, Mechanism, NoSolution
 
 CONVERGED = 1e-14
 """Relative change of the sum of squares and of the parameters at which the search ends."""
 STEP = 1e-4
 """Of a controller's value, mm or rad, by which a robot is differentiated: robots are smooth."""
-FRAME = 6
-"""Columns of a frame."""
 THIRD = 2.0 * np.pi / 3.0
 ARMS = 3
 CANNOT_FOLLOW = "correct targets with `pkmcal correct` instead"
@@ -104,7 +102,7 @@ def project(mechanism: Mechanism, model: ReducedModel, workspace: Workspace) -> 
         own = Kinematics(mechanism, model.vector(values)).jacobian(workspace.joints, at.poses)
         by_values = at.frame.rotation @ own[:, :3] @ _by_values(model, values)
         points = workspace.poses[:, :3] + at.errors
-        columns = np.concatenate([by_values, _by_frame(points)], axis=2)
+        columns = np.concatenate([by_values, frame_jacobian(points)], axis=2)
         return project_out_nuisance(columns.reshape(-1, columns.shape[2]), len(values))
 
     def residual(values: Array) -> Array:
@@ -143,17 +141,6 @@ def _fitted(kinematics: Kinematics, workspace: Workspace) -> _Fitted:
         ) from error
     frame = fit_transform(poses[:, :3], workspace.poses[:, :3])
     return _Fitted(poses, frame, frame.apply(poses[:, :3]) - workspace.poses[:, :3])
-
-
-def _by_frame(points: Array) -> Array:
-    """∂point by a small turn and a shift of its frame, (N, 3, 6)."""
-    columns = np.zeros((len(points), 3, FRAME))
-    x, y, z = points.T
-    columns[:, 0, 1], columns[:, 0, 2] = z, -y
-    columns[:, 1, 0], columns[:, 1, 2] = -z, x
-    columns[:, 2, 0], columns[:, 2, 1] = y, -x
-    columns[:, :, 3:] = np.eye(3)
-    return columns
 
 
 def _by_values(model: ReducedModel, values: Array) -> Array:

@@ -59,6 +59,17 @@ def fit_transform(points_in_a_mm: Array, points_in_b_mm: Array) -> Transform:
     return Transform(rotation, centre_b - rotation @ centre_a)
 
 
+def frame_jacobian(points_mm: Array) -> Array:
+    """∂point by a small turn and a shift of its frame, (N, 3, 6), of points (N, 3)."""
+    columns = np.zeros((len(points_mm), 3, 6))
+    x, y, z = points_mm.T
+    columns[:, 0, 1], columns[:, 0, 2] = z, -y
+    columns[:, 1, 0], columns[:, 1, 2] = -z, x
+    columns[:, 2, 0], columns[:, 2, 1] = y, -x
+    columns[:, :, 3:] = np.eye(3)
+    return columns
+
+
 def paper_angles_rad(transform: Transform) -> Array:
     """φ, γ, ψ of R(z, φ) R(y, γ) R(x, ψ) (paper eq. 23), (3,)."""
     return np.asarray(Rotation.from_matrix(transform.rotation).as_euler("ZYX"))

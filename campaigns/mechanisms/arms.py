@@ -9,13 +9,8 @@ from typing import Protocol, Self
 import numpy as np
 
 from campaigns.arrays import Array, Mask
-from campaigns.mechanisms.frames import about_z, tilting, upright_seen_from
 from campaigns.mechanisms.mechanism import ArmWords, Axis, Limits
 from campaigns.mechanisms.parameters import ParameterField
-from campaigns.mechanisms.plate_tilt import PlateDrawing
-
-ArmValues = tuple[Array, Array]
-"""Fields (n, k) and extensions (n, e) of arms."""
 
 
 class Arms(Protocol):
@@ -107,16 +102,6 @@ class ArmKind(Protocol):
 
     def reach_mm(self, values: Array, extensions: Array, limits: Limits, centre_mm: Array) -> Array:
         """Half size (3,) of a box about a place that holds all that the forearms' ends reach."""
-        ...
-
-    def in_frame_of(
-        self, nominal: ArmValues, own: ArmValues, plate: PlateDrawing, *, may_turn: bool
-    ) -> ArmValues:
-        """Fields and extensions of the same arms from a base that sees the first ones as nominally.
-
-        The base may be shifted and tilted, and turned about z if the platform allows it. Contracted
-        places are told by the plate's drawing.
-        """
         ...
 
 
@@ -248,37 +233,6 @@ class RotaryArmKind:
     ) -> Array:
         """A forearm each way, (3,)."""
         return np.full(3, values[:, 6].max())
-
-    def in_frame_of(
-        self, nominal: ArmValues, own: ArmValues, plate: PlateDrawing, *, may_turn: bool
-    ) -> ArmValues:
-        """Fields (n, 7) and tilts (n, 1) from a base that has the first crank as it is nominally.
-
-        Its axis and that of the second lean as they do nominally: the base is tilted for it, and
-        the motors' places, seen past the plate's joints, with it.
-        """
-        (wanted, level), (values, tilts) = nominal, own
-        frames = crank_frames(values[:, 3], tilts[:, 0])
-        up = upright_seen_from(frames[1, :2], np.sin(level[:2, 0]))
-        turned = frames @ tilting(up).T
-        outward, axes = turned[0], turned[1]
-        seen = values.copy()
-        seen[:, 3] += _angle(np.arctan2(-axes[:, 0], axes[:, 1]) - values[:, 3])
-        seen_tilts = np.arcsin(axes[:, 2:])
-        level_out, _, lowered = crank_frames(seen[:, 3], seen_tilts[:, 0])
-        # what pointed outward at an angle of 0 has been turned about its axis
-        seen[:, 4] += np.arctan2((outward * lowered).sum(axis=1), (outward * level_out).sum(axis=1))
-        joints_mm = np.array(plate.joints_mm)
-        motors = (values[:, :3] + joints_mm) @ tilting(up).T - joints_mm
-        turn = float(wanted[0, 3] - seen[0, 3]) if may_turn else 0.0
-        seen[:, :3] = wanted[0, :3] + (motors - motors[0]) @ about_z(turn).T
-        seen[:, 3] += turn
-        return seen, seen_tilts
-
-
-def _angle(angle_rad: Array) -> Array:
-    """The same angles from -π to π."""
-    return np.asarray(np.remainder(angle_rad + np.pi, 2.0 * np.pi) - np.pi)
 
 
 def crank_frames(azimuth_rad: Array, axis_tilt_rad: Array) -> Array:

@@ -57,8 +57,6 @@ TILT_SETTLED_JOINT = 1e-13
 """Last step of joints and tilts in turn, rad or mm: each is some thousandth of the one before."""
 FRAME_UNKNOWNS = 6
 SHOTS_FOR_A_FRAME = 3
-SLIDING = [2, 3]
-"""Arms of the part that slides beside the controlled point's."""
 SKEW_LEVER_MM = 100.0
 """Typical distance of a plate joint from the measured point, which a tilted plate moves."""
 HORIZONTAL = ("arm0.axis_tilt_deg", "arm1.axis_tilt_deg")
@@ -265,28 +263,6 @@ class ClosedChain:
                 poses[:, place] = np.linspace(*interval, len(poses))
         ends_mm = self._platform.joints_mm(platform, poses)
         return float(np.linalg.norm(ends_mm, axis=-1).max())
-
-    def in_frame_of(self, nominal: Array, p: Array) -> Array:
-        """Vector of the same robot seen from a base whose first arms are as in the nominal, (G,).
-
-        Exact, but for plate bars that follow the azimuths of tilted arms and for carriages' plates
-        that are tilted instead of the base: what is left there is of second order in the tilts.
-        """
-        wanted, plate, level = self._split(nominal)
-        reframed = p.copy()
-        values, _, own = self._split(reframed)
-        fixed = self._platform.points_along_x
-        values[:], own[:, :-1] = self._arms.in_frame_of(
-            (wanted, level[:, :-1]),
-            (values, own[:, :-1]),
-            self.plate,
-            may_turn=not fixed,
-        )
-        if fixed:
-            # how the platform counts its turn is no more measured than where the base frame is
-            values[SLIDING, 0] += wanted[SLIDING[0], 0] - values[SLIDING[0], 0]
-            reframed[self._of_arms : len(self.parameters.names)] = plate
-        return reframed
 
     def minimum_shots(self, names: Sequence[str]) -> int:
         """Fewest shots that tell the named parameters and the frame.

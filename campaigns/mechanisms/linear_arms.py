@@ -9,21 +9,9 @@ from typing import Self
 import numpy as np
 
 from campaigns.arrays import Array, Mask
-from campaigns.mechanisms.arms import ArmValues
-from campaigns.mechanisms.frames import (
-    UP,
-    about_x,
-    about_z,
-    rotation_to,
-    tilting,
-    upright_seen_from,
-)
 from campaigns.mechanisms.mechanism import MM_PER_RAD, ArmWords, Axis, Limits
 from campaigns.mechanisms.parameters import ParameterField
-from campaigns.mechanisms.plate_tilt import PlateDrawing
 
-LEVEL = 1e-9
-"""A rail that rises less than that leads to no other height."""
 UPRIGHT = 1e-12
 """A rail that goes less aside than that is upright: no azimuth moves it."""
 
@@ -154,74 +142,6 @@ class LinearArmKind:
         high = (ends.max(axis=0) + forearm_mm * most).min(axis=0)
         return np.asarray(np.maximum(np.maximum(high - centre_mm, centre_mm - low), 0.0))
 
-    def in_frame_of(
-        self, nominal: ArmValues, own: ArmValues, plate: PlateDrawing, *, may_turn: bool
-    ) -> ArmValues:
-        """Fields (n, 7) and tilts (n, 2) from a base that sees the first rail as it is nominally.
-
-        Its carriage at a reading of 0 is put where it is nominally, and a turn about z gives the
-        second rail its nominal x. Then zeros are moved along their rails to their nominal heights.
-        Before that the base is tilted to make the first rail's direction nominal, or its tilt where
-        the base may not turn, and the platform to make the first two bars' tilts so.
-        """
-        (wanted, _), (values, tilts) = nominal, own
-        places, rails, bars = _levelled(nominal, own, plate, may_turn=may_turn)
-        places += _at_zero(*nominal)[0] - places[0]
-        rises = np.abs(rails[:, 2]) > LEVEL
-        lift = (wanted[:, 2] - places[:, 2]) / np.where(rises, rails[:, 2], np.inf)
-        zeros = places + lift[:, None] * rails
-        if may_turn:
-            turn = about_z(_turn_to(zeros[1] - zeros[0], (wanted[1] - wanted[0])[:2]))
-            zeros, rails = zeros[0] + (zeros - zeros[0]) @ turn.T, rails @ turn.T
-        seen, seen_tilts = values.copy(), tilts.copy()
-        seen[:, :3], seen[:, 3], seen[:, 5] = zeros, wanted[:, 3], -lift
-        seen[:, 4], seen_tilts[:, 0] = _angles(rails, wanted[:, 3])
-        seen_tilts[:, 1] = np.arcsin(bars[:, 2])
-        return seen, seen_tilts
-
-
-def _levelled(
-    nominal: ArmValues, own: ArmValues, plate: PlateDrawing, *, may_turn: bool
-) -> tuple[Array, Array, Array]:
-    """Places at a reading of 0, rails and bars, (n, 3) each, the first ones as they are nominally.
-
-    The base and the platform are tilted for it, where the platform has a direction of the base's
-    only about that one, x.
-    """
-    (wanted_values, wanted_tilts), (values, tilts) = nominal, own
-    joints_mm, tilted = np.array(plate.joints_mm), tilts[:, 1, None]
-    outward_rad = np.array(plate.outward_rad)
-    level = np.stack([-np.sin(outward_rad), np.cos(outward_rad), 0.0 * outward_rad], axis=1)
-    bars, rails = np.cos(tilted) * level + np.sin(tilted) * UP, rail_directions(values, tilts)[0]
-    rises = np.sin(wanted_tilts[:2, 1])
-    if may_turn:
-        base = rotation_to(rails[0], rail_directions(*nominal)[0][0])
-        platform = tilting(upright_seen_from(bars[:2] @ base.T, rises))
-    else:
-        both = tilting(upright_seen_from(bars[:2], rises))
-        platform = about_x(_turn_about_x(both @ rails[0], wanted_values[0, 3], wanted_tilts[0, 0]))
-        base = platform.T @ both
-    places = (_at_zero(values, tilts) + joints_mm) @ base.T - joints_mm
-    places += joints_mm @ (platform - np.eye(3)).T
-    return places, rails @ base.T, bars @ (platform @ base).T
-
-
-def _turn_about_x(rail: Array, azimuth_rad: float, tilt_rad: float) -> float:
-    """Angle by which a rail was turned about x from where it has a tilt by its azimuth."""
-    x, y, z = rail
-    aside = np.cos(azimuth_rad)
-    if abs(aside) < LEVEL:
-        return 0.0
-    wanted = (np.sin(tilt_rad) + np.sin(azimuth_rad) * x) / aside
-    return float(np.arcsin(wanted / np.hypot(y, z)) - np.arctan2(y, z))
-
-
-def _angles(rails: Array, azimuths: Array) -> tuple[Array, Array]:
-    """Elevations and tilts (n,) of rails (n, 3) by their azimuths."""
-    cos, sin = np.cos(azimuths), np.sin(azimuths)
-    outward, aside = rails[:, 0] * cos + rails[:, 1] * sin, rails[:, 1] * cos - rails[:, 0] * sin
-    return np.arctan2(rails[:, 2], outward), np.arcsin(aside)
-
 
 def rail_directions(values: Array, extensions: Array) -> Array:
     """e_i of fields (n, 7) and tilts (n, 1), and ∂e_i by azimuth, elevation, tilt, (4, n, 3)."""
@@ -241,15 +161,3 @@ def rail_directions(values: Array, extensions: Array) -> Array:
             cos * aside - sin * untilted,
         ]
     )
-
-
-def _at_zero(values: Array, tilts: Array) -> Array:
-    """Carriages at a reading of 0, (n, 3)."""
-    return np.asarray(values[:, :3] + values[:, 5:6] * rail_directions(values, tilts)[0])
-
-
-def _turn_to(place: Array, wanted: Array) -> float:
-    """Turn about z that gives a place the x of the wanted one (2,), on the same side of it."""
-    across = np.sqrt(max(float(place[0] ** 2 + place[1] ** 2 - wanted[0] ** 2), 0.0))
-    there = np.arctan2(np.copysign(across, wanted[1]), wanted[0])
-    return float(there - np.arctan2(place[1], place[0]))

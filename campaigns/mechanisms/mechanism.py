@@ -331,10 +331,6 @@ class Mechanism(Protocol):
         """Radius about the measured point that holds the modelled platform at every turn."""
         ...
 
-    def in_frame_of(self, nominal: Array, p: Array) -> Array:
-        """Vector of the same robot as p, seen in the frame of the nominal's `fix_frame`, (G,)."""
-        ...
-
     def minimum_shots(self, names: Sequence[str]) -> int:
         """Fewest shots of the measured point that tell the named parameters and the frame."""
         ...

@@ -10,6 +10,8 @@ from command_line import change
 from family_cases import MEMBERS
 
 from app.main import run_command
+from campaigns.estimation.datum import datum_parameters
+from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.robots.robot import find_robot
 from sim.factory import true_geometry
@@ -57,7 +59,8 @@ def true_robot(member, folder):
     """The cell's robot in the frames that the nominal's held parameters fix."""
     scenario = load_scenario(str(folder / "cell.yaml"))
     flat = true_geometry(scenario.robot, scenario.seed)
-    p = member.mechanism.in_frame_of(member.nominal.p, Parameters.of(member.space, flat).vector)
+    own = Kinematics.of(member.mechanism, flat)
+    p = datum_parameters(member.nominal, own).p
     return Parameters.of_vector(member.space, p)
 
 

@@ -8,9 +8,8 @@ from functools import partial
 from importlib.resources import files
 
 import matplotlib.image
-import numpy as np
 import pytest
-from par4_space import FREE_BY_DEFAULT, indices, par4_of
+from par4_space import FREE_BY_DEFAULT
 
 import sim.scenarios
 from app.main import run_command
@@ -22,7 +21,6 @@ from app.study.workers import local_results
 from campaigns.campaign import now_utc
 from campaigns.estimation.estimators import Model
 from campaigns.files.lock import campaign_lock
-from campaigns.robots.robot import find_robot
 from sim.scenarios.scenario import load_scenario
 
 STANDARD = [Model.STANDARD]
@@ -326,27 +324,6 @@ def test_parameters_that_the_scenario_draws_are_found_when_they_are_free(folder,
         *("--free", "arm[123].azimuth_deg"),
     )
     assert "stated σ are true" in out, "but for the first azimuth, which holds the frame"
-
-
-def test_robot_in_the_frame_of_the_nominal_is_the_same_robot():
-    nominal = find_robot("par4-prototype").robot.kinematics
-    drawn = nominal.p.copy()
-    for key, errors in {
-        "x_mm": 3.0,
-        "y_mm": -2.0,
-        "z_mm": 1.0,
-        "azimuth_deg": np.radians([0.4, -0.2, 0.1, 0.3]),
-    }.items():
-        drawn[indices([f"arm{arm}.{key}" for arm in range(4)])] += errors
-    same = nominal.mechanism.in_frame_of(nominal.p, drawn)
-    first = indices([f"arm0.{key}" for key in ("x_mm", "y_mm", "z_mm", "azimuth_deg")])
-    np.testing.assert_allclose(same[first], nominal.p[first], atol=1e-12)
-    joints = np.radians(np.random.default_rng(1).uniform(22.0, 30.0, (20, 4)))
-    apart = [
-        np.linalg.norm(np.diff(robot.forward(joints).values_or_raise()[:, :3], axis=0), axis=1)
-        for robot in (par4_of(drawn), par4_of(same))
-    ]
-    np.testing.assert_allclose(*apart, atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -26,8 +26,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from par4_cases import assert_exact_in_every_decade, central_differences
 
+from campaigns.estimation.datum import datum_parameters
 from campaigns.mechanisms.delta import DELTA
-from campaigns.mechanisms.mechanism import NoSolution, Violation
+from campaigns.mechanisms.mechanism import Kinematics, NoSolution, Violation
 from campaigns.robots.robot import find_robot
 
 CLOSE_MM = 1e-10
@@ -146,7 +147,7 @@ class TestParameters:
         arms = elsewhere[:21].reshape(3, 7)
         arms[:, :3] = arms[:, :3] @ turned_from_base.T + [5.0, -3.0, 2.0]
         arms[:, 3] += 0.3
-        seen = DELTA.in_frame_of(NOMINAL.p, elsewhere)
+        seen = datum_parameters(NOMINAL, Kinematics(DELTA, elsewhere)).p
         assert seen == pytest.approx(PERTURBED.p, abs=1e-10)
         joints = reachable_joints(PERTURBED, 20, seed=5)
         moved = delta_of(elsewhere).forward(joints).values_or_raise()

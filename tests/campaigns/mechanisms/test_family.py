@@ -187,31 +187,6 @@ class TestWhatShotsTell:
         assert rank(singular_values(member, member.nominal, poses, free)) == len(free) + 6
 
 
-class TestFrame:
-    @all_members
-    def test_of_the_nominal_sees_the_same_robot_with_nominal_frames(self, member):
-        """All parameters off, the base's frame too: distances stay, frames become nominal."""
-        rng = np.random.default_rng(7)
-        p = member.perturbed.p.copy()
-        moved = [name for name in member.space.names if "elevation" not in name]
-        p[member.space.places(moved)] += 0.02 * rng.standard_normal(len(moved))
-        seen = member.mechanism.in_frame_of(member.nominal.p, p)
-        fixed = [
-            name
-            for name in member.space.datum
-            if name in member.space.geometry and "azimuth" not in name
-        ]
-        places = member.space.places(fixed)
-        assert seen[places] == pytest.approx(member.nominal.p[places], abs=1e-9)
-        robot, again = member.robot_of(p), member.robot_of(seen)
-        joints = robot.inverse(member.reachable_poses(robot, 30, seed=8)).values_or_raise()
-        distances = []
-        for each in (robot, again):
-            points = each.forward(joints).values_or_raise()[:, :3]
-            distances.append(np.linalg.norm(points[1:] - points[:-1], axis=1))
-        assert np.abs(distances[0] - distances[1]).max() < 1e-9
-
-
 class TestFeasibility:
     @with_rails
     def test_says_where_a_carriage_cannot_be(self, member):

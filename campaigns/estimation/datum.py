@@ -1,0 +1,70 @@
+"""Datum (gauge) transformation: the same robot, its base frame placed by other parameters.
+
+Points measured in a frame of their own tell nothing along the null space of the workspace Jacobian
+with a free frame beside it. Along it a robot is moved until what fixes the datum is as wanted: the
+S-transformation of geodesy, in Gauss-Newton steps because robots are not linear.
+"""
+
+import numpy as np
+
+from campaigns.arrays import Array, Index
+from campaigns.estimation.rigid_transforms import fit_transform, frame_jacobian
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.parameters import Role
+
+SAMPLE = 30
+"""Joints at which points are compared."""
+SPREAD = 0.5
+"""Of them, rad of a crank or what compares with it, about 0."""
+ROUNDS = 20
+SETTLED = 1e-10
+"""Last step, rad or mm: the next one is some thousandth of it."""
+SAME_MM = 1e-9
+"""Points nearer than that are the same."""
+
+
+def datum_parameters(nominal: Kinematics, own: Kinematics) -> Kinematics:
+    """Robot of the same points, but for their frame, whose datum's parameters are the nominal's.
+
+    Exact, but for plate bars that follow the azimuths of tilted arms and for carriages' plates that
+    tilt instead of the base: what is left there is of second order in the tilts.
+    """
+    space, mechanism = own.mechanism.parameters, own.mechanism
+    wanted = own.p.copy()
+    held = space.places([name for name in space.datum if name in space.geometry])
+    wanted[held] = nominal.p[held]
+    scale = SPREAD * np.array([axis.scale for axis in mechanism.joints])
+    joints = scale * np.random.default_rng(1).uniform(-1.0, 1.0, (SAMPLE, len(scale)))
+    solved = own.forward(joints)
+    joints, poses = joints[solved.found], solved.values[solved.found]
+    told = [each for each in space if not each.fixes_datum and each.role is not Role.LOST_MOTION]
+    free = space.places([each.name for each in told])
+    level = space.places([each.name for each in told if each.role is not Role.EXTENSION])
+    if not wanted[space.places(space.extensions)].any():
+        moved, left_mm = _moved(Kinematics(mechanism, wanted), level, joints, poses)
+        if left_mm < SAME_MM:
+            return moved
+    return _moved(Kinematics(mechanism, wanted), free, joints, poses)[0]
+
+
+def _moved(
+    robot: Kinematics, free: Index, joints: Array, wanted: Array
+) -> tuple[Kinematics, float]:
+    """Robot whose points at joints (N, n) come nearest to those wanted (N, t), and how near."""
+    seen, by_frame = wanted, frame_jacobian(wanted[:, :3])
+    for _ in range(ROUNDS):
+        seen = robot.forward(joints, seen).values_or_raise()
+        points = seen[:, :3]
+        frame = fit_transform(points, wanted[:, :3])
+        error = frame.apply(points) - wanted[:, :3]
+        by_parameters = robot.jacobian(joints, seen)[:, :3, free]
+        columns = np.concatenate([frame.rotation @ by_parameters, by_frame], axis=2)
+        rows = columns.reshape(-1, columns.shape[2])
+        size = np.linalg.norm(rows, axis=0)
+        step = np.linalg.lstsq(rows / size, -error.ravel(), rcond=1e-10)[0] / size
+        if not np.abs(step[: len(free)]).max() > SETTLED:
+            break
+        p = robot.p.copy()
+        p[free] += step[: len(free)]
+        robot = Kinematics(robot.mechanism, p)
+    return robot, float(np.abs(error).max())
