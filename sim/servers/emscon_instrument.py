@@ -1,10 +1,12 @@
-"""Settings of a simulated emScon instrument, and its readings, by command."""
+"""A simulated emScon instrument: its settings, readings and results, in mm, rad, °C and hPa."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import isfinite
+from functools import singledispatchmethod
+from math import isfinite, sqrt
 
 from drivers.values import Vector3
+from drivers.wire import emscon_messages as said
 from drivers.wire.emscon import NOTHING, Request
 from drivers.wire.emscon_constants import (
     AdmStatus,
@@ -20,43 +22,20 @@ from drivers.wire.emscon_constants import (
     TelescopeFace,
     WeatherMonitor,
 )
-from drivers.wire.emscon_messages import (
-    Body,
-    CoordinateSystem,
-    Direction,
-    Environment,
-    Face,
-    MeasurementMode,
-    MeasurementStatusInfo,
-    ReflectorChoice,
-    ReflectorEntry,
-    Refraction,
-    SearchParams,
-    SoftwareVersion,
-    StationaryMode,
-    StationOrientation,
-    StatisticMode,
-    SystemSettings,
-    SystemStatus,
-    TrackerInfo,
-    Transformation,
-    Units,
-)
 from sim.servers.emscon_units import POWER_ON_UNITS, Scale, first_unknown
-from sim.tracker.instrument import SimulatedTracker
+from sim.tracker.instrument import SimulatedTracker, TrackerShot
 
-POWER_ON_SETTINGS = SystemSettings(WeatherMonitor.READ_AND_REFRACT, 0, 0, 1, 1, 0, 0, 0, 0)
-POWER_ON_STATIONARY = StationaryMode(time_ms=500, use_adm=1)
-POWER_ON_STATISTICS = StatisticMode(Statistics.STANDARD, Statistics.STANDARD)
-POWER_ON_REFRACTION = Refraction(1.000271, 1.000275)
+POWER_ON_SETTINGS = said.SystemSettings(WeatherMonitor.READ_AND_REFRACT, 0, 0, 1, 1, 0, 0, 0, 0)
+POWER_ON_REFRACTION = said.Refraction(1.000271, 1.000275)
 """About those of 20 °C, 1013 hPa and 50 % at the wavelengths of the two distance meters."""
 LEAST_INDEX, MOST_INDEX = 1.000150, 1.000331
 """Bounds within which instruments take a refractive index."""
 MS_PER_S = 1000.0
 LONGEST_NAME = 31
 MOST_DIGITS = 9
-CARTESIAN = CoordinateSystem(CoordinateSystemType.RIGHT_HANDED_RECTANGULAR)
-STATIONARY = MeasurementMode(Mode.STATIONARY)
+ZERO: Vector3 = (0.0, 0.0, 0.0)
+CARTESIAN = said.CoordinateSystem(CoordinateSystemType.RIGHT_HANDED_RECTANGULAR)
+STATIONARY = said.MeasurementMode(Mode.STATIONARY)
 FOUND = (
     StatusBit.TRACKER_FOUND
     | StatusBit.TRACKER_COMPENSATION
@@ -67,29 +46,20 @@ FOUND = (
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class EmsconOutcome:
     """Outcome of a command: a status, one answer or several, and what others are told."""
 
     status: int = ResultStatus.ALL_OK
-    bodies: tuple[Body, ...] = (NOTHING,)
+    bodies: tuple[said.Body, ...] = (NOTHING,)
     change: SystemChange | None = None
 
 
-def wrong_parameter(number: int) -> Outcome:
+def wrong_parameter(number: int) -> EmsconOutcome:
     """Refuse because of the parameter of that number, from 1."""
-    return Outcome(ResultStatus.WRONG_PARAMETER + number)
+    return EmsconOutcome(ResultStatus.WRONG_PARAMETER + number)
 
 
-NOT_IMPLEMENTED = Outcome(ResultStatus.NOT_IMPLEMENTED)
-
-
-@dataclass(frozen=True, slots=True)
-class Similarity:
-    """Station orientation or transformation that somebody has set; it is kept, not applied."""
-
-    place_mm: Vector3 = (0.0, 0.0, 0.0)
-    rotation_rad: Vector3 = (0.0, 0.0, 0.0)
-    scale: float = 1.0
+NOT_IMPLEMENTED = EmsconOutcome(ResultStatus.NOT_IMPLEMENTED)
 
 
 class EmsconInstrument:
@@ -98,199 +68,178 @@ class EmsconInstrument:
     def __init__(self, tracker: SimulatedTracker) -> None:
         self._tracker = tracker
         self.scale = Scale(POWER_ON_UNITS)
-        self.stationary = POWER_ON_STATIONARY
-        self.statistics = POWER_ON_STATISTICS
         self.settings = POWER_ON_SETTINGS
+        self._stationary = said.StationaryMode(time_ms=500, use_adm=1)
+        self._statistics = said.StatisticMode(Statistics.STANDARD, Statistics.STANDARD)
         self._refraction = POWER_ON_REFRACTION
-        self._orientation = Similarity()
-        self._transformation = Similarity()
+        self._orientation = said.StationOrientation(ZERO, ZERO)
+        self._transformation = said.Transformation(ZERO, ZERO, 1.0)
+        """Kept, and not applied, as the orientation."""
+        self._readers: dict[Command, Callable[[float], said.Body]] = {
+            Command.GET_SYSTEM_STATUS: self._system_status,
+            Command.GET_UNITS: lambda _: self.scale.units,
+            Command.GET_ENVIRONMENT_PARAMS: lambda now_s: said.Environment(*tracker.weather(now_s)),
+            Command.GET_MEASUREMENT_MODE: lambda _: STATIONARY,
+            Command.GET_COORDINATE_SYSTEM_TYPE: lambda _: CARTESIAN,
+            Command.GET_STATIONARY_MODE_PARAMS: lambda _: self._stationary,
+            Command.GET_REFLECTOR: lambda _: said.ReflectorChoice(tracker.selected),
+            Command.GET_SEARCH_PARAMS: lambda _: said.SearchParams(
+                tracker.search_radius_mm, round(tracker.search_timeout_s * MS_PER_S)
+            ),
+            Command.GET_SYSTEM_SETTINGS: lambda _: self.settings,
+            Command.GET_DIRECTION: lambda now_s: said.Direction(*tracker.direction(now_s)),
+            Command.GET_STATISTIC_MODE: lambda _: self._statistics,
+            Command.GET_MEASUREMENT_STATUS_INFO: self._status_info,
+            Command.GET_TRACKER_INFO: self._tracker_info,
+            Command.GET_FACE: lambda _: said.Face(TelescopeFace.FACE_1),
+            Command.GET_SYSTEM_SOFTWARE_VERSION: lambda _: said.SoftwareVersion(tracker.firmware),
+            Command.GET_REFRACTION_PARAMS: lambda _: self._refraction,
+            Command.GET_STATION_ORIENTATION_PARAMS: lambda _: self._orientation,
+            Command.GET_TRANSFORMATION_PARAMS: lambda _: self._transformation,
+        }
 
     @property
     def measuring_time_s(self) -> float:
         """Duration of one measurement."""
-        return self.stationary.time_ms / MS_PER_S
+        return self._stationary.time_ms / MS_PER_S
 
-    @property
-    def wants_covariance(self) -> bool:
-        """Whether stationary results carry covariances."""
-        return self.statistics.stationary == Statistics.EXTENDED
-
-    def obey(self, request: Request, now_s: float) -> Outcome:
+    def obey(self, request: Request, now_s: float) -> EmsconOutcome:
         """Do what a command wants, or refuse it."""
-        reader = self._readers().get(request.command)
+        reader = self._readers.get(request.command)
         if reader is not None:
-            return Outcome(bodies=(reader(now_s),))
+            return EmsconOutcome(bodies=(reader(now_s),))
         if request.command == Command.GET_REFLECTORS:
-            return Outcome(bodies=self._reflectors())
-        if request.command == Command.SET_REFLECTOR:
-            return self._select(request.body)
+            return EmsconOutcome(bodies=self._reflectors())
         return self._set(request.body)
 
-    def _set(self, body: Body) -> Outcome:
-        match body:
-            case Units():
-                return self._set_units(body)
-            case MeasurementMode():
-                return _only(STATIONARY, body, SystemChange.MEASUREMENT_MODE)
-            case CoordinateSystem():
-                return _only(CARTESIAN, body, SystemChange.COORDINATE_SYSTEM_TYPE)
-            case StationaryMode():
-                return self._set_stationary(body)
-            case StatisticMode():
-                return self._set_statistics(body)
-            case SearchParams():
-                return self._set_search(body)
-            case SystemSettings():
-                return self._set_settings(body)
-            case Environment():
-                return Outcome()  # its own weather station goes on
-            case _:
-                return self._set_geometry(body)
+    def result_of(self, shot: TrackerShot) -> said.SingleResult | said.SingleResult2:
+        """Result of a shot, with covariances if they are wanted; the beam points at the centre.
 
-    def _set_geometry(self, body: Body) -> Outcome:
-        """Keep what instruments apply to points, which this one does not."""
-        match body:
-            case Refraction():
-                return self._set_refraction(body)
-            case StationOrientation(place, rotation):
-                return self._set_orientation(place, rotation)
-            case Transformation(place, rotation, scale):
-                return self._set_transformation(place, rotation, scale)
+        The covariance that it was drawn by stands for the observed and for the a-priori one.
+        """
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = shot.covariance_mm2
+        std: Vector3 = (sqrt(xx), sqrt(yy), sqrt(zz))
+        total = sqrt(sum(value * value for value in std))
+        air = (shot.temperature_degC, shot.pressure_hPa, shot.humidity_percent)
+        status, mode = int(ResultStatus.ALL_OK), int(Mode.STATIONARY)
+        head = (status, mode, 0, shot.point_in_tracker_mm, std, total)
+        if self._statistics.stationary != Statistics.EXTENDED:
+            return said.SingleResult(*head, ZERO, std, total, *air)
+        mixed: Vector3 = (xy, xz, yz)
+        return said.SingleResult2(*head, mixed, ZERO, std, total, mixed, *air)
+
+    @singledispatchmethod
+    def _set(self, _other: said.Body) -> EmsconOutcome:
         return NOT_IMPLEMENTED
 
-    def _set_refraction(self, refraction: Refraction) -> Outcome:
+    @_set.register
+    def _(self, _air: said.Environment) -> EmsconOutcome:
+        return EmsconOutcome()  # its own weather station goes on
+
+    @_set.register
+    def _(self, mode: said.MeasurementMode) -> EmsconOutcome:
+        return _only(STATIONARY, mode, SystemChange.MEASUREMENT_MODE)
+
+    @_set.register
+    def _(self, system: said.CoordinateSystem) -> EmsconOutcome:
+        return _only(CARTESIAN, system, SystemChange.COORDINATE_SYSTEM_TYPE)
+
+    @_set.register
+    def _(self, refraction: said.Refraction) -> EmsconOutcome:
         for number, index in enumerate((refraction.interferometer, refraction.distance_meter)):
             if not LEAST_INDEX <= index <= MOST_INDEX:
-                return Outcome(ResultStatus.PARAMETER_1_OUT_OF_RANGE_NOK + 2 * number)
+                return EmsconOutcome(ResultStatus.PARAMETER_1_OUT_OF_RANGE_NOK + 2 * number)
         self._refraction = refraction
-        return Outcome(change=SystemChange.REFRACTION_PARAMS)
+        return EmsconOutcome(change=SystemChange.REFRACTION_PARAMS)
 
-    def _set_orientation(self, place: Vector3, rotation: Vector3) -> Outcome:
-        if number := _first_endless(*place, *rotation):
+    @_set.register
+    def _(self, wanted: said.StationOrientation) -> EmsconOutcome:
+        if number := _first_endless(*wanted.place, *wanted.rotation):
             return wrong_parameter(number)
-        self._orientation = Similarity(self.scale.point_mm(place), self.scale.angles_rad(rotation))
-        return Outcome(change=SystemChange.STATION_ORIENTATION_PARAMS)
+        self._orientation = wanted
+        return EmsconOutcome(change=SystemChange.STATION_ORIENTATION_PARAMS)
 
-    def _set_transformation(self, place: Vector3, rotation: Vector3, scale: float) -> Outcome:
-        if number := _first_endless(*place, *rotation, scale):
+    @_set.register
+    def _(self, wanted: said.Transformation) -> EmsconOutcome:
+        if number := _first_endless(*wanted.place, *wanted.rotation, wanted.scale):
             return wrong_parameter(number)
-        if scale <= 0.0:
+        if wanted.scale <= 0.0:
             return wrong_parameter(7)
-        self._transformation = Similarity(
-            self.scale.point_mm(place), self.scale.angles_rad(rotation), scale
-        )
-        return Outcome(change=SystemChange.TRANSFORMATION_PARAMS)
+        self._transformation = wanted
+        return EmsconOutcome(change=SystemChange.TRANSFORMATION_PARAMS)
 
-    def _set_units(self, units: Units) -> Outcome:
+    @_set.register
+    def _(self, units: said.Units) -> EmsconOutcome:
         if number := first_unknown(units):
             return wrong_parameter(number)
         self.scale = Scale(units)
-        return Outcome(change=SystemChange.UNITS)
+        return EmsconOutcome(change=SystemChange.UNITS)
 
-    def _set_stationary(self, mode: StationaryMode) -> Outcome:
+    @_set.register
+    def _(self, mode: said.StationaryMode) -> EmsconOutcome:
         if mode.time_ms <= 0:
             return wrong_parameter(1)
-        self.stationary = mode
-        return Outcome(change=SystemChange.STATIONARY_MODE_PARAMS)
+        self._stationary = mode
+        return EmsconOutcome(change=SystemChange.STATIONARY_MODE_PARAMS)
 
-    def _set_statistics(self, mode: StatisticMode) -> Outcome:
+    @_set.register
+    def _(self, mode: said.StatisticMode) -> EmsconOutcome:
         for number, value in enumerate((mode.stationary, mode.continuous), start=1):
             if value not in set(Statistics):
                 return wrong_parameter(number)
-        self.statistics = mode
-        return Outcome(change=SystemChange.STATISTIC_MODE)
+        self._statistics = mode
+        return EmsconOutcome(change=SystemChange.STATISTIC_MODE)
 
-    def _set_search(self, search: SearchParams) -> Outcome:
-        radius_mm = self.scale.length_mm(search.radius)
-        if not isfinite(radius_mm) or radius_mm <= 0.0:
+    @_set.register
+    def _(self, search: said.SearchParams) -> EmsconOutcome:
+        if not isfinite(search.radius) or search.radius <= 0.0:
             return wrong_parameter(1)
         if search.timeout_ms <= 0:
             return wrong_parameter(2)
-        self._tracker.search_radius_mm = radius_mm
+        self._tracker.search_radius_mm = search.radius
         self._tracker.search_timeout_s = search.timeout_ms / MS_PER_S
-        return Outcome(change=SystemChange.SEARCH_PARAMS)
+        return EmsconOutcome(change=SystemChange.SEARCH_PARAMS)
 
-    def _set_settings(self, settings: SystemSettings) -> Outcome:
+    @_set.register
+    def _(self, settings: said.SystemSettings) -> EmsconOutcome:
         if settings.apply_transformation or settings.apply_station_orientation:
             return NOT_IMPLEMENTED
         self.settings = settings
-        return Outcome(change=SystemChange.SYSTEM_SETTINGS)
+        return EmsconOutcome(change=SystemChange.SYSTEM_SETTINGS)
 
-    def _select(self, body: Body) -> Outcome:
-        assert isinstance(body, ReflectorChoice)
-        if not self._tracker.select_reflector(body.identifier):
+    @_set.register
+    def _(self, choice: said.ReflectorChoice) -> EmsconOutcome:
+        if not self._tracker.select_reflector(choice.identifier):
             return wrong_parameter(1)
-        return Outcome(change=SystemChange.REFLECTOR)
+        return EmsconOutcome(change=SystemChange.REFLECTOR)
 
-    def _readers(self) -> dict[Command, Callable[[float], Body]]:
-        return {
-            Command.GET_SYSTEM_STATUS: self._system_status,
-            Command.GET_UNITS: lambda _: self.scale.units,
-            Command.GET_ENVIRONMENT_PARAMS: self._environment,
-            Command.GET_MEASUREMENT_MODE: lambda _: STATIONARY,
-            Command.GET_COORDINATE_SYSTEM_TYPE: lambda _: CARTESIAN,
-            Command.GET_STATIONARY_MODE_PARAMS: lambda _: self.stationary,
-            Command.GET_REFLECTOR: lambda _: ReflectorChoice(self._tracker.selected),
-            Command.GET_SEARCH_PARAMS: self._search,
-            Command.GET_SYSTEM_SETTINGS: lambda _: self.settings,
-            Command.GET_DIRECTION: self._direction,
-            Command.GET_STATISTIC_MODE: lambda _: self.statistics,
-            Command.GET_MEASUREMENT_STATUS_INFO: self._status_info,
-            Command.GET_TRACKER_INFO: self._tracker_info,
-            Command.GET_FACE: lambda _: Face(TelescopeFace.FACE_1),
-            Command.GET_SYSTEM_SOFTWARE_VERSION: lambda _: SoftwareVersion(self._tracker.firmware),
-            Command.GET_REFRACTION_PARAMS: lambda _: self._refraction,
-            Command.GET_STATION_ORIENTATION_PARAMS: lambda _: self._station_orientation(),
-            Command.GET_TRANSFORMATION_PARAMS: lambda _: self._transformation_params(),
-        }
-
-    def _station_orientation(self) -> StationOrientation:
-        kept = self._orientation
-        return StationOrientation(
-            self.scale.point(kept.place_mm), self.scale.angles(kept.rotation_rad)
-        )
-
-    def _transformation_params(self) -> Transformation:
-        kept = self._transformation
-        return Transformation(
-            self.scale.point(kept.place_mm), self.scale.angles(kept.rotation_rad), kept.scale
-        )
-
-    def _system_status(self, now_s: float) -> SystemStatus:
+    def _system_status(self, now_s: float) -> said.SystemStatus:
         is_up, is_warm = self._tracker.initialised(now_s), self._tracker.laser_warm(now_s)
-        return SystemStatus(
+        major, minor, build = (*map(int, self._tracker.firmware.split(".")), 0, 0, 0)[:3]
+        return said.SystemStatus(
             ResultStatus.ALL_OK,
             ProcessorStatus.INITIALIZED if is_up else ProcessorStatus.BOOTED,
             LaserStatus.READY if is_warm else LaserStatus.HEATING_UP,
             AdmStatus.READY,
-            *self._version(),
+            major,
+            minor,
+            build,
             self.settings.weather_monitor,
             flags=0,
             serial=self._serial(),
         )
 
-    def _environment(self, now_s: float) -> Environment:
-        return Environment(*self.scale.air(self._tracker.weather(now_s)))
-
-    def _search(self, _now_s: float) -> SearchParams:
-        radius = self.scale.length(self._tracker.search_radius_mm)
-        return SearchParams(radius, round(self._tracker.search_timeout_s * MS_PER_S))
-
-    def _direction(self, now_s: float) -> Direction:
-        horizontal_rad, vertical_rad = self._tracker.direction(now_s)
-        return Direction(self.scale.angle(horizontal_rad), self.scale.angle(vertical_rad))
-
-    def _status_info(self, now_s: float) -> MeasurementStatusInfo:
+    def _status_info(self, now_s: float) -> said.MeasurementStatusInfo:
         bits = FOUND
         if self._tracker.beam_locked(now_s):
             bits |= StatusBit.REFLECTOR_FOUND
         if self._tracker.initialised(now_s):
             bits |= StatusBit.INITIALIZED
-        return MeasurementStatusInfo(ResultStatus.ALL_OK, bits)
+        return said.MeasurementStatusInfo(ResultStatus.ALL_OK, bits)
 
-    def _tracker_info(self, _now_s: float) -> TrackerInfo:
+    def _tracker_info(self, _now_s: float) -> said.TrackerInfo:
         """Name and serial number; a sensor type and ranges it has none."""
-        return TrackerInfo(
+        return said.TrackerInfo(
             sensor_type=0,
             name=self._tracker.name[:LONGEST_NAME],
             serial=self._serial(),
@@ -310,19 +259,15 @@ class EmsconInstrument:
             laser_firmware_minor=0,
         )
 
-    def _reflectors(self) -> tuple[ReflectorEntry, ...]:
+    def _reflectors(self) -> tuple[said.ReflectorEntry, ...]:
         known = self._tracker.reflectors
         if not known:
-            return (ReflectorEntry(0, 0, 0, 0.0, ""),)
+            return (said.ReflectorEntry(0, 0, 0, 0.0, ""),)
         return tuple(
-            ReflectorEntry(
-                len(known),
-                reflector.id,
-                reflector.target_type,
-                self.scale.length(reflector.surface_offset_mm),
-                reflector.name[:LONGEST_NAME],
+            said.ReflectorEntry(
+                len(known), r.id, r.target_type, r.surface_offset_mm, r.name[:LONGEST_NAME]
             )
-            for reflector in known
+            for r in known
         )
 
     def _serial(self) -> int:
@@ -330,14 +275,9 @@ class EmsconInstrument:
         digits = [char for char in self._tracker.serial if char in "0123456789"]
         return int("".join(digits[-MOST_DIGITS:]) or "0")
 
-    def _version(self) -> tuple[int, int, int]:
-        parts = [int(part) for part in self._tracker.firmware.split(".")]
-        major, minor, build = (*parts, 0, 0, 0)[:3]
-        return major, minor, build
 
-
-def _only(supported: Body, wanted: Body, change: SystemChange) -> Outcome:
-    return Outcome(change=change) if wanted == supported else NOT_IMPLEMENTED
+def _only(supported: said.Body, wanted: said.Body, change: SystemChange) -> EmsconOutcome:
+    return EmsconOutcome(change=change) if wanted == supported else NOT_IMPLEMENTED
 
 
 def _first_endless(*values: float) -> int | None:

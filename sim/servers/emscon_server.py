@@ -1,7 +1,7 @@
 """The simulated tracker's side of emScon (docs/emscon.md): one connection, no socket."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot
 
 from drivers.values import DISTANCE
@@ -26,8 +26,8 @@ from drivers.wire.emscon_messages import (
     TrackerStatus,
 )
 from sim.faults import Counted, Fault, FaultScript
-from sim.servers.emscon_instrument import EmsconInstrument, Outcome, wrong_parameter
-from sim.servers.emscon_units import POWER_ON_UNITS, result_of
+from sim.servers.emscon_instrument import EmsconInstrument, EmsconOutcome, wrong_parameter
+from sim.servers.emscon_units import POWER_ON_UNITS
 from sim.tracker.instrument import SimulatedTracker
 
 UNKNOWN_COMMAND = 64
@@ -139,7 +139,8 @@ class EmsconSession:
         if status != ResultStatus.ALL_OK:
             self._send(refusal(request.command, status))
         elif isinstance(request, Request):
-            self._act(request, now_s)
+            body = self._instrument.scale.heard(request.body)
+            self._act(replace(request, body=body), now_s)
 
     def _obstacle(self, request: FromClient, now_s: float) -> ResultStatus:
         """Status that says why a command cannot even be looked at."""
@@ -162,7 +163,7 @@ class EmsconSession:
         match request.command:
             case Command.STOP_MEASUREMENT:
                 self._pending = None
-                self._answer(request.command, Outcome())
+                self._answer(request.command, EmsconOutcome())
             case Command.INITIALIZE:
                 self._initialise(now_s)
             case Command.START_MEASUREMENT:
@@ -171,27 +172,27 @@ class EmsconSession:
                 self._move(request, now_s)
             case Command.GET_TRACKER_STATUS:
                 light = TrackerStatus(self._light(now_s))
-                self._answer(request.command, Outcome(bodies=(light,)))
+                self._answer(request.command, EmsconOutcome(bodies=(light,)))
             case _:
                 self._answer(request.command, self._instrument.obey(request, now_s))
 
-    def _answer(self, command: Command, outcome: Outcome) -> None:
+    def _answer(self, command: Command, outcome: EmsconOutcome) -> None:
         if outcome.status != ResultStatus.ALL_OK:
             self._send(refusal(command, outcome.status))
             return
         for body in outcome.bodies:
-            self._send(encode(Answer(command, body=body)))
+            self._send(encode(Answer(command, body=self._instrument.scale.told(body))))
         if outcome.change is not None:
             self._tell(outcome.change)
 
     def _initialise(self, now_s: float) -> None:
         if not self._tracker.laser_warm(now_s):
-            self._answer(Command.INITIALIZE, Outcome(ResultStatus.SENSOR_NOT_WARMED_UP))
+            self._answer(Command.INITIALIZE, EmsconOutcome(ResultStatus.SENSOR_NOT_WARMED_UP))
             return
         self._pending = _Pending(Command.INITIALIZE, now_s + self._tracker.initialise(now_s))
 
     def _start_measurement(self, now_s: float) -> None:
-        self._answer(Command.START_MEASUREMENT, Outcome(self._begin_measurement(now_s)))
+        self._answer(Command.START_MEASUREMENT, EmsconOutcome(self._begin_measurement(now_s)))
 
     def _begin_measurement(self, now_s: float) -> ResultStatus:
         """Begin one, or say why not."""
@@ -212,7 +213,7 @@ class EmsconSession:
         elif not self._tracker.initialised(now_s):
             obstacle = ResultStatus.TRACKER_NOT_INITIALIZED
         if obstacle != ResultStatus.ALL_OK:
-            self._answer(request.command, Outcome(obstacle))
+            self._answer(request.command, EmsconOutcome(obstacle))
             return
         duration_s = self._motion_s(request.body, now_s)
         if duration_s is None:
@@ -222,11 +223,10 @@ class EmsconSession:
 
     def _motion_s(self, body: Body, now_s: float) -> float | None:
         """Start a motion and return how long it takes; None: there is no such place."""
-        scale = self._instrument.scale
-        if isinstance(body, Target | Place) and _is_in_sight(*scale.point_mm(body.point)):
-            return self._tracker.go_to(scale.point_mm(body.point), now_s)
-        if isinstance(body, ApproximateDistance) and _is_in_sight(scale.length_mm(body.distance)):
-            return self._tracker.find(scale.length_mm(body.distance), now_s)
+        if isinstance(body, Target | Place) and _is_in_sight(*body.point):
+            return self._tracker.go_to(body.point, now_s)
+        if isinstance(body, ApproximateDistance) and _is_in_sight(body.distance):
+            return self._tracker.find(body.distance, now_s)
         return None
 
     def _finish(self, command: Command, now_s: float) -> None:
@@ -234,9 +234,9 @@ class EmsconSession:
         if command == Command.START_MEASUREMENT:
             self._deliver(now_s)
         elif command == Command.INITIALIZE or self._tracker.beam_locked(now_s):
-            self._answer(command, Outcome())
+            self._answer(command, EmsconOutcome())
         else:
-            self._answer(command, Outcome(NOT_FOUND_STATUS))
+            self._answer(command, EmsconOutcome(NOT_FOUND_STATUS))
             return
         if command == Command.GO_AND_MEASURE:
             status = self._begin_measurement(now_s)
@@ -251,8 +251,8 @@ class EmsconSession:
         if self._is_wrong("other_units"):
             self._instrument.obey(Request(Command.SET_UNITS, POWER_ON_UNITS), now_s)
             self._tell(SystemChange.UNITS)
-        extended = self._instrument.wants_covariance
-        self._tell_result(encode(result_of(shot, self._instrument.scale, extended=extended)), now_s)
+        result = self._instrument.scale.told(self._instrument.result_of(shot))
+        self._tell_result(encode(result), now_s)
 
     def _tell_result(self, result: bytes, now_s: float) -> None:
         """Send a result, unless a fault has it come later or not at all."""
@@ -322,8 +322,8 @@ class EmsconSession:
             return
         self._next_position_s = now_s + POSITION_INTERVAL_S
         if (point_mm := self._tracker.live_point(now_s)) is not None:
-            point = self._instrument.scale.point(point_mm)
-            self._send(encode(ReflectorPosition(ResultStatus.ALL_OK, point)))
+            told = ReflectorPosition(ResultStatus.ALL_OK, point_mm)
+            self._send(encode(self._instrument.scale.told(told)))
 
     def _tell(self, change: SystemChange) -> None:
         if self._instrument.settings.send_unsolicited_messages:

@@ -1,6 +1,5 @@
-"""Byte pipes as the simulated cell's server holds them: never waiting, never raising."""
+"""Clients of the simulated cell's server: their pipes, their queues that faults hit, sessions."""
 
-import contextlib
 import os
 import selectors
 import socket
@@ -8,111 +7,87 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import Protocol, Self
 
 from drivers.errors import WireError
 from sim.faults import Fault
 
 CHUNK_BYTES = 65536
+LATE_S = 600.0
+GARBLED = bytes(code ^ 0xA5 for code in range(256))
+PAUSE_ABOVE_BYTES = 256 * 1024
+"""A client that asks without reading is not listened to until it has read."""
+READS_A_TURN = 4
+GIVE_UP_ABOVE_BYTES = 1024 * 1024
 
 
-class Channel(Protocol):
-    """Pipe of one connection."""
+class Channel:
+    """Pipe of one connection: an accepted socket, or the device's end of a pseudo-terminal."""
 
-    keeps_open: bool
-    """Whether it outlives its client, as a serial line does."""
+    def __init__(
+        self,
+        fileno: int,
+        receive: Callable[[int], bytes],
+        send: Callable[[bytes], int],
+        *close: Callable[[], None],
+        keeps_open: bool,
+    ) -> None:
+        self._fileno = fileno
+        self._receive = receive
+        self._send = send
+        self._close = close
+        self.keeps_open = keeps_open
+        """Whether it outlives its client, as a serial line does."""
 
-    def fileno(self) -> int:
-        """File descriptor for the selector."""
-        ...
-
-    def read(self) -> bytes | None:
-        """Bytes that have come, empty if none; None when the client has gone."""
-        ...
-
-    def write(self, data: bytes) -> int | None:
-        """Number of bytes that went out; None when the client has gone."""
-        ...
-
-    def close(self) -> None:
-        """Close."""
-        ...
-
-
-class TcpChannel:
-    """An accepted socket."""
-
-    keeps_open = False
-
-    def __init__(self, accepted: socket.socket) -> None:
-        self._socket = accepted
+    @classmethod
+    def of_socket(cls, accepted: socket.socket) -> Self:
+        """Channel to whoever has connected."""
         accepted.settimeout(0.0)
         accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return cls(
+            accepted.fileno(), accepted.recv, accepted.send, accepted.close, keeps_open=False
+        )
+
+    @classmethod
+    def of_pty(cls, device_end: int, client_end: int) -> Self:
+        """Serial line: the client's end is held open too, as it does not notice who is there."""
+        os.set_blocking(device_end, False)
+        return cls(
+            device_end,
+            partial(os.read, device_end),
+            partial(os.write, device_end),
+            partial(os.close, device_end),
+            partial(os.close, client_end),
+            keeps_open=True,
+        )
 
     def fileno(self) -> int:
         """File descriptor for the selector."""
-        return self._socket.fileno()
+        return self._fileno
 
     def read(self) -> bytes | None:
         """Bytes that have come, empty if none; None when the client has gone."""
         try:
-            return self._socket.recv(CHUNK_BYTES) or None
+            data = self._receive(CHUNK_BYTES)
         except BlockingIOError:
             return b""
         except OSError:
-            return None
+            data = b""
+        return data or (b"" if self.keeps_open else None)
 
     def write(self, data: bytes) -> int | None:
         """Number of bytes that went out; None when the client has gone."""
         try:
-            return self._socket.send(data)
+            return self._send(data)
         except BlockingIOError:
             return 0
         except OSError:
-            return None
+            return 0 if self.keeps_open else None
 
     def close(self) -> None:
-        """Close."""
-        self._socket.close()
-
-
-class PtyChannel:
-    """The device's end of a pseudo-terminal.
-
-    The client's end is held open too: a serial line does not notice who is there.
-    """
-
-    keeps_open = True
-
-    def __init__(self, device_end: int, client_end: int) -> None:
-        self._device_end = device_end
-        self._client_end = client_end
-        os.set_blocking(device_end, False)
-
-    def fileno(self) -> int:
-        """File descriptor for the selector."""
-        return self._device_end
-
-    def read(self) -> bytes | None:
-        """Bytes that have come, empty if none."""
-        with contextlib.suppress(OSError):
-            return os.read(self._device_end, CHUNK_BYTES)
-        return b""
-
-    def write(self, data: bytes) -> int | None:
-        """Number of bytes that went out."""
-        with contextlib.suppress(OSError):
-            return os.write(self._device_end, data)
-        return 0
-
-    def close(self) -> None:
-        """Close both ends."""
-        os.close(self._device_end)
-        os.close(self._client_end)
-
-
-LATE_S = 600.0
-GARBLED = bytes(code ^ 0xA5 for code in range(256))
+        """Close all of its ends."""
+        for close in self._close:
+            close()
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,12 +155,6 @@ def _hit(message: bytes, fault: Fault, now_s: float) -> list[_Item]:
     if fault.kind == "close":
         return [_Item(b"", now_s, closes=True)]
     return []  # silent
-
-
-PAUSE_ABOVE_BYTES = 256 * 1024
-"""A client that asks without reading is not listened to until it has read."""
-READS_A_TURN = 4
-GIVE_UP_ABOVE_BYTES = 1024 * 1024
 
 
 class Session(Protocol):

@@ -15,17 +15,7 @@ from typing import NamedTuple, TypeVar
 from sim.clock import CellClock
 from sim.errors import ServerFailed
 from sim.faults import ANSWERS_OF, DeviceName, Fault, FaultScript
-from sim.servers.peers import (
-    Channel,
-    Peer,
-    PtyChannel,
-    SendQueue,
-    Session,
-    SessionFactory,
-    TcpChannel,
-)
-
-__all__ = ["CellServer", "Session", "SessionFactory"]
+from sim.servers.peers import Channel, Peer, SendQueue, SessionFactory
 
 LOOPBACK = "127.0.0.1"
 CLIENTS_LIMIT = 8
@@ -82,7 +72,7 @@ class CellServer:
         device_end, client_end = os.openpty()
         tty.setraw(client_end)
         path = os.ttyname(client_end)
-        self._add(PtyChannel(device_end, client_end), factory, device_name)
+        self._add(Channel.of_pty(device_end, client_end), factory, device_name)
         return f"serial://{path}"
 
     def start(self) -> None:
@@ -170,7 +160,7 @@ class CellServer:
         if self._open_count(device_name) >= CLIENTS_LIMIT:
             accepted.close()
             return
-        self._add(TcpChannel(accepted), factory, device_name)
+        self._add(Channel.of_socket(accepted), factory, device_name)
 
     def _add(self, channel: Channel, factory: SessionFactory, device_name: DeviceName) -> None:
         outbox = SendQueue(partial(self._next_fault, device_name))
