@@ -16,24 +16,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-CRANK_FIELDS = (
-    "x_mm",
-    "y_mm",
-    "z_mm",
-    "azimuth_deg",
-    "joint_offset_deg",
-    "arm_mm",
-    "forearm_mm",
-)
-CARRIAGE_FIELDS = (
-    "x_mm",
-    "y_mm",
-    "z_mm",
-    "azimuth_deg",
-    "elevation_deg",
-    "joint_offset_mm",
-    "forearm_mm",
-)
+PLACE_FIELDS = ("x_mm", "y_mm", "z_mm", "azimuth_deg")
+CRANK_FIELDS = (*PLACE_FIELDS, "joint_offset_deg", "arm_mm", "forearm_mm")
+CARRIAGE_FIELDS = (*PLACE_FIELDS, "elevation_deg", "joint_offset_mm", "forearm_mm")
 CRANK_EXTENSIONS = ("axis_tilt_deg", "parallelogram_skew_deg")
 CARRIAGE_EXTENSIONS = ("rail_tilt_deg", *CRANK_EXTENSIONS)
 LENGTH_FIELDS = ("arm_mm", "forearm_mm", "plate_mm", "pinion_mm")
@@ -117,19 +102,15 @@ class Kind:
 
 
 PAR4 = Kind("par4", (0.0, 0.0, 1.0, 1.0), HINGE)
-KINDS: Mapping[str, Kind] = MappingProxyType(
-    {
-        kind.name: kind
-        for kind in (
-            PAR4,
-            Kind("h4", (-0.5, -0.5, 0.5, 0.5), HINGE),
-            Kind("i4r", (0.0, 0.0, 1.0, 1.0), SLIDE),
-            Kind("i4l", (0.0, 0.0, 1.0, 1.0), SLIDE, on_rails=True),
-            Kind("delta", (0.0, 0.0, 0.0)),
-            Kind("linear-delta", (0.0, 0.0, 0.0), on_rails=True),
-        )
-    }
+ALL_KINDS = (
+    PAR4,
+    Kind("h4", (-0.5, -0.5, 0.5, 0.5), HINGE),
+    Kind("i4r", (0.0, 0.0, 1.0, 1.0), SLIDE),
+    Kind("i4l", (0.0, 0.0, 1.0, 1.0), SLIDE, on_rails=True),
+    Kind("delta", (0.0, 0.0, 0.0)),
+    Kind("linear-delta", (0.0, 0.0, 0.0), on_rails=True),
 )
+KINDS: Mapping[str, Kind] = MappingProxyType({kind.name: kind for kind in ALL_KINDS})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,15 +167,10 @@ class Geometry:
 
 def _prototype() -> dict[str, float]:
     """Table I read as a robot that works: radial arms and forearms of 700 mm."""
-    corners = (
-        (-172.5, -222.5, 225.0),
-        (172.5, -222.5, 315.0),
-        (172.5, 222.5, 45.0),
-        (-172.5, 222.5, 135.0),
-    )
+    corners = ((-1.0, -1.0, 225.0), (1.0, -1.0, 315.0), (1.0, 1.0, 45.0), (-1.0, 1.0, 135.0))
     flat = {}
-    for arm, (x_mm, y_mm, azimuth_deg) in enumerate(corners):
-        values = (x_mm, y_mm, 0.0, azimuth_deg, 0.0, 350.0, 700.0)
+    for arm, (x, y, azimuth_deg) in enumerate(corners):
+        values = (172.5 * x, 222.5 * y, 0.0, azimuth_deg, 0.0, 350.0, 700.0)
         flat.update({f"arm{arm}.{f}": v for f, v in zip(CRANK_FIELDS, values, strict=True)})
     return {**flat, "plate_mm": 100.0}
 

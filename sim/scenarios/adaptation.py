@@ -7,13 +7,12 @@ the seed. What is told of cranks' angles is told of carriages by the way of a ty
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from io import StringIO
 
-from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from sim.geometry import CRANK_MM, KINDS, Kind
-from sim.scenarios.scenario import parse_scenario
+from sim.robot.section import ENTRIES_OF_AN_ARM
+from sim.scenarios.scenario import edited, parse_scenario
 from sim.section import Point
 
 ARCMIN = math.radians(1.0 / 60.0)
@@ -47,10 +46,32 @@ def adapted(text: str, robot: OtherRobot) -> str:
     same_kind = scenario.robot.kind is robot.kind
     if same_kind and _is_same(scenario.robot.nominal_flat(), robot.geometry):
         return text
-    yaml = YAML()
-    yaml.width = 1000
-    tree = yaml.load(text)
-    section = tree["robot"]
+
+    def fit(tree: CommentedMap) -> None:
+        _fit_robot(tree["robot"], robot, same_kind=same_kind)
+        _fit_controller(tree, robot)
+        if robot.kind.turn is None:
+            tree.get("acceptance", {}).pop("rotation_mm", None)
+
+    return _checked(edited(text, fit), f"the scenario for {robot.mechanism}")
+
+
+def computing_plate_tilt(text: str) -> str:
+    """Cell file whose controller computes plate tilt; raises `ScenarioInvalid`."""
+
+    def tell(tree: CommentedMap) -> None:
+        tree.setdefault("controller", CommentedMap())["computes_plate_tilt"] = True
+
+    return _checked(edited(text, tell), "the scenario whose controller computes plate tilt")
+
+
+def _checked(text: str, name: str) -> str:
+    parse_scenario(text, name)
+    return text
+
+
+def _fit_robot(section: CommentedMap, robot: OtherRobot, *, same_kind: bool) -> None:
+    """Another geometry, and errors as large as those of the one before."""
     section.pop("nominal", None)
     if not same_kind:
         _spread_errors(section)
@@ -61,25 +82,6 @@ def adapted(text: str, robot: OtherRobot) -> str:
     if robot.kind.turns_point:
         section.setdefault("reflector", {})["offset_mm"] = _row([0.0, 0.0, REFLECTOR_HEIGHT_MM])
         section.yaml_add_eol_comment("the part at the point turns: on its axis", "reflector")
-    _fit_controller(tree, robot)
-    if robot.kind.turn is None:
-        tree.get("acceptance", {}).pop("rotation_mm", None)
-    written = StringIO()
-    yaml.dump(tree, written)
-    parse_scenario(written.getvalue(), f"the scenario for {robot.mechanism}")
-    return written.getvalue()
-
-
-def computing_plate_tilt(text: str) -> str:
-    """Cell file whose controller computes plate tilt; raises `ScenarioInvalid`."""
-    yaml = YAML()
-    yaml.width = 1000
-    tree = yaml.load(text)
-    tree.setdefault("controller", CommentedMap())["computes_plate_tilt"] = True
-    written = StringIO()
-    yaml.dump(tree, written)
-    parse_scenario(written.getvalue(), "the scenario whose controller computes plate tilt")
-    return written.getvalue()
 
 
 def _is_same(flat: Mapping[str, float], other: Mapping[str, float]) -> bool:
@@ -127,10 +129,8 @@ def _tolerance_of(name: str) -> str:
 
 def _fit_arms(section: CommentedMap, kind: Kind) -> None:
     """What is told of each joint, for as many joints and in their unit."""
-    for key in ("rod_errors_mm", "axis_tilts_mrad", "plate_joints_mm"):
-        section.pop(key, None)
-    backlash = section.pop("backlash_arcmin", None)
-    if backlash:
+    told = {key: section.pop(key, None) for key in ENTRIES_OF_AN_ARM}
+    if backlash := told["backlash_arcmin"]:
         size = sum(backlash) / len(backlash)
         key = "backlash_mm" if kind.on_rails else "backlash_arcmin"
         size = round(size * ARCMIN * CRANK_MM, DIGITS) if kind.on_rails else size

@@ -1,6 +1,7 @@
 """Scenarios: shipped ones by name, others by path."""
 
 import json
+from collections.abc import Callable
 from importlib.resources import files
 from io import StringIO
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap
 
 from drivers.bounded_files import (
     YAML_BYTES,
@@ -41,15 +43,9 @@ def shipped_text(name: str) -> str:
 
 def load_scenario(name_or_path: str) -> Scenario:
     """A shipped scenario by its name, or one in a file; raises `ScenarioInvalid`."""
-    if name_or_path in shipped_scenarios():
-        return parse_scenario(shipped_text(name_or_path), f"{name_or_path}{SUFFIX}")
-    path = Path(name_or_path)
-    if not is_there(path):
-        raise ScenarioInvalid(
-            f"scenario '{name_or_path}' is neither a shipped one nor a file",
-            remedy=nearest(name_or_path, shipped_scenarios()),
-        )
-    return parse_scenario(_text_of(path), str(path))
+    shipped = name_or_path in shipped_scenarios()
+    name = f"{name_or_path}{SUFFIX}" if shipped else str(Path(name_or_path))
+    return parse_scenario(_source(name_or_path), name)
 
 
 def parse_scenario(text: str, name: str) -> Scenario:
@@ -120,11 +116,15 @@ def scenario_text(name_or_path: str, seed: int | None = None) -> str:
     """
     load_scenario(name_or_path)
     text = _source(name_or_path)
-    if seed is None:
-        return text
+    return text if seed is None else edited(text, lambda tree: tree.update(seed=seed))
+
+
+def edited(text: str, edit: Callable[[CommentedMap], None]) -> str:
+    """A cell file with something changed, its comments kept."""
     yaml = YAML()
+    yaml.width = 1000
     tree = yaml.load(text)
-    tree["seed"] = seed
+    edit(tree)
     written = StringIO()
     yaml.dump(tree, written)
     return written.getvalue()
@@ -133,10 +133,12 @@ def scenario_text(name_or_path: str, seed: int | None = None) -> str:
 def _source(name_or_path: str) -> str:
     if name_or_path in shipped_scenarios():
         return shipped_text(name_or_path)
-    return _text_of(Path(name_or_path))
-
-
-def _text_of(path: Path) -> str:
+    path = Path(name_or_path)
+    if not is_there(path):
+        raise ScenarioInvalid(
+            f"scenario '{name_or_path}' is neither a shipped one nor a file",
+            remedy=nearest(name_or_path, shipped_scenarios()),
+        )
     try:
         return decoded(read_bounded(path, YAML_BYTES), str(path))
     except FileRefused as error:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from math import hypot
 
 from drivers.values import DISTANCE
+from drivers.wire import emscon_messages as said
 from drivers.wire.emscon import (
     Answer,
     FromClient,
@@ -15,16 +16,6 @@ from drivers.wire.emscon import (
     refusal,
 )
 from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange, TrackerLight
-from drivers.wire.emscon_messages import (
-    ApproximateDistance,
-    Body,
-    ErrorResponse,
-    Place,
-    ReflectorPosition,
-    StatusChange,
-    Target,
-    TrackerStatus,
-)
 from sim.faults import Counted, Fault, FaultScript
 from sim.servers.emscon_instrument import EmsconInstrument, EmsconOutcome, wrong_parameter
 from sim.servers.emscon_units import POWER_ON_UNITS
@@ -167,11 +158,12 @@ class EmsconSession:
             case Command.INITIALIZE:
                 self._initialise(now_s)
             case Command.START_MEASUREMENT:
-                self._start_measurement(now_s)
+                begun = EmsconOutcome(self._begin_measurement(now_s))
+                self._answer(request.command, begun)
             case Command.GO_POSITION | Command.FIND_REFLECTOR | Command.GO_AND_MEASURE:
                 self._move(request, now_s)
             case Command.GET_TRACKER_STATUS:
-                light = TrackerStatus(self._light(now_s))
+                light = said.TrackerStatus(self._light(now_s))
                 self._answer(request.command, EmsconOutcome(bodies=(light,)))
             case _:
                 self._answer(request.command, self._instrument.obey(request, now_s))
@@ -190,9 +182,6 @@ class EmsconSession:
             self._answer(Command.INITIALIZE, EmsconOutcome(ResultStatus.SENSOR_NOT_WARMED_UP))
             return
         self._pending = _Pending(Command.INITIALIZE, now_s + self._tracker.initialise(now_s))
-
-    def _start_measurement(self, now_s: float) -> None:
-        self._answer(Command.START_MEASUREMENT, EmsconOutcome(self._begin_measurement(now_s)))
 
     def _begin_measurement(self, now_s: float) -> ResultStatus:
         """Begin one, or say why not."""
@@ -221,11 +210,11 @@ class EmsconSession:
         else:
             self._pending = _Pending(request.command, now_s + duration_s)
 
-    def _motion_s(self, body: Body, now_s: float) -> float | None:
+    def _motion_s(self, body: said.Body, now_s: float) -> float | None:
         """Start a motion and return how long it takes; None: there is no such place."""
-        if isinstance(body, Target | Place) and _is_in_sight(*body.point):
+        if isinstance(body, said.Target | said.Place) and _is_in_sight(*body.point):
             return self._tracker.go_to(body.point, now_s)
-        if isinstance(body, ApproximateDistance) and _is_in_sight(body.distance):
+        if isinstance(body, said.ApproximateDistance) and _is_in_sight(body.distance):
             return self._tracker.find(body.distance, now_s)
         return None
 
@@ -241,7 +230,7 @@ class EmsconSession:
         if command == Command.GO_AND_MEASURE:
             status = self._begin_measurement(now_s)
             if status != ResultStatus.ALL_OK:
-                self._send(encode(ErrorResponse(command, status)))
+                self._send(encode(said.ErrorResponse(command, status)))
 
     def _deliver(self, now_s: float) -> None:
         shot = self._tracker.finish_measurement(now_s)
@@ -267,7 +256,7 @@ class EmsconSession:
         self._send(result)
 
     def _tell_failure(self) -> None:
-        self._send(encode(ErrorResponse(Command.START_MEASUREMENT, BEAM_LOST_STATUS)))
+        self._send(encode(said.ErrorResponse(Command.START_MEASUREMENT, BEAM_LOST_STATUS)))
 
     def _tell_straggler(self, now_s: float) -> None:
         """Send a result that should have come with a measurement that has failed long since."""
@@ -309,7 +298,7 @@ class EmsconSession:
         if self._pending is not None and self._pending.command == Command.START_MEASUREMENT:
             failed, self._pending = self._pending.command, None
         if failed != UNKNOWN_COMMAND or self._instrument.settings.send_unsolicited_messages:
-            self._send(encode(ErrorResponse(failed, BEAM_LOST_STATUS)))
+            self._send(encode(said.ErrorResponse(failed, BEAM_LOST_STATUS)))
 
     def _show(self, light: TrackerLight) -> None:
         """Tell the light when it changes; the first one is what the client finds."""
@@ -322,12 +311,12 @@ class EmsconSession:
             return
         self._next_position_s = now_s + POSITION_INTERVAL_S
         if (point_mm := self._tracker.live_point(now_s)) is not None:
-            told = ReflectorPosition(ResultStatus.ALL_OK, point_mm)
+            told = said.ReflectorPosition(ResultStatus.ALL_OK, point_mm)
             self._send(encode(self._instrument.scale.told(told)))
 
     def _tell(self, change: SystemChange) -> None:
         if self._instrument.settings.send_unsolicited_messages:
-            self._send(encode(StatusChange(change)))
+            self._send(encode(said.StatusChange(change)))
 
 
 def _is_in_sight(*coordinates_mm: float) -> bool:

@@ -5,21 +5,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.errors import WireError
-from drivers.wire.geocom import (
-    ABORTED,
-    TERMINATOR,
-    Abort,
-    BadChecksum,
-    Reply,
-    Request,
-    decode_request,
-    encode_reply,
-    line_framer,
-    number_word,
-    string_word,
-)
+from drivers.wire import geocom
 from drivers.wire.geocom_constants import Result
-from sim.servers.geocom_instrument import Later, Outcome, Value
+from sim.servers.geocom_instrument import GeocomOutcome, Later, Value
 from sim.servers.geocom_station import GeocomStation
 
 MOST_WAITING = 100
@@ -30,7 +18,7 @@ MOST_WAITING = 100
 class _Pending:
     """The one call that is under way."""
 
-    request: Request
+    request: geocom.Request
     later: Later
 
 
@@ -40,8 +28,8 @@ class GeocomSession:
     def __init__(self, station: GeocomStation, send: Callable[[bytes], None]) -> None:
         self._station = station
         self._send = send
-        self._lines = line_framer()
-        self._waiting: deque[Request] = deque()
+        self._lines = geocom.line_framer()
+        self._waiting: deque[geocom.Request] = deque()
         self._pending: _Pending | None = None
 
     def received(self, data: bytes, now_s: float) -> None:
@@ -73,13 +61,13 @@ class GeocomSession:
 
     def _take(self, line: bytes, now_s: float) -> None:
         try:
-            request = decode_request(line)
-        except BadChecksum as error:
-            self._say(Reply(Result.COM_SERVER_CHECKSUM, error.transaction, Result.OK))
+            request = geocom.decode_request(line)
+        except geocom.BadChecksum as error:
+            self._say(geocom.Reply(Result.COM_SERVER_CHECKSUM, error.transaction, Result.OK))
         except WireError:
-            self._say(Reply(Result.COM_WRONG_FORMAT, 0, Result.OK))
+            self._say(geocom.Reply(Result.COM_WRONG_FORMAT, 0, Result.OK))
         else:
-            if isinstance(request, Abort):
+            if isinstance(request, geocom.Abort):
                 self._abort()
             elif len(self._waiting) < MOST_WAITING:
                 self._waiting.append(request)
@@ -89,10 +77,10 @@ class GeocomSession:
         """End what is under way with its refusal, then confirm."""
         if self._pending is not None:
             request, self._pending = self._pending.request, None
-            self._answer(request, Outcome(Result.ABORTED))
-        self._send(ABORTED + TERMINATOR)
+            self._answer(request, GeocomOutcome(Result.ABORTED))
+        self._send(geocom.ABORTED + geocom.TERMINATOR)
 
-    def _begin(self, request: Request, now_s: float) -> None:
+    def _begin(self, request: geocom.Request, now_s: float) -> None:
         try:
             outcome = self._station.obey(request.rpc, request.parameters, now_s)
         except WireError:
@@ -105,20 +93,22 @@ class GeocomSession:
         else:
             self._answer(request, outcome)
 
-    def _answer(self, request: Request, outcome: Outcome) -> None:
+    def _answer(self, request: geocom.Request, outcome: GeocomOutcome) -> None:
         words = tuple(self._word(value) for value in outcome.values)
-        reply = Reply(Result.OK, request.transaction, outcome.result, words, request.checked)
+        reply = geocom.Reply(Result.OK, request.transaction, outcome.result, words, request.checked)
         self._say(reply)
 
-    def _fail(self, request: Request, communication: Result) -> None:
-        self._say(Reply(communication, request.transaction, Result.OK, checked=request.checked))
+    def _fail(self, request: geocom.Request, communication: Result) -> None:
+        self._say(
+            geocom.Reply(communication, request.transaction, Result.OK, checked=request.checked)
+        )
 
-    def _say(self, reply: Reply) -> None:
-        self._send(encode_reply(reply))
+    def _say(self, reply: geocom.Reply) -> None:
+        self._send(geocom.encode_reply(reply))
 
     def _word(self, value: Value) -> str:
         if isinstance(value, str):
-            return string_word(value)
+            return geocom.string_word(value)
         if isinstance(value, int):
             return str(int(value))
-        return number_word(value, self._station.instrument.decimals)
+        return geocom.number_word(value, self._station.instrument.decimals)

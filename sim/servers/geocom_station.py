@@ -1,8 +1,9 @@
-"""A simulated total station's telescope: turns, searches, aims and follows on a tracker's beam."""
+"""A simulated total station on a tracker's beam: its telescope and its distance meter."""
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import cos, sin
 
 import numpy as np
@@ -13,12 +14,13 @@ from drivers.wire.geocom_constants import LockStatus, Program, Result, Rpc
 from sim.geometry import Array
 from sim.servers.geocom_instrument import (
     DONE,
+    WRONG,
     GeocomInstrument,
+    GeocomOutcome,
     Handler,
     Later,
-    Outcome,
-    Value,
-    refusal,
+    Values,
+    told,
 )
 from sim.tracker.beam import Aim
 from sim.tracker.instrument import SLEW_RAD_PER_S, SimulatedTracker
@@ -27,6 +29,12 @@ from sim.tracker.optics import MM_PER_M
 SEARCH_S = 0.5
 AIM_S = 0.5
 LOCK_S = 0.2
+MEASURING_S = 1.5
+MS_PER_S = 1e3
+NO_COORDINATES: Values = (0.0, 0.0, 0.0, 0) * 2
+"""East, north, height and time in whole milliseconds, twice: sent also where there are none."""
+DEFAULT_DISTANCE = 2
+"""The mode of BAP_MeasDistanceAngle that measures."""
 FIELD_RAD = 0.02
 """Field in which target recognition sees a prism without searching."""
 
@@ -59,12 +67,12 @@ class Head:
 
     def turn(
         self, hz_rad: float, v_rad: float, now_s: float, *, to_target: bool
-    ) -> Outcome | Later:
+    ) -> GeocomOutcome | Later:
         """Turn there, and if asked for, onto the prism in view."""
         if max(abs(hz_rad), abs(v_rad)) > math.tau:
-            return refusal(Result.INVALID_PARAMETER)
+            return WRONG
         if to_target and not self.recognition:
-            return refusal(Result.AUT_NOT_ENABLED)
+            return GeocomOutcome(Result.AUT_NOT_ENABLED)
         here_hz, here_v = self.direction_rad(now_s)
         turns_rad = (abs(math.remainder(hz_rad - here_hz, math.tau)), abs(v_rad - here_v))
         there_mm = self._point_mm(hz_rad - self.orientation_rad, v_rad, now_s)
@@ -72,36 +80,36 @@ class Head:
         due_s = now_s + max(turns_rad) / SLEW_RAD_PER_S + (AIM_S if to_target else 0.0)
         return Later(due_s, lambda end_s: self._arrive(there_mm, end_s, to_target=to_target))
 
-    def search(self, window_rad: float, now_s: float, *, takes_s: float) -> Outcome | Later:
+    def search(self, window_rad: float, now_s: float, *, takes_s: float) -> GeocomOutcome | Later:
         """Aim at the prism within a window around the present direction."""
         if not self.recognition:
-            return refusal(Result.AUT_NOT_ENABLED)
+            return GeocomOutcome(Result.AUT_NOT_ENABLED)
         here_mm = self._tracker.beam.point_in_tracker_mm(now_s)
         found = self._tracker.beam.candidate(_aim(here_mm, window_rad), now_s) is not None
         self._let_go()
         due_s = now_s + (takes_s if found else self._tracker.search_timeout_s)
         return Later(due_s, lambda end_s: self._seek(here_mm, window_rad, end_s))
 
-    def lock_in(self, now_s: float) -> Outcome | Later:
+    def lock_in(self, now_s: float) -> GeocomOutcome | Later:
         """Follow the prism that it is aimed at."""
         if not self.lock_mode:
-            return refusal(Result.AUT_NOT_ENABLED)
+            return GeocomOutcome(Result.AUT_NOT_ENABLED)
         return Later(now_s + LOCK_S, self._lock)
 
-    def _lock(self, now_s: float) -> Outcome:
+    def _lock(self, now_s: float) -> GeocomOutcome:
         self._follows = self._tracker.beam_locked(now_s)
-        return DONE if self._follows else refusal(Result.AUT_NO_TARGET)
+        return DONE if self._follows else GeocomOutcome(Result.AUT_NO_TARGET)
 
-    def _arrive(self, there_mm: Array, now_s: float, *, to_target: bool) -> Outcome:
+    def _arrive(self, there_mm: Array, now_s: float, *, to_target: bool) -> GeocomOutcome:
         if to_target:
             return self._seek(there_mm, FIELD_RAD, now_s)
         self._tracker.beam.search(_aim(there_mm, 0.0), now_s)
         self._tracker.beam.release()
         return DONE
 
-    def _seek(self, there_mm: Array, window_rad: float, now_s: float) -> Outcome:
+    def _seek(self, there_mm: Array, window_rad: float, now_s: float) -> GeocomOutcome:
         found = self._tracker.beam.search(_aim(there_mm, window_rad), now_s)
-        return DONE if found else refusal(Result.AUT_NO_TARGET)
+        return DONE if found else GeocomOutcome(Result.AUT_NO_TARGET)
 
     def _let_go(self) -> None:
         self._follows = False
@@ -123,14 +131,6 @@ def _aim(there_mm: Array, window_rad: float) -> Aim:
     return Aim((x, y, z), radius_mm, any_distance=True)
 
 
-MEASURING_S = 1.5
-MS_PER_S = 1e3
-NO_COORDINATES: tuple[Value, ...] = (0.0, 0.0, 0.0, 0) * 2
-"""East, north, height and time in whole milliseconds, twice: sent also where there are none."""
-DEFAULT_DISTANCE = 2
-"""The mode of BAP_MeasDistanceAngle that measures."""
-
-
 @dataclass(frozen=True, slots=True)
 class _Distance:
     """Content of the distance meter: a point in the tracker's frame, None when it found nothing."""
@@ -150,7 +150,7 @@ class GeocomStation:
         self._distance: _Distance | None = None
         self._handlers = self.instrument.handlers() | self._measuring() | self._aiming()
 
-    def obey(self, rpc: int, words: Sequence[str], now_s: float) -> Outcome | Later | None:
+    def obey(self, rpc: int, words: Sequence[str], now_s: float) -> GeocomOutcome | Later | None:
         """Do what a call wants; None: there is no such call. Raises `WireError` for its words."""
         handler = self._handlers.get(Rpc(rpc)) if rpc in set(Rpc) else None
         return None if handler is None else handler(words, now_s)
@@ -173,33 +173,31 @@ class GeocomStation:
     def _measuring(self) -> dict[Rpc, Handler]:
         return {
             Rpc.TMC_DO_MEASURE: self._do_measure,
-            Rpc.TMC_GET_COORDINATE: self._coordinate,
-            Rpc.TMC_GET_SIMPLE_COORD: self._simple_coordinate,
-            Rpc.TMC_GET_SIMPLE_MEA: self._simple_measurement,
-            Rpc.TMC_GET_ANGLE_5: lambda _w, now_s: Outcome(values=self.head.direction_rad(now_s)),
+            Rpc.TMC_GET_COORDINATE: partial(self._when_measured, self._delivered),
+            Rpc.TMC_GET_SIMPLE_COORD: partial(self._when_measured, self._simple),
+            Rpc.TMC_GET_SIMPLE_MEA: partial(self._when_measured, self._polar),
+            Rpc.TMC_GET_ANGLE_5: told(self.head.direction_rad),
             Rpc.BAP_MEAS_DISTANCE_ANGLE: self._distance_and_angle,
         }
 
     def _aiming(self) -> dict[Rpc, Handler]:
         return {
-            Rpc.AUS_SET_USER_ATR_STATE: self._switch_recognition,
-            Rpc.AUS_GET_USER_ATR_STATE: lambda _w, _n: _flag(on=self.head.recognition),
-            Rpc.AUS_SET_USER_LOCK_STATE: self._switch_lock_mode,
-            Rpc.AUS_GET_USER_LOCK_STATE: lambda _w, _n: _flag(on=self.head.lock_mode),
-            Rpc.MOT_READ_LOCK_STATUS: lambda _w, now_s: Outcome(
-                values=(int(self.head.lock_status(now_s)),)
-            ),
+            Rpc.AUS_SET_USER_ATR_STATE: partial(self._switch, "recognition"),
+            Rpc.AUS_GET_USER_ATR_STATE: told(lambda _n: (int(self.head.recognition),)),
+            Rpc.AUS_SET_USER_LOCK_STATE: partial(self._switch, "lock_mode"),
+            Rpc.AUS_GET_USER_LOCK_STATE: told(lambda _n: (int(self.head.lock_mode),)),
+            Rpc.MOT_READ_LOCK_STATUS: told(lambda now_s: (int(self.head.lock_status(now_s)),)),
             Rpc.TMC_SET_ORIENTATION: self._orient,
             Rpc.AUT_MAKE_POSITIONING: self._turn,
-            Rpc.AUT_SEARCH: self._search,
-            Rpc.AUT_FINE_ADJUST: self._fine_adjust,
+            Rpc.AUT_SEARCH: partial(self._look, SEARCH_S),
+            Rpc.AUT_FINE_ADJUST: partial(self._look, AIM_S),
             Rpc.AUT_LOCK_IN: lambda _w, now_s: self.head.lock_in(now_s),
         }
 
-    def _do_measure(self, words: Sequence[str], now_s: float) -> Outcome:
+    def _do_measure(self, words: Sequence[str], now_s: float) -> GeocomOutcome:
         program, _inclination = map(parse_whole, parse_words(words, 2))
         if program not in set(Program):
-            return refusal(Result.NOT_IMPLEMENTED)
+            return GeocomOutcome(Result.NOT_IMPLEMENTED)
         self._measures_until_s = self._distance = None
         if program == Program.DISTANCE:
             self._begin(now_s)
@@ -210,22 +208,9 @@ class GeocomStation:
         if self._measures_until_s is None:
             self._distance = _Distance(None, now_s)
 
-    def _coordinate(self, words: Sequence[str], now_s: float) -> Outcome | Later:
-        return self._when_measured(words, now_s, self._delivered)
-
-    def _simple_coordinate(self, words: Sequence[str], now_s: float) -> Outcome | Later:
-        def simple(end_s: float) -> Outcome:
-            whole = self._delivered(end_s)
-            return Outcome(whole.result, whole.values[:3])
-
-        return self._when_measured(words, now_s, simple)
-
-    def _simple_measurement(self, words: Sequence[str], now_s: float) -> Outcome | Later:
-        return self._when_measured(words, now_s, self._polar)
-
     def _when_measured(
-        self, words: Sequence[str], now_s: float, deliver: Callable[[float], Outcome]
-    ) -> Outcome | Later:
+        self, deliver: Callable[[float], GeocomOutcome], words: Sequence[str], now_s: float
+    ) -> GeocomOutcome | Later:
         """Wait for the distance meter, at most as long as the call says."""
         wait_ms, _inclination = map(parse_whole, parse_words(words, 2))
         due_s = self._measures_until_s
@@ -233,34 +218,38 @@ class GeocomStation:
             return deliver(now_s)
         return Later(min(due_s, now_s + wait_ms / MS_PER_S), deliver)
 
-    def _distance_and_angle(self, words: Sequence[str], now_s: float) -> Outcome | Later:
+    def _distance_and_angle(self, words: Sequence[str], now_s: float) -> GeocomOutcome | Later:
         (mode,) = map(parse_whole, parse_words(words, 1))
         if mode != DEFAULT_DISTANCE:
-            return Outcome(Result.NOT_IMPLEMENTED, (0.0, 0.0, 0.0, 0))
+            return GeocomOutcome(Result.NOT_IMPLEMENTED, (0.0, 0.0, 0.0, 0))
         self._distance = None
         self._begin(now_s)
 
-        def deliver(end_s: float) -> Outcome:
+        def deliver(end_s: float) -> GeocomOutcome:
             polar = self._polar(end_s)
-            return Outcome(polar.result, (*polar.values, mode))
+            return GeocomOutcome(polar.result, (*polar.values, mode))
 
         return Later(self._measures_until_s or now_s, deliver)
 
-    def _delivered(self, now_s: float) -> Outcome:
+    def _delivered(self, now_s: float) -> GeocomOutcome:
         """Coordinates of the distance, and the same again as those of the present angles."""
         code, point_mm, at_s = self._found(now_s)
         if point_mm is None:
-            return Outcome(code, NO_COORDINATES)
+            return GeocomOutcome(code, NO_COORDINATES)
         point = (*self._surveyed_m(point_mm), round(at_s * MS_PER_S))
-        return Outcome(values=(*point, *point))
+        return GeocomOutcome(values=(*point, *point))
 
-    def _polar(self, now_s: float) -> Outcome:
+    def _simple(self, now_s: float) -> GeocomOutcome:
+        whole = self._delivered(now_s)
+        return GeocomOutcome(whole.result, whole.values[:3])
+
+    def _polar(self, now_s: float) -> GeocomOutcome:
         code, point_mm, _at_s = self._found(now_s)
         hz_rad, v_rad = self.head.direction_rad(now_s)
         distance_m = 0.0
         if point_mm is not None:
             distance_m = sum(value * value for value in point_mm) ** 0.5 / MM_PER_M
-        return Outcome(code, (hz_rad, v_rad, distance_m))
+        return GeocomOutcome(code, (hz_rad, v_rad, distance_m))
 
     def _found(self, now_s: float) -> tuple[Result, Vector3 | None, float]:
         """Content of the distance meter by now."""
@@ -273,44 +262,33 @@ class GeocomStation:
     def _surveyed_m(self, point_mm: Vector3) -> Vector3:
         """East, north and height of the ground below the prism, as the instrument is set up."""
         x_m, y_m, z_m = (value / MM_PER_M for value in point_mm)
-        turn_rad, place = self.head.orientation_rad, self.instrument.place
-        east = place.east + x_m * cos(turn_rad) + y_m * sin(turn_rad)
-        north = place.north + y_m * cos(turn_rad) - x_m * sin(turn_rad)
-        return east, north, place.up + place.instrument_height + z_m - place.target_height
+        turn_rad = self.head.orientation_rad
+        east, north, up, prism_height = self.instrument.setup_m
+        east = east + x_m * cos(turn_rad) + y_m * sin(turn_rad)
+        north = north + y_m * cos(turn_rad) - x_m * sin(turn_rad)
+        return east, north, up + z_m - prism_height
 
-    def _switch_recognition(self, words: Sequence[str], _now_s: float) -> Outcome:
+    def _switch(self, name: str, words: Sequence[str], _now_s: float) -> GeocomOutcome:
         (is_on,) = map(parse_whole, parse_words(words, 1))
-        self.head.recognition = bool(is_on)
+        setattr(self.head, name, bool(is_on))
         return DONE
 
-    def _switch_lock_mode(self, words: Sequence[str], _now_s: float) -> Outcome:
-        (is_on,) = map(parse_whole, parse_words(words, 1))
-        self.head.lock_mode = bool(is_on)
-        return DONE
-
-    def _orient(self, words: Sequence[str], now_s: float) -> Outcome:
+    def _orient(self, words: Sequence[str], now_s: float) -> GeocomOutcome:
         (hz_rad,) = map(parse_number, parse_words(words, 1))
         self.head.orientation_rad += hz_rad - self.head.direction_rad(now_s)[0]
         return DONE
 
-    def _turn(self, words: Sequence[str], now_s: float) -> Outcome | Later:
+    def _turn(self, words: Sequence[str], now_s: float) -> GeocomOutcome | Later:
         hz, v, _precise, to_target, _unused = parse_words(words, 5)
         return self.head.turn(
             parse_number(hz), parse_number(v), now_s, to_target=bool(parse_whole(to_target))
         )
 
-    def _search(self, words: Sequence[str], now_s: float) -> Outcome | Later:
-        return self.head.search(_window_rad(words), now_s, takes_s=SEARCH_S)
-
-    def _fine_adjust(self, words: Sequence[str], now_s: float) -> Outcome | Later:
-        return self.head.search(_window_rad(words), now_s, takes_s=AIM_S)
+    def _look(self, takes_s: float, words: Sequence[str], now_s: float) -> GeocomOutcome | Later:
+        return self.head.search(_window_rad(words), now_s, takes_s=takes_s)
 
 
 def _window_rad(words: Sequence[str]) -> float:
     """The smaller side of a search window, at most a quarter turn."""
     hz, v, _unused = parse_words(words, 3)
     return max(min(parse_number(hz), parse_number(v), 1.5), 0.0)
-
-
-def _flag(*, on: bool) -> Outcome:
-    return Outcome(values=(int(on),))

@@ -40,7 +40,7 @@ class RobotlineSession:
         return None
 
     def closed(self, now_s: float) -> None:
-        """StopNow the motion that nobody watches any more."""
+        """Stop the motion that nobody watches any more."""
         self._staged.clear()
         if self._has_moved and self._controller.state(now_s).moving:
             self._controller.stop(now_s)
