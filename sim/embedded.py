@@ -1,5 +1,6 @@
 """A simulated cell served on loopback inside this process, as if it stood in the next room."""
 
+import math
 from collections.abc import Callable
 from types import TracebackType
 from typing import Literal
@@ -18,7 +19,11 @@ from sim.servers.server import CellServer
 
 Send = Callable[[bytes], None]
 LOOK_EVERY_S = 0.01
-"""Real seconds; a controller stands longer than that between two moves."""
+"""Real seconds between looks at joints that somebody else moves: shorter than any stop.
+
+The places at which they stand between two measurements count: backlash depends on the side from
+which a place was approached.
+"""
 
 
 class EmbeddedCell:
@@ -43,9 +48,8 @@ class EmbeddedCell:
         self._station = GeocomStation(cell.tracker)
         self._instrument = EmsconInstrument(cell.tracker)
         speaking: SessionFactory = self._geocom if tracker_speaks == "geocom" else self._emscon
-        if self._follows:
-            speaking = self._looking(speaking)
-        self._server = CellServer(clock, cell.faults)
+        look_every_s = LOOK_EVERY_S / clock.real_s(1.0) if self._follows else math.inf
+        self._server = CellServer(clock, cell.faults, look=cell.advance, look_every_s=look_every_s)
         try:
             self.tracker_url = self._server.serve_tcp(speaking, "tracker", tracker_port)
             self.controller_url = self._controller_url(controller_on, controller_port)
@@ -92,16 +96,6 @@ class EmbeddedCell:
         assert isinstance(self.cell.controller, SimulatedController), "no other is served"
         return RobotlineSession(self.cell.controller, send)
 
-    def _looking(self, speaking: SessionFactory) -> SessionFactory:
-        """Sessions that see every stop of the joints that the robot follows."""
-        every_s = LOOK_EVERY_S / self.clock.real_s(1.0)
-
-        def look(send: Send, already_open: int) -> Session:
-            session = speaking(send, already_open)
-            return LookingSession(session, self.cell.advance, every_s=every_s)
-
-        return look
-
     def _emscon(self, send: Send, already_open: int) -> Session:
         return EmsconSession(
             self.cell.tracker,
@@ -113,39 +107,3 @@ class EmbeddedCell:
 
     def _geocom(self, send: Send, already_open: int) -> Session:  # noqa: ARG002 - takes several
         return GeocomSession(self._station, send)
-
-
-class LookingSession:
-    """A device's session that also looks at the joints, often enough to see every stop.
-
-    The places at which the joints stand between two measurements count: backlash depends on the
-    side from which a place was approached.
-    """
-
-    def __init__(
-        self, session: Session, look: Callable[[float], object], *, every_s: float
-    ) -> None:
-        self._session = session
-        self._look = look
-        self._every_s = every_s
-        self._next_s = 0.0
-
-    def received(self, data: bytes, now_s: float) -> None:
-        """Bytes from the client, for the device."""
-        self._session.received(data, now_s)
-
-    def advance(self, now_s: float) -> None:
-        """Look, and let the device say what is due."""
-        if now_s >= self._next_s:
-            self._look(now_s)
-            self._next_s = now_s + self._every_s
-        self._session.advance(now_s)
-
-    def next_due_s(self) -> float | None:
-        """Time of the next look, or earlier."""
-        due_s = self._session.next_due_s()
-        return self._next_s if due_s is None else min(due_s, self._next_s)
-
-    def closed(self, now_s: float) -> None:
-        """The client has gone."""
-        self._session.closed(now_s)

@@ -16,9 +16,9 @@ import shlex
 import socket
 import subprocess
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Protocol
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -51,16 +51,38 @@ class JointsLost(SimError):
     """LinuxCNC does not tell its joints: it is not there, or not yet, or does not answer."""
 
 
-class JointSource(Protocol):
+class JointSource(ABC):
     """Source of the joints' real positions."""
 
-    def read(self) -> Array:
-        """(n,): now; raises `JointsLost`, and begins anew the next time."""
-        ...
+    def __init__(self, name: str, kind: Kind) -> None:
+        self._name = name
+        self._kind = kind
 
+    def read(self) -> Array:
+        """(n,): now, rad or mm; raises `JointsLost`, and begins anew the next time."""
+        try:
+            return self._joints(self._numbers())
+        except (OSError, ValueError, WireError) as error:
+            self.close()
+            problem = f"{self._name}LinuxCNC's joints cannot be read ({error})"
+            raise JointsLost(problem, remedy=CHECK) from error
+
+    @abstractmethod
     def close(self) -> None:
         """Let go of it; a second time does nothing."""
-        ...
+
+    @abstractmethod
+    def _numbers(self) -> Sequence[float | str]:
+        """Joints that are told, in deg or mm."""
+
+    def _joints(self, numbers: Sequence[float | str]) -> Array:
+        arms = self._kind.arms
+        if len(numbers) < arms:
+            raise ValueError(f"{len(numbers)} joints are told, {arms} are needed")
+        told = [float(number) for number in numbers[:arms]]
+        if not all(map(math.isfinite, told)):
+            raise ValueError("a joint that is not finite")
+        return np.array([self._kind.inner(joint) for joint in told])
 
 
 def joint_source(joints_from: str, kind: Kind = PAR4) -> JointSource:
@@ -70,22 +92,14 @@ def joint_source(joints_from: str, kind: Kind = PAR4) -> JointSource:
     return RshJoints(joints_from, kind)
 
 
-class HalJoints:
+class HalJoints(JointSource):
     """Joints read from the pins `joint.N.pos-fb`, as full doubles."""
 
     def __init__(self, prefix: tuple[str, ...], kind: Kind = PAR4) -> None:
-        self._kind = kind
+        super().__init__("", kind)
         program = f"JOINTS = {kind.arms}{PROGRAM}"
         self._command = (*prefix, PYTHON, "-u", "-c", shlex.quote(program) if prefix else program)
         self._program: subprocess.Popen[bytes] | None = None
-
-    def read(self) -> Array:
-        """(n,): the joints now, rad or mm; raises `JointsLost`."""
-        try:
-            return _joints(self._answer().split(), self._kind)
-        except (OSError, ValueError) as error:
-            self.close()
-            raise JointsLost(f"LinuxCNC's joints cannot be read ({error})", remedy=CHECK) from error
 
     def close(self) -> None:
         """End the program; the next reading starts another."""
@@ -96,7 +110,7 @@ class HalJoints:
         with suppress(subprocess.TimeoutExpired):
             program.communicate(timeout=WITHIN_S)  # closes its pipes and waits for it
 
-    def _answer(self) -> str:
+    def _numbers(self) -> Sequence[float | str]:
         within_s = WITHIN_S
         if self._program is None:
             within_s = STARTED_WITHIN_S
@@ -113,28 +127,17 @@ class HalJoints:
         stdin.write(b"\n")
         if not select.select([stdout], [], [], within_s)[0]:
             raise TimeoutError(f"no answer within {within_s:g} s")
-        return stdout.readline().decode("ascii")
+        return stdout.readline().decode("ascii").split()
 
 
-class RshJoints:
+class RshJoints(JointSource):
     """Joints asked of linuxcncrsh; connects anew when the connection was lost."""
 
     def __init__(self, url: str, kind: Kind = PAR4) -> None:
-        self._kind = kind
-        self._url = url
+        super().__init__(f"{url}: ", kind)
         self._address = _address(url)
         self._socket: socket.socket | None = None
         self._framer = AnswerFramer()
-
-    def read(self) -> Array:
-        """(n,): the joints now, rad or mm; raises `JointsLost`."""
-        try:
-            return _joints(read_numbers(self._ask(time.monotonic() + WITHIN_S)), self._kind)
-        except (OSError, ValueError, WireError) as error:
-            self.close()
-            raise JointsLost(
-                f"{self._url}: LinuxCNC's joints cannot be read ({error})", remedy=CHECK
-            ) from error
 
     def close(self) -> None:
         """Close the connection; the next reading opens another."""
@@ -142,7 +145,8 @@ class RshJoints:
             self._socket.close()
             self._socket = None
 
-    def _ask(self, deadline_s: float) -> Value:
+    def _numbers(self) -> Sequence[float | str]:
+        deadline_s = time.monotonic() + WITHIN_S
         connected = self._connected()
         connected.sendall(encode(f"get {QUESTION}"))
         while (left_s := deadline_s - time.monotonic()) > 0.0:
@@ -152,7 +156,7 @@ class RshJoints:
                 raise ConnectionResetError("it closed the connection")
             for message in self._framer.feed(data):
                 if isinstance(message, Value) and message.word == QUESTION.upper():
-                    return message
+                    return read_numbers(message)
         raise TimeoutError(f"no answer within {WITHIN_S:g} s")
 
     def _connected(self) -> socket.socket:
@@ -172,13 +176,3 @@ def _address(url: str) -> tuple[str, int]:
     if parts.scheme != "tcp" or not host or not port:
         raise JointsLost(f"joints_from '{url}' is no address", remedy=FORMS)
     return host, port
-
-
-def _joints(numbers: Sequence[float | str], kind: Kind) -> Array:
-    """(n,) rad or mm: of the first numbers, in deg or mm; raises `ValueError`."""
-    if len(numbers) < kind.arms:
-        raise ValueError(f"{len(numbers)} joints are told, {kind.arms} are needed")
-    told = [float(number) for number in numbers[: kind.arms]]
-    if not all(map(math.isfinite, told)):
-        raise ValueError("a joint that is not finite")
-    return np.array([kind.inner(joint) for joint in told])

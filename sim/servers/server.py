@@ -1,5 +1,6 @@
 """Server of simulated devices on loopback sockets and pseudo-terminals; one thread and selector."""
 
+import math
 import os
 import selectors
 import socket
@@ -36,9 +37,20 @@ class _Watch(NamedTuple):
 class CellServer:
     """Server of all devices of a cell. Name them before `start`; `stop` closes everything."""
 
-    def __init__(self, clock: CellClock, faults: FaultScript) -> None:
+    def __init__(
+        self,
+        clock: CellClock,
+        faults: FaultScript,
+        *,
+        look: Callable[[float], object] = lambda _now_s: None,
+        look_every_s: float = math.inf,
+    ) -> None:
+        """Server that also looks at the cell so often, while it has clients."""
         self._clock = clock
         self._faults = faults
+        self._look = look
+        self._look_every_s = look_every_s
+        self._next_look_s = 0.0 if look_every_s < math.inf else math.inf
         self._selector = selectors.DefaultSelector()
         self._wake_end, self._awake_end = os.pipe()
         self._listeners: list[socket.socket] = []
@@ -139,6 +151,9 @@ class CellServer:
             watch.step()
         while not self._calls.empty():
             self._calls.get()()
+        if self._peers and (now_s := self._clock.now_s()) >= self._next_look_s:
+            self._look(now_s)
+            self._next_look_s = now_s + self._look_every_s
         for peer in list(self._peers):
             peer.turn()
             self._watch(peer)
@@ -146,9 +161,10 @@ class CellServer:
     def _patience_s(self) -> float | None:
         """Real seconds until something is due; None when only a client can change anything."""
         dues_s = [due_s for peer in self._peers if (due_s := peer.next_due_s()) is not None]
-        if not dues_s:
+        due_s = min([*dues_s, self._next_look_s]) if self._peers else math.inf
+        if due_s == math.inf:
             return None
-        return max(self._clock.real_s(min(dues_s) - self._clock.now_s()), SHORTEST_WAIT_S)
+        return max(self._clock.real_s(due_s - self._clock.now_s()), SHORTEST_WAIT_S)
 
     def _accept(
         self, listener: socket.socket, factory: SessionFactory, device_name: DeviceName

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from sim.cell import Cell
-from sim.clock import ManualClock
-from sim.embedded import LookingSession
 from sim.errors import AssemblyLost
 from sim.random_streams import WorkedTime
 from sim.robot.follower import FollowingController
@@ -115,35 +113,3 @@ def test_joints_at_which_no_robot_can_be_assembled_are_told(followed):
 
 def test_geometry_is_the_scenarios(followed):
     assert followed.controller.geometry() == {"plate_mm": 100.0}
-
-
-class Quiet:
-    """A session that is never due."""
-
-    def __init__(self):
-        self.heard = []
-
-    def received(self, data, now_s):
-        self.heard.append(data)
-
-    def advance(self, now_s):
-        self.heard.append("advance")
-
-    def next_due_s(self):
-        return None
-
-    def closed(self, now_s):
-        self.heard.append("closed")
-
-
-def test_looking_session_looks_in_time_and_passes_everything_on():
-    looks, quiet, clock = [], Quiet(), ManualClock()
-    session = LookingSession(quiet, looks.append, every_s=0.5)
-    session.received(b"x", 0.0)
-    for _ in range(3):
-        session.advance(clock.now_s())
-        clock.advance(0.25)
-    session.closed(1.0)
-    assert looks == [0.0, 0.5]
-    assert session.next_due_s() == 1.0
-    assert quiet.heard == [b"x", "advance", "advance", "advance", "closed"]

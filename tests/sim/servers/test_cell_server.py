@@ -57,11 +57,11 @@ class Echo:
 class Bench:
     """A started server with one echoing device."""
 
-    def __init__(self, clock=None, faults=()):
+    def __init__(self, clock=None, faults=(), **looks):
         self.log = []
         script = FaultScript([Fault(Counted.TRACKER_ANSWER, *fault) for fault in faults], {})
         self.clock = clock or ScaledClock(1000.0)
-        self.server = CellServer(self.clock, script)
+        self.server = CellServer(self.clock, script, **looks)
         self.url = self.server.serve_tcp(self.session, "tracker")
 
     def session(self, send, already_open):
@@ -121,6 +121,18 @@ def test_what_is_due_later_comes_later_in_virtual_time():
         client.settimeout(PATIENCE_S)
         clock.advance(1.0)
         assert client.recv(100) == b"now"
+
+
+def test_server_looks_at_the_cell_so_often_while_it_has_clients():
+    clock, looks = ManualClock(), []
+    clock.advance(5.0)
+    with Bench(clock, look=looks.append, look_every_s=0.5) as bench:
+        for _ in range(2):
+            with bench.client() as client:
+                assert asked(client, b"hello") == b"hello"
+                clock.advance(0.75)
+                assert asked(client, b"hello") == b"hello"
+    assert looks == [5.0, 5.75, 6.5]
 
 
 def test_clients_come_one_after_another_and_side_by_side():
