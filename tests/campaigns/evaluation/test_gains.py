@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from paper_campaign import PaperCampaign, new_campaign
-from par4_space import par4
+from par4_space import with_values
 
 from app.report.results_sections import key_figure_rows
 from campaigns.chain.validation import record_validation
@@ -127,7 +127,7 @@ def test_a_loss_is_told_by_every_answer_whichever_series_holds_the_distances(in_
 def test_what_was_measured_with_other_parameters_is_of_no_use(tmp_path: Path) -> None:
     paper = new_campaign(tmp_path / "x")
     paper.validate("before", frozenset({ShotSet.VALIDATION}))
-    flat = paper.controller.flat()
-    paper.controller = par4(flat | {"plate_mm": flat["plate_mm"] + 1.0})
+    held = paper.campaign.robot
+    paper.controller = with_values(held, {"plate_mm": held.parameters["plate_mm"] + 1.0}).kinematics
     paper.validate("before", frozenset({ShotSet.ROTATION}))
     assert evaluate(paper.campaign).before.series == {"rotation": 2}
