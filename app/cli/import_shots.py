@@ -12,7 +12,7 @@ from campaigns.campaign import open_campaign
 from campaigns.chain.files import import_shots
 from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
 from campaigns.shots.import_export import ImportedFile
-from campaigns.shots.joined_shots import Join, PointSource, read_joined_shots
+from campaigns.shots.joined_shots import Join, read_joined_shots
 from campaigns.shots.shots_csv import in_unit, read_shots
 
 
@@ -74,13 +74,14 @@ def command(
     if form is Form.SHOTS:
         if joints or columns:
             raise typer.BadParameter("--joints and --columns go with --format ascii")
-        rows = in_unit(read_shots(file, mechanism), MM_PER_UNIT[unit or "mm"])
+        rows = tuple(in_unit(read_shots(file, mechanism), MM_PER_UNIT[unit or "mm"]))
     else:
         if joints is None:
             raise typer.BadParameter("--format ascii needs --joints FILE with each point's joints")
-        points = PointSource(file, unit, tuple(columns.split(",")) if columns else None)
-        joined = read_joined_shots(points, joints, mechanism, join=join)
-        rows, notes = joined.rows, joined.notes
+        words = columns.split(",") if columns else None
+        rows, notes = read_joined_shots(
+            file, joints, mechanism, join=join, unit=unit, columns=words
+        )
     for note in notes:
         terminal.note(note)
     files = tuple(ImportedFile.of(each) for each in (file, joints) if each is not None)

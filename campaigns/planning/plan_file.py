@@ -11,7 +11,6 @@ from campaigns.files.text_file import read_text, replace_text
 from campaigns.mechanisms.mechanism import Mechanism
 from campaigns.robots.robot import pose_of
 from campaigns.shots.columns import (
-    PairedRow,
     axis_columns,
     axis_texts,
     axis_values,
@@ -89,9 +88,7 @@ def parse_plan(text: str, name: str, mechanism: Mechanism) -> tuple[PlannedShot,
         raise PlanInvalid(f"{name}: holds no shots", remedy="make a plan with `pkmcal plan`")
     shots = tuple(_shot_of(row, mechanism) for row in rows)
     _check_numbers(rows, shots)
-    check_pairs(
-        [PairedRow(row, shot.purpose, shot.pair) for row, shot in zip(rows, shots, strict=True)]
-    )
+    check_pairs(rows, [shot.purpose for shot in shots], [shot.pair for shot in shots])
     return shots
 
 

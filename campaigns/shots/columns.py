@@ -5,7 +5,6 @@ What is wrong raises the error of the file that the row is from.
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from campaigns.files.csv_file import CsvRow, angle_text, number_text
 from campaigns.files.wording import shown, suggestion
@@ -17,15 +16,6 @@ POINT_COLUMNS = ("x_mm", "y_mm", "z_mm")
 
 ANGLE_LIMIT_DEG = 360.0
 SET_WORDS = tuple(each.value for each in ShotSet)
-
-
-@dataclass(frozen=True, slots=True)
-class PairedRow:
-    """A row with its pair, None for a set without pairs."""
-
-    row: CsvRow
-    purpose: ShotSet
-    pair: int | None
 
 
 def axis_columns(axes: Sequence[Axis]) -> tuple[str, ...]:
@@ -54,9 +44,11 @@ def _axis_value(row: CsvRow, axis: Axis) -> float:
     )
 
 
-def shot_set(row: CsvRow) -> ShotSet:
+def shot_set(row: CsvRow, if_empty: ShotSet | None = None) -> ShotSet:
     """Set of a row, by its column `set`."""
     word = row.text("set")
+    if not word and if_empty is not None:
+        return if_empty
     if word in SET_WORDS:
         return ShotSet(word)
     raise row.wrong(f"unknown set '{shown(word)}'", remedy=suggestion(word, SET_WORDS))
@@ -74,30 +66,25 @@ def pair_number(row: CsvRow, purpose: ShotSet) -> int | None:
     )
 
 
-def check_pairs(rows: Sequence[PairedRow]) -> None:
+def check_pairs(
+    rows: Sequence[CsvRow], sets: Sequence[ShotSet], pairs: Sequence[int | None]
+) -> None:
     """Refuse a pair that has not exactly two shots, both of one set."""
-    pairs: defaultdict[int, list[PairedRow]] = defaultdict(list)
-    for each in rows:
-        if each.pair is not None:
-            pairs[each.pair].append(each)
-    for number, shots in pairs.items():
-        _check_pair(number, shots)
-
-
-def _check_pair(number: int, shots: Sequence[PairedRow]) -> None:
-    first, last = shots[0], shots[-1]
-    if len(shots) < SHOTS_OF_A_PAIR:
-        raise last.row.wrong(
-            f"pair {number} has one shot, must have two",
-            remedy="add the other shot, or take this one out",
-        )
-    if len(shots) > SHOTS_OF_A_PAIR:
-        raise last.row.wrong(
-            f"pair {number} has {len(shots)} shots, must have two",
-            remedy="give each pair a number of its own",
-        )
-    if first.purpose is not last.purpose:
-        raise last.row.wrong(
-            f"pair {number} is half {first.purpose.value}, half {last.purpose.value}",
-            remedy="give both shots the same set",
-        )
+    of_pair: defaultdict[int, list[tuple[CsvRow, ShotSet]]] = defaultdict(list)
+    for row, purpose, pair in zip(rows, sets, pairs, strict=True):
+        if pair is not None:
+            of_pair[pair].append((row, purpose))
+    for number, shots in of_pair.items():
+        first, last = shots[0][1], shots[-1][1]
+        problem = ""
+        if len(shots) < SHOTS_OF_A_PAIR:
+            problem = f"pair {number} has one shot, must have two"
+            remedy = "add the other shot, or take this one out"
+        elif len(shots) > SHOTS_OF_A_PAIR:
+            problem = f"pair {number} has {len(shots)} shots, must have two"
+            remedy = "give each pair a number of its own"
+        elif first is not last:
+            problem = f"pair {number} is half {first.value}, half {last.value}"
+            remedy = "give both shots the same set"
+        if problem:
+            raise shots[-1][0].wrong(problem, remedy=remedy)

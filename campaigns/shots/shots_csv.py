@@ -1,6 +1,6 @@
 """shots.csv: measured shots, from and to other software."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
@@ -11,7 +11,6 @@ from campaigns.files.text_file import read_text, write_text_unless_there
 from campaigns.mechanisms.mechanism import Axis, Mechanism
 from campaigns.shots.columns import (
     POINT_COLUMNS,
-    PairedRow,
     axis_columns,
     axis_texts,
     axis_values,
@@ -45,23 +44,15 @@ class ShotRow:
     time: str | None = None
 
 
-def in_unit(rows: Sequence[ShotRow], mm: float) -> tuple[ShotRow, ...]:
+def in_unit(rows: Sequence[ShotRow], mm: float) -> Iterator[ShotRow]:
     """Rows whose lengths were written in a unit of so many mm."""
-    return tuple(
-        replace(
-            row,
-            point_in_tracker_mm=vector(mm * each for each in row.point_in_tracker_mm),
-            covariance_mm2=None
-            if row.covariance_mm2 is None
-            else _matrix(vector(mm**2 * each for each in line) for line in row.covariance_mm2),
-        )
-        for row in rows
-    )
-
-
-def _matrix(lines: Iterable[Vector3]) -> Matrix3:
-    x, y, z = lines
-    return x, y, z
+    for row in rows:
+        covariance = row.covariance_mm2
+        if covariance is not None:
+            x, y, z = (vector(mm**2 * each for each in line) for line in covariance)
+            covariance = (x, y, z)
+        point_mm = vector(mm * each for each in row.point_in_tracker_mm)
+        yield replace(row, point_in_tracker_mm=point_mm, covariance_mm2=covariance)
 
 
 def read_shots(path: Path, mechanism: Mechanism) -> tuple[ShotRow, ...]:
@@ -83,9 +74,7 @@ def parse_shots(text: str, name: str, mechanism: Mechanism) -> tuple[ShotRow, ..
     if not rows:
         raise ShotsInvalid(f"{name}: holds no shots", remedy="check that it is the right file")
     shots = tuple(_shot_of(row, mechanism) for row in rows)
-    check_pairs(
-        [PairedRow(row, shot.purpose, shot.pair) for row, shot in zip(rows, shots, strict=True)]
-    )
+    check_pairs(rows, [shot.purpose for shot in shots], [shot.pair for shot in shots])
     return shots
 
 
@@ -113,7 +102,7 @@ def _turns(mechanism: Mechanism) -> tuple[Axis, ...]:
 
 
 def _shot_of(row: CsvRow, mechanism: Mechanism) -> ShotRow:
-    purpose = shot_set(row) if row.text("set") else ShotSet.IDENTIFICATION
+    purpose = shot_set(row, ShotSet.IDENTIFICATION)
     x_mm, y_mm, z_mm = (row.number(column) for column in POINT_COLUMNS)
     turns = _turns(mechanism)
     turned = any(row.text(column) for column in axis_columns(turns))

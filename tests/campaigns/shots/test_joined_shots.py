@@ -7,7 +7,7 @@ import pytest
 
 from campaigns.errors import ShotsInvalid
 from campaigns.mechanisms.par4 import PAR4
-from campaigns.shots.joined_shots import PointSource, read_joined_shots
+from campaigns.shots.joined_shots import read_joined_shots
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import parse_shots, read_shots, shots_text
 
@@ -28,8 +28,8 @@ def join(tmp_path):
         (tmp_path / "points.txt").write_text(points)
         (tmp_path / "joints.csv").write_text(joints)
         told.setdefault("unit", "mm")
-        source = PointSource(tmp_path / "points.txt", **told)
-        return read_joined_shots(source, tmp_path / "joints.csv", PAR4, join=by)
+        files = (tmp_path / "points.txt", tmp_path / "joints.csv")
+        return read_joined_shots(*files, PAR4, join=by, **told)
 
     return read
 
@@ -49,14 +49,14 @@ def complaint(join, tmp_path):
 
 class TestByName:
     def test_each_shot_gets_the_point_of_its_name(self, join):
-        rows = join(joints=f"{HEADER}\np4,1,2,3,4\np1,5,6,7,8\np3,1,1,1,1\np2,2,2,2,2\n").rows
+        rows = join(joints=f"{HEADER}\np4,1,2,3,4\np1,5,6,7,8\np3,1,1,1,1\np2,2,2,2,2\n")[0]
         assert [row.point_in_tracker_mm[0] for row in rows] == [1.5, 1.0, 7.0, 4.0]
         assert rows[0].joints == tuple(map(math.radians, (1.0, 2.0, 3.0, 4.0)))
 
     @pytest.mark.parametrize("prefix", ["", "Main::", "A::Main::"])
     def test_name_may_be_whole_or_without_its_first_parts(self, join, prefix):
         joints = JOINTS.replace("p1", f"{prefix}p1")
-        assert join(joints=joints).rows[0].point_in_tracker_mm == (1.0, 2.0, 3.0)
+        assert join(joints=joints)[0][0].point_in_tracker_mm == (1.0, 2.0, 3.0)
 
     def test_name_that_fits_two_points_is_refused_with_both(self, complaint):
         points = POINTS.replace("Nest p3", "Nest p1")
@@ -99,11 +99,11 @@ class TestByOrder:
     def test_each_shot_gets_the_point_in_its_place(self, join):
         points = "1.0 2.0 3.0\n4.0 5.0 6.0\n7.0 8.0 9.0\n1.5 2.5 3.5\n"
         joints = "\n".join(line.partition(",")[2] for line in JOINTS.splitlines())
-        rows = join(points, joints, "order").rows
+        rows = join(points, joints, "order")[0]
         assert [row.point_in_tracker_mm[0] for row in rows] == [1.0, 4.0, 7.0, 1.5]
 
     def test_names_are_not_looked_at(self, join):
-        rows = join(joints=JOINTS.replace("p1", "p4"), by="order").rows
+        rows = join(joints=JOINTS.replace("p1", "p4"), by="order")[0]
         assert rows[0].point_in_tracker_mm == (1.0, 2.0, 3.0)
 
     def test_another_number_of_points_is_refused(self, complaint):
@@ -113,15 +113,15 @@ class TestByOrder:
 
 class TestPairs:
     def test_without_numbers_two_shots_in_a_row_are_a_pair(self, join):
-        joined = join()
-        assert [row.pair for row in joined.rows] == [0, 0, 1, 1]
-        assert "no column pair: each 2 shots of a set in a row are a pair" in joined.notes
+        rows, notes = join()
+        assert [row.pair for row in rows] == [0, 0, 1, 1]
+        assert "no column pair: each 2 shots of a set in a row are a pair" in notes
 
     def test_each_set_has_its_own_row(self, join):
         joints = JOINTS.replace("deg\n", "deg,set\n").replace("4\n", "4,validation\n", 1)
         joints = joints.replace("8\n", "8,\n").replace("12\n", "12,validation\n")
         joints = joints.replace("16\n", "16,identification\n")
-        rows = join(joints=joints).rows
+        rows = join(joints=joints)[0]
         assert [row.pair for row in rows] == [0, 1, 0, 1]
         assert [row.purpose for row in rows] == [
             ShotSet.VALIDATION,
@@ -134,13 +134,13 @@ class TestPairs:
         joints = "\n".join(f"{line},drift" for line in JOINTS.splitlines()).replace(
             "deg,drift", "deg,set"
         )
-        assert [row.pair for row in join(joints=joints).rows] == [None] * 4
+        assert [row.pair for row in join(joints=joints)[0]] == [None] * 4
 
     def test_numbers_are_kept(self, join):
         lines = JOINTS.splitlines()
         numbered = [f"{line},{pair}" for line, pair in zip(lines, "p7337", strict=True)]
         joints = "\n".join(numbered).replace("deg,p", "deg,pair")
-        assert [row.pair for row in join(joints=joints).rows] == [7, 3, 3, 7]
+        assert [row.pair for row in join(joints=joints)[0]] == [7, 3, 3, 7]
 
     def test_odd_number_of_shots_is_refused(self, complaint):
         points, joints = (text.rsplit("\n", 2)[0] + "\n" for text in (POINTS, JOINTS))
@@ -164,14 +164,15 @@ class TestComplaints:
 
     def test_missing_joints_file_is_named(self, tmp_path):
         (tmp_path / "points.txt").write_text(POINTS)
-        source = PointSource(tmp_path / "points.txt", "mm")
         with pytest.raises(ShotsInvalid, match="check the name of the joints file"):
-            read_joined_shots(source, tmp_path / "gone.csv", PAR4, join="name")
+            read_joined_shots(
+                tmp_path / "points.txt", tmp_path / "gone.csv", PAR4, join="name", unit="mm"
+            )
 
 
 def test_how_the_files_were_understood_is_told(join):
-    joined = join(unit="m")
-    assert joined.notes[0].endswith("points.txt: name, name, name, x, y, z by blanks, in m")
+    _, notes = join(unit="m")
+    assert notes[0].endswith("points.txt: name, name, name, x, y, z by blanks, in m")
 
 
 def test_reference_campaign_is_the_same_by_way_of_two_files(join):
@@ -183,13 +184,13 @@ def test_reference_campaign_is_the_same_by_way_of_two_files(join):
     points = [f"C G p{number} {point}" for number, point in enumerate(inches)]
     degrees = [",".join(repr(math.degrees(angle)) for angle in shot.joints) for shot in shots]
     joints = [f"p{number},{angles}" for number, angles in enumerate(degrees)]
-    joined = join("\n".join(points[::-1]), "\n".join([HEADER, *joints]), unit="inch")
-    for row, shot in zip(joined.rows, shots, strict=True):
+    rows, _ = join("\n".join(points[::-1]), "\n".join([HEADER, *joints]), unit="inch")
+    for row, shot in zip(rows, shots, strict=True):
         assert (row.pair, row.purpose) == (shot.pair, shot.purpose)
         assert row.point_in_tracker_mm == pytest.approx(shot.point_in_tracker_mm, abs=1e-9)
         assert row.joints == pytest.approx(shot.joints, abs=1e-12)
 
 
 def test_joined_shots_are_a_shots_file(join):
-    rows = join().rows
+    rows = join()[0]
     assert parse_shots(shots_text(rows, PAR4), "shots.csv", PAR4) == rows
