@@ -38,8 +38,9 @@ from campaigns.journal.database import (
 )
 from campaigns.journal.journal import Journal, read_journal
 from campaigns.journal.records import Intent, Outcome, Record
+from campaigns.measuring.resume import complete_series
 from campaigns.measuring.run_state import SILENT
-from campaigns.measuring.session import complete_series, measure_series
+from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import PlanRequest, make_plan

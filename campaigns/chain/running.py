@@ -7,15 +7,15 @@ from campaigns.campaign import Campaign
 from campaigns.chain.work import engine_work, free_parameters
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Model
-from campaigns.measuring.resume import ResumeState, check_same_devices, resume_state
-from campaigns.measuring.run_state import SILENT, RunObserver
-from campaigns.measuring.session import (
-    RunResult,
+from campaigns.measuring.resume import (
+    ResumeState,
+    check_same_devices,
     complete_series,
-    measure_series,
-    run_result,
+    resume_state,
     series_to_take_up,
 )
+from campaigns.measuring.run_state import SILENT, RunObserver
+from campaigns.measuring.session import RunResult, measure_series, run_result
 from campaigns.measuring.stopping_rule import PredictedStop, predicted_stop, read_goal
 from campaigns.measuring.work import Cell, Work
 from campaigns.options import RunOptions
@@ -93,7 +93,7 @@ def run_outlook(
             if found is not None:
                 config = campaign.config
                 check_same_devices(found, config.controller.serial, config.tracker.serial)
-                kept = resume_state(work.steps, journal.shots(found.number))
+                kept = resume_state(work.steps, found.shots)
     skipped = [group for group in kept.left if group in work.skipped_groups]
     left = [shot for group in kept.left if group not in skipped for shot in shots_of(group)]
     return RunOutlook(

@@ -10,8 +10,6 @@ from campaigns.journal.records import Event, Outcome
 from campaigns.measuring.reference_poses import ReferencePose, rigid_body_test
 from campaigns.measuring.shot_taker import ShotRefused, ShotTaker
 from campaigns.measuring.work import Session
-from campaigns.planning.steps import Step
-from drivers.values import Vector3
 
 ANEW = (
     "what had been measured does not go with what would come: mend it, then begin anew with "
@@ -28,12 +26,14 @@ class StabilityCheck:
 
     def after_restart(self, references: Sequence[ReferencePose]) -> str:
         """What has changed since these were measured, in words; empty when nothing has."""
+        if len(references) == 1:
+            return self._of_one(references[0])
         return self._change("after the restart", references)
 
-    def of_one(self, step: Step, first_mm: Vector3) -> str:
+    def _of_one(self, reference: ReferencePose) -> str:
         """How far one pose has moved since it was measured, in words; empty within the limit."""
-        outcome = self.shot_taker.retry(partial(self.shot_taker.measure, step))
-        moved_mm = dist(first_mm, outcome.point_in_tracker_mm)
+        outcome = self.shot_taker.retry(partial(self.shot_taker.measure, reference.step))
+        moved_mm = dist(reference.then.point_in_tracker_mm, outcome.point_in_tracker_mm)
         limit_mm = self.session.work.gate.drift_mm
         text = drift_text("after the restart the pose is", moved_mm, limit_mm)
         self._write(f"shot {outcome.shot}: {text}")

@@ -29,7 +29,6 @@ from campaigns.measuring.work import Session
 from campaigns.planning.steps import Group, Step, groups, shots_of
 from campaigns.shots.shot_sets import ShotSet
 from drivers.errors import RobotStateUnknown
-from drivers.values import Vector3
 
 MOST_IN_A_ROW = 3
 """Groups one after another that cannot be measured; then it is not the poses."""
@@ -92,13 +91,13 @@ class Engine:
         """
         self._guarded(lambda: self._measure_all(left))
 
-    def check_unmoved(self, alone: tuple[Step, Vector3] | None) -> None:
-        """Measure reference poses again after a restart, or where there are few, one `alone`.
+    def check_unmoved(self) -> None:
+        """Measure reference poses again after a restart, or where there are few, one alone.
 
         Raises `GateRefused` when something has changed, unless the operator overrides it: what
         was measured before then predicts nothing any more. Stops the robot like `run`.
         """
-        self._guarded(lambda: self._refuse_change(alone))
+        self._guarded(self._refuse_change)
 
     def _guarded(self, work: Callable[[], None]) -> None:
         try:
@@ -142,7 +141,8 @@ class Engine:
     def _chosen_at_end(self) -> tuple[ReferencePose, ...]:
         """Poses that are compared at the end where none were after a restart."""
         work = self._session.work
-        return reference_poses(work.steps, self._gate.accepted) if work.compared_at_end else ()
+        found = reference_poses(work.steps, self._gate.accepted) if work.compared_at_end else ()
+        return found if len(found) > 1 else ()
 
     def _measured(self, group: Group) -> tuple[Group, ...]:
         """Measure a group, or defer it; gives what is to be measured before the rest.
@@ -296,22 +296,20 @@ class Engine:
         self._update_at_once()
         self._run_state.void(len(shots))
 
-    def _refuse_change(self, alone: tuple[Step, Vector3] | None) -> None:
-        work, change = self._session.work, ""
-        references = reference_poses(work.steps, self._gate.accepted)
-        if references:
-            change = self._stability.after_restart(references)
-        elif alone is not None:
-            change = self._stability.of_one(*alone)
-        if change and not work.override:
+    def _refuse_change(self) -> None:
+        references = reference_poses(self._session.work.steps, self._gate.accepted)
+        if not references:
+            return
+        change = self._stability.after_restart(references)
+        if change and not self._session.work.override:
             raise GateRefused(change, remedy=ANEW)
         if change:
             self._log.announce(Event("gone on anyway", f"gone on all the same: {change}"))
             self._gate.reset([shot.shot for shot in self._gate.accepted])
             self._monitors.drift.reset()
             self._update(None)
-            return
-        self._references = references
+        elif len(references) > 1:
+            self._references = references
 
     def _update_at_once(self) -> None:
         """By the running fit of the shots that count."""

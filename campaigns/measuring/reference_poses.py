@@ -73,24 +73,24 @@ class BodyComparison:
 
 
 def reference_poses(steps: Sequence[Step], kept: Sequence[Outcome]) -> tuple[ReferencePose, ...]:
-    """Three or four accepted poses far from each other and not on a line; none where there are few.
+    """Three or four accepted poses far from each other and not on a line; one where there are few.
 
     The first drift shot is the first of them, or else the first shot.
     """
     was = {outcome.shot: outcome for outcome in kept}
     taken = [ReferencePose(step, was[shot]) for step in steps if (shot := step.planned.shot) in was]
-    if len(taken) < FEWEST:
-        return ()
     taken.sort(key=lambda each: each.step.planned.purpose is not ShotSet.DRIFT)
+    if len(taken) < FEWEST:
+        return tuple(taken[:1])
     points = np.array([each.then.point_in_tracker_mm for each in taken])
     chosen = [0, int(np.argmax(np.linalg.norm(points - points[0], axis=1)))]
     along = points[chosen[1]] - points[0]
     length_mm = float(np.linalg.norm(along))
     if length_mm < SPREAD_MM:
-        return ()
+        return (taken[0],)
     height_mm = np.linalg.norm(np.cross(points - points[0], along / length_mm), axis=1)
     if height_mm.max() < SPREAD_MM:
-        return ()
+        return (taken[0],)
     chosen.append(int(np.argmax(height_mm)))
     while len(chosen) < min(MOST, len(taken)):
         nearest = np.linalg.norm(points[:, None] - points[chosen], axis=2).min(axis=1)

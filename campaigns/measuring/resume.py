@@ -1,4 +1,4 @@
-"""What an earlier session left of a series: whether and where it may go on."""
+"""What is there of a series: whether and where it may go on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,9 +7,10 @@ from campaigns.errors import ResumeRefused
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import PairVoided, SessionStarted, SessionStopped
 from campaigns.journal.views import AcceptedShot, Series
-from campaigns.planning.plan_file import PlannedShot
+from campaigns.measuring.stopping_rule import is_met
+from campaigns.measuring.work import Work
 from campaigns.planning.plan_match import plan_difference
-from campaigns.planning.steps import Group, Step, groups
+from campaigns.planning.steps import Group, Step, groups, shots_of
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Vector3
 
@@ -31,62 +32,63 @@ class ResumeState:
         first = min(drifts, key=lambda shot: shot.number, default=None)
         return first.outcome.point_in_tracker_mm if first else None
 
-    def reference(self, steps: Sequence[Step]) -> tuple[Step, Vector3] | None:
-        """A step to repeat after a restart and where it was: the drift pose's first, else any.
-
-        None when nothing has been measured that still counts.
-        """
-        was_mm = {s.intent.shot: s.outcome.point_in_tracker_mm for s in self.kept}
-        taken = [step for step in steps if step.planned.shot in was_mm]
-        drifts = [step for step in taken if step.planned.purpose is ShotSet.DRIFT]
-        found = next(iter(drifts or taken), None)
-        return (found, was_mm[found.planned.shot]) if found else None
-
 
 def resume_state(steps: Sequence[Step], accepted: Sequence[AcceptedShot]) -> ResumeState:
     """Sort what has been accepted of these steps into whole groups and cut ones."""
     taken = {shot.intent.shot for shot in accepted}
-    left = tuple(
-        group for group in groups(steps) if any(step.planned.shot not in taken for step in group)
+    left = tuple(group for group in groups(steps) if not set(shots_of(group)) <= taken)
+    reason = "the session ended between the two shots of the pair"
+    cut = (
+        (group[0].planned.pair, tuple(shot for shot in shots_of(group) if shot in taken))
+        for group in left
     )
-    halves = tuple(half for group in left if (half := _half(group, taken)))
+    halves = tuple(
+        PairVoided(pair, shots, reason) for pair, shots in cut if shots and pair is not None
+    )
     voided = {shot for half in halves for shot in half.shots}
     kept = tuple(shot for shot in accepted if shot.intent.shot not in voided)
     return ResumeState(kept, halves, left)
 
 
-def _half(group: Group, taken: set[int]) -> PairVoided | None:
-    shots = tuple(step.planned.shot for step in group if step.planned.shot in taken)
-    pair = group[0].planned.pair
-    if not shots or pair is None:
-        return None
-    return PairVoided(pair, shots, "the session ended between the two shots of the pair")
+def missing_shots(series: Series, work: Work) -> tuple[int, ...]:
+    """Shots of the plan that are not among the accepted ones of its series, in their order."""
+    taken = {shot.intent.shot for shot in series.shots}
+    numbers = (step.planned.shot for step in work.steps)
+    return tuple(number for number in numbers if number not in taken)
 
 
-def other_plan(
-    series: Series,
-    accepted: Sequence[AcceptedShot],
-    planned: Sequence[PlannedShot],
-    plan_digest: str,
-) -> str:
-    """How a plan is another one than that of a series, in words; empty when it is not.
+def complete_series(journal: JournalReader, work: Work) -> Series | None:
+    """The latest series of this stage if it is finished and measured this very plan.
 
-    Only plan.csv, which a run measures, is edited by people: rows may go and come. Other stages
-    make their plans themselves, and one of them is the same to the last digit or another one.
+    To one that ended early something is left, unless it meets the goal of this work, or all that is
+    left shall be skipped.
     """
-    began = series.started
-    if began.plan_digest == plan_digest:
-        return ""
-    if began.stage == "run":
-        return plan_difference((shot.intent for shot in accepted), planned)
-    return f"{began.plan_digest[:8]}…, now {plan_digest[:8]}…"
+    latest = journal.latest_series(work.stage)
+    if latest is None or not latest.finished or _other_plan(latest, work):
+        return None
+    skipped = {shot for group in work.skipped_groups for shot in shots_of(group)}
+    if set(missing_shots(latest, work)) <= skipped:
+        return latest
+    return latest if work.goal and is_met(work.goal, work.known_from(latest.shots)) else None
 
 
-def check_same_robot(series: Series, robot_file_digest: str) -> None:
-    """Raise `ResumeRefused` unless the parameter set is the one that the series began with."""
-    then, now = series.started.robot_file_digest, robot_file_digest
+def series_to_take_up(journal: JournalReader, work: Work) -> Series | None:
+    """The series to go on with: an unfinished one, or one that lacks shots of this plan.
+
+    Raises `ResumeRefused` when plan or parameters are not those it began with.
+    """
+    latest = journal.latest_series(work.stage)
+    if latest is None:
+        return None
+    difference = _other_plan(latest, work)
+    if latest.finished and (difference or not missing_shots(latest, work)):
+        return None
+    if difference:
+        raise _refused(latest, f"another plan ({difference})")
+    then, now = latest.started.robot_file_digest, work.robot_file_digest
     if then != now:
-        raise refused(series, f"another parameter set ({then[:8]}…, now {now[:8]}…)")
+        raise _refused(latest, f"another parameter set ({then[:8]}…, now {now[:8]}…)")
+    return latest
 
 
 def check_same_devices(
@@ -100,22 +102,34 @@ def check_same_devices(
     ):
         then = before.serial if before else "unknown"
         if now is not None and then != now:
-            raise refused(series, f"the {device} of serial number {then}, now it is {now}")
+            raise _refused(series, f"the {device} of serial number {then}, now it is {now}")
 
 
 def how_it_stopped(journal: JournalReader, series: int) -> str:
     """How the last session of a series ended."""
     records = [entry.record for entry in journal.records(series)]
-    last = [record for record in records if isinstance(record, SessionStarted | SessionStopped)][
-        -1:
-    ]
-    if last and isinstance(last[0], SessionStopped):
-        return f"'{last[0].reason}'"
+    sessions = [each for each in records if isinstance(each, SessionStarted | SessionStopped)]
+    if sessions and isinstance(sessions[-1], SessionStopped):
+        return f"'{sessions[-1].reason}'"
     return "a crash: the last session wrote no end"
 
 
-def refused(series: Series, began_with: str) -> ResumeRefused:
-    """Error that says with what else a series was begun."""
+def _other_plan(series: Series, work: Work) -> str:
+    """How the plan is another one than that of a series, in words; empty when it is not.
+
+    Only plan.csv, which a run measures, is edited by people: rows may go and come. Other stages
+    make their plans themselves, and one of them is the same to the last digit or another one.
+    """
+    began = series.started
+    if began.plan_digest == work.plan_digest:
+        return ""
+    if began.stage == "run":
+        planned = [step.planned for step in work.steps]
+        return plan_difference((shot.intent for shot in series.shots), planned)
+    return f"{began.plan_digest[:8]}…, now {work.plan_digest[:8]}…"
+
+
+def _refused(series: Series, began_with: str) -> ResumeRefused:
     return ResumeRefused(
         f"series {series.number} ({series.started.stage}) was begun with {began_with}",
         remedy=REMEDY,

@@ -14,7 +14,7 @@ from campaigns.measuring.monitors import InnovationGate
 from campaigns.measuring.motion import Mover
 from campaigns.measuring.precision_monitor import PrecisionMonitor
 from campaigns.measuring.reference_poses import ReferenceNoise
-from campaigns.measuring.run_state import RunState
+from campaigns.measuring.run_state import ParameterPrecision, RunState
 from campaigns.measuring.series_log import SeriesLog
 from campaigns.measuring.stopping_rule import PrecisionGoal
 from campaigns.measuring.tracker_place import Station
@@ -82,6 +82,10 @@ class Work:
         shots = [step.planned for step in self.steps]
         rng = np.random.default_rng(WORKSPACE_SEED)
         return PrecisionMonitor.of_plan(shots, self.robot, self.setup, rng)
+
+    def known_from(self, shots: Iterable[AcceptedShot]) -> ParameterPrecision | None:
+        """What the accepted shots of a series tell of the parameters, as `identify` will find."""
+        return self.precision_monitor().fitted(shot.outcome for shot in shots)
 
     def reference_noise(self, outcomes: Sequence[Outcome]) -> ReferenceNoise:
         """Noise of poses measured twice: the tracker's, and the robot's own by these shots.

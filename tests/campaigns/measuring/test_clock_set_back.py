@@ -9,7 +9,6 @@ import numpy as np
 from fake_cell import ROBOT
 from journal_story import SESSION, STOPPED, beginning, intent, outcome
 
-from campaigns.chain.identification import _sessions
 from campaigns.evaluation.time_series import time_series
 from campaigns.journal.journal import open_journal, read_journal
 from campaigns.journal.records import Record
@@ -63,4 +62,4 @@ def test_a_shot_is_of_the_session_that_began_before_it_by_record(tmp_path: Path)
         tmp_path, SESSION, intent(1), outcome(1), STOPPED, SESSION, intent(2), outcome(2)
     )
     with read_journal(path) as journal:
-        assert _sessions(journal, 1) == {1: 1, 2: 2}
+        assert [shot.session for shot in journal.shots(1)] == [1, 2]

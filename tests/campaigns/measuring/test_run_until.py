@@ -25,8 +25,8 @@ from campaigns.journal.records import (
     SessionStopped,
 )
 from campaigns.journal.views import Entry
+from campaigns.measuring.resume import complete_series, missing_shots
 from campaigns.measuring.run_state import ParameterPrecision
-from campaigns.measuring.session import complete_series, missing_shots, precision_from
 from campaigns.measuring.work import Work
 from campaigns.shots.shot_sets import ShotSet
 
@@ -138,7 +138,7 @@ def test_a_goal_that_the_shots_scatter_too_much_for_is_not_met(tmp_path: Path) -
     with journal_in(tmp_path, []) as journal:
         shots = journal.shots(1)
         assert not goals_met(journal)
-        known = precision_from(shots, until(SHARPER_MM))
+        known = until(SHARPER_MM).known_from(shots)
     assert numbers(shots) == ALL
     assert known.length_std_mm > SHARPER_MM > known.length_std_mm / known.scale
     assert known.scatter == pytest.approx(3.0, rel=0.3)
@@ -168,7 +168,7 @@ def test_a_covariance_that_cannot_be_neither_ends_a_run_nor_meets_a_goal(tmp_pat
     with journal_in(tmp_path, []) as journal:
         assert numbers(journal.shots(1)) == ALL
         assert not goals_met(journal)
-        assert precision_from(journal.shots(1), until(GOAL_MM)) is None
+        assert until(GOAL_MM).known_from(journal.shots(1)) is None
     assert cell.watcher.told[-1].known is None
 
 
@@ -183,7 +183,7 @@ def test_an_early_end_finishes_the_series(ended_early: Path) -> None:
         assert journal.latest_series("run").finished
         assert complete_series(journal, until(GOAL_MM)).number == 1
         assert complete_series(journal, until(2.0 * GOAL_MM)).number == 1
-        assert missing_shots(journal.shots(1), until(None))
+        assert missing_shots(journal.latest_series("run"), until(None))
         stopped = journal.records_of(SessionStopped)[-1].record
     assert (stopped.how, stopped.reason) == ("finished", "everything wanted was measured")
 
@@ -314,7 +314,7 @@ def test_what_is_held_at_nominal_scatters_what_is_told_while_it_is_measured(tmp_
     cell = noisy_cell(truth=off)
     with journal_in(tmp_path, cell.calls) as journal:
         shots = journal.shots(cell.measure(journal, freeing(FEWER)))
-    by_a_fit, at_the_end = precision_from(shots, freeing(FEWER)), cell.watcher.told[-1].known
+    by_a_fit, at_the_end = freeing(FEWER).known_from(shots), cell.watcher.told[-1].known
     assert by_a_fit.scatter > 2.0
     assert at_the_end.scatter == pytest.approx(by_a_fit.scatter, rel=0.1)
 
@@ -327,7 +327,7 @@ def test_what_is_known_is_of_the_parameters_that_identify_will_look_for(
     with journal_in(tmp_path, cell.calls) as journal:
         shots = journal.shots(cell.measure(journal, freeing(free)))
     at_the_end = cell.watcher.told[-1].known
-    by_a_fit, usual = (precision_from(shots, each) for each in (freeing(free), until(None)))
+    by_a_fit, usual = (each.known_from(shots) for each in (freeing(free), until(None)))
     assert at_the_end.shots == by_a_fit.shots == len(IDENTIFICATION)
     assert at_the_end.length_std_mm == pytest.approx(by_a_fit.length_std_mm, rel=0.05)
     assert (by_a_fit.length_std_mm > 1.02 * usual.length_std_mm) is (free == MORE)

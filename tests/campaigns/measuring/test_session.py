@@ -21,7 +21,8 @@ from campaigns.journal.records import (
     SessionStopped,
 )
 from campaigns.measuring.monitors import InnovationGate
-from campaigns.measuring.session import SkippedShots, complete_series, run_result
+from campaigns.measuring.resume import complete_series
+from campaigns.measuring.session import SkippedShots, run_result
 from campaigns.planning.steps import groups, joint_steps
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Weather
