@@ -8,16 +8,13 @@ model. Unseen positions, rms in µm, medians. Exit code 1 when a figure misses i
 campaigns take about five minutes of one core.
 """
 
-import csv
-import json
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
-from benchmarks.shared.programs import pkmcal
+from benchmarks.shared.studies import Studied, options, studied
 from benchmarks.shared.yardstick import Figure, Report, Table, main
+from campaigns.studies.study import CampaignRow
 
 SHOTS = 80
 MODELS = ("standard", "rods", "full", "auto")
@@ -33,43 +30,24 @@ FLOOR = 1.15 * 6.9 / 5.2
 COVERED = (0.93, 0.97)
 RIGHTLY = 0.95
 
-Row = Mapping[str, str]
-
 
 def measure(campaigns: int, robot: str) -> Report:
-    with TemporaryDirectory() as folder:
-        document, rows = studied(Path(folder) / "campaign", campaigns, robot)
-    kinds = {one["model"]: one["by_kind"] for one in document["effects"]}
+    asked = ("--effects", "imperfect-parts", *options("model", MODELS))
+    found = studied(robot, "paper-simulation", SHOTS, asked, campaigns)
+    by_model = {one.told["model"]: one for one in found}
+    kinds = {model: one.told["by_kind"] for model, one in by_model.items()}
     left = [
         (each["kind"], *(1e3 * kinds[model][place]["position_mm"] for model in MODELS))
         for place, each in enumerate(kinds["standard"])
     ]
     kept = [(each["kind"], each["campaigns"], words(each["kept"])) for each in kinds["auto"]]
     return Report(
-        [*limits(left, robot), coverage(kinds["full"]), *choices(rows)],
+        [*limits(left, robot), coverage(kinds["full"]), *choices(by_model)],
         [
             Table("unseen positions, µm, by model", ("parts", *MODELS), left),
             Table("models that auto kept", ("parts", "of", "kept"), kept),
         ],
     )
-
-
-def studied(
-    folder: Path, campaigns: int, robot: str
-) -> tuple[dict[str, Any], dict[str, list[Row]]]:
-    """The study's document (Any: read from JSON), and its tables by model."""
-    name = str(folder)
-    pkmcal("new", name, "--robot", robot, "--scenario", "paper-simulation")
-    pkmcal("plan", name, "--shots", str(SHOTS))
-    asked = [word for model in MODELS for word in ("--model", model)]
-    count = ("--campaigns", str(campaigns), "--workers", "1")
-    _, out = pkmcal("study", name, "--effects", "imperfect-parts", *count, *asked, "--json")
-    document = json.loads(out)
-    rows = {}
-    for one in document["effects"]:
-        with Path(one["path"]).open(encoding="utf-8") as file:
-            rows[one["model"]] = list(csv.DictReader(file))
-    return document, rows
 
 
 def limits(left: Sequence[tuple[Any, ...]], robot: str) -> list[Figure]:
@@ -94,21 +72,30 @@ def coverage(kinds: Sequence[Mapping[str, Any]]) -> Figure:
     return Figure("95 % intervals of full that hold", share, "", *COVERED)
 
 
-def choices(rows: Mapping[str, Sequence[Row]]) -> list[Figure]:
+def choices(by_model: Mapping[str, Studied]) -> list[Figure]:
     """How often auto keeps the standard model of perfect parts, and enough of others."""
-    perfect = [row["model"] == "standard" for row in rows["auto"] if row["what"] == "none"]
+    rows = {model: studied.rows for model, studied in by_model.items()}
+    perfect = [
+        row.verdict is not None and row.verdict.model == "standard"
+        for row in rows["auto"]
+        if row.what == "none"
+    ]
     halved, enough = 0, 0
     for auto, standard, full in zip(rows["auto"], rows["standard"], rows["full"], strict=True):
-        least = float(full["position_mm"] or "nan")
-        if least < 0.5 * float(standard["position_mm"] or "nan"):
+        least = left_mm(full)
+        if least < 0.5 * left_mm(standard):
             halved += 1
-            larger = auto["model"] not in {"standard", "rods"}
-            enough += larger or float(auto["position_mm"]) <= ABOVE * least
+            larger = auto.verdict is not None and auto.verdict.model not in {"standard", "rods"}
+            enough += larger or left_mm(auto) <= ABOVE * least
     return [
         Figure("22 kept of perfect parts", share_of(sum(perfect), len(perfect)), lowest=RIGHTLY),
         Figure("full or as good where it halves", share_of(enough, halved), lowest=RIGHTLY),
         Figure("campaigns where full leaves less than half", float(halved)),
     ]
+
+
+def left_mm(row: CampaignRow) -> float:
+    return math.nan if row.verdict is None else row.verdict.position_mm
 
 
 def share_of(some: int, count: int) -> float:

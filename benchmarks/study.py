@@ -11,7 +11,7 @@ from benchmarks.shared.rounds import Contestant, contestant, least_s, take_turns
 from benchmarks.shared.studies import tasks_of
 from benchmarks.shared.yardstick import Figure, Report, main
 from campaigns.estimation.estimators import Estimator
-from campaigns.studies.study import run_task
+from campaigns.studies.engine import run_task
 
 CAMPAIGNS = 100
 """Each round, of each case."""

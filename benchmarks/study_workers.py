@@ -19,7 +19,8 @@ from benchmarks.shared.rounds import medians
 from benchmarks.shared.studies import tasks_of
 from benchmarks.shared.yardstick import Figure, Report, main
 from campaigns.estimation.estimators import Estimator
-from campaigns.studies.study import StudyTask, run_task
+from campaigns.studies.engine import run_task
+from campaigns.studies.study import StudyTask
 
 LEAST_OF_THE_MACHINE = 0.9
 START_S = 60.0

@@ -41,7 +41,8 @@ from campaigns.robots import robot as robots
 from campaigns.robots.robot import RobotFile, pose_of
 from campaigns.shots import shots_csv
 from campaigns.shots.shots import Shots, shots_of_rows
-from campaigns.studies.study import StudySetup, StudyTask, planned_shots, run_task
+from campaigns.studies.engine import run_task
+from campaigns.studies.study import StudySetup, StudyTask, planned_shots
 from campaigns.studies.summary import StudySummary, summarise
 from drivers.values import Vector3
 

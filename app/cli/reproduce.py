@@ -18,7 +18,14 @@ from app.options import Json
 from app.papers.corbel2006.comparison import Failed, compare
 from app.papers.corbel2006.evidence import evidence
 from app.papers.corbel2006.page import Page, page_html, page_of
-from app.papers.corbel2006.trials import Trial, TrialResult, TrialTable, rehearsed, trials
+from app.papers.corbel2006.trials import (
+    EXPERIMENTS,
+    Trial,
+    TrialResult,
+    rehearsed,
+    trial_table,
+    trials,
+)
 from app.progress import CountedWork
 from app.report.parts import Paragraph, Table
 from app.study.running import Job, run_jobs
@@ -27,6 +34,7 @@ from campaigns.campaign import now_utc
 from campaigns.errors import Interrupted, OptionsInvalid
 from campaigns.files.lock import campaign_lock
 from campaigns.files.text_file import make_folder, replace_text
+from campaigns.studies.engine import ResultTable
 
 DEFAULT_FOLDER = Path("reproduction")
 PAGE, RESULTS = "reproduction.html", "results.jsonl"
@@ -94,7 +102,7 @@ def reproduce(folder: Path, seeds: int, workers: int, terminal: Terminal) -> Pag
     """
     make_folder(folder)
     with campaign_lock(folder, now_utc=now_utc):
-        results, failed = measure(TrialTable(folder / RESULTS), trials(seeds), workers, terminal)
+        results, failed = measure(trial_table(folder / RESULTS), trials(seeds), workers, terminal)
         comparison = compare(results, seeds, failed)
         page = page_of(results, comparison, evidence(results), now_utc())
         replace_text(folder / PAGE, page_html(page))
@@ -102,19 +110,19 @@ def reproduce(folder: Path, seeds: int, workers: int, terminal: Terminal) -> Pag
 
 
 def measure(
-    table: TrialTable, wanted: Sequence[Trial], workers: int, terminal: Terminal
+    table: ResultTable[TrialResult], wanted: Sequence[Trial], workers: int, terminal: Terminal
 ) -> tuple[tuple[TrialResult, ...], tuple[Failed, ...]]:
     """Results of trials in their order, kept ones and new ones, and what failed."""
     known = table.read()
-    recipes = {trial.experiment: trial.experiment.recipe() for trial in wanted}
+    recipes = {experiment: experiment.recipe() for experiment in EXPERIMENTS}
     keys = {
         trial: (trial.experiment.name, trial.seed, recipes[trial.experiment]) for trial in wanted
     }
-    left = [Job(0, trial, 1) for trial in wanted if keys[trial] not in known]
+    left = [Job(table, trial) for trial, key in keys.items() if key not in known]
     done = len(wanted) - len(left)
     if done:
         terminal.note(f"{done} of {len(wanted)} seeds are kept from before")
-    lost: tuple[tuple[Job[Trial], str], ...] = ()
+    lost: tuple[tuple[Job[Trial, TrialResult], str], ...] = ()
     if left:
         screen = Console(stderr=True, highlight=False)
         counted = CountedWork(screen, "seeds", len(wanted), done=done, now_s=time.monotonic)
@@ -125,7 +133,7 @@ def measure(
                 TemporaryDirectory(prefix="pkmcal-reproduce-", ignore_cleanup_errors=True) as room,
             ):
                 work = partial(rehearsed, Path(room))
-                lost = run_jobs(left, work, processes, [table], [known], counted)
+                lost = run_jobs(left, work, processes, [table], counted)
         except KeyboardInterrupt as stopped:
             raise Interrupted(
                 "stopped by the operator; the results of finished seeds are kept",

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from json import dumps as json_text
 from pathlib import Path
 from typing import Annotated
 
@@ -13,23 +13,10 @@ from app.console import WARNING, Terminal, terminal_of
 from app.exits import Exit
 from app.options import Folder, Json, Plot
 from app.progress import CountedWork
-from app.study import tables
-from app.study.combinations import Combination, combinations, told_words
-from app.study.comparison import Compared, compare, comparison_csv
-from app.study.document import document_text, study_document
-from app.study.effects import (
-    EXPLAINED,
-    StudiedEffect,
-    effect_combinations,
-    effect_names,
-    effect_table,
-    effects_csv,
-    effects_document,
-    run_effect_study,
-    wrong_by_method,
-)
+from app.study.errors import Errors, compare
 from app.study.running import run_study
-from app.study.setup import CHOICES, StudyOptions, left_out
+from app.study.setup import CHOICES, Combination, StudyOptions, combinations, left_out
+from app.study.verdicts import Verdicts, sized_verdicts
 from app.study.workers import workers_of
 from campaigns.campaign import Campaign, now_utc, open_campaign
 from campaigns.errors import OptionsInvalid
@@ -40,9 +27,6 @@ from campaigns.identification.options import Fixed, Freed
 
 MOST_CAMPAIGNS = 1_000_000
 OUTPUTS = "study"
-COMPARISON, DOCUMENT = "comparison.csv", "study.json"
-EFFECTS_TABLE, EFFECTS_DOCUMENT = "effects.csv", "effects.json"
-"""What is written into the folder beside the tables."""
 
 Campaigns = Annotated[
     int,
@@ -144,105 +128,69 @@ def command(
         plans=plan or (),
         scenarios=scenario or (),
         estimators=estimator or (),
+        weights=weights or (),
+        models=model or (),
+        effects=effects or (),
         freed=free,
         fixed=fix,
         seed=seed,
-        weights=weights or (),
-        models=model or (),
     )
-    goal = Goal(campaigns, workers, to or opened.path(OUTPUTS))
-    if effects:
-        if plot is not None:
-            raise OptionsInvalid(
-                "--plot draws no effects", remedy="leave it out; the table is in effects.csv"
-            )
-        told = study_effects(opened, asked, effect_names(effects), goal, terminal)
-        terminal.document(told)
-        if told["lost"]:
-            raise typer.Exit(Exit.NOT_GOOD)
-        return
-    if chosen := CHOICES & {*asked.models}:
-        raise OptionsInvalid(
-            f"--model {min(chosen)} finds other parameters in each campaign, whose σ don't compare",
-            remedy="name one, such as --model full, or study the choice with --effects",
-        )
-    document, compared = study(opened, asked, goal, terminal)
-    show(terminal, compared)
-    if plot is not None:
-        draw(terminal, compared, plot)
+    _check_together(asked, plot)
+    to = to or opened.path(OUTPUTS)
+    document, found = study(opened, asked, campaigns, workers, to, terminal)
+    found.show(terminal)
+    terminal.say(f"written: {to}")
+    if plot is not None and isinstance(found, Errors):
+        draw(terminal, found, plot)
     terminal.document(document)
     if document["lost"]:
         raise typer.Exit(Exit.NOT_GOOD)
 
 
-@dataclass(frozen=True, slots=True)
-class Goal:
-    """How many campaigns of each combination there shall be, by whom, and where."""
-
-    campaigns: int
-    workers: str | None
-    to: Path
+def _check_together(asked: StudyOptions, plot: Path | None) -> None:
+    """Raise `OptionsInvalid` for what is for effects alone, or not for them."""
+    if asked.effects:
+        if plot is not None:
+            raise OptionsInvalid(
+                "--plot draws no effects", remedy="leave it out; the table is in effects.csv"
+            )
+    elif chosen := CHOICES & {*asked.models}:
+        raise OptionsInvalid(
+            f"--model {min(chosen)} finds other parameters in each campaign, whose σ don't compare",
+            remedy="name one, such as --model full, or study the choice with --effects",
+        )
 
 
 def study(
-    campaign: Campaign, asked: StudyOptions, goal: Goal, terminal: Terminal
-) -> tuple[dict[str, object], tuple[Compared, ...]]:
-    """Run what the tables lack, with their folder held, and write what all of it shows."""
-    began_s = time.monotonic()
-    found, results_of = combinations(campaign, asked, goal.to), workers_of(goal.workers)
-    tell_what_is_left_out(terminal, found)
-    make_folder(goal.to)
-    with campaign_lock(goal.to, now_utc=now_utc):
-        studied = run_study(found, range(goal.campaigns), results_of, counting)
-        compared = compare(studied)
-        told = study_document(compared, asked.seed, time.monotonic() - began_s)
-        document = told | {"path": str(goal.to)}
-        replace_text(goal.to / COMPARISON, comparison_csv(compared))
-        replace_text(goal.to / DOCUMENT, document_text(document))
-    return document, compared
-
-
-def study_effects(
     campaign: Campaign,
     asked: StudyOptions,
-    effects: Sequence[str],
-    goal: Goal,
+    campaigns: int,
+    workers: str | None,
+    to: Path,
     terminal: Terminal,
-) -> dict[str, object]:
-    """Run what the tables of effects lack, with their folder held, and write what all of it shows.
-
-    Gives the document.
-    """
+) -> tuple[dict[str, object], Errors | Verdicts]:
+    """Run what the tables in `to` lack, with their folder held, and write what all of it shows."""
     began_s = time.monotonic()
-    found = effect_combinations(campaign, asked, effects, goal.to)
-    results_of = workers_of(goal.workers)
-    tell_what_is_left_out(terminal, [each.base for each in found])
-    make_folder(goal.to)
-    with campaign_lock(goal.to, now_utc=now_utc):
-        studied = run_effect_study(found, range(goal.campaigns), results_of, counting)
-        told = effects_document(studied, asked.seed, time.monotonic() - began_s)
-        document = told | {"path": str(goal.to)}
-        replace_text(goal.to / EFFECTS_TABLE, effects_csv(studied))
-        replace_text(goal.to / EFFECTS_DOCUMENT, document_text(document))
-    show_effects(terminal, studied, goal.to)
-    return document
-
-
-def show_effects(terminal: Terminal, studied: Sequence[StudiedEffect], folder: Path) -> None:
-    """The table for people, and the sum over all effects."""
-    terminal.table('How often is "pass" wrong?', *effect_table(studied))
-    terminal.note(EXPLAINED)
-    for method, (wrong, campaigns) in wrong_by_method(studied).items():
-        terminal.say(f"{method}: {wrong} wrong of {campaigns} campaigns")
-    for one in studied:
-        words = " · ".join(told_words(one.combination.words))
-        if one.found.failed:
-            terminal.say(f"{words}: {one.found.failed} campaigns without an answer", WARNING)
-        if one.lost:
-            reasons = "; ".join(one.reasons[: tables.NAMED])
-            again = "the same command tries them again"
-            terminal.say(f"{words}: {one.lost} campaigns lost: {reasons} → {again}", WARNING)
-    terminal.say(f"written: {folder}")
+    found, results_of = combinations(campaign, asked, to), workers_of(workers)
+    tell_what_is_left_out(terminal, found)
+    make_folder(to)
+    with campaign_lock(to, now_utc=now_utc):
+        studied = run_study(found, range(campaigns), results_of, counting)
+        summary: Errors | Verdicts
+        summary = (
+            Verdicts((*sized_verdicts(studied),)) if asked.effects else Errors(compare(studied))
+        )
+        document = summary.document() | {
+            "seed": asked.seed,
+            "computed": sum(one.computed for one in studied),
+            "lost": sum(one.lost for one in studied),
+            "seconds": time.monotonic() - began_s,
+            "path": str(to),
+        }
+        replace_text(to / summary.table_name, summary.csv())
+        text = json_text(document, allow_nan=False, indent=1)
+        replace_text(to / summary.document_name, f"{text}\n")
+    return document, summary
 
 
 def counting(total: int, done: int) -> CountedWork:
@@ -259,31 +207,10 @@ def tell_what_is_left_out(terminal: Terminal, combinations: Sequence[Combination
             terminal.note(f"{scenario.name}: not simulated here: {', '.join(effects)}", WARNING)
 
 
-def show(terminal: Terminal, compared: Sequence[Compared]) -> None:
-    """The result for people: of one combination every parameter, of several the worst of each."""
-    if len(compared) == 1:
-        rows = tables.parameter_rows(compared[0].summary)
-        terminal.table("Errors of the parameters (mm, deg)", tables.PARAMETERS, rows)
-    else:
-        rows = tables.honesty_rows(compared)
-        terminal.table("Errors of the parameters", tables.HONESTY, rows)
-    terminal.note(tables.EXPLAINED)
-    if unseen := tables.unseen_rows(compared):
-        terminal.table("Errors of unseen distances (mm)", tables.UNSEEN, unseen)
-    for label, one in zip(tables.labels(compared), compared, strict=True):
-        style = WARNING if one.summary.too_sure else ""
-        terminal.say(f"{label}: {tables.honesty(one.summary)}", style)
-        if one.summary.failed:
-            terminal.say(f"{label}: {tables.failures(one)}", WARNING)
-        if one.studied.lost:
-            terminal.say(f"{label}: {tables.losses(one)}", WARNING)
-    terminal.say(f"written: {compared[0].combination.table.path.parent}")
-
-
-def draw(terminal: Terminal, compared: Sequence[Compared], path: Path) -> None:
+def draw(terminal: Terminal, errors: Errors, path: Path) -> None:
     """Draw errors, coverage and what is left; raises `WriteFailed`."""
     from app.report.figures.drawing import save  # matplotlib only where it is used
     from app.study.pictures import study_picture
 
-    save(study_picture(compared), path)
+    save(study_picture(errors.compared), path)
     terminal.say(f"drawn: {path}")

@@ -18,10 +18,9 @@ from app.report.figures.drawing import (
     in_house_style,
     new_figure,
 )
-from app.study.comparison import Compared
-from app.study.tables import labels
+from app.study.errors import Compared
 from campaigns.estimation.information import CONFIDENCE
-from campaigns.studies.summary import normal_scores
+from campaigns.studies.summary import estimates, normal_scores
 
 Line = Literal["-", "--", ":", "-."]
 
@@ -89,15 +88,15 @@ def _handles(compared: Sequence[Compared], looks: Sequence[Look]) -> list[Line2D
             color=look.colour,
             marker=look.mark,
             linestyle=look.line,
-            label=f"{label} ({one.summary.campaigns} campaigns)",
+            label=f"{one.label} ({one.summary.campaigns} campaigns)",
         )
-        for label, one, look in zip(labels(compared), compared, looks, strict=True)
+        for one, look in zip(compared, looks, strict=True)
     ]
 
 
 def _scores(axes: Axes, one: Compared, look: Look) -> None:
     """How often which error in stated σ was found, all parameters together."""
-    scores = normal_scores(one.combination.setup, one.studied.outcomes)
+    scores = normal_scores(one.combination.setup, one.studied.rows)
     counts = np.histogram(scores, SCORES)[0]
     density = counts / (scores.size * np.diff(SCORES))
     axes.stairs(density, SCORES, color=look.colour, linestyle=look.line, linewidth=1.1)
@@ -112,12 +111,12 @@ def _standard_normal(axes: Axes) -> None:
 
 def _unseen(axes: Axes, one: Compared, look: Look) -> None:
     """In which share of campaigns the mean error of unseen distances stays below."""
-    if one.unseen_mm is None:
+    found = [estimate.unseen_mean_mm for estimate in estimates(one.studied.rows)]
+    means = [mean for mean in found if mean is not None]
+    if not means:
         return
-    found = [outcome.estimate for outcome in one.studied.outcomes if outcome.estimate is not None]
-    shares = np.linspace(0.0, 1.0, min(len(found), MOST_POINTS))
-    means = np.quantile([estimate.unseen_mean_mm for estimate in found], shares)
-    axes.plot(means, 100.0 * shares, color=look.colour, linestyle=look.line)
+    shares = np.linspace(0.0, 1.0, min(len(means), MOST_POINTS))
+    axes.plot(np.quantile(means, shares), 100.0 * shares, color=look.colour, linestyle=look.line)
 
 
 def _label_unseen(axes: Axes) -> None:

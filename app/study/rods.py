@@ -8,8 +8,8 @@ from campaigns.arrays import Array
 from campaigns.estimation.datum import datum_parameters
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import PARALLELOGRAM_SKEW, ParameterSpace
-from campaigns.studies.affected import ImperfectRobot
-from campaigns.studies.effects import Effect
+from campaigns.studies.perturbations import Perturbation
+from campaigns.studies.study import Forward
 from sim.geometry import Geometry, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism, turned
 from sim.robot.section import RobotSection
@@ -19,18 +19,20 @@ AXIS_TILT, RAIL_TILT = "axis_tilt_deg", "rail_tilt_deg"
 
 @dataclass(frozen=True, slots=True)
 class RodRobots:
-    """Robots of a scenario's build whose rods and axes an effect has put out."""
+    """Robots of a scenario's build whose rods and axes a perturbation has put out."""
 
     section: RobotSection
 
     def __call__(
-        self, true: Kinematics, effect: Effect, rng: np.random.Generator
-    ) -> ImperfectRobot:
-        """One of them, its plate as in the robot's drawing."""
+        self, true: Kinematics, perturbation: Perturbation, rng: np.random.Generator
+    ) -> tuple[Forward, Array]:
+        """One of them, its plate as in the robot's drawing, and its parameters."""
         section, kind, plate = self.section, self.section.kind, true.mechanism.plate
         geometry = geometry_of_model(true, section)
-        rods_mm = effect.rods_mm * rng.standard_normal((kind.arms, 2))
-        axes_rad = 1e-3 * effect.axes_mrad * rng.standard_normal((1 + kind.on_rails, kind.arms))
+        rods_mm = perturbation.rods_mm * rng.standard_normal((kind.arms, 2))
+        axes_rad = (
+            1e-3 * perturbation.axes_mrad * rng.standard_normal((1 + kind.on_rails, kind.arms))
+        )
         build = Build(
             plate_joints_mm=np.array(plate.joints_mm),
             rod_spacing_mm=section.rod_spacing_mm,
@@ -49,7 +51,7 @@ class RodRobots:
             return np.array(points)
 
         p = vector_of_parts(true, geometry, build)
-        return ImperfectRobot(forward, datum_parameters(true, Kinematics(true.mechanism, p)).p)
+        return forward, datum_parameters(true, Kinematics(true.mechanism, p)).p
 
 
 def geometry_of_model(model: Kinematics, section: RobotSection) -> Geometry:

@@ -1,74 +1,65 @@
-"""Runs what is missing in tables of results: it goes to workers, and what comes back is kept."""
+"""Runs what tables of results lack: it goes to workers, and what comes back is kept."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Generic
 
 from app.progress import CountedWork
-from app.study.combinations import Combination
-from app.study.results import Lost, Outcome, Task, Work, Workers
-from app.study.setup import study_tasks
-from campaigns.studies.store import Key, ResultTable
-from campaigns.studies.study import CampaignOutcome, StudyTask, run_task
+from app.study.results import Lost, Task, Work, Workers
+from app.study.setup import Combination, study_tasks
+from campaigns.studies.engine import ResultTable, Row, run_task
+from campaigns.studies.study import CampaignRow
 
 Counting = Callable[[int, int], CountedWork]
 """Shows how far it is, for so many campaigns or seeds in all and so many done before."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Job(Generic[Task]):
-    """Task, in which of several tables its outcomes belong, and how many they are to be."""
+class Job(Generic[Task, Row]):
+    """Task, the table in which its rows belong, and how many they are to be."""
 
-    table: int
+    table: ResultTable[Row]
     task: Task
-    count: int
+    count: int = 1
 
 
 def run_jobs(
-    jobs: Sequence[Job[Task]],
-    work: Work[Task, Outcome],
+    jobs: Sequence[Job[Task, Row]],
+    work: Work[Task, Row],
     workers: Workers,
-    tables: Sequence[ResultTable[Key, Outcome]],
-    known: Sequence[dict[Key, Outcome]],
+    tables: Sequence[ResultTable[Row]],
     counted: CountedWork,
-) -> tuple[tuple[Job[Task], str], ...]:
-    """Compute jobs, keep outcomes as they come, sort the tables at the end; gives what is lost.
+) -> tuple[tuple[Job[Task, Row], str], ...]:
+    """Compute jobs, keep rows as they come, sort the tables at the end; gives what is lost, why.
 
-    `known` is what the tables hold, and is kept so. Raises `OptionsInvalid` before anything is
-    written, and `WriteFailed`; what had come back until then is kept.
+    Raises `OptionsInvalid` before anything is written, and `WriteFailed`; what had come back until
+    then is kept.
     """
-    lost: list[tuple[Job[Task], str]] = []
+    lost: list[tuple[Job[Task, Row], str]] = []
     results = workers([job.task for job in jobs], work=work)
     with closing(results), counted:
-        _write(tables, known)
+        for table in tables:
+            table.write()
         for result in results:
             job = jobs[result.place]
             if isinstance(result, Lost):
                 lost.append((job, result.reason))
                 counted.news = f"{sum(job.count for job, _ in lost)} lost"
             else:
-                table = tables[job.table]
-                table.append(result.outcomes)
-                known[job.table].update((table.key_of(each), each) for each in result.outcomes)
+                job.table.add(result.outcomes)
             counted.advance(job.count)
-    _write(tables, known)
+    for table in tables:
+        table.write()
     return tuple(lost)
-
-
-def _write(
-    tables: Sequence[ResultTable[Key, Outcome]], known: Sequence[dict[Key, Outcome]]
-) -> None:
-    for table, outcomes in zip(tables, known, strict=True):
-        table.write(outcomes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Studied:
-    """All outcomes of a combination, by number, and how many were lost on the way."""
+    """All rows of a combination, by number, and how many were lost on the way."""
 
     combination: Combination
-    outcomes: tuple[CampaignOutcome, ...]
+    rows: tuple[CampaignRow, ...]
     computed: int
     """How many of them were not in the table before."""
     lost: int
@@ -85,28 +76,27 @@ def run_study(
     kept.
     """
     tables = [combination.table for combination in combinations]
-    known = [table.read() for table in tables]
-    begun = [len(each) for each in known]
-    jobs = list(_jobs(combinations, known, wanted))
+    begun = [len(table.read()) for table in tables]
+    jobs = [
+        Job(each.table, task, len(task.numbers))
+        for each in combinations
+        for task in study_tasks(
+            each.setup, each.scenario, [n for n in wanted if n not in each.table.rows]
+        )
+    ]
     total = len(combinations) * len(wanted)
     counted = counting(total, total - sum(job.count for job in jobs))
-    lost = run_jobs(jobs, run_task, workers, tables, known, counted)
-    return tuple(
-        Studied(
-            combination,
-            tuple(known[place][number] for number in wanted if number in known[place]),
-            len(known[place]) - begun[place],
-            sum(job.count for job, _ in lost if job.table == place),
-            tuple(dict.fromkeys(reason for job, reason in lost if job.table == place)),
+    lost = run_jobs(jobs, run_task, workers, tables, counted)
+    studied = []
+    for each, before in zip(combinations, begun, strict=True):
+        own = [(job.count, reason) for job, reason in lost if job.table is each.table]
+        studied.append(
+            Studied(
+                each,
+                tuple(each.table.rows[n] for n in wanted if n in each.table.rows),
+                len(each.table.rows) - before,
+                sum(count for count, _ in own),
+                tuple(dict.fromkeys(reason for _, reason in own)),
+            )
         )
-        for place, combination in enumerate(combinations)
-    )
-
-
-def _jobs(
-    combinations: Sequence[Combination], known: Sequence[dict[int, CampaignOutcome]], wanted: range
-) -> Iterator[Job[StudyTask]]:
-    for place, (combination, there) in enumerate(zip(combinations, known, strict=True)):
-        missing = (number for number in wanted if number not in there)
-        for task in study_tasks(combination.setup, combination.scenario, missing):
-            yield Job(place, task, len(task.numbers))
+    return tuple(studied)

@@ -1,28 +1,38 @@
-"""From a campaign's plan and a scenario to what a study's campaigns share, and to its tasks."""
+"""What a study compares: every perturbation, scenario, plan and method; the tasks of each."""
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from itertools import islice
+from dataclasses import dataclass, replace
+from itertools import chain, islice, product
 from pathlib import Path
 
 import numpy as np
 
 from app.new_campaign import SCENARIO, cell_text
-from app.study.rods import told_by, vector_of_parts
+from app.study.rods import RodRobots, told_by, vector_of_parts
 from app.wiring import require_same_mechanism
 from campaigns.campaign import Campaign
+from campaigns.design.pose_sampling import workspace_poses
 from campaigns.errors import OptionsInvalid, PlanInvalid
 from campaigns.estimation.datum import datum_parameters
 from campaigns.estimation.estimators import Estimator, Model, Weights
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.identification.model_selection import select_geometry
+from campaigns.identification.model_selection import candidate_models, select_geometry
 from campaigns.identification.options import IdentificationOptions
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plan_file import PlannedShot, read_plan
 from campaigns.planning.plans import joints_of
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.studies.study import StudySetup, StudyTask, indistinguishable, planned_shots
+from campaigns.studies.engine import ResultTable
+from campaigns.studies.perturbations import KINDS, PERTURBATIONS
+from campaigns.studies.study import (
+    CampaignRow,
+    StudySetup,
+    StudyTask,
+    indistinguishable,
+    planned_shots,
+)
 from sim.factory import build_of, true_geometry
 from sim.geometry import geometry_of
 from sim.scenarios.scenario import load_scenario, parse_scenario
@@ -31,54 +41,13 @@ from sim.tracker.optics import Noise
 
 CHOICES = frozenset({Model.AUTO, Model.EXTENDED})
 """Models that are chosen among others by what is measured."""
+ALL = "all"
+"""Stands for all perturbations but those that are told by size."""
+WORKSPACE_POSES, WORKSPACE_SEED = 300, 1
+TABLE_SCHEMA = "pkmcal/study-table/1"
+UNFIT_FOR_FILES = re.compile(r"[^\w.-]+")
 CAMPAIGNS_A_TASK = 25
 """A tenth of a second's work: long against sending it, short against all of it."""
-
-
-def study_scenario(campaign: Campaign, name: str | None) -> Scenario:
-    """The scenario asked for, or the campaign's own; raises `OptionsInvalid`, `ScenarioInvalid`."""
-    if name is not None:
-        return parse_scenario(cell_text(campaign.robot, name), name)
-    own: Path = campaign.path(SCENARIO)
-    if own.exists():
-        return load_scenario(str(own))
-    raise OptionsInvalid(
-        "this campaign is for real devices: nothing says what robots to simulate",
-        remedy="name a scenario, such as --scenario paper-simulation",
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class StudyOptions:
-    """What is compared, and what all combinations share.
-
-    Without plans, scenarios, estimators or models: the campaign's own plan and cell, points, and
-    the standard model.
-    """
-
-    plans: Sequence[Path]
-    scenarios: Sequence[str]
-    estimators: Sequence[Estimator]
-    freed: Sequence[str]
-    """Patterns of what is to be found beside what the model has free."""
-    fixed: Sequence[str]
-    seed: int
-    weights: Sequence[Weights] = ()
-    """Of distances; without any: as stated."""
-    models: Sequence[Model] = ()
-
-    @property
-    def methods(self) -> tuple["Method", ...]:
-        """Every estimator, distances by every way to weigh them, and every model."""
-        estimators = dict.fromkeys(self.estimators or [Estimator.POINTS])
-        weights = dict.fromkeys(self.weights or [Weights.STATED])
-        models = dict.fromkeys(self.models or [Model.STANDARD])
-        return tuple(
-            Method(estimator, each, model)
-            for estimator in estimators
-            for each in (weights if estimator is Estimator.DISTANCES else [Weights.STATED])
-            for model in models
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +68,168 @@ class Method:
         """`points`, `distances` or `distances, equal weights`."""
         equal = self.weights is Weights.EQUAL
         return f"{self.estimator.value}{', equal weights' if equal else ''}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudyOptions:
+    """What is compared, and what all combinations share.
+
+    Without plans, scenarios, estimators or models: the campaign's own plan and cell, points, and
+    the standard model. Without effects nothing goes wrong.
+    """
+
+    plans: Sequence[Path] = ()
+    scenarios: Sequence[str] = ()
+    estimators: Sequence[Estimator] = ()
+    weights: Sequence[Weights] = ()
+    """Of distances; without any: as stated."""
+    models: Sequence[Model] = ()
+    effects: Sequence[str] = ()
+    freed: Sequence[str] = ()
+    """Patterns of what is to be found beside what the model has free."""
+    fixed: Sequence[str] = ()
+    seed: int = 1
+
+    @property
+    def methods(self) -> tuple[Method, ...]:
+        """Every estimator, distances by every way to weigh them, and every model."""
+        weights = dict.fromkeys(self.weights or [Weights.STATED])
+        return tuple(
+            Method(estimator, each, model)
+            for estimator in dict.fromkeys(self.estimators or [Estimator.POINTS])
+            for each in (weights if estimator is Estimator.DISTANCES else [Weights.STATED])
+            for model in dict.fromkeys(self.models or [Model.STANDARD])
+        )
+
+    @property
+    def perturbations(self) -> tuple[str, ...]:
+        """Names of what goes wrong, each once; an empty one where nothing does.
+
+        Raises `OptionsInvalid` for one that there is not.
+        """
+        if unknown := [name for name in self.effects if name not in (ALL, *KINDS)]:
+            raise OptionsInvalid(
+                f"there is no effect {unknown[0]}", remedy=f"choose from {ALL}, {', '.join(KINDS)}"
+            )
+        names = [(*PERTURBATIONS,) if name == ALL else (name,) for name in self.effects]
+        return tuple(dict.fromkeys(chain.from_iterable(names))) or ("",)
+
+
+@dataclass(frozen=True, slots=True)
+class Combination:
+    """One perturbation, plan, scenario and method; its campaigns have a table of their own."""
+
+    plan: str
+    scenario: Scenario
+    setup: StudySetup
+    method: Method
+    table: ResultTable[CampaignRow]
+
+    @property
+    def words(self) -> dict[str, str]:
+        """What tells it from others, by the names of documents and tables."""
+        effect = {"effect": self.setup.perturbation} if self.setup.perturbation else {}
+        return {
+            **effect,
+            "plan": self.plan,
+            "scenario": self.scenario.name,
+            "estimator": str(self.method),
+            "model": self.method.model.value,
+        }
+
+    def __str__(self) -> str:
+        """As people are told; of the usual model nothing."""
+        return " · ".join(told_words(self.words))
+
+
+def told_words(words: dict[str, str]) -> list[str]:
+    """Words of a combination without the usual model."""
+    return [text for name, text in words.items() if (name, text) != ("model", Model.STANDARD)]
+
+
+def combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> tuple[Combination, ...]:
+    """All of them, by perturbation, scenario, plan and method; their tables lie in `folder`.
+
+    Raises `PlanInvalid`, `ScenarioInvalid` and `OptionsInvalid`, the latter also for a plan without
+    the unseen pairs by which a verdict is formed.
+    """
+    plans = dict.fromkeys(asked.plans or [campaign.plan_path])
+    names: Iterable[str | None] = dict.fromkeys(asked.scenarios) or [None]
+    perturbations = asked.perturbations
+    scenarios = [study_scenario(campaign, name) for name in names]
+    unperturbed = [
+        (plan, scenario, method, study_setup(campaign, plan, scenario, method, asked))
+        for scenario, plan, method in product(scenarios, plans, asked.methods)
+    ]
+    if perturbations != ("",):
+        unperturbed = [
+            (plan, scenario, method, _judging(campaign, scenario, method, setup, asked))
+            for plan, scenario, method, setup in unperturbed
+        ]
+    found = tuple(
+        _combination(plan, scenario, method, replace(setup, perturbation=name), folder)
+        for name in perturbations
+        for plan, scenario, method, setup in unperturbed
+    )
+    seen: dict[Path, Combination] = {}
+    for combination in found:
+        if seen.setdefault(combination.table.path, combination) is not combination:
+            raise OptionsInvalid(
+                f"two plans or scenarios are called alike: {combination}",
+                remedy="give one of the files another name (a scenario: another `name:`)",
+            )
+    return found
+
+
+def _judging(
+    campaign: Campaign, scenario: Scenario, method: Method, setup: StudySetup, asked: StudyOptions
+) -> StudySetup:
+    """The same with what all of `identify` and its verdict need; raises `OptionsInvalid`."""
+    if not len(setup.shots.whole_pairs(ShotSet.VALIDATION).rows):
+        raise OptionsInvalid(
+            f"{campaign.plan_path}: no validation pairs, without which nothing passes",
+            remedy="plan with some, as `pkmcal plan` does unless told otherwise",
+        )
+    robot, rng = campaign.robot, np.random.default_rng(WORKSPACE_SEED)
+    workspace = workspace_poses(
+        robot.kinematics, robot.limits, robot.workspace_centre, WORKSPACE_POSES, rng
+    )
+    models = None
+    if method.model in CHOICES:
+        space = setup.nominal.mechanism.parameters
+        models = candidate_models(space, method.model, asked.freed, asked.fixed)
+    return replace(
+        setup,
+        options=replace(setup.options, workspace=workspace),
+        beyond_model=RodRobots(scenario.robot),
+        models=models,
+        model=method.model,
+    )
+
+
+def _combination(
+    plan: Path, scenario: Scenario, method: Method, setup: StudySetup, folder: Path
+) -> Combination:
+    head: dict[str, object] = {"schema": TABLE_SCHEMA, "parameters": list(setup.free)}
+    head["study"] = setup.digest(scenario.robot.model_dump_json())
+    table = ResultTable(folder, CampaignRow, "pkmcal study", head)
+    found = Combination(plan.stem, scenario, setup, method, table)
+    words = (["effect"] if setup.perturbation else []) + told_words(found.words)
+    name = UNFIT_FOR_FILES.sub("_", "-".join(words).replace(", ", "-"))
+    return replace(found, table=replace(table, path=folder / f"{name}.jsonl"))
+
+
+def study_scenario(campaign: Campaign, name: str | None) -> Scenario:
+    """The scenario asked for, or the campaign's own; raises `OptionsInvalid`, `ScenarioInvalid`."""
+    if name is not None:
+        return parse_scenario(cell_text(campaign.robot, name), name)
+    own: Path = campaign.path(SCENARIO)
+    if own.exists():
+        return load_scenario(str(own))
+    raise OptionsInvalid(
+        "this campaign is for real devices: nothing says what robots to simulate",
+        remedy="name a scenario, such as --scenario paper-simulation",
+    )
 
 
 def study_setup(
@@ -130,11 +261,6 @@ def study_setup(
     )
     _check_enough(setup, plan)
     return setup
-
-
-def robots_drawn(scenario: Scenario) -> str:
-    """What decides the true robots, as text."""
-    return scenario.robot.model_dump_json()
 
 
 def left_out(scenario: Scenario, models: Iterable[Model]) -> tuple[str, ...]:

@@ -1,15 +1,30 @@
-"""The studies that throughput is measured by: par4-prototype by the paper's simulation."""
+"""The studies that are measured: throughput on par4-prototype, and `pkmcal study --effects`."""
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from app.study.setup import study_tasks, uncertainty_of
+from benchmarks.shared.programs import pkmcal
 from benchmarks.shared.prototype import CENTRE, EVERYWHERE, FREE, ROBOT
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.identification.options import IdentificationOptions
 from campaigns.planning.plans import PlanRequest, make_plan
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.studies.study import StudySetup, StudyTask, planned_shots
+from campaigns.studies.study import (
+    CampaignRow,
+    CampaignVerdict,
+    StudySetup,
+    StudyTask,
+    planned_shots,
+)
 from sim.scenarios.scenario import load_scenario
 
 SCENARIO = load_scenario("paper-simulation")
@@ -30,3 +45,43 @@ def tasks_of(estimator: Estimator, pairs: int, campaigns: int) -> list[StudyTask
         seed=1,
     )
     return list(study_tasks(setup, SCENARIO, range(campaigns)))
+
+
+@dataclass(frozen=True, slots=True)
+class Studied:
+    """A combination of `pkmcal study --effects`: what its document says (JSON), and its rows."""
+
+    told: dict[str, Any]
+    rows: Sequence[CampaignRow]
+
+    def verdicts(self, what: str | None = None) -> list[CampaignVerdict]:
+        """Verdicts on all campaigns, or on those of one size."""
+        return [
+            row.verdict for row in self.rows if row.verdict is not None and what in (None, row.what)
+        ]
+
+
+def studied(
+    robot: str, scenario: str, shots: int, asked: Iterable[str], campaigns: int, workers: int = 1
+) -> list[Studied]:
+    """Study with effects on a new campaign, by the program itself."""
+    with TemporaryDirectory() as room:
+        name = str(Path(room) / "campaign")
+        pkmcal("new", name, "--robot", robot, "--scenario", scenario)
+        pkmcal("plan", name, "--shots", str(shots))
+        count = ("--campaigns", str(campaigns), "--workers", str(workers))
+        _, out = pkmcal("study", name, *asked, *count, "--json")
+        rows = TypeAdapter(CampaignRow)
+        return [
+            Studied(told, [rows.validate_json(line) for line in lines_of(told["path"])[1:]])
+            for told in json.loads(out)["effects"]
+        ]
+
+
+def lines_of(path: str) -> list[str]:
+    return Path(path).read_text(encoding="utf-8").splitlines()
+
+
+def options(name: str, values: Iterable[str]) -> list[str]:
+    """A repeated option."""
+    return [word for value in values for word in (f"--{name}", value)]

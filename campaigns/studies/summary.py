@@ -1,7 +1,9 @@
-"""Summary of a study: sizes of errors, whether stated σ are honest, what better could be."""
+"""Summaries of a study: sizes of errors and honesty of σ; how often verdicts are wrong."""
 
 import math
-from collections.abc import Sequence
+import statistics
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +13,7 @@ from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
 from campaigns.estimation.estimators import Estimator, Weights
 from campaigns.estimation.information import CONFIDENCE, STATED_DOF, coverage_factor
-from campaigns.studies.study import CampaignEstimate, CampaignOutcome, StudySetup
+from campaigns.studies.study import CampaignEstimate, CampaignRow, StudySetup
 
 LEAST_CAMPAIGNS = 2
 QUANTILES = (0.5, 0.95)
@@ -78,23 +80,28 @@ class StudySummary:
         return tuple(p for p in self.parameters if p.ratio < ratio or p.covered > covered)
 
 
-def summarise(setup: StudySetup, outcomes: Sequence[CampaignOutcome]) -> StudySummary:
+def summarise(setup: StudySetup, rows: Sequence[CampaignRow]) -> StudySummary:
     """Summary of a study; raises `ShotsMissing` when fewer than two campaigns gave an estimate."""
-    found = [outcome.estimate for outcome in outcomes if outcome.estimate is not None]
+    found = estimates(rows)
     if len(found) < LEAST_CAMPAIGNS:
-        reasons = {outcome.failure for outcome in outcomes if outcome.failure}
+        reasons = {row.failure for row in rows if row.failure}
         raise ShotsMissing(
-            f"{len(found)} of {len(outcomes)} campaigns could be identified",
+            f"{len(found)} of {len(rows)} campaigns could be identified",
             remedy=f"ask for more campaigns, or look into: {'; '.join(sorted(reasons)) or '-'}",
         )
     return StudySummary(
         len(found),
-        len(outcomes) - len(found),
+        len(rows) - len(found),
         _parameters(setup, found),
         chance(setup, len(found)),
-        _quantiles(np.array([estimate.unseen_mean_mm for estimate in found])),
-        _quantiles(np.array([estimate.unseen_max_mm for estimate in found])),
+        _quantiles([estimate.unseen_mean_mm for estimate in found]),
+        _quantiles([estimate.unseen_max_mm for estimate in found]),
     )
+
+
+def estimates(rows: Sequence[CampaignRow]) -> list[CampaignEstimate]:
+    """Estimates of the campaigns that have one."""
+    return [row.estimate for row in rows if row.estimate is not None]
 
 
 def interval_factor(setup: StudySetup) -> float:
@@ -118,17 +125,17 @@ def _variance_is_estimated(setup: StudySetup) -> bool:
     return setup.estimator is Estimator.DISTANCES and setup.options.weights is Weights.EQUAL
 
 
-def normal_scores(setup: StudySetup, outcomes: Sequence[CampaignOutcome]) -> Array:
+def normal_scores(setup: StudySetup, rows: Sequence[CampaignRow]) -> Array:
     """Errors over their stated σ, (C, F): standard normal when those are honest.
 
     What would be Student's distribution is carried over to the normal one, quantile by quantile.
     """
-    found = [outcome.estimate for outcome in outcomes if outcome.estimate is not None]
-    scores = np.array([estimate.errors / estimate.std for estimate in found])
+    found = estimates(rows)
+    scores = np.array([one.errors for one in found]) / np.array([one.std for one in found])
     if _variance_is_estimated(setup):
         tails = stdtr(_effective_dof(setup), -np.abs(scores))
         return np.asarray(-np.sign(scores) * ndtri(tails))
-    return scores
+    return np.asarray(scores)
 
 
 def chance(setup: StudySetup, campaigns: int) -> Chance:
@@ -169,7 +176,74 @@ def _parameters(
     )
 
 
-def _quantiles(values: Array) -> tuple[float, ...] | None:
-    if np.isnan(values).any():
+def _quantiles(values: Sequence[float | None]) -> tuple[float, ...] | None:
+    known = [value for value in values if value is not None]
+    return tuple(np.quantile(known, QUANTILES).tolist()) if len(known) == len(values) else None
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictStatistics:
+    """Counts of campaigns in which something went wrong, and the honesty of their σ."""
+
+    campaigns: int
+    """With a verdict."""
+    failed: int
+    """Without: they cannot be identified, which is no pass."""
+    passed: int
+    off: int
+    """Passed with a parameter too far off in its σ."""
+    worse: int
+    """Passed with positions worse than stated."""
+    wrong: int
+    """Falsely accepted: passed with either."""
+    named: int
+    """Cause named, arm and place with it."""
+    false_alarms: int
+    errors_over_sigma: float | None
+    """Root mean square; None where no σ is known."""
+    covered: float | None
+    """Share of 95 % intervals that hold the truth."""
+    position_mm: float | None
+    """Real error of positions over the workspace, rms: in half of the campaigns."""
+    kept: Mapping[str, int]
+    """How often each model was kept."""
+
+    @property
+    def false_acceptance_rate(self) -> float:
+        """Falsely accepted campaigns over all with a verdict; 0 without any."""
+        return self.wrong / max(self.campaigns, 1)
+
+
+def verdict_statistics(rows: Sequence[CampaignRow]) -> VerdictStatistics:
+    """Counts over campaigns."""
+    found = [row.verdict for row in rows if row.verdict is not None]
+    squares = _mean([(each.square_over_variance, each.known) for each in found])
+    return VerdictStatistics(
+        campaigns=len(found),
+        failed=len(rows) - len(found),
+        passed=sum(each.passed for each in found),
+        off=sum(each.passed and each.off() for each in found),
+        worse=sum(each.passed and each.worse for each in found),
+        wrong=sum(each.falsely_accepted for each in found),
+        named=sum(each.named for each in found),
+        false_alarms=sum(each.false_alarm for each in found),
+        errors_over_sigma=None if squares is None else math.sqrt(squares),
+        covered=_mean([(each.covered, each.known) for each in found]),
+        position_mm=statistics.median(each.position_mm for each in found) if found else None,
+        kept=dict(sorted(Counter(each.model for each in found).items())),
+    )
+
+
+def by_size(rows: Sequence[CampaignRow]) -> dict[str, VerdictStatistics]:
+    """Counts over the campaigns of each size of what goes wrong, by its words."""
+    sizes = dict.fromkeys(row.what for row in rows)
+    return {size: verdict_statistics([row for row in rows if row.what == size]) for size in sizes}
+
+
+def _mean(weighted: Sequence[tuple[float | None, int]]) -> float | None:
+    """Weighted mean of what is known; None without any."""
+    known = [(value, weight) for value, weight in weighted if value is not None and weight]
+    if not known:
         return None
-    return tuple(np.quantile(values, QUANTILES).tolist())
+    values, weights = zip(*known, strict=True)
+    return float(np.average(values, weights=weights))

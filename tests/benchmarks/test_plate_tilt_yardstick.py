@@ -4,6 +4,8 @@ import pytest
 
 from benchmarks import plate_tilt
 from benchmarks.plate_tilt import REFERENCE_UM, choices, coverage, limits
+from benchmarks.shared.studies import Studied
+from campaigns.studies.study import CampaignRow, CampaignVerdict
 
 pytestmark = pytest.mark.long
 
@@ -16,7 +18,12 @@ def left(full_um):
 
 
 def row(position_mm, model="standard", what="rods 0.2 mm"):
-    return {"position_mm": str(position_mm), "model": model, "what": what}
+    figures = dict.fromkeys(CampaignVerdict.__slots__, 0) | {"position_mm": position_mm}
+    return CampaignRow(0, what, verdict=CampaignVerdict(**figures | {"model": model}))
+
+
+def by_model(**rows):
+    return {model: Studied({}, own) for model, own in rows.items()}
 
 
 def test_full_model_that_leaves_more_than_the_reference_misses_its_limit():
@@ -38,21 +45,21 @@ def test_coverage_has_limits_on_both_sides(covered, kept):
 
 
 def test_choice_is_right_where_it_leaves_as_little_as_the_full_model():
-    rows = {
-        "standard": [row(0.005, what="none"), row(0.1), row(0.1)],
-        "full": [row(0.005, what="none"), row(0.01), row(0.01)],
-        "auto": [row(0.005, what="none"), row(0.011, "rods"), row(0.01, "full")],
-    }
+    rows = by_model(
+        standard=[row(0.005, what="none"), row(0.1), row(0.1)],
+        full=[row(0.005, what="none"), row(0.01), row(0.01)],
+        auto=[row(0.005, what="none"), row(0.011, "rods"), row(0.01, "full")],
+    )
     perfect, enough, halved = choices(rows)
     assert (perfect.value, enough.value, halved.value) == (1.0, 1.0, 2.0)
 
 
 def test_choice_is_wrong_where_it_leaves_more_or_finds_too_much():
-    rows = {
-        "standard": [row(0.005, what="none"), row(0.1)],
-        "full": [row(0.005, what="none"), row(0.01)],
-        "auto": [row(0.005, "full", what="none"), row(0.1, "standard")],
-    }
+    rows = by_model(
+        standard=[row(0.005, what="none"), row(0.1)],
+        full=[row(0.005, what="none"), row(0.01)],
+        auto=[row(0.005, "full", what="none"), row(0.1, "standard")],
+    )
     perfect, enough, _ = choices(rows)
     assert (perfect.value, enough.value) == (0.0, 0.0)
     assert not perfect.kept

@@ -6,7 +6,6 @@ Lengths in mm, angles in deg.
 import hashlib
 import math
 import time
-from collections.abc import Iterable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
@@ -15,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from app.console import Terminal
 from app.exits import AppError
@@ -23,7 +22,6 @@ from app.new_campaign import create_simulated
 from app.rehearsal import rehearse
 from app.wiring import scenario_of
 from campaigns.campaign import Campaign, open_campaign
-from campaigns.errors import OutputExists
 from campaigns.evaluation.model_errors import PairErrors
 from campaigns.evaluation.validation import AXES, ValidationResult
 from campaigns.evidence import evaluate
@@ -31,7 +29,7 @@ from campaigns.files.text_file import replace_text
 from campaigns.files.yaml_file import read_document, yaml_text
 from campaigns.identification.options import AS_THE_PAPER
 from campaigns.robots.robot import find_robot
-from campaigns.studies.store import ResultTable
+from campaigns.studies.engine import ResultTable
 from campaigns.version import VERSION
 
 ROBOT = "par4-prototype"
@@ -136,7 +134,7 @@ class Estimate(_Kept):
 
     true_error: float
     estimated_error: float
-    std: float | None
+    std: float | None = None
 
     @property
     def missed_by(self) -> float:
@@ -157,6 +155,11 @@ class TrialResult(_Kept):
     before: Stage
     after: Stage
 
+    @property
+    def key(self) -> TrialKey:
+        """Order in the file."""
+        return self.experiment, self.seed, self.recipe
+
     def missed(self, unit: str) -> list[float]:
         """Sizes of what the parameters of a unit, mm or deg, are missed by."""
         return [
@@ -164,27 +167,9 @@ class TrialResult(_Kept):
         ]
 
 
-class TrialTable(ResultTable[TrialKey, TrialResult]):
-    """File of results, a line of JSON each; those of other recipes stay in it, unused."""
-
-    def key_of(self, outcome: TrialResult) -> TrialKey:
-        """Key of a result."""
-        return outcome.experiment, outcome.seed, outcome.recipe
-
-    def lines_of(self, outcomes: Iterable[TrialResult]) -> str:
-        """Rows as text."""
-        return "".join(f"{outcome.model_dump_json()}\n" for outcome in outcomes)
-
-    def parsed(self, text: str) -> Iterable[TrialResult]:
-        """Results of lines; raises `OutputExists` for any other line."""
-        for number, line in enumerate(text.splitlines(), start=1):
-            try:
-                yield TrialResult.model_validate_json(line)
-            except ValidationError as error:
-                raise OutputExists(
-                    f"{self.path}:{number}: is no result of `pkmcal reproduce`",
-                    remedy="delete the line, or name another folder with --to",
-                ) from error
+def trial_table(path: Path) -> ResultTable[TrialResult]:
+    """File of results; those of other recipes stay in it, unused."""
+    return ResultTable(path, TrialResult, "pkmcal reproduce")
 
 
 def rehearsed(room: Path, trial: Trial) -> tuple[TrialResult]:

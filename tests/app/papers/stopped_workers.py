@@ -19,7 +19,7 @@ from made_up import result
 
 from app.cli import reproduce
 from app.console import Terminal
-from app.papers.corbel2006.trials import TrialTable, trials
+from app.papers.corbel2006.trials import trial_table, trials
 from campaigns.errors import Interrupted
 
 LONG_S = 300.0
@@ -64,7 +64,7 @@ def told(how, processes, folder, table):
 def main():
     how, processes = sys.argv[1:]
     with TemporaryDirectory() as folder, TemporaryDirectory() as tables:
-        said = [told(how, int(processes), folder, TrialTable(Path(tables) / "results.jsonl"))]
+        said = [told(how, int(processes), folder, trial_table(Path(tables) / "results.jsonl"))]
         workers = [int(path.name) for path in Path(folder).iterdir()]
         assert workers
         assert os.getpid() not in workers

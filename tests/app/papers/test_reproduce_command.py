@@ -18,8 +18,8 @@ from app.papers.corbel2006.trials import (
     SIMULATION,
     Trial,
     TrialFailed,
-    TrialTable,
     rehearsed,
+    trial_table,
 )
 from app.study.results import Lost, tried
 from app.study.workers import local_results
@@ -36,11 +36,11 @@ def folder(tmp_path):
 
 
 def keep(folder, found):
-    TrialTable(folder / reproduce.RESULTS).append(found)
+    trial_table(folder / reproduce.RESULTS).add(found)
 
 
 def kept(folder):
-    return TrialTable(folder / reproduce.RESULTS).read()
+    return trial_table(folder / reproduce.RESULTS).read()
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ def told(workers):
     back, lost, reasons = [], [], []
     for result in workers_of(workers)(tasks, work=work):
         if isinstance(result, Done):
-            back += [outcome.number for outcome in result.outcomes]
+            back += [row.campaign for row in result.outcomes]
         else:
             lost += tasks[result.place].numbers
             reasons.append(result.reason)

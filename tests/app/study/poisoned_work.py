@@ -3,7 +3,7 @@
 import os
 import signal
 
-from campaigns.studies.study import CampaignOutcome
+from campaigns.studies.study import CampaignRow
 
 POISON = 13
 FAULT = 22
@@ -20,4 +20,4 @@ def work(task):
 
 def harmless(task):
     """The same without poison and fault."""
-    return tuple(CampaignOutcome(number, None, "looked at") for number in task.numbers)
+    return tuple(CampaignRow(number, failure="looked at") for number in task.numbers)

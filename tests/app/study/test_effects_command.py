@@ -43,7 +43,7 @@ def test_document_counts_passes_and_named_causes(folder, studied):
 
 def test_same_command_goes_on_where_it_was(folder, studied):
     studied("--campaigns", 2)
-    table = folder / "study" / "effect-clean-plan-drawn-robots-points.csv"
+    table = folder / "study" / "effect-clean-plan-drawn-robots-points.jsonl"
     first = table.read_text(encoding="utf-8")
     _, out, _ = studied("--campaigns", 3, "--json")
     assert json.loads(out)["computed"] == 2

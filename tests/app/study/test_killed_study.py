@@ -11,7 +11,7 @@ from app.main import run_command
 
 pytestmark = pytest.mark.long
 
-TABLE = "plan-paper-simulation-points.csv"
+TABLE = "plan-paper-simulation-points.jsonl"
 MANY = 4000
 """More than are computed before the end."""
 FEW = 40

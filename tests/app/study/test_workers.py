@@ -25,7 +25,7 @@ pytestmark = pytest.mark.long
 
 HERE = Path(__file__).parent
 REPOSITORY = HERE.parents[2]
-TABLE = "plan-paper-simulation-points.csv"
+TABLE = "plan-paper-simulation-points.jsonl"
 HASTY = Patience(connect_s=0.2, empty_s=0.01)
 NOBODY = "tcp://127.0.0.1:1"
 
@@ -37,7 +37,7 @@ def tasks(count=4, first=0):
 
 
 def numbers(results):
-    return [outcome.number for result in results for outcome in result.outcomes]
+    return [row.campaign for result in results for row in result.outcomes]
 
 
 @pytest.fixture(scope="module")
@@ -187,7 +187,7 @@ class Future:
     def __init__(self, result, end):
         self._result = result
         self._end = end
-        self.status = "cancelled" if end == "cancelled" else "finished"
+        self.status = {"cancelled": "cancelled", KILLED: "error"}.get(end, "finished")
 
     def add_done_callback(self, call):
         if self._end != "never":

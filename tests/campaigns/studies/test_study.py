@@ -16,15 +16,14 @@ from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.planning.plans import PlanRequest, View, make_plan
 from campaigns.robots.robot import find_robot
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.studies import study
-from campaigns.studies.store import StudyTable
+from campaigns.studies.engine import ResultTable, run_task
+from campaigns.studies.estimates import estimate_of, fitted, true_robot
 from campaigns.studies.study import (
-    CampaignOutcome,
+    CampaignRow,
     StudySetup,
     StudyTask,
     indistinguishable,
     planned_shots,
-    run_task,
 )
 from campaigns.studies.summary import chance, interval_factor, normal_scores, summarise
 from drivers.values import Pose
@@ -212,8 +211,10 @@ def test_honest_study_seldom_looks_wrong_and_a_wrong_one_always(setup, factor):
     (like,) = run(setup, [0], robots(1))
 
     def made_up(std):
-        one = replace(like.estimate, bound=np.ones(len(FREE)), std=np.full(len(FREE), std))
-        found = [CampaignOutcome(n, replace(one, errors=e), "") for n, e in enumerate(errors)]
+        one = replace(like.estimate, bound=(1.0,) * len(FREE), std=(std,) * len(FREE))
+        found = [
+            CampaignRow(n, estimate=replace(one, errors=tuple(e))) for n, e in enumerate(errors)
+        ]
         return summarise(setup, found)
 
     honest, wrong = made_up(1.0), made_up(factor)
@@ -228,7 +229,7 @@ def test_normal_scores_are_standard_normal_for_either_estimator(
         scores = normal_scores(studied, found)
         assert scores.shape == (150, len(FREE))
         assert np.mean(scores**2) == pytest.approx(1.0, abs=0.1)
-    raw = np.array([one.estimate.errors / one.estimate.std for one in distance_outcomes])
+    raw = np.array([np.divide(o.estimate.errors, o.estimate.std) for o in distance_outcomes])
     assert (np.abs(scores) < np.abs(raw)).all(), "Student's tails are the longer ones"
     assert (np.sign(scores) == np.sign(raw)).all()
 
@@ -248,9 +249,9 @@ def test_study_states_what_identification_states_of_the_same_shots(setup, estima
     loud = TrackerUncertainty(louder * NOISE_MM, 0.0, louder * NOISE_MM, 0.0)
     at_nominal = NOMINAL.forward(setup.shots.joints)
     near = at_nominal.values_or_raise()
-    robot = study._robot(with_options(quiet, instrument=loud), near, tuple(robots(1)[0]))
-    points_mm = study._measured(robot, np.random.default_rng(1))
-    studied = study._estimate(quiet, robot, study._identified(quiet, points_mm, at_nominal))
+    robot = true_robot(with_options(quiet, instrument=loud), near, tuple(robots(1)[0]))
+    points_mm = robot.measured_mm(np.random.default_rng(1))
+    studied = estimate_of(quiet, robot, fitted(quiet, points_mm, at_nominal))
     shots = replace(setup.shots, points_in_tracker_mm=points_mm)
     found = identify(NOMINAL, shots, ParameterSelection(setup.free), quiet.options)
     stated = [found.parameters[name].std for name in setup.free]
@@ -264,7 +265,10 @@ def test_study_states_what_identification_states_of_the_same_shots(setup, estima
 
 def test_wrong_noise_model_shows_in_the_coverage(setup, outcomes):
     halved = [
-        replace(outcome, estimate=replace(outcome.estimate, std=0.5 * outcome.estimate.std))
+        replace(
+            outcome,
+            estimate=replace(outcome.estimate, std=tuple(0.5 * s for s in outcome.estimate.std)),
+        )
         for outcome in outcomes
     ]
     summary = summarise(setup, halved)
@@ -284,7 +288,7 @@ def test_campaign_that_cannot_be_measured_is_an_outcome_and_spoils_no_other(setu
 
 
 def test_study_of_failures_is_refused_with_their_reason(setup):
-    failures = [CampaignOutcome(number, None, "the mechanism broke") for number in range(3)]
+    failures = [CampaignRow(number, failure="the mechanism broke") for number in range(3)]
     with pytest.raises(ShotsMissing, match=r"0 of 3 campaigns.*the mechanism broke"):
         summarise(setup, failures)
 
@@ -331,81 +335,85 @@ def test_pairs_of_two_plans_with_the_same_numbers_stay_apart(plan):
 
 
 def begin(table):
-    """As a study begins, or goes on."""
-    known = table.read()
-    table.write(known)
-    return known
+    """As a study begins, or goes on: what is there, taken up by a new process."""
+    fresh = replace(table, rows={})
+    fresh.read()
+    fresh.write()
+    return fresh
+
+
+def head(study="0123456789ab", free=FREE_BY_DEFAULT):
+    return {"schema": "pkmcal/study-table/1", "study": study, "parameters": list(free)}
 
 
 @pytest.fixture
 def table(tmp_path):
-    return StudyTable(tmp_path / "study.csv", "0123456789ab", FREE_BY_DEFAULT)
+    return begin(ResultTable(tmp_path / "study.jsonl", CampaignRow, "pkmcal study", head()))
 
 
 def test_table_gives_back_what_was_written(table, outcomes):
-    begin(table)
-    failed = CampaignOutcome(151, None, "no assembly for row 3 of 80")
-    table.append([outcomes[4], failed])
-    table.append([outcomes[2]])
-    known = begin(table)
-    assert sorted(known) == [2, 4, 151]
-    assert known[151].failure == failed.failure
-    assert known[151].estimate is None
-    kept = flat([known[4], known[2]])
-    np.testing.assert_array_equal(kept, flat([outcomes[4], outcomes[2]]))
+    failed = CampaignRow(151, failure="no assembly for row 3 of 80")
+    table.add([outcomes[4], failed])
+    table.add([outcomes[2]])
+    assert begin(table).rows == {2: outcomes[2], 4: outcomes[4], 151: failed}
 
 
 def test_table_is_the_same_in_whatever_order_rows_came(table, outcomes):
-    begin(table)
-    table.append(outcomes[:5])
-    begin(table)
+    table.add(outcomes[:5])
+    table.write()
     one = table.path.read_bytes()
     table.path.unlink()
-    begin(table)
+    other = begin(table)
     for outcome in reversed(outcomes[:5]):
-        table.append([outcome])
-    begin(table)
+        other.add([outcome])
+    other.write()
     assert table.path.read_bytes() == one
 
 
 def test_row_that_was_cut_off_is_computed_again(table, outcomes):
-    begin(table)
-    table.append(outcomes[:3])
+    table.add(outcomes[:3])
     whole = table.path.read_text(encoding="utf-8")
     table.path.write_text(whole[:-40], encoding="utf-8")
-    assert list(begin(table)) == [0, 1]
-    table.append([outcomes[2]])
+    again = begin(table)
+    assert list(again.rows) == [0, 1]
+    again.add([outcomes[2]])
     assert table.path.read_text(encoding="utf-8") == whole
 
 
-def test_table_of_another_study_is_refused_and_left_alone(table, outcomes):
-    begin(table)
-    table.append(outcomes[:2])
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        (head(study="ba9876543210"), r"study\.jsonl: belongs to another study"),
+        (head(free=FREE_BY_DEFAULT[:-1]), r"a study of other parameters .* another folder"),
+        (head() | {"schema": "pkmcal/study-table/9"}, "is no table of `pkmcal study`"),
+    ],
+)
+def test_table_of_another_study_is_refused_and_left_alone(table, outcomes, other, said):
+    table.add(outcomes[:2])
     before = table.path.read_bytes()
-    other = replace(table, study="ba9876543210")
-    with pytest.raises(OutputExists, match=r"study\.csv:2: belongs to another study"):
-        begin(other)
+    with pytest.raises(OutputExists, match=said):
+        begin(replace(table, head=other))
     assert table.path.read_bytes() == before
 
 
-def test_table_of_other_parameters_is_refused_and_left_alone(table, outcomes):
-    begin(table)
-    table.append(outcomes[:2])
-    before = table.path.read_bytes()
-    for free in (table.free[:-1], (*table.free, "arm1.azimuth_deg")):
-        with pytest.raises(OutputExists, match=r"a study of other parameters .* another folder"):
-            begin(replace(table, free=free))
-    assert table.path.read_bytes() == before
-
-
-def test_any_other_file_is_refused_and_left_alone(table):
-    table.path.write_text("x,y\n1,2\n", encoding="utf-8")
-    with pytest.raises(OutputExists, match="is no table of a study"):
+@pytest.mark.parametrize("text", ["", "x,y\n1,2\n", "[" * 99_999 + "\n", "mine"])
+def test_any_other_file_is_refused_and_left_alone(table, text):
+    table.path.write_text(text, encoding="utf-8")
+    with pytest.raises(OutputExists, match="is no table of `pkmcal study`"):
         begin(table)
-    assert table.path.read_text(encoding="utf-8") == "x,y\n1,2\n"
+    assert table.path.read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize("line", ["", "{}", "not json", '{"campaign": "one"}', "\x00"])
+def test_foreign_line_is_refused_with_its_number(table, outcomes, line):
+    table.add(outcomes[:1])
+    table.path.write_text(table.path.read_text() + line + "\n")
+    with pytest.raises(OutputExists, match=r"study\.jsonl:3: is no result of `pkmcal study`"):
+        begin(table)
 
 
 def test_table_that_cannot_be_written_says_so(table, outcomes):
+    table.path.unlink()
     table.path.mkdir()
     with pytest.raises(WriteFailed, match="cannot be written"):
-        table.append(outcomes[:1])
+        table.add(outcomes[:1])

@@ -1,10 +1,9 @@
-"""Affected campaigns: measured shots of a true robot to which something happened.
+"""Perturbed campaigns: measured shots of a true robot to which something happened.
 
 True points come from the true robot's forward model (or from one that knows nothing of the
-estimator), plus noise as the tracker states it, plus the effect: no linearisation anywhere.
+estimator), plus noise as the tracker states it, plus the perturbation: no linearisation anywhere.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,10 +13,9 @@ from campaigns.estimation.information import point_jacobian, predict_points, whi
 from campaigns.estimation.observability import orthonormal_basis
 from campaigns.estimation.tracker_noise import point_covariance_mm2
 from campaigns.mechanisms.mechanism import Kinematics
-from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
-from campaigns.studies.effects import Effect
-from campaigns.studies.study import StudySetup
+from campaigns.studies.perturbations import Perturbation
+from campaigns.studies.study import Forward, StudySetup, fitted_rows
 
 FEWEST_BEYOND = 8
 """Fitted shots before a step, and after it."""
@@ -28,25 +26,9 @@ WARMING = 3.0
 DIFFERENCE = 1e-6
 """Of a joint, for derivatives of robots that know none."""
 
-Forward = Callable[[Array], Array]
-"""From joints (N, n) to a robot's points in the base frame, (N, 3)."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImperfectRobot:
-    """Robot of unequal rods and tilted axes."""
-
-    forward: Forward
-    p: Array
-    """(G,), with skews and tilts, in the frame of the nominal robot."""
-
-
-BeyondModel = Callable[[Kinematics, Effect, np.random.Generator], ImperfectRobot]
-"""From a robot of perfect parts to a like one with rods and axes that an effect has put out."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class AffectedCampaign:
+class PerturbedCampaign:
     """Measured shots, and what is true of them."""
 
     shots: Shots
@@ -59,7 +41,7 @@ class AffectedCampaign:
     """Of every shot, with the robot's own scatter, in the base's axes, (N, 3, 3)."""
     shift_mm: Array
     """What a step or drift moved each point by, in the base's axes, (N, 3)."""
-    effect: Effect
+    perturbation: Perturbation
     arm: int = -1
     """The one that has the step."""
     first_after: int = -1
@@ -95,71 +77,67 @@ class AffectedCampaign:
         return rows, self.true.forward(self.shots.joints[rows]).values_or_raise()
 
 
-def fitted_rows(shots: Shots) -> Index:
-    """Rows of the shots to identify from."""
-    return np.flatnonzero([each is ShotSet.IDENTIFICATION for each in shots.purposes])
-
-
-def affected_campaign(
+def perturbed_campaign(
     setup: StudySetup,
-    effect: Effect,
+    perturbation: Perturbation,
     truth: Array,
     rng: np.random.Generator,
-    beyond_model: BeyondModel | None = None,
-) -> AffectedCampaign:
+) -> PerturbedCampaign:
     """Campaign with the robot of a parameter vector (G,); raises `NoSolution`.
 
-    An effect beyond the model needs a robot that has it.
+    A perturbation beyond the model needs `setup.beyond_model`.
     """
     shots, mechanism = setup.shots, setup.nominal.mechanism
     fitted = fitted_rows(shots)
     before = Kinematics(mechanism, truth)
     arm, first = int(rng.integers(mechanism.parameters.arms)), _first_after(rng, fitted)
-    after = _changed(before, effect, arm, rng)
+    after = _changed(before, perturbation, arm, rng)
     told = after
-    joints = shots.joints + _backlash(before, effect) * rng.choice([-0.5, 0.5], shots.joints.shape)
-    if effect.beyond_the_model:
-        assert beyond_model is not None, "only asked for where there is one"
-        imperfect = beyond_model(after, effect, rng)
-        forward = imperfect.forward
+    joints = shots.joints + _backlash(before, perturbation) * rng.choice(
+        [-0.5, 0.5], shots.joints.shape
+    )
+    if perturbation.beyond_the_model:
+        assert setup.beyond_model is not None, "only asked for where there is one"
+        forward, p = setup.beyond_model(after, perturbation, rng)
         if {*setup.free} & {*mechanism.parameters.extensions}:
-            told = Kinematics(mechanism, imperfect.p)
+            told = Kinematics(mechanism, p)
     else:
         forward = _points_of(after)
     in_base = forward(joints)
     shift = np.zeros_like(in_base)
-    passed = _passed(effect, len(shots), first)[:, None]
+    passed = _passed(perturbation, len(shots), first)[:, None]
     if after is not before:
         begun = _points_of(before)(joints)
         shift = passed * (in_base - begun)
         in_base = begun + shift
-    if effect.scatter_mm > 0.0:
-        in_base = in_base + effect.scatter_mm * rng.uniform(-1.0, 1.0, in_base.shape)
+    if perturbation.scatter_mm > 0.0:
+        in_base = in_base + perturbation.scatter_mm * rng.uniform(-1.0, 1.0, in_base.shape)
     frame = setup.tracker_from_base
-    if "frame" in (effect.step, effect.drift):
-        shift = passed * _any_direction(rng, 1, effect.size)
+    if "frame" in (perturbation.step, perturbation.drift):
+        shift = passed * _any_direction(rng, 1, perturbation.size)
     points = frame.apply(in_base) + (shift if after is before else 0.0)
-    wrong = rng.choice(fitted, effect.gross, replace=False)
-    off = _any_direction(rng, effect.gross, effect.size)
-    if effect.along_pairs:
-        off = _along_pairs(shots, points, wrong, effect.size)
+    wrong = rng.choice(fitted, perturbation.gross, replace=False)
+    off = _any_direction(rng, perturbation.gross, perturbation.size)
+    if perturbation.along_pairs:
+        off = _along_pairs(shots, points, wrong, perturbation.size)
     points[wrong] += off
     stated = point_covariance_mm2(points, setup.options.instrument)
     roots = np.linalg.cholesky(stated)
     points = points + np.einsum("nij,nj->ni", roots, rng.standard_normal(points.shape))
     turn = frame.rotation
-    return AffectedCampaign(
+    return PerturbedCampaign(
         shots=replace(
             shots,
-            points_in_tracker_mm=effect.scale * points,
-            stated_covariance_mm2=effect.scale**2 * stated,
+            points_in_tracker_mm=perturbation.scale * points,
+            stated_covariance_mm2=perturbation.scale**2 * stated,
         ),
         free=setup.free,
         true=told,
         forward=forward,
-        covariance_mm2=turn.T @ stated @ turn + _own_mm2(before, effect, forward, shots.joints),
+        covariance_mm2=turn.T @ stated @ turn
+        + _own_mm2(before, perturbation, forward, shots.joints),
         shift_mm=shift @ turn if after is before else shift,
-        effect=effect,
+        perturbation=perturbation,
         arm=arm,
         first_after=shots.numbers[first],
         gross=frozenset(shots.numbers[row] for row in wrong.tolist()),
@@ -174,38 +152,40 @@ def _first_after(rng: np.random.Generator, fitted: Index) -> int:
     return int(fitted[min(len(fitted) // 2 if between else place, len(fitted) - 1)])
 
 
-def _changed(before: Kinematics, effect: Effect, arm: int, rng: np.random.Generator) -> Kinematics:
+def _changed(
+    before: Kinematics, perturbation: Perturbation, arm: int, rng: np.random.Generator
+) -> Kinematics:
     """Robot after a step or warming; the same one where it stays as it is."""
     space, p = before.mechanism.parameters, before.p.copy()
     lengths = space.places(space.arm_lengths)
-    if effect.step == "joint":
-        turn = np.radians(effect.size) * before.mechanism.joints[arm].scale
+    if perturbation.step == "joint":
+        turn = np.radians(perturbation.size) * before.mechanism.joints[arm].scale
         p[space.offsets[arm]] += turn * rng.choice([-1.0, 1.0])
-    elif effect.step == "length":
-        p[lengths[arm]] += effect.size
-    elif effect.drift == "arms":
-        p[lengths] += effect.size
+    elif perturbation.step == "length":
+        p[lengths[arm]] += perturbation.size
+    elif perturbation.drift == "arms":
+        p[lengths] += perturbation.size
     else:
         return before
     return Kinematics(before.mechanism, p)
 
 
-def _backlash(robot: Kinematics, effect: Effect) -> Array:
+def _backlash(robot: Kinematics, perturbation: Perturbation) -> Array:
     """Lost motion of each joint from one side to the other, (n,), rad or mm."""
     scales = np.array([axis.scale for axis in robot.mechanism.joints])
-    return np.asarray(np.radians(effect.backlash_deg) * scales)
+    return np.asarray(np.radians(perturbation.backlash_deg) * scales)
 
 
-def _passed(effect: Effect, count: int, first: int) -> Array:
+def _passed(perturbation: Perturbation, count: int, first: int) -> Array:
     """Part of the change that has come about at each shot, (N,).
 
     Between a cold robot's points and a warm one's a straight line is taken: 0.2 mm of growth bends
     it by less than 0.1 µm.
     """
-    if effect.drift == "arms":
+    if perturbation.drift == "arms":
         way = np.linspace(0.0, 1.0, count)
         return np.asarray(np.expm1(-WARMING * way) / np.expm1(-WARMING))
-    if effect.drift:
+    if perturbation.drift:
         return np.linspace(0.0, 1.0, count)
     return np.asarray(np.arange(count) >= first, dtype=np.float64)
 
@@ -227,12 +207,16 @@ def _points_of(robot: Kinematics) -> Forward:
     return lambda joints: robot.forward(joints).values_or_raise()[:, :3]
 
 
-def _own_mm2(robot: Kinematics, effect: Effect, forward: Forward, joints: Array) -> Array:
+def _own_mm2(
+    robot: Kinematics, perturbation: Perturbation, forward: Forward, joints: Array
+) -> Array:
     """Covariance of the robot's own scatter, in the base's axes, (N, 3, 3)."""
-    own = np.broadcast_to(effect.scatter_mm**2 / 3.0 * np.eye(3), (len(joints), 3, 3))
-    if not effect.backlash_deg:
+    own = np.broadcast_to(perturbation.scatter_mm**2 / 3.0 * np.eye(3), (len(joints), 3, 3))
+    if not perturbation.backlash_deg:
         return own
     steps = DIFFERENCE * np.eye(joints.shape[1])
     moved = [forward(joints + step) - forward(joints - step) for step in steps]
-    by_joints = np.stack(moved, axis=-1) / (2.0 * DIFFERENCE) * (0.5 * _backlash(robot, effect))
+    by_joints = (
+        np.stack(moved, axis=-1) / (2.0 * DIFFERENCE) * (0.5 * _backlash(robot, perturbation))
+    )
     return np.asarray(own + by_joints @ by_joints.swapaxes(1, 2))

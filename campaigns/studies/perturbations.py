@@ -1,4 +1,4 @@
-"""Effects that make a result wrong: what happens in a campaign beside the tracker's noise."""
+"""Perturbations: what goes wrong in a campaign beside the tracker's noise, by name."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,8 +9,8 @@ Drift = Literal["", "frame", "arms"]
 
 
 @dataclass(frozen=True, slots=True)
-class Effect:
-    """Effect of one kind and size; without any the tracker's noise is all there is."""
+class Perturbation:
+    """One kind and size; without any the tracker's noise is all there is."""
 
     scatter_mm: float = 0.0
     """Half-width of an even draw on each coordinate of each point: repeatability."""
@@ -57,52 +57,58 @@ class Effect:
 REPEATABILITY_MM = 0.4 / 3**0.5
 BACKLASH_DEG = 1.0 / 60.0
 
-EFFECTS: Mapping[str, tuple[Effect, ...]] = {
-    "clean": (Effect(),),
-    "own-scatter": (Effect(scatter_mm=REPEATABILITY_MM),),
+PERTURBATIONS: Mapping[str, tuple[Perturbation, ...]] = {
+    "clean": (Perturbation(),),
+    "own-scatter": (Perturbation(scatter_mm=REPEATABILITY_MM),),
     "backlash": (
-        Effect(backlash_deg=BACKLASH_DEG),
-        Effect(backlash_deg=BACKLASH_DEG, scatter_mm=REPEATABILITY_MM),
+        Perturbation(backlash_deg=BACKLASH_DEG),
+        Perturbation(backlash_deg=BACKLASH_DEG, scatter_mm=REPEATABILITY_MM),
     ),
-    "bumped-stand": tuple(Effect(step="frame", size=size) for size in (0.1, 0.3, 0.9)),
-    "encoder-step": tuple(Effect(step="joint", size=size) for size in (0.02, 0.05, 0.3, 1.0)),
-    "grown-arm": tuple(Effect(step="length", size=size) for size in (0.05, 0.2, 0.5)),
+    "bumped-stand": tuple(Perturbation(step="frame", size=size) for size in (0.1, 0.3, 0.9)),
+    "encoder-step": tuple(Perturbation(step="joint", size=size) for size in (0.02, 0.05, 0.3, 1.0)),
+    "grown-arm": tuple(Perturbation(step="length", size=size) for size in (0.05, 0.2, 0.5)),
     "drift": tuple(
-        Effect(drift=drift, size=size)
+        Perturbation(drift=drift, size=size)
         for size in (0.05, 0.1, 0.3)
         for drift in ("frame", "arms")  # type: tuple[Drift, ...]
     ),
-    "unequal-rods": (Effect(rods_mm=0.05), Effect(rods_mm=0.2)),
+    "unequal-rods": (Perturbation(rods_mm=0.05), Perturbation(rods_mm=0.2)),
     "tilted-axes": (
-        Effect(axes_mrad=0.5),
-        Effect(axes_mrad=2.0),
-        Effect(axes_mrad=2.0, rods_mm=0.2),
+        Perturbation(axes_mrad=0.5),
+        Perturbation(axes_mrad=2.0),
+        Perturbation(axes_mrad=2.0, rods_mm=0.2),
     ),
     "gross-errors": tuple(
-        Effect(gross=count, size=size) for count in (1, 3, 6) for size in (0.5, 2.0, 20.0)
+        Perturbation(gross=count, size=size) for count in (1, 3, 6) for size in (0.5, 2.0, 20.0)
     ),
-    "scale": (Effect(scale=1.01), Effect(scale=0.995)),
+    "scale": (Perturbation(scale=1.01), Perturbation(scale=0.995)),
 }
-"""Effects that go wrong by name; where there are several sizes, campaigns take them in turn."""
+"""By name; where there are several sizes, campaigns take them in turn."""
 
-PARTS: Mapping[str, tuple[Effect, ...]] = {
+BY_SIZE: Mapping[str, tuple[Perturbation, ...]] = {
     "imperfect-parts": (
-        Effect(),
-        Effect(rods_mm=0.05),
-        Effect(rods_mm=0.2),
-        Effect(axes_mrad=0.5),
-        Effect(axes_mrad=2.0),
-        Effect(rods_mm=0.05, axes_mrad=0.5),
-        Effect(rods_mm=0.2, axes_mrad=2.0),
-        Effect(rods_mm=0.05, axes_mrad=0.5, scatter_mm=0.1 / 3**0.5),
+        Perturbation(),
+        Perturbation(rods_mm=0.05),
+        Perturbation(rods_mm=0.2),
+        Perturbation(axes_mrad=0.5),
+        Perturbation(axes_mrad=2.0),
+        Perturbation(rods_mm=0.05, axes_mrad=0.5),
+        Perturbation(rods_mm=0.2, axes_mrad=2.0),
+        Perturbation(rods_mm=0.05, axes_mrad=0.5, scatter_mm=0.1 / 3**0.5),
+    ),
+    "wrong-pairs": (
+        Perturbation(),
+        *(Perturbation(gross=count, size=2.0, along_pairs=True) for count in (1, 2, 3)),
     ),
 }
-"""Parts that are never perfect, from none to coarse: what each model leaves of them."""
+"""Not among `all`, and told by size: parts that are never perfect, from none to coarse, of which
+each model leaves something; wrong shots of which bare distances tell nothing but that."""
 
-KINDS: Mapping[str, tuple[Effect, ...]] = {**EFFECTS, **PARTS}
+KINDS: Mapping[str, tuple[Perturbation, ...]] = {**PERTURBATIONS, **BY_SIZE}
+"""Their order is part of what is drawn."""
 
 
-def effect_of(name: str, campaign: int) -> Effect:
-    """Effect of a campaign by its number."""
+def perturbation_of(name: str, campaign: int) -> Perturbation:
+    """Perturbation of a campaign by its number."""
     kinds = KINDS[name]
     return kinds[campaign % len(kinds)]

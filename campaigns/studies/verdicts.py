@@ -1,0 +1,162 @@
+"""Verdicts on perturbed campaigns: what identification says, beside what is true."""
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.errors import CampaignError
+from campaigns.estimation.rigid_transforms import fit_transform
+from campaigns.evaluation.doubts import CHANGE, COMMON_SCALE, HOLD_OUT, LACK
+from campaigns.identification.model_selection import select_model
+from campaigns.identification.parameter_selection import ParameterSelection
+from campaigns.identification.result import IdentificationResult
+from campaigns.mechanisms.arms import AXIS_TILT
+from campaigns.mechanisms.mechanism import Kinematics, NoSolution
+from campaigns.mechanisms.parameters import PARALLELOGRAM_SKEW
+from campaigns.studies.perturbations import KINDS, Perturbation, perturbation_of
+from campaigns.studies.perturbed import PerturbedCampaign, perturbed_campaign
+from campaigns.studies.study import (
+    CampaignRow,
+    CampaignVerdict,
+    Forward,
+    StudySetup,
+    StudyTask,
+    fitted_rows,
+)
+
+NEAR_SHOTS = 5
+"""By which the place of a step may be missed."""
+
+
+def judged(task: StudyTask) -> tuple[CampaignRow, ...]:
+    """Rows with a verdict each."""
+    return tuple(
+        _row(task.setup, number, truth)
+        for number, truth in zip(task.numbers, task.truths, strict=True)
+    )
+
+
+def _row(setup: StudySetup, number: int, truth: Array) -> CampaignRow:
+    perturbation = perturbation_of(setup.perturbation, number)
+    rng = np.random.default_rng([setup.seed, number, list(KINDS).index(setup.perturbation)])
+    try:
+        verdict = judge(setup, perturbed_campaign(setup, perturbation, truth, rng))
+        return CampaignRow(number, str(perturbation), verdict=verdict)
+    except (NoSolution, CampaignError, np.linalg.LinAlgError) as error:
+        return CampaignRow(number, str(perturbation), str(error))
+
+
+def judge(setup: StudySetup, made: PerturbedCampaign) -> CampaignVerdict:
+    """Verdict on a campaign, compared with the truth; raises as `identify` does."""
+    nominal, workspace = setup.nominal, setup.options.workspace
+    assert workspace is not None, "given to whatever is judged"
+    space = nominal.mechanism.parameters
+    models = setup.models or {setup.model.value: ParameterSelection(made.free)}
+    found = select_model(nominal, made.shots, dict(models), setup.options)
+    names = [name for name in found.free if name in space.geometry]
+    units, places = space.units(names), space.places(names)
+    p, std = nominal.p.copy(), np.full(len(nominal.p), np.nan)
+    p[places] = np.array([found.parameters[name].value for name in names]) * units
+    stated = [found.parameters[name].std for name in names]
+    std[places] = np.array([np.nan if each is None else each for each in stated]) * units
+    errors = p - made.true.p
+    known = np.isfinite(std)
+    sigmas = np.abs(errors[known] / std[known])
+    factor = found.coverage_factor_95 or np.nan
+    outliers = _left_out(made, found)
+    change = _change(made, found)
+    missing, too_many = len(made.gross - outliers), len(outliers - made.gross)
+    doubts = tuple(each.name for each in found.doubts)
+    return CampaignVerdict(
+        verdict=found.verdict,
+        model=next((each.name for each in found.models if each.kept), setup.model.value),
+        doubts=doubts,
+        known=int(known.sum()),
+        worst_sigmas=float(sigmas.max(initial=0.0)),
+        square_over_variance=float(np.mean(sigmas**2)) if known.any() else None,
+        covered=float(np.mean(sigmas <= factor)) if known.any() else None,
+        square_over_least=float(np.mean((errors[space.places(made.free)] / made.least_std()) ** 2)),
+        position_mm=position_error_mm(workspace, made.forward, Kinematics(nominal.mechanism, p)),
+        stated_mm=None if found.position_std_mm is None else found.position_std_mm.mean,
+        change=change,
+        signal=made.signal(),
+        missing=missing,
+        too_many=too_many,
+        named=_named(made.perturbation, found, change, all_named=missing == too_many == 0),
+        false_alarm=_false_alarm(made.perturbation, doubts, change, too_many),
+    )
+
+
+def position_error_mm(workspace: Array, forward: Forward, identified: Kinematics) -> float:
+    """Root mean square over poses (N, t), after the best fit of the frame."""
+    joints = identified.inverse(workspace)
+    modelled, true = workspace[joints.found, :3], forward(joints.values[joints.found])
+    left = true - fit_transform(modelled, true).apply(modelled)
+    return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
+
+
+def _left_out(made: PerturbedCampaign, found: IdentificationResult) -> frozenset[int]:
+    """Shots named as outliers; of a pair so named those that are wrong, or one of two good ones."""
+    outliers = [each for each in found.excluded if each.is_outlier]
+    named = {each.shot for each in outliers if each.shot is not None}
+    for pair in {each.pair for each in outliers if each.shot is None}:
+        both = [
+            n for n, own in zip(made.shots.numbers, made.shots.pairs, strict=True) if own == pair
+        ]
+        named |= made.gross.intersection(both) or {both[0]}
+    return frozenset(named)
+
+
+def _change(made: PerturbedCampaign, found: IdentificationResult) -> str:
+    """Rightness of a change that was named; empty where none was."""
+    told = next((each for each in found.doubts if each.name == CHANGE), None)
+    if told is None:
+        return ""
+    kind, cause = str(told.numbers["kind"]), str(told.numbers["cause"])
+    if made.perturbation.drift:
+        wanted = "drift" if made.perturbation.drift == "frame" else "lengths"
+        return "right" if (kind, cause) == ("drift", wanted) else "cause"
+    right_arm = kind == "frame" or cause.startswith(f"arm{made.arm}.")
+    if kind != made.perturbation.step or not right_arm:
+        return "cause"
+    numbers = [made.shots.numbers[row] for row in fitted_rows(made.shots).tolist()]
+    place = numbers.index(int(float(told.numbers["before_shot"])))
+    return "right" if abs(place - numbers.index(made.first_after)) <= NEAR_SHOTS else "place"
+
+
+def _named(
+    perturbation: Perturbation, found: IdentificationResult, change: str, *, all_named: bool
+) -> bool:
+    """Naming of what happened; of a clean campaign naming nothing."""
+    names, scatter = {each.name for each in found.doubts}, found.robot_scatter
+    if perturbation.step or perturbation.drift:
+        return change == "right"
+    if perturbation.gross:
+        return all_named
+    if perturbation.scale != 1.0:
+        return COMMON_SCALE in names
+    if perturbation.beyond_the_model and not _described(perturbation, found):
+        return bool(names & {LACK, HOLD_OUT})
+    if perturbation.backlash_deg:
+        return scatter is not None and scatter.joint > 0.0
+    if perturbation.scatter_mm:
+        return scatter is not None and scatter.point_mm > 0.0
+    return not any(each.weighs for each in found.doubts) and all_named
+
+
+def _described(perturbation: Perturbation, found: IdentificationResult) -> bool:
+    """Presence of parameters for all that is imperfect."""
+    fields = {name.rpartition(".")[2] for name in found.free}
+    has_skews, has_tilts = PARALLELOGRAM_SKEW.name in fields, AXIS_TILT.name in fields
+    return (has_skews or not perturbation.rods_mm) and (has_tilts or not perturbation.axes_mrad)
+
+
+def _false_alarm(
+    perturbation: Perturbation, doubts: tuple[str, ...], change: str, too_many: int
+) -> bool:
+    """Naming of a change, a scale or a wrong shot where there is none."""
+    changes = bool(perturbation.step or perturbation.drift)
+    return (
+        (bool(change) and not changes)
+        or (COMMON_SCALE in doubts and perturbation.scale == 1.0 and not perturbation.drift)
+        or (too_many > 0 and not changes)
+    )

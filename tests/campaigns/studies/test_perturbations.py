@@ -1,0 +1,198 @@
+"""Perturbed campaigns and verdicts: what is drawn is true, a false acceptance is seen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from par4_space import FREE_BY_DEFAULT, IS_ANGLE, indices
+
+from app.study.rods import RodRobots
+from campaigns.design.pose_sampling import workspace_poses
+from campaigns.estimation.rigid_transforms import Transform, small_rotation
+from campaigns.identification.options import IdentificationOptions
+from campaigns.planning.plans import PlanRequest, View, make_plan
+from campaigns.robots.robot import find_robot
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.studies.engine import ResultTable, run_task
+from campaigns.studies.perturbations import PERTURBATIONS, Perturbation, perturbation_of
+from campaigns.studies.perturbed import perturbed_campaign
+from campaigns.studies.study import (
+    CampaignRow,
+    CampaignVerdict,
+    StudySetup,
+    StudyTask,
+    planned_shots,
+)
+from campaigns.studies.summary import verdict_statistics
+from campaigns.studies.verdicts import judge, position_error_mm
+from drivers.values import Pose
+from sim.scenarios.scenario import load_scenario
+
+pytestmark = pytest.mark.slow
+
+ROBOT = find_robot("par4-prototype").robot
+NOMINAL = ROBOT.kinematics
+FREE = indices(FREE_BY_DEFAULT)
+TURN = small_rotation(np.array([2.1, 0.02, -0.03]))[0]
+
+
+@pytest.fixture(scope="module")
+def setup():
+    view = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), np.radians(25.0))
+    request = PlanRequest(80, 10, 2, Pose(0.0, 0.0, -575.0, 0.0))
+    shots = make_plan(ROBOT, view, request, np.random.default_rng(1))
+    rng, centre = np.random.default_rng(1), ROBOT.workspace_centre
+    return StudySetup(
+        nominal=NOMINAL,
+        shots=planned_shots([shot for shot in shots if shot.purpose is not ShotSet.DRIFT]),
+        free=FREE_BY_DEFAULT,
+        options=IdentificationOptions(
+            workspace=workspace_poses(NOMINAL, ROBOT.limits, centre, 60, rng)
+        ),
+        tracker_from_base=Transform(TURN, np.array([2500.0, 400.0, 0.0])),
+        seed=3,
+        beyond_model=RodRobots(load_scenario("realistic").robot),
+    )
+
+
+def truth_of(seed):
+    p = NOMINAL.p.copy()
+    std = np.where(IS_ANGLE[FREE], np.radians(0.1), 0.5)
+    p[FREE] += std * np.random.default_rng(seed).standard_normal(len(FREE))
+    return p
+
+
+def perturbed(setup, perturbation, seed=1):
+    rng = np.random.default_rng([5, seed])
+    return perturbed_campaign(setup, perturbation, truth_of(seed), rng)
+
+
+def judged(setup, perturbation):
+    return judge(setup, perturbed(setup, perturbation))
+
+
+def one(**told):
+    values = {
+        "verdict": "pass",
+        "model": "standard",
+        "doubts": (),
+        "known": 22,
+        "worst_sigmas": 3.0,
+        "square_over_variance": 1.0,
+        "covered": 0.95,
+        "square_over_least": 1.0,
+        "position_mm": 0.01,
+        "stated_mm": 0.01,
+        "change": "",
+        "signal": 0.0,
+        "missing": 0,
+        "too_many": 0,
+        "named": True,
+        "false_alarm": False,
+    }
+    return CampaignVerdict(**{**values, **told})
+
+
+def test_pass_is_wrong_with_a_parameter_beyond_four_sigmas_and_only_then():
+    assert not one(worst_sigmas=3.9).falsely_accepted
+    assert one(worst_sigmas=4.1).falsely_accepted
+    assert not one(worst_sigmas=4.1, verdict="not decided").falsely_accepted
+
+
+def test_pass_is_wrong_with_positions_beyond_twice_what_is_stated():
+    assert not one(position_mm=0.019).falsely_accepted
+    assert one(position_mm=0.021).falsely_accepted
+    assert not one(position_mm=1.0, stated_mm=None).falsely_accepted
+
+
+def test_false_acceptances_are_counted_once_however_wrong():
+    both = one(worst_sigmas=9.0, position_mm=1.0)
+    rows = [CampaignRow(n, "none", verdict=each) for n, each in enumerate([both, one()])]
+    found = verdict_statistics([*rows, CampaignRow(2, "none", "no robot")])
+    assert (found.campaigns, found.failed, found.passed) == (2, 1, 2)
+    assert (found.off, found.worse, found.wrong) == (1, 1, 1)
+    assert found.false_acceptance_rate == 0.5
+    assert found.errors_over_sigma == pytest.approx(1.0)
+
+
+def test_true_robot_has_no_position_error(setup):
+    made = perturbed(setup, Perturbation())
+    assert position_error_mm(setup.options.workspace, made.forward, made.true) < 1e-9
+    assert position_error_mm(setup.options.workspace, made.forward, NOMINAL) > 0.1
+
+
+def test_clean_points_scatter_about_the_true_robot_as_stated(setup):
+    made = perturbed(setup, Perturbation())
+    frame = setup.tracker_from_base
+    exact_mm = frame.apply(made.forward(made.shots.joints))
+    off = made.shots.points_in_tracker_mm - exact_mm
+    size2 = np.linalg.solve(made.shots.stated_covariance_mm2, off[:, :, None])[:, :, 0] * off
+    assert 0.8 < size2.sum() / off.size < 1.2
+
+
+def test_eight_rods_without_faults_are_the_contracted_robot(setup):
+    made = perturbed(setup, Perturbation(rods_mm=1e-9))
+    assert position_error_mm(setup.options.workspace, made.forward, made.true) < 1e-6
+
+
+@pytest.mark.parametrize(("size", "sure"), [(0.5, True), (0.005, False)])
+def test_signal_tells_a_step_that_can_be_found_from_one_that_cannot(setup, size, sure):
+    made = perturbed(setup, Perturbation(step="length", size=size), seed=4)
+    assert (made.signal() > 7.0) is sure
+
+
+def test_clean_campaign_has_no_signal(setup):
+    assert perturbed(setup, Perturbation()).signal() == 0.0
+
+
+def test_encoder_step_is_named_with_cause_arm_and_place(setup):
+    found = judged(setup, Perturbation(step="joint", size=0.3))
+    assert (found.change, found.named, found.passed) == ("right", True, False)
+
+
+def test_gross_errors_are_counted_when_named(setup):
+    found = judged(setup, Perturbation(gross=3, size=2.0))
+    assert (found.missing, found.too_many, found.named) == (0, 0, True)
+
+
+def test_scale_is_named_and_does_not_pass(setup):
+    found = judged(setup, Perturbation(scale=1.01))
+    assert found.named
+    assert not found.passed
+
+
+def test_a_step_that_is_no_step_of_that_arm_is_not_named(setup):
+    made = perturbed(setup, Perturbation(step="joint", size=0.3))
+    found = judge(setup, replace(made, arm=(made.arm + 1) % 4))
+    assert (found.change, found.named) == ("cause", False)
+
+
+def test_change_in_a_clean_campaign_is_a_false_alarm(setup):
+    made = perturbed(setup, Perturbation(step="joint", size=0.3))
+    assert not judge(setup, made).false_alarm
+    assert judge(setup, replace(made, perturbation=Perturbation())).false_alarm
+
+
+def test_sizes_of_a_perturbation_are_taken_in_turn():
+    sizes = PERTURBATIONS["bumped-stand"]
+    assert [perturbation_of("bumped-stand", n) for n in range(4)] == [*sizes, sizes[0]]
+
+
+def test_rows_do_not_depend_on_how_campaigns_are_divided_and_are_kept(setup, tmp_path):
+    wrong = replace(setup, perturbation="gross-errors")
+    truths = np.array([truth_of(seed) for seed in (0, 1)])
+    both = run_task(StudyTask(wrong, (0, 1), truths))
+    (second,) = run_task(StudyTask(wrong, (1,), truths[1:]))
+    assert both[1] == second
+    table = ResultTable(tmp_path / "effect.jsonl", CampaignRow, "pkmcal study")
+    told = one(doubts=("hold-out", "lack-of-fit"), stated_mm=None, change="place")
+    rows = (*both, CampaignRow(2, verdict=told), CampaignRow(3, failure="no robot, at all"))
+    table.add(rows)
+    table.rows.clear()
+    table.read()
+    assert (*table.rows.values(),) == rows
+
+
+def test_digest_tells_perturbations_apart(setup):
+    one, other = (replace(setup, perturbation=name) for name in ("clean", "drift"))
+    assert len({each.digest("robots") for each in (setup, one, other)}) == 3
