@@ -1,67 +1,35 @@
-"""Real or simulated: the one place that knows concrete drivers and the simulator."""
+"""Real or simulated: the one place where a campaign's devices are made and connected."""
 
 import json
 import random
 import shlex
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from campaigns.campaign import SIMULATED, Campaign
+from campaigns.controllers import linuxcnc_export as export
 from campaigns.controllers.active_kinematics import ActiveKinematics
-from campaigns.controllers.linuxcnc_export import (
-    CalibrationFile,
-    RobotIdentity,
-    drawing_flat,
-    parameter_pins,
-    pin_of,
-)
 from campaigns.errors import ConfigInvalid, WriteFailed
 from campaigns.files.text_file import replace_text
 from campaigns.journal.inspection import RawReaders
 from campaigns.measuring.work import Cell as Devices
-from campaigns.mechanisms.mechanism import Mechanism
-from campaigns.settings.config import CampaignConfig
 from campaigns.settings.sections import LinuxcncConfig
-from drivers.bounded_files import (
-    CSV_BYTES,
-    FileRefused,
-    decoded,
-    is_file,
-    is_there,
-    read_bounded,
-)
-from drivers.byte_log import ByteLog, logged, reading_for
-from drivers.emscon.tracker import EmsconTracker
-from drivers.errors import (
-    BeamBroken,
-    DriverError,
-    LimitViolation,
-    MotionFault,
-    WrongDevice,
-)
-from drivers.geocom.tracker import GeocomTracker
+from drivers import bounded_files, errors
+from drivers.byte_log import ByteLog, WireReading, logged
+from drivers.catalog import controller_driver, tracker_driver
+from drivers.declaration import RobotSurroundings, Surroundings
 from drivers.link import never
 from drivers.linuxcnc.hal_parameters import FileParameters, HalAccess, HalParameters, HalPins
-from drivers.linuxcnc.robot import LinuxcncRobot
-from drivers.linuxcnc.settings import (
-    Coordinates,
-    JointLimits,
-    LinuxcncSettings,
-    MachineAxes,
-    ParameterStore,
-    Passwords,
-)
+from drivers.linuxcnc.settings import Coordinates, LinuxcncSettings
 from drivers.polling import WakefulClock
 from drivers.ports import Clock, LaserTracker, RobotController, SystemClock
-from drivers.raw_answers import joints_said, measurement_said
-from drivers.robotline.robot import LineRobot
 from drivers.stopping import Alarm, unheard
-from drivers.transport import CONNECT_S, Opener, Transport, open_transport
+from drivers.transport import Opener, open_transport
 from drivers.values import Identity
-from drivers.wire.robotline import LAST_SEQUENCE, RobotLayout
+from drivers.wire.robotline import RobotLayout
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell
@@ -70,13 +38,12 @@ from sim.scenarios.scenario import load_scenario
 from sim.scenarios.schema import Scenario
 
 CELL_MEMORY = "cell-memory.json"
-MEMORY_BYTES = CSV_BYTES
+MEMORY_BYTES = bounded_files.CSV_BYTES
 """A line or two for each place at which the cell has ever stood."""
-FIRST_TRANSACTIONS = (1000, 30_000)
-"""Where the question numbers of a GeoCOM session may begin: differently from one to the next."""
+ACTIVE = "linuxcnc-active.hal"
+"""The parameters in use where LinuxCNC has none itself; in the campaign's folder."""
 
 StopRequested = Callable[[], bool]
-Reading = Callable[[Opener], Opener]
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +73,7 @@ def scenario_of(campaign_folder: Path, url: str) -> Scenario:
     """The scenario that a sim:// URL names: a file of the campaign's folder, or a shipped one."""
     name = url.removeprefix(SIMULATED)
     own = campaign_folder / f"{name}.yaml"
-    return load_scenario(str(own) if is_file(own) else name)
+    return load_scenario(str(own) if bounded_files.is_file(own) else name)
 
 
 @contextmanager
@@ -119,46 +86,94 @@ def connected_cell(
     not there or not the expected one.
     """
     with (
-        doors(campaign, operator, log) as each,
-        each.robot() as robot,
-        each.tracker() as tracker,
+        connections(campaign, operator, log) as to,
+        to.robot() as robot,
+        to.tracker() as tracker,
     ):
-        clock = WakefulClock(each.clock, operator.stop_requested)
-        yield Devices(robot, tracker, clock, SystemClock())
+        yield Devices(robot, tracker, to.awake(to.at.clock), SystemClock())
 
 
 @dataclass(frozen=True, slots=True)
-class Doors:
-    """Ways to each device by itself: connected for the time of a block; and their cell's time.
+class DeviceConnections:
+    """Ways to each device by itself: connected for the time of a block.
 
     Entering raises a driver's error when the device is not there or not the expected one.
     """
 
-    robot: Callable[[], AbstractContextManager[RobotController]]
-    tracker: Callable[[], AbstractContextManager[LaserTracker]]
-    clock: Clock
+    campaign: Campaign
+    at: Addresses
+    operator: Operator
+    log: ByteLog | None
+
+    @contextmanager
+    def robot(self) -> Iterator[RobotController]:
+        """The controller."""
+        driver = controller_driver(self.campaign.config.controller.driver)
+        layout = _layout(self.campaign)
+        opener = self._opener(self.at.controller, "controller", partial(driver.reading, layout))
+        robot = driver.made(
+            RobotSurroundings(
+                opener,
+                SystemClock(),
+                self.operator.stop_requested,
+                random.SystemRandom(),
+                layout,
+                self.operator.alarm,
+                partial(_own_settings, self.campaign),
+            )
+        )
+        serial = self.campaign.config.controller.serial
+        own = errors.MotionFault, errors.LimitViolation
+        try:
+            with _named("controller", self.at.controller, own) as greeted:
+                robot.connect()
+                greeted(identity := robot.identity())
+                _check_serial("controller", identity, serial)
+                yield robot
+        finally:
+            robot.close()
+
+    @contextmanager
+    def tracker(self) -> Iterator[LaserTracker]:
+        """The tracker."""
+        config = self.campaign.config.tracker
+        driver = tracker_driver(config.driver)
+        opener = self._opener(self.at.tracker, "tracker", driver.reading)
+        clock = self.awake(SystemClock())
+        given = Surroundings(opener, clock, self.operator.stop_requested, random.SystemRandom())
+        tracker = driver.made(given, self.at.tracker_clock)
+        try:
+            with _named("tracker", self.at.tracker, (errors.BeamBroken,)) as greeted:
+                tracker.connect()
+                greeted(identity := tracker.identity())
+                _check_serial("tracker", identity, config.serial)
+                yield tracker
+        finally:
+            tracker.close()
+
+    def awake(self, clock: Clock) -> Clock:
+        """A clock whose sleep ends once a stop is requested."""
+        return WakefulClock(clock, self.operator.stop_requested)
+
+    def _opener(self, url: str, device: str, reading: Callable[[], WireReading]) -> Opener:
+        """Opens the wire; every byte goes into the log, read out by its driver's grammar."""
+        opener = partial(open_transport, url)
+        return opener if self.log is None else logged(opener, self.log, device, reading)
 
 
 @contextmanager
-def doors(
+def connections(
     campaign: Campaign, operator: Operator = NOBODY, log: ByteLog | None = None
-) -> Iterator[Doors]:
+) -> Iterator[DeviceConnections]:
     """Ways to each device; a simulated cell is served for the time of the block."""
-    config = campaign.config
-    to_robot = _logging(campaign, log, "controller", config.controller.driver)
-    to_tracker = _logging(campaign, log, "tracker", config.tracker.driver)
     with _addresses(campaign) as at:
-        yield Doors(
-            partial(_robot, campaign, at, _opener(at.controller, to_robot), operator),
-            partial(_tracker, config, at, _opener(at.tracker, to_tracker), operator.stop_requested),
-            at.clock,
-        )
+        yield DeviceConnections(campaign, at, operator, log)
 
 
 @contextmanager
 def connected_robot(campaign: Campaign) -> Iterator[RobotController]:
     """The controller alone."""
-    with doors(campaign) as each, each.robot() as robot:
+    with connections(campaign) as to, to.robot() as robot:
         yield robot
 
 
@@ -227,11 +242,13 @@ def _remember(path: Path, embedded: EmbeddedCell) -> None:
 
 
 def _remembered(path: Path) -> dict[str, object] | None:
-    if not is_there(path):
+    if not bounded_files.is_there(path):
         return None
     try:
-        found = json.loads(decoded(read_bounded(path, MEMORY_BYTES), str(path)))
-    except (FileRefused, RecursionError, ValueError) as error:
+        found = json.loads(
+            bounded_files.decoded(bounded_files.read_bounded(path, MEMORY_BYTES), str(path))
+        )
+    except (bounded_files.FileRefused, RecursionError, ValueError) as error:
         raise MemoryInvalid(
             f"{path}: cannot be read ({error})", remedy="delete the file"
         ) from error
@@ -240,24 +257,9 @@ def _remembered(path: Path) -> dict[str, object] | None:
     return found
 
 
-def _opener(url: str, within: Reading | None = None) -> Opener:
-    def opened(*, timeout_s: float = CONNECT_S) -> Transport:
-        return open_transport(url, timeout_s=timeout_s)
-
-    return opened if within is None else within(opened)
-
-
-def _logging(campaign: Campaign, log: ByteLog | None, device: str, driver: str) -> Reading | None:
-    """What writes every byte of a device into the log, read out by its driver's grammar."""
-    if log is None:
-        return None
-    reading = reading_for(driver, _layout(campaign))
-    return lambda opener: logged(opener, log, device, reading)
-
-
 @contextmanager
 def _named(
-    device: str, url: str, own: tuple[type[DriverError], ...]
+    device: str, url: str, own: tuple[type[errors.DriverError], ...]
 ) -> Iterator[Callable[[Identity], None]]:
     """Name a device in every error that is about it: which one, its address, its serial number.
 
@@ -271,7 +273,7 @@ def _named(
 
     try:
         yield greeted
-    except DriverError as error:
+    except errors.DriverError as error:
         if url and url in error.problem:
             error.problem = error.problem.replace(url, f"{names[0]} at {url}", 1)
         elif isinstance(error, own):
@@ -279,42 +281,13 @@ def _named(
         raise
 
 
-@contextmanager
-def _robot(
-    campaign: Campaign, at: Addresses, opener: Opener, operator: Operator = NOBODY
-) -> Iterator[RobotController]:
-    robot = _made_robot(campaign, opener, operator)
-    try:
-        with _named("controller", at.controller, (MotionFault, LimitViolation)) as greeted:
-            robot.connect()
-            greeted(identity := robot.identity())
-            _check_serial("controller", identity, campaign.config.controller.serial)
-            yield robot
-    finally:
-        robot.close()
-
-
-def _made_robot(
-    campaign: Campaign, opener: Opener, operator: Operator
-) -> LineRobot | LinuxcncRobot:
-    if campaign.config.controller.driver == "linuxcnc":
-        section = campaign.config.controller.linuxcnc
-        assert section is not None, "its settings were checked"
-        return linuxcnc_robot(campaign, section, opener, operator)
-    return LineRobot(
-        opener,
-        layout=_layout(campaign),
-        clock=SystemClock(),
-        first_sequence=random.SystemRandom().randint(1, LAST_SEQUENCE),
-        cancelled=operator.stop_requested,
-        alarm=operator.alarm,
-    )
-
-
 def raw_readers(campaign: Campaign) -> RawReaders:
     """Readers of the raw answers that a campaign's journal keeps."""
     layout = _layout(campaign)
-    return RawReaders(lambda driver, raw: joints_said(driver, raw, layout), measurement_said)
+    return RawReaders(
+        lambda driver, raw: controller_driver(driver).joints(raw, layout),
+        lambda driver, raw: tracker_driver(driver).measured(raw),
+    )
 
 
 def _layout(campaign: Campaign) -> RobotLayout:
@@ -326,95 +299,55 @@ def _layout(campaign: Campaign) -> RobotLayout:
     return RobotLayout(joints, task, mechanism.parameters.names, mechanism.parameters.extensions)
 
 
-@contextmanager
-def _tracker(
-    config: CampaignConfig, at: Addresses, opener: Opener, stop_requested: StopRequested
-) -> Iterator[LaserTracker]:
-    tracker = _made_tracker(config.tracker.driver, at.tracker_clock, opener, stop_requested)
-    try:
-        with _named("tracker", at.tracker, (BeamBroken,)) as greeted:
-            tracker.connect()
-            greeted(identity := tracker.identity())
-            _check_serial("tracker", identity, config.tracker.serial)
-            yield tracker
-    finally:
-        tracker.close()
-
-
-def _made_tracker(
-    driver: str, tracker_clock: Clock | None, opener: Opener, stop_requested: StopRequested
-) -> EmsconTracker | GeocomTracker:
-    clock = WakefulClock(SystemClock(), stop_requested)
-    if driver == "emscon":
-        return EmsconTracker(
-            opener,
-            clock=clock,
-            cancelled=stop_requested,
-            instrument_clock=tracker_clock,
-        )
-    first = random.SystemRandom().randint(*FIRST_TRANSACTIONS)
-    return GeocomTracker(opener, clock=clock, first_transaction=first, cancelled=stop_requested)
-
-
 def _check_serial(device: str, found: Identity, expected: str | None) -> None:
     if expected is not None and found.serial != expected:
-        raise WrongDevice(
+        raise errors.WrongDevice(
             f"the {device} has serial number {found.serial}, campaign.yaml expects {expected}",
             remedy=f"connect the right {device}, or correct {device}.serial in campaign.yaml",
         )
 
 
-ACTIVE = "linuxcnc-active.hal"
-"""The parameters in use where LinuxCNC has none itself; in the campaign's folder."""
+def _own_settings(campaign: Campaign) -> LinuxcncSettings | None:
+    """What the campaign says to one driver alone."""
+    section = campaign.config.controller.linuxcnc
+    return None if section is None else linuxcnc_settings(campaign, section)
 
 
-def linuxcnc_robot(
-    campaign: Campaign,
-    section: LinuxcncConfig,
-    opener: Opener,
-    operator: Operator = NOBODY,
-) -> LinuxcncRobot:
-    """The driver for this campaign's LinuxCNC; nothing is opened yet."""
-    axes = _machine_axes(campaign.robot.mechanism)
-    settings = LinuxcncSettings(
-        Coordinates[section.coordinates.upper()],
-        JointLimits(*campaign.robot.limits.joint, axes),
-        section.full_speed_rad_s if axes.are_rotary else section.full_speed_mm_per_s,
-        passwords=Passwords(section.connect_password, section.enable_password),
-    )
-    return LinuxcncRobot(
-        opener,
-        clock=SystemClock(),
-        settings=settings,
+def linuxcnc_settings(campaign: Campaign, section: LinuxcncConfig) -> LinuxcncSettings:
+    """What the driver has to know of this campaign's LinuxCNC and its robot."""
+    mechanism = campaign.robot.mechanism
+    are_rotary = mechanism.joints[0].is_revolute
+    lowest, highest = campaign.robot.limits.joint
+    return LinuxcncSettings(
+        coordinates=Coordinates[section.coordinates.upper()],
+        lowest=lowest,
+        highest=highest,
+        full_speed_per_s=section.full_speed_rad_s if are_rotary else section.full_speed_mm_per_s,
         store=_store(campaign, section),
-        kinematics_of=partial(ActiveKinematics, campaign.robot.mechanism),
-        cancelled=operator.stop_requested,
-        alarm=operator.alarm,
+        poses_of=partial(ActiveKinematics, mechanism),
+        robot=mechanism.name.capitalize(),
+        joints=len(mechanism.joints),
+        are_rotary=are_rotary,
+        has_turn=any(axis.is_revolute for axis in mechanism.task),
+        connect_password=section.connect_password,
+        enable_password=section.enable_password,
     )
 
 
-def _store(campaign: Campaign, section: LinuxcncConfig) -> ParameterStore:
+def _store(campaign: Campaign, section: LinuxcncConfig) -> FileParameters | HalParameters:
     nominal = campaign.robot
-    whose = RobotIdentity(campaign.robot_identity, nominal)
+    whose = export.RobotIdentity(campaign.robot_identity, nominal)
     path = campaign.folder / (section.hal_file or ACTIVE)
     if section.coordinates == "joints":
-        return FileParameters(CalibrationFile(path, whose, otherwise=nominal))
-    access = HalAccess(prefix=tuple(shlex.split(section.beside)))
-    pins = parameter_pins(nominal.mechanism)
-    drawing = {pin_of(name): value for name, value in drawing_flat(nominal.mechanism).items()}
+        return FileParameters(export.CalibrationFile(path, whose, otherwise=nominal))
+    pins = export.parameter_pins(nominal.mechanism)
+    drawing = {
+        export.pin_of(name): value for name, value in export.drawing_flat(nominal.mechanism).items()
+    }
     return HalParameters(
-        CalibrationFile(path, whose),
-        HalPins((*pins.values(), *drawing), access),
+        export.CalibrationFile(path, whose),
+        HalPins((*pins.values(), *drawing), HalAccess(prefix=tuple(shlex.split(section.beside)))),
         pins,
         frozenset(nominal.mechanism.parameters.extensions),
         drawing,
-    )
-
-
-def _machine_axes(mechanism: Mechanism) -> MachineAxes:
-    return MachineAxes(
-        mechanism.name.capitalize(),
-        len(mechanism.joints),
-        mechanism.joints[0].is_revolute,
-        any(axis.is_revolute for axis in mechanism.task),
     )

@@ -1,190 +1,14 @@
-"""Byte log, and the meaning of its bytes by each protocol's own grammar."""
+"""Byte log: every byte of every wire in one file, with what it means by each protocol's grammar."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Protocol, TextIO, TypeVar
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TextIO, TypeVar
 
 from drivers.errors import DriverError, WireError
 from drivers.transport import CONNECT_S, Opener, Transport
-from drivers.wire import geocom, robotline
-from drivers.wire.emscon import (
-    Answer,
-    FromClient,
-    FromServer,
-    OtherPacket,
-    Request,
-    UnknownRequest,
-    parse_from_client,
-    parse_from_server,
-)
-from drivers.wire.emscon_constants import ResultStatus, status_text
-from drivers.wire.framing import LineFramer, Packet, PacketFramer
-from drivers.wire.geocom_constants import procedure_text, result_text
-from drivers.wire.robotline import RobotLayout
 
-Message = TypeVar("Message")
-
-PROCEDURES_KEPT = 100
 LONGEST_MEANING = 500
-
-
-class Reading(Protocol):
-    """Reading of both directions of one connection; never raises, whatever comes."""
-
-    def sent(self, data: bytes) -> Sequence[str]:
-        """Meanings of the messages that these bytes to the device complete."""
-        ...
-
-    def received(self, data: bytes) -> Sequence[str]:
-        """Meanings of the messages that these bytes from the device complete."""
-        ...
-
-
-class NoReading:
-    """Reading of a protocol without a grammar here: the bytes speak for themselves."""
-
-    def sent(self, data: bytes) -> Sequence[str]:  # noqa: ARG002 - of the protocol
-        """Meanings: none."""
-        return ()
-
-    def received(self, data: bytes) -> Sequence[str]:  # noqa: ARG002 - of the protocol
-        """Meanings: none."""
-        return ()
-
-
-class EmsconReading:
-    """Packets."""
-
-    def __init__(self) -> None:
-        self._to_device = _PacketStream(lambda packet: _asked(parse_from_client(packet)))
-        self._from_device = _PacketStream(lambda packet: _said(parse_from_server(packet)))
-
-    def sent(self, data: bytes) -> Sequence[str]:
-        """Meanings of the messages that these bytes to the device complete."""
-        return self._to_device.meanings(data)
-
-    def received(self, data: bytes) -> Sequence[str]:
-        """Meanings of the messages that these bytes from the device complete."""
-        return self._from_device.meanings(data)
-
-
-class RobotlineReading:
-    """Lines with checksums."""
-
-    def __init__(self, robot: RobotLayout) -> None:
-        self._robot = robot
-        self._to_device, self._from_device = robotline.line_framer(), robotline.line_framer()
-
-    def sent(self, data: bytes) -> Sequence[str]:
-        """Meanings of the messages that these bytes to the device complete."""
-        return _lines(self._to_device, data, self._request)
-
-    def received(self, data: bytes) -> Sequence[str]:
-        """Meanings of the messages that these bytes from the device complete."""
-        return _lines(self._from_device, data, self._reply)
-
-    def _request(self, line: bytes) -> str:
-        return str(robotline.decode_request(line, self._robot))
-
-    def _reply(self, line: bytes) -> str:
-        reply = robotline.decode_reply(line, self._robot)
-        return f"answer {reply.sequence} to {reply.verb}: {reply.outcome}"
-
-
-class GeocomReading:
-    """Lines; a reply names the procedure that its number belongs to."""
-
-    def __init__(self) -> None:
-        self._to_device, self._from_device = geocom.line_framer(), geocom.line_framer()
-        self._procedures: dict[int, str] = {}
-
-    def sent(self, data: bytes) -> Sequence[str]:
-        """Meanings of the messages that these bytes to the device complete."""
-        return _lines(self._to_device, data, self._request)
-
-    def received(self, data: bytes) -> Sequence[str]:
-        """Meanings of the messages that these bytes from the device complete."""
-        return _lines(self._from_device, data, self._reply)
-
-    def _request(self, line: bytes) -> str:
-        request = geocom.decode_request(line)
-        if isinstance(request, geocom.Abort):
-            return "abort the motion"
-        while len(self._procedures) >= PROCEDURES_KEPT:
-            del self._procedures[next(iter(self._procedures))]
-        self._procedures[request.transaction] = name = procedure_text(request.rpc)
-        return f"{name}({', '.join(request.parameters)}), question {request.transaction}"
-
-    def _reply(self, line: bytes) -> str:
-        if line == geocom.ABORTED:
-            return "the motion is aborted"
-        reply = geocom.decode_reply(line)
-        name = self._procedures.pop(reply.transaction, "nothing that was asked")
-        code = reply.communication or reply.result
-        said = result_text(code) if code else f"({', '.join(reply.parameters)})"
-        return f"answer {reply.transaction} to {name}: {said}"
-
-
-def reading_for(driver: str, robot: RobotLayout) -> Callable[[], Reading]:
-    """Factory of readings for a driver of that name, of a robot of that layout."""
-    readings: Mapping[str, Callable[[], Reading]] = {
-        "emscon": EmsconReading,
-        "geocom": GeocomReading,
-        "robotline": lambda: RobotlineReading(robot),
-    }
-    return readings.get(driver, NoReading)
-
-
-def _lines(framer: LineFramer, data: bytes, meaning: Callable[[bytes], str]) -> Sequence[str]:
-    return [_meant(meaning, line) for line in framer.feed(data) if line]
-
-
-class _PacketStream:
-    """Packets of one direction. A stream that has lost its step is not read any further."""
-
-    def __init__(self, meaning: Callable[[Packet], str]) -> None:
-        self._meaning = meaning
-        self._framer: PacketFramer | None = PacketFramer()
-
-    def meanings(self, data: bytes) -> Sequence[str]:
-        """Meanings of the packets that these bytes complete."""
-        if self._framer is None:
-            return ()
-        try:
-            packets = self._framer.feed(data)
-        except WireError as error:
-            self._framer = None
-            return [f"cannot be read, nor what follows: {error.problem}"]
-        return [_meant(self._meaning, packet) for packet in packets]
-
-
-def _meant(meaning: Callable[[Message], str], message: Message) -> str:
-    try:
-        return meaning(message)[:LONGEST_MEANING]
-    except WireError as error:
-        return f"cannot be read: {error.problem}"[:LONGEST_MEANING]
-
-
-def _asked(message: FromClient) -> str:
-    match message:
-        case Request(command, body):
-            return f"{command.title} {body}"
-        case UnknownRequest(command):
-            return f"command {command}, which is not known here"
-
-
-def _said(message: FromServer) -> str:
-    match message:
-        case Answer(command, ResultStatus.ALL_OK, body):
-            return f"answer to {command.title}: {body}"
-        case Answer(command, status):
-            return f"answer to {command.title}: {status_text(status)}"
-        case OtherPacket(kind, body):
-            return f"packet of type {kind} with {len(body)} bytes"
-        case _:
-            return f"unasked: {message}"
-
-
 LIMIT_CHARACTERS = 50_000_000
 """Length of days of measuring; a device that babbles cannot fill the disk."""
 SHOWN_BYTES = 4096
@@ -200,6 +24,51 @@ HEADING = """\
 #   time (UTC), device, direction, bytes;  > to the device, < from it, ! about the connection
 # then the bytes, as text with \\r \\n \\t \\\\ or in hexadecimal, and behind = what they mean.
 """
+
+Unit = TypeVar("Unit")
+Meanings = Callable[[bytes], Sequence[str]]
+"""Meanings of the messages that these bytes complete; never raises, whatever comes."""
+
+
+@dataclass(frozen=True, slots=True)
+class WireReading:
+    """Reading of one connection: of the bytes to the device, and of those from it."""
+
+    sent: Meanings
+    received: Meanings
+
+
+def meanings(feed: Callable[[bytes], Sequence[Unit]], meaning: Callable[[Unit], str]) -> Meanings:
+    """Read what a framer cuts; both raise only `WireError`.
+
+    A stream that has lost its step is not read any further.
+    """
+    has_lost_its_step = False
+
+    def read(data: bytes) -> Sequence[str]:
+        nonlocal has_lost_its_step
+        if has_lost_its_step:
+            return ()
+        try:
+            units = feed(data)
+        except WireError as error:
+            has_lost_its_step = True
+            return [f"cannot be read, nor what follows: {error.problem}"]
+        return [_meant(meaning, unit) for unit in units if unit]
+
+    return read
+
+
+def no_reading() -> WireReading:
+    """Reading of a protocol without a grammar here: the bytes speak for themselves."""
+    return WireReading(lambda _: (), lambda _: ())
+
+
+def _meant(meaning: Callable[[Unit], str], unit: Unit) -> str:
+    try:
+        return meaning(unit)[:LONGEST_MEANING]
+    except WireError as error:
+        return f"cannot be read: {error.problem}"[:LONGEST_MEANING]
 
 
 class ByteLog:
@@ -240,7 +109,7 @@ class ByteLog:
 class LoggedTransport:
     """A byte pipe that is written down; it raises what the pipe raises."""
 
-    def __init__(self, pipe: Transport, log: ByteLog, device: str, reading: Reading) -> None:
+    def __init__(self, pipe: Transport, log: ByteLog, device: str, reading: WireReading) -> None:
         self._pipe = pipe
         self._log = log
         self._device = device
@@ -288,7 +157,7 @@ def logged(
     open_pipe: Opener,
     log: ByteLog,
     device: str,
-    new_reading: Callable[[], Reading],
+    new_reading: Callable[[], WireReading],
 ) -> Opener:
     """Open a pipe as before, but one that is written down; each time with a fresh reading."""
 

@@ -31,6 +31,13 @@ class Clock(Protocol):
 class RobotController(Protocol):
     """A robot's controller. Every call has a deadline; `state` watches what `move_*` started."""
 
+    def connect(self) -> None:
+        """Open the wire and see who answers; raises `LinkDown`, `WireError` or `WrongDevice`.
+
+        From the second time on it must be the same controller that answers.
+        """
+        ...
+
     def identity(self) -> Identity:
         """Identity of the device that answers, with serial number and firmware."""
         ...
@@ -87,6 +94,13 @@ class RobotController(Protocol):
 
 class LaserTracker(Protocol):
     """A laser tracker. Points are Cartesian, right-handed, in the tracker's own frame."""
+
+    def connect(self) -> None:
+        """Open the wire and see who answers; raises `LinkDown`, `WireError` or `WrongDevice`.
+
+        From the second time on it must be the same tracker that answers.
+        """
+        ...
 
     def identity(self) -> Identity:
         """Identity of the device that answers, with serial number and firmware."""

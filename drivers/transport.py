@@ -3,12 +3,20 @@
 import re
 import socket
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
 from drivers.errors import AddressInvalid, LinkDown
 
+if TYPE_CHECKING:
+    import serial
+
 DEFAULT_BAUD = 115200
+CHUNK_BYTES, SERIAL_CHUNK_BYTES = 65536, 4096
+CONNECT_S = 5.0
+"""How long a device may take to accept a connection."""
+SHORTEST_SEND_S = 1e-3
+"""A time limit of zero would mean a pipe that never waits, not an impatient one."""
 URL_FORMS = "use tcp://HOST:PORT or serial:///dev/ttyUSB0?baud=115200"
 
 _BAUD = re.compile(r"[1-9][0-9]{0,7}")
@@ -72,13 +80,6 @@ def _serial_device(path: str) -> str:
     return path if path.count("/") > 1 else path.removeprefix("/")
 
 
-CHUNK_BYTES = 65536
-CONNECT_S = 5.0
-"""How long a device may take to accept a connection."""
-SHORTEST_SEND_S = 1e-3
-"""A time limit of zero would mean a socket that never waits, not an impatient one."""
-
-
 class Transport(Protocol):
     """A pipe of bytes. A closed or broken pipe raises `LinkDown`, on every call."""
 
@@ -108,13 +109,11 @@ class Opener(Protocol):
         ...
 
 
-def open_transport(url: str, *, timeout_s: float) -> Transport:
+def open_transport(url: str, *, timeout_s: float = CONNECT_S) -> Transport:
     """Connect to a device; raises `AddressInvalid` or `LinkDown`."""
     address = parse_address(url)
     if isinstance(address, TcpAddress):
         return TcpTransport.connect(address, timeout_s=timeout_s)
-    from drivers.serial_transport import SerialTransport  # pyserial is loaded where it is used
-
     return SerialTransport.open(address)
 
 
@@ -176,6 +175,63 @@ class TcpTransport:
     def _down(self, error: OSError) -> LinkDown:
         return LinkDown(
             f"{self._name}: the connection broke ({_reason(error)})",
+            remedy="check the cable and the device, then try again",
+        )
+
+
+class SerialTransport:
+    """A serial line, 8N1, held by this process alone."""
+
+    def __init__(self, port: "serial.Serial", name: str) -> None:
+        self._port = port
+        self._name = name
+
+    @classmethod
+    def open(cls, address: SerialAddress) -> "SerialTransport":
+        """Open and empty it, or raise `LinkDown`."""
+        import serial  # loaded where it is used
+
+        name = f"serial://{address.device}"
+        try:
+            port = serial.Serial(address.device, address.baud, exclusive=True)
+        except (OSError, ValueError) as error:  # pyserial's own error is an OSError
+            raise LinkDown(
+                f"{name}: cannot be opened ({error})",
+                remedy="check the cable, the port's name, your rights to it, "
+                "and that nobody else holds it",
+            ) from error
+        return cls(port, name)
+
+    @property
+    def name(self) -> str:
+        """Name of the line."""
+        return self._name
+
+    def send(self, data: bytes, timeout_s: float) -> None:
+        """Send all of it."""
+        try:
+            self._port.write_timeout = max(timeout_s, SHORTEST_SEND_S)
+            self._port.write(data)
+        except OSError as error:
+            raise self._down(error) from error
+
+    def receive(self, timeout_s: float) -> bytes:
+        """Return what has arrived; empty when nothing came in time."""
+        try:
+            self._port.timeout = max(timeout_s, 0.0)
+            first = self._port.read(1)
+            waiting = min(self._port.in_waiting, SERIAL_CHUNK_BYTES - 1) if first else 0
+            return first + self._port.read(waiting)
+        except OSError as error:
+            raise self._down(error) from error
+
+    def close(self) -> None:
+        """Close; a second time does nothing."""
+        self._port.close()
+
+    def _down(self, error: OSError) -> LinkDown:
+        return LinkDown(
+            f"{self._name}: the line broke ({error})",
             remedy="check the cable and the device, then try again",
         )
 

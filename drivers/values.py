@@ -1,7 +1,7 @@
 """Values that devices give: millimetres, radians, seconds, degrees Celsius."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import chain
@@ -58,6 +58,18 @@ def vector(values: Iterable[float]) -> Vector3:
     """Three plain floats."""
     x, y, z = map(float, values)
     return x, y, z
+
+
+def outer_units(names: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
+    """Values in rad and mm in the units of their names (`q0_deg`): rad become deg."""
+    each = zip(names, values, strict=True)
+    return tuple(math.degrees(value) if name.endswith("_deg") else value for name, value in each)
+
+
+def inner_units(names: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
+    """Values in the units of their names in rad and mm."""
+    each = zip(names, values, strict=True)
+    return tuple(math.radians(value) if name.endswith("_deg") else value for name, value in each)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,13 @@
 """A simulated cell served on loopback inside this process, as if it stood in the next room."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Literal
 
 from sim.cell import Cell
 from sim.clock import CellClock
+from sim.errors import ServerFailed
 from sim.robot.controller import SimulatedController
 from sim.robot.follower import FollowingController
 from sim.servers.emscon_instrument import EmsconInstrument
@@ -38,7 +39,7 @@ class EmbeddedCell:
         clock: CellClock,
         *,
         controller_on: Literal["tcp", "pty"] = "tcp",
-        tracker_speaks: Literal["emscon", "geocom"] = "emscon",
+        tracker_speaks: str = "emscon",
         controller_port: int = 0,
         tracker_port: int = 0,
     ) -> None:
@@ -47,7 +48,7 @@ class EmbeddedCell:
         self._follows = isinstance(cell.controller, FollowingController)
         self._station = GeocomStation(cell.tracker)
         self._instrument = EmsconInstrument(cell.tracker)
-        speaking: SessionFactory = self._geocom if tracker_speaks == "geocom" else self._emscon
+        speaking = self._speaking(tracker_speaks)
         look_every_s = LOOK_EVERY_S / clock.real_s(1.0) if self._follows else math.inf
         self._server = CellServer(clock, cell.faults, look=cell.advance, look_every_s=look_every_s)
         try:
@@ -91,6 +92,15 @@ class EmbeddedCell:
         if controller_on == "pty":
             return self._server.serve_pty(self._robotline, "controller")
         return self._server.serve_tcp(self._robotline, "controller", port)
+
+    def _speaking(self, protocol: str) -> SessionFactory:
+        """Sessions of a tracker that speaks it."""
+        sessions: Mapping[str, SessionFactory] = {"emscon": self._emscon, "geocom": self._geocom}
+        if protocol not in sessions:
+            raise ServerFailed(
+                f"no simulated tracker speaks '{protocol}'", remedy=f"use {' or '.join(sessions)}"
+            )
+        return sessions[protocol]
 
     def _robotline(self, send: Send, already_open: int) -> Session:  # noqa: ARG002 - takes several
         assert isinstance(self.cell.controller, SimulatedController), "no other is served"

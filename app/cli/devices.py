@@ -11,7 +11,7 @@ import typer
 from app.byte_log import byte_log
 from app.console import terminal_of
 from app.options import Folder, Json
-from app.wiring import doors
+from app.wiring import connections
 from campaigns.campaign import Campaign, open_campaign
 from drivers.errors import DriverError
 from drivers.ports import LaserTracker, RobotController
@@ -39,7 +39,7 @@ def command(
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
-    with campaign.held(), byte_log(spy, terminal) as log, doors(campaign, log=log) as to:
+    with campaign.held(), byte_log(spy, terminal) as log, connections(campaign, log=log) as to:
         asked = {
             "controller": _asked(to.robot, partial(of_controller, campaign)),
             "tracker": _asked(to.tracker, of_tracker),

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from campaigns.files.yaml_file import FileModel, broken_rule
+from drivers.catalog import CONTROLLERS, TRACKERS, ControllerName, TrackerName
 
 
 class LinuxcncConfig(FileModel):
@@ -82,8 +83,8 @@ LimitPerMetre = Annotated[float, Field(ge=0.0, le=10_000.0)]
 class ControllerConfig(FileModel):
     """The robot's controller."""
 
-    driver: Literal["robotline", "linuxcnc"] = Field(
-        default="robotline", description="its protocol: robotline or linuxcnc"
+    driver: ControllerName = Field(
+        default="robotline", description=f"its protocol: {' or '.join(CONTROLLERS)}"
     )
     url: Url = Field(description=f"its address: {URL_FORMS}")
     serial: str | None = Field(
@@ -120,8 +121,8 @@ class TrackerLimitsConfig(FileModel):
 class TrackerConfig(FileModel):
     """The laser tracker and its reflector."""
 
-    driver: Literal["emscon", "geocom"] = Field(
-        default="emscon", description="its protocol: emscon or geocom"
+    driver: TrackerName = Field(
+        default="emscon", description=f"its protocol: {' or '.join(TRACKERS)}"
     )
     url: Url = Field(description=f"its address: {URL_FORMS}")
     serial: str | None = Field(

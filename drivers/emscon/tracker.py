@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from math import cos, isfinite, radians, sin
 
+from drivers.byte_log import WireReading, meanings
+from drivers.declaration import Surroundings, TrackerDriver
 from drivers.emscon.client import (
     OTHER_CLIENT,
     EmsconClient,
@@ -23,7 +25,7 @@ from drivers.emscon.setup import (
     require_unchanged,
     set_up,
 )
-from drivers.errors import BeamBroken, DeviceRefused, NoReflector, NotAMeasurement
+from drivers.errors import BeamBroken, DeviceRefused, NoReflector, NotAMeasurement, WireError
 from drivers.link import never
 from drivers.plausible import require, require_point, require_weather
 from drivers.ports import Clock
@@ -41,7 +43,13 @@ from drivers.values import (
     Weather,
     is_positive_definite,
 )
-from drivers.wire.emscon import NOTHING, encode
+from drivers.wire.emscon import (
+    NOTHING,
+    FromServerFramer,
+    encode,
+    parse_from_client,
+    parse_from_server,
+)
 from drivers.wire.emscon_constants import (
     SENSOR_NAMES,
     Command,
@@ -65,6 +73,7 @@ from drivers.wire.emscon_messages import (
     TrackerInfo,
     TrackerStatus,
 )
+from drivers.wire.framing import PacketFramer
 
 NO_COVARIANCE: Vector3 = (0.0, 0.0, 0.0)
 LEAST_STD_MM = 1e-7
@@ -86,6 +95,19 @@ def measurement_of(where: str, result: SingleResult | SingleResult2) -> Measurem
         weather=air,
         raw=encode(result).hex(),
     )
+
+
+def measurement_said(raw: str) -> tuple[Vector3, Matrix3]:
+    """Point, mm, and covariance, mm², of a result as records keep it; raises `DriverError`."""
+    try:
+        packet = bytes.fromhex(raw)
+    except ValueError as error:
+        raise WireError(f"no packet in hexadecimal digits: {raw!r:.80}") from error
+    found = FromServerFramer().feed(packet)
+    if len(found) != 1 or not isinstance(found[0], SingleResult | SingleResult2):
+        raise WireError(f"no single measurement: {raw!r:.80}")
+    measured = measurement_of("the tracker", found[0])
+    return measured.point_in_tracker_mm, measured.covariance_mm2
 
 
 def _require_stationary(where: str, result: SingleResult | SingleResult2) -> None:
@@ -372,3 +394,22 @@ def _model(client: EmsconClient) -> str:
     if info is None:
         return "laser tracker"
     return SENSOR_NAMES.get(info.sensor_type) or info.name or f"sensor {info.sensor_type}"
+
+
+def _made(given: Surroundings, instrument_clock: Clock | None) -> EmsconTracker:
+    return EmsconTracker(
+        given.open_transport,
+        clock=given.clock,
+        cancelled=given.cancelled,
+        instrument_clock=instrument_clock,
+    )
+
+
+def _reading() -> WireReading:
+    return WireReading(
+        meanings(PacketFramer().feed, lambda packet: parse_from_client(packet).describe()),
+        meanings(PacketFramer().feed, lambda packet: parse_from_server(packet).describe()),
+    )
+
+
+DRIVER = TrackerDriver(_made, _reading, measurement_said)

@@ -18,7 +18,8 @@ from drivers.geocom.client import (
 )
 from drivers.plausible import require, require_point
 from drivers.values import PRESSURE, TEMPERATURE, Vector3, Weather, vector
-from drivers.wire.geocom import parse_whole, parse_words
+from drivers.wire.framing import ascii_bytes
+from drivers.wire.geocom import decode_reply, parse_whole, parse_words
 from drivers.wire.geocom_constants import INCLINATION_AUTO, LockStatus, Program, Result, Rpc
 
 NARROWEST_RAD, WIDEST_RAD = 0.02, 0.5
@@ -161,6 +162,12 @@ def read_coordinates(words: Sequence[str]) -> tuple[Vector3, int]:
     for word in present:
         any_number(word)
     return vector(MM_PER_M * any_number(word) for word in (east, north, height)), parse_whole(at_ms)
+
+
+def point_said(raw: str) -> Vector3:
+    """Point, mm, of an answer with coordinates as records keep it; raises `WireError`."""
+    point_mm, _ = read_coordinates(decode_reply(ascii_bytes(raw)).parameters)
+    return point_mm
 
 
 def _taken(client: GeocomClient) -> MeasuredPoint:

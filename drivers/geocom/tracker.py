@@ -7,12 +7,15 @@ recognition in lock mode, and measures in one face.
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from drivers.byte_log import WireReading, meanings
+from drivers.declaration import Surroundings, TrackerDriver
 from drivers.geocom.accuracy import Accuracy, accuracy_of_class, covariance_mm2
 from drivers.geocom.client import GeocomClient, GeocomDeadlines, text, whole, wholes
 from drivers.geocom.measuring import (
     is_locked,
     lock_if_in_view,
     measure_point,
+    point_said,
     require_lock,
     require_prism,
     search,
@@ -41,9 +44,12 @@ from drivers.values import (
     Vector3,
     Weather,
 )
+from drivers.wire.geocom import Conversation, line_framer
 from drivers.wire.geocom_constants import Rpc
 
 SEARCH_RADIUS_MM = 50.0
+FIRST_TRANSACTIONS = (1000, 30_000)
+"""Where the question numbers of a session may begin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,3 +212,23 @@ def _identity(client: GeocomClient) -> Identity:
         firmware=".".join(map(str, firmware)),
         protocol="GeoCOM",
     )
+
+
+def _made(given: Surroundings, _instrument_clock: Clock | None) -> GeocomTracker:
+    return GeocomTracker(
+        given.open_transport,
+        clock=given.clock,
+        first_transaction=given.draws.randint(*FIRST_TRANSACTIONS),
+        cancelled=given.cancelled,
+    )
+
+
+def _reading() -> WireReading:
+    both = Conversation()
+    return WireReading(
+        meanings(line_framer().feed, both.describe_request),
+        meanings(line_framer().feed, both.describe_reply),
+    )
+
+
+DRIVER = TrackerDriver(_made, _reading, lambda raw: (point_said(raw), None))

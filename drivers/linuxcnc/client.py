@@ -4,12 +4,12 @@ from collections.abc import Callable
 
 from drivers.errors import DeviceRefused, WrongDevice
 from drivers.link import Link, LinkClient
-from drivers.linuxcnc.settings import Passwords, Patience
+from drivers.linuxcnc.settings import LinuxcncSettings
 from drivers.transport import Transport
 from drivers.wire.linuxcncrsh import (
     PROTOCOL,
     AnswerFramer,
-    Greeting,
+    LinuxcncGreeting,
     Message,
     Remark,
     Value,
@@ -37,7 +37,7 @@ class LinuxcncClient(LinkClient[Message]):
         transport: Transport,
         *,
         clock_s: Callable[[], float],
-        patience: Patience,
+        settings: LinuxcncSettings,
         cancelled: Callable[[], bool],
     ) -> None:
         link = Link(
@@ -48,49 +48,49 @@ class LinuxcncClient(LinkClient[Message]):
             cancelled=cancelled,
         )
         super().__init__(link)
-        self._patience = patience
+        self._settings, self._deadlines = settings, settings.deadlines
         self._said_blindly = False
 
-    def greet(self, passwords: Passwords, *, within_s: float, aborting: bool) -> Greeting:
+    def greet(self, *, within_s: float, aborting: bool) -> LinuxcncGreeting:
         """Say hello and have every order answered; raises `WrongDevice`.
 
         Takes no control yet, unless what moves is to be stopped: then that is said in the same
         breath, before anything is read.
         """
-        first = [f"hello {passwords.connect} {CLIENT} {PROTOCOL}"]
+        first = [f"hello {self._settings.connect_password} {CLIENT} {PROTOCOL}"]
         if aborting:
-            first += [f"set enable {passwords.enable}", "set abort"]
+            first += [f"set enable {self._settings.enable_password}", "set abort"]
         self._said_blindly = aborting
         greeting = self._link.ask(
             b"".join(map(encode, first)),
-            answers=lambda message: isinstance(message, Greeting),
+            answers=lambda message: isinstance(message, LinuxcncGreeting),
             within_s=within_s,
             what="hello",
         )
-        assert isinstance(greeting, Greeting), "only a greeting was accepted"
+        assert isinstance(greeting, LinuxcncGreeting), "only a greeting was accepted"
         if not greeting.accepted:
             raise self._wrong_password("the connection password", "--connectpw")
         echo_off = "set echo off"
         self._link.ask(
             encode(echo_off),
             answers=lambda message: message.line == echo_off or _answers_set(message, "echo"),
-            within_s=self._patience.answer_s,
+            within_s=self._deadlines.answer_s,
             what=echo_off,
         )
         self._said_blindly = False  # answers keep the order of what was said
         self.order("verbose", "on")
         return greeting
 
-    def take_control(self, passwords: Passwords) -> None:
+    def take_control(self) -> None:
         """Take control, from whoever has it, and bound the time that an order can take.
 
         Raises `WrongDevice` when the password is not accepted.
         """
         try:
-            self.order("enable", passwords.enable)
+            self.order("enable", self._settings.enable_password)
         except DeviceRefused as error:
             raise self._wrong_password("the password that gives control", "--enablepw") from error
-        self.order("timeout", f"{self._patience.order_s:g}")
+        self.order("timeout", f"{self._deadlines.order_s:g}")
         try:
             self.order("set_wait", "received")
         except DeviceRefused:  # the name that newer versions have for it
@@ -103,7 +103,7 @@ class LinuxcncClient(LinkClient[Message]):
             answer = self._link.ask(
                 encode(request),
                 answers=lambda message: _answers_get(message, word),
-                within_s=self._patience.answer_s,
+                within_s=self._deadlines.answer_s,
                 what=request,
             )
             if isinstance(answer, Value):
@@ -120,7 +120,7 @@ class LinuxcncClient(LinkClient[Message]):
         answer = self._link.ask(
             encode(f"set {word} {argument}".strip()),
             answers=lambda message: _answers_set(message, word),
-            within_s=self._patience.order_s + self._patience.order_margin_s,
+            within_s=self._deadlines.order_s + self._deadlines.order_margin_s,
             what=f"set {word}",
         )
         assert isinstance(answer, Verdict), "only a verdict was accepted"

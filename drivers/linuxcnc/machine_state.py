@@ -23,14 +23,18 @@ from drivers.plausible import require
 from drivers.polling import comes_true
 from drivers.ports import Clock
 from drivers.session import Session
-from drivers.values import JOINT_ANGLE, JOINT_LENGTH
-from drivers.wire.linuxcncrsh import Value, read_numbers
+from drivers.values import JOINT_ANGLE, JOINT_LENGTH, inner_units
+from drivers.wire.framing import ascii_bytes
+from drivers.wire.linuxcncrsh import Value, read_message, read_numbers
+from drivers.wire.robotline import RobotLayout
 
 LETTERS = "XYZABC"
 """The order in which positions are told; newer versions tell U V W after them."""
 SAME_PLACE = 2e-6
 """mm or deg: positions are told with six decimals."""
 QUESTIONS = ("joint_pos", "abs_cmd_pos", "program_status", "machine", "estop", "enable")
+BETWEEN_ANSWERS = "; "
+"""Between the raw answers of a snapshot, of which that of the joints comes first."""
 UNITS = {"user_linear_units": "MM", "user_angular_units": "DEG"}
 LIMIT_WORDS = ("exceed", "limit", "kinematicsinverse")
 FAULT_WORDS = ("following error", "amplifier fault", "amp fault")
@@ -68,8 +72,7 @@ class Machine:
     ) -> None:
         self._session = session
         self._clock = clock
-        self._axes, self._letters = settings.axes, settings.letters
-        self._deadlines = settings.deadlines.setup
+        self._settings, self._deadlines = settings, settings.deadlines
 
     @property
     def client(self) -> LinuxcncClient:
@@ -81,48 +84,49 @@ class Machine:
         client = self.client
         answers = {word: client.get(word) for word in QUESTIONS}
         return Snapshot(
-            joints=_numbers(answers["joint_pos"], self._axes.joints),
-            commanded=_position(answers["abs_cmd_pos"], self._letters),
+            joints=_numbers(answers["joint_pos"], self._settings.joints),
+            commanded=_position(answers["abs_cmd_pos"], self._settings.letters),
             idle=answers["program_status"].text == "IDLE",
             machine_on=answers["machine"].text == "ON",
             emergency_stop=answers["estop"].text != "OFF",
             in_control=answers["enable"].text == "ON",
-            raw="; ".join(answer.line for answer in answers.values()),
+            raw=BETWEEN_ANSWERS.join(answer.line for answer in answers.values()),
         )
 
     def joints(self) -> tuple[float, ...]:
         """The joints now, deg or mm; raises `ImplausibleAnswer`."""
-        joints = _numbers(self.client.get("joint_pos"), self._axes.joints)
+        joints = _numbers(self.client.get("joint_pos"), self._settings.joints)
         self.require_plausible(joints)
         return joints
 
     def require_plausible(self, joints: Sequence[float]) -> None:
         """Raise `ImplausibleAnswer` for joints that cannot be. A stop does not ask for it."""
-        bounds = JOINT_ANGLE if self._axes.are_rotary else JOINT_LENGTH
+        bounds = JOINT_ANGLE if self._settings.are_rotary else JOINT_LENGTH
         for number, joint in enumerate(joints):
             require(self.client.name, bounds, joint, which=f"joint {number} at")
 
     def position(self) -> tuple[float, ...]:
         """LinuxCNC's own coordinates of where it is now, mm and deg."""
-        return _position(self.client.get("abs_act_pos"), self._letters)
+        return _position(self.client.get("abs_act_pos"), self._settings.letters)
 
     def check_model(self) -> None:
         """Raise `WrongDevice` unless it has the robot's joints and no others, in mm and deg.
 
         LinuxCNC tells of linear joints beyond those that it has, so that these are not counted.
         """
-        axes = self._axes
+        robot = self._settings
         types = self.client.get("joint_type").text.split()
         rotary = types.count("ANGULAR")
-        alike = types[: axes.joints] == [axes.joint_type] * axes.joints
-        if not alike or rotary != axes.joints * axes.are_rotary:
-            counted = types if axes.are_rotary else types[: axes.joints]
-            count = counted.count(axes.joint_type)
+        alike = types[: robot.joints] == [robot.joint_type] * robot.joints
+        if not alike or rotary != robot.joints * robot.are_rotary:
+            counted = types if robot.are_rotary else types[: robot.joints]
+            count = counted.count(robot.joint_type)
+            kind = "rotary" if robot.are_rotary else "linear"
             raise WrongDevice(
-                f"{self.client.name}: LinuxCNC has {count} {axes.joint_word} joints "
-                f"({' '.join(types)}), a {axes.robot} has {axes.joints}",
-                remedy=f"check the address; set [KINS]JOINTS = {axes.joints} "
-                f"and TYPE = {axes.joint_type} for joints 0 to {axes.joints - 1}",
+                f"{self.client.name}: LinuxCNC has {count} {kind} joints "
+                f"({' '.join(types)}), a {robot.robot} has {robot.joints}",
+                remedy=f"check the address; set [KINS]JOINTS = {robot.joints} "
+                f"and TYPE = {robot.joint_type} for joints 0 to {robot.joints - 1}",
             )
         for word, unit in UNITS.items():
             found = self.client.get(word).text
@@ -149,7 +153,7 @@ class Machine:
     def is_homed(self) -> bool:
         """Whether all joints are; LinuxCNC tells of more joints than it has, after those it has."""
         homed = self.client.get("joint_homed").text.split()
-        return homed[: self._axes.joints] == ["YES"] * self._axes.joints
+        return homed[: self._settings.joints] == ["YES"] * self._settings.joints
 
     def switch_on(self) -> None:
         """Release LinuxCNC's e-stop and switch the machine on, as far as that is still to be done.
@@ -236,7 +240,9 @@ class Machine:
 
     def _comes(self, is_so: Callable[[], bool], within_s: float) -> bool:
         give_up_s = self._clock.now_s() + within_s
-        return comes_true(is_so, self._clock, give_up_s=give_up_s, pause_s=self._deadlines.poll_s)
+        return comes_true(
+            is_so, self._clock, give_up_s=give_up_s, pause_s=self._deadlines.setup_poll_s
+        )
 
     def _fault(
         self, problem: str, remedy: str, kind: type[MotionFault] = MotionFault
@@ -245,6 +251,14 @@ class Machine:
         said = "; ".join(self.client.messages())
         problem = f"{self.client.name}: {problem}" + (f" ({said})" if said else "")
         return kind(problem, remedy=remedy)
+
+
+def joints_said(raw: str, layout: RobotLayout) -> tuple[float, ...]:
+    """Joint values, rad or mm, of a snapshot's raw answers; raises `WireError`."""
+    answer = read_message(ascii_bytes(raw.split(BETWEEN_ANSWERS)[0]))
+    if not isinstance(answer, Value):
+        raise WireError(f"no joints of LinuxCNC: {raw!r:.80}")
+    return inner_units(layout.joints, read_numbers(answer)[: len(layout.joints)])
 
 
 def agree(first: Sequence[float], second: Sequence[float], within: float) -> bool:

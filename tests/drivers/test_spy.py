@@ -2,6 +2,7 @@
 
 import io
 import re
+from functools import partial
 
 import pytest
 from hypothesis import given
@@ -11,15 +12,12 @@ from timed_pipe import HandClock, TimedPipe
 
 from drivers.byte_log import (
     ByteLog,
-    EmsconReading,
-    GeocomReading,
     LoggedTransport,
-    NoReading,
-    RobotlineReading,
     bytes_as_lines,
     logged,
-    reading_for,
+    no_reading,
 )
+from drivers.catalog import CONTROLLERS, TRACKERS, controller_driver, tracker_driver
 from drivers.errors import LinkDown
 from drivers.wire import geocom, robotline
 from drivers.wire.emscon import Answer, Request, encode, refusal
@@ -28,12 +26,15 @@ from drivers.wire.emscon_messages import StatusChange, Units
 from drivers.wire.robotline import AskState, ControllerStatus
 
 NOW = "2026-05-04T10:00:00.000Z"
+READINGS = {name: tracker_driver(name).reading for name in TRACKERS} | {
+    name: partial(controller_driver(name).reading, PAR4_LAYOUT) for name in CONTROLLERS
+}
 
 
 class Desk:
     """A log in memory, and a pipe that is written down in it."""
 
-    def __init__(self, *said, reading=NoReading, **options):
+    def __init__(self, *said, reading=no_reading, **options):
         self.file = io.StringIO()
         self.log = ByteLog(self.file, now_utc=lambda: NOW, **options)
         self.clock = HandClock()
@@ -99,7 +100,7 @@ class TestLog:
 
         log = ByteLog(file, now_utc=lambda: NOW)
         with pytest.raises(LinkDown):
-            logged(refuse, log, "tracker", NoReading)()
+            logged(refuse, log, "tracker", no_reading)()
         assert "tracker ! tcp://10.0.0.1:700: nobody answers\n" in file.getvalue()
 
     def test_closing_twice_is_written_down_once(self):
@@ -114,7 +115,7 @@ class TestLog:
 
     def test_two_devices_share_one_log(self):
         desk = Desk()
-        other = LoggedTransport(TimedPipe(HandClock()), desk.log, "controller", NoReading())
+        other = LoggedTransport(TimedPipe(HandClock()), desk.log, "controller", no_reading())
         desk.transport.send(b"1", 1.0)
         other.send(b"2", 1.0)
         assert [line.split()[1] for line in desk.entries()[1::2]] == ["tracker", "controller"]
@@ -180,7 +181,7 @@ def _unescaped(found):
 
 class TestEmsconReading:
     def test_packets_are_read_in_both_directions(self):
-        reading = EmsconReading()
+        reading = READINGS["emscon"]()
         assert reading.sent(encode(Request(Command.SET_UNITS, Units(1, 1, 0, 0, 0)))) == [
             "SetUnits Units(length=1, angle=1, temperature=0, pressure=0, humidity=0)"
         ]
@@ -191,16 +192,16 @@ class TestEmsconReading:
         ]
 
     def test_refusal_has_its_words(self):
-        (said,) = EmsconReading().received(refusal(Command.START_MEASUREMENT, 39))
+        (said,) = READINGS["emscon"]().received(refusal(Command.START_MEASUREMENT, 39))
         assert said.endswith("emScon error 39 (tracker not initialized)")
 
     def test_packet_in_pieces_is_read_when_it_is_whole(self):
-        reading, packet = EmsconReading(), encode(Request(Command.GET_UNITS))
+        reading, packet = READINGS["emscon"](), encode(Request(Command.GET_UNITS))
         assert reading.sent(packet[:5]) == []
         assert len(reading.sent(packet[5:])) == 1
 
     def test_stream_that_has_lost_its_step_is_read_no_further(self):
-        reading = EmsconReading()
+        reading = READINGS["emscon"]()
         (said,) = reading.received(b"\xff" * 20)
         assert said.startswith("cannot be read, nor what follows: a packet claims")
         assert reading.received(encode(Answer(Command.SET_UNITS))) == ()
@@ -208,16 +209,16 @@ class TestEmsconReading:
 
 class TestLineReadings:
     def test_robotline_is_read_in_both_directions(self):
-        reading = RobotlineReading(PAR4_LAYOUT)
+        reading = READINGS["robotline"]()
         question = robotline.encode_request(robotline.RobotlineRequest(8, AskState()))
         status = ControllerStatus(moving=False, emergency_stop=True, fault="", joints=(1.0,) * 4)
         answer = robotline.encode_reply(robotline.RobotlineReply(8, "STATE", status))
-        assert reading.sent(question) == ["RobotlineRequest(sequence=8, command=AskState())"]
+        assert reading.sent(question) == ["question 8: AskState()"]
         (said,) = reading.received(answer)
         assert said.startswith("answer 8 to STATE: ControllerStatus(moving=False")
 
     def test_geocom_reply_names_its_question_and_its_code(self):
-        reading = GeocomReading()
+        reading = READINGS["geocom"]()
         question = geocom.encode_request(geocom.Request(2082, 7, ("5000", "1")))
         assert reading.sent(question) == ["TMC_GET_COORDINATE(5000, 1), question 7"]
         assert reading.received(b"%R1P,0,7:1285\r\n") == [
@@ -228,17 +229,17 @@ class TestLineReadings:
         ]
 
     def test_geocom_abort_is_read(self):
-        reading = GeocomReading()
+        reading = READINGS["geocom"]()
         assert reading.sent(b"c\r\n") == ["abort the motion"]
         assert reading.received(b"?\r\n") == ["the motion is aborted"]
 
     def test_questions_without_answers_do_not_pile_up(self):
-        reading = GeocomReading()
+        spoken = geocom.Conversation()
         for number in range(1000):
-            reading.sent(geocom.encode_request(geocom.Request(0, number)))
-        assert len(reading._procedures) == 100
+            spoken.describe_request(geocom.encode_request(geocom.Request(0, number))[:-2])
+        assert len(spoken._procedures) == 100
 
-    @pytest.mark.parametrize("reading", [RobotlineReading(PAR4_LAYOUT), GeocomReading()])
+    @pytest.mark.parametrize("reading", [READINGS["robotline"](), READINGS["geocom"]()])
     def test_line_that_cannot_be_read_says_why_and_the_next_one_is_read(self, reading):
         said = reading.received(b"garbage\r\n\r\nmore\n")
         assert len(said) == 2
@@ -247,20 +248,20 @@ class TestLineReadings:
 
 class TestAnyReading:
     @pytest.mark.slow
-    @pytest.mark.parametrize("driver", ["emscon", "geocom", "robotline", "linuxcnc"])
+    @pytest.mark.parametrize("driver", list(READINGS))
     @given(pieces=st.lists(st.binary(max_size=100), max_size=10))
     def test_garbage_raises_nothing(self, driver, pieces):
-        reading = reading_for(driver, PAR4_LAYOUT)()
+        reading = READINGS[driver]()
         for piece in pieces:
             for line in [*reading.sent(piece), *reading.received(piece)]:
                 assert len(line) <= 500
 
     def test_protocol_without_a_grammar_is_bytes_alone(self):
-        reading = reading_for("linuxcnc", PAR4_LAYOUT)()
+        reading = READINGS["linuxcnc"]()
         assert (reading.sent(b"hello\n"), reading.received(b"ACK\n")) == ((), ())
 
     def test_meanings_stand_behind_the_bytes(self):
-        desk = Desk((0.1, b"%R1P,0,3:0\r\n"), reading=reading_for("geocom", PAR4_LAYOUT))
+        desk = Desk((0.1, b"%R1P,0,3:0\r\n"), reading=READINGS["geocom"])
         desk.transport.send(b"%R1Q,0,3:\r\n", 1.0)
         desk.transport.receive(1.0)
         assert [line.strip() for line in desk.entries() if line.startswith("    ")] == [

@@ -26,15 +26,7 @@ from campaigns.controllers.linuxcnc_export import (
 from campaigns.robots.robot import find_robot
 from drivers.linuxcnc.hal_parameters import FileParameters, HalAccess, HalParameters, HalPins
 from drivers.linuxcnc.robot import LinuxcncRobot
-from drivers.linuxcnc.settings import (
-    Coordinates,
-    JointLimits,
-    LinuxcncDeadlines,
-    LinuxcncSettings,
-    MachineAxes,
-    Patience,
-    SetupDeadlines,
-)
+from drivers.linuxcnc.settings import Coordinates, LinuxcncDeadlines, LinuxcncSettings
 from drivers.ports import SystemClock
 from drivers.transport import CONNECT_S, open_transport
 
@@ -47,23 +39,20 @@ NOMINAL = find_robot("par4-prototype").robot
 IDENTITY = "par4-prototype"
 PIN_OF = parameter_pins(NOMINAL.mechanism)
 DRAWING = {pin_of(name): value for name, value in drawing_flat(NOMINAL.mechanism).items()}
-LIMITS = JointLimits(*NOMINAL.limits.joint)
 FULL_SPEED_RAD_S = radians(360.0)
 PATIENT = LinuxcncDeadlines(
-    patience=Patience(greeting_s=10.0, answer_s=10.0, order_s=10.0, order_margin_s=10.0),
-    setup=SetupDeadlines(switch_s=5.0, stays_on_s=0.5),
+    greeting_s=10.0,
+    answer_s=10.0,
+    order_s=10.0,
+    order_margin_s=10.0,
+    switch_s=5.0,
+    stays_on_s=0.5,
     start_s=10.0,
     frozen_s=10.0,
     stop_s=10.0,
 )
 """A busy machine may leave LinuxCNC or the test itself without a core for a second."""
-SHORT = replace(
-    PATIENT,
-    patience=replace(PATIENT.patience, order_s=1.0),
-    start_s=3.0,
-    frozen_s=1.5,
-    stop_s=1.0,
-)
+SHORT = replace(PATIENT, order_s=1.0, start_s=3.0, frozen_s=1.5, stop_s=1.0)
 """For a LinuxCNC that dies: what it will never do again is waited for in full."""
 SEEN_WITHIN_S = 10.0
 """Of what the driver tells when it next looks."""
@@ -100,10 +89,8 @@ class Bench:
 
     def __init__(self, linuxcnc, coordinates, *, deadlines=PATIENT, identity=IDENTITY, **told):
         self._use_stored_parameters(linuxcnc, coordinates, identity)
-        settings = LinuxcncSettings(
-            coordinates, LIMITS, FULL_SPEED_RAD_S, deadlines=deadlines, **told
-        )
-        self._drive(linuxcnc, settings, NOMINAL.mechanism)
+        told |= {"coordinates": coordinates, "deadlines": deadlines}
+        self._drive(linuxcnc, NOMINAL, FULL_SPEED_RAD_S, **told)
 
     def _use_stored_parameters(self, linuxcnc, coordinates, identity):
         file = linuxcnc.config / "calib.hal"
@@ -117,16 +104,19 @@ class Bench:
             pins = HalPins((*PIN_OF.values(), *DRAWING), access)
             self.store = HalParameters(self.file, pins, PIN_OF, extensions, DRAWING)
 
-    def _drive(self, linuxcnc, settings, mechanism):
+    def _drive(self, linuxcnc, robot_file, full_speed_per_s, **told):
         self.linuxcnc = linuxcnc
         self.transports = []
-        self.robot = LinuxcncRobot(
-            self.open,
-            clock=SystemClock(),
-            settings=settings,
+        lowest, highest = robot_file.limits.joint
+        settings = LinuxcncSettings(
+            lowest=lowest,
+            highest=highest,
+            full_speed_per_s=full_speed_per_s,
             store=self.store,
-            kinematics_of=partial(ActiveKinematics, mechanism),
+            poses_of=partial(ActiveKinematics, robot_file.mechanism),
+            **told,
         )
+        self.robot = LinuxcncRobot(self.open, clock=SystemClock(), settings=settings)
 
     def open(self, *, timeout_s=CONNECT_S):
         self.transports.append(open_transport(self.linuxcnc.url, timeout_s=timeout_s))
@@ -168,12 +158,19 @@ class ForeignBench(Bench):
     """Our driver at a LinuxCNC whose kinematics should be a robot's, whatever its pins say."""
 
     def __init__(self, linuxcnc, robot, full_speed_per_s):
-        joints, turns = robot.mechanism.joints, len(robot.mechanism.task) > len("XYZ")
-        axes = MachineAxes(robot.name, len(joints), joints[0].is_revolute, turns)
-        limits = JointLimits(*robot.limits.joint, axes)
+        joints = robot.mechanism.joints
         self.store = FixedParameters(dict(robot.parameters))
-        settings = LinuxcncSettings(Coordinates.WORLD, limits, full_speed_per_s, deadlines=PATIENT)
-        self._drive(linuxcnc, settings, robot.mechanism)
+        self._drive(
+            linuxcnc,
+            robot,
+            full_speed_per_s,
+            coordinates=Coordinates.WORLD,
+            deadlines=PATIENT,
+            robot=robot.name,
+            joints=len(joints),
+            are_rotary=joints[0].is_revolute,
+            has_turn=len(robot.mechanism.task) > len("XYZ"),
+        )
 
 
 def at(linuxcnc, coordinates=Coordinates.JOINTS, **settings):

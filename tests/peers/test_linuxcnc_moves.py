@@ -17,7 +17,7 @@ from linuxcnc_bench import (
 
 from campaigns.controllers.active_kinematics import ActiveKinematics
 from drivers.errors import EmergencyStop, LimitViolation, LinkDown, MotionFault, WrongDevice
-from drivers.linuxcnc.settings import Coordinates, Passwords
+from drivers.linuxcnc.settings import Coordinates
 from drivers.values import Pose
 
 pytestmark = NEEDS_LINUXCNC
@@ -221,6 +221,6 @@ def test_control_that_another_client_takes_is_told_and_taken_back_by_the_stop(li
 
 
 def test_wrong_password_is_the_wrong_device(linuxcnc):
-    bench = Bench(linuxcnc, Coordinates.JOINTS, passwords=Passwords(connect="wrong"))
+    bench = Bench(linuxcnc, Coordinates.JOINTS, connect_password="wrong")
     with pytest.raises(WrongDevice, match="password"):
         bench.robot.connect()

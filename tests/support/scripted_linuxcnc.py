@@ -6,7 +6,7 @@ from timed_pipe import HandClock, TimedPipe
 
 from drivers.errors import LinkDown
 from drivers.linuxcnc.robot import LinuxcncRobot
-from drivers.linuxcnc.settings import Coordinates, JointLimits, LinuxcncDeadlines, LinuxcncSettings
+from drivers.linuxcnc.settings import Coordinates, LinuxcncSettings
 from drivers.transport import CONNECT_S
 from drivers.values import Pose
 
@@ -15,7 +15,6 @@ ORDER_S = 0.1
 MOVE_S = 0.3
 SPEED_DEG_S = 100.0
 NEVER = object()
-LIMITS = JointLimits(radians(-45), radians(90))
 TARGET_RAD = tuple(map(radians, (10.0, -20.0, 30.0, 40.123456789)))
 
 
@@ -42,6 +41,19 @@ def radians_to_mm(angle_rad):
     return angle_rad / radians(1) * 10
 
 
+def told(**facts):
+    """Settings of a Par4 that takes joints, unless a test says otherwise."""
+    usual = {
+        "coordinates": Coordinates.JOINTS,
+        "lowest": radians(-45),
+        "highest": radians(90),
+        "full_speed_per_s": radians(SPEED_DEG_S),
+        "store": None,
+        "poses_of": Straight,
+    }
+    return LinuxcncSettings(**usual | facts)
+
+
 class Memory:
     """A store of parameters in memory."""
 
@@ -60,7 +72,7 @@ class ScriptedLinuxcnc:
     """The far end. Its attributes are what a test says of the machine; `asked` is what it heard."""
 
     def __init__(
-        self, coordinates=Coordinates.JOINTS, *, newer=False, store=None, limits=LIMITS, **settings
+        self, coordinates=Coordinates.JOINTS, *, newer=False, store=None, facts=None, **settings
     ):
         self.clock = HandClock()
         self.newer = newer
@@ -88,14 +100,7 @@ class ScriptedLinuxcnc:
         self.robot = LinuxcncRobot(
             self.open,
             clock=self.clock,
-            settings=LinuxcncSettings(
-                coordinates,
-                limits,
-                radians(SPEED_DEG_S),
-                deadlines=LinuxcncDeadlines(),
-            ),
-            store=self.store,
-            kinematics_of=Straight,
+            settings=told(coordinates=coordinates, store=self.store, **facts or {}),
             **settings,
         )
 

@@ -5,14 +5,14 @@ from math import degrees, radians
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scripted_linuxcnc import Straight, ready
+from scripted_linuxcnc import Straight, ready, told
 
 from drivers.errors import LimitViolation
-from drivers.linuxcnc.motion import way_to
-from drivers.linuxcnc.settings import Coordinates, JointLimits
+from drivers.linuxcnc.moves import way_to
+from drivers.linuxcnc.settings import Coordinates
 from drivers.values import Pose
 
-LIMITS = JointLimits(radians(-45.5), radians(90.5))
+MACHINE = told()
 LOW, HIGH = radians(-45.0), radians(90.0)
 HALF = 0.5
 
@@ -36,25 +36,25 @@ class Curved:
 
 
 def test_straight_line_that_keeps_the_limits_is_the_whole_way():
-    way = way_to(Straight({"plate_mm": 100.0}), LIMITS, (0.0,) * 4, (0.1,) * 4)
+    way = way_to(Straight({"plate_mm": 100.0}), MACHINE, (0.0,) * 4, (0.1,) * 4)
     assert way == (Straight({"plate_mm": 100.0}).pose((0.1,) * 4),)
 
 
 @pytest.mark.parametrize(("bulge_deg", "parts"), [(0.4, 1), (1.5, 2), (6.0, 4), (20.0, 8)])
 def test_line_that_leaves_the_limits_is_divided_as_little_as_it_takes(bulge_deg, parts):
     kinematics = Curved(bulge_deg)
-    assert len(way_to(kinematics, LIMITS, (LOW, -HALF, 0, 0), (LOW, HALF, 0, 0))) == parts
+    assert len(way_to(kinematics, MACHINE, (LOW, -HALF, 0, 0), (LOW, HALF, 0, 0))) == parts
 
 
 def test_way_ends_where_it_should():
     kinematics = Curved(6.0)
-    way = way_to(kinematics, LIMITS, (LOW, -HALF, 0, 0), (LOW, HALF, 0.5, 0.25))
+    way = way_to(kinematics, MACHINE, (LOW, -HALF, 0, 0), (LOW, HALF, 0.5, 0.25))
     assert kinematics.joints(way[-1]) == pytest.approx((LOW, HALF, 0.5, 0.25))
 
 
 def test_no_way_is_told_before_anything_moves():
     with pytest.raises(LimitViolation, match=r"-45\.5° to 90\.5° on 16 straight parts"):
-        way_to(Curved(2000.0), LIMITS, (LOW, -HALF, 0, 0), (LOW, HALF, 0, 0))
+        way_to(Curved(2000.0), MACHINE, (LOW, -HALF, 0, 0), (LOW, HALF, 0, 0))
 
 
 @given(
@@ -65,7 +65,7 @@ def test_no_way_is_told_before_anything_moves():
 def test_every_way_keeps_the_limits_wherever_it_is_looked_at(bulge_deg, from_rad, to_rad):
     kinematics = Curved(bulge_deg)
     try:
-        way = way_to(kinematics, LIMITS, from_rad, to_rad)
+        way = way_to(kinematics, MACHINE, from_rad, to_rad)
     except LimitViolation:
         return
     here = kinematics.pose(from_rad)
@@ -78,7 +78,7 @@ def test_every_way_keeps_the_limits_wherever_it_is_looked_at(bulge_deg, from_rad
                 strict=True,
             )
         )
-        LIMITS.check(kinematics.joints(Pose(*middle)))
+        MACHINE.check(kinematics.joints(Pose(*middle)), slack=MACHINE.passing_slack)
         here = there
     assert degrees(kinematics.joints(here)[0] - to_rad[0]) == pytest.approx(0.0, abs=1e-9)
 
@@ -86,7 +86,7 @@ def test_every_way_keeps_the_limits_wherever_it_is_looked_at(bulge_deg, from_rad
 def test_parts_of_a_way_are_ordered_one_after_the_other():
     linuxcnc = ready(Coordinates.WORLD)
     linuxcnc.start_deg = linuxcnc.target_deg = (-45.0, degrees(-HALF), 0.0, 0.0)
-    linuxcnc.robot._kinematics = Curved(1.5)
+    linuxcnc.robot._poses_of = Curved(1.5)
     linuxcnc.robot.move_joints((LOW, HALF, 0.0, 0.0), 1.0)
     assert len(linuxcnc.moves) == 2
     assert "Y0.000000" in linuxcnc.moves[0]

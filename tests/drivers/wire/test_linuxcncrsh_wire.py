@@ -11,7 +11,7 @@ from drivers.errors import WireError
 from drivers.wire.linuxcncrsh import (
     LONGEST_ANSWER,
     AnswerFramer,
-    Greeting,
+    LinuxcncGreeting,
     Remark,
     Value,
     Verdict,
@@ -27,7 +27,7 @@ SESSION = (
     b"error: Subcommand not found: SET SET_WAIT\r\nSET NAK\r\n"
 )
 MESSAGES = [
-    Greeting(True, "PAR4", "1.1", "HELLO ACK PAR4 1.1"),
+    LinuxcncGreeting(True, "PAR4", "1.1", "HELLO ACK PAR4 1.1"),
     Remark("set echo off"),
     Verdict("SET", "VERBOSE", True, "SET VERBOSE ACK"),
     Verdict("SET", "TIMEOUT", False, "SET TIMEOUT NAK"),
@@ -70,7 +70,7 @@ def test_line_of_white_space_only_says_nothing(blank):
 
 
 def test_greeting_that_refuses_has_no_name():
-    assert read_message(b"HELLO NAK") == Greeting(False, "", "", "HELLO NAK")
+    assert read_message(b"HELLO NAK") == LinuxcncGreeting(False, "", "", "HELLO NAK")
 
 
 @pytest.mark.parametrize("line", [b"HELLO", b"HELLO ACK PAR4", b"HELLO YOU THERE 1"])

@@ -1,0 +1,46 @@
+"""The drivers there are: declared once, chosen by name, and refused by name."""
+
+import random
+
+import pytest
+from timed_pipe import HandClock
+
+from campaigns.settings.sections import ControllerConfig, TrackerConfig
+from drivers import catalog
+from drivers.declaration import Surroundings
+from drivers.errors import AddressInvalid, WireError
+from drivers.ports import LaserTracker
+
+
+def abstract_calls(port):
+    return {name for name in vars(port) if not name.startswith("_")}
+
+
+@pytest.mark.parametrize("name", catalog.TRACKERS)
+def test_tracker_is_made_as_its_declaration_says(name):
+    given = Surroundings(lambda **_: None, HandClock(), lambda: False, random.Random(1))
+    tracker = catalog.tracker_driver(name).made(given, None)
+    assert abstract_calls(LaserTracker) <= set(dir(tracker))
+
+
+def test_settings_offer_the_drivers_that_there_are():
+    for section, drivers in (
+        (TrackerConfig, catalog.TRACKERS),
+        (ControllerConfig, catalog.CONTROLLERS),
+    ):
+        field = section.model_fields["driver"]
+        assert field.annotation.__args__ == tuple(drivers)
+        assert all(name in field.description for name in drivers)
+
+
+@pytest.mark.parametrize("found", [catalog.tracker_driver, catalog.controller_driver])
+def test_driver_that_there_is_not_is_refused_by_its_name(found):
+    with pytest.raises(AddressInvalid, match="there is no driver 'faro' for a"):
+        found("faro")
+
+
+@pytest.mark.parametrize("name", catalog.TRACKERS)
+def test_damaged_record_of_a_measurement_is_a_wire_error(name):
+    for raw in ("", "00", "°", "%R1P,0,1:0,1.0"):
+        with pytest.raises(WireError):
+            catalog.tracker_driver(name).measured(raw)
