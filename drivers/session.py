@@ -37,7 +37,7 @@ Wanted = TypeVar("Wanted")
 Agreed = TypeVar("Agreed")
 
 
-class Session(Generic[Connected]):
+class DeviceSession(Generic[Connected]):
     """The connection in use. `device` is what the operator calls the far end.
 
     `opened` makes a connection; `greet` says what is said first, and who answers.
@@ -116,7 +116,7 @@ class Session(Generic[Connected]):
         return LinkDown(f"{closed}the {self._device} is not connected", remedy="connect again")
 
 
-class PreparedSession(Session[Connected], Generic[Connected, Wanted, Agreed]):
+class PreparedSession(DeviceSession[Connected], Generic[Connected, Wanted, Agreed]):
     """A session with a device that has to be prepared, and anew after every opening.
 
     `set_up` brings it to what is wanted and returns how it then is.

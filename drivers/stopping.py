@@ -12,7 +12,7 @@ from drivers.errors import (
 )
 from drivers.polling import comes_true
 from drivers.ports import Clock
-from drivers.session import Connected, Session
+from drivers.session import Connected, DeviceSession
 
 PATIENCE_GROWTH = 4.0
 """Factor from one try's patience to the next: a link that is dead is soon left for a new one, and
@@ -94,7 +94,7 @@ class StopProcedure:
             self._undisturbed -= 1
 
     def insist(
-        self, session: Session[Connected], stop_once: StopOnce, leave: Callable[[], None]
+        self, session: DeviceSession[Connected], stop_once: StopOnce, leave: Callable[[], None]
     ) -> None:
         """Try again and again until the stop is confirmed; raises `RobotStateUnknown`.
 

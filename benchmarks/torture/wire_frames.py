@@ -11,10 +11,10 @@ from drivers.wire import robotline as said
 from drivers.wire.emscon import (
     SHAPES,
     Answer,
+    EmsconRequest,
     FromClientFramer,
     FromServerFramer,
     OtherPacket,
-    Request,
     encode,
     refusal,
 )
@@ -59,20 +59,20 @@ FROM_INSTRUMENT = (
     *(refusal(command, 39) for command in (1, 42)),
     encode(OtherPacket(3, bytes(84))),
 )
-FROM_CLIENT = tuple(encode(Request(c, example(shape.request))) for c, shape in SHAPES.items())
+FROM_CLIENT = tuple(encode(EmsconRequest(c, example(shape.request))) for c, shape in SHAPES.items())
 GEOCOM_REPLIES = tuple(
-    geocom.encode_reply(geocom.Reply(0, 7, result, words, checked))
+    geocom.encode_reply(geocom.GeocomReply(0, 7, result, words, checked))
     for checked in (False, True)
     for result, words in (
         (0, ()),
         (0, geocom.words_of(2.5, -1.25, 0.75, 1000, 2.5, -1.25, 0.75, 1001)),
         (0, geocom.words_of(0, "Leica Circ Prism")),
-        (0, geocom.words_of('a "name", \\ and ü')),
+        (0, (geocom.string_word('a "name", \\ and ü'),)),
         (1285, geocom.words_of(0.0, 0.0, 0.0, 0)),
     )
 )
 GEOCOM_REQUESTS = tuple(
-    geocom.encode_request(geocom.Request(rpc, 7, words, checked))
+    geocom.encode_request(geocom.GeocomRequest(rpc, 7, words, checked))
     for checked in (False, True)
     for rpc, words in (
         (0, ()),
@@ -117,7 +117,7 @@ LINUXCNC = (
 
 
 def _geocom_reply() -> Feed:
-    framer = geocom.ReplyFramer()
+    framer = geocom.GeocomFramer()
     readers = (geocom.parse_number, geocom.parse_whole, geocom.parse_string)
 
     def feed(data: bytes) -> None:

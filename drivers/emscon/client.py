@@ -13,10 +13,10 @@ from drivers.transport import Transport
 from drivers.wire.emscon import (
     NOTHING,
     Answer,
+    EmsconRequest,
     FromServer,
     FromServerFramer,
     OtherPacket,
-    Request,
     encode,
 )
 from drivers.wire.emscon_constants import (
@@ -202,7 +202,7 @@ class EmsconClient(LinkClient[FromServer]):
         within_s: float | None = None,
     ) -> BodyType:
         """Return a command's answer; raises `DeviceRefused` when the tracker says no."""
-        reply = self._exchange(Request(command, body), within_s)
+        reply = self._exchange(EmsconRequest(command, body), within_s)
         if reply.status != ResultStatus.ALL_OK:
             raise refused(self.name, command.title, reply.status)
         return _body_of(reply, answer)
@@ -211,7 +211,7 @@ class EmsconClient(LinkClient[FromServer]):
         self, command: Command, answer: type[BodyType], body: Body = NOTHING
     ) -> BodyType | None:
         """Return a command's answer, or None from a tracker that refuses it or lacks it."""
-        reply = self._exchange(Request(command, body), None)
+        reply = self._exchange(EmsconRequest(command, body), None)
         return None if reply.status != ResultStatus.ALL_OK else _body_of(reply, answer)
 
     def tell(
@@ -224,7 +224,7 @@ class EmsconClient(LinkClient[FromServer]):
         self, command: Command, body: Body = NOTHING, *, within_s: float | None = None
     ) -> int:
         """Give a command and return the status of its answer."""
-        return self._exchange(Request(command, body), within_s).status
+        return self._exchange(EmsconRequest(command, body), within_s).status
 
     def reflectors(self) -> list[ReflectorEntry]:
         """Return every reflector; the tracker sends one answer for each."""
@@ -322,7 +322,7 @@ class EmsconClient(LinkClient[FromServer]):
             self._first_end_s = self._instrument_clock.now_s()
         return ends or _is_reflector(event)
 
-    def _exchange(self, request: Request, within_s: float | None) -> Answer | ErrorResponse:
+    def _exchange(self, request: EmsconRequest, within_s: float | None) -> Answer | ErrorResponse:
         """Ask, and ask again while the tracker is busy with something else."""
         return ask_until(
             lambda reply: reply.status != ResultStatus.SERVER_BUSY,
@@ -332,7 +332,7 @@ class EmsconClient(LinkClient[FromServer]):
             pause_s=BUSY_PAUSE_S,
         )
 
-    def _once(self, request: Request, within_s: float) -> Answer | ErrorResponse:
+    def _once(self, request: EmsconRequest, within_s: float) -> Answer | ErrorResponse:
         self._asked_s = self._instrument_clock.now_s()
         reply = self._link.ask(
             encode(request),

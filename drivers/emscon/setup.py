@@ -71,7 +71,7 @@ class Preparation:
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class EmsconSettings:
     """Settings that decide what the numbers of a result mean, as read back."""
 
     units: Units
@@ -82,7 +82,7 @@ class Settings:
     switches: SystemSettings
 
 
-def set_up(client: EmsconClient, wanted: Preparation, *, initialise_s: float) -> Settings:
+def set_up(client: EmsconClient, wanted: Preparation, *, initialise_s: float) -> EmsconSettings:
     """Bring the tracker to what is wanted and return its settings as it then has them.
 
     Initialises a tracker that isn't, which turns its head. Raises `DeviceNotReady` while the laser
@@ -106,9 +106,9 @@ def set_up(client: EmsconClient, wanted: Preparation, *, initialise_s: float) ->
     return settings
 
 
-def read_settings(client: EmsconClient) -> Settings:
+def read_settings(client: EmsconClient) -> EmsconSettings:
     """Read back everything that decides what a result means."""
-    return Settings(
+    return EmsconSettings(
         client.ask(Command.GET_UNITS, Units),
         client.ask(Command.GET_COORDINATE_SYSTEM_TYPE, CoordinateSystem),
         client.ask(Command.GET_MEASUREMENT_MODE, MeasurementMode),
@@ -118,7 +118,7 @@ def read_settings(client: EmsconClient) -> Settings:
     )
 
 
-def require_unchanged(client: EmsconClient, agreed: Settings) -> None:
+def require_unchanged(client: EmsconClient, agreed: EmsconSettings) -> None:
     """Raise `DeviceNotReady` when somebody else has changed what a result means."""
     if not client.settings_in_doubt():
         return
@@ -200,7 +200,7 @@ def _set_switches(client: EmsconClient) -> None:
     client.tell(Command.SET_SYSTEM_SETTINGS, wanted)
 
 
-def _require_kept(where: str, settings: Settings, identifier: int) -> None:
+def _require_kept(where: str, settings: EmsconSettings, identifier: int) -> None:
     switches = settings.switches
     kept = {
         "units": settings.units == UNITS,

@@ -16,9 +16,9 @@ from drivers.emscon.client import (
 from drivers.emscon.own_result import OwnResult
 from drivers.emscon.setup import (
     UNITS,
+    EmsconSettings,
     Preparation,
     SearchArea,
-    Settings,
     is_initialised,
     is_warm,
     require_laser,
@@ -60,6 +60,7 @@ from drivers.wire.emscon_constants import (
 )
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
+    BeamTarget,
     Body,
     Direction,
     Environment,
@@ -69,7 +70,6 @@ from drivers.wire.emscon_messages import (
     SingleResult,
     SingleResult2,
     SystemStatus,
-    Target,
     TrackerInfo,
     TrackerStatus,
 )
@@ -285,7 +285,7 @@ class EmsconTracker:
 
     def go_to(self, point_in_tracker_mm: Vector3) -> None:
         """Point there and lock on; raises `BeamBroken` when no reflector is found near."""
-        self._move(Command.GO_POSITION, Target(point_in_tracker_mm, ADM_ON))
+        self._move(Command.GO_POSITION, BeamTarget(point_in_tracker_mm, ADM_ON))
 
     def find_reflector(self, distance_mm: float) -> None:
         """Search around the present direction; raises `BeamBroken` when there is none."""
@@ -307,7 +307,7 @@ class EmsconTracker:
         client.tell(Command.SET_UNITS, UNITS)
         return _identity(client)
 
-    def _set_up(self, client: EmsconClient, wanted: Preparation) -> Settings:
+    def _set_up(self, client: EmsconClient, wanted: Preparation) -> EmsconSettings:
         return set_up(client, wanted, initialise_s=self._deadlines.initialise_s)
 
     def _is_connected_again(self, give_up_s: float) -> bool:

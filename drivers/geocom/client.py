@@ -131,7 +131,7 @@ class Delivery(Generic[Value]):
     raw: str
 
 
-class GeocomClient(LinkClient[geocom.Reply]):
+class GeocomClient(LinkClient[geocom.GeocomReply]):
     """Commands and their answers; any fault of the wire closes it.
 
     A reply to another transaction is stale (after a fault it can sit in a serial line's buffer):
@@ -150,7 +150,7 @@ class GeocomClient(LinkClient[geocom.Reply]):
     ) -> None:
         link = Link(
             transport,
-            geocom.ReplyFramer(),
+            geocom.GeocomFramer(),
             clock_s=clock.now_s,
             is_event=lambda reply: reply.transaction != self._asked,
             cancelled=cancelled,
@@ -222,7 +222,7 @@ class GeocomClient(LinkClient[geocom.Reply]):
 
     def _accepted(
         self, rpc: Rpc, values: Sequence[float | str], within_s: float | None
-    ) -> geocom.Reply:
+    ) -> geocom.GeocomReply:
         reply = self._reply(rpc, values, within_s)
         if reply.code != Result.OK:
             raise refused(self.name, procedure_text(rpc), reply.code)
@@ -230,7 +230,7 @@ class GeocomClient(LinkClient[geocom.Reply]):
 
     def _reply(
         self, rpc: Rpc, values: Sequence[float | str], within_s: float | None
-    ) -> geocom.Reply:
+    ) -> geocom.GeocomReply:
         """Ask, and ask again while the instrument is busy with something else."""
         words = geocom.words_of(*values, decimals=self._decimals)
         return ask_until(
@@ -241,17 +241,17 @@ class GeocomClient(LinkClient[geocom.Reply]):
             pause_s=BUSY_PAUSE_S,
         )
 
-    def _once(self, rpc: Rpc, words: tuple[str, ...], within_s: float) -> geocom.Reply:
+    def _once(self, rpc: Rpc, words: tuple[str, ...], within_s: float) -> geocom.GeocomReply:
         self._asked = number = self.next_transaction % (LAST_TRANSACTION + 1)
         self.next_transaction += 1
         return self._link.ask(
-            geocom.encode_request(geocom.Request(rpc, number, words)),
+            geocom.encode_request(geocom.GeocomRequest(rpc, number, words)),
             answers=lambda reply: reply.transaction == number,
             within_s=within_s,
             what=procedure_text(rpc),
         )
 
-    def _read(self, rpc: Rpc, read: Read[Value], reply: geocom.Reply) -> Value:
+    def _read(self, rpc: Rpc, read: Read[Value], reply: geocom.GeocomReply) -> Value:
         try:
             return read(reply.parameters)
         except WireError as error:

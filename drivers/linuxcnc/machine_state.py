@@ -22,7 +22,7 @@ from drivers.linuxcnc.settings import LinuxcncSettings
 from drivers.plausible import require
 from drivers.polling import comes_true
 from drivers.ports import Clock
-from drivers.session import Session
+from drivers.session import DeviceSession
 from drivers.values import JOINT_ANGLE, JOINT_LENGTH, inner_units
 from drivers.wire.framing import ascii_bytes
 from drivers.wire.linuxcncrsh import Value, read_message, read_numbers
@@ -68,7 +68,7 @@ class Machine:
     """The machine at the far end of a session. What it does needs control of it."""
 
     def __init__(
-        self, session: Session[LinuxcncClient], clock: Clock, settings: LinuxcncSettings
+        self, session: DeviceSession[LinuxcncClient], clock: Clock, settings: LinuxcncSettings
     ) -> None:
         self._session = session
         self._clock = clock

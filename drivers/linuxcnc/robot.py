@@ -21,7 +21,7 @@ from drivers.linuxcnc.moves import MachinePlace, block, rounded, way_to
 from drivers.linuxcnc.settings import Coordinates, LinuxcncSettings, PosesOfJoints
 from drivers.polling import comes_true
 from drivers.ports import Clock
-from drivers.session import Session
+from drivers.session import DeviceSession
 from drivers.stopping import Alarm, StopProcedure, await_standstill, state_unknown, unheard
 from drivers.transport import CONNECT_S, Opener
 from drivers.values import Identity, Pose, RobotState
@@ -68,7 +68,7 @@ class LinuxcncRobot:
             cancelled=cancelled,
             alarm=alarm,
         )
-        self._session = Session("controller", self._opened, self._greet)
+        self._session = DeviceSession("controller", self._opened, self._greet)
         self._machine = Machine(self._session, clock, settings)
         self._target: MachinePlace | None = None
         self._messages: tuple[str, ...] = ()

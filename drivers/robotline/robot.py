@@ -12,7 +12,7 @@ from drivers.link import never
 from drivers.plausible import require_joints
 from drivers.ports import Clock
 from drivers.robotline.client import RobotlineClient, open_client
-from drivers.session import Session
+from drivers.session import DeviceSession
 from drivers.stopping import Alarm, StopProcedure, await_standstill, unheard
 from drivers.transport import CONNECT_S, Opener
 from drivers.values import Identity, Pose, RobotState, inner_units, outer_units
@@ -23,7 +23,7 @@ AnswerKind = TypeVar("AnswerKind", bound=wire.Answer)
 
 
 @dataclass(frozen=True, slots=True)
-class Deadlines:
+class RobotlineDeadlines:
     """Deadlines of the controller, in real seconds."""
 
     answer_s: float = 2.0
@@ -34,7 +34,7 @@ class Deadlines:
     poll_s: float = 0.01
 
 
-DEADLINES = Deadlines()
+DEADLINES = RobotlineDeadlines()
 NOT_KNOWN = ("ARGUMENT", "GEOMETRY", "VERB")
 """Refusals of a parameter that a controller does not have."""
 
@@ -57,7 +57,7 @@ class LineRobot:
         layout: wire.RobotLayout,
         clock: Clock,
         first_sequence: int,
-        deadlines: Deadlines = DEADLINES,
+        deadlines: RobotlineDeadlines = DEADLINES,
         cancelled: Callable[[], bool] = never,
         alarm: Alarm = unheard,
     ) -> None:
@@ -66,7 +66,7 @@ class LineRobot:
         self._clock = clock
         self._numbers = wire.sequence_from(first_sequence)
         self._deadlines = deadlines
-        self._session = Session("controller", self._opened, self._greet)
+        self._session = DeviceSession("controller", self._opened, self._greet)
         self._has_extensions: bool | None = None
         self._stopping = StopProcedure(
             clock,

@@ -17,6 +17,7 @@ from drivers.wire.emscon_constants import (
 )
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
+    BeamTarget,
     Body,
     CoordinateSystem,
     Direction,
@@ -26,9 +27,9 @@ from drivers.wire.emscon_messages import (
     MeasurementMode,
     MeasurementStatusInfo,
     Nothing,
-    Place,
     ReflectorChoice,
     ReflectorEntry,
+    ReflectorPlace,
     ReflectorPosition,
     Refraction,
     SearchParams,
@@ -41,7 +42,6 @@ from drivers.wire.emscon_messages import (
     StatusChange,
     SystemSettings,
     SystemStatus,
-    Target,
     TrackerInfo,
     TrackerStatus,
     Transformation,
@@ -94,7 +94,7 @@ SHAPES: dict[Command, Shape] = {
     Command.GET_SYSTEM_SETTINGS: Shape(answer=SystemSettings),
     Command.START_MEASUREMENT: Shape(),
     Command.STOP_MEASUREMENT: Shape(),
-    Command.GO_POSITION: Shape(request=Target),
+    Command.GO_POSITION: Shape(request=BeamTarget),
     Command.FIND_REFLECTOR: Shape(request=ApproximateDistance),
     Command.GET_DIRECTION: Shape(answer=Direction),
     Command.SET_STATISTIC_MODE: Shape(request=StatisticMode),
@@ -102,13 +102,13 @@ SHAPES: dict[Command, Shape] = {
     Command.GET_MEASUREMENT_STATUS_INFO: Shape(answer=MeasurementStatusInfo),
     Command.GET_FACE: Shape(answer=Face),
     Command.GET_TRACKER_INFO: Shape(answer=TrackerInfo),
-    Command.GO_AND_MEASURE: Shape(request=Place),
+    Command.GO_AND_MEASURE: Shape(request=ReflectorPlace),
     Command.GET_SYSTEM_SOFTWARE_VERSION: Shape(answer=SoftwareVersion),
 }
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class EmsconRequest:
     """A command with its parameters."""
 
     command: Command
@@ -165,7 +165,7 @@ Unasked = (
     ErrorResponse | StatusChange | ReflectorPosition | SingleResult | SingleResult2 | OtherPacket
 )
 FromServer = Answer | Unasked
-FromClient = Request | UnknownRequest
+FromClient = EmsconRequest | UnknownRequest
 
 _UNASKED: dict[
     int, type[ErrorResponse | StatusChange | ReflectorPosition | SingleResult | SingleResult2]
@@ -187,7 +187,7 @@ def encode(message: FromServer | FromClient) -> bytes:
 
 def _packet(message: FromServer | FromClient) -> Packet:
     match message:
-        case Request(command, body):
+        case EmsconRequest(command, body):
             return Packet(DataType.COMMAND, COMMAND_HEADER.pack(command) + encode_body(body))
         case UnknownRequest(command):
             return Packet(DataType.COMMAND, COMMAND_HEADER.pack(command))
@@ -231,7 +231,7 @@ def parse_from_client(packet: Packet) -> FromClient:
     command = _known(code)
     if command is None:
         return UnknownRequest(code)
-    return Request(
+    return EmsconRequest(
         command, decode_body(SHAPES[command].request, packet.body[COMMAND_HEADER.size :])
     )
 

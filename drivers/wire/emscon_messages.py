@@ -226,7 +226,7 @@ class SystemSettings(Body):
 
 
 @dataclass(frozen=True, slots=True)
-class Target(Body):
+class BeamTarget(Body):
     """Point that the beam is sent to."""
 
     LAYOUT: ClassVar[str] = "vi"
@@ -261,7 +261,7 @@ class StatisticMode(Body):
 
 
 @dataclass(frozen=True, slots=True)
-class Place(Body):
+class ReflectorPlace(Body):
     """Point at which a reflector is measured."""
 
     LAYOUT: ClassVar[str] = "v"

@@ -104,7 +104,7 @@ def parse_words(parameters: Sequence[str], count: int) -> Sequence[str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class GeocomRequest:
     """A call of a remote procedure; its parameters are words as on the wire.
 
     `checked` asks for a checksum, in the answer too.
@@ -122,7 +122,7 @@ class Abort:
 
 
 @dataclass(frozen=True, slots=True)
-class Reply:
+class GeocomReply:
     """Reply to a request: whether it could be carried, what came of it, and the values.
 
     `line` is it as it came, without its end.
@@ -159,21 +159,21 @@ def crc16(text: bytes) -> int:
     return crc
 
 
-def encode_request(request: Request) -> bytes:
+def encode_request(request: GeocomRequest) -> bytes:
     """Write a request as a line with its end; raises `WireError` for what cannot be sent."""
     body = ",".join(request.parameters)
     head = f"%R1Q,{request.rpc},{request.transaction}"
     return _line(head, f":{body}", checked=request.checked)
 
 
-def encode_reply(reply: Reply) -> bytes:
+def encode_reply(reply: GeocomReply) -> bytes:
     """Write a reply as a line with its end; raises `WireError` for what cannot be sent."""
     body = ",".join((str(reply.result), *reply.parameters))
     head = f"%R1P,{reply.communication},{reply.transaction}"
     return _line(head, f":{body}", checked=reply.checked)
 
 
-def decode_request(line: bytes) -> Request | Abort:
+def decode_request(line: bytes) -> GeocomRequest | Abort:
     """Read a line without its end; raises `WireError`, `BadChecksum` among them."""
     if line == ABORT:
         return Abort()
@@ -181,15 +181,17 @@ def decode_request(line: bytes) -> Request | Abort:
     transaction = int(found["transaction"] or 0)
     _check(found, line, transaction)
     parameters = _split(found["rest"] or None)
-    return Request(int(found["rpc"]), transaction, parameters, checked=found["crc"] is not None)
+    return GeocomRequest(
+        int(found["rpc"]), transaction, parameters, checked=found["crc"] is not None
+    )
 
 
-def decode_reply(line: bytes) -> Reply:
+def decode_reply(line: bytes) -> GeocomReply:
     """Read a line without its end; raises `WireError`, `BadChecksum` among them."""
     found = _matched(_REPLY, line)
     transaction = int(found["transaction"])
     _check(found, line, transaction)
-    return Reply(
+    return GeocomReply(
         int(found["communication"]),
         transaction,
         int(found["result"]),
@@ -199,7 +201,7 @@ def decode_reply(line: bytes) -> Reply:
     )
 
 
-class ReplyFramer:
+class GeocomFramer:
     """Bytes to replies; empty lines and answers to an abort are passed over.
 
     Raises only `WireError`.
@@ -208,7 +210,7 @@ class ReplyFramer:
     def __init__(self) -> None:
         self._lines = line_framer()
 
-    def feed(self, data: bytes) -> list[Reply]:
+    def feed(self, data: bytes) -> list[GeocomReply]:
         """Return the replies completed by these bytes."""
         lines = self._lines.feed(data)
         return [decode_reply(line) for line in lines if line not in {b"", ABORTED}]

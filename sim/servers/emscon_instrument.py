@@ -7,7 +7,7 @@ from math import isfinite, sqrt
 
 from drivers.values import Vector3
 from drivers.wire import emscon_messages as said
-from drivers.wire.emscon import NOTHING, Request
+from drivers.wire.emscon import NOTHING, EmsconRequest
 from drivers.wire.emscon_constants import (
     AdmStatus,
     Command,
@@ -103,7 +103,7 @@ class EmsconInstrument:
         """Duration of one measurement."""
         return self._stationary.time_ms / MS_PER_S
 
-    def obey(self, request: Request, now_s: float) -> EmsconOutcome:
+    def obey(self, request: EmsconRequest, now_s: float) -> EmsconOutcome:
         """Do what a command wants, or refuse it."""
         reader = self._readers.get(request.command)
         if reader is not None:

@@ -8,9 +8,9 @@ from drivers.values import DISTANCE
 from drivers.wire import emscon_messages as said
 from drivers.wire.emscon import (
     Answer,
+    EmsconRequest,
     FromClient,
     FromClientFramer,
-    Request,
     UnknownRequest,
     encode,
     refusal,
@@ -129,7 +129,7 @@ class EmsconSession:
         status = self._obstacle(request, now_s)
         if status != ResultStatus.ALL_OK:
             self._send(refusal(request.command, status))
-        elif isinstance(request, Request):
+        elif isinstance(request, EmsconRequest):
             body = self._instrument.scale.heard(request.body)
             self._act(replace(request, body=body), now_s)
 
@@ -143,14 +143,14 @@ class EmsconSession:
             return ResultStatus.SERVER_BUSY
         return ResultStatus.ALL_OK
 
-    def _stops(self, request: Request) -> bool:
+    def _stops(self, request: EmsconRequest) -> bool:
         return (
             request.command == Command.STOP_MEASUREMENT
             and self._pending is not None
             and self._pending.command == Command.START_MEASUREMENT
         )
 
-    def _act(self, request: Request, now_s: float) -> None:
+    def _act(self, request: EmsconRequest, now_s: float) -> None:
         match request.command:
             case Command.STOP_MEASUREMENT:
                 self._pending = None
@@ -195,7 +195,7 @@ class EmsconSession:
         self._pending = _Pending(Command.START_MEASUREMENT, due_s)
         return ResultStatus.ALL_OK
 
-    def _move(self, request: Request, now_s: float) -> None:
+    def _move(self, request: EmsconRequest, now_s: float) -> None:
         obstacle = ResultStatus.ALL_OK
         if request.command == Command.GO_AND_MEASURE:
             obstacle = self._unready(now_s)
@@ -212,7 +212,7 @@ class EmsconSession:
 
     def _motion_s(self, body: said.Body, now_s: float) -> float | None:
         """Start a motion and return how long it takes; None: there is no such place."""
-        if isinstance(body, said.Target | said.Place) and _is_in_sight(*body.point):
+        if isinstance(body, said.BeamTarget | said.ReflectorPlace) and _is_in_sight(*body.point):
             return self._tracker.go_to(body.point, now_s)
         if isinstance(body, said.ApproximateDistance) and _is_in_sight(body.distance):
             return self._tracker.find(body.distance, now_s)
@@ -238,7 +238,7 @@ class EmsconSession:
             self._tell_failure()
             return
         if self._is_wrong("other_units"):
-            self._instrument.obey(Request(Command.SET_UNITS, POWER_ON_UNITS), now_s)
+            self._instrument.obey(EmsconRequest(Command.SET_UNITS, POWER_ON_UNITS), now_s)
             self._tell(SystemChange.UNITS)
         result = self._instrument.scale.told(self._instrument.result_of(shot))
         self._tell_result(encode(result), now_s)

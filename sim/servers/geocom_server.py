@@ -18,7 +18,7 @@ MOST_WAITING = 100
 class _Pending:
     """The one call that is under way."""
 
-    request: geocom.Request
+    request: geocom.GeocomRequest
     later: Later
 
 
@@ -29,7 +29,7 @@ class GeocomSession:
         self._station = station
         self._send = send
         self._lines = geocom.line_framer()
-        self._waiting: deque[geocom.Request] = deque()
+        self._waiting: deque[geocom.GeocomRequest] = deque()
         self._pending: _Pending | None = None
 
     def received(self, data: bytes, now_s: float) -> None:
@@ -63,9 +63,9 @@ class GeocomSession:
         try:
             request = geocom.decode_request(line)
         except geocom.BadChecksum as error:
-            self._say(geocom.Reply(Result.COM_SERVER_CHECKSUM, error.transaction, Result.OK))
+            self._say(geocom.GeocomReply(Result.COM_SERVER_CHECKSUM, error.transaction, Result.OK))
         except WireError:
-            self._say(geocom.Reply(Result.COM_WRONG_FORMAT, 0, Result.OK))
+            self._say(geocom.GeocomReply(Result.COM_WRONG_FORMAT, 0, Result.OK))
         else:
             if isinstance(request, geocom.Abort):
                 self._abort()
@@ -80,7 +80,7 @@ class GeocomSession:
             self._answer(request, GeocomOutcome(Result.ABORTED))
         self._send(geocom.ABORTED + geocom.TERMINATOR)
 
-    def _begin(self, request: geocom.Request, now_s: float) -> None:
+    def _begin(self, request: geocom.GeocomRequest, now_s: float) -> None:
         try:
             outcome = self._station.obey(request.rpc, request.parameters, now_s)
         except WireError:
@@ -93,17 +93,21 @@ class GeocomSession:
         else:
             self._answer(request, outcome)
 
-    def _answer(self, request: geocom.Request, outcome: GeocomOutcome) -> None:
+    def _answer(self, request: geocom.GeocomRequest, outcome: GeocomOutcome) -> None:
         words = tuple(self._word(value) for value in outcome.values)
-        reply = geocom.Reply(Result.OK, request.transaction, outcome.result, words, request.checked)
+        reply = geocom.GeocomReply(
+            Result.OK, request.transaction, outcome.result, words, request.checked
+        )
         self._say(reply)
 
-    def _fail(self, request: geocom.Request, communication: Result) -> None:
+    def _fail(self, request: geocom.GeocomRequest, communication: Result) -> None:
         self._say(
-            geocom.Reply(communication, request.transaction, Result.OK, checked=request.checked)
+            geocom.GeocomReply(
+                communication, request.transaction, Result.OK, checked=request.checked
+            )
         )
 
-    def _say(self, reply: geocom.Reply) -> None:
+    def _say(self, reply: geocom.GeocomReply) -> None:
         self._send(geocom.encode_reply(reply))
 
     def _word(self, value: Value) -> str:

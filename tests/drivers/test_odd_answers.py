@@ -15,7 +15,7 @@ from drivers.linuxcnc.settings import Coordinates
 from drivers.values import Pose
 from drivers.wire.emscon import SHAPES, Answer
 from drivers.wire.emscon_messages import SingleResult2
-from drivers.wire.geocom import Reply, encode_reply
+from drivers.wire.geocom import GeocomReply, encode_reply
 
 WHOLES = (0, 1, -1, 2, 3, 5, 39, 70, 2048, 10011, 2**31 - 1, -(2**31))
 FLOATS = (0.0, 1.0, -1.0, 20.0, 1013.0, 0.01, 1e-300, 1e300, math.nan, math.inf, -math.inf)
@@ -80,7 +80,7 @@ def geocom_calls(draw):
         count = len(instrument.answers[request.rpc][1]) if draw.random() < 0.8 else 3
         words = tuple(draw.choice(GEOCOM_WORDS) for _ in range(count))
         code = draw.choice((0, 0, 0, 1283, 1285, 9999))
-        return [(0.01, encode_reply(Reply(0, request.transaction, code, words)))]
+        return [(0.01, encode_reply(GeocomReply(0, request.transaction, code, words)))]
 
     for rpc in instrument.answers:
         if draw.random() < 0.1:

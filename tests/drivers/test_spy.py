@@ -20,7 +20,7 @@ from drivers.byte_log import (
 from drivers.catalog import CONTROLLERS, TRACKERS, controller_driver, tracker_driver
 from drivers.errors import LinkDown
 from drivers.wire import geocom, robotline
-from drivers.wire.emscon import Answer, Request, encode, refusal
+from drivers.wire.emscon import Answer, EmsconRequest, encode, refusal
 from drivers.wire.emscon_constants import Command
 from drivers.wire.emscon_messages import StatusChange, Units
 from drivers.wire.robotline import AskState, ControllerStatus
@@ -182,7 +182,7 @@ def _unescaped(found):
 class TestEmsconReading:
     def test_packets_are_read_in_both_directions(self):
         reading = READINGS["emscon"]()
-        assert reading.sent(encode(Request(Command.SET_UNITS, Units(1, 1, 0, 0, 0)))) == [
+        assert reading.sent(encode(EmsconRequest(Command.SET_UNITS, Units(1, 1, 0, 0, 0)))) == [
             "SetUnits Units(length=1, angle=1, temperature=0, pressure=0, humidity=0)"
         ]
         said = encode(Answer(Command.SET_UNITS)) + encode(StatusChange(6))
@@ -196,7 +196,7 @@ class TestEmsconReading:
         assert said.endswith("emScon error 39 (tracker not initialized)")
 
     def test_packet_in_pieces_is_read_when_it_is_whole(self):
-        reading, packet = READINGS["emscon"](), encode(Request(Command.GET_UNITS))
+        reading, packet = READINGS["emscon"](), encode(EmsconRequest(Command.GET_UNITS))
         assert reading.sent(packet[:5]) == []
         assert len(reading.sent(packet[5:])) == 1
 
@@ -219,7 +219,7 @@ class TestLineReadings:
 
     def test_geocom_reply_names_its_question_and_its_code(self):
         reading = READINGS["geocom"]()
-        question = geocom.encode_request(geocom.Request(2082, 7, ("5000", "1")))
+        question = geocom.encode_request(geocom.GeocomRequest(2082, 7, ("5000", "1")))
         assert reading.sent(question) == ["TMC_GET_COORDINATE(5000, 1), question 7"]
         assert reading.received(b"%R1P,0,7:1285\r\n") == [
             "answer 7 to TMC_GET_COORDINATE: GeoCOM 1285 (angles only)"
@@ -236,7 +236,7 @@ class TestLineReadings:
     def test_questions_without_answers_do_not_pile_up(self):
         spoken = geocom.Conversation()
         for number in range(1000):
-            spoken.describe_request(geocom.encode_request(geocom.Request(0, number))[:-2])
+            spoken.describe_request(geocom.encode_request(geocom.GeocomRequest(0, number))[:-2])
         assert len(spoken._procedures) == 100
 
     @pytest.mark.parametrize("reading", [READINGS["robotline"](), READINGS["geocom"]()])

@@ -18,14 +18,14 @@ from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Intent, SessionStopped
 from drivers.emscon.client import EmsconDeadlines
 from drivers.emscon.tracker import EmsconTracker
-from drivers.robotline.robot import Deadlines, LineRobot
+from drivers.robotline.robot import LineRobot, RobotlineDeadlines
 from drivers.wire.robotline import ControllerStatus
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell
 from sim.scenarios.scenario import load_scenario
 
-IMPATIENT_ROBOT = Deadlines(answer_s=0.3, stop_answer_s=0.3, standstill_s=3.0)
+IMPATIENT_ROBOT = RobotlineDeadlines(answer_s=0.3, stop_answer_s=0.3, standstill_s=3.0)
 IMPATIENT_TRACKER = EmsconDeadlines(answer_s=0.3, measuring_margin_s=0.3)
 LONG_S = 500.0
 """Of the cell's time, which is half a second of ours: nobody fails to notice."""

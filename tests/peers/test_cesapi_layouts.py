@@ -6,7 +6,7 @@ import CESAPI.packet as cesapi
 import pytest
 
 from drivers.wire import emscon_constants as ours
-from drivers.wire.emscon import SHAPES, Answer, Request, encode
+from drivers.wire.emscon import SHAPES, Answer, EmsconRequest, encode
 from drivers.wire.emscon_constants import Command, DataType, ResultStatus
 from drivers.wire.emscon_messages import (
     ErrorResponse,
@@ -96,7 +96,7 @@ def assert_read_alike(message, body, theirs):
 @pytest.mark.parametrize("command", Command)
 def test_request_is_theirs(command):
     body = example(SHAPES[command].request)
-    assert_read_alike(Request(command, body), body, getattr(cesapi, f"{command.title}CT")())
+    assert_read_alike(EmsconRequest(command, body), body, getattr(cesapi, f"{command.title}CT")())
 
 
 @pytest.mark.parametrize("command", Command)

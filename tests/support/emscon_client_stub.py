@@ -2,7 +2,7 @@
 
 from fake_tracker import FakeTracker
 
-from drivers.wire.emscon import Answer, FromServerFramer, Request, encode
+from drivers.wire.emscon import Answer, EmsconRequest, FromServerFramer, encode
 from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange
 from drivers.wire.emscon_messages import StatusChange, SystemSettings, Units
 from sim.servers.emscon_server import EmsconSession
@@ -37,7 +37,7 @@ class Client:
         self.session.advance(self.now_s)
 
     def send(self, command, *body):
-        self.session.received(encode(Request(command, *body)), self.now_s)
+        self.session.received(encode(EmsconRequest(command, *body)), self.now_s)
         return self.later(0.0)
 
     def later(self, seconds):

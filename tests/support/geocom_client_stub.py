@@ -2,7 +2,7 @@
 
 import math
 
-from drivers.wire.geocom import ReplyFramer, Request, encode_request, parse_number, words_of
+from drivers.wire.geocom import GeocomFramer, GeocomRequest, encode_request, parse_number, words_of
 from drivers.wire.geocom_constants import Result, Rpc
 from sim.cell import Cell
 from sim.faults import FaultScript
@@ -24,7 +24,7 @@ class Client:
         self.station = GeocomStation(self.cell.tracker)
         self.now_s = 0.0
         self._bytes = []
-        self._framer = ReplyFramer()
+        self._framer = GeocomFramer()
         self._number = 0
         self.session = GeocomSession(self.station, self._bytes.append)
 
@@ -44,7 +44,7 @@ class Client:
 
     def begin(self, rpc, *words, checked=False):
         self._number += 1
-        return self.sends(encode_request(Request(rpc, self._number, words, checked)))
+        return self.sends(encode_request(GeocomRequest(rpc, self._number, words, checked)))
 
     def ask(self, rpc, *words):
         """The answer, however long it takes."""

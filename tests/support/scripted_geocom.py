@@ -3,7 +3,14 @@
 from timed_pipe import HandClock, TimedPipe
 
 from drivers.geocom.tracker import GeocomTracker
-from drivers.wire.geocom import Abort, Reply, decode_request, encode_reply, line_framer, words_of
+from drivers.wire.geocom import (
+    Abort,
+    GeocomReply,
+    decode_request,
+    encode_reply,
+    line_framer,
+    words_of,
+)
 from drivers.wire.geocom_constants import Result, Rpc
 
 POINT_M = (2.5, -1.25, 0.75)
@@ -71,7 +78,7 @@ class Instrument:
 
     def reply(self, request):
         result, words = self.answers.get(request.rpc, (0, ()))
-        return encode_reply(Reply(0, request.transaction, result, words))
+        return encode_reply(GeocomReply(0, request.transaction, result, words))
 
     def _said(self, line):
         request = decode_request(line)
@@ -90,12 +97,12 @@ class Instrument:
         names = {"0": "Leica Circ Prism", "1": "Leica Mini Prism"}
         name = names.get(request.parameters[0])
         reply = (0, words_of(name, 0.0, 1)) if name else (Result.INVALID_PARAMETER, ())
-        return [(0.01, encode_reply(Reply(0, request.transaction, *reply)))]
+        return [(0.01, encode_reply(GeocomReply(0, request.transaction, *reply)))]
 
     def _user_prism(self, request):
         known = request.parameters == words_of(CCR)
         reply = (0, words_of(0.0344, 1, "shop")) if known else (Result.INVALID_PARAMETER, ())
-        return [(0.01, encode_reply(Reply(0, request.transaction, *reply)))]
+        return [(0.01, encode_reply(GeocomReply(0, request.transaction, *reply)))]
 
 
 class Bench:

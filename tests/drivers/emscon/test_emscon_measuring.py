@@ -26,10 +26,10 @@ from drivers.values import Weather
 from drivers.wire.emscon import Answer, OtherPacket, encode
 from drivers.wire.emscon_constants import Command, ResultStatus
 from drivers.wire.emscon_messages import (
+    BeamTarget,
     ErrorResponse,
     ReflectorPosition,
     StatusChange,
-    Target,
     TrackerStatus,
 )
 
@@ -230,7 +230,7 @@ class TestMotion:
     def test_go_to_is_in_millimetres_with_the_distance_meter(self):
         station = Station().prepared()
         station.tracker.go_to((1000.0, 2000.0, -300.0))
-        assert station.instrument.body_of(Command.GO_POSITION) == Target(
+        assert station.instrument.body_of(Command.GO_POSITION) == BeamTarget(
             (1000.0, 2000.0, -300.0), 1
         )
 

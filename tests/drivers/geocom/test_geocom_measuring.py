@@ -15,7 +15,7 @@ from drivers.errors import (
     WireError,
 )
 from drivers.geocom.accuracy import Accuracy, accuracy_of_class, covariance_mm2
-from drivers.wire.geocom import Reply, encode_reply, words_of
+from drivers.wire.geocom import GeocomReply, encode_reply, words_of
 from drivers.wire.geocom_constants import Result, Rpc
 
 
@@ -102,7 +102,7 @@ def test_each_refusal_says_what_to_do(code, kind, words):
 def test_call_that_the_instrument_does_not_know_is_refused():
     bench = Bench().prepared()
     bench.instrument.says[Rpc.TMC_DO_MEASURE] = lambda request: [
-        (0.0, encode_reply(Reply(Result.COM_UNKNOWN_PROCEDURE, request.transaction, 0)))
+        (0.0, encode_reply(GeocomReply(Result.COM_UNKNOWN_PROCEDURE, request.transaction, 0)))
     ]
     with pytest.raises(DeviceRefused, match=r"TMC_DO_MEASURE failed: GeoCOM 3081"):
         bench.tracker.measure()
@@ -163,7 +163,7 @@ def test_failed_measurement_that_cannot_be_cleared_closes_the_wire():
     bench.instrument.refuses(Rpc.TMC_GET_COORDINATE, 1285)
     codes = {"1": 0, "3": Result.SHUT_DOWN}
     bench.instrument.says[Rpc.TMC_DO_MEASURE] = lambda request: [
-        (0.0, encode_reply(Reply(0, request.transaction, codes[request.parameters[0]])))
+        (0.0, encode_reply(GeocomReply(0, request.transaction, codes[request.parameters[0]])))
     ]
     with pytest.raises(BeamBroken):
         bench.tracker.measure()
@@ -176,7 +176,7 @@ def test_busy_instrument_is_asked_again():
     bench = Bench().prepared()
     codes = iter([Result.TMC_BUSY, Result.SYSTEM_BUSY, Result.OK])
     bench.instrument.says[Rpc.TMC_DO_MEASURE] = lambda request: [
-        (0.0, encode_reply(Reply(0, request.transaction, next(codes, 0))))
+        (0.0, encode_reply(GeocomReply(0, request.transaction, next(codes, 0))))
     ]
     assert bench.tracker.measure()
 
@@ -194,7 +194,7 @@ def test_prism_lost_while_measuring_is_a_broken_beam():
     bench = Bench().prepared()
     statuses = iter([1, 2])
     bench.instrument.says[Rpc.MOT_READ_LOCK_STATUS] = lambda request: [
-        (0.0, encode_reply(Reply(0, request.transaction, 0, words_of(next(statuses)))))
+        (0.0, encode_reply(GeocomReply(0, request.transaction, 0, words_of(next(statuses)))))
     ]
     with pytest.raises(BeamBroken, match="not locked"):
         bench.tracker.measure()

@@ -5,7 +5,7 @@ from scripted_geocom import CCR, POINT_MM, Bench
 
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused
 from drivers.values import Readiness
-from drivers.wire.geocom import Reply, encode_reply, words_of
+from drivers.wire.geocom import GeocomReply, encode_reply, words_of
 from drivers.wire.geocom_constants import Result, Rpc
 
 
@@ -61,7 +61,7 @@ def test_instrument_without_motors_is_refused():
 def test_setting_that_is_not_kept_is_refused():
     bench = Bench().connected()
     bench.instrument.says[Rpc.TMC_SET_HEIGHT] = lambda request: [
-        (0.0, encode_reply(Reply(0, request.transaction, 0)))
+        (0.0, encode_reply(GeocomReply(0, request.transaction, 0)))
     ]
     with pytest.raises(DeviceRefused, match="does not report its target height as set"):
         bench.tracker.prepare(CCR, 1.0)

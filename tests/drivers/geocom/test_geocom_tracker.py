@@ -4,7 +4,7 @@ import pytest
 from scripted_geocom import POINT_MM, Bench, Instrument
 
 from drivers.errors import Cancelled, DeviceNotReady, DeviceRefused, LinkDown, WrongDevice
-from drivers.wire.geocom import Reply, encode_reply, words_of
+from drivers.wire.geocom import GeocomReply, encode_reply, words_of
 from drivers.wire.geocom_constants import Result, Rpc
 
 
@@ -37,7 +37,7 @@ class TestSession:
     def test_instrument_that_sleeps_is_to_be_woken(self):
         bench = Bench()
         bench.instrument.says[Rpc.COM_NULL_PROC] = lambda request: [
-            (0.0, encode_reply(Reply(Result.COM_SLEEPING, request.transaction, 0)))
+            (0.0, encode_reply(GeocomReply(Result.COM_SLEEPING, request.transaction, 0)))
         ]
         with pytest.raises(DeviceNotReady, match="switch the instrument on"):
             bench.tracker.connect()
@@ -66,7 +66,7 @@ class TestSession:
     def test_refusal_in_the_start_up_leaves_no_wire_open(self):
         bench = Bench()
         bench.instrument.says[Rpc.COM_GET_DOUBLE_PRECISION] = lambda request: [
-            (0.0, encode_reply(Reply(0, request.transaction, Result.NOT_IMPLEMENTED)))
+            (0.0, encode_reply(GeocomReply(0, request.transaction, Result.NOT_IMPLEMENTED)))
         ]
         with pytest.raises(DeviceRefused):
             bench.tracker.connect()

@@ -4,7 +4,7 @@ import pytest
 from scripted_controller import ANSWER_S, connected
 
 from drivers.errors import Cancelled, LinkDown, RobotStateUnknown
-from drivers.robotline.robot import Deadlines
+from drivers.robotline.robot import RobotlineDeadlines
 
 MOVING = "OK 1 0 - 0.0 0.0 0.0 0.0"
 STANDING = "OK 0 0 - 0.0 0.0 0.0 0.0"
@@ -132,7 +132,7 @@ def test_noise_on_the_line_does_not_keep_a_stop_from_being_sent():
 
 
 def test_stop_that_nobody_answers_is_loud_and_in_time():
-    controller = connected(deadlines=Deadlines(standstill_s=3.0))
+    controller = connected(deadlines=RobotlineDeadlines(standstill_s=3.0))
     controller.connections = 1
     controller.robot.close()
     begun_s = controller.clock.now_s()

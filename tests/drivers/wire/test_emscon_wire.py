@@ -13,10 +13,10 @@ from drivers.errors import WireError
 from drivers.wire.emscon import (
     SHAPES,
     Answer,
+    EmsconRequest,
     FromClientFramer,
     FromServerFramer,
     OtherPacket,
-    Request,
     UnknownRequest,
     encode,
     refusal,
@@ -31,6 +31,7 @@ from drivers.wire.emscon_constants import (
 )
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
+    BeamTarget,
     CoordinateSystem,
     Environment,
     ErrorResponse,
@@ -44,7 +45,6 @@ from drivers.wire.emscon_messages import (
     StationaryMode,
     StatusChange,
     SystemStatus,
-    Target,
     Units,
     decode_body,
     encode_body,
@@ -60,34 +60,38 @@ GOLDEN = {
 }
 
 MEANINGS = {
-    "Initialize request": Request(Command.INITIALIZE),
+    "Initialize request": EmsconRequest(Command.INITIALIZE),
     "Initialize answer OK": Answer(Command.INITIALIZE),
-    "SetUnits request (mm, deg, C, mbar, RH)": Request(Command.SET_UNITS, Units(1, 1, 0, 0, 0)),
-    "SetCoordinateSystemType request RHR": Request(
+    "SetUnits request (mm, deg, C, mbar, RH)": EmsconRequest(
+        Command.SET_UNITS, Units(1, 1, 0, 0, 0)
+    ),
+    "SetCoordinateSystemType request RHR": EmsconRequest(
         Command.SET_COORDINATE_SYSTEM_TYPE, CoordinateSystem(0)
     ),
-    "SetMeasurementMode request Stationary": Request(
+    "SetMeasurementMode request Stationary": EmsconRequest(
         Command.SET_MEASUREMENT_MODE, MeasurementMode(0)
     ),
-    "SetStationaryModeParams request 2000 ms, ADM on": Request(
+    "SetStationaryModeParams request 2000 ms, ADM on": EmsconRequest(
         Command.SET_STATIONARY_MODE_PARAMS, StationaryMode(2000, 1)
     ),
-    "GetReflectors request": Request(Command.GET_REFLECTORS),
+    "GetReflectors request": EmsconRequest(Command.GET_REFLECTORS),
     "GetReflectors answer 1 of 2": Answer(
         Command.GET_REFLECTORS, body=ReflectorEntry(2, 1, 1, 19.05, "CCR-1.5in")
     ),
-    "SetReflector request id 1": Request(Command.SET_REFLECTOR, ReflectorChoice(1)),
-    "SetSearchParams request 50.0, 10000 ms": Request(
+    "SetReflector request id 1": EmsconRequest(Command.SET_REFLECTOR, ReflectorChoice(1)),
+    "SetSearchParams request 50.0, 10000 ms": EmsconRequest(
         Command.SET_SEARCH_PARAMS, SearchParams(50.0, 10000)
     ),
-    "SetEnvironmentParams request 20,1013.25,50": Request(
+    "SetEnvironmentParams request 20,1013.25,50": EmsconRequest(
         Command.SET_ENVIRONMENT_PARAMS, Environment(20.0, 1013.25, 50.0)
     ),
-    "GoPosition request 1000,2000,-300, ADM": Request(
-        Command.GO_POSITION, Target((1000.0, 2000.0, -300.0), 1)
+    "GoPosition request 1000,2000,-300, ADM": EmsconRequest(
+        Command.GO_POSITION, BeamTarget((1000.0, 2000.0, -300.0), 1)
     ),
-    "FindReflector request 3000": Request(Command.FIND_REFLECTOR, ApproximateDistance(3000.0)),
-    "StartMeasurement request": Request(Command.START_MEASUREMENT),
+    "FindReflector request 3000": EmsconRequest(
+        Command.FIND_REFLECTOR, ApproximateDistance(3000.0)
+    ),
+    "StartMeasurement request": EmsconRequest(Command.START_MEASUREMENT),
     "StartMeasurement answer OK": Answer(Command.START_MEASUREMENT),
     "SingleMeasResult": SingleResult(
         status=0,
@@ -125,7 +129,7 @@ def bodies(kind):
 
 REQUESTS = st.one_of(
     [
-        bodies(shape.request).map(lambda b, c=command: Request(c, b))
+        bodies(shape.request).map(lambda b, c=command: EmsconRequest(c, b))
         for command, shape in SHAPES.items()
     ]
 )
@@ -249,7 +253,7 @@ def test_fields_that_later_firmware_appends_are_passed_over(message):
 
 
 def test_client_is_held_to_the_size_of_each_request():
-    data = encode(Request(Command.SET_UNITS, UNITS))
+    data = encode(EmsconRequest(Command.SET_UNITS, UNITS))
     with pytest.raises(WireError, match="Units has 24 bytes, 20 are expected"):
         FromClientFramer().feed(struct.pack("<i", len(data) + 4) + data[4:] + bytes(4))
 

@@ -12,9 +12,9 @@ from drivers.wire.geocom import (
     LINE_BYTES,
     Abort,
     BadChecksum,
-    Reply,
-    ReplyFramer,
-    Request,
+    GeocomFramer,
+    GeocomReply,
+    GeocomRequest,
     crc16,
     decode_reply,
     decode_request,
@@ -40,8 +40,8 @@ words = (
     | st.sampled_from(["'0a'", ""])
 )
 parameters = st.lists(words, max_size=8).map(tuple).filter(lambda found: found != ("",))
-requests = st.builds(Request, numbers, numbers, parameters, st.booleans())
-replies = st.builds(Reply, numbers, numbers, numbers, parameters, st.booleans())
+requests = st.builds(GeocomRequest, numbers, numbers, parameters, st.booleans())
+replies = st.builds(GeocomReply, numbers, numbers, numbers, parameters, st.booleans())
 
 
 def without_end(line):
@@ -59,13 +59,13 @@ class TestLines:
         assert decode_reply(without_end(encode_reply(reply))) == reply
 
     def test_examples_of_the_manual(self):
-        request = Request(2082, 7, words_of(5000, 1))
+        request = GeocomRequest(2082, 7, words_of(5000, 1))
         assert encode_request(request) == b"%R1Q,2082,7:5000,1\r\n"
-        reply = Reply(0, 0, 0, ("1996", "'07'", "'19'", "'10'", "'13'", "'2f'"))
+        reply = GeocomReply(0, 0, 0, ("1996", "'07'", "'19'", "'10'", "'13'", "'2f'"))
         assert decode_reply(b"%R1P,0,0:0,1996,'07','19','10','13','2f'") == reply
 
     def test_request_without_a_number_has_number_0(self):
-        assert decode_request(b"%R1Q,5008:") == Request(5008)
+        assert decode_request(b"%R1Q,5008:") == GeocomRequest(5008)
 
     def test_single_c_stops_a_motion(self):
         assert decode_request(b"c") == Abort()
@@ -120,11 +120,11 @@ class TestLines:
 
     def test_line_that_is_too_long_is_not_written(self):
         with pytest.raises(WireError, match="the limit is 1024"):
-            encode_request(Request(1, 1, words_of("x" * LINE_BYTES)))
+            encode_request(GeocomRequest(1, 1, words_of("x" * LINE_BYTES)))
 
     def test_word_that_is_not_ascii_is_not_written(self):
         with pytest.raises(WireError, match="not printable ASCII"):
-            encode_request(Request(1, 1, ("°",)))
+            encode_request(GeocomRequest(1, 1, ("°",)))
 
 
 class TestChecksum:
@@ -147,7 +147,7 @@ class TestChecksum:
         assert not read.checked
 
     def test_damaged_request_keeps_its_number_for_the_refusal(self):
-        line = without_end(encode_request(Request(2008, 17, ("1", "1"), checked=True)))
+        line = without_end(encode_request(GeocomRequest(2008, 17, ("1", "1"), checked=True)))
         with pytest.raises(BadChecksum) as caught:
             decode_request(line.replace(b":1,1", b":1,2"))
         assert caught.value.transaction == 17
@@ -159,21 +159,21 @@ class TestFramer:
     def test_replies_are_the_same_however_the_stream_is_cut(self, sent, data):
         stream = b"".join(map(encode_reply, sent))
         cuts = sorted(data.draw(st.sets(st.integers(0, len(stream)))))
-        framer = ReplyFramer()
+        framer = GeocomFramer()
         pieces = [stream[a:b] for a, b in zip([0, *cuts], [*cuts, len(stream)], strict=True)]
         assert [reply for piece in pieces for reply in framer.feed(piece)] == sent
 
     def test_empty_lines_and_the_answer_to_an_abort_are_passed_over(self):
-        assert ReplyFramer().feed(b"\r\n?\r\n%R1P,0,4:0\r\n\n") == [Reply(0, 4, 0)]
+        assert GeocomFramer().feed(b"\r\n?\r\n%R1P,0,4:0\r\n\n") == [GeocomReply(0, 4, 0)]
 
     def test_line_without_an_end_is_refused_and_not_kept(self):
         with pytest.raises(WireError):
-            ReplyFramer().feed(b"%R1P,0,1:0," + b"9" * 100_000)
+            GeocomFramer().feed(b"%R1P,0,1:0," + b"9" * 100_000)
         assert len(line_framer().feed(b"9" * 100_000)[0]) == LINE_BYTES + 1
 
     @given(st.lists(st.binary()))
     def test_garbage_raises_only_the_one_error(self, pieces):
-        framer = ReplyFramer()
+        framer = GeocomFramer()
         for piece in pieces:
             try:
                 framer.feed(piece)

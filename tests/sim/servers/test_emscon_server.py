@@ -16,18 +16,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import WireError
-from drivers.wire.emscon import Answer, Request, UnknownRequest, encode
+from drivers.wire.emscon import Answer, EmsconRequest, UnknownRequest, encode
 from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
+    BeamTarget,
     ErrorResponse,
-    Place,
+    ReflectorPlace,
     ReflectorPosition,
     SingleResult,
     StationaryMode,
     StatusChange,
     SystemStatus,
-    Target,
 )
 from sim.faults import Counted, Fault, FaultScript
 
@@ -58,7 +58,7 @@ def test_system_status_climbs_the_ladder_with_initialise():
 def test_nothing_moves_before_it_is_initialised(command):
     client = Client(FakeTracker(initialised=False))
     body = {
-        Command.GO_POSITION: [Target((1.0, 0.0, 0.0), 1)],
+        Command.GO_POSITION: [BeamTarget((1.0, 0.0, 0.0), 1)],
         Command.FIND_REFLECTOR: [ApproximateDistance(1.0)],
     }.get(command, [])
     assert client.status(command, *body) == ResultStatus.TRACKER_NOT_INITIALIZED
@@ -181,7 +181,7 @@ def test_stop_ends_a_measurement_without_a_result():
 
 def test_one_command_at_a_time():
     client = Client()
-    client.send(Command.GO_POSITION, Target((1.0, 0.0, 0.0), 1))
+    client.send(Command.GO_POSITION, BeamTarget((1.0, 0.0, 0.0), 1))
     for command in (Command.GET_UNITS, Command.STOP_MEASUREMENT, Command.START_MEASUREMENT):
         assert client.status(command) == ResultStatus.SERVER_BUSY
     assert client.later(1.0) == [ok(Command.GO_POSITION), READY]
@@ -191,7 +191,7 @@ def test_one_command_at_a_time():
 def test_head_that_a_lost_client_left_moving_keeps_the_next_one_waiting():
     tracker = FakeTracker()
     first = Client(tracker)
-    first.send(Command.GO_POSITION, Target((1.0, 0.0, 0.0), 1))
+    first.send(Command.GO_POSITION, BeamTarget((1.0, 0.0, 0.0), 1))
     first.session.closed(0.1)
     second = Client(tracker)
     assert second.status(Command.GET_UNITS) == ResultStatus.SERVER_BUSY
@@ -202,7 +202,7 @@ def test_head_that_a_lost_client_left_moving_keeps_the_next_one_waiting():
 def test_go_position_is_in_the_clients_unit_and_answered_when_the_head_is_there():
     client = Client()
     client.send(Command.GET_UNITS)
-    assert client.send(Command.GO_POSITION, Target((1.0, 2.0, -0.3), 1)) == [BUSY]
+    assert client.send(Command.GO_POSITION, BeamTarget((1.0, 2.0, -0.3), 1)) == [BUSY]
     assert client.tracker.went_to_mm == (1000.0, 2000.0, -300.0)
     assert client.session.next_due_s() == 1.0
     assert client.later(1.0) == [ok(Command.GO_POSITION), READY]
@@ -222,7 +222,7 @@ def test_search_that_finds_nothing_is_answered_with_an_error():
 def test_go_and_measure_is_answered_when_the_head_is_there_and_its_result_follows():
     client = Client()
     client.send(Command.SET_UNITS, MILLIMETRES)
-    assert client.send(Command.GO_AND_MEASURE, Place((1000.0, 2000.0, -300.0))) == [BUSY]
+    assert client.send(Command.GO_AND_MEASURE, ReflectorPlace((1000.0, 2000.0, -300.0))) == [BUSY]
     assert client.tracker.went_to_mm == (1000.0, 2000.0, -300.0)
     assert client.later(1.0) == [ok(Command.GO_AND_MEASURE)]
     result, light = client.later(0.5)
@@ -233,7 +233,7 @@ def test_go_and_measure_is_answered_when_the_head_is_there_and_its_result_follow
 def test_go_and_measure_that_finds_nothing_measures_nothing():
     client = Client()
     client.tracker.finds = False
-    client.send(Command.GO_AND_MEASURE, Place((1.0, 2.0, 3.0)))
+    client.send(Command.GO_AND_MEASURE, ReflectorPlace((1.0, 2.0, 3.0)))
     refusal_and_light = [refused(Command.GO_AND_MEASURE, ResultStatus.UNKNOWN), NOT_READY]
     assert client.later(1.0) == refusal_and_light
     assert client.later(5.0) == []
@@ -249,7 +249,7 @@ def test_go_and_measure_that_finds_nothing_measures_nothing():
 )
 def test_go_and_measure_needs_what_measuring_needs(state, status):
     client = Client(FakeTracker(**state))
-    assert client.status(Command.GO_AND_MEASURE, Place((1.0, 2.0, 3.0))) == status
+    assert client.status(Command.GO_AND_MEASURE, ReflectorPlace((1.0, 2.0, 3.0))) == status
     assert client.tracker.went_to_mm is None
 
 
@@ -286,7 +286,9 @@ def test_size_out_of_bounds_hangs_up():
 
 def test_requests_torn_anywhere_are_obeyed():
     client = Client()
-    stream = encode(Request(Command.SET_UNITS, MILLIMETRES)) + encode(Request(Command.GET_UNITS))
+    stream = encode(EmsconRequest(Command.SET_UNITS, MILLIMETRES)) + encode(
+        EmsconRequest(Command.GET_UNITS)
+    )
     for byte in stream:
         client.session.received(bytes([byte]), 0.0)
     assert client.taken()[-1] == Answer(Command.GET_UNITS, body=MILLIMETRES)

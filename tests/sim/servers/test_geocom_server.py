@@ -5,7 +5,7 @@ from geocom_client_stub import WINDOW, Client
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.wire.geocom import Reply, parse_string, words_of
+from drivers.wire.geocom import GeocomReply, parse_string, words_of
 from drivers.wire.geocom_constants import Result, Rpc
 from sim.servers.geocom_server import GeocomSession
 
@@ -18,8 +18,8 @@ def test_instrument_says_who_it_is():
 
 
 def test_number_of_the_question_comes_back():
-    assert Client().sends(b"%R1Q,0,4711:\r\n") == [Reply(0, 4711, 0)]
-    assert Client().sends(b"%R1Q,0:\r\n") == [Reply(0, 0, 0)]
+    assert Client().sends(b"%R1Q,0,4711:\r\n") == [GeocomReply(0, 4711, 0)]
+    assert Client().sends(b"%R1Q,0:\r\n") == [GeocomReply(0, 0, 0)]
 
 
 def test_checksum_is_answered_by_a_checksum():
@@ -118,7 +118,7 @@ def test_garbage_never_breaks_the_instrument(pieces):
         client.sends(piece)
     client.sends(b"\r\n")
     client.later(1000.0)
-    assert client.sends(b"%R1Q,0,123456:\r\n") == [Reply(0, 123456, 0)]
+    assert client.sends(b"%R1Q,0,123456:\r\n") == [GeocomReply(0, 123456, 0)]
 
 
 def test_babbling_client_is_bounded():

@@ -9,7 +9,7 @@ import pytest
 from drivers.errors import WireError
 from drivers.wire import geocom, robotline
 from drivers.wire import robotline as messages
-from drivers.wire.emscon import SHAPES, Request, encode
+from drivers.wire.emscon import SHAPES, EmsconRequest, encode
 from drivers.wire.geocom_constants import Rpc
 from sim.cell import Cell
 from sim.geometry import PAR4
@@ -35,12 +35,12 @@ def emscon_request(draw, _number):
         "d": lambda: draw.choice(FLOATS),
         "v": lambda: tuple(draw.choice(FLOATS) for _ in range(3)),
     }
-    return encode(Request(command, kind(*(one[code]() for code in kind.LAYOUT))))
+    return encode(EmsconRequest(command, kind(*(one[code]() for code in kind.LAYOUT))))
 
 
 def geocom_request(draw, number):
     words = tuple(draw.choice(WORDS) for _ in range(draw.randrange(6)))
-    return geocom.encode_request(geocom.Request(int(draw.choice(list(Rpc))), number, words))
+    return geocom.encode_request(geocom.GeocomRequest(int(draw.choice(list(Rpc))), number, words))
 
 
 def robotline_request(draw, number):
