@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.estimation.datum import datum_parameters
+from campaigns.estimation.datum import DatumSample, datum_parameters
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import PARALLELOGRAM_SKEW, ParameterSpace
 from campaigns.studies.perturbations import Perturbation
@@ -22,6 +22,8 @@ class RodRobots:
     """Robots of a scenario's build whose rods and axes a perturbation has put out."""
 
     section: RobotSection
+    sample: DatumSample
+    """Where they are seen in the datum of a robot with perfect parts."""
 
     def __call__(
         self, true: Kinematics, perturbation: Perturbation, rng: np.random.Generator
@@ -51,7 +53,7 @@ class RodRobots:
             return np.array(points)
 
         p = vector_of_parts(true, geometry, build)
-        return forward, datum_parameters(true, Kinematics(true.mechanism, p)).p
+        return forward, datum_parameters(true, Kinematics(true.mechanism, p), self.sample).p
 
 
 def geometry_of_model(model: Kinematics, section: RobotSection) -> Geometry:

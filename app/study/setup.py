@@ -14,7 +14,7 @@ from app.wiring import require_same_mechanism
 from campaigns.campaign import Campaign
 from campaigns.design.pose_sampling import workspace_poses
 from campaigns.errors import OptionsInvalid, PlanInvalid
-from campaigns.estimation.datum import datum_parameters
+from campaigns.estimation.datum import datum_parameters, datum_sample
 from campaigns.estimation.estimators import Estimator, Model, Weights
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
@@ -201,7 +201,7 @@ def _judging(
     return replace(
         setup,
         options=replace(setup.options, workspace=workspace),
-        beyond_model=RodRobots(scenario.robot),
+        beyond_model=RodRobots(scenario.robot, datum_sample(robot.kinematics)),
         models=models,
         model=method.model,
     )
@@ -284,11 +284,10 @@ def study_tasks(
     setup: StudySetup, scenario: Scenario, numbers: Iterable[int]
 ) -> Iterator[StudyTask]:
     """The campaigns of these numbers, some at a time, each with a robot of its own."""
-    left = iter(numbers)
+    left, sample = iter(numbers), datum_sample(setup.nominal)
     while some := tuple(islice(left, CAMPAIGNS_A_TASK)):
         robots = (_drawn(setup, scenario, number) for number in some)
-        nominal = setup.nominal
-        truths = [datum_parameters(nominal, robot).p for robot in robots]
+        truths = [datum_parameters(setup.nominal, robot, sample).p for robot in robots]
         yield StudyTask(setup, some, np.array(truths))
 
 

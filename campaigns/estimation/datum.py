@@ -23,19 +23,35 @@ SAME_MM = 1e-9
 """Points nearer than that are the same."""
 
 
-def datum_parameters(nominal: Kinematics, own: Kinematics) -> Kinematics:
+DatumSample = tuple[Array, Array]
+"""Joints (N, n) at which points are compared, and poses (N, t) near those of the robots there."""
+
+
+def datum_sample(robot: Kinematics) -> DatumSample:
+    """Joints where robots like this one can be assembled."""
+    scale = SPREAD * np.array([axis.scale for axis in robot.mechanism.joints])
+    joints = scale * np.random.default_rng(1).uniform(-1.0, 1.0, (SAMPLE, len(scale)))
+    solved = robot.forward(joints)
+    return joints[solved.found], solved.values[solved.found]
+
+
+def datum_parameters(
+    nominal: Kinematics, own: Kinematics, sample: DatumSample | None = None
+) -> Kinematics:
     """Robot of the same points, but for their frame, whose datum's parameters are the nominal's.
 
     Exact, but for plate bars that follow the azimuths of tilted arms and for carriages' plates that
-    tilt instead of the base: what is left there is of second order in the tilts.
+    tilt instead of the base: what is left there is of second order in the tilts. Who asks for many
+    robots finds the sample once, of the nominal one.
     """
     space, mechanism = own.mechanism.parameters, own.mechanism
     wanted = own.p.copy()
     held = space.places([name for name in space.datum if name in space.geometry])
+    if (wanted[held] == nominal.p[held]).all():
+        return own
     wanted[held] = nominal.p[held]
-    scale = SPREAD * np.array([axis.scale for axis in mechanism.joints])
-    joints = scale * np.random.default_rng(1).uniform(-1.0, 1.0, (SAMPLE, len(scale)))
-    solved = own.forward(joints)
+    joints, near = sample or datum_sample(nominal)
+    solved = own.forward(joints, near)
     joints, poses = joints[solved.found], solved.values[solved.found]
     told = [each for each in space if not each.fixes_datum and each.role is not Role.LOST_MOTION]
     free = space.places([each.name for each in told])

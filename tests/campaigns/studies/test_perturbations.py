@@ -8,6 +8,7 @@ from par4_space import FREE_BY_DEFAULT, IS_ANGLE, indices
 
 from app.study.rods import RodRobots
 from campaigns.design.pose_sampling import workspace_poses
+from campaigns.estimation.datum import datum_sample
 from campaigns.estimation.rigid_transforms import Transform, small_rotation
 from campaigns.identification.options import IdentificationOptions
 from campaigns.planning.plans import PlanRequest, View, make_plan
@@ -51,7 +52,7 @@ def setup():
         ),
         tracker_from_base=Transform(TURN, np.array([2500.0, 400.0, 0.0])),
         seed=3,
-        beyond_model=RodRobots(load_scenario("realistic").robot),
+        beyond_model=RodRobots(load_scenario("realistic").robot, datum_sample(NOMINAL)),
     )
 
 
