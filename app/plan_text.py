@@ -1,4 +1,4 @@
-"""Predicted precision of a plan, said to people and to programs."""
+"""Predicted uncertainty of a plan, said to people and to programs."""
 
 import math
 from collections import Counter
@@ -6,15 +6,12 @@ from collections.abc import Iterator, Sequence
 
 from app.console import WARNING, Terminal
 from app.progress import interval
+from campaigns.chain.planning import PlannedCampaign
 from campaigns.design.restricted_space import Refusals, RestrictedSpace
 from campaigns.design.sample_size import diminishing_returns_from
+from campaigns.estimation.information import Uncertainty
 from campaigns.planning.plan_check import CheckedPlan
-from campaigns.planning.predicted_precision import (
-    PlanForecast,
-    PlanPrecision,
-    PrecisionCurvePoint,
-    PredictedPrecision,
-)
+from campaigns.planning.predicted_precision import Forecast
 
 ONE_SIDED = 0.85
 """Share of approaches from one side from which on backlash and joint offset look alike."""
@@ -22,45 +19,45 @@ ONE_SIDED = 0.85
 Row = tuple[str, ...]
 
 
-def show_precision(terminal: Terminal, forecast: PlanForecast) -> None:
+def show_forecast(terminal: Terminal, planned: PlannedCampaign) -> None:
     """All of it, for people."""
-    std = forecast.precision.predicted.std_in_file_units
+    std = planned.forecast.predicted.std()
     rows = [(name, _with_unit(name, value)) for name, value in std.items()]
-    title = f"What the plan will tell, by {forecast.estimator}"
+    title = f"What the plan will tell, by {planned.estimator}"
     terminal.table(title, ("parameter", "predicted σ"), rows)
-    for line in told_lines(forecast.precision):
+    for line in told_lines(planned.forecast):
         terminal.say(line)
-    for line in warnings(forecast.precision):
+    for line in warnings(planned.forecast):
         terminal.say(line, WARNING)
-    if forecast.curve:
+    if planned.curve:
         columns = ("", "worst length", "worst angle", "position, mean")
-        terminal.table("What other numbers of shots would tell", columns, _curve_rows(forecast))
-        terminal.say(paying_line(forecast.curve))
+        terminal.table("What other numbers of shots would tell", columns, _curve_rows(planned))
+        terminal.say(paying_line(planned.curve))
 
 
-def told_lines(precision: PlanPrecision) -> Iterator[str]:
+def told_lines(forecast: Forecast) -> Iterator[str]:
     """The worst parameters, positions, observability, approaches."""
-    predicted, information = precision.predicted, precision.information
-    if predicted.full_rank:
+    predicted, seen = forecast.predicted, forecast.seen
+    if predicted.full_rank and seen is not None:
         yield ", ".join(_worst(predicted))
-        std_mm = precision.position_std_mm
+        std_mm = forecast.position_std_mm
         yield (
             f"positions in the workspace ±{std_mm.mean():.4f} mm on average, "
             f"±{std_mm.max():.4f} mm at most"
         )
-        indices = ", ".join(f"{name} {value:.3g}" for name, value in information.indices.items())
-        yield f"observability: condition {information.condition:.0f}, {indices}"
-    shares = ", ".join(f"{share:.0%}" for share in precision.from_below)
-    last = len(precision.from_below) - 1
+        indices = ", ".join(f"{name} {value:.3g}" for name, value in seen.indices.items())
+        yield f"observability: condition {seen.condition:.0f}, {indices}"
+    shares = ", ".join(f"{share:.0%}" for share in forecast.from_below)
+    last = len(forecast.from_below) - 1
     yield f"shots to which joints 0 to {last} come from smaller values: {shares}"
 
 
-def warnings(precision: PlanPrecision) -> Iterator[str]:
+def warnings(forecast: Forecast) -> Iterator[str]:
     """What speaks against measuring by this plan."""
-    if not precision.predicted.full_rank:
-        count = len(precision.predicted.names)
+    if not forecast.predicted.full_rank:
+        count = len(forecast.predicted.names)
         yield f"too few shots to tell all {count} parameters: plan more, or --fix some"
-    for joint, share in enumerate(precision.from_below):
+    for joint, share in enumerate(forecast.from_below):
         if max(share, 1.0 - share) > ONE_SIDED:
             side = "smaller" if share > ONE_SIDED else "larger"
             yield (
@@ -69,38 +66,39 @@ def warnings(precision: PlanPrecision) -> Iterator[str]:
             )
 
 
-def paying_line(curve: Sequence[PrecisionCurvePoint]) -> str:
+def paying_line(curve: Sequence[Forecast]) -> str:
     """When more shots stop paying."""
-    shots = [at.predicted.shots for at in curve]
-    lengths = [at.predicted.worst_length_mm for at in curve]
-    angles = [at.predicted.worst_angle_rad for at in curve]
+    shots = [at.shots for at in curve]
+    lengths = [at.predicted.largest("mm") for at in curve]
+    angles = [at.predicted.largest("deg") for at in curve]
     enough = diminishing_returns_from(shots, lengths if max(lengths) > 0.0 else angles)
     return (
         f"beyond about {enough} shots more of them only average: four times as many for half the σ"
     )
 
 
-def precision_document(forecast: PlanForecast) -> dict[str, object]:
+def forecast_document(planned: PlannedCampaign) -> dict[str, object]:
     """All of it, for programs."""
-    precision = forecast.precision
-    predicted, information = precision.predicted, precision.information
+    forecast = planned.forecast
+    predicted, seen = forecast.predicted, forecast.seen
+    assert seen is not None, "it is a plan's"
     return {
-        "placement": forecast.placement,
-        "estimator": forecast.estimator.value,
-        "criterion": forecast.criterion,
-        "seed": forecast.seed,
-        "predicted_std": {name: finite(std) for name, std in predicted.std_in_file_units.items()},
+        "placement": planned.placement,
+        "estimator": planned.estimator.value,
+        "criterion": planned.criterion,
+        "seed": planned.seed,
+        "predicted_std": {name: finite(std) for name, std in predicted.std().items()},
         "worst": {
-            "length_mm": finite(predicted.worst_length_mm),
-            "angle_deg": finite(math.degrees(predicted.worst_angle_rad)),
+            "length_mm": finite(predicted.largest("mm")),
+            "angle_deg": finite(predicted.largest("deg")),
         },
         "position_error_mm": {
-            "mean": finite(float(precision.position_std_mm.mean())),
-            "max": finite(float(precision.position_std_mm.max())),
+            "mean": finite(float(forecast.position_std_mm.mean())),
+            "max": finite(float(forecast.position_std_mm.max())),
         },
-        "observability": information.indices | {"condition": finite(information.condition)},
-        "from_below": list(precision.from_below),
-        "curve": [_point(at) for at in forecast.curve] or None,
+        "observability": seen.indices | {"condition": finite(seen.condition)},
+        "from_below": list(forecast.from_below),
+        "curve": [_point(at) for at in planned.curve] or None,
     }
 
 
@@ -109,31 +107,31 @@ def finite(value: float) -> float | None:
     return value if value < math.inf else None
 
 
-def _curve_rows(forecast: PlanForecast) -> list[Row]:
-    own = forecast.precision.predicted.shots
+def _curve_rows(planned: PlannedCampaign) -> list[Row]:
+    own = planned.forecast.shots
     return [
         (
-            f"{at.predicted.shots} shots{', this plan' if at.predicted.shots == own else ''}",
-            f"{at.predicted.worst_length_mm:.4f} mm",
-            f"{math.degrees(at.predicted.worst_angle_rad):.4f} deg",
-            f"{at.position_mm:.4f} mm",
+            f"{at.shots} shots{', this plan' if at.shots == own else ''}",
+            f"{at.predicted.largest('mm'):.4f} mm",
+            f"{at.predicted.largest('deg'):.4f} deg",
+            f"{at.position_std_mm.mean():.4f} mm",
         )
-        for at in forecast.curve
+        for at in planned.curve
     ]
 
 
-def _point(at: PrecisionCurvePoint) -> dict[str, float]:
+def _point(at: Forecast) -> dict[str, float]:
     return {
-        "shots": at.predicted.shots,
-        "length_mm": at.predicted.worst_length_mm,
-        "angle_deg": math.degrees(at.predicted.worst_angle_rad),
-        "position_mm": at.position_mm,
+        "shots": at.shots,
+        "length_mm": at.predicted.largest("mm"),
+        "angle_deg": at.predicted.largest("deg"),
+        "position_mm": float(at.position_std_mm.mean()),
     }
 
 
-def _worst(predicted: PredictedPrecision) -> Iterator[str]:
+def _worst(predicted: Uncertainty) -> Iterator[str]:
     """The length and the angle that are known worst, where there are such."""
-    std = predicted.std_in_file_units
+    std = predicted.std()
     for kind, unit in (("length", "mm"), ("angle", "deg")):
         named = [name for name in std if name.endswith(f"_{unit}")]
         if named:

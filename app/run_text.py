@@ -127,6 +127,6 @@ def _reached(ran: RunResult) -> str:
 
 def _why(ran: RunResult) -> str:
     """What made σ larger than it was predicted."""
-    if ran.known is None or ran.known.scale <= 1.0:
+    if ran.known is None or not ran.known.is_widened:
         return ""
     return f", which scatter {ran.known.scatter:.2g} times what the tracker states"

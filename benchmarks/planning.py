@@ -110,8 +110,8 @@ def place(row: Row, rng: np.random.Generator) -> tuple[Array, Index]:
 
 def by_distances(joints: Array, poses: Array, pairs: Index) -> dict[str, float]:
     variance = np.full(len(pairs), 2.0 * NOISE_MM**2)
-    std = predict_distances(NOMINAL, FREE, joints, poses, pairs, variance).std
-    return worst(std) | {MEAN: math.nan, MOST: math.nan}
+    known, _ = predict_distances(NOMINAL, FREE, joints, poses, pairs, variance)
+    return worst(np.sqrt(np.diag(known))) | {MEAN: math.nan, MOST: math.nan}
 
 
 def by_points(
@@ -119,7 +119,7 @@ def by_points(
 ) -> dict[str, float]:
     workspace = interior_poses(REGION, WORKSPACE_SAMPLE, rng)
     noise = np.broadcast_to(NOISE_MM**2 * np.eye(3), (len(poses), 3, 3))
-    known = predict_points(NOMINAL, FREE, joints, poses, noise).with_frame
+    known, _ = predict_points(NOMINAL, FREE, joints, poses, noise)
     there = NOMINAL.inverse(workspace).values_or_raise()
     jacobian = point_jacobian(NOMINAL, FREE, there, workspace)
     error_um = 1e3 * position_std_mm(jacobian, known)

@@ -28,14 +28,12 @@ from campaigns.planning.plans import (
     PlanRequest,
     View,
     make_plan,
-    region_of,
-    with_reserve,
 )
 from campaigns.planning.predicted_precision import (
     EstimationSetup,
-    PlanPrecision,
-    predict_precision,
-    sampled_workspace,
+    Forecast,
+    judged_positions,
+    plan_forecast,
 )
 from campaigns.robots import robot as robots
 from campaigns.robots.robot import RobotFile, pose_of
@@ -93,7 +91,7 @@ class Plan:
     """Planned shots, and what they will tell."""
 
     shots: tuple[PlannedShot, ...]
-    precision: PlanPrecision
+    precision: Forecast
 
 
 def plan(
@@ -133,10 +131,9 @@ def plan(
     else:
         made = make_plan(robot, view, wanted, rng)
     setup = EstimationSetup(estimator, known, instrument)
-    region = region_of(robot.kinematics, with_reserve(robot), view, wanted.centre, restricted)
-    judged_at = sampled_workspace(region, known, made)
+    sample = judged_positions(robot, centre, restricted, known, made)
     place = np.array(tracker_mm)
-    return Plan(made, predict_precision(made, robot.kinematics, place, setup, judged_at))
+    return Plan(made, plan_forecast(made, robot.kinematics, place, setup, sample))
 
 
 def study(

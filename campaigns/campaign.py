@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.design.pose_sampling import FeasibleRegion
+from campaigns.design.pose_sampling import FeasibleRegion, sample_workspace
 from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.errors import JournalFailed, ShotsMissing
 from campaigns.estimation.tracker_noise import TrackerUncertainty
@@ -105,6 +105,14 @@ class Campaign:
         robot = self.robot
         centre = pose_of(self.centre)
         return region_of(robot.kinematics, with_reserve(robot), self.view, centre, self.space)
+
+    def workspace_sample(self) -> Array | None:
+        """Poses (N, t) at which every step judges positions; None where hardly any can be taken.
+
+        All over the robot's reach, whether the tracker sees them or not.
+        """
+        robot = self.robot
+        return sample_workspace(robot.kinematics, robot.limits, self.centre, self.space)
 
     @property
     def instrument(self) -> TrackerUncertainty:

@@ -7,12 +7,12 @@ import typer
 from app.console import WARNING, Terminal, terminal_of
 from app.options import Folder, Json, Plot
 from app.plan_text import (
+    forecast_document,
     plan_line,
     plate_warning,
-    precision_document,
     refusals_document,
     refusals_lines,
-    show_precision,
+    show_forecast,
 )
 from app.terminal_picture import plan_picture
 from campaigns.campaign import Campaign, open_campaign
@@ -47,8 +47,8 @@ def command(
     if plot is not None:
         from app.report.plots import plot_plan  # matplotlib takes longer than a plan
 
-        precision = planned.forecast.precision.predicted
-        plot_plan(plot, planned.checked.shots, precision, planned.forecast.curve, campaign.space)
+        own = planned.forecast
+        plot_plan(plot, planned.checked.shots, own, planned.curve, campaign.space)
         terminal.say(f"drawn: {plot}")
     validation = shlex.join(["pkmcal", "validate", str(folder), "--stage", "before"])
     run = shlex.join(["pkmcal", "run", str(folder), *options.words()])
@@ -62,7 +62,7 @@ def plan_document(campaign: Campaign, planned: PlannedCampaign) -> dict[str, obj
     return {
         "shots": 2 * pairs,
         "pairs": pairs,
-        **precision_document(planned.forecast),
+        **forecast_document(planned),
         "space": None if planned.refusals is None else refusals_document(planned.refusals),
         "seconds_estimated": planned.checked.seconds,
         "path": str(campaign.plan_path),
@@ -78,6 +78,6 @@ def show(terminal: Terminal, campaign: Campaign, planned: PlannedCampaign) -> No
             terminal.say(line)
     if warning := plate_warning(campaign.space):
         terminal.say(warning, WARNING)
-    show_precision(terminal, planned.forecast)
+    show_forecast(terminal, planned)
     detours = planned.checked.detours
     terminal.say(f"{plan_line(planned.checked)}; {detours} ways go round something")

@@ -3,12 +3,13 @@
 The terminal shows some of them too, so nothing here needs matplotlib.
 """
 
+from campaigns.estimation.information import Correlation
 from campaigns.evaluation.decision import COVERAGE
 from campaigns.evaluation.doubts import Doubt
 from campaigns.evaluation.gains import NO_CHANGE
 from campaigns.evaluation.residual_budget import ResidualBudget
 from campaigns.files.table import Column, words
-from campaigns.identification.result import ComparedModel, Correlation, IdentifiedParameter
+from campaigns.identification.result import ComparedModel, IdentifiedParameter
 
 DECIMALS = 4
 """Of parameters, and of what models leave."""

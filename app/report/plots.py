@@ -12,19 +12,19 @@ from campaigns.estimation.estimators import Estimator
 from campaigns.identification.result import IdentificationResult
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import poses_of
-from campaigns.planning.predicted_precision import PrecisionCurvePoint, PredictedPrecision
+from campaigns.planning.predicted_precision import Forecast
 
 
 def plot_plan(
     path: Path,
     shots: Sequence[PlannedShot],
-    predicted: PredictedPrecision,
-    curve: Sequence[PrecisionCurvePoint],
+    forecast: Forecast,
+    curve: Sequence[Forecast],
     space: RestrictedSpace = UNRESTRICTED,
 ) -> None:
     """Draw a plan and what it will tell; .svg, .png or .pdf. Raises `WriteFailed`."""
     purposes = tuple(shot.purpose for shot in shots)
-    save(plan_picture(poses_of(shots), purposes, predicted, curve, space), path)
+    save(plan_picture(poses_of(shots), purposes, forecast, curve, space), path)
 
 
 def plot_residuals(path: Path, found: IdentificationResult) -> None:

@@ -12,7 +12,6 @@ from app.new_campaign import SCENARIO, cell_text
 from app.study.rods import RodRobots, told_by, vector_of_parts
 from app.wiring import require_same_mechanism
 from campaigns.campaign import Campaign
-from campaigns.design.pose_sampling import workspace_poses
 from campaigns.errors import OptionsInvalid, PlanInvalid
 from campaigns.estimation.datum import datum_parameters, datum_sample
 from campaigns.estimation.estimators import Estimator, Model, Weights
@@ -43,7 +42,6 @@ CHOICES = frozenset({Model.AUTO, Model.EXTENDED})
 """Models that are chosen among others by what is measured."""
 ALL = "all"
 """Stands for all perturbations but those that are told by size."""
-WORKSPACE_POSES, WORKSPACE_SEED = 300, 1
 TABLE_SCHEMA = "pkmcal/study-table/1"
 UNFIT_FOR_FILES = re.compile(r"[^\w.-]+")
 CAMPAIGNS_A_TASK = 25
@@ -190,10 +188,12 @@ def _judging(
             f"{campaign.plan_path}: no validation pairs, without which nothing passes",
             remedy="plan with some, as `pkmcal plan` does unless told otherwise",
         )
-    robot, rng = campaign.robot, np.random.default_rng(WORKSPACE_SEED)
-    workspace = workspace_poses(
-        robot.kinematics, robot.limits, robot.workspace_centre, WORKSPACE_POSES, rng
-    )
+    workspace = campaign.workspace_sample()
+    if workspace is None:
+        raise OptionsInvalid(
+            f"{campaign.folder}: the robot can take hardly any pose at which positions are judged",
+            remedy="correct limits in robot.yaml or `space` in campaign.yaml",
+        )
     models = None
     if method.model in CHOICES:
         space = setup.nominal.mechanism.parameters

@@ -4,16 +4,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from campaigns.arrays import Array
 from campaigns.campaign import Campaign
 from campaigns.controllers.calibrated_workspace import (
     MARGIN_MM,
     TURN_MARGIN_DEG,
     CalibratedWorkspace,
 )
-from campaigns.controllers.corrected_targets import PositionPrecision, TargetCorrection
+from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.controllers.export import FILE_NAME
 from campaigns.controllers.gcode_correction import (
     TOLERANCE_MM,
@@ -29,6 +26,7 @@ from campaigns.controllers.target_poses import (
     read_poses,
 )
 from campaigns.errors import ConfigInvalid, FindingUnreadable, TargetsInvalid
+from campaigns.estimation.information import Uncertainty
 from campaigns.files.text_file import read_text, write_text_unless_there
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import JournalReader
@@ -69,7 +67,8 @@ def target_correction(campaign: Campaign, terms: CorrectionTerms | None = None) 
         campaign.robot.limits,
         campaign.space,
         CalibratedWorkspace.of(poses, robot.mechanism.task, terms.margin_mm, terms.turn_margin_deg),
-        _precision(robot, found, poses),
+        _uncertainty(robot, found),
+        poses,
     )
 
 
@@ -146,14 +145,9 @@ def _identification_of(journal: JournalReader, robot: RobotFile) -> RecordedIden
     return None
 
 
-def _precision(
-    robot: RobotFile, found: RecordedIdentification | None, measured: Array
-) -> PositionPrecision | None:
+def _uncertainty(robot: RobotFile, found: RecordedIdentification | None) -> Uncertainty | None:
+    """Uncertainty of the parameters that the robot file holds, as the identification stated it."""
     if found is None or found.covariance is None:
         return None
-    space = robot.mechanism.parameters
-    names = [name for name in found.covariance.names if name in space.geometry]
-    rows = [found.covariance.names.index(name) for name in names]
-    units = space.units(names)
-    covariance = found.covariance.array[np.ix_(rows, rows)] * np.outer(units, units)
-    return PositionPrecision(robot.kinematics, tuple(names), covariance, measured)
+    geometry = robot.mechanism.parameters.geometry
+    return found.covariance.only(name for name in found.covariance.names if name in geometry)

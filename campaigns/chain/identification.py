@@ -5,9 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from campaigns.arrays import Array
 from campaigns.campaign import Campaign, now_utc
-from campaigns.design.pose_sampling import WorkspaceTooSmall, workspace_poses
 from campaigns.identification.model_selection import asked_of, candidate_models, select_model
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification
@@ -16,10 +14,6 @@ from campaigns.shots.shots import between, held_out, shots_of_journal
 
 HOLD_OUT_SEED = 1
 """The same pairs are held out for every identification of the same shots."""
-WORKSPACE_SEED = 1
-"""Positions are judged at the same places for every identification of a robot."""
-WORKSPACE_POSES = 300
-"""So many poses stand for the workspace when σ of positions is told."""
 
 
 def identify(
@@ -65,7 +59,7 @@ def identification_options(
         instrument=campaign.instrument,
         tolerance=campaign.robot.tolerance,
         limits_mm=_limits_mm(campaign),
-        workspace=_workspace(campaign),
+        workspace=campaign.workspace_sample(),
     )
 
 
@@ -74,14 +68,3 @@ def _limits_mm(campaign: Campaign) -> dict[str, float]:
     asked = campaign.config.acceptance
     limits = {"mean": asked.distance_mean_mm, "max": asked.distance_max_mm}
     return {name: limit for name, limit in limits.items() if limit is not None}
-
-
-def _workspace(campaign: Campaign) -> Array | None:
-    """The same poses all over the robot's reach, seen by the tracker or not; None if it is tiny."""
-    robot, rng = campaign.robot, np.random.default_rng(WORKSPACE_SEED)
-    try:
-        return workspace_poses(
-            robot.kinematics, robot.limits, campaign.centre, WORKSPACE_POSES, rng, campaign.space
-        )
-    except WorkspaceTooSmall:
-        return None

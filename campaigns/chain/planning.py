@@ -9,6 +9,8 @@ from campaigns.chain.work import free_parameters
 from campaigns.design.pose_sampling import WorkspaceTooSmall
 from campaigns.design.restricted_space import Refusals
 from campaigns.errors import OptionsInvalid
+from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.information import Uncertainty
 from campaigns.measuring.stopping_rule import read_goal
 from campaigns.options import PlanOptions
 from campaigns.planning.optimal_plan import (
@@ -18,15 +20,13 @@ from campaigns.planning.optimal_plan import (
     make_optimal_plan,
 )
 from campaigns.planning.plan_check import CheckedPlan
-from campaigns.planning.plan_file import PlannedShot, write_beside_older
+from campaigns.planning.plan_file import write_beside_older
 from campaigns.planning.plans import Placement, make_plan
 from campaigns.planning.predicted_precision import (
     EstimationSetup,
-    PlanForecast,
-    PrecisionCurvePoint,
-    PredictedPrecision,
-    predict_precision,
-    sampled_workspace,
+    Forecast,
+    judged_positions,
+    plan_forecast,
 )
 
 REFUSALS_SAMPLE = 2000
@@ -38,7 +38,14 @@ class PlannedCampaign:
     """Plan as it was written, and what it will tell."""
 
     checked: CheckedPlan
-    forecast: PlanForecast
+    forecast: Forecast
+    curve: tuple[Forecast, ...]
+    """Forecasts of other numbers of shots; empty where shots were not chosen."""
+    estimator: Estimator
+    placement: Placement
+    criterion: str | None
+    """None where shots were not chosen."""
+    seed: int
     refusals: Refusals | None = None
     """Refusals by the space; None without one."""
 
@@ -52,17 +59,29 @@ def plan(campaign: Campaign, options: PlanOptions | None = None) -> PlannedCampa
     placement, request = _settled(campaign, options)
     seed = campaign.config.plan.seed if options.seed is None else options.seed
     rng = np.random.default_rng(seed)
-    curve: tuple[PredictedPrecision, ...] = ()
+    curve: tuple[tuple[int, Uncertainty], ...] = ()
     if placement is Placement.OPTIMAL:
         made = make_optimal_plan(campaign.robot, campaign.view, request, rng)
         shots, curve = made.shots, made.curve
     else:
         shots = make_plan(campaign.robot, campaign.view, request.plan, rng)
     checked = campaign.checked_plan(shots)
-    forecast = _forecast(campaign, placement, request, seed, checked.shots, curve)
+    robot, view, space = campaign.robot, campaign.view, campaign.space
+    sample = judged_positions(robot, campaign.centre, space, request.free, shots)
+    setup = EstimationSetup(request.estimator, request.free, request.uncertainty)
+    forecast = plan_forecast(shots, robot.kinematics, np.array(view.tracker_mm), setup, sample)
     with campaign.held():
         write_beside_older(campaign.plan_path, checked.shots, campaign.robot.mechanism)
-    return PlannedCampaign(checked, forecast, _refusals(campaign, rng))
+    return PlannedCampaign(
+        checked,
+        forecast,
+        tuple(Forecast.of(count, predicted, sample) for count, predicted in curve),
+        request.estimator,
+        placement,
+        request.criterion if placement is Placement.OPTIMAL else None,
+        seed,
+        _refusals(campaign, rng),
+    )
 
 
 def _refusals(campaign: Campaign, rng: np.random.Generator) -> Refusals | None:
@@ -99,25 +118,3 @@ def _goal_mm(text: str, free: tuple[str, ...]) -> float:
             remedy="give --shots instead, or fix fewer",
         )
     return read_goal(text).std_mm
-
-
-def _forecast(
-    campaign: Campaign,
-    placement: Placement,
-    request: OptimalRequest,
-    seed: int,
-    shots: tuple[PlannedShot, ...],
-    curve: tuple[PredictedPrecision, ...],
-) -> PlanForecast:
-    """Raises `PlanInvalid` for parameters that nothing could tell apart."""
-    region, robot = campaign.region, campaign.robot
-    judged_at = sampled_workspace(region, request.free, shots)
-    setup = EstimationSetup(request.estimator, request.free, request.uncertainty)
-    return PlanForecast(
-        predict_precision(shots, robot.kinematics, region.view_from_mm, setup, judged_at),
-        tuple(PrecisionCurvePoint.of(at, judged_at) for at in curve),
-        request.estimator,
-        placement,
-        request.criterion if placement is Placement.OPTIMAL else None,
-        seed,
-    )

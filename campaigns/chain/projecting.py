@@ -23,14 +23,15 @@ from campaigns.controllers.projection import (
     left_by,
     project,
 )
-from campaigns.design.pose_sampling import WorkspaceTooSmall, workspace_poses
+from campaigns.design.pose_sampling import WORKSPACE_SEED, WorkspaceTooSmall, workspace_poses
 from campaigns.errors import IdentificationRefused
 from campaigns.files.text_file import write_text_unless_there
-from campaigns.planning.predicted_precision import WORKSPACE_SAMPLE, WORKSPACE_SEED
 from campaigns.robots.robot import RobotFile, compensated
 
 PLAIN = "plain"
 PLAIN_FILE = "robot-plain.yaml"
+WORKSPACE_POSES = 1000
+"""So many poses stand for the workspace when parameters are fitted to it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +99,7 @@ def _poses(campaign: Campaign, robot: RobotFile) -> Array:
     rng = np.random.default_rng(WORKSPACE_SEED)
     try:
         return workspace_poses(
-            robot.kinematics, robot.limits, campaign.centre, WORKSPACE_SAMPLE, rng, campaign.space
+            robot.kinematics, robot.limits, campaign.centre, WORKSPACE_POSES, rng, campaign.space
         )
     except WorkspaceTooSmall as error:
         raise IdentificationRefused(

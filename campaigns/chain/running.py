@@ -47,7 +47,7 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
     skip = _known_shots(checked, options.skip)
     work = replace(work, goal=goal, skip=skip, override=options.anyway, compared_at_end=True)
     if options.free or options.model not in {Model.PAPER, Model.STANDARD}:
-        require_identifiable(work.precision_monitor().workspace, free)
+        require_identifiable(work.precision_monitor().workspace)
     return work
 
 

@@ -12,25 +12,8 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.controllers.calibrated_workspace import CalibratedWorkspace
 from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
-from campaigns.estimation.information import jacobian_in_frame, position_std_mm
+from campaigns.estimation.information import Uncertainty, WorkspaceSample
 from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, Limits
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PositionPrecision:
-    """Precision of positions that an identification leaves, in the frame of its own shots."""
-
-    kinematics: Kinematics
-    free: tuple[str, ...]
-    covariance: Array
-    """Of the free parameters, (F, F), mm and rad."""
-    measured: Array
-    """Poses (M, t) of the shots, whose best fit is the frame."""
-
-    def std_mm(self, poses: Array) -> Array:
-        """Root of the summed variances of X, Y and Z at poses (N, t), (N,)."""
-        jacobian = jacobian_in_frame(self.kinematics, self.free, poses, self.measured)
-        return position_std_mm(jacobian, self.covariance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +34,10 @@ class TargetCorrection:
     space: RestrictedSpace = UNRESTRICTED
     workspace: CalibratedWorkspace | None = None
     """None: it is not looked at."""
-    precision: PositionPrecision | None = None
-    """None: nobody knows it."""
+    uncertainty: Uncertainty | None = None
+    """Of the identified parameters; None: nobody knows it."""
+    measured: Array | None = None
+    """Poses (M, t) of the shots, whose best fit is the frame."""
 
     def commanded(self, wanted: Array) -> KinematicSolution:
         """Poses (N, t) to command for wanted ones."""
@@ -90,9 +75,11 @@ class TargetCorrection:
 
     def std_mm(self, wanted: Array) -> Array:
         """1 σ of the position at wanted poses (N, t), (N,); NaN where it is not known."""
-        if self.precision is None:
+        if self.uncertainty is None or self.measured is None:
             return np.full(len(wanted), np.nan)
-        return self.precision.std_mm(wanted)
+        names = self.uncertainty.names
+        sample = WorkspaceSample.in_frame_of(self.identified, names, wanted, self.measured)
+        return self.uncertainty.of_positions(sample)
 
 
 def correction_mm(wanted: Array, commanded: Array) -> Array:

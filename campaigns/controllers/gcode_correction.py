@@ -201,7 +201,7 @@ def _commanded(correction: TargetCorrection, wanted: Array) -> Array:
 
 def _largest_std(correction: TargetCorrection, wanted: Array) -> float | None:
     """Largest σ of a position at some thousand of the poses, evenly taken."""
-    if correction.precision is None:
+    if correction.uncertainty is None:
         return None
     some = wanted[:: max(1, len(wanted) // 1000)]
     return float(correction.std_mm(some).max())

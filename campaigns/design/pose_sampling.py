@@ -22,6 +22,10 @@ FURTHER = 1.05
 BATCH = 4000
 BATCHES = 200
 SHORTEST_PAIR_MM = 100.0
+WORKSPACE_POSES = 300
+"""So many poses stand for the workspace when uncertainty of positions is told."""
+WORKSPACE_SEED = 1
+"""Seed of these poses: they are the same ones for every plan, run and identification of a robot."""
 
 
 class WorkspaceTooSmall(ValueError):
@@ -126,6 +130,20 @@ def workspace_poses(
 
     extent = kinematics.mechanism.search_extent(kinematics.p, limits, centre)
     return _rejection_sample(centre, extent, count, rng, within_reach)
+
+
+def sample_workspace(
+    kinematics: Kinematics, limits: Limits, centre: Array, space: RestrictedSpace = UNRESTRICTED
+) -> Array | None:
+    """The one sample of a robot's workspace at which positions are judged, (N, t).
+
+    Plans, runs, identifications and studies take it. None where hardly a pose can be taken.
+    """
+    rng = np.random.default_rng(WORKSPACE_SEED)
+    try:
+        return workspace_poses(kinematics, limits, centre, WORKSPACE_POSES, rng, space)
+    except WorkspaceTooSmall:
+        return None
 
 
 def _rejection_sample(

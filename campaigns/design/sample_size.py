@@ -16,7 +16,7 @@ from campaigns.design.exchange import (
     minimum_measurements,
     optimal_design,
 )
-from campaigns.estimation.information import covariance, largest_std
+from campaigns.estimation.information import covariance, worst_length
 
 DIMINISHING_RETURNS_RATIO = 1.1
 """Factor of the least σ √N within which more measurements only average."""
@@ -31,7 +31,6 @@ class DesignPoint:
     chosen: Index
     """Rows of its candidates, (N,)."""
     worst_length_mm: float
-    worst_angle_rad: float
 
     @property
     def count(self) -> int:
@@ -141,11 +140,7 @@ def _doubled(fewest: int, most: int) -> Iterator[int]:
 
 
 def evaluate(candidates: Candidates, chosen: Index) -> DesignPoint:
-    """Design of the chosen candidates, with the precision of the parameters known worst."""
-    return DesignPoint(chosen, *largest_std_of_design(candidates, chosen))
-
-
-def largest_std_of_design(candidates: Candidates, chosen: Index) -> tuple[float, float]:
-    """Largest σ of a length in mm and of an angle in rad; zero where there are none."""
+    """Design of the chosen candidates, with the σ of the length known worst, zero without any."""
     std = np.sqrt(np.diag(covariance(candidates.jacobian(chosen))))
-    return largest_std(std[: candidates.parameters], candidates.names)
+    length_mm = worst_length(std[: candidates.parameters], candidates.names)
+    return DesignPoint(chosen, length_mm)

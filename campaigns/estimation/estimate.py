@@ -175,8 +175,8 @@ def _prior_conflicts(problem: LeastSquaresProblem, x: Array, kept: Mask) -> Iter
     except np.linalg.LinAlgError:
         return
     step = -of_all @ (rows.T @ misfit)
-    scatter2 = max(1.0, float(np.sum((misfit + rows @ step) ** 2)) / freedom)
-    alone, variance, priors = x + step, scatter2 * np.diag(of_all), problem.priors
+    tested = chi_square_test(float(np.sum((misfit + rows @ step) ** 2)), freedom)
+    alone, variance, priors = x + step, tested.widening**2 * np.diag(of_all), problem.priors
     for place, mean, std in zip(priors.places.tolist(), priors.mean, priors.std, strict=True):
         sigmas = abs(alone[place] - mean) / np.sqrt(std**2 + variance[place])
         if sigmas > CONFLICT_SIGMAS:

@@ -1,21 +1,21 @@
 """Incremental Gauss-Newton: parameters and frame while measuring, to predict the next shot."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.estimation.information import LinearizedModel
 from campaigns.estimation.least_squares import LeastSquaresProblem, Priors
-from campaigns.estimation.residuals import PointResiduals, PositionModel
+from campaigns.estimation.point_sets import SHOTS_FOR_A_FRAME
+from campaigns.estimation.residuals import FRAME_COLUMNS, PointResiduals, PositionModel
 from campaigns.estimation.rigid_transforms import Transform, fit_transform
+from campaigns.estimation.variance_components import LinearizedShots
 from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 
 PRIOR_LENGTH_MM = 5.0
 PRIOR_ANGLE_RAD = np.radians(3.0)
 """Broad knowledge about nominal values, so that the first shots already give an answer."""
 MEASURING_STD_MM = 0.05
-SHOTS_FOR_A_FRAME = 4
 SPREAD_FOR_A_FRAME_MM = 50.0
 """Least root mean square extent of the points across their main direction: less fixes no frame."""
 
@@ -53,15 +53,23 @@ class IncrementalGaussNewton:
         self._poses: Array | None = None
         self._foreseen: tuple[Array, Array] | None = None
         self._known: _Posterior | None = None
-        self._linearized: LinearizedModel | None = None
+        self._linearized: LinearizedShots | None = None
+        self._from_nominal = np.zeros(len(free))
 
-    @property
-    def linearized(self) -> LinearizedModel | None:
+    def linearized(self, free: tuple[str, ...]) -> LinearizedShots | None:
         """The first shots about the last answer but one, in the tracker's frame; None before it.
 
-        Nothing of the priors is in it. Shots after one without an assembly are missing.
+        The unknowns are some of the parameters, the others being held at their nominal values, and
+        the frame. Nothing of the priors is in it. Shots after one without an assembly are missing.
         """
-        return self._linearized
+        if self._linearized is None or free == self._names:
+            return self._linearized
+        shots, count = self._linearized, len(self._names)
+        kept = [self._names.index(name) for name in free]
+        held = [place for place in range(count) if place not in kept]
+        back_mm = shots.jacobian[:, :, held] @ self._from_nominal[held]
+        jacobian = shots.jacobian[:, :, [*kept, *range(count, count + FRAME_COLUMNS)]]
+        return replace(shots, residual_mm=shots.residual_mm - back_mm, jacobian=jacobian)
 
     @property
     def shots(self) -> int:
@@ -140,18 +148,19 @@ class IncrementalGaussNewton:
         x = np.concatenate([self._parameters(), np.zeros(6)])
         # the residual as a last column comes out multiplied by Qᵀ, so that Q itself is not needed
         rows = np.column_stack([problem.jacobian(x), problem.residual(x)])
-        self._linearized = self._about(x[:-6], rows[: 3 * len(points)], points)
+        self._linearized = _linearized(rows[: 3 * len(points)])
+        self._from_nominal = x[:-6] - self._nominal_values
         triangle = np.asarray(np.linalg.qr(rows, mode="r"))
         root = np.linalg.inv(triangle[:-1, :-1])
         x = x - root @ triangle[:-1, -1]
         self._known = _Posterior(x[:-6], data.tracker_from_base(x), root)
 
-    def _about(self, parameters: Array, whitened: Array, measured_mm: Array) -> LinearizedModel:
-        """From rows with the residual as their last column, (3 N, F + 7), and points (N, 3)."""
-        rows = MEASURING_STD_MM * whitened.reshape(len(measured_mm), 3, -1)
-        misfit = rows[:, :, -1]
-        off = parameters - self._nominal_values
-        return LinearizedModel(self._names, rows[:, :, :-1], measured_mm + misfit, misfit, off)
+
+def _linearized(whitened: Array) -> LinearizedShots:
+    """From rows with the residual as their last column, (3 N, F + 7)."""
+    rows = MEASURING_STD_MM * whitened.reshape(-1, 3, whitened.shape[-1])
+    stated = np.broadcast_to(MEASURING_STD_MM**2 * np.eye(3), (len(rows), 3, 3))
+    return LinearizedShots(rows[:, :, -1], rows[:, :, :-1], stated, np.empty((len(rows), 3, 0)))
 
 
 def _spread_mm(points: Array) -> float:

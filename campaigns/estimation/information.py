@@ -1,19 +1,20 @@
-"""Information: how precisely measurements determine the parameters, the one place that says it.
+"""Information: the standard uncertainty of parameters and positions, the one place that forms it.
 
 Jacobian of what is measured → whitened → frame marginalised → covariance, times the variance
-factor. Plans, runs, identification and studies take every σ from here.
+factor. Plans, runs, identification, corrected targets and studies take every σ from here.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
-from scipy.special import chdtr, chdtrc, ndtri, stdtrit
+from scipy.special import chdtr, chdtrc, fdtrc, ndtri, stdtrit
 
 from campaigns.arrays import Array, Index
 from campaigns.estimation.observability import (
+    Observability,
     observability,
-    observability_indices,
     project_out_nuisance,
 )
 from campaigns.estimation.point_sets import directions, distances_mm
@@ -24,7 +25,12 @@ from campaigns.estimation.residuals import (
     PositionModel,
 )
 from campaigns.estimation.rigid_transforms import Transform
-from campaigns.estimation.tracker_noise import distance_variance_mm2, pooled_variance_mm2
+from campaigns.estimation.tracker_noise import (
+    distance_variance_mm2,
+    inverse_roots,
+    pooled_variance_mm2,
+)
+from campaigns.estimation.variance_components import LinearizedShots
 from campaigns.mechanisms.mechanism import Kinematics
 
 SIGNIFICANCE = 1e-3
@@ -59,6 +65,11 @@ class ChiSquareTest:
     def birge_ratio(self) -> float | None:
         """√(χ²/ν): scatter over stated scatter; None without degrees of freedom."""
         return float(np.sqrt(self.chi2 / self.dof)) if self.dof > 0 else None
+
+    @property
+    def widening(self) -> float:
+        """Factor of stated σ for what is measured again: the scatter, never less than stated."""
+        return max(1.0, self.birge_ratio or 1.0)
 
 
 def chi_square_test(chi2: float, dof: int, sigma0: float | None = None) -> ChiSquareTest:
@@ -122,16 +133,10 @@ def covariance(jacobian: Array) -> Array:
     return np.asarray(root @ root.T)
 
 
-def correlations(covariance_matrix: Array) -> Array:
-    """Correlation matrix (P, P), ones on the diagonal."""
-    std = np.sqrt(np.diag(covariance_matrix))
-    return np.asarray(covariance_matrix / np.outer(std, std))
-
-
-def largest_std(std: Array, names: Sequence[str]) -> tuple[float, float]:
-    """Largest standard deviations of a length and of an angle; zero where there are none."""
-    angle = np.array([name.endswith("_deg") for name in names], dtype=bool)
-    return float(std[~angle].max(initial=0.0)), float(std[angle].max(initial=0.0))
+def worst_length(std: Array, names: Sequence[str]) -> float:
+    """Largest of standard uncertainties (F,) that is of a length; zero where there is none."""
+    length = np.array([not name.endswith("_deg") for name in names], dtype=bool)
+    return float(std[length].max(initial=0.0))
 
 
 def point_jacobian(
@@ -156,7 +161,7 @@ def distance_jacobian(
 
 def whitened(jacobian: Array, covariance_mm2: Array) -> Array:
     """Jacobian (N, 3, P) of points in units of their covariances (N, 3, 3)."""
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance_mm2)) @ jacobian)
+    return np.asarray(inverse_roots(covariance_mm2) @ jacobian)
 
 
 def marginalise_frame(jacobian: Array) -> Array:
@@ -198,45 +203,164 @@ def position_std_mm(jacobian: Array, covariance_matrix: Array) -> Array:
     shots gave. With `workspace_jacobian` and the parameters' covariance alone: after a best fit of
     the frame.
     """
-    variance = np.einsum("nkp,pq,nkq->n", jacobian, covariance_matrix, jacobian, optimize=True)
-    return np.asarray(np.sqrt(variance))
+    flat = jacobian.reshape(-1, jacobian.shape[-1])
+    variance = np.einsum("ij,ij->i", flat @ covariance_matrix, flat)
+    return np.asarray(np.sqrt(variance.reshape(len(jacobian), -1).sum(axis=1)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PredictedCovariance:
-    """Covariance that measurements will give of F parameters if they scatter as stated."""
+class WorkspaceSample:
+    """Sample of poses, and how their positions follow parameters."""
 
-    covariance: Array
-    """(F, F), mm and rad; infinite when the rank is lost."""
-    with_frame: Array
-    """Of all unknowns, the parameters first, (P, P)."""
-    rank: int
-    """Of the parameters alone."""
-    condition: float
-    indices: dict[str, float]
-    """O1…O5 (Sun & Hollerbach 2008)."""
+    names: tuple[str, ...]
+    jacobian: Array
+    """∂position/∂parameters, (N, 3, F), in mm by mm and deg, after a best fit of the frame."""
+
+    @classmethod
+    def of(cls, kinematics: Kinematics, names: Sequence[str], poses: Array) -> "WorkspaceSample":
+        """Sample of poses (N, t), whose own best fit is the frame."""
+        units, free = kinematics.mechanism.parameters.units(names), tuple(names)
+        return cls(free, workspace_jacobian(kinematics, free, poses) * units)
+
+    @classmethod
+    def in_frame_of(
+        cls, kinematics: Kinematics, names: Sequence[str], poses: Array, reference: Array
+    ) -> "WorkspaceSample":
+        """Sample of poses (N, t) in the best frame of others (M, t)."""
+        units, free = kinematics.mechanism.parameters.units(names), tuple(names)
+        return cls(free, jacobian_in_frame(kinematics, free, poses, reference) * units)
+
+
+@dataclass(frozen=True, slots=True)
+class Correlation:
+    """Correlation of two parameters' errors, from -1 to 1."""
+
+    a: str
+    b: str
+    value: float
+
+
+Source = Literal["predicted", "running", "fitted"]
+"""What shots will tell as they are stated, told so far by linearised ones, or by a fit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertainty:
+    """Standard uncertainty of parameters, with all that it was formed by."""
+
+    names: tuple[str, ...] = ()
+    matrix: tuple[tuple[float, ...], ...] = ()
+    """Covariance in the units of the names, mm and deg; infinite where the rank is lost."""
+    sigma0: float = 1.0
+    """Square root of the variance factor, which every standard uncertainty was multiplied by."""
+    dof: int | None = None
+    """Degrees of freedom by which the variance is known; None: it counts as known."""
+    hold_out_ratio: float = 1.0
+    """Factor of the standard uncertainty of positions: 1 while chance explains unseen pairs."""
+    source: Source = "fitted"
+
+    @classmethod
+    def of(
+        cls,
+        names: Sequence[str],
+        units: Array,
+        covariance_matrix: Array,
+        *,
+        sigma0: float = 1.0,
+        dof: int | None = None,
+        hold_out_ratio: float = 1.0,
+        source: Source = "fitted",
+    ) -> "Uncertainty":
+        """From a covariance (F, F) in mm and rad; `units` are factors of the names' units, (F,)."""
+        matrix = covariance_matrix / np.outer(units, units)
+        rows = tuple(map(tuple, matrix.tolist()))
+        return cls(tuple(names), rows, sigma0, dof, hold_out_ratio, source)
+
+    @property
+    def array(self) -> Array:
+        """Covariance matrix, (F, F), in mm and deg."""
+        return np.array(self.matrix).reshape(len(self.names), len(self.names))
 
     @property
     def full_rank(self) -> bool:
-        """Full rank: every parameter will be known."""
-        return bool(np.isfinite(self.covariance).all())
+        """Full rank: every parameter is known."""
+        return bool(np.isfinite(self.matrix).all())
 
-    @property
-    def std(self) -> Array:
-        """1 σ in mm and rad, (F,)."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
+    def only(self, names: Iterable[str]) -> "Uncertainty":
+        """The same of some of the parameters."""
+        kept = tuple(names)
+        places = [self.names.index(name) for name in kept]
+        rows = tuple(map(tuple, self.array[np.ix_(places, places)].tolist()))
+        return replace(self, names=kept, matrix=rows)
+
+    def std(self) -> dict[str, float]:
+        """Standard uncertainty (1 σ) by name, mm and deg."""
+        return dict(zip(self.names, np.sqrt(np.diag(self.array)).tolist(), strict=True))
+
+    std_in_file_units = property(std)
+
+    def interval(self) -> dict[str, float]:
+        """Half-width of the 95 % interval by name, mm and deg."""
+        factor = coverage_factor(self.dof)
+        return {name: factor * each for name, each in self.std().items()}
+
+    def largest(self, unit: Literal["mm", "deg"]) -> float:
+        """Largest standard uncertainty in a unit; zero where no parameter has it."""
+        return max((std for name, std in self.std().items() if name.endswith(unit)), default=0.0)
+
+    def of_positions(self, sample: WorkspaceSample) -> Array:
+        """Standard uncertainty of positions of a sample of the workspace, (N,), mm."""
+        if not self.full_rank:
+            return np.full(len(sample.jacobian), np.inf)
+        places = [sample.names.index(name) for name in self.names]
+        std_mm = position_std_mm(sample.jacobian[:, :, places], self.array)
+        return np.asarray(self.hold_out_ratio * std_mm)
+
+    def correlations(self) -> Array:
+        """Correlation matrix, (F, F), ones on the diagonal."""
+        std = np.sqrt(np.diag(self.array))
+        return np.asarray(self.array / np.outer(std, std))
+
+    def strongest(self, count: int, least: float = 0.0) -> tuple[Correlation, ...]:
+        """Pairs of parameters of the largest |ρ|, strongest first."""
+        first, second = np.triu_indices(len(self.names), k=1)
+        values = self.correlations()[first, second]
+        order = np.argsort(-np.abs(values), kind="stable")[:count]
+        found = (
+            Correlation(self.names[first[row]], self.names[second[row]], float(values[row]))
+            for row in order.tolist()
+        )
+        return tuple(each for each in found if abs(each.value) >= least)
+
+
+@dataclass(frozen=True, slots=True)
+class HoldOut:
+    """Test of pairs that were never fitted against what σ predict of them."""
+
+    pairs: int
+    chi2: float
+    p: float
+    ratio: float
+    """Root mean square of their errors over that of their σ."""
 
     @classmethod
-    def of(cls, jacobian: Array, alone: Array) -> "PredictedCovariance":
-        """From a whitened Jacobian (M, P), and that of the parameters alone, (M, F)."""
-        count = alone.shape[1]
-        seen = observability(alone)
-        try:
-            of_all = covariance(jacobian)
-        except np.linalg.LinAlgError:
-            of_all = np.full((jacobian.shape[1],) * 2, np.inf)
-        indices = observability_indices(seen.singular_values, len(alone))
-        return cls(of_all[:count, :count], of_all, seen.rank, seen.condition, indices)
+    def of(cls, error_mm: Array, predicted_mm2: Array, dof: int | None) -> "HoldOut":
+        """Test of errors (M,) with a covariance (M, M) whose scale is known by so many degrees."""
+        chi2 = float(error_mm @ np.linalg.solve(predicted_mm2, error_mm))
+        ratio = float(np.sqrt(np.mean(error_mm**2 / np.diag(predicted_mm2))))
+        count = len(error_mm)
+        p = chdtrc(count, chi2) if dof is None else fdtrc(count, dof, chi2 / count)
+        return cls(count, chi2, float(p), ratio)
+
+    @property
+    def believable(self) -> bool:
+        """Whether chance explains as much."""
+        return self.p >= SIGNIFICANCE
+
+    @property
+    def applied_ratio(self) -> float:
+        """Factor of the standard uncertainty of positions that follows."""
+        return 1.0 if self.believable else self.ratio
 
 
 def predict_points(
@@ -245,14 +369,16 @@ def predict_points(
     joints: Array,
     poses: Array,
     covariance_mm2: Array,
-) -> PredictedCovariance:
-    """Covariance from points with covariances (N, 3, 3), in the base frame's axes.
+) -> tuple[Array, Observability]:
+    """Covariance of all unknowns (P, P) that points will give if they scatter as stated.
 
-    Rank, condition and indices are of the parameters alone, the tracker's frame having been fitted.
+    Points have covariances (N, 3, 3) in the base frame's axes. In mm and rad, parameters first;
+    infinite when the rank is lost. What is seen is of the parameters alone, the tracker's frame
+    having been fitted.
     """
     jacobian = whitened(point_jacobian(kinematics, free, joints, poses), covariance_mm2)
     alone = marginalise_frame(jacobian).reshape(-1, len(free))
-    return PredictedCovariance.of(jacobian.reshape(-1, jacobian.shape[-1]), alone)
+    return _predicted(jacobian.reshape(-1, jacobian.shape[-1]), alone)
 
 
 def predict_distances(
@@ -262,100 +388,60 @@ def predict_distances(
     poses: Array,
     pairs: Index,
     variance_mm2: Array,
-) -> PredictedCovariance:
-    """Covariance from distances of pairs (M, 2) with variances (M,)."""
+) -> tuple[Array, Observability]:
+    """The same of distances of pairs (M, 2) with variances (M,), which need no frame, (F, F)."""
     jacobian = distance_jacobian(kinematics, free, joints, poses, pairs)
     jacobian = jacobian / np.sqrt(variance_mm2)[:, None]
-    return PredictedCovariance.of(jacobian, jacobian)
+    return _predicted(jacobian, jacobian)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LinearizedModel:
-    """Points of N shots about some parameters and frame, to first order."""
-
-    free: tuple[str, ...]
-    """The parameters' names, F of them."""
-    jacobian: Array
-    """∂point/∂(free parameters, frame), (N, 3, F + 6), mm and rad."""
-    points_mm: Array
-    """As modelled, (N, 3)."""
-    residual_mm: Array
-    """Modelled minus measured, (N, 3)."""
-    from_nominal: Array
-    """The parameters less their nominal values, (F,)."""
-
-    def taken(self, places: Index) -> "LinearizedModel":
-        """Some of the shots."""
-        jacobian, points, residual = (
-            each[places] for each in (self.jacobian, self.points_mm, self.residual_mm)
-        )
-        return LinearizedModel(self.free, jacobian, points, residual, self.from_nominal)
-
-    def by(self, free: tuple[str, ...]) -> "LinearizedModel":
-        """Some of the parameters free, the others held at their nominal values."""
-        if free == self.free:
-            return self
-        count = len(self.free)
-        kept = [self.free.index(name) for name in free]
-        held = [place for place in range(count) if place not in kept]
-        back_mm = self.jacobian[:, :, held] @ self.from_nominal[held]
-        jacobian = self.jacobian[:, :, [*kept, *range(count, count + FRAME_COLUMNS)]]
-        points, residual = self.points_mm - back_mm, self.residual_mm - back_mm
-        return LinearizedModel(free, jacobian, points, residual, self.from_nominal[kept])
+def _predicted(jacobian: Array, alone: Array) -> tuple[Array, Observability]:
+    """From a whitened Jacobian (M, P), and that of the parameters alone, (M, F)."""
+    try:
+        of_all = covariance(jacobian)
+    except np.linalg.LinAlgError:
+        of_all = np.full((jacobian.shape[1],) * 2, np.inf)
+    return of_all, observability(alone)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PosteriorCovariance:
-    """Covariance of F parameters from measurements, scaled as `variance_scale` has it."""
+def covariance_from_points(shots: LinearizedShots) -> tuple[Array, ChiSquareTest] | None:
+    """Covariance (F, F) of parameters by linearised shots, mm and rad, and the test of their noise.
 
-    covariance: Array
-    """(F, F), mm and rad."""
-    birge_ratio: float
-    """√(χ²/ν): what the best fit leaves over what is stated."""
-    sigma0: float
-    """What every standard deviation was multiplied by."""
-
-
-def covariance_from_points(
-    model: LinearizedModel, covariance_mm2: Array
-) -> PosteriorCovariance | None:
-    """Posterior covariance from coordinates of covariances (N, 3, 3), in the points' frame.
-
-    The tracker's frame is six more unknowns. None while the parameters are not yet known: for too
-    few shots, a lost rank, or a covariance that cannot be.
+    The tracker's frame, the last of the unknowns, is one more. None while the parameters are not
+    yet known: for too few shots, a lost rank, or a covariance that cannot be.
     """
     try:
-        whitening = np.linalg.inv(np.linalg.cholesky(covariance_mm2))
+        whitening = inverse_roots(shots.stated_mm2)
     except np.linalg.LinAlgError:
         return None
-    jacobian = (whitening @ model.jacobian).reshape(-1, model.jacobian.shape[-1])
-    residual = np.einsum("nij,nj->ni", whitening, model.residual_mm).ravel()
+    jacobian = (whitening @ shots.jacobian).reshape(-1, shots.jacobian.shape[-1])
+    residual = np.einsum("nij,nj->ni", whitening, shots.residual_mm).ravel()
     return _posterior(jacobian, residual, jacobian.shape[1] - FRAME_COLUMNS, known_variance=True)
 
 
 def covariance_from_distances(
-    model: LinearizedModel, covariance_mm2: Array, pairs: Index
-) -> PosteriorCovariance | None:
-    """Posterior covariance from distances of pairs (M, 2), all taken as equally sure.
+    shots: LinearizedShots, measured_mm: Array, pairs: Index
+) -> tuple[Array, ChiSquareTest] | None:
+    """The same by distances of pairs (M, 2) of points measured (N, 3), all taken as equally sure.
 
     None while the parameters are not yet known.
     """
     first, second = pairs.T
-    variance = distance_variance_mm2(model.points_mm, covariance_mm2, first, second)
+    points_mm = measured_mm + shots.residual_mm
+    variance = distance_variance_mm2(points_mm, shots.stated_mm2, first, second)
     if len(pairs) == 0 or not np.all(variance > 0.0):
         return None
     std_mm = np.sqrt(pooled_variance_mm2(variance))
-    towards = directions(model.points_mm, first, second)
-    apart = (model.jacobian[second] - model.jacobian[first])[:, :, :-FRAME_COLUMNS]
+    towards = directions(points_mm, first, second)
+    apart = (shots.jacobian[second] - shots.jacobian[first])[:, :, :-FRAME_COLUMNS]
     jacobian = np.einsum("mk,mkf->mf", towards, apart) / std_mm
-    measured = distances_mm(model.points_mm - model.residual_mm, first, second)
-    residual = (distances_mm(model.points_mm, first, second) - measured) / std_mm
-    return _posterior(jacobian, residual, jacobian.shape[1], known_variance=False)
+    errors_mm = distances_mm(points_mm, first, second) - distances_mm(measured_mm, first, second)
+    return _posterior(jacobian, errors_mm / std_mm, jacobian.shape[1], known_variance=False)
 
 
 def _posterior(
     jacobian: Array, residual: Array, parameters: int, *, known_variance: bool
-) -> PosteriorCovariance | None:
+) -> tuple[Array, ChiSquareTest] | None:
     """From a whitened Jacobian (M, P) and residual (M,), the first of the P being parameters."""
     dof = len(jacobian) - jacobian.shape[1]
     if dof < MINIMUM_DOF:
@@ -367,10 +453,9 @@ def _posterior(
     except np.linalg.LinAlgError:
         return None
     tested = chi_square_test(float(triangle[-1, -1] ** 2), dof)
-    ratio = float(np.sqrt(tested.chi2 / dof))
-    scale = variance_scale(ratio, tested, known_variance=known_variance)
-    assert scale is not None, "there is a scatter"
-    return PosteriorCovariance(scale**2 * of_all[:parameters, :parameters], ratio, scale)
+    sigma0 = variance_scale(tested.birge_ratio, tested, known_variance=known_variance)
+    assert sigma0 is not None, "there is a scatter"
+    return sigma0**2 * of_all[:parameters, :parameters], replace(tested, sigma0=sigma0)
 
 
 def _places(kinematics: Kinematics, free: tuple[str, ...]) -> Index:

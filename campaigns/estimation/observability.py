@@ -27,6 +27,8 @@ class Observability:
     """Rows in scaled parameters, best known first, (P, P)."""
     scale: Array
     """Scaled parameter over parameter, (P,)."""
+    rows: int
+    """M."""
 
     @property
     def null_directions(self) -> Array:
@@ -44,6 +46,22 @@ class Observability:
         full = self.rank == len(self.singular_values)
         return float(self.singular_values[0] / self.singular_values[-1]) if full else float("inf")
 
+    @property
+    def indices(self) -> dict[str, float]:
+        """O1…O5 (Sun & Hollerbach 2008) of the scaled Jacobian's singular values."""
+        values = self.singular_values
+        largest, least = float(values[0]), float(values[-1])
+        if largest == 0.0:
+            return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
+        positive = least > 0.0
+        return {
+            "O1": float(np.exp(np.log(values).mean()) / np.sqrt(self.rows)) if positive else 0.0,
+            "O2": least / largest,
+            "O3": least,
+            "O4": least**2 / largest,
+            "O5": float(1.0 / np.sum(1.0 / values)) if positive else 0.0,
+        }
+
 
 def observability(jacobian: Array) -> Observability:
     """Rank and null space of a Jacobian (M, P) after column scaling."""
@@ -56,7 +74,7 @@ def observability(jacobian: Array) -> Observability:
     _, values, directions = np.linalg.svd(triangle)
     values = np.concatenate([values, np.zeros(jacobian.shape[1] - len(values))])
     rank = int(np.sum(values > RANK_TOLERANCE * values[0]))
-    return Observability(values, rank, directions, scale)
+    return Observability(values, rank, directions, scale, len(jacobian))
 
 
 def orthonormal_basis(columns: Array) -> Array:
@@ -127,18 +145,3 @@ def _combined(row: Array, other: Array) -> Iterator[Array]:
 def _named(row: Array) -> Mask:
     """Mask of parameters that have a share in a combination worth naming, (P,)."""
     return np.asarray(np.abs(row) >= SHARE_NAMED * np.abs(row).max())
-
-
-def observability_indices(singular_values: Array, rows: int) -> dict[str, float]:
-    """O1…O5 of the scaled Jacobian's singular values (P,)."""
-    largest, least = float(singular_values[0]), float(singular_values[-1])
-    positive = least > 0.0
-    if largest == 0.0:
-        return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
-    return {
-        "O1": float(np.exp(np.log(singular_values).mean()) / np.sqrt(rows)) if positive else 0.0,
-        "O2": least / largest,
-        "O3": least,
-        "O4": least**2 / largest,
-        "O5": float(1.0 / np.sum(1.0 / singular_values)) if positive else 0.0,
-    }

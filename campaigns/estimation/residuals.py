@@ -12,6 +12,7 @@ import numpy as np
 from campaigns.arrays import Array, Index
 from campaigns.estimation.point_sets import directions, distances_mm
 from campaigns.estimation.rigid_transforms import Transform, fit_transform, small_rotation
+from campaigns.estimation.tracker_noise import inverse_roots
 from campaigns.mechanisms.mechanism import Kinematics, Mechanism, Posture
 
 FRAME_COLUMNS = 6
@@ -267,7 +268,7 @@ class PointResiduals:
         Raises `NoSolution`, `ValueError` for points that fix no frame and `LinAlgError` for an
         indefinite covariance.
         """
-        whitening = np.linalg.inv(np.linalg.cholesky(covariance_mm2))
+        whitening = inverse_roots(covariance_mm2)
         positions = model.positions_mm(model.nominal)
         if sessions is None:
             return cls(model, points_mm, whitening, fit_transform(positions, points_mm))
@@ -325,7 +326,7 @@ class PointResiduals:
 
     def with_covariance(self, covariance_mm2: Array) -> "PointResiduals":
         """The same points with other covariances (N, 3, 3); raises `LinAlgError`."""
-        return replace(self, whitening=np.linalg.inv(np.linalg.cholesky(covariance_mm2)))
+        return replace(self, whitening=inverse_roots(covariance_mm2))
 
     def residual(self, x: Array) -> Array:
         """Three rows a shot, (3 N,)."""

@@ -57,6 +57,11 @@ def point_covariance_mm2(points_from_tracker_mm: Array, uncertainty: TrackerUnce
     )
 
 
+def inverse_roots(covariance_mm2: Array) -> Array:
+    """W with W C Wᵀ = 1 for each of covariances C, (N, 3, 3); raises `LinAlgError`."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance_mm2)))
+
+
 def distance_variance_mm2(
     points_mm: Array, covariance_mm2: Array, first: Index, second: Index
 ) -> Array:

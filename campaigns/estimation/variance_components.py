@@ -13,6 +13,7 @@ import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
 from campaigns.arrays import Array, Index, Mask
+from campaigns.estimation.tracker_noise import inverse_roots
 
 WORTH = 6.0
 """Gain in 2 log L that a component must bring."""
@@ -40,7 +41,7 @@ class LinearizedShots:
     stated_mm2: Array
     """Covariance that the tracker states, (N, 3, 3)."""
     by_joints: Array
-    """∂point/∂joints, (N, 3, n), mm per rad or mm."""
+    """∂point/∂joints, (N, 3, n), mm per rad or mm; (N, 3, 0) where the robot's scatter is none."""
 
     def __len__(self) -> int:
         return len(self.residual_mm)
@@ -103,7 +104,7 @@ def _scores(shots: LinearizedShots) -> tuple[float, float]:
 
     It is the slope of the likelihood there: without one there is nothing to be gained.
     """
-    inverse = np.linalg.inv(np.linalg.cholesky(shots.stated_mm2))
+    inverse = inverse_roots(shots.stated_mm2)
     rows = np.concatenate([shots.jacobian, shots.residual_mm[:, :, None]], axis=2)
     whitened = inverse @ rows
     flat = whitened[:, :, :-1].reshape(-1, rows.shape[-1] - 1)

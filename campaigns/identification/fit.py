@@ -13,7 +13,13 @@ from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
 from campaigns.estimation.estimate import Estimate, OutlierPolicy, Start, estimate
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
-from campaigns.estimation.information import ChiSquareTest, chi_square_test, variance_dof
+from campaigns.estimation.information import (
+    ChiSquareTest,
+    HoldOut,
+    Uncertainty,
+    chi_square_test,
+    variance_dof,
+)
 from campaigns.estimation.variance_components import (
     NONE,
     LinearizedShots,
@@ -86,6 +92,22 @@ class Fit:
     def variance_dof(self) -> int | None:
         """Degrees of freedom by which the variance is known; None: it counts as known."""
         return variance_dof(self.found.noise, known_variance=self.points is not None)
+
+    def uncertainty(
+        self, free: tuple[str, ...], hold_out: HoldOut | None = None
+    ) -> Uncertainty | None:
+        """Uncertainty of the parameters that were looked for; None where nothing tells it."""
+        found, count = self.found, len(free)
+        if found.covariance is None or found.noise.sigma0 is None:
+            return None
+        return Uncertainty.of(
+            free,
+            self.observations.model.mechanism.parameters.units(free),
+            found.covariance[:count, :count],
+            sigma0=found.noise.sigma0,
+            dof=self.variance_dof,
+            hold_out_ratio=1.0 if hold_out is None else hold_out.applied_ratio,
+        )
 
     @property
     def scatter(self) -> VarianceComponents:

@@ -5,22 +5,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtrc, fdtrc
 
-from campaigns.arrays import Array, Index
+from campaigns.arrays import Array
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.estimate import Estimate
 from campaigns.estimation.estimators import Outliers
-from campaigns.estimation.information import (
-    coverage_factor,
-    marginalise_frame,
-    point_jacobian,
-    position_std_mm,
-)
+from campaigns.estimation.information import Uncertainty, WorkspaceSample, coverage_factor
 from campaigns.estimation.observability import unobservable_combinations
-from campaigns.estimation.point_sets import distances_mm
-from campaigns.estimation.residuals import DistanceResiduals, PositionModel
-from campaigns.estimation.tracker_noise import distance_variance_mm2
 from campaigns.evaluation.doubts import (
     Doubt,
     change_doubt,
@@ -40,19 +31,13 @@ from campaigns.evaluation.identification import (
 from campaigns.evaluation.plausibility import FoundChanges, check_shots
 from campaigns.identification.change import change_of, lack_of_fit_of
 from campaigns.identification.fit import Fit, PointFit, fit_shots, plain_fit
-from campaigns.identification.observations import (
-    Observations,
-    position_model,
-    usable_pairs,
-    without_assembly,
-)
+from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
+from campaigns.identification.observations import Observations
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.identification.result import (
-    Covariance,
     Excluded,
     Frame,
-    HoldOut,
     IdentificationResult,
     IdentifiedParameter,
     LossUsed,
@@ -63,7 +48,7 @@ from campaigns.identification.result import (
     SessionFrame,
     finite,
 )
-from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, NoSolution
+from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
@@ -95,7 +80,7 @@ def identify(
             remedy="look for gross errors: order and signs of the joints, units of points and of "
             "covariances",
         ) from error
-    held_out = _holdout(nominal, shots, selection.free, fit, options, at_nominal)
+    held_out = unseen_pairs(nominal, shots, selection.free, fit, options, at_nominal)
     return _Identified(nominal, shots, selection, options, fit, held_out).result()
 
 
@@ -104,18 +89,6 @@ def _check(nominal: Kinematics, shots: Shots, *, sessions: bool) -> None:
     own = shots.session if sessions else np.zeros(len(shots))
     for each in np.unique(own).tolist():
         check_shots(nominal, shots.rows(np.flatnonzero(own == each)), "the shots")
-
-
-@dataclass(frozen=True, slots=True)
-class _Holdout:
-    """Pairs that were never fitted: their errors, and what of them could not be used."""
-
-    errors: ResidualTable | None
-    tested: HoldOut | None
-    """None without pairs, or where no σ is known."""
-    unusable: tuple[Excluded, ...]
-    lost: tuple[Excluded, ...]
-    """By the identified robot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +100,7 @@ class _Identified:
     selection: ParameterSelection
     options: IdentificationOptions
     fit: Fit
-    held_out: _Holdout
+    held_out: UnseenPairs
 
     @property
     def fitted(self) -> Observations:
@@ -198,16 +171,16 @@ class _Identified:
         return tuple(unobservable_combinations(self.found.seen, self.free))
 
     @cached_property
-    def covariance(self) -> Covariance:
-        """Of the parameters that take part in nothing held, in file units."""
-        found = self.found
-        if found.covariance is None:
-            return Covariance((), ())
-        known = np.flatnonzero(found.identifiable)
-        names = tuple(self.free[place] for place in known.tolist())
-        unit = self.nominal.mechanism.parameters.units(names)
-        matrix = found.covariance[np.ix_(known, known)] / np.outer(unit, unit)
-        return Covariance(names, tuple(map(tuple, matrix.tolist())))
+    def uncertainty(self) -> Uncertainty | None:
+        """Of all that was looked for; None where nothing tells it."""
+        return self.fit.uncertainty(self.free, self.held_out.tested)
+
+    @cached_property
+    def covariance(self) -> Uncertainty:
+        """Of the parameters that take part in nothing held."""
+        known = np.flatnonzero(self.found.identifiable).tolist()
+        names = tuple(self.free[place] for place in known)
+        return Uncertainty() if self.uncertainty is None else self.uncertainty.only(names)
 
     def _evidence(self) -> IdentificationEvidence:
         unseen = self.held_out.errors
@@ -331,11 +304,7 @@ class _Identified:
 
     def _position_std(self) -> PositionStd | None:
         identified = self.fitted.model.kinematics(self.found.x[: len(self.free)])
-        found = _position_std(identified, self.free, self.found, self.options.workspace)
-        tested = self.held_out.tested
-        if found is None or tested is None or tested.believable:
-            return found
-        return PositionStd(tested.ratio * found.mean, tested.ratio * found.max)
+        return _position_std(self.uncertainty, identified, self.found, self.options.workspace)
 
     def _coverage_factor(self) -> float | None:
         """Student's where the residuals tell their own variance, else normal."""
@@ -365,114 +334,25 @@ def _named_outliers(fitted: Observations, found: Estimate) -> Iterator[Excluded]
 
 
 def _position_std(
-    identified: Kinematics, free: tuple[str, ...], found: Estimate, poses: Array | None
+    known: Uncertainty | None, identified: Kinematics, found: Estimate, poses: Array | None
 ) -> PositionStd | None:
     """Over poses (N, t), after a best fit of the frame to all of them; None when not known.
 
     A combination that is held at nominal must change the frame and nothing else. Nor is it known of
     a robot that can take none of the poses.
     """
-    if poses is None or found.covariance is None:
+    if known is None or poses is None:
         return None
-    joints = identified.inverse(poses)
-    if not joints.found.any():
+    taken = poses[identified.inverse(poses).found]
+    if not len(taken):
         return None
     try:
-        jacobian = point_jacobian(
-            identified, free, joints.values[joints.found], poses[joints.found]
-        )
+        sample = WorkspaceSample.of(identified, known.names, taken)
     except NoSolution:
         return None
-    jacobian = marginalise_frame(jacobian)
+    jacobian = sample.jacobian / identified.mechanism.parameters.units(known.names)
     for lost in found.seen.null_directions / found.seen.scale:
         if np.abs(jacobian @ lost).max() > NO_EFFECT * (np.abs(jacobian) @ np.abs(lost)).max():
             return None
-    std = position_std_mm(jacobian, found.covariance[: len(free), : len(free)])
+    std = known.of_positions(sample)
     return PositionStd(float(std.mean()), float(std.max()))
-
-
-def _holdout(
-    nominal: Kinematics,
-    shots: Shots,
-    free: tuple[str, ...],
-    fit: Fit,
-    options: IdentificationOptions,
-    at_nominal: KinematicSolution,
-) -> _Holdout:
-    """Errors of the pairs that were not fitted, with the nominal and the found parameters."""
-    x = fit.found.x[: len(free)]
-    usable = usable_pairs(at_nominal, shots, ShotSet.VALIDATION, sessions=options.sessions)
-    model = position_model(nominal, shots, free)
-    solution = model.kinematics(x).forward(model.arm_joints(x))
-    whole = solution.found[usable.rows].all(axis=1)
-    lost = without_assembly(shots, usable.rows[~whole], solution.found, "identified")
-    kept = usable.rows[whole]
-    if len(kept) == 0:
-        return _Holdout(None, None, usable.excluded, lost)
-    measured_mm = shots.measured_distances_mm(kept)
-    before, after = (
-        (distances_mm(values[:, :3], kept[:, 0], kept[:, 1]) - measured_mm)[:, None]
-        for values in (at_nominal.values, solution.values)
-    )
-    pairs = tuple(shots.pairs[row] or 0 for row in kept[:, 0].tolist())
-    errors = ResidualTable.from_arrays("pairs", pairs, before, after)
-    rows, places = np.unique(kept, return_inverse=True)
-    some = shots.rows(rows)
-    near = solution.values[rows]
-    tested = _tested(nominal, some, near, places.reshape(kept.shape), free, fit, options)
-    return _Holdout(errors, tested, usable.excluded, lost)
-
-
-def _tested(
-    nominal: Kinematics,
-    shots: Shots,
-    near: Array,
-    pairs: Index,
-    free: tuple[str, ...],
-    fit: Fit,
-    options: IdentificationOptions,
-) -> HoldOut | None:
-    """Test of unseen pairs (M, 2) against the covariance of parameters and shots."""
-    found, parameters = fit.found, len(free)
-    if found.covariance is None or found.noise.sigma0 is None:
-        return None
-    x = found.x[:parameters]
-    model = position_model(nominal, shots, free, near)
-    try:
-        unseen = DistanceResiduals.in_mm(
-            model, pairs[:, 0], pairs[:, 1], shots.measured_distances_mm(pairs)
-        )
-        error_mm, by_x = unseen.errors_mm(x), unseen.jacobian(x)
-        variance = _pair_variance_mm2(shots, pairs, model, x, fit, options)
-    except (NoSolution, np.linalg.LinAlgError):
-        return None
-    predicted = by_x @ found.covariance[:parameters, :parameters] @ by_x.T + np.diag(variance)
-    chi2 = float(error_mm @ np.linalg.solve(predicted, error_mm))
-    ratio = float(np.sqrt(np.mean(error_mm**2 / np.diag(predicted))))
-    count, dof = len(pairs), fit.variance_dof
-    p = chdtrc(count, chi2) if dof is None else fdtrc(count, dof, chi2 / count)
-    return HoldOut(count, chi2, float(p), ratio)
-
-
-def _pair_variance_mm2(
-    shots: Shots,
-    pairs: Index,
-    model: PositionModel,
-    x: Array,
-    fit: Fit,
-    options: IdentificationOptions,
-) -> Array:
-    """Variance of each measured distance, the robot's own scatter included, (M,)."""
-    sigma0 = fit.found.noise.sigma0 or 1.0
-    if isinstance(fit.observations.residuals, DistanceResiduals) and fit.points is None:
-        own = fit.observations.residuals.whitening
-        return np.full(len(pairs), sigma0**2 / float(np.mean(own**2)))
-    first, second = pairs.T
-    points_mm, stated = shots.points_in_tracker_mm, shots.covariance_mm2(options.instrument)
-    variance = distance_variance_mm2(points_mm, stated, first, second)
-    if fit.points is not None:
-        # in the base frame: the robot's scatter is along the distance there, too
-        own = fit.points.scatter.covariance_mm2(np.zeros_like(stated), model.by_joints(x))
-        variance = variance + distance_variance_mm2(model.positions_mm(x), own, first, second)
-        sigma0 = fit.points.found.noise.sigma0 or 1.0
-    return sigma0**2 * variance

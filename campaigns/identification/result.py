@@ -5,7 +5,7 @@ Its fields are the keys of the document `pkmcal/identification/1`; parameters ar
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +14,7 @@ from pydantic import JsonValue, TypeAdapter, ValidationError
 from campaigns.arrays import Array
 from campaigns.errors import FindingUnreadable
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers
-from campaigns.estimation.information import SIGNIFICANCE, ChiSquareTest, correlations
+from campaigns.estimation.information import ChiSquareTest, HoldOut, Uncertainty
 from campaigns.estimation.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.doubts import Doubt
@@ -107,47 +107,6 @@ class NoiseTest:
 
 
 @dataclass(frozen=True, slots=True)
-class Correlation:
-    """Correlation of two parameters' errors, from -1 to 1."""
-
-    a: str
-    b: str
-    value: float
-
-
-@dataclass(frozen=True, slots=True)
-class Covariance:
-    """Covariance of the identified parameters whose σ are known."""
-
-    names: tuple[str, ...]
-    matrix: tuple[tuple[float, ...], ...]
-
-    @property
-    def array(self) -> Array:
-        """(K, K)."""
-        return np.array(self.matrix).reshape(len(self.names), len(self.names))
-
-    def std(self) -> dict[str, float]:
-        """1 σ by name."""
-        return dict(zip(self.names, np.sqrt(np.diag(self.array)).tolist(), strict=True))
-
-    def correlations(self) -> Array:
-        """Correlation matrix, (K, K)."""
-        return correlations(self.array) if self.names else self.array
-
-    def strongest(self, count: int, least: float = 0.0) -> tuple[Correlation, ...]:
-        """Pairs of parameters of the largest |ρ|, strongest first."""
-        first, second = np.triu_indices(len(self.names), k=1)
-        values = self.correlations()[first, second]
-        order = np.argsort(-np.abs(values), kind="stable")[:count]
-        found = (
-            Correlation(self.names[first[row]], self.names[second[row]], float(values[row]))
-            for row in order.tolist()
-        )
-        return tuple(each for each in found if abs(each.value) >= least)
-
-
-@dataclass(frozen=True, slots=True)
 class RobotScatter:
     """Robot's own scatter beside the tracker's: of the point, and of the joints, 1 σ each."""
 
@@ -157,22 +116,6 @@ class RobotScatter:
     """In the joints' file unit, deg or mm."""
     joint_std: float
     says: str
-
-
-@dataclass(frozen=True, slots=True)
-class HoldOut:
-    """Test of pairs that were never fitted against what σ predict of them."""
-
-    pairs: int
-    chi2: float
-    p: float
-    ratio: float
-    """Root mean square of their errors over that of their σ."""
-
-    @property
-    def believable(self) -> bool:
-        """Believability: chance explains as much."""
-        return self.p >= SIGNIFICANCE
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,7 +228,8 @@ class IdentificationResult:
     models: tuple[ComparedModel, ...] = ()
     """Those that it was chosen from, the standard one first; empty without a choice."""
     chi2: NoiseTest | None = None
-    covariance: Covariance | None = None
+    covariance: Uncertainty | None = None
+    """Of the parameters whose σ are known."""
     coverage_factor_95: float | None = None
     """Half-width of 95 % intervals in stated σ; None where nothing tells σ."""
     position_std_mm: PositionStd | None = None
@@ -363,7 +307,7 @@ _READER = TypeAdapter(RecordedIdentification)
 def read_identification(body: Mapping[str, JsonValue]) -> RecordedIdentification:
     """Identification of a journal's finding; raises `FindingUnreadable`."""
     try:
-        return _READER.validate_python(body)
+        return _completed(_READER.validate_python(body))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))
@@ -371,6 +315,16 @@ def read_identification(body: Mapping[str, JsonValue]) -> RecordedIdentification
             f"the journal's identification, {where}: {first['msg'].lower()}",
             remedy="identify again: another version of the software wrote it",
         ) from error
+
+
+def _completed(found: RecordedIdentification) -> RecordedIdentification:
+    """With what results of older software say of their uncertainty in other places."""
+    known, hold_out, noise = found.covariance, found.hold_out, found.chi2
+    if known is None:
+        return found
+    ratio = known.hold_out_ratio if hold_out is None else hold_out.applied_ratio
+    sigma0 = known.sigma0 if noise is None or noise.scale is None else noise.scale
+    return replace(found, covariance=replace(known, sigma0=sigma0, hold_out_ratio=ratio))
 
 
 def finite(value: float) -> float | None:

@@ -313,7 +313,8 @@ class Engine:
 
     def _update_at_once(self) -> None:
         """By the running fit of the shots that count."""
-        self._update(self._monitors.precision.after(self._gate.accepted, self._gate.linearized))
+        monitor, gate = self._monitors.precision, self._gate
+        self._update(monitor.after(gate.accepted, gate.linearized(monitor.setup.free)))
 
     def _update_by_a_fit(self) -> None:
         """By a fit to the end, as `identify` will tell it, which takes a little time."""

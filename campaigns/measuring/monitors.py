@@ -8,7 +8,7 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.estimation.incremental_fit import IncrementalGaussNewton
-from campaigns.estimation.information import LinearizedModel
+from campaigns.estimation.variance_components import LinearizedShots
 from campaigns.journal.records import Event, Outcome
 from campaigns.settings.sections import GateConfig
 from drivers.values import Vector3, Weather, vector
@@ -142,10 +142,9 @@ class InnovationGate:
         """The shots that count, in the order in which they came."""
         return tuple(self._accepted.values())
 
-    @property
-    def linearized(self) -> LinearizedModel | None:
+    def linearized(self, free: tuple[str, ...]) -> LinearizedShots | None:
         """The running fit of the first of them, or of all; None while there is none."""
-        return self._running.linearized
+        return self._running.linearized(free)
 
     def expected_point_mm(self, joints: tuple[float, ...]) -> Vector3 | None:
         """Where to point the tracker for these joints; None while nobody can say well enough.

@@ -1,181 +1,197 @@
-"""Precision monitor: how surely the parameters are known while a plan is measured, shot by shot."""
+"""Uncertainty monitor: how surely the parameters are known while a plan is measured."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.design.pose_sampling import WorkspaceTooSmall, workspace_poses
+from campaigns.design.pose_sampling import sample_workspace
 from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import (
     MINIMUM_DOF,
-    LinearizedModel,
-    PosteriorCovariance,
+    ChiSquareTest,
+    Uncertainty,
+    WorkspaceSample,
     covariance_from_distances,
     covariance_from_points,
-    largest_std,
-    position_std_mm,
-    workspace_jacobian,
+    variance_dof,
 )
+from campaigns.estimation.variance_components import LinearizedShots
 from campaigns.identification.fit import Fit, PointFit, fit_shots
+from campaigns.identification.hold_out import unseen_pairs
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
-from campaigns.journal.records import Intent, Outcome
-from campaigns.journal.views import AcceptedShot
+from campaigns.journal.records import Outcome
 from campaigns.measuring.run_state import ParameterPrecision
 from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import pairs_of, poses_of
-from campaigns.planning.predicted_precision import EstimationSetup, predicted_covariance
+from campaigns.planning.predicted_precision import EstimationSetup, predicted_uncertainty
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import outcomes_covariance_mm2, shots_of_journal
+from campaigns.shots.shots import Shots, outcomes_covariance_mm2, shots_of_outcomes
 from drivers.values import Vector3
-
-WORKSPACE_SAMPLE = 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PrecisionMonitor:
-    """Precision that any shots of one plan give the parameters."""
+    """Standard uncertainty that any shots of one plan give the parameters."""
 
     planned: Mapping[int, PlannedShot]
-    """The identification shots by their numbers."""
+    """All shots of the plan by their numbers."""
     kinematics: Kinematics
     """The nominal one."""
     setup: EstimationSetup
     """Its uncertainty is for shots of which the tracker states none."""
-    workspace: Array
-    """∂position/∂parameters all over the workspace, after the best fit of the frame, (K, 3, F)."""
+    poses: Array
+    """Sample of the workspace, (K, t)."""
+    workspace: WorkspaceSample
+    """The same, by the nominal robot."""
 
     @classmethod
     def of_plan(
-        cls,
-        shots: Iterable[PlannedShot],
-        robot: RobotModel,
-        setup: EstimationSetup,
-        rng: np.random.Generator,
+        cls, shots: Iterable[PlannedShot], robot: RobotModel, setup: EstimationSetup
     ) -> "PrecisionMonitor":
-        """Monitor of a plan; `rng` draws the poses at which positions are judged."""
-        planned = {s.shot: s for s in shots if s.purpose is ShotSet.IDENTIFICATION}
-        poses = _workspace(robot, poses_of(tuple(planned.values())), rng)
-        workspace = workspace_jacobian(robot.kinematics, setup.free, poses)
-        return cls(planned, robot.kinematics, setup, workspace)
+        """Monitor of a plan; at its own poses where hardly any others can be taken."""
+        planned, kinematics = {shot.shot: shot for shot in shots}, robot.kinematics
+        poses = sample_workspace(kinematics, robot.limits, robot.centre, robot.space)
+        if poses is None:
+            poses = poses_of(_identifying(planned.values())).reshape(-1, len(robot.centre))
+        sample = WorkspaceSample.of(kinematics, setup.free, poses)
+        return cls(planned, kinematics, setup, poses, sample)
 
     def after(
-        self, outcomes: Sequence[Outcome], model: LinearizedModel | None
+        self, outcomes: Sequence[Outcome], seen: LinearizedShots | None
     ) -> ParameterPrecision | None:
-        """Precision by accepted shots, those that are in `model`; None for too few to tell.
+        """Uncertainty by accepted shots, as far as they are linearised; None for too few to tell.
 
-        At once, but an outlier among them makes it look worse than it is.
+        At once, but an outlier among them makes it look larger than it is.
         """
-        if model is None:
+        if seen is None:
             return None
-        counted = enumerate(outcomes[: len(model.points_mm)])
-        places = [place for place, outcome in counted if outcome.shot in self.planned]
-        taken = [outcomes[place] for place in places]
-        seen = model.by(self.setup.free).taken(np.array(places, dtype=np.intp))
-        covariance = outcomes_covariance_mm2(taken, self.setup.uncertainty)
-        if self.setup.estimator is Estimator.POINTS:
-            known = covariance_from_points(seen, covariance)
+        counted = enumerate(outcomes[: len(seen)])
+        places = [place for place, outcome in counted if self._identifies(outcome)]
+        taken, setup = [outcomes[place] for place in places], self.setup
+        covariance_mm2 = outcomes_covariance_mm2(taken, setup.uncertainty)
+        shots = replace(seen.rows(np.array(places, dtype=np.intp)), stated_mm2=covariance_mm2)
+        by_points = setup.estimator is Estimator.POINTS
+        if by_points:
+            found = covariance_from_points(shots)
         else:
-            shots = tuple(self.planned[outcome.shot] for outcome in taken)
-            pairs = pairs_of(shots, ShotSet.IDENTIFICATION)
-            known = covariance_from_distances(seen, covariance, pairs)
-        return None if known is None else self._in_words(len(taken), known)
+            measured_mm = np.array([outcome.point_in_tracker_mm for outcome in taken])
+            pairs = pairs_of([self.planned[each.shot] for each in taken], ShotSet.IDENTIFICATION)
+            found = covariance_from_distances(shots, measured_mm.reshape(-1, 3), pairs)
+        if found is None:
+            return None
+        covariance, noise = found
+        known = Uncertainty.of(
+            setup.free,
+            self.kinematics.mechanism.parameters.units(setup.free),
+            covariance,
+            sigma0=noise.sigma0 or 1.0,
+            dof=variance_dof(noise, known_variance=by_points),
+            source="running",
+        )
+        return self._in_words(len(taken), known, self.workspace, noise)
 
     def fitted(self, outcomes: Iterable[Outcome]) -> ParameterPrecision | None:
-        """Precision by accepted shots when they are fitted as `identify` does; None for too few.
+        """Uncertainty by accepted shots as `identify` states it; None for too few.
 
         Takes some twenty times as long.
         """
-        taken = self._to_identify_from(outcomes)
-        fit, count = self._fit(taken), len(self.setup.free)
+        shots = self._shots(outcomes)
+        fit, free = self._fit(shots), self.setup.free
         if fit is None:
             return None
-        found = fit.found
-        noise, of_all = fit.stated_noise, found.covariance
-        if not found.fit.converged or found.seen.rank < count or noise.dof < MINIMUM_DOF:
+        found, noise = fit.found, fit.stated_noise
+        if not found.fit.converged or found.seen.rank < len(free) or noise.dof < MINIMUM_DOF:
             return None
-        if of_all is None or noise.birge_ratio is None or noise.sigma0 is None:
+        at_nominal = self.kinematics.forward(shots.joints)
+        options = self._options()
+        tested = unseen_pairs(self.kinematics, shots, free, fit, options, at_nominal).tested
+        known = fit.uncertainty(free, tested)
+        identified = fit.observations.model.kinematics(found.x[: len(free)])
+        there = self.poses[identified.inverse(self.poses).found]
+        if known is None or not len(there):
             return None
-        widened = max(1.0, noise.birge_ratio) if fit.scatter.any else noise.sigma0
-        known = PosteriorCovariance(of_all[:count, :count], noise.birge_ratio, widened)
-        return self._in_words(len(taken), known)
+        count = sum(purpose is ShotSet.IDENTIFICATION for purpose in shots.purposes)
+        sample = WorkspaceSample.of(identified, free, there)
+        return self._in_words(count, known, sample, noise, robot_scatters=fit.scatter.any)
 
     def point_fit(self, outcomes: Iterable[Outcome]) -> PointFit | None:
         """Fit of all coordinates as `identify` makes it; None for too few shots to tell scatter."""
-        fit = self._fit(self._to_identify_from(outcomes))
+        fit = self._fit(self._shots(outcomes))
         points = None if fit is None else fit.points
         if points is None or not points.found.fit.converged:
             return None
         return points if points.found.noise.dof >= MINIMUM_DOF else None
 
-    def _to_identify_from(self, outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
-        return tuple(outcome for outcome in outcomes if outcome.shot in self.planned)
-
-    def _fit(self, taken: Sequence[Outcome]) -> Fit | None:
-        shots = [
-            AcceptedShot(_intent(self.planned[outcome.shot], outcome), outcome, "")
-            for outcome in taken
-        ]
-        setup, data = self.setup, shots_of_journal(shots, self.kinematics.mechanism)
-        selection = ParameterSelection(setup.free)
-        options = IdentificationOptions(estimator=setup.estimator, instrument=setup.uncertainty)
-        try:
-            return fit_shots(self.kinematics, data, selection, options)
-        except (ShotsMissing, ShotsInvalid, NoSolution, np.linalg.LinAlgError):
-            return None
-
     def predicted(self, tracker_mm: Vector3, count: int | None = None) -> ParameterPrecision | None:
-        """Precision by the plan's first shots or all, seen from there, if they scatter as stated.
+        """Uncertainty by the plan's first shots or all, seen from there, if they scatter as stated.
 
         None for too few to tell.
         """
-        shots = tuple(self.planned.values())[:count]
+        shots = _identifying(self.planned.values())[:count]
         if not shots:
             return None
-        found = predicted_covariance(shots, self.kinematics, np.array(tracker_mm), self.setup)
-        if not found.full_rank:
-            return None
-        return self._in_words(len(shots), PosteriorCovariance(found.covariance, 0.0, 1.0))
+        at_mm = np.array(tracker_mm)
+        found, _ = predicted_uncertainty(shots, self.kinematics, at_mm, self.setup)
+        return self._in_words(len(shots), found, self.workspace) if found.full_rank else None
 
-    def _in_words(self, shots: int, known: PosteriorCovariance) -> ParameterPrecision:
-        space, free = self.kinematics.mechanism.parameters, self.setup.free
-        std = np.sqrt(np.diag(known.covariance))
-        levers_mm = self.kinematics.mechanism.levers_mm(self.kinematics.p)[space.places(free)]
-        weakest = int(np.argmax(std * levers_mm))
+    def _identifies(self, outcome: Outcome) -> bool:
+        planned = self.planned.get(outcome.shot)
+        return planned is not None and planned.purpose is ShotSet.IDENTIFICATION
+
+    def _options(self) -> IdentificationOptions:
+        return IdentificationOptions(
+            estimator=self.setup.estimator, instrument=self.setup.uncertainty
+        )
+
+    def _shots(self, outcomes: Iterable[Outcome]) -> Shots:
+        """Shots that are in the plan."""
+        taken = [outcome for outcome in outcomes if outcome.shot in self.planned]
+        planned = [self.planned[outcome.shot] for outcome in taken]
+        return shots_of_outcomes(
+            taken,
+            self.kinematics.mechanism,
+            purposes=[shot.purpose for shot in planned],
+            pairs=[shot.pair for shot in planned],
+            targets=[shot.pose for shot in planned],
+        )
+
+    def _fit(self, shots: Shots) -> Fit | None:
+        selection = ParameterSelection(self.setup.free)
+        try:
+            return fit_shots(self.kinematics, shots, selection, self._options())
+        except (ShotsMissing, ShotsInvalid, NoSolution, np.linalg.LinAlgError):
+            return None
+
+    def _in_words(
+        self,
+        shots: int,
+        known: Uncertainty,
+        sample: WorkspaceSample,
+        noise: ChiSquareTest | None = None,
+        *,
+        robot_scatters: bool = False,
+    ) -> ParameterPrecision:
+        space, std = self.kinematics.mechanism.parameters, known.std()
+        levers_mm = self.kinematics.mechanism.levers_mm(self.kinematics.p)
+        sizes_mm = levers_mm[space.places(known.names)] * space.units(known.names)
+        weakest = known.names[int(np.argmax(sizes_mm * np.array(list(std.values()))))]
         return ParameterPrecision(
             shots,
-            free[weakest],
-            float(std[weakest] / space.units(free)[weakest]),
-            largest_std(std, free)[0],
-            float(position_std_mm(self.workspace, known.covariance).mean()),
-            known.birge_ratio,
+            weakest,
+            std[weakest],
+            known.largest("mm"),
+            float(known.of_positions(sample).mean()),
+            0.0 if noise is None else noise.birge_ratio or 0.0,
             known.sigma0,
+            known.sigma0 > 1.0 or robot_scatters,
         )
 
 
-def _intent(planned: PlannedShot, outcome: Outcome) -> Intent:
-    """What an outcome came of."""
-    return Intent(
-        planned.shot,
-        outcome.attempt,
-        planned.purpose.value,
-        planned.pose,
-        planned.joints,
-        "joints",
-        planned.pair,
-    )
-
-
-def _workspace(robot: RobotModel, planned: Array, rng: np.random.Generator) -> Array:
-    """Poses all over the workspace, (K, t); those planned where hardly any other can be taken."""
-    try:
-        return workspace_poses(
-            robot.kinematics, robot.limits, robot.centre, WORKSPACE_SAMPLE, rng, robot.space
-        )
-    except WorkspaceTooSmall:
-        return planned.reshape(-1, len(robot.centre))
+def _identifying(shots: Iterable[PlannedShot]) -> tuple[PlannedShot, ...]:
+    return tuple(shot for shot in shots if shot.purpose is ShotSet.IDENTIFICATION)

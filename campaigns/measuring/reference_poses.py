@@ -9,7 +9,7 @@ from scipy.special import chdtrc, fdtrc
 
 from campaigns.arrays import Array
 from campaigns.estimation.rigid_transforms import fit_transform
-from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.estimation.tracker_noise import TrackerUncertainty, inverse_roots
 from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.journal.records import Outcome
 from campaigns.mechanisms.mechanism import Kinematics
@@ -123,7 +123,7 @@ def rigid_body_test(
         noise.robot.covariance_mm2(outcomes_covariance_mm2(each, noise.instrument), by_joints)
         for each in (then, now)
     )
-    whitening = np.linalg.inv(np.linalg.cholesky(covariance)) / noise.factor
+    whitening = inverse_roots(np.asarray(covariance)) / noise.factor
     seen = np.einsum("nab,nb->na", whitening, moved).ravel()
     chi2 = float(seen @ seen)
     whitened = _Displacements(seen, whitening, noise.freedom)

@@ -40,7 +40,9 @@ class ParameterPrecision:
     scatter: float
     """What the best fit leaves of the shots, over what the tracker states of them."""
     scale: float = 1.0
-    """What every σ was multiplied by for it; 1 while it may be chance."""
+    """Square root of the variance factor, which every σ was multiplied by; 1 where none was."""
+    is_widened: bool = False
+    """Whether the scatter, by that factor or as the robot's own, made σ larger than stated."""
 
     @property
     def unit(self) -> str:

@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from pydantic import JsonValue
 
 from campaigns.estimation.incremental_fit import IncrementalGaussNewton
@@ -24,8 +23,6 @@ from campaigns.planning.steps import Group, Step, groups, shots_of
 from campaigns.settings.sections import GateConfig, SettleConfig
 from drivers.ports import Clock, LaserTracker, RobotController
 
-WORKSPACE_SEED = 1
-"""Positions are judged at the same poses in every session."""
 UNKNOWN_NOISE = 0.25
 """Standard deviation, in parts of the limit of drift, of a robot whose noise nobody knows yet."""
 
@@ -80,8 +77,7 @@ class Work:
     def precision_monitor(self) -> PrecisionMonitor:
         """Monitor of how much is known of the parameters."""
         shots = [step.planned for step in self.steps]
-        rng = np.random.default_rng(WORKSPACE_SEED)
-        return PrecisionMonitor.of_plan(shots, self.robot, self.setup, rng)
+        return PrecisionMonitor.of_plan(shots, self.robot, self.setup)
 
     def known_from(self, shots: Iterable[AcceptedShot]) -> ParameterPrecision | None:
         """What the accepted shots of a series tell of the parameters, as `identify` will find."""
@@ -97,9 +93,7 @@ class Work:
             drift = VarianceComponents(point_mm=self.gate.drift_mm * UNKNOWN_NOISE)
             return ReferenceNoise(drift, instrument, limit_mm=self.gate.drift_mm)
         noise = fit.found.noise
-        return ReferenceNoise(
-            fit.scatter, instrument, max(1.0, noise.birge_ratio or 1.0), noise.dof
-        )
+        return ReferenceNoise(fit.scatter, instrument, noise.widening, noise.dof)
 
     def gate_taught_by(self, shots: Iterable[AcceptedShot]) -> InnovationGate:
         """A gate that knows these shots and no others.

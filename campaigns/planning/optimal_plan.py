@@ -28,7 +28,12 @@ from campaigns.design.sample_size import (
 from campaigns.design.tours import balance_approaches, neighbouring_pairs
 from campaigns.errors import PlanInvalid
 from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.information import covariance, marginalise_frame, point_jacobian
+from campaigns.estimation.information import (
+    Uncertainty,
+    covariance,
+    marginalise_frame,
+    point_jacobian,
+)
 from campaigns.estimation.tracker_noise import (
     TrackerUncertainty,
     distance_variance_mm2,
@@ -46,15 +51,13 @@ from campaigns.planning.plans import (
     too_small,
     with_reserve,
 )
-from campaigns.planning.predicted_precision import (
-    WORKSPACE_SAMPLE,
-    PredictedPrecision,
-    not_identifiable,
-)
+from campaigns.planning.predicted_precision import not_identifiable
 from campaigns.robots.robot import RobotFile
 from campaigns.shots.shot_sets import ShotSet
 
 CANDIDATES = 4000
+WORKSPACE_SAMPLE = 1000
+"""Number of poses, drawn for each plan, at which positions are to be known best."""
 PAIRINGS = 6
 """Number of pairings of the candidate poses: so many pairs have as many rows as the shots."""
 
@@ -157,8 +160,8 @@ class OptimalPlan:
     """The plan, and what its making showed."""
 
     shots: tuple[PlannedShot, ...]
-    curve: tuple[PredictedPrecision, ...]
-    """Precision that other numbers of shots would give, this plan's own among them."""
+    curve: tuple[tuple[int, Uncertainty], ...]
+    """Other numbers of shots and what they would give, this plan's own among them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,7 +170,7 @@ class _Choice:
 
     poses: Array
     pairs: Index
-    curve: tuple[PredictedPrecision, ...]
+    curve: tuple[tuple[int, Uncertainty], ...]
 
 
 def make_optimal_plan(
@@ -271,8 +274,8 @@ def _curve(
     units: Array,
     chosen: Index,
     rng: np.random.Generator,
-) -> Iterator[PredictedPrecision]:
-    """Precision that other numbers of measurements would give, the chosen ones among them."""
+) -> Iterator[tuple[int, Uncertainty]]:
+    """What other numbers of measurements would give, the chosen ones among them."""
     fewest = minimum_count(options.candidates, options.step)
     reach = min(CURVE_REACH * max(len(chosen), 2 * fewest), len(options.candidates))
     counts = [
@@ -286,7 +289,7 @@ def _curve(
         matrix = covariance(options.candidates.jacobian(rows))[: len(request.free)]
         shots = len(rows) * options.poses_each
         parameters = matrix[:, : len(request.free)] * options.variance_ratio(rows) ** 2
-        yield PredictedPrecision(shots, request.free, units, parameters)
+        yield shots, Uncertainty.of(request.free, units, parameters, source="predicted")
 
 
 def _next_up(length_mm: float) -> float:

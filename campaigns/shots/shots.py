@@ -1,6 +1,6 @@
 """Measured shots as arrays, for everything that comes after the journal."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from campaigns.robots.robot import pose_row
 from campaigns.shots.pairs import PairRows, pair_rows
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow
+from drivers.values import Pose
 
 TAKEN_UP_RAD = float(np.radians(5.0 / 60.0))
 """A joint that went this far, or what compares, has taken up its gear's lost motion."""
@@ -163,23 +164,52 @@ def held_out(shots: Shots, share: float, rng: np.random.Generator) -> Shots:
 
 def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: Mechanism) -> Shots:
     """Shots of the accepted ones of a series."""
-    count, joints = len(shots), len(mechanism.joints)
-    outcomes = [shot.outcome for shot in shots]
+    asked = [shot.intent for shot in shots]
+    return shots_of_outcomes(
+        [shot.outcome for shot in shots],
+        mechanism,
+        purposes=[ShotSet(intent.purpose) for intent in asked],
+        pairs=[intent.pair for intent in asked],
+        targets=[intent.target for intent in asked],
+        measured_utc=[shot.measured_utc for shot in shots],
+        records=[shot.number for shot in shots],
+        sessions=[shot.session for shot in shots],
+    )
+
+
+def shots_of_outcomes(
+    outcomes: Sequence[Outcome],
+    mechanism: Mechanism,
+    *,
+    purposes: Sequence[ShotSet],
+    pairs: Sequence[int | None],
+    targets: Sequence[Pose],
+    measured_utc: Sequence[str] | None = None,
+    records: Sequence[int] = (),
+    sessions: Sequence[int] = (),
+) -> Shots:
+    """Shots of what was measured for these sets, pairs and poses.
+
+    `records` are places in the journal; without them outcomes stand in the order of time.
+    """
+    count, joints = len(outcomes), len(mechanism.joints)
+    in_journal = tuple(records) if all(records) else ()
+    order = sorted(range(count), key=in_journal.__getitem__) if in_journal else range(count)
     return Shots(
-        numbers=tuple(shot.intent.shot for shot in shots),
-        purposes=tuple(ShotSet(shot.intent.purpose) for shot in shots),
-        pairs=tuple(shot.intent.pair for shot in shots),
+        numbers=tuple(each.shot for each in outcomes),
+        purposes=tuple(purposes),
+        pairs=tuple(pairs),
         joints=np.array([each.joints for each in outcomes]).reshape(count, joints),
         points_in_tracker_mm=_points_mm(outcomes),
         stated_covariance_mm2=_stated_covariance_mm2(outcomes),
-        approach=approach_directions(shots, mechanism.joints),
-        commanded=np.array([pose_row(shot.intent.target) for shot in shots]).reshape(
+        approach=approach_directions(outcomes, order, mechanism.joints),
+        commanded=np.array([pose_row(pose) for pose in targets]).reshape(
             count, len(mechanism.task)
         ),
-        measured_utc=tuple(shot.measured_utc for shot in shots),
+        measured_utc=tuple(measured_utc or [""] * count),
         temperature_degC=np.array([*_air_degC(outcomes)], dtype=np.float64),
-        records=numbers if all(numbers := tuple(shot.number for shot in shots)) else (),
-        session=np.array([shot.session for shot in shots], dtype=np.intp),
+        records=in_journal,
+        session=np.array(sessions, dtype=np.intp),
     )
 
 
@@ -208,18 +238,20 @@ def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
     )
 
 
-def approach_directions(shots: Sequence[AcceptedShot], axes: Sequence[Axis]) -> Array:
+def approach_directions(
+    outcomes: Sequence[Outcome], order: Iterable[int], axes: Sequence[Axis]
+) -> Array:
     """+1 where a joint last moved towards larger values, -1 smaller, 0 where unknown, (N, n).
 
     A joint that hardly moved on the last leg keeps the direction of the shot before, if it stood
-    there when the leg began and was not turned round. Before means before in the journal: a shot
-    measured again comes after others of higher numbers.
+    there when the leg began and was not turned round. Before means before in the `order` of time: a
+    shot measured again comes after others of higher numbers.
     """
     scale = np.array([axis.scale for axis in axes])
-    found = np.zeros((len(shots), len(axes)))
+    found = np.zeros((len(outcomes), len(axes)))
     before, standing = np.zeros(len(axes)), np.full(len(axes), np.nan)
-    for row in sorted(range(len(shots)), key=lambda row: shots[row].number):
-        outcome = shots[row].outcome
+    for row in order:
+        outcome = outcomes[row]
         joints = np.array(outcome.joints)
         if outcome.came_from is not None:
             came_from = np.array(outcome.came_from)

@@ -78,9 +78,11 @@ def _bound(setup: StudySetup, true: Kinematics, poses: Array, points_mm: Array) 
     noise_mm2 = point_covariance_mm2(in_base_axes_mm, setup.options.instrument)
     if setup.estimator is Estimator.POINTS:
         rows = fitted_rows(setup.shots)
-        return predict_points(true, setup.free, joints[rows], poses[rows], noise_mm2[rows]).std
+        found, _ = predict_points(true, setup.free, joints[rows], poses[rows], noise_mm2[rows])
+        return np.sqrt(np.diag(found)[: len(setup.free)])
     variance_mm2 = distance_variance_mm2(in_base_axes_mm, noise_mm2, *pairs.T)
-    return predict_distances(true, setup.free, joints, poses, pairs, variance_mm2).std
+    found, _ = predict_distances(true, setup.free, joints, poses, pairs, variance_mm2)
+    return np.sqrt(np.diag(found))
 
 
 def _row(

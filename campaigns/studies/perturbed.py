@@ -52,10 +52,10 @@ class PerturbedCampaign:
     def least_std(self) -> Array:
         """Standard deviations, (F,), mm and rad, at best: by coordinates of known covariances."""
         rows, poses = self._fitted()
-        found = predict_points(
+        found, _ = predict_points(
             self.true, self.free, self.shots.joints[rows], poses, self.covariance_mm2[rows]
         )
-        return np.asarray(found.std)
+        return np.sqrt(np.diag(found)[: len(self.free)])
 
     def signal(self) -> float:
         """Part of the shift that no parameter and no frame explains, in σ.

@@ -17,14 +17,13 @@ from campaigns.design.criteria import CriterionName
 from campaigns.design.restricted_space import UNRESTRICTED, Rectangle, RestrictedSpace, Zone
 from campaigns.errors import GoalInvalid, OptionsInvalid, PlanInvalid, WriteFailed
 from campaigns.estimation.estimators import Estimator, Model
-from campaigns.estimation.information import PredictedCovariance, predict_points
+from campaigns.estimation.information import Uncertainty, predict_points
+from campaigns.estimation.observability import observability
 from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.options import PlanOptions
 from campaigns.planning.plans import Placement, joints_of, poses_of
 from campaigns.planning.predicted_precision import (
-    PlanPrecision,
-    PrecisionCurvePoint,
-    PredictedPrecision,
+    Forecast,
 )
 from campaigns.shots.shot_sets import ShotSet
 
@@ -51,11 +50,11 @@ def identification(planned):
 
 
 def predicted(planned):
-    return planned.forecast.precision.predicted
+    return planned.forecast.predicted
 
 
 def worst_mm(planned):
-    return predicted(planned).worst_length_mm
+    return predicted(planned).largest("mm")
 
 
 class AskedError(Exception):
@@ -141,7 +140,7 @@ def test_an_optimal_plan_tells_more_than_one_near_the_boundary(campaign):
     best = plan(campaign, PlanOptions(shots=60, seed=1, candidates=800))
     assert len(best.checked.shots) == len(near.checked.shots)
     assert worst_mm(best) < 0.8 * worst_mm(near)
-    mean_mm = [each.forecast.precision.position_std_mm.mean() for each in (best, near)]
+    mean_mm = [each.forecast.position_std_mm.mean() for each in (best, near)]
     assert mean_mm[0] < 0.9 * mean_mm[1]
 
 
@@ -153,12 +152,13 @@ def test_a_plan_for_a_goal_meets_it_by_the_campaigns_tracker(campaign):
     tracker = campaign.config.tracker
     noise = point_covariance_mm2(poses[:, :3] - np.array(tracker.place_mm), campaign.instrument)
     geometry = campaign.nominal.robot.kinematics
-    told = predict_points(geometry, FREE_BY_DEFAULT, joints_of(shots), poses, noise)
+    found, _ = predict_points(geometry, FREE_BY_DEFAULT, joints_of(shots), poses, noise)
     lengths = [n.endswith("_mm") for n in FREE_BY_DEFAULT]
-    assert told.std[lengths].max() <= 0.06
-    assert worst_mm(planned) == pytest.approx(told.std[lengths].max())
+    worst = np.sqrt(np.diag(found)[: len(lengths)])[lengths].max()
+    assert worst <= 0.06
+    assert worst_mm(planned) == pytest.approx(worst)
     assert len(shots) < 60
-    assert len(shots) in {at.predicted.shots for at in planned.forecast.curve}
+    assert len(shots) in {at.shots for at in planned.curve}
 
 
 @pytest.mark.slow
@@ -208,15 +208,15 @@ def test_until_takes_as_many_shots_as_the_full_model_asks_for(campaign):
     goal = PlanOptions(until="σ=0.06", candidates=FEW)
     usual, full = plan(campaign, goal), plan(campaign, replace(goal, model=Model.FULL))
     assert len(identification(usual)) < len(identification(full))
-    std = predicted(full).std_in_file_units
+    std = predicted(full).std()
     assert {*TILTS, *SKEW_NAMES} <= {*std}
     assert max(value for name, value in std.items() if name.endswith("_mm")) <= 0.06
 
 
 def test_a_single_pair_tells_nothing_and_is_a_plan_all_the_same(campaign):
-    precision = plan(campaign, PlanOptions(shots=2)).forecast.precision
-    assert not precision.predicted.full_rank
-    assert set(precision.information.indices.values()) == {0.0}
+    forecast = plan(campaign, PlanOptions(shots=2)).forecast
+    assert not forecast.predicted.full_rank
+    assert set(forecast.seen.indices.values()) == {0.0}
 
 
 @pytest.mark.slow
@@ -274,15 +274,14 @@ def test_what_people_read_names_the_worst_and_says_when_more_shots_stop_paying(c
 
 
 def told_of(shots, names, variances):
-    return PredictedPrecision(shots, names, SPACE.units(names), np.diag(variances))
+    known = Uncertainty.of(names, SPACE.units(names), np.diag(variances), source="predicted")
+    return Forecast(shots, known, np.array([0.001, 0.003]))
 
 
-COVARIANCE = np.diag([4e-4, 1e-8])
-NOTHING_ODD = PlanPrecision(
+NOTHING_ODD = replace(
     told_of(40, ("arm1.x_mm", "arm0.joint_offset_deg"), [4e-4, 1e-8]),
-    PredictedCovariance(COVARIANCE, COVARIANCE, 2, 12.0, {"O1": 0.5}),
-    np.array([0.001, 0.003]),
-    (0.5, 0.5, 0.5, 0.5),
+    seen=observability(np.diag([12.0, 1.0])),
+    from_below=(0.5, 0.5, 0.5, 0.5),
 )
 
 
@@ -305,7 +304,7 @@ def test_the_worst_are_named_with_their_units():
 
 def test_more_shots_stop_paying_where_they_only_average():
     curve = [
-        PrecisionCurvePoint(told_of(shots, ("plate_mm",), [variance]), 0.0)
+        told_of(shots, ("plate_mm",), [variance])
         for shots, variance in ((14, 1.0), (20, 0.2), (40, 0.1), (80, 0.05))
     ]
     assert paying_line(curve).startswith("beyond about 20 shots")
@@ -340,9 +339,9 @@ def test_where_hardly_any_pose_can_be_taken_positions_are_judged_at_the_plans_ow
     campaign, monkeypatch
 ):
     monkeypatch.setattr("campaigns.design.pose_sampling.BATCHES", 40)
-    monkeypatch.setattr("campaigns.planning.predicted_precision.WORKSPACE_SAMPLE", 10**6)
+    monkeypatch.setattr("campaigns.design.pose_sampling.WORKSPACE_POSES", 10**6)
     planned = plan(campaign, PlanOptions(shots=44))
-    assert len(planned.forecast.precision.position_std_mm) == len(planned.checked.shots)
+    assert len(planned.forecast.position_std_mm) == len(planned.checked.shots)
 
 
 def test_a_plate_whose_size_nobody_said_is_warned_of():

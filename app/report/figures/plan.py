@@ -1,6 +1,5 @@
 """Plan: where it measures, how well parameters will be known, what more shots would tell."""
 
-import math
 from collections.abc import Mapping, Sequence
 
 from matplotlib.axes import Axes
@@ -11,7 +10,8 @@ from app.report.figures.drawing import AFTER, BEFORE, QUIET, in_house_style, new
 from app.report.figures.workspace import ROUND_FACTORS, draw_poses
 from campaigns.arrays import Array
 from campaigns.design.restricted_space import RestrictedSpace
-from campaigns.planning.predicted_precision import PrecisionCurvePoint, PredictedPrecision
+from campaigns.estimation.information import Uncertainty
+from campaigns.planning.predicted_precision import Forecast
 from campaigns.shots.shot_sets import ShotSet
 
 POSES_MM, STD_MM, CURVE_MM = 88.0, 58.0, 58.0
@@ -23,12 +23,12 @@ MOST_TICKS = 12
 def plan_picture(
     poses: Array,
     purposes: tuple[ShotSet, ...],
-    predicted: PredictedPrecision,
-    curve: Sequence[PrecisionCurvePoint],
+    forecast: Forecast,
+    curve: Sequence[Forecast],
     space: RestrictedSpace,
 ) -> Figure:
     """Poses (N, t) by what they are for, and zones; σ of parameters, if known; the curve."""
-    heights = [POSES_MM]
+    predicted, heights = forecast.predicted, [POSES_MM]
     heights += [STD_MM] if predicted.full_rank else []
     heights += [CURVE_MM] if curve else []
     figure = new_figure(sum(heights))
@@ -37,13 +37,13 @@ def plan_picture(
     if predicted.full_rank:
         _draw_std(parts.pop(0), predicted)
     if curve:
-        _draw_curve(parts.pop(0), curve, predicted.shots)
+        _draw_curve(parts.pop(0), curve, forecast.shots)
     return figure
 
 
-def _draw_std(figure: FigureBase, predicted: PredictedPrecision) -> None:
+def _draw_std(figure: FigureBase, predicted: Uncertainty) -> None:
     """Bars, lengths and angles each with an axis of their own."""
-    std = predicted.std_in_file_units
+    std = predicted.std()
     kinds = {unit: {n: s for n, s in std.items() if n.endswith(unit)} for unit in ("_mm", "_deg")}
     shown = {unit: values for unit, values in kinds.items() if values}
     widths = [max(len(values), 4) for values in shown.values()]
@@ -59,15 +59,15 @@ def _draw_bars(axes: Axes, values: Mapping[str, float]) -> None:
     axes.grid(visible=False, axis="x")
 
 
-def _draw_curve(figure: FigureBase, curve: Sequence[PrecisionCurvePoint], own: int) -> None:
+def _draw_curve(figure: FigureBase, curve: Sequence[Forecast], own: int) -> None:
     """By number of shots, this plan's own marked, both axes by powers."""
     lengths, angles = figure.subplots(1, 2)
-    shots = [at.predicted.shots for at in curve]
-    worst = [at.predicted.worst_length_mm for at in curve]
+    shots = [at.shots for at in curve]
+    worst = [at.predicted.largest("mm") for at in curve]
     lengths.plot(shots, worst, "o-", color=AFTER, label="worst length")
-    positions = [at.position_mm for at in curve]
+    positions = [at.position_std_mm.mean() for at in curve]
     lengths.plot(shots, positions, "D-", color=BEFORE, label="position, mean")
-    worst_deg = [math.degrees(at.predicted.worst_angle_rad) for at in curve]
+    worst_deg = [at.predicted.largest("deg") for at in curve]
     angles.plot(shots, worst_deg, "o-", color=AFTER, label="worst angle")
     for axes, unit in ((lengths, "mm"), (angles, "deg")):
         axes.axvline(own, color=QUIET, linewidth=0.8, linestyle="--", label="this plan", zorder=1.5)

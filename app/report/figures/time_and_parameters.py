@@ -16,8 +16,8 @@ from app.report.figures.drawing import (
     zero_line,
 )
 from campaigns.arrays import Array
+from campaigns.estimation.information import Uncertainty
 from campaigns.evaluation.time_series import TimeSeries
-from campaigns.identification.result import Covariance
 
 UNITS = (("hours", 3600.0), ("minutes", 60.0), ("seconds", 1.0))
 LEAST_VALUES = 2
@@ -46,7 +46,7 @@ def over_time(courses: Sequence[TimeSeries]) -> Figure:
 
 
 @in_house_style
-def correlation_map(known: Covariance) -> Figure:
+def correlation_map(known: Uncertainty) -> Figure:
     """|ρ| of every two parameters as shades of grey."""
     names, size = known.names, np.abs(known.correlations())
     figure = new_figure(118.0)

@@ -20,13 +20,14 @@ from app.report.results_sections import percent_gained
 from app.terminal_picture import bar, histogram_lines
 from campaigns.errors import WriteFailed
 from campaigns.estimation.estimators import Estimator
+from campaigns.estimation.information import Uncertainty
 from campaigns.evaluation.summary import binned_medians
 from campaigns.evidence import gather
 from campaigns.files.table import number
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import select_parameters
-from campaigns.planning.predicted_precision import PrecisionCurvePoint, PredictedPrecision
+from campaigns.planning.predicted_precision import Forecast
 
 GROUP = PairGroup("fitted pairs", "o", np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.0, -0.1]))
 
@@ -86,9 +87,10 @@ def test_medians_follow_a_rise() -> None:
     assert len(places) == 6
 
 
-def expected(shots: int, *names: str, std: float = 0.01) -> PredictedPrecision:
+def expected(shots: int, *names: str, std: float = 0.01) -> Forecast:
     units = MECHANISM.parameters.units(names)
-    return PredictedPrecision(shots, names, units, std**2 * np.eye(len(names)))
+    known = Uncertainty.of(names, units, std**2 * np.eye(len(names)), source="predicted")
+    return Forecast(shots, known, np.array([0.002]))
 
 
 ANGLE = "arm0.joint_offset_deg"
@@ -111,7 +113,7 @@ def test_the_plan_is_drawn_in_the_format_of_the_name(
         (KNOWN, [], ["identification", "arm1.x", "predicted σ, deg"], ["worst length"]),
         (
             KNOWN,
-            [PrecisionCurvePoint(expected(shots, "plate_mm", ANGLE), 0.002) for shots in (12, 24)],
+            [expected(shots, "plate_mm", ANGLE) for shots in (12, 24)],
             ["worst length", "position, mean", "worst angle", "this plan", ">24<"],
             [],
         ),
@@ -122,8 +124,8 @@ def test_the_plan_is_drawn_in_the_format_of_the_name(
 def test_the_plans_picture_shows_what_is_known_of_it(
     whole: PaperCampaign,
     tmp_path: Path,
-    told: PredictedPrecision,
-    curve: list[PrecisionCurvePoint],
+    told: Forecast,
+    curve: list[Forecast],
     shown: list[str],
     hidden: list[str],
 ) -> None:

@@ -6,13 +6,12 @@ from target_cases import TARGETS
 
 from campaigns.controllers.calibrated_workspace import CalibratedWorkspace
 from campaigns.controllers.corrected_targets import (
-    PositionPrecision,
     TargetCorrection,
     correction_mm,
 )
 from campaigns.design.restricted_space import Rectangle, RestrictedSpace, Zone
 from campaigns.errors import ShotsMissing
-from campaigns.estimation.information import position_std_mm, workspace_jacobian
+from campaigns.estimation.information import Uncertainty, position_std_mm, workspace_jacobian
 from campaigns.mechanisms.catalog import MECHANISMS
 
 MEMBERS = pytest.mark.parametrize("member", TARGETS, ids=lambda each: each.name)
@@ -79,16 +78,17 @@ def test_poses_in_a_zone_to_keep_out_of_are_refused():
 
 
 @MEMBERS
-def test_the_precision_is_that_of_the_workspace(member):
+def test_the_uncertainty_is_that_of_the_workspace(member):
     """At the shots' own poses it is what plans and identifications say of positions."""
     free = member.space.free_by_default
     robot, poses = member.perturbed, member.poses(60)
     rng = np.random.default_rng(3)
     root = 1e-3 * rng.standard_normal((len(free), len(free)))
-    precision = PositionPrecision(robot, free, root @ root.T, poses)
+    known = Uncertainty.of(free, member.space.units(free), root @ root.T)
+    correction = correction_of(member, uncertainty=known, measured=poses)
     expected = position_std_mm(workspace_jacobian(robot, free, poses), root @ root.T)
-    np.testing.assert_allclose(precision.std_mm(poses), expected, rtol=1e-6)
-    alone = precision.std_mm(poses[4:5])
+    np.testing.assert_allclose(correction.std_mm(poses), expected, rtol=1e-6)
+    alone = correction.std_mm(poses[4:5])
     np.testing.assert_allclose(alone, expected[4:5], rtol=1e-6)
 
 

@@ -11,7 +11,7 @@ from campaigns.design.sample_size import (
     curve_counts,
     design_curve,
     diminishing_returns_from,
-    largest_std_of_design,
+    evaluate,
     minimal_design,
 )
 
@@ -37,7 +37,7 @@ def point(case, criterion, count):
 def test_found_number_meets_the_goal_and_the_next_smaller_tried_does_not(case, criterion):
     found = minimal_design(case.candidates, criterion, 0.03, 200, 2, rng())
     tried = {point.count: point.worst_length_mm for point in found.tried}
-    assert largest_std_of_design(case.candidates, found.least.chosen)[0] <= 0.03
+    assert evaluate(case.candidates, found.least.chosen).worst_length_mm <= 0.03
     assert found.least.count % 2 == 0
     assert tried[found.least.count - 2] > 0.03
 
@@ -46,7 +46,7 @@ def test_found_number_meets_the_goal_and_the_next_smaller_tried_does_not(case, c
 def test_number_cannot_be_much_too_large(case, criterion):
     found = minimal_design(case.candidates, criterion, 0.03, 200, 2, rng())
     fewer = optimal_design(case.candidates, criterion, found.least.count - 6, rng())
-    assert largest_std_of_design(case.candidates, fewer.chosen)[0] > 0.03
+    assert evaluate(case.candidates, fewer.chosen).worst_length_mm > 0.03
 
 
 def test_goal_that_the_fewest_shots_meet_takes_the_fewest_shots(case, criterion):
@@ -100,7 +100,7 @@ def test_pure_averaging_is_seen_from_the_start():
     )
 
 
-def test_lengths_and_angles_are_told_apart():
+def test_the_worst_length_is_sought_among_lengths():
     candidates = anything(50, 1, 3, seed=2)
     renamed = type(candidates)(
         candidates.jacobians,
@@ -112,4 +112,4 @@ def test_lengths_and_angles_are_told_apart():
     std = np.sqrt(
         np.diag(np.linalg.inv(renamed.jacobian(everything).T @ renamed.jacobian(everything)))
     )
-    assert largest_std_of_design(renamed, everything) == pytest.approx((max(std[:2]), std[2]))
+    assert evaluate(renamed, everything).worst_length_mm == pytest.approx(max(std[:2]))

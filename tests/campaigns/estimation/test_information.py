@@ -1,5 +1,7 @@
 """What shots tell so far, against the covariance of a fit that knows nothing of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from par4_cases import NOMINAL, TABLE1, measured_points, reachable_joints
@@ -11,6 +13,7 @@ from campaigns.estimation.incremental_fit import PRIOR_LENGTH_MM, IncrementalGau
 from campaigns.estimation.information import (
     MINIMUM_DOF,
     STATED_DOF,
+    WorkspaceSample,
     chi_square_test,
     covariance_from_distances,
     covariance_from_points,
@@ -49,7 +52,7 @@ def seen_after(shots, measured_mm):
     running = IncrementalGaussNewton(NOMINAL, FREE_BY_DEFAULT)
     for row in range(shots):
         running.add(JOINTS[row], measured_mm[row])
-    return running.linearized
+    return running.linearized(FREE_BY_DEFAULT)
 
 
 def fitted(shots, measured_mm):
@@ -64,36 +67,49 @@ def judged(fit):
     return np.sqrt(np.diag(covariance)), np.sqrt(fit.residual @ fit.residual / dof)
 
 
-def std(told):
-    return np.sqrt(np.diag(told.covariance))
+def told_by_points(shots, measured_mm, covariance_mm2=None):
+    """σ of the parameters, and the test of the noise."""
+    covariance = stated(shots) if covariance_mm2 is None else covariance_mm2
+    found = covariance_from_points(replace(seen_after(shots, measured_mm), stated_mm2=covariance))
+    return None if found is None else (std_of(found[0]), found[1])
+
+
+def told_by_distances(measured_mm, pairs=PAIRS):
+    seen = replace(seen_after(SHOTS, measured_mm), stated_mm2=stated(SHOTS))
+    found = covariance_from_distances(seen, measured_mm, pairs)
+    return None if found is None else (std_of(found[0]), found[1])
+
+
+def std_of(covariance):
+    return np.sqrt(np.diag(covariance))
 
 
 @pytest.mark.parametrize("shots", [20, 40, 80])
 def test_points_tell_what_a_fit_of_them_alone_would(shots):
     measured_mm = points_mm()
-    told = covariance_from_points(seen_after(shots, measured_mm), stated(shots))
+    std, noise = told_by_points(shots, measured_mm)
     as_stated, scatter = fitted(shots, measured_mm)
-    np.testing.assert_allclose(told.birge_ratio, scatter, rtol=1e-3)
-    np.testing.assert_allclose(std(told), as_stated, rtol=5e-3)
+    np.testing.assert_allclose(noise.birge_ratio, scatter, rtol=1e-3)
+    np.testing.assert_allclose(std, as_stated, rtol=5e-3)
 
 
 def test_a_scatter_that_may_be_chance_changes_no_deviation():
     measured_mm = points_mm(1.15)
-    told = covariance_from_points(seen_after(SHOTS, measured_mm), stated(SHOTS))
-    assert told.birge_ratio > 1.05
-    assert told.sigma0 == 1.0
+    _, noise = told_by_points(SHOTS, measured_mm)
+    assert noise.birge_ratio > 1.05
+    assert noise.sigma0 == 1.0
 
 
 @pytest.mark.parametrize("scatter", [5.0, 0.1])
 def test_distances_are_as_sure_as_their_own_scatter_says(scatter):
     """Whether that is more or less than stated, when it cannot be as stated."""
-    told = covariance_from_distances(seen_after(SHOTS, points_mm(scatter)), stated(SHOTS), PAIRS)
+    _, told = told_by_distances(points_mm(scatter))
     assert told.sigma0 == told.birge_ratio == pytest.approx(scatter, rel=0.3)
 
 
 @pytest.mark.parametrize("scatter", [1.3, 0.7])
 def test_stated_noise_counts_as_a_prior_on_the_scatter_of_distances(scatter):
-    told = covariance_from_distances(seen_after(SHOTS, points_mm(scatter)), stated(SHOTS), PAIRS)
+    _, told = told_by_distances(points_mm(scatter))
     dof = len(PAIRS) - COUNT
     pooled = (STATED_DOF + dof * told.birge_ratio**2) / (STATED_DOF + dof)
     assert told.sigma0 == pytest.approx(pooled**0.5)
@@ -115,21 +131,19 @@ def test_without_any_residual_nothing_tells_the_variance_of_distances():
 @pytest.mark.parametrize("scatter", [3.0, 30.0])
 def test_shots_that_scatter_more_than_stated_make_every_deviation_so_much_larger(scatter):
     measured_mm = points_mm(scatter)
-    told = covariance_from_points(seen_after(SHOTS, measured_mm), stated(SHOTS))
-    assert told.birge_ratio == pytest.approx(scatter, rel=0.2)
+    std, noise = told_by_points(SHOTS, measured_mm)
+    assert noise.birge_ratio == pytest.approx(scatter, rel=0.2)
     as_stated, found = fitted(SHOTS, measured_mm)
-    np.testing.assert_allclose(std(told), as_stated * found, rtol=0.02)
+    np.testing.assert_allclose(std, as_stated * found, rtol=0.02)
 
 
 def test_shots_that_scatter_less_than_stated_are_not_believed_more():
     exact, noisy = points_mm(0.0), points_mm(0.5)
-    still, quiet = (
-        covariance_from_points(seen_after(SHOTS, m), stated(SHOTS)) for m in (exact, noisy)
-    )
-    assert still.birge_ratio < 0.01
-    assert quiet.birge_ratio == pytest.approx(0.5, rel=0.2)
-    np.testing.assert_allclose(std(still), std(quiet), rtol=1e-3)
-    np.testing.assert_allclose(std(still), fitted(SHOTS, exact)[0], rtol=1e-3)
+    (still, none), (quiet, some) = (told_by_points(SHOTS, each) for each in (exact, noisy))
+    assert none.birge_ratio < 0.01
+    assert some.birge_ratio == pytest.approx(0.5, rel=0.2)
+    np.testing.assert_allclose(still, quiet, rtol=1e-3)
+    np.testing.assert_allclose(still, fitted(SHOTS, exact)[0], rtol=1e-3)
 
 
 def test_nothing_of_the_running_fits_priors_is_in_it():
@@ -137,15 +151,15 @@ def test_nothing_of_the_running_fits_priors_is_in_it():
     shots = 14
     measured_mm = points_mm(0.0)
     huge = 1e4 * stated(shots)
-    told = covariance_from_points(seen_after(shots, measured_mm), huge)
-    assert std(told).max() > 3.0 * PRIOR_LENGTH_MM
+    std, _ = told_by_points(shots, measured_mm, huge)
+    assert std.max() > 3.0 * PRIOR_LENGTH_MM
 
 
 def test_fewer_shots_than_show_their_scatter_tell_nothing():
     measured_mm = points_mm()
     fewest = -(-(COUNT + 6 + MINIMUM_DOF) // 3)
-    assert covariance_from_points(seen_after(fewest - 1, measured_mm), stated(fewest - 1)) is None
-    assert covariance_from_points(seen_after(fewest, measured_mm), stated(fewest)) is not None
+    assert told_by_points(fewest - 1, measured_mm) is None
+    assert told_by_points(fewest, measured_mm) is not None
 
 
 def test_shots_that_cannot_tell_all_parameters_tell_nothing():
@@ -154,29 +168,28 @@ def test_shots_that_cannot_tell_all_parameters_tell_nothing():
     running = IncrementalGaussNewton(NOMINAL, FREE_BY_DEFAULT)
     for joint, point_mm in zip(joints[:36], measured_mm[:36], strict=True):
         running.add(joint, point_mm)
-    seen = running.linearized.taken(np.arange(36))
-    assert covariance_from_points(seen, stated(36)) is None
+    seen = running.linearized(FREE_BY_DEFAULT)
+    assert covariance_from_points(replace(seen, stated_mm2=stated(36))) is None
 
 
 def test_a_covariance_that_cannot_be_tells_nothing():
     broken = stated(SHOTS).copy()
     broken[7] = np.diag([1e-4, -1e-4, 1e-4])
-    assert covariance_from_points(seen_after(SHOTS, points_mm()), broken) is None
+    assert told_by_points(SHOTS, points_mm(), broken) is None
 
 
 def test_distances_tell_what_a_fit_of_them_alone_would():
     measured_mm = points_mm(2.0)
-    told = covariance_from_distances(seen_after(SHOTS, measured_mm), stated(SHOTS), PAIRS)
+    std, _ = told_by_distances(measured_mm)
     first, second = PAIRS.T
     lengths = np.linalg.norm(measured_mm[second] - measured_mm[first], axis=1)
     model = PositionModel(NOMINAL, FREE, JOINTS)
     by_mm, spread_mm = judged(solve(DistanceResiduals.in_mm(model, first, second, lengths)))
-    np.testing.assert_allclose(std(told), by_mm * spread_mm, rtol=0.02)
+    np.testing.assert_allclose(std, by_mm * spread_mm, rtol=0.02)
 
 
 def test_no_pairs_tell_nothing():
-    none = np.empty((0, 2), dtype=np.intp)
-    assert covariance_from_distances(seen_after(SHOTS, points_mm()), stated(SHOTS), none) is None
+    assert told_by_distances(points_mm(), np.empty((0, 2), dtype=np.intp)) is None
 
 
 def problem(measured_mm, shots=SHOTS):
@@ -204,7 +217,7 @@ def test_a_fit_to_the_end_leaves_outliers_out():
     """One shot 2 mm aside makes all the others look a hundred times worse; not so here."""
     measured_mm = points_mm()
     measured_mm[17, 1] += 2.0
-    at_once = covariance_from_points(seen_after(SHOTS, measured_mm), stated(SHOTS))
+    _, at_once = told_by_points(SHOTS, measured_mm)
     told = fitted_to_the_end(measured_mm)
     assert at_once.birge_ratio > 5.0
     assert told.noise.birge_ratio < 1.3
@@ -220,7 +233,8 @@ def monitor():
         for number, (pose, joints) in enumerate(shots)
     }
     setup = EstimationSetup(Estimator.POINTS, FREE_BY_DEFAULT, TrackerUncertainty())
-    return PrecisionMonitor(planned, NOMINAL, setup, np.zeros((1, 3, COUNT)))
+    sample = WorkspaceSample.of(NOMINAL, FREE_BY_DEFAULT, poses)
+    return PrecisionMonitor(planned, NOMINAL, setup, poses, sample)
 
 
 def outcomes(shots, measured_mm):

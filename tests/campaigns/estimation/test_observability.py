@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from par4_cases import LIMITS, NOMINAL, reachable_joints
 from par4_space import FREE_BY_DEFAULT, NAMES, indices
 
-from campaigns.estimation.information import correlations, covariance
+from campaigns.estimation.information import covariance
 from campaigns.estimation.observability import observability, unobservable_combinations
 from campaigns.estimation.residuals import DistanceResiduals, PositionModel
 from campaigns.evaluation.summary import spread
@@ -127,11 +127,6 @@ def test_covariance_of_sixty_pairs_is_the_explicit_inverse():
 def test_lost_rank_has_no_covariance():
     with pytest.raises(np.linalg.LinAlgError, match="rank 25 of 29"):
         covariance(distance_jacobian(NAMES))
-
-
-def test_correlations_have_ones_on_the_diagonal_and_the_sign_of_the_covariance():
-    matrix = np.array([[4.0, -3.0], [-3.0, 9.0]])
-    assert correlations(matrix) == pytest.approx(np.array([[1.0, -0.5], [-0.5, 1.0]]))
 
 
 def test_spread_tells_mean_rms_and_largest():

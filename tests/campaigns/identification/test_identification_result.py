@@ -20,8 +20,8 @@ from tested_journal import plain_journal
 from campaigns.controllers.export import latest_identification
 from campaigns.errors import FindingUnreadable
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
+from campaigns.estimation.information import Uncertainty
 from campaigns.identification.result import (
-    Covariance,
     Frame,
     RecordedIdentification,
     read_identification,
@@ -90,7 +90,7 @@ def test_document_of_a_lost_rank_has_no_infinity() -> None:
 def test_document_without_degrees_of_freedom_has_neither_p_nor_covariance() -> None:
     told = document(simulated(22, 5, seed=3), Estimator.DISTANCES, weights=Weights.EQUAL)
     assert (told["chi2"]["p"], told["chi2"]["believable"], told["chi2"]["scale"]) == (None,) * 3
-    assert told["covariance"] == {"names": [], "matrix": []}
+    assert (told["covariance"]["names"], told["covariance"]["matrix"]) == ([], [])
     assert told["correlations"] == []
     assert told["position_std_mm"] is None
     assert json.dumps(told, allow_nan=False)
@@ -220,9 +220,9 @@ def test_the_frame_that_is_told_is_the_trackers_place() -> None:
 
 
 def test_strongest_correlations_are_the_first_of_all_by_size() -> None:
-    known = Covariance(("a", "b", "c"), ((4.0, -1.8, 0.2), (-1.8, 1.0, 0.1), (0.2, 0.1, 1.0)))
+    known = Uncertainty(("a", "b", "c"), ((4.0, -1.8, 0.2), (-1.8, 1.0, 0.1), (0.2, 0.1, 1.0)))
     assert [(each.a, each.b) for each in known.strongest(2)] == [("a", "b"), ("a", "c")]
     assert known.strongest(3, least=0.5)[0].value == pytest.approx(-0.9)
     assert len(known.strongest(3, least=0.5)) == 1
     assert known.std() == {"a": 2.0, "b": 1.0, "c": 1.0}
-    assert Covariance((), ()).strongest(3) == ()
+    assert Uncertainty((), ()).strongest(3) == ()

@@ -140,7 +140,8 @@ def test_a_goal_that_the_shots_scatter_too_much_for_is_not_met(tmp_path: Path) -
         assert not goals_met(journal)
         known = until(SHARPER_MM).known_from(shots)
     assert numbers(shots) == ALL
-    assert known.length_std_mm > SHARPER_MM > known.length_std_mm / known.scale
+    assert known.length_std_mm > SHARPER_MM > known.length_std_mm / known.scatter
+    assert known.is_widened
     assert known.scatter == pytest.approx(3.0, rel=0.3)
 
 

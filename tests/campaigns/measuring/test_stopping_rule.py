@@ -33,7 +33,7 @@ PLAN = make_plan(
 
 def knowing(shots=PLAN, estimator=Estimator.POINTS) -> PrecisionMonitor:
     robot, setup = RobotModel(NOMINAL, LIMITS, CENTRE), replace(SETUP, estimator=estimator)
-    return PrecisionMonitor.of_plan(shots, robot, setup, np.random.default_rng(1))
+    return PrecisionMonitor.of_plan(shots, robot, setup)
 
 
 @pytest.mark.parametrize(("goal_mm", "met"), [(0.0198, True), (0.02, True), (0.0197, False)])

@@ -10,6 +10,7 @@ from campaigns.design.pose_sampling import workspace_poses
 from campaigns.errors import PlanInvalid
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import (
+    WorkspaceSample,
     distance_jacobian,
     marginalise_frame,
     point_jacobian,
@@ -35,11 +36,9 @@ from campaigns.planning.plans import (
 )
 from campaigns.planning.predicted_precision import (
     EstimationSetup,
-    PrecisionCurvePoint,
-    PredictedPrecision,
-    identifiable_workspace,
     plan_approach_shares,
-    predict_precision,
+    plan_forecast,
+    require_identifiable,
 )
 from campaigns.robots.robot import find_robot
 from campaigns.shots.shot_sets import ShotSet
@@ -73,18 +72,18 @@ def poses():
 
 @pytest.fixture(scope="module")
 def rows(poses):
-    return identifiable_workspace(GEOMETRY, FREE_BY_DEFAULT, poses)
+    return WorkspaceSample.of(GEOMETRY, FREE_BY_DEFAULT, poses)
 
 
 def test_positions_scatter_as_predicted_when_parameters_do(plan, rows, poses):
     """Parameters drawn from what is predicted, poses by the forward model, frame by a best fit."""
-    forecast = predict_precision(plan, GEOMETRY, TRACKER_MM, MEANS, rows)
+    forecast = plan_forecast(plan, GEOMETRY, TRACKER_MM, MEANS, rows)
     rng, joints = np.random.default_rng(3), GEOMETRY.inverse(poses).values_or_raise()
-    draws = rng.multivariate_normal(np.zeros(22), forecast.predicted.covariance, 300)
+    draws = rng.multivariate_normal(np.zeros(22), forecast.predicted.array, 300)
     squares = np.zeros(len(poses))
     for draw in draws:
         vector = GEOMETRY.p.copy()
-        vector[indices(FREE_BY_DEFAULT)] += draw
+        vector[indices(FREE_BY_DEFAULT)] += draw * SPACE.units(FREE_BY_DEFAULT)
         points = par4_of(vector).forward(joints, poses).values_or_raise()[:, :3]
         fitted = fit_transform(points, poses[:, :3]).apply(points)
         squares += np.sum((fitted - poses[:, :3]) ** 2, axis=1)
@@ -109,55 +108,42 @@ def rows_of(plan, estimator):
 
 @pytest.mark.parametrize("means", [MEANS, BY_DISTANCES], ids=lambda means: means.estimator)
 def test_covariance_rank_and_condition_are_of_one_estimator(plan, rows, means):
-    forecast = predict_precision(plan, GEOMETRY, TRACKER_MM, means, rows)
+    forecast = plan_forecast(plan, GEOMETRY, TRACKER_MM, means, rows)
     seen = rows_of(plan, means.estimator)
     alone = np.linalg.inv(seen.T @ seen)
-    assert forecast.predicted.std == pytest.approx(np.sqrt(np.diag(alone)), rel=1e-6)
-    assert forecast.information.std == pytest.approx(forecast.predicted.std, rel=1e-12)
-    assert forecast.information.rank == 22
-    assert forecast.information.condition == pytest.approx(observability(seen).condition, rel=1e-6)
-    assert forecast.predicted.shots == 60
+    std = np.sqrt(np.diag(alone)) / SPACE.units(FREE_BY_DEFAULT)
+    assert [*forecast.predicted.std().values()] == pytest.approx(std, rel=1e-6)
+    assert forecast.seen.rank == 22
+    assert forecast.seen.condition == pytest.approx(observability(seen).condition, rel=1e-6)
+    assert forecast.shots == 60
 
 
 def test_validation_and_drift_shots_tell_nothing(plan, rows):
     alone = [shot for shot in plan if shot.purpose is ShotSet.IDENTIFICATION]
     for means in (MEANS, BY_DISTANCES):
-        whole = predict_precision(plan, GEOMETRY, TRACKER_MM, means, rows)
-        part = predict_precision(alone, GEOMETRY, TRACKER_MM, means, rows)
-        assert whole.predicted.std == pytest.approx(part.predicted.std, rel=1e-12)
+        whole = plan_forecast(plan, GEOMETRY, TRACKER_MM, means, rows)
+        part = plan_forecast(alone, GEOMETRY, TRACKER_MM, means, rows)
+        assert whole.predicted.std() == pytest.approx(part.predicted.std(), rel=1e-12)
 
 
 def test_a_nearer_tracker_tells_more(plan, rows):
-    far = predict_precision(plan, GEOMETRY, 2.0 * TRACKER_MM, MEANS, rows)
-    near = predict_precision(plan, GEOMETRY, TRACKER_MM, MEANS, rows)
-    assert near.predicted.worst_length_mm < 0.8 * far.predicted.worst_length_mm
+    far = plan_forecast(plan, GEOMETRY, 2.0 * TRACKER_MM, MEANS, rows)
+    near = plan_forecast(plan, GEOMETRY, TRACKER_MM, MEANS, rows)
+    assert near.predicted.largest("mm") < 0.8 * far.predicted.largest("mm")
 
 
 @pytest.mark.parametrize(("means", "shots"), [(MEANS, 12), (BY_DISTANCES, 40)])
 def test_too_few_shots_tell_nothing_for_sure(rows, means, shots):
-    forecast = predict_precision(planned(shots), GEOMETRY, TRACKER_MM, means, rows)
+    forecast = plan_forecast(planned(shots), GEOMETRY, TRACKER_MM, means, rows)
     assert not forecast.predicted.full_rank
-    assert forecast.information.rank < 22
-    assert set(forecast.predicted.std_in_file_units.values()) == {np.inf}
+    assert forecast.seen.rank < 22
+    assert set(forecast.predicted.std().values()) == {np.inf}
     assert np.isinf(forecast.position_std_mm).all()
-
-
-def test_worst_length_and_worst_angle_are_found_each_among_its_own():
-    names = ("arm1.x_mm", "arm1.joint_offset_deg", "plate_mm")
-    expected = PredictedPrecision(20, names, SPACE.units(names), np.diag([0.04, 0.01, 0.09]))
-    assert (expected.worst_length_mm, expected.worst_angle_rad) == pytest.approx((0.3, 0.1))
-    assert expected.std_in_file_units["arm1.joint_offset_deg"] == pytest.approx(np.degrees(0.1))
-
-
-def test_a_point_of_the_curve_has_the_mean_over_the_workspace(plan, rows):
-    forecast = predict_precision(plan, GEOMETRY, TRACKER_MM, MEANS, rows)
-    point = PrecisionCurvePoint.of(forecast.predicted, rows)
-    assert point.position_mm == pytest.approx(forecast.position_std_mm.mean())
 
 
 def test_parameters_that_no_position_tells_apart_are_named(poses):
     with pytest.raises(PlanInvalid, match=r"arm0\.x_mm, .*arm3\.x_mm move together.*--fix"):
-        identifiable_workspace(GEOMETRY, ("arm0.x_mm", *FREE_BY_DEFAULT), poses)
+        require_identifiable(WorkspaceSample.of(GEOMETRY, ("arm0.x_mm", *FREE_BY_DEFAULT), poses))
 
 
 def at(number, purpose, *joints):

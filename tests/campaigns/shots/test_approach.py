@@ -20,7 +20,8 @@ ARCMIN = np.radians(1.0 / 60.0)
 
 
 def directions_of(shots):
-    return approach_directions(shots, PAR4.joints)
+    order = sorted(range(len(shots)), key=lambda row: shots[row].number)
+    return approach_directions([shot.outcome for shot in shots], order, PAR4.joints)
 
 
 def shot(number, joints, came_from, record=None):
