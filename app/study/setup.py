@@ -201,7 +201,7 @@ def _judging(
     return replace(
         setup,
         options=replace(setup.options, workspace=workspace),
-        beyond_model=RodRobots(scenario.robot, datum_sample(robot.kinematics)),
+        beyond_model=RodRobots(scenario.robot, datum_sample(campaign.robot.kinematics)),
         models=models,
         model=method.model,
     )
