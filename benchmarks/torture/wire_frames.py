@@ -25,6 +25,7 @@ from drivers.wire.emscon_messages import (
     SingleResult,
     SingleResult2,
     StatusChange,
+    codes_of,
 )
 from drivers.wire.framing import LineFramer, PacketFramer
 from sim.geometry import PAR4
@@ -49,7 +50,7 @@ class Wire:
 def example(kind: type[Body]) -> Body:
     """A body in which no two fields are alike."""
     values = {"i": 7, "d": 0.5, "v": (1.5, -2.5, 3.5), "s": "CCR-1.5in"}
-    return kind(*(values[code] for code in kind.LAYOUT))
+    return kind(*(values[code] for code in codes_of(kind)))
 
 
 UNASKED = (ErrorResponse, StatusChange, ReflectorPosition, SingleResult, SingleResult2)

@@ -10,32 +10,14 @@ from drivers.link import Link, LinkClient
 from drivers.polling import ask_until
 from drivers.ports import Clock
 from drivers.transport import Transport
-from drivers.wire.emscon import (
-    NOTHING,
-    Answer,
-    EmsconRequest,
-    FromServer,
-    FromServerFramer,
-    OtherPacket,
-    encode,
-)
+from drivers.wire import emscon as wire
+from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon_constants import (
     Command,
     ResultStatus,
     SystemChange,
     TrackerLight,
     status_text,
-)
-from drivers.wire.emscon_messages import (
-    Body,
-    ErrorResponse,
-    Nothing,
-    ReflectorEntry,
-    ReflectorPosition,
-    SingleResult,
-    SingleResult2,
-    StatusChange,
-    TrackerStatus,
 )
 
 NOT_READY: Mapping[int, str] = {
@@ -121,17 +103,13 @@ SETTINGS = frozenset(
 )
 """Changes that would make the next result mean something else."""
 STATES = frozenset(
-    {
-        Command.GET_SYSTEM_STATUS,
-        Command.GET_TRACKER_STATUS,
-        Command.GET_MEASUREMENT_STATUS_INFO,
-    }
+    {Command.GET_SYSTEM_STATUS, Command.GET_TRACKER_STATUS, Command.GET_MEASUREMENT_STATUS_INFO}
 )
 SETTINGS_COMMANDS = frozenset(c for c in Command if c.name.startswith(("GET_", "SET_")))
 """Commands whose error is not about a measurement; one that names a motion or nothing may be."""
 
-BodyType = TypeVar("BodyType", bound=Body)
-Result = SingleResult | SingleResult2
+BodyType = TypeVar("BodyType", bound=bodies.Body)
+Result = bodies.SingleResult | bodies.SingleResult2
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,11 +132,11 @@ class Ending:
     In seconds of the instrument's clock, from before the question was sent.
     """
 
-    message: Result | ErrorResponse
+    message: Result | bodies.ErrorResponse
     after_s: float
 
 
-class EmsconClient(LinkClient[FromServer]):
+class EmsconClient(LinkClient[wire.FromServer]):
     """Commands and their answers over one connection; any fault of the wire closes it.
 
     Closing never sends ExitApplication: it would end the tracker's server. `instrument_clock` is
@@ -175,7 +153,7 @@ class EmsconClient(LinkClient[FromServer]):
     ) -> None:
         link = Link(
             transport,
-            FromServerFramer(),
+            wire.FromServerFramer(),
             clock_s=clock.now_s,
             is_event=_comes_unasked,
             keeps=self._hear,
@@ -197,39 +175,39 @@ class EmsconClient(LinkClient[FromServer]):
         self,
         command: Command,
         answer: type[BodyType],
-        body: Body = NOTHING,
+        body: bodies.Body = wire.NOTHING,
         *,
         within_s: float | None = None,
     ) -> BodyType:
         """Return a command's answer; raises `DeviceRefused` when the tracker says no."""
-        reply = self._exchange(EmsconRequest(command, body), within_s)
+        reply = self._exchange(wire.EmsconRequest(command, body), within_s)
         if reply.status != ResultStatus.ALL_OK:
             raise refused(self.name, command.title, reply.status)
         return _body_of(reply, answer)
 
     def ask_or_none(
-        self, command: Command, answer: type[BodyType], body: Body = NOTHING
+        self, command: Command, answer: type[BodyType], body: bodies.Body = wire.NOTHING
     ) -> BodyType | None:
         """Return a command's answer, or None from a tracker that refuses it or lacks it."""
-        reply = self._exchange(EmsconRequest(command, body), None)
+        reply = self._exchange(wire.EmsconRequest(command, body), None)
         return None if reply.status != ResultStatus.ALL_OK else _body_of(reply, answer)
 
     def tell(
-        self, command: Command, body: Body = NOTHING, *, within_s: float | None = None
+        self, command: Command, body: bodies.Body = wire.NOTHING, *, within_s: float | None = None
     ) -> None:
         """Give a command whose answer is bare; raises `DeviceRefused`."""
-        self.ask(command, Nothing, body, within_s=within_s)
+        self.ask(command, bodies.Nothing, body, within_s=within_s)
 
     def attempt(
-        self, command: Command, body: Body = NOTHING, *, within_s: float | None = None
+        self, command: Command, body: bodies.Body = wire.NOTHING, *, within_s: float | None = None
     ) -> int:
         """Give a command and return the status of its answer."""
-        return self._exchange(EmsconRequest(command, body), within_s).status
+        return self._exchange(wire.EmsconRequest(command, body), within_s).status
 
-    def reflectors(self) -> list[ReflectorEntry]:
+    def reflectors(self) -> list[bodies.ReflectorEntry]:
         """Return every reflector; the tracker sends one answer for each."""
         self.drain()
-        entries = [self.ask(Command.GET_REFLECTORS, ReflectorEntry)]
+        entries = [self.ask(Command.GET_REFLECTORS, bodies.ReflectorEntry)]
         total = entries[0].total
         if total > MOST_REFLECTORS:
             raise self._wrong(f"it claims {total} reflectors, at most {MOST_REFLECTORS} are read")
@@ -237,7 +215,7 @@ class EmsconClient(LinkClient[FromServer]):
             reply = self._link.await_event(
                 _is_reflector, within_s=self._deadlines.answer_s, what="the list of reflectors"
             )
-            entries.append(_body_of(reply, ReflectorEntry))
+            entries.append(_body_of(reply, bodies.ReflectorEntry))
         return entries[: max(total, 0)]
 
     def start_measurement(self) -> int:
@@ -250,7 +228,9 @@ class EmsconClient(LinkClient[FromServer]):
         message = self._link.await_event(
             _ends_measurement, within_s=within_s, what="the measurement"
         )
-        assert isinstance(message, SingleResult | SingleResult2 | ErrorResponse)
+        assert isinstance(
+            message, bodies.SingleResult | bodies.SingleResult2 | bodies.ErrorResponse
+        )
         assert self._first_end_s is not None, "whatever ends a measurement was heard"
         return Ending(message, self._first_end_s - self._asked_s)
 
@@ -261,7 +241,7 @@ class EmsconClient(LinkClient[FromServer]):
         """
         light = ask_until(
             lambda light: light != TrackerLight.BUSY,
-            lambda: self.ask(Command.GET_TRACKER_STATUS, TrackerStatus).light,
+            lambda: self.ask(Command.GET_TRACKER_STATUS, bodies.TrackerStatus).light,
             self._clock,
             give_up_s=self._clock.now_s() + self._deadlines.busy_s,
             pause_s=BUSY_PAUSE_S,
@@ -304,7 +284,7 @@ class EmsconClient(LinkClient[FromServer]):
             self._settings_in_doubt = True
             raise
 
-    def _taken(self) -> list[FromServer]:
+    def _taken(self) -> list[wire.FromServer]:
         """Empty the queue of events; raises `DeviceRefused` for another program's tracker."""
         events = self._link.events()
         self._first_end_s = None
@@ -313,7 +293,7 @@ class EmsconClient(LinkClient[FromServer]):
             raise refused(self.name, "the connection", OTHER_CLIENT)
         return events
 
-    def _hear(self, event: FromServer) -> bool:
+    def _hear(self, event: wire.FromServer) -> bool:
         """Latch what an event says at its arrival, and tell whether it is worth queueing."""
         self._settings_in_doubt |= _may_change_settings(event)
         self.passed_over += _is_passed_over(event)
@@ -322,7 +302,9 @@ class EmsconClient(LinkClient[FromServer]):
             self._first_end_s = self._instrument_clock.now_s()
         return ends or _is_reflector(event)
 
-    def _exchange(self, request: EmsconRequest, within_s: float | None) -> Answer | ErrorResponse:
+    def _exchange(
+        self, request: wire.EmsconRequest, within_s: float | None
+    ) -> wire.Answer | bodies.ErrorResponse:
         """Ask, and ask again while the tracker is busy with something else."""
         return ask_until(
             lambda reply: reply.status != ResultStatus.SERVER_BUSY,
@@ -332,15 +314,17 @@ class EmsconClient(LinkClient[FromServer]):
             pause_s=BUSY_PAUSE_S,
         )
 
-    def _once(self, request: EmsconRequest, within_s: float) -> Answer | ErrorResponse:
+    def _once(
+        self, request: wire.EmsconRequest, within_s: float
+    ) -> wire.Answer | bodies.ErrorResponse:
         self._asked_s = self._instrument_clock.now_s()
         reply = self._link.ask(
-            encode(request),
+            wire.encode(request),
             answers=lambda message: _is_answer(message, request.command),
             within_s=within_s,
             what=request.command.title,
         )
-        assert isinstance(reply, Answer | ErrorResponse)
+        assert isinstance(reply, wire.Answer | bodies.ErrorResponse)
         return reply
 
     def _wrong(self, problem: str) -> WireError:
@@ -348,62 +332,62 @@ class EmsconClient(LinkClient[FromServer]):
         return WireError(f"{self.name}: {problem}")
 
 
-def _body_of(reply: FromServer, kind: type[BodyType]) -> BodyType:
-    assert isinstance(reply, Answer)
+def _body_of(reply: wire.FromServer, kind: type[BodyType]) -> BodyType:
+    assert isinstance(reply, wire.Answer)
     assert isinstance(reply.body, kind)  # the grammar ties a command to its answer
     return reply.body
 
 
-def _is_answer(message: FromServer, command: Command) -> bool:
-    if isinstance(message, ErrorResponse) and message.status != ResultStatus.ALL_OK:
+def _is_answer(message: wire.FromServer, command: Command) -> bool:
+    if isinstance(message, bodies.ErrorResponse) and message.status != ResultStatus.ALL_OK:
         return message.command == command or _is_other_client(message)
-    return isinstance(message, Answer) and message.command == command
+    return isinstance(message, wire.Answer) and message.command == command
 
 
-def _comes_unasked(message: FromServer) -> bool:
+def _comes_unasked(message: wire.FromServer) -> bool:
     """Whether it is an event; of a list's answers all but the first come unasked."""
-    return not isinstance(message, Answer) or _is_reflector(message) or _is_state(message)
+    return not isinstance(message, wire.Answer) or _is_reflector(message) or _is_state(message)
 
 
-def _is_state(message: FromServer) -> bool:
+def _is_state(message: wire.FromServer) -> bool:
     """Whether it answers a question about the tracker's state, which changes nothing if unasked.
 
     Asked for, it is an answer; an earlier one that came unasked is gone by then.
     """
-    return isinstance(message, Answer) and message.command in STATES
+    return isinstance(message, wire.Answer) and message.command in STATES
 
 
-def _is_passed_over(message: FromServer) -> bool:
-    return _is_state(message) or (isinstance(message, OtherPacket) and not message.is_known)
+def _is_passed_over(message: wire.FromServer) -> bool:
+    return _is_state(message) or (isinstance(message, wire.OtherPacket) and not message.is_known)
 
 
-def _is_reflector(message: FromServer) -> bool:
+def _is_reflector(message: wire.FromServer) -> bool:
     return (
-        isinstance(message, Answer)
+        isinstance(message, wire.Answer)
         and message.command == Command.GET_REFLECTORS
         and message.status == ResultStatus.ALL_OK
     )
 
 
-def _ends_measurement(message: FromServer) -> bool:
+def _ends_measurement(message: wire.FromServer) -> bool:
     """Whether it is a result, or an error that is none of a setting's or a question's."""
-    if isinstance(message, ErrorResponse):
+    if isinstance(message, bodies.ErrorResponse):
         is_about_it = message.command not in SETTINGS_COMMANDS or _is_other_client(message)
         return is_about_it and message.status != ResultStatus.ALL_OK
-    return isinstance(message, SingleResult | SingleResult2)
+    return isinstance(message, bodies.SingleResult | bodies.SingleResult2)
 
 
-def _may_change_settings(message: FromServer) -> bool:
+def _may_change_settings(message: wire.FromServer) -> bool:
     """Tell events after which settings must be read back: changes, and streams that we never want.
 
     A stream of positions or of continuous results shows that somebody switched it on.
     """
-    if isinstance(message, StatusChange):
+    if isinstance(message, bodies.StatusChange):
         return message.code in SETTINGS
-    if isinstance(message, OtherPacket):
+    if isinstance(message, wire.OtherPacket):
         return message.is_known
-    return isinstance(message, ReflectorPosition)
+    return isinstance(message, bodies.ReflectorPosition)
 
 
-def _is_other_client(message: FromServer) -> bool:
-    return isinstance(message, ErrorResponse) and message.status == OTHER_CLIENT
+def _is_other_client(message: wire.FromServer) -> bool:
+    return isinstance(message, bodies.ErrorResponse) and message.status == OTHER_CLIENT

@@ -6,42 +6,19 @@ from difflib import get_close_matches
 from drivers.emscon.client import EmsconClient
 from drivers.errors import DeviceNotReady, DeviceRefused
 from drivers.session import changed, require_kept
-from drivers.wire.emscon_constants import (
-    AngleUnit,
-    Command,
-    CoordinateSystemType,
-    HumidityUnit,
-    LaserStatus,
-    LengthUnit,
-    Mode,
-    PressureUnit,
-    ProcessorStatus,
-    Statistics,
-    TemperatureUnit,
-)
-from drivers.wire.emscon_messages import (
-    CoordinateSystem,
-    MeasurementMode,
-    Nothing,
-    ReflectorChoice,
-    ReflectorEntry,
-    SearchParams,
-    StationaryMode,
-    StatisticMode,
-    SystemSettings,
-    SystemStatus,
-    Units,
-)
+from drivers.wire import emscon_constants as constants
+from drivers.wire import emscon_messages as bodies
+from drivers.wire.emscon_constants import Command, LaserStatus
 
-UNITS = Units(
-    LengthUnit.MILLIMETRE,
-    AngleUnit.DEGREE,
-    TemperatureUnit.CELSIUS,
-    PressureUnit.MILLIBAR,
-    HumidityUnit.RELATIVE_PERCENT,
+UNITS = bodies.Units(
+    constants.LengthUnit.MILLIMETRE,
+    constants.AngleUnit.DEGREE,
+    constants.TemperatureUnit.CELSIUS,
+    constants.PressureUnit.MILLIBAR,
+    constants.HumidityUnit.RELATIVE_PERCENT,
 )
-CARTESIAN = CoordinateSystem(CoordinateSystemType.RIGHT_HANDED_RECTANGULAR)
-STATIONARY = MeasurementMode(Mode.STATIONARY)
+CARTESIAN = bodies.CoordinateSystem(constants.CoordinateSystemType.RIGHT_HANDED_RECTANGULAR)
+STATIONARY = bodies.MeasurementMode(constants.Mode.STATIONARY)
 ADM_ON = 1
 
 LASER_REMEDIES: dict[int, str] = {
@@ -74,12 +51,12 @@ class Preparation:
 class EmsconSettings:
     """Settings that decide what the numbers of a result mean, as read back."""
 
-    units: Units
-    coordinate_system: CoordinateSystem
-    measurement_mode: MeasurementMode
-    stationary_mode: StationaryMode
-    reflector: ReflectorChoice
-    switches: SystemSettings
+    units: bodies.Units
+    coordinate_system: bodies.CoordinateSystem
+    measurement_mode: bodies.MeasurementMode
+    stationary_mode: bodies.StationaryMode
+    reflector: bodies.ReflectorChoice
+    switches: bodies.SystemSettings
 
 
 def set_up(client: EmsconClient, wanted: Preparation, *, initialise_s: float) -> EmsconSettings:
@@ -92,13 +69,13 @@ def set_up(client: EmsconClient, wanted: Preparation, *, initialise_s: float) ->
     client.tell(Command.SET_COORDINATE_SYSTEM_TYPE, CARTESIAN)
     _initialise(client, initialise_s)
     identifier = _identifier(client, wanted.reflector)
-    client.tell(Command.SET_REFLECTOR, ReflectorChoice(identifier))
+    client.tell(Command.SET_REFLECTOR, bodies.ReflectorChoice(identifier))
     client.tell(Command.SET_MEASUREMENT_MODE, STATIONARY)
     time_ms = round(wanted.measuring_time_s * 1e3)
-    client.tell(Command.SET_STATIONARY_MODE_PARAMS, StationaryMode(time_ms, ADM_ON))
+    client.tell(Command.SET_STATIONARY_MODE_PARAMS, bodies.StationaryMode(time_ms, ADM_ON))
     _set_statistics(client)
     timeout_ms = round(wanted.search.timeout_s * 1e3)
-    client.tell(Command.SET_SEARCH_PARAMS, SearchParams(wanted.search.radius_mm, timeout_ms))
+    client.tell(Command.SET_SEARCH_PARAMS, bodies.SearchParams(wanted.search.radius_mm, timeout_ms))
     _set_switches(client)
     settings = read_settings(client)
     _require_kept(client.name, settings, identifier)
@@ -109,12 +86,12 @@ def set_up(client: EmsconClient, wanted: Preparation, *, initialise_s: float) ->
 def read_settings(client: EmsconClient) -> EmsconSettings:
     """Read back everything that decides what a result means."""
     return EmsconSettings(
-        client.ask(Command.GET_UNITS, Units),
-        client.ask(Command.GET_COORDINATE_SYSTEM_TYPE, CoordinateSystem),
-        client.ask(Command.GET_MEASUREMENT_MODE, MeasurementMode),
-        client.ask(Command.GET_STATIONARY_MODE_PARAMS, StationaryMode),
-        client.ask(Command.GET_REFLECTOR, ReflectorChoice),
-        client.ask(Command.GET_SYSTEM_SETTINGS, SystemSettings),
+        client.ask(Command.GET_UNITS, bodies.Units),
+        client.ask(Command.GET_COORDINATE_SYSTEM_TYPE, bodies.CoordinateSystem),
+        client.ask(Command.GET_MEASUREMENT_MODE, bodies.MeasurementMode),
+        client.ask(Command.GET_STATIONARY_MODE_PARAMS, bodies.StationaryMode),
+        client.ask(Command.GET_REFLECTOR, bodies.ReflectorChoice),
+        client.ask(Command.GET_SYSTEM_SETTINGS, bodies.SystemSettings),
     )
 
 
@@ -131,7 +108,7 @@ def require_unchanged(client: EmsconClient, agreed: EmsconSettings) -> None:
             )
 
 
-def require_laser(where: str, status: SystemStatus) -> None:
+def require_laser(where: str, status: bodies.SystemStatus) -> None:
     """Raise `DeviceNotReady` while the laser cannot be used."""
     if is_warm(status):
         return
@@ -141,18 +118,18 @@ def require_laser(where: str, status: SystemStatus) -> None:
     )
 
 
-def is_warm(status: SystemStatus) -> bool:
+def is_warm(status: bodies.SystemStatus) -> bool:
     """Whether the laser can be used."""
     return status.laser_status not in LASER_REMEDIES
 
 
-def is_initialised(status: SystemStatus) -> bool:
+def is_initialised(status: bodies.SystemStatus) -> bool:
     """Whether the tracker has climbed its start-up ladder to the end."""
-    return status.processor_status == ProcessorStatus.INITIALIZED
+    return status.processor_status == constants.ProcessorStatus.INITIALIZED
 
 
 def _initialise(client: EmsconClient, within_s: float) -> None:
-    status = client.ask(Command.GET_SYSTEM_STATUS, SystemStatus)
+    status = client.ask(Command.GET_SYSTEM_STATUS, bodies.SystemStatus)
     require_laser(client.name, status)
     if not is_initialised(status):
         client.tell(Command.INITIALIZE, within_s=within_s)
@@ -169,7 +146,7 @@ def _identifier(client: EmsconClient, name: str) -> int:
     )
 
 
-def _named_instead(name: str, entries: list[ReflectorEntry]) -> str:
+def _named_instead(name: str, entries: list[bodies.ReflectorEntry]) -> str:
     if not entries:
         return "define the reflector in the tracker's own software"
     known = [entry.name for entry in entries]
@@ -181,13 +158,13 @@ def _named_instead(name: str, entries: list[ReflectorEntry]) -> str:
 
 def _set_statistics(client: EmsconClient) -> None:
     """Ask for covariances; an instrument without them answers with standard deviations alone."""
-    extended = StatisticMode(Statistics.EXTENDED, Statistics.EXTENDED)
-    client.ask_or_none(Command.SET_STATISTIC_MODE, Nothing, extended)
+    extended = bodies.StatisticMode(constants.Statistics.EXTENDED, constants.Statistics.EXTENDED)
+    client.ask_or_none(Command.SET_STATISTIC_MODE, bodies.Nothing, extended)
 
 
 def _set_switches(client: EmsconClient) -> None:
     """Ask for points in the instrument's own frame; the weather station stays as it is."""
-    present = client.ask(Command.GET_SYSTEM_SETTINGS, SystemSettings)
+    present = client.ask(Command.GET_SYSTEM_SETTINGS, bodies.SystemSettings)
     wanted = replace(
         present,
         apply_transformation=0,

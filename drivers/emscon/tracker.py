@@ -5,6 +5,7 @@ from math import cos, isfinite, radians, sin
 
 from drivers.byte_log import WireReading, meanings
 from drivers.declaration import Surroundings, TrackerDriver
+from drivers.emscon import setup
 from drivers.emscon.client import (
     OTHER_CLIENT,
     EmsconClient,
@@ -14,17 +15,6 @@ from drivers.emscon.client import (
     failed_with_beam,
 )
 from drivers.emscon.own_result import OwnResult
-from drivers.emscon.setup import (
-    UNITS,
-    EmsconSettings,
-    Preparation,
-    SearchArea,
-    is_initialised,
-    is_warm,
-    require_laser,
-    require_unchanged,
-    set_up,
-)
 from drivers.errors import BeamBroken, DeviceRefused, NoReflector, NotAMeasurement, WireError
 from drivers.link import never
 from drivers.plausible import require, require_point, require_weather
@@ -43,13 +33,8 @@ from drivers.values import (
     Weather,
     is_positive_definite,
 )
-from drivers.wire.emscon import (
-    NOTHING,
-    FromServerFramer,
-    encode,
-    parse_from_client,
-    parse_from_server,
-)
+from drivers.wire import emscon as wire
+from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon_constants import (
     SENSOR_NAMES,
     Command,
@@ -57,21 +42,6 @@ from drivers.wire.emscon_constants import (
     ResultStatus,
     StatusBit,
     TrackerLight,
-)
-from drivers.wire.emscon_messages import (
-    ApproximateDistance,
-    BeamTarget,
-    Body,
-    Direction,
-    Environment,
-    ErrorResponse,
-    MeasurementStatusInfo,
-    ReflectorChoice,
-    SingleResult,
-    SingleResult2,
-    SystemStatus,
-    TrackerInfo,
-    TrackerStatus,
 )
 from drivers.wire.framing import PacketFramer
 
@@ -83,7 +53,7 @@ SMALLEST_DETERMINANT = 1e-9
 REMEDY = "measure again; if it comes back, look at the tracker's own status"
 
 
-def measurement_of(where: str, result: SingleResult | SingleResult2) -> Measurement:
+def measurement_of(where: str, result: bodies.SingleResult | bodies.SingleResult2) -> Measurement:
     """Interpret a result in mm, °C and hPa; raises `DeviceRefused` for one that is no data."""
     _require_stationary(where, result)
     air = Weather(result.temperature, result.pressure, result.humidity)
@@ -93,7 +63,7 @@ def measurement_of(where: str, result: SingleResult | SingleResult2) -> Measurem
         point_in_tracker_mm=result.point,
         covariance_mm2=_covariance(where, result),
         weather=air,
-        raw=encode(result).hex(),
+        raw=wire.encode(result).hex(),
     )
 
 
@@ -103,14 +73,14 @@ def measurement_said(raw: str) -> tuple[Vector3, Matrix3]:
         packet = bytes.fromhex(raw)
     except ValueError as error:
         raise WireError(f"no packet in hexadecimal digits: {raw!r:.80}") from error
-    found = FromServerFramer().feed(packet)
-    if len(found) != 1 or not isinstance(found[0], SingleResult | SingleResult2):
+    found = wire.FromServerFramer().feed(packet)
+    if len(found) != 1 or not isinstance(found[0], bodies.SingleResult | bodies.SingleResult2):
         raise WireError(f"no single measurement: {raw!r:.80}")
     measured = measurement_of("the tracker", found[0])
     return measured.point_in_tracker_mm, measured.covariance_mm2
 
 
-def _require_stationary(where: str, result: SingleResult | SingleResult2) -> None:
+def _require_stationary(where: str, result: bodies.SingleResult | bodies.SingleResult2) -> None:
     if result.mode != Mode.STATIONARY or result.is_trial:
         raise DeviceRefused(
             f"{where}: a result of mode {result.mode}, trial {result.is_trial}, "
@@ -119,7 +89,7 @@ def _require_stationary(where: str, result: SingleResult | SingleResult2) -> Non
         )
 
 
-def _covariance(where: str, result: SingleResult | SingleResult2) -> Matrix3:
+def _covariance(where: str, result: bodies.SingleResult | bodies.SingleResult2) -> Matrix3:
     """Return the larger by trace of the observed and the a-priori covariance.
 
     The observed one is the scatter within this measurement and may be smaller than what the
@@ -129,7 +99,7 @@ def _covariance(where: str, result: SingleResult | SingleResult2) -> Matrix3:
         if isfinite(value) and value > 0.0:  # zeros and no numbers are fields that were left out
             require(where, SIGMA, value)
     observed, apriori = NO_COVARIANCE, NO_COVARIANCE
-    if isinstance(result, SingleResult2):
+    if isinstance(result, bodies.SingleResult2):
         observed, apriori = result.covariance, result.apriori_covariance
     candidates = [_matrix(result.std, observed), _matrix(result.apriori_std, apriori)]
     best = max((matrix for matrix in candidates if matrix), key=_trace, default=None)
@@ -186,7 +156,7 @@ class EmsconTracker:
         *,
         clock: Clock,
         deadlines: EmsconDeadlines = EmsconDeadlines(),  # noqa: B008 - frozen
-        search: SearchArea = SearchArea(),  # noqa: B008 - frozen
+        search: setup.SearchArea = setup.SearchArea(),  # noqa: B008 - frozen
         cancelled: Callable[[], bool] = never,
         instrument_clock: Clock | None = None,
     ) -> None:
@@ -224,12 +194,12 @@ class EmsconTracker:
     def state(self) -> TrackerState:
         """Ask for the traffic light, start-up, beam and the reflector in use."""
         client = self._session.connection
-        status = client.ask(Command.GET_SYSTEM_STATUS, SystemStatus)
+        status = client.ask(Command.GET_SYSTEM_STATUS, bodies.SystemStatus)
         readiness = self._readiness()
         return TrackerState(
             readiness=readiness,
-            initialised=is_initialised(status),
-            laser_warm=is_warm(status),
+            initialised=setup.is_initialised(status),
+            laser_warm=setup.is_warm(status),
             beam_locked=readiness is not Readiness.NOT_READY and self._sees_reflector(),
             reflector=self._reflector_in_use(),
             packets_passed_over=client.passed_over,
@@ -238,7 +208,7 @@ class EmsconTracker:
     def weather(self) -> Weather:
         """Ask for the air as the instrument takes it to be."""
         client = self._session.connection
-        found = client.ask(Command.GET_ENVIRONMENT_PARAMS, Environment)
+        found = client.ask(Command.GET_ENVIRONMENT_PARAMS, bodies.Environment)
         air = Weather(found.temperature, found.pressure, found.humidity)
         require_weather(client.name, air)
         return air
@@ -255,7 +225,7 @@ class EmsconTracker:
 
         Raises `DeviceNotReady` while it isn't warm and for a reflector that it doesn't know.
         """
-        self._session.prepare(Preparation(reflector, measuring_time_s, self._search))
+        self._session.prepare(setup.Preparation(reflector, measuring_time_s, self._search))
 
     def measure(self) -> Measurement:
         """Take one stationary measurement; raises `BeamBroken` when the reflector is lost.
@@ -264,20 +234,20 @@ class EmsconTracker:
         result cannot be of this measurement.
         """
         client, wanted, agreed = self._session.prepared()
-        require_unchanged(client, agreed)
+        setup.require_unchanged(client, agreed)
         if status := client.start_measurement():
             error = self._failure(Command.START_MEASUREMENT.title, status)
             if isinstance(error, BeamBroken):
                 raise NoReflector(error.problem, remedy=error.remedy, code=error.code)
             raise error
         result = self._result(client, wanted.measuring_time_s)
-        require_unchanged(client, agreed)
+        setup.require_unchanged(client, agreed)
         return measurement_of(client.name, result)
 
     def direction(self) -> Vector3 | None:
         """Ask where the beam points, a unit vector; None from a tracker that doesn't tell."""
         client = self._session.connection
-        found = client.ask_or_none(Command.GET_DIRECTION, Direction)
+        found = client.ask_or_none(Command.GET_DIRECTION, bodies.Direction)
         if found is None or not (isfinite(found.horizontal) and isfinite(found.vertical)):
             return None
         hz, zenith = radians(found.horizontal), radians(found.vertical)
@@ -285,11 +255,11 @@ class EmsconTracker:
 
     def go_to(self, point_in_tracker_mm: Vector3) -> None:
         """Point there and lock on; raises `BeamBroken` when no reflector is found near."""
-        self._move(Command.GO_POSITION, BeamTarget(point_in_tracker_mm, ADM_ON))
+        self._move(Command.GO_POSITION, bodies.BeamTarget(point_in_tracker_mm, ADM_ON))
 
     def find_reflector(self, distance_mm: float) -> None:
         """Search around the present direction; raises `BeamBroken` when there is none."""
-        self._move(Command.FIND_REFLECTOR, ApproximateDistance(distance_mm))
+        self._move(Command.FIND_REFLECTOR, bodies.ApproximateDistance(distance_mm))
 
     def _opened(self) -> EmsconClient:
         client = EmsconClient(
@@ -304,11 +274,11 @@ class EmsconTracker:
 
     def _greet(self, client: EmsconClient) -> Identity:
         client.drain()
-        client.tell(Command.SET_UNITS, UNITS)
+        client.tell(Command.SET_UNITS, setup.UNITS)
         return _identity(client)
 
-    def _set_up(self, client: EmsconClient, wanted: Preparation) -> EmsconSettings:
-        return set_up(client, wanted, initialise_s=self._deadlines.initialise_s)
+    def _set_up(self, client: EmsconClient, wanted: setup.Preparation) -> setup.EmsconSettings:
+        return setup.set_up(client, wanted, initialise_s=self._deadlines.initialise_s)
 
     def _is_connected_again(self, give_up_s: float) -> bool:
         """Whether the tracker is open again, or still holds our old connection."""
@@ -329,7 +299,7 @@ class EmsconTracker:
         except NotAMeasurement:
             client.abandon_measurement()
             raise
-        if isinstance(result, ErrorResponse) or result.status != ResultStatus.ALL_OK:
+        if isinstance(result, bodies.ErrorResponse) or result.status != ResultStatus.ALL_OK:
             client.abandon_measurement()
             raise self._failure(Command.START_MEASUREMENT.title, result.status)
         client.may_hear_old_results = False
@@ -339,9 +309,9 @@ class EmsconTracker:
         """Tell whether the tracker's seconds are known: a simulated one's may be shorter."""
         return self._instrument_clock is not None or self._session.identity.model != SIMULATED
 
-    def _move(self, command: Command, body: Body = NOTHING) -> None:
+    def _move(self, command: Command, body: bodies.Body = wire.NOTHING) -> None:
         client, wanted, agreed = self._session.prepared()
-        require_unchanged(client, agreed)
+        setup.require_unchanged(client, agreed)
         within_s = self._deadlines.motion_s + wanted.search.timeout_s
         if status := client.attempt(command, body, within_s=within_s):
             raise self._failure(command.title, status)
@@ -354,24 +324,24 @@ class EmsconTracker:
         beam_lost = self._readiness() is Readiness.NOT_READY
         error = failed_with_beam(client.name, doing, status, beam_lost=beam_lost)
         if isinstance(error, BeamBroken):
-            system = client.ask(Command.GET_SYSTEM_STATUS, SystemStatus)
-            require_laser(client.name, system)
-            if not is_initialised(system):
+            system = client.ask(Command.GET_SYSTEM_STATUS, bodies.SystemStatus)
+            setup.require_laser(client.name, system)
+            if not setup.is_initialised(system):
                 raise self._session.not_ready("is not initialised any more")
         return error
 
     def _readiness(self) -> Readiness:
-        light = self._session.connection.ask(Command.GET_TRACKER_STATUS, TrackerStatus).light
+        light = self._session.connection.ask(Command.GET_TRACKER_STATUS, bodies.TrackerStatus).light
         return READINESS.get(light, Readiness.NOT_READY)
 
     def _sees_reflector(self) -> bool:
         info = self._session.connection.ask_or_none(
-            Command.GET_MEASUREMENT_STATUS_INFO, MeasurementStatusInfo
+            Command.GET_MEASUREMENT_STATUS_INFO, bodies.MeasurementStatusInfo
         )
         return info is None or bool(info.bits & StatusBit.REFLECTOR_FOUND)
 
     def _reflector_in_use(self) -> str:
-        choice = self._session.connection.ask_or_none(Command.GET_REFLECTOR, ReflectorChoice)
+        choice = self._session.connection.ask_or_none(Command.GET_REFLECTOR, bodies.ReflectorChoice)
         if choice is None:
             return ""
         names = {entry.identifier: entry.name for entry in self.reflectors()}
@@ -379,7 +349,7 @@ class EmsconTracker:
 
 
 def _identity(client: EmsconClient) -> Identity:
-    status = client.ask(Command.GET_SYSTEM_STATUS, SystemStatus)
+    status = client.ask(Command.GET_SYSTEM_STATUS, bodies.SystemStatus)
     return Identity(
         vendor="Leica",
         model=_model(client),
@@ -390,7 +360,7 @@ def _identity(client: EmsconClient) -> Identity:
 
 
 def _model(client: EmsconClient) -> str:
-    info = client.ask_or_none(Command.GET_TRACKER_INFO, TrackerInfo)
+    info = client.ask_or_none(Command.GET_TRACKER_INFO, bodies.TrackerInfo)
     if info is None:
         return "laser tracker"
     return SENSOR_NAMES.get(info.sensor_type) or info.name or f"sensor {info.sensor_type}"
@@ -407,8 +377,8 @@ def _made(given: Surroundings, instrument_clock: Clock | None) -> EmsconTracker:
 
 def _reading() -> WireReading:
     return WireReading(
-        meanings(PacketFramer().feed, lambda packet: parse_from_client(packet).describe()),
-        meanings(PacketFramer().feed, lambda packet: parse_from_server(packet).describe()),
+        meanings(PacketFramer().feed, lambda packet: wire.parse_from_client(packet).describe()),
+        meanings(PacketFramer().feed, lambda packet: wire.parse_from_server(packet).describe()),
     )
 
 

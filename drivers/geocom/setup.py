@@ -8,18 +8,9 @@ from math import isclose
 from drivers.errors import DeviceNotReady, DeviceRefused
 from drivers.geocom.client import GeocomClient, number, numbers, text, whole, wholes
 from drivers.session import changed, require_kept
+from drivers.wire import geocom_constants as constants
 from drivers.wire.geocom import parse_words
-from drivers.wire.geocom_constants import (
-    INCLINATION_AUTO,
-    PRISMS,
-    USER_PRISM,
-    USER_PRISMS,
-    Capability,
-    EdmMode,
-    Program,
-    Rpc,
-    TargetType,
-)
+from drivers.wire.geocom_constants import Program, Rpc
 
 ON, OFF = 1, 0
 ORIGIN = (0.0, 0.0, 0.0)
@@ -64,12 +55,12 @@ def known_prisms(client: GeocomClient) -> list[NamedPrism]:
     """Return the instrument's own prisms, and the one in use if its operator defined it."""
     standard = [
         NamedPrism(kind, name)
-        for kind in PRISMS
-        if kind not in USER_PRISMS
+        for kind in constants.PRISMS
+        if kind not in constants.USER_PRISMS
         and (name := client.ask_or_none(Rpc.BAP_GET_PRISM_DEF, _first_text, kind)) is not None
     ]
     in_use = prism_in_use(client)
-    own = [] if in_use is None or in_use.kind not in USER_PRISMS else [in_use]
+    own = [] if in_use is None or in_use.kind not in constants.USER_PRISMS else [in_use]
     return [*standard, *own]
 
 
@@ -82,7 +73,7 @@ def choose_prism(client: GeocomClient, name: str) -> None:
     """Use the prism of that name; raises `DeviceNotReady` when there is none."""
     known = known_prisms(client)
     standard = [prism.kind for prism in known if prism.name == name]
-    if standard and standard[0] not in USER_PRISMS:
+    if standard and standard[0] not in constants.USER_PRISMS:
         client.tell(Rpc.BAP_SET_PRISM_TYPE, standard[0])
         return
     if not _knows_user_prism(client, name):
@@ -90,7 +81,7 @@ def choose_prism(client: GeocomClient, name: str) -> None:
             f"{client.name}: the instrument has no prism '{name}'",
             remedy=_named_instead(name, [prism.name for prism in known]),
         )
-    client.tell(Rpc.BAP_SET_PRISM_TYPE_2, USER_PRISM, name)
+    client.tell(Rpc.BAP_SET_PRISM_TYPE_2, constants.USER_PRISM, name)
 
 
 def _knows_user_prism(client: GeocomClient, name: str) -> bool:
@@ -124,9 +115,9 @@ def set_up(client: GeocomClient, prism: str) -> GeocomSettings:
     aim by itself.
     """
     _require_robotic(client)
-    client.tell(Rpc.TMC_DO_MEASURE, Program.CLEAR, INCLINATION_AUTO)
-    client.attempt(Rpc.BAP_SET_TARGET_TYPE, TargetType.REFLECTOR)
-    client.attempt(Rpc.TMC_SET_EDM_MODE, EdmMode.SINGLE_STANDARD)
+    client.tell(Rpc.TMC_DO_MEASURE, Program.CLEAR, constants.INCLINATION_AUTO)
+    client.attempt(Rpc.BAP_SET_TARGET_TYPE, constants.TargetType.REFLECTOR)
+    client.attempt(Rpc.TMC_SET_EDM_MODE, constants.EdmMode.SINGLE_STANDARD)
     choose_prism(client, prism)
     _set_own_frame(client)
     client.tell(Rpc.AUS_SET_USER_ATR_STATE, ON)
@@ -162,7 +153,7 @@ def _require_robotic(client: GeocomClient) -> None:
     kind = read_kind(client)
     if kind is None:
         return
-    needed = Capability.MOTORISED | Capability.TARGET_RECOGNITION
+    needed = constants.Capability.MOTORISED | constants.Capability.TARGET_RECOGNITION
     if kind.capabilities & needed != needed:
         raise DeviceRefused(
             f"{client.name}: the instrument has no motors or no target recognition "
@@ -185,7 +176,7 @@ def _require_kept(client: GeocomClient, settings: GeocomSettings, prism: str) ->
     kept = {
         "station": not any(settings.station),
         "target height": settings.target_height == 0.0,
-        "target type": settings.target_type in {None, TargetType.REFLECTOR},
+        "target type": settings.target_type in {None, constants.TargetType.REFLECTOR},
         "scale": settings.scale is None or _is_neutral(settings.scale),
         "prism": in_use is None or in_use.name == prism,
     }

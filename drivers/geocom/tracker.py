@@ -9,28 +9,9 @@ from dataclasses import dataclass
 
 from drivers.byte_log import WireReading, meanings
 from drivers.declaration import Surroundings, TrackerDriver
+from drivers.geocom import measuring, setup
 from drivers.geocom.accuracy import Accuracy, accuracy_of_class, covariance_mm2
 from drivers.geocom.client import GeocomClient, GeocomDeadlines, text, whole, wholes
-from drivers.geocom.measuring import (
-    is_locked,
-    lock_if_in_view,
-    measure_point,
-    point_said,
-    require_lock,
-    require_prism,
-    search,
-    telescope_direction,
-    turn_to,
-    weather_set,
-)
-from drivers.geocom.setup import (
-    GeocomSettings,
-    known_prisms,
-    prism_in_use,
-    read_kind,
-    require_unchanged,
-    set_up,
-)
 from drivers.link import never
 from drivers.ports import Clock
 from drivers.session import PreparedSession
@@ -56,7 +37,7 @@ FIRST_TRANSACTIONS = (1000, 30_000)
 class _Agreement:
     """Agreement on how the instrument was prepared, and what its points are then worth."""
 
-    settings: GeocomSettings
+    settings: setup.GeocomSettings
     accuracy: Accuracy
 
 
@@ -113,7 +94,7 @@ class GeocomTracker:
         A total station has neither start-up nor warm-up that GeoCOM tells of.
         """
         client = self._session.connection
-        locked, prism = is_locked(client), prism_in_use(client)
+        locked, prism = measuring.is_locked(client), setup.prism_in_use(client)
         return TrackerState(
             readiness=Readiness.READY if locked else Readiness.NOT_READY,
             initialised=True,
@@ -124,14 +105,14 @@ class GeocomTracker:
 
     def weather(self) -> Weather:
         """Ask for the air as the operator has set it: the instrument measures none itself."""
-        return weather_set(self._session.connection)
+        return measuring.weather_set(self._session.connection)
 
     def reflectors(self) -> tuple[Reflector, ...]:
         """Ask for the prisms that the instrument has definitions for.
 
         GeoCOM knows no offset from a prism to a surface; it is told as 0.
         """
-        prisms = known_prisms(self._session.connection)
+        prisms = setup.known_prisms(self._session.connection)
         return tuple(Reflector(prism.name, prism.kind, 0.0) for prism in prisms)
 
     def prepare(self, reflector: str, measuring_time_s: float) -> None:  # noqa: ARG002 - see below
@@ -149,31 +130,31 @@ class GeocomTracker:
         when its distance was not measured anew.
         """
         client, _, agreed = self._session.prepared()
-        require_prism(client, "measuring")
-        found = measure_point(client, self._distance_at_ms)
+        measuring.require_prism(client, "measuring")
+        found = measuring.measure_point(client, self._distance_at_ms)
         self._distance_at_ms = found.distance_at_ms
-        require_lock(client, "measuring")
-        require_unchanged(client, agreed.settings)
+        measuring.require_lock(client, "measuring")
+        setup.require_unchanged(client, agreed.settings)
         return Measurement(
             point_in_tracker_mm=found.point_mm,
             covariance_mm2=covariance_mm2(found.point_mm, agreed.accuracy, warned=found.warned),
-            weather=weather_set(client),
+            weather=measuring.weather_set(client),
             raw=found.raw,
         )
 
     def direction(self) -> Vector3 | None:
         """Ask where the telescope points, a unit vector; None when it cannot tell."""
-        return telescope_direction(self._session.connection)
+        return measuring.telescope_direction(self._session.connection)
 
     def go_to(self, point_in_tracker_mm: Vector3) -> None:
         """Turn there and follow the prism found near; raises `BeamBroken` when there is none."""
         client, *_ = self._session.prepared()
-        turn_to(client, point_in_tracker_mm, SEARCH_RADIUS_MM)
+        measuring.turn_to(client, point_in_tracker_mm, SEARCH_RADIUS_MM)
 
     def find_reflector(self, distance_mm: float) -> None:
         """Search around the present direction; raises `BeamBroken` when there is none."""
         client, *_ = self._session.prepared()
-        search(client, distance_mm, SEARCH_RADIUS_MM)
+        measuring.search(client, distance_mm, SEARCH_RADIUS_MM)
 
     def _opened(self) -> GeocomClient:
         """Questions are numbered on over connections: an old answer is then never a new one."""
@@ -192,14 +173,14 @@ class GeocomTracker:
         return _identity(client)
 
     def _set_up(self, client: GeocomClient, reflector: str) -> _Agreement:
-        settings = set_up(client, reflector)
-        lock_if_in_view(client)
+        settings = setup.set_up(client, reflector)
+        measuring.lock_if_in_view(client)
         return _Agreement(settings, self._accuracy_of(client))
 
     def _accuracy_of(self, client: GeocomClient) -> Accuracy:
         if self._accuracy is not None:
             return self._accuracy
-        kind = read_kind(client)
+        kind = setup.read_kind(client)
         return accuracy_of_class(None if kind is None else kind.device_class)
 
 
@@ -231,4 +212,4 @@ def _reading() -> WireReading:
     )
 
 
-DRIVER = TrackerDriver(_made, _reading, lambda raw: (point_said(raw), None))
+DRIVER = TrackerDriver(_made, _reading, lambda raw: (measuring.point_said(raw), None))

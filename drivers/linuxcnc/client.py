@@ -6,16 +6,7 @@ from drivers.errors import DeviceRefused, WrongDevice
 from drivers.link import Link, LinkClient
 from drivers.linuxcnc.settings import LinuxcncSettings
 from drivers.transport import Transport
-from drivers.wire.linuxcncrsh import (
-    PROTOCOL,
-    AnswerFramer,
-    LinuxcncGreeting,
-    Message,
-    Remark,
-    Value,
-    Verdict,
-    encode,
-)
+from drivers.wire import linuxcncrsh as wire
 
 CLIENT = "pkmcal"
 NO_MESSAGE = "OK"
@@ -29,7 +20,7 @@ MOST_MESSAGES = 100
 """More in one go means that something writes faster than it can be read."""
 
 
-class LinuxcncClient(LinkClient[Message]):
+class LinuxcncClient(LinkClient[wire.Message]):
     """Asks one question after another. An ACK means "received", never "done"."""
 
     def __init__(
@@ -42,7 +33,7 @@ class LinuxcncClient(LinkClient[Message]):
     ) -> None:
         link = Link(
             transport,
-            AnswerFramer(),
+            wire.AnswerFramer(),
             clock_s=clock_s,
             is_event=self._is_event,
             cancelled=cancelled,
@@ -51,28 +42,28 @@ class LinuxcncClient(LinkClient[Message]):
         self._settings, self._deadlines = settings, settings.deadlines
         self._said_blindly = False
 
-    def greet(self, *, within_s: float, aborting: bool) -> LinuxcncGreeting:
+    def greet(self, *, within_s: float, aborting: bool) -> wire.LinuxcncGreeting:
         """Say hello and have every order answered; raises `WrongDevice`.
 
         Takes no control yet, unless what moves is to be stopped: then that is said in the same
         breath, before anything is read.
         """
-        first = [f"hello {self._settings.connect_password} {CLIENT} {PROTOCOL}"]
+        first = [f"hello {self._settings.connect_password} {CLIENT} {wire.PROTOCOL}"]
         if aborting:
             first += [f"set enable {self._settings.enable_password}", "set abort"]
         self._said_blindly = aborting
         greeting = self._link.ask(
-            b"".join(map(encode, first)),
-            answers=lambda message: isinstance(message, LinuxcncGreeting),
+            b"".join(map(wire.encode, first)),
+            answers=lambda message: isinstance(message, wire.LinuxcncGreeting),
             within_s=within_s,
             what="hello",
         )
-        assert isinstance(greeting, LinuxcncGreeting), "only a greeting was accepted"
+        assert isinstance(greeting, wire.LinuxcncGreeting), "only a greeting was accepted"
         if not greeting.accepted:
             raise self._wrong_password("the connection password", "--connectpw")
         echo_off = "set echo off"
         self._link.ask(
-            encode(echo_off),
+            wire.encode(echo_off),
             answers=lambda message: message.line == echo_off or _answers_set(message, "echo"),
             within_s=self._deadlines.answer_s,
             what=echo_off,
@@ -96,17 +87,17 @@ class LinuxcncClient(LinkClient[Message]):
         except DeviceRefused:  # the name that newer versions have for it
             self.order("wait_mode", "received")
 
-    def get(self, word: str) -> Value:
+    def get(self, word: str) -> wire.Value:
         """Ask for a value; raises `DeviceRefused` for a word that it does not know."""
         request = f"get {word}"
         for _ in range(ASKED_AT_MOST):
             answer = self._link.ask(
-                encode(request),
+                wire.encode(request),
                 answers=lambda message: _answers_get(message, word),
                 within_s=self._deadlines.answer_s,
                 what=request,
             )
-            if isinstance(answer, Value):
+            if isinstance(answer, wire.Value):
                 return answer
         raise self._refusal(request, self._complaint())
 
@@ -118,12 +109,12 @@ class LinuxcncClient(LinkClient[Message]):
         """Give an order; raises `DeviceRefused` when it is not even received."""
         self._link.events()  # second lines of earlier messages say nothing about this order
         answer = self._link.ask(
-            encode(f"set {word} {argument}".strip()),
+            wire.encode(f"set {word} {argument}".strip()),
             answers=lambda message: _answers_set(message, word),
             within_s=self._deadlines.order_s + self._deadlines.order_margin_s,
             what=f"set {word}",
         )
-        assert isinstance(answer, Verdict), "only a verdict was accepted"
+        assert isinstance(answer, wire.Verdict), "only a verdict was accepted"
         complaint = self._complaint()
         if complaint or not answer.accepted:
             raise self._refusal(f"set {word}", complaint)
@@ -138,11 +129,11 @@ class LinuxcncClient(LinkClient[Message]):
             errors += [] if quiet else [text]
         return tuple(errors)
 
-    def _is_event(self, message: Message) -> bool:
+    def _is_event(self, message: wire.Message) -> bool:
         """Whether nobody waits for it: so with a refusal of what was said blindly."""
-        if self._said_blindly and isinstance(message, Verdict):
+        if self._said_blindly and isinstance(message, wire.Verdict):
             return any(_answers_set(message, word) for word in ("enable", "abort"))
-        return isinstance(message, Remark)
+        return isinstance(message, wire.Remark)
 
     def _complaint(self) -> str:
         """Lines that a newer version said beside its answer."""
@@ -163,13 +154,13 @@ class LinuxcncClient(LinkClient[Message]):
         )
 
 
-def _answers_get(message: Message, word: str) -> bool:
-    if isinstance(message, Value):
+def _answers_get(message: wire.Message, word: str) -> bool:
+    if isinstance(message, wire.Value):
         return message.word == word.upper()
-    return isinstance(message, Verdict) and message.verb == "GET" and not message.accepted
+    return isinstance(message, wire.Verdict) and message.verb == "GET" and not message.accepted
 
 
-def _answers_set(message: Message, word: str) -> bool:
-    if not isinstance(message, Verdict) or message.verb != "SET":
+def _answers_set(message: wire.Message, word: str) -> bool:
+    if not isinstance(message, wire.Verdict) or message.verb != "SET":
         return False
     return message.word == word.upper() or not (message.word or message.accepted)

@@ -8,15 +8,7 @@ target, the program is idle, and the joints read the same several times in a row
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from drivers.errors import (
-    DeviceNotReady,
-    DeviceRefused,
-    EmergencyStop,
-    LimitViolation,
-    MotionFault,
-    WireError,
-    WrongDevice,
-)
+from drivers import errors
 from drivers.linuxcnc.client import LinuxcncClient
 from drivers.linuxcnc.settings import LinuxcncSettings
 from drivers.plausible import require
@@ -122,7 +114,7 @@ class Machine:
             counted = types if robot.are_rotary else types[: robot.joints]
             count = counted.count(robot.joint_type)
             kind = "rotary" if robot.are_rotary else "linear"
-            raise WrongDevice(
+            raise errors.WrongDevice(
                 f"{self.client.name}: LinuxCNC has {count} {kind} joints "
                 f"({' '.join(types)}), a {robot.robot} has {robot.joints}",
                 remedy=f"check the address; set [KINS]JOINTS = {robot.joints} "
@@ -131,7 +123,7 @@ class Machine:
         for word, unit in UNITS.items():
             found = self.client.get(word).text
             if found != unit:
-                raise WrongDevice(
+                raise errors.WrongDevice(
                     f"{self.client.name}: LinuxCNC works in {found}, not in {unit}",
                     remedy="set [TRAJ]LINEAR_UNITS = mm and ANGULAR_UNITS = degree",
                 )
@@ -148,7 +140,7 @@ class Machine:
             problem, remedy = "LinuxCNC is still at work", "wait until it stands"
         else:
             return
-        raise DeviceNotReady(f"{self.client.name}: {problem}", remedy=remedy)
+        raise errors.DeviceNotReady(f"{self.client.name}: {problem}", remedy=remedy)
 
     def is_homed(self) -> bool:
         """Whether all joints are; LinuxCNC tells of more joints than it has, after those it has."""
@@ -184,11 +176,11 @@ class Machine:
             self.client.order("machine", "off")
             self._await("machine off", lambda: not self.client.is_on("machine"))
 
-    def refusal(self, snapshot: Snapshot, messages: Sequence[str]) -> DeviceRefused:
+    def refusal(self, snapshot: Snapshot, messages: Sequence[str]) -> errors.DeviceRefused:
         """The meaning of LinuxCNC's messages, those still queued among them, in its own words."""
         name, said = self.client.name, "; ".join((*messages, *self.client.messages()))
         if snapshot.emergency_stop:
-            return EmergencyStop(
+            return errors.EmergencyStop(
                 f"{name}: the emergency stop is on" + (f" ({said})" if said else ""),
                 remedy="make the cell safe, release it, then start again",
                 code=said,
@@ -196,12 +188,14 @@ class Machine:
         text = said.lower()
         if not snapshot.machine_on or any(word in text for word in FAULT_WORDS):
             remedy = "clear the fault at the machine, then start again"
-            return MotionFault(f"{name}: {said or 'the machine is off'}", remedy=remedy, code=said)
+            return errors.MotionFault(
+                f"{name}: {said or 'the machine is off'}", remedy=remedy, code=said
+            )
         if any(word in text for word in LIMIT_WORDS):
             remedy = "compare the plan's limits with [AXIS_…] and [JOINT_…] of LinuxCNC's INI file"
-            return LimitViolation(f"{name}: {said}", remedy=remedy, code=said)
+            return errors.LimitViolation(f"{name}: {said}", remedy=remedy, code=said)
         remedy = "look at LinuxCNC's messages, then try again"
-        return DeviceRefused(f"{name}: {said}", remedy=remedy, code=said)
+        return errors.DeviceRefused(f"{name}: {said}", remedy=remedy, code=said)
 
     def _release_emergency_stop(self) -> None:
         def is_released() -> bool:
@@ -212,7 +206,7 @@ class Machine:
         self.client.order("estop", "off")
         if not self._comes(is_released, self._deadlines.switch_s):
             remedy = "make the cell safe, release it at the machine, then start again"
-            raise self._fault("the emergency stop stays on", remedy, EmergencyStop)
+            raise self._fault("the emergency stop stays on", remedy, errors.EmergencyStop)
 
     def _switch_on(self) -> None:
         if not self.client.is_on("machine"):
@@ -245,8 +239,8 @@ class Machine:
         )
 
     def _fault(
-        self, problem: str, remedy: str, kind: type[MotionFault] = MotionFault
-    ) -> MotionFault:
+        self, problem: str, remedy: str, kind: type[errors.MotionFault] = errors.MotionFault
+    ) -> errors.MotionFault:
         """A step that failed, with what LinuxCNC says of it."""
         said = "; ".join(self.client.messages())
         problem = f"{self.client.name}: {problem}" + (f" ({said})" if said else "")
@@ -257,7 +251,7 @@ def joints_said(raw: str, layout: RobotLayout) -> tuple[float, ...]:
     """Joint values, rad or mm, of a snapshot's raw answers; raises `WireError`."""
     answer = read_message(ascii_bytes(raw.split(BETWEEN_ANSWERS)[0]))
     if not isinstance(answer, Value):
-        raise WireError(f"no joints of LinuxCNC: {raw!r:.80}")
+        raise errors.WireError(f"no joints of LinuxCNC: {raw!r:.80}")
     return inner_units(layout.joints, read_numbers(answer)[: len(layout.joints)])
 
 
@@ -270,7 +264,7 @@ def _numbers(answer: Value, count: int) -> tuple[float, ...]:
     """The first numbers of an answer: versions differ in how many follow. Raises `WireError`."""
     numbers = read_numbers(answer)
     if len(numbers) < count:
-        raise WireError(f"LinuxCNC answers fewer than {count} numbers: {answer.line!r:.80}")
+        raise errors.WireError(f"LinuxCNC answers fewer than {count} numbers: {answer.line!r:.80}")
     return numbers[:count]
 
 

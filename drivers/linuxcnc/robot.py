@@ -4,16 +4,9 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from math import degrees, inf
 
+from drivers import errors
 from drivers.byte_log import no_reading
 from drivers.declaration import ControllerDriver, RobotSurroundings
-from drivers.errors import (
-    DeviceNotReady,
-    DeviceRefused,
-    DriverError,
-    LinkDown,
-    MotionFault,
-    WrongDevice,
-)
 from drivers.link import never
 from drivers.linuxcnc.client import LinuxcncClient
 from drivers.linuxcnc.machine_state import Machine, Snapshot, agree, joints_said
@@ -178,7 +171,7 @@ class LinuxcncRobot:
         try:
             with self._stopping.undisturbed():
                 self._give_back(self._session.connection)
-        except DriverError as error:
+        except errors.DriverError as error:
             if self._target is not None:
                 raise state_unknown(
                     f"LinuxCNC could not be left standing ({error.problem})"
@@ -189,7 +182,7 @@ class LinuxcncRobot:
     def _write_geometry(self, geometry: Mapping[str, float]) -> None:
         if self._store.needs_machine_off:
             if self._is_moving():
-                raise DeviceNotReady("the robot moves", remedy="wait until it stands still")
+                raise errors.DeviceNotReady("the robot moves", remedy="wait until it stands still")
             self._machine.switch_off()
         self._poses_of = None
         self._store.write(geometry)
@@ -237,7 +230,9 @@ class LinuxcncRobot:
             return
         if client.is_on("machine"):
             client.order("abort")
-            with suppress(DeviceRefused):  # not in MDI mode, or off by now: then it needs nothing
+            with suppress(
+                errors.DeviceRefused
+            ):  # not in MDI mode, or off by now: then it needs nothing
                 client.order(MDI, PER_MINUTE)
         client.order("enable", "off")
 
@@ -254,7 +249,7 @@ class LinuxcncRobot:
         if client.is_on("machine"):
             try:
                 client.order("abort")
-            except DeviceRefused:
+            except errors.DeviceRefused:
                 self._cut_power(give_up_s)
         self._target = None
         await_standstill(
@@ -308,10 +303,10 @@ class LinuxcncRobot:
         for place in way:
             try:
                 client.order(MDI, block(self._settings.letters, place, duration_s))
-            except DeviceRefused as error:
+            except errors.DeviceRefused as error:
                 raise self._not_taken(error) from error
         if not self._comes(lambda: self._has_begun(way[-1])):
-            raise MotionFault(
+            raise errors.MotionFault(
                 f"{client.name}: LinuxCNC has taken a move, but it has not begun within "
                 f"{self._deadlines.start_s:g} s",
                 remedy=f"its realtime part seems to have died: {RESTART}",
@@ -370,19 +365,19 @@ class LinuxcncRobot:
             raise self._meaning(snapshot, messages)
         return not snapshot.idle or snapshot.is_commanded(target)
 
-    def _meaning(self, snapshot: Snapshot, messages: Sequence[str] = ()) -> DeviceRefused:
+    def _meaning(self, snapshot: Snapshot, messages: Sequence[str] = ()) -> errors.DeviceRefused:
         """The meaning of what is said now; what was refused keeps no motion."""
         error = self._machine.refusal(snapshot, messages)
         self._target = None
         return error
 
-    def _not_taken(self, error: DeviceRefused) -> DeviceRefused | LinkDown:
+    def _not_taken(self, error: errors.DeviceRefused) -> errors.DeviceRefused | errors.LinkDown:
         """The meaning of an order that was not even received."""
         snapshot = self._machine.snapshot()
         if not (snapshot.has_power and snapshot.in_control):
             return self._meaning(snapshot)
         self._machine.client.close()
-        return LinkDown(
+        return errors.LinkDown(
             f"{error.problem}: it shows a machine that is on, but takes no orders",
             remedy=f"its task or realtime part seems to have died: {RESTART}",
         )
@@ -391,7 +386,7 @@ class LinuxcncRobot:
         client = self._machine.client
         client.order("estop", "on")
         if not self._comes(lambda: not client.is_on("machine"), give_up_s):
-            raise MotionFault(
+            raise errors.MotionFault(
                 f"{client.name}: LinuxCNC takes neither abort nor e-stop",
                 remedy="use the hardware stop",
             )
@@ -410,7 +405,7 @@ class LinuxcncRobot:
         if agree(told, expected, SAME_KINEMATICS):
             return
         letters = self._settings.letters
-        raise WrongDevice(
+        raise errors.WrongDevice(
             f"{self._machine.client.name}: LinuxCNC says its {letters} is {_listed(told)}; "
             f"of its joints it should be {_listed(expected)}",
             remedy="another kinematics or other parameters are at work: check [KINS]KINEMATICS and "

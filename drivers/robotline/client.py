@@ -3,31 +3,28 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import TypeVar
 
-from drivers.errors import (
-    DeviceNotReady,
-    DeviceRefused,
-    DriverError,
-    EmergencyStop,
-    LimitViolation,
-    MotionFault,
-    WireError,
-    WrongDevice,
-)
+from drivers import errors
 from drivers.link import Link, LinkClient
 from drivers.transport import Transport
 from drivers.wire import robotline as wire
 
 AnswerKind = TypeVar("AnswerKind", bound=wire.Answer)
 
-REFUSALS: Mapping[str, tuple[type[DeviceRefused], str]] = {
-    "LIMIT": (LimitViolation, "compare the plan's limits with the controller's"),
-    "REACH": (LimitViolation, "compare the plan's robot file with the controller's parameters"),
-    "FAULT": (MotionFault, "clear the fault at the controller, then start again"),
-    "ESTOP": (EmergencyStop, "release the emergency stop when it is safe, then start again"),
-    "BUSY": (DeviceNotReady, "wait until the robot stands still, then try again"),
-    "GEOMETRY": (DeviceRefused, "check the robot file; the controller keeps its old parameters"),
+REFUSALS: Mapping[str, tuple[type[errors.DeviceRefused], str]] = {
+    "LIMIT": (errors.LimitViolation, "compare the plan's limits with the controller's"),
+    "REACH": (
+        errors.LimitViolation,
+        "compare the plan's robot file with the controller's parameters",
+    ),
+    "FAULT": (errors.MotionFault, "clear the fault at the controller, then start again"),
+    "ESTOP": (errors.EmergencyStop, "release the emergency stop when it is safe, then start again"),
+    "BUSY": (errors.DeviceNotReady, "wait until the robot stands still, then try again"),
+    "GEOMETRY": (
+        errors.DeviceRefused,
+        "check the robot file; the controller keeps its old parameters",
+    ),
 }
-OTHER_REFUSAL = (DeviceRefused, "compare the controller's program with docs/robotline.md")
+OTHER_REFUSAL = (errors.DeviceRefused, "compare the controller's program with docs/robotline.md")
 
 
 class RobotlineClient(LinkClient[wire.RobotlineReply]):
@@ -99,13 +96,15 @@ class RobotlineClient(LinkClient[wire.RobotlineReply]):
             raise self._refusal(reply.outcome, verb)
         raise AssertionError(reply)
 
-    def _refusal(self, refused: wire.Refused, verb: str) -> DriverError:
+    def _refusal(self, refused: wire.Refused, verb: str) -> errors.DriverError:
         problem = f"{self.name}: {verb} refused, {refused.code}: {refused.text}"
         if refused.code == "CHECKSUM":
             self.close()
-            return WireError(problem, remedy="check the cable and its shield")
+            return errors.WireError(problem, remedy="check the cable and its shield")
         if refused.code == "VERSION":
-            return WrongDevice(problem, remedy="bring the controller's program to this version")
+            return errors.WrongDevice(
+                problem, remedy="bring the controller's program to this version"
+            )
         error, remedy = REFUSALS.get(refused.code, OTHER_REFUSAL)
         return error(problem, remedy=remedy, code=refused.code)
 
@@ -135,7 +134,7 @@ def open_client(
         opening += wire.encode_request(blindly)
     try:
         transport.send(opening, within_s)
-    except DriverError:
+    except errors.DriverError:
         transport.close()
         raise
     return RobotlineClient(transport, numbers, robot=robot, clock_s=clock_s, cancelled=cancelled)

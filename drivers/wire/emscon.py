@@ -1,13 +1,10 @@
-"""Bodies of emScon packets: dataclass ↔ bytes.
-
-A body's `LAYOUT` has one letter a field: `i` 32-bit integer (also enumerations and flags, 0 or 1),
-`d` double, `v` three doubles, `s` text of 32 UTF-16 units. All little endian, without padding.
-"""
+"""Grammar of emScon: commands, answers and what comes unasked, as packets."""
 
 import struct
 from dataclasses import dataclass, field
 
 from drivers.errors import WireError
+from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon_constants import (
     OTHER_TAILS_BYTES,
     Command,
@@ -15,44 +12,9 @@ from drivers.wire.emscon_constants import (
     ResultStatus,
     status_text,
 )
-from drivers.wire.emscon_messages import (
-    ApproximateDistance,
-    BeamTarget,
-    Body,
-    CoordinateSystem,
-    Direction,
-    Environment,
-    ErrorResponse,
-    Face,
-    MeasurementMode,
-    MeasurementStatusInfo,
-    Nothing,
-    ReflectorChoice,
-    ReflectorEntry,
-    ReflectorPlace,
-    ReflectorPosition,
-    Refraction,
-    SearchParams,
-    SingleResult,
-    SingleResult2,
-    SoftwareVersion,
-    StationaryMode,
-    StationOrientation,
-    StatisticMode,
-    StatusChange,
-    SystemSettings,
-    SystemStatus,
-    TrackerInfo,
-    TrackerStatus,
-    Transformation,
-    Units,
-    decode_body,
-    encode_body,
-    layout_of,
-)
 from drivers.wire.framing import Packet, PacketFramer, encode_packet
 
-NOTHING = Nothing()
+NOTHING = bodies.Nothing()
 COMMAND_HEADER = struct.Struct("<i")
 ANSWER_HEADER = struct.Struct("<ii")
 
@@ -61,49 +23,49 @@ ANSWER_HEADER = struct.Struct("<ii")
 class Shape:
     """Contents after the command code in a request, and after the status in an answer."""
 
-    request: type[Body] = Nothing
-    answer: type[Body] = Nothing
+    request: type[bodies.Body] = bodies.Nothing
+    answer: type[bodies.Body] = bodies.Nothing
 
 
 SHAPES: dict[Command, Shape] = {
-    Command.GET_SYSTEM_STATUS: Shape(answer=SystemStatus),
-    Command.GET_TRACKER_STATUS: Shape(answer=TrackerStatus),
-    Command.SET_UNITS: Shape(request=Units),
-    Command.GET_UNITS: Shape(answer=Units),
+    Command.GET_SYSTEM_STATUS: Shape(answer=bodies.SystemStatus),
+    Command.GET_TRACKER_STATUS: Shape(answer=bodies.TrackerStatus),
+    Command.SET_UNITS: Shape(request=bodies.Units),
+    Command.GET_UNITS: Shape(answer=bodies.Units),
     Command.INITIALIZE: Shape(),
-    Command.SET_STATION_ORIENTATION_PARAMS: Shape(request=StationOrientation),
-    Command.GET_STATION_ORIENTATION_PARAMS: Shape(answer=StationOrientation),
-    Command.SET_TRANSFORMATION_PARAMS: Shape(request=Transformation),
-    Command.GET_TRANSFORMATION_PARAMS: Shape(answer=Transformation),
-    Command.SET_ENVIRONMENT_PARAMS: Shape(request=Environment),
-    Command.GET_ENVIRONMENT_PARAMS: Shape(answer=Environment),
-    Command.SET_REFRACTION_PARAMS: Shape(request=Refraction),
-    Command.GET_REFRACTION_PARAMS: Shape(answer=Refraction),
-    Command.SET_MEASUREMENT_MODE: Shape(request=MeasurementMode),
-    Command.GET_MEASUREMENT_MODE: Shape(answer=MeasurementMode),
-    Command.SET_COORDINATE_SYSTEM_TYPE: Shape(request=CoordinateSystem),
-    Command.GET_COORDINATE_SYSTEM_TYPE: Shape(answer=CoordinateSystem),
-    Command.SET_STATIONARY_MODE_PARAMS: Shape(request=StationaryMode),
-    Command.GET_STATIONARY_MODE_PARAMS: Shape(answer=StationaryMode),
-    Command.SET_REFLECTOR: Shape(request=ReflectorChoice),
-    Command.GET_REFLECTOR: Shape(answer=ReflectorChoice),
-    Command.GET_REFLECTORS: Shape(answer=ReflectorEntry),
-    Command.SET_SEARCH_PARAMS: Shape(request=SearchParams),
-    Command.GET_SEARCH_PARAMS: Shape(answer=SearchParams),
-    Command.SET_SYSTEM_SETTINGS: Shape(request=SystemSettings),
-    Command.GET_SYSTEM_SETTINGS: Shape(answer=SystemSettings),
+    Command.SET_STATION_ORIENTATION_PARAMS: Shape(request=bodies.StationOrientation),
+    Command.GET_STATION_ORIENTATION_PARAMS: Shape(answer=bodies.StationOrientation),
+    Command.SET_TRANSFORMATION_PARAMS: Shape(request=bodies.Transformation),
+    Command.GET_TRANSFORMATION_PARAMS: Shape(answer=bodies.Transformation),
+    Command.SET_ENVIRONMENT_PARAMS: Shape(request=bodies.Environment),
+    Command.GET_ENVIRONMENT_PARAMS: Shape(answer=bodies.Environment),
+    Command.SET_REFRACTION_PARAMS: Shape(request=bodies.Refraction),
+    Command.GET_REFRACTION_PARAMS: Shape(answer=bodies.Refraction),
+    Command.SET_MEASUREMENT_MODE: Shape(request=bodies.MeasurementMode),
+    Command.GET_MEASUREMENT_MODE: Shape(answer=bodies.MeasurementMode),
+    Command.SET_COORDINATE_SYSTEM_TYPE: Shape(request=bodies.CoordinateSystem),
+    Command.GET_COORDINATE_SYSTEM_TYPE: Shape(answer=bodies.CoordinateSystem),
+    Command.SET_STATIONARY_MODE_PARAMS: Shape(request=bodies.StationaryMode),
+    Command.GET_STATIONARY_MODE_PARAMS: Shape(answer=bodies.StationaryMode),
+    Command.SET_REFLECTOR: Shape(request=bodies.ReflectorChoice),
+    Command.GET_REFLECTOR: Shape(answer=bodies.ReflectorChoice),
+    Command.GET_REFLECTORS: Shape(answer=bodies.ReflectorEntry),
+    Command.SET_SEARCH_PARAMS: Shape(request=bodies.SearchParams),
+    Command.GET_SEARCH_PARAMS: Shape(answer=bodies.SearchParams),
+    Command.SET_SYSTEM_SETTINGS: Shape(request=bodies.SystemSettings),
+    Command.GET_SYSTEM_SETTINGS: Shape(answer=bodies.SystemSettings),
     Command.START_MEASUREMENT: Shape(),
     Command.STOP_MEASUREMENT: Shape(),
-    Command.GO_POSITION: Shape(request=BeamTarget),
-    Command.FIND_REFLECTOR: Shape(request=ApproximateDistance),
-    Command.GET_DIRECTION: Shape(answer=Direction),
-    Command.SET_STATISTIC_MODE: Shape(request=StatisticMode),
-    Command.GET_STATISTIC_MODE: Shape(answer=StatisticMode),
-    Command.GET_MEASUREMENT_STATUS_INFO: Shape(answer=MeasurementStatusInfo),
-    Command.GET_FACE: Shape(answer=Face),
-    Command.GET_TRACKER_INFO: Shape(answer=TrackerInfo),
-    Command.GO_AND_MEASURE: Shape(request=ReflectorPlace),
-    Command.GET_SYSTEM_SOFTWARE_VERSION: Shape(answer=SoftwareVersion),
+    Command.GO_POSITION: Shape(request=bodies.BeamTarget),
+    Command.FIND_REFLECTOR: Shape(request=bodies.ApproximateDistance),
+    Command.GET_DIRECTION: Shape(answer=bodies.Direction),
+    Command.SET_STATISTIC_MODE: Shape(request=bodies.StatisticMode),
+    Command.GET_STATISTIC_MODE: Shape(answer=bodies.StatisticMode),
+    Command.GET_MEASUREMENT_STATUS_INFO: Shape(answer=bodies.MeasurementStatusInfo),
+    Command.GET_FACE: Shape(answer=bodies.Face),
+    Command.GET_TRACKER_INFO: Shape(answer=bodies.TrackerInfo),
+    Command.GO_AND_MEASURE: Shape(request=bodies.ReflectorPlace),
+    Command.GET_SYSTEM_SOFTWARE_VERSION: Shape(answer=bodies.SoftwareVersion),
 }
 
 
@@ -112,7 +74,7 @@ class EmsconRequest:
     """A command with its parameters."""
 
     command: Command
-    body: Body = field(default=NOTHING)
+    body: bodies.Body = field(default=NOTHING)
 
     def describe(self) -> str:
         """Say it to people."""
@@ -136,7 +98,7 @@ class Answer:
 
     command: Command
     status: int = ResultStatus.ALL_OK
-    body: Body = field(default=NOTHING)
+    body: bodies.Body = field(default=NOTHING)
 
     def describe(self) -> str:
         """Say it to people."""
@@ -162,19 +124,31 @@ class OtherPacket:
 
 
 Unasked = (
-    ErrorResponse | StatusChange | ReflectorPosition | SingleResult | SingleResult2 | OtherPacket
+    bodies.ErrorResponse
+    | bodies.StatusChange
+    | bodies.ReflectorPosition
+    | bodies.SingleResult
+    | bodies.SingleResult2
+    | OtherPacket
 )
 FromServer = Answer | Unasked
 FromClient = EmsconRequest | UnknownRequest
 
 _UNASKED: dict[
-    int, type[ErrorResponse | StatusChange | ReflectorPosition | SingleResult | SingleResult2]
+    int,
+    type[
+        bodies.ErrorResponse
+        | bodies.StatusChange
+        | bodies.ReflectorPosition
+        | bodies.SingleResult
+        | bodies.SingleResult2
+    ],
 ] = {
-    DataType.ERROR: ErrorResponse,
-    DataType.STATUS_CHANGE: StatusChange,
-    DataType.REFLECTOR_POSITION: ReflectorPosition,
-    DataType.SINGLE_RESULT: SingleResult,
-    DataType.SINGLE_RESULT_2: SingleResult2,
+    DataType.ERROR: bodies.ErrorResponse,
+    DataType.STATUS_CHANGE: bodies.StatusChange,
+    DataType.REFLECTOR_POSITION: bodies.ReflectorPosition,
+    DataType.SINGLE_RESULT: bodies.SingleResult,
+    DataType.SINGLE_RESULT_2: bodies.SingleResult2,
 }
 _KIND_OF = {body: kind for kind, body in _UNASKED.items()}
 _KINDS = frozenset(DataType)
@@ -188,15 +162,17 @@ def encode(message: FromServer | FromClient) -> bytes:
 def _packet(message: FromServer | FromClient) -> Packet:
     match message:
         case EmsconRequest(command, body):
-            return Packet(DataType.COMMAND, COMMAND_HEADER.pack(command) + encode_body(body))
+            return Packet(DataType.COMMAND, COMMAND_HEADER.pack(command) + bodies.encode_body(body))
         case UnknownRequest(command):
             return Packet(DataType.COMMAND, COMMAND_HEADER.pack(command))
         case Answer(command, status, body):
-            return Packet(DataType.COMMAND, ANSWER_HEADER.pack(command, status) + encode_body(body))
+            return Packet(
+                DataType.COMMAND, ANSWER_HEADER.pack(command, status) + bodies.encode_body(body)
+            )
         case OtherPacket(kind, data):
             return Packet(kind, data)
         case _:
-            return Packet(_KIND_OF[type(message)], encode_body(message))
+            return Packet(_KIND_OF[type(message)], bodies.encode_body(message))
 
 
 def refusal(command: int, status: int) -> bytes:
@@ -206,7 +182,9 @@ def refusal(command: int, status: int) -> bytes:
     """
     known = _known(command)
     tail_bytes = (
-        OTHER_TAILS_BYTES.get(command, 0) if known is None else layout_of(SHAPES[known].answer).size
+        OTHER_TAILS_BYTES.get(command, 0)
+        if known is None
+        else bodies.layout_of(SHAPES[known].answer).size
     )
     body = ANSWER_HEADER.pack(command, status) + bytes(tail_bytes)
     return encode_packet(Packet(DataType.COMMAND, body))
@@ -217,7 +195,7 @@ def parse_from_server(packet: Packet) -> FromServer:
     if packet.kind == DataType.COMMAND:
         return _answer(packet.body)
     if kind := _UNASKED.get(packet.kind):
-        return decode_body(kind, packet.body, may_be_longer=True)
+        return bodies.decode_body(kind, packet.body, may_be_longer=True)
     return OtherPacket(packet.kind, packet.body)
 
 
@@ -232,7 +210,7 @@ def parse_from_client(packet: Packet) -> FromClient:
     if command is None:
         return UnknownRequest(code)
     return EmsconRequest(
-        command, decode_body(SHAPES[command].request, packet.body[COMMAND_HEADER.size :])
+        command, bodies.decode_body(SHAPES[command].request, packet.body[COMMAND_HEADER.size :])
     )
 
 
@@ -246,7 +224,9 @@ def _answer(body: bytes) -> Answer:
     if status != ResultStatus.ALL_OK:
         return Answer(command, status)
     tail = body[ANSWER_HEADER.size :]
-    return Answer(command, status, decode_body(SHAPES[command].answer, tail, may_be_longer=True))
+    return Answer(
+        command, status, bodies.decode_body(SHAPES[command].answer, tail, may_be_longer=True)
+    )
 
 
 def _known(code: int) -> Command | None:

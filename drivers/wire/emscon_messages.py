@@ -1,18 +1,22 @@
 """Bodies of emScon packets, each a dataclass, its fields in the order of the wire.
 
-Values are in the units that the client has chosen; the wire doesn't say which.
+A field's type says how it is written: `int` 32-bit integer (also enumerations and flags, 0 or 1),
+`float` double, `Triple` three doubles, `str` text of 32 UTF-16 units. All little endian, without
+padding. Values are in the units that the client has chosen; the wire doesn't say which.
 """
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from drivers.errors import WireError
 
 Triple = tuple[float, float, float]
 
 TEXT_BYTES = 64
+CODES: Mapping[object, str] = {int: "i", float: "d", Triple: "v", str: "s"}
+"""Letter of a field by its type."""
 _STRUCT_CODES = {"i": "i", "d": "d", "v": "ddd", "s": f"{TEXT_BYTES}s"}
 
 
@@ -20,7 +24,6 @@ class Body:
     """Body that follows a packet's header, or a command's."""
 
     __slots__ = ()
-    LAYOUT: ClassVar[str] = ""
 
     def describe(self) -> str:
         """Say to people what came by itself."""
@@ -30,9 +33,14 @@ class Body:
 BodyType = TypeVar("BodyType", bound=Body)
 
 
+def codes_of(kind: type[Body]) -> str:
+    """Return the letters of a body's fields in their order."""
+    return "".join(CODES[each.type] for each in fields(cast("Any", kind)))
+
+
 def layout_of(kind: type[Body]) -> struct.Struct:
     """Return the body's layout in bytes."""
-    return struct.Struct("<" + "".join(_STRUCT_CODES[code] for code in kind.LAYOUT))
+    return struct.Struct("<" + "".join(_STRUCT_CODES[code] for code in codes_of(kind)))
 
 
 def decode_body(kind: type[BodyType], data: bytes, *, may_be_longer: bool = False) -> BodyType:
@@ -45,13 +53,13 @@ def decode_body(kind: type[BodyType], data: bytes, *, may_be_longer: bool = Fals
         raise WireError(f"{kind.__name__} has {len(data)} bytes, {layout.size} are expected")
     values = iter(layout.unpack_from(data))
     make = cast("Callable[..., BodyType]", kind)
-    return make(*(_field(code, values) for code in kind.LAYOUT))
+    return make(*(_field(code, values) for code in codes_of(kind)))
 
 
 def encode_body(body: Body) -> bytes:
     """Write a body; raises `ValueError` for a text that is too long."""
     values: list[Any] = []
-    for code, slot in zip(body.LAYOUT, fields(cast("Any", body)), strict=True):
+    for code, slot in zip(codes_of(type(body)), fields(cast("Any", body)), strict=True):
         value = getattr(body, slot.name)
         values += value if code == "v" else [_text_bytes(value) if code == "s" else value]
     return layout_of(type(body)).pack(*values)
@@ -84,7 +92,6 @@ class Nothing(Body):
 class SystemStatus(Body):
     """Start-up ladder, laser, distance meter, versions, weather station, serial number."""
 
-    LAYOUT: ClassVar[str] = "iiiiiiiiii"
     last_result_status: int
     processor_status: int
     laser_status: int
@@ -101,7 +108,6 @@ class SystemStatus(Body):
 class TrackerStatus(Body):
     """The traffic light, a `TrackerLight`."""
 
-    LAYOUT: ClassVar[str] = "i"
     light: int
 
 
@@ -109,7 +115,6 @@ class TrackerStatus(Body):
 class Units(Body):
     """The units of everything that follows."""
 
-    LAYOUT: ClassVar[str] = "iiiii"
     length: int
     angle: int
     temperature: int
@@ -121,7 +126,6 @@ class Units(Body):
 class Environment(Body):
     """Air at the instrument."""
 
-    LAYOUT: ClassVar[str] = "ddd"
     temperature: float
     pressure: float
     humidity: float
@@ -131,7 +135,6 @@ class Environment(Body):
 class StationOrientation(Body):
     """Pose of the instrument, which it applies to points where its switches say so."""
 
-    LAYOUT: ClassVar[str] = "vv"
     place: Triple
     rotation: Triple
 
@@ -140,7 +143,6 @@ class StationOrientation(Body):
 class Transformation(Body):
     """Similarity that it applies to points where its switches say so."""
 
-    LAYOUT: ClassVar[str] = "vvd"
     place: Triple
     rotation: Triple
     scale: float
@@ -150,7 +152,6 @@ class Transformation(Body):
 class Refraction(Body):
     """Refractive indices for the interferometer and for the distance meter."""
 
-    LAYOUT: ClassVar[str] = "dd"
     interferometer: float
     distance_meter: float
 
@@ -159,7 +160,6 @@ class Refraction(Body):
 class MeasurementMode(Body):
     """A `Mode`."""
 
-    LAYOUT: ClassVar[str] = "i"
     mode: int
 
 
@@ -167,7 +167,6 @@ class MeasurementMode(Body):
 class CoordinateSystem(Body):
     """A `CoordinateSystemType`."""
 
-    LAYOUT: ClassVar[str] = "i"
     kind: int
 
 
@@ -175,7 +174,6 @@ class CoordinateSystem(Body):
 class StationaryMode(Body):
     """Duration of one stationary measurement."""
 
-    LAYOUT: ClassVar[str] = "ii"
     time_ms: int
     use_adm: int
 
@@ -184,7 +182,6 @@ class StationaryMode(Body):
 class ReflectorChoice(Body):
     """The reflector in use."""
 
-    LAYOUT: ClassVar[str] = "i"
     identifier: int
 
 
@@ -192,7 +189,6 @@ class ReflectorChoice(Body):
 class ReflectorEntry(Body):
     """Reflector, one of `total`; each comes in an answer of its own."""
 
-    LAYOUT: ClassVar[str] = "iiids"
     total: int
     identifier: int
     target_type: int
@@ -204,7 +200,6 @@ class ReflectorEntry(Body):
 class SearchParams(Body):
     """Radius and time in which a reflector is looked for."""
 
-    LAYOUT: ClassVar[str] = "di"
     radius: float
     timeout_ms: int
 
@@ -213,7 +208,6 @@ class SearchParams(Body):
 class SystemSettings(Body):
     """Switches of the instrument."""
 
-    LAYOUT: ClassVar[str] = "iiiiiiiii"
     weather_monitor: int
     apply_transformation: int
     apply_station_orientation: int
@@ -229,7 +223,6 @@ class SystemSettings(Body):
 class BeamTarget(Body):
     """Point that the beam is sent to."""
 
-    LAYOUT: ClassVar[str] = "vi"
     point: Triple
     use_adm: int
 
@@ -238,7 +231,6 @@ class BeamTarget(Body):
 class ApproximateDistance(Body):
     """Distance of a reflector, approximately."""
 
-    LAYOUT: ClassVar[str] = "d"
     distance: float
 
 
@@ -246,7 +238,6 @@ class ApproximateDistance(Body):
 class Direction(Body):
     """Direction of the beam."""
 
-    LAYOUT: ClassVar[str] = "dd"
     horizontal: float
     vertical: float
 
@@ -255,7 +246,6 @@ class Direction(Body):
 class StatisticMode(Body):
     """A `Statistics` for stationary and one for continuous measurements."""
 
-    LAYOUT: ClassVar[str] = "ii"
     stationary: int
     continuous: int
 
@@ -264,7 +254,6 @@ class StatisticMode(Body):
 class ReflectorPlace(Body):
     """Point at which a reflector is measured."""
 
-    LAYOUT: ClassVar[str] = "v"
     point: Triple
 
 
@@ -272,7 +261,6 @@ class ReflectorPlace(Body):
 class Face(Body):
     """A `TelescopeFace`."""
 
-    LAYOUT: ClassVar[str] = "i"
     face: int
 
 
@@ -280,7 +268,6 @@ class Face(Body):
 class SoftwareVersion(Body):
     """The controller's software, in its own words."""
 
-    LAYOUT: ClassVar[str] = "s"
     version: str
 
 
@@ -288,7 +275,6 @@ class SoftwareVersion(Body):
 class MeasurementStatusInfo(Body):
     """A mask of `StatusBit`."""
 
-    LAYOUT: ClassVar[str] = "ii"
     last_result_status: int
     bits: int
 
@@ -297,7 +283,6 @@ class MeasurementStatusInfo(Body):
 class TrackerInfo(Body):
     """Kind of the instrument; `sensor_type` is a key of `SENSOR_NAMES`."""
 
-    LAYOUT: ClassVar[str] = "isiiiiidddiiddiii"
     sensor_type: int
     name: str
     serial: int
@@ -321,7 +306,6 @@ class TrackerInfo(Body):
 class ErrorResponse(Body):
     """An error that nobody asked for, such as a broken beam."""
 
-    LAYOUT: ClassVar[str] = "ii"
     command: int
     status: int
 
@@ -330,7 +314,6 @@ class ErrorResponse(Body):
 class StatusChange(Body):
     """Change of state, by this client or another; `code` may be a `SystemChange`."""
 
-    LAYOUT: ClassVar[str] = "i"
     code: int
 
 
@@ -338,7 +321,6 @@ class StatusChange(Body):
 class ReflectorPosition(Body):
     """Live position of the reflector that is being followed."""
 
-    LAYOUT: ClassVar[str] = "iv"
     status: int
     point: Triple
 
@@ -347,7 +329,6 @@ class ReflectorPosition(Body):
 class SingleResult(Body):
     """A stationary measurement with standard statistics."""
 
-    LAYOUT: ClassVar[str] = "iiivvdvvdddd"
     status: int
     mode: int
     is_trial: int
@@ -366,7 +347,6 @@ class SingleResult(Body):
 class SingleResult2(Body):
     """A stationary measurement with extended statistics; covariances in the order 12, 13, 23."""
 
-    LAYOUT: ClassVar[str] = "iiivvdvvvdvddd"
     status: int
     mode: int
     is_trial: int

@@ -14,7 +14,7 @@ from drivers.errors import DriverError
 from drivers.linuxcnc.settings import Coordinates
 from drivers.values import Pose
 from drivers.wire.emscon import SHAPES, Answer
-from drivers.wire.emscon_messages import SingleResult2
+from drivers.wire.emscon_messages import SingleResult2, codes_of
 from drivers.wire.geocom import GeocomReply, encode_reply
 
 WHOLES = (0, 1, -1, 2, 3, 5, 39, 70, 2048, 10011, 2**31 - 1, -(2**31))
@@ -47,13 +47,13 @@ def odd(kind, draw):
         "v": lambda: tuple(draw.choice(FLOATS) for _ in range(3)),
         "s": lambda: draw.choice(TEXTS),
     }
-    return kind(*(one[code]() for code in kind.LAYOUT))
+    return kind(*(one[code]() for code in codes_of(kind)))
 
 
 def emscon_calls(draw):
     instrument = Instrument()
     for command, shape in SHAPES.items():
-        if shape.answer.LAYOUT and draw.random() < 0.1:
+        if codes_of(shape.answer) and draw.random() < 0.1:
             body = odd(shape.answer, draw)
             instrument.says[command] = [(0.0, Answer(command, 0, body))]
     if draw.random() < 0.5:

@@ -14,6 +14,7 @@ from drivers.wire.emscon_messages import (
     SingleResult,
     SingleResult2,
     StatusChange,
+    codes_of,
 )
 
 pytestmark = pytest.mark.peer
@@ -57,7 +58,7 @@ THEIR_UNITS = {
 def example(kind):
     """A body in which no two fields are alike."""
     values = []
-    for number, code in enumerate(kind.LAYOUT, start=1):
+    for number, code in enumerate(codes_of(kind), start=1):
         triple = (number + 0.25, number + 0.5, number + 0.75)
         values.append({"i": number, "d": number + 0.125, "v": triple, "s": f"text {number}"}[code])
     return kind(*values)

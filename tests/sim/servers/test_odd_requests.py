@@ -10,6 +10,7 @@ from drivers.errors import WireError
 from drivers.wire import geocom, robotline
 from drivers.wire import robotline as messages
 from drivers.wire.emscon import SHAPES, EmsconRequest, encode
+from drivers.wire.emscon_messages import codes_of
 from drivers.wire.geocom_constants import Rpc
 from sim.cell import Cell
 from sim.geometry import PAR4
@@ -35,7 +36,7 @@ def emscon_request(draw, _number):
         "d": lambda: draw.choice(FLOATS),
         "v": lambda: tuple(draw.choice(FLOATS) for _ in range(3)),
     }
-    return encode(EmsconRequest(command, kind(*(one[code]() for code in kind.LAYOUT))))
+    return encode(EmsconRequest(command, kind(*(one[code]() for code in codes_of(kind)))))
 
 
 def geocom_request(draw, number):
