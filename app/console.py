@@ -9,6 +9,7 @@ from time import monotonic
 from typing import TypeVar
 
 import typer
+from pydantic_core import to_jsonable_python
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -109,9 +110,10 @@ class Terminal:
             self.say(f"  {name:<{width}}  {text}")
 
     def document(self, document: Mapping[str, object]) -> None:
-        """The answer for programs; only with `as_json`."""
+        """The answer for programs, values and paths in it as they are; only with `as_json`."""
         if self._as_json and sys.stdout is not None:
-            sys.stdout.write(json.dumps(document, allow_nan=False) + "\n")
+            plain = to_jsonable_python(document)
+            sys.stdout.write(json.dumps(plain, allow_nan=False) + "\n")
             sys.stdout.flush()
 
     def asks(self, question: str) -> bool:

@@ -26,6 +26,7 @@ Yes = Annotated[
     bool, typer.Option("--yes", "-y", help="Don't ask whether the cell is clear: it is.")
 ]
 Dry = Annotated[bool, typer.Option("--dry", help="Say what would happen, and do nothing.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")]
 Anew = Annotated[
     bool, typer.Option("--anew", help="Begin a new series instead of resuming an unfinished one.")
 ]

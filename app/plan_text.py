@@ -167,15 +167,6 @@ def plate_warning(space: RestrictedSpace) -> str:
     )
 
 
-def refusals_document(refusals: Refusals) -> dict[str, object]:
-    """The same for programs."""
-    return {
-        "tried": refusals.tried,
-        "refused": refusals.refused,
-        "by_zone": dict(refusals.by_zone),
-    }
-
-
 def plan_line(checked: CheckedPlan) -> str:
     """What a plan holds and takes, in one line."""
     counts = Counter(shot.purpose.value for shot in checked.shots)

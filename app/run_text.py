@@ -1,6 +1,6 @@
 """Result of a run, for people and as a document."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from app.console import BAD, GOOD, WARNING, Terminal
 from app.progress import interval
@@ -59,14 +59,13 @@ def run_document(ran: RunResult) -> dict[str, object]:
         "reached_mm": ran.known and ran.known.length_std_mm,
         "left_out": ran.left_out,
     }
+    known = ran.known and knowledge(ran.known)
     return {
         "series": ran.series,
         "shots": ran.shots,
         "goal": goal,
-        "knowledge": ran.known and knowledge(ran.known),
-        "skipped": [
-            {"shots": list(skipped.shots), "reason": skipped.reason} for skipped in ran.skipped
-        ],
+        "knowledge": known,
+        "skipped": ran.skipped,
     }
 
 
@@ -85,27 +84,12 @@ def outlook_line(outlook: RunOutlook, work: Work) -> str:
 
 def outlook_document(outlook: RunOutlook) -> dict[str, object]:
     """The same as part of a document."""
-    return {
-        "series": outlook.series,
-        "measured": outlook.measured,
-        "left": list(outlook.left),
-        "skipped": list(outlook.skipped),
-        "seconds_left_estimated": outlook.seconds,
-    }
+    return {**asdict(outlook), "seconds_left_estimated": outlook.seconds}
 
 
 def knowledge(known: ParameterPrecision) -> dict[str, object]:
-    """Precision of the parameters, as a part of a document."""
-    return {
-        "shots": known.shots,
-        "weakest": known.weakest,
-        "std": known.weakest_std,
-        "unit": known.unit,
-        "length_std_mm": known.length_std_mm,
-        "position_std_mm": known.position_std_mm,
-        "scatter": known.scatter,
-        "scale": known.scale,
-    }
+    """Uncertainty of the parameters, as a part of a document."""
+    return {**asdict(known), "std": known.weakest_std, "unit": known.unit}
 
 
 def _count(ran: RunResult) -> str:

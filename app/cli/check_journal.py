@@ -1,5 +1,7 @@
 """pkmcal check-journal: whether the journal is what was written, and what is in it."""
 
+from dataclasses import asdict
+
 import typer
 
 from app.console import BAD, GOOD, terminal_of
@@ -31,7 +33,7 @@ def command(context: typer.Context, folder: Folder, *, json: Json = False) -> No
         raise foreign
     terminal.say(_contents(found), GOOD if found.whole else BAD)
     for problem in found.problems:
-        terminal.say(f"! {problem.text}", BAD)
+        terminal.say(f"! {problem.problem}", BAD)
     terminal.document(_document(campaign, found, found.problems))
     require_whole(path, found)
 
@@ -62,16 +64,9 @@ def _document(
     campaign: Campaign, found: Inspection, problems: tuple[Problem, ...]
 ) -> dict[str, object]:
     return {
-        "path": str(campaign.journal_path),
+        **asdict(found),
+        "path": campaign.journal_path,
         "whole": not problems,
-        "version": found.version,
-        "records": found.records,
-        "chained": found.chained,
-        "digest": found.digest,
-        "series": found.series,
-        "sessions": found.sessions,
         "crashed_sessions": found.crashed,
-        "shots": found.shots,
-        "compared": found.compared,
-        "problems": [{"record": each.record, "problem": each.text} for each in problems],
+        "problems": problems,
     }

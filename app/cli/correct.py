@@ -1,66 +1,48 @@
 """pkmcal correct: targets for a controller that takes no parameters."""
 
-import math
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 
-from app.console import Terminal, terminal_of
-from app.options import Folder, Json
-from campaigns.campaign import Campaign, open_campaign
+from app.console import terminal_of
+from app.options import Folder, Json, Overwrite
+from campaigns.campaign import open_campaign
 from campaigns.chain.correction import CorrectionTerms, correct_gcode_file, correct_poses_file
-from campaigns.controllers.calibrated_workspace import MARGIN_MM, TURN_MARGIN_DEG
 from campaigns.controllers.gcode_correction import TOLERANCE_MM
 from campaigns.controllers.gcode_moves import ROTARY
 from campaigns.errors import OptionsInvalid
+from campaigns.settings.option import Option, require_finite
 
 WORD = "-corrected"
 LETTERS = ("A", "B", "C")
 
 
+File = Annotated[Path | None, Option("A program of moves.", metavar="FILE")]
+Poses = Annotated[
+    Path | None,
+    Option("CSV with a column for each coordinate, such as x_mm; name may be left out.", "FILE"),
+]
+To = Annotated[Path | None, Option(f"Default: beside the file, NAME{WORD}.", metavar="FILE")]
+Tolerance = Annotated[
+    float,
+    Option("G-code: how far a piece may be off the wanted path.", metavar="MM", least=1e-4),
+]
+Rotary = Annotated[str, Option("G-code: the word of the robot's turn.", metavar="LETTER")]
+
+
 def command(
     context: typer.Context,
     folder: Folder,
+    terms: CorrectionTerms,
     *,
-    poses: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="CSV with a column for each coordinate, such as x_mm; name may be left out.",
-        ),
-    ] = None,
-    gcode: Annotated[Path | None, typer.Option(metavar="FILE", help="A program of moves.")] = None,
-    to: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help=f"Default: beside the file, NAME{WORD}."),
-    ] = None,
-    robot: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="The identified set. Default, in DIR: robot-compensated.yaml."
-        ),
-    ] = None,
-    tolerance: Annotated[
-        float,
-        typer.Option(
-            min=1e-4, metavar="MM", help="G-code: how far a piece may be off the wanted path."
-        ),
-    ] = TOLERANCE_MM,
-    rotary: Annotated[
-        str, typer.Option(metavar="LETTER", help="G-code: the word of the robot's turn.")
-    ] = ROTARY,
-    margin: Annotated[
-        float,
-        typer.Option(min=0.0, metavar="MM", help="How far outside of the shots it is believed."),
-    ] = MARGIN_MM,
-    turn_margin: Annotated[
-        float, typer.Option(min=0.0, metavar="DEG", help="The same for the turn.")
-    ] = TURN_MARGIN_DEG,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace the file if it exists.")
-    ] = False,
+    poses: Poses = None,
+    gcode: File = None,
+    to: To = None,
+    tolerance: Tolerance = TOLERANCE_MM,
+    rotary: Rotary = ROTARY,
+    overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Correct targets for a controller that keeps its nominal parameters.
@@ -73,87 +55,45 @@ def command(
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
-    terms = CorrectionTerms(robot, margin, turn_margin)
-    _require_finite(tolerance=tolerance, margin=margin, turn_margin=turn_margin)
-    if (poses is None) == (gcode is None):
+    require_finite("--tolerance", tolerance)
+    source = poses or gcode
+    if source is None or (poses and gcode):
         raise OptionsInvalid(
-            "neither --poses nor --gcode" if poses is None else "both --poses and --gcode",
+            "both --poses and --gcode" if source else "neither --poses nor --gcode",
             remedy="name one file",
         )
+    path = to or source.parent / f"{source.stem}{WORD}{source.suffix}"
     if poses is not None:
-        _poses(terminal, campaign, poses, to or _beside(poses), terms, overwrite=overwrite)
-        return
-    assert gcode is not None, "one of them"
-    path = to or _beside(gcode)
-    found = correct_gcode_file(
-        campaign,
-        gcode,
-        path,
-        terms,
-        tolerance_mm=tolerance,
-        rotary=_letter(rotary),
-        overwrite=overwrite,
-    )
-    mean_mm, max_mm = found.correction_mm
+        found = correct_poses_file(campaign, poses, path, terms, overwrite=overwrite)
+        size = found.correction_mm
+        mean_mm, max_mm = float(size.mean()), float(size.max())
+        std_mm = None if np.isnan(found.std_mm).any() else float(found.std_mm.max())
+        done, counts = f"{len(size)} poses", {"poses": len(size)}
+    else:
+        program = correct_gcode_file(
+            campaign,
+            source,
+            path,
+            terms,
+            tolerance_mm=tolerance,
+            rotary=_letter(rotary),
+            overwrite=overwrite,
+        )
+        (mean_mm, max_mm), std_mm = program.correction_mm, program.std_mm
+        done = f"{program.moves} moves as {program.pieces} straight ones"
+        counts = {"moves": program.moves, "pieces": program.pieces}
     terminal.say(f"written: {path}")
     terminal.say(
-        f"{found.moves} moves as {found.pieces} straight ones, corrected by {mean_mm:.3f} mm on "
-        f"average, {max_mm:.3f} mm at most{_sigma(found.std_mm)}"
+        f"{done}, corrected by {mean_mm:.3f} mm on average, {max_mm:.3f} mm at most{_sigma(std_mm)}"
     )
-    terminal.document(
-        {
-            "path": str(path),
-            "moves": found.moves,
-            "pieces": found.pieces,
-            "correction_mm": {"mean": mean_mm, "max": max_mm},
-            "position_std_mm": found.std_mm,
-        }
-    )
-
-
-def _poses(
-    terminal: Terminal,
-    campaign: Campaign,
-    source: Path,
-    to: Path,
-    terms: CorrectionTerms,
-    *,
-    overwrite: bool,
-) -> None:
-    found = correct_poses_file(campaign, source, to, terms, overwrite=overwrite)
-    size = found.correction_mm
-    std = None if np.isnan(found.std_mm).any() else float(found.std_mm.max())
-    terminal.say(f"written: {to}")
-    terminal.say(
-        f"{len(size)} poses, corrected by {size.mean():.3f} mm on average, {size.max():.3f} mm "
-        f"at most{_sigma(std)}"
-    )
-    terminal.document(
-        {
-            "path": str(to),
-            "poses": len(size),
-            "correction_mm": {"mean": float(size.mean()), "max": float(size.max())},
-            "position_std_mm": std,
-        }
-    )
-
-
-def _require_finite(**options: float) -> None:
-    for name, value in options.items():
-        if not math.isfinite(value):
-            raise OptionsInvalid(
-                f"--{name.replace('_', '-')} is {value}", remedy="give a finite number"
-            )
+    size_mm = {"mean": mean_mm, "max": max_mm}
+    terminal.document({"path": path, **counts, "correction_mm": size_mm, "position_std_mm": std_mm})
 
 
 def _sigma(std_mm: float | None) -> str:
     if std_mm is None:
         return "; no identification in the journal says how sure that is"
     return f"; 1 σ of the position {std_mm:.3f} mm at most"
-
-
-def _beside(path: Path) -> Path:
-    return path.parent / f"{path.stem}{WORD}{path.suffix}"
 
 
 def _letter(rotary: str) -> str:

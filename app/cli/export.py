@@ -1,32 +1,23 @@
 """pkmcal export: the compensated parameter file."""
 
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from app.console import Terminal, terminal_of
-from app.options import Folder, Json
+from app.options import Folder, Json, Overwrite
 from campaigns.campaign import open_campaign
 from campaigns.chain.files import export, export_hal, export_shots
 from campaigns.chain.projecting import ReducedExport, export_projected
+from campaigns.controllers.few_parameters import FORMATS
+from campaigns.controllers.projection import ResidualError
+from campaigns.files.table import Column, words
 from campaigns.robots.robot import FOR_SOME_CONTROLLERS
 
-
-class Format(Enum):
-    """What the identified parameters are written as."""
-
-    YAML = "yaml"
-    LINUXCNC = "linuxcnc"
-    LINUXCNC_ROTARYDELTA = "linuxcnc-rotarydelta"
-    LINUXCNC_LINEARDELTA = "linuxcnc-lineardelta"
-    KLIPPER_ROTARY_DELTA = "klipper-rotary-delta"
-    KLIPPER_DELTA = "klipper-delta"
-    PLAIN = "plain"
-
-
-FEWER = [each.value for each in Format if each not in {Format.YAML, Format.LINUXCNC, Format.PLAIN}]
+Format = StrEnum("Format", {word: word for word in ("yaml", "linuxcnc", *FORMATS, "plain")})  # type: ignore[misc] # words of another room
+YAML = Format("yaml")
 
 
 def command(
@@ -48,12 +39,10 @@ def command(
             "--format",
             metavar="FORMAT",
             help="yaml: a robot file. linuxcnc: a HAL file for pkmkins. Nearest values for fewer "
-            f"parameters: {', '.join(FEWER)}; plain: a robot file without tilts and skews.",
+            f"parameters: {', '.join(FORMATS)}; plain: a robot file without tilts and skews.",
         ),
-    ] = Format.YAML,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace the file if it exists.")
-    ] = False,
+    ] = YAML,
+    overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
     """Write the identified parameters as a robot file.
@@ -71,12 +60,12 @@ def command(
         path, exported = export_shots(campaign, to, overwrite=overwrite)
         if exported.halves:
             terminal.note(f"left out, as their partner is missing: shots {exported.halves}")
-    elif format_ is Format.LINUXCNC:
+    elif format_ == "linuxcnc":
         path = export_hal(campaign, to, overwrite=overwrite)
-    elif format_ is not Format.YAML:
-        found = export_projected(campaign, format_.value, to, overwrite=overwrite)
+    elif format_ != "yaml":
+        found = export_projected(campaign, str(format_), to, overwrite=overwrite)
         _show(terminal, found)
-        if format_ is Format.PLAIN:
+        if format_ == "plain":
             terminal.note(f"next: pkmcal load {folder} --file {found.path}")
         terminal.document(found.document())
         return
@@ -93,7 +82,11 @@ def command(
 
 def _show(terminal: Terminal, found: ReducedExport) -> None:
     """What is left, and the file."""
+    columns: tuple[Column[tuple[str, ResidualError]], ...] = (
+        words("with", lambda row: row[0]),
+        Column("mean", lambda row: row[1].mean_mm, decimals=4),
+        Column("max", lambda row: row[1].max_mm, decimals=4),
+    )
     left = found.left.items()
-    rows = [(name, f"{each.mean_mm:.4f}", f"{each.max_mm:.4f}") for name, each in left]
-    terminal.table("Left of position over the workspace (mm)", ("with", "mean", "max"), rows)
+    terminal.rows("Left of position over the workspace (mm)", columns, left)
     terminal.say(f"written: {found.path}")

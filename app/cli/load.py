@@ -26,6 +26,7 @@ from campaigns.chain.loading import (
 )
 from campaigns.controllers.load import Change
 from campaigns.errors import OptionsInvalid
+from campaigns.files.table import Column, words
 from drivers.values import Identity
 
 SURE = "Write these parameters into controller {serial}? The robot must stand still."
@@ -54,6 +55,15 @@ Verify = Annotated[
     ),
 ]
 Standing = Annotated[bool, typer.Option("--yes", "-y", help="Don't ask: the robot stands still.")]
+
+
+CHANGES: tuple[Column[Change], ...] = (
+    words("", lambda change: change.name),
+    Column("holds", lambda change: change.old, decimals=4),
+    Column("will hold", lambda change: change.new, decimals=4),
+    Column("Δ", lambda change: change.delta, decimals=4, signed=True),
+    Column("Δ/σ", lambda change: change.in_sigmas, decimals=0, signed=True),
+)
 
 
 def command(
@@ -160,28 +170,16 @@ def _tell(terminal: Terminal, done: LoadResult) -> None:
             f"before it was {found.before_mm:.3f} mm",
             GOOD,
         )
-    loaded = done.kept is not None
     terminal.document(
         {
-            "loaded": str(done.source) if loaded else None,
-            "kept": str(done.kept) if loaded else None,
-            "forced": list(done.forced),
-            "verification": found and found.document(),
+            "loaded": done.source if done.kept else None,
+            "kept": done.kept,
+            "forced": done.forced,
+            "verification": found,
         }
     )
 
 
 def show(terminal: Terminal, found: tuple[Change, ...]) -> None:
     """Table of the parameters that would change."""
-    rows = [
-        (
-            change.name,
-            f"{change.old:.4f}",
-            f"{change.new:.4f}",
-            f"{change.delta:+.4f}",
-            "-" if change.in_sigmas is None else f"{change.in_sigmas:+.0f}",
-        )
-        for change in found
-        if change.delta != 0.0
-    ]
-    terminal.table("Controller (mm, deg)", ("", "holds", "will hold", "Δ", "Δ/σ"), rows)
+    terminal.rows("Controller (mm, deg)", CHANGES, [each for each in found if each.delta != 0.0])

@@ -1,6 +1,7 @@
 """pkmcal plan: where to measure."""
 
 import shlex
+from dataclasses import asdict
 
 import typer
 
@@ -10,7 +11,6 @@ from app.plan_text import (
     forecast_document,
     plan_line,
     plate_warning,
-    refusals_document,
     refusals_lines,
     show_forecast,
 )
@@ -58,14 +58,14 @@ def command(
 
 def plan_document(campaign: Campaign, planned: PlannedCampaign) -> dict[str, object]:
     """Plan as `--json` prints it."""
-    pairs = len(pairs_of(planned.checked.shots, ShotSet.IDENTIFICATION))
+    pairs, found = len(pairs_of(planned.checked.shots, ShotSet.IDENTIFICATION)), planned.refusals
     return {
         "shots": 2 * pairs,
         "pairs": pairs,
         **forecast_document(planned),
-        "space": None if planned.refusals is None else refusals_document(planned.refusals),
+        "space": found and {**asdict(found), "by_zone": dict(found.by_zone)},
         "seconds_estimated": planned.checked.seconds,
-        "path": str(campaign.plan_path),
+        "path": campaign.plan_path,
     }
 
 

@@ -1,7 +1,7 @@
 """pkmcal validate: how good the robot is, as its user commands it."""
 
 import shlex
-from enum import Enum
+from enum import StrEnum
 from typing import Annotated
 
 import typer
@@ -20,32 +20,18 @@ from campaigns.chain.validation import (
     require_means,
     wrong_stage,
 )
-from campaigns.shots.shot_sets import ShotSet
+from campaigns.evaluation.validation import SET_OF
 
-
-class Test(Enum):
-    """The tests of the paper's section IV.E; the value is the word on the command line."""
-
-    DISTANCES = "distances"
-    ROTATION = "rotation"
-    STRAIGHTNESS = "straightness"
-    REPEATABILITY = "repeatability"
-
-
-SET_OF = {
-    Test.DISTANCES: ShotSet.VALIDATION,
-    Test.ROTATION: ShotSet.ROTATION,
-    Test.STRAIGHTNESS: ShotSet.STRAIGHTNESS,
-    Test.REPEATABILITY: ShotSet.REPEATABILITY,
-}
 CLEAR = (
     "Validation '{stage}', {speed} speed, controller {serial}: the robot will move. "
     "Is the cell clear?"
 )
-KNOWN = ", ".join(test.value for test in Test)
+Test = StrEnum("Test", {name: name for name in SET_OF})  # type: ignore[misc] # words of the tests
+KNOWN = ", ".join(SET_OF)
 Stage = Annotated[ValidationStage, typer.Option(help="Before or after `pkmcal load`.")]
 Only = Annotated[
-    list[Test] | None, typer.Option(metavar="TEST", help=f"Only this test; repeatable: {KNOWN}.")
+    list[Test] | None,
+    typer.Option(metavar="TEST", help=f"Only this test; repeatable: {KNOWN}."),
 ]
 Anyway = Annotated[
     bool,
@@ -92,8 +78,7 @@ def command(
     """
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
-    tests = tuple(only or Test)
-    names = [test.value for test in tests]
+    names = [str(name) for name in only or SET_OF]
     require_means(stage, by)
     if dry:
         terminal.say(f"would measure, as '{stage}': {', '.join(names)}; nothing was moved")
@@ -110,15 +95,15 @@ def command(
     if wrong is not None:
         terminal.note(f"! {wrong.problem}", WARNING)
         record_anyway(campaign, wrong)
-    wanted = () if set(tests) == set(Test) else tests
-    words = [word for test in wanted for word in ("--only", test.value)]
+    wanted = () if {*names} == {*SET_OF} else names
+    words = [word for name in wanted for word in ("--only", name)]
     words += ["--anyway"] if anyway else []
     words += ["--by", by] if by == "targets" else []
     found = measure_validation(
         campaign,
         stage,
         terminal,
-        frozenset(SET_OF[test] for test in tests),
+        frozenset(SET_OF[name] for name in names),
         again=shlex.join(["pkmcal", "validate", str(folder), "--stage", stage, *words]),
         anew=anew,
         by=by,

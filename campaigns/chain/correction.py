@@ -3,6 +3,7 @@
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from campaigns.campaign import Campaign
 from campaigns.controllers.calibrated_workspace import (
@@ -32,6 +33,7 @@ from campaigns.identification.result import RecordedIdentification, read_identif
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Finding
 from campaigns.robots.robot import RobotFile, read_robot
+from campaigns.settings.option import Option, require_finite
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
 from drivers.bounded_files import CSV_BYTES, is_there
@@ -41,10 +43,23 @@ from drivers.bounded_files import CSV_BYTES, is_there
 class CorrectionTerms:
     """Parameter set that counts as the robot's, and how far beyond its shots it is believed."""
 
-    robot: Path | None = None
-    """Robot file; None: the exported one."""
-    margin_mm: float = MARGIN_MM
-    turn_margin_deg: float = TURN_MARGIN_DEG
+    robot: Annotated[
+        Path | None,
+        Option("The identified set. Default, in DIR: robot-compensated.yaml.", metavar="FILE"),
+    ] = None
+    margin_mm: Annotated[
+        float,
+        Option(
+            "How far outside of the shots it is believed.", metavar="MM", least=0.0, name="--margin"
+        ),
+    ] = MARGIN_MM
+    turn_margin_deg: Annotated[
+        float, Option("The same for the turn.", metavar="DEG", least=0.0, name="--turn-margin")
+    ] = TURN_MARGIN_DEG
+
+    def __post_init__(self) -> None:
+        require_finite("--margin", self.margin_mm)
+        require_finite("--turn-margin", self.turn_margin_deg)
 
 
 def target_correction(campaign: Campaign, terms: CorrectionTerms | None = None) -> TargetCorrection:

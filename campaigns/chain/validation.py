@@ -15,6 +15,7 @@ from campaigns.controllers.load import differing
 from campaigns.controllers.load_journal import FOUND_AGAIN, Holding, load_history
 from campaigns.errors import FindingUnreadable, OptionsInvalid
 from campaigns.evaluation.validation import (
+    SET_OF,
     ValidationResult,
     ValidationVerdict,
     evaluate_validation,
@@ -41,9 +42,7 @@ ValidationStage = Literal["before", "after"]
 Means = Literal["parameters", "targets"]
 """What calibrates the robot: parameters in its controller, or targets corrected for it."""
 VerificationStage = Literal["verify before", "verify after"]
-TESTS = frozenset(
-    {ShotSet.VALIDATION, ShotSet.ROTATION, ShotSet.STRAIGHTNESS, ShotSet.REPEATABILITY}
-)
+TESTS = frozenset(SET_OF.values())
 """Of a validation."""
 
 

@@ -27,7 +27,13 @@ from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
 AXES = ("x", "y", "z")
-TESTS = ("distances", "rotation", "straightness", "repeatability")
+SET_OF: Mapping[str, ShotSet] = {
+    "distances": ShotSet.VALIDATION,
+    "rotation": ShotSet.ROTATION,
+    "straightness": ShotSet.STRAIGHTNESS,
+    "repeatability": ShotSet.REPEATABILITY,
+}
+"""Shots of each test, by the word on the command line: those of the paper's section IV.E."""
 DEVIATIONS = 3.0
 """Standard deviations in RP."""
 NO_AXIS = -1
@@ -320,7 +326,7 @@ def evaluate_validation(
     )
     made = (found.distances, found.rotation, found.lines, found.repeatability)
     return replace(
-        found, series={name: series for name, each in zip(TESTS, made, strict=True) if each}
+        found, series={name: series for name, each in zip(SET_OF, made, strict=True) if each}
     )
 
 

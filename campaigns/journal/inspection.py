@@ -42,7 +42,7 @@ PLACES = 1e-15
 class Problem:
     """One thing that is wrong, and the record it is about where that is known."""
 
-    text: str
+    problem: str
     record: int | None = None
 
 
@@ -215,4 +215,4 @@ def require_whole(path: Path, found: Inspection) -> None:
         return
     first, more = found.problems[0], len(found.problems) - 1
     others = f" (and {more} more)" if more else ""
-    raise JournalDamaged(f"{path}: {first.text}{others}", number=first.record)
+    raise JournalDamaged(f"{path}: {first.problem}{others}", number=first.record)

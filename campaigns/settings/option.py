@@ -1,7 +1,10 @@
 """Options of a step of the work: a field each, whose annotation says how a command offers it."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+
+from campaigns.errors import OptionsInvalid
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,3 +24,9 @@ class Option:
     """Name, if not the field's."""
     default: str | None = None
     """What is said of the default where None stands for it."""
+
+
+def require_finite(option: str, value: float) -> None:
+    """Raise `OptionsInvalid` for what is no number that can be meant."""
+    if not math.isfinite(value):
+        raise OptionsInvalid(f"{option} is {value}", remedy="give a finite number")
