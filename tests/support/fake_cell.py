@@ -3,9 +3,11 @@
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import degrees
+from pathlib import Path
 
 import numpy as np
 from par4_space import par4
+from tested_journal import Told, journal_in
 from virtual_time import Act, StopWish, VirtualClock
 
 from campaigns.estimation.rigid_transforms import Transform, small_rotation
@@ -251,6 +253,12 @@ class FakeCell:
 
     def measure(self, journal: Journal, work: Work, *, anew: bool = False) -> int:
         return measure_series(self.devices, journal, work, self.watcher, self.wish, anew=anew)
+
+    def run(self, folder: Path, work: Work, *, anew: bool = False) -> Told:
+        """Measure, and read what the journal on the disk holds of it."""
+        with journal_in(folder, self.calls) as journal:
+            self.measure(journal, work, anew=anew)
+        return Told(folder)
 
     def named(self, name: str) -> list[tuple[object, ...]]:
         return [call for call in self.calls if call[0] == name]

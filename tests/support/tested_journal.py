@@ -7,8 +7,9 @@ from pathlib import Path
 
 from campaigns.errors import JournalFailed
 from campaigns.journal.database import connect_to_write
-from campaigns.journal.journal import Journal, open_journal
+from campaigns.journal.journal import Journal, open_journal, read_journal
 from campaigns.journal.records import KIND_OF_TYPE, Intent, Outcome, Record, Rejected
+from campaigns.journal.views import AcceptedShot, Entry, Series, all_series
 
 
 class PowerCut(BaseException):
@@ -50,6 +51,29 @@ def ticking() -> Callable[[], str]:
     """A clock that is a second later each time it is read."""
     seconds = count()
     return lambda: f"2026-03-02T08:{(s := next(seconds)) // 60:02d}:{s % 60:02d}Z"
+
+
+class Told:
+    """What a journal on the disk holds, to be asked as a reader is, once it is closed."""
+
+    def __init__(self, folder: Path) -> None:
+        with read_journal(folder / "campaign.db") as journal:
+            self._entries = journal.records()
+
+    def records(self, series: int | None = None) -> tuple[Entry[Record], ...]:
+        return tuple(e for e in self._entries if series in (None, e.series))
+
+    def records_of(self, kind: type, series: int | None = None) -> tuple[Entry[Record], ...]:
+        return tuple(e for e in self.records(series) if isinstance(e.record, kind))
+
+    def series(self, stage: str | None = None) -> tuple[Series, ...]:
+        return tuple(s for s in all_series(self._entries) if stage in (None, s.started.stage))
+
+    def latest_series(self, stage: str) -> Series | None:
+        return next(reversed(self.series(stage)), None)
+
+    def shots(self, series: int = 1) -> tuple[AcceptedShot, ...]:
+        return self.series()[series - 1].shots
 
 
 @contextmanager

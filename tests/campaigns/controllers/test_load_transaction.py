@@ -488,32 +488,25 @@ def _raise(error: BaseException) -> None:
 # the right stage
 
 
-def test_stage_before_is_wrong_while_identified_parameters_are_loaded(campaign: Campaign) -> None:
-    wrong = wrong_stage(campaign, new_set(campaign), "before")
-    assert wrong is not None
-    assert "holds what was identified in this campaign" in wrong.problem
-    assert "--rollback" in wrong.remedy
-    assert wrong_stage(campaign, new_set(campaign), "after") is None
-
-
-def test_stage_after_is_wrong_while_the_nominal_parameters_are_loaded(campaign: Campaign) -> None:
+def test_a_stage_is_wrong_while_the_other_ones_parameters_are_loaded(campaign: Campaign) -> None:
+    """Rounding of a controller's own units makes no other set; what is neither may be of any."""
+    new = new_set(campaign)
+    rounded = {name: value * (1.0 + 1e-12) for name, value in new.items()}
+    for held in (new, rounded):
+        wrong = wrong_stage(campaign, held, "before")
+        assert wrong is not None
+        assert "holds what was identified in this campaign" in wrong.problem
+        assert "--rollback" in wrong.remedy
+        assert wrong_stage(campaign, held, "after") is None
     wrong = wrong_stage(campaign, OLD, "after")
     assert wrong is not None
     assert "still holds the nominal parameters" in wrong.problem
     assert wrong_stage(campaign, OLD, "before") is None
-
-
-@pytest.mark.parametrize("stage", ["before", "after"])
-def test_parameters_that_are_neither_may_be_of_any_stage(campaign: Campaign, stage) -> None:
-    assert wrong_stage(campaign, OLD | {"plate_mm": 100.3}, stage) is None
+    for stage in ("before", "after"):
+        assert wrong_stage(campaign, OLD | {"plate_mm": 100.3}, stage) is None
 
 
 def test_parameters_of_a_new_campaign_need_no_journal(tmp_path: Path) -> None:
     campaign = new_campaign(tmp_path / "new").campaign
     assert wrong_stage(campaign, OLD, "before") is None
     assert not campaign.journal_path.exists()
-
-
-def test_rounding_of_a_controllers_own_units_is_no_other_set(campaign: Campaign) -> None:
-    rounded = {name: value * (1.0 + 1e-12) for name, value in new_set(campaign).items()}
-    assert wrong_stage(campaign, rounded, "before") is not None

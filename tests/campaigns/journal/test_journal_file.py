@@ -85,54 +85,31 @@ def test_reading_leaves_the_golden_file_as_it_is(tmp_path: Path, golden: Path) -
     assert golden.read_bytes() == before
 
 
-@pytest.mark.parametrize("golden", ALL_GOLDEN)
-def test_a_write_protected_golden_file_is_read(
-    tmp_path: Path, golden: Path, monkeypatch: pytest.MonkeyPatch
+def newer(path: Path) -> None:
+    shutil.copy(GOLDEN, path)
+    database(path, f"PRAGMA user_version = {journal_database.VERSION + 1}")
+
+
+FOREIGN: dict[str, tuple[Callable[[Path], object], str]] = {
+    "newer": (newer, "newer pkmcal"),
+    "another program's": (lambda path: database(path, "CREATE TABLE t (x)"), "not a journal"),
+    "marked": (lambda path: database(path, "PRAGMA application_id = 7"), "not a journal"),
+    "text": (lambda path: path.write_text("pair,q0_deg\n" * 200), "not a database"),
+}
+
+
+@both_doors
+@pytest.mark.parametrize(("make", "reason"), FOREIGN.values(), ids=FOREIGN)
+def test_a_file_that_is_no_journal_of_ours_is_refused_and_left_as_it_was(
+    tmp_path: Path, door: Door, make: Callable[[Path], object], reason: str
 ) -> None:
-    golden = Path(shutil.copy(golden, tmp_path))
-    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
-    with read_journal(golden) as journal:
-        assert len(journal.shots(1)) == 2
-    assert names_in(tmp_path) == [golden.name]
-
-
-@both_doors
-def test_a_newer_file_is_refused_and_left_as_it_was(tmp_path: Path, door: Door) -> None:
-    newer = database(
-        Path(shutil.copy(GOLDEN, tmp_path)), f"PRAGMA user_version = {journal_database.VERSION + 1}"
-    )
-    assert_left_alone(newer, door, "newer pkmcal")
-
-
-@both_doors
-def test_another_programs_database_is_refused_and_left_as_it_was(
-    tmp_path: Path, door: Door
-) -> None:
-    assert_left_alone(database(tmp_path / "a.db", "CREATE TABLE t (x)"), door, "not a journal")
-
-
-@both_doors
-def test_another_programs_marked_but_empty_database_is_refused(tmp_path: Path, door: Door) -> None:
-    assert_left_alone(
-        database(tmp_path / "a.db", "PRAGMA application_id = 7"), door, "not a journal"
-    )
-
-
-@both_doors
-def test_a_file_that_is_no_database_is_refused_and_left_as_it_was(
-    tmp_path: Path, door: Door
-) -> None:
-    path = tmp_path / "campaign.db"
-    path.write_text("pair,q0_deg\n" * 200, encoding="utf-8")
-    assert_left_alone(path, door, "not a database")
-
-
-def assert_left_alone(path: Path, door: Door, reason: str) -> None:
+    path = tmp_path / "a.db"
+    make(path)
     before = path.read_bytes()
     with pytest.raises(JournalFailed, match=reason):
         door(path)
     assert path.read_bytes() == before
-    assert names_in(path.parent) == [path.name]
+    assert names_in(tmp_path) == [path.name]
 
 
 def test_a_missing_journal_is_said_and_none_is_made(tmp_path: Path) -> None:

@@ -30,10 +30,9 @@ def test_run_goes_on_anyway_with_a_moved_stand_and_says_so_in_the_journal(
     interrupted(tmp_path)
     cell = FakeCell()
     cell.tracker.shifted_mm[1] = by_mm
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work(FOUR_PAIRS, override=True))
-        assert len(journal.shots(series)) == len(FOUR_PAIRS)
-        (text,) = texts(journal, "gone on anyway")
+    journal = cell.run(tmp_path, work(FOUR_PAIRS, override=True))
+    assert len(journal.shots()) == len(FOUR_PAIRS)
+    (text,) = texts(journal, "gone on anyway")
     assert text.startswith("gone on all the same: after the restart up to")
     assert "the tracker, its stand or the robot's base has moved" in text
     assert text in cell.watcher.events
@@ -43,18 +42,16 @@ def test_run_goes_on_anyway_where_only_one_pose_can_be_compared(tmp_path: Path) 
     interrupted(tmp_path, TWO_PAIRS, 3)
     cell = FakeCell()
     cell.tracker.shifted_mm[0] = 1.5
-    with journal_in(tmp_path, cell.calls) as journal:
-        cell.measure(journal, work(override=True))
-        assert len(texts(journal, "gone on anyway")) == 1
-        assert len(journal.shots(1)) == len(TWO_PAIRS)
+    journal = cell.run(tmp_path, work(override=True))
+    assert len(texts(journal, "gone on anyway")) == 1
+    assert len(journal.shots(1)) == len(TWO_PAIRS)
 
 
 def test_nothing_is_said_anyway_where_nothing_has_moved(tmp_path: Path) -> None:
     interrupted(tmp_path)
     cell = FakeCell()
-    with journal_in(tmp_path, cell.calls) as journal:
-        cell.measure(journal, work(FOUR_PAIRS, override=True))
-        assert not texts(journal, "gone on anyway")
+    journal = cell.run(tmp_path, work(FOUR_PAIRS, override=True))
+    assert not texts(journal, "gone on anyway")
 
 
 def test_without_anyway_the_remedy_names_it(tmp_path: Path) -> None:
@@ -68,11 +65,10 @@ def test_without_anyway_the_remedy_names_it(tmp_path: Path) -> None:
 
 def test_poses_are_compared_at_the_end_of_a_run_that_nothing_interrupted(tmp_path: Path) -> None:
     cell = FakeCell()
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work(FOUR_PAIRS, compared_at_end=True))
-        assert {shot.outcome.attempt for shot in journal.shots(series)} == {1}
-        end = texts(journal, "drift check")[-1]
-        compared = [e.record for e in journal.records_of(Rejected)]
+    journal = cell.run(tmp_path, work(FOUR_PAIRS, compared_at_end=True))
+    assert {shot.outcome.attempt for shot in journal.shots()} == {1}
+    end = texts(journal, "drift check")[-1]
+    compared = [e.record for e in journal.records_of(Rejected)]
     assert end.startswith("at the end up to 0.000 mm from where they were")
     assert end.endswith("neither tracker nor robot has changed")
     assert len(compared) == 4
@@ -88,9 +84,8 @@ def test_stand_bumped_during_a_run_is_told_at_its_end_and_nothing_is_lost(tmp_pa
 
     plan = FOUR_PAIRS[:-1]
     cell.tracker.during_measure = {8: bump}
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work(plan, compared_at_end=True))
-        assert len(journal.shots(series)) == len(plan)
+    journal = cell.run(tmp_path, work(plan, compared_at_end=True))
+    assert len(journal.shots()) == len(plan)
     (told,) = cell.watcher.events
     assert told.startswith("at the end up to 1.")
     assert "has moved" in told
@@ -103,9 +98,8 @@ def test_pose_that_cannot_be_compared_at_the_end_loses_nothing(tmp_path: Path) -
         cell.tracker.shifted_mm[:] = (0.0, 500.0, 0.0)
 
     cell.tracker.during_measure = {7: go_away}
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work(compared_at_end=True))
-        assert len(journal.shots(series)) == len(TWO_PAIRS)
-        assert journal.latest_series("run").finished
+    journal = cell.run(tmp_path, work(compared_at_end=True))
+    assert len(journal.shots()) == len(TWO_PAIRS)
+    assert journal.latest_series("run").finished
     (told,) = [text for text in cell.watcher.events if text.startswith("at the end")]
     assert "a pose could not be compared" in told

@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 from fake_cell import FakeCell
 from small_plans import FOUR_PAIRS, TWO_PAIRS, drift, work
-from tested_journal import journal_in
 
 from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Event, Intent, Outcome
@@ -71,8 +70,7 @@ GOLDEN_TWO_PAIRS = [
 
 def test_golden_sequence_of_a_two_pair_plan(tmp_path: Path) -> None:
     cell = FakeCell()
-    with journal_in(tmp_path, cell.calls) as journal:
-        cell.measure(journal, work(TWO_PAIRS))
+    cell.run(tmp_path, work(TWO_PAIRS))
     assert cell.calls == GOLDEN_TWO_PAIRS
 
 
@@ -85,8 +83,7 @@ def test_intent_is_on_the_disk_before_the_robot_moves(tmp_path: Path) -> None:
             last_records.append(reader.records()[-1].record)
 
     cell.robot.during_move = dict.fromkeys(range(2, 7), look)
-    with journal_in(tmp_path, cell.calls) as journal:
-        cell.measure(journal, work())
+    cell.run(tmp_path, work())
     assert [type(record) for record in last_records] == [Intent] * 5
     assert [record.shot for record in last_records] == [1, 2, 3, 4, 5]
 
@@ -103,8 +100,7 @@ def test_outcome_is_on_the_disk_before_the_next_motion_and_never_before_its_meas
 
     cell.robot.during_move = dict.fromkeys(range(2, 7), look)
     cell.tracker.during_measure = dict.fromkeys(range(1, 7), look)
-    with journal_in(tmp_path, cell.calls) as journal:
-        cell.measure(journal, work())
+    cell.run(tmp_path, work())
     before_measuring = [list(range(shot)) for shot in range(6)]
     before_moving = [list(range(shot)) for shot in range(1, 6)]
     assert sorted(written, key=len) == sorted(before_measuring + before_moving, key=len)
@@ -112,9 +108,8 @@ def test_outcome_is_on_the_disk_before_the_next_motion_and_never_before_its_meas
 
 def test_outcome_holds_what_was_asked_read_measured_and_how_long_it_took(tmp_path: Path) -> None:
     cell = FakeCell()
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work())
-        shot = journal.shots(series)[1]
+    journal = cell.run(tmp_path, work())
+    shot = journal.shots()[1]
     assert shot.intent.target == TWO_PAIRS[1].pose
     assert shot.intent.target_joints == TWO_PAIRS[1].joints
     assert (shot.intent.purpose, shot.intent.pair) == ("identification", 0)
@@ -128,8 +123,7 @@ def test_outcome_holds_what_was_asked_read_measured_and_how_long_it_took(tmp_pat
 
 def test_progress_counts_shots_and_tells_residual_drift_and_time_left(tmp_path: Path) -> None:
     cell = FakeCell()
-    with journal_in(tmp_path, cell.calls) as journal:
-        cell.measure(journal, work(FOUR_PAIRS))
+    cell.run(tmp_path, work(FOUR_PAIRS))
     told = cell.watcher.told
     assert {progress.total for progress in told} == {10}
     assert sorted({progress.done for progress in told}) == list(range(11))
@@ -153,9 +147,8 @@ def test_air_that_warms_raises_one_alarm_and_ends_it_once(tmp_path: Path) -> Non
 
     temperatures = {2: 21.1, 3: 21.4, 4: 20.95, 5: 21.2, 6: 20.5}
     cell.tracker.during_measure = {shot: air(value) for shot, value in temperatures.items()}
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work())
-        events = [entry.record for entry in journal.records_of(Event, series)]
+    journal = cell.run(tmp_path, work())
+    events = [entry.record for entry in journal.records_of(Event)]
     alarms = [event.text for event in events if event.kind == "temperature alarm"]
     assert alarms == [
         "the air has changed by +1.10 °C since the start, limit 1 °C",
@@ -171,9 +164,8 @@ def test_drift_shots_after_the_first_are_noted(tmp_path: Path) -> None:
         cell.tracker.shifted_mm[0] = 0.4
 
     cell.tracker.during_measure = {2: shift}
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work((drift(0), drift(1))))
-        events = [entry.record for entry in journal.records_of(Event, series)]
+    journal = cell.run(tmp_path, work((drift(0), drift(1))))
+    events = [entry.record for entry in journal.records_of(Event)]
     text = "shot 1: the drift pose is 0.400 mm from where it was first, limit 1 mm"
     assert events == [Event("drift check", text)]
     assert cell.watcher.told[-1].drift_mm == pytest.approx(0.4)

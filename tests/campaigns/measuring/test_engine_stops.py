@@ -258,6 +258,5 @@ def test_journal_that_fails_does_not_hide_an_unknown_state_of_the_robot(tmp_path
 
 def test_run_that_went_well_ends_without_a_stop(tmp_path: Path) -> None:
     cell = FakeCell()
-    with journal_in(tmp_path, cell.calls) as journal:
-        cell.measure(journal, work(TWO_PAIRS))
+    cell.run(tmp_path, work(TWO_PAIRS))
     assert not cell.named("robot.stop")

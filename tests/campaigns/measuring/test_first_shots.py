@@ -44,11 +44,10 @@ def test_wrong_first_shot_is_voided_named_and_taken_again(tmp_path: Path) -> Non
         1: cell.tracker.take_wrong_target,
         2: cell.tracker.take_right_target,
     }
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work())
-        attempts = [shot.outcome.attempt for shot in journal.shots(series)]
-        (voided,) = (entry.record for entry in journal.records_of(PairVoided))
-        (told,) = events_of(journal, "shot voided")
+    journal = cell.run(tmp_path, work())
+    attempts = [shot.outcome.attempt for shot in journal.shots()]
+    (voided,) = (entry.record for entry in journal.records_of(PairVoided))
+    (told,) = events_of(journal, "shot voided")
     # wrong, compared, taken again; refused once, then right
     assert attempts == [3, 2, 1, 1, 1, 1]
     assert (voided.pair, voided.shots) == (None, (0,))
@@ -65,10 +64,9 @@ def test_first_shot_off_by_less_than_the_gate_of_distances_is_found_when_the_fit
     plan = (*FOUR_PAIRS[:-1], *MORE)
     cell = FakeCell()
     cell.tracker.during_measure = {1: shifts(cell, off_mm), 2: shifts(cell, 0.0)}
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work(plan))
-        assert [e.record.shots for e in journal.records_of(PairVoided)][-1] == (0,)
-        points = [shot.outcome for shot in journal.shots(series)]
+    journal = cell.run(tmp_path, work(plan))
+    assert [e.record.shots for e in journal.records_of(PairVoided)][-1] == (0,)
+    points = [shot.outcome for shot in journal.shots()]
     assert len(points) == len(plan)
     assert dist(points[0].point_in_tracker_mm, true_mm(points[0])) < 0.01
 
@@ -86,10 +84,9 @@ def test_wrong_first_shot_whose_partner_comes_later_is_taken_again(tmp_path: Pat
         2: cell.tracker.take_right_target,
     }
     lone = (TWO_PAIRS[1], TWO_PAIRS[3], TWO_PAIRS[2], TWO_PAIRS[4])
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work(lone))
-        assert [e.record.shots for e in journal.records_of(PairVoided)] == [(1,)]
-        assert len(journal.shots(series)) == 4
+    journal = cell.run(tmp_path, work(lone))
+    assert [e.record.shots for e in journal.records_of(PairVoided)] == [(1,)]
+    assert len(journal.shots()) == 4
 
 
 def test_right_first_shot_is_confirmed_and_the_wrong_later_one_is_taken_again(
@@ -97,10 +94,9 @@ def test_right_first_shot_is_confirmed_and_the_wrong_later_one_is_taken_again(
 ) -> None:
     cell = FakeCell()
     cell.tracker.during_measure = {2: shifts(cell, 400.0), 3: shifts(cell, 0.0)}
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work())
-        assert [shot.outcome.attempt for shot in journal.shots(series)] == [1, 2, 1, 1, 1, 1]
-        assert not journal.records_of(PairVoided)
+    journal = cell.run(tmp_path, work())
+    assert [shot.outcome.attempt for shot in journal.shots()] == [1, 2, 1, 1, 1, 1]
+    assert not journal.records_of(PairVoided)
     assert [call[1:] for call in cell.named("journal.intent")][:3] == [(0, 1), (1, 1), (0, 2)]
 
 
@@ -150,10 +146,9 @@ def test_session_that_begins_on_a_wrong_target_uses_the_direction_in_which_the_f
         first.measure(journal, work())
     second.tracker.on_wrong_target = True
     second.robot.joints = first.robot.joints
-    with journal_in(tmp_path, second.calls) as journal:
-        series = second.measure(journal, work())
-        points = [shot.outcome for shot in journal.shots(series)]
-        starts = [entry.record.beam for entry in journal.records_of(SessionStarted)]
+    journal = second.run(tmp_path, work())
+    points = [shot.outcome for shot in journal.shots()]
+    starts = [entry.record.beam for entry in journal.records_of(SessionStarted)]
     assert [dist(p.point_in_tracker_mm, true_mm(p)) < 0.01 for p in points] == [True] * 6
     assert starts[0].direction == pytest.approx(began)
     assert went_to(second, starts[0].direction)
@@ -169,9 +164,8 @@ def test_beam_that_nobody_moved_between_sessions_is_known_from_where_it_was_firs
 
 def places_told(folder: Path, station: Station | None, plan=FOUR_PAIRS) -> list[str]:
     cell = FakeCell()
-    with journal_in(folder, cell.calls) as journal:
-        cell.measure(journal, work(plan, station=station))
-        told = events_of(journal, "tracker place")
+    journal = cell.run(folder, work(plan, station=station))
+    told = events_of(journal, "tracker place")
     assert cell.watcher.events == told
     return told
 

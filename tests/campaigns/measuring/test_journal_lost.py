@@ -73,7 +73,6 @@ def test_a_run_goes_on_with_the_journal_that_was_rescued(tmp_path: Path) -> None
     stopped_by("delete_all", tmp_path, move=4)
     (tmp_path / "campaign-rescued-1.db").rename(path)
     cell = FakeCell()
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work())
-        assert [shot.intent.shot for shot in journal.shots(series)] == list(range(6))
+    journal = cell.run(tmp_path, work())
+    assert [shot.intent.shot for shot in journal.shots()] == list(range(6))
     assert ("journal.intent", 0, 1) not in cell.calls, "what was measured is kept"

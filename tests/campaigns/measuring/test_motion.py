@@ -9,10 +9,11 @@ from fake_cell import CENTRE, NOMINAL, FakeCell, rounded_deg
 from small_plans import LIMITS, SETTLE, SPEED_FRACTION, commanded_as_pose, planned
 
 from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
-from campaigns.measuring.motion import POLL_S, Arrival, Mover
+from campaigns.measuring.motion import Arrival, Mover
 from campaigns.measuring.run_state import EngineState
 from campaigns.measuring.watched_deadline import WatchedDeadline
 from campaigns.planning.paths import PathCache, RobotModel, route
+from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.steps import Step
 from campaigns.shots.shot_sets import ShotSet
 from drivers.errors import EmergencyStop
@@ -36,24 +37,14 @@ def moves(cell: FakeCell) -> list[tuple[object, ...]]:
 
 def test_arrival_is_the_robot_at_rest_at_its_target() -> None:
     cell = FakeCell()
+    stood = tuple(cell.robot.joints.tolist())
     arrival, states = go(cell, Step(NEAR, "joints"))
     assert states == [EngineState.MOVING, EngineState.SETTLING]
     assert arrival.state.joints == pytest.approx(NEAR.joints)
     assert not arrival.state.moving
     assert arrival.settle_s >= SETTLE.time_s
+    assert arrival.came_from == pytest.approx(stood)
     assert arrival.move_s + arrival.settle_s == pytest.approx(cell.clock.now_s())
-
-
-def test_arrival_tells_where_the_joints_stood_before() -> None:
-    cell = FakeCell()
-    stood = tuple(cell.robot.joints.tolist())
-    assert go(cell, Step(NEAR, "joints"))[0].came_from == pytest.approx(stood)
-
-
-def test_arrival_tells_the_stop_before_when_the_way_has_some() -> None:
-    cell = FakeCell()
-    via = planned(0, ShotSet.ROTATION, None, 60.0, 0.0, -520.0).joints
-    assert go(cell, commanded_as_pose(NEAR, (via,)))[0].came_from == pytest.approx(via)
 
 
 def test_a_stop_on_the_way_is_told_as_read_and_not_as_commanded() -> None:
@@ -139,22 +130,6 @@ def test_robot_that_was_pushed_away_is_led_from_where_it_really_stands() -> None
     assert [call[1:] for call in moves(cell)] == [rounded_deg(leg) for leg in legs]
 
 
-def test_unsafe_way_is_refused_before_anything_moves() -> None:
-    cell = FakeCell()
-    cell.robot.joints = np.radians([90.0, -90.0, 90.0, -90.0])
-    with pytest.raises(TargetOutOfReach, match="no safe way to shot 7 from joints"):
-        go(cell, Step(NEAR, "joints"))
-    assert not moves(cell)
-
-
-def test_target_that_cannot_be_assembled_is_refused_before_anything_moves() -> None:
-    cell = FakeCell()
-    nowhere = replace(NEAR, joints=tuple(np.radians([90.0, -90.0, 90.0, -90.0]).tolist()))
-    with pytest.raises(TargetOutOfReach):
-        go(cell, Step(nowhere, "joints"))
-    assert not moves(cell)
-
-
 def test_robot_that_somebody_else_moves_is_waited_for() -> None:
     cell = FakeCell()
     cell.robot.keeps_moving = True
@@ -163,19 +138,23 @@ def test_robot_that_somebody_else_moves_is_waited_for() -> None:
     assert len(moves(cell)) == 1
 
 
-def test_robot_that_never_rests_is_not_commanded() -> None:
-    cell = FakeCell()
-    cell.robot.keeps_moving = True
-    with pytest.raises(NotSettled, match="moving for 10 s unasked"):
-        go(cell, Step(NEAR, "joints"))
-    assert not moves(cell)
+NOWHERE = tuple(np.radians([90.0, -90.0, 90.0, -90.0]).tolist())
+HINDRANCES = {
+    "unsafe way": ("joints", np.array(NOWHERE), NEAR, TargetOutOfReach, "no safe way to shot 7"),
+    "nowhere": ("serial", "R-1", replace(NEAR, joints=NOWHERE), TargetOutOfReach, "no safe way"),
+    "never rests": ("keeps_moving", True, NEAR, NotSettled, "moving for 10 s unasked"),
+    "e-stop": ("emergency_stop", True, NEAR, EmergencyStop, "is pressed"),
+}
 
 
-def test_emergency_stop_that_is_pressed_beforehand_lets_nothing_move() -> None:
+@pytest.mark.parametrize(("name", "value", "target", "error", "said"), HINDRANCES.values())
+def test_what_hinders_a_move_is_said_before_anything_moves(
+    name: str, value: object, target: PlannedShot, error: type[Exception], said: str
+) -> None:
     cell = FakeCell()
-    cell.robot.emergency_stop = True
-    with pytest.raises(EmergencyStop):
-        go(cell, Step(NEAR, "joints"))
+    setattr(cell.robot, name, value)
+    with pytest.raises(error, match=said):
+        go(cell, Step(target, "joints"))
     assert not moves(cell)
 
 
@@ -190,27 +169,28 @@ def test_wish_to_stop_is_looked_at_before_each_leg() -> None:
     assert len(moves(cell)) == 1
 
 
-def test_joint_off_its_target_is_named_with_value_and_limit() -> None:
+UNSETTLED = {
+    "off target": (
+        {"off_target_rad": np.radians([0.0, 0.0, -0.03, 0.0])},
+        "joint 2 is 0.0300° from its target (limit 0.02°) and stands there, 10 s after the move",
+    ),
+    "shakes": (
+        {"wobble_rad": np.radians(0.0035)},
+        "joint 2 moved 0.0035° within the settling time of 0.2 s (limit 0.002°), 10 s after",
+    ),
+    "slow": ({"full_speed_rad_s": 0.02}, "(limit 0.02°) and still moves"),
+}
+
+
+@pytest.mark.parametrize(("changes", "said"), UNSETTLED.values(), ids=UNSETTLED)
+def test_joint_that_does_not_settle_is_named_with_value_and_limit(changes, said: str) -> None:
     cell = FakeCell()
-    cell.robot.off_target_rad = np.radians([0.0, 0.0, -0.03, 0.0])
+    for name, value in changes.items():
+        setattr(cell.robot, name, value)
     with pytest.raises(NotSettled) as caught:
         go(cell, Step(NEAR, "joints"))
-    assert caught.value.problem == (
-        "joint 2 is 0.0300° from its target (limit 0.02°) and stands there, "
-        "10 s after the move began"
-    )
+    assert said in caught.value.problem
     assert cell.clock.now_s() == pytest.approx(SETTLE.timeout_s, abs=0.05)
-
-
-def test_joint_that_shakes_is_named_with_value_and_limit() -> None:
-    cell = FakeCell()
-    cell.robot.wobble_rad = np.radians(0.0035)
-    with pytest.raises(NotSettled) as caught:
-        go(cell, Step(NEAR, "joints"))
-    assert caught.value.problem == (
-        "joint 2 moved 0.0035° within the settling time of 0.2 s (limit 0.002°), "
-        "10 s after the move began"
-    )
 
 
 def test_robot_is_not_late_because_nobody_looked() -> None:
@@ -223,20 +203,6 @@ def test_robot_is_not_late_because_nobody_looked() -> None:
     arrival, _ = go(cell, Step(NEAR, "joints"))
     assert arrival.state.joints == pytest.approx(crept)
     assert cell.clock.now_s() > SETTLE.timeout_s
-
-
-def test_slow_robot_is_named_as_still_moving() -> None:
-    cell = FakeCell()
-    with pytest.raises(NotSettled, match=r"joint \d is .* from its target .* and still moves"):
-        go(cell, Step(NEAR, "joints"), 0.002)
-
-
-def test_shaking_that_ends_is_waited_for() -> None:
-    cell = FakeCell()
-    cell.robot.wobble_rad = np.radians(0.01)
-    cell.clock.after(3.0, lambda: setattr(cell.robot, "wobble_rad", 0.0))
-    go(cell, Step(NEAR, "joints"))
-    assert 3.0 + SETTLE.time_s - 2 * POLL_S < cell.clock.now_s() < 3.3
 
 
 def test_move_and_settling_share_one_deadline() -> None:

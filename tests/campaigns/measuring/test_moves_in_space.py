@@ -48,15 +48,13 @@ def standing_at(cell: FakeCell, *pose: float) -> None:
 
 
 def measure(cell: FakeCell, folder: Path) -> None:
-    with journal_in(folder, cell.calls) as journal:
-        cell.measure(journal, fenced_work())
+    cell.run(folder, fenced_work())
 
 
 def test_without_a_space_the_same_plan_passes_through(paths, tmp_path: Path) -> None:
     """So that the tests below could fail."""
     cell = FakeCell()
-    with journal_in(tmp_path, cell.calls) as journal:
-        cell.measure(journal, work(FOUR_PAIRS))
+    cell.run(tmp_path, work(FOUR_PAIRS))
     assert least_mm(paths) < -10.0
 
 

@@ -20,7 +20,6 @@ from campaigns.journal.records import (
     SessionStarted,
     SessionStopped,
 )
-from campaigns.measuring.monitors import InnovationGate
 from campaigns.measuring.resume import complete_series
 from campaigns.measuring.session import SkippedShots, run_result
 from campaigns.planning.steps import groups, joint_steps
@@ -28,12 +27,12 @@ from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Weather
 
 
-def interrupted_at_move(folder: Path, move: int, shots=TWO_PAIRS) -> None:
+def interrupted_at_move(folder: Path, move: int, shots=TWO_PAIRS, **changes: object) -> None:
     """A first session, stopped by Ctrl-C during that move."""
     cell = FakeCell()
     cell.robot.during_move = {move: cell.wish.ask}
     with journal_in(folder, cell.calls) as journal, pytest.raises(Interrupted):
-        cell.measure(journal, work(shots))
+        cell.measure(journal, work(shots, **changes))
 
 
 def test_second_session_measures_three_poses_and_then_only_what_is_missing_and_these_again(
@@ -41,10 +40,9 @@ def test_second_session_measures_three_poses_and_then_only_what_is_missing_and_t
 ) -> None:
     interrupted_at_move(tmp_path, 4)
     cell = FakeCell()
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work())
-        assert len(journal.shots(series)) == len(TWO_PAIRS)
-        assert len(journal.series()) == 1
+    journal = cell.run(tmp_path, work())
+    assert len(journal.shots()) == len(TWO_PAIRS)
+    assert len(journal.series()) == 1
     intents = [call[1:] for call in cell.named("journal.intent")]
     first, last = [(0, 2), (1, 2), (2, 2)], [(0, 3), (1, 3), (2, 3)]
     assert sorted(intents[:3]) == first
@@ -64,11 +62,10 @@ def test_comparison_of_one_pose_after_a_restart_is_kept_but_does_not_count(tmp_p
     interrupted_at_move(tmp_path, 3)
     cell = FakeCell()
     cell.tracker.shifted_mm[2] = 0.2
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work())
-        drift = journal.shots(series)[0]
-        rejected = [e.record for e in journal.records_of(Rejected) if e.record.measured]
-        events = [e.record.text for e in journal.records_of(Event)]
+    journal = cell.run(tmp_path, work())
+    drift = journal.shots()[0]
+    rejected = [e.record for e in journal.records_of(Rejected) if e.record.measured]
+    events = [e.record.text for e in journal.records_of(Event)]
     assert drift.outcome.attempt == 1
     assert [(each.shot, each.attempt, each.reason) for each in rejected] == [
         (0, 2, "only compared with the first one, 0.200 mm away")
@@ -83,10 +80,9 @@ def test_comparison_of_one_pose_after_a_restart_is_kept_but_does_not_count(tmp_p
 def test_pair_cut_in_two_is_measured_again_as_a_whole(tmp_path: Path) -> None:
     interrupted_at_move(tmp_path, 3)
     cell = FakeCell()
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work())
-        voided = [entry.record for entry in journal.records_of(PairVoided)]
-        attempts = [shot.outcome.attempt for shot in journal.shots(series)]
+    journal = cell.run(tmp_path, work())
+    voided = [entry.record for entry in journal.records_of(PairVoided)]
+    attempts = [shot.outcome.attempt for shot in journal.shots()]
     assert [(void.pair, void.shots) for void in voided] == [(0, (1,))]
     assert attempts == [1, 2, 2, 1, 1, 1]
     assert cell.watcher.told[0].done == 1
@@ -107,13 +103,12 @@ def test_crash_before_any_record_loses_nothing_and_mixes_no_pair(
         with pytest.raises(PowerCut):
             first.measure(journal, work())
         assert len(journal.records()) == record - 1
-    with journal_in(tmp_path, second.calls) as journal:
-        series = second.measure(journal, work())
-        shots = journal.shots(series)
-        assert [shot.intent.shot for shot in shots] == [0, 1, 2, 3, 4, 5]
-        assert [entry.series for entry in journal.records_of(SeriesFinished)] == [1]
-        restart = journal.records_of(SessionStarted)[-1].number
-        places = {(e.record.shot, e.record.attempt): e.number for e in journal.records_of(Intent)}
+    journal = second.run(tmp_path, work())
+    shots = journal.shots()
+    assert [shot.intent.shot for shot in shots] == [0, 1, 2, 3, 4, 5]
+    assert [entry.series for entry in journal.records_of(SeriesFinished)] == [1]
+    restart = journal.records_of(SessionStarted)[-1].number
+    places = {(e.record.shot, e.record.attempt): e.number for e in journal.records_of(Intent)}
     after_restart = [places[s.intent.shot, s.intent.attempt] > restart for s in shots]
     assert after_restart[1] == after_restart[2]
     assert after_restart[3] == after_restart[4]
@@ -125,10 +120,9 @@ def test_crash_is_named_as_one_when_the_series_goes_on(tmp_path: Path) -> None:
         journal.dies_before = 9
         with pytest.raises(PowerCut):
             first.measure(journal, work())
-    with journal_in(tmp_path, second.calls) as journal:
-        second.measure(journal, work())
-        resumed = next(e.record for e in journal.records_of(Event) if e.record.kind == "resumed")
-        assert len(journal.records_of(SessionStopped)) == 1
+    journal = second.run(tmp_path, work())
+    resumed = next(e.record for e in journal.records_of(Event) if e.record.kind == "resumed")
+    assert len(journal.records_of(SessionStopped)) == 1
     assert resumed.text == "run goes on after a crash: the last session wrote no end"
 
 
@@ -151,17 +145,15 @@ def test_broken_beam_during_the_comparison_is_overcome(tmp_path: Path) -> None:
     interrupted_at_move(tmp_path, 4)
     cell = FakeCell()
     cell.tracker.beam_broken = True
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work())
-        assert len(journal.shots(series)) == len(TWO_PAIRS)
+    journal = cell.run(tmp_path, work())
+    assert len(journal.shots()) == len(TWO_PAIRS)
 
 
 def test_without_drift_shots_the_first_shot_is_compared(tmp_path: Path) -> None:
     pairs_only = TWO_PAIRS[1:5]
     interrupted_at_move(tmp_path, 3, pairs_only)
     cell = FakeCell()
-    with journal_in(tmp_path, cell.calls) as journal:
-        cell.measure(journal, work(pairs_only))
+    cell.run(tmp_path, work(pairs_only))
     assert cell.named("journal.intent")[0] == ("journal.intent", 1, 2)
 
 
@@ -171,9 +163,8 @@ def test_series_that_lacks_only_its_end_is_finished_without_a_motion(tmp_path: P
         journal.dies_before = RECORDS_OF_A_RUN - 1
         with pytest.raises(PowerCut):
             first.measure(journal, work())
-    with journal_in(tmp_path, second.calls) as journal:
-        second.measure(journal, work())
-        assert journal.latest_series("run").finished
+    journal = second.run(tmp_path, work())
+    assert journal.latest_series("run").finished
     assert not second.named("robot.move_joints")
 
 
@@ -190,10 +181,9 @@ def test_finished_series_of_the_same_plan_leaves_nothing_to_do(tmp_path: Path) -
 def test_stages_are_series_of_their_own(tmp_path: Path) -> None:
     interrupted_at_move(tmp_path, 4)
     cell = FakeCell()
-    with journal_in(tmp_path, cell.calls) as journal:
-        before = cell.measure(journal, work(stage="before"))
-        assert not journal.latest_series("run").finished
-        assert journal.latest_series("before").number == before == 2
+    journal = cell.run(tmp_path, work(stage="before"))
+    assert not journal.latest_series("run").finished
+    assert journal.latest_series("before").number == 2
 
 
 def refused(folder: Path, cell: FakeCell, **changes: object) -> str:
@@ -211,31 +201,7 @@ MOVED = (
     replace(TWO_PAIRS[1], pose=replace(TWO_PAIRS[1].pose, x_mm=151.0)),
     *TWO_PAIRS[2:],
 )
-
-
-def test_plan_of_which_a_measured_shot_was_moved_is_not_resumed(tmp_path: Path) -> None:
-    interrupted_at_move(tmp_path, 4)
-    plan = {"plan_digest": "0" * 64, "steps": joint_steps(MOVED)}
-    problem = refused(tmp_path, FakeCell(), **plan)
-    assert problem == (
-        "series 1 (run) was begun with another plan "
-        "(shot 1 was measured at another pose than plan.csv has now)"
-    )
-
-
-def test_plan_that_has_none_of_the_measured_shots_is_not_resumed(tmp_path: Path) -> None:
-    interrupted_at_move(tmp_path, 4)
-    renumbered = [replace(shot, shot=shot.shot + 50) for shot in TWO_PAIRS]
-    plan = {"plan_digest": "0" * 64, "steps": joint_steps(renumbered)}
-    assert "none of its shots is in plan.csv" in refused(tmp_path, FakeCell(), **plan)
-
-
-def test_another_plan_of_a_validation_is_not_resumed(tmp_path: Path) -> None:
-    cell = FakeCell()
-    cell.robot.during_move = {4: cell.wish.ask}
-    with journal_in(tmp_path, cell.calls) as journal, pytest.raises(Interrupted):
-        cell.measure(journal, work(stage="before"))
-    assert "another plan" in refused(tmp_path, FakeCell(), stage="before", plan_digest="0" * 64)
+RENUMBERED = [replace(shot, shot=shot.shot + 50) for shot in TWO_PAIRS]
 
 
 def test_rows_taken_out_and_added_are_no_other_plan(tmp_path: Path) -> None:
@@ -244,10 +210,9 @@ def test_rows_taken_out_and_added_are_no_other_plan(tmp_path: Path) -> None:
     cell = FakeCell()
     more = pair(20, 9, (150.0, -60.0, -560.0), (-120.0, 80.0, -620.0))
     edited = (*TWO_PAIRS[:3], *more, TWO_PAIRS[5])
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work(edited))
-        assert [shot.intent.shot for shot in journal.shots(series)] == [0, 1, 2, 5, 20, 21]
-        assert len(journal.series()) == 1
+    journal = cell.run(tmp_path, work(edited))
+    assert [shot.intent.shot for shot in journal.shots()] == [0, 1, 2, 5, 20, 21]
+    assert len(journal.series()) == 1
     numbers = {call[1] for call in cell.named("journal.intent")}
     assert numbers == {0, 1, 2, 5, 20, 21}, "three of them only compared"
 
@@ -255,8 +220,7 @@ def test_rows_taken_out_and_added_are_no_other_plan(tmp_path: Path) -> None:
 def test_rows_added_to_a_finished_plan_are_measured_in_its_series(tmp_path: Path) -> None:
     first, second = FakeCell(), FakeCell()
     more = pair(20, 9, (150.0, -60.0, -560.0), (-120.0, 80.0, -620.0))
-    with journal_in(tmp_path, first.calls) as journal:
-        first.measure(journal, work())
+    first.run(tmp_path, work())
     with journal_in(tmp_path, second.calls) as journal:
         assert complete_series(journal, work((*TWO_PAIRS, *more))) is None
         assert second.measure(journal, work((*TWO_PAIRS, *more))) == 1
@@ -264,32 +228,42 @@ def test_rows_added_to_a_finished_plan_are_measured_in_its_series(tmp_path: Path
         assert complete_series(journal, work(TWO_PAIRS)).number == 1
 
 
-def test_shot_to_be_skipped_costs_its_pair_and_is_named(tmp_path: Path) -> None:
-    cell = FakeCell()
+def test_shot_to_be_skipped_costs_its_pair_is_named_and_measured_by_the_next_run(
+    tmp_path: Path,
+) -> None:
     skipping = work(skip=frozenset({4}))
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, skipping)
-        assert [shot.intent.shot for shot in journal.shots(series)] == [0, 1, 2, 5]
-        ran = run_result(journal, series, skipping)
-        assert complete_series(journal, skipping).number == series
-        assert complete_series(journal, work()) is None
+    journal = FakeCell().run(tmp_path, skipping)
+    assert [shot.intent.shot for shot in journal.shots()] == [0, 1, 2, 5]
+    ran = run_result(journal, 1, skipping)
+    assert complete_series(journal, skipping).number == 1
+    assert complete_series(journal, work()) is None
     assert ran.skipped == (SkippedShots((3, 4), "left out by --skip"),)
     assert ran.left_out == 0
+    journal = FakeCell().run(tmp_path, work())
+    assert len(journal.series()) == 1
+    assert len(journal.shots()) == len(TWO_PAIRS)
+    assert run_result(journal, 1, work()).skipped == ()
 
 
-def test_skipped_shot_is_measured_by_the_next_run_that_does_not_skip_it(tmp_path: Path) -> None:
-    first, second = FakeCell(), FakeCell()
-    with journal_in(tmp_path, first.calls) as journal:
-        first.measure(journal, work(skip=frozenset({4})))
-    with journal_in(tmp_path, second.calls) as journal:
-        assert second.measure(journal, work()) == 1
-        assert len(journal.shots(1)) == len(TWO_PAIRS)
-        assert run_result(journal, 1, work()).skipped == ()
-
-
-def test_changed_parameters_are_not_resumed(tmp_path: Path) -> None:
-    interrupted_at_move(tmp_path, 4)
-    assert "another parameter set" in refused(tmp_path, FakeCell(), robot_file_digest="0" * 64)
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (
+            {"plan_digest": "0" * 64, "steps": joint_steps(MOVED)},
+            "was begun with another plan (shot 1 was measured at another pose than plan.csv has",
+        ),
+        (
+            {"plan_digest": "0" * 64, "steps": joint_steps(RENUMBERED)},
+            "none of its shots is in plan.csv",
+        ),
+        ({"stage": "before", "plan_digest": "0" * 64}, "another plan"),
+        ({"robot_file_digest": "0" * 64}, "another parameter set"),
+    ],
+    ids=["moved", "renumbered", "of a validation", "parameters"],
+)
+def test_another_plan_or_robot_is_not_resumed(tmp_path: Path, changes, said: str) -> None:
+    interrupted_at_move(tmp_path, 4, stage=changes.get("stage", "run"))
+    assert said in refused(tmp_path, FakeCell(), **changes)
 
 
 @pytest.mark.parametrize("device", ["robot", "tracker"])
@@ -316,8 +290,7 @@ def test_air_is_compared_with_that_of_the_series_beginning(tmp_path: Path) -> No
     interrupted_at_move(tmp_path, 4)
     cell = FakeCell()
     cell.tracker.air = Weather(21.5, 1013.0, 50.0)
-    with journal_in(tmp_path, cell.calls) as journal:
-        cell.measure(journal, work())
+    cell.run(tmp_path, work())
     assert cell.watcher.events == ["the air has changed by +1.50 °C since the start, limit 1 °C"]
 
 
@@ -325,28 +298,10 @@ def test_second_session_knows_at_once_where_the_reflector_should_be(tmp_path: Pa
     interrupted_at_move(tmp_path, 9, FOUR_PAIRS)
     cell = FakeCell()
     cell.tracker.on_wrong_target = True
-    with journal_in(tmp_path, cell.calls) as journal:
-        cell.measure(journal, work(FOUR_PAIRS))
-        rejected = next(e.record for e in journal.records_of(Rejected) if e.record.measured)
+    journal = cell.run(tmp_path, work(FOUR_PAIRS))
+    rejected = next(e.record for e in journal.records_of(Rejected) if e.record.measured)
     assert "from the predicted point" in rejected.reason
     assert len(cell.named("tracker.go_to")) == 1
-
-
-def test_voided_half_teaches_nothing_to_the_next_session(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    interrupted_at_move(tmp_path, 3)
-    taught = []
-    accept = InnovationGate.accept
-    monkeypatch.setattr(
-        InnovationGate,
-        "accept",
-        lambda gate, outcome: (taught.append(outcome.shot), accept(gate, outcome)),
-    )
-    cell = FakeCell()
-    with journal_in(tmp_path, cell.calls) as journal:
-        cell.measure(journal, work())
-    assert taught == [0, 1, 2, 3, 4, 5]
 
 
 def test_shots_of_a_pair_stand_together_where_the_first_one_is() -> None:
@@ -365,12 +320,11 @@ def test_every_session_but_the_crashed_ones_has_its_end(tmp_path: Path) -> None:
     interrupted_at_move(tmp_path, 4)
     interrupted_at_move(tmp_path, 3)
     cell = FakeCell()
-    with journal_in(tmp_path, cell.calls) as journal:
-        cell.measure(journal, work())
-        kinds = [type(e.record) for e in journal.records()]
-        hows = [e.record.how for e in journal.records_of(SessionStopped)]
-        ended = [each for kind in (Outcome, Rejected) for each in journal.records_of(kind)]
-        assert len(ended) == len(journal.records_of(Intent))
+    journal = cell.run(tmp_path, work())
+    kinds = [type(e.record) for e in journal.records()]
+    hows = [e.record.how for e in journal.records_of(SessionStopped)]
+    ended = [each for kind in (Outcome, Rejected) for each in journal.records_of(kind)]
+    assert len(ended) == len(journal.records_of(Intent))
     assert hows == ["interrupted", "interrupted", "finished"]
     marks = [kind for kind in kinds if kind in (SessionStarted, SessionStopped)]
     assert all(here is not there for here, there in pairwise(marks))

@@ -65,12 +65,11 @@ def test_target_that_the_controller_refuses_costs_one_pair_and_is_tried_once_mor
 ) -> None:
     cell = FakeCell()
     refusing(cell, [LATER])
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work(FOUR_PAIRS))
-        assert [shot.intent.shot for shot in journal.shots(series)] == [0, 1, 2, 5, 6, 7, 8, 9]
-        aside, skipped = skips(journal)
-        assert journal.latest_series("run").finished
-        tries = [e.record.attempt for e in journal.records_of(Rejected) if e.record.shot == 3]
+    journal = cell.run(tmp_path, work(FOUR_PAIRS))
+    assert [shot.intent.shot for shot in journal.shots()] == [0, 1, 2, 5, 6, 7, 8, 9]
+    aside, skipped = skips(journal)
+    assert journal.latest_series("run").finished
+    tries = [e.record.attempt for e in journal.records_of(Rejected) if e.record.shot == 3]
     assert aside.shots == skipped.shots == (3, 4)
     assert aside.text == (
         "shots 3–4 set aside, to be tried once more at the end: the attempt failed, the last one: "
@@ -87,21 +86,19 @@ def test_pose_whose_reflector_cannot_be_seen_is_told_from_a_broken_beam_by_going
 ) -> None:
     cell = FakeCell()
     blind_at(cell, [LATER])
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work(FOUR_PAIRS))
-        assert [shot.intent.shot for shot in journal.shots(series)] == [0, 1, 2, 5, 6, 7, 8, 9]
-        assert [event.shots for event in skips(journal)] == [(3, 4), (3, 4)]
-        texts = [e.record.text for e in journal.records_of(Event) if e.record.kind == "suspended"]
+    journal = cell.run(tmp_path, work(FOUR_PAIRS))
+    assert [shot.intent.shot for shot in journal.shots()] == [0, 1, 2, 5, 6, 7, 8, 9]
+    assert [event.shots for event in skips(journal)] == [(3, 4), (3, 4)]
+    texts = [e.record.text for e in journal.records_of(Event) if e.record.kind == "suspended"]
     assert "looking for the reflector where shot 2 was" in texts
 
 
 def test_pose_that_could_not_be_seen_for_a_while_is_measured_in_the_end(tmp_path: Path) -> None:
     cell = FakeCell()
     blind_at(cell, [LATER], times=3)
-    with journal_in(tmp_path, cell.calls) as journal:
-        series = cell.measure(journal, work(FOUR_PAIRS))
-        assert len(journal.shots(series)) == len(FOUR_PAIRS)
-        (aside,) = skips(journal)
+    journal = cell.run(tmp_path, work(FOUR_PAIRS))
+    assert len(journal.shots()) == len(FOUR_PAIRS)
+    (aside,) = skips(journal)
     assert aside.shots == (3, 4)
 
 

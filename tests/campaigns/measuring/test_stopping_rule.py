@@ -8,7 +8,7 @@ from fake_cell import CENTRE, NOMINAL, ROBOT
 from goal_plans import REQUEST, TRACKER_MM, VIEW
 from small_plans import FOUR_PAIRS, LIMITS, SETUP, planned
 
-from campaigns.errors import PlanInvalid
+from campaigns.errors import GoalInvalid, PlanInvalid
 from campaigns.estimation.estimators import Estimator
 from campaigns.measuring.precision_monitor import PrecisionMonitor
 from campaigns.measuring.run_state import ParameterPrecision
@@ -18,6 +18,7 @@ from campaigns.measuring.stopping_rule import (
     in_ranges,
     is_met,
     predicted_stop,
+    read_goal,
 )
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plans import make_plan
@@ -31,7 +32,7 @@ PLAN = make_plan(
 )
 
 
-def knowing(shots=PLAN, estimator=Estimator.POINTS) -> PrecisionMonitor:
+def monitor(shots=PLAN, estimator=Estimator.POINTS) -> PrecisionMonitor:
     robot, setup = RobotModel(NOMINAL, LIMITS, CENTRE), replace(SETUP, estimator=estimator)
     return PrecisionMonitor.of_plan(shots, robot, setup)
 
@@ -88,8 +89,8 @@ def test_numbers_are_told_in_ranges() -> None:
 
 
 def test_a_plan_predicts_what_its_shots_will_tell() -> None:
-    whole = knowing().predicted(TRACKER_MM)
-    half = knowing().predicted(TRACKER_MM, SHOTS // 2)
+    whole = monitor().predicted(TRACKER_MM)
+    half = monitor().predicted(TRACKER_MM, SHOTS // 2)
     assert (whole.shots, half.shots) == (SHOTS, SHOTS // 2)
     assert 0.02 < whole.length_std_mm < half.length_std_mm < 1.0
     assert whole.position_std_mm < whole.length_std_mm
@@ -98,27 +99,27 @@ def test_a_plan_predicts_what_its_shots_will_tell() -> None:
 
 def test_a_tracker_further_away_tells_less() -> None:
     further = tuple(3.0 * value for value in TRACKER_MM)
-    near, far = (knowing().predicted(place) for place in (TRACKER_MM, further))
+    near, far = (monitor().predicted(place) for place in (TRACKER_MM, further))
     assert far.length_std_mm > 1.2 * near.length_std_mm
 
 
 def test_distances_of_pairs_tell_less_than_their_points() -> None:
-    points, distances = (knowing(estimator=e).predicted(TRACKER_MM) for e in Estimator)
+    points, distances = (monitor(estimator=e).predicted(TRACKER_MM) for e in Estimator)
     assert distances.length_std_mm > 2.0 * points.length_std_mm
 
 
 def test_a_goal_within_reach_says_how_many_shots_will_do() -> None:
-    whole = knowing().predicted(TRACKER_MM)
-    end = predicted_stop(PrecisionGoal(2.0 * whole.length_std_mm), knowing(), TRACKER_MM)
+    whole = monitor().predicted(TRACKER_MM)
+    end = predicted_stop(PrecisionGoal(2.0 * whole.length_std_mm), monitor(), TRACKER_MM)
     assert end.whole == whole
-    enough, fewer = (knowing().predicted(TRACKER_MM, n) for n in (end.shots, end.shots - 1))
+    enough, fewer = (monitor().predicted(TRACKER_MM, n) for n in (end.shots, end.shots - 1))
     assert enough.length_std_mm <= 2.0 * whole.length_std_mm < fewer.length_std_mm
 
 
 def test_a_goal_out_of_reach_is_refused_with_what_the_plan_will_give() -> None:
-    whole = knowing().predicted(TRACKER_MM)
+    whole = monitor().predicted(TRACKER_MM)
     with pytest.raises(PlanInvalid) as caught:
-        predicted_stop(PrecisionGoal(0.001), knowing(), TRACKER_MM)
+        predicted_stop(PrecisionGoal(0.001), monitor(), TRACKER_MM)
     assert caught.value.problem == (
         f"goal σ=0.001: the whole plan will give {whole.length_std_mm:.3g} mm"
     )
@@ -128,4 +129,26 @@ def test_a_goal_out_of_reach_is_refused_with_what_the_plan_will_give() -> None:
 @pytest.mark.parametrize("shots", [FOUR_PAIRS, FOUR_PAIRS[:1]])
 def test_a_plan_that_cannot_tell_the_parameters_is_refused(shots) -> None:
     with pytest.raises(PlanInvalid, match="too few shots to identify from"):
-        predicted_stop(PrecisionGoal(1.0), knowing(shots), TRACKER_MM)
+        predicted_stop(PrecisionGoal(1.0), monitor(shots), TRACKER_MM)
+
+
+@pytest.mark.parametrize("text", ["σ=0.02", "sigma=0.02", " Std = 0.02 ", "Σ=2e-2"])
+def test_a_goal_is_a_standard_deviation_in_mm(text):
+    assert read_goal(text) == PrecisionGoal(0.02)
+
+
+def test_a_goal_reads_back_as_it_is_written():
+    assert read_goal(str(PrecisionGoal(0.0125))) == PrecisionGoal(0.0125)
+
+
+@pytest.mark.parametrize("text", ["", "0.02", "tau=0.02", "σ"])
+def test_what_is_no_goal_is_refused_with_an_example(text):
+    with pytest.raises(GoalInvalid, match="not understood") as caught:
+        read_goal(text)
+    assert "σ=0.02" in caught.value.remedy
+
+
+@pytest.mark.parametrize("number", ["0", "-1", "nan", "inf", "11", "0,02"])
+def test_a_standard_deviation_that_cannot_be_is_refused_with_the_limit(number):
+    with pytest.raises(GoalInvalid, match="must be above 0 and at most 10 mm"):
+        read_goal(f"σ={number}")
