@@ -11,7 +11,7 @@ from app.options import Json
 from campaigns.errors import OptionsInvalid
 from campaigns.files.wording import suggestion
 from campaigns.mechanisms.catalog import MECHANISMS
-from campaigns.mechanisms.mechanism import Mechanism
+from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.sizes import Sizes
 from campaigns.robots.robot import write_new_robot
 from campaigns.robots.symmetrical import symmetrical_robot
@@ -93,13 +93,13 @@ def command(
     )
 
 
-def _known(word: str) -> Mechanism:
+def _known(word: str) -> ClosedChain:
     if word in MECHANISMS:
         return MECHANISMS[word]
     raise OptionsInvalid(f"mechanism '{word}' is not known", remedy=suggestion(word, MECHANISMS))
 
 
-def _check(sizes: Sizes, travel: float | None, kind: Mechanism) -> None:
+def _check(sizes: Sizes, travel: float | None, kind: ClosedChain) -> None:
     """Raise `OptionsInvalid` for a size that is none."""
     above = dict(sizes.lengths_mm) | {"base_mm": sizes.base_mm}
     above |= {} if travel is None else {"travel_mm": travel}

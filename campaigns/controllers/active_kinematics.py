@@ -5,7 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.mechanisms.mechanism import Axis, Kinematics, KinematicSolution, Mechanism
+from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.mechanisms.mechanism import Axis, Kinematics, KinematicSolution
 from campaigns.robots.robot import pose_of, pose_row
 from drivers.errors import LimitViolation
 from drivers.values import Pose
@@ -14,7 +15,7 @@ from drivers.values import Pose
 class ActiveKinematics:
     """Parameter set at work: by name, mm and deg."""
 
-    def __init__(self, mechanism: Mechanism, parameters: Mapping[str, float]) -> None:
+    def __init__(self, mechanism: ClosedChain, parameters: Mapping[str, float]) -> None:
         self._mechanism = mechanism
         self._kinematics = Kinematics.of(mechanism, parameters)
 

@@ -17,7 +17,7 @@ from campaigns.errors import ConfigInvalid
 from campaigns.files.csv_file import number_text
 from campaigns.files.text_file import read_text, replace_text, write_text_unless_there
 from campaigns.files.wording import shown
-from campaigns.mechanisms.mechanism import Mechanism
+from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.robots.robot import RobotFile
 from campaigns.version import VERSION
 
@@ -40,12 +40,12 @@ def pin_of(name: str) -> str:
     return f"{MODULE}.{name}"
 
 
-def parameter_pins(mechanism: Mechanism) -> dict[str, str]:
+def parameter_pins(mechanism: ClosedChain) -> dict[str, str]:
     """Pins of all parameters of a mechanism by name, extensions among them."""
     return {name: pin_of(name) for name in mechanism.parameters.geometry}
 
 
-def drawing_flat(mechanism: Mechanism) -> dict[str, float]:
+def drawing_flat(mechanism: ClosedChain) -> dict[str, float]:
     """Values of the plate's drawing by name, mm and deg."""
     plate = mechanism.plate
     flat = {
@@ -119,7 +119,7 @@ def _notes(robot: RobotFile) -> Iterator[str]:
         yield note if len(note) <= LONGEST_NOTE else f"{note[:LONGEST_NOTE]}..."
 
 
-def _setting(line: str, where: str, mechanism: Mechanism) -> tuple[str, float]:
+def _setting(line: str, where: str, mechanism: ClosedChain) -> tuple[str, float]:
     """The parameter and value of a line `setp PIN VALUE`."""
     setting = _SETTING.fullmatch(line.strip())
     if setting is None:
@@ -139,7 +139,7 @@ def _setting(line: str, where: str, mechanism: Mechanism) -> tuple[str, float]:
     return name, _number(word, where, is_length=is_length)
 
 
-def _is_known(name: str, mechanism: Mechanism) -> bool:
+def _is_known(name: str, mechanism: ClosedChain) -> bool:
     return name in mechanism.parameters.geometry or name in drawing_flat(mechanism)
 
 

@@ -16,7 +16,8 @@ from campaigns.arrays import Array, Index
 from campaigns.errors import IdentificationRefused
 from campaigns.estimation.observability import project_out_nuisance
 from campaigns.estimation.rigid_transforms import Transform, fit_transform, frame_jacobian
-from campaigns.mechanisms.mechanism import Kinematics, Mechanism, NoSolution
+from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 
 CONVERGED = 1e-14
 """Relative change of the sum of squares and of the parameters at which the search ends."""
@@ -88,7 +89,7 @@ def left_by(kinematics: Kinematics, workspace: Workspace) -> ResidualError:
     return ResidualError.of(_fitted(kinematics, workspace).errors)
 
 
-def project(mechanism: Mechanism, model: ReducedModel, workspace: Workspace) -> ModelReduction:
+def project(mechanism: ClosedChain, model: ReducedModel, workspace: Workspace) -> ModelReduction:
     """Values that leave the least mean square error of position.
 
     Raises `IdentificationRefused` when the controller's robot cannot take the joints.
@@ -192,7 +193,7 @@ class SymmetricDelta:
     at one height: of carriages the first offset is the frame's height, and stays 0.
     """
 
-    mechanism: Mechanism
+    mechanism: ClosedChain
     azimuths: Array
     """Of the arms about the vertical, (3,), the first one being the frame's."""
     per_arm: bool

@@ -10,7 +10,8 @@ from campaigns.controllers.corrected_targets import TargetCorrection, correction
 from campaigns.errors import TargetsInvalid
 from campaigns.files.csv_file import CsvForm, csv_text, number_text, parse_csv
 from campaigns.files.text_file import read_text
-from campaigns.mechanisms.mechanism import Axis, Mechanism
+from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.mechanisms.mechanism import Axis
 from campaigns.shots.columns import axis_columns, axis_texts, axis_values
 from drivers.bounded_files import CSV_BYTES
 
@@ -46,13 +47,13 @@ class CorrectedPoses:
         return correction_mm(self.targets.wanted, self.commanded)
 
 
-def read_poses(path: Path, mechanism: Mechanism) -> TargetPoses:
+def read_poses(path: Path, mechanism: ClosedChain) -> TargetPoses:
     """Poses of a CSV file; raises `TargetsInvalid` naming the line."""
     text = read_text(path, TargetsInvalid, if_missing="name a CSV file", most_bytes=CSV_BYTES)
     return parse_poses(text, str(path), mechanism)
 
 
-def parse_poses(text: str, name: str, mechanism: Mechanism) -> TargetPoses:
+def parse_poses(text: str, name: str, mechanism: ClosedChain) -> TargetPoses:
     """Poses of a file's text; raises `TargetsInvalid` naming the line."""
     form = CsvForm(axis_columns(mechanism.task), (NAME,), TargetsInvalid)
     rows = list(parse_csv(text, name, form))

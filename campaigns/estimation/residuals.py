@@ -13,7 +13,9 @@ from campaigns.arrays import Array, Index
 from campaigns.estimation.point_sets import directions, distances_mm
 from campaigns.estimation.rigid_transforms import Transform, fit_transform, small_rotation
 from campaigns.estimation.tracker_noise import inverse_roots
-from campaigns.mechanisms.mechanism import Kinematics, Mechanism, Posture
+from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.mechanisms.configuration import Configuration
+from campaigns.mechanisms.mechanism import Kinematics
 
 FRAME_COLUMNS = 6
 """Three small angles and a translation, which stand after the free parameters."""
@@ -29,7 +31,7 @@ class _Assembled:
     """Robot at every shot with the parameters x."""
 
     x: Array
-    posture: Posture
+    configuration: Configuration
     poses: Array
     """(N, t)"""
 
@@ -82,7 +84,7 @@ class PositionModel:
         self._expansion: _Expansion | None = None
 
     @property
-    def mechanism(self) -> Mechanism:
+    def mechanism(self) -> ClosedChain:
         """Mechanism whose model it is."""
         return self._mechanism
 
@@ -112,7 +114,7 @@ class PositionModel:
         by_all = self._expanded(x).by_all
         if not self._is_extended and np.isin(places, self._extensions).any():
             there = self._assembled_at(x)
-            by_all = there.posture.jacobian(there.poses)
+            by_all = there.configuration.jacobian(there.poses)
         return by_all[:, :3][:, :, places]
 
     def by_joints(self, x: Array) -> Array:
@@ -122,7 +124,7 @@ class PositionModel:
     def _expanded(self, x: Array) -> _Expansion:
         there = self._assembled_at(x)
         if self._expansion is None or self._expansion.about is not there:
-            geometry = there.posture.jacobian(there.poses, extended=self._is_extended)
+            geometry = there.configuration.jacobian(there.poses, extended=self._is_extended)
             by_all = geometry
             if self._free.size and self._free.max() >= by_all.shape[-1]:
                 by_offset = by_all[:, :, self._space.offsets]
@@ -142,10 +144,10 @@ class PositionModel:
         """The last answer, if it was for this x; raises `NoSolution`."""
         if self._last is None or not np.array_equal(x, self._last.x):
             p = self._replaced(x)[self._geometry]
-            posture = self._mechanism.posture(p, self.arm_joints(x))
-            tilt = None if self._last is None else self._last.posture.last_tilt
-            poses = posture.assemble(self._near(x), CLOSE_ENOUGH_MM, tilt).values_or_raise()
-            self._last = _Assembled(np.array(x), posture, poses)
+            configuration = self._mechanism.configuration(p, self.arm_joints(x))
+            tilt = None if self._last is None else self._last.configuration.last_tilt
+            poses = configuration.assemble(self._near(x), CLOSE_ENOUGH_MM, tilt).values_or_raise()
+            self._last = _Assembled(np.array(x), configuration, poses)
         return self._last
 
     def _near(self, x: Array) -> Array | None:

@@ -178,7 +178,7 @@ class PrecisionMonitor:
         robot_scatters: bool = False,
     ) -> ParameterPrecision:
         space, std = self.kinematics.mechanism.parameters, known.std()
-        levers_mm = self.kinematics.mechanism.levers_mm(self.kinematics.p)
+        levers_mm = self.kinematics.mechanism.sensitivity_scale_mm(self.kinematics.p)
         sizes_mm = levers_mm[space.places(known.names)] * space.units(known.names)
         weakest = known.names[int(np.argmax(sizes_mm * np.array(list(std.values()))))]
         return ParameterPrecision(

@@ -3,110 +3,87 @@
 Arrays of all arms lie by component and arm, (3, n, N): long rows are what the processor is fast at.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
+from typing_extensions import override
 
 from campaigns.arrays import Array, Mask
 from campaigns.mechanisms.mechanism import ArmWords, Axis, Limits
 from campaigns.mechanisms.parameters import ParameterField
 
 
-class Arms(Protocol):
+@dataclass(frozen=True, slots=True, eq=False)
+class Arms(ABC):
     """Arms of one robot at joints, one forearm each."""
 
-    @property
-    def forearm_mm(self) -> Array:
-        """L_i, (n,)."""
-        ...
+    forearm_mm: Array
+    """L_i, (n,)."""
+    elbows_mm: Array
+    """A_i in the base frame, (3, n, N)."""
 
-    @property
-    def elbows_mm(self) -> Array:
-        """A_i in the base frame, (3, n, N)."""
-        ...
-
+    @abstractmethod
     def by_fields(self, forearms_mm: Array) -> Array:
         """∂F_i of the closures by arm i's own fields and extensions, (n, k, N)."""
-        ...
 
+    @abstractmethod
     def swing_rad(self, forearms_mm: Array) -> Array:
-        """Angles of forearms (3, n, N) out of their arms' planes, (N, n)."""
-        ...
+        """Angles of forearms (3, n, N) out of their arms' planes, or off their rails, (N, n)."""
 
+    @abstractmethod
     def leverage(self, forearms_mm: Array) -> Array:
         """Share of each forearm along which its joint moves it, (N, n)."""
-        ...
 
 
-class ArmKind(Protocol):
+class ArmKind(ABC):
     """Kind of arm: its fields in files, and how joints and elbows go together."""
 
-    @property
-    def fields(self) -> tuple[ParameterField, ...]:
-        """Fields of each arm, in the order of its values."""
-        ...
+    fields: tuple[ParameterField, ...]
+    """Of each arm, in the order of its values."""
+    extensions: tuple[ParameterField, ...]
+    """Beyond what controllers know."""
+    lost_motion: ParameterField
+    """Of a joint's gear."""
+    shows_turn: bool
+    """Whether arms of known azimuths show how the base is turned about z."""
+    leaning: tuple[str, ...] = ()
+    """Fields that say which way imperfect parts lean, beside the extensions."""
+    azimuth_is_outward: bool
+    """Whether forearms' bars lie across the azimuths of the arms."""
+    words: ArmWords
 
-    @property
-    def extensions(self) -> tuple[ParameterField, ...]:
-        """Fields beyond what controllers know."""
-        ...
-
-    @property
-    def lost_motion(self) -> ParameterField:
-        """Field of the lost motion of a joint's gear."""
-        ...
-
-    @property
-    def shows_turn(self) -> bool:
-        """Whether arms of known azimuths show how the base is turned about z."""
-        ...
-
-    @property
-    def tilt_fields(self) -> tuple[str, ...]:
-        """Fields that say which way imperfect parts lean, beside the extensions."""
-        ...
-
-    @property
-    def azimuth_is_outward(self) -> bool:
-        """Whether forearms' bars lie across the azimuths of the arms."""
-        ...
-
+    @abstractmethod
     def outward_rad(self, values: Array) -> Array:
         """Azimuths from the robot's middle to the arms, (n,), of fields (n, k)."""
-        ...
 
-    @property
-    def words(self) -> ArmWords:
-        """Parts in words."""
-        ...
-
+    @abstractmethod
     def joint(self, number: int) -> Axis:
         """Joint axis of an arm."""
-        ...
 
+    @abstractmethod
     def at(self, values: Array, extensions: Array, joints: Array) -> Arms:
         """Arms of fields (n, k) and extensions (n, e) at encoder readings (N, n)."""
-        ...
 
+    @abstractmethod
     def inverse(self, values: Array, extensions: Array, targets_mm: Array) -> tuple[Array, Mask]:
         """Joints (N, n) whose forearms end at (N, n, 3), and which rows have all of them, (N,)."""
-        ...
 
-    def levers_mm(self, values: Array) -> Array:
-        """Length that turns an error into one of place, (n, k + e + 1).
+    @abstractmethod
+    def sensitivity_scale_mm(self, values: Array) -> Array:
+        """Lengths that turn errors into errors of place, (n, k + e + 1).
 
         Of each field, of each extension and of the lost motion.
         """
-        ...
 
+    @abstractmethod
     def reach_mm(self, values: Array, extensions: Array, limits: Limits, centre_mm: Array) -> Array:
         """Half size (3,) of a box about a place that holds all that the forearms' ends reach."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RotaryArms:
+class RotaryArms(Arms):
     """Cranks on motors (paper eqs. 1-8): elbow A_i = P_i + l_i (cos q u_i + sin q w_i).
 
     q is the encoder's reading and the joint offset; u_i points along the azimuth, w_i down. Beyond
@@ -115,8 +92,6 @@ class RotaryArms:
 
     arm_mm: Array
     """l_i, (n,)."""
-    forearm_mm: Array
-    """L_i, (n,)."""
     axis_tilt_rad: Array
     """τ_i, (n,)."""
     frames: Array
@@ -124,8 +99,7 @@ class RotaryArms:
     cos: Array
     """Cosines of the arms' angles, (n, N)."""
     sin: Array
-    elbows_mm: Array
-    """A_i in the base frame, (3, n, N); a positive angle lowers the elbow."""
+    """A positive angle lowers the elbow."""
 
     @classmethod
     def at(cls, values: Array, extensions: Array, joints: Array) -> Self:
@@ -136,8 +110,9 @@ class RotaryArms:
         frames, cos, sin = crank_frames(azimuth, tilt), np.cos(angle), np.sin(angle)
         outward, _, lowered = (arm * frames.swapaxes(1, 2))[..., None]
         elbows = motor.T[..., None] + (cos * outward + sin * lowered)
-        return cls(arm, forearm, tilt, frames, cos, sin, elbows)
+        return cls(forearm, elbows, arm, tilt, frames, cos, sin)
 
+    @override
     def by_fields(self, forearms_mm: Array) -> Array:
         """∂F_i by x, y, z, azimuth, joint offset, arm, forearm and axis tilt, (n, 8, N)."""
         cos, sin = self.cos, self.sin
@@ -154,11 +129,13 @@ class RotaryArms:
         jacobian[:, 7] = -2.0 * arm_mm * sin * aside
         return jacobian
 
+    @override
     def swing_rad(self, forearms_mm: Array) -> Array:
         """Angles of forearms (3, n, N) out of the planes in which their cranks turn, (N, n)."""
         _, aside, _ = in_frames(self.frames, forearms_mm.T)
         return np.asarray(np.arcsin(np.clip(aside / self.forearm_mm, -1.0, 1.0)))
 
+    @override
     def leverage(self, forearms_mm: Array) -> Array:
         """|∂F_i/∂q_i| / 2 l_i L_i: sine of the angle between crank and forearm, (N, n)."""
         out, _, down = in_frames(self.frames, forearms_mm.T)
@@ -180,29 +157,29 @@ AXIS_TILT = ParameterField(
 )
 
 
-class RotaryArmKind:
+class RotaryArmKind(ArmKind):
     """Cranks turned by motors, the elbow outward."""
 
     fields = CRANK_FIELDS
     extensions = (AXIS_TILT,)
     lost_motion = ParameterField("backlash_deg", "the gear's lost motion, deg", "angle")
     shows_turn = True
-    tilt_fields: tuple[str, ...] = ()
     azimuth_is_outward = True
     words = ArmWords("its elbow's circle", "out of its arm's plane", "elbow")
 
+    @override
     def outward_rad(self, values: Array) -> Array:
-        """Azimuths of the cranks at 0°, (n,)."""
         return values[:, 3]
 
+    @override
     def joint(self, number: int) -> Axis:
-        """Encoder angle of a motor."""
         return Axis(f"q{number}", "revolute")
 
+    @override
     def at(self, values: Array, extensions: Array, joints: Array) -> RotaryArms:
-        """Cranks at encoder angles (N, n)."""
         return RotaryArms.at(values, extensions, joints)
 
+    @override
     def inverse(self, values: Array, extensions: Array, targets_mm: Array) -> tuple[Array, Mask]:
         """Encoder angles on the branch with the elbow outward (eqs. 10-14 as corrected)."""
         motor, azimuth, offset, arm, forearm = _columns(values)
@@ -218,18 +195,20 @@ class RotaryArmKind:
         angle = np.arctan2(sine, cosine) + np.arctan2(root, -constant) - offset
         return np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi, found
 
-    def levers_mm(self, values: Array) -> Array:
+    @override
+    def sensitivity_scale_mm(self, values: Array) -> Array:
         """The crank's length for angles, 1 for lengths: of fields, tilt and backlash, (n, 9)."""
-        levers = np.ones((len(values), len(CRANK_FIELDS) + 2))
-        levers[:, [3, 4, 7, 8]] = values[:, 5:6]
-        return levers
+        scale = np.ones((len(values), len(CRANK_FIELDS) + 2))
+        scale[:, [3, 4, 7, 8]] = values[:, 5:6]
+        return scale
 
+    @override
     def reach_mm(
         self,
         values: Array,
-        extensions: Array,  # noqa: ARG002 - tilts are small
-        limits: Limits,  # noqa: ARG002 - as far as joints could turn
-        centre_mm: Array,  # noqa: ARG002 - the same about any
+        extensions: Array,
+        limits: Limits,
+        centre_mm: Array,
     ) -> Array:
         """A forearm each way, (3,)."""
         return np.full(3, values[:, 6].max())

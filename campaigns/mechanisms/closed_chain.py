@@ -1,4 +1,4 @@
-"""Closed-chain mechanisms of equal legs: |B_i(pose) - A_i(q_i)|² = L_i², one closure an arm.
+"""Closed-chain mechanisms of equal limbs: |B_i(pose) - A_i(q_i)|² = L_i², one closure an arm.
 
 A platform and a kind of arm make a mechanism: inverse, forward model, Jacobians and feasibility
 follow from the closures and their derivatives.
@@ -6,10 +6,10 @@ follow from the closures and their derivatives.
 For given joints more than one real assembly lies near the working region. The wanted one hangs
 below its elbows, has |θ| < 90° where the plate is hinged, and the determinant of the closures'
 Jacobian has the sign that it has at home. Newton alone ends on a wrong one, or far away, for about
-one pose in a hundred, so every answer is checked for residual, turn, branch and for hanging, and
-what fails is started again from elsewhere.
+one pose in a hundred, so every answer is checked for residual, turn, assembly mode and for
+hanging, and what fails is started again from elsewhere.
 
-How a plate tilts that imperfect parts hold is in `chain_posture.py` and `plate_tilt.py`.
+How a plate tilts that imperfect parts hold is in `configuration.py` and `plate_tilt.py`.
 """
 
 import copy
@@ -22,7 +22,7 @@ import numpy as np
 
 from campaigns.arrays import Array, Mask
 from campaigns.mechanisms.arms import ArmKind
-from campaigns.mechanisms.chain_posture import AZIMUTH, COORDINATES, ChainPosture, Legs
+from campaigns.mechanisms.configuration import AZIMUTH, COORDINATES, Configuration, Limbs
 from campaigns.mechanisms.mechanism import (
     Axis,
     Feasibility,
@@ -33,7 +33,7 @@ from campaigns.mechanisms.mechanism import (
 )
 from campaigns.mechanisms.parameters import PARALLELOGRAM_SKEW, ParameterSpace, Role
 from campaigns.mechanisms.plate_tilt import (
-    PlateDrawing,
+    PlateGeometry,
     RodPairs,
     displacement,
     rotation_vectors,
@@ -47,7 +47,7 @@ STEP_MM = 120.0
 MISFIT_OF_STEP = 10.0
 """Largest misfit of a forearm before that step, as a multiple of the step."""
 WELL_BELOW_MM = 100.0
-"""Below the height at which a platform is guessed, for the branch at home."""
+"""Below the height at which a platform is guessed, for the assembly mode at home."""
 LEAST_TURN_RAD = np.pi / 4
 """Turn that is searched each way, however narrow limits are drawn."""
 TURNS_LOOKED_AT = 33
@@ -57,7 +57,7 @@ TILT_SETTLED_JOINT = 1e-13
 """Last step of joints and tilts in turn, rad or mm: each is some thousandth of the one before."""
 FRAME_UNKNOWNS = 6
 SHOTS_FOR_A_FRAME = 3
-SKEW_LEVER_MM = 100.0
+SKEW_SCALE_MM = 100.0
 """Typical distance of a plate joint from the measured point, which a tilted plate moves."""
 HORIZONTAL = ("arm0.axis_tilt_deg", "arm1.axis_tilt_deg")
 """The axes of the first two cranks, which keep the frame from tilting, or the bars of the first two
@@ -66,7 +66,7 @@ FIRST_CRANK = ("arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg", *HORIZ
 """The first crank places the frame, and its azimuth keeps it from turning about z."""
 
 
-STARTS = (
+INITIAL_GUESSES = (
     (0.0, 0.0),
     (0.6, -40.0),
     (-0.6, -40.0),
@@ -99,12 +99,12 @@ class ClosedChain:
             platform.fields,
             (*arms.extensions, PARALLELOGRAM_SKEW),
             arms.lost_motion,
-            dict.fromkeys(held_fields, Role.HELD) | dict.fromkeys(arms.tilt_fields, Role.LEANING),
+            dict.fromkeys(held_fields, Role.HELD) | dict.fromkeys(arms.leaning, Role.LEANING),
             datum,
         )
         self._arms = arms
-        self._platform = platform
-        self.plate = PlateDrawing.typical(
+        self.platform = platform
+        self.plate = PlateGeometry.typical(
             np.linspace(0.0, 2.0 * np.pi, platform.arms, endpoint=False),
             follows_arms=arms.azimuth_is_outward,
         )
@@ -122,36 +122,24 @@ class ClosedChain:
     def inverse(self, p: Array, poses: Array) -> KinematicSolution:
         """Joints (N, n) of poses (N, t) as the encoders read them."""
         values, platform, extensions = self._split(p)
-        targets_mm = self._platform.joints_mm(platform, poses)
+        targets_mm = self.platform.joints_mm(platform, poses)
         tilts, pairs = extensions[:, :-1], self._rod_pairs(values, extensions)
         joints, found = self._arms.inverse(values, tilts, targets_mm)
         if not pairs.are_level and found.any():
-            levers_mm = self.levers_on_plate_mm(poses[found], targets_mm[found])
-            joints[found], found[found] = self._tilted_inverse(
-                values, tilts, pairs, targets_mm[found], levers_mm, joints[found]
-            )
+            some = targets_mm[found]
+            seen_mm = self.plate.seen_mm((some - poses[found][:, None, :COORDINATES]).T)
+            level, gibbs = joints[found], None
+            for _ in range(TILT_ROUNDS):
+                elbows_mm = self._arms.at(values, tilts, level).elbows_mm
+                gibbs = pairs.tilt(some.T - elbows_mm, seen_mm, gibbs)
+                before = level
+                level, held = self._arms.inverse(
+                    values, tilts, some + displacement(gibbs, seen_mm).T
+                )
+                if not np.abs(level - before)[held].max(initial=0.0) > TILT_SETTLED_JOINT:
+                    break
+            joints[found], found[found] = level, held
         return KinematicSolution.where(found, joints)
-
-    def _tilted_inverse(
-        self,
-        values: Array,
-        tilts: Array,
-        pairs: RodPairs,
-        targets_mm: Array,
-        levers_mm: Array,
-        joints: Array,
-    ) -> tuple[Array, Mask]:
-        """Joints (N, n) that hold a tilted plate, from those of a level one."""
-        found, gibbs = np.ones(len(joints), dtype=bool), None
-        for _ in range(TILT_ROUNDS):
-            arms = self._arms.at(values, tilts, joints)
-            gibbs = pairs.tilt(targets_mm.T - arms.elbows_mm, levers_mm, gibbs)
-            moved_mm = targets_mm + displacement(gibbs, levers_mm).T
-            before = joints
-            joints, found = self._arms.inverse(values, tilts, moved_mm)
-            if not np.abs(joints - before)[found].max(initial=0.0) > TILT_SETTLED_JOINT:
-                break
-        return joints, found
 
     def forward(self, p: Array, joints: Array, near: Array | None = None) -> KinematicSolution:
         """Poses (N, t) of joints (N, n); `near` (N, t) are poses near them, as those commanded."""
@@ -162,7 +150,7 @@ class ClosedChain:
         for first in range(0, len(joints), CHUNK):
             rows = slice(first, first + CHUNK)
             some_near = None if starts is None else starts[rows]
-            solved = self.posture(p, joints[rows]).assemble(some_near)
+            solved = self.configuration(p, joints[rows]).assemble(some_near)
             poses[rows], status[rows] = solved.values, solved.status
         return KinematicSolution(poses, status)
 
@@ -171,58 +159,38 @@ class ClosedChain:
 
         Raises `numpy.linalg.LinAlgError` at a singular pose.
         """
-        return self.posture(p, joints).jacobian(poses)
+        return self.configuration(p, joints).jacobian(poses)
 
     def plate_tilt(self, p: Array, joints: Array, poses: Array) -> Array:
         """Rotation vectors of the plate in the base frame, (N, 3) rad; zero of perfect parts."""
-        return rotation_vectors(self.posture(p, joints).tilt(poses)).T
+        return rotation_vectors(self.configuration(p, joints).tilt(poses)).T
 
-    def typical_plate(self, p: Array) -> PlateDrawing:
-        """Drawing for a robot whose file has none."""
+    def typical_plate(self, p: Array) -> PlateGeometry:
+        """Plate of a robot whose file has none."""
         values, _, _ = self._split(p)
         outward_rad = self._arms.outward_rad(values)
-        return PlateDrawing.typical(outward_rad, follows_arms=self._arms.azimuth_is_outward)
+        return PlateGeometry.typical(outward_rad, follows_arms=self._arms.azimuth_is_outward)
 
-    def with_plate(self, plate: PlateDrawing) -> Self:
-        """Mechanism whose plate is as in a drawing."""
+    def with_plate(self, plate: PlateGeometry) -> Self:
+        """Mechanism with another plate."""
         chain = copy.copy(self)
         chain.plate = plate
         return chain
 
-    def posture(self, p: Array, joints: Array) -> ChainPosture:
+    def configuration(self, p: Array, joints: Array) -> Configuration:
         """Arms at joints (N, n), for whoever needs both poses and Jacobian."""
         values, platform, extensions = self._split(p)
         arms = self._arms.at(values, extensions[:, :-1], joints)
         pairs = self._rod_pairs(values, extensions)
-        return ChainPosture(self, platform, arms, pairs, self.home_sign(p))
+        return Configuration(self, platform, arms, pairs, self.assembly_sign(p))
 
-    def home_sign(self, p: Array) -> float:
+    def assembly_sign(self, p: Array) -> float:
         """Sign of the closures' determinant at joints 0, the platform well below the elbows."""
         values, platform, extensions = self._split(p)
         arms = self._arms.at(values, extensions[:, :-1], np.zeros((1, len(self.joints))))
-        legs = Legs(arms.elbows_mm, arms.forearm_mm[:, None], platform, 1.0)
-        _, determinant, _ = self.newton_step(legs, self._guess(legs, 0.0, -WELL_BELOW_MM))
+        limbs = Limbs(arms.elbows_mm, arms.forearm_mm[:, None], platform, 1.0)
+        _, determinant, _ = self.newton_step(limbs, self._guess(limbs, 0.0, -WELL_BELOW_MM))
         return float(np.sign(determinant[0]))
-
-    def closure_mm2(self, p: Array, joints: Array, poses: Array) -> Array:
-        """|A_iB_i|² - L_i², (N, n); zero when assembled (eq. 3 with L_i for the printed l_i)."""
-        posture = self.posture(p, joints)
-        forearms = posture.forearms_mm(poses).T
-        squares = np.einsum("...k,...k->...", forearms, forearms)
-        return np.asarray(squares - posture.arms.forearm_mm**2)
-
-    def pose_jacobian(self, p: Array, joints: Array, poses: Array) -> Array:
-        """∂F/∂pose of the closures, (N, n, t), in mm (columns of angles mm² per rad)."""
-        posture = self.posture(p, joints)
-        return posture.by_pose(poses, posture.forearms_mm(poses))
-
-    def closure_parameter_jacobian(self, p: Array, joints: Array, poses: Array) -> Array:
-        """∂F_i by arm i's own fields and extensions, then by the platform's, (N, n, k + f)."""
-        posture = self.posture(p, joints)
-        forearms = posture.forearms_mm(poses)
-        by_plate = self._platform.by_fields(posture.platform, poses, forearms)
-        own = posture.arms.by_fields(forearms)
-        return np.concatenate([own, by_plate.swapaxes(0, 1)], axis=1).transpose(2, 0, 1)
 
     def feasibility(self, p: Array, limits: Limits, poses: Array) -> Feasibility:
         """Margins of poses (N, t) by reach, limits, forearm swing and distance from singularity."""
@@ -233,7 +201,9 @@ class ClosedChain:
         violations = judged.violations | ~found * int(Violation.OUT_OF_REACH) | beyond
         return replace(judged, violations=violations.astype(np.uint8))
 
-    def passage(self, p: Array, limits: Limits, joints: Array, poses: Array) -> Feasibility:
+    def path_feasibility(
+        self, p: Array, limits: Limits, joints: Array, poses: Array
+    ) -> Feasibility:
         """Feasibility of poses (N, t) that are passed at known joints, whose limits don't count."""
         return self._margins(p, limits, joints, poses, np.ones(len(poses), dtype=bool))
 
@@ -246,8 +216,8 @@ class ClosedChain:
             if interval is not None:
                 half[place] = max(0.5 * (interval[1] - interval[0]), LEAST_TURN_RAD)
         reach_mm = self._arms.reach_mm(values, extensions, limits, centre[:COORDINATES])
-        slides = self._platform.points_along_x
-        aside_mm = self._platform.turn_scale(platform).lever_mm if slides else 0.0
+        slides = self.platform.points_along_x
+        aside_mm = self.platform.turn_scale(platform).lever_mm if slides else 0.0
         half[:COORDINATES] = reach_mm + aside_mm * half[COORDINATES:].sum()
         for place, interval in enumerate(limits.task[:COORDINATES]):
             if interval is not None:
@@ -261,7 +231,7 @@ class ClosedChain:
         for place, interval in enumerate(limits.task):
             if interval is not None and self.task[place].is_revolute:
                 poses[:, place] = np.linspace(*interval, len(poses))
-        ends_mm = self._platform.joints_mm(platform, poses)
+        ends_mm = self.platform.joints_mm(platform, poses)
         return float(np.linalg.norm(ends_mm, axis=-1).max())
 
     def minimum_shots(self, names: Sequence[str]) -> int:
@@ -270,26 +240,21 @@ class ClosedChain:
         A shot has three coordinates. Where two arms end in the measured point two of them are about
         these arms and the frame alone, the third about the rest, for the turn is not measured.
         """
-        near = self._platform.at_point
+        near = self.platform.at_point
         if not near:
             return max(SHOTS_FOR_A_FRAME, math.ceil((len(names) + FRAME_UNKNOWNS) / COORDINATES))
         own = sum(self.parameters[name].arm in near for name in names)
-        by_rest = int(self._platform.points_along_x and not self._arms.shows_turn)
+        by_rest = int(self.platform.points_along_x and not self._arms.shows_turn)
         by_two = math.ceil((own + FRAME_UNKNOWNS - by_rest) / len(near))
         return max(SHOTS_FOR_A_FRAME, by_two, len(names) - own + by_rest)
 
-    def levers_mm(self, p: Array) -> Array:
+    def sensitivity_scale_mm(self, p: Array) -> Array:
         """Lengths that turn errors of `parameters.model` into errors of place, (M,)."""
-        space, (values, platform, _) = self.parameters, self._split(p)
-        levers, fields = self._arms.levers_mm(values), len(space.arm_fields)
-        levers = np.insert(levers, -1, SKEW_LEVER_MM, axis=1)
-        own, beyond = levers[:, :fields].ravel(), levers[:, fields:].T.ravel()
+        values, platform, _ = self._split(p)
+        scale, fields = self._arms.sensitivity_scale_mm(values), values.shape[1]
+        scale = np.insert(scale, -1, SKEW_SCALE_MM, axis=1)
+        own, beyond = scale[:, :fields].ravel(), scale[:, fields:].T.ravel()
         return np.concatenate([own, np.ones(len(platform)), beyond])
-
-    def smallest_singular_value(self, p: Array, joints: Array, poses: Array) -> Array:
-        """Smallest singular value, unit rows, angles' columns divided by their lever, (N,)."""
-        lever_mm = self._platform.turn_scale(self._split(p)[1]).lever_mm
-        return _smallest_singular_value(self.pose_jacobian(p, joints, poses), lever_mm)
 
     def _split(self, p: Array) -> tuple[Array, Array, Array]:
         """Fields of the arms (n, k), of the platform (f,), and extensions of the arms (n, e)."""
@@ -304,27 +269,23 @@ class ClosedChain:
             azimuths = np.array(self.plate.outward_rad)
         return RodPairs.of(azimuths, extensions[:, -2], extensions[:, -1], values[:, -1])
 
-    def levers_on_plate_mm(self, poses: Array, joints_mm: Array) -> Array:
-        """Plate joints seen from the measured point, (3, n, N), of contracted ones (N, n, 3)."""
-        return self.plate.levers_mm((joints_mm - poses[:, None, :COORDINATES]).T)
-
     def _margins(
         self, p: Array, limits: Limits, joints: Array, poses: Array, found: Mask
     ) -> Feasibility:
-        posture = self.posture(p, joints)
-        forearms = posture.forearms_mm(poses)
-        swing = posture.arms.swing_rad(forearms)
-        elbow = posture.arms.leverage(forearms).min(axis=1)
+        configuration = self.configuration(p, joints)
+        forearms = configuration.forearms_mm(poses)
+        swing = configuration.arms.swing_rad(forearms)
+        elbow = configuration.arms.leverage(forearms).min(axis=1)
         singular = np.full(len(poses), np.nan)
-        lever_mm = self._platform.turn_scale(posture.platform).lever_mm
-        by_pose = posture.by_pose(poses, forearms)[found]
+        lever_mm = self.platform.turn_scale(configuration.platform).lever_mm
+        by_pose = configuration.by_pose(poses, forearms)[found]
         singular[found] = _smallest_singular_value(by_pose, lever_mm)
         too_near = (singular < limits.singularity_margin) | (elbow < limits.elbow_margin)
         beyond = np.zeros(len(poses), dtype=bool)
         for column, interval in zip(poses.T, limits.task, strict=True):
             if interval is not None:
                 beyond |= outside(column, interval)
-        above = poses[:, 2] >= posture.arms.elbows_mm[2].mean(axis=0)
+        above = poses[:, 2] >= configuration.arms.elbows_mm[2].mean(axis=0)
         violations = (
             beyond * int(Violation.TASK_LIMIT)
             | above * int(Violation.ABOVE_ELBOWS)
@@ -344,74 +305,74 @@ class ClosedChain:
             self._arms.words,
         )
 
-    def newton_step(self, legs: Legs, poses: Array) -> tuple[Array, Array, Array]:
-        """Step (t, N), the branch's determinant (N,) and by how much forearms are too long, (n, N).
+    def newton_step(self, limbs: Limbs, poses: Array) -> tuple[Array, Array, Array]:
+        """Step (t, N), the determinant (N,) and by how much forearms are too long, (n, N).
 
         Poses (t, N) are by component.
         """
-        ends = self._platform.joints_mm(legs.platform, poses.T)
-        forearms = np.ascontiguousarray(ends.T) - legs.elbows_mm
-        f = 0.5 * (np.einsum("kin,kin->in", forearms, forearms) - legs.forearm_mm**2)
+        ends = self.platform.joints_mm(limbs.platform, poses.T)
+        forearms = np.ascontiguousarray(ends.T) - limbs.elbows_mm
+        f = 0.5 * (np.einsum("kin,kin->in", forearms, forearms) - limbs.forearm_mm**2)
         matrix = np.empty((len(f), len(poses), poses.shape[1]))
         matrix[:, :COORDINATES] = forearms.swapaxes(0, 1)
         if self._has_turn:
-            by_turn = self._platform.by_turn(legs.platform, poses.T, forearms)
+            by_turn = self.platform.by_turn(limbs.platform, poses.T, forearms)
             matrix[:, COORDINATES] = 0.5 * by_turn
         step, determinant = solve_rows(matrix, -f)
-        return step, determinant, f / legs.forearm_mm
+        return step, determinant, f / limbs.forearm_mm
 
-    def assemble(self, legs: Legs, start: Array | None, converged_mm: float) -> KinematicSolution:
+    def assemble(self, limbs: Limbs, start: Array | None, converged_mm: float) -> KinematicSolution:
         """Poses of arms that are at their joints; a step below `converged_mm` is the last one.
 
         That leaves an error of about its square over the forearm's length.
         """
         if start is None:
-            poses, good = self._newton(legs, self._guess(legs, *STARTS[0]), converged_mm)
+            poses, good = self._newton(limbs, self._guess(limbs, *INITIAL_GUESSES[0]), converged_mm)
         else:
-            poses, good = self._newton(legs, np.ascontiguousarray(start.T), converged_mm)
+            poses, good = self._newton(limbs, np.ascontiguousarray(start.T), converged_mm)
         pending = ~good
-        for theta_rad, lift_mm in STARTS if start is not None else STARTS[1:]:
+        for theta_rad, lift_mm in INITIAL_GUESSES if start is not None else INITIAL_GUESSES[1:]:
             if not pending.any():
                 break
-            some = legs.rows(pending)
+            some = limbs.rows(pending)
             found, good = self._newton(some, self._guess(some, theta_rad, lift_mm), converged_mm)
             places = np.flatnonzero(pending)[good]
             poses[:, places] = found[:, good]
             pending[places] = False
         return KinematicSolution.where(~pending, poses.T)
 
-    def _guess(self, legs: Legs, theta_rad: float, lift_mm: float) -> Array:
+    def _guess(self, limbs: Limbs, theta_rad: float, lift_mm: float) -> Array:
         """Platform that hangs under the middle of its elbows, (t, N)."""
-        middle = legs.elbows_mm.mean(axis=1)
-        outward = legs.elbows_mm[:2] - middle[:2, None]
-        drop2_mm2 = legs.forearm_mm**2 - (outward * outward).sum(axis=0)
+        middle = limbs.elbows_mm.mean(axis=1)
+        outward = limbs.elbows_mm[:2] - middle[:2, None]
+        drop2_mm2 = limbs.forearm_mm**2 - (outward * outward).sum(axis=0)
         drop_mm = np.sqrt(np.maximum(drop2_mm2, 0.0).mean(axis=0))
         turned = np.zeros((1, len(self.task)))
         turned[0, COORDINATES:] = theta_rad
-        aside = self._platform.joints_mm(legs.platform, turned)[0].mean(axis=0)
+        aside = self.platform.joints_mm(limbs.platform, turned)[0].mean(axis=0)
         rows = [middle[0] - aside[0], middle[1] - aside[1], middle[2] - drop_mm + lift_mm]
         turns = [np.full_like(drop_mm, theta_rad)] if self._has_turn else []
         return np.stack([*rows, *turns])
 
-    def wanted(self, legs: Legs, poses: Array, branch: Array) -> Mask:
-        """Whether assembled poses (t, N) hang below their elbows on the branch of home, (N,)."""
-        wanted = poses[2] < legs.elbows_mm[2].mean(axis=0)
-        wanted &= branch * legs.home_sign > 0.0
+    def is_wanted(self, limbs: Limbs, poses: Array, determinant: Array) -> Mask:
+        """Whether assembled poses (t, N) hang below their elbows, in the mode of home, (N,)."""
+        wanted = poses[2] < limbs.elbows_mm[2].mean(axis=0)
+        wanted &= determinant * limbs.assembly_sign > 0.0
         if self._has_turn:
-            limit_rad = self._platform.turn_scale(legs.platform).limit_rad
+            limit_rad = self.platform.turn_scale(limbs.platform).limit_rad
             wanted &= np.abs(poses[COORDINATES]) < limit_rad
         return np.asarray(wanted)
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-    def _newton(self, legs: Legs, start: Array, converged_mm: float) -> tuple[Array, Mask]:
+    def _newton(self, limbs: Limbs, start: Array, converged_mm: float) -> tuple[Array, Mask]:
         """Poses (t, N) and which of them passed the checks; singular rows are dropped."""
         poses = start.copy()
         good = np.zeros(poses.shape[1], dtype=bool)
         active = np.arange(poses.shape[1])
-        some, current = legs, poses.copy()
-        turn = self._platform.turn_scale(legs.platform)
+        some, current = limbs, poses.copy()
+        turn = self.platform.turn_scale(limbs.platform)
         for _ in range(ITERATIONS):
-            step, branch, misfit_mm = self.newton_step(some, current)
+            step, determinant, misfit_mm = self.newton_step(some, current)
             move_mm = np.abs(step[:COORDINATES]).max(axis=0)
             turn_rad = np.abs(step[COORDINATES]) if self._has_turn else np.zeros_like(move_mm)
             current += step / np.maximum(
@@ -421,7 +382,7 @@ class ClosedChain:
             on_its_way = size_mm >= converged_mm
             if not on_its_way.all():
                 closed = (np.abs(misfit_mm) < MISFIT_OF_STEP * converged_mm).all(axis=0)
-                wanted = self.wanted(some, current, branch)
+                wanted = self.is_wanted(some, current, determinant)
                 poses[:, active] = current
                 good[active] = (size_mm < converged_mm) & closed & wanted
                 keep = on_its_way & np.isfinite(size_mm)

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from typing_extensions import override
 
 from campaigns.arrays import Array, Mask
+from campaigns.mechanisms.arms import ArmKind, Arms
 from campaigns.mechanisms.mechanism import MM_PER_RAD, ArmWords, Axis, Limits
 from campaigns.mechanisms.parameters import ParameterField
 
@@ -17,21 +19,17 @@ UPRIGHT = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LinearArms:
+class LinearArms(Arms):
     """Carriages on rails: A_i = P_i + (q_i + δq_i) e_i (model.md, family).
 
     e_i points along azimuth and elevation; beyond that the rail may be tilted by τ_i out of the
     vertical plane of its azimuth.
     """
 
-    forearm_mm: Array
-    """L_i, (n,)."""
     rails: Array
     """e_i and its derivatives by azimuth, elevation and tilt, (4, n, 3)."""
     travel_mm: Array
     """q_i + δq_i, (n, N)."""
-    elbows_mm: Array
-    """A_i in the base frame, (3, n, N)."""
 
     @classmethod
     def at(cls, values: Array, extensions: Array, joints: Array) -> Self:
@@ -39,8 +37,9 @@ class LinearArms:
         rails = rail_directions(values, extensions)
         travel = np.ascontiguousarray(joints.T) + values[:, 5:6]
         elbows = values[:, :3].T[..., None] + rails[0].T[..., None] * travel
-        return cls(values[:, 6], rails, travel, elbows)
+        return cls(values[:, 6], elbows, rails, travel)
 
+    @override
     def by_fields(self, forearms_mm: Array) -> Array:
         """∂F_i by x, y, z, azimuth, elevation, joint offset, forearm, rail, bar tilt, (n, 9, N).
 
@@ -57,11 +56,13 @@ class LinearArms:
         jacobian[:, 7] = -2.0 * self.travel_mm * across
         return jacobian
 
+    @override
     def swing_rad(self, forearms_mm: Array) -> Array:
         """Angles of forearms (3, n, N) off their rails, (N, n)."""
         along = self._along_rails(forearms_mm)[0].T
         return np.asarray(np.arccos(np.clip(-along / self.forearm_mm, -1.0, 1.0)))
 
+    @override
     def leverage(self, forearms_mm: Array) -> Array:
         """|∂F_i/∂q_i| / 2 L_i: cosine of the angle between rail and forearm, (N, n)."""
         return np.asarray(np.abs(self._along_rails(forearms_mm)[0].T / self.forearm_mm))
@@ -90,30 +91,32 @@ BAR_TILT = ParameterField(
 )
 
 
-class LinearArmKind:
+class LinearArmKind(ArmKind):
     """Carriages driven along rails, above the platform on a rail that points upward."""
 
     fields = RAIL_FIELDS
     extensions = (RAIL_TILT, BAR_TILT)
     lost_motion = ParameterField("backlash_mm", "the drive's lost motion, mm", "place")
     shows_turn = False
-    tilt_fields = ("elevation_deg",)
+    leaning = ("elevation_deg",)
     azimuth_is_outward = False
     words = ArmWords("its carriage's rail", "away from its rail", "carriage")
 
+    @override
     def outward_rad(self, values: Array) -> Array:
         """Azimuths from the middle of the rails' zeros to each, (n,)."""
         x, y = (values[:, :2] - values[:, :2].mean(axis=0)).T
         return np.asarray(np.arctan2(y, x))
 
+    @override
     def joint(self, number: int) -> Axis:
-        """Place of a carriage along its rail."""
         return Axis(f"q{number}", "prismatic")
 
+    @override
     def at(self, values: Array, extensions: Array, joints: Array) -> LinearArms:
-        """Carriages at readings (N, n)."""
         return LinearArms.at(values, extensions, joints)
 
+    @override
     def inverse(self, values: Array, extensions: Array, targets_mm: Array) -> tuple[Array, Mask]:
         """Readings (N, n): of the two places on a rail the one further along it."""
         to_target = targets_mm - values[:, :3]
@@ -123,12 +126,14 @@ class LinearArmKind:
         root = np.sqrt(np.where(square >= 0.0, square, np.nan))
         return along + root - values[:, 5], found
 
-    def levers_mm(self, values: Array) -> Array:
+    @override
+    def sensitivity_scale_mm(self, values: Array) -> Array:
         """A typical travel for angles, 1 for lengths: of fields, tilts and backlash, (n, 10)."""
-        levers = np.ones((len(values), len(RAIL_FIELDS) + 3))
-        levers[:, [3, 4, 7, 8]] = MM_PER_RAD
-        return levers
+        scale = np.ones((len(values), len(RAIL_FIELDS) + 3))
+        scale[:, [3, 4, 7, 8]] = MM_PER_RAD
+        return scale
 
+    @override
     def reach_mm(self, values: Array, extensions: Array, limits: Limits, centre_mm: Array) -> Array:
         """Half size (3,) about a place: forearms within their swing, from carriages in limits."""
         rails = rail_directions(values, extensions)[0]

@@ -6,17 +6,19 @@ axes, mm for prismatic ones. Files and screens say deg and mm.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum, IntFlag
-from typing import Literal, Protocol, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from campaigns.arrays import Array, Mask
-from campaigns.mechanisms.parameters import Parameters, ParameterSpace
-from campaigns.mechanisms.plate_tilt import PlateDrawing
+from campaigns.mechanisms.parameters import Parameters
+
+if TYPE_CHECKING:
+    from campaigns.mechanisms.closed_chain import ClosedChain
 
 Interval = tuple[float, float]
 
@@ -234,122 +236,16 @@ class Feasibility:
         ]
 
 
-class Posture(Protocol):
-    """Arms of a robot at joints (N, n), worked out once for assembling and differentiating."""
-
-    @property
-    def last_tilt(self) -> Array | None:
-        """Tilt of the plate where it was last assembled, for joints near these."""
-        ...
-
-    def assemble(
-        self, near: Array | None = None, converged_mm: float = ..., tilt: Array | None = None
-    ) -> KinematicSolution:
-        """Poses (N, t) of the joints, from poses and a tilt near them."""
-        ...
-
-    def jacobian(self, poses: Array, *, extended: bool = ...) -> Array:
-        """d(pose)/dp (N, t, G) at fixed joints, of the poses that they assemble to.
-
-        The columns of extensions are left 0 where they are not asked for and all of them are 0.
-        """
-        ...
-
-
-class Mechanism(Protocol):
-    """Kind of robot: what planning, measuring, estimation and evaluation need to know of it."""
-
-    @property
-    def name(self) -> str:
-        """Word in robot files."""
-        ...
-
-    @property
-    def joints(self) -> tuple[Axis, ...]:
-        """Joint axes, n of them."""
-        ...
-
-    @property
-    def task(self) -> tuple[Axis, ...]:
-        """Task axes, t of them: x, y, z of the measured point first."""
-        ...
-
-    @property
-    def parameters(self) -> ParameterSpace:
-        """Names, units and roles of the parameters, G of them in a vector p."""
-        ...
-
-    @property
-    def plate(self) -> PlateDrawing:
-        """Drawing of the plate."""
-        ...
-
-    def typical_plate(self, p: Array) -> PlateDrawing:
-        """Drawing for a robot whose file has none."""
-        ...
-
-    def with_plate(self, plate: PlateDrawing) -> Self:
-        """Mechanism whose plate is as in a drawing."""
-        ...
-
-    def plate_tilt(self, p: Array, joints: Array, poses: Array) -> Array:
-        """Rotation vectors of the plate in the base frame, (N, 3) rad; zero of perfect parts."""
-        ...
-
-    def inverse(self, p: Array, poses: Array) -> KinematicSolution:
-        """Joints (N, n) of poses (N, t) as the encoders read them."""
-        ...
-
-    def forward(self, p: Array, joints: Array, near: Array | None = None) -> KinematicSolution:
-        """Poses (N, t) of joints (N, n); `near` (N, t) are poses near them, as those commanded."""
-        ...
-
-    def jacobian(self, p: Array, joints: Array, poses: Array) -> Array:
-        """d(pose)/dp (N, t, G) at fixed joints, by the implicit function theorem.
-
-        Raises `numpy.linalg.LinAlgError` at a singular pose.
-        """
-        ...
-
-    def posture(self, p: Array, joints: Array) -> Posture:
-        """Arms at joints (N, n), for whoever needs both poses and Jacobian."""
-        ...
-
-    def feasibility(self, p: Array, limits: Limits, poses: Array) -> Feasibility:
-        """Margins of poses (N, t), and each violation."""
-        ...
-
-    def passage(self, p: Array, limits: Limits, joints: Array, poses: Array) -> Feasibility:
-        """Feasibility of poses (N, t) that are passed at known joints, whose limits don't count."""
-        ...
-
-    def search_extent(self, p: Array, limits: Limits, centre: Array) -> Array:
-        """Half size (t,) of a box about a pose (t,) well inside that holds the workspace."""
-        ...
-
-    def platform_radius_mm(self, p: Array, limits: Limits) -> float:
-        """Radius about the measured point that holds the modelled platform at every turn."""
-        ...
-
-    def minimum_shots(self, names: Sequence[str]) -> int:
-        """Fewest shots of the measured point that tell the named parameters and the frame."""
-        ...
-
-    def levers_mm(self, p: Array) -> Array:
-        """Lengths that turn errors of `parameters.model` into errors of place, (M,)."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Kinematics:
     """Kinematic model of one robot: a mechanism with its parameter vector."""
 
-    mechanism: Mechanism
+    mechanism: "ClosedChain"
     p: Array
     """(G,), mm and rad."""
 
     @classmethod
-    def of(cls, mechanism: Mechanism, values: Mapping[str, float]) -> Self:
+    def of(cls, mechanism: "ClosedChain", values: Mapping[str, float]) -> Self:
         """Model from values by name in mm and deg; raises `KeyError` when one is missing."""
         return cls(mechanism, Parameters.of(mechanism.parameters, values).vector)
 

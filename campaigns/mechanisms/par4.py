@@ -4,8 +4,8 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.mechanisms.arms import RotaryArmKind
-from campaigns.mechanisms.chain_posture import Legs
 from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.mechanisms.configuration import Limbs
 from campaigns.mechanisms.platforms import HingedPlate
 
 NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
@@ -23,23 +23,23 @@ class Par4(ClosedChain):
             held_fields=("azimuth_deg",),  # hypothesis (iii) of the paper
         )
 
-    def home_sign(self, p: Array) -> float:  # noqa: ARG002 - the same for all
+    def assembly_sign(self, p: Array) -> float:  # noqa: ARG002 - the same for all
         """Sign of the determinant at home: positive, as the elimination below forms it."""
         return 1.0
 
-    def newton_step(self, legs: Legs, poses: Array) -> tuple[Array, Array, Array]:
-        """Step (4, N), the branch's determinant (N,) and by how much forearms are too long, (4, N).
+    def newton_step(self, limbs: Limbs, poses: Array) -> tuple[Array, Array, Array]:
+        """Step (4, N), the determinant (N,) and by how much forearms are too long, (4, N).
 
         The first two closures don't know θ: they leave one free direction, their forearms' normal,
         along which the other two are solved. This is the 4 x 4 system by hand, some ten times
         faster in batch.
         """
-        sin, cos, h = np.sin(poses[3]), np.cos(poses[3]), legs.platform[0]
-        w = poses[:3, None] - legs.elbows_mm
+        sin, cos, h = np.sin(poses[3]), np.cos(poses[3]), limbs.platform[0]
+        w = poses[:3, None] - limbs.elbows_mm
         w[0, 2:] -= h * sin
         w[1, 2:] += h * cos
         square = _dot(w, w)
-        f = 0.5 * (square - legs.forearm_mm**2)
+        f = 0.5 * (square - limbs.forearm_mm**2)
         w0, w1, last_two = w[:, 0], w[:, 1], w[:, 2:]
         normal, product = _cross(w0, w1), _dot(w0, w1)
         # the shortest step that satisfies the first two rows: it has no part along the normal
@@ -52,7 +52,7 @@ class Par4(ClosedChain):
         free = (wanted[0] * by_theta[1] - wanted[1] * by_theta[0]) / determinant
         turn = (by_free[0] * wanted[1] - by_free[1] * wanted[0]) / determinant
         step = np.concatenate([fixed + free * normal, turn[None]])
-        return step, determinant, f / legs.forearm_mm
+        return step, determinant, f / limbs.forearm_mm
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -35,7 +35,7 @@ SETTLED_RAD = 1e-13
 
 
 @dataclass(frozen=True)
-class PlateDrawing:
+class PlateGeometry:
     """Nominal places on the plate in the base frame, of a level plate at θ = 0."""
 
     joints_mm: tuple[Place, ...]
@@ -47,7 +47,7 @@ class PlateDrawing:
 
     @classmethod
     def typical(cls, outward_rad: Array, *, follows_arms: bool) -> Self:
-        """Drawing where none is given: joints `TYPICAL_JOINT_MM` outward, the point between."""
+        """Geometry where none is given: joints `TYPICAL_JOINT_MM` outward, the point between."""
         outward_mm = TYPICAL_JOINT_MM * np.stack([np.cos(outward_rad), np.sin(outward_rad)], axis=1)
         joints_mm = tuple((float(x), float(y), 0.0) for x, y in outward_mm)
         fixed = None if follows_arms else tuple(outward_rad.tolist())
@@ -59,7 +59,7 @@ class PlateDrawing:
         seen_mm = np.array(self.joints_mm) - np.array(self.reflector_mm)
         return np.asarray(seen_mm.T[..., None])
 
-    def levers_mm(self, offsets_mm: Array) -> Array:
+    def seen_mm(self, offsets_mm: Array) -> Array:
         """Plate joints seen from the reflector, (3, n, N), of contracted offsets B_i - X."""
         return np.asarray(offsets_mm + self.from_reflector_mm)
 
@@ -91,31 +91,31 @@ class RodPairs:
         """Whether rods and axes are perfect, which leaves the plate level everywhere."""
         return not (self.skew.any() or self.motor_axes[2].any())
 
-    def tilt(self, forearms_mm: Array, levers_mm: Array, start: Array | None = None) -> Array:
-        """Gibbs vectors (3, N) of the plate at given contracted forearms and levers, (3, n, N)."""
+    def tilt(self, forearms_mm: Array, seen_mm: Array, start: Array | None = None) -> Array:
+        """Gibbs vectors (3, N) of the plate, of contracted forearms and plate joints (3, n, N)."""
         gibbs = np.zeros((3, forearms_mm.shape[2])) if start is None else start
         for _ in range(ROUNDS):
-            gibbs, step = self.approached(forearms_mm, levers_mm, gibbs)
+            gibbs, step = self.approached(forearms_mm, seen_mm, gibbs)
             if not np.abs(step).max(initial=0.0) > SETTLED_RAD:
                 break
         return gibbs
 
-    def approached(self, forearms_mm: Array, levers_mm: Array, gibbs: Array) -> tuple[Array, Array]:
+    def approached(self, forearms_mm: Array, seen_mm: Array, gibbs: Array) -> tuple[Array, Array]:
         """Gibbs vectors (3, N) some thousand times nearer to the plate's, and the step, rad."""
-        state = self.state(forearms_mm, levers_mm, gibbs)
+        state = self.state(forearms_mm, seen_mm, gibbs)
         weights = state.weights
         matrix = np.einsum("kin,lin->kln", weights, weights)
-        step = _solved(matrix, -state.balance())
+        step = _solved(matrix, -state.normal_equations())
         return _turned_further(gibbs, step), step
 
-    def state(self, forearms_mm: Array, levers_mm: Array, gibbs: Array) -> "TiltedForearms":
-        """Forearms of the tilted plate, with what its balance needs."""
-        excess = rotation_excess(gibbs)
-        moved = forearms_mm + applied(excess, levers_mm)
-        across = applied(excess, self.plate_bars) + (self.plate_bars - self.motor_axes)
+    def state(self, forearms_mm: Array, seen_mm: Array, gibbs: Array) -> "TiltedForearms":
+        """Forearms of the tilted plate, with what its normal equations need."""
+        r_minus_i = rotation_minus_identity(gibbs)
+        moved = forearms_mm + applied(r_minus_i, seen_mm)
+        across = applied(r_minus_i, self.plate_bars) + (self.plate_bars - self.motor_axes)
         misfit = _dot(moved, across) / self.forearm_mm - self.skew
         weights = _cross(self.plate_bars / self.forearm_mm, moved)
-        return TiltedForearms(self, excess, levers_mm, moved, across, misfit, weights)
+        return TiltedForearms(self, r_minus_i, seen_mm, moved, across, misfit, weights)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,9 +123,9 @@ class TiltedForearms:
     """Forearms g_i of a tilted plate, and the misfits of the differences of their rods."""
 
     pairs: RodPairs
-    excess: Array
+    r_minus_i: Array
     """R - 1, (3, 3, N)."""
-    levers_mm: Array
+    seen_mm: Array
     forearms_mm: Array
     """g_i (3, n, N)."""
     across: Array
@@ -135,17 +135,17 @@ class TiltedForearms:
     weights: Array
     """v_i × g_i / L_i (3, n, N): how a tilt moves a misfit, to first order."""
 
-    def balance(self) -> Array:
+    def normal_equations(self) -> Array:
         """Σ weights · misfit (3, N), zero at the plate's tilt."""
         return np.asarray((self.weights * self.misfit).sum(axis=1))
 
     def closures_by_turn(self) -> Array:
         """∂|g_i|²/∂φ, (3, n, N)."""
-        levers = self.levers_mm + applied(self.excess, self.levers_mm)
-        return np.asarray(2.0 * _cross(levers, self.forearms_mm))
+        arms = self.seen_mm + applied(self.r_minus_i, self.seen_mm)
+        return np.asarray(2.0 * _cross(arms, self.forearms_mm))
 
-    def balance_by_forearms(self) -> Array:
-        """∂balance/∂g_i, (3, 3, n, N): a vector by component for each part of the balance."""
+    def normal_by_forearms(self) -> Array:
+        """∂(normal equations)/∂g_i, (3, 3, n, N): a vector by component for each of them."""
         length, (x, y, _) = self.pairs.forearm_mm, self.pairs.plate_bars
         by_forearms = self.weights[:, None] * (self.across / length)
         scaled = self.misfit / length
@@ -156,10 +156,10 @@ class TiltedForearms:
         by_forearms[2, 0] -= y * scaled
         return by_forearms
 
-    def balance_by_turn(self, by_forearms: Array) -> Array:
-        """∂balance/∂φ, (3, 3, N)."""
-        levers = self.levers_mm + applied(self.excess, self.levers_mm)
-        by_joint = _cross(levers[:, None], by_forearms.swapaxes(0, 1)).sum(axis=2)
+    def normal_by_turn(self, by_forearms: Array) -> Array:
+        """∂(normal equations)/∂φ, (3, 3, N)."""
+        arms = self.seen_mm + applied(self.r_minus_i, self.seen_mm)
+        by_joint = _cross(arms[:, None], by_forearms.swapaxes(0, 1)).sum(axis=2)
         bars = self.across + self.pairs.motor_axes
         by_bar = _cross(bars, self.forearms_mm / self.pairs.forearm_mm)
         turned = np.einsum("kin,lin->kln", self.weights, by_bar)
@@ -167,14 +167,14 @@ class TiltedForearms:
 
     def rotated_back(self, vectors: Array) -> Array:
         """Rᵀ y, (3, n, N), of vectors y (3, n, N)."""
-        return np.asarray(vectors + applied(self.excess.swapaxes(0, 1), vectors))
+        return np.asarray(vectors + applied(self.r_minus_i.swapaxes(0, 1), vectors))
 
     def by_own_parameters(self) -> "OwnDerivatives":
-        """∂balance by the bars' directions and what the rods are, (3, n, N) each, elbows held."""
+        """∂(normal equations) by bars' directions and the rods, elbows held, (3, n, N) each."""
         length, bars, axes = self.pairs.forearm_mm, self.pairs.plate_bars, self.pairs.motor_axes
         level = np.hypot(axes[0], axes[1])
         by_azimuth = np.stack([-bars[1], bars[0], np.zeros_like(bars[0])])
-        across = by_azimuth * (1.0 - level) + applied(self.excess, by_azimuth)
+        across = by_azimuth * (1.0 - level) + applied(self.r_minus_i, by_azimuth)
         weighted = _cross(by_azimuth, self.forearms_mm) * self.misfit
         azimuth = self.weights * _dot(self.forearms_mm, across) + weighted
         by_tilt = -axes[2] * bars
@@ -188,7 +188,7 @@ class TiltedForearms:
 
 
 class OwnDerivatives(NamedTuple):
-    """Derivatives of the balance by each arm's own parameters, (3, n, N) each."""
+    """Derivatives of the normal equations by each arm's own parameters, (3, n, N) each."""
 
     azimuth: Array
     forearm: Array
@@ -196,15 +196,15 @@ class OwnDerivatives(NamedTuple):
     skew: Array
 
 
-def rotation_excess(gibbs: Array) -> Array:
+def rotation_minus_identity(gibbs: Array) -> Array:
     """R - 1 (3, 3, N) of Gibbs vectors (3, N)."""
     square = (gibbs * gibbs).sum(axis=0)
-    excess = gibbs[:, None] * gibbs
-    excess[DIAGONAL] -= square
+    r_minus_i = gibbs[:, None] * gibbs
+    r_minus_i[DIAGONAL] -= square
     x, y, z = gibbs
-    excess[(0, 1, 2), (1, 2, 0)] -= np.stack([z, x, y])
-    excess[(1, 2, 0), (0, 1, 2)] += np.stack([z, x, y])
-    return np.asarray(excess * (2.0 / (1.0 + square)))
+    r_minus_i[(0, 1, 2), (1, 2, 0)] -= np.stack([z, x, y])
+    r_minus_i[(1, 2, 0), (0, 1, 2)] += np.stack([z, x, y])
+    return np.asarray(r_minus_i * (2.0 / (1.0 + square)))
 
 
 def applied(matrices: Array, vectors: Array) -> Array:
@@ -217,7 +217,7 @@ def applied(matrices: Array, vectors: Array) -> Array:
 
 def displacement(gibbs: Array, vectors: Array) -> Array:
     """(R - 1) c, (3, n, N), of vectors c (3, n, N) on a plate turned by Gibbs vectors s (3, N)."""
-    return applied(rotation_excess(gibbs), vectors)
+    return applied(rotation_minus_identity(gibbs), vectors)
 
 
 def rotation_vectors(gibbs: Array) -> Array:

@@ -4,10 +4,11 @@ They depend on the platform's turn alone: B_i = X + b_i(θ).
 """
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
+from typing_extensions import override
 
 from campaigns.arrays import Array
 from campaigns.mechanisms.mechanism import Axis
@@ -35,78 +36,60 @@ class TurnScale:
 HINGE_SCALE = TurnScale(lever_mm=100.0, step_rad=0.35, limit_rad=0.5 * math.pi)
 
 
-class Platform(Protocol):
+class Platform(ABC):
     """Kind of platform: task axes, fields in files, and the forearms' lower ends."""
 
-    @property
-    def arms(self) -> int:
-        """Number of forearms that hold it."""
-        ...
+    arms: int
+    """Number of forearms that hold it."""
+    task: tuple[Axis, ...]
+    """Task axes: x, y, z of the controlled point first."""
+    fields: tuple[ParameterField, ...] = ()
+    """Parameters, in the order of its values."""
+    at_point: tuple[int, ...] = ()
+    """Arms that end in the controlled point however a platform that turns is turned."""
+    points_along_x = False
+    """Whether the base frame's x axis is a direction of the platform."""
 
-    @property
-    def task(self) -> tuple[Axis, ...]:
-        """Task axes: x, y, z of the controlled point first."""
-        ...
+    def turn_scale(self, values: Array) -> TurnScale:  # noqa: ARG002 - the same for hinged ones
+        """Sizes of the turn; beyond 90° a hinged plate has turned over."""
+        return HINGE_SCALE
 
-    @property
-    def fields(self) -> tuple[ParameterField, ...]:
-        """Parameters, in the order of its values."""
-        ...
-
-    @property
-    def at_point(self) -> tuple[int, ...]:
-        """Arms that end in the controlled point however a platform that turns is turned."""
-        ...
-
-    @property
-    def points_along_x(self) -> bool:
-        """Whether the base frame's x axis is a direction of the platform."""
-        ...
-
-    def turn_scale(self, values: Array) -> TurnScale:
-        """Sizes of the turn."""
-        ...
-
+    @abstractmethod
     def joints_mm(self, values: Array, poses: Array) -> Array:
         """B_i in the base frame, (N, n, 3), at poses (N, t)."""
-        ...
 
+    @abstractmethod
     def by_turn(self, values: Array, poses: Array, forearms_mm: Array) -> Array:
         """∂F_i of the closures by the turn, (n, N), from forearms (3, n, N)."""
-        ...
 
+    @abstractmethod
     def by_fields(self, values: Array, poses: Array, forearms_mm: Array) -> Array:
         """∂F_i by each field, (f, n, N)."""
-        ...
 
 
-class TranslatingPlatform:
+class TranslatingPlatform(Platform):
     """Delta's platform, which keeps its direction: all forearms end in one contracted point."""
 
     arms = 3
     task = POSITION
-    fields: tuple[ParameterField, ...] = ()
-    at_point: tuple[int, ...] = ()
-    points_along_x = False
 
-    def turn_scale(self, values: Array) -> TurnScale:  # noqa: ARG002 - it never turns
-        """Sizes of a turn that there is not."""
-        return HINGE_SCALE
-
-    def joints_mm(self, values: Array, poses: Array) -> Array:  # noqa: ARG002 - it has no fields
+    @override
+    def joints_mm(self, values: Array, poses: Array) -> Array:
         """X for every arm."""
         return np.repeat(poses[..., None, :3], self.arms, axis=-2)
 
+    @override
     def by_turn(self, values: Array, poses: Array, forearms_mm: Array) -> Array:
         """Never asked: there is no turn."""
         raise NotImplementedError
 
-    def by_fields(self, values: Array, poses: Array, forearms_mm: Array) -> Array:  # noqa: ARG002
+    @override
+    def by_fields(self, values: Array, poses: Array, forearms_mm: Array) -> Array:
         """Derivatives by no fields: there are none."""
         return np.empty((0, *forearms_mm.shape[1:]))
 
 
-class TwoPartPlatform:
+class TwoPartPlatform(Platform):
     """Platform of two parts that stand apart by its one value and a direction of the turn.
 
     Arms 0 and 1 end `shares[0]` of the way between the parts from the controlled point, arms 2 and
@@ -115,21 +98,20 @@ class TwoPartPlatform:
 
     arms = OF_TWO_PARTS
     task = (*POSITION, TURN)
-    fields: tuple[ParameterField, ...]
-    points_along_x = False
 
     def __init__(self, shares: tuple[float, float]) -> None:
         self._shares = np.repeat(shares, OF_TWO_PARTS // 2)
         self.at_point = tuple(np.flatnonzero(self._shares == 0.0).tolist())
 
+    @abstractmethod
     def apart(self, turn: Array) -> Array:
         """From part 1 to part 2 in the base frame at turns (N,), for a value of 1, (2, N)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def apart_by_turn(self, turn: Array) -> Array:
         """∂(apart)/∂θ, (2, N)."""
-        raise NotImplementedError
 
+    @override
     def joints_mm(self, values: Array, poses: Array) -> Array:
         """B'_i in the base frame, (N, 4, 3)."""
         joints = np.repeat(poses[..., None, :3], self.arms, axis=-2)
@@ -139,11 +121,13 @@ class TwoPartPlatform:
                 joints[..., arm, axis] += self._shares[arm] * apart[axis]
         return joints
 
+    @override
     def by_turn(self, values: Array, poses: Array, forearms_mm: Array) -> Array:
         """∂F_i/∂θ, (4, N): nothing for arms that end in the controlled point."""
         return self._along(forearms_mm, values[0] * self.apart_by_turn(poses[:, 3]))
 
-    def by_fields(self, values: Array, poses: Array, forearms_mm: Array) -> Array:  # noqa: ARG002
+    @override
+    def by_fields(self, values: Array, poses: Array, forearms_mm: Array) -> Array:
         """∂F_i by the way between the parts, (1, 4, N)."""
         return self._along(forearms_mm, self.apart(poses[:, 3]))[None]
 
@@ -160,14 +144,12 @@ class HingedPlate(TwoPartPlatform):
         ParameterField("plate_mm", "the distance between the halves of the plate, mm", "length"),
     )
 
-    def turn_scale(self, values: Array) -> TurnScale:  # noqa: ARG002 - the same for all
-        """Beyond 90° the plate has turned over."""
-        return HINGE_SCALE
-
+    @override
     def apart(self, turn: Array) -> Array:
         """(-sin θ, cos θ)."""
         return np.array([-np.sin(turn), np.cos(turn)])
 
+    @override
     def apart_by_turn(self, turn: Array) -> Array:
         """(-cos θ, -sin θ)."""
         return np.array([-np.cos(turn), -np.sin(turn)])
@@ -179,15 +161,18 @@ class SlidingBars(TwoPartPlatform):
     fields = (ParameterField("pinion_mm", "travel of the bars for a turn of 1 rad, mm", "length"),)
     points_along_x = True
 
+    @override
     def turn_scale(self, values: Array) -> TurnScale:
         """A slide of r for a turn of 1 rad; no turn is too far."""
         pinion_mm = float(values[0])
         return TurnScale(pinion_mm, SLIDE_STEP_MM / pinion_mm, math.inf)
 
+    @override
     def apart(self, turn: Array) -> Array:
         """(-θ, 0)."""
         return np.array([-turn, np.zeros_like(turn)])
 
+    @override
     def apart_by_turn(self, turn: Array) -> Array:
         """(-1, 0)."""
         return np.array([-np.ones_like(turn), np.zeros_like(turn)])

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from campaigns.mechanisms.mechanism import Mechanism
+from campaigns.mechanisms.closed_chain import ClosedChain
 
 UPRIGHT_DEG = 90.0
 FIRST_OF_THREE_DEG = 0.0
@@ -29,14 +29,14 @@ class Sizes:
     """Direction of the first arm about z, if not the usual one."""
 
 
-def lengths_needed(mechanism: Mechanism) -> tuple[str, ...]:
+def lengths_needed(mechanism: ClosedChain) -> tuple[str, ...]:
     """Fields of `Sizes.lengths_mm` that make a robot of that mechanism."""
     space = mechanism.parameters
     fields = (*space.arm_fields, *space.platform_fields)
     return tuple(field.name for field in fields if field.quantity == "length")
 
 
-def symmetrical(mechanism: Mechanism, sizes: Sizes) -> dict[str, float]:
+def symmetrical(mechanism: ClosedChain, sizes: Sizes) -> dict[str, float]:
     """Parameters by name, mm and deg; raises `KeyError` for a length that is missing."""
     space = mechanism.parameters
     usual = FIRST_OF_FOUR_DEG if space.platform_fields else FIRST_OF_THREE_DEG

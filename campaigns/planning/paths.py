@@ -73,7 +73,7 @@ def _motion_fault(
         return PathFault("the mechanism cannot be assembled", lost)
     passing = _passing_limits(limits)
     mechanism = kinematics.mechanism
-    passed = mechanism.passage(kinematics.p, passing, joints, solution.values)
+    passed = mechanism.path_feasibility(kinematics.p, passing, joints, solution.values)
     limited = (axis.name for axis, each in zip(mechanism.task, limits.task, strict=True) if each)
     reasons = {
         Violation.TASK_LIMIT: f"{', '.join(limited)} leaves its limits",

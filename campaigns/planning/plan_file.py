@@ -8,7 +8,7 @@ from pathlib import Path
 from campaigns.errors import CampaignError, PlanInvalid, WriteFailed
 from campaigns.files.csv_file import CsvForm, CsvRow, csv_text, parse_csv
 from campaigns.files.text_file import read_text, replace_text
-from campaigns.mechanisms.mechanism import Mechanism
+from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.robots.robot import pose_of
 from campaigns.shots.columns import (
     axis_columns,
@@ -39,24 +39,24 @@ class PlannedShot:
     joints: tuple[float, ...]
 
 
-def plan_columns(mechanism: Mechanism) -> tuple[str, ...]:
+def plan_columns(mechanism: ClosedChain) -> tuple[str, ...]:
     """Columns of a robot's plan: its pose, then its joints."""
     return (*KEYS, *axis_columns(mechanism.task), *axis_columns(mechanism.joints))
 
 
-def read_plan(path: Path, mechanism: Mechanism) -> tuple[PlannedShot, ...]:
+def read_plan(path: Path, mechanism: ClosedChain) -> tuple[PlannedShot, ...]:
     """Plan in the order in which it will be run; raises `PlanInvalid`."""
     remedy = "make one with `pkmcal plan`"
     text = read_text(path, PlanInvalid, if_missing=remedy, most_bytes=CSV_BYTES)
     return parse_plan(text, str(path), mechanism)
 
 
-def write_plan(path: Path, shots: Sequence[PlannedShot], mechanism: Mechanism) -> None:
+def write_plan(path: Path, shots: Sequence[PlannedShot], mechanism: ClosedChain) -> None:
     """Write a plan, in place of an older one; raises `WriteFailed`."""
     replace_text(path, plan_text(shots, mechanism))
 
 
-def write_beside_older(path: Path, shots: Sequence[PlannedShot], mechanism: Mechanism) -> None:
+def write_beside_older(path: Path, shots: Sequence[PlannedShot], mechanism: ClosedChain) -> None:
     """Write a plan; an older one is kept under the first free number, or stays if that fails.
 
     Raises `WriteFailed`.
@@ -70,17 +70,17 @@ def write_beside_older(path: Path, shots: Sequence[PlannedShot], mechanism: Mech
         raise
 
 
-def plan_digest(shots: Sequence[PlannedShot], mechanism: Mechanism) -> str:
+def plan_digest(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
     """SHA-256 of the plan's text: the same before writing and after reading."""
     return hashlib.sha256(plan_text(shots, mechanism).encode("utf-8")).hexdigest()
 
 
-def plan_text(shots: Sequence[PlannedShot], mechanism: Mechanism) -> str:
+def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
     """Text of a plan's file."""
     return csv_text(plan_columns(mechanism), [_row_of(shot, mechanism) for shot in shots])
 
 
-def parse_plan(text: str, name: str, mechanism: Mechanism) -> tuple[PlannedShot, ...]:
+def parse_plan(text: str, name: str, mechanism: ClosedChain) -> tuple[PlannedShot, ...]:
     """Plan of a file's text; raises `PlanInvalid` with the line."""
     form = CsvForm(required=plan_columns(mechanism), optional=(), invalid=PlanInvalid)
     rows = list(parse_csv(text, name, form))
@@ -117,7 +117,7 @@ def _check_numbers(rows: Sequence[CsvRow], shots: Sequence[PlannedShot]) -> None
         seen.add(shot.shot)
 
 
-def _shot_of(row: CsvRow, mechanism: Mechanism) -> PlannedShot:
+def _shot_of(row: CsvRow, mechanism: ClosedChain) -> PlannedShot:
     purpose = shot_set(row)
     return PlannedShot(
         shot=row.whole_number("shot"),
@@ -128,7 +128,7 @@ def _shot_of(row: CsvRow, mechanism: Mechanism) -> PlannedShot:
     )
 
 
-def _row_of(shot: PlannedShot, mechanism: Mechanism) -> list[str]:
+def _row_of(shot: PlannedShot, mechanism: ClosedChain) -> list[str]:
     return [
         str(shot.shot),
         shot.purpose.value,

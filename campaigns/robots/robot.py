@@ -25,9 +25,10 @@ from campaigns.files.yaml_file import (
     yaml_text,
 )
 from campaigns.mechanisms.catalog import MECHANISMS
-from campaigns.mechanisms.mechanism import Axis, Interval, Kinematics, Limits, Mechanism
+from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.mechanisms.mechanism import Axis, Interval, Kinematics, Limits
 from campaigns.mechanisms.parameters import Parameter, Parameters, ParameterSpace, Role
-from campaigns.mechanisms.plate_tilt import PlateDrawing
+from campaigns.mechanisms.plate_tilt import PlateGeometry
 from campaigns.robots.schema import SCHEMA, RobotContents, contents_model
 from drivers.bounded_files import is_there
 from drivers.values import Pose, Vector3
@@ -61,7 +62,7 @@ class RobotFile:
     """
 
     name: str
-    mechanism: Mechanism
+    mechanism: ClosedChain
     parameters: Parameters
     limits: Limits
     provenance: Mapping[str, JsonValue] | None = None
@@ -70,7 +71,7 @@ class RobotFile:
 
     @classmethod
     def of(
-        cls, mechanism: Mechanism, values: Mapping[str, float], *, name: str, limits: Limits
+        cls, mechanism: ClosedChain, values: Mapping[str, float], *, name: str, limits: Limits
     ) -> Self:
         """Robot from values by name, extensions being 0 if not named; raises `ConfigInvalid`."""
         return cls(name, mechanism, checked_parameters(mechanism, values, name), limits)
@@ -145,7 +146,7 @@ def parse_robot(text: str, name: str) -> RobotDocument:
     return _robot_of(parse_document(text, name))
 
 
-def shipped_of(mechanism: Mechanism) -> RobotDocument:
+def shipped_of(mechanism: ClosedChain) -> RobotDocument:
     """First shipped robot of a mechanism."""
     found = map(find_robot, _shipped_robots())
     return next(each for each in found if each.robot.mechanism.name == mechanism.name)
@@ -196,7 +197,7 @@ def _set_values(geometry: CommentedMap, parameters: Parameters) -> None:
 
 
 def checked_parameters(
-    mechanism: Mechanism,
+    mechanism: ClosedChain,
     values: Mapping[str, float],
     name: str,
     std: Mapping[str, float] | None = None,
@@ -251,7 +252,9 @@ def _robot_of(document: YamlDocument) -> RobotDocument:
     return RobotDocument(robot, document)
 
 
-def _plate(mechanism: Mechanism, parameters: Parameters, contents: RobotContents) -> PlateDrawing:
+def _plate(
+    mechanism: ClosedChain, parameters: Parameters, contents: RobotContents
+) -> PlateGeometry:
     """Drawing of the plate, typical where the file does not say."""
     typical = mechanism.typical_plate(parameters.vector)
     return replace(
@@ -272,7 +275,7 @@ def _by_name(space: ParameterSpace, geometry: FileModel) -> dict[str, float]:
     }
 
 
-def _limits(mechanism: Mechanism, limits: FileModel) -> Limits:
+def _limits(mechanism: ClosedChain, limits: FileModel) -> Limits:
     values = limits.model_dump()
     joint = mechanism.joints[0]
     low, high = map(joint.from_file, values[f"joint_{joint.unit}"])

@@ -13,7 +13,8 @@ from pydantic import AfterValidator, Field, JsonValue, create_model
 from campaigns.files.wording import shown, suggestion
 from campaigns.files.yaml_file import FileModel, broken_rule
 from campaigns.mechanisms.catalog import MECHANISMS
-from campaigns.mechanisms.mechanism import Axis, Mechanism
+from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.mechanisms.mechanism import Axis
 from campaigns.mechanisms.parameters import ParameterField
 
 SCHEMA = "pkmcal/robot/1"
@@ -144,7 +145,7 @@ def _literal(*words: str) -> Any:
     return Literal[words]
 
 
-def _limits_model(mechanism: Mechanism) -> type[FileModel]:
+def _limits_model(mechanism: ClosedChain) -> type[FileModel]:
     joint = mechanism.joints[0]
     turns = {
         axis.column: _range_of(axis, "the plate's lowest and highest angle")

@@ -9,7 +9,8 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import ConfigInvalid
-from campaigns.mechanisms.mechanism import Interval, Kinematics, Limits, Mechanism
+from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.mechanisms.mechanism import Interval, Kinematics, Limits
 from campaigns.mechanisms.sizes import Sizes, lengths_needed, symmetrical
 from campaigns.robots.robot import RobotDocument, parse_robot, shipped_of
 from campaigns.robots.schema import SCHEMA
@@ -31,7 +32,7 @@ TYPICAL_LIMITS = (
 
 
 def symmetrical_robot(
-    mechanism: Mechanism, name: str, sizes: Sizes, joint: Interval | None = None
+    mechanism: ClosedChain, name: str, sizes: Sizes, joint: Interval | None = None
 ) -> RobotDocument:
     """Robot of those sizes; limits are those of the shipped one but for `joint`, rad or mm.
 
@@ -50,7 +51,7 @@ def symmetrical_robot(
     return parse_robot(f"{text}workspace_centre_mm: {centre_mm}\n", f"{name}.yaml")
 
 
-def _check_lengths(mechanism: Mechanism, lengths_mm: Mapping[str, float]) -> None:
+def _check_lengths(mechanism: ClosedChain, lengths_mm: Mapping[str, float]) -> None:
     needed = lengths_needed(mechanism)
     options = {field: f"--{field.removesuffix('_mm')}" for field in (*needed, *lengths_mm)}
     for field in needed:
@@ -95,7 +96,7 @@ def _reach_mm(kinematics: Kinematics, limits: Limits, z_mm: float, extent: Array
     return float(reaches[whole][-1]) if whole.any() else 0.0
 
 
-def _heading(mechanism: Mechanism, name: str, sizes: Sizes) -> list[str]:
+def _heading(mechanism: ClosedChain, name: str, sizes: Sizes) -> list[str]:
     """Comment that explains the file."""
     lengths = ", ".join(
         f"{field.removesuffix('_mm')} {value:g} mm" for field, value in sizes.lengths_mm.items()
@@ -115,7 +116,9 @@ def _comment(text: str) -> list[str]:
     return [f"# {line}" for line in textwrap.wrap(text, COMMENT_WIDTH)]
 
 
-def _body(mechanism: Mechanism, name: str, flat: Mapping[str, float], limits: Limits) -> list[str]:
+def _body(
+    mechanism: ClosedChain, name: str, flat: Mapping[str, float], limits: Limits
+) -> list[str]:
     space, joint = mechanism.parameters, mechanism.joints[0]
     arms = [
         ", ".join(f"{field.name}: {flat[f'arm{arm}.{field.name}']!r}" for field in space.arm_fields)

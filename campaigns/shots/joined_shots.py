@@ -16,7 +16,7 @@ from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import CsvForm, CsvRow, parse_csv
 from campaigns.files.text_file import read_text
 from campaigns.files.wording import nearest_word, shown
-from campaigns.mechanisms.mechanism import Mechanism
+from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.shots.ascii_points import (
     NAME_JOINT,
     LengthUnit,
@@ -49,7 +49,7 @@ JointsRow = tuple[CsvRow, ShotRow]
 def read_joined_shots(
     points: Path,
     joints: Path,
-    mechanism: Mechanism,
+    mechanism: ClosedChain,
     *,
     join: Join,
     unit: LengthUnit | None,
@@ -74,7 +74,7 @@ def read_joined_shots(
     return shots, (f"{points_name}: {found.layout}", pair_note)
 
 
-def _joints_rows(text: str, name: str, mechanism: Mechanism) -> list[JointsRow]:
+def _joints_rows(text: str, name: str, mechanism: ClosedChain) -> list[JointsRow]:
     form = CsvForm(
         required=axis_columns(mechanism.joints),
         optional=("name", "pair", "set"),
@@ -86,7 +86,7 @@ def _joints_rows(text: str, name: str, mechanism: Mechanism) -> list[JointsRow]:
     return rows
 
 
-def _joints_row(row: CsvRow, mechanism: Mechanism) -> ShotRow:
+def _joints_row(row: CsvRow, mechanism: ClosedChain) -> ShotRow:
     purpose = shot_set(row, ShotSet.IDENTIFICATION)
     pair = pair_number(row, purpose) if "pair" in row.texts else None
     return ShotRow(pair, axis_values(row, mechanism.joints), NOWHERE_MM, purpose)

@@ -11,7 +11,8 @@ from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.journal.records import Outcome
 from campaigns.journal.views import AcceptedShot
-from campaigns.mechanisms.mechanism import Axis, Kinematics, Mechanism
+from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.mechanisms.mechanism import Axis, Kinematics
 from campaigns.robots.robot import pose_row
 from campaigns.shots.pairs import PairRows, pair_rows
 from campaigns.shots.shot_sets import ShotSet
@@ -162,7 +163,7 @@ def held_out(shots: Shots, share: float, rng: np.random.Generator) -> Shots:
     return replace(shots, purposes=tuple(purposes), pairs=tuple(pairs))
 
 
-def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: Mechanism) -> Shots:
+def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: ClosedChain) -> Shots:
     """Shots of the accepted ones of a series."""
     asked = [shot.intent for shot in shots]
     return shots_of_outcomes(
@@ -179,7 +180,7 @@ def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: Mechanism) -> Sho
 
 def shots_of_outcomes(
     outcomes: Sequence[Outcome],
-    mechanism: Mechanism,
+    mechanism: ClosedChain,
     *,
     purposes: Sequence[ShotSet],
     pairs: Sequence[int | None],

@@ -8,7 +8,8 @@ from pathlib import Path
 from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import CsvForm, CsvRow, csv_text, number_text, parse_csv
 from campaigns.files.text_file import read_text, write_text_unless_there
-from campaigns.mechanisms.mechanism import Axis, Mechanism
+from campaigns.mechanisms.closed_chain import ClosedChain
+from campaigns.mechanisms.mechanism import Axis
 from campaigns.shots.columns import (
     POINT_COLUMNS,
     axis_columns,
@@ -55,20 +56,20 @@ def in_unit(rows: Sequence[ShotRow], mm: float) -> Iterator[ShotRow]:
         yield replace(row, point_in_tracker_mm=point_mm, covariance_mm2=covariance)
 
 
-def read_shots(path: Path, mechanism: Mechanism) -> tuple[ShotRow, ...]:
+def read_shots(path: Path, mechanism: ClosedChain) -> tuple[ShotRow, ...]:
     """Measured shots of a robot, in the file's order; raises `ShotsInvalid`."""
     text = read_text(path, ShotsInvalid, if_missing="check the file's name", most_bytes=CSV_BYTES)
     return parse_shots(text, str(path), mechanism)
 
 
 def write_shots(
-    path: Path, shots: Sequence[ShotRow], mechanism: Mechanism, *, overwrite: bool = False
+    path: Path, shots: Sequence[ShotRow], mechanism: ClosedChain, *, overwrite: bool = False
 ) -> None:
     """Write the file; raises `OutputExists` unless `overwrite`, or `WriteFailed`."""
     write_text_unless_there(path, shots_text(shots, mechanism), overwrite=overwrite)
 
 
-def parse_shots(text: str, name: str, mechanism: Mechanism) -> tuple[ShotRow, ...]:
+def parse_shots(text: str, name: str, mechanism: ClosedChain) -> tuple[ShotRow, ...]:
     """Shots of a file's text; raises `ShotsInvalid` with the line."""
     rows = list(parse_csv(text, name, _form(mechanism)))
     if not rows:
@@ -78,7 +79,7 @@ def parse_shots(text: str, name: str, mechanism: Mechanism) -> tuple[ShotRow, ..
     return shots
 
 
-def shots_text(shots: Sequence[ShotRow], mechanism: Mechanism) -> str:
+def shots_text(shots: Sequence[ShotRow], mechanism: ClosedChain) -> str:
     """Text of a file of shots, with the optional columns that any of them fills."""
     form = _form(mechanism)
     texts = [_texts_of(shot, mechanism) for shot in shots]
@@ -87,7 +88,7 @@ def shots_text(shots: Sequence[ShotRow], mechanism: Mechanism) -> str:
     return csv_text(header, [[row.get(column, "") for column in header] for row in texts])
 
 
-def _form(mechanism: Mechanism) -> CsvForm:
+def _form(mechanism: ClosedChain) -> CsvForm:
     turns = axis_columns(_turns(mechanism))
     return CsvForm(
         required=("pair", *axis_columns(mechanism.joints), *POINT_COLUMNS),
@@ -96,12 +97,12 @@ def _form(mechanism: Mechanism) -> CsvForm:
     )
 
 
-def _turns(mechanism: Mechanism) -> tuple[Axis, ...]:
+def _turns(mechanism: ClosedChain) -> tuple[Axis, ...]:
     """Task axes that a tracker does not see."""
     return mechanism.task[len(POINT_COLUMNS) :]
 
 
-def _shot_of(row: CsvRow, mechanism: Mechanism) -> ShotRow:
+def _shot_of(row: CsvRow, mechanism: ClosedChain) -> ShotRow:
     purpose = shot_set(row, ShotSet.IDENTIFICATION)
     x_mm, y_mm, z_mm = (row.number(column) for column in POINT_COLUMNS)
     turns = _turns(mechanism)
@@ -137,7 +138,7 @@ def _covariance_of(row: CsvRow) -> Matrix3 | None:
     return covariance
 
 
-def _texts_of(shot: ShotRow, mechanism: Mechanism) -> Mapping[str, str]:
+def _texts_of(shot: ShotRow, mechanism: ClosedChain) -> Mapping[str, str]:
     covariance = shot.covariance_mm2
     upper = (*covariance[0], *covariance[1][1:], covariance[2][2]) if covariance else ()
     temperature = shot.temperature_degC

@@ -12,6 +12,8 @@ from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import find_robot
 
 FAMILY = Path(__file__).parents[1] / "data" / "family"
+VECTORS = Path(__file__).parents[1] / "data" / "vectors"
+PAR4_REFERENCE = json.loads((VECTORS / "kinematics.json").read_text(encoding="utf-8"))
 REFERENCE = json.loads((FAMILY / "kinematics.json").read_text(encoding="utf-8"))
 
 
@@ -106,4 +108,28 @@ class Member:
         return np.array([axis.from_file(1.0) for axis in axes])
 
 
+@dataclass(frozen=True)
+class Par4Member(Member):
+    """Par4, of which a reference model of its own tells poses and joints."""
+
+    @property
+    def reference(self):
+        names = ("x_mm", "y_mm", "z_mm", "theta_deg")
+        return {
+            "cases": [
+                {
+                    "geometry": case["geometry"],
+                    "poses_mm_deg": [[pose[name] for name in names] for pose in case["poses"]],
+                    "joints": [pose["joints_deg"] for pose in case["poses"]],
+                }
+                for case in PAR4_REFERENCE["cases"].values()
+            ]
+        }
+
+    @cached_property
+    def shipped(self):
+        return find_robot("par4-prototype").robot
+
+
 MEMBERS = tuple(map(Member, REFERENCE))
+ALL_MEMBERS = (Par4Member("par4"), *MEMBERS)

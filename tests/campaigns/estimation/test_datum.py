@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from family_cases import MEMBERS
+from family_cases import ALL_MEMBERS
 
 from campaigns.estimation.datum import datum_parameters
 from campaigns.estimation.rigid_transforms import fit_transform
@@ -26,14 +26,14 @@ def apart_mm(member, one, other):
     return np.abs(left).max()
 
 
-ALL_MEMBERS = pytest.mark.parametrize("member", MEMBERS, ids=lambda each: each.name)
+all_members = pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: each.name)
 
 
 def held(member):
     return member.space.places([n for n in member.space.datum if n in member.space.geometry])
 
 
-@ALL_MEMBERS
+@all_members
 def test_a_robot_off_in_everything_is_the_same_with_the_nominal_datum(member):
     rng, p = np.random.default_rng(7), member.perturbed.p.copy()
     moved = [name for name in member.space.names if "elevation" not in name]
@@ -46,7 +46,7 @@ def test_a_robot_off_in_everything_is_the_same_with_the_nominal_datum(member):
     assert datum_parameters(member.nominal, seen).p == pytest.approx(seen.p, abs=1e-9)
 
 
-@ALL_MEMBERS
+@all_members
 def test_imperfect_parts_differ_by_a_rigid_motion_but_for_second_order(member):
     """Plate bars follow the azimuths of tilted arms, and carriages' plates tilt for the base."""
     left_mm = []

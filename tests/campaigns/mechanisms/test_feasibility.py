@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from par4_cases import CENTRE, LIMITS, NOMINAL, ROBOTS, reachable_poses
+from family_cases import ALL_MEMBERS
+from par4_cases import CENTRE, LIMITS, NOMINAL
 from par4_space import TILTS, places_of
 from scipy.optimize import brentq
 
@@ -14,6 +15,7 @@ from campaigns.mechanisms.par4 import PAR4
 
 TURNED = np.array([[100.0, -150.0, -600.0, 0.5]])
 """Joints 13.8…60.9°, forearm 0 swings 31.8° out of its arm's plane."""
+BY_NAME = {each.name: each for each in ALL_MEMBERS}
 OUT_OF_REACH = np.array([[0.0, -50.0, -1300.0, 0.0]])
 
 
@@ -103,26 +105,25 @@ def test_swing_is_the_angle_between_a_forearm_and_its_arm_s_plane():
     outward, axes, _ = frames_of(NOMINAL)
     in_plane = 0.6 * outward - 0.8 * np.array([0.0, 0.0, 1.0])
     forearms = 700.0 * (np.cos(swing)[:, None] * in_plane + np.sin(swing)[:, None] * axes)
-    arms = PAR4.posture(NOMINAL.p, np.zeros((1, 4))).arms
+    arms = PAR4.configuration(NOMINAL.p, np.zeros((1, 4))).arms
     assert arms.swing_rad(forearms.T[..., None])[0] == pytest.approx(swing, abs=1e-14)
 
 
 def test_the_margin_vanishes_where_the_assembly_could_turn_over():
-    def determinant(theta):
+    def by_pose(theta):
         pose = np.array([[0.0, -50.0, -575.0, theta]])
-        joints = NOMINAL.inverse(pose).values_or_raise()
-        return np.linalg.det(PAR4.pose_jacobian(NOMINAL.p, joints, pose))[0]
+        there = PAR4.configuration(NOMINAL.p, NOMINAL.inverse(pose).values_or_raise())
+        return np.linalg.det(there.by_pose(pose, there.forearms_mm(pose)))[0]
 
-    theta = brentq(determinant, 1.5, 1.7, xtol=1e-14)
+    theta = brentq(by_pose, 1.5, 1.7, xtol=1e-14)
     singular = np.array([[0.0, -50.0, -575.0, theta]])
-    joints = NOMINAL.inverse(singular).values_or_raise()
-    assert PAR4.smallest_singular_value(NOMINAL.p, joints, singular)[0] < 1e-9
     wide = replace(LIMITS, task=turning(-2.0, 2.0), forearm_swing_rad=1.5)
+    assert NOMINAL.feasibility(wide, singular).singular_value[0] < 1e-9
     assert Violation.SINGULAR in violations(wide, singular)
 
 
 def test_an_elbow_stretched_straight_is_refused():
-    """Straight down from the motors the legs are stretched just where the reach ends."""
+    """Straight down from the motors the limbs are stretched just where the reach ends."""
     down = np.linspace(-900.0, -1100.0, 2001)
     poses = np.column_stack([np.zeros_like(down), np.full_like(down, -50.0), down, 0.0 * down])
     limits = replace(LIMITS, joint=(-np.pi, np.pi), singularity_margin=0.0)
@@ -133,18 +134,90 @@ def test_an_elbow_stretched_straight_is_refused():
     assert judged.feasible[0]
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-def test_what_is_feasible_keeps_every_limit(robot):
-    geometry = ROBOTS[robot]
-    poses = reachable_poses(geometry, 500, seed=4)
-    joints = geometry.inverse(poses).values_or_raise()
-    forearms = PAR4.posture(geometry.p, joints).forearms_mm(poses)
-    lengths = geometry.p[places_of("forearm_mm")]
-    along_axes = np.einsum("kin,ik->ni", forearms, frames_of(geometry)[1]) / lengths
-    assert (joints >= LIMITS.joint[0]).all()
-    assert (joints <= LIMITS.joint[1]).all()
-    assert (np.abs(poses[:, 3]) <= np.pi / 4).all()
-    assert np.abs(along_axes).max() <= np.sin(np.pi / 4)
+@pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: each.name)
+def test_what_is_feasible_keeps_every_limit(member):
+    for robot in member.robots.values():
+        judged = robot.feasibility(member.limits, member.reachable_poses(robot, 200, seed=4))
+        assert judged.feasible.all()
+        low, high = member.limits.joint
+        assert ((judged.joints >= low) & (judged.joints <= high)).all()
+        assert np.abs(judged.swing_rad).max() <= member.limits.forearm_swing_rad
+
+
+def test_margins_of_a_delta_are_those_of_its_geometry():
+    """Swing, singular value and elbow by hand, from elbows, forearms and crank directions."""
+    member = BY_NAME["delta"]
+    robot = member.perturbed
+    poses = member.reachable_poses(robot, 300, seed=31)
+    judged = robot.feasibility(member.limits, poses)
+    arms = robot.p[:21].reshape(3, 7)
+    angle, azimuth, up = judged.joints + arms[:, 4], arms[:, 3], np.array([0.0, 0.0, 1.0])
+    outward = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(3)], axis=-1)
+    axes = np.stack([-np.sin(azimuth), np.cos(azimuth), np.zeros(3)], axis=-1)
+    cranks = np.cos(angle)[..., None] * outward - np.sin(angle)[..., None] * up
+    forearms = poses[:, None] - arms[:, :3] - arms[:, 5, None] * cranks
+    directions = forearms / np.linalg.norm(forearms, axis=-1, keepdims=True)
+    lever = np.abs(np.sum(directions * np.cross(axes, cranks), axis=-1)).min(axis=1)
+    singular = np.linalg.svd(directions, compute_uv=False)[:, -1]
+    assert np.abs(judged.swing_rad - np.arcsin(np.sum(directions * axes, axis=-1))).max() < 1e-12
+    assert np.abs(judged.elbow - lever).max() < 1e-12
+    assert np.abs(judged.singular_value - singular).max() < 1e-12
+
+
+@pytest.mark.parametrize("height_mm", [500.0, 100.0, 20.0, 1.0])
+def test_the_margin_vanishes_as_a_delta_s_platform_rises_between_its_elbows(height_mm):
+    """On the axis of a symmetric robot it is √3 cos φ or √1.5 sin φ, φ from the vertical."""
+    member = BY_NAME["delta"]
+    p = member.nominal.p.copy()
+    outward_mm = float(np.hypot(*p[:2]) + p[5])
+    p[[6, 13, 20]] = np.hypot(outward_mm, height_mm)
+    robot, pose = member.robot_of(p), np.array([[0.0, 0.0, -height_mm]])
+    assert np.abs(robot.inverse(pose).values_or_raise()).max() < 1e-12
+    phi = np.arctan2(outward_mm, height_mm)
+    expected = min(np.sqrt(3.0) * np.cos(phi), np.sqrt(1.5) * np.sin(phi))
+    judged = robot.feasibility(member.limits, pose)
+    assert judged.singular_value[0] == pytest.approx(expected, rel=1e-9)
+    near = Violation.SINGULAR in Violation(int(judged.violations[0]))
+    assert near == (expected < member.limits.singularity_margin)
+
+
+@pytest.mark.parametrize("name", ["linear-delta", "i4l"])
+def test_a_carriage_beyond_its_rail_and_a_forearm_that_leans_too_far_are_told(name):
+    member = BY_NAME[name]
+    beyond = np.zeros((1, len(member.mechanism.task)))
+    beyond[0, :3] = [0.0, 0.0, -1200.0]
+    (first, *_) = member.nominal.feasibility(member.limits, beyond).describe(0)
+    assert first.startswith("joint 0 at -")
+    assert "mm outside [-450 mm, 450 mm]" in first
+    beyond[0, 0] = 900.0
+    (line,) = member.nominal.feasibility(member.limits, beyond).describe(0)
+    assert line == "out of reach: a forearm cannot span from its carriage's rail to the plate"
+    pose = member.shipped.workspace_centre[None]
+    swing_rad = member.nominal.feasibility(member.limits, pose).swing_rad[0, 0]
+    radius_mm = float(np.hypot(*member.nominal.p[:2]))
+    assert swing_rad == pytest.approx(np.arcsin(radius_mm / member.nominal.p[6]))
+    narrow = replace(member.limits, forearm_swing_rad=0.9 * swing_rad)
+    judged = member.nominal.feasibility(narrow, pose)
+    assert Violation(int(judged.violations[0])) is Violation.SWING_LIMIT
+    assert "away from its rail, limit" in judged.describe(0)[0]
+    near = replace(member.limits, elbow_margin=0.999)
+    assert "carriage 0." in member.nominal.feasibility(near, pose).describe(0)[0]
+
+
+def test_a_coordinate_beyond_its_limit_is_named_with_value_and_limit():
+    member = BY_NAME["delta"]
+    limits = replace(member.limits, task=(None, None, (-700.0, -500.0)))
+    judged = member.nominal.feasibility(limits, np.array([[-60.0, -300.0, -720.0]]))
+    assert judged.describe(0) == ["z -720.000 mm outside [-700 mm, -500 mm]"]
+
+
+def test_a_platform_above_its_elbows_is_another_assembly():
+    """Cranks can stand so that forearms reach up to it, but forward never gives that pose."""
+    member, above = BY_NAME["i4r"], np.array([[-13.0, 23.3, 248.0, -0.5269]])
+    judged = member.nominal.feasibility(member.limits, above)
+    assert judged.describe(0) == ["another assembly: the platform would be above its elbows"]
+    hung = member.nominal.forward(judged.joints, above)
+    assert not hung.found[0] or hung.values[0, 2] < -100.0
 
 
 def test_the_workspace_s_centre_is_far_from_every_limit():

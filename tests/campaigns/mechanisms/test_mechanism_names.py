@@ -93,7 +93,7 @@ ALLOWED = (
     ("drivers/ports.py", "`plate_mm`", EXAMPLE),
     ("drivers/values.py", "theta_rad: float | None = None", POSE),
     ("drivers/values.py", "if self.theta_rad is None", POSE),
-    ("drivers/wire/robotline_messages.py", "`PLATE` for `plate_mm`", EXAMPLE),
+    ("drivers/wire/robotline.py", "`PLATE` for `plate_mm`", EXAMPLE),
 )
 """File, a part of the line, and why it may stand there."""
 

@@ -1,4 +1,4 @@
-"""Posture of a closed chain: arms at their joints, assembled and differentiated as plates tilt.
+"""Closed chains at given joints: assembled and differentiated, the plate as it tilts.
 
 Unequal rods and tilted axes tilt the plate by milliradians (`plate_tilt.py`), and the tilt moves
 the plate's joints. Seen from the measured point that is the level chain with its elbows moved the
@@ -44,29 +44,31 @@ NEARLY_MM = 1e-1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Legs:
-    """Elbows by component (3, n, N), forearm lengths (n, 1), platform fields and the branch."""
+class Limbs:
+    """Elbows by component (3, n, N), forearm lengths (n, 1), platform fields, assembly mode."""
 
     elbows_mm: Array
     forearm_mm: Array
     platform: Array
-    home_sign: float
+    assembly_sign: float
     """Sign of the determinant of the closures' Jacobian at home."""
 
-    def rows(self, chosen: Mask) -> "Legs":
-        """Legs of some of the rows."""
-        return Legs(self.elbows_mm[:, :, chosen], self.forearm_mm, self.platform, self.home_sign)
+    def rows(self, chosen: Mask) -> "Limbs":
+        """Limbs of some of the rows."""
+        return Limbs(
+            self.elbows_mm[:, :, chosen], self.forearm_mm, self.platform, self.assembly_sign
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ChainPosture:
+class Configuration:
     """Arms of a closed chain at joints (N, n), and the platform's fields."""
 
     chain: "ClosedChain"
     platform: Array
     arms: Arms
     pairs: RodPairs
-    home_sign: float
+    assembly_sign: float
     _assembled: list[tuple[Array, Array]] = field(default_factory=list)
     """Poses last assembled, and the plate's tilt there."""
 
@@ -85,21 +87,21 @@ class ChainPosture:
 
         A step below `converged_mm` is the last one.
         """
-        legs = self._legs()
+        limbs = self._limbs()
         if self.pairs.are_level:
-            return self.chain.assemble(legs, near, converged_mm)
+            return self.chain.assemble(limbs, near, converged_mm)
         settled_mm = TILT_SETTLED_PER_MM * converged_mm**2
-        gibbs = np.zeros((COORDINATES, legs.elbows_mm.shape[2]))
+        gibbs = np.zeros((COORDINATES, limbs.elbows_mm.shape[2]))
         if near is None:
-            level = self.chain.assemble(legs, None, NEARLY_MM)
+            level = self.chain.assemble(limbs, None, NEARLY_MM)
             return self._tilted(level, gibbs, settled_mm)
         at_once = KinematicSolution.where(np.ones(len(near), dtype=bool), near.copy())
         start_tilt = gibbs if tilt is None else tilt
         found = self._tilted(at_once, start_tilt, settled_mm, at_once=True)
         if found.found.all():
             return found
-        gibbs = self._approached(legs, near, gibbs)
-        level = self.chain.assemble(self._moved(legs, near, gibbs), near, NEARLY_MM)
+        moved, gibbs = self._moved(limbs, near, gibbs)
+        level = self.chain.assemble(moved, near, NEARLY_MM)
         return self._tilted(level, gibbs, settled_mm)
 
     def tilt(self, poses: Array) -> Array:
@@ -108,21 +110,16 @@ class ChainPosture:
             return np.zeros((COORDINATES, len(poses)))
         if self._assembled and self._assembled[0][0] is poses:
             return self._assembled[0][1]
-        ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
-        forearms = np.ascontiguousarray(ends.T) - self.arms.elbows_mm
-        return self.pairs.tilt(forearms, self.chain.levers_on_plate_mm(poses, ends))
+        return self.pairs.tilt(*self._seen(self.arms.elbows_mm, poses))
 
     def forearms_mm(self, poses: Array) -> Array:
         """A_iB_i at poses (N, t) of a level plate, (3, n, N)."""
-        ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
+        ends = self.chain.platform.joints_mm(self.platform, poses)
         return np.ascontiguousarray(ends.T) - self.arms.elbows_mm
 
     def tilted_forearms(self, poses: Array) -> TiltedForearms:
         """A_iB_i at poses (N, t) of the plate as it tilts there."""
-        ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
-        forearms = np.ascontiguousarray(ends.T) - self.arms.elbows_mm
-        levers = self.chain.levers_on_plate_mm(poses, ends)
-        return self.pairs.state(forearms, levers, self.tilt(poses))
+        return self.pairs.state(*self._seen(self.arms.elbows_mm, poses), self.tilt(poses))
 
     def by_pose(self, poses: Array, forearms_mm: Array, on_plate_mm: Array | None = None) -> Array:
         """∂F/∂pose, (N, n, t), from forearms (3, n, N), and these as seen from a tilted plate."""
@@ -132,7 +129,7 @@ class ChainPosture:
         jacobian[:, :, :COORDINATES] = 2.0 * forearms_mm.T
         if len(chain.task) > COORDINATES:
             seen = forearms_mm if on_plate_mm is None else on_plate_mm
-            by_turn = chain._platform.by_turn(self.platform, poses, seen)  # noqa: SLF001
+            by_turn = chain.platform.by_turn(self.platform, poses, seen)
             jacobian[:, :, COORDINATES] = by_turn.T
         return jacobian
 
@@ -151,46 +148,43 @@ class ChainPosture:
         return self._tilting_jacobian(poses)
 
     def _tilting_jacobian(self, poses: Array) -> Array:
-        """Jacobian with the plate's tilt eliminated: closures F and balance H vanish together.
+        """Jacobian without the plate's tilt: closures F and its normal equations H both vanish.
 
         dF = F_z dz + F_s ds + F_p dp and dH alike give ds, and with C = -F_s H_s⁻¹
         dz = -(F_z + C H_z)⁻¹ (F_p + C H_p).
         """
         state = self.tilted_forearms(poses)
-        by_forearms = state.balance_by_forearms()
+        by_forearms = state.normal_by_forearms()
         back = state.rotated_back(state.forearms_mm)
         by_pose = self.by_pose(poses, state.forearms_mm, back)
-        by_turn = state.balance_by_turn(by_forearms)
+        by_turn = state.normal_by_turn(by_forearms)
         eliminated = -_product(state.closures_by_turn().swapaxes(0, 1), inverse_of_three(by_turn))
         turned = [state.rotated_back(each) for each in by_forearms]
-        balance_by_pose = [
+        normal_by_pose = [
             0.5 * self.by_pose(poses, *each).sum(axis=1).T
             for each in zip(by_forearms, turned, strict=True)
         ]
-        by_pose += _product(eliminated, np.stack(balance_by_pose)).transpose(2, 0, 1)
+        by_pose += _product(eliminated, np.stack(normal_by_pose)).transpose(2, 0, 1)
         by_closure = _inverse(by_pose)
-        by_balance = _product(by_closure, eliminated)
-        # derivatives by fields are linear in the forearms: one call for closures and balance
+        by_normal = _product(by_closure, eliminated)
+        # derivatives by fields are linear in the forearms: one call for both
         seen = zip(
-            self._weighted(by_closure, by_balance, state.forearms_mm, by_forearms),
-            self._weighted(by_closure, by_balance, back, turned),
+            self._weighted(by_closure, by_normal, state.forearms_mm, by_forearms),
+            self._weighted(by_closure, by_normal, back, turned),
             strict=True,
         )
-        space, (tasks, arms, count) = self.chain.parameters, by_closure.shape
-        by_all = np.zeros((tasks, len(space.geometry), count))
-        fields, end, named = len(space.arm_fields), arms * len(space.arm_fields), len(space.names)
-        by_arms = by_all[:, :end].reshape(tasks, arms, fields, count)
-        beyond = by_all[:, named:].reshape(tasks, -1, arms, count)
+        by_all, by_arms, by_plate, beyond = self._columns(by_closure)
+        fields = by_arms.shape[2]
         for row, (forearms, on_plate) in enumerate(seen):
             own = self.arms.by_fields(forearms)
             by_arms[row], beyond[row, :-1] = own[:, :fields], own[:, fields:].swapaxes(0, 1)
-            by_all[row, end:named] = self._by_platform(poses, on_plate).sum(axis=1)
-        self._add_own(state, by_closure, by_balance, by_arms, beyond)
+            by_plate[row] = self._by_platform(poses, on_plate).sum(axis=1)
+        self._add_own(state, by_closure, by_normal, by_arms, beyond)
         return by_all.transpose(2, 0, 1)
 
     @staticmethod
     def _weighted(
-        by_closure: Array, by_balance: Array, forearms_mm: Array, rows: Sequence[Array] | Array
+        by_closure: Array, by_normal: Array, forearms_mm: Array, rows: Sequence[Array] | Array
     ) -> list[Array]:
         """Forearms (3, n, N) of each task coordinate whose derivatives are that coordinate's."""
         first, second, third = rows
@@ -199,19 +193,19 @@ class ChainPosture:
             + (0.5 * balance[0]) * first
             + (0.5 * balance[1]) * second
             + (0.5 * balance[2]) * third
-            for closure, balance in zip(by_closure, by_balance, strict=True)
+            for closure, balance in zip(by_closure, by_normal, strict=True)
         ]
 
     def _add_own(
         self,
         state: TiltedForearms,
         by_closure: Array,
-        by_balance: Array,
+        by_normal: Array,
         by_arms: Array,
         beyond: Array,
     ) -> None:
         """Add what does not go through the forearms: lengths, and the directions of bars."""
-        own = OwnDerivatives(*(_product(by_balance, each) for each in state.by_own_parameters()))
+        own = OwnDerivatives(*(_product(by_normal, each) for each in state.by_own_parameters()))
         if self.chain.plate.outward_rad is None:
             by_arms[:, :, AZIMUTH] += own.azimuth
         lengths = -2.0 * by_closure * self.pairs.forearm_mm
@@ -220,38 +214,50 @@ class ChainPosture:
         beyond[:, -1] = own.skew
 
     def _by_platform(self, poses: Array, forearms_mm: Array) -> Array:
-        return self.chain._platform.by_fields(self.platform, poses, forearms_mm)  # noqa: SLF001
+        return self.chain.platform.by_fields(self.platform, poses, forearms_mm)
 
     def _by_all(self, by_closure: Array, own: Array, by_platform: Array) -> Array:
         """d(pose)/dp (t, G, N) of parameters that enter their own arm's closure alone."""
-        space = self.chain.parameters
-        tasks, arms, rows = by_closure.shape
-        by_all = np.zeros((tasks, len(space.geometry), rows))
-        fields, end = len(space.arm_fields), arms * len(space.arm_fields)
-        by_arms = by_all[:, :end].reshape(tasks, arms, fields, rows)
+        by_all, by_arms, by_plate, beyond = self._columns(by_closure)
+        fields = by_arms.shape[2]
         np.multiply(by_closure[:, :, None], own[:, :fields], out=by_arms)
         for place, each in enumerate(by_platform):
-            by_all[:, end + place] = (by_closure * each).sum(axis=1)
-        beyond = by_all[:, len(space.names) :].reshape(tasks, -1, arms, rows)
-        extensions = own.shape[1] - fields
-        np.multiply(by_closure[:, None], own[:, fields:].swapaxes(0, 1), out=beyond[:, :extensions])
+            by_plate[:, place] = (by_closure * each).sum(axis=1)
+        tilts = own[:, fields:].swapaxes(0, 1)
+        np.multiply(by_closure[:, None], tilts, out=beyond[:, : len(tilts)])
         return by_all
 
-    def _legs(self) -> Legs:
+    def _columns(self, by_closure: Array) -> tuple[Array, Array, Array, Array]:
+        """Zeros d(pose)/dp (t, G, N), and its columns of arms, platform and extensions as views."""
+        space, (tasks, arms, rows) = self.chain.parameters, by_closure.shape
+        by_all = np.zeros((tasks, len(space.geometry), rows))
+        end, named = arms * len(space.arm_fields), len(space.names)
+        by_arms = by_all[:, :end].reshape(tasks, arms, -1, rows)
+        return (
+            by_all,
+            by_arms,
+            by_all[:, end:named],
+            by_all[:, named:].reshape(tasks, -1, arms, rows),
+        )
+
+    def _limbs(self) -> Limbs:
         forearm_mm = self.arms.forearm_mm[:, None]
-        return Legs(self.arms.elbows_mm, forearm_mm, self.platform, self.home_sign)
+        return Limbs(self.arms.elbows_mm, forearm_mm, self.platform, self.assembly_sign)
 
-    def _moved(self, legs: Legs, poses: Array, gibbs: Array) -> Legs:
-        """Legs that hold a level plate where the tilted one is."""
-        ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
-        levers = self.chain.levers_on_plate_mm(poses, ends)
-        return replace(legs, elbows_mm=legs.elbows_mm - displacement(gibbs, levers))
+    def _seen(self, elbows_mm: Array, poses: Array) -> tuple[Array, Array]:
+        """Forearms to plate joints, and these seen from the measured point, (3, n, N) each."""
+        ends = self.chain.platform.joints_mm(self.platform, poses)
+        from_point = (ends - poses[:, None, :COORDINATES]).T
+        return np.ascontiguousarray(ends.T) - elbows_mm, self.chain.plate.seen_mm(from_point)
 
-    def _approached(self, legs: Legs, poses: Array, gibbs: Array) -> Array:
-        """Gibbs vectors (3, N) of the plate at poses, some thousand times nearer than before."""
-        ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001 - its own part
-        levers = self.chain.levers_on_plate_mm(poses, ends)
-        return self.pairs.approached(ends.T - legs.elbows_mm, levers, gibbs)[0]
+    def _moved(self, limbs: Limbs, poses: Array, gibbs: Array) -> tuple[Limbs, Array]:
+        """Limbs that hold a level plate where the tilted one is, and its Gibbs vectors (3, N).
+
+        These are some thousand times nearer to the plate's than those given.
+        """
+        forearms, seen = self._seen(limbs.elbows_mm, poses)
+        gibbs, _ = self.pairs.approached(forearms, seen, gibbs)
+        return replace(limbs, elbows_mm=limbs.elbows_mm - displacement(gibbs, seen)), gibbs
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
     def _tilted(
@@ -261,15 +267,12 @@ class ChainPosture:
         found = level.found.copy()
         if not found.any():
             return level
-        legs, poses = self._legs().rows(found), level.values[found]
+        limbs, poses = self._limbs().rows(found), level.values[found]
         gibbs = gibbs[:, found]
         step_mm = np.full(len(poses), np.inf)
         for _ in range(ROUNDS_AT_ONCE if at_once else TILT_ROUNDS):
-            ends = self.chain._platform.joints_mm(self.platform, poses)  # noqa: SLF001
-            levers = self.chain.levers_on_plate_mm(poses, ends)
-            gibbs, _ = self.pairs.approached(ends.T - legs.elbows_mm, levers, gibbs)
-            moved = replace(legs, elbows_mm=legs.elbows_mm - displacement(gibbs, levers))
-            step, branch, _ = self.chain.newton_step(moved, np.ascontiguousarray(poses.T))
+            moved, gibbs = self._moved(limbs, poses, gibbs)
+            step, determinant, _ = self.chain.newton_step(moved, np.ascontiguousarray(poses.T))
             poses = poses + step.T
             step_mm = np.abs(step[:COORDINATES]).max(axis=0)
             if not step_mm.max() > settled_mm:
@@ -278,7 +281,7 @@ class ChainPosture:
         values[found] = poses
         if found.all():
             self._assembled[:] = [(values, gibbs)]
-        wanted = self.chain.wanted(legs, np.ascontiguousarray(poses.T), branch)
+        wanted = self.chain.is_wanted(limbs, np.ascontiguousarray(poses.T), determinant)
         found[found] = wanted & (step_mm < (settled_mm if at_once else TILT_CLOSED_MM))
         return KinematicSolution.where(found, values)
 

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-from family_cases import MEMBERS
+from family_cases import ALL_MEMBERS
 
 from sim.geometry import KINDS, geometry_of
 from sim.robot.assembly import assemble, follow, joints_for
 from sim.robot.rods import Build, Plate, RodMechanism
 
-all_members = pytest.mark.parametrize("member", MEMBERS, ids=lambda each: each.name)
+all_members = pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: each.name)
 OFFSET_MM = np.array([20.0, -30.0, -45.0])
-POSES = 1000
+POSES = 60
 LARGE_RAD = 0.02
 
 
@@ -46,14 +46,13 @@ def settled(member, rods, joints, poses):
     ]
 
 
-@pytest.mark.slow
 @all_members
 @pytest.mark.parametrize("which", ["nominal", "perturbed"])
 def test_perfect_rods_equal_the_contracted_model(member, which):
     """From a guess beside, both in place and in direction."""
     robot = member.robots[which]
     rods = twin(member, robot)
-    poses = member.reachable_poses(robot, POSES // 2, seed=41)
+    poses = member.reachable_poses(robot, POSES, seed=41)
     joints = robot.inverse(poses).values_or_raise()
     beside = poses + np.random.default_rng(1).uniform(-2.0, 2.0, poses.shape) * [
         *(1.0, 1.0, 1.0, 0.01)[: poses.shape[1]]
@@ -121,7 +120,9 @@ def test_unequal_rods_and_tilts_tilt_the_plate_and_move_the_reflector(member):
 
 
 @pytest.mark.parametrize(
-    "member", [each for each in MEMBERS if not kind_of(each).on_rails], ids=lambda each: each.name
+    "member",
+    [each for each in ALL_MEMBERS if not kind_of(each).on_rails],
+    ids=lambda each: each.name,
 )
 def test_tilted_motors_hold_the_elbows_where_the_model_has_them(member):
     robot, arms = member.nominal, member.space.arms
@@ -131,14 +132,14 @@ def test_tilted_motors_hold_the_elbows_where_the_model_has_them(member):
     geometry = geometry_of({name: flat[name] for name in member.space.names}, kind_of(member))
     rods = RodMechanism(geometry, Build(np.zeros((arms, 3)), 80.0, np.zeros((arms, 2)), tilts))
     joints = robot.inverse(member.reachable_poses(robot, 20, seed=45)).values_or_raise()
-    elbows = member.mechanism.posture(p, joints).arms.elbows_mm
+    elbows = member.mechanism.configuration(p, joints).arms.elbows_mm
     for row, place in zip(joints, elbows.T, strict=True):
         middle = rods.elbows_mm(row, 0.0).reshape(arms, 2, 3).mean(axis=1)
         assert np.abs(middle - place).max() < 1e-9
 
 
 @pytest.mark.parametrize(
-    "member", [each for each in MEMBERS if kind_of(each).on_rails], ids=lambda each: each.name
+    "member", [each for each in ALL_MEMBERS if kind_of(each).on_rails], ids=lambda each: each.name
 )
 def test_leaning_rails_lead_their_carriages_aside_and_outward(member):
     geometry = geometry_of(member.nominal.parameters, kind_of(member))
@@ -156,7 +157,7 @@ def test_leaning_rails_lead_their_carriages_aside_and_outward(member):
 
 
 def test_only_the_crossbar_of_an_h4_turns_its_reflector():
-    for member in MEMBERS:
+    for member in ALL_MEMBERS:
         rods = twin(member, member.nominal)
         turned = Plate.level(kind_of(member), np.zeros(3), 0.5)
         moved = rods.reflector_mm(turned, OFFSET_MM) - OFFSET_MM
