@@ -4,7 +4,6 @@ import time
 from collections.abc import Sequence
 from json import dumps as json_text
 from pathlib import Path
-from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -20,92 +19,17 @@ from app.study.verdicts import Verdicts, sized_verdicts
 from app.study.workers import workers_of
 from campaigns.campaign import Campaign, now_utc, open_campaign
 from campaigns.errors import OptionsInvalid
-from campaigns.estimation.estimators import Estimator, Model, Weights
 from campaigns.files.lock import campaign_lock
 from campaigns.files.text_file import make_folder, replace_text
-from campaigns.identification.options import Fixed, Freed
 
-MOST_CAMPAIGNS = 1_000_000
 OUTPUTS = "study"
-
-Campaigns = Annotated[
-    int,
-    typer.Option(
-        min=2,
-        max=MOST_CAMPAIGNS,
-        metavar="N",
-        help="Campaigns of each combination, those already there included.",
-    ),
-]
-Plans = Annotated[
-    list[Path] | None,
-    typer.Option("--plan", metavar="FILE", help="A plan, if not the plan.csv in DIR; repeatable."),
-]
-Scenarios = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--scenario",
-        metavar="NAME",
-        help="What robots and noise to draw, if not by the campaign's own cell; repeatable.",
-    ),
-]
-Estimators = Annotated[
-    list[Estimator] | None,
-    typer.Option(
-        "--estimator", help="What the fits compare; repeatable.", show_default=Estimator.POINTS
-    ),
-]
-WeightsOfDistances = Annotated[
-    list[Weights] | None,
-    typer.Option("--weights", help="How distances count; repeatable.", show_default=Weights.STATED),
-]
-Models = Annotated[
-    list[Model] | None,
-    typer.Option(
-        "--model",
-        help="What the fits find; repeatable. auto and extended: with --effects.",
-        show_default=Model.STANDARD,
-    ),
-]
-Effects = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--effects",
-        metavar="all|NAME",
-        help="What goes wrong in the campaigns: is a pass then wrong? Repeatable.",
-        show_default="nothing",
-    ),
-]
-Workers = Annotated[
-    str | None,
-    typer.Option(
-        metavar="N|URL",
-        help="Local processes, or the scheduler of a Dask cluster as tcp://HOST:PORT.",
-        show_default="one a processor",
-    ),
-]
-SeedOfAll = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of all that is drawn.")]
-To = Annotated[
-    Path | None, typer.Option(metavar="FOLDER", help="Where tables go, if not DIR/study.")
-]
 
 
 def command(
     context: typer.Context,
     folder: Folder,
+    options: StudyOptions,
     *,
-    campaigns: Campaigns,
-    plan: Plans = None,
-    scenario: Scenarios = None,
-    estimator: Estimators = None,
-    weights: WeightsOfDistances = None,
-    effects: Effects = None,
-    model: Models = None,
-    free: Freed = (),
-    fix: Fixed = (),
-    seed: SeedOfAll = 1,
-    workers: Workers = None,
-    to: To = None,
     plot: Plot = None,
     json: Json = False,
 ) -> None:
@@ -124,20 +48,9 @@ def command(
     seed, not on the workers. Exit code 1: campaigns were lost with their workers.
     """
     terminal, opened = terminal_of(context, as_json=json), open_campaign(folder)
-    asked = StudyOptions(
-        plans=plan or (),
-        scenarios=scenario or (),
-        estimators=estimator or (),
-        weights=weights or (),
-        models=model or (),
-        effects=effects or (),
-        freed=free,
-        fixed=fix,
-        seed=seed,
-    )
-    _check_together(asked, plot)
-    to = to or opened.path(OUTPUTS)
-    document, found = study(opened, asked, campaigns, workers, to, terminal)
+    _check_together(options, plot)
+    to = options.to or opened.path(OUTPUTS)
+    document, found = study(opened, options, to, terminal)
     found.show(terminal)
     terminal.say(f"written: {to}")
     if plot is not None and isinstance(found, Errors):
@@ -154,7 +67,7 @@ def _check_together(asked: StudyOptions, plot: Path | None) -> None:
             raise OptionsInvalid(
                 "--plot draws no effects", remedy="leave it out; the table is in effects.csv"
             )
-    elif chosen := CHOICES & {*asked.models}:
+    elif chosen := CHOICES & {*asked.model}:
         raise OptionsInvalid(
             f"--model {min(chosen)} finds other parameters in each campaign, whose σ don't compare",
             remedy="name one, such as --model full, or study the choice with --effects",
@@ -162,20 +75,15 @@ def _check_together(asked: StudyOptions, plot: Path | None) -> None:
 
 
 def study(
-    campaign: Campaign,
-    asked: StudyOptions,
-    campaigns: int,
-    workers: str | None,
-    to: Path,
-    terminal: Terminal,
+    campaign: Campaign, asked: StudyOptions, to: Path, terminal: Terminal
 ) -> tuple[dict[str, object], Errors | Verdicts]:
     """Run what the tables in `to` lack, with their folder held, and write what all of it shows."""
     began_s = time.monotonic()
-    found, results_of = combinations(campaign, asked, to), workers_of(workers)
+    found, results_of = combinations(campaign, asked, to), workers_of(asked.workers)
     tell_what_is_left_out(terminal, found)
     make_folder(to)
     with campaign_lock(to, now_utc=now_utc):
-        studied = run_study(found, range(campaigns), results_of, counting)
+        studied = run_study(found, range(asked.campaigns), results_of, counting)
         summary: Errors | Verdicts
         summary = (
             Verdicts((*sized_verdicts(studied),)) if asked.effects else Errors(compare(studied))

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, islice, product
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -18,10 +19,11 @@ from campaigns.estimation.estimators import Estimator, Model, Weights
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.identification.model_selection import candidate_models, select_geometry
-from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.options import Fixed, Freed, IdentificationOptions
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plan_file import PlannedShot, read_plan
 from campaigns.planning.plans import joints_of
+from campaigns.settings.option import Option
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.engine import ResultTable
 from campaigns.studies.perturbations import KINDS, PERTURBATIONS
@@ -38,6 +40,7 @@ from sim.scenarios.scenario import load_scenario, parse_scenario
 from sim.scenarios.schema import Scenario
 from sim.tracker.optics import Noise
 
+MOST_CAMPAIGNS = 1_000_000
 CHOICES = frozenset({Model.AUTO, Model.EXTENDED})
 """Models that are chosen among others by what is measured."""
 ALL = "all"
@@ -76,17 +79,63 @@ class StudyOptions:
     the standard model. Without effects nothing goes wrong.
     """
 
-    plans: Sequence[Path] = ()
-    scenarios: Sequence[str] = ()
-    estimators: Sequence[Estimator] = ()
-    weights: Sequence[Weights] = ()
-    """Of distances; without any: as stated."""
-    models: Sequence[Model] = ()
-    effects: Sequence[str] = ()
-    freed: Sequence[str] = ()
-    """Patterns of what is to be found beside what the model has free."""
-    fixed: Sequence[str] = ()
-    seed: int = 1
+    campaigns: Annotated[
+        int,
+        Option(
+            "Campaigns of each combination, those already there included.",
+            metavar="N",
+            least=2,
+            most=MOST_CAMPAIGNS,
+        ),
+    ]
+    plan: Annotated[
+        tuple[Path, ...],
+        Option("A plan, if not the plan.csv in DIR; repeatable.", metavar="FILE"),
+    ] = ()
+    scenario: Annotated[
+        tuple[str, ...],
+        Option(
+            "What robots and noise to draw, if not by the campaign's own cell; repeatable.",
+            metavar="NAME",
+        ),
+    ] = ()
+    estimator: Annotated[
+        tuple[Estimator, ...],
+        Option("What the fits compare; repeatable.", default=Estimator.POINTS),
+    ] = ()
+    weights: Annotated[
+        tuple[Weights, ...],
+        Option("How distances count; repeatable.", default=Weights.STATED),
+    ] = ()
+    effects: Annotated[
+        tuple[str, ...],
+        Option(
+            "What goes wrong in the campaigns: is a pass then wrong? Repeatable.",
+            metavar="all|NAME",
+            default="nothing",
+        ),
+    ] = ()
+    model: Annotated[
+        tuple[Model, ...],
+        Option(
+            "What the fits find; repeatable. auto and extended: with --effects.",
+            default=Model.STANDARD,
+        ),
+    ] = ()
+    free: Freed = ()
+    fix: Fixed = ()
+    seed: Annotated[int, Option("Seed of all that is drawn.", metavar="N", least=0)] = 1
+    workers: Annotated[
+        str | None,
+        Option(
+            "Local processes, or the scheduler of a Dask cluster as tcp://HOST:PORT.",
+            metavar="N|URL",
+            default="one a processor",
+        ),
+    ] = None
+    to: Annotated[Path | None, Option("Where tables go, if not DIR/study.", metavar="FOLDER")] = (
+        None
+    )
 
     @property
     def methods(self) -> tuple[Method, ...]:
@@ -94,9 +143,9 @@ class StudyOptions:
         weights = dict.fromkeys(self.weights or [Weights.STATED])
         return tuple(
             Method(estimator, each, model)
-            for estimator in dict.fromkeys(self.estimators or [Estimator.POINTS])
+            for estimator in dict.fromkeys(self.estimator or [Estimator.POINTS])
             for each in (weights if estimator is Estimator.DISTANCES else [Weights.STATED])
-            for model in dict.fromkeys(self.models or [Model.STANDARD])
+            for model in dict.fromkeys(self.model or [Model.STANDARD])
         )
 
     @property
@@ -151,8 +200,8 @@ def combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> tuple
     Raises `PlanInvalid`, `ScenarioInvalid` and `OptionsInvalid`, the latter also for a plan without
     the unseen pairs by which a verdict is formed.
     """
-    plans = dict.fromkeys(asked.plans or [campaign.plan_path])
-    names: Iterable[str | None] = dict.fromkeys(asked.scenarios) or [None]
+    plans = dict.fromkeys(asked.plan or [campaign.plan_path])
+    names: Iterable[str | None] = dict.fromkeys(asked.scenario) or [None]
     perturbations = asked.perturbations
     scenarios = [study_scenario(campaign, name) for name in names]
     unperturbed = [
@@ -197,7 +246,7 @@ def _judging(
     models = None
     if method.model in CHOICES:
         space = setup.nominal.mechanism.parameters
-        models = candidate_models(space, method.model, asked.freed, asked.fixed)
+        models = candidate_models(space, method.model, asked.free, asked.fix)
     return replace(
         setup,
         options=replace(setup.options, workspace=workspace),
@@ -252,7 +301,7 @@ def study_setup(
     setup = StudySetup(
         nominal=robot.kinematics,
         shots=planned_shots((*fitted, *unseen)),
-        free=select_geometry(robot.mechanism.parameters, method.model, asked.freed, asked.fixed),
+        free=select_geometry(robot.mechanism.parameters, method.model, asked.free, asked.fix),
         options=IdentificationOptions(
             estimator=method.estimator, weights=method.weights, instrument=_noise_of(scenario)
         ),
