@@ -1,7 +1,7 @@
 """Comparison of ours with the paper's figures over all seeds: what differs, and the verdict."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import groupby
 from string import ascii_lowercase
 from typing import Literal, Self
@@ -27,12 +27,12 @@ Failed = tuple[Trial, str]
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """Median of n values, and the percentiles `LOW` and `HIGH`."""
+    """Median over seeds, and the percentiles `LOW` and `HIGH`."""
 
-    n: int
     median: float
     low: float
     high: float
+    seeds: int
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Self:
@@ -40,11 +40,7 @@ class Distribution:
         if not len(values):
             raise ValueError("no values to summarise")
         low, median, high = np.percentile(values, (LOW, 50.0, HIGH)).tolist()
-        return cls(len(values), median, low, high)
-
-    def document(self) -> dict[str, object]:
-        """Summary as `--json` tells it."""
-        return {"median": self.median, "low": self.low, "high": self.high, "seeds": self.n}
+        return cls(median, low, high, len(values))
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +93,7 @@ class Row:
             "name": self.figure.name,
             "unit": self.quantity.unit,
             "paper": {"text": words, "place": self.group.place} if words else None,
-            "ours": self.ours.document(),
+            "ours": asdict(self.ours),
             "agrees": self.agrees,
             "reason": self.reason or None,
             "asked": dict(zip(("low", "high"), allowed(asked), strict=True)) if asked else None,
@@ -110,15 +106,10 @@ class ParameterRow:
     """Line of Table II: the printed estimate, which is the simulated truth, and our estimates."""
 
     name: str
-    printed: float
+    paper: float
     ours: Distribution
     std: float | None
     """Median of the standard deviations that the identifications state."""
-
-    def document(self) -> dict[str, object]:
-        """Line as `--json` tells it."""
-        ours = self.ours.document()
-        return {"name": self.name, "paper": self.printed, "ours": ours, "std": self.std}
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +193,7 @@ class Comparison:
             "verdict": self.decision,
             "headline": self.headline,
             "figures": [row.document() for row in self.rows],
-            "table_2": [row.document() for row in self.parameters],
+            "table_2": [asdict(row) for row in self.parameters],
             "failed": [
                 {"experiment": trial.experiment.name, "seed": trial.seed, "reason": why}
                 for trial, why in self.failed

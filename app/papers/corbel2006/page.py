@@ -86,12 +86,12 @@ def figure_columns(comparison: Comparison) -> tuple[Column[Compared], ...]:
 
 TABLE_2: tuple[Column[ParameterRow], ...] = (
     words("parameter", lambda row: row.name),
-    Column("paper", lambda row: row.printed, decimals=PARAMETER_DECIMALS, signed=True),
+    Column("paper", lambda row: row.paper, decimals=PARAMETER_DECIMALS, signed=True),
     Column("ours", lambda row: row.ours.median, decimals=PARAMETER_DECIMALS, signed=True),
     Column(SPREAD, lambda row: _spread(row.ours, PARAMETER_DECIMALS, signed=True)),
     Column(
         "difference",
-        lambda row: row.ours.median - row.printed,
+        lambda row: row.ours.median - row.paper,
         decimals=PARAMETER_DECIMALS,
         signed=True,
     ),

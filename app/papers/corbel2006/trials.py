@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -40,7 +39,6 @@ SPEED_UP = 500.0
 SETTLE_TIMEOUT_S = 300.0
 """In the cell's time, 0.6 s outside: a computer that pauses for less does not fail a seed."""
 
-Thing = TypeVar("Thing")
 TrialKey = tuple[str, int, str]
 """Name of the experiment, seed and recipe."""
 
@@ -209,8 +207,9 @@ def adapt(folder: Path, trial: Trial) -> None:
 def result_of(campaign: Campaign, trial: Trial, seconds: float) -> TrialResult:
     """Figures of a campaign that went through the whole chain; raises `TrialFailed`."""
     evaluation = evaluate(campaign)
-    found = _there(evaluation.evidence.identification, trial, "series")
-    errors = _there(evaluation.errors, trial, "series")
+    found, errors = evaluation.evidence.identification, evaluation.errors
+    if found is None or errors is None:
+        raise _missing(trial, "series")
     true = scenario_of(campaign.folder, campaign.config.controller.url).robot.true_flat()
     identified = {name: found.parameters[name] for name in found.free}
     return TrialResult(
@@ -234,24 +233,27 @@ def result_of(campaign: Campaign, trial: Trial, seconds: float) -> TrialResult:
 
 
 def _errors(errors: PairErrors | None, trial: Trial) -> Errors:
-    found = _there(errors, trial, "errors of pairs")
-    after_mm = _there(found.after_mm, trial, "errors of pairs")
-    return Errors(before_mm=tuple(found.before_mm.tolist()), after_mm=tuple(after_mm.tolist()))
+    if errors is None or errors.after_mm is None:
+        raise _missing(trial, "errors of pairs")
+    before_mm, after_mm = errors.before_mm.tolist(), errors.after_mm.tolist()
+    return Errors(before_mm=tuple(before_mm), after_mm=tuple(after_mm))
 
 
 def _stage(validation: ValidationResult | None, trial: Trial) -> Stage:
-    found = _there(validation, trial, "validations")
-    pairs = _there(found.distances, trial, "tests of a validation")
-    rotation = _there(found.rotation, trial, "tests of a validation")
-    repeated = _there(found.repeatability, trial, "tests of a validation")
-    absolute_mm = _there(found.absolute_mm, trial, "tests of a validation")
-    lines_mm = {line.axis: line.straightness.value_mm for line in found.lines}
-    _there(set(lines_mm) == set(AXES) or None, trial, "lines")
+    if (
+        validation is None
+        or (pairs := validation.distances) is None
+        or (absolute_mm := validation.absolute_mm) is None
+        or (rotation := validation.rotation) is None
+        or (repeated := validation.repeatability) is None
+        or {*AXES} != {line.axis for line in validation.lines}
+    ):
+        raise _missing(trial, "tests of a validation")
     return Stage(
         lengths_mm=tuple(pairs.commanded_mm.tolist()),
         errors_mm=tuple(pairs.errors_mm.tolist()),
         rotation_mm=rotation.moved.value_mm,
-        straightness_mm=lines_mm,
+        straightness_mm={line.axis: line.straightness.value_mm for line in validation.lines},
         radius_mm=repeated.radius.value_mm,
         rp_mm=repeated.rp.value_mm,
         frame_mean_mm=float(absolute_mm.mean()),
@@ -259,7 +261,5 @@ def _stage(validation: ValidationResult | None, trial: Trial) -> Stage:
     )
 
 
-def _there(thing: Thing | None, trial: Trial, what: str) -> Thing:
-    if thing is None:
-        raise TrialFailed(f"{trial}: {what} are missing", remedy="try this seed again")
-    return thing
+def _missing(trial: Trial, what: str) -> TrialFailed:
+    return TrialFailed(f"{trial}: {what} are missing", remedy="try this seed again")

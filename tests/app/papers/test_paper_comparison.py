@@ -5,7 +5,7 @@ from made_up import result, results
 
 from app.papers.corbel2006.comparison import Distribution
 from app.papers.corbel2006.comparison import compare as compare_seeds
-from app.papers.corbel2006.page import figure_rows, middle_seed
+from app.papers.corbel2006.page import middle_seed
 from app.papers.corbel2006.printed import BELOW_REPEATABILITY, GROUPS
 from app.papers.corbel2006.quantities import QUANTITIES
 from app.papers.corbel2006.trials import PROTOTYPE, SIMULATION, Errors, Trial
@@ -25,7 +25,7 @@ def row(comparison, name, experiment=PROTOTYPE):
 
 def letters(comparison):
     """What stands under "why", by the name of the figure."""
-    return {cells[0]: cells[-1] for cells in figure_rows(comparison, comparison.rows)}
+    return {row.figure.name: comparison.letter(row) for row in comparison.rows}
 
 
 def rotating_after(*values_mm):
@@ -39,7 +39,7 @@ def rotating_after(*values_mm):
 
 def test_median_and_spread_of_seeds():
     found = Distribution.of([4.0, 1.0, 2.0, 3.0, 5.0])
-    assert (found.n, found.median) == (5, 3.0)
+    assert (found.seeds, found.median) == (5, 3.0)
     assert (found.low, found.high) == pytest.approx((1.2, 4.8))
 
 
@@ -89,7 +89,7 @@ def test_difference_nobody_can_explain_is_marked():
 
 def test_every_letter_in_the_tables_stands_for_a_reason():
     comparison = compare(results())
-    used = {cells[-1] for cells in figure_rows(comparison, comparison.rows)}
+    used = {comparison.letter(row) for row in comparison.rows}
     assert used - {"", "?"} == set(comparison.reasons)
     assert list(comparison.reasons) == [chr(ord("a") + n) for n in range(len(comparison.reasons))]
 
@@ -103,7 +103,7 @@ def test_experiment_without_seeds_is_left_out():
 def test_table_two_has_every_parameter_beside_its_estimate():
     found = {row.name: row for row in compare(results()).parameters}
     assert len(found) == 22
-    assert found["arm0.joint_offset_deg"].printed == -4.04
+    assert found["arm0.joint_offset_deg"].paper == -4.04
     assert found["arm0.joint_offset_deg"].ours.median == pytest.approx(-4.04, abs=0.01)
 
 
