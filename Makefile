@@ -7,7 +7,7 @@
 #   make peers   tests with real peers: a controller, other people's clients, a browser
 #   make lint    style, format, types and layers
 #   make bench   the yardsticks, printed
-#   make torture the long forms of the tests by garbage, kills, signals and faults; takes hours
+#   make torture the tests by garbage, kills, signals and faults with larger numbers; takes hours
 #
 # PYTHON names the interpreter that the environment is made with (3.11 or newer), VENV where it
 # lies: make test PYTHON=python3.12
@@ -52,22 +52,17 @@ lint: $(VENV)/installed-dev
 	exit $$failed
 
 bench: $(VENV)/installed-dev
-	@$(call all_of,benchmarks,$(wildcard benchmarks/[a-z]*.py))
+	@missed=""; \
+	for file in benchmarks/[a-z]*.py; do \
+		yardstick=$$(basename "$$file" .py); \
+		echo "== $$yardstick"; \
+		$(BIN)/python -m "benchmarks.$$yardstick" || missed="$$missed $$yardstick"; \
+	done; \
+	[ -z "$$missed" ] || { echo "missed:$$missed"; exit 1; }
 
-# Those that can be run: others only help them.
+# One after the other: what has to come in time needs the processors for itself.
 torture: $(VENV)/installed-dev
-	@$(call all_of,benchmarks.torture,$(shell grep -l __main__ benchmarks/torture/[a-z]*.py))
-
-# Runs modules of a package one after the other, whatever comes of those before.
-define all_of
-missed=""; \
-for file in $(2); do \
-	yardstick=$$(basename "$$file" .py); \
-	echo "== $$yardstick"; \
-	$(BIN)/python -m "$(1).$$yardstick" || missed="$$missed $$yardstick"; \
-done; \
-[ -z "$$missed" ] || { echo "missed:$$missed"; exit 1; }
-endef
+	$(BIN)/python -m pytest -m torture --times 50
 
 # Whatever is installed is installed again when what it depends on has changed.
 $(VENV)/installed: pyproject.toml | $(BIN)/python

@@ -32,6 +32,17 @@ DEEP_IN_CI = tuple(
 """Properties of mechanisms, files and wires are what a rare case hides in."""
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """`--times N`: so many times as much garbage and force, as `make torture` has it."""
+    parser.addoption("--times", type=int, default=1, help="of marker torture")
+
+
+@pytest.fixture
+def times(request: pytest.FixtureRequest) -> int:
+    """By how much the numbers of a test by garbage or force are larger than usual."""
+    return int(request.config.getoption("--times"))
+
+
 @pytest.fixture(autouse=True)
 def nothing_is_left_running() -> Iterator[None]:
     """Fail the test that leaves a thread or a process behind, not one of those that come after."""
@@ -72,9 +83,11 @@ def pytest_runtest_makereport(
     return report
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Whoever runs whole programs, or draws their pages, is slow."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Whoever runs whole programs, or draws their pages, is slow; larger numbers take their time."""
     for item in items:
+        if config.getoption("--times") > 1:
+            item.add_marker(pytest.mark.timeout(0), append=False)
         if any(folder in item.path.parents for folder in WHOLE_PROGRAMS):
             item.add_marker(pytest.mark.slow)
 

@@ -1,4 +1,4 @@
-"""`make bench` and `make torture` themselves, on yardsticks of the test's own."""
+"""`make bench` itself, on yardsticks of the test's own."""
 
 import os
 import shutil
@@ -19,13 +19,12 @@ def bench(tmp_path):
     (tmp_path / "venv" / "bin").mkdir(parents=True)
     (tmp_path / "venv" / "bin" / "python").symlink_to(sys.executable)
     (tmp_path / "venv" / "installed-dev").touch()
-    (tmp_path / "benchmarks" / "torture").mkdir(parents=True)
+    (tmp_path / "benchmarks").mkdir()
 
-    def run(target="bench", **yardsticks):
-        folder = tmp_path / "benchmarks" / ("torture" if target == "torture" else "")
+    def run(**yardsticks):
         for name, text in yardsticks.items():
-            (folder / f"{name}.py").write_text(text, encoding="utf-8")
-        words = ["make", "--no-print-directory", target, "VENV=venv"]
+            (tmp_path / "benchmarks" / f"{name}.py").write_text(text, encoding="utf-8")
+        words = ["make", "--no-print-directory", "bench", "VENV=venv"]
         # A PYTHONPATH to our own tree would put its `benchmarks` before the test's.
         own = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
         return subprocess.run(
@@ -49,17 +48,3 @@ def test_yardsticks_that_are_all_kept_end_well(bench):
     done = bench(first="print('fast')", second="print('faster')")
     assert done.returncode == 0
     assert "missed" not in done.stdout
-
-
-def test_torture_runs_what_can_be_run_and_names_what_failed(bench):
-    main = "if __name__ == '__main__':\n    "
-    done = bench(
-        target="torture",
-        first=main + "raise SystemExit(1)",
-        second=main + "print('survived')",
-        helper="print('never run')",
-    )
-    assert "survived" in done.stdout
-    assert "helper" not in done.stdout
-    assert done.stdout.splitlines()[-1] == "missed: first"
-    assert done.returncode != 0

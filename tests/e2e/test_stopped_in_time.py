@@ -1,8 +1,10 @@
 """The wish to stop reaches the wire at once, whatever is pending on either link; loud if in vain.
 
-Single tries, on machines that may be busy: benchmarks/torture/signals.py makes many.
+Single tries, on machines that may be busy. With `--times N` so many of each situation and signal,
+at random moments, and 99 of 100 have to be on the wire within 0.1 s.
 """
 
+import random
 import signal
 import time
 
@@ -19,54 +21,99 @@ from sim.scenarios.scenario import load_scenario
 PATIENCE_S = 30.0
 AT_ONCE_S = 0.5
 """Far below the 2 s that the controller may take for an answer."""
+LIMIT_S = 0.1
+"""Of 99 tries in 100, when there are many."""
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP)
 
 
 class Stage:
     """A run on a cell behind relays, in a process of its own."""
 
-    def __init__(self, controller, tracker, process):
-        self.controller, self.tracker, self.process = controller, tracker, process
+    def __init__(self, controller, tracker, folder):
+        self.controller, self.tracker = controller, tracker
+        for relay in (controller, tracker):
+            relay.forget()
+        self.process = started("run", folder, "--yes", process_group=0)
 
-    def moving(self):
+    def moving(self, rng):
         self.controller.await_heard_s(b" MOVEJ ", within_s=PATIENCE_S)
-        return self
+        time.sleep(rng.uniform(0.0, 0.3))
 
-    def measuring(self):
-        moved_s = self.moving().controller.heard_s(b" MOVEJ ")
+    def measuring(self, rng):
+        moved_s = self.controller.await_heard_s(b" MOVEJ ", within_s=PATIENCE_S)
         self.tracker.await_heard_s(since_s=moved_s, within_s=PATIENCE_S)
         self.tracker.frozen = True
-        return self
+        time.sleep(rng.uniform(0.0, 1.0))
 
-    def with_frozen_controller(self):
-        self.moving().controller.frozen = True
-        time.sleep(0.3)
-        return self
+    def with_frozen_controller(self, rng):
+        self.moving(rng)
+        self.controller.frozen = True
+        time.sleep(rng.uniform(0.05, 1.5))
 
-    def with_slow_controller(self):
-        self.moving().controller.delay_s = 0.8
-        time.sleep(0.3)
-        return self
+    def with_slow_controller(self, rng):
+        self.moving(rng)
+        self.controller.delay_s = 0.8
+        time.sleep(rng.uniform(0.05, 1.5))
 
     def stopped_by(self, number):
-        """Signal, see STOP on the wire at once, and have the cell answer again."""
+        """Signal, and see STOP on the wire at once; gives after how long."""
         asked_s = time.monotonic()
         self.process.send_signal(number)
         heard_s = self.controller.await_heard_s(b" STOP ", since_s=asked_s, within_s=PATIENCE_S)
         assert heard_s - asked_s <= AT_ONCE_S
+        return heard_s - asked_s
+
+    def await_suspended(self):
+        give_up_s = time.monotonic() + PATIENCE_S
+        while psutil.Process(self.process.pid).status() != psutil.STATUS_STOPPED:
+            assert time.monotonic() < give_up_s
+            time.sleep(0.01)
+
+    def close(self):
+        self.process.kill()
+        self.process.communicate()
+
+
+SITUATIONS = (
+    Stage.moving,
+    Stage.measuring,
+    Stage.with_frozen_controller,
+    Stage.with_slow_controller,
+)
 
 
 @pytest.fixture
-def stage(planned):
+def wires(planned):
     cell = EmbeddedCell(Cell(load_scenario("paper-simulation")), ScaledClock(1.0))
     with cell, Relay(cell.controller_url) as controller, Relay(cell.tracker_url) as tracker:
         urls = {"controller.url": controller.url, "tracker.url": tracker.url}
         change(planned / "campaign.yaml", urls)
-        process = started("run", planned, "--yes", process_group=0)
-        try:
-            yield Stage(controller, tracker, process)
-        finally:
-            process.kill()
-            process.communicate()
+        yield controller, tracker
+
+
+@pytest.fixture
+def stage(wires, planned):
+    stage = Stage(*wires, planned)
+    try:
+        yield stage
+    finally:
+        stage.close()
+
+
+def one_try(wires, folder, until, number, rng):
+    """Seconds from the signal to STOP on the wire; the run has to end in order."""
+    stage = Stage(*wires, folder)
+    try:
+        until(stage, rng)
+        took_s = stage.stopped_by(number)
+        stage.controller.frozen = stage.tracker.frozen = False
+        if number == signal.SIGTSTP:
+            stage.await_suspended()
+            stage.process.send_signal(signal.SIGCONT)
+        assert ended(stage.process, PATIENCE_S).code == 130
+    finally:
+        stage.close()
+    return took_s
 
 
 @pytest.mark.parametrize(
@@ -78,23 +125,34 @@ def stage(planned):
         pytest.param(Stage.with_slow_controller, signal.SIGHUP, marks=pytest.mark.long),
     ],
 )
-def test_stop_is_on_the_wire_at_once_and_confirmed(stage, until, number):
-    until(stage).stopped_by(number)
-    stage.controller.frozen = False
-    assert ended(stage.process, PATIENCE_S).code == 130
+def test_stop_is_on_the_wire_at_once_and_confirmed(wires, planned, until, number):
+    one_try(wires, planned, until, number, random.Random(1))
+
+
+@pytest.mark.torture
+@pytest.mark.long
+@pytest.mark.parametrize("until", SITUATIONS, ids=lambda until: until.__name__)
+def test_99_of_100_stops_are_on_the_wire_in_time(wires, planned, until, times):
+    if times == 1:
+        pytest.skip("takes long: only with --times")
+    rng, took_s = random.Random(until.__name__), []
+    for _ in range(times):
+        for number in SIGNALS:
+            took_s.append(one_try(wires, planned, until, number, rng))
+            (planned / "campaign.db").unlink(missing_ok=True)
+    took_s.sort()
+    assert took_s[-(len(took_s) // 100) - 1] <= LIMIT_S
 
 
 @pytest.mark.long
 def test_ctrl_z_is_on_the_wire_at_once_and_suspends_only_after_the_stop(stage):
-    stage.with_frozen_controller().stopped_by(signal.SIGTSTP)
-    running = psutil.Process(stage.process.pid)
+    stage.with_frozen_controller(random.Random(1))
+    stage.stopped_by(signal.SIGTSTP)
     time.sleep(0.3)
-    assert running.status() != psutil.STATUS_STOPPED, "the stop is not confirmed yet"
+    status = psutil.Process(stage.process.pid).status()
+    assert status != psutil.STATUS_STOPPED, "the stop is not confirmed yet"
     stage.controller.frozen = False
-    give_up_s = time.monotonic() + PATIENCE_S
-    while running.status() != psutil.STATUS_STOPPED:
-        assert time.monotonic() < give_up_s
-        time.sleep(0.01)
+    stage.await_suspended()
     stage.process.send_signal(signal.SIGCONT)
     assert ended(stage.process, PATIENCE_S).code == 130
 
@@ -103,7 +161,8 @@ def test_ctrl_z_is_on_the_wire_at_once_and_suspends_only_after_the_stop(stage):
     "number", [signal.SIGTERM, pytest.param(signal.SIGTSTP, marks=pytest.mark.long)]
 )
 def test_a_stop_that_nobody_confirms_says_first_what_to_do(stage, number):
-    stage.with_frozen_controller().stopped_by(number)
+    stage.with_frozen_controller(random.Random(1))
+    stage.stopped_by(number)
     unknown = ended(stage.process, PATIENCE_S)
     assert unknown.code == 3
     assert unknown.error_line.startswith("PRESS THE EMERGENCY STOP: robot state unknown: ")

@@ -1,16 +1,11 @@
-"""Every reader of files by odd files: no refusal may be a crash, be slow, be large or be long.
-
-    python -m benchmarks.torture.files [--files 1500] [--seed 1] [--json]
+"""Every reader of files on odd files: no refusal may be a crash, be slow, be large or be long.
 
 A campaign is made, planned, measured in simulation, identified and exported. Each odd file then
 stands in the place of one of its files, and every command that reads this file is given in a
 process of its own.
 """
 
-import argparse
-import json
 import os
-import random
 import resource
 import select
 import shutil
@@ -18,26 +13,21 @@ import signal
 import sys
 import tempfile
 import unicodedata
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
 from app.exits import Exit
-from app.main import COMMANDS, LINEAR_ALGEBRA_THREADS, run_command
-from benchmarks.torture.odd_files import (
-    ODD_NAMES,
+from app.main import COMMANDS, run_command
+from benchmarks.shared.odd_files import (
     Oddity,
-    drawn,
-    no_files,
     of_csv,
     of_journal,
     of_json,
     of_yaml,
 )
 
-FILES = 1500
 MOST_SECONDS, MOST_MIB, MOST_CHARACTERS = 1.0, 200.0, 1000
 HANGS_AFTER_S = 60.0
 PREPARED_WITHIN_S = 600.0
@@ -134,7 +124,7 @@ class Trial:
     def __str__(self) -> str:
         return f"{self.file} · {self.oddity} · {self.command} · {self.error[-200:]!r}"
 
-    def faults(self, most_mib: float = MOST_MIB) -> Iterator[str]:
+    def faults(self, most_mib: float) -> Iterator[str]:
         """What must not be; `most_mib` is with what the process held before."""
         if self.code not in DESIGNED:
             yield f"exit code {self.code}"
@@ -165,58 +155,13 @@ def _is_unclean(sign: str) -> bool:
     }
 
 
-def main() -> None:
-    """Say what odd files do, and end with 1 if one of them does harm."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--files", type=int, default=FILES)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
-    for variable in LINEAR_ALGEBRA_THREADS:
-        os.environ.setdefault(variable, "1")
-    with tempfile.TemporaryDirectory(prefix="odd-files-") as folder:
-        trials = []
-        for each in tortured(Path(folder), asked.files, asked.seed):
-            trials.append(each)
-            for fault in each.faults():
-                print(f"{each}: {fault}", file=sys.stderr, flush=True)
-    figures = summary(trials)
-    print(json.dumps(figures) if asked.json else "\n".join(f"{k}: {v}" for k, v in figures.items()))
-    sys.exit(bool(figures["faulty"]))
-
-
 def load_all_commands() -> None:
     """What each child would import anew: what it then takes is the work itself."""
     for module, _ in COMMANDS.values():
         import_module(f"app.cli.{module}")
 
 
-def tortured(folder: Path, files: int, seed: int) -> Iterator[Trial]:
-    """Trials of so many odd files in turn, all that are not drawn among them."""
-    base = folder / "base"
-    prepare(base)
-    yield from odd_names(base, folder)
-    prepared = odd_files(base, files, random.Random(seed))
-    for read, oddity in prepared:
-        yield from tried(base, folder / "tried", read, oddity)
-
-
-def odd_files(base: Path, files: int, rng: random.Random) -> Iterator[tuple[Read, Oddity]]:
-    """Odd files: first those that are not drawn, then each kind in turn until there are enough."""
-    fixed = [
-        (read, oddity)
-        for read in READS
-        for oddity in (*no_files(), *read.specials((base / read.file).read_bytes()))
-    ]
-    yield from fixed[:files]
-    texts = {read.file: (base / read.file).read_bytes() for read in READS}
-    others = list(texts.values())
-    for number in range(files - len(fixed)):
-        read = READS[number % len(READS)]
-        yield read, drawn(texts[read.file], others, rng)
-
-
-def odd_names(base: Path, folder: Path, names: Sequence[str] = ODD_NAMES) -> Iterator[Trial]:
+def odd_names(base: Path, folder: Path, names: Sequence[str]) -> Iterator[Trial]:
     """Trials of names that no file of a campaign has."""
     for name in names:
         for command in NAMED:
@@ -243,11 +188,7 @@ def tried(base: Path, folder: Path, read: Read, oddity: Oddity) -> Iterator[Tria
 
 
 def trial(
-    words: Sequence[str],
-    file: str,
-    oddity: str,
-    command: str,
-    patience_s: float = HANGS_AFTER_S,
+    words: Sequence[str], file: str, oddity: str, command: str, patience_s: float = HANGS_AFTER_S
 ) -> Trial:
     """Give a command in a process of its own, and look how that ends."""
     with tempfile.TemporaryFile() as output:
@@ -325,20 +266,3 @@ def _write_points(base: Path) -> None:
     (base / "points.txt").write_text("\n".join(points) + "\n")
     heading = "name,q0_deg,q1_deg,q2_deg,q3_deg,pair,set"
     (base / "joints.csv").write_text("\n".join([heading, *values]) + "\n")
-
-
-def summary(trials: Sequence[Trial]) -> dict[str, object]:
-    """Figures of all trials."""
-    refusals = [each for each in trials if each.code not in {Exit.DONE, Exit.NOT_GOOD}]
-    codes = Counter(each.code for each in trials)
-    return {
-        "trials": len(trials),
-        "codes": {str(code): count for code, count in sorted(codes.items())},
-        "refusal_seconds_max": max((each.seconds for each in refusals), default=0.0),
-        "refusal_mib_max": max((each.peak_mib for each in refusals), default=0.0),
-        "faulty": sum(any(each.faults()) for each in trials),
-    }
-
-
-if __name__ == "__main__":
-    main()

@@ -7,7 +7,6 @@ from random import Random
 
 from drivers.errors import WireError
 from drivers.wire import geocom, linuxcncrsh, robotline
-from drivers.wire import robotline as said
 from drivers.wire.emscon import (
     SHAPES,
     Answer,
@@ -83,13 +82,15 @@ GEOCOM_REQUESTS = tuple(
     )
 )
 LAYOUT = layout_of(PAR4)
-PART = said.Part("ARM 0", tuple(1.5 * each for each in range(1, 1 + len(LAYOUT.parts["ARM 0"]))))
-OUTCOMES: tuple[tuple[str, said.Answer | robotline.Refused], ...] = (
-    ("HELLO", said.ControllerGreeting(1, "Example Robotics", "Par4", "SN-0042", "2.1", 4)),
-    ("STATE", said.ControllerStatus(False, False, "drive 2", (0.0, -45.0, 90.0, 1e-300))),  # noqa: FBT003
-    ("MOVEJ", said.MotionBegun(1.5)),
-    ("GEOM", said.PartValues(PART)),
-    ("STOP", said.CommandDone()),
+PART = robotline.Part(
+    "ARM 0", tuple(1.5 * each for each in range(1, 1 + len(LAYOUT.parts["ARM 0"])))
+)
+OUTCOMES: tuple[tuple[str, robotline.Answer | robotline.Refused], ...] = (
+    ("HELLO", robotline.ControllerGreeting(1, "Example Robotics", "Par4", "SN-0042", "2.1", 4)),
+    ("STATE", robotline.ControllerStatus(False, False, "drive 2", (0.0, -45.0, 90.0, 1e-300))),  # noqa: FBT003
+    ("MOVEJ", robotline.MotionBegun(1.5)),
+    ("GEOM", robotline.PartValues(PART)),
+    ("STOP", robotline.CommandDone()),
     ("MOVEP", robotline.Refused("LIMIT", "joint 3 to 95.0 deg, limit 90.0 deg")),
 )
 ROBOTLINE_REPLIES = tuple(
@@ -98,13 +99,13 @@ ROBOTLINE_REPLIES = tuple(
 ROBOTLINE_REQUESTS = tuple(
     robotline.encode_request(robotline.RobotlineRequest(7, command))
     for command in (
-        said.Hello(1),
-        said.AskState(),
-        said.MoveJoints((0.0, 90.0, -45.0, 1.5), 25.0),
-        said.MovePose((1.5, -2.5, -575.0, 45.0), 100.0),
-        said.ReadPart("ARM 0"),
-        said.StagePart(PART),
-        said.Commit(),
+        robotline.Hello(1),
+        robotline.AskState(),
+        robotline.MoveJoints((0.0, 90.0, -45.0, 1.5), 25.0),
+        robotline.MovePose((1.5, -2.5, -575.0, 45.0), 100.0),
+        robotline.ReadPart("ARM 0"),
+        robotline.StagePart(PART),
+        robotline.Commit(),
     )
 )
 LINUXCNC = (

@@ -1,1 +1,0 @@
-"""Long forms of the tests by garbage, kills and faults: each prints figures."""
