@@ -84,7 +84,7 @@ def pytest_runtest_makereport(
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Whoever runs whole programs, or draws their pages, is slow; larger numbers take their time."""
+    """Whole programs and drawn pages are slow; larger numbers take their time."""
     for item in items:
         if config.getoption("--times") > 1:
             item.add_marker(pytest.mark.timeout(0), append=False)
