@@ -19,12 +19,11 @@ from identified_cases import (
     values,
     workspace,
 )
-from par4_space import SPACE, par4
+from par4_space import par4
 
 from campaigns.design.pose_sampling import interior_poses
-from campaigns.errors import SelectionInvalid, ShotsInvalid, ShotsMissing
+from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers
-from campaigns.identification.parameter_selection import select_parameters
 from campaigns.shots.shot_sets import ShotSet
 
 BOTH = pytest.mark.parametrize("estimator", list(Estimator))
@@ -85,7 +84,7 @@ def test_a_gross_error_among_shots_stated_far_too_well_is_no_crash(estimator: Es
 
 @BOTH
 def test_a_gross_error_that_is_kept_is_no_crash(estimator: Estimator) -> None:
-    for seed in range(4):
+    for seed in range(2):
         data = moved(noisy(simulated(30, 8, seed=seed), seed), (4, 9, 20), by_mm=400.0, seed=seed)
         found = identified(data, estimator, poses=workspace(), outliers=Outliers.KEEP)
         assert found.verdict == "fail" or found.residuals_mm.after.rms > 1.0
@@ -127,17 +126,6 @@ def test_outliers_are_looked_for_where_priors_stand_for_shots(estimator: Estimat
     data = moved(noisy(simulated(14, 8, seed=3, truth=LITTLE_OFF), 4), (2,), by_mm=20.0)
     found = identified(data, estimator, prior=["*=0.5"])
     assert len(found.excluded) == 1
-
-
-@pytest.mark.parametrize("std", ["1e-7", "1e-160", "1e-320"])
-def test_a_prior_as_sharp_as_nothing_is_measured_is_refused(std: str) -> None:
-    with pytest.raises(SelectionInvalid, match="must be 1e-06 or more"):
-        select_parameters(SPACE, priors=[f"arm1.x_mm={std}"])
-
-
-def test_the_name_that_is_both_freed_and_fixed_is_always_the_first() -> None:
-    with pytest.raises(SelectionInvalid, match=r"arm0\.x_mm is both"):
-        select_parameters(SPACE, ["*"], ["*"])
 
 
 @BOTH

@@ -30,6 +30,7 @@ from campaigns.shots.shots import Shots
 WRONG = (7, 50, 99)
 CLEAN = noisy(simulated(60, 20, seed=1), seed=2)
 SPOILT = moved(CLEAN, WRONG, by_mm=2.0)
+WILD = noisy(simulated(60, 20, seed=1), seed=2, std_mm=4.0 * NOISE_MM)
 
 
 def by_points(data: Shots, **options) -> IdentificationResult:
@@ -152,7 +153,7 @@ def test_scatter_as_stated_is_believed_and_gives_sigma() -> None:
 
 def test_scatter_beyond_the_stated_one_is_the_robots_widens_sigma_and_is_said() -> None:
     calm = by_points(CLEAN)
-    wild = by_points(noisy(simulated(60, 20, seed=1), seed=2, std_mm=4.0 * NOISE_MM))
+    wild = by_points(WILD)
     assert not wild.chi2.believable
     assert np.sqrt(wild.chi2.value / wild.chi2.dof) == pytest.approx(4.0, rel=0.15)
     ratio = deviations(wild)["plate_mm"] / deviations(calm)["plate_mm"]
@@ -167,8 +168,7 @@ def test_scatter_beyond_the_stated_one_is_the_robots_widens_sigma_and_is_said() 
 
 def test_scatter_is_stated_also_where_outliers_are_kept() -> None:
     """Else χ² is whitened by what the result says is not there."""
-    wild = noisy(simulated(60, 20, seed=1), seed=2, std_mm=4.0 * NOISE_MM)
-    left_out, kept = (by_points(wild, outliers=each) for each in (Outliers.EXCLUDE, Outliers.KEEP))
+    left_out, kept = (by_points(WILD, outliers=each) for each in (Outliers.EXCLUDE, Outliers.KEEP))
     assert kept.robot_scatter.point_mm == pytest.approx(left_out.robot_scatter.point_mm)
     assert kept.chi2.value == pytest.approx(left_out.chi2.value)
     assert kept.chi2.says == left_out.chi2.says
@@ -224,9 +224,10 @@ def test_too_few_shots_are_refused_with_their_count(pairs: int) -> None:
     assert "at least 13 shots" in caught.value.remedy
 
 
-def test_no_shots_at_all_are_refused() -> None:
-    with pytest.raises(ShotsMissing, match="0 shots"):
-        by_points(dataset(np.empty((0, 4)), np.empty((0, 3)), [], []))
+@pytest.mark.parametrize("estimator", list(Estimator))
+def test_no_shots_at_all_are_refused(estimator: Estimator) -> None:
+    with pytest.raises(ShotsMissing, match=r"^0 (shots|pairs)"):
+        identified(dataset(np.empty((0, 4)), np.empty((0, 3)), [], []), estimator)
 
 
 def test_thirteen_shots_tell_22_parameters() -> None:

@@ -84,7 +84,10 @@ def test_a_prior_without_a_positive_standard_deviation_is_refused(text):
         select_parameters(SPACE, priors=[text])
 
 
-@pytest.mark.parametrize("number", ["nan", "inf"])
-def test_a_prior_that_says_nothing_is_refused(number):
-    with pytest.raises(SelectionInvalid):
+@pytest.mark.parametrize(
+    ("number", "said"),
+    [("nan", "above 0"), ("inf", "above 0"), ("1e-7", "1e-06 or more"), ("1e-320", "1e-06 or")],
+)
+def test_a_prior_that_says_nothing_or_all_is_refused(number, said):
+    with pytest.raises(SelectionInvalid, match=said):
         select_parameters(SPACE, priors=[f"plate_mm={number}"])
