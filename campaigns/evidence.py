@@ -4,7 +4,7 @@ Only reads. The report and the live page show it; neither judges anything itself
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -12,7 +12,7 @@ from typing import Literal, TypeVar
 import numpy as np
 from pydantic import JsonValue
 
-from campaigns.arrays import Mask
+from campaigns.arrays import Array, Mask
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
 from campaigns.controllers.load_journal import Load, load_history, read_load
@@ -379,33 +379,55 @@ def _facts(
 def _modelled(evidence: Evidence) -> ModelledShots | None:
     """Shots that were identified from or kept unseen, as the models have them.
 
-    All that can be assembled, while nothing was identified. Worked out for results of older
-    software, which did not keep the poses.
+    All that can be assembled, while nothing was identified.
     """
     if evidence.run is None:
         return None
     found, nominal = evidence.identification, evidence.campaign.robot.kinematics
     shots = evidence.run.shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
-    mechanism, after = nominal.mechanism, None
-    model = nominal if found is None else Kinematics.of(mechanism, found.nominal_flat())
-    before = model.forward(shots.joints)
-    counted = before.found
-    if found is not None:
-        space, flat = mechanism.parameters, found.flat()
-        lost = np.array([flat.get(name, 0.0) for name in space.backlashes])
-        backlash = lost * space.units(space.backlashes)
-        model = Kinematics.of(mechanism, flat)
-        after = model.forward(arm_joints(shots.joints, shots.approach, backlash))
-        counted = counted & after.found & ~_left_out(shots, found)
-    rows = np.flatnonzero(counted)
-    poses = (after or before).values[rows]
+    if found is None:
+        solution, model, after = nominal.forward(shots.joints), nominal, None
+        rows = np.flatnonzero(solution.found)
+        shots, before = shots.rows(rows), solution.values[rows]
+    else:
+        model = Kinematics.of(nominal.mechanism, found.flat())
+        shots, before, after = _as_identified(shots, found) or _by_parameters(shots, found, model)
+    poses = before if after is None else after
     return ModelledShots(
-        shots=shots.rows(rows),
-        before=before.values[rows],
-        after=None if after is None else after.values[rows],
-        plate_tilt_rad=mechanism.plate_tilt(model.p, shots.joints[rows], poses),
+        shots=shots,
+        before=before,
+        after=after,
+        plate_tilt_rad=nominal.mechanism.plate_tilt(model.p, shots.joints, poses),
         sessions=found is not None and bool(found.sessions),
     )
+
+
+def _as_identified(
+    shots: Shots, found: RecordedIdentification
+) -> tuple[Shots, Array, Array] | None:
+    """Shots in the sets and pairs of the identification, and both poses that it kept of each.
+
+    None for a result of older software, and for one of other shots.
+    """
+    table, places = found.modelled, {number: row for row, number in enumerate(shots.numbers)}
+    if table is None or not places.keys() >= set(table.numbers):
+        return None
+    own = shots.rows(np.array([places[number] for number in table.numbers], dtype=np.intp))
+    own = replace(own, purposes=table.purposes, pairs=table.pairs)
+    return own, np.array(table.before), np.array(table.after)
+
+
+def _by_parameters(
+    shots: Shots, found: RecordedIdentification, model: Kinematics
+) -> tuple[Shots, Array, Array]:
+    """Shots that were not excluded, and both poses of each worked out again."""
+    space, flat = model.mechanism.parameters, found.flat()
+    lost = np.array([flat.get(name, 0.0) for name in space.backlashes])
+    joints = arm_joints(shots.joints, shots.approach, lost * space.units(space.backlashes))
+    before = Kinematics.of(model.mechanism, found.nominal_flat()).forward(shots.joints)
+    after = model.forward(joints)
+    rows = np.flatnonzero(before.found & after.found & ~_left_out(shots, found))
+    return shots.rows(rows), before.values[rows], after.values[rows]
 
 
 def _left_out(shots: Shots, found: RecordedIdentification) -> Mask:

@@ -260,7 +260,7 @@ def _scatter(
         return None
     sizes = problem.sizes(robust.fit.x)[kept]
     felt = float(np.sqrt(np.sum((robust.weights[kept] * sizes) ** 2) / freedom))
-    square = (sizes / max(loss.threshold * robust.scale, ROUNDING)) ** 2
+    square = (sizes / max(loss.scale * robust.scale, ROUNDING)) ** 2
     curvature = float(loss_curvature(loss.shape, square, problem.block).mean())
     if curvature < LEAST_CURVATURE:
         return None

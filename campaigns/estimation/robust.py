@@ -31,7 +31,7 @@ class Loss:
     """Price of a block's misfit: how it grows, and where it begins to differ from the square."""
 
     shape: LossShape = LossShape.LINEAR
-    threshold: float = TUNING_CONSTANT
+    scale: float = TUNING_CONSTANT
     """In standard deviations, as the blocks' median shows them."""
 
 
@@ -127,7 +127,7 @@ def solve_robust(
         scale = robust_scale(sizes[kept], problem.block, _followed(problem, fit))
         if loss.shape is LossShape.LINEAR:
             break
-        threshold = max(loss.threshold * scale, ROUNDING)
+        threshold = max(loss.scale * scale, ROUNDING)
         renewed = kept * loss_weights(loss.shape, (sizes / threshold) ** 2)
         change = float(np.abs(renewed - weights).max())
         weights, start, spent = renewed, fit.x, fit.evaluations

@@ -27,14 +27,13 @@ from campaigns.estimation.variance_components import (
     estimate_components,
 )
 from campaigns.identification.observations import (
+    Inputs,
     Observations,
     distance_observations,
     point_observations,
 )
 from campaigns.identification.options import IdentificationOptions
-from campaigns.identification.parameter_selection import ParameterSelection
-from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, NoSolution
-from campaigns.shots.shots import Shots
+from campaigns.mechanisms.mechanism import NoSolution
 
 SCATTER_ROUNDS = 5
 SCATTER_SETTLED = 0.02
@@ -116,42 +115,29 @@ class Fit:
         return NONE if weighed_by is None else weighed_by.scatter
 
 
-def fit_shots(
-    nominal: Kinematics,
-    shots: Shots,
-    selection: ParameterSelection,
-    options: IdentificationOptions,
-    at_nominal: KinematicSolution | None = None,
-) -> Fit:
-    """Fit of the identification shots; `at_nominal`: the nominal robot's poses at all of them.
+def fit_shots(inputs: Inputs) -> Fit:
+    """Fit of the identification shots.
 
     Raises `ShotsMissing` for too few of them, `ShotsInvalid` for a covariance that is none, and
     `NoSolution` where no robot explains them.
     """
-    at_nominal = at_nominal or nominal.forward(shots.joints)
-    asked = (nominal, shots, selection, options, at_nominal)
+    options = inputs.options
     if options.estimator is Estimator.POINTS:
-        points = fit_points(*asked)
-        plain = points if _is_plain(options) else plain_fit(*asked)
+        points = fit_points(inputs)
+        is_plain = options.loss is LossShape.LINEAR and options.outliers is Outliers.EXCLUDE
+        plain = points if is_plain else plain_fit(inputs)
         return Fit(points.observations, points.found, plain, asked=points)
-    if options.weights is Weights.EQUAL:
-        return _fit_distances_alone(*asked)
-    return _fit_distances(*asked)
+    beside = None if options.weights is Weights.EQUAL else plain_fit(inputs)
+    return _fit_distances(inputs, beside)
 
 
-def fit_points(
-    nominal: Kinematics,
-    shots: Shots,
-    selection: ParameterSelection,
-    options: IdentificationOptions,
-    at_nominal: KinematicSolution | None = None,
-) -> PointFit:
+def fit_points(inputs: Inputs) -> PointFit:
     """Fit of coordinates, the robot's scatter and outliers in turn until neither changes."""
-    fitted = stated = point_observations(nominal, shots, selection, options, at_nominal=at_nominal)
-    policy, count = _policy(options), len(selection.free)
+    fitted = stated = point_observations(inputs)
+    policy, count = _policy(inputs.options), len(inputs.selection.free)
     found = estimate(fitted.problem, count, policy, known_variance=True)
     scatter = NONE
-    if options.loss is not LossShape.LINEAR:
+    if inputs.options.loss is not LossShape.LINEAR:
         return PointFit(fitted, found, scatter)
     for _ in range(SCATTER_ROUNDS):
         kept = found.kept
@@ -159,25 +145,20 @@ def fit_points(
         if _settled(scatter, anew):
             break
         scatter = anew
-        fitted = replace_covariance(stated, covariance_of(stated, found.x, scatter))
+        covariance_mm2 = covariance_of(stated, found.x, scatter)
+        fitted = replace(stated, residuals=stated.points.with_covariance(covariance_mm2))
         found = estimate(fitted.problem, count, policy, known_variance=True, start=Start.of(found))
         if np.array_equal(found.kept, kept) and not scatter.any:
             break
     return PointFit(fitted, found, scatter)
 
 
-def plain_fit(
-    nominal: Kinematics,
-    shots: Shots,
-    selection: ParameterSelection,
-    options: IdentificationOptions,
-    at_nominal: KinematicSolution | None = None,
-) -> PointFit | None:
+def plain_fit(inputs: Inputs) -> PointFit | None:
     """Plain fit of the coordinates by the shots alone, to judge them by; None for too few."""
-    plain = replace(options, loss=LossShape.LINEAR, outliers=Outliers.EXCLUDE)
-    alone = replace(selection, priors=())
+    plain = replace(inputs.options, loss=LossShape.LINEAR, outliers=Outliers.EXCLUDE)
+    alone = replace(inputs.selection, priors=())
     try:
-        return fit_points(nominal, shots, alone, plain, at_nominal)
+        return fit_points(replace(inputs, selection=alone, options=plain))
     except (ShotsMissing, NoSolution):
         return None
 
@@ -203,59 +184,28 @@ def covariance_of(fitted: Observations, x: Array, scatter: VarianceComponents) -
     return scatter.covariance_mm2(fitted.stated_mm2, by_joints)
 
 
-def replace_covariance(fitted: Observations, covariance_mm2: Array) -> Observations:
-    """The same observations, whitened with other covariances."""
-    return replace(fitted, residuals=fitted.points.with_covariance(covariance_mm2))
-
-
-def _fit_distances(
-    nominal: Kinematics,
-    shots: Shots,
-    selection: ParameterSelection,
-    options: IdentificationOptions,
-    at_nominal: KinematicSolution,
-) -> Fit:
-    """Distances weighed by what the coordinates of the same shots say of them."""
-    points = plain_fit(nominal, shots, selection, options, at_nominal)
+def _fit_distances(inputs: Inputs, points: PointFit | None) -> Fit:
+    """Distances weighed by what the coordinates of the same shots say of them, if they do."""
+    policy, count = _policy(inputs.options), len(inputs.selection.free)
     if points is None:
-        return _fit_distances_alone(nominal, shots, selection, options, at_nominal)
-    sigma0 = points.found.noise.sigma0 or 1.0
+        fitted = distance_observations(inputs)
+        found = estimate(fitted.problem, count, policy, known_variance=False)
+        return Fit(fitted, found, None)
+    sigma0, numbers = points.found.noise.sigma0 or 1.0, points.observations.numbers
     covariance = {
         number: sigma0**2 * each
-        for number, each in zip(points.observations.numbers, points.covariance_mm2(), strict=True)
+        for number, each in zip(numbers, points.covariance_mm2(), strict=True)
     }
-    left_out = points if options.outliers is Outliers.EXCLUDE else None
-    wrong = np.array(points.observations.numbers)[~points.found.kept].tolist() if left_out else ()
-    fitted = distance_observations(
-        nominal,
-        shots,
-        selection,
-        options,
-        at_nominal=at_nominal,
-        covariance_mm2=covariance,
-        left_out=frozenset(wrong),
+    wrong = np.array(numbers)[~points.found.kept].tolist() if policy.exclude else ()
+    fitted = distance_observations(inputs, covariance, frozenset(wrong))
+    found = estimate(
+        fitted.problem,
+        count,
+        replace(policy, exclude=False),
+        known_variance=True,
+        start=Start.of(points.found, count),  # the same robot within σ: a step or two are left
     )
-    policy, count = OutlierPolicy(options.robust_loss, exclude=False), len(selection.free)
-    start = Start.of(points.found, count)  # the same robot within σ: a step or two are left
-    found = estimate(fitted.problem, count, policy, known_variance=True, start=start)
-    return Fit(fitted, found, points, left_out=left_out)
-
-
-def _fit_distances_alone(
-    nominal: Kinematics,
-    shots: Shots,
-    selection: ParameterSelection,
-    options: IdentificationOptions,
-    at_nominal: KinematicSolution,
-) -> Fit:
-    fitted = distance_observations(nominal, shots, selection, options, at_nominal=at_nominal)
-    count = len(selection.free)
-    found = estimate(fitted.problem, count, _policy(options), known_variance=False)
-    return Fit(fitted, found, None)
-
-
-def _is_plain(options: IdentificationOptions) -> bool:
-    return options.loss is LossShape.LINEAR and options.outliers is Outliers.EXCLUDE
+    return Fit(fitted, found, points, left_out=points if policy.exclude else None)
 
 
 def _policy(options: IdentificationOptions) -> OutlierPolicy:

@@ -1,6 +1,6 @@
 """Hold-out: pairs that were never fitted, and what they say of the fit's uncertainty."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,15 +10,13 @@ from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.residuals import DistanceResiduals, PositionModel
 from campaigns.estimation.tracker_noise import distance_variance_mm2
 from campaigns.identification.fit import Fit
-from campaigns.identification.observations import position_model, usable_pairs, without_assembly
-from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.observations import Inputs, without_assembly
 from campaigns.identification.result import Excluded, ResidualTable
-from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, NoSolution
+from campaigns.mechanisms.mechanism import KinematicSolution, NoSolution
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import Shots
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class UnseenPairs:
     """Pairs that were never fitted: their errors, and what of them could not be used."""
 
@@ -28,61 +26,49 @@ class UnseenPairs:
     unusable: tuple[Excluded, ...]
     lost: tuple[Excluded, ...]
     """By the identified robot."""
+    rows: Index
+    """Of the shots of the pairs that could be used, (M, 2)."""
+    identified: KinematicSolution
+    """The identified robot's poses at all shots."""
 
 
-def unseen_pairs(
-    nominal: Kinematics,
-    shots: Shots,
-    free: tuple[str, ...],
-    fit: Fit,
-    options: IdentificationOptions,
-    at_nominal: KinematicSolution,
-) -> UnseenPairs:
+def unseen_pairs(inputs: Inputs, fit: Fit) -> UnseenPairs:
     """Errors of the pairs that were not fitted, with the nominal and the found parameters."""
-    x = fit.found.x[: len(free)]
-    usable = usable_pairs(at_nominal, shots, ShotSet.VALIDATION, sessions=options.sessions)
-    model = position_model(nominal, shots, free)
+    shots, x = inputs.shots, fit.found.x[: len(inputs.selection.free)]
+    usable = inputs.usable_pairs(ShotSet.VALIDATION)
+    model = inputs.model_of(shots)
     solution = model.kinematics(x).forward(model.arm_joints(x))
     whole = solution.found[usable.rows].all(axis=1)
     lost = without_assembly(shots, usable.rows[~whole], solution.found, "identified")
     kept = usable.rows[whole]
     if len(kept) == 0:
-        return UnseenPairs(None, None, usable.excluded, lost)
+        return UnseenPairs(None, None, usable.excluded, lost, kept, solution)
     measured_mm = shots.measured_distances_mm(kept)
     before, after = (
         (distances_mm(values[:, :3], kept[:, 0], kept[:, 1]) - measured_mm)[:, None]
-        for values in (at_nominal.values, solution.values)
+        for values in (inputs.at_nominal.values, solution.values)
     )
     pairs = tuple(shots.pairs[row] or 0 for row in kept[:, 0].tolist())
     errors = ResidualTable.from_arrays("pairs", pairs, before, after)
     rows, places = np.unique(kept, return_inverse=True)
-    some = shots.rows(rows)
-    near = solution.values[rows]
-    tested = _tested(nominal, some, near, places.reshape(kept.shape), free, fit, options)
-    return UnseenPairs(errors, tested, usable.excluded, lost)
+    some = replace(inputs, shots=shots.rows(rows))
+    tested = _tested(some, solution.values[rows], places.reshape(kept.shape), fit)
+    return UnseenPairs(errors, tested, usable.excluded, lost, kept, solution)
 
 
-def _tested(
-    nominal: Kinematics,
-    shots: Shots,
-    near: Array,
-    pairs: Index,
-    free: tuple[str, ...],
-    fit: Fit,
-    options: IdentificationOptions,
-) -> HoldOut | None:
+def _tested(inputs: Inputs, near: Array, pairs: Index, fit: Fit) -> HoldOut | None:
     """Test of unseen pairs (M, 2) against the covariance of parameters and shots."""
-    found, parameters = fit.found, len(free)
+    found, shots, parameters = fit.found, inputs.shots, len(inputs.selection.free)
     if found.covariance is None or found.noise.sigma0 is None:
         return None
     x = found.x[:parameters]
-    model = position_model(nominal, shots, free, near)
+    model = inputs.model_of(shots, near)
     try:
         unseen = DistanceResiduals.in_mm(
             model, pairs[:, 0], pairs[:, 1], shots.measured_distances_mm(pairs)
         )
         error_mm, by_x = unseen.errors_mm(x), unseen.jacobian(x)
-        variance = _pair_variance_mm2(shots, pairs, model, x, fit, options)
+        variance = _pair_variance_mm2(inputs, pairs, model, x, fit)
     except (NoSolution, np.linalg.LinAlgError):
         return None
     predicted = by_x @ found.covariance[:parameters, :parameters] @ by_x.T + np.diag(variance)
@@ -90,20 +76,15 @@ def _tested(
 
 
 def _pair_variance_mm2(
-    shots: Shots,
-    pairs: Index,
-    model: PositionModel,
-    x: Array,
-    fit: Fit,
-    options: IdentificationOptions,
+    inputs: Inputs, pairs: Index, model: PositionModel, x: Array, fit: Fit
 ) -> Array:
     """Variance of each measured distance, the robot's own scatter included, (M,)."""
-    sigma0 = fit.found.noise.sigma0 or 1.0
+    shots, sigma0 = inputs.shots, fit.found.noise.sigma0 or 1.0
     if isinstance(fit.observations.residuals, DistanceResiduals) and fit.points is None:
         own = fit.observations.residuals.whitening
         return np.full(len(pairs), sigma0**2 / float(np.mean(own**2)))
     first, second = pairs.T
-    points_mm, stated = shots.points_in_tracker_mm, shots.covariance_mm2(options.instrument)
+    points_mm, stated = shots.points_in_tracker_mm, shots.covariance_mm2(inputs.options.instrument)
     variance = distance_variance_mm2(points_mm, stated, first, second)
     if fit.points is not None:
         # in the base frame: the robot's scatter is along the distance there, too

@@ -8,7 +8,7 @@ import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.errors import ShotsInvalid, ShotsMissing
-from campaigns.estimation.estimators import Estimator, Weights
+from campaigns.estimation.estimators import Weights
 from campaigns.estimation.least_squares import LeastSquaresProblem, Priors
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
 from campaigns.estimation.rigid_transforms import Transform, fit_transform
@@ -27,6 +27,54 @@ SURELY = 1e-9
 """Least eigenvalue over the size of a matrix that is positive definite beyond rounding."""
 SHORTEST_MM = 1.0
 """Of a distance: from shots at one place nothing is learnt."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inputs:
+    """Inputs of a fit: the nominal robot, shots, what is looked for in them and how."""
+
+    nominal: Kinematics
+    shots: Shots
+    selection: ParameterSelection
+    options: IdentificationOptions
+    at_nominal: KinematicSolution
+    """The nominal robot's poses at all shots."""
+
+    @classmethod
+    def of(
+        cls,
+        nominal: Kinematics,
+        shots: Shots,
+        selection: ParameterSelection,
+        options: IdentificationOptions,
+    ) -> "Inputs":
+        """Inputs with the nominal robot's poses."""
+        return cls(nominal, shots, selection, options, nominal.forward(shots.joints))
+
+    def model_of(self, shots: Shots, near: Array | None = None) -> PositionModel:
+        """Positions of shots by the parameters to be found, from poses (N, t) near theirs."""
+        places = self.nominal.mechanism.parameters.places(self.selection.free)
+        return PositionModel(self.nominal, places, shots.joints, near, approach=shots.approach)
+
+    def usable_pairs(self, purpose: ShotSet) -> "UsablePairs":
+        """Pairs of a set, and by name those that cannot be used.
+
+        Where sessions have frames of their own, both shots must be of one.
+        """
+        data, found = self.shots, self.at_nominal.found
+        pairs = data.whole_pairs(purpose)
+        halves = tuple(
+            Excluded(f"shot {data.numbers[row]} has no partner", pair=pair_of(data, row))
+            for row in pairs.halves
+        )
+        whole = found[pairs.rows].all(axis=1)
+        apart = without_assembly(data, pairs.rows[~whole], found, "nominal")
+        rows = pairs.rows[whole]
+        together = np.ones(len(rows), dtype=bool)
+        if self.options.sessions:
+            together = data.session[rows[:, 0]] == data.session[rows[:, 1]]
+        between = _excluded_pairs(data, rows[~together], "its shots are of two sessions")
+        return UsablePairs(rows[together], halves + apart + between)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,28 +154,6 @@ class UsablePairs:
     excluded: tuple[Excluded, ...]
 
 
-def usable_pairs(
-    nominal: KinematicSolution, data: Shots, purpose: ShotSet, *, sessions: bool
-) -> UsablePairs:
-    """Those of a set, and the others by name, from the nominal robot's poses at all shots.
-
-    Where `sessions` have frames of their own, both shots must be of one.
-    """
-    pairs = data.whole_pairs(purpose)
-    halves = tuple(
-        Excluded(f"shot {data.numbers[row]} has no partner", pair=pair_of(data, row))
-        for row in pairs.halves
-    )
-    whole = nominal.found[pairs.rows].all(axis=1)
-    apart = without_assembly(data, pairs.rows[~whole], nominal.found, "nominal")
-    rows = pairs.rows[whole]
-    together = np.ones(len(rows), dtype=bool)
-    if sessions:
-        together = data.session[rows[:, 0]] == data.session[rows[:, 1]]
-    between = _excluded_pairs(data, rows[~together], "its shots are of two sessions")
-    return UsablePairs(rows[together], halves + apart + between)
-
-
 def _excluded_pairs(data: Shots, rows: Index, reason: str) -> tuple[Excluded, ...]:
     return tuple(Excluded(reason, pair=pair_of(data, row)) for row in rows[:, 0].tolist())
 
@@ -152,58 +178,32 @@ def pair_of(data: Shots, row: int) -> int:
     return pair
 
 
-def observations(
-    nominal: Kinematics, data: Shots, selection: ParameterSelection, options: IdentificationOptions
-) -> Observations:
-    """Observations that the estimator asked for makes of the identification shots.
-
-    Raises `ShotsMissing` for fewer measurements than unknowns and `ShotsInvalid` for a covariance
-    that is none.
-    """
-    if options.estimator is Estimator.DISTANCES:
-        return distance_observations(nominal, data, selection, options)
-    return point_observations(nominal, data, selection, options)
-
-
-def position_model(
-    nominal: Kinematics, data: Shots, free: tuple[str, ...], near: Array | None = None
-) -> PositionModel:
-    """Positions of shots by the parameters to be found, from poses (N, t) near theirs."""
-    places = nominal.mechanism.parameters.places(free)
-    return PositionModel(nominal, places, data.joints, near, approach=data.approach)
-
-
 def distance_observations(
-    nominal: Kinematics,
-    data: Shots,
-    selection: ParameterSelection,
-    options: IdentificationOptions,
-    *,
-    at_nominal: KinematicSolution | None = None,
+    inputs: Inputs,
     covariance_mm2: Mapping[int, Array] | None = None,
     left_out: frozenset[int] = frozenset(),
 ) -> Observations:
     """Distances of the identification pairs, without the shots that are left out by number.
 
-    `at_nominal` are the nominal robot's poses at all shots, where they are known already.
     Weighed by the covariances (3, 3) of the shots' points, by number; as the tracker states them,
-    and all alike where that is asked for, without any. Raises as `observations` does.
+    and all alike where that is asked for, without any. Raises `ShotsMissing` for fewer measurements
+    than unknowns and `ShotsInvalid` for a covariance that is none.
     """
-    solution, free = at_nominal or nominal.forward(data.joints), selection.free
-    usable = usable_pairs(solution, data, ShotSet.IDENTIFICATION, sessions=options.sessions)
+    data, options, known = inputs.shots, inputs.options, inputs.selection
+    usable = inputs.usable_pairs(ShotSet.IDENTIFICATION)
     apart = data.measured_distances_mm(usable.rows) >= SHORTEST_MM
     at_one_place = _excluded_pairs(data, usable.rows[~apart], "its two shots are at one place")
     rows, excluded = usable.rows[apart], usable.excluded + at_one_place
     wrong = np.isin(np.array(data.numbers)[rows], sorted(left_out))
     rows = rows[~wrong.any(axis=1)]
-    wanted = max(1, len(free) - len(selection.priors))
+    wanted = max(1, len(known.free) - len(known.priors))
     if len(rows) < wanted:
         raise ShotsMissing(
-            f"{len(rows)} pairs{_left_out(excluded)} cannot give {len(free)} parameters",
+            f"{len(rows)} pairs{_left_out(excluded)} cannot give {len(known.free)} parameters",
             remedy=f"measure at least {wanted} pairs, better 60; or hold parameters",
         )
     shots, ends = data.rows(rows.ravel()), np.arange(rows.size).reshape(rows.shape)
-    model = position_model(nominal, shots, free, solution.values[rows.ravel()])
+    model = inputs.model_of(shots, inputs.at_nominal.values[rows.ravel()])
     stated = covariance = _stated(shots, options)
     if covariance_mm2 is not None:
         covariance = np.array([covariance_mm2[number] for number in shots.numbers])
@@ -214,23 +214,12 @@ def distance_observations(
     measured, whitening = shots.measured_distances_mm(ends), np.sqrt(1.0 / variance)
     distances = DistanceResiduals(model, ends[:, 0], ends[:, 1], measured, whitening)
     pairs = tuple(pair_of(data, row) for row in rows[:, 0].tolist())
-    priors = _priors(nominal, selection, model)
-    return Observations(distances, priors, shots, pairs, stated, excluded)
+    return Observations(distances, _priors(inputs, model), shots, pairs, stated, excluded)
 
 
-def point_observations(
-    nominal: Kinematics,
-    data: Shots,
-    selection: ParameterSelection,
-    options: IdentificationOptions,
-    *,
-    at_nominal: KinematicSolution | None = None,
-) -> Observations:
-    """Coordinates of the identification shots, weighed as the tracker states; raises likewise.
-
-    `at_nominal` are the nominal robot's poses at all shots, where they are known already.
-    """
-    solution = at_nominal or nominal.forward(data.joints)
+def point_observations(inputs: Inputs) -> Observations:
+    """Coordinates of the identification shots, weighed as the tracker states; raises likewise."""
+    data, solution = inputs.shots, inputs.at_nominal
     rows = data.rows_of(ShotSet.IDENTIFICATION)
     found = solution.found[rows]
     excluded = tuple(
@@ -238,18 +227,17 @@ def point_observations(
         for row in rows[~found].tolist()
     )
     shots = data.rows(rows[found])
-    _check_coordinates(len(shots), nominal, selection, excluded)
-    model = position_model(nominal, shots, selection.free, solution.values[rows[found]])
-    measured, stated = shots.points_in_tracker_mm, _stated(shots, options)
-    sessions = _sessions(shots) if options.sessions else None
+    _check_coordinates(len(shots), inputs, excluded)
+    model = inputs.model_of(shots, solution.values[rows[found]])
+    measured, stated = shots.points_in_tracker_mm, _stated(shots, inputs.options)
+    sessions = _sessions(shots) if inputs.options.sessions else None
     try:
         points = PointResiduals.from_points(model, measured, stated, sessions)
     except ValueError as error:
         raise ShotsMissing(
             f"{len(shots)} shots fix no frame: {error}", remedy="measure all over the workspace"
         ) from error
-    priors = _priors(nominal, selection, model)
-    return Observations(points, priors, shots, shots.numbers, stated, excluded)
+    return Observations(points, _priors(inputs, model), shots, shots.numbers, stated, excluded)
 
 
 def _sessions(shots: Shots) -> Index | None:
@@ -268,13 +256,12 @@ def _sessions(shots: Shots) -> Index | None:
     return np.asarray(found, dtype=np.intp)
 
 
-def _check_coordinates(
-    shots: int, nominal: Kinematics, known: ParameterSelection, excluded: tuple[Excluded, ...]
-) -> None:
+def _check_coordinates(shots: int, inputs: Inputs, excluded: tuple[Excluded, ...]) -> None:
     """Refusal of fewer shots than can tell what is free; a prior is worth a coordinate."""
+    known = inputs.selection
     priors = {prior.name for prior in known.priors}
     unknown = [name for name in known.free if name not in priors]
-    least = nominal.mechanism.minimum_shots(unknown)
+    least = inputs.nominal.mechanism.minimum_shots(unknown)
     if shots >= least:
         return
     raise ShotsMissing(
@@ -288,12 +275,13 @@ def _left_out(excluded: tuple[Excluded, ...]) -> str:
     return f" ({len(excluded)} left out)" if excluded else ""
 
 
-def _priors(nominal: Kinematics, known: ParameterSelection, model: PositionModel) -> Priors:
+def _priors(inputs: Inputs, model: PositionModel) -> Priors:
     """About the nominal values, in mm and rad."""
+    known = inputs.selection
     names = tuple(prior.name for prior in known.priors)
     places = np.array([known.free.index(name) for name in names], dtype=np.intp)
     std = np.array([prior.std for prior in known.priors])
-    std = std * nominal.mechanism.parameters.units(names)
+    std = std * inputs.nominal.mechanism.parameters.units(names)
     return Priors(places, model.nominal[places], std)
 
 

@@ -13,26 +13,22 @@ from pydantic import JsonValue, TypeAdapter, ValidationError
 
 from campaigns.arrays import Array
 from campaigns.errors import FindingUnreadable
-from campaigns.estimation.estimators import Estimator, LossShape, Outliers
+from campaigns.estimation.estimators import Estimator, Outliers
 from campaigns.estimation.information import ChiSquareTest, HoldOut, Uncertainty
 from campaigns.estimation.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
+from campaigns.estimation.robust import Loss
+from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.doubts import Doubt
 from campaigns.evaluation.identification import Combination
 from campaigns.evaluation.summary import BeforeAfter, spread
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import Shots
 
 SCHEMA = "pkmcal/identification/1"
 STRONG = 0.9
 """Correlations from here on are worth being told."""
 STRONGEST = 20
-
-
-@dataclass(frozen=True, slots=True)
-class LossUsed:
-    """Loss function, and where it bends in σ."""
-
-    shape: LossShape = LossShape.LINEAR
-    scale: float = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,15 +102,10 @@ class NoiseTest:
         return cls(noise.chi2, noise.dof, noise.p, noise.consistent, noise.sigma0, says)
 
 
-@dataclass(frozen=True, slots=True)
-class RobotScatter:
-    """Robot's own scatter beside the tracker's: of the point, and of the joints, 1 σ each."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotScatter(VarianceComponents):
+    """Robot's own scatter, that of the joints in their file unit, deg or mm; and in words."""
 
-    point_mm: float
-    point_mm_std: float
-    joint: float
-    """In the joints' file unit, deg or mm."""
-    joint_std: float
     says: str
 
 
@@ -193,6 +184,26 @@ class ResidualTable:
         return BeforeAfter(spread(self.before), spread(self.after))
 
 
+@dataclass(frozen=True, slots=True)
+class ModelledTable:
+    """Shots that were fitted or kept unseen, with their poses by both models, a row each.
+
+    Sets and pairs are those of the identification, which may keep pairs unseen by itself.
+    """
+
+    numbers: tuple[int, ...]
+    purposes: tuple[ShotSet, ...]
+    pairs: tuple[int | None, ...]
+    before: tuple[tuple[float, ...], ...]
+    """Poses (N, t) by the nominal kinematics, mm and rad."""
+    after: tuple[tuple[float, ...], ...]
+
+    @classmethod
+    def of(cls, shots: Shots, before: Array, after: Array) -> "ModelledTable":
+        """From shots and their poses (N, t)."""
+        return cls(shots.numbers, shots.purposes, shots.pairs, _rows(before), _rows(after))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentificationResult:
     """Parameters with their uncertainties, residuals, and whether they may be used.
@@ -201,7 +212,7 @@ class IdentificationResult:
     """
 
     estimator: Estimator
-    loss: LossUsed = field(default_factory=LossUsed)
+    loss: Loss = field(default_factory=Loss)
     outliers: Outliers = Outliers.EXCLUDE
     priors: dict[str, float] = field(default_factory=dict)
     """1 σ by name."""
@@ -221,6 +232,7 @@ class IdentificationResult:
     """Of distances that were never fitted; None without such."""
     fitted: ResidualTable | None = None
     unseen: ResidualTable | None = None
+    modelled: ModelledTable | None = None
     excluded: tuple[Excluded, ...]
     unobservable: tuple[Combination, ...]
     """Held at nominal, for neither shots nor priors tell them."""

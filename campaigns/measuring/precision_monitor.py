@@ -21,6 +21,7 @@ from campaigns.estimation.information import (
 from campaigns.estimation.variance_components import LinearizedShots
 from campaigns.identification.fit import Fit, PointFit, fit_shots
 from campaigns.identification.hold_out import unseen_pairs
+from campaigns.identification.observations import Inputs
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.journal.records import Outcome
@@ -101,17 +102,15 @@ class PrecisionMonitor:
 
         Takes some twenty times as long.
         """
-        shots = self._shots(outcomes)
-        fit, free = self._fit(shots), self.setup.free
+        shots, free = self._shots(outcomes), self.setup.free
+        inputs = self._inputs(shots)
+        fit = _fit(inputs)
         if fit is None:
             return None
         found, noise = fit.found, fit.stated_noise
         if not found.fit.converged or found.seen.rank < len(free) or noise.dof < MINIMUM_DOF:
             return None
-        at_nominal = self.kinematics.forward(shots.joints)
-        options = self._options()
-        tested = unseen_pairs(self.kinematics, shots, free, fit, options, at_nominal).tested
-        known = fit.uncertainty(free, tested)
+        known = fit.uncertainty(free, unseen_pairs(inputs, fit).tested)
         identified = fit.observations.model.kinematics(found.x[: len(free)])
         there = self.poses[identified.inverse(self.poses).found]
         if known is None or not len(there):
@@ -122,7 +121,7 @@ class PrecisionMonitor:
 
     def point_fit(self, outcomes: Iterable[Outcome]) -> PointFit | None:
         """Fit of all coordinates as `identify` makes it; None for too few shots to tell scatter."""
-        fit = self._fit(self._shots(outcomes))
+        fit = _fit(self._inputs(self._shots(outcomes)))
         points = None if fit is None else fit.points
         if points is None or not points.found.fit.converged:
             return None
@@ -144,11 +143,6 @@ class PrecisionMonitor:
         planned = self.planned.get(outcome.shot)
         return planned is not None and planned.purpose is ShotSet.IDENTIFICATION
 
-    def _options(self) -> IdentificationOptions:
-        return IdentificationOptions(
-            estimator=self.setup.estimator, instrument=self.setup.uncertainty
-        )
-
     def _shots(self, outcomes: Iterable[Outcome]) -> Shots:
         """Shots that are in the plan."""
         taken = [outcome for outcome in outcomes if outcome.shot in self.planned]
@@ -161,12 +155,10 @@ class PrecisionMonitor:
             targets=[shot.pose for shot in planned],
         )
 
-    def _fit(self, shots: Shots) -> Fit | None:
-        selection = ParameterSelection(self.setup.free)
-        try:
-            return fit_shots(self.kinematics, shots, selection, self._options())
-        except (ShotsMissing, ShotsInvalid, NoSolution, np.linalg.LinAlgError):
-            return None
+    def _inputs(self, shots: Shots) -> Inputs:
+        setup = self.setup
+        options = IdentificationOptions(estimator=setup.estimator, instrument=setup.uncertainty)
+        return Inputs.of(self.kinematics, shots, ParameterSelection(setup.free), options)
 
     def _in_words(
         self,
@@ -191,6 +183,13 @@ class PrecisionMonitor:
             known.sigma0,
             known.sigma0 > 1.0 or robot_scatters,
         )
+
+
+def _fit(inputs: Inputs) -> Fit | None:
+    try:
+        return fit_shots(inputs)
+    except (ShotsMissing, ShotsInvalid, NoSolution, np.linalg.LinAlgError):
+        return None
 
 
 def _identifying(shots: Iterable[PlannedShot]) -> tuple[PlannedShot, ...]:

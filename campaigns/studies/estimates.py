@@ -14,6 +14,7 @@ from campaigns.estimation.information import predict_distances, predict_points
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.estimation.tracker_noise import distance_variance_mm2, point_covariance_mm2
 from campaigns.identification.fit import fit_shots
+from campaigns.identification.observations import Inputs
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, NoSolution
 from campaigns.shots.shot_sets import ShotSet
@@ -105,7 +106,7 @@ def fitted(setup: StudySetup, points_mm: Array, at_nominal: KinematicSolution) -
     """Estimate as identification makes it of the same shots."""
     shots = replace(setup.shots, points_in_tracker_mm=points_mm)
     selection = ParameterSelection(setup.free)
-    return fit_shots(setup.nominal, shots, selection, setup.options, at_nominal).found
+    return fit_shots(Inputs(setup.nominal, shots, selection, setup.options, at_nominal)).found
 
 
 def estimate_of(setup: StudySetup, robot: TrueRobot, found: Estimate) -> CampaignEstimate:

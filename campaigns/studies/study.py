@@ -13,7 +13,11 @@ from campaigns.estimation.observability import observability, unobservable_combi
 from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.evaluation.decision import Decision
-from campaigns.identification.observations import observations
+from campaigns.identification.observations import (
+    Inputs,
+    distance_observations,
+    point_observations,
+)
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.mechanisms.mechanism import Kinematics
@@ -251,6 +255,8 @@ def indistinguishable(setup: StudySetup) -> list[tuple[str, ...]]:
     exact_mm = setup.tracker_from_base.apply(poses[:, :3])
     shots = replace(setup.shots, points_in_tracker_mm=exact_mm)
     selection = ParameterSelection(setup.free)
-    problem = observations(setup.nominal, shots, selection, setup.options).problem
+    inputs = Inputs.of(setup.nominal, shots, selection, setup.options)
+    of_points = setup.options.estimator is Estimator.POINTS
+    problem = (point_observations if of_points else distance_observations)(inputs).problem
     seen = observability(problem.jacobian(problem.start()))
     return unobservable_combinations(seen, setup.free)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from paper_campaign import (
     ERRORS,
+    MECHANISM,
     NOISE_MM,
     NOMINAL,
     PaperCampaign,
@@ -22,14 +23,27 @@ from campaigns.evaluation.iso_figures import iso_rows
 from campaigns.evaluation.residual_budget import ResidualBudget
 from campaigns.evaluation.summary import summary
 from campaigns.evidence import Evaluation, evaluate, gather
+from campaigns.identification.identify import identify
+from campaigns.identification.parameter_selection import select_parameters
 from campaigns.identification.result import Excluded, RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
 from campaigns.journal.views import AcceptedShot
 from campaigns.robots.robot import pose_row
 from campaigns.settings.sections import AcceptanceConfig
 from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import held_out
 
-NEWER = {"chi2", "covariance", "position_std_mm", "frame", "priors", "models", "fitted", "unseen"}
+NEWER = {
+    "chi2",
+    "covariance",
+    "position_std_mm",
+    "frame",
+    "priors",
+    "models",
+    "fitted",
+    "unseen",
+    "modelled",
+}
 """What older software did not write of an identification."""
 
 
@@ -186,12 +200,37 @@ def test_an_identification_of_older_software_can_be_read_and_evaluated(
 def test_pairs_that_were_left_out_are_not_counted(whole: PaperCampaign) -> None:
     evidence = gather(whole.campaign)
     left_out = (Excluded("wrong", shot=9), Excluded("half", pair=3))
-    excluded = replace(evidence.identification, excluded=left_out)
+    excluded = replace(evidence.identification, excluded=left_out, modelled=None)
     found = Evaluation(replace(evidence, identification=excluded)).errors
     numbers = dict(zip(evidence.run.shots.numbers, evidence.run.shots.pairs, strict=True))
     assert 3 not in found.fitted.pairs
     assert numbers[9] not in found.fitted.pairs
     assert len(found.fitted.pairs) == 38
+
+
+def test_errors_by_the_poses_kept_are_those_worked_out_again(
+    whole: PaperCampaign, contents: Evaluation
+) -> None:
+    assert contents.evidence.identification.modelled is not None
+    older = replace(contents.evidence.identification, modelled=None)
+    found, again = (
+        contents.errors,
+        Evaluation(replace(contents.evidence, identification=older)).errors,
+    )
+    for one, other in ((found.fitted, again.fitted), (found.unseen, again.unseen)):
+        assert one.pairs == other.pairs
+        assert one.after_mm == pytest.approx(other.after_mm, abs=1e-9)
+    assert found.positions.after_mm == pytest.approx(again.positions.after_mm, abs=1e-9)
+
+
+def test_pairs_that_the_identification_held_out_itself_are_unseen(whole: PaperCampaign) -> None:
+    shots = held_out(gather(whole.campaign).run.shots, 0.2, np.random.default_rng(1))
+    found = identify(NOMINAL.robot.kinematics, shots, select_parameters(MECHANISM.parameters))
+    evidence = gather(whole.campaign)
+    kept = replace(evidence.identification, modelled=found.modelled)
+    errors = Evaluation(replace(evidence, identification=kept)).errors
+    assert (len(errors.fitted.pairs), len(errors.unseen.pairs)) == (32, 8 + 8)
+    assert errors.unseen.after_mm == pytest.approx(found.unseen.after[:, 0])
 
 
 def test_errors_of_position_are_in_the_base_frame(contents: Evaluation) -> None:

@@ -22,7 +22,7 @@ from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.identification.change import isolated
 from campaigns.identification.identify import identify
-from campaigns.identification.observations import observations
+from campaigns.identification.observations import Inputs, point_observations
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import select_parameters
 from campaigns.mechanisms.mechanism import Kinematics
@@ -156,7 +156,8 @@ class TestSessions:
     def test_derivatives_are_those_of_the_residuals(self):
         data = self.moved_stand(self.ELSEWHERE)
         options = IdentificationOptions(sessions=True)
-        problem = observations(NOMINAL, data, select_parameters(SPACE), options).problem.data
+        inputs = Inputs.of(NOMINAL, data, select_parameters(SPACE), options)
+        problem = point_observations(inputs).residuals
         x = problem.start() + 1e-3 * np.random.default_rng(1).standard_normal(len(problem.start()))
         step = 1e-6
         for place in range(len(x)):

@@ -11,7 +11,7 @@ from campaigns.estimation.estimators import Estimator, Weights
 from campaigns.estimation.robust import reject_outliers
 from campaigns.evaluation.doubts import COMMON_SCALE, HOLD_OUT, LARGE_CHANGE
 from campaigns.identification.identify import identify
-from campaigns.identification.observations import distance_observations
+from campaigns.identification.observations import Inputs, distance_observations
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import select_parameters
 from campaigns.robots.robot import Tolerance
@@ -135,7 +135,8 @@ class TestBareDistances:
     def problem_with(self, wrong, seed=1):
         data = noisy(simulated(30, 0, seed=seed), seed)
         options = IdentificationOptions(weights=Weights.EQUAL)
-        found = distance_observations(NOMINAL, data, select_parameters(SPACE), options)
+        inputs = Inputs.of(NOMINAL, data, select_parameters(SPACE), options)
+        found = distance_observations(inputs)
         measured = found.residuals.measured_mm.copy()
         measured[wrong] += 2.0
         return replace(found.problem, data=replace(found.residuals, measured_mm=measured))
