@@ -15,7 +15,7 @@ from app.report.figures.drawing import (
     new_figure,
     zero_line,
 )
-from app.report.figures.space import draw_box, flat
+from app.report.figures.space import axes_in_space, one_scale
 from app.report.figures.zones import draw_zones, outlines
 from campaigns.arrays import Array, Mask
 from campaigns.design.restricted_space import RestrictedSpace
@@ -39,15 +39,15 @@ def draw_poses(
     figure: FigureBase, poses: Array, purposes: tuple[ShotSet, ...], restricted: RestrictedSpace
 ) -> None:
     """Poses (N, t) of a plan by what they are for, and zones, in space and from above."""
-    space, above = figure.subplots(1, 2)
+    space, above = axes_in_space(figure, (1, 2, 1)), figure.add_subplot(1, 2, 2)
     zones = outlines(restricted, poses[:, :3])
     walls = [loop for zone in zones for loop in zone.loops]
-    draw_box(space, np.vstack([poses[:, :3], *walls]))
+    one_scale(space, np.vstack([poses[:, :3], *walls]))
     draw_zones(space, above, zones)
     for purpose, (marker, colour) in MARKERS.items():
         rows = [row for row, kind in enumerate(purposes) if kind is purpose]
         if rows:
-            space.plot(*flat(poses[rows, :3]).T, marker, color=colour)
+            space.plot(*poses[rows, :3].T, marker, color=colour)
             above.plot(*poses[rows, :2].T, marker, color=colour, label=purpose.value)
     space.set_title("in the base frame, mm")
     reach_mm = restricted.plate_radius_mm + restricted.margin_mm
@@ -60,19 +60,17 @@ def draw_poses(
 def error_arrows(poses: Array, before_mm: Array | None, after_mm: Array | None) -> Figure:
     """Measured minus modelled position at each pose, each panel with its own magnification."""
     figure = new_figure(76.0)
-    every = figure.subplots(1, 2)
     panels = (("before", BEFORE, before_mm), ("after", AFTER, after_mm))
-    for space, (name, colour, errors) in zip(every, panels, strict=True):
-        draw_box(space, poses[:, :3])
+    for column, (name, colour, errors) in enumerate(panels, 1):
+        space = axes_in_space(figure, (1, 2, column))
+        one_scale(space, poses[:, :3])
         if errors is None:
             space.set_title(f"{name}: not known")
             continue
         factor = magnification(errors)
-        place, arrow = flat(poses[:, :3]).T, flat(factor * errors).T
+        place, arrow = poses[:, :3].T, (factor * errors).T
         space.plot(*place, ".", color=QUIET, markersize=2.0)
-        space.quiver(
-            *place, *arrow, color=colour, angles="xy", scale_units="xy", scale=1.0, width=0.0045
-        )
+        space.quiver(*place, *arrow, color=colour, arrow_length_ratio=0.25, linewidth=0.8)
         space.set_title(f"{name}: arrows {factor:g} times the error")
     return figure
 

@@ -1,12 +1,12 @@
 """Zones of a restricted space, drawn beside poses: to keep out of filled, to keep in dashed."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from app.report.figures.drawing import INK, QUIET
-from app.report.figures.space import flat
 from campaigns.arrays import Array
 from campaigns.design.restricted_space import Disc, RestrictedSpace, Zone
 
@@ -44,7 +44,7 @@ def outlines(space: RestrictedSpace, points: Array) -> tuple[Outline, ...]:
     return tuple(each for each in found if each is not None)
 
 
-def draw_zones(space: Axes, above: Axes, zones: tuple[Outline, ...]) -> None:
+def draw_zones(space: Any, above: Axes, zones: tuple[Outline, ...]) -> None:
     """Draw them in space and from above."""
     for keeps_in, name, line in ((False, OUT, "-"), (True, IN, "--")):
         colour = QUIET if keeps_in else INK
@@ -53,7 +53,7 @@ def draw_zones(space: Axes, above: Axes, zones: tuple[Outline, ...]) -> None:
             lower, upper = zone.loops
             steps = range(0, len(lower) - 1, max(1, (len(lower) - 1) // UPRIGHTS))
             for part in (lower, upper, *(np.stack([lower[at], upper[at]]) for at in steps)):
-                space.plot(*flat(part).T, line, color=colour, linewidth=0.7, zorder=1.2)
+                space.plot(*part.T, line, color=colour, linewidth=0.7, zorder=1.2)
         for zone in filter(lambda each: each.seen_from_above, chosen):
             above.plot(*zone.edge.T, line, color=colour, linewidth=0.9, zorder=1.2)
             if not keeps_in:

@@ -10,8 +10,8 @@ import pytest
 from paper_campaign import MECHANISM, NOMINAL, PaperCampaign
 
 from app.report.figures.distances import pair_errors
-from app.report.figures.drawing import save, svg_text
-from app.report.figures.space import flat
+from app.report.figures.drawing import new_figure, save, svg_text
+from app.report.figures.space import axes_in_space, one_scale
 from app.report.figures.workspace import error_arrows, magnification, plate_tilt
 from app.report.groups import PairGroup
 from app.report.parts import moment
@@ -74,11 +74,14 @@ def test_arrows_are_magnified_by_a_round_factor(size_mm: float, factor: float) -
     assert magnification(np.array([[0.0, size_mm, 0.0], [0.1, 0.0, 0.0]])) == factor
 
 
-def test_the_projection_keeps_up_upright_and_x_to_the_right() -> None:
-    right, up = flat(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
-    assert right[0] > 0.8
-    assert up[0] == pytest.approx(0.0)
-    assert up[1] > 0.9
+def test_points_in_space_are_drawn_to_one_scale_without_pyplot() -> None:
+    axes = axes_in_space(new_figure(60.0), (1, 1, 1))
+    one_scale(axes, np.array([[-300.0, 0.0, -600.0], [300.0, 200.0, -500.0]]))
+    extent = np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1)
+    aspect = axes.get_box_aspect()
+    assert extent == pytest.approx([600.0, 200.0, 100.0])
+    assert aspect / aspect[0] == pytest.approx(extent / extent[0])
+    assert "matplotlib.pyplot" not in sys.modules
 
 
 def test_medians_follow_a_rise() -> None:
