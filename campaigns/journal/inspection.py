@@ -2,13 +2,11 @@
 
 import math
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-
-from pydantic import JsonValue
 
 from campaigns.errors import JournalFailed
 from campaigns.journal import views
@@ -89,12 +87,25 @@ def inspect_journal(path: Path, readers: RawReaders) -> Inspection:
     """
     with closing(connect_to_read(path)) as connection:
         problems = [*_damage(connection, path)]
-        rows, digest = _rows(connection)
+        rows, digest = list[Row](), ""
+        with suppress(sqlite3.Error):  # which is among the damage
+            rows, stated = stored_records(connection)
+            digest = stated.digest
         entries, unreadable = _entries(rows)
-        answers = _Answers(readers, entries)
-        for entry in entries:
-            answers.compare(entry)
         series = views.all_series(entries)
+        drivers: dict[int | None, tuple[str, str]] = {
+            each.number: _drivers(each.started) for each in series
+        }
+        measured = [
+            (entry.number, outcome, drivers[entry.series])
+            for entry in entries
+            if (outcome := _measured(entry.record)) and all(drivers.get(entry.series, ("", "")))
+        ]
+        wrong = [
+            Problem(f"record {n}: {text}", n)
+            for n, o, by in measured
+            for text in _said_otherwise(readers, o, *by)
+        ]
         return Inspection(
             version=version(connection),
             records=len(rows),
@@ -104,8 +115,8 @@ def inspect_journal(path: Path, readers: RawReaders) -> Inspection:
             sessions=sum(each.sessions for each in series),
             crashed=sum(each.unstopped for each in series),
             shots=sum(len(each.shots) for each in series),
-            compared=answers.compared,
-            problems=(*problems, *unreadable, *answers.problems),
+            compared=len(measured),
+            problems=(*problems, *unreadable, *wrong),
         )
 
 
@@ -121,18 +132,6 @@ def _damage(connection: sqlite3.Connection, path: Path) -> Iterator[Problem]:
         yield Problem(f"the rule '{rule}' has been taken out of the file")
 
 
-def _rows(connection: sqlite3.Connection) -> tuple[list[Row], str]:
-    """Records as stored, and the digest of the last; none where SQLite cannot read them.
-
-    That is among the damage.
-    """
-    try:
-        rows, stated = stored_records(connection)
-    except sqlite3.Error:
-        return [], ""
-    return rows, stated.digest
-
-
 def _entries(rows: Sequence[Row]) -> tuple[list[Entry[Record]], list[Problem]]:
     entries: list[Entry[Record]] = []
     problems: list[Problem] = []
@@ -144,43 +143,22 @@ def _entries(rows: Sequence[Row]) -> tuple[list[Entry[Record]], list[Problem]]:
     return entries, problems
 
 
-class _Answers:
-    """Raw answers of the devices, compared with what was parsed from them."""
-
-    def __init__(self, readers: RawReaders, entries: Sequence[Entry[Record]]) -> None:
-        self._readers = readers
-        self._drivers = {
-            entry.series: _drivers(entry.record.configuration)
-            for entry in entries
-            if isinstance(entry.record, SeriesStarted) and entry.record.stage != "import"
-        }
-        self.compared = 0
-        self.problems: list[Problem] = []
-
-    def compare(self, entry: Entry[Record]) -> None:
-        """Note where a measurement is not what the raw answers beside it say."""
-        measured = _measured(entry.record)
-        controller, tracker = self._drivers.get(entry.series, ("", ""))
-        if measured is None or not (controller and tracker):
-            return
-        self.compared += 1
-        try:
-            joints = self._readers.joints(controller, measured.raw_robot)
-            point_mm, covariance = self._readers.measurement(tracker, measured.raw_tracker)
-        except DriverError as error:
-            self._note(entry.number, f"a raw answer cannot be read: {error.problem}")
-            return
-        if not _same(measured.joints, joints):
-            self._note(entry.number, f"joints {measured.joints}, the raw answer says {joints}")
-        if not _same(measured.point_in_tracker_mm, point_mm):
-            said = f"the raw answer says {point_mm}"
-            self._note(entry.number, f"point {measured.point_in_tracker_mm} mm, {said}")
-        if covariance is not None and not _same(_flat(measured.covariance_mm2), _flat(covariance)):
-            said = f"the raw answer says {covariance}"
-            self._note(entry.number, f"covariance {measured.covariance_mm2} mm², {said}")
-
-    def _note(self, number: int, text: str) -> None:
-        self.problems.append(Problem(f"record {number}: {text}", number))
+def _said_otherwise(
+    readers: RawReaders, measured: Outcome, controller: str, tracker: str
+) -> Iterator[str]:
+    """Where a measurement is not what the raw answers beside it say."""
+    try:
+        joints = readers.joints(controller, measured.raw_robot)
+        point_mm, covariance = readers.measurement(tracker, measured.raw_tracker)
+    except DriverError as error:
+        yield f"a raw answer cannot be read: {error.problem}"
+        return
+    if not _same(measured.joints, joints):
+        yield f"joints {measured.joints}, the raw answer says {joints}"
+    if not _same(measured.point_in_tracker_mm, point_mm):
+        yield f"point {measured.point_in_tracker_mm} mm, the raw answer says {point_mm}"
+    if covariance is not None and not _same(_flat(measured.covariance_mm2), _flat(covariance)):
+        yield f"covariance {measured.covariance_mm2} mm², the raw answer says {covariance}"
 
 
 def _measured(record: Record) -> Outcome | None:
@@ -189,11 +167,12 @@ def _measured(record: Record) -> Outcome | None:
     return record if isinstance(record, Outcome) else None
 
 
-def _drivers(configuration: Mapping[str, JsonValue]) -> tuple[str, str]:
-    """Drivers of controller and tracker; "" where a series does not say."""
+def _drivers(started: SeriesStarted) -> tuple[str, str]:
+    """Drivers of controller and tracker; "" where a series does not say, or has no devices."""
+    configuration = {} if started.stage == "import" else started.configuration
+    sections = (configuration.get("controller"), configuration.get("tracker"))
     controller, tracker = (
-        str(section.get("driver", "")) if isinstance(section, dict) else ""
-        for section in (configuration.get("controller"), configuration.get("tracker"))
+        str(each.get("driver", "")) if isinstance(each, dict) else "" for each in sections
     )
     return controller, tracker
 

@@ -8,8 +8,9 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc
 
 from campaigns.arrays import Array
-from campaigns.estimation.rigid_transforms import fit_transform
-from campaigns.estimation.tracker_noise import TrackerUncertainty, inverse_roots
+from campaigns.estimation.change_detection import Cause
+from campaigns.estimation.rigid_transforms import fit_transform, frame_jacobian
+from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.journal.records import Outcome
 from campaigns.mechanisms.mechanism import Kinematics
@@ -25,7 +26,6 @@ SIGNIFICANCE = 1e-4
 """Chance of poses that nothing has moved to look moved."""
 LIKELY = 10.0
 """Difference of score up to which a cause is named beside the best."""
-RIGID_FREEDOM = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class ReferenceNoise:
 
 
 @dataclass(frozen=True, slots=True)
-class BodyComparison:
+class RigidBodyTest:
     """Result of measuring reference poses again."""
 
     largest_mm: float
@@ -104,11 +104,11 @@ def rigid_body_test(
     then: Sequence[Outcome],
     now: Sequence[Outcome],
     noise: ReferenceNoise,
-) -> BodyComparison:
+) -> RigidBodyTest:
     """What has moved between two measurements of the same poses.
 
     `kept` are all accepted shots: they say how the tracker's axes lie. A displacement that the
-    scatter of both measurements does not explain is the tracker's (or the base's) when a rigid
+    noise of both measurements does not explain is the tracker's (or the base's) when a rigid
     motion explains it, an encoder's when one joint's offset does, and else the robot's.
     """
     axes = _tracker_from_base(nominal, kept)
@@ -123,90 +123,62 @@ def rigid_body_test(
         noise.robot.covariance_mm2(outcomes_covariance_mm2(each, noise.instrument), by_joints)
         for each in (then, now)
     )
-    whitening = inverse_roots(np.asarray(covariance)) / noise.factor
+    whitening = np.linalg.inv(np.linalg.cholesky(covariance)) / noise.factor
     seen = np.einsum("nab,nb->na", whitening, moved).ravel()
     chi2 = float(seen @ seen)
-    whitened = _Displacements(seen, whitening, noise.freedom)
+    size_mm = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
+    change = ""
+    if size_mm > noise.limit_mm or not _may_be_chance(chi2, seen.size, noise.freedom):
+        joints = nominal.mechanism.joints
+        causes = [Cause("frame", "frame", frame_jacobian(points - points.mean(axis=0)))]
+        causes += [
+            Cause("joint", axis.name, by_joints[:, :, joint : joint + 1])
+            for joint, axis in enumerate(joints)
+        ]
+        change = _change(seen, whitening, causes, size_mm, nominal, noise.freedom)
     largest_mm = float(np.linalg.norm(moved, axis=1).max())
-    size_mm = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
-    unmoved = size_mm <= noise.limit_mm and whitened.may_be_chance(chi2, 0)
-    change = "" if unmoved else _cause(whitened, nominal, points, moved, by_joints)
-    return BodyComparison(largest_mm, chi2, seen.size, change)
+    return RigidBodyTest(largest_mm, chi2, seen.size, change)
 
 
-@dataclass(frozen=True, slots=True)
-class _Cause:
-    """Cause that may explain the displacements."""
-
-    words: str
-    left: float
-    """χ² that it leaves."""
-    parameters: int
-
-    @property
-    def score(self) -> float:
-        """What it leaves, and what it costs (Akaike 1974): the smaller, the likelier."""
-        return self.left + 2.0 * self.parameters
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Displacements:
-    """Displacements (3 N,), whitened, and what whitens a cause's columns, (N, 3, 3)."""
-
-    seen: Array
-    whitening: Array
-    freedom: float
-    """Degrees of freedom by which the scatter is known."""
-
-    def fitted(self, columns: Array) -> tuple[Array, float]:
-        """Best size of a cause with these columns (N, 3, m), and the χ² it leaves."""
-        own = np.einsum("nab,nbm->nam", self.whitening, columns)
-        own = own.reshape(self.seen.size, -1)
-        size, *_ = np.linalg.lstsq(own, self.seen, rcond=None)
-        return np.asarray(size), float(np.sum((self.seen - own @ size) ** 2))
-
-    def may_be_chance(self, left: float, parameters: int) -> bool:
-        """Whether scatter alone leaves as much: Fisher's F, for the scatter is an estimate."""
-        rest = self.seen.size - parameters
-        known = isfinite(self.freedom)
-        p = fdtrc(rest, self.freedom, left / rest) if known else chdtrc(rest, left)
-        return bool(p >= SIGNIFICANCE)
-
-
-def _cause(
-    seen: _Displacements, nominal: Kinematics, points: Array, moved: Array, by_joints: Array
+def _change(
+    seen: Array,
+    whitening: Array,
+    causes: Sequence[Cause],
+    size_mm: float,
+    nominal: Kinematics,
+    freedom: float,
 ) -> str:
-    """What explains the displacements, the likeliest first, in words."""
-    size_mm = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
-    rigid, left = seen.fitted(_rigid_columns(points))
-    turned = np.degrees(np.linalg.norm(rigid[3:]))
-    words = (
-        f"the tracker, its stand or the robot's base has moved: the points by {size_mm:.3f} mm, "
-        f"turned by {turned:.4f}°"
-    )
-    causes = [_Cause(words, left, RIGID_FREEDOM)]
-    for joint, axis in enumerate(nominal.mechanism.joints):
-        (offset,), left = seen.fitted(by_joints[:, :, joint : joint + 1])
-        words = f"the encoder of joint {axis.name} has changed by {axis.text(offset, '+.3f')}"
-        causes.append(_Cause(words, left, 1))
-    able = [each for each in causes if seen.may_be_chance(each.left, each.parameters)]
+    """What explains whitened displacements (3 N,), the likeliest first (Akaike 1974), in words."""
+    able: list[tuple[float, str]] = []
+    axes = {axis.name: axis for axis in nominal.mechanism.joints}
+    for cause in causes:
+        columns = np.einsum("nab,nbm->nam", whitening, cause.columns).reshape(seen.size, -1)
+        size, *_ = np.linalg.lstsq(columns, seen, rcond=None)
+        left, count = float(np.sum((seen - columns @ size) ** 2)), len(size)
+        if not _may_be_chance(left, seen.size - count, freedom):
+            continue
+        if cause.kind == "joint":
+            by = axes[cause.name].text(float(size[0]), "+.3f")
+            words = f"the encoder of joint {cause.name} has changed by {by}"
+        else:
+            words = (
+                f"the tracker, its stand or the robot's base has moved: the points by "
+                f"{size_mm:.3f} mm, turned by {np.degrees(np.linalg.norm(size[:3])):.4f}°"
+            )
+        able.append((left + 2.0 * count, words))
     if not able:
         return (
             f"the robot has changed: the points moved by {size_mm:.3f} mm, and neither a motion of "
             "the tracker nor one encoder explains it"
         )
-    able.sort(key=lambda each: each.score)
-    return "; or ".join(each.words for each in able if each.score <= able[0].score + LIKELY)
+    able.sort(key=lambda each: each[0])
+    return "; or ".join(words for score, words in able if score <= able[0][0] + LIKELY)
 
 
-def _rigid_columns(points: Array) -> Array:
-    """∂point/∂(translation, rotation about the middle), (N, 3, 6)."""
-    columns = np.zeros((len(points), 3, RIGID_FREEDOM))
-    columns[:, :, :3] = np.eye(3)
-    arms = points - points.mean(axis=0)
-    for axis in range(3):
-        columns[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arms)
-    return columns
+def _may_be_chance(left: float, rest: int, freedom: float) -> bool:
+    """Whether scatter alone leaves as much: Fisher's F, for the scatter is an estimate."""
+    p = fdtrc(rest, freedom, left / rest) if isfinite(freedom) else chdtrc(rest, left)
+    return bool(p >= SIGNIFICANCE)
 
 
 def _tracker_from_base(nominal: Kinematics, outcomes: Sequence[Outcome]) -> Array:

@@ -56,7 +56,8 @@ TILT_ROUNDS = 30
 TILT_SETTLED_JOINT = 1e-13
 """Last step of joints and tilts in turn, rad or mm: each is some thousandth of the one before."""
 FRAME_UNKNOWNS = 6
-SHOTS_FOR_A_FRAME = 3
+FEWEST_SHOTS = 3
+"""Points that fix a frame, with none to spare."""
 SKEW_SCALE_MM = 100.0
 """Typical distance of a plate joint from the measured point, which a tilted plate moves."""
 HORIZONTAL = ("arm0.axis_tilt_deg", "arm1.axis_tilt_deg")
@@ -242,11 +243,11 @@ class ClosedChain:
         """
         near = self.platform.at_point
         if not near:
-            return max(SHOTS_FOR_A_FRAME, math.ceil((len(names) + FRAME_UNKNOWNS) / COORDINATES))
+            return max(FEWEST_SHOTS, math.ceil((len(names) + FRAME_UNKNOWNS) / COORDINATES))
         own = sum(self.parameters[name].arm in near for name in names)
         by_rest = int(self.platform.points_along_x and not self._arms.shows_turn)
         by_two = math.ceil((own + FRAME_UNKNOWNS - by_rest) / len(near))
-        return max(SHOTS_FOR_A_FRAME, by_two, len(names) - own + by_rest)
+        return max(FEWEST_SHOTS, by_two, len(names) - own + by_rest)
 
     def sensitivity_scale_mm(self, p: Array) -> Array:
         """Lengths that turn errors of `parameters.model` into errors of place, (M,)."""
