@@ -22,7 +22,7 @@ from drivers.byte_log import ByteLog, WireReading, logged
 from drivers.catalog import controller_driver, tracker_driver
 from drivers.declaration import RobotSurroundings, Surroundings
 from drivers.link import never
-from drivers.linuxcnc.hal_parameters import FileParameters, HalAccess, HalParameters, HalPins
+from drivers.linuxcnc.hal_parameters import FileParameters, HalParameters, HalPins
 from drivers.linuxcnc.settings import Coordinates, LinuxcncSettings
 from drivers.polling import WakefulClock
 from drivers.ports import Clock, LaserTracker, RobotController, SystemClock
@@ -346,7 +346,7 @@ def _store(campaign: Campaign, section: LinuxcncConfig) -> FileParameters | HalP
     }
     return HalParameters(
         export.CalibrationFile(path, whose),
-        HalPins((*pins.values(), *drawing), HalAccess(prefix=tuple(shlex.split(section.beside)))),
+        HalPins((*pins.values(), *drawing), tuple(shlex.split(section.beside))),
         pins,
         frozenset(nominal.mechanism.parameters.extensions),
         drawing,

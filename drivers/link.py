@@ -22,7 +22,6 @@ class Framer(Protocol[MessageOut]):
 
     def feed(self, data: bytes) -> Sequence[MessageOut]:
         """Return the messages completed by these bytes."""
-        ...
 
 
 def never() -> bool:

@@ -21,11 +21,9 @@ class Clock(Protocol):
 
     def now_s(self) -> float:
         """Seconds since an arbitrary start; never goes back."""
-        ...
 
     def sleep_s(self, seconds: float) -> None:
         """Return after that much of this clock's time."""
-        ...
 
 
 class RobotController(Protocol):
@@ -36,60 +34,48 @@ class RobotController(Protocol):
 
         From the second time on it must be the same controller that answers.
         """
-        ...
 
     def identity(self) -> Identity:
         """Identity of the device that answers, with serial number and firmware."""
-        ...
 
     def state(self) -> RobotState:
         """Encoder angles as read now, and whether anything is wrong."""
-        ...
 
     def prepare(self) -> None:
         """Bring the robot into the state that moving needs; repeatable after any fault.
 
         May switch on and home, that is move. Raises `EmergencyStop` or `MotionFault` when it can't.
         """
-        ...
 
     def move_joints(self, joints: Sequence[float], speed_fraction: float) -> None:
         """Start a joint move.
 
         Raises `LimitViolation`, `MotionFault` or `EmergencyStop` when it is refused.
         """
-        ...
 
     def move_pose(self, pose: Pose, speed_fraction: float) -> None:
         """Start a move to a pose by the controller's own inverse kinematics."""
-        ...
 
     def stop(self) -> None:
         """Stop at once. Returns only when the controller has confirmed it."""
-        ...
 
     def read_geometry(self) -> Mapping[str, float]:
         """The active parameters by flat name (`arm0.x_mm`, …, `plate_mm`), mm and deg.
 
         Those of imperfect parts (axis tilts, skews) are left out where they are 0.
         """
-        ...
 
     def lacks(self, names: Collection[str]) -> tuple[str, ...]:
         """Those of the named parameters of imperfect parts that its kinematics does not have."""
-        ...
 
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
         """Replace all parameters at once, or none; the robot stands still meanwhile."""
-        ...
 
     def reconnect(self) -> None:
         """Open anew after a fault of the wire; raises `WrongDevice` when somebody else answers."""
-        ...
 
     def close(self) -> None:
         """Leave the robot standing and the wire free."""
-        ...
 
 
 class LaserTracker(Protocol):
@@ -100,57 +86,45 @@ class LaserTracker(Protocol):
 
         From the second time on it must be the same tracker that answers.
         """
-        ...
 
     def identity(self) -> Identity:
         """Identity of the device that answers, with serial number and firmware."""
-        ...
 
     def state(self) -> TrackerState:
         """Traffic light, warm-up, beam, reflector in use."""
-        ...
 
     def weather(self) -> Weather:
         """Air temperature, pressure and humidity as the instrument uses them."""
-        ...
 
     def reflectors(self) -> tuple[Reflector, ...]:
         """The reflectors that the instrument has definitions for."""
-        ...
 
     def prepare(self, reflector: str, measuring_time_s: float) -> None:
         """Bring the instrument into the state that measuring needs; repeatable after any fault.
 
         Raises `DeviceNotReady` when it is not initialised, not warm or lacks the named reflector.
         """
-        ...
 
     def measure(self) -> Measurement:
         """Stationary measurement of the reflector; raises `BeamBroken` when it is lost.
 
         `NoReflector`, which is one of these, when there was none to begin with.
         """
-        ...
 
     def direction(self) -> Vector3 | None:
         """Where the beam points, a unit vector in the tracker's frame; None: it doesn't tell."""
-        ...
 
     def go_to(self, point_in_tracker_mm: Vector3) -> None:
         """Point there and lock onto the reflector found near; `BeamBroken` when there is none."""
-        ...
 
     def find_reflector(self, distance_mm: float) -> None:
         """Search around the present direction at about that distance."""
-        ...
 
     def reconnect(self) -> None:
         """Open anew after a fault of the wire and set the instrument's state as it was prepared."""
-        ...
 
     def close(self) -> None:
         """Leave the instrument as it is and the wire free."""
-        ...
 
 
 class SystemClock:

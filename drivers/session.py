@@ -5,34 +5,17 @@ What goes wrong while a connection is opened closes it, and nothing is asked ove
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from drivers.errors import DeviceNotReady, DeviceRefused, LinkDown, WrongDevice
+from drivers.link import LinkClient
 from drivers.values import Identity
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 
-class Connection(Protocol):
-    """Connection as far as a session has to know it."""
-
-    @property
-    def name(self) -> str:
-        """Name of the device's place, for messages."""
-        ...
-
-    @property
-    def is_open(self) -> bool:
-        """Whether a question can be asked."""
-        ...
-
-    def close(self) -> None:
-        """Close; a second time does nothing."""
-        ...
-
-
-Connected = TypeVar("Connected", bound=Connection)
+Connected = TypeVar("Connected", bound=LinkClient[Any])
 Wanted = TypeVar("Wanted")
 Agreed = TypeVar("Agreed")
 

@@ -36,7 +36,6 @@ class StopOnce(Protocol):
 
     def __call__(self, *, give_up_s: float, answer_s: float) -> None:
         """Try once."""
-        ...
 
 
 class StopProcedure:

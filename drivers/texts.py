@@ -1,6 +1,8 @@
 """Texts of devices, files and operators, made fit to be shown: the one place that cleans them."""
 
 import unicodedata
+from collections.abc import Iterable
+from difflib import get_close_matches
 
 INSTEAD = "?"
 _GAPS = "\t\n\v\f\r\x1c\x1d\x1e\x85\u2028\u2029"
@@ -27,6 +29,13 @@ def shortened(text: str, most: int) -> str:
         return text
     half = (most - 1) // 2
     return f"{text[:half]}…{text[-half:]}"
+
+
+def nearest_word(word: str, known: Iterable[str], *, likeness: float = 0.6) -> str | None:
+    """Find the known word that looks most like it, whatever the case; None when none does."""
+    by_lower = {name.lower(): name for name in known}
+    matches = get_close_matches(word.lower(), by_lower, n=1, cutoff=likeness)
+    return by_lower[matches[0]] if matches else None
 
 
 def _is_hidden(sign: str) -> bool:

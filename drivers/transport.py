@@ -86,19 +86,15 @@ class Transport(Protocol):
     @property
     def name(self) -> str:
         """Name of the device's place, for messages."""
-        ...
 
     def send(self, data: bytes, timeout_s: float) -> None:
         """Send all of it."""
-        ...
 
     def receive(self, timeout_s: float) -> bytes:
         """Return what has arrived, a bounded piece of it; empty when nothing came in time."""
-        ...
 
     def close(self) -> None:
         """Close; a second time does nothing."""
-        ...
 
 
 class Opener(Protocol):
@@ -106,7 +102,6 @@ class Opener(Protocol):
 
     def __call__(self, *, timeout_s: float = CONNECT_S) -> Transport:
         """Connect."""
-        ...
 
 
 def open_transport(url: str, *, timeout_s: float = CONNECT_S) -> Transport:

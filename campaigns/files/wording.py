@@ -1,9 +1,8 @@
 """Wording of errors: what was written, and what was probably meant."""
 
 from collections.abc import Collection
-from difflib import get_close_matches
 
-from drivers.texts import printable
+from drivers.texts import nearest_word, printable
 
 UNITS = frozenset(
     {"um", "mm", "cm", "m", "in", "inch", "mm2", "m2", "deg", "rad", "mrad", "ms", "s", "min"}
@@ -33,13 +32,6 @@ def suggestion(word: str, known: Collection[str]) -> str:
     if nearest:
         return f"did you mean {nearest}?"
     return f"known here: {', '.join(known)}"
-
-
-def nearest_word(word: str, known: Collection[str]) -> str | None:
-    """Find the known word that looks most like it, whatever the case; None when none does."""
-    by_lower = {name.lower(): name for name in known}
-    matches = get_close_matches(word.lower(), by_lower, n=1)
-    return by_lower[matches[0]] if matches else None
 
 
 def _quantity(name: str) -> str:

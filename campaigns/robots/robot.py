@@ -15,7 +15,7 @@ from ruamel.yaml.comments import CommentedMap
 from campaigns.arrays import Array
 from campaigns.errors import ConfigInvalid
 from campaigns.files.text_file import write_new_text
-from campaigns.files.wording import nearest_word, suggestion
+from campaigns.files.wording import suggestion
 from campaigns.files.yaml_file import (
     FileModel,
     YamlDocument,
@@ -31,6 +31,7 @@ from campaigns.mechanisms.parameters import Parameter, Parameters, ParameterSpac
 from campaigns.mechanisms.plate_tilt import PlateGeometry
 from campaigns.robots.schema import SCHEMA, RobotContents, contents_model
 from drivers.bounded_files import is_there
+from drivers.texts import nearest_word
 from drivers.values import Pose, Vector3
 
 DEFAULT_CENTRE_MM = (0.0, 0.0, -575.0)

@@ -15,7 +15,7 @@ from typing import Literal, get_args
 from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import CsvForm, CsvRow, parse_csv
 from campaigns.files.text_file import read_text
-from campaigns.files.wording import nearest_word, shown
+from campaigns.files.wording import shown
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.shots.ascii_points import (
     NAME_JOINT,
@@ -34,6 +34,7 @@ from campaigns.shots.pairs import SHOTS_OF_A_PAIR
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow
 from drivers.bounded_files import CSV_BYTES
+from drivers.texts import nearest_word
 
 Join = Literal["name", "order"]
 JOIN_WORDS = get_args(Join)

@@ -1,11 +1,11 @@
 """Set-up of an emScon tracker before it measures, and whether it still holds."""
 
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 
 from drivers.emscon.client import EmsconClient
 from drivers.errors import DeviceNotReady, DeviceRefused
 from drivers.session import changed, require_kept
+from drivers.texts import nearest_word
 from drivers.wire import emscon_constants as constants
 from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon_constants import Command, LaserStatus
@@ -150,9 +150,8 @@ def _named_instead(name: str, entries: list[bodies.ReflectorEntry]) -> str:
     if not entries:
         return "define the reflector in the tracker's own software"
     known = [entry.name for entry in entries]
-    folded = {known_name.lower(): known_name for known_name in known}
-    near = get_close_matches(name.lower(), folded, n=1, cutoff=0.4)
-    guess = f"perhaps '{folded[near[0]]}'; " if near else ""
+    near = nearest_word(name, known, likeness=0.4)
+    guess = f"perhaps '{near}'; " if near else ""
     return f"{guess}it knows " + ", ".join(f"'{known_name}'" for known_name in known)
 
 

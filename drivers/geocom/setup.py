@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from math import isclose
 
 from drivers.errors import DeviceNotReady, DeviceRefused
 from drivers.geocom.client import GeocomClient, number, numbers, text, whole, wholes
 from drivers.session import changed, require_kept
+from drivers.texts import nearest_word
 from drivers.wire import geocom_constants as constants
 from drivers.wire.geocom import parse_words
 from drivers.wire.geocom_constants import Program, Rpc
@@ -94,9 +94,8 @@ def _knows_user_prism(client: GeocomClient, name: str) -> bool:
 def _named_instead(name: str, known: Sequence[str]) -> str:
     if not known:
         return "define the prism on the instrument under this name"
-    folded = {known_name.lower(): known_name for known_name in known}
-    near = get_close_matches(name.lower(), folded, n=1, cutoff=0.4)
-    guess = f"perhaps '{folded[near[0]]}'; " if near else ""
+    near = nearest_word(name, known, likeness=0.4)
+    guess = f"perhaps '{near}'; " if near else ""
     listed = ", ".join(f"'{known_name}'" for known_name in known)
     return f"{guess}define it on the instrument under this name, or take one of {listed}"
 

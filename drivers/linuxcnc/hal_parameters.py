@@ -9,7 +9,7 @@ import math
 import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from drivers.errors import DeviceRefused, DriverError, LinkDown, WireError
 
@@ -49,9 +49,10 @@ finally:
 
 
 @dataclass(frozen=True, slots=True)
-class HalAccess:
-    """A way to run a program beside LinuxCNC. `prefix` is empty on the same computer."""
+class HalPins:
+    """Some float pins of a running LinuxCNC, by name; `prefix` runs a program on its computer."""
 
+    names: tuple[str, ...]
     prefix: tuple[str, ...] = ()
     python: str = "/usr/bin/python3"
     within_s: float = WITHIN_S
@@ -60,14 +61,6 @@ class HalAccess:
     def command(self) -> tuple[str, ...]:
         """A Python that takes its program from its input: the same through ssh, unquoted."""
         return (*self.prefix, self.python, "-")
-
-
-@dataclass(frozen=True, slots=True)
-class HalPins:
-    """Some float pins of a running LinuxCNC, by name."""
-
-    names: tuple[str, ...]
-    access: HalAccess = field(default_factory=HalAccess)
 
     def read(self) -> dict[str, float]:
         """All of them; raises `LinkDown` when LinuxCNC cannot be reached this way."""
@@ -91,12 +84,12 @@ class HalPins:
         program = f"ASKED = {asked!r}\n{PROGRAM}"
         try:
             done = subprocess.run(  # noqa: S603 - the prefix is the operator's own command
-                self.access.command,
+                self.command,
                 input=program,
                 capture_output=True,
                 encoding="utf-8",
                 errors="replace",
-                timeout=self.access.within_s,
+                timeout=self.within_s,
                 check=False,
             )
         except (OSError, subprocess.TimeoutExpired) as error:
@@ -121,7 +114,7 @@ class HalPins:
 
     def _unreachable(self, why: str) -> LinkDown:
         return LinkDown(
-            f"LinuxCNC's HAL cannot be reached by '{' '.join(self.access.command)}' ({why:.200})",
+            f"LinuxCNC's HAL cannot be reached by '{' '.join(self.command)}' ({why:.200})",
             remedy="check that LinuxCNC runs there, as this user, with its Python module installed",
         )
 
@@ -164,27 +157,21 @@ class ParameterFile(Protocol):
 
     def read(self) -> Mapping[str, float]:
         """All parameters by flat name; refuses another robot's."""
-        ...
 
     def write(self, geometry: Mapping[str, float]) -> None:
         """Replace the file whole, and keep the one before."""
-        ...
 
     def take_back(self) -> None:
         """Put back the file that the last `write` replaced."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
 class FileParameters:
     """For a controller that only takes joints: the file alone, for our own conversion of poses."""
 
+    needs_machine_off: ClassVar[bool] = False
+    """Nothing in LinuxCNC changes."""
     file: ParameterFile
-
-    @property
-    def needs_machine_off(self) -> bool:
-        """Nothing in LinuxCNC changes."""
-        return False
 
     def read(self) -> Mapping[str, float]:
         """The parameters that poses are converted with."""
@@ -199,6 +186,8 @@ class FileParameters:
 class HalParameters:
     """For a controller that runs our kinematics: the file and the pins, always the same."""
 
+    needs_machine_off: ClassVar[bool] = True
+    """With power, changed parameters make the joints jump."""
     file: ParameterFile
     pins: HalPins
     """Those of `pin_of` and of `drawing`."""
@@ -208,11 +197,6 @@ class HalParameters:
     """Parameters of imperfect parts, which a set leaves out where they are 0."""
     drawing: Mapping[str, float] = field(default_factory=dict)
     """What other pins hold, by pin, wherever an extension is not 0."""
-
-    @property
-    def needs_machine_off(self) -> bool:
-        """With power, changed parameters make the joints jump."""
-        return True
 
     def read(self) -> Mapping[str, float]:
         """The parameters at work in LinuxCNC; raises `DeviceRefused` when its file has others."""

@@ -31,11 +31,9 @@ class PosesOfJoints(Protocol):
 
     def joints(self, pose: Pose) -> tuple[float, ...]:
         """Joints of a pose, rad or mm; raises `LimitViolation` for one out of reach."""
-        ...
 
     def pose(self, joints: Sequence[float]) -> Pose:
         """Pose of joints; raises `LimitViolation` where nothing can be assembled."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import pytest
-from scripted_controller import connected
 from scripted_emscon import RESULT
 from scripted_geocom import Bench
 from scripted_linuxcnc import ScriptedLinuxcnc
@@ -18,8 +17,7 @@ from drivers.wire.geocom_constants import Rpc
 @pytest.mark.parametrize(
     ("word", "said"), [("1.0e300", "1e+300°"), ("1.0e7", "1e+07°"), ("-360.1", "-360.1°")]
 )
-def test_joint_of_a_robotline_controller(word, said):
-    controller = connected()
+def test_joint_of_a_robotline_controller(controller, word, said):
     controller.answers["STATE"] = f"OK 0 0 - 0.0 {word} 0.0 0.0"
     with pytest.raises(ImplausibleAnswer) as refused:
         controller.robot.state()
@@ -27,8 +25,7 @@ def test_joint_of_a_robotline_controller(word, said):
     assert "possible is -360 to 360°" in str(refused.value)
 
 
-def test_stop_is_confirmed_whatever_the_joints_are():
-    controller = connected()
+def test_stop_is_confirmed_whatever_the_joints_are(controller):
     controller.answers["STATE"] = "OK 0 0 - 0.0 1.0e300 0.0 0.0"
     controller.robot.stop()
     assert controller.verbs == ["STOP", "STATE"]
@@ -54,8 +51,7 @@ def test_joint_of_a_linuxcnc(word):
         ((1e99, 20.0, 14.0), r"air pressure 1e\+99 hPa"),
     ],
 )
-def test_air_set_in_a_total_station(air, said):
-    bench = Bench().prepared()
+def test_air_set_in_a_total_station(bench, air, said):
     bench.instrument.answers[Rpc.TMC_GET_ATM_CORR] = (0, (*words_of(6.58e-7), *map(str, air)))
     for call in (bench.tracker.weather, bench.tracker.measure):
         with pytest.raises(ImplausibleAnswer, match=said):

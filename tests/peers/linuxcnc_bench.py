@@ -24,7 +24,7 @@ from campaigns.controllers.linuxcnc_export import (
     pin_of,
 )
 from campaigns.robots.robot import find_robot
-from drivers.linuxcnc.hal_parameters import FileParameters, HalAccess, HalParameters, HalPins
+from drivers.linuxcnc.hal_parameters import FileParameters, HalParameters, HalPins
 from drivers.linuxcnc.robot import LinuxcncRobot
 from drivers.linuxcnc.settings import Coordinates, LinuxcncDeadlines, LinuxcncSettings
 from drivers.ports import SystemClock
@@ -99,9 +99,8 @@ class Bench:
             self.file = CalibrationFile(file, RobotIdentity(identity, NOMINAL), otherwise=NOMINAL)
             self.store = FileParameters(self.file)
         else:
-            access = HalAccess(prefix=(str(linuxcnc.beside),))
             extensions = frozenset(NOMINAL.mechanism.parameters.extensions)
-            pins = HalPins((*PIN_OF.values(), *DRAWING), access)
+            pins = HalPins((*PIN_OF.values(), *DRAWING), (str(linuxcnc.beside),))
             self.store = HalParameters(self.file, pins, PIN_OF, extensions, DRAWING)
 
     def _drive(self, linuxcnc, robot_file, full_speed_per_s, **told):

@@ -53,18 +53,15 @@ class TestMeasure:
         assert measurement.weather == Weather(20.5, 1001.0, 45.0)
         assert bytes.fromhex(measurement.raw) == encode(RESULT)
 
-    def test_result_may_overtake_the_answer(self):
-        station = Station().prepared()
+    def test_result_may_overtake_the_answer(self, station):
         station.instrument.says[START] = [(0.5, RESULT), (0.6, Answer(START))]
         assert station.tracker.measure().point_in_tracker_mm == RESULT.point
 
-    def test_result_and_answer_may_come_in_one_piece(self):
-        station = Station().prepared()
+    def test_result_and_answer_may_come_in_one_piece(self, station):
         station.instrument.says[START] = [(0.5, encode(Answer(START)) + encode(RESULT))]
         assert station.tracker.measure().point_in_tracker_mm == RESULT.point
 
-    def test_stale_result_is_never_taken_for_the_new_one(self):
-        station = Station().prepared()
+    def test_stale_result_is_never_taken_for_the_new_one(self, station):
         station.comes(replace(RESULT, point=(9.0, 9.0, 9.0)))
         assert station.tracker.measure().point_in_tracker_mm == RESULT.point
 
@@ -78,15 +75,13 @@ class TestMeasure:
         with pytest.raises(LinkDown, match="closed"):
             station.tracker.measure()
 
-    def test_late_answer_closes_the_wire(self):
-        station = Station().prepared()
+    def test_late_answer_closes_the_wire(self, station):
         station.instrument.says[START] = [(5.1, Answer(START)), (5.2, RESULT)]
         with pytest.raises(LinkDown, match="no answer to StartMeasurement within 5 s"):
             station.tracker.measure()
         assert station.pipe.is_closed
 
-    def test_live_positions_and_lights_are_passed_over(self):
-        station = Station().prepared()
+    def test_live_positions_and_lights_are_passed_over(self, station):
         noise = [ReflectorPosition(0, (1.0, 2.0, 3.0)), StatusChange(26), StatusChange(4711)]
         station.instrument.says[START] = [(0.0, m) for m in noise] + started(*noise, RESULT)
         assert station.tracker.measure().point_in_tracker_mm == RESULT.point
@@ -101,21 +96,20 @@ class TestMeasure:
             OtherPacket(99, bytes(60_000)),
         ],
     )
-    def test_state_or_packet_that_nobody_asked_for_does_not_end_a_measurement(self, unasked):
-        station = Station().prepared()
+    def test_state_or_packet_that_nobody_asked_for_does_not_end_a_measurement(
+        self, station, unasked
+    ):
         station.instrument.says[START] = [(0.0, unasked), *started(unasked, RESULT, unasked)]
         assert station.tracker.measure().point_in_tracker_mm == RESULT.point
         assert not station.pipe.is_closed
 
-    def test_packets_that_are_passed_over_are_counted(self):
-        station = Station().prepared()
+    def test_packets_that_are_passed_over_are_counted(self, station):
         before = station.tracker.state().packets_passed_over
         station.comes(OtherPacket(99, b""), OtherPacket(3, b""), StatusChange(26))
         station.comes(Answer(Command.GET_TRACKER_STATUS, 0, TrackerStatus(1)))
         assert station.tracker.state().packets_passed_over - before == 2
 
-    def test_what_is_queued_unread_is_bounded_in_bytes(self):
-        station = Station().prepared()
+    def test_what_is_queued_unread_is_bounded_in_bytes(self, station):
         tracemalloc.start()
         try:
             before = tracemalloc.get_traced_memory()[0]
@@ -130,15 +124,13 @@ class TestMeasure:
         assert grown < 4_000_000
         assert station.tracker.measure().point_in_tracker_mm == RESULT.point
 
-    def test_locked_beam_lost_is_a_broken_beam(self):
-        station = Station().prepared()
+    def test_locked_beam_lost_is_a_broken_beam(self, station):
         station.instrument.lose_the_beam()
         station.instrument.refuses[START] = ResultStatus.MEASUREMENT_STATUS_NOT_READY
         with pytest.raises(NoReflector, match=r"10004 .measurement status not ready. → clear"):
             station.tracker.measure()
 
-    def test_beam_that_breaks_during_the_measurement_is_a_broken_beam(self):
-        station = Station().prepared()
+    def test_beam_that_breaks_during_the_measurement_is_a_broken_beam(self, station):
         station.instrument.says[START] = started(StatusChange(25), ErrorResponse(START, 10009))
         with pytest.raises(BeamBroken) as caught:
             station.tracker.measure()
@@ -147,8 +139,7 @@ class TestMeasure:
         del station.instrument.says[START]
         assert station.tracker.measure().point_in_tracker_mm == RESULT.point
 
-    def test_result_of_a_failed_measurement_is_not_taken_for_the_next(self):
-        station = Station().prepared()
+    def test_result_of_a_failed_measurement_is_not_taken_for_the_next(self, station):
         station.instrument.says[START] = started(ErrorResponse(64, 36))
         wrong = replace(RESULT, point=(9.0, 9.0, 9.0))
         station.instrument.says[Command.STOP_MEASUREMENT] = [
@@ -160,23 +151,20 @@ class TestMeasure:
         del station.instrument.says[START]
         assert station.tracker.measure().point_in_tracker_mm == RESULT.point
 
-    def test_measurement_that_cannot_be_stopped_closes_the_wire(self):
-        station = Station().prepared()
+    def test_measurement_that_cannot_be_stopped_closes_the_wire(self, station):
         station.instrument.says[START] = started(ErrorResponse(64, 36))
         station.instrument.refuses[Command.STOP_MEASUREMENT] = ResultStatus.SERVER_BUSY
         with pytest.raises(LinkDown):
             station.tracker.measure()
         assert station.pipe.is_closed
 
-    def test_error_number_in_no_table_is_a_broken_beam_if_the_light_is_red(self):
-        station = Station().prepared()
+    def test_error_number_in_no_table_is_a_broken_beam_if_the_light_is_red(self, station):
         station.instrument.lose_the_beam()
         station.instrument.says[START] = started(replace(RESULT, status=24010))
         with pytest.raises(BeamBroken, match="emScon error 24010"):
             station.tracker.measure()
 
-    def test_error_number_in_no_table_is_a_refusal_if_the_light_is_green(self):
-        station = Station().prepared()
+    def test_error_number_in_no_table_is_a_refusal_if_the_light_is_green(self, station):
         station.instrument.refuses[START] = 24010
         with pytest.raises(DeviceRefused, match="emScon error 24010") as caught:
             station.tracker.measure()
@@ -186,8 +174,7 @@ class TestMeasure:
         ("status", "said"),
         [(39, "prepare the tracker again"), (10012, "wait until"), (10010, "level the tracker")],
     )
-    def test_tracker_that_is_not_ready_says_why(self, status, said):
-        station = Station().prepared()
+    def test_tracker_that_is_not_ready_says_why(self, station, status, said):
         station.instrument.lose_the_beam()
         station.instrument.refuses[START] = status
         with pytest.raises(DeviceNotReady, match=said):
@@ -195,9 +182,8 @@ class TestMeasure:
 
     @pytest.mark.parametrize(("processor", "laser"), [(3, 3), (5, 2)])
     def test_lost_beam_of_a_tracker_that_restarted_is_not_called_a_broken_beam(
-        self, processor, laser
+        self, station, processor, laser
     ):
-        station = Station().prepared()
         station.instrument.lose_the_beam()
         station.instrument.state[Command.GET_SYSTEM_STATUS] = system_status(processor, laser)
         station.instrument.refuses[START] = ResultStatus.MEASUREMENT_STATUS_NOT_READY
@@ -227,8 +213,7 @@ class TestMeasure:
 
 
 class TestMotion:
-    def test_go_to_is_in_millimetres_with_the_distance_meter(self):
-        station = Station().prepared()
+    def test_go_to_is_in_millimetres_with_the_distance_meter(self, station):
         station.tracker.go_to((1000.0, 2000.0, -300.0))
         assert station.instrument.body_of(Command.GO_POSITION) == BeamTarget(
             (1000.0, 2000.0, -300.0), 1
@@ -243,21 +228,18 @@ class TestMotion:
             station.tracker.go_to((1.0, 2.0, 3.0))
 
     @pytest.mark.parametrize("status", [36, 24010])
-    def test_refused_search_with_a_red_light_is_a_broken_beam(self, status):
-        station = Station().prepared()
+    def test_refused_search_with_a_red_light_is_a_broken_beam(self, station, status):
         station.instrument.lose_the_beam()
         station.instrument.refuses[Command.FIND_REFLECTOR] = status
         with pytest.raises(BeamBroken, match="FindReflector"):
             station.tracker.find_reflector(3000.0)
 
-    def test_search_that_ends_well_without_a_lock_is_a_broken_beam(self):
-        station = Station().prepared()
+    def test_search_that_ends_well_without_a_lock_is_a_broken_beam(self, station):
         station.instrument.lose_the_beam()
         with pytest.raises(BeamBroken, match="GoPosition found no reflector"):
             station.tracker.go_to((1.0, 2.0, 3.0))
 
-    def test_wrong_parameter_is_not_blamed_on_the_beam(self):
-        station = Station().prepared()
+    def test_wrong_parameter_is_not_blamed_on_the_beam(self, station):
         station.instrument.lose_the_beam()
         station.instrument.refuses[Command.GO_POSITION] = ResultStatus.WRONG_PARAMETER_1
         with pytest.raises(DeviceRefused) as caught:

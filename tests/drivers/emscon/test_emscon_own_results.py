@@ -47,22 +47,19 @@ class TestSameAgain:
             station.tracker.measure()
         assert station.measured_mm() == pytest.approx(seen_mm(station.stage.point_mm), abs=0.1)
 
-    def test_it_is_no_measurement_however_often_it_comes(self):
-        station = Station().prepared()
+    def test_it_is_no_measurement_however_often_it_comes(self, station):
         station.tracker.measure()
         for _ in range(3):
             with pytest.raises(NotAMeasurement):
                 station.tracker.measure()
 
-    def test_it_is_no_measurement_over_a_new_connection_either(self):
-        station = Station().prepared()
+    def test_it_is_no_measurement_over_a_new_connection_either(self, station):
         station.tracker.measure()
         station.tracker.reconnect()
         with pytest.raises(NotAMeasurement):
             station.tracker.measure()
 
-    def test_it_is_no_measurement_either_when_the_one_before_was_refused(self):
-        station = Station().prepared()
+    def test_it_is_no_measurement_either_when_the_one_before_was_refused(self, station):
         says(station, (0.1, RESULT))
         with pytest.raises(NotAMeasurement, match="after its measurement was started"):
             station.tracker.measure()
@@ -70,14 +67,12 @@ class TestSameAgain:
         with pytest.raises(NotAMeasurement, match="byte for byte"):
             station.tracker.measure()
 
-    def test_same_point_with_another_scatter_is_a_measurement(self):
-        station = Station().prepared()
+    def test_same_point_with_another_scatter_is_a_measurement(self, station):
         first = station.tracker.measure()
         station.instrument.result = replace(RESULT, std=(0.01, 0.02, 0.030000000000000002))
         assert station.tracker.measure().point_in_tracker_mm == first.point_in_tracker_mm
 
-    def test_instrument_that_states_no_scatter_may_measure_the_same_twice(self):
-        station = Station().prepared()
+    def test_instrument_that_states_no_scatter_may_measure_the_same_twice(self, station):
         station.instrument.result = replace(RESULT, std=(0.0,) * 3, std_total=0.0)
         assert station.tracker.measure() == station.tracker.measure()
 
@@ -204,8 +199,7 @@ class TestLateResults:
         station.tracker.measure()
         assert station.instrument.commands() == [START]
 
-    def test_first_of_two_results_is_judged_by_its_own_time(self):
-        station = Station().prepared()
+    def test_first_of_two_results_is_judged_by_its_own_time(self, station):
         station.tracker.measure()
         both = encode(Answer(START)) + encode(OTHER_RESULT)
         station.instrument.says[START] = [
@@ -222,15 +216,13 @@ class TestLateResults:
         with pytest.raises(NotAMeasurement):
             station.tracker.measure()
 
-    def test_result_that_the_connection_before_had_waited_for_is_not_taken_either(self):
-        station = Station().prepared()
+    def test_result_that_the_connection_before_had_waited_for_is_not_taken_either(self, station):
         station.tracker.reconnect()
         says(station, (0.5, OTHER_RESULT), (0.5, RESULT))
         with pytest.raises(NotAMeasurement):
             station.tracker.measure()
 
-    def test_nothing_more_is_asked_while_all_goes_well(self):
-        station = Station().prepared()
+    def test_nothing_more_is_asked_while_all_goes_well(self, station):
         station.tracker.measure()
         station.instrument.asked.clear()
         station.instrument.result = OTHER_RESULT
@@ -244,8 +236,7 @@ class TestSettingsInDoubt:
         with pytest.raises(DeviceNotReady, match="changed the tracker's units"):
             station.tracker.measure()
 
-    def test_change_stays_known_until_the_tracker_is_prepared_again(self):
-        station = Station().prepared()
+    def test_change_stays_known_until_the_tracker_is_prepared_again(self, station):
         station.instrument.state[Command.GET_UNITS] = INCHES
         station.comes(StatusChange(SystemChange.UNITS))
         for _ in range(3):
@@ -254,8 +245,7 @@ class TestSettingsInDoubt:
         station.tracker.prepare("CCR-1.5in", 0.5)
         assert station.tracker.measure()
 
-    def test_change_stays_known_when_it_could_not_be_read_back(self):
-        station = Station().prepared()
+    def test_change_stays_known_when_it_could_not_be_read_back(self, station):
         station.instrument.state[Command.GET_UNITS] = INCHES
         station.comes(StatusChange(SystemChange.UNITS))
         station.instrument.refuses[Command.GET_UNITS] = ResultStatus.USAGE_CONFLICT
@@ -265,8 +255,7 @@ class TestSettingsInDoubt:
         with pytest.raises(DeviceNotReady, match="units"):
             station.tracker.measure()
 
-    def test_change_is_known_however_much_comes_after_it(self):
-        station = Station().prepared()
+    def test_change_is_known_however_much_comes_after_it(self, station):
         station.instrument.state[Command.GET_UNITS] = INCHES
         station.comes(StatusChange(SystemChange.UNITS))
         station.pipe.arrives(0.0, encode(StatusChange(SystemChange.LIGHT_BUSY)) * 2 * EVENTS_KEPT)
@@ -281,8 +270,7 @@ class TestSettingsInDoubt:
             OtherPacket(DataType.MULTI_RESULT_2, bytes(40)),
         ],
     )
-    def test_live_results_push_nothing_out_of_the_queue(self, live):
-        station = Station().prepared()
+    def test_live_results_push_nothing_out_of_the_queue(self, station, live):
         data = encode(RESULT) + encode(live) * 2 * EVENTS_KEPT
         says(station, (0.5, data))
         assert station.tracker.measure().point_in_tracker_mm == RESULT.point
@@ -290,15 +278,13 @@ class TestSettingsInDoubt:
     @pytest.mark.parametrize(
         "live", [ReflectorPosition(0, (1.0, 2.0, 3.0)), OtherPacket(DataType.MULTI_RESULT, b"1234")]
     )
-    def test_live_results_show_that_somebody_changed_settings(self, live):
-        station = Station().prepared()
+    def test_live_results_show_that_somebody_changed_settings(self, station, live):
         station.instrument.state[Command.GET_UNITS] = INCHES
         station.comes(live)
         with pytest.raises(DeviceNotReady, match="units"):
             station.tracker.measure()
 
-    def test_whatever_fell_out_of_the_queue_makes_settings_be_read_back(self):
-        station = Station().prepared()
+    def test_whatever_fell_out_of_the_queue_makes_settings_be_read_back(self, station):
         station.tracker.measure()
         station.instrument.state[Command.GET_UNITS] = INCHES
         station.pipe.arrives(0.0, encode(ErrorResponse(64, 36)) * (EVENTS_KEPT + 1))
@@ -317,8 +303,7 @@ class TestMeasuringTime:
         with pytest.raises(DeviceNotReady, match="not prepared"):
             station.tracker.measure()
 
-    def test_time_changed_by_somebody_else_spoils_the_result(self):
-        station = Station().prepared()
+    def test_time_changed_by_somebody_else_spoils_the_result(self, station):
         station.instrument.state[Command.GET_STATIONARY_MODE_PARAMS] = StationaryMode(100, 1)
         station.comes(StatusChange(SystemChange.STATIONARY_MODE_PARAMS))
         with pytest.raises(DeviceNotReady, match="stationary mode"):

@@ -47,8 +47,7 @@ class TestPrepare:
         assert instrument.body_of(Command.SET_COORDINATE_SYSTEM_TYPE).kind == 0
         assert instrument.body_of(Command.SET_MEASUREMENT_MODE).mode == 0
 
-    def test_points_are_in_the_instruments_own_frame_and_its_equipment_stays(self):
-        station = Station().prepared()
+    def test_points_are_in_the_instruments_own_frame_and_its_equipment_stays(self, station):
         settings = station.instrument.state[Command.GET_SYSTEM_SETTINGS]
         assert settings == SystemSettings(1, 0, 0, 1, 1, 0, 0, 1, 1)
 
@@ -156,16 +155,14 @@ class TestPrepare:
 
 
 class TestSettingsChangedByOthers:
-    def test_units_changed_before_a_measurement_stop_it(self):
-        station = Station().prepared()
+    def test_units_changed_before_a_measurement_stop_it(self, station):
         station.instrument.state[Command.GET_UNITS] = Units(5, 1, 0, 0, 0)
         station.comes(StatusChange(SystemChange.UNITS), StatusChange(SystemChange.LIGHT_BUSY))
         with pytest.raises(DeviceNotReady, match="another program changed the tracker's units"):
             station.tracker.measure()
         assert START not in station.instrument.commands()
 
-    def test_reflector_changed_during_a_measurement_spoils_its_result(self):
-        station = Station().prepared()
+    def test_reflector_changed_during_a_measurement_spoils_its_result(self, station):
 
         def change(_request):
             station.instrument.state[Command.GET_REFLECTOR] = ReflectorChoice(3)
@@ -175,21 +172,18 @@ class TestSettingsChangedByOthers:
         with pytest.raises(DeviceNotReady, match="changed the tracker's reflector"):
             station.tracker.measure()
 
-    def test_units_changed_keep_the_head_from_moving(self):
-        station = Station().prepared()
+    def test_units_changed_keep_the_head_from_moving(self, station):
         station.instrument.state[Command.GET_UNITS] = Units(0, 0, 0, 0, 0)
         station.comes(StatusChange(SystemChange.UNITS))
         with pytest.raises(DeviceNotReady):
             station.tracker.go_to((1.0, 2.0, 3.0))
         assert Command.GO_POSITION not in station.instrument.commands()
 
-    def test_change_back_to_what_was_agreed_is_no_harm(self):
-        station = Station().prepared()
+    def test_change_back_to_what_was_agreed_is_no_harm(self, station):
         station.comes(StatusChange(SystemChange.UNITS), StatusChange(SystemChange.REFLECTOR))
         assert station.tracker.measure()
 
-    def test_changes_are_noticed_through_other_questions(self):
-        station = Station().prepared()
+    def test_changes_are_noticed_through_other_questions(self, station):
         station.instrument.state[Command.GET_UNITS] = Units(5, 1, 0, 0, 0)
         station.comes(StatusChange(SystemChange.UNITS))
         station.tracker.state()

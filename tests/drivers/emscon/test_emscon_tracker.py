@@ -64,8 +64,7 @@ class TestSession:
         with pytest.raises(DeviceRefused, match="end the other program"):
             Station(instrument).connected()
 
-    def test_closing_never_ends_the_trackers_server(self):
-        station = Station().prepared()
+    def test_closing_never_ends_the_trackers_server(self, station):
         sent_before = len(station.pipe.sent)
         station.tracker.close()
         station.tracker.close()
@@ -82,8 +81,7 @@ class TestSession:
 
 
 class TestReconnect:
-    def test_state_is_established_anew(self):
-        station = Station().prepared()
+    def test_state_is_established_anew(self, station):
         before = dict(station.instrument.state)
         station.instrument.state |= Instrument().state
         station.tracker.reconnect()
@@ -92,15 +90,13 @@ class TestReconnect:
         assert station.pipes[0].is_closed
         assert station.tracker.measure().point_in_tracker_mm == RESULT.point
 
-    def test_another_tracker_at_the_same_address_is_refused(self):
-        station = Station().prepared()
+    def test_another_tracker_at_the_same_address_is_refused(self, station):
         station.instrument.state[Command.GET_SYSTEM_STATUS] = system_status(serial=390794)
         with pytest.raises(WrongDevice, match=r"390794.*it was.*390793"):
             station.tracker.reconnect()
         assert station.pipe.is_closed
 
-    def test_old_connection_that_is_still_held_is_waited_for(self):
-        station = Station().prepared()
+    def test_old_connection_that_is_still_held_is_waited_for(self, station):
         instrument = station.instrument
         busy_until_s = station.clock.now_s() + 2.0
 
@@ -113,8 +109,7 @@ class TestReconnect:
         station.tracker.reconnect()
         assert station.tracker.measure()
 
-    def test_connection_that_stays_held_is_given_up(self):
-        station = Station().prepared()
+    def test_connection_that_stays_held_is_given_up(self, station):
         station.instrument.refuses[Command.SET_UNITS] = 10011
         with pytest.raises(DeviceRefused, match="end the other program"):
             station.tracker.reconnect()
@@ -175,31 +170,27 @@ class TestState:
         assert state.beam_locked
         assert state.reflector == "CCR-1.5in"
 
-    def test_lost_beam(self):
-        station = Station().prepared()
+    def test_lost_beam(self, station):
         station.instrument.lose_the_beam()
         state = station.tracker.state()
         assert state.readiness is Readiness.NOT_READY
         assert not state.beam_locked
 
     @pytest.mark.parametrize(("light", "bits"), [(0, 2048), (2, 0)])
-    def test_lock_needs_both_the_light_and_the_reflector(self, light, bits):
-        station = Station().prepared()
+    def test_lock_needs_both_the_light_and_the_reflector(self, station, light, bits):
         station.instrument.state[Command.GET_TRACKER_STATUS] = TrackerStatus(light)
         info = MeasurementStatusInfo(0, bits)
         station.instrument.state[Command.GET_MEASUREMENT_STATUS_INFO] = info
         assert not station.tracker.state().beam_locked
 
-    def test_instrument_without_status_bits_is_judged_by_its_light(self):
-        station = Station().prepared()
+    def test_instrument_without_status_bits_is_judged_by_its_light(self, station):
         station.instrument.refuses[Command.GET_MEASUREMENT_STATUS_INFO] = 2
         assert station.tracker.state().beam_locked
 
     @pytest.mark.parametrize(
         ("light", "readiness"), [(1, Readiness.BUSY), (3, Readiness.NOT_READY), (99, None)]
     )
-    def test_lights(self, light, readiness):
-        station = Station().prepared()
+    def test_lights(self, station, light, readiness):
         station.instrument.state[Command.GET_TRACKER_STATUS] = TrackerStatus(light)
         assert station.tracker.state().readiness is (readiness or Readiness.NOT_READY)
 

@@ -3,14 +3,13 @@
 import math
 
 import pytest
-from scripted_geocom import POINT_MM, Bench
+from scripted_geocom import POINT_MM
 
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused
 from drivers.wire.geocom_constants import Result, Rpc
 
 
-def test_point_becomes_a_clockwise_angle_from_north_and_one_from_the_zenith():
-    bench = Bench().prepared()
+def test_point_becomes_a_clockwise_angle_from_north_and_one_from_the_zenith(bench):
     bench.tracker.go_to((-1000.0, -1000.0, math.sqrt(2.0) * 1000.0))
     hz, v, precise, to_target, unused = bench.instrument.words_of_last(Rpc.AUT_MAKE_POSITIONING)
     assert float(hz) == pytest.approx(math.radians(225.0), abs=1e-6)
@@ -18,8 +17,7 @@ def test_point_becomes_a_clockwise_angle_from_north_and_one_from_the_zenith():
     assert (precise, to_target, unused) == ("0", "1", "0")
 
 
-def test_prism_in_the_field_of_view_is_followed_without_a_search():
-    bench = Bench().prepared()
+def test_prism_in_the_field_of_view_is_followed_without_a_search(bench):
     bench.tracker.go_to(POINT_MM)
     assert bench.instrument.calls() == [
         Rpc.AUT_MAKE_POSITIONING,
@@ -29,8 +27,7 @@ def test_prism_in_the_field_of_view_is_followed_without_a_search():
     ]
 
 
-def test_prism_outside_the_field_of_view_is_searched_for():
-    bench = Bench().prepared()
+def test_prism_outside_the_field_of_view_is_searched_for(bench):
     bench.instrument.refuses(Rpc.AUT_MAKE_POSITIONING, Result.AUT_NO_TARGET)
     bench.tracker.go_to((0.0, 1000.0, 0.0))
     width, height, _ = map(float, bench.instrument.words_of_last(Rpc.AUT_SEARCH))
@@ -38,36 +35,31 @@ def test_prism_outside_the_field_of_view_is_searched_for():
 
 
 @pytest.mark.parametrize(("distance_mm", "window"), [(1e6, 0.02), (10.0, 0.5), (-1.0, 0.5)])
-def test_search_window_has_its_limits(distance_mm, window):
-    bench = Bench().prepared()
+def test_search_window_has_its_limits(bench, distance_mm, window):
     bench.tracker.find_reflector(distance_mm)
     assert float(bench.instrument.words_of_last(Rpc.AUT_SEARCH)[0]) == window
 
 
 @pytest.mark.parametrize("code", [8710, 8711, 8712, 8713, 8716])
-def test_search_that_finds_nothing_is_a_broken_beam(code):
-    bench = Bench().prepared()
+def test_search_that_finds_nothing_is_a_broken_beam(bench, code):
     bench.instrument.refuses(Rpc.AUT_SEARCH, code)
     with pytest.raises(BeamBroken, match=f"GeoCOM {code}"):
         bench.tracker.find_reflector(2000.0)
 
 
-def test_lock_that_does_not_hold_is_a_broken_beam():
-    bench = Bench().prepared()
+def test_lock_that_does_not_hold_is_a_broken_beam(bench):
     bench.instrument.lose_the_prism()
     with pytest.raises(BeamBroken, match="turning: not locked"):
         bench.tracker.go_to(POINT_MM)
 
 
-def test_motors_that_fail_are_no_broken_beam():
-    bench = Bench().prepared()
+def test_motors_that_fail_are_no_broken_beam(bench):
     bench.instrument.refuses(Rpc.AUT_MAKE_POSITIONING, Result.AUT_MOTOR_ERROR)
     with pytest.raises(DeviceNotReady, match="nothing blocks the telescope"):
         bench.tracker.go_to(POINT_MM)
 
 
-def test_instruments_own_place_is_no_direction():
-    bench = Bench().prepared()
+def test_instruments_own_place_is_no_direction(bench):
     with pytest.raises(DeviceRefused, match="stands there itself"):
         bench.tracker.go_to((0.0, 0.0, 0.0))
     assert bench.instrument.asked == []

@@ -51,8 +51,7 @@ def test_class_that_nobody_knows_counts_as_the_coarsest():
 
 
 @pytest.mark.parametrize("code", [1283, 1284])
-def test_warned_coordinates_count_with_a_larger_covariance(code):
-    bench = Bench().prepared()
+def test_warned_coordinates_count_with_a_larger_covariance(bench, code):
     _, words = bench.instrument.answers[Rpc.TMC_GET_COORDINATE]
     bench.instrument.answers[Rpc.TMC_GET_COORDINATE] = (code, words)
     measurement = bench.tracker.measure()
@@ -61,8 +60,7 @@ def test_warned_coordinates_count_with_a_larger_covariance(code):
     assert measurement.covariance_mm2 == covariance_mm2(POINT_MM, accuracy, warned=True)
 
 
-def test_point_whose_angles_are_not_the_prisms_is_a_broken_beam():
-    bench = Bench().prepared()
+def test_point_whose_angles_are_not_the_prisms_is_a_broken_beam(bench):
     _, words = bench.instrument.answers[Rpc.TMC_GET_COORDINATE]
     bench.instrument.answers[Rpc.TMC_GET_COORDINATE] = (1283, words)
     bench.instrument.answers[Rpc.TMC_IF_DATA_AZE_CORR_ERROR] = (0, words_of(1))
@@ -71,8 +69,7 @@ def test_point_whose_angles_are_not_the_prisms_is_a_broken_beam():
 
 
 @pytest.mark.parametrize("code", [1285, 1288, 1289, 1292, 1294])
-def test_angles_without_a_distance_are_a_broken_beam(code):
-    bench = Bench().prepared()
+def test_angles_without_a_distance_are_a_broken_beam(bench, code):
     bench.instrument.answers[Rpc.TMC_GET_COORDINATE] = (code, words_of(*[0.0] * 3, 0) * 2)
     with pytest.raises(BeamBroken, match=f"GeoCOM {code}") as caught:
         bench.tracker.measure()
@@ -91,16 +88,14 @@ def test_angles_without_a_distance_are_a_broken_beam(code):
         (4242, DeviceRefused, "GeoCOM 4242"),
     ],
 )
-def test_each_refusal_says_what_to_do(code, kind, words):
-    bench = Bench().prepared()
+def test_each_refusal_says_what_to_do(bench, code, kind, words):
     bench.instrument.refuses(Rpc.TMC_GET_COORDINATE, code)
     with pytest.raises(kind, match=words) as caught:
         bench.tracker.measure()
     assert type(caught.value) is kind
 
 
-def test_call_that_the_instrument_does_not_know_is_refused():
-    bench = Bench().prepared()
+def test_call_that_the_instrument_does_not_know_is_refused(bench):
     bench.instrument.says[Rpc.TMC_DO_MEASURE] = lambda request: [
         (0.0, encode_reply(GeocomReply(Result.COM_UNKNOWN_PROCEDURE, request.transaction, 0)))
     ]
@@ -109,8 +104,7 @@ def test_call_that_the_instrument_does_not_know_is_refused():
 
 
 @pytest.mark.parametrize("code", [0, 1285])
-def test_nothing_of_a_measurement_is_left_for_the_next_one(code):
-    bench = Bench().prepared()
+def test_nothing_of_a_measurement_is_left_for_the_next_one(bench, code):
     _result, words = bench.instrument.answers[Rpc.TMC_GET_COORDINATE]
     bench.instrument.answers[Rpc.TMC_GET_COORDINATE] = (code, words)
     with contextlib.suppress(BeamBroken):
@@ -124,8 +118,7 @@ def delivers(bench, at_ms, code=0):
     bench.instrument.answers[Rpc.TMC_GET_COORDINATE] = (code, words)
 
 
-def test_distance_with_the_time_stamp_of_the_one_before_is_no_measurement():
-    bench = Bench().prepared()
+def test_distance_with_the_time_stamp_of_the_one_before_is_no_measurement(bench):
     bench.tracker.measure()
     for _ in range(2):
         with pytest.raises(NotAMeasurement, match="time stamp of 1000 ms") as caught:
@@ -135,31 +128,27 @@ def test_distance_with_the_time_stamp_of_the_one_before_is_no_measurement():
     assert bench.tracker.measure().point_in_tracker_mm == POINT_MM
 
 
-def test_warned_distance_of_the_point_before_is_no_measurement_either():
-    bench = Bench().prepared()
+def test_warned_distance_of_the_point_before_is_no_measurement_either(bench):
     bench.tracker.measure()
     delivers(bench, 1000, code=1284)
     with pytest.raises(NotAMeasurement):
         bench.tracker.measure()
 
 
-def test_distance_of_the_point_before_is_known_over_a_new_connection():
-    bench = Bench().prepared()
+def test_distance_of_the_point_before_is_known_over_a_new_connection(bench):
     bench.tracker.measure()
     bench.tracker.reconnect()
     with pytest.raises(NotAMeasurement):
         bench.tracker.measure()
 
 
-def test_instrument_without_time_stamps_may_measure_the_same_twice():
-    bench = Bench().prepared()
+def test_instrument_without_time_stamps_may_measure_the_same_twice(bench):
     delivers(bench, 0)
     assert bench.tracker.measure().point_in_tracker_mm == POINT_MM
     assert bench.tracker.measure().point_in_tracker_mm == POINT_MM
 
 
-def test_failed_measurement_that_cannot_be_cleared_closes_the_wire():
-    bench = Bench().prepared()
+def test_failed_measurement_that_cannot_be_cleared_closes_the_wire(bench):
     bench.instrument.refuses(Rpc.TMC_GET_COORDINATE, 1285)
     codes = {"1": 0, "3": Result.SHUT_DOWN}
     bench.instrument.says[Rpc.TMC_DO_MEASURE] = lambda request: [
@@ -172,8 +161,7 @@ def test_failed_measurement_that_cannot_be_cleared_closes_the_wire():
         bench.tracker.measure()
 
 
-def test_busy_instrument_is_asked_again():
-    bench = Bench().prepared()
+def test_busy_instrument_is_asked_again(bench):
     codes = iter([Result.TMC_BUSY, Result.SYSTEM_BUSY, Result.OK])
     bench.instrument.says[Rpc.TMC_DO_MEASURE] = lambda request: [
         (0.0, encode_reply(GeocomReply(0, request.transaction, next(codes, 0))))
@@ -181,8 +169,7 @@ def test_busy_instrument_is_asked_again():
     assert bench.tracker.measure()
 
 
-def test_instrument_that_stays_busy_is_given_up():
-    bench = Bench().prepared()
+def test_instrument_that_stays_busy_is_given_up(bench):
     bench.instrument.refuses(Rpc.MOT_READ_LOCK_STATUS, Result.SYSTEM_BUSY)
     started_s = bench.clock.now_s()
     with pytest.raises(DeviceNotReady, match="wait until the instrument has finished"):
@@ -190,8 +177,7 @@ def test_instrument_that_stays_busy_is_given_up():
     assert bench.clock.now_s() - started_s == pytest.approx(30.0, abs=1.0)
 
 
-def test_prism_lost_while_measuring_is_a_broken_beam():
-    bench = Bench().prepared()
+def test_prism_lost_while_measuring_is_a_broken_beam(bench):
     statuses = iter([1, 2])
     bench.instrument.says[Rpc.MOT_READ_LOCK_STATUS] = lambda request: [
         (0.0, encode_reply(GeocomReply(0, request.transaction, 0, words_of(next(statuses)))))
@@ -208,16 +194,14 @@ def test_prism_lost_while_measuring_is_a_broken_beam():
         (Rpc.TMC_GET_PRISM_CORR, words_of(0.0175), "prism constant"),
     ],
 )
-def test_key_pressed_at_the_instrument_makes_the_point_no_data(rpc, words, said):
-    bench = Bench().prepared()
+def test_key_pressed_at_the_instrument_makes_the_point_no_data(bench, rpc, words, said):
     bench.instrument.answers[rpc] = (0, words)
     with pytest.raises(DeviceNotReady, match=f"changed the instrument's {said}"):
         bench.tracker.measure()
 
 
 @pytest.mark.parametrize("word", ["nan", "inf", "1e999"])
-def test_result_without_numbers_is_refused(word):
-    bench = Bench().prepared()
+def test_result_without_numbers_is_refused(bench, word):
     words = (word, *words_of(0.0, 0.0, 0)) * 2
     bench.instrument.answers[Rpc.TMC_GET_COORDINATE] = (0, words)
     with pytest.raises(ImplausibleAnswer, match="possible is 0 to 200000 mm"):
@@ -225,8 +209,7 @@ def test_result_without_numbers_is_refused(word):
 
 
 @pytest.mark.parametrize("words", [(), ("1.0",), ("x",) * 8])
-def test_result_of_another_form_closes_the_wire(words):
-    bench = Bench().prepared()
+def test_result_of_another_form_closes_the_wire(bench, words):
     bench.instrument.answers[Rpc.TMC_GET_COORDINATE] = (0, words)
     with pytest.raises(WireError, match="TMC_GET_COORDINATE answers"):
         bench.tracker.measure()
@@ -234,8 +217,7 @@ def test_result_of_another_form_closes_the_wire(words):
 
 
 @pytest.mark.parametrize("said", [b"garbage\r\n", b"%R1P,0,\r\n", b"\xff" * 2000])
-def test_garbage_closes_the_wire_and_every_later_call_says_so(said):
-    bench = Bench().prepared()
+def test_garbage_closes_the_wire_and_every_later_call_says_so(bench, said):
     bench.instrument.says[Rpc.TMC_GET_COORDINATE] = [(0.1, said)]
     with pytest.raises(WireError, match="not a line of GeoCOM"):
         bench.tracker.measure()

@@ -74,23 +74,20 @@ class TestSession:
 
 
 class TestReconnect:
-    def test_state_is_established_anew(self):
-        bench = Bench().prepared()
+    def test_state_is_established_anew(self, bench):
         bench.instrument.answers |= Instrument().answers
         bench.tracker.reconnect()
         assert bench.pipes[0].is_closed
         assert bench.instrument.answers[Rpc.TMC_GET_HEIGHT] == (0, ("0.0",))
         assert bench.tracker.measure().point_in_tracker_mm == POINT_MM
 
-    def test_another_instrument_at_the_same_address_is_refused(self):
-        bench = Bench().prepared()
+    def test_another_instrument_at_the_same_address_is_refused(self, bench):
         bench.instrument.answers[Rpc.CSV_GET_INSTRUMENT_NO] = (0, words_of(361235))
         with pytest.raises(WrongDevice, match=r"361235.*it was.*361234"):
             bench.tracker.reconnect()
         assert bench.pipe.is_closed
 
-    def test_numbers_of_questions_go_on_over_connections(self):
-        bench = Bench().prepared()
+    def test_numbers_of_questions_go_on_over_connections(self, bench):
         bench.tracker.measure()
         last = bench.instrument.asked[-1].transaction
         bench.instrument.asked.clear()
@@ -99,8 +96,7 @@ class TestReconnect:
         assert last >= 1000
         assert all(number > last for number in numbers if number >= 1000)
 
-    def test_late_answer_to_the_old_connection_is_never_read(self):
-        bench = Bench().prepared()
+    def test_late_answer_to_the_old_connection_is_never_read(self, bench):
         bench.instrument.says[Rpc.TMC_GET_COORDINATE] = []
         with pytest.raises(LinkDown, match="no answer to TMC_GET_COORDINATE within 15 s"):
             bench.tracker.measure()

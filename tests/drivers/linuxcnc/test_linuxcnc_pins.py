@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from drivers.errors import DeviceRefused, LinkDown, WireError
-from drivers.linuxcnc.hal_parameters import HalAccess, HalPins
+from drivers.linuxcnc.hal_parameters import HalPins
 
 NAMES = ("pkmkins.arm0.x_mm", "pkmkins.plate_mm")
 ODD = 0.1 + 0.2  # needs 17 digits
@@ -47,13 +47,13 @@ class Hal:
         self.pins = {"motion.motion-enabled": False, NAMES[0]: -172.5, NAMES[1]: 100.0}
         self.save()
         prefix = ("env", f"PYTHONPATH={folder}")
-        self.access = HalAccess(prefix=prefix, python=sys.executable)
+        self.reached_by = {"prefix": prefix, "python": sys.executable}
 
     def save(self):
         self.file.write_text(json.dumps(self.pins))
 
     def outside(self, names=NAMES):
-        return HalPins(names, self.access)
+        return HalPins(names, **self.reached_by)
 
 
 @pytest.fixture
@@ -95,16 +95,16 @@ def test_linuxcnc_that_does_not_run_is_not_there(hal):
 @pytest.mark.parametrize(
     ("access", "reason"),
     [
-        (HalAccess(python="/nonexistent/python3"), "No such file"),
-        (HalAccess(python=sys.executable), "No module named 'hal'"),
-        (HalAccess(prefix=("echo", "Permission denied (publickey)")), "no answer"),
-        (HalAccess(prefix=("sh", "-c", "echo refused >&2; exit 255")), "refused"),
-        (HalAccess(prefix=("sh", "-c", "exec sleep 5"), within_s=0.01), "timed out"),
+        ({"python": "/nonexistent/python3"}, "No such file"),
+        ({"python": sys.executable}, "No module named 'hal'"),
+        ({"prefix": ("echo", "Permission denied (publickey)")}, "no answer"),
+        ({"prefix": ("sh", "-c", "echo refused >&2; exit 255")}, "refused"),
+        ({"prefix": ("sh", "-c", "exec sleep 5"), "within_s": 0.01}, "timed out"),
     ],
 )
 def test_access_that_leads_nowhere_says_why(access, reason):
     with pytest.raises(LinkDown, match=reason):
-        HalPins(NAMES, access).read()
+        HalPins(NAMES, **access).read()
 
 
 @pytest.mark.parametrize(
@@ -120,10 +120,10 @@ def test_access_that_leads_nowhere_says_why(access, reason):
 )
 def test_answer_that_is_none_is_refused(answer):
     with pytest.raises(WireError):
-        HalPins(NAMES, HalAccess(prefix=("sh", "-c", f"echo '{answer}'"))).read()
+        HalPins(NAMES, prefix=("sh", "-c", f"echo '{answer}'")).read()
 
 
 @pytest.mark.parametrize("said", ["printf '\\377\\376\\n'", "printf '[%.0s' $(seq 20000)"])
 def test_answer_that_is_no_text_or_nests_without_an_end_leads_nowhere(said):
     with pytest.raises(LinkDown, match="no answer"):
-        HalPins(NAMES, HalAccess(prefix=("sh", "-c", said))).read()
+        HalPins(NAMES, prefix=("sh", "-c", said)).read()

@@ -46,8 +46,7 @@ def test_connecting_moves_and_switches_nothing():
     assert not state.moving
 
 
-def test_connecting_stops_what_moves_before_anything_else():
-    linuxcnc = ready()
+def test_connecting_stops_what_moves_before_anything_else(linuxcnc):
     linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
     linuxcnc.pipes[0].close()  # the wire is lost, LinuxCNC goes on
     linuxcnc.asked.clear()
@@ -88,8 +87,7 @@ def test_machine_in_inches_is_the_wrong_device():
         linuxcnc.robot.connect()
 
 
-def test_another_controller_after_a_reconnection_is_the_wrong_device():
-    linuxcnc = ready()
+def test_another_controller_after_a_reconnection_is_the_wrong_device(linuxcnc):
     linuxcnc.name = "OTHER"
     with pytest.raises(WrongDevice, match=r"OTHER.*PAR4"):
         linuxcnc.robot.reconnect()
@@ -111,8 +109,7 @@ def test_preparing_takes_each_step_and_sees_it():
     assert (state.fault, state.emergency_stop, state.moving) == ("", False, False)
 
 
-def test_preparing_again_does_nothing():
-    linuxcnc = ready()
+def test_preparing_again_does_nothing(linuxcnc):
     linuxcnc.robot.prepare()
     assert linuxcnc.orders == []
 
@@ -172,14 +169,12 @@ def test_geometry_is_not_replaced_while_the_robot_moves():
     assert linuxcnc.machine
 
 
-def test_geometry_of_our_own_conversion_needs_no_power_cut():
-    linuxcnc = ready()
+def test_geometry_of_our_own_conversion_needs_no_power_cut(linuxcnc):
     linuxcnc.robot.write_geometry({"plate_mm": 101.0})
     assert linuxcnc.orders == []
 
 
-def test_without_a_connection_no_geometry_is_replaced():
-    linuxcnc = ready()
+def test_without_a_connection_no_geometry_is_replaced(linuxcnc):
     linuxcnc.robot.close()
     with pytest.raises(LinkDown, match="not connected"):
         linuxcnc.robot.write_geometry({"plate_mm": 101.0})

@@ -93,7 +93,6 @@ def test_parts_of_a_way_are_ordered_one_after_the_other():
     assert "Y0.500000" in linuxcnc.moves[1]
 
 
-def test_joint_move_of_a_controller_that_takes_joints_needs_no_way():
-    linuxcnc = ready()
+def test_joint_move_of_a_controller_that_takes_joints_needs_no_way(linuxcnc):
     linuxcnc.robot.move_joints((LOW, 0.4, 0.0, 0.0), 1.0)
     assert len(linuxcnc.moves) == 1

@@ -40,35 +40,30 @@ def test_questions_are_numbered_on_over_reconnections():
     assert controller.numbers == [7, 8, 9, 10]
 
 
-def test_state_comes_in_radians_with_the_line_as_it_was():
-    controller = connected()
+def test_state_comes_in_radians_with_the_line_as_it_was(controller):
     state = controller.robot.state()
     assert state.joints == pytest.approx((0.0, -pi / 4, pi / 2, pi), abs=1e-15)
     assert (state.moving, state.emergency_stop, state.fault) == (False, False, "")
     assert checked("<8 STATE OK 0 0 - 0.0 -45.0 90.0 180.0") == state.raw.encode() + b"\n"
 
 
-def test_state_tells_motion_fault_and_emergency_stop():
-    controller = connected()
+def test_state_tells_motion_fault_and_emergency_stop(controller):
     controller.answers["STATE"] = "OK 1 1 drive%202 0.0 0.0 0.0 0.0"
     state = controller.robot.state()
     assert (state.moving, state.emergency_stop, state.fault) == (True, True, "drive 2")
 
 
-def test_joint_move_is_sent_in_degrees_and_per_cent():
-    controller = connected()
+def test_joint_move_is_sent_in_degrees_and_per_cent(controller):
     controller.robot.move_joints([0.0, pi / 2, -pi / 4, pi], 0.25)
     assert controller.questions == [">8 MOVEJ 0.0 90.0 -45.0 180.0 25.0"]
 
 
-def test_pose_move_is_sent_in_millimetres_degrees_and_per_cent():
-    controller = connected()
+def test_pose_move_is_sent_in_millimetres_degrees_and_per_cent(controller):
     controller.robot.move_pose(Pose(1.5, -2.5, -575.0, pi / 4), 1.0)
     assert controller.questions == [">8 MOVEP 1.5 -2.5 -575.0 45.0 100.0"]
 
 
-def test_target_that_is_not_a_number_is_never_sent():
-    controller = connected()
+def test_target_that_is_not_a_number_is_never_sent(controller):
     with pytest.raises(WireError, match="not a finite number"):
         controller.robot.move_joints([0.0, nan, 0.0, 0.0], 0.25)
     assert controller.questions == []
@@ -88,8 +83,7 @@ def test_target_that_is_not_a_number_is_never_sent():
         ("TIRED", DeviceRefused),
     ],
 )
-def test_refusal_is_the_error_of_its_code_and_leaves_the_wire_open(code, error):
-    controller = connected()
+def test_refusal_is_the_error_of_its_code_and_leaves_the_wire_open(controller, code, error):
     controller.answers["MOVEJ"] = f"NO {code} joint 2 to 95.0 deg"
     with pytest.raises(DeviceRefused, match=f"MOVEJ refused, {code}: joint 2 to 95.0 deg") as no:
         controller.robot.move_joints([0.0] * 4, 0.5)
@@ -99,8 +93,7 @@ def test_refusal_is_the_error_of_its_code_and_leaves_the_wire_open(code, error):
     assert controller.robot.state().moving is False
 
 
-def test_question_that_was_damaged_on_its_way_closes_the_wire():
-    controller = connected()
+def test_question_that_was_damaged_on_its_way_closes_the_wire(controller):
     controller.pipes[0].respond = lambda _: [(ANSWER_S, checked("<8 ? NO CHECKSUM"))]
     with pytest.raises(WireError, match="check the cable"):
         controller.robot.state()
@@ -121,8 +114,7 @@ def test_other_version_or_other_robot_is_the_wrong_device(hello):
         controller.robot.state()
 
 
-def test_another_controller_after_a_reconnection_is_the_wrong_device():
-    controller = connected()
+def test_another_controller_after_a_reconnection_is_the_wrong_device(controller):
     controller.answers["HELLO"] = "OK 1 Example%20Robotics Par4 SN-0043 2.1 4"
     with pytest.raises(WrongDevice, match=r"SN-0043.*SN-0042"):
         controller.robot.reconnect()
@@ -134,8 +126,7 @@ def test_nothing_works_before_connecting():
         ScriptedController().robot.state()
 
 
-def test_silence_closes_the_wire_until_it_is_opened_anew():
-    controller = connected()
+def test_silence_closes_the_wire_until_it_is_opened_anew(controller):
     controller.answers["STATE"] = None
     with pytest.raises(LinkDown, match="no answer to STATE within 2 s"):
         controller.robot.state()
@@ -146,8 +137,7 @@ def test_silence_closes_the_wire_until_it_is_opened_anew():
     assert controller.robot.state().joints[0] == radians(1.0)
 
 
-def test_late_answer_that_waits_in_the_line_is_never_believed():
-    controller = connected()
+def test_late_answer_that_waits_in_the_line_is_never_believed(controller):
     controller.answers["STATE"] = None
     with pytest.raises(LinkDown):
         controller.robot.state()
@@ -157,8 +147,7 @@ def test_late_answer_that_waits_in_the_line_is_never_believed():
     assert controller.robot.state().joints[0] == radians(1.0)
 
 
-def test_late_answer_that_comes_between_question_and_answer_is_never_believed():
-    controller = connected()
+def test_late_answer_that_comes_between_question_and_answer_is_never_believed(controller):
     stale = checked("<3 STATE OK 0 0 - 77.0 0.0 0.0 0.0")
     right = checked("<8 STATE OK 0 0 - 1.0 0.0 0.0 0.0")
     controller.pipes[0].respond = lambda _: [(ANSWER_S, stale), (2 * ANSWER_S, right)]
@@ -186,8 +175,7 @@ def test_late_answer_that_comes_between_question_and_answer_is_never_believed():
         "noise",
     ],
 )
-def test_answer_that_is_none_closes_the_wire(answer):
-    controller = connected()
+def test_answer_that_is_none_closes_the_wire(controller, answer):
     controller.pipes[0].respond = lambda _: [(ANSWER_S, answer)]
     with pytest.raises(WireError):
         controller.robot.state()
@@ -215,8 +203,7 @@ def test_wish_to_stop_abandons_a_question():
     assert controller.questions == []
 
 
-def test_closing_closes_the_wire_and_may_be_repeated():
-    controller = connected()
+def test_closing_closes_the_wire_and_may_be_repeated(controller):
     controller.robot.close()
     controller.robot.close()
     assert controller.pipes[0].is_closed

@@ -24,8 +24,7 @@ FLAT = {
 } | {"plate_mm": 100.0}
 
 
-def test_geometry_is_read_by_its_flat_names():
-    controller = connected()
+def test_geometry_is_read_by_its_flat_names(controller):
     for arm in range(4):
         controller.answers[f"GEOM ARM {arm}"] = f"OK ARM {arm} " + ARM.format(arm=arm)
     controller.answers["GEOM PLATE"] = "OK PLATE 100.0"
@@ -46,8 +45,7 @@ def test_parameters_are_written_and_read_whole_although_somebody_wants_to_stop()
     assert controller.robot.identity().serial == "SN-0042"
 
 
-def test_geometry_of_another_arm_than_asked_closes_the_wire():
-    controller = connected()
+def test_geometry_of_another_arm_than_asked_closes_the_wire(controller):
     controller.answers["GEOM"] = "OK ARM 0 " + ARM.format(arm=0)
     controller.answers["GEOM PLATE"] = "OK PLATE 100.0"
     with pytest.raises(WireError, match="answered for ARM 0, asked for ARM 1"):
@@ -55,24 +53,21 @@ def test_geometry_of_another_arm_than_asked_closes_the_wire():
     assert controller.pipes[0].is_closed
 
 
-def test_plate_where_an_arm_was_asked_closes_the_wire():
-    controller = connected()
+def test_plate_where_an_arm_was_asked_closes_the_wire(controller):
     controller.answers["GEOM"] = "OK PLATE 100.0"
     with pytest.raises(WireError):
         controller.robot.read_geometry()
     assert controller.pipes[0].is_closed
 
 
-def test_geometry_is_staged_whole_and_then_committed():
-    controller = connected()
+def test_geometry_is_staged_whole_and_then_committed(controller):
     controller.robot.write_geometry(FLAT)
     staged = [f"STAGE ARM {arm} " + ARM.format(arm=arm) for arm in range(4)]
     expected = [*staged, "STAGE PLATE 100.0", "COMMIT"]
     assert [question.split(" ", 1)[1] for question in controller.questions] == expected
 
 
-def test_committing_may_take_longer_than_other_questions():
-    controller = connected()
+def test_committing_may_take_longer_than_other_questions(controller):
     controller.delays_s = {"COMMIT": 10.0}
     controller.robot.write_geometry(FLAT)
     controller.delays_s = {"STAGE": 10.0}
@@ -81,8 +76,7 @@ def test_committing_may_take_longer_than_other_questions():
 
 
 @pytest.mark.parametrize("refusing", ["STAGE ARM 2 " + ARM.format(arm=2), "COMMIT"])
-def test_refused_geometry_is_abandoned(refusing):
-    controller = connected()
+def test_refused_geometry_is_abandoned(controller, refusing):
     controller.answers[refusing] = "NO GEOMETRY forearm 2"
     with pytest.raises(DeviceRefused, match="GEOMETRY: forearm 2"):
         controller.robot.write_geometry(FLAT)
@@ -97,8 +91,7 @@ def test_refused_geometry_is_abandoned(refusing):
         ({"plate_mm": nan}, "plate_mm"),
     ],
 )
-def test_geometry_that_is_not_whole_is_never_sent(change, name):
-    controller = connected()
+def test_geometry_that_is_not_whole_is_never_sent(controller, change, name):
     geometry = {key: value for key, value in (FLAT | change).items() if value is not None}
     with pytest.raises(DeviceRefused, match=f"'{name}'"):
         controller.robot.write_geometry(geometry)

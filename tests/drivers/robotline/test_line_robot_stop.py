@@ -20,23 +20,20 @@ def lose_the_wire(controller):
     controller.questions.clear()
 
 
-def test_stop_returns_when_the_robot_stands():
-    controller = connected()
+def test_stop_returns_when_the_robot_stands(controller):
     controller.answers["STATE"] = [MOVING, MOVING, STANDING]
     controller.robot.stop()
     assert controller.verbs == ["STOP", "STATE", "STATE", "STATE"]
     assert controller.robot.state().moving is False
 
 
-def test_stop_opens_a_closed_wire_and_says_stop_first():
-    controller = connected()
+def test_stop_opens_a_closed_wire_and_says_stop_first(controller):
     lose_the_wire(controller)
     controller.robot.stop()
     assert controller.verbs == ["STOP", "STATE"]
 
 
-def test_after_a_stop_over_a_new_wire_the_rest_waits_for_a_reconnection():
-    controller = connected()
+def test_after_a_stop_over_a_new_wire_the_rest_waits_for_a_reconnection(controller):
     lose_the_wire(controller)
     controller.robot.stop()
     with pytest.raises(LinkDown, match="not connected"):
@@ -78,8 +75,7 @@ def test_pending_question_is_abandoned_and_stop_goes_over_a_new_wire_at_once(ver
 
 @pytest.mark.parametrize("answer_s", [0.6, 1.0, 1.5, 1.99])
 @pytest.mark.parametrize("lost", [True, False])
-def test_slow_controller_can_confirm_a_stop(answer_s, lost):
-    controller = connected()
+def test_slow_controller_can_confirm_a_stop(controller, answer_s, lost):
     if lost:
         lose_the_wire(controller)
     controller.delays_s = dict.fromkeys(("STOP", "STATE"), answer_s)
@@ -87,8 +83,7 @@ def test_slow_controller_can_confirm_a_stop(answer_s, lost):
     assert controller.clock.now_s() < 5.0 + 2.0
 
 
-def test_slow_controller_that_brakes_for_long_is_watched_no_longer_than_is_allowed():
-    controller = connected()
+def test_slow_controller_that_brakes_for_long_is_watched_no_longer_than_is_allowed(controller):
     controller.delays_s = dict.fromkeys(("STOP", "STATE"), 1.5)
     controller.answers["STATE"] = MOVING
     begun_s = controller.clock.now_s()
@@ -97,31 +92,27 @@ def test_slow_controller_that_brakes_for_long_is_watched_no_longer_than_is_allow
     assert controller.clock.now_s() - begun_s <= 5.0 + 0.02
 
 
-def test_stop_comes_again_over_a_new_wire_when_it_is_not_answered():
-    controller = connected()
+def test_stop_comes_again_over_a_new_wire_when_it_is_not_answered(controller):
     controller.pipes[0].respond = lambda _: []
     controller.robot.stop()
     assert len(controller.pipes) == 2
     assert controller.verbs == ["STOP", "STATE"], "the first pipe has kept its own to itself"
 
 
-def test_stop_comes_again_when_the_state_is_not_answered():
-    controller = connected()
+def test_stop_comes_again_when_the_state_is_not_answered(controller):
     controller.answers["STATE"] = [None, STANDING]
     controller.robot.stop()
     assert controller.verbs == ["STOP", "STATE", "STOP", "STATE"]
 
 
-def test_half_an_old_answer_in_the_line_does_not_prevent_a_stop():
-    controller = connected()
+def test_half_an_old_answer_in_the_line_does_not_prevent_a_stop(controller):
     lose_the_wire(controller)
     controller.waiting = b"0 0 - 12.5 0.0 0.0 0.0 *12AB\n"
     controller.robot.stop()
     assert controller.verbs[-2:] == ["STOP", "STATE"]
 
 
-def test_noise_on_the_line_does_not_keep_a_stop_from_being_sent():
-    controller = connected()
+def test_noise_on_the_line_does_not_keep_a_stop_from_being_sent(controller):
     noise = b"\xff" * 300
     controller.pipes[0].arrives(0.0, noise)
     controller.waiting = noise
@@ -169,39 +160,34 @@ def test_operator_is_alarmed_as_soon_when_the_host_is_gone_and_connecting_hangs(
     assert controller.clock.now_s() - begun_s < 5.5
 
 
-def test_host_that_accepts_slowly_still_confirms_a_stop():
-    controller = connected()
+def test_host_that_accepts_slowly_still_confirms_a_stop(controller):
     controller.robot.close()
     controller.accepts_after_s = 1.5
     controller.robot.stop()
     assert controller.verbs[-2:] == ["STOP", "STATE"]
 
 
-def test_robot_that_goes_on_moving_is_loud():
-    controller = connected()
+def test_robot_that_goes_on_moving_is_loud(controller):
     controller.answers["STATE"] = MOVING
     with pytest.raises(RobotStateUnknown, match=r"within 5 s \(it still moves\)"):
         controller.robot.stop()
 
 
-def test_stop_that_is_refused_is_loud():
-    controller = connected()
+def test_stop_that_is_refused_is_loud(controller):
     controller.answers["STOP"] = "NO VERB"
     with pytest.raises(RobotStateUnknown, match="STOP refused"):
         controller.robot.stop()
     assert "STATE" not in controller.verbs
 
 
-def test_stop_that_fails_leaves_no_wire_open():
-    controller = connected()
+def test_stop_that_fails_leaves_no_wire_open(controller):
     controller.answers["STOP"] = None
     with pytest.raises(RobotStateUnknown):
         controller.robot.stop()
     assert all(pipe.is_closed for pipe in controller.pipes)
 
 
-def test_standing_robot_is_stopped_within_two_answers():
-    controller = connected()
+def test_standing_robot_is_stopped_within_two_answers(controller):
     begun_s = controller.clock.now_s()
     controller.robot.stop()
     assert controller.clock.now_s() - begun_s <= 2 * ANSWER_S + 1e-9
