@@ -8,17 +8,7 @@ import tracemalloc
 import pytest
 from ruamel.yaml import YAML
 
-from drivers.bounded_files import (
-    CSV_BYTES,
-    YAML_BYTES,
-    FileMissing,
-    FileRefused,
-    bounded,
-    is_file,
-    is_there,
-    loaded_yaml,
-    read_bounded,
-)
+from drivers import bounded_files
 
 LONG = "x" * 5000
 
@@ -43,7 +33,10 @@ def unix_socket(path):
         (lambda path: path.symlink_to(path.name), "cannot be read"),
         (lambda path: path.symlink_to("/proc/self/mem"), "cannot be read"),
         (sparse, "has more than 1 MB"),
-        (lambda path: path.write_bytes(b"x" * (YAML_BYTES + 1)), "has more than 1 MB"),
+        (
+            lambda path: path.write_bytes(b"x" * (bounded_files.YAML_BYTES + 1)),
+            "has more than 1 MB",
+        ),
     ],
 )
 def test_what_is_no_file_of_ours_is_refused_at_once(tmp_path, monkeypatch, make, words):
@@ -52,32 +45,34 @@ def test_what_is_no_file_of_ours_is_refused_at_once(tmp_path, monkeypatch, make,
     make(path)
     tracemalloc.start()
     began_s = time.process_time()
-    with pytest.raises(FileRefused, match=words):
-        read_bounded(path, YAML_BYTES)
+    with pytest.raises(bounded_files.FileRefused, match=words):
+        bounded_files.read_bounded(path, bounded_files.YAML_BYTES)
     assert time.process_time() - began_s < 5.0
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert peak < 2 * CSV_BYTES
+    assert peak < 2 * bounded_files.CSV_BYTES
 
 
 def test_a_file_of_just_the_allowed_size_is_read(tmp_path):
     path = tmp_path / "robot.yaml"
-    path.write_bytes(b"x" * YAML_BYTES)
-    assert len(read_bounded(path, YAML_BYTES)) == YAML_BYTES
+    path.write_bytes(b"x" * bounded_files.YAML_BYTES)
+    assert (
+        len(bounded_files.read_bounded(path, bounded_files.YAML_BYTES)) == bounded_files.YAML_BYTES
+    )
 
 
 @pytest.mark.parametrize("name", ["a\x00b", LONG, "\udcff", "none", f"{'d/' * 3000}x"])
 def test_no_name_brings_the_reader_down(tmp_path, name):
     path = tmp_path / name
-    assert not is_file(path)
-    assert not is_there(path)
-    with pytest.raises(FileRefused):
-        read_bounded(path, YAML_BYTES)
+    assert not bounded_files.is_file(path)
+    assert not bounded_files.is_there(path)
+    with pytest.raises(bounded_files.FileRefused):
+        bounded_files.read_bounded(path, bounded_files.YAML_BYTES)
 
 
 def test_a_missing_file_is_told_from_an_unreadable_one(tmp_path):
-    with pytest.raises(FileMissing):
-        read_bounded(tmp_path / "none", YAML_BYTES)
+    with pytest.raises(bounded_files.FileMissing):
+        bounded_files.read_bounded(tmp_path / "none", bounded_files.YAML_BYTES)
 
 
 @pytest.mark.parametrize("kind", ["rt", "safe"])
@@ -96,8 +91,8 @@ def test_a_missing_file_is_told_from_an_unreadable_one(tmp_path):
 )
 def test_yaml_that_stands_for_too_much_is_refused_with_its_line(kind, text, words):
     began_s = time.process_time()
-    with pytest.raises(FileRefused) as refused:
-        loaded_yaml(bounded(YAML(typ=kind, pure=True)), text, "f")
+    with pytest.raises(bounded_files.FileRefused) as refused:
+        bounded_files.loaded_yaml(bounded_files.bounded(YAML(typ=kind, pure=True)), text, "f")
     assert time.process_time() - began_s < 5.0
     assert refused.value.problem.startswith(words)
     assert len(str(refused.value)) < 500

@@ -10,28 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scripted_emscon import RESULT, Instrument, system_status
 
+from drivers import errors
 from drivers.emscon.client import EmsconDeadlines
 from drivers.emscon.setup import SearchArea
-from drivers.errors import (
-    BeamBroken,
-    Cancelled,
-    DeviceNotReady,
-    DeviceRefused,
-    DriverError,
-    ImplausibleAnswer,
-    LinkDown,
-    NoReflector,
-)
 from drivers.values import Weather
+from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon import Answer, OtherPacket, encode
 from drivers.wire.emscon_constants import Command, ResultStatus
-from drivers.wire.emscon_messages import (
-    BeamTarget,
-    ErrorResponse,
-    ReflectorPosition,
-    StatusChange,
-    TrackerStatus,
-)
 
 START = Command.START_MEASUREMENT
 
@@ -69,30 +54,34 @@ class TestMeasure:
         deadlines = EmsconDeadlines(measuring_margin_s=3.0)
         station = Station(deadlines=deadlines).prepared(measuring_time_s=2.0)
         station.instrument.says[START] = [(0.0, Answer(START)), (5.1, RESULT)]
-        with pytest.raises(LinkDown, match="no answer to the measurement within 5 s"):
+        with pytest.raises(errors.LinkDown, match="no answer to the measurement within 5 s"):
             station.tracker.measure()
         assert station.pipe.is_closed
-        with pytest.raises(LinkDown, match="closed"):
+        with pytest.raises(errors.LinkDown, match="closed"):
             station.tracker.measure()
 
     def test_late_answer_closes_the_wire(self, station):
         station.instrument.says[START] = [(5.1, Answer(START)), (5.2, RESULT)]
-        with pytest.raises(LinkDown, match="no answer to StartMeasurement within 5 s"):
+        with pytest.raises(errors.LinkDown, match="no answer to StartMeasurement within 5 s"):
             station.tracker.measure()
         assert station.pipe.is_closed
 
     def test_live_positions_and_lights_are_passed_over(self, station):
-        noise = [ReflectorPosition(0, (1.0, 2.0, 3.0)), StatusChange(26), StatusChange(4711)]
+        noise = [
+            bodies.ReflectorPosition(0, (1.0, 2.0, 3.0)),
+            bodies.StatusChange(26),
+            bodies.StatusChange(4711),
+        ]
         station.instrument.says[START] = [(0.0, m) for m in noise] + started(*noise, RESULT)
         assert station.tracker.measure().point_in_tracker_mm == RESULT.point
 
     @pytest.mark.parametrize(
         "unasked",
         [
-            Answer(Command.GET_TRACKER_STATUS, 0, TrackerStatus(1)),
+            Answer(Command.GET_TRACKER_STATUS, 0, bodies.TrackerStatus(1)),
             Answer(Command.GET_SYSTEM_STATUS, 0, system_status()),
-            ErrorResponse(START, ResultStatus.ALL_OK),
-            ErrorResponse(Command.GET_ENVIRONMENT_PARAMS, 94),
+            bodies.ErrorResponse(START, ResultStatus.ALL_OK),
+            bodies.ErrorResponse(Command.GET_ENVIRONMENT_PARAMS, 94),
             OtherPacket(99, bytes(60_000)),
         ],
     )
@@ -105,8 +94,8 @@ class TestMeasure:
 
     def test_packets_that_are_passed_over_are_counted(self, station):
         before = station.tracker.state().packets_passed_over
-        station.comes(OtherPacket(99, b""), OtherPacket(3, b""), StatusChange(26))
-        station.comes(Answer(Command.GET_TRACKER_STATUS, 0, TrackerStatus(1)))
+        station.comes(OtherPacket(99, b""), OtherPacket(3, b""), bodies.StatusChange(26))
+        station.comes(Answer(Command.GET_TRACKER_STATUS, 0, bodies.TrackerStatus(1)))
         assert station.tracker.state().packets_passed_over - before == 2
 
     def test_what_is_queued_unread_is_bounded_in_bytes(self, station):
@@ -127,48 +116,52 @@ class TestMeasure:
     def test_locked_beam_lost_is_a_broken_beam(self, station):
         station.instrument.lose_the_beam()
         station.instrument.refuses[START] = ResultStatus.MEASUREMENT_STATUS_NOT_READY
-        with pytest.raises(NoReflector, match=r"10004 .measurement status not ready. → clear"):
+        with pytest.raises(
+            errors.NoReflector, match=r"10004 .measurement status not ready. → clear"
+        ):
             station.tracker.measure()
 
     def test_beam_that_breaks_during_the_measurement_is_a_broken_beam(self, station):
-        station.instrument.says[START] = started(StatusChange(25), ErrorResponse(START, 10009))
-        with pytest.raises(BeamBroken) as caught:
+        station.instrument.says[START] = started(
+            bodies.StatusChange(25), bodies.ErrorResponse(START, 10009)
+        )
+        with pytest.raises(errors.BeamBroken) as caught:
             station.tracker.measure()
         assert caught.value.code == "10009"
-        assert not isinstance(caught.value, NoReflector), "it was there when it began"
+        assert not isinstance(caught.value, errors.NoReflector), "it was there when it began"
         del station.instrument.says[START]
         assert station.tracker.measure().point_in_tracker_mm == RESULT.point
 
     def test_result_of_a_failed_measurement_is_not_taken_for_the_next(self, station):
-        station.instrument.says[START] = started(ErrorResponse(64, 36))
+        station.instrument.says[START] = started(bodies.ErrorResponse(64, 36))
         wrong = replace(RESULT, point=(9.0, 9.0, 9.0))
         station.instrument.says[Command.STOP_MEASUREMENT] = [
             (0.0, wrong),
             (0.1, Answer(Command.STOP_MEASUREMENT)),
         ]
-        with pytest.raises(BeamBroken):
+        with pytest.raises(errors.BeamBroken):
             station.tracker.measure()
         del station.instrument.says[START]
         assert station.tracker.measure().point_in_tracker_mm == RESULT.point
 
     def test_measurement_that_cannot_be_stopped_closes_the_wire(self, station):
-        station.instrument.says[START] = started(ErrorResponse(64, 36))
+        station.instrument.says[START] = started(bodies.ErrorResponse(64, 36))
         station.instrument.refuses[Command.STOP_MEASUREMENT] = ResultStatus.SERVER_BUSY
-        with pytest.raises(LinkDown):
+        with pytest.raises(errors.LinkDown):
             station.tracker.measure()
         assert station.pipe.is_closed
 
     def test_error_number_in_no_table_is_a_broken_beam_if_the_light_is_red(self, station):
         station.instrument.lose_the_beam()
         station.instrument.says[START] = started(replace(RESULT, status=24010))
-        with pytest.raises(BeamBroken, match="emScon error 24010"):
+        with pytest.raises(errors.BeamBroken, match="emScon error 24010"):
             station.tracker.measure()
 
     def test_error_number_in_no_table_is_a_refusal_if_the_light_is_green(self, station):
         station.instrument.refuses[START] = 24010
-        with pytest.raises(DeviceRefused, match="emScon error 24010") as caught:
+        with pytest.raises(errors.DeviceRefused, match="emScon error 24010") as caught:
             station.tracker.measure()
-        assert not isinstance(caught.value, BeamBroken)
+        assert not isinstance(caught.value, errors.BeamBroken)
 
     @pytest.mark.parametrize(
         ("status", "said"),
@@ -177,7 +170,7 @@ class TestMeasure:
     def test_tracker_that_is_not_ready_says_why(self, station, status, said):
         station.instrument.lose_the_beam()
         station.instrument.refuses[START] = status
-        with pytest.raises(DeviceNotReady, match=said):
+        with pytest.raises(errors.DeviceNotReady, match=said):
             station.tracker.measure()
 
     @pytest.mark.parametrize(("processor", "laser"), [(3, 3), (5, 2)])
@@ -187,12 +180,12 @@ class TestMeasure:
         station.instrument.lose_the_beam()
         station.instrument.state[Command.GET_SYSTEM_STATUS] = system_status(processor, laser)
         station.instrument.refuses[START] = ResultStatus.MEASUREMENT_STATUS_NOT_READY
-        with pytest.raises(DeviceNotReady):
+        with pytest.raises(errors.DeviceNotReady):
             station.tracker.measure()
 
     def test_measuring_before_preparing_is_refused(self):
         station = Station().connected()
-        with pytest.raises(DeviceNotReady, match="not prepared"):
+        with pytest.raises(errors.DeviceNotReady, match="not prepared"):
             station.tracker.measure()
         assert START not in station.instrument.commands()
 
@@ -200,7 +193,7 @@ class TestMeasure:
         wishes = [False]
         station = Station(cancelled=lambda: wishes[0]).prepared()
         station.instrument.says[START] = lambda _: wishes.__setitem__(0, True) or []
-        with pytest.raises(Cancelled):
+        with pytest.raises(errors.Cancelled):
             station.tracker.measure()
         assert station.pipe.is_closed
 
@@ -208,14 +201,14 @@ class TestMeasure:
     def test_garbage_instead_of_an_answer_is_a_driver_error(self, data):
         station = Station().prepared()
         station.instrument.says[START] = [(0.0, data)]
-        with pytest.raises(DriverError):
+        with pytest.raises(errors.DriverError):
             station.tracker.measure()
 
 
 class TestMotion:
     def test_go_to_is_in_millimetres_with_the_distance_meter(self, station):
         station.tracker.go_to((1000.0, 2000.0, -300.0))
-        assert station.instrument.body_of(Command.GO_POSITION) == BeamTarget(
+        assert station.instrument.body_of(Command.GO_POSITION) == bodies.BeamTarget(
             (1000.0, 2000.0, -300.0), 1
         )
 
@@ -224,27 +217,27 @@ class TestMotion:
         station.instrument.says[Command.GO_POSITION] = [(39.0, Answer(Command.GO_POSITION))]
         station.tracker.go_to((1.0, 2.0, 3.0))
         station.instrument.says[Command.GO_POSITION] = [(41.0, Answer(Command.GO_POSITION))]
-        with pytest.raises(LinkDown, match="within 40 s"):
+        with pytest.raises(errors.LinkDown, match="within 40 s"):
             station.tracker.go_to((1.0, 2.0, 3.0))
 
     @pytest.mark.parametrize("status", [36, 24010])
     def test_refused_search_with_a_red_light_is_a_broken_beam(self, station, status):
         station.instrument.lose_the_beam()
         station.instrument.refuses[Command.FIND_REFLECTOR] = status
-        with pytest.raises(BeamBroken, match="FindReflector"):
+        with pytest.raises(errors.BeamBroken, match="FindReflector"):
             station.tracker.find_reflector(3000.0)
 
     def test_search_that_ends_well_without_a_lock_is_a_broken_beam(self, station):
         station.instrument.lose_the_beam()
-        with pytest.raises(BeamBroken, match="GoPosition found no reflector"):
+        with pytest.raises(errors.BeamBroken, match="GoPosition found no reflector"):
             station.tracker.go_to((1.0, 2.0, 3.0))
 
     def test_wrong_parameter_is_not_blamed_on_the_beam(self, station):
         station.instrument.lose_the_beam()
         station.instrument.refuses[Command.GO_POSITION] = ResultStatus.WRONG_PARAMETER_1
-        with pytest.raises(DeviceRefused) as caught:
+        with pytest.raises(errors.DeviceRefused) as caught:
             station.tracker.go_to((1.0, 2.0, 3.0))
-        assert not isinstance(caught.value, BeamBroken)
+        assert not isinstance(caught.value, errors.BeamBroken)
 
 
 class TestUncertainty:
@@ -272,7 +265,7 @@ class TestUncertainty:
         assert self.measured(std=std)[0][0] == pytest.approx(25e-6)
 
     def test_result_without_any_uncertainty_is_refused(self):
-        with pytest.raises(DeviceRefused, match="without uncertainty"):
+        with pytest.raises(errors.DeviceRefused, match="without uncertainty"):
             self.measured(std=(0.0,) * 3, apriori_std=(0.0,) * 3)
 
     @pytest.mark.parametrize(
@@ -290,7 +283,7 @@ class TestUncertainty:
         ],
     )
     def test_result_that_cannot_be_is_refused_with_its_value(self, changes, said):
-        with pytest.raises(ImplausibleAnswer, match=f"pipe://test: .*{said}"):
+        with pytest.raises(errors.ImplausibleAnswer, match=f"pipe://test: .*{said}"):
             self.measured(**changes)
 
     @pytest.mark.parametrize(
@@ -307,7 +300,7 @@ class TestUncertainty:
 
     @pytest.mark.parametrize("changes", [{"mode": 1}, {"is_trial": 1}])
     def test_result_of_another_mode_is_refused(self, changes):
-        with pytest.raises(DeviceRefused, match="not the stationary measurement"):
+        with pytest.raises(errors.DeviceRefused, match="not the stationary measurement"):
             self.measured(**changes)
 
     @given(

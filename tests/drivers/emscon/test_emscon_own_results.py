@@ -10,22 +10,15 @@ from tracker_stage import seen_mm
 from drivers.emscon.tracker import SIMULATED
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, LinkDown, NotAMeasurement
 from drivers.link import EVENTS_KEPT
+from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon import Answer, OtherPacket, encode, refusal
 from drivers.wire.emscon_constants import Command, DataType, ResultStatus, SystemChange
-from drivers.wire.emscon_messages import (
-    ErrorResponse,
-    ReflectorPosition,
-    StationaryMode,
-    StatusChange,
-    TrackerStatus,
-    Units,
-)
 from sim.tracker.instrument import SimulatedTracker
 
 START = Command.START_MEASUREMENT
-INCHES = Units(5, 1, 0, 0, 0)
+INCHES = bodies.Units(5, 1, 0, 0, 0)
 OTHER_RESULT = replace(RESULT, point=(9.0, 9.0, 9.0))
-BROKEN = ErrorResponse(START, ResultStatus.NO_STATIONARY_RESULT)
+BROKEN = bodies.ErrorResponse(START, ResultStatus.NO_STATIONARY_RESULT)
 
 
 def says(station, *timed):
@@ -168,7 +161,10 @@ class TestLateResults:
         ends_s = station.clock.now_s() + seconds
         light = Command.GET_TRACKER_STATUS
         station.instrument.says[light] = lambda _: [
-            (0.0, Answer(light, 0, TrackerStatus(1 if station.clock.now_s() < ends_s else 2)))
+            (
+                0.0,
+                Answer(light, 0, bodies.TrackerStatus(1 if station.clock.now_s() < ends_s else 2)),
+            )
         ]
 
     def test_two_results_after_a_failure_are_none(self):
@@ -212,7 +208,7 @@ class TestLateResults:
     def test_tracker_that_goes_on_measuring_for_ever_has_given_no_result(self):
         station = self.failed_once()
         says(station, (0.5, OTHER_RESULT))
-        station.instrument.state[Command.GET_TRACKER_STATUS] = TrackerStatus(1)
+        station.instrument.state[Command.GET_TRACKER_STATUS] = bodies.TrackerStatus(1)
         with pytest.raises(NotAMeasurement):
             station.tracker.measure()
 
@@ -238,7 +234,7 @@ class TestSettingsInDoubt:
 
     def test_change_stays_known_until_the_tracker_is_prepared_again(self, station):
         station.instrument.state[Command.GET_UNITS] = INCHES
-        station.comes(StatusChange(SystemChange.UNITS))
+        station.comes(bodies.StatusChange(SystemChange.UNITS))
         for _ in range(3):
             with pytest.raises(DeviceNotReady, match="units"):
                 station.tracker.measure()
@@ -247,7 +243,7 @@ class TestSettingsInDoubt:
 
     def test_change_stays_known_when_it_could_not_be_read_back(self, station):
         station.instrument.state[Command.GET_UNITS] = INCHES
-        station.comes(StatusChange(SystemChange.UNITS))
+        station.comes(bodies.StatusChange(SystemChange.UNITS))
         station.instrument.refuses[Command.GET_UNITS] = ResultStatus.USAGE_CONFLICT
         with pytest.raises(DeviceRefused, match="GetUnits"):
             station.tracker.measure()
@@ -257,15 +253,17 @@ class TestSettingsInDoubt:
 
     def test_change_is_known_however_much_comes_after_it(self, station):
         station.instrument.state[Command.GET_UNITS] = INCHES
-        station.comes(StatusChange(SystemChange.UNITS))
-        station.pipe.arrives(0.0, encode(StatusChange(SystemChange.LIGHT_BUSY)) * 2 * EVENTS_KEPT)
+        station.comes(bodies.StatusChange(SystemChange.UNITS))
+        station.pipe.arrives(
+            0.0, encode(bodies.StatusChange(SystemChange.LIGHT_BUSY)) * 2 * EVENTS_KEPT
+        )
         with pytest.raises(DeviceNotReady, match="units"):
             station.tracker.measure()
 
     @pytest.mark.parametrize(
         "live",
         [
-            ReflectorPosition(0, (1.0, 2.0, 3.0)),
+            bodies.ReflectorPosition(0, (1.0, 2.0, 3.0)),
             OtherPacket(DataType.MULTI_RESULT, bytes(40)),
             OtherPacket(DataType.MULTI_RESULT_2, bytes(40)),
         ],
@@ -276,7 +274,8 @@ class TestSettingsInDoubt:
         assert station.tracker.measure().point_in_tracker_mm == RESULT.point
 
     @pytest.mark.parametrize(
-        "live", [ReflectorPosition(0, (1.0, 2.0, 3.0)), OtherPacket(DataType.MULTI_RESULT, b"1234")]
+        "live",
+        [bodies.ReflectorPosition(0, (1.0, 2.0, 3.0)), OtherPacket(DataType.MULTI_RESULT, b"1234")],
     )
     def test_live_results_show_that_somebody_changed_settings(self, station, live):
         station.instrument.state[Command.GET_UNITS] = INCHES
@@ -287,7 +286,7 @@ class TestSettingsInDoubt:
     def test_whatever_fell_out_of_the_queue_makes_settings_be_read_back(self, station):
         station.tracker.measure()
         station.instrument.state[Command.GET_UNITS] = INCHES
-        station.pipe.arrives(0.0, encode(ErrorResponse(64, 36)) * (EVENTS_KEPT + 1))
+        station.pipe.arrives(0.0, encode(bodies.ErrorResponse(64, 36)) * (EVENTS_KEPT + 1))
         with pytest.raises(DeviceNotReady, match="units"):
             station.tracker.measure()
 
@@ -295,7 +294,7 @@ class TestSettingsInDoubt:
 class TestMeasuringTime:
     def test_time_that_is_accepted_but_not_kept_is_refused_with_both(self):
         station = Station().connected()
-        station.instrument.state[Command.GET_STATIONARY_MODE_PARAMS] = StationaryMode(500, 1)
+        station.instrument.state[Command.GET_STATIONARY_MODE_PARAMS] = bodies.StationaryMode(500, 1)
         setting = Command.SET_STATIONARY_MODE_PARAMS
         station.instrument.says[setting] = [(0.0, Answer(setting))]
         with pytest.raises(DeviceRefused, match="is 500 ms after 2000 ms was set"):
@@ -304,8 +303,8 @@ class TestMeasuringTime:
             station.tracker.measure()
 
     def test_time_changed_by_somebody_else_spoils_the_result(self, station):
-        station.instrument.state[Command.GET_STATIONARY_MODE_PARAMS] = StationaryMode(100, 1)
-        station.comes(StatusChange(SystemChange.STATIONARY_MODE_PARAMS))
+        station.instrument.state[Command.GET_STATIONARY_MODE_PARAMS] = bodies.StationaryMode(100, 1)
+        station.comes(bodies.StatusChange(SystemChange.STATIONARY_MODE_PARAMS))
         with pytest.raises(DeviceNotReady, match="stationary mode"):
             station.tracker.measure()
 

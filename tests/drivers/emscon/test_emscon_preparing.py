@@ -6,26 +6,13 @@ from scripted_emscon import NAMES, RESULT, Instrument, system_status
 
 from drivers.emscon.client import EmsconDeadlines
 from drivers.emscon.setup import SearchArea
-from drivers.errors import (
-    DeviceNotReady,
-    DeviceRefused,
-    LinkDown,
-)
+from drivers.errors import DeviceNotReady, DeviceRefused, LinkDown
+from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon import Answer, refusal
 from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange
-from drivers.wire.emscon_messages import (
-    ReflectorChoice,
-    ReflectorEntry,
-    SearchParams,
-    SingleResult,
-    StationaryMode,
-    StatusChange,
-    SystemSettings,
-    Units,
-)
 
 START = Command.START_MEASUREMENT
-STANDARD_RESULT = SingleResult(
+STANDARD_RESULT = bodies.SingleResult(
     0, 0, 0, (1.0, 2.0, 3.0), (0.01,) * 3, 0.017, (0.0,) * 3, (0.02,) * 3, 0.03, 20.0, 1000.0, 50.0
 )
 
@@ -40,16 +27,18 @@ class TestPrepare:
         station = Station(search=SearchArea(radius_mm=30.0, timeout_s=4.0)).connected()
         station.tracker.prepare("RRR 1.5in", 2.5)
         instrument = station.instrument
-        assert instrument.body_of(Command.SET_REFLECTOR) == ReflectorChoice(40)
-        assert instrument.body_of(Command.SET_STATIONARY_MODE_PARAMS) == StationaryMode(2500, 1)
-        assert instrument.body_of(Command.SET_SEARCH_PARAMS) == SearchParams(30.0, 4000)
+        assert instrument.body_of(Command.SET_REFLECTOR) == bodies.ReflectorChoice(40)
+        assert instrument.body_of(Command.SET_STATIONARY_MODE_PARAMS) == bodies.StationaryMode(
+            2500, 1
+        )
+        assert instrument.body_of(Command.SET_SEARCH_PARAMS) == bodies.SearchParams(30.0, 4000)
         assert instrument.body_of(Command.SET_STATISTIC_MODE).stationary == 1
         assert instrument.body_of(Command.SET_COORDINATE_SYSTEM_TYPE).kind == 0
         assert instrument.body_of(Command.SET_MEASUREMENT_MODE).mode == 0
 
     def test_points_are_in_the_instruments_own_frame_and_its_equipment_stays(self, station):
         settings = station.instrument.state[Command.GET_SYSTEM_SETTINGS]
-        assert settings == SystemSettings(1, 0, 0, 1, 1, 0, 0, 1, 1)
+        assert settings == bodies.SystemSettings(1, 0, 0, 1, 1, 0, 0, 1, 1)
 
     def test_initialised_tracker_is_not_moved(self):
         station = Station().connected()
@@ -99,20 +88,20 @@ class TestPrepare:
 
     def test_tracker_without_any_reflector_says_what_to_do(self):
         instrument = Instrument()
-        none = Answer(Command.GET_REFLECTORS, 0, ReflectorEntry(0, 0, 0, 0.0, ""))
+        none = Answer(Command.GET_REFLECTORS, 0, bodies.ReflectorEntry(0, 0, 0, 0.0, ""))
         instrument.says[Command.GET_REFLECTORS] = [(0.0, none)]
         with pytest.raises(DeviceNotReady, match="define the reflector"):
             Station(instrument).prepared()
 
     def test_events_of_our_own_settings_may_come_before_or_after_the_answers(self):
         instrument = Instrument()
-        event = StatusChange(SystemChange.UNITS)
+        event = bodies.StatusChange(SystemChange.UNITS)
         for say in (
             [(0.0, event), (0.1, Answer(Command.SET_UNITS))],
             [(0.0, Answer(Command.SET_UNITS)), (0.0, event)],
         ):
             instrument.says[Command.SET_UNITS] = say
-            instrument.state[Command.GET_UNITS] = Units(1, 1, 0, 0, 0)
+            instrument.state[Command.GET_UNITS] = bodies.Units(1, 1, 0, 0, 0)
             assert Station(instrument).prepared().tracker.measure()
 
     def test_setting_that_is_accepted_but_not_kept_is_refused(self):
@@ -156,8 +145,10 @@ class TestPrepare:
 
 class TestSettingsChangedByOthers:
     def test_units_changed_before_a_measurement_stop_it(self, station):
-        station.instrument.state[Command.GET_UNITS] = Units(5, 1, 0, 0, 0)
-        station.comes(StatusChange(SystemChange.UNITS), StatusChange(SystemChange.LIGHT_BUSY))
+        station.instrument.state[Command.GET_UNITS] = bodies.Units(5, 1, 0, 0, 0)
+        station.comes(
+            bodies.StatusChange(SystemChange.UNITS), bodies.StatusChange(SystemChange.LIGHT_BUSY)
+        )
         with pytest.raises(DeviceNotReady, match="another program changed the tracker's units"):
             station.tracker.measure()
         assert START not in station.instrument.commands()
@@ -165,27 +156,29 @@ class TestSettingsChangedByOthers:
     def test_reflector_changed_during_a_measurement_spoils_its_result(self, station):
 
         def change(_request):
-            station.instrument.state[Command.GET_REFLECTOR] = ReflectorChoice(3)
-            return started(StatusChange(SystemChange.REFLECTOR), RESULT)
+            station.instrument.state[Command.GET_REFLECTOR] = bodies.ReflectorChoice(3)
+            return started(bodies.StatusChange(SystemChange.REFLECTOR), RESULT)
 
         station.instrument.says[START] = change
         with pytest.raises(DeviceNotReady, match="changed the tracker's reflector"):
             station.tracker.measure()
 
     def test_units_changed_keep_the_head_from_moving(self, station):
-        station.instrument.state[Command.GET_UNITS] = Units(0, 0, 0, 0, 0)
-        station.comes(StatusChange(SystemChange.UNITS))
+        station.instrument.state[Command.GET_UNITS] = bodies.Units(0, 0, 0, 0, 0)
+        station.comes(bodies.StatusChange(SystemChange.UNITS))
         with pytest.raises(DeviceNotReady):
             station.tracker.go_to((1.0, 2.0, 3.0))
         assert Command.GO_POSITION not in station.instrument.commands()
 
     def test_change_back_to_what_was_agreed_is_no_harm(self, station):
-        station.comes(StatusChange(SystemChange.UNITS), StatusChange(SystemChange.REFLECTOR))
+        station.comes(
+            bodies.StatusChange(SystemChange.UNITS), bodies.StatusChange(SystemChange.REFLECTOR)
+        )
         assert station.tracker.measure()
 
     def test_changes_are_noticed_through_other_questions(self, station):
-        station.instrument.state[Command.GET_UNITS] = Units(5, 1, 0, 0, 0)
-        station.comes(StatusChange(SystemChange.UNITS))
+        station.instrument.state[Command.GET_UNITS] = bodies.Units(5, 1, 0, 0, 0)
+        station.comes(bodies.StatusChange(SystemChange.UNITS))
         station.tracker.state()
         with pytest.raises(DeviceNotReady, match="units"):
             station.tracker.measure()

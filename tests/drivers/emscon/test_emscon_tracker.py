@@ -4,29 +4,18 @@ import pytest
 from emscon_stations import Station
 from scripted_emscon import NAMES, RESULT, Instrument, system_status
 
-from drivers.errors import (
-    DeviceRefused,
-    LinkDown,
-    WireError,
-    WrongDevice,
-)
+from drivers.errors import DeviceRefused, LinkDown, WireError, WrongDevice
 from drivers.values import Readiness, Weather
+from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon import Answer, encode, refusal
 from drivers.wire.emscon_constants import Command, ResultStatus
-from drivers.wire.emscon_messages import (
-    ErrorResponse,
-    MeasurementStatusInfo,
-    ReflectorEntry,
-    TrackerStatus,
-    Units,
-)
 
 
 class TestSession:
     def test_connecting_sets_our_units_before_anything_is_read(self):
         station = Station().connected()
         first = station.instrument.asked[0]
-        assert (first.command, first.body) == (Command.SET_UNITS, Units(1, 1, 0, 0, 0))
+        assert (first.command, first.body) == (Command.SET_UNITS, bodies.Units(1, 1, 0, 0, 0))
 
     def test_identity_is_model_serial_and_firmware(self):
         identity = Station().connected().tracker.identity()
@@ -52,14 +41,14 @@ class TestSession:
 
     def test_another_program_told_by_an_error_packet_is_named_too(self):
         station = Station().connected()
-        station.comes(ErrorResponse(64, ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED))
+        station.comes(bodies.ErrorResponse(64, ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED))
         with pytest.raises(DeviceRefused, match="end the other program"):
             station.tracker.reflectors()
         assert station.pipe.is_closed
 
     def test_another_program_told_instead_of_an_answer_is_named_too(self):
         instrument = Instrument()
-        error = ErrorResponse(64, ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED)
+        error = bodies.ErrorResponse(64, ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED)
         instrument.says[Command.SET_UNITS] = [(0.1, error)]
         with pytest.raises(DeviceRefused, match="end the other program"):
             Station(instrument).connected()
@@ -129,7 +118,7 @@ class TestReflectors:
     def test_every_packet_of_the_list_is_read_in_any_pieces(self):
         station = Station().connected()
         packets = b"".join(
-            encode(Answer(Command.GET_REFLECTORS, 0, ReflectorEntry(3, n, 1, 19.05, name)))
+            encode(Answer(Command.GET_REFLECTORS, 0, bodies.ReflectorEntry(3, n, 1, 19.05, name)))
             for n, name in NAMES.items()
         )
         station.instrument.says[Command.GET_REFLECTORS] = [
@@ -142,7 +131,7 @@ class TestReflectors:
 
     def test_list_that_breaks_off_closes_the_wire(self):
         station = Station().connected()
-        entry = ReflectorEntry(3, 1, 1, 19.05, "CCR-1.5in")
+        entry = bodies.ReflectorEntry(3, 1, 1, 19.05, "CCR-1.5in")
         station.instrument.says[Command.GET_REFLECTORS] = [
             (0.0, Answer(Command.GET_REFLECTORS, 0, entry))
         ]
@@ -152,7 +141,7 @@ class TestReflectors:
 
     def test_list_that_claims_too_much_is_not_read(self):
         station = Station().connected()
-        entry = ReflectorEntry(2**31 - 1, 1, 1, 19.05, "CCR-1.5in")
+        entry = bodies.ReflectorEntry(2**31 - 1, 1, 1, 19.05, "CCR-1.5in")
         station.instrument.says[Command.GET_REFLECTORS] = [
             (0.0, Answer(Command.GET_REFLECTORS, 0, entry))
         ]
@@ -178,8 +167,8 @@ class TestState:
 
     @pytest.mark.parametrize(("light", "bits"), [(0, 2048), (2, 0)])
     def test_lock_needs_both_the_light_and_the_reflector(self, station, light, bits):
-        station.instrument.state[Command.GET_TRACKER_STATUS] = TrackerStatus(light)
-        info = MeasurementStatusInfo(0, bits)
+        station.instrument.state[Command.GET_TRACKER_STATUS] = bodies.TrackerStatus(light)
+        info = bodies.MeasurementStatusInfo(0, bits)
         station.instrument.state[Command.GET_MEASUREMENT_STATUS_INFO] = info
         assert not station.tracker.state().beam_locked
 
@@ -191,7 +180,7 @@ class TestState:
         ("light", "readiness"), [(1, Readiness.BUSY), (3, Readiness.NOT_READY), (99, None)]
     )
     def test_lights(self, station, light, readiness):
-        station.instrument.state[Command.GET_TRACKER_STATUS] = TrackerStatus(light)
+        station.instrument.state[Command.GET_TRACKER_STATUS] = bodies.TrackerStatus(light)
         assert station.tracker.state().readiness is (readiness or Readiness.NOT_READY)
 
     def test_no_reflector_chosen(self):

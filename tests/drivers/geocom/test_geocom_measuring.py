@@ -5,15 +5,7 @@ import contextlib
 import pytest
 from scripted_geocom import POINT_M, POINT_MM, Bench
 
-from drivers.errors import (
-    BeamBroken,
-    DeviceNotReady,
-    DeviceRefused,
-    ImplausibleAnswer,
-    LinkDown,
-    NotAMeasurement,
-    WireError,
-)
+from drivers import errors
 from drivers.geocom.accuracy import Accuracy, accuracy_of_class, covariance_mm2
 from drivers.wire.geocom import GeocomReply, encode_reply, words_of
 from drivers.wire.geocom_constants import Result, Rpc
@@ -64,14 +56,14 @@ def test_point_whose_angles_are_not_the_prisms_is_a_broken_beam(bench):
     _, words = bench.instrument.answers[Rpc.TMC_GET_COORDINATE]
     bench.instrument.answers[Rpc.TMC_GET_COORDINATE] = (1283, words)
     bench.instrument.answers[Rpc.TMC_IF_DATA_AZE_CORR_ERROR] = (0, words_of(1))
-    with pytest.raises(BeamBroken, match="not corrected by target recognition"):
+    with pytest.raises(errors.BeamBroken, match="not corrected by target recognition"):
         bench.tracker.measure()
 
 
 @pytest.mark.parametrize("code", [1285, 1288, 1289, 1292, 1294])
 def test_angles_without_a_distance_are_a_broken_beam(bench, code):
     bench.instrument.answers[Rpc.TMC_GET_COORDINATE] = (code, words_of(*[0.0] * 3, 0) * 2)
-    with pytest.raises(BeamBroken, match=f"GeoCOM {code}") as caught:
+    with pytest.raises(errors.BeamBroken, match=f"GeoCOM {code}") as caught:
         bench.tracker.measure()
     assert caught.value.code == str(code)
 
@@ -79,13 +71,13 @@ def test_angles_without_a_distance_are_a_broken_beam(bench, code):
 @pytest.mark.parametrize(
     ("code", "kind", "words"),
     [
-        (1290, DeviceNotReady, "level the instrument"),
-        (1291, DeviceNotReady, "ppm"),
-        (22, DeviceNotReady, "level"),
-        (16, DeviceNotReady, "battery"),
-        (27, DeviceNotReady, "licensed"),
-        (8714, DeviceNotReady, "prepare the tracker again"),
-        (4242, DeviceRefused, "GeoCOM 4242"),
+        (1290, errors.DeviceNotReady, "level the instrument"),
+        (1291, errors.DeviceNotReady, "ppm"),
+        (22, errors.DeviceNotReady, "level"),
+        (16, errors.DeviceNotReady, "battery"),
+        (27, errors.DeviceNotReady, "licensed"),
+        (8714, errors.DeviceNotReady, "prepare the tracker again"),
+        (4242, errors.DeviceRefused, "GeoCOM 4242"),
     ],
 )
 def test_each_refusal_says_what_to_do(bench, code, kind, words):
@@ -99,7 +91,7 @@ def test_call_that_the_instrument_does_not_know_is_refused(bench):
     bench.instrument.says[Rpc.TMC_DO_MEASURE] = lambda request: [
         (0.0, encode_reply(GeocomReply(Result.COM_UNKNOWN_PROCEDURE, request.transaction, 0)))
     ]
-    with pytest.raises(DeviceRefused, match=r"TMC_DO_MEASURE failed: GeoCOM 3081"):
+    with pytest.raises(errors.DeviceRefused, match=r"TMC_DO_MEASURE failed: GeoCOM 3081"):
         bench.tracker.measure()
 
 
@@ -107,7 +99,7 @@ def test_call_that_the_instrument_does_not_know_is_refused(bench):
 def test_nothing_of_a_measurement_is_left_for_the_next_one(bench, code):
     _result, words = bench.instrument.answers[Rpc.TMC_GET_COORDINATE]
     bench.instrument.answers[Rpc.TMC_GET_COORDINATE] = (code, words)
-    with contextlib.suppress(BeamBroken):
+    with contextlib.suppress(errors.BeamBroken):
         bench.tracker.measure()
     programs = [r.parameters[0] for r in bench.instrument.asked if r.rpc == Rpc.TMC_DO_MEASURE]
     assert programs == ["1", "3"]
@@ -121,9 +113,9 @@ def delivers(bench, at_ms, code=0):
 def test_distance_with_the_time_stamp_of_the_one_before_is_no_measurement(bench):
     bench.tracker.measure()
     for _ in range(2):
-        with pytest.raises(NotAMeasurement, match="time stamp of 1000 ms") as caught:
+        with pytest.raises(errors.NotAMeasurement, match="time stamp of 1000 ms") as caught:
             bench.tracker.measure()
-        assert isinstance(caught.value, BeamBroken)  # the shot is taken again
+        assert isinstance(caught.value, errors.BeamBroken)  # the shot is taken again
     delivers(bench, 1001)
     assert bench.tracker.measure().point_in_tracker_mm == POINT_MM
 
@@ -131,14 +123,14 @@ def test_distance_with_the_time_stamp_of_the_one_before_is_no_measurement(bench)
 def test_warned_distance_of_the_point_before_is_no_measurement_either(bench):
     bench.tracker.measure()
     delivers(bench, 1000, code=1284)
-    with pytest.raises(NotAMeasurement):
+    with pytest.raises(errors.NotAMeasurement):
         bench.tracker.measure()
 
 
 def test_distance_of_the_point_before_is_known_over_a_new_connection(bench):
     bench.tracker.measure()
     bench.tracker.reconnect()
-    with pytest.raises(NotAMeasurement):
+    with pytest.raises(errors.NotAMeasurement):
         bench.tracker.measure()
 
 
@@ -154,10 +146,10 @@ def test_failed_measurement_that_cannot_be_cleared_closes_the_wire(bench):
     bench.instrument.says[Rpc.TMC_DO_MEASURE] = lambda request: [
         (0.0, encode_reply(GeocomReply(0, request.transaction, codes[request.parameters[0]])))
     ]
-    with pytest.raises(BeamBroken):
+    with pytest.raises(errors.BeamBroken):
         bench.tracker.measure()
     assert bench.pipe.is_closed
-    with pytest.raises(LinkDown):
+    with pytest.raises(errors.LinkDown):
         bench.tracker.measure()
 
 
@@ -172,7 +164,7 @@ def test_busy_instrument_is_asked_again(bench):
 def test_instrument_that_stays_busy_is_given_up(bench):
     bench.instrument.refuses(Rpc.MOT_READ_LOCK_STATUS, Result.SYSTEM_BUSY)
     started_s = bench.clock.now_s()
-    with pytest.raises(DeviceNotReady, match="wait until the instrument has finished"):
+    with pytest.raises(errors.DeviceNotReady, match="wait until the instrument has finished"):
         bench.tracker.measure()
     assert bench.clock.now_s() - started_s == pytest.approx(30.0, abs=1.0)
 
@@ -182,7 +174,7 @@ def test_prism_lost_while_measuring_is_a_broken_beam(bench):
     bench.instrument.says[Rpc.MOT_READ_LOCK_STATUS] = lambda request: [
         (0.0, encode_reply(GeocomReply(0, request.transaction, 0, words_of(next(statuses)))))
     ]
-    with pytest.raises(BeamBroken, match="not locked"):
+    with pytest.raises(errors.BeamBroken, match="not locked"):
         bench.tracker.measure()
 
 
@@ -196,7 +188,7 @@ def test_prism_lost_while_measuring_is_a_broken_beam(bench):
 )
 def test_key_pressed_at_the_instrument_makes_the_point_no_data(bench, rpc, words, said):
     bench.instrument.answers[rpc] = (0, words)
-    with pytest.raises(DeviceNotReady, match=f"changed the instrument's {said}"):
+    with pytest.raises(errors.DeviceNotReady, match=f"changed the instrument's {said}"):
         bench.tracker.measure()
 
 
@@ -204,14 +196,14 @@ def test_key_pressed_at_the_instrument_makes_the_point_no_data(bench, rpc, words
 def test_result_without_numbers_is_refused(bench, word):
     words = (word, *words_of(0.0, 0.0, 0)) * 2
     bench.instrument.answers[Rpc.TMC_GET_COORDINATE] = (0, words)
-    with pytest.raises(ImplausibleAnswer, match="possible is 0 to 200000 mm"):
+    with pytest.raises(errors.ImplausibleAnswer, match="possible is 0 to 200000 mm"):
         bench.tracker.measure()
 
 
 @pytest.mark.parametrize("words", [(), ("1.0",), ("x",) * 8])
 def test_result_of_another_form_closes_the_wire(bench, words):
     bench.instrument.answers[Rpc.TMC_GET_COORDINATE] = (0, words)
-    with pytest.raises(WireError, match="TMC_GET_COORDINATE answers"):
+    with pytest.raises(errors.WireError, match="TMC_GET_COORDINATE answers"):
         bench.tracker.measure()
     assert bench.pipe.is_closed
 
@@ -219,8 +211,8 @@ def test_result_of_another_form_closes_the_wire(bench, words):
 @pytest.mark.parametrize("said", [b"garbage\r\n", b"%R1P,0,\r\n", b"\xff" * 2000])
 def test_garbage_closes_the_wire_and_every_later_call_says_so(bench, said):
     bench.instrument.says[Rpc.TMC_GET_COORDINATE] = [(0.1, said)]
-    with pytest.raises(WireError, match="not a line of GeoCOM"):
+    with pytest.raises(errors.WireError, match="not a line of GeoCOM"):
         bench.tracker.measure()
     assert bench.pipe.is_closed
-    with pytest.raises((LinkDown, WireError)):
+    with pytest.raises((errors.LinkDown, errors.WireError)):
         bench.tracker.measure()

@@ -5,16 +5,7 @@ from math import degrees, nan, radians
 import pytest
 from scripted_linuxcnc import NEVER, ORDER_S, TARGET_RAD, arrive, ready
 
-from drivers.errors import (
-    Cancelled,
-    DeviceNotReady,
-    DeviceRefused,
-    EmergencyStop,
-    LimitViolation,
-    LinkDown,
-    MotionFault,
-    WireError,
-)
+from drivers import errors
 from drivers.linuxcnc.settings import Coordinates
 from drivers.values import Pose
 
@@ -72,30 +63,30 @@ def test_joints_that_still_creep_have_not_arrived(linuxcnc):
 
 @pytest.mark.parametrize("angle_deg", [-45.1, 90.1, nan])
 def test_target_outside_the_limits_is_never_sent(linuxcnc, angle_deg):
-    with pytest.raises(LimitViolation, match="joint 2"):
+    with pytest.raises(errors.LimitViolation, match="joint 2"):
         linuxcnc.robot.move_joints((0.0, 0.0, radians(angle_deg), 0.0), 1.0)
-    with pytest.raises(LimitViolation):
+    with pytest.raises(errors.LimitViolation):
         linuxcnc.robot.move_pose(Pose(0.0, 0.0, 10 * angle_deg, 0.0), 1.0)
     assert linuxcnc.asked == []
 
 
 def test_three_joints_for_four_are_refused(linuxcnc):
-    with pytest.raises(LimitViolation, match="3 joints"):
+    with pytest.raises(errors.LimitViolation, match="3 joints"):
         linuxcnc.robot.move_joints((0.0, 0.0, 0.0), 1.0)
 
 
 @pytest.mark.parametrize(
     ("messages", "error"),
     [
-        (["Linear move on line 0 would exceed X's positive limit"], LimitViolation),
-        (["Linear move on line 0 fails kinematicsInverse"], LimitViolation),
-        (["joint 3 following error"], MotionFault),
-        (["Bad character 'u' used"], DeviceRefused),
+        (["Linear move on line 0 would exceed X's positive limit"], errors.LimitViolation),
+        (["Linear move on line 0 fails kinematicsInverse"], errors.LimitViolation),
+        (["joint 3 following error"], errors.MotionFault),
+        (["Bad character 'u' used"], errors.DeviceRefused),
     ],
 )
 def test_refusal_that_comes_after_the_acknowledgement_is_raised(linuxcnc, messages, error):
     linuxcnc.refuses_move = messages
-    with pytest.raises(DeviceRefused, match=messages[0].split("'")[0]) as refused:
+    with pytest.raises(errors.DeviceRefused, match=messages[0].split("'")[0]) as refused:
         linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
     assert type(refused.value) is error
     linuxcnc.refuses_move = []
@@ -113,7 +104,7 @@ def test_stall_in_motion_is_a_fault_in_its_own_words(linuxcnc):
     linuxcnc.fail("joint 3 following error")
     state = linuxcnc.robot.state()
     assert (state.fault, state.moving) == ("joint 3 following error", False)
-    with pytest.raises(MotionFault, match="machine is off"):
+    with pytest.raises(errors.MotionFault, match="machine is off"):
         linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
 
 
@@ -121,7 +112,7 @@ def test_emergency_stop_in_motion_is_told_and_keeps_the_robot_from_moving(linuxc
     linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
     linuxcnc.fail("", estop=True)
     assert linuxcnc.robot.state().emergency_stop
-    with pytest.raises(EmergencyStop):
+    with pytest.raises(errors.EmergencyStop):
         linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
 
 
@@ -145,7 +136,7 @@ def test_positions_that_freeze_in_motion_are_a_fault(linuxcnc):
 
 def test_move_that_is_taken_but_does_not_begin_is_a_fault(linuxcnc):
     linuxcnc.overrides["set mdi"] = ("SET MDI ACK\n\r", ORDER_S)
-    with pytest.raises(MotionFault, match="has not begun within 1 s"):
+    with pytest.raises(errors.MotionFault, match="has not begun within 1 s"):
         linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
 
 
@@ -156,9 +147,9 @@ def test_move_to_where_it_stands_has_begun_and_ended(linuxcnc):
 
 def test_order_that_a_dead_task_does_not_take_closes_the_wire(linuxcnc):
     linuxcnc.task_lives = False
-    with pytest.raises(LinkDown, match="shows a machine that is on, but takes no orders"):
+    with pytest.raises(errors.LinkDown, match="shows a machine that is on, but takes no orders"):
         linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
-    with pytest.raises(LinkDown, match="not connected"):
+    with pytest.raises(errors.LinkDown, match="not connected"):
         linuxcnc.robot.state()
 
 
@@ -168,14 +159,14 @@ def test_control_taken_by_another_client_is_a_fault_and_nothing_is_ordered(linux
     assert "another client" in linuxcnc.robot.state().fault
     linuxcnc.clock.sleep_s(1.0)
     orders = list(linuxcnc.orders)
-    with pytest.raises(DeviceNotReady, match="another client"):
+    with pytest.raises(errors.DeviceNotReady, match="another client"):
         linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
     assert linuxcnc.orders == orders
 
 
 def test_controller_that_was_started_anew_is_not_homed(linuxcnc):
     linuxcnc.homed = False
-    with pytest.raises(DeviceNotReady, match="not homed"):
+    with pytest.raises(errors.DeviceNotReady, match="not homed"):
         linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
 
 
@@ -190,23 +181,23 @@ def test_word_that_is_refused_once_is_asked_again(linuxcnc):
     linuxcnc.overrides["get machine"] = ["GET NAK\r\n", "GET MACHINE NAK\r\n", right]
     assert linuxcnc.robot.state().fault == ""
     linuxcnc.overrides["get machine"] = "GET MACHINE NAK\r\n"
-    with pytest.raises(DeviceRefused, match="refused 'get machine'"):
+    with pytest.raises(errors.DeviceRefused, match="refused 'get machine'"):
         linuxcnc.robot.state()
 
 
 def test_answer_to_somebody_elses_question_closes_the_wire(linuxcnc):
     linuxcnc.overrides["get machine"] = "ESTOP OFF\r\n"
-    with pytest.raises(WireError, match="what nobody asked"):
+    with pytest.raises(errors.WireError, match="what nobody asked"):
         linuxcnc.robot.state()
     assert linuxcnc.pipes[0].is_closed
 
 
 def test_silence_closes_the_wire_until_it_is_opened_anew(linuxcnc):
     linuxcnc.overrides["get machine"] = NEVER
-    with pytest.raises(LinkDown, match="no answer to get machine"):
+    with pytest.raises(errors.LinkDown, match="no answer to get machine"):
         linuxcnc.robot.state()
     del linuxcnc.overrides["get machine"]
-    with pytest.raises(LinkDown, match="not connected"):
+    with pytest.raises(errors.LinkDown, match="not connected"):
         linuxcnc.robot.state()
     linuxcnc.robot.reconnect()
     assert linuxcnc.robot.state().fault == ""
@@ -218,7 +209,7 @@ def test_acknowledgement_beside_a_complaint_is_none():
         "error: command 'SET MDI' timed out\r\nSET MDI ACK\r\n",
         ORDER_S,
     )
-    with pytest.raises(LinkDown, match="timed out"):
+    with pytest.raises(errors.LinkDown, match="timed out"):
         linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
 
 
@@ -226,6 +217,6 @@ def test_wish_to_stop_abandons_a_question():
     wishes = []
     linuxcnc = ready(cancelled=lambda: bool(wishes))
     wishes.append("stop")
-    with pytest.raises(Cancelled):
+    with pytest.raises(errors.Cancelled):
         linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
     assert linuxcnc.asked == []

@@ -5,13 +5,7 @@ from math import radians
 import pytest
 from scripted_linuxcnc import TARGET_RAD, ScriptedLinuxcnc, arrive, connected, ready
 
-from drivers.errors import (
-    DeviceNotReady,
-    EmergencyStop,
-    LinkDown,
-    MotionFault,
-    WrongDevice,
-)
+from drivers import errors
 from drivers.linuxcnc.settings import Coordinates
 from drivers.values import Identity
 
@@ -64,7 +58,7 @@ def test_connecting_stops_what_moves_before_anything_else(linuxcnc):
 def test_wrong_password_is_told_by_the_option_that_has_the_right_one(passwords, word):
     linuxcnc = ScriptedLinuxcnc()
     linuxcnc.passwords = passwords
-    with pytest.raises(WrongDevice, match="password") as error:
+    with pytest.raises(errors.WrongDevice, match="password") as error:
         linuxcnc.robot.connect()
     assert word in error.value.remedy
     assert linuxcnc.pipes[0].is_closed
@@ -74,7 +68,7 @@ def test_wrong_password_is_told_by_the_option_that_has_the_right_one(passwords, 
 def test_other_number_of_joints_is_the_wrong_device_and_is_left_alone(rotary):
     linuxcnc = ScriptedLinuxcnc()
     linuxcnc.types = ["ANGULAR"] * rotary + ["LINEAR"] * (6 - rotary)
-    with pytest.raises(WrongDevice, match=f"{rotary} rotary joints"):
+    with pytest.raises(errors.WrongDevice, match=f"{rotary} rotary joints"):
         linuxcnc.robot.connect()
     assert linuxcnc.in_control is None
     assert "set abort" not in linuxcnc.orders
@@ -83,13 +77,13 @@ def test_other_number_of_joints_is_the_wrong_device_and_is_left_alone(rotary):
 def test_machine_in_inches_is_the_wrong_device():
     linuxcnc = ScriptedLinuxcnc()
     linuxcnc.units["USER_LINEAR_UNITS"] = "INCH"
-    with pytest.raises(WrongDevice, match="INCH, not in MM"):
+    with pytest.raises(errors.WrongDevice, match="INCH, not in MM"):
         linuxcnc.robot.connect()
 
 
 def test_another_controller_after_a_reconnection_is_the_wrong_device(linuxcnc):
     linuxcnc.name = "OTHER"
-    with pytest.raises(WrongDevice, match=r"OTHER.*PAR4"):
+    with pytest.raises(errors.WrongDevice, match=r"OTHER.*PAR4"):
         linuxcnc.robot.reconnect()
 
 
@@ -117,7 +111,7 @@ def test_preparing_again_does_nothing(linuxcnc):
 def test_emergency_stop_that_stays_on_is_told():
     linuxcnc = connected()
     linuxcnc.chain_closed = False
-    with pytest.raises(EmergencyStop, match="stays on"):
+    with pytest.raises(errors.EmergencyStop, match="stays on"):
         linuxcnc.robot.prepare()
 
 
@@ -129,14 +123,14 @@ def test_machine_that_goes_off_again_is_told_in_its_own_words():
         "ERROR joint 2 amplifier fault\r\n",
         "ERROR OK\r\n",
     ]
-    with pytest.raises(MotionFault, match="joint 2 amplifier fault"):
+    with pytest.raises(errors.MotionFault, match="joint 2 amplifier fault"):
         linuxcnc.robot.prepare()
 
 
 def test_homing_that_does_not_end_is_told():
     linuxcnc = connected()
     linuxcnc.overrides["get joint_homed"] = "JOINT_HOMED YES YES NO YES NO NO\r\n"
-    with pytest.raises(MotionFault, match="no homing within 120 s"):
+    with pytest.raises(errors.MotionFault, match="no homing within 120 s"):
         linuxcnc.robot.prepare()
 
 
@@ -145,7 +139,7 @@ def test_kinematics_that_is_not_what_the_joints_make_of_it_is_the_wrong_device()
     linuxcnc.overrides["get abs_act_pos"] = (
         "ABS_ACT_POS 0.100000 0.000000 0.000000 0.000000 0.000000 0.000000\r\n"
     )
-    with pytest.raises(WrongDevice, match=r"XYZC is 0\.1000") as error:
+    with pytest.raises(errors.WrongDevice, match=r"XYZC is 0\.1000") as error:
         linuxcnc.robot.prepare()
     assert "[KINS]KINEMATICS" in error.value.remedy
 
@@ -163,7 +157,7 @@ def test_geometry_is_not_replaced_while_the_robot_moves():
     linuxcnc = ready(Coordinates.WORLD)
     linuxcnc.store.needs_machine_off = True
     linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
-    with pytest.raises(DeviceNotReady, match="moves"):
+    with pytest.raises(errors.DeviceNotReady, match="moves"):
         linuxcnc.robot.write_geometry({"plate_mm": 101.0})
     assert linuxcnc.store.geometry == {"plate_mm": 100.0}
     assert linuxcnc.machine
@@ -176,6 +170,6 @@ def test_geometry_of_our_own_conversion_needs_no_power_cut(linuxcnc):
 
 def test_without_a_connection_no_geometry_is_replaced(linuxcnc):
     linuxcnc.robot.close()
-    with pytest.raises(LinkDown, match="not connected"):
+    with pytest.raises(errors.LinkDown, match="not connected"):
         linuxcnc.robot.write_geometry({"plate_mm": 101.0})
     assert linuxcnc.store.geometry == {"plate_mm": 100.0}

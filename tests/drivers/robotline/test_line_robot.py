@@ -5,17 +5,7 @@ from math import nan, pi, radians
 import pytest
 from scripted_controller import ANSWER_S, ScriptedController, checked, connected
 
-from drivers.errors import (
-    Cancelled,
-    DeviceNotReady,
-    DeviceRefused,
-    EmergencyStop,
-    LimitViolation,
-    LinkDown,
-    MotionFault,
-    WireError,
-    WrongDevice,
-)
+from drivers import errors
 from drivers.values import Identity, Pose
 
 IDENTITY = Identity("Example Robotics", "Par4", "SN-0042", "2.1", "robotline 1")
@@ -64,7 +54,7 @@ def test_pose_move_is_sent_in_millimetres_degrees_and_per_cent(controller):
 
 
 def test_target_that_is_not_a_number_is_never_sent(controller):
-    with pytest.raises(WireError, match="not a finite number"):
+    with pytest.raises(errors.WireError, match="not a finite number"):
         controller.robot.move_joints([0.0, nan, 0.0, 0.0], 0.25)
     assert controller.questions == []
 
@@ -72,20 +62,22 @@ def test_target_that_is_not_a_number_is_never_sent(controller):
 @pytest.mark.parametrize(
     ("code", "error"),
     [
-        ("LIMIT", LimitViolation),
-        ("REACH", LimitViolation),
-        ("FAULT", MotionFault),
-        ("ESTOP", EmergencyStop),
-        ("BUSY", DeviceNotReady),
-        ("GEOMETRY", DeviceRefused),
-        ("ARGUMENT", DeviceRefused),
-        ("VERB", DeviceRefused),
-        ("TIRED", DeviceRefused),
+        ("LIMIT", errors.LimitViolation),
+        ("REACH", errors.LimitViolation),
+        ("FAULT", errors.MotionFault),
+        ("ESTOP", errors.EmergencyStop),
+        ("BUSY", errors.DeviceNotReady),
+        ("GEOMETRY", errors.DeviceRefused),
+        ("ARGUMENT", errors.DeviceRefused),
+        ("VERB", errors.DeviceRefused),
+        ("TIRED", errors.DeviceRefused),
     ],
 )
 def test_refusal_is_the_error_of_its_code_and_leaves_the_wire_open(controller, code, error):
     controller.answers["MOVEJ"] = f"NO {code} joint 2 to 95.0 deg"
-    with pytest.raises(DeviceRefused, match=f"MOVEJ refused, {code}: joint 2 to 95.0 deg") as no:
+    with pytest.raises(
+        errors.DeviceRefused, match=f"MOVEJ refused, {code}: joint 2 to 95.0 deg"
+    ) as no:
         controller.robot.move_joints([0.0] * 4, 0.5)
     assert type(no.value) is error
     assert no.value.code == code
@@ -95,43 +87,42 @@ def test_refusal_is_the_error_of_its_code_and_leaves_the_wire_open(controller, c
 
 def test_question_that_was_damaged_on_its_way_closes_the_wire(controller):
     controller.pipes[0].respond = lambda _: [(ANSWER_S, checked("<8 ? NO CHECKSUM"))]
-    with pytest.raises(WireError, match="check the cable"):
+    with pytest.raises(errors.WireError, match="check the cable"):
         controller.robot.state()
     assert controller.pipes[0].is_closed
 
 
 @pytest.mark.parametrize(
-    "hello",
-    ["NO VERSION 2 is spoken here", "OK 2 Ex Par4 1 1 4", "OK 1 Ex Par4 1 1 3"],
+    "hello", ["NO VERSION 2 is spoken here", "OK 2 Ex Par4 1 1 4", "OK 1 Ex Par4 1 1 3"]
 )
 def test_other_version_or_other_robot_is_the_wrong_device(hello):
     controller = ScriptedController()
     controller.answers["HELLO"] = hello
-    with pytest.raises(WrongDevice):
+    with pytest.raises(errors.WrongDevice):
         controller.robot.connect()
     assert controller.pipes[0].is_closed
-    with pytest.raises(LinkDown):
+    with pytest.raises(errors.LinkDown):
         controller.robot.state()
 
 
 def test_another_controller_after_a_reconnection_is_the_wrong_device(controller):
     controller.answers["HELLO"] = "OK 1 Example%20Robotics Par4 SN-0043 2.1 4"
-    with pytest.raises(WrongDevice, match=r"SN-0043.*SN-0042"):
+    with pytest.raises(errors.WrongDevice, match=r"SN-0043.*SN-0042"):
         controller.robot.reconnect()
     assert controller.pipes[-1].is_closed
 
 
 def test_nothing_works_before_connecting():
-    with pytest.raises(LinkDown, match="not connected"):
+    with pytest.raises(errors.LinkDown, match="not connected"):
         ScriptedController().robot.state()
 
 
 def test_silence_closes_the_wire_until_it_is_opened_anew(controller):
     controller.answers["STATE"] = None
-    with pytest.raises(LinkDown, match="no answer to STATE within 2 s"):
+    with pytest.raises(errors.LinkDown, match="no answer to STATE within 2 s"):
         controller.robot.state()
     controller.answers["STATE"] = "OK 0 0 - 1.0 0.0 0.0 0.0"
-    with pytest.raises(LinkDown, match="not connected"):
+    with pytest.raises(errors.LinkDown, match="not connected"):
         controller.robot.state()
     controller.robot.reconnect()
     assert controller.robot.state().joints[0] == radians(1.0)
@@ -139,7 +130,7 @@ def test_silence_closes_the_wire_until_it_is_opened_anew(controller):
 
 def test_late_answer_that_waits_in_the_line_is_never_believed(controller):
     controller.answers["STATE"] = None
-    with pytest.raises(LinkDown):
+    with pytest.raises(errors.LinkDown):
         controller.robot.state()
     controller.waiting = checked("<8 STATE OK 0 0 - 77.0 0.0 0.0 0.0")
     controller.answers["STATE"] = "OK 0 0 - 1.0 0.0 0.0 0.0"
@@ -177,7 +168,7 @@ def test_late_answer_that_comes_between_question_and_answer_is_never_believed(co
 )
 def test_answer_that_is_none_closes_the_wire(controller, answer):
     controller.pipes[0].respond = lambda _: [(ANSWER_S, answer)]
-    with pytest.raises(WireError):
+    with pytest.raises(errors.WireError):
         controller.robot.state()
     assert controller.pipes[0].is_closed
 
@@ -186,10 +177,10 @@ def test_transport_that_breaks_at_the_first_byte_is_closed():
     controller = ScriptedController()
 
     def broken(_):
-        raise LinkDown("pipe://test: broken", remedy="-")
+        raise errors.LinkDown("pipe://test: broken", remedy="-")
 
     controller.respond = broken
-    with pytest.raises(LinkDown, match="broken"):
+    with pytest.raises(errors.LinkDown, match="broken"):
         controller.robot.connect()
     assert controller.pipes[0].is_closed
 
@@ -198,7 +189,7 @@ def test_wish_to_stop_abandons_a_question():
     wishes = []
     controller = connected(cancelled=lambda: bool(wishes))
     wishes.append("stop")
-    with pytest.raises(Cancelled):
+    with pytest.raises(errors.Cancelled):
         controller.robot.move_joints([0.0] * 4, 0.5)
     assert controller.questions == []
 

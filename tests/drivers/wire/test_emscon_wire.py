@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import WireError
+from drivers.wire import emscon_messages as said
 from drivers.wire.emscon import (
     SHAPES,
     Answer,
@@ -28,30 +29,8 @@ from drivers.wire.emscon_constants import (
     SystemChange,
     status_text,
 )
-from drivers.wire.emscon_messages import (
-    ApproximateDistance,
-    BeamTarget,
-    CoordinateSystem,
-    Environment,
-    ErrorResponse,
-    MeasurementMode,
-    ReflectorChoice,
-    ReflectorEntry,
-    ReflectorPosition,
-    SearchParams,
-    SingleResult,
-    SingleResult2,
-    StationaryMode,
-    StatusChange,
-    SystemStatus,
-    Units,
-    codes_of,
-    decode_body,
-    encode_body,
-    layout_of,
-)
 
-UNITS = Units(1, 1, 0, 0, 0)
+UNITS = said.Units(1, 1, 0, 0, 0)
 GOLDEN = {
     name: bytes.fromhex(packet)
     for name, packet in json.loads(
@@ -63,37 +42,37 @@ MEANINGS = {
     "Initialize request": EmsconRequest(Command.INITIALIZE),
     "Initialize answer OK": Answer(Command.INITIALIZE),
     "SetUnits request (mm, deg, C, mbar, RH)": EmsconRequest(
-        Command.SET_UNITS, Units(1, 1, 0, 0, 0)
+        Command.SET_UNITS, said.Units(1, 1, 0, 0, 0)
     ),
     "SetCoordinateSystemType request RHR": EmsconRequest(
-        Command.SET_COORDINATE_SYSTEM_TYPE, CoordinateSystem(0)
+        Command.SET_COORDINATE_SYSTEM_TYPE, said.CoordinateSystem(0)
     ),
     "SetMeasurementMode request Stationary": EmsconRequest(
-        Command.SET_MEASUREMENT_MODE, MeasurementMode(0)
+        Command.SET_MEASUREMENT_MODE, said.MeasurementMode(0)
     ),
     "SetStationaryModeParams request 2000 ms, ADM on": EmsconRequest(
-        Command.SET_STATIONARY_MODE_PARAMS, StationaryMode(2000, 1)
+        Command.SET_STATIONARY_MODE_PARAMS, said.StationaryMode(2000, 1)
     ),
     "GetReflectors request": EmsconRequest(Command.GET_REFLECTORS),
     "GetReflectors answer 1 of 2": Answer(
-        Command.GET_REFLECTORS, body=ReflectorEntry(2, 1, 1, 19.05, "CCR-1.5in")
+        Command.GET_REFLECTORS, body=said.ReflectorEntry(2, 1, 1, 19.05, "CCR-1.5in")
     ),
-    "SetReflector request id 1": EmsconRequest(Command.SET_REFLECTOR, ReflectorChoice(1)),
+    "SetReflector request id 1": EmsconRequest(Command.SET_REFLECTOR, said.ReflectorChoice(1)),
     "SetSearchParams request 50.0, 10000 ms": EmsconRequest(
-        Command.SET_SEARCH_PARAMS, SearchParams(50.0, 10000)
+        Command.SET_SEARCH_PARAMS, said.SearchParams(50.0, 10000)
     ),
     "SetEnvironmentParams request 20,1013.25,50": EmsconRequest(
-        Command.SET_ENVIRONMENT_PARAMS, Environment(20.0, 1013.25, 50.0)
+        Command.SET_ENVIRONMENT_PARAMS, said.Environment(20.0, 1013.25, 50.0)
     ),
     "GoPosition request 1000,2000,-300, ADM": EmsconRequest(
-        Command.GO_POSITION, BeamTarget((1000.0, 2000.0, -300.0), 1)
+        Command.GO_POSITION, said.BeamTarget((1000.0, 2000.0, -300.0), 1)
     ),
     "FindReflector request 3000": EmsconRequest(
-        Command.FIND_REFLECTOR, ApproximateDistance(3000.0)
+        Command.FIND_REFLECTOR, said.ApproximateDistance(3000.0)
     ),
     "StartMeasurement request": EmsconRequest(Command.START_MEASUREMENT),
     "StartMeasurement answer OK": Answer(Command.START_MEASUREMENT),
-    "SingleMeasResult": SingleResult(
+    "SingleMeasResult": said.SingleResult(
         status=0,
         mode=0,
         is_trial=0,
@@ -107,11 +86,11 @@ MEANINGS = {
         pressure=1013.25,
         humidity=50.0,
     ),
-    "ErrorResponse cmd 49 status 23": ErrorResponse(49, 23),
-    "SystemStatusChange 27 Ready": StatusChange(SystemChange.LIGHT_READY),
-    "ReflectorPosResult": ReflectorPosition(0, (1.0, 2.0, 3.0)),
+    "ErrorResponse cmd 49 status 23": said.ErrorResponse(49, 23),
+    "SystemStatusChange 27 Ready": said.StatusChange(SystemChange.LIGHT_READY),
+    "ReflectorPosResult": said.ReflectorPosition(0, (1.0, 2.0, 3.0)),
     "GetSystemStatus answer": Answer(
-        Command.GET_SYSTEM_STATUS, body=SystemStatus(0, 5, 3, 2, 3, 8, 500, 2, 0, 390793)
+        Command.GET_SYSTEM_STATUS, body=said.SystemStatus(0, 5, 3, 2, 3, 8, 500, 2, 0, 390793)
     ),
 }
 
@@ -124,7 +103,7 @@ VALUES = {"i": INT32, "d": DOUBLE, "v": st.tuples(DOUBLE, DOUBLE, DOUBLE), "s": 
 
 
 def bodies(kind):
-    return st.builds(kind, *(VALUES[code] for code in codes_of(kind)))
+    return st.builds(kind, *(VALUES[code] for code in said.codes_of(kind)))
 
 
 REQUESTS = st.one_of(
@@ -142,7 +121,13 @@ ANSWERS = st.one_of(
 UNASKED = st.one_of(
     [
         bodies(kind)
-        for kind in (ErrorResponse, StatusChange, ReflectorPosition, SingleResult, SingleResult2)
+        for kind in (
+            said.ErrorResponse,
+            said.StatusChange,
+            said.ReflectorPosition,
+            said.SingleResult,
+            said.SingleResult2,
+        )
     ]
 )
 OTHERS = st.builds(
@@ -180,7 +165,7 @@ def test_answers_survive_the_wire_byte_by_byte_and_whole(messages):
 
 @given(data=st.binary(min_size=196, max_size=196))
 def test_a_result_is_kept_to_the_last_bit(data):
-    assert encode_body(decode_body(SingleResult2, data)) == data
+    assert said.encode_body(said.decode_body(said.SingleResult2, data)) == data
 
 
 @given(data=st.binary(max_size=300), kind=st.sampled_from(DataType), size=st.integers(0, 300))
@@ -206,7 +191,7 @@ def test_garbage_after_a_known_command_is_read_or_refused(body, command):
 
 def test_body_of_a_wrong_size_is_refused():
     with pytest.raises(WireError, match="Units has 16 bytes, 20 are expected"):
-        decode_body(Units, bytes(16))
+        said.decode_body(said.Units, bytes(16))
 
 
 def test_refusal_is_read_with_or_without_what_would_follow():
@@ -229,11 +214,11 @@ def test_answer_to_a_command_that_is_never_asked_is_refused():
 
 def test_packet_of_a_type_that_nobody_knows_is_read_as_such_when_it_is_sound():
     known, unknown = struct.pack("<iii", 12, 3, 1), struct.pack("<iii", 12, 99, 1)
-    packets = FromServerFramer().feed(known + unknown + encode(StatusChange(27)))
+    packets = FromServerFramer().feed(known + unknown + encode(said.StatusChange(27)))
     assert packets == [
         OtherPacket(3, bytes((1, 0, 0, 0))),
         OtherPacket(99, bytes((1, 0, 0, 0))),
-        StatusChange(27),
+        said.StatusChange(27),
     ]
     assert [packet.is_known for packet in packets[:2]] == [True, False]
     with pytest.raises(WireError, match="claims 7 bytes"):
@@ -241,7 +226,8 @@ def test_packet_of_a_type_that_nobody_knows_is_read_as_such_when_it_is_sound():
 
 
 @pytest.mark.parametrize(
-    "message", [StatusChange(27), ErrorResponse(49, 36), Answer(Command.GET_UNITS, 0, UNITS)]
+    "message",
+    [said.StatusChange(27), said.ErrorResponse(49, 36), Answer(Command.GET_UNITS, 0, UNITS)],
 )
 def test_fields_that_later_firmware_appends_are_passed_over(message):
     data = encode(message)
@@ -260,23 +246,23 @@ def test_client_is_held_to_the_size_of_each_request():
 
 def test_client_may_send_only_commands():
     with pytest.raises(WireError, match="type 8 from a client"):
-        FromClientFramer().feed(encode(StatusChange(1)))
+        FromClientFramer().feed(encode(said.StatusChange(1)))
 
 
 def test_text_too_long_for_its_field_is_not_written():
     with pytest.raises(ValueError, match="more than 31"):
-        encode_body(ReflectorEntry(1, 1, 1, 0.0, "x" * 32))
+        said.encode_body(said.ReflectorEntry(1, 1, 1, 0.0, "x" * 32))
 
 
 def test_text_is_read_up_to_its_first_nul_and_never_fails():
-    packet = bytearray(encode_body(ReflectorEntry(1, 1, 1, 0.0, "CCR")))
+    packet = bytearray(said.encode_body(said.ReflectorEntry(1, 1, 1, 0.0, "CCR")))
     packet[20 + 2 * 5 : 20 + 2 * 6] = b"\x00\xd8"  # half a surrogate pair, behind the end
-    assert decode_body(ReflectorEntry, bytes(packet)).name == "CCR"
+    assert said.decode_body(said.ReflectorEntry, bytes(packet)).name == "CCR"
 
 
-@pytest.mark.parametrize(("kind", "size"), [(SingleResult, 148), (SingleResult2, 196)])
+@pytest.mark.parametrize(("kind", "size"), [(said.SingleResult, 148), (said.SingleResult2, 196)])
 def test_results_have_the_published_sizes_without_their_header(kind, size):
-    assert layout_of(kind).size == size
+    assert said.layout_of(kind).size == size
 
 
 def test_status_is_told_by_number_and_in_words():

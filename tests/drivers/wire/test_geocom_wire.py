@@ -8,40 +8,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import WireError
-from drivers.wire.geocom import (
-    LINE_BYTES,
-    Abort,
-    BadChecksum,
-    GeocomFramer,
-    GeocomReply,
-    GeocomRequest,
-    crc16,
-    decode_reply,
-    decode_request,
-    encode_reply,
-    encode_request,
-    line_framer,
-    number_word,
-    parse_number,
-    parse_string,
-    parse_whole,
-    parse_words,
-    string_word,
-    words_of,
-)
+from drivers.wire import geocom as wire
 from drivers.wire.geocom_constants import procedure_text, result_text
 
 numbers = st.integers(0, 999_999_999)
 texts = st.text(st.characters(codec="latin-1"), max_size=20)
 words = (
-    st.floats(-1e6, 1e6).map(lambda value: number_word(value, 10))
+    st.floats(-1e6, 1e6).map(lambda value: wire.number_word(value, 10))
     | st.integers(-99999, 99999).map(str)
-    | texts.map(string_word)
+    | texts.map(wire.string_word)
     | st.sampled_from(["'0a'", ""])
 )
 parameters = st.lists(words, max_size=8).map(tuple).filter(lambda found: found != ("",))
-requests = st.builds(GeocomRequest, numbers, numbers, parameters, st.booleans())
-replies = st.builds(GeocomReply, numbers, numbers, numbers, parameters, st.booleans())
+requests = st.builds(wire.GeocomRequest, numbers, numbers, parameters, st.booleans())
+replies = st.builds(wire.GeocomReply, numbers, numbers, numbers, parameters, st.booleans())
 
 
 def without_end(line):
@@ -52,26 +32,26 @@ def without_end(line):
 class TestLines:
     @given(requests)
     def test_request_is_read_as_it_was_written(self, request):
-        assert decode_request(without_end(encode_request(request))) == request
+        assert wire.decode_request(without_end(wire.encode_request(request))) == request
 
     @given(replies)
     def test_reply_is_read_as_it_was_written(self, reply):
-        assert decode_reply(without_end(encode_reply(reply))) == reply
+        assert wire.decode_reply(without_end(wire.encode_reply(reply))) == reply
 
     def test_examples_of_the_manual(self):
-        request = GeocomRequest(2082, 7, words_of(5000, 1))
-        assert encode_request(request) == b"%R1Q,2082,7:5000,1\r\n"
-        reply = GeocomReply(0, 0, 0, ("1996", "'07'", "'19'", "'10'", "'13'", "'2f'"))
-        assert decode_reply(b"%R1P,0,0:0,1996,'07','19','10','13','2f'") == reply
+        request = wire.GeocomRequest(2082, 7, wire.words_of(5000, 1))
+        assert wire.encode_request(request) == b"%R1Q,2082,7:5000,1\r\n"
+        reply = wire.GeocomReply(0, 0, 0, ("1996", "'07'", "'19'", "'10'", "'13'", "'2f'"))
+        assert wire.decode_reply(b"%R1P,0,0:0,1996,'07','19','10','13','2f'") == reply
 
     def test_request_without_a_number_has_number_0(self):
-        assert decode_request(b"%R1Q,5008:") == GeocomRequest(5008)
+        assert wire.decode_request(b"%R1Q,5008:") == wire.GeocomRequest(5008)
 
     def test_single_c_stops_a_motion(self):
-        assert decode_request(b"c") == Abort()
+        assert wire.decode_request(b"c") == wire.Abort()
 
     def test_comma_in_a_string_does_not_end_it(self):
-        assert decode_reply(b'%R1P,0,3:0,"a,\\"b",2').parameters == ('"a,\\"b"', "2")
+        assert wire.decode_reply(b'%R1P,0,3:0,"a,\\"b",2').parameters == ('"a,\\"b"', "2")
 
     @pytest.mark.parametrize(
         "line",
@@ -86,13 +66,13 @@ class TestLines:
             b"%R1P,0,1:0",
             b'%R1Q,1,2:"open',
             b"%R1Q,1,2:\x80",
-            b"%R1Q,1,2:" + b"1," * LINE_BYTES,
+            b"%R1Q,1,2:" + b"1," * wire.LINE_BYTES,
             b"C",
         ],
     )
     def test_anything_else_is_no_request(self, line):
         with pytest.raises(WireError):
-            decode_request(line)
+            wire.decode_request(line)
 
     @pytest.mark.parametrize(
         "line",
@@ -110,46 +90,48 @@ class TestLines:
     )
     def test_anything_else_is_no_reply(self, line):
         with pytest.raises(WireError):
-            decode_reply(line)
+            wire.decode_reply(line)
 
     @given(st.binary() | st.binary().map(lambda rest: b"%R1P,0,1:0," + rest))
     def test_garbage_is_read_or_refused_by_the_one_error(self, line):
-        for decode in (decode_reply, decode_request):
+        for decode in (wire.decode_reply, wire.decode_request):
             with contextlib.suppress(WireError):
                 decode(line)
 
     def test_line_that_is_too_long_is_not_written(self):
         with pytest.raises(WireError, match="the limit is 1024"):
-            encode_request(GeocomRequest(1, 1, words_of("x" * LINE_BYTES)))
+            wire.encode_request(wire.GeocomRequest(1, 1, wire.words_of("x" * wire.LINE_BYTES)))
 
     def test_word_that_is_not_ascii_is_not_written(self):
         with pytest.raises(WireError, match="not printable ASCII"):
-            encode_request(GeocomRequest(1, 1, ("°",)))
+            wire.encode_request(wire.GeocomRequest(1, 1, ("°",)))
 
 
 class TestChecksum:
     def test_check_value_of_the_catalogue(self):
-        assert crc16(b"123456789") == 0xBB3D
+        assert wire.crc16(b"123456789") == 0xBB3D
 
     @given(st.binary())
     def test_sum_is_that_of_geocompy(self, data):
-        assert crc16(data) == crc16_bytewise(data)
+        assert wire.crc16(data) == crc16_bytewise(data)
 
     @given(replies.filter(lambda reply: reply.checked), st.data())
     def test_flipped_bit_is_noticed(self, reply, data):
-        line = bytearray(without_end(encode_reply(reply)))
+        line = bytearray(without_end(wire.encode_reply(reply)))
         line[data.draw(st.integers(0, len(line) - 1))] ^= 1 << data.draw(st.integers(0, 6))
         try:
-            read = decode_reply(bytes(line))
+            read = wire.decode_reply(bytes(line))
         except WireError:
             return
         # its own separator was hit, so that there is no checksum any more
         assert not read.checked
 
     def test_damaged_request_keeps_its_number_for_the_refusal(self):
-        line = without_end(encode_request(GeocomRequest(2008, 17, ("1", "1"), checked=True)))
-        with pytest.raises(BadChecksum) as caught:
-            decode_request(line.replace(b":1,1", b":1,2"))
+        line = without_end(
+            wire.encode_request(wire.GeocomRequest(2008, 17, ("1", "1"), checked=True))
+        )
+        with pytest.raises(wire.BadChecksum) as caught:
+            wire.decode_request(line.replace(b":1,1", b":1,2"))
         assert caught.value.transaction == 17
 
 
@@ -157,23 +139,23 @@ class TestFramer:
     @pytest.mark.slow
     @given(st.lists(replies, max_size=5), st.data())
     def test_replies_are_the_same_however_the_stream_is_cut(self, sent, data):
-        stream = b"".join(map(encode_reply, sent))
+        stream = b"".join(map(wire.encode_reply, sent))
         cuts = sorted(data.draw(st.sets(st.integers(0, len(stream)))))
-        framer = GeocomFramer()
+        framer = wire.GeocomFramer()
         pieces = [stream[a:b] for a, b in zip([0, *cuts], [*cuts, len(stream)], strict=True)]
         assert [reply for piece in pieces for reply in framer.feed(piece)] == sent
 
     def test_empty_lines_and_the_answer_to_an_abort_are_passed_over(self):
-        assert GeocomFramer().feed(b"\r\n?\r\n%R1P,0,4:0\r\n\n") == [GeocomReply(0, 4, 0)]
+        assert wire.GeocomFramer().feed(b"\r\n?\r\n%R1P,0,4:0\r\n\n") == [wire.GeocomReply(0, 4, 0)]
 
     def test_line_without_an_end_is_refused_and_not_kept(self):
         with pytest.raises(WireError):
-            GeocomFramer().feed(b"%R1P,0,1:0," + b"9" * 100_000)
-        assert len(line_framer().feed(b"9" * 100_000)[0]) == LINE_BYTES + 1
+            wire.GeocomFramer().feed(b"%R1P,0,1:0," + b"9" * 100_000)
+        assert len(wire.line_framer().feed(b"9" * 100_000)[0]) == wire.LINE_BYTES + 1
 
     @given(st.lists(st.binary()))
     def test_garbage_raises_only_the_one_error(self, pieces):
-        framer = GeocomFramer()
+        framer = wire.GeocomFramer()
         for piece in pieces:
             try:
                 framer.feed(piece)
@@ -184,37 +166,37 @@ class TestFramer:
 class TestWords:
     @given(texts)
     def test_string_is_read_as_it_was_written(self, text):
-        word = string_word(text)
+        word = wire.string_word(text)
         assert word.isascii()
         assert word.isprintable()
-        assert parse_string(word) == text
+        assert wire.parse_string(word) == text
 
     def test_signs_with_a_meaning_are_escaped_as_the_manual_says(self):
-        assert string_word('50 % "°" \\ ~') == r'"50 \% \"\xB0\" \\ \~"'
+        assert wire.string_word('50 % "°" \\ ~') == r'"50 \% \"\xB0\" \\ \~"'
 
     @given(st.floats(-1e6, 1e6), st.integers(0, 15))
     def test_number_is_read_as_it_was_rounded(self, value, digits):
-        assert parse_number(number_word(value, digits)) == pytest.approx(
+        assert wire.parse_number(wire.number_word(value, digits)) == pytest.approx(
             value, abs=0.51 * 10.0 ** -max(digits, 1), rel=1e-15
         )
 
     @pytest.mark.parametrize(("value", "word"), [(100.0, "100.0"), (0.0, "0.0"), (1.25, "1.2")])
     def test_number_always_has_its_point(self, value, word):
-        assert number_word(value, 1) == word
+        assert wire.number_word(value, 1) == word
 
     def test_whole_numbers_and_flags_have_none(self):
-        assert words_of(1, True, 2.0, "x") == ("1", "1", "2.0", '"x"')
+        assert wire.words_of(1, True, 2.0, "x") == ("1", "1", "2.0", '"x"')
 
     @pytest.mark.parametrize(
         ("parse", "word"),
         [
-            (parse_whole, "1.0"),
-            (parse_whole, ""),
-            (parse_number, "nan"),
-            (parse_number, "1,5"),
-            (parse_string, "x"),
-            (parse_string, '"x'),
-            (parse_string, '"a"b"'),
+            (wire.parse_whole, "1.0"),
+            (wire.parse_whole, ""),
+            (wire.parse_number, "nan"),
+            (wire.parse_number, "1,5"),
+            (wire.parse_string, "x"),
+            (wire.parse_string, '"x'),
+            (wire.parse_string, '"a"b"'),
         ],
     )
     def test_word_of_another_kind_is_refused(self, parse, word):
@@ -223,7 +205,7 @@ class TestWords:
 
     def test_wrong_number_of_parameters_is_refused(self):
         with pytest.raises(WireError, match="1 parameters where 2"):
-            parse_words(("1",), 2)
+            wire.parse_words(("1",), 2)
 
 
 class TestTexts:

@@ -8,17 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import WireError
-from drivers.wire.linuxcncrsh import (
-    LONGEST_ANSWER,
-    AnswerFramer,
-    LinuxcncGreeting,
-    Remark,
-    Value,
-    Verdict,
-    encode,
-    read_message,
-    read_numbers,
-)
+from drivers.wire import linuxcncrsh as wire
 
 SESSION = (
     b"HELLO ACK PAR4 1.1\r\nset echo off\nSET VERBOSE ACK\n\rSET TIMEOUT NAK\n\r"
@@ -27,30 +17,30 @@ SESSION = (
     b"error: Subcommand not found: SET SET_WAIT\r\nSET NAK\r\n"
 )
 MESSAGES = [
-    LinuxcncGreeting(True, "PAR4", "1.1", "HELLO ACK PAR4 1.1"),
-    Remark("set echo off"),
-    Verdict("SET", "VERBOSE", True, "SET VERBOSE ACK"),
-    Verdict("SET", "TIMEOUT", False, "SET TIMEOUT NAK"),
-    Value(
+    wire.LinuxcncGreeting(True, "PAR4", "1.1", "HELLO ACK PAR4 1.1"),
+    wire.Remark("set echo off"),
+    wire.Verdict("SET", "VERBOSE", True, "SET VERBOSE ACK"),
+    wire.Verdict("SET", "TIMEOUT", False, "SET TIMEOUT NAK"),
+    wire.Value(
         "JOINT_POS",
         "12.345679 -23.456789 34.567891 45.678912 0.000000 0.000000",
         "JOINT_POS 12.345679 -23.456789 34.567891 45.678912 0.000000 0.000000",
     ),
-    Verdict("GET", "NONSENSE", False, "GET NONSENSE NAK"),
-    Value("ERROR", "joint 3 following error", "ERROR joint 3 following error"),
-    Remark("error: Subcommand not found: SET SET_WAIT"),
-    Verdict("SET", "", False, "SET NAK"),
+    wire.Verdict("GET", "NONSENSE", False, "GET NONSENSE NAK"),
+    wire.Value("ERROR", "joint 3 following error", "ERROR joint 3 following error"),
+    wire.Remark("error: Subcommand not found: SET SET_WAIT"),
+    wire.Verdict("SET", "", False, "SET NAK"),
 ]
 
 
 def test_session_of_old_and_newer_versions_is_taken_apart():
-    assert AnswerFramer().feed(SESSION) == MESSAGES
+    assert wire.AnswerFramer().feed(SESSION) == MESSAGES
 
 
 @pytest.mark.slow
 @given(st.sets(st.integers(0, len(SESSION))))
 def test_session_is_the_same_however_it_is_cut(cuts):
-    framer, edges = AnswerFramer(), [0, *sorted(cuts), len(SESSION)]
+    framer, edges = wire.AnswerFramer(), [0, *sorted(cuts), len(SESSION)]
     pieces = [SESSION[a:b] for a, b in pairwise(edges)]
     assert [message for piece in pieces for message in framer.feed(piece)] == MESSAGES
 
@@ -58,7 +48,7 @@ def test_session_is_the_same_however_it_is_cut(cuts):
 @given(st.binary())
 def test_garbage_is_read_or_raises_the_one_error(data):
     with suppress(WireError):
-        AnswerFramer().feed(data)
+        wire.AnswerFramer().feed(data)
 
 
 @pytest.mark.parametrize(
@@ -66,46 +56,48 @@ def test_garbage_is_read_or_raises_the_one_error(data):
 )
 def test_line_of_white_space_only_says_nothing(blank):
     line = f"{blank}\r\n".encode()
-    assert AnswerFramer().feed(line + b"SET NAK\r\n") == [Verdict("SET", "", False, "SET NAK")]
+    assert wire.AnswerFramer().feed(line + b"SET NAK\r\n") == [
+        wire.Verdict("SET", "", False, "SET NAK")
+    ]
 
 
 def test_greeting_that_refuses_has_no_name():
-    assert read_message(b"HELLO NAK") == LinuxcncGreeting(False, "", "", "HELLO NAK")
+    assert wire.read_message(b"HELLO NAK") == wire.LinuxcncGreeting(False, "", "", "HELLO NAK")
 
 
 @pytest.mark.parametrize("line", [b"HELLO", b"HELLO ACK PAR4", b"HELLO YOU THERE 1"])
 def test_other_greeting_is_none_of_linuxcncrsh(line):
     with pytest.raises(WireError, match="none of linuxcncrsh"):
-        read_message(line)
+        wire.read_message(line)
 
 
 def test_answer_longer_than_any_is_refused_before_it_ends():
     with pytest.raises(WireError, match="in one line"):
-        AnswerFramer().feed(b"ERROR " + b"x" * LONGEST_ANSWER)
+        wire.AnswerFramer().feed(b"ERROR " + b"x" * wire.LONGEST_ANSWER)
 
 
 def test_message_for_the_operator_may_hold_a_tab_but_no_control_character():
-    assert read_message(b"ERROR a\tb") == Value("ERROR", "a b", "ERROR a b")
+    assert wire.read_message(b"ERROR a\tb") == wire.Value("ERROR", "a b", "ERROR a b")
     with pytest.raises(WireError, match="no text"):
-        read_message(b"ERROR a\x1bb")
+        wire.read_message(b"ERROR a\x1bb")
 
 
 def test_second_line_of_a_message_answers_nothing():
-    assert read_message(b"Exceeded the limit") == Remark("Exceeded the limit")
+    assert wire.read_message(b"Exceeded the limit") == wire.Remark("Exceeded the limit")
 
 
 def test_word_alone_is_a_value_without_text():
-    assert read_message(b"CONFIG") == Value("CONFIG", "", "CONFIG")
+    assert wire.read_message(b"CONFIG") == wire.Value("CONFIG", "", "CONFIG")
 
 
 def test_request_becomes_its_line():
-    assert encode("set mdi G53 G0 X1.000000") == b"set mdi G53 G0 X1.000000\n"
+    assert wire.encode("set mdi G53 G0 X1.000000") == b"set mdi G53 G0 X1.000000\n"
 
 
 def test_longest_request_has_255_bytes_with_its_end():
-    assert len(encode("x" * 254)) == 255
+    assert len(wire.encode("x" * 254)) == 255
     with pytest.raises(WireError, match="256 bytes, at most 255 are safe"):
-        encode("x" * 255)
+        wire.encode("x" * 255)
 
 
 @pytest.mark.parametrize(
@@ -113,21 +105,21 @@ def test_longest_request_has_255_bytes_with_its_end():
 )
 def test_request_that_would_arrive_as_another_is_never_sent(request_):
     with pytest.raises(WireError, match="cannot be sent"):
-        encode(request_)
+        wire.encode(request_)
 
 
 @pytest.mark.parametrize("password", ["secrét", "secret" * 50])
 def test_password_that_cannot_be_sent_is_not_told(password):
     with pytest.raises(WireError) as error:
-        encode(f"hello {password} client 1.1")
+        wire.encode(f"hello {password} client 1.1")
     assert "secr" not in str(error.value)
 
 
 @pytest.mark.parametrize("text", ["1 2 x", "1 nan", "inf", "1,5"])
 def test_numbers_that_are_none_are_refused(text):
     with pytest.raises(WireError):
-        read_numbers(Value("JOINT_POS", text, f"JOINT_POS {text}"))
+        wire.read_numbers(wire.Value("JOINT_POS", text, f"JOINT_POS {text}"))
 
 
 def test_numbers_are_read():
-    assert read_numbers(Value("JOINT_POS", "1.5 -0.000000", "-")) == (1.5, -0.0)
+    assert wire.read_numbers(wire.Value("JOINT_POS", "1.5 -0.000000", "-")) == (1.5, -0.0)

@@ -8,16 +8,7 @@ import pytest
 from robotline_layouts import PAR4_LAYOUT, TILTING_LAYOUT, command_of, outcome_of
 
 from drivers.errors import WireError
-from drivers.wire.robotline import (
-    BadRequest,
-    RobotlineReply,
-    RobotlineRequest,
-    checksum,
-    decode_reply,
-    decode_request,
-    encode_reply,
-    encode_request,
-)
+from drivers.wire import robotline as wire
 
 ROOT = Path(__file__).parents[3]
 GOLDEN = json.loads((ROOT / "tests/data/robotline-golden.json").read_text())
@@ -34,38 +25,38 @@ def why(case):
 
 @pytest.mark.parametrize("case", GOLDEN["checksums"], ids=lambda case: case["text"])
 def test_checksum_of_golden_text(case):
-    assert f"{checksum(case['text'].encode()):04X}" == case["checksum"]
+    assert f"{wire.checksum(case['text'].encode()):04X}" == case["checksum"]
 
 
 @pytest.mark.parametrize("case", GOLDEN["requests"], ids=line)
 def test_golden_request_is_written_and_read(case):
-    request = RobotlineRequest(case["sequence"], command_of(case))
-    assert encode_request(request) == case["line"].encode() + b"\n"
-    assert decode_request(case["line"].encode(), PAR4_LAYOUT) == request
+    request = wire.RobotlineRequest(case["sequence"], command_of(case))
+    assert wire.encode_request(request) == case["line"].encode() + b"\n"
+    assert wire.decode_request(case["line"].encode(), PAR4_LAYOUT) == request
 
 
 @pytest.mark.parametrize("case", GOLDEN["replies"], ids=line)
 def test_golden_reply_is_written_and_read(case):
-    reply = RobotlineReply(case["sequence"], case["verb"], outcome_of(case))
-    assert encode_reply(reply) == case["line"].encode() + b"\n"
-    assert decode_reply(case["line"].encode(), PAR4_LAYOUT) == reply
-    assert decode_reply(case["line"].encode(), PAR4_LAYOUT).line == case["line"]
+    reply = wire.RobotlineReply(case["sequence"], case["verb"], outcome_of(case))
+    assert wire.encode_reply(reply) == case["line"].encode() + b"\n"
+    assert wire.decode_reply(case["line"].encode(), PAR4_LAYOUT) == reply
+    assert wire.decode_reply(case["line"].encode(), PAR4_LAYOUT).line == case["line"]
 
 
 @pytest.mark.parametrize("case", GOLDEN["bad_requests"], ids=why)
 def test_bad_request_says_what_the_controller_must_answer(case):
-    with pytest.raises(BadRequest) as bad:
-        decode_request(case["line"].encode(), PAR4_LAYOUT)
+    with pytest.raises(wire.BadRequest) as bad:
+        wire.decode_request(case["line"].encode(), PAR4_LAYOUT)
     if case["answer"] is None:
         assert bad.value.reply is None
     else:
-        assert encode_reply(bad.value.reply).decode().startswith(case["answer"])
+        assert wire.encode_reply(bad.value.reply).decode().startswith(case["answer"])
 
 
 @pytest.mark.parametrize("case", GOLDEN["bad_replies"], ids=why)
 def test_bad_reply_is_a_wire_error(case):
     with pytest.raises(WireError):
-        decode_reply(case["line"].encode(), PAR4_LAYOUT)
+        wire.decode_reply(case["line"].encode(), PAR4_LAYOUT)
 
 
 @pytest.mark.parametrize("case", GOLDEN["requests"] + GOLDEN["replies"], ids=line)
@@ -77,7 +68,7 @@ def test_every_line_in_the_specification_is_right():
     lines = re.findall(r"^[<>]\d+ .* \*[0-9A-F]{4}$", SPECIFICATION, flags=re.MULTILINE)
     assert len(lines) >= len(GOLDEN["requests"] + GOLDEN["replies"])
     for text in lines:
-        decode = decode_request if text.startswith(">") else decode_reply
+        decode = wire.decode_request if text.startswith(">") else wire.decode_reply
         assert decode(text.encode(), TILTING_LAYOUT)
 
 
