@@ -18,6 +18,11 @@ def moving(**settings):
     return linuxcnc
 
 
+@pytest.fixture
+def linuxcnc():
+    return moving()
+
+
 def lose_the_wire(linuxcnc):
     """An answer fails to come, and the link closes itself."""
     linuxcnc.overrides["get joint_pos"] = NEVER
@@ -27,8 +32,7 @@ def lose_the_wire(linuxcnc):
     linuxcnc.asked.clear()
 
 
-def test_stop_aborts_and_returns_when_the_joints_stand():
-    linuxcnc = moving()
+def test_stop_aborts_and_returns_when_the_joints_stand(linuxcnc):
     linuxcnc.robot.stop()
     assert linuxcnc.orders == ["set abort"]
     state = linuxcnc.robot.state()
@@ -36,8 +40,7 @@ def test_stop_aborts_and_returns_when_the_joints_stand():
     assert state.joints != pytest.approx(TARGET_RAD)
 
 
-def test_stop_opens_a_closed_wire_and_aborts_first():
-    linuxcnc = moving()
+def test_stop_opens_a_closed_wire_and_aborts_first(linuxcnc):
     lose_the_wire(linuxcnc)
     linuxcnc.robot.stop()
     assert "set abort" in linuxcnc.orders
@@ -81,8 +84,7 @@ def test_pending_question_is_abandoned_and_the_abort_said_at_once_over_a_new_wir
     assert not linuxcnc.is_moving()
 
 
-def test_nothing_is_waited_for_before_the_abort_over_a_new_wire():
-    linuxcnc = moving()
+def test_nothing_is_waited_for_before_the_abort_over_a_new_wire(linuxcnc):
     lose_the_wire(linuxcnc)
     linuxcnc.overrides["hello EMC"] = NEVER
     begun_s = linuxcnc.clock.now_s()
@@ -92,8 +94,7 @@ def test_nothing_is_waited_for_before_the_abort_over_a_new_wire():
     assert linuxcnc.asked[:3] == ["hello EMC pkmcal 1.1", "set enable EMCTOO", "set abort"]
 
 
-def test_abort_that_is_refused_when_said_blindly_is_followed_by_the_emergency_stop():
-    linuxcnc = moving()
+def test_abort_that_is_refused_when_said_blindly_is_followed_by_the_emergency_stop(linuxcnc):
     lose_the_wire(linuxcnc)
     linuxcnc.overrides["set abort"] = "SET ABORT NAK\n\r"
     linuxcnc.robot.stop()
@@ -102,8 +103,7 @@ def test_abort_that_is_refused_when_said_blindly_is_followed_by_the_emergency_st
     assert not linuxcnc.machine
 
 
-def test_emergency_stop_is_awaited_no_longer_than_the_stop_may_take():
-    linuxcnc = moving()
+def test_emergency_stop_is_awaited_no_longer_than_the_stop_may_take(linuxcnc):
     linuxcnc.overrides["set abort"] = "SET ABORT NAK\n\r"
     linuxcnc.overrides["set estop"] = "SET ESTOP ACK\n\r"
     linuxcnc.overrides["get machine"] = "MACHINE ON\r\n"
@@ -129,8 +129,7 @@ def test_homing_that_is_not_waited_for_is_stopped_first(wanted):
     assert "set abort" in orders[orders.index("set home -1") :]
 
 
-def test_after_a_stop_over_a_new_wire_the_rest_waits_for_a_reconnection():
-    linuxcnc = moving()
+def test_after_a_stop_over_a_new_wire_the_rest_waits_for_a_reconnection(linuxcnc):
     lose_the_wire(linuxcnc)
     linuxcnc.robot.stop()
     with pytest.raises(LinkDown, match="not connected"):
@@ -138,8 +137,7 @@ def test_after_a_stop_over_a_new_wire_the_rest_waits_for_a_reconnection():
     assert all(pipe.is_closed for pipe in linuxcnc.pipes)
 
 
-def test_stop_takes_control_back_from_another_client():
-    linuxcnc = moving()
+def test_stop_takes_control_back_from_another_client(linuxcnc):
     linuxcnc.in_control = "somebody"
     linuxcnc.robot.stop()
     assert linuxcnc.orders[0] == "set enable EMCTOO"
@@ -154,55 +152,48 @@ def test_stop_works_although_the_operator_has_cancelled():
     assert linuxcnc.orders == ["set abort"]
 
 
-def test_machine_that_has_gone_off_only_has_to_be_seen_to_stand():
-    linuxcnc = moving()
+def test_machine_that_has_gone_off_only_has_to_be_seen_to_stand(linuxcnc):
     linuxcnc.fail("joint 3 following error")
     linuxcnc.robot.stop()
     assert linuxcnc.orders == []
 
 
-def test_abort_that_is_not_taken_is_followed_by_the_emergency_stop():
-    linuxcnc = moving()
+def test_abort_that_is_not_taken_is_followed_by_the_emergency_stop(linuxcnc):
     linuxcnc.overrides["set abort"] = "SET ABORT NAK\n\r"
     linuxcnc.robot.stop()
     assert linuxcnc.orders == ["set abort", "set estop on"]
     assert not linuxcnc.machine
 
 
-def test_acknowledged_abort_without_effect_is_no_stop():
-    linuxcnc = moving()
+def test_acknowledged_abort_without_effect_is_no_stop(linuxcnc):
     linuxcnc.overrides["set abort"] = "SET ABORT ACK\n\r"
     linuxcnc.overrides["get program_status"] = "PROGRAM_STATUS RUNNING\r\n"
     with pytest.raises(RobotStateUnknown, match=r"robot state unknown.*still moves"):
         linuxcnc.robot.stop()
 
 
-def test_dead_task_behind_a_live_port_leaves_the_state_unknown():
-    linuxcnc = moving()
+def test_dead_task_behind_a_live_port_leaves_the_state_unknown(linuxcnc):
     linuxcnc.task_lives = False
     with pytest.raises(RobotStateUnknown, match="neither abort nor e-stop") as unknown:
         linuxcnc.robot.stop()
     assert "hardware stop" in unknown.value.remedy
 
 
-def test_nobody_there_leaves_the_state_unknown():
-    linuxcnc = moving()
+def test_nobody_there_leaves_the_state_unknown(linuxcnc):
     lose_the_wire(linuxcnc)
     linuxcnc.connections = 0
     with pytest.raises(RobotStateUnknown, match="nobody answers"):
         linuxcnc.robot.stop()
 
 
-def test_controller_that_was_started_anew_stands():
-    linuxcnc = moving()
+def test_controller_that_was_started_anew_stands(linuxcnc):
     lose_the_wire(linuxcnc)
     linuxcnc.fail("", estop=True)
     linuxcnc.homed, linuxcnc.mode = False, "MANUAL"
     linuxcnc.robot.stop()
 
 
-def test_closing_stops_and_gives_control_back():
-    linuxcnc = moving()
+def test_closing_stops_and_gives_control_back(linuxcnc):
     linuxcnc.robot.close()
     assert linuxcnc.orders == ["set abort", "set mdi G94", "set enable off"]
     assert not linuxcnc.is_moving()
@@ -210,24 +201,21 @@ def test_closing_stops_and_gives_control_back():
     linuxcnc.robot.close()
 
 
-def test_closing_leaves_another_clients_motion_alone():
-    linuxcnc = moving()
+def test_closing_leaves_another_clients_motion_alone(linuxcnc):
     linuxcnc.in_control = "somebody"
     linuxcnc.robot.close()
     assert linuxcnc.orders == []
     assert linuxcnc.pipes[0].is_closed
 
 
-def test_closing_in_motion_is_loud_when_the_stop_is_not_taken():
-    linuxcnc = moving()
+def test_closing_in_motion_is_loud_when_the_stop_is_not_taken(linuxcnc):
     linuxcnc.overrides["set abort"] = "SET ABORT NAK\n\r"
     with pytest.raises(RobotStateUnknown, match="could not be left standing"):
         linuxcnc.robot.close()
     assert linuxcnc.pipes[0].is_closed
 
 
-def test_closing_at_rest_is_not_kept_up_by_a_dead_task():
-    linuxcnc = moving()
+def test_closing_at_rest_is_not_kept_up_by_a_dead_task(linuxcnc):
     while linuxcnc.robot.state().moving:
         linuxcnc.clock.sleep_s(0.02)
     linuxcnc.task_lives = False
