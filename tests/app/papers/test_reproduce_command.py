@@ -7,12 +7,11 @@ from functools import partial
 
 import pytest
 import typer
-from made_up import result, results
+from made_up import RECIPES, result, results
 from typer.testing import CliRunner
 
 from app.cli import reproduce
 from app.exits import exit_code
-from app.papers.corbel2006.evidence import evidence
 from app.papers.corbel2006.trials import (
     PROTOTYPE,
     SIMULATION,
@@ -60,15 +59,10 @@ def said(*words):
     return Ended(ended.return_value or 0, ended.stdout, ended.stderr, ended.exception)
 
 
-@pytest.fixture(scope="module")
-def computed_once():
-    return evidence(results(1))
-
-
 @pytest.fixture(autouse=True)
-def without_page(monkeypatch, computed_once):
+def without_page(monkeypatch, computed):
     """What takes seconds and is tested elsewhere: the evidence, and drawing the page."""
-    monkeypatch.setattr(reproduce, "evidence", lambda found: computed_once)
+    monkeypatch.setattr(reproduce, "evidence", lambda found: computed)
     monkeypatch.setattr(reproduce, "page_html", lambda page: "a page")
 
 
@@ -99,7 +93,10 @@ def without_beam(trial):
     return result(trial.experiment, trial.seed)
 
 
-def test_kept_seeds_are_not_measured_again(folder, no_cells):
+def test_kept_seeds_are_not_measured_again_and_their_tables_fit_a_terminal(
+    folder, no_cells, monkeypatch
+):
+    monkeypatch.setenv("COLUMNS", "100")
     ran = no_cells(lambda trial: pytest.fail(str(trial)))
     ended = said("--to", folder, "--quick")
     assert ended.code == 0, ended.err
@@ -108,32 +105,33 @@ def test_kept_seeds_are_not_measured_again(folder, no_cells):
     assert "13 of 13 medians are as asked" in ended.out
     assert "3 seeds of each are a look" in ended.out
     assert (folder / "reproduction.html").read_text() == "a page"
+    table_lines = [line for line in ended.out.splitlines() if "…" in line]
+    assert len(table_lines) > 60
+    assert max(map(len, table_lines)) <= 100
 
 
-def test_only_missing_seeds_are_measured_and_then_kept(folder, no_cells):
+def test_only_missing_seeds_are_measured_and_sorted_in_the_file(folder, no_cells):
     ran = no_cells(lambda trial: result(trial.experiment, trial.seed))
     assert said("--to", folder, "--seeds", 4).code == 0
     assert [trial.seed for trial in ran] == [4, 4, 4]
-    assert len(kept(folder)) == 12
-
-
-def test_finished_seeds_are_sorted_in_the_file(tmp_path, no_cells):
-    no_cells(lambda trial: result(trial.experiment, trial.seed))
-    assert said("--to", tmp_path, "--quick").code == 0
-    keys = [(each.experiment, each.seed) for each in kept(tmp_path).values()]
+    keys = [(each.experiment, each.seed) for each in kept(folder).values()]
+    assert len(keys) == 12
     assert keys == sorted(keys)
 
 
-def test_progress_without_a_terminal_is_a_line_now_and_then(tmp_path, no_cells, monkeypatch):
+def test_line_torn_by_a_crash_is_made_anew_and_another_recipe_s_stays(folder, no_cells):
+    path, other = folder / reproduce.RESULTS, result(SIMULATION, 1, recipe="0" * 16)
+    keep(folder, [other])
+    whole = path.read_text()
+    path.write_text(whole.replace(f'"recipe":"{RECIPES[PROTOTYPE]}"', '"recipe":"-"') + whole[:100])
+    ran = no_cells(lambda trial: result(trial.experiment, trial.seed))
+    assert said("--to", folder, "--seeds", 2).code == 0
+    assert ran == [Trial(PROTOTYPE, 1), Trial(PROTOTYPE, 2)]
+    assert other in kept(folder).values()
+
+
+def test_failed_seed_costs_only_itself_and_is_tried_again_next_time(folder, no_cells, monkeypatch):
     monkeypatch.setattr(reproduce, "CountedWork", partial(reproduce.CountedWork, quiet_s=0.0))
-    no_cells(without_beam)
-    ended = said("--to", tmp_path, "--seeds", 1)
-    last = [line for line in ended.err.splitlines() if line.startswith("seeds: ")][-1]
-    assert last.startswith("seeds: 3/3 · ")
-    assert last.endswith(" · 1 lost")
-
-
-def test_failed_seed_costs_only_itself_and_is_tried_again_next_time(folder, no_cells):
     no_cells(without_beam)
     ended = said("--to", folder, "--seeds", 4, "--json")
     assert ended.code == 1
@@ -142,6 +140,9 @@ def test_failed_seed_costs_only_itself_and_is_tried_again_next_time(folder, no_c
         {"experiment": "simulation", "seed": 4, "reason": "no beam → look"}
     ]
     assert {row["ours"]["seeds"] for row in document["figures"]} == {3, 4}
+    last = [line for line in ended.err.splitlines() if line.startswith("seeds: ")][-1]
+    assert last.startswith("seeds: 12/12 · ")
+    assert last.endswith(" · 1 lost")
     ran = no_cells(lambda trial: result(trial.experiment, trial.seed))
     ran.clear()
     assert said("--to", folder, "--seeds", 4).code == 0
@@ -173,30 +174,20 @@ def test_document_for_programs_is_all_of_stdout(folder):
     assert len(document["table_2"]) == 22
 
 
-def test_tables_fit_a_terminal_of_100_columns(folder, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "100")
-    ended = said("--to", folder, "--quick")
-    table_lines = [line for line in ended.out.splitlines() if "…" in line]
-    assert len(table_lines) > 60
-    assert max(map(len, table_lines)) <= 100
-
-
-@pytest.mark.parametrize(("seeds", "quick", "asked"), [(None, False, 20), (7, False, 7)])
-def test_seeds_asked_for(seeds, quick, asked):
-    assert reproduce.seeds_asked(seeds, quick=quick) == asked
-
-
-def test_quick_and_seeds_contradict_each_other():
+def test_number_of_seeds_is_asked_for_once():
+    assert [reproduce.seeds_asked(seeds, quick=False) for seeds in (None, 7)] == [20, 7]
     with pytest.raises(OptionsInvalid, match="both say how many"):
         reproduce.seeds_asked(5, quick=True)
 
 
-def test_folder_with_other_results_is_left_alone(tmp_path):
-    (tmp_path / reproduce.RESULTS).write_text("mine\n")
+@pytest.mark.parametrize("line", ["mine", '{"seed": NaN}'])
+def test_folder_with_other_results_is_left_alone(tmp_path, line):
+    (tmp_path / reproduce.RESULTS).write_text(f"{line}\n")
     ended = said("--to", tmp_path, "--quick")
     assert isinstance(ended.error, OutputExists)
+    assert "results.jsonl:1: is no result of `pkmcal reproduce`" in str(ended.error)
     assert exit_code(ended.error) == 2
-    assert (tmp_path / reproduce.RESULTS).read_text() == "mine\n"
+    assert (tmp_path / reproduce.RESULTS).read_text() == f"{line}\n"
 
 
 def test_second_command_in_the_same_folder_waits_its_turn(folder):

@@ -7,14 +7,14 @@ import pytest
 from made_up import result, results
 
 from app.papers.corbel2006.evidence import evidence as evidence_of
-from app.papers.corbel2006.evidence import floors, reaches
+from app.papers.corbel2006.evidence import floors
 from app.papers.corbel2006.printed import LINES_MM, allowed, printed
 from app.papers.corbel2006.trials import PROTOTYPE, REPEATABILITY_MM, SIMULATION
 
 
-@pytest.fixture(scope="module")
-def reached():
-    return reaches()
+@pytest.fixture
+def reached(computed):
+    return computed.reaches
 
 
 @pytest.fixture

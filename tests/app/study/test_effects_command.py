@@ -26,7 +26,7 @@ def studied(folder, capsys):
     return run
 
 
-def test_document_counts_passes_and_named_causes(folder, studied):
+def test_document_counts_passes_and_named_causes_and_the_same_command_goes_on(folder, studied):
     code, out, err = studied("--campaigns", 2, "--json")
     assert code == 0, err
     document = json.loads(out)
@@ -39,18 +39,16 @@ def test_document_counts_passes_and_named_causes(folder, studied):
     assert document["wrong_passes"] == {"points": {"wrong": 0, "campaigns": 4}}
     kept = json.loads((folder / "study" / "effects.json").read_text(encoding="utf-8"))
     assert kept == document
-
-
-def test_same_command_goes_on_where_it_was(folder, studied):
-    studied("--campaigns", 2)
     table = folder / "study" / "effect-clean-plan-drawn-robots-points.jsonl"
     first = table.read_text(encoding="utf-8")
-    _, out, _ = studied("--campaigns", 3, "--json")
-    assert json.loads(out)["computed"] == 2
+    code, out, err = studied("--campaigns", 3)
+    assert 'How often is "pass" wrong?' in out
+    assert "points: 0 wrong of 6 campaigns" in out
     assert table.read_text(encoding="utf-8").startswith(first)
+    assert len(table.read_text(encoding="utf-8").splitlines()) == 1 + 3
 
 
-def test_distances_are_studied_by_either_weights(folder, studied):
+def test_distances_are_studied_by_either_weights(studied):
     methods = ("--estimator", "distances", "--weights", "stated", "--weights", "equal")
     _, out, _ = studied("--campaigns", 2, "--json", *methods)
     told = [one["estimator"] for one in json.loads(out)["effects"]]
@@ -76,13 +74,6 @@ def test_choice_among_models_is_told_by_size_with_what_is_left(folder, capsys):
     told = capsys.readouterr().out
     assert "kept" in told
     assert "full 100" not in told, "one model alone needs no share"
-
-
-def test_people_get_one_line_an_effect(studied):
-    code, out, _ = studied("--campaigns", 2)
-    assert code == 0
-    assert 'How often is "pass" wrong?' in out
-    assert "points: 0 wrong of 4 campaigns" in out
 
 
 @pytest.mark.parametrize(
