@@ -17,6 +17,7 @@ from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.files.lock import campaign_lock
 from campaigns.journal.journal import Journal, JournalReader, open_journal, read_journal
 from campaigns.journal.views import Series
+from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import CheckedPlan, Pace, check_plan
 from campaigns.planning.plan_file import PlannedShot, read_plan
 from campaigns.planning.plans import PlanRequest, View, region_of, with_reserve
@@ -147,10 +148,9 @@ class Campaign:
     def checked_plan(self, shots: tuple[PlannedShot, ...] | None = None) -> CheckedPlan:
         """Plan that the nominal robot can run, plan.csv by default; raises `PlanInvalid`."""
         shots = self.read_plan() if shots is None else shots
-        robot, centre = self.robot, pose_of(self.centre)
-        return check_plan(
-            shots, robot.kinematics, robot.limits, self.view, centre, self.pace, self.space
-        )
+        robot = self.robot
+        model = RobotModel(robot.kinematics, robot.limits, self.centre, self.space)
+        return check_plan(shots, model, self.view, self.pace)
 
     @contextmanager
     def held(self) -> Iterator[None]:

@@ -301,7 +301,7 @@ def _work(
     correct: Correct | None = None,
 ) -> tuple[Work, tuple[str, ...]]:
     reachable = _reachable(campaign, robot, correct)
-    planned = validation_steps(
+    steps, notes = validation_steps(
         campaign.config.validation,
         unseen,
         reachable,
@@ -312,5 +312,5 @@ def _work(
         Selection().estimator, robot.mechanism.parameters.free_by_default, campaign.instrument
     )
     kinematics = reachable.kinematics
-    work = engine_work(campaign, stage, planned.steps, kinematics, robot.digest(), setup)
-    return work, planned.notes
+    work = engine_work(campaign, stage, steps, kinematics, robot.digest(), setup)
+    return work, notes

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from campaigns.evaluation.validation import AXES, DistanceTest, MeasuredLength, ValidationResult
+from campaigns.arrays import AXES
+from campaigns.evaluation.validation import DistanceTest, MeasuredLength, ValidationResult
 
 NO_FRAME = "not formed: too few commanded points for a base frame"
 FIVE_POSES = "30 visits from one direction to each of five poses"

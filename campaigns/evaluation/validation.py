@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from pydantic import JsonValue
 
-from campaigns.arrays import Array, Index
+from campaigns.arrays import AXES, Array, Index
 from campaigns.estimation.point_sets import (
     away_from_best_line,
     away_from_mean,
@@ -26,7 +26,6 @@ from campaigns.shots.pairs import PairRows
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
-AXES = ("x", "y", "z")
 SET_OF: Mapping[str, ShotSet] = {
     "distances": ShotSet.VALIDATION,
     "rotation": ShotSet.ROTATION,

@@ -18,6 +18,10 @@ from campaigns.design.roadmap import Roadmap
 from campaigns.design.tours import travel_rad
 from campaigns.mechanisms.mechanism import Axis, Kinematics, Limits, NoSolution, Violation, outside
 
+Joints = tuple[float, ...]
+Stop = tuple[str, Array]
+"""What the operator calls a place on the way, and its joints (n,)."""
+
 PATH_STEP_RAD = np.radians(5.0)
 SLACK_RAD = np.radians(3.0)
 """A passing pose may exceed limits of turn and swing by this; one that is measured may not."""
@@ -45,155 +49,9 @@ class PathFault:
     part_of_the_way: float
 
 
-def path_fault(
-    kinematics: Kinematics,
-    limits: Limits,
-    start: Array,
-    end: Array,
-    space: RestrictedSpace = UNRESTRICTED,
-) -> PathFault | None:
-    """First fault on the coordinated move from joints to joints, (n,) each, if any."""
-    fault = _motion_fault(kinematics, limits, start, end)
-    if fault is None and space.is_restricted:
-        return _space_fault(kinematics, space, start, end)
-    return fault
-
-
-def _motion_fault(
-    kinematics: Kinematics, limits: Limits, start: Array, end: Array
-) -> PathFault | None:
-    """First fault by the mechanism and its limits."""
-    turn = np.abs(kinematics.comparable(end - start)).max()
-    steps = max(2, int(np.ceil(turn / PATH_STEP_RAD)) + 1)
-    part = np.linspace(0.0, 1.0, steps)
-    joints = start + part[:, None] * (end - start)
-    solution = kinematics.forward(joints)
-    if not solution.found.all():
-        lost = float(part[np.argmin(solution.found)])
-        return PathFault("the mechanism cannot be assembled", lost)
-    passing = _passing_limits(limits)
-    mechanism = kinematics.mechanism
-    passed = mechanism.path_feasibility(kinematics.p, passing, joints, solution.values)
-    limited = (axis.name for axis, each in zip(mechanism.task, limits.task, strict=True) if each)
-    reasons = {
-        Violation.TASK_LIMIT: f"{', '.join(limited)} leaves its limits",
-        Violation.SWING_LIMIT: "a forearm swings too far",
-        Violation.SINGULAR: "it passes near a singularity",
-        Violation.ABOVE_ELBOWS: "the platform rises above its arms' ends",
-    }
-    for violation, reason in reasons.items():
-        wrong = passed.violations & violation != 0
-        if wrong.any():
-            return PathFault(reason, float(part[np.argmax(wrong)]))
-    return None
-
-
-def _space_fault(
-    kinematics: Kinematics, space: RestrictedSpace, start: Array, end: Array
-) -> PathFault | None:
-    """Zone that is entered on the way, or on straight lines that a controller may take instead."""
-    try:
-        points, bulge_mm = _fine_path(kinematics, start, end)
-    except NoSolution:
-        return PathFault("the mechanism cannot be assembled", 0.0)
-    steps = len(points) - 1
-    starts, ends = points[:-1], points[1:]
-    for parts in PARTS:
-        corners = points[:: steps // parts]
-        starts, ends = np.vstack([starts, corners[:-1]]), np.vstack([ends, corners[1:]])
-    clearance = space.line_clearance_mm(starts, ends)
-    clearance[:steps] -= bulge_mm[:, None]
-    standing = space.clearance_mm(points[[0, -1]]).min(axis=0)
-    least = np.clip(standing, -STANDING_MM, 0.0) - TOLERANCE_MM
-    wrong = clearance < least
-    if not wrong.any():
-        return None
-    row = int(np.argmax(wrong.any(axis=1)))
-    zone = int(np.argmin(np.where(wrong[row], clearance[row], np.inf)))
-    reason = (
-        f"the plate{space.reach_text} would pass {-clearance[row, zone]:.3g} mm beyond the wall of "
-        f"{space.zones[zone].name}"
-    )
-    return PathFault(reason, row / steps if row < steps else 0.0)
-
-
-def _fine_path(kinematics: Kinematics, start: Array, end: Array) -> tuple[Array, Array]:
-    """Points (K + 1, 3) of a coordinated move, and how far it may be from each chord, (K,).
-
-    By the sagitta, from second differences: points are so near each other that it is next to none.
-    Raises `NoSolution`.
-    """
-    turn = float(np.abs(kinematics.comparable(end - start)).max())
-    steps = PARTS[-1] * max(1, int(np.ceil(turn / SPACE_STEP_RAD / PARTS[-1])))
-    for _ in range(HALVINGS):
-        part = np.linspace(0.0, 1.0, steps + 1)[:, None]
-        points = kinematics.forward(start + part * (end - start)).values_or_raise()[:, :3]
-        second = np.linalg.norm(np.diff(points, 2, axis=0), axis=1)
-        around = np.maximum(np.r_[second[0], second], np.r_[second, second[-1]])
-        bulge_mm = CURVATURE_RESERVE * around / 8.0
-        if bulge_mm.max() <= FLAT_MM:
-            break
-        steps *= 2
-    return points, bulge_mm
-
-
-def _passing_limits(limits: Limits) -> Limits:
-    """Limits of a pose that is passed, not measured."""
-    wider = limits.drawn_in(task=-SLACK_RAD, swing_rad=-SLACK_RAD)
-    return replace(wider, singularity_margin=PASSING_SINGULARITY_MARGIN, elbow_margin=0.0)
-
-
-def route(
-    kinematics: Kinematics,
-    limits: Limits,
-    start: Array,
-    end: Array,
-    centre: Array,
-    space: RestrictedSpace = UNRESTRICTED,
-) -> list[Array] | None:
-    """Joint targets (n,) of a safe way, the last being `end`; None when none was found.
-
-    Straight if that is safe, else by poses between the two ends and the workspace's centre (t,).
-    """
-    if path_fault(kinematics, limits, start, end, space) is None:
-        return [end]
-    ends = kinematics.forward(np.stack([start, end]))
-    if not ends.found.all():
-        return None
-    for poses in _detours(ends.values[0], ends.values[1], centre):
-        via = kinematics.inverse(poses)
-        way = [start, *via.values, end]
-        within = not outside(via.values, limits.joint).any()
-        if via.found.all() and within and _is_safe(kinematics, limits, way, space):
-            return way[1:]
-    return None
-
-
-def _is_safe(
-    kinematics: Kinematics, limits: Limits, way: list[Array], space: RestrictedSpace
-) -> bool:
-    return all(
-        path_fault(kinematics, limits, here, there, space) is None for here, there in pairwise(way)
-    )
-
-
-def _detours(from_pose: Array, to_pose: Array, centre: Array) -> Iterator[Array]:
-    """Poses to pass by, (K, t), from the shortest detour to the longest."""
-    middle = 0.5 * (from_pose + to_pose)
-    for pull in (0.0, 0.3, 0.6, 1.0):
-        yield (middle + pull * (centre - middle))[None]
-    for pull in (0.3, 0.6):
-        inner = [end + pull * (centre - end) for end in (from_pose, to_pose)]
-        yield np.stack([inner[0], inner[1]])
-        yield np.stack([inner[0], centre, inner[1]])
-
-
-Joints = tuple[float, ...]
-
-
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """Robot against which ways are checked."""
+    """Robot against which ways are checked; joints are (n,)."""
 
     kinematics: Kinematics
     limits: Limits
@@ -202,38 +60,131 @@ class RobotModel:
     space: RestrictedSpace = UNRESTRICTED
 
     def fault(self, start: Array, end: Array) -> PathFault | None:
-        """First fault on the coordinated move between joints (n,), if any."""
-        return path_fault(self.kinematics, self.limits, start, end, self.space)
+        """First fault on the coordinated move between joints, if any."""
+        fault = self._motion_fault(start, end)
+        if fault is None and self.space.is_restricted:
+            return self._space_fault(start, end)
+        return fault
 
     def standing_fault(self, joints: Array) -> str:
-        """What the space has against the place of joints (n,), in words; empty: nothing."""
+        """What the space has against the place of joints, in words; empty: nothing."""
         solution = self.kinematics.forward(joints[None])
-        if not solution.found[0]:
+        if not solution.found[0] or self._lets_stand(solution.values[:, :3]):
             return ""
-        point = solution.values[:, :3]
-        if (self.space.clearance_mm(point) >= -STANDING_MM).all():
-            return ""
-        return self.space.fault(point[0])
+        return self.space.fault(solution.values[0, :3])
 
     def safe_path(self, start: Array, end: Array) -> list[Array] | None:
-        """Joint targets (n,) of a safe way, the last being `end`; None when none was found."""
-        way = route(self.kinematics, self.limits, start, end, self.centre, self.space)
-        if way is None and self.space.has_obstacles:
-            return self._way_round(start, end)
-        return way
+        """Joint targets of a safe way, the last being `end`; None when none was found.
+
+        Straight if that is safe, else by poses between the two ends and the workspace's centre, or
+        round obstacles.
+        """
+        if self.fault(start, end) is None:
+            return [end]
+        ends = self.kinematics.forward(np.stack([start, end]))
+        if not ends.found.all():
+            return None
+        for poses in _detours(ends.values[0], ends.values[1], self.centre):
+            via = self.kinematics.inverse(poses)
+            way = [start, *via.values, end]
+            within = not outside(via.values, self.limits.joint).any()
+            if via.found.all() and within and self._is_safe(way):
+                return way[1:]
+        return self._way_round(start, end, ends.values) if self.space.has_obstacles else None
+
+    def _is_safe(self, way: list[Array]) -> bool:
+        return all(self.fault(here, there) is None for here, there in pairwise(way))
+
+    def _motion_fault(self, start: Array, end: Array) -> PathFault | None:
+        """First fault by the mechanism and its limits."""
+        kinematics, mechanism = self.kinematics, self.kinematics.mechanism
+        turn = np.abs(kinematics.comparable(end - start)).max()
+        steps = max(2, int(np.ceil(turn / PATH_STEP_RAD)) + 1)
+        part = np.linspace(0.0, 1.0, steps)
+        joints = start + part[:, None] * (end - start)
+        solution = kinematics.forward(joints)
+        if not solution.found.all():
+            lost = float(part[np.argmin(solution.found)])
+            return PathFault("the mechanism cannot be assembled", lost)
+        # limits of a pose that is passed, not measured
+        wider = self.limits.drawn_in(task=-SLACK_RAD, swing_rad=-SLACK_RAD)
+        passing = replace(wider, singularity_margin=PASSING_SINGULARITY_MARGIN, elbow_margin=0.0)
+        passed = mechanism.path_feasibility(kinematics.p, passing, joints, solution.values)
+        task = zip(mechanism.task, self.limits.task, strict=True)
+        limited = ", ".join(axis.name for axis, each in task if each)
+        reasons = {
+            Violation.TASK_LIMIT: f"{limited} leaves its limits",
+            Violation.SWING_LIMIT: "a forearm swings too far",
+            Violation.SINGULAR: "it passes near a singularity",
+            Violation.ABOVE_ELBOWS: "the platform rises above its arms' ends",
+        }
+        for violation, reason in reasons.items():
+            wrong = passed.violations & violation != 0
+            if wrong.any():
+                return PathFault(reason, float(part[np.argmax(wrong)]))
+        return None
+
+    def _space_fault(self, start: Array, end: Array) -> PathFault | None:
+        """Zone that is entered on the way, or on straight lines that a controller may take."""
+        space = self.space
+        try:
+            points, bulge_mm = self._fine_path(start, end)
+        except NoSolution:
+            return PathFault("the mechanism cannot be assembled", 0.0)
+        steps = len(points) - 1
+        starts, ends = points[:-1], points[1:]
+        for parts in PARTS:
+            corners = points[:: steps // parts]
+            starts, ends = np.vstack([starts, corners[:-1]]), np.vstack([ends, corners[1:]])
+        clearance = space.line_clearance_mm(starts, ends)
+        clearance[:steps] -= bulge_mm[:, None]
+        standing = space.clearance_mm(points[[0, -1]]).min(axis=0)
+        least = np.clip(standing, -STANDING_MM, 0.0) - TOLERANCE_MM
+        wrong = clearance < least
+        if not wrong.any():
+            return None
+        row = int(np.argmax(wrong.any(axis=1)))
+        zone = int(np.argmin(np.where(wrong[row], clearance[row], np.inf)))
+        reason = (
+            f"the plate{space.reach_text} would pass {-clearance[row, zone]:.3g} mm beyond the "
+            f"wall of {space.zones[zone].name}"
+        )
+        return PathFault(reason, row / steps if row < steps else 0.0)
+
+    def _fine_path(self, start: Array, end: Array) -> tuple[Array, Array]:
+        """Points (K + 1, 3) of a coordinated move, and how far it may be from each chord, (K,).
+
+        By the sagitta, from second differences: points are so near each other that it is next to
+        none. Raises `NoSolution`.
+        """
+        kinematics = self.kinematics
+        turn = float(np.abs(kinematics.comparable(end - start)).max())
+        steps = PARTS[-1] * max(1, int(np.ceil(turn / SPACE_STEP_RAD / PARTS[-1])))
+        for _ in range(HALVINGS):
+            part = np.linspace(0.0, 1.0, steps + 1)[:, None]
+            points = kinematics.forward(start + part * (end - start)).values_or_raise()[:, :3]
+            second = np.linalg.norm(np.diff(points, 2, axis=0), axis=1)
+            around = np.maximum(np.r_[second[0], second], np.r_[second, second[-1]])
+            bulge_mm = CURVATURE_RESERVE * around / 8.0
+            if bulge_mm.max() <= FLAT_MM:
+                break
+            steps *= 2
+        return points, bulge_mm
 
     @cached_property
     def _roadmap(self) -> Roadmap:
         return Roadmap.of(self.kinematics, self.limits, self.space, self.centre)
 
-    def _way_round(self, start: Array, end: Array) -> list[Array] | None:
-        """Way by the roadmap, lines on which the robot cannot move left out one after another."""
-        ends = self.kinematics.forward(np.stack([start, end]))
-        if not ends.found.all() or not self._lets_stand(ends.values[:, :3]):
+    def _way_round(self, start: Array, end: Array, ends: Array) -> list[Array] | None:
+        """Way by the roadmap, lines on which the robot cannot move left out one after another.
+
+        `ends` are the poses (2, t) at its ends.
+        """
+        if not self._lets_stand(ends[:, :3]):
             return None
         between = self.kinematics.inverse(self._roadmap.poses).values_or_raise()
         joints = np.vstack([between, start, end])
-        here, there = ends.values[:, :3]
+        here, there = ends[:, :3]
         blocked: set[tuple[int, int]] = set()
         for _ in range(MOST_REROUTES):
             rows = self._roadmap.way(here, there, frozenset(blocked))
@@ -263,13 +214,15 @@ class RobotModel:
         return legs
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Stop:
-    """Place on the way, and what the operator calls it."""
-
-    name: str
-    joints: Array
-    """(n,)"""
+def _detours(from_pose: Array, to_pose: Array, centre: Array) -> Iterator[Array]:
+    """Poses to pass by, (K, t), from the shortest detour to the longest."""
+    middle = 0.5 * (from_pose + to_pose)
+    for pull in (0.0, 0.3, 0.6, 1.0):
+        yield (middle + pull * (centre - middle))[None]
+    for pull in (0.3, 0.6):
+        inner = [end + pull * (centre - end) for end in (from_pose, to_pose)]
+        yield np.stack([inner[0], inner[1]])
+        yield np.stack([inner[0], centre, inner[1]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,12 +241,12 @@ def check_paths(stops: Sequence[Stop], robot: RobotModel) -> PathReport:
     """Look for a safe way between each two stops that follow each other."""
     detours, travel, faults = 0, 0.0, []
     for here, there in pairwise(stops):
-        way = robot.safe_path(here.joints, there.joints)
+        way = robot.safe_path(here[1], there[1])
         if way is None:
             faults.append(_fault(robot, here, there))
             continue
         detours += len(way) > 1
-        turns = [robot.kinematics.comparable(joints) for joints in (here.joints, *way)]
+        turns = [robot.kinematics.comparable(joints) for joints in (here[1], *way)]
         travel += sum(float(travel_rad(a, b)) for a, b in pairwise(turns))
     return PathReport(detours, travel, tuple(faults))
 
@@ -327,6 +280,6 @@ class PathCache:
 
 
 def _fault(robot: RobotModel, here: Stop, there: Stop) -> str:
-    straight = robot.fault(here.joints, there.joints)
+    straight = robot.fault(here[1], there[1])
     why = f"{straight.reason}, {straight.part_of_the_way:.0%} of the way" if straight else "blocked"
-    return f"no safe way from {here.name} to {there.name}: {why}, and no way round"
+    return f"no safe way from {here[0]} to {there[0]}: {why}, and no way round"

@@ -7,15 +7,14 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.design.pose_sampling import incidence_rad
-from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
+from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.errors import PlanInvalid
 from campaigns.mechanisms.mechanism import Axis, Feasibility, Kinematics, Limits
-from campaigns.planning.paths import RobotModel, Stop, check_paths
+from campaigns.planning.paths import RobotModel, check_paths
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import View, joints_of, poses_of
 from campaigns.robots.robot import pose_row
 from campaigns.shots.shot_sets import ShotSet
-from drivers.values import Pose
 
 AGREEMENT_RAD = float(np.radians(0.01))
 """Largest distance of a row's joints from its pose's: of cranks, or what compares."""
@@ -40,17 +39,10 @@ class CheckedPlan:
     detours: int
     """Number of ways between shots that are not straight because that would not be safe."""
     seconds: float
-    travel_rad: float
 
 
 def check_plan(
-    shots: Sequence[PlannedShot],
-    kinematics: Kinematics,
-    limits: Limits,
-    view: View,
-    centre: Pose,
-    pace: Pace,
-    space: RestrictedSpace = UNRESTRICTED,
+    shots: Sequence[PlannedShot], robot: RobotModel, view: View, pace: Pace
 ) -> CheckedPlan:
     """Check reach, limits, swing, singularity, space, the tracker's view, every way between shots.
 
@@ -58,22 +50,21 @@ def check_plan(
     """
     refuse(
         [
-            *_pose_faults(shots, kinematics, limits),
-            *_space_faults(shots, space),
+            *_pose_faults(shots, robot.kinematics, robot.limits),
+            *_space_faults(shots, robot.space),
             *_view_faults(shots, view),
             *_drift_faults(shots),
         ],
         remedy="correct plan.csv, or plan anew with `pkmcal plan`",
     )
     stops = [
-        Stop(f"shot {shot.shot}", joints)
-        for shot, joints in zip(shots, joints_of(shots), strict=True)
+        (f"shot {shot.shot}", joints) for shot, joints in zip(shots, joints_of(shots), strict=True)
     ]
-    ways = check_paths(stops, RobotModel(kinematics, limits, pose_row(centre), space))
+    ways = check_paths(stops, robot)
     refuse(ways.faults, remedy="move one of the two poses, or plan anew with `pkmcal plan`")
     seconds = ways.travel_rad / pace.joint_speed_rad_s
     seconds += len(shots) * (pace.settle_s + pace.measure_s)
-    return CheckedPlan(tuple(shots), ways.detours, seconds, ways.travel_rad)
+    return CheckedPlan(tuple(shots), ways.detours, seconds)
 
 
 def refuse(faults: Sequence[str], *, remedy: str) -> None:

@@ -4,25 +4,22 @@ Repeatability, rotation, straightness and distances.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from campaigns.arrays import Array
+from campaigns.arrays import AXES, Array
 from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
 from campaigns.errors import PlanInvalid
 from campaigns.mechanisms.mechanism import (
-    Axis,
-    Interval,
     Kinematics,
     KinematicSolution,
     Limits,
 )
 from campaigns.planning.paths import RobotModel, Stop, check_paths
-from campaigns.planning.plan_check import refuse, view_fault
+from campaigns.planning.plan_check import refuse
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.plans import View
 from campaigns.planning.steps import Step
 from campaigns.robots.robot import pose_of, pose_row
 from campaigns.settings.sections import ValidationConfig
@@ -37,9 +34,8 @@ SHRINKS = 20
 LINE_PROBES = 401
 LINE_SPARE = 0.9
 """A line is no longer than that part of what the nominal robot can do."""
-AXES = ("x", "y", "z")
-
-
+Planned = tuple[tuple[Step, ...], tuple[str, ...]]
+"""Steps, and notes that say what was shortened or left out, and why."""
 Correct = Callable[[Array], KinematicSolution]
 
 
@@ -48,12 +44,11 @@ class Reachable:
     """The robot as its controller believes it to be, for that is what takes pose commands.
 
     Or as it really is, where `correct` gives the poses to command to its controller for wanted
-    ones. `view` is how the tracker sees it; None when that need not be looked at.
+    ones.
     """
 
     kinematics: Kinematics
     limits: Limits
-    view: View | None = None
     space: RestrictedSpace = UNRESTRICTED
     correct: Correct | None = None
 
@@ -68,10 +63,7 @@ class Reachable:
             return fault
         if self.correct is not None and not self.correct(poses).found.all():
             return "the controller's own kinematics cannot be assembled there"
-        if self.view is None:
-            return ""
-        faults = (view_fault(pose[:3], self.view) for pose in poses)
-        return next(filter(None, faults), "")
+        return ""
 
     def line_reason(self, poses: Array) -> str:
         """The same for poses (N, t) and the straight lines between them."""
@@ -92,33 +84,13 @@ class Reachable:
         return [pose_of(row) for row in self.correct(poses).values_or_raise()]
 
 
-@dataclass(frozen=True, slots=True)
-class ValidationSteps:
-    """Steps of a validation; `notes` say what was shortened or left out, and why."""
-
-    steps: tuple[Step, ...]
-    notes: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Test:
-    """Poses (N, t) of one test, and what was changed to make them possible."""
-
-    purpose: ShotSet
-    poses: Array
-    pairs: Sequence[int | None]
-    notes: tuple[str, ...] = ()
-    approaches: Array | None = None
-    """Poses from which each is approached, (N, t)."""
-
-
 def validation_steps(
     config: ValidationConfig,
     pairs: Sequence[PlannedShot],
     robot: Reachable,
     only: frozenset[ShotSet],
     rng: np.random.Generator,
-) -> ValidationSteps:
+) -> Planned:
     """The steps of the tests asked for; `pairs` are the plan's validation shots.
 
     Raises `PlanInvalid` when a test cannot be done at all, or a way between poses is not safe.
@@ -126,17 +98,17 @@ def validation_steps(
     centre = np.zeros(len(robot.kinematics.mechanism.task))
     centre[: len(AXES)] = config.centre_mm
     # pairs first: spread as they are, they tell the gate where the tracker stands
-    makers: Mapping[ShotSet, Callable[[], list[_Test]]] = {
-        ShotSet.VALIDATION: lambda: [_possible_pairs(pairs, robot)],
+    makers: Mapping[ShotSet, Callable[[], Iterator[Planned]]] = {
+        ShotSet.VALIDATION: lambda: _possible_pairs(pairs, robot),
         ShotSet.ROTATION: lambda: _rotations(centre, config.rotation_steps, robot),
         ShotSet.STRAIGHTNESS: lambda: _lines(centre, config, robot),
-        ShotSet.REPEATABILITY: lambda: [
-            _repetitions(centre, config.repeatability_approaches, robot, rng)
-        ],
+        ShotSet.REPEATABILITY: lambda: _repetitions(
+            centre, config.repeatability_approaches, robot, rng
+        ),
     }
-    tests = [test for purpose, make in makers.items() if purpose in only for test in make()]
-    notes = tuple(note for test in tests for note in test.notes)
-    steps = tuple(step for test in tests for step in _steps(test, robot))
+    made = [each for purpose, make in makers.items() if purpose in only for each in make()]
+    steps = [step for own, _ in made for step in own]
+    notes = tuple(note for _, own in made for note in own)
     if not steps:
         why = "; ".join(notes) or "no test was named, or the plan holds no validation pairs"
         raise PlanInvalid(f"nothing to validate: {why}", remedy="name a test, or plan anew")
@@ -145,7 +117,7 @@ def validation_steps(
         for number, step in enumerate(steps)
     )
     _check_ways(numbered, RobotModel(robot.kinematics, robot.limits, centre, robot.space))
-    return ValidationSteps(numbered, notes)
+    return numbered, notes
 
 
 def fitting_lines(
@@ -170,41 +142,42 @@ def fitting_lines(
     return x, y, z
 
 
-def _steps(test: _Test, robot: Reachable) -> list[Step]:
-    """A test's steps, each still with the number 0."""
-    joints = robot.joints(test.poses)
-    via = [()] * len(joints) if test.approaches is None else _vias(robot, test.approaches)
-    corrected = robot.corrected(test.poses)
-    return [
+def _steps(
+    purpose: ShotSet,
+    poses: Array,
+    robot: Reachable,
+    pairs: Sequence[int | None] | None = None,
+    approaches: Array | None = None,
+) -> tuple[Step, ...]:
+    """Steps to poses (N, t), each still with the number 0, by way of `approaches` (N, t)."""
+    joints, count = robot.joints(poses).tolist(), len(poses)
+    passed = [()] * count if approaches is None else robot.joints(approaches).tolist()
+    return tuple(
         Step(
-            PlannedShot(0, test.purpose, pair, pose_of(pose), tuple(q.tolist())),
+            PlannedShot(0, purpose, pair, pose_of(pose), tuple(q)),
             "pose",
-            passed,
+            (tuple(via),) if via else (),
             instead,
         )
-        for pose, pair, q, passed, instead in zip(
-            test.poses, test.pairs, joints, via, corrected, strict=True
+        for pose, pair, q, via, instead in zip(
+            poses, pairs or [None] * count, joints, passed, robot.corrected(poses), strict=True
         )
-    ]
-
-
-def _vias(robot: Reachable, poses: Array) -> list[tuple[tuple[float, ...], ...]]:
-    return [(tuple(q.tolist()),) for q in robot.joints(poses)]
+    )
 
 
 def _check_ways(steps: Sequence[Step], robot: RobotModel) -> None:
     stops: list[Stop] = []
     for step in steps:
         name = f"{step.planned.purpose.value} shot {step.planned.shot}"
-        stops += [Stop(f"the approach to {name}", np.array(q)) for q in step.approach]
-        stops.append(Stop(name, np.array(step.planned.joints)))
+        stops += [(f"the approach to {name}", np.array(q)) for q in step.approach]
+        stops.append((name, np.array(step.planned.joints)))
     refuse(
         check_paths(stops, robot).faults,
         remedy="correct `validation` in campaign.yaml, or plan anew",
     )
 
 
-def _possible_pairs(shots: Sequence[PlannedShot], robot: Reachable) -> _Test:
+def _possible_pairs(shots: Sequence[PlannedShot], robot: Reachable) -> Iterator[Planned]:
     """The pairs that the controller can take whole, and why the others are left out."""
     pairs: dict[int | None, list[PlannedShot]] = {}
     for shot in shots:
@@ -219,10 +192,13 @@ def _possible_pairs(shots: Sequence[PlannedShot], robot: Reachable) -> _Test:
             taken += both
     count = len(robot.kinematics.mechanism.task)
     poses = np.array([pose_row(shot.pose) for shot in taken]).reshape(-1, count)
-    return _Test(ShotSet.VALIDATION, poses, [shot.pair for shot in taken], tuple(notes))
+    own = [shot.pair for shot in taken]
+    yield _steps(ShotSet.VALIDATION, poses, robot, own), tuple(notes)
 
 
-def _repetitions(centre: Array, count: int, robot: Reachable, rng: np.random.Generator) -> _Test:
+def _repetitions(
+    centre: Array, count: int, robot: Reachable, rng: np.random.Generator
+) -> Iterator[Planned]:
     """Repetitions of one pose from all around it: evenly over a sphere with a random turn."""
     place = np.arange(count) + 0.5
     height = 1.0 - 2.0 * place / count
@@ -233,65 +209,49 @@ def _repetitions(centre: Array, count: int, robot: Reachable, rng: np.random.Gen
     approaches[:, :3] += APPROACH_MM * directions
     if reason := robot.first_reason(np.vstack([poses, approaches])):
         raise _impossible("repeatability", reason)
-    return _Test(ShotSet.REPEATABILITY, poses, [None] * count, approaches=approaches)
+    yield _steps(ShotSet.REPEATABILITY, poses, robot, approaches=approaches), ()
 
 
-def _rotations(centre: Array, steps: int, robot: Reachable) -> list[_Test]:
+def _rotations(centre: Array, steps: int, robot: Reachable) -> Iterator[Planned]:
     """Turns about each task axis that has limits; none for a platform that does not turn."""
-    axes = enumerate(zip(robot.kinematics.mechanism.task, robot.limits.task, strict=True))
-    return [
-        _rotation(centre, place, axis, interval, steps, robot)
-        for place, (axis, interval) in axes
-        if axis.is_revolute and interval is not None
-    ]
+    axes = zip(robot.kinematics.mechanism.task, robot.limits.task, strict=True)
+    for place, (axis, interval) in enumerate(axes):
+        if not axis.is_revolute or interval is None:
+            continue
+        away = np.zeros((steps, len(centre)))
+        away[:, place] = np.linspace(*interval, steps)
+        middle = centre.copy()
+        middle[place] = 0.0
+        asked = axis.to_file(interval[1] - interval[0])
+        poses, notes = _shortened(middle, away, robot.first_reason, "rotation", asked, "°")
+        yield _steps(ShotSet.ROTATION, poses, robot), notes
 
 
-def _rotation(
-    centre: Array, place: int, axis: Axis, interval: Interval, steps: int, robot: Reachable
-) -> _Test:
-    low, high = interval
-    values = np.linspace(low, high, steps)
-
-    def turned(part: float) -> Array:
-        poses = np.tile(centre, (steps, 1))
-        poses[:, place] = part * values
-        return poses
-
-    judge = robot.first_reason
-    poses, notes = _shortened(turned, judge, "rotation", axis.to_file(high - low), "°")
-    return _Test(ShotSet.ROTATION, poses, [None] * steps, notes)
-
-
-def _lines(centre: Array, config: ValidationConfig, robot: Reachable) -> list[_Test]:
+def _lines(centre: Array, config: ValidationConfig, robot: Reachable) -> Iterator[Planned]:
     """The lines along x, y and z through the centre."""
-    lengths = enumerate(config.line_lengths_mm)
-    return [_line(centre, axis, length, config.line_points, robot) for axis, length in lengths]
-
-
-def _line(centre: Array, axis: int, length_mm: float, points: int, robot: Reachable) -> _Test:
-    offsets = np.linspace(-0.5, 0.5, points) * length_mm
-
-    def along(part: float) -> Array:
-        poses = np.tile(centre, (points, 1))
-        poses[:, axis] += part * offsets
-        return poses
-
-    judge = robot.line_reason
-    poses, notes = _shortened(along, judge, f"line along {AXES[axis]}", length_mm, " mm")
-    return _Test(ShotSet.STRAIGHTNESS, poses, [None] * points, notes)
+    for place, (axis, length_mm) in enumerate(zip(AXES, config.line_lengths_mm, strict=True)):
+        away = np.zeros((config.line_points, len(centre)))
+        away[:, place] = np.linspace(-0.5, 0.5, config.line_points) * length_mm
+        name, judge = f"line along {axis}", robot.line_reason
+        poses, notes = _shortened(centre, away, judge, name, length_mm, " mm")
+        yield _steps(ShotSet.STRAIGHTNESS, poses, robot), notes
 
 
 def _shortened(
-    make: Callable[[float], Array],
+    middle: Array,
+    away: Array,
     judge: Callable[[Array], str],
     test: str,
     asked: float,
     unit: str,
 ) -> tuple[Array, tuple[str, ...]]:
-    """The largest version of a test that the robot can do, down to two thirds of what was asked."""
+    """Poses `away` (N, t) from a middle (t,), drawn in to what the robot can do.
+
+    Down to two thirds of what was asked.
+    """
     first_reason = ""
     for part in SHRINK ** np.arange(SHRINKS):
-        poses = make(float(part))
+        poses = middle + float(part) * away
         reason = judge(poses)
         if not reason:
             used = f"{test} shortened from {asked:g} to {part * asked:.4g}{unit}: {first_reason}"

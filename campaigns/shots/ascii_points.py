@@ -14,6 +14,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Literal, get_args
 
+from campaigns.arrays import AXES
 from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import NUMBER, WITH_COMMA, check_lines
 from campaigns.files.text_file import read_text
@@ -34,7 +35,6 @@ UNIT_WORDS = get_args(LengthUnit)
 
 COLUMN_WORDS = ("name", "x", "y", "z", "-")
 """A line's columns, when they are told: a name may have several parts, `-` is passed over."""
-AXES = ("x", "y", "z")
 NAME_JOINT = "::"
 """Separator of the parts of a name, as SpatialAnalyzer has it."""
 MOST_NAME_PARTS = 3

@@ -14,9 +14,8 @@ from app.papers.corbel2006.trials import (
     SIMULATION,
     TrialResult,
 )
-from campaigns.arrays import Array, Mask
+from campaigns.arrays import AXES, Array, Mask
 from campaigns.estimation.point_sets import away_from_best_line, farthest_apart, longest_mm
-from campaigns.evaluation.validation import AXES
 from campaigns.mechanisms.par4 import PAR4
 from campaigns.robots.robot import find_robot
 from campaigns.settings.sections import PlanConfig, ValidationConfig

@@ -21,7 +21,7 @@ from app.report.figures.drawing import (
     legend_above,
     new_figure,
 )
-from campaigns.evaluation.validation import AXES
+from campaigns.arrays import AXES
 
 PAPER = "#98281f"
 ROW_MM = 5.0

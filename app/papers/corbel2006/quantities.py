@@ -7,7 +7,7 @@ from statistics import median
 from typing import Literal
 
 from app.papers.corbel2006.trials import Stage, TrialResult
-from campaigns.evaluation.validation import AXES
+from campaigns.arrays import AXES
 
 Unit = Literal["mm", "deg", "%"]
 OfStage = Callable[[Stage], float]

@@ -20,9 +20,10 @@ from app.exits import AppError
 from app.new_campaign import create_simulated
 from app.rehearsal import rehearse
 from app.wiring import scenario_of
+from campaigns.arrays import AXES
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.evaluation.model_errors import PairErrors
-from campaigns.evaluation.validation import AXES, ValidationResult
+from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import evaluate
 from campaigns.files.text_file import replace_text
 from campaigns.files.yaml_file import read_document, yaml_text

@@ -16,9 +16,8 @@ from app.report.figures.drawing import (
     say_instead,
     zero_line,
 )
-from campaigns.arrays import Array
+from campaigns.arrays import AXES, Array
 from campaigns.evaluation.validation import (
-    AXES,
     LineTest,
     RepeatabilityTest,
     RotationTest,

@@ -12,7 +12,7 @@ from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
 from campaigns.measuring.motion import Arrival, Mover
 from campaigns.measuring.run_state import EngineState
 from campaigns.measuring.watched_deadline import WatchedDeadline
-from campaigns.planning.paths import PathCache, RobotModel, route
+from campaigns.planning.paths import PathCache, RobotModel
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.steps import Step
 from campaigns.shots.shot_sets import ShotSet
@@ -78,7 +78,7 @@ def unsafe_ends() -> tuple[np.ndarray, np.ndarray]:
     inside = joints.found & ((joints.values > -0.7) & (joints.values < 1.5)).all(axis=1)
     ends = joints.values[inside]
     for here, there in pairwise(ends):
-        way = route(NOMINAL, LIMITS, here, there, CENTRE)
+        way = MECHANISM.safe_path(here, there)
         if way is not None and len(way) > 1:
             return here, there
     raise AssertionError("no such poses")
@@ -90,7 +90,7 @@ def test_way_round_is_taken_leg_by_leg() -> None:
     cell.robot.joints = here
     target = replace(NEAR, joints=tuple(there.tolist()))
     go(cell, Step(target, "joints"))
-    legs = route(NOMINAL, LIMITS, here, there, CENTRE)
+    legs = MECHANISM.safe_path(here, there)
     assert [call[1:] for call in moves(cell)] == [rounded_deg(leg) for leg in legs]
 
 
@@ -110,7 +110,7 @@ def test_way_of_the_plan_is_not_searched_again(monkeypatch: pytest.MonkeyPatch) 
     ways = PathCache(MECHANISM, [NEAR.joints, further.joints])
     mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, ways, cell.wish)
     mover.go(Step(NEAR, "joints"), lambda _: None)
-    monkeypatch.setattr("campaigns.planning.paths.route", lambda *_: None)
+    monkeypatch.setattr(RobotModel, "safe_path", lambda *_: None)
     mover.go(Step(further, "joints"), lambda _: None)
     with pytest.raises(TargetOutOfReach):
         mover.go(Step(NEAR, "joints"), lambda _: None)
@@ -126,7 +126,7 @@ def test_robot_that_was_pushed_away_is_led_from_where_it_really_stands() -> None
     cell.robot.joints = here
     cell.calls.clear()
     mover.go(Step(target, "joints"), lambda _: None)
-    legs = route(NOMINAL, LIMITS, here, there, CENTRE)
+    legs = MECHANISM.safe_path(here, there)
     assert [call[1:] for call in moves(cell)] == [rounded_deg(leg) for leg in legs]
 
 
@@ -162,7 +162,7 @@ def test_wish_to_stop_is_looked_at_before_each_leg() -> None:
     here, there = unsafe_ends()
     cell = FakeCell()
     cell.robot.joints = here
-    ends_s = np.abs(route(NOMINAL, LIMITS, here, there, CENTRE)[0] - here).max() / 0.9
+    ends_s = np.abs(MECHANISM.safe_path(here, there)[0] - here).max() / 0.9
     cell.clock.after(ends_s, cell.wish.ask)
     with pytest.raises(Interrupted):
         go(cell, Step(replace(NEAR, joints=tuple(there.tolist())), "joints"))

@@ -16,10 +16,11 @@ from campaigns.estimation.tracker_noise import (
     point_covariance_mm2,
 )
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
+from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import Pace, check_plan
 from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of, poses_of
 from campaigns.planning.predicted_precision import plan_approach_shares
-from campaigns.robots.robot import find_robot
+from campaigns.robots.robot import find_robot, pose_row
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
@@ -28,6 +29,7 @@ pytestmark = pytest.mark.slow
 ROBOT = find_robot("par4-prototype").robot
 GEOMETRY, LIMITS = ROBOT.kinematics, ROBOT.limits
 CENTRE = Pose(0.0, 0.0, -575.0, 0.0)
+ROBOT_MODEL = RobotModel(GEOMETRY, LIMITS, pose_row(CENTRE))
 VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), np.radians(25.0))
 LENGTH = ~IS_ANGLE[indices(FREE_BY_DEFAULT)]
 
@@ -92,7 +94,7 @@ def test_shots_of_a_pair_follow_each_other(plan):
 
 def test_plan_can_be_run(plan):
     pace = Pace(1.0, 0.2, 1.0)
-    assert check_plan(plan.shots, GEOMETRY, LIMITS, VIEW, CENTRE, pace).shots == plan.shots
+    assert check_plan(plan.shots, ROBOT_MODEL, VIEW, pace).shots == plan.shots
 
 
 def test_poses_are_all_different(plan):
@@ -123,7 +125,7 @@ def test_plan_for_distances_tells_most_by_distances(plan):
     assert len(of(by_distances.shots, ShotSet.IDENTIFICATION)) == 120
     least = worst_length_by_distances_mm(plan.shots)
     assert worst_length_by_distances_mm(by_distances.shots) < least
-    check_plan(by_distances.shots, GEOMETRY, LIMITS, VIEW, CENTRE, Pace(1.0, 0.2, 1.0))
+    check_plan(by_distances.shots, ROBOT_MODEL, VIEW, Pace(1.0, 0.2, 1.0))
 
 
 def test_same_seed_gives_the_same_plan():
@@ -205,4 +207,4 @@ def test_view_that_sees_too_little_is_refused(monkeypatch):
 def test_tracker_that_sees_a_part_of_the_workspace_is_planned_for():
     near = View((1500.0, 1500.0, 0.0), (1500.0, 1500.0, 575.0), np.radians(12.0))
     shots = planned(request(candidates=400), view=near).shots
-    check_plan(shots, GEOMETRY, LIMITS, near, CENTRE, Pace(1.0, 0.2, 1.0))
+    check_plan(shots, ROBOT_MODEL, near, Pace(1.0, 0.2, 1.0))

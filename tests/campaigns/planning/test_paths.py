@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from par4_cases import CENTRE, LIMITS, NOMINAL, reachable_joints
 
-from campaigns.planning.paths import SLACK_RAD, path_fault, route
+from campaigns.planning.paths import SLACK_RAD, RobotModel
+
+OPEN = RobotModel(NOMINAL, LIMITS, CENTRE)
 
 
 def joints_of(*pose):
@@ -19,7 +21,7 @@ def turning_by(theta_rad):
 
 
 def faults_between(joints):
-    return [path_fault(NOMINAL, LIMITS, here, there) for here, there in pairwise(joints)]
+    return [OPEN.fault(here, there) for here, there in pairwise(joints)]
 
 
 @pytest.fixture(scope="module")
@@ -29,14 +31,14 @@ def joints():
 
 def test_a_short_way_at_the_centre_is_straight():
     here, there = joints_of(-50, -50, -575, 0), joints_of(50, -20, -600, 0.2)
-    assert path_fault(NOMINAL, LIMITS, here, there) is None
-    (target,) = route(NOMINAL, LIMITS, here, there, CENTRE)
+    assert OPEN.fault(here, there) is None
+    (target,) = OPEN.safe_path(here, there)
     assert (target == there).all()
 
 
 def test_no_way_at_all_is_safe():
     here = joints_of(0, -50, -575, 0)
-    assert path_fault(NOMINAL, LIMITS, here, here) is None
+    assert OPEN.fault(here, here) is None
 
 
 @pytest.mark.slow
@@ -44,7 +46,7 @@ def test_a_way_through_an_infeasible_theta_is_named_and_gone_round(joints):
     faults = faults_between(joints)
     blocked = [row for row, fault in enumerate(faults) if fault]
     assert "theta leaves its limits" in {faults[row].reason for row in blocked}
-    rounds = [route(NOMINAL, LIMITS, joints[row], joints[row + 1], CENTRE) for row in blocked]
+    rounds = [OPEN.safe_path(joints[row], joints[row + 1]) for row in blocked]
     found = [(row, way) for row, way in zip(blocked, rounds, strict=True) if way]
     assert len(found) > 0.9 * len(blocked)
     for row, way in found:
@@ -56,7 +58,7 @@ def test_every_leg_of_a_way_round_is_safe_in_between(joints):
     """Checked five times finer than the planner checks."""
     low, high = LIMITS.task[3]
     for here, there in pairwise(joints[:60]):
-        for a, b in pairwise([here, *route(NOMINAL, LIMITS, here, there, CENTRE)]):
+        for a, b in pairwise([here, *OPEN.safe_path(here, there)]):
             passing = NOMINAL.forward(
                 a + np.linspace(0.0, 1.0, 100)[:, None] * (b - a)
             ).values_or_raise()
@@ -67,7 +69,7 @@ def test_every_leg_of_a_way_round_is_safe_in_between(joints):
 def test_ways_round_keep_the_joint_limits(joints):
     low, high = LIMITS.joint
     for here, there in pairwise(joints):
-        for target in route(NOMINAL, LIMITS, here, there, CENTRE) or []:
+        for target in OPEN.safe_path(here, there) or []:
             assert target.min() >= low
             assert target.max() <= high
 
@@ -77,7 +79,7 @@ def test_a_way_round_beyond_a_joint_limit_is_not_taken():
     here, there = np.radians([[-37.5, -21.9, 69.8, 55.7], [82.9, -43.6, -39.8, 86.4]])
     middle = 0.5 * NOMINAL.forward(np.stack([here, there])).values_or_raise().sum(axis=0)
     assert np.degrees(joints_of(*middle)).min() == pytest.approx(-59.6, abs=0.1)
-    (target, end) = route(NOMINAL, LIMITS, here, there, CENTRE)
+    (target, end) = OPEN.safe_path(here, there)
     assert np.degrees(target).min() > -45.0
     assert (end == there).all()
 
@@ -91,7 +93,7 @@ def test_a_way_round_beyond_a_joint_limit_is_not_taken():
 )
 def test_each_fault_of_a_way_is_named_with_the_part_where_it_begins(limits, reason):
     here, there = joints_of(0, -50, -575, 0), joints_of(150, 60, -575, 0.4)
-    fault = path_fault(NOMINAL, limits, here, there)
+    fault = RobotModel(NOMINAL, limits, CENTRE).fault(here, there)
     assert fault.reason == reason
     assert 0.0 < fault.part_of_the_way < 1.0
 
@@ -99,23 +101,23 @@ def test_each_fault_of_a_way_is_named_with_the_part_where_it_begins(limits, reas
 def test_a_way_past_a_singularity_is_named():
     here, there = joints_of(0, -50, -575, 0), joints_of(0, -50, -575, 1.55)
     wide = replace(turning_by(2.0), forearm_swing_rad=1.5)
-    fault = path_fault(NOMINAL, wide, here, there)
+    fault = RobotModel(NOMINAL, wide, CENTRE).fault(here, there)
     assert fault.reason == "it passes near a singularity"
     assert fault.part_of_the_way > 0.5
 
 
 def test_a_way_where_the_mechanism_comes_apart_is_named():
     here, apart = joints_of(0, -50, -575, 0), np.radians([90.0, -90.0, 90.0, -90.0])
-    fault = path_fault(NOMINAL, LIMITS, here, apart)
+    fault = OPEN.fault(here, apart)
     assert fault.reason == "the mechanism cannot be assembled"
 
 
 def test_from_joints_without_an_assembly_there_is_no_way():
     apart, there = np.radians([90.0, -90.0, 90.0, -90.0]), joints_of(0, -50, -575, 0)
-    assert route(NOMINAL, LIMITS, apart, there, CENTRE) is None
+    assert OPEN.safe_path(apart, there) is None
 
 
 def test_when_every_way_is_blocked_there_is_none():
     here, there = joints_of(0, -50, -575, -0.5), joints_of(0, -50, -575, 0.5)
     nothing_allowed = replace(LIMITS, forearm_swing_rad=-1.0)
-    assert route(NOMINAL, nothing_allowed, here, there, CENTRE) is None
+    assert RobotModel(NOMINAL, nothing_allowed, CENTRE).safe_path(here, there) is None

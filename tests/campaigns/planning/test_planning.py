@@ -11,6 +11,7 @@ from campaigns.design.pose_sampling import incidence_rad
 from campaigns.design.tours import travel_rad
 from campaigns.errors import PlanInvalid
 from campaigns.mechanisms.par4 import PAR4
+from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import Pace, check_plan
 from campaigns.planning.plan_file import PlannedShot, parse_plan, plan_digest, plan_text
 from campaigns.planning.plans import (
@@ -118,7 +119,7 @@ def test_plan_passes_its_own_check_also_after_a_round_trip_through_its_file(
 ) -> None:
     read = parse_plan(plan_text(default_plan, PAR4), "plan.csv", PAR4)
     assert plan_digest(read, PAR4) == plan_digest(default_plan, PAR4)
-    checked = check_plan(read, NOMINAL, LIMITS, VIEW, MIDDLE, PACE)
+    checked = check_plan(read, RobotModel(NOMINAL, LIMITS, CENTRE), VIEW, PACE)
     assert checked.shots == read
     assert checked.seconds > 163 * 1.2
 

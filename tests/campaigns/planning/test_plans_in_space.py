@@ -22,7 +22,7 @@ from campaigns.design.restricted_space import (
 from campaigns.errors import PlanInvalid
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
-from campaigns.planning.paths import STANDING_MM, PathCache, RobotModel, path_fault
+from campaigns.planning.paths import STANDING_MM, PathCache, RobotModel
 from campaigns.planning.plan_check import Pace, check_plan
 from campaigns.planning.plans import (
     SPACE_RESERVE_MM,
@@ -54,6 +54,9 @@ PILLAR = Zone("pillar", Disc((0.0, 150.0), 10.0), ANYWHERE, keeps_in=False)
 SHEET = Zone("sheet", Rectangle((99.5, 100.5), (-150.0, 400.0)), ANYWHERE, keeps_in=False)
 FENCED = RobotModel(NOMINAL, LIMITS, CENTRE, RestrictedSpace((PILLAR, SHEET), 30.0, 5.0))
 FINE = 3200
+
+
+OPEN = RobotModel(NOMINAL, LIMITS, CENTRE)
 
 
 def joints_at(*pose):
@@ -99,7 +102,7 @@ def test_poses_to_identify_from_lie_near_the_boundary_of_what_is_allowed(plan):
 @pytest.mark.slow
 @pytest.mark.long
 def test_a_plan_is_checked_and_each_way_is_clear_between_all_samples(plan):
-    check_plan(plan, NOMINAL, LIMITS, VIEW, MIDDLE, PACE, SPACE)
+    check_plan(plan, RobotModel(NOMINAL, LIMITS, CENTRE, SPACE), VIEW, PACE)
     robot = RobotModel(NOMINAL, LIMITS, CENTRE, SPACE)
     joints = joints_of(plan)
     detours = 0
@@ -113,7 +116,7 @@ def test_a_plan_is_checked_and_each_way_is_clear_between_all_samples(plan):
 def test_a_pose_beyond_a_limit_is_refused_by_shot_and_rule():
     low = restricted_space(SpaceConfig(z_lowest_mm=-640.0), 100.0)
     with pytest.raises(PlanInvalid, match=r"shot 3: z -650 mm is below space.z_lowest_mm -640"):
-        check_plan(TWO_PAIRS, NOMINAL, LIMITS, VIEW, MIDDLE, PACE, low)
+        check_plan(TWO_PAIRS, RobotModel(NOMINAL, LIMITS, CENTRE, low), VIEW, PACE)
 
 
 def test_two_poses_parted_by_a_wall_are_named_with_the_zone():
@@ -121,7 +124,7 @@ def test_two_poses_parted_by_a_wall_are_named_with_the_zone():
         SpaceConfig.model_validate_json('{"keep_out": {"boxes": [{"x_mm": [15.0, 16.0]}]}}'), 10.0
     )
     with pytest.raises(PlanInvalid, match=r"no safe way from shot 0 .*space.keep_out.boxes\[0\]"):
-        check_plan(TWO_PAIRS, NOMINAL, LIMITS, VIEW, MIDDLE, PACE, wall)
+        check_plan(TWO_PAIRS, RobotModel(NOMINAL, LIMITS, CENTRE, wall), VIEW, PACE)
 
 
 @pytest.mark.slow
@@ -131,12 +134,12 @@ def test_a_way_that_counts_as_clear_is_clear_between_all_samples(seed):
     poses = CENTRE + rng.uniform(-1.0, 1.0, (2, 4)) * (220.0, 220.0, 120.0, 0.3)
     here, there = NOMINAL.inverse(poses).values_or_raise()
     assume(FENCED.space.allows(poses[:, :3]).all())  # one in a wall may leave it
-    fault = path_fault(NOMINAL, LIMITS, here, there, FENCED.space)
+    fault = FENCED.fault(here, there)
     least = least_mm(FENCED.space, here, there)
     if fault is None:
         assert least > -0.02
     else:
-        assert "would pass" in fault.reason or path_fault(NOMINAL, LIMITS, here, there)
+        assert "would pass" in fault.reason or OPEN.fault(here, there)
     if least < -0.02:
         assert fault is not None
 
@@ -162,7 +165,7 @@ def test_a_needle_that_no_sample_meets_is_found_wherever_a_controller_may_pass(p
         needle = Disc((point[0], point[1]), 0.03)
         height = (point[2] - 0.03, point[2] + 0.03)
         space = RestrictedSpace((Zone("needle", needle, height, keeps_in=False),))
-        fault = path_fault(NOMINAL, LIMITS, here, there, space)
+        fault = RobotModel(NOMINAL, LIMITS, CENTRE, space).fault(here, there)
         missed += fault is None or "needle" not in fault.reason
     assert missed == 0
 
@@ -207,7 +210,7 @@ def test_a_line_to_validate_on_is_shortened_or_refused_by_the_zone():
         return validation_steps(config, (), robot, only, np.random.default_rng(1))
 
     near = restricted_space(SpaceConfig(radius_mm=240.0), 100.0)
-    (note, _) = steps(near).notes
+    (note, _) = steps(near)[1]
     assert "line along x shortened from 300 to" in note
     assert "space.radius_mm 240" in note
     # a sheet between two of the points
@@ -225,8 +228,8 @@ def test_repeatability_and_pairs_keep_to_the_space():
         validation_steps(ValidationConfig(), (), robot, frozenset({ShotSet.REPEATABILITY}), rng)
     pairs = [replace(s, purpose=ShotSet.VALIDATION) for s in TWO_PAIRS if s.pair is not None]
     found = validation_steps(ValidationConfig(), pairs, robot, frozenset({ShotSet.VALIDATION}), rng)
-    assert [step.planned.pair for step in found.steps] == [0, 0]
-    assert "validation pair 1 left out: z -650 mm is below" in found.notes[0]
+    assert [step.planned.pair for step in found[0]] == [0, 0]
+    assert "validation pair 1 left out: z -650 mm is below" in found[1][0]
 
 
 def test_the_plates_radius_is_the_robots_unless_it_is_said():
@@ -267,6 +270,6 @@ def test_optimal_poses_keep_to_the_space_and_are_judged_by_what_it_leaves():
         candidates=300,
     )
     made = make_optimal_plan(ROBOT, VIEW, request, np.random.default_rng(5))
-    check_plan(made.shots, NOMINAL, LIMITS, VIEW, MIDDLE, PACE, SPACE)
+    check_plan(made.shots, RobotModel(NOMINAL, LIMITS, CENTRE, SPACE), VIEW, PACE)
     judged = workspace_poses(NOMINAL, LIMITS, CENTRE, 300, np.random.default_rng(5), SPACE)
     assert SPACE.allows(judged[:, :3]).all()
