@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from math import cos, isfinite, radians, sin
 
+from typing_extensions import override
+
 from drivers.byte_log import WireReading, meanings
 from drivers.declaration import Surroundings, TrackerDriver
 from drivers.emscon import setup
@@ -18,7 +20,7 @@ from drivers.emscon.own_result import OwnResult
 from drivers.errors import BeamBroken, DeviceRefused, NoReflector, NotAMeasurement, WireError
 from drivers.link import never
 from drivers.plausible import require, require_point, require_weather
-from drivers.ports import Clock
+from drivers.ports import Clock, LaserTracker
 from drivers.session import PreparedSession
 from drivers.transport import Transport
 from drivers.values import (
@@ -141,7 +143,7 @@ READINESS: dict[int, Readiness] = {
 }
 
 
-class EmsconTracker:
+class EmsconTracker(LaserTracker):
     """A tracker at the other end of a wire.
 
     Any fault of the wire closes it, and every call raises `LinkDown` until `reconnect`.
@@ -169,11 +171,8 @@ class EmsconTracker:
         self._own_result = OwnResult()
         self._session = PreparedSession("tracker", self._opened, self._greet, self._set_up)
 
+    @override
     def connect(self) -> None:
-        """Open the wire, set our units and see who answers; raises what a question can raise.
-
-        From the second time on it must be the same tracker that answers, else `WrongDevice`.
-        """
         self._session.open()
 
     def reconnect(self) -> None:
@@ -183,16 +182,16 @@ class EmsconTracker:
             self._clock.sleep_s(RECONNECT_PAUSE_S)
         self._session.prepare_again()
 
+    @override
     def close(self) -> None:
-        """Leave the tracker as it is and the wire free."""
         self._session.close()
 
+    @override
     def identity(self) -> Identity:
-        """Ask who answers; raises `WrongDevice` when it is not the tracker that it was before."""
         return self._session.recognised(_identity(self._session.connection))
 
+    @override
     def state(self) -> TrackerState:
-        """Ask for the traffic light, start-up, beam and the reflector in use."""
         client = self._session.connection
         status = client.ask(Command.GET_SYSTEM_STATUS, bodies.SystemStatus)
         readiness = self._readiness()
@@ -205,16 +204,16 @@ class EmsconTracker:
             packets_passed_over=client.passed_over,
         )
 
+    @override
     def weather(self) -> Weather:
-        """Ask for the air as the instrument takes it to be."""
         client = self._session.connection
         found = client.ask(Command.GET_ENVIRONMENT_PARAMS, bodies.Environment)
         air = Weather(found.temperature, found.pressure, found.humidity)
         require_weather(client.name, air)
         return air
 
+    @override
     def reflectors(self) -> tuple[Reflector, ...]:
-        """Ask for the reflectors that the instrument has definitions for."""
         return tuple(
             Reflector(entry.name, entry.identifier, entry.surface_offset)
             for entry in self._session.connection.reflectors()
@@ -244,8 +243,8 @@ class EmsconTracker:
         setup.require_unchanged(client, agreed)
         return measurement_of(client.name, result)
 
+    @override
     def direction(self) -> Vector3 | None:
-        """Ask where the beam points, a unit vector; None from a tracker that doesn't tell."""
         client = self._session.connection
         found = client.ask_or_none(Command.GET_DIRECTION, bodies.Direction)
         if found is None or not (isfinite(found.horizontal) and isfinite(found.vertical)):
@@ -253,12 +252,12 @@ class EmsconTracker:
         hz, zenith = radians(found.horizontal), radians(found.vertical)
         return sin(zenith) * cos(hz), sin(zenith) * sin(hz), cos(zenith)
 
+    @override
     def go_to(self, point_in_tracker_mm: Vector3) -> None:
-        """Point there and lock on; raises `BeamBroken` when no reflector is found near."""
         self._move(Command.GO_POSITION, bodies.BeamTarget(point_in_tracker_mm, ADM_ON))
 
+    @override
     def find_reflector(self, distance_mm: float) -> None:
-        """Search around the present direction; raises `BeamBroken` when there is none."""
         self._move(Command.FIND_REFLECTOR, bodies.ApproximateDistance(distance_mm))
 
     def _opened(self) -> EmsconClient:

@@ -7,13 +7,15 @@ recognition in lock mode, and measures in one face.
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from typing_extensions import override
+
 from drivers.byte_log import WireReading, meanings
 from drivers.declaration import Surroundings, TrackerDriver
 from drivers.geocom import measuring, setup
 from drivers.geocom.accuracy import Accuracy, accuracy_of_class, covariance_mm2
 from drivers.geocom.client import GeocomClient, GeocomDeadlines, text, whole, wholes
 from drivers.link import never
-from drivers.ports import Clock
+from drivers.ports import Clock, LaserTracker
 from drivers.session import PreparedSession
 from drivers.transport import Transport
 from drivers.values import (
@@ -41,7 +43,7 @@ class _Agreement:
     accuracy: Accuracy
 
 
-class GeocomTracker:
+class GeocomTracker(LaserTracker):
     """A total station at the other end of a wire.
 
     Any fault of the wire closes it, and every call raises `LinkDown` until `reconnect`. `accuracy`
@@ -68,24 +70,21 @@ class GeocomTracker:
         self._distance_at_ms = 0
         self._session = PreparedSession("tracker", self._opened, self._greet, self._set_up)
 
+    @override
     def connect(self) -> None:
-        """Open the wire and see who answers.
-
-        From the second time on it must be the same instrument that answers, else `WrongDevice`.
-        """
         self._session.open()
 
+    @override
     def reconnect(self) -> None:
-        """Open anew after a fault, and prepare the instrument as it was."""
         self._session.open()
         self._session.prepare_again()
 
+    @override
     def close(self) -> None:
-        """Leave the instrument as it is and the wire free."""
         self._session.close()
 
+    @override
     def identity(self) -> Identity:
-        """Ask who answers; raises `WrongDevice` when it is not the instrument it was before."""
         return self._session.recognised(_identity(self._session.connection))
 
     def state(self) -> TrackerState:
@@ -142,17 +141,17 @@ class GeocomTracker:
             raw=found.raw,
         )
 
+    @override
     def direction(self) -> Vector3 | None:
-        """Ask where the telescope points, a unit vector; None when it cannot tell."""
         return measuring.telescope_direction(self._session.connection)
 
+    @override
     def go_to(self, point_in_tracker_mm: Vector3) -> None:
-        """Turn there and follow the prism found near; raises `BeamBroken` when there is none."""
         client, *_ = self._session.prepared()
         measuring.turn_to(client, point_in_tracker_mm, SEARCH_RADIUS_MM)
 
+    @override
     def find_reflector(self, distance_mm: float) -> None:
-        """Search around the present direction; raises `BeamBroken` when there is none."""
         client, *_ = self._session.prepared()
         measuring.search(client, distance_mm, SEARCH_RADIUS_MM)
 

@@ -4,6 +4,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from math import degrees, inf
 
+from typing_extensions import override
+
 from drivers import errors
 from drivers.byte_log import no_reading
 from drivers.declaration import ControllerDriver, RobotSurroundings
@@ -13,7 +15,7 @@ from drivers.linuxcnc.machine_state import Machine, Snapshot, agree, joints_said
 from drivers.linuxcnc.moves import MachinePlace, block, rounded, way_to
 from drivers.linuxcnc.settings import Coordinates, LinuxcncSettings, PosesOfJoints
 from drivers.polling import comes_true
-from drivers.ports import Clock
+from drivers.ports import Clock, RobotController
 from drivers.session import DeviceSession
 from drivers.stopping import Alarm, StopProcedure, await_standstill, state_unknown, unheard
 from drivers.transport import CONNECT_S, Opener
@@ -31,7 +33,7 @@ MESSAGES_KEPT = 5
 RESTART = "see that the robot stands, restart LinuxCNC"
 
 
-class LinuxcncRobot:
+class LinuxcncRobot(RobotController):
     """A controller at the other end of a connection that has control of it.
 
     Connecting stops whatever moves: LinuxCNC itself finishes a motion whose client was lost. Any
@@ -68,11 +70,8 @@ class LinuxcncRobot:
         self._seen: tuple[float, ...] = ()
         self._changed_s = 0.0
 
+    @override
     def connect(self) -> None:
-        """Open the wire, take control, stop what moves; raises `LinkDown` or `WrongDevice`.
-
-        From the second time on it must be the same controller that answers.
-        """
         self._poses_of = None
         with self._stopping.undisturbed():
             self._enter()
@@ -146,8 +145,8 @@ class LinuxcncRobot:
         """
         self._stopping.insist(self._session, self._stop_and_watch, self.close)
 
+    @override
     def read_geometry(self) -> Mapping[str, float]:
-        """The parameters that poses are converted with, by flat name, mm and deg."""
         return self._store.read()
 
     def lacks(self, names: Collection[str]) -> tuple[str, ...]:  # noqa: ARG002 - it has them all

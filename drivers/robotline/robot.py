@@ -5,12 +5,14 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TypeVar
 
+from typing_extensions import override
+
 from drivers.byte_log import WireReading, meanings
 from drivers.declaration import ControllerDriver, RobotSurroundings
 from drivers.errors import DeviceRefused, WireError, WrongDevice
 from drivers.link import never
 from drivers.plausible import require_joints
-from drivers.ports import Clock
+from drivers.ports import Clock, RobotController
 from drivers.robotline.client import RobotlineClient, open_client
 from drivers.session import DeviceSession
 from drivers.stopping import Alarm, StopProcedure, await_standstill, unheard
@@ -39,7 +41,7 @@ NOT_KNOWN = ("ARGUMENT", "GEOMETRY", "VERB")
 """Refusals of a parameter that a controller does not have."""
 
 
-class LineRobot:
+class LineRobot(RobotController):
     """A controller at the other end of a wire.
 
     Any fault of the wire closes it, and every call but `stop` raises `LinkDown` until `reconnect`.
@@ -77,11 +79,8 @@ class LineRobot:
             alarm=alarm,
         )
 
+    @override
     def connect(self) -> None:
-        """Open the wire and greet; raises `LinkDown`, `WireError` or `WrongDevice`.
-
-        From the second time on it must be the same controller that answers.
-        """
         self._has_extensions = None
         with self._stopping.undisturbed():
             self._session.open()
@@ -90,13 +89,13 @@ class LineRobot:
         """Open anew after a fault. The controller has stopped, and dropped what was staged."""
         self.connect()
 
+    @override
     def identity(self) -> Identity:
-        """Ask who answers; raises `WrongDevice` when it is none of ours or not the one before."""
         with self._stopping.undisturbed():
             return self._session.recognised(self._greet(self._session.connection))
 
+    @override
     def state(self) -> RobotState:
-        """Ask for the encoder angles as read now, and whether anything is wrong."""
         client = self._session.connection
         status, line = client.ask(wire.AskState(), wire.ControllerStatus, self._deadlines.answer_s)
         joints = inner_units(self._layout.joints, status.joints)
@@ -112,13 +111,13 @@ class LineRobot:
     def prepare(self) -> None:
         """Do nothing: its operator has switched it on, and refusals say what is missing."""
 
+    @override
     def move_joints(self, joints: Sequence[float], speed_fraction: float) -> None:
-        """Start a joint move; raises `LimitViolation`, `MotionFault` or `EmergencyStop`."""
         on_wire = outer_units(self._layout.joints, joints)
         self._ask(wire.MoveJoints(on_wire, speed_fraction * wire.FASTEST_PERCENT), wire.MotionBegun)
 
+    @override
     def move_pose(self, pose: Pose, speed_fraction: float) -> None:
-        """Start a move to a pose by the controller's own kinematics; raises like a joint move."""
         on_wire = outer_units(self._layout.coordinates, pose.coordinates)
         self._ask(wire.MovePose(on_wire, speed_fraction * wire.FASTEST_PERCENT), wire.MotionBegun)
 
@@ -159,8 +158,8 @@ class LineRobot:
                 self._ask(wire.Abandon(), wire.CommandDone)
                 raise
 
+    @override
     def close(self) -> None:
-        """Close the wire; a motion that is going on is stopped by the controller."""
         self._session.close()
 
     def _read(self, parts: Iterable[str]) -> dict[str, float]:
