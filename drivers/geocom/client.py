@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, WireError
 from drivers.link import Link, LinkClient
@@ -122,15 +122,6 @@ class GeocomDeadlines:
     busy_s: float = 30.0
 
 
-@dataclass(frozen=True, slots=True)
-class Delivery(Generic[Value]):
-    """Values of a measurement; `warned`: the instrument doesn't vouch for their full accuracy."""
-
-    values: Value
-    warned: bool
-    raw: str
-
-
 class GeocomClient(LinkClient[geocom.GeocomReply]):
     """Commands and their answers; any fault of the wire closes it.
 
@@ -212,13 +203,15 @@ class GeocomClient(LinkClient[geocom.GeocomReply]):
 
     def deliver(
         self, rpc: Rpc, read: Read[Value], *values: float | str, within_s: float
-    ) -> Delivery[Value]:
-        """Return values that may come with a warning; raises `DeviceRefused` when none come."""
+    ) -> tuple[Value, geocom.GeocomReply]:
+        """Return values that may come with a warning, and the reply, whose code tells.
+
+        Raises `DeviceRefused` when none come.
+        """
         reply = self._reply(rpc, values, within_s)
         if reply.code not in DELIVERED:
             raise refused(self.name, procedure_text(rpc), reply.code)
-        found = self._read(rpc, read, reply)
-        return Delivery(found, warned=reply.code != Result.OK, raw=reply.line)
+        return self._read(rpc, read, reply), reply
 
     def _accepted(
         self, rpc: Rpc, values: Sequence[float | str], within_s: float | None

@@ -172,20 +172,18 @@ def point_said(raw: str) -> Vector3:
 
 def _taken(client: GeocomClient) -> MeasuredPoint:
     wait_s = client.deadlines.distance_s
-    found = client.deliver(
+    (point_mm, distance_at_ms), reply = client.deliver(
         Rpc.TMC_GET_COORDINATE,
         read_coordinates,
         wait_s * 1000,
         INCLINATION_AUTO,
         within_s=wait_s + client.deadlines.answer_s,
     )
-    if found.warned:
-        _require_aimed(client, found.raw)
-    point_mm, distance_at_ms = found.values
+    warned = reply.code != Result.OK
+    if warned:
+        _require_aimed(client, reply.line)
     require_point(client.name, point_mm)
-    return MeasuredPoint(
-        point_mm, warned=found.warned, raw=found.raw, distance_at_ms=distance_at_ms
-    )
+    return MeasuredPoint(point_mm, warned, reply.line, distance_at_ms)
 
 
 def _require_new(where: str, point: MeasuredPoint, before_ms: int) -> None:

@@ -43,14 +43,6 @@ class GeocomSettings:
     scale: tuple[float, ...] | None
 
 
-@dataclass(frozen=True, slots=True)
-class InstrumentKind:
-    """Kind of an instrument by CSV_GetDeviceConfig."""
-
-    device_class: int
-    capabilities: int
-
-
 def known_prisms(client: GeocomClient) -> list[NamedPrism]:
     """Return the instrument's own prisms, and the one in use if its operator defined it."""
     standard = [
@@ -100,10 +92,9 @@ def _named_instead(name: str, known: Sequence[str]) -> str:
     return f"{guess}define it on the instrument under this name, or take one of {listed}"
 
 
-def read_kind(client: GeocomClient) -> InstrumentKind | None:
-    """Return the instrument's class and what it has; None when it won't say."""
-    found = client.ask_or_none(Rpc.CSV_GET_DEVICE_CONFIG, wholes(2))
-    return None if found is None else InstrumentKind(*found)
+def class_and_equipment(client: GeocomClient) -> tuple[int, ...] | None:
+    """Return CSV_GetDeviceConfig's class and bits of equipment; None when it won't say."""
+    return client.ask_or_none(Rpc.CSV_GET_DEVICE_CONFIG, wholes(2))
 
 
 def set_up(client: GeocomClient, prism: str) -> GeocomSettings:
@@ -149,14 +140,15 @@ def require_unchanged(client: GeocomClient, agreed: GeocomSettings) -> None:
 
 
 def _require_robotic(client: GeocomClient) -> None:
-    kind = read_kind(client)
-    if kind is None:
+    found = class_and_equipment(client)
+    if found is None:
         return
+    device_class, equipment = found
     needed = constants.Capability.MOTORISED | constants.Capability.TARGET_RECOGNITION
-    if kind.capabilities & needed != needed:
+    if equipment & needed != needed:
         raise DeviceRefused(
             f"{client.name}: the instrument has no motors or no target recognition "
-            f"(class {kind.device_class}, equipment {kind.capabilities:#x})",
+            f"(class {device_class}, equipment {equipment:#x})",
             remedy="use an instrument that aims by itself, or measure with other software "
             "and `pkmcal import`",
         )

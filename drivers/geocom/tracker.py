@@ -179,8 +179,8 @@ class GeocomTracker(LaserTracker):
     def _accuracy_of(self, client: GeocomClient) -> Accuracy:
         if self._accuracy is not None:
             return self._accuracy
-        kind = setup.read_kind(client)
-        return accuracy_of_class(None if kind is None else kind.device_class)
+        found = setup.class_and_equipment(client)
+        return accuracy_of_class(None if found is None else found[0])
 
 
 def _identity(client: GeocomClient) -> Identity:
