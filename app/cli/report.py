@@ -8,8 +8,7 @@ import typer
 from app.console import BAD, terminal_of
 from app.exits import Exit
 from app.options import Folder, Json
-from app.report.page import Page, page_html, page_of
-from app.report.parts import Picture
+from app.report.page import Page, page_of
 from campaigns.campaign import Campaign, now_utc, open_campaign
 from campaigns.errors import OutputExists
 from campaigns.evidence import evaluate
@@ -41,16 +40,17 @@ def command(
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     page, path = report(campaign, to)
-    more = "" if page.answer == page.decision else f" ({page.answer})"
-    terminal.say(f"verdict: {page.decision}{more}: {' '.join(page.reasons)}")
+    verdict = page.evaluation.verdict
+    more = "" if verdict.answer == verdict.decision else f" ({verdict.answer})"
+    terminal.say(f"verdict: {verdict.decision}{more}: {' '.join(verdict.reasons)}")
     journal = page.evaluation.evidence.journal
     if journal is not None and journal.unended_load:
         terminal.say(f"! {journal.unended_load}", BAD)
-    for text, _ in page.missing:
+    for text in page.outline.missing:
         terminal.note(f"missing: {text}")
     terminal.say(f"written: {path}")
     terminal.document(report_document(page, path))
-    if page.decision == "fail":
+    if verdict.decision == "fail":
         raise typer.Exit(Exit.NOT_GOOD)
 
 
@@ -62,23 +62,19 @@ def report(campaign: Campaign, to: Path | None = None) -> tuple[Page, Path]:
     path = to or campaign.path(FILE_NAME)
     _refuse_other_file(path)
     page = page_of(evaluate(campaign), now_utc())
-    replace_text(path, page_html(page))
+    replace_text(path, page.html)
     return page, path
 
 
 def report_document(page: Page, path: Path) -> dict[str, object]:
     """Report as `--json` tells of it."""
+    verdict, outline = page.evaluation.verdict, page.outline
     return {
-        "path": str(path),
-        "decision": page.decision,
-        "reasons": list(page.reasons),
-        "missing": [text for text, _ in page.missing],
-        "figures": [
-            part.name
-            for section in page.sections
-            for part in section.parts
-            if isinstance(part, Picture)
-        ],
+        "path": path,
+        "decision": verdict.decision,
+        "reasons": verdict.reasons,
+        "missing": [*outline.missing],
+        "figures": outline.figures,
     }
 
 

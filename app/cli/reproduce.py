@@ -15,9 +15,18 @@ from app.console import BAD, GOOD, Terminal, terminal_of
 from app.exits import Exit
 from app.interrupt import StopRequest, end_on_signals
 from app.options import Json
-from app.papers.corbel2006.comparison import Failed, compare
-from app.papers.corbel2006.evidence import evidence
-from app.papers.corbel2006.page import Page, page_html, page_of
+from app.papers.corbel2006.comparison import Comparison, Failed, compare
+from app.papers.corbel2006.evidence import Evidence, evidence
+from app.papers.corbel2006.page import (
+    FLOORS,
+    REACHES,
+    TABLE_2,
+    TITLES,
+    figure_columns,
+    page_html,
+    reach_rows,
+    title_of,
+)
 from app.papers.corbel2006.trials import (
     EXPERIMENTS,
     Trial,
@@ -27,21 +36,18 @@ from app.papers.corbel2006.trials import (
     trials,
 )
 from app.progress import CountedWork
-from app.report.parts import Paragraph, Table
 from app.study.running import Job, run_jobs
 from app.study.workers import local_results
 from campaigns.campaign import now_utc
 from campaigns.errors import Interrupted, OptionsInvalid
 from campaigns.files.lock import campaign_lock
+from campaigns.files.table import texts
 from campaigns.files.text_file import make_folder, replace_text
 from campaigns.studies.engine import ResultTable
 
 DEFAULT_FOLDER = Path("reproduction")
 PAGE, RESULTS = "reproduction.html", "results.jsonl"
 SEEDS, QUICK_SEEDS = 20, 3
-ON_THE_PAGE_ONLY = "how"
-"""A section that the terminal does not show."""
-
 COLOURED = {"pass": "[green]pass[/]", "missed": "[bold red]missed[/]"}
 
 To = Annotated[Path, typer.Option(metavar="DIR", help="Where page and results are kept.")]
@@ -79,12 +85,14 @@ def command(
     """
     terminal = terminal_of(context, as_json=json)
     began_s = time.monotonic()
-    page = reproduce(to, seeds_asked(seeds, quick=quick), workers or cpu_count(), terminal)
+    comparison, known = reproduce(
+        to, seeds_asked(seeds, quick=quick), workers or cpu_count(), terminal
+    )
     seconds = time.monotonic() - began_s
-    show(terminal, page)
+    show(terminal, comparison, known)
     terminal.say(f"{seconds:.0f} s; page: {to / PAGE}")
-    terminal.document(page.comparison.document() | {"page": str(to / PAGE), "seconds": seconds})
-    if page.comparison.decision != "pass":
+    terminal.document(comparison.document() | {"page": str(to / PAGE), "seconds": seconds})
+    if comparison.decision != "pass":
         raise typer.Exit(Exit.NOT_GOOD)
 
 
@@ -95,7 +103,9 @@ def seeds_asked(seeds: int | None, *, quick: bool) -> int:
     return QUICK_SEEDS if quick else seeds or SEEDS
 
 
-def reproduce(folder: Path, seeds: int, workers: int, terminal: Terminal) -> Page:
+def reproduce(
+    folder: Path, seeds: int, workers: int, terminal: Terminal
+) -> tuple[Comparison, Evidence]:
     """Run the seeds that are missing and write the page.
 
     Raises `CampaignLocked`, `OutputExists`, `WriteFailed` or `Interrupted`.
@@ -104,9 +114,9 @@ def reproduce(folder: Path, seeds: int, workers: int, terminal: Terminal) -> Pag
     with campaign_lock(folder, now_utc=now_utc):
         results, failed = measure(trial_table(folder / RESULTS), trials(seeds), workers, terminal)
         comparison = compare(results, seeds, failed)
-        page = page_of(results, comparison, evidence(results), now_utc())
-        replace_text(folder / PAGE, page_html(page))
-    return page
+        known = evidence(results)
+        replace_text(folder / PAGE, page_html(results, comparison, known, now_utc()))
+    return comparison, known
 
 
 def measure(
@@ -153,16 +163,18 @@ class _StopAtOnce(StopRequest):
             raise KeyboardInterrupt
 
 
-def show(terminal: Terminal, page: Page) -> None:
-    """Tables and texts of the page, and the verdict."""
-    for section in page.sections:
-        for part in section.parts if section.name != ON_THE_PAGE_ONLY else ():
-            if isinstance(part, Table):
-                rows = [[COLOURED.get(cell, cell) for cell in row] for row in part.rows]
-                terminal.table(part.title, [column.head for column in part.columns], rows)
-            elif isinstance(part, Paragraph):
-                terminal.say(part.text)
-    comparison = page.comparison
+def show(terminal: Terminal, comparison: Comparison, known: Evidence) -> None:
+    """Tables of the page, why they differ, and the verdict."""
+    columns = figure_columns(comparison)
+    for group, rows in comparison.groups:
+        cells = [[COLOURED.get(cell, cell) for cell in row] for row in texts(columns, rows)]
+        terminal.table(title_of(group, rows), [column.head for column in columns], cells)
+    if comparison.parameters:
+        terminal.rows(TITLES["table_2"], TABLE_2, comparison.parameters)
+    for letter, reason in comparison.reasons.items():
+        terminal.say(f"({letter}) {reason}")
+    terminal.rows(TITLES["floors"], FLOORS, known.floors)
+    terminal.rows(TITLES["reaches"], REACHES, reach_rows(known))
     good = comparison.decision == "pass"
     for line in comparison.lines:
         terminal.say(line, "" if good else BAD)

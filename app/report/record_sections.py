@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from app.report.parts import moment
+from app.report.rendering import moment
 from campaigns.evaluation.integrity import Check
 from campaigns.evaluation.time_series import stated_uncertainty_mm, time_series
 from campaigns.evidence import Evidence, Incident, JournalFacts

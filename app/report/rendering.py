@@ -1,35 +1,23 @@
 """Pages as HTML text: one file with its style and figures inside, needing no network.
 
-A page's template extends base.html.jinja and shows parts by the macros of parts.html.jinja. What it
-shows comes as `page`, which must have a `generator`. Its sections may come from a template too,
-which says in which words the rows and pictures stand that it is given.
+A page's template extends base.html.jinja; its sections stand in a template of their own, which says
+in which words rows and pictures stand by the macros of parts.html.jinja.
 """
 
-from collections.abc import Callable, Iterable, Mapping
-from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from app.report.figures.drawing import svg_text
-from app.report.parts import (
-    Paragraph,
-    Part,
-    Picture,
-    Section,
-    Table,
-    Tone,
-    moment,
-)
-from campaigns.files.table import Column, number, texts
+from campaigns.files.table import number
 from campaigns.version import VERSION
 from drivers.texts import printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-T = TypeVar("T")
 
 GENERATOR = f"pkmcal {VERSION}"
 PACKAGE = "app.report"
@@ -37,82 +25,49 @@ LONG_TABLE = 34
 """A table of more rows may be cut by the end of a printed page."""
 
 
-def rendered(template: str, page: object, *, package: str = PACKAGE) -> str:
-    """Fill in a template of a package; figures are drawn, whatever is text is escaped."""
-    return _environment(package).get_template(template).render(page=page)
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """Contents of a page, written down while its sections are."""
+
+    sections: dict[str, str] = field(default_factory=dict)
+    """Titles by name, in order."""
+    missing: dict[str, str] = field(default_factory=dict)
+    """What is not there and what would bring it, each once, with the first section that has it."""
+    figures: list[str] = field(default_factory=list)
+
+    def begin(self, name: str, title: str) -> int:
+        """Begin a section; gives its number."""
+        self.sections[name] = title
+        return len(self.sections)
+
+    def lack(self, text: str) -> str:
+        """Write down a lack of the section; gives its words."""
+        self.missing.setdefault(text, [*self.sections][-1])
+        return text
 
 
-def sections_of(
+def rendered(
     template: str, values: Mapping[str, object], *, package: str = PACKAGE
-) -> tuple[Section, ...]:
-    """Sections that a template says, in its order.
+) -> tuple[str, Outline]:
+    """Fill in a template of a package: figures are drawn, whatever is text is escaped.
 
-    In it `{% call section(name, title) %}` holds calls of `table`, `picture`, `text`, `note` and
-    `missing`, whose bodies are the words: a table's note, a picture's caption, a paragraph. Raises
-    `ValueError` for words outside of these.
+    Gives the page and what is on it.
     """
-    writer = _SectionWriter()
-    calls = {
-        "section": writer.section,
-        "table": writer.table,
-        "picture": writer.picture,
-        **{tone: partial(writer.paragraph, tone) for tone in ("text", "note", "missing")},
-    }
-    _nothing(_environment(package).get_template(template).render(values, **calls))
-    return tuple(writer.sections)
+    outline = Outline()
+    environment = _environment(package)
+    page = environment.get_template(template).render(values, outline=outline, generator=GENERATOR)
+    return page, outline
 
 
-class _SectionWriter:
-    """Sections made by the calls of a template, each of which leaves nothing where it stands."""
-
-    def __init__(self) -> None:
-        self.sections: list[Section] = []
-        self._parts: list[Part] = []
-
-    def section(self, name: str, title: str, *, caller: Callable[[], str]) -> str:
-        self._parts = []
-        _nothing(caller())
-        self.sections.append(Section(name, title, tuple(self._parts)))
-        return ""
-
-    def paragraph(self, tone: Tone, *, caller: Callable[[], str]) -> str:
-        self._parts.append(Paragraph(_plain(caller()), tone))
-        return ""
-
-    def table(
-        self,
-        title: str,
-        columns: tuple[Column[T], ...],
-        rows: Iterable[T],
-        *,
-        caller: Callable[[], str] | None = None,
-    ) -> str:
-        note = "" if caller is None else _plain(caller())
-        self._parts.append(Table(title, columns, texts(columns, rows), note))
-        return ""
-
-    def picture(
-        self,
-        name: str,
-        title: str,
-        draw: "Callable[..., Figure]",
-        *given: object,
-        caller: Callable[[], str],
-        **named: object,
-    ) -> str:
-        drawing = partial(draw, *given, **named)
-        self._parts.append(Picture(name, title, _plain(caller()), drawing))
-        return ""
+def drawn(draw: "Callable[..., Figure]", name: str, title: str, *given: Any, **named: Any) -> str:
+    """Figure as markup. Any: what each figure is drawn of."""
+    svg = svg_text(draw(*given, **named), name, title)
+    return Markup(svg)  # noqa: S704 - drawn by us, holds no text from outside
 
 
-def _plain(body: str) -> str:
-    """Plain text of a body, on one line: it is escaped where it is shown."""
-    return " ".join(Markup(body).unescape().split())  # noqa: S704 - turned back into text at once
-
-
-def _nothing(left: str) -> None:
-    if left.strip():
-        raise ValueError(f"words that stand in no part of a section: '{left.strip()}'")
+def moment(utc: str) -> str:
+    """Time of the journal as people read it: `2026-03-02 08:15 UTC`."""
+    return f"{utc[:10]} {utc[11:16]} UTC"
 
 
 def _environment(package: str) -> Environment:
@@ -126,14 +81,8 @@ def _environment(package: str) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals["LONG"] = LONG_TABLE
-    environment.tests |= {"table": _is_table, "picture": _is_picture}
-    environment.filters |= {
-        "drawing": _drawing,
-        "prose": _prose,
-        "number": number,
-        "moment": moment,
-    }
+    environment.globals |= {"LONG": LONG_TABLE, "drawn": lambda *of, **named: drawn(*of, **named)}
+    environment.filters |= {"plain": _plain, "prose": _prose, "number": number, "moment": moment}
     return environment
 
 
@@ -142,17 +91,9 @@ def _cleaned(value: object) -> object:
     return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
-def _is_table(part: Part) -> bool:
-    return isinstance(part, Table)
-
-
-def _is_picture(part: Part) -> bool:
-    return isinstance(part, Picture)
-
-
-def _drawing(picture: Picture) -> Markup:
-    svg = svg_text(picture.draw(), picture.name, picture.title)
-    return Markup(svg)  # noqa: S704 - drawn by us, holds no text from outside
+def _plain(body: str) -> str:
+    """Plain text of a body, on one line: it is escaped where it is shown."""
+    return " ".join(Markup(body).unescape().split())  # noqa: S704 - turned back into text at once
 
 
 def _prose(text: str) -> Markup:

@@ -1,7 +1,6 @@
 """The page: the paper's figures beside ours, in the words of reproduction-sections.jinja."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,43 +15,40 @@ from app.papers.corbel2006.comparison import (
 )
 from app.papers.corbel2006.comparison import Row as Compared
 from app.papers.corbel2006.evidence import Evidence, Floor
-from app.papers.corbel2006.printed import LINES_MM, printed
+from app.papers.corbel2006.printed import LINES_MM, Group, printed
 from app.papers.corbel2006.quantities import largest
 from app.papers.corbel2006.trials import EXPERIMENTS, PROTOTYPE, TrialResult
 from app.report.figures.distances import pair_errors
 from app.report.groups import PairGroup
-from app.report.parts import Section
-from app.report.rendering import GENERATOR, rendered, sections_of
+from app.report.rendering import rendered
 from campaigns.files.table import Column, Row, by_place, number, words
 
 PACKAGE = "app.papers.corbel2006"
 PASSED = {True: "pass", False: "missed", None: ""}
 PARAMETER_DECIMALS = 2
+TITLES = {
+    "table_2": "Table II: estimated errors of the parameters, mm or deg",
+    "floors": "What noise alone leaves on a robot that is perfectly known, mm",
+    "reaches": "What a robot reaches on a 25 mm grid over the whole space at θ = 0, mm",
+}
 SPREAD = f"{LOW:g}–{HIGH:g} %"
 
 
-@dataclass(frozen=True, slots=True)
-class Page:
-    """What the template fills in; no figure is drawn yet."""
-
-    comparison: Comparison
-    computing_s: float
-    made_utc: str
-    sections: tuple[Section, ...]
-    generator: str = GENERATOR
-
-
-def page_of(
+def page_html(
     results: Sequence[TrialResult], comparison: Comparison, evidence: Evidence, made_utc: str
-) -> Page:
-    """Put the page together."""
+) -> str:
+    """Draw the figures and write the document."""
     values = {
         "comparison": comparison,
         "evidence": evidence,
         "results": {each.name: of_experiment(results, each) for each in EXPERIMENTS},
+        "computing_s": sum(result.seconds for result in results),
+        "made_utc": made_utc,
         "mean_before": printed(PROTOTYPE, "mean, before"),
         "max_before": printed(PROTOTYPE, "max, before"),
         "figure_columns": figure_columns(comparison),
+        "title_of": title_of,
+        "titles": TITLES,
         "TABLE_2": TABLE_2,
         "FLOORS": FLOORS,
         "REACHES": REACHES,
@@ -62,13 +58,13 @@ def page_of(
         "pair_errors": pair_errors,
         "figures": figures,
     }
-    sections = sections_of("reproduction-sections.jinja", values, package=PACKAGE)
-    return Page(comparison, sum(result.seconds for result in results), made_utc, sections)
+    return rendered("reproduction.html.jinja", values, package=PACKAGE)[0]
 
 
-def page_html(page: Page) -> str:
-    """Draw the figures and write the document."""
-    return rendered("reproduction.html.jinja", page, package=PACKAGE)
+def title_of(group: Group, rows: Sequence[Compared]) -> str:
+    """Title of a group's table."""
+    seeds = rows[0].ours.seeds
+    return f"{group.title} (mm, {seeds} seed{'' if seeds == 1 else 's'})"
 
 
 def figure_columns(comparison: Comparison) -> tuple[Column[Compared], ...]:

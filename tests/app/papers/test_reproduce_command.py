@@ -63,7 +63,7 @@ def said(*words):
 def without_page(monkeypatch, computed):
     """What takes seconds and is tested elsewhere: the evidence, and drawing the page."""
     monkeypatch.setattr(reproduce, "evidence", lambda found: computed)
-    monkeypatch.setattr(reproduce, "page_html", lambda page: "a page")
+    monkeypatch.setattr(reproduce, "page_html", lambda *_: "a page")
 
 
 @pytest.fixture

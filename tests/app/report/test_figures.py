@@ -14,8 +14,8 @@ from app.report.figures.drawing import new_figure, save, svg_text
 from app.report.figures.space import axes_in_space, one_scale
 from app.report.figures.workspace import error_arrows, magnification, plate_tilt
 from app.report.groups import PairGroup
-from app.report.parts import moment
 from app.report.plots import plot_plan, plot_residuals
+from app.report.rendering import moment
 from app.report.results_sections import percent_gained
 from app.terminal_picture import bar, histogram_lines
 from campaigns.errors import WriteFailed

@@ -2,7 +2,6 @@
 
 import re
 import shutil
-import sys
 from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
@@ -18,11 +17,9 @@ from paper_campaign import (
     whole_campaign,
 )
 
-from app.cli.report import report, report_document
+from app.cli.report import report
 from app.report import model_sections
-from app.report.page import Page, page_html, page_of
-from app.report.parts import Paragraph, Section, Table
-from app.report.rendering import sections_of
+from app.report.page import Page, page_of
 from campaigns.campaign import open_campaign
 from campaigns.errors import JournalFailed, OutputExists
 from campaigns.evaluation.doubts import Doubt
@@ -60,20 +57,27 @@ MEGABYTE = 1_000_000
 MADE_UTC = "2026-03-02T09:30:00.000+00:00"
 
 
+@pytest.fixture(autouse=True)
+def undrawn(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    """Leaves figures out of pages, which takes seconds, but of the one that is looked at."""
+    if "whole_html" not in request.fixturenames:
+        monkeypatch.setattr("app.report.rendering.drawn", lambda *_, **_named: "")
+
+
 def page(paper: PaperCampaign) -> Page:
     return page_of(evaluate(open_campaign(paper.folder)), MADE_UTC)
 
 
 def html(paper: PaperCampaign) -> str:
-    return page_html(page(paper))
+    return page(paper).html
 
 
 def figures(found: Page) -> set[str]:
-    return set(report_document(found, Path("report.html"))["figures"])
+    return set(found.outline.figures)
 
 
 def missing(found: Page) -> str:
-    return " ".join(text for text, _ in found.missing)
+    return " ".join(found.outline.missing)
 
 
 def words_of(text: str) -> str:
@@ -81,15 +85,19 @@ def words_of(text: str) -> str:
     return " ".join(unescape(re.sub(r"<[^>]*>", " ", text)).split())
 
 
-def words_on(found: Page) -> str:
-    """Rows and paragraphs of a page of which no figure is drawn."""
-    told: list[str] = [*found.reasons]
-    for part in (part for section in found.sections for part in section.parts):
-        if isinstance(part, Table):
-            told += [part.title, *(" ".join(row) for row in part.rows), part.note]
-        elif isinstance(part, Paragraph):
-            told.append(part.text)
-    return " ".join(told)
+def words_on(found: Page, section: str = "") -> str:
+    """The same of a page, or of one of its sections."""
+    start = found.html.index(f'<section id="{section}">') if section else 0
+    return words_of(found.html[start:].partition("</section>" if section else "</html>")[0])
+
+
+def rows_in(found: Page, section: str) -> list[list[str]]:
+    """Cells of a section's tables."""
+    start = found.html.index(f'<section id="{section}">')
+    text = found.html[start:].partition("</section>")[0]
+    rows = re.findall(r"<tr>(.*?)</tr>", text, re.DOTALL)
+    cells = (re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL) for row in rows)
+    return [[unescape(cell) for cell in row] for row in cells if row]
 
 
 def identified(paper: PaperCampaign, **changes: object) -> Page:
@@ -124,7 +132,7 @@ def whole_html(whole: PaperCampaign) -> str:
 def test_a_whole_campaign_has_every_figure_and_lacks_nothing(whole: PaperCampaign) -> None:
     found = page(whole)
     assert figures(found) == FIGURES
-    assert found.missing == ()
+    assert found.outline.missing == {}
 
 
 def test_shots_have_a_figure_only_where_positions_were_fitted(by_distances: PaperCampaign) -> None:
@@ -202,7 +210,7 @@ def test_a_campaign_without_a_journal_says_that_nothing_was_measured(tmp_path: P
     found = page(new_campaign(tmp_path / "empty"))
     assert figures(found) == set()
     assert "no journal" in missing(found)
-    assert found.decision == "not decided"
+    assert found.evaluation.verdict.decision == "not decided"
 
 
 def test_without_validation_the_rest_is_shown_and_the_lack_is_named(tmp_path: Path) -> None:
@@ -221,7 +229,7 @@ def test_without_identification_errors_before_are_shown(tmp_path: Path) -> None:
     found = page(paper)
     assert figures(found) == {"pair-errors", "histogram", "arrows", "over-time"}
     assert "pkmcal identify" in missing(found)
-    assert "Nothing has been identified" in " ".join(found.reasons)
+    assert "Nothing has been identified" in " ".join(found.evaluation.verdict.reasons)
 
 
 def test_one_test_alone_is_shown(tmp_path: Path) -> None:
@@ -267,8 +275,10 @@ def test_a_changed_parameter_file_takes_the_verdict_away(tmp_path: Path) -> None
     nominal = NOMINAL.document.text
     (paper.folder / "robot-compensated.yaml").write_text(nominal)
     found = page(paper)
-    assert found.decision == "not decided"
-    assert "the parameter file holds what was identified" in " ".join(found.reasons)
+    assert found.evaluation.verdict.decision == "not decided"
+    assert "the parameter file holds what was identified" in " ".join(
+        found.evaluation.verdict.reasons
+    )
 
 
 def test_an_unreadable_plan_and_parameter_file_are_named(whole: PaperCampaign, tmp_path) -> None:
@@ -287,7 +297,7 @@ def test_a_journal_of_another_version_shows_what_can_be_read(tmp_path: Path) -> 
     shutil.copy(golden, paper.campaign.journal_path)
     found = page(paper)
     assert "identification" in missing(found)
-    assert "3.1 mm from the prediction" in page_html(found)
+    assert "3.1 mm from the prediction" in found.html
 
 
 def test_an_identification_without_correlations_says_so(whole: PaperCampaign) -> None:
@@ -339,8 +349,7 @@ def test_what_is_left_over_is_put_down_to_its_cause(
 ) -> None:
     found = evaluate(whole.campaign)
     vars(found)["budget"] = replace(found.budget, **changes)  # as if it had been worked out
-    sections = {section.name: section for section in page_of(found, MADE_UTC).sections}
-    assert sentence in sections["remainder"].parts[0].text
+    assert sentence in words_on(page_of(found, MADE_UTC), "remainder")
 
 
 def test_only_what_no_parameter_expresses_is_named_as_assumed(whole: PaperCampaign) -> None:
@@ -350,7 +359,7 @@ def test_only_what_no_parameter_expresses_is_named_as_assumed(whole: PaperCampai
 
     def assumed(*names: str) -> str:
         shown = identified(whole, parameters=parameters | dict.fromkeys(names, free))
-        return next(s for s in shown.sections if s.name == "remainder").parts[-1].text
+        return words_on(shown, "remainder")
 
     level, play = "the motor axes are horizontal", "gears have no play"
     assert f"grow with heat; {level}; {play}. Parameters marked held" in assumed()
@@ -376,29 +385,9 @@ def test_a_foreign_message_is_told_as_it_is_and_shown_as_text(whole: PaperCampai
     evidence = replace(gather(whole.campaign), unreadable=(message,))
     shown = page_of(Evaluation(evidence), MADE_UTC)
     assert missing(shown) == f"Cannot be read: {message}."
-    [where] = (section for section in shown.sections if section.missing)
-    text = page_html(replace(shown, sections=(where,)))
+    text = shown.html
     assert "&lt;b&gt;&amp;amp;&lt;/b&gt;" in text
     assert "<b>&" not in text
-
-
-def test_words_that_stand_in_no_part_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = tmp_path / "pages_of_this_test"
-    folder.mkdir()
-    (folder / "__init__.py").touch()
-    section = "{% call section('one', 'One') %}LOST{% call text() %}kept{% endcall %}{% endcall %}"
-    (folder / "right.jinja").write_text(section.replace("LOST", "\n"))
-    (folder / "inside.jinja").write_text(section.replace("LOST", "lost"))
-    (folder / "outside.jinja").write_text(section.replace("LOST", "") + "lost")
-    monkeypatch.syspath_prepend(tmp_path)
-    found = sections_of("right.jinja", {}, package=folder.name)
-    assert found == (Section("one", "One", (Paragraph("kept"),)),)
-    for name in ("inside.jinja", "outside.jinja"):
-        with pytest.raises(ValueError, match="stand in no part of a section: 'lost'"):
-            sections_of(name, {}, package=folder.name)
-    monkeypatch.delitem(sys.modules, folder.name)
 
 
 def test_a_damaged_journal_is_refused(tmp_path: Path) -> None:
@@ -459,7 +448,7 @@ def test_every_doubt_stands_with_its_name_sentence_and_numbers(whole: PaperCampa
 
 
 def test_the_robots_scatter_and_the_hold_out_test_stand_in_words(whole: PaperCampaign) -> None:
-    scatter = RobotScatter(0.14, 0.005, 0.0, 0.0, "the point scatters by 0.14 ± 0.005 mm")
+    scatter = RobotScatter(point_mm=0.14, says="the point scatters by 0.14 ± 0.005 mm")
     text = words_on(identified(whole, robot_scatter=scatter))
     assert "The robot's own scatter: the point scatters by 0.14 ± 0.005 mm. Every σ" in text
     held = HoldOut(8, 12.34, 0.031, 1.24)
@@ -505,8 +494,7 @@ def test_a_parameter_within_its_uncertainty_shows_no_change(whole: PaperCampaign
 
 
 def test_no_figure_of_ours_has_a_symbol_of_the_standard(whole: PaperCampaign) -> None:
-    sections = {section.name: section for section in page(whole).sections}
-    for row in sections["iso9283"].parts[0].rows:
+    for row in rows_in(page(whole), "iso9283"):
         *ours, theirs = row
         assert not re.search(r"\b(AP|RP|vAP|AD|RD|AT)\b", " ".join(ours))
         assert re.match(r"(AP|RP|vAP|AD|RD|AT) \(", theirs)
@@ -516,7 +504,7 @@ def test_a_limit_stands_with_its_margin(tmp_path: Path) -> None:
     limits = AcceptanceConfig(distance_mean_mm=0.5)
     paper = new_campaign(tmp_path / "margin", acceptance=limits)
     paper.validate("after", frozenset({ShotSet.VALIDATION}))
-    first = page(paper).sections[0].parts[0].rows[0]
+    first = rows_in(page(paper), "limits")[0]
     error, margin = float(first[1]), float(first[4].replace("−", "-"))
     assert first[0] == "distances, mean error"
     assert margin == pytest.approx(0.5 - error, abs=0.001)
