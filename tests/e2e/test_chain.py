@@ -20,8 +20,16 @@ IDENTIFICATION_KEYS = {
     *("converged", "iterations", "rank", "condition", "dof", "parameters", "residuals_mm"),
     *("unseen_mm", "excluded", "unobservable", "known_by_priors_alone", "priors", "loss"),
     *("models", "outliers", "chi2", "covariance", "correlations", "position_std_mm", "frame"),
-    *("sessions", "verdict", "reasons", "seconds", "message", "fitted", "unseen", "series"),
-    *("shots", "robot_digest", "plan_digest", "journal_digest", "journal_records", "at_utc"),
+    *("sessions", "verdict", "reasons", "seconds", "message", "fitted", "unseen", "modelled"),
+    *(
+        "series",
+        "shots",
+        "robot_digest",
+        "plan_digest",
+        "journal_digest",
+        "journal_records",
+        "at_utc",
+    ),
 }
 DRY_RUN_KEYS = {
     *("scenario", "seed", "before", "after", "identification", "parameter_file", "report"),
