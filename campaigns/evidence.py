@@ -192,9 +192,9 @@ class Evaluation:
         found, errors, stage = self.evidence.identification, self.errors, self.after or self.before
         if found is None or errors is None:
             return None
-        repeated = stage.repeatability.away_mm if stage and stage.repeatability else None
+        repeated_mm = stage.repeatability.scatter_mm if stage and stage.repeatability else None
         chi2 = None if found.chi2 is None else found.chi2.value
-        return residual_budget(errors, found.estimator, found.dof, chi2, repeated)
+        return residual_budget(errors, found.estimator, found.dof, chi2, repeated_mm)
 
     @cached_property
     def checks(self) -> tuple[Check, ...]:
@@ -219,7 +219,9 @@ class Evaluation:
         """Verdict on the whole campaign."""
         found = self.evidence.identification
         return campaign_verdict(
-            _identification_verdict(found),
+            None
+            if found is None
+            else IdentificationVerdict(found.verdict, found.reasons, found.accepted),
             self.validated("after"),
             self.checks,
             validated=self.after is not None,
@@ -253,13 +255,26 @@ def gather(campaign: Campaign) -> Evidence:
         entries, all_series = journal.records(), journal.series()
         identification = _latest(entries, "identification", read_identification, unreadable)
         loaded = _latest(entries, "load", read_load, unreadable)
-        unended = _unended_load(journal, unreadable)
+        through = identification.journal_records if identification else None
+        facts = JournalFacts(
+            all_series,
+            tuple(
+                Incident(entry.at_utc, entry.series, entry.record)
+                for entry in entries
+                if isinstance(entry.record, Rejected | PairVoided | Event)
+            ),
+            journal.digest(),
+            journal.last_number(),
+            None if through is None else journal.digest(through=through),
+            _unended_load(journal, unreadable),
+        )
+        run = _measured(campaign, _identified_series(all_series, identification))
         return Evidence(
             campaign=campaign,
-            journal=_facts(journal, entries, all_series, identification, unended),
-            before=_all_measured(campaign, _chosen(all_series, {"before"})),
-            run=_measured(campaign, _identified_series(all_series, identification)),
-            after=_all_measured(campaign, _chosen(all_series, {"after", "after by targets"})),
+            journal=facts,
+            before=_measured(campaign, _chosen(all_series, {"before"})),
+            run=run[0] if run else None,
+            after=_measured(campaign, _chosen(all_series, {"after", "after by targets"})),
             identification=identification,
             loaded=loaded,
             plan=plan,
@@ -311,13 +326,6 @@ def _unended_load(journal: JournalReader, unreadable: list[str]) -> str:
     return unended.told(None) if unended else ""
 
 
-def _identification_verdict(found: RecordedIdentification | None) -> IdentificationVerdict | None:
-    if found is None:
-        return None
-    accepted = tuple(doubt.says for doubt in found.doubts if doubt.accepted)
-    return IdentificationVerdict(found.verdict, found.reasons, accepted)
-
-
 def _chosen(all_series: Iterable[Series], stages: set[Stage]) -> tuple[Series, ...]:
     """Finished series of these stages, or the last one begun when none is finished.
 
@@ -335,44 +343,21 @@ def _conditions(series: Series) -> tuple[str, str]:
 
 def _identified_series(
     all_series: tuple[Series, ...], identification: RecordedIdentification | None
-) -> Series | None:
+) -> tuple[Series, ...]:
     """The series that the identification rests on, or the one that the next would rest on."""
     if identification is None:
         runs = [each for each in all_series if each.started.stage in {"run", "import"}]
-        return max(runs, key=lambda each: (each.finished, each.number), default=None)
-    return next((s for s in all_series if s.number == identification.series), None)
+        return tuple(sorted(runs, key=lambda each: (each.finished, each.number))[-1:])
+    return tuple(each for each in all_series if each.number == identification.series)
 
 
-def _measured(campaign: Campaign, series: Series | None) -> MeasuredSeries | None:
-    if series is None or not series.shots:
-        return None
-    return MeasuredSeries(series, shots_of_journal(series.shots, campaign.robot.mechanism))
-
-
-def _all_measured(campaign: Campaign, every: Iterable[Series]) -> tuple[MeasuredSeries, ...]:
-    found = (_measured(campaign, series) for series in every)
-    return tuple(measured for measured in found if measured is not None)
-
-
-def _facts(
-    journal: JournalReader,
-    entries: tuple[Entry[Record], ...],
-    all_series: tuple[Series, ...],
-    identification: RecordedIdentification | None,
-    unended_load: str,
-) -> JournalFacts:
-    through = identification.journal_records if identification else None
-    return JournalFacts(
-        all_series,
-        tuple(
-            Incident(entry.at_utc, entry.series, entry.record)
-            for entry in entries
-            if isinstance(entry.record, Rejected | PairVoided | Event)
-        ),
-        journal.digest(),
-        journal.last_number(),
-        None if through is None else journal.digest(through=through),
-        unended_load,
+def _measured(campaign: Campaign, every: Iterable[Series]) -> tuple[MeasuredSeries, ...]:
+    """Those in which any shot counts."""
+    mechanism = campaign.robot.mechanism
+    return tuple(
+        MeasuredSeries(series, shots_of_journal(series.shots, mechanism))
+        for series in every
+        if series.shots
     )
 
 

@@ -5,9 +5,8 @@ from typing import Literal
 
 import numpy as np
 
-from campaigns.arrays import Array
 from campaigns.estimation.estimators import Estimator
-from campaigns.evaluation.model_errors import ModelErrors, PairErrors, ShotErrors
+from campaigns.evaluation.model_errors import ModelErrors
 
 Explanation = Literal["instrument", "repeatability", "neither", "not known"]
 
@@ -51,51 +50,27 @@ def residual_budget(
     estimator: Estimator,
     dof: int,
     chi2: float | None,
-    repeated_away_mm: Array | None,
+    repeated_mm: float | None,
 ) -> ResidualBudget | None:
-    """Budget of what was fitted; points (N, 3) are about the mean of repeated visits.
+    """Budget of what was fitted; `repeated_mm`: one coordinate's scatter in repeated visits.
 
     None without degrees of freedom.
     """
-    repeated_mm = None if repeated_away_mm is None else _per_axis(repeated_away_mm)
-    if dof < 1:
+    of_points = estimator is Estimator.POINTS
+    left = errors.shots if of_points else errors.fitted
+    if dof < 1 or left is None or left.after_mm is None:
         return None
-    if estimator is Estimator.POINTS:
-        return _of_coordinates(errors.shots, dof, chi2, repeated_mm)
-    return _of_distances(errors.fitted, dof, repeated_mm)
-
-
-def _of_distances(
-    fitted: PairErrors | None, dof: int, repeated_mm: float | None
-) -> ResidualBudget | None:
-    if fitted is None or fitted.after_mm is None:
-        return None
-    after = fitted.after_mm
-    return ResidualBudget(
-        "distance",
-        float(np.sqrt(after @ after / dof)),
-        float(np.sqrt(np.mean(fitted.instrument_mm**2))),
-        None if repeated_mm is None else float(np.sqrt(2.0)) * repeated_mm,
-        float(np.sqrt(np.sum((after / fitted.instrument_mm) ** 2) / dof)),
-        dof,
-    )
-
-
-def _of_coordinates(
-    shots: ShotErrors | None, dof: int, chi2: float | None, repeated_mm: float | None
-) -> ResidualBudget | None:
-    if shots is None or chi2 is None:
+    after, instrument = left.after_mm, left.instrument_mm
+    if not of_points:
+        chi2 = float(np.sum((after / instrument) ** 2))
+        repeated_mm = None if repeated_mm is None else float(np.sqrt(2.0)) * repeated_mm
+    if chi2 is None:
         return None
     return ResidualBudget(
-        "coordinate",
-        float(np.sqrt(np.sum(shots.after_mm**2) / dof)),
-        float(np.sqrt(np.mean(shots.instrument_mm**2))),
+        "coordinate" if of_points else "distance",
+        float(np.sqrt(np.sum(after**2) / dof)),
+        float(np.sqrt(np.mean(instrument**2))),
         repeated_mm,
         float(np.sqrt(chi2 / dof)),
         dof,
     )
-
-
-def _per_axis(away_mm: Array) -> float:
-    """Standard deviation of one coordinate of points (N, 3) about their mean."""
-    return float(np.sqrt(np.sum(away_mm**2) / (3 * (len(away_mm) - 1))))

@@ -264,6 +264,11 @@ class IdentificationResult:
         """Names of what was looked for."""
         return tuple(name for name, found in self.parameters.items() if found.free)
 
+    @property
+    def accepted(self) -> tuple[str, ...]:
+        """Doubts with which somebody took it all the same, in words."""
+        return tuple(doubt.says for doubt in self.doubts if doubt.accepted)
+
     def nominal_flat(self) -> dict[str, float]:
         """Parameters that it began with, mm and deg."""
         return {name: found.nominal for name, found in self.parameters.items()}
