@@ -89,5 +89,5 @@ def _warnings(found: IdentificationResult) -> Iterator[str]:
     for names in found.known_by_priors_alone:
         yield f"known by the priors alone: {', '.join(names)}"
     for doubt in found.doubts:
-        if not doubt.weighs:
+        if not doubt.affects_verdict:
             yield f"{doubt.says}{' (accepted)' if doubt.accepted else ''}"

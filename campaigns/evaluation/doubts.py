@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from campaigns.estimation.change_detection import Change
-from campaigns.estimation.information import ChiSquareTest
+from campaigns.estimation.information import ChiSquareTest, Uncertainty
 from campaigns.estimation.lack_of_fit import LackOfFit
 from campaigns.evaluation.decision import Decision
-from campaigns.evaluation.plausibility import FoundChanges, beyond_tolerance, common_scale
+from campaigns.evaluation.plausibility import beyond_tolerance, common_scale
 from campaigns.evaluation.summary import Spread
 from campaigns.mechanisms.parameters import Parameters, ParameterSpace
 from campaigns.robots.robot import Tolerance
@@ -42,19 +42,20 @@ class Doubt:
     accepted: bool = False
 
     @property
-    def weighs(self) -> bool:
-        """Weight: the verdict has to heed it."""
+    def affects_verdict(self) -> bool:
+        """Whether the verdict has to heed it."""
         return self.decision is not None and not self.accepted
 
 
 def parameter_doubts(
     nominal: Parameters,
-    found: FoundChanges,
+    changes: Mapping[str, float],
+    known: Uncertainty,
     tolerance: Tolerance,
     accepted: frozenset[str],
 ) -> Iterator[Doubt]:
-    """Doubts of what a fit found."""
-    beyond = tuple(beyond_tolerance(nominal.space, tolerance, found.changes))
+    """Doubts of what a fit found: changes in mm and deg, with their uncertainty."""
+    beyond = tuple(beyond_tolerance(nominal.space, tolerance, changes))
     if beyond:
         more = f" (and {len(beyond) - 1} more)" if len(beyond) > 1 else ""
         yield Doubt(
@@ -65,7 +66,7 @@ def parameter_doubts(
             {"beyond": float(len(beyond))},
             LARGE_CHANGE in accepted,
         )
-    scale = common_scale(nominal, found)
+    scale = common_scale(nominal, changes, known)
     if scale.significant:
         yield Doubt(
             COMMON_SCALE,

@@ -63,7 +63,7 @@ def identification_verdict(
         return "not decided", (NOTHING_SHOWN,)
     if not evidence.std:
         return "not decided", (NO_SIGMA,)
-    open_ones = tuple(each.says for each in evidence.doubts if each.weighs)
+    open_ones = tuple(each.says for each in evidence.doubts if each.affects_verdict)
     if open_ones:
         return "not decided", open_ones
     before, after = evidence.unseen.before, evidence.unseen.after
@@ -145,7 +145,9 @@ def _reasons_against(evidence: IdentificationEvidence) -> Iterator[str]:
             f"the data hardly tell {name}, {worst}: measure at more "
             "different poses, or hold it with --fix"
         )
-    yield from (each.says for each in evidence.doubts if each.weighs and each.decision == "fail")
+    yield from (
+        each.says for each in evidence.doubts if each.affects_verdict and each.decision == "fail"
+    )
     yield from evidence.contradicted
     if evidence.outliers > MANY_OUTLIERS:
         yield (

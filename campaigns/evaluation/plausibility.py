@@ -6,8 +6,8 @@ joints read must be the measured points up to a rigid motion, and nearly so befo
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
@@ -15,6 +15,7 @@ from scipy.special import stdtr
 
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
+from campaigns.estimation.information import Uncertainty
 from campaigns.estimation.rigid_transforms import best_rotation
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import Parameters, ParameterSpace
@@ -57,15 +58,7 @@ SCALE_FREEDOM = 3
 SCALE_SIGNIFICANCE = 0.005
 """So often chance alone raises it, half of what is promised."""
 LEAST_SHARE = 5e-4
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SimilarityFit:
-    """Scale and misfit of the best rotation, translation and scale between two sets of points."""
-
-    scale: float
-    misfit: float
-    """Root mean square left over the points' spread."""
+UNKNOWN = Uncertainty()
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,8 +228,8 @@ def _readings(
     lost = 0.5 * (1.0 - len(rows) / len(joints))
     for mirrored in (False, True):
         measured = points[rows] * (np.array([1.0, 1.0, -1.0]) if mirrored else 1.0)
-        found = similarity_fit(modelled.values[rows, :3], measured)
-        nearest = min(FACTORS, key=lambda each: abs(math.log(found.scale / each)))
+        scale, misfit = similarity_fit(modelled.values[rows, :3], measured)
+        nearest = min(FACTORS, key=lambda each: abs(math.log(scale / each)))
         for unit in (1.0, nearest):
             causes = [words] if words else []
             remedies = [remedy] if remedy else []
@@ -246,7 +239,7 @@ def _readings(
             if unit != 1.0:
                 causes.append(_unit_words(unit))
                 remedies.append(_unit_remedy(unit))
-            cost = math.hypot(found.misfit, math.log(found.scale / unit)) + lost
+            cost = math.hypot(misfit, math.log(scale / unit)) + lost
             yield Reading(" and ".join(causes), "; ".join(remedies), cost, len(causes))
 
 
@@ -268,13 +261,15 @@ def _unit(factor: float) -> LengthUnit | None:
     return next((unit for unit in UNITS if 1.0 / MM_PER_UNIT[unit] == factor), None)
 
 
-def similarity_fit(modelled: Array, measured: Array) -> SimilarityFit:
-    """Best similarity of modelled (N, 3) with the greater part of measured points (N, 3)."""
+def similarity_fit(modelled: Array, measured: Array) -> tuple[float, float]:
+    """Scale of the best similarity of modelled (N, 3) with the greater part of measured points.
+
+    And its misfit: root mean square left over the points' spread.
+    """
     rows = _greater_part(modelled, measured, scaled=True)
     scale, left = _similarity(modelled, measured, rows, scaled=True)
     size = float(np.linalg.norm(measured[rows] - measured[rows].mean(axis=0)))
-    misfit = float(np.linalg.norm(left[rows])) / size if size > 0.0 else math.inf
-    return SimilarityFit(scale, misfit)
+    return scale, float(np.linalg.norm(left[rows])) / size if size > 0.0 else math.inf
 
 
 def _greater_part(modelled: Array, measured: Array, *, scaled: bool) -> Index:
@@ -312,44 +307,28 @@ class ScaleTest:
         return self.p < SCALE_SIGNIFICANCE and abs(self.share) > LEAST_SHARE
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FoundChanges:
-    """Changes that a fit found (new − nominal, mm and deg, by name), and their covariance."""
-
-    changes: Mapping[str, float]
-    names: tuple[str, ...] = ()
-    """Those whose covariance is known."""
-    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """(K, K) of the names."""
-
-    def covariance_of(self, names: Sequence[str]) -> Array:
-        """Covariance of some changes, (M, M); 0 where it is not known."""
-        rows = [row for row, name in enumerate(names) if name in self.names]
-        places = [self.names.index(names[row]) for row in rows]
-        found = np.zeros((len(names), len(names)))
-        found[np.ix_(rows, rows)] = self.covariance[np.ix_(places, places)]
-        return found
-
-
-def common_scale(nominal: Parameters, found: FoundChanges) -> ScaleTest:
-    """Test of found changes of lengths: are they "everything longer by the same share".
+def common_scale(
+    nominal: Parameters, changes: Mapping[str, float], known: Uncertainty = UNKNOWN
+) -> ScaleTest:
+    """Test of found changes of lengths, mm: are they "everything longer by the same share".
 
     Regression of the changes on the lengths themselves, places being counted from the first arm's,
     which holds the frame. They scatter about it by the robot's own errors, all of one variance,
     and by what the fit leaves uncertain: where little tells lengths, least of all tells their
     scale. The robot's variance is what scatters more than the fit explains (method of moments).
     """
-    own = nominal.space.of_unit("mm", tuple(found.changes))
+    own = nominal.space.of_unit("mm", tuple(changes))
     lengths = {name: _from_first(name, nominal) for name in own}
     along = np.array([lengths[name] for name in lengths])
-    changes = np.array([found.changes[name] for name in lengths])
+    changed = np.array([changes[name] for name in lengths])
     freedom = len(lengths) - 1
     if freedom < SCALE_FREEDOM or not np.any(along):
         return ScaleTest(0.0, 1.0)
     square = float(along @ along)
-    share = float(along @ changes) / square
-    left = changes - share * along
-    fitted = found.covariance_of(tuple(lengths))
+    share = float(along @ changed) / square
+    left = changed - share * along
+    fitted, told = np.zeros((len(lengths),) * 2), [name in known.names for name in lengths]
+    fitted[np.ix_(told, told)] = known.only(name for name in lengths if name in known.names).array
     by_fit = float(along @ fitted @ along) / square
     robot = max(float(left @ left) - (float(np.trace(fitted)) - by_fit), 0.0) / freedom
     std = math.sqrt((robot + by_fit) / square)

@@ -26,7 +26,7 @@ from campaigns.evaluation.identification import (
     noise_in_words,
     scatter_in_words,
 )
-from campaigns.evaluation.plausibility import FoundChanges, check_shots
+from campaigns.evaluation.plausibility import check_shots
 from campaigns.identification.change import change_of, lack_of_fit_of
 from campaigns.identification.fit import Fit, fit_shots, plain_fit
 from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
@@ -226,10 +226,10 @@ def _doubts(
     """All that speak against the result, by name."""
     options, space = inputs.options, inputs.nominal.mechanism.parameters
     free = inputs.selection.free
-    deltas = {name: parameters[name].delta for name in free}
-    changes = FoundChanges(deltas, covariance.names, covariance.array)
-    known = inputs.nominal.parameters
-    yield from parameter_doubts(known, changes, options.tolerance, options.accepted)
+    changes = {name: parameters[name].delta for name in free}
+    yield from parameter_doubts(
+        inputs.nominal.parameters, changes, covariance, options.tolerance, options.accepted
+    )
     yield from noise_doubts(fit.stated_noise)
     tested, unseen = held_out.tested, held_out.errors
     met = unseen is not None and limits_met(unseen.summary().after, options.limits_mm)

@@ -140,7 +140,7 @@ def _named(
         return scatter is not None and scatter.joint > 0.0
     if perturbation.scatter_mm:
         return scatter is not None and scatter.point_mm > 0.0
-    return not any(each.weighs for each in found.doubts) and all_named
+    return not any(each.affects_verdict for each in found.doubts) and all_named
 
 
 def _described(perturbation: Perturbation, found: IdentificationResult) -> bool:

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from campaigns.errors import ShotsInvalid
+from campaigns.estimation.information import Uncertainty
 from campaigns.evaluation.plausibility import (
-    FoundChanges,
     beyond_tolerance,
     check_distances,
     check_shots,
@@ -185,7 +185,7 @@ class TestCommonScale:
         return self.NOMINAL[f"arm0.{field}"] if field in ("x_mm", "y_mm", "z_mm") else 0.0
 
     def judged(self, changes):
-        return common_scale(self.NOMINAL, FoundChanges(changes))
+        return common_scale(self.NOMINAL, changes)
 
     def changes(self, scale, seed, std_mm=2.0):
         """Found changes of a robot with random errors, everything longer by a share."""
@@ -219,8 +219,8 @@ class TestCommonScale:
             names = tuple(changes)
             along = np.array([self.NOMINAL[name] - self.held(name) for name in names])
             covariance = 2e-3**2 * np.outer(along, along)
-            found = FoundChanges(changes, names, covariance)
-            raised.append(common_scale(self.NOMINAL, found).significant)
+            known = Uncertainty(names, tuple(map(tuple, covariance.tolist())))
+            raised.append(common_scale(self.NOMINAL, changes, known).significant)
             unheeded.append(self.judged(changes).significant)
         assert np.mean(raised) <= 0.01
         assert np.mean(unheeded) > 0.5
