@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping
-from types import TracebackType
 from typing import Literal
 
 from sim.cell import Cell
@@ -73,12 +72,7 @@ class EmbeddedCell:
         self._server.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _memory_now(self) -> dict[str, object]:

@@ -6,8 +6,6 @@ process of its own.
 """
 
 import os
-import resource
-import select
 import shutil
 import signal
 import sys
@@ -20,21 +18,16 @@ from pathlib import Path
 
 from app.exits import Exit
 from app.main import COMMANDS, run_command
-from benchmarks.shared.odd_files import (
-    Oddity,
-    of_csv,
-    of_journal,
-    of_json,
-    of_yaml,
-)
+from benchmarks.shared.odd_files import Oddity, of_csv, of_journal, of_json, of_yaml
 
 MOST_SECONDS, MOST_MIB, MOST_CHARACTERS = 1.0, 200.0, 1000
-HANGS_AFTER_S = 60.0
-PREPARED_WITHIN_S = 600.0
+HANGS_AFTER_S = 60
+PREPARED_WITHIN_S = 600
 """By the wall's clock, as the machine may be busy with others."""
 DESIGNED = frozenset({Exit.DONE, Exit.NOT_GOOD, Exit.BAD_INPUT, Exit.DEVICE, Exit.JOURNAL})
 REFUSED = frozenset({Exit.BAD_INPUT, Exit.JOURNAL})
 KIB = 1024
+IMPORT = "import {{dir}} {{dir}}/points.txt --format ascii --unit mm --joints {}"
 Specials = Callable[[bytes], tuple[Oddity, ...]]
 
 
@@ -52,19 +45,15 @@ class Read:
     """Files that must be there for it, beside campaign.yaml, robot.yaml and cell.yaml."""
 
 
+PLAN = ("plan.csv",)
 READS = (
     Read(
         "campaign.yaml",
         ("validate {dir} --stage before --dry", "devices {dir}", "run {dir} --dry"),
         of_yaml,
-        ("plan.csv",),
+        PLAN,
     ),
-    Read(
-        "robot.yaml",
-        ("run {dir} --dry", "new {new} --robot {dir}/robot.yaml"),
-        of_yaml,
-        ("plan.csv",),
-    ),
+    Read("robot.yaml", ("run {dir} --dry", "new {new} --robot {dir}/robot.yaml"), of_yaml, PLAN),
     Read(
         "robot-compensated.yaml",
         ("load {dir} --dry", "load {dir} --dry --file {dir}/robot-compensated.yaml"),
@@ -75,18 +64,8 @@ READS = (
     Read("cell-memory.json", ("devices {dir}",), of_json),
     Read("plan.csv", ("run {dir} --dry",), of_csv),
     Read("shots.csv", ("import {dir} {dir}/shots.csv",), of_csv),
-    Read(
-        "points.txt",
-        ("import {dir} {dir}/points.txt --format ascii --unit mm --joints {dir}/joints.csv",),
-        of_csv,
-        ("joints.csv",),
-    ),
-    Read(
-        "joints.csv",
-        ("import {dir} {dir}/points.txt --format ascii --unit mm --joints {dir}/joints.csv",),
-        of_csv,
-        ("points.txt",),
-    ),
+    Read("points.txt", (IMPORT.format("{dir}/joints.csv"),), of_csv, ("joints.csv",)),
+    Read("joints.csv", (IMPORT.format("{dir}/joints.csv"),), of_csv, ("points.txt",)),
     Read(
         "campaign.db",
         ("export {dir} --shots --to {new}.csv", "identify {dir}", "import {dir} {dir}/shots.csv"),
@@ -99,7 +78,7 @@ NAMED = (
     "devices {name}",
     "export {name}",
     "import {dir} {name}",
-    "import {dir} {dir}/points.txt --format ascii --unit mm --joints {name}",
+    IMPORT.format("{name}"),
     "load {dir} --dry --file {name}",
     "new {new} --robot {name}",
     "new {new} --scenario {name}",
@@ -155,12 +134,6 @@ def _is_unclean(sign: str) -> bool:
     }
 
 
-def load_all_commands() -> None:
-    """What each child would import anew: what it then takes is the work itself."""
-    for module, _ in COMMANDS.values():
-        import_module(f"app.cli.{module}")
-
-
 def odd_names(base: Path, folder: Path, names: Sequence[str]) -> Iterator[Trial]:
     """Trials of names that no file of a campaign has."""
     for name in names:
@@ -188,32 +161,21 @@ def tried(base: Path, folder: Path, read: Read, oddity: Oddity) -> Iterator[Tria
 
 
 def trial(
-    words: Sequence[str], file: str, oddity: str, command: str, patience_s: float = HANGS_AFTER_S
+    words: Sequence[str], file: str, oddity: str, command: str, patience_s: int = HANGS_AFTER_S
 ) -> Trial:
     """Give a command in a process of its own, and look how that ends."""
     with tempfile.TemporaryFile() as output:
         child = os.fork()
         if child == 0:
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            signal.alarm(patience_s)  # and it is killed
             _become_the_program(words, output.fileno())
-        status, usage = _ended(child, patience_s)
+        _, status, usage = os.wait4(child, 0)
         output.seek(0)
         error = output.read().decode("utf-8", errors="surrogateescape")
     seconds = usage.ru_utime + usage.ru_stime
     code = os.waitstatus_to_exitcode(status)
     return Trial(file, oddity, command, code, seconds, usage.ru_maxrss / KIB, error)
-
-
-def _ended(child: int, patience_s: float) -> tuple[int, resource.struct_rusage]:
-    """Wait for a process, and kill it when it hangs."""
-    descriptor = os.pidfd_open(child)
-    try:
-        ended, _, _ = select.select([descriptor], [], [], patience_s)
-    finally:
-        os.close(descriptor)
-    if not ended:
-        os.kill(child, signal.SIGKILL)
-    _, status, usage = os.wait4(child, 0)
-    return status, usage
 
 
 def _become_the_program(words: Sequence[str], output: int) -> None:
@@ -236,17 +198,11 @@ def _become_the_program(words: Sequence[str], output: int) -> None:
 
 def prepare(base: Path) -> None:
     """A campaign in which everything was done, with every file that a command may read."""
-    load_all_commands()
-    steps = (
-        f"new {base}",
-        f"plan {base} --shots 40",
-        f"run {base} --yes",
-        f"identify {base}",
-        f"export {base}",
-        f"export {base} --shots",
-    )
-    for step in steps:
-        done = trial(step.split(), "", "", step, PREPARED_WITHIN_S)
+    for module, _ in COMMANDS.values():  # a child would import them anew: its time is its work's
+        import_module(f"app.cli.{module}")
+    for step in ("new", "plan --shots 40", "run --yes", "identify", "export", "export --shots"):
+        command, *options = step.split()
+        done = trial([command, str(base), *options], "", "", step, PREPARED_WITHIN_S)
         if done.code != Exit.DONE:
             raise RuntimeError(f"{step}: exit code {done.code}: {done.error}")
     _write_points(base)

@@ -1,18 +1,10 @@
-import os
 import subprocess
 import sys
-from io import BytesIO
 
 import pytest
 
-from benchmarks.rivals.pybotics_process import (
-    COMPLETE,
-    REQUIREMENT,
-    Pybotics,
-    RivalMissing,
-    environment,
-    taking_part,
-)
+from benchmarks.rivals import pybotics_process
+from benchmarks.rivals.pybotics_process import REQUIREMENT, RivalMissing, command_line, taking_part
 from benchmarks.shared.rounds import Run
 
 ANSWERS = """
@@ -40,41 +32,43 @@ def test_rival_that_ends_is_missing(text):
         rival()
 
 
-def test_question_that_nobody_reads_says_that_the_rival_has_ended():
-    reader, writer = os.pipe()
-    os.close(reader)
-    with os.fdopen(writer, "wb", buffering=0) as questions:
-        rival = Pybotics("", questions, BytesIO())
-        with pytest.raises(RivalMissing, match="ended"):
-            rival()
+@pytest.fixture
+def executed(monkeypatch):
+    """Commands that would make the environment, none of which is run."""
+    commands = []
+
+    def run(command, **_options):
+        commands.append(command)
+        if command[2] == "venv":
+            command[-1].mkdir(parents=True)
+
+    monkeypatch.setattr(pybotics_process.subprocess, "run", run)
+    return commands
 
 
-def test_environment_is_made_and_installed_once(tmp_path):
-    executed = []
-
-    def execute(command):
-        executed.append(command)
-        tmp_path.mkdir(exist_ok=True)
-
-    assert environment(tmp_path, execute) == environment(tmp_path, execute)
+def test_environment_is_made_and_installed_once(executed, tmp_path):
+    assert command_line(tmp_path) == command_line(tmp_path)
     assert [command[2] for command in executed] == ["venv", "pip"]
     assert executed[1][-1] == REQUIREMENT
 
 
-def test_failed_installation_is_one_line_and_is_tried_again_next_time(tmp_path):
-    def execute(command):
-        if "pip" in command:
-            written = b"WARNING: retrying\nERROR: no matching distribution\n"
-            raise subprocess.CalledProcessError(1, "pip", stderr=written)
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (
+            subprocess.CalledProcessError(1, "pip", stderr=b"WARNING: -\nERROR: none\n"),
+            "ERROR: none",
+        ),
+        (subprocess.TimeoutExpired("venv", 300.0), "300"),
+    ],
+)
+def test_environment_that_cannot_be_made_is_one_line_and_tried_again(
+    monkeypatch, tmp_path, error, reason
+):
+    def run(*_, **__):
+        raise error
 
-    with pytest.raises(RivalMissing, match=f"{REQUIREMENT}.*: ERROR: no matching distribution$"):
-        environment(tmp_path, execute)
-    assert not (tmp_path / COMPLETE).exists()
-
-
-def test_environment_that_cannot_be_made_is_a_missing_rival(tmp_path):
-    def execute(command):
-        raise subprocess.TimeoutExpired("venv", 300.0)
-
-    with pytest.raises(RivalMissing, match="300"):
-        environment(tmp_path, execute)
+    monkeypatch.setattr(pybotics_process.subprocess, "run", run)
+    for _ in range(2):
+        with pytest.raises(RivalMissing, match=f"{REQUIREMENT}.*: .*{reason}"):
+            command_line(tmp_path)

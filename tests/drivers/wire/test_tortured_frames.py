@@ -10,8 +10,8 @@ from collections import Counter
 from random import Random
 
 import pytest
+from wire_frames import WIRES, Wire, frame
 
-from benchmarks.shared.wire_frames import WIRES, Wire, frame
 from drivers.errors import WireError
 from drivers.wire.framing import LARGEST_PACKET_BYTES
 from drivers.wire.linuxcncrsh import read_message

@@ -1,9 +1,9 @@
 """Frames to torture wire parsers with: examples of every message, and what can become of them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from itertools import pairwise
 from random import Random
+from typing import NamedTuple
 
 from drivers.errors import WireError
 from drivers.wire import geocom, linuxcncrsh, robotline
@@ -30,20 +30,17 @@ from drivers.wire.framing import LineFramer, PacketFramer
 from sim.geometry import PAR4
 from sim.servers.robotline_server import layout_of
 
-Feed = Callable[[bytes], object]
 
-
-@dataclass(frozen=True)
-class Wire:
+class Wire(NamedTuple):
     """One parser: a fresh one for each conversation, examples, and how a line is made to fit again.
 
     `resealed` writes the checksum anew after a change, so that what is behind it is reached too.
     """
 
     name: str
-    fresh: Callable[[], Feed]
+    fresh: Callable[[], Callable[[bytes], object]]
     examples: Sequence[bytes]
-    resealed: Callable[[bytes], bytes] = field(default=lambda frame: frame)
+    resealed: Callable[[bytes], bytes] = lambda frame: frame
 
 
 def example(kind: type[Body]) -> Body:
@@ -87,7 +84,7 @@ PART = robotline.Part(
 )
 OUTCOMES: tuple[tuple[str, robotline.Answer | robotline.Refused], ...] = (
     ("HELLO", robotline.ControllerGreeting(1, "Example Robotics", "Par4", "SN-0042", "2.1", 4)),
-    ("STATE", robotline.ControllerStatus(False, False, "drive 2", (0.0, -45.0, 90.0, 1e-300))),  # noqa: FBT003
+    ("STATE", robotline.ControllerStatus(False, False, "drive 2", (0.0, -45.0, 90.0, 1e-300))),
     ("MOVEJ", robotline.MotionBegun(1.5)),
     ("GEOM", robotline.PartValues(PART)),
     ("STOP", robotline.CommandDone()),
@@ -118,7 +115,7 @@ LINUXCNC = (
 )
 
 
-def _geocom_reply() -> Feed:
+def _geocom_reply():
     framer = geocom.GeocomFramer()
     readers = (geocom.parse_number, geocom.parse_whole, geocom.parse_string)
 
@@ -138,17 +135,17 @@ def _read(read: Callable[[str], object], word: str) -> None:
         return
 
 
-def _geocom_request() -> Feed:
+def _geocom_request():
     lines = geocom.line_framer()
     return lambda data: [geocom.decode_request(line) for line in lines.feed(data)]
 
 
-def _robotline_request() -> Feed:
+def _robotline_request():
     lines = robotline.line_framer()
     return lambda data: [robotline.decode_request(line, LAYOUT) for line in lines.feed(data)]
 
 
-def _linuxcnc() -> Feed:
+def _linuxcnc():
     framer = linuxcncrsh.AnswerFramer()
 
     def feed(data: bytes) -> None:
