@@ -89,7 +89,7 @@ def outlook_document(outlook: RunOutlook) -> dict[str, object]:
 
 def knowledge(known: ParameterPrecision) -> dict[str, object]:
     """Uncertainty of the parameters, as a part of a document."""
-    return {**asdict(known), "std": known.weakest_std, "unit": known.unit}
+    return {**asdict(known), "std": known.weakest_std}
 
 
 def _count(ran: RunResult) -> str:

@@ -28,7 +28,7 @@ from drivers.polling import WakefulClock
 from drivers.ports import Clock, LaserTracker, RobotController, SystemClock
 from drivers.stopping import Alarm, unheard
 from drivers.transport import Opener, open_transport
-from drivers.values import Identity
+from drivers.values import Coordinate, Identity
 from drivers.wire.robotline import RobotLayout
 from sim.cell import Cell
 from sim.clock import ScaledClock
@@ -291,12 +291,15 @@ def raw_readers(campaign: Campaign) -> RawReaders:
 
 
 def _layout(campaign: Campaign) -> RobotLayout:
-    """Names of the robot's joints, coordinates and parameters, as the wire has them."""
+    """Joints, coordinates and parameters of the robot, as the wire has them."""
     mechanism = campaign.robot.mechanism
+    space = mechanism.parameters
     joints, task = (
-        tuple(axis.column for axis in axes) for axes in (mechanism.joints, mechanism.task)
+        [Coordinate(axis.name, axis.is_revolute) for axis in axes]
+        for axes in (mechanism.joints, mechanism.task)
     )
-    return RobotLayout(joints, task, mechanism.parameters.names, mechanism.parameters.extensions)
+    known = [(name, space[name].arm, space[name].field.stem) for name in space.names]
+    return RobotLayout.of(joints, task, known, space.extensions)
 
 
 def _check_serial(device: str, found: Identity, expected: str | None) -> None:

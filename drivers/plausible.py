@@ -15,12 +15,12 @@ from drivers.values import (
     PRESSURE,
     TEMPERATURE,
     Bounds,
+    Coordinate,
     Vector3,
     Weather,
 )
 
 RESTART = "restart the device; if it comes back, have it serviced"
-IN_DEGREES = "_deg"
 
 
 def require(where: str, bounds: Bounds, value: float, *, which: str = "") -> None:
@@ -37,14 +37,11 @@ def require(where: str, bounds: Bounds, value: float, *, which: str = "") -> Non
     )
 
 
-def require_joints(where: str, names: Sequence[str], joints: Sequence[float]) -> None:
-    """Raise `ImplausibleAnswer` for joints (rad, mm) of which one cannot be; names as in files."""
-    for name, value in zip(names, joints, strict=True):
-        if name.endswith(IN_DEGREES):
-            which = f"joint {name.removesuffix(IN_DEGREES)} at"
-            require(where, JOINT_ANGLE, degrees(value), which=which)
-        else:
-            require(where, JOINT_LENGTH, value, which=f"joint {name.removesuffix('_mm')} at")
+def require_joints(where: str, axes: Sequence[Coordinate], joints: Sequence[float]) -> None:
+    """Raise `ImplausibleAnswer` for joints (rad, mm) of which one cannot be."""
+    for axis, value in zip(axes, joints, strict=True):
+        bounds, shown = (JOINT_ANGLE, degrees(value)) if axis.is_angle else (JOINT_LENGTH, value)
+        require(where, bounds, shown, which=f"joint {axis.name} at")
 
 
 def require_point(where: str, point_mm: Vector3) -> None:

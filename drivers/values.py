@@ -60,16 +60,24 @@ def vector(values: Iterable[float]) -> Vector3:
     return x, y, z
 
 
-def outer_units(names: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
-    """Values in rad and mm in the units of their names (`q0_deg`): rad become deg."""
-    each = zip(names, values, strict=True)
-    return tuple(math.degrees(value) if name.endswith("_deg") else value for name, value in each)
+@dataclass(frozen=True, slots=True)
+class Coordinate:
+    """Joint or coordinate of a robot: an angle, rad inside and deg outside, or a length in mm."""
+
+    name: str
+    is_angle: bool
 
 
-def inner_units(names: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
-    """Values in the units of their names in rad and mm."""
-    each = zip(names, values, strict=True)
-    return tuple(math.radians(value) if name.endswith("_deg") else value for name, value in each)
+def outer_units(coordinates: Sequence[Coordinate], values: Sequence[float]) -> tuple[float, ...]:
+    """Values in deg and mm, of those in rad and mm."""
+    each = zip(coordinates, values, strict=True)
+    return tuple(math.degrees(value) if axis.is_angle else value for axis, value in each)
+
+
+def inner_units(coordinates: Sequence[Coordinate], values: Sequence[float]) -> tuple[float, ...]:
+    """Values in rad and mm, of those in deg and mm."""
+    each = zip(coordinates, values, strict=True)
+    return tuple(math.radians(value) if axis.is_angle else value for axis, value in each)
 
 
 @dataclass(frozen=True, slots=True)

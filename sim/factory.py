@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sim.geometry import Array, Geometry, Kind, geometry_of
+from sim.geometry import Array, Geometry, Kind, KindParameter, geometry_of
 from sim.random_streams import Purpose, generator
 from sim.robot.controller import ControllerSettings
 from sim.robot.driven_robot import Behaviour, Mount
@@ -26,26 +26,25 @@ RAD_PER_MRAD = 1e-3
 
 def true_geometry(robot: RobotSection, seed: int) -> dict[str, float]:
     """The robot as it was really made, by flat names, mm and deg."""
-    names = robot.kind.names
-    draw = generator(seed, Purpose.MANUFACTURE).standard_normal(len(names))
+    draw = generator(seed, Purpose.MANUFACTURE).standard_normal(len(robot.kind.names))
     flat = robot.true_flat()
     return {
-        name: flat[name] + _sigma(robot.tolerances, name) * float(draw[index])
-        for index, name in enumerate(names)
+        name: flat[name] + _sigma(robot.tolerances, parameter) * float(normal)
+        for (name, parameter), normal in zip(robot.kind.parameters.items(), draw, strict=True)
     }
 
 
-def _sigma(tolerances: Tolerances, name: str) -> float:
-    """A parameter's standard deviation of manufacture, in the unit of its name."""
-    arm, _, field = name.rpartition(".")
-    if field in {"x_mm", "y_mm", "z_mm", "joint_offset_mm"}:
-        return 0.0 if arm == "arm0" else tolerances.position_mm
-    if field == "joint_offset_deg":
+def _sigma(tolerances: Tolerances, parameter: KindParameter) -> float:
+    """A parameter's standard deviation of manufacture, in its unit."""
+    stem, unit = parameter.field
+    if stem in {"x", "y", "z"} or (stem == "joint_offset" and unit == "mm"):
+        return 0.0 if parameter.arm == 0 else tolerances.position_mm
+    if stem == "joint_offset":
         return tolerances.joint_offset_deg
-    if field == "azimuth_deg":
+    if stem == "azimuth":
         return math.degrees(tolerances.azimuth_mrad * RAD_PER_MRAD)
     # where a rail points is drawn with the axes, which lean both ways; a pinion's only scales turns
-    return 0.0 if field in {"elevation_deg", "pinion_mm"} else tolerances.length_mm
+    return 0.0 if stem in {"elevation", "pinion"} else tolerances.length_mm
 
 
 def build_of(robot: RobotSection, geometry: Geometry, seed: int) -> Build:

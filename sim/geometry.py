@@ -9,19 +9,48 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-PLACE_FIELDS = ("x_mm", "y_mm", "z_mm", "azimuth_deg")
-CRANK_FIELDS = (*PLACE_FIELDS, "joint_offset_deg", "arm_mm", "forearm_mm")
-CARRIAGE_FIELDS = (*PLACE_FIELDS, "elevation_deg", "joint_offset_mm", "forearm_mm")
+
+class Field(NamedTuple):
+    """Field of a robot's file: what it is, and its unit."""
+
+    stem: str
+    unit: Literal["mm", "deg"]
+
+    @property
+    def key(self) -> str:
+        """Key in files: `joint_offset_deg`."""
+        return f"{self.stem}_{self.unit}"
+
+
+class KindParameter(NamedTuple):
+    """Parameter of a kind of mechanism: an arm's, or the platform's."""
+
+    arm: int | None
+    field: Field
+
+    @property
+    def name(self) -> str:
+        """Flat name: `arm2.arm_mm`, `plate_mm`."""
+        return self.field.key if self.arm is None else f"arm{self.arm}.{self.field.key}"
+
+
+PLACES = (Field("x", "mm"), Field("y", "mm"), Field("z", "mm"))
+LENGTHS = ("arm", "forearm", "plate", "pinion")
+FOREARM, AZIMUTH = Field("forearm", "mm"), Field("azimuth", "deg")
+CRANK_FIELDS = (*PLACES, AZIMUTH, Field("joint_offset", "deg"), Field("arm", "mm"), FOREARM)
+CARRIAGE_FIELDS = (
+    *(*PLACES, AZIMUTH, Field("elevation", "deg")),
+    *(Field("joint_offset", "mm"), FOREARM),
+)
 CRANK_EXTENSIONS = ("axis_tilt_deg", "parallelogram_skew_deg")
 CARRIAGE_EXTENSIONS = ("rail_tilt_deg", *CRANK_EXTENSIONS)
-LENGTH_FIELDS = ("arm_mm", "forearm_mm", "plate_mm", "pinion_mm")
 CRANK_MM = 300.0
 """A typical crank: a carriage's travel of that length compares with a crank's turn of 1 rad."""
 
@@ -34,10 +63,10 @@ class Turn:
     """Platform's inner joint: the two parts that it joins, and the parameter of their way apart."""
 
     joint: Literal["hinge", "slide"]
-    parameter: str
+    parameter: Field
 
 
-HINGE, SLIDE = Turn("hinge", "plate_mm"), Turn("slide", "pinion_mm")
+HINGE, SLIDE = Turn("hinge", Field("plate", "mm")), Turn("slide", Field("pinion", "mm"))
 
 
 @dataclass(frozen=True)
@@ -66,11 +95,18 @@ class Kind:
         return self.turn is not None and 0.0 not in self.shares
 
     @cached_property
+    def parameters(self) -> Mapping[str, KindParameter]:
+        """Its parameters by flat name."""
+        fields = CARRIAGE_FIELDS if self.on_rails else CRANK_FIELDS
+        every = [KindParameter(arm, field) for arm in range(self.arms) for field in fields]
+        if self.turn is not None:
+            every.append(KindParameter(None, self.turn.parameter))
+        return {each.name: each for each in every}
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Flat names of its parameters."""
-        fields = CARRIAGE_FIELDS if self.on_rails else CRANK_FIELDS
-        of_arms = (f"arm{arm}.{field}" for arm in range(self.arms) for field in fields)
-        return (*of_arms, *(() if self.turn is None else (self.turn.parameter,)))
+        return tuple(self.parameters)
 
     @cached_property
     def extensions(self) -> tuple[str, ...]:
@@ -171,7 +207,7 @@ def _prototype() -> dict[str, float]:
     flat = {}
     for arm, (x, y, azimuth_deg) in enumerate(corners):
         values = (172.5 * x, 222.5 * y, 0.0, azimuth_deg, 0.0, 350.0, 700.0)
-        flat.update({f"arm{arm}.{f}": v for f, v in zip(CRANK_FIELDS, values, strict=True)})
+        flat.update({f"arm{arm}.{f.key}": v for f, v in zip(CRANK_FIELDS, values, strict=True)})
     return {**flat, "plate_mm": 100.0}
 
 
@@ -194,7 +230,8 @@ def problem_with(
     for name in flat:
         if not math.isfinite(flat[name]):
             return f"{name} is {flat[name]}, not a finite number"
-        if name.endswith(LENGTH_FIELDS) and flat[name] <= 0.0:
+        known = kind.parameters.get(name)
+        if known is not None and known.field.stem in LENGTHS and flat[name] <= 0.0:
             return f"{name} is {flat[name]:g} mm, and a length is above 0"
     return ""
 
@@ -214,5 +251,5 @@ def geometry_of(flat: Mapping[str, float], kind: Kind = PAR4) -> Geometry:
         joint_offsets=offset if kind.on_rails else np.radians(offset),
         arms_mm=column("arm_mm"),
         forearms_mm=column("forearm_mm"),
-        apart_mm=0.0 if kind.turn is None else float(flat[kind.turn.parameter]),
+        apart_mm=0.0 if kind.turn is None else float(flat[kind.turn.parameter.key]),
     )

@@ -10,6 +10,7 @@ from campaigns.evaluation.gains import NO_CHANGE
 from campaigns.evaluation.residual_budget import ResidualBudget
 from campaigns.files.table import Column, words
 from campaigns.identification.result import ComparedModel, IdentifiedParameter
+from campaigns.mechanisms.parameters import ParameterSpace
 
 DECIMALS = 4
 """Of parameters, and of what models leave."""
@@ -17,11 +18,11 @@ STRONGEST = 8
 Named = tuple[str, IdentifiedParameter]
 
 
-def parameters(interval: float | None) -> tuple[Column[Named], ...]:
+def parameters(interval: float | None, space: ParameterSpace) -> tuple[Column[Named], ...]:
     """Columns of parameters. `interval`: half-width of 95 % intervals in σ; None: not known."""
     return (
-        words("parameter", lambda row: row[0].rpartition("_")[0]),
-        words("unit", lambda row: row[0].rpartition("_")[2].replace("deg", "°")),
+        words("parameter", lambda row: space[row[0]].label),
+        words("unit", lambda row: space[row[0]].sign.strip()),
         *values(interval),
         Column("Δ ÷ σ", lambda row: _change_in_sigma(row[1]), decimals=1, signed=True),
         words("", lambda row: _shown(row[1], interval)),

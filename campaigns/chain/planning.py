@@ -96,7 +96,8 @@ def _refusals(campaign: Campaign, rng: np.random.Generator) -> Refusals | None:
 def _settled(campaign: Campaign, options: PlanOptions) -> tuple[Placement, OptimalRequest]:
     """Options before settings; raises `GoalInvalid`, `SelectionInvalid` or `OptionsInvalid`."""
     free = free_parameters(campaign, options)
-    until_mm = None if options.until is None else _goal_mm(options.until, free)
+    lengths = campaign.robot.parameters.space.of_unit("mm", free)
+    until_mm = None if options.until is None else _goal_mm(options.until, lengths)
     most = MOST_SHOTS if options.shots is None and until_mm is not None else options.shots
     request = OptimalRequest(
         plan=campaign.plan_request(most),
@@ -111,8 +112,8 @@ def _settled(campaign: Campaign, options: PlanOptions) -> tuple[Placement, Optim
     return by_options or Placement(campaign.config.plan.placement), request
 
 
-def _goal_mm(text: str, free: tuple[str, ...]) -> float:
-    if not any(name.endswith("_mm") for name in free):
+def _goal_mm(text: str, lengths: tuple[str, ...]) -> float:
+    if not lengths:
         raise OptionsInvalid(
             "--until is a goal for lengths, but --fix leaves no length to find",
             remedy="give --shots instead, or fix fewer",

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from campaigns.arrays import Array, Index
+from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation.information import distance_jacobian, point_jacobian, whitened
 from campaigns.mechanisms.mechanism import Kinematics
 
@@ -19,17 +19,21 @@ class Candidates:
     """Scaled unknown over unknown in mm or rad, (P,)."""
     names: tuple[str, ...]
     """Names of the parameters, (F,); the unknowns after them are nuisance."""
+    is_length: Mask
+    """Which of them are in mm, (F,)."""
     mean_information: Array
     """JᵀJ of an average candidate in scaled unknowns, (P, P)."""
 
     @classmethod
-    def from_jacobians(cls, jacobians: Array, names: tuple[str, ...]) -> "Candidates":
+    def from_jacobians(
+        cls, jacobians: Array, names: tuple[str, ...], is_length: Mask
+    ) -> "Candidates":
         """Candidates from whitened Jacobians (M, k, P) by unknowns in mm and rad."""
         size = np.sqrt(np.mean(jacobians**2, axis=(0, 1)))
         scale = np.where(size > 0.0, size, 1.0)
         scaled = jacobians / scale
         jacobian = scaled.reshape(-1, len(scale))
-        return cls(scaled, scale, names, jacobian.T @ jacobian / len(jacobians))
+        return cls(scaled, scale, names, is_length, jacobian.T @ jacobian / len(jacobians))
 
     def __len__(self) -> int:
         return len(self.jacobians)
@@ -58,7 +62,7 @@ def shot_candidates(
 ) -> Candidates:
     """Shots with covariances (N, 3, 3) in the base frame's axes; the tracker's frame is unknown."""
     jacobians = whitened(point_jacobian(kinematics, free, joints, poses), covariance_mm2)
-    return Candidates.from_jacobians(jacobians, free)
+    return Candidates.from_jacobians(jacobians, free, _lengths(kinematics, free))
 
 
 def pair_candidates(
@@ -72,4 +76,9 @@ def pair_candidates(
     """Distances between rows of poses, pairs (M, 2) with variances (M,); no frame is involved."""
     jacobians = distance_jacobian(kinematics, free, joints, poses, pairs)
     in_std = jacobians / np.sqrt(variance_mm2)[:, None]
-    return Candidates.from_jacobians(in_std[:, None, :], free)
+    return Candidates.from_jacobians(in_std[:, None, :], free, _lengths(kinematics, free))
+
+
+def _lengths(kinematics: Kinematics, names: tuple[str, ...]) -> Mask:
+    space = kinematics.mechanism.parameters
+    return ~space.is_angle[space.places(names)]

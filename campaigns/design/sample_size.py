@@ -16,7 +16,7 @@ from campaigns.design.exchange import (
     minimum_measurements,
     optimal_design,
 )
-from campaigns.estimation.information import covariance, worst_length
+from campaigns.estimation.information import covariance
 
 DIMINISHING_RETURNS_RATIO = 1.1
 """Factor of the least σ √N within which more measurements only average."""
@@ -142,5 +142,5 @@ def _doubled(fewest: int, most: int) -> Iterator[int]:
 def evaluate(candidates: Candidates, chosen: Index) -> DesignPoint:
     """Design of the chosen candidates, with the σ of the length known worst, zero without any."""
     std = np.sqrt(np.diag(covariance(candidates.jacobian(chosen))))
-    length_mm = worst_length(std[: candidates.parameters], candidates.names)
+    length_mm = float(std[: candidates.parameters][candidates.is_length].max(initial=0.0))
     return DesignPoint(chosen, length_mm)

@@ -133,12 +133,6 @@ def covariance(jacobian: Array) -> Array:
     return np.asarray(root @ root.T)
 
 
-def worst_length(std: Array, names: Sequence[str]) -> float:
-    """Largest of standard uncertainties (F,) that is of a length; zero where there is none."""
-    length = np.array([not name.endswith("_deg") for name in names], dtype=bool)
-    return float(std[length].max(initial=0.0))
-
-
 def point_jacobian(
     kinematics: Kinematics, free: tuple[str, ...], joints: Array, poses: Array
 ) -> Array:
@@ -258,6 +252,8 @@ class Uncertainty:
     hold_out_ratio: float = 1.0
     """Factor of the standard uncertainty of positions: 1 while chance explains unseen pairs."""
     source: Source = "fitted"
+    units: tuple[str, ...] = ()
+    """Of each name, mm or deg; empty in results of older software."""
 
     @classmethod
     def of(
@@ -274,7 +270,8 @@ class Uncertainty:
         """From a covariance (F, F) in mm and rad; `units` are factors of the names' units, (F,)."""
         matrix = covariance_matrix / np.outer(units, units)
         rows = tuple(map(tuple, matrix.tolist()))
-        return cls(tuple(names), rows, sigma0, dof, hold_out_ratio, source)
+        words = tuple("mm" if unit == 1.0 else "deg" for unit in units.tolist())
+        return cls(tuple(names), rows, sigma0, dof, hold_out_ratio, source, words)
 
     @property
     def array(self) -> Array:
@@ -291,7 +288,8 @@ class Uncertainty:
         kept = tuple(names)
         places = [self.names.index(name) for name in kept]
         rows = tuple(map(tuple, self.array[np.ix_(places, places)].tolist()))
-        return replace(self, names=kept, matrix=rows)
+        units = tuple(self.units[place] for place in places) if self.units else ()
+        return replace(self, names=kept, matrix=rows, units=units)
 
     def std(self) -> dict[str, float]:
         """Standard uncertainty (1 σ) by name, mm and deg."""
@@ -306,7 +304,8 @@ class Uncertainty:
 
     def largest(self, unit: Literal["mm", "deg"]) -> float:
         """Largest standard uncertainty in a unit; zero where no parameter has it."""
-        return max((std for name, std in self.std().items() if name.endswith(unit)), default=0.0)
+        own = zip(self.std().values(), self.units, strict=True)
+        return max((std for std, of in own if of == unit), default=0.0)
 
     def of_positions(self, sample: WorkspaceSample) -> Array:
         """Standard uncertainty of positions of a sample of the workspace, (N,), mm."""

@@ -182,6 +182,7 @@ class PrecisionMonitor:
             0.0 if noise is None else noise.birge_ratio or 0.0,
             known.sigma0,
             known.sigma0 > 1.0 or robot_scatters,
+            space[weakest].unit,
         )
 
 

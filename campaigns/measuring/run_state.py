@@ -32,7 +32,7 @@ class ParameterPrecision:
     weakest: str
     """The parameter known worst; angles are compared by what they do at the arm's end."""
     weakest_std: float
-    """In the unit of its name, mm or deg."""
+    """In `unit`."""
     length_std_mm: float
     """Of the length known worst: what a goal is about."""
     position_std_mm: float
@@ -43,11 +43,8 @@ class ParameterPrecision:
     """Square root of the variance factor, which every σ was multiplied by; 1 where none was."""
     is_widened: bool = False
     """Whether the scatter, by that factor or as the robot's own, made σ larger than stated."""
-
-    @property
-    def unit(self) -> str:
-        """Of `weakest_std`."""
-        return self.weakest.rpartition("_")[2]
+    unit: str = "mm"
+    """Of `weakest_std`, mm or deg."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -79,6 +79,11 @@ class Parameter:
         return self.field.name if self.arm is None else f"arm{self.arm}.{self.field.name}"
 
     @property
+    def label(self) -> str:
+        """Name without the unit: `arm2.arm`."""
+        return self.field.stem if self.arm is None else f"arm{self.arm}.{self.field.stem}"
+
+    @property
     def unit(self) -> Literal["mm", "deg"]:
         """Unit in files and on screens."""
         return self.field.unit

@@ -81,7 +81,7 @@ def judge(setup: StudySetup, made: PerturbedCampaign) -> CampaignVerdict:
         signal=made.signal(),
         missing=missing,
         too_many=too_many,
-        named=_named(made.perturbation, found, change, all_named=missing == too_many == 0),
+        named=_named(made, found, change, all_named=missing == too_many == 0),
         false_alarm=_false_alarm(made.perturbation, doubts, change, too_many),
     )
 
@@ -115,7 +115,7 @@ def _change(made: PerturbedCampaign, found: IdentificationResult) -> str:
     if made.perturbation.drift:
         wanted = "drift" if made.perturbation.drift == "frame" else "lengths"
         return "right" if (kind, cause) == ("drift", wanted) else "cause"
-    right_arm = kind == "frame" or cause.startswith(f"arm{made.arm}.")
+    right_arm = kind == "frame" or made.true.mechanism.parameters[cause].arm == made.arm
     if kind != made.perturbation.step or not right_arm:
         return "cause"
     numbers = [made.shots.numbers[row] for row in fitted_rows(made.shots).tolist()]
@@ -124,9 +124,10 @@ def _change(made: PerturbedCampaign, found: IdentificationResult) -> str:
 
 
 def _named(
-    perturbation: Perturbation, found: IdentificationResult, change: str, *, all_named: bool
+    made: PerturbedCampaign, found: IdentificationResult, change: str, *, all_named: bool
 ) -> bool:
     """Naming of what happened; of a clean campaign naming nothing."""
+    perturbation = made.perturbation
     names, scatter = {each.name for each in found.doubts}, found.robot_scatter
     if perturbation.step or perturbation.drift:
         return change == "right"
@@ -134,7 +135,7 @@ def _named(
         return all_named
     if perturbation.scale != 1.0:
         return COMMON_SCALE in names
-    if perturbation.beyond_the_model and not _described(perturbation, found):
+    if perturbation.beyond_the_model and not _described(made, found):
         return bool(names & {LACK, HOLD_OUT})
     if perturbation.backlash_deg:
         return scatter is not None and scatter.joint > 0.0
@@ -143,10 +144,11 @@ def _named(
     return not any(each.affects_verdict for each in found.doubts) and all_named
 
 
-def _described(perturbation: Perturbation, found: IdentificationResult) -> bool:
+def _described(made: PerturbedCampaign, found: IdentificationResult) -> bool:
     """Presence of parameters for all that is imperfect."""
-    fields = {name.rpartition(".")[2] for name in found.free}
-    has_skews, has_tilts = PARALLELOGRAM_SKEW.name in fields, AXIS_TILT.name in fields
+    space, perturbation = made.true.mechanism.parameters, made.perturbation
+    fields = {space[name].field for name in found.free}
+    has_skews, has_tilts = PARALLELOGRAM_SKEW in fields, AXIS_TILT in fields
     return (has_skews or not perturbation.rods_mm) and (has_tilts or not perturbation.axes_mrad)
 
 

@@ -250,7 +250,7 @@ def _identity(greeting: wire.ControllerGreeting, axes: int) -> Identity:
 
 def _check_geometry(geometry: Mapping[str, float], layout: wire.RobotLayout) -> None:
     """Refuse, before anything is sent, what the controller could only refuse half way."""
-    wrong = sorted((geometry.keys() - set(layout.extensions)) ^ set(layout.parameters))
+    wrong = sorted((geometry.keys() - set(layout.extensions)) ^ layout.parameters)
     wrong += [name for name, value in geometry.items() if not isfinite(value)]
     if wrong:
         raise DeviceRefused(

@@ -8,14 +8,15 @@ there are is the robot's: its `RobotLayout` counts.
 import math
 import re
 from binascii import crc_hqx
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from itertools import count
-from typing import Any, ClassVar, TypeVar, cast
+from typing import Any, ClassVar, Self, TypeVar, cast
 from urllib.parse import quote, unquote
 
 from drivers.errors import WireError
+from drivers.values import Coordinate
 from drivers.wire.framing import LineFramer
 
 VERSION = 1
@@ -41,32 +42,44 @@ _NUMBER = re.compile(r"-?[0-9]+\.[0-9]+([eE][+-]?[0-9]{1,3})?")
 _WHOLE = re.compile(r"0|[1-9][0-9]{0,8}")
 _NAME = re.compile(r"([!-$&-~]|%[0-9A-F]{2})+")
 _UNQUOTED = "".join(chr(code) for code in range(0x21, 0x7F) if chr(code) != "%")
-_OF_ARM = re.compile(r"arm([0-9]+)\.\w+")
 
 
 @dataclass(frozen=True)
 class RobotLayout:
-    """Names of a robot's joints, coordinates and parameters, each with its unit (`q0_deg`).
+    """Joints, coordinates and parameters of a robot.
 
-    Parameters of an arm, `arm0.x_mm`, go into one line `ARM 0`; any other has a line of its own,
-    `PLATE` for `plate_mm`. Each of `extensions`, `arm0.axis_tilt_deg`, has a line by its name; a
-    controller may have none of them.
+    Each of `extensions`, `arm0.axis_tilt_deg`, has a line by its name; a controller may have none
+    of them.
     """
 
-    joints: tuple[str, ...]
-    coordinates: tuple[str, ...]
-    parameters: tuple[str, ...]
+    joints: tuple[Coordinate, ...]
+    coordinates: tuple[Coordinate, ...]
+    parts: Mapping[str, tuple[str, ...]]
+    """Parameters of each line that every controller has, by the words that begin it.
+
+    Those of an arm, `arm0.x_mm`, are in one line `ARM 0`, any other in one of its own.
+    """
     extensions: tuple[str, ...] = ()
 
-    @cached_property
-    def parts(self) -> dict[str, tuple[str, ...]]:
-        """Parameters of each line that every controller has, by the words that begin it."""
+    @classmethod
+    def of(
+        cls,
+        joints: Iterable[Coordinate],
+        coordinates: Iterable[Coordinate],
+        parameters: Iterable[tuple[str, int | None, str]],
+        extensions: Iterable[str] = (),
+    ) -> Self:
+        """Layout of parameters by name, arm and stem: one of no arm has a line `STEM`."""
         parts: dict[str, tuple[str, ...]] = {}
-        for name in self.parameters:
-            arm = _OF_ARM.fullmatch(name)
-            words = f"ARM {arm[1]}" if arm else name.rpartition("_")[0].upper()
+        for name, arm, stem in parameters:
+            words = stem.upper() if arm is None else f"ARM {arm}"
             parts[words] = (*parts.get(words, ()), name)
-        return parts
+        return cls(tuple(joints), tuple(coordinates), parts, tuple(extensions))
+
+    @cached_property
+    def parameters(self) -> frozenset[str]:
+        """Names of the parameters that every controller has."""
+        return frozenset(name for names in self.parts.values() for name in names)
 
     def parts_of(self, parameters: Mapping[str, float]) -> "Iterator[Part]":
         """Lines that hold a whole parameter set; raises `KeyError` for one that is missing."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
-from sim.geometry import CRANK_MM, KINDS, Kind
+from sim.geometry import CRANK_MM, KINDS, PLACES, Field, Kind
 from sim.robot.section import ENTRIES_OF_AN_ARM
 from sim.scenarios.scenario import edited, parse_scenario
 from sim.section import Point
@@ -44,11 +44,11 @@ def adapted(text: str, robot: OtherRobot) -> str:
     """Cell file for that robot; unchanged where it is of the same one. Raises `ScenarioInvalid`."""
     scenario = parse_scenario(text, "the scenario")
     same_kind = scenario.robot.kind is robot.kind
-    if same_kind and _is_same(scenario.robot.nominal_flat(), robot.geometry):
+    if same_kind and _is_same(robot.kind, scenario.robot.nominal_flat(), robot.geometry):
         return text
 
     def fit(tree: CommentedMap) -> None:
-        _fit_robot(tree["robot"], robot, same_kind=same_kind)
+        _fit_robot(tree["robot"], robot, scenario.robot.kind)
         _fit_controller(tree, robot)
         if robot.kind.turn is None:
             tree.get("acceptance", {}).pop("rotation_mm", None)
@@ -70,11 +70,11 @@ def _checked(text: str, name: str) -> str:
     return text
 
 
-def _fit_robot(section: CommentedMap, robot: OtherRobot, *, same_kind: bool) -> None:
+def _fit_robot(section: CommentedMap, robot: OtherRobot, before: Kind) -> None:
     """Another geometry, and errors as large as those of the one before."""
     section.pop("nominal", None)
-    if not same_kind:
-        _spread_errors(section)
+    if before is not robot.kind:
+        _spread_errors(section, before)
         _fit_arms(section, robot.kind)
         section.insert(0, "mechanism", robot.mechanism)
     section.insert(1, "geometry", _geometry(robot))
@@ -84,18 +84,17 @@ def _fit_robot(section: CommentedMap, robot: OtherRobot, *, same_kind: bool) -> 
         section.yaml_add_eol_comment("the part at the point turns: on its axis", "reflector")
 
 
-def _is_same(flat: Mapping[str, float], other: Mapping[str, float]) -> bool:
-    units = {name: name.rpartition("_")[2] for name in flat}
-    return all(abs(flat[name] - other[name]) <= SAME_WITHIN[unit] for name, unit in units.items())
+def _is_same(kind: Kind, flat: Mapping[str, float], other: Mapping[str, float]) -> bool:
+    within = {name: SAME_WITHIN[each.field.unit] for name, each in kind.parameters.items()}
+    return all(abs(flat[name] - other[name]) <= within[name] for name in flat)
 
 
 def _geometry(robot: OtherRobot) -> CommentedMap:
     arms = [CommentedMap() for _ in range(robot.kind.arms)]
     whole = CommentedMap(arms=arms)
-    for name in robot.kind.names:
-        arm, _, field = name.rpartition(".")
-        holder = arms[int(arm.removeprefix("arm"))] if arm else whole
-        holder[field] = robot.geometry[name]
+    for name, (arm, field) in robot.kind.parameters.items():
+        holder = whole if arm is None else arms[arm]
+        holder[field.key] = robot.geometry[name]
     for each in arms:
         each.fa.set_flow_style()
     return whole
@@ -107,24 +106,23 @@ def _row(values: list[float]) -> CommentedSeq:
     return row
 
 
-def _spread_errors(section: CommentedMap) -> None:
+def _spread_errors(section: CommentedMap, kind: Kind) -> None:
     """Tolerances of the size (rms) of the errors that are named."""
     errors = section.pop("errors", None)
     if not errors:
         return
     sizes: dict[str, list[float]] = {}
     for name, value in errors.items():
-        sizes.setdefault(_tolerance_of(name), []).append(float(value))
+        sizes.setdefault(_tolerance_of(kind.parameters[name].field), []).append(float(value))
     tolerances = section.setdefault("tolerances", CommentedMap())
     for key, values in sizes.items():
         tolerances[key] = round(math.sqrt(sum(v * v for v in values) / len(values)), 3)
 
 
-def _tolerance_of(name: str) -> str:
-    field = name.rpartition(".")[2]
-    if field in {"x_mm", "y_mm", "z_mm"}:
+def _tolerance_of(field: Field) -> str:
+    if field in PLACES:
         return "position_mm"
-    return "joint_offset_deg" if field == "joint_offset_deg" else "length_mm"
+    return field.key if field.key == "joint_offset_deg" else "length_mm"
 
 
 def _fit_arms(section: CommentedMap, kind: Kind) -> None:

@@ -3,16 +3,20 @@
 from collections.abc import Callable
 from math import radians
 
+from drivers.values import Coordinate
 from drivers.wire import robotline as wire
 from sim.geometry import Kind
 from sim.robot.controller import Refusal, SimulatedController
 
 
 def layout_of(kind: Kind, extensions: tuple[str, ...] = ()) -> wire.RobotLayout:
-    """Names of a mechanism's joints, coordinates and parameters, as the wire has them."""
-    turn = () if kind.turn is None else ("theta_deg",)
-    joints = tuple(f"q{arm}_{kind.unit}" for arm in range(kind.arms))
-    return wire.RobotLayout(joints, ("x_mm", "y_mm", "z_mm", *turn), kind.names, extensions)
+    """Joints, coordinates and parameters of a mechanism, as the wire has them."""
+    joints = [Coordinate(f"q{arm}", not kind.on_rails) for arm in range(kind.arms)]
+    task = [Coordinate(name, is_angle=False) for name in "xyz"]
+    if kind.turn is not None:
+        task.append(Coordinate("theta", is_angle=True))
+    known = [(name, each.arm, each.field.stem) for name, each in kind.parameters.items()]
+    return wire.RobotLayout.of(joints, task, known, extensions)
 
 
 class RobotlineSession:

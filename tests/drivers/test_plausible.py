@@ -9,7 +9,7 @@ from scripted_linuxcnc import ScriptedLinuxcnc
 
 from drivers.errors import ImplausibleAnswer
 from drivers.plausible import require_joints, require_point, require_weather
-from drivers.values import DISTANCE, JOINT_ANGLE, TEMPERATURE, Weather
+from drivers.values import DISTANCE, JOINT_ANGLE, TEMPERATURE, Coordinate, Weather
 from drivers.wire.geocom import words_of
 from drivers.wire.geocom_constants import Rpc
 
@@ -78,10 +78,10 @@ def test_bounds_hold_no_number_that_is_none(value):
 
 
 def test_joints_that_slide_are_held_to_lengths():
-    names = ("q0_deg", "q1_mm")
-    require_joints("here", names, (6.28, 99_000.0))
+    axes = (Coordinate("q0", is_angle=True), Coordinate("q1", is_angle=False))
+    require_joints("here", axes, (6.28, 99_000.0))
     with pytest.raises(ImplausibleAnswer, match=r"joint q1 at 100001 mm"):
-        require_joints("here", names, (0.0, 100_001.0))
+        require_joints("here", axes, (0.0, 100_001.0))
 
 
 def test_bounds_are_those_of_imported_shots():

@@ -61,4 +61,6 @@ def anything(count, k, unknowns, seed, parameters=None):
     """Candidates that belong to no robot."""
     rows = np.random.default_rng(seed).standard_normal((count, k, unknowns))
     own = unknowns if parameters is None else parameters
-    return Candidates.from_jacobians(rows, tuple(f"p{i}_mm" for i in range(own)))
+    return Candidates.from_jacobians(
+        rows, tuple(f"p{i}_mm" for i in range(own)), np.ones(own, dtype=bool)
+    )

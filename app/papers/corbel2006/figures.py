@@ -22,6 +22,7 @@ from app.report.figures.drawing import (
     new_figure,
 )
 from campaigns.arrays import AXES
+from campaigns.mechanisms.par4 import PAR4
 
 PAPER = "#98281f"
 ROW_MM = 5.0
@@ -83,7 +84,7 @@ def parameters_missed(results: Mapping[str, Sequence[TrialResult]]) -> Figure:
     figure = new_figure(78.0)
     series = {name: own for name, own in results.items() if own}
     names = list(next(iter(series.values()))[0].parameters)
-    parts = [[n for n in names if n.endswith(f"_{unit}")] for unit in ("mm", "deg")]
+    parts = [PAR4.parameters.of_unit(unit, names) for unit in ("mm", "deg")]
     every = figure.subplots(1, 2, width_ratios=[len(part) + 1 for part in parts])
     for axes, part, unit in zip(every, parts, ("mm", "°"), strict=True):
         for place, (experiment, own) in enumerate(series.items()):
@@ -150,9 +151,9 @@ def _middle(words: str) -> float:
 
 def _short(name: str) -> str:
     """`arm2.joint_offset_deg` as `2 joint offset`."""
-    arm, _, field = name.rpartition(".")
-    field = field.rpartition("_")[0].replace("_", " ")
-    return f"{arm.removeprefix('arm')} {field}".strip()
+    parameter = PAR4.parameters[name]
+    words = parameter.field.words
+    return words if parameter.arm is None else f"{parameter.arm} {words}"
 
 
 def _first_of_each(figure: Figure, axes: Axes, columns: int) -> None:

@@ -43,8 +43,9 @@ def plan_picture(
 
 def _draw_std(figure: FigureBase, predicted: Uncertainty) -> None:
     """Bars, lengths and angles each with an axis of their own."""
-    std = predicted.std()
-    kinds = {unit: {n: s for n, s in std.items() if n.endswith(unit)} for unit in ("_mm", "_deg")}
+    kinds: dict[str, dict[str, float]] = {"_mm": {}, "_deg": {}}
+    for (name, std), unit in zip(predicted.std().items(), predicted.units, strict=True):
+        kinds[f"_{unit}"][name] = std
     shown = {unit: values for unit, values in kinds.items() if values}
     widths = [max(len(values), 4) for values in shown.values()]
     every = figure.subplots(1, len(shown), width_ratios=widths, squeeze=False)[0]

@@ -34,6 +34,7 @@ from campaigns.journal.records import (
     Rejected,
     SeriesStarted,
 )
+from campaigns.mechanisms.par4 import PAR4
 from campaigns.settings.sections import AcceptanceConfig, PeopleConfig
 from campaigns.shots.import_export import ImportedFile, append_import
 from campaigns.shots.shot_sets import ShotSet
@@ -482,11 +483,12 @@ def test_a_load_without_an_end_stands_above_the_verdict(tmp_path: Path) -> None:
 def test_a_parameter_within_its_uncertainty_shows_no_change(whole: PaperCampaign) -> None:
     parameters = gather(whole.campaign).identification.parameters
     found = {
-        "a_mm": replace(parameters["plate_mm"], nominal=1.0, value=1.19, std=0.1),
-        "b_mm": replace(parameters["plate_mm"], nominal=1.0, value=1.21, std=0.1),
+        "arm0.x_mm": replace(parameters["plate_mm"], nominal=1.0, value=1.19, std=0.1),
+        "plate_mm": replace(parameters["plate_mm"], nominal=1.0, value=1.21, std=0.1),
     }
     usual, with_few = (
-        texts(model_sections.parameters(interval), found.items()) for interval in (1.96, 2.3)
+        texts(model_sections.parameters(interval, PAR4.parameters), found.items())
+        for interval in (1.96, 2.3)
     )
     assert [row[-1] for row in usual] == ["no change shown", ""]
     assert [row[6] for row in usual] == ["0.1960", "0.1960"]

@@ -106,6 +106,7 @@ def test_the_worst_length_is_sought_among_lengths():
         candidates.jacobians,
         np.array([1.0, 10.0, 1.0]),
         ("a_mm", "b_mm", "c_deg"),
+        np.array([True, True, False]),
         candidates.mean_information,
     )
     everything = np.arange(50)

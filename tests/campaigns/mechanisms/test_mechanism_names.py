@@ -46,6 +46,8 @@ TELLTALE = {
     r"|\b\w*(?:JOINTS|ARMS|MOTORS) = \d"
     r"|\brange\(4\)|\([NMn](?:, n)?, 4\)",
     "a number of parameters": r"\b(?:15|20|21|22|29) (?:free )?(?:parameters|values|pins)\b",
+    "a unit or an arm in a name": r"endswith\(f?\(?[\"'][._]*(?:deg|mm)\b|removeprefix\([\"']arm"
+    r"|startswith\(f?[\"']arm|endswith\([\"']\.?\w+_(?:deg|mm)[\"']",
     "a turn's place": r"\[(?:\.\.\.|:|\w+), 3(?:, None)?\]",
 }
 TOLD = {
@@ -63,6 +65,12 @@ TOLD = {
     "a fourth arm": ("arm3.x_mm", "q3_deg", "q0_deg…q3_deg"),
     "a number of arms": ("four joints", "JOINTS = 4", "range(4)", "joints (N, 4)"),
     "a number of parameters": ("the 22 parameters",),
+    "a unit or an arm in a name": (
+        'name.endswith("_deg")',
+        'cause.startswith(f"arm{arm}.")',
+        'arm.removeprefix("arm")',
+        'name.endswith(".axis_tilt_deg")',
+    ),
     "a turn's place": ("poses[:, 3]", "poses[..., 3]", "poses[row, 3]"),
 }
 INNOCENT = (
@@ -93,7 +101,6 @@ ALLOWED = (
     ("drivers/ports.py", "`plate_mm`", EXAMPLE),
     ("drivers/values.py", "theta_rad: float | None = None", POSE),
     ("drivers/values.py", "if self.theta_rad is None", POSE),
-    ("drivers/wire/robotline.py", "`PLATE` for `plate_mm`", EXAMPLE),
 )
 """File, a part of the line, and why it may stand there."""
 
