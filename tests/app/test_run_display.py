@@ -46,7 +46,7 @@ def test_what_is_not_known_is_not_told():
 
 
 KNOWN = ParameterPrecision(40, "arm2.z_mm", 0.0214, 0.0341, 0.0061, 0.9)
-OF_AN_ANGLE = replace(KNOWN, weakest="arm3.joint_offset_deg", weakest_std=0.00213)
+OF_AN_ANGLE = replace(KNOWN, weakest="arm3.joint_offset_deg", weakest_std=0.00213, unit="deg")
 
 
 def test_the_weakest_parameter_is_told_in_its_unit():
