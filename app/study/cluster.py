@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from queue import Empty, Queue
 from typing import Any
 
-from app.study.results import Lost, Outcome, Result, Results, Task, Work, tried
+from app.study.results import Outcome, Result, Results, Task, Work, tried
 from campaigns.errors import OptionsInvalid
 
 LOGS = ("distributed", "distributed.client", "asyncio")
@@ -115,7 +115,7 @@ def _from_cluster(
                 if client.nthreads():
                     continue
                 left = (*places.values(), *suspects)
-                yield from (Lost(place, "the cluster has no workers left") for place in left)
+                yield from (Result(place, lost="the cluster has no workers left") for place in left)
                 return
             place = places.pop(future)
             result: Result[Outcome] | None = _result_of(future, place, patience.result_s)
@@ -127,17 +127,17 @@ def _from_cluster(
                 gone[place] += 1
                 submit(place)
             else:
-                yield Lost(place, "its result was lost on the cluster again and again")
+                yield Result(place, lost="its result was lost on the cluster again and again")
 
 
 def _result_of(future: Any, place: int, within_s: float) -> Result[Any] | None:
     """None when the worker died with the result."""
     if future.status == "cancelled":
-        return Lost(place, "the cluster ended it")
+        return Result(place, lost="the cluster ended it")
     try:
         result: Result[Any] = future.result(timeout=within_s)
     except TimeoutError:
         return None
     except Exception as error:  # noqa: BLE001 - Dask's own word on this task, told as it is
-        return Lost(place, f"{type(error).__name__}: {error}".split(". ", maxsplit=1)[0])
+        return Result(place, lost=f"{type(error).__name__}: {error}".split(". ", maxsplit=1)[0])
     return result

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Generic
 
 from app.progress import CountedWork
-from app.study.results import Lost, Task, Work, Workers
+from app.study.results import Task, Work, Workers
 from app.study.setup import Combination, study_tasks
 from campaigns.studies.engine import ResultTable, Row, run_task
 from campaigns.studies.study import CampaignRow
@@ -43,11 +43,10 @@ def run_jobs(
             table.write()
         for result in results:
             job = jobs[result.place]
-            if isinstance(result, Lost):
-                lost.append((job, result.reason))
+            if result.lost:
+                lost.append((job, result.lost))
                 counted.news = f"{sum(job.count for job, _ in lost)} lost"
-            else:
-                job.table.add(result.outcomes)
+            job.table.add(result.rows)
             counted.advance(job.count)
     for table in tables:
         table.write()

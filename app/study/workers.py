@@ -15,7 +15,7 @@ from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from app.study.cluster import cluster_results
-from app.study.results import Lost, Outcome, Result, Results, Task, Work, Workers, tried
+from app.study.results import Outcome, Result, Results, Task, Work, Workers, tried
 from campaigns.errors import OptionsInvalid
 
 SCHEDULER = ("tcp://", "tls://")
@@ -77,7 +77,7 @@ def _alone(work: Work[Task, Outcome], place: int, task: Task) -> Result[Outcome]
     try:
         return next(_parallel(work, {place: task}, 1))
     except TerminatedWorkerError:
-        return Lost(place, "the process that computed it was killed")
+        return Result(place, lost="the process that computed it was killed")
 
 
 def _parallel(

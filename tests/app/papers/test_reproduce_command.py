@@ -20,7 +20,7 @@ from app.papers.corbel2006.trials import (
     rehearsed,
     trial_table,
 )
-from app.study.results import Lost, tried
+from app.study.results import tried
 from app.study.workers import local_results
 from campaigns.errors import CampaignLocked, Interrupted, OptionsInvalid, OutputExists, WriteFailed
 from campaigns.files.lock import campaign_lock
@@ -222,9 +222,8 @@ def test_whatever_goes_wrong_in_a_seed_becomes_its_reason(
 ):
     monkeypatch.setattr("app.papers.corbel2006.trials.rehearse", failing(error))
     outcome = tried(partial(rehearsed, tmp_path), 7, Trial(SIMULATION, 1))
-    assert isinstance(outcome, Lost)
-    assert outcome.place == 7
-    assert outcome.reason.startswith(reason)
+    assert (outcome.place, outcome.rows) == (7, ())
+    assert outcome.lost.startswith(reason)
     assert capsys.readouterr() == ("", "")
     assert list(tmp_path.iterdir()) == [], "its campaign is taken away"
 

@@ -13,7 +13,6 @@ import numpy as np
 from poisoned_work import work
 
 from app.main import run_command
-from app.study.results import Done
 from app.study.workers import workers_of
 from campaigns.studies.study import StudyTask
 
@@ -25,11 +24,10 @@ def told(workers):
     tasks = [StudyTask(None, (n, n + 1), np.empty((2, 29))) for n in range(0, 40, 2)]
     back, lost, reasons = [], [], []
     for result in workers_of(workers)(tasks, work=work):
-        if isinstance(result, Done):
-            back += [row.campaign for row in result.outcomes]
-        else:
+        back += [row.campaign for row in result.rows]
+        if result.lost:
             lost += tasks[result.place].numbers
-            reasons.append(result.reason)
+            reasons.append(result.lost)
     return {"back": sorted(back), "lost": sorted(lost), "reasons": sorted(reasons)}
 
 

@@ -15,7 +15,7 @@ import sim.scenarios
 from app.main import run_command
 from app.study.cluster import Patience, cluster_results
 from app.study.errors import COMPARISON
-from app.study.results import Done, Lost
+from app.study.results import Result
 from app.study.setup import left_out, uncertainty_of
 from app.study.workers import local_results
 from campaigns.campaign import now_utc
@@ -160,9 +160,9 @@ def stopped_after_one_task(tasks, *, work):
 
 
 def loses_the_second_task(tasks, *, work):
-    yield Lost(1, "killed")
+    yield Result(1, lost="killed")
     for result in local_results([tasks[0], *tasks[2:]], 1, work):
-        yield Done(result.place and result.place + 1, result.outcomes)
+        yield Result(result.place and result.place + 1, result.rows)
 
 
 def with_workers(monkeypatch, workers):

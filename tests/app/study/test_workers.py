@@ -16,7 +16,7 @@ from poisoned_work import FAULT, POISON, harmless, work
 
 from app.main import run_command
 from app.study.cluster import Patience, cluster_results
-from app.study.results import Done, Lost
+from app.study.results import Result
 from app.study.workers import local_results, workers_of
 from campaigns.errors import OptionsInvalid
 from campaigns.studies.study import StudyTask
@@ -37,7 +37,7 @@ def tasks(count=4, first=0):
 
 
 def numbers(results):
-    return [row.campaign for result in results for row in result.outcomes]
+    return [row.campaign for result in results for row in result.rows]
 
 
 @pytest.fixture(scope="module")
@@ -73,8 +73,8 @@ def test_one_worker_works_in_this_process():
 
 def test_failed_task_costs_itself_alone_and_says_why():
     results = list(local_results(tasks(4, first=FAULT - 4), 1, work))
-    assert results[2] == Lost(2, "ZeroDivisionError: by nothing")
-    assert numbers(result for result in results if isinstance(result, Done)) == [
+    assert results[2] == Result(2, lost="ZeroDivisionError: by nothing")
+    assert numbers(results) == [
         *(FAULT - 4, FAULT - 3, FAULT - 2, FAULT - 1),
         *(FAULT + 2, FAULT + 3),
     ]
@@ -242,14 +242,14 @@ KILLED = ValueError("its workers died. Look at their logs.")
 
 def test_tasks_that_a_cluster_does_not_bring_back_are_lost_alone(from_cluster):
     results = from_cluster(task1=[KILLED], task3=["cancelled"])
-    assert results[1] == Lost(1, "ValueError: its workers died")
-    assert results[3] == Lost(3, "the cluster ended it")
+    assert results[1] == Result(1, lost="ValueError: its workers died")
+    assert results[3] == Result(3, lost="the cluster ended it")
     assert numbers([results[0], results[2]]) == [0, 1, 4, 5]
 
 
 def test_task_that_was_given_up_beside_another_one_is_tried_again_alone(from_cluster):
     results = from_cluster(task1=[KILLED], task2=[KILLED, "finished"])
-    assert results[1] == Lost(1, "ValueError: its workers died")
+    assert results[1] == Result(1, lost="ValueError: its workers died")
     assert numbers([results[0], *results[2:]]) == [0, 1, 4, 5, 6, 7]
 
 
@@ -260,13 +260,13 @@ def test_result_that_went_with_its_worker_is_computed_anew(from_cluster):
 
 def test_result_that_goes_every_time_is_given_up(from_cluster):
     results = from_cluster(task2=[TimeoutError()])
-    assert results[2] == Lost(2, "its result was lost on the cluster again and again")
+    assert results[2] == Result(2, lost="its result was lost on the cluster again and again")
     assert numbers([*results[:2], results[3]]) == [0, 1, 2, 3, 6, 7]
 
 
 def test_cluster_whose_workers_have_all_gone_is_not_waited_for(from_cluster):
     results = from_cluster(task3=["never"])
-    assert results[3] == Lost(3, "the cluster has no workers left")
+    assert results[3] == Result(3, lost="the cluster has no workers left")
     assert numbers(results[:3]) == [0, 1, 2, 3, 4, 5]
 
 

@@ -4,62 +4,37 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from par4_space import FREE_BY_DEFAULT, IS_ANGLE, indices
+from drawn_study import FREE, NOMINAL, ROBOT, STD, plan, setup_of
 
 from app.study.rods import RodRobots
 from campaigns.design.pose_sampling import workspace_poses
 from campaigns.estimation.datum import datum_sample
-from campaigns.estimation.rigid_transforms import Transform, small_rotation
-from campaigns.identification.options import IdentificationOptions
-from campaigns.planning.plans import PlanRequest, View, make_plan
-from campaigns.robots.robot import find_robot
-from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.engine import ResultTable, run_task
 from campaigns.studies.perturbations import PERTURBATIONS, Perturbation, perturbation_of
 from campaigns.studies.perturbed import perturbed_campaign
 from campaigns.studies.study import (
     CampaignRow,
     CampaignVerdict,
-    StudySetup,
     StudyTask,
-    planned_shots,
 )
 from campaigns.studies.summary import verdict_statistics
 from campaigns.studies.verdicts import judge, position_error_mm
-from drivers.values import Pose
 from sim.scenarios.scenario import load_scenario
 
 pytestmark = pytest.mark.slow
 
-ROBOT = find_robot("par4-prototype").robot
-NOMINAL = ROBOT.kinematics
-FREE = indices(FREE_BY_DEFAULT)
-TURN = small_rotation(np.array([2.1, 0.02, -0.03]))[0]
-
 
 @pytest.fixture(scope="module")
 def setup():
-    view = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), np.radians(25.0))
-    request = PlanRequest(80, 10, 2, Pose(0.0, 0.0, -575.0, 0.0))
-    shots = make_plan(ROBOT, view, request, np.random.default_rng(1))
     rng, centre = np.random.default_rng(1), ROBOT.workspace_centre
-    return StudySetup(
-        nominal=NOMINAL,
-        shots=planned_shots([shot for shot in shots if shot.purpose is not ShotSet.DRIFT]),
-        free=FREE_BY_DEFAULT,
-        options=IdentificationOptions(
-            workspace=workspace_poses(NOMINAL, ROBOT.limits, centre, 60, rng)
-        ),
-        tracker_from_base=Transform(TURN, np.array([2500.0, 400.0, 0.0])),
-        seed=3,
-        beyond_model=RodRobots(load_scenario("realistic").robot, datum_sample(NOMINAL)),
-    )
+    workspace = workspace_poses(NOMINAL, ROBOT.limits, centre, 60, rng)
+    robots = RodRobots(load_scenario("realistic").robot, datum_sample(NOMINAL))
+    return replace(setup_of(plan(unseen_pairs=10), workspace=workspace), beyond_model=robots)
 
 
 def truth_of(seed):
     p = NOMINAL.p.copy()
-    std = np.where(IS_ANGLE[FREE], np.radians(0.1), 0.5)
-    p[FREE] += std * np.random.default_rng(seed).standard_normal(len(FREE))
+    p[FREE] += STD * np.random.default_rng(seed).standard_normal(len(FREE))
     return p
 
 

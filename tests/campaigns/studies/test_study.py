@@ -4,71 +4,45 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from par4_space import FILE_UNIT, FREE_BY_DEFAULT, IS_ANGLE, NAMES, indices, par4_of
+from drawn_study import FREE, NOMINAL, TRACKER, robots, setup_of
+from drawn_study import plan as planned
+from par4_space import FILE_UNIT, FREE_BY_DEFAULT, NAMES, par4_of
 
 from campaigns.errors import OutputExists, ShotsMissing, WriteFailed
 from campaigns.estimation.estimators import Estimator, Outliers, Weights
-from campaigns.estimation.rigid_transforms import Transform, small_rotation
+from campaigns.estimation.rigid_transforms import small_rotation
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.identification.identify import identify
-from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
-from campaigns.planning.plans import PlanRequest, View, make_plan
-from campaigns.robots.robot import find_robot
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.engine import ResultTable, run_task
 from campaigns.studies.estimates import estimate_of, fitted, true_robot
 from campaigns.studies.study import (
     CampaignRow,
-    StudySetup,
     StudyTask,
     indistinguishable,
     planned_shots,
 )
 from campaigns.studies.summary import chance, interval_factor, normal_scores, summarise
-from drivers.values import Pose
 
 pytestmark = pytest.mark.slow
 
-ROBOT = find_robot("par4-prototype").robot
-NOMINAL = ROBOT.kinematics
-FREE = indices(FREE_BY_DEFAULT)
 NOISE_MM = 0.015 / 3**0.5
-TRACKER = Transform(small_rotation(np.array([2.1, 0.02, -0.03]))[0], np.array([2500.0, 400.0, 0.0]))
 
 
 @pytest.fixture(scope="module")
 def plan():
-    """Pairs to fit, and pairs never fitted."""
-    view = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), np.radians(25.0))
-    request = PlanRequest(80, 5, 2, Pose(0.0, 0.0, -575.0, 0.0))
-    shots = make_plan(ROBOT, view, request, np.random.default_rng(1))
-    return [shot for shot in shots if shot.purpose is not ShotSet.DRIFT]
+    return planned(unseen_pairs=5)
 
 
 @pytest.fixture(scope="module")
 def setup(plan):
-    instrument = TrackerUncertainty(NOISE_MM, 0.0, NOISE_MM, 0.0)
-    return StudySetup(
-        nominal=NOMINAL,
-        shots=planned_shots(plan),
-        free=FREE_BY_DEFAULT,
-        options=IdentificationOptions(estimator=Estimator.POINTS, instrument=instrument),
-        tracker_from_base=TRACKER,
-        seed=3,
-    )
+    return setup_of(plan, instrument=TrackerUncertainty(NOISE_MM, 0.0, NOISE_MM, 0.0))
 
 
 def with_options(setup, **changes):
     """The study with other options of identification."""
     return replace(setup, options=replace(setup.options, **changes))
-
-
-def robots(count, seed=5):
-    std = np.zeros_like(NOMINAL.p)
-    std[FREE] = np.where(IS_ANGLE[FREE], np.radians(0.1), 0.5)
-    rng = np.random.default_rng(seed)
-    return NOMINAL.p + std * rng.standard_normal((count, len(std)))
 
 
 def run(setup, numbers, truths):

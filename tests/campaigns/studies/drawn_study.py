@@ -1,0 +1,44 @@
+"""The study that tests draw campaigns of: 40 pairs to fit, some never fitted, 22 parameters."""
+
+import numpy as np
+from par4_space import FREE_BY_DEFAULT, IS_ANGLE, indices
+
+from campaigns.estimation.rigid_transforms import Transform, small_rotation
+from campaigns.identification.options import IdentificationOptions
+from campaigns.planning.plans import PlanRequest, View, make_plan
+from campaigns.robots.robot import find_robot
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.studies.study import StudySetup, planned_shots
+from drivers.values import Pose
+
+ROBOT = find_robot("par4-prototype").robot
+NOMINAL = ROBOT.kinematics
+FREE = indices(FREE_BY_DEFAULT)
+STD = np.where(IS_ANGLE[FREE], np.radians(0.1), 0.5)
+TRACKER = Transform(small_rotation(np.array([2.1, 0.02, -0.03]))[0], np.array([2500.0, 400.0, 0.0]))
+
+
+def plan(unseen_pairs):
+    """Pairs to fit, and pairs never fitted."""
+    view = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), np.radians(25.0))
+    request = PlanRequest(80, unseen_pairs, 2, Pose(0.0, 0.0, -575.0, 0.0))
+    shots = make_plan(ROBOT, view, request, np.random.default_rng(1))
+    return [shot for shot in shots if shot.purpose is not ShotSet.DRIFT]
+
+
+def setup_of(shots, **options):
+    return StudySetup(
+        nominal=NOMINAL,
+        shots=planned_shots(shots),
+        free=FREE_BY_DEFAULT,
+        options=IdentificationOptions(**options),
+        tracker_from_base=TRACKER,
+        seed=3,
+    )
+
+
+def robots(count, seed=5):
+    """Parameter vectors (count, G) of true robots."""
+    p = np.tile(NOMINAL.p, (count, 1))
+    p[:, FREE] += STD * np.random.default_rng(seed).standard_normal((count, len(FREE)))
+    return p
