@@ -9,12 +9,12 @@ from app.console import WARNING, Terminal
 from app.interrupt import StopRequest, stop_on_signals, suspend
 from app.retrying import Retries
 from app.run_text import Briefing, DeviceIdentities
-from app.wiring import Operator, connected_cell, prepare
+from app.wiring import OperatorCallbacks, connected_cell, prepare
 from campaigns.campaign import Campaign
-from campaigns.chain.running import RunOutlook, measured_before, run_outlook, run_work
+from campaigns.chain.running import RunPreview, measured_before, run_preview, run_work
 from campaigns.chain.validation import (
     TESTS,
-    Means,
+    CalibrationRoute,
     Validated,
     ValidationStage,
     record_validation,
@@ -146,7 +146,7 @@ def _ready_cell(
     campaign: Campaign, wish: StopRequest, terminal: Terminal, clearance: Clearance | None
 ) -> Iterator[Cell]:
     """Both devices, connected, the tracker ready to measure, the robot ready to move."""
-    with connected_cell(campaign, Operator(wish, terminal.alarm)) as cell:
+    with connected_cell(campaign, OperatorCallbacks(wish, terminal.alarm)) as cell:
         found = identities(cell)
         terminal.detail(f"controller: {found.controller}")
         terminal.detail(f"tracker: {found.tracker}")
@@ -192,13 +192,13 @@ def run_plan(campaign: Campaign, checked: CheckedPlan, terminal: Terminal) -> Ru
     before = found_measured(campaign, work, terminal)
     if before is not None:
         return before
-    outlook = run_outlook(campaign, checked, work)
-    return measure_plan(campaign, outlook, work, terminal, options, yes=True)
+    preview = run_preview(campaign, checked, work)
+    return measure_plan(campaign, preview, work, terminal, options, yes=True)
 
 
 def measure_plan(
     campaign: Campaign,
-    outlook: RunOutlook,
+    preview: RunPreview,
     work: Work,
     terminal: Terminal,
     options: RunOptions,
@@ -215,7 +215,7 @@ def measure_plan(
         return run_result(journal, series, work)
 
     again = shlex.join(["pkmcal", "run", str(campaign.folder), *options.run_words()])
-    briefing = Briefing(campaign, work, outlook)
+    briefing = Briefing(campaign, work, preview)
     allowed = campaign.config.run.retry if options.retry is None else options.retry
     return measure(
         campaign,
@@ -238,7 +238,7 @@ def measure_validation(
     *,
     again: str,
     anew: bool = False,
-    by: Means = "parameters",
+    by: CalibrationRoute = "parameters",
 ) -> Validated:
     """Measure, evaluate and judge; `again` is the command that goes on later."""
 

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from app.console import BAD, GOOD, WARNING, Terminal
 from app.progress import interval
 from campaigns.campaign import Campaign
-from campaigns.chain.running import RunOutlook
+from campaigns.chain.running import RunPreview
 from campaigns.measuring.run_state import ParameterPrecision
 from campaigns.measuring.session import RunResult
 from campaigns.measuring.stopping_rule import in_words
@@ -30,12 +30,12 @@ class Briefing:
 
     campaign: Campaign
     work: Work
-    outlook: RunOutlook
+    preview: RunPreview
 
     def text(self, devices: DeviceIdentities) -> str:
         """Shots, time, speed and devices: `138 shots, about 6 min, 30 % speed, controller …`."""
         speed = self.campaign.config.controller.speed_percent
-        return f"{outlook_line(self.outlook, self.work)}, {speed:g} % speed, {devices}"
+        return f"{preview_line(self.preview, self.work)}, {speed:g} % speed, {devices}"
 
 
 def show_run(terminal: Terminal, ran: RunResult) -> None:
@@ -69,22 +69,22 @@ def run_document(ran: RunResult) -> dict[str, object]:
     }
 
 
-def outlook_line(outlook: RunOutlook, work: Work) -> str:
+def preview_line(preview: RunPreview, work: Work) -> str:
     """What a run is about to do: `138 shots, about 6 min`, or what is there of a series."""
-    shots = f"{len(outlook.left)} shots"
-    if outlook.series is not None:
+    shots = f"{len(preview.left)} shots"
+    if preview.series is not None:
         shots = (
-            f"series {outlook.series} has {outlook.measured} of {outlook.shots} shots, "
-            f"{len(outlook.left)} are left"
+            f"series {preview.series} has {preview.measured} of {preview.shots} shots, "
+            f"{len(preview.left)} are left"
         )
-    skipped = f", {in_words(outlook.skipped)} left out" if outlook.skipped else ""
+    skipped = f", {in_words(preview.skipped)} left out" if preview.skipped else ""
     goal = "" if work.goal is None else f", fewer once {work.goal} is met"
-    return f"{shots}{skipped}{goal}, about {interval((outlook.seconds, outlook.seconds))}"
+    return f"{shots}{skipped}{goal}, about {interval((preview.seconds, preview.seconds))}"
 
 
-def outlook_document(outlook: RunOutlook) -> dict[str, object]:
+def preview_document(preview: RunPreview) -> dict[str, object]:
     """The same as part of a document."""
-    return {**asdict(outlook), "seconds_left_estimated": outlook.seconds}
+    return {**asdict(preview), "seconds_left_estimated": preview.seconds}
 
 
 def knowledge(known: ParameterPrecision) -> dict[str, object]:

@@ -20,21 +20,13 @@ READER_GONE = frozenset({errno.EPIPE, errno.EIO, errno.ENXIO, errno.ECONNRESET, 
 """A pipe's reader has left, a terminal was closed."""
 
 
-class AnyError:
-    """All errors there are."""
-
-    def __contains__(self, code: object) -> bool:
-        """Whether it is one: always."""
-        return True
-
-
 class LastingStream(io.RawIOBase):
     """Bytes into a stream; once it is of no use, into nothing.
 
-    An error that is not among `borne` is raised once, as `AnswerLost`.
+    An error that is not among `borne` is raised once, as `AnswerLost`; None bears all.
     """
 
-    def __init__(self, name: str, inner: io.RawIOBase, borne: Container[int]) -> None:
+    def __init__(self, name: str, inner: io.RawIOBase, borne: Container[int] | None) -> None:
         super().__init__()
         self._name = name
         self._inner = inner
@@ -62,7 +54,7 @@ class LastingStream(io.RawIOBase):
             return self._inner.write(data)
         except OSError as error:
             self._is_of_use = False
-            if error.errno in self._borne:
+            if self._borne is None or error.errno in self._borne:
                 return size
             raise AnswerLost(
                 f"{self._name} cannot be written ({os.strerror(error.errno or 0).lower()})",
@@ -70,7 +62,7 @@ class LastingStream(io.RawIOBase):
             ) from error
 
 
-def lasting(stream: TextIO, name: str, borne: Container[int]) -> TextIO:
+def lasting(stream: TextIO, name: str, borne: Container[int] | None) -> TextIO:
     """The same stream, but lasting, in UTF-8; one that has no bytes behind it stays as it is."""
     buffered = getattr(stream, "buffer", None)
     raw = getattr(buffered, "raw", buffered)  # Python's own streams may be unbuffered
@@ -91,4 +83,4 @@ def make_streams_last() -> None:
     if sys.stdout is not None:
         sys.stdout = lasting(sys.stdout, "standard output", READER_GONE)
     if sys.stderr is not None:
-        sys.stderr = lasting(sys.stderr, "standard error", AnyError())
+        sys.stderr = lasting(sys.stderr, "standard error", None)

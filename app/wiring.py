@@ -47,14 +47,14 @@ StopRequested = Callable[[], bool]
 
 
 @dataclass(frozen=True, slots=True)
-class Operator:
+class OperatorCallbacks:
     """Whoever may want to stop, and has to read an alarm at once."""
 
     stop_requested: StopRequested = never
     alarm: Alarm = unheard
 
 
-NOBODY = Operator()
+NO_OPERATOR = OperatorCallbacks()
 """Where nothing moves that could be stopped."""
 
 
@@ -78,7 +78,7 @@ def scenario_of(campaign_folder: Path, url: str) -> Scenario:
 
 @contextmanager
 def connected_cell(
-    campaign: Campaign, operator: Operator = NOBODY, log: ByteLog | None = None
+    campaign: Campaign, operator: OperatorCallbacks = NO_OPERATOR, log: ByteLog | None = None
 ) -> Iterator[Devices]:
     """Both devices, connected; closed at the end of the block. `log` gets every byte.
 
@@ -102,7 +102,7 @@ class DeviceConnections:
 
     campaign: Campaign
     at: Addresses
-    operator: Operator
+    operator: OperatorCallbacks
     log: ByteLog | None
 
     @contextmanager
@@ -163,7 +163,7 @@ class DeviceConnections:
 
 @contextmanager
 def connections(
-    campaign: Campaign, operator: Operator = NOBODY, log: ByteLog | None = None
+    campaign: Campaign, operator: OperatorCallbacks = NO_OPERATOR, log: ByteLog | None = None
 ) -> Iterator[DeviceConnections]:
     """Ways to each device; a simulated cell is served for the time of the block."""
     with _addresses(campaign) as at:

@@ -14,7 +14,7 @@ from app.interrupt import StopRequest, asking, stop_on_signals, suspend
 from app.measuring import goes_on
 from app.options import Dry, Folder, Json
 from app.progress import RunDisplay
-from app.wiring import Operator, connected_cell, connected_robot, prepare
+from app.wiring import OperatorCallbacks, connected_cell, connected_robot, prepare
 from campaigns.campaign import open_campaign
 from campaigns.chain.loading import (
     LoadResult,
@@ -115,7 +115,6 @@ def command(
         done = roll_back(campaign, connected_robot(campaign), terms)
     elif verify and not dry:
         display = terminal.watching("load")
-
         setup = VerificationSetup(
             pairs=verify,
             prepare=partial(prepare, campaign),
@@ -125,7 +124,11 @@ def command(
         )
         watched = replace(terms, uninterrupted=_watched(wish, display))
         done = load_verified(
-            campaign, connected_cell(campaign, Operator(wish, terminal.alarm)), setup, file, watched
+            campaign,
+            connected_cell(campaign, OperatorCallbacks(wish, terminal.alarm)),
+            setup,
+            file,
+            watched,
         )
     else:
         done = load(campaign, connected_robot(campaign), file, terms)

@@ -12,13 +12,13 @@ from app.plan_text import plan_line
 from app.progress import certainty
 from app.run_text import (
     knowledge,
-    outlook_document,
-    outlook_line,
+    preview_document,
+    preview_line,
     run_document,
     show_run,
 )
 from campaigns.campaign import Campaign, open_campaign
-from campaigns.chain.running import predicted_end, run_outlook, run_work
+from campaigns.chain.running import predicted_end, run_preview, run_work
 from campaigns.measuring.session import RunResult
 from campaigns.measuring.work import Work
 from campaigns.options import RunOptions
@@ -55,12 +55,12 @@ def command(
     work = run_work(campaign, checked, options)
     ran = None if anew else found_measured(campaign, work, terminal)
     if dry:
-        show_outlook(terminal, campaign, checked, work, ran, anew=anew)
+        show_preview(terminal, campaign, checked, work, ran, anew=anew)
         return
     if ran is None:
         predicted_end(campaign, work)
-        outlook = run_outlook(campaign, checked, work, anew=anew)
-        ran = measure_plan(campaign, outlook, work, terminal, options, yes=yes, anew=anew)
+        preview = run_preview(campaign, checked, work, anew=anew)
+        ran = measure_plan(campaign, preview, work, terminal, options, yes=yes, anew=anew)
     show_run(terminal, ran)
     next_step = shlex.join(["pkmcal", "identify", str(folder), *options.words()])
     terminal.note(f"next: {next_step}")
@@ -69,7 +69,7 @@ def command(
         raise typer.Exit(Exit.NOT_GOOD)
 
 
-def show_outlook(
+def show_preview(
     terminal: Terminal,
     campaign: Campaign,
     checked: CheckedPlan,
@@ -85,9 +85,9 @@ def show_outlook(
     }
     predicted = predicted_end(campaign, work) if ran is None else None
     if ran is None:
-        outlook = run_outlook(campaign, checked, work, anew=anew)
-        terminal.say(outlook_line(outlook, work))
-        answer |= outlook_document(outlook)
+        preview = run_preview(campaign, checked, work, anew=anew)
+        terminal.say(preview_line(preview, work))
+        answer |= preview_document(preview)
     else:
         answer |= {"series": ran.series, "measured": ran.shots, "left": [], "skipped": []}
     terminal.say("the plan can be run; nothing was moved")

@@ -14,7 +14,7 @@ from app.report.validation_text import show, show_gain, validation_document
 from app.wiring import connected_robot
 from campaigns.campaign import open_campaign
 from campaigns.chain.validation import (
-    Means,
+    CalibrationRoute,
     ValidationStage,
     record_anyway,
     require_means,
@@ -40,7 +40,7 @@ Anyway = Annotated[
 
 
 By = Annotated[
-    Means,
+    CalibrationRoute,
     typer.Option(
         help="What calibrates the robot, --stage after: parameters in its controller, or targets "
         "corrected for a controller that keeps the nominal ones."

@@ -62,7 +62,7 @@ def _known_shots(checked: CheckedPlan, skip: tuple[int, ...]) -> frozenset[int]:
 
 
 @dataclass(frozen=True, slots=True)
-class RunOutlook:
+class RunPreview:
     """What a run would do: what is there of its plan, and what it would measure."""
 
     series: int | None
@@ -79,9 +79,9 @@ class RunOutlook:
     """Estimate for what is left."""
 
 
-def run_outlook(
+def run_preview(
     campaign: Campaign, checked: CheckedPlan, work: Work, *, anew: bool = False
-) -> RunOutlook:
+) -> RunPreview:
     """What `run` would do now, by plan.csv, journal and campaign.yaml; asks no device.
 
     Raises `ResumeRefused` as far as that can be known without one.
@@ -96,7 +96,7 @@ def run_outlook(
                 kept = resume_state(work.steps, found.shots)
     skipped = [group for group in kept.left if group in work.skipped_groups]
     left = [shot for group in kept.left if group not in skipped for shot in shots_of(group)]
-    return RunOutlook(
+    return RunPreview(
         None if found is None else found.number,
         len(work.steps),
         len(work.steps) - sum(map(len, kept.left)),

@@ -39,7 +39,7 @@ from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
 
 ValidationStage = Literal["before", "after"]
-Means = Literal["parameters", "targets"]
+CalibrationRoute = Literal["parameters", "targets"]
 """What calibrates the robot: parameters in its controller, or targets corrected for it."""
 VerificationStage = Literal["verify before", "verify after"]
 TESTS = frozenset(SET_OF.values())
@@ -71,7 +71,7 @@ def validation_work(
     stage: ValidationStage,
     active: Mapping[str, float],
     tests: frozenset[ShotSet] = TESTS,
-    by: Means = "parameters",
+    by: CalibrationRoute = "parameters",
 ) -> tuple[Work, tuple[str, ...]]:
     """Tests as work for the engine, and what had to be shortened or left out.
 
@@ -141,7 +141,7 @@ def wrong_stage(
     stage: ValidationStage,
     tell: Callable[[str], None] = lambda _: None,
     *,
-    by: Means = "parameters",
+    by: CalibrationRoute = "parameters",
 ) -> OptionsInvalid | None:
     """What speaks against measuring a stage while the controller holds these parameters.
 
@@ -183,7 +183,7 @@ def _wrong_for_targets(campaign: Campaign, again: str) -> OptionsInvalid:
     )
 
 
-def require_means(stage: ValidationStage, by: Means) -> None:
+def require_means(stage: ValidationStage, by: CalibrationRoute) -> None:
     """Raise `OptionsInvalid` for corrected targets before calibration."""
     if by == "targets" and stage == "before":
         raise OptionsInvalid(
@@ -207,7 +207,7 @@ def validate(
     observer: RunObserver = SILENT,
     stop_requested: Callable[[], bool] = lambda: False,
     anyway: bool = False,
-    by: Means = "parameters",
+    by: CalibrationRoute = "parameters",
 ) -> Validated:
     """Measure on a connected cell how good the robot is as its user commands it, and judge it.
 
@@ -235,7 +235,7 @@ def record_validation(
     journal: Journal,
     series: int,
     stage: ValidationStage,
-    by: Means = "parameters",
+    by: CalibrationRoute = "parameters",
 ) -> Validated:
     """Evaluate a series that was measured, and write the finding into the journal."""
     found = _evaluated(campaign, journal, series)

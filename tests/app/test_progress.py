@@ -1,4 +1,4 @@
-"""What a run shows: a bar on a terminal, a line now and then where there is none."""
+"""What a run and counted work show: a bar on a terminal, a line now and then where there is none."""
 
 import io
 import threading
@@ -9,7 +9,7 @@ from time import monotonic
 import pytest
 from rich.console import Console
 
-from app.progress import RunDisplay, certainty, counted, interval, news, summary
+from app.progress import CountedWork, Pace, RunDisplay, certainty, counted, interval, news, summary
 from campaigns.measuring.run_state import EngineState, ParameterPrecision, Progress
 from drivers.errors import RobotStateUnknown
 
@@ -130,15 +130,20 @@ class Hands:
         return self.now_s
 
 
-def display_on(*, width=80, is_terminal=False, verbose=False):
+def screen(width, *, is_terminal, can_draw=True):
     stream, hands = io.StringIO(), Hands()
     console = Console(
         file=stream,
         width=width,
         force_terminal=is_terminal,
-        force_interactive=is_terminal,
+        force_interactive=is_terminal and can_draw,
         color_system=None,
     )
+    return console, stream, hands
+
+
+def display_on(*, width=80, is_terminal=False, verbose=False):
+    console, stream, hands = screen(width, is_terminal=is_terminal)
     return RunDisplay(console, "run", now_s=hands, verbose=verbose), stream, hands
 
 
@@ -246,3 +251,59 @@ def test_a_run_that_never_began_says_nothing_at_its_end():
 def test_the_end_is_told_in_a_line():
     done = Progress(59, 59, EngineState.FINISHED, 58, "drift", None, 0.01, 0.002)
     assert summary(done) == "59 of 59 shots · finished · residual 0.010 mm · drift 0.002 mm"
+
+
+@pytest.mark.parametrize(
+    ("pace", "text"),
+    [
+        (Pace(120, 1000, 20, 1.0), "120/1000 · 100/s · 9 s left"),
+        (Pace(4, 60, 0, 20.0), "4/60 · 12/min · 5 min left"),
+        (Pace(20, 1000, 20, 3.0), "20/1000"),
+        (Pace(0, 10, 0, 0.0), "0/10"),
+        (Pace(10, 10, 0, 5.0), "10/10 · 2/s · 0 s left"),
+    ],
+)
+def test_pace_counts_what_was_done_since_the_beginning(pace, text):
+    assert str(pace) == text
+
+
+def counted_on(*, is_terminal, can_draw=True, width=80):
+    console, stream, hands = screen(width, is_terminal=is_terminal, can_draw=can_draw)
+    work = CountedWork(console, "campaigns", 100, done=10, now_s=hands, quiet_s=2.0)
+    return work, stream, hands
+
+
+def test_of_counted_work_a_line_comes_now_and_then():
+    work, stream, hands = counted_on(is_terminal=False)
+    with work:
+        for _ in range(5):
+            hands.now_s += 1.0
+            work.advance(10)
+        work.news = "3 lost"
+        hands.now_s += 1.0
+        work.advance(10)
+    assert stream.getvalue().splitlines() == [
+        "campaigns: 30/100 · 10/s · 7 s left",
+        "campaigns: 50/100 · 10/s · 5 s left",
+        "campaigns: 70/100 · 10/s · 3 s left · 3 lost",
+    ]
+
+
+def test_on_a_terminal_that_cannot_draw_the_lines_come_too():
+    work, stream, hands = counted_on(is_terminal=True, can_draw=False)
+    with work:
+        hands.now_s = 2.0
+        work.advance(10)
+    assert stream.getvalue() == "campaigns: 20/100 · 5/s · 16 s left\n"
+
+
+@pytest.mark.parametrize("width", [60, 80])
+def test_of_counted_work_there_is_a_bar_and_no_line(width):
+    work, stream, hands = counted_on(is_terminal=True, width=width)
+    hands.now_s = 9.0
+    work.advance(45)
+    assert stream.getvalue() == ""
+    Console(file=stream, width=width, color_system=None).print(work._bars)
+    (row,) = stream.getvalue().splitlines()
+    assert row.startswith("campaigns ━━━")
+    assert row.rstrip().endswith("55/100 · 5/s · 9 s left")
