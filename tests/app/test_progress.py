@@ -1,4 +1,4 @@
-"""What a run and counted work show: a bar on a terminal, a line now and then where there is none."""
+"""What a run and counted work show: a bar on a terminal, a line now and then elsewhere."""
 
 import io
 import threading
