@@ -3,7 +3,7 @@
 from math import degrees, nan, radians
 
 import pytest
-from scripted_linuxcnc import NEVER, ORDER_S, TARGET_RAD, arrive, ready
+from scripted_linuxcnc import ORDER_S, TARGET_RAD, arrive, ready
 
 from drivers import errors
 from drivers.linuxcnc.settings import Coordinates
@@ -192,17 +192,6 @@ def test_answer_to_somebody_elses_question_closes_the_wire(linuxcnc):
     assert linuxcnc.pipes[0].is_closed
 
 
-def test_silence_closes_the_wire_until_it_is_opened_anew(linuxcnc):
-    linuxcnc.overrides["get machine"] = NEVER
-    with pytest.raises(errors.LinkDown, match="no answer to get machine"):
-        linuxcnc.robot.state()
-    del linuxcnc.overrides["get machine"]
-    with pytest.raises(errors.LinkDown, match="not connected"):
-        linuxcnc.robot.state()
-    linuxcnc.robot.reconnect()
-    assert linuxcnc.robot.state().fault == ""
-
-
 def test_acknowledgement_beside_a_complaint_is_none():
     linuxcnc = ready(newer=True)
     linuxcnc.overrides["set mdi"] = (
@@ -211,12 +200,3 @@ def test_acknowledgement_beside_a_complaint_is_none():
     )
     with pytest.raises(errors.LinkDown, match="timed out"):
         linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
-
-
-def test_wish_to_stop_abandons_a_question():
-    wishes = []
-    linuxcnc = ready(cancelled=lambda: bool(wishes))
-    wishes.append("stop")
-    with pytest.raises(errors.Cancelled):
-        linuxcnc.robot.move_joints(TARGET_RAD, 1.0)
-    assert linuxcnc.asked == []

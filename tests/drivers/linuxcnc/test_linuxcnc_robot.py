@@ -81,12 +81,6 @@ def test_machine_in_inches_is_the_wrong_device():
         linuxcnc.robot.connect()
 
 
-def test_another_controller_after_a_reconnection_is_the_wrong_device(linuxcnc):
-    linuxcnc.name = "OTHER"
-    with pytest.raises(errors.WrongDevice, match=r"OTHER.*PAR4"):
-        linuxcnc.robot.reconnect()
-
-
 def test_preparing_takes_each_step_and_sees_it():
     linuxcnc = connected()
     linuxcnc.asked.clear()

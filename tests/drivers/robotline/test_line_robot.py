@@ -105,29 +105,6 @@ def test_other_version_or_other_robot_is_the_wrong_device(hello):
         controller.robot.state()
 
 
-def test_another_controller_after_a_reconnection_is_the_wrong_device(controller):
-    controller.answers["HELLO"] = "OK 1 Example%20Robotics Par4 SN-0043 2.1 4"
-    with pytest.raises(errors.WrongDevice, match=r"SN-0043.*SN-0042"):
-        controller.robot.reconnect()
-    assert controller.pipes[-1].is_closed
-
-
-def test_nothing_works_before_connecting():
-    with pytest.raises(errors.LinkDown, match="not connected"):
-        ScriptedController().robot.state()
-
-
-def test_silence_closes_the_wire_until_it_is_opened_anew(controller):
-    controller.answers["STATE"] = None
-    with pytest.raises(errors.LinkDown, match="no answer to STATE within 2 s"):
-        controller.robot.state()
-    controller.answers["STATE"] = "OK 0 0 - 1.0 0.0 0.0 0.0"
-    with pytest.raises(errors.LinkDown, match="not connected"):
-        controller.robot.state()
-    controller.robot.reconnect()
-    assert controller.robot.state().joints[0] == radians(1.0)
-
-
 def test_late_answer_that_waits_in_the_line_is_never_believed(controller):
     controller.answers["STATE"] = None
     with pytest.raises(errors.LinkDown):
@@ -182,19 +159,4 @@ def test_transport_that_breaks_at_the_first_byte_is_closed():
     controller.respond = broken
     with pytest.raises(errors.LinkDown, match="broken"):
         controller.robot.connect()
-    assert controller.pipes[0].is_closed
-
-
-def test_wish_to_stop_abandons_a_question():
-    wishes = []
-    controller = connected(cancelled=lambda: bool(wishes))
-    wishes.append("stop")
-    with pytest.raises(errors.Cancelled):
-        controller.robot.move_joints([0.0] * 4, 0.5)
-    assert controller.questions == []
-
-
-def test_closing_closes_the_wire_and_may_be_repeated(controller):
-    controller.robot.close()
-    controller.robot.close()
     assert controller.pipes[0].is_closed

@@ -1,0 +1,115 @@
+"""What every driver does alike: before it is connected, in silence, at a wish to stop, anew."""
+
+import pytest
+from scripted_controller import ANSWERS, ScriptedController
+from scripted_emscon import Station, system_status
+from scripted_geocom import Bench
+from scripted_linuxcnc import NEVER, ScriptedLinuxcnc
+
+from drivers.errors import Cancelled, LinkDown, WrongDevice
+from drivers.wire.emscon_constants import Command
+from drivers.wire.geocom_constants import Rpc
+
+
+class Robotline:
+    def __init__(self, **options):
+        self.end = ScriptedController(**options)
+        self.device = self.end.robot
+
+    def is_silent(self, silent=True):
+        self.end.answers["STATE"] = None if silent else ANSWERS["STATE"]
+
+    def is_another(self):
+        self.end.answers["HELLO"] = "OK 1 Example%20Robotics Par4 4711 2.1 4"
+
+
+class Linuxcnc:
+    def __init__(self, **options):
+        self.end = ScriptedLinuxcnc(**options)
+        self.device = self.end.robot
+
+    def is_silent(self, silent=True):
+        self.end.overrides = {"get machine": NEVER} if silent else {}
+
+    def is_another(self):
+        self.end.name = "4711"
+
+
+class Emscon:
+    def __init__(self, **options):
+        self.end = Station(**options)
+        self.device = self.end.tracker
+
+    def is_silent(self, silent=True):
+        self.end.instrument.says = {Command.GET_SYSTEM_STATUS: []} if silent else {}
+
+    def is_another(self):
+        self.end.instrument.state[Command.GET_SYSTEM_STATUS] = system_status(serial=4711)
+
+
+class Geocom:
+    def __init__(self, **options):
+        self.end = Bench(**options)
+        self.device = self.end.tracker
+
+    def is_silent(self, silent=True):
+        says = self.end.instrument.says
+        says |= {Rpc.MOT_READ_LOCK_STATUS: []}
+        if not silent:
+            del says[Rpc.MOT_READ_LOCK_STATUS]
+
+    def is_another(self):
+        self.end.instrument.answers[Rpc.CSV_GET_INSTRUMENT_NO] = (0, ("4711",))
+
+
+pytestmark = pytest.mark.parametrize("far", [Robotline, Linuxcnc, Emscon, Geocom])
+
+
+def connected(far, **options):
+    far = far(**options)
+    far.device.connect()
+    return far
+
+
+def test_nothing_works_before_connecting(far):
+    for call in (far().device.state, far().device.identity):
+        with pytest.raises(LinkDown, match="not connected"):
+            call()
+
+
+def test_silence_closes_the_wire_until_it_is_opened_anew(far):
+    far = connected(far)
+    far.is_silent()
+    with pytest.raises(LinkDown, match="no answer to"):
+        far.device.state()
+    assert far.end.pipes[-1].is_closed
+    far.is_silent(False)
+    with pytest.raises(LinkDown, match="not connected"):
+        far.device.state()
+    far.device.reconnect()
+    assert far.device.state()
+
+
+def test_another_device_after_a_reconnection_is_the_wrong_device(far):
+    far = connected(far)
+    identity = far.device.identity()
+    far.is_another()
+    with pytest.raises(WrongDevice, match=rf"4711.*it was.*{identity.serial}"):
+        far.device.reconnect()
+    assert far.end.pipes[-1].is_closed
+
+
+def test_wish_to_stop_abandons_a_question_and_closes_the_wire(far):
+    wishes = []
+    far = connected(far, cancelled=lambda: bool(wishes))
+    wishes.append("stop")
+    with pytest.raises(Cancelled):
+        far.device.state()
+    assert far.end.pipes[-1].is_closed
+
+
+def test_closing_may_be_repeated(far):
+    far = connected(far)
+    far.device.close()
+    far.device.close()
+    assert all(pipe.is_closed for pipe in far.end.pipes)
