@@ -23,7 +23,6 @@ from drivers.wire.emscon import (
 )
 from drivers.wire.emscon_constants import (
     Command,
-    DataType,
     ResultStatus,
     StatusBit,
     SystemChange,
@@ -166,27 +165,6 @@ def test_answers_survive_the_wire_byte_by_byte_and_whole(messages):
 @given(data=st.binary(min_size=196, max_size=196))
 def test_a_result_is_kept_to_the_last_bit(data):
     assert said.encode_body(said.decode_body(said.SingleResult2, data)) == data
-
-
-@given(data=st.binary(max_size=300), kind=st.sampled_from(DataType), size=st.integers(0, 300))
-def test_garbage_is_read_or_refused(data, kind, size):
-    for framer in (FromServerFramer(), FromClientFramer()):
-        for stream in (data, struct.pack("<ii", size, kind) + data):
-            try:
-                framer.feed(stream)
-            except WireError:
-                break
-
-
-@given(body=st.binary(max_size=250), command=st.sampled_from(Command))
-def test_garbage_after_a_known_command_is_read_or_refused(body, command):
-    for framer, head in ((FromServerFramer(), "<iiii"), (FromClientFramer(), "<iii")):
-        size = struct.calcsize(head)
-        header = struct.pack(head, size + len(body), 0, command, *[0] * (size == 16))
-        try:
-            framer.feed(header + body)
-        except WireError:
-            continue
 
 
 def test_body_of_a_wrong_size_is_refused():

@@ -1,11 +1,6 @@
 """linuxcncrsh's lines: what is taken apart, what is refused, what is never sent."""
 
-from contextlib import suppress
-from itertools import pairwise
-
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from drivers.errors import WireError
 from drivers.wire import linuxcncrsh as wire
@@ -35,20 +30,6 @@ MESSAGES = [
 
 def test_session_of_old_and_newer_versions_is_taken_apart():
     assert wire.AnswerFramer().feed(SESSION) == MESSAGES
-
-
-@pytest.mark.slow
-@given(st.sets(st.integers(0, len(SESSION))))
-def test_session_is_the_same_however_it_is_cut(cuts):
-    framer, edges = wire.AnswerFramer(), [0, *sorted(cuts), len(SESSION)]
-    pieces = [SESSION[a:b] for a, b in pairwise(edges)]
-    assert [message for piece in pieces for message in framer.feed(piece)] == MESSAGES
-
-
-@given(st.binary())
-def test_garbage_is_read_or_raises_the_one_error(data):
-    with suppress(WireError):
-        wire.AnswerFramer().feed(data)
 
 
 @pytest.mark.parametrize(

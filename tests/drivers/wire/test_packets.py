@@ -21,12 +21,6 @@ def test_stream_is_cut_into_the_packets_that_made_it(packets, trailing):
     assert PacketFramer().feed(stream + trailing) == packets
 
 
-@given(packets=PACKETS)
-def test_byte_by_byte_gives_the_same_packets(packets):
-    framer, stream = PacketFramer(), b"".join(map(encode_packet, packets))
-    assert [packet for byte in stream for packet in framer.feed(bytes([byte]))] == packets
-
-
 def test_half_a_header_is_waited_for():
     framer = PacketFramer()
     assert framer.feed(b"\x0c\0\0\0\x08") == []
@@ -51,11 +45,3 @@ def test_stream_that_lost_its_step_stays_refused():
 def test_largest_packet_passes():
     packet = Packet(3, bytes(LARGEST_PACKET_BYTES - 8))
     assert PacketFramer().feed(encode_packet(packet)) == [packet]
-
-
-@given(st.binary(max_size=200))
-def test_garbage_is_cut_or_refused(data):
-    try:
-        PacketFramer().feed(data)
-    except WireError:
-        return

@@ -176,7 +176,6 @@ almost_lines = st.builds(
         max_size=12,
     ),
 )
-streams = st.lists(almost_lines | st.binary()).map(b"\n".join)
 
 
 @given(almost_lines | st.binary())
@@ -186,33 +185,6 @@ def test_any_bytes_are_a_request_or_a_bad_one(data):
     except wire.BadRequest as bad:
         if bad.reply is not None:
             reply_of(wire.encode_reply(bad.reply)[:-1])
-
-
-@given(almost_lines | st.binary())
-def test_any_bytes_are_a_reply_or_a_wire_error(data):
-    try:
-        assert isinstance(reply_of(data), wire.RobotlineReply)
-    except WireError:
-        return
-
-
-def read_until_error(pieces):
-    """The replies of a stream, and whether it ended in an error."""
-    framer, replies = wire.RobotlineFramer(PAR4_LAYOUT), []
-    try:
-        for piece in pieces:
-            replies += framer.feed(piece)
-    except WireError:
-        return replies, True
-    return replies, False
-
-
-@given(streams)
-def test_stream_byte_by_byte_ends_as_it_does_whole(stream):
-    replies, failed = read_until_error(bytes([byte]) for byte in stream)
-    replies_of_whole, whole_failed = read_until_error([stream])
-    assert failed == whole_failed
-    assert failed or replies == replies_of_whole
 
 
 @given(sequences, any_outcome, st.binary())

@@ -7,6 +7,7 @@ times the time: a ratio of 1 is linear, 10 is quadratic.
 import time
 import tracemalloc
 from collections import Counter
+from itertools import pairwise
 from random import Random
 
 import pytest
@@ -91,6 +92,18 @@ def test_example_is_read_whole(wire):
     for example in wire.examples:
         assert wire.resealed(example) == example
         wire.fresh()(example)
+
+
+@each_wire
+def test_stream_is_read_the_same_however_it_is_cut(wire):
+    draw, stream = Random(f"cuts {wire.name}"), b"".join(wire.examples)
+    whole = wire.fresh()(stream)
+    assert len(whole) >= len(wire.examples)
+    for count in (0, 3, 30, len(stream) - 1):
+        cuts = sorted(draw.sample(range(1, len(stream)), min(count, len(stream) - 1)))
+        feed = wire.fresh()
+        pieces = [feed(stream[a:b]) for a, b in pairwise((0, *cuts, len(stream)))]
+        assert [message for piece in pieces for message in piece] == whole
 
 
 @torture

@@ -119,11 +119,13 @@ def _geocom_reply():
     framer = geocom.GeocomFramer()
     readers = (geocom.parse_number, geocom.parse_whole, geocom.parse_string)
 
-    def feed(data: bytes) -> None:
-        for reply in framer.feed(data):
+    def feed(data):
+        replies = framer.feed(data)
+        for reply in replies:
             for read in readers:
                 for word in reply.parameters:
                     _read(read, word)
+        return replies
 
     return feed
 
@@ -148,10 +150,12 @@ def _robotline_request():
 def _linuxcnc():
     framer = linuxcncrsh.AnswerFramer()
 
-    def feed(data: bytes) -> None:
-        for message in framer.feed(data):
+    def feed(data):
+        messages = framer.feed(data)
+        for message in messages:
             if isinstance(message, linuxcncrsh.Value) and message.word == "JOINT_POS":
                 linuxcncrsh.read_numbers(message)
+        return messages
 
     return feed
 
