@@ -78,7 +78,7 @@ class TargetCorrection:
         if self.uncertainty is None or self.measured is None:
             return np.full(len(wanted), np.nan)
         names = self.uncertainty.names
-        sample = WorkspaceSample.in_frame_of(self.identified, names, wanted, self.measured)
+        sample = WorkspaceSample.of(self.identified, names, wanted, self.measured)
         return self.uncertainty.of_positions(sample)
 
 

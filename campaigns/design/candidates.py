@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.estimation.information import distance_jacobian, point_jacobian, whitened
-from campaigns.mechanisms.mechanism import Kinematics
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,34 +49,3 @@ class Candidates:
         """JᵀJ of the chosen ones in scaled unknowns, (P, P)."""
         jacobian = self.jacobians[chosen].reshape(-1, len(self.scale))
         return np.asarray(jacobian.T @ jacobian)
-
-
-def shot_candidates(
-    kinematics: Kinematics,
-    free: tuple[str, ...],
-    joints: Array,
-    poses: Array,
-    covariance_mm2: Array,
-) -> Candidates:
-    """Shots with covariances (N, 3, 3) in the base frame's axes; the tracker's frame is unknown."""
-    jacobians = whitened(point_jacobian(kinematics, free, joints, poses), covariance_mm2)
-    return Candidates.from_jacobians(jacobians, free, _lengths(kinematics, free))
-
-
-def pair_candidates(
-    kinematics: Kinematics,
-    free: tuple[str, ...],
-    joints: Array,
-    poses: Array,
-    pairs: Index,
-    variance_mm2: Array,
-) -> Candidates:
-    """Distances between rows of poses, pairs (M, 2) with variances (M,); no frame is involved."""
-    jacobians = distance_jacobian(kinematics, free, joints, poses, pairs)
-    in_std = jacobians / np.sqrt(variance_mm2)[:, None]
-    return Candidates.from_jacobians(in_std[:, None, :], free, _lengths(kinematics, free))
-
-
-def _lengths(kinematics: Kinematics, names: tuple[str, ...]) -> Mask:
-    space = kinematics.mechanism.parameters
-    return ~space.is_angle[space.places(names)]

@@ -1,9 +1,11 @@
 """Criteria of optimal design, each a number of a set of shots to be made small."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
+from typing_extensions import override
 
 from campaigns.arrays import Array
 from campaigns.design.candidates import Candidates
@@ -14,89 +16,83 @@ SHARPNESS = 4
 CriterionName = Literal["I", "D", "A", "E"]
 
 
-class Criterion(Protocol):
+class Criterion(ABC):
     """Criterion that compares designs; covariances (P, P) are of scaled unknowns."""
 
+    @abstractmethod
     def value(self, covariance: Array) -> float:
         """Value that shall be small."""
-        ...
 
+    @abstractmethod
     def weight(self, covariance: Array) -> Array:
         """W such that near this covariance the value falls as tr(C W) falls, (P, P)."""
-        ...
 
     def improvement(self, predicted_covariance: Array, sensitivity: Array) -> Array:
-        """Improvement by adding each candidate, (M,), the more the better.
+        """Improvement by adding each candidate, (M,), the more the better: the fall of tr(C W).
 
         `predicted_covariance` and `sensitivity`, (k, k, M), are J C Jᵀ and J C W C Jᵀ of each
         candidate's Jacobian J.
         """
-        ...
+        inverse, _ = inverse_of_one_plus(predicted_covariance)
+        return np.asarray(np.einsum("abm,bam->m", inverse, sensitivity))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TraceCriterion:
+class TraceCriterion(Criterion):
     """tr(C W) with a fixed W: I-optimality and A-optimality."""
 
     fixed: Array
     """W, (P, P)."""
 
+    @override
     def value(self, covariance: Array) -> float:
-        """The mean square of what W weighs."""
         return float(np.sum(covariance * self.fixed))
 
-    def weight(self, covariance: Array) -> Array:  # noqa: ARG002 - the same whatever is known
-        """W."""
+    @override
+    def weight(self, covariance: Array) -> Array:
         return self.fixed
-
-    def improvement(self, predicted_covariance: Array, sensitivity: Array) -> Array:
-        """Fall of the trace with each candidate, (M,)."""
-        return trace_improvement(predicted_covariance, sensitivity)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MaxEigenvalue:
-    """Largest eigenvalue of the parameters' covariance: E-optimality."""
+class MaxEigenvalue(Criterion):
+    """Largest eigenvalue of the parameters' covariance: E-optimality, what is known worst."""
 
     parameters: int
 
+    @override
     def value(self, covariance: Array) -> float:
-        """The variance of what is known worst."""
         return float(np.linalg.eigvalsh(self._own(covariance))[-1])
 
+    @override
     def weight(self, covariance: Array) -> Array:
-        """Σ vᵢ vᵢᵀ λᵢ⁴ / λ₁⁴ over the eigenvectors: what is known worst, and what is next to it.
-
-        The worst one alone would be a poor guide: it changes from one exchange to the next.
-        """
+        # Σ vᵢ vᵢᵀ λᵢ⁴ / λ₁⁴: the worst one alone would change from one exchange to the next
         values, vectors = np.linalg.eigh(self._own(covariance))
         weight = np.zeros_like(covariance)
         own = (vectors * (values / values[-1]) ** SHARPNESS) @ vectors.T
         weight[: self.parameters, : self.parameters] = own
         return weight
 
-    def improvement(self, predicted_covariance: Array, sensitivity: Array) -> Array:
-        """Fall of the weighted variances with each candidate, (M,)."""
-        return trace_improvement(predicted_covariance, sensitivity)
-
     def _own(self, covariance: Array) -> Array:
         return covariance[: self.parameters, : self.parameters]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LogDet:
-    """det C of all unknowns, a frame's included: D-optimality."""
+class LogDet(Criterion):
+    """det C of all unknowns, a frame's included: D-optimality.
 
+    Its value is the geometric mean of the variances along the confidence ellipsoid's axes.
+    """
+
+    @override
     def value(self, covariance: Array) -> float:
-        """The geometric mean of the variances along the confidence ellipsoid's axes."""
         return float(np.exp(np.linalg.slogdet(covariance).logabsdet / len(covariance)))
 
+    @override
     def weight(self, covariance: Array) -> Array:
-        """Zeros (P, P): the improvements are exact without a weight."""
-        return np.zeros_like(covariance)
+        return np.zeros_like(covariance)  # the improvements are exact without one
 
-    def improvement(self, predicted_covariance: Array, sensitivity: Array) -> Array:  # noqa: ARG002 - as `weight` says
-        """Fall of log det C with each candidate, (M,)."""
+    @override
+    def improvement(self, predicted_covariance: Array, sensitivity: Array) -> Array:
         return inverse_of_one_plus(predicted_covariance)[1]
 
 
@@ -117,12 +113,6 @@ def make_criterion(name: CriterionName, candidates: Candidates, workspace_rows: 
             return TraceCriterion(np.diag(own.astype(np.float64)))
         case "E":
             return MaxEigenvalue(candidates.parameters)
-
-
-def trace_improvement(predicted_covariance: Array, sensitivity: Array) -> Array:
-    """tr((1 + S)⁻¹ G) for each candidate, (M,)."""
-    inverse, _ = inverse_of_one_plus(predicted_covariance)
-    return np.asarray(np.einsum("abm,bam->m", inverse, sensitivity))
 
 
 def inverse_of_one_plus(predicted_covariance: Array) -> tuple[Array, Array]:

@@ -9,7 +9,6 @@ touches a zone's wall, negative where it is where it may not be.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -24,18 +23,6 @@ SECTIONS = 48
 """Golden sections of a line: what is left of it is 1e-10 of its length."""
 
 
-class Footprint(Protocol):
-    """Convex area in x and y."""
-
-    def distance_mm(self, points: Array) -> Array:
-        """Signed distance (N,) of points (N, 2 or more) from its edge, negative inside; convex."""
-        ...
-
-    def bounds_mm(self) -> tuple[Interval, Interval]:
-        """Intervals of x and y that hold it."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
 class Rectangle:
     """Rectangle along x and y; without ends it is everywhere."""
@@ -44,7 +31,7 @@ class Rectangle:
     y_mm: Interval = ANYWHERE
 
     def distance_mm(self, points: Array) -> Array:
-        """Signed distance from the edge, (N,)."""
+        """Signed distance (N,) of points (N, 2 or more) from the edge, negative inside; convex."""
         beyond = np.stack(
             [_beyond(points[:, 0], self.x_mm), _beyond(points[:, 1], self.y_mm)], axis=-1
         )
@@ -72,6 +59,10 @@ class Disc:
         """Square about it."""
         (x, y), radius = self.centre_mm, self.radius_mm
         return (x - radius, x + radius), (y - radius, y + radius)
+
+
+Footprint = Rectangle | Disc
+"""Convex area in x and y."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,14 +38,6 @@ class DesignPoint:
         return len(self.chosen)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MinimalDesign:
-    """The least design found that meets the goal, and all that were tried, by size."""
-
-    least: DesignPoint
-    tried: tuple[DesignPoint, ...]
-
-
 class GoalOutOfReach(ValueError):
     """Even the `best` of the designs allowed, the largest, does not meet the goal."""
 
@@ -96,7 +88,7 @@ def minimal_design(
     most: int,
     step: int,
     rng: np.random.Generator,
-) -> MinimalDesign:
+) -> DesignPoint:
     """The least multiple of `step`, up to `most`, at which every length's σ meets the goal.
 
     By doubling, then by the law that σ falls as 1/√N. Raises `GoalOutOfReach`, and as
@@ -114,9 +106,9 @@ def minimal_design(
     while good.count - low.count > step:
         count = _between(low, good, goal_mm, step)
         design = augment_design(candidates, criterion, low.chosen, count)
-        tried.append(point := evaluate(candidates, design.chosen))
+        point = evaluate(candidates, design.chosen)
         low, good = (low, point) if point.worst_length_mm <= goal_mm else (point, good)
-    return MinimalDesign(good, tuple(sorted(tried, key=lambda point: point.count)))
+    return good
 
 
 def minimum_count(candidates: Candidates, step: int) -> int:

@@ -165,37 +165,11 @@ def marginalise_frame(jacobian: Array) -> Array:
     return left.reshape(len(jacobian), jacobian.shape[1], -1)
 
 
-def workspace_jacobian(kinematics: Kinematics, free: tuple[str, ...], poses: Array) -> Array:
-    """∂position/∂(free parameters) at poses (N, t), after the best fit of the frame, (N, 3, F)."""
-    joints = kinematics.inverse(poses).values_or_raise()
-    return marginalise_frame(point_jacobian(kinematics, free, joints, poses))
-
-
-def jacobian_in_frame(
-    kinematics: Kinematics, free: tuple[str, ...], poses: Array, reference: Array
-) -> Array:
-    """∂position/∂(free parameters) at poses (N, t), in the best frame of others (M, t), (N, 3, F).
-
-    At the reference poses themselves it is `workspace_jacobian`.
-    """
-    count = len(free)
-
-    def at(each: Array) -> Array:
-        joints = kinematics.inverse(each).values_or_raise()
-        return point_jacobian(kinematics, free, joints, each)
-
-    flat = at(reference).reshape(-1, count + FRAME_COLUMNS)
-    moved = np.linalg.lstsq(flat[:, count:], flat[:, :count], rcond=None)[0]
-    jacobian = at(poses)
-    return np.asarray(jacobian[:, :, :count] - jacobian[:, :, count:] @ moved)
-
-
 def position_std_mm(jacobian: Array, covariance_matrix: Array) -> Array:
     """Root of the summed variances of X, Y and Z where a Jacobian (N, 3, P) looks, (N,).
 
     With `point_jacobian` and the covariance of parameters and frame: in the frame that the same
-    shots gave. With `workspace_jacobian` and the parameters' covariance alone: after a best fit of
-    the frame.
+    shots gave. With that of a `WorkspaceSample` and the parameters' alone: after a best fit of it.
     """
     flat = jacobian.reshape(-1, jacobian.shape[-1])
     variance = np.einsum("ij,ij->i", flat @ covariance_matrix, flat)
@@ -211,18 +185,27 @@ class WorkspaceSample:
     """∂position/∂parameters, (N, 3, F), in mm by mm and deg, after a best fit of the frame."""
 
     @classmethod
-    def of(cls, kinematics: Kinematics, names: Sequence[str], poses: Array) -> "WorkspaceSample":
-        """Sample of poses (N, t), whose own best fit is the frame."""
-        units, free = kinematics.mechanism.parameters.units(names), tuple(names)
-        return cls(free, workspace_jacobian(kinematics, free, poses) * units)
-
-    @classmethod
-    def in_frame_of(
-        cls, kinematics: Kinematics, names: Sequence[str], poses: Array, reference: Array
+    def of(
+        cls,
+        kinematics: Kinematics,
+        names: Sequence[str],
+        poses: Array,
+        reference: Array | None = None,
     ) -> "WorkspaceSample":
-        """Sample of poses (N, t) in the best frame of others (M, t)."""
-        units, free = kinematics.mechanism.parameters.units(names), tuple(names)
-        return cls(free, jacobian_in_frame(kinematics, free, poses, reference) * units)
+        """Sample of poses (N, t) in the best frame of others (M, t), else of their own."""
+        free, count = tuple(names), len(names)
+
+        def at(each: Array) -> Array:
+            joints = kinematics.inverse(each).values_or_raise()
+            return point_jacobian(kinematics, free, joints, each)
+
+        if reference is None:
+            jacobian = marginalise_frame(at(poses))
+        else:
+            flat, jacobian = at(reference).reshape(-1, count + FRAME_COLUMNS), at(poses)
+            moved = np.linalg.lstsq(flat[:, count:], flat[:, :count], rcond=None)[0]
+            jacobian = jacobian[:, :, :count] - jacobian[:, :, count:] @ moved
+        return cls(free, jacobian * kinematics.mechanism.parameters.units(free))
 
 
 @dataclass(frozen=True, slots=True)

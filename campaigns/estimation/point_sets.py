@@ -5,6 +5,8 @@ import numpy as np
 from campaigns.arrays import Array, Index
 from campaigns.estimation.rigid_transforms import Transform, fit_transform
 
+SHOTS_FOR_A_FRAME = 4
+"""Fewest points whose best frame is relied on; three fix one exactly."""
 TINY_MM = 1e-300
 """Keeps the direction between coincident points zero instead of undefined."""
 
@@ -19,9 +21,6 @@ def directions(points_mm: Array, first: Index, second: Index) -> Array:
     between = points_mm[second] - points_mm[first]
     length = np.linalg.norm(between, axis=1, keepdims=True)
     return np.asarray(between / np.maximum(length, TINY_MM))
-
-
-SHOTS_FOR_A_FRAME = 4
 
 
 def away_from_mean(points_mm: Array) -> Array:

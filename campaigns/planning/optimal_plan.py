@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.arrays import Array, Index
-from campaigns.design.candidates import Candidates, pair_candidates, shot_candidates
+from campaigns.design.candidates import Candidates
 from campaigns.design.criteria import Criterion, CriterionName, make_criterion
 from campaigns.design.exchange import Unobservable, optimal_design
 from campaigns.design.pose_sampling import (
@@ -31,8 +31,10 @@ from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import (
     Uncertainty,
     covariance,
+    distance_jacobian,
     marginalise_frame,
     point_jacobian,
+    whitened,
 )
 from campaigns.estimation.tracker_noise import (
     TrackerUncertainty,
@@ -40,6 +42,7 @@ from campaigns.estimation.tracker_noise import (
     point_covariance_mm2,
     pooled_variance_mm2,
 )
+from campaigns.mechanisms.parameters import ParameterSpace
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import (
     PlanRequest,
@@ -58,6 +61,13 @@ from campaigns.shots.shot_sets import ShotSet
 CANDIDATES = 4000
 WORKSPACE_SAMPLE = 1000
 """Number of poses, drawn for each plan, at which positions are to be known best."""
+MOST_SHOTS = 1000
+GOAL_ROUNDS = 4
+"""Rounds for a goal by distances, whose common variance is known when they are chosen."""
+CURVE_REACH = 2
+"""The curve goes on to so many times the plan's shots, and to twice that of the fewest."""
+NEARLY_THE_SAME = 0.15
+"""Part of the plan's own number of shots by which other numbers stay off it."""
 PAIRINGS = 6
 """Number of pairings of the candidate poses: so many pairs have as many rows as the shots."""
 
@@ -79,10 +89,9 @@ class OptimalRequest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CandidateSet:
-    """Candidate poses (N, t) with their joints (N, n), and measurements made of them."""
+    """Candidate poses (N, t), and measurements made of them."""
 
     poses: Array
-    joints: Array
     ends: Index
     """Rows of the poses of each measurement: one for a shot, two for a pair, (M, 1 or 2)."""
     candidates: Candidates
@@ -130,29 +139,24 @@ def draw_candidates(
     there = region.kinematics.inverse(workspace).values_or_raise()
     judged_at = point_jacobian(region.kinematics, request.free, there, workspace)
     noise = point_covariance_mm2(poses[:, :3] - region.view_from_mm, request.uncertainty)
+    space = region.kinematics.mechanism.parameters
+    is_length = ~space.is_angle[space.places(request.free)]
     if request.estimator == Estimator.POINTS:
-        shots = shot_candidates(region.kinematics, request.free, joints, poses, noise)
-        return CandidateSet(poses, joints, np.arange(len(poses))[:, None], shots, judged_at)
+        seen = whitened(point_jacobian(region.kinematics, request.free, joints, poses), noise)
+        shots = Candidates.from_jacobians(seen, request.free, is_length)
+        return CandidateSet(poses, np.arange(len(poses))[:, None], shots, judged_at)
     pairs = _many_pairs(poses, rng)
     variance = distance_variance_mm2(poses[:, :3], noise, pairs[:, 0], pairs[:, 1])
-    alike = np.full(len(pairs), pooled_variance_mm2(variance))
-    distances = pair_candidates(region.kinematics, request.free, joints, poses, pairs, alike)
-    return CandidateSet(poses, joints, pairs, distances, marginalise_frame(judged_at), variance)
+    apart = distance_jacobian(region.kinematics, request.free, joints, poses, pairs)
+    in_std = apart / np.sqrt(np.full((len(pairs), 1), pooled_variance_mm2(variance)))
+    distances = Candidates.from_jacobians(in_std[:, None, :], request.free, is_length)
+    return CandidateSet(poses, pairs, distances, marginalise_frame(judged_at), variance)
 
 
 def _many_pairs(poses: Array, rng: np.random.Generator) -> Index:
     """Different pairs of rows of poses, (M, 2)."""
     pairs = np.vstack([random_pairs(poses, rng) for _ in range(PAIRINGS)])
     return np.unique(np.sort(pairs, axis=1), axis=0)
-
-
-MOST_SHOTS = 1000
-GOAL_ROUNDS = 4
-"""Rounds for a goal by distances, whose common variance is known when they are chosen."""
-CURVE_REACH = 2
-"""The curve goes on to so many times the plan's shots, and to twice that of the fewest."""
-NEARLY_THE_SAME = 0.15
-"""Part of the plan's own number of shots by which other numbers stay off it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,15 +168,6 @@ class OptimalPlan:
     """Other numbers of shots and what they would give, this plan's own among them."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Choice:
-    """Poses to identify from, (N, t), and the pairs of them."""
-
-    poses: Array
-    pairs: Index
-    curve: tuple[tuple[int, Uncertainty], ...]
-
-
 def make_optimal_plan(
     robot: RobotFile, view: View, request: OptimalRequest, rng: np.random.Generator
 ) -> OptimalPlan:
@@ -181,33 +176,21 @@ def make_optimal_plan(
     Raises `PlanInvalid` when too little of the workspace can be measured, the goal is out of reach,
     there are too few candidates or shots, or the free parameters cannot be told apart.
     """
-    others = make_plan(robot, view, replace(request.plan, identification_shots=0), rng)
-    unseen = [shot for shot in others if shot.purpose is ShotSet.VALIDATION]
     wanted = request.plan
+    others = make_plan(robot, view, replace(wanted, identification_shots=0), rng)
+    unseen = [shot for shot in others if shot.purpose is ShotSet.VALIDATION]
     region = region_of(robot.kinematics, with_reserve(robot), view, wanted.centre, wanted.space)
     try:
-        choice = _choose(region, request, rng)
+        options = draw_candidates(region, request, rng)
+        _check_shots(options, request)
+        chosen = choose_measurements(options, request, rng)
+        curve = tuple(_curve(options, request, robot.mechanism.parameters, chosen, rng))
     except WorkspaceTooSmall as error:
         raise too_small(error, region, "candidates") from error
     except Unobservable as error:
         raise not_identifiable(error) from error
-    return OptimalPlan(_ordered(region, choice, unseen, request.plan.drift_shots), choice.curve)
-
-
-def _choose(region: FeasibleRegion, request: OptimalRequest, rng: np.random.Generator) -> _Choice:
-    """Raises `PlanInvalid`, `WorkspaceTooSmall` and `Unobservable`."""
-    options = draw_candidates(region, request, rng)
-    _check_shots(options, request)
-    chosen = choose_measurements(options, request, rng)
-    units = region.kinematics.mechanism.parameters.units(request.free)
-    curve = tuple(_curve(options, request, units, chosen, rng))
-    rows = options.ends[chosen].ravel()
-    poses, joints = options.poses[rows], options.joints[rows]
-    if request.estimator == Estimator.DISTANCES:
-        return _Choice(poses, np.arange(len(rows)).reshape(-1, 2), curve)
-    turns, start = region.kinematics.comparable(joints), _start(region)
-    pairs = neighbouring_pairs(turns, poses[:, :3], region.kinematics.comparable(start))
-    return _Choice(poses, pairs, curve)
+    shots = _ordered(region, options, chosen, unseen, wanted.drift_shots)
+    return OptimalPlan(shots, curve)
 
 
 def _check_shots(options: CandidateSet, request: OptimalRequest) -> None:
@@ -246,9 +229,7 @@ def choose_measurements(
     goal_mm = request.until_mm
     try:
         for _ in range(GOAL_ROUNDS):
-            design = minimal_design(
-                options.candidates, criterion, goal_mm, most, options.step, rng
-            ).least
+            design = minimal_design(options.candidates, criterion, goal_mm, most, options.step, rng)
             found_mm = design.worst_length_mm * options.variance_ratio(design.chosen)
             if found_mm <= request.until_mm:
                 break
@@ -271,7 +252,7 @@ def _out_of_reach(error: GoalOutOfReach, goal_mm: float, poses_each: int) -> Pla
 def _curve(
     options: CandidateSet,
     request: OptimalRequest,
-    units: Array,
+    space: ParameterSpace,
     chosen: Index,
     rng: np.random.Generator,
 ) -> Iterator[tuple[int, Uncertainty]]:
@@ -283,7 +264,10 @@ def _curve(
         for count in curve_counts(fewest, reach, options.step)
         if abs(count - len(chosen)) > NEARLY_THE_SAME * len(chosen)
     ]
-    criterion = options.criterion(request.criterion)
+    criterion, units = (
+        options.criterion(request.criterion),
+        space.units(request.free),
+    )
     others = [p.chosen for p in design_curve(options.candidates, criterion, counts, rng)]
     for rows in sorted([*others, chosen], key=len):
         matrix = covariance(options.candidates.jacobian(rows))[: len(request.free)]
@@ -298,19 +282,24 @@ def _next_up(length_mm: float) -> float:
     return math.ceil(length_mm / digit) * digit
 
 
-def _start(region: FeasibleRegion) -> Array:
-    """Joints (n,) of the workspace's centre."""
-    return np.asarray(region.kinematics.inverse(region.centre[None]).values_or_raise()[0])
-
-
 def _ordered(
-    region: FeasibleRegion, choice: _Choice, unseen: list[PlannedShot], drift_shots: int
+    region: FeasibleRegion,
+    options: CandidateSet,
+    chosen: Index,
+    unseen: list[PlannedShot],
+    drift_shots: int,
 ) -> tuple[PlannedShot, ...]:
     """Shots of all pairs in one tour, so that slow effects meet them alike, drift shots in it."""
-    fitted, start = len(choice.poses), _start(region)
-    poses = np.vstack([choice.poses, poses_of(unseen).reshape(-1, len(region.centre))])
-    joints = region.kinematics.inverse(poses).values_or_raise()
-    pairs = np.vstack([choice.pairs, np.arange(fitted, len(poses)).reshape(-1, 2)])
-    turns, turned = (region.kinematics.comparable(each) for each in (joints, start))
+    kinematics = region.kinematics
+    start = kinematics.inverse(region.centre[None]).values_or_raise()[0]
+    rows = options.ends[chosen].ravel()
+    fitted, turned = len(rows), kinematics.comparable(start)
+    poses = np.vstack([options.poses[rows], poses_of(unseen).reshape(-1, len(region.centre))])
+    joints = kinematics.inverse(poses).values_or_raise()
+    turns = kinematics.comparable(joints)
+    pairs = np.arange(len(poses)).reshape(-1, 2)
+    if options.poses_each == 1:
+        near = neighbouring_pairs(turns[:fitted], poses[:fitted, :3], turned)
+        pairs = np.vstack([near, pairs[fitted // 2 :]])
     tour = balance_approaches(turns, pairs, turned, np.arange(len(poses)) < fitted)
     return numbered_shots(tour, poses, joints, fitted, (region.centre, start), drift_shots)

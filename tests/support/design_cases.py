@@ -4,12 +4,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from par4_cases import NOMINAL, TRACKER_STD_MM, region
-from par4_space import FREE_BY_DEFAULT
+from par4_space import FREE_BY_DEFAULT, IS_ANGLE, indices
 
 from campaigns.arrays import Array, Index
-from campaigns.design.candidates import Candidates, pair_candidates, shot_candidates
+from campaigns.design.candidates import Candidates
 from campaigns.design.pose_sampling import boundary_poses, interior_poses, random_pairs
-from campaigns.estimation.information import marginalise_frame, point_jacobian
+from campaigns.estimation.information import (
+    distance_jacobian,
+    marginalise_frame,
+    point_jacobian,
+    whitened,
+)
 
 VARIANCE_MM2 = TRACKER_STD_MM**2
 
@@ -44,8 +49,13 @@ def shots(count=600, seed=1, free=FREE_BY_DEFAULT, noise=None):
     poses, workspace = drawn(count, seed)
     joints = NOMINAL.inverse(poses).values_or_raise()
     noise = isotropic(count) if noise is None else noise
-    candidates = shot_candidates(NOMINAL, free, joints, poses, noise)
+    candidates = shot_candidates(free, joints, poses, noise)
     return Case(poses, joints, candidates, workspace, rows_at(workspace, free))
+
+
+def shot_candidates(free, joints, poses, noise):
+    seen = whitened(point_jacobian(NOMINAL, free, joints, poses), noise)
+    return Candidates.from_jacobians(seen, free, ~IS_ANGLE[indices(free)])
 
 
 def pairs(count=800, seed=1):
@@ -53,7 +63,11 @@ def pairs(count=800, seed=1):
     joints = NOMINAL.inverse(poses).values_or_raise()
     rows = random_pairs(poses, np.random.default_rng(seed))
     variance = np.full(len(rows), 2.0 * VARIANCE_MM2)
-    candidates = pair_candidates(NOMINAL, FREE_BY_DEFAULT, joints, poses, rows, variance)
+    apart = distance_jacobian(NOMINAL, FREE_BY_DEFAULT, joints, poses, rows)
+    in_std = apart / np.sqrt(variance)[:, None]
+    candidates = Candidates.from_jacobians(
+        in_std[:, None, :], FREE_BY_DEFAULT, ~IS_ANGLE[indices(FREE_BY_DEFAULT)]
+    )
     return Case(poses, joints, candidates, workspace, marginalise_frame(rows_at(workspace)), rows)
 
 

@@ -11,7 +11,7 @@ from campaigns.controllers.corrected_targets import (
 )
 from campaigns.design.restricted_space import Rectangle, RestrictedSpace, Zone
 from campaigns.errors import ShotsMissing
-from campaigns.estimation.information import Uncertainty, position_std_mm, workspace_jacobian
+from campaigns.estimation.information import Uncertainty, WorkspaceSample
 from campaigns.mechanisms.catalog import MECHANISMS
 
 MEMBERS = pytest.mark.parametrize("member", TARGETS, ids=lambda each: each.name)
@@ -86,7 +86,7 @@ def test_the_uncertainty_is_that_of_the_workspace(member):
     root = 1e-3 * rng.standard_normal((len(free), len(free)))
     known = Uncertainty.of(free, member.space.units(free), root @ root.T)
     correction = correction_of(member, uncertainty=known, measured=poses)
-    expected = position_std_mm(workspace_jacobian(robot, free, poses), root @ root.T)
+    expected = known.of_positions(WorkspaceSample.of(robot, free, poses))
     np.testing.assert_allclose(correction.std_mm(poses), expected, rtol=1e-6)
     alone = correction.std_mm(poses[4:5])
     np.testing.assert_allclose(alone, expected[4:5], rtol=1e-6)

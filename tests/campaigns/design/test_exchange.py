@@ -4,14 +4,12 @@ from itertools import combinations, product
 
 import numpy as np
 import pytest
-from design_cases import anything, isotropic, pairs, rows_at, shots
+from design_cases import anything, isotropic, pairs, rows_at, shot_candidates, shots
 from hypothesis import given
 from hypothesis import strategies as st
-from par4_cases import NOMINAL
 from par4_space import FREE_BY_DEFAULT, IS_ANGLE, indices
 
 from campaigns.design import exchange
-from campaigns.design.candidates import shot_candidates
 from campaigns.design.criteria import inverse_of_one_plus, make_criterion
 from campaigns.design.exchange import (
     CountInvalid,
@@ -234,7 +232,7 @@ def test_parameters_that_move_with_the_frame_are_named(robot_shots):
     """With the first motor free, nothing says where the robot's own frame is."""
     free = (*FREE_BY_DEFAULT, "arm0.z_mm")
     case = robot_shots
-    candidates = shot_candidates(NOMINAL, free, case.joints, case.poses, isotropic(len(case.poses)))
+    candidates = shot_candidates(free, case.joints, case.poses, isotropic(len(case.poses)))
     with pytest.raises(Unobservable, match=r"arm0\.z_mm"):
         minimum_measurements(candidates)
 
