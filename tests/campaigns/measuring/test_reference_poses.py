@@ -74,7 +74,7 @@ def test_few_poses_or_poses_on_a_line_are_no_body() -> None:
 def test_scatter_of_the_tracker_and_of_the_robot_is_no_change() -> None:
     rng = np.random.default_rng(2)
     robot = ReferenceNoise(VarianceComponents(point_mm=0.2), TrackerUncertainty())
-    for _ in range(40):
+    for _ in range(15):
         assert not compared(outcomes(rng), outcomes(rng)).change
         worn = compared(outcomes(rng, std_mm=0.2), outcomes(rng, std_mm=0.2), robot)
         assert not worn.change
