@@ -21,7 +21,6 @@ from campaigns.chain.loading import (
     LoadTerms,
     VerificationSetup,
     load,
-    load_verified,
     roll_back,
 )
 from campaigns.controllers.load import Change
@@ -123,13 +122,8 @@ def command(
             goes_on=partial(_goes_on, wish, display, terminal),
         )
         watched = replace(terms, uninterrupted=_watched(wish, display))
-        done = load_verified(
-            campaign,
-            connected_cell(campaign, OperatorCallbacks(wish, terminal.alarm)),
-            setup,
-            file,
-            watched,
-        )
+        cell = connected_cell(campaign, OperatorCallbacks(wish, terminal.alarm))
+        done = load(campaign, cell, file, watched, setup)
     else:
         done = load(campaign, connected_robot(campaign), file, terms)
     if wish.suspends:

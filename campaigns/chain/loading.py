@@ -113,37 +113,27 @@ class VerificationSetup:
 
 def load(
     campaign: Campaign,
-    connection: AbstractContextManager[RobotController],
+    connection: AbstractContextManager[RobotController | Cell],
     source: Path | None = None,
     terms: LoadTerms | None = None,
+    verification: VerificationSetup | None = None,
 ) -> LoadResult:
     """Load a robot file, the exported one by default.
 
     `connection` is made once the file is known to be one for this campaign. Raises `ConfigInvalid`
     for a file that should not be loaded, and for parameters that no controller knows.
+
+    With a `verification`, for which the connection is to a cell, validation pairs of the plan are
+    measured before and after. Raises `VerdictBad` when their mean error became larger; then, and
+    after whatever else kept them from being measured, the old parameters are back.
     """
     terms = terms or LoadTerms()
     wanted = _wanted(campaign, source, terms)
-    with campaign.journal() as journal, connection as controller:
-        return _Loading(campaign, journal, controller, terms).load(*wanted)
-
-
-def load_verified(
-    campaign: Campaign,
-    connection: AbstractContextManager[Cell],
-    setup: VerificationSetup,
-    source: Path | None = None,
-    terms: LoadTerms | None = None,
-) -> LoadResult:
-    """Load a robot file and measure validation pairs of the plan before and after.
-
-    Raises `VerdictBad` when their mean error became larger; then,
-    and after whatever else kept them from being measured, the old parameters are back.
-    """
-    terms = terms or LoadTerms()
-    wanted = _wanted(campaign, source, terms)
-    with campaign.journal() as journal, connection as cell:
-        return _Loading(campaign, journal, cell.robot, terms, (cell, setup)).load(*wanted)
+    with campaign.journal() as journal, connection as devices:
+        cell = devices if isinstance(devices, Cell) else None
+        controller = devices.robot if isinstance(devices, Cell) else devices
+        verified_by = (cell, verification) if cell and verification else None
+        return _Loading(campaign, journal, controller, terms, verified_by).load(*wanted)
 
 
 def roll_back(

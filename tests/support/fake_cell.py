@@ -245,14 +245,14 @@ class FakeCell:
         self.robot = FakeRobot(self.clock, self.calls)
         self.tracker = FakeTracker(self.clock, self.calls, self.robot, self.truth)
         self.tracker.cancelled = self.wish
-        self.watcher = Listener()
+        self.observer = Listener()
 
     @property
     def devices(self) -> Cell:
         return Cell(self.robot, self.tracker, self.clock, self.clock)
 
     def measure(self, journal: Journal, work: Work, *, anew: bool = False) -> int:
-        return measure_series(self.devices, journal, work, self.watcher, self.wish, anew=anew)
+        return measure_series(self.devices, journal, work, self.observer, self.wish, anew=anew)
 
     def run(self, folder: Path, work: Work, *, anew: bool = False) -> Told:
         """Measure, and read what the journal on the disk holds of it."""

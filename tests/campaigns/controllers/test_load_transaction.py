@@ -19,7 +19,6 @@ from campaigns.chain.loading import (
     LoadTerms,
     VerificationSetup,
     load,
-    load_verified,
     roll_back,
 )
 from campaigns.chain.validation import wrong_stage
@@ -425,7 +424,7 @@ def verified(
     campaign: Campaign, cell: CellOf, pairs: int = 3, source: Path | None = None, **terms: object
 ) -> LoadResult:
     setup = VerificationSetup(pairs=pairs, prepare=lambda _: None)
-    return load_verified(campaign, nullcontext(cell.cell), setup, source, LoadTerms(**terms))
+    return load(campaign, nullcontext(cell.cell), source, LoadTerms(**terms), setup)
 
 
 def test_pairs_that_become_better_are_kept_with_the_load(campaign: Campaign, cell: CellOf) -> None:

@@ -35,7 +35,7 @@ def test_run_goes_on_anyway_with_a_moved_stand_and_says_so_in_the_journal(
     (text,) = texts(journal, "gone on anyway")
     assert text.startswith("gone on all the same: after the restart up to")
     assert "the tracker, its stand or the robot's base has moved" in text
-    assert text in cell.watcher.events
+    assert text in cell.observer.events
 
 
 def test_run_goes_on_anyway_where_only_one_pose_can_be_compared(tmp_path: Path) -> None:
@@ -73,7 +73,7 @@ def test_poses_are_compared_at_the_end_of_a_run_that_nothing_interrupted(tmp_pat
     assert end.endswith("neither tracker nor robot has changed")
     assert len(compared) == 4
     assert all(each.reason.startswith("only compared with the first one") for each in compared)
-    assert cell.watcher.events == []
+    assert cell.observer.events == []
 
 
 def test_stand_bumped_during_a_run_is_told_at_its_end_and_nothing_is_lost(tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ def test_stand_bumped_during_a_run_is_told_at_its_end_and_nothing_is_lost(tmp_pa
     cell.tracker.during_measure = {8: bump}
     journal = cell.run(tmp_path, work(plan, compared_at_end=True))
     assert len(journal.shots()) == len(plan)
-    (told,) = cell.watcher.events
+    (told,) = cell.observer.events
     assert told.startswith("at the end up to 1.")
     assert "has moved" in told
 
@@ -101,5 +101,5 @@ def test_pose_that_cannot_be_compared_at_the_end_loses_nothing(tmp_path: Path) -
     journal = cell.run(tmp_path, work(compared_at_end=True))
     assert len(journal.shots()) == len(TWO_PAIRS)
     assert journal.latest_series("run").finished
-    (told,) = [text for text in cell.watcher.events if text.startswith("at the end")]
+    (told,) = [text for text in cell.observer.events if text.startswith("at the end")]
     assert "a pose could not be compared" in told

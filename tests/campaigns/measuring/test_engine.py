@@ -124,7 +124,7 @@ def test_outcome_holds_what_was_asked_read_measured_and_how_long_it_took(tmp_pat
 def test_progress_counts_shots_and_tells_residual_drift_and_time_left(tmp_path: Path) -> None:
     cell = FakeCell()
     cell.run(tmp_path, work(FOUR_PAIRS))
-    told = cell.watcher.told
+    told = cell.observer.told
     assert {progress.total for progress in told} == {10}
     assert sorted({progress.done for progress in told}) == list(range(11))
     assert told[0].eta_s is None
@@ -154,7 +154,7 @@ def test_air_that_warms_raises_one_alarm_and_ends_it_once(tmp_path: Path) -> Non
         "the air has changed by +1.10 °C since the start, limit 1 °C",
         "the air is back within its limit: +0.50 °C since the start, limit 1 °C",
     ]
-    assert cell.watcher.events == alarms
+    assert cell.observer.events == alarms
 
 
 def test_drift_shots_after_the_first_are_noted(tmp_path: Path) -> None:
@@ -168,4 +168,4 @@ def test_drift_shots_after_the_first_are_noted(tmp_path: Path) -> None:
     events = [entry.record for entry in journal.records_of(Event)]
     text = "shot 1: the drift pose is 0.400 mm from where it was first, limit 1 mm"
     assert events == [Event("drift check", text)]
-    assert cell.watcher.told[-1].drift_mm == pytest.approx(0.4)
+    assert cell.observer.told[-1].drift_mm == pytest.approx(0.4)

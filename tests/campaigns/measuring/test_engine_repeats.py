@@ -37,7 +37,7 @@ def test_broken_beam_at_a_second_shot_repeats_the_whole_pair_and_at_a_first_that
     assert [(void.pair, void.shots) for void in voided] == voids
     assert (rejected.shot, rejected.attempt, rejected.measured) == (measurement - 1, 1, None)
     assert attempts_of(journal.shots()) == attempts
-    assert cell.watcher.told[-1].done == cell.watcher.told[-1].total == 6
+    assert cell.observer.told[-1].done == cell.observer.told[-1].total == 6
 
 
 @pytest.mark.parametrize("measurement", [1, 3])
@@ -81,8 +81,8 @@ def test_suspension_is_told_to_the_operator_and_to_the_journal(tmp_path: Path) -
     events = [entry.record for entry in journal.records_of(Event)]
     assert [event.kind for event in events] == ["suspended", "resumed", "drift check"]
     assert events[0].text == "shot 1, attempt 1: beam broken: the beam is broken"
-    assert cell.watcher.events == [event.text for event in events[:2]]
-    suspended = [progress for progress in cell.watcher.told if not progress.beam_locked]
+    assert cell.observer.events == [event.text for event in events[:2]]
+    suspended = [progress for progress in cell.observer.told if not progress.beam_locked]
     assert {progress.shot for progress in suspended} == {1}
 
 
@@ -112,7 +112,7 @@ def test_broken_beam_is_waited_for_as_long_as_it_takes_and_counts_no_attempt(
     (text,) = found
     lasted_s = float(text.removesuffix(" s").rpartition(" ")[2])
     assert lasts_s - 2.0 <= lasted_s <= lasts_s + 5.0
-    assert max(p.beam_lost_s for p in cell.watcher.told) >= min(lasts_s - 3.0, 1.0)
+    assert max(p.beam_lost_s for p in cell.observer.told) >= min(lasts_s - 3.0, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -137,12 +137,12 @@ def test_operator_is_told_what_to_do_about_a_broken_beam(
     journal = cell.run(tmp_path, work(FOUR_PAIRS))
     (told,) = (e.record.text for e in journal.records_of(Event) if e.record.kind == "beam broken")
     assert advice in told
-    assert told in cell.watcher.events
-    shown = [p for p in cell.watcher.told if p.beam_advice]
+    assert told in cell.observer.events
+    shown = [p for p in cell.observer.told if p.beam_advice]
     assert shown
     assert all(advice in p.beam_advice and not p.beam_locked for p in shown)
     assert all(len(p.beam_advice) <= 80 for p in shown), "a line of a small terminal"
-    assert not cell.watcher.told[-1].beam_advice
+    assert not cell.observer.told[-1].beam_advice
 
 
 def test_reflector_that_is_found_and_lost_each_time_is_no_passer_by(tmp_path: Path) -> None:
@@ -174,7 +174,7 @@ def test_result_that_cannot_be_has_a_reason_of_its_own_and_is_no_broken_beam(
     assert attempts_of(journal.shots()) == [1, 2, 1, 1, 1, 1]
     assert rejected.reason == "no measurement: the result came too soon"
     assert not cell.named("tracker.find_reflector")
-    assert all(progress.beam_locked for progress in cell.watcher.told)
+    assert all(progress.beam_locked for progress in cell.observer.told)
 
 
 def test_wrong_target_is_refused_with_its_data_and_the_tracker_sent_to_the_right_one(

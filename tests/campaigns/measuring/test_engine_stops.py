@@ -79,7 +79,7 @@ def assert_stopped_in_order(cell: FakeCell, journal: TestedJournal, how: str) ->
         ("journal.rejected", 1, 1),
         ("journal.session-stopped",),
     ]
-    assert cell.watcher.told[-1].state is EngineState.STOPPED
+    assert cell.observer.told[-1].state is EngineState.STOPPED
     *_, rejected, stopped = (entry.record for entry in journal.records())
     assert isinstance(stopped, SessionStopped)
     assert isinstance(rejected, Rejected)
@@ -167,7 +167,7 @@ def test_ctrl_c_stops_the_robot_at_once(
         with pytest.raises(error):
             cell.measure(journal, work())
         assert_stopped_in_order(cell, journal, "interrupted")
-    assert cell.watcher.told[-2].state is state
+    assert cell.observer.told[-2].state is state
     assert cell.robot.stopped_s - cell.wish.asked_s <= within_s + 1e-9
 
 
@@ -194,7 +194,7 @@ def test_ctrl_c_while_the_tracker_looks_for_its_reflector_stops_the_robot(tmp_pa
         ("robot.stop",),
         ("journal.session-stopped",),
     ]
-    assert cell.watcher.told[-2].state is EngineState.SUSPENDED
+    assert cell.observer.told[-2].state is EngineState.SUSPENDED
 
 
 RECORDS_OF_A_RUN = 15

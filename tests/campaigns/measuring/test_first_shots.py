@@ -53,8 +53,8 @@ def test_wrong_first_shot_is_voided_named_and_taken_again(tmp_path: Path) -> Non
     assert (voided.pair, voided.shots) == (None, (0,))
     assert "shot 0 does not count: a wrong target or a wrong pose: measured again it is" in told
     assert "where shot 1 agrees with it" in told
-    assert told in cell.watcher.events
-    assert cell.watcher.told[-1].done == cell.watcher.told[-1].total == 6
+    assert told in cell.observer.events
+    assert cell.observer.told[-1].done == cell.observer.told[-1].total == 6
 
 
 @pytest.mark.parametrize("off_mm", [10.0, 50.0])
@@ -166,7 +166,7 @@ def places_told(folder: Path, station: Station | None, plan=FOUR_PAIRS) -> list[
     cell = FakeCell()
     journal = cell.run(folder, work(plan, station=station))
     told = events_of(journal, "tracker place")
-    assert cell.watcher.events == told
+    assert cell.observer.events == told
     return told
 
 

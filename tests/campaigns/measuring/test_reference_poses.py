@@ -156,7 +156,7 @@ def test_unmoved_cell_goes_on_and_says_so_after_the_restart_and_at_the_end(tmp_p
     assert after.startswith("after the restart up to 0.000 mm from where they were")
     assert end.startswith("at the end up to 0.000 mm from where they were")
     assert end.endswith("neither tracker nor robot has changed")
-    assert cell.watcher.events == []
+    assert cell.observer.events == []
 
 
 def test_stand_that_was_bumped_ends_the_run_before_anything_is_measured(tmp_path: Path) -> None:
@@ -195,7 +195,7 @@ def test_stand_bumped_after_the_restart_is_told_at_the_end_and_nothing_is_lost(
     cell.tracker.during_measure = {6: bump}
     with interrupted_then(tmp_path, cell, plan) as journal:
         assert len(journal.shots(cell.measure(journal, work(plan)))) == len(plan)
-    (event,) = cell.watcher.events
+    (event,) = cell.observer.events
     assert event.startswith("at the end up to 1.500 mm from where they were")
 
 

@@ -102,8 +102,8 @@ def test_what_is_left_out_is_whole_pairs_and_named_in_the_journal(
     assert 4 < len(missing) < 20
     assert {PAIR_OF[shot] for shot in missing}.isdisjoint(PAIR_OF.get(shot) for shot in taken)
     assert f"{len(missing)} shots left out: {min(missing)}" in text
-    assert cell.watcher.events == [text]
-    last = cell.watcher.told[-1]
+    assert cell.observer.events == [text]
+    last = cell.observer.told[-1]
     assert last.done == last.total == len(taken)
 
 
@@ -121,8 +121,8 @@ def test_without_a_goal_all_is_measured_however_much_is_known(tmp_path: Path) ->
         shots = journal.shots(1)
         assert not goals_met(journal)
     assert numbers(shots) == ALL
-    assert cell.watcher.told[-1].goal_mm is None
-    told = [progress.known for progress in cell.watcher.told if progress.known]
+    assert cell.observer.told[-1].goal_mm is None
+    told = [progress.known for progress in cell.observer.told if progress.known]
     assert told[0].shots == 14, "what fewer shots tell is not told"
     assert told[-1].shots == len(IDENTIFICATION)
     assert told[-1].length_std_mm == pytest.approx(worst_length_mm(shots), rel=0.01)
@@ -169,7 +169,7 @@ def test_a_covariance_that_cannot_be_neither_ends_a_run_nor_meets_a_goal(tmp_pat
         assert numbers(journal.shots(1)) == ALL
         assert not goals_met(journal)
         assert until(GOAL_MM).known_from(journal.shots(1)) is None
-    assert cell.watcher.told[-1].known is None
+    assert cell.observer.told[-1].known is None
 
 
 def test_distances_know_less_than_points(ended_early: Path) -> None:
@@ -206,7 +206,7 @@ def test_what_was_left_out_is_measured_by_a_run_without_the_goal(ended_early: Pa
     assert set(references) <= before
     assert intents[-4:] == references, "and once more at the end"
     assert set(intents[4:-4]) == ALL - before
-    assert cell.watcher.told[-1].total == len(ALL)
+    assert cell.observer.told[-1].total == len(ALL)
 
 
 def test_another_plan_begins_a_series_of_its_own(ended_early: Path) -> None:
@@ -296,7 +296,7 @@ def test_a_voided_pair_is_forgotten_by_what_is_known(tmp_path: Path) -> None:
 
 def known_while(cell: FakeCell, shot: int) -> list[ParameterPrecision]:
     """What was known when the robot set out for each attempt at a shot."""
-    told = [progress for progress in cell.watcher.told if progress.state.value == "moving"]
+    told = [progress for progress in cell.observer.told if progress.state.value == "moving"]
     return [progress.known for progress in told if progress.shot == shot]
 
 
@@ -309,7 +309,7 @@ def test_what_is_held_at_nominal_scatters_what_is_told_while_it_is_measured(tmp_
     cell = noisy_cell(truth=off)
     with journal_in(tmp_path, cell.calls) as journal:
         shots = journal.shots(cell.measure(journal, freeing(FEWER)))
-    by_a_fit, at_the_end = freeing(FEWER).known_from(shots), cell.watcher.told[-1].known
+    by_a_fit, at_the_end = freeing(FEWER).known_from(shots), cell.observer.told[-1].known
     assert by_a_fit.scatter > 2.0
     assert at_the_end.scatter == pytest.approx(by_a_fit.scatter, rel=0.1)
 
@@ -317,7 +317,7 @@ def test_what_is_held_at_nominal_scatters_what_is_told_while_it_is_measured(tmp_
 def test_what_is_known_is_of_the_parameters_that_identify_will_look_for(tmp_path: Path) -> None:
     cell = noisy_cell()
     shots = cell.run(tmp_path, freeing(MORE)).shots()
-    at_the_end = cell.watcher.told[-1].known
+    at_the_end = cell.observer.told[-1].known
     more, usual, fewer = (w.known_from(shots) for w in (freeing(MORE), until(None), freeing(FEWER)))
     assert at_the_end.shots == more.shots == len(IDENTIFICATION)
     assert at_the_end.length_std_mm == pytest.approx(more.length_std_mm, rel=0.05)
@@ -341,6 +341,6 @@ def test_a_resumed_run_knows_what_the_journal_tells(tmp_path: Path) -> None:
     cell = interrupted_at_move(tmp_path, 2)
     with journal_in(tmp_path, []) as journal:
         kept = journal.shots(1)
-    known = cell.watcher.told[0].known
+    known = cell.observer.told[0].known
     assert known.shots == sum(shot.intent.purpose == "identification" for shot in kept)
     assert known.length_std_mm == pytest.approx(worst_length_mm(kept), rel=0.01)

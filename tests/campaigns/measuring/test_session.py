@@ -74,7 +74,7 @@ def test_comparison_of_one_pose_after_a_restart_is_kept_but_does_not_count(tmp_p
         "run goes on after 'stopped by the operator'",
         "shot 0: after the restart the pose is 0.200 mm from where it was first, limit 1 mm",
     ]
-    assert cell.watcher.told[-1].drift_mm == pytest.approx(0.2)
+    assert cell.observer.told[-1].drift_mm == pytest.approx(0.2)
 
 
 def test_pair_cut_in_two_is_measured_again_as_a_whole(tmp_path: Path) -> None:
@@ -85,8 +85,8 @@ def test_pair_cut_in_two_is_measured_again_as_a_whole(tmp_path: Path) -> None:
     attempts = [shot.outcome.attempt for shot in journal.shots()]
     assert [(void.pair, void.shots) for void in voided] == [(0, (1,))]
     assert attempts == [1, 2, 2, 1, 1, 1]
-    assert cell.watcher.told[0].done == 1
-    assert cell.watcher.told[0].total == cell.watcher.told[-1].done == 6
+    assert cell.observer.told[0].done == 1
+    assert cell.observer.told[0].total == cell.observer.told[-1].done == 6
 
 
 RECORDS_OF_A_RUN = 17
@@ -291,7 +291,7 @@ def test_air_is_compared_with_that_of_the_series_beginning(tmp_path: Path) -> No
     cell = FakeCell()
     cell.tracker.air = Weather(21.5, 1013.0, 50.0)
     cell.run(tmp_path, work())
-    assert cell.watcher.events == ["the air has changed by +1.50 °C since the start, limit 1 °C"]
+    assert cell.observer.events == ["the air has changed by +1.50 °C since the start, limit 1 °C"]
 
 
 def test_second_session_knows_at_once_where_the_reflector_should_be(tmp_path: Path) -> None:

@@ -77,8 +77,8 @@ def test_target_that_the_controller_refuses_costs_one_pair_and_is_tried_once_mor
     )
     assert skipped.text.startswith("shots 3–4 skipped:")
     assert tries == [1, 2]
-    assert cell.watcher.events == [aside.text, skipped.text]
-    assert (cell.watcher.told[-1].done, cell.watcher.told[-1].total) == (8, 10)
+    assert cell.observer.events == [aside.text, skipped.text]
+    assert (cell.observer.told[-1].done, cell.observer.told[-1].total) == (8, 10)
 
 
 def test_pose_whose_reflector_cannot_be_seen_is_told_from_a_broken_beam_by_going_back(
