@@ -61,18 +61,17 @@ def test_all_pass_only_when_each_does(decisions: tuple, together: str) -> None:
     assert decide_all(decisions) == together
 
 
-def test_requirement_states_the_expanded_uncertainty() -> None:
-    found = Requirement("rotation", 0.4, 0.5, 0.05)
-    assert found.expanded_uncertainty == pytest.approx(0.1)
-    assert found.decision == "pass"
-
-
-def test_requirement_without_a_limit_or_a_measurement_is_not_passed() -> None:
-    assert Requirement("rotation", 0.4, None, 0.05).decision is None
-    unmeasured = Requirement("rotation", None, 0.5, 0.05)
-    assert (unmeasured.decision, unmeasured.expanded_uncertainty) == ("not decided", None)
-
-
-def test_requirement_without_an_uncertainty_is_judged_as_it_stands() -> None:
-    assert Requirement("rotation", 0.5, 0.5).decision == "pass"
-    assert Requirement("rotation", 0.5001, 0.5).decision == "fail"
+@pytest.mark.parametrize(
+    ("error", "limit", "u", "decision"),
+    [
+        (0.4, 0.5, 0.05, "pass"),
+        (0.4, None, 0.05, None),
+        (None, 0.5, 0.0, "not decided"),
+        (0.5, 0.5, 0.0, "pass"),
+        (0.5001, 0.5, 0.0, "fail"),
+    ],
+)
+def test_requirement_needs_a_limit_and_a_measurement(error, limit, u, decision) -> None:
+    found = Requirement("rotation", error, limit, u)
+    assert found.decision == decision
+    assert found.expanded_uncertainty == (None if error is None else 2.0 * u)

@@ -171,17 +171,6 @@ def test_what_neither_tracker_nor_repeatability_explains_is_left() -> None:
     assert unknown.unexplained_mm == pytest.approx(0.4)
 
 
-def test_correlations_are_symmetric_with_ones_and_sorted_by_size(contents: Evaluation) -> None:
-    found = contents.evidence.identification.covariance
-    matrix = found.correlations()
-    assert np.allclose(matrix, matrix.T)
-    assert np.allclose(np.diag(matrix), 1.0)
-    strongest = [abs(each.value) for each in found.strongest(5)]
-    assert strongest == sorted(strongest, reverse=True)
-    above = np.abs(matrix[np.triu_indices(len(found.names), 1)])
-    assert strongest[0] == pytest.approx(above.max())
-
-
 def test_an_identification_of_older_software_can_be_read_and_evaluated(
     whole: PaperCampaign, contents: Evaluation
 ) -> None:

@@ -10,6 +10,7 @@ from campaigns.evaluation.gains import gains, worse_than_before
 from campaigns.evaluation.validation import (
     ValidationResult,
     ValidationVerdict,
+    distance_test,
     limits_by_figure,
     line_axes,
     line_tests,
@@ -18,6 +19,7 @@ from campaigns.evaluation.validation import (
     validation_verdict,
 )
 from campaigns.settings.sections import AcceptanceConfig
+from campaigns.shots.pairs import pair_rows
 from campaigns.shots.shot_sets import ShotSet
 
 CENTRE_MM = np.array([10.0, 20.0, 30.0])
@@ -132,6 +134,7 @@ def test_distance_errors_are_those_of_the_pairs() -> None:
 def test_half_a_pair_is_no_distance() -> None:
     assert validated(pairs([0.3, -0.6])[:-1]).distances.largest.value_mm == pytest.approx(0.3)
     assert validated(pairs([0.3])[:-1]).distances is None
+    assert validated(pairs([0.3, -0.6])[:-1]).distances.pairs == (0,)
 
 
 def test_absolute_accuracy_is_what_no_frame_can_explain() -> None:
@@ -174,8 +177,48 @@ def test_test_that_was_not_run_is_null() -> None:
         "repeatability": None,
         "frame_mm": None,
     }
+    assert found.series == {"straightness": 0}
     assert validated([]).document() == dict.fromkeys(found.document())
     assert set(validated([]).figures().values()) == {None}
+
+
+def with_deviations(points, deviations):
+    """Points whose coordinates have these standard deviations, commanded where they are."""
+    points = np.array(points, dtype=float)
+    commanded = np.column_stack([points, np.zeros(len(points))])
+    return commanded, points, np.tile(np.diag(np.square(deviations)), (len(points), 1, 1))
+
+
+def test_the_instrument_counts_in_the_direction_of_the_error() -> None:
+    sideways = with_deviations([(0, 0, 0), (0, 1, 0)], (0.1, 0.2, 0.4))
+    moved = rotation_test(*sideways).moved
+    assert moved.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * 0.2)
+    assert moved.expanded_uncertainty_mm == pytest.approx(2.0 * np.sqrt(2.0) * 0.2)
+    along = with_deviations([(0, 0, 0), (1, 0, 0)], (0.1, 0.2, 0.4))
+    assert rotation_test(*along).moved.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * 0.1)
+
+
+def test_without_an_error_the_worst_direction_counts() -> None:
+    same = with_deviations([(0, 0, 0), (0, 0, 0)], (0.1, 0.2, 0.4))
+    radius = repeatability_test(*same, in_base=True).radius
+    assert radius.value_mm == 0.0
+    assert radius.standard_uncertainty_mm == pytest.approx(0.4)
+
+
+def test_each_distance_has_the_uncertainty_along_it_and_averaging_takes_nothing_off() -> None:
+    points = [(0, 0, 0), (9, 0, 0), (0, 0, 5), (0, 7, 5)]
+    found = distance_test(pair_rows((3, 3, 4, 4)), *with_deviations(points, (0.1, 0.2, 0.4)))
+    assert found.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * np.array([0.1, 0.2]))
+    assert found.mean.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * 0.15)
+
+
+def test_the_largest_distance_error_has_the_uncertainty_of_its_own_pair() -> None:
+    points = [(0, 0, 0), (9, 0, 0), (0, 0, 5), (0, 7, 5)]
+    commanded, *seen = with_deviations(points, (0.1, 0.2, 0.4))
+    commanded[3, 1] = 5.0
+    largest = distance_test(pair_rows((3, 3, 4, 4)), commanded, *seen).largest
+    assert largest.value_mm == pytest.approx(2.0)
+    assert largest.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * 0.2)
 
 
 @pytest.fixture(scope="module")

@@ -1,10 +1,8 @@
 """Identification with what the user knows: priors, freed and fixed parameters, what is held."""
 
-import numpy as np
 import pytest
 from fake_cell import NOMINAL
 from identified_cases import (
-    TRUTH,
     deviations,
     identified,
     moved,
@@ -28,7 +26,7 @@ BOTH = pytest.mark.parametrize("estimator", list(Estimator))
 def test_what_moves_together_is_said_held_and_spoils_the_verdict(estimator) -> None:
     found = identified(CLEAN, estimator, free=["arm0.x_mm"])
     assert [set(names) for names in found.unobservable] == [SHIFT_ALONG_X]
-    assert found.verdict == "fail"
+    assert (found.verdict, found.rank, found.condition) == ("fail", 22, None)
     assert found.reasons[0].startswith("the data cannot tell apart: ")
     assert found.reasons[0].endswith("move together here: held at nominal along that combination")
     assert {name for name in SHIFT_ALONG_X if deviations(found)[name] is None} == SHIFT_ALONG_X
@@ -79,14 +77,6 @@ def test_a_good_prior_sharpens_what_hangs_together_with_it(estimator) -> None:
     assert values(sharp)["plate_mm"] == pytest.approx(NOMINAL_PLATE_MM, abs=1e-3)
 
 
-@BOTH
-def test_a_wrong_prior_makes_the_scatter_unbelievable(estimator) -> None:
-    """Table I's plate is far from nominal: a prior that denies it contradicts the shots."""
-    assert abs(TRUTH.parameters["plate_mm"] - NOMINAL_PLATE_MM) > 0.5
-    found = identified(CLEAN, estimator, prior=["plate_mm=0.0001"])
-    assert not found.chi2.believable
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("loss", list(LossShape))
 @BOTH
@@ -117,13 +107,3 @@ def test_positions_are_not_known_where_shots_are_too_few() -> None:
         poses=workspace(),
     )
     assert found.position_std_mm is None or found.position_std_mm.max > 1.0
-
-
-def test_strong_correlations_come_largest_first() -> None:
-    few = noisy(simulated(24, 5, seed=1), seed=1)
-    strong = identified(few, Estimator.DISTANCES).document()["correlations"]
-    sizes = [abs(each["value"]) for each in strong]
-    assert sizes == sorted(sizes, reverse=True)
-    assert 0 < len(sizes) <= 20
-    assert min(sizes) >= 0.9
-    assert all(np.isfinite(sizes))
