@@ -21,19 +21,12 @@ IDENTIFICATION_KEYS = {
     *("unseen_mm", "excluded", "unobservable", "known_by_priors_alone", "priors", "loss"),
     *("models", "outliers", "chi2", "covariance", "correlations", "position_std_mm", "frame"),
     *("sessions", "verdict", "reasons", "seconds", "message", "fitted", "unseen", "modelled"),
-    *(
-        "series",
-        "shots",
-        "robot_digest",
-        "plan_digest",
-        "journal_digest",
-        "journal_records",
-        "at_utc",
-    ),
+    *("shots", "robot_digest", "plan_digest", "journal_digest", "journal_records", "at_utc"),
+    "series",
 }
 DRY_RUN_KEYS = {
     *("scenario", "seed", "before", "after", "identification", "parameter_file", "report"),
-    *("seconds"),
+    "seconds",
 }
 VALIDATION_KEYS = {"distances_mm", "rotation_mm", "straightness_mm", "repeatability", "frame_mm"}
 
