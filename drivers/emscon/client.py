@@ -20,6 +20,29 @@ from drivers.wire.emscon_constants import (
     status_text,
 )
 
+BUSY_PAUSE_S = 0.1
+MOST_REFLECTORS = 1000
+OTHER_CLIENT = ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED
+SETTINGS = frozenset(
+    {
+        SystemChange.UNITS,
+        SystemChange.REFLECTOR,
+        SystemChange.SYSTEM_SETTINGS,
+        SystemChange.COORDINATE_SYSTEM_TYPE,
+        SystemChange.MEASUREMENT_MODE,
+        SystemChange.STATIONARY_MODE_PARAMS,
+    }
+)
+"""Changes that would make the next result mean something else."""
+STATES = frozenset(
+    {Command.GET_SYSTEM_STATUS, Command.GET_TRACKER_STATUS, Command.GET_MEASUREMENT_STATUS_INFO}
+)
+SETTINGS_COMMANDS = frozenset(c for c in Command if c.name.startswith(("GET_", "SET_")))
+"""Commands whose error is not about a measurement; one that names a motion or nothing may be."""
+
+BodyType = TypeVar("BodyType", bound=bodies.Body)
+Result = bodies.SingleResult | bodies.SingleResult2
+
 NOT_READY: Mapping[int, str] = {
     ResultStatus.SERVER_BUSY: "wait until the tracker has finished, then try again",
     ResultStatus.WRONG_CURRENT_REFLECTOR: "prepare the tracker with the reflector that is mounted",
@@ -86,30 +109,6 @@ def failed_with_beam(where: str, doing: str, status: int, *, beam_lost: bool) ->
 def beam_not_locked(where: str, doing: str) -> BeamBroken:
     """Return the error for a search that ended well but found nothing."""
     return BeamBroken(f"{where}: {doing} found no reflector", remedy=BEAM_REMEDY)
-
-
-BUSY_PAUSE_S = 0.1
-MOST_REFLECTORS = 1000
-OTHER_CLIENT = ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED
-SETTINGS = frozenset(
-    {
-        SystemChange.UNITS,
-        SystemChange.REFLECTOR,
-        SystemChange.SYSTEM_SETTINGS,
-        SystemChange.COORDINATE_SYSTEM_TYPE,
-        SystemChange.MEASUREMENT_MODE,
-        SystemChange.STATIONARY_MODE_PARAMS,
-    }
-)
-"""Changes that would make the next result mean something else."""
-STATES = frozenset(
-    {Command.GET_SYSTEM_STATUS, Command.GET_TRACKER_STATUS, Command.GET_MEASUREMENT_STATUS_INFO}
-)
-SETTINGS_COMMANDS = frozenset(c for c in Command if c.name.startswith(("GET_", "SET_")))
-"""Commands whose error is not about a measurement; one that names a motion or nothing may be."""
-
-BodyType = TypeVar("BodyType", bound=bodies.Body)
-Result = bodies.SingleResult | bodies.SingleResult2
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,6 +47,14 @@ from drivers.wire.emscon_constants import (
 )
 from drivers.wire.framing import PacketFramer
 
+SIMULATED = "SIM-LT"
+"""Name by which our simulated tracker says what it is; no instrument is called so."""
+ADM_ON = 1
+RECONNECT_PAUSE_S = 0.1
+READINESS: dict[int, Readiness] = {
+    TrackerLight.BUSY: Readiness.BUSY,
+    TrackerLight.READY: Readiness.READY,
+}
 NO_COVARIANCE: Vector3 = (0.0, 0.0, 0.0)
 LEAST_STD_MM = 1e-7
 """Least value taken for a standard deviation; a zero is a field that the instrument left out."""
@@ -131,16 +139,6 @@ def _symmetric(std: Vector3, covariance: Vector3) -> Matrix3:
 
 def _trace(matrix: Matrix3) -> float:
     return matrix[0][0] + matrix[1][1] + matrix[2][2]
-
-
-SIMULATED = "SIM-LT"
-"""Name by which our simulated tracker says what it is; no instrument is called so."""
-ADM_ON = 1
-RECONNECT_PAUSE_S = 0.1
-READINESS: dict[int, Readiness] = {
-    TrackerLight.BUSY: Readiness.BUSY,
-    TrackerLight.READY: Readiness.READY,
-}
 
 
 class EmsconTracker(LaserTracker):

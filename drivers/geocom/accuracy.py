@@ -8,6 +8,9 @@ from drivers.values import Matrix3, Vector3
 
 RAD_PER_ARCSEC = pi / 648_000.0
 MM_PER_KM = 1e6
+PSYCHROMETER_PER_K = 6.62e-4
+"""Constant of a ventilated psychrometer (Sprung's formula)."""
+FREEZING_hPa = 6.112
 BOTH_FACES = sqrt(2.0)
 """ISO 17123-3 states a direction that is observed once in both faces; here one face is observed."""
 
@@ -140,11 +143,6 @@ def _scaled(vector: Vector3, factor: float) -> Vector3:
 def _cross(first: Vector3, second: Vector3) -> Vector3:
     (a, b, c), (x, y, z) = first, second
     return b * z - c * y, c * x - a * z, a * y - b * x
-
-
-PSYCHROMETER_PER_K = 6.62e-4
-"""Constant of a ventilated psychrometer (Sprung's formula)."""
-FREEZING_hPa = 6.112
 
 
 def relative_humidity_percent(dry_degC: float, wet_degC: float, pressure_hPa: float) -> float:

@@ -1,5 +1,6 @@
-"""LinuxCNC's HAL pins from outside: read and set as full doubles, by LinuxCNC's own Python module.
+"""Parameters of LinuxCNC: the file that it reads when it starts, and its HAL pins from outside.
 
+Pins are read and set as full doubles, by LinuxCNC's own Python module.
 `halcmd getp` prints seven digits, too few to verify a parameter by. So a small program is handed to
 the system's Python on LinuxCNC's computer: directly, or by a prefix such as `ssh controller`.
 """

@@ -21,6 +21,9 @@ from drivers.values import Identity, Pose, RobotState, inner_units, outer_units
 from drivers.wire import robotline as wire
 from drivers.wire.framing import ascii_bytes
 
+NOT_KNOWN = ("ARGUMENT", "GEOMETRY", "VERB")
+"""Refusals of a parameter that a controller does not have."""
+
 AnswerKind = TypeVar("AnswerKind", bound=wire.Answer)
 
 
@@ -34,11 +37,6 @@ class RobotlineDeadlines:
     """Patience of the first try to stop; each further one waits longer."""
     standstill_s: float = 5.0
     poll_s: float = 0.01
-
-
-DEADLINES = RobotlineDeadlines()
-NOT_KNOWN = ("ARGUMENT", "GEOMETRY", "VERB")
-"""Refusals of a parameter that a controller does not have."""
 
 
 class LineRobot(RobotController):
@@ -59,7 +57,7 @@ class LineRobot(RobotController):
         layout: wire.RobotLayout,
         clock: Clock,
         first_sequence: int,
-        deadlines: RobotlineDeadlines = DEADLINES,
+        deadlines: RobotlineDeadlines = RobotlineDeadlines(),
         cancelled: Callable[[], bool] = never,
         alarm: Alarm = unheard,
     ) -> None:
