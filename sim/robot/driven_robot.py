@@ -63,20 +63,6 @@ class Standing:
     """(3,): what repeatability moved the plate by."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _View:
-    """View of the reflector, and the state it is of."""
-
-    standing: Standing
-    growth: float
-    encoders: Array
-    seen: SeenReflector
-
-    def is_of(self, standing: Standing, growth: float, encoders: Array) -> bool:
-        same_robot = self.standing is standing and self.growth == growth
-        return same_robot and np.array_equal(self.encoders, encoders)
-
-
 class DrivenRobot:
     """Robot from its encoders to the reflector in space."""
 
@@ -99,7 +85,8 @@ class DrivenRobot:
         self.arrivals = arrivals
         self.standing = standing
         self._ahead = standing.assembly
-        self._last_view: _View | None = None
+        self._last_view: tuple[Standing, float, Array, SeenReflector] | None = None
+        """Reflector as it was seen the last time, after the state that it was seen in."""
 
     def passable_part(self, encoders: Array) -> float:
         """Part of the straight joint path to there, 0 to 1, that the mechanism follows freely."""
@@ -134,11 +121,13 @@ class DrivenRobot:
 
         A tracker looks many times at a robot that stands: the last view is kept.
         """
-        last, growth = self._last_view, self._growth()
-        if last and last.is_of(self.standing, growth, encoders):
-            return last.seen
+        growth = self._growth()
+        if self._last_view is not None:
+            standing, grown, at, seen = self._last_view
+            if standing is self.standing and grown == growth and np.array_equal(at, encoders):
+                return seen
         seen = self._view(encoders)
-        self._last_view = _View(self.standing, growth, np.array(encoders), seen)
+        self._last_view = self.standing, growth, np.array(encoders), seen
         return seen
 
     def _view(self, encoders: Array) -> SeenReflector:

@@ -1,7 +1,7 @@
 """The simulated tracker's side of emScon (docs/emscon.md): one connection, no socket."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import hypot
 
 from drivers.values import DISTANCE
@@ -39,22 +39,6 @@ EVENT_CHANGES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class _Straggler:
-    """Result that comes after its measurement has been told to have failed, and when."""
-
-    result: bytes
-    due_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Pending:
-    """The one command that is under way, and when it ends."""
-
-    command: Command
-    due_s: float
-
-
 class EmsconSession:
     """Answers one client, one command at a time; `WireError` means that it must be closed.
 
@@ -77,12 +61,14 @@ class EmsconSession:
         self._faults = faults
         self._framer = FromClientFramer()
         self._instrument = EmsconInstrument(tracker) if instrument is None else instrument
-        self._pending: _Pending | None = None
+        self._pending: tuple[Command, float] | None = None
+        """The one command that is under way, and when it ends."""
         self._shown: TrackerLight | None = None
         self._next_position_s = 0.0
         self._fault: Fault | None = None
         self._latest_result: bytes | None = None
-        self._straggler: _Straggler | None = None
+        self._straggler: tuple[bytes, float] | None = None
+        """Result that comes after its measurement has been told to have failed, and when."""
 
     def received(self, data: bytes, now_s: float) -> None:
         """Obey what these bytes complete; raises `WireError` for what is not of the protocol.
@@ -105,8 +91,8 @@ class EmsconSession:
         if self._is_second:
             return None
         times = [
-            self._pending.due_s if self._pending is not None else None,
-            self._straggler.due_s if self._straggler is not None else None,
+            self._pending[1] if self._pending is not None else None,
+            self._straggler[1] if self._straggler is not None else None,
             self._tracker.next_event_s(),
             self._next_position_s if self._instrument.settings.send_reflector_position else None,
         ]
@@ -121,9 +107,11 @@ class EmsconSession:
             return
         self._tracker.advance(now_s)
         self._tell_events()
-        self._tell_straggler(now_s)
-        if self._pending is not None and now_s >= self._pending.due_s:
-            self._finish(self._pending.command, now_s)
+        if self._straggler is not None and now_s >= self._straggler[1]:
+            self._send(self._straggler[0])
+            self._straggler = None
+        if self._pending is not None and now_s >= self._pending[1]:
+            self._finish(self._pending[0], now_s)
 
     def _obey(self, request: FromClient, now_s: float) -> None:
         status = self._obstacle(request, now_s)
@@ -139,28 +127,29 @@ class EmsconSession:
             return ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED
         if isinstance(request, UnknownRequest):
             return ResultStatus.NOT_IMPLEMENTED
-        if self._is_busy(now_s) and not self._stops(request):
-            return ResultStatus.SERVER_BUSY
-        return ResultStatus.ALL_OK
-
-    def _stops(self, request: EmsconRequest) -> bool:
+        stops = request.command == Command.STOP_MEASUREMENT and self._is_measuring
         return (
-            request.command == Command.STOP_MEASUREMENT
-            and self._pending is not None
-            and self._pending.command == Command.START_MEASUREMENT
+            ResultStatus.SERVER_BUSY if self._is_busy(now_s) and not stops else ResultStatus.ALL_OK
         )
+
+    @property
+    def _is_measuring(self) -> bool:
+        return self._pending is not None and self._pending[0] == Command.START_MEASUREMENT
 
     def _act(self, request: EmsconRequest, now_s: float) -> None:
         match request.command:
             case Command.STOP_MEASUREMENT:
                 self._pending = None
                 self._answer(request.command, EmsconOutcome())
-            case Command.INITIALIZE:
-                self._initialise(now_s)
             case Command.START_MEASUREMENT:
                 begun = EmsconOutcome(self._begin_measurement(now_s))
                 self._answer(request.command, begun)
-            case Command.GO_POSITION | Command.FIND_REFLECTOR | Command.GO_AND_MEASURE:
+            case (
+                Command.INITIALIZE
+                | Command.GO_POSITION
+                | Command.FIND_REFLECTOR
+                | Command.GO_AND_MEASURE
+            ):
                 self._move(request, now_s)
             case Command.GET_TRACKER_STATUS:
                 light = said.TrackerStatus(self._light(now_s))
@@ -177,12 +166,6 @@ class EmsconSession:
         if outcome.change is not None:
             self._tell(outcome.change)
 
-    def _initialise(self, now_s: float) -> None:
-        if not self._tracker.laser_warm(now_s):
-            self._answer(Command.INITIALIZE, EmsconOutcome(ResultStatus.SENSOR_NOT_WARMED_UP))
-            return
-        self._pending = _Pending(Command.INITIALIZE, now_s + self._tracker.initialise(now_s))
-
     def _begin_measurement(self, now_s: float) -> ResultStatus:
         """Begin one, or say why not."""
         if (status := self._unready(now_s)) != ResultStatus.ALL_OK:
@@ -192,26 +175,28 @@ class EmsconSession:
             return ResultStatus.MEASUREMENT_STATUS_NOT_READY
         self._fault = None if self._faults is None else self._faults.next(Counted.RESULT)
         due_s = now_s if self._is_wrong("early") else end_s
-        self._pending = _Pending(Command.START_MEASUREMENT, due_s)
+        self._pending = (Command.START_MEASUREMENT, due_s)
         return ResultStatus.ALL_OK
 
     def _move(self, request: EmsconRequest, now_s: float) -> None:
+        command, initialises = request.command, request.command == Command.INITIALIZE
         obstacle = ResultStatus.ALL_OK
-        if request.command == Command.GO_AND_MEASURE:
-            obstacle = self._unready(now_s)
-        elif not self._tracker.initialised(now_s):
+        if not initialises and not self._tracker.initialised(now_s):
             obstacle = ResultStatus.TRACKER_NOT_INITIALIZED
+        elif initialises or command == Command.GO_AND_MEASURE:
+            obstacle = self._unwarmed(now_s)
         if obstacle != ResultStatus.ALL_OK:
-            self._answer(request.command, EmsconOutcome(obstacle))
+            self._answer(command, EmsconOutcome(obstacle))
             return
-        duration_s = self._motion_s(request.body, now_s)
-        if duration_s is None:
-            self._answer(request.command, wrong_parameter(1))
+        move_s = self._tracker.initialise(now_s) if initialises else self._motion_s(request, now_s)
+        if move_s is None:
+            self._answer(command, wrong_parameter(1))
         else:
-            self._pending = _Pending(request.command, now_s + duration_s)
+            self._pending = command, now_s + move_s
 
-    def _motion_s(self, body: said.Body, now_s: float) -> float | None:
+    def _motion_s(self, request: EmsconRequest, now_s: float) -> float | None:
         """Start a motion and return how long it takes; None: there is no such place."""
+        body = request.body
         if isinstance(body, said.BeamTarget | said.ReflectorPlace) and _is_in_sight(*body.point):
             return self._tracker.go_to(body.point, now_s)
         if isinstance(body, said.ApproximateDistance) and _is_in_sight(body.distance):
@@ -247,7 +232,7 @@ class EmsconSession:
         """Send a result, unless a fault has it come later or not at all."""
         if self._is_wrong("straggling"):
             late_s = 0.0 if self._fault is None else self._fault.seconds or 0.0
-            self._straggler = _Straggler(result, now_s + late_s)
+            self._straggler = result, now_s + late_s
             self._tell_failure()
             return
         if self._is_wrong("repeated") and self._latest_result is not None:
@@ -258,12 +243,6 @@ class EmsconSession:
     def _tell_failure(self) -> None:
         self._send(encode(said.ErrorResponse(Command.START_MEASUREMENT, BEAM_LOST_STATUS)))
 
-    def _tell_straggler(self, now_s: float) -> None:
-        """Send a result that should have come with a measurement that has failed long since."""
-        if self._straggler is not None and now_s >= self._straggler.due_s:
-            result, self._straggler = self._straggler.result, None
-            self._send(result)
-
     def _is_wrong(self, kind: str) -> bool:
         """Whether the present measurement has a fault of this kind."""
         return self._fault is not None and self._fault.kind == kind
@@ -271,9 +250,11 @@ class EmsconSession:
     def _unready(self, now_s: float) -> ResultStatus:
         if not self._tracker.initialised(now_s):
             return ResultStatus.TRACKER_NOT_INITIALIZED
-        if not self._tracker.laser_warm(now_s):
-            return ResultStatus.SENSOR_NOT_WARMED_UP
-        return ResultStatus.ALL_OK
+        return self._unwarmed(now_s)
+
+    def _unwarmed(self, now_s: float) -> ResultStatus:
+        is_warm = self._tracker.laser_warm(now_s)
+        return ResultStatus.ALL_OK if is_warm else ResultStatus.SENSOR_NOT_WARMED_UP
 
     def _is_busy(self, now_s: float) -> bool:
         return self._pending is not None or self._tracker.busy(now_s)
@@ -295,8 +276,8 @@ class EmsconSession:
         """Turn the light red and name the command that fails by it, if any."""
         self._show(TrackerLight.NOT_READY)
         failed: int = UNKNOWN_COMMAND
-        if self._pending is not None and self._pending.command == Command.START_MEASUREMENT:
-            failed, self._pending = self._pending.command, None
+        if self._is_measuring:
+            failed, self._pending = Command.START_MEASUREMENT, None
         if failed != UNKNOWN_COMMAND or self._instrument.settings.send_unsolicited_messages:
             self._send(encode(said.ErrorResponse(failed, BEAM_LOST_STATUS)))
 

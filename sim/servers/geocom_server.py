@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from drivers.errors import WireError
 from drivers.wire import geocom
@@ -14,14 +13,6 @@ MOST_WAITING = 100
 """Requests that are kept while one is under way; what comes above is lost, as in a full buffer."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Pending:
-    """The one call that is under way."""
-
-    request: geocom.GeocomRequest
-    later: Later
-
-
 class GeocomSession:
     """Answers one client, one call after another; settings are the station's and stay with it."""
 
@@ -30,7 +21,8 @@ class GeocomSession:
         self._send = send
         self._lines = geocom.line_framer()
         self._waiting: deque[geocom.GeocomRequest] = deque()
-        self._pending: _Pending | None = None
+        self._pending: tuple[geocom.GeocomRequest, Later] | None = None
+        """The one call that is under way."""
 
     def received(self, data: bytes, now_s: float) -> None:
         """Obey every line that these bytes complete; what takes time is answered by `advance`."""
@@ -42,16 +34,15 @@ class GeocomSession:
     def advance(self, now_s: float) -> None:
         """End what is due, and go on with what waits behind it."""
         self._station.advance(now_s)
-        if self._pending is not None and now_s >= self._pending.later.due_s:
-            request, later = self._pending.request, self._pending.later
-            self._pending = None
+        if self._pending is not None and now_s >= self._pending[1].due_s:
+            (request, later), self._pending = self._pending, None
             self._answer(request, later.finish(now_s))
         while self._waiting and self._pending is None:
             self._begin(self._waiting.popleft(), now_s)
 
     def next_due_s(self) -> float | None:
         """Time of the next thing that happens by itself."""
-        times = [self._station.next_due_s(), self._pending.later.due_s if self._pending else None]
+        times = [self._station.next_due_s(), self._pending[1].due_s if self._pending else None]
         return min((time_s for time_s in times if time_s is not None), default=None)
 
     def closed(self, now_s: float) -> None:  # noqa: ARG002 - a session is told the time
@@ -76,7 +67,7 @@ class GeocomSession:
     def _abort(self) -> None:
         """End what is under way with its refusal, then confirm."""
         if self._pending is not None:
-            request, self._pending = self._pending.request, None
+            (request, _), self._pending = self._pending, None
             self._answer(request, GeocomOutcome(Result.ABORTED))
         self._send(geocom.ABORTED + geocom.TERMINATOR)
 
@@ -89,7 +80,7 @@ class GeocomSession:
         if outcome is None:
             self._fail(request, Result.COM_UNKNOWN_PROCEDURE)
         elif isinstance(outcome, Later):
-            self._pending = _Pending(request, outcome)
+            self._pending = request, outcome
         else:
             self._answer(request, outcome)
 

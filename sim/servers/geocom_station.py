@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from math import cos, sin
 
@@ -131,14 +130,6 @@ def _aim(there_mm: Array, window_rad: float) -> Aim:
     return Aim((x, y, z), radius_mm, any_distance=True)
 
 
-@dataclass(frozen=True, slots=True)
-class _Distance:
-    """Content of the distance meter: a point in the tracker's frame, None when it found nothing."""
-
-    point_mm: Vector3 | None
-    at_s: float
-
-
 class GeocomStation:
     """Instrument, whoever is connected. Every call is told the time."""
 
@@ -147,7 +138,8 @@ class GeocomStation:
         self.instrument = GeocomInstrument(tracker)
         self.head = Head(tracker)
         self._measures_until_s: float | None = None
-        self._distance: _Distance | None = None
+        self._distance: tuple[Vector3 | None, float] | None = None
+        """Point in the tracker's frame, None where it found nothing, and when."""
         self._handlers = self.instrument.handlers() | self._measuring() | self._aiming()
 
     def obey(self, rpc: int, words: Sequence[str], now_s: float) -> GeocomOutcome | Later | None:
@@ -163,7 +155,7 @@ class GeocomStation:
         if due_s is not None and now_s >= due_s:
             self._measures_until_s = None
             shot = self.tracker.finish_measurement(now_s)
-            self._distance = _Distance(None if shot is None else shot.point_in_tracker_mm, due_s)
+            self._distance = (None if shot is None else shot.point_in_tracker_mm), due_s
 
     def next_due_s(self) -> float | None:
         """Time of the next thing that happens by itself."""
@@ -206,7 +198,7 @@ class GeocomStation:
     def _begin(self, now_s: float) -> None:
         self._measures_until_s = self.tracker.begin_measurement(MEASURING_S, now_s)
         if self._measures_until_s is None:
-            self._distance = _Distance(None, now_s)
+            self._distance = None, now_s
 
     def _when_measured(
         self, deliver: Callable[[float], GeocomOutcome], words: Sequence[str], now_s: float
@@ -256,8 +248,8 @@ class GeocomStation:
         self.advance(now_s)
         if self._distance is None:
             return Result.ANGLES_ONLY, None, now_s
-        code = Result.DISTANCE_ERROR if self._distance.point_mm is None else Result.OK
-        return code, self._distance.point_mm, self._distance.at_s
+        point_mm, at_s = self._distance
+        return Result.DISTANCE_ERROR if point_mm is None else Result.OK, point_mm, at_s
 
     def _surveyed_m(self, point_mm: Vector3) -> Vector3:
         """East, north and height of the ground below the prism, as the instrument is set up."""

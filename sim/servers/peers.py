@@ -5,7 +5,6 @@ import selectors
 import socket
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, Self
 
@@ -90,13 +89,8 @@ class Channel:
             close()
 
 
-@dataclass(frozen=True, slots=True)
-class _Item:
-    """Bytes that go out not before a time; nothing but the end of the connection if it `closes`."""
-
-    data: bytes
-    due_s: float
-    closes: bool = False
+_Item = tuple[float, bytes | None]
+"""Bytes that go out not before a time; None is the end of the connection."""
 
 
 class SendQueue:
@@ -111,21 +105,19 @@ class SendQueue:
     @property
     def size_bytes(self) -> int:
         """Number of bytes that have not gone out yet."""
-        return len(self._going) + sum(len(item.data) for item in self._items)
+        return len(self._going) + sum(len(data or b"") for _, data in self._items)
 
     def put(self, message: bytes, now_s: float) -> None:
         """Add one whole message of the device."""
         fault = self._next_fault()
-        self._items.extend(
-            [_Item(message, now_s)] if fault is None else _hit(message, fault, now_s)
-        )
+        self._items.extend([(now_s, message)] if fault is None else _hit(message, fault, now_s))
 
     def due(self, now_s: float) -> bytes:
         """The bytes to write now. A message waits for the one before it."""
-        while self._items and self._items[0].due_s <= now_s and not self.wants_close:
-            item = self._items.popleft()
-            self._going += item.data
-            self.wants_close = item.closes
+        while self._items and self._items[0][0] <= now_s and not self.wants_close:
+            _, data = self._items.popleft()
+            self._going += data or b""
+            self.wants_close = data is None
         return bytes(self._going)
 
     def written(self, count: int) -> None:
@@ -134,7 +126,7 @@ class SendQueue:
 
     def next_due_s(self) -> float | None:
         """Time when the next message may go out."""
-        return self._items[0].due_s if self._items else None
+        return self._items[0][0] if self._items else None
 
     def discard(self) -> None:
         """Forget everything that has not gone out."""
@@ -145,15 +137,15 @@ class SendQueue:
 def _hit(message: bytes, fault: Fault, now_s: float) -> list[_Item]:
     """Rest of a message that a fault has hit."""
     if fault.kind == "late":
-        return [_Item(message, now_s + (LATE_S if fault.seconds is None else fault.seconds))]
+        return [(now_s + (LATE_S if fault.seconds is None else fault.seconds), message)]
     if fault.kind == "garbage":  # its last byte stays, so that a line still ends
-        return [_Item(message[:-1].translate(GARBLED) + message[-1:], now_s)]
+        return [(now_s, message[:-1].translate(GARBLED) + message[-1:])]
     if fault.kind == "torn":
         half = len(message) // 2
-        rest = [] if fault.seconds is None else [_Item(message[half:], now_s + fault.seconds)]
-        return [_Item(message[:half], now_s), *rest]
+        rest = [] if fault.seconds is None else [(now_s + fault.seconds, message[half:])]
+        return [(now_s, message[:half]), *rest]
     if fault.kind == "close":
-        return [_Item(b"", now_s, closes=True)]
+        return [(now_s, None)]
     return []  # silent
 
 

@@ -42,14 +42,6 @@ class TakenShot:
     robot_target: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class _Action:
-    """Action that takes time: what happens at its end."""
-
-    end_s: float
-    finish: Callable[[float], None]
-
-
 class SimulatedTracker:
     """A tracker with its own clockwork: every call is told the time."""
 
@@ -89,7 +81,8 @@ class SimulatedTracker:
         self._worked = worked
         self.is_initialised = initialised
         self.is_warm = warm or section.warm_up_s <= 0.0
-        self._action: _Action | None = None
+        self._action: tuple[float, Callable[[float], None]] | None = None
+        """Action that takes time: when it ends, and what happens then."""
         self._measuring_s: float | None = None
         self._events: list[str] = []
 
@@ -141,7 +134,7 @@ class SimulatedTracker:
     def next_event_s(self) -> float | None:
         """Time of the next event that comes by itself, if any; `advance` then makes it happen."""
         warm_s = None if self.is_warm else self._section.warm_up_s
-        end_s = None if self._action is None else self._action.end_s
+        end_s = None if self._action is None else self._action[0]
         times = [t for t in (warm_s, end_s, self.beam.next_cut_s()) if t is not None]
         return min(times, default=None)
 
@@ -211,14 +204,13 @@ class SimulatedTracker:
         if self.beam.is_lost(now_s):
             self._measuring_s = None
             self._events.append("beam_lost")
-        action = self._action
-        if action is not None and now_s >= action.end_s:
-            self._action = None
-            action.finish(now_s)
+        if self._action is not None and now_s >= self._action[0]:
+            (_, finish), self._action = self._action, None
+            finish(now_s)
 
     def _begin(self, duration_s: float, finish: Callable[[float], None], now_s: float) -> float:
         self._measuring_s = None
-        self._action = _Action(now_s + duration_s, finish)
+        self._action = now_s + duration_s, finish
         return duration_s
 
     def _search(self, aim: Aim, now_s: float) -> float:
