@@ -55,8 +55,8 @@ Drive = Callable[[Array], tuple[Array, Array]]
 
 
 def measure(robots: int, plain: int) -> Report:
-    rows = [realistic_robot(seed) for seed in range(1, robots + 1)]
-    gains = [gained(seed) for seed in range(1, robots + 1)]
+    found = [realistic_robot(seed) for seed in range(1, robots + 1)]
+    rows, gains = [row for row, _ in found], [gained for _, gained in found]
     kept = [plain_choice(seed) for seed in range(1, plain + 1)]
     share = sum(name != STANDARD for name in kept) / max(len(kept), 1)
     median = statistics.median(ratio for *_, ratio in rows)
@@ -79,29 +79,28 @@ def measure(robots: int, plain: int) -> Report:
     )
 
 
-def gained(seed: int) -> dict[str, tuple[float, float]]:
-    """Errors of fresh distances over the standard's, and χ² per degree of freedom, by model."""
-    data, fresh = measured(seed, partial(driven, Cell(SCENARIO, seed=seed)))
-    found = {name: identify(NOMINAL, data, known) for name, known in ALL_MODELS.items()}
-    usual = rms_mm(found[STANDARD], fresh)
-    return {
-        name: (rms_mm(each, fresh) / usual, each.chi2.value / each.chi2.dof if each.chi2 else nan)
-        for name, each in found.items()
-    }
-
-
 def medians(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
     first, second = (statistics.median(values) for values in zip(*pairs, strict=True))
     return first, second
 
 
-def realistic_robot(seed: int) -> tuple[int, str, float, float, float, float]:
-    """Model chosen, rms errors (µm) by it, the standard and the largest, ratio of the first two."""
+def realistic_robot(
+    seed: int,
+) -> tuple[tuple[int, str, float, float, float, float], dict[str, tuple[float, float]]]:
+    """Model chosen, rms errors (µm) by it, the standard and the largest, ratio of the first two.
+
+    And by model the errors over the standard's, with χ² per degree of freedom.
+    """
     data, fresh = measured(seed, partial(driven, Cell(SCENARIO, seed=seed)))
     choice = select_model(NOMINAL, data, MODELS)
-    fixed = (identify(NOMINAL, data, MODELS[name]) for name in (STANDARD, LARGEST))
-    chosen, standard, largest = (1e3 * rms_mm(each, fresh) for each in (choice, *fixed))
-    return seed, kept_name(choice), chosen, standard, largest, chosen / standard
+    found = {name: identify(NOMINAL, data, known) for name, known in ALL_MODELS.items()}
+    left = {name: 1e3 * rms_mm(each, fresh) for name, each in found.items()}
+    chosen, standard, largest = 1e3 * rms_mm(choice, fresh), left[STANDARD], left[LARGEST]
+    gained = {
+        name: (left[name] / standard, each.chi2.value / each.chi2.dof if each.chi2 else nan)
+        for name, each in found.items()
+    }
+    return (seed, kept_name(choice), chosen, standard, largest, chosen / standard), gained
 
 
 def plain_choice(seed: int) -> str:

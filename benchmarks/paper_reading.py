@@ -27,7 +27,6 @@ from sim.scenarios.scenario import load_scenario
 
 LINES_MM = (800.0, 800.0, 500.0)
 POINTS = 17
-GRID_MM = 25.0
 SEEDS = 7
 PAIRS = 60
 FOREARMS_MM = (650.0, 700.0, 750.0)
@@ -37,7 +36,6 @@ PAPER_ERRORS = {
     "Table II": ("paper-prototype", "above 20"),
 }
 FLIPPED = "printed α, x of motors flipped"
-POSES = f"poses on a {GRID_MM:g} mm grid with every joint within ±45°, θ = 0"
 TESTS = "straightness and motion in the rotation test, mm (- : out of reach)"
 ERRORS = f"largest distance error of {PAIRS} pairs before calibration, mm, {SEEDS} draws"
 
@@ -55,13 +53,8 @@ def measure() -> Report:
             readings[f"{name}, L = {length_mm:g}"] = flat | forearms
     table2 = load_scenario("paper-prototype").robot.errors
     tested = [(name, *tests(flat, table2)) for name, flat in readings.items()]
-    poses = [
-        (name, reachable_on_grid(flat))
-        for name, flat in {"as printed": printed, "par4-prototype": prototype}.items()
-    ]
     errors = [(table, *error_range_mm(*paper)) for table, paper in PAPER_ERRORS.items()]
     tables = [
-        Table(POSES, ("", "poses"), poses),
         Table(TESTS, ("", "x", "y", "z", "rotation"), [PAPER_TESTS, *tested]),
         Table(ERRORS, ("", "least", "most", "paper"), errors),
     ]
@@ -70,18 +63,6 @@ def measure() -> Report:
 
 def par4(flat: Flat) -> Kinematics:
     return Kinematics.of(PAR4, flat)
-
-
-def reachable_on_grid(flat: Flat) -> int:
-    """Poses that the inverse model has an answer for, whatever else would stand against them."""
-    axis = np.arange(-1000.0, 1000.0 + GRID_MM, GRID_MM)
-    x, y = (values.ravel() for values in np.meshgrid(axis, axis))
-    limit_rad, found = np.radians(45.0), 0
-    for z in axis:
-        poses = np.column_stack([x, y, np.full_like(x, z), np.zeros_like(x)])
-        joints = par4(flat).inverse(poses).values
-        found += int((np.abs(joints) <= limit_rad).all(axis=1).sum())  # NaN is not within
-    return found
 
 
 def tests(nominal: Flat, errors: Flat) -> list[str]:
