@@ -19,12 +19,12 @@ from app.papers.corbel2006.comparison import Comparison, Failed, compare
 from app.papers.corbel2006.evidence import Evidence, evidence
 from app.papers.corbel2006.page import (
     FLOORS,
+    NEEDED,
     REACHES,
     TABLE_2,
     TITLES,
     figure_columns,
     page_html,
-    reach_rows,
     title_of,
 )
 from app.papers.corbel2006.trials import (
@@ -174,7 +174,7 @@ def show(terminal: Terminal, comparison: Comparison, known: Evidence) -> None:
     for letter, reason in comparison.reasons.items():
         terminal.say(f"({letter}) {reason}")
     terminal.rows(TITLES["floors"], FLOORS, known.floors)
-    terminal.rows(TITLES["reaches"], REACHES, reach_rows(known))
+    terminal.rows(TITLES["reaches"], REACHES, (*known.reaches, NEEDED))
     good = comparison.decision == "pass"
     for line in comparison.lines:
         terminal.say(line, "" if good else BAD)

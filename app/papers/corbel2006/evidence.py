@@ -52,6 +52,7 @@ class Floor:
 def floors(rng: np.random.Generator, draws: int = DRAWS) -> tuple[Floor, ...]:
     """Floors of the tests that bear on a difference from the paper."""
     tests, unseen = ValidationConfig(), PlanConfig().validation_pairs
+    ideal = np.outer(np.linspace(0.0, LINES_MM[0], tests.line_points), (1.0, 0.0, 0.0))
     lines = tuple(printed(PROTOTYPE, f"along {axis}, after") for axis in AXES)
 
     def floor(name: str, figure: Drawn, *paper: str, noise: str = "± 0.4/√3") -> Floor:
@@ -76,7 +77,7 @@ def floors(rng: np.random.Generator, draws: int = DRAWS) -> tuple[Floor, ...]:
         ),
         floor(
             "straightness: 17 points from best line",
-            lambda rng: longest_mm(away_from_best_line(_line(rng, tests.line_points))),
+            lambda rng: longest_mm(away_from_best_line(ideal + _scattered(rng, tests.line_points))),
             *lines,
         ),
         floor(
@@ -95,12 +96,6 @@ def floors(rng: np.random.Generator, draws: int = DRAWS) -> tuple[Floor, ...]:
 def _scattered(rng: np.random.Generator, count: int) -> Array:
     """Points that should be one, (count, 3)."""
     return rng.uniform(-REPEATABILITY_MM, REPEATABILITY_MM, (count, 3))
-
-
-def _line(rng: np.random.Generator, count: int) -> Array:
-    points = _scattered(rng, count)
-    points[:, 0] += np.linspace(0.0, LINES_MM[0], count)
-    return points
 
 
 def _most_distant_mm(points: Array) -> float:
@@ -154,8 +149,8 @@ class Reach:
     """What of a grid over the whole space a robot reaches at θ = 0 (docs/model.md, erratum 3)."""
 
     name: str
-    points_mm: Array
-    """Those that it reaches, (N, 3)."""
+    points: int | None
+    """How many."""
     lines_mm: tuple[float, ...]
     """The longest straight lines along x, y and z anywhere on the grid."""
 
@@ -166,21 +161,18 @@ def reaches() -> tuple[Reach, ...]:
     Only joints count: neither swing nor singularities, so this is generous.
     """
     axis = np.arange(-EXTENT_MM, EXTENT_MM + GRID_MM / 2.0, GRID_MM)
-    points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
-    poses = np.pad(points.reshape(-1, 3), ((0, 0), (0, 1)))
+    grid = np.meshgrid(axis, axis, axis, indexing="ij")
+    poses = np.pad(np.stack(grid, axis=-1).reshape(-1, 3), ((0, 0), (0, 1)))
     ours_rad = find_robot("par4-prototype").robot.limits.joint
     limits = (("±45°", PRINTED_LIMITS_RAD), ("−45° to 90°", ours_rad))
     found = []
-    for name, robot in (
-        ("par4-table1 (printed)", "par4-table1"),
-        ("par4-prototype", "par4-prototype"),
-    ):
+    for robot, name in (("par4-table1", "par4-table1 (printed)"), ("par4-prototype",) * 2):
         joints = find_robot(robot).robot.kinematics.inverse(poses).values
         for words, (low, high) in limits:
             within = ((joints >= low) & (joints <= high)).all(axis=-1)  # NaN is not
-            reached: Mask = np.asarray(within.reshape(points.shape[:3]))
+            reached: Mask = np.asarray(within.reshape(grid[0].shape))
             lines_mm = tuple(_longest_mm(np.moveaxis(reached, which, -1)) for which in range(3))
-            found.append(Reach(f"{name}, {words}", points[reached], lines_mm))
+            found.append(Reach(f"{name}, {words}", int(reached.sum()), lines_mm))
     return tuple(found)
 
 

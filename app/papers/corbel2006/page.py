@@ -1,6 +1,7 @@
 """The page: the paper's figures beside ours, in the words of reproduction-sections.jinja."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -14,14 +15,14 @@ from app.papers.corbel2006.comparison import (
     of_experiment,
 )
 from app.papers.corbel2006.comparison import Row as Compared
-from app.papers.corbel2006.evidence import Evidence, Floor
+from app.papers.corbel2006.evidence import Evidence, Floor, Reach
 from app.papers.corbel2006.printed import LINES_MM, Group, printed
 from app.papers.corbel2006.quantities import largest
 from app.papers.corbel2006.trials import EXPERIMENTS, PROTOTYPE, TrialResult
 from app.report.figures.distances import pair_errors
 from app.report.groups import PairGroup
 from app.report.rendering import rendered
-from campaigns.files.table import Column, Row, by_place, number, words
+from campaigns.files.table import Column, number, words
 
 PACKAGE = "app.papers.corbel2006"
 PASSED = {True: "pass", False: "missed", None: ""}
@@ -52,7 +53,7 @@ def page_html(
         "TABLE_2": TABLE_2,
         "FLOORS": FLOORS,
         "REACHES": REACHES,
-        "reach_rows": reach_rows,
+        "NEEDED": NEEDED,
         "middle_seed": middle_seed,
         "pair_groups": pair_groups,
         "pair_errors": pair_errors,
@@ -102,19 +103,20 @@ FLOORS: tuple[Column[Floor], ...] = (
     Column("paper", lambda floor: ", ".join(floor.paper)),
 )
 
-REACHES = (
-    *by_place("robot"),
-    *by_place("robot", "points reached", "longest line x", "y", "z", kind="number")[1:],
+
+def _line_mm(axis: int, reach: Reach) -> str:
+    return f"{reach.lines_mm[axis]:g}"
+
+
+REACHES: tuple[Column[Reach], ...] = (
+    words("robot", lambda reach: reach.name),
+    Column("points reached", lambda reach: "" if reach.points is None else reach.points),
+    *(
+        Column(head, partial(_line_mm, axis))
+        for axis, head in enumerate(("longest line x", "y", "z"))
+    ),
 )
-
-
-def reach_rows(evidence: Evidence) -> tuple[Row, ...]:
-    """Rows of what robots reach, and last what the tests need."""
-    reached = [
-        (reach.name, str(len(reach.points_mm)), *map("{:g}".format, reach.lines_mm))
-        for reach in evidence.reaches
-    ]
-    return *reached, ("needed, section IV.E", "", *map("{:g}".format, LINES_MM))
+NEEDED = Reach("needed, section IV.E", None, LINES_MM)
 
 
 def middle_seed(results: Sequence[TrialResult]) -> TrialResult:

@@ -28,7 +28,7 @@ def evidence(monkeypatch, reached):
 def test_robot_as_printed_reaches_nine_points_and_no_line(reached):
     as_printed = reached[0]
     assert as_printed.name == "par4-table1 (printed), ±45°"
-    assert len(as_printed.points_mm) == 9
+    assert as_printed.points == 9
     assert all(has < asked for has, asked in zip(as_printed.lines_mm, LINES_MM, strict=True))
 
 
@@ -40,7 +40,7 @@ def test_only_our_reading_with_our_limits_does_all_three_lines(reached):
     assert [name for name, all_three in does.items() if all_three] == [
         "par4-prototype, −45° to 90°"
     ]
-    assert len(reached[-1].points_mm) > 10_000
+    assert reached[-1].points > 10_000
 
 
 def test_noise_alone_leaves_more_in_the_rotation_test_than_the_paper_measured():

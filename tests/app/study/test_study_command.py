@@ -245,7 +245,7 @@ def test_full_model_s_deviations_are_true_of_robots_with_skews_and_tilts(folder,
     cell = folder / "imperfect.yaml"
     cell.write_text(re.sub(r"tolerances:.*\n", imperfect, text, count=1), encoding="utf-8")
     models = ("--model", "full", "--model", "standard")
-    code, document = studied(folder, "--campaigns", 30, "--scenario", cell, *models)
+    code, document = studied(folder, "--campaigns", 10, "--scenario", cell, *models)
     assert code == 0
     full, standard = document["combinations"]
     assert (full["model"], standard["model"]) == ("full", "standard")
@@ -265,7 +265,7 @@ def test_full_model_s_deviations_are_true_of_robots_with_skews_and_tilts(folder,
 )
 def test_azimuths_that_differ_are_missed_where_nobody_looks_for_them(folder, pkmcal, free, said):
     """But for the first azimuth, which holds the frame."""
-    words = ("--campaigns", 30, "--workers", 1, "--scenario", "realistic", *free)
+    words = ("--campaigns", 15, "--workers", 1, "--scenario", "realistic", *free)
     assert said in pkmcal("study", folder, *words)[1]
 
 

@@ -28,6 +28,7 @@ from campaigns.studies.summary import chance, interval_factor, normal_scores, su
 pytestmark = pytest.mark.slow
 
 NOISE_MM = 0.015 / 3**0.5
+COUNT = 100
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,7 @@ def run(setup, numbers, truths):
 
 @pytest.fixture(scope="module")
 def outcomes(setup):
-    return run(setup, range(150), robots(150))
+    return run(setup, range(COUNT), robots(COUNT))
 
 
 def flat(outcomes):
@@ -74,13 +75,13 @@ def test_without_noise_the_truth_is_found(setup, estimator):
 
 
 def test_numbers_do_not_depend_on_how_campaigns_are_divided(setup, outcomes):
-    truths = robots(150)
+    truths = robots(COUNT)
     again = run(setup, [7, 3], truths[[7, 3]])
     np.testing.assert_array_equal(flat(again), flat([outcomes[7], outcomes[3]]))
 
 
 def test_another_seed_gives_other_numbers(setup, outcomes):
-    (other,) = run(replace(setup, seed=4), [0], robots(150)[:1])
+    (other,) = run(replace(setup, seed=4), [0], robots(COUNT)[:1])
     assert not np.array_equal(other.estimate.errors, outcomes[0].estimate.errors)
 
 
@@ -99,7 +100,7 @@ def by_distances(setup):
 
 @pytest.fixture(scope="module")
 def distance_outcomes(by_distances):
-    return run(by_distances, range(150), robots(150))
+    return run(by_distances, range(COUNT), robots(COUNT))
 
 
 def test_stated_deviations_are_true_for_distances(by_distances, distance_outcomes):
@@ -144,14 +145,14 @@ def by_differences(setup, true, step=1e-4):
 
 
 def test_bound_is_the_information_of_the_coordinates_at_the_truth(setup, outcomes):
-    jacobian = by_differences(setup, robots(150)[3])
+    jacobian = by_differences(setup, robots(COUNT)[3])
     information = jacobian.T @ jacobian / NOISE_MM**2
     expected = np.sqrt(np.diag(np.linalg.inv(information))[: len(FREE)]) / FILE_UNIT[FREE]
     np.testing.assert_allclose(outcomes[3].estimate.bound, expected, rtol=1e-4)
 
 
 def test_bound_of_distances_is_the_information_of_the_distances_alone(setup, distance_outcomes):
-    true = robots(150)[3]
+    true = robots(COUNT)[3]
     points = positions_and_frame(setup, true, np.zeros(6)).reshape(-1, 3)
     first, second = setup.fitted.whole_pairs(ShotSet.IDENTIFICATION).rows.T
     apart = points[second] - points[first]
@@ -201,7 +202,7 @@ def test_normal_scores_are_standard_normal_for_either_estimator(
 ):
     for studied, found in ((setup, outcomes), (by_distances, distance_outcomes)):
         scores = normal_scores(studied, found)
-        assert scores.shape == (150, len(FREE))
+        assert scores.shape == (COUNT, len(FREE))
         assert np.mean(scores**2) == pytest.approx(1.0, abs=0.1)
     raw = np.array([np.divide(o.estimate.errors, o.estimate.std) for o in distance_outcomes])
     assert (np.abs(scores) < np.abs(raw)).all(), "Student's tails are the longer ones"
@@ -251,7 +252,7 @@ def test_wrong_noise_model_shows_in_the_coverage(setup, outcomes):
 
 
 def test_campaign_that_cannot_be_measured_is_an_outcome_and_spoils_no_other(setup, outcomes):
-    truths = robots(150)[:3]
+    truths = robots(COUNT)[:3]
     truths[1, NAMES.index("arm0.forearm_mm")] = 100.0
     first, failed, third = run(setup, [0, 1, 2], truths)
     assert failed.estimate is None
