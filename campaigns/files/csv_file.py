@@ -1,4 +1,4 @@
-"""Numbers as text for files."""
+"""CSV files: numbers as text, rows by the columns that a header names, written and read."""
 
 import csv
 import io
@@ -13,18 +13,6 @@ from campaigns.files.wording import shown, suggestion
 ANGLE_DECIMALS = 12
 """Decimals of a degree: far below what any encoder tells, far above what converting to rad and back
 loses. So a file that was read and written again is the same file."""
-
-
-def number_text(value: float) -> str:
-    """Write the shortest decimals that give the double again."""
-    return repr(float(value) + 0.0)  # -0.0 becomes 0.0
-
-
-def angle_text(angle_rad: float) -> str:
-    """Write an angle in deg, to `ANGLE_DECIMALS`."""
-    return number_text(round(math.degrees(angle_rad), ANGLE_DECIMALS))
-
-
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 """Matches in a time that grows with the text's length, not with its square."""
 _WHOLE_NUMBER = re.compile(r"[+-]?\d+", re.ASCII)
@@ -38,6 +26,16 @@ _DIGITS_MAX = 18
 """A longer whole number is no number of a shot or pair."""
 
 _POINT_REMEDY = "write decimal points and separate the columns by commas"
+
+
+def number_text(value: float) -> str:
+    """Write the shortest decimals that give the double again."""
+    return repr(float(value) + 0.0)  # -0.0 becomes 0.0
+
+
+def angle_text(angle_rad: float) -> str:
+    """Write an angle in deg, to `ANGLE_DECIMALS`."""
+    return number_text(round(math.degrees(angle_rad), ANGLE_DECIMALS))
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,9 @@ from drivers.bounded_files import FileRefused, bounded, loaded_yaml
 Location = Sequence[int | str]
 
 BROKEN_RULE = "broken_rule"
+UNBROKEN_LINE = 4096
+"""Columns; long texts stay on their line."""
+INDENT = 2
 
 WORDS: Mapping[str, str] = {
     "missing": "is missing",
@@ -148,10 +151,6 @@ def _fields(annotation: object) -> Mapping[str, FieldInfo]:
     choices = get_args(annotation)
     model = choices[0] if NoneType in choices else annotation
     return model.model_fields if isinstance(model, type) and issubclass(model, BaseModel) else {}
-
-
-UNBROKEN_LINE = 4096
-"""Columns; long texts stay on their line."""
 
 
 class FileModel(BaseModel):
@@ -282,9 +281,6 @@ def _is_newer(found: str, known: str) -> bool:
     """Whether a version in digits, perhaps thousands of them, is above another."""
     digits = found.lstrip("0")
     return (len(digits), digits) > (len(known), known)
-
-
-INDENT = 2
 
 
 def commented_yaml(schema: str, settings: FileModel) -> str:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, JsonValue, create_model
 
+from campaigns.files.ranges import RISING, Length, Place, PlaceRange, Point
 from campaigns.files.wording import shown, suggestion
 from campaigns.files.yaml_file import FileModel, broken_rule
 from campaigns.mechanisms.catalog import MECHANISMS
@@ -18,14 +19,6 @@ from campaigns.mechanisms.mechanism import Axis
 from campaigns.mechanisms.parameters import ParameterField
 
 SCHEMA = "pkmcal/robot/1"
-
-Range = tuple[float, float]
-
-
-def _rising(limits: Range) -> Range:
-    if limits[0] < limits[1]:
-        return limits
-    raise broken_rule(f"is {list(limits)}, the lowest must be below the highest")
 
 
 def _finite(provenance: dict[str, JsonValue]) -> dict[str, JsonValue]:
@@ -36,13 +29,9 @@ def _finite(provenance: dict[str, JsonValue]) -> dict[str, JsonValue]:
     return provenance
 
 
-Place = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
-Length = Annotated[float, Field(gt=0.0, le=100_000.0)]
 Turn = Annotated[float, Field(ge=-360.0, le=360.0)]
 Tilt = Annotated[float, Field(ge=-10.0, le=10.0)]
-TurnRange = Annotated[tuple[Turn, Turn], AfterValidator(_rising)]
-PlaceRange = Annotated[tuple[Place, Place], AfterValidator(_rising)]
-Point = tuple[Place, Place, Place]
+TurnRange = Annotated[tuple[Turn, Turn], RISING]
 Deviation = Annotated[float, Field(ge=0.0)]
 Deviations = dict[str, Deviation]
 

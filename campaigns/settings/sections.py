@@ -1,12 +1,32 @@
-"""LinuxCNC's own settings in campaign.yaml, under `controller`."""
+"""Sections of campaign.yaml but `space`: devices, plan, settling, gate, run, tests, people."""
 
 import math
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
+from campaigns.files.ranges import Point
 from campaigns.files.yaml_file import FileModel, broken_rule
 from drivers.catalog import CONTROLLERS, TRACKERS, ControllerName, TrackerName
+
+URL_PATTERN = r"^(tcp://\S+:\d{1,5}|serial://\S+|sim://[\w-]+)$"
+URL_FORMS = "tcp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200 or sim://SCENARIO"
+
+
+def _not_zero(direction: tuple[float, float, float]) -> tuple[float, float, float]:
+    if any(direction):
+        return direction
+    raise broken_rule("is [0, 0, 0], which is no direction")
+
+
+Url = Annotated[str, Field(pattern=URL_PATTERN)]
+Direction = Annotated[Point, AfterValidator(_not_zero)]
+Seconds = Annotated[float, Field(ge=0.0, le=600.0)]
+Distance = Annotated[float, Field(gt=0.0, le=10_000.0)]
+SmallAngle = Annotated[float, Field(gt=0.0, le=5.0)]
+Acceptable = Annotated[float, Field(gt=0.0, le=1000.0)] | None
+LimitUm = Annotated[float, Field(gt=0.0, le=100_000.0)]
+LimitPerMetre = Annotated[float, Field(ge=0.0, le=10_000.0)]
 
 
 class LinuxcncConfig(FileModel):
@@ -56,28 +76,6 @@ class LinuxcncConfig(FileModel):
         if self.coordinates == "world" and not self.hal_file:
             raise broken_rule("has no hal_file, which coordinates: world needs")
         return self
-
-
-URL_PATTERN = r"^(tcp://\S+:\d{1,5}|serial://\S+|sim://[\w-]+)$"
-URL_FORMS = "tcp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200 or sim://SCENARIO"
-
-
-def _not_zero(direction: tuple[float, float, float]) -> tuple[float, float, float]:
-    if any(direction):
-        return direction
-    raise broken_rule("is [0, 0, 0], which is no direction")
-
-
-Url = Annotated[str, Field(pattern=URL_PATTERN)]
-Place = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
-Point = tuple[Place, Place, Place]
-Direction = Annotated[Point, AfterValidator(_not_zero)]
-Seconds = Annotated[float, Field(ge=0.0, le=600.0)]
-Distance = Annotated[float, Field(gt=0.0, le=10_000.0)]
-SmallAngle = Annotated[float, Field(gt=0.0, le=5.0)]
-Acceptable = Annotated[float, Field(gt=0.0, le=1000.0)] | None
-LimitUm = Annotated[float, Field(gt=0.0, le=100_000.0)]
-LimitPerMetre = Annotated[float, Field(ge=0.0, le=10_000.0)]
 
 
 class ControllerConfig(FileModel):

@@ -2,25 +2,16 @@
 
 from typing import Annotated, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
+from campaigns.files.ranges import Length, Place
+from campaigns.files.ranges import PlaceRange as Side
 from campaigns.files.yaml_file import FileModel, broken_rule
 
 MOST_ZONES = 100
 """Zones of a kind: more would be a drawing, not a rule."""
 
-Place = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
-Length = Annotated[float, Field(gt=0.0, le=100_000.0)]
 Margin = Annotated[float, Field(ge=0.0, le=10_000.0)]
-
-
-def _rising(ends: tuple[float, float]) -> tuple[float, float]:
-    if ends[0] < ends[1]:
-        return ends
-    raise broken_rule(f"is {list(ends)}, the lowest must be below the highest")
-
-
-Side = Annotated[tuple[Place, Place], AfterValidator(_rising)]
 
 
 class BoxConfig(FileModel):
