@@ -80,9 +80,10 @@ class Engine:
         end = early_stop(goal, self._known, left)
         if end is None:
             return tuple(left)
-        self._log.announce(end.event)
-        self._run_state.leave_out(end.shots_left_out)
-        return end.wanted
+        wanted, event = end
+        self._log.announce(event)
+        self._run_state.leave_out(sum(map(len, left)) - sum(map(len, wanted)))
+        return wanted
 
     def run(self, left: Sequence[Group]) -> None:
         """Measure all groups; raises whatever made it stop, once the robot has been stopped.

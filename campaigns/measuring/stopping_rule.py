@@ -57,17 +57,6 @@ def _number(text: str) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class EarlyStop:
-    """What becomes of the groups that are left when enough is known."""
-
-    wanted: tuple[Group, ...]
-    """All that serve something else than to identify."""
-    shots_left_out: int
-    event: Event
-    """What the journal says of it."""
-
-
-@dataclass(frozen=True, slots=True)
 class PredictedStop:
     """What a plan will tell if its shots scatter only as the tracker states."""
 
@@ -96,49 +85,48 @@ def may_stop(
 
 def early_stop(
     goal: PrecisionGoal | None, known: ParameterPrecision | None, left: Sequence[Group]
-) -> EarlyStop | None:
-    """What may be left out of these groups; None when all of them are wanted."""
+) -> tuple[tuple[Group, ...], Event] | None:
+    """What serves something else than to identify, and what the journal says of the others.
+
+    None when all of these groups are wanted.
+    """
     superfluous = [group for group in left if _only_identifies(group)]
     if goal is None or known is None or not superfluous or not is_met(goal, known):
         return None
-    wanted = tuple(group for group in left if not _only_identifies(group))
     shots = sorted(step.planned.shot for group in superfluous for step in group)
-    return EarlyStop(wanted, len(shots), _event(goal, known, shots))
+    text = (
+        f"goal {goal} met by {known.shots} shots: every length to ±{known.length_std_mm:.4f} mm, "
+        f"positions to ±{known.position_std_mm:.4f} mm; "
+        f"{len(shots)} shots left out: {in_ranges(shots)}"
+    )
+    wanted = tuple(group for group in left if not _only_identifies(group))
+    return wanted, Event("goal met", text)
 
 
 def predicted_stop(
-    goal: PrecisionGoal, knowing: PrecisionMonitor, tracker_mm: Vector3
+    goal: PrecisionGoal, monitor: PrecisionMonitor, tracker_mm: Vector3
 ) -> PredictedStop:
     """What the plan will tell, seen from there, and how early it may end.
 
     Raises `PlanInvalid` when even the whole of it will not meet the goal.
     """
-    whole = _in_reach(goal, knowing.predicted(tracker_mm))
+    whole = monitor.predicted(tracker_mm)
+    if whole is None or not is_met(goal, whole):
+        raise PlanInvalid(
+            f"goal {goal}: the whole plan "
+            + (
+                "has too few shots to identify from, or they cannot tell all parameters apart"
+                if whole is None
+                else f"will give {whole.length_std_mm:.3g} mm"
+            ),
+            remedy=f"plan more shots, with `pkmcal plan --until {goal}`, or ask for less; foreseen "
+            "for a tracker as stated by tracker.uncertainty in campaign.yaml",
+        )
     counts = range(1, whole.shots + 1)
-
-    def is_enough(count: int) -> bool:
-        return is_met(goal, knowing.predicted(tracker_mm, count))
-
-    fewest = bisect_left(counts, x=True, key=is_enough)
-    return PredictedStop(whole, counts[fewest])
-
-
-def _in_reach(goal: PrecisionGoal, predicted: ParameterPrecision | None) -> ParameterPrecision:
-    remedy = (
-        f"plan more shots, with `pkmcal plan --until {goal}`, or ask for less; foreseen for a "
-        "tracker as stated by tracker.uncertainty in campaign.yaml"
+    fewest = bisect_left(
+        counts, x=True, key=lambda count: is_met(goal, monitor.predicted(tracker_mm, count))
     )
-    if predicted is None:
-        raise PlanInvalid(
-            f"goal {goal}: the whole plan has too few shots to identify from, or they cannot tell "
-            "all parameters apart",
-            remedy=remedy,
-        )
-    if not is_met(goal, predicted):
-        raise PlanInvalid(
-            f"goal {goal}: the whole plan will give {predicted.length_std_mm:.3g} mm", remedy=remedy
-        )
-    return predicted
+    return PredictedStop(whole, counts[fewest])
 
 
 def in_ranges(numbers: Sequence[int]) -> str:
@@ -157,12 +145,3 @@ def in_words(shots: Sequence[int]) -> str:
 
 def _only_identifies(group: Group) -> bool:
     return all(step.planned.purpose is ShotSet.IDENTIFICATION for step in group)
-
-
-def _event(goal: PrecisionGoal, known: ParameterPrecision, left_out: Sequence[int]) -> Event:
-    return Event(
-        "goal met",
-        f"goal {goal} met by {known.shots} shots: every length to ±{known.length_std_mm:.4f} mm, "
-        f"positions to ±{known.position_std_mm:.4f} mm; "
-        f"{len(left_out)} shots left out: {in_ranges(left_out)}",
-    )

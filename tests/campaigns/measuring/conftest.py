@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from campaigns.planning import paths
+from campaigns.planning.paths import RobotModel
 
 Found = dict[tuple[object, ...], list[np.ndarray] | None]
 
@@ -13,15 +13,17 @@ Found = dict[tuple[object, ...], list[np.ndarray] | None]
 @pytest.fixture(scope="session", autouse=True)
 def ways_once() -> Iterator[None]:
     found: Found = {}
-    route = paths.route
+    safe_path = RobotModel.safe_path
 
-    def remembered(kinematics, limits, start, end, centre, *space):
-        arrays = (np.asarray(each).tobytes() for each in (kinematics.p, start, end, centre))
-        asked = (kinematics.mechanism.name, *arrays, repr(limits), repr(space))
+    def remembered(robot: RobotModel, start: np.ndarray, end: np.ndarray):
+        arrays = (robot.kinematics.p, start, end, robot.centre)
+        name = robot.kinematics.mechanism.name
+        limits, space = repr(robot.limits), repr(robot.space)
+        asked = (name, limits, space, *(np.asarray(each).tobytes() for each in arrays))
         if asked not in found:
-            found[asked] = route(kinematics, limits, start, end, centre, *space)
+            found[asked] = safe_path(robot, start, end)
         return found[asked]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(paths, "route", remembered)
+        patch.setattr(RobotModel, "safe_path", remembered)
         yield
