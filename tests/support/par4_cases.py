@@ -62,28 +62,6 @@ def measured_points(geometry, joints, std_mm=0.0, seed=0):
     return points + std_mm * np.random.default_rng(seed).standard_normal(points.shape)
 
 
-DECADES = 10.0 ** -np.arange(1, 9)
-
-
-def assert_exact_in_every_decade(exact, function, x, unit, by):
-    """Central differences (…, len(x)) of a function, in `unit`, with steps of all sizes in `by`.
-
-    The truncation falls first, then rounding takes over and rises.
-    """
-
-    def error(step):
-        differences = central_differences(function, x, step * by)
-        return np.abs(differences * unit - exact).max() / np.abs(exact).max()
-
-    errors = np.array([error(step) for step in DECADES])
-    best = int(np.argmin(errors))
-    assert errors[best] < 1e-9
-    assert 0 < best < len(DECADES) - 1
-    assert (np.diff(errors[: best + 1]) < 0.0).all()
-    assert errors[1] < 0.02 * errors[0]
-    assert errors[-1] > 10.0 * errors[best]
-
-
 def central_differences(function, x, steps):
     """∂function/∂x with one step for each x; the derivative's axis is the last."""
     columns = []

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from delta_cases import LIMITS as DELTA_LIMITS
-from delta_cases import REFERENCE as DELTA_REFERENCE
 from family_cases import ALL_MEMBERS, PAR4_REFERENCE, flat_in
 from hypothesis import given
 from hypothesis import strategies as st
@@ -195,10 +193,10 @@ class TestForwardAndInverse:
     def test_newton_agrees_with_three_spheres_for_any_joints_within_limits(self):
         """Below the middle of its elbows and with the sign of det as at home."""
         member = BY_NAME["delta"]
-        home = np.array([DELTA_REFERENCE["home_mm_deg"]])
+        home = np.array([member.reference["home_mm_deg"]])
         at_home = home[:, None] - delta_elbows(member.nominal, member.nominal.inverse(home).values)
         for robot in (member.nominal, member.perturbed):
-            joints = np.random.default_rng(7).uniform(*DELTA_LIMITS.joint, (2000, 3))
+            joints = np.random.default_rng(7).uniform(*member.limits.joint, (2000, 3))
             elbows = delta_elbows(robot, joints)
             both = where_spheres_meet(elbows, robot.p[[6, 13, 20]])
             sign = np.sign(np.linalg.det(both[:, :, None] - elbows[:, None]))
