@@ -70,10 +70,6 @@ class CellMemory(BaseModel):
             raise ValueError(f"plate holds {len(self.plate)} values, not {kind.unknowns}")
         return self
 
-    def as_dict(self) -> dict[str, object]:
-        """Plain values for a JSON file."""
-        return self.model_dump(mode="json", by_alias=True)
-
 
 def remembered(memory: Mapping[str, object], *, scenario: str, mechanism: str) -> CellMemory:
     """Check what was remembered; raises `MemoryInvalid`."""
@@ -117,7 +113,9 @@ class Cell:
         self.true_geometry = factory.true_geometry(section, self.seed)
         truth = geometry_of(self.true_geometry, kind)
         rods = RodMechanism(truth, factory.build_of(section, truth, self.seed))
-        state = _first_state(scenario, self.seed, rods, truth) if past is None else past
+        self._state = state = (
+            _first_state(scenario, self.seed, rods, truth) if past is None else past
+        )
         self._worked = WorkedTime(state.worked_s)
         self.faults = FaultScript((each.fault() for each in scenario.faults), state.fault_counts)
         self.station = scenario.tracker.station.pose()
@@ -155,27 +153,24 @@ class Cell:
     def memory(self) -> dict[str, object]:
         """State for the next cell of this scenario, as plain values for JSON."""
         standing = self.robot.standing
-        return CellMemory(
-            schema=SCHEMA,
-            scenario=self.scenario.name,
-            seed=self.seed,
-            worked_s=self._worked.seconds,
-            mechanism=self.kind.name,
-            geometry=self.controller.geometry(),
-            encoders_rad=tuple(standing.encoders.tolist()),
-            play_rad=tuple(standing.play.tolist()),
-            joints=tuple(standing.assembly.joints.tolist()),
-            plate=tuple(standing.assembly.plate.unknowns.tolist()),
-            displaced_mm=tuple(standing.displaced_mm.tolist()),
-            arrivals=self.robot.arrivals.memory(),
-            shots=self.tracker.attempts.memory(),
-            fault_counts=self.faults.memory(),
-            tracker_initialised=self.tracker.is_initialised,
-            tracker_warm=self.tracker.is_warm,
-            selected_reflector=self.tracker.selected,
-            beam_on=self.tracker.beam.locked_on,
-            taken=tuple(self.tracker.taken),
-        ).as_dict()
+        now = {
+            "worked_s": self._worked.seconds,
+            "geometry": self.controller.geometry(),
+            "encoders_rad": tuple(standing.encoders.tolist()),
+            "play_rad": tuple(standing.play.tolist()),
+            "joints": tuple(standing.assembly.joints.tolist()),
+            "plate": tuple(standing.assembly.plate.unknowns.tolist()),
+            "displaced_mm": tuple(standing.displaced_mm.tolist()),
+            "arrivals": self.robot.arrivals.memory(),
+            "shots": self.tracker.attempts.memory(),
+            "fault_counts": self.faults.memory(),
+            "tracker_initialised": self.tracker.is_initialised,
+            "tracker_warm": self.tracker.is_warm,
+            "selected_reflector": self.tracker.selected,
+            "beam_on": self.tracker.beam.locked_on,
+            "taken": tuple(self.tracker.taken),
+        }
+        return self._state.model_copy(update=now).model_dump(mode="json", by_alias=True)
 
     def _controller(
         self, geometry: Mapping[str, float]

@@ -13,7 +13,7 @@ from sim.servers.emscon_instrument import EmsconInstrument
 from sim.servers.emscon_server import EmsconSession
 from sim.servers.geocom_server import GeocomSession
 from sim.servers.geocom_station import GeocomStation
-from sim.servers.peers import Session, SessionFactory
+from sim.servers.peers import ServedSession, SessionFactory
 from sim.servers.robotline_server import RobotlineSession
 from sim.servers.server import CellServer
 
@@ -96,11 +96,11 @@ class EmbeddedCell:
             )
         return sessions[protocol]
 
-    def _robotline(self, send: Send, already_open: int) -> Session:  # noqa: ARG002 - takes several
+    def _robotline(self, send: Send, already_open: int) -> ServedSession:  # noqa: ARG002 - takes several
         assert isinstance(self.cell.controller, SimulatedController), "no other is served"
         return RobotlineSession(self.cell.controller, send)
 
-    def _emscon(self, send: Send, already_open: int) -> Session:
+    def _emscon(self, send: Send, already_open: int) -> ServedSession:
         return EmsconSession(
             self.cell.tracker,
             send,
@@ -109,5 +109,5 @@ class EmbeddedCell:
             faults=self.cell.faults,
         )
 
-    def _geocom(self, send: Send, already_open: int) -> Session:  # noqa: ARG002 - takes several
+    def _geocom(self, send: Send, already_open: int) -> ServedSession:  # noqa: ARG002 - takes several
         return GeocomSession(self._station, send)

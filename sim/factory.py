@@ -11,9 +11,9 @@ from sim.robot.controller import ControllerSettings
 from sim.robot.driven_robot import Behaviour, Mount
 from sim.robot.rods import Build
 from sim.robot.section import ControllerSection, RobotSection, Tolerances
-from sim.robot.tilting_kinematics import PlateGeometry
+from sim.robot.tilting_kinematics import KnownPlate
 from sim.scenarios.schema import Scenario
-from sim.tracker.optics import Station
+from sim.tracker.optics import TrackerPose
 
 PLATE_RADIUS_MM = 45.0
 """Of a single platform's joints, where the cell file says nothing of them."""
@@ -72,12 +72,12 @@ def plate_joints_mm(robot: RobotSection, geometry: Geometry) -> Array:
     return np.sign(geometry.motors_mm) * [PART_HALF_WIDTH_MM, 0.0, 0.0]
 
 
-def known_plate(scenario: Scenario, true_flat: dict[str, float]) -> PlateGeometry | None:
+def known_plate(scenario: Scenario, true_flat: dict[str, float]) -> KnownPlate | None:
     """What its controller knows of the plate, if it computes how the plate tilts."""
     if not scenario.controller.computes_plate_tilt:
         return None
     robot = scenario.robot
-    return PlateGeometry(
+    return KnownPlate(
         plate_joints_mm(robot, geometry_of(true_flat, robot.kind)),
         robot.rod_spacing_mm,
         np.array(robot.reflector.offset_mm),
@@ -99,7 +99,7 @@ def behaviour(robot: RobotSection) -> Behaviour:
     return Behaviour(backlash, noise, repeatability.position_mm, robot.thermal)
 
 
-def mount(robot: RobotSection, station: Station) -> Mount:
+def mount(robot: RobotSection, station: TrackerPose) -> Mount:
     """The reflector, facing the tracker from the workspace's centre unless told otherwise."""
     told = robot.reflector.facing
     centre_mm = np.array(robot.workspace_centre_mm)

@@ -11,7 +11,7 @@ from sim.geometry import PAR4, Array, Kind, geometry_of, problem_with
 from sim.random_streams import WorkedTime, target_key
 from sim.robot.assembly import OutOfReach, joints_for
 from sim.robot.driven_robot import DrivenRobot
-from sim.robot.tilting_kinematics import PlateGeometry, is_level, tilted_joints_for
+from sim.robot.tilting_kinematics import KnownPlate, is_level, tilted_joints_for
 
 PEAK_OF_SMOOTH = 1.875
 """Highest speed of the smooth profile, as a multiple of its mean."""
@@ -69,7 +69,7 @@ def smooth_motion(start: Array, target: Array, speed_per_s: float, now_s: float)
 
 
 def braked(motion: AxisMotion, now_s: float) -> AxisMotion:
-    """AxisMotion stopped at once on its own path; unchanged when it is as good as over."""
+    """Motion stopped at once on its own path; unchanged when it is as good as over."""
     left_s = motion.end_s - now_s
     if left_s < 1.5 * BRAKING_S:
         return motion
@@ -142,7 +142,7 @@ class SimulatedController:
         faults: FaultScript,
         worked: WorkedTime,
         kind: Kind = PAR4,
-        plate: PlateGeometry | None = None,
+        plate: KnownPlate | None = None,
     ) -> None:
         self.kind = kind
         self._plate = plate

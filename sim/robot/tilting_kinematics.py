@@ -20,7 +20,7 @@ CLOSE_MM = 1e-8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlateGeometry:
+class KnownPlate:
     """Sizes of a platform that parameters do not tell."""
 
     joints_mm: Array
@@ -38,7 +38,7 @@ def is_level(flat: Mapping[str, float], kind: Kind) -> bool:
 def tilted_joints_for(
     flat: Mapping[str, float],
     kind: Kind,
-    sizes: PlateGeometry,
+    sizes: KnownPlate,
     position_mm: Array,
     turn_rad: float,
 ) -> Array:
@@ -65,7 +65,7 @@ def tilted_joints_for(
 
 
 def _mechanism(
-    flat: Mapping[str, float], kind: Kind, sizes: PlateGeometry
+    flat: Mapping[str, float], kind: Kind, sizes: KnownPlate
 ) -> tuple[Geometry, RodMechanism]:
     def column(field: str) -> Array:
         values = [flat.get(f"arm{arm}.{field}", 0.0) for arm in range(kind.arms)]

@@ -149,7 +149,7 @@ def _hit(message: bytes, fault: Fault, now_s: float) -> list[_Item]:
     return []  # silent
 
 
-class Session(Protocol):
+class ServedSession(Protocol):
     """A simulated device's side of one connection, without any I/O."""
 
     def received(self, data: bytes, now_s: float) -> None:
@@ -169,7 +169,7 @@ class Session(Protocol):
         ...
 
 
-SessionFactory = Callable[[Callable[[bytes], None], int], Session]
+SessionFactory = Callable[[Callable[[bytes], None], int], ServedSession]
 """Factory of a session by its `send` and how many connections its device already has."""
 
 

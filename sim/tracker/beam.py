@@ -11,7 +11,7 @@ from sim.random_streams import target_key
 from sim.robot.controller import SimulatedController
 from sim.robot.driven_robot import DrivenRobot, SeenReflector
 from sim.robot.follower import FollowingController
-from sim.tracker.optics import Station, angle_between_rad
+from sim.tracker.optics import TrackerPose, angle_between_rad
 
 
 class Scene:
@@ -68,7 +68,7 @@ class Beam:
     def __init__(
         self,
         scene: Scene,
-        station: Station,
+        station: TrackerPose,
         *,
         standing_in_base_mm: Array | None,
         acceptance_rad: float,

@@ -17,7 +17,7 @@ MPE_PER_SIGMA = math.sqrt(3.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Station:
+class TrackerPose:
     """Pose of the tracker in the base frame."""
 
     origin_in_base_mm: Array

@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from sim.robot.rods import rotation
 from sim.section import Count, NotNegative, Point, Positive, Section
-from sim.tracker.optics import Noise, Station
+from sim.tracker.optics import Noise, TrackerPose
 
 
 class StationSection(Section):
@@ -20,10 +20,10 @@ class StationSection(Section):
     pitch_deg: float = 0.0
     roll_deg: float = 0.0
 
-    def pose(self) -> Station:
+    def pose(self) -> TrackerPose:
         """The same as a point and a rotation."""
         turns_rad = np.radians([self.roll_deg, self.pitch_deg, self.yaw_deg])
-        return Station(np.array([self.x_mm, self.y_mm, self.z_mm]), rotation(*turns_rad))
+        return TrackerPose(np.array([self.x_mm, self.y_mm, self.z_mm]), rotation(*turns_rad))
 
 
 class Air(Section):

@@ -10,10 +10,10 @@ from sim.robot.driven_robot import SeenReflector
 from sim.robot.rods import rotation
 from sim.tracker.beam import Beam, Target
 from sim.tracker.instrument import SimulatedTracker
-from sim.tracker.optics import Noise, Station
+from sim.tracker.optics import Noise, TrackerPose
 from sim.tracker.section import Air, SimulatedReflector, TrackerSection
 
-STATION = Station(np.array([2000.0, -1500.0, -200.0]), rotation(-0.04, 0.07, 2.4))
+STATION = TrackerPose(np.array([2000.0, -1500.0, -200.0]), rotation(-0.04, 0.07, 2.4))
 REFLECTORS = (
     SimulatedReflector(id=1, name="CCR-1.5in", surface_offset_mm=19.05),
     SimulatedReflector(id=3, name="CCR-75mm", surface_offset_mm=37.5),

@@ -10,7 +10,7 @@ from campaigns.mechanisms.plate_tilt import PlateGeometry as Drawing
 from campaigns.robots.robot import RobotFile, find_robot
 from sim.geometry import KINDS, geometry_of
 from sim.robot.assembly import OutOfReach, joints_for
-from sim.robot.tilting_kinematics import PlateGeometry, is_level, tilted_joints_for
+from sim.robot.tilting_kinematics import KnownPlate, is_level, tilted_joints_for
 
 ROBOTS = {name: "par4-prototype" if name == "par4" else name for name in KINDS}
 SPACING_MM = 80.0
@@ -28,7 +28,7 @@ def drawn(name):
     draw, nominal = np.random.default_rng(3), find_robot(ROBOTS[name]).robot
     space, kind = nominal.mechanism.parameters, KINDS[name]
     outward = geometry_of(dict(nominal.parameters), kind).outward
-    drawing = PlateGeometry(50.0 * outward, SPACING_MM, np.array([0.0, 0.0, -45.0]))
+    drawing = KnownPlate(50.0 * outward, SPACING_MM, np.array([0.0, 0.0, -45.0]))
     plate = Drawing(
         tuple(map(tuple, drawing.joints_mm.tolist())),
         (0.0, 0.0, -45.0),
