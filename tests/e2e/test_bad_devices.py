@@ -46,9 +46,9 @@ WIRE_FAULTS = [
 def impatient(monkeypatch):
     """Drivers that give up soon; `undo` makes them patient again."""
     robot = partial(LineRobot, deadlines=IMPATIENT_ROBOT)
-    monkeypatch.setattr("app.wiring.LineRobot", robot)
+    monkeypatch.setattr("drivers.robotline.robot.LineRobot", robot)
     tracker = partial(EmsconTracker, deadlines=IMPATIENT_TRACKER)
-    monkeypatch.setattr("app.wiring.EmsconTracker", tracker)
+    monkeypatch.setattr("drivers.emscon.tracker.EmsconTracker", tracker)
     return monkeypatch
 
 

@@ -75,7 +75,7 @@ def test_a_cell_that_dies_at_work_leaves_an_unknown_robot(served, pkmcal, tmp_pa
     folder = made_for(addresses, tmp_path / "cell-5", pkmcal)
     assert pkmcal("plan", folder).code == 0
     soon = RobotlineDeadlines(answer_s=0.2, stop_answer_s=0.1, standstill_s=0.3)
-    monkeypatch.setattr("app.wiring.LineRobot", partial(LineRobot, deadlines=soon))
+    monkeypatch.setattr("drivers.robotline.robot.LineRobot", partial(LineRobot, deadlines=soon))
 
     def kill_at_work():
         give_up_s = time.monotonic() + 10.0
