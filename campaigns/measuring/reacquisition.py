@@ -7,8 +7,7 @@ starts at another pose's point while the robot is elsewhere.
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from math import dist, sqrt
+from math import dist, hypot
 
 from campaigns.errors import NotSettled, TargetOutOfReach
 from campaigns.journal.records import BeamStart, Event, EventKind
@@ -37,15 +36,6 @@ As often, over a whole session, at each place where one began.
 MM_PER_M = 1000.0
 SAME_DIRECTION = 1e-3
 """Distance of unit vectors of a beam that has stayed where it was."""
-
-
-@dataclass(frozen=True, slots=True)
-class Anchor:
-    """Pose of the robot at which the reflector was seen, and where."""
-
-    name: str
-    joints: tuple[float, ...]
-    point_in_tracker_mm: Vector3
 
 
 class Reacquisition:
@@ -126,7 +116,7 @@ class Reacquisition:
         began it has put the beam onto the robot's reflector, unless it pointed at one that is
         known to stand elsewhere, at `standing_mm`.
         """
-        return any(map(self._locked_at, self._anchors(standing_mm)))
+        return any(self._locked_at(*anchor) for anchor in self._anchors(standing_mm))
 
     def _advice(self, joints: tuple[float, ...]) -> tuple[str, bool]:
         """What the operator can do, and whether the tracker may find the reflector by itself."""
@@ -135,28 +125,31 @@ class Reacquisition:
             away_m = self._session.work.search_mm / MM_PER_M
             put = "put the beam onto the robot's reflector by hand"
             return f"{put}, about {away_m:.1f} m from the tracker", False
-        away_m, at = _length(expected_mm) / MM_PER_M, ", ".join(f"{v:.0f}" for v in expected_mm)
+        away_m, at = hypot(*expected_mm) / MM_PER_M, ", ".join(f"{v:.0f}" for v in expected_mm)
         return f"clear the way to ({at}) mm in the tracker's frame, {away_m:.2f} m away", True
 
-    def _anchors(self, standing_mm: Vector3 | None) -> Iterator[Anchor]:
+    def _anchors(
+        self, standing_mm: Vector3 | None
+    ) -> Iterator[tuple[str, tuple[float, ...], Vector3]]:
+        """Names and joints of poses at which the reflector was seen, and where."""
         for outcome in tuple(reversed(self._gate.accepted))[:MOST_ANCHORS]:
             name = f"where shot {outcome.shot} was"
-            yield Anchor(name, outcome.joints, outcome.point_in_tracker_mm)
+            yield name, outcome.joints, outcome.point_in_tracker_mm
         while self._starts:  # each is left behind: the beam may have been on a wrong one even then
             start = self._starts.popleft()
             if standing_mm is None or not _points_at(start.direction, standing_mm):
                 towards_mm = _at(start.direction, self._session.work.search_mm)
-                yield Anchor("where the run began", start.joints, towards_mm)
+                yield "where the run began", start.joints, towards_mm
 
-    def _locked_at(self, anchor: Anchor) -> bool:
-        self._announce("suspended", f"looking for the reflector {anchor.name}")
+    def _locked_at(self, name: str, joints: tuple[float, ...], seen_mm: Vector3) -> bool:
+        self._announce("suspended", f"looking for the reflector {name}")
         try:
-            self._mover.return_to(anchor.joints, f"back to {anchor.name}", self._run_state.enter)
+            self._mover.return_to(joints, f"back to {name}", self._run_state.enter)
         except (TargetOutOfReach, LimitViolation, NotSettled):
             self._run_state.rest()
             return False
         self._run_state.enter(EngineState.SUSPENDED)
-        locked = self._failure_at(anchor.point_in_tracker_mm) is None
+        locked = self._failure_at(seen_mm) is None
         self._run_state.see_beam(locked=locked)
         self._run_state.rest()
         return locked
@@ -167,19 +160,18 @@ class Reacquisition:
             return None
         if here is not None and self._gate.expected_point_mm(joints) is not None:
             return self._failure_at(_at(here, self._session.work.search_mm))
-        try:
-            self._tracker.find_reflector(self._session.work.search_mm)
-        except BeamBroken as error:
-            return error.problem
-        return None
+        return self._failure_to_search(self._session.work.search_mm)
 
     def _failure_at(self, point_mm: Vector3) -> str | None:
         """Point there, and search around that direction at any distance."""
         with suppress(BeamBroken):
             self._tracker.go_to(point_mm)
             return None
+        return self._failure_to_search(hypot(*point_mm))
+
+    def _failure_to_search(self, distance_mm: float) -> str | None:
         try:
-            self._tracker.find_reflector(_length(point_mm))
+            self._tracker.find_reflector(distance_mm)
         except BeamBroken as error:
             return error.problem
         return None
@@ -203,13 +195,9 @@ def distinct_starts(starts: Iterable[BeamStart | None]) -> tuple[BeamStart, ...]
 
 
 def _points_at(direction: Vector3, point_mm: Vector3) -> bool:
-    return dist(_at(direction, _length(point_mm)), point_mm) <= SAME_DIRECTION * _length(point_mm)
+    return dist(_at(direction, hypot(*point_mm)), point_mm) <= SAME_DIRECTION * hypot(*point_mm)
 
 
 def _at(direction: Vector3, distance_mm: float) -> Vector3:
     x, y, z = direction
     return x * distance_mm, y * distance_mm, z * distance_mm
-
-
-def _length(point_mm: Vector3) -> float:
-    return sqrt(sum(value * value for value in point_mm))
