@@ -118,6 +118,10 @@ def test_it_knows_its_version(capsys):
         (["new", "x", "--controller", "tcp://h:1", "--tracker", "tcp://h:2", "--scenario", "s"],
          ["--scenario", "--controller"]),
         (["import", "x"], ["FILE"]),
+        (["identify", "x", "--shots", "all"], ["--shots is 'all'", "0-60, -60 or 61-"]),
+        (["identify", "x", "--hold-out", "80%"], ["--hold-out is 0.8", "20% is usual"]),
+        (["identify", "x", "--loss-scale", "0"], ["--loss-scale", "0.1"]),
+        (["correct", "x", "--margin", "inf", "--poses", "y"], ["--margin is inf"]),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("json", [[], ["--json"]])

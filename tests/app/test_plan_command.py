@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache, partial
 from typing import get_args
 
 import numpy as np
@@ -35,6 +36,14 @@ FEW = 200
 def campaign(tmp_path):
     create_simulated(tmp_path / "try", "par4-prototype", "paper-simulation")
     return open_campaign(tmp_path / "try")
+
+
+@pytest.fixture(scope="module")
+def plan_of(tmp_path_factory):
+    """Plan by options of a campaign that is not changed, made once."""
+    folder = tmp_path_factory.mktemp("planned") / "try"
+    create_simulated(folder, "par4-prototype", "paper-simulation")
+    return cache(partial(plan, open_campaign(folder)))
 
 
 def with_setting(campaign, old, changed):
@@ -135,9 +144,9 @@ def test_every_criterion_has_its_letter(campaign, asked_of, capsys):
 
 
 @pytest.mark.slow
-def test_an_optimal_plan_tells_more_than_one_near_the_boundary(campaign):
-    near = plan(campaign, PlanOptions(shots=60, seed=1))
-    best = plan(campaign, PlanOptions(shots=60, seed=1, candidates=800))
+def test_an_optimal_plan_tells_more_than_one_near_the_boundary(plan_of):
+    near = plan_of(PlanOptions(shots=60, seed=1))
+    best = plan_of(PlanOptions(shots=60, seed=1, candidates=800))
     assert len(best.checked.shots) == len(near.checked.shots)
     assert worst_mm(best) < 0.8 * worst_mm(near)
     mean_mm = [each.forecast.position_std_mm.mean() for each in (best, near)]
@@ -145,8 +154,8 @@ def test_an_optimal_plan_tells_more_than_one_near_the_boundary(campaign):
 
 
 @pytest.mark.slow
-def test_a_plan_for_a_goal_meets_it_by_the_campaigns_tracker(campaign):
-    planned = plan(campaign, PlanOptions(until="σ=0.06", candidates=FEW))
+def test_a_plan_for_a_goal_meets_it_by_the_campaigns_tracker(campaign, plan_of):
+    planned = plan_of(PlanOptions(until="σ=0.06", candidates=FEW))
     shots = identification(planned)
     poses = poses_of(shots)
     tracker = campaign.config.tracker
@@ -162,9 +171,9 @@ def test_a_plan_for_a_goal_meets_it_by_the_campaigns_tracker(campaign):
 
 
 @pytest.mark.slow
-def test_the_data_sheet_in_the_settings_is_what_is_reckoned_with(campaign):
+def test_the_data_sheet_in_the_settings_is_what_is_reckoned_with(campaign, plan_of):
     assert campaign.instrument == TrackerUncertainty.of_limits(15, 0, 15, 0)
-    sharp = plan(campaign, PlanOptions(shots=44))
+    sharp = plan_of(PlanOptions(shots=44))
     coarse_one = campaign
     for key in ("along_um", "across_um"):
         coarse_one = with_setting(coarse_one, f"{key}: 15.0", f"{key}: 45.0")
@@ -173,17 +182,17 @@ def test_the_data_sheet_in_the_settings_is_what_is_reckoned_with(campaign):
 
 
 @pytest.mark.slow
-def test_coordinates_tell_more_than_distances_of_the_same_plan(campaign):
-    points = plan(campaign, PlanOptions(shots=60))
-    distances = plan(campaign, PlanOptions(shots=60, estimator=Estimator.DISTANCES))
+def test_coordinates_tell_more_than_distances_of_the_same_plan(plan_of):
+    points = plan_of(PlanOptions(shots=60))
+    distances = plan_of(PlanOptions(shots=60, estimator=Estimator.DISTANCES))
     assert points.checked == distances.checked
     assert worst_mm(points) < 0.6 * worst_mm(distances)
 
 
 @pytest.mark.slow
-def test_parameters_held_are_not_forecast_and_leave_the_others_surer(campaign):
-    everything = plan(campaign, PlanOptions(shots=60))
-    fewer = plan(campaign, PlanOptions(shots=60, fix=("arm*.forearm_mm",)))
+def test_parameters_held_are_not_forecast_and_leave_the_others_surer(plan_of):
+    everything = plan_of(PlanOptions(shots=60))
+    fewer = plan_of(PlanOptions(shots=60, fix=("arm*.forearm_mm",)))
     assert len(predicted(fewer).names) == 18
     assert worst_mm(fewer) < worst_mm(everything)
 
@@ -193,28 +202,28 @@ TILTS = ("arm2.axis_tilt_deg", "arm3.axis_tilt_deg")
 
 @pytest.mark.slow
 @pytest.mark.parametrize("placement", list(Placement))
-def test_a_plan_for_axis_tilts_says_how_well_it_will_tell_them(campaign, placement):
+def test_a_plan_for_axis_tilts_says_how_well_it_will_tell_them(plan_of, placement):
     few = 200 if placement is Placement.OPTIMAL else None
     plain = PlanOptions(shots=80, placement=placement, candidates=few)
-    usual = plan(campaign, plain)
-    tilted = plan(campaign, replace(plain, model=Model.FULL))
+    usual = plan_of(plain)
+    tilted = plan_of(replace(plain, model=Model.FULL))
     std = predicted(tilted).std_in_file_units
     assert set(std) - set(predicted(usual).std_in_file_units) == {*TILTS, *SKEW_NAMES}
     assert all(0.001 < std[name] < 0.1 for name in (*TILTS, *SKEW_NAMES)), std
 
 
 @pytest.mark.slow
-def test_until_takes_as_many_shots_as_the_full_model_asks_for(campaign):
+def test_until_takes_as_many_shots_as_the_full_model_asks_for(plan_of):
     goal = PlanOptions(until="σ=0.06", candidates=FEW)
-    usual, full = plan(campaign, goal), plan(campaign, replace(goal, model=Model.FULL))
+    usual, full = plan_of(goal), plan_of(replace(goal, model=Model.FULL))
     assert len(identification(usual)) < len(identification(full))
     std = predicted(full).std()
     assert {*TILTS, *SKEW_NAMES} <= {*std}
     assert max(value for name, value in std.items() if name.endswith("_mm")) <= 0.06
 
 
-def test_a_single_pair_tells_nothing_and_is_a_plan_all_the_same(campaign):
-    forecast = plan(campaign, PlanOptions(shots=2)).forecast
+def test_a_single_pair_tells_nothing_and_is_a_plan_all_the_same(plan_of):
+    forecast = plan_of(PlanOptions(shots=2)).forecast
     assert not forecast.predicted.full_rank
     assert set(forecast.seen.indices.values()) == {0.0}
 
