@@ -8,6 +8,7 @@ from par4_space import FREE_BY_DEFAULT, IS_ANGLE, indices
 
 from campaigns.arrays import Array, Index
 from campaigns.design.candidates import Candidates
+from campaigns.design.criteria import Criterion, CriterionName, make_criterion
 from campaigns.design.pose_sampling import boundary_poses, interior_poses, random_pairs
 from campaigns.estimation.information import (
     distance_jacobian,
@@ -27,6 +28,9 @@ class Case:
     workspace: Array
     workspace_rows: Array
     pairs: Index | None = None
+
+    def criterion(self, name: CriterionName) -> Criterion:
+        return make_criterion(name, self.candidates, self.workspace_rows)
 
 
 def rows_at(poses, free=FREE_BY_DEFAULT):

@@ -47,7 +47,7 @@ AZIMUTH_ERRORS_RAD = np.array([0.0, 5e-4, -3e-4, 8e-4])
 AXIS_TILTS_RAD = np.array([0.0, 0.0, 2e-4, -7e-4])
 """The axes of arms 0 and 1 are the frame's horizontal."""
 SKEWS_RAD = np.array([6e-4, -3e-4, -5e-4, 9e-4])
-DECADES = 10.0 ** -np.arange(2, 8)
+DECADES = 10.0 ** -np.arange(2, 7)
 
 
 def as_made():
@@ -126,8 +126,8 @@ def test_a_model_without_backlash_has_none():
 @pytest.mark.slow
 def test_derivative_of_the_position_by_all_41_in_every_decade():
     """Central differences: the truncation falls with the step's square, then rounding rises."""
-    joints = reachable_joints(LEANING, 12, seed=64, limits=WELL_INSIDE)
-    tried = model(LEANING, joints, approaches(12), ALL)
+    joints = reachable_joints(LEANING, 4, seed=64, limits=WELL_INSIDE)
+    tried = model(LEANING, joints, approaches(4), ALL)
     x = with_backlash(tried, BACKLASH_RAD)
     units = np.where(IS_ANGLE, 1.0, 100.0)
     exact = tried.jacobian(x) * units
@@ -207,8 +207,8 @@ def visited(robot, targets):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("free", [FREE_BY_DEFAULT + BACKLASH_NAMES, FREE_IF_EXTENDED])
-def test_the_simulated_gears_lost_motion_is_found_with_its_sign(free):
+def test_the_simulated_gears_lost_motion_is_found_with_its_sign():
+    free = FREE_IF_EXTENDED
     true_rad = np.array([60.0, 20.0, 40.0, 90.0]) * ARCSEC
     targets = reachable_joints(NOMINAL, 70, seed=67, limits=WELL_INSIDE)
     joints, points_mm, approach = visited(driven_robot(true_rad), targets)

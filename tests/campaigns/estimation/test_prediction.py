@@ -1,18 +1,29 @@
-"""What a plan tells in advance, against the formula written out."""
+"""What distances and coordinates will tell, against the formula written out and fits."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from par4_cases import NOMINAL, central_differences, reachable_joints
+from design_cases import VARIANCE_MM2 as ISOTROPIC_MM2
+from design_cases import drawn, isotropic, rows_at
+from par4_cases import NOMINAL, central_differences, measured_points, reachable_joints
 from par4_space import FREE_BY_DEFAULT, IS_ANGLE, NAMES, indices, par4_of
 
-from campaigns.estimation.information import predict_distances
+from campaigns.estimation.information import (
+    marginalise_frame,
+    position_std_mm,
+    predict_distances,
+    predict_points,
+)
+from campaigns.estimation.least_squares import solve
 from campaigns.estimation.observability import observability
+from campaigns.estimation.residuals import PointResiduals, PositionModel
+from campaigns.estimation.rigid_transforms import fit_transform
 
 FREE = indices(FREE_BY_DEFAULT)
 JOINTS = reachable_joints(NOMINAL, 120, seed=61)
 POSES = NOMINAL.forward(JOINTS).values_or_raise()
+SHOTS = 60
 PAIRS = np.arange(120).reshape(-1, 2)
 VARIANCE_MM2 = np.random.default_rng(1).uniform(5e-5, 2e-4, 60)
 
@@ -79,3 +90,63 @@ def test_observability_indices_of_known_singular_values():
 def test_observability_indices_vanish_with_a_singular_value():
     told = indices_of([8.0, 1.0, 0.0], 9)
     assert set(told.values()) == {0.0}
+
+
+@pytest.fixture(scope="module")
+def poses():
+    return drawn(SHOTS, 8)[0]
+
+
+@pytest.fixture(scope="module")
+def joints(poses):
+    return NOMINAL.inverse(poses).values_or_raise()
+
+
+@pytest.fixture(scope="module")
+def known(poses, joints):
+    return predict_points(NOMINAL, FREE_BY_DEFAULT, joints, poses, isotropic(SHOTS))[0]
+
+
+def test_prediction_is_the_covariance_of_the_fit_itself(poses, joints, known):
+    """From the residuals that the estimator solves, in another frame and from other code."""
+    points = measured_points(NOMINAL, joints)
+    model = PositionModel(NOMINAL, FREE, joints)
+    fit = solve(PointResiduals.from_points(model, points, isotropic(SHOTS)))
+    of_fit = np.linalg.inv(fit.jacobian.T @ fit.jacobian)
+    count = len(FREE)
+    np.testing.assert_allclose(known[:count, :count], of_fit[:count, :count], rtol=1e-4, atol=1e-12)
+
+
+def test_what_is_seen_is_of_the_parameters_alone(poses, joints):
+    _, seen = predict_points(NOMINAL, FREE_BY_DEFAULT, joints, poses, isotropic(SHOTS))
+    assert seen.rank == 22
+    assert 10 < seen.condition < 1000
+    assert all(value > 0.0 for value in seen.indices.values())
+
+
+def test_lost_rank_gives_infinite_deviations(poses, joints):
+    found, seen = predict_points(NOMINAL, FREE_BY_DEFAULT, joints[:11], poses[:11], isotropic(11))
+    assert seen.rank < 22
+    assert np.isinf(found).all()
+
+
+def test_error_without_frame_is_what_the_best_fit_of_a_frame_leaves(poses, known):
+    """One change of the parameters, by the forward model and by the rows."""
+    there = NOMINAL.inverse(poses).values_or_raise()
+    change = (
+        1e-4 * np.random.default_rng(2).standard_normal(len(FREE)) * np.sqrt(np.diag(known)[:22])
+    )
+    vector = NOMINAL.p.copy()
+    vector[FREE] += change
+    moved = par4_of(vector).forward(there, poses).values_or_raise()[:, :3]
+    left = fit_transform(moved, poses[:, :3]).apply(moved) - poses[:, :3]
+    rows = marginalise_frame(rows_at(poses))
+    np.testing.assert_allclose(rows @ change, left, atol=1e-3 * np.abs(left).max())
+    size = position_std_mm(rows, np.outer(change, change))
+    np.testing.assert_allclose(size, np.linalg.norm(left, axis=1), rtol=0.02, atol=1e-10)
+
+
+def test_mean_information_bounds_the_mean_error_at_the_shots(poses, known):
+    """The variances at the shots themselves sum to one a parameter: P times the noise's."""
+    size = position_std_mm(rows_at(poses), known)
+    assert np.sum(size**2) == pytest.approx(28 * ISOTROPIC_MM2)
