@@ -1,10 +1,14 @@
 """Plans of a few shots, and the work that they make for the engine."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
-from fake_cell import CENTRE, NOMINAL, ROBOT
+import pytest
+from fake_cell import CENTRE, NOMINAL, ROBOT, FakeCell
+from tested_journal import journal_in
 
+from campaigns.errors import Interrupted
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.measuring.work import Work
@@ -79,3 +83,13 @@ def work(shots: Sequence[PlannedShot] = TWO_PAIRS, **changes: object) -> Work:
 
 def commanded_as_pose(shot: PlannedShot, approach: tuple[tuple[float, ...], ...] = ()) -> Step:
     return Step(shot, "pose", approach)
+
+
+def interrupted(
+    folder: Path, move: int, shots: Sequence[PlannedShot] = TWO_PAIRS, **changes
+) -> None:
+    """A first session, stopped by Ctrl-C during that move."""
+    cell = FakeCell()
+    cell.robot.during_move = {move: cell.wish.ask}
+    with journal_in(folder, cell.calls) as journal, pytest.raises(Interrupted):
+        cell.measure(journal, work(shots, **changes))

@@ -4,18 +4,9 @@ from pathlib import Path
 
 import pytest
 from fake_cell import FakeCell
-from small_plans import FOUR_PAIRS, TWO_PAIRS, work
-from tested_journal import journal_in
+from small_plans import FOUR_PAIRS, TWO_PAIRS, interrupted, work
 
-from campaigns.errors import GateRefused, Interrupted
 from campaigns.journal.records import Event, Rejected
-
-
-def interrupted(folder: Path, shots=FOUR_PAIRS, move: int = 8):
-    first = FakeCell()
-    first.robot.during_move = {move: first.wish.ask}
-    with journal_in(folder, first.calls) as journal, pytest.raises(Interrupted):
-        first.measure(journal, work(shots))
 
 
 def texts(journal, kind: str) -> list[str]:
@@ -27,7 +18,7 @@ def test_run_goes_on_anyway_with_a_moved_stand_and_says_so_in_the_journal(
     tmp_path: Path, by_mm: float
 ) -> None:
     """Moved by more than the gate allows, no shot would pass by what was measured before."""
-    interrupted(tmp_path)
+    interrupted(tmp_path, 8, FOUR_PAIRS)
     cell = FakeCell()
     cell.tracker.shifted_mm[1] = by_mm
     journal = cell.run(tmp_path, work(FOUR_PAIRS, override=True))
@@ -39,7 +30,7 @@ def test_run_goes_on_anyway_with_a_moved_stand_and_says_so_in_the_journal(
 
 
 def test_run_goes_on_anyway_where_only_one_pose_can_be_compared(tmp_path: Path) -> None:
-    interrupted(tmp_path, TWO_PAIRS, 3)
+    interrupted(tmp_path, 3)
     cell = FakeCell()
     cell.tracker.shifted_mm[0] = 1.5
     journal = cell.run(tmp_path, work(override=True))
@@ -48,19 +39,10 @@ def test_run_goes_on_anyway_where_only_one_pose_can_be_compared(tmp_path: Path) 
 
 
 def test_nothing_is_said_anyway_where_nothing_has_moved(tmp_path: Path) -> None:
-    interrupted(tmp_path)
+    interrupted(tmp_path, 8, FOUR_PAIRS)
     cell = FakeCell()
     journal = cell.run(tmp_path, work(FOUR_PAIRS, override=True))
     assert not texts(journal, "gone on anyway")
-
-
-def test_without_anyway_the_remedy_names_it(tmp_path: Path) -> None:
-    interrupted(tmp_path)
-    cell = FakeCell()
-    cell.tracker.shifted_mm[1] = 1.5
-    with journal_in(tmp_path, cell.calls) as journal, pytest.raises(GateRefused) as caught:
-        cell.measure(journal, work(FOUR_PAIRS, compared_at_end=True))
-    assert "--anyway" in caught.value.remedy
 
 
 def test_poses_are_compared_at_the_end_of_a_run_that_nothing_interrupted(tmp_path: Path) -> None:

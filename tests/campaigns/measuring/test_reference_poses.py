@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from fake_cell import NOMINAL, ROBOT, TRACKER_FROM_BASE, FakeCell
 from par4_space import par4
-from small_plans import FOUR_PAIRS, drift, planned, work
+from small_plans import FOUR_PAIRS, drift, interrupted, planned, work
 from tested_journal import journal_in
 
-from campaigns.errors import GateRefused, Interrupted
+from campaigns.errors import GateRefused
 from campaigns.estimation.rigid_transforms import small_rotation
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.estimation.variance_components import NONE, VarianceComponents
@@ -134,10 +134,7 @@ def test_scatter_that_few_shots_tell_allows_more() -> None:
 
 def interrupted_then(folder: Path, cell: FakeCell, shots=FOUR_PAIRS, move: int = 8):
     """A session that was stopped at a move, and another cell for the next."""
-    first = FakeCell()
-    first.robot.during_move = {move: first.wish.ask}
-    with journal_in(folder, first.calls) as journal, pytest.raises(Interrupted):
-        first.measure(journal, work(shots))
+    interrupted(folder, move, shots)
     return journal_in(folder, cell.calls)
 
 
@@ -170,6 +167,7 @@ def test_stand_that_was_bumped_ends_the_run_before_anything_is_measured(tmp_path
             each for each in kept if each.shot != 7
         ]
     assert "--anew" in said.value.remedy
+    assert "--anyway" in said.value.remedy
     assert len(cell.named("robot.stop")) == 1
 
 
@@ -181,22 +179,6 @@ def test_stand_that_was_bumped_by_more_than_the_gate_allows_is_named_too(tmp_pat
         pytest.raises(GateRefused, match=r"after the restart up to 30\.000 mm"),
     ):
         cell.measure(journal, work(FOUR_PAIRS))
-
-
-def test_stand_bumped_after_the_restart_is_told_at_the_end_and_nothing_is_lost(
-    tmp_path: Path,
-) -> None:
-    cell = FakeCell()
-
-    def bump() -> None:
-        cell.tracker.shifted_mm[:] = (0.0, 1.5, 0.0)
-
-    plan = FOUR_PAIRS[:-1]
-    cell.tracker.during_measure = {6: bump}
-    with interrupted_then(tmp_path, cell, plan) as journal:
-        assert len(journal.shots(cell.measure(journal, work(plan)))) == len(plan)
-    (event,) = cell.observer.events
-    assert event.startswith("at the end up to 1.500 mm from where they were")
 
 
 def test_series_of_few_shots_or_at_one_place_compares_one_pose(tmp_path: Path) -> None:

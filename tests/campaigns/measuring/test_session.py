@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 from fake_cell import FakeCell
-from small_plans import FOUR_PAIRS, TWO_PAIRS, pair, planned, work
+from small_plans import FOUR_PAIRS, TWO_PAIRS, interrupted, pair, planned, work
 from tested_journal import PowerCut, journal_in
 
-from campaigns.errors import GateRefused, Interrupted, ResumeRefused
+from campaigns.errors import GateRefused, ResumeRefused
 from campaigns.journal.records import (
     Event,
     Intent,
@@ -27,18 +27,10 @@ from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Weather
 
 
-def interrupted_at_move(folder: Path, move: int, shots=TWO_PAIRS, **changes: object) -> None:
-    """A first session, stopped by Ctrl-C during that move."""
-    cell = FakeCell()
-    cell.robot.during_move = {move: cell.wish.ask}
-    with journal_in(folder, cell.calls) as journal, pytest.raises(Interrupted):
-        cell.measure(journal, work(shots, **changes))
-
-
 def test_second_session_measures_three_poses_and_then_only_what_is_missing_and_these_again(
     tmp_path: Path,
 ) -> None:
-    interrupted_at_move(tmp_path, 4)
+    interrupted(tmp_path, 4)
     cell = FakeCell()
     journal = cell.run(tmp_path, work())
     assert len(journal.shots()) == len(TWO_PAIRS)
@@ -59,7 +51,7 @@ def test_second_session_measures_three_poses_and_then_only_what_is_missing_and_t
 
 
 def test_comparison_of_one_pose_after_a_restart_is_kept_but_does_not_count(tmp_path: Path) -> None:
-    interrupted_at_move(tmp_path, 3)
+    interrupted(tmp_path, 3)
     cell = FakeCell()
     cell.tracker.shifted_mm[2] = 0.2
     journal = cell.run(tmp_path, work())
@@ -78,7 +70,7 @@ def test_comparison_of_one_pose_after_a_restart_is_kept_but_does_not_count(tmp_p
 
 
 def test_pair_cut_in_two_is_measured_again_as_a_whole(tmp_path: Path) -> None:
-    interrupted_at_move(tmp_path, 3)
+    interrupted(tmp_path, 3)
     cell = FakeCell()
     journal = cell.run(tmp_path, work())
     voided = [entry.record for entry in journal.records_of(PairVoided)]
@@ -127,7 +119,7 @@ def test_crash_is_named_as_one_when_the_series_goes_on(tmp_path: Path) -> None:
 
 
 def test_one_pose_that_has_shifted_during_the_pause_ends_the_run(tmp_path: Path) -> None:
-    interrupted_at_move(tmp_path, 3)
+    interrupted(tmp_path, 3)
     cell = FakeCell()
     cell.tracker.shifted_mm[0] = 1.5
     with journal_in(tmp_path, cell.calls) as journal:
@@ -142,7 +134,7 @@ def test_one_pose_that_has_shifted_during_the_pause_ends_the_run(tmp_path: Path)
 
 
 def test_broken_beam_during_the_comparison_is_overcome(tmp_path: Path) -> None:
-    interrupted_at_move(tmp_path, 4)
+    interrupted(tmp_path, 4)
     cell = FakeCell()
     cell.tracker.beam_broken = True
     journal = cell.run(tmp_path, work())
@@ -151,7 +143,7 @@ def test_broken_beam_during_the_comparison_is_overcome(tmp_path: Path) -> None:
 
 def test_without_drift_shots_the_first_shot_is_compared(tmp_path: Path) -> None:
     pairs_only = TWO_PAIRS[1:5]
-    interrupted_at_move(tmp_path, 3, pairs_only)
+    interrupted(tmp_path, 3, pairs_only)
     cell = FakeCell()
     cell.run(tmp_path, work(pairs_only))
     assert cell.named("journal.intent")[0] == ("journal.intent", 1, 2)
@@ -179,7 +171,7 @@ def test_finished_series_of_the_same_plan_leaves_nothing_to_do(tmp_path: Path) -
 
 
 def test_stages_are_series_of_their_own(tmp_path: Path) -> None:
-    interrupted_at_move(tmp_path, 4)
+    interrupted(tmp_path, 4)
     cell = FakeCell()
     journal = cell.run(tmp_path, work(stage="before"))
     assert not journal.latest_series("run").finished
@@ -206,7 +198,7 @@ RENUMBERED = [replace(shot, shot=shot.shot + 50) for shot in TWO_PAIRS]
 
 def test_rows_taken_out_and_added_are_no_other_plan(tmp_path: Path) -> None:
     """Measured are 0, 1 and 2; the pair of 3 goes, and that of 20 comes."""
-    interrupted_at_move(tmp_path, 4)
+    interrupted(tmp_path, 4)
     cell = FakeCell()
     more = pair(20, 9, (150.0, -60.0, -560.0), (-120.0, 80.0, -620.0))
     edited = (*TWO_PAIRS[:3], *more, TWO_PAIRS[5])
@@ -262,13 +254,13 @@ def test_shot_to_be_skipped_costs_its_pair_is_named_and_measured_by_the_next_run
     ids=["moved", "renumbered", "of a validation", "parameters"],
 )
 def test_another_plan_or_robot_is_not_resumed(tmp_path: Path, changes, said: str) -> None:
-    interrupted_at_move(tmp_path, 4, stage=changes.get("stage", "run"))
+    interrupted(tmp_path, 4, stage=changes.get("stage", "run"))
     assert said in refused(tmp_path, FakeCell(), **changes)
 
 
 @pytest.mark.parametrize("device", ["robot", "tracker"])
 def test_other_device_is_not_resumed(tmp_path: Path, device: str) -> None:
-    interrupted_at_move(tmp_path, 4)
+    interrupted(tmp_path, 4)
     cell = FakeCell()
     getattr(cell, device).serial = "X-9"
     name = "controller" if device == "robot" else device
@@ -276,7 +268,7 @@ def test_other_device_is_not_resumed(tmp_path: Path, device: str) -> None:
 
 
 def test_anew_leaves_the_unfinished_series_and_begins_another(tmp_path: Path) -> None:
-    interrupted_at_move(tmp_path, 4)
+    interrupted(tmp_path, 4)
     cell = FakeCell()
     cell.robot.serial = "X-9"
     with journal_in(tmp_path, cell.calls) as journal:
@@ -287,7 +279,7 @@ def test_anew_leaves_the_unfinished_series_and_begins_another(tmp_path: Path) ->
 
 
 def test_air_is_compared_with_that_of_the_series_beginning(tmp_path: Path) -> None:
-    interrupted_at_move(tmp_path, 4)
+    interrupted(tmp_path, 4)
     cell = FakeCell()
     cell.tracker.air = Weather(21.5, 1013.0, 50.0)
     cell.run(tmp_path, work())
@@ -295,7 +287,7 @@ def test_air_is_compared_with_that_of_the_series_beginning(tmp_path: Path) -> No
 
 
 def test_second_session_knows_at_once_where_the_reflector_should_be(tmp_path: Path) -> None:
-    interrupted_at_move(tmp_path, 9, FOUR_PAIRS)
+    interrupted(tmp_path, 9, FOUR_PAIRS)
     cell = FakeCell()
     cell.tracker.on_wrong_target = True
     journal = cell.run(tmp_path, work(FOUR_PAIRS))
@@ -317,8 +309,8 @@ def test_shots_of_a_pair_stand_together_where_the_first_one_is() -> None:
 
 
 def test_every_session_but_the_crashed_ones_has_its_end(tmp_path: Path) -> None:
-    interrupted_at_move(tmp_path, 4)
-    interrupted_at_move(tmp_path, 3)
+    interrupted(tmp_path, 4)
+    interrupted(tmp_path, 3)
     cell = FakeCell()
     journal = cell.run(tmp_path, work())
     kinds = [type(e.record) for e in journal.records()]
