@@ -42,9 +42,10 @@ def made_once(tmp_path_factory, worker_id):
         folder = shared / name
         with FileLock(f"{folder}.lock"):
             if not folder.exists():
-                make(unfinished := shared / f"{name}.{worker_id}")
+                (unfinished := shared / f"{name}.{worker_id}").mkdir()
+                make(unfinished / "small")
                 unfinished.rename(folder)
-        return folder
+        return folder / "small"
 
     return made
 
