@@ -28,6 +28,7 @@ from sim.section import nearest
 SCHEMA = "pkmcal/cell/1"
 VALUE_SHOWN = 40
 SUFFIX = ".yaml"
+FOLDED_AT = 80
 
 
 def shipped_scenarios() -> tuple[str, ...]:
@@ -116,13 +117,15 @@ def scenario_text(name_or_path: str, seed: int | None = None) -> str:
     """
     load_scenario(name_or_path)
     text = _source(name_or_path)
-    return text if seed is None else edited(text, lambda tree: tree.update(seed=seed))
+    if seed is None:
+        return text
+    return edited(text, lambda tree: tree.update(seed=seed), width=FOLDED_AT)
 
 
-def edited(text: str, edit: Callable[[CommentedMap], None]) -> str:
-    """A cell file with something changed, its comments kept."""
+def edited(text: str, edit: Callable[[CommentedMap], None], width: int = 1000) -> str:
+    """A cell file with something changed, its comments kept; long lines are folded at a width."""
     yaml = YAML()
-    yaml.width = 1000
+    yaml.width = width
     tree = yaml.load(text)
     edit(tree)
     written = StringIO()
