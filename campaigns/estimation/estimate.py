@@ -1,7 +1,7 @@
 """Parameter estimation: values with their covariance, what was held, and what was left out."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -92,20 +92,6 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Start:
-    """Unknowns near the solution, and the evaluations that it took to find them."""
-
-    x: Array
-    """(P,)"""
-    evaluations: int
-
-    @classmethod
-    def of(cls, found: Estimate, count: int | None = None) -> "Start":
-        """The first `count` unknowns of an estimate, else all."""
-        return cls(found.x[:count], found.fit.evaluations)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _Solved:
     """A fit with the problem as it was at last, whose priors weigh against the scatter found."""
 
@@ -124,21 +110,21 @@ def estimate(
     policy: OutlierPolicy,
     *,
     known_variance: bool,
-    start: Start | None = None,
+    start: Estimate | None = None,
 ) -> Estimate:
     """Estimate with the first unknowns being parameters, the others (a frame) nuisance.
 
     What neither data nor priors identify is held where it starts, also if it comes to be identified
-    a little once the others have moved. `known_variance`: as `variance_scale` has it. `start` is
-    where the solver begins, if not where the problem does. Raises `NoSolution` when the problem's
-    own start has no answer.
+    a little once the others have moved. `known_variance`: as `variance_scale` has it. `start` has
+    values near the first unknowns, where the solver begins, if not where the problem does, and its
+    evaluations count. Raises `NoSolution` when the problem's own start has no answer.
     """
     at, kept = problem.data.start(), np.ones(problem.blocks, dtype=bool)
     for _ in range(CONSTRAINT_ROUNDS):
         seen = observability(project_out_nuisance(_jacobian(problem, at, kept), parameters))
-        held = problem.restricted_to(_subspace(problem, seen))
+        held = replace(problem, subspace=_subspace(problem, seen))
         near = start if held.subspace is None else None
-        begin, spent = (None, 0) if near is None else (near.x, near.evaluations)
+        begin, spent = (None, 0) if near is None else (near.x[: len(at)], near.fit.evaluations)
         agreed = reject_outliers(held, begin, spent) if policy.exclude else Inliers(kept, ())
         first = fit_inliers(held, policy.loss, agreed, begin, spent)
         solved = _solved(held, policy.loss, first, kept=agreed.kept, known_variance=known_variance)
@@ -228,7 +214,7 @@ def _solved(
         sigma0 = max(scale_of(scatter) or 1.0, LEAST_VARIANCE_FACTOR)
         if abs(sigma0 / problem.sigma0 - 1.0) < VARIANCE_SETTLED:
             break
-        problem = problem.with_variance_factor(sigma0)
+        problem = replace(problem, sigma0=sigma0)
         robust = solve_robust(problem, loss, kept)
         scatter = _scatter(problem, robust, loss, kept)
     tested = chi_square_test(tested.chi2, tested.dof, scale_of(scatter))
@@ -281,7 +267,7 @@ def _covariance(solved: _Solved, kept: Mask) -> Array | None:
     sigma0, problem = solved.noise.sigma0, solved.problem
     if sigma0 is None:
         return None
-    rows = _jacobian(problem.with_variance_factor(max(sigma0, ROUNDING)), solved.x, kept)
+    rows = _jacobian(replace(problem, sigma0=max(sigma0, ROUNDING)), solved.x, kept)
     directions = np.eye(len(solved.x)) if problem.subspace is None else problem.subspace.directions
     try:
         moving = covariance(rows @ directions)

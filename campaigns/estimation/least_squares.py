@@ -150,14 +150,6 @@ class LeastSquaresProblem:
         """The same with weights (blocks,) of the measurements."""
         return replace(self, weights=weights)
 
-    def with_variance_factor(self, sigma0: float) -> "LeastSquaresProblem":
-        """The same with priors weighed against residuals of another standard deviation."""
-        return replace(self, sigma0=sigma0)
-
-    def restricted_to(self, subspace: IdentifiableSubspace | None) -> "LeastSquaresProblem":
-        """The same, free to move in a subspace only."""
-        return replace(self, subspace=subspace)
-
     def _weighed(self, rows: Array) -> Array:
         """Rows (M,) or (M, P) of the measurements times the square roots of their weights."""
         if self.sigma0 == 1.0 and (self.weights is None or np.all(self.weights == 1.0)):

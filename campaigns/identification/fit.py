@@ -11,7 +11,7 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
-from campaigns.estimation.estimate import Estimate, OutlierPolicy, Start, estimate
+from campaigns.estimation.estimate import Estimate, OutlierPolicy, estimate
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
 from campaigns.estimation.information import (
     ChiSquareTest,
@@ -147,7 +147,7 @@ def fit_points(inputs: Inputs) -> PointFit:
         scatter = anew
         covariance_mm2 = covariance_of(stated, found.x, scatter)
         fitted = replace(stated, residuals=stated.points.with_covariance(covariance_mm2))
-        found = estimate(fitted.problem, count, policy, known_variance=True, start=Start.of(found))
+        found = estimate(fitted.problem, count, policy, known_variance=True, start=found)
         if np.array_equal(found.kept, kept) and not scatter.any:
             break
     return PointFit(fitted, found, scatter)
@@ -203,7 +203,7 @@ def _fit_distances(inputs: Inputs, points: PointFit | None) -> Fit:
         count,
         replace(policy, exclude=False),
         known_variance=True,
-        start=Start.of(points.found, count),  # the same robot within σ: a step or two are left
+        start=points.found,  # the same robot within σ: a step or two are left
     )
     return Fit(fitted, found, points, left_out=points if policy.exclude else None)
 

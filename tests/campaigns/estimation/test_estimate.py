@@ -1,5 +1,7 @@
 """What an estimate is worth: σ that hold, priors that count as they should, nothing walks off."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from par4_cases import (
@@ -278,7 +280,7 @@ def test_a_fit_within_a_subspace_never_leaves_it(joints, measured):
     problem = points(joints, measured)
     start = problem.data.start()
     directions = np.linalg.qr(np.random.default_rng(1).standard_normal((28, 5)))[0]
-    inside = problem.restricted_to(IdentifiableSubspace(start, directions))
+    inside = replace(problem, subspace=IdentifiableSubspace(start, directions))
     step = inside.x(solve(inside.weighted(np.ones(120))).x) - start
     assert np.linalg.norm(step) > 0.0
     assert np.abs(step - directions @ (directions.T @ step)).max() < 1e-9
