@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from campaigns.api import correct_targets, find_robot, identify, plan, read_shots, study
     from campaigns.campaign import open_campaign
+    from campaigns.evidence import evaluate
 
 __all__ = [
     "correct_targets",
+    "evaluate",
     "find_robot",
     "identify",
     "open_campaign",
@@ -25,5 +27,5 @@ def __getattr__(name: str) -> object:
     """Function of that name."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    home = "campaigns.campaign" if name == "open_campaign" else "campaigns.api"
-    return getattr(import_module(home), name)
+    homes = {"open_campaign": "campaigns.campaign", "evaluate": "campaigns.evidence"}
+    return getattr(import_module(homes.get(name, "campaigns.api")), name)
