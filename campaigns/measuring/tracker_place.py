@@ -44,14 +44,6 @@ class Station:
         return View(place_mm, self.facing or vector(away), self.acceptance_rad)
 
 
-@dataclass(frozen=True, slots=True)
-class FoundPlace:
-    """Tracker's place in the base frame, by the best fit of nominal positions to points."""
-
-    place_mm: Vector3
-    std_mm: float
-
-
 class StationMonitor:
     """Monitor of the place in campaign.yaml against what the first shots of a session show."""
 
@@ -79,17 +71,18 @@ class StationMonitor:
         found = found_place(self._kinematics, accepted)
         if found is None:
             return
-        off_mm = dist(found.place_mm, self._station.place_mm)
-        limit_mm = max(PLACE_LIMIT_MM, SIGMAS * found.std_mm)
+        place_mm, std_mm = found
+        off_mm = dist(place_mm, self._station.place_mm)
+        limit_mm = max(PLACE_LIMIT_MM, SIGMAS * std_mm)
         self._settled = off_mm > limit_mm or limit_mm == PLACE_LIMIT_MM
         if off_mm > limit_mm:
             yield Event(
                 "tracker place",
-                f"the tracker stands at {_listed(found.place_mm)} mm, campaign.yaml says "
+                f"the tracker stands at {_listed(place_mm)} mm, campaign.yaml says "
                 f"{_listed(self._station.place_mm)}: {off_mm / MM_PER_M:.1f} m off; "
                 "correct tracker.place_mm",
             )
-            yield from self._unseen(found.place_mm)
+            yield from self._unseen(place_mm)
 
     def _range_text(self, outcome: Outcome) -> str:
         """How far the first point is from where the nominal robot and the tracker's place put it.
@@ -123,8 +116,13 @@ class StationMonitor:
             )
 
 
-def found_place(kinematics: Kinematics, accepted: Sequence[Outcome]) -> FoundPlace | None:
-    """Tracker's place by these shots; None while they fix no frame."""
+def found_place(
+    kinematics: Kinematics, accepted: Sequence[Outcome]
+) -> tuple[Vector3, float] | None:
+    """Tracker's place in the base frame and its standard deviation, mm, by the best fit.
+
+    None while the shots fix no frame.
+    """
     modelled = kinematics.forward(np.array([outcome.joints for outcome in accepted]))
     positions_mm = modelled.values[modelled.found, :3]
     points_mm = np.array([outcome.point_in_tracker_mm for outcome in accepted])[modelled.found]
@@ -139,7 +137,7 @@ def found_place(kinematics: Kinematics, accepted: Sequence[Outcome]) -> FoundPla
     std_mm = max(NOMINAL_STD_MM, float(np.sqrt(np.mean(left_mm**2))))
     away_mm = float(np.linalg.norm(place_mm - positions_mm.mean(axis=0)))
     std_mm *= hypot(len(points_mm) ** -0.5, away_mm / float(extents_mm[1]))
-    return FoundPlace(vector(place_mm), std_mm)
+    return vector(place_mm), std_mm
 
 
 def _listed(place_mm: Vector3) -> str:
