@@ -11,7 +11,7 @@ from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bars
 from rich.text import Text
 
-from campaigns.measuring.run_state import EngineState, ParameterPrecision, Progress
+from campaigns.measuring.run_state import EngineState, ParameterUncertainty, Progress
 from drivers.errors import PRESS_THE_EMERGENCY_STOP, RobotStateUnknown
 from drivers.texts import printable
 
@@ -255,8 +255,8 @@ def summary(progress: Progress) -> str:
     return " · ".join([shots, progress.state.value, *_figures(progress)])
 
 
-def certainty(known: ParameterPrecision) -> str:
-    """Precision of the parameters: `weakest arm2.z_mm ±0.021 mm · position ±0.006 mm`."""
+def certainty(known: ParameterUncertainty) -> str:
+    """Uncertainty of the parameters: `weakest arm2.z_mm ±0.021 mm · position ±0.006 mm`."""
     std = f"{known.weakest_std:.3f} mm" if known.unit == "mm" else f"{known.weakest_std:.4f}°"
     return f"weakest {known.weakest} ±{std} · position ±{known.position_std_mm:.3f} mm"
 

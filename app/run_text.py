@@ -6,7 +6,7 @@ from app.console import BAD, GOOD, WARNING, Terminal
 from app.progress import interval
 from campaigns.campaign import Campaign
 from campaigns.chain.running import RunPreview
-from campaigns.measuring.run_state import ParameterPrecision
+from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.measuring.session import RunResult
 from campaigns.measuring.stopping_rule import in_words
 from campaigns.measuring.work import Work
@@ -87,7 +87,7 @@ def preview_document(preview: RunPreview) -> dict[str, object]:
     return {**asdict(preview), "seconds_left_estimated": preview.seconds}
 
 
-def knowledge(known: ParameterPrecision) -> dict[str, object]:
+def knowledge(known: ParameterUncertainty) -> dict[str, object]:
     """Uncertainty of the parameters, as a part of a document."""
     return {**asdict(known), "std": known.weakest_std}
 

@@ -47,7 +47,7 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
     skip = _known_shots(checked, options.skip)
     work = replace(work, goal=goal, skip=skip, override=options.anyway, compared_at_end=True)
     if options.free or options.model not in {Model.PAPER, Model.STANDARD}:
-        require_identifiable(work.precision_monitor().workspace)
+        require_identifiable(work.uncertainty_monitor().workspace)
     return work
 
 
@@ -113,7 +113,7 @@ def predicted_end(campaign: Campaign, work: Work) -> PredictedStop | None:
     """
     if work.goal is None:
         return None
-    return predicted_stop(work.goal, work.precision_monitor(), campaign.config.tracker.place_mm)
+    return predicted_stop(work.goal, work.uncertainty_monitor(), campaign.config.tracker.place_mm)
 
 
 def measured_before(campaign: Campaign, work: Work) -> RunResult | None:

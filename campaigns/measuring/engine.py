@@ -10,11 +10,11 @@ from campaigns.errors import GateRefused
 from campaigns.journal.records import Event, Outcome, PairVoided, Rejected
 from campaigns.measuring.body_check import ANEW, StabilityCheck, drift_text
 from campaigns.measuring.monitors import DriftMonitor, TemperatureMonitor
-from campaigns.measuring.precision_monitor import PrecisionMonitor
+from campaigns.measuring.precision_monitor import UncertaintyMonitor
 from campaigns.measuring.reacquisition import Reacquisition
 from campaigns.measuring.recovery import Recovery, recovery
 from campaigns.measuring.reference_poses import ReferencePose, reference_poses
-from campaigns.measuring.run_state import EngineState, ParameterPrecision
+from campaigns.measuring.run_state import EngineState, ParameterUncertainty
 from campaigns.measuring.series_log import problem_of
 from campaigns.measuring.shot_taker import (
     ReflectorUnseen,
@@ -42,7 +42,7 @@ class Monitors:
 
     drift: DriftMonitor
     air: TemperatureMonitor
-    precision: PrecisionMonitor
+    uncertainty: UncertaintyMonitor
     station: StationMonitor | None
     """None where nobody said where the tracker stands."""
 
@@ -69,7 +69,7 @@ class Engine:
         self._in_a_row = 0
         self._compared: set[int] = set()
         self._looked_back: Counter[int] = Counter()
-        self._known: ParameterPrecision | None = None
+        self._known: ParameterUncertainty | None = None
         self._update_at_once()
 
     def wanted(self, left: Sequence[Group]) -> tuple[Group, ...]:
@@ -314,13 +314,13 @@ class Engine:
 
     def _update_at_once(self) -> None:
         """By the running fit of the shots that count."""
-        monitor, gate = self._monitors.precision, self._gate
+        monitor, gate = self._monitors.uncertainty, self._gate
         self._update(monitor.after(gate.accepted, gate.linearized(monitor.setup.free)))
 
     def _update_by_a_fit(self) -> None:
         """By a fit to the end, as `identify` will tell it, which takes a little time."""
-        self._update(self._monitors.precision.fitted(self._gate.accepted))
+        self._update(self._monitors.uncertainty.fitted(self._gate.accepted))
 
-    def _update(self, known: ParameterPrecision | None) -> None:
+    def _update(self, known: ParameterUncertainty | None) -> None:
         self._known = known
         self._run_state.update(known)

@@ -25,7 +25,7 @@ from campaigns.identification.observations import Inputs
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.journal.records import Outcome
-from campaigns.measuring.run_state import ParameterPrecision
+from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
@@ -37,7 +37,7 @@ from drivers.values import Vector3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PrecisionMonitor:
+class UncertaintyMonitor:
     """Standard uncertainty that any shots of one plan give the parameters."""
 
     planned: Mapping[int, PlannedShot]
@@ -54,7 +54,7 @@ class PrecisionMonitor:
     @classmethod
     def of_plan(
         cls, shots: Iterable[PlannedShot], robot: RobotModel, setup: EstimationSetup
-    ) -> "PrecisionMonitor":
+    ) -> "UncertaintyMonitor":
         """Monitor of a plan; at its own poses where hardly any others can be taken."""
         planned, kinematics = {shot.shot: shot for shot in shots}, robot.kinematics
         poses = sample_workspace(kinematics, robot.limits, robot.centre, robot.space)
@@ -65,7 +65,7 @@ class PrecisionMonitor:
 
     def after(
         self, outcomes: Sequence[Outcome], seen: LinearizedShots | None
-    ) -> ParameterPrecision | None:
+    ) -> ParameterUncertainty | None:
         """Uncertainty by accepted shots, as far as they are linearised; None for too few to tell.
 
         At once, but an outlier among them makes it look larger than it is.
@@ -97,7 +97,7 @@ class PrecisionMonitor:
         )
         return self._in_words(len(taken), known, self.workspace, noise)
 
-    def fitted(self, outcomes: Iterable[Outcome]) -> ParameterPrecision | None:
+    def fitted(self, outcomes: Iterable[Outcome]) -> ParameterUncertainty | None:
         """Uncertainty by accepted shots as `identify` states it; None for too few.
 
         Takes some twenty times as long.
@@ -127,7 +127,9 @@ class PrecisionMonitor:
             return None
         return points if points.found.noise.dof >= MINIMUM_DOF else None
 
-    def predicted(self, tracker_mm: Vector3, count: int | None = None) -> ParameterPrecision | None:
+    def predicted(
+        self, tracker_mm: Vector3, count: int | None = None
+    ) -> ParameterUncertainty | None:
         """Uncertainty by the plan's first shots or all, seen from there, if they scatter as stated.
 
         None for too few to tell.
@@ -168,12 +170,12 @@ class PrecisionMonitor:
         noise: ChiSquareTest | None = None,
         *,
         robot_scatters: bool = False,
-    ) -> ParameterPrecision:
+    ) -> ParameterUncertainty:
         space, std = self.kinematics.mechanism.parameters, known.std()
         levers_mm = self.kinematics.mechanism.sensitivity_scale_mm(self.kinematics.p)
         sizes_mm = levers_mm[space.places(known.names)] * space.units(known.names)
         weakest = known.names[int(np.argmax(sizes_mm * np.array(list(std.values()))))]
-        return ParameterPrecision(
+        return ParameterUncertainty(
             shots,
             weakest,
             std[weakest],

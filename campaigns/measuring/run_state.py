@@ -25,7 +25,7 @@ class EngineState(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class ParameterPrecision:
+class ParameterUncertainty:
     """How surely the identification shots so far tell the parameters: 1 σ."""
 
     shots: int
@@ -64,7 +64,7 @@ class Progress:
     """How long the beam has been broken."""
     beam_advice: str = ""
     """What the operator can do about it; empty before it was looked for in vain."""
-    known: ParameterPrecision | None = None
+    known: ParameterUncertainty | None = None
     goal_mm: float | None = None
     """σ of the worst length at which measuring may end; None when all shall be measured."""
 
@@ -175,7 +175,7 @@ class RunState:
             )
         )
 
-    def update(self, known: ParameterPrecision | None) -> None:
+    def update(self, known: ParameterUncertainty | None) -> None:
         """What the shots that count tell."""
         self._progress = replace(self._progress, known=known)
 

@@ -23,10 +23,10 @@ from campaigns.measuring.resume import (
     resume_state,
     series_to_take_up,
 )
-from campaigns.measuring.run_state import ParameterPrecision, RunObserver, RunState
+from campaigns.measuring.run_state import ParameterUncertainty, RunObserver, RunState
 from campaigns.measuring.series_log import SeriesLog, closing
 from campaigns.measuring.shot_taker import ShotTaker
-from campaigns.measuring.stopping_rule import PrecisionGoal, in_words, is_met
+from campaigns.measuring.stopping_rule import UncertaintyGoal, in_words, is_met
 from campaigns.measuring.tracker_place import StationMonitor
 from campaigns.measuring.work import Cell, Session, Work
 from campaigns.planning.paths import PathCache
@@ -51,8 +51,8 @@ class RunResult:
     shots: int
     left_out: int
     """Shots of the plan that were not taken: the goal was met without them."""
-    goal: PrecisionGoal | None
-    known: ParameterPrecision | None
+    goal: UncertaintyGoal | None
+    known: ParameterUncertainty | None
     skipped: tuple[SkippedShots, ...] = ()
     """Shots that could not be measured, or should not be."""
 
@@ -151,7 +151,7 @@ def _measure(
     monitors = Monitors(
         DriftMonitor(work.gate.drift_mm, found.first_drift_mm()),
         TemperatureMonitor(work.gate.temperature_change_degC, first_weather),
-        work.precision_monitor(),
+        work.uncertainty_monitor(),
         StationMonitor(work.station, work.robot.kinematics, shots) if work.station else None,
     )
     engine = Engine(session, ShotTaker(session, reacquisition), reacquisition, monitors)

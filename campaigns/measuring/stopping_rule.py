@@ -9,8 +9,8 @@ from itertools import groupby
 
 from campaigns.errors import GoalInvalid, PlanInvalid
 from campaigns.journal.records import Event
-from campaigns.measuring.precision_monitor import PrecisionMonitor
-from campaigns.measuring.run_state import ParameterPrecision
+from campaigns.measuring.precision_monitor import UncertaintyMonitor
+from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.planning.steps import Group
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Vector3
@@ -21,7 +21,7 @@ _GOAL = re.compile(r"(?:σ|sigma|std)\s*=\s*(?P<number>\S+)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
-class PrecisionGoal:
+class UncertaintyGoal:
     """What must hold for every length that is identified."""
 
     std_mm: float
@@ -32,7 +32,7 @@ class PrecisionGoal:
         return f"σ={self.std_mm:g}"
 
 
-def read_goal(text: str) -> PrecisionGoal:
+def read_goal(text: str) -> UncertaintyGoal:
     """From `σ=0.02` or `sigma=0.02`, in mm; raises `GoalInvalid`."""
     matched = _GOAL.fullmatch(text.strip())
     if matched is None:
@@ -45,7 +45,7 @@ def read_goal(text: str) -> PrecisionGoal:
             f"goal σ is {matched['number']}, must be above 0 and at most {LARGEST_MM:g} mm",
             remedy="give the standard deviation of the worst length, as σ=0.02 (mm)",
         )
-    return PrecisionGoal(std_mm)
+    return UncertaintyGoal(std_mm)
 
 
 def _number(text: str) -> float:
@@ -60,19 +60,19 @@ def _number(text: str) -> float:
 class PredictedStop:
     """What a plan will tell if its shots scatter only as the tracker states."""
 
-    whole: ParameterPrecision
+    whole: ParameterUncertainty
     """All of it."""
     shots: int
     """How many to identify from will do for the goal, in the order of the plan."""
 
 
-def is_met(goal: PrecisionGoal | None, known: ParameterPrecision | None) -> bool:
+def is_met(goal: UncertaintyGoal | None, known: ParameterUncertainty | None) -> bool:
     """Whether enough is known; without a goal it never is."""
     return goal is not None and known is not None and known.length_std_mm <= goal.std_mm
 
 
 def may_stop(
-    goal: PrecisionGoal | None, known: ParameterPrecision | None, left: Sequence[Group]
+    goal: UncertaintyGoal | None, known: ParameterUncertainty | None, left: Sequence[Group]
 ) -> bool:
     """Whether to look by a fit to the end, which leaves outliers out, if the goal is met.
 
@@ -84,7 +84,7 @@ def may_stop(
 
 
 def early_stop(
-    goal: PrecisionGoal | None, known: ParameterPrecision | None, left: Sequence[Group]
+    goal: UncertaintyGoal | None, known: ParameterUncertainty | None, left: Sequence[Group]
 ) -> tuple[tuple[Group, ...], Event] | None:
     """What serves something else than to identify, and what the journal says of the others.
 
@@ -104,7 +104,7 @@ def early_stop(
 
 
 def predicted_stop(
-    goal: PrecisionGoal, monitor: PrecisionMonitor, tracker_mm: Vector3
+    goal: UncertaintyGoal, monitor: UncertaintyMonitor, tracker_mm: Vector3
 ) -> PredictedStop:
     """What the plan will tell, seen from there, and how early it may end.
 

@@ -11,11 +11,11 @@ from campaigns.journal.records import Outcome, Stage
 from campaigns.journal.views import AcceptedShot
 from campaigns.measuring.monitors import InnovationGate
 from campaigns.measuring.motion import Mover
-from campaigns.measuring.precision_monitor import PrecisionMonitor
+from campaigns.measuring.precision_monitor import UncertaintyMonitor
 from campaigns.measuring.reference_poses import ReferenceNoise
-from campaigns.measuring.run_state import ParameterPrecision, RunState
+from campaigns.measuring.run_state import ParameterUncertainty, RunState
 from campaigns.measuring.series_log import SeriesLog
-from campaigns.measuring.stopping_rule import PrecisionGoal
+from campaigns.measuring.stopping_rule import UncertaintyGoal
 from campaigns.measuring.tracker_place import Station
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.predicted_precision import EstimationSetup
@@ -60,7 +60,7 @@ class Work:
     """How the shots will be identified from, which says how much is known."""
     station: Station | None = None
     """Where the tracker is said to stand; None: nobody said it."""
-    goal: PrecisionGoal | None = None
+    goal: UncertaintyGoal | None = None
     """Of what is identified; once it is met, only the other shots are taken."""
     skip: frozenset[int] = frozenset()
     """Shots that shall not be measured, nor the partners of their pairs."""
@@ -74,21 +74,21 @@ class Work:
         """Groups with a shot that shall not be measured."""
         return tuple(group for group in groups(self.steps) if self.skip & set(shots_of(group)))
 
-    def precision_monitor(self) -> PrecisionMonitor:
+    def uncertainty_monitor(self) -> UncertaintyMonitor:
         """Monitor of how much is known of the parameters."""
         shots = [step.planned for step in self.steps]
-        return PrecisionMonitor.of_plan(shots, self.robot, self.setup)
+        return UncertaintyMonitor.of_plan(shots, self.robot, self.setup)
 
-    def known_from(self, shots: Iterable[AcceptedShot]) -> ParameterPrecision | None:
+    def known_from(self, shots: Iterable[AcceptedShot]) -> ParameterUncertainty | None:
         """What the accepted shots of a series tell of the parameters, as `identify` will find."""
-        return self.precision_monitor().fitted(shot.outcome for shot in shots)
+        return self.uncertainty_monitor().fitted(shot.outcome for shot in shots)
 
     def reference_noise(self, outcomes: Sequence[Outcome]) -> ReferenceNoise:
         """Noise of poses measured twice: the tracker's, and the robot's own by these shots.
 
         Too few to tell that let the robot scatter by a part of what drift shots may.
         """
-        instrument, fit = self.setup.uncertainty, self.precision_monitor().point_fit(outcomes)
+        instrument, fit = self.setup.uncertainty, self.uncertainty_monitor().point_fit(outcomes)
         if fit is None:
             drift = VarianceComponents(point_mm=self.gate.drift_mm * UNKNOWN_NOISE)
             return ReferenceNoise(drift, instrument, limit_mm=self.gate.drift_mm)

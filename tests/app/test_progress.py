@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from app.progress import CountedWork, Pace, RunDisplay, certainty, counted, interval, news, summary
-from campaigns.measuring.run_state import EngineState, ParameterPrecision, Progress
+from campaigns.measuring.run_state import EngineState, ParameterUncertainty, Progress
 from drivers.errors import RobotStateUnknown
 
 AT_WORK = Progress(
@@ -45,7 +45,7 @@ def test_what_is_not_known_is_not_told():
     assert news(begun) == "idle · beam ok"
 
 
-KNOWN = ParameterPrecision(40, "arm2.z_mm", 0.0214, 0.0341, 0.0061, 0.9)
+KNOWN = ParameterUncertainty(40, "arm2.z_mm", 0.0214, 0.0341, 0.0061, 0.9)
 OF_AN_ANGLE = replace(KNOWN, weakest="arm3.joint_offset_deg", weakest_std=0.00213, unit="deg")
 
 

@@ -9,7 +9,7 @@ from small_plans import work
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.journal.views import AcceptedShot
-from campaigns.measuring.stopping_rule import PrecisionGoal
+from campaigns.measuring.stopping_rule import UncertaintyGoal
 from campaigns.measuring.work import Work
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plans import PlanRequest, View, make_plan
@@ -30,7 +30,7 @@ LENGTHS = ~IS_ANGLE[FREE]
 
 
 def until(goal_mm: float | None, **changes: object) -> Work:
-    goal = None if goal_mm is None else PrecisionGoal(goal_mm)
+    goal = None if goal_mm is None else UncertaintyGoal(goal_mm)
     return work(PLAN, goal=goal, **changes)
 
 

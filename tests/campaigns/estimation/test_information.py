@@ -24,7 +24,7 @@ from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, solv
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.journal.records import Outcome
-from campaigns.measuring.precision_monitor import PrecisionMonitor
+from campaigns.measuring.precision_monitor import UncertaintyMonitor
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.predicted_precision import EstimationSetup
 from campaigns.robots.robot import pose_of
@@ -227,7 +227,7 @@ def monitor():
     }
     setup = EstimationSetup(Estimator.POINTS, FREE_BY_DEFAULT, TrackerUncertainty())
     sample = WorkspaceSample.of(NOMINAL, FREE_BY_DEFAULT, poses)
-    return PrecisionMonitor(planned, NOMINAL, setup, poses, sample)
+    return UncertaintyMonitor(planned, NOMINAL, setup, poses, sample)
 
 
 def outcomes(shots, measured_mm):

@@ -19,7 +19,7 @@ from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.identification.result import IdentificationResult
 from campaigns.journal.records import Outcome
-from campaigns.measuring.run_state import ParameterPrecision
+from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plans import joints_of, poses_of
 from campaigns.planning.predicted_precision import Forecast, judged_positions, plan_forecast
@@ -49,7 +49,7 @@ def outcomes(unseen_off_mm: float = 0.0) -> list[Outcome]:
 
 @dataclass(frozen=True)
 class Told:
-    run: ParameterPrecision
+    run: ParameterUncertainty
     found: IdentificationResult
 
 
@@ -63,7 +63,7 @@ def told(unseen_off_mm: float = 0.0) -> Told:
         targets=[shot.pose for shot in PLAN],
     )
     options = IdentificationOptions(instrument=SETUP.uncertainty, workspace=POSES)
-    run = work(PLAN).precision_monitor().fitted(measured)
+    run = work(PLAN).uncertainty_monitor().fitted(measured)
     assert run is not None
     return Told(run, identify(NOMINAL, shots, ParameterSelection(FREE), options))
 

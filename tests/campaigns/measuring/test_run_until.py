@@ -26,7 +26,7 @@ from campaigns.journal.records import (
 )
 from campaigns.journal.views import Entry
 from campaigns.measuring.resume import complete_series, missing_shots
-from campaigns.measuring.run_state import ParameterPrecision
+from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.measuring.work import Work
 from campaigns.shots.shot_sets import ShotSet
 
@@ -294,7 +294,7 @@ def test_a_voided_pair_is_forgotten_by_what_is_known(tmp_path: Path) -> None:
     assert with_first.length_std_mm < before.length_std_mm
 
 
-def known_while(cell: FakeCell, shot: int) -> list[ParameterPrecision]:
+def known_while(cell: FakeCell, shot: int) -> list[ParameterUncertainty]:
     """What was known when the robot set out for each attempt at a shot."""
     told = [progress for progress in cell.observer.told if progress.state.value == "moving"]
     return [progress.known for progress in told if progress.shot == shot]

@@ -10,10 +10,10 @@ from small_plans import FOUR_PAIRS, LIMITS, SETUP, planned
 
 from campaigns.errors import GoalInvalid, PlanInvalid
 from campaigns.estimation.estimators import Estimator
-from campaigns.measuring.precision_monitor import PrecisionMonitor
-from campaigns.measuring.run_state import ParameterPrecision
+from campaigns.measuring.precision_monitor import UncertaintyMonitor
+from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.measuring.stopping_rule import (
-    PrecisionGoal,
+    UncertaintyGoal,
     early_stop,
     in_ranges,
     is_met,
@@ -25,26 +25,26 @@ from campaigns.planning.plans import make_plan
 from campaigns.planning.steps import groups, joint_steps
 from campaigns.shots.shot_sets import ShotSet
 
-KNOWN = ParameterPrecision(84, "arm2.joint_offset_deg", 0.0021, 0.0198, 0.0061, 0.9)
+KNOWN = ParameterUncertainty(84, "arm2.joint_offset_deg", 0.0021, 0.0198, 0.0061, 0.9)
 SHOTS = 80
 PLAN = make_plan(
     ROBOT, VIEW, replace(REQUEST, identification_shots=SHOTS), np.random.default_rng(1)
 )
 
 
-def monitor(shots=PLAN, estimator=Estimator.POINTS) -> PrecisionMonitor:
+def monitor(shots=PLAN, estimator=Estimator.POINTS) -> UncertaintyMonitor:
     robot, setup = RobotModel(NOMINAL, LIMITS, CENTRE), replace(SETUP, estimator=estimator)
-    return PrecisionMonitor.of_plan(shots, robot, setup)
+    return UncertaintyMonitor.of_plan(shots, robot, setup)
 
 
 @pytest.mark.parametrize(("goal_mm", "met"), [(0.0198, True), (0.02, True), (0.0197, False)])
 def test_a_goal_is_met_by_the_worst_length(goal_mm: float, met: bool) -> None:
-    assert is_met(PrecisionGoal(goal_mm), KNOWN) is met
+    assert is_met(UncertaintyGoal(goal_mm), KNOWN) is met
 
 
 def test_without_a_goal_or_knowledge_none_is_met() -> None:
     assert not is_met(None, KNOWN)
-    assert not is_met(PrecisionGoal(10.0), None)
+    assert not is_met(UncertaintyGoal(10.0), None)
 
 
 def mixed():
@@ -57,7 +57,7 @@ def mixed():
 
 
 def test_only_what_serves_nothing_else_than_to_identify_is_left_out_and_named() -> None:
-    wanted, event = early_stop(PrecisionGoal(0.02), KNOWN, mixed())
+    wanted, event = early_stop(UncertaintyGoal(0.02), KNOWN, mixed())
     assert [step.planned.shot for group in wanted for step in group] == [0, 5, 6, 7]
     assert event.kind == "goal met"
     assert event.text == (
@@ -67,14 +67,14 @@ def test_only_what_serves_nothing_else_than_to_identify_is_left_out_and_named() 
 
 
 def test_nothing_is_left_out_before_enough_is_known() -> None:
-    assert early_stop(PrecisionGoal(0.019), KNOWN, mixed()) is None
-    assert early_stop(PrecisionGoal(0.02), None, mixed()) is None
+    assert early_stop(UncertaintyGoal(0.019), KNOWN, mixed()) is None
+    assert early_stop(UncertaintyGoal(0.02), None, mixed()) is None
     assert early_stop(None, KNOWN, mixed()) is None
 
 
 def test_there_is_no_early_end_when_only_others_are_left() -> None:
     others = [group for group in mixed() if len(group) == 1]
-    assert early_stop(PrecisionGoal(0.02), KNOWN, others) is None
+    assert early_stop(UncertaintyGoal(0.02), KNOWN, others) is None
 
 
 def test_numbers_are_told_in_ranges() -> None:
@@ -104,7 +104,7 @@ def test_distances_of_pairs_tell_less_than_their_points() -> None:
 
 def test_a_goal_within_reach_says_how_many_shots_will_do() -> None:
     whole = monitor().predicted(TRACKER_MM)
-    end = predicted_stop(PrecisionGoal(2.0 * whole.length_std_mm), monitor(), TRACKER_MM)
+    end = predicted_stop(UncertaintyGoal(2.0 * whole.length_std_mm), monitor(), TRACKER_MM)
     assert end.whole == whole
     enough, fewer = (monitor().predicted(TRACKER_MM, n) for n in (end.shots, end.shots - 1))
     assert enough.length_std_mm <= 2.0 * whole.length_std_mm < fewer.length_std_mm
@@ -113,7 +113,7 @@ def test_a_goal_within_reach_says_how_many_shots_will_do() -> None:
 def test_a_goal_out_of_reach_is_refused_with_what_the_plan_will_give() -> None:
     whole = monitor().predicted(TRACKER_MM)
     with pytest.raises(PlanInvalid) as caught:
-        predicted_stop(PrecisionGoal(0.001), monitor(), TRACKER_MM)
+        predicted_stop(UncertaintyGoal(0.001), monitor(), TRACKER_MM)
     assert caught.value.problem == (
         f"goal σ=0.001: the whole plan will give {whole.length_std_mm:.3g} mm"
     )
@@ -123,16 +123,16 @@ def test_a_goal_out_of_reach_is_refused_with_what_the_plan_will_give() -> None:
 @pytest.mark.parametrize("shots", [FOUR_PAIRS, FOUR_PAIRS[:1]])
 def test_a_plan_that_cannot_tell_the_parameters_is_refused(shots) -> None:
     with pytest.raises(PlanInvalid, match="too few shots to identify from"):
-        predicted_stop(PrecisionGoal(1.0), monitor(shots), TRACKER_MM)
+        predicted_stop(UncertaintyGoal(1.0), monitor(shots), TRACKER_MM)
 
 
 @pytest.mark.parametrize("text", ["σ=0.02", "sigma=0.02", " Std = 0.02 ", "Σ=2e-2"])
 def test_a_goal_is_a_standard_deviation_in_mm(text):
-    assert read_goal(text) == PrecisionGoal(0.02)
+    assert read_goal(text) == UncertaintyGoal(0.02)
 
 
 def test_a_goal_reads_back_as_it_is_written():
-    assert read_goal(str(PrecisionGoal(0.0125))) == PrecisionGoal(0.0125)
+    assert read_goal(str(UncertaintyGoal(0.0125))) == UncertaintyGoal(0.0125)
 
 
 @pytest.mark.parametrize("text", ["", "0.02", "tau=0.02", "σ"])
