@@ -225,21 +225,14 @@ def _detours(from_pose: Array, to_pose: Array, centre: Array) -> Iterator[Array]
         yield np.stack([inner[0], centre, inner[1]])
 
 
-@dataclass(frozen=True, slots=True)
-class PathReport:
-    """Sum of the ways between stops."""
+def check_paths(stops: Sequence[Stop], robot: RobotModel) -> tuple[int, float, list[str]]:
+    """Look for a safe way between each two stops that follow each other.
 
-    detours: int
-    """Number of ways that are not straight because that would not be safe."""
-    travel_rad: float
-    """Travel of cranks, or what compares with it."""
-    faults: tuple[str, ...]
-    """Lines, one for each two stops between which no safe way was found."""
-
-
-def check_paths(stops: Sequence[Stop], robot: RobotModel) -> PathReport:
-    """Look for a safe way between each two stops that follow each other."""
-    detours, travel, faults = 0, 0.0, []
+    Gives the number of ways that are not straight because that would not be safe, the travel of
+    cranks in rad, or what compares with it, and a line for each two stops without a safe way.
+    """
+    detours, travel = 0, 0.0
+    faults: list[str] = []
     for here, there in pairwise(stops):
         way = robot.safe_path(here[1], there[1])
         if way is None:
@@ -248,7 +241,7 @@ def check_paths(stops: Sequence[Stop], robot: RobotModel) -> PathReport:
         detours += len(way) > 1
         turns = [robot.kinematics.comparable(joints) for joints in (here[1], *way)]
         travel += sum(float(travel_rad(a, b)) for a, b in pairwise(turns))
-    return PathReport(detours, travel, tuple(faults))
+    return detours, travel, faults
 
 
 class PathCache:

@@ -60,11 +60,11 @@ def check_plan(
     stops = [
         (f"shot {shot.shot}", joints) for shot, joints in zip(shots, joints_of(shots), strict=True)
     ]
-    ways = check_paths(stops, robot)
-    refuse(ways.faults, remedy="move one of the two poses, or plan anew with `pkmcal plan`")
-    seconds = ways.travel_rad / pace.joint_speed_rad_s
+    detours, travel_rad, faults = check_paths(stops, robot)
+    refuse(faults, remedy="move one of the two poses, or plan anew with `pkmcal plan`")
+    seconds = travel_rad / pace.joint_speed_rad_s
     seconds += len(shots) * (pace.settle_s + pace.measure_s)
-    return CheckedPlan(tuple(shots), ways.detours, seconds)
+    return CheckedPlan(tuple(shots), detours, seconds)
 
 
 def refuse(faults: Sequence[str], *, remedy: str) -> None:

@@ -171,8 +171,9 @@ def _check_ways(steps: Sequence[Step], robot: RobotModel) -> None:
         name = f"{step.planned.purpose.value} shot {step.planned.shot}"
         stops += [(f"the approach to {name}", np.array(q)) for q in step.approach]
         stops.append((name, np.array(step.planned.joints)))
+    _, _, faults = check_paths(stops, robot)
     refuse(
-        check_paths(stops, robot).faults,
+        faults,
         remedy="correct `validation` in campaign.yaml, or plan anew",
     )
 
