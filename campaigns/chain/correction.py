@@ -13,6 +13,7 @@ from campaigns.controllers.calibrated_workspace import (
 )
 from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.controllers.export import FILE_NAME
+from campaigns.controllers.gcode import read_program
 from campaigns.controllers.gcode_correction import (
     TOLERANCE_MM,
     CorrectedProgram,
@@ -26,9 +27,9 @@ from campaigns.controllers.target_poses import (
     corrected_text,
     read_poses,
 )
-from campaigns.errors import ConfigInvalid, FindingUnreadable, TargetsInvalid
+from campaigns.errors import ConfigInvalid, FindingUnreadable
 from campaigns.estimation.information import Uncertainty
-from campaigns.files.text_file import read_text, write_text_unless_there
+from campaigns.files.text_file import write_text_unless_there
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Finding
@@ -36,7 +37,7 @@ from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.settings.option import Option, require_finite
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
-from drivers.bounded_files import CSV_BYTES, is_there
+from drivers.bounded_files import is_there
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,8 +141,7 @@ def correct_gcode_file(
 
     Raises `TargetsInvalid`, `OutputExists` or `WriteFailed`.
     """
-    missing = "name a file of G-code"
-    text = read_text(source, TargetsInvalid, if_missing=missing, most_bytes=CSV_BYTES)
+    text = read_program(source)
     correction = target_correction(campaign, terms)
     found = correct_gcode(text, str(source), correction, tolerance_mm=tolerance_mm, rotary=rotary)
     write_text_unless_there(to, found.text, overwrite=overwrite)

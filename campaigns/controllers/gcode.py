@@ -8,11 +8,15 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from campaigns.errors import TargetsInvalid
+from campaigns.files.text_file import read_text
 from campaigns.files.wording import shown
+from drivers.bounded_files import MEGABYTE
 
-MOST_LINES = 1_000_000
+MOST_LINES = 100_000
+MOST_BYTES = 10 * MEGABYTE
 _TOKEN = re.compile(
     r"[ \t]*(?:(?P<comment>\([^()\r\n]*\)|;.*)"
     r"|(?P<letter>[A-Za-z])[ \t]*(?P<number>[+-]?(?:\d+(?:\.\d*)?|\.\d+))"
@@ -37,8 +41,10 @@ class Word:
 
     @property
     def code(self) -> str:
-        """Code of a G or M word without leading zeros: `G1`, `G91.1`."""
-        return f"{self.letter}{self.value:g}"
+        """Code of a G or M word without needless zeros, every other digit kept: `G1`, `G91.1`."""
+        whole, _, part = self.text[1:].lstrip("+").partition(".")
+        fraction = part.rstrip("0")
+        return f"{self.letter}{whole.lstrip('0') or '0'}" + (f".{fraction}" if fraction else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,30 +74,37 @@ class Block:
         return {word.letter: word.value for word in self.words if word.letter not in "GM"}
 
 
-def parse_gcode(text: str, name: str) -> tuple[Block, ...]:
-    """Lines of a program; raises `TargetsInvalid` naming the line that cannot be read."""
-    blocks = tuple(_blocks(text, name))
-    if not any(block.words for block in blocks):
+def read_program(path: Path) -> str:
+    """Text of a program; raises `TargetsInvalid` for one that is too long, before parsing it."""
+    missing = "name a file of G-code"
+    text = read_text(path, TargetsInvalid, if_missing=missing, most_bytes=MOST_BYTES)
+    lines = text.count("\n") + text.count("\r") - text.count("\r\n")
+    if lines > MOST_LINES:
+        raise TargetsInvalid(
+            f"{path}: has {lines} lines, at most {MOST_LINES} are corrected",
+            remedy="split the program",
+        )
+    return text
+
+
+def parse_gcode(text: str, name: str) -> Iterator[Block]:
+    """Lines of a program, one after the other.
+
+    Raises `TargetsInvalid` naming the line that cannot be read, or in the end if there was no word.
+    """
+    has_words = False
+    for number, line in enumerate(_LINE.finditer(text), start=1):
+        if line[0]:
+            block = _block(line["body"], line["ending"], number, name)
+            has_words = has_words or bool(block.words)
+            yield block
+    if not has_words:
         raise TargetsInvalid(f"{name}: holds no G-code", remedy="check that it is the right file")
-    return blocks
 
 
 def block_text(words: list[str], comments: tuple[str, ...] = ()) -> str:
     """Text of a new line, without its end."""
     return " ".join([*words, *comments])
-
-
-def _blocks(text: str, name: str) -> Iterator[Block]:
-    for number, line in enumerate(_LINE.finditer(text), start=1):
-        body, ending = line["body"], line["ending"]
-        if not body and not ending:
-            return
-        if number > MOST_LINES:
-            raise TargetsInvalid(
-                f"{name}: has more than {MOST_LINES} lines, the most that are read",
-                remedy="split the program",
-            )
-        yield _block(body, ending, number, name)
 
 
 def _block(body: str, ending: str, number: int, name: str) -> Block:

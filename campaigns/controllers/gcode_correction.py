@@ -27,8 +27,9 @@ PROBES = 4
 COARSE = 8
 """Parts of a whole move, at whose ends it is looked at before it is split."""
 ROUNDS = 30
-MOST_PIECES = 100_000
-"""Of one move: more would be a tolerance below what the numbers in a file can say."""
+MOST_PIECES = 300_000
+"""Of a program: what takes a minute or two. Of a few moves so many would be a tolerance below what
+the numbers in a file can say."""
 CHUNK = 20_000
 DECIMALS = 4
 STOPS = frozenset(("M0", "M1", "M2", "M30", "M60"))
@@ -96,20 +97,20 @@ def correct_gcode(
 ) -> CorrectedProgram:
     """Correct a program; raises `TargetsInvalid` naming the line that cannot be corrected."""
     task = correction.identified.mechanism.task
-    blocks = parse_gcode(text, name)
-    moves = moves_of(blocks, name, task, rotary)
+    lines = tuple(moves_of(parse_gcode(text, name), name, task, rotary))
+    moves = [line for line in lines if isinstance(line, Move)]
     if not moves:
         raise TargetsInvalid(f"{name}: moves nothing", remedy="check that it is the right file")
     paths = _Paths.of(moves)
-    lines = np.array([move.block.number for move in moves])
-    _require_possible(correction, paths, np.full(len(moves), COARSE), lines, name)
+    numbers = np.array([move.block.number for move in moves])
+    _require_possible(correction, paths, np.full(len(moves), COARSE), numbers, name)
     pieces = _pieces(correction, paths, tolerance_mm)
-    _require_possible(correction, paths, PROBES * pieces, lines, name)
+    _require_possible(correction, paths, PROBES * pieces, numbers, name)
     rows, part = _ends(pieces)
     wanted = paths.at(rows, part)
     commanded = _commanded(correction, wanted)
     ends = np.split(commanded, np.cumsum(pieces)[:-1])
-    written = _written(blocks, moves, ends, axis_letters(task, rotary), task)
+    written = _written(lines, ends, axis_letters(task, rotary), task)
     size = correction_mm(wanted, commanded)
     return CorrectedProgram(
         "".join(written),
@@ -132,11 +133,11 @@ def _pieces(correction: TargetCorrection, paths: _Paths, tolerance_mm: float) ->
             return pieces
         more = np.ceil(1.02 * pieces[left] * np.sqrt(error / tolerance_mm)).astype(np.intp)
         pieces[left] = np.maximum(pieces[left] + 1, more)
-        if pieces.max() > MOST_PIECES:
+        if pieces.sum() > MOST_PIECES:
             break
     raise TargetsInvalid(
-        f"a move would need more than {MOST_PIECES} pieces for --tolerance {tolerance_mm:g} mm",
-        remedy="give a larger --tolerance",
+        f"the moves would need more than {MOST_PIECES} pieces for --tolerance {tolerance_mm:g} mm",
+        remedy="give a larger --tolerance, or split the program",
     )
 
 
@@ -208,24 +209,22 @@ def _largest_std(correction: TargetCorrection, wanted: Array) -> float | None:
 
 
 def _written(
-    blocks: Sequence[Block],
-    moves: Sequence[Move],
+    lines: Sequence[Move | Block],
     ends: Sequence[Array],
     letters: Sequence[str],
     task: Sequence[Axis],
 ) -> Iterator[str]:
     """Lines of the corrected program, each with its ending."""
-    of_line = {move.block.number: (move, poses) for move, poses in zip(moves, ends, strict=True)}
-    usual = next((block.ending for block in blocks if block.ending), "\n")
-    for block in blocks:
-        if block.number not in of_line:
-            yield block.text
+    first = lines[0].block if isinstance(lines[0], Move) else lines[0]
+    usual = first.ending or "\n"
+    poses_of = iter(ends)
+    for line in lines:
+        if isinstance(line, Block):
+            yield line.text
             continue
-        move, poses = of_line[block.number]
-        places = [_place(pose, letters, task) for pose in poses]
-        bodies = _bodies(move, places)
+        bodies = _bodies(line, [_place(pose, letters, task) for pose in next(poses_of)])
         yield from (body + usual for body in bodies[:-1])
-        yield bodies[-1] + block.ending
+        yield bodies[-1] + line.block.ending
 
 
 def _bodies(move: Move, places: Sequence[list[str]]) -> list[str]:

@@ -5,7 +5,7 @@ a place in the base frame, and motions that are no straight line or arc in the X
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from campaigns.controllers.gcode import Block, Word
@@ -86,10 +86,10 @@ class Move:
 
 
 def moves_of(
-    blocks: Sequence[Block], name: str, task: Sequence[Axis], rotary: str = ROTARY
-) -> tuple[Move, ...]:
-    """Moves of a program, in its order; raises `TargetsInvalid` naming the line."""
-    return tuple(_Program(name, axis_letters(task, rotary), tuple(task)).moves(blocks))
+    blocks: Iterable[Block], name: str, task: Sequence[Axis], rotary: str = ROTARY
+) -> Iterator[Move | Block]:
+    """Each line's move, or the line where it is none; raises `TargetsInvalid` naming the line."""
+    return _Program(name, axis_letters(task, rotary), tuple(task)).moves(blocks)
 
 
 def axis_letters(task: Sequence[Axis], rotary: str = ROTARY) -> tuple[str, ...]:
@@ -109,14 +109,14 @@ class _Program:
     plane: str = "G17"
     where: str = field(default="", init=False)
 
-    def moves(self, blocks: Sequence[Block]) -> Iterator[Move]:
+    def moves(self, blocks: Iterable[Block]) -> Iterator[Move | Block]:
         """Follow the lines."""
         for block in blocks:
             self.where = f"{self.name}:{block.number}"
             move = self._follow(block)
             if move is not None:
-                yield move
                 self.place = move.end
+            yield move or block
 
     def _follow(self, block: Block) -> Move | None:
         codes = block.codes("G")

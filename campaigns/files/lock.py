@@ -4,7 +4,7 @@ import json
 import os
 import socket
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -47,9 +47,15 @@ def _named_holder(folder: Path, since_utc: str) -> Iterator[None]:
     """Leave word for others who holds the lock."""
     note = folder / HOLDER_FILE
     words = {"pid": os.getpid(), "host": socket.gethostname(), "since_utc": since_utc}
+    fresh = folder / f"{HOLDER_FILE}.{os.getpid()}"
     try:
-        note.write_text(json.dumps(words), encoding="utf-8")
+        fresh.unlink(missing_ok=True)
+        with fresh.open("x", encoding="utf-8") as file:  # through no link to a file elsewhere
+            file.write(json.dumps(words))
+        fresh.replace(note)
     except OSError as error:
+        with suppress(OSError):
+            fresh.unlink()
         raise _unwritable(folder, error) from error
     try:
         yield

@@ -26,6 +26,8 @@ LONGEST_ANSWER = 1024
 
 _REQUEST = re.compile(r"[ -~]+")
 _ANSWER_WORD = re.compile(r"[A-Z][A-Z0-9_]*")
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
+"""As C's printf writes it; Python also takes `1_0` and the digits of other scripts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,10 +126,10 @@ def read_message(line: bytes) -> Message | None:
 
 def read_numbers(value: Value) -> tuple[float, ...]:
     """Read an answer's numbers; raises `WireError`, also for one that is not finite."""
-    try:
-        numbers = tuple(map(float, value.text.split()))
-    except ValueError as error:
-        raise WireError(f"LinuxCNC answers no numbers: {value.line!r:.80}") from error
+    words = value.text.split()
+    if not all(map(_NUMBER.fullmatch, words)):
+        raise WireError(f"LinuxCNC answers no numbers: {value.line!r:.80}")
+    numbers = tuple(map(float, words))
     if not all(map(math.isfinite, numbers)):
         raise WireError(f"LinuxCNC answers a number that is not finite: {value.line!r:.80}")
     return numbers

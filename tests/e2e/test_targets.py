@@ -11,7 +11,7 @@ from campaigns.campaign import open_campaign
 from campaigns.chain.correction import target_correction
 from campaigns.controllers.gcode import parse_gcode
 from campaigns.controllers.gcode_correction import correct_gcode
-from campaigns.controllers.gcode_moves import moves_of
+from campaigns.controllers.gcode_moves import Move, moves_of
 from campaigns.estimation.point_sets import fitted_frame
 from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Finding, Intent
@@ -131,7 +131,8 @@ FITS = 30
 
 def along(text, task, count):
     """Commanded poses, evenly along the straight moves of a program."""
-    places = np.array([move.end for move in moves_of(parse_gcode(text, "p"), "p", task)])
+    lines = moves_of(parse_gcode(text, "p"), "p", task)
+    places = np.array([line.end for line in lines if isinstance(line, Move)])
     length = np.concatenate([[0.0], np.linalg.norm(np.diff(places, axis=0), axis=1).cumsum()])
     at = np.linspace(0.0, length[-1], count)
     return np.column_stack([np.interp(at, length, column) for column in places.T])

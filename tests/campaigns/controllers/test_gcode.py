@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.controllers.gcode import parse_gcode
-from campaigns.controllers.gcode_moves import moves_of
+from campaigns.controllers.gcode import parse_gcode, read_program
+from campaigns.controllers.gcode_moves import Move, moves_of
 from campaigns.errors import TargetsInvalid
 from campaigns.mechanisms.catalog import MECHANISMS
 
@@ -16,7 +16,8 @@ FIRST = "G21 G90 G17\nG0 X0 Y0 Z-500\n"
 
 
 def moves(text, task=DELTA, rotary="C"):
-    return moves_of(parse_gcode(text, "part.ngc"), "part.ngc", task, rotary)
+    lines = moves_of(parse_gcode(text, "part.ngc"), "part.ngc", task, rotary)
+    return tuple(line for line in lines if isinstance(line, Move))
 
 
 def refusal(text, task=DELTA):
@@ -74,6 +75,8 @@ def test_homing_makes_the_place_unknown():
 @pytest.mark.parametrize(
     ("line", "says"),
     [
+        ("G1.0000000001 X5", "G1.0000000001 cannot be corrected"),
+        ("M98.00000000 P1", "M98 brings other modes back"),
         ("G91", "G91 cannot be corrected → write absolute"),
         ("G20", "G20 cannot be corrected → write the program in mm"),
         ("G92 X0", "G92 cannot be corrected"),
@@ -122,7 +125,7 @@ def test_the_first_move_must_give_all_axes():
 
 def test_a_file_without_words_is_no_program():
     with pytest.raises(TargetsInvalid, match="holds no G-code"):
-        parse_gcode("; nothing\n\n", "part.ngc")
+        tuple(parse_gcode("; nothing\n\n", "part.ngc"))
 
 
 WORDS = st.builds(
@@ -142,9 +145,9 @@ LINES = st.builds(
 @given(st.lists(st.tuples(LINES, st.sampled_from(["\n", "\r\n", "\r"])), max_size=8), LINES)
 def test_everything_that_is_no_move_is_the_same_again(lines, last):
     text = "M5\n" + "".join(line + ending for line, ending in lines) + last
-    blocks = parse_gcode(text, "part.ngc")
+    blocks = tuple(parse_gcode(text, "part.ngc"))
     assert "".join(block.text for block in blocks) == text
-    assert moves_of(blocks, "part.ngc", DELTA) == ()
+    assert tuple(moves_of(blocks, "part.ngc", DELTA)) == blocks
 
 
 @given(st.text(max_size=60))
@@ -154,3 +157,13 @@ def test_any_text_is_read_or_refused(text):
     except TargetsInvalid:
         return
     assert all(math.isfinite(value) for move in found for value in move.end)
+
+
+def test_a_program_that_is_too_long_is_refused_before_it_is_parsed(tmp_path, monkeypatch):
+    monkeypatch.setattr("campaigns.controllers.gcode.MOST_LINES", 3)
+    path = tmp_path / "part.ngc"
+    path.write_bytes(b"G1\r\nX1\rX2\nno word")
+    assert read_program(path).endswith("no word")
+    path.write_bytes(b"G1\r\nX1\rX2\nno word\n")
+    with pytest.raises(TargetsInvalid, match="has 4 lines, at most 3 are corrected → split"):
+        read_program(path)

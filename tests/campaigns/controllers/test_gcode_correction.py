@@ -9,7 +9,7 @@ from target_cases import TARGETS
 from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.controllers.gcode import parse_gcode
 from campaigns.controllers.gcode_correction import correct_gcode
-from campaigns.controllers.gcode_moves import moves_of
+from campaigns.controllers.gcode_moves import Move, moves_of
 from campaigns.errors import TargetsInvalid
 
 MEMBERS = pytest.mark.parametrize("member", TARGETS, ids=lambda each: each.name)
@@ -38,7 +38,7 @@ def program(member):
 
 def places(text, member):
     moves = moves_of(parse_gcode(text, "out"), "out", member.mechanism.task)
-    return np.array([move.end for move in moves])
+    return np.array([move.end for move in moves if isinstance(move, Move)])
 
 
 def followed(robot, member, poses, parts=7):

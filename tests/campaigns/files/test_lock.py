@@ -82,3 +82,18 @@ def test_a_lock_file_that_cannot_be_opened_says_so(tmp_path: Path) -> None:
         campaign_lock(tmp_path, now_utc=noon),
     ):
         pytest.fail("held")
+
+
+@pytest.mark.parametrize("name", [HOLDER_FILE, f"{HOLDER_FILE}.{os.getpid()}"])
+def test_a_link_in_the_holders_place_leads_to_no_file_that_is_overwritten(
+    tmp_path: Path, name: str
+) -> None:
+    others = tmp_path / "mine.txt"
+    others.write_text("mine", encoding="utf-8")
+    (folder := tmp_path / "campaign").mkdir()
+    (folder / name).symlink_to(others)
+    with campaign_lock(folder, now_utc=noon):
+        assert not (folder / HOLDER_FILE).is_symlink()
+        assert str(os.getpid()) in (folder / HOLDER_FILE).read_text(encoding="utf-8")
+    assert others.read_text(encoding="utf-8") == "mine"
+    assert [path.name for path in folder.iterdir()] == ["campaign.lock"]

@@ -96,7 +96,7 @@ def test_password_that_cannot_be_sent_is_not_told(password):
     assert "secr" not in str(error.value)
 
 
-@pytest.mark.parametrize("text", ["1 2 x", "1 nan", "inf", "1,5"])
+@pytest.mark.parametrize("text", ["1 2 x", "1 nan", "inf", "1,5", "1_0", "١٢", "1e400"])
 def test_numbers_that_are_none_are_refused(text):
     with pytest.raises(WireError):
         wire.read_numbers(wire.Value("JOINT_POS", text, f"JOINT_POS {text}"))
