@@ -11,15 +11,6 @@ from app.retrying import Retries
 from app.run_text import Briefing, DeviceIdentities
 from app.wiring import OperatorCallbacks, connected_cell, prepare
 from campaigns.campaign import Campaign
-from campaigns.chain.running import RunPreview, measured_before, run_preview, run_work
-from campaigns.chain.validation import (
-    TESTS,
-    CalibrationRoute,
-    Validated,
-    ValidationStage,
-    record_validation,
-    validation_work,
-)
 from campaigns.errors import CampaignError, Interrupted
 from campaigns.journal.journal import Journal
 from campaigns.measuring.session import RunResult, measure_series, run_result
@@ -27,6 +18,15 @@ from campaigns.measuring.work import Cell, Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.shots.shot_sets import ShotSet
+from campaigns.workflow.running import RunPreview, measured_before, run_preview, run_work
+from campaigns.workflow.validation import (
+    TESTS,
+    CalibrationRoute,
+    Validated,
+    ValidationStage,
+    record_validation,
+    validation_work,
+)
 from drivers.errors import Cancelled, DriverError, ExplainedError, WrongDevice
 from drivers.ports import SystemClock
 

@@ -6,12 +6,12 @@ from collections.abc import Iterator, Sequence
 
 from app.console import WARNING, Terminal
 from app.progress import interval
-from campaigns.chain.planning import PlannedCampaign
 from campaigns.design.restricted_space import Refusals, RestrictedSpace
 from campaigns.design.sample_size import diminishing_returns_from
 from campaigns.estimation.information import Uncertainty
 from campaigns.planning.plan_check import CheckedPlan
-from campaigns.planning.predicted_precision import Forecast
+from campaigns.planning.predicted_uncertainty import Forecast
+from campaigns.workflow.planning import PlannedCampaign
 
 ONE_SIDED = 0.85
 """Share of approaches from one side from which on backlash and joint offset look alike."""

@@ -1,4 +1,4 @@
-"""Rehearsal: the whole chain on a simulated cell, for `dry-run` and for the paper reproduced."""
+"""Rehearsal: the whole workflow on a simulated cell, for `dry-run` and for the paper reproduced."""
 
 from app.console import Terminal
 from app.measuring import measure_validation, run_plan
@@ -6,13 +6,13 @@ from app.plan_text import plan_line
 from app.report.identification_text import show
 from app.report.validation_text import show_gain
 from app.wiring import connected_robot, scenario_of
-from campaigns import chain
+from campaigns import workflow
 from campaigns.campaign import Campaign
-from campaigns.chain.validation import Validated, ValidationStage
 from campaigns.estimation.estimators import Model
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.identification.options import IdentificationOptions
 from campaigns.options import PlanOptions
+from campaigns.workflow.validation import Validated, ValidationStage
 
 STAGES = 8
 
@@ -20,14 +20,14 @@ STAGES = 8
 def rehearse(
     campaign: Campaign, terminal: Terminal, options: IdentificationOptions | None = None
 ) -> tuple[dict[str, object], tuple[str, ...]]:
-    """The whole chain but its report; gives what `--json` prints, and what speaks against it.
+    """The whole workflow but its report; gives what `--json` prints, and what speaks against it.
 
     `options` say how to identify, if not as `pkmcal identify` does by itself.
     """
     document = _beginning(campaign, terminal)
     heading(terminal, 1, "plan")
     model = Model.STANDARD if options is None else options.model
-    checked = chain.plan(campaign, PlanOptions(model=model)).checked
+    checked = workflow.plan(campaign, PlanOptions(model=model)).checked
     terminal.say(plan_line(checked))
     heading(terminal, 2, "validate before")
     before = _validated(campaign, terminal, "before")
@@ -35,17 +35,17 @@ def rehearse(
     heading(terminal, 3, "run")
     run_plan(campaign, checked, terminal)
     heading(terminal, 4, "identify")
-    found = chain.identify(campaign, options)
+    found = workflow.identify(campaign, options)
     document["identification"] = found.document()
     show(terminal, found, campaign.robot.mechanism.parameters)
     if found.verdict != "pass":
         return document, found.reasons
     heading(terminal, 5, "export")
-    path, _ = chain.export(campaign)
+    path, _ = workflow.export(campaign)
     terminal.say(path.name)
     document["parameter_file"] = str(path)
     heading(terminal, 6, "load")
-    kept = chain.load(campaign, connected_robot(campaign), path).kept
+    kept = workflow.load(campaign, connected_robot(campaign), path).kept
     terminal.say(f"written, read back and compared; the old ones: {kept.name if kept else '-'}")
     heading(terminal, 7, "validate after")
     after = _validated(campaign, terminal, "after")

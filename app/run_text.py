@@ -5,11 +5,11 @@ from dataclasses import asdict, dataclass
 from app.console import BAD, GOOD, WARNING, Terminal
 from app.progress import interval
 from campaigns.campaign import Campaign
-from campaigns.chain.running import RunPreview
 from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.measuring.session import RunResult
 from campaigns.measuring.stopping_rule import in_words
 from campaigns.measuring.work import Work
+from campaigns.workflow.running import RunPreview
 from drivers.values import Identity
 
 

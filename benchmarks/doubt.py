@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.shared.studies import Studied, options, studied
 from benchmarks.shared.yardstick import Figure, Report, Table, main
-from campaigns.evaluation.doubts import CHANGE, COMMON_SCALE
+from campaigns.evaluation.diagnostics import CHANGE, COMMON_SCALE
 from campaigns.studies.perturbations import KINDS
 from campaigns.studies.study import CampaignRow, CampaignVerdict
 from campaigns.studies.summary import verdict_statistics

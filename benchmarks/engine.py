@@ -29,7 +29,7 @@ from campaigns.measuring.work import Cell, Work
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot, plan_digest
 from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan
-from campaigns.planning.predicted_precision import EstimationSetup
+from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.steps import joint_steps
 from campaigns.robots.robot import pose_row
 from campaigns.settings.config import new_config

@@ -29,7 +29,7 @@ from campaigns.planning.plans import (
     View,
     make_plan,
 )
-from campaigns.planning.predicted_precision import (
+from campaigns.planning.predicted_uncertainty import (
     EstimationSetup,
     Forecast,
     judged_positions,

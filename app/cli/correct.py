@@ -9,11 +9,11 @@ import typer
 from app.console import terminal_of
 from app.options import Folder, Json, Overwrite
 from campaigns.campaign import open_campaign
-from campaigns.chain.correction import CorrectionTerms, correct_gcode_file, correct_poses_file
 from campaigns.controllers.gcode_correction import TOLERANCE_MM
 from campaigns.controllers.gcode_moves import ROTARY
 from campaigns.errors import OptionsInvalid
 from campaigns.settings.option import Option, require_finite
+from campaigns.workflow.correction import CorrectionTerms, correct_gcode_file, correct_poses_file
 
 WORD = "-corrected"
 LETTERS = ("A", "B", "C")

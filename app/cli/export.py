@@ -9,12 +9,12 @@ import typer
 from app.console import Terminal, terminal_of
 from app.options import Folder, Json, Overwrite
 from campaigns.campaign import open_campaign
-from campaigns.chain.files import export, export_hal, export_shots
-from campaigns.chain.projecting import ReducedExport, export_projected
-from campaigns.controllers.few_parameters import FORMATS
-from campaigns.controllers.projection import ResidualError
+from campaigns.controllers.model_reduction import ResidualError
+from campaigns.controllers.reduced_parameters import FORMATS
 from campaigns.files.table import Column, words
 from campaigns.robots.robot import FOR_SOME_CONTROLLERS
+from campaigns.workflow.files import export, export_hal, export_shots
+from campaigns.workflow.reduced_export import ReducedExport, export_projected
 
 Format = StrEnum("Format", {word: word for word in ("yaml", "linuxcnc", *FORMATS, "plain")})  # type: ignore[misc] # words of another room
 YAML = Format("yaml")

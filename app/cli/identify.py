@@ -7,8 +7,8 @@ from app.exits import Exit
 from app.options import Folder, Json, Plot
 from app.report.identification_text import show
 from campaigns.campaign import open_campaign
-from campaigns.chain.identification import identify
 from campaigns.identification.options import IdentificationOptions
+from campaigns.workflow.identification import identify
 
 
 def command(

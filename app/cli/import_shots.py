@@ -9,11 +9,11 @@ import typer
 from app.console import terminal_of
 from app.options import Folder, Json
 from campaigns.campaign import open_campaign
-from campaigns.chain.files import import_shots
 from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
 from campaigns.shots.import_export import ImportedFile
 from campaigns.shots.joined_shots import Join, read_joined_shots
 from campaigns.shots.shots_csv import in_unit, read_shots
+from campaigns.workflow.files import import_shots
 
 
 class Form(Enum):

@@ -16,16 +16,16 @@ from app.options import Dry, Folder, Json
 from app.progress import RunDisplay
 from app.wiring import OperatorCallbacks, connected_cell, connected_robot, prepare
 from campaigns.campaign import open_campaign
-from campaigns.chain.loading import (
+from campaigns.controllers.load import Change
+from campaigns.errors import OptionsInvalid
+from campaigns.files.table import Column, words
+from campaigns.workflow.loading import (
     LoadResult,
     LoadTerms,
     VerificationSetup,
     load,
     roll_back,
 )
-from campaigns.controllers.load import Change
-from campaigns.errors import OptionsInvalid
-from campaigns.files.table import Column, words
 from drivers.values import Identity
 
 SURE = "Write these parameters into controller {serial}? The robot must stand still."

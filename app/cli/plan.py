@@ -16,10 +16,10 @@ from app.plan_text import (
 )
 from app.terminal_picture import plan_picture
 from campaigns.campaign import Campaign, open_campaign
-from campaigns.chain.planning import PlannedCampaign, plan
 from campaigns.options import PlanOptions
 from campaigns.planning.plans import pairs_of
 from campaigns.shots.shot_sets import ShotSet
+from campaigns.workflow.planning import PlannedCampaign, plan
 
 
 def command(

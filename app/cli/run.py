@@ -18,11 +18,11 @@ from app.run_text import (
     show_run,
 )
 from campaigns.campaign import Campaign, open_campaign
-from campaigns.chain.running import predicted_end, run_preview, run_work
 from campaigns.measuring.session import RunResult
 from campaigns.measuring.work import Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
+from campaigns.workflow.running import predicted_end, run_preview, run_work
 
 
 def command(

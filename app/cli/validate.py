@@ -13,14 +13,14 @@ from app.options import Anew, Dry, Folder, Json, Yes
 from app.report.validation_text import show, show_gain, validation_document
 from app.wiring import connected_robot
 from campaigns.campaign import open_campaign
-from campaigns.chain.validation import (
+from campaigns.evaluation.validation import SET_OF
+from campaigns.workflow.validation import (
     CalibrationRoute,
     ValidationStage,
     record_anyway,
     require_means,
     wrong_stage,
 )
-from campaigns.evaluation.validation import SET_OF
 
 CLEAR = (
     "Validation '{stage}', {speed} speed, controller {serial}: the robot will move. "

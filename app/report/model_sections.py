@@ -5,7 +5,7 @@ The terminal shows some of them too, so nothing here needs matplotlib.
 
 from campaigns.estimation.information import Correlation
 from campaigns.evaluation.decision import COVERAGE
-from campaigns.evaluation.doubts import Doubt
+from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.gains import NO_CHANGE
 from campaigns.evaluation.residual_budget import ResidualBudget
 from campaigns.files.table import Column, words

@@ -12,7 +12,7 @@ from campaigns.estimation.estimators import Estimator
 from campaigns.identification.result import IdentificationResult
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import poses_of
-from campaigns.planning.predicted_precision import Forecast
+from campaigns.planning.predicted_uncertainty import Forecast
 
 
 def plot_plan(

@@ -2,11 +2,11 @@
 
 from app.console import BAD, GOOD, OPEN, Terminal
 from app.report.results_sections import BEFORE_AND_AFTER, limits
-from campaigns.chain.validation import Validated, ValidationStage
 from campaigns.evaluation.gains import NO_CHANGE, Gain
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, number, texts, words
+from campaigns.workflow.validation import Validated, ValidationStage
 
 STYLES = {"pass": GOOD, "fail": BAD, "not decided": OPEN}
 

@@ -8,7 +8,7 @@ from campaigns.estimation.information import ChiSquareTest
 from campaigns.estimation.least_squares import Solution
 from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.evaluation.decision import Decision
-from campaigns.evaluation.doubts import Doubt
+from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.summary import BeforeAfter
 from campaigns.mechanisms.parameters import ParameterSpace
 

@@ -11,7 +11,7 @@ from campaigns.estimation.estimate import Estimate
 from campaigns.estimation.estimators import Outliers
 from campaigns.estimation.information import Uncertainty, WorkspaceSample, coverage_factor
 from campaigns.estimation.observability import unobservable_combinations
-from campaigns.evaluation.doubts import (
+from campaigns.evaluation.diagnostics import (
     Doubt,
     change_doubt,
     hold_out_doubt,

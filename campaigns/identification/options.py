@@ -10,7 +10,7 @@ from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Estimator, LossShape, Model, Outliers, Weights
 from campaigns.estimation.robust import TUNING_CONSTANT, Loss
 from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.evaluation.doubts import COMMON_SCALE, LARGE_CHANGE
+from campaigns.evaluation.diagnostics import COMMON_SCALE, LARGE_CHANGE
 from campaigns.robots.robot import Tolerance
 from campaigns.settings.option import Option
 

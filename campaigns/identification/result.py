@@ -19,7 +19,7 @@ from campaigns.estimation.rigid_transforms import Transform, from_paper_angles, 
 from campaigns.estimation.robust import Loss
 from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.evaluation.decision import Decision
-from campaigns.evaluation.doubts import Doubt
+from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.identification import Combination
 from campaigns.evaluation.summary import BeforeAfter, spread
 from campaigns.shots.shot_sets import ShotSet

@@ -8,7 +8,7 @@ from itertools import chain
 from pathlib import Path
 
 from campaigns.errors import JournalFailed
-from campaigns.journal.chain import EMPTY, ChainEnd, JournalDamaged, Row, chain_end
+from campaigns.journal.digest_chain import EMPTY, ChainEnd, JournalDamaged, Row, chain_end
 
 _PRIMARY_CODE = 0xFF
 """SQLite's extended error codes keep their family in the lowest byte."""

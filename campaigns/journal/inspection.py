@@ -10,7 +10,6 @@ from pathlib import Path
 
 from campaigns.errors import JournalFailed
 from campaigns.journal import views
-from campaigns.journal.chain import JournalDamaged, Row
 from campaigns.journal.database import (
     connect_to_read,
     missing_rules,
@@ -19,6 +18,7 @@ from campaigns.journal.database import (
     verify_file,
     version,
 )
+from campaigns.journal.digest_chain import JournalDamaged, Row
 from campaigns.journal.records import (
     Outcome,
     Record,

@@ -10,7 +10,6 @@ from typing import Self, TypeVar
 
 from campaigns.errors import JournalFailed
 from campaigns.journal import views
-from campaigns.journal.chain import ChainEnd, JournalDamaged, digest_after
 from campaigns.journal.database import (
     checkpoint,
     connect_to_read,
@@ -19,6 +18,7 @@ from campaigns.journal.database import (
     verified_end,
     verify_file,
 )
+from campaigns.journal.digest_chain import ChainEnd, JournalDamaged, digest_after
 from campaigns.journal.own_file import OwnFile, close_untouched, rescue
 from campaigns.journal.records import (
     KIND_OF_TYPE,

@@ -8,9 +8,7 @@ from math import dist
 
 from campaigns.errors import GateRefused
 from campaigns.journal.records import Event, Outcome, PairVoided, Rejected
-from campaigns.measuring.body_check import ANEW, StabilityCheck, drift_text
 from campaigns.measuring.monitors import DriftMonitor, TemperatureMonitor
-from campaigns.measuring.precision_monitor import UncertaintyMonitor
 from campaigns.measuring.reacquisition import Reacquisition
 from campaigns.measuring.recovery import Recovery, recovery
 from campaigns.measuring.reference_poses import ReferencePose, reference_poses
@@ -23,8 +21,10 @@ from campaigns.measuring.shot_taker import (
     ShotTaker,
     TargetRefused,
 )
+from campaigns.measuring.stability_check import ANEW, StabilityCheck, drift_text
+from campaigns.measuring.station import StationMonitor
 from campaigns.measuring.stopping_rule import early_stop, in_words, may_stop
-from campaigns.measuring.tracker_place import StationMonitor
+from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
 from campaigns.measuring.work import Session
 from campaigns.planning.steps import Group, Step, groups, shots_of
 from campaigns.shots.shot_sets import ShotSet

@@ -26,8 +26,8 @@ from campaigns.measuring.resume import (
 from campaigns.measuring.run_state import ParameterUncertainty, RunObserver, RunState
 from campaigns.measuring.series_log import SeriesLog, closing
 from campaigns.measuring.shot_taker import ShotTaker
+from campaigns.measuring.station import StationMonitor
 from campaigns.measuring.stopping_rule import UncertaintyGoal, in_words, is_met
-from campaigns.measuring.tracker_place import StationMonitor
 from campaigns.measuring.work import Cell, Session, Work
 from campaigns.planning.paths import PathCache
 from campaigns.planning.steps import Group, shots_of, stops_of

@@ -9,8 +9,8 @@ from itertools import groupby
 
 from campaigns.errors import GoalInvalid, PlanInvalid
 from campaigns.journal.records import Event
-from campaigns.measuring.precision_monitor import UncertaintyMonitor
 from campaigns.measuring.run_state import ParameterUncertainty
+from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
 from campaigns.planning.steps import Group
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Vector3

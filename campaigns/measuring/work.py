@@ -11,14 +11,14 @@ from campaigns.journal.records import Outcome, Stage
 from campaigns.journal.views import AcceptedShot
 from campaigns.measuring.monitors import InnovationGate
 from campaigns.measuring.motion import Mover
-from campaigns.measuring.precision_monitor import UncertaintyMonitor
 from campaigns.measuring.reference_poses import ReferenceNoise
 from campaigns.measuring.run_state import ParameterUncertainty, RunState
 from campaigns.measuring.series_log import SeriesLog
+from campaigns.measuring.station import Station
 from campaigns.measuring.stopping_rule import UncertaintyGoal
-from campaigns.measuring.tracker_place import Station
+from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
 from campaigns.planning.paths import RobotModel
-from campaigns.planning.predicted_precision import EstimationSetup
+from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.steps import Group, Step, groups, shots_of
 from campaigns.settings.sections import GateConfig, SettleConfig
 from drivers.ports import Clock, LaserTracker, RobotController

@@ -32,7 +32,7 @@ from campaigns.mechanisms.mechanism import (
     outside,
 )
 from campaigns.mechanisms.parameters import PARALLELOGRAM_SKEW, ParameterSpace, Role
-from campaigns.mechanisms.plate_tilt import (
+from campaigns.mechanisms.parasitic_rotation import (
     PlateGeometry,
     RodPairs,
     displacement,

@@ -14,7 +14,7 @@ import numpy as np
 from campaigns.arrays import Array, Mask
 from campaigns.mechanisms.arms import Arms
 from campaigns.mechanisms.mechanism import KinematicSolution
-from campaigns.mechanisms.plate_tilt import (
+from campaigns.mechanisms.parasitic_rotation import (
     OwnDerivatives,
     RodPairs,
     TiltedForearms,

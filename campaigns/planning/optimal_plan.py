@@ -54,7 +54,7 @@ from campaigns.planning.plans import (
     too_small,
     with_reserve,
 )
-from campaigns.planning.predicted_precision import not_identifiable
+from campaigns.planning.predicted_uncertainty import not_identifiable
 from campaigns.robots.robot import RobotFile
 from campaigns.shots.shot_sets import ShotSet
 

@@ -28,7 +28,7 @@ from campaigns.mechanisms.catalog import MECHANISMS
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis, Interval, Kinematics, Limits
 from campaigns.mechanisms.parameters import Parameter, Parameters, ParameterSpace, Role
-from campaigns.mechanisms.plate_tilt import PlateGeometry
+from campaigns.mechanisms.parasitic_rotation import PlateGeometry
 from campaigns.robots.schema import SCHEMA, RobotContents, contents_model
 from drivers.bounded_files import is_there
 from drivers.texts import nearest_word

@@ -5,7 +5,7 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.errors import CampaignError
 from campaigns.estimation.rigid_transforms import fit_transform
-from campaigns.evaluation.doubts import CHANGE, COMMON_SCALE, HOLD_OUT, LACK
+from campaigns.evaluation.diagnostics import CHANGE, COMMON_SCALE, HOLD_OUT, LACK
 from campaigns.identification.model_selection import select_model
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.identification.result import IdentificationResult

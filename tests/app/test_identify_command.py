@@ -10,8 +10,6 @@ from par4_space import FREE_BY_DEFAULT, par4
 from app.main import run_command
 from app.new_campaign import create_simulated
 from campaigns.campaign import open_campaign
-from campaigns.chain.files import import_shots
-from campaigns.chain.identification import identification_options, identify
 from campaigns.design.pose_sampling import interior_poses
 from campaigns.errors import SelectionInvalid
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers
@@ -21,6 +19,8 @@ from campaigns.planning.plans import region_of
 from campaigns.robots.robot import pose_of
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, write_shots
+from campaigns.workflow.files import import_shots
+from campaigns.workflow.identification import identification_options, identify
 
 STD_MM = np.array([0.004, 0.012, 0.012])
 WRONG = (7, 50, 99)

@@ -13,7 +13,6 @@ from app.main import run_command
 from app.new_campaign import create_simulated
 from app.plan_text import paying_line, plate_warning, told_lines, warnings
 from campaigns.campaign import open_campaign
-from campaigns.chain.planning import plan
 from campaigns.design.criteria import CriterionName
 from campaigns.design.restricted_space import UNRESTRICTED, Rectangle, RestrictedSpace, Zone
 from campaigns.errors import GoalInvalid, OptionsInvalid, PlanInvalid, WriteFailed
@@ -23,10 +22,11 @@ from campaigns.estimation.observability import observability
 from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.options import PlanOptions
 from campaigns.planning.plans import Placement, joints_of, poses_of
-from campaigns.planning.predicted_precision import (
+from campaigns.planning.predicted_uncertainty import (
     Forecast,
 )
 from campaigns.shots.shot_sets import ShotSet
+from campaigns.workflow.planning import plan
 
 FEW = 200
 """Candidates, for plans that are soon made."""
@@ -80,7 +80,7 @@ def asked_of(monkeypatch):
 
         return planner
 
-    planning = "campaigns.chain.planning"
+    planning = "campaigns.workflow.planning"
     monkeypatch.setattr(f"{planning}.make_optimal_plan", asked(Placement.OPTIMAL))
     monkeypatch.setattr(f"{planning}.make_plan", asked(Placement.BOUNDARY))
 

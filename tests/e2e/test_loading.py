@@ -6,7 +6,7 @@ import signal
 import pytest
 from command_line import change
 
-import campaigns.chain.loading
+import campaigns.workflow.loading
 from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Event, Finding
 
@@ -33,13 +33,13 @@ def test_load_keeps_the_old_and_can_be_rolled_back(pkmcal, exported):
 
 
 def test_ctrl_c_while_loading_waits_until_it_is_verified(pkmcal, exported, monkeypatch):
-    write_verified = campaigns.chain.loading.write_verified
+    write_verified = campaigns.workflow.loading.write_verified
 
     def interrupted(*arguments):
         signal.raise_signal(signal.SIGINT)
         write_verified(*arguments)
 
-    monkeypatch.setattr(campaigns.chain.loading, "write_verified", interrupted)
+    monkeypatch.setattr(campaigns.workflow.loading, "write_verified", interrupted)
     ended = pkmcal("load", exported, "--yes")
     assert ended.code == 130
     with read_journal(exported / "campaign.db") as journal:

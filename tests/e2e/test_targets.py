@@ -8,7 +8,6 @@ from scipy.spatial import KDTree
 from app.main import run_command
 from app.wiring import connected_cell, prepare
 from campaigns.campaign import open_campaign
-from campaigns.chain.correction import target_correction
 from campaigns.controllers.gcode import parse_gcode
 from campaigns.controllers.gcode_correction import correct_gcode
 from campaigns.controllers.gcode_moves import Move, moves_of
@@ -16,6 +15,7 @@ from campaigns.estimation.point_sets import fitted_frame
 from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Finding, Intent
 from campaigns.robots.robot import pose_of
+from campaigns.workflow.correction import target_correction
 
 SMALL = {
     "settle.timeout_s": 300,

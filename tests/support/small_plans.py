@@ -14,7 +14,7 @@ from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.measuring.work import Work
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot, plan_digest
-from campaigns.planning.predicted_precision import EstimationSetup
+from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.steps import Step, joint_steps
 from campaigns.settings.sections import GateConfig, SettleConfig
 from campaigns.shots.shot_sets import ShotSet

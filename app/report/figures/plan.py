@@ -11,7 +11,7 @@ from app.report.figures.workspace import ROUND_FACTORS, draw_poses
 from campaigns.arrays import Array
 from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.estimation.information import Uncertainty
-from campaigns.planning.predicted_precision import Forecast
+from campaigns.planning.predicted_uncertainty import Forecast
 from campaigns.shots.shot_sets import ShotSet
 
 POSES_MM, STD_MM, CURVE_MM = 88.0, 58.0, 58.0

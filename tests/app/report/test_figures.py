@@ -27,7 +27,7 @@ from campaigns.files.table import number
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import select_parameters
-from campaigns.planning.predicted_precision import Forecast
+from campaigns.planning.predicted_uncertainty import Forecast
 
 GROUP = PairGroup("fitted pairs", "o", np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.0, -0.1]))
 

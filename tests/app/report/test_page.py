@@ -22,7 +22,7 @@ from app.report import model_sections
 from app.report.page import Page, page_of
 from campaigns.campaign import open_campaign
 from campaigns.errors import JournalFailed, OutputExists
-from campaigns.evaluation.doubts import Doubt
+from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.files.table import texts
 from campaigns.identification.result import ComparedModel, Excluded, HoldOut, RobotScatter

@@ -13,15 +13,6 @@ from par4_space import par4
 from virtual_time import VirtualClock
 
 from campaigns.campaign import Campaign, open_campaign
-from campaigns.chain.files import export
-from campaigns.chain.loading import (
-    LoadResult,
-    LoadTerms,
-    VerificationSetup,
-    load,
-    roll_back,
-)
-from campaigns.chain.validation import wrong_stage
 from campaigns.controllers.load_journal import load_history
 from campaigns.errors import (
     ConfigInvalid,
@@ -34,6 +25,15 @@ from campaigns.errors import (
 from campaigns.journal.records import Finding
 from campaigns.measuring.work import Cell
 from campaigns.robots.robot import compensated, find_robot, read_robot
+from campaigns.workflow.files import export
+from campaigns.workflow.loading import (
+    LoadResult,
+    LoadTerms,
+    VerificationSetup,
+    load,
+    roll_back,
+)
+from campaigns.workflow.validation import wrong_stage
 from drivers.errors import DeviceRefused
 from drivers.values import Identity
 

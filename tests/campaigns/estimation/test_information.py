@@ -24,9 +24,9 @@ from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, solv
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.journal.records import Outcome
-from campaigns.measuring.precision_monitor import UncertaintyMonitor
+from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.predicted_precision import EstimationSetup
+from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.robots.robot import pose_of
 from campaigns.shots.shot_sets import ShotSet
 

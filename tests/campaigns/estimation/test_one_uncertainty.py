@@ -22,7 +22,7 @@ from campaigns.journal.records import Outcome
 from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plans import joints_of, poses_of
-from campaigns.planning.predicted_precision import Forecast, judged_positions, plan_forecast
+from campaigns.planning.predicted_uncertainty import Forecast, judged_positions, plan_forecast
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_outcomes
 

@@ -18,7 +18,7 @@ from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from campaigns.controllers.export import latest_identification
-from campaigns.evaluation.doubts import Doubt
+from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.iso_figures import iso_rows
 from campaigns.evaluation.residual_budget import ResidualBudget
 from campaigns.evaluation.summary import summary

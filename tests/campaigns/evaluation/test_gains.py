@@ -9,12 +9,12 @@ from paper_campaign import PaperCampaign, new_campaign
 from par4_space import with_values
 
 from app.report.results_sections import key_figure_rows
-from campaigns.chain.validation import record_validation
 from campaigns.evaluation.gains import Gain, gained_in_words, gains
 from campaigns.evaluation.summary import BeforeAfter, Spread
 from campaigns.evaluation.validation import MeasuredLength, ValidationResult
 from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.shots.shot_sets import ShotSet
+from campaigns.workflow.validation import record_validation
 
 TOLD = BeforeAfter(Spread(3.0, 3.0, 9.0), Spread(0.3, 0.3, 0.9))
 

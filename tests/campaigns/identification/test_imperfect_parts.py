@@ -7,7 +7,7 @@ import pytest
 from identified_cases import NOMINAL, TRACKER_FROM_BASE, TRUTH, noisy, simulated
 from par4_space import SKEW_NAMES, SPACE, indices
 
-from campaigns.evaluation.doubts import LACK
+from campaigns.evaluation.diagnostics import LACK
 from campaigns.identification.identify import identify
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.mechanisms.mechanism import Kinematics

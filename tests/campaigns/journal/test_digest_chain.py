@@ -14,7 +14,7 @@ from journal_story import intent, ticking
 from tampering import change_text, tamper
 
 from campaigns.errors import JournalFailed
-from campaigns.journal.chain import (
+from campaigns.journal.digest_chain import (
     EMPTY,
     ChainEnd,
     JournalDamaged,

@@ -13,7 +13,7 @@ from tested_journal import journal_in
 from campaigns.errors import GateRefused, Interrupted
 from campaigns.journal.records import BeamStart, Event, Outcome, PairVoided, SessionStarted
 from campaigns.measuring.reacquisition import distinct_starts
-from campaigns.measuring.tracker_place import Station, found_place
+from campaigns.measuring.station import Station, found_place
 from campaigns.planning.plan_file import PlannedShot
 from drivers.values import Vector3
 

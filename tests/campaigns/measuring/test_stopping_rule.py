@@ -10,7 +10,6 @@ from small_plans import FOUR_PAIRS, LIMITS, SETUP, planned
 
 from campaigns.errors import GoalInvalid, PlanInvalid
 from campaigns.estimation.estimators import Estimator
-from campaigns.measuring.precision_monitor import UncertaintyMonitor
 from campaigns.measuring.run_state import ParameterUncertainty
 from campaigns.measuring.stopping_rule import (
     UncertaintyGoal,
@@ -20,6 +19,7 @@ from campaigns.measuring.stopping_rule import (
     predicted_stop,
     read_goal,
 )
+from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plans import make_plan
 from campaigns.planning.steps import groups, joint_steps

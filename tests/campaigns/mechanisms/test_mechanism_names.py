@@ -25,8 +25,8 @@ LOOKED_THROUGH = (
     "drivers/wire/robotline*.py",
 )
 OTHERS_MODELS = (
-    "campaigns/controllers/few_parameters.py",
-    "campaigns/controllers/projection.py",
+    "campaigns/controllers/reduced_parameters.py",
+    "campaigns/controllers/model_reduction.py",
 )
 """Models that other controllers have of Deltas, whose files are written for them."""
 LEFT_OUT = (

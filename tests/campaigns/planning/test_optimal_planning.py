@@ -19,7 +19,7 @@ from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import Pace, check_plan
 from campaigns.planning.plans import PlanRequest, View, joints_of, make_plan, pairs_of, poses_of
-from campaigns.planning.predicted_precision import plan_approach_shares
+from campaigns.planning.predicted_uncertainty import plan_approach_shares
 from campaigns.robots.robot import find_robot, pose_row
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose

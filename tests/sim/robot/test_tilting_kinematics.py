@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from campaigns.mechanisms.plate_tilt import PlateGeometry as Drawing
+from campaigns.mechanisms.parasitic_rotation import PlateGeometry as Drawing
 from campaigns.robots.robot import RobotFile, find_robot
 from sim.geometry import KINDS, geometry_of
 from sim.robot.assembly import OutOfReach, joints_for

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.campaign import Campaign
-from campaigns.chain.work import free_parameters
 from campaigns.design.pose_sampling import WorkspaceTooSmall
 from campaigns.design.restricted_space import Refusals
 from campaigns.errors import OptionsInvalid
@@ -22,12 +21,13 @@ from campaigns.planning.optimal_plan import (
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.planning.plan_file import write_beside_older
 from campaigns.planning.plans import Placement, make_plan
-from campaigns.planning.predicted_precision import (
+from campaigns.planning.predicted_uncertainty import (
     EstimationSetup,
     Forecast,
     judged_positions,
     plan_forecast,
 )
+from campaigns.workflow.work import free_parameters
 
 REFUSALS_SAMPLE = 2000
 """Poses by which it is told how much the space refuses."""

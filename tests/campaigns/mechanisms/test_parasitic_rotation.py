@@ -13,7 +13,7 @@ from campaigns.estimation.observability import observability
 from campaigns.estimation.residuals import PointResiduals, PositionModel
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.par4 import PAR4
-from campaigns.mechanisms.plate_tilt import (
+from campaigns.mechanisms.parasitic_rotation import (
     PlateGeometry,
     displacement,
     rotation_minus_identity,

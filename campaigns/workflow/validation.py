@@ -8,8 +8,6 @@ from typing import Literal
 import numpy as np
 
 from campaigns.campaign import Campaign
-from campaigns.chain.correction import identified_set
-from campaigns.chain.work import engine_work
 from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.controllers.load import differing
 from campaigns.controllers.load_journal import FOUND_AGAIN, Holding, load_history
@@ -30,13 +28,15 @@ from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell, Work
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.predicted_precision import (
+from campaigns.planning.predicted_uncertainty import (
     EstimationSetup,
 )
 from campaigns.planning.validation_plan import Correct, Reachable, validation_steps
 from campaigns.robots.robot import RobotFile, pose_row
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
+from campaigns.workflow.correction import identified_set
+from campaigns.workflow.work import engine_work
 
 ValidationStage = Literal["before", "after"]
 CalibrationRoute = Literal["parameters", "targets"]

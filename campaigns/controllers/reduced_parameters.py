@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from campaigns.arrays import Array
-from campaigns.controllers.projection import (
+from campaigns.controllers.model_reduction import (
     ARMS,
     ModelReduction,
     ResidualError,

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from campaigns.campaign import Campaign
-from campaigns.chain.work import engine_work, free_parameters
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Model
 from campaigns.measuring.resume import (
@@ -20,11 +19,12 @@ from campaigns.measuring.stopping_rule import PredictedStop, predicted_stop, rea
 from campaigns.measuring.work import Cell, Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
-from campaigns.planning.predicted_precision import (
+from campaigns.planning.predicted_uncertainty import (
     EstimationSetup,
     require_identifiable,
 )
 from campaigns.planning.steps import groups, joint_steps, shots_of
+from campaigns.workflow.work import engine_work, free_parameters
 
 
 def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | None = None) -> Work:

@@ -9,24 +9,24 @@ from pydantic import JsonValue
 
 from campaigns.arrays import Array
 from campaigns.campaign import Campaign
-from campaigns.chain.files import identified_robot
 from campaigns.controllers.export import latest_identification
-from campaigns.controllers.few_parameters import (
-    FORMATS,
-    configuration_text,
-    few_parameters,
-)
-from campaigns.controllers.projection import (
+from campaigns.controllers.model_reduction import (
     NamedParameters,
     ResidualError,
     Workspace,
     left_by,
     project,
 )
+from campaigns.controllers.reduced_parameters import (
+    FORMATS,
+    configuration_text,
+    few_parameters,
+)
 from campaigns.design.pose_sampling import WORKSPACE_SEED, WorkspaceTooSmall, workspace_poses
 from campaigns.errors import IdentificationRefused
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.robots.robot import RobotFile, compensated
+from campaigns.workflow.files import identified_robot
 
 PLAIN = "plain"
 PLAIN_FILE = "robot-plain.yaml"

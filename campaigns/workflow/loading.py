@@ -9,12 +9,6 @@ from typing import Literal
 from pydantic import JsonValue
 
 from campaigns.campaign import Campaign
-from campaigns.chain.validation import (
-    VerificationStage,
-    mean_of_pairs_mm,
-    verification_pairs,
-    verification_work,
-)
 from campaigns.controllers import export as parameter_file
 from campaigns.controllers.load import Change, changes, differing, keep, put_back, write_verified
 from campaigns.controllers.load_checks import (
@@ -39,6 +33,12 @@ from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.robot import RobotFile, read_robot
+from campaigns.workflow.validation import (
+    VerificationStage,
+    mean_of_pairs_mm,
+    verification_pairs,
+    verification_work,
+)
 from drivers.errors import Cancelled, DeviceRefused, DriverError
 from drivers.ports import RobotController
 from drivers.values import Identity

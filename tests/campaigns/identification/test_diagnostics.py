@@ -9,7 +9,7 @@ from par4_space import SPACE
 
 from campaigns.estimation.estimators import Estimator, Weights
 from campaigns.estimation.robust import reject_outliers
-from campaigns.evaluation.doubts import COMMON_SCALE, HOLD_OUT, LARGE_CHANGE
+from campaigns.evaluation.diagnostics import COMMON_SCALE, HOLD_OUT, LARGE_CHANGE
 from campaigns.identification.identify import identify
 from campaigns.identification.observations import Inputs, distance_observations
 from campaigns.identification.options import IdentificationOptions

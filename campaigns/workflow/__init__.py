@@ -1,4 +1,4 @@
-"""The chain: plan, run, validate, identify, export and load a campaign, each giving its result.
+"""The workflow: plan, run, validate, identify, export and load a campaign, each giving its result.
 
 Each step is loaded when it is asked for.
 """
@@ -7,12 +7,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from campaigns.chain.files import export, export_hal, export_shots, import_shots
-    from campaigns.chain.identification import identify
-    from campaigns.chain.loading import load
-    from campaigns.chain.planning import plan
-    from campaigns.chain.running import run
-    from campaigns.chain.validation import validate
+    from campaigns.workflow.files import export, export_hal, export_shots, import_shots
+    from campaigns.workflow.identification import identify
+    from campaigns.workflow.loading import load
+    from campaigns.workflow.planning import plan
+    from campaigns.workflow.running import run
+    from campaigns.workflow.validation import validate
 
 _HOMES = {
     "export": "files",

@@ -6,12 +6,12 @@ from campaigns.campaign import Campaign
 from campaigns.identification.model_selection import select_geometry
 from campaigns.identification.options import Selection
 from campaigns.journal.records import Stage
-from campaigns.measuring.tracker_place import Station
+from campaigns.measuring.station import Station
 from campaigns.measuring.work import Work
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import plan_digest
-from campaigns.planning.predicted_precision import EstimationSetup
+from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.steps import Step
 
 

@@ -33,7 +33,7 @@ from campaigns.planning.plans import (
     poses_of,
     region_of,
 )
-from campaigns.planning.predicted_precision import (
+from campaigns.planning.predicted_uncertainty import (
     EstimationSetup,
     plan_approach_shares,
     plan_forecast,

@@ -30,7 +30,7 @@ from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import pairs_of, poses_of
-from campaigns.planning.predicted_precision import EstimationSetup, predicted_uncertainty
+from campaigns.planning.predicted_uncertainty import EstimationSetup, predicted_uncertainty
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, outcomes_covariance_mm2, shots_of_outcomes
 from drivers.values import Vector3
