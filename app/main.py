@@ -49,22 +49,13 @@ COMMANDS = {
     "export": ("export", "Write the identified parameters as a robot file."),
     "correct": ("correct", "Correct targets for a controller that keeps its nominal parameters."),
     "load": ("load", "Put the compensated parameters into the controller."),
-    "report": (
-        "report",
-        "Write the report: one page about all of it.",
-    ),
-    "reproduce": (
-        "reproduce",
-        "Do the paper's simulation and experiment again.",
-    ),
+    "report": ("report", "Write the report: one page about all of it."),
+    "reproduce": ("reproduce", "Do the paper's simulation and experiment again."),
     "study": (
         "study",
         "Simulate and identify many campaigns, by every plan, scenario, estimator and model named.",
     ),
-    "check-journal": (
-        "check_journal",
-        "Say whether the journal is whole, and what is in it.",
-    ),
+    "check-journal": ("check_journal", "Say whether the journal is whole, and what is in it."),
     "sim": ("simulate", "Serve a simulated cell on loopback."),
     "dry-run": ("dry_run", "Go through a whole campaign without hardware."),
 }

@@ -18,15 +18,8 @@ from campaigns.measuring.work import Cell, Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.shots.shot_sets import ShotSet
+from campaigns.workflow import validation
 from campaigns.workflow.running import RunPreview, measured_before, run_preview, run_work
-from campaigns.workflow.validation import (
-    TESTS,
-    CalibrationRoute,
-    Validated,
-    ValidationStage,
-    record_validation,
-    validation_work,
-)
 from drivers.errors import Cancelled, DriverError, ExplainedError, WrongDevice
 from drivers.ports import SystemClock
 
@@ -232,24 +225,26 @@ def measure_plan(
 
 def measure_validation(
     campaign: Campaign,
-    stage: ValidationStage,
+    stage: validation.ValidationStage,
     terminal: Terminal,
-    tests: frozenset[ShotSet] = TESTS,
+    tests: frozenset[ShotSet] = validation.TESTS,
     *,
     again: str,
     anew: bool = False,
-    by: CalibrationRoute = "parameters",
-) -> Validated:
+    by: validation.CalibrationRoute = "parameters",
+) -> validation.Validated:
     """Measure, evaluate and judge; `again` is the command that goes on later."""
 
     def prepare(cell: Cell) -> Work:
-        work, notes = validation_work(campaign, stage, cell.robot.read_geometry(), tests, by)
+        work, notes = validation.validation_work(
+            campaign, stage, cell.robot.read_geometry(), tests, by
+        )
         for note in notes:
             terminal.note(f"! {note}", WARNING)
         return work
 
-    def finish(journal: Journal, series: int) -> Validated:
-        return record_validation(campaign, journal, series, stage, by)
+    def finish(journal: Journal, series: int) -> validation.Validated:
+        return validation.record_validation(campaign, journal, series, stage, by)
 
     title = f"validate {stage}"
     retries = Retries(campaign, stage, campaign.config.run.retry, SystemClock())

@@ -5,13 +5,7 @@ from uuid import uuid4
 
 from campaigns.campaign import SIMULATED
 from campaigns.errors import OutputExists
-from campaigns.files.text_file import (
-    make_folder,
-    read_text,
-    refuse_existing,
-    resolved,
-    write_new_text,
-)
+from campaigns.files import text_file
 from campaigns.planning.validation_plan import fitting_lines
 from campaigns.robots.robot import RobotFile, find_robot
 from campaigns.settings.config import CampaignConfig, new_config, write_new_campaign
@@ -82,8 +76,8 @@ def create_simulated(
             **_validation(nominal.robot),
         }
     )
-    refuse_existing(folder / "campaign.yaml")
-    make_folder(folder)
+    text_file.refuse_existing(folder / "campaign.yaml")
+    text_file.make_folder(folder)
     _write_unless_same(folder / SCENARIO, text)
     write_new_campaign(folder, config, nominal)
     return config
@@ -105,7 +99,7 @@ def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
 
 def _identity(folder: Path) -> dict[str, object]:
     """Name of a campaign, and what no other has: a name may be given twice."""
-    return {"name": resolved(folder).name, "identity": uuid4().hex}
+    return {"name": text_file.resolved(folder).name, "identity": uuid4().hex}
 
 
 def _validation(robot: RobotFile) -> dict[str, object]:
@@ -128,5 +122,8 @@ def _limits(data_sheet: DataSheet) -> dict[str, float]:
 
 def _write_unless_same(path: Path, text: str) -> None:
     """Write a new file; one that an attempt before has left is taken as it is."""
-    if not is_there(path) or read_text(path, OutputExists, if_missing="try again") != text:
-        write_new_text(path, text)
+    if (
+        not is_there(path)
+        or text_file.read_text(path, OutputExists, if_missing="try again") != text
+    ):
+        text_file.write_new_text(path, text)

@@ -5,18 +5,17 @@ from collections.abc import Callable
 from campaigns.campaign import Campaign
 from campaigns.errors import Interrupted, NotSettled
 from campaigns.journal.records import Event, Stage
-from drivers.errors import (
-    DeviceNotReady,
-    EmergencyStop,
-    ExplainedError,
-    ImplausibleAnswer,
-    LinkDown,
-    MotionFault,
-    WireError,
-)
+from drivers import errors
 from drivers.ports import Clock
 
-RETRIED = (LinkDown, WireError, MotionFault, NotSettled, DeviceNotReady, ImplausibleAnswer)
+RETRIED = (
+    errors.LinkDown,
+    errors.WireError,
+    errors.MotionFault,
+    NotSettled,
+    errors.DeviceNotReady,
+    errors.ImplausibleAnswer,
+)
 """What may be over by the next try. Not an emergency stop: whoever pressed it starts the robot."""
 FIRST_PAUSE_S = 1.0
 LONGEST_PAUSE_S = 60.0
@@ -34,9 +33,9 @@ class Retries:
         self._tried = 0
         self._most_shots = self._progress()
 
-    def again_after(self, error: ExplainedError) -> float | None:
+    def again_after(self, error: errors.ExplainedError) -> float | None:
         """Pause before the next try, in seconds; None: there is none. The journal names it."""
-        if not isinstance(error, RETRIED) or isinstance(error, EmergencyStop):
+        if not isinstance(error, RETRIED) or isinstance(error, errors.EmergencyStop):
             return None
         progress = self._progress()
         if progress > self._most_shots:
@@ -49,7 +48,7 @@ class Retries:
                 journal.append(Event("reconnected", self.text(error)))
         return min(FIRST_PAUSE_S * 2.0 ** (self._tried - 1), LONGEST_PAUSE_S)
 
-    def text(self, error: ExplainedError) -> str:
+    def text(self, error: errors.ExplainedError) -> str:
         """What is tried again, and for how many times now."""
         return (
             f"connecting again, {self._tried} of {self._allowed} in a row, after: {error.problem}"

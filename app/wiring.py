@@ -85,11 +85,7 @@ def connected_cell(
     Once a stop is requested, nothing is waited for any more. Raises a driver's error when one is
     not there or not the expected one.
     """
-    with (
-        connections(campaign, operator, log) as to,
-        to.robot() as robot,
-        to.tracker() as tracker,
-    ):
+    with connections(campaign, operator, log) as to, to.robot() as robot, to.tracker() as tracker:
         yield Devices(robot, tracker, to.awake(to.at.clock), SystemClock())
 
 

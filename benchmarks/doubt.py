@@ -23,10 +23,7 @@ from campaigns.studies.summary import verdict_statistics
 ROBOT, SCENARIO = "par4-prototype", "drawn-robots"
 SHOTS, FEW_SHOTS, WRONG_SHOTS = 120, 52, 60
 POINTS, DISTANCES, EQUAL = "points", "distances", "distances, equal weights"
-METHODS = (
-    *options("estimator", (POINTS, DISTANCES)),
-    *options("weights", ("stated", "equal")),
-)
+METHODS = (*options("estimator", (POINTS, DISTANCES)), *options("weights", ("stated", "equal")))
 HONEST = ("clean", "own-scatter", "backlash")
 STEPS = ("encoder-step", "bumped-stand", "grown-arm")
 BEYOND = ("clean", "unequal-rods", "tilted-axes")

@@ -13,28 +13,13 @@ from campaigns.errors import TargetsInvalid
 from campaigns.estimation.estimators import Estimator, Model
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.identification.model_selection import (
-    asked_of,
-    candidate_models,
-    select_geometry,
-    select_model,
-)
+from campaigns.identification import model_selection
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import IdentificationResult
+from campaigns.planning import predicted_uncertainty
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.plans import (
-    Placement,
-    PlanRequest,
-    View,
-    make_plan,
-)
-from campaigns.planning.predicted_uncertainty import (
-    EstimationSetup,
-    Forecast,
-    judged_positions,
-    plan_forecast,
-)
+from campaigns.planning.plans import Placement, PlanRequest, View, make_plan
 from campaigns.robots import robot as robots
 from campaigns.robots.robot import RobotFile, pose_of
 from campaigns.shots import shots_csv
@@ -70,8 +55,10 @@ def identify(
     Patterns and priors are as on the command line. Raises `SelectionInvalid`, `ShotsMissing` and
     `ShotsInvalid`.
     """
-    models = candidate_models(robot.mechanism.parameters, model, free, fix, priors)
-    return select_model(robot.kinematics, shots, models, options, asked=asked_of(model))
+    models = model_selection.candidate_models(robot.mechanism.parameters, model, free, fix, priors)
+    return model_selection.select_model(
+        robot.kinematics, shots, models, options, asked=model_selection.asked_of(model)
+    )
 
 
 def correct_targets(poses: Array, identified: RobotFile, nominal: RobotFile) -> Array:
@@ -91,7 +78,7 @@ class Plan:
     """Planned shots, and what they will tell."""
 
     shots: tuple[PlannedShot, ...]
-    precision: Forecast
+    precision: predicted_uncertainty.Forecast
 
 
 def plan(
@@ -118,7 +105,7 @@ def plan(
     `SelectionInvalid`.
     """
     space, centre = robot.mechanism.parameters, robot.workspace_centre
-    known = select_geometry(space, model, free, fix)
+    known = model_selection.select_geometry(space, model, free, fix)
     x_mm, y_mm, z_mm = (np.array(tracker_mm) - centre[:3]).tolist()
     view = View(tracker_mm, (x_mm, y_mm, z_mm), float(np.radians(acceptance_deg)))
     wanted = PlanRequest(shots, validation_pairs, drift_shots, pose_of(centre), restricted)
@@ -130,10 +117,12 @@ def plan(
         made = make_optimal_plan(robot, view, request, rng).shots
     else:
         made = make_plan(robot, view, wanted, rng)
-    setup = EstimationSetup(estimator, known, instrument)
-    sample = judged_positions(robot, centre, restricted, known, made)
+    setup = predicted_uncertainty.EstimationSetup(estimator, known, instrument)
+    sample = predicted_uncertainty.judged_positions(robot, centre, restricted, known, made)
     place = np.array(tracker_mm)
-    return Plan(made, plan_forecast(made, robot.kinematics, place, setup, sample))
+    return Plan(
+        made, predicted_uncertainty.plan_forecast(made, robot.kinematics, place, setup, sample)
+    )
 
 
 def study(
@@ -157,7 +146,7 @@ def study(
     campaigns can be identified.
     """
     space = robot.mechanism.parameters
-    known = select_geometry(space, model, free, fix)
+    known = model_selection.select_geometry(space, model, free, fix)
     setup = StudySetup(
         nominal=robot.kinematics,
         shots=planned_shots(shots),

@@ -18,6 +18,7 @@ from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
 from campaigns.controllers.load_journal import Load, load_history, read_load
 from campaigns.errors import CampaignError, FindingUnreadable
 from campaigns.estimation.residuals import arm_joints
+from campaigns.evaluation import model_errors, validation
 from campaigns.evaluation.campaign_verdict import (
     CampaignVerdict,
     IdentificationVerdict,
@@ -25,23 +26,9 @@ from campaigns.evaluation.campaign_verdict import (
 )
 from campaigns.evaluation.gains import Gain, gained_in_words, gains, worse_than_before
 from campaigns.evaluation.integrity import Check, same_digest
-from campaigns.evaluation.model_errors import (
-    ModelErrors,
-    ModelledShots,
-    ShotErrors,
-    pair_errors,
-    position_errors,
-)
 from campaigns.evaluation.residual_budget import ResidualBudget, residual_budget
 from campaigns.evaluation.simulated_devices import SimulatedDevices, simulated_devices
 from campaigns.evaluation.time_series import TimeSeries, time_series
-from campaigns.evaluation.validation import (
-    ValidationResult,
-    ValidationVerdict,
-    evaluate_validation,
-    latest_of_each_test,
-    validation_verdict,
-)
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import (
@@ -159,12 +146,12 @@ class Evaluation:
     evidence: Evidence
 
     @cached_property
-    def before(self) -> ValidationResult | None:
+    def before(self) -> validation.ValidationResult | None:
         """Validation before calibration: of each test the latest."""
         return self._validation(self.evidence.before)
 
     @cached_property
-    def after(self) -> ValidationResult | None:
+    def after(self) -> validation.ValidationResult | None:
         """Validation after calibration: of each test the latest."""
         return self._validation(self.evidence.after)
 
@@ -174,16 +161,16 @@ class Evaluation:
         return gains(self.before, self.after)
 
     @cached_property
-    def errors(self) -> ModelErrors | None:
+    def errors(self) -> model_errors.ModelErrors | None:
         """Errors of the models."""
         modelled, instrument = _modelled(self.evidence), self.evidence.campaign.instrument
         if modelled is None:
             return None
-        return ModelErrors(
-            pair_errors(modelled, ShotSet.IDENTIFICATION, instrument),
-            pair_errors(modelled, ShotSet.VALIDATION, instrument),
+        return model_errors.ModelErrors(
+            model_errors.pair_errors(modelled, ShotSet.IDENTIFICATION, instrument),
+            model_errors.pair_errors(modelled, ShotSet.VALIDATION, instrument),
             _shot_errors(self.evidence),
-            position_errors(modelled),
+            model_errors.position_errors(modelled),
         )
 
     @cached_property
@@ -207,12 +194,12 @@ class Evaluation:
         every = (time_series(name, each.shots) for name, each in self.evidence.by_stage())
         return tuple(each for each in every if not each.is_empty)
 
-    def validated(self, stage: Literal["before", "after"]) -> ValidationVerdict:
+    def validated(self, stage: Literal["before", "after"]) -> validation.ValidationVerdict:
         """Verdict on the robot in a stage; after calibration it must not be worse than before."""
         limits = self.evidence.campaign.config.acceptance
         if stage == "before":
-            return validation_verdict(self.before, limits)
-        return validation_verdict(self.after, limits, worse_than_before(self.gains))
+            return validation.validation_verdict(self.before, limits)
+        return validation.validation_verdict(self.after, limits, worse_than_before(self.gains))
 
     @cached_property
     def verdict(self) -> CampaignVerdict:
@@ -228,10 +215,11 @@ class Evaluation:
             gained=gained_in_words(self.gains, found.unseen_mm if found else None),
         )
 
-    def _validation(self, every: tuple[MeasuredSeries, ...]) -> ValidationResult | None:
+    def _validation(self, every: tuple[MeasuredSeries, ...]) -> validation.ValidationResult | None:
         instrument = self.evidence.campaign.instrument
-        return latest_of_each_test(
-            evaluate_validation(each.shots, instrument, each.series.number) for each in every
+        return validation.latest_of_each_test(
+            validation.evaluate_validation(each.shots, instrument, each.series.number)
+            for each in every
         )
 
 
@@ -361,7 +349,7 @@ def _measured(campaign: Campaign, every: Iterable[Series]) -> tuple[MeasuredSeri
     )
 
 
-def _modelled(evidence: Evidence) -> ModelledShots | None:
+def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
     """Shots that were identified from or kept unseen, as the models have them.
 
     All that can be assembled, while nothing was identified.
@@ -378,7 +366,7 @@ def _modelled(evidence: Evidence) -> ModelledShots | None:
         model = Kinematics.of(nominal.mechanism, found.flat())
         shots, before, after = _as_identified(shots, found) or _by_parameters(shots, found, model)
     poses = before if after is None else after
-    return ModelledShots(
+    return model_errors.ModelledShots(
         shots=shots,
         before=before,
         after=after,
@@ -423,7 +411,7 @@ def _left_out(shots: Shots, found: RecordedIdentification) -> Mask:
     return np.array([shot in numbers or pair in pairs for shot, pair in both], dtype=bool)
 
 
-def _shot_errors(evidence: Evidence) -> ShotErrors | None:
+def _shot_errors(evidence: Evidence) -> model_errors.ShotErrors | None:
     """Residuals of the fitted shots, as identified, beside what the tracker states of them."""
     table = evidence.identification.fitted if evidence.identification else None
     if evidence.run is None or table is None or table.of == "pairs":
@@ -434,7 +422,7 @@ def _shot_errors(evidence: Evidence) -> ShotErrors | None:
     of_shot = dict(zip(shots.numbers, stated_mm.tolist(), strict=True))
     stated = np.array([of_shot.get(number, np.nan) for number in table.numbers])
     known = np.isfinite(stated)
-    return ShotErrors(table.before[known], table.after[known], stated[known])
+    return model_errors.ShotErrors(table.before[known], table.after[known], stated[known])
 
 
 def _checks(evidence: Evidence) -> Iterator[Check]:

@@ -154,10 +154,7 @@ class LoggedTransport:
 
 
 def logged(
-    open_pipe: Opener,
-    log: ByteLog,
-    device: str,
-    new_reading: Callable[[], WireReading],
+    open_pipe: Opener, log: ByteLog, device: str, new_reading: Callable[[], WireReading]
 ) -> Opener:
     """Open a pipe as before, but one that is written down; each time with a fresh reading."""
 

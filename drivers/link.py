@@ -69,12 +69,7 @@ class Link(Generic[Message]):
         return self._open
 
     def ask(
-        self,
-        request: bytes,
-        *,
-        answers: Callable[[Message], bool],
-        within_s: float,
-        what: str,
+        self, request: bytes, *, answers: Callable[[Message], bool], within_s: float, what: str
     ) -> Message:
         """Send a question and return its answer.
 

@@ -6,24 +6,13 @@ The bounds stand in `drivers/values.py`; imported shots are held to the same one
 from collections.abc import Sequence
 from math import degrees, hypot
 
+from drivers import values
 from drivers.errors import ImplausibleAnswer
-from drivers.values import (
-    DISTANCE,
-    HUMIDITY,
-    JOINT_ANGLE,
-    JOINT_LENGTH,
-    PRESSURE,
-    TEMPERATURE,
-    Bounds,
-    Coordinate,
-    Vector3,
-    Weather,
-)
 
 RESTART = "restart the device; if it comes back, have it serviced"
 
 
-def require(where: str, bounds: Bounds, value: float, *, which: str = "") -> None:
+def require(where: str, bounds: values.Bounds, value: float, *, which: str = "") -> None:
     """Raise `ImplausibleAnswer` for a value beyond its bounds, in their unit.
 
     `where` is the device's place, `which` the quantity where it has a name of its own.
@@ -37,20 +26,24 @@ def require(where: str, bounds: Bounds, value: float, *, which: str = "") -> Non
     )
 
 
-def require_joints(where: str, axes: Sequence[Coordinate], joints: Sequence[float]) -> None:
+def require_joints(where: str, axes: Sequence[values.Coordinate], joints: Sequence[float]) -> None:
     """Raise `ImplausibleAnswer` for joints (rad, mm) of which one cannot be."""
     for axis, value in zip(axes, joints, strict=True):
-        bounds, shown = (JOINT_ANGLE, degrees(value)) if axis.is_angle else (JOINT_LENGTH, value)
+        bounds, shown = (
+            (values.JOINT_ANGLE, degrees(value)) if axis.is_angle else (values.JOINT_LENGTH, value)
+        )
         require(where, bounds, shown, which=f"joint {axis.name} at")
 
 
-def require_point(where: str, point_mm: Vector3) -> None:
+def require_point(where: str, point_mm: values.Vector3) -> None:
     """Raise `ImplausibleAnswer` for a point farther than a tracker sees, or none."""
-    require(where, DISTANCE, hypot(*point_mm), which=f"a point {point_mm} mm at a distance of")
+    require(
+        where, values.DISTANCE, hypot(*point_mm), which=f"a point {point_mm} mm at a distance of"
+    )
 
 
-def require_weather(where: str, air: Weather) -> None:
+def require_weather(where: str, air: values.Weather) -> None:
     """Raise `ImplausibleAnswer` for air in which nobody measures."""
-    require(where, TEMPERATURE, air.temperature_degC)
-    require(where, PRESSURE, air.pressure_hPa)
-    require(where, HUMIDITY, air.humidity_percent)
+    require(where, values.TEMPERATURE, air.temperature_degC)
+    require(where, values.PRESSURE, air.pressure_hPa)
+    require(where, values.HUMIDITY, air.humidity_percent)

@@ -4,16 +4,7 @@ import time
 from collections.abc import Collection, Mapping, Sequence
 from typing import Protocol
 
-from drivers.values import (
-    Identity,
-    Measurement,
-    Pose,
-    Reflector,
-    RobotState,
-    TrackerState,
-    Vector3,
-    Weather,
-)
+from drivers import values
 
 
 class Clock(Protocol):
@@ -35,10 +26,10 @@ class RobotController(Protocol):
         From the second time on it must be the same controller that answers.
         """
 
-    def identity(self) -> Identity:
+    def identity(self) -> values.Identity:
         """Identity of the device that answers, with serial number and firmware."""
 
-    def state(self) -> RobotState:
+    def state(self) -> values.RobotState:
         """Encoder angles as read now, and whether anything is wrong."""
 
     def prepare(self) -> None:
@@ -53,7 +44,7 @@ class RobotController(Protocol):
         Raises `LimitViolation`, `MotionFault` or `EmergencyStop` when it is refused.
         """
 
-    def move_pose(self, pose: Pose, speed_fraction: float) -> None:
+    def move_pose(self, pose: values.Pose, speed_fraction: float) -> None:
         """Start a move to a pose by the controller's own inverse kinematics."""
 
     def stop(self) -> None:
@@ -87,16 +78,16 @@ class LaserTracker(Protocol):
         From the second time on it must be the same tracker that answers.
         """
 
-    def identity(self) -> Identity:
+    def identity(self) -> values.Identity:
         """Identity of the device that answers, with serial number and firmware."""
 
-    def state(self) -> TrackerState:
+    def state(self) -> values.TrackerState:
         """Traffic light, warm-up, beam, reflector in use."""
 
-    def weather(self) -> Weather:
+    def weather(self) -> values.Weather:
         """Air temperature, pressure and humidity as the instrument uses them."""
 
-    def reflectors(self) -> tuple[Reflector, ...]:
+    def reflectors(self) -> tuple[values.Reflector, ...]:
         """The reflectors that the instrument has definitions for."""
 
     def prepare(self, reflector: str, measuring_time_s: float) -> None:
@@ -105,16 +96,16 @@ class LaserTracker(Protocol):
         Raises `DeviceNotReady` when it is not initialised, not warm or lacks the named reflector.
         """
 
-    def measure(self) -> Measurement:
+    def measure(self) -> values.Measurement:
         """Stationary measurement of the reflector; raises `BeamBroken` when it is lost.
 
         `NoReflector`, which is one of these, when there was none to begin with.
         """
 
-    def direction(self) -> Vector3 | None:
+    def direction(self) -> values.Vector3 | None:
         """Where the beam points, a unit vector in the tracker's frame; None: it doesn't tell."""
 
-    def go_to(self, point_in_tracker_mm: Vector3) -> None:
+    def go_to(self, point_in_tracker_mm: values.Vector3) -> None:
         """Point there and lock onto the reflector found near; `BeamBroken` when there is none."""
 
     def find_reflector(self, distance_mm: float) -> None:

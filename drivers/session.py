@@ -27,10 +27,7 @@ class DeviceSession(Generic[Connected]):
     """
 
     def __init__(
-        self,
-        device: str,
-        opened: Callable[[], Connected],
-        greet: Callable[[Connected], Identity],
+        self, device: str, opened: Callable[[], Connected], greet: Callable[[Connected], Identity]
     ) -> None:
         self._device = device
         self._opened = opened

@@ -4,12 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
-from drivers.errors import (
-    PRESS_THE_EMERGENCY_STOP,
-    DriverError,
-    MotionFault,
-    RobotStateUnknown,
-)
+from drivers.errors import PRESS_THE_EMERGENCY_STOP, DriverError, MotionFault, RobotStateUnknown
 from drivers.polling import comes_true
 from drivers.ports import Clock
 from drivers.session import Connected, DeviceSession

@@ -26,8 +26,7 @@ Poses = Annotated[
 ]
 To = Annotated[Path | None, Option(f"Default: beside the file, NAME{WORD}.", metavar="FILE")]
 Tolerance = Annotated[
-    float,
-    Option("G-code: how far a piece may be off the wanted path.", metavar="MM", least=1e-4),
+    float, Option("G-code: how far a piece may be off the wanted path.", metavar="MM", least=1e-4)
 ]
 Rotary = Annotated[str, Option("G-code: the word of the robot's turn.", metavar="LETTER")]
 

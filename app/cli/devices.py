@@ -25,8 +25,7 @@ def command(
     folder: Folder,
     *,
     spy: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write every byte, read out, to a new file."),
+        Path | None, typer.Option(metavar="FILE", help="Write every byte, read out, to a new file.")
     ] = None,
     json: Json = False,
 ) -> None:

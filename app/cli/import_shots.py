@@ -40,8 +40,7 @@ def command(
         typer.Option(metavar="FILE", help="For ascii: name,q0_deg…q3_deg,pair,set of each point."),
     ] = None,
     join: Annotated[
-        Join,
-        typer.Option(help="For ascii: how points and joints belong together."),
+        Join, typer.Option(help="For ascii: how points and joints belong together.")
     ] = "name",
     columns: Annotated[
         str | None, typer.Option(metavar="NAMES", help="For ascii: such as name,x,y,z.")

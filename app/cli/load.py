@@ -19,13 +19,7 @@ from campaigns.campaign import open_campaign
 from campaigns.controllers.load import Change
 from campaigns.errors import OptionsInvalid
 from campaigns.files.table import Column, words
-from campaigns.workflow.loading import (
-    LoadResult,
-    LoadTerms,
-    VerificationSetup,
-    load,
-    roll_back,
-)
+from campaigns.workflow.loading import LoadResult, LoadTerms, VerificationSetup, load, roll_back
 from drivers.values import Identity
 
 SURE = "Write these parameters into controller {serial}? The robot must stand still."

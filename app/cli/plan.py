@@ -7,13 +7,7 @@ import typer
 
 from app.console import WARNING, Terminal, terminal_of
 from app.options import Folder, Json, Plot
-from app.plan_text import (
-    forecast_document,
-    plan_line,
-    plate_warning,
-    refusals_lines,
-    show_forecast,
-)
+from app.plan_text import forecast_document, plan_line, plate_warning, refusals_lines, show_forecast
 from app.terminal_picture import plan_picture
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.options import PlanOptions

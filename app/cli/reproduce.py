@@ -15,18 +15,9 @@ from app.console import BAD, GOOD, Terminal, terminal_of
 from app.exits import Exit
 from app.interrupt import StopRequest, end_on_signals
 from app.options import Json
+from app.papers.corbel2006 import page
 from app.papers.corbel2006.comparison import Comparison, Failed, compare
 from app.papers.corbel2006.evidence import Evidence, evidence
-from app.papers.corbel2006.page import (
-    FLOORS,
-    NEEDED,
-    REACHES,
-    TABLE_2,
-    TITLES,
-    figure_columns,
-    page_html,
-    title_of,
-)
 from app.papers.corbel2006.trials import (
     EXPERIMENTS,
     Trial,
@@ -57,8 +48,7 @@ Seeds = Annotated[
     typer.Option(min=1, metavar="N", help="Seeds of each experiment.", show_default=str(SEEDS)),
 ]
 Workers = Annotated[
-    int | None,
-    typer.Option(min=1, metavar="N", help="Processes.", show_default="one a processor"),
+    int | None, typer.Option(min=1, metavar="N", help="Processes.", show_default="one a processor")
 ]
 
 
@@ -115,7 +105,7 @@ def reproduce(
         results, failed = measure(trial_table(folder / RESULTS), trials(seeds), workers, terminal)
         comparison = compare(results, seeds, failed)
         known = evidence(results)
-        replace_text(folder / PAGE, page_html(results, comparison, known, now_utc()))
+        replace_text(folder / PAGE, page.page_html(results, comparison, known, now_utc()))
     return comparison, known
 
 
@@ -165,16 +155,16 @@ class _StopAtOnce(StopRequest):
 
 def show(terminal: Terminal, comparison: Comparison, known: Evidence) -> None:
     """Tables of the page, why they differ, and the verdict."""
-    columns = figure_columns(comparison)
+    columns = page.figure_columns(comparison)
     for group, rows in comparison.groups:
         cells = [[COLOURED.get(cell, cell) for cell in row] for row in texts(columns, rows)]
-        terminal.table(title_of(group, rows), [column.head for column in columns], cells)
+        terminal.table(page.title_of(group, rows), [column.head for column in columns], cells)
     if comparison.parameters:
-        terminal.rows(TITLES["table_2"], TABLE_2, comparison.parameters)
+        terminal.rows(page.TITLES["table_2"], page.TABLE_2, comparison.parameters)
     for letter, reason in comparison.reasons.items():
         terminal.say(f"({letter}) {reason}")
-    terminal.rows(TITLES["floors"], FLOORS, known.floors)
-    terminal.rows(TITLES["reaches"], REACHES, (*known.reaches, NEEDED))
+    terminal.rows(page.TITLES["floors"], page.FLOORS, known.floors)
+    terminal.rows(page.TITLES["reaches"], page.REACHES, (*known.reaches, page.NEEDED))
     good = comparison.decision == "pass"
     for line in comparison.lines:
         terminal.say(line, "" if good else BAD)

@@ -10,13 +10,7 @@ from app.measuring import found_measured, measure_plan
 from app.options import Anew, Dry, Folder, Json, Yes
 from app.plan_text import plan_line
 from app.progress import certainty
-from app.run_text import (
-    knowledge,
-    preview_document,
-    preview_line,
-    run_document,
-    show_run,
-)
+from app.run_text import knowledge, preview_document, preview_line, run_document, show_run
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.measuring.session import RunResult
 from campaigns.measuring.work import Work
@@ -79,10 +73,7 @@ def show_preview(
     anew: bool,
 ) -> None:
     """Say what a run would do, and what the plan will tell if a goal asks for it."""
-    answer: dict[str, object] = {
-        "shots": len(checked.shots),
-        "seconds_estimated": checked.seconds,
-    }
+    answer: dict[str, object] = {"shots": len(checked.shots), "seconds_estimated": checked.seconds}
     predicted = predicted_end(campaign, work) if ran is None else None
     if ran is None:
         preview = run_preview(campaign, checked, work, anew=anew)

@@ -14,13 +14,7 @@ from app.report.validation_text import show, show_gain, validation_document
 from app.wiring import connected_robot
 from campaigns.campaign import open_campaign
 from campaigns.evaluation.validation import SET_OF
-from campaigns.workflow.validation import (
-    CalibrationRoute,
-    ValidationStage,
-    record_anyway,
-    require_means,
-    wrong_stage,
-)
+from campaigns.workflow import validation
 
 CLEAR = (
     "Validation '{stage}', {speed} speed, controller {serial}: the robot will move. "
@@ -28,10 +22,9 @@ CLEAR = (
 )
 Test = StrEnum("Test", {name: name for name in SET_OF})  # type: ignore[misc] # words of the tests
 KNOWN = ", ".join(SET_OF)
-Stage = Annotated[ValidationStage, typer.Option(help="Before or after `pkmcal load`.")]
+Stage = Annotated[validation.ValidationStage, typer.Option(help="Before or after `pkmcal load`.")]
 Only = Annotated[
-    list[Test] | None,
-    typer.Option(metavar="TEST", help=f"Only this test; repeatable: {KNOWN}."),
+    list[Test] | None, typer.Option(metavar="TEST", help=f"Only this test; repeatable: {KNOWN}.")
 ]
 Anyway = Annotated[
     bool,
@@ -40,7 +33,7 @@ Anyway = Annotated[
 
 
 By = Annotated[
-    CalibrationRoute,
+    validation.CalibrationRoute,
     typer.Option(
         help="What calibrates the robot, --stage after: parameters in its controller, or targets "
         "corrected for a controller that keeps the nominal ones."
@@ -79,13 +72,15 @@ def command(
     terminal = terminal_of(context, as_json=json)
     campaign = open_campaign(folder)
     names = [str(name) for name in only or SET_OF]
-    require_means(stage, by)
+    validation.require_means(stage, by)
     if dry:
         terminal.say(f"would measure, as '{stage}': {', '.join(names)}; nothing was moved")
         terminal.document({"stage": stage, "tests": names})
         return
     with connected_robot(campaign) as controller:
-        wrong = wrong_stage(campaign, controller.read_geometry(), stage, terminal.note, by=by)
+        wrong = validation.wrong_stage(
+            campaign, controller.read_geometry(), stage, terminal.note, by=by
+        )
         serial = controller.identity().serial
     if wrong is not None and not anyway:
         raise wrong
@@ -94,7 +89,7 @@ def command(
     terminal.require_yes(question, yes=yes)
     if wrong is not None:
         terminal.note(f"! {wrong.problem}", WARNING)
-        record_anyway(campaign, wrong)
+        validation.record_anyway(campaign, wrong)
     wanted = () if {*names} == {*SET_OF} else names
     words = [word for name in wanted for word in ("--only", name)]
     words += ["--anyway"] if anyway else []

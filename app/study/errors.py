@@ -7,13 +7,7 @@ from statistics import median
 from app.console import WARNING, Terminal
 from app.study.running import Studied
 from app.study.setup import Combination
-from app.study.summary_texts import (
-    NAMED,
-    PERCENT,
-    common_document,
-    labels_of,
-    shortcomings,
-)
+from app.study.summary_texts import NAMED, PERCENT, common_document, labels_of, shortcomings
 from campaigns.errors import ShotsMissing
 from campaigns.files.table import Column, csv_table
 from campaigns.studies.summary import ParameterSummary, StudySummary, summarise

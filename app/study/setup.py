@@ -25,15 +25,9 @@ from campaigns.planning.plan_file import PlannedShot, read_plan
 from campaigns.planning.plans import joints_of
 from campaigns.settings.option import Option
 from campaigns.shots.shot_sets import ShotSet
+from campaigns.studies import study
 from campaigns.studies.engine import ResultTable
 from campaigns.studies.perturbations import KINDS, PERTURBATIONS
-from campaigns.studies.study import (
-    CampaignRow,
-    StudySetup,
-    StudyTask,
-    indistinguishable,
-    planned_shots,
-)
 from sim.factory import build_of, true_geometry
 from sim.geometry import geometry_of
 from sim.scenarios.scenario import load_scenario, parse_scenario
@@ -89,8 +83,7 @@ class StudyOptions:
         ),
     ]
     plan: Annotated[
-        tuple[Path, ...],
-        Option("A plan, if not the plan.csv in DIR; repeatable.", metavar="FILE"),
+        tuple[Path, ...], Option("A plan, if not the plan.csv in DIR; repeatable.", metavar="FILE")
     ] = ()
     scenario: Annotated[
         tuple[str, ...],
@@ -104,8 +97,7 @@ class StudyOptions:
         Option("What the fits compare; repeatable.", default=Estimator.POINTS),
     ] = ()
     weights: Annotated[
-        tuple[Weights, ...],
-        Option("How distances count; repeatable.", default=Weights.STATED),
+        tuple[Weights, ...], Option("How distances count; repeatable.", default=Weights.STATED)
     ] = ()
     effects: Annotated[
         tuple[str, ...],
@@ -168,9 +160,9 @@ class Combination:
 
     plan: str
     scenario: Scenario
-    setup: StudySetup
+    setup: study.StudySetup
     method: Method
-    table: ResultTable[CampaignRow]
+    table: ResultTable[study.CampaignRow]
 
     @property
     def words(self) -> dict[str, str]:
@@ -229,8 +221,12 @@ def combinations(campaign: Campaign, asked: StudyOptions, folder: Path) -> tuple
 
 
 def _judging(
-    campaign: Campaign, scenario: Scenario, method: Method, setup: StudySetup, asked: StudyOptions
-) -> StudySetup:
+    campaign: Campaign,
+    scenario: Scenario,
+    method: Method,
+    setup: study.StudySetup,
+    asked: StudyOptions,
+) -> study.StudySetup:
     """The same with what all of `identify` and its verdict need; raises `OptionsInvalid`."""
     if not len(setup.shots.whole_pairs(ShotSet.VALIDATION).rows):
         raise OptionsInvalid(
@@ -257,11 +253,11 @@ def _judging(
 
 
 def _combination(
-    plan: Path, scenario: Scenario, method: Method, setup: StudySetup, folder: Path
+    plan: Path, scenario: Scenario, method: Method, setup: study.StudySetup, folder: Path
 ) -> Combination:
     head: dict[str, object] = {"schema": TABLE_SCHEMA, "parameters": list(setup.free)}
     head["study"] = setup.digest(scenario.robot.model_dump_json())
-    table = ResultTable(folder, CampaignRow, "pkmcal study", head)
+    table = ResultTable(folder, study.CampaignRow, "pkmcal study", head)
     found = Combination(plan.stem, scenario, setup, method, table)
     words = (["effect"] if setup.perturbation else []) + told_words(found.words)
     name = UNFIT_FOR_FILES.sub("_", "-".join(words).replace(", ", "-"))
@@ -283,7 +279,7 @@ def study_scenario(campaign: Campaign, name: str | None) -> Scenario:
 
 def study_setup(
     campaign: Campaign, plan: Path, scenario: Scenario, method: Method, asked: StudyOptions
-) -> StudySetup:
+) -> study.StudySetup:
     """What all campaigns of a combination share.
 
     The unseen pairs are those of the campaign's own plan, so that plans are judged by the same.
@@ -298,9 +294,9 @@ def study_setup(
         _check_assembled(path, robot.kinematics, shots)
     station = scenario.tracker.station.pose()
     base_from_tracker = Transform(station.base_from_tracker, station.origin_in_base_mm)
-    setup = StudySetup(
+    setup = study.StudySetup(
         nominal=robot.kinematics,
-        shots=planned_shots((*fitted, *unseen)),
+        shots=study.planned_shots((*fitted, *unseen)),
         free=select_geometry(robot.mechanism.parameters, method.model, asked.free, asked.fix),
         options=IdentificationOptions(
             estimator=method.estimator, weights=method.weights, instrument=_noise_of(scenario)
@@ -330,14 +326,14 @@ def left_out(scenario: Scenario, models: Iterable[Model]) -> tuple[str, ...]:
 
 
 def study_tasks(
-    setup: StudySetup, scenario: Scenario, numbers: Iterable[int]
-) -> Iterator[StudyTask]:
+    setup: study.StudySetup, scenario: Scenario, numbers: Iterable[int]
+) -> Iterator[study.StudyTask]:
     """The campaigns of these numbers, some at a time, each with a robot of its own."""
     left, sample = iter(numbers), datum_sample(setup.nominal)
     while some := tuple(islice(left, CAMPAIGNS_A_TASK)):
         robots = (_drawn(setup, scenario, number) for number in some)
         truths = [datum_parameters(setup.nominal, robot, sample).p for robot in robots]
-        yield StudyTask(setup, some, np.array(truths))
+        yield study.StudyTask(setup, some, np.array(truths))
 
 
 def uncertainty_of(noise: Noise) -> TrackerUncertainty:
@@ -356,7 +352,7 @@ def _noise_of(scenario: Scenario) -> TrackerUncertainty:
     return noise
 
 
-def _drawn(setup: StudySetup, scenario: Scenario, number: int) -> Kinematics:
+def _drawn(setup: study.StudySetup, scenario: Scenario, number: int) -> Kinematics:
     """The robot of one campaign, as the simulated cell would draw it.
 
     With its unequal rods and tilted axes as far as free parameters describe them.
@@ -387,7 +383,7 @@ def _check_assembled(plan: Path, nominal: Kinematics, shots: Sequence[PlannedSho
             )
 
 
-def _check_enough(setup: StudySetup, plan: Path) -> None:
+def _check_enough(setup: study.StudySetup, plan: Path) -> None:
     """Raise `OptionsInvalid` when the shots cannot give the parameters and something to spare."""
     sought = f"{len(setup.free)} parameters by {setup.estimator.value}"
     if setup.dof < 1:
@@ -397,7 +393,7 @@ def _check_enough(setup: StudySetup, plan: Path) -> None:
             f"{plan}: {shots} shots in {pairs} pairs are too few for {sought}",
             remedy="plan more shots, or hold parameters with --fix",
         )
-    if together := indistinguishable(setup):
+    if together := study.indistinguishable(setup):
         raise OptionsInvalid(
             f"{plan}: {sought} cannot be told apart: {', '.join(together[0])} move together",
             remedy=f"hold one of them, as with --fix {together[0][0]}, or plan other shots",

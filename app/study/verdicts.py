@@ -6,12 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from app.console import WARNING, Terminal
 from app.study.running import Studied
 from app.study.setup import CHOICES
-from app.study.summary_texts import (
-    PERCENT,
-    common_document,
-    labels_of,
-    shortcomings,
-)
+from app.study.summary_texts import PERCENT, common_document, labels_of, shortcomings
 from campaigns.files.table import Column, csv_table
 from campaigns.studies.perturbations import BY_SIZE, KINDS
 from campaigns.studies.summary import VerdictStatistics, by_size, verdict_statistics

@@ -16,11 +16,7 @@ import sys
 import time
 
 import numpy as np
-from pybotics.optimization import (
-    OptimizationHandler,
-    compute_absolute_errors,
-    optimize_accuracy,
-)
+from pybotics.optimization import OptimizationHandler, compute_absolute_errors, optimize_accuracy
 from pybotics.predefined_models import ur10
 from pybotics.robot import Robot
 from scipy.optimize import least_squares

@@ -6,12 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from campaigns.errors import LoadNotVerified
-from campaigns.robots.robot import (
-    RobotDocument,
-    RobotFile,
-    compensated,
-    write_new_robot,
-)
+from campaigns.robots.robot import RobotDocument, RobotFile, compensated, write_new_robot
 from drivers.errors import DeviceRefused, DriverError
 from drivers.ports import RobotController
 

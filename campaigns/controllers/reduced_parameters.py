@@ -12,16 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from campaigns.arrays import Array
-from campaigns.controllers.model_reduction import (
-    ARMS,
-    ModelReduction,
-    ResidualError,
-    SymmetricDelta,
-    Workspace,
-    left_by,
-    project,
-    symmetric_delta,
-)
+from campaigns.controllers import model_reduction
 from campaigns.errors import ConfigInvalid
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.mechanisms.delta import DELTA
@@ -42,9 +33,9 @@ class ReducedParameters:
     """Values for a controller, with what is needed to write them."""
 
     robot: RobotFile
-    model: SymmetricDelta
-    found: ModelReduction
-    workspace: Workspace
+    model: model_reduction.SymmetricDelta
+    found: model_reduction.ModelReduction
+    workspace: model_reduction.Workspace
     endstop: float
     """Reading at which the switches of joints are taken to be, rad or mm."""
     clockwise: bool
@@ -103,7 +94,7 @@ class ControllerFormat:
 
 def few_parameters(
     robot: RobotFile, nominal: RobotFile, poses: Array, made: ControllerFormat
-) -> tuple[ReducedParameters, dict[str, ResidualError]]:
+) -> tuple[ReducedParameters, dict[str, model_reduction.ResidualError]]:
     """Nearest values, and what is left of position with others and with these.
 
     `poses` (N, t) are all over the workspace. Raises `ConfigInvalid` for another mechanism, and
@@ -115,19 +106,21 @@ def few_parameters(
             f"{made.mechanism}",
             remedy=ALTERNATIVES,
         )
-    workspace = Workspace.of(robot.kinematics, poses)
+    workspace = model_reduction.Workspace.of(robot.kinematics, poses)
 
-    def projected(*, offsets_free: bool) -> tuple[SymmetricDelta, ModelReduction]:
-        model = symmetric_delta(
+    def projected(
+        *, offsets_free: bool
+    ) -> tuple[model_reduction.SymmetricDelta, model_reduction.ModelReduction]:
+        model = model_reduction.symmetric_delta(
             nominal.kinematics,
             per_arm=made.per_arm,
             angles_free=made.angles_free,
             offsets_free=offsets_free,
         )
-        return model, project(robot.mechanism, model, workspace)
+        return model, model_reduction.project(robot.mechanism, model, workspace)
 
     model, found = projected(offsets_free=True)
-    left = {"nominal parameters": left_by(nominal.kinematics, workspace)}
+    left = {"nominal parameters": model_reduction.left_by(nominal.kinematics, workspace)}
     if made.offsets:
         _, alone = projected(offsets_free=False)
         left[f"nearest values without {made.offsets}"] = alone.error
@@ -138,7 +131,9 @@ def few_parameters(
 
 
 def configuration_text(
-    few: ReducedParameters, left: Mapping[str, ResidualError], made: ControllerFormat
+    few: ReducedParameters,
+    left: Mapping[str, model_reduction.ResidualError],
+    made: ControllerFormat,
 ) -> str:
     """Text of the configuration with its heading."""
     heading = [
@@ -154,7 +149,7 @@ def configuration_text(
     return "\n".join(lines)
 
 
-def _left_lines(left: Mapping[str, ResidualError], count: int) -> Iterator[str]:
+def _left_lines(left: Mapping[str, model_reduction.ResidualError], count: int) -> Iterator[str]:
     yield f"Left of position over the workspace ({count} poses, frame best fitted), mm:"
     for name, each in left.items():
         yield f"  {name}: mean {each.mean_mm:.4f}, max {each.max_mm:.4f}"
@@ -207,7 +202,7 @@ def _klipper_rotary(few: ReducedParameters) -> Iterator[str]:
     yield f"shoulder_radius: {_number(few.radius_mm)}"
     yield f"shoulder_height: {_number(height_mm)}"
     arms, forearms, offsets = (few.of_arms(kind) for kind in ("arm", "forearm", "offset"))
-    for arm in range(ARMS):
+    for arm in range(model_reduction.ARMS):
         angle = few.endstop + float(offsets[arm])
         out_mm = few.radius_mm + float(arms[arm]) * math.cos(angle)
         elbow_mm = height_mm - float(arms[arm]) * math.sin(angle)
@@ -223,7 +218,7 @@ def _klipper_linear(few: ReducedParameters) -> Iterator[str]:
     yield "kinematics: delta"
     yield f"delta_radius: {_number(few.radius_mm)}"
     forearms, offsets = few.of_arms("forearm"), few.of_arms("offset")
-    for arm in range(ARMS):
+    for arm in range(model_reduction.ARMS):
         carriage_mm = few.endstop + float(offsets[arm]) - few.bed_mm
         yield from _stepper(few, arm)
         yield f"arm_length: {_number(forearms[arm])}"

@@ -7,12 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.design.restricted_space import (
-    UNRESTRICTED,
-    Refusals,
-    RestrictedSpace,
-    count_refusals,
-)
+from campaigns.design import restricted_space
 from campaigns.design.roadmap import Roadmap
 from campaigns.estimation.point_sets import distances_mm
 from campaigns.mechanisms.mechanism import Kinematics, Limits
@@ -45,7 +40,7 @@ class FeasibleRegion:
     reflector_facing: Array
     """Direction of the reflector's axis in the base frame, unit length, (3,)."""
     acceptance_rad: float
-    space: RestrictedSpace = UNRESTRICTED
+    space: restricted_space.RestrictedSpace = restricted_space.UNRESTRICTED
 
     @property
     def extent(self) -> Array:
@@ -69,13 +64,13 @@ class FeasibleRegion:
         )
         return np.asarray(self.kinematics.feasibility(self.limits, poses).feasible & seen)
 
-    def refusals(self, count: int, rng: np.random.Generator) -> Refusals:
+    def refusals(self, count: int, rng: np.random.Generator) -> restricted_space.Refusals:
         """Refusals by the space among so many poses that can be taken and seen.
 
         Raises `WorkspaceTooSmall`.
         """
         poses = _rejection_sample(self.centre, self.extent, count, rng, self.can_measure)
-        return count_refusals(self.space, poses[:, :3])
+        return restricted_space.count_refusals(self.space, poses[:, :3])
 
     @cached_property
     def _roadmap(self) -> Roadmap:
@@ -114,7 +109,7 @@ def workspace_poses(
     centre: Array,
     count: int,
     rng: np.random.Generator,
-    space: RestrictedSpace = UNRESTRICTED,
+    space: restricted_space.RestrictedSpace = restricted_space.UNRESTRICTED,
 ) -> Array:
     """Poses spread evenly over the robot's reach, whether a tracker sees them or not, (count, t).
 
@@ -133,7 +128,10 @@ def workspace_poses(
 
 
 def sample_workspace(
-    kinematics: Kinematics, limits: Limits, centre: Array, space: RestrictedSpace = UNRESTRICTED
+    kinematics: Kinematics,
+    limits: Limits,
+    centre: Array,
+    space: restricted_space.RestrictedSpace = restricted_space.UNRESTRICTED,
 ) -> Array | None:
     """The one sample of a robot's workspace at which positions are judged, (N, t).
 

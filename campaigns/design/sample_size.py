@@ -8,14 +8,9 @@ from itertools import count as counted_from
 import numpy as np
 
 from campaigns.arrays import Index
+from campaigns.design import exchange
 from campaigns.design.candidates import Candidates
 from campaigns.design.criteria import Criterion
-from campaigns.design.exchange import (
-    augment_design,
-    augment_quickly,
-    minimum_measurements,
-    optimal_design,
-)
 from campaigns.estimation.information import covariance
 
 DIMINISHING_RETURNS_RATIO = 1.1
@@ -60,9 +55,9 @@ def design_curve(
     chosen: Index | None = None
     for count in counts:
         if chosen is None:
-            chosen = optimal_design(candidates, criterion, count, rng, starts=1).chosen
+            chosen = exchange.optimal_design(candidates, criterion, count, rng, starts=1).chosen
         else:
-            chosen = augment_quickly(candidates, criterion, chosen, count)
+            chosen = exchange.augment_quickly(candidates, criterion, chosen, count)
         yield evaluate(candidates, chosen)
 
 
@@ -105,7 +100,7 @@ def minimal_design(
     low, good = tried[-2:] if len(tried) > 1 else (tried[0], tried[0])
     while good.count - low.count > step:
         count = _between(low, good, goal_mm, step)
-        design = augment_design(candidates, criterion, low.chosen, count)
+        design = exchange.augment_design(candidates, criterion, low.chosen, count)
         point = evaluate(candidates, design.chosen)
         low, good = (low, point) if point.worst_length_mm <= goal_mm else (point, good)
     return good
@@ -113,7 +108,7 @@ def minimal_design(
 
 def minimum_count(candidates: Candidates, step: int) -> int:
     """The least multiple of `step` that tells all unknowns apart; raises `Unobservable`."""
-    return step * math.ceil(minimum_measurements(candidates) / step)
+    return step * math.ceil(exchange.minimum_measurements(candidates) / step)
 
 
 def _between(low: DesignPoint, good: DesignPoint, goal_mm: float, step: int) -> int:

@@ -7,19 +7,10 @@ from functools import partial
 import numpy as np
 
 from campaigns.arrays import Array, Mask
+from campaigns.estimation import information
 from campaigns.estimation.estimators import LossShape
-from campaigns.estimation.information import (
-    ChiSquareTest,
-    chi_square_test,
-    covariance,
-    variance_scale,
-)
 from campaigns.estimation.least_squares import IdentifiableSubspace, LeastSquaresProblem, Solution
-from campaigns.estimation.observability import (
-    Observability,
-    observability,
-    project_out_nuisance,
-)
+from campaigns.estimation.observability import Observability, observability, project_out_nuisance
 from campaigns.estimation.robust import (
     ROUNDING,
     Inliers,
@@ -81,7 +72,7 @@ class Estimate:
     """Of the parameters alone, with the priors."""
     data_seen: Observability
     """Of the parameters alone, by the measurements alone."""
-    noise: ChiSquareTest
+    noise: information.ChiSquareTest
     kept: Mask
     """(blocks,)"""
     outliers: tuple[Outlier, ...]
@@ -97,7 +88,7 @@ class _Solved:
 
     problem: LeastSquaresProblem
     robust: RobustFit
-    noise: ChiSquareTest
+    noise: information.ChiSquareTest
 
     @property
     def x(self) -> Array:
@@ -157,11 +148,11 @@ def _prior_conflicts(problem: LeastSquaresProblem, x: Array, kept: Mask) -> Iter
     if freedom < 1:
         return
     try:
-        of_all = covariance(rows)
+        of_all = information.covariance(rows)
     except np.linalg.LinAlgError:
         return
     step = -of_all @ (rows.T @ misfit)
-    tested = chi_square_test(float(np.sum((misfit + rows @ step) ** 2)), freedom)
+    tested = information.chi_square_test(float(np.sum((misfit + rows @ step) ** 2)), freedom)
     alone, variance, priors = x + step, tested.widening**2 * np.diag(of_all), problem.priors
     for place, mean, std in zip(priors.places.tolist(), priors.mean, priors.std, strict=True):
         sigmas = abs(alone[place] - mean) / np.sqrt(std**2 + variance[place])
@@ -194,18 +185,13 @@ def _subspace(problem: LeastSquaresProblem, seen: Observability) -> Identifiable
 
 
 def _solved(
-    problem: LeastSquaresProblem,
-    loss: Loss,
-    first: RobustFit,
-    *,
-    kept: Mask,
-    known_variance: bool,
+    problem: LeastSquaresProblem, loss: Loss, first: RobustFit, *, kept: Mask, known_variance: bool
 ) -> _Solved:
     """Fit whose priors count against the scatter that the measurements turn out to have."""
     tested = _tested(problem, first, kept)
     robust, scatter = first, _scatter(problem, first, loss, kept)
     scale_of = partial(
-        variance_scale,
+        information.variance_scale,
         tested=tested,
         known_variance=known_variance,
         robust=loss.shape is not LossShape.LINEAR,
@@ -217,17 +203,19 @@ def _solved(
         problem = replace(problem, sigma0=sigma0)
         robust = solve_robust(problem, loss, kept)
         scatter = _scatter(problem, robust, loss, kept)
-    tested = chi_square_test(tested.chi2, tested.dof, scale_of(scatter))
+    tested = information.chi_square_test(tested.chi2, tested.dof, scale_of(scatter))
     return _Solved(problem, robust, tested)
 
 
-def _tested(problem: LeastSquaresProblem, robust: RobustFit, kept: Mask) -> ChiSquareTest:
+def _tested(
+    problem: LeastSquaresProblem, robust: RobustFit, kept: Mask
+) -> information.ChiSquareTest:
     """χ² of what was kept, and of the priors, by the stated noise."""
     priors, x = problem.priors, problem.x(robust.fit.x)
     surprises = priors.residual(x)
     chi2 = float(np.sum(problem.sizes(robust.fit.x)[kept] ** 2) + surprises @ surprises)
     dof = int(problem.block * kept.sum()) + len(priors) - len(robust.fit.x)
-    return chi_square_test(chi2, dof)
+    return information.chi_square_test(chi2, dof)
 
 
 def _scatter(
@@ -270,7 +258,7 @@ def _covariance(solved: _Solved, kept: Mask) -> Array | None:
     rows = _jacobian(replace(problem, sigma0=max(sigma0, ROUNDING)), solved.x, kept)
     directions = np.eye(len(solved.x)) if problem.subspace is None else problem.subspace.directions
     try:
-        moving = covariance(rows @ directions)
+        moving = information.covariance(rows @ directions)
     except np.linalg.LinAlgError:  # more was lost on the way than where it began
         return None
     return np.asarray(directions @ moving @ directions.T)

@@ -12,11 +12,7 @@ import numpy as np
 from scipy.special import chdtr, chdtrc, fdtrc, ndtri, stdtrit
 
 from campaigns.arrays import Array, Index
-from campaigns.estimation.observability import (
-    Observability,
-    observability,
-    project_out_nuisance,
-)
+from campaigns.estimation.observability import Observability, observability, project_out_nuisance
 from campaigns.estimation.point_sets import directions, distances_mm
 from campaigns.estimation.residuals import (
     FRAME_COLUMNS,

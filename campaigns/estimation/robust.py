@@ -110,11 +110,7 @@ def loss_curvature(shape: LossShape, square: Array, block: int) -> Array:
 
 
 def solve_robust(
-    problem: LeastSquaresProblem,
-    loss: Loss,
-    kept: Mask,
-    start: Array | None = None,
-    spent: int = 0,
+    problem: LeastSquaresProblem, loss: Loss, kept: Mask, start: Array | None = None, spent: int = 0
 ) -> RobustFit:
     """Least squares of the kept blocks, reweighted until the weights stand.
 

@@ -49,10 +49,7 @@ class LinearizedShots:
     def rows(self, rows: Index | Mask) -> "LinearizedShots":
         """Some of them, by number or mask."""
         return LinearizedShots(
-            self.residual_mm[rows],
-            self.jacobian[rows],
-            self.stated_mm2[rows],
-            self.by_joints[rows],
+            self.residual_mm[rows], self.jacobian[rows], self.stated_mm2[rows], self.by_joints[rows]
         )
 
 

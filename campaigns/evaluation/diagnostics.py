@@ -167,11 +167,7 @@ def limits_met(after: Spread, limits_mm: Mapping[str, float]) -> bool:
 
 
 def _unless_limits_are_met(
-    name: str,
-    says: str,
-    numbers: Mapping[str, float],
-    *,
-    met: bool,
+    name: str, says: str, numbers: Mapping[str, float], *, met: bool
 ) -> Doubt:
     more = "; acceptance limits are met all the same" if met else ""
     return Doubt(name, f"{says}{more}", None if met else "not decided", dict(numbers))

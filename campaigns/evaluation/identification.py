@@ -52,9 +52,7 @@ class IdentificationEvidence:
     """Unseen pairs that the identified robot cannot take, in words."""
 
 
-def identification_verdict(
-    evidence: IdentificationEvidence,
-) -> tuple[Decision, tuple[str, ...]]:
+def identification_verdict(evidence: IdentificationEvidence) -> tuple[Decision, tuple[str, ...]]:
     """Decision whether the result may be used; the reasons against it, or for it."""
     against = tuple(_reasons_against(evidence))
     if against:

@@ -11,14 +11,7 @@ import numpy as np
 from pydantic import JsonValue
 
 from campaigns.arrays import AXES, Array, Index
-from campaigns.estimation.point_sets import (
-    away_from_best_line,
-    away_from_mean,
-    directions,
-    distances_mm,
-    farthest_apart,
-    fitted_frame,
-)
+from campaigns.estimation import point_sets
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.evaluation.decision import COVERAGE, Decision, Requirement, decide_all
 from campaigns.settings.sections import AcceptanceConfig
@@ -150,7 +143,7 @@ class RepeatabilityTest:
     @property
     def away_mm(self) -> Array:
         """From their mean, (N, 3)."""
-        return away_from_mean(self.points_mm)
+        return point_sets.away_from_mean(self.points_mm)
 
     @property
     def scatter_mm(self) -> float:
@@ -304,8 +297,8 @@ def evaluate_validation(
     """
     commanded, points = shots.commanded, shots.points_in_tracker_mm
     covariance, pairs = shots.covariance_mm2(instrument), shots.rows_of(ShotSet.VALIDATION)
-    of_pairs = fitted_frame(points[pairs], commanded[pairs, :3])
-    frame = of_pairs or fitted_frame(points, commanded[:, :3])
+    of_pairs = point_sets.fitted_frame(points[pairs], commanded[pairs, :3])
+    frame = of_pairs or point_sets.fitted_frame(points, commanded[:, :3])
     if frame is not None:
         points = frame.apply(points)
         covariance = frame.rotation @ covariance @ frame.rotation.T
@@ -348,12 +341,12 @@ def distance_test(
     if not pairs.numbers:
         return None
     first, second = pairs.rows.T
-    direction = directions(points_mm, first, second)
+    direction = point_sets.directions(points_mm, first, second)
     covariance = covariance_mm2[first] + covariance_mm2[second]
     return DistanceTest(
         pairs.numbers,
-        distances_mm(commanded[:, :3], first, second),
-        distances_mm(points_mm, first, second),
+        point_sets.distances_mm(commanded[:, :3], first, second),
+        point_sets.distances_mm(points_mm, first, second),
         np.sqrt(np.einsum("mi,mij,mj->m", direction, covariance, direction)),
     )
 
@@ -366,7 +359,7 @@ def line_tests(
     for place, axis in enumerate(AXES):
         rows = np.flatnonzero(along == place)
         if len(rows) >= SHOTS_OF_A_LINE:
-            away = away_from_best_line(points_mm[rows])
+            away = point_sets.away_from_best_line(points_mm[rows])
             straightness = _longest(away, covariance_mm2[rows])
             line = LineTest(axis, commanded[rows, :3], points_mm[rows], away, straightness, in_base)
             found.append(line)
@@ -377,10 +370,10 @@ def rotation_test(commanded: Array, points_mm: Array, covariance_mm2: Array) -> 
     """Motion of the point while only the platform should turn; None for fewer than two shots."""
     if len(points_mm) < 2:
         return None
-    first, second = farthest_apart(points_mm)
+    first, second = point_sets.farthest_apart(points_mm)
     together = covariance_mm2[first] + covariance_mm2[second]
     moved = _length(points_mm[first] - points_mm[second], together)
-    return RotationTest(np.asarray(commanded[:, -1]), away_from_mean(points_mm), moved)
+    return RotationTest(np.asarray(commanded[:, -1]), point_sets.away_from_mean(points_mm), moved)
 
 
 def repeatability_test(
@@ -389,7 +382,7 @@ def repeatability_test(
     """Sphere about the mean of points at one commanded pose; None for fewer than two."""
     if len(points_mm) < 2:
         return None
-    radius = _longest(away_from_mean(points_mm), covariance_mm2)
+    radius = _longest(point_sets.away_from_mean(points_mm), covariance_mm2)
     return RepeatabilityTest(commanded[0, :3], points_mm, radius, in_base)
 
 

@@ -7,12 +7,7 @@ import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.estimation.change_detection import Cause, Change, detect_change
-from campaigns.estimation.lack_of_fit import (
-    LackOfFit,
-    enough_shots,
-    lack_of_fit,
-    smooth_columns,
-)
+from campaigns.estimation.lack_of_fit import LackOfFit, enough_shots, lack_of_fit, smooth_columns
 from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.estimation.variance_components import LinearizedShots
 from campaigns.identification.fit import PointFit

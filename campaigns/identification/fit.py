@@ -11,21 +11,9 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import ShotsMissing
+from campaigns.estimation import information, variance_components
 from campaigns.estimation.estimate import Estimate, OutlierPolicy, estimate
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
-from campaigns.estimation.information import (
-    ChiSquareTest,
-    HoldOut,
-    Uncertainty,
-    chi_square_test,
-    variance_dof,
-)
-from campaigns.estimation.variance_components import (
-    NONE,
-    LinearizedShots,
-    VarianceComponents,
-    estimate_components,
-)
 from campaigns.identification.observations import (
     Inputs,
     Observations,
@@ -46,10 +34,10 @@ class PointFit:
 
     observations: Observations
     found: Estimate
-    scatter: VarianceComponents
+    scatter: variance_components.VarianceComponents
 
     @property
-    def stated_noise(self) -> ChiSquareTest:
+    def stated_noise(self) -> information.ChiSquareTest:
         """Test of what the tracker alone states, whatever the robot adds."""
         found = self.found
         if not self.scatter.any:
@@ -58,9 +46,9 @@ class PointFit:
         stated = self.observations.stated_mm2[found.kept]
         explained = np.linalg.solve(stated, misfit_mm[:, :, None])[:, :, 0]
         chi2 = float(np.sum(misfit_mm * explained))
-        return chi_square_test(chi2, found.noise.dof, found.noise.sigma0)
+        return information.chi_square_test(chi2, found.noise.dof, found.noise.sigma0)
 
-    def linearized(self) -> LinearizedShots:
+    def linearized(self) -> variance_components.LinearizedShots:
         """All shots about the estimate, those left out too."""
         return linearized(self.observations, self.found.x)
 
@@ -83,23 +71,23 @@ class Fit:
     """That by which shots of pairs were left out; None where pairs were not asked for."""
 
     @property
-    def stated_noise(self) -> ChiSquareTest:
+    def stated_noise(self) -> information.ChiSquareTest:
         """Test of what the tracker states by what was fitted."""
         return self.found.noise if self.asked is None else self.asked.stated_noise
 
     @property
     def variance_dof(self) -> int | None:
         """Degrees of freedom by which the variance is known; None: it counts as known."""
-        return variance_dof(self.found.noise, known_variance=self.points is not None)
+        return information.variance_dof(self.found.noise, known_variance=self.points is not None)
 
     def uncertainty(
-        self, free: tuple[str, ...], hold_out: HoldOut | None = None
-    ) -> Uncertainty | None:
+        self, free: tuple[str, ...], hold_out: information.HoldOut | None = None
+    ) -> information.Uncertainty | None:
         """Uncertainty of the parameters that were looked for; None where nothing tells it."""
         found, count = self.found, len(free)
         if found.covariance is None or found.noise.sigma0 is None:
             return None
-        return Uncertainty.of(
+        return information.Uncertainty.of(
             free,
             self.observations.model.mechanism.parameters.units(free),
             found.covariance[:count, :count],
@@ -109,10 +97,10 @@ class Fit:
         )
 
     @property
-    def scatter(self) -> VarianceComponents:
+    def scatter(self) -> variance_components.VarianceComponents:
         """The robot's own that the estimate takes in."""
         weighed_by = self.asked or self.points
-        return NONE if weighed_by is None else weighed_by.scatter
+        return variance_components.NONE if weighed_by is None else weighed_by.scatter
 
 
 def fit_shots(inputs: Inputs) -> Fit:
@@ -136,12 +124,12 @@ def fit_points(inputs: Inputs) -> PointFit:
     fitted = stated = point_observations(inputs)
     policy, count = _policy(inputs.options), len(inputs.selection.free)
     found = estimate(fitted.problem, count, policy, known_variance=True)
-    scatter = NONE
+    scatter = variance_components.NONE
     if inputs.options.loss is not LossShape.LINEAR:
         return PointFit(fitted, found, scatter)
     for _ in range(SCATTER_ROUNDS):
         kept = found.kept
-        anew = estimate_components(linearized(fitted, found.x).rows(kept))
+        anew = variance_components.estimate_components(linearized(fitted, found.x).rows(kept))
         if _settled(scatter, anew):
             break
         scatter = anew
@@ -163,11 +151,11 @@ def plain_fit(inputs: Inputs) -> PointFit | None:
         return None
 
 
-def linearized(fitted: Observations, x: Array) -> LinearizedShots:
+def linearized(fitted: Observations, x: Array) -> variance_components.LinearizedShots:
     """All shots about the unknowns x, in the tracker's axes."""
     points, count = fitted.points, len(fitted.numbers)
     whitened = points.jacobian(x).reshape(count, 3, -1)
-    return LinearizedShots(
+    return variance_components.LinearizedShots(
         fitted.misfits_mm(x),
         np.linalg.inv(points.whitening) @ whitened,
         fitted.stated_mm2,
@@ -175,7 +163,9 @@ def linearized(fitted: Observations, x: Array) -> LinearizedShots:
     )
 
 
-def covariance_of(fitted: Observations, x: Array, scatter: VarianceComponents) -> Array:
+def covariance_of(
+    fitted: Observations, x: Array, scatter: variance_components.VarianceComponents
+) -> Array:
     """Covariances (N, 3, 3) of points, in the tracker's axes."""
     if not scatter.any:
         return fitted.stated_mm2
@@ -212,6 +202,8 @@ def _policy(options: IdentificationOptions) -> OutlierPolicy:
     return OutlierPolicy(options.robust_loss, exclude=options.outliers is Outliers.EXCLUDE)
 
 
-def _settled(old: VarianceComponents, new: VarianceComponents) -> bool:
+def _settled(
+    old: variance_components.VarianceComponents, new: variance_components.VarianceComponents
+) -> bool:
     pairs = ((old.point_mm, new.point_mm), (old.joint, new.joint))
     return all(abs(a - b) <= SCATTER_SETTLED * max(a, b) for a, b in pairs)

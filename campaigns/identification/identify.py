@@ -11,41 +11,15 @@ from campaigns.estimation.estimate import Estimate
 from campaigns.estimation.estimators import Outliers
 from campaigns.estimation.information import Uncertainty, WorkspaceSample, coverage_factor
 from campaigns.estimation.observability import unobservable_combinations
-from campaigns.evaluation.diagnostics import (
-    Doubt,
-    change_doubt,
-    hold_out_doubt,
-    lack_doubt,
-    limits_met,
-    noise_doubts,
-    parameter_doubts,
-)
-from campaigns.evaluation.identification import (
-    IdentificationEvidence,
-    identification_verdict,
-    noise_in_words,
-    scatter_in_words,
-)
+from campaigns.evaluation import diagnostics, identification
 from campaigns.evaluation.plausibility import check_shots
+from campaigns.identification import result
 from campaigns.identification.change import change_of, lack_of_fit_of
 from campaigns.identification.fit import Fit, fit_shots, plain_fit
 from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
 from campaigns.identification.observations import Inputs, Observations
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
-from campaigns.identification.result import (
-    Excluded,
-    Frame,
-    IdentificationResult,
-    IdentifiedParameter,
-    ModelledTable,
-    NoiseTest,
-    PositionStd,
-    ResidualTable,
-    RobotScatter,
-    SessionFrame,
-    finite,
-)
 from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 from campaigns.mechanisms.parameters import ParameterSpace
 from campaigns.shots.shot_sets import ShotSet
@@ -60,7 +34,7 @@ def identify(
     shots: Shots,
     selection: ParameterSelection,
     options: IdentificationOptions | None = None,
-) -> IdentificationResult:
+) -> result.IdentificationResult:
     """Parameters from the identification shots, judged by the validation pairs.
 
     Raises `ShotsMissing` for too few shots, and `ShotsInvalid` for a covariance that is none and
@@ -88,7 +62,7 @@ def _check(nominal: Kinematics, shots: Shots, *, sessions: bool) -> None:
         check_shots(nominal, shots.rows(np.flatnonzero(own == each)), "the shots")
 
 
-def _result(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> IdentificationResult:
+def _result(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> result.IdentificationResult:
     """Findings of the fitted and the unseen shots together."""
     found, fitted, options = fit.found, fit.observations, inputs.options
     free, space = inputs.selection.free, inputs.nominal.mechanism.parameters
@@ -100,8 +74,8 @@ def _result(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> IdentificationRe
     unobservable = tuple(unobservable_combinations(found.seen, free))
     doubts = tuple(_doubts(inputs, fit, held_out, parameters, covariance))
     outliers = fit.left_out.found if fit.left_out else found
-    verdict, reasons = identification_verdict(
-        IdentificationEvidence(
+    verdict, reasons = identification.identification_verdict(
+        identification.IdentificationEvidence(
             space=space,
             kind=fitted.kind,
             fit=found.fit,
@@ -116,17 +90,17 @@ def _result(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> IdentificationRe
         )
     )
     scatter, noise = _robot_scatter(fit, inputs.nominal), fit.stated_noise
-    says = noise_in_words(
+    says = identification.noise_in_words(
         noise,
         options.estimator,
         options.loss,
         by_scatter=fit.points is None,
         robot="" if scatter is None else scatter.says,
     )
-    frames = tuple(map(Frame.of, fitted.tracker_from_base(found.x)))
+    frames = tuple(map(result.Frame.of, fitted.tracker_from_base(found.x)))
     identified = fitted.model.kinematics(found.x[: len(free)])
     by_data = unobservable_combinations(found.data_seen, free)
-    return IdentificationResult(
+    return result.IdentificationResult(
         estimator=options.estimator,
         loss=options.robust_loss,
         outliers=options.outliers,
@@ -135,7 +109,7 @@ def _result(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> IdentificationRe
         message=found.fit.message,
         iterations=found.fit.evaluations,
         rank=found.seen.rank,
-        condition=finite(found.seen.condition),
+        condition=result.finite(found.seen.condition),
         dof=found.noise.dof,
         parameters=parameters,
         residuals_mm=errors.summary(),
@@ -146,7 +120,7 @@ def _result(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> IdentificationRe
         excluded=_excluded(inputs, fit) + held_out.unusable + held_out.lost,
         unobservable=unobservable,
         known_by_priors_alone=tuple(each for each in by_data if each not in unobservable),
-        chi2=NoiseTest.of(noise, says),
+        chi2=result.NoiseTest.of(noise, says),
         covariance=covariance,
         # Student's where the residuals tell their own variance, else normal
         coverage_factor_95=None if found.covariance is None else coverage_factor(fit.variance_dof),
@@ -161,15 +135,15 @@ def _result(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> IdentificationRe
     )
 
 
-def _residuals(fit: Fit) -> ResidualTable:
+def _residuals(fit: Fit) -> result.ResidualTable:
     """Of what was fitted and kept."""
     fitted, kept = fit.observations, fit.found.kept
     numbers = tuple(np.array(fitted.numbers)[kept].tolist())
     before, after = fitted.nominal_misfits_mm(kept), fitted.misfits_mm(fit.found.x)[kept]
-    return ResidualTable.from_arrays(fitted.kind, numbers, before, after)
+    return result.ResidualTable.from_arrays(fitted.kind, numbers, before, after)
 
 
-def _modelled(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> ModelledTable:
+def _modelled(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> result.ModelledTable:
     """Shots that were fitted and kept, and those of the unseen pairs, by both models."""
     fitted, kept = fit.observations, np.flatnonzero(fit.found.kept)
     blocks = np.arange(len(fitted.shots)).reshape(len(fitted.numbers), -1)[kept]
@@ -177,7 +151,7 @@ def _modelled(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> ModelledTable:
     own = np.isin(inputs.shots.numbers, sorted(counted))
     rows = np.union1d(np.flatnonzero(own), held_out.rows.ravel())
     before, after = inputs.at_nominal.values[rows], held_out.identified.values[rows]
-    return ModelledTable.of(inputs.shots.rows(rows), before, after)
+    return result.ModelledTable.of(inputs.shots.rows(rows), before, after)
 
 
 def _contradicted(found: Estimate, free: tuple[str, ...], space: ParameterSpace) -> Iterator[str]:
@@ -193,19 +167,19 @@ def _contradicted(found: Estimate, free: tuple[str, ...], space: ParameterSpace)
 
 
 def _sessions(
-    shots: Shots, fitted: Observations, frames: tuple[Frame, ...]
-) -> tuple[SessionFrame, ...]:
+    shots: Shots, fitted: Observations, frames: tuple[result.Frame, ...]
+) -> tuple[result.SessionFrame, ...]:
     """Shots of each session by its own frame."""
     own, numbers = shots.session, np.array(shots.numbers)
     of_fit = np.unique(own[np.isin(numbers, fitted.shots.numbers)]).tolist()
     known = dict(zip(of_fit, frames, strict=True)) if frames else {}
     return tuple(
-        SessionFrame(tuple(numbers[own == each].tolist()), known.get(each))
+        result.SessionFrame(tuple(numbers[own == each].tolist()), known.get(each))
         for each in np.unique(own).tolist()
     )
 
 
-def _excluded(inputs: Inputs, fit: Fit) -> tuple[Excluded, ...]:
+def _excluded(inputs: Inputs, fit: Fit) -> tuple[result.Excluded, ...]:
     outliers = tuple(_named_outliers(fit.observations, fit.found))
     if fit.left_out is not None:
         pairs = dict(zip(inputs.shots.numbers, inputs.shots.pairs, strict=True))
@@ -220,19 +194,19 @@ def _doubts(
     inputs: Inputs,
     fit: Fit,
     held_out: UnseenPairs,
-    parameters: dict[str, IdentifiedParameter],
+    parameters: dict[str, result.IdentifiedParameter],
     covariance: Uncertainty,
-) -> Iterator[Doubt]:
+) -> Iterator[diagnostics.Doubt]:
     """All that speak against the result, by name."""
     options, space = inputs.options, inputs.nominal.mechanism.parameters
     free = inputs.selection.free
     changes = {name: parameters[name].delta for name in free}
-    yield from parameter_doubts(
+    yield from diagnostics.parameter_doubts(
         inputs.nominal.parameters, changes, covariance, options.tolerance, options.accepted
     )
-    yield from noise_doubts(fit.stated_noise)
+    yield from diagnostics.noise_doubts(fit.stated_noise)
     tested, unseen = held_out.tested, held_out.errors
-    met = unseen is not None and limits_met(unseen.summary().after, options.limits_mm)
+    met = unseen is not None and diagnostics.limits_met(unseen.summary().after, options.limits_mm)
     judged = fit.points
     if judged is None and options.outliers is not Outliers.KEEP:
         judged = plain_fit(inputs)  # also where coordinates take no part in the fit
@@ -242,43 +216,43 @@ def _doubts(
         lack = lack_of_fit_of(judged, parts)
         change = change_of(judged, space, lack, parts)
         if change is not None:
-            yield change_doubt(*change, space)
+            yield diagnostics.change_doubt(*change, space)
         if lack is not None:
-            yield lack_doubt(lack, limits_met=met)
+            yield diagnostics.lack_doubt(lack, limits_met=met)
     if tested is not None and not tested.believable:
-        yield hold_out_doubt(tested.ratio, tested.p, tested.pairs, limits_met=met)
+        yield diagnostics.hold_out_doubt(tested.ratio, tested.p, tested.pairs, limits_met=met)
 
 
-def _robot_scatter(fit: Fit, nominal: Kinematics) -> RobotScatter | None:
+def _robot_scatter(fit: Fit, nominal: Kinematics) -> result.RobotScatter | None:
     found, axis = fit.scatter, nominal.mechanism.joints[0]
     if not found.any:
         return None
-    return RobotScatter(
+    return result.RobotScatter(
         point_mm=found.point_mm,
         point_mm_std=found.point_mm_std,
         joint=axis.to_file(found.joint),
         joint_std=axis.to_file(found.joint_std),
-        says=scatter_in_words(found, axis.unit, axis.from_file(1.0)),
+        says=identification.scatter_in_words(found, axis.unit, axis.from_file(1.0)),
     )
 
 
 def _parameters(
     inputs: Inputs, found: Estimate, std: dict[str, float]
-) -> dict[str, IdentifiedParameter]:
+) -> dict[str, result.IdentifiedParameter]:
     """All of files, extensions that are not 0, and whatever else was free."""
     free, known = inputs.selection.free, inputs.nominal.parameters
     old = known | dict.fromkeys((name for name in free if name not in known), 0.0)
     values = found.x[: len(free)] / inputs.nominal.mechanism.parameters.units(free)
     new = old | dict(zip(free, values.tolist(), strict=True))
     return {
-        name: IdentifiedParameter(
+        name: result.IdentifiedParameter(
             nominal=old[name], value=new[name], std=std.get(name), free=name in free
         )
         for name in old
     }
 
 
-def _named_outliers(fitted: Observations, found: Estimate) -> Iterator[Excluded]:
+def _named_outliers(fitted: Observations, found: Estimate) -> Iterator[result.Excluded]:
     """With the size of their misfits to what the others say."""
     misfits = np.linalg.norm(fitted.misfits_mm(found.x), axis=1)
     for outlier in found.outliers:
@@ -297,7 +271,7 @@ def _named_outliers(fitted: Observations, found: Estimate) -> Iterator[Excluded]
 
 def _position_std(
     known: Uncertainty | None, identified: Kinematics, found: Estimate, poses: Array | None
-) -> PositionStd | None:
+) -> result.PositionStd | None:
     """Over poses (N, t), after a best fit of the frame to all of them; None when not known.
 
     A combination that is held at nominal must change the frame and nothing else. Nor is it known of
@@ -317,4 +291,4 @@ def _position_std(
         if np.abs(jacobian @ lost).max() > NO_EFFECT * (np.abs(jacobian) @ np.abs(lost)).max():
             return None
     std = known.of_positions(sample)
-    return PositionStd(float(std.mean()), float(std.max()))
+    return result.PositionStd(float(std.mean()), float(std.max()))

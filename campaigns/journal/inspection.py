@@ -9,23 +9,9 @@ from itertools import chain
 from pathlib import Path
 
 from campaigns.errors import JournalFailed
-from campaigns.journal import views
-from campaigns.journal.database import (
-    connect_to_read,
-    missing_rules,
-    stored_records,
-    verified_end,
-    verify_file,
-    version,
-)
+from campaigns.journal import database, views
 from campaigns.journal.digest_chain import JournalDamaged, Row
-from campaigns.journal.records import (
-    Outcome,
-    Record,
-    Rejected,
-    SeriesStarted,
-    from_text,
-)
+from campaigns.journal.records import Outcome, Record, Rejected, SeriesStarted, from_text
 from campaigns.journal.views import Entry
 from drivers.errors import DriverError
 from drivers.values import Matrix3, Vector3
@@ -85,11 +71,11 @@ def inspect_journal(path: Path, readers: RawReaders) -> Inspection:
     Raises `JournalFailed` for a file that is missing, not ours, newer than this program, or that
     SQLite does not take for one of its own.
     """
-    with closing(connect_to_read(path)) as connection:
+    with closing(database.connect_to_read(path)) as connection:
         problems = [*_damage(connection, path)]
         rows, digest = list[Row](), ""
         with suppress(sqlite3.Error):  # which is among the damage
-            rows, stated = stored_records(connection)
+            rows, stated = database.stored_records(connection)
             digest = stated.digest
         entries, unreadable = _entries(rows)
         series = views.all_series(entries)
@@ -107,7 +93,7 @@ def inspect_journal(path: Path, readers: RawReaders) -> Inspection:
             for text in _said_otherwise(readers, o, *by)
         ]
         return Inspection(
-            version=version(connection),
+            version=database.version(connection),
             records=len(rows),
             chained=sum(row[-1] is not None for row in rows),
             digest=digest,
@@ -122,13 +108,13 @@ def inspect_journal(path: Path, readers: RawReaders) -> Inspection:
 
 def _damage(connection: sqlite3.Connection, path: Path) -> Iterator[Problem]:
     """What chain, pages and rules of the file say."""
-    for check in (verified_end, verify_file):
+    for check in (database.verified_end, database.verify_file):
         try:
             check(connection, path)
         except JournalFailed as damaged:
             number = damaged.number if isinstance(damaged, JournalDamaged) else None
             yield Problem(damaged.problem.removeprefix(f"{path}: "), number)
-    for rule in missing_rules(connection):
+    for rule in database.missing_rules(connection):
         yield Problem(f"the rule '{rule}' has been taken out of the file")
 
 

@@ -9,15 +9,7 @@ from types import TracebackType
 from typing import Self, TypeVar
 
 from campaigns.errors import JournalFailed
-from campaigns.journal import views
-from campaigns.journal.database import (
-    checkpoint,
-    connect_to_read,
-    connect_to_write,
-    sqlite_errors_explained,
-    verified_end,
-    verify_file,
-)
+from campaigns.journal import database, views
 from campaigns.journal.digest_chain import ChainEnd, JournalDamaged, digest_after
 from campaigns.journal.own_file import OwnFile, close_untouched, rescue
 from campaigns.journal.records import (
@@ -43,7 +35,7 @@ def read_journal(path: Path) -> "JournalReader":
     Raises `JournalFailed` when the file is missing, not ours, newer than this program, or not what
     was written.
     """
-    return JournalReader(connect_to_read(path), path)
+    return JournalReader(database.connect_to_read(path), path)
 
 
 class JournalReader:
@@ -71,7 +63,7 @@ class JournalReader:
 
     def close(self) -> None:
         """Close the file; a second time does nothing."""
-        with sqlite_errors_explained(self._path, "the journal cannot be closed"):
+        with database.sqlite_errors_explained(self._path, "the journal cannot be closed"):
             self._connection.close()
 
     def records(self, series: int | None = None) -> tuple[Entry[Record], ...]:
@@ -121,14 +113,14 @@ class JournalReader:
 
     def _verified(self) -> ChainEnd:
         try:
-            return verified_end(self._connection, self._path)
+            return database.verified_end(self._connection, self._path)
         except BaseException:
             self._connection.close()
             raise
 
     def _rows(self, after: int = 0) -> list[_Row]:
         query = "SELECT id, at_utc, kind, series, body FROM record WHERE id > ? ORDER BY id"
-        with sqlite_errors_explained(self._path, "the journal cannot be read"):
+        with database.sqlite_errors_explained(self._path, "the journal cannot be read"):
             return self._connection.execute(query, (after,)).fetchall()
 
     def _entry(self, row: _Row) -> Entry[Record]:
@@ -147,7 +139,7 @@ def open_journal(path: Path, *, now_utc: Callable[[], str], create: bool = False
     the file is missing, not ours, newer than this program, not what was written, or cannot be
     opened.
     """
-    return Journal(connect_to_write(path, create=create), path, now_utc)
+    return Journal(database.connect_to_write(path, create=create), path, now_utc)
 
 
 class Journal(JournalReader):
@@ -190,9 +182,9 @@ class Journal(JournalReader):
         self._check_file()
         written, self._failed = self._end, True  # until it is open again
         self.close()
-        self._connection, self._known = connect_to_write(self._path, create=False), []
+        self._connection, self._known = database.connect_to_write(self._path, create=False), []
         self._end = self._verified()
-        verify_file(self._connection, self._path)
+        database.verify_file(self._connection, self._path)
         if self._end != written:
             raise JournalDamaged(
                 f"{self._path}: ends with record {self._end.number}, and {written.number} were "
@@ -207,14 +199,16 @@ class Journal(JournalReader):
         try:
             self._file.settle(self._end.digest)
             if self._file.wants_checkpoint:
-                with sqlite_errors_explained(self._path, "the log cannot be moved into it"):
-                    checkpoint(self._connection)
+                with database.sqlite_errors_explained(
+                    self._path, "the log cannot be moved into it"
+                ):
+                    database.checkpoint(self._connection)
                 self._file.settle_checkpoint()
         except JournalFailed as changed:
             raise self._given_up(changed) from changed
 
     def _check_file(self) -> None:
-        with sqlite_errors_explained(self._path, "the journal cannot be written"):
+        with database.sqlite_errors_explained(self._path, "the journal cannot be written"):
             self._connection.cursor()  # which a closed one does not give
         try:
             self._file.check()
@@ -231,7 +225,9 @@ class Journal(JournalReader):
             "INSERT INTO record (id, at_utc, kind, series, shot, attempt, body, digest)"
             " VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
         )
-        with sqlite_errors_explained(self._path, f"the record {_label(record)} cannot be written"):
+        with database.sqlite_errors_explained(
+            self._path, f"the record {_label(record)} cannot be written"
+        ):
             self._connection.execute(command, (*content, digest))
         self._end = ChainEnd(number, digest)
 

@@ -5,18 +5,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from campaigns.journal.records import (
-    Intent,
-    Outcome,
-    PairVoided,
-    Record,
-    SeriesFinished,
-    SeriesStarted,
-    SessionStarted,
-    SessionStopped,
-)
+from campaigns.journal import records
 
-RecordT = TypeVar("RecordT", bound=Record, covariant=True)
+RecordT = TypeVar("RecordT", bound=records.Record, covariant=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +24,8 @@ class Entry(Generic[RecordT]):
 class AcceptedShot:
     """Accepted shot: what was asked for and what came of it."""
 
-    intent: Intent
-    outcome: Outcome
+    intent: records.Intent
+    outcome: records.Outcome
     measured_utc: str
     number: int = 0
     """Place of the outcome in the journal, which is the order of time whatever the clock was set
@@ -49,7 +40,7 @@ class Series:
 
     number: int
     started_utc: str
-    started: SeriesStarted
+    started: records.SeriesStarted
     finished: bool
     shots: tuple[AcceptedShot, ...] = ()
     """Each shot's latest accepted outcome that was not voided since, by shot number."""
@@ -58,44 +49,50 @@ class Series:
     """Sessions without a stop before the next session or the journal's end."""
 
 
-def all_series(entries: Iterable[Entry[Record]]) -> tuple[Series, ...]:
+def all_series(entries: Iterable[Entry[records.Record]]) -> tuple[Series, ...]:
     """Return all series, in the order of their beginning."""
-    own: dict[int | None, list[Entry[Record]]] = {}
+    own: dict[int | None, list[Entry[records.Record]]] = {}
     for entry in entries:
         own.setdefault(entry.series, []).append(entry)
     return tuple(
         _series(number, first.at_utc, first.record, each)
         for number, each in own.items()
-        if number is not None and isinstance((first := each[0]).record, SeriesStarted)
+        if number is not None and isinstance((first := each[0]).record, records.SeriesStarted)
     )
 
 
 def _series(
-    number: int, started_utc: str, started: SeriesStarted, entries: Iterable[Entry[Record]]
+    number: int,
+    started_utc: str,
+    started: records.SeriesStarted,
+    entries: Iterable[Entry[records.Record]],
 ) -> Series:
     """One of them; an outcome without its intent, of a damaged journal, does not count."""
-    kinds: Counter[type[Record]] = Counter()
-    intents: dict[tuple[int, int], Intent] = {}
+    kinds: Counter[type[records.Record]] = Counter()
+    intents: dict[tuple[int, int], records.Intent] = {}
     accepted: dict[int, AcceptedShot] = {}
     for entry in entries:
         kinds[type(entry.record)] += 1
         match entry.record:
-            case Intent() as intent:
+            case records.Intent() as intent:
                 intents[intent.shot, intent.attempt] = intent
-            case Outcome(shot=shot, attempt=attempt) as outcome if (shot, attempt) in intents:
+            case records.Outcome(shot=shot, attempt=attempt) as outcome if (
+                shot,
+                attempt,
+            ) in intents:
                 intent = intents[shot, attempt]
                 accepted[shot] = AcceptedShot(
-                    intent, outcome, entry.at_utc, entry.number, kinds[SessionStarted]
+                    intent, outcome, entry.at_utc, entry.number, kinds[records.SessionStarted]
                 )
-            case PairVoided() as voided:
+            case records.PairVoided() as voided:
                 for shot in voided.shots:
                     accepted.pop(shot, None)
     return Series(
         number,
         started_utc,
         started,
-        finished=kinds[SeriesFinished] > 0,
+        finished=kinds[records.SeriesFinished] > 0,
         shots=tuple(accepted[shot] for shot in sorted(accepted)),
-        sessions=kinds[SessionStarted],
-        unstopped=kinds[SessionStarted] - kinds[SessionStopped],
+        sessions=kinds[records.SessionStarted],
+        unstopped=kinds[records.SessionStarted] - kinds[records.SessionStopped],
     )

@@ -4,16 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 from campaigns.errors import Interrupted, JournalFailed
+from campaigns.journal import records
 from campaigns.journal.journal import Journal
-from campaigns.journal.records import (
-    Ending,
-    Event,
-    Intent,
-    Outcome,
-    Record,
-    Rejected,
-    SessionStopped,
-)
 from campaigns.measuring.run_state import SILENT, RunObserver
 from campaigns.planning.steps import Step
 from drivers.errors import Cancelled, ExplainedError, RobotStateUnknown
@@ -26,15 +18,15 @@ class SeriesLog:
         self._journal = journal
         self._observer = observer
         self._series = series
-        self._open: Intent | None = None
+        self._open: records.Intent | None = None
         self._attempts: dict[int, int] = {}
-        for entry in journal.records_of(Intent, series):
+        for entry in journal.records_of(records.Intent, series):
             self._attempts[entry.record.shot] = entry.record.attempt
 
-    def begin(self, step: Step) -> Intent:
+    def begin(self, step: Step) -> records.Intent:
         """Write what is about to be done, under the next free number of attempt."""
         planned = step.planned
-        intent = Intent(
+        intent = records.Intent(
             planned.shot,
             self._attempts.get(planned.shot, 0) + 1,
             planned.purpose.value,
@@ -49,13 +41,13 @@ class SeriesLog:
         self._open = intent
         return intent
 
-    def write(self, record: Record) -> None:
+    def write(self, record: records.Record) -> None:
         """Write a record; it is on the disk when this returns."""
         self._journal.append(record, series=self._series)
-        if isinstance(record, Outcome | Rejected):
+        if isinstance(record, records.Outcome | records.Rejected):
             self._open = None
 
-    def announce(self, event: Event) -> None:
+    def announce(self, event: records.Event) -> None:
         """Write an event, and tell it to whoever shows the run."""
         self.write(event)
         self.tell(event.text)
@@ -64,11 +56,11 @@ class SeriesLog:
         """Tell whoever shows the run what the journal has already."""
         self._observer.event(text)
 
-    def close(self, how: Ending, reason: str) -> None:
+    def close(self, how: records.Ending, reason: str) -> None:
         """Write how the session ended, and that an attempt which has no end yet gave no data."""
         if self._open is not None:
-            self.write(Rejected(self._open.shot, self._open.attempt, reason))
-        self.write(SessionStopped(how, reason))
+            self.write(records.Rejected(self._open.shot, self._open.attempt, reason))
+        self.write(records.SessionStopped(how, reason))
 
 
 @contextmanager

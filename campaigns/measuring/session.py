@@ -3,26 +3,13 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from campaigns.journal import records
 from campaigns.journal.journal import Journal, JournalReader
-from campaigns.journal.records import (
-    BeamStart,
-    Event,
-    SeriesFinished,
-    SeriesStarted,
-    SessionStarted,
-)
+from campaigns.measuring import resume
 from campaigns.measuring.engine import Engine, Monitors
 from campaigns.measuring.monitors import DriftMonitor, TemperatureMonitor
 from campaigns.measuring.motion import Mover
 from campaigns.measuring.reacquisition import Reacquisition, distinct_starts
-from campaigns.measuring.resume import (
-    ResumeState,
-    check_same_devices,
-    how_it_stopped,
-    missing_shots,
-    resume_state,
-    series_to_take_up,
-)
 from campaigns.measuring.run_state import ParameterUncertainty, RunObserver, RunState
 from campaigns.measuring.series_log import SeriesLog, closing
 from campaigns.measuring.shot_taker import ShotTaker
@@ -68,8 +55,8 @@ def run_result(journal: JournalReader, series: int, work: Work) -> RunResult:
     Of each group that was skipped and is still missing, the latest word counts.
     """
     found = next(each for each in journal.series() if each.number == series)
-    missing = missing_shots(found, work)
-    events = [entry.record for entry in journal.records_of(Event, series)]
+    missing = resume.missing_shots(found, work)
+    events = [entry.record for entry in journal.records_of(records.Event, series)]
     latest = {event.shots: event for event in events if event.kind == "shot skipped"}
     skipped = tuple(
         SkippedShots(shots, event.text.partition(": ")[2])
@@ -97,7 +84,7 @@ def measure_series(
     journal says afterwards is on the disk, opened anew and verified.
     """
     robot, tracker = cell.robot.identity(), cell.tracker.identity()
-    today = SeriesStarted(
+    today = records.SeriesStarted(
         work.stage,
         work.plan_digest,
         work.configuration,
@@ -107,19 +94,19 @@ def measure_series(
         tracker,
         cell.tracker.weather(),
     )
-    found = None if anew else series_to_take_up(journal, work)
+    found = None if anew else resume.series_to_take_up(journal, work)
     if found is not None:
-        check_same_devices(found, robot.serial, tracker.serial)
+        resume.check_same_devices(found, robot.serial, tracker.serial)
     series = found.number if found else journal.start_series(today)
     log = SeriesLog(journal, series, observer)
-    resumed = how_it_stopped(journal, series) if found else ""
+    resumed = resume.how_it_stopped(journal, series) if found else ""
     beam = _beam_start(cell)
-    log.write(SessionStarted(VERSION, robot, tracker, today.weather, beam))
-    starts = [entry.record.beam for entry in journal.records_of(SessionStarted, series)]
+    log.write(records.SessionStarted(VERSION, robot, tracker, today.weather, beam))
+    starts = [entry.record.beam for entry in journal.records_of(records.SessionStarted, series)]
     with closing(log):
         if resumed:
-            log.write(Event("resumed", f"{work.stage} goes on after {resumed}"))
-        left = resume_state(work.steps, journal.shots(series))
+            log.write(records.Event("resumed", f"{work.stage} goes on after {resumed}"))
+        left = resume.resume_state(work.steps, journal.shots(series))
         for half in left.halves:
             log.write(half)
         done, total = len(left.kept), len(work.steps)
@@ -133,16 +120,16 @@ def measure_series(
         began = found.started if found else today
         _measure(session, left, began.weather, distinct_starts(starts))
         if not (found and found.finished):  # one that ended early is finished already
-            log.write(SeriesFinished())
+            log.write(records.SeriesFinished())
     journal.prove()
     return series
 
 
 def _measure(
     session: Session,
-    found: ResumeState,
+    found: resume.ResumeState,
     first_weather: Weather | None,
-    starts: Sequence[BeamStart],
+    starts: Sequence[records.BeamStart],
 ) -> None:
     """Look whether anything has shifted since the last session, then measure what is left."""
     work = session.work
@@ -168,13 +155,13 @@ def _without_skipped(session: Session, left: Sequence[Group]) -> tuple[Group, ..
         if group in skipped:
             shots = shots_of(group)
             text = f"{in_words(shots)} skipped: left out by --skip"
-            session.log.write(Event("shot skipped", text, shots))
+            session.log.write(records.Event("shot skipped", text, shots))
     return tuple(group for group in left if group not in skipped)
 
 
-def _beam_start(cell: Cell) -> BeamStart | None:
+def _beam_start(cell: Cell) -> records.BeamStart | None:
     """Where the robot stands and the beam points before this session moves anything."""
     direction, state = cell.tracker.direction(), cell.robot.state()
     if direction is None or state.moving:
         return None
-    return BeamStart(state.joints, direction)
+    return records.BeamStart(state.joints, direction)

@@ -8,16 +8,8 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.design.pose_sampling import sample_workspace
 from campaigns.errors import ShotsInvalid, ShotsMissing
+from campaigns.estimation import information
 from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.information import (
-    MINIMUM_DOF,
-    ChiSquareTest,
-    Uncertainty,
-    WorkspaceSample,
-    covariance_from_distances,
-    covariance_from_points,
-    variance_dof,
-)
 from campaigns.estimation.variance_components import LinearizedShots
 from campaigns.identification.fit import Fit, PointFit, fit_shots
 from campaigns.identification.hold_out import unseen_pairs
@@ -48,7 +40,7 @@ class UncertaintyMonitor:
     """Its uncertainty is for shots of which the tracker states none."""
     poses: Array
     """Sample of the workspace, (K, t)."""
-    workspace: WorkspaceSample
+    workspace: information.WorkspaceSample
     """The same, by the nominal robot."""
 
     @classmethod
@@ -60,7 +52,7 @@ class UncertaintyMonitor:
         poses = sample_workspace(kinematics, robot.limits, robot.centre, robot.space)
         if poses is None:
             poses = poses_of(_identifying(planned.values())).reshape(-1, len(robot.centre))
-        sample = WorkspaceSample.of(kinematics, setup.free, poses)
+        sample = information.WorkspaceSample.of(kinematics, setup.free, poses)
         return cls(planned, kinematics, setup, poses, sample)
 
     def after(
@@ -79,20 +71,20 @@ class UncertaintyMonitor:
         shots = replace(seen.rows(np.array(places, dtype=np.intp)), stated_mm2=covariance_mm2)
         by_points = setup.estimator is Estimator.POINTS
         if by_points:
-            found = covariance_from_points(shots)
+            found = information.covariance_from_points(shots)
         else:
             measured_mm = np.array([outcome.point_in_tracker_mm for outcome in taken])
             pairs = pairs_of([self.planned[each.shot] for each in taken], ShotSet.IDENTIFICATION)
-            found = covariance_from_distances(shots, measured_mm.reshape(-1, 3), pairs)
+            found = information.covariance_from_distances(shots, measured_mm.reshape(-1, 3), pairs)
         if found is None:
             return None
         covariance, noise = found
-        known = Uncertainty.of(
+        known = information.Uncertainty.of(
             setup.free,
             self.kinematics.mechanism.parameters.units(setup.free),
             covariance,
             sigma0=noise.sigma0 or 1.0,
-            dof=variance_dof(noise, known_variance=by_points),
+            dof=information.variance_dof(noise, known_variance=by_points),
             source="running",
         )
         return self._in_words(len(taken), known, self.workspace, noise)
@@ -108,7 +100,11 @@ class UncertaintyMonitor:
         if fit is None:
             return None
         found, noise = fit.found, fit.stated_noise
-        if not found.fit.converged or found.seen.rank < len(free) or noise.dof < MINIMUM_DOF:
+        if (
+            not found.fit.converged
+            or found.seen.rank < len(free)
+            or noise.dof < information.MINIMUM_DOF
+        ):
             return None
         known = fit.uncertainty(free, unseen_pairs(inputs, fit).tested)
         identified = fit.observations.model.kinematics(found.x[: len(free)])
@@ -116,7 +112,7 @@ class UncertaintyMonitor:
         if known is None or not len(there):
             return None
         count = sum(purpose is ShotSet.IDENTIFICATION for purpose in shots.purposes)
-        sample = WorkspaceSample.of(identified, free, there)
+        sample = information.WorkspaceSample.of(identified, free, there)
         return self._in_words(count, known, sample, noise, robot_scatters=fit.scatter.any)
 
     def point_fit(self, outcomes: Iterable[Outcome]) -> PointFit | None:
@@ -125,7 +121,7 @@ class UncertaintyMonitor:
         points = None if fit is None else fit.points
         if points is None or not points.found.fit.converged:
             return None
-        return points if points.found.noise.dof >= MINIMUM_DOF else None
+        return points if points.found.noise.dof >= information.MINIMUM_DOF else None
 
     def predicted(
         self, tracker_mm: Vector3, count: int | None = None
@@ -165,9 +161,9 @@ class UncertaintyMonitor:
     def _in_words(
         self,
         shots: int,
-        known: Uncertainty,
-        sample: WorkspaceSample,
-        noise: ChiSquareTest | None = None,
+        known: information.Uncertainty,
+        sample: information.WorkspaceSample,
+        noise: information.ChiSquareTest | None = None,
         *,
         robot_scatters: bool = False,
     ) -> ParameterUncertainty:

@@ -203,13 +203,7 @@ class RotaryArmKind(ArmKind):
         return scale
 
     @override
-    def reach_mm(
-        self,
-        values: Array,
-        extensions: Array,
-        limits: Limits,
-        centre_mm: Array,
-    ) -> Array:
+    def reach_mm(self, values: Array, extensions: Array, limits: Limits, centre_mm: Array) -> Array:
         """A forearm each way, (3,)."""
         return np.full(3, values[:, 6].max())
 

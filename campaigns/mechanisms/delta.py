@@ -4,9 +4,4 @@ from campaigns.mechanisms.arms import RotaryArmKind
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.platforms import TranslatingPlatform
 
-DELTA = ClosedChain(
-    "delta",
-    RotaryArmKind(),
-    TranslatingPlatform(),
-    held_fields=("azimuth_deg",),
-)
+DELTA = ClosedChain("delta", RotaryArmKind(), TranslatingPlatform(), held_fields=("azimuth_deg",))

@@ -5,8 +5,5 @@ from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.platforms import HingedPlate
 
 H4 = ClosedChain(
-    "h4",
-    RotaryArmKind(),
-    HingedPlate(shares=(-0.5, 0.5)),
-    held_fields=("azimuth_deg",),
+    "h4", RotaryArmKind(), HingedPlate(shares=(-0.5, 0.5)), held_fields=("azimuth_deg",)
 )

@@ -7,53 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.arrays import Array, Index
+from campaigns.design import pose_sampling, sample_size
 from campaigns.design.candidates import Candidates
 from campaigns.design.criteria import Criterion, CriterionName, make_criterion
 from campaigns.design.exchange import Unobservable, optimal_design
-from campaigns.design.pose_sampling import (
-    FeasibleRegion,
-    WorkspaceTooSmall,
-    boundary_poses,
-    interior_poses,
-    random_pairs,
-    workspace_poses,
-)
-from campaigns.design.sample_size import (
-    GoalOutOfReach,
-    curve_counts,
-    design_curve,
-    minimal_design,
-    minimum_count,
-)
 from campaigns.design.tours import balance_approaches, neighbouring_pairs
 from campaigns.errors import PlanInvalid
+from campaigns.estimation import information, tracker_noise
 from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.information import (
-    Uncertainty,
-    covariance,
-    distance_jacobian,
-    marginalise_frame,
-    point_jacobian,
-    whitened,
-)
-from campaigns.estimation.tracker_noise import (
-    TrackerUncertainty,
-    distance_variance_mm2,
-    point_covariance_mm2,
-    pooled_variance_mm2,
-)
 from campaigns.mechanisms.parameters import ParameterSpace
+from campaigns.planning import plans
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.plans import (
-    PlanRequest,
-    View,
-    make_plan,
-    numbered_shots,
-    poses_of,
-    region_of,
-    too_small,
-    with_reserve,
-)
 from campaigns.planning.predicted_uncertainty import not_identifiable
 from campaigns.robots.robot import RobotFile
 from campaigns.shots.shot_sets import ShotSet
@@ -76,8 +40,8 @@ PAIRINGS = 6
 class OptimalRequest:
     """Request for an optimal plan: what it holds, and what its shots shall be best for."""
 
-    plan: PlanRequest
-    uncertainty: TrackerUncertainty
+    plan: plans.PlanRequest
+    uncertainty: tracker_noise.TrackerUncertainty
     free: tuple[str, ...]
     """Names of the parameters that will be identified."""
     estimator: Estimator = Estimator.POINTS
@@ -104,8 +68,8 @@ class CandidateSet:
         """σ of chosen measurements by their own pooled variance, over that by all's."""
         if self.variance_mm2 is None:
             return 1.0
-        chosen = pooled_variance_mm2(self.variance_mm2[rows])
-        return math.sqrt(chosen / pooled_variance_mm2(self.variance_mm2))
+        chosen = tracker_noise.pooled_variance_mm2(self.variance_mm2[rows])
+        return math.sqrt(chosen / tracker_noise.pooled_variance_mm2(self.variance_mm2))
 
     @property
     def poses_each(self) -> int:
@@ -123,39 +87,43 @@ class CandidateSet:
 
 
 def draw_candidates(
-    region: FeasibleRegion, request: OptimalRequest, rng: np.random.Generator
+    region: pose_sampling.FeasibleRegion, request: OptimalRequest, rng: np.random.Generator
 ) -> CandidateSet:
     """Candidates from all over the workspace and from its boundary, where most is to be learnt.
 
     Raises `WorkspaceTooSmall`.
     """
     near_boundary = request.candidates // 2
-    inner = interior_poses(region, request.candidates - near_boundary, rng)
-    poses = np.vstack([inner, boundary_poses(region, near_boundary, rng)])
+    inner = pose_sampling.interior_poses(region, request.candidates - near_boundary, rng)
+    poses = np.vstack([inner, pose_sampling.boundary_poses(region, near_boundary, rng)])
     joints = region.kinematics.inverse(poses).values_or_raise()
-    workspace = workspace_poses(
+    workspace = pose_sampling.workspace_poses(
         region.kinematics, region.limits, region.centre, WORKSPACE_SAMPLE, rng, region.space
     )
     there = region.kinematics.inverse(workspace).values_or_raise()
-    judged_at = point_jacobian(region.kinematics, request.free, there, workspace)
-    noise = point_covariance_mm2(poses[:, :3] - region.view_from_mm, request.uncertainty)
+    judged_at = information.point_jacobian(region.kinematics, request.free, there, workspace)
+    noise = tracker_noise.point_covariance_mm2(
+        poses[:, :3] - region.view_from_mm, request.uncertainty
+    )
     space = region.kinematics.mechanism.parameters
     is_length = ~space.is_angle[space.places(request.free)]
     if request.estimator == Estimator.POINTS:
-        seen = whitened(point_jacobian(region.kinematics, request.free, joints, poses), noise)
+        seen = information.whitened(
+            information.point_jacobian(region.kinematics, request.free, joints, poses), noise
+        )
         shots = Candidates.from_jacobians(seen, request.free, is_length)
         return CandidateSet(poses, np.arange(len(poses))[:, None], shots, judged_at)
     pairs = _many_pairs(poses, rng)
-    variance = distance_variance_mm2(poses[:, :3], noise, pairs[:, 0], pairs[:, 1])
-    apart = distance_jacobian(region.kinematics, request.free, joints, poses, pairs)
-    in_std = apart / np.sqrt(np.full((len(pairs), 1), pooled_variance_mm2(variance)))
+    variance = tracker_noise.distance_variance_mm2(poses[:, :3], noise, pairs[:, 0], pairs[:, 1])
+    apart = information.distance_jacobian(region.kinematics, request.free, joints, poses, pairs)
+    in_std = apart / np.sqrt(np.full((len(pairs), 1), tracker_noise.pooled_variance_mm2(variance)))
     distances = Candidates.from_jacobians(in_std[:, None, :], request.free, is_length)
-    return CandidateSet(poses, pairs, distances, marginalise_frame(judged_at), variance)
+    return CandidateSet(poses, pairs, distances, information.marginalise_frame(judged_at), variance)
 
 
 def _many_pairs(poses: Array, rng: np.random.Generator) -> Index:
     """Different pairs of rows of poses, (M, 2)."""
-    pairs = np.vstack([random_pairs(poses, rng) for _ in range(PAIRINGS)])
+    pairs = np.vstack([pose_sampling.random_pairs(poses, rng) for _ in range(PAIRINGS)])
     return np.unique(np.sort(pairs, axis=1), axis=0)
 
 
@@ -164,12 +132,12 @@ class OptimalPlan:
     """The plan, and what its making showed."""
 
     shots: tuple[PlannedShot, ...]
-    curve: tuple[tuple[int, Uncertainty], ...]
+    curve: tuple[tuple[int, information.Uncertainty], ...]
     """Other numbers of shots and what they would give, this plan's own among them."""
 
 
 def make_optimal_plan(
-    robot: RobotFile, view: View, request: OptimalRequest, rng: np.random.Generator
+    robot: RobotFile, view: plans.View, request: OptimalRequest, rng: np.random.Generator
 ) -> OptimalPlan:
     """Identification shots by optimal design; validation pairs and drift shots as in every plan.
 
@@ -177,16 +145,18 @@ def make_optimal_plan(
     there are too few candidates or shots, or the free parameters cannot be told apart.
     """
     wanted = request.plan
-    others = make_plan(robot, view, replace(wanted, identification_shots=0), rng)
+    others = plans.make_plan(robot, view, replace(wanted, identification_shots=0), rng)
     unseen = [shot for shot in others if shot.purpose is ShotSet.VALIDATION]
-    region = region_of(robot.kinematics, with_reserve(robot), view, wanted.centre, wanted.space)
+    region = plans.region_of(
+        robot.kinematics, plans.with_reserve(robot), view, wanted.centre, wanted.space
+    )
     try:
         options = draw_candidates(region, request, rng)
         _check_shots(options, request)
         chosen = choose_measurements(options, request, rng)
         curve = tuple(_curve(options, request, robot.mechanism.parameters, chosen, rng))
-    except WorkspaceTooSmall as error:
-        raise too_small(error, region, "candidates") from error
+    except pose_sampling.WorkspaceTooSmall as error:
+        raise plans.too_small(error, region, "candidates") from error
     except Unobservable as error:
         raise not_identifiable(error) from error
     shots = _ordered(region, options, chosen, unseen, wanted.drift_shots)
@@ -211,7 +181,7 @@ def _check_shots(options: CandidateSet, request: OptimalRequest) -> None:
 
 def _fewest_shots(options: CandidateSet) -> int:
     """An even number; raises `Unobservable`."""
-    return minimum_count(options.candidates, options.step) * options.poses_each
+    return sample_size.minimum_count(options.candidates, options.step) * options.poses_each
 
 
 def choose_measurements(
@@ -229,17 +199,21 @@ def choose_measurements(
     goal_mm = request.until_mm
     try:
         for _ in range(GOAL_ROUNDS):
-            design = minimal_design(options.candidates, criterion, goal_mm, most, options.step, rng)
+            design = sample_size.minimal_design(
+                options.candidates, criterion, goal_mm, most, options.step, rng
+            )
             found_mm = design.worst_length_mm * options.variance_ratio(design.chosen)
             if found_mm <= request.until_mm:
                 break
             goal_mm *= request.until_mm / found_mm
-    except GoalOutOfReach as error:
+    except sample_size.GoalOutOfReach as error:
         raise _out_of_reach(error, request.until_mm, options.poses_each) from error
     return design.chosen
 
 
-def _out_of_reach(error: GoalOutOfReach, goal_mm: float, poses_each: int) -> PlanInvalid:
+def _out_of_reach(
+    error: sample_size.GoalOutOfReach, goal_mm: float, poses_each: int
+) -> PlanInvalid:
     best_mm = error.best.worst_length_mm
     return PlanInvalid(
         f"goal σ={goal_mm:g} mm is out of reach: {error.best.count * poses_each} shots, the most "
@@ -255,25 +229,24 @@ def _curve(
     space: ParameterSpace,
     chosen: Index,
     rng: np.random.Generator,
-) -> Iterator[tuple[int, Uncertainty]]:
+) -> Iterator[tuple[int, information.Uncertainty]]:
     """What other numbers of measurements would give, the chosen ones among them."""
-    fewest = minimum_count(options.candidates, options.step)
+    fewest = sample_size.minimum_count(options.candidates, options.step)
     reach = min(CURVE_REACH * max(len(chosen), 2 * fewest), len(options.candidates))
     counts = [
         count
-        for count in curve_counts(fewest, reach, options.step)
+        for count in sample_size.curve_counts(fewest, reach, options.step)
         if abs(count - len(chosen)) > NEARLY_THE_SAME * len(chosen)
     ]
-    criterion, units = (
-        options.criterion(request.criterion),
-        space.units(request.free),
-    )
-    others = [p.chosen for p in design_curve(options.candidates, criterion, counts, rng)]
+    criterion, units = (options.criterion(request.criterion), space.units(request.free))
+    others = [
+        p.chosen for p in sample_size.design_curve(options.candidates, criterion, counts, rng)
+    ]
     for rows in sorted([*others, chosen], key=len):
-        matrix = covariance(options.candidates.jacobian(rows))[: len(request.free)]
+        matrix = information.covariance(options.candidates.jacobian(rows))[: len(request.free)]
         shots = len(rows) * options.poses_each
         parameters = matrix[:, : len(request.free)] * options.variance_ratio(rows) ** 2
-        yield shots, Uncertainty.of(request.free, units, parameters, source="predicted")
+        yield shots, information.Uncertainty.of(request.free, units, parameters, source="predicted")
 
 
 def _next_up(length_mm: float) -> float:
@@ -283,7 +256,7 @@ def _next_up(length_mm: float) -> float:
 
 
 def _ordered(
-    region: FeasibleRegion,
+    region: pose_sampling.FeasibleRegion,
     options: CandidateSet,
     chosen: Index,
     unseen: list[PlannedShot],
@@ -294,7 +267,7 @@ def _ordered(
     start = kinematics.inverse(region.centre[None]).values_or_raise()[0]
     rows = options.ends[chosen].ravel()
     fitted, turned = len(rows), kinematics.comparable(start)
-    poses = np.vstack([options.poses[rows], poses_of(unseen).reshape(-1, len(region.centre))])
+    poses = np.vstack([options.poses[rows], plans.poses_of(unseen).reshape(-1, len(region.centre))])
     joints = kinematics.inverse(poses).values_or_raise()
     turns = kinematics.comparable(joints)
     pairs = np.arange(len(poses)).reshape(-1, 2)
@@ -302,4 +275,4 @@ def _ordered(
         near = neighbouring_pairs(turns[:fitted], poses[:fitted, :3], turned)
         pairs = np.vstack([near, pairs[fitted // 2 :]])
     tour = balance_approaches(turns, pairs, turned, np.arange(len(poses)) < fitted)
-    return numbered_shots(tour, poses, joints, fitted, (region.centre, start), drift_shots)
+    return plans.numbered_shots(tour, poses, joints, fitted, (region.centre, start), drift_shots)

@@ -10,14 +10,7 @@ from campaigns.files.csv_file import CsvForm, CsvRow, csv_text, parse_csv
 from campaigns.files.text_file import read_text, replace_text
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.robots.robot import pose_of
-from campaigns.shots.columns import (
-    axis_columns,
-    axis_texts,
-    axis_values,
-    check_pairs,
-    pair_number,
-    shot_set,
-)
+from campaigns.shots import columns
 from campaigns.shots.shot_sets import ShotSet
 from drivers.bounded_files import CSV_BYTES
 from drivers.values import Pose
@@ -41,7 +34,7 @@ class PlannedShot:
 
 def plan_columns(mechanism: ClosedChain) -> tuple[str, ...]:
     """Columns of a robot's plan: its pose, then its joints."""
-    return (*KEYS, *axis_columns(mechanism.task), *axis_columns(mechanism.joints))
+    return (*KEYS, *columns.axis_columns(mechanism.task), *columns.axis_columns(mechanism.joints))
 
 
 def read_plan(path: Path, mechanism: ClosedChain) -> tuple[PlannedShot, ...]:
@@ -88,7 +81,7 @@ def parse_plan(text: str, name: str, mechanism: ClosedChain) -> tuple[PlannedSho
         raise PlanInvalid(f"{name}: holds no shots", remedy="make a plan with `pkmcal plan`")
     shots = tuple(_shot_of(row, mechanism) for row in rows)
     _check_numbers(rows, shots)
-    check_pairs(rows, [shot.purpose for shot in shots], [shot.pair for shot in shots])
+    columns.check_pairs(rows, [shot.purpose for shot in shots], [shot.pair for shot in shots])
     return shots
 
 
@@ -118,13 +111,13 @@ def _check_numbers(rows: Sequence[CsvRow], shots: Sequence[PlannedShot]) -> None
 
 
 def _shot_of(row: CsvRow, mechanism: ClosedChain) -> PlannedShot:
-    purpose = shot_set(row)
+    purpose = columns.shot_set(row)
     return PlannedShot(
         shot=row.whole_number("shot"),
         purpose=purpose,
-        pair=pair_number(row, purpose),
-        pose=pose_of(axis_values(row, mechanism.task)),
-        joints=axis_values(row, mechanism.joints),
+        pair=columns.pair_number(row, purpose),
+        pose=pose_of(columns.axis_values(row, mechanism.task)),
+        joints=columns.axis_values(row, mechanism.joints),
     )
 
 
@@ -133,6 +126,6 @@ def _row_of(shot: PlannedShot, mechanism: ClosedChain) -> list[str]:
         str(shot.shot),
         shot.purpose.value,
         "" if shot.pair is None else str(shot.pair),
-        *axis_texts(mechanism.task, shot.pose.coordinates),
-        *axis_texts(mechanism.joints, shot.joints),
+        *columns.axis_texts(mechanism.task, shot.pose.coordinates),
+        *columns.axis_texts(mechanism.joints, shot.joints),
     ]

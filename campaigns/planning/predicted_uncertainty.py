@@ -11,6 +11,7 @@ from campaigns.design.pose_sampling import sample_workspace
 from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.design.tours import positive_approach_shares
 from campaigns.errors import PlanInvalid
+from campaigns.estimation import tracker_noise
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.information import (
     Uncertainty,
@@ -19,12 +20,6 @@ from campaigns.estimation.information import (
     predict_points,
 )
 from campaigns.estimation.observability import Observability
-from campaigns.estimation.tracker_noise import (
-    TrackerUncertainty,
-    distance_variance_mm2,
-    point_covariance_mm2,
-    pooled_variance_mm2,
-)
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import joints_of, pairs_of, poses_of
@@ -38,7 +33,7 @@ class EstimationSetup:
 
     estimator: Estimator
     free: tuple[str, ...]
-    uncertainty: TrackerUncertainty
+    uncertainty: tracker_noise.TrackerUncertainty
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,13 +75,15 @@ def predicted_uncertainty(
     """Uncertainty by the identification shots of a plan, if they scatter as stated."""
     joints, poses = joints_of(shots), poses_of(shots)
     pairs, free = pairs_of(shots, ShotSet.IDENTIFICATION), setup.free
-    noise = point_covariance_mm2(poses[:, :3] - tracker_mm, setup.uncertainty)
+    noise = tracker_noise.point_covariance_mm2(poses[:, :3] - tracker_mm, setup.uncertainty)
     if setup.estimator is Estimator.POINTS:
         rows = pairs.ravel()
         found, seen = predict_points(kinematics, free, joints[rows], poses[rows], noise[rows])
     else:
-        variance = distance_variance_mm2(poses[:, :3], noise, pairs[:, 0], pairs[:, 1])
-        alike = np.full(len(pairs), pooled_variance_mm2(variance))
+        variance = tracker_noise.distance_variance_mm2(
+            poses[:, :3], noise, pairs[:, 0], pairs[:, 1]
+        )
+        alike = np.full(len(pairs), tracker_noise.pooled_variance_mm2(variance))
         found, seen = predict_distances(kinematics, free, joints, poses, pairs, alike)
     units, count = kinematics.mechanism.parameters.units(free), len(free)
     return Uncertainty.of(free, units, found[:count, :count], source="predicted"), seen

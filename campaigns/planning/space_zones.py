@@ -3,13 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from campaigns.design.restricted_space import (
-    ANYWHERE,
-    Disc,
-    Rectangle,
-    RestrictedSpace,
-    Zone,
-)
+from campaigns.design.restricted_space import ANYWHERE, Disc, Rectangle, RestrictedSpace, Zone
 from campaigns.files.wording import shown
 from campaigns.settings.space import SpaceConfig, ZonesConfig
 

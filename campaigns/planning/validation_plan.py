@@ -12,11 +12,7 @@ import numpy as np
 from campaigns.arrays import AXES, Array
 from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
 from campaigns.errors import PlanInvalid
-from campaigns.mechanisms.mechanism import (
-    Kinematics,
-    KinematicSolution,
-    Limits,
-)
+from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, Limits
 from campaigns.planning.paths import RobotModel, Stop, check_paths
 from campaigns.planning.plan_check import refuse
 from campaigns.planning.plan_file import PlannedShot
@@ -239,12 +235,7 @@ def _lines(centre: Array, config: ValidationConfig, robot: Reachable) -> Iterato
 
 
 def _shortened(
-    middle: Array,
-    away: Array,
-    judge: Callable[[Array], str],
-    test: str,
-    asked: float,
-    unit: str,
+    middle: Array, away: Array, judge: Callable[[Array], str], test: str, asked: float, unit: str
 ) -> tuple[Array, tuple[str, ...]]:
     """Poses `away` (N, t) from a middle (t,), drawn in to what the robot can do.
 

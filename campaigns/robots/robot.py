@@ -14,16 +14,9 @@ from ruamel.yaml.comments import CommentedMap
 
 from campaigns.arrays import Array
 from campaigns.errors import ConfigInvalid
+from campaigns.files import yaml_file
 from campaigns.files.text_file import write_new_text
 from campaigns.files.wording import suggestion
-from campaigns.files.yaml_file import (
-    FileModel,
-    YamlDocument,
-    checked,
-    parse_document,
-    read_document,
-    yaml_text,
-)
 from campaigns.mechanisms.catalog import MECHANISMS
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis, Interval, Kinematics, Limits
@@ -117,13 +110,15 @@ class RobotDocument:
     """A robot with the document it stands in, comments and all."""
 
     robot: RobotFile
-    document: YamlDocument
+    document: yaml_file.YamlDocument
 
 
 def read_robot(path: Path) -> RobotDocument:
     """Read and check a robot file; raises `ConfigInvalid`."""
     return _robot_of(
-        read_document(path, if_missing="give a robot file, or the name of a shipped robot")
+        yaml_file.read_document(
+            path, if_missing="give a robot file, or the name of a shipped robot"
+        )
     )
 
 
@@ -132,7 +127,7 @@ def find_robot(name_or_path: str) -> RobotDocument:
     shipped = _shipped_robots()
     if name_or_path in shipped:
         text = shipped[name_or_path].read_text(encoding="utf-8")
-        return _robot_of(parse_document(text, f"{name_or_path}.yaml"))
+        return _robot_of(yaml_file.parse_document(text, f"{name_or_path}.yaml"))
     if is_there(Path(name_or_path)):
         return read_robot(Path(name_or_path))
     nearest = nearest_word(name_or_path, shipped)
@@ -144,7 +139,7 @@ def find_robot(name_or_path: str) -> RobotDocument:
 
 def parse_robot(text: str, name: str) -> RobotDocument:
     """Check the text of a robot file; raises `ConfigInvalid`."""
-    return _robot_of(parse_document(text, name))
+    return _robot_of(yaml_file.parse_document(text, name))
 
 
 def shipped_of(mechanism: ClosedChain) -> RobotDocument:
@@ -171,7 +166,7 @@ def compensated(
     tree["uncertainty"] = known or {}
     tree["provenance"] = dict(provenance or {})
     tree["sha256"] = own.digest()
-    return _robot_of(parse_document(yaml_text(tree), name))
+    return _robot_of(yaml_file.parse_document(yaml_file.yaml_text(tree), name))
 
 
 def write_new_robot(path: Path, robot: RobotDocument) -> None:
@@ -229,9 +224,9 @@ def _shipped_robots() -> dict[str, Traversable]:
     return {name: files[name] for name in sorted(files) if files[name].name.endswith(".yaml")}
 
 
-def _robot_of(document: YamlDocument) -> RobotDocument:
+def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
     """Check a document; raises `ConfigInvalid`, also when its sha256 is not its geometry's."""
-    contents = checked(document, SCHEMA, contents_model(document.tree.get("mechanism")))
+    contents = yaml_file.checked(document, SCHEMA, contents_model(document.tree.get("mechanism")))
     mechanism = MECHANISMS[contents.mechanism]
     values = _by_name(mechanism.parameters, contents.geometry)
     parameters = checked_parameters(mechanism, values, contents.name, contents.uncertainty)
@@ -265,7 +260,7 @@ def _plate(
     )
 
 
-def _by_name(space: ParameterSpace, geometry: FileModel) -> dict[str, float]:
+def _by_name(space: ParameterSpace, geometry: yaml_file.FileModel) -> dict[str, float]:
     """Values by name, as the file has them."""
     values = geometry.model_dump()
     arms = values.pop("arms")
@@ -276,7 +271,7 @@ def _by_name(space: ParameterSpace, geometry: FileModel) -> dict[str, float]:
     }
 
 
-def _limits(mechanism: ClosedChain, limits: FileModel) -> Limits:
+def _limits(mechanism: ClosedChain, limits: yaml_file.FileModel) -> Limits:
     values = limits.model_dump()
     joint = mechanism.joints[0]
     low, high = map(joint.from_file, values[f"joint_{joint.unit}"])

@@ -6,27 +6,10 @@ from pathlib import Path
 from pydantic import Field
 
 from campaigns.errors import ConfigInvalid, NotACampaign
+from campaigns.files import yaml_file
 from campaigns.files.text_file import make_folder, read_text, refuse_existing, write_new_text
-from campaigns.files.yaml_file import (
-    FileModel,
-    checked,
-    checked_settings,
-    commented_yaml,
-    read_document,
-)
 from campaigns.robots.robot import RobotDocument, read_robot
-from campaigns.settings.sections import (
-    AcceptanceConfig,
-    ControllerConfig,
-    GateConfig,
-    InstrumentsConfig,
-    PeopleConfig,
-    PlanConfig,
-    RunConfig,
-    SettleConfig,
-    TrackerConfig,
-    ValidationConfig,
-)
+from campaigns.settings import sections
 from campaigns.settings.space import SpaceConfig
 from drivers.bounded_files import is_file
 
@@ -34,7 +17,7 @@ SCHEMA = "pkmcal/campaign/1"
 FILE_NAME = "campaign.yaml"
 
 
-class CampaignConfig(FileModel):
+class CampaignConfig(yaml_file.FileModel):
     """A campaign's settings."""
 
     name: str = Field(min_length=1, description="the campaign's name")
@@ -48,32 +31,36 @@ class CampaignConfig(FileModel):
         pattern=r"^[^/\\]+$",
         description="the name of the file in this folder that holds the nominal robot",
     )
-    controller: ControllerConfig = Field(description="the robot's controller")
-    tracker: TrackerConfig = Field(description="the laser tracker and its reflector")
-    plan: PlanConfig = Field(default=PlanConfig(), description="what is measured")
+    controller: sections.ControllerConfig = Field(description="the robot's controller")
+    tracker: sections.TrackerConfig = Field(description="the laser tracker and its reflector")
+    plan: sections.PlanConfig = Field(default=sections.PlanConfig(), description="what is measured")
     space: SpaceConfig = Field(
         default=SpaceConfig(),
         description="where the plate may be and where it may not, in the base frame",
     )
-    settle: SettleConfig = Field(
-        default=SettleConfig(), description="when the robot counts as at rest"
+    settle: sections.SettleConfig = Field(
+        default=sections.SettleConfig(), description="when the robot counts as at rest"
     )
-    gate: GateConfig = Field(default=GateConfig(), description="what a shot must keep to count")
-    run: RunConfig = Field(
-        default=RunConfig(), description="what a run does by itself when something goes wrong"
+    gate: sections.GateConfig = Field(
+        default=sections.GateConfig(), description="what a shot must keep to count"
     )
-    validation: ValidationConfig = Field(
-        default=ValidationConfig(), description="the tests before and after calibration"
+    run: sections.RunConfig = Field(
+        default=sections.RunConfig(),
+        description="what a run does by itself when something goes wrong",
     )
-    acceptance: AcceptanceConfig = Field(
-        default=AcceptanceConfig(),
+    validation: sections.ValidationConfig = Field(
+        default=sections.ValidationConfig(), description="the tests before and after calibration"
+    )
+    acceptance: sections.AcceptanceConfig = Field(
+        default=sections.AcceptanceConfig(),
         description="the largest errors that are good; empty: not asked for",
     )
-    people: PeopleConfig = Field(
-        default=PeopleConfig(), description="who and where, for the record"
+    people: sections.PeopleConfig = Field(
+        default=sections.PeopleConfig(), description="who and where, for the record"
     )
-    instruments: InstrumentsConfig = Field(
-        default=InstrumentsConfig(), description="what no device tells about itself, for the record"
+    instruments: sections.InstrumentsConfig = Field(
+        default=sections.InstrumentsConfig(),
+        description="what no device tells about itself, for the record",
     )
 
 
@@ -83,7 +70,9 @@ def read_campaign(directory: Path) -> CampaignConfig:
     remedy = f"name a campaign's folder, or make one with `pkmcal new {directory}`"
     if not is_file(path):
         raise NotACampaign(f"{directory} holds no {FILE_NAME}", remedy=remedy)
-    return checked(read_document(path, if_missing=remedy), SCHEMA, CampaignConfig)
+    return yaml_file.checked(
+        yaml_file.read_document(path, if_missing=remedy), SCHEMA, CampaignConfig
+    )
 
 
 def new_config(settings: Mapping[str, object]) -> CampaignConfig:
@@ -91,7 +80,7 @@ def new_config(settings: Mapping[str, object]) -> CampaignConfig:
 
     Needs at least `name`, `controller.url`, `tracker.url` and `tracker.reflector`.
     """
-    return checked_settings(settings, "new campaign", CampaignConfig)
+    return yaml_file.checked_settings(settings, "new campaign", CampaignConfig)
 
 
 def read_campaign_robot(directory: Path, config: CampaignConfig) -> RobotDocument:
@@ -110,7 +99,7 @@ def write_new_campaign(directory: Path, config: CampaignConfig, robot: RobotDocu
     robot_path = directory / config.robot
     if not (is_file(robot_path) and _text_of(robot_path) == robot.document.text):
         write_new_text(robot_path, robot.document.text)
-    write_new_text(path, commented_yaml(SCHEMA, config))
+    write_new_text(path, yaml_file.commented_yaml(SCHEMA, config))
 
 
 def _text_of(robot_path: Path) -> str:

@@ -54,10 +54,7 @@ class LinuxcncConfig(FileModel):
         description="the speed of the fastest joint at speed_percent 100, deg/s",
     )
     full_speed_mm_per_s: float = Field(
-        default=1000.0,
-        gt=0.0,
-        le=100_000.0,
-        description="likewise of carriages, mm/s",
+        default=1000.0, gt=0.0, le=100_000.0, description="likewise of carriages, mm/s"
     )
     connect_password: str = Field(
         default="EMC", min_length=1, description="the password of linuxcncrsh's --connectpw"

@@ -12,15 +12,8 @@ from pydantic import JsonValue
 from campaigns.arrays import Array
 from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import number_text
+from campaigns.journal import records
 from campaigns.journal.journal import Journal
-from campaigns.journal.records import (
-    Intent,
-    Outcome,
-    SeriesFinished,
-    SeriesStarted,
-    SessionStarted,
-    SessionStopped,
-)
 from campaigns.journal.views import AcceptedShot, Series
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import pose_of
@@ -69,7 +62,7 @@ class ImportedFile:
             raise ShotsInvalid(error.problem, remedy=error.remedy) from error
 
 
-def imported_files(started: SeriesStarted) -> tuple[ImportedFile, ...]:
+def imported_files(started: records.SeriesStarted) -> tuple[ImportedFile, ...]:
     """Files of an import; none where older software did not keep them."""
     kept = started.configuration.get(FILES)
     return tuple(
@@ -97,18 +90,20 @@ def append_import(
     digest = hashlib.sha256(shots_text(rows, nominal.mechanism).encode()).hexdigest()
     kept: list[JsonValue] = [asdict(each) for each in files]
     known = {**settings, FILES: kept} if kept else settings
-    started = SeriesStarted("import", digest, known, VERSION, robot_digest, None, None, None)
+    started = records.SeriesStarted(
+        "import", digest, known, VERSION, robot_digest, None, None, None
+    )
     series = journal.start_series(started)
-    journal.append(SessionStarted(VERSION, None, None, None), series=series)
+    journal.append(records.SessionStarted(VERSION, None, None, None), series=series)
     for number, (row, pose) in enumerate(zip(rows, poses, strict=True)):
         target = pose_of(pose)
         journal.append(
-            Intent(number, 1, row.purpose.value, target, row.joints, "joints", row.pair),
+            records.Intent(number, 1, row.purpose.value, target, row.joints, "joints", row.pair),
             series=series,
         )
         journal.append(_outcome(number, row), series=series)
-    journal.append(SeriesFinished(), series=series)
-    journal.append(SessionStopped("finished", "imported"), series=series)
+    journal.append(records.SeriesFinished(), series=series)
+    journal.append(records.SessionStopped("finished", "imported"), series=series)
     journal.prove()
     return series
 
@@ -124,8 +119,8 @@ def _nominal_poses(nominal: Kinematics, rows: Sequence[ShotRow]) -> Array:
     return solution.values
 
 
-def _outcome(number: int, row: ShotRow) -> Outcome:
-    return Outcome(
+def _outcome(number: int, row: ShotRow) -> records.Outcome:
+    return records.Outcome(
         number,
         1,
         row.joints,

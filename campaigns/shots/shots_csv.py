@@ -10,15 +10,7 @@ from campaigns.files.csv_file import CsvForm, CsvRow, csv_text, number_text, par
 from campaigns.files.text_file import read_text, write_text_unless_there
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.mechanism import Axis
-from campaigns.shots.columns import (
-    POINT_COLUMNS,
-    axis_columns,
-    axis_texts,
-    axis_values,
-    check_pairs,
-    pair_number,
-    shot_set,
-)
+from campaigns.shots import columns
 from campaigns.shots.shot_sets import ShotSet
 from drivers.bounded_files import CSV_BYTES
 from drivers.values import Matrix3, Vector3, is_positive_definite, vector
@@ -75,7 +67,7 @@ def parse_shots(text: str, name: str, mechanism: ClosedChain) -> tuple[ShotRow, 
     if not rows:
         raise ShotsInvalid(f"{name}: holds no shots", remedy="check that it is the right file")
     shots = tuple(_shot_of(row, mechanism) for row in rows)
-    check_pairs(rows, [shot.purpose for shot in shots], [shot.pair for shot in shots])
+    columns.check_pairs(rows, [shot.purpose for shot in shots], [shot.pair for shot in shots])
     return shots
 
 
@@ -89,9 +81,9 @@ def shots_text(shots: Sequence[ShotRow], mechanism: ClosedChain) -> str:
 
 
 def _form(mechanism: ClosedChain) -> CsvForm:
-    turns = axis_columns(_turns(mechanism))
+    turns = columns.axis_columns(_turns(mechanism))
     return CsvForm(
-        required=("pair", *axis_columns(mechanism.joints), *POINT_COLUMNS),
+        required=("pair", *columns.axis_columns(mechanism.joints), *columns.POINT_COLUMNS),
         optional=("set", *turns, *COVARIANCE_COLUMNS, "temperature_degC", "time"),
         invalid=ShotsInvalid,
     )
@@ -99,20 +91,20 @@ def _form(mechanism: ClosedChain) -> CsvForm:
 
 def _turns(mechanism: ClosedChain) -> tuple[Axis, ...]:
     """Task axes that a tracker does not see."""
-    return mechanism.task[len(POINT_COLUMNS) :]
+    return mechanism.task[len(columns.POINT_COLUMNS) :]
 
 
 def _shot_of(row: CsvRow, mechanism: ClosedChain) -> ShotRow:
-    purpose = shot_set(row, ShotSet.IDENTIFICATION)
-    x_mm, y_mm, z_mm = (row.number(column) for column in POINT_COLUMNS)
+    purpose = columns.shot_set(row, ShotSet.IDENTIFICATION)
+    x_mm, y_mm, z_mm = (row.number(column) for column in columns.POINT_COLUMNS)
     turns = _turns(mechanism)
-    turned = any(row.text(column) for column in axis_columns(turns))
+    turned = any(row.text(column) for column in columns.axis_columns(turns))
     return ShotRow(
-        pair=pair_number(row, purpose),
-        joints=axis_values(row, mechanism.joints),
+        pair=columns.pair_number(row, purpose),
+        joints=columns.axis_values(row, mechanism.joints),
         point_in_tracker_mm=(x_mm, y_mm, z_mm),
         purpose=purpose,
-        turn=axis_values(row, turns) if turned else (),
+        turn=columns.axis_values(row, turns) if turned else (),
         covariance_mm2=_covariance_of(row),
         temperature_degC=row.number("temperature_degC") if row.text("temperature_degC") else None,
         time=row.text("time") or None,
@@ -149,7 +141,9 @@ def _texts_of(shot: ShotRow, mechanism: ClosedChain) -> Mapping[str, str]:
         "temperature_degC": "" if temperature is None else number_text(temperature),
         "time": shot.time or "",
     }
-    values |= zip(axis_columns(axes), axis_texts(axes, shot.joints + shot.turn), strict=True)
-    values |= zip(POINT_COLUMNS, map(number_text, shot.point_in_tracker_mm), strict=True)
+    values |= zip(
+        columns.axis_columns(axes), columns.axis_texts(axes, shot.joints + shot.turn), strict=True
+    )
+    values |= zip(columns.POINT_COLUMNS, map(number_text, shot.point_in_tracker_mm), strict=True)
     values |= dict(zip_longest(COVARIANCE_COLUMNS, map(number_text, upper), fillvalue=""))
     return values

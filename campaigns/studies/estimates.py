@@ -18,13 +18,7 @@ from campaigns.identification.observations import Inputs
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.mechanisms.mechanism import Kinematics, KinematicSolution, NoSolution
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.studies.study import (
-    CampaignEstimate,
-    CampaignRow,
-    StudySetup,
-    StudyTask,
-    fitted_rows,
-)
+from campaigns.studies import study
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +41,7 @@ class TrueRobot:
         return np.asarray(self.points_mm + np.einsum("nij,nj->ni", self.scatter_mm, draws))
 
 
-def estimated(task: StudyTask) -> tuple[CampaignRow, ...]:
+def estimated(task: study.StudyTask) -> tuple[study.CampaignRow, ...]:
     """Rows with an estimate each."""
     at_nominal = task.setup.nominal.forward(task.setup.shots.joints)
     near = at_nominal.values_or_raise()
@@ -58,7 +52,7 @@ def estimated(task: StudyTask) -> tuple[CampaignRow, ...]:
     )
 
 
-def true_robot(setup: StudySetup, near: Array, values: tuple[float, ...]) -> TrueRobot:
+def true_robot(setup: study.StudySetup, near: Array, values: tuple[float, ...]) -> TrueRobot:
     """Raises `NoSolution`, and `LinAlgError` when its shots do not fix the parameters."""
     true = Kinematics(setup.nominal.mechanism, np.array(values))
     poses = true.forward(setup.shots.joints, near).values_or_raise()
@@ -68,7 +62,7 @@ def true_robot(setup: StudySetup, near: Array, values: tuple[float, ...]) -> Tru
     return TrueRobot(true, points_mm, scatter_mm, _bound(setup, true, poses, points_mm), poses)
 
 
-def _bound(setup: StudySetup, true: Kinematics, poses: Array, points_mm: Array) -> Array:
+def _bound(setup: study.StudySetup, true: Kinematics, poses: Array, points_mm: Array) -> Array:
     """Cramér-Rao bound of standard deviations, (F,), mm and rad.
 
     Of what the estimator is given, at the truth: Fisher's information of the coordinates, or of
@@ -78,7 +72,7 @@ def _bound(setup: StudySetup, true: Kinematics, poses: Array, points_mm: Array) 
     in_base_axes_mm = points_mm @ setup.tracker_from_base.rotation
     noise_mm2 = point_covariance_mm2(in_base_axes_mm, setup.options.instrument)
     if setup.estimator is Estimator.POINTS:
-        rows = fitted_rows(setup.shots)
+        rows = study.fitted_rows(setup.shots)
         found, _ = predict_points(true, setup.free, joints[rows], poses[rows], noise_mm2[rows])
         return np.sqrt(np.diag(found)[: len(setup.free)])
     variance_mm2 = distance_variance_mm2(in_base_axes_mm, noise_mm2, *pairs.T)
@@ -87,29 +81,34 @@ def _bound(setup: StudySetup, true: Kinematics, poses: Array, points_mm: Array) 
 
 
 def _row(
-    setup: StudySetup, number: int, robot: Callable[[], TrueRobot], at_nominal: KinematicSolution
-) -> CampaignRow:
+    setup: study.StudySetup,
+    number: int,
+    robot: Callable[[], TrueRobot],
+    at_nominal: KinematicSolution,
+) -> study.CampaignRow:
     rng = np.random.default_rng([setup.seed, number])
     try:
         drawn = robot()
         found = fitted(setup, drawn.measured_mm(rng), at_nominal)
         if not found.fit.converged:
-            return CampaignRow(number, failure=found.fit.message)
+            return study.CampaignRow(number, failure=found.fit.message)
         if found.covariance is None or found.seen.rank < len(setup.free):
-            return CampaignRow(number, failure=f"rank {found.seen.rank} of {len(setup.free)}")
-        return CampaignRow(number, estimate=estimate_of(setup, drawn, found))
+            return study.CampaignRow(number, failure=f"rank {found.seen.rank} of {len(setup.free)}")
+        return study.CampaignRow(number, estimate=estimate_of(setup, drawn, found))
     except (NoSolution, CampaignError, np.linalg.LinAlgError) as error:
-        return CampaignRow(number, failure=str(error))
+        return study.CampaignRow(number, failure=str(error))
 
 
-def fitted(setup: StudySetup, points_mm: Array, at_nominal: KinematicSolution) -> Estimate:
+def fitted(setup: study.StudySetup, points_mm: Array, at_nominal: KinematicSolution) -> Estimate:
     """Estimate as identification makes it of the same shots."""
     shots = replace(setup.shots, points_in_tracker_mm=points_mm)
     selection = ParameterSelection(setup.free)
     return fit_shots(Inputs(setup.nominal, shots, selection, setup.options, at_nominal)).found
 
 
-def estimate_of(setup: StudySetup, robot: TrueRobot, found: Estimate) -> CampaignEstimate:
+def estimate_of(
+    setup: study.StudySetup, robot: TrueRobot, found: Estimate
+) -> study.CampaignEstimate:
     """Estimate beside the truth; raises `NoSolution`."""
     assert found.covariance is not None, "looked at before"
     space, count = setup.nominal.mechanism.parameters, len(setup.free)
@@ -119,7 +118,7 @@ def estimate_of(setup: StudySetup, robot: TrueRobot, found: Estimate) -> Campaig
     errors = (identified - robot.true.p)[places]
     std = np.sqrt(np.diag(found.covariance)[:count])
     unseen_mm = _unseen_errors_mm(setup, robot, Kinematics(setup.nominal.mechanism, identified))
-    return CampaignEstimate(
+    return study.CampaignEstimate(
         errors=tuple((errors / unit).tolist()),
         std=tuple((std / unit).tolist()),
         bound=tuple((robot.bound / unit).tolist()),
@@ -128,7 +127,7 @@ def estimate_of(setup: StudySetup, robot: TrueRobot, found: Estimate) -> Campaig
     )
 
 
-def _unseen_errors_mm(setup: StudySetup, robot: TrueRobot, identified: Kinematics) -> Array:
+def _unseen_errors_mm(setup: study.StudySetup, robot: TrueRobot, identified: Kinematics) -> Array:
     """Sizes of the errors of distances, (M,); raises `NoSolution`."""
     rows = setup.shots.whole_pairs(ShotSet.VALIDATION).rows.T.ravel()
     found = identified.forward(setup.shots.joints[rows], robot.poses[rows]).values_or_raise()

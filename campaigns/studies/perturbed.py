@@ -78,10 +78,7 @@ class PerturbedCampaign:
 
 
 def perturbed_campaign(
-    setup: StudySetup,
-    perturbation: Perturbation,
-    truth: Array,
-    rng: np.random.Generator,
+    setup: StudySetup, perturbation: Perturbation, truth: Array, rng: np.random.Generator
 ) -> PerturbedCampaign:
     """Campaign with the robot of a parameter vector (G,); raises `NoSolution`.
 

@@ -13,11 +13,7 @@ from campaigns.estimation.observability import observability, unobservable_combi
 from campaigns.estimation.residuals import FRAME_COLUMNS
 from campaigns.estimation.rigid_transforms import Transform
 from campaigns.evaluation.decision import Decision
-from campaigns.identification.observations import (
-    Inputs,
-    distance_observations,
-    point_observations,
-)
+from campaigns.identification.observations import Inputs, distance_observations, point_observations
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.mechanisms.mechanism import Kinematics

@@ -12,22 +12,15 @@ from campaigns.identification.result import IdentificationResult
 from campaigns.mechanisms.arms import AXIS_TILT
 from campaigns.mechanisms.mechanism import Kinematics, NoSolution
 from campaigns.mechanisms.parameters import PARALLELOGRAM_SKEW
+from campaigns.studies import study
 from campaigns.studies.perturbations import KINDS, Perturbation, perturbation_of
 from campaigns.studies.perturbed import PerturbedCampaign, perturbed_campaign
-from campaigns.studies.study import (
-    CampaignRow,
-    CampaignVerdict,
-    Forward,
-    StudySetup,
-    StudyTask,
-    fitted_rows,
-)
 
 NEAR_SHOTS = 5
 """By which the place of a step may be missed."""
 
 
-def judged(task: StudyTask) -> tuple[CampaignRow, ...]:
+def judged(task: study.StudyTask) -> tuple[study.CampaignRow, ...]:
     """Rows with a verdict each."""
     return tuple(
         _row(task.setup, number, truth)
@@ -35,17 +28,17 @@ def judged(task: StudyTask) -> tuple[CampaignRow, ...]:
     )
 
 
-def _row(setup: StudySetup, number: int, truth: Array) -> CampaignRow:
+def _row(setup: study.StudySetup, number: int, truth: Array) -> study.CampaignRow:
     perturbation = perturbation_of(setup.perturbation, number)
     rng = np.random.default_rng([setup.seed, number, list(KINDS).index(setup.perturbation)])
     try:
         verdict = judge(setup, perturbed_campaign(setup, perturbation, truth, rng))
-        return CampaignRow(number, str(perturbation), verdict=verdict)
+        return study.CampaignRow(number, str(perturbation), verdict=verdict)
     except (NoSolution, CampaignError, np.linalg.LinAlgError) as error:
-        return CampaignRow(number, str(perturbation), str(error))
+        return study.CampaignRow(number, str(perturbation), str(error))
 
 
-def judge(setup: StudySetup, made: PerturbedCampaign) -> CampaignVerdict:
+def judge(setup: study.StudySetup, made: PerturbedCampaign) -> study.CampaignVerdict:
     """Verdict on a campaign, compared with the truth; raises as `identify` does."""
     nominal, workspace = setup.nominal, setup.options.workspace
     assert workspace is not None, "given to whatever is judged"
@@ -66,7 +59,7 @@ def judge(setup: StudySetup, made: PerturbedCampaign) -> CampaignVerdict:
     change = _change(made, found)
     missing, too_many = len(made.gross - outliers), len(outliers - made.gross)
     doubts = tuple(each.name for each in found.doubts)
-    return CampaignVerdict(
+    return study.CampaignVerdict(
         verdict=found.verdict,
         model=next((each.name for each in found.models if each.kept), setup.model.value),
         doubts=doubts,
@@ -86,7 +79,7 @@ def judge(setup: StudySetup, made: PerturbedCampaign) -> CampaignVerdict:
     )
 
 
-def position_error_mm(workspace: Array, forward: Forward, identified: Kinematics) -> float:
+def position_error_mm(workspace: Array, forward: study.Forward, identified: Kinematics) -> float:
     """Root mean square over poses (N, t), after the best fit of the frame."""
     joints = identified.inverse(workspace)
     modelled, true = workspace[joints.found, :3], forward(joints.values[joints.found])
@@ -118,7 +111,7 @@ def _change(made: PerturbedCampaign, found: IdentificationResult) -> str:
     right_arm = kind == "frame" or made.true.mechanism.parameters[cause].arm == made.arm
     if kind != made.perturbation.step or not right_arm:
         return "cause"
-    numbers = [made.shots.numbers[row] for row in fitted_rows(made.shots).tolist()]
+    numbers = [made.shots.numbers[row] for row in study.fitted_rows(made.shots).tolist()]
     place = numbers.index(int(float(told.numbers["before_shot"])))
     return "right" if abs(place - numbers.index(made.first_after)) <= NEAR_SHOTS else "place"
 

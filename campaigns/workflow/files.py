@@ -9,12 +9,7 @@ from campaigns.controllers import export as parameter_file
 from campaigns.controllers import linuxcnc_export
 from campaigns.evaluation.plausibility import check_distances, check_shots
 from campaigns.robots.robot import RobotDocument, RobotFile
-from campaigns.shots.import_export import (
-    ExportedShots,
-    ImportedFile,
-    append_import,
-    exported_shots,
-)
+from campaigns.shots.import_export import ExportedShots, ImportedFile, append_import, exported_shots
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, write_shots
 

@@ -8,24 +8,12 @@ from typing import Literal
 
 from pydantic import JsonValue
 
+from campaigns import errors
 from campaigns.campaign import Campaign
 from campaigns.controllers import export as parameter_file
+from campaigns.controllers import load_checks
 from campaigns.controllers.load import Change, changes, differing, keep, put_back, write_verified
-from campaigns.controllers.load_checks import (
-    file_objections,
-    refuse,
-    require_same_mechanism,
-    serial_objections,
-)
 from campaigns.controllers.load_journal import FOUND_AGAIN, Load, already_back, load_history
-from campaigns.errors import (
-    ConfigInvalid,
-    Interrupted,
-    JournalFailed,
-    LoadNotVerified,
-    ShotsMissing,
-    VerdictBad,
-)
 from campaigns.journal.journal import Journal
 from campaigns.measuring.run_state import SILENT, RunObserver
 from campaigns.measuring.series_log import problem_of
@@ -33,12 +21,7 @@ from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.robot import RobotFile, read_robot
-from campaigns.workflow.validation import (
-    VerificationStage,
-    mean_of_pairs_mm,
-    verification_pairs,
-    verification_work,
-)
+from campaigns.workflow import validation
 from drivers.errors import Cancelled, DeviceRefused, DriverError
 from drivers.ports import RobotController
 from drivers.values import Identity
@@ -156,8 +139,8 @@ def roll_back(
             return _Loading(campaign, journal, controller, terms).roll_back()
 
 
-def _nothing_to_take_back(campaign: Campaign) -> ShotsMissing:
-    return ShotsMissing(
+def _nothing_to_take_back(campaign: Campaign) -> errors.ShotsMissing:
+    return errors.ShotsMissing(
         f"{campaign.folder}: no load is in effect that could be taken back",
         remedy="there is nothing to roll back; name a robot file with --file",
     )
@@ -165,17 +148,17 @@ def _nothing_to_take_back(campaign: Campaign) -> ShotsMissing:
 
 def _wanted(
     campaign: Campaign, source: Path | None, terms: LoadTerms
-) -> tuple[Path, RobotFile, tuple[ConfigInvalid, ...]]:
+) -> tuple[Path, RobotFile, tuple[errors.ConfigInvalid, ...]]:
     """File, its robot, and what was overruled of what speaks against it.
 
     Raises `ConfigInvalid` unless that is overruled.
     """
     source = source or campaign.path(parameter_file.FILE_NAME)
     robot, nominal = read_robot(source).robot, campaign.robot
-    require_same_mechanism(source, robot, nominal)
-    objections = tuple(file_objections(robot, campaign.config.name, nominal))
+    load_checks.require_same_mechanism(source, robot, nominal)
+    objections = tuple(load_checks.file_objections(robot, campaign.config.name, nominal))
     if not terms.force:
-        refuse(source, objections)
+        load_checks.refuse(source, objections)
     return source, robot, objections
 
 
@@ -194,7 +177,7 @@ class _Loading:
     verified_by: tuple[Cell, VerificationSetup] | None = None
 
     def load(
-        self, source: Path, robot: RobotFile, objections: tuple[ConfigInvalid, ...]
+        self, source: Path, robot: RobotFile, objections: tuple[errors.ConfigInvalid, ...]
     ) -> LoadResult:
         """Load a file."""
         held = self._held()
@@ -211,7 +194,7 @@ class _Loading:
         latest = standing[-1]
         source = self.campaign.path(latest.kept)
         robot = read_robot(source).robot
-        require_same_mechanism(source, robot, self.campaign.robot)
+        load_checks.require_same_mechanism(source, robot, self.campaign.robot)
         what = f"what the controller held before the load of {latest.source}"
         if not differing(held, robot.parameters):
             self.terms.tell(f"{what} ({latest.at_utc}) was put back already by other means")
@@ -234,15 +217,17 @@ class _Loading:
 
     def _checked(
         self, source: Path, robot: RobotFile, expected_serial: object
-    ) -> tuple[ConfigInvalid, ...]:
+    ) -> tuple[errors.ConfigInvalid, ...]:
         """What the controller's serial number says against it, overruled; raises `ConfigInvalid`.
 
         Also for parameters that its kinematics lacks, which no force can put into it.
         """
         robot.require_known(self.controller.lacks(robot.parameters.extended_by))
-        found = tuple(serial_objections(expected_serial, self.controller.identity().serial))
+        found = tuple(
+            load_checks.serial_objections(expected_serial, self.controller.identity().serial)
+        )
         if not self.terms.force:
-            refuse(source, found)
+            load_checks.refuse(source, found)
         return found
 
     def _carry_out(
@@ -250,7 +235,7 @@ class _Loading:
         source: Path,
         robot: RobotFile,
         held: dict[str, float],
-        overruled: tuple[ConfigInvalid, ...],
+        overruled: tuple[errors.ConfigInvalid, ...],
         takes_back: int | None = None,
     ) -> LoadResult:
         for each in overruled:
@@ -259,7 +244,7 @@ class _Loading:
         if not differing(held, wanted):
             return LoadResult(source, "already")
         pairs = self.verified_by[1].pairs if self.verified_by else 0
-        shots = verification_pairs(self.campaign, (held, wanted), pairs) if pairs else ()
+        shots = validation.verification_pairs(self.campaign, (held, wanted), pairs) if pairs else ()
         self.terms.approve(controller, changes(held, robot))
         if self.terms.dry:
             return LoadResult(source, "dry")
@@ -287,8 +272,10 @@ class _Loading:
         """Write and read back; a failure is ended in the journal where its outcome is known."""
         try:
             write_verified(self.controller, begun.wanted, begun.held)
-        except (DeviceRefused, LoadNotVerified) as error:
-            with suppress(DriverError, JournalFailed):  # what went wrong first is what counts
+        except (DeviceRefused, errors.LoadNotVerified) as error:
+            with suppress(
+                DriverError, errors.JournalFailed
+            ):  # what went wrong first is what counts
                 begun.settle(self.journal, self.controller.read_geometry(), error.problem)
             raise
 
@@ -308,7 +295,7 @@ class _Loading:
             f"after loading {begun.source}, before it was {before_mm:.3f} mm"
         )
         self._take_back(begun, worse)
-        raise VerdictBad(
+        raise errors.VerdictBad(
             f"{worse}; rolled back, the controller holds the old parameters",
             remedy="identify again, with other shots or parameters",
         )
@@ -320,12 +307,15 @@ class _Loading:
         self.terms.tell(f"rolled back: the controller holds what it held before ({begun.kept})")
 
     def _measured(
-        self, stage: VerificationStage, active: Mapping[str, float], shots: tuple[PlannedShot, ...]
+        self,
+        stage: validation.VerificationStage,
+        active: Mapping[str, float],
+        shots: tuple[PlannedShot, ...],
     ) -> tuple[int, float]:
         """Series of the pairs as the controller commands them now, and their mean error, mm."""
         assert self.verified_by is not None, "pairs are measured where they were asked for"
         cell, setup = self.verified_by
-        work = verification_work(self.campaign, stage, active, shots)
+        work = validation.verification_work(self.campaign, stage, active, shots)
         before = self.journal.latest_series(stage)
         while True:
             anew = self.journal.latest_series(stage) == before
@@ -334,10 +324,10 @@ class _Loading:
                 series = measure_series(
                     cell, self.journal, work, setup.observer, setup.stop_requested, anew=anew
                 )
-            except (Interrupted, Cancelled):
+            except (errors.Interrupted, Cancelled):
                 if not setup.goes_on():
                     raise
                 cell.robot.reconnect()
                 cell.tracker.reconnect()
             else:
-                return series, mean_of_pairs_mm(self.campaign, self.journal, series)
+                return series, validation.mean_of_pairs_mm(self.campaign, self.journal, series)

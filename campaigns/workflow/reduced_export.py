@@ -9,19 +9,9 @@ from pydantic import JsonValue
 
 from campaigns.arrays import Array
 from campaigns.campaign import Campaign
+from campaigns.controllers import model_reduction
 from campaigns.controllers.export import latest_identification
-from campaigns.controllers.model_reduction import (
-    NamedParameters,
-    ResidualError,
-    Workspace,
-    left_by,
-    project,
-)
-from campaigns.controllers.reduced_parameters import (
-    FORMATS,
-    configuration_text,
-    few_parameters,
-)
+from campaigns.controllers.reduced_parameters import FORMATS, configuration_text, few_parameters
 from campaigns.design.pose_sampling import WORKSPACE_SEED, WorkspaceTooSmall, workspace_poses
 from campaigns.errors import IdentificationRefused
 from campaigns.files.text_file import write_text_unless_there
@@ -39,7 +29,7 @@ class ReducedExport:
     """Written file, and what parameters leave of position over the workspace, fewest last."""
 
     path: Path
-    left: Mapping[str, ResidualError]
+    left: Mapping[str, model_reduction.ResidualError]
 
     def document(self) -> dict[str, JsonValue]:
         """As `export --json` prints it."""
@@ -71,10 +61,12 @@ def _export_plain(campaign: Campaign, to: Path | None, *, overwrite: bool) -> Re
     """Write a robot file without extensions."""
     document = identified_robot(campaign)
     robot, nominal = document.robot, campaign.robot
-    workspace = Workspace.of(robot.kinematics, _poses(campaign, robot))
-    found = project(robot.mechanism, NamedParameters.plain(robot.kinematics), workspace)
+    workspace = model_reduction.Workspace.of(robot.kinematics, _poses(campaign, robot))
+    found = model_reduction.project(
+        robot.mechanism, model_reduction.NamedParameters.plain(robot.kinematics), workspace
+    )
     left = {
-        "nominal parameters": left_by(nominal.kinematics, workspace),
+        "nominal parameters": model_reduction.left_by(nominal.kinematics, workspace),
         "these values": found.error,
         **_full(campaign),
     }
@@ -108,10 +100,12 @@ def _poses(campaign: Campaign, robot: RobotFile) -> Array:
         ) from error
 
 
-def _full(campaign: Campaign) -> dict[str, ResidualError]:
+def _full(campaign: Campaign) -> dict[str, model_reduction.ResidualError]:
     """What all identified parameters leave: their own uncertainty."""
     with campaign.journal_reader() as journal:
         std = latest_identification(journal).position_std_mm
     return (
-        {} if std is None else {"all identified parameters, 1 σ": ResidualError(std.mean, std.max)}
+        {}
+        if std is None
+        else {"all identified parameters, 1 σ": model_reduction.ResidualError(std.mean, std.max)}
     )

@@ -6,23 +6,14 @@ from dataclasses import dataclass, replace
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Model
-from campaigns.measuring.resume import (
-    ResumeState,
-    check_same_devices,
-    complete_series,
-    resume_state,
-    series_to_take_up,
-)
+from campaigns.measuring import resume
 from campaigns.measuring.run_state import SILENT, RunObserver
 from campaigns.measuring.session import RunResult, measure_series, run_result
 from campaigns.measuring.stopping_rule import PredictedStop, predicted_stop, read_goal
 from campaigns.measuring.work import Cell, Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
-from campaigns.planning.predicted_uncertainty import (
-    EstimationSetup,
-    require_identifiable,
-)
+from campaigns.planning.predicted_uncertainty import EstimationSetup, require_identifiable
 from campaigns.planning.steps import groups, joint_steps, shots_of
 from campaigns.workflow.work import engine_work, free_parameters
 
@@ -86,14 +77,14 @@ def run_preview(
 
     Raises `ResumeRefused` as far as that can be known without one.
     """
-    found, kept = None, ResumeState((), (), groups(work.steps))
+    found, kept = None, resume.ResumeState((), (), groups(work.steps))
     if campaign.journal_path.exists() and not anew:
         with campaign.journal_reader() as journal:
-            found = series_to_take_up(journal, work)
+            found = resume.series_to_take_up(journal, work)
             if found is not None:
                 config = campaign.config
-                check_same_devices(found, config.controller.serial, config.tracker.serial)
-                kept = resume_state(work.steps, found.shots)
+                resume.check_same_devices(found, config.controller.serial, config.tracker.serial)
+                kept = resume.resume_state(work.steps, found.shots)
     skipped = [group for group in kept.left if group in work.skipped_groups]
     left = [shot for group in kept.left if group not in skipped for shot in shots_of(group)]
     return RunPreview(
@@ -121,7 +112,7 @@ def measured_before(campaign: Campaign, work: Work) -> RunResult | None:
     if not campaign.journal_path.exists():
         return None
     with campaign.journal_reader() as journal:
-        done = complete_series(journal, work)
+        done = resume.complete_series(journal, work)
         return None if done is None else run_result(journal, done.number, work)
 
 

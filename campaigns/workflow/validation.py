@@ -12,12 +12,7 @@ from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.controllers.load import differing
 from campaigns.controllers.load_journal import FOUND_AGAIN, Holding, load_history
 from campaigns.errors import FindingUnreadable, OptionsInvalid
-from campaigns.evaluation.validation import (
-    SET_OF,
-    ValidationResult,
-    ValidationVerdict,
-    evaluate_validation,
-)
+from campaigns.evaluation import validation
 from campaigns.evidence import Evaluation, evaluate
 from campaigns.identification.options import Selection
 from campaigns.identification.result import RecordedIdentification, read_identification
@@ -28,9 +23,7 @@ from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell, Work
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.predicted_uncertainty import (
-    EstimationSetup,
-)
+from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.validation_plan import Correct, Reachable, validation_steps
 from campaigns.robots.robot import RobotFile, pose_row
 from campaigns.shots.shot_sets import ShotSet
@@ -42,7 +35,7 @@ ValidationStage = Literal["before", "after"]
 CalibrationRoute = Literal["parameters", "targets"]
 """What calibrates the robot: parameters in its controller, or targets corrected for it."""
 VerificationStage = Literal["verify before", "verify after"]
-TESTS = frozenset(SET_OF.values())
+TESTS = frozenset(validation.SET_OF.values())
 """Of a validation."""
 
 
@@ -51,17 +44,17 @@ class Validated:
     """Result of a validation, and the campaign with it: earlier tests of the stage count too."""
 
     stage: ValidationStage
-    result: ValidationResult
+    result: validation.ValidationResult
     evaluation: Evaluation
 
     @property
-    def whole(self) -> ValidationResult:
+    def whole(self) -> validation.ValidationResult:
         """Of each test of the stage the latest."""
         found = self.evaluation
         return (found.before if self.stage == "before" else found.after) or self.result
 
     @property
-    def verdict(self) -> ValidationVerdict:
+    def verdict(self) -> validation.ValidationVerdict:
         """Verdict on the stage."""
         return self.evaluation.validated(self.stage)
 
@@ -274,9 +267,11 @@ def _identified(campaign: Campaign) -> tuple[RecordedIdentification, ...]:
     return tuple(found)
 
 
-def _evaluated(campaign: Campaign, journal: JournalReader, series: int) -> ValidationResult:
+def _evaluated(
+    campaign: Campaign, journal: JournalReader, series: int
+) -> validation.ValidationResult:
     shots = shots_of_journal(journal.shots(series), campaign.robot.mechanism)
-    return evaluate_validation(shots, campaign.instrument, series)
+    return validation.evaluate_validation(shots, campaign.instrument, series)
 
 
 def _unseen_pairs(campaign: Campaign) -> tuple[PlannedShot, ...]:

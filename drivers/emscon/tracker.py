@@ -5,6 +5,7 @@ from math import cos, isfinite, radians, sin
 
 from typing_extensions import override
 
+from drivers import values
 from drivers.byte_log import WireReading, meanings
 from drivers.declaration import Surroundings, TrackerDriver
 from drivers.emscon import setup
@@ -23,18 +24,6 @@ from drivers.plausible import require, require_point, require_weather
 from drivers.ports import Clock, LaserTracker
 from drivers.session import PreparedSession
 from drivers.transport import Transport
-from drivers.values import (
-    SIGMA,
-    Identity,
-    Matrix3,
-    Measurement,
-    Readiness,
-    Reflector,
-    TrackerState,
-    Vector3,
-    Weather,
-    is_positive_definite,
-)
 from drivers.wire import emscon as wire
 from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon_constants import (
@@ -51,11 +40,11 @@ SIMULATED = "SIM-LT"
 """Name by which our simulated tracker says what it is; no instrument is called so."""
 ADM_ON = 1
 RECONNECT_PAUSE_S = 0.1
-READINESS: dict[int, Readiness] = {
-    TrackerLight.BUSY: Readiness.BUSY,
-    TrackerLight.READY: Readiness.READY,
+READINESS: dict[int, values.Readiness] = {
+    TrackerLight.BUSY: values.Readiness.BUSY,
+    TrackerLight.READY: values.Readiness.READY,
 }
-NO_COVARIANCE: Vector3 = (0.0, 0.0, 0.0)
+NO_COVARIANCE: values.Vector3 = (0.0, 0.0, 0.0)
 LEAST_STD_MM = 1e-7
 """Least value taken for a standard deviation; a zero is a field that the instrument left out."""
 SMALLEST_DETERMINANT = 1e-9
@@ -63,13 +52,15 @@ SMALLEST_DETERMINANT = 1e-9
 REMEDY = "measure again; if it comes back, look at the tracker's own status"
 
 
-def measurement_of(where: str, result: bodies.SingleResult | bodies.SingleResult2) -> Measurement:
+def measurement_of(
+    where: str, result: bodies.SingleResult | bodies.SingleResult2
+) -> values.Measurement:
     """Interpret a result in mm, °C and hPa; raises `DeviceRefused` for one that is no data."""
     _require_stationary(where, result)
-    air = Weather(result.temperature, result.pressure, result.humidity)
+    air = values.Weather(result.temperature, result.pressure, result.humidity)
     require_point(where, result.point)
     require_weather(where, air)
-    return Measurement(
+    return values.Measurement(
         point_in_tracker_mm=result.point,
         covariance_mm2=_covariance(where, result),
         weather=air,
@@ -77,7 +68,7 @@ def measurement_of(where: str, result: bodies.SingleResult | bodies.SingleResult
     )
 
 
-def measurement_said(raw: str) -> tuple[Vector3, Matrix3]:
+def measurement_said(raw: str) -> tuple[values.Vector3, values.Matrix3]:
     """Point, mm, and covariance, mm², of a result as records keep it; raises `DriverError`."""
     try:
         packet = bytes.fromhex(raw)
@@ -99,7 +90,7 @@ def _require_stationary(where: str, result: bodies.SingleResult | bodies.SingleR
         )
 
 
-def _covariance(where: str, result: bodies.SingleResult | bodies.SingleResult2) -> Matrix3:
+def _covariance(where: str, result: bodies.SingleResult | bodies.SingleResult2) -> values.Matrix3:
     """Return the larger by trace of the observed and the a-priori covariance.
 
     The observed one is the scatter within this measurement and may be smaller than what the
@@ -107,7 +98,7 @@ def _covariance(where: str, result: bodies.SingleResult | bodies.SingleResult2) 
     """
     for value in (*result.std, *result.apriori_std):
         if isfinite(value) and value > 0.0:  # zeros and no numbers are fields that were left out
-            require(where, SIGMA, value)
+            require(where, values.SIGMA, value)
     observed, apriori = NO_COVARIANCE, NO_COVARIANCE
     if isinstance(result, bodies.SingleResult2):
         observed, apriori = result.covariance, result.apriori_covariance
@@ -122,22 +113,22 @@ def _covariance(where: str, result: bodies.SingleResult | bodies.SingleResult2) 
     return best
 
 
-def _matrix(std: Vector3, covariance: Vector3) -> Matrix3 | None:
+def _matrix(std: values.Vector3, covariance: values.Vector3) -> values.Matrix3 | None:
     """Return a positive definite matrix, its diagonal if the whole is none, or None."""
-    if not all(LEAST_STD_MM < value <= SIGMA.most for value in std):
+    if not all(LEAST_STD_MM < value <= values.SIGMA.most for value in std):
         return None
     full = _symmetric(std, covariance)
-    possible = is_positive_definite(full, SMALLEST_DETERMINANT)
+    possible = values.is_positive_definite(full, SMALLEST_DETERMINANT)
     return full if possible else _symmetric(std, NO_COVARIANCE)
 
 
-def _symmetric(std: Vector3, covariance: Vector3) -> Matrix3:
+def _symmetric(std: values.Vector3, covariance: values.Vector3) -> values.Matrix3:
     xx, yy, zz = (value * value for value in std)
     xy, xz, yz = covariance
     return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
 
 
-def _trace(matrix: Matrix3) -> float:
+def _trace(matrix: values.Matrix3) -> float:
     return matrix[0][0] + matrix[1][1] + matrix[2][2]
 
 
@@ -185,35 +176,35 @@ class EmsconTracker(LaserTracker):
         self._session.close()
 
     @override
-    def identity(self) -> Identity:
+    def identity(self) -> values.Identity:
         return self._session.recognised(_identity(self._session.connection))
 
     @override
-    def state(self) -> TrackerState:
+    def state(self) -> values.TrackerState:
         client = self._session.connection
         status = client.ask(Command.GET_SYSTEM_STATUS, bodies.SystemStatus)
         readiness = self._readiness()
-        return TrackerState(
+        return values.TrackerState(
             readiness=readiness,
             initialised=setup.is_initialised(status),
             laser_warm=setup.is_warm(status),
-            beam_locked=readiness is not Readiness.NOT_READY and self._sees_reflector(),
+            beam_locked=readiness is not values.Readiness.NOT_READY and self._sees_reflector(),
             reflector=self._reflector_in_use(),
             packets_passed_over=client.passed_over,
         )
 
     @override
-    def weather(self) -> Weather:
+    def weather(self) -> values.Weather:
         client = self._session.connection
         found = client.ask(Command.GET_ENVIRONMENT_PARAMS, bodies.Environment)
-        air = Weather(found.temperature, found.pressure, found.humidity)
+        air = values.Weather(found.temperature, found.pressure, found.humidity)
         require_weather(client.name, air)
         return air
 
     @override
-    def reflectors(self) -> tuple[Reflector, ...]:
+    def reflectors(self) -> tuple[values.Reflector, ...]:
         return tuple(
-            Reflector(entry.name, entry.identifier, entry.surface_offset)
+            values.Reflector(entry.name, entry.identifier, entry.surface_offset)
             for entry in self._session.connection.reflectors()
         )
 
@@ -224,7 +215,7 @@ class EmsconTracker(LaserTracker):
         """
         self._session.prepare(setup.Preparation(reflector, measuring_time_s, self._search))
 
-    def measure(self) -> Measurement:
+    def measure(self) -> values.Measurement:
         """Take one stationary measurement; raises `BeamBroken` when the reflector is lost.
 
         One of these is `NoReflector`, when it could not begin; another `NotAMeasurement`, when the
@@ -242,7 +233,7 @@ class EmsconTracker(LaserTracker):
         return measurement_of(client.name, result)
 
     @override
-    def direction(self) -> Vector3 | None:
+    def direction(self) -> values.Vector3 | None:
         client = self._session.connection
         found = client.ask_or_none(Command.GET_DIRECTION, bodies.Direction)
         if found is None or not (isfinite(found.horizontal) and isfinite(found.vertical)):
@@ -251,7 +242,7 @@ class EmsconTracker(LaserTracker):
         return sin(zenith) * cos(hz), sin(zenith) * sin(hz), cos(zenith)
 
     @override
-    def go_to(self, point_in_tracker_mm: Vector3) -> None:
+    def go_to(self, point_in_tracker_mm: values.Vector3) -> None:
         self._move(Command.GO_POSITION, bodies.BeamTarget(point_in_tracker_mm, ADM_ON))
 
     @override
@@ -269,7 +260,7 @@ class EmsconTracker(LaserTracker):
         client.may_hear_old_results = self._session.latest is not None
         return client
 
-    def _greet(self, client: EmsconClient) -> Identity:
+    def _greet(self, client: EmsconClient) -> values.Identity:
         client.drain()
         client.tell(Command.SET_UNITS, setup.UNITS)
         return _identity(client)
@@ -312,13 +303,13 @@ class EmsconTracker(LaserTracker):
         within_s = self._deadlines.motion_s + wanted.search.timeout_s
         if status := client.attempt(command, body, within_s=within_s):
             raise self._failure(command.title, status)
-        if self._readiness() is Readiness.NOT_READY:
+        if self._readiness() is values.Readiness.NOT_READY:
             raise beam_not_locked(client.name, command.title)
 
     def _failure(self, doing: str, status: int) -> DeviceRefused:
         """Find out what a failure means: a tracker that cannot see may also not be up."""
         client = self._session.connection
-        beam_lost = self._readiness() is Readiness.NOT_READY
+        beam_lost = self._readiness() is values.Readiness.NOT_READY
         error = failed_with_beam(client.name, doing, status, beam_lost=beam_lost)
         if isinstance(error, BeamBroken):
             system = client.ask(Command.GET_SYSTEM_STATUS, bodies.SystemStatus)
@@ -327,9 +318,9 @@ class EmsconTracker(LaserTracker):
                 raise self._session.not_ready("is not initialised any more")
         return error
 
-    def _readiness(self) -> Readiness:
+    def _readiness(self) -> values.Readiness:
         light = self._session.connection.ask(Command.GET_TRACKER_STATUS, bodies.TrackerStatus).light
-        return READINESS.get(light, Readiness.NOT_READY)
+        return READINESS.get(light, values.Readiness.NOT_READY)
 
     def _sees_reflector(self) -> bool:
         info = self._session.connection.ask_or_none(
@@ -345,9 +336,9 @@ class EmsconTracker(LaserTracker):
         return names.get(choice.identifier, "")
 
 
-def _identity(client: EmsconClient) -> Identity:
+def _identity(client: EmsconClient) -> values.Identity:
     status = client.ask(Command.GET_SYSTEM_STATUS, bodies.SystemStatus)
-    return Identity(
+    return values.Identity(
         vendor="Leica",
         model=_model(client),
         serial=str(status.serial),

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from typing_extensions import override
 
+from drivers import values
 from drivers.byte_log import WireReading, meanings
 from drivers.declaration import Surroundings, TrackerDriver
 from drivers.geocom import measuring, setup
@@ -18,15 +19,6 @@ from drivers.link import never
 from drivers.ports import Clock, LaserTracker
 from drivers.session import PreparedSession
 from drivers.transport import Transport
-from drivers.values import (
-    Identity,
-    Measurement,
-    Readiness,
-    Reflector,
-    TrackerState,
-    Vector3,
-    Weather,
-)
 from drivers.wire.geocom import Conversation, line_framer
 from drivers.wire.geocom_constants import Rpc
 
@@ -84,35 +76,35 @@ class GeocomTracker(LaserTracker):
         self._session.close()
 
     @override
-    def identity(self) -> Identity:
+    def identity(self) -> values.Identity:
         return self._session.recognised(_identity(self._session.connection))
 
-    def state(self) -> TrackerState:
+    def state(self) -> values.TrackerState:
         """Ask whether the telescope follows a prism, and which kind of prism it is set to.
 
         A total station has neither start-up nor warm-up that GeoCOM tells of.
         """
         client = self._session.connection
         locked, prism = measuring.is_locked(client), setup.prism_in_use(client)
-        return TrackerState(
-            readiness=Readiness.READY if locked else Readiness.NOT_READY,
+        return values.TrackerState(
+            readiness=values.Readiness.READY if locked else values.Readiness.NOT_READY,
             initialised=True,
             laser_warm=True,
             beam_locked=locked,
             reflector="" if prism is None else prism.name,
         )
 
-    def weather(self) -> Weather:
+    def weather(self) -> values.Weather:
         """Ask for the air as the operator has set it: the instrument measures none itself."""
         return measuring.weather_set(self._session.connection)
 
-    def reflectors(self) -> tuple[Reflector, ...]:
+    def reflectors(self) -> tuple[values.Reflector, ...]:
         """Ask for the prisms that the instrument has definitions for.
 
         GeoCOM knows no offset from a prism to a surface; it is told as 0.
         """
         prisms = setup.known_prisms(self._session.connection)
-        return tuple(Reflector(prism.name, prism.kind, 0.0) for prism in prisms)
+        return tuple(values.Reflector(prism.name, prism.kind, 0.0) for prism in prisms)
 
     def prepare(self, reflector: str, measuring_time_s: float) -> None:  # noqa: ARG002 - see below
         """Bring the instrument to what measuring needs, and have it follow a prism in view.
@@ -122,7 +114,7 @@ class GeocomTracker(LaserTracker):
         """
         self._session.prepare(reflector)
 
-    def measure(self) -> Measurement:
+    def measure(self) -> values.Measurement:
         """Take one point; raises `BeamBroken` when the prism is lost or has no distance.
 
         One of these is `NoReflector`, when it was not followed before; another `NotAMeasurement`,
@@ -134,7 +126,7 @@ class GeocomTracker(LaserTracker):
         self._distance_at_ms = found.distance_at_ms
         measuring.require_lock(client, "measuring")
         setup.require_unchanged(client, agreed.settings)
-        return Measurement(
+        return values.Measurement(
             point_in_tracker_mm=found.point_mm,
             covariance_mm2=covariance_mm2(found.point_mm, agreed.accuracy, warned=found.warned),
             weather=measuring.weather_set(client),
@@ -142,11 +134,11 @@ class GeocomTracker(LaserTracker):
         )
 
     @override
-    def direction(self) -> Vector3 | None:
+    def direction(self) -> values.Vector3 | None:
         return measuring.telescope_direction(self._session.connection)
 
     @override
-    def go_to(self, point_in_tracker_mm: Vector3) -> None:
+    def go_to(self, point_in_tracker_mm: values.Vector3) -> None:
         client, *_ = self._session.prepared()
         measuring.turn_to(client, point_in_tracker_mm, SEARCH_RADIUS_MM)
 
@@ -167,7 +159,7 @@ class GeocomTracker(LaserTracker):
             first_transaction=number,
         )
 
-    def _greet(self, client: GeocomClient) -> Identity:
+    def _greet(self, client: GeocomClient) -> values.Identity:
         client.greet()
         return _identity(client)
 
@@ -183,9 +175,9 @@ class GeocomTracker(LaserTracker):
         return accuracy_of_class(None if found is None else found[0])
 
 
-def _identity(client: GeocomClient) -> Identity:
+def _identity(client: GeocomClient) -> values.Identity:
     firmware = client.ask(Rpc.CSV_GET_SW_VERSION, wholes(3))
-    return Identity(
+    return values.Identity(
         vendor="Leica",
         model=client.ask(Rpc.CSV_GET_INSTRUMENT_NAME, text),
         serial=str(client.ask(Rpc.CSV_GET_INSTRUMENT_NO, whole)),

@@ -6,7 +6,7 @@ from math import degrees, inf
 
 from typing_extensions import override
 
-from drivers import errors
+from drivers import errors, stopping
 from drivers.byte_log import no_reading
 from drivers.declaration import ControllerDriver, RobotSurroundings
 from drivers.link import never
@@ -17,7 +17,6 @@ from drivers.linuxcnc.settings import Coordinates, LinuxcncSettings, PosesOfJoin
 from drivers.polling import comes_true
 from drivers.ports import Clock, RobotController
 from drivers.session import DeviceSession
-from drivers.stopping import Alarm, StopProcedure, await_standstill, state_unknown, unheard
 from drivers.transport import CONNECT_S, Opener
 from drivers.values import Identity, Pose, RobotState
 
@@ -48,14 +47,14 @@ class LinuxcncRobot(RobotController):
         clock: Clock,
         settings: LinuxcncSettings,
         cancelled: Callable[[], bool] = never,
-        alarm: Alarm = unheard,
+        alarm: stopping.Alarm = stopping.unheard,
     ) -> None:
         self._open_transport = open_transport
         self._clock = clock
         self._settings, self._deadlines = settings, settings.deadlines
         self._store = settings.store
         self._poses_of: PosesOfJoints | None = None
-        self._stopping = StopProcedure(
+        self._stopping = stopping.StopProcedure(
             clock,
             within_s=settings.deadlines.stop_s,
             answer_s=settings.deadlines.stop_answer_s,
@@ -172,7 +171,7 @@ class LinuxcncRobot(RobotController):
                 self._give_back(self._session.connection)
         except errors.DriverError as error:
             if self._target is not None:
-                raise state_unknown(
+                raise stopping.state_unknown(
                     f"LinuxCNC could not be left standing ({error.problem})"
                 ) from error
         finally:
@@ -251,7 +250,7 @@ class LinuxcncRobot(RobotController):
             except errors.DeviceRefused:
                 self._cut_power(give_up_s)
         self._target = None
-        await_standstill(
+        stopping.await_standstill(
             self._is_moving, self._clock, give_up_s=give_up_s, pause_s=self._deadlines.poll_s
         )
 

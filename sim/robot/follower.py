@@ -50,10 +50,7 @@ class FollowingController:
         """Readings of the joints now."""
         joints, moving = self._follow()
         return ControllerState(
-            joints=tuple(map(float, joints)),
-            moving=moving,
-            fault="",
-            emergency_stop=False,
+            joints=tuple(map(float, joints)), moving=moving, fault="", emergency_stop=False
         )
 
     def encoders(self, now_s: float) -> Array:  # noqa: ARG002 - as in `state`

@@ -36,11 +36,7 @@ def is_level(flat: Mapping[str, float], kind: Kind) -> bool:
 
 
 def tilted_joints_for(
-    flat: Mapping[str, float],
-    kind: Kind,
-    sizes: KnownPlate,
-    position_mm: Array,
-    turn_rad: float,
+    flat: Mapping[str, float], kind: Kind, sizes: KnownPlate, position_mm: Array, turn_rad: float
 ) -> Array:
     """Encoder values (n,), rad or mm, that put the reflector where a level plate would have it.
 

@@ -12,15 +12,7 @@ from pydantic_core import ErrorDetails
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap
 
-from drivers.bounded_files import (
-    YAML_BYTES,
-    FileRefused,
-    bounded,
-    decoded,
-    is_there,
-    loaded_yaml,
-    read_bounded,
-)
+from drivers import bounded_files
 from sim.errors import ScenarioInvalid
 from sim.scenarios.schema import Scenario
 from sim.section import nearest
@@ -52,8 +44,10 @@ def load_scenario(name_or_path: str) -> Scenario:
 def parse_scenario(text: str, name: str) -> Scenario:
     """A scenario from its YAML; `name` is the file's, for messages. Raises `ScenarioInvalid`."""
     try:
-        tree = loaded_yaml(bounded(YAML(typ="safe", pure=True)), text, name)
-    except FileRefused as error:
+        tree = bounded_files.loaded_yaml(
+            bounded_files.bounded(YAML(typ="safe", pure=True)), text, name
+        )
+    except bounded_files.FileRefused as error:
         raise ScenarioInvalid(error.problem, remedy=error.remedy) from error
     if not isinstance(tree, dict) or tree.get("schema") != SCHEMA:
         raise ScenarioInvalid(
@@ -137,12 +131,14 @@ def _source(name_or_path: str) -> str:
     if name_or_path in shipped_scenarios():
         return shipped_text(name_or_path)
     path = Path(name_or_path)
-    if not is_there(path):
+    if not bounded_files.is_there(path):
         raise ScenarioInvalid(
             f"scenario '{name_or_path}' is neither a shipped one nor a file",
             remedy=nearest(name_or_path, shipped_scenarios()),
         )
     try:
-        return decoded(read_bounded(path, YAML_BYTES), str(path))
-    except FileRefused as error:
+        return bounded_files.decoded(
+            bounded_files.read_bounded(path, bounded_files.YAML_BYTES), str(path)
+        )
+    except bounded_files.FileRefused as error:
         raise ScenarioInvalid(error.problem, remedy=error.remedy) from error

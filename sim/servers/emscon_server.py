@@ -5,16 +5,8 @@ from dataclasses import replace
 from math import hypot
 
 from drivers.values import DISTANCE
+from drivers.wire import emscon
 from drivers.wire import emscon_messages as said
-from drivers.wire.emscon import (
-    Answer,
-    EmsconRequest,
-    FromClient,
-    FromClientFramer,
-    UnknownRequest,
-    encode,
-    refusal,
-)
 from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange, TrackerLight
 from sim.faults import Counted, Fault, FaultScript
 from sim.servers.emscon_instrument import EmsconInstrument, EmsconOutcome, wrong_parameter
@@ -59,7 +51,7 @@ class EmsconSession:
         self._send = send
         self._is_second = is_second
         self._faults = faults
-        self._framer = FromClientFramer()
+        self._framer = emscon.FromClientFramer()
         self._instrument = EmsconInstrument(tracker) if instrument is None else instrument
         self._pending: tuple[Command, float] | None = None
         """The one command that is under way, and when it ends."""
@@ -113,19 +105,19 @@ class EmsconSession:
         if self._pending is not None and now_s >= self._pending[1]:
             self._finish(self._pending[0], now_s)
 
-    def _obey(self, request: FromClient, now_s: float) -> None:
+    def _obey(self, request: emscon.FromClient, now_s: float) -> None:
         status = self._obstacle(request, now_s)
         if status != ResultStatus.ALL_OK:
-            self._send(refusal(request.command, status))
-        elif isinstance(request, EmsconRequest):
+            self._send(emscon.refusal(request.command, status))
+        elif isinstance(request, emscon.EmsconRequest):
             body = self._instrument.scale.heard(request.body)
             self._act(replace(request, body=body), now_s)
 
-    def _obstacle(self, request: FromClient, now_s: float) -> ResultStatus:
+    def _obstacle(self, request: emscon.FromClient, now_s: float) -> ResultStatus:
         """Status that says why a command cannot even be looked at."""
         if self._is_second:
             return ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED
-        if isinstance(request, UnknownRequest):
+        if isinstance(request, emscon.UnknownRequest):
             return ResultStatus.NOT_IMPLEMENTED
         stops = request.command == Command.STOP_MEASUREMENT and self._is_measuring
         return (
@@ -136,7 +128,7 @@ class EmsconSession:
     def _is_measuring(self) -> bool:
         return self._pending is not None and self._pending[0] == Command.START_MEASUREMENT
 
-    def _act(self, request: EmsconRequest, now_s: float) -> None:
+    def _act(self, request: emscon.EmsconRequest, now_s: float) -> None:
         match request.command:
             case Command.STOP_MEASUREMENT:
                 self._pending = None
@@ -159,10 +151,12 @@ class EmsconSession:
 
     def _answer(self, command: Command, outcome: EmsconOutcome) -> None:
         if outcome.status != ResultStatus.ALL_OK:
-            self._send(refusal(command, outcome.status))
+            self._send(emscon.refusal(command, outcome.status))
             return
         for body in outcome.bodies:
-            self._send(encode(Answer(command, body=self._instrument.scale.told(body))))
+            self._send(
+                emscon.encode(emscon.Answer(command, body=self._instrument.scale.told(body)))
+            )
         if outcome.change is not None:
             self._tell(outcome.change)
 
@@ -178,7 +172,7 @@ class EmsconSession:
         self._pending = (Command.START_MEASUREMENT, due_s)
         return ResultStatus.ALL_OK
 
-    def _move(self, request: EmsconRequest, now_s: float) -> None:
+    def _move(self, request: emscon.EmsconRequest, now_s: float) -> None:
         command, initialises = request.command, request.command == Command.INITIALIZE
         obstacle = ResultStatus.ALL_OK
         if not initialises and not self._tracker.initialised(now_s):
@@ -194,7 +188,7 @@ class EmsconSession:
         else:
             self._pending = command, now_s + move_s
 
-    def _motion_s(self, request: EmsconRequest, now_s: float) -> float | None:
+    def _motion_s(self, request: emscon.EmsconRequest, now_s: float) -> float | None:
         """Start a motion and return how long it takes; None: there is no such place."""
         body = request.body
         if isinstance(body, said.BeamTarget | said.ReflectorPlace) and _is_in_sight(*body.point):
@@ -215,7 +209,7 @@ class EmsconSession:
         if command == Command.GO_AND_MEASURE:
             status = self._begin_measurement(now_s)
             if status != ResultStatus.ALL_OK:
-                self._send(encode(said.ErrorResponse(command, status)))
+                self._send(emscon.encode(said.ErrorResponse(command, status)))
 
     def _deliver(self, now_s: float) -> None:
         shot = self._tracker.finish_measurement(now_s)
@@ -223,10 +217,10 @@ class EmsconSession:
             self._tell_failure()
             return
         if self._is_wrong("other_units"):
-            self._instrument.obey(EmsconRequest(Command.SET_UNITS, POWER_ON_UNITS), now_s)
+            self._instrument.obey(emscon.EmsconRequest(Command.SET_UNITS, POWER_ON_UNITS), now_s)
             self._tell(SystemChange.UNITS)
         result = self._instrument.scale.told(self._instrument.result_of(shot))
-        self._tell_result(encode(result), now_s)
+        self._tell_result(emscon.encode(result), now_s)
 
     def _tell_result(self, result: bytes, now_s: float) -> None:
         """Send a result, unless a fault has it come later or not at all."""
@@ -241,7 +235,7 @@ class EmsconSession:
         self._send(result)
 
     def _tell_failure(self) -> None:
-        self._send(encode(said.ErrorResponse(Command.START_MEASUREMENT, BEAM_LOST_STATUS)))
+        self._send(emscon.encode(said.ErrorResponse(Command.START_MEASUREMENT, BEAM_LOST_STATUS)))
 
     def _is_wrong(self, kind: str) -> bool:
         """Whether the present measurement has a fault of this kind."""
@@ -279,7 +273,7 @@ class EmsconSession:
         if self._is_measuring:
             failed, self._pending = Command.START_MEASUREMENT, None
         if failed != UNKNOWN_COMMAND or self._instrument.settings.send_unsolicited_messages:
-            self._send(encode(said.ErrorResponse(failed, BEAM_LOST_STATUS)))
+            self._send(emscon.encode(said.ErrorResponse(failed, BEAM_LOST_STATUS)))
 
     def _show(self, light: TrackerLight) -> None:
         """Tell the light when it changes; the first one is what the client finds."""
@@ -293,11 +287,11 @@ class EmsconSession:
         self._next_position_s = now_s + POSITION_INTERVAL_S
         if (point_mm := self._tracker.live_point(now_s)) is not None:
             told = said.ReflectorPosition(ResultStatus.ALL_OK, point_mm)
-            self._send(encode(self._instrument.scale.told(told)))
+            self._send(emscon.encode(self._instrument.scale.told(told)))
 
     def _tell(self, change: SystemChange) -> None:
         if self._instrument.settings.send_unsolicited_messages:
-            self._send(encode(said.StatusChange(change)))
+            self._send(emscon.encode(said.StatusChange(change)))
 
 
 def _is_in_sight(*coordinates_mm: float) -> bool:

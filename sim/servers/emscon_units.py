@@ -5,43 +5,37 @@ from dataclasses import dataclass, fields
 from math import pi, radians
 from typing import Any, TypeVar, cast
 
+from drivers.wire import emscon_constants
 from drivers.wire import emscon_messages as said
-from drivers.wire.emscon_constants import (
-    AngleUnit,
-    HumidityUnit,
-    LengthUnit,
-    PressureUnit,
-    TemperatureUnit,
-)
 
 MM_PER_UNIT: dict[int, float] = {
-    LengthUnit.METRE: 1000.0,
-    LengthUnit.MILLIMETRE: 1.0,
-    LengthUnit.MICRON: 0.001,
-    LengthUnit.FOOT: 304.8,
-    LengthUnit.YARD: 914.4,
-    LengthUnit.INCH: 25.4,
+    emscon_constants.LengthUnit.METRE: 1000.0,
+    emscon_constants.LengthUnit.MILLIMETRE: 1.0,
+    emscon_constants.LengthUnit.MICRON: 0.001,
+    emscon_constants.LengthUnit.FOOT: 304.8,
+    emscon_constants.LengthUnit.YARD: 914.4,
+    emscon_constants.LengthUnit.INCH: 25.4,
 }
 RAD_PER_UNIT: dict[int, float] = {
-    AngleUnit.RADIAN: 1.0,
-    AngleUnit.DEGREE: radians(1.0),
-    AngleUnit.GON: pi / 200.0,
+    emscon_constants.AngleUnit.RADIAN: 1.0,
+    emscon_constants.AngleUnit.DEGREE: radians(1.0),
+    emscon_constants.AngleUnit.GON: pi / 200.0,
 }
 HPA_PER_UNIT: dict[int, float] = {
-    PressureUnit.MILLIBAR: 1.0,
-    PressureUnit.HECTOPASCAL: 1.0,
-    PressureUnit.KILOPASCAL: 10.0,
-    PressureUnit.MM_MERCURY: 1.33322,
-    PressureUnit.PSI: 68.94757,
-    PressureUnit.INCH_WATER: 2.49082,
-    PressureUnit.INCH_MERCURY: 33.86379,
+    emscon_constants.PressureUnit.MILLIBAR: 1.0,
+    emscon_constants.PressureUnit.HECTOPASCAL: 1.0,
+    emscon_constants.PressureUnit.KILOPASCAL: 10.0,
+    emscon_constants.PressureUnit.MM_MERCURY: 1.33322,
+    emscon_constants.PressureUnit.PSI: 68.94757,
+    emscon_constants.PressureUnit.INCH_WATER: 2.49082,
+    emscon_constants.PressureUnit.INCH_MERCURY: 33.86379,
 }
 POWER_ON_UNITS = said.Units(
-    LengthUnit.METRE,
-    AngleUnit.RADIAN,
-    TemperatureUnit.CELSIUS,
-    PressureUnit.MILLIBAR,
-    HumidityUnit.RELATIVE_PERCENT,
+    emscon_constants.LengthUnit.METRE,
+    emscon_constants.AngleUnit.RADIAN,
+    emscon_constants.TemperatureUnit.CELSIUS,
+    emscon_constants.PressureUnit.MILLIBAR,
+    emscon_constants.HumidityUnit.RELATIVE_PERCENT,
 )
 QUANTITIES: dict[type[said.Body], str] = {
     said.StationOrientation: "la",
@@ -67,9 +61,9 @@ def first_unknown(units: said.Units) -> int | None:
     known = (
         units.length in MM_PER_UNIT,
         units.angle in RAD_PER_UNIT,
-        units.temperature in set(TemperatureUnit),
+        units.temperature in set(emscon_constants.TemperatureUnit),
         units.pressure in HPA_PER_UNIT,
-        units.humidity in set(HumidityUnit),
+        units.humidity in set(emscon_constants.HumidityUnit),
     )
     return None if all(known) else 1 + known.index(False)
 
@@ -83,7 +77,7 @@ class Scale:
     def told(self, message: Message) -> Message:
         """Convert a message for the wire."""
         mm, rad = MM_PER_UNIT[self.units.length], RAD_PER_UNIT[self.units.angle]
-        is_celsius = self.units.temperature == TemperatureUnit.CELSIUS
+        is_celsius = self.units.temperature == emscon_constants.TemperatureUnit.CELSIUS
         return _converted(
             message,
             {

@@ -22,9 +22,7 @@ from campaigns.estimation.observability import observability
 from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.options import PlanOptions
 from campaigns.planning.plans import Placement, joints_of, poses_of
-from campaigns.planning.predicted_uncertainty import (
-    Forecast,
-)
+from campaigns.planning.predicted_uncertainty import Forecast
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.planning import plan
 

@@ -27,11 +27,7 @@ def test_new_for_a_real_cell(capsys, tmp_path):
     words = ("new", folder, "--controller", CONTROLLER, "--tracker", TRACKER, "--json")
     code, out, err = said(capsys, *words)
     assert code == 0
-    assert json.loads(out) == {
-        "folder": str(folder),
-        "controller": CONTROLLER,
-        "tracker": TRACKER,
-    }
+    assert json.loads(out) == {"folder": str(folder), "controller": CONTROLLER, "tracker": TRACKER}
     assert "tracker.place_mm" in err
     made = open_campaign(folder)
     assert made.config.name == "cell-3"

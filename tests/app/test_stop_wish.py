@@ -4,14 +4,7 @@ import signal
 
 import pytest
 
-from app.interrupt import (
-    ENDING,
-    WATCHED,
-    StopRequest,
-    awaited_signal,
-    end_on_signals,
-    stop_on_signals,
-)
+from app import interrupt
 
 
 @pytest.fixture(autouse=True)
@@ -23,14 +16,14 @@ def heeded():
 
 
 def test_all_signals_of_an_operator_and_of_a_terminal_are_watched():
-    names = {number.name for number in WATCHED}
+    names = {number.name for number in interrupt.WATCHED}
     assert names == {"SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP"}
 
 
-@pytest.mark.parametrize("number", WATCHED)
+@pytest.mark.parametrize("number", interrupt.WATCHED)
 def test_a_signal_becomes_a_wish(number):
-    wish = StopRequest()
-    with stop_on_signals(wish):
+    wish = interrupt.StopRequest()
+    with interrupt.stop_on_signals(wish):
         assert not wish()
         signal.raise_signal(number)
         assert wish()
@@ -40,8 +33,8 @@ def test_a_signal_becomes_a_wish(number):
 
 
 def test_asking_again_changes_nothing():
-    wish = StopRequest()
-    with stop_on_signals(wish):
+    wish = interrupt.StopRequest()
+    with interrupt.stop_on_signals(wish):
         for _ in range(10):
             signal.raise_signal(signal.SIGINT)
     assert wish()
@@ -49,8 +42,8 @@ def test_asking_again_changes_nothing():
 
 
 def test_ctrl_c_and_then_a_lost_terminal_asks_nobody():
-    wish = StopRequest()
-    with stop_on_signals(wish):
+    wish = interrupt.StopRequest()
+    with interrupt.stop_on_signals(wish):
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGHUP)
     assert not wish.may_go_on
@@ -58,8 +51,8 @@ def test_ctrl_c_and_then_a_lost_terminal_asks_nobody():
 
 @pytest.mark.parametrize("last", [signal.SIGINT, signal.SIGTSTP])
 def test_after_a_lost_terminal_nobody_is_asked_whatever_comes(last):
-    wish = StopRequest()
-    with stop_on_signals(wish):
+    wish = interrupt.StopRequest()
+    with interrupt.stop_on_signals(wish):
         signal.raise_signal(signal.SIGHUP)
         signal.raise_signal(last)
     assert not wish.may_go_on
@@ -76,8 +69,8 @@ def ignored(request):
 
 @pytest.mark.parametrize("ignored", [signal.SIGHUP, signal.SIGTSTP], indirect=True)
 def test_what_nohup_has_us_ignore_stays_ignored(ignored):
-    wish = StopRequest()
-    with stop_on_signals(wish):
+    wish = interrupt.StopRequest()
+    with interrupt.stop_on_signals(wish):
         signal.raise_signal(ignored)
         assert not wish()
     assert signal.getsignal(ignored) is signal.SIG_IGN
@@ -85,28 +78,28 @@ def test_what_nohup_has_us_ignore_stays_ignored(ignored):
 
 @pytest.mark.parametrize("ignored", [signal.SIGINT], indirect=True)
 def test_ctrl_c_is_heard_although_a_run_was_started_in_the_background(ignored):
-    wish = StopRequest()
-    with stop_on_signals(wish):
+    wish = interrupt.StopRequest()
+    with interrupt.stop_on_signals(wish):
         signal.raise_signal(ignored)
     assert wish()
 
 
 def test_where_no_robot_moves_ctrl_z_does_what_it_always_does():
-    with end_on_signals(StopRequest()):
+    with interrupt.end_on_signals(interrupt.StopRequest()):
         assert signal.getsignal(signal.SIGTSTP) == signal.SIG_DFL
-        assert all(callable(signal.getsignal(number)) for number in ENDING)
+        assert all(callable(signal.getsignal(number)) for number in interrupt.ENDING)
 
 
 def test_afterwards_signals_do_what_they_did_before():
-    before = [signal.getsignal(number) for number in WATCHED]
-    with pytest.raises(ZeroDivisionError), stop_on_signals(StopRequest()):
+    before = [signal.getsignal(number) for number in interrupt.WATCHED]
+    with pytest.raises(ZeroDivisionError), interrupt.stop_on_signals(interrupt.StopRequest()):
         raise ZeroDivisionError
-    assert [signal.getsignal(number) for number in WATCHED] == before
+    assert [signal.getsignal(number) for number in interrupt.WATCHED] == before
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
 
 
 def test_a_signal_that_came_before_the_wait_is_not_lost():
-    with awaited_signal() as wait:
+    with interrupt.awaited_signal() as wait:
         signal.raise_signal(signal.SIGTERM)
         wait()

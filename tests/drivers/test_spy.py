@@ -10,13 +10,7 @@ from hypothesis import strategies as st
 from robotline_layouts import PAR4_LAYOUT
 from timed_pipe import HandClock, TimedPipe
 
-from drivers.byte_log import (
-    ByteLog,
-    LoggedTransport,
-    bytes_as_lines,
-    logged,
-    no_reading,
-)
+from drivers.byte_log import ByteLog, LoggedTransport, bytes_as_lines, logged, no_reading
 from drivers.catalog import CONTROLLERS, TRACKERS, controller_driver, tracker_driver
 from drivers.errors import LinkDown
 from drivers.wire import geocom, robotline

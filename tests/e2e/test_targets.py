@@ -27,11 +27,7 @@ SMALL = {
     "acceptance.distance_max_mm": 5.0,
 }
 """Unequal rods are more than the standard model explains: the limit accepts what that leaves."""
-IMPERFECT = {
-    "speed_up": 10_000,
-    "robot.repeatability": None,
-    "robot.thermal": None,
-}
+IMPERFECT = {"speed_up": 10_000, "robot.repeatability": None, "robot.thermal": None}
 """A robot that no 22 parameters explain, and that comes back to where it was."""
 HARDLY_ANY_NOISE = {
     f"tracker.noise.{of}.{key}": value

@@ -6,16 +6,9 @@ import CESAPI.packet as cesapi
 import pytest
 
 from drivers.wire import emscon_constants as ours
+from drivers.wire import emscon_messages
 from drivers.wire.emscon import SHAPES, Answer, EmsconRequest, encode
 from drivers.wire.emscon_constants import Command, DataType, ResultStatus
-from drivers.wire.emscon_messages import (
-    ErrorResponse,
-    ReflectorPosition,
-    SingleResult,
-    SingleResult2,
-    StatusChange,
-    codes_of,
-)
 
 pytestmark = pytest.mark.peer
 
@@ -47,10 +40,7 @@ THEIR_UNITS = {
     "ES_LU_": (ours.LengthUnit, ["Meter", "Millimeter", "Micron", "Foot", "Yard", "Inch"]),
     "ES_AU_": (ours.AngleUnit, ["Radian", "Degree", "Gon"]),
     "ES_TU_": (ours.TemperatureUnit, ["Celsius", "Fahrenheit"]),
-    "ES_PU_": (
-        ours.PressureUnit,
-        ["Mbar", "HPascal", "KPascal", "MmHg", "Psi", "InH2O", "InHg"],
-    ),
+    "ES_PU_": (ours.PressureUnit, ["Mbar", "HPascal", "KPascal", "MmHg", "Psi", "InH2O", "InHg"]),
     "ES_HU_": (ours.HumidityUnit, ["RH"]),
 }
 
@@ -58,7 +48,7 @@ THEIR_UNITS = {
 def example(kind):
     """A body in which no two fields are alike."""
     values = []
-    for number, code in enumerate(codes_of(kind), start=1):
+    for number, code in enumerate(emscon_messages.codes_of(kind), start=1):
         triple = (number + 0.25, number + 0.5, number + 0.75)
         values.append({"i": number, "d": number + 0.125, "v": triple, "s": f"text {number}"}[code])
     return kind(*values)
@@ -111,9 +101,9 @@ def test_answer_is_theirs(command):
 @pytest.mark.parametrize(
     ("kind", "name"),
     [
-        (SingleResult, "SingleMeasResultT"),
-        (SingleResult2, "SingleMeasResult2T"),
-        (ReflectorPosition, "ReflectorPosResultT"),
+        (emscon_messages.SingleResult, "SingleMeasResultT"),
+        (emscon_messages.SingleResult2, "SingleMeasResult2T"),
+        (emscon_messages.ReflectorPosition, "ReflectorPosResultT"),
     ],
 )
 def test_result_is_theirs(kind, name):
@@ -125,7 +115,11 @@ def test_result_is_theirs(kind, name):
 
 
 @pytest.mark.parametrize(
-    ("kind", "name"), [(StatusChange, "SystemStatusChangeT"), (ErrorResponse, "ErrorResponseT")]
+    ("kind", "name"),
+    [
+        (emscon_messages.StatusChange, "SystemStatusChangeT"),
+        (emscon_messages.ErrorResponse, "ErrorResponseT"),
+    ],
 )
 def test_what_comes_unasked_is_theirs(kind, name):
     body = example(kind)

@@ -16,11 +16,7 @@ from campaigns.robots.robot import find_robot, read_robot
 pytestmark = [*NEEDS_LINUXCNC, pytest.mark.timeout(240)]
 
 VARIANTS = {"par4-prototype": "cartesian", "delta": "delta", "linear-delta": "linear-delta"}
-SMALL = {
-    "plan.shots": 48,
-    "plan.validation_pairs": 5,
-    "settle.time_s": 0.05,
-}
+SMALL = {"plan.shots": 48, "plan.validation_pairs": 5, "settle.time_s": 0.05}
 BAD_BEFORE_MM = 1.0
 GOOD_AFTER_MM = 0.05
 

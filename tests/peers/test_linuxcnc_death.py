@@ -14,13 +14,7 @@ from linuxcnc_bench import (
     world_controller,
 )
 
-from drivers.errors import (
-    DeviceRefused,
-    DriverError,
-    LinkDown,
-    RobotStateUnknown,
-    WrongDevice,
-)
+from drivers.errors import DeviceRefused, DriverError, LinkDown, RobotStateUnknown, WrongDevice
 from drivers.linuxcnc.settings import Coordinates
 
 pytestmark = NEEDS_LINUXCNC

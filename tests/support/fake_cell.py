@@ -17,18 +17,8 @@ from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell, Work
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import find_robot
+from drivers import values
 from drivers.errors import BeamBroken, Cancelled
-from drivers.values import (
-    Identity,
-    Measurement,
-    Pose,
-    Readiness,
-    Reflector,
-    RobotState,
-    TrackerState,
-    Vector3,
-    Weather,
-)
 
 ROBOT = find_robot("par4-prototype").robot
 NOMINAL = par4(dict(ROBOT.parameters))
@@ -37,7 +27,7 @@ TRACKER_FROM_BASE = Transform(
     small_rotation(np.array([2.1, 0.02, -0.03]))[0], np.array([2500.0, 400.0, 300.0])
 )
 COVARIANCE_MM2 = ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-4))
-AIR = Weather(20.0, 1013.0, 50.0)
+AIR = values.Weather(20.0, 1013.0, 50.0)
 MEASURING_S = 1.0
 PATIENCE_S = 0.05
 
@@ -68,8 +58,8 @@ class FakeRobot:
         self._moves = 0
         self._readings = 0
 
-    def identity(self) -> Identity:
-        return Identity("Acme", "Par4", self.serial, "1.0", "robotline")
+    def identity(self) -> values.Identity:
+        return values.Identity("Acme", "Par4", self.serial, "1.0", "robotline")
 
     def true_joints(self) -> np.ndarray:
         left_s = self._ends_s - self.clock.now_s()
@@ -78,7 +68,7 @@ class FakeRobot:
         part = 1.0 - left_s / (self._ends_s - self._began_s)
         return self._from + part * (self.joints - self._from)
 
-    def state(self) -> RobotState:
+    def state(self) -> values.RobotState:
         self._log("robot.state")
         if self.state_errors:
             raise self.state_errors.pop()
@@ -86,13 +76,15 @@ class FakeRobot:
         joints = self.true_joints() + (self.wobble_rad * (self._readings % 2)) * np.eye(4)[2]
         moving = self.keeps_moving or self.clock.now_s() < self._ends_s
         raw = f"reading {self._readings}"
-        return RobotState(tuple(joints.tolist()), moving, self.fault, self.emergency_stop, raw)
+        return values.RobotState(
+            tuple(joints.tolist()), moving, self.fault, self.emergency_stop, raw
+        )
 
     def move_joints(self, joints: Sequence[float], speed_fraction: float) -> None:
         self._log("robot.move_joints", *rounded_deg(joints))
         self._move(np.array(joints), speed_fraction)
 
-    def move_pose(self, pose: Pose, speed_fraction: float) -> None:
+    def move_pose(self, pose: values.Pose, speed_fraction: float) -> None:
         self._log("robot.move_pose", pose.x_mm, pose.y_mm, pose.z_mm, round(pose.theta_rad, 6))
         row = np.array([[pose.x_mm, pose.y_mm, pose.z_mm, pose.theta_rad]])
         self._move(par4(self.geometry).inverse(row).values_or_raise()[0], speed_fraction)
@@ -142,7 +134,7 @@ class FakeTracker:
     robot: FakeRobot
     truth: Kinematics = NOMINAL
     serial: str = "T-7"
-    air: Weather = AIR
+    air: values.Weather = AIR
     shifted_mm: np.ndarray = field(default_factory=lambda: np.zeros(3))
     on_wrong_target: bool = False
     beam_broken: bool = False
@@ -152,22 +144,22 @@ class FakeTracker:
     cancelled: Callable[[], bool] = lambda: False
     measured: int = 0
 
-    def identity(self) -> Identity:
-        return Identity("Leica", "AT403", self.serial, "2.3", "emScon")
+    def identity(self) -> values.Identity:
+        return values.Identity("Leica", "AT403", self.serial, "2.3", "emScon")
 
-    def state(self) -> TrackerState:
-        return TrackerState(Readiness.READY, True, True, not self.beam_broken, "CCR")
+    def state(self) -> values.TrackerState:
+        return values.TrackerState(values.Readiness.READY, True, True, not self.beam_broken, "CCR")
 
-    def weather(self) -> Weather:
+    def weather(self) -> values.Weather:
         return self.air
 
-    def reflectors(self) -> tuple[Reflector, ...]:
-        return (Reflector("CCR", 1, 19.05),)
+    def reflectors(self) -> tuple[values.Reflector, ...]:
+        return (values.Reflector("CCR", 1, 19.05),)
 
     def prepare(self, reflector: str, measuring_time_s: float) -> None:
         pass
 
-    def measure(self) -> Measurement:
+    def measure(self) -> values.Measurement:
         self.calls.append(("tracker.measure",))
         self.measured += 1
         if act := self.during_measure.pop(self.measured, None):
@@ -176,22 +168,22 @@ class FakeTracker:
         if self.beam_broken:
             raise BeamBroken("the beam is broken", remedy="find the reflector")
         raw = f"measurement {self.measured}"
-        return Measurement(self.seen_mm(), COVARIANCE_MM2, self.air, raw)
+        return values.Measurement(self.seen_mm(), COVARIANCE_MM2, self.air, raw)
 
-    def seen_mm(self) -> Vector3:
+    def seen_mm(self) -> values.Vector3:
         if self.on_wrong_target:
             return (1000.0, 2000.0, 300.0)
         plate = self.truth.forward(self.robot.true_joints()[None]).values_or_raise()[:, :3]
         point = TRACKER_FROM_BASE.apply(plate)[0] + self.shifted_mm
         return tuple(point.tolist())
 
-    def direction(self) -> Vector3 | None:
+    def direction(self) -> values.Vector3 | None:
         if not self.tells_direction:
             return None
         point_mm = np.array(self.seen_mm())
         return tuple((point_mm / np.linalg.norm(point_mm)).tolist())
 
-    def go_to(self, point_in_tracker_mm: Vector3) -> None:
+    def go_to(self, point_in_tracker_mm: values.Vector3) -> None:
         self.calls.append(("tracker.go_to", tuple(round(v, 1) for v in point_in_tracker_mm)))
         self.on_wrong_target = False
         away_mm = np.linalg.norm(np.subtract(point_in_tracker_mm, self.seen_mm()))

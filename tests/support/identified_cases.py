@@ -128,11 +128,7 @@ def identified(
     key = (id(data), id(poses), how)
     if key not in FOUND:
         options = IdentificationOptions(
-            estimator=estimator,
-            loss=loss,
-            outliers=outliers,
-            weights=weights,
-            workspace=poses,
+            estimator=estimator, loss=loss, outliers=outliers, weights=weights, workspace=poses
         )
         found = identify(NOMINAL, data, select_parameters(SPACE, free, fix, prior), options)
         FOUND[key] = (data, poses, found)

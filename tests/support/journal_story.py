@@ -12,29 +12,15 @@ from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 
+from campaigns.journal import records
 from campaigns.journal.journal import Journal, open_journal
-from campaigns.journal.records import (
-    Durations,
-    Event,
-    Finding,
-    Intent,
-    Outcome,
-    PairVoided,
-    Record,
-    Rejected,
-    SeriesFinished,
-    SeriesStarted,
-    SessionStarted,
-    SessionStopped,
-    Stage,
-)
 from drivers.values import Identity, Pose, Weather
 
 ROBOT = Identity("Acme", "Par4", "R-1", "1.0", "robotline")
 TRACKER = Identity("Leica", "AT403", "T-7", "2.3", "emScon")
 WEATHER = Weather(20.5, 1013.25, 45.0)
-SESSION = SessionStarted("0.1.0", ROBOT, TRACKER, WEATHER)
-STOPPED = SessionStopped("finished", "")
+SESSION = records.SessionStarted("0.1.0", ROBOT, TRACKER, WEATHER)
+STOPPED = records.SessionStopped("finished", "")
 
 
 def ticking() -> Callable[[], str]:
@@ -43,19 +29,19 @@ def ticking() -> Callable[[], str]:
     return lambda: f"2026-03-02T08:00:{next(seconds):02d}Z"
 
 
-def beginning(stage: Stage = "run") -> SeriesStarted:
-    return SeriesStarted(
+def beginning(stage: records.Stage = "run") -> records.SeriesStarted:
+    return records.SeriesStarted(
         stage, "p1an", {"settle": {"within_s": 5.0}}, "0.1.0", "r0b0t", ROBOT, TRACKER, WEATHER
     )
 
 
-def intent(shot: int, attempt: int = 1) -> Intent:
+def intent(shot: int, attempt: int = 1) -> records.Intent:
     target = Pose(100.0, -20.0, -650.0, 0.25)
-    return Intent(shot, attempt, "identification", target, (0.1, 0.2, 0.3, 0.4), "joints")
+    return records.Intent(shot, attempt, "identification", target, (0.1, 0.2, 0.3, 0.4), "joints")
 
 
-def outcome(shot: int, attempt: int = 1, *, x_mm: float = 1000.1) -> Outcome:
-    return Outcome(
+def outcome(shot: int, attempt: int = 1, *, x_mm: float = 1000.1) -> records.Outcome:
+    return records.Outcome(
         shot,
         attempt,
         joints=(0.1, 0.2, 0.3, 0.1 + 0.2),
@@ -64,49 +50,53 @@ def outcome(shot: int, attempt: int = 1, *, x_mm: float = 1000.1) -> Outcome:
         weather=WEATHER,
         raw_robot="#12 STATE θ=0.3\x00\r\n",
         raw_tracker="00ff",
-        durations=Durations(1.5, 0.5, 2.0),
+        durations=records.Durations(1.5, 0.5, 2.0),
         predicted_in_tracker_mm=(1000.0, -2000.0, 0.0),
         residual_mm=0.22,
     )
 
 
-def imported(shot: int) -> Outcome:
+def imported(shot: int) -> records.Outcome:
     """A shot of which only the least is known."""
-    return Outcome(shot, 1, (0.0,) * 4, (1.0, 2.0, 3.0), None, None, "", "", None)
+    return records.Outcome(shot, 1, (0.0,) * 4, (1.0, 2.0, 3.0), None, None, "", "", None)
 
 
 def tell(journal: Journal) -> None:
     """One record of every kind, a crash, and a pair that is measured twice."""
     run = journal.start_series(beginning())
-    before_the_crash: tuple[Record, ...] = (
+    before_the_crash: tuple[records.Record, ...] = (
         SESSION,
-        Event("operator note", "reflector cleaned – σ was 12 µm"),
+        records.Event("operator note", "reflector cleaned – σ was 12 µm"),
         intent(1),
         outcome(1),
         intent(2),
-        Rejected(2, 1, "3.1 mm from the prediction, the gate is 1 mm", outcome(2, x_mm=3.1)),
-        PairVoided(1, (1, 2), "shot 2 was rejected"),
+        records.Rejected(
+            2, 1, "3.1 mm from the prediction, the gate is 1 mm", outcome(2, x_mm=3.1)
+        ),
+        records.PairVoided(1, (1, 2), "shot 2 was rejected"),
         intent(1, 2),
     )
-    after_the_crash: tuple[Record, ...] = (
+    after_the_crash: tuple[records.Record, ...] = (
         SESSION,
         intent(1, 3),
         outcome(1, 3, x_mm=1000.3),
         intent(2, 2),
-        Rejected(2, 2, "beam broken"),
+        records.Rejected(2, 2, "beam broken"),
         intent(2, 3),
         outcome(2, 3),
-        SeriesFinished(),
+        records.SeriesFinished(),
         STOPPED,
     )
     for record in before_the_crash + after_the_crash:
         journal.append(record, series=run)
     received = journal.start_series(
-        SeriesStarted("import", "", {}, "0.1.0", "r0b0t", None, None, None)
+        records.SeriesStarted("import", "", {}, "0.1.0", "r0b0t", None, None, None)
     )
     journal.append(intent(1), series=received)
     journal.append(imported(1), series=received)
-    journal.append(Finding("identification", {"journal": journal.digest(), "converged": True}))
+    journal.append(
+        records.Finding("identification", {"journal": journal.digest(), "converged": True})
+    )
 
 
 def write_story(path: Path) -> None:

@@ -19,16 +19,8 @@ from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import select_parameters
 from campaigns.identification.result import RecordedIdentification
+from campaigns.journal import records
 from campaigns.journal.journal import Journal, open_journal
-from campaigns.journal.records import (
-    Finding,
-    Intent,
-    Outcome,
-    SeriesFinished,
-    SeriesStarted,
-    SessionStarted,
-    SessionStopped,
-)
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plan_file import PlannedShot, plan_digest, write_plan
 from campaigns.robots.robot import find_robot, pose_of, write_new_robot
@@ -104,15 +96,17 @@ class PaperCampaign:
         digest = self.robot_digest()
         with self.journal() as journal:
             plan = plan_digest(shots, MECHANISM)
-            started = SeriesStarted(stage, plan, {}, "0.1.0", digest, CONTROLLER, TRACKER, air)
+            started = records.SeriesStarted(
+                stage, plan, {}, "0.1.0", digest, CONTROLLER, TRACKER, air
+            )
             series = journal.start_series(started)
-            journal.append(SessionStarted("0.1.0", CONTROLLER, TRACKER, air), series=series)
+            journal.append(records.SessionStarted("0.1.0", CONTROLLER, TRACKER, air), series=series)
             for shot in shots:
                 self._take(journal, series, shot, as_joints=stage == "run")
             if finished:
-                journal.append(SeriesFinished(), series=series)
+                journal.append(records.SeriesFinished(), series=series)
             if stopped:
-                journal.append(SessionStopped("finished", ""), series=series)
+                journal.append(records.SessionStopped("finished", ""), series=series)
         return series
 
     def identify(self, estimator: Estimator = Estimator.POINTS) -> None:
@@ -133,7 +127,7 @@ class PaperCampaign:
                 journal_records=journal.last_number(),
                 at_utc=self.clock(),
             )
-            journal.append(Finding("identification", found.document()))
+            journal.append(records.Finding("identification", found.document()))
 
     def export_and_load(self) -> None:
         """Put the identified parameters into the controller."""
@@ -143,12 +137,12 @@ class PaperCampaign:
             write_new_robot(self.folder / "robot-compensated.yaml", robot)
             self.controller = robot.robot.kinematics
             body = {"source": "robot-compensated.yaml", "digest": robot.robot.digest(), "kept": "k"}
-            journal.append(Finding("load", body))
+            journal.append(records.Finding("load", body))
 
     def robot_digest(self) -> str:
         return with_values(NOMINAL.robot, self.controller.parameters).digest()
 
-    def outcome(self, number: int, attempt: int, joints: np.ndarray) -> Outcome:
+    def outcome(self, number: int, attempt: int, joints: np.ndarray) -> records.Outcome:
         """What controller and tracker say at these joints."""
         true = {**NOMINAL.robot.parameters}
         true |= {name: true[name] + error for name, error in ERRORS.items()}
@@ -157,7 +151,7 @@ class PaperCampaign:
         variance = NOISE_MM**2
         covariance = tuple(tuple(variance * (r == c) for c in range(3)) for r in range(3))
         air = Weather(20.0 + 0.01 * number, 1013.2, 45.0)
-        return Outcome(
+        return records.Outcome(
             number,
             attempt,
             tuple(joints.tolist()),
@@ -176,7 +170,7 @@ class PaperCampaign:
             joints = self.controller.inverse(pose).values_or_raise()[0]
         command = "joints" if as_joints else "pose"
         purpose = shot.purpose.value
-        intent = Intent(
+        intent = records.Intent(
             shot.shot, 1, purpose, shot.pose, tuple(joints.tolist()), command, shot.pair
         )
         journal.append(intent, series=series)

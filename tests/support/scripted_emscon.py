@@ -3,25 +3,11 @@
 from timed_pipe import HandClock, TimedPipe
 
 from drivers.emscon.tracker import EmsconTracker
+from drivers.wire import emscon_messages
 from drivers.wire.emscon import NOTHING, Answer, FromClientFramer, encode, refusal
 from drivers.wire.emscon_constants import Command
-from drivers.wire.emscon_messages import (
-    CoordinateSystem,
-    Environment,
-    MeasurementMode,
-    MeasurementStatusInfo,
-    ReflectorChoice,
-    ReflectorEntry,
-    SingleResult2,
-    StationaryMode,
-    SystemSettings,
-    SystemStatus,
-    TrackerInfo,
-    TrackerStatus,
-    Units,
-)
 
-RESULT = SingleResult2(
+RESULT = emscon_messages.SingleResult2(
     status=0,
     mode=0,
     is_trial=0,
@@ -49,7 +35,7 @@ NAMES = {12: "CCR-1.5in", 3: "CCR-0.5in", 40: "RRR 1.5in"}
 
 
 def system_status(processor=5, laser=3, serial=390793):
-    return SystemStatus(0, processor, laser, 2, 3, 8, 500, 2, 0, serial)
+    return emscon_messages.SystemStatus(0, processor, laser, 2, 3, 8, 500, 2, 0, serial)
 
 
 class Instrument:
@@ -64,22 +50,26 @@ class Instrument:
         self.refuses = {}
         self.state = {
             Command.GET_SYSTEM_STATUS: system_status(),
-            Command.GET_TRACKER_STATUS: TrackerStatus(2),
-            Command.GET_UNITS: Units(0, 0, 0, 0, 0),
-            Command.GET_COORDINATE_SYSTEM_TYPE: CoordinateSystem(7),
-            Command.GET_MEASUREMENT_MODE: MeasurementMode(21),
-            Command.GET_STATIONARY_MODE_PARAMS: StationaryMode(100, 0),
-            Command.GET_REFLECTOR: ReflectorChoice(3),
-            Command.GET_SYSTEM_SETTINGS: SystemSettings(1, 1, 1, 0, 0, 1, 1, 1, 1),
-            Command.GET_ENVIRONMENT_PARAMS: Environment(20.5, 1001.0, 45.0),
-            Command.GET_MEASUREMENT_STATUS_INFO: MeasurementStatusInfo(0, 2048 | 65536),
-            Command.GET_TRACKER_INFO: TrackerInfo(70, "AT401", 390793, *[0] * 14),
+            Command.GET_TRACKER_STATUS: emscon_messages.TrackerStatus(2),
+            Command.GET_UNITS: emscon_messages.Units(0, 0, 0, 0, 0),
+            Command.GET_COORDINATE_SYSTEM_TYPE: emscon_messages.CoordinateSystem(7),
+            Command.GET_MEASUREMENT_MODE: emscon_messages.MeasurementMode(21),
+            Command.GET_STATIONARY_MODE_PARAMS: emscon_messages.StationaryMode(100, 0),
+            Command.GET_REFLECTOR: emscon_messages.ReflectorChoice(3),
+            Command.GET_SYSTEM_SETTINGS: emscon_messages.SystemSettings(1, 1, 1, 0, 0, 1, 1, 1, 1),
+            Command.GET_ENVIRONMENT_PARAMS: emscon_messages.Environment(20.5, 1001.0, 45.0),
+            Command.GET_MEASUREMENT_STATUS_INFO: emscon_messages.MeasurementStatusInfo(
+                0, 2048 | 65536
+            ),
+            Command.GET_TRACKER_INFO: emscon_messages.TrackerInfo(70, "AT401", 390793, *[0] * 14),
         }
         self.result = RESULT
 
     def lose_the_beam(self):
-        self.state[Command.GET_TRACKER_STATUS] = TrackerStatus(0)
-        self.state[Command.GET_MEASUREMENT_STATUS_INFO] = MeasurementStatusInfo(0, 65536)
+        self.state[Command.GET_TRACKER_STATUS] = emscon_messages.TrackerStatus(0)
+        self.state[Command.GET_MEASUREMENT_STATUS_INFO] = emscon_messages.MeasurementStatusInfo(
+            0, 65536
+        )
 
     def respond(self, data):
         (request,) = FromClientFramer().feed(data)
@@ -106,7 +96,14 @@ class Instrument:
             self.state[SETS[command]] = request.body
         if command == Command.GET_REFLECTORS:
             return [
-                (0.0, Answer(command, 0, ReflectorEntry(len(NAMES), number, 1, 19.05, name)))
+                (
+                    0.0,
+                    Answer(
+                        command,
+                        0,
+                        emscon_messages.ReflectorEntry(len(NAMES), number, 1, 19.05, name),
+                    ),
+                )
                 for number, name in NAMES.items()
             ]
         answer = (0.0, Answer(command, 0, self.state.get(command, NOTHING)))

@@ -3,14 +3,7 @@
 from timed_pipe import HandClock, TimedPipe
 
 from drivers.geocom.tracker import GeocomTracker
-from drivers.wire.geocom import (
-    Abort,
-    GeocomReply,
-    decode_request,
-    encode_reply,
-    line_framer,
-    words_of,
-)
+from drivers.wire import geocom
 from drivers.wire.geocom_constants import Result, Rpc
 
 POINT_M = (2.5, -1.25, 0.75)
@@ -37,31 +30,31 @@ class Instrument:
         self.asked = []
         self.says = {}
         self.answers = {
-            Rpc.COM_GET_DOUBLE_PRECISION: (0, words_of(15)),
-            Rpc.COM_GET_SW_VERSION: (0, words_of(1, 50, 0)),
-            Rpc.CSV_GET_INSTRUMENT_NO: (0, words_of(361234)),
-            Rpc.CSV_GET_INSTRUMENT_NAME: (0, words_of("TDRA6000")),
-            Rpc.CSV_GET_SW_VERSION: (0, words_of(4, 1, 2)),
-            Rpc.CSV_GET_DEVICE_CONFIG: (0, words_of(350, 0x0C)),
-            Rpc.TMC_GET_STATION: (0, words_of(100.0, 200.0, 10.0, 1.5)),
-            Rpc.TMC_GET_HEIGHT: (0, words_of(1.7)),
-            Rpc.TMC_GET_PRISM_CORR: (0, words_of(0.0344)),
-            Rpc.TMC_GET_GEO_PPM: (0, words_of(1, 0.9996, 0.0, 12.0, 0.0)),
-            Rpc.TMC_GET_ATM_CORR: (0, words_of(6.58e-7, 1013.25, 20.0, 13.9)),
-            Rpc.TMC_IF_DATA_AZE_CORR_ERROR: (0, words_of(0)),
-            Rpc.TMC_GET_COORDINATE: (0, words_of(*POINT_M, 1000, *POINT_M, 1001)),
-            Rpc.MOT_READ_LOCK_STATUS: (0, words_of(1)),
-            Rpc.BAP_GET_TARGET_TYPE: (0, words_of(1)),
-            Rpc.BAP_GET_PRISM_TYPE_2: (0, words_of(0, "Leica Circ Prism")),
+            Rpc.COM_GET_DOUBLE_PRECISION: (0, geocom.words_of(15)),
+            Rpc.COM_GET_SW_VERSION: (0, geocom.words_of(1, 50, 0)),
+            Rpc.CSV_GET_INSTRUMENT_NO: (0, geocom.words_of(361234)),
+            Rpc.CSV_GET_INSTRUMENT_NAME: (0, geocom.words_of("TDRA6000")),
+            Rpc.CSV_GET_SW_VERSION: (0, geocom.words_of(4, 1, 2)),
+            Rpc.CSV_GET_DEVICE_CONFIG: (0, geocom.words_of(350, 0x0C)),
+            Rpc.TMC_GET_STATION: (0, geocom.words_of(100.0, 200.0, 10.0, 1.5)),
+            Rpc.TMC_GET_HEIGHT: (0, geocom.words_of(1.7)),
+            Rpc.TMC_GET_PRISM_CORR: (0, geocom.words_of(0.0344)),
+            Rpc.TMC_GET_GEO_PPM: (0, geocom.words_of(1, 0.9996, 0.0, 12.0, 0.0)),
+            Rpc.TMC_GET_ATM_CORR: (0, geocom.words_of(6.58e-7, 1013.25, 20.0, 13.9)),
+            Rpc.TMC_IF_DATA_AZE_CORR_ERROR: (0, geocom.words_of(0)),
+            Rpc.TMC_GET_COORDINATE: (0, geocom.words_of(*POINT_M, 1000, *POINT_M, 1001)),
+            Rpc.MOT_READ_LOCK_STATUS: (0, geocom.words_of(1)),
+            Rpc.BAP_GET_TARGET_TYPE: (0, geocom.words_of(1)),
+            Rpc.BAP_GET_PRISM_TYPE_2: (0, geocom.words_of(0, "Leica Circ Prism")),
             Rpc.BAP_GET_PRISM_DEF: (2, ()),
             Rpc.BAP_GET_USER_PRISM_DEF: (2, ()),
         }
         self.says[Rpc.BAP_GET_PRISM_DEF] = self._standard_prism
         self.says[Rpc.BAP_GET_USER_PRISM_DEF] = self._user_prism
-        self._lines = line_framer()
+        self._lines = geocom.line_framer()
 
     def lose_the_prism(self):
-        self.answers[Rpc.MOT_READ_LOCK_STATUS] = (0, words_of(0))
+        self.answers[Rpc.MOT_READ_LOCK_STATUS] = (0, geocom.words_of(0))
 
     def refuses(self, rpc, result):
         self.answers[rpc] = (result, ())
@@ -78,11 +71,11 @@ class Instrument:
 
     def reply(self, request):
         result, words = self.answers.get(request.rpc, (0, ()))
-        return encode_reply(GeocomReply(0, request.transaction, result, words))
+        return geocom.encode_reply(geocom.GeocomReply(0, request.transaction, result, words))
 
     def _said(self, line):
-        request = decode_request(line)
-        assert not isinstance(request, Abort)
+        request = geocom.decode_request(line)
+        assert not isinstance(request, geocom.Abort)
         self.asked.append(request)
         said = self.says.get(request.rpc)
         if callable(said):
@@ -96,13 +89,13 @@ class Instrument:
     def _standard_prism(self, request):
         names = {"0": "Leica Circ Prism", "1": "Leica Mini Prism"}
         name = names.get(request.parameters[0])
-        reply = (0, words_of(name, 0.0, 1)) if name else (Result.INVALID_PARAMETER, ())
-        return [(0.01, encode_reply(GeocomReply(0, request.transaction, *reply)))]
+        reply = (0, geocom.words_of(name, 0.0, 1)) if name else (Result.INVALID_PARAMETER, ())
+        return [(0.01, geocom.encode_reply(geocom.GeocomReply(0, request.transaction, *reply)))]
 
     def _user_prism(self, request):
-        known = request.parameters == words_of(CCR)
-        reply = (0, words_of(0.0344, 1, "shop")) if known else (Result.INVALID_PARAMETER, ())
-        return [(0.01, encode_reply(GeocomReply(0, request.transaction, *reply)))]
+        known = request.parameters == geocom.words_of(CCR)
+        reply = (0, geocom.words_of(0.0344, 1, "shop")) if known else (Result.INVALID_PARAMETER, ())
+        return [(0.01, geocom.encode_reply(geocom.GeocomReply(0, request.transaction, *reply)))]
 
 
 class Bench:

@@ -5,15 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.papers.corbel2006 import trials
 from app.papers.corbel2006.comparison import Distribution, of_experiment
 from app.papers.corbel2006.printed import LINES_MM, PAIRS, TRACKER_NOISE_MM, allowed, printed
-from app.papers.corbel2006.trials import (
-    PROTOTYPE,
-    REPEATABILITY,
-    REPEATABILITY_MM,
-    SIMULATION,
-    TrialResult,
-)
 from campaigns.arrays import AXES, Array, Mask
 from campaigns.estimation.point_sets import away_from_best_line, farthest_apart, longest_mm
 from campaigns.mechanisms.par4 import PAR4
@@ -53,7 +47,7 @@ def floors(rng: np.random.Generator, draws: int = DRAWS) -> tuple[Floor, ...]:
     """Floors of the tests that bear on a difference from the paper."""
     tests, unseen = ValidationConfig(), PlanConfig().validation_pairs
     ideal = np.outer(np.linspace(0.0, LINES_MM[0], tests.line_points), (1.0, 0.0, 0.0))
-    lines = tuple(printed(PROTOTYPE, f"along {axis}, after") for axis in AXES)
+    lines = tuple(printed(trials.PROTOTYPE, f"along {axis}, after") for axis in AXES)
 
     def floor(name: str, figure: Drawn, *paper: str, noise: str = "± 0.4/√3") -> Floor:
         return Floor(name, noise, np.array([figure(rng) for _ in range(draws)]), paper)
@@ -62,18 +56,18 @@ def floors(rng: np.random.Generator, draws: int = DRAWS) -> tuple[Floor, ...]:
         floor(
             "60 fitted pairs: largest error",
             lambda rng: _fitted_mm(rng, _tracked_mm(rng, PAIRS)),
-            printed(SIMULATION, "fitted pairs, after"),
+            printed(trials.SIMULATION, "fitted pairs, after"),
             noise="σ 0.015/√3",
         ),
         floor(
             "60 fitted pairs: largest error",
             lambda rng: _fitted_mm(rng, _repeated_mm(rng, PAIRS)),
-            printed(REPEATABILITY, "fitted pairs, after"),
+            printed(trials.REPEATABILITY, "fitted pairs, after"),
         ),
         floor(
             "rotation: 19 points, two most distant",
             lambda rng: _most_distant_mm(_scattered(rng, tests.rotation_steps)),
-            printed(PROTOTYPE, "rotation, after"),
+            printed(trials.PROTOTYPE, "rotation, after"),
         ),
         floor(
             "straightness: 17 points from best line",
@@ -83,19 +77,19 @@ def floors(rng: np.random.Generator, draws: int = DRAWS) -> tuple[Floor, ...]:
         floor(
             "20 unseen pairs: mean error",
             lambda rng: float(np.abs(_repeated_mm(rng, unseen)).mean()),
-            printed(PROTOTYPE, "mean, after"),
+            printed(trials.PROTOTYPE, "mean, after"),
         ),
         floor(
             "20 unseen pairs: largest error",
             lambda rng: float(np.abs(_repeated_mm(rng, unseen)).max()),
-            printed(PROTOTYPE, "max, after"),
+            printed(trials.PROTOTYPE, "max, after"),
         ),
     )
 
 
 def _scattered(rng: np.random.Generator, count: int) -> Array:
     """Points that should be one, (count, 3)."""
-    return rng.uniform(-REPEATABILITY_MM, REPEATABILITY_MM, (count, 3))
+    return rng.uniform(-trials.REPEATABILITY_MM, trials.REPEATABILITY_MM, (count, 3))
 
 
 def _most_distant_mm(points: Array) -> float:
@@ -195,10 +189,10 @@ class Evidence:
     pairs: PairLengths | None
 
 
-def evidence(results: Sequence[TrialResult]) -> Evidence:
+def evidence(results: Sequence[trials.TrialResult]) -> Evidence:
     """Draw and compute it."""
     pairs = None
-    if own := of_experiment(results, PROTOTYPE):
+    if own := of_experiment(results, trials.PROTOTYPE):
         lengths_mm = np.concatenate([result.before.lengths_mm for result in own])
         errors_mm = np.abs(np.concatenate([result.before.errors_mm for result in own]))
         pairs = PairLengths(lengths_mm, errors_mm)

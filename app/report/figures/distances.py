@@ -7,17 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
-from app.report.figures.drawing import (
-    AFTER,
-    BEFORE,
-    INK,
-    QUIET,
-    in_house_style,
-    legend_above,
-    new_figure,
-    say_instead,
-    zero_line,
-)
+from app.report.figures import drawing
 from app.report.groups import PairGroup
 from campaigns.arrays import Array, Index
 
@@ -30,20 +20,20 @@ SHADES = (0.95, 0.45, 0.1)
 """Of the groups in a histogram."""
 
 
-@in_house_style
+@drawing.in_house_style
 def pair_errors(
     groups: Sequence[PairGroup], *, quantity: str = "error of distance", what: str = "pairs"
 ) -> Figure:
     """Errors of every pair or shot, before and after; below, after alone on its own scale."""
     has_after = any(group.after_mm is not None for group in groups)
     has_both = has_after and any(group.before_mm is not None for group in groups)
-    figure = new_figure(96.0 if has_both else 60.0)
+    figure = drawing.new_figure(96.0 if has_both else 60.0)
     every = figure.subplots(2 if has_both else 1, 1, sharex=True, squeeze=False)[:, 0]
     top, bottom = every[0], every[-1]
     for place, group in _placed(groups):
-        _plot(top, place, group.before_mm, group.marker, BEFORE, "before")
+        _plot(top, place, group.before_mm, group.marker, drawing.BEFORE, "before")
         for axes in every:
-            _plot(axes, place, group.after_mm, group.marker, AFTER, "after")
+            _plot(axes, place, group.after_mm, group.marker, drawing.AFTER, "after")
     for axes in every:
         _divide(axes, groups)
         axes.set_ylabel(f"{quantity}, mm")
@@ -55,20 +45,20 @@ def pair_errors(
     return figure
 
 
-@in_house_style
+@drawing.in_house_style
 def histogram(groups: Sequence[PairGroup]) -> Figure:
     """Histogram of the errors, before and after, each on its own scale."""
-    figure = new_figure(56.0)
+    figure = drawing.new_figure(56.0)
     left, right = figure.subplots(1, 2)
     for axes, title, colour, errors in (
-        (left, "before", BEFORE, [group.before_mm for group in groups]),
-        (right, "after", AFTER, [group.after_mm for group in groups]),
+        (left, "before", drawing.BEFORE, [group.before_mm for group in groups]),
+        (right, "after", drawing.AFTER, [group.after_mm for group in groups]),
     ):
         axes.set_title(title)
         axes.set_xlabel("error of distance, mm")
         axes.set_ylabel("pairs")
         _bars(axes, colour, groups, errors)
-    legend_above(figure, right if right.patches else left, len(groups))
+    drawing.legend_above(figure, right if right.patches else left, len(groups))
     return figure
 
 
@@ -99,7 +89,7 @@ def _plot(
 
 def _divide(axes: Axes, groups: Sequence[PairGroup]) -> None:
     """A line between groups, and each one's name over it."""
-    zero_line(axes)
+    drawing.zero_line(axes)
     axes.set_xticks([])
     for place, group in _placed(groups):
         axes.text(
@@ -107,13 +97,13 @@ def _divide(axes: Axes, groups: Sequence[PairGroup]) -> None:
             1.0,
             group.name,
             transform=axes.get_xaxis_transform(),
-            color=QUIET,
+            color=drawing.QUIET,
             va="top",
             style="italic",
             in_layout=False,
         )
         if place[0] > 1:
-            axes.axvline(float(place[0]) - 0.5 * (GAP + 1), color=QUIET, linewidth=0.6)
+            axes.axvline(float(place[0]) - 0.5 * (GAP + 1), color=drawing.QUIET, linewidth=0.6)
     places = sum(len(group) + GAP for group in groups)
     axes.set_xlim(1 - GAP, max(places, LEAST_PLACES))
     axes.margins(y=0.14)
@@ -132,7 +122,7 @@ def _bars(
     """Groups stacked, each in its own shade."""
     known = [(g, e) for g, e in zip(groups, errors, strict=True) if e is not None]
     if not known:
-        say_instead(axes, "not measured")
+        drawing.say_instead(axes, "not measured")
         return
     together = np.concatenate([values for _, values in known])
     edges = np.histogram_bin_edges(together, bins=min(BINS, max(6, len(together) // 4)))
@@ -146,9 +136,9 @@ def _bars(
             bottom,
             align="edge",
             facecolor=to_rgba(colour, alpha),
-            edgecolor=INK,
+            edgecolor=drawing.INK,
             linewidth=0.4,
             label=group.name,
         )
         bottom += counts
-    axes.axvline(0.0, color=QUIET, linewidth=0.8)
+    axes.axvline(0.0, color=drawing.QUIET, linewidth=0.8)

@@ -7,15 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from app.report.figures.drawing import (
-    AFTER,
-    BEFORE,
-    in_house_style,
-    legend_above,
-    new_figure,
-    say_instead,
-    zero_line,
-)
+from app.report.figures import drawing
 from campaigns.arrays import AXES, Array
 from campaigns.evaluation.validation import (
     LineTest,
@@ -30,11 +22,11 @@ ROOM = 1.25
 """Size of a picture of a sphere in its radii."""
 
 
-@in_house_style
+@drawing.in_house_style
 def straightness(before: ValidationResult | None, after: ValidationResult | None) -> Figure:
     """Distance from each line's best line, by direction; a row a stage, a column a line."""
     stages = tuple(_named(before, after))
-    figure = new_figure(12.0 + 39.0 * len(stages))
+    figure = drawing.new_figure(12.0 + 39.0 * len(stages))
     rows = figure.subplots(len(stages), len(AXES), squeeze=False, sharey="row")
     for (name, colour, stage), row in zip(stages, rows, strict=True):
         for axis, axes in zip(AXES, row, strict=True):
@@ -45,30 +37,30 @@ def straightness(before: ValidationResult | None, after: ValidationResult | None
     return figure
 
 
-@in_house_style
+@drawing.in_house_style
 def rotation(before: RotationTest | None, after: RotationTest | None) -> Figure:
     """Motion of the point from its mean while θ turns, a panel a stage."""
-    figure = new_figure(55.0)
-    panels = (("before", BEFORE, before), ("after", AFTER, after))
+    figure = drawing.new_figure(55.0)
+    panels = (("before", drawing.BEFORE, before), ("after", drawing.AFTER, after))
     every = figure.subplots(1, 2)
     for axes, (name, colour, turn) in zip(every, panels, strict=True):
         axes.set(xlabel="θ, °", ylabel="motion of the point, mm")
-        zero_line(axes)
+        drawing.zero_line(axes)
         if turn is None:
             _not_measured(axes, name)
             continue
         _components(axes, np.degrees(turn.turn_rad), turn.away_mm, AXES, colour)
         axes.set_title(f"{name}: {turn.moved.value_mm:.3f} mm")
-    legend_above(figure, every[0] if before else every[1], len(AXES))
+    drawing.legend_above(figure, every[0] if before else every[1], len(AXES))
     return figure
 
 
-@in_house_style
+@drawing.in_house_style
 def repeatability(before: RepeatabilityTest | None, after: RepeatabilityTest | None) -> Figure:
     """Repeated visits about their mean from three sides, and the sphere that holds them."""
-    figure = new_figure(66.0)
+    figure = drawing.new_figure(66.0)
     every = figure.subplots(1, 3, sharex=True, sharey=True)
-    clouds = (("before", BEFORE, "o", before), ("after", AFTER, "^", after))
+    clouds = (("before", drawing.BEFORE, "o", before), ("after", drawing.AFTER, "^", after))
     for axes, (first, second) in zip(every, ((0, 1), (0, 2), (1, 2)), strict=True):
         for name, colour, marker, cloud in clouds:
             if cloud is not None:
@@ -86,7 +78,7 @@ def repeatability(before: RepeatabilityTest | None, after: RepeatabilityTest | N
     largest = max(cloud.radius.value_mm for _, _, _, cloud in clouds if cloud is not None)
     room = ROOM * (largest or 1.0)
     every[0].set(xlim=(-room, room), ylim=(-room, room))
-    legend_above(figure, every[0], 2)
+    drawing.legend_above(figure, every[0], 2)
     return figure
 
 
@@ -94,13 +86,16 @@ def _named(
     before: ValidationResult | None, after: ValidationResult | None
 ) -> Iterator[tuple[str, str, ValidationResult]]:
     """The stages that have lines."""
-    for name, colour, stage in (("before", BEFORE, before), ("after", AFTER, after)):
+    for name, colour, stage in (
+        ("before", drawing.BEFORE, before),
+        ("after", drawing.AFTER, after),
+    ):
         if stage is not None and stage.lines:
             yield name, colour, stage
 
 
 def _line(axes: Axes, line: LineTest | None, axis: str, name: str, colour: str) -> None:
-    zero_line(axes)
+    drawing.zero_line(axes)
     if line is None:
         _not_measured(axes, f"{name}, along {axis}")
         return
@@ -132,4 +127,4 @@ def _circle(axes: Axes, radius_mm: float, colour: str, *, dashed: bool) -> None:
 
 def _not_measured(axes: Axes, name: str) -> None:
     axes.set_title(f"{name}: not measured")
-    say_instead(axes, "not measured")
+    drawing.say_instead(axes, "not measured")

@@ -6,15 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from app.report.figures.drawing import (
-    AFTER,
-    INK,
-    QUIET,
-    in_house_style,
-    new_figure,
-    say_instead,
-    zero_line,
-)
+from app.report.figures import drawing
 from campaigns.arrays import Array
 from campaigns.estimation.information import Uncertainty
 from campaigns.evaluation.time_series import TimeSeries
@@ -26,17 +18,17 @@ AT_LEAST = 3.0
 """A unit of time is used from so many of it on."""
 
 
-@in_house_style
+@drawing.in_house_style
 def over_time(courses: Sequence[TimeSeries]) -> Figure:
     """Above the air's temperature, below the drift pose; a column a series."""
-    figure = new_figure(84.0)
+    figure = drawing.new_figure(84.0)
     unit, unit_s = _unit(max(course.longest_s for course in courses))
     rows = figure.subplots(2, len(courses), sharex="col", sharey="row", squeeze=False)
     for course, warm, drift in zip(courses, *rows, strict=True):
         warm.set_title(course.name)
         _plot(warm, course.temperature_s / unit_s, course.temperature_degC, ".")
         _plot(drift, course.drift_s / unit_s, course.drift_mm, "o-")
-        zero_line(drift)
+        drawing.zero_line(drift)
         drift.set_xlabel(f"{unit} since the first shot")
     rows[0, 0].set_ylabel("air, °C")
     rows[0, 0].ticklabel_format(useOffset=False)
@@ -45,11 +37,11 @@ def over_time(courses: Sequence[TimeSeries]) -> Figure:
     return figure
 
 
-@in_house_style
+@drawing.in_house_style
 def correlation_map(known: Uncertainty) -> Figure:
     """|ρ| of every two parameters as shades of grey."""
     names, size = known.names, np.abs(known.correlations())
-    figure = new_figure(118.0)
+    figure = drawing.new_figure(118.0)
     axes = figure.subplots()
     below = np.ma.array(size, mask=np.triu(np.ones_like(size, dtype=bool)))
     image = axes.imshow(below, cmap="Greys", vmin=0.0, vmax=1.0)
@@ -57,15 +49,17 @@ def correlation_map(known: Uncertainty) -> Figure:
     axes.set_yticks(range(len(names)), names, fontsize=6.5)
     axes.grid(visible=False)
     bar = figure.colorbar(image, shrink=0.6, label="|ρ|")
-    bar.outline.set_edgecolor(QUIET)
+    bar.outline.set_edgecolor(drawing.QUIET)
     return figure
 
 
 def _plot(axes: Axes, times: Array, values: Array, style: str) -> None:
     if len(values) < LEAST_VALUES:
-        say_instead(axes, "not recorded here")
+        drawing.say_instead(axes, "not recorded here")
         return
-    axes.plot(times, values, style, color=AFTER, markeredgecolor=INK, markeredgewidth=0.3)
+    axes.plot(
+        times, values, style, color=drawing.AFTER, markeredgecolor=drawing.INK, markeredgewidth=0.3
+    )
 
 
 def _unit(longest_s: float) -> tuple[str, float]:

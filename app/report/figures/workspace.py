@@ -5,16 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure, FigureBase
 
-from app.report.figures.drawing import (
-    AFTER,
-    BEFORE,
-    INK,
-    QUIET,
-    in_house_style,
-    legend_above,
-    new_figure,
-    zero_line,
-)
+from app.report.figures import drawing
 from app.report.figures.space import axes_in_space, one_scale
 from app.report.figures.zones import draw_zones, outlines
 from campaigns.arrays import Array, Mask
@@ -29,9 +20,9 @@ ROUND_FACTORS = (1, 2, 5)
 BINS = 6
 COORDINATES = ("x, mm", "y, mm", "z, mm", "θ, °")
 MARKERS: Mapping[ShotSet, tuple[str, str]] = {
-    ShotSet.IDENTIFICATION: ("o", AFTER),
-    ShotSet.VALIDATION: ("D", BEFORE),
-    ShotSet.DRIFT: ("*", INK),
+    ShotSet.IDENTIFICATION: ("o", drawing.AFTER),
+    ShotSet.VALIDATION: ("D", drawing.BEFORE),
+    ShotSet.DRIFT: ("*", drawing.INK),
 }
 
 
@@ -53,14 +44,14 @@ def draw_poses(
     reach_mm = restricted.plate_radius_mm + restricted.margin_mm
     kept_off = f", walls {reach_mm:g} mm off" if restricted.is_restricted else ""
     above.set(xlabel="x, mm", ylabel="y, mm", aspect="equal", title=f"from above{kept_off}")
-    legend_above(figure, above, len(MARKERS) + 2)
+    drawing.legend_above(figure, above, len(MARKERS) + 2)
 
 
-@in_house_style
+@drawing.in_house_style
 def error_arrows(poses: Array, before_mm: Array | None, after_mm: Array | None) -> Figure:
     """Measured minus modelled position at each pose, each panel with its own magnification."""
-    figure = new_figure(76.0)
-    panels = (("before", BEFORE, before_mm), ("after", AFTER, after_mm))
+    figure = drawing.new_figure(76.0)
+    panels = (("before", drawing.BEFORE, before_mm), ("after", drawing.AFTER, after_mm))
     for column, (name, colour, errors) in enumerate(panels, 1):
         space = axes_in_space(figure, (1, 2, column))
         one_scale(space, poses[:, :3])
@@ -69,46 +60,50 @@ def error_arrows(poses: Array, before_mm: Array | None, after_mm: Array | None) 
             continue
         factor = magnification(errors)
         place, arrow = poses[:, :3].T, (factor * errors).T
-        space.plot(*place, ".", color=QUIET, markersize=2.0)
+        space.plot(*place, ".", color=drawing.QUIET, markersize=2.0)
         space.quiver(*place, *arrow, color=colour, arrow_length_ratio=0.25, linewidth=0.8)
         space.set_title(f"{name}: arrows {factor:g} times the error")
     return figure
 
 
-@in_house_style
+@drawing.in_house_style
 def errors_against_position(poses: Array, errors_mm: Array, fitted: Mask) -> Figure:
     """Length of the error of position, against each coordinate of the pose."""
-    figure = new_figure(98.0)
+    figure = drawing.new_figure(98.0)
     size = np.linalg.norm(errors_mm, axis=1)
     values = [*poses[:, :3].T, *np.degrees(poses[:, 3:]).T]
     every = figure.subplots(2, 2, sharey=True).ravel()
     for axes in every[len(values) :]:
         axes.set_axis_off()
     for axes, column, name in zip(every, values, COORDINATES, strict=False):
-        axes.plot(column[fitted], size[fitted], "o", color=AFTER, label="fitted")
-        axes.plot(column[~fitted], size[~fitted], "D", color=AFTER, mfc="white", label="unseen")
-        axes.plot(*binned_medians(column, size, BINS), color=INK, label="median of each sixth")
+        axes.plot(column[fitted], size[fitted], "o", color=drawing.AFTER, label="fitted")
+        axes.plot(
+            column[~fitted], size[~fitted], "D", color=drawing.AFTER, mfc="white", label="unseen"
+        )
+        axes.plot(
+            *binned_medians(column, size, BINS), color=drawing.INK, label="median of each sixth"
+        )
         axes.set_xlabel(name)
-        zero_line(axes)
+        drawing.zero_line(axes)
     for axes in every[::2]:
         axes.set_ylabel("error of position, mm")
-    legend_above(figure, every[0], 3)
+    drawing.legend_above(figure, every[0], 3)
     return figure
 
 
-@in_house_style
+@drawing.in_house_style
 def plate_tilt(poses: Array, tilt_rad: Array) -> Figure:
     """How the tool leans: from above as arrows to where its lower end goes, and by distance."""
-    figure = new_figure(76.0)
+    figure = drawing.new_figure(76.0)
     above, along = figure.subplots(1, 2)
     lean_mrad = 1e3 * np.stack([-tilt_rad[:, 1], tilt_rad[:, 0]], axis=1)
     size = np.linalg.norm(lean_mrad, axis=1)
     arrows = (LEAN_ARROW_MM / float(size.max())) * lean_mrad
-    above.plot(*poses[:, :2].T, ".", color=QUIET, markersize=2.0)
+    above.plot(*poses[:, :2].T, ".", color=drawing.QUIET, markersize=2.0)
     above.quiver(
         *poses[:, :2].T,
         *arrows.T,
-        color=AFTER,
+        color=drawing.AFTER,
         angles="xy",
         scale_units="xy",
         scale=1.0,
@@ -118,10 +113,12 @@ def plate_tilt(poses: Array, tilt_rad: Array) -> Figure:
     above.set_title(f"from above: the longest is {size.max():.2f} mrad")
     middle = poses[:, :2].mean(axis=0)
     away_mm = np.linalg.norm(poses[:, :2] - middle, axis=1)
-    along.plot(away_mm, size, "o", color=AFTER)
-    along.plot(*binned_medians(away_mm, size, BINS), color=INK, label="median of each sixth")
+    along.plot(away_mm, size, "o", color=drawing.AFTER)
+    along.plot(
+        *binned_medians(away_mm, size, BINS), color=drawing.INK, label="median of each sixth"
+    )
     along.set(xlabel="distance from the middle, mm", ylabel="lean, mrad", ylim=(0.0, None))
-    legend_above(figure, along, 1)
+    drawing.legend_above(figure, along, 1)
     return figure
 
 

@@ -12,14 +12,7 @@ from typer.testing import CliRunner
 
 from app.cli import reproduce
 from app.exits import exit_code
-from app.papers.corbel2006.trials import (
-    PROTOTYPE,
-    SIMULATION,
-    Trial,
-    TrialFailed,
-    rehearsed,
-    trial_table,
-)
+from app.papers.corbel2006 import trials
 from app.study.results import tried
 from app.study.workers import local_results
 from campaigns.errors import CampaignLocked, Interrupted, OptionsInvalid, OutputExists, WriteFailed
@@ -35,11 +28,11 @@ def folder(tmp_path):
 
 
 def keep(folder, found):
-    trial_table(folder / reproduce.RESULTS).add(found)
+    trials.trial_table(folder / reproduce.RESULTS).add(found)
 
 
 def kept(folder):
-    return trial_table(folder / reproduce.RESULTS).read()
+    return trials.trial_table(folder / reproduce.RESULTS).read()
 
 
 @dataclass(frozen=True)
@@ -88,7 +81,7 @@ def no_cells(monkeypatch):
 
 
 def without_beam(trial):
-    if trial.experiment is SIMULATION:
+    if trial.experiment is trials.SIMULATION:
         raise LinkDown("no beam", remedy="look")
     return result(trial.experiment, trial.seed)
 
@@ -120,13 +113,15 @@ def test_only_missing_seeds_are_measured_and_sorted_in_the_file(folder, no_cells
 
 
 def test_line_torn_by_a_crash_is_made_anew_and_another_recipe_s_stays(folder, no_cells):
-    path, other = folder / reproduce.RESULTS, result(SIMULATION, 1, recipe="0" * 16)
+    path, other = folder / reproduce.RESULTS, result(trials.SIMULATION, 1, recipe="0" * 16)
     keep(folder, [other])
     whole = path.read_text()
-    path.write_text(whole.replace(f'"recipe":"{RECIPES[PROTOTYPE]}"', '"recipe":"-"') + whole[:100])
+    path.write_text(
+        whole.replace(f'"recipe":"{RECIPES[trials.PROTOTYPE]}"', '"recipe":"-"') + whole[:100]
+    )
     ran = no_cells(lambda trial: result(trial.experiment, trial.seed))
     assert said("--to", folder, "--seeds", 2).code == 0
-    assert ran == [Trial(PROTOTYPE, 1), Trial(PROTOTYPE, 2)]
+    assert ran == [trials.Trial(trials.PROTOTYPE, 1), trials.Trial(trials.PROTOTYPE, 2)]
     assert other in kept(folder).values()
 
 
@@ -146,12 +141,12 @@ def test_failed_seed_costs_only_itself_and_is_tried_again_next_time(folder, no_c
     ran = no_cells(lambda trial: result(trial.experiment, trial.seed))
     ran.clear()
     assert said("--to", folder, "--seeds", 4).code == 0
-    assert ran == [Trial(SIMULATION, 4)]
+    assert ran == [trials.Trial(trials.SIMULATION, 4)]
 
 
 def test_missed_median_is_exit_code_one(tmp_path):
-    after = result(PROTOTYPE, 1).after.model_copy(update={"rotation_mm": 0.7})
-    keep(tmp_path, [*results(1)[:2], result(PROTOTYPE, 1, after=after)])
+    after = result(trials.PROTOTYPE, 1).after.model_copy(update={"rotation_mm": 0.7})
+    keep(tmp_path, [*results(1)[:2], result(trials.PROTOTYPE, 1, after=after)])
     ended = said("--to", tmp_path, "--seeds", 1)
     assert ended.code == 1
     assert "missed: Section IV.E.3: motion while only θ turns: rotation, after 0.70" in ended.out
@@ -221,7 +216,7 @@ def test_whatever_goes_wrong_in_a_seed_becomes_its_reason(
     tmp_path, monkeypatch, capsys, error, reason
 ):
     monkeypatch.setattr("app.papers.corbel2006.trials.rehearse", failing(error))
-    outcome = tried(partial(rehearsed, tmp_path), 7, Trial(SIMULATION, 1))
+    outcome = tried(partial(trials.rehearsed, tmp_path), 7, trials.Trial(trials.SIMULATION, 1))
     assert (outcome.place, outcome.rows) == (7, ())
     assert outcome.lost.startswith(reason)
     assert capsys.readouterr() == ("", "")
@@ -233,13 +228,13 @@ def test_seed_with_a_bad_verdict_is_no_result(tmp_path, monkeypatch):
     monkeypatch.setattr(
         "app.papers.corbel2006.trials.rehearse", lambda campaign, terminal, options: ({}, bad)
     )
-    with pytest.raises(TrialFailed, match="the unseen pairs got worse"):
-        rehearsed(tmp_path, Trial(SIMULATION, 1))
+    with pytest.raises(trials.TrialFailed, match="the unseen pairs got worse"):
+        trials.rehearsed(tmp_path, trials.Trial(trials.SIMULATION, 1))
 
 
 def test_interrupted_run_keeps_what_is_finished(folder, no_cells):
     def stopped_at_the_second(trial):
-        if trial.experiment is not SIMULATION:
+        if trial.experiment is not trials.SIMULATION:
             signal.raise_signal(signal.SIGINT)
         return result(trial.experiment, trial.seed)
 

@@ -11,14 +11,7 @@ from app.papers.corbel2006.page import page_html
 from app.papers.corbel2006.trials import PROTOTYPE, SIMULATION, Trial
 
 MADE = "2026-03-02T08:15:00.000+00:00"
-FIGURES = [
-    "every-seed",
-    "fig-7",
-    "parameters-missed",
-    "fig-8",
-    "noise-alone",
-    "errors-and-lengths",
-]
+FIGURES = ["every-seed", "fig-7", "parameters-missed", "fig-8", "noise-alone", "errors-and-lengths"]
 NOT_LOADED = ("http://www.w3.org/", "data:")
 """Names of XML's, and what a page holds itself."""
 

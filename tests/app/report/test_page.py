@@ -9,13 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from paper_campaign import (
-    CONTROLLER,
-    NOMINAL,
-    PaperCampaign,
-    new_campaign,
-    whole_campaign,
-)
+from paper_campaign import CONTROLLER, NOMINAL, PaperCampaign, new_campaign, whole_campaign
 
 from app.cli.report import report
 from app.report import model_sections
@@ -26,14 +20,7 @@ from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.files.table import texts
 from campaigns.identification.result import ComparedModel, Excluded, HoldOut, RobotScatter
-from campaigns.journal.records import (
-    Event,
-    Finding,
-    Intent,
-    PairVoided,
-    Rejected,
-    SeriesStarted,
-)
+from campaigns.journal.records import Event, Finding, Intent, PairVoided, Rejected, SeriesStarted
 from campaigns.mechanisms.par4 import PAR4
 from campaigns.settings.sections import AcceptanceConfig, PeopleConfig
 from campaigns.shots.import_export import ImportedFile, append_import

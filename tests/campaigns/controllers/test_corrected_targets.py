@@ -5,10 +5,7 @@ import pytest
 from target_cases import TARGETS
 
 from campaigns.controllers.calibrated_workspace import CalibratedWorkspace
-from campaigns.controllers.corrected_targets import (
-    TargetCorrection,
-    correction_mm,
-)
+from campaigns.controllers.corrected_targets import TargetCorrection, correction_mm
 from campaigns.design.restricted_space import Rectangle, RestrictedSpace, Zone
 from campaigns.errors import ShotsMissing
 from campaigns.estimation.information import Uncertainty, WorkspaceSample

@@ -7,15 +7,8 @@ import pytest
 from par4_space import AXIS_TILT_NAMES, NAMES
 from tested_journal import plain_journal
 
+from campaigns import errors
 from campaigns.controllers.export import compensated_robot, latest_identification, write_compensated
-from campaigns.errors import (
-    ConfigInvalid,
-    FindingUnreadable,
-    OutputExists,
-    ShotsMissing,
-    VerdictBad,
-    WriteFailed,
-)
 from campaigns.files import text_file
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
@@ -153,20 +146,20 @@ def test_changed_geometry_is_noticed_when_the_file_is_read_again(
     path.write_text(
         path.read_text("utf-8").replace("plate_mm: 100.25", "plate_mm: 100.26"), "utf-8"
     )
-    with pytest.raises(ConfigInvalid, match="somebody changed the geometry"):
+    with pytest.raises(errors.ConfigInvalid, match="somebody changed the geometry"):
         read_robot(path)
 
 
 @pytest.mark.parametrize("verdict", ["fail", "not decided"])
 def test_result_that_did_not_pass_is_not_exported(nominal: RobotDocument, verdict: str) -> None:
     found = finding(nominal, verdict=verdict, reasons=["unseen pairs got worse", "rank lost"])
-    with pytest.raises(VerdictBad, match=f"'{verdict}': unseen pairs got worse; rank lost"):
+    with pytest.raises(errors.VerdictBad, match=f"'{verdict}': unseen pairs got worse; rank lost"):
         compensated_robot("press 4", nominal, found)
 
 
 def test_result_for_another_nominal_robot_is_not_exported(nominal: RobotDocument) -> None:
     other = find_robot("par4-table1")
-    with pytest.raises(VerdictBad, match="rests on another nominal robot"):
+    with pytest.raises(errors.VerdictBad, match="rests on another nominal robot"):
         compensated_robot("press 4", other, finding(nominal))
 
 
@@ -174,7 +167,7 @@ def test_existing_file_is_not_overwritten_unasked(tmp_path: Path, nominal: Robot
     path = tmp_path / "out.yaml"
     path.write_text("mine", encoding="utf-8")
     robot = compensated_robot("press 4", nominal, finding(nominal))
-    with pytest.raises(OutputExists):
+    with pytest.raises(errors.OutputExists):
         write_compensated(path, robot, overwrite=False)
     assert path.read_text("utf-8") == "mine"
     write_compensated(path, robot, overwrite=True)
@@ -191,7 +184,7 @@ def test_file_that_cannot_be_replaced_is_left_as_it_was(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(text_file, "_write_to_disk", full)
-    with pytest.raises(WriteFailed, match="no space left"):
+    with pytest.raises(errors.WriteFailed, match="no space left"):
         write_compensated(
             path, compensated_robot("press 4", nominal, finding(nominal)), overwrite=True
         )
@@ -200,7 +193,7 @@ def test_file_that_cannot_be_replaced_is_left_as_it_was(
 
 def test_latest_identification_counts(tmp_path: Path, nominal: RobotDocument) -> None:
     with plain_journal(tmp_path) as journal:
-        with pytest.raises(ShotsMissing, match="nothing has been identified"):
+        with pytest.raises(errors.ShotsMissing, match="nothing has been identified"):
             latest_identification(journal)
         for number in (1, 2):
             journal.append(Finding("identification", body(nominal, shots=number)))
@@ -214,5 +207,5 @@ def test_latest_identification_that_cannot_be_read_is_said_and_none_before_it_co
     with plain_journal(tmp_path) as journal:
         journal.append(Finding("identification", body(nominal)))
         journal.append(Finding("identification", {"verdict": "pass"}))
-        with pytest.raises(FindingUnreadable, match="identify again"):
+        with pytest.raises(errors.FindingUnreadable, match="identify again"):
             latest_identification(journal)

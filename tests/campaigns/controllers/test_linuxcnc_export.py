@@ -7,20 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from par4_space import NAMES, with_values
 
-from campaigns.controllers.linuxcnc_export import (
-    CalibrationFile,
-    RobotIdentity,
-    drawing_flat,
-    hal_text,
-    parse_hal,
-    write_hal,
-)
+from campaigns.controllers import linuxcnc_export
 from campaigns.errors import ConfigInvalid, OutputExists
 from campaigns.mechanisms.catalog import MECHANISMS
 from campaigns.robots.robot import find_robot
 
 NOMINAL = find_robot("par4-prototype").robot
-WHOSE = RobotIdentity("PAR4-7", NOMINAL)
+WHOSE = linuxcnc_export.RobotIdentity("PAR4-7", NOMINAL)
 TILTED = {"arm1.axis_tilt_deg": 0.02, "arm2.parallelogram_skew_deg": -0.01}
 lengths = st.floats(1e-3, 1e5)
 anything = st.floats(-1e5, 1e5)
@@ -35,13 +28,13 @@ def robot_with(**changes):
 
 
 def text_of(robot=NOMINAL):
-    return hal_text(robot, "PAR4-7")
+    return linuxcnc_export.hal_text(robot, "PAR4-7")
 
 
 @given(geometries)
 def test_every_double_is_read_as_it_was_written(geometry):
     robot = WHOSE.having(geometry, "drawn")
-    assert parse_hal(text_of(robot), "calib.hal", WHOSE).parameters == geometry
+    assert linuxcnc_export.parse_hal(text_of(robot), "calib.hal", WHOSE).parameters == geometry
 
 
 def test_file_is_one_setting_a_parameter_named_after_it():
@@ -52,7 +45,7 @@ def test_file_is_one_setting_a_parameter_named_after_it():
 
 
 def test_a_set_with_axis_tilts_and_skews_is_read_as_it_was_written(tmp_path):
-    file = CalibrationFile(tmp_path / "calib.hal", WHOSE)
+    file = linuxcnc_export.CalibrationFile(tmp_path / "calib.hal", WHOSE)
     geometry = NOMINAL.parameters | TILTED
     file.write(geometry)
     assert file.read() == geometry
@@ -61,7 +54,7 @@ def test_a_set_with_axis_tilts_and_skews_is_read_as_it_was_written(tmp_path):
 def test_the_plates_drawing_goes_with_a_set_that_tilts_the_plate_alone():
     tilted = text_of(with_values(NOMINAL, TILTED))
     assert "setp pkmkins.arm1.axis_tilt_deg 0.02\n" in tilted
-    for name, value in drawing_flat(NOMINAL.mechanism).items():
+    for name, value in linuxcnc_export.drawing_flat(NOMINAL.mechanism).items():
         assert f"setp pkmkins.{name} {value!r}\n" in tilted
         assert name not in text_of()
 
@@ -73,13 +66,13 @@ def test_a_plate_drawn_otherwise_is_refused_where_it_tilts(change):
     wrong = text.replace(line, "" if change is None else line.replace("20.0", change))
     assert wrong != text
     with pytest.raises(ConfigInvalid, match=r"reflector_x_mm is (20\.5|missing), .* it is 20"):
-        parse_hal(wrong, "calib.hal", WHOSE)
+        linuxcnc_export.parse_hal(wrong, "calib.hal", WHOSE)
 
 
 def test_a_nominal_robot_with_axis_tilts_stands_for_a_file_that_is_not_there(tmp_path):
     tilted = with_values(NOMINAL, TILTED)
-    file = CalibrationFile(
-        tmp_path / "calib.hal", RobotIdentity("PAR4-7", tilted), otherwise=tilted
+    file = linuxcnc_export.CalibrationFile(
+        tmp_path / "calib.hal", linuxcnc_export.RobotIdentity("PAR4-7", tilted), otherwise=tilted
     )
     assert file.read() == dict(tilted.parameters)
 
@@ -87,24 +80,28 @@ def test_a_nominal_robot_with_axis_tilts_stands_for_a_file_that_is_not_there(tmp
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_every_mechanism_is_written_and_read(name):
     nominal = find_robot("par4-prototype" if name == "par4" else name).robot
-    whose = RobotIdentity("SN-1", nominal)
+    whose = linuxcnc_export.RobotIdentity("SN-1", nominal)
     extended = {
         key: 0.01 * (place + 1) for place, key in enumerate(nominal.mechanism.parameters.extensions)
     }
     for robot in (nominal, with_values(nominal, extended)):
-        found = parse_hal(hal_text(robot, "SN-1"), "calib.hal", whose)
+        found = linuxcnc_export.parse_hal(
+            linuxcnc_export.hal_text(robot, "SN-1"), "calib.hal", whose
+        )
         assert dict(found.parameters) == dict(robot.parameters)
 
 
 def test_a_file_of_another_mechanism_is_refused():
-    whose = RobotIdentity("PAR4-7", find_robot("delta").robot)
+    whose = linuxcnc_export.RobotIdentity("PAR4-7", find_robot("delta").robot)
     with pytest.raises(ConfigInvalid, match=r"arm3\.x_mm is no pin of pkmkins for a delta"):
-        parse_hal(text_of(), "calib.hal", whose)
+        linuxcnc_export.parse_hal(text_of(), "calib.hal", whose)
 
 
 def test_a_file_that_was_written_for_par4kins_is_still_read():
     text = text_of().replace("setp pkmkins.", "setp par4kins.")
-    assert dict(parse_hal(text, "calib.hal", WHOSE).parameters) == dict(NOMINAL.parameters)
+    assert dict(linuxcnc_export.parse_hal(text, "calib.hal", WHOSE).parameters) == dict(
+        NOMINAL.parameters
+    )
 
 
 def test_heading_says_whose_it_is_and_where_it_comes_from():
@@ -123,23 +120,25 @@ def test_no_line_is_too_long_for_halcmd():
 
 def test_file_of_another_robot_is_refused():
     with pytest.raises(ConfigInvalid, match="of robot 'PAR4-7', this campaign is of 'PAR4-8'"):
-        parse_hal(text_of(), "calib.hal", RobotIdentity("PAR4-8", NOMINAL))
+        linuxcnc_export.parse_hal(
+            text_of(), "calib.hal", linuxcnc_export.RobotIdentity("PAR4-8", NOMINAL)
+        )
 
 
 def test_file_that_does_not_say_whose_it_is_is_refused():
     text = text_of().replace("# robot: PAR4-7\n", "")
     with pytest.raises(ConfigInvalid, match="nobody said") as error:
-        parse_hal(text, "calib.hal", WHOSE)
+        linuxcnc_export.parse_hal(text, "calib.hal", WHOSE)
     assert "# robot: PAR4-7" in error.value.remedy
 
 
 def test_file_changed_by_hand_is_refused_until_it_says_so():
     text = text_of().replace("plate_mm 100.0", "plate_mm 100.5")
     with pytest.raises(ConfigInvalid, match="sha256") as error:
-        parse_hal(text, "calib.hal", WHOSE)
+        linuxcnc_export.parse_hal(text, "calib.hal", WHOSE)
     assert "delete the line sha256" in error.value.remedy
     without = "\n".join(line for line in text.splitlines() if "sha256" not in line)
-    assert parse_hal(without, "calib.hal", WHOSE).parameters["plate_mm"] == 100.5
+    assert linuxcnc_export.parse_hal(without, "calib.hal", WHOSE).parameters["plate_mm"] == 100.5
 
 
 @pytest.mark.parametrize(
@@ -159,21 +158,21 @@ def test_file_that_is_not_all_and_only_the_parameters_is_refused(old, new, probl
     text = text_of().replace(old, new)
     assert text != text_of()
     with pytest.raises(ConfigInvalid, match=problem):
-        parse_hal(text, "calib.hal", WHOSE)
+        linuxcnc_export.parse_hal(text, "calib.hal", WHOSE)
 
 
 def test_export_does_not_overwrite_unasked(tmp_path):
     path = tmp_path / "calib.hal"
-    write_hal(path, NOMINAL, "PAR4-7", overwrite=False)
+    linuxcnc_export.write_hal(path, NOMINAL, "PAR4-7", overwrite=False)
     with pytest.raises(OutputExists):
-        write_hal(path, robot_with(plate_mm=101.0), "PAR4-7", overwrite=False)
-    write_hal(path, robot_with(plate_mm=101.0), "PAR4-7", overwrite=True)
+        linuxcnc_export.write_hal(path, robot_with(plate_mm=101.0), "PAR4-7", overwrite=False)
+    linuxcnc_export.write_hal(path, robot_with(plate_mm=101.0), "PAR4-7", overwrite=True)
     assert "plate_mm 101.0" in path.read_text()
 
 
 def test_written_file_keeps_the_last_good_one_beside(tmp_path):
     path = tmp_path / "calib.hal"
-    file = CalibrationFile(path, WHOSE)
+    file = linuxcnc_export.CalibrationFile(path, WHOSE)
     file.write(dict(NOMINAL.parameters))
     before = path.read_text()
     file.write(dict(robot_with(plate_mm=101.0).parameters))
@@ -183,16 +182,16 @@ def test_written_file_keeps_the_last_good_one_beside(tmp_path):
 
 def test_what_was_written_last_can_be_taken_back_to_the_byte(tmp_path):
     path = tmp_path / "calib.hal"
-    write_hal(path, NOMINAL, "PAR4-7", overwrite=False)
+    linuxcnc_export.write_hal(path, NOMINAL, "PAR4-7", overwrite=False)
     before = path.read_text()
-    file = CalibrationFile(path, WHOSE)
+    file = linuxcnc_export.CalibrationFile(path, WHOSE)
     file.write(dict(robot_with(plate_mm=101.0).parameters))
     file.take_back()
     assert path.read_text() == before
 
 
 def test_first_file_is_taken_back_by_removing_it(tmp_path):
-    file = CalibrationFile(tmp_path / "calib.hal", WHOSE)
+    file = linuxcnc_export.CalibrationFile(tmp_path / "calib.hal", WHOSE)
     file.write(dict(NOMINAL.parameters))
     file.take_back()
     assert not (tmp_path / "calib.hal").exists()
@@ -200,8 +199,8 @@ def test_first_file_is_taken_back_by_removing_it(tmp_path):
 
 def test_another_robots_file_is_neither_read_nor_replaced(tmp_path):
     path = tmp_path / "calib.hal"
-    write_hal(path, NOMINAL, "PAR4-8", overwrite=False)
-    file = CalibrationFile(path, WHOSE)
+    linuxcnc_export.write_hal(path, NOMINAL, "PAR4-8", overwrite=False)
+    file = linuxcnc_export.CalibrationFile(path, WHOSE)
     with pytest.raises(ConfigInvalid, match="of robot 'PAR4-8'"):
         file.read()
     with pytest.raises(ConfigInvalid, match="of robot 'PAR4-8'"):
@@ -211,12 +210,12 @@ def test_another_robots_file_is_neither_read_nor_replaced(tmp_path):
 
 def test_missing_file_is_told_with_the_command_that_writes_it(tmp_path):
     with pytest.raises(ConfigInvalid, match="no such file") as error:
-        CalibrationFile(tmp_path / "calib.hal", WHOSE).read()
+        linuxcnc_export.CalibrationFile(tmp_path / "calib.hal", WHOSE).read()
     assert "export --format linuxcnc" in error.value.remedy
 
 
 def test_controller_that_only_takes_joints_begins_with_the_nominal_set(tmp_path):
-    file = CalibrationFile(tmp_path / "active.hal", WHOSE, otherwise=NOMINAL)
+    file = linuxcnc_export.CalibrationFile(tmp_path / "active.hal", WHOSE, otherwise=NOMINAL)
     assert file.read() == dict(NOMINAL.parameters)
     file.write(dict(robot_with(plate_mm=101.0).parameters))
     assert file.read()["plate_mm"] == 101.0
@@ -224,5 +223,5 @@ def test_controller_that_only_takes_joints_begins_with_the_nominal_set(tmp_path)
 
 def test_incomplete_set_is_never_written(tmp_path):
     with pytest.raises(ConfigInvalid, match="missing"):
-        CalibrationFile(tmp_path / "calib.hal", WHOSE).write({"plate_mm": 100.0})
+        linuxcnc_export.CalibrationFile(tmp_path / "calib.hal", WHOSE).write({"plate_mm": 100.0})
     assert list(tmp_path.iterdir()) == []

@@ -12,27 +12,14 @@ from paper_campaign import ERRORS, NOMINAL, new_campaign
 from par4_space import par4
 from virtual_time import VirtualClock
 
+from campaigns import errors
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.controllers.load_journal import load_history
-from campaigns.errors import (
-    ConfigInvalid,
-    GateRefused,
-    LoadNotVerified,
-    OptionsInvalid,
-    ShotsMissing,
-    VerdictBad,
-)
 from campaigns.journal.records import Finding
 from campaigns.measuring.work import Cell
 from campaigns.robots.robot import compensated, find_robot, read_robot
 from campaigns.workflow.files import export
-from campaigns.workflow.loading import (
-    LoadResult,
-    LoadTerms,
-    VerificationSetup,
-    load,
-    roll_back,
-)
+from campaigns.workflow.loading import LoadResult, LoadTerms, VerificationSetup, load, roll_back
 from campaigns.workflow.validation import wrong_stage
 from drivers.errors import DeviceRefused
 from drivers.values import Identity
@@ -179,7 +166,7 @@ def test_wrong_file_is_refused_with_its_reason_and_what_force_overrules_is_kept(
     campaign: Campaign, make, reason: str
 ) -> None:
     source, controller = make(campaign), Controller()
-    with pytest.raises(ConfigInvalid, match=reason) as refused:
+    with pytest.raises(errors.ConfigInvalid, match=reason) as refused:
         loaded(campaign, controller, source)
     assert str(refused.value).startswith(f"{source}: not loaded: ")
     assert "--force" in refused.value.remedy
@@ -205,13 +192,15 @@ def test_robots_own_tolerance_counts(campaign: Campaign) -> None:
     path = campaign.path("robot.yaml")
     stated = path.read_text("utf-8") + "tolerance: {length_mm: 0.5, angle_deg: 5.0}\n"
     path.write_text(stated, encoding="utf-8")
-    with pytest.raises(ConfigInvalid, match=r"arm0\.arm_mm changed by .*, tolerance ± 0\.5 mm"):
+    with pytest.raises(
+        errors.ConfigInvalid, match=r"arm0\.arm_mm changed by .*, tolerance ± 0\.5 mm"
+    ):
         loaded(open_campaign(campaign.folder), Controller())
 
 
 def test_every_objection_is_told_at_once(campaign: Campaign) -> None:
     source = changed(campaign, {"arm0.arm_mm": 340.0 - 0.1}, verdict="fail", campaign="press 4")
-    with pytest.raises(ConfigInvalid) as refused:
+    with pytest.raises(errors.ConfigInvalid) as refused:
         loaded(campaign, Controller(), source)
     for word in ("press 4", "'fail'", r"arm0.arm_mm changed by -10.1 mm"):
         assert word in refused.value.problem
@@ -220,7 +209,9 @@ def test_every_objection_is_told_at_once(campaign: Campaign) -> None:
 def test_set_of_another_mechanism_cannot_be_forced(campaign: Campaign) -> None:
     path = campaign.path("delta.yaml")
     path.write_text(find_robot("delta").document.text, encoding="utf-8")
-    with pytest.raises(ConfigInvalid, match="it is of a delta, this campaign's robot is a par4"):
+    with pytest.raises(
+        errors.ConfigInvalid, match="it is of a delta, this campaign's robot is a par4"
+    ):
         loaded(campaign, Controller(), path, FORCED)
 
 
@@ -233,7 +224,7 @@ def test_nominal_set_may_always_be_loaded(campaign: Campaign) -> None:
 def test_exported_file_knows_the_controller_it_was_measured_with(campaign: Campaign) -> None:
     stated = read_robot(campaign.path(EXPORTED)).robot.provenance or {}
     assert stated["controller_serial"] == "R-1"
-    with pytest.raises(ConfigInvalid, match="serial number R-1, connected is R-7"):
+    with pytest.raises(errors.ConfigInvalid, match="serial number R-1, connected is R-7"):
         loaded(campaign, Controller(serial="R-7"))
 
 
@@ -283,7 +274,7 @@ def test_load_that_died_can_be_rolled_back(campaign: Campaign, death: str) -> No
         loaded(campaign, controller)
     rolled_back(campaign, controller)
     assert controller.held == OLD
-    with pytest.raises(ShotsMissing):
+    with pytest.raises(errors.ShotsMissing):
         rolled_back(campaign, controller)
 
 
@@ -317,7 +308,7 @@ def test_without_a_controller_it_is_said_how_to_ask_it(campaign: Campaign) -> No
 @pytest.mark.parametrize("act", ["refuse", "ignore"])
 def test_load_that_fails_is_ended_as_failed(campaign: Campaign, act: str) -> None:
     controller = Controller(next_write=act)
-    with pytest.raises((DeviceRefused, LoadNotVerified)):
+    with pytest.raises((DeviceRefused, errors.LoadNotVerified)):
         loaded(campaign, controller)
     kind, body = findings(campaign)[-1]
     assert kind == "load failed"
@@ -345,7 +336,7 @@ def test_rollback_walks_back_through_the_loads_that_took_effect(campaign: Campai
     rolled_back(campaign, controller, tell=told.append)
     assert controller.held == OLD
     assert EXPORTED in told[1]
-    with pytest.raises(ShotsMissing, match="no load is in effect"):
+    with pytest.raises(errors.ShotsMissing, match="no load is in effect"):
         rolled_back(campaign, controller)
     assert controller.held == OLD
 
@@ -372,7 +363,7 @@ def test_what_others_put_back_is_said_and_the_load_before_comes_next(campaign: C
 def test_rollback_of_another_controllers_load_is_refused(campaign: Campaign) -> None:
     loaded(campaign, Controller())
     other = Controller(new_set(campaign), serial="R-7")
-    with pytest.raises(ConfigInvalid, match="serial number R-1, connected is R-7"):
+    with pytest.raises(errors.ConfigInvalid, match="serial number R-1, connected is R-7"):
         rolled_back(campaign, other)
     assert other.writes == 0
 
@@ -392,7 +383,7 @@ def test_journal_from_before_loads_were_begun_is_walked_back(campaign: Campaign)
     controller = Controller(new_set(campaign))
     assert rolled_back(campaign, controller, dry=True).outcome == "dry"
     write("controller-before-1.yaml", "controller-before-2.yaml")
-    with pytest.raises(ShotsMissing):
+    with pytest.raises(errors.ShotsMissing):
         rolled_back(campaign, controller)
     write(EXPORTED, "controller-before-1.yaml")
     rolled_back(campaign, controller)
@@ -445,7 +436,7 @@ def test_pairs_that_become_worse_bring_the_old_parameters_back(
 ) -> None:
     told: list[str] = []
     worse = {name: OLD[name] - error for name, error in ERRORS.items()}
-    with pytest.raises(VerdictBad, match=r"off by .* mm on average after .* before it was"):
+    with pytest.raises(errors.VerdictBad, match=r"off by .* mm on average after .* before it was"):
         verified(campaign, cell, source=changed(campaign, worse), tell=told.append)
     assert cell.robot.geometry == OLD
     assert findings(campaign)[-1][0] == "load failed"
@@ -453,7 +444,7 @@ def test_pairs_that_become_worse_bring_the_old_parameters_back(
         "rolled back: the controller holds what it held before (controller-before-1.yaml)"
     ]
     assert not unended(campaign)
-    with pytest.raises(ShotsMissing):
+    with pytest.raises(errors.ShotsMissing):
         roll_back(campaign, nullcontext(cell.robot))
 
 
@@ -463,8 +454,8 @@ def test_pairs_that_cannot_be_measured_bring_the_old_parameters_back(
     def lose(error: BaseException) -> None:
         cell.tracker.during_measure[7] = lambda: _raise(error)
 
-    lose(GateRefused("too far", remedy="look"))
-    with pytest.raises(GateRefused):
+    lose(errors.GateRefused("too far", remedy="look"))
+    with pytest.raises(errors.GateRefused):
         verified(campaign, cell)
     assert cell.robot.geometry == OLD
     kind, body = findings(campaign)[-1]
@@ -474,7 +465,7 @@ def test_pairs_that_cannot_be_measured_bring_the_old_parameters_back(
 def test_more_pairs_than_there_are_are_refused_before_anything_moves(
     campaign: Campaign, cell: CellOf
 ) -> None:
-    with pytest.raises(OptionsInvalid, match=r"--verify 5: plan.csv has 4 validation pairs"):
+    with pytest.raises(errors.OptionsInvalid, match=r"--verify 5: plan.csv has 4 validation pairs"):
         verified(campaign, cell, pairs=5)
     assert cell.tracker.measured == 0
     assert cell.robot.geometry == OLD

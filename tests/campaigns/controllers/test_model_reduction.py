@@ -10,17 +10,8 @@ from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
 from target_cases import TARGETS
 
-from campaigns.controllers.model_reduction import (
-    NamedParameters,
-    Workspace,
-    left_by,
-    project,
-)
-from campaigns.controllers.reduced_parameters import (
-    FORMATS,
-    configuration_text,
-    few_parameters,
-)
+from campaigns.controllers.model_reduction import NamedParameters, Workspace, left_by, project
+from campaigns.controllers.reduced_parameters import FORMATS, configuration_text, few_parameters
 from campaigns.errors import ConfigInvalid, IdentificationRefused
 from campaigns.estimation.point_sets import fitted_frame
 from campaigns.mechanisms.mechanism import Kinematics

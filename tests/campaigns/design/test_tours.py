@@ -6,15 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from par4_cases import CENTRE, NOMINAL
 
+from campaigns.design import tours
 from campaigns.design.pose_sampling import random_pairs
-from campaigns.design.tours import (
-    WORTHWHILE_PAIR_MM,
-    balance_approaches,
-    neighbouring_pairs,
-    positive_approach_shares,
-    shortest_tour,
-    travel_rad,
-)
 
 START = NOMINAL.inverse(CENTRE[None]).values_or_raise()[0]
 
@@ -26,29 +19,29 @@ def placed(count, seed=4):
 
 def travel(joints, pairs):
     way = np.vstack([START, joints[pairs.ravel()]])
-    return travel_rad(way[:-1], way[1:]).sum()
+    return tours.travel_rad(way[:-1], way[1:]).sum()
 
 
 def test_share_counts_approaches_from_smaller_angles():
     joints = np.array([[1.0, -1.0, 0.0, 1.0], [2.0, -2.0, 1.0, 0.0], [3.0, -3.0, 0.0, 1.0]])
-    every = positive_approach_shares(joints, np.zeros(4), np.array([True, True, True]))
+    every = tours.positive_approach_shares(joints, np.zeros(4), np.array([True, True, True]))
     np.testing.assert_allclose(every, [1.0, 0.0, 1 / 3, 2 / 3])
-    some = positive_approach_shares(joints, np.zeros(4), np.array([False, True, False]))
+    some = tours.positive_approach_shares(joints, np.zeros(4), np.array([False, True, False]))
     np.testing.assert_allclose(some, [1.0, 0.0, 1.0, 0.0])
 
 
 def test_every_shot_is_in_one_pair_far_enough_for_its_distance_to_tell():
     joints, points = placed(60)
-    pairs = neighbouring_pairs(joints, points, START)
+    pairs = tours.neighbouring_pairs(joints, points, START)
     assert sorted(pairs.ravel().tolist()) == list(range(60))
     length = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
-    assert (length >= 0.99 * WORTHWHILE_PAIR_MM).all()
+    assert (length >= 0.99 * tours.WORTHWHILE_PAIR_MM).all()
 
 
 def test_paired_neighbours_travel_less_than_random_pairs():
     joints, points = placed(60)
-    near = shortest_tour(joints, neighbouring_pairs(joints, points, START), START)
-    far = shortest_tour(joints, random_pairs(points, np.random.default_rng(0)), START)
+    near = tours.shortest_tour(joints, tours.neighbouring_pairs(joints, points, START), START)
+    far = tours.shortest_tour(joints, random_pairs(points, np.random.default_rng(0)), START)
     assert travel(joints, near) < 0.8 * travel(joints, far)
 
 
@@ -56,16 +49,17 @@ def test_paired_neighbours_travel_less_than_random_pairs():
 def test_balanced_order_keeps_the_pairs_whole(count, seed):
     joints = np.random.default_rng(seed).uniform(-0.5, 1.5, (2 * count, 4))
     pairs = np.arange(2 * count).reshape(-1, 2)
-    tour = balance_approaches(joints, pairs, START, np.ones(2 * count, dtype=bool))
+    tour = tours.balance_approaches(joints, pairs, START, np.ones(2 * count, dtype=bool))
     assert {frozenset(pair) for pair in tour.tolist()} == {frozenset(p) for p in pairs.tolist()}
 
 
 def test_balanced_tour_is_the_shortest_when_that_is_balanced():
     joints, points = placed(40)
-    pairs = neighbouring_pairs(joints, points, START)
+    pairs = tours.neighbouring_pairs(joints, points, START)
     counted = np.ones(40, dtype=bool)
     assert np.array_equal(
-        balance_approaches(joints, pairs, START, counted), shortest_tour(joints, pairs, START)
+        tours.balance_approaches(joints, pairs, START, counted),
+        tours.shortest_tour(joints, pairs, START),
     )
 
 
@@ -74,10 +68,10 @@ def test_tour_that_only_climbs_is_turned_until_both_sides_are_seen():
     stairs = np.linspace(0.0, 1.0, 40)[:, None] * np.ones(4)
     pairs, counted = np.arange(40).reshape(-1, 2), np.ones(40, dtype=bool)
     bottom = np.full(4, -0.1)
-    shortest = shortest_tour(stairs, pairs, bottom)
-    assert (positive_approach_shares(stairs[shortest.ravel()], bottom, counted) == 1.0).all()
-    tour = balance_approaches(stairs, pairs, bottom, counted).ravel()
-    shares = positive_approach_shares(stairs[tour], bottom, counted)
+    shortest = tours.shortest_tour(stairs, pairs, bottom)
+    assert (tours.positive_approach_shares(stairs[shortest.ravel()], bottom, counted) == 1.0).all()
+    tour = tours.balance_approaches(stairs, pairs, bottom, counted).ravel()
+    shares = tours.positive_approach_shares(stairs[tour], bottom, counted)
     assert ((shares >= 0.3) & (shares <= 0.7)).all()
 
 
@@ -85,6 +79,6 @@ def test_only_counted_shots_need_both_sides():
     stairs = np.linspace(0.0, 1.0, 40)[:, None] * np.ones(4)
     pairs, bottom = np.arange(40).reshape(-1, 2), np.full(4, -0.1)
     counted = np.arange(40) < 20
-    tour = balance_approaches(stairs, pairs, bottom, counted).ravel()
-    shares = positive_approach_shares(stairs[tour], bottom, counted[tour])
+    tour = tours.balance_approaches(stairs, pairs, bottom, counted).ravel()
+    shares = tours.positive_approach_shares(stairs[tour], bottom, counted[tour])
     assert ((shares >= 0.3) & (shares <= 0.7)).all()

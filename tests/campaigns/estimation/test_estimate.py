@@ -14,20 +14,9 @@ from par4_cases import (
 )
 from par4_space import FREE_BY_DEFAULT, indices, par4_of
 
+from campaigns.estimation import information, least_squares
 from campaigns.estimation.estimate import OutlierPolicy, estimate
 from campaigns.estimation.estimators import LossShape
-from campaigns.estimation.information import (
-    chi_square_test,
-    marginalise_frame,
-    point_jacobian,
-    position_std_mm,
-)
-from campaigns.estimation.least_squares import (
-    IdentifiableSubspace,
-    LeastSquaresProblem,
-    Priors,
-    solve,
-)
 from campaigns.estimation.observability import (
     observability,
     project_out_nuisance,
@@ -47,7 +36,7 @@ def points(joints, measured, free=FREE, priors=None, nominal=NOMINAL):
     model = PositionModel(nominal, indices(free), joints)
     covariance = np.tile(TRACKER_STD_MM**2 * np.eye(3), (len(joints), 1, 1))
     data = PointResiduals.from_points(model, measured, covariance)
-    return LeastSquaresProblem(data, 3, priors or Priors.none())
+    return least_squares.LeastSquaresProblem(data, 3, priors or least_squares.Priors.none())
 
 
 def distances(joints, measured, free=FREE, priors=None):
@@ -56,7 +45,7 @@ def distances(joints, measured, free=FREE, priors=None):
     model = PositionModel(NOMINAL, indices(free), joints)
     whitening = np.full(len(first), 1.0 / (2.0**0.5 * TRACKER_STD_MM))
     data = DistanceResiduals(model, first, second, lengths, whitening)
-    return LeastSquaresProblem(data, 1, priors or Priors.none())
+    return least_squares.LeastSquaresProblem(data, 1, priors or least_squares.Priors.none())
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +68,7 @@ def nominal(name):
 
 def prior(name, std, free=FREE, mean=None):
     value = nominal(name) if mean is None else mean
-    return Priors(np.array([free.index(name)]), np.array([value]), np.array([std]))
+    return least_squares.Priors(np.array([free.index(name)]), np.array([value]), np.array([std]))
 
 
 @pytest.fixture(scope="module")
@@ -129,8 +118,8 @@ def test_correlations_are_those_that_repeated_campaigns_show(drawn):
 @pytest.mark.slow
 def test_predicted_position_deviation_is_what_repeated_campaigns_show(drawn):
     found, errors, (there, elsewhere) = drawn
-    rows = marginalise_frame(point_jacobian(TABLE1, FREE, there, elsewhere))
-    predicted = position_std_mm(rows, found[0].covariance[:22, :22])
+    rows = information.marginalise_frame(information.point_jacobian(TABLE1, FREE, there, elsewhere))
+    predicted = information.position_std_mm(rows, found[0].covariance[:22, :22])
     shown = np.sqrt(np.mean(np.sum(errors**2, axis=2), axis=0))
     assert shown.mean() == pytest.approx(predicted.mean(), rel=0.04)
     np.testing.assert_allclose(shown, predicted, rtol=0.15)
@@ -152,7 +141,7 @@ def test_chi_squared_is_believed_of_good_noise_and_has_its_distribution(drawn):
     ("chi2", "consistent"), [(100.0, True), (160.0, False), (55.0, False), (140.0, True)]
 )
 def test_chi_squared_may_be_too_large_and_too_small(chi2, consistent):
-    assert chi_square_test(chi2, 100).consistent is consistent
+    assert information.chi_square_test(chi2, 100).consistent is consistent
 
 
 def test_sigma_follow_the_scatter_only_upwards_when_the_stated_variance_counts_as_known(joints):
@@ -280,7 +269,7 @@ def test_a_fit_within_a_subspace_never_leaves_it(joints, measured):
     problem = points(joints, measured)
     start = problem.data.start()
     directions = np.linalg.qr(np.random.default_rng(1).standard_normal((28, 5)))[0]
-    inside = replace(problem, subspace=IdentifiableSubspace(start, directions))
-    step = inside.x(solve(inside.weighted(np.ones(120))).x) - start
+    inside = replace(problem, subspace=least_squares.IdentifiableSubspace(start, directions))
+    step = inside.x(least_squares.solve(inside.weighted(np.ones(120))).x) - start
     assert np.linalg.norm(step) > 0.0
     assert np.abs(step - directions @ (directions.T @ step)).max() < 1e-9

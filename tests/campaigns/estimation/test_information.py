@@ -7,19 +7,10 @@ import pytest
 from par4_cases import NOMINAL, TABLE1, measured_points, reachable_joints
 from par4_space import FREE_BY_DEFAULT, indices
 
+from campaigns.estimation import information
 from campaigns.estimation.estimate import OutlierPolicy, estimate
 from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.incremental_fit import PRIOR_LENGTH_MM, IncrementalGaussNewton
-from campaigns.estimation.information import (
-    MINIMUM_DOF,
-    STATED_DOF,
-    WorkspaceSample,
-    chi_square_test,
-    covariance_from_distances,
-    covariance_from_points,
-    variance_dof,
-    variance_scale,
-)
 from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, solve
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
 from campaigns.estimation.tracker_noise import TrackerUncertainty
@@ -70,13 +61,15 @@ def judged(fit):
 def told_by_points(shots, measured_mm, covariance_mm2=None):
     """σ of the parameters, and the test of the noise."""
     covariance = stated(shots) if covariance_mm2 is None else covariance_mm2
-    found = covariance_from_points(replace(seen_after(shots, measured_mm), stated_mm2=covariance))
+    found = information.covariance_from_points(
+        replace(seen_after(shots, measured_mm), stated_mm2=covariance)
+    )
     return None if found is None else (std_of(found[0]), found[1])
 
 
 def told_by_distances(measured_mm, pairs=PAIRS):
     seen = replace(seen_after(SHOTS, measured_mm), stated_mm2=stated(SHOTS))
-    found = covariance_from_distances(seen, measured_mm, pairs)
+    found = information.covariance_from_distances(seen, measured_mm, pairs)
     return None if found is None else (std_of(found[0]), found[1])
 
 
@@ -111,21 +104,27 @@ def test_distances_are_as_sure_as_their_own_scatter_says(scatter):
 def test_stated_noise_counts_as_a_prior_on_the_scatter_of_distances(scatter):
     _, told = told_by_distances(points_mm(scatter))
     dof = len(PAIRS) - COUNT
-    pooled = (STATED_DOF + dof * told.birge_ratio**2) / (STATED_DOF + dof)
+    pooled = (information.STATED_DOF + dof * told.birge_ratio**2) / (information.STATED_DOF + dof)
     assert told.sigma0 == pytest.approx(pooled**0.5)
     assert abs(told.sigma0 - 1.0) < abs(told.birge_ratio - 1.0)
 
 
 def test_variance_is_known_by_its_residuals_and_by_what_is_stated():
-    believed, refuted = chi_square_test(4.0, 4, 1.0), chi_square_test(40.0, 4, 10.0**0.5)
-    assert variance_dof(believed, known_variance=True) is None
-    assert variance_dof(believed, known_variance=False) == 4 + STATED_DOF
-    assert variance_dof(refuted, known_variance=False) == 4
-    assert variance_dof(refuted, known_variance=True) == 4
+    believed, refuted = (
+        information.chi_square_test(4.0, 4, 1.0),
+        information.chi_square_test(40.0, 4, 10.0**0.5),
+    )
+    assert information.variance_dof(believed, known_variance=True) is None
+    assert information.variance_dof(believed, known_variance=False) == 4 + information.STATED_DOF
+    assert information.variance_dof(refuted, known_variance=False) == 4
+    assert information.variance_dof(refuted, known_variance=True) == 4
 
 
 def test_without_any_residual_nothing_tells_the_variance_of_distances():
-    assert variance_scale(None, chi_square_test(0.0, 0), known_variance=False) is None
+    assert (
+        information.variance_scale(None, information.chi_square_test(0.0, 0), known_variance=False)
+        is None
+    )
 
 
 @pytest.mark.parametrize("scatter", [3.0, 30.0])
@@ -157,7 +156,7 @@ def test_nothing_of_the_running_fits_priors_is_in_it():
 
 def test_fewer_shots_than_show_their_scatter_tell_nothing():
     measured_mm = points_mm()
-    fewest = -(-(COUNT + 6 + MINIMUM_DOF) // 3)
+    fewest = -(-(COUNT + 6 + information.MINIMUM_DOF) // 3)
     assert told_by_points(fewest - 1, measured_mm) is None
     assert told_by_points(fewest, measured_mm) is not None
 
@@ -169,7 +168,7 @@ def test_shots_that_cannot_tell_all_parameters_tell_nothing():
     for joint, point_mm in zip(joints[:36], measured_mm[:36], strict=True):
         running.add(joint, point_mm)
     seen = running.linearized(FREE_BY_DEFAULT)
-    assert covariance_from_points(replace(seen, stated_mm2=stated(36))) is None
+    assert information.covariance_from_points(replace(seen, stated_mm2=stated(36))) is None
 
 
 def test_a_covariance_that_cannot_be_tells_nothing():
@@ -226,7 +225,7 @@ def monitor():
         for number, (pose, joints) in enumerate(shots)
     }
     setup = EstimationSetup(Estimator.POINTS, FREE_BY_DEFAULT, TrackerUncertainty())
-    sample = WorkspaceSample.of(NOMINAL, FREE_BY_DEFAULT, poses)
+    sample = information.WorkspaceSample.of(NOMINAL, FREE_BY_DEFAULT, poses)
     return UncertaintyMonitor(planned, NOMINAL, setup, poses, sample)
 
 
@@ -238,7 +237,7 @@ def outcomes(shots, measured_mm):
 
 
 def test_a_fit_of_too_few_shots_tells_nothing():
-    fewest = -(-(COUNT + 6 + MINIMUM_DOF) // 3)
+    fewest = -(-(COUNT + 6 + information.MINIMUM_DOF) // 3)
     measured_mm = points_mm()
     assert monitor().fitted(outcomes(fewest - 1, measured_mm)) is None
     assert monitor().fitted(outcomes(fewest, measured_mm)) is not None

@@ -4,12 +4,7 @@ from par4_space import FILE_UNIT, FREE_BY_DEFAULT, indices, par4, par4_of, turni
 
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
 from campaigns.estimation.estimators import LossShape
-from campaigns.estimation.least_squares import (
-    LeastSquaresProblem,
-    Priors,
-    block_norms,
-    solve,
-)
+from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, block_norms, solve
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
 from campaigns.estimation.robust import (
     Loss,

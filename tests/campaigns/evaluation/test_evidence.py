@@ -6,14 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from paper_campaign import (
-    ERRORS,
-    MECHANISM,
-    NOISE_MM,
-    NOMINAL,
-    PaperCampaign,
-    whole_campaign,
-)
+from paper_campaign import ERRORS, MECHANISM, NOISE_MM, NOMINAL, PaperCampaign, whole_campaign
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 

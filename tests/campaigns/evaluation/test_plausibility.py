@@ -8,12 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.information import Uncertainty
-from campaigns.evaluation.plausibility import (
-    beyond_tolerance,
-    check_distances,
-    check_shots,
-    common_scale,
-)
+from campaigns.evaluation import plausibility
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plans import PlanRequest, View, make_plan
 from campaigns.robots.robot import Tolerance, find_robot, pose_of
@@ -56,7 +51,7 @@ def measured(name, seed=1, share=0.3):
 
 def complaint(name, shots):
     with pytest.raises(ShotsInvalid) as caught:
-        check_shots(find_robot(name).robot.kinematics, shots, "shots.csv")
+        plausibility.check_shots(find_robot(name).robot.kinematics, shots, "shots.csv")
     return str(caught.value)
 
 
@@ -64,7 +59,9 @@ def complaint(name, shots):
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("share", [0.1, 1.0])
 def test_robots_within_their_tolerance_are_never_accused(name, seed, share):
-    check_shots(find_robot(name).robot.kinematics, measured(name, seed, share), "shots.csv")
+    plausibility.check_shots(
+        find_robot(name).robot.kinematics, measured(name, seed, share), "shots.csv"
+    )
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -133,10 +130,10 @@ def test_one_gross_error_accuses_nothing_but_is_beyond_the_gate():
     points = shots.points_in_tracker_mm.copy()
     points[7] += 300.0
     wrong = replace(shots, points_in_tracker_mm=points)
-    check_shots(nominal, wrong, "shots.csv")
+    plausibility.check_shots(nominal, wrong, "shots.csv")
     with pytest.raises(ShotsInvalid, match=r"shot 7: its point is 5[0-9][0-9] mm from where"):
-        check_distances(nominal, wrong, 60.0, "shots.csv")
-    check_distances(nominal, shots, 60.0, "shots.csv")
+        plausibility.check_distances(nominal, wrong, 60.0, "shots.csv")
+    plausibility.check_distances(nominal, shots, 60.0, "shots.csv")
 
 
 @pytest.mark.parametrize(
@@ -170,7 +167,7 @@ def test_a_point_farther_than_any_tracker_sees_is_named():
 def test_changes_beyond_the_tolerance_are_told_largest_first():
     changes = {"arm0.x_mm": 12.0, "arm1.joint_offset_deg": -50.0, "plate_mm": 9.9}
     space = find_robot("par4-prototype").robot.parameters.space
-    assert [*beyond_tolerance(space, Tolerance(), changes)] == [
+    assert [*plausibility.beyond_tolerance(space, Tolerance(), changes)] == [
         "arm1.joint_offset_deg changed by -50°, tolerance ± 5°",
         "arm0.x_mm changed by +12 mm, tolerance ± 10 mm",
     ]
@@ -185,7 +182,7 @@ class TestCommonScale:
         return self.NOMINAL[f"arm0.{field}"] if field in ("x_mm", "y_mm", "z_mm") else 0.0
 
     def judged(self, changes):
-        return common_scale(self.NOMINAL, changes)
+        return plausibility.common_scale(self.NOMINAL, changes)
 
     def changes(self, scale, seed, std_mm=2.0):
         """Found changes of a robot with random errors, everything longer by a share."""
@@ -220,7 +217,7 @@ class TestCommonScale:
             along = np.array([self.NOMINAL[name] - self.held(name) for name in names])
             covariance = 2e-3**2 * np.outer(along, along)
             known = Uncertainty(names, tuple(map(tuple, covariance.tolist())))
-            raised.append(common_scale(self.NOMINAL, changes, known).significant)
+            raised.append(plausibility.common_scale(self.NOMINAL, changes, known).significant)
             unheeded.append(self.judged(changes).significant)
         assert np.mean(raised) <= 0.01
         assert np.mean(unheeded) > 0.5

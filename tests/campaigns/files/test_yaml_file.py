@@ -6,30 +6,23 @@ from hypothesis import strategies as st
 from pydantic import Field
 
 from campaigns.errors import ConfigInvalid
-from campaigns.files.yaml_file import (
-    FileModel,
-    checked,
-    checked_settings,
-    parse_document,
-    read_document,
-    yaml_text,
-)
+from campaigns.files import yaml_file
 
 SCHEMA = "pkmcal/test/1"
 
 
-class Inner(FileModel):
+class Inner(yaml_file.FileModel):
     count: int = Field(default=1, ge=0, description="a count")
 
 
-class Sample(FileModel):
+class Sample(yaml_file.FileModel):
     size_mm: float = Field(description="the size, mm")
     inner: Inner | None = Field(default=None, description="something inside")
     label: str = Field(default="", description="a label")
 
 
 def read(text):
-    return checked(parse_document(text, "sample.yaml"), SCHEMA, Sample)
+    return yaml_file.checked(yaml_file.parse_document(text, "sample.yaml"), SCHEMA, Sample)
 
 
 def answer_to(text):
@@ -111,35 +104,40 @@ def test_file_that_is_not_utf_8_is_refused_with_its_line(tmp_path):
     path = tmp_path / "sample.yaml"
     path.write_bytes(b"schema: x\nlabel: caf\xe9\n")
     with pytest.raises(ConfigInvalid, match=r"sample\.yaml:2: byte 0xe9 is not UTF-8"):
-        read_document(path, if_missing="make it")
+        yaml_file.read_document(path, if_missing="make it")
 
 
 def test_byte_order_mark_and_windows_line_ends_are_tolerated(tmp_path):
     path = tmp_path / "sample.yaml"
     path.write_bytes(b"\xef\xbb\xbf" + with_schema("size_mm: 2.5\n").replace("\n", "\r\n").encode())
-    assert checked(read_document(path, if_missing="make it"), SCHEMA, Sample).size_mm == 2.5
+    assert (
+        yaml_file.checked(
+            yaml_file.read_document(path, if_missing="make it"), SCHEMA, Sample
+        ).size_mm
+        == 2.5
+    )
 
 
 def test_absent_file_is_answered_with_the_remedy_given(tmp_path):
     with pytest.raises(ConfigInvalid, match="make it with a spell"):
-        read_document(tmp_path / "sample.yaml", if_missing="make it with a spell")
+        yaml_file.read_document(tmp_path / "sample.yaml", if_missing="make it with a spell")
 
 
 def test_folder_in_a_files_place_is_refused(tmp_path):
     with pytest.raises(ConfigInvalid, match="is no file but a folder"):
-        read_document(tmp_path, if_missing="make it")
+        yaml_file.read_document(tmp_path, if_missing="make it")
 
 
 def test_edited_tree_keeps_its_comments():
     text = "# above\na: 1.50  # beside\n\n# between\nb: {c: 2, d: 3}\n# below\n"
-    tree = parse_document(text, "sample.yaml").editable_tree()
+    tree = yaml_file.parse_document(text, "sample.yaml").editable_tree()
     tree["b"]["c"] = 7
-    assert yaml_text(tree) == text.replace("c: 2", "c: 7")
+    assert yaml_file.yaml_text(tree) == text.replace("c: 2", "c: 7")
 
 
 def test_settings_from_elsewhere_are_checked_like_a_file():
     with pytest.raises(ConfigInvalid) as caught:
-        checked_settings({"size_mm": -1, "inner": {"count": -2}}, "command line", Sample)
+        yaml_file.checked_settings({"size_mm": -1, "inner": {"count": -2}}, "command line", Sample)
     assert str(caught.value).startswith("command line: inner.count is -2, must be at least 0")
 
 

@@ -39,11 +39,7 @@ def test_a_common_share_is_named_and_not_passed_without_consent(factor):
     told = doubt(found, COMMON_SCALE)
     assert told.numbers["share"] == pytest.approx(factor - 1.0, abs=2e-3)
     assert found.verdict == "fail"
-    accepted = found_with(
-        scaled(CLEAN, factor),
-        accept_scale=True,
-        accept_large_change=True,
-    )
+    accepted = found_with(scaled(CLEAN, factor), accept_scale=True, accept_large_change=True)
     assert accepted.verdict == "pass"
     assert doubt(accepted, COMMON_SCALE).accepted
 

@@ -5,14 +5,7 @@ from dataclasses import MISSING, fields, replace
 
 import numpy as np
 import pytest
-from identified_cases import (
-    TRACKER_FROM_BASE,
-    identified,
-    moved,
-    noisy,
-    simulated,
-    workspace,
-)
+from identified_cases import TRACKER_FROM_BASE, identified, moved, noisy, simulated, workspace
 from par4_space import NAMES
 from tested_journal import plain_journal
 
@@ -20,11 +13,7 @@ from campaigns.controllers.export import latest_identification
 from campaigns.errors import FindingUnreadable
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
 from campaigns.estimation.information import Uncertainty
-from campaigns.identification.result import (
-    Frame,
-    RecordedIdentification,
-    read_identification,
-)
+from campaigns.identification.result import Frame, RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
 
 CLEAN = noisy(simulated(60, 20, seed=1), seed=2)

@@ -2,15 +2,7 @@
 
 import pytest
 from fake_cell import NOMINAL
-from identified_cases import (
-    deviations,
-    identified,
-    moved,
-    noisy,
-    simulated,
-    values,
-    workspace,
-)
+from identified_cases import deviations, identified, moved, noisy, simulated, values, workspace
 from par4_space import NAMES
 
 from campaigns.estimation.estimators import Estimator, LossShape

@@ -14,14 +14,7 @@ from journal_story import intent, ticking
 from tampering import change_text, tamper
 
 from campaigns.errors import JournalFailed
-from campaigns.journal.digest_chain import (
-    EMPTY,
-    ChainEnd,
-    JournalDamaged,
-    Row,
-    chain_end,
-    digest_after,
-)
+from campaigns.journal import digest_chain
 from campaigns.journal.journal import open_journal, read_journal
 from campaigns.journal.records import Event
 
@@ -38,12 +31,12 @@ def path(tmp_path: Path) -> Path:
     return Path(shutil.copy(TODAY, tmp_path / "campaign.db"))
 
 
-def damage(path: Path) -> JournalDamaged:
-    with pytest.raises(JournalDamaged) as caught:
+def damage(path: Path) -> digest_chain.JournalDamaged:
+    with pytest.raises(digest_chain.JournalDamaged) as caught:
         read_journal(path)
     assert "bring campaign.db back from a backup" in caught.value.remedy
     assert str(path) in caught.value.problem
-    with pytest.raises(JournalDamaged):
+    with pytest.raises(digest_chain.JournalDamaged):
         open_journal(path, now_utc=ticking())
     return caught.value
 
@@ -171,13 +164,15 @@ def test_an_outsider_can_compute_the_chain_as_the_page_about_files_says() -> Non
         ]
 
 
-def chained(bodies: list[tuple[str, str, int | None, str]], older: int = 0) -> list[Row]:
+def chained(
+    bodies: list[tuple[str, str, int | None, str]], older: int = 0
+) -> list[digest_chain.Row]:
     """Rows of a journal of which the first `older` have no digest."""
-    rows: list[Row] = []
+    rows: list[digest_chain.Row] = []
     digest = ""
     for number, (at_utc, kind, series, body) in enumerate(bodies, start=1):
         content = (number, at_utc, kind, series, None, None, body)
-        digest = digest_after(digest, content)
+        digest = digest_chain.digest_after(digest, content)
         rows.append((*content, None if number <= older else digest))
     return rows
 
@@ -187,8 +182,12 @@ def test_what_was_chained_is_whole(
     bodies: list[tuple[str, str, int | None, str]], older: int
 ) -> None:
     rows = chained(bodies, older)
-    stated = ChainEnd(len(rows), str(rows[-1][-1])) if len(rows) > older else EMPTY
-    assert chain_end(rows, stated).number == len(rows)
+    stated = (
+        digest_chain.ChainEnd(len(rows), str(rows[-1][-1]))
+        if len(rows) > older
+        else digest_chain.EMPTY
+    )
+    assert digest_chain.chain_end(rows, stated).number == len(rows)
 
 
 @given(contents.filter(bool), st.data())
@@ -201,14 +200,14 @@ def test_no_two_records_that_differ_anywhere_have_one_digest(
     changed = list(rows[place])
     changed[column] = str(changed[column]) + data.draw(texts.filter(bool))
     rows[place] = tuple(changed)  # type: ignore[assignment]
-    with pytest.raises(JournalDamaged) as caught:
-        chain_end(rows, ChainEnd(len(rows), str(rows[-1][-1])))
+    with pytest.raises(digest_chain.JournalDamaged) as caught:
+        digest_chain.chain_end(rows, digest_chain.ChainEnd(len(rows), str(rows[-1][-1])))
     assert caught.value.number == place + 1
 
 
 def test_a_journal_whose_making_was_just_done_is_whole(tmp_path: Path) -> None:
     with open_journal(tmp_path / "new.db", now_utc=ticking(), create=True) as journal:
-        assert journal.end() == EMPTY
+        assert journal.end() == digest_chain.EMPTY
     with read_journal(tmp_path / "new.db") as reader:
         assert reader.records() == ()
 
@@ -218,4 +217,4 @@ def test_records_written_by_two_openings_are_one_chain(path: Path) -> None:
         journal.append(intent(9), series=1)
         end = journal.end()
     with read_journal(path) as reader:
-        assert reader.end() == end == ChainEnd(STORY + 1, end.digest)
+        assert reader.end() == end == digest_chain.ChainEnd(STORY + 1, end.digest)

@@ -6,16 +6,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from journal_story import (
-    SESSION,
-    STOPPED,
-    beginning,
-    imported,
-    intent,
-    outcome,
-    tell,
-    ticking,
-)
+from journal_story import SESSION, STOPPED, beginning, imported, intent, outcome, tell, ticking
 
 from campaigns.errors import JournalFailed
 from campaigns.journal.journal import Journal, open_journal, read_journal

@@ -8,19 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from journal_story import SESSION, beginning, imported, intent, outcome
 
-from campaigns.journal.records import (
-    KIND_OF_TYPE,
-    TYPE_OF_KIND,
-    Durations,
-    Event,
-    Finding,
-    Intent,
-    Outcome,
-    Record,
-    Rejected,
-    from_text,
-    to_text,
-)
+from campaigns.journal import records
 from drivers.values import Pose, Weather
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
@@ -28,7 +16,7 @@ numbers = st.integers(1, 10_000)
 words = st.text(st.characters(exclude_categories=["Cs"]))
 vectors = st.tuples(finite, finite, finite)
 outcomes = st.builds(
-    Outcome,
+    records.Outcome,
     shot=numbers,
     attempt=numbers,
     joints=st.lists(finite, max_size=6).map(tuple),
@@ -37,13 +25,13 @@ outcomes = st.builds(
     weather=st.none() | st.builds(Weather, finite, finite, finite),
     raw_robot=words,
     raw_tracker=words,
-    durations=st.none() | st.builds(Durations, finite, finite, finite),
+    durations=st.none() | st.builds(records.Durations, finite, finite, finite),
     predicted_in_tracker_mm=st.none() | vectors,
     residual_mm=st.none() | finite,
     came_from=st.none() | st.lists(finite, max_size=6).map(tuple),
 )
 intents = st.builds(
-    Intent,
+    records.Intent,
     shot=numbers,
     attempt=numbers,
     purpose=words,
@@ -56,74 +44,74 @@ plain = st.recursive(
     lambda inner: st.lists(inner) | st.dictionaries(words, inner),
     max_leaves=8,
 )
-findings = st.builds(Finding, st.just("validation"), st.dictionaries(words, plain))
+findings = st.builds(records.Finding, st.just("validation"), st.dictionaries(words, plain))
 
 
 @pytest.mark.slow
 @given(st.one_of(outcomes, intents, findings))
-def test_a_record_comes_back_equal_to_the_last_bit(record: Record) -> None:
-    assert from_text(KIND_OF_TYPE[type(record)], to_text(record)) == record
+def test_a_record_comes_back_equal_to_the_last_bit(record: records.Record) -> None:
+    assert records.from_text(records.KIND_OF_TYPE[type(record)], records.to_text(record)) == record
 
 
 @given(outcomes)
-def test_a_rejected_shot_keeps_its_data(measured: Outcome) -> None:
-    rejected = Rejected(measured.shot, measured.attempt, "gate", measured)
-    assert from_text("rejected", to_text(rejected)) == rejected
+def test_a_rejected_shot_keeps_its_data(measured: records.Outcome) -> None:
+    rejected = records.Rejected(measured.shot, measured.attempt, "gate", measured)
+    assert records.from_text("rejected", records.to_text(rejected)) == rejected
 
 
 @pytest.mark.parametrize("record", [SESSION, beginning(), intent(1), outcome(1), imported(1)])
-def test_records_without_and_with_devices_come_back_equal(record: Record) -> None:
-    assert from_text(KIND_OF_TYPE[type(record)], to_text(record)) == record
+def test_records_without_and_with_devices_come_back_equal(record: records.Record) -> None:
+    assert records.from_text(records.KIND_OF_TYPE[type(record)], records.to_text(record)) == record
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_a_number_that_is_not_finite_is_not_written(bad: float) -> None:
     with pytest.raises(ValueError, match="JSON compliant"):
-        to_text(outcome(1, x_mm=bad))
+        records.to_text(outcome(1, x_mm=bad))
     with pytest.raises(ValueError, match="JSON compliant"):
-        to_text(Finding("validation", {"rotation_mm": [bad]}))
+        records.to_text(records.Finding("validation", {"rotation_mm": [bad]}))
 
 
 @pytest.mark.parametrize(
     "unreadable",
     [
-        Outcome(1, 1, (0.0,), (1.0, 2.0), None, None, "", "", None),  # type: ignore[arg-type]  # on purpose
-        Event("gossip", ""),  # type: ignore[arg-type]  # on purpose
-        Event("operator note", "half a sign \ud800"),
+        records.Outcome(1, 1, (0.0,), (1.0, 2.0), None, None, "", "", None),  # type: ignore[arg-type]  # on purpose
+        records.Event("gossip", ""),  # type: ignore[arg-type]  # on purpose
+        records.Event("operator note", "half a sign \ud800"),
     ],
 )
-def test_what_could_not_be_read_is_not_written(unreadable: Record) -> None:
+def test_what_could_not_be_read_is_not_written(unreadable: records.Record) -> None:
     with pytest.raises(ValueError, match=r"outcome: point_in_tracker_mm|event: "):
-        to_text(unreadable)
+        records.to_text(unreadable)
 
 
 def test_plain_data_only_is_written() -> None:
     with pytest.raises(TypeError):
-        to_text(Finding("load", {"path": object()}))  # type: ignore[dict-item]  # on purpose
+        records.to_text(records.Finding("load", {"path": object()}))  # type: ignore[dict-item]  # on purpose
 
 
 def test_an_older_outcome_does_not_say_where_its_joints_came_from() -> None:
-    told = json.loads(to_text(outcome(1)))
+    told = json.loads(records.to_text(outcome(1)))
     del told["came_from_rad"]
-    assert from_text("outcome", json.dumps(told)) == outcome(1)
+    assert records.from_text("outcome", json.dumps(told)) == outcome(1)
 
 
 def test_a_key_that_a_newer_program_has_added_is_passed_over() -> None:
     """So an addition that older programs can do without needs no new version of the journal."""
-    newer = json.dumps(json.loads(to_text(outcome(1))) | {"humour": "good"})
-    assert from_text("outcome", newer) == outcome(1)
+    newer = json.dumps(json.loads(records.to_text(outcome(1))) | {"humour": "good"})
+    assert records.from_text("outcome", newer) == outcome(1)
 
 
 def test_a_kind_that_is_not_known_is_not_read() -> None:
     with pytest.raises(ValueError, match="gossip"):
-        from_text("gossip", "{}")
+        records.from_text("gossip", "{}")
 
 
 def test_a_shot_is_not_rejected_with_the_data_of_another() -> None:
     with pytest.raises(ValueError, match="another shot's data"):
-        Rejected(2, 1, "gate", outcome(1))
+        records.Rejected(2, 1, "gate", outcome(1))
 
 
 def test_every_kind_of_record_has_a_name_of_its_own() -> None:
-    assert len(KIND_OF_TYPE) == len(TYPE_OF_KIND)
-    assert set(KIND_OF_TYPE) == set(Record.__args__)
+    assert len(records.KIND_OF_TYPE) == len(records.TYPE_OF_KIND)
+    assert set(records.KIND_OF_TYPE) == set(records.Record.__args__)

@@ -11,16 +11,7 @@ from tested_journal import TestedJournal, journal_in
 from campaigns.errors import CampaignError, Interrupted, JournalFailed, NotSettled
 from campaigns.journal.records import Outcome, Rejected, SessionStopped
 from campaigns.measuring.run_state import EngineState
-from drivers.errors import (
-    Cancelled,
-    DeviceNotReady,
-    DriverError,
-    EmergencyStop,
-    LimitViolation,
-    LinkDown,
-    MotionFault,
-    RobotStateUnknown,
-)
+from drivers import errors
 
 POLL_S = 0.02
 Break = Callable[[FakeCell], None]
@@ -35,7 +26,7 @@ def fault(cell: FakeCell) -> None:
 
 
 def lose_the_robot(cell: FakeCell) -> None:
-    cell.robot.state_errors = [LinkDown("no answer", remedy="check the cable")]
+    cell.robot.state_errors = [errors.LinkDown("no answer", remedy="check the cable")]
 
 
 def hold_the_arm(cell: FakeCell) -> None:
@@ -50,21 +41,21 @@ def raises(error: BaseException) -> Break:
 
 
 MOVING = {
-    "e-stop": (press_emergency_stop, EmergencyStop, "the emergency stop is pressed"),
-    "drive fault": (fault, MotionFault, "following error, joint 2"),
-    "lost link": (lose_the_robot, LinkDown, "no answer"),
+    "e-stop": (press_emergency_stop, errors.EmergencyStop, "the emergency stop is pressed"),
+    "drive fault": (fault, errors.MotionFault, "following error, joint 2"),
+    "lost link": (lose_the_robot, errors.LinkDown, "no answer"),
     "held arm": (hold_the_arm, NotSettled, "joint 0 is 0.5730° from its target"),
 }
 MEASURING = {
     **{name: MOVING[name] for name in ("e-stop", "drive fault", "lost link")},
     "tracker gone": (
-        raises(LinkDown("no answer", remedy="check the cable")),
-        LinkDown,
+        raises(errors.LinkDown("no answer", remedy="check the cable")),
+        errors.LinkDown,
         "no answer",
     ),
     "tracker not ready": (
-        raises(DeviceNotReady("laser is cold", remedy="wait")),
-        DeviceNotReady,
+        raises(errors.DeviceNotReady("laser is cold", remedy="wait")),
+        errors.DeviceNotReady,
         "laser is cold",
     ),
     "bug": (raises(ZeroDivisionError("a bug")), ZeroDivisionError, "a bug"),
@@ -116,11 +107,11 @@ def test_robot_that_refuses_one_target_after_another_is_stopped(tmp_path: Path) 
     cell = FakeCell()
 
     def refuse(*_: object) -> None:
-        raise LimitViolation("joint 1 outside", remedy="compare limits")
+        raise errors.LimitViolation("joint 1 outside", remedy="compare limits")
 
     cell.tracker.during_measure = {1: lambda: setattr(cell.robot, "move_joints", refuse)}
     with journal_in(tmp_path, cell.calls) as journal:
-        with pytest.raises(LimitViolation, match="joint 1 outside"):
+        with pytest.raises(errors.LimitViolation, match="joint 1 outside"):
             cell.measure(journal, work())
         rejected = [(e.record.shot, e.record.reason) for e in journal.records_of(Rejected)]
         stopped = journal.records()[-1].record
@@ -150,7 +141,7 @@ def ask_to_stop_while_measuring(cell: FakeCell) -> None:
     [
         (ask_to_stop_while_moving, EngineState.MOVING, Interrupted, POLL_S),
         (ask_to_stop_while_settling, EngineState.SETTLING, Interrupted, POLL_S),
-        (ask_to_stop_while_measuring, EngineState.MEASURING, Cancelled, PATIENCE_S),
+        (ask_to_stop_while_measuring, EngineState.MEASURING, errors.Cancelled, PATIENCE_S),
     ],
     ids=["moving", "settling", "measuring"],
 )
@@ -158,7 +149,7 @@ def test_ctrl_c_stops_the_robot_at_once(
     tmp_path: Path,
     press_ctrl_c: Break,
     state: EngineState,
-    error: type[CampaignError | DriverError],
+    error: type[CampaignError | errors.DriverError],
     within_s: float,
 ) -> None:
     cell = FakeCell()
@@ -187,7 +178,7 @@ def test_ctrl_c_while_the_tracker_looks_for_its_reflector_stops_the_robot(tmp_pa
         cell.clock.after(0.5 + 0.5, cell.wish.ask)
 
     cell.tracker.during_measure = {1: break_beam_and_ask_soon}
-    with journal_in(tmp_path, cell.calls) as journal, pytest.raises(Cancelled):
+    with journal_in(tmp_path, cell.calls) as journal, pytest.raises(errors.Cancelled):
         cell.measure(journal, work())
     assert cell.calls[-3:] == [
         ("tracker.find_reflector", 2500.0),
@@ -217,8 +208,10 @@ def test_journal_that_cannot_be_written_stops_the_robot_and_ends_all_motion(
 
 
 STOP_FAILURES = {
-    "no confirmation": [RobotStateUnknown("robot state unknown: no answer", remedy="use it")],
-    "refused": [MotionFault("brake does not close", remedy="call service")],
+    "no confirmation": [
+        errors.RobotStateUnknown("robot state unknown: no answer", remedy="use it")
+    ],
+    "refused": [errors.MotionFault("brake does not close", remedy="call service")],
     "bug": [OSError("descriptor closed")],
     "interrupted twice": [KeyboardInterrupt(), KeyboardInterrupt()],
 }
@@ -230,7 +223,9 @@ def test_stop_that_fails_is_loud(tmp_path: Path, failure: str) -> None:
     cell.robot.stop_errors = list(STOP_FAILURES[failure])
     cell.robot.during_move = {2: lambda: press_emergency_stop(cell)}
     with journal_in(tmp_path, cell.calls) as journal:
-        with pytest.raises(RobotStateUnknown, match=r"robot state unknown.*emergency") as caught:
+        with pytest.raises(
+            errors.RobotStateUnknown, match=r"robot state unknown.*emergency"
+        ) as caught:
             cell.measure(journal, work())
         stopped = journal.records_of(SessionStopped)[-1].record
     assert caught.value.remedy == "use the hardware stop"
@@ -249,10 +244,10 @@ def test_ctrl_c_during_the_stop_does_not_keep_the_robot_from_stopping(tmp_path: 
 
 def test_journal_that_fails_does_not_hide_an_unknown_state_of_the_robot(tmp_path: Path) -> None:
     cell = FakeCell()
-    cell.robot.stop_errors = [LinkDown("no answer", remedy="check the cable")]
+    cell.robot.stop_errors = [errors.LinkDown("no answer", remedy="check the cable")]
     with journal_in(tmp_path, cell.calls) as journal:
         journal.fails_from = 5
-        with pytest.raises(RobotStateUnknown, match=r"no answer.*the disk is full"):
+        with pytest.raises(errors.RobotStateUnknown, match=r"no answer.*the disk is full"):
             cell.measure(journal, work())
 
 

@@ -20,12 +20,7 @@ import pytest
 from benchmarks.engine import AIR, COVARIANCE_MM2, DEVICE, InstantRobot, work_of
 from benchmarks.shared.prototype import CENTRE, EVERYWHERE, NOMINAL, ROBOT
 from campaigns.campaign import now_utc
-from campaigns.journal.database import (
-    connect_to_read,
-    connect_to_write,
-    stored_records,
-    verify_file,
-)
+from campaigns.journal import database
 from campaigns.journal.journal import Journal, read_journal
 from campaigns.journal.records import Intent, Outcome
 from campaigns.measuring.resume import complete_series
@@ -75,7 +70,7 @@ class TellingJournal(Journal):
     """Says of each record that it is durable, and can die right after the nth."""
 
     def __init__(self, path, tell_to, dies_after):
-        super().__init__(connect_to_write(path, create=not path.exists()), path, now_utc)
+        super().__init__(database.connect_to_write(path, create=not path.exists()), path, now_utc)
         self._tell_to, self._left = tell_to, dies_after
 
     def append(self, record, *, series=None):
@@ -122,8 +117,8 @@ def killed(folder, shots, *, dies_after=None, after_s=None):
     code = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
     assert code in {0, -signal.SIGKILL}
     if durable:
-        with closing(connect_to_read(folder / "campaign.db")) as connection:
-            stored = {row[0]: row[-1] for row in stored_records(connection)[0]}
+        with closing(database.connect_to_read(folder / "campaign.db")) as connection:
+            stored = {row[0]: row[-1] for row in database.stored_records(connection)[0]}
         assert durable.items() <= stored.items()
     return code != 0
 
@@ -132,8 +127,8 @@ def finished(folder, shots):
     """Let a campaign come to its end, and look at all of it; gives the number of its records."""
     assert not killed(folder, shots)
     path = folder / "campaign.db"
-    with closing(connect_to_read(path)) as connection:
-        verify_file(connection, path)
+    with closing(database.connect_to_read(path)) as connection:
+        database.verify_file(connection, path)
     with read_journal(path) as journal:
         (series,) = journal.series()
         accepted = [shot.intent.shot for shot in journal.shots(1)]

@@ -14,16 +14,8 @@ from tested_journal import journal_in
 
 from campaigns.errors import Interrupted
 from campaigns.estimation.estimators import Estimator
+from campaigns.journal import records
 from campaigns.journal.journal import Journal
-from campaigns.journal.records import (
-    Event,
-    Intent,
-    PairVoided,
-    Record,
-    Rejected,
-    SeriesFinished,
-    SessionStopped,
-)
 from campaigns.journal.views import Entry
 from campaigns.measuring.resume import complete_series, missing_shots
 from campaigns.measuring.run_state import ParameterUncertainty
@@ -68,12 +60,16 @@ def ended_early(ended_once: tuple[Path, FakeCell], tmp_path: Path) -> Path:
     return shutil.copytree(ended_once[0], tmp_path / "early")
 
 
-def is_goal_met(record: Record) -> bool:
-    return isinstance(record, Event) and record.kind == "goal met"
+def is_goal_met(record: records.Record) -> bool:
+    return isinstance(record, records.Event) and record.kind == "goal met"
 
 
 def goals_met(journal: Journal) -> list[str]:
-    return [entry.record.text for entry in journal.records_of(Event) if is_goal_met(entry.record)]
+    return [
+        entry.record.text
+        for entry in journal.records_of(records.Event)
+        if is_goal_met(entry.record)
+    ]
 
 
 @pytest.mark.slow
@@ -110,7 +106,7 @@ def test_what_is_left_out_is_whole_pairs_and_named_in_the_journal(
 def test_no_shot_to_identify_from_is_begun_after_the_goal_is_met(ended_early: Path) -> None:
     with journal_in(ended_early, []) as journal:
         met = next(entry.number for entry in journal.records() if is_goal_met(entry.record))
-        intents = journal.records_of(Intent)
+        intents = journal.records_of(records.Intent)
         later = [entry.record.purpose for entry in intents if entry.number > met]
     assert set(later) == {ShotSet.VALIDATION.value, ShotSet.DRIFT.value}
 
@@ -184,7 +180,7 @@ def test_an_early_end_finishes_the_series(ended_early: Path) -> None:
         assert complete_series(journal, until(GOAL_MM)).number == 1
         assert complete_series(journal, until(2.0 * GOAL_MM)).number == 1
         assert missing_shots(journal.latest_series("run"), until(None))
-        stopped = journal.records_of(SessionStopped)[-1].record
+        stopped = journal.records_of(records.SessionStopped)[-1].record
     assert (stopped.how, stopped.reason) == ("finished", "everything wanted was measured")
 
 
@@ -197,7 +193,7 @@ def test_what_was_left_out_is_measured_by_a_run_without_the_goal(ended_early: Pa
         before = numbers(journal.shots(1))
         assert cell.measure(journal, until(goal_mm)) == 1, "the same series"
         assert numbers(journal.shots(1)) == ALL
-        assert len(journal.records_of(SeriesFinished)) == 1
+        assert len(journal.records_of(records.SeriesFinished)) == 1
         assert complete_series(journal, until(goal_mm)).number == 1
     intents = [call[1] for call in cell.named("journal.intent")]
     assert intents[0] == 0, "the drift pose is compared first"
@@ -234,7 +230,7 @@ def test_a_goal_that_the_shots_there_meet_already_is_met_without_a_motion(tmp_pa
     assert not cell.named("robot.move_joints")
 
 
-def cut_off(folder: Path, whole: Sequence[Entry[Record]]) -> None:
+def cut_off(folder: Path, whole: Sequence[Entry[records.Record]]) -> None:
     """A journal of these records alone: the power failed after them."""
     with journal_in(folder, []) as journal:
         for entry in whole:
@@ -269,7 +265,7 @@ def test_a_crash_about_an_early_end_loses_nothing(
             cell.measure(journal, until(goal_mm))
         shots = journal.shots(1)
         assert journal.latest_series("run").finished
-        assert [entry.series for entry in journal.records_of(SeriesFinished)] == [1]
+        assert [entry.series for entry in journal.records_of(records.SeriesFinished)] == [1]
     assert numbers(shots) >= OTHERS
     assert numbers(shots) == ALL if goal_mm is None else worst_length_mm(shots) <= goal_mm
     pairs = [PAIR_OF[shot] for shot in numbers(shots) if shot in PAIR_OF]
@@ -285,7 +281,7 @@ def test_a_voided_pair_is_forgotten_by_what_is_known(tmp_path: Path) -> None:
     cell.tracker.during_measure = {second + 1: cell.tracker.break_beam}
     measured(tmp_path, None, cell)
     with journal_in(tmp_path, []) as journal:
-        (voided,) = (entry.record for entry in journal.records_of(PairVoided))
+        (voided,) = (entry.record for entry in journal.records_of(records.PairVoided))
     assert voided.shots == (first,)
     (before, again), (with_first, _) = known_while(cell, first), known_while(cell, second)
     assert before.shots == again.shots == 20
@@ -333,7 +329,7 @@ def test_parameters_held_wrongly_do_not_refuse_shots(tmp_path: Path) -> None:
     long_armed = par4(NOMINAL.parameters | {"arm1.forearm_mm": 720.0})
     cell = noisy_cell(truth=long_armed)
     journal = cell.run(tmp_path, freeing(FEWER))
-    assert not journal.records_of(Rejected)
+    assert not journal.records_of(records.Rejected)
 
 
 def test_a_resumed_run_knows_what_the_journal_tells(tmp_path: Path) -> None:

@@ -10,15 +10,8 @@ from small_plans import FOUR_PAIRS, LIMITS, SETUP, planned
 
 from campaigns.errors import GoalInvalid, PlanInvalid
 from campaigns.estimation.estimators import Estimator
+from campaigns.measuring import stopping_rule
 from campaigns.measuring.run_state import ParameterUncertainty
-from campaigns.measuring.stopping_rule import (
-    UncertaintyGoal,
-    early_stop,
-    in_ranges,
-    is_met,
-    predicted_stop,
-    read_goal,
-)
 from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plans import make_plan
@@ -39,12 +32,12 @@ def monitor(shots=PLAN, estimator=Estimator.POINTS) -> UncertaintyMonitor:
 
 @pytest.mark.parametrize(("goal_mm", "met"), [(0.0198, True), (0.02, True), (0.0197, False)])
 def test_a_goal_is_met_by_the_worst_length(goal_mm: float, met: bool) -> None:
-    assert is_met(UncertaintyGoal(goal_mm), KNOWN) is met
+    assert stopping_rule.is_met(stopping_rule.UncertaintyGoal(goal_mm), KNOWN) is met
 
 
 def test_without_a_goal_or_knowledge_none_is_met() -> None:
-    assert not is_met(None, KNOWN)
-    assert not is_met(UncertaintyGoal(10.0), None)
+    assert not stopping_rule.is_met(None, KNOWN)
+    assert not stopping_rule.is_met(stopping_rule.UncertaintyGoal(10.0), None)
 
 
 def mixed():
@@ -57,7 +50,7 @@ def mixed():
 
 
 def test_only_what_serves_nothing_else_than_to_identify_is_left_out_and_named() -> None:
-    wanted, event = early_stop(UncertaintyGoal(0.02), KNOWN, mixed())
+    wanted, event = stopping_rule.early_stop(stopping_rule.UncertaintyGoal(0.02), KNOWN, mixed())
     assert [step.planned.shot for group in wanted for step in group] == [0, 5, 6, 7]
     assert event.kind == "goal met"
     assert event.text == (
@@ -67,19 +60,19 @@ def test_only_what_serves_nothing_else_than_to_identify_is_left_out_and_named() 
 
 
 def test_nothing_is_left_out_before_enough_is_known() -> None:
-    assert early_stop(UncertaintyGoal(0.019), KNOWN, mixed()) is None
-    assert early_stop(UncertaintyGoal(0.02), None, mixed()) is None
-    assert early_stop(None, KNOWN, mixed()) is None
+    assert stopping_rule.early_stop(stopping_rule.UncertaintyGoal(0.019), KNOWN, mixed()) is None
+    assert stopping_rule.early_stop(stopping_rule.UncertaintyGoal(0.02), None, mixed()) is None
+    assert stopping_rule.early_stop(None, KNOWN, mixed()) is None
 
 
 def test_there_is_no_early_end_when_only_others_are_left() -> None:
     others = [group for group in mixed() if len(group) == 1]
-    assert early_stop(UncertaintyGoal(0.02), KNOWN, others) is None
+    assert stopping_rule.early_stop(stopping_rule.UncertaintyGoal(0.02), KNOWN, others) is None
 
 
 def test_numbers_are_told_in_ranges() -> None:
-    assert in_ranges([1, 2, 3, 7, 9, 10]) == "1–3, 7, 9–10"
-    assert in_ranges([]) == ""
+    assert stopping_rule.in_ranges([1, 2, 3, 7, 9, 10]) == "1–3, 7, 9–10"
+    assert stopping_rule.in_ranges([]) == ""
 
 
 def test_a_plan_predicts_what_its_shots_will_tell() -> None:
@@ -104,7 +97,9 @@ def test_distances_of_pairs_tell_less_than_their_points() -> None:
 
 def test_a_goal_within_reach_says_how_many_shots_will_do() -> None:
     whole = monitor().predicted(TRACKER_MM)
-    end = predicted_stop(UncertaintyGoal(2.0 * whole.length_std_mm), monitor(), TRACKER_MM)
+    end = stopping_rule.predicted_stop(
+        stopping_rule.UncertaintyGoal(2.0 * whole.length_std_mm), monitor(), TRACKER_MM
+    )
     assert end.whole == whole
     enough, fewer = (monitor().predicted(TRACKER_MM, n) for n in (end.shots, end.shots - 1))
     assert enough.length_std_mm <= 2.0 * whole.length_std_mm < fewer.length_std_mm
@@ -113,7 +108,7 @@ def test_a_goal_within_reach_says_how_many_shots_will_do() -> None:
 def test_a_goal_out_of_reach_is_refused_with_what_the_plan_will_give() -> None:
     whole = monitor().predicted(TRACKER_MM)
     with pytest.raises(PlanInvalid) as caught:
-        predicted_stop(UncertaintyGoal(0.001), monitor(), TRACKER_MM)
+        stopping_rule.predicted_stop(stopping_rule.UncertaintyGoal(0.001), monitor(), TRACKER_MM)
     assert caught.value.problem == (
         f"goal σ=0.001: the whole plan will give {whole.length_std_mm:.3g} mm"
     )
@@ -123,26 +118,28 @@ def test_a_goal_out_of_reach_is_refused_with_what_the_plan_will_give() -> None:
 @pytest.mark.parametrize("shots", [FOUR_PAIRS, FOUR_PAIRS[:1]])
 def test_a_plan_that_cannot_tell_the_parameters_is_refused(shots) -> None:
     with pytest.raises(PlanInvalid, match="too few shots to identify from"):
-        predicted_stop(UncertaintyGoal(1.0), monitor(shots), TRACKER_MM)
+        stopping_rule.predicted_stop(stopping_rule.UncertaintyGoal(1.0), monitor(shots), TRACKER_MM)
 
 
 @pytest.mark.parametrize("text", ["σ=0.02", "sigma=0.02", " Std = 0.02 ", "Σ=2e-2"])
 def test_a_goal_is_a_standard_deviation_in_mm(text):
-    assert read_goal(text) == UncertaintyGoal(0.02)
+    assert stopping_rule.read_goal(text) == stopping_rule.UncertaintyGoal(0.02)
 
 
 def test_a_goal_reads_back_as_it_is_written():
-    assert read_goal(str(UncertaintyGoal(0.0125))) == UncertaintyGoal(0.0125)
+    assert stopping_rule.read_goal(
+        str(stopping_rule.UncertaintyGoal(0.0125))
+    ) == stopping_rule.UncertaintyGoal(0.0125)
 
 
 @pytest.mark.parametrize("text", ["", "0.02", "tau=0.02", "σ"])
 def test_what_is_no_goal_is_refused_with_an_example(text):
     with pytest.raises(GoalInvalid, match="not understood") as caught:
-        read_goal(text)
+        stopping_rule.read_goal(text)
     assert "σ=0.02" in caught.value.remedy
 
 
 @pytest.mark.parametrize("number", ["0", "-1", "nan", "inf", "11", "0,02"])
 def test_a_standard_deviation_that_cannot_be_is_refused_with_the_limit(number):
     with pytest.raises(GoalInvalid, match="must be above 0 and at most 10 mm"):
-        read_goal(f"σ={number}")
+        stopping_rule.read_goal(f"σ={number}")

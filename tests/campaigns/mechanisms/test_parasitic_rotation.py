@@ -11,19 +11,14 @@ from scipy.spatial.transform import Rotation
 
 from campaigns.estimation.observability import observability
 from campaigns.estimation.residuals import PointResiduals, PositionModel
+from campaigns.mechanisms import parasitic_rotation
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.par4 import PAR4
-from campaigns.mechanisms.parasitic_rotation import (
-    PlateGeometry,
-    displacement,
-    rotation_minus_identity,
-    rotation_vectors,
-)
 from campaigns.robots.robot import find_robot
 from sim.geometry import KINDS, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism, turned
 
-DRAWING = PlateGeometry(
+DRAWING = parasitic_rotation.PlateGeometry(
     ((-60.0, 5.0, 3.0), (55.0, 0.0, -2.0), (60.0, 10.0, 0.0), (-70.0, 0.0, 4.0)),
     (20.0, -30.0, -45.0),
 )
@@ -91,11 +86,11 @@ def test_the_reflector_s_place_matters_as_much_as_the_plate_turns():
 def test_gibbs_vectors_are_rotations_in_every_decade(size):
     axes = np.random.default_rng(8).normal(size=(3, 5))
     gibbs = size * axes / np.linalg.norm(axes, axis=0)
-    turns = Rotation.from_rotvec(rotation_vectors(gibbs).T)
-    r_minus_i = rotation_minus_identity(gibbs).transpose(2, 0, 1)
+    turns = Rotation.from_rotvec(parasitic_rotation.rotation_vectors(gibbs).T)
+    r_minus_i = parasitic_rotation.rotation_minus_identity(gibbs).transpose(2, 0, 1)
     assert np.abs(r_minus_i + np.eye(3) - turns.as_matrix()).max() < 1e-15
     vectors = np.random.default_rng(9).normal(size=(3, 2, 5))
-    moved = displacement(gibbs, vectors)
+    moved = parasitic_rotation.displacement(gibbs, vectors)
     expected = turns.apply(vectors[:, 1].T) - vectors[:, 1].T
     assert np.abs(moved[:, 1].T - expected).max() < 1e-14
     assert np.abs(moved).max() < 10.0 * size

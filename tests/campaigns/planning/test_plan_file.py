@@ -8,15 +8,7 @@ from hypothesis import strategies as st
 
 from campaigns.errors import PlanInvalid, WriteFailed
 from campaigns.mechanisms.par4 import PAR4
-from campaigns.planning.plan_file import (
-    PlannedShot,
-    ShotSet,
-    parse_plan,
-    plan_digest,
-    plan_text,
-    read_plan,
-    write_plan,
-)
+from campaigns.planning import plan_file
 from drivers.values import Pose
 
 HEADER = "shot,set,pair,x_mm,y_mm,z_mm,theta_deg,q0_deg,q1_deg,q2_deg,q3_deg\n"
@@ -30,11 +22,11 @@ PLAN = HEADER + (
 
 
 def read(text):
-    return parse_plan(text, "plan.csv", PAR4)
+    return plan_file.parse_plan(text, "plan.csv", PAR4)
 
 
 def digest(shots):
-    return plan_digest(shots, PAR4)
+    return plan_file.plan_digest(shots, PAR4)
 
 
 def complaint(text):
@@ -49,11 +41,11 @@ def complaint(text):
 def test_rows_are_read_in_their_order_with_angles_in_rad():
     shots = read(PLAN)
     assert [shot.shot for shot in shots] == [0, 1, 2, 3, 4]
-    assert shots[0].purpose is ShotSet.DRIFT
+    assert shots[0].purpose is plan_file.ShotSet.DRIFT
     assert shots[0].pair is None
-    assert shots[1] == PlannedShot(
+    assert shots[1] == plan_file.PlannedShot(
         shot=1,
-        purpose=ShotSet.IDENTIFICATION,
+        purpose=plan_file.ShotSet.IDENTIFICATION,
         pair=0,
         pose=Pose(100.5, -20.0, -600.0, math.radians(15.0)),
         joints=tuple(math.radians(angle) for angle in (1.0, 2.0, 3.0, 4.0)),
@@ -62,26 +54,26 @@ def test_rows_are_read_in_their_order_with_angles_in_rad():
 
 def test_written_file_begins_with_the_agreed_header(tmp_path):
     path = tmp_path / "plan.csv"
-    write_plan(path, read(PLAN), PAR4)
+    plan_file.write_plan(path, read(PLAN), PAR4)
     assert path.read_text().startswith(HEADER)
-    assert read_plan(path, PAR4) == read(PLAN)
+    assert plan_file.read_plan(path, PAR4) == read(PLAN)
 
 
 def test_new_plan_takes_the_place_of_the_old(tmp_path):
     path = tmp_path / "plan.csv"
-    write_plan(path, read(PLAN), PAR4)
-    write_plan(path, read(PLAN)[:1], PAR4)
-    assert len(read_plan(path, PAR4)) == 1
+    plan_file.write_plan(path, read(PLAN), PAR4)
+    plan_file.write_plan(path, read(PLAN)[:1], PAR4)
+    assert len(plan_file.read_plan(path, PAR4)) == 1
 
 
 def test_plan_that_cannot_be_written_is_said(tmp_path):
     with pytest.raises(WriteFailed):
-        write_plan(tmp_path / "missing" / "plan.csv", read(PLAN), PAR4)
+        plan_file.write_plan(tmp_path / "missing" / "plan.csv", read(PLAN), PAR4)
 
 
 def test_missing_plan_says_how_to_make_one(tmp_path):
     with pytest.raises(PlanInvalid, match="make one with `pkmcal plan`"):
-        read_plan(tmp_path / "plan.csv", PAR4)
+        plan_file.read_plan(tmp_path / "plan.csv", PAR4)
 
 
 @pytest.mark.parametrize(
@@ -166,17 +158,21 @@ joints = st.tuples(angles_rad, angles_rad, angles_rad, angles_rad)
 @st.composite
 def plans(draw):
     """Plans of one pair and one drift shot, with any numbers."""
-    sets = [(ShotSet.VALIDATION, 7), (ShotSet.VALIDATION, 7), (ShotSet.DRIFT, None)]
+    sets = [
+        (plan_file.ShotSet.VALIDATION, 7),
+        (plan_file.ShotSet.VALIDATION, 7),
+        (plan_file.ShotSet.DRIFT, None),
+    ]
     numbers = draw(st.lists(st.integers(0, 10**6), min_size=3, max_size=3, unique=True))
     return tuple(
-        PlannedShot(number, purpose, pair, draw(poses), draw(joints))
+        plan_file.PlannedShot(number, purpose, pair, draw(poses), draw(joints))
         for number, (purpose, pair) in zip(numbers, sets, strict=True)
     )
 
 
 @given(plans())
 def test_any_plan_is_the_same_plan_after_writing_and_reading(plan):
-    again = read(plan_text(plan, PAR4))
+    again = read(plan_file.plan_text(plan, PAR4))
     assert digest(again) == digest(plan)
     for shot, back in zip(plan, again, strict=True):
         position = (shot.pose.x_mm, shot.pose.y_mm, shot.pose.z_mm)

@@ -11,30 +11,21 @@ from campaigns.design.pose_sampling import incidence_rad
 from campaigns.design.tours import travel_rad
 from campaigns.errors import PlanInvalid
 from campaigns.mechanisms.par4 import PAR4
+from campaigns.planning import plans
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import Pace, check_plan
 from campaigns.planning.plan_file import PlannedShot, parse_plan, plan_digest, plan_text
-from campaigns.planning.plans import (
-    JOINT_RESERVE_RAD,
-    UNSEEN_JOINT_RESERVE_RAD,
-    PlanRequest,
-    View,
-    joints_of,
-    make_plan,
-    pairs_of,
-    poses_of,
-)
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
-VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), float(np.radians(25.0)))
+VIEW = plans.View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), float(np.radians(25.0)))
 MIDDLE = Pose(*CENTRE.tolist())
-REQUEST = PlanRequest(120, 20, 3, MIDDLE)
+REQUEST = plans.PlanRequest(120, 20, 3, MIDDLE)
 PACE = Pace(1.0, 0.2, 1.0)
 
 
-def plan(request: PlanRequest = REQUEST, seed: int = 1, view: View = VIEW):
-    return make_plan(ROBOT, view, request, np.random.default_rng(seed))
+def plan(request: plans.PlanRequest = REQUEST, seed: int = 1, view: plans.View = VIEW):
+    return plans.make_plan(ROBOT, view, request, np.random.default_rng(seed))
 
 
 @pytest.fixture(scope="module")
@@ -49,13 +40,13 @@ def of(shots: tuple[PlannedShot, ...], purpose: ShotSet) -> list[PlannedShot]:
 def test_default_plan_has_what_was_asked_for(default_plan: tuple[PlannedShot, ...]) -> None:
     assert len(default_plan) == 120 + 40 + 3
     assert [shot.shot for shot in default_plan] == list(range(163))
-    assert pairs_of(default_plan, ShotSet.IDENTIFICATION).shape == (60, 2)
-    assert pairs_of(default_plan, ShotSet.VALIDATION).shape == (20, 2)
+    assert plans.pairs_of(default_plan, ShotSet.IDENTIFICATION).shape == (60, 2)
+    assert plans.pairs_of(default_plan, ShotSet.VALIDATION).shape == (20, 2)
 
 
 def test_shots_of_a_pair_follow_one_another(default_plan: tuple[PlannedShot, ...]) -> None:
     for purpose in (ShotSet.IDENTIFICATION, ShotSet.VALIDATION):
-        pairs = pairs_of(default_plan, purpose)
+        pairs = plans.pairs_of(default_plan, purpose)
         assert (np.diff(pairs, axis=1) == 1).all()
 
 
@@ -66,16 +57,16 @@ def test_drift_is_watched_at_start_middle_and_end(default_plan: tuple[PlannedSho
 
 @pytest.mark.parametrize("count", [2, 5, 9])
 def test_drift_shots_never_cut_a_pair(count: int) -> None:
-    shots = plan(PlanRequest(8, 2, count, MIDDLE))
+    shots = plan(plans.PlanRequest(8, 2, count, MIDDLE))
     assert len(of(shots, ShotSet.DRIFT)) == count
     assert shots[0].purpose is shots[-1].purpose is ShotSet.DRIFT
-    assert (np.diff(pairs_of(shots, ShotSet.IDENTIFICATION), axis=1) == 1).all()
+    assert (np.diff(plans.pairs_of(shots, ShotSet.IDENTIFICATION), axis=1) == 1).all()
 
 
 def test_shots_to_identify_from_lie_near_the_boundary(
     default_plan: tuple[PlannedShot, ...],
 ) -> None:
-    poses = poses_of(of(default_plan, ShotSet.IDENTIFICATION))
+    poses = plans.poses_of(of(default_plan, ShotSet.IDENTIFICATION))
     further = CENTRE + 1.08 * (poses - CENTRE)
     assert NOMINAL.feasibility(LIMITS, poses).feasible.all()
     beyond = ~NOMINAL.feasibility(LIMITS, further).feasible
@@ -90,7 +81,7 @@ def unit(vector: tuple[float, float, float]) -> np.ndarray:
 def test_validation_shots_are_spread_over_the_workspace(
     default_plan: tuple[PlannedShot, ...],
 ) -> None:
-    poses = poses_of(of(default_plan, ShotSet.VALIDATION))
+    poses = plans.poses_of(of(default_plan, ShotSet.VALIDATION))
     assert (np.ptp(poses[:, :3], axis=0) > (500.0, 500.0, 250.0)).all()
     assert np.ptp(poses[:, 3]) > np.radians(60.0)
 
@@ -98,16 +89,16 @@ def test_validation_shots_are_spread_over_the_workspace(
 def test_planned_joints_keep_off_their_limits(default_plan: tuple[PlannedShot, ...]) -> None:
     low, high = ROBOT.limits.joint
     for purpose, reserve in (
-        (ShotSet.IDENTIFICATION, JOINT_RESERVE_RAD),
-        (ShotSet.VALIDATION, UNSEEN_JOINT_RESERVE_RAD),
+        (ShotSet.IDENTIFICATION, plans.JOINT_RESERVE_RAD),
+        (ShotSet.VALIDATION, plans.UNSEEN_JOINT_RESERVE_RAD),
     ):
-        joints = joints_of(of(default_plan, purpose))
+        joints = plans.joints_of(of(default_plan, purpose))
         assert joints.min() >= low + reserve - 1e-12
         assert joints.max() <= high - reserve + 1e-12
 
 
 def test_tour_travels_little(default_plan: tuple[PlannedShot, ...]) -> None:
-    joints = joints_of(default_plan)
+    joints = plans.joints_of(default_plan)
     tour = travel_rad(joints[:-1], joints[1:]).sum()
     shuffled = np.random.default_rng(0).permutation(joints)
     assert tour < 0.85 * travel_rad(shuffled[:-1], shuffled[1:]).sum()
@@ -125,13 +116,13 @@ def test_plan_passes_its_own_check_also_after_a_round_trip_through_its_file(
 
 
 def test_same_seed_gives_the_same_plan_and_another_seed_another() -> None:
-    request = PlanRequest(8, 2, 2, MIDDLE)
+    request = plans.PlanRequest(8, 2, 2, MIDDLE)
     assert plan(request, seed=3) == plan(request, seed=3)
     assert plan(request, seed=3) != plan(request, seed=4)
 
 
 def test_plan_without_validation_pairs_can_be_made() -> None:
-    shots = plan(PlanRequest(8, 0, 2, MIDDLE))
+    shots = plan(plans.PlanRequest(8, 0, 2, MIDDLE))
     assert {shot.purpose for shot in shots} == {ShotSet.IDENTIFICATION, ShotSet.DRIFT}
 
 

@@ -8,37 +8,11 @@ from par4_space import FREE_BY_DEFAULT, SPACE
 
 from campaigns.design.pose_sampling import workspace_poses
 from campaigns.errors import PlanInvalid
+from campaigns.estimation import information, tracker_noise
 from campaigns.estimation.estimators import Estimator
-from campaigns.estimation.information import (
-    WorkspaceSample,
-    distance_jacobian,
-    marginalise_frame,
-    point_jacobian,
-    whitened,
-)
 from campaigns.estimation.observability import observability
-from campaigns.estimation.tracker_noise import (
-    TrackerUncertainty,
-    distance_variance_mm2,
-    point_covariance_mm2,
-    pooled_variance_mm2,
-)
+from campaigns.planning import plans, predicted_uncertainty
 from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.plans import (
-    PlanRequest,
-    View,
-    joints_of,
-    make_plan,
-    pairs_of,
-    poses_of,
-    region_of,
-)
-from campaigns.planning.predicted_uncertainty import (
-    EstimationSetup,
-    plan_approach_shares,
-    plan_forecast,
-    require_identifiable,
-)
 from campaigns.robots.robot import find_robot
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
@@ -46,16 +20,18 @@ from drivers.values import Pose
 ROBOT = find_robot("par4-prototype").robot
 GEOMETRY = ROBOT.kinematics
 CENTRE = Pose(0.0, 0.0, -575.0, 0.0)
-VIEW = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), np.radians(25.0))
+VIEW = plans.View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), np.radians(25.0))
 TRACKER_MM = np.array(VIEW.tracker_mm)
-MEANS = EstimationSetup(Estimator.POINTS, FREE_BY_DEFAULT, TrackerUncertainty())
+MEANS = predicted_uncertainty.EstimationSetup(
+    Estimator.POINTS, FREE_BY_DEFAULT, tracker_noise.TrackerUncertainty()
+)
 BY_DISTANCES = replace(MEANS, estimator=Estimator.DISTANCES)
-REGION = region_of(GEOMETRY, ROBOT.limits, VIEW, CENTRE)
+REGION = plans.region_of(GEOMETRY, ROBOT.limits, VIEW, CENTRE)
 
 
 def planned(shots, seed=1):
-    request = PlanRequest(shots, 4, 2, CENTRE)
-    return make_plan(ROBOT, VIEW, request, np.random.default_rng(seed))
+    request = plans.PlanRequest(shots, 4, 2, CENTRE)
+    return plans.make_plan(ROBOT, VIEW, request, np.random.default_rng(seed))
 
 
 @pytest.fixture(scope="module")
@@ -71,26 +47,30 @@ def poses():
 
 @pytest.fixture(scope="module")
 def rows(poses):
-    return WorkspaceSample.of(GEOMETRY, FREE_BY_DEFAULT, poses)
+    return information.WorkspaceSample.of(GEOMETRY, FREE_BY_DEFAULT, poses)
 
 
 def rows_of(plan, estimator):
     """Jacobian of what an estimator looks at, in units of its noise, the frame fitted."""
-    pairs = pairs_of(plan, ShotSet.IDENTIFICATION)
-    joints, poses = joints_of(plan), poses_of(plan)
-    noise = point_covariance_mm2(poses[:, :3] - TRACKER_MM, TrackerUncertainty())
+    pairs = plans.pairs_of(plan, ShotSet.IDENTIFICATION)
+    joints, poses = plans.joints_of(plan), plans.poses_of(plan)
+    noise = tracker_noise.point_covariance_mm2(
+        poses[:, :3] - TRACKER_MM, tracker_noise.TrackerUncertainty()
+    )
     if estimator is Estimator.POINTS:
         rows = pairs.ravel()
-        seen = point_jacobian(GEOMETRY, FREE_BY_DEFAULT, joints[rows], poses[rows])
-        return marginalise_frame(whitened(seen, noise[rows])).reshape(-1, 22)
-    variance = distance_variance_mm2(poses[:, :3], noise, *pairs.T)
-    seen = distance_jacobian(GEOMETRY, FREE_BY_DEFAULT, joints, poses, pairs)
-    return seen / np.sqrt(pooled_variance_mm2(variance))
+        seen = information.point_jacobian(GEOMETRY, FREE_BY_DEFAULT, joints[rows], poses[rows])
+        return information.marginalise_frame(information.whitened(seen, noise[rows])).reshape(
+            -1, 22
+        )
+    variance = tracker_noise.distance_variance_mm2(poses[:, :3], noise, *pairs.T)
+    seen = information.distance_jacobian(GEOMETRY, FREE_BY_DEFAULT, joints, poses, pairs)
+    return seen / np.sqrt(tracker_noise.pooled_variance_mm2(variance))
 
 
 @pytest.mark.parametrize("means", [MEANS, BY_DISTANCES], ids=lambda means: means.estimator)
 def test_covariance_rank_and_condition_are_of_one_estimator(plan, rows, means):
-    forecast = plan_forecast(plan, GEOMETRY, TRACKER_MM, means, rows)
+    forecast = predicted_uncertainty.plan_forecast(plan, GEOMETRY, TRACKER_MM, means, rows)
     seen = rows_of(plan, means.estimator)
     alone = np.linalg.inv(seen.T @ seen)
     std = np.sqrt(np.diag(alone)) / SPACE.units(FREE_BY_DEFAULT)
@@ -103,20 +83,22 @@ def test_covariance_rank_and_condition_are_of_one_estimator(plan, rows, means):
 def test_validation_and_drift_shots_tell_nothing(plan, rows):
     alone = [shot for shot in plan if shot.purpose is ShotSet.IDENTIFICATION]
     for means in (MEANS, BY_DISTANCES):
-        whole = plan_forecast(plan, GEOMETRY, TRACKER_MM, means, rows)
-        part = plan_forecast(alone, GEOMETRY, TRACKER_MM, means, rows)
+        whole = predicted_uncertainty.plan_forecast(plan, GEOMETRY, TRACKER_MM, means, rows)
+        part = predicted_uncertainty.plan_forecast(alone, GEOMETRY, TRACKER_MM, means, rows)
         assert whole.predicted.std() == pytest.approx(part.predicted.std(), rel=1e-12)
 
 
 def test_a_nearer_tracker_tells_more(plan, rows):
-    far = plan_forecast(plan, GEOMETRY, 2.0 * TRACKER_MM, MEANS, rows)
-    near = plan_forecast(plan, GEOMETRY, TRACKER_MM, MEANS, rows)
+    far = predicted_uncertainty.plan_forecast(plan, GEOMETRY, 2.0 * TRACKER_MM, MEANS, rows)
+    near = predicted_uncertainty.plan_forecast(plan, GEOMETRY, TRACKER_MM, MEANS, rows)
     assert near.predicted.largest("mm") < 0.8 * far.predicted.largest("mm")
 
 
 @pytest.mark.parametrize(("means", "shots"), [(MEANS, 12), (BY_DISTANCES, 40)])
 def test_too_few_shots_tell_nothing_for_sure(rows, means, shots):
-    forecast = plan_forecast(planned(shots), GEOMETRY, TRACKER_MM, means, rows)
+    forecast = predicted_uncertainty.plan_forecast(
+        planned(shots), GEOMETRY, TRACKER_MM, means, rows
+    )
     assert not forecast.predicted.full_rank
     assert forecast.seen.rank < 22
     assert set(forecast.predicted.std().values()) == {np.inf}
@@ -125,7 +107,9 @@ def test_too_few_shots_tell_nothing_for_sure(rows, means, shots):
 
 def test_parameters_that_no_position_tells_apart_are_named(poses):
     with pytest.raises(PlanInvalid, match=r"arm0\.x_mm, .*arm3\.x_mm move together.*--fix"):
-        require_identifiable(WorkspaceSample.of(GEOMETRY, ("arm0.x_mm", *FREE_BY_DEFAULT), poses))
+        predicted_uncertainty.require_identifiable(
+            information.WorkspaceSample.of(GEOMETRY, ("arm0.x_mm", *FREE_BY_DEFAULT), poses)
+        )
 
 
 def at(number, purpose, *joints):
@@ -140,4 +124,4 @@ def test_shares_count_identification_shots_alone_and_the_way_to_each():
         at(2, ShotSet.VALIDATION, 0.0, 0.0, 2.0, 0.0),
         at(3, wanted, 1.0, -1.0, 1.0, 1.0),
     ]
-    assert plan_approach_shares(shots) == (1.0, 0.0, 0.5, 0.5)
+    assert predicted_uncertainty.plan_approach_shares(shots) == (1.0, 0.0, 0.5, 0.5)

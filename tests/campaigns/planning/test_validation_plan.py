@@ -13,12 +13,7 @@ from campaigns.errors import PlanInvalid
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plans import View
 from campaigns.planning.steps import Step
-from campaigns.planning.validation_plan import (
-    APPROACH_MM,
-    Planned,
-    Reachable,
-    validation_steps,
-)
+from campaigns.planning.validation_plan import APPROACH_MM, Planned, Reachable, validation_steps
 from campaigns.robots.robot import pose_row
 from campaigns.settings.sections import ValidationConfig
 from campaigns.shots.shot_sets import ShotSet

@@ -14,13 +14,7 @@ from campaigns.errors import ConfigInvalid, OutputExists
 from campaigns.mechanisms.delta import DELTA
 from campaigns.mechanisms.par4 import PAR4
 from campaigns.mechanisms.parameters import Parameters
-from campaigns.robots.robot import (
-    RobotFile,
-    compensated,
-    find_robot,
-    read_robot,
-    write_new_robot,
-)
+from campaigns.robots.robot import RobotFile, compensated, find_robot, read_robot, write_new_robot
 
 VECTORS = Path(__file__).parents[2] / "data" / "vectors"
 PROTOTYPE = find_robot("par4-prototype")

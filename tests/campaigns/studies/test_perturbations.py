@@ -12,11 +12,7 @@ from campaigns.estimation.datum import datum_sample
 from campaigns.studies.engine import ResultTable, run_task
 from campaigns.studies.perturbations import PERTURBATIONS, Perturbation, perturbation_of
 from campaigns.studies.perturbed import perturbed_campaign
-from campaigns.studies.study import (
-    CampaignRow,
-    CampaignVerdict,
-    StudyTask,
-)
+from campaigns.studies.study import CampaignRow, CampaignVerdict, StudyTask
 from campaigns.studies.summary import verdict_statistics
 from campaigns.studies.verdicts import judge, position_error_mm
 from sim.scenarios.scenario import load_scenario

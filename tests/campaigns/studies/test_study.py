@@ -17,12 +17,7 @@ from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.engine import ResultTable, run_task
 from campaigns.studies.estimates import estimate_of, fitted, true_robot
-from campaigns.studies.study import (
-    CampaignRow,
-    StudyTask,
-    indistinguishable,
-    planned_shots,
-)
+from campaigns.studies.study import CampaignRow, StudyTask, indistinguishable, planned_shots
 from campaigns.studies.summary import chance, interval_factor, normal_scores, summarise
 
 pytestmark = pytest.mark.slow

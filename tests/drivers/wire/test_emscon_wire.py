@@ -9,18 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import WireError
+from drivers.wire import emscon
 from drivers.wire import emscon_messages as said
-from drivers.wire.emscon import (
-    SHAPES,
-    Answer,
-    EmsconRequest,
-    FromClientFramer,
-    FromServerFramer,
-    OtherPacket,
-    UnknownRequest,
-    encode,
-    refusal,
-)
 from drivers.wire.emscon_constants import (
     Command,
     ResultStatus,
@@ -38,39 +28,41 @@ GOLDEN = {
 }
 
 MEANINGS = {
-    "Initialize request": EmsconRequest(Command.INITIALIZE),
-    "Initialize answer OK": Answer(Command.INITIALIZE),
-    "SetUnits request (mm, deg, C, mbar, RH)": EmsconRequest(
+    "Initialize request": emscon.EmsconRequest(Command.INITIALIZE),
+    "Initialize answer OK": emscon.Answer(Command.INITIALIZE),
+    "SetUnits request (mm, deg, C, mbar, RH)": emscon.EmsconRequest(
         Command.SET_UNITS, said.Units(1, 1, 0, 0, 0)
     ),
-    "SetCoordinateSystemType request RHR": EmsconRequest(
+    "SetCoordinateSystemType request RHR": emscon.EmsconRequest(
         Command.SET_COORDINATE_SYSTEM_TYPE, said.CoordinateSystem(0)
     ),
-    "SetMeasurementMode request Stationary": EmsconRequest(
+    "SetMeasurementMode request Stationary": emscon.EmsconRequest(
         Command.SET_MEASUREMENT_MODE, said.MeasurementMode(0)
     ),
-    "SetStationaryModeParams request 2000 ms, ADM on": EmsconRequest(
+    "SetStationaryModeParams request 2000 ms, ADM on": emscon.EmsconRequest(
         Command.SET_STATIONARY_MODE_PARAMS, said.StationaryMode(2000, 1)
     ),
-    "GetReflectors request": EmsconRequest(Command.GET_REFLECTORS),
-    "GetReflectors answer 1 of 2": Answer(
+    "GetReflectors request": emscon.EmsconRequest(Command.GET_REFLECTORS),
+    "GetReflectors answer 1 of 2": emscon.Answer(
         Command.GET_REFLECTORS, body=said.ReflectorEntry(2, 1, 1, 19.05, "CCR-1.5in")
     ),
-    "SetReflector request id 1": EmsconRequest(Command.SET_REFLECTOR, said.ReflectorChoice(1)),
-    "SetSearchParams request 50.0, 10000 ms": EmsconRequest(
+    "SetReflector request id 1": emscon.EmsconRequest(
+        Command.SET_REFLECTOR, said.ReflectorChoice(1)
+    ),
+    "SetSearchParams request 50.0, 10000 ms": emscon.EmsconRequest(
         Command.SET_SEARCH_PARAMS, said.SearchParams(50.0, 10000)
     ),
-    "SetEnvironmentParams request 20,1013.25,50": EmsconRequest(
+    "SetEnvironmentParams request 20,1013.25,50": emscon.EmsconRequest(
         Command.SET_ENVIRONMENT_PARAMS, said.Environment(20.0, 1013.25, 50.0)
     ),
-    "GoPosition request 1000,2000,-300, ADM": EmsconRequest(
+    "GoPosition request 1000,2000,-300, ADM": emscon.EmsconRequest(
         Command.GO_POSITION, said.BeamTarget((1000.0, 2000.0, -300.0), 1)
     ),
-    "FindReflector request 3000": EmsconRequest(
+    "FindReflector request 3000": emscon.EmsconRequest(
         Command.FIND_REFLECTOR, said.ApproximateDistance(3000.0)
     ),
-    "StartMeasurement request": EmsconRequest(Command.START_MEASUREMENT),
-    "StartMeasurement answer OK": Answer(Command.START_MEASUREMENT),
+    "StartMeasurement request": emscon.EmsconRequest(Command.START_MEASUREMENT),
+    "StartMeasurement answer OK": emscon.Answer(Command.START_MEASUREMENT),
     "SingleMeasResult": said.SingleResult(
         status=0,
         mode=0,
@@ -88,7 +80,7 @@ MEANINGS = {
     "ErrorResponse cmd 49 status 23": said.ErrorResponse(49, 23),
     "SystemStatusChange 27 Ready": said.StatusChange(SystemChange.LIGHT_READY),
     "ReflectorPosResult": said.ReflectorPosition(0, (1.0, 2.0, 3.0)),
-    "GetSystemStatus answer": Answer(
+    "GetSystemStatus answer": emscon.Answer(
         Command.GET_SYSTEM_STATUS, body=said.SystemStatus(0, 5, 3, 2, 3, 8, 500, 2, 0, 390793)
     ),
 }
@@ -107,14 +99,14 @@ def bodies(kind):
 
 REQUESTS = st.one_of(
     [
-        bodies(shape.request).map(lambda b, c=command: EmsconRequest(c, b))
-        for command, shape in SHAPES.items()
+        bodies(shape.request).map(lambda b, c=command: emscon.EmsconRequest(c, b))
+        for command, shape in emscon.SHAPES.items()
     ]
 )
 ANSWERS = st.one_of(
     [
-        bodies(shape.answer).map(lambda b, c=command: Answer(c, 0, b))
-        for command, shape in SHAPES.items()
+        bodies(shape.answer).map(lambda b, c=command: emscon.Answer(c, 0, b))
+        for command, shape in emscon.SHAPES.items()
     ]
 )
 UNASKED = st.one_of(
@@ -130,13 +122,13 @@ UNASKED = st.one_of(
     ]
 )
 OTHERS = st.builds(
-    OtherPacket, st.sampled_from([3, 4, 5, 6, 10, 11]).map(int), st.binary(max_size=40)
+    emscon.OtherPacket, st.sampled_from([3, 4, 5, 6, 10, 11]).map(int), st.binary(max_size=40)
 )
 FROM_SERVER = st.one_of(ANSWERS, UNASKED, OTHERS)
 
 
 def framer_for(name):
-    return FromClientFramer() if "request" in name else FromServerFramer()
+    return emscon.FromClientFramer() if "request" in name else emscon.FromServerFramer()
 
 
 @pytest.mark.parametrize("name", GOLDEN)
@@ -146,20 +138,20 @@ def test_example_packet_means_what_its_name_says(name):
 
 @pytest.mark.parametrize("name", GOLDEN)
 def test_example_packet_is_written_again_byte_for_byte(name):
-    assert encode(MEANINGS[name]) == GOLDEN[name]
+    assert emscon.encode(MEANINGS[name]) == GOLDEN[name]
 
 
 @given(messages=st.lists(REQUESTS, max_size=3), cut=st.integers(0, 200))
 def test_requests_survive_the_wire_in_two_pieces(messages, cut):
-    stream, framer = b"".join(map(encode, messages)), FromClientFramer()
+    stream, framer = b"".join(map(emscon.encode, messages)), emscon.FromClientFramer()
     assert framer.feed(stream[:cut]) + framer.feed(stream[cut:]) == messages
 
 
 @given(messages=st.lists(FROM_SERVER, max_size=3))
 def test_answers_survive_the_wire_byte_by_byte_and_whole(messages):
-    stream, framer = b"".join(map(encode, messages)), FromServerFramer()
+    stream, framer = b"".join(map(emscon.encode, messages)), emscon.FromServerFramer()
     assert [m for byte in stream for m in framer.feed(bytes([byte]))] == messages
-    assert FromServerFramer().feed(stream + stream[:5]) == messages
+    assert emscon.FromServerFramer().feed(stream + stream[:5]) == messages
 
 
 @given(data=st.binary(min_size=196, max_size=196))
@@ -175,56 +167,58 @@ def test_body_of_a_wrong_size_is_refused():
 def test_refusal_is_read_with_or_without_what_would_follow():
     bare = struct.pack("<iiii", 16, 0, 1, 1)
     padded = struct.pack("<iiii", 56, 0, 1, 1) + bytes(40)
-    assert refusal(Command.GET_SYSTEM_STATUS, ResultStatus.SERVER_BUSY) == padded
-    expected = [Answer(Command.GET_SYSTEM_STATUS, ResultStatus.SERVER_BUSY)]
-    assert FromServerFramer().feed(bare) == expected
-    assert FromServerFramer().feed(padded) == expected
+    assert emscon.refusal(Command.GET_SYSTEM_STATUS, ResultStatus.SERVER_BUSY) == padded
+    expected = [emscon.Answer(Command.GET_SYSTEM_STATUS, ResultStatus.SERVER_BUSY)]
+    assert emscon.FromServerFramer().feed(bare) == expected
+    assert emscon.FromServerFramer().feed(padded) == expected
 
 
 def test_command_without_grammar_is_named_to_the_server():
-    assert FromClientFramer().feed(encode(UnknownRequest(144))) == [UnknownRequest(144)]
+    assert emscon.FromClientFramer().feed(emscon.encode(emscon.UnknownRequest(144))) == [
+        emscon.UnknownRequest(144)
+    ]
 
 
 def test_answer_to_a_command_that_is_never_asked_is_refused():
     with pytest.raises(WireError, match="answer to command 144"):
-        FromServerFramer().feed(refusal(144, 0))
+        emscon.FromServerFramer().feed(emscon.refusal(144, 0))
 
 
 def test_packet_of_a_type_that_nobody_knows_is_read_as_such_when_it_is_sound():
     known, unknown = struct.pack("<iii", 12, 3, 1), struct.pack("<iii", 12, 99, 1)
-    packets = FromServerFramer().feed(known + unknown + encode(said.StatusChange(27)))
+    packets = emscon.FromServerFramer().feed(known + unknown + emscon.encode(said.StatusChange(27)))
     assert packets == [
-        OtherPacket(3, bytes((1, 0, 0, 0))),
-        OtherPacket(99, bytes((1, 0, 0, 0))),
+        emscon.OtherPacket(3, bytes((1, 0, 0, 0))),
+        emscon.OtherPacket(99, bytes((1, 0, 0, 0))),
         said.StatusChange(27),
     ]
     assert [packet.is_known for packet in packets[:2]] == [True, False]
     with pytest.raises(WireError, match="claims 7 bytes"):
-        FromServerFramer().feed(struct.pack("<ii", 7, 99))
+        emscon.FromServerFramer().feed(struct.pack("<ii", 7, 99))
 
 
 @pytest.mark.parametrize(
     "message",
-    [said.StatusChange(27), said.ErrorResponse(49, 36), Answer(Command.GET_UNITS, 0, UNITS)],
+    [said.StatusChange(27), said.ErrorResponse(49, 36), emscon.Answer(Command.GET_UNITS, 0, UNITS)],
 )
 def test_fields_that_later_firmware_appends_are_passed_over(message):
-    data = encode(message)
+    data = emscon.encode(message)
     longer = struct.pack("<i", len(data) + 12) + data[4:] + bytes(range(12))
-    assert FromServerFramer().feed(longer + data) == [message, message]
+    assert emscon.FromServerFramer().feed(longer + data) == [message, message]
     shorter = struct.pack("<i", len(data) - 1) + data[4:-1]
     with pytest.raises(WireError):
-        FromServerFramer().feed(shorter)
+        emscon.FromServerFramer().feed(shorter)
 
 
 def test_client_is_held_to_the_size_of_each_request():
-    data = encode(EmsconRequest(Command.SET_UNITS, UNITS))
+    data = emscon.encode(emscon.EmsconRequest(Command.SET_UNITS, UNITS))
     with pytest.raises(WireError, match="Units has 24 bytes, 20 are expected"):
-        FromClientFramer().feed(struct.pack("<i", len(data) + 4) + data[4:] + bytes(4))
+        emscon.FromClientFramer().feed(struct.pack("<i", len(data) + 4) + data[4:] + bytes(4))
 
 
 def test_client_may_send_only_commands():
     with pytest.raises(WireError, match="type 8 from a client"):
-        FromClientFramer().feed(encode(said.StatusChange(1)))
+        emscon.FromClientFramer().feed(emscon.encode(said.StatusChange(1)))
 
 
 def test_text_too_long_for_its_field_is_not_written():

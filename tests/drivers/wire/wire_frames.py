@@ -6,26 +6,7 @@ from random import Random
 from typing import NamedTuple
 
 from drivers.errors import WireError
-from drivers.wire import geocom, linuxcncrsh, robotline
-from drivers.wire.emscon import (
-    SHAPES,
-    Answer,
-    EmsconRequest,
-    FromClientFramer,
-    FromServerFramer,
-    OtherPacket,
-    encode,
-    refusal,
-)
-from drivers.wire.emscon_messages import (
-    Body,
-    ErrorResponse,
-    ReflectorPosition,
-    SingleResult,
-    SingleResult2,
-    StatusChange,
-    codes_of,
-)
+from drivers.wire import emscon, emscon_messages, geocom, linuxcncrsh, robotline
 from drivers.wire.framing import LineFramer, PacketFramer
 from sim.geometry import PAR4
 from sim.servers.robotline_server import layout_of
@@ -43,20 +24,32 @@ class Wire(NamedTuple):
     resealed: Callable[[bytes], bytes] = lambda frame: frame
 
 
-def example(kind: type[Body]) -> Body:
+def example(kind: type[emscon_messages.Body]) -> emscon_messages.Body:
     """A body in which no two fields are alike."""
     values = {"i": 7, "d": 0.5, "v": (1.5, -2.5, 3.5), "s": "CCR-1.5in"}
-    return kind(*(values[code] for code in codes_of(kind)))
+    return kind(*(values[code] for code in emscon_messages.codes_of(kind)))
 
 
-UNASKED = (ErrorResponse, StatusChange, ReflectorPosition, SingleResult, SingleResult2)
-FROM_INSTRUMENT = (
-    *(encode(Answer(command, 0, example(shape.answer))) for command, shape in SHAPES.items()),
-    *(encode(example(kind)) for kind in UNASKED),  # type: ignore[arg-type] # all are of the union
-    *(refusal(command, 39) for command in (1, 42)),
-    encode(OtherPacket(3, bytes(84))),
+UNASKED = (
+    emscon_messages.ErrorResponse,
+    emscon_messages.StatusChange,
+    emscon_messages.ReflectorPosition,
+    emscon_messages.SingleResult,
+    emscon_messages.SingleResult2,
 )
-FROM_CLIENT = tuple(encode(EmsconRequest(c, example(shape.request))) for c, shape in SHAPES.items())
+FROM_INSTRUMENT = (
+    *(
+        emscon.encode(emscon.Answer(command, 0, example(shape.answer)))
+        for command, shape in emscon.SHAPES.items()
+    ),
+    *(emscon.encode(example(kind)) for kind in UNASKED),  # type: ignore[arg-type] # all are of the union
+    *(emscon.refusal(command, 39) for command in (1, 42)),
+    emscon.encode(emscon.OtherPacket(3, bytes(84))),
+)
+FROM_CLIENT = tuple(
+    emscon.encode(emscon.EmsconRequest(c, example(shape.request)))
+    for c, shape in emscon.SHAPES.items()
+)
 GEOCOM_REPLIES = tuple(
     geocom.encode_reply(geocom.GeocomReply(0, 7, result, words, checked))
     for checked in (False, True)
@@ -179,8 +172,8 @@ def resealed_geocom(line: bytes) -> bytes:
 WIRES: tuple[Wire, ...] = (
     Wire("packets", lambda: PacketFramer().feed, FROM_INSTRUMENT),
     Wire("lines", lambda: LineFramer(255).feed, ROBOTLINE_REPLIES),
-    Wire("emScon, instrument", lambda: FromServerFramer().feed, FROM_INSTRUMENT),
-    Wire("emScon, client", lambda: FromClientFramer().feed, FROM_CLIENT),
+    Wire("emScon, instrument", lambda: emscon.FromServerFramer().feed, FROM_INSTRUMENT),
+    Wire("emScon, client", lambda: emscon.FromClientFramer().feed, FROM_CLIENT),
     Wire("GeoCOM, instrument", _geocom_reply, GEOCOM_REPLIES, resealed_geocom),
     Wire("GeoCOM, client", _geocom_request, GEOCOM_REQUESTS, resealed_geocom),
     Wire(

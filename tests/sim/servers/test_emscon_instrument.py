@@ -3,13 +3,7 @@
 import math
 
 import pytest
-from emscon_client_stub import (
-    MILLIMETRES,
-    QUIET,
-    STREAMING,
-    Client,
-    ok,
-)
+from emscon_client_stub import MILLIMETRES, QUIET, STREAMING, Client, ok
 from fake_tracker import COVARIANCE_MM2, FakeTracker
 
 from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange
@@ -103,11 +97,7 @@ def test_what_is_set_is_read_back(setting, getting, body):
         (Command.SET_UNITS, Units(0, 0, 0, 7, 0), ResultStatus.WRONG_PARAMETER_4),
         (Command.SET_COORDINATE_SYSTEM_TYPE, CoordinateSystem(6), ResultStatus.NOT_IMPLEMENTED),
         (Command.SET_MEASUREMENT_MODE, MeasurementMode(1), ResultStatus.NOT_IMPLEMENTED),
-        (
-            Command.SET_STATIONARY_MODE_PARAMS,
-            StationaryMode(0, 1),
-            ResultStatus.WRONG_PARAMETER_1,
-        ),
+        (Command.SET_STATIONARY_MODE_PARAMS, StationaryMode(0, 1), ResultStatus.WRONG_PARAMETER_1),
         (Command.SET_STATISTIC_MODE, StatisticMode(0, 2), ResultStatus.WRONG_PARAMETER_2),
         (Command.SET_REFLECTOR, ReflectorChoice(1), ResultStatus.WRONG_PARAMETER_1),
         (Command.SET_SEARCH_PARAMS, SearchParams(math.nan, 1), ResultStatus.WRONG_PARAMETER_1),

@@ -1,16 +1,7 @@
 """The simulated emScon server: what it answers, when, and in which units."""
 
 import pytest
-from emscon_client_stub import (
-    BUSY,
-    MILLIMETRES,
-    NOT_READY,
-    READY,
-    STREAMING,
-    Client,
-    ok,
-    refused,
-)
+from emscon_client_stub import BUSY, MILLIMETRES, NOT_READY, READY, STREAMING, Client, ok, refused
 from fake_tracker import FakeTracker
 from hypothesis import given
 from hypothesis import strategies as st
@@ -213,10 +204,7 @@ def test_search_that_finds_nothing_is_answered_with_an_error():
     client.tracker.finds = False
     client.send(Command.FIND_REFLECTOR, ApproximateDistance(3.0))
     assert client.tracker.searched_at_mm == 3000.0
-    assert client.later(1.0) == [
-        refused(Command.FIND_REFLECTOR, ResultStatus.UNKNOWN),
-        NOT_READY,
-    ]
+    assert client.later(1.0) == [refused(Command.FIND_REFLECTOR, ResultStatus.UNKNOWN), NOT_READY]
 
 
 def test_go_and_measure_is_answered_when_the_head_is_there_and_its_result_follows():
