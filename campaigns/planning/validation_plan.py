@@ -168,10 +168,7 @@ def _check_ways(steps: Sequence[Step], robot: RobotModel) -> None:
         stops += [(f"the approach to {name}", np.array(q)) for q in step.approach]
         stops.append((name, np.array(step.planned.joints)))
     _, _, faults = check_paths(stops, robot)
-    refuse(
-        faults,
-        remedy="correct `validation` in campaign.yaml, or plan anew",
-    )
+    refuse(faults, remedy="correct `validation` in campaign.yaml, or plan anew")
 
 
 def _possible_pairs(shots: Sequence[PlannedShot], robot: Reachable) -> Iterator[Planned]:

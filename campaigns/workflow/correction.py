@@ -14,11 +14,7 @@ from campaigns.controllers.calibrated_workspace import (
 from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.controllers.export import FILE_NAME
 from campaigns.controllers.gcode import read_program
-from campaigns.controllers.gcode_correction import (
-    TOLERANCE_MM,
-    CorrectedProgram,
-    correct_gcode,
-)
+from campaigns.controllers.gcode_correction import TOLERANCE_MM, CorrectedProgram, correct_gcode
 from campaigns.controllers.gcode_moves import ROTARY
 from campaigns.controllers.load_checks import file_objections
 from campaigns.controllers.target_poses import (
