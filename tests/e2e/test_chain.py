@@ -160,6 +160,7 @@ def test_identify_says_it_as_people_and_as_programs_want_it(pkmcal, measured):
     assert "pkmcal export" in ended.err
 
 
+@pytest.mark.long
 def test_larger_models_are_compared_and_not_kept_where_22_parameters_say_it_all(pkmcal, measured):
     standard = pkmcal("identify", measured, "--json").document
     ended = pkmcal("identify", measured, "--model", "extended", "--json")

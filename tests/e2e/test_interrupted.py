@@ -92,9 +92,8 @@ def test_ctrl_c_again_and_again_stops_the_robot_in_order(at_work, planned, pkmca
     assert_resumes(pkmcal, planned)
 
 
-@pytest.mark.parametrize(
-    "number", [signal.SIGHUP, pytest.param(signal.SIGQUIT, marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGQUIT])
 def test_a_lost_terminal_and_ctrl_backslash_stop_the_robot_in_order(at_work, planned, number):
     at_work.send_signal(number)
     assert ended(at_work).code == 130

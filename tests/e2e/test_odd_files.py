@@ -25,9 +25,6 @@ def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-OFTEN = ("plan.csv", "robot.yaml")
-
-
 def harm(trials) -> list[str]:
     """What must not be; of the memory what this process holds already is no fault."""
     own_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / odd_trials.KIB
@@ -35,14 +32,8 @@ def harm(trials) -> list[str]:
     return [f"{each}: {fault}" for each in trials for fault in each.faults(most_mib)]
 
 
-@pytest.mark.parametrize(
-    "read",
-    [
-        pytest.param(each, marks=[] if each.file in OFTEN else pytest.mark.long)
-        for each in odd_trials.READS
-    ],
-    ids=lambda read: read.file,
-)
+@pytest.mark.long
+@pytest.mark.parametrize("read", odd_trials.READS, ids=lambda read: read.file)
 def test_no_odd_file_does_harm(base, tmp_path, read, times):
     data = (base / read.file).read_bytes()
     fixed = (*no_files(), *read.specials(data))

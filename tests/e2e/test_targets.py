@@ -54,7 +54,7 @@ def quiet(tmp_path_factory):
     return calibrated(tmp_path_factory.mktemp("quiet") / "quiet")
 
 
-@pytest.fixture(params=["delta", pytest.param("linear-delta", marks=pytest.mark.long)])
+@pytest.fixture(params=["delta", "linear-delta"])
 def other(request, tmp_path):
     """The same of mechanisms with three joints, also in mm."""
     return calibrated(tmp_path / request.param, request.param)
@@ -168,7 +168,7 @@ def path_error_mm(points, shape):
     return float(away.max())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_errors_of_other_mechanisms_are_those_of_loaded_parameters(pkmcal, other):
     words = ("validate", other, "--stage", "after", "--yes", "--json")
     by_targets = figures(pkmcal(*words, "--by", "targets").document)

@@ -16,6 +16,8 @@ from campaigns.studies.study import planned_shots
 from sim.scenarios.scenario import load_scenario
 
 ROBOTS = ("par4-prototype", "delta")
+QUICK = ("delta", pytest.param("par4-prototype", marks=pytest.mark.long))
+"""Of a Par4 many more orders and signs of the joints are tried: seconds a case."""
 TRACKER_MM = (2400.0, -300.0, -500.0)
 
 
@@ -64,7 +66,7 @@ def test_robots_within_their_tolerance_are_never_accused(name, seed, share):
     )
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", QUICK)
 @pytest.mark.parametrize(
     ("factor", "cause"),
     [
@@ -93,7 +95,7 @@ def test_joints_in_radians_are_named_also_with_points_in_metres(name):
     assert "metres" in said
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", QUICK)
 def test_turned_signs_are_named(name):
     shots = measured(name)
     assert "all joints seem to have the other sign" in complaint(
@@ -111,7 +113,7 @@ def test_swapped_joints_are_named_by_the_right_order():
     assert "the joints seem to stand in the order q1, q0, q2, q3" in said
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", QUICK)
 def test_a_mirrored_frame_is_named(name):
     shots = measured(name)
     mirrored = replace(shots, points_in_tracker_mm=shots.points_in_tracker_mm * [1.0, 1.0, -1.0])

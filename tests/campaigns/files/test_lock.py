@@ -84,7 +84,9 @@ def test_a_lock_file_that_cannot_be_opened_says_so(tmp_path: Path) -> None:
         pytest.fail("held")
 
 
-@pytest.mark.parametrize("name", [HOLDER_FILE, f"{HOLDER_FILE}.{os.getpid()}"])
+@pytest.mark.parametrize(
+    "name", [HOLDER_FILE, f"{HOLDER_FILE}.{os.getpid()}"], ids=["its own", "that of a process"]
+)
 def test_a_link_in_the_holders_place_leads_to_no_file_that_is_overwritten(
     tmp_path: Path, name: str
 ) -> None:

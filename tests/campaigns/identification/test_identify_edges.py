@@ -82,6 +82,7 @@ def test_a_gross_error_among_shots_stated_far_too_well_is_no_crash(estimator: Es
         assert found.verdict == "fail" or left_out >= ({4, 9} if of_points else {2, 4})
 
 
+@pytest.mark.long
 @BOTH
 def test_a_gross_error_that_is_kept_is_no_crash(estimator: Estimator) -> None:
     for seed in range(2):
