@@ -9,7 +9,7 @@ from app.console import WARNING, Terminal
 from app.interrupt import StopRequest, stop_on_signals, suspend
 from app.retrying import Retries
 from app.run_text import Briefing, DeviceIdentities
-from app.wiring import OperatorCallbacks, connected_cell, prepare
+from app.wiring import OperatorCallbacks, connected_cell, prepare, require_consents
 from campaigns.campaign import Campaign
 from campaigns.errors import CampaignError, Interrupted
 from campaigns.journal.journal import Journal
@@ -47,6 +47,7 @@ def measure(
     Raises `Interrupted` when the operator stopped and does not want to go on now.
     """
     with campaign.held():
+        require_consents(campaign)  # before anything is shown that goes on while it asks
         if clearance is not None:
             clearance.obtain(campaign, terminal)
         before = _latest_series(campaign)

@@ -2,13 +2,13 @@
 
 import json
 import random
-import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from app.consent import require_consent
 from campaigns.campaign import SIMULATED, Campaign
 from campaigns.controllers import linuxcnc_export as export
 from campaigns.controllers.active_kinematics import ActiveKinematics
@@ -16,6 +16,7 @@ from campaigns.errors import ConfigInvalid, WriteFailed
 from campaigns.files.text_file import replace_text
 from campaigns.journal.inspection import RawReaders
 from campaigns.measuring.work import Cell as Devices
+from campaigns.settings.config import FILE_NAME
 from campaigns.settings.sections import LinuxcncConfig
 from drivers import bounded_files, errors
 from drivers.byte_log import ByteLog, WireReading, logged
@@ -29,6 +30,7 @@ from drivers.ports import Clock, LaserTracker, RobotController, SystemClock
 from drivers.stopping import Alarm, unheard
 from drivers.transport import Opener, open_transport
 from drivers.values import Coordinate, Identity
+from drivers.wire.command_prefix import command_prefix
 from drivers.wire.robotline import RobotLayout
 from sim.cell import Cell
 from sim.clock import ScaledClock
@@ -71,9 +73,23 @@ class Addresses:
 
 def scenario_of(campaign_folder: Path, url: str) -> Scenario:
     """The scenario that a sim:// URL names: a file of the campaign's folder, or a shipped one."""
+    return load_scenario(_scenario_source(campaign_folder, url))
+
+
+def _scenario_source(campaign_folder: Path, url: str) -> str:
     name = url.removeprefix(SIMULATED)
     own = campaign_folder / f"{name}.yaml"
-    return load_scenario(str(own) if bounded_files.is_file(own) else name)
+    return str(own) if bounded_files.is_file(own) else name
+
+
+def require_consents(campaign: Campaign) -> None:
+    """Ask once for each command that the campaign's files name; raises `NotConfirmed`."""
+    devices = campaign.config.controller, campaign.config.tracker
+    if devices[0].linuxcnc is not None:
+        require_consent(campaign.path(FILE_NAME), devices[0].linuxcnc.beside)
+    for url in {device.url for device in devices if device.url.startswith(SIMULATED)}:
+        source = _scenario_source(campaign.folder, url)
+        require_consent(Path(source), load_scenario(source).controller.command)
 
 
 @contextmanager
@@ -186,6 +202,7 @@ def prepare(campaign: Campaign, cell: Devices) -> None:
 @contextmanager
 def _addresses(campaign: Campaign) -> Iterator[Addresses]:
     """The URLs to connect to; a simulated cell is started for the time of the block."""
+    require_consents(campaign)
     controller, tracker = campaign.config.controller.url, campaign.config.tracker.url
     simulated = [url for url in (controller, tracker) if url.startswith(SIMULATED)]
     if not simulated:
@@ -345,7 +362,7 @@ def _store(campaign: Campaign, section: LinuxcncConfig) -> FileParameters | HalP
     }
     return HalParameters(
         export.CalibrationFile(path, whose),
-        HalPins((*pins.values(), *drawing), tuple(shlex.split(section.beside))),
+        HalPins((*pins.values(), *drawing), command_prefix(section.beside)),
         pins,
         frozenset(nominal.mechanism.parameters.extensions),
         drawing,

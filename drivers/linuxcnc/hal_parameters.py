@@ -19,7 +19,9 @@ WITHIN_S = 15.0
 MOST_ANSWERED = 65536
 
 PROGRAM = """
-import json, os, sys
+import sys
+sys.path = [folder for folder in sys.path if folder]
+import json, os
 try:
     import hal
 except ImportError as error:
@@ -46,7 +48,7 @@ finally:
     if component is not None:
         component.exit()
 """
-"""Runs on LinuxCNC's computer: any Python 3, nothing of ours."""
+"""Runs on LinuxCNC's computer: any Python 3, nothing of ours or of the folder it is started in."""
 
 
 @dataclass(frozen=True, slots=True)

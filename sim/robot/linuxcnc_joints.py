@@ -4,7 +4,7 @@ Two ways to them, both only reading:
 
 - `hal:`, or `hal:PREFIX` such as `hal:ssh controller`: LinuxCNC's pins, by its own Python module in
   a small program that is kept running beside it. It disturbs nobody. A prefix hands the command to
-  a shell, as ssh does.
+  a shell, as ssh does; whoever builds a cell of a file has asked its user about it.
 - `tcp://HOST:PORT`: linuxcncrsh, without a greeting and without taking control. **Not beside
   another client of LinuxCNC 2.9**: its threads share what they take requests apart with, so that a
   client can get the answer to another's question. The rewrite that will be 2.10 serves in turn.
@@ -24,11 +24,12 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from drivers.errors import WireError
+from drivers.wire.command_prefix import command_prefix
 from drivers.wire.linuxcncrsh import AnswerFramer, Value, encode, read_numbers
 from sim.errors import SimError
 from sim.geometry import PAR4, Array, Kind
+from sim.robot.section import HAL
 
-HAL = "hal:"
 PYTHON = "/usr/bin/python3"
 QUESTION = "joint_pos"
 WITHIN_S = 1.0
@@ -38,13 +39,18 @@ FORMS = "use hal:, hal:ssh HOST or tcp://HOST:PORT"
 CHECK = "check that LinuxCNC runs, and joints_from in the scenario"
 
 PROGRAM = """
-import os, sys, hal
+import os, sys
+sys.path = [folder for folder in sys.path if folder]
+import hal
 component = hal.component("pkmcal-joints-%d" % os.getpid())
 component.ready()
 for _ in sys.stdin:
     print(*(hal.get_value("joint.%d.pos-fb" % joint) for joint in range(JOINTS)), flush=True)
 """
-"""Runs beside LinuxCNC: for every line a line, the joints in deg or mm."""
+"""Runs beside LinuxCNC: for every line a line, the joints in deg or mm.
+
+It imports nothing from the folder that it happens to be started in.
+"""
 
 
 class JointsLost(SimError):
@@ -88,7 +94,7 @@ class JointSource(ABC):
 def joint_source(joints_from: str, kind: Kind = PAR4) -> JointSource:
     """The source that a scenario names; raises `JointsLost` for what is none."""
     if joints_from.startswith(HAL):
-        return HalJoints(tuple(shlex.split(joints_from.removeprefix(HAL))), kind)
+        return HalJoints(command_prefix(joints_from.removeprefix(HAL)), kind)
     return RshJoints(joints_from, kind)
 
 

@@ -11,6 +11,7 @@ from sim.geometry import KINDS, NOMINAL_ROBOTS, PAR4, Kind, problem_with
 from sim.section import NotNegative, Point, Positive, Section, nearest
 
 PPM = 1e-6
+HAL = "hal:"
 ENTRIES_OF_AN_ARM: Mapping[str, int] = MappingProxyType(
     {
         "rod_errors_mm": 2,
@@ -191,6 +192,12 @@ class ControllerSection(Section):
     joints_from: str | None = None
     """A real controller whose joints the robot follows: hal:, hal:ssh HOST, tcp://HOST:PORT."""
     start: StartSection = StartSection()
+
+    @property
+    def command(self) -> str:
+        """Command that `joints_from` has run, such as `ssh HOST`; empty: none of anybody's."""
+        names = self.joints_from or ""
+        return names.removeprefix(HAL).strip() if names.startswith(HAL) else ""
 
     @model_validator(mode="after")
     def _limits_are_in_order(self) -> Self:

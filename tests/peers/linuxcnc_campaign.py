@@ -2,11 +2,13 @@
 
 import sys
 from functools import partial
+from types import MappingProxyType
 
 from linuxcnc_bench import PATIENT
 from ruamel.yaml import YAML
 
 from app import wiring
+from app.consent import consent_note
 from app.main import run_command
 from drivers.linuxcnc.settings import LinuxcncSettings
 
@@ -16,8 +18,9 @@ def tell(figures):
     sys.stdout.write(f"{figures}\n")
 
 
-def patient_driver(monkeypatch):
-    """Have the product's driver wait for a busy machine."""
+def patient_driver(monkeypatch, tmp_path):
+    """Have the product's driver wait for a busy machine; consents are kept in the test's folder."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     patient = partial(LinuxcncSettings, deadlines=PATIENT)
     monkeypatch.setattr(wiring, "LinuxcncSettings", patient)
 
@@ -36,8 +39,8 @@ def change(path, settings):
         yaml.dump(tree, file)
 
 
-def made_campaign(folder, linuxcnc, robot, settings):
-    """A campaign's folder for a robot by its name."""
+def made_campaign(folder, linuxcnc, robot, settings, cell=MappingProxyType({})):
+    """A campaign's folder for a robot by its name; its commands are consented to."""
     words = ["new", str(folder), "--robot", robot, "--scenario", "paper-simulation"]
     assert run_command(words) == 0
     section = {
@@ -52,5 +55,9 @@ def made_campaign(folder, linuxcnc, robot, settings):
         "controller.linuxcnc": section,
     }
     change(folder / "campaign.yaml", settings | address)
-    change(folder / "cell.yaml", {"controller.joints_from": f"hal:{linuxcnc.beside}"})
+    change(folder / "cell.yaml", {"controller.joints_from": f"hal:{linuxcnc.beside}"} | cell)
+    for name in ("campaign.yaml", "cell.yaml"):
+        note = consent_note(folder / name, str(linuxcnc.beside))
+        note.parent.mkdir(parents=True, exist_ok=True)
+        note.touch()
     return folder

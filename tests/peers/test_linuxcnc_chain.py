@@ -41,8 +41,8 @@ def linuxcnc(tmp_path, name):
 
 
 @pytest.fixture(autouse=True)
-def _patient_driver(monkeypatch):
-    patient_driver(monkeypatch)
+def _patient_driver(monkeypatch, tmp_path):
+    patient_driver(monkeypatch, tmp_path)
 
 
 @pytest.fixture

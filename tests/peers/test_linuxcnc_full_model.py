@@ -6,7 +6,7 @@ import json
 
 import pytest
 from linuxcnc_bench import NEEDS_LINUXCNC, world_controller
-from linuxcnc_campaign import change, made_campaign, patient_driver, tell
+from linuxcnc_campaign import made_campaign, patient_driver, tell
 
 from app.main import run_command
 from campaigns.campaign import open_campaign
@@ -20,8 +20,8 @@ SAME_FACTOR = 1.5
 
 
 @pytest.fixture(autouse=True)
-def _patient_driver(monkeypatch):
-    patient_driver(monkeypatch)
+def _patient_driver(monkeypatch, tmp_path):
+    patient_driver(monkeypatch, tmp_path)
 
 
 class Campaign:
@@ -51,8 +51,9 @@ class Campaign:
 
 def test_loaded_full_model_takes_off_distances_what_it_took_off_unseen_ones(tmp_path, capsys):
     with world_controller(tmp_path) as linuxcnc:
-        folder = made_campaign(tmp_path / "campaign", linuxcnc, "par4-prototype", SETTINGS)
-        change(folder / "cell.yaml", IMPERFECT)
+        folder = made_campaign(
+            tmp_path / "campaign", linuxcnc, "par4-prototype", SETTINGS, IMPERFECT
+        )
         pkmcal = Campaign(folder, capsys)
         pkmcal("plan", "--model", "full")
         before_mm = pkmcal.validated_mm("before")

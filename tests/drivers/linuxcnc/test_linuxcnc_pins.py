@@ -67,6 +67,14 @@ def test_pins_are_read_as_full_doubles(hal):
     assert hal.outside().read() == {NAMES[0]: ODD, NAMES[1]: 100.0}
 
 
+def test_module_that_lies_where_pins_are_read_from_is_not_imported(hal, tmp_path, monkeypatch):
+    (elsewhere := tmp_path / "campaign").mkdir()
+    (elsewhere / "json.py").write_text("open('ran', 'w')\n")
+    monkeypatch.chdir(elsewhere)
+    assert hal.outside().read()
+    assert not (elsewhere / "ran").exists()
+
+
 def test_pins_are_set_as_full_doubles_and_told_as_they_are_then(hal):
     assert hal.outside().write({NAMES[1]: ODD}) == {NAMES[0]: -172.5, NAMES[1]: ODD}
     assert hal.outside().read()[NAMES[1]] == ODD

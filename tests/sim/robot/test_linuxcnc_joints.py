@@ -120,3 +120,12 @@ def test_joint_that_is_no_number_is_lost(hal):
     (hal / "joints").write_text("nan 0 0 0")
     with closing(joint_source("hal:")) as source, pytest.raises(JointsLost, match="not finite"):
         source.read()
+
+
+def test_module_that_lies_where_the_program_is_started_is_not_imported(hal, tmp_path, monkeypatch):
+    (elsewhere := tmp_path / "campaign").mkdir()
+    (elsewhere / "hal.py").write_text("open('ran', 'w')\n" + HAL)
+    monkeypatch.chdir(elsewhere)
+    with closing(joint_source("hal:")) as source:
+        assert source.read()[0] == radians(10.0)
+    assert not (elsewhere / "ran").exists()
