@@ -84,7 +84,7 @@ def is_event(record, kind):
 def test_ctrl_c_again_and_again_stops_the_robot_in_order(at_work, planned, pkmcal):
     for _ in range(5):
         at_work.send_signal(signal.SIGINT)
-        time.sleep(0.002)
+        time.sleep(0.0005)
     stopped = ended(at_work)
     assert stopped.code == 130
     assert f"`pkmcal run {planned}` takes up where it was" in stopped.error_line

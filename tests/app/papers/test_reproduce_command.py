@@ -56,7 +56,7 @@ def said(*words):
 def without_page(monkeypatch, computed):
     """What takes seconds and is tested elsewhere: the evidence, and drawing the page."""
     monkeypatch.setattr(reproduce, "evidence", lambda found: computed)
-    monkeypatch.setattr(reproduce, "page_html", lambda *_: "a page")
+    monkeypatch.setattr(reproduce.page, "page_html", lambda *_: "a page")
 
 
 @pytest.fixture

@@ -1,5 +1,7 @@
 """The residual builders: zero for the truth, and derivatives that are those of the residuals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from par4_cases import (
@@ -49,9 +51,10 @@ def with_priors():
 
 def weighed_down():
     """Some shots count little, none scatters as stated, and the last parameters are held."""
-    problem = with_priors().weighted(np.linspace(0.1, 1.0, len(JOINTS))).with_variance_factor(3.0)
+    problem = with_priors().weighted(np.linspace(0.1, 1.0, len(JOINTS)))
     directions = np.delete(np.eye(len(FREE) + 6), range(len(FREE) - 3, len(FREE)), axis=1)
-    return problem.restricted_to(IdentifiableSubspace(problem.start(), directions))
+    subspace = IdentifiableSubspace(problem.start(), directions)
+    return replace(problem, sigma0=3.0, subspace=subspace)
 
 
 PROBLEMS = {"distances": distances, "points": points, "points with priors": with_priors}
