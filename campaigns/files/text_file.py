@@ -80,7 +80,8 @@ def resolved(path: Path) -> Path:
 
 
 def _write_to_disk(path: Path, text: str) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
+    path.unlink(missing_ok=True)
+    with path.open("x", encoding="utf-8", newline="") as file:  # through no link that waits there
         file.write(text)
         file.flush()
         os.fsync(file.fileno())

@@ -99,3 +99,13 @@ def test_a_link_in_the_holders_place_leads_to_no_file_that_is_overwritten(
         assert str(os.getpid()) in (folder / HOLDER_FILE).read_text(encoding="utf-8")
     assert others.read_text(encoding="utf-8") == "mine"
     assert [path.name for path in folder.iterdir()] == ["campaign.lock"]
+
+
+def test_a_link_in_the_locks_place_is_not_followed(tmp_path: Path) -> None:
+    others = tmp_path / "mine.txt"
+    others.write_text("mine", encoding="utf-8")
+    (folder := tmp_path / "campaign").mkdir()
+    (folder / "campaign.lock").symlink_to(others)
+    with pytest.raises(WriteFailed, match="cannot be locked"), campaign_lock(folder, now_utc=noon):
+        pytest.fail("held")
+    assert others.read_text(encoding="utf-8") == "mine"

@@ -73,3 +73,12 @@ def test_file_in_the_way_of_a_folder_is_said(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(WriteFailed, match="cannot be written"):
         make_folder(tmp_path / "file")
+
+
+def test_a_link_that_waits_in_the_fresh_files_place_is_not_written_through(tmp_path):
+    (others := tmp_path / "mine.txt").write_text("mine")
+    (folder := tmp_path / "campaign").mkdir()
+    (folder / f".plan.csv.{os.getpid()}.new").symlink_to(others)
+    replace_text(folder / "plan.csv", "new\n")
+    assert others.read_text() == "mine"
+    assert names_in(folder) == ["plan.csv"]
