@@ -220,10 +220,10 @@ def test_completion_can_be_shown_and_installed(capsys):
 @pytest.mark.parametrize(
     ("typed", "completed"),
     [
-        ("pkmcal ", COMMANDS),
+        pytest.param("pkmcal ", COMMANDS, marks=pytest.mark.long),
         ("pkmcal re", ("report", "reproduce")),
         ("pkmcal plan --c", ("--criterion", "--candidates")),
-        ("pkmcal plan --fly", ()),
+        pytest.param("pkmcal plan --fly", (), marks=pytest.mark.long),
     ],
 )
 def test_what_was_typed_is_completed(typed, completed):

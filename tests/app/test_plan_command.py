@@ -141,7 +141,7 @@ def test_every_criterion_has_its_letter(campaign, asked_of, capsys):
         assert asked_of(campaign, PlanOptions(criterion=letter))[1].criterion == letter
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_optimal_plan_tells_more_than_one_near_the_boundary(plan_of):
     near = plan_of(PlanOptions(shots=60, seed=1))
     best = plan_of(PlanOptions(shots=60, seed=1, candidates=800))
@@ -179,7 +179,7 @@ def test_the_data_sheet_in_the_settings_is_what_is_reckoned_with(campaign, plan_
     assert worst_mm(coarse) == pytest.approx(3.0 * worst_mm(sharp), rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_coordinates_tell_more_than_distances_of_the_same_plan(plan_of):
     points = plan_of(PlanOptions(shots=60))
     distances = plan_of(PlanOptions(shots=60, estimator=Estimator.DISTANCES))
@@ -198,7 +198,7 @@ def test_parameters_held_are_not_forecast_and_leave_the_others_surer(plan_of):
 TILTS = ("arm2.axis_tilt_deg", "arm3.axis_tilt_deg")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("placement", list(Placement))
 def test_a_plan_for_axis_tilts_says_how_well_it_will_tell_them(plan_of, placement):
     few = 200 if placement is Placement.OPTIMAL else None
@@ -210,7 +210,7 @@ def test_a_plan_for_axis_tilts_says_how_well_it_will_tell_them(plan_of, placemen
     assert all(0.001 < std[name] < 0.1 for name in (*TILTS, *SKEW_NAMES)), std
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_until_takes_as_many_shots_as_the_full_model_asks_for(plan_of):
     goal = PlanOptions(until="σ=0.06", candidates=FEW)
     usual, full = plan_of(goal), plan_of(replace(goal, model=Model.FULL))

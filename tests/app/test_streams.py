@@ -50,7 +50,7 @@ def test_a_name_that_is_no_utf_8_can_be_shown():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("unbuffered", ["", pytest.param("1", marks=pytest.mark.long)])
 def test_an_answer_that_finds_no_room_is_an_error(unbuffered):
     with FULL.open("wb") as full:
         lost = ended("--help", stdout=full, PYTHONUNBUFFERED=unbuffered)
@@ -66,7 +66,7 @@ def test_talk_that_finds_no_room_changes_nothing():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+@pytest.mark.parametrize("stream", ["stdout", pytest.param("stderr", marks=pytest.mark.long)])
 def test_a_reader_that_has_left_changes_no_exit_code(stream):
     reading, writing = os.pipe()
     os.close(reading)
