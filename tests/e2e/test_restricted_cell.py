@@ -54,7 +54,7 @@ class Recorder:
             motion = controller._motion
             at = now_s + motion.duration_s * np.linspace(0.0, 1.0, LOOKS)
             self.paths.append(np.array([motion.joints(t) for t in at]))
-            self._follow(controller._mechanism, self.paths[-1])
+            self._follow(controller._robot, self.paths[-1])
             return took_s
 
         monkeypatch.setattr(SimulatedController, "_start", recorded)
