@@ -14,6 +14,7 @@ from pydantic import JsonValue
 
 from campaigns.arrays import Array, Mask
 from campaigns.campaign import Campaign
+from campaigns.controllers.controller_state import ControllerState, KnownSets
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
 from campaigns.controllers.load_journal import Load, load_history, read_load
 from campaigns.errors import CampaignError, FindingUnreadable
@@ -116,8 +117,19 @@ class Evidence:
     loaded: Load | None = None
     plan: tuple[PlannedShot, ...] | None = None
     parameter_file: RobotFile | None = None
+    sets: KnownSets | None = None
+    """Parameter sets that the journal knows."""
     unreadable: tuple[str, ...] = ()
     """What is there and cannot be read, and why."""
+
+    def state(self, digest: str | None) -> ControllerState | None:
+        """State of a controller that held the set of this digest; None where nobody knows."""
+        return self.sets.state(digest) if self.sets and digest else None
+
+    def held(self, stage: Literal["before", "after"]) -> ControllerState | None:
+        """State of the controller in a stage; None where it was not validated."""
+        every = self.before if stage == "before" else self.after
+        return self.state(every[-1].series.started.robot_file_digest) if every else None
 
     @property
     def simulated(self) -> SimulatedDevices:
@@ -199,7 +211,12 @@ class Evaluation:
         limits = self.evidence.campaign.config.acceptance
         if stage == "before":
             return validation.validation_verdict(self.before, limits)
-        return validation.validation_verdict(self.after, limits, worse_than_before(self.gains))
+        held = self.evidence.held("after")
+        form = held.form if held else None
+        worse = worse_than_before(self.gains)
+        return validation.validation_verdict(
+            self.after, limits, worse, validation.lost_beyond(form, limits)
+        )
 
     @cached_property
     def verdict(self) -> CampaignVerdict:
@@ -212,8 +229,17 @@ class Evaluation:
             self.validated("after"),
             self.checks,
             validated=self.after is not None,
+            held=self._held_in_words,
             gained=gained_in_words(self.gains, found.unseen_mm if found else None),
         )
+
+    @property
+    def _held_in_words(self) -> str:
+        """What the controller held after calibration, where that is not the whole set itself."""
+        held = self.evidence.held("after")
+        if held is None or held.form is None:
+            return ""
+        return f"Validated after with {held.says}."
 
     def _validation(self, every: tuple[MeasuredSeries, ...]) -> validation.ValidationResult | None:
         instrument = self.evidence.campaign.instrument
@@ -267,6 +293,10 @@ def gather(campaign: Campaign) -> Evidence:
             loaded=loaded,
             plan=plan,
             parameter_file=parameters,
+            sets=KnownSets.of(
+                campaign.robot,
+                (each.record for each in entries if isinstance(each.record, Finding)),
+            ),
             unreadable=tuple(unreadable),
         )
 
@@ -472,10 +502,18 @@ def _identified_checks(evidence: Evidence, found: RecordedIdentification) -> Ite
     if after is not None and after.stage == "after by targets":
         statement = "targets were corrected with it when it was validated after"
     else:
-        last = None if loaded is None else loaded.digest
-        yield same_digest("what was loaded last is what was identified", last, parameters)
+        last = evidence.state(loaded.digest if loaded else None)
+        yield _same_origin("what was loaded last is what was identified", last, parameters)
         statement = "the controller held it when it was validated after"
-    yield same_digest(statement, after.robot_file_digest if after else None, parameters)
+    yield _same_origin(statement, evidence.held("after"), parameters)
+
+
+def _same_origin(statement: str, held: ControllerState | None, identified: str) -> Check:
+    """Check that a set is the identified one, or a form of it."""
+    if held is None or not held.origin:
+        return same_digest(statement, held.digest if held else None, identified)
+    found = same_digest(statement, held.origin, identified)
+    return replace(found, detail=f"{held.form.says}, {found.detail}") if held.form else found
 
 
 def _limits_check(evidence: Evidence) -> Check:

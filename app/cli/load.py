@@ -161,11 +161,14 @@ def _tell(terminal: Terminal, done: LoadResult) -> None:
             f"before it was {found.before_mm:.3f} mm",
             GOOD,
         )
+    if done.state is not None:
+        terminal.say(f"the controller holds {done.state.says}")
     terminal.document(
         {
             "loaded": done.source if done.kept else None,
             "kept": done.kept,
             "forced": done.forced,
+            "held": done.state,
             "verification": found,
         }
     )

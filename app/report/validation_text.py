@@ -2,6 +2,7 @@
 
 from app.console import BAD, GOOD, OPEN, Terminal
 from app.report.results_sections import BEFORE_AND_AFTER, limits
+from campaigns.evaluation.campaign_verdict import NONE_ASKED_FOR
 from campaigns.evaluation.gains import NO_CHANGE, Gain
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import Evaluation
@@ -13,12 +14,14 @@ STYLES = {"pass": GOOD, "fail": BAD, "not decided": OPEN}
 
 def validation_document(found: Validated) -> dict[str, object]:
     """What `--json` prints."""
-    verdict = found.verdict
+    verdict, whole = found.verdict, found.campaign_verdict
     return {
         **found.result.document(),
         "series": dict(found.whole.series),
         "decision": verdict.decision,
         "reasons": list(verdict.reasons),
+        "held": found.evaluation.evidence.held(found.stage),
+        "campaign": whole and {"decision": whole.decision, "reasons": whole.reasons},
         "requirements": [
             {
                 "name": each.name,
@@ -43,8 +46,13 @@ def show(terminal: Terminal, stage: ValidationStage, found: Validated) -> None:
     verdict = found.verdict
     for reason in verdict.reasons:
         terminal.say(f"not good: {reason}", STYLES.get(verdict.decision or "", ""))
-    if verdict.decision == "pass":
+    whole = found.campaign_verdict
+    open_still = whole is not None and whole.answer not in {verdict.decision, NONE_ASKED_FOR}
+    if verdict.decision == "pass" and not open_still:
         terminal.say("good: every limit asked for is kept, by more than the uncertainty", GOOD)
+    if whole is not None and open_still:
+        answer = f"the campaign as a whole: {whole.decision}: {' '.join(whole.reasons)}"
+        terminal.say(answer, STYLES[whole.decision])
 
 
 def show_gain(terminal: Terminal, found: Evaluation) -> None:

@@ -1,7 +1,7 @@
 """Loads in the journal: begun, ended, taken back, and found again when the process died."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from enum import Enum
 
 from pydantic import JsonValue, TypeAdapter, ValidationError
@@ -10,6 +10,7 @@ from campaigns.controllers.load import differing
 from campaigns.errors import FindingUnreadable
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Finding
+from campaigns.robots.reduced_form import FORM, ReducedForm
 
 FOUND_AGAIN = "found when the controller was read again"
 
@@ -40,6 +41,8 @@ class Load:
     """Verification pairs asked for."""
     forced: tuple[str, ...] = ()
     """Objections that were overruled."""
+    projection: ReducedForm | None = None
+    """What the set is a form of; None: a whole set, and in old journals."""
     begun: int | None = None
     """Record of its beginning; None in journals that have none."""
     number: int = 0
@@ -76,6 +79,7 @@ class Load:
             "begun": self.begun,
             "rolls_back": self.rolls_back,
             "forced": list(self.forced),
+            FORM: asdict(self.projection) if self.projection else None,
         }
 
     def begin(self, journal: Journal) -> "Load":

@@ -54,11 +54,13 @@ def campaign_verdict(
     checks: Sequence[Check],
     *,
     validated: bool,
+    held: str = "",
     gained: str = "",
 ) -> CampaignVerdict:
     """Pass only if the identification passed, the limits are surely kept and the files agree.
 
-    `validated`: whether the robot was measured after calibration. `gained`: what calibration
+    `validated`: whether the robot was measured after calibration. `held`: what its controller held
+    then, where a reader has to be told. `gained`: what calibration
     gained, which is told where no limit is asked for.
     """
     broken = [check for check in checks if check.holds is False]
@@ -71,6 +73,7 @@ def campaign_verdict(
     reasons = (
         *_of_identification(identification),
         *_of_limits(after, validated=validated),
+        *([held] if held else []),
         *(f"Does not hold: {check.statement} ({check.detail})." for check in broken),
     )
     headline = HEADLINES[decision]
@@ -102,4 +105,5 @@ def _of_limits(after: ValidationVerdict, *, validated: bool) -> Iterator[str]:
             names = [r.name for r in asked if r.decision == decision]
             if names:
                 yield f"{decision.capitalize()}: {'; '.join(names)}."
+    yield from (f"Not shown: {reason}." for reason in after.beyond)
     yield from (f"Worse: {reason}." for reason in after.worse)

@@ -14,6 +14,7 @@ from campaigns.arrays import AXES, Array, Index
 from campaigns.estimation import point_sets
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.evaluation.decision import COVERAGE, Decision, Requirement, decide_all
+from campaigns.robots.reduced_form import ReducedForm
 from campaigns.settings.sections import AcceptanceConfig
 from campaigns.shots.pairs import PairRows
 from campaigns.shots.shot_sets import ShotSet
@@ -410,26 +411,54 @@ class ValidationVerdict:
     requirements: tuple[Requirement, ...]
     worse: tuple[str, ...]
     """Losses against before, in words."""
+    beyond: tuple[str, ...] = ()
+    """What limits are not shown for: a form that loses more than they allow, in words."""
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Reasons against it, or for leaving it open, in words."""
         needed = (each for each in self.requirements if each.decision in ("fail", "not decided"))
-        return (*(each.in_words() for each in needed), *self.worse)
+        return (*(each.in_words() for each in needed), *self.beyond, *self.worse)
 
 
 def validation_verdict(
-    found: ValidationResult | None, limits: AcceptanceConfig, worse: Iterable[str] = ()
+    found: ValidationResult | None,
+    limits: AcceptanceConfig,
+    worse: Iterable[str] = (),
+    beyond: Iterable[str] = (),
 ) -> ValidationVerdict:
     """Verdict by the limits, and by what is `worse` than before the parameters were loaded.
 
+    Nothing passes `beyond` what the controller's parameters can do all over the workspace.
+
     None for what was not measured.
     """
-    needed, worse = tuple(_requirements(found, limits)), tuple(worse)
+    needed, worse, beyond = tuple(_requirements(found, limits)), tuple(worse), tuple(beyond)
     decisions = [each.decision for each in needed if each.decision is not None]
     if worse:
         decisions.append("fail")
-    return ValidationVerdict(decide_all(decisions) if decisions else None, needed, worse)
+    if beyond:
+        decisions.append("not decided")
+    decision = decide_all(decisions) if decisions else None
+    return ValidationVerdict(decision, needed, worse, beyond)
+
+
+def lost_beyond(form: ReducedForm | None, limits: AcceptanceConfig) -> Iterator[str]:
+    """Words on limits that a form breaks by itself somewhere in the workspace."""
+    lost = (
+        ()
+        if form is None
+        else (
+            ("on average", form.lost_mean_mm, limits.distance_mean_mm),
+            ("at most", form.lost_max_mm, limits.distance_max_mm),
+        )
+    )
+    for how, lost_mm, limit_mm in lost:
+        if form is not None and limit_mm is not None and lost_mm > limit_mm:
+            yield (
+                f"the form in the controller ({form.name}) loses {lost_mm:.3f} mm {how} of "
+                f"position over the workspace, limit for distances {limit_mm:g} mm"
+            )
 
 
 def _requirements(

@@ -12,14 +12,17 @@ from campaigns import errors
 from campaigns.campaign import Campaign
 from campaigns.controllers import export as parameter_file
 from campaigns.controllers import load_checks
+from campaigns.controllers.controller_state import ControllerState, KnownSets
 from campaigns.controllers.load import Change, changes, differing, keep, put_back, write_verified
 from campaigns.controllers.load_journal import FOUND_AGAIN, Load, already_back, load_history
 from campaigns.journal.journal import Journal
+from campaigns.journal.records import Finding
 from campaigns.measuring.run_state import SILENT, RunObserver
 from campaigns.measuring.series_log import problem_of
 from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell
 from campaigns.planning.plan_file import PlannedShot
+from campaigns.robots.reduced_form import form_of
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.workflow import validation
 from drivers.errors import Cancelled, DeviceRefused, DriverError
@@ -76,6 +79,8 @@ class LoadResult:
     outcome: Literal["loaded", "already", "dry"]
     kept: Path | None = None
     forced: tuple[str, ...] = ()
+    state: ControllerState | None = None
+    """Of the controller now; None where nothing was asked of it."""
     verification: Verification | None = None
 
 
@@ -200,7 +205,7 @@ class _Loading:
             self.terms.tell(f"{what} ({latest.at_utc}) was put back already by other means")
             if not self.terms.dry:
                 already_back(self.journal, latest, robot.digest())
-            return LoadResult(source, "already")
+            return LoadResult(source, "already", state=self._state(held))
         self.terms.tell(f"puts back {source.name}: {what} ({latest.at_utc})")
         objections = self._checked(source, robot, latest.controller_serial)
         return self._carry_out(source, robot, held, objections, takes_back=latest.number)
@@ -242,12 +247,12 @@ class _Loading:
             self.terms.tell(f"overruled by --force: {each.problem}")
         wanted, controller = robot.parameters, self.controller.identity()
         if not differing(held, wanted):
-            return LoadResult(source, "already")
+            return LoadResult(source, "already", state=self._state(held))
         pairs = self.verified_by[1].pairs if self.verified_by else 0
         shots = validation.verification_pairs(self.campaign, (held, wanted), pairs) if pairs else ()
         self.terms.approve(controller, changes(held, robot))
         if self.terms.dry:
-            return LoadResult(source, "dry")
+            return LoadResult(source, "dry", state=self._state(held))
         forced = tuple(each.problem for each in overruled)
         with self.terms.uninterrupted:
             before = self._measured("verify before", held, shots) if shots else None
@@ -262,11 +267,17 @@ class _Loading:
                 rolls_back=takes_back,
                 verify=pairs,
                 forced=forced,
+                projection=form_of(robot.provenance, str(source)),
             ).begin(self.journal)
             self._write(begun)
             found = None if before is None else self._verified(begun, shots, *before)
             begun.end(self.journal, None if found is None else found.document())
-        return LoadResult(source, "loaded", kept, forced, found)
+        return LoadResult(source, "loaded", kept, forced, self._state(wanted), found)
+
+    def _state(self, held: Mapping[str, float]) -> ControllerState:
+        findings = (each.record for each in self.journal.records_of(Finding))
+        sets = KnownSets.of(self.campaign.robot, findings)
+        return sets.state(sets.held(held).digest())
 
     def _write(self, begun: Load) -> None:
         """Write and read back; a failure is ended in the journal where its outcome is known."""

@@ -1,7 +1,7 @@
 """Projection of what a campaign identified to controllers with fewer parameters."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from campaigns.controllers.reduced_parameters import FORMATS, configuration_text
 from campaigns.design.pose_sampling import WORKSPACE_SEED, WorkspaceTooSmall, workspace_poses
 from campaigns.errors import IdentificationRefused
 from campaigns.files.text_file import write_text_unless_there
+from campaigns.robots.reduced_form import FORM, ReducedForm
 from campaigns.robots.robot import RobotFile, compensated
 from campaigns.workflow.files import identified_robot
 
@@ -70,20 +71,23 @@ def _export_plain(campaign: Campaign, to: Path | None, *, overwrite: bool) -> Re
         "these values": found.error,
         **_full(campaign),
     }
-    lost: dict[str, JsonValue] = {
-        "of": robot.digest(),
-        "lost_mean_mm": found.error.mean_mm,
-        "lost_max_mm": found.error.max_mm,
-    }
+    form = _form(robot, PLAIN, found.error)
     plain = compensated(
         campaign.nominal,
         f"{nominal.name}-plain",
         found.kinematics.parameters,
-        {**(robot.provenance or {}), "projection": lost},
+        {**(robot.provenance or {}), FORM: asdict(form)},
     )
     path = to or campaign.path(PLAIN_FILE)
     write_text_unless_there(path, plain.document.text, overwrite=overwrite)
     return ReducedExport(path, left)
+
+
+def _form(robot: RobotFile, name: str, lost: model_reduction.ResidualError) -> ReducedForm:
+    mean_mm, max_mm, rms_mm = lost.mean_mm, lost.max_mm, lost.rms_mm
+    return ReducedForm(
+        of=robot.digest(), name=name, lost_mean_mm=mean_mm, lost_max_mm=max_mm, lost_rms_mm=rms_mm
+    )
 
 
 def _poses(campaign: Campaign, robot: RobotFile) -> Array:

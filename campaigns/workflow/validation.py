@@ -13,6 +13,7 @@ from campaigns.controllers.load import differing
 from campaigns.controllers.load_journal import FOUND_AGAIN, Holding, load_history
 from campaigns.errors import FindingUnreadable, OptionsInvalid
 from campaigns.evaluation import validation
+from campaigns.evaluation.campaign_verdict import CampaignVerdict
 from campaigns.evidence import Evaluation, evaluate
 from campaigns.identification.options import Selection
 from campaigns.identification.result import RecordedIdentification, read_identification
@@ -29,7 +30,7 @@ from campaigns.robots.robot import RobotFile, pose_row
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
 from campaigns.workflow.correction import identified_set
-from campaigns.workflow.work import engine_work
+from campaigns.workflow.work import engine_work, known_sets
 
 ValidationStage = Literal["before", "after"]
 CalibrationRoute = Literal["parameters", "targets"]
@@ -57,6 +58,11 @@ class Validated:
     def verdict(self) -> validation.ValidationVerdict:
         """Verdict on the stage."""
         return self.evaluation.validated(self.stage)
+
+    @property
+    def campaign_verdict(self) -> CampaignVerdict | None:
+        """Verdict on the whole campaign, as its report has it; None before calibration."""
+        return self.evaluation.verdict if self.stage == "after" else None
 
 
 def validation_work(
@@ -279,8 +285,8 @@ def _unseen_pairs(campaign: Campaign) -> tuple[PlannedShot, ...]:
 
 
 def _active_robot(campaign: Campaign, active: Mapping[str, float]) -> RobotFile:
-    nominal = campaign.robot
-    return RobotFile.of(nominal.mechanism, active, name="active", limits=nominal.limits)
+    nominal, held = campaign.robot, known_sets(campaign).held(active)
+    return RobotFile.of(nominal.mechanism, held, name="active", limits=nominal.limits)
 
 
 def _reachable(campaign: Campaign, robot: RobotFile, correct: Correct | None = None) -> Reachable:

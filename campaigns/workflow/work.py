@@ -1,11 +1,12 @@
-"""Work for the engine: steps with the rules of a campaign's settings, and free parameters."""
+"""Work for the engine: steps with the rules of a campaign's settings, and its parameter sets."""
 
 from math import dist
 
 from campaigns.campaign import Campaign
+from campaigns.controllers.controller_state import KnownSets
 from campaigns.identification.model_selection import select_geometry
 from campaigns.identification.options import Selection
-from campaigns.journal.records import Stage
+from campaigns.journal.records import Finding, Stage
 from campaigns.measuring.station import Station
 from campaigns.measuring.work import Work
 from campaigns.mechanisms.mechanism import Kinematics
@@ -19,6 +20,14 @@ def free_parameters(campaign: Campaign, options: Selection) -> tuple[str, ...]:
     """Names of the parameters that the shots will be looked at for; raises `SelectionInvalid`."""
     space = campaign.robot.mechanism.parameters
     return select_geometry(space, options.model, options.free, options.fix)
+
+
+def known_sets(campaign: Campaign) -> KnownSets:
+    """Parameter sets that a controller of the campaign may hold."""
+    if not campaign.journal_path.exists():
+        return KnownSets.of(campaign.robot, ())
+    with campaign.journal_reader() as journal:
+        return KnownSets.of(campaign.robot, (each.record for each in journal.records_of(Finding)))
 
 
 def engine_work(

@@ -28,6 +28,7 @@ from campaigns.settings.config import CampaignConfig, write_new_campaign
 from campaigns.settings.sections import AcceptanceConfig, ControllerConfig, TrackerConfig
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
+from campaigns.workflow.work import known_sets
 from drivers.values import Identity, Weather
 
 NOMINAL = find_robot("par4-prototype")
@@ -140,7 +141,8 @@ class PaperCampaign:
             journal.append(records.Finding("load", body))
 
     def robot_digest(self) -> str:
-        return with_values(NOMINAL.robot, self.controller.parameters).digest()
+        held = known_sets(self.campaign).held(self.controller.parameters)
+        return with_values(NOMINAL.robot, held).digest()
 
     def outcome(self, number: int, attempt: int, joints: np.ndarray) -> records.Outcome:
         """What controller and tracker say at these joints."""

@@ -1,13 +1,14 @@
 """A load is a transaction: refused with its reason, found again after a death, and walked back."""
 
 import shutil
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 from fake_cell import FakeRobot, FakeTracker
+from held_parameters import OLD, Controller, PowerCut
 from paper_campaign import ERRORS, NOMINAL, new_campaign
 from par4_space import par4
 from virtual_time import VirtualClock
@@ -22,49 +23,9 @@ from campaigns.workflow.files import export
 from campaigns.workflow.loading import LoadResult, LoadTerms, VerificationSetup, load, roll_back
 from campaigns.workflow.validation import wrong_stage
 from drivers.errors import DeviceRefused
-from drivers.values import Identity
 
 EXPORTED = "robot-compensated.yaml"
-OLD = dict(NOMINAL.robot.parameters)
 FORCED = LoadTerms(force=True)
-
-
-class PowerCut(BaseException):
-    """The process ends here."""
-
-
-@dataclass
-class Controller:
-    """Holds parameters; the next write does what `next_write` says."""
-
-    held: dict[str, float] = field(default_factory=lambda: dict(OLD))
-    serial: str = "R-1"
-    next_write: str = "take"
-    writes: int = 0
-
-    def identity(self) -> Identity:
-        return Identity("Acme", "Par4", self.serial, "1.0", "robotline 1")
-
-    def read_geometry(self) -> dict[str, float]:
-        return dict(self.held)
-
-    def lacks(self, names: Collection[str]) -> tuple[str, ...]:
-        return tuple(names)
-
-    def write_geometry(self, geometry: Mapping[str, float]) -> None:
-        self.writes += 1
-        act, self.next_write = self.next_write, "take"
-        if act == "refuse":
-            raise DeviceRefused("the robot moves", remedy="wait", code="BUSY")
-        if act == "take half, die":
-            self.held |= {name: geometry[name] for name in list(geometry)[:20]}
-        elif act.startswith("take"):
-            self.held = dict(geometry)
-        if act.endswith("die"):
-            raise PowerCut
-
-    def reconnect(self) -> None:
-        pass
 
 
 @pytest.fixture(scope="session")

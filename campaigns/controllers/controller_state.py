@@ -1,0 +1,93 @@
+"""State of a controller: which parameter set it holds, told by what the journal knows of sets."""
+
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Literal
+
+from pydantic import TypeAdapter, ValidationError
+
+from campaigns.controllers.load import differing
+from campaigns.errors import ConfigInvalid, FindingUnreadable
+from campaigns.identification.result import read_identification
+from campaigns.journal.records import Finding
+from campaigns.mechanisms.parameters import Parameters
+from campaigns.robots.reduced_form import ReducedForm, form_of
+from campaigns.robots.robot import RobotFile
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerState:
+    """State of a controller by the digest of what it holds.
+
+    `origin`: digest of the identified set that it is, or is a form of; "" for any other.
+    """
+
+    kind: Literal["nominal", "identified", "form", "other"]
+    digest: str
+    origin: str = ""
+    form: ReducedForm | None = None
+
+    @property
+    def says(self) -> str:
+        """What the controller holds."""
+        if self.form is not None:
+            return self.form.says
+        named = {"nominal": "the nominal parameters", "identified": "what was identified"}
+        return named.get(
+            self.kind, f"something else than nominal or identified (sha256 {self.digest[:16]}…)"
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownSets:
+    """Parameter sets that a controller may hold: nominal, identified, exported and loaded."""
+
+    nominal: Parameters
+    identified: tuple[str, ...]
+    """Digests of what the campaign's identifications found, latest last."""
+    forms: Mapping[str, ReducedForm]
+    """By the digests of sets that were exported or loaded."""
+    sets: tuple[Parameters, ...]
+    """All of them, the nominal one first."""
+
+    @classmethod
+    def of(cls, nominal: RobotFile, findings: Iterable[Finding]) -> "KnownSets":
+        """Sets that findings tell of; passes over those of another form."""
+        space = nominal.mechanism.parameters
+        identified: list[str] = []
+        forms: dict[str, ReducedForm] = {}
+        sets = {nominal.digest(): nominal.parameters}
+        for each in findings:
+            with suppress(FindingUnreadable, ConfigInvalid, ValidationError, KeyError):
+                if each.kind == "identification":
+                    own = Parameters.of(space, read_identification(each.body).flat())
+                    sets[own.digest()] = own
+                    identified.append(own.digest())
+                elif each.kind in {"load begun", "load", "export"}:
+                    wanted, digest = each.body.get("wanted"), str(each.body.get("digest"))
+                    if isinstance(wanted, Mapping):
+                        values = TypeAdapter(dict[str, float]).validate_python(wanted)
+                        sets[digest] = Parameters.of(space, values)
+                    form = form_of(each.body, each.kind)
+                    if form is not None:
+                        forms[digest] = form
+        return cls(nominal.parameters, tuple(identified), forms, tuple(sets.values()))
+
+    def held(self, values: Mapping[str, float]) -> Parameters:
+        """Known set that a controller holds, which may keep it in other units; else its own."""
+        for known in self.sets:
+            if not differing(values, known):
+                return known
+        return Parameters.of(self.nominal.space, values)
+
+    def state(self, digest: str) -> ControllerState:
+        """State of a controller that holds the set of this digest."""
+        form = self.forms.get(digest)
+        if digest == self.nominal.digest():
+            return ControllerState("nominal", digest)
+        if digest in self.identified:
+            return ControllerState("identified", digest, digest)
+        if form is not None and form.of in self.identified:
+            return ControllerState("form", digest, form.of, form)
+        return ControllerState("other", digest)

@@ -1,0 +1,55 @@
+"""Reduced form: what a controller with fewer parameters can hold of an identified set."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pydantic import JsonValue, TypeAdapter, ValidationError
+
+from campaigns.errors import ConfigInvalid
+
+FORM = "projection"
+"""Key of a robot file's provenance, and of a record: the set is a form of an identified one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReducedForm:
+    """Form of an identified set for a controller that takes fewer parameters.
+
+    `of`: sha256 of the identified geometry. Lost: error of position over the workspace beside that
+    set, the controller's frame best fitted, mm; files of older software have no rms.
+    """
+
+    of: str
+    name: str = "plain"
+    lost_mean_mm: float
+    lost_max_mm: float
+    lost_rms_mm: float | None = None
+
+    @property
+    def says(self) -> str:
+        """What it is, and what it loses."""
+        typical = self.lost_mean_mm if self.lost_rms_mm is None else self.lost_rms_mm
+        kind = "on average" if self.lost_rms_mm is None else "rms"
+        return (
+            f"a form of what was identified ({self.name}), loses {typical:.3f} mm {kind}, "
+            f"{self.lost_max_mm:.3f} mm at most"
+        )
+
+
+def form_of(stated: Mapping[str, JsonValue] | None, where: str) -> ReducedForm | None:
+    """Form that a provenance or a record states; None for a whole set.
+
+    Raises `ConfigInvalid` naming `where` for one that cannot be read.
+    """
+    form = (stated or {}).get(FORM)
+    if form is None:
+        return None
+    try:
+        return TypeAdapter(ReducedForm).validate_python(form)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        raise ConfigInvalid(
+            f"{where}: {FORM} {place}: {first['msg'].lower()}",
+            remedy="export it again: the file was changed",
+        ) from error

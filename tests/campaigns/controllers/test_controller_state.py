@@ -1,0 +1,123 @@
+"""What a controller holds: forms of the identified set are judged as what they are."""
+
+from contextlib import nullcontext
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import pytest
+from held_parameters import Controller
+from paper_campaign import NOMINAL, PaperCampaign, new_campaign
+
+from campaigns.errors import ConfigInvalid
+from campaigns.evidence import Evaluation, evaluate, gather
+from campaigns.robots.reduced_form import FORM, ReducedForm, form_of
+from campaigns.robots.robot import RobotFile, compensated, read_robot
+from campaigns.settings.sections import AcceptanceConfig
+from campaigns.workflow.files import export
+from campaigns.workflow.loading import load
+from campaigns.workflow.reduced_export import export_projected
+
+WIDE = AcceptanceConfig(
+    distance_mean_mm=1.0,
+    distance_max_mm=1.0,
+    rotation_mm=1.0,
+    straightness_mm=1.0,
+    repeatability_mm=1.0,
+)
+
+
+@pytest.fixture(scope="module")
+def identified(tmp_path_factory: pytest.TempPathFactory) -> PaperCampaign:
+    """Validated before, measured, identified; nothing exported."""
+    paper = new_campaign(tmp_path_factory.mktemp("states") / "paper", acceptance=WIDE)
+    paper.validate("before")
+    paper.run()
+    paper.identify()
+    return paper
+
+
+def loaded(paper: PaperCampaign, source: Path) -> RobotFile:
+    """Loads a file, after which the controller commands by it."""
+    load(paper.campaign, nullcontext(Controller()), source)
+    robot = read_robot(source).robot
+    paper.controller = robot.kinematics
+    return robot
+
+
+@pytest.fixture(scope="module")
+def plain(identified: PaperCampaign) -> Evaluation:
+    """A plain form of it, off by 0.02 mm of an arm, loaded and validated after."""
+    path = export_projected(identified.campaign, "plain").path
+    robot = read_robot(path).robot
+    stated = dict(robot.provenance or {})
+    stated[FORM] |= {"lost_mean_mm": 0.01, "lost_rms_mm": 0.012, "lost_max_mm": 0.03}
+    changed = robot.parameters | {"arm2.arm_mm": robot.parameters["arm2.arm_mm"] + 0.02}
+    form = compensated(identified.campaign.nominal, "plain", changed, stated)
+    path.write_text(form.document.text, encoding="utf-8")
+    loaded(identified, path)
+    identified.validate("after")
+    return evaluate(identified.campaign)
+
+
+def test_a_form_that_was_exported_and_loaded_passes_as_what_it_is(plain: Evaluation) -> None:
+    held = plain.evidence.held("after")
+    assert held is not None
+    assert (held.kind, held.form.name) == ("form", "plain")
+    assert {check.statement for check in plain.checks if check.holds is False} == set()
+    assert plain.validated("after").decision == plain.verdict.decision == "pass"
+    told = "Validated after with a form of what was identified (plain), loses 0.012 mm rms"
+    assert any(reason.startswith(told) for reason in plain.verdict.reasons)
+
+
+def with_form(found: Evaluation, **lost: float) -> Evaluation:
+    sets = found.evidence.sets
+    forms = {digest: replace(form, **lost) for digest, form in sets.forms.items()}
+    return Evaluation(replace(found.evidence, sets=replace(sets, forms=forms)))
+
+
+def test_a_form_that_loses_more_than_a_limit_shows_nothing(plain: Evaluation) -> None:
+    found = with_form(plain, lost_max_mm=1.5)
+    assert found.validated("after").decision == found.verdict.decision == "not decided"
+    says = "the form in the controller (plain) loses 1.500 mm at most of position"
+    assert says in " ".join(found.verdict.reasons)
+    assert says in " ".join(found.validated("after").reasons)
+
+
+def test_a_form_of_another_identification_is_none_of_this_one(plain: Evaluation) -> None:
+    found = with_form(plain, of="0" * 64)
+    assert found.evidence.held("after").kind == "other"
+    broken = [check.statement for check in found.checks if check.holds is False]
+    assert broken == [
+        "what was loaded last is what was identified",
+        "the controller held it when it was validated after",
+    ]
+    assert found.verdict.decision == "not decided"
+
+
+def test_states_are_told_by_digests(identified: PaperCampaign, plain: Evaluation) -> None:
+    sets = gather(identified.campaign).sets
+    path, whole = export(identified.campaign)
+    path.unlink()
+    other = sets.held(whole.parameters | {"plate_mm": 90.0})
+    assert sets.state(NOMINAL.robot.digest()).kind == "nominal"
+    assert sets.state(whole.digest()).kind == "identified"
+    assert sets.state(other.digest()).kind == "other"
+    rounded = {name: value * (1.0 + 1e-13) for name, value in whole.parameters.items()}
+    assert sets.held(rounded).digest() == whole.digest(), "read back in other units"
+
+
+def test_an_exported_form_says_what_it_is_and_loses(identified: PaperCampaign) -> None:
+    path = export_projected(identified.campaign, "plain", identified.folder / "again.yaml").path
+    form = form_of(read_robot(path).robot.provenance, path.name)
+    assert form is not None
+    assert form.of == gather(identified.campaign).sets.identified[-1]
+    assert 0.0 <= form.lost_rms_mm <= form.lost_max_mm < 1e-6
+    older = {"of": form.of, "lost_mean_mm": 0.02, "lost_max_mm": 0.1}
+    assert "(plain), loses 0.020 mm on average" in form_of({FORM: older}, "old").says
+
+
+def test_a_form_that_cannot_be_read_is_refused_with_the_key(identified: PaperCampaign) -> None:
+    form = asdict(ReducedForm(of="0" * 64, lost_mean_mm=0.1, lost_max_mm=0.2))
+    robot = compensated(NOMINAL, "odd", NOMINAL.robot.parameters, {FORM: form | {"of": 1}}).robot
+    with pytest.raises(ConfigInvalid, match=r"odd\.yaml: projection of: input should be"):
+        form_of(robot.provenance, "odd.yaml")
