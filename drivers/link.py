@@ -3,25 +3,17 @@
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 from drivers.errors import Cancelled, LinkDown, WireError
 from drivers.transport import Transport
 
 Message = TypeVar("Message")
-MessageOut = TypeVar("MessageOut", covariant=True)
 
 EVENTS_KEPT = 1000
 PATIENCE_S = 0.02
 """Duration of one wait, after which the operator's wish to stop is looked at: a signal ends no
 reading, and the stop has to be on its wire within 0.1 s."""
-
-
-class Framer(Protocol[MessageOut]):
-    """Bytes to whole messages; keeps what is incomplete; raises only `WireError`."""
-
-    def feed(self, data: bytes) -> Sequence[MessageOut]:
-        """Return the messages completed by these bytes."""
 
 
 def never() -> bool:
@@ -34,14 +26,15 @@ class Link(Generic[Message]):
 
     A question that is not answered in time, is answered by something else, or is abandoned, closes
     the link: what arrives later must never be read as the answer to the next question.
-    `keeps` is told every event at its arrival, once, and says whether it is worth queueing.
+    `feed` gives the messages that bytes complete, keeps what is incomplete and raises only
+    `WireError`. `keeps` is told every event at its arrival, once: is it worth queueing?
     `clock_s` is real time, also where a simulated cell runs faster: the wire is real.
     """
 
     def __init__(
         self,
         transport: Transport,
-        framer: Framer[Message],
+        feed: Callable[[bytes], Sequence[Message]],
         *,
         clock_s: Callable[[], float],
         is_event: Callable[[Message], bool],
@@ -49,7 +42,7 @@ class Link(Generic[Message]):
         cancelled: Callable[[], bool] = never,
     ) -> None:
         self._transport = transport
-        self._framer = framer
+        self._feed = feed
         self._clock_s = clock_s
         self._is_event = is_event
         self._keeps = keeps
@@ -149,7 +142,7 @@ class Link(Generic[Message]):
     def _receive(self, timeout_s: float) -> Sequence[Message]:
         if not self._open:
             raise LinkDown(f"{self.name}: the link is closed", remedy="connect again")
-        return self._framer.feed(self._transport.receive(timeout_s))
+        return self._feed(self._transport.receive(timeout_s))
 
     def _queue_events(self) -> None:
         self._sort(self._receive(0.0), _nothing)

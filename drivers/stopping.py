@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Protocol
 
 from drivers.errors import PRESS_THE_EMERGENCY_STOP, DriverError, MotionFault, RobotStateUnknown
 from drivers.polling import comes_true
@@ -22,15 +21,12 @@ def unheard(_alarm: str) -> None:
     """Alarm that nobody hears."""
 
 
-class StopOnce(Protocol):
-    """One try to stop and to see the robot stand; raises `DriverError`.
+StopOnce = Callable[[float, float], None]
+"""One try to stop and to see the robot stand; raises `DriverError`.
 
-    It may watch until the clock shows `give_up_s`, and waits for each answer for `answer_s`. It may
-    open a connection where there is none.
-    """
-
-    def __call__(self, *, give_up_s: float, answer_s: float) -> None:
-        """Try once."""
+It may watch until the clock shows the first number, s, and waits for each answer for the second. It
+may open a connection where there is none.
+"""
 
 
 class StopProcedure:
@@ -109,7 +105,7 @@ class StopProcedure:
         self._try_s, is_first = self._answer_s, True
         while True:
             try:
-                return stop_once(give_up_s=give_up_s, answer_s=self.at_most_s(self._try_s))
+                return stop_once(give_up_s, self.at_most_s(self._try_s))
             except DriverError as error:
                 if self._clock.now_s() + self._pause_s >= give_up_s:
                     raise state_unknown(

@@ -124,17 +124,6 @@ class EmsconDeadlines:
     """Time for which it may hold a connection that has broken."""
 
 
-@dataclass(frozen=True, slots=True)
-class Ending:
-    """Message that ended a measurement, and how long after its start it came.
-
-    In seconds of the instrument's clock, from before the question was sent.
-    """
-
-    message: Result | bodies.ErrorResponse
-    after_s: float
-
-
 class EmsconClient(LinkClient[wire.FromServer]):
     """Commands and their answers over one connection; any fault of the wire closes it.
 
@@ -152,7 +141,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
     ) -> None:
         link = Link(
             transport,
-            wire.FromServerFramer(),
+            wire.from_server(),
             clock_s=clock.now_s,
             is_event=_comes_unasked,
             keeps=self._hear,
@@ -222,8 +211,11 @@ class EmsconClient(LinkClient[wire.FromServer]):
         self.drain()
         return self.attempt(Command.START_MEASUREMENT)
 
-    def ending(self, within_s: float) -> Ending:
-        """Return what ends a running measurement: its result or an error."""
+    def ending(self, within_s: float) -> tuple[Result | bodies.ErrorResponse, float]:
+        """Return what ends a running measurement, its result or an error, and when it came.
+
+        In seconds of the instrument's clock, from before the question was sent.
+        """
         message = self._link.await_event(
             _ends_measurement, within_s=within_s, what="the measurement"
         )
@@ -231,7 +223,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
             message, bodies.SingleResult | bodies.SingleResult2 | bodies.ErrorResponse
         )
         assert self._first_end_s is not None, "whatever ends a measurement was heard"
-        return Ending(message, self._first_end_s - self._asked_s)
+        return message, self._first_end_s - self._asked_s
 
     def another_ending(self) -> bool:
         """Tell whether the measurement goes on, or is ended twice, after what seemed to end it.
@@ -240,7 +232,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
         """
         light = ask_until(
             lambda light: light != TrackerLight.BUSY,
-            lambda: self.ask(Command.GET_TRACKER_STATUS, bodies.TrackerStatus).light,
+            lambda: self.ask(Command.GET_TRACKER_STATUS, bodies.Code).value,
             self._clock,
             give_up_s=self._clock.now_s() + self._deadlines.busy_s,
             pause_s=BUSY_PAUSE_S,

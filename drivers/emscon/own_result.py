@@ -1,6 +1,6 @@
 """Signs by which a result is known not to be of the measurement that was just asked for."""
 
-from drivers.emscon.client import EmsconClient, Ending, Result
+from drivers.emscon.client import EmsconClient, Result
 from drivers.errors import NotAMeasurement
 from drivers.wire.emscon import encode
 from drivers.wire.emscon_constants import ResultStatus
@@ -22,18 +22,18 @@ class OwnResult:
         self._before: bytes | None = None
 
     def require(
-        self, client: EmsconClient, ending: Ending, measuring_time_s: float | None
+        self, client: EmsconClient, within_s: float, measuring_time_s: float | None
     ) -> Result | ErrorResponse:
-        """Return what ended a measurement; raises `NotAMeasurement` when it cannot be its own.
+        """Return what ends the measurement; raises `NotAMeasurement` when it cannot be its own.
 
         `measuring_time_s` is None where the tracker's time is not known.
         """
-        result = ending.message
+        result, after_s = client.ending(within_s)
         if isinstance(result, ErrorResponse) or result.status != ResultStatus.ALL_OK:
             return result  # says itself that there is no point, which may be at any time
         self._require_new(client.name, result)
         if measuring_time_s is not None:
-            _require_time(client.name, ending.after_s, measuring_time_s)
+            _require_time(client.name, after_s, measuring_time_s)
         if client.may_hear_old_results and client.another_ending():
             raise NotAMeasurement(
                 f"{client.name}: a second result followed, and either can be that of an earlier "

@@ -17,8 +17,8 @@ UNITS = bodies.Units(
     constants.PressureUnit.MILLIBAR,
     constants.HumidityUnit.RELATIVE_PERCENT,
 )
-CARTESIAN = bodies.CoordinateSystem(constants.CoordinateSystemType.RIGHT_HANDED_RECTANGULAR)
-STATIONARY = bodies.MeasurementMode(constants.Mode.STATIONARY)
+CARTESIAN = bodies.Code(constants.CoordinateSystemType.RIGHT_HANDED_RECTANGULAR)
+STATIONARY = bodies.Code(constants.Mode.STATIONARY)
 ADM_ON = 1
 
 LASER_REMEDIES: dict[int, str] = {
@@ -31,20 +31,13 @@ LASER_REMEDIES: dict[int, str] = {
 
 
 @dataclass(frozen=True, slots=True)
-class SearchArea:
-    """Area and time in which a reflector is looked for around the expected place."""
-
-    radius_mm: float = 50.0
-    timeout_s: float = 10.0
-
-
-@dataclass(frozen=True, slots=True)
 class Preparation:
-    """Preparation wanted for a campaign."""
+    """Preparation wanted for a campaign, and how far and long a lost reflector is looked for."""
 
     reflector: str
     measuring_time_s: float
-    search: SearchArea
+    search_radius_mm: float
+    search_timeout_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +45,10 @@ class EmsconSettings:
     """Settings that decide what the numbers of a result mean, as read back."""
 
     units: bodies.Units
-    coordinate_system: bodies.CoordinateSystem
-    measurement_mode: bodies.MeasurementMode
+    coordinate_system: bodies.Code
+    measurement_mode: bodies.Code
     stationary_mode: bodies.StationaryMode
-    reflector: bodies.ReflectorChoice
+    reflector: bodies.Code
     switches: bodies.SystemSettings
 
 
@@ -69,13 +62,13 @@ def set_up(client: EmsconClient, wanted: Preparation, *, initialise_s: float) ->
     client.tell(Command.SET_COORDINATE_SYSTEM_TYPE, CARTESIAN)
     _initialise(client, initialise_s)
     identifier = _identifier(client, wanted.reflector)
-    client.tell(Command.SET_REFLECTOR, bodies.ReflectorChoice(identifier))
+    client.tell(Command.SET_REFLECTOR, bodies.Code(identifier))
     client.tell(Command.SET_MEASUREMENT_MODE, STATIONARY)
     time_ms = round(wanted.measuring_time_s * 1e3)
     client.tell(Command.SET_STATIONARY_MODE_PARAMS, bodies.StationaryMode(time_ms, ADM_ON))
     _set_statistics(client)
-    timeout_ms = round(wanted.search.timeout_s * 1e3)
-    client.tell(Command.SET_SEARCH_PARAMS, bodies.SearchParams(wanted.search.radius_mm, timeout_ms))
+    timeout_ms = round(wanted.search_timeout_s * 1e3)
+    client.tell(Command.SET_SEARCH_PARAMS, bodies.SearchParams(wanted.search_radius_mm, timeout_ms))
     _set_switches(client)
     settings = read_settings(client)
     _require_kept(client.name, settings, identifier)
@@ -87,10 +80,10 @@ def read_settings(client: EmsconClient) -> EmsconSettings:
     """Read back everything that decides what a result means."""
     return EmsconSettings(
         client.ask(Command.GET_UNITS, bodies.Units),
-        client.ask(Command.GET_COORDINATE_SYSTEM_TYPE, bodies.CoordinateSystem),
-        client.ask(Command.GET_MEASUREMENT_MODE, bodies.MeasurementMode),
+        client.ask(Command.GET_COORDINATE_SYSTEM_TYPE, bodies.Code),
+        client.ask(Command.GET_MEASUREMENT_MODE, bodies.Code),
         client.ask(Command.GET_STATIONARY_MODE_PARAMS, bodies.StationaryMode),
-        client.ask(Command.GET_REFLECTOR, bodies.ReflectorChoice),
+        client.ask(Command.GET_REFLECTOR, bodies.Code),
         client.ask(Command.GET_SYSTEM_SETTINGS, bodies.SystemSettings),
     )
 
@@ -182,7 +175,7 @@ def _require_kept(where: str, settings: EmsconSettings, identifier: int) -> None
         "units": settings.units == UNITS,
         "coordinate system": settings.coordinate_system == CARTESIAN,
         "measurement mode": settings.measurement_mode == STATIONARY,
-        "reflector": settings.reflector.identifier == identifier,
+        "reflector": settings.reflector.value == identifier,
         "own frame": not (switches.apply_transformation or switches.apply_station_orientation),
         "unsolicited messages": bool(switches.send_unsolicited_messages),
     }

@@ -74,7 +74,7 @@ def measurement_said(raw: str) -> tuple[values.Vector3, values.Matrix3]:
         packet = bytes.fromhex(raw)
     except ValueError as error:
         raise WireError(f"no packet in hexadecimal digits: {raw!r:.80}") from error
-    found = wire.FromServerFramer().feed(packet)
+    found = wire.from_server()(packet)
     if len(found) != 1 or not isinstance(found[0], bodies.SingleResult | bodies.SingleResult2):
         raise WireError(f"no single measurement: {raw!r:.80}")
     measured = measurement_of("the tracker", found[0])
@@ -147,14 +147,15 @@ class EmsconTracker(LaserTracker):
         *,
         clock: Clock,
         deadlines: EmsconDeadlines = EmsconDeadlines(),  # noqa: B008 - frozen
-        search: setup.SearchArea = setup.SearchArea(),  # noqa: B008 - frozen
+        search_radius_mm: float = 50.0,
+        search_timeout_s: float = 10.0,
         cancelled: Callable[[], bool] = never,
         instrument_clock: Clock | None = None,
     ) -> None:
         self._open_transport = open_transport
         self._clock = clock
         self._deadlines = deadlines
-        self._search = search
+        self._search = search_radius_mm, search_timeout_s
         self._cancelled = cancelled
         self._instrument_clock = instrument_clock
         self._own_result = OwnResult()
@@ -213,7 +214,7 @@ class EmsconTracker(LaserTracker):
 
         Raises `DeviceNotReady` while it isn't warm and for a reflector that it doesn't know.
         """
-        self._session.prepare(setup.Preparation(reflector, measuring_time_s, self._search))
+        self._session.prepare(setup.Preparation(reflector, measuring_time_s, *self._search))
 
     def measure(self) -> values.Measurement:
         """Take one stationary measurement; raises `BeamBroken` when the reflector is lost.
@@ -281,9 +282,9 @@ class EmsconTracker(LaserTracker):
     def _result(self, client: EmsconClient, measuring_time_s: float) -> Result:
         """Wait for the result of the measurement that was started; stops one that fails."""
         judged_s = measuring_time_s if self._knows_its_time() else None
-        ending = client.ending(measuring_time_s + self._deadlines.measuring_margin_s)
+        within_s = measuring_time_s + self._deadlines.measuring_margin_s
         try:
-            result = self._own_result.require(client, ending, judged_s)
+            result = self._own_result.require(client, within_s, judged_s)
         except NotAMeasurement:
             client.abandon_measurement()
             raise
@@ -300,7 +301,7 @@ class EmsconTracker(LaserTracker):
     def _move(self, command: Command, body: bodies.Body = wire.NOTHING) -> None:
         client, wanted, agreed = self._session.prepared()
         setup.require_unchanged(client, agreed)
-        within_s = self._deadlines.motion_s + wanted.search.timeout_s
+        within_s = self._deadlines.motion_s + wanted.search_timeout_s
         if status := client.attempt(command, body, within_s=within_s):
             raise self._failure(command.title, status)
         if self._readiness() is values.Readiness.NOT_READY:
@@ -319,7 +320,7 @@ class EmsconTracker(LaserTracker):
         return error
 
     def _readiness(self) -> values.Readiness:
-        light = self._session.connection.ask(Command.GET_TRACKER_STATUS, bodies.TrackerStatus).light
+        light = self._session.connection.ask(Command.GET_TRACKER_STATUS, bodies.Code).value
         return READINESS.get(light, values.Readiness.NOT_READY)
 
     def _sees_reflector(self) -> bool:
@@ -329,11 +330,11 @@ class EmsconTracker(LaserTracker):
         return info is None or bool(info.bits & StatusBit.REFLECTOR_FOUND)
 
     def _reflector_in_use(self) -> str:
-        choice = self._session.connection.ask_or_none(Command.GET_REFLECTOR, bodies.ReflectorChoice)
+        choice = self._session.connection.ask_or_none(Command.GET_REFLECTOR, bodies.Code)
         if choice is None:
             return ""
         names = {entry.identifier: entry.name for entry in self.reflectors()}
-        return names.get(choice.identifier, "")
+        return names.get(choice.value, "")
 
 
 def _identity(client: EmsconClient) -> values.Identity:

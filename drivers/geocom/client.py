@@ -141,7 +141,7 @@ class GeocomClient(LinkClient[geocom.GeocomReply]):
     ) -> None:
         link = Link(
             transport,
-            geocom.GeocomFramer(),
+            geocom.replies(),
             clock_s=clock.now_s,
             is_event=lambda reply: reply.transaction != self._asked,
             cancelled=cancelled,

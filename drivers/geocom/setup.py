@@ -8,6 +8,7 @@ from drivers.errors import DeviceNotReady, DeviceRefused
 from drivers.geocom.client import GeocomClient, number, numbers, text, whole, wholes
 from drivers.session import changed, require_kept
 from drivers.texts import nearest_word
+from drivers.values import Reflector
 from drivers.wire import geocom_constants as constants
 from drivers.wire.geocom import parse_words
 from drivers.wire.geocom_constants import Program, Rpc
@@ -18,14 +19,6 @@ NO_SCALE = (OFF, 1.0, 0.0, 0.0, 0.0)
 """Projections leave distances as they are."""
 NO_REFRACTION = (OFF, 6378000, 0.13)
 """Switch, radius of the earth in m, coefficient."""
-
-
-@dataclass(frozen=True, slots=True)
-class NamedPrism:
-    """A prism type, and its name."""
-
-    kind: int
-    name: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,20 +36,23 @@ class GeocomSettings:
     scale: tuple[float, ...] | None
 
 
-def known_prisms(client: GeocomClient) -> list[NamedPrism]:
-    """Return the instrument's own prisms, and the one in use if its operator defined it."""
+def known_prisms(client: GeocomClient) -> list[Reflector]:
+    """Return the instrument's own prisms, and the one in use if its operator defined it.
+
+    GeoCOM knows no offset from a prism to a surface; it is told as 0.
+    """
     standard = [
-        NamedPrism(kind, name)
+        Reflector(name, kind, 0.0)
         for kind in constants.PRISMS
         if kind not in constants.USER_PRISMS
         and (name := client.ask_or_none(Rpc.BAP_GET_PRISM_DEF, _first_text, kind)) is not None
     ]
     in_use = prism_in_use(client)
-    own = [] if in_use is None or in_use.kind not in constants.USER_PRISMS else [in_use]
+    own = [] if in_use is None or in_use.identifier not in constants.USER_PRISMS else [in_use]
     return [*standard, *own]
 
 
-def prism_in_use(client: GeocomClient) -> NamedPrism | None:
+def prism_in_use(client: GeocomClient) -> Reflector | None:
     """Return the prism that distances are corrected for; None when the instrument won't say."""
     return client.ask_or_none(Rpc.BAP_GET_PRISM_TYPE_2, _named_prism)
 
@@ -64,7 +60,7 @@ def prism_in_use(client: GeocomClient) -> NamedPrism | None:
 def choose_prism(client: GeocomClient, name: str) -> None:
     """Use the prism of that name; raises `DeviceNotReady` when there is none."""
     known = known_prisms(client)
-    standard = [prism.kind for prism in known if prism.name == name]
+    standard = [prism.identifier for prism in known if prism.name == name]
     if standard and standard[0] not in constants.USER_PRISMS:
         client.tell(Rpc.BAP_SET_PRISM_TYPE, standard[0])
         return
@@ -181,9 +177,9 @@ def _is_neutral(scale: Sequence[float]) -> bool:
     return is_neutral and not automatic
 
 
-def _named_prism(words: Sequence[str]) -> NamedPrism:
+def _named_prism(words: Sequence[str]) -> Reflector:
     kind, name = parse_words(words, 2)
-    return NamedPrism(whole([kind]), text([name]))
+    return Reflector(text([name]), whole([kind]), 0.0)
 
 
 def _first_text(words: Sequence[str]) -> str:

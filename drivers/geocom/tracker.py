@@ -5,7 +5,6 @@ recognition in lock mode, and measures in one face.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from typing_extensions import override
 
@@ -25,14 +24,6 @@ from drivers.wire.geocom_constants import Rpc
 SEARCH_RADIUS_MM = 50.0
 FIRST_TRANSACTIONS = (1000, 30_000)
 """Where the question numbers of a session may begin."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Agreement:
-    """Agreement on how the instrument was prepared, and what its points are then worth."""
-
-    settings: setup.GeocomSettings
-    accuracy: Accuracy
 
 
 class GeocomTracker(LaserTracker):
@@ -99,12 +90,8 @@ class GeocomTracker(LaserTracker):
         return measuring.weather_set(self._session.connection)
 
     def reflectors(self) -> tuple[values.Reflector, ...]:
-        """Ask for the prisms that the instrument has definitions for.
-
-        GeoCOM knows no offset from a prism to a surface; it is told as 0.
-        """
-        prisms = setup.known_prisms(self._session.connection)
-        return tuple(values.Reflector(prism.name, prism.kind, 0.0) for prism in prisms)
+        """Ask for the prisms that the instrument has definitions for."""
+        return tuple(setup.known_prisms(self._session.connection))
 
     def prepare(self, reflector: str, measuring_time_s: float) -> None:  # noqa: ARG002 - see below
         """Bring the instrument to what measuring needs, and have it follow a prism in view.
@@ -120,15 +107,15 @@ class GeocomTracker(LaserTracker):
         One of these is `NoReflector`, when it was not followed before; another `NotAMeasurement`,
         when its distance was not measured anew.
         """
-        client, _, agreed = self._session.prepared()
+        client, _, (settings, accuracy) = self._session.prepared()
         measuring.require_prism(client, "measuring")
         found = measuring.measure_point(client, self._distance_at_ms)
         self._distance_at_ms = found.distance_at_ms
         measuring.require_lock(client, "measuring")
-        setup.require_unchanged(client, agreed.settings)
+        setup.require_unchanged(client, settings)
         return values.Measurement(
             point_in_tracker_mm=found.point_mm,
-            covariance_mm2=covariance_mm2(found.point_mm, agreed.accuracy, warned=found.warned),
+            covariance_mm2=covariance_mm2(found.point_mm, accuracy, warned=found.warned),
             weather=measuring.weather_set(client),
             raw=found.raw,
         )
@@ -163,10 +150,13 @@ class GeocomTracker(LaserTracker):
         client.greet()
         return _identity(client)
 
-    def _set_up(self, client: GeocomClient, reflector: str) -> _Agreement:
+    def _set_up(
+        self, client: GeocomClient, reflector: str
+    ) -> tuple[setup.GeocomSettings, Accuracy]:
+        """Settings that were agreed on, and what points are then worth."""
         settings = setup.set_up(client, reflector)
         measuring.lock_if_in_view(client)
-        return _Agreement(settings, self._accuracy_of(client))
+        return settings, self._accuracy_of(client)
 
     def _accuracy_of(self, client: GeocomClient) -> Accuracy:
         if self._accuracy is not None:

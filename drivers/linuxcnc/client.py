@@ -32,11 +32,7 @@ class LinuxcncClient(LinkClient[wire.Message]):
         cancelled: Callable[[], bool],
     ) -> None:
         link = Link(
-            transport,
-            wire.AnswerFramer(),
-            clock_s=clock_s,
-            is_event=self._is_event,
-            cancelled=cancelled,
+            transport, wire.answers(), clock_s=clock_s, is_event=self._is_event, cancelled=cancelled
         )
         super().__init__(link)
         self._settings, self._deadlines = settings, settings.deadlines

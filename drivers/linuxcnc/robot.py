@@ -234,7 +234,7 @@ class LinuxcncRobot(RobotController):
                 client.order(MDI, PER_MINUTE)
         client.order("enable", "off")
 
-    def _stop_and_watch(self, *, give_up_s: float, answer_s: float) -> None:  # noqa: ARG002 - its own
+    def _stop_and_watch(self, give_up_s: float, answer_s: float) -> None:  # noqa: ARG002 - its own
         """Have the robot stand, and see it stand; raises `DriverError` when that is not seen.
 
         By an abort, which brakes on the path; if that is not taken, by LinuxCNC's e-stop.

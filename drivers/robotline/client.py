@@ -45,7 +45,7 @@ class RobotlineClient(LinkClient[wire.RobotlineReply]):
     ) -> None:
         link = Link(
             transport,
-            wire.RobotlineFramer(robot),
+            wire.replies(robot),
             clock_s=clock_s,
             is_event=lambda reply: reply.sequence != self._asked,
             cancelled=cancelled,

@@ -211,7 +211,7 @@ class LineRobot(RobotController):
             within_s=self._deadlines.answer_s,
         )
 
-    def _stop_and_watch(self, *, give_up_s: float, answer_s: float) -> None:
+    def _stop_and_watch(self, give_up_s: float, answer_s: float) -> None:
         if self._session.is_open:
             self._ask(wire.StopNow(), wire.CommandDone, answer_s)
         else:

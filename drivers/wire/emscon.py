@@ -1,6 +1,7 @@
 """Grammar of emScon: commands, answers and what comes unasked, as packets."""
 
 import struct
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from drivers.errors import WireError
@@ -12,61 +13,54 @@ from drivers.wire.emscon_constants import (
     ResultStatus,
     status_text,
 )
-from drivers.wire.framing import Packet, PacketFramer, encode_packet
+from drivers.wire.framing import Packet, PacketFramer, encode_packet, messages
 
 NOTHING = bodies.Nothing()
 COMMAND_HEADER = struct.Struct("<i")
 ANSWER_HEADER = struct.Struct("<ii")
 
 
-@dataclass(frozen=True, slots=True)
-class Shape:
-    """Contents after the command code in a request, and after the status in an answer."""
-
-    request: type[bodies.Body] = bodies.Nothing
-    answer: type[bodies.Body] = bodies.Nothing
-
-
-SHAPES: dict[Command, Shape] = {
-    Command.GET_SYSTEM_STATUS: Shape(answer=bodies.SystemStatus),
-    Command.GET_TRACKER_STATUS: Shape(answer=bodies.TrackerStatus),
-    Command.SET_UNITS: Shape(request=bodies.Units),
-    Command.GET_UNITS: Shape(answer=bodies.Units),
-    Command.INITIALIZE: Shape(),
-    Command.SET_STATION_ORIENTATION_PARAMS: Shape(request=bodies.StationOrientation),
-    Command.GET_STATION_ORIENTATION_PARAMS: Shape(answer=bodies.StationOrientation),
-    Command.SET_TRANSFORMATION_PARAMS: Shape(request=bodies.Transformation),
-    Command.GET_TRANSFORMATION_PARAMS: Shape(answer=bodies.Transformation),
-    Command.SET_ENVIRONMENT_PARAMS: Shape(request=bodies.Environment),
-    Command.GET_ENVIRONMENT_PARAMS: Shape(answer=bodies.Environment),
-    Command.SET_REFRACTION_PARAMS: Shape(request=bodies.Refraction),
-    Command.GET_REFRACTION_PARAMS: Shape(answer=bodies.Refraction),
-    Command.SET_MEASUREMENT_MODE: Shape(request=bodies.MeasurementMode),
-    Command.GET_MEASUREMENT_MODE: Shape(answer=bodies.MeasurementMode),
-    Command.SET_COORDINATE_SYSTEM_TYPE: Shape(request=bodies.CoordinateSystem),
-    Command.GET_COORDINATE_SYSTEM_TYPE: Shape(answer=bodies.CoordinateSystem),
-    Command.SET_STATIONARY_MODE_PARAMS: Shape(request=bodies.StationaryMode),
-    Command.GET_STATIONARY_MODE_PARAMS: Shape(answer=bodies.StationaryMode),
-    Command.SET_REFLECTOR: Shape(request=bodies.ReflectorChoice),
-    Command.GET_REFLECTOR: Shape(answer=bodies.ReflectorChoice),
-    Command.GET_REFLECTORS: Shape(answer=bodies.ReflectorEntry),
-    Command.SET_SEARCH_PARAMS: Shape(request=bodies.SearchParams),
-    Command.GET_SEARCH_PARAMS: Shape(answer=bodies.SearchParams),
-    Command.SET_SYSTEM_SETTINGS: Shape(request=bodies.SystemSettings),
-    Command.GET_SYSTEM_SETTINGS: Shape(answer=bodies.SystemSettings),
-    Command.START_MEASUREMENT: Shape(),
-    Command.STOP_MEASUREMENT: Shape(),
-    Command.GO_POSITION: Shape(request=bodies.BeamTarget),
-    Command.FIND_REFLECTOR: Shape(request=bodies.ApproximateDistance),
-    Command.GET_DIRECTION: Shape(answer=bodies.Direction),
-    Command.SET_STATISTIC_MODE: Shape(request=bodies.StatisticMode),
-    Command.GET_STATISTIC_MODE: Shape(answer=bodies.StatisticMode),
-    Command.GET_MEASUREMENT_STATUS_INFO: Shape(answer=bodies.MeasurementStatusInfo),
-    Command.GET_FACE: Shape(answer=bodies.Face),
-    Command.GET_TRACKER_INFO: Shape(answer=bodies.TrackerInfo),
-    Command.GO_AND_MEASURE: Shape(request=bodies.ReflectorPlace),
-    Command.GET_SYSTEM_SOFTWARE_VERSION: Shape(answer=bodies.SoftwareVersion),
+REQUESTS: Mapping[Command, type[bodies.Body]] = {
+    Command.SET_UNITS: bodies.Units,
+    Command.SET_STATION_ORIENTATION_PARAMS: bodies.StationOrientation,
+    Command.SET_TRANSFORMATION_PARAMS: bodies.Transformation,
+    Command.SET_ENVIRONMENT_PARAMS: bodies.Environment,
+    Command.SET_REFRACTION_PARAMS: bodies.Refraction,
+    Command.SET_MEASUREMENT_MODE: bodies.Code,
+    Command.SET_COORDINATE_SYSTEM_TYPE: bodies.Code,
+    Command.SET_STATIONARY_MODE_PARAMS: bodies.StationaryMode,
+    Command.SET_REFLECTOR: bodies.Code,
+    Command.SET_SEARCH_PARAMS: bodies.SearchParams,
+    Command.SET_SYSTEM_SETTINGS: bodies.SystemSettings,
+    Command.GO_POSITION: bodies.BeamTarget,
+    Command.FIND_REFLECTOR: bodies.ApproximateDistance,
+    Command.SET_STATISTIC_MODE: bodies.StatisticMode,
+    Command.GO_AND_MEASURE: bodies.ReflectorPlace,
 }
+"""Contents after the command code, of a command that has any."""
+ANSWERS: Mapping[Command, type[bodies.Body]] = {
+    Command.GET_SYSTEM_STATUS: bodies.SystemStatus,
+    Command.GET_TRACKER_STATUS: bodies.Code,
+    Command.GET_UNITS: bodies.Units,
+    Command.GET_STATION_ORIENTATION_PARAMS: bodies.StationOrientation,
+    Command.GET_TRANSFORMATION_PARAMS: bodies.Transformation,
+    Command.GET_ENVIRONMENT_PARAMS: bodies.Environment,
+    Command.GET_REFRACTION_PARAMS: bodies.Refraction,
+    Command.GET_MEASUREMENT_MODE: bodies.Code,
+    Command.GET_COORDINATE_SYSTEM_TYPE: bodies.Code,
+    Command.GET_STATIONARY_MODE_PARAMS: bodies.StationaryMode,
+    Command.GET_REFLECTOR: bodies.Code,
+    Command.GET_REFLECTORS: bodies.ReflectorEntry,
+    Command.GET_SEARCH_PARAMS: bodies.SearchParams,
+    Command.GET_SYSTEM_SETTINGS: bodies.SystemSettings,
+    Command.GET_DIRECTION: bodies.Direction,
+    Command.GET_STATISTIC_MODE: bodies.StatisticMode,
+    Command.GET_MEASUREMENT_STATUS_INFO: bodies.MeasurementStatusInfo,
+    Command.GET_FACE: bodies.Code,
+    Command.GET_TRACKER_INFO: bodies.TrackerInfo,
+    Command.GET_SYSTEM_SOFTWARE_VERSION: bodies.SoftwareVersion,
+}
+"""Contents after the status of an answer, where it has any."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,27 +117,18 @@ class OtherPacket:
         return f"packet of type {self.kind} with {len(self.body)} bytes"
 
 
-Unasked = (
+Told = (
     bodies.ErrorResponse
     | bodies.StatusChange
     | bodies.ReflectorPosition
     | bodies.SingleResult
     | bodies.SingleResult2
-    | OtherPacket
 )
-FromServer = Answer | Unasked
+"""Messages that come unasked."""
+FromServer = Answer | Told | OtherPacket
 FromClient = EmsconRequest | UnknownRequest
 
-_UNASKED: dict[
-    int,
-    type[
-        bodies.ErrorResponse
-        | bodies.StatusChange
-        | bodies.ReflectorPosition
-        | bodies.SingleResult
-        | bodies.SingleResult2
-    ],
-] = {
+_UNASKED: Mapping[int, type[Told]] = {
     DataType.ERROR: bodies.ErrorResponse,
     DataType.STATUS_CHANGE: bodies.StatusChange,
     DataType.REFLECTOR_POSITION: bodies.ReflectorPosition,
@@ -184,7 +169,7 @@ def refusal(command: int, status: int) -> bytes:
     tail_bytes = (
         OTHER_TAILS_BYTES.get(command, 0)
         if known is None
-        else bodies.layout_of(SHAPES[known].answer).size
+        else bodies.layout_of(ANSWERS.get(known, bodies.Nothing)).size
     )
     body = ANSWER_HEADER.pack(command, status) + bytes(tail_bytes)
     return encode_packet(Packet(DataType.COMMAND, body))
@@ -209,9 +194,8 @@ def parse_from_client(packet: Packet) -> FromClient:
     command = _known(code)
     if command is None:
         return UnknownRequest(code)
-    return EmsconRequest(
-        command, bodies.decode_body(SHAPES[command].request, packet.body[COMMAND_HEADER.size :])
-    )
+    kind = REQUESTS.get(command, bodies.Nothing)
+    return EmsconRequest(command, bodies.decode_body(kind, packet.body[COMMAND_HEADER.size :]))
 
 
 def _answer(body: bytes) -> Answer:
@@ -223,10 +207,8 @@ def _answer(body: bytes) -> Answer:
         raise WireError(f"answer to command {code}, which is never asked")
     if status != ResultStatus.ALL_OK:
         return Answer(command, status)
-    tail = body[ANSWER_HEADER.size :]
-    return Answer(
-        command, status, bodies.decode_body(SHAPES[command].answer, tail, may_be_longer=True)
-    )
+    kind, tail = ANSWERS.get(command, bodies.Nothing), body[ANSWER_HEADER.size :]
+    return Answer(command, status, bodies.decode_body(kind, tail, may_be_longer=True))
 
 
 def _known(code: int) -> Command | None:
@@ -236,23 +218,11 @@ def _known(code: int) -> Command | None:
         return None
 
 
-class FromServerFramer:
+def from_server() -> Callable[[bytes], list[FromServer]]:
     """Messages of an instrument from its bytes, in any pieces; raises only `WireError`."""
-
-    def __init__(self) -> None:
-        self._packets = PacketFramer()
-
-    def feed(self, data: bytes) -> list[FromServer]:
-        """Return the messages completed by these bytes."""
-        return [parse_from_server(packet) for packet in self._packets.feed(data)]
+    return messages(PacketFramer().feed, parse_from_server)
 
 
-class FromClientFramer:
+def from_client() -> Callable[[bytes], list[FromClient]]:
     """Messages of a client from its bytes, in any pieces; raises only `WireError`."""
-
-    def __init__(self) -> None:
-        self._packets = PacketFramer()
-
-    def feed(self, data: bytes) -> list[FromClient]:
-        """Return the messages completed by these bytes."""
-        return [parse_from_client(packet) for packet in self._packets.feed(data)]
+    return messages(PacketFramer().feed, parse_from_client)

@@ -89,6 +89,13 @@ class Nothing(Body):
 
 
 @dataclass(frozen=True, slots=True)
+class Code(Body):
+    """One number: a reflector, `TrackerLight`, `Mode`, `CoordinateSystemType`, `TelescopeFace`."""
+
+    value: int
+
+
+@dataclass(frozen=True, slots=True)
 class SystemStatus(Body):
     """Start-up ladder, laser, distance meter, versions, weather station, serial number."""
 
@@ -102,13 +109,6 @@ class SystemStatus(Body):
     weather_monitor: int
     flags: int
     serial: int
-
-
-@dataclass(frozen=True, slots=True)
-class TrackerStatus(Body):
-    """The traffic light, a `TrackerLight`."""
-
-    light: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,32 +157,11 @@ class Refraction(Body):
 
 
 @dataclass(frozen=True, slots=True)
-class MeasurementMode(Body):
-    """A `Mode`."""
-
-    mode: int
-
-
-@dataclass(frozen=True, slots=True)
-class CoordinateSystem(Body):
-    """A `CoordinateSystemType`."""
-
-    kind: int
-
-
-@dataclass(frozen=True, slots=True)
 class StationaryMode(Body):
     """Duration of one stationary measurement."""
 
     time_ms: int
     use_adm: int
-
-
-@dataclass(frozen=True, slots=True)
-class ReflectorChoice(Body):
-    """The reflector in use."""
-
-    identifier: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,13 +234,6 @@ class ReflectorPlace(Body):
     """Point at which a reflector is measured."""
 
     point: Triple
-
-
-@dataclass(frozen=True, slots=True)
-class Face(Body):
-    """A `TelescopeFace`."""
-
-    face: int
 
 
 @dataclass(frozen=True, slots=True)

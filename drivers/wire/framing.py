@@ -1,12 +1,27 @@
 """Framing: bytes to lines and to packets of bounded length, and back."""
 
 import struct
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import TypeVar
 
 from drivers.errors import WireError
 
 HEADER = struct.Struct("<ii")
 LARGEST_PACKET_BYTES = 65536
+
+Unit = TypeVar("Unit")
+Message = TypeVar("Message")
+
+
+def messages(
+    cut: Callable[[bytes], Iterable[Unit]], read: Callable[[Unit], Message]
+) -> Callable[[bytes], list[Message]]:
+    """Messages completed by the bytes of a stream: its framer's packets or lines, each read.
+
+    Empty lines are passed over.
+    """
+    return lambda data: [read(unit) for unit in cut(data) if unit]
 
 
 class LineFramer:

@@ -1,11 +1,11 @@
 """Grammar of GeoCOM: requests and replies as lines, their parameters as words."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from drivers.errors import WireError
-from drivers.wire.framing import LineFramer
+from drivers.wire.framing import LineFramer, messages
 from drivers.wire.geocom_constants import procedure_text, result_text
 
 DECIMALS = 15
@@ -117,11 +117,6 @@ class GeocomRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class Abort:
-    """Stop of a motion."""
-
-
-@dataclass(frozen=True, slots=True)
 class GeocomReply:
     """Reply to a request: whether it could be carried, what came of it, and the values.
 
@@ -173,10 +168,10 @@ def encode_reply(reply: GeocomReply) -> bytes:
     return _line(head, f":{body}", checked=reply.checked)
 
 
-def decode_request(line: bytes) -> GeocomRequest | Abort:
-    """Read a line without its end; raises `WireError`, `BadChecksum` among them."""
+def decode_request(line: bytes) -> GeocomRequest | None:
+    """Read a line without its end, None for `ABORT`; raises `WireError`, also `BadChecksum`."""
     if line == ABORT:
-        return Abort()
+        return None
     found = _matched(_REQUEST, line)
     transaction = int(found["transaction"] or 0)
     _check(found, line, transaction)
@@ -201,19 +196,15 @@ def decode_reply(line: bytes) -> GeocomReply:
     )
 
 
-class GeocomFramer:
-    """Bytes to replies; empty lines and answers to an abort are passed over.
+def replies() -> Callable[[bytes], list[GeocomReply]]:
+    """Replies from bytes, in any pieces; empty lines and answers to an abort are passed over.
 
     Raises only `WireError`.
     """
-
-    def __init__(self) -> None:
-        self._lines = line_framer()
-
-    def feed(self, data: bytes) -> list[GeocomReply]:
-        """Return the replies completed by these bytes."""
-        lines = self._lines.feed(data)
-        return [decode_reply(line) for line in lines if line not in {b"", ABORTED}]
+    lines = line_framer()
+    return messages(
+        lambda data: [each for each in lines.feed(data) if each != ABORTED], decode_reply
+    )
 
 
 class Conversation:
@@ -228,7 +219,7 @@ class Conversation:
     def describe_request(self, line: bytes) -> str:
         """Say a line to the instrument."""
         request = decode_request(line)
-        if isinstance(request, Abort):
+        if request is None:
             return "abort the motion"
         while len(self._procedures) >= PROCEDURES_KEPT:
             del self._procedures[next(iter(self._procedures))]

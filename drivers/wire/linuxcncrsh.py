@@ -13,6 +13,7 @@ Facts that shape it, of LinuxCNC 2.9 and of the rewrite that will be 2.10:
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.errors import WireError
@@ -69,16 +70,15 @@ class Remark:
 Message = LinuxcncGreeting | Verdict | Value | Remark
 
 
-class AnswerFramer:
-    """Bytes to messages; raises only `WireError`."""
+def answers() -> Callable[[bytes], list[Message]]:
+    """Messages from bytes, in any pieces; raises only `WireError`."""
+    lines = LineFramer(LONGEST_ANSWER)
 
-    def __init__(self) -> None:
-        self._lines = LineFramer(LONGEST_ANSWER)
+    def feed(data: bytes) -> list[Message]:
+        read = map(read_message, lines.feed(data.replace(b"\r", b"\n")))
+        return [message for message in read if message is not None]
 
-    def feed(self, data: bytes) -> list[Message]:
-        """Return the messages completed by these bytes."""
-        lines = self._lines.feed(data.replace(b"\r", b"\n"))
-        return [message for line in lines if (message := read_message(line)) is not None]
+    return feed
 
 
 def encode(request: str) -> bytes:

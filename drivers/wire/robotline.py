@@ -17,7 +17,7 @@ from urllib.parse import quote, unquote
 
 from drivers.errors import WireError
 from drivers.values import Coordinate
-from drivers.wire.framing import LineFramer
+from drivers.wire.framing import LineFramer, messages
 
 VERSION = 1
 LINE_BYTES = 255
@@ -357,16 +357,9 @@ def decode_reply(line: bytes, robot: RobotLayout) -> RobotlineReply:
     raise WireError(f"neither 'VERB OK …' nor 'VERB NO CODE …': {line[:_SHOWN_BYTES]!r}")
 
 
-class RobotlineFramer:
-    """Bytes to replies; empty lines are passed over; raises only `WireError`."""
-
-    def __init__(self, robot: RobotLayout) -> None:
-        self._lines = line_framer()
-        self._robot = robot
-
-    def feed(self, data: bytes) -> list[RobotlineReply]:
-        """Return the replies completed by these bytes."""
-        return [decode_reply(line, self._robot) for line in self._lines.feed(data) if line]
+def replies(robot: RobotLayout) -> Callable[[bytes], list[RobotlineReply]]:
+    """Replies from bytes, in any pieces; empty lines are passed over; raises only `WireError`."""
+    return messages(line_framer().feed, lambda line: decode_reply(line, robot))
 
 
 def line_framer() -> LineFramer:

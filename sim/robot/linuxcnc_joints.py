@@ -25,7 +25,7 @@ import numpy as np
 
 from drivers.errors import WireError
 from drivers.wire.command_prefix import command_prefix
-from drivers.wire.linuxcncrsh import AnswerFramer, Value, encode, read_numbers
+from drivers.wire.linuxcncrsh import Value, answers, encode, read_numbers
 from sim.errors import SimError
 from sim.geometry import PAR4, Array, Kind
 from sim.robot.section import HAL
@@ -143,7 +143,7 @@ class RshJoints(JointSource):
         super().__init__(f"{url}: ", kind)
         self._address = _address(url)
         self._socket: socket.socket | None = None
-        self._framer = AnswerFramer()
+        self._read_answers = answers()
 
     def close(self) -> None:
         """Close the connection; the next reading opens another."""
@@ -160,14 +160,14 @@ class RshJoints(JointSource):
             data = connected.recv(CHUNK_BYTES)
             if not data:
                 raise ConnectionResetError("it closed the connection")
-            for message in self._framer.feed(data):
+            for message in self._read_answers(data):
                 if isinstance(message, Value) and message.word == QUESTION.upper():
                     return read_numbers(message)
         raise TimeoutError(f"no answer within {WITHIN_S:g} s")
 
     def _connected(self) -> socket.socket:
         if self._socket is None:
-            self._framer = AnswerFramer()
+            self._read_answers = answers()
             self._socket = socket.create_connection(self._address, timeout=WITHIN_S)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return self._socket

@@ -1,9 +1,9 @@
 """A simulated emScon instrument: its settings, readings and results, in mm, rad, °C and hPa."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import singledispatchmethod
 from math import isfinite, sqrt
+from typing import cast
 
 from drivers.values import Vector3
 from drivers.wire import emscon_messages as said
@@ -31,11 +31,18 @@ POWER_ON_REFRACTION = said.Refraction(1.000271, 1.000275)
 LEAST_INDEX, MOST_INDEX = 1.000150, 1.000331
 """Bounds within which instruments take a refractive index."""
 MS_PER_S = 1000.0
+WRONG_PARAMETER = ResultStatus.WRONG_PARAMETER
+"""Its number, from 1, is added."""
+OUT_OF_RANGE = ResultStatus.PARAMETER_1_OUT_OF_RANGE_NOK
+"""Of the second parameter it is two more."""
 LONGEST_NAME = 31
 MOST_DIGITS = 9
 ZERO: Vector3 = (0.0, 0.0, 0.0)
-CARTESIAN = said.CoordinateSystem(CoordinateSystemType.RIGHT_HANDED_RECTANGULAR)
-STATIONARY = said.MeasurementMode(Mode.STATIONARY)
+ONLY: Mapping[Command, said.Code] = {
+    Command.SET_MEASUREMENT_MODE: said.Code(Mode.STATIONARY),
+    Command.SET_COORDINATE_SYSTEM_TYPE: said.Code(CoordinateSystemType.RIGHT_HANDED_RECTANGULAR),
+}
+"""Settings of which there is one value."""
 FOUND = (
     StatusBit.TRACKER_FOUND
     | StatusBit.TRACKER_COMPENSATION
@@ -54,11 +61,6 @@ class EmsconOutcome:
     change: SystemChange | None = None
 
 
-def wrong_parameter(number: int) -> EmsconOutcome:
-    """Refuse because of the parameter of that number, from 1."""
-    return EmsconOutcome(ResultStatus.WRONG_PARAMETER + number)
-
-
 NOT_IMPLEMENTED = EmsconOutcome(ResultStatus.NOT_IMPLEMENTED)
 
 
@@ -67,50 +69,60 @@ class EmsconInstrument:
 
     def __init__(self, tracker: SimulatedTracker) -> None:
         self._tracker = tracker
-        self.scale = Scale(POWER_ON_UNITS)
-        self.settings = POWER_ON_SETTINGS
-        self._stationary = said.StationaryMode(time_ms=500, use_adm=1)
-        self._statistics = said.StatisticMode(Statistics.STANDARD, Statistics.STANDARD)
-        self._refraction = POWER_ON_REFRACTION
-        self._orientation = said.StationOrientation(ZERO, ZERO)
-        self._transformation = said.Transformation(ZERO, ZERO, 1.0)
-        """Kept, and not applied, as the orientation."""
+        self._kept: dict[Command, said.Body] = {
+            Command.GET_UNITS: POWER_ON_UNITS,
+            Command.GET_SYSTEM_SETTINGS: POWER_ON_SETTINGS,
+            Command.GET_MEASUREMENT_MODE: ONLY[Command.SET_MEASUREMENT_MODE],
+            Command.GET_COORDINATE_SYSTEM_TYPE: ONLY[Command.SET_COORDINATE_SYSTEM_TYPE],
+            Command.GET_STATIONARY_MODE_PARAMS: said.StationaryMode(time_ms=500, use_adm=1),
+            Command.GET_STATISTIC_MODE: said.StatisticMode(
+                Statistics.STANDARD, Statistics.STANDARD
+            ),
+            Command.GET_REFRACTION_PARAMS: POWER_ON_REFRACTION,
+            Command.GET_STATION_ORIENTATION_PARAMS: said.StationOrientation(ZERO, ZERO),
+            Command.GET_TRANSFORMATION_PARAMS: said.Transformation(ZERO, ZERO, 1.0),
+        }
+        """Settings; orientation and transformation are kept, and not applied."""
         self._readers: dict[Command, Callable[[float], said.Body]] = {
             Command.GET_SYSTEM_STATUS: self._system_status,
-            Command.GET_UNITS: lambda _: self.scale.units,
             Command.GET_ENVIRONMENT_PARAMS: lambda now_s: said.Environment(*tracker.weather(now_s)),
-            Command.GET_MEASUREMENT_MODE: lambda _: STATIONARY,
-            Command.GET_COORDINATE_SYSTEM_TYPE: lambda _: CARTESIAN,
-            Command.GET_STATIONARY_MODE_PARAMS: lambda _: self._stationary,
-            Command.GET_REFLECTOR: lambda _: said.ReflectorChoice(tracker.selected),
+            Command.GET_REFLECTOR: lambda _: said.Code(tracker.selected),
             Command.GET_SEARCH_PARAMS: lambda _: said.SearchParams(
                 tracker.search_radius_mm, round(tracker.search_timeout_s * MS_PER_S)
             ),
-            Command.GET_SYSTEM_SETTINGS: lambda _: self.settings,
             Command.GET_DIRECTION: lambda now_s: said.Direction(*tracker.direction(now_s)),
-            Command.GET_STATISTIC_MODE: lambda _: self._statistics,
             Command.GET_MEASUREMENT_STATUS_INFO: self._status_info,
             Command.GET_TRACKER_INFO: self._tracker_info,
-            Command.GET_FACE: lambda _: said.Face(TelescopeFace.FACE_1),
+            Command.GET_FACE: lambda _: said.Code(TelescopeFace.FACE_1),
             Command.GET_SYSTEM_SOFTWARE_VERSION: lambda _: said.SoftwareVersion(tracker.firmware),
-            Command.GET_REFRACTION_PARAMS: lambda _: self._refraction,
-            Command.GET_STATION_ORIENTATION_PARAMS: lambda _: self._orientation,
-            Command.GET_TRANSFORMATION_PARAMS: lambda _: self._transformation,
         }
+
+    @property
+    def scale(self) -> Scale:
+        """Conversion by the units that are set."""
+        return Scale(cast("said.Units", self._kept[Command.GET_UNITS]))
+
+    @property
+    def settings(self) -> said.SystemSettings:
+        """Switches."""
+        return cast("said.SystemSettings", self._kept[Command.GET_SYSTEM_SETTINGS])
 
     @property
     def measuring_time_s(self) -> float:
         """Duration of one measurement."""
-        return self._stationary.time_ms / MS_PER_S
+        mode = cast("said.StationaryMode", self._kept[Command.GET_STATIONARY_MODE_PARAMS])
+        return mode.time_ms / MS_PER_S
 
     def obey(self, request: EmsconRequest, now_s: float) -> EmsconOutcome:
         """Do what a command wants, or refuse it."""
         reader = self._readers.get(request.command)
         if reader is not None:
             return EmsconOutcome(bodies=(reader(now_s),))
+        if request.command in self._kept:
+            return EmsconOutcome(bodies=(self._kept[request.command],))
         if request.command == Command.GET_REFLECTORS:
             return EmsconOutcome(bodies=self._reflectors())
-        return self._set(request.body)
+        return self._set(request.command, request.body)
 
     def result_of(self, shot: TrackerShot) -> said.SingleResult | said.SingleResult2:
         """Result of a shot, with covariances if they are wanted; the beam points at the centre.
@@ -123,95 +135,38 @@ class EmsconInstrument:
         air = (shot.temperature_degC, shot.pressure_hPa, shot.humidity_percent)
         status, mode = int(ResultStatus.ALL_OK), int(Mode.STATIONARY)
         head = (status, mode, 0, shot.point_in_tracker_mm, std, total)
-        if self._statistics.stationary != Statistics.EXTENDED:
+        statistics = cast("said.StatisticMode", self._kept[Command.GET_STATISTIC_MODE])
+        if statistics.stationary != Statistics.EXTENDED:
             return said.SingleResult(*head, ZERO, std, total, *air)
         mixed: Vector3 = (xy, xz, yz)
         return said.SingleResult2(*head, mixed, ZERO, std, total, mixed, *air)
 
-    @singledispatchmethod
-    def _set(self, _other: said.Body) -> EmsconOutcome:
-        return NOT_IMPLEMENTED
-
-    @_set.register
-    def _(self, _air: said.Environment) -> EmsconOutcome:
-        return EmsconOutcome()  # its own weather station goes on
-
-    @_set.register
-    def _(self, mode: said.MeasurementMode) -> EmsconOutcome:
-        return _only(STATIONARY, mode, SystemChange.MEASUREMENT_MODE)
-
-    @_set.register
-    def _(self, system: said.CoordinateSystem) -> EmsconOutcome:
-        return _only(CARTESIAN, system, SystemChange.COORDINATE_SYSTEM_TYPE)
-
-    @_set.register
-    def _(self, refraction: said.Refraction) -> EmsconOutcome:
-        for number, index in enumerate((refraction.interferometer, refraction.distance_meter)):
-            if not LEAST_INDEX <= index <= MOST_INDEX:
-                return EmsconOutcome(ResultStatus.PARAMETER_1_OUT_OF_RANGE_NOK + 2 * number)
-        self._refraction = refraction
-        return EmsconOutcome(change=SystemChange.REFRACTION_PARAMS)
-
-    @_set.register
-    def _(self, wanted: said.StationOrientation) -> EmsconOutcome:
-        if number := _first_endless(*wanted.place, *wanted.rotation):
-            return wrong_parameter(number)
-        self._orientation = wanted
-        return EmsconOutcome(change=SystemChange.STATION_ORIENTATION_PARAMS)
-
-    @_set.register
-    def _(self, wanted: said.Transformation) -> EmsconOutcome:
-        if number := _first_endless(*wanted.place, *wanted.rotation, wanted.scale):
-            return wrong_parameter(number)
-        if wanted.scale <= 0.0:
-            return wrong_parameter(7)
-        self._transformation = wanted
-        return EmsconOutcome(change=SystemChange.TRANSFORMATION_PARAMS)
-
-    @_set.register
-    def _(self, units: said.Units) -> EmsconOutcome:
-        if number := first_unknown(units):
-            return wrong_parameter(number)
-        self.scale = Scale(units)
-        return EmsconOutcome(change=SystemChange.UNITS)
-
-    @_set.register
-    def _(self, mode: said.StationaryMode) -> EmsconOutcome:
-        if mode.time_ms <= 0:
-            return wrong_parameter(1)
-        self._stationary = mode
-        return EmsconOutcome(change=SystemChange.STATIONARY_MODE_PARAMS)
-
-    @_set.register
-    def _(self, mode: said.StatisticMode) -> EmsconOutcome:
-        for number, value in enumerate((mode.stationary, mode.continuous), start=1):
-            if value not in set(Statistics):
-                return wrong_parameter(number)
-        self._statistics = mode
-        return EmsconOutcome(change=SystemChange.STATISTIC_MODE)
-
-    @_set.register
-    def _(self, search: said.SearchParams) -> EmsconOutcome:
-        if not isfinite(search.radius) or search.radius <= 0.0:
-            return wrong_parameter(1)
-        if search.timeout_ms <= 0:
-            return wrong_parameter(2)
-        self._tracker.search_radius_mm = search.radius
-        self._tracker.search_timeout_s = search.timeout_ms / MS_PER_S
-        return EmsconOutcome(change=SystemChange.SEARCH_PARAMS)
-
-    @_set.register
-    def _(self, settings: said.SystemSettings) -> EmsconOutcome:
-        if settings.apply_transformation or settings.apply_station_orientation:
+    def _set(self, command: Command, wanted: said.Body) -> EmsconOutcome:
+        """Keep a setting and say what has changed, or refuse it."""
+        if command == Command.SET_ENVIRONMENT_PARAMS:
+            return EmsconOutcome()  # its own weather station goes on
+        name = command.name.removeprefix("SET_")
+        if name not in SystemChange.__members__:
             return NOT_IMPLEMENTED
-        self.settings = settings
-        return EmsconOutcome(change=SystemChange.SYSTEM_SETTINGS)
+        if status := self._obstacle(command, wanted):
+            return EmsconOutcome(status)
+        self._kept[Command[f"GET_{name}"]] = wanted
+        return EmsconOutcome(change=SystemChange[name])
 
-    @_set.register
-    def _(self, choice: said.ReflectorChoice) -> EmsconOutcome:
-        if not self._tracker.select_reflector(choice.identifier):
-            return wrong_parameter(1)
-        return EmsconOutcome(change=SystemChange.REFLECTOR)
+    def _obstacle(self, command: Command, wanted: said.Body) -> int:
+        """Status that refuses a setting, 0 when none does; the head takes what is its own."""
+        match wanted:
+            case said.Code(identifier) if command == Command.SET_REFLECTOR:
+                return _wrong(self._tracker.select_reflector(identifier))
+            case said.Code():
+                return 0 if wanted == ONLY[command] else NOT_IMPLEMENTED.status
+            case said.SearchParams(radius_mm, timeout_ms):
+                status = _wrong(isfinite(radius_mm) and radius_mm > 0.0, timeout_ms > 0)
+                if status == 0:
+                    self._tracker.search_radius_mm = radius_mm
+                    self._tracker.search_timeout_s = timeout_ms / MS_PER_S
+                return status
+        return _flaw(wanted)
 
     def _system_status(self, now_s: float) -> said.SystemStatus:
         is_up, is_warm = self._tracker.initialised(now_s), self._tracker.laser_warm(now_s)
@@ -276,10 +231,28 @@ class EmsconInstrument:
         return int("".join(digits[-MOST_DIGITS:]) or "0")
 
 
-def _only(supported: said.Body, wanted: said.Body, change: SystemChange) -> EmsconOutcome:
-    return EmsconOutcome(change=change) if wanted == supported else NOT_IMPLEMENTED
+def _flaw(wanted: said.Body) -> int:
+    """Status that refuses a setting whatever the state of the instrument, 0 when none does."""
+    match wanted:
+        case said.Units():
+            return WRONG_PARAMETER + number if (number := first_unknown(wanted)) else 0
+        case said.StationOrientation(place, rotation):
+            return _wrong(*map(isfinite, (*place, *rotation)))
+        case said.Transformation(place, rotation, scale):
+            return _wrong(*map(isfinite, (*place, *rotation)), isfinite(scale) and scale > 0.0)
+        case said.StationaryMode(time_ms):
+            return _wrong(time_ms > 0)
+        case said.StatisticMode(stationary, continuous):
+            return _wrong(stationary in set(Statistics), continuous in set(Statistics))
+        case said.Refraction(first, second):
+            fit = [LEAST_INDEX <= index <= MOST_INDEX for index in (first, second)]
+            return 0 if all(fit) else OUT_OF_RANGE + 2 * fit.index(False)
+        case said.SystemSettings():
+            applied = wanted.apply_transformation or wanted.apply_station_orientation
+            return NOT_IMPLEMENTED.status if applied else 0
+    return 0
 
 
-def _first_endless(*values: float) -> int | None:
-    """Return the number, from 1, of the first parameter that is no finite number."""
-    return next((n for n, value in enumerate(values, start=1) if not isfinite(value)), None)
+def _wrong(*are_right: bool) -> int:
+    """Status that names the first parameter that is not right, from 1; 0 when all are."""
+    return 0 if all(are_right) else WRONG_PARAMETER + 1 + are_right.index(False)

@@ -9,7 +9,7 @@ from drivers.wire import emscon
 from drivers.wire import emscon_messages as said
 from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange, TrackerLight
 from sim.faults import Counted, Fault, FaultScript
-from sim.servers.emscon_instrument import EmsconInstrument, EmsconOutcome, wrong_parameter
+from sim.servers.emscon_instrument import EmsconInstrument, EmsconOutcome
 from sim.servers.emscon_units import POWER_ON_UNITS
 from sim.tracker.instrument import SimulatedTracker
 
@@ -51,7 +51,7 @@ class EmsconSession:
         self._send = send
         self._is_second = is_second
         self._faults = faults
-        self._framer = emscon.FromClientFramer()
+        self._requests = emscon.from_client()
         self._instrument = EmsconInstrument(tracker) if instrument is None else instrument
         self._pending: tuple[Command, float] | None = None
         """The one command that is under way, and when it ends."""
@@ -67,7 +67,7 @@ class EmsconSession:
 
         What that changes is told by `advance`, which is to be called next.
         """
-        for request in self._framer.feed(data):
+        for request in self._requests(data):
             self._catch_up(now_s)
             self._obey(request, now_s)
 
@@ -144,7 +144,7 @@ class EmsconSession:
             ):
                 self._move(request, now_s)
             case Command.GET_TRACKER_STATUS:
-                light = said.TrackerStatus(self._light(now_s))
+                light = said.Code(self._light(now_s))
                 self._answer(request.command, EmsconOutcome(bodies=(light,)))
             case _:
                 self._answer(request.command, self._instrument.obey(request, now_s))
@@ -184,7 +184,7 @@ class EmsconSession:
             return
         move_s = self._tracker.initialise(now_s) if initialises else self._motion_s(request, now_s)
         if move_s is None:
-            self._answer(command, wrong_parameter(1))
+            self._answer(command, EmsconOutcome(ResultStatus.WRONG_PARAMETER_1))
         else:
             self._pending = command, now_s + move_s
 

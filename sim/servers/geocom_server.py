@@ -58,7 +58,7 @@ class GeocomSession:
         except WireError:
             self._say(geocom.GeocomReply(Result.COM_WRONG_FORMAT, 0, Result.OK))
         else:
-            if isinstance(request, geocom.Abort):
+            if request is None:
                 self._abort()
             elif len(self._waiting) < MOST_WAITING:
                 self._waiting.append(request)

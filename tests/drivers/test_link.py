@@ -23,7 +23,7 @@ def is_answer(line: bytes) -> bool:
 
 
 def link_over(pipe, clock_s, cancelled=lambda: False):
-    return Link(pipe, LineFramer(100), clock_s=clock_s, is_event=is_event, cancelled=cancelled)
+    return Link(pipe, LineFramer(100).feed, clock_s=clock_s, is_event=is_event, cancelled=cancelled)
 
 
 class Cell:
@@ -135,7 +135,7 @@ def test_error_of_the_framer_closes_the_link():
 
     clock = HandClock()
     pipe = TimedPipe(clock, lambda _: ((0.1, b"\xff\x00"),))
-    link = Link(pipe, Strict(), clock_s=clock.now_s, is_event=is_event)
+    link = Link(pipe, Strict().feed, clock_s=clock.now_s, is_event=is_event)
     with pytest.raises(WireError, match="garbage"):
         link.ask(b"q\n", answers=is_answer, within_s=1.0, what="Q")
     assert pipe.is_closed

@@ -13,7 +13,7 @@ from scripted_linuxcnc import ScriptedLinuxcnc
 from drivers.errors import DriverError
 from drivers.linuxcnc.settings import Coordinates
 from drivers.values import Pose
-from drivers.wire.emscon import SHAPES, Answer
+from drivers.wire.emscon import ANSWERS, Answer
 from drivers.wire.emscon_messages import SingleResult2, codes_of
 from drivers.wire.geocom import GeocomReply, encode_reply
 
@@ -52,9 +52,9 @@ def odd(kind, draw):
 
 def emscon_calls(draw):
     instrument = Instrument()
-    for command, shape in SHAPES.items():
-        if codes_of(shape.answer) and draw.random() < 0.1:
-            body = odd(shape.answer, draw)
+    for command, kind in ANSWERS.items():
+        if draw.random() < 0.1:
+            body = odd(kind, draw)
             instrument.says[command] = [(0.0, Answer(command, 0, body))]
     if draw.random() < 0.5:
         instrument.result = odd(SingleResult2, draw)

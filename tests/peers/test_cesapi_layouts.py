@@ -7,7 +7,7 @@ import pytest
 
 from drivers.wire import emscon_constants as ours
 from drivers.wire import emscon_messages
-from drivers.wire.emscon import SHAPES, Answer, EmsconRequest, encode
+from drivers.wire.emscon import ANSWERS, REQUESTS, Answer, EmsconRequest, encode
 from drivers.wire.emscon_constants import Command, DataType, ResultStatus
 
 pytestmark = pytest.mark.peer
@@ -86,13 +86,13 @@ def assert_read_alike(message, body, theirs):
 
 @pytest.mark.parametrize("command", Command)
 def test_request_is_theirs(command):
-    body = example(SHAPES[command].request)
+    body = example(REQUESTS.get(command, emscon_messages.Nothing))
     assert_read_alike(EmsconRequest(command, body), body, getattr(cesapi, f"{command.title}CT")())
 
 
 @pytest.mark.parametrize("command", Command)
 def test_answer_is_theirs(command):
-    body = example(SHAPES[command].answer)
+    body = example(ANSWERS.get(command, emscon_messages.Nothing))
     theirs = getattr(cesapi, f"{command.title}RT")()
     assert_read_alike(Answer(command, 0, body), body, theirs)
     assert theirs.packetInfo.status == 0

@@ -2,7 +2,7 @@
 
 from fake_tracker import FakeTracker
 
-from drivers.wire.emscon import Answer, EmsconRequest, FromServerFramer, encode
+from drivers.wire.emscon import Answer, EmsconRequest, encode, from_server
 from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange
 from drivers.wire.emscon_messages import StatusChange, SystemSettings, Units
 from sim.servers.emscon_server import EmsconSession
@@ -32,7 +32,7 @@ class Client:
         self.tracker = tracker or FakeTracker()
         self.now_s = 0.0
         self._bytes = []
-        self._framer = FromServerFramer()
+        self._read = from_server()
         self.session = EmsconSession(self.tracker, self._bytes.append, **options)
         self.session.advance(self.now_s)
 
@@ -48,7 +48,7 @@ class Client:
     def taken(self):
         data = b"".join(self._bytes)
         self._bytes.clear()
-        return self._framer.feed(data)
+        return self._read(data)
 
     def ask(self, command, *body):
         (answer,) = [m for m in self.send(command, *body) if isinstance(m, Answer)]

@@ -2,7 +2,7 @@
 
 import math
 
-from drivers.wire.geocom import GeocomFramer, GeocomRequest, encode_request, parse_number, words_of
+from drivers.wire.geocom import GeocomRequest, encode_request, parse_number, replies, words_of
 from drivers.wire.geocom_constants import Result, Rpc
 from sim.cell import Cell
 from sim.faults import FaultScript
@@ -24,7 +24,7 @@ class Client:
         self.station = GeocomStation(self.cell.tracker)
         self.now_s = 0.0
         self._bytes = []
-        self._framer = GeocomFramer()
+        self._read = replies()
         self._number = 0
         self.session = GeocomSession(self.station, self._bytes.append)
 
@@ -35,7 +35,7 @@ class Client:
     def taken(self):
         data = b"".join(self._bytes)
         self._bytes.clear()
-        return self._framer.feed(data)
+        return self._read(data)
 
     def later(self, seconds):
         self.now_s += seconds

@@ -4,7 +4,7 @@ from timed_pipe import HandClock, TimedPipe
 
 from drivers.emscon.tracker import EmsconTracker
 from drivers.wire import emscon_messages
-from drivers.wire.emscon import NOTHING, Answer, FromClientFramer, encode, refusal
+from drivers.wire.emscon import NOTHING, Answer, encode, from_client, refusal
 from drivers.wire.emscon_constants import Command
 
 RESULT = emscon_messages.SingleResult2(
@@ -50,12 +50,12 @@ class Instrument:
         self.refuses = {}
         self.state = {
             Command.GET_SYSTEM_STATUS: system_status(),
-            Command.GET_TRACKER_STATUS: emscon_messages.TrackerStatus(2),
+            Command.GET_TRACKER_STATUS: emscon_messages.Code(2),
             Command.GET_UNITS: emscon_messages.Units(0, 0, 0, 0, 0),
-            Command.GET_COORDINATE_SYSTEM_TYPE: emscon_messages.CoordinateSystem(7),
-            Command.GET_MEASUREMENT_MODE: emscon_messages.MeasurementMode(21),
+            Command.GET_COORDINATE_SYSTEM_TYPE: emscon_messages.Code(7),
+            Command.GET_MEASUREMENT_MODE: emscon_messages.Code(21),
             Command.GET_STATIONARY_MODE_PARAMS: emscon_messages.StationaryMode(100, 0),
-            Command.GET_REFLECTOR: emscon_messages.ReflectorChoice(3),
+            Command.GET_REFLECTOR: emscon_messages.Code(3),
             Command.GET_SYSTEM_SETTINGS: emscon_messages.SystemSettings(1, 1, 1, 0, 0, 1, 1, 1, 1),
             Command.GET_ENVIRONMENT_PARAMS: emscon_messages.Environment(20.5, 1001.0, 45.0),
             Command.GET_MEASUREMENT_STATUS_INFO: emscon_messages.MeasurementStatusInfo(
@@ -66,13 +66,13 @@ class Instrument:
         self.result = RESULT
 
     def lose_the_beam(self):
-        self.state[Command.GET_TRACKER_STATUS] = emscon_messages.TrackerStatus(0)
+        self.state[Command.GET_TRACKER_STATUS] = emscon_messages.Code(0)
         self.state[Command.GET_MEASUREMENT_STATUS_INFO] = emscon_messages.MeasurementStatusInfo(
             0, 65536
         )
 
     def respond(self, data):
-        (request,) = FromClientFramer().feed(data)
+        (request,) = from_client()(data)
         self.asked.append(request)
         said = self.says.get(request.command)
         if callable(said):

@@ -12,7 +12,6 @@ from scripted_emscon import RESULT, Instrument, system_status
 
 from drivers import errors
 from drivers.emscon.client import EmsconDeadlines
-from drivers.emscon.setup import SearchArea
 from drivers.values import Weather
 from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon import Answer, OtherPacket, encode
@@ -78,7 +77,7 @@ class TestMeasure:
     @pytest.mark.parametrize(
         "unasked",
         [
-            Answer(Command.GET_TRACKER_STATUS, 0, bodies.TrackerStatus(1)),
+            Answer(Command.GET_TRACKER_STATUS, 0, bodies.Code(1)),
             Answer(Command.GET_SYSTEM_STATUS, 0, system_status()),
             bodies.ErrorResponse(START, ResultStatus.ALL_OK),
             bodies.ErrorResponse(Command.GET_ENVIRONMENT_PARAMS, 94),
@@ -95,7 +94,7 @@ class TestMeasure:
     def test_packets_that_are_passed_over_are_counted(self, station):
         before = station.tracker.state().packets_passed_over
         station.comes(OtherPacket(99, b""), OtherPacket(3, b""), bodies.StatusChange(26))
-        station.comes(Answer(Command.GET_TRACKER_STATUS, 0, bodies.TrackerStatus(1)))
+        station.comes(Answer(Command.GET_TRACKER_STATUS, 0, bodies.Code(1)))
         assert station.tracker.state().packets_passed_over - before == 2
 
     def test_what_is_queued_unread_is_bounded_in_bytes(self, station):
@@ -213,7 +212,7 @@ class TestMotion:
         )
 
     def test_motion_may_take_its_time_and_the_search_too(self):
-        station = Station(search=SearchArea(timeout_s=10.0)).prepared()
+        station = Station(search_timeout_s=10.0).prepared()
         station.instrument.says[Command.GO_POSITION] = [(39.0, Answer(Command.GO_POSITION))]
         station.tracker.go_to((1.0, 2.0, 3.0))
         station.instrument.says[Command.GO_POSITION] = [(41.0, Answer(Command.GO_POSITION))]

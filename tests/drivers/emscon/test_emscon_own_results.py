@@ -161,10 +161,7 @@ class TestLateResults:
         ends_s = station.clock.now_s() + seconds
         light = Command.GET_TRACKER_STATUS
         station.instrument.says[light] = lambda _: [
-            (
-                0.0,
-                Answer(light, 0, bodies.TrackerStatus(1 if station.clock.now_s() < ends_s else 2)),
-            )
+            (0.0, Answer(light, 0, bodies.Code(1 if station.clock.now_s() < ends_s else 2)))
         ]
 
     def test_two_results_after_a_failure_are_none(self):
@@ -208,7 +205,7 @@ class TestLateResults:
     def test_tracker_that_goes_on_measuring_for_ever_has_given_no_result(self):
         station = self.failed_once()
         says(station, (0.5, OTHER_RESULT))
-        station.instrument.state[Command.GET_TRACKER_STATUS] = bodies.TrackerStatus(1)
+        station.instrument.state[Command.GET_TRACKER_STATUS] = bodies.Code(1)
         with pytest.raises(NotAMeasurement):
             station.tracker.measure()
 

@@ -5,7 +5,6 @@ from emscon_stations import Station
 from scripted_emscon import NAMES, RESULT, Instrument, system_status
 
 from drivers.emscon.client import EmsconDeadlines
-from drivers.emscon.setup import SearchArea
 from drivers.errors import DeviceNotReady, DeviceRefused, LinkDown
 from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon import Answer, refusal
@@ -24,17 +23,17 @@ def started(*messages):
 
 class TestPrepare:
     def test_settings_are_those_of_the_campaign(self):
-        station = Station(search=SearchArea(radius_mm=30.0, timeout_s=4.0)).connected()
+        station = Station(search_radius_mm=30.0, search_timeout_s=4.0).connected()
         station.tracker.prepare("RRR 1.5in", 2.5)
         instrument = station.instrument
-        assert instrument.body_of(Command.SET_REFLECTOR) == bodies.ReflectorChoice(40)
+        assert instrument.body_of(Command.SET_REFLECTOR) == bodies.Code(40)
         assert instrument.body_of(Command.SET_STATIONARY_MODE_PARAMS) == bodies.StationaryMode(
             2500, 1
         )
         assert instrument.body_of(Command.SET_SEARCH_PARAMS) == bodies.SearchParams(30.0, 4000)
         assert instrument.body_of(Command.SET_STATISTIC_MODE).stationary == 1
-        assert instrument.body_of(Command.SET_COORDINATE_SYSTEM_TYPE).kind == 0
-        assert instrument.body_of(Command.SET_MEASUREMENT_MODE).mode == 0
+        assert instrument.body_of(Command.SET_COORDINATE_SYSTEM_TYPE).value == 0
+        assert instrument.body_of(Command.SET_MEASUREMENT_MODE).value == 0
 
     def test_points_are_in_the_instruments_own_frame_and_its_equipment_stays(self, station):
         settings = station.instrument.state[Command.GET_SYSTEM_SETTINGS]
@@ -156,7 +155,7 @@ class TestSettingsChangedByOthers:
     def test_reflector_changed_during_a_measurement_spoils_its_result(self, station):
 
         def change(_request):
-            station.instrument.state[Command.GET_REFLECTOR] = bodies.ReflectorChoice(3)
+            station.instrument.state[Command.GET_REFLECTOR] = bodies.Code(3)
             return started(bodies.StatusChange(SystemChange.REFLECTOR), RESULT)
 
         station.instrument.says[START] = change

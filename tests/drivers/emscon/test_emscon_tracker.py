@@ -155,7 +155,7 @@ class TestState:
 
     @pytest.mark.parametrize(("light", "bits"), [(0, 2048), (2, 0)])
     def test_lock_needs_both_the_light_and_the_reflector(self, station, light, bits):
-        station.instrument.state[Command.GET_TRACKER_STATUS] = bodies.TrackerStatus(light)
+        station.instrument.state[Command.GET_TRACKER_STATUS] = bodies.Code(light)
         info = bodies.MeasurementStatusInfo(0, bits)
         station.instrument.state[Command.GET_MEASUREMENT_STATUS_INFO] = info
         assert not station.tracker.state().beam_locked
@@ -168,7 +168,7 @@ class TestState:
         ("light", "readiness"), [(1, Readiness.BUSY), (3, Readiness.NOT_READY), (99, None)]
     )
     def test_lights(self, station, light, readiness):
-        station.instrument.state[Command.GET_TRACKER_STATUS] = bodies.TrackerStatus(light)
+        station.instrument.state[Command.GET_TRACKER_STATUS] = bodies.Code(light)
         assert station.tracker.state().readiness is (readiness or Readiness.NOT_READY)
 
     def test_no_reflector_chosen(self):

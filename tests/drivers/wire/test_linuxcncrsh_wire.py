@@ -29,7 +29,7 @@ MESSAGES = [
 
 
 def test_session_of_old_and_newer_versions_is_taken_apart():
-    assert wire.AnswerFramer().feed(SESSION) == MESSAGES
+    assert wire.answers()(SESSION) == MESSAGES
 
 
 @pytest.mark.parametrize(
@@ -37,9 +37,7 @@ def test_session_of_old_and_newer_versions_is_taken_apart():
 )
 def test_line_of_white_space_only_says_nothing(blank):
     line = f"{blank}\r\n".encode()
-    assert wire.AnswerFramer().feed(line + b"SET NAK\r\n") == [
-        wire.Verdict("SET", "", False, "SET NAK")
-    ]
+    assert wire.answers()(line + b"SET NAK\r\n") == [wire.Verdict("SET", "", False, "SET NAK")]
 
 
 def test_greeting_that_refuses_has_no_name():
@@ -54,7 +52,7 @@ def test_other_greeting_is_none_of_linuxcncrsh(line):
 
 def test_answer_longer_than_any_is_refused_before_it_ends():
     with pytest.raises(WireError, match="in one line"):
-        wire.AnswerFramer().feed(b"ERROR " + b"x" * wire.LONGEST_ANSWER)
+        wire.answers()(b"ERROR " + b"x" * wire.LONGEST_ANSWER)
 
 
 def test_message_for_the_operator_may_hold_a_tab_but_no_control_character():

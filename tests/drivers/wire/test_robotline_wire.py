@@ -205,4 +205,4 @@ def test_no_damage_of_two_bytes_goes_unseen(data):
 
 
 def test_empty_lines_are_passed_over():
-    assert wire.RobotlineFramer(PAR4_LAYOUT).feed(b"\n\r\n\n") == []
+    assert wire.replies(PAR4_LAYOUT)(b"\n\r\n\n") == []

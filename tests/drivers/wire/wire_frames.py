@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from drivers.errors import WireError
 from drivers.wire import emscon, emscon_messages, geocom, linuxcncrsh, robotline
+from drivers.wire.emscon_constants import Command
 from drivers.wire.framing import LineFramer, PacketFramer
 from sim.geometry import PAR4
 from sim.servers.robotline_server import layout_of
@@ -39,16 +40,16 @@ UNASKED = (
 )
 FROM_INSTRUMENT = (
     *(
-        emscon.encode(emscon.Answer(command, 0, example(shape.answer)))
-        for command, shape in emscon.SHAPES.items()
+        emscon.encode(emscon.Answer(c, 0, example(emscon.ANSWERS.get(c, emscon_messages.Nothing))))
+        for c in Command
     ),
     *(emscon.encode(example(kind)) for kind in UNASKED),  # type: ignore[arg-type] # all are of the union
     *(emscon.refusal(command, 39) for command in (1, 42)),
     emscon.encode(emscon.OtherPacket(3, bytes(84))),
 )
 FROM_CLIENT = tuple(
-    emscon.encode(emscon.EmsconRequest(c, example(shape.request)))
-    for c, shape in emscon.SHAPES.items()
+    emscon.encode(emscon.EmsconRequest(c, example(emscon.REQUESTS.get(c, emscon_messages.Nothing))))
+    for c in Command
 )
 GEOCOM_REPLIES = tuple(
     geocom.encode_reply(geocom.GeocomReply(0, 7, result, words, checked))
@@ -109,11 +110,11 @@ LINUXCNC = (
 
 
 def _geocom_reply():
-    framer = geocom.GeocomFramer()
+    read_replies = geocom.replies()
     readers = (geocom.parse_number, geocom.parse_whole, geocom.parse_string)
 
     def feed(data):
-        replies = framer.feed(data)
+        replies = read_replies(data)
         for reply in replies:
             for read in readers:
                 for word in reply.parameters:
@@ -141,10 +142,10 @@ def _robotline_request():
 
 
 def _linuxcnc():
-    framer = linuxcncrsh.AnswerFramer()
+    read = linuxcncrsh.answers()
 
     def feed(data):
-        messages = framer.feed(data)
+        messages = read(data)
         for message in messages:
             if isinstance(message, linuxcncrsh.Value) and message.word == "JOINT_POS":
                 linuxcncrsh.read_numbers(message)
@@ -172,13 +173,13 @@ def resealed_geocom(line: bytes) -> bytes:
 WIRES: tuple[Wire, ...] = (
     Wire("packets", lambda: PacketFramer().feed, FROM_INSTRUMENT),
     Wire("lines", lambda: LineFramer(255).feed, ROBOTLINE_REPLIES),
-    Wire("emScon, instrument", lambda: emscon.FromServerFramer().feed, FROM_INSTRUMENT),
-    Wire("emScon, client", lambda: emscon.FromClientFramer().feed, FROM_CLIENT),
+    Wire("emScon, instrument", emscon.from_server, FROM_INSTRUMENT),
+    Wire("emScon, client", emscon.from_client, FROM_CLIENT),
     Wire("GeoCOM, instrument", _geocom_reply, GEOCOM_REPLIES, resealed_geocom),
     Wire("GeoCOM, client", _geocom_request, GEOCOM_REQUESTS, resealed_geocom),
     Wire(
         "robotline, controller",
-        lambda: robotline.RobotlineFramer(LAYOUT).feed,
+        lambda: robotline.replies(LAYOUT),
         ROBOTLINE_REPLIES,
         resealed_robotline,
     ),

@@ -10,13 +10,10 @@ from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
     BeamTarget,
-    CoordinateSystem,
+    Code,
     Direction,
     Environment,
-    Face,
-    MeasurementMode,
     MeasurementStatusInfo,
-    ReflectorChoice,
     ReflectorPlace,
     Refraction,
     SearchParams,
@@ -28,7 +25,6 @@ from drivers.wire.emscon_messages import (
     StatusChange,
     SystemSettings,
     TrackerInfo,
-    TrackerStatus,
     Transformation,
     Units,
 )
@@ -52,18 +48,14 @@ def test_no_event_is_told_to_a_client_that_wants_none():
     ("setting", "getting", "body"),
     [
         (Command.SET_UNITS, Command.GET_UNITS, Units(5, 2, 1, 6, 0)),
-        (Command.SET_MEASUREMENT_MODE, Command.GET_MEASUREMENT_MODE, MeasurementMode(0)),
-        (
-            Command.SET_COORDINATE_SYSTEM_TYPE,
-            Command.GET_COORDINATE_SYSTEM_TYPE,
-            CoordinateSystem(0),
-        ),
+        (Command.SET_MEASUREMENT_MODE, Command.GET_MEASUREMENT_MODE, Code(0)),
+        (Command.SET_COORDINATE_SYSTEM_TYPE, Command.GET_COORDINATE_SYSTEM_TYPE, Code(0)),
         (
             Command.SET_STATIONARY_MODE_PARAMS,
             Command.GET_STATIONARY_MODE_PARAMS,
             StationaryMode(2500, 1),
         ),
-        (Command.SET_REFLECTOR, Command.GET_REFLECTOR, ReflectorChoice(7)),
+        (Command.SET_REFLECTOR, Command.GET_REFLECTOR, Code(7)),
         (Command.SET_SEARCH_PARAMS, Command.GET_SEARCH_PARAMS, SearchParams(0.25, 3000)),
         (Command.SET_STATISTIC_MODE, Command.GET_STATISTIC_MODE, StatisticMode(1, 0)),
         (Command.SET_SYSTEM_SETTINGS, Command.GET_SYSTEM_SETTINGS, STREAMING),
@@ -95,11 +87,11 @@ def test_what_is_set_is_read_back(setting, getting, body):
     [
         (Command.SET_UNITS, Units(6, 0, 0, 0, 0), ResultStatus.WRONG_PARAMETER_1),
         (Command.SET_UNITS, Units(0, 0, 0, 7, 0), ResultStatus.WRONG_PARAMETER_4),
-        (Command.SET_COORDINATE_SYSTEM_TYPE, CoordinateSystem(6), ResultStatus.NOT_IMPLEMENTED),
-        (Command.SET_MEASUREMENT_MODE, MeasurementMode(1), ResultStatus.NOT_IMPLEMENTED),
+        (Command.SET_COORDINATE_SYSTEM_TYPE, Code(6), ResultStatus.NOT_IMPLEMENTED),
+        (Command.SET_MEASUREMENT_MODE, Code(1), ResultStatus.NOT_IMPLEMENTED),
         (Command.SET_STATIONARY_MODE_PARAMS, StationaryMode(0, 1), ResultStatus.WRONG_PARAMETER_1),
         (Command.SET_STATISTIC_MODE, StatisticMode(0, 2), ResultStatus.WRONG_PARAMETER_2),
-        (Command.SET_REFLECTOR, ReflectorChoice(1), ResultStatus.WRONG_PARAMETER_1),
+        (Command.SET_REFLECTOR, Code(1), ResultStatus.WRONG_PARAMETER_1),
         (Command.SET_SEARCH_PARAMS, SearchParams(math.nan, 1), ResultStatus.WRONG_PARAMETER_1),
         (Command.SET_SEARCH_PARAMS, SearchParams(1.0, 0), ResultStatus.WRONG_PARAMETER_2),
         (
@@ -165,7 +157,7 @@ def test_settings_outlive_a_connection_and_are_those_of_power_on_in_another_inst
 
 
 def test_face_and_software_are_told():
-    assert Client().ask(Command.GET_FACE).body == Face(1)
+    assert Client().ask(Command.GET_FACE).body == Code(1)
     assert Client().ask(Command.GET_SYSTEM_SOFTWARE_VERSION).body == SoftwareVersion("1.2")
 
 
@@ -235,7 +227,7 @@ def test_environment_may_be_set_though_its_own_weather_station_goes_on():
 @pytest.mark.parametrize(("locked", "light"), [(True, 2), (False, 0)])
 def test_light_follows_the_beam(locked, light):
     client = Client(FakeTracker(locked=locked))
-    assert client.ask(Command.GET_TRACKER_STATUS).body == TrackerStatus(light)
+    assert client.ask(Command.GET_TRACKER_STATUS).body == Code(light)
 
 
 @pytest.mark.parametrize(("locked", "bits"), [(True, 2048), (False, 0)])

@@ -9,8 +9,10 @@ import pytest
 from drivers.errors import WireError
 from drivers.wire import geocom, robotline
 from drivers.wire import robotline as messages
-from drivers.wire.emscon import SHAPES, EmsconRequest, encode
-from drivers.wire.emscon_messages import codes_of
+from drivers.wire.emscon import REQUESTS as BODIES
+from drivers.wire.emscon import EmsconRequest, encode
+from drivers.wire.emscon_constants import Command
+from drivers.wire.emscon_messages import Nothing, codes_of
 from drivers.wire.geocom_constants import Rpc
 from sim.cell import Cell
 from sim.geometry import PAR4
@@ -29,8 +31,8 @@ PART = "ARM 0"
 
 
 def emscon_request(draw, _number):
-    command = draw.choice(list(SHAPES))
-    kind = SHAPES[command].request
+    command = draw.choice(list(Command))
+    kind = BODIES.get(command, Nothing)
     one = {
         "i": lambda: draw.choice(WHOLES),
         "d": lambda: draw.choice(FLOATS),
