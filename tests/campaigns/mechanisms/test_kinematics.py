@@ -17,8 +17,8 @@ from campaigns.mechanisms.par4 import PAR4
 CLOSE = 1e-9
 """mm and deg."""
 LEVER_MM = 100.0
-DECADES = (1e-2, 1e-3, 1e-4)
-"""Of steps: 0.01 is 0.01 rad or 1 mm."""
+DECADES = (1e-3, 1e-4)
+"""Of steps: 0.001 is 0.001 rad or 0.1 mm."""
 CONDITION = {"par4": 120, "delta": 89, "h4": 120, "i4r": 105, "linear-delta": 363, "i4l": 742}
 """Of the reference models, for 200 shots of their own."""
 FEWEST_SHOTS = {"par4": 13, "delta": 7, "h4": 10, "i4r": 11, "linear-delta": 5, "i4l": 8}
@@ -40,7 +40,12 @@ TURNED_OVER_DEG = {
 """Every assembly of these is turned over, above the elbows or in the other assembly mode."""
 
 all_members = pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: each.name)
-all_robots = pytest.mark.parametrize("kind", ["nominal", "perturbed", "tilted"])
+some_members = pytest.mark.parametrize(
+    "member",
+    [BY_NAME[name] for name in ("par4", "i4r", "linear-delta")],
+    ids=lambda each: each.name,
+)
+"""Where a closed chain's code is the same for all: Par4 with its own forward model, one with rails."""
 with_rails = pytest.mark.parametrize(
     "member", [BY_NAME["linear-delta"], BY_NAME["i4l"]], ids=lambda each: each.name
 )
@@ -140,10 +145,10 @@ def delta_elbows(robot, joints):
 
 class TestForwardAndInverse:
     @all_members
-    @all_robots
+    @pytest.mark.parametrize("kind", ["perturbed", "tilted"])
     def test_undo_each_other_all_over_the_workspace(self, member, kind):
         robot = member.robots[kind]
-        poses = member.reachable_poses(robot, 500, seed=11)
+        poses = member.reachable_poses(robot, 200, seed=11)
         joints = robot.inverse(poses).values_or_raise()
         unit = member.file_units(member.mechanism.task)
         aside = np.random.default_rng(1).uniform(-1.0, 1.0, poses.shape)
@@ -217,7 +222,7 @@ class TestForwardAndInverse:
         with pytest.raises(NoSolution, match="row 0 of 1"):
             solution.values_or_raise()
 
-    @all_members
+    @some_members
     def test_joints_that_no_forearm_can_span_have_no_assembly(self, member):
         p = member.nominal.p.copy()
         p[member.space.places(member.space.of_field("forearm_mm"))] = 150.0
@@ -252,7 +257,7 @@ class TestForwardAndInverse:
         assert pose[0, 2] < elbows[2].mean()
         assert member.name not in {"par4", "h4"} or abs(pose[0, 3]) < np.pi / 2
 
-    @all_members
+    @some_members
     @pytest.mark.parametrize("bad", [np.nan, 1e308])
     def test_a_meaningless_joint_or_hint_never_gets_through(self, member, bad):
         poses = member.reachable_poses(member.nominal, 3, seed=1)
@@ -262,7 +267,7 @@ class TestForwardAndInverse:
         joints[1, 2] = np.nan
         assert member.nominal.forward(joints, hint).found.tolist() == [True, False, True]
 
-    @all_members
+    @some_members
     def test_one_unreachable_pose_leaves_the_others_alone(self, member):
         poses = member.reachable_poses(member.nominal, 3, seed=2)
         expected = member.nominal.inverse(poses).values_or_raise()
@@ -281,7 +286,7 @@ class TestForwardAndInverse:
             alone = NOMINAL.forward(joints[[row]]).values_or_raise()
             assert np.abs(alone - together[row]).max() < 1e-10
 
-    @all_members
+    @some_members
     def test_no_rows_give_no_rows(self, member):
         joints, task = len(member.mechanism.joints), len(member.mechanism.task)
         found = member.nominal.forward(np.empty((0, joints))).values_or_raise()
@@ -289,9 +294,12 @@ class TestForwardAndInverse:
 
 
 class TestJacobian:
-    @all_members
-    @pytest.mark.parametrize("kind", ["perturbed", "tilted"])
-    def test_of_the_pose_by_every_parameter_is_exact_in_every_decade(self, member, kind):
+    @pytest.mark.parametrize(
+        ("member", "kind"),
+        [(each, "tilted") for each in ALL_MEMBERS]
+        + [(BY_NAME[name], "perturbed") for name in ("par4", "linear-delta")],
+    )
+    def test_of_the_pose_by_every_parameter_is_exact(self, member, kind):
         """What differences are off by falls with the square of their step, to rounding."""
         robot = member.robots[kind]
         poses = member.reachable_poses(robot, 1, seed=23, limits=member.well_inside)
@@ -307,9 +315,8 @@ class TestJacobian:
             central_differences(moved, robot.p, step * by_length) * unit for step in DECADES
         )
         errors = [np.abs(each - exact).max() / np.abs(exact).max() for each in differences]
-        assert errors[2] < 1e-7
+        assert errors[1] < 1e-7
         assert errors[1] < 0.02 * errors[0]
-        assert errors[2] < 0.02 * errors[1]
 
     @all_members
     def test_of_a_level_robot_is_the_same_where_extensions_are_not_asked_for(self, member):
@@ -372,7 +379,7 @@ class TestWhatShotsTell:
 def test_the_searched_box_holds_the_workspace(member):
     rng, centre = np.random.default_rng(33), member.shipped.workspace_centre
     extent = member.mechanism.search_extent(member.nominal.p, member.limits, centre)
-    wide = centre + rng.uniform(-2.0, 2.0, (100_000, len(extent))) * extent
+    wide = centre + rng.uniform(-2.0, 2.0, (20_000, len(extent))) * extent
     feasible = wide[member.nominal.feasibility(member.limits, wide).feasible]
     assert len(feasible) > 10
     assert (np.abs(feasible - centre) <= extent).all()

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from family_cases import ALL_MEMBERS
-from par4_cases import LIMITS, NOMINAL, TILTED, reachable_joints
+from par4_cases import NOMINAL, TILTED, reachable_joints
 from par4_space import SKEWS, TILTS, places_of
 from scipy.spatial.transform import Rotation
 
@@ -22,7 +22,6 @@ DRAWING = parasitic_rotation.PlateGeometry(
     ((-60.0, 5.0, 3.0), (55.0, 0.0, -2.0), (60.0, 10.0, 0.0), (-70.0, 0.0, 4.0)),
     (20.0, -30.0, -45.0),
 )
-REFLECTOR_MM = np.array(DRAWING.reflector_mm)
 SPACING_MM = 80.0
 DRAWN = PAR4.with_plate(DRAWING)
 
@@ -45,16 +44,6 @@ def test_perfect_parts_leave_the_plate_level():
     poses = NOMINAL.forward(joints).values_or_raise()
     assert (DRAWN.plate_tilt(NOMINAL.p, joints, poses) == 0.0).all()
     assert (DRAWN.forward(NOMINAL.p, joints).values == poses).all()
-
-
-@pytest.mark.parametrize("hinted", [False, True])
-def test_forward_undoes_inverse_with_a_tilted_plate(hinted):
-    robot = Kinematics(DRAWN, TILTED.p)
-    poses = DRAWN.forward(TILTED.p, reachable_joints(TILTED, 300, seed=5, limits=LIMITS))
-    poses = poses.values_or_raise()
-    joints = robot.inverse(poses).values_or_raise()
-    found = robot.forward(joints, poses + 0.3 if hinted else None).values_or_raise()
-    assert np.abs(found - poses).max() < 1e-9
 
 
 def test_a_row_that_cannot_be_assembled_does_not_spoil_the_others():
@@ -128,11 +117,9 @@ def rods_of(member, rods_mm, tilts_rad, leans_rad):
     return RodMechanism(geometry, build), Kinematics(member.mechanism, p)
 
 
-@pytest.mark.parametrize(("rod_mm", "tilt_rad", "left_um"), [(0.05, 5e-4, 0.4), (0.2, 2e-3, 5.0)])
 @pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: each.name)
-def test_every_member_s_rods_and_axes_move_the_reflector_as_its_rods_do(
-    member, rod_mm, tilt_rad, left_um
-):
+def test_every_member_s_rods_and_axes_move_the_reflector_as_its_rods_do(member):
+    rod_mm, tilt_rad, left_um = 0.05, 5e-4, 0.4
     rng, arms = np.random.default_rng(11), member.space.arms
     rods_mm = rng.normal(0.0, rod_mm, (arms, 2))
     tilts_rad, leans_rad = rng.normal(0.0, tilt_rad, (2, arms))
