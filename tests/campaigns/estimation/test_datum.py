@@ -19,10 +19,10 @@ def of_parts(member, tilt_rad, seed=1):
 
 def apart_mm(member, one, other):
     """Largest difference of the points of two robots but for a rigid motion."""
-    poses = member.reachable_poses(one, 60, seed=2, limits=member.well_inside)
-    joints = one.inverse(poses).values_or_raise()
-    points = other.forward(joints).values_or_raise()[:, :3]
-    left = fit_transform(poses[:, :3], points).apply(poses[:, :3]) - points
+    inside = member.reachable_poses(member.perturbed, 20, seed=2, limits=member.well_inside)
+    joints = member.perturbed.inverse(inside).values_or_raise()
+    own, points = (each.forward(joints).values_or_raise()[:, :3] for each in (one, other))
+    left = fit_transform(own, points).apply(own) - points
     return np.abs(left).max()
 
 
@@ -50,11 +50,10 @@ def test_a_robot_off_in_everything_is_the_same_with_the_nominal_datum(member):
 def test_imperfect_parts_differ_by_a_rigid_motion_but_for_second_order(member):
     """Plate bars follow the azimuths of tilted arms, and carriages' plates tilt for the base."""
     left_mm = []
-    for tilt_rad in (2e-3, 1e-3, 5e-5):
+    for tilt_rad in (1e-3, 5e-4):
         robot = of_parts(member, tilt_rad)
         seen = datum_parameters(member.nominal, robot)
         assert (seen.p[held(member)] == member.nominal.p[held(member)]).all()
         left_mm.append(apart_mm(member, robot, seen))
-    assert left_mm[0] < 2e-3
+    assert left_mm[0] < 5e-4
     assert left_mm[0] / left_mm[1] == pytest.approx(4.0, abs=0.3)
-    assert left_mm[2] < 1e-6

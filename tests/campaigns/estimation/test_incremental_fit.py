@@ -1,5 +1,7 @@
 """The fit while measuring: its predictions, and the faults that it shows."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from par4_cases import (
@@ -18,6 +20,12 @@ JOINTS = reachable_joints(TABLE1, 60, seed=81)
 EXACT_MM = measured_points(TABLE1, JOINTS)
 MEASURED_MM = measured_points(TABLE1, JOINTS, TRACKER_STD_MM, seed=1)
 TORN_APART = np.radians([90.0, -90.0, 90.0, -90.0])
+
+
+@cache
+def known_after(shots):
+    """The same for all who only ask it."""
+    return after(shots)
 
 
 def after(shots, joints=JOINTS, points_mm=MEASURED_MM):
@@ -39,32 +47,32 @@ def test_before_four_shots_no_point_is_predicted(shots):
 
 
 def test_from_the_fourth_shot_on_points_are_predicted_to_millimetres():
-    assert missed_mm(after(4), 10) < 10.0
+    assert missed_mm(known_after(4), 10) < 10.0
 
 
 def test_the_thirtieth_shot_is_predicted_to_within_tracker_noise():
-    running = after(29)
+    running = known_after(29)
     predicted = running.predict(JOINTS[29])
     assert missed_mm(running, 29) < 0.2
     assert predicted.std_mm < 0.3
 
 
-@pytest.mark.parametrize("shots", [6, 10, 20, 40])
+@pytest.mark.parametrize("shots", [10, 40])
 def test_a_prediction_is_as_good_as_it_claims(shots):
-    running = after(shots)
+    running = known_after(shots)
     for row in range(shots, 60):
         assert missed_mm(running, row) < 4.0 * running.predict(JOINTS[row]).std_mm
 
 
 def test_more_shots_make_predictions_surer():
-    stds = [after(shots).predict(JOINTS[50]).std_mm for shots in (4, 10, 20, 40)]
+    stds = [known_after(shots).predict(JOINTS[50]).std_mm for shots in (4, 10, 40)]
     assert sorted(stds, reverse=True) == stds
     assert stds[0] > 10.0 * stds[-1]
 
 
 def test_a_wrong_target_shows_as_soon_as_points_are_predicted():
     """Another reflector 50 mm beside the right one."""
-    predicted = after(29).predict(JOINTS[29])
+    predicted = known_after(29).predict(JOINTS[29])
     wrong_mm = MEASURED_MM[29] + [50.0, 0.0, 0.0]
     assert np.linalg.norm(wrong_mm - predicted.point_mm) > 49.0
 
@@ -81,15 +89,15 @@ def test_the_first_shot_has_no_distance_to_be_wrong():
     assert after(0).max_distance_innovation_mm(JOINTS[0], MEASURED_MM[0]) == 0.0
 
 
-@pytest.mark.parametrize("shots", [0, 2, 30])
+@pytest.mark.parametrize("shots", [0, 29])
 def test_joints_without_an_assembly_are_an_infinite_fault_and_predict_nothing(shots):
-    running = after(shots)
+    running = known_after(shots)
     assert running.max_distance_innovation_mm(TORN_APART, MEASURED_MM[0]) == np.inf
     assert running.predict(TORN_APART) is None
 
 
 def test_a_shot_without_an_assembly_leaves_the_knowledge_as_it_was():
-    running = after(30)
+    running = after(10)
     before = running.predict(JOINTS[40])
     running.add(TORN_APART, MEASURED_MM[0])
     assert (running.predict(JOINTS[40]).point_mm == before.point_mm).all()
@@ -106,12 +114,6 @@ def test_with_all_shots_the_frame_is_the_tracker_s():
     assert missed_mm(running, 5) < 0.02
     centre = running.predict(JOINTS[0]).point_mm
     assert TRACKER_FROM_BASE.inverted().apply(centre[None])[0, 2] < 0.0
-
-
-def test_the_same_shots_give_the_same_predictions():
-    first, second = (after(12).predict(JOINTS[30]) for _ in range(2))
-    assert (first.point_mm == second.point_mm).all()
-    assert first.std_mm == second.std_mm
 
 
 def test_asking_for_a_prediction_first_changes_no_answer():

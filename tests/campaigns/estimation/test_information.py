@@ -1,6 +1,7 @@
 """What shots tell so far, against the covariance of a fit that knows nothing of it."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -9,17 +10,9 @@ from par4_space import FREE_BY_DEFAULT, indices
 
 from campaigns.estimation import information
 from campaigns.estimation.estimate import OutlierPolicy, estimate
-from campaigns.estimation.estimators import Estimator
 from campaigns.estimation.incremental_fit import PRIOR_LENGTH_MM, IncrementalGaussNewton
 from campaigns.estimation.least_squares import LeastSquaresProblem, Priors, solve
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
-from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.journal.records import Outcome
-from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
-from campaigns.planning.plan_file import PlannedShot
-from campaigns.planning.predicted_uncertainty import EstimationSetup
-from campaigns.robots.robot import pose_of
-from campaigns.shots.shot_sets import ShotSet
 
 SHOTS = 80
 FREE = indices(FREE_BY_DEFAULT)
@@ -40,9 +33,14 @@ def points_mm(scatter=1.0, seed=5):
 
 
 def seen_after(shots, measured_mm):
+    return _seen(measured_mm[:shots].tobytes())
+
+
+@cache
+def _seen(measured):
     running = IncrementalGaussNewton(NOMINAL, FREE_BY_DEFAULT)
-    for row in range(shots):
-        running.add(JOINTS[row], measured_mm[row])
+    for joints, point_mm in zip(JOINTS, np.frombuffer(measured).reshape(-1, 3), strict=False):
+        running.add(joints, point_mm)
     return running.linearized(FREE_BY_DEFAULT)
 
 
@@ -77,7 +75,7 @@ def std_of(covariance):
     return np.sqrt(np.diag(covariance))
 
 
-@pytest.mark.parametrize("shots", [20, 40, 80])
+@pytest.mark.parametrize("shots", [20, 80])
 def test_points_tell_what_a_fit_of_them_alone_would(shots):
     measured_mm = points_mm()
     std, noise = told_by_points(shots, measured_mm)
@@ -100,9 +98,8 @@ def test_distances_are_as_sure_as_their_own_scatter_says(scatter):
     assert told.sigma0 == told.birge_ratio == pytest.approx(scatter, rel=0.3)
 
 
-@pytest.mark.parametrize("scatter", [1.3, 0.7])
-def test_stated_noise_counts_as_a_prior_on_the_scatter_of_distances(scatter):
-    _, told = told_by_distances(points_mm(scatter))
+def test_stated_noise_counts_as_a_prior_on_the_scatter_of_distances():
+    _, told = told_by_distances(points_mm(0.5))
     dof = len(PAIRS) - COUNT
     pooled = (information.STATED_DOF + dof * told.birge_ratio**2) / (information.STATED_DOF + dof)
     assert told.sigma0 == pytest.approx(pooled**0.5)
@@ -127,8 +124,8 @@ def test_without_any_residual_nothing_tells_the_variance_of_distances():
     )
 
 
-@pytest.mark.parametrize("scatter", [3.0, 30.0])
-def test_shots_that_scatter_more_than_stated_make_every_deviation_so_much_larger(scatter):
+def test_shots_that_scatter_more_than_stated_make_every_deviation_so_much_larger():
+    scatter = 5.0
     measured_mm = points_mm(scatter)
     std, noise = told_by_points(SHOTS, measured_mm)
     assert noise.birge_ratio == pytest.approx(scatter, rel=0.2)
@@ -214,40 +211,3 @@ def test_a_fit_to_the_end_leaves_outliers_out():
     assert at_once.birge_ratio > 5.0
     assert told.noise.birge_ratio < 1.3
     assert std_of_parameters(told).max() < 1.3 * fitted(SHOTS, points_mm())[0].max()
-
-
-def monitor():
-    """Of a plan of the same shots, which judges positions nowhere."""
-    poses = TABLE1.forward(JOINTS).values_or_raise()
-    shots = zip(poses, JOINTS.tolist(), strict=True)
-    planned = {
-        number: PlannedShot(number, ShotSet.IDENTIFICATION, None, pose_of(pose), tuple(joints))
-        for number, (pose, joints) in enumerate(shots)
-    }
-    setup = EstimationSetup(Estimator.POINTS, FREE_BY_DEFAULT, TrackerUncertainty())
-    sample = information.WorkspaceSample.of(NOMINAL, FREE_BY_DEFAULT, poses)
-    return UncertaintyMonitor(planned, NOMINAL, setup, poses, sample)
-
-
-def outcomes(shots, measured_mm):
-    covariance = tuple(map(tuple, COVARIANCE_MM2.tolist()))
-    for shot in range(shots):
-        joints, point_mm = tuple(JOINTS[shot].tolist()), tuple(measured_mm[shot].tolist())
-        yield Outcome(shot, 1, joints, point_mm, covariance, None, "", "", None)
-
-
-def test_a_fit_of_too_few_shots_tells_nothing():
-    fewest = -(-(COUNT + 6 + information.MINIMUM_DOF) // 3)
-    measured_mm = points_mm()
-    assert monitor().fitted(outcomes(fewest - 1, measured_mm)) is None
-    assert monitor().fitted(outcomes(fewest, measured_mm)) is not None
-
-
-def test_weights_of_one_change_nothing():
-    """The solver takes what is fitted weighted; σ are of the measurements as they were stated."""
-    plain = problem(points_mm())
-    one, other = (
-        estimate(each, COUNT, OutlierPolicy(), known_variance=True)
-        for each in (plain, plain.weighted(np.ones(SHOTS)))
-    )
-    np.testing.assert_allclose(std_of_parameters(one), std_of_parameters(other))

@@ -96,11 +96,10 @@ def test_good_shots_all_agree(shots):
     assert found.outliers == ()
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_scatter_that_the_tracker_did_not_state_makes_no_outliers(shots, seed):
+def test_scatter_that_the_tracker_did_not_state_makes_no_outliers(shots):
     """A robot that repeats thirty times worse than the tracker measures: few degrees of freedom."""
-    assert reject_outliers(distances_problem(shots, 30.0 * NOISE_MM, seed)).outliers == ()
-    assert reject_outliers(points_problem(shots, (), 30.0 * NOISE_MM, seed)).outliers == ()
+    assert reject_outliers(distances_problem(shots, 30.0 * NOISE_MM)).outliers == ()
+    assert reject_outliers(points_problem(shots, (), 30.0 * NOISE_MM)).outliers == ()
 
 
 def test_where_half_of_the_shots_are_elsewhere_none_is_called_wrong(shots):

@@ -45,7 +45,7 @@ some_members = pytest.mark.parametrize(
     [BY_NAME[name] for name in ("par4", "i4r", "linear-delta")],
     ids=lambda each: each.name,
 )
-"""Where a closed chain's code is the same for all: Par4 with its own forward model, one with rails."""
+"""Where all closed chains share the code: Par4 has a forward model of its own, one has rails."""
 with_rails = pytest.mark.parametrize(
     "member", [BY_NAME["linear-delta"], BY_NAME["i4l"]], ids=lambda each: each.name
 )
