@@ -19,6 +19,7 @@ from identified_cases import (
     simulated,
     values,
 )
+from par4_space import par4
 
 from campaigns.errors import ShotsMissing
 from campaigns.estimation.estimators import Estimator, Weights
@@ -91,21 +92,9 @@ def test_as_many_pairs_as_parameters_of_equal_weight_give_no_deviations() -> Non
     assert set(deviations(found).values()) == {None}
 
 
-def test_as_many_pairs_as_parameters_have_deviations_by_what_their_coordinates_show() -> None:
-    found = by_distances(noisy(simulated(22, 5, seed=3), seed=1))
-    assert found.dof == 0
-    truth = TRUTH.parameters
-    sigmas = [
-        abs(values(found)[name] - truth[name]) / std
-        for name, std in deviations(found).items()
-        if std is not None
-    ]
-    assert len(sigmas) == 22
-    assert max(sigmas) < 4.5
-
-
 def test_held_parameters_stay_as_they_were() -> None:
-    found = by_distances(simulated(60, 20, seed=1), fix=["plate_mm"])
+    truth = par4(TRUTH.parameters | {"plate_mm": NOMINAL.parameters["plate_mm"]})
+    found = by_distances(simulated(60, 20, seed=1, truth=truth), fix=["plate_mm"])
     plate = found.parameters["plate_mm"]
     assert (plate.free, plate.delta, plate.std) == (False, 0.0, None)
     assert plate.value == NOMINAL.parameters["plate_mm"]
@@ -140,10 +129,10 @@ def test_shots_that_no_robot_could_take_are_left_out_by_name() -> None:
 
 
 def test_unseen_shot_that_the_identified_robot_cannot_take_fails() -> None:
-    """Forearms 40 mm too short for joints at which the nominal robot is nearly stretched."""
-    data = simulated(60, 20, seed=1, truth=shortened(40.0))
+    """Forearms 20 mm too short for joints at which the nominal robot is nearly stretched."""
+    data = simulated(60, 20, seed=1, truth=shortened(20.0))
     tried = np.random.default_rng(0).uniform(-2.0, 2.0, (500, 4))
-    lost = NOMINAL.forward(tried).found & ~shortened(40.0).forward(tried).found
+    lost = NOMINAL.forward(tried).found & ~shortened(20.0).forward(tried).found
     joints = data.joints.copy()
     joints[121] = tried[lost][0]
     found = by_distances(replace(data, joints=joints))
@@ -173,19 +162,3 @@ def test_distances_begin_where_the_coordinates_beside_them_end() -> None:
     assert found.converged
     assert found.flat() == pytest.approx(truth.parameters, abs=1e-6)
     assert found.verdict == "fail"
-
-
-@pytest.mark.slow
-def test_stated_deviations_are_those_that_repeated_campaigns_show() -> None:
-    """Monte Carlo: (value - truth) / σ over 60 campaigns has variance 1, within its own error."""
-    exact = simulated(60, 0, seed=1)
-    truth = TRUTH.parameters
-    scores = []
-    for seed in range(60):
-        found = by_distances(noisy(exact, seed))
-        free = {name: found.parameters[name] for name in found.free}
-        scores.append([(p.value - truth[name]) / p.std for name, p in free.items()])
-    by_parameter = np.mean(np.square(scores), axis=0)
-    assert np.mean(by_parameter) == pytest.approx(1.05, abs=0.2)
-    assert by_parameter.max() < 1.05 + 5 * (2 / 60) ** 0.5
-    assert by_parameter.min() > 1.05 - 5 * (2 / 60) ** 0.5

@@ -3,12 +3,9 @@
 import pytest
 from fake_cell import NOMINAL
 from identified_cases import deviations, identified, moved, noisy, simulated, values, workspace
-from par4_space import NAMES
 
 from campaigns.estimation.estimators import Estimator, LossShape
 
-NOMINAL_PLATE_MM = NOMINAL.parameters["plate_mm"]
-AZIMUTHS = {f"arm{arm}.azimuth_deg" for arm in range(4)}
 SHIFT_ALONG_X = {f"arm{arm}.x_mm" for arm in range(4)}
 CLEAN = noisy(simulated(60, 20, seed=1), seed=2)
 BOTH = pytest.mark.parametrize("estimator", list(Estimator))
@@ -23,17 +20,6 @@ def test_what_moves_together_is_said_held_and_spoils_the_verdict(estimator) -> N
     assert found.reasons[0].endswith("move together here: held at nominal along that combination")
     assert {name for name in SHIFT_ALONG_X if deviations(found)[name] is None} == SHIFT_ALONG_X
     assert found.unseen_mm.after.rms < 0.05 * found.unseen_mm.before.rms
-
-
-@BOTH
-def test_what_is_held_does_not_walk_off(estimator) -> None:
-    """The base frame's turn about z is in no data: the azimuths stay near their nominal values."""
-    found = identified(CLEAN, estimator, free=["arm*.azimuth_deg"])
-    (turn,) = found.unobservable
-    assert set(turn) >= AZIMUTHS
-    nominal = NOMINAL.parameters
-    assert max(abs(values(found)[name] - nominal[name]) for name in AZIMUTHS) < 1.0
-    assert found.converged
 
 
 @BOTH
@@ -57,21 +43,10 @@ def test_a_prior_covers_what_the_data_cannot_tell(estimator) -> None:
     assert values(found)["arm0.x_mm"] == pytest.approx(NOMINAL.parameters["arm0.x_mm"], abs=0.1)
 
 
-@BOTH
-def test_a_good_prior_sharpens_what_hangs_together_with_it(estimator) -> None:
-    plain = identified(CLEAN, estimator)
-    known = identified(CLEAN, estimator, prior=["arm*.arm_mm=1"])
-    sharp = identified(CLEAN, estimator, prior=["plate_mm=0.00001"])
-    assert all(
-        deviations(known)[n] <= deviations(plain)[n] * 1.001 for n in NAMES if deviations(plain)[n]
-    )
-    assert deviations(sharp)["plate_mm"] < 1.1e-5
-    assert values(sharp)["plate_mm"] == pytest.approx(NOMINAL_PLATE_MM, abs=1e-3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("loss", list(LossShape))
-@BOTH
+@pytest.mark.parametrize(
+    ("estimator", "loss"),
+    [(Estimator.POINTS, LossShape.CAUCHY), (Estimator.DISTANCES, LossShape.SOFT_L1)],
+)
 def test_priors_losses_and_outliers_work_together(estimator, loss) -> None:
     data = moved(CLEAN, (7, 50, 99), by_mm=2.0)
     options = {"free": ["arm0.x_mm"], "prior": ["arm0.x_mm=0.2", "arm*.arm_mm=5"], "loss": loss}
