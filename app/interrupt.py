@@ -59,6 +59,12 @@ class StopRequest:
         self._asked_by = None
 
 
+def unblock_signals() -> None:
+    """Have the signals delivered that whoever started us may have blocked; ignored ones stay so."""
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, WATCHED)
+
+
 @contextmanager
 def stop_on_signals(wish: StopRequest) -> Iterator[None]:
     """Turn signals into the wish to stop, for the time of the block."""

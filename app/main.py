@@ -13,6 +13,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import Abort, TyperException
 
 from app.exits import Exit, exit_code
+from app.interrupt import unblock_signals
 from app.streams import make_streams_last
 from campaigns.version import VERSION
 from drivers.errors import ExplainedError
@@ -154,6 +155,7 @@ def main() -> None:
     """Run the command line and leave with the exit code that scripts may rely on."""
     for variable in LINEAR_ALGEBRA_THREADS:
         os.environ.setdefault(variable, "1")
+    unblock_signals()
     make_streams_last()
     code = run_command(sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is over: the code says how, and stays so

@@ -74,8 +74,7 @@ def measure(
                     except (DriverError, CampaignError) as error:
                         _wait_for_next_try(error, retries, terminal, wish)
             except (Interrupted, Cancelled) as stopped:
-                # Out here the signals do what they always do: Ctrl-C at the question means no.
-                if not (wish.may_go_on and goes_on(wish, terminal)):
+                if not (wish.may_go_on and _wants_to_go_on(wish, terminal)):
                     raise _interrupted(title, again) from stopped
 
 
@@ -157,6 +156,14 @@ def goes_on(wish: StopRequest, terminal: Terminal) -> bool:
         suspend()
         terminal.note("continued: the robot still stands where it was stopped", WARNING)
     return terminal.asks("Go on where it was?")
+
+
+def _wants_to_go_on(wish: StopRequest, terminal: Terminal) -> bool:
+    """The operator's answer; out here the signals do what they always do: Ctrl-C means no."""
+    try:
+        return goes_on(wish, terminal)
+    except KeyboardInterrupt:
+        return False
 
 
 def _interrupted(title: str, again: str) -> Interrupted:

@@ -1,5 +1,6 @@
 """Stopping a robot: tried until it is confirmed, whatever wire and operator do meanwhile."""
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -54,6 +55,7 @@ class StopProcedure:
         self._undisturbed = 0
         self._give_up_s: float | None = None
         self._try_s = answer_s
+        self._alarm_s = math.inf
 
     @property
     def is_under_way(self) -> bool:
@@ -102,7 +104,7 @@ class StopProcedure:
                     leave()
 
     def _until_confirmed(self, stop_once: StopOnce, give_up_s: float) -> None:
-        self._try_s, is_first = self._answer_s, True
+        self._try_s, self._alarm_s = self._answer_s, self._clock.now_s() + self._answer_s
         while True:
             try:
                 return stop_once(give_up_s, self.at_most_s(self._try_s))
@@ -111,21 +113,34 @@ class StopProcedure:
                     raise state_unknown(
                         f"the stop was not confirmed within {self._within_s:g} s ({error.problem})"
                     ) from error
-                if is_first:
-                    self._alarm(
-                        f"{PRESS_THE_EMERGENCY_STOP} unless you see the robot stand: "
-                        f"it has not confirmed its stop yet ({error.problem})"
-                    )
+                self._alarm_once(error.problem)
             self._clock.sleep_s(self._pause_s)
-            self._try_s, is_first = self._try_s * PATIENCE_GROWTH, False
+            self._try_s *= PATIENCE_GROWTH
 
+    def await_standstill(self, is_moving: Callable[[], bool], *, give_up_s: float) -> None:
+        """Return when the robot stands; raises `MotionFault` when it moves on until `give_up_s`.
 
-def await_standstill(
-    is_moving: Callable[[], bool], clock: Clock, *, give_up_s: float, pause_s: float
-) -> None:
-    """Return when the robot stands; raises `MotionFault` when it moves on until `give_up_s`."""
-    if not comes_true(lambda: not is_moving(), clock, give_up_s=give_up_s, pause_s=pause_s):
-        raise MotionFault("it still moves", remedy="use the hardware stop")
+        The alarm comes as early as where nobody answers: a stop that is taken may still do nothing.
+        """
+
+        def stands() -> bool:
+            if not is_moving():
+                return True
+            if self._clock.now_s() >= self._alarm_s:
+                self._alarm_once("it still moves")
+            return False
+
+        if not comes_true(stands, self._clock, give_up_s=give_up_s, pause_s=self._pause_s):
+            raise MotionFault("it still moves", remedy="use the hardware stop")
+
+    def _alarm_once(self, why: str) -> None:
+        """Alarm unless this stop has raised one already."""
+        if self._alarm_s < math.inf:
+            self._alarm_s = math.inf
+            self._alarm(
+                f"{PRESS_THE_EMERGENCY_STOP} unless you see the robot stand: "
+                f"it has not confirmed its stop yet ({why})"
+            )
 
 
 def state_unknown(problem: str) -> RobotStateUnknown:

@@ -120,11 +120,11 @@ def command(
         done = load(campaign, cell, file, watched, setup)
     else:
         done = load(campaign, connected_robot(campaign), file, terms)
+    _tell(terminal, done)
     if wish.suspends:
         suspend()
     elif wish():
         raise KeyboardInterrupt
-    _tell(terminal, done)
 
 
 @contextmanager

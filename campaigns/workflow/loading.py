@@ -25,9 +25,12 @@ from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.reduced_form import form_of
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.workflow import validation
-from drivers.errors import Cancelled, DeviceRefused, DriverError
+from drivers.errors import Cancelled, DeviceRefused, DriverError, RobotStateUnknown
 from drivers.ports import RobotController
 from drivers.values import Identity
+
+STOPPED = (errors.Interrupted, Cancelled, KeyboardInterrupt)
+"""Ways in which the operator's wish to stop ends a measurement."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,6 +154,12 @@ def _nothing_to_take_back(campaign: Campaign) -> errors.ShotsMissing:
     )
 
 
+def _stopped(holds: str) -> errors.Interrupted:
+    return errors.Interrupted(
+        f"load: stopped by the operator; {holds}", remedy="the same command begins anew"
+    )
+
+
 def _wanted(
     campaign: Campaign, source: Path | None, terms: LoadTerms
 ) -> tuple[Path, RobotFile, tuple[errors.ConfigInvalid, ...]]:
@@ -255,7 +264,7 @@ class _Loading:
             return LoadResult(source, "dry", state=self._state(held))
         forced = tuple(each.problem for each in overruled)
         with self.terms.uninterrupted:
-            before = self._measured("verify before", held, shots) if shots else None
+            before = self._measured_before(held, shots) if shots else None
             kept = keep(self.campaign.folder, self.campaign.nominal, held)
             begun = Load(
                 source=source.name,
@@ -279,6 +288,18 @@ class _Loading:
         sets = KnownSets.of(self.campaign.robot, findings)
         return sets.state(sets.held(held).digest())
 
+    def _measured_before(
+        self, held: Mapping[str, float], shots: tuple[PlannedShot, ...]
+    ) -> tuple[int, float]:
+        """Series and mean error, mm; whatever ends it says that nothing was written."""
+        nothing = "nothing was written: the controller holds the old parameters"
+        try:
+            return self._measured("verify before", held, shots)
+        except RobotStateUnknown as error:
+            raise RobotStateUnknown(f"{error.problem}; {nothing}", remedy=error.remedy) from error
+        except STOPPED as error:
+            raise _stopped(nothing) from error
+
     def _write(self, begun: Load) -> None:
         """Write and read back; a failure is ended in the journal where its outcome is known."""
         try:
@@ -296,8 +317,17 @@ class _Loading:
         """Measure with the new parameters; raises `VerdictBad` when they are worse."""
         try:
             again, after_mm = self._measured("verify after", begun.wanted, shots)
+        except RobotStateUnknown as error:  # a robot that may move is written nothing
+            raise RobotStateUnknown(
+                f"{error.problem}; nothing was put back: the controller holds the new parameters "
+                f"of {begun.source}, which are not verified",
+                remedy=f"{error.remedy}; once it stands, `pkmcal load DIR --rollback` puts the old "
+                "ones back",
+            ) from error
         except BaseException as error:
             self._take_back(begun, f"not verified: {problem_of(error)}")
+            if isinstance(error, STOPPED):
+                raise _stopped("the controller holds the old parameters") from error
             raise
         if after_mm <= before_mm:
             return Verification(begun.verify, before_mm, after_mm, (series, again))

@@ -250,9 +250,7 @@ class LinuxcncRobot(RobotController):
             except errors.DeviceRefused:
                 self._cut_power(give_up_s)
         self._target = None
-        stopping.await_standstill(
-            self._is_moving, self._clock, give_up_s=give_up_s, pause_s=self._deadlines.poll_s
-        )
+        self._stopping.await_standstill(self._is_moving, give_up_s=give_up_s)
 
     @property
     def _works_in_world(self) -> bool:

@@ -15,7 +15,7 @@ from drivers.plausible import require_joints
 from drivers.ports import Clock, RobotController
 from drivers.robotline.client import RobotlineClient, open_client
 from drivers.session import DeviceSession
-from drivers.stopping import Alarm, StopProcedure, await_standstill, unheard
+from drivers.stopping import Alarm, StopProcedure, unheard
 from drivers.transport import CONNECT_S, Opener
 from drivers.values import Identity, Pose, RobotState, inner_units, outer_units
 from drivers.wire import robotline as wire
@@ -224,9 +224,7 @@ class LineRobot(RobotController):
                 wire.AskState(), wire.ControllerStatus, self._stopping.at_most_s(answer_s)
             ).moving
 
-        await_standstill(
-            is_moving, self._clock, give_up_s=give_up_s, pause_s=self._deadlines.poll_s
-        )
+        self._stopping.await_standstill(is_moving, give_up_s=give_up_s)
 
 
 def _identity(greeting: wire.ControllerGreeting, axes: int) -> Identity:

@@ -11,7 +11,7 @@ from fake_cell import FakeRobot, FakeTracker
 from held_parameters import OLD, Controller, PowerCut
 from paper_campaign import ERRORS, NOMINAL, new_campaign
 from par4_space import par4
-from virtual_time import VirtualClock
+from virtual_time import StopWish, VirtualClock
 
 from campaigns import errors
 from campaigns.campaign import Campaign, open_campaign
@@ -22,7 +22,7 @@ from campaigns.robots.robot import compensated, find_robot, read_robot
 from campaigns.workflow.files import export
 from campaigns.workflow.loading import LoadResult, LoadTerms, VerificationSetup, load, roll_back
 from campaigns.workflow.validation import wrong_stage
-from drivers.errors import DeviceRefused
+from drivers.errors import DeviceRefused, RobotStateUnknown
 
 EXPORTED = "robot-compensated.yaml"
 FORCED = LoadTerms(force=True)
@@ -461,3 +461,45 @@ def test_parameters_of_a_new_campaign_need_no_journal(tmp_path: Path) -> None:
     campaign = new_campaign(tmp_path / "new").campaign
     assert wrong_stage(campaign, OLD, "before") is None
     assert not campaign.journal_path.exists()
+
+
+@pytest.mark.parametrize(
+    ("move", "holds", "journal"),
+    [
+        (1, "nothing was written: the controller holds the old parameters", []),
+        (8, "nothing was put back: the controller holds the new parameters", ["load begun"]),
+    ],
+    ids=["before", "after"],
+)
+def test_robot_that_cannot_be_stopped_is_written_nothing(
+    campaign: Campaign, cell: CellOf, move: int, holds: str, journal: list[str]
+) -> None:
+    robot = cell.robot
+    robot.stop_errors = 2 * [RobotStateUnknown("it still moves", remedy="use the hardware stop")]
+
+    def run_away() -> None:
+        robot.keeps_moving, robot.fault = True, "FOLLOWING"
+
+    robot.during_move[move] = run_away
+    with pytest.raises(RobotStateUnknown, match="^PRESS THE EMERGENCY STOP: ") as loud:
+        verified(campaign, cell)
+    assert holds in loud.value.problem
+    assert robot.geometry == (OLD if move == 1 else new_set(campaign))
+    assert ("--rollback" in loud.value.remedy) is (move == 8)
+    assert [kind for kind, _ in findings(campaign)] == journal
+    if move == 8:
+        rolled_back(campaign, Controller(dict(robot.geometry)))
+        assert findings(campaign)[-1][0] == "load"
+
+
+@pytest.mark.parametrize(("move", "kinds"), [(1, []), (8, ["load begun", "load failed"])])
+def test_operators_stop_says_that_the_old_parameters_are_in(
+    campaign: Campaign, cell: CellOf, move: int, kinds: list[str]
+) -> None:
+    wish = StopWish(cell.cell.clock)
+    cell.robot.during_move[move] = wish.ask
+    setup = VerificationSetup(pairs=3, prepare=lambda _: None, stop_requested=wish)
+    with pytest.raises(errors.Interrupted, match="the controller holds the old parameters"):
+        load(campaign, nullcontext(cell.cell), None, LoadTerms(), setup)
+    assert cell.robot.geometry == OLD
+    assert [kind for kind, _ in findings(campaign)] == kinds

@@ -167,10 +167,19 @@ def test_host_that_accepts_slowly_still_confirms_a_stop(controller):
     assert controller.verbs[-2:] == ["STOP", "STATE"]
 
 
-def test_robot_that_goes_on_moving_is_loud(controller):
+def test_robot_that_goes_on_moving_is_loud_and_the_operator_alarmed_at_once():
+    alarms = []
+    controller = connected(alarm=lambda text: alarms.append((text, controller.clock.now_s())))
     controller.answers["STATE"] = MOVING
+    begun_s = controller.clock.now_s()
     with pytest.raises(RobotStateUnknown, match=r"within 5 s \(it still moves\)"):
         controller.robot.stop()
+    ((text, told_s),) = alarms
+    assert text.startswith("PRESS THE EMERGENCY STOP unless you see the robot stand: ")
+    assert told_s - begun_s == pytest.approx(0.5, abs=0.1)
+    with pytest.raises(RobotStateUnknown):
+        controller.robot.stop()
+    assert len(alarms) == 2, "each stop has its own"
 
 
 def test_stop_that_is_refused_is_loud(controller):
