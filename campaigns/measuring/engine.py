@@ -10,7 +10,13 @@ from campaigns.errors import GateRefused
 from campaigns.journal.records import Event, Outcome, PairVoided, Rejected
 from campaigns.measuring.monitors import DriftMonitor, TemperatureMonitor
 from campaigns.measuring.reacquisition import Reacquisition
-from campaigns.measuring.recovery import Recovery, recovery
+from campaigns.measuring.recovery import (
+    ELSEWHERE,
+    LOOK_AT_THE_DRIVES,
+    NOT_MOVING,
+    Recovery,
+    recovery,
+)
 from campaigns.measuring.reference_poses import ReferencePose, reference_poses
 from campaigns.measuring.run_state import EngineState, ParameterUncertainty
 from campaigns.measuring.series_log import problem_of
@@ -23,7 +29,7 @@ from campaigns.measuring.shot_taker import (
 )
 from campaigns.measuring.stability_check import ANEW, StabilityCheck, drift_text
 from campaigns.measuring.station import StationMonitor
-from campaigns.measuring.stopping_rule import early_stop, in_words, may_stop
+from campaigns.measuring.stopping_rule import early_stop, in_ranges, in_words, may_stop
 from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
 from campaigns.measuring.work import Session
 from campaigns.planning.steps import Group, Step, groups, shots_of
@@ -179,9 +185,7 @@ class Engine:
             )
             if not self._reacquisition.look_back(refused.point_in_tracker_mm):
                 raise GateRefused(
-                    f"{action.why}: the tracker is on a reflector that stands elsewhere",
-                    remedy="put the beam onto the robot's reflector by hand, cover the other one, "
-                    "then run again: it resumes",
+                    f"{action.why}: {ELSEWHERE}, or {NOT_MOVING}", remedy=LOOK_AT_THE_DRIVES
                 )
             return tuple(first)
         for suspect in action.suspects:
@@ -219,6 +223,13 @@ class Engine:
         if self._in_a_row >= MOST_IN_A_ROW or len(self._deferred) > most:
             if isinstance(lost, TargetRefused) and isinstance(lost.__cause__, Exception):
                 raise lost.__cause__
+            one_point = self._reacquisition.poses_of_one_point()
+            if isinstance(lost, ShotRefused) and len(one_point) > 1:
+                raise GateRefused(
+                    f"shots {in_ranges(sorted(each.shot for each in one_point))} have one point, "
+                    f"although the encoders moved between them: {ELSEWHERE}, or {NOT_MOVING}",
+                    remedy=LOOK_AT_THE_DRIVES,
+                ) from error
             raise error
         self._tell_skipped(group, "set aside, to be tried once more at the end", error)
 

@@ -157,7 +157,7 @@ class InnovationGate:
         same = (
             outcome.point_in_tracker_mm
             for outcome in self._accepted.values()
-            if np.abs(np.subtract(outcome.joints, joints)).max() <= SAME_POSE
+            if is_same_pose(outcome.joints, joints)
         )
         return next(same, None)
 
@@ -176,6 +176,11 @@ class InnovationGate:
             f"the distance to an earlier shot is {fault_mm:.2f} mm off, "
             f"limit {limit_mm:g} mm: {WRONG}"
         ), fault_mm / limit_mm
+
+
+def is_same_pose(joints: tuple[float, ...], others: tuple[float, ...]) -> bool:
+    """Whether two readings of the joints, rad or mm, are of one pose that is taken again."""
+    return bool(np.abs(np.subtract(joints, others)).max() <= SAME_POSE)
 
 
 class DriftMonitor:

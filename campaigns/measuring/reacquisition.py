@@ -7,10 +7,15 @@ starts at another pose's point while the robot is elsewhere.
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from itertools import pairwise
 from math import dist, hypot
 
-from campaigns.errors import NotSettled, TargetOutOfReach
-from campaigns.journal.records import BeamStart, Event, EventKind
+import numpy as np
+
+from campaigns.errors import GateRefused, NotSettled, TargetOutOfReach
+from campaigns.journal.records import BeamStart, Event, EventKind, Outcome
+from campaigns.measuring.monitors import STANDING_MM, is_same_pose
+from campaigns.measuring.recovery import ELSEWHERE, LOOK_AT_THE_DRIVES, NOT_MOVING
 from campaigns.measuring.run_state import EngineState
 from campaigns.measuring.watched_deadline import WatchedDeadline
 from campaigns.measuring.work import Session
@@ -36,6 +41,10 @@ As often, over a whole session, at each place where one began.
 MM_PER_M = 1000.0
 SAME_DIRECTION = 1e-3
 """Distance of unit vectors of a beam that has stayed where it was."""
+WAY_POINTS = 20
+"""Places on each leg of a way at which it is looked whether the robot has stayed there."""
+POSES_OF_ONE_POINT = 3
+"""Poses with one and the same point that are no chance, wherever that is."""
 
 
 class Reacquisition:
@@ -47,12 +56,31 @@ class Reacquisition:
         self._mover, self._gate = session.mover, session.gate
         self._run_state = session.run_state
         self._starts = deque(MOST_ANCHORS * tuple(starts))
+        self._measured: list[Outcome] = []
+
+    def remember(self, measured: Outcome) -> None:
+        """Keep a point that the tracker measured, whether it counts or not."""
+        self._measured.append(measured)
+
+    def poses_of_one_point(self) -> tuple[Outcome, ...]:
+        """Measurements, the latest first, of one point at poses that the encoders tell apart.
+
+        More than one: the robot has not moved, or it is another reflector.
+        """
+        found: list[Outcome] = []
+        for each in reversed(self._measured):
+            if dist(each.point_in_tracker_mm, self._measured[-1].point_in_tracker_mm) > STANDING_MM:
+                break
+            if not any(is_same_pose(each.joints, other.joints) for other in found):
+                found.append(each)
+        return tuple(found)
 
     def wait(self, joints: tuple[float, ...], *, seen_here: bool) -> bool:
         """Wait until the reflector is found, for as long as it takes, and say how long it took.
 
         False: it was never seen at this pose, for as long as is waited before another is asked.
-        The robot stands still meanwhile, and is watched.
+        The robot stands still meanwhile, and is watched. Raises `GateRefused` once the reflector is
+        found where it was before the encoders moved: then the robot has not moved with them.
         """
         since_s, look_back = self._clock.now_s(), self._look_back_deadline()
         here = self._tracker.direction()
@@ -64,8 +92,10 @@ class Reacquisition:
             self._mover.require_sound()
             lasted_s = self._clock.now_s() - since_s
             self._run_state.see_beam(locked=False, lost_s=lasted_s, advice=advice)
-            if look_back.has_passed() and not seen_here and self._gate.accepted:
-                return False
+            if look_back.has_passed():
+                self._require_moved(joints)
+                if not seen_here and self._gate.accepted:
+                    return False
             if lasted_s >= told_at_s:
                 told_at_s = next(alarms, float("inf"))
                 text = f"the beam has been broken for {lasted_s:.0f} s and is waited for: {failure}"
@@ -75,6 +105,43 @@ class Reacquisition:
         lasted_s = self._clock.now_s() - since_s
         self._announce("resumed", f"the tracker has its reflector again, after {lasted_s:.0f} s")
         return True
+
+    def _require_moved(self, joints: tuple[float, ...]) -> None:
+        """Raise `GateRefused` where the point measured last, at other joints, has its reflector yet.
+
+        A point counts that is on the robot's way, or was measured at poses enough: one elsewhere
+        may be another reflector's.
+        """
+        one_point, expected_mm = self.poses_of_one_point(), self._gate.expected_point_mm(joints)
+        if not one_point or expected_mm is None:
+            return
+        point_mm, far_mm = one_point[0].point_in_tracker_mm, self._session.work.gate.distance_mm
+        on_the_way = self._is_on_the_way(point_mm, far_mm)
+        if dist(expected_mm, point_mm) <= far_mm or not (
+            on_the_way or len(one_point) >= POSES_OF_ONE_POINT
+        ):
+            return
+        try:
+            self._tracker.go_to(point_mm)
+            again_mm = self._tracker.measure().point_in_tracker_mm
+        except BeamBroken:
+            return
+        if dist(again_mm, point_mm) <= STANDING_MM:
+            raise GateRefused(
+                f"the reflector is where it was in shot {one_point[0].shot}, although by the "
+                f"encoders it has moved by {dist(expected_mm, point_mm):.0f} mm since: {NOT_MOVING}"
+                + ("" if on_the_way else f", or {ELSEWHERE}"),
+                remedy=LOOK_AT_THE_DRIVES,
+            )
+
+    def _is_on_the_way(self, point_mm: Vector3, far_mm: float) -> bool:
+        """Whether a point is near one that the robot has passed between the latest measurements."""
+        last = self._measured[-1]
+        before = self._measured[-2:-1] or self._gate.accepted[-1:]
+        stops = [*(each.joints for each in before), last.came_from or last.joints, last.joints]
+        way = np.concatenate([np.linspace(a, b, WAY_POINTS) for a, b in pairwise(stops)])
+        expected = (self._gate.expected_point_mm(tuple(each.tolist())) for each in way)
+        return any(mm and dist(mm, point_mm) <= far_mm for mm in expected)
 
     def _look_back_deadline(self) -> WatchedDeadline:
         """Deadline by which a reflector must be found at a pose where it never was."""

@@ -6,6 +6,12 @@ from campaigns.journal.records import Outcome
 from campaigns.measuring.monitors import InnovationGate
 from campaigns.measuring.stopping_rule import in_ranges
 
+NOT_MOVING = "the robot does not move although its encoders say so"
+ELSEWHERE = "the tracker is on a reflector that stands elsewhere"
+LOOK_AT_THE_DRIVES = (
+    "see whether the robot moves (couplings, brakes, drives), and put the beam onto its reflector "
+    "by hand; then run again: it resumes"
+)
 SUSPECTS = 3
 """First shots that are measured again when a later one contradicts them."""
 
@@ -30,5 +36,5 @@ def recovery(gate: InnovationGate, refused: Outcome) -> Recovery:
     if not standing:
         return Recovery(suspects=gate.suspects(refused)[:SUSPECTS])
     shots = sorted((*(each.shot for each in standing), refused.shot))
-    text = f"shots {in_ranges(shots)} have one point, although the robot moved between them"
+    text = f"shots {in_ranges(shots)} have one point, although the encoders moved between them"
     return Recovery(void=standing, why=text)

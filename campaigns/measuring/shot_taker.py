@@ -147,6 +147,7 @@ class ShotTaker:
             Durations(arrival.move_s, arrival.settle_s, measure_s),
             came_from=arrival.came_from,
         )
+        self._reacquisition.remember(outcome)
         return outcome, session.mover.has_moved(arrival.state)
 
     def _arrived(self, step: Step, intent: Intent) -> Arrival:

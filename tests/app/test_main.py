@@ -10,6 +10,7 @@ from importlib import import_module
 import pytest
 
 from app import main
+from app.interrupt import WATCHED
 from app.main import run_command
 from drivers.errors import LinkDown
 
@@ -237,3 +238,15 @@ def test_a_reader_that_leaves_is_no_error():
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         process.stdout.close()
         assert b"Traceback" not in process.stderr.read()
+
+
+def test_signals_that_whoever_started_us_has_blocked_are_delivered():
+    heard = "import app.main as m, signal as s; m.run_command = lambda _: print(s.pthread_sigmask("
+    heard += "s.SIG_BLOCK, ()) & set(s.Signals) or 'none') or 0; m.main()"
+    blocked = "import os, signal as s, sys; s.pthread_sigmask(s.SIG_BLOCK, s.valid_signals()); "
+    blocked += "os.execv(sys.executable, [sys.executable, '-c', sys.argv[1]])"
+    words = [sys.executable, "-c", blocked, heard]
+    said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    assert "SIGUSR1" in said
+    for watched in WATCHED:
+        assert watched.name not in said

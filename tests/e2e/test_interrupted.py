@@ -337,5 +337,5 @@ def test_ctrl_c_at_the_question_means_no(screen_and_run):
     process.send_signal(signal.SIGINT)
     screen.read_until("Go on where it was? [y/N]")
     process.send_signal(signal.SIGINT)
-    screen.read_until("pkmcal: ")
+    screen.read_until("takes up where it was")
     assert process.wait(PATIENCE_S) == 130

@@ -42,6 +42,7 @@ def test_ctrl_c_while_loading_waits_until_it_is_verified(pkmcal, exported, monke
     monkeypatch.setattr(campaigns.workflow.loading, "write_verified", interrupted)
     ended = pkmcal("load", exported, "--yes")
     assert ended.code == 130
+    assert "loaded and verified: " in ended.out
     with read_journal(exported / "campaign.db") as journal:
         assert [e.record.kind for e in journal.records_of(Finding)][-1] == "load"
     assert "holds these already" in pkmcal("load", exported, "--yes").out

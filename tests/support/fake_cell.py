@@ -139,6 +139,10 @@ class FakeTracker:
     on_wrong_target: bool = False
     beam_broken: bool = False
     finds: bool = True
+    searches: bool = True
+    """Whether it finds a reflector from where it points; else only where it is sent."""
+    stays_rad: np.ndarray | None = None
+    """Where the robot has stayed, whatever its encoders say."""
     tells_direction: bool = False
     during_measure: dict[int, Act] = field(default_factory=dict)
     cancelled: Callable[[], bool] = lambda: False
@@ -173,7 +177,8 @@ class FakeTracker:
     def seen_mm(self) -> values.Vector3:
         if self.on_wrong_target:
             return (1000.0, 2000.0, 300.0)
-        plate = self.truth.forward(self.robot.true_joints()[None]).values_or_raise()[:, :3]
+        joints = self.robot.true_joints() if self.stays_rad is None else self.stays_rad
+        plate = self.truth.forward(joints[None]).values_or_raise()[:, :3]
         point = TRACKER_FROM_BASE.apply(plate)[0] + self.shifted_mm
         return tuple(point.tolist())
 
@@ -192,13 +197,16 @@ class FakeTracker:
     def find_reflector(self, distance_mm: float) -> None:
         """Searches where it points: one on a wrong target finds that again."""
         self.calls.append(("tracker.find_reflector", distance_mm))
-        self._look(found=self.finds)
+        self._look(found=self.finds and self.searches)
 
     def reconnect(self) -> None:
         pass
 
     def close(self) -> None:
         pass
+
+    def leave_robot(self) -> None:
+        self.stays_rad = self.robot.true_joints()
 
     def break_beam(self) -> None:
         self.beam_broken = True

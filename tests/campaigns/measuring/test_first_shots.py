@@ -118,7 +118,9 @@ def test_shots_of_a_reflector_that_stands_elsewhere_are_voided_and_the_next_run_
     cell = FakeCell()
     cell.tracker.on_wrong_target = True
     with journal_in(tmp_path, cell.calls) as journal:
-        with pytest.raises(GateRefused, match="shots 0–1 have one point, although the robot moved"):
+        with pytest.raises(
+            GateRefused, match="shots 0–1 have one point, although the encoders moved"
+        ):
             cell.measure(journal, work())
         assert not journal.shots(1)
     again = FakeCell()

@@ -1,0 +1,49 @@
+"""A robot that stays where it is although its encoders say that it moves."""
+
+from pathlib import Path
+
+import pytest
+from fake_cell import FakeCell
+from small_plans import FOUR_PAIRS, pair, work
+
+from campaigns.errors import GateRefused
+
+PLAN = (
+    *FOUR_PAIRS[:-1],
+    *pair(9, 4, (-150.0, -60.0, -560.0, 0.1), (120.0, -80.0, -620.0, -0.1)),
+    *pair(11, 5, (80.0, 160.0, -520.0, -0.2), (-60.0, 120.0, -680.0, 0.3)),
+)
+SOON_S = 200.0
+
+
+@pytest.mark.parametrize("measured", [1, 3, 6, 9])
+@pytest.mark.parametrize("searches", [True, False])
+def test_it_is_named_soon_and_waited_for_no_longer(
+    tmp_path: Path, measured: int, searches: bool
+) -> None:
+    """Whether the tracker finds its reflector by itself, or only where it is sent."""
+    cell = FakeCell()
+    cell.tracker.searches = searches
+    cell.tracker.during_measure[measured] = cell.tracker.leave_robot
+    cell.clock.after(10.0 * SOON_S, cell.wish.ask)
+    with pytest.raises(GateRefused, match="the robot does not move although its encoders say so"):
+        cell.run(tmp_path, work(PLAN))
+    assert cell.clock.now_s() < SOON_S
+
+
+def test_somebody_in_the_beam_is_waited_for_although_the_robot_was_measured_before(
+    tmp_path: Path,
+) -> None:
+    cell = FakeCell()
+
+    def step_in() -> None:
+        cell.tracker.break_beam()
+        cell.tracker.finds = False
+        cell.clock.after(5.0 * SOON_S, step_out)
+
+    def step_out() -> None:
+        cell.tracker.finds = True
+
+    cell.tracker.during_measure[7] = step_in
+    assert len(cell.run(tmp_path, work(PLAN)).shots()) == len(PLAN)
+    assert cell.clock.now_s() > 5.0 * SOON_S
