@@ -107,7 +107,7 @@ class Reacquisition:
         return True
 
     def _require_moved(self, joints: tuple[float, ...]) -> None:
-        """Raise `GateRefused` where the point measured last, at other joints, has its reflector yet.
+        """Raise `GateRefused` where the reflector has stayed while the encoders moved.
 
         A point counts that is on the robot's way, or was measured at poses enough: one elsewhere
         may be another reflector's.

@@ -481,7 +481,7 @@ def test_robot_that_cannot_be_stopped_is_written_nothing(
         robot.keeps_moving, robot.fault = True, "FOLLOWING"
 
     robot.during_move[move] = run_away
-    with pytest.raises(RobotStateUnknown, match="^PRESS THE EMERGENCY STOP: ") as loud:
+    with pytest.raises(RobotStateUnknown, match=r"^PRESS THE EMERGENCY STOP: ") as loud:
         verified(campaign, cell)
     assert holds in loud.value.problem
     assert robot.geometry == (OLD if move == 1 else new_set(campaign))
