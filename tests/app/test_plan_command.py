@@ -126,9 +126,11 @@ def test_with_a_goal_the_shots_asked_for_are_the_most_allowed(campaign, asked_of
     assert usual.identification_shots == 120
 
 
-def test_a_goal_that_is_none_is_refused(campaign):
+def test_a_goal_that_is_none_or_for_lengths_that_are_held_is_refused(campaign):
     with pytest.raises(GoalInvalid, match=r"'0\.05' is not understood"):
         plan(campaign, PlanOptions(until="0.05"))
+    with pytest.raises(OptionsInvalid, match=r"--fix leaves no length to find .* --shots instead"):
+        plan(campaign, PlanOptions(until="σ=0.05", fix=("*_mm",)))
 
 
 def test_every_criterion_has_its_letter(campaign, asked_of, capsys):

@@ -1,6 +1,5 @@
 """Campaigns on a small, fast simulated cell, at the stages at which tests take them up."""
 
-import os
 import shutil
 from pathlib import Path
 
@@ -8,10 +7,7 @@ import pytest
 from command_line import CommandLine, change
 from filelock import FileLock
 
-from app.main import LINEAR_ALGEBRA_THREADS, run_command
-
-for variable in LINEAR_ALGEBRA_THREADS:  # as `main` does, before anything imports NumPy
-    os.environ.setdefault(variable, "1")
+from app.main import run_command
 
 SMALL = {
     "settle.timeout_s": 300,  # of the cell's time: a busy machine may look up late
@@ -29,6 +25,12 @@ FAST = {"speed_up": 1000}
 def pkmcal(capsys):
     """Runs a command and tells how it ended."""
     return CommandLine(capsys)
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Leaves the figures out of pages, which take seconds; the tests of the page draw them."""
+    monkeypatch.setattr("app.report.rendering.drawn", lambda *_, **_named: "")
 
 
 @pytest.fixture(scope="session")

@@ -119,22 +119,14 @@ def assert_report(path, has_turn):
 
 
 @all_members
-def test_the_fewest_best_shots_are_planned_and_say_how_well_they_will_tell(pkmcal, new, member):
+def test_the_fewest_best_shots_are_planned_and_a_study_finds_its_drawn_robots(pkmcal, new, member):
     folder = new(member)
-    planned = pkmcal(
-        "plan", folder, "--placement", "optimal", "--shots", "24", "--candidates", "600", "--json"
-    )
+    words = ("--placement", "optimal", "--shots", "24", "--candidates", "600", "--json")
+    planned = pkmcal("plan", folder, *words)
     assert planned.code == 0, planned.err
-    document = planned.document
-    assert document["placement"] == "optimal"
-    assert set(document["predicted_std"]) == set(member.space.free_by_default)
-    assert max(document["predicted_std"].values()) < 1.0
-
-
-@all_members
-def test_a_study_draws_its_robots_and_finds_them(pkmcal, new, member):
-    folder = new(member)
-    assert pkmcal("plan", folder).code == 0
+    assert planned.document["placement"] == "optimal"
+    assert set(planned.document["predicted_std"]) == set(member.space.free_by_default)
+    assert max(planned.document["predicted_std"].values()) < 1.0
     studied = pkmcal("study", folder, "--campaigns", "4", "--workers", "1", "--json")
     assert studied.code == 0, studied.err
     text = json.dumps(studied.document)

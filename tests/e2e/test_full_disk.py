@@ -1,13 +1,12 @@
 """A disk that is full: exit code 4, and what was there before is whole."""
 
-import contextlib
 import errno
 import os
-import resource
 from pathlib import Path
 
 import pytest
 from command_line import contents
+from small_files import files_no_larger_than
 
 from campaigns.files import text_file
 from campaigns.journal.journal import read_journal
@@ -16,23 +15,12 @@ from campaigns.journal.records import Outcome
 VECTORS = Path(__file__).parents[1] / "data" / "vectors"
 
 
-@contextlib.contextmanager
-def disk_with(bytes_left):
-    """No file can grow beyond that size."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (bytes_left, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
 @pytest.fixture
 def full(pkmcal):
     """Runs a command on a full disk."""
 
     def run(*arguments, bytes_left=100):
-        with disk_with(bytes_left):
+        with files_no_larger_than(bytes_left):
             ended = pkmcal(*arguments)
         assert ended.code == 4, ended.err
         assert ended.out == ""
@@ -41,15 +29,13 @@ def full(pkmcal):
     return run
 
 
-def test_new_leaves_nothing_that_looks_like_a_campaign(full, pkmcal, tmp_path):
+def test_new_leaves_nothing_that_looks_like_a_campaign_and_can_be_told_again(
+    full, pkmcal, tmp_path
+):
     line = full("new", tmp_path / "cell-3")
     assert "cell.yaml: cannot be written" in line
     assert "free space" in line
     assert pkmcal("plan", tmp_path / "cell-3").code == 2
-    assert pkmcal("new", tmp_path / "cell-3").code == 0
-
-
-def test_a_half_made_campaign_can_be_made_again(full, pkmcal, tmp_path):
     assert "campaign.yaml" in full("new", tmp_path / "cell-3", bytes_left=3000)
     assert pkmcal("new", tmp_path / "cell-3").code == 0
 
@@ -60,15 +46,15 @@ def test_the_old_plan_stays(full, planned):
     assert contents(planned) == before
 
 
-def test_a_run_stops_at_the_last_shot_that_could_be_written(full, pkmcal, planned):
-    line = full("run", planned, "--yes", bytes_left=300_000)
+def test_a_run_stops_at_the_last_shot_that_could_be_written(full, pkmcal, tiny):
+    line = full("run", tiny, "--yes", bytes_left=120_000)
     assert "campaign.db" in line
-    with read_journal(planned / "campaign.db") as journal:
+    with read_journal(tiny / "campaign.db") as journal:
         written = len(journal.records_of(Outcome))
-    assert 0 < written < 59
-    assert pkmcal("run", planned, "--yes").code == 0
-    with read_journal(planned / "campaign.db") as journal:
-        assert len(journal.shots(1)) == 59
+    assert 0 < written < 10
+    assert pkmcal("run", tiny, "--yes").code == 0
+    with read_journal(tiny / "campaign.db") as journal:
+        assert len(journal.shots(1)) == 10
 
 
 def test_an_import_counts_whole_or_not_at_all(full, pkmcal, planned):
@@ -112,31 +98,20 @@ def test_nothing_is_loaded_when_the_old_cannot_be_kept(pkmcal, exported):
     assert pkmcal("load", exported, "--dry").out == held
 
 
-def test_a_file_that_is_there_is_not_overwritten_unasked(pkmcal, exported):
+@pytest.mark.parametrize(
+    ("options", "file"), [((), "robot-compensated.yaml"), (("--shots",), "shots.csv")]
+)
+def test_what_is_there_is_not_overwritten_unasked(pkmcal, exported, options, file):
+    pkmcal("export", exported, *options)
     before = contents(exported)
-    ended = pkmcal("export", exported)
+    ended = pkmcal("export", exported, *options)
     assert ended.code == 2
-    assert "robot-compensated.yaml already exists → replace it with --overwrite" in ended.error_line
-    assert contents(exported) == before
-    assert pkmcal("export", exported, "--overwrite").code == 0
-
-
-def test_shots_that_are_there_are_not_overwritten_unasked(pkmcal, exported):
-    assert pkmcal("export", exported, "--shots").code == 0
-    before = contents(exported)
-    ended = pkmcal("export", exported, "--shots")
-    assert ended.code == 2
-    assert "shots.csv already exists → replace it with --overwrite" in ended.error_line
-    assert contents(exported) == before
-    assert pkmcal("export", exported, "--shots", "--overwrite").code == 0
-
-
-def test_a_campaign_that_is_there_is_not_made_again(pkmcal, planned):
-    before = contents(planned)
-    ended = pkmcal("new", planned)
+    assert f"{file} already exists → replace it with --overwrite" in ended.error_line
+    ended = pkmcal("new", exported)
     assert ended.code == 2
     assert "campaign.yaml already exists" in ended.error_line
-    assert contents(planned) == before
+    assert contents(exported) == before
+    assert pkmcal("export", exported, *options, "--overwrite").code == 0
 
 
 def test_a_folder_that_may_not_be_written(pkmcal, exported):

@@ -81,23 +81,24 @@ def is_event(record, kind):
     return isinstance(record, Event) and record.kind == kind
 
 
-def test_ctrl_c_again_and_again_stops_the_robot_in_order(at_work, planned, pkmcal):
+def test_a_campaign_belongs_to_one_process_until_ctrl_c_stops_the_robot_in_order(
+    at_work, planned, pkmcal
+):
+    for command in (["run", planned, "--yes"], ["plan", planned], ["identify", planned]):
+        refused = pkmcal(*command)
+        assert refused.code == 2
+        assert f"process {at_work.pid}" in refused.error_line
+    assert at_work.poll() is None, "the one at work was not disturbed"
     for _ in range(5):
         at_work.send_signal(signal.SIGINT)
         time.sleep(0.0005)
     stopped = ended(at_work)
     assert stopped.code == 130
     assert f"`pkmcal run {planned}` takes up where it was" in stopped.error_line
-    assert_interrupted(planned)
+    with read_journal(planned / "campaign.db") as journal:
+        assert [e.record.how for e in journal.records_of(SessionStopped)] == ["interrupted"]
+        assert not sum(series.unstopped for series in journal.series())
     assert_resumes(pkmcal, planned)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGQUIT])
-def test_a_lost_terminal_and_ctrl_backslash_stop_the_robot_in_order(at_work, planned, number):
-    at_work.send_signal(number)
-    assert ended(at_work).code == 130
-    assert_interrupted(planned)
 
 
 @pytest.mark.long
@@ -128,20 +129,6 @@ def is_suspended(process):
 
 
 @pytest.mark.long
-def test_ctrl_z_stops_the_robot_and_only_then_the_program(at_work, planned):
-    at_work.send_signal(signal.SIGTSTP)
-    wait_until(lambda: is_suspended(at_work), at_work)
-    assert_interrupted(planned)
-    at_work.send_signal(signal.SIGCONT)
-    assert ended(at_work).code == 130, "there is nobody to be asked"
-
-
-def assert_interrupted(folder):
-    with read_journal(folder / "campaign.db") as journal:
-        assert [e.record.how for e in journal.records_of(SessionStopped)] == ["interrupted"]
-        assert not sum(series.unstopped for series in journal.series())
-
-
 def test_a_killed_run_is_taken_up(at_work, planned, pkmcal):
     at_work.kill()
     at_work.wait(PATIENCE_S)
@@ -150,17 +137,6 @@ def test_a_killed_run_is_taken_up(at_work, planned, pkmcal):
         measured = {e.record.shot for e in journal.records_of(Outcome)}
         assert len(measured) >= AT_WORK_SHOTS
     assert_resumes(pkmcal, planned)
-
-
-def test_a_campaign_belongs_to_one_process_until_that_is_asked_to_end(at_work, planned, pkmcal):
-    for command in (["run", planned, "--yes"], ["plan", planned], ["identify", planned]):
-        refused = pkmcal(*command)
-        assert refused.code == 2
-        assert f"process {at_work.pid}" in refused.error_line
-    assert at_work.poll() is None, "the one at work was not disturbed"
-    at_work.send_signal(signal.SIGTERM)
-    assert ended(at_work).code == 130
-    assert_interrupted(planned)
 
 
 class Screen:
@@ -191,23 +167,33 @@ class Screen:
         os.write(self._end, text.encode())
 
 
+@contextlib.contextmanager
+def on_a_screen(*arguments, typed=b""):
+    """A program on a terminal of its own, and the operator's end of it."""
+    operator_end, program_end = pty.openpty()
+    os.write(operator_end, typed)
+    process = started(
+        *arguments,
+        stdin=program_end,
+        stderr=program_end,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "100", "LINES": "30"},
+        process_group=0,  # else nobody could continue it, and the system does not suspend it
+    )
+    os.close(program_end)
+    try:
+        yield Screen(operator_end), process
+    finally:
+        process.kill()
+        process.communicate()
+        os.close(operator_end)
+
+
 @pytest.fixture
 def screen_and_run(planned):
     """A run on a terminal of its own, at work."""
     change(planned / "cell.yaml", WATCHED)
-    operator_end, program_end = pty.openpty()
-    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100", "LINES": "30"}
-    os.write(operator_end, b"y\n" * 10)  # typed before there is a question
-    process = started(
-        *("run", planned),
-        stdin=program_end,
-        stderr=program_end,
-        env=environment,
-        process_group=0,  # else nobody could continue it, and the system does not suspend it
-    )
-    os.close(program_end)
-    screen = Screen(operator_end)
-    try:
+    typed_before_there_is_a_question = b"y\n" * 10
+    with on_a_screen("run", planned, typed=typed_before_there_is_a_question) as (screen, process):
         screen.read_until("Is the cell clear? [y/N]")
         screen.read_for(0.3)
         assert f"59 shots, about 103 s, {DEVICES}. Is the cell" in screen.shown
@@ -215,10 +201,6 @@ def screen_and_run(planned):
         screen.type("y\n")
         screen.read_until("left")
         yield screen, process
-    finally:
-        process.kill()
-        process.communicate()
-        os.close(operator_end)
 
 
 def test_after_ctrl_c_the_operator_may_go_on(screen_and_run, planned):
@@ -261,22 +243,9 @@ def test_after_ctrl_z_the_operator_is_asked_before_it_goes_on(screen_and_run, pl
 def screen_and_load(exported):
     """A load that verifies, on a terminal of its own, measuring with the new parameters."""
     change(exported / "cell.yaml", WATCHED)
-    operator_end, program_end = pty.openpty()
-    process = started(
-        *("load", exported, "--verify", "4", "--yes"),
-        stdin=program_end,
-        stderr=program_end,
-        env={**os.environ, "TERM": "xterm", "COLUMNS": "100", "LINES": "30"},
-        process_group=0,
-    )
-    os.close(program_end)
-    try:
+    with on_a_screen("load", exported, "--verify", "4", "--yes") as (screen, process):
         wait_until(lambda: has_begun(exported, "verify after"), process)
-        yield Screen(operator_end), process
-    finally:
-        process.kill()
-        process.communicate()
-        os.close(operator_end)
+        yield screen, process
 
 
 def has_begun(folder, stage):

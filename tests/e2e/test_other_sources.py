@@ -6,6 +6,8 @@ import hashlib
 import pytest
 from command_line import change
 
+HEAD = ["q0_deg", "q1_deg", "q2_deg", "q3_deg", "pair", "set"]
+
 
 @pytest.fixture
 def shots(pkmcal, measured):
@@ -15,44 +17,53 @@ def shots(pkmcal, measured):
     return measured / "shots.csv"
 
 
+def rows_of(file):
+    return [*csv.DictReader(file.read_text(encoding="utf-8").splitlines())]
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_shots_handed_on_and_taken_in_give_the_same_parameters(pkmcal, measured, shots, tmp_path):
     first = pkmcal("identify", measured, "--json").document["parameters"]
     other = tmp_path / "other"
     assert pkmcal("new", other).code == 0
+    swapped = tmp_path / "swapped.csv"
+    text = shots.read_text(encoding="utf-8")
+    swapped.write_text(text.replace("q0_deg,q1_deg", "q1_deg,q0_deg", 1), encoding="utf-8")
+    refused = pkmcal("import", other, swapped)
+    assert refused.code == 2
+    assert "swapped.csv: the joints seem to stand in the order q1, q0" in refused.error_line
     assert pkmcal("import", other, shots).code == 0
-    digest = hashlib.sha256(shots.read_bytes()).hexdigest()
-    assert pkmcal("report", other).code == 0
-    page = (other / "report.html").read_text(encoding="utf-8")
-    assert digest in page
-    assert "shots.csv" in page
-    assert "Simulated" not in page
     second = pkmcal("identify", other, "--json").document["parameters"]
     for name, found in first.items():
         assert second[name]["value"] == pytest.approx(found["value"], abs=1e-6)
+    assert pkmcal("report", other).code == 0
+    page = (other / "report.html").read_text(encoding="utf-8")
+    assert hashlib.sha256(shots.read_bytes()).hexdigest() in page
+    assert "shots.csv" in page
+    assert "Simulated" not in page
 
 
 def test_points_of_other_software_are_joined_with_their_joints(pkmcal, shots, tmp_path):
-    rows = [
-        row for row in csv.DictReader(shots.read_text(encoding="utf-8").splitlines()) if row["pair"]
-    ]
+    rows = [row for row in rows_of(shots) if row["pair"]]
     points, joints = tmp_path / "points.txt", tmp_path / "joints.csv"
     in_metres = [
         [f"{float(row[axis]) / 1000.0:.9f}" for axis in ("x_mm", "y_mm", "z_mm")] for row in rows
     ]
     lines = [f"Main p{number} {' '.join(point)}" for number, point in enumerate(in_metres)]
     points.write_text("// export\n" + "\n".join(reversed(lines)) + "\n", encoding="utf-8")
-    head = ["q0_deg", "q1_deg", "q2_deg", "q3_deg", "pair", "set"]
-    table = [["name", *head], *([f"p{n}", *(row[c] for c in head)] for n, row in enumerate(rows))]
+    table = [["name", *HEAD], *([f"p{n}", *(row[c] for c in HEAD)] for n, row in enumerate(rows))]
     joints.write_text("\n".join(",".join(line) for line in table) + "\n", encoding="utf-8")
     other = tmp_path / "other"
     assert pkmcal("new", other).code == 0
-    refused = pkmcal("import", other, points, "--format", "ascii", "--joints", joints)
-    assert refused.code == 2
-    assert "--unit" in refused.error_line
-    told = ("--format", "ascii", "--joints", joints, "--unit", "m", "--json")
-    ended = pkmcal("import", other, points, *told)
+    taking = ("import", other, points, "--format", "ascii", "--joints", joints)
+    for unit, words in (((), "--unit"), (("--unit", "mm"), "the points look like metres")):
+        refused = pkmcal(*taking, *unit)
+        assert refused.code == 2
+        assert words in refused.error_line
+    assert not (other / "campaign.db").exists()
+    ended = pkmcal(*taking, "--unit", "m", "--json")
     assert ended.code == 0, ended.err
-    assert ended.document["shots"] == len(rows)
+    assert ended.document == {"series": 1, "shots": len(rows)}
     assert pkmcal("identify", other, "--json").document["verdict"] == "pass"
 
 

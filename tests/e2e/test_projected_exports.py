@@ -10,11 +10,13 @@ from target_cases import TARGETS
 from app.main import run_command
 from campaigns.robots.robot import read_robot
 
-MEMBERS = {member.name: member for member in TARGETS if member.name != "par4"}
+MEMBERS = {member.name: member for member in TARGETS}
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module", params=MEMBERS)
+@pytest.fixture(
+    scope="module", params=["delta", "linear-delta", pytest.param("h4", marks=pytest.mark.long)]
+)
 def campaign(request, tmp_path_factory):
     """A member's noisy shots, identified with a share of the pairs unseen; its folder and name."""
     member = MEMBERS[request.param]

@@ -43,8 +43,15 @@ def made_for(addresses, folder, pkmcal):
     return folder
 
 
-def test_a_campaign_on_a_served_cell(served, pkmcal, tmp_path):
+def test_a_campaign_on_a_served_cell(served, pkmcal, cell_file, tmp_path):
     process, addresses = served
+    assert (addresses["scenario"], addresses["seed"]) == ("paper-simulation", 5)
+    for device in ("controller", "tracker"):
+        assert addresses[device].startswith("tcp://127.0.0.1:")
+    port = addresses["tracker"].rpartition(":")[2]
+    refused = pkmcal("sim", cell_file, "--tracker-port", port)
+    assert refused.code == 2
+    assert port in refused.error_line
     folder = made_for(addresses, tmp_path / "cell-5", pkmcal)
     assert pkmcal("plan", folder).code == 0
     measured = pkmcal("run", folder, "--yes", "--json").document
@@ -66,7 +73,7 @@ def test_a_campaign_on_a_serial_line(served, pkmcal, tmp_path):
     folder = made_for(addresses, tmp_path / "cell-5", pkmcal)
     turn = ("--stage", "before", "--only", "rotation", "--yes")
     assert pkmcal("validate", folder, *turn).code == 0
-    process.send_signal(signal.SIGTERM)
+    process.send_signal(signal.SIGINT)
     assert ended(process).code == 0
 
 
@@ -98,24 +105,6 @@ def has_shots(folder):
     with contextlib.suppress(JournalFailed), read_journal(folder / "campaign.db") as journal:
         return len(journal.records_of(Outcome)) > 0
     return False
-
-
-def test_what_sim_prints(served):
-    process, addresses = served
-    assert addresses["controller"].startswith("tcp://127.0.0.1:")
-    assert addresses["tracker"].startswith("tcp://127.0.0.1:")
-    assert addresses["scenario"] == "paper-simulation"
-    assert addresses["seed"] == 5
-    process.send_signal(signal.SIGINT)
-    assert ended(process).code == 0
-
-
-def test_a_port_that_is_taken(served, pkmcal, cell_file):
-    _, addresses = served
-    port = addresses["tracker"].rpartition(":")[2]
-    refused = pkmcal("sim", cell_file, "--tracker-port", port)
-    assert refused.code == 2
-    assert port in refused.error_line
 
 
 def test_a_scenario_that_is_not_there(pkmcal):

@@ -3,19 +3,10 @@
 import numpy as np
 import pytest
 from command_line import change
-from scipy.spatial import KDTree
 
 from app.main import run_command
-from app.wiring import connected_cell, prepare
-from campaigns.campaign import open_campaign
-from campaigns.controllers.gcode import parse_gcode
-from campaigns.controllers.gcode_correction import correct_gcode
-from campaigns.controllers.gcode_moves import Move, moves_of
-from campaigns.estimation.point_sets import fitted_frame
 from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Finding, Intent
-from campaigns.robots.robot import pose_of
-from campaigns.workflow.correction import target_correction
 
 SMALL = {
     "settle.timeout_s": 300,
@@ -104,6 +95,7 @@ def test_before_calibration_no_target_is_corrected(pkmcal, exported):
     assert "before calibration no target is corrected" in ended.error_line
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_report_says_that_targets_were_corrected(pkmcal, exported):
     words = ("--stage", "after", "--by", "targets", "--only", "distances", "--yes")
     assert pkmcal("validate", exported, *words).code == 0
@@ -115,59 +107,6 @@ def test_the_report_says_that_targets_were_corrected(pkmcal, exported):
     assert "after by targets" in page
 
 
-SQUARE = [(-150.0, -150.0), (150.0, -150.0), (150.0, 150.0), (-150.0, 150.0), (-150.0, -150.0)]
-Z_MM = -575.0
-PROGRAMS = {
-    "square": "G21 G90\nG0 X-150 Y-150 Z-575 C0\nG1 X150 F3000\nY150\nX-150\nY-150\n",
-    "circle": "G21 G90\nG0 X150 Y0 Z-575 C0\nG3 I-150 F3000\n",
-}
-MEASURED = 64
-FITS = 30
-
-
-def along(text, task, count):
-    """Commanded poses, evenly along the straight moves of a program."""
-    lines = moves_of(parse_gcode(text, "p"), "p", task)
-    places = np.array([line.end for line in lines if isinstance(line, Move)])
-    length = np.concatenate([[0.0], np.linalg.norm(np.diff(places, axis=0), axis=1).cumsum()])
-    at = np.linspace(0.0, length[-1], count)
-    return np.column_stack([np.interp(at, length, column) for column in places.T])
-
-
-def wanted_path(shape, count=400_001):
-    if shape == "circle":
-        angle = np.linspace(0.0, 2.0 * np.pi, count)
-        return np.column_stack([150 * np.cos(angle), 150 * np.sin(angle), np.full(count, Z_MM)])
-    part = np.linspace(0.0, 4.0, count)
-    corners = np.array(SQUARE)
-    columns = [np.interp(part, np.arange(5.0), column) for column in corners.T]
-    return np.column_stack([*columns, np.full(count, Z_MM)])
-
-
-def measured(campaign, poses):
-    """Points (N, 3) that the simulated tracker sees at poses that the controller is sent to."""
-    points = []
-    with connected_cell(campaign) as cell:
-        prepare(campaign, cell)
-        for pose in poses:
-            cell.robot.move_pose(pose_of(pose), 1.0)
-            while cell.robot.state().moving:
-                cell.clock.sleep_s(0.05)
-            cell.clock.sleep_s(0.3)
-            points.append(cell.tracker.measure().point_in_tracker_mm)
-    return np.array(points)
-
-
-def path_error_mm(points, shape):
-    """Largest distance from the wanted curve, to which the tracker's frame is fitted."""
-    path = wanted_path(shape)
-    curve = KDTree(path)
-    nearest = np.linspace(0, len(path) - 1, len(points)).round().astype(int)
-    for _ in range(FITS):
-        away, nearest = curve.query(fitted_frame(points, path[nearest]).apply(points))
-    return float(away.max())
-
-
 @pytest.mark.long
 def test_errors_of_other_mechanisms_are_those_of_loaded_parameters(pkmcal, other):
     words = ("validate", other, "--stage", "after", "--yes", "--json")
@@ -176,25 +115,3 @@ def test_errors_of_other_mechanisms_are_those_of_loaded_parameters(pkmcal, other
     by_load = figures(pkmcal(*words).document)
     for name, figure in by_load.items():
         assert by_targets[name] == pytest.approx(figure, rel=0.1, abs=2e-4), name
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("shape", PROGRAMS)
-def test_a_program_is_followed_as_well_as_the_robot_can(quiet, shape, record_property):
-    campaign = open_campaign(quiet)
-    task = campaign.robot.mechanism.task
-    plain = correct_gcode(PROGRAMS[shape], "p", unchanged(campaign), tolerance_mm=0.01)
-    found = correct_gcode(PROGRAMS[shape], "p", target_correction(campaign), tolerance_mm=0.01)
-    before, after = (
-        path_error_mm(measured(campaign, along(text, task, MEASURED)), shape)
-        for text in (plain.text, found.text)
-    )
-    record_property(f"{shape}, path error in mm before and after", (before, after))
-    record_property("pieces", found.pieces)
-    assert after < 0.25 * before
-
-
-def unchanged(campaign):
-    """No correction: the controller's program as it would be without calibration."""
-    correction = target_correction(campaign)
-    return type(correction)(correction.nominal, correction.nominal, correction.limits)

@@ -9,10 +9,6 @@ SHOTS, TO_IDENTIFY = 59, 48
 REACHABLE = "σ=0.09"
 
 
-def until(pkmcal, folder, goal, *options):
-    return pkmcal("run", folder, "--until", goal, "--yes", "--json", *options)
-
-
 def shots_by_set(folder):
     with read_journal(folder / "campaign.db") as journal:
         purposes = [shot.intent.purpose for shot in journal.shots(1)]
@@ -20,7 +16,7 @@ def shots_by_set(folder):
 
 
 def test_a_run_ends_early_and_what_it_took_is_enough_to_identify(pkmcal, planned):
-    ended = until(pkmcal, planned, REACHABLE)
+    ended = pkmcal("run", planned, "--until", REACHABLE, "--yes", "--json")
     assert ended.code == 0, ended.err
     goal, known = ended.document["goal"], ended.document["knowledge"]
     assert set(ended.document) == {"series", "shots", "goal", "knowledge", "skipped"}
@@ -38,13 +34,21 @@ def test_a_run_ends_early_and_what_it_took_is_enough_to_identify(pkmcal, planned
     assert max(lengths) <= 0.09
 
 
-def test_a_goal_out_of_the_plans_reach_is_refused_before_anything_moves(pkmcal, planned):
-    for options in ((), ("--dry",)):
-        ended = until(pkmcal, planned, "σ=0.001", *options)
-        assert ended.code == 2
-        assert "goal σ=0.001: the whole plan will give 0.0" in ended.error_line
-        assert "pkmcal plan --until σ=0.001" in ended.error_line
-        assert ended.out == ""
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--yes --until σ=0.001", "the whole plan will give 0.0"),
+        ("--dry --until σ=0.001", "pkmcal plan --until σ=0.001"),
+        ("--dry --until σ=0.09 --fix *_mm", "none of them is free"),
+        ("--dry --free arm*.azimuth_deg", "move together, whatever is measured"),
+        ("--dry --free arm9.*", "arm9.* matches no parameter"),
+        ("--yes --skip 99", "--skip 99: plan.csv has no such shot"),
+    ],
+)
+def test_what_no_run_can_do_is_refused_before_anything_moves(pkmcal, planned, options, words):
+    ended = pkmcal("run", planned, *options.split())
+    assert (ended.code, ended.out) == (2, "")
+    assert words in ended.error_line
     assert not (planned / "campaign.db").exists()
 
 
@@ -59,42 +63,12 @@ def test_dry_says_what_the_plan_would_give(pkmcal, planned):
     assert not (planned / "campaign.db").exists()
 
 
-@pytest.mark.long
-def test_more_parameters_to_find_take_more_shots_for_the_same_goal(pkmcal, planned):
-    words = ("--dry", "--json", "--until", REACHABLE)
-    usual = pkmcal("run", planned, *words).document
-    more = pkmcal("run", planned, *words, "--free", "arm[123].azimuth_deg").document
-    assert more["goal"]["shots"] > usual["goal"]["shots"]
-    assert more["knowledge"]["length_std_mm"] > usual["knowledge"]["length_std_mm"]
-    ended = pkmcal("run", planned, "--dry", "--free", "arm*.azimuth_deg")
-    assert ended.code == 2
-    assert "move together, whatever is measured" in ended.error_line
-    ended = pkmcal("run", planned, "--dry", "--free", "arm9.*")
-    assert ended.code == 2
-    assert "arm9.* matches no parameter" in ended.error_line
-
-
-@pytest.mark.long
-def test_a_goal_for_lengths_needs_one_and_a_run_does_not(pkmcal, planned):
-    held = ("--fix", "*_mm")
-    ended = until(pkmcal, planned, REACHABLE, *held, "--dry")
-    assert ended.code == 2
-    assert "none of them is free" in ended.error_line
-    ended = pkmcal("run", planned, "--yes", *held)
-    assert ended.code == 0, ended.err
-    assert f"next: pkmcal identify {planned} --fix '*_mm'" in ended.err
-
-
-@pytest.mark.long
-def test_a_plan_for_a_goal_by_distances_is_one_that_a_run_accepts(pkmcal, tmp_path):
-    """Also where the tracker is surer along the beam than across it, and with few pairs."""
-    folder = tmp_path / "campaign"
-    assert pkmcal("new", folder, "--scenario", "realistic").code == 0
-    goal = ("--until", "σ=0.1", "--estimator", "distances")
-    planned = pkmcal("plan", folder, *goal, "--json", "--candidates", "600")
-    assert planned.code == 0, planned.err
-    promised = planned.document["worst"]["length_mm"]
-    dry = pkmcal("run", folder, "--dry", "--json", *goal)
+@pytest.mark.parametrize(("goal", "estimator"), [("σ=0.05", "points"), ("σ=0.1", "distances")])
+def test_run_foresees_for_a_goal_what_the_plan_was_made_for(pkmcal, planned, goal, estimator):
+    words = ("--until", goal, "--estimator", estimator, "--json")
+    made = pkmcal("plan", planned, *words, "--candidates", "300").document
+    dry = pkmcal("run", planned, "--dry", *words)
     assert dry.code == 0, dry.err
-    foreseen = dry.document["knowledge"]["length_std_mm"]
-    assert 0.9 * promised < foreseen < 1.1 * promised
+    assert dry.document["goal"]["shots"] == made["shots"]
+    foreseen_mm = dry.document["knowledge"]["length_std_mm"]
+    assert 0.9 * made["worst"]["length_mm"] < foreseen_mm < 1.1 * made["worst"]["length_mm"]

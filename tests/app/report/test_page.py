@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from paper_campaign import CONTROLLER, NOMINAL, PaperCampaign, new_campaign, whole_campaign
+from paper_campaign import CONTROLLER, NOMINAL, PaperCampaign, new_campaign
 
 from app.cli.report import report
 from app.report import model_sections
@@ -43,13 +43,6 @@ FIGURES = {
 EVIL = "<script>alert('θ & \"more\"')</script>"
 MEGABYTE = 1_000_000
 MADE_UTC = "2026-03-02T09:30:00.000+00:00"
-
-
-@pytest.fixture(autouse=True)
-def undrawn(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
-    """Leaves figures out of pages, which takes seconds, but of the one that is looked at."""
-    if "whole_html" not in request.fixturenames:
-        monkeypatch.setattr("app.report.rendering.drawn", lambda *_, **_named: "")
 
 
 def page(paper: PaperCampaign) -> Page:
@@ -167,11 +160,17 @@ def test_every_id_is_used_once_and_every_link_has_its_target(whole_html: str) ->
     assert targets <= set(outline.ids)
 
 
-def test_the_same_campaign_gives_the_same_page_small_enough_to_be_mailed(
-    whole: PaperCampaign, whole_html: str
-) -> None:
-    assert html(whole) == whole_html
+def test_the_page_is_small_enough_to_be_mailed(whole_html: str) -> None:
     assert len(whole_html.encode()) < 3 * MEGABYTE
+
+
+def test_the_same_campaign_gives_the_same_words(whole: PaperCampaign) -> None:
+    assert html(whole) == html(whole)
+
+
+@pytest.mark.long
+def test_the_same_campaign_gives_the_same_figures(whole: PaperCampaign, whole_html: str) -> None:
+    assert html(whole) == whole_html
 
 
 def test_what_people_wrote_is_shown_as_text_without_hidden_characters(tmp_path: Path) -> None:
@@ -257,16 +256,16 @@ def test_rejected_shots_and_voided_pairs_stand_with_their_reasons(tmp_path: Path
     assert "Shots lost with the beam: 1." in text
 
 
-def test_a_changed_parameter_file_takes_the_verdict_away(tmp_path: Path) -> None:
-    limits = AcceptanceConfig(distance_mean_mm=0.1)
-    paper = whole_campaign(tmp_path / "good", acceptance=limits)
-    nominal = NOMINAL.document.text
-    (paper.folder / "robot-compensated.yaml").write_text(nominal)
-    found = page(paper)
-    assert found.evaluation.verdict.decision == "not decided"
-    assert "the parameter file holds what was identified" in " ".join(
-        found.evaluation.verdict.reasons
-    )
+def test_a_changed_parameter_file_takes_the_verdict_away(whole: PaperCampaign, tmp_path) -> None:
+    paper = replace(whole, folder=shutil.copytree(whole.folder, tmp_path / "good"))
+    settings = paper.folder / "campaign.yaml"
+    asked = re.sub(r"distance_mean_mm:.*", "distance_mean_mm: 0.1", settings.read_text())
+    settings.write_text(asked)
+    assert page(paper).evaluation.verdict.decision == "pass"
+    (paper.folder / "robot-compensated.yaml").write_text(NOMINAL.document.text)
+    verdict = page(paper).evaluation.verdict
+    assert verdict.decision == "not decided"
+    assert "the parameter file holds what was identified" in " ".join(verdict.reasons)
 
 
 def test_an_unreadable_plan_and_parameter_file_are_named(whole: PaperCampaign, tmp_path) -> None:
