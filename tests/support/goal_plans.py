@@ -1,5 +1,7 @@
 """A plan large enough for goals, a cell whose tracker scatters, and σ by other code."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from fake_cell import COVARIANCE_MM2, NOMINAL, ROBOT, FakeCell
 from par4_space import FREE_BY_DEFAULT, IS_ANGLE, indices
@@ -8,13 +10,13 @@ from small_plans import work
 
 from campaigns.estimation.least_squares import solve
 from campaigns.estimation.residuals import PointResiduals, PositionModel
+from campaigns.journal.records import Outcome
 from campaigns.journal.views import AcceptedShot
 from campaigns.measuring.stopping_rule import UncertaintyGoal
 from campaigns.measuring.work import Work
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.planning.plans import PlanRequest, View, make_plan
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import shots_of_journal
 from drivers.values import Pose
 
 TRACKER_MM = (2500.0, 0.0, -500.0)
@@ -57,12 +59,15 @@ def worst_length_mm(shots: tuple[AcceptedShot, ...]) -> float:
 
     Multiplied by the scatter of the shots where chance does not explain it, once in 2000 times.
     """
-    data = shots_of_journal(
-        [s for s in shots if s.intent.purpose == "identification"], ROBOT.mechanism
-    )
-    model = PositionModel(NOMINAL, FREE, data.joints)
-    covariance = np.broadcast_to(np.array(COVARIANCE_MM2), (len(data.numbers), 3, 3))
-    fit = solve(PointResiduals.from_points(model, data.points_in_tracker_mm, covariance))
+    return worst_length_of([s.outcome for s in shots if s.intent.shot not in OTHERS])
+
+
+def worst_length_of(outcomes: Sequence[Outcome]) -> float:
+    """The same of these shots."""
+    model = PositionModel(NOMINAL, FREE, np.array([each.joints for each in outcomes]))
+    covariance = np.broadcast_to(np.array(COVARIANCE_MM2), (len(outcomes), 3, 3))
+    points_mm = np.array([each.point_in_tracker_mm for each in outcomes])
+    fit = solve(PointResiduals.from_points(model, points_mm, covariance))
     squares, dof = fit.residual @ fit.residual, len(fit.residual) - len(fit.x)
     factor2 = squares / dof if chi2.sf(squares, dof) < 0.0005 else 1.0
     of_all = np.linalg.inv(fit.jacobian.T @ fit.jacobian) * factor2

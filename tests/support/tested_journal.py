@@ -23,6 +23,7 @@ class TestedJournal(Journal):
 
     def __init__(self, path: Path, calls: list[tuple[object, ...]], now_utc: Callable[[], str]):
         super().__init__(connect_to_write(path, create=not path.exists()), path, now_utc)
+        self._connection.execute("PRAGMA synchronous = OFF")  # here nobody cuts the power
         self._calls = calls
         self._written = 0
         self._dead = False

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import pytest
 from fake_cell import FakeCell
 from small_plans import FOUR_PAIRS, TWO_PAIRS, interrupted, work
 
@@ -13,14 +12,11 @@ def texts(journal, kind: str) -> list[str]:
     return [e.record.text for e in journal.records_of(Event) if e.record.kind == kind]
 
 
-@pytest.mark.parametrize("by_mm", [1.5, 40.0])
-def test_run_goes_on_anyway_with_a_moved_stand_and_says_so_in_the_journal(
-    tmp_path: Path, by_mm: float
-) -> None:
+def test_run_goes_on_anyway_with_a_moved_stand_and_says_so_in_the_journal(tmp_path: Path) -> None:
     """Moved by more than the gate allows, no shot would pass by what was measured before."""
     interrupted(tmp_path, 8, FOUR_PAIRS)
     cell = FakeCell()
-    cell.tracker.shifted_mm[1] = by_mm
+    cell.tracker.shifted_mm[1] = 40.0
     journal = cell.run(tmp_path, work(FOUR_PAIRS, override=True))
     assert len(journal.shots()) == len(FOUR_PAIRS)
     (text,) = texts(journal, "gone on anyway")
@@ -36,13 +32,6 @@ def test_run_goes_on_anyway_where_only_one_pose_can_be_compared(tmp_path: Path) 
     journal = cell.run(tmp_path, work(override=True))
     assert len(texts(journal, "gone on anyway")) == 1
     assert len(journal.shots(1)) == len(TWO_PAIRS)
-
-
-def test_nothing_is_said_anyway_where_nothing_has_moved(tmp_path: Path) -> None:
-    interrupted(tmp_path, 8, FOUR_PAIRS)
-    cell = FakeCell()
-    journal = cell.run(tmp_path, work(FOUR_PAIRS, override=True))
-    assert not texts(journal, "gone on anyway")
 
 
 def test_poses_are_compared_at_the_end_of_a_run_that_nothing_interrupted(tmp_path: Path) -> None:

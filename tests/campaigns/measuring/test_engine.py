@@ -4,12 +4,11 @@ from pathlib import Path
 
 import pytest
 from fake_cell import FakeCell
-from small_plans import FOUR_PAIRS, TWO_PAIRS, drift, work
+from small_plans import FOUR_PAIRS, TWO_PAIRS, work
 
 from campaigns.journal.journal import read_journal
-from campaigns.journal.records import Event, Intent, Outcome
+from campaigns.journal.records import Intent, Outcome
 from campaigns.measuring.run_state import EngineState
-from drivers.values import Weather
 
 GOLDEN_TWO_PAIRS = [
     ("journal.series-started",),
@@ -134,38 +133,3 @@ def test_progress_counts_shots_and_tells_residual_drift_and_time_left(tmp_path: 
     assert told[-1].state is EngineState.FINISHED
     assert told[-1].residual_mm == pytest.approx(0.0, abs=1e-3)
     assert told[-1].drift_mm == pytest.approx(0.0, abs=1e-9)
-
-
-def test_air_that_warms_raises_one_alarm_and_ends_it_once(tmp_path: Path) -> None:
-    cell = FakeCell()
-
-    def air(temperature_degC: float):
-        def change() -> None:
-            cell.tracker.air = Weather(temperature_degC, 1013.0, 50.0)
-
-        return change
-
-    temperatures = {2: 21.1, 3: 21.4, 4: 20.95, 5: 21.2, 6: 20.5}
-    cell.tracker.during_measure = {shot: air(value) for shot, value in temperatures.items()}
-    journal = cell.run(tmp_path, work())
-    events = [entry.record for entry in journal.records_of(Event)]
-    alarms = [event.text for event in events if event.kind == "temperature alarm"]
-    assert alarms == [
-        "the air has changed by +1.10 °C since the start, limit 1 °C",
-        "the air is back within its limit: +0.50 °C since the start, limit 1 °C",
-    ]
-    assert cell.observer.events == alarms
-
-
-def test_drift_shots_after_the_first_are_noted(tmp_path: Path) -> None:
-    cell = FakeCell()
-
-    def shift() -> None:
-        cell.tracker.shifted_mm[0] = 0.4
-
-    cell.tracker.during_measure = {2: shift}
-    journal = cell.run(tmp_path, work((drift(0), drift(1))))
-    events = [entry.record for entry in journal.records_of(Event)]
-    text = "shot 1: the drift pose is 0.400 mm from where it was first, limit 1 mm"
-    assert events == [Event("drift check", text)]
-    assert cell.observer.told[-1].drift_mm == pytest.approx(0.4)

@@ -56,18 +56,14 @@ def test_a_stop_on_the_way_is_told_as_read_and_not_as_commanded() -> None:
     assert apart_deg == pytest.approx([0.0, 0.01, 0.0, 0.0])
 
 
-def test_pose_is_commanded_as_a_pose() -> None:
-    cell = FakeCell()
-    go(cell, commanded_as_pose(NEAR))
-    assert moves(cell) == [("robot.move_pose", 120.0, 40.0, -600.0, 0.1)]
-
-
 def test_approach_is_passed_before_the_target() -> None:
     cell = FakeCell()
     via = planned(0, ShotSet.ROTATION, None, 60.0, 0.0, -520.0).joints
     go(cell, commanded_as_pose(NEAR, (via,)))
-    assert [call[0] for call in moves(cell)] == ["robot.move_joints", "robot.move_pose"]
-    assert moves(cell)[0][1:] == rounded_deg(via)
+    assert moves(cell) == [
+        ("robot.move_joints", *rounded_deg(via)),
+        ("robot.move_pose", 120.0, 40.0, -600.0, 0.1),
+    ]
 
 
 def unsafe_ends() -> tuple[np.ndarray, np.ndarray]:
@@ -82,16 +78,6 @@ def unsafe_ends() -> tuple[np.ndarray, np.ndarray]:
         if way is not None and len(way) > 1:
             return here, there
     raise AssertionError("no such poses")
-
-
-def test_way_round_is_taken_leg_by_leg() -> None:
-    here, there = unsafe_ends()
-    cell = FakeCell()
-    cell.robot.joints = here
-    target = replace(NEAR, joints=tuple(there.tolist()))
-    go(cell, Step(target, "joints"))
-    legs = MECHANISM.safe_path(here, there)
-    assert [call[1:] for call in moves(cell)] == [rounded_deg(leg) for leg in legs]
 
 
 def test_next_leg_waits_until_the_robot_is_where_the_leg_before_ends() -> None:
@@ -223,22 +209,14 @@ def test_controller_that_goes_on_reporting_motion_is_not_settled() -> None:
         go(cell, Step(NEAR, "joints"))
 
 
-def test_angle_that_is_no_number_is_never_still_nor_in_place() -> None:
+def test_robot_has_moved_when_a_joint_leaves_its_stillness_or_is_no_number() -> None:
     cell = FakeCell()
     mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, NO_WAYS, cell.wish)
     before = cell.robot.state()
+    for moved_deg, has_moved in ((0.001, False), (0.003, True)):
+        cell.robot.joints = np.add(before.joints, np.radians([0.0, 0.0, 0.0, moved_deg]))
+        assert mover.has_moved(before) is has_moved
     cell.robot.joints = cell.robot.joints + np.array([0.0, 0.0, np.nan, 0.0])
     assert mover.has_moved(before)
     with pytest.raises(NotSettled):
         mover._await_arrival(before.joints, WatchedDeadline(cell.clock, 1.0))
-
-
-@pytest.mark.parametrize(("moved_deg", "has_moved"), [(0.001, False), (0.003, True)])
-def test_robot_has_moved_when_a_joint_leaves_its_stillness(
-    moved_deg: float, has_moved: bool
-) -> None:
-    cell = FakeCell()
-    mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, NO_WAYS, cell.wish)
-    before = cell.robot.state()
-    cell.robot.joints = cell.robot.joints + np.radians([0.0, 0.0, 0.0, moved_deg])
-    assert mover.has_moved(before) is has_moved

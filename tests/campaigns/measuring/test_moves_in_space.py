@@ -1,13 +1,11 @@
 """Moves of a run in a restricted space: from wherever the robot stands, and after a restart."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from fake_cell import CENTRE, NOMINAL, FakeCell, FakeRobot
 from small_plans import FOUR_PAIRS, LIMITS, work
-from tested_journal import journal_in
 
 from campaigns.design.restricted_space import ANYWHERE, Disc, Rectangle, RestrictedSpace, Zone
 from campaigns.errors import Interrupted, JogRequired
@@ -85,25 +83,3 @@ def test_a_robot_in_a_forbidden_place_is_not_moved(paths, tmp_path: Path) -> Non
     assert [call[1:] for call in cell.named("journal.intent")] == [(0, 1)], "and asked for once"
     assert "jog it out of there" in str(caught.value)
     assert paths == []
-
-
-def test_a_robot_that_reads_itself_at_a_wall_goes_on(paths, tmp_path: Path) -> None:
-    cell = FakeCell()
-    standing_at(cell, 0.0, -100.0, -715.4, 0.0)
-    measure(cell, tmp_path)
-    assert least_mm(paths) > -0.41
-
-
-def test_a_space_changed_in_between_is_the_one_that_holds(tmp_path: Path) -> None:
-    cell = FakeCell()
-    cell.robot.during_move = {6: cell.wish.ask}
-    with pytest.raises(Interrupted):
-        measure(cell, tmp_path)
-    raised = replace(SPACE, zones=(replace(FLOOR, z_mm=(-540.0, np.inf)),))
-    other = FakeCell()
-    wanted = replace(fenced_work(), robot=RobotModel(NOMINAL, LIMITS, CENTRE, raised))
-    with (
-        journal_in(tmp_path, other.calls) as journal,
-        pytest.raises(JogRequired, match="the robot stands where it may not be"),
-    ):
-        other.measure(journal, wanted)

@@ -81,11 +81,10 @@ def test_pair_cut_in_two_is_measured_again_as_a_whole(tmp_path: Path) -> None:
     assert cell.observer.told[0].total == cell.observer.told[-1].done == 6
 
 
-RECORDS_OF_A_RUN = 17
+LAST_OUTCOME = 15
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("record", range(2, RECORDS_OF_A_RUN))
+@pytest.mark.parametrize("record", [2, 4, 5, 6, 7, 8, LAST_OUTCOME, LAST_OUTCOME + 1])
 def test_crash_before_any_record_loses_nothing_and_mixes_no_pair(
     tmp_path: Path, record: int
 ) -> None:
@@ -99,23 +98,15 @@ def test_crash_before_any_record_loses_nothing_and_mixes_no_pair(
     shots = journal.shots()
     assert [shot.intent.shot for shot in shots] == [0, 1, 2, 3, 4, 5]
     assert [entry.series for entry in journal.records_of(SeriesFinished)] == [1]
+    assert bool(second.named("robot.move_joints")) is (record <= LAST_OUTCOME)
+    resumed = [e.record.text for e in journal.records_of(Event) if e.record.kind == "resumed"]
+    assert resumed == ["run goes on after a crash: the last session wrote no end"]
+    assert len(journal.records_of(SessionStopped)) == 1
     restart = journal.records_of(SessionStarted)[-1].number
     places = {(e.record.shot, e.record.attempt): e.number for e in journal.records_of(Intent)}
     after_restart = [places[s.intent.shot, s.intent.attempt] > restart for s in shots]
     assert after_restart[1] == after_restart[2]
     assert after_restart[3] == after_restart[4]
-
-
-def test_crash_is_named_as_one_when_the_series_goes_on(tmp_path: Path) -> None:
-    first, second = FakeCell(), FakeCell()
-    with journal_in(tmp_path, first.calls) as journal:
-        journal.dies_before = 9
-        with pytest.raises(PowerCut):
-            first.measure(journal, work())
-    journal = second.run(tmp_path, work())
-    resumed = next(e.record for e in journal.records_of(Event) if e.record.kind == "resumed")
-    assert len(journal.records_of(SessionStopped)) == 1
-    assert resumed.text == "run goes on after a crash: the last session wrote no end"
 
 
 def test_one_pose_that_has_shifted_during_the_pause_ends_the_run(tmp_path: Path) -> None:
@@ -133,31 +124,12 @@ def test_one_pose_that_has_shifted_during_the_pause_ends_the_run(tmp_path: Path)
     assert len(cell.named("robot.stop")) == 1
 
 
-def test_broken_beam_during_the_comparison_is_overcome(tmp_path: Path) -> None:
-    interrupted(tmp_path, 4)
-    cell = FakeCell()
-    cell.tracker.beam_broken = True
-    journal = cell.run(tmp_path, work())
-    assert len(journal.shots()) == len(TWO_PAIRS)
-
-
 def test_without_drift_shots_the_first_shot_is_compared(tmp_path: Path) -> None:
     pairs_only = TWO_PAIRS[1:5]
     interrupted(tmp_path, 3, pairs_only)
     cell = FakeCell()
     cell.run(tmp_path, work(pairs_only))
     assert cell.named("journal.intent")[0] == ("journal.intent", 1, 2)
-
-
-def test_series_that_lacks_only_its_end_is_finished_without_a_motion(tmp_path: Path) -> None:
-    first, second = FakeCell(), FakeCell()
-    with journal_in(tmp_path, first.calls) as journal:
-        journal.dies_before = RECORDS_OF_A_RUN - 1
-        with pytest.raises(PowerCut):
-            first.measure(journal, work())
-    journal = second.run(tmp_path, work())
-    assert journal.latest_series("run").finished
-    assert not second.named("robot.move_joints")
 
 
 def test_finished_series_of_the_same_plan_leaves_nothing_to_do(tmp_path: Path) -> None:
