@@ -11,6 +11,7 @@ from app.retrying import Retries
 from app.run_text import Briefing, DeviceIdentities
 from app.wiring import OperatorCallbacks, connected_cell, prepare, require_consents
 from campaigns.campaign import Campaign
+from campaigns.controllers.export import CalibrationRoute
 from campaigns.errors import CampaignError, Interrupted
 from campaigns.journal.journal import Journal
 from campaigns.measuring.session import RunResult, measure_series, run_result
@@ -239,7 +240,7 @@ def measure_validation(
     *,
     again: str,
     anew: bool = False,
-    by: validation.CalibrationRoute = "parameters",
+    by: CalibrationRoute = "parameters",
 ) -> validation.Validated:
     """Measure, evaluate and judge; `again` is the command that goes on later."""
 

@@ -129,7 +129,11 @@ class Evidence:
     def held(self, stage: Literal["before", "after"]) -> ControllerState | None:
         """State of the controller in a stage; None where it was not validated."""
         every = self.before if stage == "before" else self.after
-        return self.state(every[-1].series.started.robot_file_digest) if every else None
+        if not every:
+            return None
+        started = every[-1].series.started
+        state, targets = self.state(started.robot_file_digest), started.stage == "after by targets"
+        return state and replace(state, targets=targets, declared=started.declared)
 
     @property
     def simulated(self) -> SimulatedDevices:
@@ -237,7 +241,7 @@ class Evaluation:
     def _held_in_words(self) -> str:
         """What the controller held after calibration, where that is not the whole set itself."""
         held = self.evidence.held("after")
-        if held is None or held.form is None:
+        if held is None or not (held.form or held.declared):
             return ""
         return f"Validated after with {held.says}."
 
@@ -350,7 +354,11 @@ def _chosen(all_series: Iterable[Series], stages: set[Stage]) -> tuple[Series, .
     All of the last one's stage, and with the same parameters in the controller: what was measured
     with others says nothing of these.
     """
-    of_stage = [series for series in all_series if series.started.stage in stages]
+    of_stage = [
+        series
+        for series in all_series
+        if series.started.stage in stages and (series.finished or not series.started.imported)
+    ]
     counted = [series for series in of_stage if series.finished] or of_stage[-1:]
     return tuple(each for each in counted if _conditions(each) == _conditions(counted[-1]))
 
@@ -513,7 +521,8 @@ def _same_origin(statement: str, held: ControllerState | None, identified: str) 
     if held is None or not held.origin:
         return same_digest(statement, held.digest if held else None, identified)
     found = same_digest(statement, held.origin, identified)
-    return replace(found, detail=f"{held.form.says}, {found.detail}") if held.form else found
+    told = held.form or held.declared
+    return replace(found, detail=f"{held.says}, {found.detail}") if told else found
 
 
 def _limits_check(evidence: Evidence) -> Check:

@@ -8,12 +8,15 @@ import typer
 
 from app.console import terminal_of
 from app.options import Folder, Json
+from app.report.validation_text import show_validation
 from campaigns.campaign import open_campaign
 from campaigns.shots.ascii_points import MM_PER_UNIT, LengthUnit
 from campaigns.shots.import_export import ImportedFile
 from campaigns.shots.joined_shots import Join, read_joined_shots
+from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import in_unit, read_shots
-from campaigns.workflow.files import import_shots
+from campaigns.workflow import validation
+from campaigns.workflow.importing import declared_set, import_shots, import_validation
 
 
 class Form(Enum):
@@ -45,6 +48,22 @@ def command(
     columns: Annotated[
         str | None, typer.Option(metavar="NAMES", help="For ascii: such as name,x,y,z.")
     ] = None,
+    stage: Annotated[
+        validation.ValidationStage | None,
+        typer.Option(help="Shots of a validation before or after calibration, measured elsewhere."),
+    ] = None,
+    with_: Annotated[
+        Path | None,
+        typer.Option(
+            "--with",
+            metavar="FILE",
+            help="With --stage: what the controller held, a robot file or what export wrote. "
+            "Default: before the nominal set, after what export or correct wrote last.",
+        ),
+    ] = None,
+    anyway: Annotated[
+        bool, typer.Option("--anyway", help="With --stage: though the set is of the other stage.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Take in shots measured with other software.
@@ -65,25 +84,41 @@ def command(
     With --format ascii: a point export of SpatialAnalyzer or OpenIndy, its --unit, and a file with
     the --joints of each point.
 
+    With --stage the shots are a validation, as `pkmcal validate` measures it: pairs of the set
+    "validation", which is the default then, and the sets rotation, straightness and repeatability.
+    What the controller held is declared, not read, and the report says so. Exit code 1 then: a
+    limit is not surely kept, or distances are worse than before.
+
     The journal keeps the files' names and sha256, and the report shows them.
     """
     terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
+    if stage is None and (with_ is not None or anyway):
+        raise typer.BadParameter("--with and --anyway go with --stage")
+    default = ShotSet.IDENTIFICATION if stage is None else ShotSet.VALIDATION
     mechanism = campaign.robot.mechanism
     notes: tuple[str, ...] = ()
     if form is Form.SHOTS:
         if joints or columns:
             raise typer.BadParameter("--joints and --columns go with --format ascii")
-        rows = tuple(in_unit(read_shots(file, mechanism), MM_PER_UNIT[unit or "mm"]))
+        rows = tuple(in_unit(read_shots(file, mechanism, default), MM_PER_UNIT[unit or "mm"]))
     else:
         if joints is None:
             raise typer.BadParameter("--format ascii needs --joints FILE with each point's joints")
         words = columns.split(",") if columns else None
         rows, notes = read_joined_shots(
-            file, joints, mechanism, join=join, unit=unit, columns=words
+            file, joints, mechanism, join=join, unit=unit, columns=words, default=default
         )
     for note in notes:
         terminal.note(note)
     files = tuple(ImportedFile.of(each) for each in (file, joints) if each is not None)
+    if stage is not None:
+        held = declared_set(campaign, stage, with_)
+        done = import_validation(campaign, rows, stage, held, str(file), files, anyway=anyway)
+        terminal.say(f"taken in: {len(rows)} shots as '{stage}'")
+        state = done.evaluation.evidence.held(stage)
+        terminal.say(f"the controller held {state.says if state else held.declared}")
+        show_validation(terminal, done)
+        return
     series = import_shots(campaign, rows, str(file), files)
     terminal.say(f"taken in: {len(rows)} shots, as series {series}")
     terminal.note(f"next: pkmcal identify {folder}")

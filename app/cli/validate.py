@@ -7,12 +7,12 @@ from typing import Annotated
 import typer
 
 from app.console import WARNING, terminal_of
-from app.exits import Exit
 from app.measuring import measure_validation
 from app.options import Anew, Dry, Folder, Json, Yes
-from app.report.validation_text import show, show_gain, validation_document
+from app.report.validation_text import show_validation
 from app.wiring import connected_robot
 from campaigns.campaign import open_campaign
+from campaigns.controllers.export import CalibrationRoute
 from campaigns.evaluation.validation import SET_OF
 from campaigns.workflow import validation
 
@@ -33,7 +33,7 @@ Anyway = Annotated[
 
 
 By = Annotated[
-    validation.CalibrationRoute,
+    CalibrationRoute,
     typer.Option(
         help="What calibrates the robot, --stage after: parameters in its controller, or targets "
         "corrected for a controller that keeps the nominal ones."
@@ -103,9 +103,4 @@ def command(
         anew=anew,
         by=by,
     )
-    show(terminal, stage, found)
-    if stage == "after" and found.evaluation.before is not None:
-        show_gain(terminal, found.evaluation)
-    terminal.document(validation_document(found))
-    if found.verdict.decision not in {None, "pass"}:
-        raise typer.Exit(Exit.NOT_GOOD)
+    show_validation(terminal, found)

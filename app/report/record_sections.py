@@ -77,7 +77,7 @@ CHECKS: tuple[Column[Check], ...] = (
 
 SERIES: tuple[Column[Series], ...] = (
     words("series", lambda series: str(series.number)),
-    words("stage", lambda series: series.started.stage),
+    words("stage", lambda series: _stage(series.started)),
     words("begun", lambda series: moment(series.started_utc)),
     Column("shots", lambda series: len(series.shots)),
     words("state", lambda series: _state(series)),
@@ -92,7 +92,7 @@ DIGESTS = (*by_place(""), SHA256)
 
 def imported_rows(every: tuple[Series, ...]) -> tuple[Row, ...]:
     """Imported files: series, name, sha256 of the file."""
-    imports = [each for each in every if each.started.stage == "import"]
+    imports = [each for each in every if each.started.imported]
     return tuple(
         (str(series.number), *file) for series in imports for file in _files_of(series.started)
     )
@@ -127,6 +127,10 @@ def digest_rows(evidence: Evidence, journal: JournalFacts) -> Iterator[Row]:
         yield "compensated robot's geometry", evidence.parameter_file.digest()
     if evidence.loaded is not None:
         yield f"geometry loaded last ({evidence.loaded.source})", evidence.loaded.digest
+
+
+def _stage(started: SeriesStarted) -> str:
+    return f"{started.stage}, imported" if started.declared else started.stage
 
 
 def _files_of(started: SeriesStarted) -> tuple[tuple[str, str], ...]:

@@ -1,6 +1,9 @@
 """Result of a validation, for people and as a document."""
 
+import typer
+
 from app.console import BAD, GOOD, OPEN, Terminal
+from app.exits import Exit
 from app.report.results_sections import BEFORE_AND_AFTER, limits
 from campaigns.evaluation.campaign_verdict import NONE_ASKED_FOR
 from campaigns.evaluation.gains import NO_CHANGE, Gain
@@ -35,7 +38,17 @@ def validation_document(found: Validated) -> dict[str, object]:
     }
 
 
-def show(terminal: Terminal, stage: ValidationStage, found: Validated) -> None:
+def show_validation(terminal: Terminal, found: Validated) -> None:
+    """Results for people and for programs; raises `Exit` for what is not good."""
+    _show(terminal, found.stage, found)
+    if found.stage == "after" and found.evaluation.before is not None:
+        show_gain(terminal, found.evaluation)
+    terminal.document(validation_document(found))
+    if found.verdict.decision not in {None, "pass"}:
+        raise typer.Exit(Exit.NOT_GOOD)
+
+
+def _show(terminal: Terminal, stage: ValidationStage, found: Validated) -> None:
     """Results for people: every figure with its uncertainty, and what was decided."""
     further = found.whole.further_figures_mm()
     columns, nothing = limits(""), (NOTHING,) * 4

@@ -27,16 +27,26 @@ class ControllerState:
     digest: str
     origin: str = ""
     form: ReducedForm | None = None
+    targets: bool = False
+    """Whether targets were corrected with it for a controller that keeps the nominal set."""
+    declared: str = ""
+    """File by which somebody says so; "": it was read from the controller."""
 
     @property
     def says(self) -> str:
         """What the controller holds."""
-        if self.form is not None:
-            return self.form.says
-        named = {"nominal": "the nominal parameters", "identified": "what was identified"}
-        return named.get(
-            self.kind, f"something else than nominal or identified (sha256 {self.digest[:16]}…)"
-        )
+        known = "targets corrected with " if self.targets else ""
+        known += self.form.says if self.form else self._named
+        return f"{known} (declared by {self.declared}, not read)" if self.declared else known
+
+    @property
+    def _named(self) -> str:
+        other = f"neither nominal nor identified parameters (sha256 {self.digest[:16]}…)"
+        named = {
+            "nominal": "the nominal parameters",
+            "identified": "what was identified in this campaign",
+        }
+        return named.get(self.kind, other)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,20 +1,27 @@
 """Export: what was identified as a robot file, with its uncertainty and where it comes from."""
 
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Literal
 
-from pydantic import JsonValue
+from pydantic import JsonValue, TypeAdapter, ValidationError
 
 from campaigns.errors import ShotsMissing, VerdictBad
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.identification.result import RecordedIdentification, read_identification
-from campaigns.journal.journal import JournalReader
+from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Finding
 from campaigns.mechanisms.parameters import Parameters
+from campaigns.robots.reduced_form import ReducedForm
 from campaigns.robots.robot import RobotDocument, compensated
 from campaigns.version import VERSION
 from drivers.values import Identity
 
 FILE_NAME = "robot-compensated.yaml"
+CalibrationRoute = Literal["parameters", "targets"]
+"""What calibrates the robot: parameters in its controller, or targets corrected for it."""
 
 KEPT_AS_PROVENANCE = (
     "plan_digest",
@@ -26,6 +33,33 @@ KEPT_AS_PROVENANCE = (
     "unseen_mm",
     "verdict",
 )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrittenSet:
+    """Set that `export` or `correct` wrote a file with, as the journal has it; mm and deg."""
+
+    file: str
+    digest: str
+    wanted: dict[str, float]
+    by: CalibrationRoute
+    sha256: str = ""
+    """Of the file's bytes; "" of corrected targets, of which there are many."""
+    projection: ReducedForm | None = None
+
+
+def written_sets(journal: JournalReader) -> Iterator[WrittenSet]:
+    """Sets that were written, latest first; passes over those of another form."""
+    for entry in reversed(journal.records_of(Finding)):
+        if entry.record.kind == "export":
+            with suppress(ValidationError):
+                yield TypeAdapter(WrittenSet).validate_python(entry.record.body)
+
+
+def record_written(journal: Journal, written: WrittenSet) -> None:
+    """Write what a controller is meant to hold, unless that is the last word on it."""
+    if next(written_sets(journal), None) != written:
+        journal.append(Finding("export", asdict(written)))
 
 
 def latest_identification(journal: JournalReader) -> RecordedIdentification:

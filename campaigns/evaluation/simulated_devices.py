@@ -52,7 +52,7 @@ def simulated_devices(series: Iterable[Series], *, planned: bool) -> SimulatedDe
 
 def simulated_in(started: SeriesStarted) -> tuple[str, ...]:
     """Names of the devices of a series that are simulated: by their address, or as they say."""
-    if started.stage == "import":
+    if started.imported:
         return ()
     identities = {"controller": started.robot, "tracker": started.tracker}
     return tuple(

@@ -31,7 +31,9 @@ DEVIATIONS = 3.0
 """Standard deviations in RP."""
 NO_AXIS = -1
 SAME_MM = 1e-6
-"""Below this a commanded coordinate has not changed."""
+SAME_SHARE = 0.01
+"""Below this, or this part of the largest change, a commanded coordinate has not changed: poses of
+shots measured elsewhere are worked out from encoders."""
 SHOTS_OF_A_LINE = 3
 OF_THE_OUTERMOST = 0.5
 """Standard deviation of the outermost of many visits' distances, over that of a coordinate."""
@@ -393,7 +395,8 @@ def line_axes(commanded_mm: Array) -> Index:
     Points (N, 3) come line by line, and along each line only one coordinate changes: a point is of
     the line of its predecessor as long as it differs from it along one axis alone.
     """
-    steps = np.abs(np.diff(commanded_mm, axis=0)) > SAME_MM
+    changes = np.abs(np.diff(commanded_mm, axis=0))
+    steps = changes > np.maximum(SAME_MM, SAME_SHARE * changes.max(axis=1, keepdims=True))
     axes = np.full(len(commanded_mm), NO_AXIS, dtype=np.intp)
     for row, changed in enumerate(steps, start=1):
         if np.count_nonzero(changed) == 1:

@@ -155,7 +155,7 @@ def _measured(record: Record) -> Outcome | None:
 
 def _drivers(started: SeriesStarted) -> tuple[str, str]:
     """Drivers of controller and tracker; "" where a series does not say, or has no devices."""
-    configuration = {} if started.stage == "import" else started.configuration
+    configuration = {} if started.imported else started.configuration
     sections = (configuration.get("controller"), configuration.get("tracker"))
     controller, tracker = (
         str(each.get("driver", "")) if isinstance(each, dict) else "" for each in sections

@@ -32,13 +32,17 @@ EventKind = Literal[
     "shots left out",
     "gone on anyway",
 ]
-FindingKind = Literal["identification", "validation", "load begun", "load", "load failed"]
+FindingKind = Literal["identification", "validation", "export", "load begun", "load", "load failed"]
 """A load is begun, and then it took effect ("load") or did not; neither: the process died."""
 
 
 @dataclass(frozen=True, slots=True)
 class SeriesStarted:
-    """Start of one execution of a plan for a stage. An import has neither device nor weather."""
+    """Start of one execution of a plan for a stage. An import has neither device nor weather.
+
+    `declared`: the file by which somebody says what the controller held while shots were measured
+    elsewhere for a validation; "" where it was read from the controller.
+    """
 
     stage: Stage
     plan_digest: str
@@ -48,6 +52,12 @@ class SeriesStarted:
     robot: Identity | None
     tracker: Identity | None
     weather: Weather | None
+    declared: str = ""
+
+    @property
+    def imported(self) -> bool:
+        """Whether the shots were measured elsewhere."""
+        return self.stage == "import" or bool(self.declared)
 
 
 @dataclass(frozen=True, slots=True)

@@ -78,7 +78,7 @@ def series_to_take_up(journal: JournalReader, work: Work) -> Series | None:
     Raises `ResumeRefused` when plan or parameters are not those it began with.
     """
     latest = journal.latest_series(work.stage)
-    if latest is None:
+    if latest is None or latest.started.imported:
         return None
     difference = _other_plan(latest, work)
     if latest.finished and (difference or not missing_shots(latest, work)):

@@ -75,30 +75,35 @@ def imported_files(started: records.SeriesStarted) -> tuple[ImportedFile, ...]:
 def append_import(
     journal: Journal,
     rows: Sequence[ShotRow],
-    nominal: Kinematics,
+    held: Kinematics,
     robot_digest: str,
     settings: Mapping[str, JsonValue],
     files: Sequence[ImportedFile] = (),
+    *,
+    stage: records.Stage = "import",
+    declared: str = "",
 ) -> int:
-    """Write rows as a finished series of stage `import`; gives its number.
+    """Write rows as a finished series; gives its number.
 
     The names and digests of the files go into the series' settings. The commanded pose is not
-    known: the nominal model's pose of the joints stands for it. Raises `ShotsInvalid` for joints
-    that the nominal robot cannot take.
+    known: that of the joints by the set `held` stands for it, the nominal one, or for a validation
+    what the controller is `declared` to hold. Raises `ShotsInvalid` for joints that such a robot
+    cannot take.
     """
-    poses = _nominal_poses(nominal, rows)
-    digest = hashlib.sha256(shots_text(rows, nominal.mechanism).encode()).hexdigest()
+    poses = _poses(held, rows)
+    digest = hashlib.sha256(shots_text(rows, held.mechanism).encode()).hexdigest()
     kept: list[JsonValue] = [asdict(each) for each in files]
     known = {**settings, FILES: kept} if kept else settings
     started = records.SeriesStarted(
-        "import", digest, known, VERSION, robot_digest, None, None, None
+        stage, digest, known, VERSION, robot_digest, None, None, None, declared
     )
     series = journal.start_series(started)
     journal.append(records.SessionStarted(VERSION, None, None, None), series=series)
+    command: records.Command = "joints" if stage == "import" else "pose"
     for number, (row, pose) in enumerate(zip(rows, poses, strict=True)):
         target = pose_of(pose)
         journal.append(
-            records.Intent(number, 1, row.purpose.value, target, row.joints, "joints", row.pair),
+            records.Intent(number, 1, row.purpose.value, target, row.joints, command, row.pair),
             series=series,
         )
         journal.append(_outcome(number, row), series=series)
@@ -108,8 +113,8 @@ def append_import(
     return series
 
 
-def _nominal_poses(nominal: Kinematics, rows: Sequence[ShotRow]) -> Array:
-    solution = nominal.forward(np.array([row.joints for row in rows]))
+def _poses(held: Kinematics, rows: Sequence[ShotRow]) -> Array:
+    solution = held.forward(np.array([row.joints for row in rows]))
     if not solution.found.all():
         row = int(solution.found.argmin())
         raise ShotsInvalid(

@@ -44,6 +44,7 @@ def read_joined_shots(
     join: Join,
     unit: LengthUnit | None,
     columns: Sequence[str] | None = None,
+    default: ShotSet = ShotSet.IDENTIFICATION,
 ) -> tuple[tuple[ShotRow, ...], tuple[str, ...]]:
     """Shots of both files in the order of the joints file, and how the files were understood.
 
@@ -53,7 +54,7 @@ def read_joined_shots(
     found, points_name = read_points(points, unit=unit, columns=columns), str(points)
     remedy = "check the name of the joints file"
     text = read_text(joints, ShotsInvalid, if_missing=remedy, most_bytes=CSV_BYTES)
-    rows = _joints_rows(text, str(joints), mechanism)
+    rows = _joints_rows(text, str(joints), mechanism, default)
     matching = _by_order if join == "order" else _by_name
     matched = matching(found.points, points_name, rows)
     pairs, pair_note = _pairs(rows)
@@ -64,20 +65,20 @@ def read_joined_shots(
     return shots, (f"{points_name}: {found.layout}", pair_note)
 
 
-def _joints_rows(text: str, name: str, mechanism: ClosedChain) -> list[JointsRow]:
+def _joints_rows(text: str, name: str, mechanism: ClosedChain, default: ShotSet) -> list[JointsRow]:
     form = CsvForm(
         required=axis_columns(mechanism.joints),
         optional=("name", "pair", "set"),
         invalid=ShotsInvalid,
     )
-    rows = [(row, _joints_row(row, mechanism)) for row in parse_csv(text, name, form)]
+    rows = [(row, _joints_row(row, mechanism, default)) for row in parse_csv(text, name, form)]
     if not rows:
         raise ShotsInvalid(f"{name}: holds no joints", remedy="check that it is the right file")
     return rows
 
 
-def _joints_row(row: CsvRow, mechanism: ClosedChain) -> ShotRow:
-    purpose = shot_set(row, ShotSet.IDENTIFICATION)
+def _joints_row(row: CsvRow, mechanism: ClosedChain, default: ShotSet) -> ShotRow:
+    purpose = shot_set(row, default)
     pair = pair_number(row, purpose) if "pair" in row.texts else None
     return ShotRow(pair, axis_values(row, mechanism.joints), NOWHERE_MM, purpose)
 

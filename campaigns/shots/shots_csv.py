@@ -48,10 +48,15 @@ def in_unit(rows: Sequence[ShotRow], mm: float) -> Iterator[ShotRow]:
         yield replace(row, point_in_tracker_mm=point_mm, covariance_mm2=covariance)
 
 
-def read_shots(path: Path, mechanism: ClosedChain) -> tuple[ShotRow, ...]:
-    """Measured shots of a robot, in the file's order; raises `ShotsInvalid`."""
+def read_shots(
+    path: Path, mechanism: ClosedChain, default: ShotSet = ShotSet.IDENTIFICATION
+) -> tuple[ShotRow, ...]:
+    """Measured shots of a robot, in the file's order; raises `ShotsInvalid`.
+
+    `default` is the set of rows that name none.
+    """
     text = read_text(path, ShotsInvalid, if_missing="check the file's name", most_bytes=CSV_BYTES)
-    return parse_shots(text, str(path), mechanism)
+    return parse_shots(text, str(path), mechanism, default)
 
 
 def write_shots(
@@ -61,12 +66,14 @@ def write_shots(
     write_text_unless_there(path, shots_text(shots, mechanism), overwrite=overwrite)
 
 
-def parse_shots(text: str, name: str, mechanism: ClosedChain) -> tuple[ShotRow, ...]:
+def parse_shots(
+    text: str, name: str, mechanism: ClosedChain, default: ShotSet = ShotSet.IDENTIFICATION
+) -> tuple[ShotRow, ...]:
     """Shots of a file's text; raises `ShotsInvalid` with the line."""
     rows = list(parse_csv(text, name, _form(mechanism)))
     if not rows:
         raise ShotsInvalid(f"{name}: holds no shots", remedy="check that it is the right file")
-    shots = tuple(_shot_of(row, mechanism) for row in rows)
+    shots = tuple(_shot_of(row, mechanism, default) for row in rows)
     columns.check_pairs(rows, [shot.purpose for shot in shots], [shot.pair for shot in shots])
     return shots
 
@@ -94,8 +101,8 @@ def _turns(mechanism: ClosedChain) -> tuple[Axis, ...]:
     return mechanism.task[len(columns.POINT_COLUMNS) :]
 
 
-def _shot_of(row: CsvRow, mechanism: ClosedChain) -> ShotRow:
-    purpose = columns.shot_set(row, ShotSet.IDENTIFICATION)
+def _shot_of(row: CsvRow, mechanism: ClosedChain, default: ShotSet) -> ShotRow:
+    purpose = columns.shot_set(row, default)
     x_mm, y_mm, z_mm = (row.number(column) for column in columns.POINT_COLUMNS)
     turns = _turns(mechanism)
     turned = any(row.text(column) for column in columns.axis_columns(turns))

@@ -7,8 +7,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from campaigns.workflow.files import export, export_hal, export_shots, import_shots
+    from campaigns.workflow.files import export, export_hal, export_shots
     from campaigns.workflow.identification import identify
+    from campaigns.workflow.importing import import_shots, import_validation
     from campaigns.workflow.loading import load
     from campaigns.workflow.planning import plan
     from campaigns.workflow.running import run
@@ -19,7 +20,8 @@ _HOMES = {
     "export_hal": "files",
     "export_shots": "files",
     "identify": "identification",
-    "import_shots": "files",
+    "import_shots": "importing",
+    "import_validation": "importing",
     "load": "loading",
     "plan": "planning",
     "run": "running",
@@ -32,6 +34,7 @@ __all__ = [
     "export_shots",
     "identify",
     "import_shots",
+    "import_validation",
     "load",
     "plan",
     "run",

@@ -12,7 +12,7 @@ from campaigns.controllers.calibrated_workspace import (
     CalibratedWorkspace,
 )
 from campaigns.controllers.corrected_targets import TargetCorrection
-from campaigns.controllers.export import FILE_NAME
+from campaigns.controllers.export import FILE_NAME, WrittenSet, record_written, written_sets
 from campaigns.controllers.gcode import read_program
 from campaigns.controllers.gcode_correction import TOLERANCE_MM, CorrectedProgram, correct_gcode
 from campaigns.controllers.gcode_moves import ROTARY
@@ -120,6 +120,7 @@ def correct_poses_file(
     targets = read_poses(source, mechanism)
     found = correct_poses(targets, target_correction(campaign, terms))
     write_text_unless_there(to, corrected_text(found, mechanism.task), overwrite=overwrite)
+    _record(campaign, to, terms)
     return found
 
 
@@ -141,7 +142,19 @@ def correct_gcode_file(
     correction = target_correction(campaign, terms)
     found = correct_gcode(text, str(source), correction, tolerance_mm=tolerance_mm, rotary=rotary)
     write_text_unless_there(to, found.text, overwrite=overwrite)
+    _record(campaign, to, terms)
     return found
+
+
+def _record(campaign: Campaign, to: Path, terms: CorrectionTerms) -> None:
+    """Write with which set targets were corrected, unless that was the last word on it."""
+    own = identified_set(campaign, terms.robot).parameters
+    written = WrittenSet(file=to.name, digest=own.digest(), wanted=dict(own), by="targets")
+    with campaign.journal_reader() as journal:
+        last = next(written_sets(journal), None)
+    if last is None or (last.digest, last.by) != (written.digest, written.by):
+        with campaign.journal() as own_journal:
+            record_written(own_journal, written)
 
 
 def _identification_of(journal: JournalReader, robot: RobotFile) -> RecordedIdentification | None:

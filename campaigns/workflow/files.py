@@ -1,17 +1,18 @@
-"""Files of a campaign: shots taken in, identified parameters and measured shots written out."""
+"""Files of a campaign: identified parameters and measured shots written out."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 from campaigns.campaign import Campaign
 from campaigns.controllers import export as parameter_file
 from campaigns.controllers import linuxcnc_export
-from campaigns.evaluation.plausibility import check_distances, check_shots
+from campaigns.mechanisms.parameters import Parameters
+from campaigns.robots.reduced_form import ReducedForm
 from campaigns.robots.robot import RobotDocument, RobotFile
-from campaigns.shots.import_export import ExportedShots, ImportedFile, append_import, exported_shots
-from campaigns.shots.shots import shots_of_rows
-from campaigns.shots.shots_csv import ShotRow, write_shots
+from campaigns.shots.import_export import ExportedShots, ImportedFile, exported_shots
+from campaigns.shots.shots_csv import write_shots
 
 SHOTS_FILE = "shots.csv"
 
@@ -38,8 +39,28 @@ def export(
     Raises `VerdictBad`, `OutputExists` or `WriteFailed`.
     """
     path, identified = to or campaign.path(parameter_file.FILE_NAME), identified_robot(campaign)
-    parameter_file.write_compensated(path, identified, overwrite=overwrite)
+    with recorded(campaign, path, identified.robot.parameters):
+        parameter_file.write_compensated(path, identified, overwrite=overwrite)
     return path, identified.robot
+
+
+@contextmanager
+def recorded(
+    campaign: Campaign, path: Path, own: Parameters, form: ReducedForm | None = None
+) -> Iterator[None]:
+    """While the block writes a file for a controller, hold the journal that then tells of it."""
+    with campaign.journal() as journal:
+        yield
+        sha256, values = ImportedFile.of(path).sha256, dict(own)
+        written = parameter_file.WrittenSet(
+            file=path.name,
+            digest=own.digest(),
+            wanted=values,
+            by="parameters",
+            sha256=sha256,
+            projection=form,
+        )
+        parameter_file.record_written(journal, written)
 
 
 def export_hal(campaign: Campaign, to: Path | None = None, *, overwrite: bool = False) -> Path:
@@ -47,7 +68,8 @@ def export_hal(campaign: Campaign, to: Path | None = None, *, overwrite: bool = 
     path = to or campaign.path(linuxcnc_export.FILE_NAME)
     # a plate tilts as the nominal robot's drawing has it, also where a file says nothing of it
     robot = replace(identified_robot(campaign).robot, mechanism=campaign.robot.mechanism)
-    linuxcnc_export.write_hal(path, robot, campaign.robot_identity, overwrite=overwrite)
+    with recorded(campaign, path, robot.parameters):
+        linuxcnc_export.write_hal(path, robot, campaign.robot_identity, overwrite=overwrite)
     return path
 
 
@@ -61,21 +83,3 @@ def export_shots(
         found = exported_shots(series, journal.shots(series.number))
     write_shots(path, found.rows, campaign.robot.mechanism, overwrite=overwrite)
     return path, found
-
-
-def import_shots(
-    campaign: Campaign,
-    rows: Sequence[ShotRow],
-    name: str = "shots",
-    files: Sequence[ImportedFile] = (),
-) -> int:
-    """Write shots of files into the journal as a series; gives its number.
-
-    Raises `ShotsInvalid`, naming file and cause, for shots that cannot be this robot's.
-    """
-    robot, settings = campaign.robot, campaign.config.model_dump(mode="json")
-    shots = shots_of_rows(rows, robot.kinematics)
-    check_shots(robot.kinematics, shots, name)
-    check_distances(robot.kinematics, shots, campaign.config.gate.distance_mm, name)
-    with campaign.journal() as journal:
-        return append_import(journal, rows, robot.kinematics, robot.digest(), settings, files)

@@ -15,9 +15,10 @@ from campaigns.controllers.reduced_parameters import FORMATS, configuration_text
 from campaigns.design.pose_sampling import WORKSPACE_SEED, WorkspaceTooSmall, workspace_poses
 from campaigns.errors import IdentificationRefused
 from campaigns.files.text_file import write_text_unless_there
+from campaigns.mechanisms.parameters import Parameters
 from campaigns.robots.reduced_form import FORM, ReducedForm
 from campaigns.robots.robot import RobotFile, compensated
-from campaigns.workflow.files import identified_robot
+from campaigns.workflow.files import identified_robot, recorded
 
 PLAIN = "plain"
 PLAIN_FILE = "robot-plain.yaml"
@@ -54,7 +55,9 @@ def export_projected(
     few, found = few_parameters(robot, campaign.robot, _poses(campaign, robot), made)
     left = found | _full(campaign)
     path = to or campaign.path(made.file_name)
-    write_text_unless_there(path, configuration_text(few, left, made), overwrite=overwrite)
+    own = Parameters.of_vector(robot.mechanism.parameters, few.found.kinematics.p)
+    with recorded(campaign, path, own, _form(robot, word, few.found.error)):
+        write_text_unless_there(path, configuration_text(few, left, made), overwrite=overwrite)
     return ReducedExport(path, left)
 
 
@@ -79,7 +82,8 @@ def _export_plain(campaign: Campaign, to: Path | None, *, overwrite: bool) -> Re
         {**(robot.provenance or {}), FORM: asdict(form)},
     )
     path = to or campaign.path(PLAIN_FILE)
-    write_text_unless_there(path, plain.document.text, overwrite=overwrite)
+    with recorded(campaign, path, plain.robot.parameters, form):
+        write_text_unless_there(path, plain.document.text, overwrite=overwrite)
     return ReducedExport(path, left)
 
 

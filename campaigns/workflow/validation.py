@@ -1,28 +1,26 @@
 """Validation of a campaign: how good the robot is as its user commands it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from campaigns.campaign import Campaign
+from campaigns.controllers.controller_state import ControllerState
 from campaigns.controllers.corrected_targets import TargetCorrection
-from campaigns.controllers.load import differing
+from campaigns.controllers.export import CalibrationRoute
 from campaigns.controllers.load_journal import FOUND_AGAIN, Holding, load_history
-from campaigns.errors import FindingUnreadable, OptionsInvalid
+from campaigns.errors import OptionsInvalid
 from campaigns.evaluation import validation
 from campaigns.evaluation.campaign_verdict import CampaignVerdict
 from campaigns.evidence import Evaluation, evaluate
 from campaigns.identification.options import Selection
-from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Event, Finding, Stage
 from campaigns.measuring.run_state import SILENT, RunObserver
 from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell, Work
-from campaigns.mechanisms.parameters import Parameters
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.predicted_uncertainty import EstimationSetup
 from campaigns.planning.validation_plan import Correct, Reachable, validation_steps
@@ -33,8 +31,7 @@ from campaigns.workflow.correction import identified_set
 from campaigns.workflow.work import engine_work, known_sets
 
 ValidationStage = Literal["before", "after"]
-CalibrationRoute = Literal["parameters", "targets"]
-"""What calibrates the robot: parameters in its controller, or targets corrected for it."""
+AGAIN = "--anyway measures it all the same"
 VerificationStage = Literal["verify before", "verify after"]
 TESTS = frozenset(validation.SET_OF.values())
 """Of a validation."""
@@ -147,38 +144,39 @@ def wrong_stage(
     `tell` hears of a load that was begun and not ended; its end is written into the journal.
     """
     mixture = _ended_load(campaign, held, tell)
-    again = "--anyway measures it all the same"
     if mixture:
-        return OptionsInvalid(f"--stage {stage}: {mixture}", remedy=again)
-    if stage == "after":
-        holds_others = bool(differing(held, campaign.robot.parameters))
-        if by == "targets":
-            return _wrong_for_targets(campaign, again) if holds_others else None
-        if holds_others:
-            return None
+        return OptionsInvalid(f"--stage {stage}: {mixture}", remedy=AGAIN)
+    sets = known_sets(campaign)
+    return wrong_state(campaign, sets.state(sets.held(held).digest()), stage, by)
+
+
+def wrong_state(
+    campaign: Campaign,
+    held: ControllerState,
+    stage: ValidationStage,
+    by: CalibrationRoute = "parameters",
+) -> OptionsInvalid | None:
+    """What speaks against a stage with a controller in this state."""
+    nominal, rolled_back = held.kind == "nominal", f"`pkmcal load {campaign.folder} --rollback`"
+    if nominal == (stage == "before" or by == "targets"):
+        return None
+    if stage == "before":
+        nominal_file = campaign.path(campaign.config.robot)
+        remedy = {"other": f"`pkmcal load {campaign.folder} --file {nominal_file}`"}
         return OptionsInvalid(
-            "--stage after: the controller still holds the nominal parameters",
-            remedy=f"`pkmcal load {campaign.folder}` first, or --by targets, or --stage before; "
-            f"{again}",
+            f"--stage before: the controller holds {held.says}",
+            remedy=f"{remedy.get(held.kind, rolled_back)} first, or --stage after; {AGAIN}",
         )
-    for found in _identified(campaign):
-        space = campaign.robot.mechanism.parameters
-        if not differing(held, Parameters.of(space, found.flat())):
-            return OptionsInvalid(
-                "--stage before: the controller holds what was identified in this campaign "
-                f"({found.at_utc})",
-                remedy=f"`pkmcal load {campaign.folder} --rollback` first, or --stage after; "
-                f"{again}",
-            )
-    return None
-
-
-def _wrong_for_targets(campaign: Campaign, again: str) -> OptionsInvalid:
+    if by == "targets":
+        return OptionsInvalid(
+            "--by targets: the controller does not hold the nominal parameters, for which targets "
+            f"are corrected, but {held.says}",
+            remedy=f"{rolled_back} first, or leave --by targets out; {AGAIN}",
+        )
     return OptionsInvalid(
-        "--by targets: the controller does not hold the nominal parameters, for which targets are "
-        "corrected",
-        remedy=f"`pkmcal load {campaign.folder} --rollback` first, or leave --by targets out; "
-        f"{again}",
+        "--stage after: the controller still holds the nominal parameters",
+        remedy=f"`pkmcal load {campaign.folder}` first, or --by targets, or --stage before; "
+        f"{AGAIN}",
     )
 
 
@@ -257,20 +255,6 @@ def _ended_load(campaign: Campaign, held: Mapping[str, float], tell: Callable[[s
     with campaign.journal() as journal:
         unended.settle(journal, held, FOUND_AGAIN)
     return ""
-
-
-def _identified(campaign: Campaign) -> tuple[RecordedIdentification, ...]:
-    """Identifications of the campaign that can be read, latest first."""
-    if not campaign.journal_path.exists():
-        return ()
-    with campaign.journal_reader() as journal:
-        entries = journal.records_of(Finding)
-    found: list[RecordedIdentification] = []
-    for entry in reversed(entries):
-        if entry.record.kind == "identification":
-            with suppress(FindingUnreadable):
-                found.append(read_identification(entry.record.body))
-    return tuple(found)
 
 
 def _evaluated(

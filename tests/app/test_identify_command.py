@@ -19,8 +19,8 @@ from campaigns.planning.plans import region_of
 from campaigns.robots.robot import pose_of
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, write_shots
-from campaigns.workflow.files import import_shots
 from campaigns.workflow.identification import identification_options, identify
+from campaigns.workflow.importing import import_shots
 
 STD_MM = np.array([0.004, 0.012, 0.012])
 WRONG = (7, 50, 99)

@@ -440,7 +440,7 @@ def _raise(error: BaseException) -> None:
 
 
 def test_a_stage_is_wrong_while_the_other_ones_parameters_are_loaded(campaign: Campaign) -> None:
-    """Rounding of a controller's own units makes no other set; what is neither may be of any."""
+    """Rounding of a controller's own units makes no other set; what is neither is no before."""
     new = new_set(campaign)
     rounded = {name: value * (1.0 + 1e-12) for name, value in new.items()}
     for held in (new, rounded):
@@ -453,8 +453,12 @@ def test_a_stage_is_wrong_while_the_other_ones_parameters_are_loaded(campaign: C
     assert wrong is not None
     assert "still holds the nominal parameters" in wrong.problem
     assert wrong_stage(campaign, OLD, "before") is None
-    for stage in ("before", "after"):
-        assert wrong_stage(campaign, OLD | {"plate_mm": 100.3}, stage) is None
+    neither = OLD | {"plate_mm": 100.3}
+    assert wrong_stage(campaign, neither, "after") is None
+    wrong = wrong_stage(campaign, neither, "before")
+    assert wrong is not None
+    assert "holds neither nominal nor identified parameters" in wrong.problem
+    assert f"`pkmcal load {campaign.folder} --file {campaign.path('robot.yaml')}`" in wrong.remedy
 
 
 def test_parameters_of_a_new_campaign_need_no_journal(tmp_path: Path) -> None:

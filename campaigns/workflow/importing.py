@@ -1,0 +1,150 @@
+"""Import of shots measured with other software: to identify from, or as a validation."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from campaigns.campaign import Campaign
+from campaigns.controllers.export import FILE_NAME, CalibrationRoute, WrittenSet, written_sets
+from campaigns.errors import OptionsInvalid, ShotsInvalid
+from campaigns.evaluation.plausibility import check_distances, check_shots
+from campaigns.evaluation.validation import SET_OF
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.mechanisms.parameters import Parameters
+from campaigns.robots.robot import read_robot
+from campaigns.shots.import_export import ImportedFile, append_import
+from campaigns.shots.shots import shots_of_rows
+from campaigns.shots.shots_csv import ShotRow
+from campaigns.workflow.validation import (
+    Validated,
+    ValidationStage,
+    record_anyway,
+    record_validation,
+    wrong_state,
+)
+from campaigns.workflow.work import known_sets
+from drivers.bounded_files import is_there
+
+
+def import_shots(
+    campaign: Campaign,
+    rows: Sequence[ShotRow],
+    name: str = "shots",
+    files: Sequence[ImportedFile] = (),
+) -> int:
+    """Write shots of files into the journal as a series to identify from; gives its number.
+
+    Raises `ShotsInvalid`, naming file and cause, for shots that cannot be this robot's.
+    """
+    robot, settings = campaign.robot, campaign.config.model_dump(mode="json")
+    _check(campaign, rows, name)
+    with campaign.journal() as journal:
+        return append_import(journal, rows, robot.kinematics, robot.digest(), settings, files)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeclaredSet:
+    """Set that somebody says a controller held, and by what file; nothing was read from it."""
+
+    parameters: Parameters
+    declared: str
+    by: CalibrationRoute = "parameters"
+
+
+def declared_set(
+    campaign: Campaign, stage: ValidationStage, path: Path | None = None
+) -> DeclaredSet:
+    """Set of a robot file, or of whatever `export` or `correct` wrote.
+
+    By default the nominal one before calibration, and after it what they wrote last. Raises
+    `OptionsInvalid` where there is none, `ConfigInvalid` for a file that holds no set.
+    """
+    nominal = campaign.robot
+    if path is None and stage == "before":
+        return DeclaredSet(nominal.parameters, campaign.config.robot)
+    written: tuple[WrittenSet, ...] = ()
+    if campaign.journal_path.exists():
+        with campaign.journal_reader() as journal:
+            written = tuple(written_sets(journal))
+    if path is not None:
+        sha256 = ImportedFile.of(path).sha256
+        found = next((each for each in written if each.sha256 == sha256), None)
+    else:
+        found = next(iter(written), None)
+        path = campaign.path(FILE_NAME)
+    if found is not None:
+        own = Parameters.of(nominal.mechanism.parameters, found.wanted)
+        return DeclaredSet(own, found.file, found.by)
+    if not is_there(path):
+        raise OptionsInvalid(
+            f"--stage {stage}: nothing says what the controller held: neither `pkmcal export` nor "
+            "`pkmcal correct` has written anything",
+            remedy="name the robot file with --with FILE",
+        )
+    robot = read_robot(path).robot
+    if robot.mechanism.name != nominal.mechanism.name:
+        raise OptionsInvalid(
+            f"--with {path}: it is of a {robot.mechanism.name}, this campaign's robot is a "
+            f"{nominal.mechanism.name}",
+            remedy="name the file of what the controller held",
+        )
+    return DeclaredSet(robot.parameters, path.name)
+
+
+def import_validation(
+    campaign: Campaign,
+    rows: Sequence[ShotRow],
+    stage: ValidationStage,
+    held: DeclaredSet,
+    name: str = "shots",
+    files: Sequence[ImportedFile] = (),
+    *,
+    anyway: bool = False,
+) -> Validated:
+    """Write shots into the journal as a validation, and judge it as one that was measured.
+
+    Commanded is taken to be the pose that the declared set has at the joints as read; with
+    corrected targets that is the wanted one. Raises `ShotsInvalid`, and `OptionsInvalid` for the
+    wrong stage unless `anyway`.
+    """
+    robot, settings = campaign.robot, campaign.config.model_dump(mode="json")
+    tests = set(SET_OF.values())
+    for place, row in enumerate(rows, start=1):
+        if row.purpose not in tests:
+            raise ShotsInvalid(
+                f"{name}: shot {place} of the file is of the set {row.purpose.value}, which is no "
+                "test of a validation",
+                remedy=f"give one of {', '.join(sorted(each.value for each in tests))}",
+            )
+    _check(campaign, rows, name)
+    by_targets = held.by == "targets" and stage == "after"
+    state = known_sets(campaign).state(held.parameters.digest())
+    wrong = None if by_targets else wrong_state(campaign, state, stage)
+    if wrong is not None and not anyway:
+        raise OptionsInvalid(
+            wrong.problem,
+            remedy="say what it held by --with FILE; --anyway takes them in as they are",
+        )
+    if wrong is not None:
+        record_anyway(campaign, wrong)
+    kinematics = Kinematics.of(robot.mechanism, held.parameters)
+    with campaign.journal() as journal:
+        series = append_import(
+            journal,
+            rows,
+            kinematics,
+            held.parameters.digest(),
+            settings,
+            files,
+            stage="after by targets" if by_targets else stage,
+            declared=held.declared,
+        )
+        return record_validation(campaign, journal, series, stage, held.by)
+
+
+def _check(campaign: Campaign, rows: Sequence[ShotRow], name: str) -> None:
+    """Raise `ShotsInvalid`, naming file and cause, for shots that cannot be this robot's."""
+    nominal = campaign.robot.kinematics
+    shots = shots_of_rows(rows, nominal)
+    check_shots(nominal, shots, name)
+    check_distances(nominal, shots, campaign.config.gate.distance_mm, name)

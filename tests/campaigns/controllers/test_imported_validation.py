@@ -1,0 +1,162 @@
+"""Validations measured elsewhere: judged as measured ones, with what is declared to be held."""
+
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from paper_campaign import NOMINAL, PaperCampaign, new_campaign, validation_shots
+
+from app.main import run_command
+from campaigns.campaign import open_campaign
+from campaigns.errors import OptionsInvalid, ShotsInvalid
+from campaigns.evidence import evaluate
+from campaigns.journal.records import Finding
+from campaigns.measuring.resume import series_to_take_up
+from campaigns.mechanisms.mechanism import Kinematics
+from campaigns.robots.robot import pose_row, read_robot
+from campaigns.settings.sections import AcceptanceConfig
+from campaigns.shots.shots_csv import ShotRow, write_shots
+from campaigns.workflow.correction import CorrectionTerms, correct_poses_file
+from campaigns.workflow.files import export
+from campaigns.workflow.importing import declared_set, import_validation
+from campaigns.workflow.validation import validation_work
+
+LIMITS = AcceptanceConfig(
+    distance_mean_mm=0.1,
+    distance_max_mm=0.2,
+    rotation_mm=0.5,
+    straightness_mm=0.5,
+    repeatability_mm=0.1,
+)
+ENCODER_RAD = np.radians(1e-4)
+
+
+@pytest.fixture(scope="session")
+def exported_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    paper = new_campaign(tmp_path_factory.mktemp("closed") / "paper", acceptance=LIMITS)
+    paper.run()
+    paper.identify()
+    export(paper.campaign)
+    return paper.folder
+
+
+@pytest.fixture
+def paper(exported_once: Path, tmp_path: Path) -> PaperCampaign:
+    """A campaign whose identified set is exported; its controller cannot be asked."""
+    folder = shutil.copytree(exported_once, tmp_path / "paper")
+    return PaperCampaign(folder, open_campaign(folder), np.random.default_rng(9))
+
+
+def rows(paper: PaperCampaign, commanding: Kinematics) -> tuple[ShotRow, ...]:
+    """What others measured of a robot that goes where this set has the joints of each pose."""
+    shots = validation_shots(np.random.default_rng(6))
+    joints = commanding.inverse(np.array([pose_row(shot.pose) for shot in shots]))
+    read = np.round(joints.values_or_raise() / ENCODER_RAD) * ENCODER_RAD
+    measured = [paper.outcome(shot.shot, 1, q) for shot, q in zip(shots, read, strict=True)]
+    return tuple(
+        ShotRow(shot.pair, each.joints, each.point_in_tracker_mm, shot.purpose)
+        for shot, each in zip(shots, measured, strict=True)
+    )
+
+
+def identified(paper: PaperCampaign) -> Kinematics:
+    return read_robot(paper.folder / "robot-compensated.yaml").robot.kinematics
+
+
+def correct(paper: PaperCampaign, to: str = "corrected.csv") -> None:
+    """Correct the targets of a program, as its user does."""
+    targets = paper.folder / "targets.csv"
+    targets.write_text("x_mm,y_mm,z_mm,theta_deg\n0,0,-600,0\n", encoding="utf-8")
+    terms = CorrectionTerms(margin_mm=500.0, turn_margin_deg=90.0)
+    correct_poses_file(paper.campaign, targets, paper.folder / to, terms, overwrite=True)
+
+
+def taken_in(paper: PaperCampaign, stage, shots: Sequence[ShotRow], file=None, **options):
+    held = declared_set(paper.campaign, stage, file)
+    return import_validation(paper.campaign, shots, stage, held, **options)
+
+
+def test_the_gain_of_a_closed_controller_is_proved_by_shots_measured_elsewhere(
+    paper: PaperCampaign,
+) -> None:
+    correct(paper)
+    before = taken_in(paper, "before", rows(paper, NOMINAL.robot.kinematics))
+    after = taken_in(paper, "after", rows(paper, identified(paper)))
+    assert before.verdict.decision == "fail"
+    assert after.verdict.decision == after.campaign_verdict.decision == "pass"
+    found = evaluate(paper.campaign)
+    assert set(found.after.series) == {"distances", "rotation", "straightness", "repeatability"}
+    assert found.gains[0].after.value_mm < 0.05 * found.gains[0].before.value_mm
+    held = found.evidence.held("after")
+    assert (held.kind, held.targets, held.declared) == ("identified", True, "corrected.csv")
+    assert not [check for check in found.checks if check.holds is False]
+    told = (
+        "Validated after with targets corrected with what was identified in this campaign "
+        "(declared by corrected.csv, not read)."
+    )
+    assert told in found.verdict.reasons
+
+
+def test_without_correction_the_last_export_counts(paper: PaperCampaign) -> None:
+    done = taken_in(paper, "after", rows(paper, identified(paper)))
+    held = done.evaluation.evidence.held("after")
+    assert (held.kind, held.targets) == ("identified", False)
+    assert held.declared == "robot-compensated.yaml"
+    assert done.campaign_verdict.decision == "pass"
+
+
+def test_what_export_and_correct_wrote_is_known_again_and_recorded_once(
+    paper: PaperCampaign,
+) -> None:
+    copied = shutil.copy(paper.folder / "robot-compensated.yaml", paper.folder / "sent.yaml")
+    correct(paper)
+    correct(paper, "another.csv")
+    assert declared_set(paper.campaign, "after").by == "targets"
+    held = declared_set(paper.campaign, "after", Path(copied))
+    assert (held.by, held.declared) == ("parameters", "robot-compensated.yaml")
+    with paper.campaign.journal_reader() as journal:
+        kinds = [entry.record.kind for entry in journal.records_of(Finding)]
+    assert kinds == ["identification", "export", "export"]
+
+
+def test_the_wrong_set_is_refused_and_what_is_taken_in_anyway_is_told(paper: PaperCampaign) -> None:
+    shots = rows(paper, NOMINAL.robot.kinematics)
+    nominal, exported = paper.folder / "robot.yaml", paper.folder / "robot-compensated.yaml"
+    with pytest.raises(OptionsInvalid, match="--stage after: the controller still holds the nom"):
+        taken_in(paper, "after", shots, nominal)
+    with pytest.raises(OptionsInvalid, match="--stage before: the controller holds what was ident"):
+        taken_in(paper, "before", shots, exported)
+    done = taken_in(paper, "after", shots, nominal, anyway=True)
+    assert done.verdict.decision == "fail"
+    events = [each.text for each in done.evaluation.evidence.journal.incidents]
+    assert any("measured all the same: --stage after" in text for text in events)
+
+
+def test_shots_of_no_test_are_refused(paper: PaperCampaign) -> None:
+    shots = [ShotRow(None, (0.1, 0.2, 0.3, 0.4), (1.0, 2.0, 3.0))]
+    with pytest.raises(ShotsInvalid, match="shot 1 of the file is of the set identification"):
+        taken_in(paper, "after", shots)
+
+
+def test_rows_without_a_set_are_pairs_of_a_validation(paper: PaperCampaign, capsys) -> None:
+    path = paper.folder / "after.csv"
+    pairs = [row for row in rows(paper, identified(paper)) if row.pair is not None]
+    write_shots(path, pairs, NOMINAL.robot.mechanism)
+    text = path.read_text(encoding="utf-8").replace(",validation", "")
+    path.write_text(text.replace(",set", ""), encoding="utf-8")
+    words = ["import", str(paper.folder), str(path), "--stage", "after", "--json"]
+    assert run_command(words) == 1, "the other tests are asked for, and were not measured"
+    document = json.loads(capsys.readouterr().out)
+    assert document["distances_mm"]["max_abs"] < 0.1
+    assert document["held"]["declared"] == "robot-compensated.yaml"
+    assert document["campaign"]["decision"] == document["decision"] == "not decided"
+
+
+def test_a_measured_validation_takes_up_no_imported_one(paper: PaperCampaign) -> None:
+    taken_in(paper, "before", rows(paper, NOMINAL.robot.kinematics))
+    work, _ = validation_work(paper.campaign, "before", dict(NOMINAL.robot.parameters))
+    with paper.campaign.journal_reader() as journal:
+        assert series_to_take_up(journal, work) is None
