@@ -3,12 +3,13 @@
 import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import TypeVar
 
 from app.console import WARNING, Terminal
 from app.interrupt import StopRequest, stop_on_signals, suspend
 from app.retrying import Retries
-from app.run_text import Briefing, DeviceIdentities
+from app.run_text import DeviceIdentities, briefing
 from app.wiring import OperatorCallbacks, connected_cell, prepare, require_consents
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import CalibrationRoute
@@ -217,7 +218,6 @@ def measure_plan(
         return run_result(journal, series, work)
 
     again = shlex.join(["pkmcal", "run", str(campaign.folder), *options.run_words()])
-    briefing = Briefing(campaign, work, preview)
     allowed = campaign.config.run.retry if options.retry is None else options.retry
     return measure(
         campaign,
@@ -228,7 +228,7 @@ def measure_plan(
         again=again,
         anew=anew,
         retries=Retries(campaign, "run", allowed, SystemClock()),
-        clearance=Clearance(briefing.text, yes=yes),
+        clearance=Clearance(partial(briefing, campaign, work, preview), yes=yes),
     )
 
 

@@ -1,5 +1,6 @@
 """New campaigns: on real devices, or on a simulated cell of its own."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from uuid import uuid4
 
@@ -13,7 +14,6 @@ from campaigns.settings.sections import ValidationConfig
 from drivers.bounded_files import is_there
 from sim.scenarios.adaptation import OtherRobot, adapted, computing_plate_tilt
 from sim.scenarios.scenario import parse_scenario, scenario_text
-from sim.tracker.optics import DataSheet
 
 DEFAULT_ROBOT = "par4-prototype"
 DEFAULT_SCENARIO = "paper-prototype"
@@ -113,11 +113,11 @@ def _validation(robot: RobotFile) -> dict[str, object]:
     return {"validation": {"centre_mm": list(centre_mm), **lines}}
 
 
-def _limits(data_sheet: DataSheet) -> dict[str, float]:
+def _limits(data_sheet: Mapping[str, float]) -> dict[str, float]:
     """What to plan by; nothing, so the defaults, for a tracker without any noise."""
-    noisy = min(data_sheet.along_um, data_sheet.across_um) > 0.0
-    limits = data_sheet._asdict() if noisy else {}
-    return {name: round(limit, LIMIT_DIGITS) for name, limit in limits.items()}
+    if min(data_sheet["along_um"], data_sheet["across_um"]) <= 0.0:
+        return {}
+    return {name: round(limit, LIMIT_DIGITS) for name, limit in data_sheet.items()}
 
 
 def _write_unless_same(path: Path, text: str) -> None:

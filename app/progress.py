@@ -3,7 +3,6 @@
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Self
 
 from rich.console import Console, RenderableType
@@ -23,24 +22,6 @@ QUIET_SHOTS = 10
 BAR_WIDTH = 30
 SHORTEST_S = 0.1
 MINUTE_S = 60.0
-
-
-@dataclass(frozen=True, slots=True)
-class Pace:
-    """State of a work after so many seconds; `before` of it was done when it began."""
-
-    done: int
-    total: int
-    before: int
-    seconds: float
-
-    def __str__(self) -> str:
-        told = f"{self.done}/{self.total}"
-        if self.done == self.before or self.seconds <= 0.0:
-            return told  # there is no rate yet
-        rate_per_s = (self.done - self.before) / self.seconds
-        left_s = (self.total - self.done) / rate_per_s
-        return f"{told} · {_rate(rate_per_s)} · {interval((left_s, left_s))} left"
 
 
 class CountedWork:
@@ -76,7 +57,9 @@ class CountedWork:
         self._bars.stop()
 
     def __str__(self) -> str:
-        return " · ".join(filter(None, [str(self.pace()), self.news]))
+        seconds = self._now_s() - self._began_s
+        pace = state_and_rate(self._done, self._total, self._before, seconds)
+        return " · ".join(filter(None, [pace, self.news]))
 
     @contextmanager
     def paused(self) -> Iterator[None]:
@@ -92,10 +75,6 @@ class CountedWork:
         self._done += more
         self._bars.update(self._bar, completed=self._done)
         self._say_if_due()
-
-    def pace(self) -> Pace:
-        """State and rate now."""
-        return Pace(self._done, self._total, self._before, self._now_s() - self._began_s)
 
     def line(self) -> str:
         """The line for where there is no terminal."""
@@ -225,6 +204,16 @@ class RunDisplay(CountedWork):
         return [
             Text(printable(text), style, no_wrap=True, overflow="ellipsis") for text, style in told
         ]
+
+
+def state_and_rate(done: int, total: int, before: int, seconds: float) -> str:
+    """State of a work after so many seconds, `before` of it done when it began: `4/9 · 2/s · …`."""
+    told = f"{done}/{total}"
+    if done == before or seconds <= 0.0:
+        return told  # there is no rate yet
+    rate_per_s = (done - before) / seconds
+    left_s = (total - done) / rate_per_s
+    return f"{told} · {_rate(rate_per_s)} · {interval((left_s, left_s))} left"
 
 
 def interval(seconds: tuple[float, float]) -> str:

@@ -24,18 +24,10 @@ class DeviceIdentities:
         return f"controller {self.controller.serial}, tracker {self.tracker.serial}"
 
 
-@dataclass(frozen=True, slots=True)
-class Briefing:
-    """What a run says before anything moves."""
-
-    campaign: Campaign
-    work: Work
-    preview: RunPreview
-
-    def text(self, devices: DeviceIdentities) -> str:
-        """Shots, time, speed and devices: `138 shots, about 6 min, 30 % speed, controller …`."""
-        speed = self.campaign.config.controller.speed_percent
-        return f"{preview_line(self.preview, self.work)}, {speed:g} % speed, {devices}"
+def briefing(campaign: Campaign, work: Work, preview: RunPreview, devices: DeviceIdentities) -> str:
+    """What a run says before anything moves: `138 shots, about 6 min, 30 % speed, controller …`."""
+    speed = campaign.config.controller.speed_percent
+    return f"{preview_line(preview, work)}, {speed:g} % speed, {devices}"
 
 
 def show_run(terminal: Terminal, ran: RunResult) -> None:

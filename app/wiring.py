@@ -60,17 +60,6 @@ NO_OPERATOR = OperatorCallbacks()
 """Where nothing moves that could be stopped."""
 
 
-@dataclass(frozen=True, slots=True)
-class Addresses:
-    """Where the devices answer, and the time they live in."""
-
-    controller: str
-    tracker: str
-    clock: Clock
-    tracker_clock: Clock | None = None
-    """Time as a simulated tracker of ours lives it; None for one that is not served here."""
-
-
 def scenario_of(campaign_folder: Path, url: str) -> Scenario:
     """The scenario that a sim:// URL names: a file of the campaign's folder, or a shipped one."""
     return load_scenario(_scenario_source(campaign_folder, url))
@@ -102,7 +91,7 @@ def connected_cell(
     not there or not the expected one.
     """
     with connections(campaign, operator, log) as to, to.robot() as robot, to.tracker() as tracker:
-        yield Devices(robot, tracker, to.awake(to.at.clock), SystemClock())
+        yield Devices(robot, tracker, to.awake(to.clock), SystemClock())
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,16 +102,22 @@ class DeviceConnections:
     """
 
     campaign: Campaign
-    at: Addresses
     operator: OperatorCallbacks
     log: ByteLog | None
+    controller_url: str
+    """Where the controller answers."""
+    tracker_url: str
+    clock: Clock
+    """Time as the devices live it."""
+    tracker_clock: Clock | None
+    """Time as a simulated tracker of ours lives it; None for one that is not served here."""
 
     @contextmanager
     def robot(self) -> Iterator[RobotController]:
         """The controller."""
         driver = controller_driver(self.campaign.config.controller.driver)
         layout = _layout(self.campaign)
-        opener = self._opener(self.at.controller, "controller", partial(driver.reading, layout))
+        opener = self._opener(self.controller_url, "controller", partial(driver.reading, layout))
         robot = driver.made(
             RobotSurroundings(
                 opener,
@@ -137,7 +132,7 @@ class DeviceConnections:
         serial = self.campaign.config.controller.serial
         own = errors.MotionFault, errors.LimitViolation
         try:
-            with _named("controller", self.at.controller, own) as greeted:
+            with _named("controller", self.controller_url, own) as greeted:
                 robot.connect()
                 greeted(identity := robot.identity())
                 _check_serial("controller", identity, serial)
@@ -150,12 +145,12 @@ class DeviceConnections:
         """The tracker."""
         config = self.campaign.config.tracker
         driver = tracker_driver(config.driver)
-        opener = self._opener(self.at.tracker, "tracker", driver.reading)
+        opener = self._opener(self.tracker_url, "tracker", driver.reading)
         clock = self.awake(SystemClock())
         given = Surroundings(opener, clock, self.operator.stop_requested, random.SystemRandom())
-        tracker = driver.made(given, self.at.tracker_clock)
+        tracker = driver.made(given, self.tracker_clock)
         try:
-            with _named("tracker", self.at.tracker, (errors.BeamBroken,)) as greeted:
+            with _named("tracker", self.tracker_url, (errors.BeamBroken,)) as greeted:
                 tracker.connect()
                 greeted(identity := tracker.identity())
                 _check_serial("tracker", identity, config.serial)
@@ -178,8 +173,25 @@ def connections(
     campaign: Campaign, operator: OperatorCallbacks = NO_OPERATOR, log: ByteLog | None = None
 ) -> Iterator[DeviceConnections]:
     """Ways to each device; a simulated cell is served for the time of the block."""
-    with _addresses(campaign) as at:
-        yield DeviceConnections(campaign, at, operator, log)
+    require_consents(campaign)
+    made = partial(DeviceConnections, campaign, operator, log)
+    controller, tracker = campaign.config.controller.url, campaign.config.tracker.url
+    simulated = [url for url in (controller, tracker) if url.startswith(SIMULATED)]
+    if not simulated:
+        yield made(controller, tracker, SystemClock(), None)
+        return
+    if len(set(simulated)) > 1:
+        raise ConfigInvalid(
+            f"controller and tracker are of two simulated cells: {' and '.join(simulated)}",
+            remedy="give both the same sim:// address",
+        )
+    with _embedded(campaign, simulated[0]) as cell:
+        yield made(
+            cell.controller_url if controller in simulated else controller,
+            cell.tracker_url if tracker in simulated else tracker,
+            cell.clock if controller in simulated else SystemClock(),
+            cell.clock if tracker in simulated else None,
+        )
 
 
 @contextmanager
@@ -197,29 +209,6 @@ def prepare(campaign: Campaign, cell: Devices) -> None:
     tracker = campaign.config.tracker
     cell.tracker.prepare(tracker.reflector, tracker.measuring_time_s)
     cell.robot.prepare()
-
-
-@contextmanager
-def _addresses(campaign: Campaign) -> Iterator[Addresses]:
-    """The URLs to connect to; a simulated cell is started for the time of the block."""
-    require_consents(campaign)
-    controller, tracker = campaign.config.controller.url, campaign.config.tracker.url
-    simulated = [url for url in (controller, tracker) if url.startswith(SIMULATED)]
-    if not simulated:
-        yield Addresses(controller, tracker, SystemClock())
-        return
-    if len(set(simulated)) > 1:
-        raise ConfigInvalid(
-            f"controller and tracker are of two simulated cells: {' and '.join(simulated)}",
-            remedy="give both the same sim:// address",
-        )
-    with _embedded(campaign, simulated[0]) as cell:
-        yield Addresses(
-            cell.controller_url if controller in simulated else controller,
-            cell.tracker_url if tracker in simulated else tracker,
-            cell.clock if controller in simulated else SystemClock(),
-            cell.clock if tracker in simulated else None,
-        )
 
 
 def require_same_mechanism(campaign: Campaign, scenario: Scenario) -> None:

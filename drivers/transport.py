@@ -2,8 +2,7 @@
 
 import re
 import socket
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
 from drivers.errors import AddressInvalid, LinkDown
@@ -22,23 +21,11 @@ URL_FORMS = "use tcp://HOST:PORT or serial:///dev/ttyUSB0?baud=115200"
 _BAUD = re.compile(r"[1-9][0-9]{0,7}")
 
 
-@dataclass(frozen=True, slots=True)
-class TcpAddress:
-    """A socket."""
-
-    host: str
-    port: int
+Address = tuple[Literal["tcp", "serial"], str, int]
+"""Of a socket its host and port, of a serial line its device and baud rate."""
 
 
-@dataclass(frozen=True, slots=True)
-class SerialAddress:
-    """A serial line, 8N1."""
-
-    device: str
-    baud: int
-
-
-def parse_address(url: str) -> TcpAddress | SerialAddress:
+def parse_address(url: str) -> Address:
     """Read a device's URL; raises `AddressInvalid`."""
     try:
         parts = urlsplit(url)
@@ -51,7 +38,7 @@ def parse_address(url: str) -> TcpAddress | SerialAddress:
     raise AddressInvalid(f"device URL '{url}' is neither TCP nor serial", remedy=URL_FORMS)
 
 
-def _tcp_address(parts: SplitResult) -> TcpAddress:
+def _tcp_address(parts: SplitResult) -> Address:
     if not parts.hostname or not parts.port:
         raise ValueError("host or port is missing")
     if parts.path not in {"", "/"} or parts.query or parts.fragment or "@" in parts.netloc:
@@ -60,10 +47,10 @@ def _tcp_address(parts: SplitResult) -> TcpAddress:
         parts.hostname.encode("idna")
     except UnicodeError as error:
         raise ValueError(f"'{parts.hostname}' cannot be a host's name") from error
-    return TcpAddress(parts.hostname, parts.port)
+    return "tcp", parts.hostname, parts.port
 
 
-def _serial_address(parts: SplitResult) -> SerialAddress:
+def _serial_address(parts: SplitResult) -> Address:
     if parts.netloc or parts.path in {"", "/"}:
         raise ValueError("the device's path needs three slashes before it")
     options = parse_qs(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
@@ -72,7 +59,7 @@ def _serial_address(parts: SplitResult) -> SerialAddress:
     baud = options.get("baud", [str(DEFAULT_BAUD)])[-1]
     if not _BAUD.fullmatch(baud):
         raise ValueError(f"baud is '{baud}', not a number like 115200")
-    return SerialAddress(_serial_device(parts.path), int(baud))
+    return "serial", _serial_device(parts.path), int(baud)
 
 
 def _serial_device(path: str) -> str:
@@ -106,10 +93,10 @@ class Opener(Protocol):
 
 def open_transport(url: str, *, timeout_s: float = CONNECT_S) -> Transport:
     """Connect to a device; raises `AddressInvalid` or `LinkDown`."""
-    address = parse_address(url)
-    if isinstance(address, TcpAddress):
-        return TcpTransport.connect(address, timeout_s=timeout_s)
-    return SerialTransport.open(address)
+    kind, place, number = parse_address(url)
+    if kind == "tcp":
+        return TcpTransport.connect(place, number, timeout_s=timeout_s)
+    return SerialTransport.open(place, number)
 
 
 class TcpTransport:
@@ -120,11 +107,11 @@ class TcpTransport:
         self._name = name
 
     @classmethod
-    def connect(cls, address: TcpAddress, *, timeout_s: float) -> "TcpTransport":
+    def connect(cls, host: str, port: int, *, timeout_s: float) -> "TcpTransport":
         """Connect, or raise `LinkDown` within the time limit."""
-        name = f"tcp://{address.host}:{address.port}"
+        name = f"tcp://{host}:{port}"
         try:
-            connected = socket.create_connection((address.host, address.port), timeout=timeout_s)
+            connected = socket.create_connection((host, port), timeout=timeout_s)
         except OSError as error:
             raise LinkDown(
                 f"{name}: nobody answers ({_reason(error)})",
@@ -182,13 +169,13 @@ class SerialTransport:
         self._name = name
 
     @classmethod
-    def open(cls, address: SerialAddress) -> "SerialTransport":
+    def open(cls, device: str, baud: int) -> "SerialTransport":
         """Open and empty it, or raise `LinkDown`."""
         import serial  # loaded where it is used
 
-        name = f"serial://{address.device}"
+        name = f"serial://{device}"
         try:
-            port = serial.Serial(address.device, address.baud, exclusive=True)
+            port = serial.Serial(device, baud, exclusive=True)
         except (OSError, ValueError) as error:  # pyserial's own error is an OSError
             raise LinkDown(
                 f"{name}: cannot be opened ({error})",

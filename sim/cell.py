@@ -176,18 +176,17 @@ class Cell:
         self, geometry: Mapping[str, float]
     ) -> SimulatedController | FollowingController:
         section = self.scenario.controller
-        settings = factory.controller_settings(section, self.kind)
         if section.joints_from is not None:
             return FollowingController(
                 joint_source(section.joints_from, self.kind),
                 self.robot,
                 geometry=geometry,
-                speed_per_s=settings.speed_per_s,
+                speed_per_s=section.speed_per_s(self.kind),
                 worked=self._worked,
                 kind=self.kind,
             )
         return SimulatedController(
-            settings,
+            section,
             self.robot,
             geometry=geometry,
             joints=self.robot.standing.encoders,
@@ -228,7 +227,7 @@ def _first_state(scenario: Scenario, seed: int, rods: RodMechanism, truth: Geome
     position_mm = np.array([start.x_mm, start.y_mm, start.z_mm])
     theta_rad = math.radians(start.theta_deg)
     geometry, growth = scenario.controller_flat(), scenario.robot.thermal.growth(0.0)
-    step = factory.controller_settings(scenario.controller, kind).resolution
+    step = scenario.controller.encoder_step(kind)
     try:
         wanted = joints_for(geometry_of(geometry, kind), position_mm, theta_rad)
         encoders = np.round(wanted / step) * step

@@ -7,10 +7,9 @@ import numpy as np
 
 from sim.geometry import Array, Geometry, Kind, KindParameter, geometry_of
 from sim.random_streams import Purpose, generator
-from sim.robot.controller import ControllerSettings
 from sim.robot.driven_robot import Behaviour, Mount
 from sim.robot.rods import Build
-from sim.robot.section import ControllerSection, RobotSection, Tolerances
+from sim.robot.section import RobotSection, Tolerances
 from sim.robot.tilting_kinematics import KnownPlate
 from sim.scenarios.schema import Scenario
 from sim.tracker.optics import TrackerPose
@@ -105,16 +104,3 @@ def mount(robot: RobotSection, station: TrackerPose) -> Mount:
     centre_mm = np.array(robot.workspace_centre_mm)
     facing = station.origin_in_base_mm - centre_mm if told is None else np.array(told)
     return Mount(np.array(robot.reflector.offset_mm), facing / np.linalg.norm(facing))
-
-
-def controller_settings(controller: ControllerSection, kind: Kind) -> ControllerSettings:
-    """Settings that the controller is delivered with."""
-    lowest, highest = getattr(controller, f"joint_limits_{kind.unit}")
-    return ControllerSettings(
-        serial=controller.serial,
-        lowest=kind.inner(lowest),
-        highest=kind.inner(highest),
-        speed_per_s=kind.inner(getattr(controller, f"joint_speed_{kind.unit}_per_s")),
-        resolution=kind.inner(getattr(controller, f"encoder_step_{kind.unit}")),
-        emergency_stop=controller.emergency_stop,
-    )

@@ -1,6 +1,6 @@
 """Robots of rods for studies, drawn and moved by the simulated cell's own mechanism."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,43 +17,41 @@ from sim.robot.section import RobotSection
 AXIS_TILT, RAIL_TILT = "axis_tilt_deg", "rail_tilt_deg"
 
 
-@dataclass(frozen=True, slots=True)
-class RodRobots:
-    """Robots of a scenario's build whose rods and axes a perturbation has put out."""
+def rod_robot(
+    section: RobotSection,
+    sample: DatumSample,
+    true: Kinematics,
+    perturbation: Perturbation,
+    rng: np.random.Generator,
+) -> tuple[Forward, Array]:
+    """Robot of a scenario's build whose rods and axes a perturbation has put out.
 
-    section: RobotSection
-    sample: DatumSample
-    """Where they are seen in the datum of a robot with perfect parts."""
+    Its plate is as in the robot's drawing; its parameters are in the datum, by the sample, of the
+    true robot, whose parts are perfect.
+    """
+    kind, plate = section.kind, true.mechanism.plate
+    geometry = geometry_of_model(true, section)
+    rods_mm = perturbation.rods_mm * rng.standard_normal((kind.arms, 2))
+    axes_rad = 1e-3 * perturbation.axes_mrad * rng.standard_normal((1 + kind.on_rails, kind.arms))
+    build = Build(
+        plate_joints_mm=np.array(plate.joints_mm),
+        rod_spacing_mm=section.rod_spacing_mm,
+        rod_errors_mm=rods_mm,
+        axis_tilts_rad=axes_rad[0],
+        leans_rad=axes_rad[1] if kind.on_rails else None,
+    )
+    rods, offset = RodMechanism(geometry, build), np.array(plate.reflector_mm)
 
-    def __call__(
-        self, true: Kinematics, perturbation: Perturbation, rng: np.random.Generator
-    ) -> tuple[Forward, Array]:
-        """One of them, its plate as in the robot's drawing, and its parameters."""
-        section, kind, plate = self.section, self.section.kind, true.mechanism.plate
-        geometry = geometry_of_model(true, section)
-        rods_mm = perturbation.rods_mm * rng.standard_normal((kind.arms, 2))
-        axes_rad = (
-            1e-3 * perturbation.axes_mrad * rng.standard_normal((1 + kind.on_rails, kind.arms))
-        )
-        build = Build(
-            plate_joints_mm=np.array(plate.joints_mm),
-            rod_spacing_mm=section.rod_spacing_mm,
-            rod_errors_mm=rods_mm,
-            axis_tilts_rad=axes_rad[0],
-            leans_rad=axes_rad[1] if kind.on_rails else None,
-        )
-        rods, offset = RodMechanism(geometry, build), np.array(plate.reflector_mm)
+    def forward(joints: Array) -> Array:
+        near, points = true.forward(joints).values_or_raise(), []
+        for row, pose in zip(joints, near, strict=True):
+            guess = Plate.level(kind, pose[:3], float(pose[3:].sum()))
+            settled = rods.settle(row, 0.0, guess)[0]
+            points.append(rods.reflector_mm(settled, offset))
+        return np.array(points)
 
-        def forward(joints: Array) -> Array:
-            near, points = true.forward(joints).values_or_raise(), []
-            for row, pose in zip(joints, near, strict=True):
-                guess = Plate.level(kind, pose[:3], float(pose[3:].sum()))
-                settled = rods.settle(row, 0.0, guess)[0]
-                points.append(rods.reflector_mm(settled, offset))
-            return np.array(points)
-
-        p = vector_of_parts(true, geometry, build)
-        return forward, datum_parameters(true, Kinematics(true.mechanism, p), self.sample).p
+    p = vector_of_parts(true, geometry, build)
+    return forward, datum_parameters(true, Kinematics(true.mechanism, p), sample).p
 
 
 def geometry_of_model(model: Kinematics, section: RobotSection) -> Geometry:

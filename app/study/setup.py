@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, islice, product
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +11,7 @@ from typing import Annotated
 import numpy as np
 
 from app.new_campaign import SCENARIO, cell_text
-from app.study.rods import RodRobots, told_by, vector_of_parts
+from app.study.rods import rod_robot, told_by, vector_of_parts
 from app.wiring import require_same_mechanism
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid, PlanInvalid
@@ -246,7 +247,7 @@ def _judging(
     return replace(
         setup,
         options=replace(setup.options, workspace=workspace),
-        beyond_model=RodRobots(scenario.robot, datum_sample(campaign.robot.kinematics)),
+        beyond_model=partial(rod_robot, scenario.robot, datum_sample(campaign.robot.kinematics)),
         models=models,
         model=method.model,
     )
@@ -338,7 +339,7 @@ def study_tasks(
 
 def uncertainty_of(noise: Noise) -> TrackerUncertainty:
     """The simulated tracker's, as its data sheet would have it."""
-    return TrackerUncertainty.of_limits(*noise.data_sheet)
+    return TrackerUncertainty.of_limits(**noise.data_sheet)
 
 
 def _noise_of(scenario: Scenario) -> TrackerUncertainty:

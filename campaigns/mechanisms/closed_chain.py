@@ -9,7 +9,7 @@ Jacobian has the sign that it has at home. Newton alone ends on a wrong one, or 
 one pose in a hundred, so every answer is checked for residual, turn, assembly mode and for
 hanging, and what fails is started again from elsewhere.
 
-How a plate tilts that imperfect parts hold is in `configuration.py` and `plate_tilt.py`.
+How a plate tilts that imperfect parts hold is in `configuration.py` and `parasitic_rotation.py`.
 """
 
 import copy
@@ -147,13 +147,13 @@ class ClosedChain:
         joints = np.atleast_2d(np.asarray(joints, dtype=np.float64))
         starts = None if near is None else np.atleast_2d(near)
         poses = np.empty((len(joints), len(self.task)))
-        status = np.empty(len(joints), dtype=np.uint8)
+        found = np.empty(len(joints), dtype=bool)
         for first in range(0, len(joints), CHUNK):
             rows = slice(first, first + CHUNK)
             some_near = None if starts is None else starts[rows]
             solved = self.configuration(p, joints[rows]).assemble(some_near)
-            poses[rows], status[rows] = solved.values, solved.status
-        return KinematicSolution(poses, status)
+            poses[rows], found[rows] = solved.values, solved.found
+        return KinematicSolution(poses, found)
 
     def jacobian(self, p: Array, joints: Array, poses: Array) -> Array:
         """d(pose)/dp (N, t, G) at fixed joints, by the implicit function theorem on the closures.

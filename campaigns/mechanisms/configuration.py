@@ -15,7 +15,6 @@ from campaigns.arrays import Array, Mask
 from campaigns.mechanisms.arms import Arms
 from campaigns.mechanisms.mechanism import KinematicSolution
 from campaigns.mechanisms.parasitic_rotation import (
-    OwnDerivatives,
     RodPairs,
     TiltedForearms,
     displacement,
@@ -205,13 +204,14 @@ class Configuration:
         beyond: Array,
     ) -> None:
         """Add what does not go through the forearms: lengths, and the directions of bars."""
-        own = OwnDerivatives(*(_product(by_normal, each) for each in state.by_own_parameters()))
+        by_own = (_product(by_normal, each) for each in state.by_own_parameters())
+        by_azimuth, by_forearm, by_axis_tilt, by_skew = by_own
         if self.chain.plate.outward_rad is None:
-            by_arms[:, :, AZIMUTH] += own.azimuth
+            by_arms[:, :, AZIMUTH] += by_azimuth
         lengths = -2.0 * by_closure * self.pairs.forearm_mm
-        by_arms[:, :, FOREARM] = lengths + own.forearm
-        beyond[:, -2] += own.axis_tilt
-        beyond[:, -1] = own.skew
+        by_arms[:, :, FOREARM] = lengths + by_forearm
+        beyond[:, -2] += by_axis_tilt
+        beyond[:, -1] = by_skew
 
     def _by_platform(self, poses: Array, forearms_mm: Array) -> Array:
         return self.chain.platform.by_fields(self.platform, poses, forearms_mm)

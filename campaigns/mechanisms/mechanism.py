@@ -8,7 +8,7 @@ axes, mm for prismatic ones. Files and screens say deg and mm.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from enum import IntEnum, IntFlag
+from enum import IntFlag
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
@@ -75,45 +75,32 @@ class Axis:
         return f"[{low}, {high}]"
 
 
-class KinematicStatus(IntEnum):
-    """Outcome of a kinematic solution."""
-
-    FOUND = 0
-    NONE = 1
-    """The mechanism cannot be assembled there."""
-
-
 class NoSolution(ValueError):
     """A pose or a set of joints at which the mechanism cannot be assembled."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KinematicSolution:
-    """Joints or poses (N, k) and each row's status; rows without a solution hold NaN.
+    """Joints or poses (N, k); rows at which the mechanism cannot be assembled hold NaN.
 
-    Whoever has not looked at the status takes the values by `values_or_raise`.
+    Whoever has not looked at `found` takes the values by `values_or_raise`.
     """
 
     values: Array
-    status: NDArray[np.uint8]
+    found: Mask
+    """Rows that hold a solution, (N,)."""
 
     @classmethod
     def where(cls, found: Mask, values: Array) -> Self:
         """Values (N, k) of the rows that were found, NaN elsewhere."""
         values[~found] = np.nan
-        status = np.where(found, KinematicStatus.FOUND, KinematicStatus.NONE)
-        return cls(values, status.astype(np.uint8))
-
-    @property
-    def found(self) -> Mask:
-        """Rows that hold a solution, (N,)."""
-        return np.asarray(self.status == KinematicStatus.FOUND)
+        return cls(values, found)
 
     def values_or_raise(self) -> Array:
         """Values of all rows; raises `NoSolution` naming the first row that has none."""
         if not np.all(self.found):
             row = int(np.argmin(self.found))
-            raise NoSolution(f"no assembly for row {row} of {len(self.status)}")
+            raise NoSolution(f"no assembly for row {row} of {len(self.found)}")
         return self.values
 
 

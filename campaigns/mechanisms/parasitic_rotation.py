@@ -20,7 +20,7 @@ frame, d(R c) = φ × R c.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 
@@ -169,8 +169,11 @@ class TiltedForearms:
         """Rᵀ y, (3, n, N), of vectors y (3, n, N)."""
         return np.asarray(vectors + applied(self.r_minus_i.swapaxes(0, 1), vectors))
 
-    def by_own_parameters(self) -> "OwnDerivatives":
-        """∂(normal equations) by bars' directions and the rods, elbows held, (3, n, N) each."""
+    def by_own_parameters(self) -> tuple[Array, Array, Array, Array]:
+        """∂(normal equations) by azimuth, forearm, axis tilt and skew, elbows held.
+
+        (3, n, N) each.
+        """
         length, bars, axes = self.pairs.forearm_mm, self.pairs.plate_bars, self.pairs.motor_axes
         level = np.hypot(axes[0], axes[1])
         by_azimuth = np.stack([-bars[1], bars[0], np.zeros_like(bars[0])])
@@ -179,21 +182,12 @@ class TiltedForearms:
         azimuth = self.weights * _dot(self.forearms_mm, across) + weighted
         by_tilt = -axes[2] * bars
         by_tilt[2] = level
-        return OwnDerivatives(
+        return (
             azimuth / length,
             -self.weights * (2.0 * self.misfit + self.pairs.skew) / length,
             -self.weights * _dot(self.forearms_mm, by_tilt) / length,
             -self.weights,
         )
-
-
-class OwnDerivatives(NamedTuple):
-    """Derivatives of the normal equations by each arm's own parameters, (3, n, N) each."""
-
-    azimuth: Array
-    forearm: Array
-    axis_tilt: Array
-    skew: Array
 
 
 def rotation_minus_identity(gibbs: Array) -> Array:

@@ -3,7 +3,6 @@
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -31,16 +30,11 @@ Forward = Callable[[Array], Array]
 """From joints (N, n) to a robot's points in the base frame, (N, 3)."""
 
 
-class BeyondModel(Protocol):
-    """Source of robots with unequal rods and tilted axes."""
+BeyondModel = Callable[[Kinematics, Perturbation, np.random.Generator], tuple[Forward, Array]]
+"""Source of robots with unequal rods and tilted axes, each like a true one with perfect parts.
 
-    def __call__(
-        self, true: Kinematics, perturbation: Perturbation, rng: np.random.Generator
-    ) -> tuple[Forward, Array]:
-        """Points of a like robot with such parts, and its parameters (G,), skews and tilts too.
-
-        They are told in the frame of the robot with perfect parts.
-        """
+Gives its points, and its parameters (G,), skews and tilts too, in the datum of that robot.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

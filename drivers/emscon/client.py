@@ -14,11 +14,13 @@ from drivers.wire import emscon as wire
 from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon_constants import (
     Command,
+    DataType,
     ResultStatus,
     SystemChange,
     TrackerLight,
     status_text,
 )
+from drivers.wire.framing import Packet
 
 BUSY_PAUSE_S = 0.1
 MOST_REFLECTORS = 1000
@@ -349,7 +351,7 @@ def _is_state(message: wire.FromServer) -> bool:
 
 
 def _is_passed_over(message: wire.FromServer) -> bool:
-    return _is_state(message) or (isinstance(message, wire.OtherPacket) and not message.is_known)
+    return _is_state(message) or (isinstance(message, Packet) and message.kind not in set(DataType))
 
 
 def _is_reflector(message: wire.FromServer) -> bool:
@@ -375,8 +377,8 @@ def _may_change_settings(message: wire.FromServer) -> bool:
     """
     if isinstance(message, bodies.StatusChange):
         return message.code in SETTINGS
-    if isinstance(message, wire.OtherPacket):
-        return message.is_known
+    if isinstance(message, Packet):
+        return message.kind in set(DataType)
     return isinstance(message, bodies.ReflectorPosition)
 
 

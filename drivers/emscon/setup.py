@@ -15,10 +15,10 @@ UNITS = bodies.Units(
     constants.AngleUnit.DEGREE,
     constants.TemperatureUnit.CELSIUS,
     constants.PressureUnit.MILLIBAR,
-    constants.HumidityUnit.RELATIVE_PERCENT,
+    constants.RELATIVE_PERCENT,
 )
-CARTESIAN = bodies.Code(constants.CoordinateSystemType.RIGHT_HANDED_RECTANGULAR)
-STATIONARY = bodies.Code(constants.Mode.STATIONARY)
+CARTESIAN = bodies.Code(constants.RIGHT_HANDED_RECTANGULAR)
+STATIONARY = bodies.Code(constants.STATIONARY)
 ADM_ON = 1
 
 LASER_REMEDIES: dict[int, str] = {

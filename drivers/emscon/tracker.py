@@ -28,8 +28,8 @@ from drivers.wire import emscon as wire
 from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon_constants import (
     SENSOR_NAMES,
+    STATIONARY,
     Command,
-    Mode,
     ResultStatus,
     StatusBit,
     TrackerLight,
@@ -82,7 +82,7 @@ def measurement_said(raw: str) -> tuple[values.Vector3, values.Matrix3]:
 
 
 def _require_stationary(where: str, result: bodies.SingleResult | bodies.SingleResult2) -> None:
-    if result.mode != Mode.STATIONARY or result.is_trial:
+    if result.mode != STATIONARY or result.is_trial:
         raise DeviceRefused(
             f"{where}: a result of mode {result.mode}, trial {result.is_trial}, "
             f"is not the stationary measurement that was asked for",

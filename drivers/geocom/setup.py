@@ -103,7 +103,7 @@ def set_up(client: GeocomClient, prism: str) -> GeocomSettings:
     _require_robotic(client)
     client.tell(Rpc.TMC_DO_MEASURE, Program.CLEAR, constants.INCLINATION_AUTO)
     client.attempt(Rpc.BAP_SET_TARGET_TYPE, constants.TargetType.REFLECTOR)
-    client.attempt(Rpc.TMC_SET_EDM_MODE, constants.EdmMode.SINGLE_STANDARD)
+    client.attempt(Rpc.TMC_SET_EDM_MODE, constants.EDM_SINGLE_STANDARD)
     choose_prism(client, prism)
     _set_own_frame(client)
     client.tell(Rpc.AUS_SET_USER_ATR_STATE, ON)

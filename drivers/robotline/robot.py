@@ -95,7 +95,7 @@ class LineRobot(RobotController):
     @override
     def state(self) -> RobotState:
         client = self._session.connection
-        status, line = client.ask(wire.AskState(), wire.ControllerStatus, self._deadlines.answer_s)
+        status, line = client.ask(wire.Order.STATE, wire.ControllerStatus, self._deadlines.answer_s)
         joints = inner_units(self._layout.joints, status.joints)
         require_joints(client.name, self._layout.joints, joints)
         return RobotState(
@@ -120,7 +120,7 @@ class LineRobot(RobotController):
         self._ask(wire.MovePose(on_wire, speed_fraction * wire.FASTEST_PERCENT), wire.MotionBegun)
 
     def stop(self) -> None:
-        """StopNow at once, also when the wire is down or the operator has asked to stop.
+        """Stop at once, also when the wire is down or the operator has asked to stop.
 
         Returns when the controller has said that the robot stands; raises `RobotStateUnknown`.
         """
@@ -136,7 +136,7 @@ class LineRobot(RobotController):
         return geometry
 
     def lacks(self, names: Collection[str]) -> tuple[str, ...]:
-        """PartValues of imperfect parts among the named ones, of a controller that has none."""
+        """Parameters of imperfect parts among the named ones, of a controller that has none."""
         asked = tuple(name for name in names if name in self._layout.extensions)
         with self._stopping.undisturbed():
             return asked if asked and not self._knows_extensions() else ()
@@ -150,10 +150,10 @@ class LineRobot(RobotController):
         with self._stopping.undisturbed():
             try:
                 for part in self._layout.parts_of(geometry):
-                    self._ask(wire.StagePart(part), wire.CommandDone)
-                self._ask(wire.Commit(), wire.CommandDone, self._deadlines.commit_s)
+                    self._ask(part, wire.CommandDone)
+                self._ask(wire.Order.COMMIT, wire.CommandDone, self._deadlines.commit_s)
             except DeviceRefused:
-                self._ask(wire.Abandon(), wire.CommandDone)
+                self._ask(wire.Order.ABANDON, wire.CommandDone)
                 raise
 
     @override
@@ -163,7 +163,7 @@ class LineRobot(RobotController):
     def _read(self, parts: Iterable[str]) -> dict[str, float]:
         geometry: dict[str, float] = {}
         for name in parts:
-            part = self._ask(wire.ReadPart(name), wire.PartValues).part
+            part = self._ask(wire.ReadPart(name), wire.Part)
             if part.name != name:
                 self.close()
                 raise WireError(f"the controller answered for {part.name}, asked for {name}")
@@ -213,15 +213,15 @@ class LineRobot(RobotController):
 
     def _stop_and_watch(self, give_up_s: float, answer_s: float) -> None:
         if self._session.is_open:
-            self._ask(wire.StopNow(), wire.CommandDone, answer_s)
+            self._ask(wire.Order.STOP, wire.CommandDone, answer_s)
         else:
-            blind = wire.RobotlineRequest(next(self._numbers), wire.StopNow())
+            blind = wire.RobotlineRequest(next(self._numbers), wire.Order.STOP)
             self._session.use(self._opened(blindly=blind))
             self._session.connection.await_answer(blind, wire.CommandDone, answer_s)
 
         def is_moving() -> bool:
             return self._ask(
-                wire.AskState(), wire.ControllerStatus, self._stopping.at_most_s(answer_s)
+                wire.Order.STATE, wire.ControllerStatus, self._stopping.at_most_s(answer_s)
             ).moving
 
         self._stopping.await_standstill(is_moving, give_up_s=give_up_s)

@@ -100,23 +100,6 @@ class Answer:
         return f"answer to {self.command.title}: {said}"
 
 
-@dataclass(frozen=True, slots=True)
-class OtherPacket:
-    """A packet of a kind that a client of stationary measurements has no use for, or none knows."""
-
-    kind: int
-    body: bytes
-
-    @property
-    def is_known(self) -> bool:
-        """Whether the interface, as far as it is public, has such packets."""
-        return self.kind in _KINDS
-
-    def describe(self) -> str:
-        """Say it to people."""
-        return f"packet of type {self.kind} with {len(self.body)} bytes"
-
-
 Told = (
     bodies.ErrorResponse
     | bodies.StatusChange
@@ -125,7 +108,8 @@ Told = (
     | bodies.SingleResult2
 )
 """Messages that come unasked."""
-FromServer = Answer | Told | OtherPacket
+FromServer = Answer | Told | Packet
+"""A packet as it is where a client of stationary measurements has no use for it, or none knows."""
 FromClient = EmsconRequest | UnknownRequest
 
 _UNASKED: Mapping[int, type[Told]] = {
@@ -136,7 +120,6 @@ _UNASKED: Mapping[int, type[Told]] = {
     DataType.SINGLE_RESULT_2: bodies.SingleResult2,
 }
 _KIND_OF = {body: kind for kind, body in _UNASKED.items()}
-_KINDS = frozenset(DataType)
 
 
 def encode(message: FromServer | FromClient) -> bytes:
@@ -154,8 +137,8 @@ def _packet(message: FromServer | FromClient) -> Packet:
             return Packet(
                 DataType.COMMAND, ANSWER_HEADER.pack(command, status) + bodies.encode_body(body)
             )
-        case OtherPacket(kind, data):
-            return Packet(kind, data)
+        case Packet():
+            return message
         case _:
             return Packet(_KIND_OF[type(message)], bodies.encode_body(message))
 
@@ -181,7 +164,7 @@ def parse_from_server(packet: Packet) -> FromServer:
         return _answer(packet.body)
     if kind := _UNASKED.get(packet.kind):
         return bodies.decode_body(kind, packet.body, may_be_longer=True)
-    return OtherPacket(packet.kind, packet.body)
+    return packet
 
 
 def parse_from_client(packet: Packet) -> FromClient:

@@ -155,22 +155,16 @@ class PressureUnit(IntEnum):
     INCH_MERCURY = 6
 
 
-class HumidityUnit(IntEnum):
-    """Units of air humidity."""
-
-    RELATIVE_PERCENT = 0
+RELATIVE_PERCENT = 0
+"""The one unit of air humidity."""
 
 
-class CoordinateSystemType(IntEnum):
-    """Coordinate system, of eight the one that we use: right-handed, rectangular."""
-
-    RIGHT_HANDED_RECTANGULAR = 0
+RIGHT_HANDED_RECTANGULAR = 0
+"""Coordinate system, of eight the one that we use."""
 
 
-class Mode(IntEnum):
-    """Measurement mode, of several the one that we use."""
-
-    STATIONARY = 0
+STATIONARY = 0
+"""Measurement mode, of several the one that we use."""
 
 
 class TrackerLight(IntEnum):
@@ -182,12 +176,8 @@ class TrackerLight(IntEnum):
     SIX_D_INVALID = 3
 
 
-class TelescopeFace(IntEnum):
-    """Face in which the head looks."""
-
-    UNKNOWN = 0
-    FACE_1 = 1
-    FACE_2 = 2
+FACE_1 = 1
+"""Face in which the head looks, of two."""
 
 
 class ProcessorStatus(IntEnum):
@@ -208,10 +198,8 @@ class LaserStatus(IntEnum):
     OFF = 5
 
 
-class AdmStatus(IntEnum):
-    """State of the absolute distance meter."""
-
-    READY = 2
+ADM_READY = 2
+"""State of the absolute distance meter."""
 
 
 class WeatherMonitor(IntEnum):

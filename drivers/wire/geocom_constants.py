@@ -147,10 +147,8 @@ class Capability(IntEnum):
     TARGET_RECOGNITION = 0x8
 
 
-class EdmMode(IntEnum):
-    """Mode of the distance meter, of several the one that we use."""
-
-    SINGLE_STANDARD = 2
+EDM_SINGLE_STANDARD = 2
+"""Mode of the distance meter, of several the one that we use."""
 
 
 INCLINATION_AUTO = 1

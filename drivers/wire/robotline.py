@@ -10,6 +10,7 @@ import re
 from binascii import crc_hqx
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from enum import Enum
 from functools import cached_property
 from itertools import count
 from typing import Any, ClassVar, Self, TypeVar, cast
@@ -98,23 +99,11 @@ class RobotLayout:
         return dict(zip(self.names_of(part.name), part.values, strict=True))
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
-    """Parameters of one arm or a single one: the words that name them, and their values."""
-
-    name: str
-    values: tuple[float, ...]
-
-    def words(self) -> list[str]:
-        """Words that name and tell them."""
-        return [*self.name.split(), *map(number_word, self.values)]
-
-
 class RobotlineMessage:
     """Message with a letter of `FIELDS` for each field, in the order of its words.
 
     `w` whole number, `d` number, `f` flag, `n` name, `s` speed in percent, `j` joints, `c`
-    coordinates, `a` words that name a part, `p` part.
+    coordinates, `a` words that name a part, `v` the values of that part.
     """
 
     __slots__ = ()
@@ -135,11 +124,6 @@ class Hello(RobotlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class AskState(RobotlineMessage):
-    """Question for what the encoders read now and whether anything is wrong."""
-
-
-@dataclass(frozen=True, slots=True)
 class MoveJoints(RobotlineMessage):
     """Starts a move to joint values."""
 
@@ -157,9 +141,34 @@ class MovePose(RobotlineMessage):
     speed_percent: float
 
 
+class Order(Enum):
+    """Command of a verb alone."""
+
+    STATE = "STATE"
+    """What do the encoders read now, and is anything wrong?"""
+    STOP = "STOP"
+    """Bring the robot to a stand at once."""
+    COMMIT = "COMMIT"
+    """Put all that was staged to work, or nothing."""
+    ABANDON = "ABANDON"
+    """Throw away what was staged."""
+
+    def words(self) -> list[str]:
+        """Words behind the verb: none."""
+        return []
+
+
 @dataclass(frozen=True, slots=True)
-class StopNow(RobotlineMessage):
-    """Brings the robot to a stand at once."""
+class Part(RobotlineMessage):
+    """Parameters of one arm or a single one, by the words that name them.
+
+    As a command: part of a new set, which is laid ready without any effect yet. As an answer: what
+    the controller works with.
+    """
+
+    FIELDS = "av"
+    name: str
+    values: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,24 +177,6 @@ class ReadPart(RobotlineMessage):
 
     FIELDS = "a"
     part: str
-
-
-@dataclass(frozen=True, slots=True)
-class StagePart(RobotlineMessage):
-    """Lays one part of a new parameter set ready, without any effect yet."""
-
-    FIELDS = "p"
-    part: Part
-
-
-@dataclass(frozen=True, slots=True)
-class Commit(RobotlineMessage):
-    """Puts all that was staged to work, or nothing."""
-
-
-@dataclass(frozen=True, slots=True)
-class Abandon(RobotlineMessage):
-    """Throws away what was staged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,32 +212,23 @@ class MotionBegun(RobotlineMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class PartValues(RobotlineMessage):
-    """Parameters of one part as the controller works with them."""
-
-    FIELDS = "p"
-    part: Part
-
-
-@dataclass(frozen=True, slots=True)
 class CommandDone(RobotlineMessage):
     """Done, and nothing more to say."""
 
 
-Command = (
-    Hello | AskState | MoveJoints | MovePose | StopNow | ReadPart | StagePart | Commit | Abandon
-)
-Answer = ControllerGreeting | ControllerStatus | MotionBegun | CommandDone | PartValues
-MESSAGES: Mapping[str, tuple[type[Command], type[Answer]]] = {
+Told = Hello | MoveJoints | MovePose | ReadPart | Part
+Command = Told | Order
+Answer = ControllerGreeting | ControllerStatus | MotionBegun | CommandDone | Part
+MESSAGES: Mapping[str, tuple[type[Told] | Order, type[Answer]]] = {
     "HELLO": (Hello, ControllerGreeting),
-    "STATE": (AskState, ControllerStatus),
+    "STATE": (Order.STATE, ControllerStatus),
     "MOVEJ": (MoveJoints, MotionBegun),
     "MOVEP": (MovePose, MotionBegun),
-    "STOP": (StopNow, CommandDone),
-    "GEOM": (ReadPart, PartValues),
-    "STAGE": (StagePart, CommandDone),
-    "COMMIT": (Commit, CommandDone),
-    "ABANDON": (Abandon, CommandDone),
+    "STOP": (Order.STOP, CommandDone),
+    "GEOM": (ReadPart, Part),
+    "STAGE": (Part, CommandDone),
+    "COMMIT": (Order.COMMIT, CommandDone),
+    "ABANDON": (Order.ABANDON, CommandDone),
 }
 """Command and answer of each verb."""
 _VERBS = {command: verb for verb, (command, _) in MESSAGES.items()}
@@ -256,7 +238,7 @@ MessageT = TypeVar("MessageT", bound=RobotlineMessage)
 
 def verb_of(command: Command) -> str:
     """Verb that a command begins with."""
-    return _VERBS[type(command)]
+    return _VERBS[command if isinstance(command, Order) else type(command)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,7 +320,7 @@ def decode_request(line: bytes, robot: RobotLayout) -> RobotlineRequest:
         reply = RobotlineReply(sequence, UNREAD_VERB, Refused("VERB", problem))
         raise BadRequest(problem, reply)
     try:
-        return RobotlineRequest(sequence, _read_all(words[1:], MESSAGES[verb][0], robot))
+        return RobotlineRequest(sequence, _command(words[1:], MESSAGES[verb][0], robot))
     except WireError as error:
         reply = RobotlineReply(sequence, verb, Refused("ARGUMENT", error.problem))
         raise BadRequest(error.problem, reply) from error
@@ -392,6 +374,7 @@ class Words:
         self._words = words
         self._robot = robot
         self._taken = 0
+        self._part = ""
 
     def word(self, meaning: str) -> str:
         """Take the next word as it stands."""
@@ -454,6 +437,7 @@ class Words:
         singles = [name for name in parts if " " not in name]
         word = self.word(" or ".join(["ARM", *singles]))
         if word in singles or word in self._robot.extensions:
+            self._part = word
             return word
         if word != "ARM":
             raise WireError(f"'{word}' is neither {' nor '.join(['ARM', *singles])}")
@@ -461,12 +445,12 @@ class Words:
         if name not in parts:
             last = len(parts) - len(singles) - 1
             raise WireError(f"arm is {name.removeprefix('ARM ')}, not 0 to {last}")
+        self._part = name
         return name
 
-    def part(self, meaning: str) -> Part:
-        """Take the name of a part and its values."""
-        name = self.part_name(meaning)
-        return Part(name, tuple(self.number(each) for each in self._robot.names_of(name)))
+    def values(self, _meaning: str) -> tuple[float, ...]:
+        """Take the values of the part that was named before."""
+        return tuple(self.number(each) for each in self._robot.names_of(self._part))
 
     def end(self) -> None:
         """Insist that no word is left."""
@@ -488,7 +472,7 @@ _WRITTEN: Mapping[str, Callable[[Any], Sequence[str]]] = {
     "j": _numbers,
     "c": _numbers,
     "a": str.split,
-    "p": Part.words,
+    "v": _numbers,
 }
 _READ: Mapping[str, Callable[[Words, str], object]] = {
     "w": Words.whole,
@@ -499,8 +483,15 @@ _READ: Mapping[str, Callable[[Words, str], object]] = {
     "j": Words.joints,
     "c": Words.coordinates,
     "a": Words.part_name,
-    "p": Words.part,
+    "v": Words.values,
 }
+
+
+def _command(words: Sequence[str], kind: type[Told] | Order, robot: RobotLayout) -> Command:
+    if isinstance(kind, Order):
+        Words(words, robot).end()
+        return kind
+    return _read_all(words, kind, robot)
 
 
 def _read_all(words: Sequence[str], kind: type[MessageT], robot: RobotLayout) -> MessageT:

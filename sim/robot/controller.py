@@ -11,6 +11,7 @@ from sim.geometry import PAR4, Array, Kind, geometry_of, problem_with
 from sim.random_streams import WorkedTime, target_key
 from sim.robot.assembly import OutOfReach, joints_for
 from sim.robot.driven_robot import DrivenRobot
+from sim.robot.section import ControllerSection
 from sim.robot.tilting_kinematics import KnownPlate, is_level, tilted_joints_for
 
 PEAK_OF_SMOOTH = 1.875
@@ -100,21 +101,6 @@ class ControllerState:
 
 
 @dataclass(frozen=True, slots=True)
-class ControllerSettings:
-    """Settings that a controller is delivered with."""
-
-    serial: str
-    lowest: float
-    """Of every joint, rad or mm."""
-    highest: float
-    speed_per_s: float
-    """Of a joint, rad/s or mm/s."""
-    resolution: float
-    """Of an encoder, rad or mm."""
-    emergency_stop: bool
-
-
-@dataclass(frozen=True, slots=True)
 class _Trouble:
     """Reason why the robot stands although nobody stopped it, and until when."""
 
@@ -134,7 +120,7 @@ class SimulatedController:
 
     def __init__(
         self,
-        settings: ControllerSettings,
+        section: ControllerSection,
         robot: DrivenRobot,
         *,
         geometry: Mapping[str, float],
@@ -147,8 +133,10 @@ class SimulatedController:
         self.kind = kind
         self._plate = plate
         self.model = f"simulated {'Par4' if kind is PAR4 else kind.name} controller"
-        self.serial = settings.serial
-        self._settings = settings
+        self.serial = section.serial
+        self._limits = section.limits(kind)
+        self._speed_per_s = section.speed_per_s(kind)
+        self._encoder_step = section.encoder_step(kind)
         self._robot = robot
         self._geometry = dict(geometry)
         self._joints = joints
@@ -157,7 +145,7 @@ class SimulatedController:
         self._motion: AxisMotion | None = None
         self._ends_in = NO_TROUBLE
         self._trouble = NO_TROUBLE
-        if settings.emergency_stop:
+        if section.emergency_stop:
             self._trouble = _Trouble("emergency_stop", "emergency stop pressed", math.inf)
 
     def state(self, now_s: float) -> ControllerState:
@@ -258,7 +246,7 @@ class SimulatedController:
         part = self._robot.passable_part(target)
         if fault is not None and part > HALFWAY:
             part = HALFWAY
-        speed_per_s = speed_fraction * self._settings.speed_per_s
+        speed_per_s = speed_fraction * self._speed_per_s
         whole = smooth_motion(self._joints, target, speed_per_s, now_s)
         if part < 1.0:
             target = self._joints + part * (target - self._joints)
@@ -283,7 +271,7 @@ class SimulatedController:
         kind = self.kind
         if target.shape != (kind.arms,):
             raise Refusal("LIMIT", f"{target.size} joints were given, the robot has {kind.arms}")
-        lowest, highest = self._settings.lowest, self._settings.highest
+        lowest, highest = self._limits
         for joint, value in enumerate(target):
             if not lowest - AT_THE_LIMIT <= value <= highest + AT_THE_LIMIT:
                 limits = f"{kind.text(lowest, 'g')} to {kind.text(highest, 'g')}"
@@ -292,7 +280,7 @@ class SimulatedController:
                 )
 
     def _quantised(self, joints: Array) -> Array:
-        step = self._settings.resolution
+        step = self._encoder_step
         steps: Array = np.round(joints / step)
         return steps * step
 

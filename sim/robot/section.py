@@ -193,6 +193,19 @@ class ControllerSection(Section):
     """A real controller whose joints the robot follows: hal:, hal:ssh HOST, tcp://HOST:PORT."""
     start: StartSection = StartSection()
 
+    def limits(self, kind: Kind) -> tuple[float, float]:
+        """Least and largest value of every joint, rad or mm."""
+        lowest, highest = getattr(self, f"joint_limits_{kind.unit}")
+        return kind.inner(lowest), kind.inner(highest)
+
+    def speed_per_s(self, kind: Kind) -> float:
+        """Speed of a joint, rad/s or mm/s."""
+        return kind.inner(getattr(self, f"joint_speed_{kind.unit}_per_s"))
+
+    def encoder_step(self, kind: Kind) -> float:
+        """Resolution of an encoder, rad or mm."""
+        return kind.inner(getattr(self, f"encoder_step_{kind.unit}"))
+
     @property
     def command(self) -> str:
         """Command that `joints_from` has run, such as `ssh HOST`; empty: none of anybody's."""

@@ -9,17 +9,17 @@ from drivers.values import Vector3
 from drivers.wire import emscon_messages as said
 from drivers.wire.emscon import NOTHING, EmsconRequest
 from drivers.wire.emscon_constants import (
-    AdmStatus,
+    ADM_READY,
+    FACE_1,
+    RIGHT_HANDED_RECTANGULAR,
+    STATIONARY,
     Command,
-    CoordinateSystemType,
     LaserStatus,
-    Mode,
     ProcessorStatus,
     ResultStatus,
     Statistics,
     StatusBit,
     SystemChange,
-    TelescopeFace,
     WeatherMonitor,
 )
 from sim.servers.emscon_units import POWER_ON_UNITS, Scale, first_unknown
@@ -39,8 +39,8 @@ LONGEST_NAME = 31
 MOST_DIGITS = 9
 ZERO: Vector3 = (0.0, 0.0, 0.0)
 ONLY: Mapping[Command, said.Code] = {
-    Command.SET_MEASUREMENT_MODE: said.Code(Mode.STATIONARY),
-    Command.SET_COORDINATE_SYSTEM_TYPE: said.Code(CoordinateSystemType.RIGHT_HANDED_RECTANGULAR),
+    Command.SET_MEASUREMENT_MODE: said.Code(STATIONARY),
+    Command.SET_COORDINATE_SYSTEM_TYPE: said.Code(RIGHT_HANDED_RECTANGULAR),
 }
 """Settings of which there is one value."""
 FOUND = (
@@ -93,7 +93,7 @@ class EmsconInstrument:
             Command.GET_DIRECTION: lambda now_s: said.Direction(*tracker.direction(now_s)),
             Command.GET_MEASUREMENT_STATUS_INFO: self._status_info,
             Command.GET_TRACKER_INFO: self._tracker_info,
-            Command.GET_FACE: lambda _: said.Code(TelescopeFace.FACE_1),
+            Command.GET_FACE: lambda _: said.Code(FACE_1),
             Command.GET_SYSTEM_SOFTWARE_VERSION: lambda _: said.SoftwareVersion(tracker.firmware),
         }
 
@@ -133,7 +133,7 @@ class EmsconInstrument:
         std: Vector3 = (sqrt(xx), sqrt(yy), sqrt(zz))
         total = sqrt(sum(value * value for value in std))
         air = (shot.temperature_degC, shot.pressure_hPa, shot.humidity_percent)
-        status, mode = int(ResultStatus.ALL_OK), int(Mode.STATIONARY)
+        status, mode = int(ResultStatus.ALL_OK), STATIONARY
         head = (status, mode, 0, shot.point_in_tracker_mm, std, total)
         statistics = cast("said.StatisticMode", self._kept[Command.GET_STATISTIC_MODE])
         if statistics.stationary != Statistics.EXTENDED:
@@ -175,7 +175,7 @@ class EmsconInstrument:
             ResultStatus.ALL_OK,
             ProcessorStatus.INITIALIZED if is_up else ProcessorStatus.BOOTED,
             LaserStatus.READY if is_warm else LaserStatus.HEATING_UP,
-            AdmStatus.READY,
+            ADM_READY,
             major,
             minor,
             build,

@@ -35,7 +35,7 @@ POWER_ON_UNITS = said.Units(
     emscon_constants.AngleUnit.RADIAN,
     emscon_constants.TemperatureUnit.CELSIUS,
     emscon_constants.PressureUnit.MILLIBAR,
-    emscon_constants.HumidityUnit.RELATIVE_PERCENT,
+    emscon_constants.RELATIVE_PERCENT,
 )
 QUANTITIES: dict[type[said.Body], str] = {
     said.StationOrientation: "la",
@@ -63,7 +63,7 @@ def first_unknown(units: said.Units) -> int | None:
         units.angle in RAD_PER_UNIT,
         units.temperature in set(emscon_constants.TemperatureUnit),
         units.pressure in HPA_PER_UNIT,
-        units.humidity in set(emscon_constants.HumidityUnit),
+        units.humidity == emscon_constants.RELATIVE_PERCENT,
     )
     return None if all(known) else 1 + known.index(False)
 

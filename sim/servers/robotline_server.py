@@ -67,18 +67,18 @@ class RobotlineSession:
         match command:
             case wire.Hello(version):
                 return self._greet(version)
-            case wire.AskState():
+            case wire.Order.STATE:
                 return self._status(now_s)
             case wire.MoveJoints() | wire.MovePose():
                 return self._move(command, now_s)
-            case wire.StopNow():
+            case wire.Order.STOP:
                 self._controller.stop(now_s)
                 return wire.CommandDone()
             case wire.ReadPart(name):
                 held = dict.fromkeys(self._layout.extensions, 0.0) | self._controller.geometry()
                 values = tuple(held[parameter] for parameter in self._layout.names_of(name))
-                return wire.PartValues(wire.Part(name, values))
-            case wire.StagePart() | wire.Commit() | wire.Abandon():
+                return wire.Part(name, values)
+            case wire.Part() | wire.Order():
                 return self._replace_geometry(command, now_s)
 
     def _greet(self, version: int) -> wire.ControllerGreeting | wire.Refused:
@@ -107,13 +107,11 @@ class RobotlineSession:
         self._has_moved = True
         return wire.MotionBegun(expected_s)
 
-    def _replace_geometry(
-        self, command: wire.StagePart | wire.Commit | wire.Abandon, now_s: float
-    ) -> wire.CommandDone:
-        if isinstance(command, wire.StagePart):
-            self._staged |= self._layout.flat(command.part)
+    def _replace_geometry(self, command: wire.Part | wire.Order, now_s: float) -> wire.CommandDone:
+        if isinstance(command, wire.Part):
+            self._staged |= self._layout.flat(command)
             return wire.CommandDone()
-        if isinstance(command, wire.Commit):
+        if command is wire.Order.COMMIT:
             self._controller.replace_geometry(self._staged, now_s)
         self._staged.clear()
         return wire.CommandDone()

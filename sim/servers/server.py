@@ -9,8 +9,9 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
+from operator import itemgetter
 from queue import SimpleQueue
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from sim.clock import CellClock
 from sim.errors import ServerFailed
@@ -26,11 +27,8 @@ SHORTEST_WAIT_S = 0.0005
 Result = TypeVar("Result")
 
 
-class _Watch(NamedTuple):
-    """Step to take when something has come; `admits` if that lets a new client in."""
-
-    step: Callable[[], None]
-    admits: bool = False
+_Watch = tuple[bool, Callable[[], None]]
+"""Whether it admits a new client, and the step to take when something has come."""
 
 
 class CellServer:
@@ -59,7 +57,7 @@ class CellServer:
         self._stopping = False
         self._stopped = False
         self._failure: BaseException | None = None
-        self._selector.register(self._wake_end, selectors.EVENT_READ, _Watch(self._woken))
+        self._selector.register(self._wake_end, selectors.EVENT_READ, (False, self._woken))
 
     def serve_tcp(self, factory: SessionFactory, device_name: DeviceName, port: int = 0) -> str:
         """Listen on loopback and say where: tcp://127.0.0.1:PORT; raises `ServerFailed`."""
@@ -73,7 +71,7 @@ class CellServer:
         listener.settimeout(0.0)
         self._listeners.append(listener)
         accept = partial(self._accept, listener, factory, device_name)
-        self._selector.register(listener, selectors.EVENT_READ, _Watch(accept, admits=True))
+        self._selector.register(listener, selectors.EVENT_READ, (True, accept))
         return f"tcp://{LOOPBACK}:{listener.getsockname()[1]}"
 
     def serve_pty(self, factory: SessionFactory, device_name: DeviceName) -> str:
@@ -141,8 +139,8 @@ class CellServer:
 
     def _turn(self) -> None:
         ready: list[_Watch] = [key.data for key, _ in self._selector.select(self._patience_s())]
-        for watch in sorted(ready, key=lambda watch: watch.admits):  # who left makes room first
-            watch.step()
+        for _, step in sorted(ready, key=itemgetter(0)):  # who left makes room first
+            step()
         while not self._calls.empty():
             self._calls.get()()
         if self._peers and (now_s := self._clock.now_s()) >= self._next_look_s:
@@ -176,7 +174,7 @@ class CellServer:
         outbox = SendQueue(partial(self._next_fault, device_name))
         peer = Peer(channel, outbox, factory, self._open_count(device_name), self._clock.now_s)
         self._peers[peer] = device_name
-        self._selector.register(channel, selectors.EVENT_READ, _Watch(peer.ready))
+        self._selector.register(channel, selectors.EVENT_READ, (False, peer.ready))
 
     def _open_count(self, device_name: DeviceName) -> int:
         """Number of clients that a device has and that have not just left."""
@@ -190,7 +188,7 @@ class CellServer:
         if peer.is_over:
             self._forget(peer)
         else:
-            self._selector.modify(peer.channel, peer.interest(), _Watch(peer.ready))
+            self._selector.modify(peer.channel, peer.interest(), (False, peer.ready))
 
     def _forget(self, peer: Peer) -> None:
         del self._peers[peer]

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from pydantic import model_validator
@@ -27,15 +27,6 @@ class TrackerPose:
     def to_tracker_mm(self, point_in_base_mm: Array) -> Array:
         """(3,): the same point in the tracker's frame."""
         return self.base_from_tracker.T @ (point_in_base_mm - self.origin_in_base_mm)
-
-
-class DataSheet(NamedTuple):
-    """Limits (MPE) by a data sheet of such a tracker: a constant and a part per metre."""
-
-    along_um: float
-    along_um_per_m: float
-    across_um: float
-    across_um_per_m: float
 
 
 class Limit(Section):
@@ -79,18 +70,22 @@ class Noise(Section):
         return np.asarray(_beam_axes(point_in_tracker_mm) * sigmas_mm)
 
     @property
-    def data_sheet(self) -> DataSheet:
-        """Across the beam the larger of azimuth's and elevation's."""
+    def data_sheet(self) -> dict[str, float]:
+        """Limits (MPE) by a data sheet of such a tracker: a constant and a part per metre.
+
+        Across the beam the larger of azimuth's and elevation's.
+        """
         if self.along is None or self.azimuth is None or self.elevation is None:
             limit_um = (self.coordinate_mm or 0.0) * UM_PER_MM * MPE_PER_SIGMA
-            return DataSheet(limit_um, 0.0, limit_um, 0.0)
+            own = Limit(constant_um=limit_um, per_metre_um=0.0)
+            return Noise(along=own, azimuth=own, elevation=own).data_sheet
         across = (self.azimuth, self.elevation)
-        return DataSheet(
-            self.along.constant_um,
-            self.along.per_metre_um,
-            max(limit.constant_um for limit in across),
-            max(limit.per_metre_um for limit in across),
-        )
+        return {
+            "along_um": self.along.constant_um,
+            "along_um_per_m": self.along.per_metre_um,
+            "across_um": max(limit.constant_um for limit in across),
+            "across_um_per_m": max(limit.per_metre_um for limit in across),
+        }
 
 
 def _beam_axes(point_in_tracker_mm: Array) -> Array:

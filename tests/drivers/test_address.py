@@ -3,18 +3,18 @@
 import pytest
 
 from drivers.errors import AddressInvalid
-from drivers.transport import SerialAddress, TcpAddress, parse_address
+from drivers.transport import parse_address
 
 
 @pytest.mark.parametrize(
     ("url", "address"),
     [
-        ("tcp://robot.local:5020", TcpAddress("robot.local", 5020)),
-        ("tcp://192.168.0.7:1/", TcpAddress("192.168.0.7", 1)),
-        ("tcp://[::1]:65535", TcpAddress("::1", 65535)),
-        ("serial:///dev/ttyUSB0", SerialAddress("/dev/ttyUSB0", 115200)),
-        ("serial:///dev/ttyUSB0?baud=9600", SerialAddress("/dev/ttyUSB0", 9600)),
-        ("serial:///COM3?baud=57600", SerialAddress("COM3", 57600)),
+        ("tcp://robot.local:5020", ("tcp", "robot.local", 5020)),
+        ("tcp://192.168.0.7:1/", ("tcp", "192.168.0.7", 1)),
+        ("tcp://[::1]:65535", ("tcp", "::1", 65535)),
+        ("serial:///dev/ttyUSB0", ("serial", "/dev/ttyUSB0", 115200)),
+        ("serial:///dev/ttyUSB0?baud=9600", ("serial", "/dev/ttyUSB0", 9600)),
+        ("serial:///COM3?baud=57600", ("serial", "COM3", 57600)),
     ],
 )
 def test_address_is_read(url, address):

@@ -17,7 +17,7 @@ from drivers.wire import geocom, robotline
 from drivers.wire.emscon import Answer, EmsconRequest, encode, refusal
 from drivers.wire.emscon_constants import Command
 from drivers.wire.emscon_messages import StatusChange, Units
-from drivers.wire.robotline import AskState, ControllerStatus
+from drivers.wire.robotline import ControllerStatus, Order
 
 NOW = "2026-05-04T10:00:00.000Z"
 READINGS = {name: tracker_driver(name).reading for name in TRACKERS} | {
@@ -204,10 +204,10 @@ class TestEmsconReading:
 class TestLineReadings:
     def test_robotline_is_read_in_both_directions(self):
         reading = READINGS["robotline"]()
-        question = robotline.encode_request(robotline.RobotlineRequest(8, AskState()))
+        question = robotline.encode_request(robotline.RobotlineRequest(8, Order.STATE))
         status = ControllerStatus(moving=False, emergency_stop=True, fault="", joints=(1.0,) * 4)
         answer = robotline.encode_reply(robotline.RobotlineReply(8, "STATE", status))
-        assert reading.sent(question) == ["question 8: AskState()"]
+        assert reading.sent(question) == ["question 8: Order.STATE"]
         (said,) = reading.received(answer)
         assert said.startswith("answer 8 to STATE: ControllerStatus(moving=False")
 

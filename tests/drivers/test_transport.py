@@ -8,7 +8,7 @@ import time
 import pytest
 
 from drivers.errors import LinkDown
-from drivers.transport import CHUNK_BYTES, TcpAddress, TcpTransport, open_transport
+from drivers.transport import CHUNK_BYTES, TcpTransport, open_transport
 
 
 class Line:
@@ -41,8 +41,8 @@ class Host:
 
     def __init__(self):
         self._server = socket.create_server(("127.0.0.1", 0))
-        self.address = TcpAddress("127.0.0.1", self._server.getsockname()[1])
-        self.url = f"tcp://127.0.0.1:{self.address.port}"
+        self.address = "127.0.0.1", self._server.getsockname()[1]
+        self.url = f"tcp://127.0.0.1:{self.address[1]}"
         self.socket = None
 
     def accept(self):
@@ -159,7 +159,7 @@ def test_one_reading_of_a_socket_is_bounded(host, of_host):
 
 
 def test_small_questions_are_sent_at_once(host):
-    ours = TcpTransport.connect(host.address, timeout_s=1.0)
+    ours = TcpTransport.connect(*host.address, timeout_s=1.0)
     assert ours._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
     ours.close()
 

@@ -41,7 +41,6 @@ THEIR_UNITS = {
     "ES_AU_": (ours.AngleUnit, ["Radian", "Degree", "Gon"]),
     "ES_TU_": (ours.TemperatureUnit, ["Celsius", "Fahrenheit"]),
     "ES_PU_": (ours.PressureUnit, ["Mbar", "HPascal", "KPascal", "MmHg", "Psi", "InH2O", "InHg"]),
-    "ES_HU_": (ours.HumidityUnit, ["RH"]),
 }
 
 
@@ -165,7 +164,8 @@ def test_packet_types_and_states_are_theirs():
     assert cesapi.ES_TPS_Initialized == ours.ProcessorStatus.INITIALIZED
     assert cesapi.ES_LPS_LaserReady == ours.LaserStatus.READY
     assert cesapi.ES_TS_Ready == ours.TrackerLight.READY
-    assert cesapi.ES_CS_RHR == ours.CoordinateSystemType.RIGHT_HANDED_RECTANGULAR
+    assert cesapi.ES_HU_RH == ours.RELATIVE_PERCENT
+    assert cesapi.ES_CS_RHR == ours.RIGHT_HANDED_RECTANGULAR
     assert cesapi.ES_SM_Extended == ours.Statistics.EXTENDED
     assert cesapi.ES_MSI_ReflectorFound == ours.StatusBit.REFLECTOR_FOUND
     assert cesapi.ES_MSI_Initialized == ours.StatusBit.INITIALIZED

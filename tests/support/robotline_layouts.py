@@ -17,12 +17,7 @@ THREE_CARRIAGES = messages.RobotLayout.of(
 """Joints in mm, no turn, no parameter beside those of the arms."""
 
 
-NAMES = {
-    "Stop": "StopNow",
-    "Greeting": "ControllerGreeting",
-    "Motion": "MotionBegun",
-    "Done": "CommandDone",
-}
+NAMES = {"Greeting": "ControllerGreeting", "Motion": "MotionBegun", "Done": "CommandDone"}
 """Classes of messages whose golden lines name them otherwise."""
 
 
@@ -38,8 +33,12 @@ def command_of(case):
             return messages.ReadPart(f"ARM {fields['arm']}")
         case "ReadPlate":
             return messages.ReadPart("PLATE")
+        case "AskState":
+            return messages.Order.STATE
+        case "Stop" | "Commit" | "Abandon" as name:
+            return messages.Order[name.upper()]
         case "Stage":
-            return messages.StagePart(_part_of(fields["part"]))
+            return _part_of(fields["part"])
         case name:
             return getattr(messages, NAMES.get(name, name))(**fields)
 
@@ -50,7 +49,7 @@ def outcome_of(case):
         case "Refused":
             return messages.Refused(**fields)
         case "ArmGeometry" | "PlateGeometry":
-            return messages.PartValues(_part_of(fields))
+            return _part_of(fields)
         case "Status":
             return messages.ControllerStatus(*fields.values())
         case name:

@@ -1,12 +1,13 @@
 """Perturbed campaigns and verdicts: what is drawn is true, a false acceptance is seen."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from drawn_study import FREE, NOMINAL, ROBOT, STD, plan, setup_of
 
-from app.study.rods import RodRobots
+from app.study.rods import rod_robot
 from campaigns.design.pose_sampling import workspace_poses
 from campaigns.estimation.datum import datum_sample
 from campaigns.studies.engine import ResultTable, run_task
@@ -24,7 +25,7 @@ pytestmark = pytest.mark.slow
 def setup():
     rng, centre = np.random.default_rng(1), ROBOT.workspace_centre
     workspace = workspace_poses(NOMINAL, ROBOT.limits, centre, 60, rng)
-    robots = RodRobots(load_scenario("realistic").robot, datum_sample(NOMINAL))
+    robots = partial(rod_robot, load_scenario("realistic").robot, datum_sample(NOMINAL))
     return replace(setup_of(plan(unseen_pairs=10), workspace=workspace), beyond_model=robots)
 
 

@@ -14,8 +14,9 @@ from drivers import errors
 from drivers.emscon.client import EmsconDeadlines
 from drivers.values import Weather
 from drivers.wire import emscon_messages as bodies
-from drivers.wire.emscon import Answer, OtherPacket, encode
+from drivers.wire.emscon import Answer, encode
 from drivers.wire.emscon_constants import Command, ResultStatus
+from drivers.wire.framing import Packet
 
 START = Command.START_MEASUREMENT
 
@@ -81,7 +82,7 @@ class TestMeasure:
             Answer(Command.GET_SYSTEM_STATUS, 0, system_status()),
             bodies.ErrorResponse(START, ResultStatus.ALL_OK),
             bodies.ErrorResponse(Command.GET_ENVIRONMENT_PARAMS, 94),
-            OtherPacket(99, bytes(60_000)),
+            Packet(99, bytes(60_000)),
         ],
     )
     def test_state_or_packet_that_nobody_asked_for_does_not_end_a_measurement(
@@ -93,7 +94,7 @@ class TestMeasure:
 
     def test_packets_that_are_passed_over_are_counted(self, station):
         before = station.tracker.state().packets_passed_over
-        station.comes(OtherPacket(99, b""), OtherPacket(3, b""), bodies.StatusChange(26))
+        station.comes(Packet(99, b""), Packet(3, b""), bodies.StatusChange(26))
         station.comes(Answer(Command.GET_TRACKER_STATUS, 0, bodies.Code(1)))
         assert station.tracker.state().packets_passed_over - before == 2
 
@@ -102,9 +103,7 @@ class TestMeasure:
         try:
             before = tracemalloc.get_traced_memory()[0]
             for number in range(300):
-                station.comes(
-                    OtherPacket(99, bytes(60_000)), replace(RESULT, humidity=number / 100)
-                )
+                station.comes(Packet(99, bytes(60_000)), replace(RESULT, humidity=number / 100))
                 station.tracker.state()
             grown = tracemalloc.get_traced_memory()[0] - before
         finally:

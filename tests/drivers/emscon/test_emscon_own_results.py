@@ -11,8 +11,9 @@ from drivers.emscon.tracker import SIMULATED
 from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, LinkDown, NotAMeasurement
 from drivers.link import EVENTS_KEPT
 from drivers.wire import emscon_messages as bodies
-from drivers.wire.emscon import Answer, OtherPacket, encode, refusal
+from drivers.wire.emscon import Answer, encode, refusal
 from drivers.wire.emscon_constants import Command, DataType, ResultStatus, SystemChange
+from drivers.wire.framing import Packet
 from sim.tracker.instrument import SimulatedTracker
 
 START = Command.START_MEASUREMENT
@@ -261,8 +262,8 @@ class TestSettingsInDoubt:
         "live",
         [
             bodies.ReflectorPosition(0, (1.0, 2.0, 3.0)),
-            OtherPacket(DataType.MULTI_RESULT, bytes(40)),
-            OtherPacket(DataType.MULTI_RESULT_2, bytes(40)),
+            Packet(DataType.MULTI_RESULT, bytes(40)),
+            Packet(DataType.MULTI_RESULT_2, bytes(40)),
         ],
     )
     def test_live_results_push_nothing_out_of_the_queue(self, station, live):
@@ -272,7 +273,7 @@ class TestSettingsInDoubt:
 
     @pytest.mark.parametrize(
         "live",
-        [bodies.ReflectorPosition(0, (1.0, 2.0, 3.0)), OtherPacket(DataType.MULTI_RESULT, b"1234")],
+        [bodies.ReflectorPosition(0, (1.0, 2.0, 3.0)), Packet(DataType.MULTI_RESULT, b"1234")],
     )
     def test_live_results_show_that_somebody_changed_settings(self, station, live):
         station.instrument.state[Command.GET_UNITS] = INCHES

@@ -42,9 +42,9 @@ any_command = st.one_of(
     st.builds(wire.MoveJoints, joints, speeds),
     st.builds(wire.MovePose, joints, speeds),
     st.builds(wire.ReadPart, part_names),
-    st.builds(wire.StagePart, parts),
-    st.sampled_from([wire.AskState(), wire.StopNow()]),
-    st.sampled_from([wire.Commit(), wire.Abandon()]),
+    parts,
+    st.sampled_from([wire.Order.STATE, wire.Order.STOP]),
+    st.sampled_from([wire.Order.COMMIT, wire.Order.ABANDON]),
 )
 any_outcome = st.one_of(
     st.tuples(
@@ -55,7 +55,7 @@ any_outcome = st.one_of(
         st.builds(wire.ControllerStatus, st.booleans(), st.booleans(), names, joints),
     ),
     st.tuples(st.just("MOVEP"), st.builds(wire.MotionBegun, numbers)),
-    st.tuples(st.just("GEOM"), st.builds(wire.PartValues, parts)),
+    st.tuples(st.just("GEOM"), parts),
     st.tuples(st.sampled_from(["STOP", "STAGE", "COMMIT"]), st.just(wire.CommandDone())),
 )
 

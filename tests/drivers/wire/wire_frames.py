@@ -8,7 +8,7 @@ from typing import NamedTuple
 from drivers.errors import WireError
 from drivers.wire import emscon, emscon_messages, geocom, linuxcncrsh, robotline
 from drivers.wire.emscon_constants import Command
-from drivers.wire.framing import LineFramer, PacketFramer
+from drivers.wire.framing import LineFramer, Packet, PacketFramer
 from sim.geometry import PAR4
 from sim.servers.robotline_server import layout_of
 
@@ -45,7 +45,7 @@ FROM_INSTRUMENT = (
     ),
     *(emscon.encode(example(kind)) for kind in UNASKED),  # type: ignore[arg-type] # all are of the union
     *(emscon.refusal(command, 39) for command in (1, 42)),
-    emscon.encode(emscon.OtherPacket(3, bytes(84))),
+    emscon.encode(Packet(3, bytes(84))),
 )
 FROM_CLIENT = tuple(
     emscon.encode(emscon.EmsconRequest(c, example(emscon.REQUESTS.get(c, emscon_messages.Nothing))))
@@ -80,7 +80,7 @@ OUTCOMES: tuple[tuple[str, robotline.Answer | robotline.Refused], ...] = (
     ("HELLO", robotline.ControllerGreeting(1, "Example Robotics", "Par4", "SN-0042", "2.1", 4)),
     ("STATE", robotline.ControllerStatus(False, False, "drive 2", (0.0, -45.0, 90.0, 1e-300))),
     ("MOVEJ", robotline.MotionBegun(1.5)),
-    ("GEOM", robotline.PartValues(PART)),
+    ("GEOM", PART),
     ("STOP", robotline.CommandDone()),
     ("MOVEP", robotline.Refused("LIMIT", "joint 3 to 95.0 deg, limit 90.0 deg")),
 )
@@ -91,12 +91,12 @@ ROBOTLINE_REQUESTS = tuple(
     robotline.encode_request(robotline.RobotlineRequest(7, command))
     for command in (
         robotline.Hello(1),
-        robotline.AskState(),
+        robotline.Order.STATE,
         robotline.MoveJoints((0.0, 90.0, -45.0, 1.5), 25.0),
         robotline.MovePose((1.5, -2.5, -575.0, 45.0), 100.0),
         robotline.ReadPart("ARM 0"),
-        robotline.StagePart(PART),
-        robotline.Commit(),
+        PART,
+        robotline.Order.COMMIT,
     )
 )
 LINUXCNC = (

@@ -9,16 +9,9 @@ from sim.faults import Counted, Fault, FaultScript
 from sim.geometry import NOMINAL_ROBOTS, geometry_of
 from sim.random_streams import WorkedTime
 from sim.robot.assembly import joints_for
-from sim.robot.controller import ControllerSettings, Refusal, SimulatedController
+from sim.robot.controller import Refusal, SimulatedController
+from sim.robot.section import ControllerSection
 
-SETTINGS = ControllerSettings(
-    serial="SIM-C-7",
-    lowest=math.radians(-45.0),
-    highest=math.radians(90.0),
-    speed_per_s=math.radians(180.0),
-    resolution=math.radians(1e-6),
-    emergency_stop=False,
-)
 HOME = np.radians([30.0, 30.0, 20.0, 20.0])
 THERE = tuple(np.radians([40.0, 35.0, 10.0, 20.0]))
 
@@ -38,9 +31,8 @@ class Axes:
 
 
 def controller(*, faults=(), axes=None, worked=None, **settings):
-    changed = {name: getattr(SETTINGS, name) for name in SETTINGS.__slots__} | settings
     return SimulatedController(
-        ControllerSettings(**changed),
+        ControllerSection(serial="SIM-C-7", **settings),
         axes or Axes(),
         geometry=NOMINAL_ROBOTS["par4-prototype"],
         joints=HOME,
@@ -79,7 +71,7 @@ def test_no_joint_exceeds_its_speed_and_all_arrive_together():
 
 
 def test_encoders_read_whole_steps():
-    robot = controller(resolution=math.radians(0.01))
+    robot = controller(encoder_step_deg=0.01)
     robot.move_joints(tuple(np.radians([31.2345, 30.0, 20.0, 20.0])), 1.0, 0.0)
     for now_s in (0.01, 0.03, 9.0):
         steps = np.degrees(robot.state(now_s).joints) / 0.01

@@ -52,12 +52,12 @@ def robotline_request(draw, number):
 
     parameters = len(layout_of(PAR4).parts[PART])
     commands = (
-        messages.AskState(),
-        messages.StopNow(),
+        messages.Order.STATE,
+        messages.Order.STOP,
         messages.MoveJoints(some(4), 50.0),
         messages.MovePose(some(4), 100.0),
-        messages.StagePart(messages.Part(PART, some(parameters))),
-        messages.Commit(),
+        messages.Part(PART, some(parameters)),
+        messages.Order.COMMIT,
         messages.ReadPart(PART),
     )
     return robotline.encode_request(robotline.RobotlineRequest(number, draw.choice(commands)))
