@@ -1,10 +1,12 @@
 """Retrying: connecting again after a lost link or a drive's fault, a few times in a row."""
 
 from collections.abc import Callable
+from itertools import takewhile
 
 from campaigns.campaign import Campaign
 from campaigns.errors import Interrupted, NotSettled
-from campaigns.journal.records import Event, Stage
+from campaigns.journal.records import Event, Outcome, Stage
+from campaigns.measuring.stability_check import AFTER_RESTART
 from drivers import errors
 from drivers.ports import Clock
 
@@ -23,7 +25,11 @@ LOOK_S = 0.02
 
 
 class Retries:
-    """Tries left in a row; a shot that counts begins the row anew."""
+    """Tries left in a row; a shot that counts begins the row anew, and so does a passed check.
+
+    Of checks after a restart as many count, between two shots, as tries are allowed: a fault that
+    always comes after the check ends the run all the same.
+    """
 
     def __init__(self, campaign: Campaign, stage: Stage, allowed: int, clock: Clock) -> None:
         self._campaign = campaign
@@ -64,10 +70,15 @@ class Retries:
                 )
             self._clock.sleep_s(min(left_s, LOOK_S))
 
-    def _progress(self) -> tuple[int, int]:
-        """Latest series of the stage, and the shots of it that count."""
+    def _progress(self) -> tuple[int, int, int]:
+        """Latest series of the stage, shots of it that count, and checks passed since the last."""
         if not self._campaign.journal_path.exists():
-            return 0, 0
+            return 0, 0, 0
         with self._campaign.journal_reader() as journal:
             latest = journal.latest_series(self._stage)
-            return (0, 0) if latest is None else (latest.number, len(journal.shots(latest.number)))
+            if latest is None:
+                return 0, 0, 0
+            records = [entry.record for entry in journal.records(latest.number)]
+        since = takewhile(lambda record: not isinstance(record, Outcome), reversed(records))
+        passed = sum(isinstance(each, Event) and AFTER_RESTART in each.text for each in since)
+        return latest.number, len(latest.shots), min(passed, self._allowed)

@@ -16,6 +16,9 @@ ANEW = (
     "--anew; or `pkmcal run` goes on all the same with --anyway"
 )
 
+AFTER_RESTART = "after the restart"
+"""Beginning of the event of a check that a run did before it went on."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StabilityCheck:
@@ -28,14 +31,14 @@ class StabilityCheck:
         """What has changed since these were measured, in words; empty when nothing has."""
         if len(references) == 1:
             return self._of_one(references[0])
-        return self._change("after the restart", references)
+        return self._change(AFTER_RESTART, references)
 
     def _of_one(self, reference: ReferencePose) -> str:
         """How far one pose has moved since it was measured, in words; empty within the limit."""
         outcome = self.shot_taker.retry(partial(self.shot_taker.measure, reference.step))
         moved_mm = dist(reference.then.point_in_tracker_mm, outcome.point_in_tracker_mm)
         limit_mm = self.session.work.gate.drift_mm
-        text = drift_text("after the restart the pose is", moved_mm, limit_mm)
+        text = drift_text(f"{AFTER_RESTART} the pose is", moved_mm, limit_mm)
         self._write(f"shot {outcome.shot}: {text}")
         if moved_mm > limit_mm:
             self.shot_taker.compare_only(outcome, text)

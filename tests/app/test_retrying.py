@@ -3,13 +3,17 @@
 from types import SimpleNamespace
 
 import pytest
+from journal_story import beginning, intent, outcome
+from paper_campaign import new_campaign
 from virtual_time import StopWish, VirtualClock
 
 from app.retrying import LONGEST_PAUSE_S, RETRIED, Retries
 from campaigns.errors import GateRefused, Interrupted, NotSettled
+from campaigns.journal.records import Event
 from drivers.errors import EmergencyStop, LinkDown, RobotStateUnknown, WrongDevice
 
 LOST = LinkDown("no answer", remedy="check the cable")
+CHECKED = Event("drift check", "after the restart nothing has moved")
 
 
 @pytest.fixture
@@ -42,11 +46,37 @@ def test_pauses_grow_to_a_minute_and_the_row_ends(retries):
     assert retries(0).again_after(NotSettled("a", remedy="b")) is None
 
 
-def test_a_shot_that_counts_begins_the_row_anew(retries, monkeypatch):
-    progress = iter([(1, 4), (1, 4), (1, 5), (1, 5)])
-    monkeypatch.setattr(Retries, "_progress", lambda _: next(progress))
-    row = retries(1)
-    assert [row.again_after(LOST) for _ in range(3)] == [1.0, 1.0, None]
+@pytest.fixture
+def begun(tmp_path):
+    """A campaign whose run has begun."""
+    campaign = new_campaign(tmp_path / "paper").campaign
+    with campaign.opened_journal() as journal:
+        journal.start_series(beginning())
+    return campaign
+
+
+def happens(campaign, *records):
+    with campaign.opened_journal() as journal:
+        for record in records:
+            journal.append(record, series=1)
+
+
+def test_a_shot_that_counts_and_a_check_that_was_passed_begin_the_row_anew(begun, clock):
+    row = Retries(begun, "run", 2, clock)
+    pauses_s = [row.again_after(LOST), row.again_after(LOST)]
+    happens(begun, CHECKED)
+    pauses_s += [row.again_after(LOST), row.again_after(LOST)]
+    happens(begun, intent(1), outcome(1))
+    pauses_s += [row.again_after(LOST), row.again_after(LOST), row.again_after(LOST)]
+    assert pauses_s == [1.0, 2.0, 1.0, 2.0, 1.0, 2.0, None]
+
+
+def test_a_fault_that_comes_after_each_check_ends_the_run_all_the_same(begun, clock):
+    row, tries = Retries(begun, "run", 3, clock), 0
+    while row.again_after(LOST) is not None:
+        tries += 1
+        happens(begun, CHECKED)
+    assert 3 < tries <= 12
 
 
 def test_a_wait_ends_in_its_time_or_with_the_wish_to_stop(retries, clock):

@@ -39,9 +39,9 @@ def made(pkmcal, folder, scenario, settings, cell):
     return folder
 
 
-def complete_and_true(pkmcal, folder):
+def complete_and_true(pkmcal, folder, retry=5):
     """Run it, and see that all is measured and nothing stored wrong; gives its sessions."""
-    ran = pkmcal("run", folder, "--yes", "--json", "--retry", 5)
+    ran = pkmcal("run", folder, "--yes", "--json", "--retry", retry)
     assert ran.code == 0, ran.err
     campaign = open_campaign(folder)
     with campaign.journal_reader() as journal:
@@ -157,6 +157,13 @@ def test_random_faults_end_in_a_complete_campaign(survived, times):
         pytest.skip("takes long: only with --times")
     for number in range(min(times, 20)):
         survived(f"random-{number}", random_script(random.Random(number)))
+
+
+def test_unrelated_faults_of_a_hostile_cell_are_survived_by_one_command(pkmcal, tmp_path, times):
+    """As many tries in a row as its page promises to be enough."""
+    for seed in [17] if times == 1 else range(11, 31):
+        folder = made(pkmcal, tmp_path / f"{seed}", "hostile", PATIENT, {"seed": seed})
+        complete_and_true(pkmcal, folder, retry=3)
 
 
 def test_hostile_cell_ends_at_the_parameters_of_one_without_faults(pkmcal, tmp_path, times):
