@@ -15,7 +15,9 @@ from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.errors import JournalFailed, ShotsMissing
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.files.lock import campaign_lock
+from campaigns.journal.digest_chain import ChainEnd
 from campaigns.journal.journal import Journal, JournalReader, open_journal, read_journal
+from campaigns.journal.own_file import rescued_copies, take_rescued
 from campaigns.journal.views import Series
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import CheckedPlan, Pace, check_plan
@@ -205,6 +207,30 @@ class Campaign:
                     f"exchanged, write `identity: {identity}` into it",
                 )
 
+    def require_nothing_rescued(self) -> None:
+        """Raise `JournalFailed` while a rescued journal has records that campaign.db lacks."""
+        for copy in rescued_copies(self.journal_path):
+            try:
+                with read_journal(copy) as kept:
+                    self.require_own(kept.series())
+                    end = kept.end()
+            except JournalFailed:  # not whole, or another campaign's
+                continue
+            if end.number and not self._holds(end):
+                raise JournalFailed(
+                    f"{copy}: a rescued journal with {end.number} records, not all of which "
+                    "campaign.db has",
+                    remedy=f"{take_rescued(copy.name)}; or move {copy.name} elsewhere",
+                )
+
+    def _holds(self, end: ChainEnd) -> bool:
+        """Whether the journal is there, whole, and has all records up to this one."""
+        try:
+            with read_journal(self.journal_path) as journal:
+                return journal.holds(end)
+        except JournalFailed:
+            return False
+
     def require_journal(self) -> None:
         """Raise `ShotsMissing` when nothing was ever written to the journal."""
         if not self.journal_path.exists():
@@ -229,10 +255,15 @@ class Campaign:
 
 
 def open_campaign(folder: Path | str) -> Campaign:
-    """Campaign of a folder; raises `NotACampaign` or `ConfigInvalid`."""
+    """Campaign of a folder; raises `NotACampaign` or `ConfigInvalid`.
+
+    Raises `JournalFailed` while a rescued journal in it waits to be taken.
+    """
     folder = Path(folder)
     config = read_campaign(folder)
-    return Campaign(folder, config, read_campaign_robot(folder, config))
+    campaign = Campaign(folder, config, read_campaign_robot(folder, config))
+    campaign.require_nothing_rescued()
+    return campaign
 
 
 def _towards(from_mm: Vector3, to_mm: Vector3) -> Vector3:

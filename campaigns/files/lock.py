@@ -1,13 +1,15 @@
 """Lock of a campaign: one process at a time."""
 
+import errno
 import json
 import os
 import socket
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from filelock import FileLock, Timeout
+from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
 
 from campaigns.errors import CampaignLocked, WriteFailed
 from drivers.bounded_files import FileRefused, read_bounded
@@ -16,6 +18,15 @@ LOCK_FILE = "campaign.lock"
 HOLDER_FILE = "campaign.lock.holder"
 """A file of its own: some versions of filelock empty the lock file whenever somebody tries it."""
 HOLDER_BYTES = 10_000
+CHECK_THE_FOLDER = "check that the folder exists, the right to write it, and the space on the disk"
+NO_LOCKS = "this file system has no locks: move the campaign folder to a local disk"
+REMEDIES = {
+    errno.ENOSYS: NO_LOCKS,
+    errno.ENOTSUP: NO_LOCKS,
+    errno.ENOLCK: NO_LOCKS,
+    errno.EINTR: "a signal came between: start the command again",
+}
+"""Remedies by what the system says of a lock."""
 
 
 @contextmanager
@@ -27,7 +38,7 @@ def campaign_lock(folder: Path, *, now_utc: Callable[[], str]) -> Iterator[None]
     """
     lock = FileLock(folder / LOCK_FILE, timeout=0)
     try:
-        lock.acquire()
+        _acquire(lock)
     except Timeout as held:
         raise CampaignLocked(
             f"{folder}: another process works on this campaign: {_holder(folder)}",
@@ -40,6 +51,22 @@ def campaign_lock(folder: Path, *, now_utc: Callable[[], str]) -> Iterator[None]
             yield
     finally:
         lock.release()
+
+
+def _acquire(lock: BaseFileLock) -> None:
+    """Acquire it at once; raises `Timeout`, and `OSError` also where the system has no locks.
+
+    There it turns into a file that a process leaves when it is killed, or raises another error.
+    """
+    no_locks = OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            lock.acquire()
+    except NotImplementedError as error:
+        raise no_locks from error
+    if isinstance(lock, SoftFileLock):
+        lock.release()
+        raise no_locks
 
 
 @contextmanager
@@ -75,5 +102,5 @@ def _holder(folder: Path) -> str:
 def _unwritable(folder: Path, error: OSError) -> WriteFailed:
     return WriteFailed(
         f"{folder}: cannot be locked for this process: {error.strerror or error}",
-        remedy="check that the folder exists, the right to write it, and the space on the disk",
+        remedy=REMEDIES.get(error.errno or 0, CHECK_THE_FOLDER),
     )

@@ -8,7 +8,15 @@ from itertools import chain
 from pathlib import Path
 
 from campaigns.errors import JournalFailed
-from campaigns.journal.digest_chain import EMPTY, ChainEnd, JournalDamaged, Row, chain_end
+from campaigns.journal.digest_chain import (
+    EMPTY,
+    FROM_BACKUP,
+    ChainEnd,
+    JournalDamaged,
+    Row,
+    chain_end,
+)
+from campaigns.journal.own_file import close_refused
 
 _PRIMARY_CODE = 0xFF
 """SQLite's extended error codes keep their family in the lowest byte."""
@@ -26,7 +34,7 @@ _REMEDIES: Mapping[int, str] = {
     sqlite3.SQLITE_PERM: _RIGHTS,
     sqlite3.SQLITE_CANTOPEN: "check that the folder exists and that this user may write it",
     sqlite3.SQLITE_NOTADB: "name the campaign's own campaign.db, or bring it back from a backup",
-    sqlite3.SQLITE_CORRUPT: "keep the damaged file and bring campaign.db back from a backup",
+    sqlite3.SQLITE_CORRUPT: FROM_BACKUP,
     sqlite3.SQLITE_CONSTRAINT: f"nothing was written; {_AGAIN}",
 }
 
@@ -272,7 +280,8 @@ def checkpoint(connection: sqlite3.Connection) -> None:
 def connect_to_write(path: Path, *, create: bool) -> sqlite3.Connection:
     """Open a connection in autocommit mode; the caller closes it. Raises `JournalFailed`.
 
-    Its writes go to the log alone, until `checkpoint`.
+    Also, before anything is written, for a file whose pages, indexes or rules are broken. Its
+    writes go to the log alone, until `checkpoint`.
     """
     if not create:
         _check_there(path)
@@ -283,6 +292,7 @@ def connect_to_write(path: Path, *, create: bool) -> sqlite3.Connection:
         blank = create and is_blank(connection)
         if not blank:
             _check_ours(connection, path)
+            verify_file(connection, path)
         _make_durable(connection, path)
         if blank:
             create_tables(connection)
@@ -349,7 +359,7 @@ def _connect(
         try:
             prepare(connection)
         except BaseException:
-            connection.close()
+            close_refused(connection, path)
             raise
     return connection
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from campaigns.errors import JournalFailed
 
-FROM_BACKUP = "the file was changed or damaged: bring campaign.db back from a backup"
+FROM_BACKUP = "move campaign.db and campaign.db-wal away, and bring campaign.db back from a backup"
 
 Content = tuple[int, str, str, int | None, int | None, int | None, str]
 """A record as stored: number, at_utc, kind, series, shot, attempt, body."""

@@ -3,7 +3,7 @@
 import math
 import sqlite3
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -11,6 +11,7 @@ from pathlib import Path
 from campaigns.errors import JournalFailed
 from campaigns.journal import database, views
 from campaigns.journal.digest_chain import JournalDamaged, Row
+from campaigns.journal.own_file import close_refused
 from campaigns.journal.records import Outcome, Record, Rejected, SeriesStarted, from_text
 from campaigns.journal.views import Entry
 from drivers.errors import DriverError
@@ -71,39 +72,51 @@ def inspect_journal(path: Path, readers: RawReaders) -> Inspection:
     Raises `JournalFailed` for a file that is missing, not ours, newer than this program, or that
     SQLite does not take for one of its own.
     """
-    with closing(database.connect_to_read(path)) as connection:
-        problems = [*_damage(connection, path)]
-        rows, digest = list[Row](), ""
-        with suppress(sqlite3.Error):  # which is among the damage
-            rows, stated = database.stored_records(connection)
-            digest = stated.digest
-        entries, unreadable = _entries(rows)
-        series = views.all_series(entries)
-        drivers: dict[int | None, tuple[str, str]] = {
-            each.number: _drivers(each.started) for each in series
-        }
-        measured = [
-            (entry.number, outcome, drivers[entry.series])
-            for entry in entries
-            if (outcome := _measured(entry.record)) and all(drivers.get(entry.series, ("", "")))
-        ]
-        wrong = [
-            Problem(f"record {n}: {text}", n)
-            for n, o, by in measured
-            for text in _said_otherwise(readers, o, *by)
-        ]
-        return Inspection(
-            version=database.version(connection),
-            records=len(rows),
-            chained=sum(row[-1] is not None for row in rows),
-            digest=digest,
-            series=len(series),
-            sessions=sum(each.sessions for each in series),
-            crashed=sum(each.unstopped for each in series),
-            shots=sum(len(each.shots) for each in series),
-            compared=len(measured),
-            problems=(*problems, *unreadable, *wrong),
-        )
+    connection, found = database.connect_to_read(path), None
+    try:
+        with database.sqlite_errors_explained(path, "the journal cannot be read"):
+            found = _inspection(connection, path, readers)
+    finally:
+        if found is not None and found.whole:
+            connection.close()
+        else:
+            close_refused(connection, path)
+    return found
+
+
+def _inspection(connection: sqlite3.Connection, path: Path, readers: RawReaders) -> Inspection:
+    problems = [*_damage(connection, path)]
+    rows, digest = list[Row](), ""
+    with suppress(sqlite3.Error):  # which is among the damage
+        rows, stated = database.stored_records(connection)
+        digest = stated.digest
+    entries, unreadable = _entries(rows)
+    series = views.all_series(entries)
+    drivers: dict[int | None, tuple[str, str]] = {
+        each.number: _drivers(each.started) for each in series
+    }
+    measured = [
+        (entry.number, outcome, drivers[entry.series])
+        for entry in entries
+        if (outcome := _measured(entry.record)) and all(drivers.get(entry.series, ("", "")))
+    ]
+    wrong = [
+        Problem(f"record {n}: {text}", n)
+        for n, o, by in measured
+        for text in _said_otherwise(readers, o, *by)
+    ]
+    return Inspection(
+        version=database.version(connection),
+        records=len(rows),
+        chained=sum(row[-1] is not None for row in rows),
+        digest=digest,
+        series=len(series),
+        sessions=sum(each.sessions for each in series),
+        crashed=sum(each.unstopped for each in series),
+        shots=sum(len(each.shots) for each in series),
+        compared=len(measured),
+        problems=(*problems, *unreadable, *wrong),
+    )
 
 
 def _damage(connection: sqlite3.Connection, path: Path) -> Iterator[Problem]:

@@ -11,7 +11,7 @@ from typing import Self, TypeVar
 from campaigns.errors import JournalFailed
 from campaigns.journal import database, views
 from campaigns.journal.digest_chain import ChainEnd, JournalDamaged, digest_after
-from campaigns.journal.own_file import OwnFile, close_untouched, rescue
+from campaigns.journal.own_file import OwnFile, close_refused, close_untouched, rescue, take_rescued
 from campaigns.journal.records import (
     KIND_OF_TYPE,
     Intent,
@@ -103,6 +103,12 @@ class JournalReader:
         """Return the end of the chain as it was verified, or written since."""
         return self._end
 
+    def holds(self, end: ChainEnd) -> bool:
+        """Whether a record of this number and digest is in it: then all before that are, too."""
+        with database.sqlite_errors_explained(self._path, "the journal cannot be read"):
+            rows, _ = database.stored_records(self._connection)
+        return any(row[0] == end.number and row[-1] == end.digest for row in rows)
+
     def digest(self, *, through: int | None = None) -> str:
         """Return the SHA-256 (hex) over the records as stored, all or up to place `through`."""
         digest = hashlib.sha256()
@@ -115,7 +121,7 @@ class JournalReader:
         try:
             return database.verified_end(self._connection, self._path)
         except BaseException:
-            self._connection.close()
+            close_refused(self._connection, self._path)
             raise
 
     def _rows(self, after: int = 0) -> list[_Row]:
@@ -184,7 +190,6 @@ class Journal(JournalReader):
         self.close()
         self._connection, self._known = database.connect_to_write(self._path, create=False), []
         self._end = self._verified()
-        database.verify_file(self._connection, self._path)
         if self._end != written:
             raise JournalDamaged(
                 f"{self._path}: ends with record {self._end.number}, and {written.number} were "
@@ -239,8 +244,8 @@ class Journal(JournalReader):
             return changed
         return JournalFailed(
             changed.problem,
-            remedy=f"its {self._end.number} records are whole in {kept.name}: move campaign.db and "
-            f"campaign.db-wal away, rename {kept.name} to campaign.db, and start again: it resumes",
+            remedy=f"its {self._end.number} records are whole in {kept.name}: "
+            f"{take_rescued(kept.name)}",
         )
 
     def _is_whole(self, copy: Path) -> bool:

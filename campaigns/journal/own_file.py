@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from campaigns.errors import JournalFailed
+from campaigns.journal.digest_chain import FROM_BACKUP
 
 LOG, INDEX = "-wal", "-shm"
 RESCUED = "-rescued"
@@ -104,6 +105,20 @@ def rescue(
     return None
 
 
+def rescued_copies(path: Path) -> list[Path]:
+    """Copies of a journal that were rescued beside it, the latest first."""
+    found = path.parent.glob(f"{path.stem}{RESCUED}-*{path.suffix}")
+    return sorted(found, key=lambda copy: (len(copy.name), copy.name), reverse=True)
+
+
+def take_rescued(name: str) -> str:
+    """What to do to go on with a rescued copy."""
+    return (
+        f"move campaign.db and campaign.db-wal away, rename {name} to campaign.db, and start "
+        "again: it resumes"
+    )
+
+
 def close_untouched(connection: sqlite3.Connection, path: Path) -> None:
     """Close without moving the log into the database, which would mix it with what others wrote.
 
@@ -114,6 +129,14 @@ def close_untouched(connection: sqlite3.Connection, path: Path) -> None:
         with suppress(sqlite3.Error):
             bystander.execute("SELECT count(*) FROM sqlite_master").fetchone()
         connection.close()
+    connection.close()
+
+
+def close_refused(connection: sqlite3.Connection, path: Path) -> None:
+    """Close a file that was only looked at, and leave a log with records as it is beside it."""
+    log = _stamp(path.with_name(path.name + LOG))
+    if log is not None and log.size:
+        close_untouched(connection, path)
     connection.close()
 
 
@@ -168,5 +191,5 @@ def _require(path: Path, then: _Stamp | None, *, written: bool = False) -> None:
 def _changed(path: Path, how: str) -> JournalFailed:
     return JournalFailed(
         f"{path}: {how} while this process worked with it",
-        remedy="find out which program did it; bring campaign.db back from a backup",
+        remedy=f"find out which program did it; {FROM_BACKUP}",
     )

@@ -1,5 +1,6 @@
 """One process per campaign, and the second one is told who is first."""
 
+import errno
 import os
 from pathlib import Path
 
@@ -109,3 +110,39 @@ def test_a_link_in_the_locks_place_is_not_followed(tmp_path: Path) -> None:
     with pytest.raises(WriteFailed, match="cannot be locked"), campaign_lock(folder, now_utc=noon):
         pytest.fail("held")
     assert others.read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.parametrize(
+    ("number", "remedy"),
+    [
+        (errno.ENOSYS, "this file system has no locks: move the campaign folder to a local disk"),
+        (errno.ENOLCK, "this file system has no locks: move the campaign folder to a local disk"),
+        (errno.EINTR, "start the command again"),
+        (errno.ENOSPC, "the space on the disk"),
+    ],
+    ids=errno.errorcode.get,
+)
+def test_what_keeps_the_system_from_locking_is_said_in_one_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    number: int,
+    remedy: str,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """And no softer lock takes its place, which a killed process would leave for ever."""
+
+    def flock(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("fcntl.flock", flock)
+    with (
+        pytest.raises(WriteFailed, match=os.strerror(number)) as refused,
+        campaign_lock(tmp_path, now_utc=noon),
+    ):
+        pass
+    assert remedy in refused.value.remedy
+    assert "\n" not in str(refused.value)
+    assert capfd.readouterr().err == ""
+    monkeypatch.undo()
+    with campaign_lock(tmp_path, now_utc=noon):
+        pass
