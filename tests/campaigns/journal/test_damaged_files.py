@@ -107,7 +107,7 @@ def test_rescued_records_are_told_of_by_every_command_until_campaign_db_has_them
     for file in folder.glob("campaign.db-*"):
         file.unlink()
     path.write_bytes(backup)
-    with pytest.raises(JournalFailed, match="not all of which campaign.db has"):
+    with pytest.raises(JournalFailed, match=r"not all of which campaign\.db has"):
         open_campaign(folder)
     path.write_bytes((folder / copy).read_bytes())
     assert open_campaign(folder) == campaign
