@@ -51,6 +51,7 @@ from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, shots_of_journal
 
 FoundT = TypeVar("FoundT")
+STAGES: tuple[Literal["before", "after"], ...] = ("before", "after")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -233,17 +234,16 @@ class Evaluation:
             self.validated("after"),
             self.checks,
             validated=self.after is not None,
-            held=self._held_in_words,
+            held=tuple(self._held_in_words()),
             gained=gained_in_words(self.gains, found.unseen_mm if found else None),
         )
 
-    @property
-    def _held_in_words(self) -> str:
-        """What the controller held after calibration, where that is not the whole set itself."""
-        held = self.evidence.held("after")
-        if held is None or not (held.form or held.declared):
-            return ""
-        return f"Validated after with {held.says}."
+    def _held_in_words(self) -> Iterator[str]:
+        """What the controller held in each stage, where a reader has to be told."""
+        for stage in STAGES:
+            held = self.evidence.held(stage)
+            if held is not None and (held.form or held.declared):
+                yield f"Validated {stage} with {held.says}."
 
     def _validation(self, every: tuple[MeasuredSeries, ...]) -> validation.ValidationResult | None:
         instrument = self.evidence.campaign.instrument
@@ -472,6 +472,7 @@ def _checks(evidence: Evidence) -> Iterator[Check]:
         yield Check("the results belong to one identification", None, "nothing was identified")
     else:
         yield from _identified_checks(evidence, found)
+    yield _before_check(evidence)
     yield _limits_check(evidence)
     if journal is not None and journal.unended_load:
         statement = "it is known what the controller holds"
@@ -523,6 +524,15 @@ def _same_origin(statement: str, held: ControllerState | None, identified: str) 
     found = same_digest(statement, held.origin, identified)
     told = held.form or held.declared
     return replace(found, detail=f"{held.says}, {found.detail}") if told else found
+
+
+def _before_check(evidence: Evidence) -> Check:
+    """Errors before calibration are the nominal robot's; a reader should know of others."""
+    statement = "the controller held the nominal parameters when it was validated before"
+    held = evidence.held("before")
+    if held is None:
+        return Check(statement, None, "nothing to compare", decides=False)
+    return Check(statement, held.kind == "nominal", held.says, decides=False)
 
 
 def _limits_check(evidence: Evidence) -> Check:

@@ -62,7 +62,8 @@ def command(
         ),
     ] = None,
     anyway: Annotated[
-        bool, typer.Option("--anyway", help="With --stage: though the set is of the other stage.")
+        bool,
+        typer.Option("--anyway", help="With --stage: though it is wrong, or measured already."),
     ] = False,
     json: Json = False,
 ) -> None:

@@ -16,7 +16,7 @@ from campaigns.measuring.session import RunResult
 from campaigns.measuring.work import Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
-from campaigns.workflow.running import predicted_end, run_preview, run_work
+from campaigns.workflow.running import predicted_end, run_preview, run_work, state_by_journal
 
 
 def command(
@@ -46,6 +46,9 @@ def command(
     campaign = open_campaign(folder)
     checked = campaign.checked_plan()
     terminal.note(plan_line(checked))
+    held = state_by_journal(campaign)
+    if held is not None:
+        terminal.note(f"since the last load the controller holds {held.says}")
     work = run_work(campaign, checked, options)
     ran = None if anew else found_measured(campaign, work, terminal)
     if dry:

@@ -28,7 +28,7 @@ Only = Annotated[
 ]
 Anyway = Annotated[
     bool,
-    typer.Option("--anyway", help="Measure though the controller's parameters are of the other."),
+    typer.Option("--anyway", help="Measure though it is the wrong stage, or 'before' is measured."),
 ]
 
 
@@ -60,7 +60,8 @@ def command(
     turns; how straight lines along x, y and z are; repeatability of approaches from all sides;
     and, from the same shots as the distances, absolute accuracy in the tracker's frame. Poses
     are commanded, so the controller's own parameters are put to the test. What it holds is read
-    first: the nominal parameters are not "after", identified ones not "before".
+    first: the nominal parameters are not "after", any but the nominal ones not "before". What was
+    measured before calibration is measured again only with consent.
 
     With --by targets nothing is loaded: the controller keeps its nominal parameters, corrected
     poses are commanded, as `pkmcal correct` writes them, and errors are judged against the wanted
@@ -77,6 +78,10 @@ def command(
         terminal.say(f"would measure, as '{stage}': {', '.join(names)}; nothing was moved")
         terminal.document({"stage": stage, "tests": names})
         return
+    tests = frozenset(SET_OF[name] for name in names)
+    again = validation.replaced(campaign, stage, tests)
+    if again and not anyway and not terminal.asks(f"{again.problem}. Measure it again?"):
+        raise again
     with connected_robot(campaign) as controller:
         wrong = validation.wrong_stage(
             campaign, controller.read_geometry(), stage, terminal.note, by=by
@@ -87,9 +92,9 @@ def command(
     speed_percent = campaign.config.controller.speed_percent
     question = CLEAR.format(stage=stage, speed=f"{speed_percent:g} %", serial=serial)
     terminal.require_yes(question, yes=yes)
-    if wrong is not None:
-        terminal.note(f"! {wrong.problem}", WARNING)
-        validation.record_anyway(campaign, wrong)
+    for each in filter(None, (again, wrong)):
+        terminal.note(f"! {each.problem}", WARNING)
+    validation.require_or_record(campaign, (again, wrong), anyway=True)
     wanted = () if {*names} == {*SET_OF} else names
     words = [word for name in wanted for word in ("--only", name)]
     words += ["--anyway"] if anyway else []
@@ -98,7 +103,7 @@ def command(
         campaign,
         stage,
         terminal,
-        frozenset(SET_OF[name] for name in names),
+        tests,
         again=shlex.join(["pkmcal", "validate", str(folder), "--stage", stage, *words]),
         anew=anew,
         by=by,

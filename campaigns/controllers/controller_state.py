@@ -91,6 +91,10 @@ class KnownSets:
                 return known
         return Parameters.of(self.nominal.space, values)
 
+    def state_of(self, values: Mapping[str, float]) -> ControllerState:
+        """State of a controller that holds these values."""
+        return self.state(self.held(values).digest())
+
     def state(self, digest: str) -> ControllerState:
         """State of a controller that holds the set of this digest."""
         form = self.forms.get(digest)

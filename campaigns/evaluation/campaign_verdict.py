@@ -54,14 +54,14 @@ def campaign_verdict(
     checks: Sequence[Check],
     *,
     validated: bool,
-    held: str = "",
+    held: tuple[str, ...] = (),
     gained: str = "",
 ) -> CampaignVerdict:
     """Pass only if the identification passed, the limits are surely kept and the files agree.
 
-    `validated`: whether the robot was measured after calibration. `held`: what its controller held
-    then, where a reader has to be told. `gained`: what calibration
-    gained, which is told where no limit is asked for.
+    `validated`: whether the robot was measured after calibration. `held`: what its controller held,
+    in sentences, where a reader has to be told. `gained`: what calibration gained, which is told
+    where no limit is asked for.
     """
     broken = [check for check in checks if check.holds is False]
     decisions: list[Decision] = [NOT_DECIDED for check in broken if check.decides]
@@ -73,7 +73,7 @@ def campaign_verdict(
     reasons = (
         *_of_identification(identification),
         *_of_limits(after, validated=validated),
-        *([held] if held else []),
+        *held,
         *(f"Does not hold: {check.statement} ({check.detail})." for check in broken),
     )
     headline = HEADLINES[decision]

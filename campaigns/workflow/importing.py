@@ -18,8 +18,9 @@ from campaigns.shots.shots_csv import ShotRow
 from campaigns.workflow.validation import (
     Validated,
     ValidationStage,
-    record_anyway,
     record_validation,
+    replaced,
+    require_or_record,
     wrong_state,
 )
 from campaigns.workflow.work import known_sets
@@ -120,13 +121,11 @@ def import_validation(
     by_targets = held.by == "targets" and stage == "after"
     state = known_sets(campaign).state(held.parameters.digest())
     wrong = None if by_targets else wrong_state(campaign, state, stage)
-    if wrong is not None and not anyway:
-        raise OptionsInvalid(
-            wrong.problem,
-            remedy="say what it held by --with FILE; --anyway takes them in as they are",
-        )
     if wrong is not None:
-        record_anyway(campaign, wrong)
+        remedy = "say what it held by --with FILE; --anyway takes them in as they are"
+        wrong = OptionsInvalid(wrong.problem, remedy=remedy)
+    again = replaced(campaign, stage, frozenset(row.purpose for row in rows))
+    require_or_record(campaign, (again, wrong), anyway=anyway)
     kinematics = Kinematics.of(robot.mechanism, held.parameters)
     with campaign.journal() as journal:
         series = append_import(

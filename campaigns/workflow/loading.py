@@ -285,8 +285,7 @@ class _Loading:
 
     def _state(self, held: Mapping[str, float]) -> ControllerState:
         findings = (each.record for each in self.journal.records_of(Finding))
-        sets = KnownSets.of(self.campaign.robot, findings)
-        return sets.state(sets.held(held).digest())
+        return KnownSets.of(self.campaign.robot, findings).state_of(held)
 
     def _measured_before(
         self, held: Mapping[str, float], shots: tuple[PlannedShot, ...]

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from campaigns.campaign import Campaign
+from campaigns.controllers.controller_state import ControllerState
+from campaigns.controllers.load_journal import load_history
 from campaigns.errors import OptionsInvalid
 from campaigns.estimation.estimators import Model
 from campaigns.measuring import resume
@@ -15,7 +17,7 @@ from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.planning.predicted_uncertainty import EstimationSetup, require_identifiable
 from campaigns.planning.steps import groups, joint_steps, shots_of
-from campaigns.workflow.work import engine_work, free_parameters
+from campaigns.workflow.work import engine_work, free_parameters, known_sets
 
 
 def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | None = None) -> Work:
@@ -68,6 +70,18 @@ class RunPreview:
     """What --skip leaves out."""
     seconds: float
     """Estimate for what is left."""
+
+
+def state_by_journal(campaign: Campaign) -> ControllerState | None:
+    """State of the controller after the latest load in the journal; None without any.
+
+    Joints are commanded in a run: nothing depends on it, and nobody is asked.
+    """
+    if not campaign.journal_path.exists():
+        return None
+    with campaign.journal_reader() as journal:
+        loads = load_history(journal).effective
+    return known_sets(campaign).state(loads[-1].digest) if loads else None
 
 
 def run_preview(

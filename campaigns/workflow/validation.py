@@ -1,6 +1,6 @@
 """Validation of a campaign: how good the robot is as its user commands it."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,7 +14,7 @@ from campaigns.controllers.load_journal import FOUND_AGAIN, Holding, load_histor
 from campaigns.errors import OptionsInvalid
 from campaigns.evaluation import validation
 from campaigns.evaluation.campaign_verdict import CampaignVerdict
-from campaigns.evidence import Evaluation, evaluate
+from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.identification.options import Selection
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Event, Finding, Stage
@@ -146,8 +146,7 @@ def wrong_stage(
     mixture = _ended_load(campaign, held, tell)
     if mixture:
         return OptionsInvalid(f"--stage {stage}: {mixture}", remedy=AGAIN)
-    sets = known_sets(campaign)
-    return wrong_state(campaign, sets.state(sets.held(held).digest()), stage, by)
+    return wrong_state(campaign, known_sets(campaign).state_of(held), stage, by)
 
 
 def wrong_state(
@@ -180,6 +179,29 @@ def wrong_state(
     )
 
 
+def replaced(
+    campaign: Campaign, stage: ValidationStage, tests: frozenset[ShotSet] = TESTS
+) -> OptionsInvalid | None:
+    """What speaks against measuring tests before calibration: they were, and are the reference."""
+    if stage == "after":
+        return None
+    done = [each for each in gather(campaign).before if each.series.finished]
+    found = {
+        name: each.series.number
+        for name, test in validation.SET_OF.items()
+        for each in done
+        if test in tests and test in each.shots.purposes
+    }
+    if not found:
+        return None
+    series = ", ".join(map(str, sorted(set(found.values()))))
+    return OptionsInvalid(
+        f"--stage before: measured already (series {series}): {', '.join(found)}; a later one "
+        "would count in its place",
+        remedy=f"`pkmcal run {campaign.folder}` comes next; {AGAIN}",
+    )
+
+
 def require_means(stage: ValidationStage, by: CalibrationRoute) -> None:
     """Raise `OptionsInvalid` for corrected targets before calibration."""
     if by == "targets" and stage == "before":
@@ -189,10 +211,16 @@ def require_means(stage: ValidationStage, by: CalibrationRoute) -> None:
         )
 
 
-def record_anyway(campaign: Campaign, wrong: OptionsInvalid) -> None:
-    """Write into the journal that a stage is measured although it is the wrong one."""
-    with campaign.journal() as journal:
-        journal.append(Event("wrong stage", f"measured all the same: {wrong.problem}"))
+def require_or_record(
+    campaign: Campaign, objections: Iterable[OptionsInvalid | None], *, anyway: bool
+) -> None:
+    """Raise the first objection to a stage, or write into the journal what is done `anyway`."""
+    found = [each for each in objections if each is not None]
+    if found and not anyway:
+        raise found[0]
+    for wrong in found:
+        with campaign.journal() as journal:
+            journal.append(Event("wrong stage", f"measured all the same: {wrong.problem}"))
 
 
 def validate(
@@ -209,16 +237,14 @@ def validate(
     """Measure on a connected cell how good the robot is as its user commands it, and judge it.
 
     By targets, the controller keeps its nominal parameters and is commanded corrected poses; errors
-    are judged against the wanted ones. Raises `OptionsInvalid` for the wrong stage unless it is
-    measured `anyway`.
+    are judged against the wanted ones. Raises `OptionsInvalid` for the wrong stage, and for what
+    was measured before already, unless it is measured `anyway`.
     """
     require_means(stage, by)
     active = cell.robot.read_geometry()
+    again = replaced(campaign, stage, tests)
     wrong = wrong_stage(campaign, active, stage, observer.event, by=by)
-    if wrong is not None and not anyway:
-        raise wrong
-    if wrong is not None:
-        record_anyway(campaign, wrong)
+    require_or_record(campaign, (again, wrong), anyway=anyway)
     work, notes = validation_work(campaign, stage, active, tests, by)
     for note in notes:
         observer.event(note)

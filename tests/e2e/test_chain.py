@@ -249,7 +249,10 @@ def test_one_test_alone_needs_no_plan_and_a_broken_limit_is_not_good(pkmcal, pla
     assert "SIM-C-0001" in ended.err
     assert "settling rotation 2" in ended.err
     change(planned / "campaign.yaml", {"acceptance.rotation_mm": 0.001})
-    ended = pkmcal(*command)
+    refused = pkmcal(*command)
+    assert refused.code == 2
+    assert "--stage before: measured already (series 1): rotation;" in refused.error_line
+    ended = pkmcal(*command, "--anyway")
     assert ended.code == 1
     assert "rotation" in ended.out
     assert "limit 0.001 mm" in ended.out

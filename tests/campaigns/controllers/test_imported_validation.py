@@ -22,7 +22,7 @@ from campaigns.shots.shots_csv import ShotRow, write_shots
 from campaigns.workflow.correction import CorrectionTerms, correct_poses_file
 from campaigns.workflow.files import export
 from campaigns.workflow.importing import declared_set, import_validation
-from campaigns.workflow.validation import validation_work
+from campaigns.workflow.validation import replaced, validation_work
 
 LIMITS = AcceptanceConfig(
     distance_mean_mm=0.1,
@@ -133,6 +133,25 @@ def test_the_wrong_set_is_refused_and_what_is_taken_in_anyway_is_told(paper: Pap
     assert done.verdict.decision == "fail"
     events = [each.text for each in done.evaluation.evidence.journal.incidents]
     assert any("measured all the same: --stage after" in text for text in events)
+
+
+def test_what_was_measured_before_is_replaced_only_with_consent(paper: PaperCampaign) -> None:
+    shots = rows(paper, NOMINAL.robot.kinematics)
+    pairs = [row for row in shots if row.pair is not None]
+    others = [row for row in shots if row.pair is None]
+    first = taken_in(paper, "before", pairs).result.distances.mean.value_mm
+    assert replaced(paper.campaign, "after") is None
+    with pytest.raises(OptionsInvalid, match=r"--stage before: measured already .* distances;"):
+        taken_in(paper, "before", pairs[2:])
+    found = replaced(paper.campaign, "before")
+    assert found is not None
+    assert "--anyway" in found.remedy
+    both = taken_in(paper, "before", others)
+    assert both.whole.distances.mean.value_mm == first, "other tests are no replacement"
+    taken_in(paper, "before", pairs[2:], anyway=True)
+    assert len(evaluate(paper.campaign).before.distances.pairs) == len(pairs) // 2 - 1
+    events = [each.text for each in evaluate(paper.campaign).evidence.journal.incidents]
+    assert any("measured all the same: --stage before: measured already" in each for each in events)
 
 
 def test_shots_of_no_test_are_refused(paper: PaperCampaign) -> None:

@@ -33,8 +33,8 @@ def restarted(evidence: Evidence, **changes: object) -> Evidence:
 
 def test_a_whole_campaign_holds_together(evidence: Evidence) -> None:
     found = {check.statement: check.holds for check in checks(evidence)}
-    assert len(found) == 7
-    assert list(found.values()) == [True] * 6 + [None]  # the paper journal holds no settings
+    assert len(found) == 8
+    assert list(found.values()) == [True] * 7 + [None]  # the paper journal holds no settings
 
 
 def test_another_plan_than_was_measured_is_found(evidence: Evidence) -> None:
@@ -68,6 +68,19 @@ def test_another_load_is_found(evidence: Evidence) -> None:
 def test_a_validation_with_other_parameters_is_found(evidence: Evidence) -> None:
     (found,) = broken(restarted(evidence, robot_file_digest=NOMINAL.robot.digest()))
     assert found.startswith("the controller held it")
+
+
+def test_a_before_with_other_parameters_is_told_and_decides_nothing(evidence: Evidence) -> None:
+    (measured,) = evidence.before
+    started = replace(measured.series.started, robot_file_digest="0" * 64)
+    series = replace(measured.series, started=started)
+    (found,) = [
+        check
+        for check in checks(replace(evidence, before=(replace(measured, series=series),)))
+        if check.holds is False
+    ]
+    assert "neither nominal nor identified" in found.detail
+    assert not found.decides
 
 
 def test_limits_changed_after_the_validation_are_found_and_decide_nothing(
