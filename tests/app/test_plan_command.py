@@ -7,7 +7,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from par4_space import FREE_BY_DEFAULT, SKEW_NAMES, SPACE
+from par4_space import SKEW_NAMES, SPACE
 
 from app.main import run_command
 from app.new_campaign import create_simulated
@@ -16,12 +16,12 @@ from campaigns.campaign import open_campaign
 from campaigns.design.criteria import CriterionName
 from campaigns.design.restricted_space import UNRESTRICTED, Rectangle, RestrictedSpace, Zone
 from campaigns.errors import GoalInvalid, OptionsInvalid, PlanInvalid, WriteFailed
-from campaigns.estimation.estimators import Estimator, Model
-from campaigns.estimation.information import Uncertainty, predict_points
+from campaigns.estimation.estimators import Model
+from campaigns.estimation.information import Uncertainty
 from campaigns.estimation.observability import observability
-from campaigns.estimation.tracker_noise import TrackerUncertainty, point_covariance_mm2
+from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.options import PlanOptions
-from campaigns.planning.plans import Placement, joints_of, poses_of
+from campaigns.planning.plans import Placement
 from campaigns.planning.predicted_uncertainty import Forecast
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.planning import plan
@@ -90,7 +90,7 @@ def asked_of(monkeypatch):
     return ask
 
 
-def test_what_asks_for_choosing_asks_for_the_optimal_placement(campaign, asked_of):
+def test_placement_is_by_option_or_setting_and_optimal_where_shots_are_chosen(campaign, asked_of):
     for options in (
         PlanOptions(until="σ=0.1"),
         PlanOptions(criterion="D"),
@@ -100,6 +100,10 @@ def test_what_asks_for_choosing_asks_for_the_optimal_placement(campaign, asked_o
         assert asked_of(campaign, options)[0] is Placement.OPTIMAL
     for options in (None, PlanOptions()):
         assert asked_of(campaign, options)[0] is Placement.BOUNDARY
+    campaign = with_setting(campaign, "placement: boundary", "placement: optimal")
+    assert asked_of(campaign)[0] is Placement.OPTIMAL
+    near = PlanOptions(placement=Placement.BOUNDARY)
+    assert asked_of(campaign, near)[0] is Placement.BOUNDARY
 
 
 @pytest.mark.parametrize(
@@ -108,13 +112,6 @@ def test_what_asks_for_choosing_asks_for_the_optimal_placement(campaign, asked_o
 def test_boundary_placement_with_what_asks_for_choosing_is_refused(option, value):
     with pytest.raises(OptionsInvalid, match=rf"--{option} .* --placement boundary"):
         PlanOptions(placement=Placement.BOUNDARY, **{option: value})
-
-
-def test_the_settings_placement_holds_unless_an_option_says_otherwise(campaign, asked_of):
-    campaign = with_setting(campaign, "placement: boundary", "placement: optimal")
-    assert asked_of(campaign)[0] is Placement.OPTIMAL
-    near = PlanOptions(placement=Placement.BOUNDARY)
-    assert asked_of(campaign, near)[0] is Placement.BOUNDARY
 
 
 def test_with_a_goal_the_shots_asked_for_are_the_most_allowed(campaign, asked_of):
@@ -143,33 +140,6 @@ def test_every_criterion_has_its_letter(campaign, asked_of, capsys):
         assert asked_of(campaign, PlanOptions(criterion=letter))[1].criterion == letter
 
 
-@pytest.mark.long
-def test_an_optimal_plan_tells_more_than_one_near_the_boundary(plan_of):
-    near = plan_of(PlanOptions(shots=60, seed=1))
-    best = plan_of(PlanOptions(shots=60, seed=1, candidates=800))
-    assert len(best.checked.shots) == len(near.checked.shots)
-    assert worst_mm(best) < 0.8 * worst_mm(near)
-    mean_mm = [each.forecast.position_std_mm.mean() for each in (best, near)]
-    assert mean_mm[0] < 0.9 * mean_mm[1]
-
-
-@pytest.mark.slow
-def test_a_plan_for_a_goal_meets_it_by_the_campaigns_tracker(campaign, plan_of):
-    planned = plan_of(PlanOptions(until="σ=0.06", candidates=FEW))
-    shots = identification(planned)
-    poses = poses_of(shots)
-    tracker = campaign.config.tracker
-    noise = point_covariance_mm2(poses[:, :3] - np.array(tracker.place_mm), campaign.instrument)
-    geometry = campaign.nominal.robot.kinematics
-    found, _ = predict_points(geometry, FREE_BY_DEFAULT, joints_of(shots), poses, noise)
-    lengths = [n.endswith("_mm") for n in FREE_BY_DEFAULT]
-    worst = np.sqrt(np.diag(found)[: len(lengths)])[lengths].max()
-    assert worst <= 0.06
-    assert worst_mm(planned) == pytest.approx(worst)
-    assert len(shots) < 60
-    assert len(shots) in {at.shots for at in planned.curve}
-
-
 @pytest.mark.slow
 def test_the_data_sheet_in_the_settings_is_what_is_reckoned_with(campaign, plan_of):
     assert campaign.instrument == TrackerUncertainty.of_limits(15, 0, 15, 0)
@@ -179,14 +149,6 @@ def test_the_data_sheet_in_the_settings_is_what_is_reckoned_with(campaign, plan_
         coarse_one = with_setting(coarse_one, f"{key}: 15.0", f"{key}: 45.0")
     coarse = plan(coarse_one, PlanOptions(shots=44))
     assert worst_mm(coarse) == pytest.approx(3.0 * worst_mm(sharp), rel=1e-6)
-
-
-@pytest.mark.long
-def test_coordinates_tell_more_than_distances_of_the_same_plan(plan_of):
-    points = plan_of(PlanOptions(shots=60))
-    distances = plan_of(PlanOptions(shots=60, estimator=Estimator.DISTANCES))
-    assert points.checked == distances.checked
-    assert worst_mm(points) < 0.6 * worst_mm(distances)
 
 
 @pytest.mark.slow
@@ -210,16 +172,6 @@ def test_a_plan_for_axis_tilts_says_how_well_it_will_tell_them(plan_of, placemen
     std = predicted(tilted).std_in_file_units
     assert set(std) - set(predicted(usual).std_in_file_units) == {*TILTS, *SKEW_NAMES}
     assert all(0.001 < std[name] < 0.1 for name in (*TILTS, *SKEW_NAMES)), std
-
-
-@pytest.mark.long
-def test_until_takes_as_many_shots_as_the_full_model_asks_for(plan_of):
-    goal = PlanOptions(until="σ=0.06", candidates=FEW)
-    usual, full = plan_of(goal), plan_of(replace(goal, model=Model.FULL))
-    assert len(identification(usual)) < len(identification(full))
-    std = predicted(full).std()
-    assert {*TILTS, *SKEW_NAMES} <= {*std}
-    assert max(value for name, value in std.items() if name.endswith("_mm")) <= 0.06
 
 
 def test_a_single_pair_tells_nothing_and_is_a_plan_all_the_same(plan_of):

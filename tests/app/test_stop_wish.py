@@ -15,14 +15,18 @@ def heeded():
     signal.signal(signal.SIGHUP, before)
 
 
+@pytest.fixture
+def wish():
+    return interrupt.StopRequest()
+
+
 def test_all_signals_of_an_operator_and_of_a_terminal_are_watched():
     names = {number.name for number in interrupt.WATCHED}
     assert names == {"SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP"}
 
 
 @pytest.mark.parametrize("number", interrupt.WATCHED)
-def test_a_signal_becomes_a_wish(number):
-    wish = interrupt.StopRequest()
+def test_a_signal_becomes_a_wish(wish, number):
     with interrupt.stop_on_signals(wish):
         assert not wish()
         signal.raise_signal(number)
@@ -32,8 +36,7 @@ def test_a_signal_becomes_a_wish(number):
     assert wish.suspends is (number == signal.SIGTSTP)
 
 
-def test_asking_again_changes_nothing():
-    wish = interrupt.StopRequest()
+def test_asking_again_changes_nothing(wish):
     with interrupt.stop_on_signals(wish):
         for _ in range(10):
             signal.raise_signal(signal.SIGINT)
@@ -41,8 +44,7 @@ def test_asking_again_changes_nothing():
     assert wish.may_go_on
 
 
-def test_ctrl_c_and_then_a_lost_terminal_asks_nobody():
-    wish = interrupt.StopRequest()
+def test_ctrl_c_and_then_a_lost_terminal_asks_nobody(wish):
     with interrupt.stop_on_signals(wish):
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGHUP)
@@ -50,8 +52,7 @@ def test_ctrl_c_and_then_a_lost_terminal_asks_nobody():
 
 
 @pytest.mark.parametrize("last", [signal.SIGINT, signal.SIGTSTP])
-def test_after_a_lost_terminal_nobody_is_asked_whatever_comes(last):
-    wish = interrupt.StopRequest()
+def test_after_a_lost_terminal_nobody_is_asked_whatever_comes(wish, last):
     with interrupt.stop_on_signals(wish):
         signal.raise_signal(signal.SIGHUP)
         signal.raise_signal(last)
@@ -68,8 +69,7 @@ def ignored(request):
 
 
 @pytest.mark.parametrize("ignored", [signal.SIGHUP, signal.SIGTSTP], indirect=True)
-def test_what_nohup_has_us_ignore_stays_ignored(ignored):
-    wish = interrupt.StopRequest()
+def test_what_nohup_has_us_ignore_stays_ignored(wish, ignored):
     with interrupt.stop_on_signals(wish):
         signal.raise_signal(ignored)
         assert not wish()
@@ -77,8 +77,7 @@ def test_what_nohup_has_us_ignore_stays_ignored(ignored):
 
 
 @pytest.mark.parametrize("ignored", [signal.SIGINT], indirect=True)
-def test_ctrl_c_is_heard_although_a_run_was_started_in_the_background(ignored):
-    wish = interrupt.StopRequest()
+def test_ctrl_c_is_heard_although_a_run_was_started_in_the_background(wish, ignored):
     with interrupt.stop_on_signals(wish):
         signal.raise_signal(ignored)
     assert wish()

@@ -141,44 +141,19 @@ def assert_finding_nothing_is_an_error(client):
         client.measure()
 
 
+SET_AND_TOLD = {
+    *("CoordinateSystemType", "EnvironmentParams", "MeasurementMode", "Reflector", "StatisticMode"),
+    *("RefractionParams", "SearchParams", "StationOrientationParams", "StationaryModeParams"),
+    *("SystemSettings", "TransformationParams", "Units"),
+}
+TOLD = {
+    *("Direction", "Face", "MeasurementStatusInfo", "Reflectors", "SystemSoftwareVersion"),
+    *("SystemStatus", "TrackerInfo", "TrackerStatus"),
+}
 MEASURING = {
-    "FindReflector",
-    "GetCoordinateSystemType",
-    "GetDirection",
-    "GetEnvironmentParams",
-    "GetFace",
-    "GetMeasurementMode",
-    "GetMeasurementStatusInfo",
-    "GetReflector",
-    "GetReflectors",
-    "GetRefractionParams",
-    "GetSearchParams",
-    "GetStationOrientationParams",
-    "GetStationaryModeParams",
-    "GetStatisticMode",
-    "GetSystemSettings",
-    "GetSystemSoftwareVersion",
-    "GetSystemStatus",
-    "GetTrackerInfo",
-    "GetTrackerStatus",
-    "GetTransformationParams",
-    "GetUnits",
-    "GoAndMeasure",
-    "GoPosition",
-    "Initialize",
-    "SetCoordinateSystemType",
-    "SetEnvironmentParams",
-    "SetMeasurementMode",
-    "SetReflector",
-    "SetRefractionParams",
-    "SetSearchParams",
-    "SetStationOrientationParams",
-    "SetStationaryModeParams",
-    "SetStatisticMode",
-    "SetSystemSettings",
-    "SetTransformationParams",
-    "SetUnits",
-    "StartMeasurement",
+    *("FindReflector", "GoAndMeasure", "GoPosition", "Initialize", "StartMeasurement"),
+    *(f"Set{name}" for name in SET_AND_TOLD),
+    *(f"Get{name}" for name in SET_AND_TOLD | TOLD),
 }
 """Commands that a client of stationary measurements uses; the others may be refused."""
 

@@ -7,7 +7,7 @@ import pytest
 
 from drivers.wire import emscon_constants as ours
 from drivers.wire import emscon_messages
-from drivers.wire.emscon import ANSWERS, REQUESTS, Answer, EmsconRequest, encode
+from drivers.wire.emscon import REQUESTS, EmsconRequest, encode
 from drivers.wire.emscon_constants import Command, DataType, ResultStatus
 
 pytestmark = pytest.mark.peer
@@ -89,14 +89,6 @@ def test_request_is_theirs(command):
     assert_read_alike(EmsconRequest(command, body), body, getattr(cesapi, f"{command.title}CT")())
 
 
-@pytest.mark.parametrize("command", Command)
-def test_answer_is_theirs(command):
-    body = example(ANSWERS.get(command, emscon_messages.Nothing))
-    theirs = getattr(cesapi, f"{command.title}RT")()
-    assert_read_alike(Answer(command, 0, body), body, theirs)
-    assert theirs.packetInfo.status == 0
-
-
 @pytest.mark.parametrize(
     ("kind", "name"),
     [
@@ -123,11 +115,6 @@ def test_result_is_theirs(kind, name):
 def test_what_comes_unasked_is_theirs(kind, name):
     body = example(kind)
     assert_read_alike(body, body, getattr(cesapi, name)())
-
-
-@pytest.mark.parametrize("command", Command)
-def test_command_number_is_theirs(command):
-    assert getattr(cesapi, f"ES_C_{command.title}") == command
 
 
 @pytest.mark.parametrize("status", [s for s in ResultStatus if s not in NOT_THEIRS])

@@ -45,22 +45,10 @@ def test_starts_and_stops_leave_no_process_lock_or_shared_memory(tmp_path, round
                 linuxcnc.launch()
             for linuxcnc in all_of_them:
                 linuxcnc.await_ready()
+            all_of_them[1].hal("setp", "fb.0.offset", "3")
+            assert float(all_of_them[2].hal("getp", "fb.0.offset")) == 0.0
+            for program in PROGRAMS:
+                all_of_them[0].kill(program)
         assert processes_of(tmp_path) == []
     assert shared_memory() <= before
     assert LOCK.exists() is locked
-
-
-def test_killed_programs_are_gone_with_the_rest(tmp_path):
-    before = shared_memory()
-    with joints_controller(tmp_path) as linuxcnc:
-        for program in PROGRAMS:
-            linuxcnc.kill(program)
-    assert processes_of(tmp_path) == []
-    assert shared_memory() <= before
-
-
-def test_two_run_side_by_side(tmp_path):
-    with joints_controller(tmp_path / "a") as one, joints_controller(tmp_path / "b") as other:
-        one.hal("setp", "fb.0.offset", "3")
-        assert float(other.hal("getp", "fb.0.offset")) == 0.0
-        assert one.port != other.port

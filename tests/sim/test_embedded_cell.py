@@ -8,7 +8,7 @@ import pytest
 from robotline_layouts import PAR4_LAYOUT
 
 from drivers.emscon.tracker import EmsconTracker
-from drivers.errors import DriverError, NotAMeasurement
+from drivers.errors import DriverError
 from drivers.ports import SystemClock
 from drivers.robotline.robot import LineRobot
 from drivers.transport import open_transport
@@ -18,7 +18,6 @@ from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell
 from sim.errors import ServerFailed
 from sim.scenarios.scenario import load_scenario
-from sim.scenarios.schema import FaultSection
 
 SPEED_UP = 1000.0
 PLACES = [Pose(60.0, -40.0, -620.0, 0.2), Pose(-80.0, 20.0, -560.0, -0.1)]
@@ -27,7 +26,7 @@ PLACES = [Pose(60.0, -40.0, -620.0, 0.2), Pose(-80.0, 20.0, -560.0, -0.1)]
 class Work:
     """Both devices of a served cell, connected by the real drivers."""
 
-    def __init__(self, served, **options):
+    def __init__(self, served):
         clock = SystemClock()
         self.robot = LineRobot(
             partial(open_transport, served.controller_url, timeout_s=1.0),
@@ -36,7 +35,7 @@ class Work:
             first_sequence=1,
         )
         self.tracker = EmsconTracker(
-            lambda: open_transport(served.tracker_url, timeout_s=1.0), clock=clock, **options
+            lambda: open_transport(served.tracker_url, timeout_s=1.0), clock=clock
         )
 
     def __enter__(self):
@@ -66,24 +65,6 @@ def test_the_same_cell_measures_the_same_over_sockets_and_serial_line():
         with served_cell(controller_on=wire) as served, Work(served) as work:
             points.append([work.measured(pose) for pose in PLACES])
     assert np.array_equal(points[0], points[1])
-
-
-def with_fault(**fault):
-    section = FaultSection(**fault)
-    return load_scenario("realistic").model_copy(update={"faults": (section,)})
-
-
-def test_result_fault_of_a_scenario_is_judged_by_the_cells_own_time():
-    scenario, clock = with_fault(at_result=2, kind="early"), ScaledClock(4.0)
-    with (
-        EmbeddedCell(Cell(scenario), clock) as served,
-        Work(served, instrument_clock=clock) as work,
-    ):
-        assert work.tracker.measure()
-        with pytest.raises(NotAMeasurement, match="after its measurement was started"):
-            work.tracker.measure()
-        assert work.tracker.measure()
-        assert served.memory()["fault_counts"]["result"] == 3
 
 
 def test_memory_can_be_asked_for_while_the_cell_is_served_and_after():

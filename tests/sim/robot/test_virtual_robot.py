@@ -53,6 +53,11 @@ def contracted_misfit_mm(geometry, joints, plate):
     return np.linalg.norm(joints_mm - elbows_mm, axis=1) - geometry.forearms_mm
 
 
+@pytest.fixture
+def geometry():
+    return geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+
+
 @pytest.mark.parametrize("count", [40, pytest.param(500, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", ["paper-simulation", "paper-prototype"])
 def test_perfect_rods_equal_the_contracted_model(name, count):
@@ -87,8 +92,7 @@ def test_the_golden_poses_are_reached():
 
 
 @pytest.mark.slow
-def test_unequal_rods_and_tilted_axes_shift_and_tilt_the_plate():
-    geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+def test_unequal_rods_and_tilted_axes_shift_and_tilt_the_plate(geometry):
     perfect = mechanism(geometry)
     offset_mm = np.array([20.0, -30.0, -45.0])
     shifts_mm, tilts_mrad = [], []
@@ -107,8 +111,7 @@ def test_unequal_rods_and_tilted_axes_shift_and_tilt_the_plate():
     assert 1.5 < np.quantile(tilts_mrad, 0.9) < 5.0
 
 
-def test_a_tilted_motor_swings_its_arm_square_to_its_axis():
-    geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+def test_a_tilted_motor_swings_its_arm_square_to_its_axis(geometry):
     rods = mechanism(geometry, tilt_mrad=200.0)
     motors_mm = geometry.motors_mm + PLATE_JOINTS_MM
     for joints_deg in (-30.0, 0.0, 50.0):
@@ -121,8 +124,7 @@ def test_a_tilted_motor_swings_its_arm_square_to_its_axis():
     assert abs(bars_mm[:, 2]).max() > 10.0
 
 
-def test_arms_that_grow_spread_the_elbows_and_raise_the_plate():
-    geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+def test_arms_that_grow_spread_the_elbows_and_raise_the_plate(geometry):
     rods = mechanism(geometry)
     cold = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
     warm = restore(rods, cold.joints, cold.plate, growth=50e-6)
@@ -136,8 +138,7 @@ def test_arms_that_grow_spread_the_elbows_and_raise_the_plate():
     assert warm.plate.position_mm[2] > cold.plate.position_mm[2] + 0.01
 
 
-def test_joints_that_would_tear_the_robot_apart_are_refused():
-    geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+def test_joints_that_would_tear_the_robot_apart_are_refused(geometry):
     rods = mechanism(geometry)
     centre = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
     with pytest.raises(AssemblyLost, match="no assembly") as lost:
@@ -145,8 +146,7 @@ def test_joints_that_would_tear_the_robot_apart_are_refused():
     assert 0.0 < lost.value.part < 1.0
 
 
-def test_the_way_is_followed_up_to_where_the_assembly_is_lost():
-    geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+def test_the_way_is_followed_up_to_where_the_assembly_is_lost(geometry):
     rods = mechanism(geometry)
     centre = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
     target = np.radians([90.0, -45.0, 90.0, -45.0])
@@ -156,8 +156,7 @@ def test_the_way_is_followed_up_to_where_the_assembly_is_lost():
     assert abs(follow(rods, centre, edge, growth=0.0).plate.theta_rad) < math.pi / 2
 
 
-def test_the_other_assembly_of_the_same_joints_is_never_taken():
-    geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+def test_the_other_assembly_of_the_same_joints_is_never_taken(geometry):
     rods = mechanism(geometry)
     centre = assemble(rods, geometry, CENTRE_MM, 0.0, growth=0.0)
     turned = Plate(centre.plate.unknowns + np.array([0, -100.0, 60.0, 0, 0, 0, math.pi]))
@@ -166,8 +165,7 @@ def test_the_other_assembly_of_the_same_joints_is_never_taken():
 
 
 @pytest.mark.parametrize("step", [1e-3, 1e-5])
-def test_the_rods_derivative_agrees_with_differences(step):
-    geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+def test_the_rods_derivative_agrees_with_differences(geometry, step):
     rods = mechanism(geometry, rod_mm=0.05, tilt_mrad=0.5)
     elbows_mm = rods.elbows_mm(np.radians([30.0, 40.0, 20.0, 25.0]), 0.0)
     unknowns = np.array([10.0, -20.0, -560.0, 0.01, -0.02, 0.03, 0.3])
@@ -190,8 +188,7 @@ def test_rotations_are_orthogonal_and_turn_about_fixed_axes():
     assert rates[1] == pytest.approx(difference, abs=1e-9)
 
 
-def test_a_pose_out_of_reach_names_the_arm():
-    geometry = geometry_of(NOMINAL_ROBOTS["par4-prototype"])
+def test_a_pose_out_of_reach_names_the_arm(geometry):
     with pytest.raises(OutOfReach, match="arm 0") as reason:
         joints_for(geometry, np.array([0.0, 0.0, -2000.0]), 0.0)
     assert reason.value.arm == 0

@@ -31,6 +31,11 @@ from drivers.wire.emscon_messages import (
 from sim.servers.emscon_instrument import EmsconInstrument
 
 
+@pytest.fixture
+def client():
+    return Client()
+
+
 def test_a_set_command_is_answered_and_its_event_told():
     assert Client().send(Command.SET_UNITS, MILLIMETRES) == [
         ok(Command.SET_UNITS),
@@ -38,104 +43,65 @@ def test_a_set_command_is_answered_and_its_event_told():
     ]
 
 
-def test_no_event_is_told_to_a_client_that_wants_none():
-    client = Client()
+def test_no_event_is_told_to_a_client_that_wants_none(client):
     client.send(Command.SET_SYSTEM_SETTINGS, QUIET)
     assert client.send(Command.SET_UNITS, MILLIMETRES) == [ok(Command.SET_UNITS)]
 
 
-@pytest.mark.parametrize(
-    ("setting", "getting", "body"),
-    [
-        (Command.SET_UNITS, Command.GET_UNITS, Units(5, 2, 1, 6, 0)),
-        (Command.SET_MEASUREMENT_MODE, Command.GET_MEASUREMENT_MODE, Code(0)),
-        (Command.SET_COORDINATE_SYSTEM_TYPE, Command.GET_COORDINATE_SYSTEM_TYPE, Code(0)),
-        (
-            Command.SET_STATIONARY_MODE_PARAMS,
-            Command.GET_STATIONARY_MODE_PARAMS,
-            StationaryMode(2500, 1),
-        ),
-        (Command.SET_REFLECTOR, Command.GET_REFLECTOR, Code(7)),
-        (Command.SET_SEARCH_PARAMS, Command.GET_SEARCH_PARAMS, SearchParams(0.25, 3000)),
-        (Command.SET_STATISTIC_MODE, Command.GET_STATISTIC_MODE, StatisticMode(1, 0)),
-        (Command.SET_SYSTEM_SETTINGS, Command.GET_SYSTEM_SETTINGS, STREAMING),
-        (
-            Command.SET_REFRACTION_PARAMS,
-            Command.GET_REFRACTION_PARAMS,
-            Refraction(1.00015, 1.000331),
-        ),
-        (
-            Command.SET_STATION_ORIENTATION_PARAMS,
-            Command.GET_STATION_ORIENTATION_PARAMS,
-            StationOrientation((1.0, -2.0, 0.5), (0.25, 0.0, -1.5)),
-        ),
-        (
-            Command.SET_TRANSFORMATION_PARAMS,
-            Command.GET_TRANSFORMATION_PARAMS,
-            Transformation((1.0, -2.0, 0.5), (0.25, 0.0, -1.5), 1.0001),
-        ),
-    ],
-)
-def test_what_is_set_is_read_back(setting, getting, body):
-    client = Client()
-    assert client.status(setting, body) == ResultStatus.ALL_OK
-    assert client.ask(getting).body == body
+SETTINGS = {
+    "UNITS": Units(5, 2, 1, 6, 0),
+    "MEASUREMENT_MODE": Code(0),
+    "COORDINATE_SYSTEM_TYPE": Code(0),
+    "STATIONARY_MODE_PARAMS": StationaryMode(2500, 1),
+    "REFLECTOR": Code(7),
+    "SEARCH_PARAMS": SearchParams(0.25, 3000),
+    "STATISTIC_MODE": StatisticMode(1, 0),
+    "SYSTEM_SETTINGS": STREAMING,
+    "REFRACTION_PARAMS": Refraction(1.00015, 1.000331),
+    "STATION_ORIENTATION_PARAMS": StationOrientation((1.0, -2.0, 0.5), (0.25, 0.0, -1.5)),
+    "TRANSFORMATION_PARAMS": Transformation((1.0, -2.0, 0.5), (0.25, 0.0, -1.5), 1.0001),
+}
 
 
-@pytest.mark.parametrize(
-    ("command", "body", "status"),
-    [
-        (Command.SET_UNITS, Units(6, 0, 0, 0, 0), ResultStatus.WRONG_PARAMETER_1),
-        (Command.SET_UNITS, Units(0, 0, 0, 7, 0), ResultStatus.WRONG_PARAMETER_4),
-        (Command.SET_COORDINATE_SYSTEM_TYPE, Code(6), ResultStatus.NOT_IMPLEMENTED),
-        (Command.SET_MEASUREMENT_MODE, Code(1), ResultStatus.NOT_IMPLEMENTED),
-        (Command.SET_STATIONARY_MODE_PARAMS, StationaryMode(0, 1), ResultStatus.WRONG_PARAMETER_1),
-        (Command.SET_STATISTIC_MODE, StatisticMode(0, 2), ResultStatus.WRONG_PARAMETER_2),
-        (Command.SET_REFLECTOR, Code(1), ResultStatus.WRONG_PARAMETER_1),
-        (Command.SET_SEARCH_PARAMS, SearchParams(math.nan, 1), ResultStatus.WRONG_PARAMETER_1),
-        (Command.SET_SEARCH_PARAMS, SearchParams(1.0, 0), ResultStatus.WRONG_PARAMETER_2),
-        (
-            Command.SET_SYSTEM_SETTINGS,
-            SystemSettings(2, 1, 0, 1, 1, 0, 0, 0, 0),
-            ResultStatus.NOT_IMPLEMENTED,
-        ),
-        (
-            Command.SET_REFRACTION_PARAMS,
-            Refraction(1.000332, 1.0002),
-            ResultStatus.PARAMETER_1_OUT_OF_RANGE_NOK,
-        ),
-        (
-            Command.SET_REFRACTION_PARAMS,
-            Refraction(1.0002, math.nan),
-            ResultStatus.PARAMETER_2_OUT_OF_RANGE_NOK,
-        ),
-        (
-            Command.SET_STATION_ORIENTATION_PARAMS,
-            StationOrientation((0.0, 0.0, 0.0), (0.0, math.nan, 0.0)),
-            ResultStatus.WRONG_PARAMETER_5,
-        ),
-        (
-            Command.SET_TRANSFORMATION_PARAMS,
-            Transformation((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0),
-            ResultStatus.WRONG_PARAMETER_7,
-        ),
-        (
-            Command.GO_AND_MEASURE,
-            ReflectorPlace((0.0, math.inf, 0.0)),
-            ResultStatus.WRONG_PARAMETER_1,
-        ),
-        (Command.GO_POSITION, BeamTarget((0.0, math.inf, 0.0), 1), ResultStatus.WRONG_PARAMETER_1),
-        (Command.GO_POSITION, BeamTarget((0.0, 1e308, 0.0), 1), ResultStatus.WRONG_PARAMETER_1),
-        (Command.GO_POSITION, BeamTarget((0.0, 201.0, 0.0), 1), ResultStatus.WRONG_PARAMETER_1),
-        (Command.FIND_REFLECTOR, ApproximateDistance(math.nan), ResultStatus.WRONG_PARAMETER_1),
-    ],
-)
+@pytest.mark.parametrize("name", SETTINGS)
+def test_what_is_set_is_read_back(client, name):
+    assert client.status(Command[f"SET_{name}"], SETTINGS[name]) == ResultStatus.ALL_OK
+    assert client.ask(Command[f"GET_{name}"]).body == SETTINGS[name]
+
+
+ORIGIN = (0.0, 0.0, 0.0)
+REFUSED = [
+    ("SET_UNITS", Units(6, 0, 0, 0, 0), "WRONG_PARAMETER_1"),
+    ("SET_UNITS", Units(0, 0, 0, 7, 0), "WRONG_PARAMETER_4"),
+    ("SET_COORDINATE_SYSTEM_TYPE", Code(6), "NOT_IMPLEMENTED"),
+    ("SET_MEASUREMENT_MODE", Code(1), "NOT_IMPLEMENTED"),
+    ("SET_STATIONARY_MODE_PARAMS", StationaryMode(0, 1), "WRONG_PARAMETER_1"),
+    ("SET_STATISTIC_MODE", StatisticMode(0, 2), "WRONG_PARAMETER_2"),
+    ("SET_REFLECTOR", Code(1), "WRONG_PARAMETER_1"),
+    ("SET_SEARCH_PARAMS", SearchParams(math.nan, 1), "WRONG_PARAMETER_1"),
+    ("SET_SEARCH_PARAMS", SearchParams(1.0, 0), "WRONG_PARAMETER_2"),
+    ("SET_SYSTEM_SETTINGS", SystemSettings(2, 1, 0, 1, 1, 0, 0, 0, 0), "NOT_IMPLEMENTED"),
+    ("SET_REFRACTION_PARAMS", Refraction(1.000332, 1.0002), "PARAMETER_1_OUT_OF_RANGE_NOK"),
+    ("SET_REFRACTION_PARAMS", Refraction(1.0002, math.nan), "PARAMETER_2_OUT_OF_RANGE_NOK"),
+    (
+        *("SET_STATION_ORIENTATION_PARAMS", StationOrientation(ORIGIN, (0.0, math.nan, 0.0))),
+        "WRONG_PARAMETER_5",
+    ),
+    ("SET_TRANSFORMATION_PARAMS", Transformation(ORIGIN, ORIGIN, 0.0), "WRONG_PARAMETER_7"),
+    ("GO_AND_MEASURE", ReflectorPlace((0.0, math.inf, 0.0)), "WRONG_PARAMETER_1"),
+    ("GO_POSITION", BeamTarget((0.0, math.inf, 0.0), 1), "WRONG_PARAMETER_1"),
+    ("GO_POSITION", BeamTarget((0.0, 1e308, 0.0), 1), "WRONG_PARAMETER_1"),
+    ("GO_POSITION", BeamTarget((0.0, 201.0, 0.0), 1), "WRONG_PARAMETER_1"),
+    ("FIND_REFLECTOR", ApproximateDistance(math.nan), "WRONG_PARAMETER_1"),
+]
+
+
+@pytest.mark.parametrize(("command", "body", "status"), REFUSED)
 def test_what_cannot_be_set_is_refused(command, body, status):
-    assert Client().status(command, body) == status
+    assert Client().status(Command[command], body) == ResultStatus[status]
 
 
-def test_frames_that_were_set_are_told_in_the_units_of_who_asks():
-    client = Client()
+def test_frames_that_were_set_are_told_in_the_units_of_who_asks(client):
     set_up = StationOrientation((1.0, -2.0, 0.5), (math.pi, 0.0, 0.0))
     client.send(Command.SET_STATION_ORIENTATION_PARAMS, set_up)
     client.send(Command.SET_UNITS, Units(1, 1, 0, 0, 0))
@@ -161,8 +127,7 @@ def test_face_and_software_are_told():
     assert Client().ask(Command.GET_SYSTEM_SOFTWARE_VERSION).body == SoftwareVersion("1.2")
 
 
-def test_reflectors_come_one_packet_each_in_the_clients_unit():
-    client = Client()
+def test_reflectors_come_one_packet_each_in_the_clients_unit(client):
     client.send(Command.SET_UNITS, Units(5, 0, 0, 0, 0))
     entries = [answer.body for answer in client.send(Command.GET_REFLECTORS)]
     assert [(e.total, e.identifier, e.name) for e in entries] == [
@@ -172,14 +137,12 @@ def test_reflectors_come_one_packet_each_in_the_clients_unit():
     assert [e.surface_offset for e in entries] == pytest.approx([0.75, 0.25])
 
 
-def test_no_reflectors_is_one_packet_that_says_none():
-    client = Client()
+def test_no_reflectors_is_one_packet_that_says_none(client):
     client.tracker.reflectors = ()
     assert client.ask(Command.GET_REFLECTORS).body.total == 0
 
 
-def test_result_is_in_the_clients_units():
-    client = Client()
+def test_result_is_in_the_clients_units(client):
     client.send(Command.SET_UNITS, Units(5, 2, 1, 2, 0))
     result = client.measure()[2]
     assert result.point == pytest.approx((1000 / 25.4, -2000 / 25.4, 10.0))
@@ -187,8 +150,7 @@ def test_result_is_in_the_clients_units():
     assert (result.temperature, result.pressure) == pytest.approx((68.0, 101.325))
 
 
-def test_result_has_covariances_only_with_extended_statistics():
-    client = Client()
+def test_result_has_covariances_only_with_extended_statistics(client):
     client.send(Command.SET_UNITS, MILLIMETRES)
     client.send(Command.SET_STATISTIC_MODE, StatisticMode(1, 0))
     result = client.measure()[2]
@@ -199,15 +161,13 @@ def test_result_has_covariances_only_with_extended_statistics():
     assert result.std_total == pytest.approx(math.sqrt(14e-4))
 
 
-def test_search_parameters_reach_the_tracker_in_its_units():
-    client = Client()
+def test_search_parameters_reach_the_tracker_in_its_units(client):
     client.send(Command.SET_SEARCH_PARAMS, SearchParams(0.1, 2500))
     assert client.tracker.search_radius_mm == pytest.approx(100.0)
     assert client.tracker.search_timeout_s == 2.5
 
 
-def test_readings_are_in_the_clients_units():
-    client = Client()
+def test_readings_are_in_the_clients_units(client):
     client.send(Command.SET_UNITS, Units(1, 2, 0, 3, 0))
     assert client.ask(Command.GET_ENVIRONMENT_PARAMS).body == Environment(
         20.0, pytest.approx(760.0, abs=0.01), 50.0
@@ -217,8 +177,7 @@ def test_readings_are_in_the_clients_units():
     )
 
 
-def test_environment_may_be_set_though_its_own_weather_station_goes_on():
-    client = Client()
+def test_environment_may_be_set_though_its_own_weather_station_goes_on(client):
     body = Environment(30.0, 900.0, 10.0)
     assert client.status(Command.SET_ENVIRONMENT_PARAMS, body) == ResultStatus.ALL_OK
     assert client.ask(Command.GET_ENVIRONMENT_PARAMS).body.temperature == 20.0

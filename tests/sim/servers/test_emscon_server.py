@@ -23,8 +23,12 @@ from drivers.wire.emscon_messages import (
 from sim.faults import Counted, Fault, FaultScript
 
 
-def test_unknown_command_is_not_implemented():
-    client = Client()
+@pytest.fixture
+def client():
+    return Client()
+
+
+def test_unknown_command_is_not_implemented(client):
     client.session.received(bytes.fromhex("0c0000000000000038000000"), 0.0)
     assert bytes.fromhex("10000000000000003800000002000000") in client._bytes
 
@@ -62,8 +66,7 @@ def test_cold_laser_is_waited_for(command):
     assert client.status(command) == ResultStatus.SENSOR_NOT_WARMED_UP
 
 
-def test_measurement_is_answered_at_once_and_its_result_comes_when_it_ends():
-    client = Client()
+def test_measurement_is_answered_at_once_and_its_result_comes_when_it_ends(client):
     client.send(Command.SET_STATIONARY_MODE_PARAMS, StationaryMode(2000, 1))
     assert client.send(Command.START_MEASUREMENT) == [ok(Command.START_MEASUREMENT), BUSY]
     assert client.tracker.measured_s == 2.0
@@ -80,8 +83,7 @@ def test_measurement_without_a_lock_is_refused_and_no_result_follows():
     assert client.measure() == [refused(Command.START_MEASUREMENT, status)]
 
 
-def test_beam_break_ends_the_measurement_with_an_error_instead_of_a_result():
-    client = Client()
+def test_beam_break_ends_the_measurement_with_an_error_instead_of_a_result(client):
     client.send(Command.START_MEASUREMENT)
     client.tracker.lose_the_beam()
     assert client.later(0.1) == [
@@ -91,8 +93,7 @@ def test_beam_break_ends_the_measurement_with_an_error_instead_of_a_result():
     assert client.later(5.0) == []
 
 
-def test_beam_lost_and_not_noticed_until_the_end_still_gives_no_result():
-    client = Client()
+def test_beam_lost_and_not_noticed_until_the_end_still_gives_no_result(client):
     client.send(Command.START_MEASUREMENT)
     client.tracker.is_locked = False
     assert ErrorResponse(49, ResultStatus.NO_STATIONARY_RESULT) in client.later(0.5)
@@ -146,8 +147,7 @@ def test_units_that_somebody_else_sets_are_told_before_the_result_in_them():
     assert client.ask(Command.GET_UNITS).body.length == 0
 
 
-def test_beam_break_between_measurements_is_told_unasked():
-    client = Client()
+def test_beam_break_between_measurements_is_told_unasked(client):
     client.send(Command.GET_UNITS)
     client.tracker.lose_the_beam()
     assert client.later(1.0) == [NOT_READY, ErrorResponse(64, ResultStatus.NO_STATIONARY_RESULT)]
@@ -163,15 +163,13 @@ def test_warmed_up_is_told():
     assert client.later(1.0) == [StatusChange(SystemChange.LASER_WARMED_UP), READY]
 
 
-def test_stop_ends_a_measurement_without_a_result():
-    client = Client()
+def test_stop_ends_a_measurement_without_a_result(client):
     client.send(Command.START_MEASUREMENT)
     assert client.send(Command.STOP_MEASUREMENT) == [ok(Command.STOP_MEASUREMENT), READY]
     assert client.later(5.0) == []
 
 
-def test_one_command_at_a_time():
-    client = Client()
+def test_one_command_at_a_time(client):
     client.send(Command.GO_POSITION, BeamTarget((1.0, 0.0, 0.0), 1))
     for command in (Command.GET_UNITS, Command.STOP_MEASUREMENT, Command.START_MEASUREMENT):
         assert client.status(command) == ResultStatus.SERVER_BUSY
@@ -190,8 +188,7 @@ def test_head_that_a_lost_client_left_moving_keeps_the_next_one_waiting():
     assert second.status(Command.GET_UNITS) == ResultStatus.ALL_OK
 
 
-def test_go_position_is_in_the_clients_unit_and_answered_when_the_head_is_there():
-    client = Client()
+def test_go_position_is_in_the_clients_unit_and_answered_when_the_head_is_there(client):
     client.send(Command.GET_UNITS)
     assert client.send(Command.GO_POSITION, BeamTarget((1.0, 2.0, -0.3), 1)) == [BUSY]
     assert client.tracker.went_to_mm == (1000.0, 2000.0, -300.0)
@@ -199,16 +196,14 @@ def test_go_position_is_in_the_clients_unit_and_answered_when_the_head_is_there(
     assert client.later(1.0) == [ok(Command.GO_POSITION), READY]
 
 
-def test_search_that_finds_nothing_is_answered_with_an_error():
-    client = Client()
+def test_search_that_finds_nothing_is_answered_with_an_error(client):
     client.tracker.finds = False
     client.send(Command.FIND_REFLECTOR, ApproximateDistance(3.0))
     assert client.tracker.searched_at_mm == 3000.0
     assert client.later(1.0) == [refused(Command.FIND_REFLECTOR, ResultStatus.UNKNOWN), NOT_READY]
 
 
-def test_go_and_measure_is_answered_when_the_head_is_there_and_its_result_follows():
-    client = Client()
+def test_go_and_measure_is_answered_when_the_head_is_there_and_its_result_follows(client):
     client.send(Command.SET_UNITS, MILLIMETRES)
     assert client.send(Command.GO_AND_MEASURE, ReflectorPlace((1000.0, 2000.0, -300.0))) == [BUSY]
     assert client.tracker.went_to_mm == (1000.0, 2000.0, -300.0)
@@ -218,8 +213,7 @@ def test_go_and_measure_is_answered_when_the_head_is_there_and_its_result_follow
     assert light == READY
 
 
-def test_go_and_measure_that_finds_nothing_measures_nothing():
-    client = Client()
+def test_go_and_measure_that_finds_nothing_measures_nothing(client):
     client.tracker.finds = False
     client.send(Command.GO_AND_MEASURE, ReflectorPlace((1.0, 2.0, 3.0)))
     refusal_and_light = [refused(Command.GO_AND_MEASURE, ResultStatus.UNKNOWN), NOT_READY]
@@ -241,8 +235,7 @@ def test_go_and_measure_needs_what_measuring_needs(state, status):
     assert client.tracker.went_to_mm is None
 
 
-def test_live_positions_stream_while_wanted_and_locked():
-    client = Client()
+def test_live_positions_stream_while_wanted_and_locked(client):
     assert ReflectorPosition(0, (1.0, -2.0, 0.254)) not in client.later(1.0)
     client.send(Command.SET_SYSTEM_SETTINGS, STREAMING)
     assert client.later(0.4) == [ReflectorPosition(0, (1.0, -2.0, 0.254))]
@@ -272,8 +265,7 @@ def test_size_out_of_bounds_hangs_up():
         Client().session.received(bytes(8), 0.0)
 
 
-def test_requests_torn_anywhere_are_obeyed():
-    client = Client()
+def test_requests_torn_anywhere_are_obeyed(client):
     stream = encode(EmsconRequest(Command.SET_UNITS, MILLIMETRES)) + encode(
         EmsconRequest(Command.GET_UNITS)
     )
@@ -302,7 +294,6 @@ def test_a_known_command_with_garbage_behind_it_is_answered_or_hung_up(command, 
         return
 
 
-def test_exit_application_does_not_end_the_server():
-    client = Client()
+def test_exit_application_does_not_end_the_server(client):
     client.session.received(encode(UnknownRequest(0)), 0.0)
     assert client._bytes == [bytes.fromhex("10000000000000000000000002000000")]

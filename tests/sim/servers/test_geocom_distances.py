@@ -14,16 +14,20 @@ CLEAR = words_of(3, 1)
 WAIT = words_of(5000, 1)
 
 
-def test_point_is_the_reflectors():
-    client = Client().robotic().follow()
+@pytest.fixture
+def client():
+    """Its telescope follows the reflector."""
+    return Client().robotic().follow()
+
+
+def test_point_is_the_reflectors(client):
     assert client.ask(Rpc.TMC_DO_MEASURE, *MEASURE).result == Result.OK
     values = client.values(Rpc.TMC_GET_COORDINATE, *WAIT)
     assert [1000.0 * value for value in values[:3]] == pytest.approx(client.place_mm(), abs=0.1)
     assert values[4:7] == values[:3]
 
 
-def test_distance_takes_its_time():
-    client = Client().robotic().follow()
+def test_distance_takes_its_time(client):
     client.ask(Rpc.TMC_DO_MEASURE, *MEASURE)
     started_s = client.now_s
     assert client.begin(Rpc.TMC_GET_COORDINATE, *WAIT) == []
@@ -32,16 +36,14 @@ def test_distance_takes_its_time():
     assert client.now_s - started_s == pytest.approx(1.6)
 
 
-def test_nobody_waits_longer_than_was_asked_for():
-    client = Client().robotic().follow()
+def test_nobody_waits_longer_than_was_asked_for(client):
     client.ask(Rpc.TMC_DO_MEASURE, *MEASURE)
     reply = client.ask(Rpc.TMC_GET_COORDINATE, *words_of(100, 1))
     assert reply.result == Result.ANGLES_ONLY
     assert [parse_number(word) for word in reply.parameters] == [0.0] * 8
 
 
-def test_polar_and_cartesian_are_one_point():
-    client = Client().robotic().follow()
+def test_polar_and_cartesian_are_one_point(client):
     client.ask(Rpc.TMC_DO_MEASURE, *MEASURE)
     east, north, up, *_ = client.values(Rpc.TMC_GET_COORDINATE, *WAIT)
     assert client.values(Rpc.TMC_GET_SIMPLE_COORD, *WAIT) == [east, north, up]
@@ -52,23 +54,20 @@ def test_polar_and_cartesian_are_one_point():
     assert distance * math.sin(v) * math.cos(hz) == pytest.approx(north, abs=1e-4)
 
 
-def test_one_call_measures_and_answers():
-    client = Client().robotic().follow()
+def test_one_call_measures_and_answers(client):
     hz, v, distance, mode = client.values(Rpc.BAP_MEAS_DISTANCE_ANGLE, "2")
     assert (hz, v, 1000.0 * distance) == pytest.approx(client.polar(), abs=0.1)
     assert mode == 2
 
 
-def test_cleared_distance_is_gone():
-    client = Client().robotic().follow()
+def test_cleared_distance_is_gone(client):
     client.ask(Rpc.TMC_DO_MEASURE, *MEASURE)
     client.ask(Rpc.TMC_GET_COORDINATE, *WAIT)
     client.ask(Rpc.TMC_DO_MEASURE, *CLEAR)
     assert client.ask(Rpc.TMC_GET_COORDINATE, *WAIT).result == Result.ANGLES_ONLY
 
 
-def test_station_heights_and_orientation_move_the_coordinates():
-    client = Client().robotic().follow()
+def test_station_heights_and_orientation_move_the_coordinates(client):
     client.ask(Rpc.TMC_DO_MEASURE, *MEASURE)
     east, north, up, *_ = client.values(Rpc.TMC_GET_COORDINATE, *WAIT)
     hz, v = client.values(Rpc.TMC_GET_ANGLE_5, "1")

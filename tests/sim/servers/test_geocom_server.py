@@ -10,8 +10,12 @@ from drivers.wire.geocom_constants import Result, Rpc
 from sim.servers.geocom_server import GeocomSession
 
 
-def test_instrument_says_who_it_is():
-    client = Client()
+@pytest.fixture
+def client():
+    return Client()
+
+
+def test_instrument_says_who_it_is(client):
     assert parse_string(client.ask(Rpc.CSV_GET_INSTRUMENT_NAME).parameters[0]) == "SIM-TS"
     assert client.values(Rpc.CSV_GET_INSTRUMENT_NO) == [390001]
     assert client.values(Rpc.CSV_GET_DEVICE_CONFIG) == [350, 12]
@@ -52,15 +56,13 @@ def test_empty_line_that_wakes_it_is_not_answered():
 
 
 @pytest.mark.parametrize(("digits", "word"), [(3, "0.034"), (15, "0.0344"), (0, "0.0")])
-def test_numbers_have_the_digits_that_were_asked_for(digits, word):
-    client = Client()
+def test_numbers_have_the_digits_that_were_asked_for(client, digits, word):
     client.ask(Rpc.BAP_SET_PRISM_TYPE_2, *words_of(9, "CCR-1.5in"))
     client.ask(Rpc.COM_SET_DOUBLE_PRECISION, str(digits))
     assert client.ask(Rpc.TMC_GET_PRISM_CORR).parameters == (word,)
 
 
-def test_settings_stay_when_the_client_goes():
-    client = Client()
+def test_settings_stay_when_the_client_goes(client):
     client.ask(Rpc.TMC_SET_HEIGHT, *words_of(0.25))
     client.session.closed(client.now_s)
     again = []
@@ -69,8 +71,7 @@ def test_settings_stay_when_the_client_goes():
     assert again == [b"%R1P,0,9:0,0.25\r\n"]
 
 
-def test_prisms_of_the_operator_are_the_trackers_reflectors():
-    client = Client()
+def test_prisms_of_the_operator_are_the_trackers_reflectors(client):
     assert client.ask(Rpc.BAP_GET_USER_PRISM_DEF, '"CCR-75mm"').result == Result.OK
     assert client.ask(Rpc.BAP_GET_USER_PRISM_DEF, '"other"').result == Result.INVALID_PARAMETER
     client.ask(Rpc.BAP_SET_PRISM_TYPE_2, *words_of(9, "CCR-75mm"))
@@ -78,8 +79,7 @@ def test_prisms_of_the_operator_are_the_trackers_reflectors():
     assert client.ask(Rpc.BAP_GET_PRISM_TYPE_2).parameters == ("9", '"CCR-75mm"')
 
 
-def test_air_is_that_of_the_cell_until_somebody_sets_it():
-    client = Client()
+def test_air_is_that_of_the_cell_until_somebody_sets_it(client):
     _, pressure_hPa, dry_degC, wet_degC = client.values(Rpc.TMC_GET_ATM_CORR)
     assert (pressure_hPa, dry_degC) == (1008.0, 21.5)
     assert 5.0 < wet_degC < dry_degC

@@ -58,6 +58,11 @@ def checked(body):
     return b"%s *%04X\n" % (data, crc_hqx(data, 0xFFFF))
 
 
+@pytest.fixture
+def client():
+    return Client()
+
+
 def test_hello_says_who_answers():
     assert Client().ask("HELLO 1") == "OK 1 pkmcal Par4%20(simulated) 7 1.0 4"
 
@@ -75,15 +80,13 @@ def test_fault_and_motion_are_told():
     assert Client(controller).ask("STATE").startswith("OK 1 0 drive%20fault%20axis%202 ")
 
 
-def test_joint_move_reaches_the_controller_in_radians():
-    client = Client()
+def test_joint_move_reaches_the_controller_in_radians(client):
     assert client.ask("MOVEJ 0.0 45.0 -45.0 90.0 25.0") == "OK 1.25"
     target_rad = tuple(map(radians, (0.0, 45.0, -45.0, 90.0)))
     assert client.controller.calls == [("move_joints", target_rad, 0.25, NOW_S)]
 
 
-def test_pose_move_reaches_the_controller_in_millimetres_and_radians():
-    client = Client()
+def test_pose_move_reaches_the_controller_in_millimetres_and_radians(client):
     assert client.ask("MOVEP 1.5 2.5 -575.0 30.0 100.0") == "OK 1.25"
     assert client.controller.calls == [("move_pose", 1.5, 2.5, -575.0, radians(30.0), 1.0, NOW_S)]
 
@@ -94,20 +97,17 @@ def test_refusal_comes_with_code_and_text_in_plain_ascii():
     assert answer == "NO LIMIT joint 2 to 95.0 deg, limit 90 deg"
 
 
-def test_stop_needs_no_hello():
-    client = Client()
+def test_stop_needs_no_hello(client):
     assert client.ask("STOP") == "OK"
     assert client.controller.calls == [("stop", NOW_S)]
 
 
-def test_geometry_is_shown_part_by_part():
-    client = Client()
+def test_geometry_is_shown_part_by_part(client):
     assert client.ask("GEOM ARM 1") == "OK ARM 1 7.0 8.0 9.0 10.0 11.0 12.0 13.0"
     assert client.ask("GEOM PLATE") == "OK PLATE 28.0"
 
 
-def test_staged_geometry_works_only_after_the_commit():
-    client = Client()
+def test_staged_geometry_works_only_after_the_commit(client):
     changed = {name: value + 0.5 for name, value in GEOMETRY.items()}
     assert client.stage_all(changed) == ["OK"] * 5
     assert client.controller.calls == []
@@ -115,8 +115,7 @@ def test_staged_geometry_works_only_after_the_commit():
     assert client.controller.calls == [("replace_geometry", changed, NOW_S)]
 
 
-def test_part_that_is_staged_again_replaces_the_first():
-    client = Client()
+def test_part_that_is_staged_again_replaces_the_first(client):
     client.ask("STAGE PLATE 1.0")
     client.ask("STAGE PLATE 2.0")
     client.ask("COMMIT")
@@ -124,8 +123,7 @@ def test_part_that_is_staged_again_replaces_the_first():
 
 
 @pytest.mark.parametrize("forget", ["ABANDON", "HELLO 1", "COMMIT"])
-def test_nothing_is_staged_any_more_after(forget):
-    client = Client()
+def test_nothing_is_staged_any_more_after(client, forget):
     client.ask("STAGE PLATE 1.0")
     client.ask(forget)
     client.controller.calls.clear()
@@ -142,15 +140,13 @@ def test_refused_commit_keeps_what_is_staged():
     assert client.controller.calls == [("replace_geometry", GEOMETRY, NOW_S)]
 
 
-def test_motion_is_stopped_when_its_client_is_lost():
-    client = Client()
+def test_motion_is_stopped_when_its_client_is_lost(client):
     client.ask("MOVEJ 0.0 0.0 0.0 0.0 25.0")
     client.session.closed(NOW_S + 1.0)
     assert client.controller.calls[-1] == ("stop", NOW_S + 1.0)
 
 
-def test_motion_of_another_client_goes_on_when_an_onlooker_leaves():
-    client = Client()
+def test_motion_of_another_client_goes_on_when_an_onlooker_leaves(client):
     onlooker = Client(client.controller)
     client.ask("MOVEJ 0.0 0.0 0.0 0.0 25.0")
     onlooker.ask("STATE")
@@ -158,8 +154,7 @@ def test_motion_of_another_client_goes_on_when_an_onlooker_leaves():
     assert client.controller.moving
 
 
-def test_robot_that_stands_is_left_alone_when_its_client_leaves():
-    client = Client()
+def test_robot_that_stands_is_left_alone_when_its_client_leaves(client):
     client.ask("MOVEJ 0.0 0.0 0.0 0.0 25.0")
     client.controller.moving = False
     client.controller.calls.clear()
@@ -167,16 +162,14 @@ def test_robot_that_stands_is_left_alone_when_its_client_leaves():
     assert client.controller.calls == []
 
 
-def test_nothing_is_ever_said_unasked():
-    client = Client()
+def test_nothing_is_ever_said_unasked(client):
     client.session.advance(NOW_S)
     assert client.session.next_due_s() is None
     assert client.sent == []
 
 
 @pytest.mark.parametrize("case", GOLDEN["bad_requests"], ids=lambda case: case["why"])
-def test_bad_line_is_answered_as_specified_and_does_nothing(case):
-    client = Client()
+def test_bad_line_is_answered_as_specified_and_does_nothing(client, case):
     client.session.received(case["line"].encode() + b"\n", NOW_S)
     assert client.controller.calls == []
     if case["answer"] is None:
@@ -186,14 +179,12 @@ def test_bad_line_is_answered_as_specified_and_does_nothing(case):
 
 
 @pytest.mark.parametrize("before", [b"\n\r\n", b"noise", b">4 MOVEJ 1.0 2.", b"x" * 1000])
-def test_question_is_answered_whatever_came_before(before):
-    client = Client()
+def test_question_is_answered_whatever_came_before(client, before):
     client.session.received(before + b"\n", NOW_S)
     assert client.ask("STOP") == "OK"
 
 
-def test_every_question_of_one_delivery_is_answered_in_turn():
-    client = Client()
+def test_every_question_of_one_delivery_is_answered_in_turn(client):
     client.session.received(checked(">8 STOP") + checked(">9 STATE")[:-1] + b"\r\n>10 ST", NOW_S)
     assert [decode_reply(line[:-1], PAR4_LAYOUT).sequence for line in client.sent] == [8, 9]
 
@@ -214,8 +205,7 @@ def test_garbage_never_raises_and_every_answer_is_sound(pieces):
         decode_reply(line[:-1], PAR4_LAYOUT)
 
 
-def test_extensions_are_unknown_words_to_a_plain_controller():
-    client = Client()
+def test_extensions_are_unknown_words_to_a_plain_controller(client):
     for question in ("GEOM arm0.axis_tilt_deg", "STAGE arm0.axis_tilt_deg 0.02"):
         client.sent.clear()
         client.session.received(checked(f">5 {question}"), NOW_S)

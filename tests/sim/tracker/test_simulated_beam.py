@@ -11,6 +11,11 @@ from sim.robot.rods import rotation
 from sim.tracker.optics import direction_of
 
 
+@pytest.fixture
+def stage():
+    return Stage()
+
+
 def test_without_a_lock_nothing_is_measured():
     assert tracker(Stage(), locked=False).begin_measurement(1.0, 0.0) is None
 
@@ -33,8 +38,7 @@ def test_a_break_that_nobody_watched_still_loses_the_lock():
     assert not instrument.beam_locked(60.0)
 
 
-def test_a_broken_beam_is_found_again_only_after_the_break():
-    stage = Stage()
+def test_a_broken_beam_is_found_again_only_after_the_break(stage):
     instrument = tracker(stage, faults=[Fault(Counted.MEASUREMENT, 1, "beam_break", 30.0)])
     measured(instrument)
     instrument.events()
@@ -48,8 +52,7 @@ def test_a_broken_beam_is_found_again_only_after_the_break():
     assert measured(instrument, 50.0) is not None
 
 
-def test_go_to_finds_within_the_search_radius_only():
-    stage = Stage()
+def test_go_to_finds_within_the_search_radius_only(stage):
     instrument = tracker(stage, locked=False)
     instrument.search_radius_mm = 20.0
     for miss_mm, found in ((19.0, True), (21.0, False)):
@@ -58,8 +61,7 @@ def test_go_to_finds_within_the_search_radius_only():
         assert instrument.beam_locked(takes_s) is found
 
 
-def test_a_head_on_its_way_is_on_no_reflector():
-    stage = Stage()
+def test_a_head_on_its_way_is_on_no_reflector(stage):
     instrument = tracker(stage)
     takes_s = instrument.go_to(seen_mm(stage.point_mm), 0.0)
     assert not instrument.beam_locked(0.9 * takes_s)
@@ -67,16 +69,14 @@ def test_a_head_on_its_way_is_on_no_reflector():
     assert instrument.beam_locked(takes_s)
 
 
-def test_find_does_not_care_about_the_distance():
-    stage = Stage()
+def test_find_does_not_care_about_the_distance(stage):
     instrument = tracker(stage, locked=False)
     takes_s = instrument.go_to(tuple(2.0 * np.array(seen_mm(stage.point_mm))), 0.0)
     assert not instrument.beam_locked(takes_s)
     assert instrument.beam_locked(30.0 + instrument.find(1.0, 30.0))
 
 
-def test_find_does_not_look_behind():
-    stage = Stage()
+def test_find_does_not_look_behind(stage):
     instrument = tracker(stage, locked=False)
     takes_s = instrument.go_to(tuple(-1.0 * np.array(seen_mm(stage.point_mm))), 0.0)
     assert not instrument.beam_locked(60.0 + instrument.find(2500.0, 10.0 + takes_s))
@@ -91,8 +91,7 @@ def test_a_place_that_is_no_place_is_pointed_at_without_harm():
         assert all(map(math.isfinite, instrument.direction(takes_s)))
 
 
-def test_the_beam_follows_the_robot():
-    stage = Stage()
+def test_the_beam_follows_the_robot(stage):
     instrument = tracker(stage)
     stage.point_mm = stage.point_mm + np.array([120.0, -40.0, 60.0])
     stage.still = False
@@ -102,8 +101,7 @@ def test_the_beam_follows_the_robot():
     )
 
 
-def test_a_reflector_turned_away_loses_the_beam_when_the_robot_rests():
-    stage = Stage()
+def test_a_reflector_turned_away_loses_the_beam_when_the_robot_rests(stage):
     instrument = tracker(stage)
     stage.facing = rotation(0.0, 0.0, math.radians(31.0)) @ stage.facing
     stage.still = False
@@ -115,8 +113,7 @@ def test_a_reflector_turned_away_loses_the_beam_when_the_robot_rests():
     assert instrument.live_point(2.0 + takes_s) is None
 
 
-def test_a_wrong_target_is_measured_until_the_robots_is_sought():
-    stage = Stage()
+def test_a_wrong_target_is_measured_until_the_robots_is_sought(stage):
     instrument = tracker(stage, faults=[Fault(Counted.MEASUREMENT, 2, "wrong_target", None)])
     assert measured(instrument).point_in_tracker_mm == pytest.approx(seen_mm(stage.point_mm))
     for now_s in (10.0, 20.0):
