@@ -18,6 +18,8 @@ BIN := $(VENV)/bin
 DEMO := demo/$(shell date +%Y-%m-%d-%H%M%S)
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Every process of the tests would compile all anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
