@@ -1,7 +1,7 @@
 """Python API: robots, shots, identification, plans and studies without a campaign's folder."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -56,8 +56,9 @@ def identify(
     `ShotsInvalid`.
     """
     models = model_selection.candidate_models(robot.mechanism.parameters, model, free, fix, priors)
+    how = replace(options or IdentificationOptions(), free=tuple(free))
     return model_selection.select_model(
-        robot.kinematics, shots, models, options, asked=model_selection.asked_of(model)
+        robot.kinematics, shots, models, how, asked=model_selection.asked_of(model)
     )
 
 

@@ -1,5 +1,6 @@
 """Robots of rods for studies, drawn and moved by the simulated cell's own mechanism."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +11,14 @@ from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import PARALLELOGRAM_SKEW, ParameterSpace
 from campaigns.studies.perturbations import Perturbation
 from campaigns.studies.study import Forward
-from sim.geometry import Geometry, geometry_of
+from sim.geometry import Geometry, Kind, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism, turned
 from sim.robot.section import RobotSection
+from sim.robot.transmission import Transmission, height_by_joints
+from sim.tracker.optics import misread_mm
 
+PITCHES_MM = (8.0, 40.0)
+"""Pitches of screws that are drawn."""
 AXIS_TILT, RAIL_TILT = "axis_tilt_deg", "rail_tilt_deg"
 
 
@@ -31,6 +36,9 @@ def rod_robot(
     """
     kind, plate = section.kind, true.mechanism.plate
     geometry = geometry_of_model(true, section)
+    turns = 1e-3 * perturbation.azimuths_mrad * rng.standard_normal(kind.arms)
+    turns[0] = 0.0  # the first arm's direction is the frame's
+    geometry = replace(geometry, azimuths_rad=geometry.azimuths_rad + turns)
     rods_mm = perturbation.rods_mm * rng.standard_normal((kind.arms, 2))
     axes_rad = 1e-3 * perturbation.axes_mrad * rng.standard_normal((1 + kind.on_rails, kind.arms))
     build = Build(
@@ -41,17 +49,44 @@ def rod_robot(
         leans_rad=axes_rad[1] if kind.on_rails else None,
     )
     rods, offset = RodMechanism(geometry, build), np.array(plate.reflector_mm)
+    gears = drawn_transmission(perturbation, kind, rng)
 
-    def forward(joints: Array) -> Array:
-        near, points = true.forward(joints).values_or_raise(), []
-        for row, pose in zip(joints, near, strict=True):
-            guess = Plate.level(kind, pose[:3], float(pose[3:].sum()))
-            settled = rods.settle(row, 0.0, guess)[0]
-            points.append(rods.reflector_mm(settled, offset))
-        return np.array(points)
+    def plates(joints: Array, guesses: Iterable[Plate]) -> list[Plate]:
+        return [rods.settle(row, 0.0, at)[0] for row, at in zip(joints, guesses, strict=True)]
+
+    def forward(encoders: Array) -> Array:
+        joints = gears.joints(encoders)
+        near = true.forward(joints).values_or_raise()
+        level = (Plate.level(kind, pose[:3], float(pose[3:].sum())) for pose in near)
+        settled = plates(joints, level)
+        if perturbation.sag_mm:
+            states = zip(joints, settled, strict=True)
+            rises = np.array([height_by_joints(rods, row, at) for row, at in states])
+            yielding = perturbation.sag_mm / np.ptp(np.sum(rises**2, axis=1))
+            settled = plates(joints - yielding * rises, settled)
+        return np.array([rods.reflector_mm(each, offset) for each in settled])
 
     p = vector_of_parts(true, geometry, build)
     return forward, datum_parameters(true, Kinematics(true.mechanism, p), sample).p
+
+
+def misread(points_mm: Array, perturbation: Perturbation) -> Array:
+    """Points in the tracker's frame as a tracker reads them that is off, (N, 3)."""
+    return misread_mm(points_mm, perturbation.reflector_mm, 1e-3 * perturbation.transit_mrad)
+
+
+def drawn_transmission(
+    perturbation: Perturbation, kind: Kind, rng: np.random.Generator
+) -> Transmission:
+    """Gears, encoders and screws of a perturbation."""
+    one = np.eye(kind.arms)[int(rng.integers(kind.arms))]
+    return Transmission(
+        eccentricity=np.full(kind.arms, np.radians(perturbation.eccentric_deg)),
+        phase_rad=rng.uniform(-np.pi, np.pi, kind.arms),
+        ratio=1e-6 * perturbation.ratio_ppm * one,
+        wobble_mm=np.full(kind.arms, perturbation.period_mm),
+        pitch_mm=float(rng.uniform(*PITCHES_MM)),
+    )
 
 
 def geometry_of_model(model: Kinematics, section: RobotSection) -> Geometry:

@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 
 from app.new_campaign import SCENARIO, cell_text
-from app.study.rods import rod_robot, told_by, vector_of_parts
+from app.study.rods import misread, rod_robot, told_by, vector_of_parts
 from app.wiring import require_same_mechanism
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid, PlanInvalid
@@ -248,6 +248,7 @@ def _judging(
         setup,
         options=replace(setup.options, workspace=workspace),
         beyond_model=partial(rod_robot, scenario.robot, datum_sample(campaign.robot.kinematics)),
+        misread=misread,
         models=models,
         model=method.model,
     )

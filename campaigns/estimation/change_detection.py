@@ -7,30 +7,42 @@ improvement of it, which takes into account that a step from k on and one from k
 the same test.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.special import fdtrc, ndtr, ndtri, owens_t
+from scipy.special import gammaln, ndtr, ndtri, owens_t
 
-from campaigns.arrays import Array
+from campaigns.arrays import Array, Index, Mask
+from campaigns.estimation.f_test import FittedShots, log_p
 from campaigns.estimation.information import EXACT
-from campaigns.estimation.observability import orthonormal_basis
 
-SIGNIFICANCE = 3e-3
+SIGNIFICANCE = 1e-3
 """Chance of a false alarm over all tests of a campaign, at most."""
 FEWEST_BEYOND = 3
 """Shots before and after a step, so that no single gross error makes one."""
-
+MOST_ALONE = 5
+MADE_BY_ONE = 0.7
+"""Part of a step's gain that a single shot may make where the others alone show no step."""
+HOLDS = 0.35
+"""Part of its size that a change must have in the half of the shots that is far from it, on either
+side."""
+LAGS = 4
+"""Order of the autoregressive noise that is allowed for."""
+REMEMBERED = 3.3
+"""Standard deviations of the sum of autocorrelations from which noise has a memory."""
+FITTED = 1e-6
+"""Of a gain: what is left of a cause that the fit has among its unknowns."""
 ROUNDING = 1e-12
 
-CauseKind = Literal["joint", "length", "frame", "drift"]
+CauseKind = Literal["joint", "length", "mount", "frame", "drift"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cause:
-    """Thing that may change: its columns ∂point/∂change, (N, 3, m)."""
+    """Thing that may change: its columns ∂point/∂change, (N, 3, m), whitened as the shots are."""
 
     kind: CauseKind
     name: str
@@ -48,36 +60,95 @@ class Change:
     size: Array
     """By the cause's columns, (m,); of a drift from the first shot to the last."""
     std: Array
-    p: float
-    """Chance of good shots to show as much anywhere."""
+    log_p: float
+    """Logarithm of the chance of good shots to show as much anywhere."""
+
+    @property
+    def p(self) -> float:
+        """Chance of good shots to show as much anywhere."""
+        return math.exp(self.log_p)
 
 
-def detect_change(
-    whitened_residual: Array, whitened_jacobian: Array, causes: Sequence[Cause], root: Array
-) -> Change | None:
+def detect_change(shots: FittedShots, causes: Sequence[Cause]) -> Change | None:
     """Most likely change in shots that stand in the order of time; None where chance will do.
 
-    Residual (N, 3) and Jacobian (N, 3, P) are whitened by the inverse of `root` (N, 3, 3).
+    A step must hold for all shots before and after it, and be no single shot's.
     """
-    count = len(whitened_residual)
-    basis = orthonormal_basis(whitened_jacobian.reshape(3 * count, -1))
-    freedom = 3 * count - basis.shape[1]
-    left = whitened_residual.ravel() - basis @ (basis.T @ whitened_residual.ravel())
-    chi2 = float(left @ left)
-    if freedom < 2 * FEWEST_BEYOND or count < 2 * FEWEST_BEYOND or chi2 <= EXACT**2 * freedom:
+    count = shots.left.size // 3
+    for _ in range(MOST_ALONE):
+        chi2, freedom = shots.chi2, shots.freedom
+        few = freedom < 2 * FEWEST_BEYOND or count < 2 * FEWEST_BEYOND
+        if few or chi2 <= EXACT**2 * freedom:
+            return None
+        tests = [_Tests.of(cause, shots) for cause in causes]
+        chances = [log_p(each.size.shape[1], freedom, each.gain, chi2) for each in tests]
+        alone: int | None = None
+        for each, found in sorted(zip(tests, chances, strict=True), key=lambda of: of[1].min()):
+            place = int(np.argmin(found))
+            chance = sum(one.chance_anywhere(float(found[place])) for one in tests)
+            if chance >= SIGNIFICANCE:
+                return None
+            by_shot, expected = each.gain_by_shot(place, shots.left)
+            most = float(by_shot.max())
+            beside = log_p(each.size.shape[1], freedom, max(each.gain[place] - most, 0.0), chi2)
+            if most > MADE_BY_ONE * each.gain[place] and beside > math.log(SIGNIFICANCE):
+                alone = int(np.argmax(by_shot))
+                break
+            if each.holds(place, by_shot, expected):
+                logarithm = math.log(min(chance, 1.0)) if chance > 0.0 else float(found[place])
+                return each.change(place, chi2, freedom, logarithm)
+        if alone is None:
+            return None
+        one = np.zeros((count, 3, 3))
+        one[alone] = np.eye(3)
+        shots = shots.fitted(one)
+    return None
+
+
+def memory(left: Array) -> Array:
+    """Filter that whitens autoregressive noise in residuals (N, 3), (1 + p,); () without any.
+
+    By Yule and Walker, where the autocorrelations together are beyond chance.
+    """
+    square = float(np.sum(left**2))
+    if len(left) <= 4 * LAGS or square <= 0.0:
+        return np.empty(0)
+    correlation = np.array([np.sum(left[lag:] * left[:-lag]) for lag in range(1, LAGS + 1)])
+    correlation /= square
+    if correlation.sum() < REMEMBERED * math.sqrt(LAGS / left.size):
+        return np.empty(0)
+    lags = np.abs(np.subtract.outer(np.arange(LAGS), np.arange(LAGS)))
+    coefficients = np.linalg.solve(np.append(1.0, correlation)[lags], correlation)
+    innovation = max(1.0 - float(coefficients @ correlation), ROUNDING)
+    return np.append(1.0, -coefficients) / math.sqrt(innovation)
+
+
+def without_memory(filtered: Array, rows: Array) -> Array:
+    """Rows (N, …) by a filter, less what the noise of those before them leads to expect."""
+    if not len(filtered):
+        return rows
+    new = filtered[0] * rows
+    for lag, coefficient in enumerate(filtered[1:].tolist(), start=1):
+        new[lag:] += coefficient * rows[:-lag]
+    new[: len(filtered) - 1] = rows[: len(filtered) - 1]
+    return np.asarray(new)
+
+
+def last_together(wrong: Mask) -> int | None:
+    """First of the shots at the end, in the order of time, that hold all that are wrong, (N,).
+
+    None where chance will do for as many to fall together there (hypergeometric).
+    """
+    places, count = np.flatnonzero(wrong), len(wrong)
+    if len(places) < 2:
         return None
-    by_shot = basis.reshape(count, 3, -1)
-    tests = [
-        _Tests.of(cause, np.asarray(np.linalg.solve(root, cause.columns)), left, by_shot)
-        for cause in causes
-    ]
-    p_values = [each.p_values(chi2, freedom) for each in tests]
-    best = min(range(len(tests)), key=lambda place: float(p_values[place].min()))
-    least = float(p_values[best].min())
-    p = sum(each.chance_anywhere(least) for each in tests)
-    if p >= SIGNIFICANCE:
-        return None
-    return tests[best].change(int(np.argmin(p_values[best])), chi2, freedom, min(p, 1.0))
+    last = count - int(places[0])
+    chance = _log_choices(last, len(places)) - _log_choices(count, len(places))
+    return int(places[0]) if chance < math.log(SIGNIFICANCE) else None
+
+
+def _log_choices(of: int, chosen: int) -> float:
+    return float(gammaln(of + 1) - gammaln(chosen + 1) - gammaln(of - chosen + 1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,26 +159,27 @@ class _Tests:
     """
 
     cause: Cause
-    after: Array
+    after: Index
     size: Array
     gain: Array
     covariance: Array
     correlation: Array
 
     @classmethod
-    def of(cls, cause: Cause, columns: Array, left: Array, basis: Array) -> "_Tests":
-        """Tests with the whitened columns (N, 3, m) beside those of the fit."""
-        count = len(columns)
-        by_shot = left.reshape(count, 3)
+    def of(cls, cause: Cause, shots: FittedShots) -> "_Tests":
+        """Tests beside the columns of the fit."""
+        columns, count = cause.columns, len(cause.columns)
+        by_shot, basis = shots.left.reshape(count, 3), shots.basis.reshape(count, 3, -1)
         if cause.kind == "drift":
             columns = columns * np.linspace(0.0, 1.0, count)[:, None, None]
-        own = _from_there_on(np.einsum("nkl,nkm->nlm", columns, columns))
-        shared = _from_there_on(np.einsum("nkp,nkm->npm", basis, columns))
-        gained = _from_there_on(np.einsum("nkm,nk->nm", columns, by_shot))
+        turned = columns.swapaxes(1, 2)
+        own = _from_there_on(turned @ columns)
+        shared = _from_there_on(basis.swapaxes(1, 2) @ columns)
+        gained = _from_there_on((turned @ by_shot[:, :, None])[:, :, 0])
         first = np.arange(FEWEST_BEYOND, count - FEWEST_BEYOND + 1)
         first = np.zeros(1, dtype=np.intp) if cause.kind == "drift" else first
         normal = (own - shared.swapaxes(1, 2) @ shared)[first]
-        inverse = np.asarray(np.linalg.pinv(normal, rcond=1e-10, hermitian=True))
+        inverse = _inverse(normal)
         size = np.einsum("nij,nj->ni", inverse, gained[first])
         gain = np.maximum(np.einsum("ni,ni->n", gained[first], size), 0.0)
         correlation = np.empty(0)
@@ -116,32 +188,57 @@ class _Tests:
             together = together - np.sum(shared[first[:-1], :, 0] * shared[first[1:], :, 0], axis=1)
             unit = np.sqrt(np.maximum(inverse[:, 0, 0], 0.0))  # rounding where a fit says it all
             correlation = together * unit[:-1] * unit[1:]
-        return cls(cause, np.maximum(first - 1, 0), size, gain, inverse, correlation)
+        places = first - 1
+        return cls(cause, places, size, gain, inverse, correlation)
 
-    def p_values(self, chi2: float, freedom: int) -> Array:
-        """Chance of good shots at each place, (K,)."""
-        m = self.size.shape[1]
-        rest = np.maximum(chi2 - self.gain, np.finfo(np.float64).tiny) / (freedom - m)
-        return np.asarray(fdtrc(m, freedom - m, self.gain / m / rest))
-
-    def chance_anywhere(self, p: float) -> float:
+    def chance_anywhere(self, logarithm: float) -> float:
         """Bound on the chance that good shots show a test of so small a p at any of the places.
 
         Of neighbours beyond ± u both are counted once: P ≤ Σ P(A_k) - Σ P(A_k and A_k+1), whose
         normal probabilities Owen's T tells.
         """
+        p = math.exp(logarithm)
+        if p <= 0.0:
+            return 0.0
         if not len(self.correlation):
             return p * len(self.gain)
         u, rho = -float(ndtri(0.5 * p)), np.clip(self.correlation, -1.0 + ROUNDING, 1.0)
         apart = owens_t(u, np.sqrt((1.0 - rho) / (1.0 + rho)))
         return float(2.0 * ndtr(-u) + 4.0 * np.sum(apart))
 
-    def change(self, place: int, chi2: float, freedom: int, p: float) -> Change:
+    def gain_by_shot(self, place: int, left: Array) -> tuple[Array, Array]:
+        """Part of the gain that each shot makes, and would make if all showed the change, (N,)."""
+        count, moved = len(self.cause.columns), self.cause.columns @ self.size[place]
+        course = np.linspace(0.0, 1.0, count)
+        if self.cause.kind != "drift":
+            course = (np.arange(count) > self.after[place]).astype(np.float64)
+        by_all = np.einsum("nk,nk->n", moved, left.reshape(-1, 3))
+        if abs(by_all.sum()) < FITTED * self.gain[place]:
+            course = course - course.mean()  # the fit says where all are: half of it is before
+        told = np.sum(moved**2, axis=1) * course**2
+        return by_all * course, told * (self.gain[place] / max(float(told.sum()), ROUNDING))
+
+    def holds(self, place: int, by_shot: Array, expected: Array) -> bool:
+        """Whether the shots far from a change, before and after it, show it too."""
+        first, count = int(self.after[place]) + 1, len(by_shot)
+        first = count // 2 if self.cause.kind == "drift" else first
+        far = slice(0, (first + 1) // 2), slice((first + count) // 2, count)
+        return all(by_shot[some].sum() >= HOLDS * expected[some].sum() for some in far)
+
+    def change(self, place: int, chi2: float, freedom: int, logarithm: float) -> Change:
         """Change at one of the places."""
         rest = max(chi2 - float(self.gain[place]), 0.0) / (freedom - self.size.shape[1])
         std = np.sqrt(np.abs(rest * np.diag(self.covariance[place])))
-        cause, after = self.cause, int(self.after[place])
-        return Change(cause.kind, cause.name, after, -self.size[place], std, p)
+        cause, after = self.cause, max(int(self.after[place]), 0)
+        return Change(cause.kind, cause.name, after, -self.size[place], std, logarithm)
+
+
+def _inverse(normal: Array) -> Array:
+    """Inverses (K, m, m), zero along directions that nothing tells."""
+    if normal.shape[-1] > 1:
+        return np.asarray(np.linalg.pinv(normal, rcond=1e-10, hermitian=True))
+    told = normal > 1e-10 * normal.max(initial=0.0)
+    return np.where(told, 1.0 / np.where(told, normal, 1.0), 0.0)
 
 
 def _from_there_on(each: Array) -> Array:

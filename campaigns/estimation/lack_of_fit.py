@@ -1,75 +1,166 @@
-"""Lack of fit: what a model leaves that is a function of the joints, and no scatter.
+"""Lack of fit: what a model leaves that has a cause, and is no scatter.
 
-Scatter of a robot is new at every shot. What a model lacks (rods of unequal length, tilted axes,
-bending) is the same at the same joints and changes slowly with them: F tests of low polynomials of
-the joints, and of what imperfect parts would make, beside all unknowns of the fit, tell them apart.
+Scatter of a robot is new at every shot. What a model lacks (eccentric encoders, sag, a wrong
+reflector) is the same at the same joints. A test of many columns at once misses a small effect of
+few; so each cause has a group of columns of its own, tested beside all unknowns of the fit, of all
+arms together and of each alone. The most significant one is taken into the fit, and others are
+told if they are significant after it (forward selection).
 """
 
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
-from typing import Literal, get_args
 
 import numpy as np
-from scipy.special import fdtrc
 
-from campaigns.arrays import Array
+from campaigns.arrays import Array, Index
+from campaigns.estimation.error_columns import harmonic
+from campaigns.estimation.f_test import FittedShots, log_p
 from campaigns.estimation.information import EXACT, SIGNIFICANCE
-from campaigns.estimation.observability import orthonormal_basis
 
-Kind = Literal["joints", "parts"]
-"""Polynomials of the joints, or unequal rods and tilted axes."""
-DEGREE = 2
 LEAST_FREEDOM = 30
-"""Degrees of freedom that must be left beside the polynomials."""
+"""Degrees of freedom that must be left beside the columns."""
+MOST_CAUSES = 4
+RANK, TINY = 1e-8, 1e-300
+"""Of squared lengths: directions of a group below it are the fit's own."""
+SHORTEST_MM, LONGEST_MM = 5.0, 500.0
+"""Periods of a carriage's drive that are looked for."""
+STEPS_A_TURN = 4.0
+"""Frequencies looked at, from one that makes a turn more over the travel to the next."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
+class Group:
+    """Columns of one cause, whitened, (N, 3, k)."""
+
+    name: str
+    columns: Array
+    arms: Index | None = None
+    """Arm of each column, (k,); None where the cause is no arm's."""
+    parameters: tuple[str, ...] = ()
+    """Name of each column's parameter, where the mechanism has it."""
+    period: float = 0.0
+    searched: int = 1
+    """Number of groups among which this one was the best."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class LackOfFit:
-    """Test of what a model leaves of the shots, by columns of one kind."""
+    """Cause of what a model leaves, by its size."""
 
-    kind: Kind
+    name: str
+    arms: tuple[int, ...]
+    """Of each entry of `size`; () where the cause is no arm's."""
+    parameters: tuple[str, ...]
+    period: float
+    size: Array
+    """Of the columns that the group was made of, (k,), mm and rad."""
+    std: Array
     share: float
-    """Part of the residuals' variance that the columns explain beyond chance."""
-    p: float
+    """Part of the residuals' variance that it explains beyond chance."""
+    log_p: float
+    """Logarithm of the chance that good shots show as much by any group."""
+    part: Index
+    """Places of its columns in the group's."""
+    columns: Array
+    """Whitened, (N, 3, k)."""
 
     @property
-    def significant(self) -> bool:
-        """Significance: it is more than chance makes, of as many tests as there are kinds."""
-        return self.p < SIGNIFICANCE / len(get_args(Kind))
+    def p(self) -> float:
+        """Chance that good shots show as much by any group."""
+        return math.exp(self.log_p)
 
 
-def smooth_columns(joints: Array) -> Array:
-    """Displacements of points (N, 3, m) that are polynomials of the joints (N, n)."""
-    spread = joints.std(axis=0)
-    scaled = (joints - joints.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
-    places = range(joints.shape[1])
-    terms = [
-        np.prod(scaled[:, list(chosen)], axis=1)
-        for degree in range(1, DEGREE + 1)
-        for chosen in combinations_with_replacement(places, degree)
-    ]
-    columns = np.einsum("nt,kl->nktl", np.stack(terms, axis=1), np.eye(3))
-    return np.asarray(columns.reshape(len(joints), 3, -1))
+def lacks_of_fit(
+    shots: FittedShots, groups: Sequence[Group], carriages: tuple[Array, Array] | None = None
+) -> Iterator[LackOfFit]:
+    """Causes that the shots show, the most significant first.
+
+    `carriages`: whitened ∂point/∂joints (N, 3, n) and joints (N, n) of drives that may have a
+    period.
+    """
+    for _ in range(MOST_CAUSES):
+        drives = () if carriages is None else (best_period(shots, *carriages),)
+        found = _most_significant(shots, (*groups, *drives))
+        if found is None or found.log_p >= math.log(SIGNIFICANCE):
+            return
+        yield found
+        shots = shots.fitted(found.columns)
 
 
-def enough_shots(shots: int, unknowns: int, columns: int) -> bool:
-    """Sufficiency of so many shots to tell anything beside unknowns and columns."""
-    return 3 * shots - unknowns - columns >= LEAST_FREEDOM
+def best_period(shots: FittedShots, by_joints: Array, joints: Array) -> Group:
+    """Group of the period, mm, that explains most, the search for it counted."""
+    travel = max(float(np.ptp(joints)), SHORTEST_MM)
+    step = 1.0 / (STEPS_A_TURN * travel)
+    frequencies = np.arange(1.0 / LONGEST_MM, 1.0 / SHORTEST_MM, step)
+    groups = [harmonic(by_joints, 2.0 * np.pi * each * joints) for each in frequencies]
+    gains = [_Solved.of(shots.beside(each), shots.left).gain for each in groups]
+    best = int(np.argmax(gains))
+    arms = np.repeat(np.arange(joints.shape[1]), 2)
+    return Group("period", groups[best], arms, period=1.0 / frequencies[best], searched=len(groups))
 
 
-def lack_of_fit(residual: Array, jacobian: Array, columns: Array, kind: Kind) -> LackOfFit | None:
-    """Test of columns (N, 3, m) beside (N, 3) and (N, 3, P), all whitened; None for few shots."""
-    count, unknowns = len(residual), jacobian.shape[-1]
-    if not enough_shots(count, unknowns, columns.shape[-1]):
+def _most_significant(shots: FittedShots, groups: Sequence[Group]) -> LackOfFit | None:
+    """The group, or the part of one that is a single arm's, of the least chance."""
+    chi2, tests = shots.chi2, sum(len(_parts(each)) for each in groups)
+    if chi2 <= EXACT**2 * shots.left.size:
         return None
-    explained = orthonormal_basis(jacobian.reshape(3 * count, -1))
-    left = residual.ravel() - explained @ (explained.T @ residual.ravel())
-    rows = columns.reshape(3 * count, -1)
-    more = orthonormal_basis(rows - explained @ (explained.T @ rows))
-    gain, chi2 = float(np.sum((more.T @ left) ** 2)), float(left @ left)
-    m, freedom = more.shape[1], 3 * count - explained.shape[1] - more.shape[1]
-    if m == 0 or chi2 <= gain or chi2 <= EXACT**2 * 3 * count:
-        return None
-    rest = (chi2 - gain) / freedom
-    share = max(0.0, gain - m * rest) / chi2
-    return LackOfFit(kind, share, float(fdtrc(m, freedom, gain / m / rest)))
+    best: tuple[float, Group, Index, _Solved] | None = None
+    for group in groups:
+        beside = shots.beside(group.columns)
+        for part in _parts(group):
+            solved = _Solved.of(beside[:, part], shots.left)
+            if solved.rank == 0 or shots.freedom - solved.rank < LEAST_FREEDOM:
+                continue
+            chance = float(log_p(solved.rank, shots.freedom, solved.gain, chi2))
+            chance += math.log(tests * group.searched)
+            if best is None or chance < best[0]:
+                best = chance, group, part, solved
+    return None if best is None else _lack(shots, *best)
+
+
+def _parts(group: Group) -> list[Index]:
+    """Columns of all arms, and of each of several."""
+    every = np.arange(group.columns.shape[-1])
+    if group.arms is None or len(set(group.arms.tolist())) < 2:
+        return [every]
+    return [every, *(every[group.arms == arm] for arm in sorted(set(group.arms.tolist())))]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solved:
+    """Least squares of columns (3 N, k) beside a fit: sizes, unit variances, gain and rank."""
+
+    size: Array
+    variance: Array
+    gain: float
+    rank: int
+
+    @classmethod
+    def of(cls, beside: Array, left: Array) -> "_Solved":
+        normal, told = beside.T @ beside, beside.T @ left
+        lengths = np.sqrt(np.diag(normal))
+        scale = np.where(lengths > 0.0, 1.0 / np.maximum(lengths, TINY), 0.0)
+        values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))
+        kept = values > RANK
+        along = scale[:, None] * vectors[:, kept]
+        size = along @ (along.T @ told / values[kept])
+        return cls(size, np.sum(along**2 / values[kept], axis=1), float(told @ size), sum(kept))
+
+
+def _lack(
+    shots: FittedShots, chance: float, group: Group, part: Index, solved: _Solved
+) -> LackOfFit:
+    rest = (shots.chi2 - solved.gain) / (shots.freedom - solved.rank)
+    return LackOfFit(
+        name=group.name,
+        arms=() if group.arms is None else tuple(group.arms[part].tolist()),
+        parameters=tuple(group.parameters[place] for place in part if group.parameters),
+        period=group.period,
+        size=-solved.size,
+        std=np.sqrt(rest * solved.variance),
+        share=max(0.0, solved.gain - solved.rank * rest) / shots.chi2,
+        log_p=min(chance, 0.0),
+        part=part,
+        columns=group.columns[:, :, part],
+    )

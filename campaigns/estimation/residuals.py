@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from campaigns.arrays import Array, Index
+from campaigns.estimation import error_columns
 from campaigns.estimation.point_sets import directions, distances_mm
 from campaigns.estimation.rigid_transforms import Transform, fit_transform, small_rotation
 from campaigns.estimation.tracker_noise import inverse_roots
@@ -22,8 +23,6 @@ FRAME_COLUMNS = 6
 CLOSE_ENOUGH_MM = 1e-3
 """A Newton step below it is a pose's last: nanometres are left, and nothing at a fit's end, whose
 steps are far shorter."""
-LEFT_BEHIND = -0.5
-"""What part of the backlash an arm is from its encoder, in the direction of approach."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +73,7 @@ class PositionModel:
         self._space = nominal.mechanism.parameters
         self._geometry = slice(0, len(self._space.geometry))
         self._vector = np.concatenate([nominal.p, np.zeros(len(self._space.backlashes))])
-        self._free = free
+        self.free = free
         self._extensions = self._space.places(self._space.extensions)
         self._is_extended = bool(np.isin(free, self._extensions).any())
         self._joints = joints
@@ -91,7 +90,7 @@ class PositionModel:
     @property
     def nominal(self) -> Array:
         """The free parameters' nominal values, (F,)."""
-        return self._vector[self._free]
+        return self._vector[self.free]
 
     def kinematics(self, x: Array) -> Kinematics:
         """Kinematic model with the free parameters replaced."""
@@ -126,12 +125,13 @@ class PositionModel:
         if self._expansion is None or self._expansion.about is not there:
             geometry = there.configuration.jacobian(there.poses, extended=self._is_extended)
             by_all = geometry
-            if self._free.size and self._free.max() >= by_all.shape[-1]:
+            if self.free.size and self.free.max() >= by_all.shape[-1]:
                 by_offset = by_all[:, :, self._space.offsets]
-                by_backlash = by_offset * LEFT_BEHIND * self._approach[:, None]
-                by_all = np.concatenate([by_all, by_backlash], axis=-1)
+                by_all = np.concatenate(
+                    [by_all, error_columns.backlash(by_offset, self._approach)], axis=-1
+                )
             # shot by shot in memory, as it is read from here on
-            by_free = np.ascontiguousarray(by_all[:, :, self._free])
+            by_free = np.ascontiguousarray(by_all[:, :, self.free])
             self._expansion = _Expansion(there, by_free, geometry)
         return self._expansion
 
@@ -159,13 +159,13 @@ class PositionModel:
     def _replaced(self, x: Array) -> Array:
         """All parameters in the order of the mechanism's `parameters.model`."""
         vector = self._vector.copy()
-        vector[self._free] = x
+        vector[self.free] = x
         return vector
 
 
 def arm_joints(encoders: Array, approach: Array, backlash: Array) -> Array:
     """Joints of the arms when their encoders came by `approach`, each (N, n); backlash (n,)."""
-    return np.asarray(encoders + LEFT_BEHIND * approach * backlash)
+    return np.asarray(encoders + error_columns.LEFT_BEHIND * approach * backlash)
 
 
 class LastAnswer:
@@ -253,6 +253,8 @@ class PointResiduals:
     """Which session each shot is of, from 0, (N,); None: all of one."""
     motions: tuple[Transform, ...] = ()
     """Guessed motions of the tracker's frame from session 0 to each later one."""
+    nuisance: Array | None = None
+    """Columns (N, 3, k) of what is no robot's, unknowns of their own behind the parameters."""
     _modelled: LastAnswer = field(default_factory=LastAnswer, init=False)
     _residual: LastAnswer = field(default_factory=LastAnswer, init=False)
     _jacobian: LastAnswer = field(default_factory=LastAnswer, init=False)
@@ -289,7 +291,11 @@ class PointResiduals:
     @property
     def frames(self) -> int:
         """Number of unknowns behind the parameters."""
-        return FRAME_COLUMNS * (1 + len(self.motions))
+        return self._nuisances + FRAME_COLUMNS * (1 + len(self.motions))
+
+    @property
+    def _nuisances(self) -> int:
+        return 0 if self.nuisance is None else self.nuisance.shape[2]
 
     def start(self) -> Array:
         """Nominal parameters and the guessed frames."""
@@ -324,6 +330,9 @@ class PointResiduals:
         modelled = self.tracker_from_base(x).apply(self.model.positions_mm(self.parameters(x)))
         for rows, _, motion, _ in self._moved(x):
             modelled[rows] = motion.apply(modelled[rows])
+        if self.nuisance is not None:
+            first = len(x) - self.frames
+            modelled += self.nuisance @ x[first : first + self._nuisances]
         return modelled
 
     def with_covariance(self, covariance_mm2: Array) -> "PointResiduals":
@@ -362,13 +371,15 @@ class PointResiduals:
             whitening = self.whitening[rows]
             jacobian[rows, :, columns : columns + 3] = whitening @ by_turn
             jacobian[rows, :, columns + 3 : columns + 6] = whitening
+        if self.nuisance is not None:
+            jacobian[:, :, count : count + self._nuisances] = self.whitening @ self.nuisance
         return jacobian.reshape(-1, len(x))
 
     def _moved(self, x: Array) -> Iterator[tuple[Index, int, Transform, Array]]:
         """Rows of each later session, its columns, its motion, and that by the three angles."""
         if self.sessions is None:
             return
-        first = len(x) - self.frames
+        first = len(x) - self.frames + self._nuisances
         for place, guess in enumerate(self.motions):
             columns = first + FRAME_COLUMNS * place
             turn, by_angle = small_rotation(x[columns : columns + 3])

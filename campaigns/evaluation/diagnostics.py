@@ -14,16 +14,46 @@ from campaigns.evaluation.summary import Spread
 from campaigns.mechanisms.parameters import Parameters, ParameterSpace
 from campaigns.robots.robot import Tolerance
 
-COMMON_SCALE, LARGE_CHANGE, CHANGE, HOLD_OUT, CAREFUL, LACK = (
+COMMON_SCALE, LARGE_CHANGE, CHANGE, SWAPPED, HOLD_OUT, CAREFUL, LACK, REFLECTOR = (
     "common-scale",
     "large-change",
     "change-during-campaign",
+    "swapped",
     "hold-out",
     "careful-statement",
     "lack-of-fit",
+    "reflector-constant",
 )
 FAR_BELOW = 0.2
 """Scatter over what is stated below which the statement is no caution any more."""
+ANOTHER_TYPE_MM = 1.0
+"""Error of a constant from which the reflector is of another type."""
+PLAY = 2.0
+"""Backlash over the scatter of the joints that it makes."""
+BY_LIMITS = "the model has no parameter for it; pass by acceptance limits that are met"
+LACKS = {
+    "eccentricity": (
+        "eccentric encoder, or sag of the arm's own weight",
+        f"mend the encoder; {BY_LIMITS}",
+    ),
+    "period": ("error of the carriage's drive with a period", f"mend the drive; {BY_LIMITS}"),
+    "ratio": ("ratio of the gear or pitch of the drive", f"correct the controller's; {BY_LIMITS}"),
+    "backlash": ("backlash", "--model auto or extended fits it; or mend the gear"),
+    "azimuths": ("azimuths off nominal", "--free 'arm*.azimuth_deg', or --model auto"),
+    "parts": ("rods of unequal length or tilted axes", "--model full, or auto, looks for them"),
+    "yielding": ("a gear yields under the plate's weight", f"stiffen it; {BY_LIMITS}"),
+    "sag": ("the plate sags by its reach", f"stiffen the robot; {BY_LIMITS}"),
+    "reflector": (
+        "the reflector's constant is off, ranges too long by it",
+        "set the reflector's type in the tracker, or --free reflector_constant_mm",
+    ),
+    "transit axis": ("the tracker's axes are out of square", "have the tracker compensated"),
+    "joints": (
+        "what is left follows the joints",
+        f"the model lacks something (bending, warmth); --model auto may tell; else {BY_LIMITS}",
+    ),
+}
+"""Causes of a lack of fit in words, and what to do."""
 ACCEPT = {COMMON_SCALE: "--accept-scale", LARGE_CHANGE: "--accept-large-change"}
 """Option with which a result is taken all the same."""
 
@@ -92,8 +122,13 @@ def noise_doubts(noise: ChiSquareTest) -> Iterator[Doubt]:
         )
 
 
-def change_doubt(change: Change, numbers: tuple[int, int], space: ParameterSpace) -> Doubt:
-    """Doubt of a change between two shots, by their numbers."""
+def change_doubt(
+    change: Change, numbers: tuple[int, int], space: ParameterSpace, play: float = 0.0
+) -> Doubt:
+    """Doubt of a change between two shots, by their numbers.
+
+    An encoder's that is smaller than the play of the gears (rad, mm) is only told.
+    """
     before, after = numbers
     size = float(change.size[0])
     values: dict[str, float | str] = {
@@ -104,50 +139,134 @@ def change_doubt(change: Change, numbers: tuple[int, int], space: ParameterSpace
         "p": change.p,
     }
     where = f"between shots {before} and {after}"
-    alone = f"identify from the shots before or after alone, --shots -{before} or --shots {after}-"
+    alone = _alone(before, after)
+    below = change.kind == "joint" and abs(size) < play
     if change.kind == "drift" and len(change.size) == 1:
         values |= {"size": size, "std": float(change.std[0])}
         what = f"all arms changed their lengths by {size:+.2g} mm over the campaign"
         remedy = "let the robot warm up first, or measure again when it is warm"
-    elif change.kind in ("frame", "drift"):
-        moved_mm = float(np.linalg.norm(change.size[3:]))
+    elif change.kind in ("frame", "drift", "mount"):
+        moved_mm = float(np.linalg.norm(change.size[-3:]))
         values |= {"moved_mm": moved_mm}
         moved = "the tracker or the robot's base"
+        if change.kind == "mount":
+            moved = f"arm {space[change.name].arm}'s mount"
         what = (
-            f"{moved} moved by {moved_mm:.2g} mm {where}"
-            if change.kind == "frame"
-            else f"{moved} drifted by {moved_mm:.2g} mm over the campaign"
+            f"{moved} drifted by {moved_mm:.2g} mm over the campaign"
+            if change.kind == "drift"
+            else f"{moved} moved by {moved_mm:.2g} mm {where}"
         )
         remedy = f"if it was between two sessions, --sessions; else {alone}"
+        if change.kind == "mount":
+            remedy = f"fasten it; {alone}"
     else:
         changed, unit = space[change.name], float(space.units((change.name,))[0])
         values |= {"size": size / unit, "std": float(change.std[0]) / unit}
+        by = f"{size / unit:+.3g}{changed.sign} {where}"
         if change.kind == "joint":
-            what = (
-                f"arm {changed.arm}'s encoder changed by {size / unit:+.3g}{changed.sign} {where}"
-            )
+            what = f"arm {changed.arm}'s encoder changed by {by}"
             remedy = f"mend the encoder or its coupling; {alone}"
         else:
-            what = f"arm {changed.arm} changed its length by {size / unit:+.3g} mm {where}"
+            link = "" if changed.field.name == "arm_mm" else f"'s {changed.field.words}"
+            what = f"arm {changed.arm}{link} changed its length by {by}"
             remedy = f"look for warmth or a loose joint; {alone}"
-    chance = f"p = {change.p:.1g}" if change.p > 0.0 else "p < 1e-300"
-    return Doubt(CHANGE, f"{what} ({chance}): {remedy}", "fail", values)
+    if below:
+        remedy = "less than the play that the shots show in the gears"
+    return Doubt(
+        CHANGE, f"{what} ({_chance(change.p)}): {remedy}", None if below else "fail", values
+    )
 
 
-def lack_doubt(found: LackOfFit, *, limits_met: bool) -> Doubt:
-    """Doubt of residuals that follow the joints, as no scatter does."""
-    share = f"{100.0 * found.share:.0f} % of what is left"
-    if found.kind == "parts":
-        says = (
-            f"{share} is as rods of unequal length and tilted axes make it (p = {found.p:.1g}), "
-            "and positions are worse than their σ: --model full, or auto, looks for them"
-        )
-    else:
-        says = (
-            f"{share} follows the joints (p = {found.p:.1g}): the model lacks something (bending, "
-            "backlash, tilted axes), and positions are worse than their σ: --model auto may tell"
-        )
-    return _unless_limits_are_met(LACK, says, {"share": found.share, "p": found.p}, met=limits_met)
+def late_doubt(off: int, first: int) -> Doubt:
+    """Doubt of shots that all others contradict and that lie together at the end."""
+    return Doubt(
+        CHANGE,
+        f"the {off} shots that all others contradict lie together from shot {first} on: something "
+        f"changed there; {_alone(first - 1, first)}",
+        "fail",
+        {"kind": "unknown", "cause": "", "before_shot": float(first), "off": float(off)},
+    )
+
+
+def swapped_doubt(one: int, other: int) -> Doubt:
+    """Doubt of two neighbours that have each other's points."""
+    says = (
+        f"shots {one} and {other} are swapped: each has the other's point, and both were left out; "
+        "exchange them in the file"
+    )
+    return Doubt(SWAPPED, says, None, {"shot": float(one), "other": float(other)})
+
+
+def reflector_told(off_mm: float, std_mm: float) -> Doubt:
+    """What was found of the reflector's constant beside the robot: told, it decides nothing."""
+    says = (
+        f"the reflector's constant is off by {off_mm:+.3f} ± {std_mm:.2g} mm: ranges are too "
+        f"{'long' if off_mm > 0.0 else 'short'} by it, and were corrected"
+    )
+    if abs(off_mm) > ANOTHER_TYPE_MM:
+        says += "; another type of reflector is set in the tracker"
+    return Doubt(REFLECTOR, says, None, {"off_mm": off_mm, "std_mm": std_mm})
+
+
+def lack_doubt(found: LackOfFit, space: ParameterSpace, *, limits_met: bool) -> Doubt:
+    """Doubt of residuals that have a cause which the model lacks, as no scatter has."""
+    words, remedy = LACKS[found.name]
+    size, unit, arm = _lacking(found, space)
+    values: dict[str, float | str] = {"share": found.share, "p": found.p, "cause": found.name}
+    told = ""
+    if unit:
+        values |= {"size": size, "unit": unit}
+        signed = len(found.size) == 1
+        told = f", {size:+.3g}{unit}" if signed else f", {abs(size):.2g}{unit}"
+    if arm is not None:
+        values["arm"] = float(arm)
+        alone = len(set(found.arms)) == 1
+        words = f"arm {arm}: {words}" if alone else f"{words}, most in arm {arm}"
+    if found.period:
+        values["period_mm"] = found.period
+        words += f" of {found.period:.3g} mm"
+    says = (
+        f"{words}{told} ({100.0 * found.share:.0f} % of what is left, {_chance(found.p)}), and "
+        f"positions are worse than their σ: {remedy}"
+    )
+    return _unless_limits_are_met(LACK, says, values, met=limits_met)
+
+
+def _lacking(found: LackOfFit, space: ParameterSpace) -> tuple[float, str, int | None]:
+    """Size of the largest effect in a unit for people, and its arm."""
+    size, arms = found.size, np.array(found.arms or [-1])
+    if found.name == "sag":
+        return float(size[2]), " mm", None
+    if found.name == "joints":
+        return 0.0, "", None
+    if found.name == "reflector":
+        return float(size[0]), " mm", None
+    if found.name == "transit axis":
+        return float(np.degrees(size[0])), "°", None
+    if found.name in ("eccentricity", "period"):
+        size = np.hypot(size[::2], size[1::2])
+        arms = arms[::2]
+    most = int(np.argmax(np.abs(size) if not found.parameters else np.abs(size / found.std)))
+    arm, value = int(arms[most]), float(size[most])
+    if found.name == "yielding":
+        return value, " mm", arm
+    if found.name == "ratio":
+        return 100.0 * value, " %", arm
+    axis = space[found.parameters[most]] if found.parameters else space.every[space.offsets[arm]]
+    unit = (
+        float(space.file_unit[space.offsets[arm]])
+        if not found.parameters
+        else float(space.units((found.parameters[most],))[0])
+    )
+    return value / unit, axis.sign, arm
+
+
+def _alone(before: int, after: int) -> str:
+    return f"identify from the shots before or after alone, --shots -{before} or --shots {after}-"
+
+
+def _chance(p: float) -> str:
+    return f"p = {p:.1g}" if p > 0.0 else "p < 1e-300"
 
 
 def hold_out_doubt(ratio: float, p: float, pairs: int, *, limits_met: bool) -> Doubt:
@@ -156,7 +275,7 @@ def hold_out_doubt(ratio: float, p: float, pairs: int, *, limits_met: bool) -> D
         f"{pairs} unseen pairs are {ratio:.2g} times as far off as their σ say (p = {p:.1g}): the "
         "model lacks something; σ of positions are multiplied by it"
     )
-    numbers = {"ratio": ratio, "p": p, "pairs": float(pairs)}
+    numbers: dict[str, float | str] = {"ratio": ratio, "p": p, "pairs": float(pairs)}
     return _unless_limits_are_met(HOLD_OUT, says, numbers, met=limits_met)
 
 
@@ -167,7 +286,7 @@ def limits_met(after: Spread, limits_mm: Mapping[str, float]) -> bool:
 
 
 def _unless_limits_are_met(
-    name: str, says: str, numbers: Mapping[str, float], *, met: bool
+    name: str, says: str, numbers: Mapping[str, float | str], *, met: bool
 ) -> Doubt:
     more = "; acceptance limits are met all the same" if met else ""
     return Doubt(name, f"{says}{more}", None if met else "not decided", dict(numbers))

@@ -1,68 +1,86 @@
-"""Tests of a fit's shots: a step or a drift in the order of time, and what the model lacks."""
+"""Tests of a fit's shots: what the model lacks, and a step or a drift in the order of time.
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+All shots that are not gross take part, those that were left out of the fit and unseen ones too.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.estimation.change_detection import Cause, Change, detect_change
-from campaigns.estimation.lack_of_fit import LackOfFit, enough_shots, lack_of_fit, smooth_columns
+from campaigns.estimation import error_columns
+from campaigns.estimation.change_detection import (
+    Cause,
+    Change,
+    detect_change,
+    last_together,
+    memory,
+    without_memory,
+)
+from campaigns.estimation.f_test import FittedShots
+from campaigns.estimation.lack_of_fit import LEAST_FREEDOM, Group, LackOfFit, lacks_of_fit
 from campaigns.estimation.residuals import FRAME_COLUMNS
+from campaigns.estimation.robust import rejection_threshold, robust_scale
 from campaigns.estimation.variance_components import LinearizedShots
 from campaigns.identification.fit import PointFit
+from campaigns.identification.fit import linearized as linearized_shots
+from campaigns.identification.observations import Inputs, Observations, all_observations
+from campaigns.mechanisms.mechanism import KinematicSolution, NoSolution
 from campaigns.mechanisms.parameters import ParameterSpace
 
+Columns = TypeVar("Columns", Group, Cause)
 
-def change_of(
-    points: PointFit,
-    space: ParameterSpace,
-    lack: LackOfFit | None = None,
-    parts: tuple[str, ...] = (),
-) -> tuple[Change, tuple[int, int]] | None:
-    """Change, and the numbers of the shots before and after it; None where chance explains all.
-
-    Single shots left out are no change; several in a row may be one, and are looked at. Where the
-    model has a `lack`, what smooth functions of the joints or imperfect `parts` explain is that,
-    not a change.
-    """
-    fitted, found = points.observations, points.found
-    order = fitted.shots.order_of_time()
-    rows = order[~isolated(found.kept[order])]
-    shots = _whitened(points, rows)
-    if shots is None:
-        return None
-    jacobian = shots.jacobian
-    explained = [] if lack is None else [_smooth(points, shots)]
-    if lack is not None and lack.kind == "parts":
-        explained.insert(0, _imperfect(points, parts, shots))
-    for columns in explained:
-        if enough_shots(len(rows), jacobian.shape[-1], columns.shape[-1]):
-            jacobian = np.concatenate([jacobian, columns], axis=2)
-    causes = tuple(_causes(points, space, shots))
-    change = detect_change(shots.residual, jacobian, causes, shots.root)
-    if change is None:
-        return None
-    numbers = [fitted.numbers[row] for row in rows.tolist()]
-    if change.kind == "drift":
-        return change, (numbers[0], numbers[-1])
-    return change, (numbers[change.after], numbers[change.after + 1])
+GROSS = 20.0
+"""σ beyond which a shot is a gross error, which shows no cause."""
+FOREARM = "forearm_mm"
+WORSE = 1.3
+"""Scatter of unseen shots over that of fitted ones that is no chance."""
+SWAPPED = 0.1
+"""Part of their misfits that two neighbours may have with each other's points."""
 
 
-def lack_of_fit_of(points: PointFit, parts: tuple[str, ...]) -> LackOfFit | None:
-    """Lack of fit by the shots that were kept; None where chance explains all.
+@dataclass(frozen=True, slots=True, eq=False)
+class Tested:
+    """What tests of all shots show, the shots by their numbers."""
 
-    `parts` are the parameters of imperfect parts that were not looked for.
-    """
-    shots = _whitened(points, np.flatnonzero(points.found.kept))
-    if shots is None:
-        return None
-    tests = [lack_of_fit(shots.residual, shots.jacobian, _smooth(points, shots), "joints")]
-    if parts:
-        columns = _imperfect(points, parts, shots)
-        tests.append(lack_of_fit(shots.residual, shots.jacobian, columns, "parts"))
-    told = [each for each in tests if each is not None and each.significant]
-    return min(told, key=lambda each: each.p, default=None)
+    lacks: tuple[LackOfFit, ...] = ()
+    change: Change | None = None
+    between: tuple[int, int] | None = None
+    """Shots before and after the change."""
+    swapped: tuple[tuple[int, int], ...] = ()
+    off_from: tuple[int, int] | None = None
+    """Number of shots that are off, and the first of the last shots that hold them all."""
+
+
+def tested(inputs: Inputs, points: PointFit, near: KinematicSolution) -> Tested:
+    """Tests of all shots by a plain fit, from poses near theirs."""
+    try:
+        shots = _all_shots(inputs, points, near)
+    except (NoSolution, np.linalg.LinAlgError):
+        return Tested()
+    swapped = tuple(_swapped(shots))
+    apart = shots.out.copy()
+    apart[[row for pair in swapped for row in pair]] = False
+    gross = shots.size > GROSS
+    gross[[row for pair in swapped for row in pair]] = True
+    in_line = ~gross | (apart & ~isolated(~shots.out))
+    smooth = steps = _Rows(shots, np.flatnonzero(~gross))
+    if in_line.sum() > len(smooth.rows):
+        steps = _Rows(shots, np.flatnonzero(in_line))
+    lacks, change = _most_significant(smooth, steps)
+    numbers = shots.numbers
+    between = off = None
+    if change is not None:
+        rows = steps.rows[[change.after, change.after + 1]]
+        rows = steps.rows[[0, -1]] if change.kind == "drift" else rows
+        between = numbers[rows[0]], numbers[rows[1]]
+    elif not lacks and (first := last_together(apart[shots.fitted])) is not None:
+        off = int(apart[shots.fitted].sum()), numbers[np.flatnonzero(shots.fitted)[first]]
+    named = tuple((numbers[one], numbers[other]) for one, other in swapped)
+    return Tested(lacks, change, between, named, off)
 
 
 def isolated(kept: Mask) -> Mask:
@@ -74,53 +92,225 @@ def isolated(kept: Mask) -> Mask:
     return np.asarray(out & ~beside)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Whitened:
-    """Some shots of a fit, with the roots of their covariances, (N, 3, 3), and whitened by them."""
+@dataclass(frozen=True, eq=False)
+class _AllShots:
+    """All shots in the order of time, about a fit; which are out of line, and by how many σ."""
 
-    rows: Index
+    everything: Observations
     linearized: LinearizedShots
     root: Array
-    residual: Array
-    jacobian: Array
+    """Of their covariances, (N, 3, 3)."""
+    x: Array
+    size: Array
+    out: Mask
+    fitted: Mask
+
+    @property
+    def parameters(self) -> Array:
+        """Free parameters of the fit, (F,)."""
+        return self.everything.points.parameters(self.x)
+
+    @property
+    def is_revolute(self) -> bool:
+        """Whether joints turn; else they are carriages'."""
+        return self.everything.model.mechanism.joints[0].is_revolute
+
+    @cached_property
+    def joints(self) -> Array:
+        """Joints of the arms, (N, n)."""
+        return self.everything.model.arm_joints(self.parameters)
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        return self.everything.numbers
+
+    @property
+    def space(self) -> ParameterSpace:
+        return self.everything.model.mechanism.parameters
+
+    def by_parameters(self, names: tuple[str, ...]) -> Array:
+        """∂point/∂parameters in the tracker's axes, (N, 3, K)."""
+        data = self.everything.points
+        by_names = data.model.by_geometry(self.parameters, self.space.places(names))
+        return np.asarray(data.rotations(self.x) @ by_names)
 
 
-def _whitened(points: PointFit, rows: Index) -> _Whitened | None:
-    """Shots in this order; None for covariances that are none."""
-    shots = points.linearized().rows(rows)
-    try:
-        root = np.linalg.cholesky(points.covariance_mm2()[rows])
-    except np.linalg.LinAlgError:
-        return None
-    both = np.concatenate([shots.jacobian, shots.residual_mm[:, :, None]], axis=2)
-    whitened = np.asarray(np.linalg.solve(root, both), dtype=np.float64)
-    return _Whitened(rows, shots, np.asarray(root), whitened[:, :, -1], whitened[:, :, :-1])
+def _all_shots(inputs: Inputs, points: PointFit, near: KinematicSolution) -> _AllShots:
+    """All of them; raises `NoSolution`, and `LinAlgError` for a covariance that is none."""
+    everything, found = all_observations(inputs, points.observations, near), points.found
+    linearized = linearized_shots(everything, found.x)
+    covariance = points.scatter.covariance_mm2(linearized.stated_mm2, linearized.by_joints)
+    root = np.asarray(np.linalg.cholesky(covariance))
+    whitened = np.linalg.solve(root, linearized.residual_mm[:, :, None])[:, :, 0]
+    size = np.linalg.norm(whitened, axis=1)
+    kept = dict(zip(points.observations.numbers, found.kept.tolist(), strict=True))
+    fitted = np.array([number in kept for number in everything.numbers])
+    scale = max(1.0, robust_scale(size[fitted], 3, len(found.x)))
+    if not fitted.all() and (unseen := robust_scale(size[~fitted], 3, 0)) > WORSE * scale:
+        # they scatter more: that is no step, and is for their own test
+        root[~fitted] *= unseen / scale
+        size[~fitted] *= scale / unseen
+    size = size / scale
+    out = size > rejection_threshold(len(size), 3)
+    out |= np.array([not kept.get(number, True) for number in everything.numbers])
+    return _AllShots(everything, linearized, root, found.x, size, out, fitted)
 
 
-def _smooth(points: PointFit, shots: _Whitened) -> Array:
-    data = points.observations.points
-    joints = data.model.arm_joints(data.parameters(points.found.x))[shots.rows]
-    return np.asarray(np.linalg.solve(shots.root, smooth_columns(joints)), dtype=np.float64)
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Some of the shots, whitened, and without the memory that their noise may have."""
+
+    shots: _AllShots
+    rows: Index
+    phi: Array = field(default_factory=lambda: np.empty(0))
+
+    @cached_property
+    def fit(self) -> FittedShots:
+        """Linear fit of these rows."""
+        some = self.shots.linearized
+        return FittedShots.of(self.white(some.residual_mm[:, :, None]), self.white(some.jacobian))
+
+    def white(self, columns: Array) -> Array:
+        """Whitened columns (N, 3, k) of these rows."""
+        white = np.linalg.solve(self.shots.root[self.rows], columns[self.rows])
+        return without_memory(self.phi, np.asarray(white))
+
+    def of(self, each: Sequence[Columns]) -> tuple[Columns, ...]:
+        """Groups or causes by their columns of these rows."""
+        ends = np.cumsum([one.columns.shape[2] for one in each])
+        white = self.white(np.concatenate([one.columns for one in each], axis=2))
+        split = np.split(white, ends[:-1], axis=2)
+        return tuple(replace(one, columns=own) for one, own in zip(each, split, strict=True))
 
 
-def _imperfect(points: PointFit, parts: tuple[str, ...], shots: _Whitened) -> Array:
-    data, x = points.observations.points, points.found.x
-    model, parameters = data.model, data.parameters(x)
-    places = model.mechanism.parameters.places(parts)
-    columns = data.rotations(x) @ model.by_geometry(parameters, places)
-    return np.asarray(np.linalg.solve(shots.root, columns[shots.rows]), dtype=np.float64)
+def _most_significant(smooth: _Rows, steps: _Rows) -> tuple[tuple[LackOfFit, ...], Change | None]:
+    """Lacks of the model and change, the most significant first and the others beside it."""
+    shots = smooth.shots
+    groups, causes = tuple(_groups(shots)), tuple(_causes(shots))
+    found = _selected(smooth, steps, groups, causes)
+    lacks, change = found
+    if not lacks and change is None:
+        return found
+    left = steps.fit
+    if lacks:
+        left = left.fitted(steps.white(_taken_up(shots, groups, lacks)))
+    if change is not None:
+        left = left.fitted(steps.white(_changed(causes, change, steps)))
+    phi = memory(left.left.reshape(-1, 3))
+    if not len(phi):
+        return found
+    return _selected(replace(smooth, phi=phi), replace(steps, phi=phi), groups, causes)
 
 
-def _causes(points: PointFit, space: ParameterSpace, shots: _Whitened) -> Iterator[Cause]:
-    data, x = points.observations.points, points.found.x
-    places = space.places(space.arm_lengths)
-    by_lengths = data.rotations(x) @ data.model.by_geometry(data.parameters(x), places)
-    by_lengths, by_joints = by_lengths[shots.rows], shots.linearized.by_joints
+def _selected(
+    smooth: _Rows, steps: _Rows, groups: tuple[Group, ...], causes: tuple[Cause, ...]
+) -> tuple[tuple[LackOfFit, ...], Change | None]:
+    shots, drives = smooth.shots, None
+    if not shots.is_revolute:
+        drives = smooth.white(shots.linearized.by_joints), shots.joints[smooth.rows]
+    own, over_time = smooth.of(groups), steps.of(causes)
+    change = detect_change(steps.fit, over_time)
+    first, fit = next(lacks_of_fit(smooth.fit, own, drives), None), smooth.fit
+    if first is None and change is None:
+        return (), None
+    if change is not None and (first is None or change.log_p < first.log_p):
+        fit = fit.fitted(smooth.white(_changed(causes, change, steps)))
+    lacks = tuple(lacks_of_fit(fit, own, drives))
+    if lacks:
+        # whatever else the model lacks at these joints is no change either
+        explained = steps.fit
+        for columns in (_taken_up(shots, groups, lacks), *_general(groups)):
+            if explained.freedom - columns.shape[-1] >= LEAST_FREEDOM:
+                explained = explained.fitted(steps.white(columns))
+        change = detect_change(explained, over_time)
+    return lacks, change
+
+
+def _general(groups: tuple[Group, ...]) -> Iterator[Array]:
+    """Columns that stand for more than one cause."""
+    return (each.columns for each in groups if each.name in {"parts", "joints"})
+
+
+def _taken_up(shots: _AllShots, groups: tuple[Group, ...], lacks: tuple[LackOfFit, ...]) -> Array:
+    """Columns of what the model lacks, of all shots."""
+    known = {each.name: each.columns for each in groups}
+    for each in lacks:
+        if each.period:
+            angle = 2.0 * np.pi / each.period * shots.joints
+            known[each.name] = error_columns.harmonic(shots.linearized.by_joints, angle)
+    return np.concatenate([known[each.name][:, :, each.part] for each in lacks], axis=2)
+
+
+def _changed(causes: tuple[Cause, ...], change: Change, steps: _Rows) -> Array:
+    """Columns of a change, of all shots."""
+    cause = next(each for each in causes if (each.kind, each.name) == (change.kind, change.name))
+    places = np.arange(len(cause.columns))
+    since = (places >= steps.rows[change.after + 1]).astype(np.float64)
+    if change.kind == "drift":
+        since = places / len(places)
+    return np.asarray(cause.columns * since[:, None, None])
+
+
+def _groups(shots: _AllShots) -> Iterator[Group]:
+    """Groups of columns of all shots, a cause each."""
+    by_joints, joints, space = shots.linearized.by_joints, shots.joints, shots.space
+    data = shots.everything.points
+    measured_mm, positions_mm = data.points_in_tracker_mm, data.model.positions_mm(shots.parameters)
+    arms = np.arange(joints.shape[1])
+    if shots.is_revolute:
+        columns = error_columns.harmonic(by_joints, joints)
+        yield Group("eccentricity", columns, np.repeat(arms, 2))
+    yield Group("ratio", error_columns.of_joints(by_joints, joints), arms)
+    if shots.everything.shots.knows_approach:
+        approach = shots.everything.shots.approach
+        yield Group("backlash", error_columns.backlash(by_joints, approach), arms)
+    free = {
+        space.geometry[place] for place in data.model.free.tolist() if place < len(space.geometry)
+    }
+    azimuths = tuple(name for name in space.of_field("azimuth_deg") if name not in free)
+    if azimuths:
+        own = np.array([space[name].arm for name in azimuths])
+        yield Group("azimuths", shots.by_parameters(azimuths), own, azimuths)
+    beside = {*space.free_by_default, *free}
+    parts = tuple(name for name in space.free_in_full if name not in beside)
+    if parts:
+        own = np.array([space[name].arm for name in parts])
+        yield Group("parts", shots.by_parameters(parts), own, parts)
+    up, reach_mm = data.rotations(shots.x)[:, :, 2], np.hypot(*positions_mm.T[:2]).max()
+    yield Group("yielding", error_columns.yielding(by_joints, up), arms)
+    yield Group("sag", error_columns.sag_by_reach(up, positions_mm, float(reach_mm)))
+    yield Group("reflector", error_columns.reflector_constant(measured_mm))
+    yield Group("transit axis", error_columns.transit_axis(measured_mm))
+    yield Group("joints", error_columns.smooth(joints))
+
+
+def _causes(shots: _AllShots) -> Iterator[Cause]:
+    """Causes of a change, with their columns of all shots."""
+    space, by_joints = shots.space, shots.linearized.by_joints
     for place, offset in enumerate(space.offsets.tolist()):
         yield Cause("joint", space.geometry[offset], by_joints[:, :, place : place + 1])
-    for place, name in enumerate(space.arm_lengths):
-        yield Cause("length", name, by_lengths[:, :, place : place + 1])
+    forearms = () if FOREARM in space.arm_lengths[0] else space.of_field(FOREARM)
+    links = (*space.arm_lengths, *forearms)
+    mounts = tuple(f"arm{arm}.{axis}_mm" for arm in range(space.arms) for axis in "xyz")
+    found = shots.by_parameters((*links, *mounts))
+    for place, name in enumerate(links):
+        yield Cause("length", name, found[:, :, place : place + 1])
+    for place in range(0, len(mounts), 3):
+        own = found[:, :, len(links) + place :][:, :, :3]
+        yield Cause("mount", mounts[place], own)
     frame = shots.linearized.jacobian[:, :, -FRAME_COLUMNS:]
     yield Cause("frame", "frame", frame)
     yield Cause("drift", "drift", frame)
-    yield Cause("drift", "lengths", by_lengths.sum(axis=2, keepdims=True))
+    lengths = found[:, :, : space.arms].sum(axis=2, keepdims=True)
+    yield Cause("drift", "lengths", lengths)
+
+
+def _swapped(shots: _AllShots) -> Iterator[tuple[int, int]]:
+    """Neighbours in time, by row, that each have the other's point."""
+    measured = shots.everything.points.points_in_tracker_mm
+    modelled, off = measured + shots.linearized.residual_mm, shots.out & (shots.size > GROSS)
+    for row in np.flatnonzero(off[:-1] & off[1:]).tolist():
+        own = np.linalg.norm(modelled[row : row + 2] - measured[row : row + 2], axis=1)
+        other = np.linalg.norm(modelled[row : row + 2] - measured[row : row + 2][::-1], axis=1)
+        if other.max() < SWAPPED * own.min():
+            yield row, row + 1

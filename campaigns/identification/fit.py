@@ -96,6 +96,12 @@ class Fit:
             hold_out_ratio=1.0 if hold_out is None else hold_out.applied_ratio,
         )
 
+    def reflector_constant_mm(self, parameters: int) -> tuple[float, float]:
+        """By how much ranges are too long, and its σ, behind so many parameters; σ NaN if lost."""
+        covariance = self.found.covariance
+        variance = np.nan if covariance is None else covariance[parameters, parameters]
+        return float(self.found.x[parameters]), float(np.sqrt(variance))
+
     @property
     def scatter(self) -> variance_components.VarianceComponents:
         """The robot's own that the estimate takes in."""

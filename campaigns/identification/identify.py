@@ -14,8 +14,8 @@ from campaigns.estimation.observability import unobservable_combinations
 from campaigns.evaluation import diagnostics, identification
 from campaigns.evaluation.plausibility import check_shots
 from campaigns.identification import result
-from campaigns.identification.change import change_of, lack_of_fit_of
-from campaigns.identification.fit import Fit, fit_shots, plain_fit
+from campaigns.identification.change import tested
+from campaigns.identification.fit import Fit, PointFit, fit_shots, plain_fit
 from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
 from campaigns.identification.observations import Inputs, Observations
 from campaigns.identification.options import IdentificationOptions
@@ -44,15 +44,20 @@ def identify(
     known = shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
     _check(nominal, known, sessions=options.sessions)
     inputs = Inputs.of(nominal, shots, selection, options)
+    constant: tuple[float, float] | None = None
     try:
         fit = fit_shots(inputs)
+        if options.frees_reflector_constant:
+            constant = fit.reflector_constant_mm(len(selection.free))
+            inputs = replace(inputs, shots=shots.with_shorter_ranges(constant[0]))
+            fit = fit_shots(inputs)
     except NoSolution as error:
         raise ShotsInvalid(
             "the shots lead to no robot that could be assembled",
             remedy="look for gross errors: order and signs of the joints, units of points and of "
             "covariances",
         ) from error
-    return _result(inputs, fit, unseen_pairs(inputs, fit))
+    return _result(inputs, fit, unseen_pairs(inputs, fit), constant)
 
 
 def _check(nominal: Kinematics, shots: Shots, *, sessions: bool) -> None:
@@ -62,7 +67,9 @@ def _check(nominal: Kinematics, shots: Shots, *, sessions: bool) -> None:
         check_shots(nominal, shots.rows(np.flatnonzero(own == each)), "the shots")
 
 
-def _result(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> result.IdentificationResult:
+def _result(
+    inputs: Inputs, fit: Fit, held_out: UnseenPairs, constant_mm: tuple[float, float] | None
+) -> result.IdentificationResult:
     """Findings of the fitted and the unseen shots together."""
     found, fitted, options = fit.found, fit.observations, inputs.options
     free, space = inputs.selection.free, inputs.nominal.mechanism.parameters
@@ -73,6 +80,8 @@ def _result(inputs: Inputs, fit: Fit, held_out: UnseenPairs) -> result.Identific
     errors, unseen = _residuals(fit), held_out.errors
     unobservable = tuple(unobservable_combinations(found.seen, free))
     doubts = tuple(_doubts(inputs, fit, held_out, parameters, covariance))
+    if constant_mm is not None:
+        doubts += (diagnostics.reflector_told(*constant_mm),)
     outliers = fit.left_out.found if fit.left_out else found
     verdict, reasons = identification.identification_verdict(
         identification.IdentificationEvidence(
@@ -198,29 +207,37 @@ def _doubts(
     covariance: Uncertainty,
 ) -> Iterator[diagnostics.Doubt]:
     """All that speak against the result, by name."""
-    options, space = inputs.options, inputs.nominal.mechanism.parameters
-    free = inputs.selection.free
+    options, free = inputs.options, inputs.selection.free
     changes = {name: parameters[name].delta for name in free}
     yield from diagnostics.parameter_doubts(
         inputs.nominal.parameters, changes, covariance, options.tolerance, options.accepted
     )
     yield from diagnostics.noise_doubts(fit.stated_noise)
-    tested, unseen = held_out.tested, held_out.errors
+    hold_out, unseen = held_out.tested, held_out.errors
     met = unseen is not None and diagnostics.limits_met(unseen.summary().after, options.limits_mm)
     judged = fit.points
     if judged is None and options.outliers is not Outliers.KEEP:
         judged = plain_fit(inputs)  # also where coordinates take no part in the fit
     if judged is not None:
-        beside = {*space.free_by_default, *free}
-        parts = tuple(name for name in space.free_in_full if name not in beside)
-        lack = lack_of_fit_of(judged, parts)
-        change = change_of(judged, space, lack, parts)
-        if change is not None:
-            yield diagnostics.change_doubt(*change, space)
-        if lack is not None:
-            yield diagnostics.lack_doubt(lack, limits_met=met)
-    if tested is not None and not tested.believable:
-        yield diagnostics.hold_out_doubt(tested.ratio, tested.p, tested.pairs, limits_met=met)
+        yield from _tested_doubts(inputs, judged, held_out, met=met)
+    if hold_out is not None and not hold_out.believable:
+        yield diagnostics.hold_out_doubt(hold_out.ratio, hold_out.p, hold_out.pairs, limits_met=met)
+
+
+def _tested_doubts(
+    inputs: Inputs, judged: PointFit, held_out: UnseenPairs, *, met: bool
+) -> Iterator[diagnostics.Doubt]:
+    """Doubts by all shots: changes in time, and what the model lacks."""
+    told, space = tested(inputs, judged, held_out.identified), inputs.nominal.mechanism.parameters
+    if told.change is not None and told.between is not None:
+        play = diagnostics.PLAY * judged.scatter.joint
+        yield diagnostics.change_doubt(told.change, told.between, space, play)
+    if told.off_from is not None:
+        yield diagnostics.late_doubt(*told.off_from)
+    for pair in told.swapped:
+        yield diagnostics.swapped_doubt(*pair)
+    for lack in told.lacks:
+        yield diagnostics.lack_doubt(lack, space, limits_met=met)
 
 
 def _robot_scatter(fit: Fit, nominal: Kinematics) -> result.RobotScatter | None:

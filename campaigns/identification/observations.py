@@ -1,18 +1,23 @@
 """Observations of a fit: shots or pairs that can be used, with the problem that they pose."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.errors import ShotsInvalid, ShotsMissing
+from campaigns.estimation import error_columns
 from campaigns.estimation.estimators import Weights
 from campaigns.estimation.least_squares import LeastSquaresProblem, Priors
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
 from campaigns.estimation.rigid_transforms import Transform, fit_transform
-from campaigns.estimation.tracker_noise import distance_variance_mm2, pooled_variance_mm2
+from campaigns.estimation.tracker_noise import (
+    distance_variance_mm2,
+    inverse_roots,
+    pooled_variance_mm2,
+)
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.identification.result import Excluded
@@ -237,7 +242,41 @@ def point_observations(inputs: Inputs) -> Observations:
         raise ShotsMissing(
             f"{len(shots)} shots fix no frame: {error}", remedy="measure all over the workspace"
         ) from error
+    points = replace(points, nuisance=_nuisance(measured, inputs.options))
     return Observations(points, _priors(inputs, model), shots, shots.numbers, stated, excluded)
+
+
+def _nuisance(points_in_tracker_mm: Array, options: IdentificationOptions) -> Array | None:
+    """Columns of what is fitted beside robot and frame: the reflector's constant."""
+    asked = options.frees_reflector_constant
+    return error_columns.reflector_constant(points_in_tracker_mm) if asked else None
+
+
+def all_observations(inputs: Inputs, fitted: Observations, near: KinematicSolution) -> Observations:
+    """Coordinates of all shots of pairs in the order of time, unseen ones too, by a fit's frames.
+
+    `near` has poses at all shots near theirs. Raises `NoSolution`, and `LinAlgError` for a
+    covariance that is none.
+    """
+    data, some = inputs.shots, fitted.shots
+    known = np.isin(data.session, some.session) | (not inputs.options.sessions)
+    pairs = [purpose.in_pairs for purpose in data.purposes]
+    order = data.order_of_time()
+    rows = order[(known & pairs & near.found)[order]]
+    shots = data.rows(rows)
+    stated, points = shots.covariance_mm2(inputs.options.instrument), fitted.points
+    sessions = points.sessions
+    if sessions is not None:
+        sessions = np.searchsorted(np.unique(some.session), shots.session)
+    residuals = replace(
+        points,
+        model=inputs.model_of(shots, near.values[rows]),
+        points_in_tracker_mm=shots.points_in_tracker_mm,
+        whitening=inverse_roots(stated),
+        sessions=sessions,
+        nuisance=_nuisance(shots.points_in_tracker_mm, inputs.options),
+    )
+    return Observations(residuals, fitted.priors, shots, shots.numbers, stated, ())
 
 
 def _sessions(shots: Shots) -> Index | None:

@@ -11,6 +11,7 @@ from campaigns.estimation.estimators import Estimator, LossShape, Model, Outlier
 from campaigns.estimation.robust import TUNING_CONSTANT, Loss
 from campaigns.estimation.tracker_noise import TrackerUncertainty
 from campaigns.evaluation.diagnostics import COMMON_SCALE, LARGE_CHANGE
+from campaigns.identification.parameter_selection import REFLECTOR_CONSTANT
 from campaigns.robots.robot import Tolerance
 from campaigns.settings.option import Option
 
@@ -28,7 +29,11 @@ ModelChoice = Annotated[
 ]
 Freed = Annotated[
     tuple[str, ...],
-    Option("Find these too, such as 'arm*.azimuth_deg'; repeatable.", metavar="PATTERN"),
+    Option(
+        "Find these too, such as 'arm*.azimuth_deg', or identify's reflector_constant_mm; "
+        "repeatable.",
+        metavar="PATTERN",
+    ),
 ]
 Fixed = Annotated[
     tuple[str, ...],
@@ -147,6 +152,16 @@ class IdentificationOptions(Selection):
                 f"--hold-out is {self.hold_out:.4g}, must be 0 to {MOST_HELD_OUT:g}",
                 remedy="20% is usual",
             )
+        if self.frees_reflector_constant and self.estimator is not Estimator.POINTS:
+            raise OptionsInvalid(
+                f"--free {REFLECTOR_CONSTANT} belongs to --estimator points",
+                remedy="distances alone don't tell it: leave one of the two out",
+            )
+
+    @property
+    def frees_reflector_constant(self) -> bool:
+        """Whether ranges may be too long by one constant, which is no robot's parameter."""
+        return REFLECTOR_CONSTANT in self.free
 
     @property
     def robust_loss(self) -> Loss:

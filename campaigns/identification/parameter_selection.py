@@ -14,6 +14,8 @@ from campaigns.mechanisms.parameters import ParameterSpace
 LEAST_STD = 1e-6
 """mm or deg, of a prior: what is known better need not be looked for."""
 WILD = frozenset("*?[")
+REFLECTOR_CONSTANT = "reflector_constant_mm"
+"""Stands among the names to free; it is the tracker's, not the robot's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +99,7 @@ def _freed(
 def _ranked(patterns: Sequence[str], names: tuple[str, ...]) -> dict[str, int]:
     """Every name meant, with 1 where it is written out and 0 where a pattern means it."""
     ranks: dict[str, int] = {}
-    for pattern in patterns:
+    for pattern in (each for each in patterns if each != REFLECTOR_CONSTANT):
         for name in matching(pattern, names):
             ranks[name] = max(ranks.get(name, 0), int(name == pattern))
     return ranks

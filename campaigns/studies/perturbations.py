@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-Step = Literal["", "joint", "length", "frame"]
+Step = Literal["", "joint", "length", "mount", "frame"]
 Drift = Literal["", "frame", "arms"]
 
 
@@ -32,17 +32,55 @@ class Perturbation:
     """Standard deviation of the motor axes' tilts."""
     scale: float = 1.0
     """Factor of all measured points."""
+    late: bool = False
+    """Whether a step is before one of the last shots, fitted and unseen ones in a drawn order."""
+    swapped: bool = False
+    """Whether two neighbours have each other's points."""
+    eccentric_deg: float = 0.0
+    """Of the encoder of every crank, at most; where that is is drawn."""
+    ratio_ppm: float = 0.0
+    """Of one joint's gear or drive."""
+    period_mm: float = 0.0
+    """Error of every carriage's screw, whose pitch is drawn, at most."""
+    sag_mm: float = 0.0
+    """Of the plate by the yielding of all gears under its weight, from the least to the most."""
+    azimuths_mrad: float = 0.0
+    """Standard deviation of the directions of all arms but the first."""
+    reflector_mm: float = 0.0
+    """By how much ranges are too long."""
+    transit_mrad: float = 0.0
+    """Of the tracker's transit axis, out of square."""
+
+    @property
+    def imperfect_parts(self) -> bool:
+        """Presence of unequal rods or tilted axes."""
+        return self.rods_mm > 0.0 or self.axes_mrad > 0.0
+
+    @property
+    def cause(self) -> str:
+        """Name of what the model lacks by it; empty where it has one."""
+        causes = {
+            "eccentricity": self.eccentric_deg,
+            "ratio": self.ratio_ppm,
+            "period": self.period_mm,
+            "yielding": self.sag_mm,
+            "azimuths": self.azimuths_mrad,
+            "reflector": self.reflector_mm,
+            "transit axis": self.transit_mrad,
+        }
+        return next((name for name, size in causes.items() if size), "")
 
     @property
     def beyond_the_model(self) -> bool:
         """Presence of what no parameter of the contracted model describes."""
-        return self.rods_mm > 0.0 or self.axes_mrad > 0.0
+        return self.imperfect_parts or bool(self.cause)
 
     def __str__(self) -> str:
         """Sizes in words."""
         unit = "deg" if self.step == "joint" else "mm"
         count = f"{self.gross} × " if self.gross else ""
-        what = f"{self.step or self.drift} " if self.step or self.drift else ""
+        late = "late " if self.late else ""
+        what = f"{late}{self.step or self.drift} " if self.step or self.drift else ""
         told = {
             f"{what}{count}{self.size:g} {unit}": self.size,
             f"± {self.scatter_mm:.2g} mm": self.scatter_mm,
@@ -50,6 +88,14 @@ class Perturbation:
             f"rods {self.rods_mm:g} mm": self.rods_mm,
             f"axes {self.axes_mrad:g} mrad": self.axes_mrad,
             f"× {self.scale:g}": self.scale - 1.0,
+            "two swapped": self.swapped,
+            f"eccentric {self.eccentric_deg:g}°": self.eccentric_deg,
+            f"ratio {self.ratio_ppm:g} ppm": self.ratio_ppm,
+            f"screws {self.period_mm:g} mm": self.period_mm,
+            f"sag {self.sag_mm:g} mm": self.sag_mm,
+            f"azimuths {self.azimuths_mrad:g} mrad": self.azimuths_mrad,
+            f"reflector {self.reflector_mm:g} mm": self.reflector_mm,
+            f"transit {self.transit_mrad:g} mrad": self.transit_mrad,
         }
         return ", ".join(words for words, size in told.items() if size) or "none"
 
@@ -100,9 +146,25 @@ BY_SIZE: Mapping[str, tuple[Perturbation, ...]] = {
         Perturbation(),
         *(Perturbation(gross=count, size=2.0, along_pairs=True) for count in (1, 2, 3)),
     ),
+    "eccentric-encoders": tuple(Perturbation(eccentric_deg=size) for size in (0.005, 0.01, 0.02)),
+    "gear-ratio": tuple(Perturbation(ratio_ppm=size) for size in (200.0, 500.0, 1000.0)),
+    "carriage-period": tuple(Perturbation(period_mm=size) for size in (0.005, 0.01, 0.03)),
+    "sag": tuple(Perturbation(sag_mm=size) for size in (0.05, 0.1, 0.2)),
+    "azimuths": tuple(Perturbation(azimuths_mrad=size) for size in (0.2, 0.5, 2.0)),
+    "reflector-constant": tuple(Perturbation(reflector_mm=size) for size in (0.2, 0.5, 12.7)),
+    "transit-axis": tuple(Perturbation(transit_mrad=size) for size in (0.02, 0.05, 0.2)),
+    "late-encoder-step": tuple(
+        Perturbation(step="joint", size=size, late=True) for size in (0.02, 0.05, 0.3)
+    ),
+    "late-mount-step": tuple(
+        Perturbation(step="mount", size=size, late=True) for size in (0.1, 0.3, 1.0)
+    ),
+    "moved-mount": tuple(Perturbation(step="mount", size=size) for size in (0.1, 0.3, 1.0)),
+    "swapped-neighbours": (Perturbation(swapped=True),),
 }
 """Not among `all`, and told by size: parts that are never perfect, from none to coarse, of which
-each model leaves something; wrong shots of which bare distances tell nothing but that."""
+each model leaves something; wrong shots of which bare distances tell nothing but that; small errors
+with a cause each, and changes before the last shots."""
 
 KINDS: Mapping[str, tuple[Perturbation, ...]] = {**PERTURBATIONS, **BY_SIZE}
 """Their order is part of what is drawn."""

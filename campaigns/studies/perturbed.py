@@ -19,6 +19,8 @@ from campaigns.studies.study import Forward, StudySetup, fitted_rows
 
 FEWEST_BEYOND = 8
 """Fitted shots before a step, and after it."""
+LATE = (3, 9)
+"""Shots after a late step: from so many to one less than so many."""
 BETWEEN_SESSIONS = 1.0 / 3.0
 """Share of steps that are between two sessions of equal length."""
 WARMING = 3.0
@@ -85,9 +87,14 @@ def perturbed_campaign(
     A perturbation beyond the model needs `setup.beyond_model`.
     """
     shots, mechanism = setup.shots, setup.nominal.mechanism
-    fitted = fitted_rows(shots)
     before = Kinematics(mechanism, truth)
-    arm, first = int(rng.integers(mechanism.parameters.arms)), _first_after(rng, fitted)
+    arm = int(rng.integers(mechanism.parameters.arms))
+    if perturbation.late:
+        shots = shots.rows(rng.permutation(len(shots)))
+    fitted = fitted_rows(shots)
+    first = (
+        len(shots) - int(rng.integers(*LATE)) if perturbation.late else _first_after(rng, fitted)
+    )
     after = _changed(before, perturbation, arm, rng)
     told = after
     joints = shots.joints + _backlash(before, perturbation) * rng.choice(
@@ -118,6 +125,12 @@ def perturbed_campaign(
     if perturbation.along_pairs:
         off = _along_pairs(shots, points, wrong, perturbation.size)
     points[wrong] += off
+    if perturbation.swapped:
+        one = int(rng.integers(len(shots) - 1))
+        points[[one, one + 1]] = points[[one + 1, one]]
+    if perturbation.cause:
+        assert setup.misread is not None, "as before"
+        points = setup.misread(points, perturbation)
     stated = point_covariance_mm2(points, setup.options.instrument)
     roots = np.linalg.cholesky(stated)
     points = points + np.einsum("nij,nj->ni", roots, rng.standard_normal(points.shape))
@@ -160,6 +173,10 @@ def _changed(
         p[space.offsets[arm]] += turn * rng.choice([-1.0, 1.0])
     elif perturbation.step == "length":
         p[lengths[arm]] += perturbation.size
+    elif perturbation.step == "mount":
+        p[space.places([f"arm{arm}.{axis}_mm" for axis in "xyz"])] += _any_direction(
+            rng, 1, perturbation.size
+        )[0]
     elif perturbation.drift == "arms":
         p[lengths] += perturbation.size
     else:

@@ -31,7 +31,7 @@ Forward = Callable[[Array], Array]
 
 
 BeyondModel = Callable[[Kinematics, Perturbation, np.random.Generator], tuple[Forward, Array]]
-"""Source of robots with unequal rods and tilted axes, each like a true one with perfect parts.
+"""Source of robots with imperfect parts, each like a true one with perfect parts.
 
 Gives its points, and its parameters (G,), skews and tilts too, in the datum of that robot.
 """
@@ -58,6 +58,8 @@ class StudySetup:
     """Name of what goes wrong: all of `identify` judges then. Nothing goes wrong without one."""
     beyond_model: BeyondModel | None = None
     """None where nothing simulates such robots."""
+    misread: Callable[[Array, Perturbation], Array] | None = None
+    """Points (N, 3) in its frame as a tracker reads them that is off; None: it is not simulated."""
     models: Mapping[str, ParameterSelection] | None = None
     """Models among which identification chooses, the standard one first; None: none but one."""
     model: Model = Model.STANDARD
@@ -161,6 +163,8 @@ class CampaignVerdict:
     """Gross errors not named."""
     too_many: int
     """Good shots, or pairs of good shots, left out."""
+    causes: tuple[str, ...] = ()
+    """Names of what the model was said to lack, the most significant first."""
     named: bool
     """Whether the perturbation's own cause was named."""
     false_alarm: bool

@@ -5,7 +5,7 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.errors import CampaignError
 from campaigns.estimation.rigid_transforms import fit_transform
-from campaigns.evaluation.diagnostics import CHANGE, COMMON_SCALE, HOLD_OUT, LACK
+from campaigns.evaluation.diagnostics import CHANGE, COMMON_SCALE, HOLD_OUT, LACK, SWAPPED
 from campaigns.identification.model_selection import select_model
 from campaigns.identification.parameter_selection import ParameterSelection
 from campaigns.identification.result import IdentificationResult
@@ -74,6 +74,7 @@ def judge(setup: study.StudySetup, made: PerturbedCampaign) -> study.CampaignVer
         signal=made.signal(),
         missing=missing,
         too_many=too_many,
+        causes=_causes(found),
         named=_named(made, found, change, all_named=missing == too_many == 0),
         false_alarm=_false_alarm(made.perturbation, doubts, change, too_many),
     )
@@ -101,17 +102,19 @@ def _left_out(made: PerturbedCampaign, found: IdentificationResult) -> frozenset
 
 def _change(made: PerturbedCampaign, found: IdentificationResult) -> str:
     """Rightness of a change that was named; empty where none was."""
-    told = next((each for each in found.doubts if each.name == CHANGE), None)
+    told = next((e for e in found.doubts if e.name == CHANGE and e.decision is not None), None)
     if told is None:
         return ""
     kind, cause = str(told.numbers["kind"]), str(told.numbers["cause"])
     if made.perturbation.drift:
         wanted = "drift" if made.perturbation.drift == "frame" else "lengths"
         return "right" if (kind, cause) == ("drift", wanted) else "cause"
+    if not cause:
+        return "place"
     right_arm = kind == "frame" or made.true.mechanism.parameters[cause].arm == made.arm
     if kind != made.perturbation.step or not right_arm:
         return "cause"
-    numbers = [made.shots.numbers[row] for row in study.fitted_rows(made.shots).tolist()]
+    numbers = made.shots.numbers
     place = numbers.index(int(float(told.numbers["before_shot"])))
     return "right" if abs(place - numbers.index(made.first_after)) <= NEAR_SHOTS else "place"
 
@@ -128,6 +131,10 @@ def _named(
         return all_named
     if perturbation.scale != 1.0:
         return COMMON_SCALE in names
+    if perturbation.cause:
+        return next(iter(_causes(found)), "") == perturbation.cause
+    if perturbation.swapped:
+        return SWAPPED in names
     if perturbation.beyond_the_model and not _described(made, found):
         return bool(names & {LACK, HOLD_OUT})
     if perturbation.backlash_deg:
@@ -135,6 +142,11 @@ def _named(
     if perturbation.scatter_mm:
         return scatter is not None and scatter.point_mm > 0.0
     return not any(each.affects_verdict for each in found.doubts) and all_named
+
+
+def _causes(found: IdentificationResult) -> tuple[str, ...]:
+    """Names of what the model was said to lack."""
+    return tuple(str(each.numbers["cause"]) for each in found.doubts if each.name == LACK)
 
 
 def _described(made: PerturbedCampaign, found: IdentificationResult) -> bool:
@@ -149,9 +161,11 @@ def _false_alarm(
     perturbation: Perturbation, doubts: tuple[str, ...], change: str, too_many: int
 ) -> bool:
     """Naming of a change, a scale or a wrong shot where there is none."""
-    changes = bool(perturbation.step or perturbation.drift)
+    changes = bool(perturbation.step or perturbation.drift or perturbation.swapped)
+    lacking = changes or perturbation.beyond_the_model
     return (
         (bool(change) and not changes)
         or (COMMON_SCALE in doubts and perturbation.scale == 1.0 and not perturbation.drift)
-        or (too_many > 0 and not changes)
+        or (too_many > 0 and not changes and not perturbation.cause)
+        or (LACK in doubts and not (lacking or perturbation.gross))
     )

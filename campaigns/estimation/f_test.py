@@ -1,0 +1,67 @@
+"""F test of further columns beside a fit, in the linearised and whitened shots."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import betainc, betaln
+
+from campaigns.arrays import Array
+from campaigns.estimation.observability import orthonormal_basis
+
+LOST = 1e-4
+"""A column of which less than this part is left beside the fit is one of the fit's own."""
+UNDERFLOW = 1e-290
+
+
+def log_p(columns: int, freedom: float, gain: Array | float, chi2: float) -> Array:
+    """Logarithm of the chance that columns gain so much of χ² of so many degrees of freedom.
+
+    The fit's degrees of freedom, the columns' included. Logarithms, for p < 1e-308 has no double.
+    """
+    left = np.clip(1.0 - np.asarray(gain) / chi2, 1e-300, 1.0)
+    a, b = 0.5 * (freedom - columns), 0.5 * columns
+    p = betainc(a, b, left)
+    rest = (b - 1.0) * np.log1p(-np.minimum(left, 0.5))
+    first = a * np.log(left) + rest - np.log(a) - betaln(a, b)  # of a series in what is left
+    return np.asarray(np.where(p > UNDERFLOW, np.log(np.maximum(p, UNDERFLOW)), first))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedShots:
+    """Whitened residuals of N shots after a linear fit, and the columns that it took up."""
+
+    left: Array
+    """(3 N,)"""
+    basis: Array
+    """Orthonormal, (3 N, R)."""
+
+    @classmethod
+    def of(cls, residual: Array, jacobian: Array) -> "FittedShots":
+        """Shots (N, 3) fitted by a Jacobian (N, 3, P)."""
+        flat = residual.ravel()
+        basis = orthonormal_basis(jacobian.reshape(len(flat), -1))
+        return cls(flat - basis @ (basis.T @ flat), basis)
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squares that is left."""
+        return float(self.left @ self.left)
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom that are left."""
+        return int(self.left.size - self.basis.shape[1])
+
+    def beside(self, columns: Array) -> Array:
+        """What is left of columns (N, 3, k) beside the fit, (3 N, k); nothing of the fit's own."""
+        flat = columns.reshape(self.left.size, -1)
+        left = flat - self.basis @ (self.basis.T @ flat)
+        own = np.linalg.norm(left, axis=0) > LOST * np.linalg.norm(flat, axis=0)
+        return np.asarray(left * own)
+
+    def fitted(self, columns: Array) -> "FittedShots":
+        """The same with further columns (N, 3, k) in the fit."""
+        more = orthonormal_basis(self.beside(columns))
+        return FittedShots(
+            self.left - more @ (more.T @ self.left), np.concatenate([self.basis, more], axis=1)
+        )
