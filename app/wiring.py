@@ -35,7 +35,7 @@ from drivers.wire.robotline import RobotLayout
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell
-from sim.errors import MemoryInvalid
+from sim.errors import SimError
 from sim.scenarios.scenario import load_scenario
 from sim.scenarios.schema import Scenario
 
@@ -251,11 +251,9 @@ def _remembered(path: Path) -> dict[str, object] | None:
             bounded_files.decoded(bounded_files.read_bounded(path, MEMORY_BYTES), str(path))
         )
     except (bounded_files.FileRefused, RecursionError, ValueError) as error:
-        raise MemoryInvalid(
-            f"{path}: cannot be read ({error})", remedy="delete the file"
-        ) from error
+        raise SimError(f"{path}: cannot be read ({error})", remedy="delete the file") from error
     if not isinstance(found, dict):
-        raise MemoryInvalid(f"{path}: holds no memory of a cell", remedy="delete the file")
+        raise SimError(f"{path}: holds no memory of a cell", remedy="delete the file")
     return found
 
 

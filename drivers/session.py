@@ -4,16 +4,11 @@ What goes wrong while a connection is opened closes it, and nothing is asked ove
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from drivers.errors import DeviceNotReady, DeviceRefused, LinkDown, WrongDevice
 from drivers.link import LinkClient
 from drivers.values import Identity
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
 
 Connected = TypeVar("Connected", bound=LinkClient[Any])
 Wanted = TypeVar("Wanted")
@@ -144,12 +139,9 @@ class PreparedSession(DeviceSession[Connected], Generic[Connected, Wanted, Agree
         )
 
 
-def changed(agreed: "DataclassInstance", current: "DataclassInstance") -> str:
-    """Return in words the fields in which two readings of one device's settings differ."""
-    names = [field.name for field in fields(agreed)]
-    return " and ".join(
-        name.replace("_", " ") for name in names if getattr(current, name) != getattr(agreed, name)
-    )
+def changed(agreed: Mapping[str, object], current: Mapping[str, object]) -> str:
+    """Return the names in which two readings of one device's settings differ."""
+    return " and ".join(name for name in agreed if current[name] != agreed[name])
 
 
 def require_kept(device: str, kept: Mapping[str, bool], *, remedy: str) -> None:

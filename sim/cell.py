@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from sim import factory
-from sim.errors import AssemblyLost, MemoryInvalid, ScenarioInvalid
+from sim.errors import AssemblyLost, ScenarioInvalid, SimError
 from sim.faults import FaultScript
 from sim.geometry import KINDS, Array, Geometry, geometry_of, problem_with
 from sim.random_streams import Attempts, WorkedTime
@@ -72,18 +72,18 @@ class CellMemory(BaseModel):
 
 
 def remembered(memory: Mapping[str, object], *, scenario: str, mechanism: str) -> CellMemory:
-    """Check what was remembered; raises `MemoryInvalid`."""
+    """Check what was remembered; raises `SimError`."""
     try:
         found = CellMemory.model_validate_json(json.dumps(memory))
     except (ValidationError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise MemoryInvalid(f"the cell's memory is damaged: {reason}", remedy=REMEDY) from error
+        raise SimError(f"the cell's memory is damaged: {reason}", remedy=REMEDY) from error
     if found.scenario != scenario:
-        raise MemoryInvalid(
+        raise SimError(
             f"the cell's memory is of scenario '{found.scenario}', not '{scenario}'", remedy=REMEDY
         )
     if found.mechanism != mechanism:
-        raise MemoryInvalid(
+        raise SimError(
             f"the cell's memory is of a {found.mechanism}, not a {mechanism}", remedy=REMEDY
         )
     return found
@@ -92,7 +92,7 @@ def remembered(memory: Mapping[str, object], *, scenario: str, mechanism: str) -
 class Cell:
     """A scenario come alive. `memory` continues an earlier cell; `seed` overrides the scenario's.
 
-    Raises `ScenarioInvalid` when no such robot can be put together, `MemoryInvalid` when the memory
+    Raises `ScenarioInvalid` when no such robot can be put together, `SimError` when the memory
     is damaged or another cell's.
     """
 
@@ -265,7 +265,7 @@ def _agreed_seed(scenario: Scenario, seed: int | None, past: CellMemory | None) 
     if past is None:
         return scenario.seed if seed is None else seed
     if seed is not None and seed != past.seed:
-        raise MemoryInvalid(f"the cell's memory is of seed {past.seed}, not {seed}", remedy=REMEDY)
+        raise SimError(f"the cell's memory is of seed {past.seed}, not {seed}", remedy=REMEDY)
     return past.seed
 
 
@@ -275,11 +275,9 @@ def _standing(state: CellMemory, rods: RodMechanism, growth: float) -> Standing:
     try:
         found = restore(rods, joints, plate, growth)
     except AssemblyLost as error:
-        raise MemoryInvalid(
-            f"the cell's memory is damaged: {error.problem}", remedy=REMEDY
-        ) from error
+        raise SimError(f"the cell's memory is damaged: {error.problem}", remedy=REMEDY) from error
     if np.abs(found.plate.unknowns - plate.unknowns).max() > REMEMBERED_WITHIN_MM:
-        raise MemoryInvalid("the cell's memory is damaged: its plate is elsewhere", remedy=REMEDY)
+        raise SimError("the cell's memory is damaged: its plate is elsewhere", remedy=REMEDY)
     return Standing(
         np.array(state.encoders_rad),
         np.array(state.play_rad),

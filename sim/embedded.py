@@ -6,7 +6,7 @@ from typing import Literal
 
 from sim.cell import Cell
 from sim.clock import CellClock
-from sim.errors import ServerFailed
+from sim.errors import SimError
 from sim.robot.controller import SimulatedController
 from sim.robot.follower import FollowingController
 from sim.servers.emscon_instrument import EmsconInstrument
@@ -29,7 +29,7 @@ which a place was approached.
 class EmbeddedCell:
     """A context manager: inside it, a controller and a tracker answer at their URLs.
 
-    Raises `ServerFailed` when a port is taken, and on leaving when the cell broke meanwhile.
+    Raises `SimError` when a port is taken, and on leaving when the cell broke meanwhile.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class EmbeddedCell:
         """Sessions of a tracker that speaks it."""
         sessions: Mapping[str, SessionFactory] = {"emscon": self._emscon, "geocom": self._geocom}
         if protocol not in sessions:
-            raise ServerFailed(
+            raise SimError(
                 f"no simulated tracker speaks '{protocol}'", remedy=f"use {' or '.join(sessions)}"
             )
         return sessions[protocol]

@@ -4,19 +4,11 @@ from drivers.errors import ExplainedError
 
 
 class SimError(ExplainedError):
-    """Root of everything that the simulator raises to its user."""
+    """Server that could not start or broke, memory of another cell, or any of the errors below."""
 
 
 class ScenarioInvalid(SimError):
     """A scenario cannot be read, or describes no cell that can be built."""
-
-
-class MemoryInvalid(SimError):
-    """Memory of a cell's last run that is damaged or belongs to another cell."""
-
-
-class ServerFailed(SimError):
-    """The simulated cell's server could not start, or broke."""
 
 
 class AssemblyLost(SimError):

@@ -1,7 +1,6 @@
 """A study's picture: errors against the normal distribution, honesty by parameter, what is left."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -27,15 +26,8 @@ DODGE = 0.6
 """Of a parameter's place, over which combinations stand side by side."""
 
 
-@dataclass(frozen=True, slots=True)
-class Look:
-    """How a combination is drawn; a mark and a line tell it in grey print too."""
-
-    colour: str
-    mark: str
-    line: Line
-    aside: float
-    """From the middle of a parameter's place."""
+Look = tuple[str, str, Line]
+"""Colour, mark and line by which a combination is drawn: two tell it in grey print too."""
 
 
 @in_house_style
@@ -59,15 +51,9 @@ def study_picture(compared: Sequence[Compared]) -> Figure:
 
 
 def _looks(count: int) -> list[Look]:
-    steps = (np.arange(count) - 0.5 * (count - 1)) * DODGE / max(count, 1)
     return [
-        Look(
-            COLOURS[place % len(COLOURS)],
-            MARKS[place % len(MARKS)],
-            LINES[place % len(LINES)],
-            float(aside),
-        )
-        for place, aside in enumerate(steps)
+        (COLOURS[place % len(COLOURS)], MARKS[place % len(MARKS)], LINES[place % len(LINES)])
+        for place in range(count)
     ]
 
 
@@ -77,21 +63,22 @@ def _handles(compared: Sequence[Compared], looks: Sequence[Look]) -> list[Line2D
         Line2D(
             [],
             [],
-            color=look.colour,
-            marker=look.mark,
-            linestyle=look.line,
+            color=colour,
+            marker=mark,
+            linestyle=line,
             label=f"{one.label} ({one.summary.campaigns} campaigns)",
         )
-        for one, look in zip(compared, looks, strict=True)
+        for one, (colour, mark, line) in zip(compared, looks, strict=True)
     ]
 
 
 def _scores(axes: Axes, one: Compared, look: Look) -> None:
     """How often which error in stated σ was found, all parameters together."""
+    colour, _, line = look
     scores = normal_scores(one.combination.setup, one.studied.rows)
     counts = np.histogram(scores, SCORES)[0]
     density = counts / (scores.size * np.diff(SCORES))
-    axes.stairs(density, SCORES, color=look.colour, linestyle=look.line, linewidth=1.1)
+    axes.stairs(density, SCORES, color=colour, linestyle=line, linewidth=1.1)
 
 
 def _standard_normal(axes: Axes) -> None:
@@ -107,8 +94,9 @@ def _unseen(axes: Axes, one: Compared, look: Look) -> None:
     means = [mean for mean in found if mean is not None]
     if not means:
         return
+    colour, _, line = look
     shares = np.linspace(0.0, 1.0, min(len(means), MOST_POINTS))
-    axes.plot(np.quantile(means, shares), 100.0 * shares, color=look.colour, linestyle=look.line)
+    axes.plot(np.quantile(means, shares), 100.0 * shares, color=colour, linestyle=line)
 
 
 def _label_unseen(axes: Axes) -> None:
@@ -149,6 +137,6 @@ def _band(axes: Axes, limits: Sequence[tuple[float, float]], honest: float) -> N
 
 def _by_parameter(axes: Axes, values: Iterable[Sequence[float]], looks: Sequence[Look]) -> None:
     """A mark a parameter, combinations side by side."""
-    for one, look in zip(values, looks, strict=True):
-        places = np.arange(len(one)) + look.aside
-        axes.plot(places, one, look.mark, color=look.colour, markersize=3.0)
+    aside = (np.arange(len(looks)) - 0.5 * (len(looks) - 1)) * DODGE / len(looks)
+    for one, (colour, mark, _), away in zip(values, looks, aside.tolist(), strict=True):
+        axes.plot(np.arange(len(one)) + away, one, mark, color=colour, markersize=3.0)

@@ -112,10 +112,6 @@ QUICKLY_EXCHANGED = 100
 """Quick growth exchanges no more members than these: beyond, greedy additions do as well."""
 
 
-class CountInvalid(ValueError):
-    """Number of measurements above that of the candidates, or below what the unknowns need."""
-
-
 class Unobservable(ValueError):
     """Parameters that no choice of the candidates can tell apart."""
 
@@ -137,7 +133,8 @@ def optimal_design(
 ) -> Design:
     """The best of several exchanges, the first from a greedy choice, the others from random ones.
 
-    Raises `CountInvalid` and `Unobservable`.
+    Raises `ValueError` for a count above that of the candidates or below what the unknowns need,
+    and `Unobservable`.
     """
     _check_count(candidates, count)
     if starts is None:
@@ -154,7 +151,7 @@ def optimal_design(
 def augment_design(
     candidates: Candidates, criterion: Criterion, chosen: Index, count: int
 ) -> Design:
-    """Larger design from a smaller one: greedy additions, then exchange. Raises `CountInvalid`."""
+    """Larger design from a smaller one: greedy additions, then exchange. Raises `ValueError`."""
     _check_count(candidates, count)
     return exchange(candidates, criterion, augment_greedily(candidates, criterion, chosen, count))
 
@@ -290,10 +287,10 @@ def check_observable(jacobian: Array, names: tuple[str, ...]) -> None:
 
 def _check_count(candidates: Candidates, count: int) -> None:
     if count > len(candidates):
-        raise CountInvalid(f"{count} measurements to choose, but only {len(candidates)} candidates")
+        raise ValueError(f"{count} measurements to choose, but only {len(candidates)} candidates")
     least = minimum_measurements(candidates)
     if count < least:
-        raise CountInvalid(
+        raise ValueError(
             f"{count} measurements cannot tell {len(candidates.scale)} unknowns apart: "
             f"{least} or more are needed"
         )

@@ -5,19 +5,37 @@ Arrays of all arms lie by component and arm, (3, n, N): long rows are what the p
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from typing_extensions import override
 
 from campaigns.arrays import Array, Mask
-from campaigns.mechanisms.mechanism import ArmWords, Axis, Limits
+from campaigns.mechanisms.mechanism import ArmWords, Limits
 from campaigns.mechanisms.parameters import ParameterField
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arms(ABC):
-    """Arms of one robot at joints, one forearm each."""
+    """Arms of one robot at joints, one forearm each; the class is the kind of arm.
+
+    Values of all arms are (n, k) fields in the order of `fields`, extensions (n, e).
+    """
+
+    fields: ClassVar[tuple[ParameterField, ...]]
+    """Of each arm, in the order of its values."""
+    extensions: ClassVar[tuple[ParameterField, ...]]
+    """Beyond what controllers know."""
+    lost_motion: ClassVar[ParameterField]
+    """Of a joint's gear."""
+    joint: ClassVar[Literal["revolute", "prismatic"]]
+    shows_turn: ClassVar[bool]
+    """Whether arms of known azimuths show how the base is turned about z."""
+    leaning: ClassVar[tuple[str, ...]] = ()
+    """Fields that say which way imperfect parts lean, beside the extensions."""
+    azimuth_is_outward: ClassVar[bool]
+    """Whether forearms' bars lie across the azimuths of the arms."""
+    words: ClassVar[ArmWords]
 
     forearm_mm: Array
     """L_i, (n,)."""
@@ -36,50 +54,47 @@ class Arms(ABC):
     def leverage(self, forearms_mm: Array) -> Array:
         """Share of each forearm along which its joint moves it, (N, n)."""
 
-
-class ArmKind(ABC):
-    """Kind of arm: its fields in files, and how joints and elbows go together."""
-
-    fields: tuple[ParameterField, ...]
-    """Of each arm, in the order of its values."""
-    extensions: tuple[ParameterField, ...]
-    """Beyond what controllers know."""
-    lost_motion: ParameterField
-    """Of a joint's gear."""
-    shows_turn: bool
-    """Whether arms of known azimuths show how the base is turned about z."""
-    leaning: tuple[str, ...] = ()
-    """Fields that say which way imperfect parts lean, beside the extensions."""
-    azimuth_is_outward: bool
-    """Whether forearms' bars lie across the azimuths of the arms."""
-    words: ArmWords
-
+    @classmethod
     @abstractmethod
-    def outward_rad(self, values: Array) -> Array:
-        """Azimuths from the robot's middle to the arms, (n,), of fields (n, k)."""
+    def at(cls, values: Array, extensions: Array, joints: Array) -> Self:
+        """Arms at encoder readings (N, n)."""
 
+    @staticmethod
     @abstractmethod
-    def joint(self, number: int) -> Axis:
-        """Joint axis of an arm."""
-
-    @abstractmethod
-    def at(self, values: Array, extensions: Array, joints: Array) -> Arms:
-        """Arms of fields (n, k) and extensions (n, e) at encoder readings (N, n)."""
-
-    @abstractmethod
-    def inverse(self, values: Array, extensions: Array, targets_mm: Array) -> tuple[Array, Mask]:
+    def inverse(values: Array, extensions: Array, targets_mm: Array) -> tuple[Array, Mask]:
         """Joints (N, n) whose forearms end at (N, n, 3), and which rows have all of them, (N,)."""
 
+    @staticmethod
     @abstractmethod
-    def sensitivity_scale_mm(self, values: Array) -> Array:
+    def outward_rad(values: Array) -> Array:
+        """Azimuths from the robot's middle to the arms, (n,)."""
+
+    @staticmethod
+    @abstractmethod
+    def sensitivity_scale_mm(values: Array) -> Array:
         """Lengths that turn errors into errors of place, (n, k + e + 1).
 
         Of each field, of each extension and of the lost motion.
         """
 
+    @staticmethod
     @abstractmethod
-    def reach_mm(self, values: Array, extensions: Array, limits: Limits, centre_mm: Array) -> Array:
+    def reach_mm(values: Array, extensions: Array, limits: Limits, centre_mm: Array) -> Array:
         """Half size (3,) of a box about a place that holds all that the forearms' ends reach."""
+
+
+CRANK_FIELDS = (
+    ParameterField("x_mm", "the motor centre's x in the base frame, mm", "place"),
+    ParameterField("y_mm", "the motor centre's y in the base frame, mm", "place"),
+    ParameterField("z_mm", "the motor centre's z in the base frame, mm", "place"),
+    ParameterField("azimuth_deg", "the arm's direction about z at joint angle 0, deg", "angle"),
+    ParameterField("joint_offset_deg", "the joint angle minus the encoder's reading, deg", "angle"),
+    ParameterField("arm_mm", "the arm's length, mm", "length"),
+    ParameterField("forearm_mm", "the forearm's length, mm", "length"),
+)
+AXIS_TILT = ParameterField(
+    "axis_tilt_deg", "the motor's axis out of the horizontal, deg; may be left out", "small angle"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,6 +104,14 @@ class RotaryArms(Arms):
     q is the encoder's reading and the joint offset; u_i points along the azimuth, w_i down. Beyond
     the paper the motor's axis may be tilted out of the horizontal, turned by τ_i about u_i.
     """
+
+    fields = CRANK_FIELDS
+    extensions = (AXIS_TILT,)
+    lost_motion = ParameterField("backlash_deg", "the gear's lost motion, deg", "angle")
+    joint = "revolute"
+    shows_turn = True
+    azimuth_is_outward = True
+    words = ArmWords("its elbow's circle", "out of its arm's plane", "elbow")
 
     arm_mm: Array
     """l_i, (n,)."""
@@ -101,6 +124,7 @@ class RotaryArms(Arms):
     sin: Array
     """A positive angle lowers the elbow."""
 
+    @override
     @classmethod
     def at(cls, values: Array, extensions: Array, joints: Array) -> Self:
         """Cranks of (n, 7) fields and (n, 1) axis tilts at encoder angles (N, n)."""
@@ -142,45 +166,14 @@ class RotaryArms(Arms):
         lever = self.cos.T * down - self.sin.T * out
         return np.asarray(np.abs(lever / self.forearm_mm))
 
-
-CRANK_FIELDS = (
-    ParameterField("x_mm", "the motor centre's x in the base frame, mm", "place"),
-    ParameterField("y_mm", "the motor centre's y in the base frame, mm", "place"),
-    ParameterField("z_mm", "the motor centre's z in the base frame, mm", "place"),
-    ParameterField("azimuth_deg", "the arm's direction about z at joint angle 0, deg", "angle"),
-    ParameterField("joint_offset_deg", "the joint angle minus the encoder's reading, deg", "angle"),
-    ParameterField("arm_mm", "the arm's length, mm", "length"),
-    ParameterField("forearm_mm", "the forearm's length, mm", "length"),
-)
-AXIS_TILT = ParameterField(
-    "axis_tilt_deg", "the motor's axis out of the horizontal, deg; may be left out", "small angle"
-)
-
-
-class RotaryArmKind(ArmKind):
-    """Cranks turned by motors, the elbow outward."""
-
-    fields = CRANK_FIELDS
-    extensions = (AXIS_TILT,)
-    lost_motion = ParameterField("backlash_deg", "the gear's lost motion, deg", "angle")
-    shows_turn = True
-    azimuth_is_outward = True
-    words = ArmWords("its elbow's circle", "out of its arm's plane", "elbow")
-
     @override
-    def outward_rad(self, values: Array) -> Array:
+    @staticmethod
+    def outward_rad(values: Array) -> Array:
         return values[:, 3]
 
     @override
-    def joint(self, number: int) -> Axis:
-        return Axis(f"q{number}", "revolute")
-
-    @override
-    def at(self, values: Array, extensions: Array, joints: Array) -> RotaryArms:
-        return RotaryArms.at(values, extensions, joints)
-
-    @override
-    def inverse(self, values: Array, extensions: Array, targets_mm: Array) -> tuple[Array, Mask]:
+    @staticmethod
+    def inverse(values: Array, extensions: Array, targets_mm: Array) -> tuple[Array, Mask]:
         """Encoder angles on the branch with the elbow outward (eqs. 10-14 as corrected)."""
         motor, azimuth, offset, arm, forearm = _columns(values)
         motor_to_plate = targets_mm - motor
@@ -196,14 +189,16 @@ class RotaryArmKind(ArmKind):
         return np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi, found
 
     @override
-    def sensitivity_scale_mm(self, values: Array) -> Array:
+    @staticmethod
+    def sensitivity_scale_mm(values: Array) -> Array:
         """The crank's length for angles, 1 for lengths: of fields, tilt and backlash, (n, 9)."""
         scale = np.ones((len(values), len(CRANK_FIELDS) + 2))
         scale[:, [3, 4, 7, 8]] = values[:, 5:6]
         return scale
 
     @override
-    def reach_mm(self, values: Array, extensions: Array, limits: Limits, centre_mm: Array) -> Array:
+    @staticmethod
+    def reach_mm(values: Array, extensions: Array, limits: Limits, centre_mm: Array) -> Array:
         """A forearm each way, (3,)."""
         return np.full(3, values[:, 6].max())
 

@@ -21,7 +21,7 @@ from typing import Self
 import numpy as np
 
 from campaigns.arrays import Array, Mask
-from campaigns.mechanisms.arms import ArmKind
+from campaigns.mechanisms.arms import Arms
 from campaigns.mechanisms.configuration import AZIMUTH, COORDINATES, Configuration, Limbs
 from campaigns.mechanisms.mechanism import (
     Axis,
@@ -85,14 +85,14 @@ class ClosedChain:
     def __init__(
         self,
         name: str,
-        arms: ArmKind,
+        arms: type[Arms],
         platform: Platform,
         *,
         held_fields: tuple[str, ...],
         datum: tuple[str, ...] = FIRST_CRANK,
     ) -> None:
         self.name = name
-        self.joints = tuple(arms.joint(number) for number in range(platform.arms))
+        self.joints = tuple(Axis(f"q{number}", arms.joint) for number in range(platform.arms))
         self.task: tuple[Axis, ...] = platform.task
         self.parameters = ParameterSpace.of(
             platform.arms,

@@ -6,7 +6,7 @@ is the base frame's x, which keeps it from turning and from tilting about y.
 
 from campaigns.mechanisms.closed_chain import HORIZONTAL, ClosedChain
 from campaigns.mechanisms.i4r import SLIDE
-from campaigns.mechanisms.linear_arms import LinearArmKind
+from campaigns.mechanisms.linear_arms import LinearArms
 from campaigns.mechanisms.linear_delta import FIRST_RAIL, UNTOLD_OF_EACH, UPRIGHT
 from campaigns.mechanisms.platforms import SlidingBars
 
@@ -14,7 +14,7 @@ ARMS = 4
 
 I4L = ClosedChain(
     "i4l",
-    LinearArmKind(),
+    LinearArms,
     SlidingBars(shares=(0.0, 1.0)),
     held_fields=UPRIGHT,
     datum=(

@@ -1,6 +1,6 @@
 """I4R: four rotary arms, and two bars whose slide along x turns the tool (model.md, family)."""
 
-from campaigns.mechanisms.arms import RotaryArmKind
+from campaigns.mechanisms.arms import RotaryArms
 from campaigns.mechanisms.closed_chain import HORIZONTAL, ClosedChain
 from campaigns.mechanisms.platforms import SlidingBars
 
@@ -9,7 +9,7 @@ SLIDE = ("arm2.x_mm", "pinion_mm")
 
 I4R = ClosedChain(
     "i4r",
-    RotaryArmKind(),
+    RotaryArms,
     SlidingBars(shares=(0.0, 1.0)),
     held_fields=("azimuth_deg",),
     # the bars' direction is the frame's x, so that every azimuth could be told

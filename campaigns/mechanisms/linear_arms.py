@@ -10,12 +10,31 @@ import numpy as np
 from typing_extensions import override
 
 from campaigns.arrays import Array, Mask
-from campaigns.mechanisms.arms import ArmKind, Arms
-from campaigns.mechanisms.mechanism import MM_PER_RAD, ArmWords, Axis, Limits
+from campaigns.mechanisms.arms import Arms
+from campaigns.mechanisms.mechanism import MM_PER_RAD, ArmWords, Limits
 from campaigns.mechanisms.parameters import ParameterField
 
 UPRIGHT = 1e-12
 """A rail that goes less aside than that is upright: no azimuth moves it."""
+
+
+RAIL_FIELDS = (
+    ParameterField("x_mm", "x of the rail's zero in the base frame, mm", "place"),
+    ParameterField("y_mm", "y of the rail's zero in the base frame, mm", "place"),
+    ParameterField("z_mm", "z of the rail's zero in the base frame, mm", "place"),
+    ParameterField("azimuth_deg", "the rail's direction about z, deg", "angle"),
+    ParameterField("elevation_deg", "the rail's direction above the horizontal, deg", "angle"),
+    ParameterField("joint_offset_mm", "the carriage's place minus the reading, mm", "place"),
+    ParameterField("forearm_mm", "the forearm's length, mm", "length"),
+)
+RAIL_TILT = ParameterField(
+    "rail_tilt_deg",
+    "the rail out of the vertical plane of its azimuth, deg; may be left out",
+    "small angle",
+)
+BAR_TILT = ParameterField(
+    "axis_tilt_deg", "the carriage's bar out of the horizontal, deg; may be left out", "small angle"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,14 +42,24 @@ class LinearArms(Arms):
     """Carriages on rails: A_i = P_i + (q_i + δq_i) e_i (model.md, family).
 
     e_i points along azimuth and elevation; beyond that the rail may be tilted by τ_i out of the
-    vertical plane of its azimuth.
+    vertical plane of its azimuth. Carriages are above the platform on rails that point upward.
     """
+
+    fields = RAIL_FIELDS
+    extensions = (RAIL_TILT, BAR_TILT)
+    lost_motion = ParameterField("backlash_mm", "the drive's lost motion, mm", "place")
+    joint = "prismatic"
+    shows_turn = False
+    leaning = ("elevation_deg",)
+    azimuth_is_outward = False
+    words = ArmWords("its carriage's rail", "away from its rail", "carriage")
 
     rails: Array
     """e_i and its derivatives by azimuth, elevation and tilt, (4, n, 3)."""
     travel_mm: Array
     """q_i + δq_i, (n, N)."""
 
+    @override
     @classmethod
     def at(cls, values: Array, extensions: Array, joints: Array) -> Self:
         """Carriages of (n, 7) fields and (n, 1) rail tilts at readings (N, n), mm."""
@@ -71,53 +100,16 @@ class LinearArms(Arms):
         """Forearms (3, n, N) along e_i and its derivatives, (4, n, N)."""
         return np.asarray(np.einsum("fik,kin->fin", self.rails, forearms_mm))
 
-
-RAIL_FIELDS = (
-    ParameterField("x_mm", "x of the rail's zero in the base frame, mm", "place"),
-    ParameterField("y_mm", "y of the rail's zero in the base frame, mm", "place"),
-    ParameterField("z_mm", "z of the rail's zero in the base frame, mm", "place"),
-    ParameterField("azimuth_deg", "the rail's direction about z, deg", "angle"),
-    ParameterField("elevation_deg", "the rail's direction above the horizontal, deg", "angle"),
-    ParameterField("joint_offset_mm", "the carriage's place minus the reading, mm", "place"),
-    ParameterField("forearm_mm", "the forearm's length, mm", "length"),
-)
-RAIL_TILT = ParameterField(
-    "rail_tilt_deg",
-    "the rail out of the vertical plane of its azimuth, deg; may be left out",
-    "small angle",
-)
-BAR_TILT = ParameterField(
-    "axis_tilt_deg", "the carriage's bar out of the horizontal, deg; may be left out", "small angle"
-)
-
-
-class LinearArmKind(ArmKind):
-    """Carriages driven along rails, above the platform on a rail that points upward."""
-
-    fields = RAIL_FIELDS
-    extensions = (RAIL_TILT, BAR_TILT)
-    lost_motion = ParameterField("backlash_mm", "the drive's lost motion, mm", "place")
-    shows_turn = False
-    leaning = ("elevation_deg",)
-    azimuth_is_outward = False
-    words = ArmWords("its carriage's rail", "away from its rail", "carriage")
-
     @override
-    def outward_rad(self, values: Array) -> Array:
+    @staticmethod
+    def outward_rad(values: Array) -> Array:
         """Azimuths from the middle of the rails' zeros to each, (n,)."""
         x, y = (values[:, :2] - values[:, :2].mean(axis=0)).T
         return np.asarray(np.arctan2(y, x))
 
     @override
-    def joint(self, number: int) -> Axis:
-        return Axis(f"q{number}", "prismatic")
-
-    @override
-    def at(self, values: Array, extensions: Array, joints: Array) -> LinearArms:
-        return LinearArms.at(values, extensions, joints)
-
-    @override
-    def inverse(self, values: Array, extensions: Array, targets_mm: Array) -> tuple[Array, Mask]:
+    @staticmethod
+    def inverse(values: Array, extensions: Array, targets_mm: Array) -> tuple[Array, Mask]:
         """Readings (N, n): of the two places on a rail the one further along it."""
         to_target = targets_mm - values[:, :3]
         along = np.einsum("...k,...k->...", to_target, rail_directions(values, extensions)[0])
@@ -127,14 +119,16 @@ class LinearArmKind(ArmKind):
         return along + root - values[:, 5], found
 
     @override
-    def sensitivity_scale_mm(self, values: Array) -> Array:
+    @staticmethod
+    def sensitivity_scale_mm(values: Array) -> Array:
         """A typical travel for angles, 1 for lengths: of fields, tilts and backlash, (n, 10)."""
         scale = np.ones((len(values), len(RAIL_FIELDS) + 3))
         scale[:, [3, 4, 7, 8]] = MM_PER_RAD
         return scale
 
     @override
-    def reach_mm(self, values: Array, extensions: Array, limits: Limits, centre_mm: Array) -> Array:
+    @staticmethod
+    def reach_mm(values: Array, extensions: Array, limits: Limits, centre_mm: Array) -> Array:
         """Half size (3,) about a place: forearms within their swing, from carriages in limits."""
         rails = rail_directions(values, extensions)[0]
         ends = values[:, :3] + rails * (np.array(limits.joint)[:, None, None] + values[:, 5:6])

@@ -5,7 +5,7 @@ offset; where the frame is; and its turn about the vertical.
 """
 
 from campaigns.mechanisms.closed_chain import HORIZONTAL, ClosedChain
-from campaigns.mechanisms.linear_arms import LinearArmKind
+from campaigns.mechanisms.linear_arms import LinearArms
 from campaigns.mechanisms.platforms import TranslatingPlatform
 
 ARMS = 3
@@ -17,7 +17,7 @@ UNTOLD_OF_EACH = ("azimuth_deg", "z_mm")
 
 LINEAR_DELTA = ClosedChain(
     "linear-delta",
-    LinearArmKind(),
+    LinearArms,
     TranslatingPlatform(),
     held_fields=UPRIGHT,
     datum=(

@@ -3,7 +3,7 @@
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.mechanisms.arms import RotaryArmKind
+from campaigns.mechanisms.arms import RotaryArms
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.mechanisms.configuration import Limbs
 from campaigns.mechanisms.platforms import HingedPlate
@@ -18,7 +18,7 @@ class Par4(ClosedChain):
     def __init__(self) -> None:
         super().__init__(
             "par4",
-            RotaryArmKind(),
+            RotaryArms,
             HingedPlate(shares=(0.0, 1.0)),
             held_fields=("azimuth_deg",),  # hypothesis (iii) of the paper
         )

@@ -189,7 +189,7 @@ def choose_measurements(
 ) -> Index:
     """Rows of the chosen measurements, (N,).
 
-    Raises `PlanInvalid` for a goal that is out of reach, `CountInvalid` and `Unobservable`.
+    Raises `PlanInvalid` for a goal that is out of reach, `ValueError` and `Unobservable`.
     """
     criterion = options.criterion(request.criterion)
     count = request.plan.identification_shots // options.poses_each

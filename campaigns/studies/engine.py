@@ -6,8 +6,9 @@ Rows are appended as they come and sorted at the end; what a table holds is not 
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 from pydantic import TypeAdapter
 from pydantic_core import from_json
@@ -21,6 +22,7 @@ from drivers.bounded_files import MEGABYTE, is_there
 
 MOST_BYTES = 50 * MEGABYTE
 """Of a table: some 30 000 campaigns with two dozen parameters each."""
+key_of = attrgetter("key")
 ANOTHER = "name another folder with --to, or move this file away"
 
 
@@ -29,13 +31,8 @@ def run_task(task: StudyTask) -> tuple[CampaignRow, ...]:
     return judged(task) if task.setup.perturbation else estimated(task)
 
 
-class _Row(Protocol):
-    @property
-    def key(self) -> Any:
-        """Order in a table, different for each row."""
-
-
-Row = TypeVar("Row", bound=_Row)
+Row = TypeVar("Row")
+"""Row of a table, a dataclass or model with a `key`: its order, different for each row."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +91,7 @@ class ResultTable(Generic[Row]):
 
     def _take(self, rows: Iterable[Row]) -> list[Row]:
         taken = list(rows)
-        self.rows.update((row.key, row) for row in taken)
+        self.rows.update((key_of(row), row) for row in taken)
         return taken
 
     def _lines(self, rows: Iterable[Row]) -> str:

@@ -1,5 +1,6 @@
 """Set-up of an emScon tracker before it measures, and whether it still holds."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from drivers.emscon.client import EmsconClient
@@ -40,19 +41,11 @@ class Preparation:
     search_timeout_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class EmsconSettings:
-    """Settings that decide what the numbers of a result mean, as read back."""
-
-    units: bodies.Units
-    coordinate_system: bodies.Code
-    measurement_mode: bodies.Code
-    stationary_mode: bodies.StationaryMode
-    reflector: bodies.Code
-    switches: bodies.SystemSettings
+Settings = Mapping[str, bodies.Body]
+"""Settings by name, as read back, that decide what the numbers of a result mean."""
 
 
-def set_up(client: EmsconClient, wanted: Preparation, *, initialise_s: float) -> EmsconSettings:
+def set_up(client: EmsconClient, wanted: Preparation, *, initialise_s: float) -> Settings:
     """Bring the tracker to what is wanted and return its settings as it then has them.
 
     Initialises a tracker that isn't, which turns its head. Raises `DeviceNotReady` while the laser
@@ -72,23 +65,23 @@ def set_up(client: EmsconClient, wanted: Preparation, *, initialise_s: float) ->
     _set_switches(client)
     settings = read_settings(client)
     _require_kept(client.name, settings, identifier)
-    _require_time_kept(client.name, settings.stationary_mode.time_ms, time_ms)
+    _require_time_kept(client.name, settings["stationary mode"], time_ms)
     return settings
 
 
-def read_settings(client: EmsconClient) -> EmsconSettings:
+def read_settings(client: EmsconClient) -> Settings:
     """Read back everything that decides what a result means."""
-    return EmsconSettings(
-        client.ask(Command.GET_UNITS, bodies.Units),
-        client.ask(Command.GET_COORDINATE_SYSTEM_TYPE, bodies.Code),
-        client.ask(Command.GET_MEASUREMENT_MODE, bodies.Code),
-        client.ask(Command.GET_STATIONARY_MODE_PARAMS, bodies.StationaryMode),
-        client.ask(Command.GET_REFLECTOR, bodies.Code),
-        client.ask(Command.GET_SYSTEM_SETTINGS, bodies.SystemSettings),
-    )
+    return {
+        "units": client.ask(Command.GET_UNITS, bodies.Units),
+        "coordinate system": client.ask(Command.GET_COORDINATE_SYSTEM_TYPE, bodies.Code),
+        "measurement mode": client.ask(Command.GET_MEASUREMENT_MODE, bodies.Code),
+        "stationary mode": client.ask(Command.GET_STATIONARY_MODE_PARAMS, bodies.StationaryMode),
+        "reflector": client.ask(Command.GET_REFLECTOR, bodies.Code),
+        "switches": client.ask(Command.GET_SYSTEM_SETTINGS, bodies.SystemSettings),
+    }
 
 
-def require_unchanged(client: EmsconClient, agreed: EmsconSettings) -> None:
+def require_unchanged(client: EmsconClient, agreed: Settings) -> None:
     """Raise `DeviceNotReady` when somebody else has changed what a result means."""
     if not client.settings_in_doubt():
         return
@@ -169,13 +162,13 @@ def _set_switches(client: EmsconClient) -> None:
     client.tell(Command.SET_SYSTEM_SETTINGS, wanted)
 
 
-def _require_kept(where: str, settings: EmsconSettings, identifier: int) -> None:
-    switches = settings.switches
-    kept = {
-        "units": settings.units == UNITS,
-        "coordinate system": settings.coordinate_system == CARTESIAN,
-        "measurement mode": settings.measurement_mode == STATIONARY,
-        "reflector": settings.reflector.value == identifier,
+def _require_kept(where: str, settings: Settings, identifier: int) -> None:
+    switches = settings["switches"]
+    assert isinstance(switches, bodies.SystemSettings), "asked for as these"
+    wanted: dict[str, bodies.Body]
+    wanted = {"units": UNITS, "coordinate system": CARTESIAN, "measurement mode": STATIONARY}
+    wanted["reflector"] = bodies.Code(identifier)
+    kept = {name: settings[name] == body for name, body in wanted.items()} | {
         "own frame": not (switches.apply_transformation or switches.apply_station_orientation),
         "unsolicited messages": bool(switches.send_unsolicited_messages),
     }
@@ -183,9 +176,10 @@ def _require_kept(where: str, settings: EmsconSettings, identifier: int) -> None
     require_kept(f"{where}: the tracker", kept, remedy=remedy)
 
 
-def _require_time_kept(where: str, found_ms: int, wanted_ms: int) -> None:
+def _require_time_kept(where: str, mode: bodies.Body, wanted_ms: int) -> None:
     """Raise `DeviceRefused` when the tracker measures for another time than it was told to."""
-    if found_ms != wanted_ms:
+    assert isinstance(mode, bodies.StationaryMode), "asked for as this"
+    if (found_ms := mode.time_ms) != wanted_ms:
         raise DeviceRefused(
             f"{where}: the tracker's measuring time is {found_ms} ms after {wanted_ms} ms was set",
             remedy="set tracker.measuring_time_s in campaign.yaml to a time that it keeps, and end "

@@ -266,7 +266,7 @@ class EmsconTracker(LaserTracker):
         client.tell(Command.SET_UNITS, setup.UNITS)
         return _identity(client)
 
-    def _set_up(self, client: EmsconClient, wanted: setup.Preparation) -> setup.EmsconSettings:
+    def _set_up(self, client: EmsconClient, wanted: setup.Preparation) -> setup.Settings:
         return setup.set_up(client, wanted, initialise_s=self._deadlines.initialise_s)
 
     def _is_connected_again(self, give_up_s: float) -> bool:

@@ -264,12 +264,6 @@ def wholes(count: int) -> Read[tuple[int, ...]]:
     return lambda words: tuple(map(geocom.parse_whole, geocom.parse_words(words, count)))
 
 
-def number(words: Sequence[str]) -> float:
-    """Read a number."""
-    (value,) = numbers(1)(words)
-    return value
-
-
 def numbers(count: int) -> Read[tuple[float, ...]]:
     """Read so many numbers, one that is none (NaN) too: bounds tell what cannot be."""
     return lambda words: tuple(map(any_number, geocom.parse_words(words, count)))

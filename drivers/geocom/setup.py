@@ -1,11 +1,10 @@
 """Set-up of a total station before it measures: its prism, its frame, and whether both hold."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from math import isclose
 
 from drivers.errors import DeviceNotReady, DeviceRefused
-from drivers.geocom.client import GeocomClient, number, numbers, text, whole, wholes
+from drivers.geocom.client import GeocomClient, numbers, text, whole, wholes
 from drivers.session import changed, require_kept
 from drivers.texts import nearest_word
 from drivers.values import Reflector
@@ -21,19 +20,12 @@ NO_REFRACTION = (OFF, 6378000, 0.13)
 """Switch, radius of the earth in m, coefficient."""
 
 
-@dataclass(frozen=True, slots=True)
-class GeocomSettings:
-    """Settings that decide what the numbers of a result mean, as read back.
+Settings = Mapping[str, tuple[float, ...] | None]
+"""Settings by name, as read back, that decide what the numbers of a result mean.
 
-    `station` is the instrument's place and height, `scale` a map projection; lengths in m. None:
-    the instrument won't say.
-    """
-
-    station: tuple[float, ...]
-    target_height: float
-    prism_constant: float
-    target_type: int | None
-    scale: tuple[float, ...] | None
+The station is the instrument's place and height, the scale a map projection; lengths in m. None:
+the instrument won't say.
+"""
 
 
 def known_prisms(client: GeocomClient) -> list[Reflector]:
@@ -93,7 +85,7 @@ def class_and_equipment(client: GeocomClient) -> tuple[int, ...] | None:
     return client.ask_or_none(Rpc.CSV_GET_DEVICE_CONFIG, wholes(2))
 
 
-def set_up(client: GeocomClient, prism: str) -> GeocomSettings:
+def set_up(client: GeocomClient, prism: str) -> Settings:
     """Bring the instrument to what measuring needs and return its settings as it then has them.
 
     Points are then in its own frame: station and heights zero, no projection, no refraction.
@@ -113,18 +105,18 @@ def set_up(client: GeocomClient, prism: str) -> GeocomSettings:
     return settings
 
 
-def read_settings(client: GeocomClient) -> GeocomSettings:
+def read_settings(client: GeocomClient) -> Settings:
     """Read back everything that decides what a result means."""
-    return GeocomSettings(
-        client.ask(Rpc.TMC_GET_STATION, numbers(4)),
-        client.ask(Rpc.TMC_GET_HEIGHT, number),
-        client.ask(Rpc.TMC_GET_PRISM_CORR, number),
-        client.ask_or_none(Rpc.BAP_GET_TARGET_TYPE, whole),
-        client.ask_or_none(Rpc.TMC_GET_GEO_PPM, numbers(5)),
-    )
+    return {
+        "station": client.ask(Rpc.TMC_GET_STATION, numbers(4)),
+        "target height": client.ask(Rpc.TMC_GET_HEIGHT, numbers(1)),
+        "prism constant": client.ask(Rpc.TMC_GET_PRISM_CORR, numbers(1)),
+        "target type": client.ask_or_none(Rpc.BAP_GET_TARGET_TYPE, wholes(1)),
+        "scale": client.ask_or_none(Rpc.TMC_GET_GEO_PPM, numbers(5)),
+    }
 
 
-def require_unchanged(client: GeocomClient, agreed: GeocomSettings) -> None:
+def require_unchanged(client: GeocomClient, agreed: Settings) -> None:
     """Raise `DeviceNotReady` when somebody has changed what a result means."""
     current = read_settings(client)
     if current == agreed:
@@ -158,13 +150,13 @@ def _set_own_frame(client: GeocomClient) -> None:
     client.attempt(Rpc.TMC_SET_GEO_PPM, *NO_SCALE)
 
 
-def _require_kept(client: GeocomClient, settings: GeocomSettings, prism: str) -> None:
+def _require_kept(client: GeocomClient, settings: Settings, prism: str) -> None:
     in_use = prism_in_use(client)
     kept = {
-        "station": not any(settings.station),
-        "target height": settings.target_height == 0.0,
-        "target type": settings.target_type in {None, constants.TargetType.REFLECTOR},
-        "scale": settings.scale is None or _is_neutral(settings.scale),
+        "station": settings["station"] == (*ORIGIN, 0.0),
+        "target height": settings["target height"] == (0.0,),
+        "target type": settings["target type"] in {None, (constants.TargetType.REFLECTOR,)},
+        "scale": (scale := settings["scale"]) is None or _is_neutral(scale),
         "prism": in_use is None or in_use.name == prism,
     }
     remedy = "leave other programs on the instrument, then start again"

@@ -150,9 +150,7 @@ class GeocomTracker(LaserTracker):
         client.greet()
         return _identity(client)
 
-    def _set_up(
-        self, client: GeocomClient, reflector: str
-    ) -> tuple[setup.GeocomSettings, Accuracy]:
+    def _set_up(self, client: GeocomClient, reflector: str) -> tuple[setup.Settings, Accuracy]:
         """Settings that were agreed on, and what points are then worth."""
         settings = setup.set_up(client, reflector)
         measuring.lock_if_in_view(client)

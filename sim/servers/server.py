@@ -14,7 +14,7 @@ from queue import SimpleQueue
 from typing import TypeVar
 
 from sim.clock import CellClock
-from sim.errors import ServerFailed
+from sim.errors import SimError
 from sim.faults import ANSWERS_OF, DeviceName, Fault, FaultScript
 from sim.servers.peers import Channel, Peer, SendQueue, SessionFactory
 
@@ -60,11 +60,11 @@ class CellServer:
         self._selector.register(self._wake_end, selectors.EVENT_READ, (False, self._woken))
 
     def serve_tcp(self, factory: SessionFactory, device_name: DeviceName, port: int = 0) -> str:
-        """Listen on loopback and say where: tcp://127.0.0.1:PORT; raises `ServerFailed`."""
+        """Listen on loopback and say where: tcp://127.0.0.1:PORT; raises `SimError`."""
         try:
             listener = socket.create_server((LOOPBACK, port), backlog=CLIENTS_LIMIT)
         except OSError as error:
-            raise ServerFailed(
+            raise SimError(
                 f"cannot listen on port {port} of {LOOPBACK} ({error.strerror})",
                 remedy="choose another port, or 0 for any free one",
             ) from error
@@ -92,7 +92,7 @@ class CellServer:
     def stop(self) -> None:
         """Close all connections and end the thread; a second time does nothing.
 
-        Raises `ServerFailed` when the thread had already ended in an error.
+        Raises `SimError` when the thread had already ended in an error.
         """
         if self._stopped:
             return
@@ -105,7 +105,7 @@ class CellServer:
         os.close(self._wake_end)
         os.close(self._awake_end)
         if self._failure is not None:
-            raise ServerFailed(
+            raise SimError(
                 f"the simulated cell broke: {self._failure}", remedy="report it with its scenario"
             ) from self._failure
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sim.cell import Cell
-from sim.errors import MemoryInvalid
+from sim.errors import SimError
 from sim.scenarios.scenario import load_scenario
 
 CENTRE = (0.0, 0.0, -575.0, 0.0)
@@ -168,10 +168,10 @@ def remembered(**changes):
     ],
 )
 def test_a_damaged_memory_is_refused(memory):
-    with pytest.raises(MemoryInvalid, match="delete the simulated cell's memory"):
+    with pytest.raises(SimError, match="delete the simulated cell's memory"):
         Cell(load_scenario("realistic"), memory=memory)
 
 
 def test_the_memory_of_another_seed_is_refused():
-    with pytest.raises(MemoryInvalid, match="seed 1, not 2"):
+    with pytest.raises(SimError, match="seed 1, not 2"):
         Cell(load_scenario("realistic"), seed=2, memory=remembered())

@@ -16,7 +16,7 @@ from drivers.values import Pose
 from sim.cell import Cell
 from sim.clock import ScaledClock
 from sim.embedded import EmbeddedCell
-from sim.errors import ServerFailed
+from sim.errors import SimError
 from sim.scenarios.scenario import load_scenario
 
 SPEED_UP = 1000.0
@@ -91,7 +91,7 @@ def test_closing_leaves_no_thread_and_nobody_at_the_urls():
 def test_a_taken_port_is_reported_and_leaves_nothing_open():
     with served_cell() as served:
         port = int(served.tracker_url.rsplit(":", 1)[1])
-        with pytest.raises(ServerFailed, match=str(port)):
+        with pytest.raises(SimError, match=str(port)):
             served_cell(tracker_port=port)
-        with pytest.raises(ServerFailed, match=str(port)):
+        with pytest.raises(SimError, match=str(port)):
             served_cell(controller_port=port)

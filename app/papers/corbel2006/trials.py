@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 from app.console import Terminal
 from app.exits import AppError
@@ -42,10 +42,6 @@ SETTLE_TIMEOUT_S = 300.0
 
 TrialKey = tuple[str, int, str]
 """Name of the experiment, seed and recipe."""
-
-
-class TrialFailed(AppError):
-    """A seed has not come to its end: its figures don't count."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,18 +86,14 @@ def trials(seeds: int) -> tuple[Trial, ...]:
     )
 
 
-class _Kept(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Errors(_Kept):
+class Errors(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
     """Modelled minus measured distances of pairs, with the nominal and the identified geometry."""
 
     before_mm: tuple[float, ...]
     after_mm: tuple[float, ...]
 
 
-class Stage(_Kept):
+class Stage(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
     """Figures of section IV.E's tests, before or after calibration."""
 
     lengths_mm: tuple[float, ...]
@@ -128,7 +120,7 @@ class Stage(_Kept):
         return float(np.abs(self.errors_mm).max())
 
 
-class Estimate(_Kept):
+class Estimate(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
     """Identified parameter: errors are what it differs by from nominal."""
 
     true_error: float
@@ -141,7 +133,7 @@ class Estimate(_Kept):
         return self.estimated_error - self.true_error
 
 
-class TrialResult(_Kept):
+class TrialResult(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
     """Figures of one seed."""
 
     experiment: str
@@ -185,7 +177,7 @@ def rehearsed(room: Path, trial: Trial) -> tuple[TrialResult]:
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
             _, against = rehearse(campaign, Terminal(as_json=False), AS_THE_PAPER)
         if against:
-            raise TrialFailed("; ".join(against), remedy=f"pkmcal dry-run --seed {trial.seed}")
+            raise AppError("; ".join(against), remedy=f"pkmcal dry-run --seed {trial.seed}")
         return (result_of(campaign, trial, time.monotonic() - started_s),)
 
 
@@ -206,7 +198,7 @@ def adapt(folder: Path, trial: Trial) -> None:
 
 
 def result_of(campaign: Campaign, trial: Trial, seconds: float) -> TrialResult:
-    """Figures of a campaign that went through the whole chain; raises `TrialFailed`."""
+    """Figures of a campaign that went through the whole chain; raises `AppError`."""
     evaluation = evaluate(campaign)
     found, errors = evaluation.evidence.identification, evaluation.errors
     if found is None or errors is None:
@@ -262,5 +254,5 @@ def _stage(validation: ValidationResult | None, trial: Trial) -> Stage:
     )
 
 
-def _missing(trial: Trial, what: str) -> TrialFailed:
-    return TrialFailed(f"{trial}: {what} are missing", remedy="try this seed again")
+def _missing(trial: Trial, what: str) -> AppError:
+    return AppError(f"{trial}: {what} are missing", remedy="try this seed again")

@@ -7,6 +7,7 @@ from made_up import TABLE_I
 from ruamel.yaml import YAML
 
 from app.console import Terminal
+from app.exits import AppError
 from app.new_campaign import create_simulated
 from app.papers.corbel2006.trials import (
     EXPERIMENTS,
@@ -15,7 +16,6 @@ from app.papers.corbel2006.trials import (
     ROBOT,
     SIMULATION,
     Trial,
-    TrialFailed,
     adapt,
     result_of,
     trials,
@@ -106,5 +106,5 @@ def test_seed_gives_what_was_measured_beside_the_truth(tmp_path):
 
 def test_campaign_that_was_broken_off_is_no_result(tmp_path):
     trial = Trial(PROTOTYPE, 1)
-    with pytest.raises(TrialFailed, match="prototype, seed 1: series are missing"):
+    with pytest.raises(AppError, match="prototype, seed 1: series are missing"):
         result_of(made(tmp_path / "one", trial), trial, 1.0)

@@ -11,7 +11,7 @@ from made_up import RECIPES, result, results
 from typer.testing import CliRunner
 
 from app.cli import reproduce
-from app.exits import exit_code
+from app.exits import AppError, exit_code
 from app.papers.corbel2006 import trials
 from app.study.results import tried
 from app.study.workers import local_results
@@ -228,7 +228,7 @@ def test_seed_with_a_bad_verdict_is_no_result(tmp_path, monkeypatch):
     monkeypatch.setattr(
         "app.papers.corbel2006.trials.rehearse", lambda campaign, terminal, options: ({}, bad)
     )
-    with pytest.raises(trials.TrialFailed, match="the unseen pairs got worse"):
+    with pytest.raises(AppError, match="the unseen pairs got worse"):
         trials.rehearsed(tmp_path, trials.Trial(trials.SIMULATION, 1))
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from drivers.errors import WireError
 from sim.clock import ManualClock, ScaledClock
-from sim.errors import ServerFailed
+from sim.errors import SimError
 from sim.faults import Counted, Fault, FaultScript
 from sim.servers.peers import GIVE_UP_ABOVE_BYTES
 from sim.servers.server import CLIENTS_LIMIT, CellServer
@@ -265,7 +265,7 @@ def test_a_session_that_breaks_is_told_of_when_the_server_stops():
     bench.server.start()
     with bench.client() as client:
         assert asked(client, b"break") == b""
-    with pytest.raises(ServerFailed, match="broken session"):
+    with pytest.raises(SimError, match="broken session"):
         bench.server.stop()
 
 
@@ -273,7 +273,7 @@ def test_a_port_that_is_taken_is_named():
     with Bench() as bench:
         port = urlsplit(bench.url).port
         other = CellServer(ManualClock(), FaultScript([], {}))
-        with pytest.raises(ServerFailed, match=str(port)):
+        with pytest.raises(SimError, match=str(port)):
             other.serve_tcp(bench.session, "tracker", port)
         other.stop()
 
