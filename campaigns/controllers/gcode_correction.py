@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -31,6 +32,10 @@ MOST_PIECES = 300_000
 """Of a program: 20 s and 400 MB. Of few moves so many would be a tolerance below what the numbers
 in a file can say."""
 CHUNK = 20_000
+LINES = 1000
+"""Of a program that are looked at together: a long one needs no more memory than these and text."""
+STD_POSES = 100
+"""Poses of each such part at which σ is asked."""
 DECIMALS = 4
 STOPS = frozenset(("M0", "M1", "M2", "M30", "M60"))
 """Codes that a controller carries out after the motion of their line."""
@@ -97,35 +102,53 @@ def correct_gcode(
 ) -> CorrectedProgram:
     """Correct a program; raises `TargetsInvalid` naming the line that cannot be corrected."""
     task = correction.identified.mechanism.task
-    lines = tuple(moves_of(parse_gcode(text, name), name, task, rotary))
-    moves = [line for line in lines if isinstance(line, Move)]
+    program = moves_of(parse_gcode(text, name), name, task, rotary)
+    letters, usual, most = axis_letters(task, rotary), "", MOST_PIECES
+    written: list[str] = []
+    sizes: list[Array] = []
+    stds: list[float] = []
+    moves = 0
+    while lines := tuple(islice(program, LINES)):
+        usual = usual or _block_of(lines[0]).ending or "\n"
+        some = [line for line in lines if isinstance(line, Move)]
+        ends: list[Array] = []
+        if some:
+            wanted, pieces = _wanted(some, name, correction, tolerance_mm, most)
+            commanded = _commanded(correction, wanted)
+            ends = np.split(commanded, np.cumsum(pieces)[:-1])
+            sizes.append(correction_mm(wanted, commanded))
+            stds += _some_std(correction, wanted)
+            moves, most = moves + len(some), most - len(wanted)
+        written.append("".join(_written(lines, ends, letters, task, usual)))
     if not moves:
         raise TargetsInvalid(f"{name}: moves nothing", remedy="check that it is the right file")
-    paths = _Paths.of(moves)
-    numbers = np.array([move.block.number for move in moves])
-    _require_possible(correction, paths, np.full(len(moves), COARSE), numbers, name)
-    pieces = _pieces(correction, paths, tolerance_mm)
-    _require_possible(correction, paths, PROBES * pieces, numbers, name)
-    rows, part = _ends(pieces)
-    wanted = paths.at(rows, part)
-    commanded = _commanded(correction, wanted)
-    ends = np.split(commanded, np.cumsum(pieces)[:-1])
-    written = _written(lines, ends, axis_letters(task, rotary), task)
-    size = correction_mm(wanted, commanded)
+    size = np.concatenate(sizes)
     return CorrectedProgram(
         "".join(written),
-        len(moves),
-        len(commanded),
+        moves,
+        len(size),
         (float(size.mean()), float(size.max())),
-        _largest_std(correction, wanted),
+        max(stds, default=None),
     )
 
 
-def _pieces(correction: TargetCorrection, paths: _Paths, tolerance_mm: float) -> Index:
-    """Number of straight pieces (M,) that each path needs."""
+def _wanted(
+    moves: Sequence[Move], name: str, correction: TargetCorrection, tolerance_mm: float, most: int
+) -> tuple[Array, Index]:
+    """Wanted poses (K, t) at the ends of all pieces, and how many of them each move has, (M,)."""
+    paths = _Paths.of(moves)
+    numbers = np.array([move.block.number for move in moves])
+    _require_possible(correction, paths, np.full(len(moves), COARSE), numbers, name)
+    pieces = _pieces(correction, paths, tolerance_mm, most)
+    _require_possible(correction, paths, PROBES * pieces, numbers, name)
+    return paths.at(*_ends(pieces)), pieces
+
+
+def _pieces(correction: TargetCorrection, paths: _Paths, tolerance_mm: float, most: int) -> Index:
+    """Number of straight pieces (M,) that each path needs, `most` in all."""
     pieces = np.ones(len(paths.start), dtype=np.intp)
     left = np.flatnonzero(np.isfinite(paths.centre[:, 0]) | (paths.way != 0.0).any(axis=1))
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS if pieces.sum() <= most else 0):
         error = _chord_errors_mm(correction, paths, left, pieces[left])
         wrong = error > tolerance_mm
         left, error = left[wrong], error[wrong]
@@ -133,7 +156,7 @@ def _pieces(correction: TargetCorrection, paths: _Paths, tolerance_mm: float) ->
             return pieces
         more = np.ceil(1.02 * pieces[left] * np.sqrt(error / tolerance_mm)).astype(np.intp)
         pieces[left] = np.maximum(pieces[left] + 1, more)
-        if pieces.sum() > MOST_PIECES:
+        if pieces.sum() > most:
             break
     raise TargetsInvalid(
         f"the moves would need more than {MOST_PIECES} pieces for --tolerance {tolerance_mm:g} mm",
@@ -200,12 +223,15 @@ def _commanded(correction: TargetCorrection, wanted: Array) -> Array:
     return np.concatenate(found)
 
 
-def _largest_std(correction: TargetCorrection, wanted: Array) -> float | None:
-    """Largest σ of a position at some thousand of the poses, evenly taken."""
+def _some_std(correction: TargetCorrection, wanted: Array) -> list[float]:
+    """σ of a position, mm, at some of the poses, evenly taken; none where it is not known."""
     if correction.uncertainty is None:
-        return None
-    some = wanted[:: max(1, len(wanted) // 1000)]
-    return float(correction.std_mm(some).max())
+        return []
+    return list(map(float, correction.std_mm(wanted[:: max(1, len(wanted) // STD_POSES)])))
+
+
+def _block_of(line: Move | Block) -> Block:
+    return line.block if isinstance(line, Move) else line
 
 
 def _written(
@@ -213,10 +239,9 @@ def _written(
     ends: Sequence[Array],
     letters: Sequence[str],
     task: Sequence[Axis],
+    usual: str,
 ) -> Iterator[str]:
     """Lines of the corrected program, each with its ending."""
-    first = lines[0].block if isinstance(lines[0], Move) else lines[0]
-    usual = first.ending or "\n"
     poses_of = iter(ends)
     for line in lines:
         if isinstance(line, Block):

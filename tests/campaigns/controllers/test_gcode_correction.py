@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from target_cases import TARGETS
 
+from campaigns.controllers import gcode_correction
 from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.controllers.gcode import parse_gcode
 from campaigns.controllers.gcode_correction import correct_gcode
@@ -152,3 +153,14 @@ def test_a_program_that_moves_nothing_is_refused():
     member = BY_NAME["delta"]
     with pytest.raises(TargetsInvalid, match="moves nothing"):
         correct_gcode("M3 S5\n", "part.ngc", correction_of(member, member.nominal))
+
+
+def test_a_long_program_is_taken_in_parts_and_comes_out_the_same(monkeypatch):
+    member = BY_NAME["par4"]
+    correction = correction_of(member, member.perturbed)
+    whole = correct_gcode(program(member), "part.ngc", correction)
+    monkeypatch.setattr(gcode_correction, "LINES", 2)
+    assert correct_gcode(program(member), "part.ngc", correction) == whole
+    monkeypatch.setattr(gcode_correction, "MOST_PIECES", whole.pieces - 1)
+    with pytest.raises(TargetsInvalid, match=f"more than {whole.pieces - 1} pieces"):
+        correct_gcode(program(member), "part.ngc", correction)
