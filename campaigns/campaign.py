@@ -18,7 +18,7 @@ from campaigns.files.lock import campaign_lock
 from campaigns.journal.digest_chain import ChainEnd
 from campaigns.journal.journal import Journal, JournalReader, open_journal, read_journal
 from campaigns.journal.own_file import rescued_copies, take_rescued
-from campaigns.journal.views import Series
+from campaigns.journal.views import AcceptedShot, Series
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import CheckedPlan, Pace, check_plan
 from campaigns.planning.plan_file import PlannedShot, read_plan
@@ -124,9 +124,10 @@ class Campaign:
         For plans, and for shots of which the tracker itself stated none.
         """
         limits = self.config.tracker.uncertainty
+        common = self.config.tracker.common
         return TrackerUncertainty.of_limits(
             limits.along_um, limits.along_um_per_m, limits.across_um, limits.across_um_per_m
-        )
+        ).with_common_limits(common.scale_ppm, common.axes_um_per_m, common.reflector_mm)
 
     @property
     def pace(self) -> Pace:
@@ -239,13 +240,19 @@ class Campaign:
     def measured_series(self, journal: JournalReader) -> Series:
         """Series to identify from: the latest run or import; raises `ShotsMissing`.
 
-        A run may be unfinished, an import that broke off counts for nothing.
+        A run may be unfinished, an import that broke off counts for nothing, and one of known
+        lengths alone is for whatever was measured beside it.
         """
         runs, imports = journal.series("run"), journal.series("import")
-        found = [*runs, *(series for series in imports if series.finished)]
+        found = [*runs, *(each for each in imports if each.finished and not each.of_known_lengths)]
         if not found:
             raise self._nothing_measured()
         return max(found, key=lambda series: series.number)
+
+    def known_length_shots(self, journal: JournalReader) -> tuple[AcceptedShot, ...]:
+        """Shots of the latest import of known lengths alone; () without one."""
+        imports = [each for each in journal.series("import") if each.of_known_lengths]
+        return imports[-1].shots if imports and imports[-1].finished else ()
 
     def _nothing_measured(self) -> ShotsMissing:
         return ShotsMissing(

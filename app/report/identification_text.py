@@ -34,6 +34,9 @@ def show(terminal: Terminal, found: IdentificationResult, space: ParameterSpace)
     terminal.rows("Errors (mm)", ERRORS, list(_errors(found)))
     if found.models:
         terminal.rows("Models (mm)", model_sections.MODELS, found.models)
+    if found.known_lengths is not None:
+        lengths = found.known_lengths.lengths
+        terminal.rows("Known lengths", model_sections.KNOWN_LENGTHS, lengths)
     terminal.say(_remaining(found), "bold")
     if found.fitted is not None:
         for line in histogram_lines(found.fitted.after.ravel().tolist()):
@@ -73,11 +76,9 @@ def _uncertainty_lines(found: IdentificationResult) -> Iterator[str]:
     if words := model_sections.interval_in_words(found.coverage_factor_95):
         yield words
     if found.position_std_mm is not None:
-        mean, most = found.position_std_mm.mean, found.position_std_mm.max
-        yield (
-            f"predicted error of position (1 σ): {mean:.4f} mm on average over the workspace, "
-            f"{most:.4f} mm at most"
-        )
+        yield from model_sections.positions_in_words(found.position_std_mm)
+    if found.known_lengths is not None:
+        yield model_sections.scale_in_words(found.known_lengths)
     known = found.covariance
     for each in known.strongest(CORRELATIONS, STRONG) if known else ():
         yield f"  correlated: {each.a} and {each.b}, {each.value:+.2f}"

@@ -5,11 +5,12 @@ The terminal shows some of them too, so nothing here needs matplotlib.
 
 from campaigns.estimation.information import Correlation
 from campaigns.evaluation.decision import COVERAGE
-from campaigns.evaluation.diagnostics import Doubt
+from campaigns.evaluation.diagnostics import PPM, Doubt
 from campaigns.evaluation.gains import NO_CHANGE
 from campaigns.evaluation.residual_budget import ResidualBudget
 from campaigns.files.table import Column, words
-from campaigns.identification.result import ComparedModel, IdentifiedParameter
+from campaigns.identification.known_lengths import KnownLengths, MeasuredKnownLength
+from campaigns.identification.result import ComparedModel, IdentifiedParameter, PositionStd
 from campaigns.mechanisms.parameters import ParameterSpace
 
 DECIMALS = 4
@@ -30,13 +31,13 @@ def parameters(interval: float | None, space: ParameterSpace) -> tuple[Column[Na
 
 
 def values(interval: float | None) -> tuple[Column[Named], ...]:
-    """Columns of parameters' values: nominal, identified, Δ, σ, ± 95 %."""
+    """Columns of parameters' values: nominal, identified, Δ, σ, ± 95 % with what is common."""
 
     def delta(row: Named) -> float | str:
         return row[1].delta if row[1].free else "held"
 
     def half_width(row: Named) -> float | None:
-        std = _std(row[1])
+        std = _total_std(row[1])
         return None if std is None or interval is None else interval * std
 
     return (
@@ -86,12 +87,44 @@ def budget_rows(left: ResidualBudget) -> tuple[tuple[str, float | str], ...]:
     )
 
 
+KNOWN_LENGTHS: tuple[Column[MeasuredKnownLength], ...] = (
+    words("known length", lambda each: each.name),
+    Column("pair", lambda each: each.pair),
+    Column("known", lambda each: each.known_mm, "mm"),
+    Column("measured", lambda each: each.measured_mm, "mm"),
+    Column("residual", lambda each: each.residual_mm, "mm", DECIMALS, signed=True),
+    Column("σ", lambda each: each.std_mm, "mm", DECIMALS),
+)
+
+
+def scale_in_words(found: KnownLengths) -> str:
+    """The tracker's scale by known lengths."""
+    ppm, std = PPM * found.scale.share, PPM * found.scale.std
+    return f"the tracker's scale by known lengths: {ppm:+.1f} ± {std:.1f} ppm (1 σ)"
+
+
+def positions_in_words(found: PositionStd) -> tuple[str, ...]:
+    """Uncertainty of positions: of the random part, and of the whole."""
+    random = (
+        f"predicted error of position (1 σ): {found.mean:.4f} mm on average over the workspace, "
+        f"{found.max:.4f} mm at most"
+    )
+    if found.total_mean is None or found.total_max is None:
+        return (random,)
+    parts = ", ".join(f"{name} {mm:.4f}" for name, mm in found.common.items())
+    mean, most = COVERAGE * found.total_mean, COVERAGE * found.total_max
+    return random, (
+        f"U of position (k = 2) with what all shots have in common: {mean:.4f} mm on average, "
+        f"{most:.4f} mm at most; of it (1 σ, mm) {parts}"
+    )
+
+
 def interval_in_words(interval: float | None) -> str:
     """How 95 % intervals are formed of σ; empty where nothing tells them."""
     if interval is None:
         return ""
     why = "" if interval < COVERAGE else ", Student's factor: σ themselves are known a little only"
-    return f"95 % intervals are ± {interval:.2f} σ{why}"
+    return f"95 % intervals are ± {interval:.2f} σ{why}, σ with what all shots have in common"
 
 
 def _numbers_of(doubt: Doubt) -> str:
@@ -111,8 +144,12 @@ def _std(found: IdentifiedParameter) -> float | None:
     return found.std if found.free else None
 
 
+def _total_std(found: IdentifiedParameter) -> float | None:
+    return _std(found) if found.total_std is None else found.total_std
+
+
 def _shown(found: IdentifiedParameter, interval: float | None) -> str:
-    if (std := _std(found)) is None:
+    if (std := _total_std(found)) is None:
         return ""
     return NO_CHANGE if abs(found.delta) <= max(COVERAGE, interval or 0.0) * std else ""
 

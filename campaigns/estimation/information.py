@@ -4,8 +4,8 @@ Jacobian of what is measured → whitened → frame marginalised → covariance,
 factor. Plans, runs, identification, corrected targets and studies take every σ from here.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -129,6 +129,14 @@ def covariance(jacobian: Array) -> Array:
     return np.asarray(root @ root.T)
 
 
+def common_changes(jacobian: Array, covariance_matrix: Array, sigma0: float, shift: Array) -> Array:
+    """Changes of the unknowns, (P,), when all that was measured shifts, (M,).
+
+    Jacobian (M, P) and shift are whitened as for the fit whose covariance it is, times σ0².
+    """
+    return np.asarray(covariance_matrix @ (jacobian.T @ shift) / sigma0**2)
+
+
 def point_jacobian(
     kinematics: Kinematics, free: tuple[str, ...], joints: Array, poses: Array
 ) -> Array:
@@ -233,6 +241,9 @@ class Uncertainty:
     source: Source = "fitted"
     units: tuple[str, ...] = ()
     """Of each name, mm or deg; empty in results of older software."""
+    common: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    """What all shots have in common and none can tell: by name the change of each parameter by one
+    standard deviation of it, mm and deg. `matrix` has no part of it."""
 
     @classmethod
     def of(
@@ -245,12 +256,17 @@ class Uncertainty:
         dof: int | None = None,
         hold_out_ratio: float = 1.0,
         source: Source = "fitted",
+        common: Mapping[str, Array] | None = None,
     ) -> "Uncertainty":
-        """From a covariance (F, F) in mm and rad; `units` are factors of the names' units, (F,)."""
+        """From a covariance (F, F) in mm and rad; `units` are factors of the names' units, (F,).
+
+        `common` has changes (F,) by what all shots have in common.
+        """
         matrix = covariance_matrix / np.outer(units, units)
         rows = tuple(map(tuple, matrix.tolist()))
         words = tuple("mm" if unit == 1.0 else "deg" for unit in units.tolist())
-        return cls(tuple(names), rows, sigma0, dof, hold_out_ratio, source, words)
+        shared = {name: tuple((each / units).tolist()) for name, each in (common or {}).items()}
+        return cls(tuple(names), rows, sigma0, dof, hold_out_ratio, source, words, shared)
 
     @property
     def array(self) -> Array:
@@ -268,11 +284,26 @@ class Uncertainty:
         places = [self.names.index(name) for name in kept]
         rows = tuple(map(tuple, self.array[np.ix_(places, places)].tolist()))
         units = tuple(self.units[place] for place in places) if self.units else ()
-        return replace(self, names=kept, matrix=rows, units=units)
+        common = {
+            name: tuple(changes[place] for place in places) for name, changes in self.common.items()
+        }
+        return replace(self, names=kept, matrix=rows, units=units, common=common)
+
+    @property
+    def random(self) -> "Uncertainty":
+        """The part of it that differs from shot to shot, by which coverage is judged."""
+        return replace(self, common={})
 
     def std(self) -> dict[str, float]:
-        """Standard uncertainty (1 σ) by name, mm and deg."""
+        """Standard uncertainty (1 σ) by name, mm and deg, of the random part."""
         return dict(zip(self.names, np.sqrt(np.diag(self.array)).tolist(), strict=True))
+
+    def total_std(self) -> dict[str, float]:
+        """The same with what all shots have in common."""
+        variance = np.diag(self.array)
+        for changes in self.common.values():
+            variance = variance + np.square(changes)
+        return dict(zip(self.names, np.sqrt(variance).tolist(), strict=True))
 
     std_in_file_units = property(std)
 
@@ -290,9 +321,16 @@ class Uncertainty:
         """Standard uncertainty of positions of a sample of the workspace, (N,), mm."""
         if not self.full_rank:
             return np.full(len(sample.jacobian), np.inf)
-        places = [sample.names.index(name) for name in self.names]
-        std_mm = position_std_mm(sample.jacobian[:, :, places], self.array)
-        return np.asarray(self.hold_out_ratio * std_mm)
+        jacobian = sample.jacobian[:, :, [sample.names.index(name) for name in self.names]]
+        variance = (self.hold_out_ratio * position_std_mm(jacobian, self.array)) ** 2
+        for shift_mm in self.common_of_positions(sample).values():
+            variance = variance + np.sum(shift_mm**2, axis=1)
+        return np.asarray(np.sqrt(variance))
+
+    def common_of_positions(self, sample: WorkspaceSample) -> dict[str, Array]:
+        """Shifts of a sample's positions, (N, 3), mm, by what all shots have in common."""
+        jacobian = sample.jacobian[:, :, [sample.names.index(name) for name in self.names]]
+        return {name: jacobian @ np.array(changes) for name, changes in self.common.items()}
 
     def correlations(self) -> Array:
         """Correlation matrix, (F, F), ones on the diagonal."""
@@ -339,6 +377,48 @@ class HoldOut:
     def applied_ratio(self) -> float:
         """Factor of the standard uncertainty of positions that follows."""
         return 1.0 if self.believable else self.ratio
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerScale:
+    """Test of the tracker's scale by known lengths."""
+
+    share: float
+    """Share by which it measures lengths too long."""
+    std: float
+    p: float
+    """Chance of a tracker within its data sheet to be as far off."""
+    scatter_p: float
+    """Chance of good measurements to differ as much from one another."""
+
+    @classmethod
+    def of(
+        cls, residuals_mm: Array, lengths_mm: Array, covariance_mm2: Array, stated: float
+    ) -> "TrackerScale":
+        """By residuals (M,) of lengths with a covariance (M, M); `stated`: σ of the data sheet."""
+        root = np.linalg.cholesky(covariance_mm2)
+        along, left = np.linalg.solve(root, np.column_stack([lengths_mm, residuals_mm])).T
+        square = float(along @ along)
+        share, std = float(along @ left) / square, square**-0.5
+        p = chdtrc(1, share**2 / (std**2 + stated**2))
+        freedom = len(lengths_mm) - 1
+        scatter = float(np.sum((left - share * along) ** 2))
+        return cls(share, std, float(p), float(chdtrc(freedom, scatter)) if freedom else 1.0)
+
+    @property
+    def believable(self) -> bool:
+        """Whether chance and the data sheet explain as much."""
+        return min(self.p, self.scatter_p) >= SIGNIFICANCE
+
+    def scale_std(self, stated: float) -> float:
+        """Standard uncertainty of the scale that is left, which is corrected by nothing.
+
+        Where the lengths agree, by the data sheet and by them together.
+        """
+        if not self.believable:
+            return float(np.hypot(self.share, self.std))
+        weight = stated**2 / (stated**2 + self.std**2)
+        return float(np.hypot(np.sqrt(1.0 - weight) * stated, weight * self.share))
 
 
 def predict_points(

@@ -6,6 +6,7 @@ in it: they are neither weighed down nor left out.
 
 from dataclasses import dataclass, replace
 from itertools import combinations
+from math import comb
 
 import numpy as np
 from scipy.special import chdtrc, chdtri, fdtri
@@ -38,8 +39,12 @@ class Loss:
 SNOOPED = 3
 """Measurements that are left out together at most."""
 FEW_FREEDOM = 40
-UNBELIEVABLE, BELIEVABLE = 1e-3, 1e-2
-"""Chances of χ²: below the first some are wrong, from the second on the rest is right."""
+LEAST_FREEDOM = 2
+"""Degrees of freedom that tell a scatter once wrong ones are left out."""
+UNBELIEVABLE = 1e-3
+"""Chance of χ² below which some are wrong, or all scatter more than stated."""
+LARGEST = 1e3
+"""σ: beyond it no error of a measurement and no scatter is looked for."""
 LEAST_LEFT = 1e-8
 """Of a block's variance, when the fit follows it wherever it goes."""
 MOST_FITTED_AWAY = 0.9
@@ -185,31 +190,47 @@ def reject_outliers(
 
 
 def _snooped(problem: LeastSquaresProblem, plain: Solution) -> Inliers | None:
-    """Fewest single measurements without which χ² is believable; None where there are none.
+    """Single measurements that are wrong, told from all scattering more than stated.
 
     Data snooping (Baarda 1968) for blocks of one number with few degrees of freedom, where a robust
-    fit bends to the wrong ones: the best subset of one, two or three.
+    fit bends to the wrong ones: none or the best subset of one, two or three, whichever has the
+    largest marginal likelihood. None where χ² is believable, or where there is too much freedom.
     """
     freedom = problem.blocks - len(plain.x)
-    if problem.block != 1 or len(problem.priors) or not SNOOPED < freedom <= FEW_FREEDOM:
+    most = min(SNOOPED, freedom - LEAST_FREEDOM)
+    if problem.block != 1 or len(problem.priors) or most < 0 or freedom > FEW_FREEDOM:
         return None
     residual, jacobian = problem.residual(plain.x), problem.jacobian(plain.x)
     if float(chdtrc(freedom, residual @ residual)) >= UNBELIEVABLE:
         return None
     basis, _ = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), ROUNDING))
     left = np.eye(problem.blocks) - basis @ basis.T
-    for count in range(1, SNOOPED + 1):
-        wrong = _best_subset(left, left @ residual, count)
+    best, likeliest = Inliers(np.ones(problem.blocks, dtype=bool), (), plain), -np.inf
+    for count in range(most + 1):
+        wrong = _best_subset(left, left @ residual, count) if count else []
         kept = np.ones(problem.blocks, dtype=bool)
         kept[wrong] = False
         fit = solve(problem.weighted(kept.astype(np.float64)), start=plain.x, spent=0)
-        sizes, limit = _studentized_residuals(problem, fit, kept)
         chi2 = float(np.sum(problem.sizes(fit.x)[kept] ** 2))
-        if float(chdtrc(freedom - count, chi2)) >= BELIEVABLE:
-            return Inliers(
-                kept, tuple(Outlier(row, float(sizes[row]), limit) for row in wrong), fit
-            )
-    return None
+        likelihood = _log_marginal_likelihood(chi2, freedom - count, count, problem.blocks)
+        if likelihood > likeliest:
+            sizes, limit = _studentized_residuals(problem, fit, kept)
+            outliers = tuple(Outlier(row, float(sizes[row]), limit) for row in wrong)
+            best, likeliest = Inliers(kept, outliers, fit), likelihood
+    return best
+
+
+def _log_marginal_likelihood(chi2: float, freedom: int, wrong: int, blocks: int) -> float:
+    """Logarithm of the marginal likelihood of what is left of so many blocks without the wrong.
+
+    With the stated σ or, where that says more, with one of their own, whose logarithm is as likely
+    anywhere from the stated to the largest; each wrong block may be any, off by any size to it.
+    """
+    scatter = max(chi2 / freedom, 1.0)
+    width = np.sqrt(np.pi / freedom) / np.log(LARGEST)
+    by_scatter = -0.5 * freedom * (np.log(scatter) + chi2 / (freedom * scatter)) + np.log(width)
+    price = np.log(comb(blocks, wrong)) + wrong * np.log(2.0 * LARGEST / np.sqrt(2.0 * np.pi))
+    return float(max(-0.5 * chi2, by_scatter) - price)
 
 
 def _best_subset(left: Array, misfit: Array, count: int) -> list[int]:

@@ -1,6 +1,6 @@
 """The laser tracker's uncertainty (spherical instrument) as covariance of a point."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,8 @@ LIMIT_PER_STD = 3**0.5
 """A data sheet's limit (MPE) over the standard uncertainty it stands for: an even distribution."""
 MM_PER_UM = 1e-3
 PER_MM_OF_UM_PER_M = 1e-6
+LEVEL_MM = 1.0
+"""Of a point nearer to the standing axis it is not known which way is sideways."""
 WINSORISED_AT = 10.0
 """Times the median: a larger variance of a distance counts as that."""
 
@@ -29,6 +31,12 @@ class TrackerUncertainty:
     across_per_mm: float = 6e-6 / 3**0.5
     robot_scatter_mm: float = 0.0
     """Scatter of the robot's point beside it, the same in every direction; known for plans."""
+    scale: float = 2e-6 / 3**0.5
+    """Of what all shots have in common, the share of every length: the tracker's and the air's."""
+    axes_per_mm: float = 3e-6 / 3**0.5
+    """Likewise of the instrument's axes and beam, each out of where it should be by so many rad."""
+    reflector_mm: float = 0.01 / 3**0.5
+    """Likewise of the reflector's constant, along the beam."""
 
     @classmethod
     def of_limits(
@@ -38,6 +46,18 @@ class TrackerUncertainty:
         um, um_per_m = MM_PER_UM / LIMIT_PER_STD, PER_MM_OF_UM_PER_M / LIMIT_PER_STD
         return cls(
             along_um * um, along_um_per_m * um_per_m, across_um * um, across_um_per_m * um_per_m
+        )
+
+    def with_common_limits(
+        self, scale_ppm: float, axes_um_per_m: float, reflector_mm: float
+    ) -> "TrackerUncertainty":
+        """The same with these limits of what all shots have in common."""
+        ppm = PER_MM_OF_UM_PER_M / LIMIT_PER_STD
+        return replace(
+            self,
+            scale=scale_ppm * ppm,
+            axes_per_mm=axes_um_per_m * ppm,
+            reflector_mm=reflector_mm / LIMIT_PER_STD,
         )
 
 
@@ -57,6 +77,30 @@ def point_covariance_mm2(points_from_tracker_mm: Array, uncertainty: TrackerUnce
     )
 
 
+def common_shifts_mm(
+    points_from_tracker_mm: Array, uncertainty: TrackerUncertainty
+) -> dict[str, Array]:
+    """Shifts of points, (N, 3) each, by one standard deviation of what all shots have in common.
+
+    Points are given in the instrument's axes, z being its standing axis. Its transit axis out of
+    square turns a point about z by as much as it is high, its beam off the transit axis's normal
+    (collimation) by as much as it is far, its index lifts it.
+    """
+    distance = np.linalg.norm(points_from_tracker_mm, axis=1)[:, None]
+    x, y, z = points_from_tracker_mm.T
+    level = np.maximum(np.hypot(x, y), LEVEL_MM)
+    sideways = np.column_stack([-y, x, np.zeros_like(x)]) / level[:, None]
+    upwards = np.cross(points_from_tracker_mm / distance, sideways)
+    by_axes = uncertainty.axes_per_mm
+    return {
+        "scale": uncertainty.scale * points_from_tracker_mm,
+        "transit axis": by_axes * z[:, None] * sideways,
+        "collimation": by_axes * distance * sideways,
+        "vertical index": by_axes * distance * upwards,
+        "reflector": uncertainty.reflector_mm * points_from_tracker_mm / distance,
+    }
+
+
 def inverse_roots(covariance_mm2: Array) -> Array:
     """W with W C Wᵀ = 1 for each of covariances C, (N, 3, 3); raises `LinAlgError`."""
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance_mm2)))
@@ -69,6 +113,17 @@ def distance_variance_mm2(
     direction = directions(points_mm, first, second)
     together = covariance_mm2[first] + covariance_mm2[second]
     return np.asarray(np.einsum("mi,mij,mj->m", direction, together, direction))
+
+
+def common_distance_variance_mm2(
+    points_mm: Array, uncertainty: TrackerUncertainty, first: Index, second: Index
+) -> Array:
+    """Part of their variance, (M,), by what all shots have in common; points from the tracker."""
+    direction = directions(points_mm, first, second)
+    apart = (
+        each[second] - each[first] for each in common_shifts_mm(points_mm, uncertainty).values()
+    )
+    return np.asarray(sum(np.einsum("mi,mi->m", direction, each) ** 2 for each in apart))
 
 
 def pooled_variance_mm2(variance_mm2: Array) -> float:

@@ -87,7 +87,7 @@ def _of_identification(found: IdentificationVerdict | None) -> Iterator[str]:
     if found is None:
         yield "Nothing has been identified yet."
     elif found.decision == "pass":
-        yield "The identification passed: pairs of shots that were not fitted improved too."
+        yield f"The identification passed: {'; '.join(found.reasons)}."
     else:
         yield f"The identification: {found.decision} ({'; '.join(found.reasons)})."
     if found is not None:

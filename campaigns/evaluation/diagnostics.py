@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from campaigns.estimation.change_detection import Change
-from campaigns.estimation.information import ChiSquareTest, Uncertainty
+from campaigns.estimation.information import SIGNIFICANCE, ChiSquareTest, TrackerScale, Uncertainty
 from campaigns.estimation.lack_of_fit import LackOfFit
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.plausibility import beyond_tolerance, common_scale
+from campaigns.evaluation.region import FARTHER_OFF, Region
 from campaigns.evaluation.summary import Spread
 from campaigns.mechanisms.parameters import Parameters, ParameterSpace
 from campaigns.robots.robot import Tolerance
@@ -24,6 +25,10 @@ COMMON_SCALE, LARGE_CHANGE, CHANGE, SWAPPED, HOLD_OUT, CAREFUL, LACK, REFLECTOR 
     "lack-of-fit",
     "reflector-constant",
 )
+EXTRAPOLATION, KNOWN_LENGTH = "extrapolation", "known-length"
+MOST_BEYOND = 0.05
+"""Share of the workspace that may be so far from all shots."""
+PPM = 1e6
 FAR_BELOW = 0.2
 """Scatter over what is stated below which the statement is no caution any more."""
 ANOTHER_TYPE_MM = 1.0
@@ -267,6 +272,32 @@ def _alone(before: int, after: int) -> str:
 
 def _chance(p: float) -> str:
     return f"p = {p:.1g}" if p > 0.0 else "p < 1e-300"
+
+
+def region_doubts(region: Region | None) -> Iterator[Doubt]:
+    """Doubt of a result that is for a part of the workspace alone."""
+    if region is not None and region.beyond > MOST_BEYOND:
+        yield Doubt(
+            EXTRAPOLATION,
+            f"{100.0 * region.beyond:.0f} % of the workspace (limit {100.0 * MOST_BEYOND:.0f} %) "
+            f"is too far from all shots: σ of positions there is more than {FARTHER_OFF:g} times "
+            "its largest at the shots; measure there too, or leave it out under `space` in "
+            "campaign.yaml",
+            "not decided",
+            {"beyond": region.beyond},
+        )
+
+
+def scale_doubt(scale: TrackerScale, worst: str) -> Doubt:
+    """Doubt of a tracker that known lengths contradict; `worst` names the worst of them."""
+    ppm, std_ppm = PPM * scale.share, PPM * scale.std
+    what = f"the tracker's scale is off by {ppm:+.0f} ppm ± {std_ppm:.0f} (p = {scale.p:.1g})"
+    remedy = "look at its weather station and at the air, and measure again"
+    if scale.scatter_p < SIGNIFICANCE:
+        what = f"the known lengths contradict each other (p = {scale.scatter_p:.1g}): {worst}"
+        remedy = "measure them again, or correct known_lengths in campaign.yaml"
+    numbers = {"ppm": ppm, "std_ppm": std_ppm, "p": scale.p, "scatter_p": scale.scatter_p}
+    return Doubt(KNOWN_LENGTH, f"{what}: {remedy}", "fail", dict(numbers))
 
 
 def hold_out_doubt(ratio: float, p: float, pairs: int, *, limits_met: bool) -> Doubt:

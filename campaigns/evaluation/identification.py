@@ -50,6 +50,8 @@ class IdentificationEvidence:
     doubts: tuple[Doubt, ...]
     lost: tuple[str, ...]
     """Unseen pairs that the identified robot cannot take, in words."""
+    region: str | None = None
+    """Part of the workspace that it is for, in words."""
 
 
 def identification_verdict(evidence: IdentificationEvidence) -> tuple[Decision, tuple[str, ...]]:
@@ -71,7 +73,7 @@ def identification_verdict(evidence: IdentificationEvidence) -> tuple[Decision, 
     )
     left = evidence.residuals
     fitted = f"fitted {evidence.kind}: rms {left.before.rms:.3f} → {left.after.rms:.4f} mm"
-    return "pass", (gain, fitted)
+    return "pass", (gain, fitted, *([evidence.region] if evidence.region else []))
 
 
 def noise_in_words(

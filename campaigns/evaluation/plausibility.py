@@ -6,6 +6,7 @@ joints read must be the measured points up to a rigid motion, and nearly so befo
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import permutations, product
@@ -57,6 +58,8 @@ PLACES = ("x_mm", "y_mm", "z_mm")
 SCALE_FREEDOM = 3
 SCALE_SIGNIFICANCE = 0.005
 """So often chance alone raises it, half of what is promised."""
+AGREEMENT = 0.05
+"""Chance, on the one side, below which lengths of other kinds say that they changed likewise."""
 LEAST_SHARE = 5e-4
 UNKNOWN = Uncertainty()
 
@@ -300,11 +303,13 @@ class ScaleTest:
 
     share: float
     p: float
+    agreed: bool = True
+    """Whether lengths of other kinds than the longest changed likewise."""
 
     @property
     def significant(self) -> bool:
         """Significance: more than robots' errors make of chance, and large enough to matter."""
-        return self.p < SCALE_SIGNIFICANCE and abs(self.share) > LEAST_SHARE
+        return self.agreed and self.p < SCALE_SIGNIFICANCE and abs(self.share) > LEAST_SHARE
 
 
 def common_scale(
@@ -312,13 +317,31 @@ def common_scale(
 ) -> ScaleTest:
     """Test of found changes of lengths, mm: are they "everything longer by the same share".
 
+    A batch of forearms may be longer, and they tell most: the others must say so without them.
+    """
+    lengths = {
+        name: _from_first(name, nominal) for name in nominal.space.of_unit("mm", tuple(changes))
+    }
+    squares: defaultdict[str, float] = defaultdict(float)
+    for name, length in lengths.items():
+        squares[_kind(name, nominal)] += length**2
+    longest = max(squares, key=squares.__getitem__, default="")
+    others = {name: each for name, each in lengths.items() if _kind(name, nominal) != longest}
+    found, beside = (_scale_of(some, changes, known) for some in (lengths, others))
+    agreed = found.share * beside.share > 0.0 and beside.p < 2.0 * AGREEMENT
+    return ScaleTest(found.share, found.p, agreed)
+
+
+def _scale_of(
+    lengths: Mapping[str, float], changes: Mapping[str, float], known: Uncertainty
+) -> ScaleTest:
+    """Test of lengths, mm, by name.
+
     Regression of the changes on the lengths themselves, places being counted from the first arm's,
     which holds the frame. They scatter about it by the robot's own errors, all of one variance,
     and by what the fit leaves uncertain: where little tells lengths, least of all tells their
     scale. The robot's variance is what scatters more than the fit explains (method of moments).
     """
-    own = nominal.space.of_unit("mm", tuple(changes))
-    lengths = {name: _from_first(name, nominal) for name in own}
     along = np.array([lengths[name] for name in lengths])
     changed = np.array([changes[name] for name in lengths])
     freedom = len(lengths) - 1
@@ -335,6 +358,11 @@ def common_scale(
     if std == 0.0:
         return ScaleTest(share, 0.0 if share else 1.0)
     return ScaleTest(share, float(2.0 * stdtr(freedom, -abs(share) / std)))
+
+
+def _kind(name: str, nominal: Parameters) -> str:
+    field = nominal.space[name].field.name
+    return "place" if field in PLACES else field
 
 
 def _from_first(name: str, nominal: Parameters) -> float:

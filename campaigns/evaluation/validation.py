@@ -12,7 +12,7 @@ from pydantic import JsonValue
 
 from campaigns.arrays import AXES, Array, Index
 from campaigns.estimation import point_sets
-from campaigns.estimation.tracker_noise import TrackerUncertainty
+from campaigns.estimation.tracker_noise import TrackerUncertainty, common_distance_variance_mm2
 from campaigns.evaluation.decision import COVERAGE, Decision, Requirement, decide_all
 from campaigns.robots.reduced_form import ReducedForm
 from campaigns.settings.sections import AcceptanceConfig
@@ -300,6 +300,8 @@ def evaluate_validation(
     """
     commanded, points = shots.commanded, shots.points_in_tracker_mm
     covariance, pairs = shots.covariance_mm2(instrument), shots.rows_of(ShotSet.VALIDATION)
+    whole = shots.whole_pairs(ShotSet.VALIDATION)
+    common = common_distance_variance_mm2(points, instrument, *whole.rows.T)
     of_pairs = point_sets.fitted_frame(points[pairs], commanded[pairs, :3])
     frame = of_pairs or point_sets.fitted_frame(points, commanded[:, :3])
     if frame is not None:
@@ -313,7 +315,7 @@ def evaluate_validation(
     in_base = frame is not None
     absolute_mm = np.asarray(np.linalg.norm(points[pairs] - commanded[pairs, :3], axis=1))
     found = ValidationResult(
-        distance_test(shots.whole_pairs(ShotSet.VALIDATION), commanded, points, covariance),
+        distance_test(whole, commanded, points, covariance, common),
         absolute_mm if in_base and len(pairs) else None,
         rotation_test(*of(ShotSet.ROTATION)),
         line_tests(*of(ShotSet.STRAIGHTNESS), in_base=in_base),
@@ -334,12 +336,16 @@ def latest_of_each_test(oldest_first: Iterable[ValidationResult]) -> ValidationR
 
 
 def distance_test(
-    pairs: PairRows, commanded: Array, points_mm: Array, covariance_mm2: Array
+    pairs: PairRows,
+    commanded: Array,
+    points_mm: Array,
+    covariance_mm2: Array,
+    common_mm2: Array | float = 0.0,
 ) -> DistanceTest | None:
     """Distances of the whole pairs; None when there is none.
 
     As in the other tests `commanded` is (N, t), in mm and rad, the points are (N, 3) and their
-    covariances (N, 3, 3).
+    covariances (N, 3, 3); `common_mm2` is the pairs' variance by what all shots have in common.
     """
     if not pairs.numbers:
         return None
@@ -350,7 +356,7 @@ def distance_test(
         pairs.numbers,
         point_sets.distances_mm(commanded[:, :3], first, second),
         point_sets.distances_mm(points_mm, first, second),
-        np.sqrt(np.einsum("mi,mij,mj->m", direction, covariance, direction)),
+        np.sqrt(np.einsum("mi,mij,mj->m", direction, covariance, direction) + common_mm2),
     )
 
 

@@ -5,6 +5,7 @@ them are wrong and how much the robot scatters: three times as many numbers as d
 frame is no concern of theirs.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from campaigns.errors import ShotsMissing
 from campaigns.estimation import information, variance_components
 from campaigns.estimation.estimate import Estimate, OutlierPolicy, estimate
 from campaigns.estimation.estimators import Estimator, LossShape, Outliers, Weights
+from campaigns.estimation.tracker_noise import TrackerUncertainty, common_shifts_mm
 from campaigns.identification.observations import (
     Inputs,
     Observations,
@@ -81,9 +83,15 @@ class Fit:
         return information.variance_dof(self.found.noise, known_variance=self.points is not None)
 
     def uncertainty(
-        self, free: tuple[str, ...], hold_out: information.HoldOut | None = None
+        self,
+        free: tuple[str, ...],
+        hold_out: information.HoldOut | None = None,
+        instrument: TrackerUncertainty | None = None,
     ) -> information.Uncertainty | None:
-        """Uncertainty of the parameters that were looked for; None where nothing tells it."""
+        """Uncertainty of the parameters that were looked for; None where nothing tells it.
+
+        With what all shots have in common where the `instrument` is given.
+        """
         found, count = self.found, len(free)
         if found.covariance is None or found.noise.sigma0 is None:
             return None
@@ -94,7 +102,23 @@ class Fit:
             sigma0=found.noise.sigma0,
             dof=self.variance_dof,
             hold_out_ratio=1.0 if hold_out is None else hold_out.applied_ratio,
+            common=dict(self._common_changes(count, found.covariance, instrument)),
         )
+
+    def _common_changes(
+        self, count: int, covariance: Array, instrument: TrackerUncertainty | None
+    ) -> Iterator[tuple[str, Array]]:
+        """Change of the parameters, (count,) each, by what all shots have in common."""
+        if instrument is None:
+            return
+        fitted, found = self.observations, self.found
+        kept = np.repeat(found.kept, fitted.problem.block)[:, None]
+        jacobian = fitted.residuals.jacobian(found.x) * kept
+        points, sigma0 = fitted.shots.points_in_tracker_mm, found.noise.sigma0 or 1.0
+        for name, shifts_mm in common_shifts_mm(points, instrument).items():
+            shift = fitted.whitened_shifts(shifts_mm)
+            changes = information.common_changes(jacobian, covariance, sigma0, shift)
+            yield name, changes[:count]
 
     def reflector_constant_mm(self, parameters: int) -> tuple[float, float]:
         """By how much ranges are too long, and its σ, behind so many parameters; σ NaN if lost."""

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from campaigns.arrays import Array
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.estimate import Estimate
 from campaigns.estimation.estimators import Outliers
@@ -13,10 +12,12 @@ from campaigns.estimation.information import Uncertainty, WorkspaceSample, cover
 from campaigns.estimation.observability import unobservable_combinations
 from campaigns.evaluation import diagnostics, identification
 from campaigns.evaluation.plausibility import check_shots
+from campaigns.evaluation.region import Region
 from campaigns.identification import result
 from campaigns.identification.change import tested
 from campaigns.identification.fit import Fit, PointFit, fit_shots, plain_fit
 from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
+from campaigns.identification.known_lengths import KnownLengths, known_length_doubts, known_lengths
 from campaigns.identification.observations import Inputs, Observations
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.parameter_selection import ParameterSelection
@@ -41,6 +42,8 @@ def identify(
     for shots that no robot explains.
     """
     options = options or IdentificationOptions()
+    lengths = known_lengths(shots, options.known_lengths, options.instrument)
+    shots = shots.rows(np.setdiff1d(np.arange(len(shots)), shots.rows_of(ShotSet.KNOWN_LENGTH)))
     known = shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
     _check(nominal, known, sessions=options.sessions)
     inputs = Inputs.of(nominal, shots, selection, options)
@@ -57,7 +60,7 @@ def identify(
             remedy="look for gross errors: order and signs of the joints, units of points and of "
             "covariances",
         ) from error
-    return _result(inputs, fit, unseen_pairs(inputs, fit), constant)
+    return _result(inputs, fit, unseen_pairs(inputs, fit), lengths, constant)
 
 
 def _check(nominal: Kinematics, shots: Shots, *, sessions: bool) -> None:
@@ -68,20 +71,31 @@ def _check(nominal: Kinematics, shots: Shots, *, sessions: bool) -> None:
 
 
 def _result(
-    inputs: Inputs, fit: Fit, held_out: UnseenPairs, constant_mm: tuple[float, float] | None
+    inputs: Inputs,
+    fit: Fit,
+    held_out: UnseenPairs,
+    lengths: KnownLengths | None,
+    constant_mm: tuple[float, float] | None,
 ) -> result.IdentificationResult:
-    """Findings of the fitted and the unseen shots together."""
+    """Findings of the fitted and the unseen shots, and of known lengths, together."""
     found, fitted, options = fit.found, fit.observations, inputs.options
     free, space = inputs.selection.free, inputs.nominal.mechanism.parameters
-    uncertainty = fit.uncertainty(free, held_out.tested)
+    instrument = options.instrument
+    if lengths is not None:
+        instrument = replace(instrument, scale=lengths.scale.scale_std(instrument.scale))
+    uncertainty = fit.uncertainty(free, held_out.tested, instrument)
     identifiable = [free[place] for place in np.flatnonzero(found.identifiable).tolist()]
     covariance = Uncertainty() if uncertainty is None else uncertainty.only(identifiable)
-    parameters = _parameters(inputs, found, covariance.std())
+    parameters = _parameters(inputs, found, covariance)
+    position_std, region = _positions(uncertainty, inputs, fit)
     errors, unseen = _residuals(fit), held_out.errors
     unobservable = tuple(unobservable_combinations(found.seen, free))
-    doubts = tuple(_doubts(inputs, fit, held_out, parameters, covariance))
-    if constant_mm is not None:
-        doubts += (diagnostics.reflector_told(*constant_mm),)
+    doubts = (
+        *_doubts(inputs, fit, held_out, parameters, covariance),
+        *diagnostics.region_doubts(region),
+        *known_length_doubts(lengths),
+        *([] if constant_mm is None else [diagnostics.reflector_told(*constant_mm)]),
+    )
     outliers = fit.left_out.found if fit.left_out else found
     verdict, reasons = identification.identification_verdict(
         identification.IdentificationEvidence(
@@ -96,6 +110,7 @@ def _result(
             doubts=doubts,
             unseen=None if unseen is None else unseen.summary(),
             lost=tuple(f"unseen {each.what}: {each.reason}" for each in held_out.lost),
+            region=None if region is None else region.says,
         )
     )
     scatter, noise = _robot_scatter(fit, inputs.nominal), fit.stated_noise
@@ -107,7 +122,6 @@ def _result(
         robot="" if scatter is None else scatter.says,
     )
     frames = tuple(map(result.Frame.of, fitted.tracker_from_base(found.x)))
-    identified = fitted.model.kinematics(found.x[: len(free)])
     by_data = unobservable_combinations(found.data_seen, free)
     return result.IdentificationResult(
         estimator=options.estimator,
@@ -133,7 +147,9 @@ def _result(
         covariance=covariance,
         # Student's where the residuals tell their own variance, else normal
         coverage_factor_95=None if found.covariance is None else coverage_factor(fit.variance_dof),
-        position_std_mm=_position_std(uncertainty, identified, found, options.workspace),
+        position_std_mm=position_std,
+        region=region,
+        known_lengths=lengths,
         robot_scatter=scatter,
         hold_out=held_out.tested,
         doubts=doubts,
@@ -254,16 +270,21 @@ def _robot_scatter(fit: Fit, nominal: Kinematics) -> result.RobotScatter | None:
 
 
 def _parameters(
-    inputs: Inputs, found: Estimate, std: dict[str, float]
+    inputs: Inputs, found: Estimate, uncertainty: Uncertainty
 ) -> dict[str, result.IdentifiedParameter]:
     """All of files, extensions that are not 0, and whatever else was free."""
+    std, total = uncertainty.std(), uncertainty.total_std()
     free, known = inputs.selection.free, inputs.nominal.parameters
     old = known | dict.fromkeys((name for name in free if name not in known), 0.0)
     values = found.x[: len(free)] / inputs.nominal.mechanism.parameters.units(free)
     new = old | dict(zip(free, values.tolist(), strict=True))
     return {
         name: result.IdentifiedParameter(
-            nominal=old[name], value=new[name], std=std.get(name), free=name in free
+            nominal=old[name],
+            value=new[name],
+            std=std.get(name),
+            free=name in free,
+            total_std=total.get(name),
         )
         for name in old
     }
@@ -286,26 +307,35 @@ def _named_outliers(fitted: Observations, found: Estimate) -> Iterator[result.Ex
         )
 
 
-def _position_std(
-    known: Uncertainty | None, identified: Kinematics, found: Estimate, poses: Array | None
-) -> result.PositionStd | None:
-    """Over poses (N, t), after a best fit of the frame to all of them; None when not known.
+def _positions(
+    known: Uncertainty | None, inputs: Inputs, fit: Fit
+) -> tuple[result.PositionStd | None, Region | None]:
+    """Uncertainty of positions over the workspace, and the part of it that was measured.
 
+    After a best fit of the frame to all of its poses, and to the shots. None when not known.
     A combination that is held at nominal must change the frame and nothing else. Nor is it known of
     a robot that can take none of the poses.
     """
+    poses, found, model = inputs.options.workspace, fit.found, fit.observations.model
     if known is None or poses is None:
-        return None
+        return None, None
+    x = found.x[: len(inputs.selection.free)]
+    identified = model.kinematics(x)
     taken = poses[identified.inverse(poses).found]
     if not len(taken):
-        return None
+        return None, None
+    at_shots = model.poses(x)
     try:
         sample = WorkspaceSample.of(identified, known.names, taken)
+        both = np.vstack([taken, at_shots])
+        by_shots = WorkspaceSample.of(identified, known.names, both, reference=at_shots)
     except NoSolution:
-        return None
+        return None, None
     jacobian = sample.jacobian / identified.mechanism.parameters.units(known.names)
     for lost in found.seen.null_directions / found.seen.scale:
         if np.abs(jacobian @ lost).max() > NO_EFFECT * (np.abs(jacobian) @ np.abs(lost)).max():
-            return None
-    std = known.of_positions(sample)
-    return result.PositionStd(float(std.mean()), float(std.max()))
+            return None, None
+    std_mm = known.random.of_positions(by_shots)
+    task = identified.mechanism.task
+    region = Region.of(taken, std_mm[: len(taken)], std_mm[len(taken) :], task)
+    return result.PositionStd.of(known, sample), region

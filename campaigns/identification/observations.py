@@ -11,6 +11,7 @@ from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.estimation import error_columns
 from campaigns.estimation.estimators import Weights
 from campaigns.estimation.least_squares import LeastSquaresProblem, Priors
+from campaigns.estimation.point_sets import directions
 from campaigns.estimation.residuals import DistanceResiduals, PointResiduals, PositionModel
 from campaigns.estimation.rigid_transforms import Transform, fit_transform
 from campaigns.estimation.tracker_noise import (
@@ -131,6 +132,16 @@ class Observations:
         if isinstance(self.residuals, DistanceResiduals):
             return self.residuals.errors_mm(x)[:, None]
         return self.residuals.modelled_mm(x) - self.residuals.points_in_tracker_mm
+
+    def whitened_shifts(self, shifts_mm: Array) -> Array:
+        """Shifts of the measured points (N, 3) in units of what is fitted, as residuals stand."""
+        residuals = self.residuals
+        if isinstance(residuals, PointResiduals):
+            return np.asarray(np.einsum("nij,nj->ni", residuals.whitening, shifts_mm)).ravel()
+        first, second = residuals.first, residuals.second
+        along = directions(self.shots.points_in_tracker_mm, first, second)
+        apart = np.einsum("mk,mk->m", along, shifts_mm[second] - shifts_mm[first])
+        return np.asarray(residuals.whitening * apart)
 
     def nominal_misfits_mm(self, kept: Mask) -> Array:
         """The same of what is kept with the nominal parameters and frames that suit them best."""

@@ -14,6 +14,7 @@ from campaigns.evaluation.diagnostics import COMMON_SCALE, LARGE_CHANGE
 from campaigns.identification.parameter_selection import REFLECTOR_CONSTANT
 from campaigns.robots.robot import Tolerance
 from campaigns.settings.option import Option
+from campaigns.settings.sections import KnownLengthConfig
 
 MOST_HELD_OUT = 0.5
 RANGE = re.compile(r"(\d*)-(\d*)", re.ASCII)
@@ -143,6 +144,8 @@ class IdentificationOptions(Selection):
     tolerance: Tolerance = field(default_factory=Tolerance)
     limits_mm: Mapping[str, float] = field(default_factory=dict)
     """Acceptance limits of distances, `mean` and `max`, as far as any are asked for."""
+    known_lengths: tuple[KnownLengthConfig, ...] = ()
+    """Calibrated lengths that the set known-length measures."""
     workspace: Array | None = None
     """Poses (N, t) at which the position's uncertainty is asked for."""
 

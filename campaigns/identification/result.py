@@ -14,14 +14,16 @@ from pydantic import JsonValue, TypeAdapter, ValidationError
 from campaigns.arrays import Array
 from campaigns.errors import FindingUnreadable
 from campaigns.estimation.estimators import Estimator, Outliers
-from campaigns.estimation.information import ChiSquareTest, HoldOut, Uncertainty
+from campaigns.estimation.information import ChiSquareTest, HoldOut, Uncertainty, WorkspaceSample
 from campaigns.estimation.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
 from campaigns.estimation.robust import Loss
 from campaigns.estimation.variance_components import VarianceComponents
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.identification import Combination
+from campaigns.evaluation.region import Region
 from campaigns.evaluation.summary import BeforeAfter, spread
+from campaigns.identification.known_lengths import KnownLengths
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
@@ -39,6 +41,8 @@ class IdentifiedParameter:
     value: float
     std: float | None
     free: bool
+    total_std: float | None = None
+    """With what all shots have in common; None in results of older software too."""
 
     @property
     def delta(self) -> float:
@@ -111,10 +115,28 @@ class RobotScatter(VarianceComponents):
 
 @dataclass(frozen=True, slots=True)
 class PositionStd:
-    """Root of the summed variances of X, Y and Z over the workspace, mm."""
+    """Root of the summed variances of X, Y and Z over the workspace, mm: of the random part.
+
+    None or empty in results of older software.
+    """
 
     mean: float
     max: float
+    total_mean: float | None = None
+    """With what all shots have in common."""
+    total_max: float | None = None
+    common: dict[str, float] = field(default_factory=dict)
+    """Root mean square over the workspace of what each of those moves positions by."""
+
+    @classmethod
+    def of(cls, known: Uncertainty, sample: WorkspaceSample) -> "PositionStd":
+        """Over a sample of the workspace."""
+        random, total = known.random.of_positions(sample), known.of_positions(sample)
+        shifts = known.common_of_positions(sample)
+        sizes = {name: float(np.sqrt(np.mean(mm**2) * 3.0)) for name, mm in shifts.items()}
+        ends = (float(each) for std in (random, total) for each in (std.mean(), std.max()))
+        mean, most, total_mean, total_most = ends
+        return cls(mean, most, total_mean, total_most, sizes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,6 +267,10 @@ class IdentificationResult:
     coverage_factor_95: float | None = None
     """Half-width of 95 % intervals in stated σ; None where nothing tells σ."""
     position_std_mm: PositionStd | None = None
+    region: Region | None = None
+    """Part of the workspace that it is for; None where σ of positions is not known."""
+    known_lengths: KnownLengths | None = None
+    """None where none was measured."""
     robot_scatter: RobotScatter | None = None
     """None where the shots do not ask for any."""
     hold_out: HoldOut | None = None

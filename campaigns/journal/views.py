@@ -7,6 +7,8 @@ from typing import Generic, TypeVar
 
 from campaigns.journal import records
 
+KNOWN = "known-length"
+"""Set of shots at calibrated lengths, without the robot."""
 RecordT = TypeVar("RecordT", bound=records.Record, covariant=True)
 
 
@@ -47,6 +49,11 @@ class Series:
     sessions: int = 0
     unstopped: int = 0
     """Sessions without a stop before the next session or the journal's end."""
+
+    @property
+    def of_known_lengths(self) -> bool:
+        """Whether nothing but known lengths was measured."""
+        return bool(self.shots) and all(each.intent.purpose == KNOWN for each in self.shots)
 
 
 def all_series(entries: Iterable[Entry[records.Record]]) -> tuple[Series, ...]:

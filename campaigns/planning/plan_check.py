@@ -54,6 +54,7 @@ def check_plan(
             *_space_faults(shots, robot.space),
             *_view_faults(shots, view),
             *_drift_faults(shots),
+            *_known_length_faults(shots),
         ],
         remedy="correct plan.csv, or plan anew with `pkmcal plan`",
     )
@@ -131,6 +132,12 @@ def _space_faults(shots: Sequence[PlannedShot], space: RestrictedSpace) -> Itera
     for shot in shots:
         if fault := space.fault(pose_row(shot.pose)[:3]):
             yield f"shot {shot.shot}: {fault}"
+
+
+def _known_length_faults(shots: Sequence[PlannedShot]) -> Iterator[str]:
+    for shot in shots:
+        if shot.purpose is ShotSet.KNOWN_LENGTH:
+            yield f"shot {shot.shot}: a known length is no pose of the robot: import its points"
 
 
 def _drift_faults(shots: Sequence[PlannedShot]) -> Iterator[str]:

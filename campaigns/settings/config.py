@@ -33,6 +33,12 @@ class CampaignConfig(yaml_file.FileModel):
     )
     controller: sections.ControllerConfig = Field(description="the robot's controller")
     tracker: sections.TrackerConfig = Field(description="the laser tracker and its reflector")
+    known_lengths: tuple[sections.KnownLengthConfig, ...] = Field(
+        default=(),
+        max_length=100,
+        description="calibrated lengths that tell the tracker's scale: name, length_mm, std_mm and "
+        "pairs of the set known-length",
+    )
     plan: sections.PlanConfig = Field(default=sections.PlanConfig(), description="what is measured")
     space: SpaceConfig = Field(
         default=SpaceConfig(),

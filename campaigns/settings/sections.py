@@ -113,6 +113,33 @@ class TrackerLimitsConfig(FileModel):
     )
 
 
+class TrackerCommonConfig(FileModel):
+    """Largest errors that all shots have in common, so that none of them can tell it."""
+
+    scale_ppm: LimitPerMetre = Field(
+        default=2.0, description="of every length, by the tracker and the air's temperature, ppm"
+    )
+    axes_um_per_m: LimitPerMetre = Field(
+        default=3.0, description="of the tracker's axes and beam, each, across it, µm for a metre"
+    )
+    reflector_mm: float = Field(
+        default=0.01, ge=0.0, le=100.0, description="of the reflector's constant, mm"
+    )
+
+
+class KnownLengthConfig(FileModel):
+    """A calibrated length, between two points at which a reflector can be put."""
+
+    name: str = Field(min_length=1, max_length=64, description="the bar's name")
+    length_mm: Distance = Field(description="its length at the temperature of the cell, mm")
+    std_mm: float = Field(
+        gt=0.0, le=10.0, description="its standard uncertainty, temperature included, mm"
+    )
+    pairs: tuple[Annotated[int, Field(ge=0)], ...] = Field(
+        default=(), description="the pairs that measure it; empty: all that no other length names"
+    )
+
+
 class TrackerConfig(FileModel):
     """The laser tracker and its reflector."""
 
@@ -145,6 +172,10 @@ class TrackerConfig(FileModel):
     uncertainty: TrackerLimitsConfig = Field(
         default=TrackerLimitsConfig(),
         description="the limits (MPE) of its data sheet, by default an AT500's; for plans",
+    )
+    common: TrackerCommonConfig = Field(
+        default=TrackerCommonConfig(),
+        description="limits of what all shots have in common, by default an AT500's in a shop",
     )
 
     @property

@@ -28,6 +28,13 @@ def axis_values(row: CsvRow, axes: Sequence[Axis]) -> tuple[float, ...]:
     return tuple(_axis_value(row, axis) for axis in axes)
 
 
+def joint_values(row: CsvRow, axes: Sequence[Axis], purpose: ShotSet) -> tuple[float, ...]:
+    """Joints of a shot; () of a known length, which may be measured without the robot."""
+    if purpose is ShotSet.KNOWN_LENGTH and not any(map(row.text, axis_columns(axes))):
+        return ()
+    return axis_values(row, axes)
+
+
 def axis_texts(axes: Sequence[Axis], values: Sequence[float]) -> list[str]:
     """Texts for a row's columns, in the units of files."""
     each = zip(axes, values, strict=True)

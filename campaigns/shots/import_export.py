@@ -114,14 +114,20 @@ def append_import(
 
 
 def _poses(held: Kinematics, rows: Sequence[ShotRow]) -> Array:
-    solution = held.forward(np.array([row.joints for row in rows]))
+    """Poses (N, t); zeros of shots without the robot."""
+    poses = np.zeros((len(rows), len(held.mechanism.task)))
+    own = [place for place, row in enumerate(rows) if row.joints]
+    if not own:
+        return poses
+    solution = held.forward(np.array([rows[place].joints for place in own]))
     if not solution.found.all():
-        row = int(solution.found.argmin())
+        row = own[int(solution.found.argmin())]
         raise ShotsInvalid(
             f"shot {row + 1} of the file: the nominal robot cannot be assembled at its joints",
             remedy="check the order and signs of the joints, and that it is this robot's file",
         )
-    return solution.values
+    poses[own] = solution.values
+    return poses
 
 
 def _outcome(number: int, row: ShotRow) -> records.Outcome:

@@ -18,7 +18,7 @@ from campaigns.files.text_file import read_text
 from campaigns.files.wording import shown
 from campaigns.mechanisms.closed_chain import ClosedChain
 from campaigns.shots.ascii_points import NAME_JOINT, LengthUnit, NamedPoint, read_points
-from campaigns.shots.columns import axis_columns, axis_values, check_pairs, pair_number, shot_set
+from campaigns.shots.columns import axis_columns, check_pairs, joint_values, pair_number, shot_set
 from campaigns.shots.pairs import SHOTS_OF_A_PAIR
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow
@@ -80,7 +80,7 @@ def _joints_rows(text: str, name: str, mechanism: ClosedChain, default: ShotSet)
 def _joints_row(row: CsvRow, mechanism: ClosedChain, default: ShotSet) -> ShotRow:
     purpose = shot_set(row, default)
     pair = pair_number(row, purpose) if "pair" in row.texts else None
-    return ShotRow(pair, axis_values(row, mechanism.joints), NOWHERE_MM, purpose)
+    return ShotRow(pair, joint_values(row, mechanism.joints, purpose), NOWHERE_MM, purpose)
 
 
 def _by_order(

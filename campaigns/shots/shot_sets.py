@@ -12,8 +12,9 @@ class ShotSet(Enum):
     REPEATABILITY = "repeatability"
     ROTATION = "rotation"
     STRAIGHTNESS = "straightness"
+    KNOWN_LENGTH = "known-length"
 
     @property
     def in_pairs(self) -> bool:
         """Whether its shots stand in pairs, whose distance counts."""
-        return self in {ShotSet.IDENTIFICATION, ShotSet.VALIDATION}
+        return self in {ShotSet.IDENTIFICATION, ShotSet.VALIDATION, ShotSet.KNOWN_LENGTH}

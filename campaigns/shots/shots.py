@@ -206,7 +206,7 @@ def shots_of_outcomes(
         numbers=tuple(each.shot for each in outcomes),
         purposes=tuple(purposes),
         pairs=tuple(pairs),
-        joints=np.array([each.joints for each in outcomes]).reshape(count, joints),
+        joints=_with_gaps([each.joints for each in outcomes], joints),
         points_in_tracker_mm=_points_mm(outcomes),
         stated_covariance_mm2=_stated_covariance_mm2(outcomes),
         approach=approach_directions(outcomes, order, mechanism.joints),
@@ -225,7 +225,10 @@ def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
 
     The nominal robot's poses stand for those commanded; NaN where it has none.
     """
-    joints = np.array([row.joints for row in rows])
+    joints = _with_gaps([row.joints for row in rows], len(nominal.mechanism.joints))
+    poses = np.full((len(rows), len(nominal.mechanism.task)), np.nan)
+    by_robot = np.array([bool(row.joints) for row in rows])
+    poses[by_robot] = nominal.forward(joints[by_robot]).values
     covariance = np.full((len(rows), 3, 3), np.nan)
     for place, row in enumerate(rows):
         if row.covariance_mm2 is not None:
@@ -239,10 +242,15 @@ def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
         points_in_tracker_mm=np.array([row.point_in_tracker_mm for row in rows]),
         stated_covariance_mm2=covariance,
         approach=np.zeros_like(joints),
-        commanded=nominal.forward(joints).values,
+        commanded=poses,
         measured_utc=tuple(row.time or "" for row in rows),
         temperature_degC=np.array(air, dtype=np.float64),
     )
+
+
+def _with_gaps(joints: Sequence[tuple[float, ...]], count: int) -> Array:
+    """Joints (N, count); NaN of shots without the robot, which have ()."""
+    return np.array([each or (np.nan,) * count for each in joints]).reshape(-1, count)
 
 
 def approach_directions(
@@ -259,6 +267,8 @@ def approach_directions(
     before, standing = np.zeros(len(axes)), np.full(len(axes), np.nan)
     for row in order:
         outcome = outcomes[row]
+        if not outcome.joints:
+            continue
         joints = np.array(outcome.joints)
         if outcome.came_from is not None:
             came_from = np.array(outcome.came_from)

@@ -22,7 +22,8 @@ COVARIANCE_COLUMNS = ("sxx", "sxy", "sxz", "syy", "syz", "szz")
 class ShotRow:
     """Measured shot: joint values, and the reflector's place in the tracker's frame.
 
-    `pair` is None for sets without pairs. `turn` is that of the commanded pose: what it has beyond
+    `joints` are () of a known length that was measured without the robot. `pair` is None for sets
+    without pairs. `turn` is that of the commanded pose: what it has beyond
     a place, rad; empty where that is nothing or not known. `time` is as the file says it. None: not
     known.
     """
@@ -108,7 +109,7 @@ def _shot_of(row: CsvRow, mechanism: ClosedChain, default: ShotSet) -> ShotRow:
     turned = any(row.text(column) for column in columns.axis_columns(turns))
     return ShotRow(
         pair=columns.pair_number(row, purpose),
-        joints=columns.axis_values(row, mechanism.joints),
+        joints=columns.joint_values(row, mechanism.joints, purpose),
         point_in_tracker_mm=(x_mm, y_mm, z_mm),
         purpose=purpose,
         turn=columns.axis_values(row, turns) if turned else (),
@@ -141,7 +142,7 @@ def _texts_of(shot: ShotRow, mechanism: ClosedChain) -> Mapping[str, str]:
     covariance = shot.covariance_mm2
     upper = (*covariance[0], *covariance[1][1:], covariance[2][2]) if covariance else ()
     temperature = shot.temperature_degC
-    axes = mechanism.joints + (_turns(mechanism) if shot.turn else ())
+    axes = (mechanism.joints if shot.joints else ()) + (_turns(mechanism) if shot.turn else ())
     values = {
         "pair": "" if shot.pair is None else str(shot.pair),
         "set": shot.purpose.value,

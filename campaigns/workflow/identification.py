@@ -31,7 +31,8 @@ def identify(
     campaign.require_journal()
     with campaign.journal() as journal:
         series = campaign.measured_series(journal)
-        shots = shots_of_journal(journal.shots(series.number), robot.mechanism)
+        beside = campaign.known_length_shots(journal)
+        shots = shots_of_journal((*journal.shots(series.number), *beside), robot.mechanism)
         shots = between(shots, *options.shots)
         shots = held_out(shots, options.hold_out, np.random.default_rng(HOLD_OUT_SEED))
         started_s = time.perf_counter()
@@ -59,6 +60,7 @@ def identification_options(
         instrument=campaign.instrument,
         tolerance=campaign.robot.tolerance,
         limits_mm=_limits_mm(campaign),
+        known_lengths=campaign.config.known_lengths,
         workspace=campaign.workspace_sample(),
     )
 

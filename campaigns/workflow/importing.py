@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import FILE_NAME, CalibrationRoute, WrittenSet, written_sets
 from campaigns.errors import OptionsInvalid, ShotsInvalid
@@ -145,5 +147,6 @@ def _check(campaign: Campaign, rows: Sequence[ShotRow], name: str) -> None:
     """Raise `ShotsInvalid`, naming file and cause, for shots that cannot be this robot's."""
     nominal = campaign.robot.kinematics
     shots = shots_of_rows(rows, nominal)
+    shots = shots.rows(np.flatnonzero([bool(row.joints) for row in rows]))
     check_shots(nominal, shots, name)
     check_distances(nominal, shots, campaign.config.gate.distance_mm, name)

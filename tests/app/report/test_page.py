@@ -123,7 +123,7 @@ def test_shots_have_a_figure_only_where_positions_were_fitted(by_distances: Pape
 def test_the_page_says_how_sure_it_is_and_the_verdict_first(whole_html: str) -> None:
     for words in (
         "scatter as the tracker states (χ²",
-        "Predicted uncertainty of position",
+        "Predicted error of position",
         "residuals of the fitted coordinates",
     ):
         assert words in whole_html

@@ -124,8 +124,8 @@ def test_corrected_targets_are_as_sure_as_positions(
     correction = TargetCorrection(Kinematics(ROBOT.mechanism, p), NOMINAL, ROBOT.limits)
     known = replace(correction, uncertainty=found.covariance, measured=POSES)
     std_mm = known.std_mm(POSES)
-    assert std_mm.mean() == pytest.approx(found.position_std_mm.mean, rel=1e-6)
-    assert std_mm.max() == pytest.approx(found.position_std_mm.max, rel=1e-6)
+    assert std_mm.mean() == pytest.approx(found.position_std_mm.total_mean, rel=1e-6)
+    assert std_mm.max() == pytest.approx(found.position_std_mm.total_max, rel=1e-6)
 
 
 def test_a_study_states_what_is_identified(good: Told) -> None:

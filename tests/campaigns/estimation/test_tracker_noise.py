@@ -8,6 +8,7 @@ import pytest
 from campaigns.estimation.point_sets import directions, distances_mm
 from campaigns.estimation.tracker_noise import (
     TrackerUncertainty,
+    common_shifts_mm,
     distance_variance_mm2,
     point_covariance_mm2,
 )
@@ -42,6 +43,24 @@ def test_covariance_is_that_of_range_azimuth_and_elevation(point_mm):
     expected = by_instrument @ np.diag(std**2) @ by_instrument.T
     covariance = point_covariance_mm2(point_mm[None], told)[0]
     assert np.abs(covariance - expected).max() < 1e-8 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("effect", ["scale", "transit axis", "collimation", "vertical index"])
+@pytest.mark.parametrize("point_mm", POINTS_MM[:10])
+def test_common_shifts_are_those_of_an_instrument_out_of_adjustment(effect, point_mm):
+    """By what its two angles and its distance are then read as (Deumlich and Staiger)."""
+    error, told = 1e-6, TrackerUncertainty(scale=1e-6, axes_per_mm=1e-6)
+    distance = np.linalg.norm(point_mm)
+    azimuth, elevation = np.arctan2(point_mm[1], point_mm[0]), np.arcsin(point_mm[2] / distance)
+    read = {
+        "scale": (distance * (1.0 + error), azimuth, elevation),
+        "transit axis": (distance, azimuth + error * np.tan(elevation), elevation),
+        "collimation": (distance, azimuth + error / np.cos(elevation), elevation),
+        "vertical index": (distance, azimuth, elevation + error),
+    }[effect]
+    shift_mm = spherical(*read) - point_mm
+    found_mm = common_shifts_mm(point_mm[None], told)[effect][0]
+    assert found_mm == pytest.approx(shift_mm, rel=1e-4, abs=1e-8)
 
 
 def test_covariances_are_symmetric_and_positive_definite():

@@ -11,10 +11,15 @@ from tested_journal import plain_journal
 
 from campaigns.errors import ShotsInvalid
 from campaigns.estimation.tracker_noise import TrackerUncertainty
-from campaigns.shots.import_export import ImportedFile, append_import, imported_files
+from campaigns.shots.import_export import (
+    ImportedFile,
+    append_import,
+    exported_shots,
+    imported_files,
+)
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
-from campaigns.shots.shots_csv import ShotRow
+from campaigns.shots.shots_csv import ShotRow, parse_shots, shots_text
 
 COVARIANCE_MM2 = ((1e-4, 1e-5, 0.0), (1e-5, 2e-4, 0.0), (0.0, 0.0, 3e-4))
 
@@ -122,3 +127,27 @@ def test_an_import_of_older_software_names_no_file(tmp_path: Path) -> None:
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ShotsInvalid, match=r"nothing\.csv: there is no such file"):
         ImportedFile.of(tmp_path / "nothing.csv")
+
+
+def test_known_lengths_need_no_joints_and_come_back_out(tmp_path: Path) -> None:
+    lengths = tuple(
+        ShotRow(9, (), (1000.0 * end, 2.0, 3.0), ShotSet.KNOWN_LENGTH) for end in (1, 2)
+    )
+    text = shots_text((*rows(), *lengths), ROBOT.mechanism)
+    assert parse_shots(text, "shots.csv", ROBOT.mechanism)[-2:] == lengths
+    series, shots = imported(tmp_path, (*rows(), *lengths))
+    data = shots_of_journal(shots, ROBOT.mechanism)
+    assert np.isnan(data.joints[-2:]).all()
+    assert np.isfinite(data.joints[:-2]).all()
+    pairs = data.whole_pairs(ShotSet.KNOWN_LENGTH).rows
+    assert data.measured_distances_mm(pairs) == pytest.approx([1000.0])
+    assert exported_shots(series, shots).rows[-2:] == lengths
+    assert not series.of_known_lengths
+
+
+def test_a_row_of_another_set_needs_its_joints() -> None:
+    text = shots_text(rows(), ROBOT.mechanism)
+    first = text.splitlines()[1].split(",")
+    bare = ",".join([first[0], "", "", "", "", *first[5:]])
+    with pytest.raises(ShotsInvalid, match="q0_deg"):
+        parse_shots("\n".join([text.splitlines()[0], bare]), "shots.csv", ROBOT.mechanism)

@@ -1,0 +1,39 @@
+"""Region of the workspace that a result is for: where positions are about as sure as at its shots.
+
+Beyond it σ of positions is that of an extrapolation.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.mechanisms.mechanism import Axis
+
+FARTHER_OFF = 3.0
+"""Times its largest value at the shots up to which σ of a position counts as measured."""
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """Share of the workspace that is beyond, and the ends of what is not, in words too."""
+
+    beyond: float
+    ends: dict[str, tuple[float, float]]
+    """Lowest and highest value of each axis, by its column in files; empty where nothing is in."""
+    says: str
+
+    @classmethod
+    def of(cls, poses: Array, std_mm: Array, at_shots_mm: Array, task: Sequence[Axis]) -> "Region":
+        """From poses (N, t) of the workspace, σ of their positions (N,) and of the shots', (M,)."""
+        inside = std_mm <= FARTHER_OFF * at_shots_mm.max()
+        ends, told = dict[str, tuple[float, float]](), list[str]()
+        for axis, values in zip(task, poses[inside].T, strict=True):
+            if inside.any():
+                low, high = float(values.min()), float(values.max())
+                ends[axis.column] = axis.to_file(low), axis.to_file(high)
+                told.append(f"{axis.name} {axis.to_file(low):.0f} to {axis.text(high, '.0f')}")
+        share = float(np.mean(inside))
+        says = f"it is for {100.0 * share:.0f} % of the workspace: {', '.join(told)}"
+        return cls(1.0 - share, ends, says)
