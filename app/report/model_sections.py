@@ -113,9 +113,11 @@ def positions_in_words(found: PositionStd) -> tuple[str, ...]:
         return (random,)
     parts = ", ".join(f"{name} {mm:.4f}" for name, mm in found.common.items())
     mean, most = COVERAGE * found.total_mean, COVERAGE * found.total_max
-    return random, (
+    return (
+        random,
         f"U of position (k = 2) with what all shots have in common: {mean:.4f} mm on average, "
-        f"{most:.4f} mm at most; of it (1 σ, mm) {parts}"
+        f"{most:.4f} mm at most",
+        f"in common (1 σ, mm): {parts}",
     )
 
 

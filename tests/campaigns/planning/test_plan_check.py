@@ -121,6 +121,13 @@ def test_drift_shots_at_different_poses_are_refused() -> None:
     assert problem(shots) == "shot 9: its drift pose is not that of shot 0"
 
 
+def test_a_known_length_is_no_pose_of_the_robot() -> None:
+    measured = replace(FOUR_PAIRS[1], purpose=ShotSet.KNOWN_LENGTH)
+    assert "a known length is no pose of the robot: import its points" in problem(
+        with_shot(1, measured)
+    )
+
+
 def test_way_that_is_not_safe_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """No two good poses of this robot lack a way round: so the way round is taken away."""
     monkeypatch.setattr(RobotModel, "safe_path", lambda *_: None)
