@@ -113,12 +113,8 @@ def positions_in_words(found: PositionStd) -> tuple[str, ...]:
         return (random,)
     parts = ", ".join(f"{name} {mm:.4f}" for name, mm in found.common.items())
     mean, most = COVERAGE * found.total_mean, COVERAGE * found.total_max
-    return (
-        random,
-        f"U of position (k = 2) with what all shots have in common: {mean:.4f} mm on average, "
-        f"{most:.4f} mm at most",
-        f"in common (1 σ, mm): {parts}",
-    )
+    whole = f"U of position (k = 2) with what all shots have in common: {mean:.4f} mm on average"
+    return random, f"{whole}, {most:.4f} mm at most", f"in common (1 σ, mm): {parts}"
 
 
 def interval_in_words(interval: float | None) -> str:

@@ -469,8 +469,12 @@ def test_a_load_without_an_end_stands_above_the_verdict(tmp_path: Path) -> None:
 def test_a_parameter_within_its_uncertainty_shows_no_change(whole: PaperCampaign) -> None:
     parameters = gather(whole.campaign).identification.parameters
     found = {
-        "arm0.x_mm": replace(parameters["plate_mm"], nominal=1.0, value=1.19, std=0.1),
-        "plate_mm": replace(parameters["plate_mm"], nominal=1.0, value=1.21, std=0.1),
+        "arm0.x_mm": replace(
+            parameters["plate_mm"], nominal=1.0, value=1.19, std=0.1, total_std=0.1
+        ),
+        "plate_mm": replace(
+            parameters["plate_mm"], nominal=1.0, value=1.21, std=0.1, total_std=0.1
+        ),
     }
     usual, with_few = (
         texts(model_sections.parameters(interval, PAR4.parameters), found.items())
