@@ -9,7 +9,6 @@ from tested_journal import plain_journal
 
 from campaigns import errors
 from campaigns.controllers.export import compensated_robot, latest_identification, write_compensated
-from campaigns.files import text_file
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
 from campaigns.robots.robot import RobotDocument, find_robot, read_robot
@@ -129,27 +128,6 @@ def test_unknown_serial_is_stated_as_unknown(
     assert (robot.provenance or {})["controller_serial"] is None
 
 
-def test_comments_of_the_nominal_file_are_kept(nominal: RobotDocument) -> None:
-    text = compensated_robot("press 4", nominal, finding(nominal)).document.text
-    old_comments = [line for line in nominal.document.text.splitlines() if "#" in line]
-    assert all(comment.partition("#")[2] in text for comment in old_comments)
-    assert all(comment in text for comment in COMMENTS)
-
-
-def test_changed_geometry_is_noticed_when_the_file_is_read_again(
-    tmp_path: Path, nominal: RobotDocument
-) -> None:
-    path = tmp_path / "out.yaml"
-    write_compensated(
-        path, compensated_robot("press 4", nominal, finding(nominal)), overwrite=False
-    )
-    path.write_text(
-        path.read_text("utf-8").replace("plate_mm: 100.25", "plate_mm: 100.26"), "utf-8"
-    )
-    with pytest.raises(errors.ConfigInvalid, match="somebody changed the geometry"):
-        read_robot(path)
-
-
 @pytest.mark.parametrize("verdict", ["fail", "not decided"])
 def test_result_that_did_not_pass_is_not_exported(nominal: RobotDocument, verdict: str) -> None:
     found = finding(nominal, verdict=verdict, reasons=["unseen pairs got worse", "rank lost"])
@@ -172,23 +150,6 @@ def test_existing_file_is_not_overwritten_unasked(tmp_path: Path, nominal: Robot
     assert path.read_text("utf-8") == "mine"
     write_compensated(path, robot, overwrite=True)
     assert read_robot(path).robot == robot.robot
-
-
-def test_file_that_cannot_be_replaced_is_left_as_it_was(
-    tmp_path: Path, nominal: RobotDocument, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "out.yaml"
-    path.write_text("mine", encoding="utf-8")
-
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(text_file, "_write_to_disk", full)
-    with pytest.raises(errors.WriteFailed, match="no space left"):
-        write_compensated(
-            path, compensated_robot("press 4", nominal, finding(nominal)), overwrite=True
-        )
-    assert path.read_text("utf-8") == "mine"
 
 
 def test_latest_identification_counts(tmp_path: Path, nominal: RobotDocument) -> None:

@@ -44,13 +44,6 @@ def test_file_is_one_setting_a_parameter_named_after_it():
     assert len(lines) == 29
 
 
-def test_a_set_with_axis_tilts_and_skews_is_read_as_it_was_written(tmp_path):
-    file = linuxcnc_export.CalibrationFile(tmp_path / "calib.hal", WHOSE)
-    geometry = NOMINAL.parameters | TILTED
-    file.write(geometry)
-    assert file.read() == geometry
-
-
 def test_the_plates_drawing_goes_with_a_set_that_tilts_the_plate_alone():
     tilted = text_of(with_values(NOMINAL, TILTED))
     assert "setp pkmkins.arm1.axis_tilt_deg 0.02\n" in tilted
@@ -67,14 +60,6 @@ def test_a_plate_drawn_otherwise_is_refused_where_it_tilts(change):
     assert wrong != text
     with pytest.raises(ConfigInvalid, match=r"reflector_x_mm is (20\.5|missing), .* it is 20"):
         linuxcnc_export.parse_hal(wrong, "calib.hal", WHOSE)
-
-
-def test_a_nominal_robot_with_axis_tilts_stands_for_a_file_that_is_not_there(tmp_path):
-    tilted = with_values(NOMINAL, TILTED)
-    file = linuxcnc_export.CalibrationFile(
-        tmp_path / "calib.hal", linuxcnc_export.RobotIdentity("PAR4-7", tilted), otherwise=tilted
-    )
-    assert file.read() == dict(tilted.parameters)
 
 
 @pytest.mark.parametrize("name", MECHANISMS)
@@ -116,13 +101,6 @@ def test_heading_says_whose_it_is_and_where_it_comes_from():
 def test_no_line_is_too_long_for_halcmd():
     text = text_of(replace(NOMINAL, provenance={"reasons": "because " * 100}))
     assert max(map(len, text.splitlines())) < 200
-
-
-def test_file_of_another_robot_is_refused():
-    with pytest.raises(ConfigInvalid, match="of robot 'PAR4-7', this campaign is of 'PAR4-8'"):
-        linuxcnc_export.parse_hal(
-            text_of(), "calib.hal", linuxcnc_export.RobotIdentity("PAR4-8", NOMINAL)
-        )
 
 
 def test_file_that_does_not_say_whose_it_is_is_refused():
@@ -170,7 +148,7 @@ def test_export_does_not_overwrite_unasked(tmp_path):
     assert "plate_mm 101.0" in path.read_text()
 
 
-def test_written_file_keeps_the_last_good_one_beside(tmp_path):
+def test_written_file_keeps_the_last_good_one_beside_and_can_be_taken_back_to_the_byte(tmp_path):
     path = tmp_path / "calib.hal"
     file = linuxcnc_export.CalibrationFile(path, WHOSE)
     file.write(dict(NOMINAL.parameters))
@@ -178,14 +156,6 @@ def test_written_file_keeps_the_last_good_one_beside(tmp_path):
     file.write(dict(robot_with(plate_mm=101.0).parameters))
     assert file.read()["plate_mm"] == 101.0
     assert file.last_good.read_text() == before
-
-
-def test_what_was_written_last_can_be_taken_back_to_the_byte(tmp_path):
-    path = tmp_path / "calib.hal"
-    linuxcnc_export.write_hal(path, NOMINAL, "PAR4-7", overwrite=False)
-    before = path.read_text()
-    file = linuxcnc_export.CalibrationFile(path, WHOSE)
-    file.write(dict(robot_with(plate_mm=101.0).parameters))
     file.take_back()
     assert path.read_text() == before
 
