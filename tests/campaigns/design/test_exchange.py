@@ -85,10 +85,9 @@ def test_inverse_of_all_candidates_at_once(k, seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CRITERIA)
-@pytest.mark.parametrize("seed", range(3))
-def test_small_design_is_the_best_of_all(name, seed):
-    candidates = anything(10, 1, 3, seed, parameters=2)
-    criterion = make_criterion(name, candidates, rng(seed).standard_normal((6, 3, 3)))
+def test_small_design_is_the_best_of_all(name):
+    candidates = anything(10, 1, 3, seed=1, parameters=2)
+    criterion = make_criterion(name, candidates, rng(1).standard_normal((6, 3, 3)))
     found = optimal_design(candidates, criterion, 5, rng(), starts=20)
     every = [value_of(candidates, criterion, c) for c in combinations(range(10), 5)]
     assert value_of(candidates, criterion, found.chosen) == pytest.approx(min(every))
@@ -107,7 +106,7 @@ def test_each_criterion_is_served_best_by_its_own_design(robot_shots, designs, n
 def test_no_candidate_is_chosen_twice(robot_shots):
     case = robot_shots
     criterion = case.criterion("I")
-    chosen = optimal_design(case.candidates, criterion, 120, rng()).chosen
+    chosen = optimal_design(case.candidates, criterion, 120, rng(), starts=1).chosen
     assert len(set(chosen.tolist())) == 120
 
 
@@ -143,10 +142,8 @@ def test_d_optimal_design_predicts_its_worst_candidate_nearly_as_well_as_any_can
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("count", "length_mm", "angle_deg"), [(120, 0.0135, 0.0012), (40, 0.024, 0.0020)]
-)
-def test_i_optimal_shots_tell_what_the_model_page_promises(count, length_mm, angle_deg):
+def test_i_optimal_shots_tell_what_the_model_page_promises():
+    count, length_mm, angle_deg = 40, 0.024, 0.0020
     case = shots(4000)
     criterion = case.criterion("I")
     chosen = optimal_design(case.candidates, criterion, count, rng(), starts=1).chosen
@@ -158,9 +155,9 @@ def test_i_optimal_shots_tell_what_the_model_page_promises(count, length_mm, ang
 
 @pytest.mark.slow
 def test_optimal_pairs_tell_far_more_than_random_ones():
-    case = pairs(1600)
+    case = pairs(800)
     criterion = case.criterion("I")
-    best = optimal_design(case.candidates, criterion, 60, rng()).chosen
+    best = optimal_design(case.candidates, criterion, 60, rng(), starts=1).chosen
     best_mm, random_mm = (
         evaluate(case.candidates, chosen).worst_length_mm for chosen in (best, np.arange(60))
     )
@@ -174,7 +171,7 @@ def test_design_heeds_where_the_tracker_is_bad():
     even, uneven = shots(), shots(noise=blind)
 
     def chosen_for(case):
-        return optimal_design(case.candidates, case.criterion("I"), 30, rng(), starts=2).chosen
+        return optimal_design(case.candidates, case.criterion("I"), 30, rng(), starts=1).chosen
 
     judge = uneven.criterion("I")
     values = [value_of(uneven.candidates, judge, chosen_for(case)) for case in (even, uneven)]
@@ -185,7 +182,7 @@ def test_design_heeds_where_the_tracker_is_bad():
 def test_growing_a_design_makes_it_better(robot_shots):
     case = robot_shots
     criterion = case.criterion("I")
-    small = optimal_design(case.candidates, criterion, 20, rng())
+    small = optimal_design(case.candidates, criterion, 20, rng(), starts=1)
     large = augment_design(case.candidates, criterion, small.chosen, 40)
     assert len(set(large.chosen.tolist())) == 40
     assert large.value < 0.6 * small.value
@@ -201,7 +198,7 @@ def test_thirteen_shots_are_the_fewest_that_tell_all(robot_shots):
 def test_design_of_the_fewest_shots_tells_all(robot_shots, name):
     case = robot_shots
     criterion = case.criterion(name)
-    chosen = optimal_design(case.candidates, criterion, 13, rng(), starts=3).chosen
+    chosen = optimal_design(case.candidates, criterion, 13, rng(), starts=1).chosen
     assert np.isfinite(evaluate(case.candidates, chosen).worst_length_mm)
 
 
@@ -229,7 +226,7 @@ def test_parameters_that_move_with_the_frame_are_named(robot_shots):
 
 @pytest.mark.slow
 def test_short_list_costs_next_to_nothing_of_what_all_candidates_give(monkeypatch):
-    case = shots(2000)
+    case = shots(1000)
     criterion = case.criterion("I")
     listed = optimal_design(case.candidates, criterion, 40, rng(), starts=1)
     monkeypatch.setattr(exchange, "SHORT_LIST", len(case.candidates))
@@ -255,8 +252,7 @@ def test_quick_growth_is_a_few_percent_from_an_exchange(robot_shots):
     case = robot_shots
     criterion = case.criterion("I")
     small = optimal_design(case.candidates, criterion, 14, rng(), starts=1).chosen
-    for count in (40, 120):
-        quick = augment_quickly(case.candidates, criterion, small, count)
-        slow = augment_design(case.candidates, criterion, small, count)
-        assert len(set(quick.tolist())) == count
-        assert value_of(case.candidates, criterion, quick) <= 1.05 * slow.value
+    quick = augment_quickly(case.candidates, criterion, small, 40)
+    slow = augment_design(case.candidates, criterion, small, 40)
+    assert len(set(quick.tolist())) == 40
+    assert value_of(case.candidates, criterion, quick) <= 1.05 * slow.value

@@ -128,7 +128,7 @@ def test_turning_no_stretch_of_the_order_round_would_shorten_it():
             assert whole_travel(joints, turned, np.zeros(4)) > shortest - 1e-6
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_order_of_a_few_pairs_is_near_the_best_there_is(seed):
     joints = rng(seed).uniform(-0.7, 1.5, (10, 4))
     pairs, start = np.arange(10).reshape(5, 2), np.full(4, 0.4)

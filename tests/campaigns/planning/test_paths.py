@@ -26,7 +26,7 @@ def faults_between(joints):
 
 @pytest.fixture(scope="module")
 def joints():
-    return reachable_joints(NOMINAL, 200, seed=71)
+    return reachable_joints(NOMINAL, 100, seed=71)
 
 
 def test_a_short_way_at_the_centre_is_straight():
@@ -41,9 +41,8 @@ def test_no_way_at_all_is_safe():
     assert OPEN.fault(here, here) is None
 
 
-@pytest.mark.slow
-def test_a_way_through_an_infeasible_theta_is_named_and_gone_round(joints):
-    faults = faults_between(joints)
+def test_a_way_through_an_infeasible_theta_is_named_and_gone_round_within_the_limits(joints):
+    (low, high), faults = LIMITS.joint, faults_between(joints)
     blocked = [row for row, fault in enumerate(faults) if fault]
     assert "theta leaves its limits" in {faults[row].reason for row in blocked}
     rounds = [OPEN.safe_path(joints[row], joints[row + 1]) for row in blocked]
@@ -52,26 +51,19 @@ def test_a_way_through_an_infeasible_theta_is_named_and_gone_round(joints):
     for row, way in found:
         assert len(way) > 1
         assert (way[-1] == joints[row + 1]).all()
+        assert low <= np.min(way) <= np.max(way) <= high
 
 
 def test_every_leg_of_a_way_round_is_safe_in_between(joints):
     """Checked five times finer than the planner checks."""
     low, high = LIMITS.task[3]
-    for here, there in pairwise(joints[:60]):
+    for here, there in pairwise(joints[:30]):
         for a, b in pairwise([here, *OPEN.safe_path(here, there)]):
             passing = NOMINAL.forward(
                 a + np.linspace(0.0, 1.0, 100)[:, None] * (b - a)
             ).values_or_raise()
             assert passing[:, 3].min() > low - 1.5 * SLACK_RAD
             assert passing[:, 3].max() < high + 1.5 * SLACK_RAD
-
-
-def test_ways_round_keep_the_joint_limits(joints):
-    low, high = LIMITS.joint
-    for here, there in pairwise(joints):
-        for target in OPEN.safe_path(here, there) or []:
-            assert target.min() >= low
-            assert target.max() <= high
 
 
 def test_a_way_round_beyond_a_joint_limit_is_not_taken():

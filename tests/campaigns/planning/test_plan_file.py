@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.errors import PlanInvalid, WriteFailed
+from campaigns.errors import PlanInvalid
 from campaigns.mechanisms.par4 import PAR4
 from campaigns.planning import plan_file
 from drivers.values import Pose
@@ -57,18 +57,6 @@ def test_written_file_begins_with_the_agreed_header(tmp_path):
     plan_file.write_plan(path, read(PLAN), PAR4)
     assert path.read_text().startswith(HEADER)
     assert plan_file.read_plan(path, PAR4) == read(PLAN)
-
-
-def test_new_plan_takes_the_place_of_the_old(tmp_path):
-    path = tmp_path / "plan.csv"
-    plan_file.write_plan(path, read(PLAN), PAR4)
-    plan_file.write_plan(path, read(PLAN)[:1], PAR4)
-    assert len(plan_file.read_plan(path, PAR4)) == 1
-
-
-def test_plan_that_cannot_be_written_is_said(tmp_path):
-    with pytest.raises(WriteFailed):
-        plan_file.write_plan(tmp_path / "missing" / "plan.csv", read(PLAN), PAR4)
 
 
 def test_missing_plan_says_how_to_make_one(tmp_path):
