@@ -51,7 +51,11 @@ from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, shots_of_journal
 
 FoundT = TypeVar("FoundT")
-STAGES: tuple[Literal["before", "after"], ...] = ("before", "after")
+STAGES: Mapping[Literal["before", "after"], frozenset[Stage]] = {
+    "before": frozenset({"before"}),
+    "after": frozenset({"after", "after by targets"}),
+}
+"""Stages of series that count as each of a validation's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -290,9 +294,9 @@ def gather(campaign: Campaign) -> Evidence:
         return Evidence(
             campaign=campaign,
             journal=facts,
-            before=_measured(campaign, _chosen(all_series, {"before"})),
+            before=_measured(campaign, _chosen(all_series, STAGES["before"])),
             run=run[0] if run else None,
-            after=_measured(campaign, _chosen(all_series, {"after", "after by targets"})),
+            after=_measured(campaign, _chosen(all_series, STAGES["after"])),
             identification=identification,
             loaded=loaded,
             plan=plan,
@@ -348,7 +352,7 @@ def _unended_load(journal: JournalReader, unreadable: list[str]) -> str:
     return unended.told(None) if unended else ""
 
 
-def _chosen(all_series: Iterable[Series], stages: set[Stage]) -> tuple[Series, ...]:
+def _chosen(all_series: Iterable[Series], stages: frozenset[Stage]) -> tuple[Series, ...]:
     """Finished series of these stages, or the last one begun when none is finished.
 
     All of the last one's stage, and with the same parameters in the controller: what was measured

@@ -63,7 +63,9 @@ def command(
     ] = None,
     anyway: Annotated[
         bool,
-        typer.Option("--anyway", help="With --stage: though it is wrong, or measured already."),
+        typer.Option(
+            "--anyway", help="Though it is imported or measured already, or the wrong stage."
+        ),
     ] = False,
     json: Json = False,
 ) -> None:
@@ -93,8 +95,8 @@ def command(
     The journal keeps the files' names and sha256, and the report shows them.
     """
     terminal, campaign = terminal_of(context, as_json=json), open_campaign(folder)
-    if stage is None and (with_ is not None or anyway):
-        raise typer.BadParameter("--with and --anyway go with --stage")
+    if stage is None and with_ is not None:
+        raise typer.BadParameter("--with goes with --stage")
     default = ShotSet.IDENTIFICATION if stage is None else ShotSet.VALIDATION
     mechanism = campaign.robot.mechanism
     notes: tuple[str, ...] = ()
@@ -114,13 +116,15 @@ def command(
     files = tuple(ImportedFile.of(each) for each in (file, joints) if each is not None)
     if stage is not None:
         held = declared_set(campaign, stage, with_)
-        done = import_validation(campaign, rows, stage, held, str(file), files, anyway=anyway)
+        done = import_validation(
+            campaign, rows, stage, held, str(file), files, tell=terminal.note, anyway=anyway
+        )
         terminal.say(f"taken in: {len(rows)} shots as '{stage}'")
         state = done.evaluation.evidence.held(stage)
         terminal.say(f"the controller held {state.says if state else held.declared}")
         show_validation(terminal, done)
         return
-    series = import_shots(campaign, rows, str(file), files)
+    series = import_shots(campaign, rows, str(file), files, tell=terminal.note, anyway=anyway)
     terminal.say(f"taken in: {len(rows)} shots, as series {series}")
     terminal.note(f"next: pkmcal identify {folder}")
     terminal.document({"series": series, "shots": len(rows)})

@@ -2,14 +2,14 @@
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from pydantic import JsonValue
 
-from campaigns.arrays import Array
+from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import number_text
 from campaigns.journal import records
@@ -30,6 +30,10 @@ FILES = "imported_files"
 NOTE = re.compile(
     rf"{IMPORTED}(?:, air (?P<air>[-+.e\d]+) °C)?(?:, measured (?P<time>.*))?", re.DOTALL
 )
+
+
+DIGITS = 9
+"""Decimals of rad and mm that files keep of joints and points."""
 
 
 def import_note(temperature_degC: float | None, time: str | None) -> str:
@@ -82,8 +86,11 @@ def append_import(
     *,
     stage: records.Stage = "import",
     declared: str = "",
+    order: Index | None = None,
 ) -> int:
     """Write rows as a finished series; gives its number.
+
+    Shots are numbered as the rows, and written in the `order` (N,) in which they were measured.
 
     The names and digests of the files go into the series' settings. The commanded pose is not
     known: that of the joints by the set `held` stands for it, the nominal one, or for a validation
@@ -100,8 +107,8 @@ def append_import(
     series = journal.start_series(started)
     journal.append(records.SessionStarted(VERSION, None, None, None), series=series)
     command: records.Command = "joints" if stage == "import" else "pose"
-    for number, (row, pose) in enumerate(zip(rows, poses, strict=True)):
-        target = pose_of(pose)
+    for number in (np.arange(len(rows)) if order is None else order).tolist():
+        row, target = rows[number], pose_of(poses[number])
         journal.append(
             records.Intent(number, 1, row.purpose.value, target, row.joints, command, row.pair),
             series=series,
@@ -111,6 +118,49 @@ def append_import(
     journal.append(records.SessionStopped("finished", "imported"), series=series)
     journal.prove()
     return series
+
+
+@dataclass(frozen=True, slots=True)
+class Copy:
+    """Row of a file, from 0, whose joints and point are those of another shot to the last digit.
+
+    Of `series`; None: another row of the file.
+    """
+
+    row: int
+    shot: int
+    series: Series | None = None
+
+    def refusal(self, name: str) -> ShotsInvalid:
+        """Refusal of the file of that name."""
+        of = f" of series {self.series.number} ({self.series.started.stage})" if self.series else ""
+        instead = "; --anyway takes a file in the place of an import" if of else ""
+        return ShotsInvalid(
+            f"{name}: shot {self.row} is a copy of shot {self.shot}{of}: its joints and its point "
+            "are equal to the last digit",
+            remedy="leave it out: what was measured once counts once, and proves nothing of itself"
+            + instead,
+        )
+
+
+def first_copy(rows: Sequence[ShotRow], journal: Iterable[Series] = ()) -> Copy | None:
+    """First row of a pair that is another row's copy, or one of a shot in the journal."""
+    seen: dict[tuple[float, ...], Copy] = {}
+    for series in journal:
+        for shot in series.shots:
+            key = _digits(shot.outcome.joints, shot.outcome.point_in_tracker_mm)
+            seen[key] = Copy(0, shot.intent.shot, series)
+    for place, row in enumerate(rows):
+        key = _digits(row.joints, row.point_in_tracker_mm)
+        if row.purpose.in_pairs and key in seen:
+            return replace(seen[key], row=place)
+        seen.setdefault(key, Copy(0, place))
+    return None
+
+
+def _digits(joints: Iterable[float], point_mm: Iterable[float]) -> tuple[float, ...]:
+    """Digits that files have of both."""
+    return tuple(round(value, DIGITS) for value in (*joints, *point_mm))
 
 
 def _poses(held: Kinematics, rows: Sequence[ShotRow]) -> Array:

@@ -16,7 +16,7 @@ from campaigns.mechanisms.mechanism import Axis, Kinematics
 from campaigns.robots.robot import pose_row
 from campaigns.shots.pairs import PairRows, pair_rows
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots_csv import ShotRow
+from campaigns.shots.shots_csv import ShotRow, time_order
 from drivers.values import Pose
 
 TAKEN_UP_RAD = float(np.radians(5.0 / 60.0))
@@ -86,9 +86,8 @@ class Shots:
         """
         if self.records:
             return np.argsort(self.records, kind="stable")
-        if len(set(self.measured_utc)) < len(self) or not all(self.measured_utc):
-            return np.arange(len(self))
-        return np.argsort(np.array(self.measured_utc), kind="stable")
+        order, _ = time_order(self.measured_utc)
+        return np.arange(len(self)) if order is None else order
 
     def with_shorter_ranges(self, by_mm: float) -> "Shots":
         """The same with every point so much nearer to the tracker."""

@@ -1,10 +1,15 @@
 """shots.csv: measured shots, from and to other software."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from itertools import zip_longest
 from pathlib import Path
 
+import numpy as np
+
+from campaigns.arrays import Index
 from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import CsvForm, CsvRow, csv_text, number_text, parse_csv
 from campaigns.files.text_file import read_text, write_text_unless_there
@@ -36,6 +41,35 @@ class ShotRow:
     covariance_mm2: Matrix3 | None = None
     temperature_degC: float | None = None
     time: str | None = None
+
+
+def time_order(times: Sequence[str]) -> tuple[Index | None, str]:
+    """Rows (N,) in the order of their times, ISO 8601 or numbers; None where these do not tell it.
+
+    With the reason in words, empty where they do. Equal times keep the order of rows.
+    """
+    if not any(times):
+        return None, "there is no column time"
+    if not all(times):
+        return None, f"shot {times.index('')} has no time"
+    for seconds in (_numbers, _moments):
+        with suppress(ValueError, OverflowError):
+            values = seconds(times)
+            if np.isfinite(values).all():
+                return np.argsort(values, kind="stable"), ""
+    return None, "times are not all of ISO 8601, all with a zone or all without, nor all numbers"
+
+
+def _numbers(times: Sequence[str]) -> list[float]:
+    return [float(text) for text in times]
+
+
+def _moments(times: Sequence[str]) -> list[float]:
+    """Seconds of dates and times; raises `ValueError` for others, and where some have no zone."""
+    read = [datetime.fromisoformat(text) for text in times]
+    if len({each.tzinfo is None for each in read}) > 1:
+        raise ValueError("some times have a zone")
+    return [(each if each.tzinfo else each.replace(tzinfo=UTC)).timestamp() for each in read]
 
 
 def in_unit(rows: Sequence[ShotRow], mm: float) -> Iterator[ShotRow]:

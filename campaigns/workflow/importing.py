@@ -1,22 +1,26 @@
 """Import of shots measured with other software: to identify from, or as a validation."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from campaigns.arrays import Index
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import FILE_NAME, CalibrationRoute, WrittenSet, written_sets
 from campaigns.errors import OptionsInvalid, ShotsInvalid
 from campaigns.evaluation.plausibility import check_distances, check_shots
 from campaigns.evaluation.validation import SET_OF
+from campaigns.evidence import STAGES
+from campaigns.journal.records import Stage
+from campaigns.journal.views import Series
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.mechanisms.parameters import Parameters
 from campaigns.robots.robot import read_robot
-from campaigns.shots.import_export import ImportedFile, append_import
+from campaigns.shots.import_export import ImportedFile, append_import, first_copy
 from campaigns.shots.shots import shots_of_rows
-from campaigns.shots.shots_csv import ShotRow
+from campaigns.shots.shots_csv import ShotRow, time_order
 from campaigns.workflow.validation import (
     Validated,
     ValidationStage,
@@ -34,15 +38,23 @@ def import_shots(
     rows: Sequence[ShotRow],
     name: str = "shots",
     files: Sequence[ImportedFile] = (),
+    *,
+    tell: Callable[[str], None] = lambda _: None,
+    anyway: bool = False,
 ) -> int:
     """Write shots of files into the journal as a series to identify from; gives its number.
 
-    Raises `ShotsInvalid`, naming file and cause, for shots that cannot be this robot's.
+    `tell` hears in which order they are taken. Raises `ShotsInvalid`, naming file and cause, for
+    shots that cannot be this robot's, and for copies, unless it is `anyway` another import that
+    this one takes the place of.
     """
     robot, settings = campaign.robot, campaign.config.model_dump(mode="json")
-    _check(campaign, rows, name)
+    _check(campaign, rows, name, {"import"} if anyway else set())
+    order = _order(rows, name, tell)
     with campaign.journal() as journal:
-        return append_import(journal, rows, robot.kinematics, robot.digest(), settings, files)
+        return append_import(
+            journal, rows, robot.kinematics, robot.digest(), settings, files, order=order
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,6 +114,7 @@ def import_validation(
     name: str = "shots",
     files: Sequence[ImportedFile] = (),
     *,
+    tell: Callable[[str], None] = lambda _: None,
     anyway: bool = False,
 ) -> Validated:
     """Write shots into the journal as a validation, and judge it as one that was measured.
@@ -119,7 +132,6 @@ def import_validation(
                 "test of a validation",
                 remedy=f"give one of {', '.join(sorted(each.value for each in tests))}",
             )
-    _check(campaign, rows, name)
     by_targets = held.by == "targets" and stage == "after"
     state = known_sets(campaign).state(held.parameters.digest())
     wrong = None if by_targets else wrong_state(campaign, state, stage)
@@ -127,8 +139,11 @@ def import_validation(
         remedy = "say what it held by --with FILE; --anyway takes them in as they are"
         wrong = OptionsInvalid(wrong.problem, remedy=remedy)
     again = replaced(campaign, stage, frozenset(row.purpose for row in rows))
+    if not anyway:
+        require_or_record(campaign, (again, wrong), anyway=False)
+    _check(campaign, rows, name, STAGES[stage] if anyway else set())
     require_or_record(campaign, (again, wrong), anyway=anyway)
-    kinematics = Kinematics.of(robot.mechanism, held.parameters)
+    kinematics, order = Kinematics.of(robot.mechanism, held.parameters), _order(rows, name, tell)
     with campaign.journal() as journal:
         series = append_import(
             journal,
@@ -139,12 +154,40 @@ def import_validation(
             files,
             stage="after by targets" if by_targets else stage,
             declared=held.declared,
+            order=order,
         )
         return record_validation(campaign, journal, series, stage, held.by)
 
 
-def _check(campaign: Campaign, rows: Sequence[ShotRow], name: str) -> None:
-    """Raise `ShotsInvalid`, naming file and cause, for shots that cannot be this robot's."""
+def _order(rows: Sequence[ShotRow], name: str, tell: Callable[[str], None]) -> Index | None:
+    """Order of time of the rows, (N,); None, and said why, where it is that of the file."""
+    order, lacking = time_order([row.time or "" for row in rows])
+    if order is None:
+        tell(f"{name}: {lacking}: the order of rows is taken as the order of time")
+    elif (late := np.flatnonzero(np.diff(order) < 0)).size:
+        first, second = order[late[0] : late[0] + 2].tolist()
+        tell(f"{name}: rows are out of the order of time (shot {second} after {first}): sorted")
+    return order
+
+
+def _check(
+    campaign: Campaign, rows: Sequence[ShotRow], name: str, replacing: Collection[Stage]
+) -> None:
+    """Raise `ShotsInvalid`, naming file and cause, for shots that cannot be this robot's.
+
+    Copies too, of each other and of what the journal has, but for imports of the stages whose place
+    these take.
+    """
+    measured: tuple[Series, ...] = ()
+    if campaign.journal_path.exists():
+        with campaign.journal_reader() as journal:
+            measured = journal.series()
+    counting = (
+        each for each in measured if not (each.started.imported and each.started.stage in replacing)
+    )
+    copy = first_copy(rows, counting)
+    if copy is not None:
+        raise copy.refusal(name)
     nominal = campaign.robot.kinematics
     shots = shots_of_rows(rows, nominal)
     shots = shots.rows(np.flatnonzero([bool(row.joints) for row in rows]))

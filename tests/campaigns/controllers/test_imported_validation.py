@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +19,12 @@ from campaigns.measuring.resume import series_to_take_up
 from campaigns.mechanisms.mechanism import Kinematics
 from campaigns.robots.robot import pose_row, read_robot
 from campaigns.settings.sections import AcceptanceConfig
+from campaigns.shots.import_export import exported_shots
+from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, write_shots
 from campaigns.workflow.correction import CorrectionTerms, correct_poses_file
 from campaigns.workflow.files import export
-from campaigns.workflow.importing import declared_set, import_validation
+from campaigns.workflow.importing import declared_set, import_shots, import_validation
 from campaigns.workflow.validation import replaced, validation_work
 
 LIMITS = AcceptanceConfig(
@@ -152,6 +155,23 @@ def test_what_was_measured_before_is_replaced_only_with_consent(paper: PaperCamp
     assert len(evaluate(paper.campaign).before.distances.pairs) == len(pairs) // 2 - 1
     events = [each.text for each in evaluate(paper.campaign).evidence.journal.incidents]
     assert any("measured all the same: --stage before: measured already" in each for each in events)
+
+
+def test_what_was_measured_once_proves_nothing_of_itself(paper: PaperCampaign) -> None:
+    with paper.campaign.journal_reader() as journal:
+        kept = exported_shots(journal.latest_series("run"), journal.shots(1)).rows
+    seen = [replace(row, purpose=ShotSet.VALIDATION) for row in kept if row.pair is not None]
+    for anyway in (False, True):
+        with pytest.raises(ShotsInvalid, match=r"shot 0 is a copy of shot 1 of series 1 \(run\)"):
+            taken_in(paper, "after", seen, anyway=anyway)
+    before = rows(paper, NOMINAL.robot.kinematics)
+    taken_in(paper, "before", before)
+    with pytest.raises(ShotsInvalid, match=r"of series 2 \(before\)"):
+        taken_in(paper, "after", before, anyway=True)
+    taken_in(paper, "before", before, anyway=True)
+    identifying = [replace(row, purpose=ShotSet.IDENTIFICATION) for row in before if row.pair]
+    with pytest.raises(ShotsInvalid, match=r"of series 3 \(before\)"):
+        import_shots(paper.campaign, identifying, anyway=True)
 
 
 def test_shots_of_no_test_are_refused(paper: PaperCampaign) -> None:

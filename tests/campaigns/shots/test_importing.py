@@ -15,11 +15,12 @@ from campaigns.shots.import_export import (
     ImportedFile,
     append_import,
     exported_shots,
+    first_copy,
     imported_files,
 )
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
-from campaigns.shots.shots_csv import ShotRow, parse_shots, shots_text
+from campaigns.shots.shots_csv import ShotRow, parse_shots, shots_text, time_order
 
 COVARIANCE_MM2 = ((1e-4, 1e-5, 0.0), (1e-5, 2e-4, 0.0), (0.0, 0.0, 3e-4))
 
@@ -103,6 +104,64 @@ def test_same_shots_have_the_same_digest_and_others_another(tmp_path: Path) -> N
             append_import(journal, shots, NOMINAL, ROBOT.digest(), {})
         digests = [series.started.plan_digest for series in journal.series("import")]
     assert digests[0] == digests[1] != digests[2]
+
+
+def test_shots_are_numbered_as_the_rows_and_written_in_the_order_of_time(tmp_path: Path) -> None:
+    times = ["2026-03-02T08:05:00Z", "2026-03-02T09:04:00+01:00", *["2026-03-02T09:00:00Z"] * 6]
+    told = [replace(row, time=time) for row, time in zip(rows(), times, strict=True)]
+    order, lacking = time_order([row.time or "" for row in told])
+    assert order is not None
+    assert (order.tolist(), lacking) == ([1, 0, 2, 3, 4, 5, 6, 7], "")
+    with plain_journal(tmp_path) as journal:
+        series = append_import(journal, told, NOMINAL, ROBOT.digest(), {}, order=order)
+        data = shots_of_journal(journal.shots(series), ROBOT.mechanism)
+    assert data.numbers == tuple(range(8))
+    assert data.points_in_tracker_mm[:, 0].tolist() == [1001.0 + row for row in range(8)]
+    assert data.order_of_time().tolist() == order.tolist()
+
+
+@pytest.mark.parametrize(
+    ("times", "order"),
+    [
+        (["12.5", "3", "1e1"], [1, 2, 0]),
+        (["2026-03-02 08:00", "2026-03-01", "20260301T070000"], [1, 2, 0]),
+        (["", "", ""], "there is no column time"),
+        (["1", "", "2"], "shot 1 has no time"),
+        (["1", "2", "nan"], "times are not all"),
+        (["2026-03-02T08:00:00Z", "2026-03-02T08:00:00", "2026-03-02T09:00:00Z"], "with a zone"),
+        (["noon", "2026-03-02T08:00:00", "later"], "times are not all"),
+    ],
+)
+def test_the_order_of_time_is_read_or_it_is_said_why_not(times: list[str], order: object) -> None:
+    found, lacking = time_order(times)
+    if isinstance(order, str):
+        assert found is None
+        assert order in lacking
+    else:
+        assert found is not None
+        assert found.tolist() == order
+
+
+def test_copies_of_pairs_are_found_in_the_file_and_in_the_journal(tmp_path: Path) -> None:
+    """Unseen pairs too; what is visited again and again may be the same to the last digit."""
+    once = rows()
+    assert first_copy(once) is None
+    unseen = [replace(row, purpose=ShotSet.VALIDATION) for row in once[:2]]
+    copy = first_copy([*once, *unseen])
+    assert copy is not None
+    assert (copy.row, copy.shot, copy.series) == (8, 0, None)
+    still = [replace(once[0], pair=None, purpose=ShotSet.DRIFT)] * 2
+    assert first_copy([*once, *still]) is None
+    other = [replace(row, point_in_tracker_mm=(0.0, 0.0, 1.0)) for row in once]
+    with plain_journal(tmp_path) as journal:
+        append_import(journal, once[4:], NOMINAL, ROBOT.digest(), {})
+        assert first_copy(other, journal.series()) is None
+        copy = first_copy(once, journal.series())
+    assert copy is not None
+    assert (copy.row, copy.shot) == (4, 0)
+    assert str(copy.refusal("f.csv")).startswith(
+        "f.csv: shot 4 is a copy of shot 0 of series 1 (import): its joints and its point are equal"
+    )
 
 
 def test_names_and_digests_of_the_files_are_kept_with_the_series(tmp_path: Path) -> None:
