@@ -1,7 +1,7 @@
 """Sets with plate tilt go into controllers whose kinematics has it, and whole or not at all."""
 
 import pytest
-from ruamel.yaml import YAML
+from command_line import change
 
 from app.main import run_command
 from app.wiring import connected_robot
@@ -32,15 +32,6 @@ def load(folder, *options):
     return run_command(["load", str(folder), "--yes", "--json", *options])
 
 
-def give_plate_tilt(folder):
-    """Have the simulated controller compute plate tilt."""
-    yaml, path = YAML(), folder / "cell.yaml"
-    cell = yaml.load(path.read_text(encoding="utf-8"))
-    cell.setdefault("controller", {})["computes_plate_tilt"] = True
-    with path.open("w", encoding="utf-8") as file:
-        yaml.dump(cell, file)
-
-
 def test_controller_that_does_not_know_a_name_gets_nothing_even_by_force(capsys, folder):
     before = held(folder)
     capsys.readouterr()
@@ -53,7 +44,7 @@ def test_controller_that_does_not_know_a_name_gets_nothing_even_by_force(capsys,
 
 
 def test_controller_that_computes_plate_tilt_gets_all_and_gives_it_up_again(folder):
-    give_plate_tilt(folder)
+    change(folder / "cell.yaml", {"controller.computes_plate_tilt": True})
     nominal = dict(open_campaign(folder).robot.parameters)
     assert held(folder) == nominal
     assert load(folder, "--force") == 0

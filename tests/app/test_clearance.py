@@ -3,6 +3,7 @@
 import io
 
 import pytest
+from command_line import Keyboard
 
 from app.console import Terminal
 from app.exits import NotConfirmed
@@ -36,11 +37,6 @@ class Devices:
 
     def __exit__(self, *error):
         return None
-
-
-class Keyboard(io.StringIO):
-    def isatty(self):
-        return True
 
 
 @pytest.fixture

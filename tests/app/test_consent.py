@@ -1,9 +1,7 @@
 """Commands that a campaign's files name run only after this user has once agreed."""
 
-import io
-
 import pytest
-from ruamel.yaml import YAML
+from command_line import Keyboard, change
 
 from app.consent import consent_note, require_consent
 from app.exits import NotConfirmed
@@ -12,11 +10,6 @@ from campaigns.errors import ConfigInvalid
 
 SSH = "ssh operator@controller"
 PROGRAM = '#!/bin/sh\ntouch "$0-ran"\n'
-
-
-class Keyboard(io.StringIO):
-    def isatty(self):
-        return True
 
 
 @pytest.fixture(autouse=True)
@@ -118,12 +111,9 @@ def test_no_command_runs_a_cell_files_program_unasked(folder, beside, words, cap
 
 
 def test_the_command_beside_linuxcnc_is_asked_about_too(folder, beside, capsys):
-    path = folder / "campaign.yaml"
-    yaml = YAML()
-    tree = yaml.load(path)
-    tree["controller"]["driver"] = "linuxcnc"
-    tree["controller"]["linuxcnc"] = {"hal_file": "calib.hal", "beside": str(beside)}
-    yaml.dump(tree, path)
+    linuxcnc = {"hal_file": "calib.hal", "beside": str(beside)}
+    controller = {"controller.driver": "linuxcnc", "controller.linuxcnc": linuxcnc}
+    change(folder / "campaign.yaml", controller)
     assert run_command(["devices", str(folder)]) == 2
     assert f"nobody has agreed that '{beside}' is run" in capsys.readouterr().err
 

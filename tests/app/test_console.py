@@ -4,6 +4,7 @@ import io
 import json
 
 import pytest
+from command_line import Keyboard
 
 from app.console import Terminal
 from app.exits import NotConfirmed
@@ -54,11 +55,6 @@ def test_without_a_terminal_nobody_says_yes(capsys, monkeypatch):
     with pytest.raises(NotConfirmed, match="--yes"):
         terminal.require_yes("Sure?", yes=False)
     assert capsys.readouterr().err == ""
-
-
-class Keyboard(io.StringIO):
-    def isatty(self):
-        return True
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ import pytest
 from paper_campaign import NOMINAL, PaperCampaign
 from whole_campaigns import whole
 
-from app.main import run_command
 from campaigns.robots.robot import read_robot
 
 __all__ = ["whole"]
@@ -24,14 +23,8 @@ def folder(whole: PaperCampaign, tmp_path):
 
 
 @pytest.fixture
-def correct(folder, capsys):
-    def run(*arguments):
-        capsys.readouterr()
-        code = run_command(["correct", str(folder), *map(str, arguments)])
-        captured = capsys.readouterr()
-        return int(code), captured.out, captured.err
-
-    return run
+def correct(folder, pkmcal):
+    return lambda *words: pkmcal("correct", folder, *words)
 
 
 @pytest.fixture

@@ -72,13 +72,6 @@ def spoilt(tmp_path_factory):
     return campaign
 
 
-def said(capsys, *arguments):
-    capsys.readouterr()
-    code = run_command([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
-
-
 def unseen(document):
     return document["unseen_mm"]["after"]["rms"]
 
@@ -88,10 +81,10 @@ def unseen(document):
     ("estimator", "key", "named"),
     [("points", "shot", list(WRONG)), ("distances", "pair", [3, 25, 49])],
 )
-def test_moved_shots_are_named_and_cost_nothing(capsys, clean, spoilt, estimator, key, named):
+def test_moved_shots_are_named_and_cost_nothing(pkmcal, clean, spoilt, estimator, key, named):
     words = ("--estimator", estimator, "--json")
-    good = json.loads(said(capsys, "identify", clean.folder, *words)[1])
-    code, out, err = said(capsys, "identify", spoilt.folder, *words)
+    good = json.loads(pkmcal("identify", clean.folder, *words)[1])
+    code, out, err = pkmcal("identify", spoilt.folder, *words)
     found = json.loads(out)
     assert code == 0
     assert [left[key] for left in found["excluded"]] == named
@@ -101,18 +94,8 @@ def test_moved_shots_are_named_and_cost_nothing(capsys, clean, spoilt, estimator
     assert " σ, limit " in err
 
 
-def test_a_robust_loss_needs_no_exclusion(capsys, clean, spoilt):
-    words = ("--outliers", "keep", "--loss", "cauchy", "--loss-scale", "2", "--json")
-    good = json.loads(said(capsys, "identify", clean.folder, "--json")[1])
-    code, out, _ = said(capsys, "identify", spoilt.folder, *words)
-    found = json.loads(out)
-    assert (code, found["excluded"]) == (0, [])
-    assert found["loss"] == {"shape": "cauchy", "scale": 2.0}
-    assert unseen(found) <= 1.3 * unseen(good)
-
-
-def test_points_are_the_default_and_covariances_count(capsys, clean):
-    code, out, _ = said(capsys, "identify", clean.folder, "--json")
+def test_points_are_the_default_and_covariances_count(pkmcal, clean):
+    code, out, _ = pkmcal("identify", clean.folder, "--json")
     found = json.loads(out)
     assert (code, found["estimator"], found["outliers"]) == (0, "points", "exclude")
     assert found["chi2"]["believable"]
@@ -123,19 +106,19 @@ def test_points_are_the_default_and_covariances_count(capsys, clean):
         assert abs(error) <= 4.5 * (entry["std"] or 1e-9), name
 
 
-def test_a_set_with_axis_tilts_is_written_but_said_to_be_for_no_controller(capsys, clean):
+def test_a_set_with_axis_tilts_is_written_but_said_to_be_for_no_controller(pkmcal, clean):
     for words in ((), ("--free", "arm*.axis_tilt_deg")):
         tilted, folder = bool(words), clean.folder
-        code, found, _ = said(capsys, "identify", folder, *words)
+        code, found, _ = pkmcal("identify", folder, *words)
         assert code == 0
-        _, _, written = said(capsys, "export", folder, "--overwrite")
+        _, _, written = pkmcal("export", folder, "--overwrite")
         for text in (found, written):
             assert ("takes axis tilts" in text) is tilted
         assert "next: pkmcal load" in written
 
 
-def test_people_are_told_the_noise_the_histogram_and_the_verdict(capsys, clean):
-    code, out, _ = said(capsys, "identify", clean.folder)
+def test_people_are_told_the_noise_the_histogram_and_the_verdict(pkmcal, clean):
+    code, out, _ = pkmcal("identify", clean.folder)
     assert code == 0
     lines = out.splitlines()
     for words in (
@@ -149,55 +132,36 @@ def test_people_are_told_the_noise_the_histogram_and_the_verdict(capsys, clean):
     assert max(map(len, lines)) < 200
 
 
-def test_what_cannot_be_told_is_said_in_plain_words_and_a_prior_settles_it(capsys, clean):
-    code, out, _ = said(capsys, "identify", clean.folder, "--free", "arm0.x_mm")
+def test_what_cannot_be_told_is_said_in_plain_words_and_a_prior_settles_it(pkmcal, clean):
+    code, out, _ = pkmcal("identify", clean.folder, "--free", "arm0.x_mm")
     assert code == 1
     assert "move together here: held at nominal along that combination" in out
-    code, out, _ = said(
-        capsys, "identify", clean.folder, "--free", "arm0.x_mm", "--prior", "arm0.x_mm=0.1"
+    code, out, _ = pkmcal(
+        "identify", clean.folder, "--free", "arm0.x_mm", "--prior", "arm0.x_mm=0.1"
     )
     assert code == 0
     assert "known by the priors alone: arm0.x_mm, arm1.x_mm, arm2.x_mm, arm3.x_mm" in out
 
 
-def test_patterns_free_and_fix(capsys, clean):
-    words = ("--free", "arm[1-3].azimuth_deg", "--fix", "arm*.z_mm", "--json")
-    found = json.loads(said(capsys, "identify", clean.folder, *words)[1])
-    free = {name for name, entry in found["parameters"].items() if entry["free"]}
-    azimuths = {f"arm{arm}.azimuth_deg" for arm in (1, 2, 3)}
-    assert free == {*FREE_BY_DEFAULT, *azimuths} - {f"arm{arm}.z_mm" for arm in (1, 2, 3)}
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", list(Estimator))
-def test_a_picture_is_drawn_of_what_was_fitted(capsys, clean, tmp_path, estimator):
+def test_a_picture_is_drawn_of_what_was_fitted(pkmcal, clean, tmp_path, estimator):
     path = tmp_path / "errors.svg"
-    code, out, _ = said(
-        capsys, "identify", clean.folder, "--plot", path, "--estimator", estimator.value
-    )
+    code, out, _ = pkmcal("identify", clean.folder, "--plot", path, "--estimator", estimator.value)
     assert code == 0
     assert f"drawn: {path}" in out
     assert "fitted" in path.read_text(encoding="utf-8")
 
 
-def test_a_covariance_in_the_journal_that_is_none_is_refused_by_its_shot(capsys, tmp_path):
+def test_a_covariance_in_the_journal_that_is_none_is_refused_by_its_shot(pkmcal, tmp_path):
     campaign = made(tmp_path / "campaign")
     rows = measured(campaign)
     broken = ((1e-4, 2e-4, 0.0), (2e-4, 1e-4, 0.0), (0.0, 0.0, 1e-4))
     rows[17] = replace(rows[17], covariance_mm2=broken)
     import_shots(campaign, rows)
-    code, out, err = said(capsys, "identify", campaign.folder, "--json")
+    code, out, err = pkmcal("identify", campaign.folder, "--json")
     assert (code, out) == (2, "")
     assert "shot 17: its covariance is not positive definite → import the shots again" in err
-
-
-def test_too_few_shots_are_refused_with_their_count(capsys, tmp_path):
-    campaign = made(tmp_path / "campaign")
-    import_shots(campaign, measured(campaign)[:8])
-    code, _, err = said(capsys, "identify", campaign.folder)
-    assert code == 2
-    assert "8 shots are too few for 22 parameters" in err
-    assert "at least 13 shots" in err
 
 
 def test_what_the_options_mean_is_checked_before_anything_is_read(tmp_path):

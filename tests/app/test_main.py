@@ -22,16 +22,10 @@ HEAVY = {
 }
 
 
-def said(capsys, *arguments):
-    code = run_command(list(arguments))
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
-
-
-def test_without_arguments_it_helps(capsys):
-    code, out, err = said(capsys)
+def test_without_arguments_it_helps(pkmcal):
+    code, out, err = pkmcal()
     assert (code, err) == (0, "")
-    assert out == said(capsys, "--help")[1]
+    assert out == pkmcal("--help")[1]
     for command in COMMANDS:
         assert f"  {command} " in out
 
@@ -41,11 +35,11 @@ def test_commands_stand_in_the_order_of_the_usual_way():
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_explains_itself_as_the_list_of_commands_does(capsys, command):
+def test_every_command_explains_itself_as_the_list_of_commands_does(pkmcal, command):
     module, summary = main.COMMANDS[command]
     text = inspect.getdoc(import_module(f"app.cli.{module}").command)
     assert text.splitlines()[0] == summary
-    code, out, _ = said(capsys, command, "--help")
+    code, out, _ = pkmcal(command, "--help")
     assert code == 0
     assert "Usage: pkmcal" in out
     assert max(map(len, out.splitlines())) <= 100
@@ -54,8 +48,8 @@ def test_every_command_explains_itself_as_the_list_of_commands_does(capsys, comm
     assert ("--dry" in out and "--yes" in out) is moves_or_changes
 
 
-def test_it_knows_its_version(capsys):
-    code, out, _ = said(capsys, "--version")
+def test_it_knows_its_version(pkmcal):
+    code, out, _ = pkmcal("--version")
     assert code == 0
     assert out.startswith("pkmcal ")
 
@@ -91,8 +85,8 @@ def test_it_knows_its_version(capsys):
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("json", [[], ["--json"]])
-def test_a_command_that_makes_no_sense(capsys, arguments, words, json):
-    code, out, err = said(capsys, *arguments, *json)
+def test_a_command_that_makes_no_sense(pkmcal, arguments, words, json):
+    code, out, err = pkmcal(*arguments, *json)
     assert code == 2
     assert out == ""
     assert err.startswith("pkmcal: ")
@@ -116,37 +110,37 @@ def failing(monkeypatch, tmp_path):
     return fail_with
 
 
-def test_a_designed_error_is_one_line(capsys, failing):
-    code, out, err = said(capsys, *failing(LinkDown("a\nb", remedy="check it")), "--json")
+def test_a_designed_error_is_one_line(pkmcal, failing):
+    code, out, err = pkmcal(*failing(LinkDown("a\nb", remedy="check it")), "--json")
     assert (code, out, err) == (3, "", "pkmcal: a b → check it\n")
 
 
-def test_an_error_of_our_own_is_one_line_too(capsys, failing):
-    code, out, err = said(capsys, *failing(ZeroDivisionError("by nothing")))
+def test_an_error_of_our_own_is_one_line_too(pkmcal, failing):
+    code, out, err = pkmcal(*failing(ZeroDivisionError("by nothing")))
     assert (code, out) == (70, "")
     assert err.startswith("pkmcal: unforeseen ZeroDivisionError: by nothing → ")
     assert err.count("\n") == 1
 
 
-def test_ctrl_c_anywhere_is_no_error(capsys, failing):
-    code, _, err = said(capsys, *failing(KeyboardInterrupt()))
+def test_ctrl_c_anywhere_is_no_error(pkmcal, failing):
+    code, _, err = pkmcal(*failing(KeyboardInterrupt()))
     assert code == 130
     assert err.startswith("pkmcal: interrupted")
 
 
 @pytest.mark.parametrize("error", [LinkDown("a", remedy="b"), ZeroDivisionError("a")])
-def test_debug_shows_where_it_arose(capsys, failing, error):
+def test_debug_shows_where_it_arose(pkmcal, failing, error):
     words = failing(error)
-    assert "Traceback" not in said(capsys, *words)[2]
-    code, _, err = said(capsys, "--debug", *words)
+    assert "Traceback" not in pkmcal(*words)[2]
+    code, _, err = pkmcal("--debug", *words)
     assert code in {3, 70}
     assert "Traceback" in err
     assert "in opened" in err
     assert err.splitlines()[-1].startswith("pkmcal: ")
 
 
-def test_an_option_of_a_command_is_not_taken_for_debug(capsys, failing):
-    assert "Traceback" not in said(capsys, *failing(LinkDown("a", remedy="b")), "--json")[2]
+def test_an_option_of_a_command_is_not_taken_for_debug(pkmcal, failing):
+    assert "Traceback" not in pkmcal(*failing(LinkDown("a", remedy="b")), "--json")[2]
 
 
 IMPORTED = """
@@ -182,8 +176,8 @@ def completed(capsys, monkeypatch, **variables):
     return capsys.readouterr().out
 
 
-def test_completion_can_be_shown_and_installed(capsys, monkeypatch):
-    out = said(capsys, "--help")[1]
+def test_completion_can_be_shown_and_installed(pkmcal, capsys, monkeypatch):
+    out = pkmcal("--help")[1]
     assert "--install-completion" in out
     assert "--show-completion" in out
     script = completed(capsys, monkeypatch, _PKMCAL_COMPLETE="source_bash")

@@ -1,11 +1,8 @@
 """Robot files from the sizes of a symmetrical robot, by `pkmcal robot`."""
 
-import json
-
 import numpy as np
 import pytest
 
-from app.main import run_command
 from campaigns.mechanisms.catalog import MECHANISMS
 from campaigns.robots.robot import find_robot
 
@@ -21,14 +18,13 @@ SIZES = {
 
 
 @pytest.fixture
-def made(tmp_path, capsys):
+def made(tmp_path, pkmcal):
     """Makes a robot file; gives its exit code, document and error line."""
 
     def robot(mechanism, sizes):
         path = tmp_path / "mine.yaml"
-        code = run_command(["robot", mechanism, *sizes.split(), "--to", str(path), "--json"])
-        said = capsys.readouterr()
-        return code, json.loads(said.out) if said.out else None, said.err.strip()
+        ended = pkmcal("robot", mechanism, *sizes.split(), "--to", path, "--json")
+        return ended.code, ended.document if ended.out else None, ended.err.strip()
 
     return robot
 

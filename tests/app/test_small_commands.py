@@ -6,7 +6,6 @@ import pytest
 
 from app import new_campaign
 from app.cli.dry_run import prepared
-from app.main import run_command
 from campaigns.campaign import open_campaign
 from campaigns.controllers.load import keep
 from campaigns.errors import OutputExists
@@ -16,16 +15,10 @@ from sim.scenarios.scenario import load_scenario
 CONTROLLER, TRACKER = "tcp://192.168.0.10:5020", "tcp://192.168.0.1:700"
 
 
-def said(capsys, *arguments):
-    code = run_command([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
-
-
-def test_new_for_a_real_cell(capsys, tmp_path):
+def test_new_for_a_real_cell(pkmcal, tmp_path):
     folder = tmp_path / "cell-3"
     words = ("new", folder, "--controller", CONTROLLER, "--tracker", TRACKER, "--json")
-    code, out, err = said(capsys, *words)
+    code, out, err = pkmcal(*words)
     assert code == 0
     assert json.loads(out) == {"folder": str(folder), "controller": CONTROLLER, "tracker": TRACKER}
     assert "tracker.place_mm" in err
@@ -45,10 +38,10 @@ def test_new_for_a_real_cell(capsys, tmp_path):
         ("--tracker", "http://tracker"),
     ],
 )
-def test_new_with_a_wrong_address(capsys, tmp_path, option, url):
+def test_new_with_a_wrong_address(pkmcal, tmp_path, option, url):
     urls = {"--controller": CONTROLLER, "--tracker": TRACKER, option: url}
     words = [word for pair in urls.items() for word in pair]
-    code, out, err = said(capsys, "new", tmp_path / "cell-3", *words)
+    code, out, err = pkmcal("new", tmp_path / "cell-3", *words)
     assert (code, out) == (2, "")
     assert f"{option.removeprefix('--')}.url" in err
     assert url in err
@@ -60,8 +53,8 @@ def test_new_with_a_wrong_address(capsys, tmp_path, option, url):
     ("option", "value", "hint"),
     [("--robot", "par4-protoype", "par4-prototype"), ("--scenario", "realistc", "realistic")],
 )
-def test_new_with_a_name_that_is_not_known(capsys, tmp_path, option, value, hint):
-    code, _, err = said(capsys, "new", tmp_path / "try", option, value)
+def test_new_with_a_name_that_is_not_known(pkmcal, tmp_path, option, value, hint):
+    code, _, err = pkmcal("new", tmp_path / "try", option, value)
     assert code == 2
     assert hint in err
     assert not (tmp_path / "try").exists()

@@ -136,7 +136,7 @@ SAYS_NO = {
 
 @pytest.mark.parametrize(("cell", "campaign", "words"), SAYS_NO.values(), ids=SAYS_NO)
 def test_a_device_that_says_no(pkmcal, tiny, cell, campaign, words):
-    change(tiny / "cell.yaml", {"controller": {}} | cell)
+    change(tiny / "cell.yaml", cell)
     change(tiny / "campaign.yaml", campaign)
     ended = pkmcal("run", tiny, "--yes")
     assert ended.code == 3

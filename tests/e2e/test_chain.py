@@ -1,10 +1,9 @@
 """The whole chain, command by command and as one dry run, on a small cell."""
 
-import io
 from pathlib import Path
 
 import pytest
-from command_line import change, contents
+from command_line import Keyboard, change, contents
 from par4_space import NAMES
 from ruamel.yaml import YAML
 
@@ -210,11 +209,6 @@ def test_without_a_terminal_nothing_moves_unless_told(pkmcal, exported):
         assert "--yes" in ended.error_line
     memory = {"cell-memory.json": None}  # the simulated controller was asked what it holds
     assert contents(exported) | memory == before | memory
-
-
-class Keyboard(io.StringIO):
-    def isatty(self):
-        return True
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,9 @@
 """Parameters into the controller, out of it again, and whether they made it better."""
 
-import io
 import signal
 
 import pytest
+from command_line import Keyboard
 
 import campaigns.workflow.loading
 from campaigns.journal.journal import read_journal
@@ -46,11 +46,6 @@ def test_ctrl_c_while_loading_waits_until_it_is_verified(pkmcal, exported, monke
     with read_journal(exported / "campaign.db") as journal:
         assert [e.record.kind for e in journal.records_of(Finding)][-1] == "load"
     assert "holds these already" in pkmcal("load", exported, "--yes").out
-
-
-class Keyboard(io.StringIO):
-    def isatty(self):
-        return True
 
 
 @pytest.mark.parametrize("words", [(), ("--verify", "2")])

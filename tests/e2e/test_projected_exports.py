@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from command_line import CommandLine
 from target_cases import TARGETS
 
 from app.main import run_command
@@ -79,8 +78,3 @@ def test_targets_of_every_member_are_corrected(campaign, pkmcal, tmp_path):
     assert ended.code == 0
     assert 0.01 < document["correction_mm"]["max"] < 20.0
     assert 0.0 < document["position_std_mm"] < 0.1
-
-
-@pytest.fixture
-def pkmcal(capsys):
-    return CommandLine(capsys)

@@ -125,11 +125,11 @@ def test_other_devices_and_a_stand_that_was_moved_are_refused(pkmcal, tiny):
     assert refused.code == 2
     assert "the tracker of serial number 390001, now it is 390002" in refused.error_line
     change(tiny / "campaign.yaml", {"tracker.serial": None})
-    change(tiny / "cell.yaml", {"controller": {"serial": "SIM-C-0002"}})
+    change(tiny / "cell.yaml", {"controller.serial": "SIM-C-0002"})
     refused = pkmcal("run", tiny, "--yes", "--retry", 5)
     assert refused.code == 2
     assert "the controller of serial number SIM-C-0001, now it is SIM-C-0002" in refused.error_line
-    change(tiny / "cell.yaml", {"controller": {}, "tracker.station.x_mm": 1935.0})
+    change(tiny / "cell.yaml", {"controller.serial": None, "tracker.station.x_mm": 1935.0})
     refused = pkmcal("run", tiny, "--yes")
     assert refused.code == 3
     assert "the tracker, its stand or the robot's base has moved" in refused.error_line

@@ -4,8 +4,8 @@ import sys
 from functools import partial
 from types import MappingProxyType
 
+from command_line import change
 from linuxcnc_bench import PATIENT
-from ruamel.yaml import YAML
 
 from app import wiring
 from app.consent import consent_note
@@ -23,20 +23,6 @@ def patient_driver(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     patient = partial(LinuxcncSettings, deadlines=PATIENT)
     monkeypatch.setattr(wiring, "LinuxcncSettings", patient)
-
-
-def change(path, settings):
-    """Set keys of a YAML file, named like `plan.shots`."""
-    yaml = YAML()
-    tree = yaml.load(path.read_text(encoding="utf-8"))
-    for name, value in settings.items():
-        *sections, key = name.split(".")
-        section = tree
-        for step in sections:
-            section = section.setdefault(step, {})
-        section[key] = value
-    with path.open("w", encoding="utf-8") as file:
-        yaml.dump(tree, file)
 
 
 def made_campaign(folder, linuxcnc, robot, settings, cell=MappingProxyType({})):

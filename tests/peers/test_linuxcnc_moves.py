@@ -8,17 +8,14 @@ import pytest
 from linuxcnc_bench import (
     FULL_SPEED_RAD_S,
     NEEDS_LINUXCNC,
-    NOMINAL,
     SEEN_WITHIN_S,
     Bench,
     at,
     joints_controller,
 )
 
-from campaigns.controllers.active_kinematics import ActiveKinematics
 from drivers.errors import EmergencyStop, LimitViolation, LinkDown, MotionFault, WrongDevice
 from drivers.linuxcnc.settings import Coordinates
-from drivers.values import Pose
 
 pytestmark = NEEDS_LINUXCNC
 
@@ -44,14 +41,10 @@ def bench(linuxcnc):
         linuxcnc.hal("setp", "stall.3.in", "0")
 
 
-def test_bringing_up_ends_at_home_ready_and_without_a_fault(linuxcnc):
-    with at(linuxcnc) as bench:
-        state = bench.robot.state()
-        assert (state.moving, state.fault, state.emergency_stop) == (False, "", False)
-        assert bench.robot.identity().serial == "PAR4"
-
-
 def test_joints_are_read_back_as_they_were_commanded(bench):
+    state = bench.robot.state()
+    assert (state.moving, state.fault, state.emergency_stop) == (False, "", False)
+    assert bench.robot.identity().serial == "PAR4"
     draw = np.random.default_rng(7)
     for _ in range(8):
         joints = draw.uniform(radians(-45.0), radians(90.0), 4)
@@ -59,15 +52,6 @@ def test_joints_are_read_back_as_they_were_commanded(bench):
         assert state.fault == ""
         away_deg = np.degrees(np.abs(np.subtract(state.joints, joints))).max()
         assert away_deg <= READ_BACK_DEG
-
-
-def test_poses_are_converted_with_the_set_in_use(bench):
-    pose = Pose(100.0, -50.0, -600.0, radians(15.0))
-    other = NOMINAL.parameters | {"arm1.joint_offset_deg": 0.5}
-    bench.robot.write_geometry(other)
-    bench.robot.move_pose(pose, 1.0)
-    expected = ActiveKinematics(NOMINAL.mechanism, other).joints(pose)
-    assert bench.arrived().joints == pytest.approx(expected, abs=radians(READ_BACK_DEG))
 
 
 def test_speed_is_a_share_of_the_full_one(bench):

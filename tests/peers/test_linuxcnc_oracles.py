@@ -1,24 +1,60 @@
-"""Our symmetrical Deltas against LinuxCNC's own kinematics of them."""
+"""Robots in the real LinuxCNC: its own Deltas, and our kinematics of types without an example."""
 
 from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from linuxcnc_bench import NEEDS_LINUXCNC, ForeignBench, ready
+from linuxcnc_bench import NEEDS_LINUXCNC, ForeignBench, ready, world_controller
 from linuxcnc_campaign import tell
 from linuxcnc_instance import LinuxcncInstance
+from par4_space import with_values
 
+from campaigns.controllers.linuxcnc_export import write_hal
 from campaigns.robots.robot import RobotFile, find_robot, pose_of
 from sim.geometry import KINDS
 from sim.robot.linuxcnc_joints import joint_source
 
 pytestmark = NEEDS_LINUXCNC
 
-SAME_MM = 1e-6
-POSES = 25
+SAME = 1e-6
+"""mm or deg."""
 DECIMALS = 6
 """Of the poses as they are sent."""
+CARRIAGES = [
+    ("TYPE = ANGULAR", "TYPE = LINEAR"),
+    ("MIN_LIMIT = -46", "MIN_LIMIT = -455"),
+    ("MAX_LIMIT = 91", "MAX_LIMIT = 455"),
+]
+
+
+def reachable(robot, count, seed):
+    """Poses well within the limits."""
+    draw, (lowest, highest) = np.random.default_rng(seed), robot.limits.joint
+    inner = robot.limits.drawn_in(joint=0.1 * (highest - lowest))
+    joints = draw.uniform(*inner.joint, (400 * count, len(robot.mechanism.joints)))
+    found = robot.kinematics.forward(joints)
+    poses = found.values[found.found]
+    poses = poses[robot.kinematics.feasibility(inner, poses).feasible]
+    poses = poses[(np.abs(poses[:, 3:]) < 1.0).all(axis=1)][:count].round(DECIMALS)
+    assert len(poses) == count
+    return poses
+
+
+def away(linuxcnc, robot, full_speed_per_s, poses):
+    """Where the joints have the robot stand, less where it was sent, in mm and deg."""
+    found = []
+    with (
+        linuxcnc,
+        ready(ForeignBench(linuxcnc, robot, full_speed_per_s)) as bench,
+        closing(joint_source(f"hal:{linuxcnc.beside}", KINDS[robot.mechanism.name])) as joints,
+    ):
+        for pose in poses:
+            bench.robot.move_pose(pose_of(pose), 1.0)
+            assert bench.arrived().fault == ""
+            stood = robot.kinematics.forward(joints.read()[None], near=pose[None]).values_or_raise()
+            found.append(stood[0] - pose)
+    return np.array(found) * [axis.to_file(1.0) for axis in robot.mechanism.task]
 
 
 @dataclass(frozen=True)
@@ -57,31 +93,34 @@ def linear():
     )
 
 
-@pytest.mark.parametrize("oracle", [rotary(), linear()], ids=["rotarydeltakins", "lineardeltakins"])
+@pytest.mark.parametrize("oracle", [rotary(), linear()], ids=lambda oracle: oracle.module)
 def test_linuxcncs_own_delta_stands_where_our_nominal_one_does(tmp_path, oracle, capsys):
-    robot = oracle.robot
-    name, kinematics = robot.mechanism.name, robot.kinematics
+    name = oracle.robot.mechanism.name
     edits = [(f"KINEMATICS = pkmkins type={name}", f"KINEMATICS = {oracle.module}")]
     linuxcnc = LinuxcncInstance(tmp_path / "world", name, edits=edits)
     pins = [f"setp {oracle.module}.{pin} {value}\n" for pin, value in oracle.pins.items()]
     (linuxcnc.config / "calib.hal").write_text("".join(pins))
-    draw = np.random.default_rng(9)
-    found = kinematics.forward(draw.uniform(*robot.limits.joint, (20 * POSES, 3)))
-    poses = found.values[found.found]
-    inner = robot.limits.drawn_in(joint=0.05 * (robot.limits.joint[1] - robot.limits.joint[0]))
-    poses = poses[kinematics.feasibility(inner, poses).feasible][:POSES].round(DECIMALS)
-    assert len(poses) == POSES
-    away_mm = []
-    with (
-        linuxcnc,
-        ready(ForeignBench(linuxcnc, robot, oracle.full_speed_per_s)) as bench,
-        closing(joint_source(f"hal:{linuxcnc.beside}", KINDS[name])) as joints,
-    ):
-        for pose in poses:
-            bench.robot.move_pose(pose_of(pose), 1.0)
-            assert bench.arrived().fault == ""
-            stood = kinematics.forward(joints.read()[None], near=pose[None]).values_or_raise()
-            away_mm.append(np.abs(stood[0] - pose).max())
+    poses = reachable(oracle.robot, 25, seed=9)
+    worst = np.abs(away(linuxcnc, oracle.robot, oracle.full_speed_per_s, poses)).max()
     with capsys.disabled():
-        tell(f"{oracle.module}: {POSES} poses, away by {max(away_mm):.1e} mm at most")
-    assert max(away_mm) <= SAME_MM
+        tell(f"{oracle.module}: {len(poses)} poses, away by {worst:.1e} mm at most")
+    assert worst <= SAME
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["h4", "i4r", "i4l"])
+def test_robot_stands_where_the_model_with_tilting_plate_has_it(tmp_path, name):
+    nominal, draw = find_robot(name).robot, np.random.default_rng(2)
+    extensions = nominal.mechanism.parameters.extensions
+    robot = with_values(nominal, {key: draw.normal(0.0, 0.05) for key in extensions})
+    on_rails = not robot.mechanism.joints[0].is_revolute
+    edits = [
+        ("KINEMATICS = pkmkins type=par4", f"KINEMATICS = pkmkins type={name}"),
+        ("MIN_LIMIT = -50", "MIN_LIMIT = -95"),
+        ("MAX_LIMIT = 50", "MAX_LIMIT = 95"),
+        *(CARRIAGES if on_rails else ()),
+    ]
+    linuxcnc = world_controller(tmp_path, edits=edits)
+    write_hal(linuxcnc.config / "calib.hal", robot, name, overwrite=True)
+    speed_per_s = 500.0 if on_rails else np.radians(360.0)
+    assert np.abs(away(linuxcnc, robot, speed_per_s, reachable(robot, 5, seed=2))).max() <= SAME

@@ -3,8 +3,8 @@
 import math
 
 import pytest
+from command_line import change
 from made_up import TABLE_I
-from ruamel.yaml import YAML
 
 from app.console import Terminal
 from app.exits import AppError
@@ -26,8 +26,11 @@ from campaigns.identification.options import AS_THE_PAPER
 from sim.scenarios.scenario import load_scenario
 
 SMALL = {
-    "plan": {"shots": 48, "validation_pairs": 4},
-    "validation": {"repeatability_approaches": 3, "rotation_steps": 3, "line_points": 3},
+    "plan.shots": 48,
+    "plan.validation_pairs": 4,
+    "validation.repeatability_approaches": 3,
+    "validation.rotation_steps": 3,
+    "validation.line_points": 3,
 }
 
 
@@ -35,15 +38,6 @@ def made(folder, trial):
     create_simulated(folder, ROBOT, trial.experiment.scenario, trial.seed)
     adapt(folder, trial)
     return open_campaign(folder)
-
-
-def change(path, sections):
-    yaml = YAML()
-    tree = yaml.load(path.read_text(encoding="utf-8"))
-    for section, settings in sections.items():
-        tree[section].update(settings)
-    with path.open("w", encoding="utf-8") as file:
-        yaml.dump(tree, file)
 
 
 def test_seeds_take_turns_so_that_a_broken_off_run_is_even():

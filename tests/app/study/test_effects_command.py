@@ -4,8 +4,6 @@ import json
 
 import pytest
 
-from app.main import run_command
-
 pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 EFFECTS = ("--effects", "clean", "--effects", "scale")
@@ -13,17 +11,9 @@ SCENARIO = ("--scenario", "drawn-robots")
 
 
 @pytest.fixture
-def studied(folder, capsys):
+def studied(folder, pkmcal):
     """Runs a study of effects in this process; gives exit code, document and what was said."""
-
-    def run(*arguments):
-        capsys.readouterr()
-        words = ["study", folder, *SCENARIO, *EFFECTS, *arguments, "--workers", "1"]
-        code = run_command([str(word) for word in words])
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return run
+    return lambda *words: pkmcal("study", folder, *SCENARIO, *EFFECTS, *words, "--workers", "1")
 
 
 def test_document_counts_passes_and_named_causes_and_the_same_command_goes_on(folder, studied):
@@ -55,13 +45,11 @@ def test_distances_are_studied_by_either_weights(studied):
     assert told == ["distances", "distances, equal weights"] * 2
 
 
-def test_choice_among_models_is_told_by_size_with_what_is_left(folder, capsys):
+def test_choice_among_models_is_told_by_size_with_what_is_left(folder, pkmcal):
     """Two of each size: the 22 of perfect parts, more of coarse ones."""
-    capsys.readouterr()
     words = ["study", folder, *SCENARIO, "--effects", "imperfect-parts", "--campaigns", 7]
     words += ["--workers", "1", "--model", "standard", "--model", "auto"]
-    assert run_command([str(word) for word in (*words, "--json")]) == 0
-    standard, auto = json.loads(capsys.readouterr().out)["effects"]
+    standard, auto = pkmcal(*words, "--json").document["effects"]
     assert (standard["model"], auto["model"]) == ("standard", "auto")
     assert standard["kept"] == {"standard": 7}
     perfect, _, rods, _, _, _, both = auto["by_kind"]
@@ -70,8 +58,7 @@ def test_choice_among_models_is_told_by_size_with_what_is_left(folder, capsys):
     assert both["kind"] == "rods 0.2 mm, axes 2 mrad"
     assert both["kept"] == {"full": 1}
     assert both["position_mm"] < 0.3 * standard["by_kind"][-1]["position_mm"]
-    assert run_command([str(word) for word in words]) == 0
-    told = capsys.readouterr().out
+    told = pkmcal(*words).out
     assert "kept" in told
     assert "full 100" not in told, "one model alone needs no share"
 

@@ -12,7 +12,6 @@ import pytest
 from par4_space import FREE_BY_DEFAULT
 
 import sim.scenarios
-from app.main import run_command
 from app.study.cluster import Patience, cluster_results
 from app.study.errors import COMPARISON
 from app.study.results import Result
@@ -25,19 +24,6 @@ from sim.scenarios.scenario import load_scenario
 
 STANDARD = [Model.STANDARD]
 TABLE = "plan-paper-simulation-points.jsonl"
-
-
-@pytest.fixture
-def pkmcal(capsys):
-    """Runs a command; gives its exit code, its answer and what it said."""
-
-    def run(*arguments):
-        capsys.readouterr()
-        code = run_command([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return run
 
 
 @pytest.fixture

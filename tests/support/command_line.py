@@ -1,12 +1,13 @@
 """The command line as its users see it: a command in, exit code and both streams out."""
 
+import io
 import json
 import signal
 import subprocess
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from ruamel.yaml import YAML
 
@@ -18,8 +19,7 @@ UNTOUCHED = ("campaign.lock", "campaign.db-wal", "campaign.db-shm")
 """Files that come and go with any work, and hold nothing of it."""
 
 
-@dataclass(frozen=True)
-class Ended:
+class Ended(NamedTuple):
     """How a command ended."""
 
     code: int
@@ -54,6 +54,13 @@ class CommandLine:
         return Ended(int(code), captured.out, captured.err)
 
 
+class Keyboard(io.StringIO):
+    """Somebody who has typed this, at a terminal."""
+
+    def isatty(self):
+        return True
+
+
 def started(*arguments, **options):
     """The same in a process of its own, still running; it heeds SIGHUP also under `nohup`."""
     heeded = signal.signal(signal.SIGHUP, signal.SIG_DFL)
@@ -77,14 +84,14 @@ def ended(process, within_s=20.0):
 
 
 def change(path: Path, settings: Mapping[str, object]):
-    """Set keys of a YAML file, named like `plan.shots`; None deletes."""
+    """Set keys of a YAML file, named like `plan.shots`, and make their sections; None deletes."""
     yaml = YAML()
     tree = yaml.load(path.read_text(encoding="utf-8"))
     for name, value in settings.items():
         *sections, key = (int(step) if step.isdecimal() else step for step in name.split("."))
         section = tree
         for step in sections:
-            section = section[step]
+            section = section[step] if isinstance(step, int) else section.setdefault(step, {})
         if value is None:
             del section[key]
         else:
