@@ -34,6 +34,10 @@ from drivers.values import Identity, Weather
 NOMINAL = find_robot("par4-prototype")
 MECHANISM = NOMINAL.robot.mechanism
 ERRORS = {"arm0.arm_mm": 1.0, "arm1.x_mm": -0.8, "arm2.joint_offset_deg": 0.4, "plate_mm": 0.5}
+TRUE = par4(
+    NOMINAL.robot.parameters
+    | {name: NOMINAL.robot.parameters[name] + error for name, error in ERRORS.items()}
+)
 TRACKER_FROM_BASE = Transform(
     Rotation.from_euler("ZYX", [140.0, 4.0, -3.0], degrees=True).as_matrix(),
     np.array([2400.0, 250.0, -150.0]),
@@ -146,9 +150,7 @@ class PaperCampaign:
 
     def outcome(self, number: int, attempt: int, joints: np.ndarray) -> records.Outcome:
         """What controller and tracker say at these joints."""
-        true = {**NOMINAL.robot.parameters}
-        true |= {name: true[name] + error for name, error in ERRORS.items()}
-        point = par4(true).forward(joints[None]).values_or_raise()[:, :3]
+        point = TRUE.forward(joints[None]).values_or_raise()[:, :3]
         seen = TRACKER_FROM_BASE.apply(point)[0] + self.rng.normal(0.0, self.noise_mm, 3)
         variance = NOISE_MM**2
         covariance = tuple(tuple(variance * (r == c) for c in range(3)) for r in range(3))

@@ -1,15 +1,17 @@
 """A campaign's evaluation against numbers found another way."""
 
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from paper_campaign import ERRORS, MECHANISM, NOISE_MM, NOMINAL, PaperCampaign, whole_campaign
+from paper_campaign import ERRORS, MECHANISM, NOISE_MM, NOMINAL, PaperCampaign
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
+from campaigns.campaign import open_campaign
 from campaigns.controllers.export import latest_identification
 from campaigns.evaluation.diagnostics import Doubt
 from campaigns.evaluation.iso_figures import iso_rows
@@ -22,7 +24,6 @@ from campaigns.identification.result import Excluded, RecordedIdentification, re
 from campaigns.journal.records import Finding
 from campaigns.journal.views import AcceptedShot
 from campaigns.robots.robot import pose_row
-from campaigns.settings.sections import AcceptanceConfig
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import held_out
 
@@ -231,8 +232,14 @@ def test_drift_and_air_are_read_off_in_their_time(contents: Evaluation) -> None:
     assert run.temperature_degC[0] == pytest.approx(20.0)
 
 
-def test_a_load_without_an_end_leaves_the_verdict_open(tmp_path: Path) -> None:
-    paper = whole_campaign(tmp_path / "loading", acceptance=AcceptanceConfig(distance_mean_mm=1.0))
+def test_a_load_without_an_end_leaves_the_verdict_open(
+    whole: PaperCampaign, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(whole.folder, tmp_path / "loading")
+    settings = (folder / "campaign.yaml").read_text("utf-8")
+    limited = settings.replace("  distance_mean_mm:\n", "  distance_mean_mm: 1.0\n")
+    (folder / "campaign.yaml").write_text(limited, "utf-8")
+    paper = PaperCampaign(folder, open_campaign(folder), np.random.default_rng(4))
     assert evaluate(paper.campaign).verdict.decision == "pass"
     begun = {
         "source": "robot-compensated.yaml",

@@ -87,7 +87,7 @@ def in_parts(tmp_path_factory: pytest.TempPathFactory) -> PaperCampaign:
     paper = new_campaign(tmp_path_factory.mktemp("parts") / "x")
     paper.validate("before", frozenset({ShotSet.VALIDATION}))
     paper.validate("before", frozenset({ShotSet.ROTATION}))
-    paper.run()
+    paper.run(pairs=20, unseen=4)
     paper.identify()
     paper.export_and_load()
     paper.validate("after")

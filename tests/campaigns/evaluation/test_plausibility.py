@@ -58,7 +58,7 @@ def complaint(name, shots):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("share", [0.1, 1.0])
 def test_robots_within_their_tolerance_are_never_accused(name, seed, share):
     plausibility.check_shots(
@@ -121,9 +121,9 @@ def test_a_mirrored_frame_is_named(name):
 
 
 def test_points_of_other_rows_follow_no_joints():
-    shots = measured("par4-prototype")
+    shots = measured("delta")
     mixed = np.random.default_rng(3).permutation(shots.points_in_tracker_mm)
-    said = complaint("par4-prototype", replace(shots, points_in_tracker_mm=mixed))
+    said = complaint("delta", replace(shots, points_in_tracker_mm=mixed))
     assert "the points do not follow the joints" in said
 
 
@@ -200,7 +200,7 @@ class TestCommonScale:
         return found
 
     def test_robots_with_random_errors_seldom_raise_it(self):
-        raised = [self.judged(self.changes(1.0, seed)).significant for seed in range(2000)]
+        raised = [self.judged(self.changes(1.0, seed)).significant for seed in range(600)]
         assert np.mean(raised) <= 0.01
 
     @pytest.mark.parametrize("robot", ["delta", "par4-prototype"])
@@ -227,7 +227,7 @@ class TestCommonScale:
     def test_a_scale_that_the_fit_leaves_uncertain_is_no_finding(self):
         """As where noisy distances tell it: uncertain by 0.2 %, and found wrong by as much."""
         rng, raised, unheeded = np.random.default_rng(1), [], []
-        for seed in range(1000):
+        for seed in range(400):
             changes = self.changes(1.0 + 2e-3 * rng.standard_normal(), seed, std_mm=0.5)
             names = tuple(changes)
             along = np.array([self.NOMINAL[name] - self.held(name) for name in names])
