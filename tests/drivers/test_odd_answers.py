@@ -138,7 +138,7 @@ def linuxcnc_calls(draw):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("calls_of", "seeds"),
-    [(emscon_calls, 40), (geocom_calls, 40), (robotline_calls, 40), (linuxcnc_calls, 8)],
+    [(emscon_calls, 15), (geocom_calls, 15), (robotline_calls, 15), (linuxcnc_calls, 4)],
 )
 def test_odd_answer_ends_in_an_error_of_the_drivers_or_in_none(calls_of, seeds):
     ends = Counter()

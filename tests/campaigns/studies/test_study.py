@@ -174,10 +174,9 @@ def test_chance_gets_narrower_with_more_campaigns(setup, by_distances):
     assert chance(by_distances, 100).ratio[1] > few.ratio[1], "stated σ scatter too"
 
 
-@pytest.mark.parametrize("factor", [0.97, 1.03])
-def test_honest_study_seldom_looks_wrong_and_a_wrong_one_always(setup, factor):
+def test_honest_study_seldom_looks_wrong_and_a_wrong_one_always(setup):
     rng = np.random.default_rng(7)
-    errors = rng.standard_normal((20_000, len(FREE)))
+    errors = rng.standard_normal((5_000, len(FREE)))
     (like,) = run(setup, [0], robots(1))
 
     def made_up(std):
@@ -187,9 +186,9 @@ def test_honest_study_seldom_looks_wrong_and_a_wrong_one_always(setup, factor):
         ]
         return summarise(setup, found)
 
-    honest, wrong = made_up(1.0), made_up(factor)
+    honest = made_up(1.0)
     assert honest.too_sure == honest.too_unsure == ()
-    assert len(wrong.too_sure if factor < 1.0 else wrong.too_unsure) == len(FREE)
+    assert len(made_up(0.94).too_sure) == len(made_up(1.06).too_unsure) == len(FREE)
 
 
 def test_normal_scores_are_standard_normal_for_either_estimator(

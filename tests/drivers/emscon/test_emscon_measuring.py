@@ -102,8 +102,8 @@ class TestMeasure:
         tracemalloc.start()
         try:
             before = tracemalloc.get_traced_memory()[0]
-            for number in range(300):
-                station.comes(Packet(99, bytes(60_000)), replace(RESULT, humidity=number / 100))
+            for number in range(100):
+                station.comes(Packet(99, bytes(60_000)), replace(RESULT, humidity=number / 10))
                 station.tracker.state()
             grown = tracemalloc.get_traced_memory()[0] - before
         finally:
